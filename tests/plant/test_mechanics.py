@@ -1,0 +1,394 @@
+import math
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+from scipy.linalg import expm
+
+from edmsim import models
+from edmsim.errors import InputError
+from edmsim.plant.linearise import linearise
+from edmsim.plant.mechanics import (
+    MODEL_FILE,
+    ModalModel,
+    WireSetup,
+    build_model,
+    propagator_table,
+    reduce_model,
+)
+
+Array = NDArray[np.float64]
+
+BRASS = WireSetup(0.25e-3, 8500.0, 10.0, 0.040, 0.2)
+WIRES = [
+    BRASS,
+    WireSetup(0.25e-3, 8500.0, 10.0, 0.025, 0.05),  # 5 mm workpiece
+    WireSetup(0.10e-3, 8960.0, 4.0, 0.030, 0.2),  # copper
+    WireSetup(0.18e-3, 10_220.0, 14.0, 0.100, 0.5),  # molybdenum, 80 mm workpiece
+    WireSetup(0.02e-3, 19_300.0, 0.5, 0.025, 0.3),  # the thinnest of T-13, tungsten
+]
+N_NODES = 31
+# h_mm, L_mm, T_N, ymax_um_per_N_per_m; its first lines say how it was derived
+STATIC_LAG = np.loadtxt(
+    Path(__file__).parents[1] / "data" / "analytic_static_wire_lag.csv", delimiter=",", skiprows=3
+)
+
+
+def slice_heights(height: float, guide_distance: float, n_slices: int) -> Array:
+    return (guide_distance - height) / 2 + height * (np.arange(n_slices) + 0.5) / n_slices
+
+
+def wire_dofs(model: mujoco.MjModel, axis: str) -> list[int]:
+    return [int(model.joint(f"wire_{axis}{i:02d}").dofadr[0]) for i in range(N_NODES)]
+
+
+@pytest.fixture(scope="module")
+def machine() -> mujoco.MjModel:
+    return build_model(BRASS)
+
+
+@pytest.fixture(scope="module")
+def modal(machine: mujoco.MjModel) -> ModalModel:
+    return reduce_model(machine, N_NODES, slice_heights(0.020, 0.040, 9))
+
+
+@pytest.mark.parametrize("wire", WIRES)
+def test_frequencies_are_those_of_the_chain_and_of_the_string(wire: WireSetup) -> None:
+    modes = reduce_model(build_model(wire), N_NODES, [wire.guide_distance_m / 2])
+    n = np.arange(1, N_NODES + 1)
+    spacing = wire.guide_distance_m / (N_NODES + 1)
+    speed = math.sqrt(wire.tension / (wire.density_kg_m3 * math.pi / 4 * wire.diameter_m**2))
+    chain = 2 / spacing * speed * np.sin(n * math.pi / (2 * (N_NODES + 1)))
+    string = 2 * math.pi * n / (2 * wire.guide_distance_m) * speed  # physics: f_n = n/(2L) sqrt(T/mu)
+    np.testing.assert_allclose(modes.wire_omega, chain, rtol=1e-6)
+    np.testing.assert_allclose(modes.wire_omega[:4], string[:4], rtol=0.01)
+
+
+def test_the_published_example_vibrates_at_1935_hz(modal: ModalModel) -> None:
+    # physics 2.3: 0.25 mm, 10 N, L = 40 mm
+    assert modal.wire_omega[0] / (2 * math.pi) == pytest.approx(1935, rel=1e-3)
+
+
+@pytest.mark.parametrize("wire", WIRES)
+def test_mode_shapes_are_the_string_s_sines(wire: WireSetup) -> None:
+    modes = reduce_model(build_model(wire), 8, [wire.guide_distance_m / 3])
+    n = np.arange(1, 9)
+    length = wire.guide_distance_m
+    line_density = wire.density_kg_m3 * math.pi / 4 * wire.diameter_m**2
+    sines = np.sin(n * math.pi * modes.node_heights_m[:, None] / length)
+    amplitude = math.sqrt(2 / (line_density * length))
+    np.testing.assert_allclose(modes.node_shape, amplitude * sines, atol=1e-6 * amplitude)
+
+
+def test_slices_move_with_the_straight_wire_between_nodes(modal: ModalModel, machine: mujoco.MjModel) -> None:
+    low, high = modal.node_heights_m[:2]
+    between = reduce_model(machine, 5, [low / 2, low, 0.75 * low + 0.25 * high])
+    first, second = modal.node_shape[0, :5], modal.node_shape[1, :5]
+    expected = [first / 2, first, 0.75 * first + 0.25 * second]
+    np.testing.assert_allclose(between.wire_shape, expected, rtol=1e-9)
+
+
+@pytest.mark.parametrize("wire", WIRES)
+def test_first_mode_has_the_asked_damping_and_none_is_neglected(wire: WireSetup) -> None:
+    modes = reduce_model(build_model(wire), 6, [wire.guide_distance_m / 2])
+    # the same drag per metre on every mode: zeta falls as the frequency rises
+    np.testing.assert_allclose(
+        modes.wire_zeta, wire.damping_ratio * modes.wire_omega[0] / modes.wire_omega, rtol=1e-6
+    )
+    system = linearise(build_model(wire))
+    dofs = wire_dofs(build_model(wire), "x")
+    drag = system.damping[np.ix_(dofs, dofs)]
+    mass = system.mass[np.ix_(dofs, dofs)]
+    np.testing.assert_allclose(drag, drag[0, 0] / mass[0, 0] * mass, atol=1e-9 * drag[0, 0])
+
+
+def nodal_load(node_heights: Array, low: float, high: float) -> Array:
+    """Share of every node in a load of 1 N/m from `low` to `high`, the wire being straight between nodes."""
+    spacing = node_heights[1] - node_heights[0]
+    fine = low + (high - low) * (np.arange(20_000) + 0.5) / 20_000
+    hats = np.clip(1 - np.abs(fine - node_heights[:, None]) / spacing, 0, None)
+    return np.asarray(hats.mean(axis=1) * (high - low))
+
+
+@pytest.mark.parametrize("row", STATIC_LAG, ids=lambda row: f"h{row[0]:g}-T{row[2]:g}")
+def test_static_lag(row: Array) -> None:
+    height, length, tension, lag = row[0] * 1e-3, row[1] * 1e-3, row[2], row[3] * 1e-6
+    model = build_model(WireSetup(0.25e-3, 8500.0, tension, length, 0.2))
+    low, high = (length - height) / 2, (length + height) / 2
+    dofs = wire_dofs(model, "y")
+    modes = reduce_model(model, 8, slice_heights(height, length, 9))
+    load = nodal_load(modes.node_heights_m, low, high)
+
+    full = np.linalg.solve(linearise(model).stiffness[np.ix_(dofs, dofs)], load)
+    closed_form = height * (2 * length - height) / (8 * tension)  # physics 2.1, q = 1 N/m
+    assert full[N_NODES // 2] == pytest.approx(closed_form, rel=1e-6)
+    assert full[N_NODES // 2] == pytest.approx(lag, abs=0.0051e-6)  # the table has two decimals of a um
+
+    truncated = modes.node_shape @ (modes.node_shape.T @ load / modes.wire_omega**2)
+    assert truncated[N_NODES // 2] == pytest.approx(lag, rel=5e-3)
+
+    on_slices = modes.wire_shape @ (modes.wire_shape.T @ np.full(9, height / 9) / modes.wire_omega**2)
+    assert on_slices[4] == pytest.approx(lag, rel=0.01)
+
+
+def impulses(n_steps: int, every: int) -> dict[int, tuple[int, int, float]]:
+    """Seeded sparks: step -> axis, node, impulse in N s (physics 2.2: 3e-7)."""
+    draw = np.random.default_rng(7)
+    return {
+        step: (int(draw.integers(2)), int(draw.integers(8, 23)), 3e-7 * draw.uniform(-1.0, 1.0))
+        for step in range(0, n_steps, every)
+    }
+
+
+def test_modes_answer_impulses_as_the_full_model_does() -> None:
+    model = build_model(BRASS)
+    model.opt.timestep = 1e-6
+    hits = impulses(3000, every=50)
+    data = mujoco.MjData(model)
+    dofs = np.array([wire_dofs(model, axis) for axis in "xy"])
+    modes = reduce_model(model, N_NODES, [0.02])
+    p11, p12, p21, p22 = propagator_table(modes.wire_omega, modes.wire_zeta, [1e-6])
+    q, v = np.zeros((2, 2, N_NODES))
+    full, reduced = np.empty((2, 3000, 2, N_NODES))
+    for step in range(3000):
+        data.qfrc_applied[:] = 0
+        if step in hits:
+            axis, node, impulse = hits[step]
+            data.qfrc_applied[dofs[axis, node]] = impulse / 1e-6
+            v[axis] += modes.node_shape[node] * impulse
+        mujoco.mj_step(model, data)
+        q, v = p11[0] * q + p12[0] * v, p21[0] * q + p22[0] * v
+        full[step], reduced[step] = data.qpos[dofs], q @ modes.node_shape.T
+    assert np.abs(full).max() > 2e-6  # physics 2.3: about 2.3 um a spark
+    assert np.abs(full - reduced).max() < 0.02 * np.abs(full).max()
+
+
+def test_eight_modes_keep_the_mean_lag_under_a_train_of_sparks() -> None:
+    model = build_model(BRASS)
+    many = reduce_model(model, N_NODES, slice_heights(0.020, 0.040, 9))
+    few = reduce_model(model, 8, slice_heights(0.020, 0.040, 9))
+    order = np.random.default_rng(3).integers(0, 9, 1000)
+
+    def lag(modes: ModalModel) -> Array:
+        p11, p12, p21, p22 = propagator_table(modes.wire_omega, modes.wire_zeta, [20e-6])
+        q, v, out = np.zeros_like(modes.wire_omega), np.zeros_like(modes.wire_omega), []
+        for place in order:
+            v = v + modes.wire_shape[place] * 3e-7
+            q, v = p11[0] * q + p12[0] * v, p21[0] * q + p22[0] * v
+            out.append(modes.wire_shape @ q)
+        return np.array(out[200:])
+
+    np.testing.assert_allclose(lag(few).mean(0), lag(many).mean(0), rtol=0.01)
+    assert np.sqrt(np.mean((lag(few) - lag(many)) ** 2)) < 0.2 * np.sqrt(np.mean(lag(many) ** 2))
+
+
+def test_one_motor_step_moves_the_table_two_micrometres(machine: mujoco.MjModel, modal: ModalModel) -> None:
+    # T-16; T-17: positive rotation is positive travel
+    step_angle = 2 * math.pi / machine.numeric("steps_per_revolution").data[0]
+    np.testing.assert_allclose(step_angle / modal.rotor_rad_per_m, 2e-6, rtol=1e-9)
+    at_rest = np.sum(modal.table_slide_shape * modal.table_participation, axis=1)
+    np.testing.assert_allclose(at_rest, 1.0, rtol=1e-9)
+
+
+def test_table_settles_on_a_step_and_the_modes_follow_the_full_model(
+    machine: mujoco.MjModel, modal: ModalModel
+) -> None:
+    data = mujoco.MjData(machine)
+    data.ctrl[:] = 2 * math.pi / 200  # T-16
+    axes = [int(machine.joint(axis).qposadr[0]) for axis in "xy"]
+    n_steps = 10_000
+    full = np.empty((n_steps, 2))
+    for step in range(n_steps):
+        mujoco.mj_step(machine, data)
+        full[step] = data.qpos[axes]
+    times = machine.opt.timestep * np.arange(1, n_steps + 1)
+    for axis in range(2):
+        p11, *_ = propagator_table(modal.table_omega[axis], modal.table_zeta[axis], times)
+        rest = modal.table_participation[axis] * 2e-6
+        reduced = (rest - p11 * rest) @ modal.table_slide_shape[axis]
+        assert np.abs(full[:, axis] - reduced).max() < 0.05 * 2e-6
+        assert full[-1, axis] == pytest.approx(2e-6, rel=1e-3)
+        assert 2e-6 < full[:, axis].max() < 4e-6  # a stepper rings, but within a step
+
+
+def test_table_frequencies_are_those_of_rotor_and_carriage(modal: ModalModel) -> None:
+    # XML: holding torque 25 N m/rad on 6e-5 kg m2; screw 100e6 N/m on 45 kg and 20 kg. The reflected
+    # rotor is 300 times a carriage, so either hardly feels the other.
+    rotor = math.sqrt(25 / 6e-5)
+    carriages = np.sqrt(100e6 / np.array([45.3, 20.0]))
+    np.testing.assert_allclose(modal.table_omega[:, 0], rotor, rtol=0.01)
+    np.testing.assert_allclose(modal.table_omega[:, 1], carriages, rtol=0.01)
+    assert modal.neglected_damping < 0.03
+
+
+def test_travel_covers_the_work_area_and_stops_behind_it(machine: mujoco.MjModel) -> None:
+    for axis in "xy":  # T-61
+        low, high = machine.joint(axis).range
+        assert machine.joint(axis).limited
+        assert -0.002 <= low < 0 and 0.065 < high <= 0.067  # noqa: PT018
+
+
+def test_the_file_alone_holds_the_brass_of_the_wire_table() -> None:
+    brass = tomllib.loads(models.path("wires/brass.toml").read_text())
+    machine = build_model(WireSetup(0.25e-3, brass["density_kg_m3"]["value"], 10.0, 0.040, 0.2))
+    alone = mujoco.MjModel.from_xml_path(str(models.path(MODEL_FILE)))
+    bodies = ("body_pos", "body_mass", "body_inertia", "dof_damping", "geom_size", "geom_pos", "site_pos")
+    for name in (*bodies, "tendon_stiffness", "tendon_lengthspring", "tendon_width"):
+        np.testing.assert_allclose(getattr(alone, name), getattr(machine, name), rtol=1e-5, atol=1e-15)
+    assert alone.opt.timestep == pytest.approx(machine.opt.timestep, rel=1e-5)
+
+
+def battered(model: mujoco.MjModel, n_steps: int) -> Array:
+    """Positions after sparks of 3e-7 N s every 25 steps."""
+    data = mujoco.MjData(model)
+    dofs = np.array([wire_dofs(model, axis) for axis in "xy"])
+    hits = impulses(n_steps, every=25)
+    for step in range(n_steps):
+        data.qfrc_applied[:] = 0
+        if step in hits:
+            axis, node, impulse = hits[step]
+            data.qfrc_applied[dofs[axis, node]] = impulse / model.opt.timestep
+        mujoco.mj_step(model, data)
+    assert data.nefc == 0
+    return np.array(data.qpos)
+
+
+@pytest.mark.parametrize("wire", WIRES[:4])
+def test_two_thousand_steps_stay_finite_and_small(wire: WireSetup) -> None:
+    positions = battered(build_model(wire), 2000)
+    assert np.all(np.isfinite(positions))
+    assert 0 < np.abs(positions).max() < 100e-6
+
+
+def test_the_same_wire_gives_the_same_bits() -> None:
+    np.testing.assert_array_equal(battered(build_model(BRASS), 300), battered(build_model(BRASS), 300))
+    one, two = (reduce_model(build_model(BRASS), 8, [0.01, 0.02]) for _ in range(2))
+    for name, value in vars(one).items():
+        np.testing.assert_array_equal(value, getattr(two, name))
+
+
+def test_upper_arm_and_workpiece_stand_where_the_guides_are() -> None:
+    tall = build_model(WireSetup(0.25e-3, 8500.0, 10.0, 0.100, 0.2))
+    data = mujoco.MjData(tall)
+    mujoco.mj_forward(tall, data)
+    assert data.site("upper_guide").xpos[2] == pytest.approx(0.100)
+    workpiece = tall.geom("workpiece")
+    middle = data.geom("workpiece").xpos[2]
+    assert middle - workpiece.size[2] == pytest.approx(0.010)
+    assert middle + workpiece.size[2] == pytest.approx(0.090)
+    heights = [data.body(f"wire_{i:02d}").xpos[2] for i in range(N_NODES)]
+    np.testing.assert_allclose(np.diff([0.0, *heights, 0.100]), 0.100 / 32)
+
+
+@given(
+    omega=st.floats(1.0, 3e5),
+    zeta=st.one_of(st.floats(0.0, 30.0), st.just(1.0), st.floats(1 - 1e-9, 1 + 1e-9)),
+    phase=st.floats(0.0, 20.0),
+)
+def test_propagator_is_the_matrix_exponential(omega: float, zeta: float, phase: float) -> None:
+    dt = phase / omega
+    p11, p12, p21, p22 = (p[0, 0] for p in propagator_table([omega], [zeta], [dt]))
+    scaled = np.array([[p11, p12 * omega], [p21 / omega, p22]])  # in radians of the mode
+    exact = expm(phase * np.array([[0.0, 1.0], [-1.0, -2 * zeta]]))
+    np.testing.assert_allclose(scaled, exact, rtol=0, atol=1e-9)
+
+
+@given(zeta=st.floats(0.0, 5.0), first=st.floats(0.0, 1e-3), second=st.floats(0.0, 1e-3))
+def test_two_spans_are_one(zeta: float, first: float, second: float) -> None:
+    table = np.array(propagator_table([12e3], [zeta], [first, second, first + second]))[:, :, 0]
+    one, two, both = (np.array([[a, b * 12e3], [c / 12e3, d]]) for a, b, c, d in table.T)
+    np.testing.assert_allclose(two @ one, both, rtol=0, atol=1e-10)
+
+
+def test_propagator_of_no_time_changes_nothing_and_of_long_decays() -> None:
+    p11, p12, p21, p22 = propagator_table([1e3, 1e3, 1e3], [0.2, 1.0, 40.0], [0.0, 1e3])
+    at_once = np.array([p11[0], p12[0], p21[0], p22[0]])
+    np.testing.assert_array_equal(at_once, np.outer([1, 0, 0, 1], [1, 1, 1]))
+    assert max(np.abs(p[1]).max() for p in (p11, p12, p21, p22)) < 1e-12
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("diameter_m", 0.25),  # mm taken for m
+        ("diameter_m", -1e-4),
+        ("density_kg_m3", 8.5),
+        ("tension", 0.0),
+        ("tension", -10.0),
+        ("tension", math.inf),
+        ("guide_distance_m", 40.0),
+        ("guide_distance_m", 0.0),
+        ("damping_ratio", -0.1),
+        ("damping_ratio", math.nan),
+    ],
+)
+def test_impossible_wires_are_refused(name: str, value: float) -> None:
+    with pytest.raises(InputError, match=rf"wire {name} is {value!r}; it must be"):
+        WireSetup(**{**vars(BRASS), name: value})
+
+
+@pytest.mark.parametrize("n_modes", [0, 32])
+def test_modes_the_wire_does_not_have_are_refused(machine: mujoco.MjModel, n_modes: int) -> None:
+    with pytest.raises(InputError, match=rf"n_modes is {n_modes}; this wire has 1 to 31"):
+        reduce_model(machine, n_modes, [0.02])
+
+
+@pytest.mark.parametrize("heights", [[0.0], [0.04], [0.02, math.nan], [[0.02]]])
+def test_slices_outside_the_guides_are_refused(machine: mujoco.MjModel, heights: list[float]) -> None:
+    with pytest.raises(InputError, match=r"between the guides, above 0 and below 0\.04 m"):
+        reduce_model(machine, 8, heights)
+
+
+def test_machines_that_are_not_four_free_blocks_are_refused() -> None:
+    held, tilted, skewed, slack, flat = (build_model(BRASS) for _ in range(5))
+    held.jnt_range[held.joint("x").id] = 0.001, 0.066
+    with pytest.raises(InputError, match="touches 1 limits or contacts"):
+        reduce_model(held, 8, [0.02])
+    tilted.opt.gravity[:] = 0.1, 0.0, -9.8
+    with pytest.raises(InputError, match="must be in equilibrium"):
+        reduce_model(tilted, 8, [0.02])
+    skewed.jnt_axis[skewed.joint("y").id] = -0.1, -1.0, 0.0
+    with pytest.raises(InputError, match="mass couples"):
+        reduce_model(skewed, 8, [0.02])
+    slack.tendon_stiffness[:] = 0.0
+    with pytest.raises(InputError, match="not stable"):
+        reduce_model(slack, 8, [0.02])
+    flat.dof_damping[:] = 0.0
+    flat.jnt_stiffness[flat.joint("wire_x03").id] = 100.0
+    with pytest.raises(InputError, match="differs between x and y"):
+        reduce_model(flat, 8, [0.02])
+
+
+@pytest.mark.parametrize(
+    ("omega", "zeta", "dt", "reason"),
+    [
+        ([0.0], [0.1], [1e-6], "omega above 0"),
+        ([1.0], [-0.1], [1e-6], "zeta 0 or more"),
+        ([1.0, 2.0], [0.1], [1e-6], "equally many"),
+        ([1.0], [0.1], [-1e-6], "times of 0 or more"),
+        ([1.0], [0.1], [math.nan], "times of 0 or more"),
+    ],
+)
+def test_impossible_oscillators_are_refused(
+    omega: list[float], zeta: list[float], dt: list[float], reason: str
+) -> None:
+    with pytest.raises(InputError, match=reason):
+        propagator_table(omega, zeta, dt)
+
+
+def test_an_unknown_data_file_is_named() -> None:
+    with pytest.raises(InputError, match=r"no data file 'agie\.xml'"):
+        models.path("agie.xml")
+
+
+def test_import_leaves_mujoco_alone() -> None:
+    code = "import sys, edmsim.plant.mechanics; print('mujoco' in sys.modules, 'scipy.linalg' in sys.modules)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.split() == ["False", "False"]
