@@ -1,0 +1,29 @@
+"""What a cut leaves behind: the table of windows, the wire's frames, report, figure and rerun recording."""
+
+from edmsim.recording.figures import profile_figure, write_figure
+from edmsim.recording.frames import Frames
+from edmsim.recording.report import Quality, Totals, build_report, render_table, write_json
+from edmsim.recording.rerun_log import write_recording
+from edmsim.recording.scene import Corner, ErrorMap, Scene, polylines
+from edmsim.recording.viewer import view
+from edmsim.recording.windows import WindowTable, read_windows, write_windows
+
+__all__ = [
+    "Corner",
+    "ErrorMap",
+    "Frames",
+    "Quality",
+    "Scene",
+    "Totals",
+    "WindowTable",
+    "build_report",
+    "polylines",
+    "profile_figure",
+    "read_windows",
+    "render_table",
+    "view",
+    "write_figure",
+    "write_json",
+    "write_recording",
+    "write_windows",
+]

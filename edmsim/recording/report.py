@@ -1,0 +1,294 @@
+"""The report of a cut: ``report.json`` and its picture on the terminal."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from edmsim.recording.scene import Corner
+from edmsim.recording.windows import column, lag_along_um
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+    from rich.console import RenderableType
+
+
+@dataclass(frozen=True)
+class Totals:
+    """What was counted and summed over the whole cut.
+
+    Attributes
+    ----------
+    machining_time_s, wall_time_s : float
+        Time of the machine, and of the computer.
+    short, open, spark, arc : int
+        Pulses by how they ended, all pulses of the generator, also those the analyser did not count.
+    path_length_mm : float
+        Length of wire path cut.
+    height_mm : float
+        Workpiece height, for the cutting rate.
+    energy : float
+        Energy of all discharges in J.
+    removed_mm3 : float
+        Metal removed.
+    vibration_um_rms : float
+        Root mean square of the wire's motion about its mean deflection; NaN if unknown.
+    """
+
+    machining_time_s: float
+    wall_time_s: float
+    short: int
+    open: int
+    spark: int
+    arc: int
+    path_length_mm: float
+    height_mm: float
+    energy: float
+    removed_mm3: float
+    vibration_um_rms: float
+
+
+@dataclass(frozen=True)
+class Quality:
+    """What was measured on the part; NaN where it could not be.
+
+    Attributes
+    ----------
+    kerf_mean_um, kerf_min_um, kerf_max_um : float
+    profile_max_um, profile_rms_um, profile_p95_um : float
+        Of the profile error's magnitude.
+    corners : tuple of Corner
+    ra_um : float
+        Roughness of the wall.
+    """
+
+    kerf_mean_um: float
+    kerf_min_um: float
+    kerf_max_um: float
+    profile_max_um: float
+    profile_rms_um: float
+    profile_p95_um: float
+    corners: tuple[Corner, ...]
+    ra_um: float
+
+
+def build_report(
+    *,
+    outcome: str,
+    reason: str | None,
+    windows: pa.Table,
+    totals: Totals,
+    quality: Quality,
+    notices: Iterable[str],
+    seed: int,
+    settings: Mapping[str, Any],
+    version: str,
+) -> dict[str, Any]:
+    """Return the report of a cut, ready for JSON.
+
+    Parameters
+    ----------
+    outcome : str
+        "finished", or what stopped the machine, in a word or two.
+    reason : str or None
+        Why the machine stopped, as a sentence; None if the cut was finished.
+    windows : pyarrow.Table
+        The table of windows.
+    totals, quality
+        Sums over the cut and measurements on the part.
+    notices : iterable of str
+        What the user should know about this cut.
+    seed : int
+        Seed of every draw.
+    settings : mapping
+        The options the cut was made with.
+    version : str
+        Version of edmsim.
+
+    Returns
+    -------
+    dict
+        Means over machine time are weighted by the pulse period, as windows count pulses. A figure that
+        could not be obtained is None, never NaN.
+    """
+    report = {
+        "outcome": outcome,
+        "reason": reason,
+        **_machining(windows, totals),
+        **_part(quality),
+        "wire": _wire(windows, totals),
+        "surface": {"ra_um": quality.ra_um},
+        "energy_J": totals.energy,
+        "removed_mm3": totals.removed_mm3,
+        "mean_current_A": _mean(windows, "mean_current_A"),
+        "mean_voltage_V": _mean(windows, "mean_voltage_V"),
+        "seed": seed,
+        "settings": dict(settings),
+        "notices": list(notices),
+        "edmsim_version": version,
+    }
+    cleaned: dict[str, Any] = _jsonable(report)
+    return cleaned
+
+
+def _machining(windows: pa.Table, totals: Totals) -> dict[str, Any]:
+    pulses = totals.short + totals.open + totals.spark + totals.arc
+    feed = column(windows, "feed_um_s")
+    return {
+        "machining_time_s": totals.machining_time_s,
+        "wall_time_s": totals.wall_time_s,
+        "realtime_factor": _ratio(totals.machining_time_s, totals.wall_time_s),
+        "pulses": pulses,
+        "path_length_mm": totals.path_length_mm,
+        "feed_um_s": {"mean": _mean(windows, "feed_um_s"), "max": float(feed.max()) if len(feed) else None},
+        "cutting_rate_mm2_min": _ratio(
+            totals.path_length_mm * totals.height_mm, totals.machining_time_s / 60.0
+        ),
+        "pulse_share": {
+            kind: _ratio(getattr(totals, kind), pulses) for kind in ("spark", "arc", "short", "open")
+        },
+    }
+
+
+def _part(quality: Quality) -> dict[str, Any]:
+    return {
+        "kerf_um": {"mean": quality.kerf_mean_um, "min": quality.kerf_min_um, "max": quality.kerf_max_um},
+        "profile_error_um": {
+            "max": quality.profile_max_um,
+            "rms": quality.profile_rms_um,
+            "p95": quality.profile_p95_um,
+        },
+        "corners": [
+            {"x_mm": c.x_mm, "y_mm": c.y_mm, "turn_deg": c.turn_deg, "error_um": c.error_um}
+            for c in quality.corners
+        ],
+    }
+
+
+def _wire(windows: pa.Table, totals: Totals) -> dict[str, Any]:
+    temperature = column(windows, "wire_temperature_K")
+    return {
+        "lag_um": _weighted(lag_along_um(windows), column(windows, "t_period_us")),
+        "vibration_um_rms": totals.vibration_um_rms,
+        "temperature_K_max": float(temperature.max()) if len(temperature) else None,
+    }
+
+
+def _ratio(value: float, by: float) -> float | None:
+    return value / by if by > 0 else None
+
+
+def _mean(windows: pa.Table, name: str) -> float | None:
+    return _weighted(column(windows, name), column(windows, "t_period_us"))
+
+
+def _weighted(
+    values: np.ndarray[Any, np.dtype[np.float64]], weights: np.ndarray[Any, np.dtype[np.float64]]
+) -> float | None:
+    total = float(weights.sum())
+    return float(values @ weights) / total if total > 0 else None
+
+
+def _jsonable(value: Any) -> Any:
+    """Return plain JSON types: numpy scalars unpacked, paths as text, NaN and infinity as None."""
+    if isinstance(value, Mapping):
+        return {str(key): _jsonable(item) for key, item in value.items()}
+    if isinstance(value, np.ndarray | np.generic):
+        return _jsonable(value.tolist())
+    if isinstance(value, Sequence) and not isinstance(value, str):
+        return [_jsonable(item) for item in value]
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return str(value) if isinstance(value, Path) else value
+
+
+def write_json(report: Mapping[str, Any], file: str | Path) -> None:
+    """Write a report; a file of that name is replaced whole or not at all."""
+    target = Path(file)
+    partial = target.with_name(target.name + ".part")
+    partial.write_text(
+        json.dumps(report, indent=2, allow_nan=False, ensure_ascii=False) + "\n", encoding="utf-8"
+    )
+    partial.replace(target)
+
+
+def duration_text(seconds: float | None) -> str:
+    """Return a duration as a person says it: ``48.2 s``, ``12 min 05 s``, ``3 h 20 min``."""
+    if seconds is None:
+        return "unknown"
+    if round(seconds, 1) < 60:
+        return f"{seconds:.1f} s"
+    minutes, rest = divmod(round(seconds), 60)
+    if minutes < 60:
+        return f"{minutes} min {rest:02d} s"
+    hours, minutes = divmod(round(seconds / 60), 60)
+    return f"{hours} h {minutes:02d} min"
+
+
+def figure_text(value: float | None, unit: str, digits: int = 1) -> str:
+    """Return ``12.3 um``, or ``-`` if the value could not be obtained."""
+    return "–" if value is None else f"{value:.{digits}f} {unit}"
+
+
+def render_table(report: Mapping[str, Any]) -> RenderableType:
+    """Return the report for the terminal: the key figures, the worst corners, the notices."""
+    from rich.console import Group
+    from rich.table import Table
+    from rich.text import Text
+
+    head = Text(f"{report['outcome']}", style="bold green" if report["reason"] is None else "bold red")
+    if report["reason"] is not None:
+        head.append(f"  {report['reason']}", style="default")
+    table = Table(box=None, show_header=False, pad_edge=False)
+    table.add_column(style="dim")
+    table.add_column()
+    for name, text in _lines(report):
+        table.add_row(name, text)
+    return Group(head, table, *(Text(f"note: {notice}", style="yellow") for notice in report["notices"]))
+
+
+def _lines(report: Mapping[str, Any]) -> list[tuple[str, str]]:
+    say = figure_text
+    feed, kerf, profile, wire = (report[k] for k in ("feed_um_s", "kerf_um", "profile_error_um", "wire"))
+    shares = (f"{kind} {say(_percent(share), '%')}" for kind, share in report["pulse_share"].items())
+    times = [duration_text(report[k]) for k in ("machining_time_s", "wall_time_s")]
+    speed = say(report["realtime_factor"], "times real time", 2)
+    rate = say(report["cutting_rate_mm2_min"], "mm²/min")
+    least, largest = say(kerf["min"], "µm"), say(kerf["max"], "µm")
+    error = [say(profile[k], "µm") for k in ("max", "rms", "p95")]
+    lag, vibration = say(wire["lag_um"], "µm"), say(wire["vibration_um_rms"], "µm", 2)
+    energy, removed = say(report["energy_J"], "J"), say(report["removed_mm3"], "mm³", 3)
+    current, voltage = say(report["mean_current_A"], "A", 2), say(report["mean_voltage_V"], "V")
+    return [
+        ("machining time", f"{times[0]}  (computed in {times[1]}, {speed})"),
+        ("path", f"{say(report['path_length_mm'], 'mm', 2)}, {rate}"),
+        ("feed", f"{say(feed['mean'], 'µm/s')} mean, {say(feed['max'], 'µm/s')} max"),
+        ("pulses", "  ".join([f"{report['pulses']:,}", *shares])),
+        ("kerf", f"{say(kerf['mean'], 'µm')} mean, {least} to {largest}"),
+        ("profile error", f"{error[0]} max, {error[1]} rms, {error[2]} for 95 %"),
+        ("corners", _corner_line(report["corners"])),
+        ("wire", f"lag {lag}, vibration {vibration} rms, at most {say(wire['temperature_K_max'], 'K', 0)}"),
+        ("roughness", f"Ra {say(report['surface']['ra_um'], 'µm', 2)}"),
+        ("energy", f"{energy}, {removed} removed, {current}, {voltage} mean"),
+    ]
+
+
+def _percent(share: float | None) -> float | None:
+    return None if share is None else 100.0 * share
+
+
+def _corner_line(corners: Sequence[Mapping[str, float | None]]) -> str:
+    known = [c for c in corners if c["error_um"] is not None]
+    if not known:
+        return f"{len(corners)}, none measured" if corners else "none"
+    worst = max(known, key=lambda c: abs(c["error_um"] or 0.0))
+    return (
+        f"{len(corners)}, worst {worst['error_um']:+.1f} µm"
+        f" at X {worst['x_mm']:.3f} Y {worst['y_mm']:.3f} mm ({worst['turn_deg']:+.0f}°)"
+    )

@@ -1,0 +1,163 @@
+"""What figure and recording draw of a cut: the drawing, the metal that is left, the error between them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+from shapely.geometry.base import BaseGeometry
+
+Polylines = tuple[NDArray[np.float64], ...]
+"""Lines of shape (n, 2) in mm on the table."""
+
+
+@dataclass(frozen=True)
+class ErrorMap:
+    """One nominal edge and the profile error along it.
+
+    Attributes
+    ----------
+    nominal_mm : float64 array (m, 2)
+        The part's edge as drawn, mm on the table.
+    part_side : {"left", "right"}
+        Side of the edge, looking along it, on which the part lies.
+    points_mm : float64 array (n, 2)
+        Places where the error was measured; n may be 0.
+    error_um : float64 array (n,)
+        Profile error there, mean over the height: positive is metal left on the part; NaN where unknown.
+    """
+
+    nominal_mm: NDArray[np.float64]
+    part_side: Literal["left", "right"]
+    points_mm: NDArray[np.float64]
+    error_um: NDArray[np.float64]
+
+    def outward(self) -> NDArray[np.float64]:
+        """Return unit vectors (n, 2) away from the part at `points_mm`, smooth across corners."""
+        if len(self.points_mm) < 2:
+            return np.zeros_like(self.points_mm)
+        tangent = np.gradient(self.points_mm, axis=0)
+        normal = np.column_stack([tangent[:, 1], -tangent[:, 0]])
+        if self.part_side == "right":
+            normal = -normal
+        length = np.hypot(normal[:, 0], normal[:, 1])[:, None]
+        return np.asarray(np.divide(normal, length, out=np.zeros_like(normal), where=length > 0))
+
+    def smooth(self, turn_deg: float = 20.0) -> NDArray[np.bool_]:
+        """Say of every step between neighbours (n - 1,) whether the edge turns less than `turn_deg` there."""
+        normal = self.outward()
+        return np.asarray(np.einsum("ij,ij->i", normal[:-1], normal[1:]) > np.cos(np.radians(turn_deg)))
+
+    def exaggerated_mm(self, factor: float) -> NDArray[np.float64]:
+        """Return the measured edge (n, 2) in mm with its error drawn `factor` times as large."""
+        return np.asarray(self.points_mm + self.outward() * (self.error_um * factor / 1000.0)[:, None])
+
+
+@dataclass(frozen=True)
+class Corner:
+    """One corner of the nominal edge, in mm on the table, and its error in um (positive: metal left)."""
+
+    x_mm: float
+    y_mm: float
+    turn_deg: float
+    error_um: float
+
+
+@dataclass(frozen=True)
+class Scene:
+    """Everything drawn of one cut.
+
+    Attributes
+    ----------
+    maps : tuple of ErrorMap
+        One per contour, in the order of cutting.
+    cut_edges_mm : tuple of Polylines
+        Edge of the metal that is left, per slice from the bottom.
+    corners : tuple of Corner
+    starts_mm : float64 array (k, 2)
+        Start holes.
+    stock_mm : (x_min, y_min, x_max, y_max)
+        The blank on the table.
+    height_mm : float
+        Workpiece height.
+    guides_z_mm : (lower, upper)
+        Heights of the wire guides over the workpiece's bottom; the lower is negative.
+    wire_diameter_um : float
+    stop_mm : (x, y) or None
+        Where the wire stood when the machine stopped; None if the cut was finished.
+    """
+
+    maps: tuple[ErrorMap, ...]
+    cut_edges_mm: tuple[Polylines, ...]
+    corners: tuple[Corner, ...]
+    starts_mm: NDArray[np.float64]
+    stock_mm: tuple[float, float, float, float]
+    height_mm: float
+    guides_z_mm: tuple[float, float]
+    wire_diameter_um: float
+    stop_mm: tuple[float, float] | None = None
+
+    def extent_mm(self) -> tuple[float, float, float, float]:
+        """Return the box (x_min, y_min, x_max, y_max) around nominal edges, start holes and stop place."""
+        points = np.concatenate(
+            [
+                *(m.nominal_mm for m in self.maps),
+                self.starts_mm.reshape(-1, 2),
+                np.reshape(self.stop_mm or (), (-1, 2)),
+            ]
+        )
+        if len(points) == 0:
+            return self.stock_mm
+        (x0, y0), (x1, y1) = points.min(axis=0), points.max(axis=0)
+        return float(x0), float(y0), float(x1), float(y1)
+
+    def size_mm(self) -> float:
+        """Return the largest of the drawing's sides and the workpiece height in mm."""
+        x0, y0, x1, y1 = self.extent_mm()
+        return max(x1 - x0, y1 - y0, self.height_mm)
+
+    def known_errors(self) -> NDArray[np.float64]:
+        """Return every measured profile error in um, contour after contour."""
+        return np.concatenate([np.zeros(0), *(m.error_um[np.isfinite(m.error_um)] for m in self.maps)])
+
+    def error_limit_um(self) -> float:
+        """Return the profile error at the ends of the colour scale: the 99th percentile, at least 0.1 um."""
+        known = self.known_errors()
+        return max(float(np.percentile(np.abs(known), 99)), 0.1) if len(known) else 0.1
+
+    def error_factor(self) -> float:
+        """Return how many times larger the error is to be drawn: a round number, 1 if there is none."""
+        x0, y0, x1, y1 = self.extent_mm()
+        return round_factor(self.known_errors(), 0.035 * max(x1 - x0, y1 - y0))
+
+
+def polylines(geometry: BaseGeometry | Sequence[BaseGeometry], tolerance_mm: float = 0.0005) -> Polylines:
+    """Return the lines of a geometry in mm, thinned within `tolerance_mm`; polygons give their rings."""
+    parts = shapely.get_parts(np.atleast_1d(np.asarray(geometry, dtype=object)))
+    polygons = shapely.get_type_id(parts) == shapely.GeometryType.POLYGON
+    lines = np.concatenate([parts[~polygons], shapely.get_rings(parts[polygons])])
+    thin = shapely.simplify(lines, tolerance_mm)
+    return tuple(shapely.get_coordinates(line) for line in thin if not line.is_empty)
+
+
+def round_factor(values_um: NDArray[np.float64], shown_mm: float) -> float:
+    """Return a factor of 1, 2 or 5 times a power of ten that draws large values about `shown_mm` long.
+
+    "Large" is the 99th percentile of the magnitudes, so that one bad place does not flatten the rest. Never
+    below 1; 1 if there is nothing to show.
+    """
+    finite = np.abs(values_um[np.isfinite(values_um)])
+    large = float(np.percentile(finite, 99)) if len(finite) else 0.0
+    if large == 0.0:
+        return 1.0
+    return round_number(max(shown_mm * 1000.0 / large, 1.0))
+
+
+def round_number(wanted: float) -> float:
+    """Return the largest of 1, 2 or 5 times a power of ten that is not above `wanted`, a positive number."""
+    decade = 10.0 ** np.floor(np.log10(wanted))
+    return float(max(step * decade for step in (1.0, 2.0, 5.0) if step * decade <= wanted * (1 + 1e-12)))

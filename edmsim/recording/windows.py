@@ -1,0 +1,215 @@
+"""The table of windows: one row per 255 counted pulses, the analyser's cycle."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from edmsim.errors import InputError
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+
+class Column(NamedTuple):
+    """What one column of the table holds: its name, its unit ("1" if none) and its meaning."""
+
+    name: str
+    unit: str
+    meaning: str
+    is_count: bool = False
+
+
+COLUMNS: tuple[Column, ...] = (
+    Column("t_s", "s", "machine time at the end of the window"),
+    Column("x_um", "um", "wire guides on the table, X"),
+    Column("y_um", "um", "wire guides on the table, Y"),
+    Column("feed_um_s", "um/s", "mean feed along the path; negative while retracting"),
+    Column("short", "1", "pulses counted as short circuit: no removal", is_count=True),
+    Column("open", "1", "pulses that never ignited: no removal", is_count=True),
+    Column("spark", "1", "pulses that ignited after a delay and removed metal", is_count=True),
+    Column("arc", "1", "pulses that ignited at once on the previous channel", is_count=True),
+    Column("mean_voltage_V", "V", "gap voltage averaged over the window"),
+    Column("mean_current_A", "A", "gap current averaged over the window"),
+    Column("mean_delay_us", "us", "mean ignition delay; NaN if no pulse ignited"),
+    Column("gap_um", "um", "mean gap where the pulses ignited"),
+    Column("lag_x_um", "um", "guides minus wire at the workpiece, X: positive behind a feed along +X"),
+    Column("lag_y_um", "um", "guides minus wire at the workpiece, Y: positive behind a feed along +Y"),
+    Column("wire_temperature_K", "K", "hottest place of the wire"),
+    Column("debris", "1", "volume share of debris in the gap's fluid"),
+    Column("t_on_us", "us", "pulse on-time t_i set for the window"),
+    Column("t_period_us", "us", "pulse period t_p set for the window"),
+    Column("path_um", "um", "place along the wire path, from the first start hole"),
+    Column(
+        "error_um", "um", "profile error of the cut where the wire was; positive: metal left; NaN if none"
+    ),
+)
+"""Columns of ``windows.parquet``, in order."""
+
+NAMES: tuple[str, ...] = tuple(column.name for column in COLUMNS)
+"""Names of all columns, in order."""
+
+ROW_NAMES: tuple[str, ...] = NAMES[:-1]
+"""What `WindowTable.append` takes: everything but ``error_um``, which only the finished cut can tell."""
+
+_BLOCK = 4096
+
+
+class WindowTable:
+    """Rows of a cut in progress: appending is cheap, reading is done once at the end."""
+
+    def __init__(self) -> None:
+        self._blocks: list[NDArray[np.float64]] = []
+        self._used = _BLOCK
+
+    def __len__(self) -> int:
+        """Return the number of windows recorded."""
+        return (len(self._blocks) - 1) * _BLOCK + self._used if self._blocks else 0
+
+    def append(self, row: Sequence[float]) -> None:
+        """Add one window.
+
+        Parameters
+        ----------
+        row : sequence of 19 float
+            The values of `ROW_NAMES`, in that order.
+
+        Raises
+        ------
+        ValueError
+            If `row` has another length.
+        """
+        if self._used == _BLOCK:
+            self._blocks.append(np.empty((_BLOCK, len(ROW_NAMES))))
+            self._used = 0
+        self._blocks[-1][self._used, :] = row
+        self._used += 1
+
+    def values(self) -> NDArray[np.float64]:
+        """Return a copy of all rows, shape ``(len(self), 19)``, columns as in `ROW_NAMES`."""
+        if not self._blocks:
+            return np.empty((0, len(ROW_NAMES)))
+        return np.concatenate([*self._blocks[:-1], self._blocks[-1][: self._used]])
+
+    def to_arrow(self, error_um: NDArray[np.float64] | None = None) -> pa.Table:
+        """Return the table as `windows.parquet` holds it.
+
+        Parameters
+        ----------
+        error_um : float64 array (len(self),), optional
+            Profile error of the finished cut at the place of every window; NaN everywhere if not given.
+
+        Returns
+        -------
+        pyarrow.Table
+            Columns `NAMES`, the four counts as int16, all else float64; every field's metadata says
+            ``unit`` and ``meaning``.
+        """
+        import pyarrow as pa
+
+        values = self.values()
+        error = np.full(len(values), np.nan) if error_um is None else np.asarray(error_um, np.float64)
+        if error.shape != (len(values),):
+            raise ValueError(f"error_um has shape {error.shape}, the table has {len(values)} windows")
+        data = [*np.ascontiguousarray(values.T), error]
+        fields = [
+            pa.field(
+                c.name,
+                pa.int16() if c.is_count else pa.float64(),
+                nullable=False,
+                metadata={"unit": c.unit, "meaning": c.meaning},
+            )
+            for c in COLUMNS
+        ]
+        arrays = [
+            pa.array(column.astype(np.int16) if c.is_count else column)
+            for c, column in zip(COLUMNS, data, strict=True)
+        ]
+        return pa.Table.from_arrays(arrays, schema=pa.schema(fields))
+
+    def snapshot(self) -> dict[str, NDArray[np.float64]]:
+        """Return a copy of everything recorded, as arrays."""
+        return {"rows": self.values()}
+
+    def restore(self, state: Mapping[str, NDArray[np.float64]]) -> None:
+        """Take back a `snapshot`."""
+        rows = np.asarray(state["rows"], np.float64)
+        self._blocks = []
+        for start in range(0, len(rows), _BLOCK):
+            block = np.empty((_BLOCK, len(ROW_NAMES)))
+            block[: len(rows) - start] = rows[start : start + _BLOCK]
+            self._blocks.append(block)
+        self._used = len(rows) - (len(self._blocks) - 1) * _BLOCK if self._blocks else _BLOCK
+
+
+def write_windows(table: pa.Table, file: str | Path) -> None:
+    """Write a table of windows as Parquet; a file of that name is replaced whole or not at all."""
+    import pyarrow.parquet as pq
+
+    target = Path(file)
+    partial = target.with_name(target.name + ".part")
+    pq.write_table(table, partial)
+    partial.replace(target)
+
+
+def read_windows(file: str | Path) -> pa.Table:
+    """Read a ``windows.parquet``.
+
+    Raises
+    ------
+    InputError
+        If the file is missing, is not Parquet, or lacks a column of `NAMES`.
+    """
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    try:
+        table = pq.read_table(file)
+    except FileNotFoundError:
+        raise InputError("no such file, a windows.parquet written by a cut is needed", file) from None
+    except (pa.ArrowInvalid, OSError):
+        raise InputError("not a Parquet file, a windows.parquet written by a cut is needed", file) from None
+    missing = [name for name in NAMES if name not in table.column_names]
+    if missing:
+        raise InputError(f"column {missing[0]} is missing, expected {' '.join(NAMES)}", file)
+    return table
+
+
+def column(table: pa.Table, name: str) -> NDArray[np.float64]:
+    """Return one column of a table of windows as a float64 array."""
+    return np.asarray(table.column(name).to_numpy(), np.float64)
+
+
+def travel_direction(table: pa.Table, reach_um: float = 25.0) -> NDArray[np.float64]:
+    """Direction of travel of the wire in every window.
+
+    Taken as the chord over `reach_um` of path on either side: steps of 1 um on two axes say nothing about
+    direction one by one.
+
+    Returns
+    -------
+    float64 array (n, 2)
+        Unit vectors; zero where the wire has not moved.
+    """
+    path = np.maximum.accumulate(column(table, "path_um"))
+    if len(path) == 0:
+        return np.zeros((0, 2))
+    chord = np.column_stack(
+        [
+            np.interp(path + reach_um, path, column(table, name))
+            - np.interp(path - reach_um, path, column(table, name))
+            for name in ("x_um", "y_um")
+        ]
+    )
+    length = np.hypot(chord[:, 0], chord[:, 1])
+    return np.asarray(np.divide(chord, length[:, None], out=np.zeros_like(chord), where=length[:, None] > 0))
+
+
+def lag_along_um(table: pa.Table) -> NDArray[np.float64]:
+    """Wire lag of every window in um along the direction of travel: positive against the feed."""
+    lag = np.column_stack([column(table, "lag_x_um"), column(table, "lag_y_um")])
+    return np.asarray(np.einsum("ij,ij->i", lag, travel_direction(table)))

@@ -1,0 +1,162 @@
+"""A made-up cut: a 10 x 6 mm rectangle, 3000 windows, with every quantity of a plausible size."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+import shapely
+
+from edmsim.recording import (
+    Corner,
+    ErrorMap,
+    Frames,
+    Quality,
+    Scene,
+    Totals,
+    WindowTable,
+    build_report,
+    polylines,
+)
+
+N_WINDOWS = 3000
+N_SLICES = 9
+CORNERS_MM = np.array([(20.0, 20.0), (30.0, 20.0), (30.0, 26.0), (20.0, 26.0)])
+START_MM = np.array([19.0, 19.0])
+OFFSET_MM = 0.155
+
+
+def wire_path() -> np.ndarray:
+    """Wire centre in mm: from the start hole round the rectangle, the part on its left."""
+    outer = CORNERS_MM + OFFSET_MM * np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)])
+    return np.vstack([START_MM, outer, outer[:1]])
+
+
+def along(points: np.ndarray, s: np.ndarray) -> np.ndarray:
+    """Points at the lengths `s` of a polyline."""
+    length = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))])
+    return np.column_stack([np.interp(s, length, points[:, axis]) for axis in (0, 1)])
+
+
+def error_map(draw: np.random.Generator) -> ErrorMap:
+    nominal = np.vstack([CORNERS_MM, CORNERS_MM[:1]])
+    s = np.arange(0.0, 32.0, 0.02)
+    to_corner = np.abs(s[:, None] - np.array([0.0, 10.0, 16.0, 26.0, 32.0])).min(axis=1)
+    error = 2.0 * np.sin(s) - 9.0 * np.exp(-to_corner / 0.15) + 0.4 * draw.standard_normal(len(s))
+    return ErrorMap(nominal, "left", along(nominal, s), error)
+
+
+def windows(draw: np.random.Generator) -> WindowTable:
+    path = wire_path()
+    total_um = 1000.0 * np.hypot(*np.diff(path, axis=0).T).sum()
+    path_um = total_um * np.linspace(0.0, 1.0, N_WINDOWS) ** 1.05
+    place_um = np.round(1000.0 * along(path, path_um / 1000.0))
+    direction = np.gradient(place_um, axis=0)
+    direction /= np.maximum(np.hypot(*direction.T)[:, None], 1e-9)
+    lag_um = 4.0 + 0.5 * draw.standard_normal(N_WINDOWS)
+    table = WindowTable()
+    for i in range(N_WINDOWS):
+        counts = draw.multinomial(255, (0.03, 0.40, 0.55, 0.02))
+        table.append(
+            (
+                0.55 * (i + 1),
+                *place_um[i],
+                20.0 + 3.0 * np.sin(i / 150) + draw.standard_normal(),
+                *counts,
+                55.0 + draw.standard_normal(),
+                1.4 + 0.05 * draw.standard_normal(),
+                np.nan if i % 500 == 0 else 12.0 + draw.standard_normal(),
+                16.0 + draw.standard_normal(),
+                *(lag_um[i] * direction[i]),
+                330.0 + 20.0 * np.sin(i / 300),
+                0.01 + 0.001 * draw.standard_normal(),
+                30.0,
+                100.0,
+                path_um[i],
+            )
+        )
+    return table
+
+
+def frames(rows: np.ndarray) -> Frames:
+    kept = Frames(N_SLICES)
+    shape = np.sin(np.pi * (np.arange(N_SLICES) + 0.5) / N_SLICES)
+    for row in rows:
+        kept.offer(row[0], row[1], row[2], row[18], -shape[:, None] * row[12:14])
+    return kept
+
+
+def cut_edges(stop: float | None = None) -> tuple[tuple[np.ndarray, ...], ...]:
+    wire = shapely.LineString(wire_path())
+    kerfs = [
+        wire.buffer(0.153 + 0.002 * np.sin(np.pi * k / (N_SLICES - 1)), join_style="round")
+        for k in range(N_SLICES)
+    ]
+    return tuple(polylines(kerf.union(shapely.Point(START_MM).buffer(0.5)).boundary) for kerf in kerfs)
+
+
+@pytest.fixture(scope="session")
+def cut() -> SimpleNamespace:
+    """Everything recorded and measured of the made-up cut."""
+    draw = np.random.default_rng(7)
+    table = windows(draw)
+    edge = error_map(draw)
+    corners = tuple(
+        Corner(float(x), float(y), 90.0, e)
+        for (x, y), e in zip(CORNERS_MM, (-9.1, -8.4, -10.2, -7.9), strict=True)
+    )
+    scene = Scene(
+        maps=(edge,),
+        cut_edges_mm=cut_edges(),
+        corners=corners,
+        starts_mm=START_MM[None, :],
+        stock_mm=(15.0, 15.0, 35.0, 31.0),
+        height_mm=20.0,
+        guides_z_mm=(-15.0, 35.0),
+        wire_diameter_um=250.0,
+    )
+    arrow = table.to_arrow(4.0 * np.sin(np.arange(N_WINDOWS) / 200))
+    totals = Totals(
+        machining_time_s=1650.0,
+        wall_time_s=41.0,
+        short=90_000,
+        open=1_200_000,
+        spark=1_650_000,
+        arc=60_000,
+        path_length_mm=33.2,
+        height_mm=20.0,
+        energy=1800.0,
+        removed_mm3=205.0,
+        vibration_um_rms=0.8,
+    )
+    quality = Quality(
+        kerf_mean_um=308.0,
+        kerf_min_um=301.0,
+        kerf_max_um=314.0,
+        profile_max_um=10.2,
+        profile_rms_um=2.1,
+        profile_p95_um=4.0,
+        corners=corners,
+        ra_um=1.9,
+    )
+    report = build_report(
+        outcome="finished",
+        reason=None,
+        windows=arrow,
+        totals=totals,
+        quality=quality,
+        notices=["made up"],
+        seed=7,
+        settings={"program": "rectangle.ngc", "controller": "counts"},
+        version="0.0.0",
+    )
+    return SimpleNamespace(
+        table=table,
+        windows=arrow,
+        frames=frames(table.values()),
+        scene=scene,
+        totals=totals,
+        quality=quality,
+        report=report,
+    )

@@ -1,0 +1,104 @@
+"""``profile.png``: drawn without global state, the same each time, and true to the numbers."""
+
+from __future__ import annotations
+
+import dataclasses
+import sys
+from pathlib import Path
+from types import SimpleNamespace
+
+import matplotlib.image
+import numpy as np
+import pyarrow as pa
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from edmsim.recording import Scene, WindowTable
+from edmsim.recording.figure_series import binned
+from edmsim.recording.figures import profile_figure, write_figure
+
+
+def texts(cut: SimpleNamespace, scene: Scene, **report: object) -> str:
+    figure = profile_figure(scene, cut.windows, cut.report | report, "punch.ngc")
+    return "\n".join(text.get_text() for text in figure.findobj(match=lambda a: hasattr(a, "get_text")))
+
+
+def test_png_has_the_stated_size_and_equal_bytes(cut: SimpleNamespace, tmp_path: Path) -> None:
+    for name in ("one.png", "two.png"):
+        write_figure(profile_figure(cut.scene, cut.windows, cut.report, "punch.ngc"), tmp_path / name)
+    assert matplotlib.image.imread(tmp_path / "one.png").shape == (1920, 1600, 4)
+    assert (tmp_path / "one.png").read_bytes() == (tmp_path / "two.png").read_bytes()
+    assert len(list(tmp_path.iterdir())) == 2
+
+
+def test_pyplot_is_never_loaded(cut: SimpleNamespace) -> None:
+    profile_figure(cut.scene, cut.windows, cut.report, "punch.ngc")
+    assert "matplotlib.pyplot" not in sys.modules
+
+
+def test_heading_corners_and_exaggeration_are_written(cut: SimpleNamespace) -> None:
+    shown = texts(cut, cut.scene)
+    assert cut.scene.error_factor() == 50.0
+    for piece in (
+        "punch.ngc",
+        "finished",
+        "profile error drawn × 50",
+        "1 mm",
+        "20 µm of error",
+        "−10.2",
+        "−7.9",
+    ):
+        assert piece in shown
+
+
+def test_the_map_is_to_scale(cut: SimpleNamespace) -> None:
+    figure = profile_figure(cut.scene, cut.windows, cut.report, "punch.ngc")
+    axes = figure.axes[0]
+    figure.canvas.draw()
+    (x0, y0), (x1, y1) = axes.transData.transform([(20.0, 20.0), (21.0, 21.0)])
+    assert x1 - x0 == pytest.approx(y1 - y0, rel=1e-3)
+    low, high = axes.get_xlim()
+    assert low < 19.0 < 30.0 < high
+
+
+def test_a_stopped_cut_says_why_and_where(cut: SimpleNamespace) -> None:
+    scene = dataclasses.replace(cut.scene, stop_mm=(30.155, 23.0))
+    shown = texts(cut, scene, outcome="wire break", reason="the wire broke at 612 K")
+    assert "stopped: the wire broke at 612 K" in shown
+    assert "stopped here" in shown
+
+
+def test_a_cut_that_left_nothing_can_be_drawn(cut: SimpleNamespace, tmp_path: Path) -> None:
+    scene = Scene((), (), (), np.zeros((0, 2)), (0, 0, 10, 80), 20.0, (-10, 30), 250.0)
+    report = cut.report | {"machining_time_s": None, "path_length_mm": None}
+    write_figure(profile_figure(scene, WindowTable().to_arrow(), report, "nothing"), tmp_path / "profile.png")
+    assert (tmp_path / "profile.png").stat().st_size > 10_000
+
+
+def test_long_cuts_are_drawn_with_few_points(cut: SimpleNamespace) -> None:
+    longer = pa.concat_tables([cut.windows] * 40)
+    longer = longer.set_column(0, longer.schema.field("t_s"), pa.array(0.05 * np.arange(len(longer))))
+    figure = profile_figure(cut.scene, longer, cut.report, "long")
+    assert max(len(line.get_xdata()) for axes in figure.axes for line in axes.get_lines()) <= 800
+
+
+@given(st.lists(st.one_of(st.floats(-1e6, 1e6), st.just(np.nan)), max_size=300), st.integers(1, 40))
+def test_bins_hold_mean_and_extremes(values: list[float], bins: int) -> None:
+    series = np.array(values, float)
+    band = binned(np.arange(len(series), dtype=float), series, bins)
+    assert len(band.x) == min(len(series), bins)
+    known = ~np.isnan(band.mean)
+    assert (band.low[known] <= band.mean[known] + 1e-6).all()
+    assert (band.mean[known] <= band.high[known] + 1e-6).all()
+    if np.isfinite(series).any():
+        assert np.nanmin(band.low) == np.nanmin(series)
+        assert np.nanmax(band.high) == np.nanmax(series)
+
+
+def test_bins_of_a_ramp() -> None:
+    band = binned(np.arange(8.0), np.array([0, 2, 4, 6, np.nan, np.nan, 1, np.nan]), 4)
+    np.testing.assert_array_equal(band.x, [0.5, 2.5, 4.5, 6.5])
+    np.testing.assert_array_equal(band.mean, [1, 5, np.nan, 1])
+    np.testing.assert_array_equal(band.low, [0, 4, np.nan, 1])
+    np.testing.assert_array_equal(band.high, [2, 6, np.nan, 1])

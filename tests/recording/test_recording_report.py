@@ -1,0 +1,130 @@
+"""The report: the agreed fields, right sums, and never a NaN."""
+
+from __future__ import annotations
+
+import dataclasses
+import io
+import json
+import math
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from rich.console import Console
+
+from edmsim.recording import Quality, Totals, WindowTable, build_report, render_table, write_json
+from edmsim.recording.report import duration_text
+
+FIELDS: dict[str, Any] = {
+    "outcome": None, "reason": None, "machining_time_s": None, "wall_time_s": None, "realtime_factor": None,
+    "pulses": None, "path_length_mm": None, "feed_um_s": {"mean", "max"}, "cutting_rate_mm2_min": None,
+    "pulse_share": {"spark", "arc", "short", "open"}, "kerf_um": {"mean", "min", "max"},
+    "profile_error_um": {"max", "rms", "p95"}, "corners": None,
+    "wire": {"lag_um", "vibration_um_rms", "temperature_K_max"}, "surface": {"ra_um"}, "energy_J": None,
+    "removed_mm3": None, "mean_current_A": None, "mean_voltage_V": None, "seed": None, "settings": None,
+    "notices": None, "edmsim_version": None,
+}  # fmt: skip
+
+NAN = math.nan
+
+
+def text_of(report: dict[str, Any]) -> str:
+    written = io.StringIO()
+    Console(width=200, file=written).print(render_table(report))
+    return written.getvalue()
+
+
+def nothing_known() -> dict[str, Any]:
+    totals = Totals(NAN, 0.0, 0, 0, 0, 0, NAN, 20.0, 0.0, 0.0, NAN)
+    quality = Quality(NAN, NAN, NAN, NAN, NAN, NAN, (), NAN)
+    return build_report(
+        outcome="stopped", reason="persistent short", windows=WindowTable().to_arrow(), totals=totals,
+        quality=quality, notices=(), seed=1, settings={"out": Path("x"), "t": NAN}, version="0",
+    )  # fmt: skip
+
+
+def test_fields_are_the_agreed_ones(cut: SimpleNamespace) -> None:
+    assert set(cut.report) == set(FIELDS)
+    for name, inner in FIELDS.items():
+        if inner is not None:
+            assert set(cut.report[name]) == inner
+    assert [set(corner) for corner in cut.report["corners"]] == [{"x_mm", "y_mm", "turn_deg", "error_um"}] * 4
+
+
+def test_derived_figures(cut: SimpleNamespace) -> None:
+    report, totals = cut.report, cut.totals
+    assert report["pulses"] == 3_000_000
+    assert report["pulse_share"] == {"spark": 0.55, "arc": 0.02, "short": 0.03, "open": 0.4}
+    assert report["realtime_factor"] == pytest.approx(1650 / 41)
+    assert report["cutting_rate_mm2_min"] == pytest.approx(33.2 * 20 / (1650 / 60))
+    assert report["wire"]["lag_um"] == pytest.approx(4.0, abs=0.05)
+    assert report["wire"]["temperature_K_max"] == pytest.approx(350, abs=0.1)
+    assert report["energy_J"] == totals.energy
+    assert report["reason"] is None
+
+
+def test_means_are_weighted_by_the_time_a_window_takes() -> None:
+    table = WindowTable()
+    for feed, period in ((10.0, 100.0), (40.0, 50.0)):
+        row = [0.0] * 19
+        row[3], row[9], row[17] = feed, feed / 10, period
+        table.append(row)
+    totals = Totals(1.0, 1.0, 0, 0, 1, 0, 1.0, 1.0, 1.0, 1.0, 0.0)
+    report = build_report(
+        outcome="finished", reason=None, windows=table.to_arrow(), totals=totals,
+        quality=Quality(1, 1, 1, 1, 1, 1, (), 1), notices=(), seed=0, settings={}, version="0",
+    )  # fmt: skip
+    assert report["feed_um_s"] == {"mean": pytest.approx(20.0), "max": 40.0}
+    assert report["mean_current_A"] == pytest.approx(2.0)
+
+
+def test_what_could_not_be_obtained_is_null(tmp_path: Path) -> None:
+    report = nothing_known()
+    write_json(report, tmp_path / "report.json")
+    text = (tmp_path / "report.json").read_text(encoding="utf-8")
+    assert "NaN" not in text
+    back = json.loads(text)
+    assert back == report
+    assert back["kerf_um"] == {"mean": None, "min": None, "max": None}
+    assert back["feed_um_s"] == {"mean": None, "max": None}
+    assert back["pulse_share"] == dict.fromkeys(("spark", "arc", "short", "open"))
+    assert back["settings"] == {"out": "x", "t": None}
+    assert back["wire"] == {"lag_um": None, "vibration_um_rms": None, "temperature_K_max": None}
+
+
+def test_numpy_values_become_plain_json(cut: SimpleNamespace, tmp_path: Path) -> None:
+    totals = dataclasses.replace(cut.totals, energy=np.float64(3.5), spark=np.int64(10))
+    report = build_report(
+        outcome="finished", reason=None, windows=cut.windows, totals=totals, quality=cut.quality, notices=(),
+        seed=7, settings={"sizes": np.array([1.0, np.nan])}, version="0",
+    )  # fmt: skip
+    write_json(report, tmp_path / "report.json")
+    back = json.loads((tmp_path / "report.json").read_text(encoding="utf-8"))
+    assert back["energy_J"] == 3.5
+    assert back["settings"] == {"sizes": [1.0, None]}
+    assert [path.name for path in tmp_path.iterdir()] == ["report.json"]
+
+
+def test_terminal_shows_the_figures(cut: SimpleNamespace) -> None:
+    text = text_of(cut.report)
+    for piece in ("finished", "27 min 30 s", "24.1 mm²/min", "10.2 µm max", "X 30.000 Y 26.000", "made up"):
+        assert piece in text
+    stopped = text_of(nothing_known())
+    assert "persistent short" in stopped
+    assert "nan" not in stopped.lower()
+
+
+@pytest.mark.parametrize(
+    ("seconds", "text"),
+    [
+        (48.24, "48.2 s"),
+        (59.97, "1 min 00 s"),
+        (725, "12 min 05 s"),
+        (3599.6, "1 h 00 min"),
+        (None, "unknown"),
+    ],
+)
+def test_durations_read_as_people_say_them(seconds: float | None, text: str) -> None:
+    assert duration_text(seconds) == text

@@ -1,0 +1,94 @@
+"""``edmsim view``: the right command line, bound to this machine, and bad folders named."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+
+from edmsim.errors import InputError
+from edmsim.recording import viewer
+from edmsim.recording.rerun_log import write_recording
+
+
+@pytest.fixture
+def folder(cut: SimpleNamespace, tmp_path: Path) -> Path:
+    write_recording(tmp_path / "cut.rrd", cut.scene, cut.windows, cut.frames, cut.report, "punch.ngc")
+    return tmp_path
+
+
+def test_missing_folder_and_missing_recording(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="no such folder"):
+        viewer.find_recording(tmp_path / "nowhere")
+    with pytest.raises(InputError, match=r"no cut\.rrd in it"):
+        viewer.find_recording(tmp_path)
+
+
+def test_whole_recording_is_found(folder: Path) -> None:
+    assert viewer.find_recording(folder) == folder / "cut.rrd"
+
+
+@pytest.mark.parametrize("kept", [0, 3, 100, 20_000, -1])
+def test_damaged_recording_is_refused(folder: Path, kept: int) -> None:
+    recording = folder / "cut.rrd"
+    recording.write_bytes(recording.read_bytes()[:kept])
+    with pytest.raises(InputError, match="not a whole rerun recording"):
+        viewer.find_recording(folder)
+
+
+def test_foreign_file_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "cut.rrd").write_text("G01 X10\n")
+    with pytest.raises(InputError, match="these 8 bytes are not a whole rerun recording"):
+        viewer.find_recording(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("environment", "platform", "expected"),
+    [
+        ({}, "linux", False), ({"DISPLAY": ""}, "linux", False), ({"DISPLAY": ":0"}, "linux", True),
+        ({"WAYLAND_DISPLAY": "wayland-0"}, "linux", True), ({}, "darwin", True), ({}, "win32", True),
+    ],
+)  # fmt: skip
+def test_screen(environment: dict[str, str], platform: str, expected: bool) -> None:
+    assert viewer.has_screen(environment, platform) is expected
+
+
+@pytest.mark.parametrize("on_screen", [True, False])
+def test_nothing_is_served_beyond_this_machine(on_screen: bool, tmp_path: Path) -> None:
+    command = viewer.viewer_command(tmp_path / "cut.rrd", on_screen, 9191, 9881)
+    assert command[: len(viewer.RERUN) + 1] == [*viewer.RERUN, str(tmp_path / "cut.rrd")]
+    assert command[command.index("--bind") + 1] == "127.0.0.1"
+    assert ("--serve-web" in command) is not on_screen
+
+
+def test_rerun_knows_every_option_used(tmp_path: Path) -> None:
+    shown = subprocess.run([*viewer.RERUN, "--help"], capture_output=True, text=True, check=True)
+    for on_screen in (True, False):
+        command = viewer.viewer_command(tmp_path / "cut.rrd", on_screen, 9191, 9881)
+        assert all(word in shown.stdout for word in command if word.startswith("--"))
+
+
+def test_view_runs_the_viewer_and_says_the_address(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.delenv("DISPLAY", raising=False)
+    monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
+    monkeypatch.setattr(sys, "platform", "linux")
+    called: list[list[str]] = []
+
+    def call(command: list[str]) -> int:
+        called.append(command)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(subprocess, "call", call)
+    assert viewer.view(folder, web_port=9191, grpc_port=9881) == 0
+    assert called == [viewer.viewer_command(folder / "cut.rrd", False, 9191, 9881)]
+    address = "http://127.0.0.1:9191?url=rerun%2Bhttp%3A%2F%2F127.0.0.1%3A9881%2Fproxy"
+    assert address in capsys.readouterr().out
+
+
+def test_the_viewers_exit_status_is_kept(tmp_path: Path) -> None:
+    assert subprocess.call([*viewer.RERUN, "--no-such-option"], stderr=subprocess.DEVNULL) != 0
