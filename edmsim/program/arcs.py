@@ -1,0 +1,74 @@
+"""Arcs: centres found from what a program gives, and arcs turned into chords."""
+
+from __future__ import annotations
+
+import cmath
+import math
+
+CHORD_TOLERANCE_UM = 1.0
+"""Largest distance in um between a curve and its chords (ours: below the 2 um step of the axes, row T-16)."""
+
+RADIUS_TOLERANCE_MM = 0.005
+"""Largest difference in mm between the start and end radius of an arc (ours: rounding of some um)."""
+
+_SAME_POINT_MM = 1e-6
+
+
+def radii(start: complex, end: complex, centre: complex) -> tuple[float, float]:
+    """Return the start and the end radius in mm of an arc about `centre`; all points are ``x + 1j * y``."""
+    return abs(start - centre), abs(end - centre)
+
+
+def is_centre(start: complex, end: complex, centre: complex) -> bool:
+    """Say whether both ends lie equally far (within `RADIUS_TOLERANCE_MM`) from `centre`, and not on it."""
+    first, last = radii(start, end, centre)
+    return abs(first - last) <= RADIUS_TOLERANCE_MM < first
+
+
+def centre_from_radius(start: complex, end: complex, radius: float, turn: int) -> complex | None:
+    """Return the centre of the arc with a given radius, or None if there is none.
+
+    Parameters
+    ----------
+    start, end : complex
+        End points ``x + 1j * y`` in mm.
+    radius : float
+        In mm; negative asks for the arc of more than half a circle, as usual for the word R.
+    turn : int
+        +1 counter-clockwise, -1 clockwise.
+    """
+    chord = end - start
+    half = abs(chord) / 2
+    if half < _SAME_POINT_MM or abs(radius) < half - RADIUS_TOLERANCE_MM:
+        return None
+    height = math.sqrt(max(radius * radius - half * half, 0.0))
+    side = turn * (1 if radius > 0 else -1)
+    return start + chord / 2 + side * height * 1j * chord / abs(chord)
+
+
+def arc_points(start: complex, end: complex, centre: complex, turn: int) -> list[complex]:
+    """Return the points of an arc after its start, up to and with its end, as chords within the tolerance.
+
+    Parameters
+    ----------
+    start, end : complex
+        End points ``x + 1j * y`` in mm; equal ends mean a full circle.
+    centre : complex
+        Centre in mm. If the two radii differ a little the radius changes evenly along the arc.
+    turn : int
+        +1 counter-clockwise, -1 clockwise.
+    """
+    first, last = start - centre, end - centre
+    full = abs(start - end) < _SAME_POINT_MM
+    sweep = math.tau if full else (turn * cmath.phase(last / first)) % math.tau
+    count = max(math.ceil(sweep / _chord_angle(max(abs(first), abs(last)))), 8 if full else 1)
+    points = []
+    for share in (i / count for i in range(1, count)):
+        radius = abs(first) + share * (abs(last) - abs(first))
+        points.append(centre + cmath.rect(radius, cmath.phase(first) + turn * share * sweep))
+    return [*points, end]
+
+
+def _chord_angle(radius: float) -> float:
+    sagitta = CHORD_TOLERANCE_UM / 1000
+    return 2 * math.acos(1 - sagitta / radius) if radius > sagitta else math.pi / 2

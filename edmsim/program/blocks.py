@@ -1,0 +1,148 @@
+"""RS-274 text split into blocks of words; nothing here knows what the words do."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+from edmsim.errors import InputError
+
+_WORD = re.compile(r"([A-Z])([+-]?(?:\d+\.?\d*|\.\d+))")
+_COMMENT = re.compile(r"\([^()]*\)|;.*")
+_KNOWN = frozenset("GMNFDXYIJRP")
+_END_CODES = frozenset({("M", 2), ("M", 30)})
+
+
+@dataclass(frozen=True)
+class Block:
+    """One line of a program.
+
+    Attributes
+    ----------
+    line : int
+        Line in the file, counted from 1.
+    codes : tuple of (str, int)
+        G and M codes in the order they stand.
+    values : dict of str to float
+        All other words but N, as written.
+    pointed : bool
+        Whether any coordinate (X Y I J R) has a decimal point.
+    deletable : bool
+        Whether the line begins with the block delete sign ``/``.
+    """
+
+    line: int
+    codes: tuple[tuple[str, int], ...]
+    values: dict[str, float]
+    pointed: bool
+    deletable: bool
+
+    @property
+    def ends_program(self) -> bool:
+        """Whether the block has M2 or M30."""
+        return not _END_CODES.isdisjoint(self.codes)
+
+
+def read_text(file: Path) -> str:
+    """Return a program's text (UTF-8).
+
+    Raises
+    ------
+    InputError
+        No such file, a directory, not readable, or not text.
+    """
+    try:
+        data = file.read_bytes()
+    except FileNotFoundError:
+        raise InputError("no such file: give the path of a part program", file) from None
+    except IsADirectoryError:
+        raise InputError("this is a directory: give the path of a part program", file) from None
+    except OSError as error:
+        raise InputError(f"cannot be read: {error.strerror}", file) from None
+    if b"\0" in data:
+        raise InputError(f"byte {data.index(0)} is 0: this is a binary file, not a text of G-code", file)
+    try:
+        return data.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        byte = f"byte {error.start} is 0x{data[error.start]:02X}"
+        raise InputError(f"{byte}: the text is not UTF-8, save it as UTF-8", file) from None
+
+
+def read_blocks(text: str, file: str) -> tuple[list[Block], list[str]]:
+    """Split a program into blocks.
+
+    Comments, N words, lower case, blanks and empty lines leave no trace. The program ends at M2 or M30, at a
+    second ``%``, or with the text.
+
+    Parameters
+    ----------
+    text : str
+        The program.
+    file : str
+        Name for error messages.
+
+    Returns
+    -------
+    blocks : list of Block
+        Every line that holds a word.
+    notices : list of str
+        What was left out.
+
+    Raises
+    ------
+    InputError
+        A word that cannot be read, or no block at all.
+    """
+    blocks: list[Block] = []
+    lines = re.split(r"\r\n|\r|\n", text)
+    for number, raw in enumerate(lines, 1):
+        if raw.lstrip().startswith("%"):
+            if blocks:
+                return blocks, _left_out(lines, number)
+            continue
+        block = _read_block(raw, number, file)
+        if block is not None:
+            blocks.append(block)
+            if block.ends_program:
+                return blocks, _left_out(lines, number)
+    if not blocks:
+        raise InputError("the program is empty: no word of G-code in it", file)
+    return blocks, []
+
+
+def _left_out(lines: list[str], last: int) -> list[str]:
+    for number, raw in enumerate(lines[last:], last + 1):
+        if raw.strip(" \t%\x1a"):
+            return [f"line {number}: text after the end of the program (line {last}) is left out"]
+    return []
+
+
+def _read_block(raw: str, line: int, file: str) -> Block | None:
+    bare = "".join(_COMMENT.sub("", raw).split()).upper()
+    deletable = bare.startswith("/")
+    codes: list[tuple[str, int]] = []
+    values: dict[str, float] = {}
+    pointed = False
+    at = int(deletable)
+    while at < len(bare) and _END_CODES.isdisjoint(codes):
+        word = _WORD.match(bare, at)
+        if word is None or word[1] not in _KNOWN:
+            known = "known are G M N F D X Y I J R P with a number"
+            raise InputError(f"unknown word '{bare[at:at + 12]}': {known}", file, line)
+        letter, number = word[1], word[2]
+        if letter in "GM":
+            codes.append((letter, _code(letter, number, file, line)))
+        elif letter != "N":
+            if letter in values:
+                raise InputError(f"the word {letter} stands twice in one block: write it once", file, line)
+            values[letter] = float(number)
+            pointed |= letter in "XYIJR" and "." in number
+        at = word.end()
+    return Block(line, tuple(codes), values, pointed, deletable) if codes or values else None
+
+
+def _code(letter: str, number: str, file: str, line: int) -> int:
+    if not number.isdigit():
+        raise InputError(f"unknown code {letter}{number}: {letter} takes a whole number", file, line)
+    return int(number)

@@ -1,0 +1,276 @@
+"""DXF drawings read into closed outlines.
+
+Read are LINE, ARC, CIRCLE, LWPOLYLINE, POLYLINE (2D), SPLINE and ELLIPSE in model space, in any layer that is
+on. Loose ends within 5 um are joined. A closed contour that lies in no other, or in an even number of others,
+is an outside (the part is within); in an odd number, a hole. The cut runs with the part on its left: outsides
+counter-clockwise, holes clockwise. It begins where the contour's first entity in the file begins. Inner
+contours come first.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from itertools import combinations
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from edmsim.errors import InputError
+from edmsim.program.arcs import CHORD_TOLERANCE_UM
+from edmsim.program.crossing import refuse_self_crossing
+from edmsim.program.outline import JOIN_TOLERANCE_MM, Outline, Program, signed_area
+
+if TYPE_CHECKING:
+    from ezdxf.document import Drawing
+    from ezdxf.entities.dxfgfx import DXFGraphic
+
+UNIT_MM = {1: 25.4, 2: 304.8, 4: 1.0, 5: 10.0, 6: 1000.0, 9: 0.0254, 13: 0.001, 14: 100.0}
+"""Millimetres per drawing unit by the header's $INSUNITS (DXF reference, code 70)."""
+
+_HARMLESS = frozenset({
+    "TEXT", "MTEXT", "ATTDEF", "DIMENSION", "ARC_DIMENSION", "LEADER", "MULTILEADER", "TOLERANCE", "POINT",
+    "HATCH", "IMAGE", "WIPEOUT", "VIEWPORT", "XLINE", "RAY", "PDFUNDERLAY", "OLE2FRAME",
+})  # fmt: skip
+_SHAPES = "lines, arcs, circles, polylines, splines or ellipses"
+_FLAT = 0.9999
+
+
+@dataclass(frozen=True)
+class _Chain:
+    """Points in mm of one entity or of several joined."""
+
+    points: NDArray[np.float64]
+
+    @property
+    def closed(self) -> bool:
+        return float(np.hypot(*(self.points[0] - self.points[-1]))) <= JOIN_TOLERANCE_MM
+
+
+def read_dxf(file: str | Path) -> Program:
+    """Read a drawing.
+
+    Parameters
+    ----------
+    file : path
+        The drawing, any DXF version.
+
+    Returns
+    -------
+    Program
+        One closed outline per contour, holes before what is around them; the wire goes on the right.
+
+    Raises
+    ------
+    InputError
+        Not a DXF drawing, an entity that cannot be cut, a contour that is open, branches, or meets another.
+    """
+    path = Path(file)
+    try:
+        outlines, notices = _outlines_of(_document(path))
+    except InputError as error:
+        raise InputError(error.reason, path) from None
+    return Program(tuple(outlines), tuple(notices), str(path))
+
+
+def _document(path: Path) -> Drawing:
+    from ezdxf.filemanagement import readfile
+
+    if path.is_dir():
+        raise InputError("this is a directory: give the path of a DXF drawing")
+    if not path.exists():
+        raise InputError("no such file: give the path of a DXF drawing")
+    try:
+        return readfile(path)
+    except Exception as error:  # on damaged files the library lets errors of any kind through
+        told = " ".join(ascii(str(error))[1:-1].split()) or type(error).__name__
+        reason = f"this is not a DXF drawing that can be read ({told}): export it as DXF again"
+        raise InputError(reason) from None
+
+
+def _outlines_of(document: Drawing) -> tuple[list[Outline], list[str]]:
+    unit_mm, notices = _unit(document)
+    chains = list(_chains(document, unit_mm, notices))
+    if not chains:
+        raise InputError(f"nothing to cut: draw {_SHAPES} in model space")
+    contours = _join(_without_duplicates(chains, notices))
+    for number, points in enumerate(contours, 1):
+        refuse_self_crossing(points, (0,) * (len(points) - 1))
+        if abs(signed_area(points)) < JOIN_TOLERANCE_MM**2:
+            raise InputError(f"contour {number} at {_place(points[0])} encloses nothing: draw it closed")
+    return _nested(contours), notices
+
+
+def _unit(document: Drawing) -> tuple[float, list[str]]:
+    code = int(document.header.get("$INSUNITS", 0))
+    if code == 0:
+        return 1.0, ["the drawing sets no unit ($INSUNITS): it is read as mm"]
+    if code not in UNIT_MM:
+        raise InputError(f"drawing unit $INSUNITS = {code} is not known here: save the drawing in mm (4)")
+    told = [f"the drawing's unit is {UNIT_MM[code]:g} mm ($INSUNITS = {code})"]
+    return UNIT_MM[code], [] if code == 4 else told
+
+
+def _chains(document: Drawing, unit_mm: float, notices: list[str]) -> Iterator[_Chain]:
+    skipped: dict[str, int] = {}
+    for entity in document.modelspace():
+        kind = entity.dxftype()
+        if not _is_shown(document, entity):
+            kind += " on a layer that is off"
+        elif kind not in _HARMLESS:
+            points = _points(entity, unit_mm)
+            if len(points) > 1 and np.ptp(points, axis=0).max() > 0:
+                yield _Chain(points)
+                continue
+            kind += " of no length"
+        skipped[kind] = skipped.get(kind, 0) + 1
+    notices += [f"{count} {kind} left out" for kind, count in sorted(skipped.items())]
+
+
+def _is_shown(document: Drawing, entity: DXFGraphic) -> bool:
+    name = entity.dxf.layer
+    if name.lower() == "defpoints" or entity.dxf.get("invisible", 0):
+        return False
+    if not document.layers.has_entry(name):
+        return True
+    layer = document.layers.get(name)
+    return bool(layer.is_on() and not layer.is_frozen())
+
+
+def _points(entity: Any, unit_mm: float) -> NDArray[np.float64]:
+    """Return the points (n, 2) of an entity in mm, curves as chords within the tolerance."""
+    kind, tolerance = entity.dxftype(), CHORD_TOLERANCE_UM / 1000 / unit_mm
+    extrusion = np.array(tuple(entity.dxf.get("extrusion", (0, 0, 1))), np.float64)
+    if abs(extrusion[2]) < _FLAT * np.linalg.norm(extrusion):
+        raise InputError(f"a {kind} is drawn out of the XY plane: project the drawing to XY")
+    points: Iterable[Any]
+    if kind == "LINE":
+        points = [entity.dxf.start, entity.dxf.end]
+    elif kind in ("ARC", "CIRCLE"):
+        points = entity.flattening(min(tolerance, entity.dxf.radius / 4))
+    elif kind == "ELLIPSE":
+        points = entity.flattening(tolerance, segments=16)
+    elif kind == "SPLINE":
+        points = entity.flattening(tolerance / 2, segments=16)
+    elif kind == "LWPOLYLINE" or (kind == "POLYLINE" and entity.is_2d_polyline):
+        return _polyline_points(entity, unit_mm)
+    else:
+        raise InputError(f"a {kind} cannot be cut: draw {_SHAPES}, explode blocks")
+    return np.array([(p[0], p[1]) for p in points], np.float64).reshape(-1, 2) * unit_mm
+
+
+def _polyline_points(entity: Any, unit_mm: float) -> NDArray[np.float64]:
+    """Chain the lines and arcs of a polyline, each turned to begin where the last ended."""
+    pieces = [_points(part, unit_mm) for part in entity.virtual_entities()]
+    if not pieces:
+        return np.empty((0, 2))
+    if len(pieces) > 1 and _gap(pieces[0][0], pieces[1]) < _gap(pieces[0][-1], pieces[1]):
+        pieces[0] = pieces[0][::-1]
+    chained = [pieces[0]]
+    for piece in pieces[1:]:
+        end = chained[-1][-1]
+        turned = np.hypot(*(piece[0] - end)) > np.hypot(*(piece[-1] - end))
+        chained.append(piece[::-1] if turned else piece)
+    return np.concatenate([chained[0], *(piece[1:] for piece in chained[1:])])
+
+
+def _gap(point: NDArray[np.float64], piece: NDArray[np.float64]) -> float:
+    return float(np.hypot(*(piece[[0, -1]] - point).T).min())
+
+
+def _without_duplicates(chains: list[_Chain], notices: list[str]) -> list[_Chain]:
+    """Drop entities drawn twice: same ends and same middle within the join tolerance."""
+    kept: dict[tuple[Any, ...], _Chain] = {}
+    for chain in chains:
+        kept.setdefault(_fingerprint(chain), chain)
+    if len(kept) < len(chains):
+        notices.append(f"{len(chains) - len(kept)} entities drawn twice are cut once")
+    return list(kept.values())
+
+
+def _fingerprint(chain: _Chain) -> tuple[Any, ...]:
+    line = shapely.LineString(chain.points)
+    middle = shapely.line_interpolate_point(line, 0.5, normalized=True)
+    cells = [tuple(np.round(p / JOIN_TOLERANCE_MM).tolist()) for p in chain.points[[0, -1]]]
+    centre = (line.centroid.x, line.centroid.y) if chain.closed else (middle.x, middle.y)
+    spot = tuple(np.round(np.array([*centre, line.length]) / JOIN_TOLERANCE_MM).tolist())
+    return (spot,) if chain.closed else (*sorted(cells), spot)
+
+
+def _join(chains: list[_Chain]) -> list[NDArray[np.float64]]:
+    """Join loose chains into closed contours, in the order of their first entities."""
+    contours = [(i, chain.points) for i, chain in enumerate(chains) if chain.closed]
+    loose = {i: chain.points for i, chain in enumerate(chains) if not chain.closed}
+    partner = _partners(loose)
+    while loose:
+        first = next(iter(loose))
+        contours.append((first, _follow(first, loose, partner)))
+    contours.sort(key=lambda contour: contour[0])
+    return [np.concatenate([points[:-1], points[:1]]) for _, points in contours]
+
+
+def _partners(loose: dict[int, NDArray[np.float64]]) -> dict[tuple[int, int], tuple[int, int]]:
+    """Return for every end ``(chain, 0 or -1)`` the one end that meets it."""
+    if not loose:
+        return {}
+    ends = [(i, end) for i in loose for end in (0, -1)]
+    places = np.array([loose[i][end] for i, end in ends])
+    points = [shapely.Point(place) for place in places]
+    left, right = shapely.STRtree(points).query(points, predicate="dwithin", distance=JOIN_TOLERANCE_MM)
+    meets: dict[int, list[int]] = {k: [] for k in range(len(ends))}
+    for a, b in zip(left.tolist(), right.tolist(), strict=True):
+        if a != b:
+            meets[a].append(b)
+    for k, others in meets.items():
+        if len(others) > 1:
+            raise InputError(f"{len(others) + 1} ends meet at {_place(places[k])}: a contour must not branch")
+    open_ends = [k for k, others in meets.items() if not others]
+    if open_ends:
+        raise InputError(_open_reason(places, open_ends))
+    return {ends[k]: ends[others[0]] for k, others in meets.items()}
+
+
+def _open_reason(places: NDArray[np.float64], open_ends: list[int]) -> str:
+    distances = {(a, b): float(np.hypot(*(places[a] - places[b]))) for a, b in combinations(open_ends, 2)}
+    a, b = min(distances, key=lambda pair: distances[pair])
+    return (f"a contour is open: a gap of {distances[a, b]:.3f} mm between {_place(places[a])} and "
+            f"{_place(places[b])}; close it within {JOIN_TOLERANCE_MM} mm")
+
+
+def _follow(
+    first: int, loose: dict[int, NDArray[np.float64]], partner: dict[tuple[int, int], tuple[int, int]]
+) -> NDArray[np.float64]:
+    pieces = [loose.pop(first)]
+    chain, begin = partner[first, -1]
+    while chain != first:
+        points = loose.pop(chain)
+        pieces.append(points if begin == 0 else points[::-1])
+        chain, begin = partner[chain, -1 - begin]
+    return np.concatenate([pieces[0], *(piece[1:] for piece in pieces[1:])])
+
+
+def _nested(contours: list[NDArray[np.float64]]) -> list[Outline]:
+    """Find out which contours lie in which, and turn and sort them accordingly."""
+    polygons = [shapely.Polygon(points) for points in contours]
+    lines = [polygon.exterior for polygon in polygons]
+    for a, b in combinations(range(len(lines)), 2):
+        if lines[a].intersects(lines[b]):
+            spot = shapely.get_coordinates(lines[a].intersection(lines[b]))[0]
+            raise InputError(f"two contours cross or touch at {_place(spot)}: keep them apart")
+    # contains is false for a contour's own corner, which lies on its boundary
+    depths = [sum(p.contains(shapely.Point(points[0])) for p in polygons) for points in contours]
+    order = sorted(range(len(contours)), key=lambda i: -depths[i])
+    return [_outline(contours[i], is_hole=depths[i] % 2 == 1) for i in order]
+
+
+def _outline(points: NDArray[np.float64], is_hole: bool) -> Outline:
+    turned = points[::-1] if (signed_area(points) < 0) != is_hole else points
+    lines = (0,) * (len(points) - 1)
+    return Outline(np.ascontiguousarray(turned), lines, True, "right", "left", np.empty((0, 2)))
+
+
+def _place(point: NDArray[np.float64]) -> str:
+    return f"X{point[0]:.3f} Y{point[1]:.3f} mm"

@@ -1,0 +1,370 @@
+"""The wire path: offset, lead-in, and straight moves in whole micrometres on the table."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+from shapely.geometry.base import BaseGeometry
+
+from edmsim.errors import InputError
+from edmsim.program.lead_in import LEAD_IN_MM, START_HOLE_RADIUS_MM, check_approach, own_lead_in
+from edmsim.program.offset import check_reach, nearest_chords, normal, offset_closed, offset_open
+from edmsim.program.outline import Outline, Program, Side, signed_area
+
+TABLE_UM = 65_000
+"""Travel of each axis of the table in um (row T-61: 65 x 65 mm, 16-bit coordinates)."""
+
+STOCK_MARGIN_MM = 3.0
+"""Blank left around the job in mm, clipped to the table (ours)."""
+
+GCODE_SUFFIXES = (".ngc", ".nc", ".gcode", ".iso")
+"""File suffixes read as G-code; ``.dxf`` is read as a drawing."""
+
+_KEPT_APART_MM = 0.002
+
+
+@dataclass(frozen=True)
+class Contour:
+    """One cut between threading the wire and cutting it off, in table coordinates.
+
+    Attributes
+    ----------
+    points_um : int64 array (n, 2)
+        Wire centre, whole um, 0..65000. ``points_um[0]`` is where the wire is threaded (the start hole).
+    lead_in_moves : int
+        The first this many moves lead from the start hole to the contour.
+    nominal_mm : float64 array (m, 2)
+        The part's edge as drawn, in mm on the table; first and last point equal if ``closed``.
+    closed : bool
+        Whether the nominal edge closes on itself.
+    part_side : {"left", "right"}
+        On which side of the wire, looking along the cut, the part stays.
+    dwells : tuple of (int, float)
+        ``(i, seconds)``: the wire waits at ``points_um[i]`` (G4).
+    line_numbers : tuple of int
+        For every move the line of the program it came from; 0 where there is none (DXF, lead-in).
+    """
+
+    points_um: NDArray[np.int64]
+    lead_in_moves: int
+    nominal_mm: NDArray[np.float64]
+    closed: bool
+    part_side: Literal["left", "right"]
+    dwells: tuple[tuple[int, float], ...] = ()
+    line_numbers: tuple[int, ...] = ()
+
+
+@dataclass(frozen=True)
+class CutPath:
+    """Everything the machine is to do, contour by contour, with the wire cut and threaded in between.
+
+    Attributes
+    ----------
+    contours : tuple of Contour
+    stock_mm : (x_min, y_min, x_max, y_max)
+        The workpiece blank on the table.
+    start_hole_radius_mm : float
+        Radius of the hole drilled at every ``points_um[0]``.
+    offset_um : float
+        Distance between wire centre and nominal edge that was applied; 0 if none.
+    origin_mm : (x, y)
+        Where the program's zero lies on the table.
+    notices : tuple of str
+        What a user should know about how the program was read.
+    source : str
+        The file it came from.
+    """
+
+    contours: tuple[Contour, ...]
+    stock_mm: tuple[float, float, float, float]
+    start_hole_radius_mm: float
+    offset_um: float
+    origin_mm: tuple[float, float]
+    notices: tuple[str, ...]
+    source: str
+
+
+@dataclass(frozen=True)
+class _Leg:
+    """One outline with the wire's path beside it, both in mm in the program's coordinates."""
+
+    outline: Outline
+    path: NDArray[np.float64]
+    nominal: NDArray[np.float64]
+    offset_mm: float
+
+    @property
+    def edge(self) -> shapely.LineString:
+        return shapely.LineString(self.nominal)
+
+
+@dataclass(frozen=True)
+class _Lead:
+    """The way to the path's start, the start not in it, and the program line of every move."""
+
+    points: NDArray[np.float64]
+    lines: tuple[int, ...]
+
+
+def load_program(file: str | Path) -> Program:
+    """Read a part program or drawing, by its suffix.
+
+    Parameters
+    ----------
+    file : path
+        ``.ngc .nc .gcode .iso`` are G-code, ``.dxf`` is a drawing; upper or lower case.
+
+    Returns
+    -------
+    Program
+
+    Raises
+    ------
+    InputError
+        Another suffix, or whatever `read_gcode` and `read_dxf` refuse.
+    """
+    path = Path(file)
+    suffix = path.suffix.lower()
+    if suffix == ".dxf":
+        from edmsim.program.dxf import read_dxf
+
+        return read_dxf(path)
+    if suffix in GCODE_SUFFIXES:
+        from edmsim.program.gcode import read_gcode
+
+        return read_gcode(path)
+    known = " ".join(GCODE_SUFFIXES)
+    raise InputError(f"unknown suffix '{path.suffix}': give G-code ({known}) or a drawing (.dxf)", path)
+
+
+def plan_path(
+    file: str | Path,
+    offset: float | str = "auto",
+    *,
+    auto_offset_mm: float,
+    lead_in_mm: float = LEAD_IN_MM,
+    start_hole_radius_mm: float = START_HOLE_RADIUS_MM,
+) -> CutPath:
+    """Plan the whole cut of a part program.
+
+    A contour under G41 or G42, or from a drawing, is the part's edge: the wire runs beside it at the offset.
+    A G-code contour without compensation is the wire's own path; its part's edge then lies at the offset on
+    the part's side: inside a closed path (outside, if the wire is threaded inside), left of an open one.
+
+    The path begins at the contour's own start point and keeps its direction. The program's own approach is
+    used where it has one; a closed or compensated contour without one gets a straight lead-in of ours through
+    the waste. The cut ends where the contour closes. The job is centred on the table by whole um.
+
+    Parameters
+    ----------
+    file : path
+        See `load_program`.
+    offset : "auto", "none" or float
+        "auto": `auto_offset_mm`; "none": 0, the wire's centre follows everything as drawn; else an offset in
+        mm, also as text.
+    auto_offset_mm : float
+        Wire radius and expected side gap together, in mm.
+    lead_in_mm : float
+        Length of our own lead-ins in mm; shortened, with a notice, where there is no room.
+    start_hole_radius_mm : float
+        Radius of the hole at every thread point, in mm.
+
+    Returns
+    -------
+    CutPath
+        Curves are chords within `CHORD_TOLERANCE_UM`, points are whole um.
+
+    Raises
+    ------
+    InputError
+        A bad setting or program, a wire that does not fit, an approach through the part, a job too large.
+    """
+    offset_mm = _offset_mm(offset, auto_offset_mm)
+    for name, value in (("lead_in_mm", lead_in_mm), ("start_hole_radius_mm", start_hole_radius_mm)):
+        if not (math.isfinite(value) and value > 0):
+            raise InputError(f"{name} is {value}: give a length above 0 mm")
+    program = load_program(file)
+    notices = list(program.notices)
+    legs = [_leg(program, outline, offset_mm, notices) for outline in program.outlines]
+    _keep_apart(legs, program.source)
+    edges = shapely.MultiLineString([leg.edge for leg in legs])
+    leads = [_lead(program, leg, edges, lead_in_mm, start_hole_radius_mm, notices) for leg in legs]
+    contours = [_contour(leg, lead) for leg, lead in zip(legs, leads, strict=True)]
+    shift = _shift_um(contours, program.source)
+    placed = tuple(_placed(contour, shift) for contour in contours)
+    origin = (float(shift[0]) / 1000, float(shift[1]) / 1000)
+    return CutPath(placed, _stock(placed), start_hole_radius_mm, offset_mm * 1000, origin, tuple(notices),
+                   program.source)
+
+
+def _offset_mm(offset: float | str, auto_offset_mm: float) -> float:
+    if offset == "none":
+        return 0.0
+    try:
+        value = auto_offset_mm if offset == "auto" else float(offset)
+    except ValueError:
+        value = math.nan
+    if not (math.isfinite(value) and value >= 0):
+        told = auto_offset_mm if offset == "auto" else offset
+        raise InputError(f"the offset is {told!r}: give auto, none, or a length of 0 mm or more")
+    return value
+
+
+def _leg(program: Program, outline: Outline, offset_mm: float, notices: list[str]) -> _Leg:
+    beside = offset_closed if outline.closed else offset_open
+    points = outline.points_mm
+    try:
+        if outline.wire_side is None:
+            return _Leg(outline, points, beside(points, outline.part_side, offset_mm), offset_mm)
+        path = beside(points, outline.wire_side, offset_mm)
+        notices += check_reach(points, path, offset_mm, outline.line_numbers)
+    except InputError as error:
+        raise _located(error, program, outline) from None
+    return _Leg(outline, path, points, offset_mm)
+
+
+def _located(error: InputError, program: Program, outline: Outline) -> InputError:
+    return InputError(f"{outline.name}: {error.reason}", program.source, error.line or outline.line)
+
+
+def _keep_apart(legs: Sequence[_Leg], source: str) -> None:
+    """Refuse compensated contours so near each other that cutting one would cut into the other."""
+    shut = [leg for leg in legs if leg.outline.closed and leg.outline.wire_side]
+    for leg in shut:
+        line = shapely.LineString(leg.path)
+        for other in shut:
+            distance = line.distance(other.edge)
+            if distance < leg.offset_mm - _KEPT_APART_MM:
+                told = f"{leg.outline.name} is too near {other.outline.name.removeprefix('the ')}"
+                reason = f"the wire's centre would pass {distance:.3f} mm from it, not {leg.offset_mm:.4f} mm"
+                raise InputError(f"{told}: {reason}; move them apart", source, leg.outline.line)
+
+
+def _lead(
+    program: Program, leg: _Leg, edges: BaseGeometry, length_mm: float, hole_radius_mm: float,
+    notices: list[str],
+) -> _Lead:
+    outline = leg.outline
+    try:
+        if len(outline.approach_mm):
+            return _programmed_lead(leg, hole_radius_mm)
+        if not outline.needs_lead_in:
+            return _Lead(np.empty((0, 2)), ())
+        thread, told = own_lead_in(leg.path[0], _away(leg), edges, leg.offset_mm, length_mm, hole_radius_mm)
+    except InputError as error:
+        raise _located(error, program, outline) from None
+    if outline.line:
+        notices.append(f"line {outline.line}: a lead-in is put before {outline.name}, the program has none")
+    notices += told
+    return _Lead(thread[None, :], (0,))
+
+
+def _away(leg: _Leg) -> NDArray[np.float64]:
+    """Return the unit vector from the part to the start of the wire path."""
+    waste: Side = "right" if leg.outline.part_side == "left" else "left"
+    compensated = leg.outline.wire_side is not None
+    foot = leg.nominal[0] if compensated else shapely.get_coordinates(
+        leg.edge.interpolate(leg.edge.project(shapely.Point(leg.path[0]))))[0]
+    across = leg.path[0] - foot
+    distance = float(np.hypot(*across))
+    return np.asarray(across / distance) if distance > 0 else normal(leg.path[:2], waste)
+
+
+def _programmed_lead(leg: _Leg, hole_radius_mm: float) -> _Lead:
+    """Offset the compensated part of the program's approach, and check that it spares the part."""
+    outline, split = leg.outline, leg.outline.compensated_from
+    points, lines = outline.approach_mm, outline.approach_lines
+    if split < len(points) and outline.wire_side is not None:
+        drawn = np.concatenate([points[split:], outline.points_mm[:1]])
+        tail = offset_open(drawn, outline.wire_side, leg.offset_mm)
+        tail_lines = np.array(lines[split:])[nearest_chords(drawn, (tail[1:] + tail[:-1]) / 2)]
+        points = np.concatenate([points[:split], tail[:-1]])
+        lines = (*lines[:split], *tail_lines.tolist())
+    if outline.closed and outline.wire_side is not None:
+        inside = shapely.Polygon(leg.nominal).contains(shapely.Point(points[0]))
+        if inside == ((signed_area(leg.nominal) > 0) == (outline.part_side == "left")):
+            x, y = points[0]
+            raise InputError(f"the wire is threaded at X{x:.3f} Y{y:.3f} in the part: exchange G41 and G42 "
+                             "or thread it in the waste")
+    if outline.closed or outline.wire_side is not None:
+        check_approach(np.concatenate([points, leg.path[:1]]), leg.edge, leg.offset_mm, hole_radius_mm)
+    return _Lead(points, lines)
+
+
+def _contour(leg: _Leg, lead: _Lead) -> Contour:
+    """Join lead and path in whole um; still in the program's coordinates."""
+    outline = leg.outline
+    path, stops = _with_dwells(leg, lead)
+    numbers = np.array(outline.line_numbers)[nearest_chords(outline.points_mm, (path[1:] + path[:-1]) / 2)]
+    lines = np.array([*lead.lines, *numbers.tolist()], np.int64)
+    points = np.round(np.concatenate([lead.points, path]) * 1000).astype(np.int64)
+    moves = (np.diff(points, axis=0) != 0).any(axis=1)
+    kept = np.concatenate([[True], moves])
+    place = np.cumsum(kept) - 1
+    return Contour(
+        points_um=points[kept],
+        lead_in_moves=int(moves[: len(lead.points)].sum()),
+        nominal_mm=leg.nominal,
+        closed=outline.closed,
+        part_side=outline.part_side,
+        dwells=tuple((int(place[i]), seconds) for i, seconds in stops),
+        line_numbers=tuple(lines[moves].tolist()),
+    )
+
+
+def _with_dwells(leg: _Leg, lead: _Lead) -> tuple[NDArray[np.float64], list[tuple[int, float]]]:
+    """Return the path with a point wherever the wire dwells, and the dwells by index into lead and path."""
+    path, count = leg.path, len(leg.outline.approach_mm)
+    line = shapely.LineString(path)
+    passed = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(path, axis=0).T))])
+    along = {i: _dwell_place(leg, line, i - count) for i, _ in leg.outline.dwells if i >= count}
+    every = np.union1d(passed, list(along.values()))
+    denser = np.column_stack([np.interp(every, passed, path[:, k]) for k in (0, 1)])
+    stops = []
+    for i, seconds in leg.outline.dwells:
+        if i >= count:
+            stops.append((len(lead.points) + int(np.searchsorted(every, along[i])), seconds))
+        else:
+            stops.append((int(np.hypot(*(lead.points - leg.outline.approach_mm[i]).T).argmin()), seconds))
+    return denser, stops
+
+
+def _dwell_place(leg: _Leg, line: shapely.LineString, i: int) -> float:
+    """Return how far along the path the wire has passed vertex `i` of the outline, in mm."""
+    points = leg.outline.points_mm
+    if i == 0 or i == len(points) - 1:
+        return 0.0 if i == 0 else float(line.length)
+    across = np.zeros(2)
+    if leg.outline.wire_side is not None:
+        across = leg.offset_mm * normal(points[i - 1 : i + 1], leg.outline.wire_side)
+    return float(line.project(shapely.Point(points[i] + across)))
+
+
+def _shift_um(contours: Sequence[Contour], source: str) -> NDArray[np.int64]:
+    """Return the whole um that centre the job on the table."""
+    points = np.concatenate([contour.points_um for contour in contours])
+    low, high = points.min(axis=0), points.max(axis=0)
+    extent = high - low
+    if extent.max() > TABLE_UM:
+        x, y = extent / 1000
+        raise InputError(f"the wire's path spans {x:.3f} x {y:.3f} mm with its lead-ins: the table has "
+                         f"{TABLE_UM / 1000:g} x {TABLE_UM / 1000:g} mm", source)
+    return np.asarray((TABLE_UM - low - high) // 2, np.int64)
+
+
+def _placed(contour: Contour, shift: NDArray[np.int64]) -> Contour:
+    return replace(contour, points_um=contour.points_um + shift, nominal_mm=contour.nominal_mm + shift / 1000)
+
+
+def _stock(contours: Sequence[Contour]) -> tuple[float, float, float, float]:
+    corners = np.concatenate([part for c in contours for part in (c.points_um / 1000, c.nominal_mm)])
+    low = np.clip(corners.min(axis=0) - STOCK_MARGIN_MM, 0, TABLE_UM / 1000)
+    high = np.clip(corners.max(axis=0) + STOCK_MARGIN_MM, 0, TABLE_UM / 1000)
+    return float(low[0]), float(low[1]), float(high[0]), float(high[1])

@@ -1,0 +1,246 @@
+"""Drawings in: closed outlines out."""
+
+import math
+
+import ezdxf
+import numpy as np
+import pytest
+import shapely
+
+from edmsim.errors import InputError
+from edmsim.program.dxf import read_dxf
+
+
+@pytest.fixture
+def drawing(tmp_path):
+    """Return a function that draws with a callback and reads the drawing back."""
+
+    def make(draw, units=4, version="R2010"):
+        document = ezdxf.new(version)
+        document.units = units
+        draw(document.modelspace())
+        file = tmp_path / "drawing.dxf"
+        document.saveas(file)
+        return read_dxf(file)
+
+    return make
+
+
+def square(space, size=10.0, at=(0.0, 0.0)):
+    corners = [(at[0], at[1]), (at[0] + size, at[1]), (at[0] + size, at[1] + size), (at[0], at[1] + size)]
+    for i in range(4):
+        space.add_line(corners[i], corners[(i + 1) % 4])
+
+
+def area(outline):
+    x, y = outline.points_mm.T
+    return (x[:-1] * y[1:] - x[1:] * y[:-1]).sum() / 2
+
+
+def chord_error(outline, curve):
+    """Return how far the chords' middles are from a curve given as a dense line."""
+    points = outline.points_mm
+    return shapely.distance(shapely.LineString(curve), shapely.points((points[1:] + points[:-1]) / 2)).max()
+
+
+def test_loose_lines_in_any_order_and_direction_make_one_outside(drawing):
+    def draw(space):
+        space.add_line((10, 0), (10, 10))
+        space.add_line((0, 0), (10, 0))
+        space.add_line((0, 0), (0, 10.003))
+        space.add_line((10, 10), (0, 10))
+
+    (outline,) = drawing(draw).outlines
+    assert outline.closed
+    assert area(outline) == pytest.approx(100, rel=1e-3)
+    assert outline.points_mm[0].tolist() == [10, 0]
+    assert (outline.wire_side, outline.part_side) == ("right", "left")
+    assert set(outline.line_numbers) == {0}
+
+
+def test_nesting_by_parity_and_inner_contours_first(drawing):
+    def draw(space):
+        square(space, 40)
+        space.add_circle((20, 20), 15)
+        square(space, 6, (17, 17))
+
+    outlines = drawing(draw).outlines
+    areas = [area(outline) for outline in outlines]
+    assert areas == pytest.approx([36, -225 * math.pi, 1600], rel=1e-3)
+    assert all(outline.part_side == "left" for outline in outlines)
+
+
+def circle_line(radius, count=20000):
+    angle = np.linspace(0, math.tau, count)
+    return radius * np.column_stack([np.cos(angle), np.sin(angle)])
+
+
+def test_circles_and_arcs_within_a_micrometre(drawing):
+    def draw(space):
+        space.add_arc((0, 0), 25, 30, 200)
+        space.add_arc((0, 0), 25, 200, 30)
+
+    (outline,) = drawing(draw).outlines
+    assert np.allclose(np.hypot(*outline.points_mm.T), 25, atol=1e-6)
+    assert chord_error(outline, circle_line(25)) <= 1.01e-3
+
+
+def test_ellipses_within_a_micrometre(drawing):
+    (outline,) = drawing(lambda space: space.add_ellipse((0, 0), (20, 0), 0.3)).outlines
+    curve = circle_line(1, 100_000) * [20, 6]
+    assert chord_error(outline, curve) <= 1.0e-3
+    assert area(outline) == pytest.approx(120 * math.pi, rel=1e-3)
+
+
+def test_splines_within_a_micrometre(drawing):
+    control = [(0, 0), (10, -8), (20, 6), (30, -4), (33, 15), (20, 12), (5, 22), (-9, 10), (0, 0)]
+
+    def draw(space):
+        space.add_open_spline([(x, y, 0) for x, y in control])
+
+    (outline,) = drawing(draw).outlines
+    spline = ezdxf.math.BSpline(control, order=4)
+    curve = np.array([(p.x, p.y) for p in spline.approximate(20000)])
+    assert chord_error(outline, curve) <= 1.0e-3
+
+
+def test_polylines_with_bulges(drawing):
+    def draw(space):
+        slot = [(0, 0, 0), (10, 0, 1), (10, 4, 0), (0, 4, 1)]
+        space.add_lwpolyline(slot, format="xyb", close=True)
+        space.add_polyline2d([(30, 0, -1), (34, 0, -1)], format="xyb", close=True)
+
+    first, second = sorted(drawing(draw).outlines, key=lambda outline: -area(outline))
+    assert area(first) == pytest.approx(40 + 4 * math.pi, rel=1e-3)
+    assert area(second) == pytest.approx(4 * math.pi, rel=1e-3)
+
+
+def test_a_mirrored_arc_lies_where_it_is_drawn(drawing):
+    def draw(space):
+        space.add_arc((0, 0), 5, 0, 180, dxfattribs={"extrusion": (0, 0, -1)})
+        space.add_arc((0, 0), 5, 180, 360)
+
+    (outline,) = drawing(draw).outlines
+    assert area(outline) == pytest.approx(25 * math.pi, rel=1e-3)
+
+
+@pytest.mark.parametrize(("code", "unit_mm"), [(1, 25.4), (5, 10.0), (13, 0.001), (4, 1.0)])
+def test_units_are_honoured_and_told(drawing, code, unit_mm):
+    program = drawing(lambda space: space.add_circle((0, 0), 3 / unit_mm), units=code)
+    assert np.ptp(program.outlines[0].points_mm, axis=0) == pytest.approx([6, 6], rel=1e-3)
+    assert chord_error(program.outlines[0], circle_line(3)) <= 1.01e-3
+    assert bool(program.notices) == (code != 4)
+
+
+def test_without_a_unit_it_is_mm_and_told(drawing):
+    program = drawing(square, units=0)
+    assert area(program.outlines[0]) == pytest.approx(100)
+    assert any("mm" in notice for notice in program.notices)
+
+
+@pytest.mark.parametrize("version", ["R12", "R2000", "R2018"])
+def test_old_and_new_versions(drawing, version):
+    assert area(drawing(square, version=version).outlines[0]) == pytest.approx(100)
+
+
+def test_what_does_not_cut_is_named(drawing):
+    def draw(space):
+        square(space)
+        space.add_text("PART 7")
+        space.add_point((3, 3))
+        space.add_line((2, 2), (2, 2))
+        space.add_circle((5, 5), 1, dxfattribs={"layer": "Defpoints"})
+
+    program = drawing(draw)
+    assert len(program.outlines) == 1
+    for what in ("1 TEXT", "1 POINT", "1 LINE of no length", "1 CIRCLE on a layer that is off"):
+        assert any(what in notice for notice in program.notices), what
+
+
+def test_a_layer_that_is_off_is_not_cut(tmp_path):
+    document = ezdxf.new()
+    document.layers.add("hidden").off()
+    square(document.modelspace())
+    document.modelspace().add_circle((5, 5), 1, dxfattribs={"layer": "hidden"})
+    document.saveas(tmp_path / "layers.dxf")
+    assert len(read_dxf(tmp_path / "layers.dxf").outlines) == 1
+
+
+def test_entities_drawn_twice_are_cut_once_and_told(drawing):
+    def draw(space):
+        square(space)
+        space.add_line((10, 0), (0, 0))
+        space.add_circle((5, 5), 2)
+        space.add_circle((5, 5), 2)
+
+    program = drawing(draw)
+    assert len(program.outlines) == 2
+    assert any("2 entities drawn twice" in notice for notice in program.notices)
+
+
+def gap(space):
+    space.add_line((0, 0), (10, 0))
+    space.add_line((10, 0.037), (10, 10))
+    space.add_line((10, 10), (0, 0))
+
+
+def branch(space):
+    square(space)
+    space.add_line((10, 10), (15, 15))
+
+
+def crossed_circles(space):
+    space.add_circle((0, 0), 5)
+    space.add_circle((6, 0), 5)
+
+
+def bow_tie(space):
+    space.add_lwpolyline([(0, 0), (10, 10), (10, 0), (0, 10)], close=True)
+
+
+def tilted(space):
+    space.add_circle((0, 0), 5, dxfattribs={"extrusion": (0, 1, 1)})
+
+
+def block(space):
+    space.doc.blocks.new("gear").add_circle((0, 0), 3)
+    space.add_blockref("gear", (0, 0))
+
+
+@pytest.mark.parametrize(("draw", "words"), [
+    (gap, ("gap of 0.037 mm", "X10.000 Y0.000", "X10.000 Y0.037")),
+    (branch, ("3 ends meet at X10.000 Y10.000",)),
+    (crossed_circles, ("cross or touch at X3.000",)),
+    (bow_tie, ("crosses or retraces itself at X5.000 Y5.000",)),
+    (tilted, ("CIRCLE", "out of the XY plane")),
+    (block, ("INSERT", "explode")),
+    (lambda space: space.add_text("nothing else"), ("nothing to cut",)),
+    (lambda space: space.add_lwpolyline([(0, 0), (5, 0)], close=True), ("retraces itself",)),
+])  # fmt: skip
+def test_drawings_that_cannot_be_cut_are_refused(drawing, draw, words):
+    with pytest.raises(InputError) as caught:
+        drawing(draw)
+    assert caught.value.file is not None
+    for word in words:
+        assert word in caught.value.reason
+
+
+def test_an_unknown_unit_is_refused(drawing):
+    with pytest.raises(InputError, match="INSUNITS = 20"):
+        drawing(square, units=20)
+
+
+@pytest.mark.parametrize("content", [b"", b"G1 X5\n", b"\x00\x01\x02", b"AC1015\x00\xb6", b"0\nSECTION\n2\n"])
+def test_what_is_no_drawing_is_refused(tmp_path, content):
+    file = tmp_path / "part.dxf"
+    file.write_bytes(content)
+    with pytest.raises(InputError) as caught:
+        read_dxf(file)
+    assert "\n" not in str(caught.value)
+
+
+def test_missing_files_and_directories_are_refused(tmp_path):
+    with pytest.raises(InputError, match="no such file"):
+        read_dxf(tmp_path / "none.dxf")
+    with pytest.raises(InputError, match="directory"):
+        read_dxf(tmp_path)

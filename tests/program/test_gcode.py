@@ -1,0 +1,301 @@
+"""G-code in: geometry out, decisions told, nothing guessed."""
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from edmsim.errors import InputError
+from edmsim.program.gcode import read_gcode
+
+SQUARE = "G92 X5 Y-2\nG41 D0 G1 X5 Y0\nX0\nY8\nX10\nY0\nX5\nG40 Y-2\nM02\n"
+
+
+@pytest.fixture
+def read(tmp_path):
+    def read_text(text, name="part.ngc"):
+        file = tmp_path / name
+        file.write_bytes(text if isinstance(text, bytes) else text.encode())
+        return read_gcode(file)
+
+    return read_text
+
+
+def only(program):
+    assert len(program.outlines) == 1
+    return program.outlines[0]
+
+
+def refusal(read, text, line, *words):
+    with pytest.raises(InputError) as caught:
+        read(text)
+    assert caught.value.line == line
+    assert caught.value.file is not None
+    for word in words:
+        assert word in caught.value.reason
+    return caught.value
+
+
+def area(points):
+    x, y = points.T
+    return (x[:-1] * y[1:] - x[1:] * y[:-1]).sum() / 2
+
+
+def test_a_compensated_square_with_lead_in_and_lead_out(read):
+    program = read(SQUARE)
+    outline = only(program)
+    assert outline.points_mm.tolist() == [[5, 0], [0, 0], [0, 8], [10, 8], [10, 0], [5, 0]]
+    assert outline.approach_mm.tolist() == [[5, -2]]
+    assert outline.line_numbers == (3, 4, 5, 6, 7)
+    assert (outline.closed, outline.wire_side, outline.part_side) == (True, "left", "right")
+    assert any("line 8" in notice and "lead-out" in notice for notice in program.notices)
+
+
+VARIANTS = [
+    SQUARE.lower(),
+    SQUARE.replace("\n", "\r\n"),
+    SQUARE.replace(" ", ""),
+    SQUARE.replace("X", "X ").replace("Y", " Y "),
+    "\ufeff%\n" + SQUARE + "%\n",
+    "%PART 12 (any text) ?\n" + SQUARE,
+    "".join(f"N{10 * i}{block}\n" for i, block in enumerate(SQUARE.splitlines())),
+    SQUARE.replace("\n", " (a comment; X99)\n"),
+    SQUARE.replace("\n", " ; a comment (X99\n"),
+    SQUARE.replace("G1", "G01").replace("G41", "G041").replace("M02", "M2"),
+    SQUARE.replace("M02", "M30END OF PART 7"),
+    SQUARE.replace("M02", "M02%"),
+    SQUARE.replace("X5", "X+5.0").replace("Y-2", "Y-2.").replace("X10", "X10.000"),
+    "\n\n" + SQUARE + "anything goes here $$\n",
+]
+
+
+@pytest.mark.parametrize("text", VARIANTS)
+def test_the_way_of_writing_does_not_matter(read, text):
+    assert np.array_equal(only(read(text)).points_mm, only(read(SQUARE)).points_mm)
+
+
+def test_text_after_the_end_is_named(read):
+    assert any("line 10" in notice and "left out" in notice for notice in read(SQUARE + "G1 X3\n").notices)
+
+
+moves = st.lists(st.tuples(st.integers(-400, 400), st.integers(1, 400)), min_size=2, max_size=12)
+
+
+@given(moves=moves)
+def test_incremental_and_absolute_give_the_same_path(tmp_path_factory, moves):
+    folder = tmp_path_factory.mktemp("g91")
+    points = np.cumsum(moves, axis=0) / 100
+    absolute = "G90 G0 X0 Y0\n" + "".join(f"G1 X{x:.2f} Y{y:.2f}\n" for x, y in points)
+    incremental = "G91\n" + "".join(f"G1 X{x / 100:.2f} Y{y / 100:.2f}\n" for x, y in moves)
+    outlines = []
+    for text in (absolute, incremental):
+        file = folder / f"{len(outlines)}.ngc"
+        file.write_text(text)
+        outlines.append(only(read_gcode(file)).points_mm)
+    assert np.allclose(outlines[0], outlines[1], atol=1e-9)
+
+
+def test_inches(read):
+    outline = only(read("G20 G0 X0 Y0\nG1 X1. Y.5\n"))
+    assert outline.points_mm[-1].tolist() == pytest.approx([25.4, 12.7])
+
+
+def test_g92_in_mid_program_shifts_what_follows(read):
+    outline = only(read("G92 X1. Y1.\nG1 X3.\nG92 X0 Y0\nG1 X2. Y4.\nG92 X5.\nG1 X6.\n"))
+    assert outline.points_mm.tolist() == [[1, 1], [3, 1], [5, 5], [6, 5]]
+
+
+def test_bare_g92_in_mid_program_is_told(read):
+    program = read("G92 X1. Y1.\nG1 X3.\nG92\nG1 X2. Y4.\n")
+    assert only(program).points_mm[-1].tolist() == [5, 5]
+    assert any("line 3" in notice and "G92" in notice for notice in program.notices)
+
+
+def test_dwells_keep_place_and_seconds(read):
+    outline = only(read("G0 X0 Y0\nG4 P0.5\nG1 X5.\nG4 X2.\nG1 Y5.5\n"))
+    assert outline.dwells == ((0, 0.5), (1, 2.0))
+
+
+def test_stops_feed_registers_and_idle_codes_are_told_once_each(read):
+    program = read("G17 G21 G60\nG38\nG39\nM28\nG0 X0 Y0\nD3\nM0\nM01\nG1 X5.5 F12\nG1 Y2 F12\n")
+    for what in ("G60", "G38", "G39", "M28", "M0 ", "M1 ", "F12", "D3"):
+        assert sum(what in notice for notice in program.notices) == 1, what
+    assert any("(2 times)" in notice for notice in program.notices if "F12" in notice)
+
+
+def test_block_delete_is_switched_off_and_says_so(read):
+    program = read("G0 X0 Y0\n/G1 X5.5\nG1 Y2\n")
+    assert len(only(program).points_mm) == 3
+    assert any("line 2" in notice and "block delete" in notice for notice in program.notices)
+
+
+def test_contours_joined_by_rapids(read):
+    ring = "G1 X{0} Y1\nX{0} Y4\nX{1} Y4\nX{1} Y1.0\n"
+    program = read("G42 D0\nG0 X1 Y1\n" + ring.format(4, 1) + "G0 X11 Y1\n" + ring.format(14, 11) + "M30\n")
+    assert [outline.points_mm[0].tolist() for outline in program.outlines] == [[1, 1], [11, 1]]
+    assert all(outline.closed and outline.wire_side == "right" for outline in program.outlines)
+    assert all(outline.needs_lead_in and not len(outline.approach_mm) for outline in program.outlines)
+
+
+def test_an_open_path_without_compensation_is_a_slot(read):
+    outline = only(read("G0 X1 Y1\nG1 X4.5\nG1 Y3\n"))
+    assert not outline.closed
+    assert outline.wire_side is None
+    assert outline.part_side == "left"
+    assert not outline.needs_lead_in
+
+
+def test_compensation_switched_on_at_the_thread_point_makes_the_first_move_the_approach(read):
+    outline = only(read("G0 X0 Y0\nG41 G1 X5.5\nY10\nX9\n"))
+    assert outline.approach_mm.tolist() == [[0, 0]]
+    assert outline.points_mm.tolist() == [[5.5, 0], [5.5, 10], [9, 10]]
+
+
+def test_an_uncompensated_approach_before_g41(read):
+    outline = only(read("G92 X0 Y-5\nG1 Y-3.5\n" + SQUARE.split("\n", 1)[1]))
+    assert outline.approach_mm.tolist() == [[0, -5], [0, -3.5]]
+    assert outline.points_mm[0].tolist() == [5, 0]
+
+
+@pytest.mark.parametrize(("start", "part"), [("X5 Y-2", "right"), ("X5 Y4", "left")])
+def test_an_uncompensated_contour_keeps_the_side_the_wire_does_not_come_from(read, start, part):
+    outline = only(read(SQUARE.replace("G41 D0", "").replace("X5 Y-2", start, 1)))
+    assert outline.closed
+    assert outline.wire_side is None
+    assert outline.part_side == part
+
+
+ARC_RELATIVE = "G0 X20 Y10\nG3 X20 Y10 I-5.0 J0\n"
+
+
+def test_a_full_circle_as_one_arc_or_two(read):
+    one = only(read(ARC_RELATIVE))
+    two = only(read("G0 X20 Y10\nG3 X10 Y10 I-5.0 J0\nG3 X20 Y10 I5 J0\n"))
+    for outline in (one, two):
+        assert outline.closed
+        assert area(outline.points_mm) == pytest.approx(25 * math.pi, rel=1e-3)
+        radius = np.hypot(*(outline.points_mm - [15, 10]).T)
+        assert np.allclose(radius, 5, atol=1e-9)
+
+
+def test_absolute_arc_centres_are_found_out_and_told(read):
+    program = read("G0 X20 Y10\nG3 X10 Y10 I15.0 J10\nG3 X20 Y10 I15. J10\n")
+    assert area(only(program).points_mm) == pytest.approx(25 * math.pi, rel=1e-3)
+    assert [notice for notice in program.notices if "absolute" in notice] == [
+        "line 2: I J are taken as an absolute arc centre: only so do start and end radius agree (2 times)"
+    ]
+
+
+def test_both_kinds_of_centre_in_one_program(read):
+    program = read("G0 X20 Y10\nG3 X10 Y10 I15.0 J10\nG3 X20 Y10 I5 J0\n")
+    assert area(only(program).points_mm) == pytest.approx(25 * math.pi, rel=1e-3)
+    assert any("line 2" in notice and "absolute" in notice for notice in program.notices)
+
+
+@pytest.mark.parametrize(("before", "centre"), [("", (25, 0)), ("G3 X20. Y0 I15. J0\n", (15, 0))])
+def test_an_arc_that_fits_both_ways_follows_the_others_and_says_so(read, before, centre):
+    begin = "G0 X10. Y0\n" if before else "G0 X20. Y0\n"
+    text = begin + before + "G0 X20. Y0.0\nG3 X20. Y0 " + ("I15. J0\n" if before else "I5. J0\n")
+    program = read(text)
+    circle = program.outlines[-1].points_mm
+    assert circle.mean(axis=0) == pytest.approx(centre, abs=0.2)
+    assert any("fit both" in notice for notice in program.notices)
+
+
+@pytest.mark.parametrize("code", ["G2", "G3"])
+def test_arcs_by_radius(read, code):
+    short = only(read(f"G0 X0 Y0\n{code} X10 Y0 R10.0\n")).points_mm
+    turn = 1 if code == "G3" else -1
+    assert np.sign(short[1:-1, 1]).tolist() == [-turn] * (len(short) - 2)
+    assert abs(short[:, 1]).max() == pytest.approx(10 - math.sqrt(75), abs=1e-2)
+
+
+def test_a_program_in_whole_um(read):
+    program = read("G92\nG42 D0\nG90\nG0 X5000 Y3000\nG1 X7000\nG2 Y1000 I7000 J2000\n"
+                   "G1 X3000\nG2 Y3000 I3000 J2000\nG1 X5000\nM02\n")
+    points = only(program).points_mm
+    assert np.ptp(points, axis=0).tolist() == pytest.approx([6, 2], abs=2e-3)
+    assert abs(area(points)) == pytest.approx(8 + math.pi, rel=1e-3)
+    assert any("whole um" in notice for notice in program.notices)
+
+
+def test_whole_numbers_that_fit_the_table_are_mm_and_it_says_so(read):
+    program = read("G0 X0 Y0\nG1 X20\nG1 Y10\n")
+    assert only(program).points_mm[-1].tolist() == [20, 10]
+    assert any("read as mm" in notice for notice in program.notices)
+
+
+def test_far_from_zero_is_still_mm(read):
+    assert only(read("G0 X100 Y100\nG1 X110\nG1 Y120\n")).points_mm[-1].tolist() == [110, 120]
+
+
+def test_one_decimal_point_makes_a_program_mm(read):
+    assert only(read("G0 X0 Y0\nG1 X2000\nG1 Y1.5\n")).points_mm[1].tolist() == [2000, 0]
+
+
+def test_incremental_whole_um(read):
+    outline = only(read("G91\nG1 X400\nX400\nY-300\n"))
+    assert outline.points_mm[-1].tolist() == pytest.approx([0.8, -0.3])
+
+
+BAD = [
+    ("G0 X0 Y0\nG1 X5 Q3\n", 2, "Q3"),
+    ("G0 X0 Y0\nG1 X5 Y\n", 2, "'Y'"),
+    ("G0 X0 Y0\nG1 X5 $\n", 2, "$"),
+    ("G0 X0 Y0\nG1 X5 (not closed\n", 2, "("),
+    ("G0 X0 Y0\nG18\nG1 X5\n", 2, "G18"),
+    ("G0 X0 Y0\nG41.1 X5\n", 2, "G41.1"),
+    ("G0 X0 Y0\nM99\n", 2, "M99"),
+    ("G0 X0 Y0\nG1 X5 X6\n", 2, "twice"),
+    ("G0 X0 Y0\nG0 G1 X5\n", 2, "G0 G1"),
+    ("G0 X0 Y0\nG90 G91 X5\n", 2, "G90 G91"),
+    ("X5 Y5\n", 1, "how to move"),
+    ("G0 X0 Y0\nG1 X5 I3\n", 2, "I, J or R"),
+    ("G0 X0 Y0\nG1 X5 P3\n", 2, "P"),
+    ("G0 X0 Y0\nG4\n", 2, "seconds"),
+    ("G0 X0 Y0\nG4 P-1\n", 2, "seconds"),
+    ("G92 X0 Y0 I3\n", 1, "G92"),
+    ("G0 X0 Y0\nG2 X5.0 Y5\n", 2, "centre"),
+    ("G0 X0 Y0\nG2 X5.0 Y5 I1 J1 R3\n", 2, "centre"),
+    ("G0 X0 Y0\nG2 X9.0 Y0 R3\n", 2, "9.0000 mm"),
+    ("G0 X0 Y0\nG2 X9.0 Y0 I3 J0\n", 2, "3.0000", "6.0000"),
+    ("G0 X1 Y1\nG2 X9.0 Y0 I3 J0\n", 2, "relative", "absolute"),
+    ("G0 X0 Y0\nG41 G1 X5.5\n", 2, "approach"),
+    ("G41 D0\nG0 X0 Y0\nG1 X9.5\nY9\nX0\nY0.02\n", 6, "0.020 mm"),
+    (SQUARE.replace("X10\n", "G42 X10\n"), 5, "compensation"),
+    (SQUARE.replace("M02", "X30\nY30\n"), 8, "3 moves"),
+    ("G0 X0 Y0\nG1 X9.5\nX4\nY3\n", 3, "lines 2 and 3"),
+    ("G42\nG0 X0 Y0\nG1 X9.5 Y9\nX9\nX0\nX3.5 Y0\nY20\nX0.5\n", None, "crosses"),
+    ("G0 X0 Y0\nG1 X100\n", None, "too much in mm"),
+]
+
+
+@pytest.mark.parametrize(("text", "line", "words"), [(text, line, words) for text, line, *words in BAD])
+def test_bad_programs_are_refused_with_their_line(read, text, line, words):
+    if line is None:
+        with pytest.raises(InputError, match=words[0]):
+            read(text)
+    else:
+        refusal(read, text, line, *words)
+
+
+@pytest.mark.parametrize("text", ["", "\n\n", "(only a comment)\n", "%\n%\n", "N10\n", "G0 X1 Y1\nM30\n"])
+def test_programs_that_cut_nothing_are_refused(read, text):
+    with pytest.raises(InputError, match=r"empty|nothing"):
+        read(text)
+
+
+@pytest.mark.parametrize(("data", "what"), [(b"G1 X1\0\0", "binary"), (b"G1 X1 (\xe9)\n", "0xE9")])
+def test_what_is_not_text_is_refused(read, data, what):
+    with pytest.raises(InputError, match=what):
+        read(data)
+
+
+def test_missing_files_and_directories_are_refused(tmp_path):
+    with pytest.raises(InputError, match="no such file"):
+        read_gcode(tmp_path / "none.ngc")
+    with pytest.raises(InputError, match="directory"):
+        read_gcode(Path(tmp_path))
