@@ -1,0 +1,112 @@
+"""What a feed controller sees, what it commands, and what it must offer."""
+
+from __future__ import annotations
+
+import math
+from typing import ClassVar, NamedTuple, Protocol
+
+from edmsim.errors import InputError
+
+ControllerState = dict[str, float | int | str]
+"""A controller's snapshot, fit for JSON."""
+
+
+class WindowObservation(NamedTuple):
+    """One window of 255 pulses as a real machine would let its controller see it.
+
+    Attributes
+    ----------
+    time_s : float
+        End of the window in s.
+    duration_s : float
+        Length of the window in s: 255 t(p).
+    short, open : int
+        Pulses without removal, 0..255 together.
+    mean_voltage_V : float
+        Gap voltage averaged over the window.
+    mean_current_A : float
+        Gap current averaged over the window.
+    mean_delay_us : float
+        Ignition delay averaged over the pulses that ignited, in us.
+    feed_um_s : float
+        Feed that was commanded for the window in um/s.
+    path_um : float
+        Length travelled along the path by the position counters at the end of the window, in um.
+    """
+
+    time_s: float
+    duration_s: float
+    short: int
+    open: int
+    mean_voltage_V: float
+    mean_current_A: float
+    mean_delay_us: float
+    feed_um_s: float
+    path_um: float
+
+
+class FeedCommand(NamedTuple):
+    """What a controller wants for the next window.
+
+    Attributes
+    ----------
+    feed_um_s : float
+        Speed along the path in um/s; negative runs back along it.
+    alarm : str or None
+        Why the machine must stop, or None.
+    """
+
+    feed_um_s: float
+    alarm: str | None = None
+
+
+class FeedController(Protocol):
+    """Decides the feed, window by window."""
+
+    name: ClassVar[str]
+
+    def reset(self, max_feed_um_s: float) -> FeedCommand:
+        """Begin a new cut.
+
+        Parameters
+        ----------
+        max_feed_um_s : float
+            Largest feed the machine can run, in um/s, either way.
+
+        Returns
+        -------
+        FeedCommand
+            For the first window, of which nothing has been seen yet.
+
+        Raises
+        ------
+        InputError
+            If a parameter asks for more than the machine can run.
+        """
+
+    def update(self, window: WindowObservation) -> FeedCommand:
+        """Feed for the next window, after what the last one showed."""
+
+    def snapshot(self) -> ControllerState:
+        """Everything that changes while cutting."""
+
+    def restore(self, state: ControllerState) -> None:
+        """Continue exactly where `snapshot` was taken."""
+
+
+def check_parameter(controller: str, name: str, value: float) -> None:
+    """Refuse a parameter that is no finite number of 0 or more, or a ``*_share`` above 1."""
+    number = isinstance(value, int | float) and not isinstance(value, bool)
+    top = 1.0 if name.endswith("_share") else math.inf
+    if not (number and math.isfinite(value) and 0 <= value <= top):
+        allowed = "a number from 0 to 1" if top == 1.0 else "a number of 0 or more"
+        raise InputError(f"{name} of the {controller} controller must be {allowed}, not {value!r}")
+
+
+def check_feed(controller: str, name: str, feed_um_s: float, max_feed_um_s: float) -> None:
+    """Refuse a feed beyond what the machine can run."""
+    if feed_um_s > max_feed_um_s:
+        raise InputError(
+            f"{name} of the {controller} controller is {feed_um_s} um/s, "
+            f"but the machine runs at most {max_feed_um_s} um/s"
+        )

@@ -1,0 +1,48 @@
+"""A constant feed, blind to the gap: the baseline every controller must beat."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from edmsim.controllers.feed.base import (
+    ControllerState,
+    FeedCommand,
+    WindowObservation,
+    check_feed,
+    check_parameter,
+)
+
+
+@dataclass
+class FixedController:
+    """Commands the same feed for every window.
+
+    Parameters
+    ----------
+    feed_um_s : float
+        The feed in um/s, 0 or more (ours: 20, which left half of the pulses open in 20 mm of steel).
+    """
+
+    name: ClassVar[str] = "fixed"
+
+    feed_um_s: float = 20.0
+
+    def __post_init__(self) -> None:
+        check_parameter(self.name, "feed_um_s", self.feed_um_s)
+
+    def reset(self, max_feed_um_s: float) -> FeedCommand:
+        """Begin a new cut; refuses a feed the machine cannot run."""
+        check_feed(self.name, "feed_um_s", self.feed_um_s, max_feed_um_s)
+        return FeedCommand(self.feed_um_s)
+
+    def update(self, window: WindowObservation) -> FeedCommand:
+        """The same feed, whatever the window showed."""
+        return FeedCommand(self.feed_um_s)
+
+    def snapshot(self) -> ControllerState:
+        """Nothing changes while cutting."""
+        return {}
+
+    def restore(self, state: ControllerState) -> None:
+        """Nothing to continue."""

@@ -1,0 +1,47 @@
+"""Planners by name: the three ways from a path and a speed to the steps of two motors."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from edmsim.controllers.mcu.dda_planner import DdaPlanner
+from edmsim.controllers.mcu.literal_planner import LiteralPlanner
+from edmsim.controllers.mcu.poscal_planner import PoscalPlanner
+from edmsim.controllers.mcu.protocol import Planner, Step
+from edmsim.controllers.mcu.timers import SPEED_UNIT_NM_S
+from edmsim.errors import InputError
+
+__all__ = ["PLANNERS", "Planner", "Step", "make_planner"]
+
+PLANNERS: dict[str, type[PoscalPlanner] | type[LiteralPlanner] | type[DdaPlanner]] = {
+    "poscal": PoscalPlanner,
+    "poscal-literal": LiteralPlanner,
+    "dda": DdaPlanner,
+}
+"""Every planner by its name; the first is the default."""
+
+
+def make_planner(
+    name: str, points_um: NDArray[np.int64], speed_unit_nm_s: float = SPEED_UNIT_NM_S
+) -> Planner:
+    """Make a planner for one path.
+
+    Parameters
+    ----------
+    name : str
+        ``poscal`` (POSCAL re-aimed at every step, the default), ``poscal-literal`` (once per move, as in
+        1982) or ``dda`` (an ideal line).
+    points_um : int array (n, 2)
+        Corner points of the path, 0..65535 um.
+    speed_unit_nm_s : float
+        Speed unit in nm/s: 262.5, or 252.6 as the thesis prints it (row T-A1).
+
+    Raises
+    ------
+    InputError
+        If there is no planner of that name, or the path cannot be used.
+    """
+    if name not in PLANNERS:
+        raise InputError(f"there is no planner {name!r}; choose one of {', '.join(PLANNERS)}")
+    return PLANNERS[name](points_um, speed_unit_nm_s)

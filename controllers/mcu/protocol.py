@@ -1,0 +1,149 @@
+"""What every planner offers, and the checked path it follows."""
+
+from __future__ import annotations
+
+import math
+from itertools import pairwise
+from typing import NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from edmsim.controllers.mcu.arithmetic import WORD
+from edmsim.controllers.mcu.timers import MAX_SPEED
+from edmsim.errors import InputError
+
+PlannerState = dict[str, int | list[int]]
+"""A planner's snapshot: whole numbers only, fit for JSON."""
+
+
+class Step(NamedTuple):
+    """One rising edge on STEP: 2 um of table travel (rows T-16, T-17).
+
+    Attributes
+    ----------
+    time_ns : int
+        When, in ns from the start of the run.
+    axis : int
+        0 for x, 1 for y.
+    direction : int
+        +1 or -1.
+    """
+
+    time_ns: int
+    axis: int
+    direction: int
+
+
+class Planner(Protocol):
+    """Follows a path at a commanded speed and says when each axis steps.
+
+    A planner holds no clock of its own: windows may be cut anywhere, and the steps stay the same.
+    """
+
+    @property
+    def position_um(self) -> tuple[int, int]:
+        """Position counters in um (row T-70); even numbers away from the start point."""
+
+    @property
+    def path_um(self) -> float:
+        """Length travelled along the path in um, 0 at its start."""
+
+    @property
+    def done(self) -> bool:
+        """Whether the path's end is reached."""
+
+    def advance(self, start_ns: int, end_ns: int, speed_units: int) -> list[Step]:
+        """Run the path for a window of time.
+
+        Parameters
+        ----------
+        start_ns, end_ns : int
+            The window; steps fall at ``start_ns <= time_ns < end_ns``.
+        speed_units : int
+            Path speed, -127..127 units; negative runs the path backwards, no further than its start.
+
+        Returns
+        -------
+        list of Step
+            In order of time.
+
+        Raises
+        ------
+        InputError
+            If the window ends before it starts or the speed is out of range.
+        """
+
+    def snapshot(self) -> PlannerState:
+        """Everything that changes while running."""
+
+    def restore(self, state: PlannerState) -> None:
+        """Continue exactly where `snapshot` was taken; the planner must have been made for the same path."""
+
+
+class Polyline:
+    """The straight moves of a path in whole um.
+
+    Parameters
+    ----------
+    points_um : int array (n, 2)
+        Corner points, 0..65535; a point that repeats the one before it is dropped.
+
+    Attributes
+    ----------
+    points : tuple of (int, int)
+        Corner points in um, each different from the one before.
+    starts_um : tuple of float
+        Length of the path up to every point, in um.
+
+    Raises
+    ------
+    InputError
+        If the array has another shape, holds fractions, leaves the table, or has no two different points.
+    """
+
+    def __init__(self, points_um: NDArray[np.int64]) -> None:
+        array = np.asarray(points_um)
+        if array.ndim != 2 or array.shape[1] != 2:
+            raise InputError(f"a path needs points in an array of shape (n, 2), not {array.shape}")
+        if not np.issubdtype(array.dtype, np.integer):
+            raise InputError(f"a path needs points in whole um, not an array of {array.dtype}")
+        points = [(int(x), int(y)) for x, y in array]
+        for i, (x, y) in enumerate(points):
+            if not (0 <= x <= WORD and 0 <= y <= WORD):
+                raise InputError(
+                    f"point {i} of the path lies at ({x}, {y}) um, outside the table's 0..{WORD} um"
+                )
+        kept = [point for i, point in enumerate(points) if i == 0 or point != points[i - 1]]
+        if len(kept) < 2:
+            raise InputError(f"a path needs two different points, not {len(kept)}")
+        self.points = tuple(kept)
+        starts = [0.0]
+        for a, b in pairwise(kept):
+            starts.append(starts[-1] + math.dist(a, b))
+        self.starts_um = tuple(starts)
+
+    @property
+    def last_move(self) -> int:
+        """Index of the last straight move; move ``i`` leads from point ``i`` to ``i + 1``."""
+        return len(self.points) - 2
+
+    def travelled_um(self, move: int, position_um: tuple[int, int]) -> float:
+        """Path length at the foot of a position on one of the moves, in um."""
+        (x0, y0), (x1, y1) = self.points[move], self.points[move + 1]
+        start, end = self.starts_um[move], self.starts_um[move + 1]
+        along = ((position_um[0] - x0) * (x1 - x0) + (position_um[1] - y0) * (y1 - y0)) / (end - start)
+        return start + min(max(along, 0.0), end - start)
+
+
+def near(a_um: tuple[int, int], b_um: tuple[int, int]) -> bool:
+    """Whether two points differ by no more than half a step, 1 um, in either axis (row T-18)."""
+    return abs(a_um[0] - b_um[0]) <= 1 and abs(a_um[1] - b_um[1]) <= 1
+
+
+def check_window(start_ns: int, end_ns: int, speed_units: int) -> None:
+    """Refuse a window that runs backwards in time and a speed beyond 127 units."""
+    if end_ns < start_ns:
+        raise InputError(f"a window must not end before it starts, but {end_ns} ns is before {start_ns} ns")
+    if not -MAX_SPEED <= speed_units <= MAX_SPEED:
+        raise InputError(f"the path speed must be -{MAX_SPEED}..{MAX_SPEED} units, not {speed_units}")

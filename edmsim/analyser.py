@@ -1,0 +1,164 @@
+"""The pulse analyser's read-out: 8-bit counters per 255 pulses and their handshake (4.2.3).
+
+Every pulse is an erosion, a short circuit (SC) or open (OP) (row T-38). A third counter counts all pulses;
+at 255 the strobes STBA and STBB go low, the 8255 takes both counts over, answers IBFA and IBFB, and these
+reset all counters for the next cycle (rows T-39, T-40).
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from edmsim.errors import InputError
+
+WINDOW_PULSES = 255
+"""Pulses per cycle of the analyser (row T-40)."""
+
+
+class PulseCounts(NamedTuple):
+    """What one cycle of 255 pulses held.
+
+    Attributes
+    ----------
+    short, open : int
+        Pulses without removal, 0..255 together (row T-41).
+    """
+
+    short: int
+    open: int
+
+    @property
+    def erosion(self) -> int:
+        """Pulses that eroded: the rest of the 255."""
+        return WINDOW_PULSES - self.short - self.open
+
+    @property
+    def short_percent(self) -> float:
+        """Short circuits in percent, in steps of 0.392."""
+        return 100 * self.short / WINDOW_PULSES
+
+    @property
+    def open_percent(self) -> float:
+        """Open pulses in percent, in steps of 0.392."""
+        return 100 * self.open / WINDOW_PULSES
+
+
+def dead_time(t_period_us: float) -> float:
+    """Time in s the analyser needs for one cycle: exactly 255 pulse periods (row T-42).
+
+    Parameters
+    ----------
+    t_period_us : float
+        Pulse period t(p) in us.
+    """
+    return WINDOW_PULSES * t_period_us / 1_000_000
+
+
+class PulseAnalyser:
+    """The counters, the 8255's two input latches (mode 1) and their flags.
+
+    Attributes
+    ----------
+    pulses, short, open : int
+        The three counters of the present cycle.
+    buffer_full : bool
+        IBFA and IBFB, which always go together: a result waits to be read.
+    interrupt_enable_a, interrupt_enable_b : bool
+        INTE A and INTE B; 0 after initialisation (row T-43): the result is polled.
+    missed : int
+        Cycles lost because the one before had not been read (row T-44).
+    """
+
+    def __init__(self) -> None:
+        self.pulses = self.short = self.open = 0
+        self.buffer_full = False
+        self.interrupt_enable_a = self.interrupt_enable_b = False
+        self.missed = 0
+        self._latch = PulseCounts(0, 0)
+
+    @property
+    def interrupt_requests(self) -> tuple[bool, bool]:
+        """INTR A and INTR B: a waiting result asks for attention where its INTE flag is set."""
+        return self.buffer_full and self.interrupt_enable_a, self.buffer_full and self.interrupt_enable_b
+
+    def clock(self, sc: bool, op: bool) -> None:
+        """Count one pulse on the edge of SYNC.
+
+        Parameters
+        ----------
+        sc, op : bool
+            The analyser's lines; neither set is an erosion.
+
+        Raises
+        ------
+        InputError
+            If both are set: a pulse has exactly one class (row T-38).
+        """
+        if sc and op:
+            raise InputError(
+                "a pulse cannot be short and open at once: set SC or OP, or neither for an erosion"
+            )
+        self.pulses += 1
+        self.short += bool(sc)
+        self.open += bool(op)
+        if self.pulses == WINDOW_PULSES:
+            self._strobe()
+
+    def count_window(self, short: int, open: int) -> None:
+        """Count a whole cycle of 255 pulses at once.
+
+        Parameters
+        ----------
+        short, open : int
+            Short and open pulses among them.
+
+        Raises
+        ------
+        InputError
+            If a cycle has begun, or the counts are negative or more than 255 together.
+        """
+        if self.pulses:
+            raise InputError(
+                f"a whole cycle can only be counted from its start, not after {self.pulses} pulses"
+            )
+        if short < 0 or open < 0 or short + open > WINDOW_PULSES:
+            raise InputError(f"{short} short and {open} open pulses do not fit in a cycle of {WINDOW_PULSES}")
+        self.short, self.open = short, open
+        self._strobe()
+
+    def read(self) -> PulseCounts:
+        """Read both ports: the latched counts, which clears IBF; without a new result the old one again."""
+        self.buffer_full = False
+        return self._latch
+
+    def snapshot(self) -> dict[str, int | bool]:
+        """Everything that changes while counting."""
+        return {
+            "pulses": self.pulses,
+            "short": self.short,
+            "open": self.open,
+            "buffer_full": self.buffer_full,
+            "interrupt_enable_a": self.interrupt_enable_a,
+            "interrupt_enable_b": self.interrupt_enable_b,
+            "missed": self.missed,
+            "latched_short": self._latch.short,
+            "latched_open": self._latch.open,
+        }
+
+    def restore(self, state: dict[str, int | bool]) -> None:
+        """Continue where `snapshot` was taken."""
+        self.pulses, self.short, self.open = state["pulses"], state["short"], state["open"]
+        self.buffer_full = bool(state["buffer_full"])
+        self.interrupt_enable_a = bool(state["interrupt_enable_a"])
+        self.interrupt_enable_b = bool(state["interrupt_enable_b"])
+        self.missed = state["missed"]
+        self._latch = PulseCounts(state["latched_short"], state["latched_open"])
+
+    def _strobe(self) -> None:
+        """STBA and STBB: latches without an unread result take the counts; IBF resets the counters."""
+        if self.buffer_full:
+            self.missed += 1
+        else:
+            self._latch = PulseCounts(self.short, self.open)
+            self.buffer_full = True
+        self.pulses = self.short = self.open = 0

@@ -1,0 +1,237 @@
+"""Feed controllers: what every one promises, and how the count controller behaves on an algebraic gap."""
+
+import json
+import math
+
+import numpy as np
+import pytest
+
+from edmsim import controllers
+from edmsim.controllers import FeedCommand, WindowObservation
+from edmsim.errors import InputError
+
+MAX_FEED = 33.3375
+WINDOW_S = 0.0255
+
+
+class Gap:
+    """A gap that widens by removal and narrows by feed, with the shares a wire-EDM gap shows.
+
+    No discharges, no wire: open pulses rise with the gap (30 % at 17 um, 50 % at 19, 74 % at 25), shorts rise
+    steeply below 8 um, and sparks remove in proportion to their share. `stuck_below_um` forces a short until
+    the gap is wider.
+    """
+
+    def __init__(self, removal_um_s=40.0, gap_um=30.0, window_s=WINDOW_S, seed=1):
+        self.removal_um_s, self.gap_um, self.window_s = removal_um_s, gap_um, window_s
+        self.path_um = self.time_s = self.stuck_below_um = 0.0
+        self._rng = np.random.default_rng(seed)
+
+    def shares(self):
+        if self.gap_um < self.stuck_below_um:
+            return 1.0, 0.0
+        self.stuck_below_um = 0.0
+        short = 1 / (1 + math.exp((self.gap_um - 7) / 0.6))
+        return short, (1 - short) * float(
+            np.interp(self.gap_um, [10, 17, 19, 25, 40], [0, 0.3, 0.5, 0.74, 1])
+        )
+
+    def window(self, feed_um_s):
+        short, open_ = self.shares()
+        counts = self._rng.multinomial(255, [short, open_, max(1 - short - open_, 0.0)])
+        self.gap_um += (self.removal_um_s * counts[2] / 255 - feed_um_s) * self.window_s
+        self.gap_um = min(max(self.gap_um, 0.0), 80.0)
+        self.path_um += feed_um_s * self.window_s
+        self.time_s += self.window_s
+        return WindowObservation(
+            self.time_s,
+            self.window_s,
+            int(counts[0]),
+            int(counts[1]),
+            40.0,
+            2.0,
+            9.0,
+            feed_um_s,
+            self.path_um,
+        )
+
+
+def observation(short, open_, path_um=0.0, duration_s=WINDOW_S):
+    return WindowObservation(0.0, duration_s, short, open_, 40.0, 2.0, 9.0, 10.0, path_um)
+
+
+def cut(controller, gap, seconds, command):
+    """Run the loop; return the windows and the commands that answered them."""
+    windows, commands = [], [command]
+    for _ in range(round(seconds / gap.window_s)):
+        windows.append(gap.window(commands[-1].feed_um_s))
+        commands.append(controller.update(windows[-1]))
+    return windows, commands[1:]
+
+
+def started(name="counts", **parameters):
+    controller = controllers.make(name, **parameters)
+    return controller, controller.reset(MAX_FEED)
+
+
+@pytest.mark.parametrize("name", controllers.names())
+def test_every_controller_repeats_itself_and_continues_from_a_snapshot(name):
+    first, second = started(name), started(name)
+    assert cut(first[0], Gap(), 5, first[1]) == cut(second[0], Gap(), 5, second[1])
+    copy, _ = started(name)
+    copy.restore(json.loads(json.dumps(first[0].snapshot())))
+    gap, twin = Gap(20.0, gap_um=9.0), Gap(20.0, gap_um=9.0)
+    assert cut(copy, gap, 5, FeedCommand(30.0)) == cut(first[0], twin, 5, FeedCommand(30.0))
+    assert first[0].reset(MAX_FEED) == started(name)[1]
+    assert first[0].snapshot() == started(name)[0].snapshot()
+
+
+@pytest.mark.parametrize("name", controllers.names())
+def test_every_controller_stays_within_the_machine(name):  # T-A1
+    rng = np.random.default_rng(3)
+    controller, command = started(name)
+    path = 0.0
+    for _ in range(3000):
+        short, open_, _ = rng.multinomial(255, rng.dirichlet([0.3, 0.3, 0.3]))
+        path += command.feed_um_s * WINDOW_S
+        command = controller.update(observation(int(short), int(open_), path))
+        assert abs(command.feed_um_s) <= MAX_FEED
+
+
+@pytest.mark.parametrize("window_s", [0.00051, 0.0255, 0.255])
+@pytest.mark.parametrize("removal", [40.0, 20.0, 8.0])
+def test_counts_settles_without_hunting(removal, window_s):  # T-15
+    controller, command = started()
+    seconds = 15 if window_s < 0.001 else 60
+    windows, commands = cut(controller, Gap(removal, window_s=window_s), seconds, command)
+    settled = len(commands) * 2 // 3
+    feeds = np.array([c.feed_um_s for c in commands[settled:]])
+    assert 0.7 * removal < feeds.mean() < 0.85 * removal
+    assert feeds.std() < 0.5 + 0.05 * feeds.mean()
+    assert np.mean([w.short for w in windows[settled:]]) < 2.55
+    assert 100 * np.mean([w.open for w in windows[settled:]]) / 255 == pytest.approx(20, abs=2)
+
+
+def test_counts_survives_a_halved_removal():  # T-15
+    controller, command = started()
+    gap = Gap()
+    _, commands = cut(controller, gap, 20, command)
+    gap.removal_um_s = 20.0
+    windows, commands = cut(controller, gap, 20, commands[-1])
+    assert all(c.alarm is None for c in commands)
+    assert sum(w.short > 127 for w in windows) < 20
+    assert np.mean([c.feed_um_s for c in commands[-100:]]) == pytest.approx(16, abs=1)
+
+
+def test_counts_runs_through_air_at_full_feed_and_brakes_at_the_metal():  # T-15
+    controller, command = started()
+    gap = Gap(gap_um=80.0)
+    windows, commands = cut(controller, gap, 8, command)
+    assert commands[20].feed_um_s == MAX_FEED
+    assert sum(w.short for w in windows) < 255
+
+
+def test_counts_retracts_from_a_short_and_returns_slowly():
+    controller, command = started()
+    gap = Gap()
+    _, commands = cut(controller, gap, 20, command)
+    place = gap.path_um
+    gap.stuck_below_um = 30.0
+    windows, commands = cut(controller, gap, 20, commands[-1])
+    back = [i for i, c in enumerate(commands) if c.feed_um_s < 0]
+    assert back
+    assert min(w.path_um for w in windows) < place - 10
+    returning = [
+        c.feed_um_s for c, w in zip(commands, windows, strict=True) if w.path_um < place and w.short == 0
+    ]
+    assert max(returning) <= 10.0
+    assert all(c.alarm is None for c in commands)
+    assert np.mean([c.feed_um_s for c in commands[-100:]]) == pytest.approx(32, abs=1)
+
+
+def test_counts_gives_up_where_a_short_never_clears():
+    controller, command = started()
+    gap = Gap()
+    _, commands = cut(controller, gap, 10, command)
+    place = gap.path_um
+    gap.stuck_below_um = math.inf
+    windows, commands = cut(controller, gap, 30, commands[-1])
+    alarms = [i for i, c in enumerate(commands) if c.alarm]
+    assert windows[alarms[0]].time_s < 10 + 15
+    assert commands[-1] == FeedCommand(0.0, "persistent short")
+    assert min(w.path_um for w in windows) >= place - 60 - 1e-9
+    assert min(w.path_um for w in windows) < place - 55
+
+
+def test_counts_gives_up_where_the_same_place_shorts_again_and_again():
+    controller, command = started()
+    gap = Gap()
+    _, commands = cut(controller, gap, 10, command)
+    place, shorts = gap.path_um, 0
+    command = commands[-1]
+    for _ in range(10_000):
+        if command.alarm:
+            break
+        if gap.path_um > place and not gap.stuck_below_um:
+            gap.stuck_below_um = 40.0
+            shorts += 1
+        command = controller.update(gap.window(command.feed_um_s))
+    assert command.alarm == "persistent short"
+    assert shorts == 9
+
+
+def test_counts_forgets_old_shorts_once_it_has_moved_on():
+    controller, command = started()
+    gap = Gap()
+    for i in range(1, 25):
+        while gap.path_um < 40 * i:
+            command = controller.update(gap.window(command.feed_um_s))
+            assert command.alarm is None
+        gap.stuck_below_um = 30.0
+        command = controller.update(gap.window(command.feed_um_s))
+
+
+def test_fixed_is_blind():
+    controller, command = started("fixed", feed_um_s=12.5)
+    assert (
+        command
+        == controller.update(observation(255, 0))
+        == controller.update(observation(0, 255))
+        == (12.5, None)
+    )
+
+
+@pytest.mark.parametrize(
+    ("name", "parameters", "words"),
+    [
+        ("pid", {}, "no feed controller 'pid'; choose one of counts, fixed"),
+        ("fixed", {"feed": 3.0}, "no parameter 'feed'; it has feed_um_s"),
+        (
+            "fixed",
+            {"feed_um_s": -1.0},
+            "feed_um_s of the fixed controller must be a number of 0 or more, not -1.0",
+        ),
+        ("fixed", {"feed_um_s": math.nan}, "must be a number of 0 or more, not nan"),
+        ("counts", {"_state": 1.0}, "no parameter '_state'"),
+        (
+            "counts",
+            {"air_share": 1.5},
+            "air_share of the counts controller must be a number from 0 to 1, not 1.5",
+        ),
+        (
+            "counts",
+            {"dwell_s": "1"},
+            "dwell_s of the counts controller must be a number of 0 or more, not '1'",
+        ),
+    ],
+)
+def test_what_cannot_be_made_is_refused(name, parameters, words):
+    with pytest.raises(InputError) as refused:
+        controllers.make(name, **parameters)
+    assert words in str(refused.value)
+
+
+@pytest.mark.parametrize(("name", "parameter"), [("fixed", "feed_um_s"), ("counts", "retract_feed_um_s")])
+def test_feeds_beyond_the_machine_are_refused(name, parameter):  # T-A1
+    with pytest.raises(InputError, match=f"{parameter} of the {name} controller is 40.0 um/s"):
+        controllers.make(name, **{parameter: 40.0}).reset(MAX_FEED)

@@ -1,0 +1,302 @@
+"""Planners: what every one promises, and how true each is to the line."""
+
+import json
+import math
+
+import numpy as np
+import pytest
+import shapely
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from edmsim.controllers.mcu.planner import PLANNERS, make_planner
+from edmsim.errors import InputError
+
+SECOND = 1_000_000_000
+WINDOW = 25_500_000
+NAMES = tuple(PLANNERS)
+SPEEDS = st.integers(-127, 127)
+DURATIONS = st.integers(0, 3 * SECOND)
+
+
+@st.composite
+def polylines(draw, longest=120):
+    """Paths of 1 to 6 moves somewhere on the table, also along its edges."""
+    points = [(draw(st.integers(0, 65_535)), draw(st.integers(0, 65_535)))]
+    for _ in range(draw(st.integers(1, 6))):
+        x = points[-1][0] + draw(st.integers(-longest, longest))
+        y = points[-1][1] + draw(st.integers(-longest, longest))
+        points.append((min(max(x, 0), 65_535), min(max(y, 0), 65_535)))
+    if all(point == points[0] for point in points):
+        points.append((points[0][0], points[0][1] + (9 if points[0][1] < 60_000 else -9)))
+    return np.array(points, dtype=np.int64)
+
+
+def follow(points, steps):
+    """Positions after every step, from the path's first point."""
+    moves = np.zeros((len(steps) + 1, 2), dtype=np.int64)
+    for i, step in enumerate(steps):
+        moves[i + 1, step.axis] = 2 * step.direction
+    return points[0] + np.cumsum(moves, axis=0)
+
+
+def run_to_end(planner, start_ns=0, speed=127, limit_s=100_000):
+    """All steps until the planner is done, in windows of 10 s."""
+    steps, time = [], start_ns
+    while not planner.done:
+        assert time < start_ns + limit_s * SECOND, "the end is never reached"
+        steps += planner.advance(time, time + 10 * SECOND, speed)
+        time += 10 * SECOND
+    return steps
+
+
+def run_plan(planner, plan):
+    """Steps of windows (speed, duration) one after the other, and the time at their end."""
+    steps, time = [], 0
+    for speed, duration in plan:
+        window = planner.advance(time, time + duration, speed)
+        assert all(time <= step.time_ns < time + duration for step in window)
+        steps += window
+        time += duration
+    return steps, time
+
+
+def deviation_um(points, positions):
+    return float(shapely.distance(shapely.points(positions), shapely.LineString(points)).max())
+
+
+@pytest.mark.parametrize("name", NAMES)
+@settings(max_examples=60, deadline=None)
+@given(points=polylines(), plan=st.lists(st.tuples(SPEEDS, DURATIONS), max_size=12))
+def test_steps_add_up_and_the_end_is_reached(name, points, plan):  # T-16, T-17, T-18, T-70
+    planner = make_planner(name, points)
+    steps, time = run_plan(planner, plan)
+    assert [step.time_ns for step in steps] == sorted(step.time_ns for step in steps)
+    assert planner.position_um == tuple(follow(points, steps)[-1])
+    steps += run_to_end(planner, time)
+    end = follow(points, steps)[-1]
+    assert planner.position_um == tuple(end)
+    assert np.abs(end - points[-1]).max() <= 1
+    assert planner.path_um == pytest.approx(shapely.LineString(points).length, abs=2)
+
+
+@pytest.mark.parametrize(("name", "limit"), [("dda", math.sqrt(2) + 1e-9), ("poscal", 2.0)])
+@settings(max_examples=60, deadline=None)
+@given(points=polylines(500), plan=st.lists(st.tuples(SPEEDS, DURATIONS), max_size=12))
+def test_default_and_dda_keep_the_line_forwards_and_backwards(name, limit, points, plan):  # T-G11, T-G12
+    planner = make_planner(name, points)
+    steps, time = run_plan(planner, plan)
+    steps += run_to_end(planner, time)
+    assert deviation_um(points, follow(points, steps)) <= limit
+
+
+@pytest.mark.parametrize("name", NAMES)
+@settings(max_examples=40, deadline=None)
+@given(
+    points=polylines(),
+    plan=st.lists(st.tuples(SPEEDS, DURATIONS, st.integers(0, 3 * SECOND)), min_size=1, max_size=8),
+)
+def test_a_window_cut_in_two_gives_the_same_steps(name, points, plan):
+    whole, cut = make_planner(name, points), make_planner(name, points)
+    time = 0
+    for speed, duration, part in plan:
+        middle, end = time + min(part, duration), time + duration
+        halves = cut.advance(time, middle, speed) + cut.advance(middle, end, speed)
+        assert whole.advance(time, end, speed) == halves
+        time = end
+
+
+@pytest.mark.parametrize("name", NAMES)
+@settings(max_examples=40, deadline=None)
+@given(
+    points=polylines(),
+    plan=st.lists(st.tuples(SPEEDS, DURATIONS), min_size=2, max_size=10),
+    at=st.integers(0, 9),
+)
+def test_a_snapshot_continues_identically(name, points, plan, at):
+    original = make_planner(name, points)
+    time = 0
+    for speed, duration in plan[:at]:
+        original.advance(time, time + duration, speed)
+        time += duration
+    copy = make_planner(name, points)
+    copy.restore(json.loads(json.dumps(original.snapshot())))
+    for speed, duration in [*plan[at:], (127, 60 * SECOND)]:
+        assert copy.advance(time, time + duration, speed) == original.advance(time, time + duration, speed)
+        time += duration
+    assert copy.snapshot() == original.snapshot()
+    assert (copy.position_um, copy.path_um, copy.done) == (
+        original.position_um,
+        original.path_um,
+        original.done,
+    )
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_the_same_orders_give_the_same_steps_in_small_windows_and_in_one(name):
+    points = np.array([(1000, 1000), (1400, 1150), (1400, 1000)])
+    small, one = make_planner(name, points), make_planner(name, points)
+    steps = [step for i in range(400) for step in small.advance(i * WINDOW, (i + 1) * WINDOW, 76)]
+    assert steps == one.advance(0, 400 * WINDOW, 76)
+    assert len(steps) > 50
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_backwards_stops_at_the_start(name):
+    points = np.array([(1000, 1000), (1060, 1020), (1060, 1100)])
+    planner = make_planner(name, points)
+    planner.advance(0, 4 * SECOND, 127)
+    assert planner.position_um[1] > 1022
+    planner.advance(4 * SECOND, 60 * SECOND, -127)
+    assert planner.position_um == (1000, 1000)
+    assert planner.path_um == 0
+    assert planner.advance(60 * SECOND, 90 * SECOND, -127) == []
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_speed_zero_stands_still_and_loses_nothing(name):  # T-76
+    points = np.array([(1000, 1000), (1300, 1000)])
+    planner = make_planner(name, points)
+    before = planner.advance(0, SECOND, 127)
+    assert planner.advance(SECOND, 2 * SECOND, 0) == []
+    after = planner.advance(2 * SECOND, 3 * SECOND, 127)
+    unbroken = make_planner(name, points).advance(0, 2 * SECOND, 127)
+    assert [s.time_ns for s in before] + [s.time_ns - SECOND for s in after] == pytest.approx(
+        [s.time_ns for s in unbroken], abs=2 * 116_300
+    )
+
+
+@pytest.mark.parametrize(("unit", "interval"), [(262.5, 59_992_501), (252.6, 62_343_747)])
+@pytest.mark.parametrize("name", ["poscal", "dda"])
+def test_step_interval_at_full_speed(name, unit, interval):  # T-73, T-A1
+    steps = make_planner(name, np.array([(0, 0), (2002, 0)]), unit).advance(0, 90 * SECOND, 127)
+    assert len(steps) == 1001
+    assert (steps[-1].time_ns - steps[0].time_ns) / 1000 == pytest.approx(interval, rel=4e-6)
+
+
+def test_literal_step_interval_is_the_reload_count():  # T-76
+    steps = make_planner("poscal-literal", np.array([(0, 0), (200, 0)])).advance(0, 9 * SECOND, 127)
+    intervals = np.diff([step.time_ns for step in steps])
+    assert intervals == pytest.approx(516 / 8601.6 * 1e9, abs=1)
+
+
+@pytest.mark.parametrize("speed", [1, 2, 3, 5, 8, 16, 40, 64, 127])
+@pytest.mark.parametrize("name", ["poscal", "dda"])
+def test_path_speed_and_straightness_in_any_direction(name, speed):  # T-G9, T-G10, T-G12
+    for degrees in (0.05, 0.6, 13.0, 30.0, 45.0, 88.9, 137.0, 201.5, 270.3, 333.3):
+        target = (
+            30_001 + round(800 * math.cos(math.radians(degrees))),
+            30_000 + round(800 * math.sin(math.radians(degrees))),
+        )
+        points = np.array([(30_001, 30_000), target])
+        steps = run_to_end(make_planner(name, points), speed=speed)
+        positions = follow(points, steps)
+        assert deviation_um(points, positions) < 2
+        length = math.dist(positions[-1], positions[0])
+        assert length / (steps[-1].time_ns * 1e-9) == pytest.approx(speed * 0.2625, rel=0.015)
+
+
+def test_default_planner_rounds_no_corner_and_keeps_pace_on_short_chords():
+    angles = np.linspace(0, 2 * np.pi, 126)
+    points = np.rint(np.c_[5001 + 200 * np.cos(angles), 5000 + 200 * np.sin(angles)]).astype(np.int64)
+    steps = run_to_end(make_planner("poscal", points), speed=76)
+    positions = follow(points, steps)
+    assert deviation_um(points, positions) < 2
+    misses = np.abs(positions[None, :, :] - points[:, None, :]).max(axis=2).min(axis=1)
+    assert misses.max() <= 1
+    assert shapely.LineString(points).length / (steps[-1].time_ns * 1e-9) == pytest.approx(19.95, rel=0.02)
+
+
+def one_pass_deviation(x, y, x_speed, y_speed):
+    """Closed form of T-G12: both axes run until the first arrives; there the wire is furthest off."""
+    time = min(x / x_speed, y / y_speed)
+    return abs(x_speed * time * y - y_speed * time * x) / math.hypot(x, y)
+
+
+@pytest.mark.parametrize(
+    ("target", "speed", "axis_speeds", "row_um"),
+    [
+        ((10_000, 5_000), 4, (3, 1), 1492),
+        ((10_000, 5_000), 127, (113, 56), 41),
+        ((20_000, 12_345), 127, (108, 66), 106),
+    ],
+)
+def test_literal_planner_leaves_the_line_as_in_1982(target, speed, axis_speeds, row_um):  # T-G12
+    points = np.array([(0, 0), target])
+    found = deviation_um(
+        points, follow(points, run_to_end(make_planner("poscal-literal", points), speed=speed))
+    )
+    assert one_pass_deviation(*target, *axis_speeds) == pytest.approx(row_um, abs=2)
+    # The reload counts are whole ticks (T-76), which turns the direction by up to 0.17 % more.
+    assert found == pytest.approx(row_um, abs=0.0017 * math.hypot(*target) / 2)
+    default = make_planner("poscal", points)
+    steps = [step for i in range(100) for step in default.advance(i * SECOND, (i + 1) * SECOND, speed)]
+    assert deviation_um(points, follow(points, steps)) < 2
+
+
+def test_literal_planner_loses_a_small_component():  # T-G11
+    points = np.array([(0, 0), (60_000, 200)])
+    literal = make_planner("poscal-literal", points)
+    steps = run_to_end(literal)
+    assert literal.position_um == (60_000, 0)
+    assert {step.axis for step in steps} == {0}
+    default = make_planner("poscal", points)
+    run_to_end(default)
+    assert default.position_um == (60_000, 200)
+
+
+def test_literal_planner_takes_a_new_speed_at_the_next_step_only():  # T-76
+    planner = make_planner("poscal-literal", np.array([(0, 0), (100, 0)]))
+    assert planner.advance(0, SECOND, 1) == []
+    steps = planner.advance(SECOND, 8 * SECOND, 127)
+    assert steps[0].time_ns == pytest.approx(65_535 / 8601.6 * 1e9, abs=1)
+    assert steps[1].time_ns - steps[0].time_ns == pytest.approx(516 / 8601.6 * 1e9, abs=1)
+
+
+def test_default_planner_takes_a_new_speed_at_once():
+    planner = make_planner("poscal", np.array([(0, 0), (100, 0)]))
+    assert planner.advance(0, SECOND, 1) == []
+    assert planner.advance(SECOND, 2 * SECOND, 127)[0].time_ns < 1.1 * SECOND
+
+
+def test_a_retract_runs_back_over_a_corner_and_returns():
+    points = np.array([(1000, 1000), (1200, 1000), (1200, 1200)])
+    for name in NAMES:
+        planner = make_planner(name, points)
+        steps = planner.advance(0, 8 * SECOND, 127)
+        steps += planner.advance(8 * SECOND, 12 * SECOND, -127)
+        back = planner.path_um
+        steps += run_to_end(planner, 12 * SECOND)
+        assert back == pytest.approx(4 * 33.3375, abs=3)
+        assert deviation_um(points, follow(points, steps)) <= 2
+
+
+@pytest.mark.parametrize(
+    ("points", "words"),
+    [
+        ([(0, 0)], "two different points"),
+        ([(5, 5), (5, 5)], "two different points"),
+        ([(0, 0), (70_000, 0)], "point 1 of the path lies at (70000, 0) um"),
+        ([(-1, 0), (7, 0)], "point 0 of the path lies at (-1, 0) um"),
+        ([(0, 0, 0), (1, 2, 3)], "shape (n, 2)"),
+        ([(0.5, 0.0), (9.0, 0.0)], "whole um"),
+    ],
+)
+def test_a_path_that_cannot_be_used_is_refused(points, words):  # T-61, T-A11
+    for name in NAMES:
+        with pytest.raises(InputError) as refused:
+            make_planner(name, np.array(points))
+        assert words in str(refused.value)
+
+
+def test_orders_that_cannot_be_used_are_refused():
+    points = np.array([(0, 0), (9, 9)])
+    with pytest.raises(InputError, match="no planner 'bresenham'; choose one of poscal, poscal-literal, dda"):
+        make_planner("bresenham", points)
+    with pytest.raises(InputError, match="speed unit must be above 0"):
+        make_planner("dda", points, speed_unit_nm_s=0.0)
+    for name in NAMES:
+        with pytest.raises(InputError, match=r"-127\.\.127 units, not 128"):
+            make_planner(name, points).advance(0, WINDOW, 128)
+        with pytest.raises(InputError, match="must not end before it starts"):
+            make_planner(name, points).advance(WINDOW, 0, 1)

@@ -1,0 +1,103 @@
+"""POSCAL, VELOCM and POSITI against the worked numbers of the requirements."""
+
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from edmsim.controllers.mcu.poscal import poscal, positi, resolve, velocm
+from edmsim.controllers.mcu.poscal_planner import aim_at
+from edmsim.errors import InputError
+
+SPEEDS = st.integers(0, 127)
+
+
+def ends(dx, dy):
+    """A position and a target on the table that differ by a displacement."""
+    position = (max(-dx, 0), max(-dy, 0))
+    return position, (position[0] + dx, position[1] + dy)
+
+
+@pytest.mark.parametrize(
+    ("dx", "dy", "v", "halvings", "reduced", "length", "vx", "vy"),
+    [
+        (3, 4, 127, 0, (3, 4), 5, 76, 101),
+        (3000, 4000, 127, 5, (93, 125), 156, 75, 101),
+        (1, 1, 127, 0, (1, 1), 2, 63, 63),
+        (255, 0, 127, 0, (255, 0), 255, 127, 0),
+        (181, 181, 127, 0, (181, 181), 256, 89, 89),
+        (182, 182, 127, 1, (91, 91), 129, 89, 89),
+        (255, 255, 127, 1, (127, 127), 180, 89, 89),
+        (10_000, 100, 127, 6, (156, 1), 156, 127, 1),
+        (60_000, 200, 127, 8, (234, 0), 234, 127, 0),
+        (-20_000, 12_345, 64, 7, (156, 96), 183, -54, 33),
+        (255, 1, 1, 0, (255, 1), 255, 1, 1),
+        (0, 0, 50, 0, (0, 0), 0, 0, 0),
+        (65_535, 65_535, 127, 9, (127, 127), 180, 89, 89),
+        (300, -400, 10, 1, (150, 200), 250, 6, -8),
+    ],
+)
+def test_worked_vectors(dx, dy, v, halvings, reduced, length, vx, vy):  # T-68, T-69, T-G7, T-G8
+    found = resolve(abs(dx), abs(dy), 1, 1)
+    assert (found.halvings, (found.x, found.y), found.length) == (halvings, reduced, length)
+    assert poscal(*ends(dx, dy), v) == (vx, vy)
+
+
+@pytest.mark.parametrize(("side", "speed"), [(182, 856), (200, 211), (220, 157), (255, 127)])
+def test_literal_wrap_makes_nonsense_of_the_length(side, speed):  # T-G6
+    assert poscal((0, 0), (side, side), 127, literal_wrap=True) == (speed, speed)
+    x, y = poscal((0, 0), (side, side), 127)
+    assert x == y == pytest.approx(127 / math.sqrt(2), abs=1)
+
+
+def test_a_fifth_of_all_reduced_vectors_wraps():  # T-G6, T-A2
+    pairs = [(a, b) for a in range(256) for b in range(256)]
+    halved = [pair for pair in pairs if resolve(*pair, 1, 1).halvings]
+    assert len(halved) == 13_816
+    worst, pair = max(
+        (poscal((0, 0), pair, 127, literal_wrap=True)[1] - pair[1] * 127 / math.hypot(*pair), pair)
+        for pair in halved
+    )
+    assert (round(worst), pair) == (16_003, (32, 254))
+
+
+@given(
+    st.integers(-65_535, 65_535), st.integers(-65_535, 65_535), st.sampled_from([1, 2, 4, 8, 16, 32, 64, 127])
+)
+def test_component_errors_stay_within_their_bounds(dx, dy, v):  # T-68, T-G9, T-A4
+    low = {1: -0.008, 2: -0.996, 4: -1.014, 8: -1.055, 16: -1.110, 32: -1.242, 64: -1.483, 127: -1.991}[v]
+    high = {1: 0.996, 2: 0.992, 4: 0.984, 8: 0.969, 16: 0.938, 32: 0.875, 64: 0.750, 127: 0.749}[v]
+    if max(abs(dx), abs(dy)) < 128:
+        return
+    for found, component in zip(poscal(*ends(dx, dy), v), (dx, dy), strict=True):
+        error = abs(found) - abs(component) * v / math.hypot(dx, dy)
+        assert low - 1e-3 <= error <= high + 1e-3
+
+
+def test_short_vectors_are_imprecise_unless_doubled():  # T-G10
+    errors, improved = [], []
+    for x in range(128):
+        for y in range(1, 128):
+            true = (x * 127 / math.hypot(x, y), y * 127 / math.hypot(x, y))
+            errors += [v - t for v, t in zip(poscal((0, 0), (x, y), 127), true, strict=True)]
+            improved += [v - t for v, t in zip(velocm(aim_at(x, y), 127), true, strict=True)]
+    assert (min(errors), max(errors)) == (pytest.approx(-26.8, abs=0.05), pytest.approx(13.4, abs=0.05))
+    assert min(improved) >= -1.74
+    assert max(improved) <= 0.75
+
+
+def test_at_one_and_two_units_every_oblique_path_runs_at_45_degrees():  # T-A4, T-G9
+    assert poscal((0, 0), (10_000, 1_000), 1) == (1, 1)
+    assert poscal((0, 0), (10_000, 5_000), 2) == (1, 1)
+
+
+@given(st.integers(0, 65_535), st.sampled_from([1, -1]))
+def test_positi_counts_2_um_and_wraps_or_stops_at_the_end(position, direction):  # T-70, T-A11
+    moved = position + 2 * direction
+    assert positi(position, direction, wrap=True) == moved % 65_536
+    if 0 <= moved <= 65_535:
+        assert positi(position, direction) == moved
+    else:
+        with pytest.raises(InputError, match=f"soft limit: a step to {moved} um"):
+            positi(position, direction)

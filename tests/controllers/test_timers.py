@@ -1,0 +1,76 @@
+"""The timers' arithmetic: clock, reload counts, phases."""
+
+from fractions import Fraction
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from edmsim.controllers.mcu.timers import (
+    MAX_FEED_UM_S,
+    PhaseAccumulator,
+    ReloadCounter,
+    TickClock,
+    reload_count,
+    timer_clock_hz,
+)
+from edmsim.errors import InputError
+
+
+def test_clock_follows_from_the_speed_unit():  # T-74, T-75, T-A1
+    assert timer_clock_hz(262.5) == Fraction(43_008, 5)
+    assert float(timer_clock_hz(252.6)) == pytest.approx(8277.1968)
+    assert pytest.approx(2000.25 / 60) == MAX_FEED_UM_S
+
+
+@pytest.mark.parametrize("unit", [0.0, -262.5, float("nan")])
+def test_a_speed_unit_that_cannot_be_used_is_refused(unit):
+    with pytest.raises(InputError, match="speed unit must be above 0 nm/s"):
+        timer_clock_hz(unit)
+
+
+def test_reload_counts():  # T-76
+    rows = {1: 65_536, 2: 32_768, 3: 21_845, 10: 6_553, 64: 1_024, 127: 516}
+    assert {v: reload_count(v) for v in rows} == rows
+    worst = max(1 - reload_count(v) * v / 65_536 for v in range(1, 128))
+    assert 100 * worst == pytest.approx(0.171, abs=0.001)
+    assert reload_count(127) / timer_clock_hz(262.5) * 1000 == pytest.approx(59.989, abs=5e-4)
+
+
+@given(st.integers(0, 10**15), st.sampled_from([262.5, 252.6]))
+def test_ticks_are_counted_exactly(time_ns, unit):  # T-74
+    clock = TickClock(unit)
+    tick = clock.before(time_ns)
+    assert clock.time_ns(tick) < time_ns <= clock.time_ns(tick + 1)
+    exact = Fraction(tick) / clock.hertz * 1_000_000_000
+    assert 0 <= clock.time_ns(tick) - exact < 1
+
+
+@given(st.lists(st.tuples(st.integers(-(127 << 7), 127 << 7), st.integers(0, 3_000)), max_size=30))
+def test_phase_accumulator_is_a_tick_by_tick_sum(runs):  # T-74
+    """The closed form against a loop over every tick of the commanded position."""
+    axis = PhaseAccumulator()
+    position = commanded = counted = 0
+    for rate, ticks in runs:
+        for _ in range(ticks):
+            commanded += rate
+            if abs(commanded - counted * axis.STEP) > axis.OVERFLOW:
+                counted += 1 if rate > 0 else -1
+        while ticks:
+            due = min(axis.ticks_to_step(rate), ticks)
+            position += axis.run(rate, due)
+            ticks -= due
+        assert position == counted
+        assert position * axis.STEP + axis.phase == commanded
+
+
+def test_reload_counter_takes_a_new_speed_at_its_interrupt():  # T-76
+    counter = ReloadCounter()
+    assert counter.ticks_to_step(127) == 516
+    assert not counter.run(127, 500)
+    assert counter.ticks_to_step(1) == 16
+    assert not counter.run(0, 1_000_000)
+    assert counter.run(1, 16)
+    assert counter.ticks_to_step(1) == 65_536
+    counter.stop()
+    assert counter.ticks_to_step(2) == 32_768

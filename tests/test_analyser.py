@@ -1,0 +1,101 @@
+"""The pulse analyser's counters and handshake."""
+
+import json
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from edmsim.analyser import PulseAnalyser, PulseCounts, dead_time
+from edmsim.errors import InputError
+
+CLASSES = {"erosion": (False, False), "short": (True, False), "open": (False, True)}
+
+
+@given(st.lists(st.sampled_from(sorted(CLASSES)), min_size=255, max_size=255))
+def test_a_cycle_counts_every_pulse_once(pulses):  # T-38, T-39, T-40, T-41
+    analyser = PulseAnalyser()
+    for pulse in pulses[:-1]:
+        analyser.clock(*CLASSES[pulse])
+    assert not analyser.buffer_full
+    analyser.clock(*CLASSES[pulses[-1]])
+    assert analyser.buffer_full
+    assert (analyser.pulses, analyser.short, analyser.open) == (0, 0, 0)
+    counts = analyser.read()
+    assert counts == (pulses.count("short"), pulses.count("open"))
+    assert counts.erosion == pulses.count("erosion")
+    assert not analyser.buffer_full
+
+
+def test_counting_a_whole_cycle_is_clocking_its_pulses():  # T-39, T-40
+    clocked, counted = PulseAnalyser(), PulseAnalyser()
+    for sc, op in [(True, False)] * 40 + [(False, True)] * 77 + [(False, False)] * 138:
+        clocked.clock(sc, op)
+    counted.count_window(40, 77)
+    assert clocked.snapshot() == counted.snapshot()
+    assert counted.read() == (40, 77)
+
+
+def test_percent_of_255():  # T-41
+    counts = PulseCounts(short=1, open=51)
+    assert counts.short_percent == pytest.approx(0.392, abs=5e-4)
+    assert counts.open_percent == pytest.approx(20.0)
+
+
+@pytest.mark.parametrize(
+    ("t_period_us", "seconds"), [(2, 0.00051), (10, 0.00255), (100, 0.0255), (1000, 0.255), (10_000, 2.55)]
+)
+def test_dead_time_is_255_periods(t_period_us, seconds):  # T-42
+    assert dead_time(t_period_us) == seconds
+
+
+def test_unread_result_stays_and_the_new_one_is_missed():  # T-44
+    analyser = PulseAnalyser()
+    analyser.count_window(1, 2)
+    analyser.count_window(3, 4)
+    analyser.count_window(5, 6)
+    assert analyser.missed == 2
+    assert analyser.read() == (1, 2)
+    analyser.count_window(7, 8)
+    assert analyser.missed == 2
+    assert analyser.read() == (7, 8)
+    assert analyser.read() == (7, 8)
+
+
+def test_interrupts_are_off_after_initialisation():  # T-43
+    analyser = PulseAnalyser()
+    assert (analyser.interrupt_enable_a, analyser.interrupt_enable_b) == (False, False)
+    analyser.count_window(0, 0)
+    assert analyser.interrupt_requests == (False, False)
+    analyser.interrupt_enable_b = True
+    assert analyser.interrupt_requests == (False, True)
+    analyser.read()
+    assert analyser.interrupt_requests == (False, False)
+
+
+def test_a_snapshot_continues_identically():
+    analyser = PulseAnalyser()
+    analyser.interrupt_enable_a = True
+    analyser.count_window(9, 99)
+    analyser.count_window(9, 99)
+    analyser.clock(True, False)
+    copy = PulseAnalyser()
+    copy.restore(json.loads(json.dumps(analyser.snapshot())))
+    for _ in range(254):
+        analyser.clock(False, True)
+        copy.clock(False, True)
+    assert copy.snapshot() == analyser.snapshot()
+    assert copy.missed == 2
+    assert copy.read() == analyser.read() == (9, 99)
+
+
+def test_pulses_that_cannot_be_are_refused():  # T-38, T-41
+    analyser = PulseAnalyser()
+    with pytest.raises(InputError, match="short and open at once"):
+        analyser.clock(True, True)
+    for short, open_ in [(-1, 0), (0, -1), (128, 128)]:
+        with pytest.raises(InputError, match=f"{short} short and {open_} open pulses"):
+            analyser.count_window(short, open_)
+    analyser.clock(False, False)
+    with pytest.raises(InputError, match="not after 1 pulses"):
+        analyser.count_window(0, 0)
