@@ -56,14 +56,22 @@ class Frames:
         deflection_um : float64 array (n_slices, 2)
             Wire minus guides, per slice from the bottom.
         """
-        if self._seen % self.stride == 0:
-            if self._used == self.capacity:
-                self._halve()
-            if self._seen % self.stride == 0:
-                row = self._rows[self._used]
-                row[0], row[1], row[2], row[3] = t_s, x_um, y_um, path_um
-                row[4:] = deflection_um.ravel()
-                self._used += 1
+        if self.wants_next and self._used == self.capacity:
+            self._halve()
+        if self.wants_next:
+            row = self._rows[self._used]
+            row[0], row[1], row[2], row[3] = t_s, x_um, y_um, path_um
+            row[4:] = deflection_um.ravel()
+            self._used += 1
+        self._seen += 1
+
+    @property
+    def wants_next(self) -> bool:
+        """Whether the next window's turn has come; if not, it may as well be passed over with `skip`."""
+        return self._seen % self.stride == 0
+
+    def skip(self) -> None:
+        """Let a window pass whose turn has not come."""
         self._seen += 1
 
     def _halve(self) -> None:

@@ -1,0 +1,43 @@
+"""edmsim: a wire-EDM machine, simulated discharge by discharge.
+
+>>> import edmsim
+>>> edmsim.Machine.load(material="tool-steel", height_mm=20).guide_distance_mm
+40.0
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from edmsim import controllers as controllers
+
+    from .errors import EdmsimError, InputError
+    from .job import CutResult, cut
+    from .machine import Machine
+    from .plant.plant import Plant, PulseWindow
+
+__all__ = ["CutResult", "EdmsimError", "InputError", "Machine", "Plant", "PulseWindow", "controllers", "cut"]
+
+_HOMES = {
+    "CutResult": "edmsim.job",
+    "EdmsimError": "edmsim.errors",
+    "InputError": "edmsim.errors",
+    "Machine": "edmsim.machine",
+    "Plant": "edmsim.plant.plant",
+    "PulseWindow": "edmsim.plant.plant",
+    "cut": "edmsim.job",
+}
+
+
+def __getattr__(name: str) -> Any:
+    """Load a public name when it is first used, so that ``import edmsim`` stays cheap."""
+    if name in _HOMES:
+        value = getattr(import_module(_HOMES[name]), name)
+    elif name == "controllers":
+        value = import_module("edmsim.controllers")
+    else:
+        raise AttributeError(f"module 'edmsim' has no attribute '{name}'")
+    globals()[name] = value
+    return value

@@ -1,0 +1,165 @@
+"""The command line: ``edmsim cut``, ``view`` and ``bench``."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+from rich.console import Console
+
+from .errors import InputError
+
+if TYPE_CHECKING:
+    from .cosim import Progress
+
+app = typer.Typer(
+    add_completion=False, no_args_is_help=True, pretty_exceptions_enable=False,
+    help="A wire-EDM machine, simulated discharge by discharge.",
+)
+_OUT = Console()
+_ERR = Console(stderr=True)
+
+BAD_INPUT, STOPPED, INTERRUPTED = 2, 3, 130
+"""Exit statuses: bad usage or input; the machine stopped before the end; interrupted from the keyboard."""
+
+
+@app.callback(invoke_without_command=True)
+def _version(
+    version: Annotated[bool, typer.Option("--version", help="Print the version and leave.")] = False,
+) -> None:
+    if version:
+        from importlib.metadata import version as of
+
+        _OUT.print(of("edmsim"), highlight=False)
+        raise typer.Exit
+
+
+@app.command()
+def cut(
+    program: Annotated[Path, typer.Argument(help="Part program: .ngc .nc .gcode .iso .dxf", show_default=False)],
+    out: Annotated[Path, typer.Option(help="Folder for report, windows, picture and recording.")],
+    machine: Annotated[str, typer.Option(help="Machine, a name or an own TOML file.")] = "agiecut-dem15",
+    material: Annotated[str, typer.Option(help="Workpiece material.")] = "tool-steel",
+    height: Annotated[float, typer.Option(help="Workpiece height in mm.")] = 20.0,
+    wire: Annotated[str, typer.Option(help="Wire, with a diameter in um if wanted: brass, copper-100.")] = "brass",
+    tension: Annotated[float | None, typer.Option(help="Wire tension in N; default by wire.")] = None,
+    generator: Annotated[str, typer.Option(help="Pulse generator.")] = "iso-pulse",
+    t_on: Annotated[float | None, typer.Option(help="On-time in us; default by generator.")] = None,
+    t_period: Annotated[float | None, typer.Option(help="Period in us; default by generator.")] = None,
+    controller: Annotated[
+        str, typer.Option(help="Feed controller, with parameters if wanted: fixed:feed_um_s=20.")
+    ] = "counts",
+    drive: Annotated[str, typer.Option(help="Axis drive.")] = "stepper",
+    planner: Annotated[str, typer.Option(help="poscal, poscal-literal or dda.")] = "poscal",
+    mechanics: Annotated[str, typer.Option(help="Integrator of table and wire.")] = "modal",
+    resolution: Annotated[str, typer.Option(help="fast, default or fine.")] = "default",
+    offset: Annotated[str, typer.Option(help="Wire offset: auto, none, or mm.")] = "auto",
+    seed: Annotated[int, typer.Option(help="Seed of every draw.")] = 0,
+    max_time: Annotated[float | None, typer.Option(help="Machine time in s after which to stop.")] = None,
+    resume: Annotated[bool, typer.Option("--resume", help="Take up the interrupted cut of the folder.")] = False,
+    quiet: Annotated[bool, typer.Option("--quiet", help="Print nothing but errors.")] = False,
+) -> None:
+    """Simulate a part program."""
+    from .cosim import FINISHED
+    from .job import cut as run_cut
+
+    watcher = _ProgressBar(quiet)
+    with watcher:
+        result = run_cut(
+            program, out=out, machine=machine, material=material, height_mm=height, wire=wire,
+            tension=tension, generator=generator, t_on_us=t_on, t_period_us=t_period, controller=controller,
+            drive=drive, planner=planner, mechanics=mechanics, resolution=resolution, offset=offset, seed=seed,
+            max_time_s=max_time, resume=resume, watch=watcher.show,
+        )
+    if not quiet:
+        from .recording.report import render_table
+
+        _OUT.print(render_table(result.report))
+        _OUT.print(f"Written to {out}; play it back with: edmsim view {out}", highlight=False, soft_wrap=True)
+    if result.report["outcome"] != FINISHED:
+        raise typer.Exit(STOPPED)
+
+
+@app.command()
+def view(
+    directory: Annotated[Path, typer.Argument(help="Folder of a cut.", show_default=False)],
+) -> None:
+    """Play a cut back in rerun."""
+    from .recording import view as show
+
+    raise typer.Exit(show(directory))
+
+
+@app.command()
+def bench(
+    json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+) -> None:
+    """Measure the speed of this machine."""
+    from .bench import measure, render
+
+    figures = measure()
+    if json:
+        import json as codec
+
+        sys.stdout.write(codec.dumps(figures, indent=2) + "\n")
+    else:
+        _OUT.print(render(figures))
+
+
+class _ProgressBar:
+    """Progress of a cut: share of the path, simulated and wall time, feed, shorts and opens."""
+
+    _EVERY_S = 0.1
+
+    def __init__(self, quiet: bool) -> None:
+        from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
+        self._bar = Progress(
+            TextColumn("{task.percentage:5.1f} %"),
+            BarColumn(bar_width=24),
+            TextColumn("{task.fields[machine]} simulated in"),
+            TimeElapsedColumn(),
+            TextColumn("{task.fields[process]}"),
+            console=_ERR,
+            disable=quiet,
+        )
+        self._task = self._bar.add_task("cut", total=1.0, machine="0:00:00", process="")
+        self._next_s = 0.0
+
+    def __enter__(self) -> _ProgressBar:
+        self._bar.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._bar.stop()
+
+    def show(self, progress: Progress) -> None:
+        """Take in a window; draw only every tenth of a second."""
+        now = self._bar.get_time()
+        at_end = progress.path_um >= progress.total_um - 2.0
+        if now < self._next_s and not at_end:
+            return
+        self._next_s = now + self._EVERY_S
+        minutes, seconds = divmod(int(progress.time_s), 60)
+        self._bar.update(
+            self._task,
+            completed=min(1.0, progress.path_um / progress.total_um),
+            machine=f"{minutes // 60}:{minutes % 60:02d}:{seconds:02d}",
+            process=f"{progress.feed_um_s:5.1f} um/s  short {progress.short / 2.55:3.0f} %  "
+            f"open {progress.open / 2.55:3.0f} %",
+        )
+
+
+def main(run: Callable[[], None] = app) -> None:
+    """Run the command line; bad input is one line on standard error and exit status 2."""
+    try:
+        run()
+    except InputError as error:
+        _ERR.print(f"edmsim: {error}", style=None, highlight=False, soft_wrap=True, markup=False)
+        sys.exit(BAD_INPUT)
+    except KeyboardInterrupt:
+        _ERR.print("edmsim: interrupted; take an interrupted cut up again with --resume", highlight=False)
+        sys.exit(INTERRUPTED)

@@ -1,0 +1,308 @@
+"""The loop of design section 1: counts to the feed law, speed to the planner, steps to the plant, and round again.
+
+One turn is one window of 255 pulses. Controllers see what a machine would let them see; the plant sees motor
+steps and the generator's setting; nothing else passes between them.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from edmsim.controllers import FeedController, WindowObservation
+from edmsim.controllers.mcu.planner import Planner, make_planner
+from edmsim.controllers.mcu.timers import MAX_FEED_UM_S, MAX_SPEED, SPEED_UNIT_NM_S
+
+from .analyser import PulseAnalyser
+from .machine import Machine
+from .plant.plant import Plant, PulseWindow
+from .plant.workpiece import Stock
+from .program.path import Contour, CutPath
+from .recording.frames import Frames
+from .recording.windows import WindowTable
+
+FINISHED, WIRE_BREAK, LIMIT_SWITCH, PERSISTENT_SHORT, TIME_LIMIT = (
+    "finished", "wire-break", "limit-switch", "persistent-short", "time-limit",
+)
+"""Outcomes of a cut."""
+
+
+class Leg(NamedTuple):
+    """A stretch of path between two stops of the program: threading, a dwell, the end.
+
+    Attributes
+    ----------
+    points_um : int64 array (n, 2)
+    threads : bool
+        A fresh wire is threaded at the first point.
+    dwell_s : float
+        How long the wire then waits at the last point (G4).
+    """
+
+    points_um: NDArray[np.int64]
+    threads: bool
+    dwell_s: float
+
+
+class Progress(NamedTuple):
+    """How far a cut is, for whoever watches."""
+
+    path_um: float
+    total_um: float
+    time_s: float
+    feed_um_s: float
+    short: int
+    open: int
+
+
+@dataclass
+class Sums:
+    """What is added up over a cut, all pulses counted."""
+
+    short: int = 0
+    open: int = 0
+    spark: int = 0
+    arc: int = 0
+    energy: float = 0.0
+    crater_um3: float = 0.0
+    vibration2_pulses: float = 0.0
+
+    def add(self, window: PulseWindow) -> None:
+        """Add one window."""
+        self.short += window.short
+        self.open += window.open
+        self.spark += window.spark
+        self.arc += window.arc
+        self.energy += window.energy_J
+        self.crater_um3 += window.crater_um3
+        self.vibration2_pulses += window.vibration2_um2 * window.pulses
+
+    @property
+    def pulses(self) -> int:
+        """Pulses of all classes."""
+        return self.short + self.open + self.spark + self.arc
+
+
+def legs_of(contour: Contour) -> list[Leg]:
+    """Cut a contour's path at its dwells."""
+    stops = sorted(dict.fromkeys(i for i, _ in contour.dwells))
+    wait = {i: sum(s for j, s in contour.dwells if j == i) for i in stops}
+    last = len(contour.points_um) - 1
+    ends = [i for i in stops if 0 < i < last] + [last]
+    starts = [0, *ends[:-1]]
+    return [
+        Leg(contour.points_um[a : b + 1], a == 0, wait.get(b, 0.0) + (wait.get(0, 0.0) if a == 0 else 0.0))
+        for a, b in zip(starts, ends, strict=True)
+    ]
+
+
+class Simulation:
+    """One cut in progress.
+
+    Parameters
+    ----------
+    machine : Machine
+    path : CutPath
+    controller : FeedController
+        Fresh; it is reset at the start of every leg.
+    planner : str
+        ``poscal``, ``poscal-literal`` or ``dda``.
+    seed : int
+    resolution : str
+    max_time_s : float, optional
+        Machine time after which the cut is stopped.
+    """
+
+    def __init__(
+        self,
+        machine: Machine,
+        path: CutPath,
+        controller: FeedController,
+        *,
+        planner: str = "poscal",
+        seed: int = 0,
+        resolution: str = "default",
+        max_time_s: float | None = None,
+    ) -> None:
+        self.machine = machine
+        self.path = path
+        self.controller = controller
+        self._planner_name = planner
+        self._max_time_ns = None if max_time_s is None else round(max_time_s * 1e9)
+        self.legs = [leg for contour in path.contours for leg in legs_of(contour)]
+        x0, y0, x1, y1 = (1e3 * v for v in path.stock_mm)
+        radius = path.start_hole_radius_mm * 1e3
+        holes = tuple((float(c.points_um[0, 0]), float(c.points_um[0, 1]), radius) for c in path.contours)
+        first = path.contours[0].points_um[0]
+        self.plant = Plant(
+            machine, seed, stock=Stock((x0, y0, x1, y1), holes),
+            position_um=(float(first[0]), float(first[1])), resolution=resolution,
+        )
+        self.analyser = PulseAnalyser()
+        self.windows = WindowTable()
+        self.frames = Frames(self.plant.resolution.slices)
+        self.sums = Sums()
+        self.outcome: str | None = None
+        self.reason: str | None = None
+        self._leg = 0
+        self._dwell_until_ns = -1
+        self._before_um = 0.0
+        self._begin_leg()
+        self.total_um = sum(float(np.hypot(*np.diff(leg.points_um, axis=0).T).sum()) for leg in self.legs)
+
+    def _begin_leg(self) -> None:
+        self._planner: Planner = make_planner(self._planner_name, self.legs[self._leg].points_um)
+        self._dwell_until_ns = -1
+        self._command = self.controller.reset(MAX_FEED_UM_S)
+
+    @property
+    def path_um(self) -> float:
+        """Length of path behind the wire, over all legs."""
+        return self._before_um + self._planner.path_um
+
+    def step(self) -> Progress:
+        """Run one window; afterwards `outcome` tells whether the cut is over."""
+        units = round(self._command.feed_um_s * 1e3 / SPEED_UNIT_NM_S)
+        units = max(-MAX_SPEED, min(MAX_SPEED, units))
+        start_ns = self.plant.time_ns
+        if self._dwell_until_ns >= 0:
+            units = 0
+        window = self._run_window(start_ns, units)
+        feed = units * SPEED_UNIT_NM_S * 1e-3
+        self.sums.add(window)
+        self._record(window, feed)
+        if window.pulses == 255:
+            self.analyser.count_window(window.short, window.open)
+            counts = self.analyser.read()
+            self._command = self.controller.update(
+                WindowObservation(
+                    self.plant.time_ns * 1e-9, window.duration_ns * 1e-9, counts.short, counts.open,
+                    window.mean_voltage_V, window.mean_current_A, window.mean_delay_us, feed,
+                    self._planner.path_um,
+                )
+            )
+        self._judge(window)
+        return Progress(
+            self.path_um, self.total_um, self.plant.time_ns * 1e-9, feed, window.short, window.open
+        )
+
+    def _run_window(self, start_ns: int, units: int) -> PulseWindow:
+        if self.plant.window_ns:
+            return self.plant.advance(self._planner.advance(start_ns, start_ns + self.plant.window_ns, units))
+        # where the period varies, the window's end is known only afterwards: plan for the longest, then undo
+        before = self._planner.snapshot()
+        window = self.plant.advance(
+            self._planner.advance(start_ns, start_ns + self.plant.longest_window_ns, units)
+        )
+        self._planner.restore(before)
+        self._planner.advance(start_ns, self.plant.time_ns, units)
+        return window
+
+    def _record(self, window: PulseWindow, feed_um_s: float) -> None:
+        x, y = self.plant.commanded_um
+        t_s = self.plant.time_ns * 1e-9
+        self.windows.append(
+            (
+                t_s, x, y, feed_um_s, window.short, window.open, window.spark, window.arc,
+                window.mean_voltage_V, window.mean_current_A, window.mean_delay_us, window.gap_um,
+                -window.deflection_um[0], -window.deflection_um[1], window.wire_temperature_K, window.debris,
+                self.plant.machine.t_on_us, self.plant.machine.t_period_us, self.path_um,
+            )
+        )
+        if self.frames.wants_next:
+            self.frames.offer(t_s, x, y, self.path_um, self.plant.deflections_um())
+        else:
+            self.frames.skip()
+
+    def _judge(self, window: PulseWindow) -> None:
+        x, y = self.plant.commanded_um
+        travel = self.machine.base.table.travel_mm.value * 1e3
+        if window.broken:
+            height = self.plant.broken_height_mm
+            self._stop(WIRE_BREAK, f"the wire broke {height:.1f} mm above the workpiece's lower face")
+        elif self._command.alarm is not None:
+            self._stop(PERSISTENT_SHORT, self._command.alarm)
+        elif not (0 <= x <= travel and 0 <= y <= travel):
+            self._stop(LIMIT_SWITCH, f"an end switch of the table opened at x {x / 1e3:.3f} y {y / 1e3:.3f} mm")
+        elif self._max_time_ns is not None and self.plant.time_ns >= self._max_time_ns:
+            self._stop(TIME_LIMIT, f"the time limit of {self._max_time_ns * 1e-9:g} s of machine time was reached")
+        elif self._planner.done:
+            self._end_of_leg()
+
+    def _stop(self, outcome: str, reason: str) -> None:
+        self.outcome, self.reason = outcome, reason
+
+    def _end_of_leg(self) -> None:
+        leg = self.legs[self._leg]
+        now = self.plant.time_ns
+        if leg.dwell_s > 0 and self._dwell_until_ns < 0:
+            self._dwell_until_ns = now + round(leg.dwell_s * 1e9)
+        if now < self._dwell_until_ns:
+            return
+        self._before_um += self._planner.path_um
+        self._leg += 1
+        if self._leg == len(self.legs):
+            self._leg -= 1
+            self._before_um -= self._planner.path_um
+            self.outcome = FINISHED
+            return
+        following = self.legs[self._leg]
+        if following.threads:
+            self._thread_at(following.points_um[0])
+        self._begin_leg()
+
+    def _thread_at(self, point_um: NDArray[np.int64]) -> None:
+        table = self.machine.base.table
+        x, y = self.plant.commanded_um
+        way = math.hypot(point_um[0] - x, point_um[1] - y)
+        seconds = way / table.rapid_um_s.value + table.threading_s.value
+        self.plant.rethread((float(point_um[0]), float(point_um[1])), round(seconds * 1e9))
+
+    def run(self, watch: Callable[[Progress], None] | None = None) -> str:
+        """Run until the cut is over; returns the outcome. `watch` is called after every window."""
+        while self.outcome is None:
+            progress = self.step()
+            if watch is not None:
+                watch(progress)
+        return self.outcome
+
+    def snapshot(self) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
+        """Return everything that changes: arrays, and plain values fit for JSON."""
+        arrays = {f"plant.{k}": v for k, v in self.plant.snapshot().items()}
+        arrays.update({f"windows.{k}": np.asarray(v) for k, v in self.windows.snapshot().items()})
+        arrays.update({f"frames.{k}": np.asarray(v) for k, v in self.frames.snapshot().items()})
+        values = {
+            "leg": self._leg,
+            "dwell_until_ns": self._dwell_until_ns,
+            "before_um": self._before_um,
+            "command": [self._command.feed_um_s, self._command.alarm],
+            "sums": vars(self.sums).copy(),
+            "planner": self._planner.snapshot(),
+            "controller": self.controller.snapshot(),
+            "analyser": self.analyser.snapshot(),
+        }
+        return arrays, values
+
+    def restore(self, arrays: Mapping[str, NDArray[Any]], values: Mapping[str, Any]) -> None:
+        """Take back a `snapshot` of the same cut; it then continues bit for bit."""
+        self._leg = values["leg"]
+        self._begin_leg()
+        self._dwell_until_ns = values["dwell_until_ns"]
+        self._before_um = values["before_um"]
+        self._command = type(self._command)(*values["command"])
+        self.sums = Sums(**values["sums"])
+        self._planner.restore(values["planner"])
+        self.controller.restore(values["controller"])
+        self.analyser.restore(values["analyser"])
+        self.plant.restore(_part(arrays, "plant."))
+        self.windows.restore(_part(arrays, "windows."))
+        self.frames.restore(_part(arrays, "frames."))
+
+
+def _part(arrays: Mapping[str, NDArray[Any]], prefix: str) -> dict[str, NDArray[Any]]:
+    return {k.removeprefix(prefix): v for k, v in arrays.items() if k.startswith(prefix)}

@@ -1,0 +1,113 @@
+"""Inspection of a cut part: what was measured, gathered for report, picture and recording."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .contours import cut_edges
+from .cosim import FINISHED, Simulation
+from .metrology import ProfileError, corners, kerf_width, profile_error, roughness_um
+from .recording.report import Quality, Totals
+from .recording.scene import Corner, ErrorMap, Scene, polylines
+
+_NEAR_MM = 0.5
+"""A window belongs to a place of the profile only within this distance of the wire."""
+
+
+@dataclass(frozen=True)
+class Inspection:
+    """Everything measured on the part.
+
+    Attributes
+    ----------
+    quality : Quality
+        Figures of the report.
+    scene : Scene
+        Geometry of the pictures.
+    error_um : float64 array (windows,)
+        Profile error at the place of every window; NaN where there is none.
+    """
+
+    quality: Quality
+    scene: Scene
+    error_um: NDArray[np.float64]
+
+
+def totals(simulation: Simulation, wall_time_s: float) -> Totals:
+    """Return what was counted over the cut."""
+    sums = simulation.sums
+    return Totals(
+        machining_time_s=simulation.plant.time_ns * 1e-9,
+        wall_time_s=wall_time_s,
+        short=sums.short,
+        open=sums.open,
+        spark=sums.spark,
+        arc=sums.arc,
+        path_length_mm=simulation.path_um * 1e-3,
+        height_mm=simulation.machine.height_mm,
+        energy=sums.energy,
+        removed_mm3=simulation.plant.removed_mm3,
+        vibration_um_rms=math.sqrt(sums.vibration2_pulses / sums.pulses) if sums.pulses else math.nan,
+    )
+
+
+def inspect(simulation: Simulation) -> Inspection:
+    """Measure the part as it is now, finished or not."""
+    field, machine = simulation.plant.field, simulation.machine
+    contours = simulation.path.contours
+    profiles = [profile_error(field, contour) for contour in contours]
+    found = [Corner(**c) for k, p in zip(contours, profiles, strict=True) for c in corners(k, p)]
+    guides = machine.base.guides.clearance_mm.value
+    x, y = simulation.plant.commanded_um
+    scene = Scene(
+        maps=tuple(
+            ErrorMap(k.nominal_mm, k.part_side, p.points_mm, p.mean_um)
+            for k, p in zip(contours, profiles, strict=True)
+        ),
+        cut_edges_mm=tuple(polylines(cut_edges(field, s)) for s in range(field.n_slices)),
+        corners=tuple(found),
+        starts_mm=np.array([contour.points_um[0] * 1e-3 for contour in contours]),
+        stock_mm=simulation.path.stock_mm,
+        height_mm=machine.height_mm,
+        guides_z_mm=(-guides, machine.height_mm + guides),
+        wire_diameter_um=machine.wire_diameter_um,
+        stop_mm=None if simulation.outcome == FINISHED else (x * 1e-3, y * 1e-3),
+    )
+    return Inspection(_quality(simulation, profiles, tuple(found)), scene, _error_per_window(simulation, profiles))
+
+
+def _quality(simulation: Simulation, profiles: list[ProfileError], found: tuple[Corner, ...]) -> Quality:
+    field, machine, sums = simulation.plant.field, simulation.machine, simulation.sums
+    error = np.concatenate([np.abs(p.error_um).ravel() for p in profiles])
+    error = error[np.isfinite(error)]
+    widths = np.concatenate(
+        [kerf_width(field, k, machine.wire_diameter_um).width_um.ravel() for k in simulation.path.contours]
+    )
+    widths = widths[np.isfinite(widths)]
+    ignited = sums.spark + sums.arc
+    flatness = machine.base.discharge.crater_flatness.value
+    return Quality(
+        kerf_mean_um=float(widths.mean()) if widths.size else math.nan,
+        kerf_min_um=float(widths.min()) if widths.size else math.nan,
+        kerf_max_um=float(widths.max()) if widths.size else math.nan,
+        profile_max_um=float(error.max()) if error.size else math.nan,
+        profile_rms_um=float(np.sqrt(np.mean(error**2))) if error.size else math.nan,
+        profile_p95_um=float(np.percentile(error, 95)) if error.size else math.nan,
+        corners=found,
+        ra_um=roughness_um(sums.crater_um3 / ignited, flatness) if ignited else math.nan,
+    )
+
+
+def _error_per_window(simulation: Simulation, profiles: list[ProfileError]) -> NDArray[np.float64]:
+    """Profile error at the point of the edge nearest to the wire, window by window."""
+    from scipy.spatial import KDTree
+
+    rows = simulation.windows.values()
+    points = np.concatenate([p.points_mm for p in profiles])
+    error = np.append(np.concatenate([p.mean_um for p in profiles]), np.nan)
+    _, nearest = KDTree(points).query(rows[:, 1:3] * 1e-3, distance_upper_bound=_NEAR_MM)
+    return np.asarray(error[nearest])

@@ -1,0 +1,268 @@
+"""One cut from program file to outputs: what `edmsim.cut` and ``edmsim cut`` do."""
+
+from __future__ import annotations
+
+import hashlib
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from importlib.metadata import version
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from edmsim.controllers import FeedController, make
+
+from . import checkpoint
+from .contours import contour
+from .cosim import Progress, Simulation
+from .errors import InputError
+from .inspection import inspect, totals
+from .machine import Machine
+from .plant.setup import resolution as check_resolution
+from .plant.workpiece import KerfField
+from .program.path import CutPath, plan_path
+from .recording.frames import Frames
+from .recording.report import build_report
+from .recording.scene import Scene
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+    from shapely.geometry import MultiPolygon
+
+CHECKPOINT_EVERY_S = 60.0
+"""Wall time between checkpoints of a long cut."""
+MECHANICS = ("modal",)
+"""Integrators of table and wire."""
+DRIVES = ("stepper",)
+"""Axis drives."""
+
+
+@dataclass(frozen=True)
+class CutResult:
+    """What a cut leaves.
+
+    Attributes
+    ----------
+    report : dict
+        The fields of ``report.json``.
+    windows : pyarrow.Table
+        A row per window of 255 pulses: ``windows.parquet``.
+    path : CutPath
+        The wire's path.
+    field : KerfField
+        The metal that is left.
+    frames : Frames
+        The wire's shape, thinned.
+    scene : Scene
+        The drawing: nominal and cut edges, errors, corners.
+    """
+
+    report: dict[str, Any]
+    windows: pa.Table
+    path: CutPath
+    field: KerfField
+    frames: Frames
+    scene: Scene
+
+    def contour(self, slice_index: int) -> MultiPolygon:
+        """Metal removed from one slice (0 is the bottom) as shapely polygons in mm; holes are what stays."""
+        return contour(self.field, slice_index)
+
+    def write(self, folder: str | Path) -> None:
+        """Write ``report.json``, ``windows.parquet``, ``profile.png`` and ``cut.rrd`` into a folder."""
+        from .recording import (
+            profile_figure,
+            write_figure,
+            write_json,
+            write_recording,
+            write_windows,
+        )
+
+        target = Path(folder)
+        title = Path(self.path.source).name
+        write_windows(self.windows, target / "windows.parquet")
+        write_figure(profile_figure(self.scene, self.windows, self.report, title), target / "profile.png")
+        write_recording(target / "cut.rrd", self.scene, self.windows, self.frames, self.report, title)
+        write_json(self.report, target / "report.json")
+
+
+def cut(
+    program: str | Path,
+    *,
+    out: str | Path | None = None,
+    machine: str = "agiecut-dem15",
+    material: str = "tool-steel",
+    height_mm: float = 20.0,
+    wire: str = "brass",
+    tension: float | None = None,
+    generator: str = "iso-pulse",
+    t_on_us: float | None = None,
+    t_period_us: float | None = None,
+    controller: str = "counts",
+    drive: str = "stepper",
+    planner: str = "poscal",
+    mechanics: str = "modal",
+    resolution: str = "default",
+    offset: str | float = "auto",
+    seed: int = 0,
+    max_time_s: float | None = None,
+    resume: bool = False,
+    watch: Callable[[Progress], None] | None = None,
+) -> CutResult:
+    """Simulate a part program.
+
+    Parameters
+    ----------
+    program : path
+        G-code (.ngc .nc .gcode .iso) or DXF.
+    out : path, optional
+        Folder for the outputs; without one nothing is written.
+    machine, material, wire, generator : str
+        Names under `models/` or paths of own TOML files; a wire may carry a diameter in um ("brass-200").
+    height_mm : float
+        Workpiece height.
+    tension : float, optional
+        Wire tension in newton.
+    t_on_us, t_period_us : float, optional
+        Setting of the pulse generator.
+    controller : str
+        Feed controller, with parameters if wanted: ``"fixed:feed_um_s=20"``.
+    drive, mechanics : str
+        Axis drive and integrator; see `DRIVES` and `MECHANICS`.
+    planner : {"poscal", "poscal-literal", "dda"}
+    resolution : {"fast", "default", "fine"}
+    offset : "auto", "none" or float
+        Wire offset in mm; auto is the wire's radius and the expected side gap.
+    seed : int
+        Same seed, same cut.
+    max_time_s : float, optional
+        Machine time after which to stop.
+    resume : bool
+        Take up the interrupted cut of `out`.
+    watch : callable, optional
+        Called with a `Progress` after every window.
+
+    Returns
+    -------
+    CutResult
+
+    Raises
+    ------
+    InputError
+        Anything that cannot be used; nothing has been written then.
+    KeyboardInterrupt
+        After the checkpoint was written, if there is a folder for it.
+    """
+    _check_choice("mechanics", mechanics, MECHANICS)
+    _check_choice("drive", drive, DRIVES)
+    check_resolution(resolution)
+    if max_time_s is not None and not max_time_s > 0:
+        raise InputError(f"the time limit of {max_time_s:g} s must be above zero")
+    set_up = Machine.load(
+        machine, material=material, wire=wire, generator=generator, height_mm=height_mm, tension=tension,
+        t_on_us=t_on_us, t_period_us=t_period_us,
+    )
+    law = make_controller(controller)
+    path = plan_path(program, offset, auto_offset_mm=set_up.auto_offset_mm)
+    folder = None if out is None else _writable(Path(out))
+    simulation = Simulation(
+        set_up, path, law, planner=planner, seed=seed, resolution=resolution, max_time_s=max_time_s
+    )
+    settings = {
+        "program": Path(program).name, "program_sha256": _digest(Path(program)), "machine": machine,
+        "material": material, "height_mm": set_up.height_mm, "wire": wire,
+        "wire_diameter_um": set_up.wire_diameter_um, "tension_N": set_up.tension, "generator": generator,
+        "t_on_us": set_up.t_on_us, "t_period_us": set_up.t_period_us, "controller": controller,
+        "drive": drive, "planner": planner, "mechanics": mechanics, "resolution": resolution,
+        "offset_um": path.offset_um, "max_time_s": max_time_s,
+    }
+    spent_s = _run(simulation, folder, {**settings, "seed": seed}, resume, watch)
+    result = _result(simulation, settings, seed, spent_s)
+    if folder is not None:
+        result.write(folder)
+        (folder / checkpoint.NAME).unlink(missing_ok=True)
+    return result
+
+
+def _run(
+    simulation: Simulation, folder: Path | None, settings: dict[str, Any], resume: bool,
+    watch: Callable[[Progress], None] | None,
+) -> float:
+    """Run to the end with checkpoints; returns the wall time spent."""
+    before_s = 0.0
+    if resume:
+        if folder is None:
+            raise InputError("to resume a cut, name its folder")
+        before_s = checkpoint.load(simulation, folder, settings)
+    started = saved = time.monotonic()
+
+    def turn(progress: Progress) -> None:
+        nonlocal saved
+        if watch is not None:
+            watch(progress)
+        now = time.monotonic()
+        if folder is not None and now - saved > CHECKPOINT_EVERY_S and simulation.outcome is None:
+            checkpoint.save(simulation, folder, settings, before_s + now - started)
+            saved = now
+
+    try:
+        simulation.run(turn)
+    except KeyboardInterrupt:
+        if folder is not None:
+            checkpoint.save(simulation, folder, settings, before_s + time.monotonic() - started)
+        raise
+    return before_s + time.monotonic() - started
+
+
+def _result(simulation: Simulation, settings: dict[str, Any], seed: int, wall_time_s: float) -> CutResult:
+    found = inspect(simulation)
+    windows = simulation.windows.to_arrow(found.error_um)
+    assert simulation.outcome is not None
+    report = build_report(
+        outcome=simulation.outcome,
+        reason=simulation.reason,
+        windows=windows,
+        totals=totals(simulation, wall_time_s),
+        quality=found.quality,
+        notices=simulation.path.notices,
+        seed=seed,
+        settings=settings,
+        version=version("edmsim"),
+    )
+    return CutResult(report, windows, simulation.path, simulation.plant.field, simulation.frames, found.scene)
+
+
+def make_controller(text: str) -> FeedController:
+    """Make a feed controller from its name and parameters: ``counts`` or ``fixed:feed_um_s=20``."""
+    name, _, rest = text.partition(":")
+    parameters = {}
+    for pair in filter(None, rest.split(",")):
+        key, equals, value = pair.partition("=")
+        try:
+            parameters[key.strip()] = float(value)
+        except ValueError:
+            equals = ""
+        if not equals:
+            raise InputError(f"controller parameter '{pair}' must read name=number")
+    return make(name, **parameters)
+
+
+def _check_choice(what: str, name: str, choices: tuple[str, ...]) -> None:
+    if name not in choices:
+        raise InputError(f"unknown {what} '{name}'; there are: {', '.join(choices)}")
+
+
+def _digest(file: Path) -> str:
+    return hashlib.sha256(file.read_bytes()).hexdigest()[:16]
+
+
+def _writable(folder: Path) -> Path:
+    """Make the output folder and see that it can be written to."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        probe = folder / ".edmsim-write-test"
+        probe.write_bytes(b"")
+        probe.unlink()
+    except OSError as error:
+        raise InputError(f"the output folder cannot be written to: {error.strerror}", folder) from None
+    return folder

@@ -1,0 +1,66 @@
+"""How the pulse loop is compiled: numba, without the GIL, cached under a key that covers all its sources.
+
+numba's own cache looks only at the file a function stands in. The pulse loop calls functions of several
+files, so a change in one of them would go unnoticed and old machine code would run. Here the cache folder is
+named after a digest of every source file of this package, and of numba and the processor.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import shutil
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import ParamSpec, TypeVar, cast
+
+import numba
+
+_P = ParamSpec("_P")
+_R = TypeVar("_R")
+_FOLDERS_KEPT = 4
+# NaN and infinity keep their meaning: the loop tests for them. The rest lets sums be vectorised.
+_FAST = {"reassoc", "contract", "arcp", "nsz", "afn"}
+
+
+def _source_digest() -> str:
+    digest = hashlib.sha256(numba.__version__.encode())
+    for file in sorted(Path(__file__).parent.glob("*.py")):
+        digest.update(file.read_bytes())
+    return digest.hexdigest()[:16]
+
+
+def _cache_folder() -> Path:
+    base = os.environ.get("XDG_CACHE_HOME")
+    root = (Path(base) if base else Path.home() / ".cache") / "edmsim" / "compiled"
+    folder = root / _source_digest()
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        folder.touch()
+        if not os.access(folder, os.W_OK):
+            raise PermissionError(folder)
+        _drop_old(root)
+    except OSError:
+        return Path(tempfile.gettempdir()) / f"edmsim-compiled-{os.getuid()}" / folder.name
+    return folder
+
+
+def _drop_old(root: Path) -> None:
+    by_age = sorted(root.iterdir(), key=lambda folder: folder.stat().st_mtime, reverse=True)
+    for folder in by_age[_FOLDERS_KEPT:]:
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+_FOLDER = _cache_folder()
+
+
+def compiled(function: Callable[_P, _R]) -> Callable[_P, _R]:
+    """Compile a function of the pulse loop: no Python objects, no GIL, machine code kept between runs."""
+    before = numba.config.CACHE_DIR
+    numba.config.CACHE_DIR = str(_FOLDER)
+    try:
+        jit = numba.njit(cache=True, nogil=True, fastmath=_FAST, error_model="numpy", forceinline=True)
+        return cast("Callable[_P, _R]", jit(function))
+    finally:
+        numba.config.CACHE_DIR = before

@@ -1,0 +1,104 @@
+"""The rays that face metal: traced once per window, packed for the pulse loop, retraced where a crater fell."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .compiled import compiled
+from .state import LANES, Array, Arrays, Constants
+from .workpiece import NO_METAL_UM, trace
+
+OVERLAP_UM = 8.0
+"""How far inside the wire's surface a ray begins, so that overlap with metal is seen."""
+AHEAD_UM = 8.0
+"""A known edge is looked for again from this far before it (metal only recedes, the wire moves little)."""
+KNOWN_MOVE_UM = 4.0
+"""Known edges are of use only while the wire moved less than this since."""
+
+
+@compiled
+def _trace_ray(
+    a: Arrays, tiles: NDArray[np.uint16], index: NDArray[np.int32], c: Constants, s: int, r: int, ahead_um: float
+) -> float:
+    """Gap of one ray; with `ahead_um` >= 0 begin that far before the edge known so far."""
+    start = c.radius_um - OVERLAP_UM
+    if ahead_um >= 0.0 and a.edge_um[s, r] < c.range_um:
+        start = max(start, c.radius_um + a.edge_um[s, r] - ahead_um)
+    edge = trace(
+        tiles, index, s, c.cell_um, a.reference_um[s, 0], a.reference_um[s, 1],
+        a.ray_cosine[r], a.ray_sine[r], start, c.radius_um + c.range_um,
+    )
+    return edge if edge == NO_METAL_UM else edge - c.radius_um
+
+
+@compiled
+def refer(a: Arrays, tiles: NDArray[np.uint16], index: NDArray[np.int32], c: Constants, position: Array) -> None:
+    """Trace every ray from where the wire is now, and pack those that meet metal."""
+    n_rays = a.ray_cosine.shape[0]
+    for s in range(a.shape.shape[0]):
+        moved = math.hypot(position[s, 0] - a.reference_um[s, 0], position[s, 1] - a.reference_um[s, 1])
+        ahead = AHEAD_UM if moved < KNOWN_MOVE_UM else -1.0
+        a.reference_um[s, 0] = position[s, 0]
+        a.reference_um[s, 1] = position[s, 1]
+        k = 0
+        for r in range(n_rays):
+            edge = _trace_ray(a, tiles, index, c, s, r, ahead)
+            a.edge_um[s, r] = edge
+            if edge < c.range_um:
+                a.ray[s, k] = r
+                a.distance[s, k] = edge
+                a.cosine[s, k] = a.ray_cosine[r]
+                a.sine[s, k] = a.ray_sine[r]
+                k += 1
+        a.facing[s] = (k + LANES - 1) // LANES * LANES
+        for fill in range(k, a.facing[s]):
+            a.ray[s, fill] = -1
+            a.distance[s, fill] = NO_METAL_UM
+            a.cosine[s, fill] = 0.0
+            a.sine[s, fill] = 0.0
+
+
+@compiled
+def retrace_around(
+    a: Arrays, tiles: NDArray[np.uint16], index: NDArray[np.int32], c: Constants, s: int, k: int, half_width_um: float
+) -> None:
+    """Retrace the packed rays whose paths a crater of this half width around packed ray `k` may have touched."""
+    n_rays = a.ray_cosine.shape[0]
+    centre = a.ray[s, k]
+    near = c.radius_um + max(a.edge_um[s, centre], 0.0)
+    reach = 1 + int((half_width_um + c.cell_um) / (near * (2.0 * math.pi / n_rays)))
+    count = a.facing[s]
+    for offset in range(-reach, reach + 1):
+        j = (k + offset + count) % count
+        r = a.ray[s, j]
+        if r < 0:
+            continue
+        apart = abs(r - centre)
+        if min(apart, n_rays - apart) <= reach:
+            edge = _trace_ray(a, tiles, index, c, s, r, AHEAD_UM)
+            a.edge_um[s, r] = edge
+            a.distance[s, j] = edge
+
+
+@compiled
+def gap_of(a: Arrays, position: Array, s: int, k: int) -> float:
+    """Gap of packed ray `k` where the wire is now."""
+    return np.float64(
+        a.distance[s, k]
+        - (position[s, 0] - a.reference_um[s, 0]) * a.cosine[s, k]
+        - (position[s, 1] - a.reference_um[s, 1]) * a.sine[s, k]
+    )
+
+
+@compiled
+def narrowest(a: Arrays, position: Array, s: int) -> tuple[int, float]:
+    """Packed ray with the smallest gap in a slice, and that gap; (0, `NO_METAL_UM`) if none faces metal."""
+    best, place = NO_METAL_UM, 0
+    for k in range(a.facing[s]):
+        gap = gap_of(a, position, s, k)
+        if gap < best:
+            best, place = gap, k
+    return place, best

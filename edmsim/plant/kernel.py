@@ -1,0 +1,335 @@
+"""The compiled pulse loop: one call advances a plant by one window of 255 pulses.
+
+Lengths are um, times us, and SI otherwise; modal coordinates are um sqrt(kg).
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .breakdown import GapLaw, choose_ray, slice_sums, weibull
+from .compiled import compiled
+from .dielectric import bridged_probability, flush
+from .facing import OVERLAP_UM, gap_of, narrowest, refer, retrace_around
+from .motion import move, place_wire, push_out, ringing, step_table
+from .random import uniform
+from .state import (
+    ARC,
+    GRID,
+    ISO_ENERGETIC,
+    ISO_PULSE,
+    OPEN,
+    PULSES_PER_WINDOW,
+    SHORT,
+    SPARK,
+    Array,
+    Arrays,
+    Constants,
+    Propagators,
+    Timing,
+)
+from .wire import HeatLaw, discharge_impulse, heat_step, strength_share
+from .workpiece import FULL, NO_METAL_UM, carve
+
+HEAT_INTERVAL_US = 1500.0
+"""Heat and debris are carried on at least this often: well under their time constants of some 10 ms."""
+CARVE_REACH_UM = 48.0
+"""How far beyond the gap a crater may look for metal."""
+
+
+@compiled
+def _draw(state: NDArray[np.void]) -> float:
+    state[0].draws += np.uint64(1)
+    return uniform(state[0].key, state[0].draws)
+
+
+@compiled
+def _normal(state: NDArray[np.void]) -> float:
+    """Standard normal draw (Box and Muller)."""
+    return math.sqrt(-2.0 * math.log(_draw(state))) * math.cos(2.0 * math.pi * _draw(state))
+
+
+@compiled
+def _leak_conductance(a: Arrays, c: Constants) -> float:
+    """Conductance in siemens of the water between wire and metal (rays in parallel)."""
+    total = 0.0
+    for s in range(a.facing.shape[0]):
+        for k in range(a.facing[s]):
+            total += 1.0 / max(a.distance[s, k], 1.0)
+    return total * c.leak_S_um
+
+
+@compiled
+def _sum_rays(
+    a: Arrays, c: Constants, law: GapLaw, position: Array, rate: Array, primed: Array, contact: Array, pull: Array
+) -> float:
+    """Sum every slice's rays at the wire's present place; returns the total contact depth."""
+    touching = 0.0
+    for s in range(rate.shape[0]):
+        total = slice_sums(
+            a.distance[s], a.cosine[s], a.sine[s], a.facing[s],
+            position[s, 0] - a.reference_um[s, 0], position[s, 1] - a.reference_um[s, 1], law,
+        )
+        gain = 1.0 + c.debris_gain * a.debris[s]
+        rate[s], primed[s] = total[0] * gain, total[1] * gain
+        contact[s] = total[2]
+        pull[s, 0], pull[s, 1] = total[3], total[4]
+        touching += total[2]
+    return touching
+
+
+@compiled
+def _touch(a: Arrays, position: Array, contact: Array) -> tuple[int, int]:
+    """Slice and packed ray of the deepest contact; the wire is pushed out of the metal where it overlaps."""
+    deepest, slice_, place = NO_METAL_UM, 0, 0
+    for s in range(contact.shape[0]):
+        if contact[s] > 0.0:
+            k, gap = narrowest(a, position, s)
+            if gap < deepest:
+                deepest, slice_, place = gap, s, k
+            if gap < 0.0:
+                push_out(a, position, s, np.float64(a.cosine[s, k]), np.float64(a.sine[s, k]), -gap)
+    return slice_, place
+
+
+@compiled
+def _bridged(state: NDArray[np.void], a: Arrays, position: Array, c: Constants) -> bool:
+    """Whether debris bridges the gap somewhere."""
+    for s in range(a.debris.shape[0]):
+        if a.debris[s] > 0.9 * c.bridge_base:
+            gap = narrowest(a, position, s)[1]
+            p = bridged_probability(
+                a.debris[s], gap, c.bridge_base, c.bridge_per_um, c.bridge_ceiling, c.bridge_steepness
+            )
+            if _draw(state) < p:
+                return True
+    return False
+
+
+@compiled
+def _pick(weights: Array, share: float) -> tuple[int, float]:
+    """Index at which the cumulative weight passes `share` of the total, and the share left inside it (0..1)."""
+    target = share * weights.sum()
+    for k in range(weights.shape[0]):
+        if target < weights[k]:
+            return k, target / weights[k]
+        target -= weights[k]
+    return int(np.argmax(weights)), 0.5
+
+
+@compiled
+def _ignite(
+    state: NDArray[np.void], a: Arrays, c: Constants, law: GapLaw, t: Timing, position: Array, rate: Array,
+    primed: Array,
+) -> tuple[float, int, int]:
+    """Delay until breakdown in us, and its slice and packed ray; a delay past the wait has no place."""
+    is_primed = _draw(state) > math.exp(-law.primed_per_um2 * primed.sum())
+    if is_primed:
+        delay = weibull(c.primed_scale_us, c.primed_shape, _draw(state))
+    else:
+        delay = -math.log(_draw(state)) / max(rate.sum(), 1e-30)
+    if delay >= t.wait_us:
+        return delay, 0, 0
+    delay += max(c.formative_us + c.formative_sd_us * _normal(state), 0.01)
+    weights = primed if is_primed else rate
+    s, share = _pick(weights, _draw(state))
+    gain = 1.0 + c.debris_gain * a.debris[s]
+    k = choose_ray(
+        a.distance[s], a.cosine[s], a.sine[s], a.facing[s], position[s, 0] - a.reference_um[s, 0],
+        position[s, 1] - a.reference_um[s, 1], law, is_primed, share * weights[s] / gain,
+    )
+    return delay, s, k
+
+
+@compiled
+def _erode(
+    state: NDArray[np.void], window: NDArray[np.void], a: Arrays, tiles: NDArray[np.uint16],
+    index: NDArray[np.int32], c: Constants, position: Array, s: int, k: int, volume: float,
+) -> None:
+    """Remove a crater of `volume` um3 at a packed ray, retrace the rays it touched, feed the debris."""
+    area = volume / c.slice_um + a.carry_um2[s]
+    part = c.cell_um**2 / FULL
+    parts = int(area / part)
+    a.carry_um2[s] = area - parts * part
+    half_width = 0.5 * (6.0 * volume / (math.pi * c.crater_flatness)) ** (1.0 / 3.0)
+    near = c.radius_um + gap_of(a, position, s, k)
+    missed = carve(
+        tiles, index, s, c.cell_um, position[s, 0], position[s, 1],
+        np.float64(a.cosine[s, k]), np.float64(a.sine[s, k]),
+        max(near - 2.0 * c.cell_um, c.radius_um - OVERLAP_UM), near + CARVE_REACH_UM,
+        half_width, _draw(state), parts,
+    )
+    lost = missed * part * c.slice_um
+    state[0].crater_um3 += volume
+    state[0].missed_um3 += lost
+    state[0].wear_wait_um3 += volume - lost
+    window[0].crater_um3 += volume - lost
+    a.debris[s] += (volume - lost) / c.cavity_um3
+    retrace_around(a, tiles, index, c, s, k, half_width)
+
+
+@compiled
+def _discharge(
+    state: NDArray[np.void], window: NDArray[np.void], a: Arrays, tiles: NDArray[np.uint16],
+    index: NDArray[np.int32], c: Constants, t: Timing, heat: HeatLaw, position: Array, s: int, k: int,
+    burn_us: float,
+) -> float:
+    """One spark or arc burning for `burn_us`: crater, heat, debris. Returns the energy in joule."""
+    energy = t.burning_V * t.current_A * burn_us * 1e-6
+    volume = c.removal_um3_J * energy * max(0.0, 1.0 + c.crater_cv * _normal(state))
+    window[0].gap_um += gap_of(a, position, s, k)
+    window[0].energy_J += energy
+    window[0].charge_A_us += t.current_A * burn_us
+    window[0].crater_depth_um += (6.0 * volume * c.crater_flatness**2 / math.pi) ** (1.0 / 3.0)
+    state[0].current2_us += t.current_A**2 * burn_us
+    state[0].last_slice = s
+    state[0].last_ray = a.ray[s, k]
+    a.temperature_K[s] += c.wire_heat_share * energy * heat.kelvin_per_J
+    window[0].temperature_max_K = max(window[0].temperature_max_K, a.temperature_K[s])
+    _erode(state, window, a, tiles, index, c, position, s, k, volume)
+    return energy
+
+
+@compiled
+def _short_circuit(
+    state: NDArray[np.void], window: NDArray[np.void], a: Arrays, tiles: NDArray[np.uint16],
+    index: NDArray[np.int32], c: Constants, t: Timing, position: Array, s: int, k: int,
+) -> None:
+    """Short-circuit current for the on-time; where metal touches (`s` >= 0), it melts a little of the bridge."""
+    window[0].charge_A_us += t.short_A * t.on_us
+    state[0].current2_us += t.short_A**2 * t.on_us
+    if s >= 0:
+        volume = c.short_removal_share * c.removal_um3_J * t.burning_V * t.short_A * t.on_us * 1e-6
+        _erode(state, window, a, tiles, index, c, position, s, k, volume)
+
+
+@compiled
+def _decide(
+    state: NDArray[np.void], a: Arrays, c: Constants, law: GapLaw, t: Timing, position: Array, rate: Array,
+    primed: Array, contact: Array, touching: float,
+) -> tuple[int, float, int, int]:
+    """How this pulse ends: class, delay until ignition in us, slice and packed ray."""
+    if touching > 0.0:
+        s, k = _touch(a, position, contact)
+        return SHORT, 0.0, s, k
+    if _bridged(state, a, position, c):
+        return SHORT, 0.0, -1, 0
+    if _draw(state) < math.exp(-state[0].since_discharge_us / c.deionisation_us):
+        s = state[0].last_slice
+        for k in range(a.facing[s]):
+            if a.ray[s, k] == state[0].last_ray:
+                return ARC, 0.0, s, k
+    delay, s, k = _ignite(state, a, c, law, t, position, rate, primed)
+    if delay < t.wait_us:
+        return SPARK, delay, s, k
+    return OPEN, t.wait_us, 0, 0
+
+
+@compiled
+def _watch(window: NDArray[np.void], state: NDArray[np.void], a: Arrays, position: Array) -> None:
+    """Add the wire's mean deflection over the height to the window's sums."""
+    n = position.shape[0]
+    for axis in range(2):
+        mean = 0.0
+        for s in range(n):
+            mean += position[s, axis]
+        mean = mean / n - state[0].commanded_um[axis] - ringing(a, axis)
+        window[0].deflection_um[axis] += mean
+        window[0].deflection2_um2[axis] += mean * mean
+
+
+@compiled
+def _carry_on(state: NDArray[np.void], a: Arrays, c: Constants, heat: HeatLaw) -> None:
+    """Let heat and debris travel for the time that has gathered, wear the wire, and see whether it breaks."""
+    dt = state[0].heat_wait_us
+    heat_step(a.temperature_K, heat, dt, state[0].current2_us)
+    flush(a.debris, c.nozzle_flow_us * dt)
+    passed = 1.0 - math.exp(-heat.run_per_us / a.facing.shape[0] * dt)
+    worn = c.worn_share_per_um3_us * state[0].wear_wait_um3 / dt
+    state[0].worn_share += (worn - state[0].worn_share) * passed
+    state[0].heat_wait_us = 0.0
+    state[0].current2_us = 0.0
+    state[0].wear_wait_um3 = 0.0
+    for s in range(a.temperature_K.shape[0]):
+        share = strength_share(a.temperature_K[s], c.half_strength_K, c.water_K)
+        if state[0].broken == 0 and c.strength_N * share * (1.0 - state[0].worn_share) < c.tension_N:
+            state[0].broken = 1
+            state[0].broken_slice = s
+
+
+@compiled
+def advance_window(
+    state: NDArray[np.void],
+    window: NDArray[np.void],
+    a: Arrays,
+    tiles: NDArray[np.uint16],
+    index: NDArray[np.int32],
+    c: Constants,
+    law: GapLaw,
+    heat: HeatLaw,
+    t: Timing,
+    p: Propagators,
+    step_ns: NDArray[np.int64],
+    step_axis: NDArray[np.int64],
+    step_direction: NDArray[np.int64],
+) -> None:
+    """Fire 255 pulses; stop early only if the wire breaks. Table steps happen at their own times."""
+    n_slices, n_modes = a.shape.shape
+    position, pull, load = np.empty((n_slices, 2)), np.empty((n_slices, 2)), np.empty((2, n_modes))
+    rate, primed, contact = np.empty(n_slices), np.empty(n_slices), np.empty(n_slices)
+    place_wire(state, a, position)
+    refer(a, tiles, index, c, position)
+    open_V = t.open_V / (1.0 + c.supply_ohm * _leak_conductance(a, c))
+    # pressure eps V^2 / 2 on a ray's patch, per 1/um^2 of its summed inverse square gaps, in um kg/s^2
+    open_scale = 0.5 * c.permittivity_F_m * open_V**2 * c.patch_m2 * 1e12 * 1e6
+    burn_scale = open_scale * (t.burning_V / open_V) ** 2
+    next_step = 0
+    for _ in range(PULSES_PER_WINDOW):
+        place_wire(state, a, position)
+        touching = _sum_rays(a, c, law, position, rate, primed, contact, pull)
+        _watch(window, state, a, position)
+        outcome, delay, s, k = _decide(state, a, c, law, t, position, rate, primed, contact, touching)
+
+        burn, kick_x, kick_y, at = 0.0, 0.0, 0.0, 0
+        if outcome == SHORT:
+            _short_circuit(state, window, a, tiles, index, c, t, position, s, k)
+        elif outcome != OPEN:
+            burn = t.on_us - delay if t.mode == ISO_PULSE else t.on_us
+            energy = _discharge(state, window, a, tiles, index, c, t, heat, position, s, k, burn)
+            impulse = discharge_impulse(energy, c.impulse_10mJ_Ns, c.impulse_exponent)
+            kick_x, kick_y, at = -impulse * a.cosine[s, k], -impulse * a.sine[s, k], s
+            window[0].delay_us += delay
+            window[0].ignitions += 1
+        window[0].counts[outcome] += 1
+        window[0].voltage_us += open_V * delay + t.burning_V * burn
+
+        conducting = t.on_us if outcome == SHORT else burn
+        period_ns, k_period = t.period_ns, GRID
+        if t.mode == ISO_ENERGETIC:
+            k_period = int((delay + conducting + t.pause_us) / t.grid_us + 0.5)
+            period_ns = int(k_period * t.grid_us * 1e3 + 0.5)
+        period_us = period_ns * 1e-3
+        k_ignite = min(int(delay / t.grid_us + 0.5), k_period)
+        k_end = min(int((delay + burn) / t.grid_us + 0.5), k_period)
+        move(a, p, load, pull, open_scale, burn_scale, k_ignite, k_end, k_period, at, kick_x, kick_y)
+
+        state[0].time_ns += period_ns
+        while next_step < step_ns.shape[0] and step_ns[next_step] < state[0].time_ns:
+            since = (state[0].time_ns - step_ns[next_step]) * 1e-3 / t.grid_us
+            step_table(
+                state, a, p, step_axis[next_step], step_direction[next_step] * c.step_um,
+                min(int(since + 0.5), k_period),
+            )
+            next_step += 1
+        quiet = period_us - delay - conducting
+        state[0].since_discharge_us = state[0].since_discharge_us + period_us if outcome == OPEN else quiet
+        state[0].pulses += 1
+        state[0].heat_wait_us += period_us
+        window[0].duration_ns += period_ns
+        if state[0].heat_wait_us >= HEAT_INTERVAL_US:
+            _carry_on(state, a, c, heat)
+            if state[0].broken != 0:
+                break

@@ -1,0 +1,295 @@
+"""Plant: the machine and its gap, advanced one window of 255 pulses at a time."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from . import setup
+from .generator import timing
+from .kernel import advance_window
+from .random import key_of
+from .state import ARC, CHANGING, OPEN, PULSES_PER_WINDOW, SHORT, SPARK, STATE, WINDOW
+from .workpiece import KerfField, Stock
+
+if TYPE_CHECKING:
+    from ..machine import Machine
+
+_REACH_UM = 64.0
+"""Tiles are made this far beyond the rays: a crater's reach, and what the wire may move in a window."""
+_FRONT_GAP_UM = 30.0
+"""Gap in front of a plant that was given no workpiece."""
+
+
+@dataclass(frozen=True, slots=True)
+class PulseWindow:
+    """What happened in one window of pulses. Gap, deflection, temperature and debris no real machine sees.
+
+    Attributes
+    ----------
+    start_ns, duration_ns : int
+        Machine time at the window's begin, and its length.
+    short, open, spark, arc : int
+        Pulses of each class; they add up to 255 unless the wire broke.
+    mean_voltage_V, mean_current_A : float
+        Means over the window.
+    mean_delay_us : float
+        Mean ignition delay of the pulses that ignited; NaN if none did.
+    gap_um : float
+        Mean gap at the places of ignition; NaN if none.
+    deflection_um : (float, float)
+        Mean deflection of the wire over height and time.
+    vibration2_um2 : float
+        Variance of that deflection within the window, both axes added.
+    wire_temperature_K : float
+        Highest temperature of a slice's wire.
+    debris : float
+        Mean debris share of the gap's water.
+    energy_J, crater_um3, crater_depth_um : float
+        Sums over the window's discharges.
+    broken : bool
+        The wire broke in this window.
+    """
+
+    start_ns: int
+    duration_ns: int
+    short: int
+    open: int
+    spark: int
+    arc: int
+    mean_voltage_V: float
+    mean_current_A: float
+    mean_delay_us: float
+    gap_um: float
+    deflection_um: tuple[float, float]
+    vibration2_um2: float
+    wire_temperature_K: float
+    debris: float
+    energy_J: float
+    crater_um3: float
+    crater_depth_um: float
+    broken: bool
+
+    @property
+    def pulses(self) -> int:
+        """Pulses fired in the window: 255 unless the wire broke."""
+        return self.short + self.open + self.spark + self.arc
+
+
+class Plant:
+    """A wire-EDM machine at work.
+
+    Parameters
+    ----------
+    machine : Machine
+        The set-up.
+    seed : int
+        Same seed, same set-up, same motion: same bits.
+    stock : Stock, optional
+        The workpiece; without one, a block with a straight edge just in front of the wire (towards +x).
+    position_um : (float, float)
+        Where the wire starts on the table.
+    resolution : {"fast", "default", "fine"}
+
+    Examples
+    --------
+    >>> import edmsim
+    >>> plant = edmsim.Plant(edmsim.Machine.load(), seed=1, resolution="fast")
+    >>> window = plant.advance()
+    >>> window.short + window.open + window.spark + window.arc
+    255
+    """
+
+    def __init__(
+        self,
+        machine: Machine,
+        seed: int = 0,
+        *,
+        stock: Stock | None = None,
+        position_um: tuple[float, float] = (32_500.0, 32_500.0),
+        resolution: str = "default",
+    ) -> None:
+        self.machine = machine
+        self.resolution = setup.resolution(resolution)
+        self._modes = setup.modal_model(machine, self.resolution)
+        self._constants = setup.constants(machine, self.resolution)
+        self._heat = setup.heat_law(machine, self.resolution)
+        self._set_timing(machine)
+        self.reset(seed, stock=stock, position_um=position_um)
+
+    def _set_timing(self, machine: Machine) -> None:
+        self._timing = timing(machine)
+        self._law = setup.gap_law(machine, self.resolution, self._timing.open_V)
+        self._propagators = setup.propagators(self._modes, self._timing)
+
+    def reset(
+        self, seed: int, *, stock: Stock | None = None, position_um: tuple[float, float] = (32_500.0, 32_500.0)
+    ) -> None:
+        """Start anew at rest, with a fresh workpiece and a fresh wire."""
+        if stock is None:
+            edge = position_um[0] + self._constants.radius_um + _FRONT_GAP_UM
+            travel = self.machine.base.table.travel_mm.value * 1e3
+            stock = Stock((edge, 0.0, travel, travel))
+        self.field = KerfField(
+            self.resolution.slices, stock, setup.CELL_UM, self.machine.base.table.travel_mm.value * 1e3
+        )
+        self._state: NDArray[np.void] = np.zeros(1, STATE)
+        self._state["key"] = key_of(seed)
+        self._window: NDArray[np.void] = np.zeros(1, WINDOW)
+        self._state["commanded_um"] = position_um
+        self._at_rest()
+
+    def _at_rest(self) -> None:
+        self._arrays = setup.arrays(self._modes, self.resolution, self._constants.water_K)
+        self._state["since_discharge_us"] = 1e9
+        self._allocated_at = (-1e9, -1e9)
+
+    def set_generator(self, t_on_us: float, t_period_us: float) -> None:
+        """Change the pulse setting from the next window on; raises `InputError` if the generator refuses it."""
+        self.machine = self.machine.with_(t_on_us=t_on_us, t_period_us=t_period_us)
+        self._set_timing(self.machine)
+
+    def rethread(self, position_um: tuple[float, float], duration_ns: int) -> None:
+        """Cut the wire, move to another place with the generator off, and thread a fresh wire there."""
+        carry = self._arrays.carry_um2
+        self._state["commanded_um"] = position_um
+        self._state["time_ns"] += duration_ns
+        for name in ("heat_wait_us", "current2_us", "wear_wait_um3", "worn_share"):
+            self._state[name] = 0
+        self._at_rest()
+        self._arrays.carry_um2[:] = carry
+
+    @property
+    def time_ns(self) -> int:
+        """Machine time in ns."""
+        return int(self._state["time_ns"][0])
+
+    @property
+    def pulses(self) -> int:
+        """Pulses fired so far."""
+        return int(self._state["pulses"][0])
+
+    @property
+    def commanded_um(self) -> tuple[float, float]:
+        """Position the motor steps add up to."""
+        x, y = self._state["commanded_um"][0]
+        return float(x), float(y)
+
+    @property
+    def window_ns(self) -> int:
+        """Duration of a window at the present setting; 0 where the period varies (row T-42)."""
+        return PULSES_PER_WINDOW * self._timing.period_ns
+
+    @property
+    def longest_window_ns(self) -> int:
+        """Upper bound of a window's duration at the present setting."""
+        return self.window_ns or PULSES_PER_WINDOW * math.ceil(self._timing.grid_us * setup.GRID * 1e3)
+
+    @property
+    def removed_mm3(self) -> float:
+        """Metal removed so far, from the kerf field: exact in parts of a cell."""
+        return self.field.removed_parts * self.field.part_area_um2 * self._constants.slice_um * 1e-9
+
+    @property
+    def craters_mm3(self) -> float:
+        """Metal the discharges removed so far, added up crater by crater."""
+        s = self._state[0]
+        kept = float(self._arrays.carry_um2.sum()) * self._constants.slice_um
+        return float(s["crater_um3"] - s["missed_um3"] - kept) * 1e-9
+
+    @property
+    def broken_height_mm(self) -> float:
+        """Height above the workpiece's lower face at which the wire broke."""
+        middle = float(self._state["broken_slice"][0]) + 0.5
+        return middle * self._constants.slice_um * 1e-3
+
+    def deflections_um(self) -> NDArray[np.float64]:
+        """Deflection of the wire now, (slices, 2): x and y from the line between the guides."""
+        return self._arrays.shape @ self._arrays.wire_q.T
+
+    def advance(self, steps: Sequence[tuple[int, int, int]] = ()) -> PulseWindow:
+        """Fire 255 pulses.
+
+        Parameters
+        ----------
+        steps : sequence of (time_ns, axis, direction)
+            Motor steps of the window in order of time: machine time in ns, 0 for x or 1 for y, +1 or -1.
+
+        Returns
+        -------
+        PulseWindow
+        """
+        self._make_tiles()
+        start = self.time_ns
+        self._window[0] = np.zeros((), WINDOW)
+        if steps:
+            table = np.array(steps, np.int64)
+            times, axes, directions = (np.ascontiguousarray(column) for column in table.T)
+        else:
+            times = axes = directions = _NO_STEPS
+        advance_window(
+            self._state, self._window, self._arrays, self.field.tiles, self.field.index, self._constants,
+            self._law, self._heat, self._timing, self._propagators, times, axes, directions,
+        )
+        return self._read_window(start)
+
+    def _make_tiles(self) -> None:
+        x, y = self.commanded_um
+        near_x, near_y = self._allocated_at
+        if max(abs(x - near_x), abs(y - near_y)) > _REACH_UM / 2:
+            reach = self._constants.radius_um + self._constants.range_um + 2 * _REACH_UM
+            self.field.allocate(x, y, reach)
+            self._allocated_at = (x, y)
+
+    def _read_window(self, start_ns: int) -> PulseWindow:
+        w: Any = self._window[0].item()
+        (duration, counts, voltage, charge, energy, delay, ignitions, gap, crater, depth, shift, shift2, hottest) = w
+        pulses = int(counts.sum())
+        mean_x, mean_y = float(shift[0]) / pulses, float(shift[1]) / pulses
+        return PulseWindow(
+            start_ns=start_ns,
+            duration_ns=duration,
+            short=int(counts[SHORT]),
+            open=int(counts[OPEN]),
+            spark=int(counts[SPARK]),
+            arc=int(counts[ARC]),
+            mean_voltage_V=voltage / (duration * 1e-3),
+            mean_current_A=charge / (duration * 1e-3),
+            mean_delay_us=delay / ignitions if ignitions else float("nan"),
+            gap_um=gap / ignitions if ignitions else float("nan"),
+            deflection_um=(mean_x, mean_y),
+            vibration2_um2=max(0.0, float(shift2.sum()) / pulses - mean_x**2 - mean_y**2),
+            wire_temperature_K=hottest,
+            debris=float(self._arrays.debris.mean()),
+            energy_J=energy,
+            crater_um3=crater,
+            crater_depth_um=depth,
+            broken=bool(self._state["broken"][0]),
+        )
+
+    def snapshot(self) -> dict[str, NDArray[Any]]:
+        """Return everything that changes, as arrays; `restore` continues bit for bit."""
+        state: dict[str, NDArray[Any]] = {f"field.{k}": v for k, v in self.field.snapshot().items()}
+        state.update({name: getattr(self._arrays, name).copy() for name in CHANGING})
+        state["state"] = self._state.copy()
+        state["setting"] = np.array([self.machine.t_on_us, self.machine.t_period_us])
+        return state
+
+    def restore(self, state: dict[str, NDArray[Any]]) -> None:
+        """Take back a `snapshot` of a plant of the same set-up and resolution."""
+        t_on, t_period = (float(v) for v in state["setting"])
+        if (t_on, t_period) != (self.machine.t_on_us, self.machine.t_period_us):
+            self.set_generator(t_on, t_period)
+        self.field.restore({k.removeprefix("field."): v for k, v in state.items() if k.startswith("field.")})
+        for name in CHANGING:
+            getattr(self._arrays, name)[:] = state[name]
+        self._state = state["state"].copy()
+        self._allocated_at = (-1e9, -1e9)
+
+
+_NO_STEPS = np.empty(0, np.int64)

@@ -1,0 +1,201 @@
+"""From a machine's constants to the numbers of the pulse loop: the one place where units change."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+
+from ..errors import InputError
+from .breakdown import GapLaw
+from .dielectric import nozzle_flow_per_slice_us
+from .mechanics import ModalModel, WireSetup, build_model, propagator_table, reduce_model
+from .state import GRID, Arrays, Constants, Propagators, Timing
+from .wire import VACUUM_PERMITTIVITY_F_M, HeatLaw, area_m2
+
+if TYPE_CHECKING:
+    from ..machine import Machine
+
+ResolutionName = Literal["fast", "default", "fine"]
+CELL_UM = 4.0
+"""Side of a cell of the kerf field (ours: small against the gap, large enough for a few MB per 10 mm)."""
+RAY_RANGE_UM = 80.0
+"""Rays end this far from the wire's surface (ours: the breakdown rate there is 1 % of that at 10 um)."""
+PRIMED_SPAN = 3.0
+"""The chance of a primed site ends this many widths above the critical gap."""
+
+
+@dataclass(frozen=True)
+class Resolution:
+    """How finely the plant is resolved."""
+
+    slices: int
+    rays: int
+    modes: int
+
+
+RESOLUTIONS: dict[str, Resolution] = {
+    "fast": Resolution(5, 32, 4),
+    "default": Resolution(9, 64, 8),
+    "fine": Resolution(15, 128, 16),
+}
+
+
+def resolution(name: str) -> Resolution:
+    """Look up a resolution by name."""
+    if name not in RESOLUTIONS:
+        raise InputError(f"unknown resolution '{name}'; there are: {', '.join(RESOLUTIONS)}")
+    return RESOLUTIONS[name]
+
+
+def _patch_m2(machine: Machine, res: Resolution) -> float:
+    """Area of wire surface that one ray stands for."""
+    around = math.pi * machine.wire_diameter_um * 1e-6 / res.rays
+    return around * machine.height_mm * 1e-3 / res.slices
+
+
+def _reference_m2(machine: Machine) -> float:
+    """Active front area the t50 law is taken to hold for: half the wire's girth times the height."""
+    gap = machine.base.gap
+    return math.pi / 2 * gap.reference_wire_um.value * 1e-6 * gap.reference_height_mm.value * 1e-3
+
+
+def gap_law(machine: Machine, res: Resolution, open_V: float) -> GapLaw:
+    """Breakdown constants of one ray."""
+    gap = machine.base.gap
+    share = _patch_m2(machine, res) / _reference_m2(machine)
+    scale = 1.0 / (math.log(2) * share)
+    width = gap.critical_width_um.value
+    return GapLaw(
+        t50_a=gap.median_a_us_um2.value * scale,
+        t50_b=gap.median_b_us_um.value * scale,
+        t50_c=gap.median_c_us.value * scale,
+        gap_scale=gap.reference_voltage_V.value / open_V,
+        scaled_gap_floor_um=-gap.median_b_us_um.value / (2 * gap.median_a_us_um2.value),
+        primed_gap_um=gap.critical_um.value + PRIMED_SPAN * width,
+        primed_per_um2=share / (4 * PRIMED_SPAN * width**2),
+        contact_gap_um=gap.contact_um.value,
+    )
+
+
+def constants(machine: Machine, res: Resolution) -> Constants:
+    """Numbers of the loop that do not depend on the generator's setting."""
+    base, gap, water, spark = machine.base, machine.base.gap, machine.base.dielectric, machine.base.discharge
+    radius = machine.wire_diameter_um / 2
+    slice_um = machine.height_mm * 1e3 / res.slices
+    patch = _patch_m2(machine, res)
+    return Constants(
+        radius_um=radius,
+        slice_um=slice_um,
+        cell_um=CELL_UM,
+        range_um=RAY_RANGE_UM,
+        patch_m2=patch,
+        permittivity_F_m=water.permittivity.value * VACUUM_PERMITTIVITY_F_M,
+        leak_S_um=water.conductivity_uS_cm.value * 1e-4 * patch * 1e6,
+        supply_ohm=machine.generator.resistance_ohm.value,
+        formative_us=gap.formative_us.value,
+        formative_sd_us=gap.formative_sd_us.value,
+        primed_scale_us=gap.primed_scale_us.value,
+        primed_shape=gap.primed_shape.value,
+        deionisation_us=gap.deionisation_us.value,
+        debris_gain=gap.debris_gain.value,
+        bridge_base=gap.bridge_base.value,
+        bridge_per_um=gap.bridge_per_um.value,
+        bridge_ceiling=gap.bridge_ceiling.value,
+        bridge_steepness=gap.bridge_steepness.value,
+        removal_um3_J=machine.material.removal_mm3_J.value * 1e9,
+        crater_cv=spark.crater_cv.value,
+        crater_flatness=spark.crater_flatness.value,
+        short_removal_share=spark.short_removal_share.value,
+        impulse_10mJ_Ns=spark.impulse_10mJ_Ns.value,
+        impulse_exponent=spark.impulse_exponent.value,
+        wire_heat_share=spark.wire_heat_share.value,
+        nozzle_flow_us=nozzle_flow_per_slice_us(
+            water.flushing_pressure_Pa.value, water.viscosity_Pa_s.value, water.side_gap_um.value,
+            machine.height_mm, res.slices,
+        ),
+        cavity_um3=math.pi * radius * slice_um * water.side_gap_um.value,
+        tension_N=machine.tension,
+        strength_N=machine.breaking_force,
+        half_strength_K=machine.wire.half_strength_K.value,
+        water_K=water.temperature_K.value,
+        worn_share_per_um3_us=spark.wear_ratio.value
+        / (base.guides.wire_speed_m_s.value * math.pi * radius**2),
+        step_um=base.table.step_um.value,
+    )
+
+
+def heat_law(machine: Machine, res: Resolution) -> HeatLaw:
+    """Heat balance of the wire in one slice."""
+    wire = machine.wire
+    section = area_m2(machine.wire_diameter_um)
+    slice_m = machine.height_mm * 1e-3 / res.slices
+    volumetric = wire.density_kg_m3.value * wire.heat_capacity_J_kgK.value
+    girth = math.pi * machine.wire_diameter_um * 1e-6
+    # current enters from both ends, so on average a quarter of the wire's resistance counts (Schacht 2004)
+    joule_W_m_per_A2 = wire.resistivity_Ohm_m.value / section / 4
+    return HeatLaw(
+        kelvin_per_J=1 / (volumetric * section * slice_m),
+        cooling_per_us=machine.base.discharge.convection_W_m2K.value * girth / (volumetric * section) * 1e-6,
+        conduction_per_us=wire.conductivity_W_mK.value / volumetric / slice_m**2 * 1e-6,
+        run_per_us=machine.base.guides.wire_speed_m_s.value / slice_m * 1e-6,
+        joule_K_per_A2_us=joule_W_m_per_A2 / (volumetric * section) * 1e-6,
+        resistance_per_K=wire.resistivity_per_K.value,
+        water_K=machine.base.dielectric.temperature_K.value,
+    )
+
+
+def modal_model(machine: Machine, res: Resolution) -> ModalModel:
+    """Modes of table and wire for this set-up, from the MJCF."""
+    model = build_model(
+        WireSetup(
+            diameter_m=machine.wire_diameter_um * 1e-6,
+            density_kg_m3=machine.wire.density_kg_m3.value,
+            tension=machine.tension,
+            guide_distance_m=machine.guide_distance_mm * 1e-3,
+            damping_ratio=machine.base.guides.damping_ratio.value,
+        )
+    )
+    middle = (np.arange(res.slices) + 0.5) / res.slices * machine.height_mm
+    return reduce_model(model, res.modes, (middle + machine.base.guides.clearance_mm.value) * 1e-3)
+
+
+def propagators(modes: ModalModel, timing: Timing) -> Propagators:
+    """Tables of exact propagators on the setting's time grid."""
+    grid = np.arange(GRID + 1) * timing.grid_us * 1e-6
+    wire = propagator_table(modes.wire_omega, modes.wire_zeta, grid)
+    table = [
+        np.stack(pair, axis=1)
+        for pair in zip(
+            *(propagator_table(modes.table_omega[k], modes.table_zeta[k], grid) for k in range(2)), strict=True
+        )
+    ]
+    return Propagators(*map(np.ascontiguousarray, wire), modes.wire_omega**-2.0, *map(np.ascontiguousarray, table))
+
+
+def arrays(modes: ModalModel, res: Resolution, water_K: float) -> Arrays:
+    """Allocate the arrays of a plant at rest."""
+    angle = 2 * np.pi * np.arange(res.rays) / res.rays
+    return Arrays(
+        edge_um=np.zeros((res.slices, res.rays), np.float32),
+        reference_um=np.full((res.slices, 2), -1e9),  # nowhere: every ray is traced in full at first
+        wire_q=np.zeros((2, res.modes)),
+        wire_v=np.zeros((2, res.modes)),
+        table_q=np.zeros((2, 2)),
+        table_v=np.zeros((2, 2)),
+        temperature_K=np.full(res.slices, water_K),
+        debris=np.zeros(res.slices),
+        carry_um2=np.zeros(res.slices),
+        facing=np.zeros(res.slices, np.int64),
+        ray=np.full((res.slices, res.rays), -1),
+        distance=np.zeros((res.slices, res.rays), np.float32),
+        cosine=np.zeros((res.slices, res.rays), np.float32),
+        sine=np.zeros((res.slices, res.rays), np.float32),
+        ray_cosine=np.cos(angle),
+        ray_sine=np.sin(angle),
+        shape=np.ascontiguousarray(modes.wire_shape),
+        table_shape=np.ascontiguousarray(modes.table_slide_shape),
+        table_participation=np.ascontiguousarray(modes.table_participation),
+    )

@@ -1,0 +1,208 @@
+"""What the pulse loop works on: constants, arrays, and the numbers that change from pulse to pulse."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+PULSES_PER_WINDOW = 255
+"""The analyser's cycle (row T-40)."""
+GRID = 1000
+"""Steps of the propagators' time grid over the longest period."""
+OPEN, SPARK, ARC, SHORT = 0, 1, 2, 3
+"""Classes of a pulse."""
+ISO_PULSE, ISO_ENERGETIC, IGNITION_PULSE = 0, 1, 2
+"""Modes of the pulse generator."""
+
+STATE = np.dtype(
+    [
+        ("time_ns", "i8"),
+        ("pulses", "i8"),
+        ("key", "u8"),
+        ("draws", "u8"),
+        ("commanded_um", "f8", 2),
+        ("since_discharge_us", "f8"),
+        ("last_slice", "i8"),
+        ("last_ray", "i8"),
+        ("heat_wait_us", "f8"),
+        ("current2_us", "f8"),
+        ("wear_wait_um3", "f8"),
+        ("worn_share", "f8"),
+        ("broken", "i8"),
+        ("broken_slice", "i8"),
+        ("crater_um3", "f8"),
+        ("missed_um3", "f8"),
+    ]
+)
+"""Scalars of a plant's state. ``crater_um3`` sums the craters drawn, ``missed_um3`` what found no metal."""
+
+WINDOW = np.dtype(
+    [
+        ("duration_ns", "i8"),
+        ("counts", "i8", 4),
+        ("voltage_us", "f8"),
+        ("charge_A_us", "f8"),
+        ("energy_J", "f8"),
+        ("delay_us", "f8"),
+        ("ignitions", "i8"),
+        ("gap_um", "f8"),
+        ("crater_um3", "f8"),
+        ("crater_depth_um", "f8"),
+        ("deflection_um", "f8", 2),
+        ("deflection2_um2", "f8", 2),
+        ("temperature_max_K", "f8"),
+    ]
+)
+"""Sums over one window of pulses."""
+
+
+class Constants(NamedTuple):
+    """Numbers of one set-up that the loop needs; um and us unless said otherwise."""
+
+    radius_um: float
+    slice_um: float
+    cell_um: float
+    range_um: float
+    patch_m2: float
+    permittivity_F_m: float
+    leak_S_um: float
+    supply_ohm: float
+    formative_us: float
+    formative_sd_us: float
+    primed_scale_us: float
+    primed_shape: float
+    deionisation_us: float
+    debris_gain: float
+    bridge_base: float
+    bridge_per_um: float
+    bridge_ceiling: float
+    bridge_steepness: float
+    removal_um3_J: float
+    crater_cv: float
+    crater_flatness: float
+    short_removal_share: float
+    impulse_10mJ_Ns: float
+    impulse_exponent: float
+    wire_heat_share: float
+    nozzle_flow_us: float
+    cavity_um3: float
+    tension_N: float
+    strength_N: float
+    half_strength_K: float
+    water_K: float
+    worn_share_per_um3_us: float
+    step_um: float
+
+
+class Timing(NamedTuple):
+    """One setting of the pulse generator.
+
+    Attributes
+    ----------
+    mode : int
+        `ISO_PULSE`, `ISO_ENERGETIC` or `IGNITION_PULSE`.
+    open_V, burning_V : float
+        Voltage until ignition and while burning.
+    current_A, short_A : float
+        Current of a discharge and of a short circuit.
+    on_us : float
+        t(i): on-time for iso-pulse, duration of the discharge otherwise.
+    wait_us : float
+        Longest time to ignition.
+    pause_us : float
+        t(0) after a stretched pulse.
+    period_ns : int
+        t(p) of a fixed period; 0 if it varies.
+    grid_us : float
+        Step of the propagators' grid; a whole number of ns if the period varies.
+    """
+
+    mode: int
+    open_V: float
+    burning_V: float
+    current_A: float
+    short_A: float
+    on_us: float
+    wait_us: float
+    pause_us: float
+    period_ns: int
+    grid_us: float
+
+
+class Propagators(NamedTuple):
+    """Exact 2x2 propagators of every mode over ``k * grid_us``; arrays (GRID + 1, modes) or (.., 2, modes).
+
+    ``wire_compliance`` is 1/omega^2 of the wire's modes.
+    """
+
+    wire11: Array
+    wire12: Array
+    wire21: Array
+    wire22: Array
+    wire_compliance: Array
+    table11: Array
+    table12: Array
+    table21: Array
+    table22: Array
+
+
+class Arrays(NamedTuple):
+    """Arrays of one plant.
+
+    A ray that meets no metal takes no part in anything, so the loop works on the *facing* rays only: packed,
+    in order of angle, filled up with rays that see nothing to a multiple of `LANES`.
+
+    Attributes
+    ----------
+    edge_um : float32 (slices, rays)
+        Gap of every ray, traced from the reference position.
+    reference_um : (slices, 2)
+        Where the wire was when it was traced.
+    wire_q, wire_v : (2, modes)
+        Modal deflection (um sqrt(kg)) and velocity (um sqrt(kg)/s), along x and y.
+    table_q, table_v : (2, 2)
+        Ringing of each axis around the commanded position.
+    temperature_K, debris, carry_um2 : (slices,)
+        Wire temperature, debris share, and crater area too small for a part of a cell, kept for the next.
+    facing : int64 (slices,)
+        Number of packed rays, a multiple of `LANES`.
+    ray : int64 (slices, rays)
+        Ray of each packed place; -1 for the filling.
+    distance, cosine, sine : float32 (slices, rays)
+        Gap and direction of each packed ray.
+    ray_cosine, ray_sine : float64 (rays,)
+    shape : (slices, modes)
+    table_shape, table_participation : (2, 2)
+    """
+
+    edge_um: NDArray[np.float32]
+    reference_um: Array
+    wire_q: Array
+    wire_v: Array
+    table_q: Array
+    table_v: Array
+    temperature_K: Array
+    debris: Array
+    carry_um2: Array
+    facing: NDArray[np.int64]
+    ray: NDArray[np.int64]
+    distance: NDArray[np.float32]
+    cosine: NDArray[np.float32]
+    sine: NDArray[np.float32]
+    ray_cosine: Array
+    ray_sine: Array
+    shape: Array
+    table_shape: Array
+    table_participation: Array
+
+
+LANES = 16
+"""Packed rays come in groups of this many, so that a pass has no remainder (rays are a multiple of it)."""
+CHANGING = (
+    "edge_um", "reference_um", "wire_q", "wire_v", "table_q", "table_v", "temperature_K", "debris", "carry_um2",
+)
+"""Fields of `Arrays` that belong into a snapshot; the packed rays are made anew from them every window."""

@@ -1,0 +1,259 @@
+"""The kerf field: what metal is left in every slice of the workpiece, on a sparse tiled grid.
+
+A cell holds the fraction of metal left in it as a whole number of 1/32768 parts, so that removal is
+exact arithmetic: nothing is lost or gained however many craters fall. Tiles exist only along the path.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .compiled import compiled
+
+FULL = 32768
+"""Parts in a full cell."""
+TILE = 32
+"""Cells along a tile's side."""
+CARVE_LINES = 8
+"""Lines over a crater's width (ours: some 10 um apart, less than the distance between two rays)."""
+NO_METAL_UM = 1.0e6
+"""Distance of a ray that meets no metal: so far that it takes no part in anything."""
+
+
+@dataclass(frozen=True)
+class Stock:
+    """The blank before the first spark: a rectangle with round start holes.
+
+    Attributes
+    ----------
+    rectangle_um : (x_min, y_min, x_max, y_max)
+    holes_um : tuple of (x, y, radius)
+    """
+
+    rectangle_um: tuple[float, float, float, float]
+    holes_um: tuple[tuple[float, float, float], ...] = ()
+
+    def fraction(self, x_um: NDArray[np.float64], y_um: NDArray[np.float64], cell_um: float
+                 ) -> NDArray[np.float64]:
+        """Share of metal (0..1) in the square cells of side `cell_um` centred at ``x_um[:, None], y_um``.
+
+        Exact for the rectangle; at a hole's edge the share falls linearly over one cell.
+        """
+        x0, y0, x1, y1 = self.rectangle_um
+        half = cell_um / 2
+        in_x = np.clip(np.minimum(x_um + half, x1) - np.maximum(x_um - half, x0), 0, cell_um) / cell_um
+        in_y = np.clip(np.minimum(y_um + half, y1) - np.maximum(y_um - half, y0), 0, cell_um) / cell_um
+        share = in_x[:, None] * in_y[None, :]
+        for hole_x, hole_y, radius in self.holes_um:
+            outside = np.hypot(x_um[:, None] - hole_x, y_um[None, :] - hole_y) - radius
+            share = share * np.clip(0.5 + outside / cell_um, 0.0, 1.0)
+        return np.asarray(share)
+
+
+class KerfField:
+    """Metal left, per slice.
+
+    Parameters
+    ----------
+    n_slices : int
+        Slices of the workpiece height, counted from the bottom.
+    stock : Stock
+        The blank the tiles are filled from when they are first needed.
+    cell_um : float
+        Side of a cell in um.
+    extent_um : float
+        Side of the square the field covers, from the table's origin (row T-61).
+
+    Attributes
+    ----------
+    tiles : uint16 array (capacity, n_slices, TILE, TILE)
+        Parts of metal left, indexed ``[tile, slice, ix, iy]``; cell ``(ix, iy)`` of tile ``(tx, ty)`` covers
+        ``x`` from ``(tx * TILE + ix) * cell_um`` on, likewise ``y``. The metal's edge is the half-full level
+        between cell centres.
+    index : int32 array (nx, ny)
+        The tile's place in `tiles`, -1 where none is allocated yet (there the stock is untouched).
+    """
+
+    def __init__(self, n_slices: int, stock: Stock, cell_um: float = 4.0, extent_um: float = 65_000.0) -> None:
+        self.n_slices = n_slices
+        self.stock = stock
+        self.cell_um = cell_um
+        n = int(np.ceil(extent_um / (cell_um * TILE))) + 2
+        self.index: NDArray[np.int32] = np.full((n, n), -1, np.int32)
+        self.tiles: NDArray[np.uint16] = np.empty((64, n_slices, TILE, TILE), np.uint16)
+        self.count = 0
+        self._stock_parts = 0
+
+    @property
+    def part_area_um2(self) -> float:
+        """Area in um2 of one part of a cell."""
+        return self.cell_um**2 / FULL
+
+    def allocate(self, x_um: float, y_um: float, reach_um: float) -> bool:
+        """Make sure that every tile within `reach_um` of a point exists; say whether any was new."""
+        side = self.cell_um * TILE
+        last = self.index.shape[0] - 1
+        x0, x1 = (int(np.clip((x_um + d) // side, 0, last)) for d in (-reach_um, reach_um))
+        y0, y1 = (int(np.clip((y_um + d) // side, 0, last)) for d in (-reach_um, reach_um))
+        window = self.index[x0 : x1 + 1, y0 : y1 + 1]
+        if window.min() >= 0:
+            return False
+        for tx, ty in np.argwhere(window < 0):
+            self._add_tile(x0 + int(tx), y0 + int(ty))
+        return True
+
+    def _add_tile(self, tx: int, ty: int) -> None:
+        if self.count == len(self.tiles):
+            grown = np.empty((self.count * 3 // 2 + 1, *self.tiles.shape[1:]), np.uint16)
+            grown[: self.count] = self.tiles
+            self.tiles = grown
+        parts = self._stock_tile(tx, ty)
+        self.tiles[self.count] = parts
+        self.index[tx, ty] = self.count
+        self.count += 1
+        self._stock_parts += int(parts.sum(dtype=np.int64)) * self.n_slices
+
+    def _stock_tile(self, tx: int, ty: int) -> NDArray[np.uint16]:
+        centres = (np.arange(TILE) + 0.5) * self.cell_um
+        side = self.cell_um * TILE
+        share = self.stock.fraction(tx * side + centres, ty * side + centres, self.cell_um)
+        return np.round(share * FULL).astype(np.uint16)
+
+    @property
+    def removed_parts(self) -> int:
+        """Parts of cells removed so far, over all slices: exact."""
+        return self._stock_parts - int(self.tiles[: self.count].sum(dtype=np.int64))
+
+    def tile_places(self) -> Iterator[tuple[int, int, int]]:
+        """Yield ``(tx, ty, place)`` of every allocated tile."""
+        for tx, ty in np.argwhere(self.index >= 0):
+            yield int(tx), int(ty), int(self.index[tx, ty])
+
+    def patch(self, slice_index: int, ix0: int, ix1: int, iy0: int, iy1: int) -> NDArray[np.float64]:
+        """Metal fraction (0..1) of the cells ``ix0 <= ix < ix1, iy0 <= iy < iy1`` of one slice, dense."""
+        out = np.empty((ix1 - ix0, iy1 - iy0))
+        for tx in range(ix0 // TILE, (ix1 - 1) // TILE + 1):
+            for ty in range(iy0 // TILE, (iy1 - 1) // TILE + 1):
+                inside = 0 <= tx < self.index.shape[0] and 0 <= ty < self.index.shape[1]
+                place = int(self.index[tx, ty]) if inside else -1
+                tile = self._stock_tile(tx, ty) if place < 0 else self.tiles[place, slice_index]
+                a0, a1 = max(ix0, tx * TILE), min(ix1, (tx + 1) * TILE)
+                b0, b1 = max(iy0, ty * TILE), min(iy1, (ty + 1) * TILE)
+                out[a0 - ix0 : a1 - ix0, b0 - iy0 : b1 - iy0] = (
+                    tile[a0 - tx * TILE : a1 - tx * TILE, b0 - ty * TILE : b1 - ty * TILE] / FULL
+                )
+        return out
+
+    def snapshot(self) -> dict[str, NDArray[np.generic]]:
+        """Return a copy of everything that changes, as arrays."""
+        return {
+            "tiles": self.tiles[: self.count].copy(),
+            "index": self.index.copy(),
+            "stock_parts": np.array(self._stock_parts),
+        }
+
+    def restore(self, state: dict[str, NDArray[np.generic]]) -> None:
+        """Take back a `snapshot`."""
+        self.tiles = np.array(state["tiles"], np.uint16)
+        self.count = len(self.tiles)
+        if self.count == 0:
+            self.tiles = np.empty((64, self.n_slices, TILE, TILE), np.uint16)
+        self.index = np.array(state["index"], np.int32)
+        self._stock_parts = int(state["stock_parts"])
+
+
+# --- compiled access: the pulse loop reads and removes metal through these two functions only ---
+
+
+@compiled
+def trace(
+    tiles: NDArray[np.uint16],
+    index: NDArray[np.int32],
+    slice_index: int,
+    cell_um: float,
+    x: float,
+    y: float,
+    cosine: float,
+    sine: float,
+    start_um: float,
+    end_um: float,
+) -> float:
+    """Distance in um from a point along a direction to the metal's edge; `NO_METAL_UM` where there is none.
+
+    Marches in half cells and adds up the metal met; where it amounts to one cell, the edge lies one cell
+    back. That makes the edge move smoothly as a cell is emptied, and a sliver thinner than a cell transparent.
+    """
+    step = 0.5 * cell_um
+    per_cell = 1.0 / cell_um
+    inside = np.float64(0.0)
+    scale = step / FULL
+    at = start_um
+    px = (x + cosine * (at + 0.5 * step)) * per_cell
+    py = (y + sine * (at + 0.5 * step)) * per_cell
+    dx, dy = cosine * step * per_cell, sine * step * per_cell
+    while at < end_um and px >= 0.0 and py >= 0.0:
+        ix, iy = np.uint32(px), np.uint32(py)
+        place = index[ix // TILE, iy // TILE]
+        metal = FULL if place < 0 else np.int64(tiles[place, slice_index, ix % TILE, iy % TILE])
+        inside += metal * scale
+        at += step
+        if inside >= cell_um:
+            return at - cell_um - (inside - cell_um)
+        px += dx
+        py += dy
+    return NO_METAL_UM
+
+
+@compiled
+def carve(
+    tiles: NDArray[np.uint16],
+    index: NDArray[np.int32],
+    slice_index: int,
+    cell_um: float,
+    x: float,
+    y: float,
+    cosine: float,
+    sine: float,
+    start_um: float,
+    reach_um: float,
+    half_width_um: float,
+    offset: float,
+    parts: int,
+) -> int:
+    """Remove up to `parts` parts of metal around a place; return how many found no metal.
+
+    The crater's width is covered by `CARVE_LINES` lines parallel to the direction. Each eats its share from
+    the outermost metal inwards, so the edge stays sharp. `offset` (0..1) shifts the lines within their spacing,
+    so that many craters cover the width evenly.
+    """
+    lines = min(CARVE_LINES, max(1, int(2.0 * half_width_um / cell_um)))
+    spacing = 2.0 * half_width_um / lines
+    share = parts // lines
+    left = parts - share * lines
+    per_cell = 1.0 / cell_um
+    step = 0.5 * cell_um
+    dx, dy = cosine * step * per_cell, sine * step * per_cell
+    for k in range(lines):
+        # from the middle outwards, so that what is left over falls to the crater's middle last
+        across = ((k + 1) // 2) * (1.0 if k % 2 == 0 else -1.0) * spacing + (offset - 0.5) * spacing
+        quota = share + left
+        px = (x + cosine * start_um - sine * across) * per_cell
+        py = (y + sine * start_um + cosine * across) * per_cell
+        at = start_um
+        while quota > 0 and at < reach_um and px >= 0.0 and py >= 0.0:
+            ix, iy = np.uint32(px), np.uint32(py)
+            place = index[ix // TILE, iy // TILE]
+            if place >= 0:
+                metal = np.int64(tiles[place, slice_index, ix % TILE, iy % TILE])
+                taken = min(metal, quota)
+                tiles[place, slice_index, ix % TILE, iy % TILE] = np.uint16(metal - taken)
+                quota -= taken
+            at += step
+            px += dx
+            py += dy
+        left = quota
+    return left
