@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import json
+import zlib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
+from zipfile import BadZipFile
 
 import numpy as np
 
@@ -44,12 +46,12 @@ def load(simulation: Simulation, folder: Path, settings: Mapping[str, Any]) -> f
         _compare(told["settings"], settings, file)
         simulation.restore(arrays, told["values"])
         return float(told["wall_time_s"])
-    except (OSError, ValueError, KeyError, TypeError) as error:
+    except (OSError, EOFError, ValueError, LookupError, TypeError, BadZipFile, zlib.error) as error:
         raise InputError(f"the checkpoint is damaged ({error}); cut anew without --resume", file) from None
 
 
 def _compare(stored: Mapping[str, Any], wanted: Mapping[str, Any], file: Path) -> None:
-    for name in stored.keys() | wanted.keys():
+    for name in sorted(stored.keys() | wanted.keys()):
         if stored.get(name) != wanted.get(name):
             raise InputError(
                 f"the interrupted cut was made with {name} {stored.get(name)!r}, not {wanted.get(name)!r}", file

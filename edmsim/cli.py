@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from rich.console import Console
 
-from .errors import InputError
+from .errors import EdmsimError, InputError
 
 if TYPE_CHECKING:
     from .cosim import Progress
@@ -22,8 +22,9 @@ app = typer.Typer(
 _OUT = Console()
 _ERR = Console(stderr=True)
 
-BAD_INPUT, STOPPED, INTERRUPTED = 2, 3, 130
-"""Exit statuses: bad usage or input; the machine stopped before the end; interrupted from the keyboard."""
+FAILED, BAD_INPUT, STOPPED, INTERRUPTED = 1, 2, 3, 130
+"""Exit statuses: the model left its validity; bad usage or input; the machine stopped before the end;
+interrupted from the keyboard."""
 
 
 @app.callback(invoke_without_command=True)
@@ -67,13 +68,18 @@ def cut(
     from .job import cut as run_cut
 
     watcher = _ProgressBar(quiet)
-    with watcher:
-        result = run_cut(
-            program, out=out, machine=machine, material=material, height_mm=height, wire=wire,
-            tension=tension, generator=generator, t_on_us=t_on, t_period_us=t_period, controller=controller,
-            drive=drive, planner=planner, mechanics=mechanics, resolution=resolution, offset=offset, seed=seed,
-            max_time_s=max_time, resume=resume, watch=watcher.show,
-        )
+    try:
+        with watcher:
+            result = run_cut(
+                program, out=out, machine=machine, material=material, height_mm=height, wire=wire,
+                tension=tension, generator=generator, t_on_us=t_on, t_period_us=t_period,
+                controller=controller, drive=drive, planner=planner, mechanics=mechanics,
+                resolution=resolution, offset=offset, seed=seed, max_time_s=max_time, resume=resume,
+                watch=watcher.show,
+            )
+    except KeyboardInterrupt:
+        _say("interrupted; take an interrupted cut up again with --resume")
+        raise typer.Exit(INTERRUPTED) from None
     if not quiet:
         from .recording.report import render_table
 
@@ -128,13 +134,14 @@ class _ProgressBar:
         )
         self._task = self._bar.add_task("cut", total=1.0, machine="0:00:00", process="")
         self._next_s = 0.0
+        self._started = False
 
     def __enter__(self) -> _ProgressBar:
-        self._bar.start()
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._bar.stop()
+        if self._started:
+            self._bar.stop()
 
     def show(self, progress: Progress) -> None:
         """Take in a window; draw only every tenth of a second."""
@@ -143,6 +150,9 @@ class _ProgressBar:
         if now < self._next_s and not at_end:
             return
         self._next_s = now + self._EVERY_S
+        if not self._started:  # not before the first window: bad input shall print its one line only
+            self._started = True
+            self._bar.start()
         minutes, seconds = divmod(int(progress.time_s), 60)
         self._bar.update(
             self._task,
@@ -153,13 +163,15 @@ class _ProgressBar:
         )
 
 
+def _say(text: str) -> None:
+    """Print one line on standard error, however long."""
+    _ERR.print("edmsim: " + " ".join(text.splitlines()), highlight=False, soft_wrap=True, markup=False)
+
+
 def main(run: Callable[[], None] = app) -> None:
     """Run the command line; bad input is one line on standard error and exit status 2."""
     try:
         run()
-    except InputError as error:
-        _ERR.print(f"edmsim: {error}", style=None, highlight=False, soft_wrap=True, markup=False)
-        sys.exit(BAD_INPUT)
-    except KeyboardInterrupt:
-        _ERR.print("edmsim: interrupted; take an interrupted cut up again with --resume", highlight=False)
-        sys.exit(INTERRUPTED)
+    except EdmsimError as error:
+        _say(str(error))
+        sys.exit(BAD_INPUT if isinstance(error, InputError) else FAILED)

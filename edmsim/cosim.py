@@ -152,11 +152,16 @@ class Simulation:
         self._leg = 0
         self._dwell_until_ns = -1
         self._before_um = 0.0
-        self._begin_leg()
+        self._begin_leg((int(first[0]), int(first[1])))
         self.total_um = sum(float(np.hypot(*np.diff(leg.points_um, axis=0).T).sum()) for leg in self.legs)
 
-    def _begin_leg(self) -> None:
-        self._planner: Planner = make_planner(self._planner_name, self.legs[self._leg].points_um)
+    def _begin_leg(self, place_um: tuple[int, int]) -> None:
+        """Plan a leg from where the wire stands: it may have stopped 1 um before the last leg's end."""
+        self._leg_from_um = place_um
+        points = self.legs[self._leg].points_um
+        if place_um != (points[0, 0], points[0, 1]):
+            points = np.concatenate([[place_um], points])
+        self._planner: Planner = make_planner(self._planner_name, points)
         self._dwell_until_ns = -1
         self._command = self.controller.reset(MAX_FEED_UM_S)
 
@@ -254,7 +259,8 @@ class Simulation:
         following = self.legs[self._leg]
         if following.threads:
             self._thread_at(following.points_um[0])
-        self._begin_leg()
+        x, y = self.plant.commanded_um
+        self._begin_leg((int(x), int(y)))
 
     def _thread_at(self, point_um: NDArray[np.int64]) -> None:
         table = self.machine.base.table
@@ -278,6 +284,7 @@ class Simulation:
         arrays.update({f"frames.{k}": np.asarray(v) for k, v in self.frames.snapshot().items()})
         values = {
             "leg": self._leg,
+            "leg_from_um": list(self._leg_from_um),
             "dwell_until_ns": self._dwell_until_ns,
             "before_um": self._before_um,
             "command": [self._command.feed_um_s, self._command.alarm],
@@ -291,7 +298,8 @@ class Simulation:
     def restore(self, arrays: Mapping[str, NDArray[Any]], values: Mapping[str, Any]) -> None:
         """Take back a `snapshot` of the same cut; it then continues bit for bit."""
         self._leg = values["leg"]
-        self._begin_leg()
+        x, y = values["leg_from_um"]
+        self._begin_leg((x, y))
         self._dwell_until_ns = values["dwell_until_ns"]
         self._before_um = values["before_um"]
         self._command = type(self._command)(*values["command"])

@@ -34,3 +34,7 @@ class InputError(EdmsimError):
         if self.line is not None:
             place += f":{self.line}"
         return f"{place}: {self.reason}" if place else self.reason
+
+
+class PlantError(EdmsimError):
+    """The simulated machine left the range its model holds for; the message tells when and where."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import math
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -79,6 +80,7 @@ class CutResult:
         )
 
         target = Path(folder)
+        _make_writable(target)
         title = Path(self.path.source).name
         write_windows(self.windows, target / "windows.parquet")
         write_figure(profile_figure(self.scene, self.windows, self.report, title), target / "profile.png")
@@ -156,15 +158,14 @@ def cut(
     _check_choice("mechanics", mechanics, MECHANICS)
     _check_choice("drive", drive, DRIVES)
     check_resolution(resolution)
-    if max_time_s is not None and not max_time_s > 0:
-        raise InputError(f"the time limit of {max_time_s:g} s must be above zero")
+    if max_time_s is not None and not 0 < max_time_s < math.inf:
+        raise InputError(f"the time limit of {max_time_s:g} s must be finite and above zero")
     set_up = Machine.load(
         machine, material=material, wire=wire, generator=generator, height_mm=height_mm, tension=tension,
         t_on_us=t_on_us, t_period_us=t_period_us,
     )
     law = make_controller(controller)
     path = plan_path(program, offset, auto_offset_mm=set_up.auto_offset_mm)
-    folder = None if out is None else _writable(Path(out))
     simulation = Simulation(
         set_up, path, law, planner=planner, seed=seed, resolution=resolution, max_time_s=max_time_s
     )
@@ -176,6 +177,7 @@ def cut(
         "drive": drive, "planner": planner, "mechanics": mechanics, "resolution": resolution,
         "offset_um": path.offset_um, "max_time_s": max_time_s,
     }
+    folder = None if out is None else Path(out)
     spent_s = _run(simulation, folder, {**settings, "seed": seed}, resume, watch)
     result = _result(simulation, settings, seed, spent_s)
     if folder is not None:
@@ -194,6 +196,8 @@ def _run(
         if folder is None:
             raise InputError("to resume a cut, name its folder")
         before_s = checkpoint.load(simulation, folder, settings)
+    if folder is not None:
+        _make_writable(folder)
     started = saved = time.monotonic()
 
     def turn(progress: Progress) -> None:
@@ -256,7 +260,7 @@ def _digest(file: Path) -> str:
     return hashlib.sha256(file.read_bytes()).hexdigest()[:16]
 
 
-def _writable(folder: Path) -> Path:
+def _make_writable(folder: Path) -> None:
     """Make the output folder and see that it can be written to."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -265,4 +269,3 @@ def _writable(folder: Path) -> Path:
         probe.unlink()
     except OSError as error:
         raise InputError(f"the output folder cannot be written to: {error.strerror}", folder) from None
-    return folder

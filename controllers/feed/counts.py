@@ -87,8 +87,8 @@ class CountsController:
 
     name: ClassVar[str] = "counts"
 
-    open_target_share: float = 0.20
-    short_weight: float = 3.0
+    open_target_share: float = 0.06
+    short_weight: float = 1.0
     proportional_um_s: float = 10.0
     integral_um_s2: float = 30.0
     filter_s: float = 0.1

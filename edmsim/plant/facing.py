@@ -13,10 +13,13 @@ from .workpiece import NO_METAL_UM, trace
 
 OVERLAP_UM = 8.0
 """How far inside the wire's surface a ray begins, so that overlap with metal is seen."""
-AHEAD_UM = 8.0
+AHEAD_UM = 6.0
 """A known edge is looked for again from this far before it (metal only recedes, the wire moves little)."""
-KNOWN_MOVE_UM = 4.0
+KNOWN_MOVE_UM = 3.0
 """Known edges are of use only while the wire moved less than this since."""
+BLIND_TURNS = np.uint64(4)
+"""A ray that met no metal is looked along again only every so many windows: what comes within its range at the
+feed of such a machine is then still far away."""
 
 
 @compiled
@@ -35,30 +38,39 @@ def _trace_ray(
 
 
 @compiled
-def refer(a: Arrays, tiles: NDArray[np.uint16], index: NDArray[np.int32], c: Constants, position: Array) -> None:
-    """Trace every ray from where the wire is now, and pack those that meet metal."""
-    n_rays = a.ray_cosine.shape[0]
+def _pack(a: Arrays, c: Constants, s: int) -> None:
+    """Pack the rays of a slice that meet metal, and fill up to whole lanes."""
+    k = 0
+    for r in range(a.ray_cosine.shape[0]):
+        if a.edge_um[s, r] < c.range_um:
+            a.ray[s, k] = r
+            a.distance[s, k] = a.edge_um[s, r]
+            a.cosine[s, k] = a.ray_cosine[r]
+            a.sine[s, k] = a.ray_sine[r]
+            k += 1
+    a.facing[s] = (k + LANES - 1) // LANES * LANES
+    for fill in range(k, a.facing[s]):
+        a.ray[s, fill] = -1
+        a.distance[s, fill] = NO_METAL_UM
+        a.cosine[s, fill] = 0.0
+        a.sine[s, fill] = 0.0
+
+
+@compiled
+def refer(
+    a: Arrays, tiles: NDArray[np.uint16], index: NDArray[np.int32], c: Constants, position: Array, turn: int
+) -> None:
+    """Trace the rays from where the wire is now, and pack those that meet metal; `turn` counts the windows."""
     for s in range(a.shape.shape[0]):
         moved = math.hypot(position[s, 0] - a.reference_um[s, 0], position[s, 1] - a.reference_um[s, 1])
-        ahead = AHEAD_UM if moved < KNOWN_MOVE_UM else -1.0
+        known = moved < KNOWN_MOVE_UM
         a.reference_um[s, 0] = position[s, 0]
         a.reference_um[s, 1] = position[s, 1]
-        k = 0
-        for r in range(n_rays):
-            edge = _trace_ray(a, tiles, index, c, s, r, ahead)
-            a.edge_um[s, r] = edge
-            if edge < c.range_um:
-                a.ray[s, k] = r
-                a.distance[s, k] = edge
-                a.cosine[s, k] = a.ray_cosine[r]
-                a.sine[s, k] = a.ray_sine[r]
-                k += 1
-        a.facing[s] = (k + LANES - 1) // LANES * LANES
-        for fill in range(k, a.facing[s]):
-            a.ray[s, fill] = -1
-            a.distance[s, fill] = NO_METAL_UM
-            a.cosine[s, fill] = 0.0
-            a.sine[s, fill] = 0.0
+        for r in range(a.ray_cosine.shape[0]):
+            blind = known and a.edge_um[s, r] >= c.range_um
+            if not blind or np.uint64(turn + r) % BLIND_TURNS == 0:
+                a.edge_um[s, r] = _trace_ray(a, tiles, index, c, s, r, AHEAD_UM if known else -1.0)
+        _pack(a, c, s)
 
 
 @compiled
@@ -69,7 +81,7 @@ def retrace_around(
     n_rays = a.ray_cosine.shape[0]
     centre = a.ray[s, k]
     near = c.radius_um + max(a.edge_um[s, centre], 0.0)
-    reach = 1 + int((half_width_um + c.cell_um) / (near * (2.0 * math.pi / n_rays)))
+    reach = int((half_width_um + c.cell_um) / (near * (2.0 * math.pi / n_rays)))
     count = a.facing[s]
     for offset in range(-reach, reach + 1):
         j = (k + offset + count) % count

@@ -82,16 +82,31 @@ def _sum_rays(
 
 
 @compiled
-def _touch(a: Arrays, position: Array, contact: Array) -> tuple[int, int]:
-    """Slice and packed ray of the deepest contact; the wire is pushed out of the metal where it overlaps."""
+def _deepest(a: Arrays, position: Array, contact: Array) -> tuple[float, int, int]:
+    """Smallest gap among the slices that touch, its slice and packed ray."""
     deepest, slice_, place = NO_METAL_UM, 0, 0
     for s in range(contact.shape[0]):
         if contact[s] > 0.0:
             k, gap = narrowest(a, position, s)
             if gap < deepest:
                 deepest, slice_, place = gap, s, k
-            if gap < 0.0:
-                push_out(a, position, s, np.float64(a.cosine[s, k]), np.float64(a.sine[s, k]), -gap)
+    return deepest, slice_, place
+
+
+@compiled
+def _touch(state: NDArray[np.void], a: Arrays, position: Array, contact: Array) -> tuple[int, int]:
+    """Slice and packed ray of the deepest contact; the wire is pushed out of the metal where it overlaps.
+
+    The deepest overlap is undone first, and with the wire's new shape the next, a slice's worth of times.
+    """
+    deepest, slice_, place = _deepest(a, position, contact)
+    s, k = slice_, place
+    for _ in range(contact.shape[0]):
+        if deepest >= 0.0:
+            break
+        push_out(a, s, np.float64(a.cosine[s, k]), np.float64(a.sine[s, k]), -deepest)
+        place_wire(state, a, position)
+        deepest, s, k = _deepest(a, position, contact)
     return slice_, place
 
 
@@ -145,6 +160,12 @@ def _ignite(
 
 
 @compiled
+def _crater_diameter(volume: float, c: Constants) -> float:
+    """Diameter in um of a half-ellipsoid crater: V = 2/3 area depth, depth = flatness diameter."""
+    return np.cbrt(6.0 * volume / (math.pi * c.crater_flatness))
+
+
+@compiled
 def _erode(
     state: NDArray[np.void], window: NDArray[np.void], a: Arrays, tiles: NDArray[np.uint16],
     index: NDArray[np.int32], c: Constants, position: Array, s: int, k: int, volume: float,
@@ -154,7 +175,7 @@ def _erode(
     part = c.cell_um**2 / FULL
     parts = int(area / part)
     a.carry_um2[s] = area - parts * part
-    half_width = 0.5 * (6.0 * volume / (math.pi * c.crater_flatness)) ** (1.0 / 3.0)
+    half_width = 0.5 * _crater_diameter(volume, c)
     near = c.radius_um + gap_of(a, position, s, k)
     missed = carve(
         tiles, index, s, c.cell_um, position[s, 0], position[s, 1],
@@ -183,7 +204,6 @@ def _discharge(
     window[0].gap_um += gap_of(a, position, s, k)
     window[0].energy_J += energy
     window[0].charge_A_us += t.current_A * burn_us
-    window[0].crater_depth_um += (6.0 * volume * c.crater_flatness**2 / math.pi) ** (1.0 / 3.0)
     state[0].current2_us += t.current_A**2 * burn_us
     state[0].last_slice = s
     state[0].last_ray = a.ray[s, k]
@@ -213,7 +233,7 @@ def _decide(
 ) -> tuple[int, float, int, int]:
     """How this pulse ends: class, delay until ignition in us, slice and packed ray."""
     if touching > 0.0:
-        s, k = _touch(a, position, contact)
+        s, k = _touch(state, a, position, contact)
         return SHORT, 0.0, s, k
     if _bridged(state, a, position, c):
         return SHORT, 0.0, -1, 0
@@ -281,11 +301,12 @@ def advance_window(
     position, pull, load = np.empty((n_slices, 2)), np.empty((n_slices, 2)), np.empty((2, n_modes))
     rate, primed, contact = np.empty(n_slices), np.empty(n_slices), np.empty(n_slices)
     place_wire(state, a, position)
-    refer(a, tiles, index, c, position)
+    refer(a, tiles, index, c, position, state[0].pulses // PULSES_PER_WINDOW)
     open_V = t.open_V / (1.0 + c.supply_ohm * _leak_conductance(a, c))
     # pressure eps V^2 / 2 on a ray's patch, per 1/um^2 of its summed inverse square gaps, in um kg/s^2
     open_scale = 0.5 * c.permittivity_F_m * open_V**2 * c.patch_m2 * 1e12 * 1e6
     burn_scale = open_scale * (t.burning_V / open_V) ** 2
+    window[0].temperature_max_K = a.temperature_K.max()
     next_step = 0
     for _ in range(PULSES_PER_WINDOW):
         place_wire(state, a, position)
@@ -333,3 +354,7 @@ def advance_window(
             _carry_on(state, a, c, heat)
             if state[0].broken != 0:
                 break
+    # what the last pulse drove into the metal must be out of it before the rays are traced anew
+    place_wire(state, a, position)
+    if _sum_rays(a, c, law, position, rate, primed, contact, pull) > 0.0:
+        _touch(state, a, position, contact)

@@ -29,7 +29,7 @@ def ringing(a: Arrays, axis: int) -> float:
 
 
 @compiled
-def push_out(a: Arrays, position: Array, s: int, cosine: float, sine: float, depth: float) -> None:
+def push_out(a: Arrays, s: int, cosine: float, sine: float, depth: float) -> None:
     """Take the wire out of the metal against a direction and stop its motion into it.
 
     The correction is the smallest one in modal coordinates: what an impulse at that slice would do.
@@ -47,8 +47,6 @@ def push_out(a: Arrays, position: Array, s: int, cosine: float, sine: float, dep
         a.wire_q[1, m] += a.shape[s, m] * back * sine
         a.wire_v[0, m] += a.shape[s, m] * stop * cosine
         a.wire_v[1, m] += a.shape[s, m] * stop * sine
-    position[s, 0] -= depth * cosine
-    position[s, 1] -= depth * sine
 
 
 @compiled

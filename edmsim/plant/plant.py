@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..errors import PlantError
 from . import setup
 from .generator import timing
 from .kernel import advance_window
@@ -22,6 +23,8 @@ if TYPE_CHECKING:
 
 _REACH_UM = 64.0
 """Tiles are made this far beyond the rays: a crater's reach, and what the wire may move in a window."""
+_MOST_DEFLECTION_UM = 2000.0
+"""A wire bent further than this is no wire between guides any more: the model has left its validity."""
 _FRONT_GAP_UM = 30.0
 """Gap in front of a plant that was given no workpiece."""
 
@@ -50,7 +53,7 @@ class PulseWindow:
         Highest temperature of a slice's wire.
     debris : float
         Mean debris share of the gap's water.
-    energy_J, crater_um3, crater_depth_um : float
+    energy_J, crater_um3 : float
         Sums over the window's discharges.
     broken : bool
         The wire broke in this window.
@@ -72,7 +75,6 @@ class PulseWindow:
     debris: float
     energy_J: float
     crater_um3: float
-    crater_depth_um: float
     broken: bool
 
     @property
@@ -148,6 +150,7 @@ class Plant:
         self._arrays = setup.arrays(self._modes, self.resolution, self._constants.water_K)
         self._state["since_discharge_us"] = 1e9
         self._allocated_at = (-1e9, -1e9)
+        self._deflection_um = (0.0, 0.0)
 
     def set_generator(self, t_on_us: float, t_period_us: float) -> None:
         """Change the pulse setting from the next window on; raises `InputError` if the generator refuses it."""
@@ -239,7 +242,7 @@ class Plant:
         return self._read_window(start)
 
     def _make_tiles(self) -> None:
-        x, y = self.commanded_um
+        x, y = (c + d for c, d in zip(self.commanded_um, self._deflection_um, strict=True))
         near_x, near_y = self._allocated_at
         if max(abs(x - near_x), abs(y - near_y)) > _REACH_UM / 2:
             reach = self._constants.radius_um + self._constants.range_um + 2 * _REACH_UM
@@ -248,9 +251,16 @@ class Plant:
 
     def _read_window(self, start_ns: int) -> PulseWindow:
         w: Any = self._window[0].item()
-        (duration, counts, voltage, charge, energy, delay, ignitions, gap, crater, depth, shift, shift2, hottest) = w
+        (duration, counts, voltage, charge, energy, delay, ignitions, gap, crater, shift, shift2, hottest) = w
         pulses = int(counts.sum())
         mean_x, mean_y = float(shift[0]) / pulses, float(shift[1]) / pulses
+        self._deflection_um = (mean_x, mean_y)
+        if not math.hypot(mean_x, mean_y) < _MOST_DEFLECTION_UM:
+            x, y = self.commanded_um
+            raise PlantError(
+                f"the wire left its guides at {start_ns * 1e-9:.3f} s of machine time, x {x / 1e3:.3f} "
+                f"y {y / 1e3:.3f} mm: mean deflection ({mean_x:.3g}, {mean_y:.3g}) um"
+            )
         return PulseWindow(
             start_ns=start_ns,
             duration_ns=duration,
@@ -268,7 +278,6 @@ class Plant:
             debris=float(self._arrays.debris.mean()),
             energy_J=energy,
             crater_um3=crater,
-            crater_depth_um=depth,
             broken=bool(self._state["broken"][0]),
         )
 
@@ -278,6 +287,7 @@ class Plant:
         state.update({name: getattr(self._arrays, name).copy() for name in CHANGING})
         state["state"] = self._state.copy()
         state["setting"] = np.array([self.machine.t_on_us, self.machine.t_period_us])
+        state["deflection_um"] = np.array(self._deflection_um)
         return state
 
     def restore(self, state: dict[str, NDArray[Any]]) -> None:
@@ -289,6 +299,7 @@ class Plant:
         for name in CHANGING:
             getattr(self._arrays, name)[:] = state[name]
         self._state = state["state"].copy()
+        self._deflection_um = (float(state["deflection_um"][0]), float(state["deflection_um"][1]))
         self._allocated_at = (-1e9, -1e9)
 
 

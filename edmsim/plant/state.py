@@ -51,7 +51,6 @@ WINDOW = np.dtype(
         ("ignitions", "i8"),
         ("gap_um", "f8"),
         ("crater_um3", "f8"),
-        ("crater_depth_um", "f8"),
         ("deflection_um", "f8", 2),
         ("deflection2_um2", "f8", 2),
         ("temperature_max_K", "f8"),

@@ -169,6 +169,29 @@ class KerfField:
 # --- compiled access: the pulse loop reads and removes metal through these two functions only ---
 
 
+_TILE_BITS, _TILE_MASK = np.uint64(5), np.uint64(TILE - 1)
+
+
+@compiled
+def _inside(px: float, py: float, index: NDArray[np.int32]) -> bool:
+    """Whether a point, in cells, lies on the grid."""
+    limit = np.float64(index.shape[0] * TILE)
+    return 0.0 <= px < limit and 0.0 <= py < limit
+
+
+@compiled
+def _parts(
+    tiles: NDArray[np.uint16], index: NDArray[np.int32], slice_index: int, px: float, py: float
+) -> np.int64:
+    """Parts of metal at a point of the grid, in cells; whole where no tile is allocated."""
+    # unsigned, so that neither floor division nor negative indices cost anything
+    ix, iy = np.uint64(np.int64(px)), np.uint64(np.int64(py))
+    place = index[ix >> _TILE_BITS, iy >> _TILE_BITS]
+    if place < 0:
+        return np.int64(FULL)
+    return np.int64(tiles[np.uint64(place), np.uint64(slice_index), ix & _TILE_MASK, iy & _TILE_MASK])
+
+
 @compiled
 def trace(
     tiles: NDArray[np.uint16],
@@ -188,23 +211,17 @@ def trace(
     back. That makes the edge move smoothly as a cell is emptied, and a sliver thinner than a cell transparent.
     """
     step = 0.5 * cell_um
-    per_cell = 1.0 / cell_um
-    inside = np.float64(0.0)
-    scale = step / FULL
-    at = start_um
-    px = (x + cosine * (at + 0.5 * step)) * per_cell
-    py = (y + sine * (at + 0.5 * step)) * per_cell
-    dx, dy = cosine * step * per_cell, sine * step * per_cell
-    while at < end_um and px >= 0.0 and py >= 0.0:
-        ix, iy = np.uint32(px), np.uint32(py)
-        place = index[ix // TILE, iy // TILE]
-        metal = FULL if place < 0 else np.int64(tiles[place, slice_index, ix % TILE, iy % TILE])
-        inside += metal * scale
-        at += step
-        if inside >= cell_um:
-            return at - cell_um - (inside - cell_um)
-        px += dx
-        py += dy
+    count = int((end_um - start_um) / step)
+    grid = 1.0 / cell_um
+    dx, dy = cosine * step * grid, sine * step * grid
+    px, py = (x + cosine * start_um) * grid + 0.5 * dx, (y + sine * start_um) * grid + 0.5 * dy
+    if not (_inside(px, py, index) and _inside(px + count * dx, py + count * dy, index)):
+        return NO_METAL_UM  # beyond the table there is none
+    met = np.int64(0)
+    for k in range(count):
+        met += _parts(tiles, index, slice_index, px + k * dx, py + k * dy)
+        if met >= 2 * FULL:
+            return start_um + (k + 1) * step - cell_um - (met - 2 * FULL) * (step / FULL)
     return NO_METAL_UM
 
 
@@ -235,8 +252,6 @@ def carve(
     share = parts // lines
     left = parts - share * lines
     per_cell = 1.0 / cell_um
-    step = 0.5 * cell_um
-    dx, dy = cosine * step * per_cell, sine * step * per_cell
     for k in range(lines):
         # from the middle outwards, so that what is left over falls to the crater's middle last
         across = ((k + 1) // 2) * (1.0 if k % 2 == 0 else -1.0) * spacing + (offset - 0.5) * spacing
@@ -244,16 +259,18 @@ def carve(
         px = (x + cosine * start_um - sine * across) * per_cell
         py = (y + sine * start_um + cosine * across) * per_cell
         at = start_um
-        while quota > 0 and at < reach_um and px >= 0.0 and py >= 0.0:
-            ix, iy = np.uint32(px), np.uint32(py)
-            place = index[ix // TILE, iy // TILE]
+        while quota > 0 and at < reach_um and _inside(px, py, index):
+            ix, iy = np.uint64(np.int64(px)), np.uint64(np.int64(py))
+            place = index[ix >> _TILE_BITS, iy >> _TILE_BITS]
             if place >= 0:
-                metal = np.int64(tiles[place, slice_index, ix % TILE, iy % TILE])
+                metal = np.int64(tiles[np.uint64(place), np.uint64(slice_index), ix & _TILE_MASK, iy & _TILE_MASK])
                 taken = min(metal, quota)
-                tiles[place, slice_index, ix % TILE, iy % TILE] = np.uint16(metal - taken)
+                tiles[np.uint64(place), np.uint64(slice_index), ix & _TILE_MASK, iy & _TILE_MASK] = np.uint16(
+                    metal - taken
+                )
                 quota -= taken
-            at += step
-            px += dx
-            py += dy
+            at += cell_um
+            px += cosine
+            py += sine
         left = quota
     return left
