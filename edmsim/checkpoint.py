@@ -24,7 +24,7 @@ def save(simulation: Simulation, folder: Path, settings: Mapping[str, Any], wall
     text = json.dumps({"settings": dict(settings), "values": values, "wall_time_s": wall_time_s})
     partial = folder / (NAME + ".part")
     with partial.open("wb") as file:
-        np.savez(file, __json__=np.frombuffer(text.encode(), np.uint8), **arrays)
+        np.savez(file, allow_pickle=False, __json__=np.frombuffer(text.encode(), np.uint8), **arrays)
     partial.replace(folder / NAME)
 
 
@@ -40,7 +40,7 @@ def load(simulation: Simulation, folder: Path, settings: Mapping[str, Any]) -> f
     if not file.exists():
         raise InputError("there is no interrupted cut to resume in this folder", folder)
     try:
-        with np.load(file, allow_pickle=False) as stored:
+        with file.open("rb") as opened, np.load(opened, allow_pickle=False) as stored:
             arrays = {name: stored[name] for name in stored.files if name != "__json__"}
             told = json.loads(stored["__json__"].tobytes())
         _compare(told["settings"], settings, file)

@@ -136,4 +136,4 @@ def choose_ray(
 @compiled
 def weibull(scale_us: float, shape: float, u: float) -> float:
     """Weibull delay in us at survival probability `u`."""
-    return scale_us * (-math.log(u)) ** (1.0 / shape)
+    return float(scale_us * (-math.log(u)) ** (1.0 / shape))

@@ -7,13 +7,14 @@ named after a digest of every source file of this package, and of numba and the 
 
 from __future__ import annotations
 
+import getpass
 import hashlib
 import os
 import shutil
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
-from typing import ParamSpec, TypeVar, cast
+from typing import Any, ParamSpec, TypeVar, cast
 
 import numba
 
@@ -42,7 +43,7 @@ def _cache_folder() -> Path:
             raise PermissionError(folder)
         _drop_old(root)
     except OSError:
-        return Path(tempfile.gettempdir()) / f"edmsim-compiled-{os.getuid()}" / folder.name
+        return Path(tempfile.gettempdir()) / f"edmsim-compiled-{getpass.getuser()}" / folder.name
     return folder
 
 
@@ -57,10 +58,11 @@ _FOLDER = _cache_folder()
 
 def compiled(function: Callable[_P, _R]) -> Callable[_P, _R]:
     """Compile a function of the pulse loop: no Python objects, no GIL, machine code kept between runs."""
-    before = numba.config.CACHE_DIR
-    numba.config.CACHE_DIR = str(_FOLDER)
+    config: Any = numba.config
+    before = config.CACHE_DIR
+    config.CACHE_DIR = str(_FOLDER)
     try:
         jit = numba.njit(cache=True, nogil=True, fastmath=_FAST, error_model="numpy", forceinline=True)
         return cast("Callable[_P, _R]", jit(function))
     finally:
-        numba.config.CACHE_DIR = before
+        config.CACHE_DIR = before

@@ -7,6 +7,8 @@ share of the gap's water, one number per slice.
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -66,4 +68,4 @@ def bridged_probability(
         return 1.0
     if x < -30.0:
         return 0.0
-    return 1.0 / (1.0 + np.exp(-x))
+    return 1.0 / (1.0 + math.exp(-x))

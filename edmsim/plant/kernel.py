@@ -36,6 +36,8 @@ from .workpiece import FULL, NO_METAL_UM, carve
 
 HEAT_INTERVAL_US = 1500.0
 """Heat and debris are carried on at least this often: well under their time constants of some 10 ms."""
+DEIONISED = 40.0
+"""Time constants after which the last channel is gone for good (one pulse in 1e17)."""
 CARVE_REACH_UM = 48.0
 """How far beyond the gap a crater may look for metal."""
 
@@ -162,7 +164,7 @@ def _ignite(
 @compiled
 def _crater_diameter(volume: float, c: Constants) -> float:
     """Diameter in um of a half-ellipsoid crater: V = 2/3 area depth, depth = flatness diameter."""
-    return np.cbrt(6.0 * volume / (math.pi * c.crater_flatness))
+    return float(np.cbrt(6.0 * volume / (math.pi * c.crater_flatness)))
 
 
 @compiled
@@ -237,7 +239,8 @@ def _decide(
         return SHORT, 0.0, s, k
     if _bridged(state, a, position, c):
         return SHORT, 0.0, -1, 0
-    if _draw(state) < math.exp(-state[0].since_discharge_us / c.deionisation_us):
+    quiet = state[0].since_discharge_us / c.deionisation_us
+    if quiet < DEIONISED and _draw(state) < math.exp(-quiet):
         s = state[0].last_slice
         for k in range(a.facing[s]):
             if a.ray[s, k] == state[0].last_ray:

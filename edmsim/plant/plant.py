@@ -15,7 +15,7 @@ from . import setup
 from .generator import timing
 from .kernel import advance_window
 from .random import key_of
-from .state import ARC, CHANGING, OPEN, PULSES_PER_WINDOW, SHORT, SPARK, STATE, WINDOW
+from .state import ARC, CHANGING, GRID, OPEN, PULSES_PER_WINDOW, SHORT, SPARK, STATE, WINDOW
 from .workpiece import KerfField, Stock
 
 if TYPE_CHECKING:
@@ -191,7 +191,7 @@ class Plant:
     @property
     def longest_window_ns(self) -> int:
         """Upper bound of a window's duration at the present setting."""
-        return self.window_ns or PULSES_PER_WINDOW * math.ceil(self._timing.grid_us * setup.GRID * 1e3)
+        return self.window_ns or PULSES_PER_WINDOW * math.ceil(self._timing.grid_us * GRID * 1e3)
 
     @property
     def removed_mm3(self) -> float:

@@ -166,13 +166,10 @@ def propagators(modes: ModalModel, timing: Timing) -> Propagators:
     """Tables of exact propagators on the setting's time grid."""
     grid = np.arange(GRID + 1) * timing.grid_us * 1e-6
     wire = propagator_table(modes.wire_omega, modes.wire_zeta, grid)
-    table = [
-        np.stack(pair, axis=1)
-        for pair in zip(
-            *(propagator_table(modes.table_omega[k], modes.table_zeta[k], grid) for k in range(2)), strict=True
-        )
-    ]
-    return Propagators(*map(np.ascontiguousarray, wire), modes.wire_omega**-2.0, *map(np.ascontiguousarray, table))
+    x, y = (propagator_table(modes.table_omega[k], modes.table_zeta[k], grid) for k in range(2))
+    table = [np.stack(pair, axis=1) for pair in zip(x, y, strict=True)]
+    w11, w12, w21, w22, t11, t12, t21, t22 = (np.ascontiguousarray(part) for part in (*wire, *table))
+    return Propagators(w11, w12, w21, w22, modes.wire_omega**-2.0, t11, t12, t21, t22)
 
 
 def arrays(modes: ModalModel, res: Resolution, water_K: float) -> Arrays:

@@ -100,4 +100,4 @@ def electrostatic_pull_N_m(voltage_V: float, gap_um: float, radius_um: float, pe
 @compiled
 def discharge_impulse(energy_J: float, at_10mJ_Ns: float, exponent: float) -> float:
     """Impulse in N s that one discharge's gas bubble gives the wire: ``J10 (E / 10 mJ)^n``."""
-    return at_10mJ_Ns * (energy_J / 0.01) ** exponent
+    return float(at_10mJ_Ns * (energy_J / 0.01) ** exponent)

@@ -118,7 +118,7 @@ class KerfField:
         self._stock_parts += int(parts.sum(dtype=np.int64)) * self.n_slices
 
     def _stock_tile(self, tx: int, ty: int) -> NDArray[np.uint16]:
-        centres = (np.arange(TILE) + 0.5) * self.cell_um
+        centres = np.arange(0.5, TILE, dtype=np.float64) * self.cell_um
         side = self.cell_um * TILE
         share = self.stock.fraction(tx * side + centres, ty * side + centres, self.cell_um)
         return np.round(share * FULL).astype(np.uint16)
@@ -176,7 +176,7 @@ _TILE_BITS, _TILE_MASK = np.uint64(5), np.uint64(TILE - 1)
 def _inside(px: float, py: float, index: NDArray[np.int32]) -> bool:
     """Whether a point, in cells, lies on the grid."""
     limit = np.float64(index.shape[0] * TILE)
-    return 0.0 <= px < limit and 0.0 <= py < limit
+    return bool(0.0 <= px < limit) and bool(0.0 <= py < limit)
 
 
 @compiled
@@ -263,12 +263,11 @@ def carve(
             ix, iy = np.uint64(np.int64(px)), np.uint64(np.int64(py))
             place = index[ix >> _TILE_BITS, iy >> _TILE_BITS]
             if place >= 0:
-                metal = np.int64(tiles[np.uint64(place), np.uint64(slice_index), ix & _TILE_MASK, iy & _TILE_MASK])
-                taken = min(metal, quota)
-                tiles[np.uint64(place), np.uint64(slice_index), ix & _TILE_MASK, iy & _TILE_MASK] = np.uint16(
-                    metal - taken
-                )
-                quota -= taken
+                tile, row, column = np.uint64(place), ix & _TILE_MASK, iy & _TILE_MASK
+                metal = np.int64(tiles[tile, np.uint64(slice_index), row, column])
+                taken = metal if metal < quota else np.int64(quota)
+                tiles[tile, np.uint64(slice_index), row, column] = np.uint16(metal - taken)
+                quota -= int(taken)
             at += cell_um
             px += cosine
             py += sine

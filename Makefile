@@ -1,0 +1,38 @@
+# Two commands: `make cut` simulates the example, `make test` checks everything.
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+PIP := $(BIN)/python -m pip --disable-pip-version-check
+
+.PHONY: cut test lint type fast clean
+
+cut: $(VENV)/.installed
+	$(BIN)/edmsim cut examples/punch.ngc --out out/punch
+
+test: lint type
+	$(BIN)/python -m pytest
+
+fast: $(VENV)/.installed-test  ## the usual run while developing
+	$(BIN)/python -m pytest -m "not slow"
+
+lint: $(VENV)/.installed-test
+	$(BIN)/ruff check .
+
+# mypy cannot follow the folders that stand outside edmsim/, so it checks an installed copy from elsewhere
+type: $(VENV)/.installed-test
+	rm -rf .typecheck build
+	$(PIP) install --quiet --no-deps --target .typecheck .
+	cd .typecheck && ../$(BIN)/mypy --config-file ../pyproject.toml -p edmsim
+	rm -rf .typecheck build
+
+$(VENV)/.installed: pyproject.toml constraints.txt
+	$(PYTHON) -m venv $(VENV)
+	$(PIP) install --quiet --constraint constraints.txt --editable .
+	touch $@
+
+$(VENV)/.installed-test: $(VENV)/.installed
+	$(PIP) install --quiet --constraint constraints.txt --editable ".[test]"
+	touch $@
+
+clean:
+	rm -rf $(VENV) .typecheck build out *.egg-info .mypy_cache .ruff_cache .pytest_cache

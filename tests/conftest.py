@@ -1,0 +1,54 @@
+"""A small part for the tests that need a whole cut: a punch of 1 x 1 mm, some two minutes of machine time."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+import edmsim
+
+PUNCH = """\
+G21 G90
+G0 X-2.5 Y0.5
+G41 D1
+G1 X0 Y0.5
+Y1
+X1
+Y0
+X0
+Y0.5
+G40
+M2
+"""
+
+
+@pytest.fixture(scope="session")
+def small_punch(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Part program of the punch."""
+    file = tmp_path_factory.mktemp("program") / "small.ngc"
+    file.write_text(PUNCH)
+    return file
+
+
+@pytest.fixture(scope="session")
+def cut_small(small_punch: Path) -> Callable[..., edmsim.CutResult]:
+    """Cut the punch from thin stock, coarsely; options of `edmsim.cut` may be given."""
+
+    def cut(**options: Any) -> edmsim.CutResult:
+        return edmsim.cut(small_punch, **{"height_mm": 5.0, "resolution": "fast", "seed": 1, **options})
+
+    return cut
+
+
+@pytest.fixture(scope="session")
+def small_cut(
+    cut_small: Callable[..., edmsim.CutResult], tmp_path_factory: pytest.TempPathFactory
+) -> SimpleNamespace:
+    """Give the finished cut of the punch, its folder, and what a watcher saw of it."""
+    folder = tmp_path_factory.mktemp("out") / "new" / "punch"
+    seen: list[Any] = []
+    return SimpleNamespace(result=cut_small(out=folder, watch=seen.append), folder=folder, seen=seen)

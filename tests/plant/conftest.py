@@ -1,0 +1,106 @@
+"""Set-ups shared by the tests of the plant: quiet physics, a hole of known gap, a motor at fixed speed."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+
+import pytest
+
+import edmsim
+from edmsim.plant.workpiece import Stock
+
+DATA = Path(__file__).parents[1] / "data"
+CENTRE_UM = (32_500.0, 32_500.0)
+
+
+@pytest.fixture(scope="session")
+def machine():
+    return edmsim.Machine.load()
+
+
+@pytest.fixture(scope="session")
+def published():
+    """Rows of a table in tests/data as dictionaries of floats."""
+
+    def read(name):
+        with (DATA / name).open(encoding="utf-8") as file:
+            rows = csv.DictReader(line for line in file if not line.startswith("#"))
+            return [{key: float(value) for key, value in row.items()} for row in rows]
+
+    return read
+
+
+@pytest.fixture(scope="session")
+def altered():
+    """Replace constants, whatever their range: ``altered(machine, {"base.gap.critical_um": 9.0})``."""
+
+    def set_path(part, keys, value):
+        old = getattr(part, keys[0])
+        deeper = len(keys) > 1
+        new = set_path(old, keys[1:], value) if deeper else type(old)(value=value, source="set by a test")
+        return part.model_copy(update={keys[0]: new})
+
+    def apply(machine, values):
+        for path, value in values.items():
+            machine = set_path(machine, path.split("."), value)
+        return machine
+
+    return apply
+
+
+@pytest.fixture(scope="session")
+def in_a_hole(altered):
+    """A plant whose wire hangs in the middle of a round hole, where discharges do (nearly) nothing."""
+    quiet = {
+        "material.removal_mm3_J": 1e-15,
+        "base.discharge.impulse_10mJ_Ns": 0.0,
+        "base.discharge.wire_heat_share": 0.0,
+        "base.dielectric.conductivity_uS_cm": 1e-9,
+        "base.dielectric.permittivity": 1e-6,
+    }
+
+    def make(machine, gap_um, *, seed=1, resolution="fast", still=True, **constants):
+        machine = altered(machine, quiet | constants) if still else altered(machine, constants)
+        x, y = CENTRE_UM
+        radius = machine.wire_diameter_um / 2 + gap_um
+        stock = Stock((x - 3_000, y - 3_000, x + 3_000, y + 3_000), ((x, y, radius),))
+        return edmsim.Plant(machine, seed, stock=stock, position_um=CENTRE_UM, resolution=resolution)
+
+    return make
+
+
+@pytest.fixture(scope="session")
+def drive():
+    """Advance a plant for some seconds with steps along an axis at a fixed speed; returns the windows."""
+
+    def run(plant, speed_um_s, seconds, axis=0):
+        direction = 1 if speed_um_s > 0 else -1
+        windows, end = [], plant.time_ns + round(seconds * 1e9)
+        interval = round(plant.machine.base.table.step_um.value / abs(speed_um_s) * 1e9)
+        due = plant.time_ns + interval
+        while plant.time_ns < end:
+            until = plant.time_ns + plant.longest_window_ns
+            windows.append(plant.advance([(t, axis, direction) for t in range(due, until, interval)]))
+            while due < plant.time_ns:
+                due += interval
+        return windows
+
+    return run
+
+
+@pytest.fixture(scope="session")
+def share():
+    """Share of a class of pulses in some windows."""
+
+    def of(windows, name):
+        return sum(getattr(w, name) for w in windows) / sum(w.pulses for w in windows)
+
+    return of
+
+
+@pytest.fixture(scope="session")
+def plant_at_work(machine, drive):
+    """The default set-up after five seconds at 25 um/s, and its windows; only to be looked at."""
+    plant = edmsim.Plant(machine, seed=1, resolution="fast")
+    return plant, drive(plant, 25.0, 5.0)

@@ -1,0 +1,163 @@
+"""The kerf field as the wire sees and cuts it: edges at any angle, craters exact to the part."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import edmsim
+from edmsim.plant.workpiece import FULL, NO_METAL_UM, TILE, KerfField, Stock, carve, trace
+
+CELL = 4.0
+MIDDLE = 512.0
+
+
+def half_plane(angle, offset):
+    """Field of metal where ``(x - MIDDLE) cos + (y - MIDDLE) sin > offset``, its cells filled by area."""
+    field = KerfField(1, Stock((0.0, 0.0, 1.0, 1.0)), CELL, 4_000.0)
+    field.allocate(MIDDLE, MIDDLE, 300.0)
+    sub = (np.arange(TILE * 16) + 0.5) * CELL / 16
+    for tx, ty, place in field.tile_places():
+        x, y = tx * TILE * CELL + sub - MIDDLE, ty * TILE * CELL + sub - MIDDLE
+        metal = x[:, None] * math.cos(angle) + y[None, :] * math.sin(angle) > offset
+        share = metal.reshape(TILE, 16, TILE, 16).mean(axis=(1, 3))
+        field.tiles[place, 0] = np.round(share * FULL)
+    return field
+
+
+def look(field, x, y, angle, start=0.0, end=300.0):
+    return trace(field.tiles, field.index, 0, CELL, x, y, math.cos(angle), math.sin(angle), start, end)
+
+
+@given(st.floats(100.0, 400.0), st.floats(400.0, 600.0))
+def test_a_ray_along_the_grid_finds_the_edge_exactly(edge, y):
+    field = KerfField(1, Stock((edge, 0.0, 3_000.0, 3_000.0)), CELL, 4_000.0)
+    field.allocate(300.0, 500.0, 400.0)
+    assert look(field, 50.0, y, 0.0, end=400.0) == pytest.approx(edge - 50.0, abs=1e-3)
+
+
+@pytest.mark.parametrize("degrees", [0, 7, 22.5, 30, 45, 63, 90, 135, 200, 301])
+def test_an_edge_at_any_angle_is_found_within_a_cell_and_in_the_mean_within_a_fraction_of_a_um(degrees):
+    angle = math.radians(degrees)
+    errors = []
+    for offset in (37.3, 38.9, 40.1):
+        field = half_plane(angle, offset)
+        for slant in (-0.5, -0.2, 0.0, 0.3, 0.6):
+            for along in np.arange(-40.0, 40.0, 3.1):
+                x, y = MIDDLE - along * math.sin(angle), MIDDLE + along * math.cos(angle)
+                distance = look(field, x, y, angle + slant)
+                errors.append(distance * math.cos(slant) - offset)
+    assert abs(np.mean(errors)) < 0.25
+    assert np.std(errors) < 0.8
+    assert np.abs(errors).max() < CELL
+
+
+def test_the_edge_recedes_smoothly_as_a_cell_is_emptied():
+    field = KerfField(1, Stock((200.0, 0.0, 3_000.0, 3_000.0)), CELL, 4_000.0)
+    field.allocate(200.0, 202.0, 200.0)
+    cell = (50, 50)  # the first cell of metal
+    place = field.index[cell[0] // TILE, cell[1] // TILE]
+    edges = []
+    for left in np.linspace(1.0, 0.0, 9):
+        field.tiles[place, 0, cell[0] % TILE, cell[1] % TILE] = round(left * FULL)
+        edges.append(look(field, 100.0, 202.0, 0.0))
+    np.testing.assert_allclose(edges, np.linspace(100.0, 104.0, 9), atol=1e-3)
+
+
+def test_where_no_metal_is_there_is_none():
+    field = half_plane(0.0, 100.0)
+    assert look(field, MIDDLE, MIDDLE, math.pi, end=200.0) == NO_METAL_UM  # away from it
+    assert look(field, MIDDLE, MIDDLE, 0.0, end=90.0) == NO_METAL_UM  # not so far
+    assert look(field, 2.0, MIDDLE, math.pi, end=200.0) == NO_METAL_UM  # off the table
+
+
+def test_a_ray_that_begins_in_the_metal_sees_its_own_start_at_most():
+    field = half_plane(0.0, 0.0)
+    assert look(field, MIDDLE + 50.0, MIDDLE, 0.0, start=10.0) == pytest.approx(10.0, abs=1e-6)
+
+
+def cut(field, parts, *, angle=0.0, start=0.0, reach=200.0, half_width=20.0, offset=0.5):
+    before = field.tiles[: field.count].astype(np.int64)
+    left = carve(
+        field.tiles, field.index, 0, CELL, MIDDLE, MIDDLE, math.cos(angle), math.sin(angle),
+        start, reach, half_width, offset, parts,
+    )
+    return before - field.tiles[: field.count], left
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    parts=st.integers(0, 80 * FULL), angle=st.floats(0.0, 6.3), half_width=st.floats(0.5, 40.0),
+    offset=st.floats(0.0, 1.0), reach=st.floats(0.0, 120.0),
+)
+def test_carving_removes_what_was_asked_less_what_it_reports(parts, angle, half_width, offset, reach):
+    field = KerfField(1, Stock((MIDDLE + 10.0, 0.0, 4_000.0, 4_000.0)), CELL, 4_000.0)
+    field.allocate(MIDDLE, MIDDLE, 200.0)
+    taken, left = cut(field, parts, angle=angle, half_width=half_width, offset=offset, reach=reach)
+    assert taken.min() >= 0  # nothing grows, so nothing wrapped below zero
+    assert taken.sum() + left == parts
+    assert 0 <= left <= parts
+    assert field.removed_parts == taken.sum()
+    places = {place: (tx, ty) for tx, ty, place in field.tile_places()}
+    for place, ix, iy in np.argwhere(taken[:, 0] > 0):
+        tx, ty = places[int(place)]
+        x = (tx * TILE + ix + 0.5) * CELL - MIDDLE
+        y = (ty * TILE + iy + 0.5) * CELL - MIDDLE
+        assert math.hypot(x, y) < math.hypot(reach, 1.5 * half_width) + CELL
+
+
+def test_where_metal_runs_out_the_rest_is_reported():
+    field = half_plane(0.0, 20.0)
+    taken, left = cut(field, 10**9, reach=60.0)
+    assert 0 < taken.sum() < 10**9
+    assert left == 10**9 - taken.sum()
+    again, left = cut(field, 1_000, reach=60.0)
+    assert (again.sum(), left) == (0, 1_000)
+    assert cut(field, 0) [1] == 0
+
+
+def test_craters_eat_the_edge_from_outside():
+    """Twenty shallow craters over the same width move the edge back evenly and leave no metal behind it."""
+    field = half_plane(0.0, 20.0)
+    for n in range(20):
+        cut(field, 5 * FULL, start=10.0, offset=(n + 0.5) / 20)
+    receded_um = 20 * 5 * CELL**2 / 40.0
+    edges = [look(field, MIDDLE, MIDDLE + y, 0.0) for y in np.arange(-12.0, 12.5, 2.0)]
+    np.testing.assert_allclose(edges, 20.0 + receded_um, atol=2 * CELL)
+    assert np.mean(edges) == pytest.approx(20.0 + receded_um, abs=CELL)
+
+
+# --- what the plant removes ---
+
+
+@pytest.mark.parametrize("resolution", ["fast", "default"])
+def test_removed_metal_balances_the_craters(machine, drive, resolution):
+    plant = edmsim.Plant(machine, seed=4, resolution=resolution)
+    windows = drive(plant, 25.0, 5.0)
+    assert plant.removed_mm3 > 0.3
+    assert plant.removed_mm3 == pytest.approx(plant.craters_mm3, rel=1e-9)
+    told_mm3 = sum(w.crater_um3 for w in windows) * 1e-9
+    assert plant.removed_mm3 == pytest.approx(told_mm3, rel=1e-4)  # less what is kept for the next part
+
+
+def test_the_balance_survives_a_new_wire_at_another_place(machine, drive):
+    plant = edmsim.Plant(machine, seed=4, resolution="fast")
+    drive(plant, 25.0, 3.0)
+    x, y = plant.commanded_um
+    plant.rethread((x - 20.0, y + 2_000.0), 60 * 10**9)
+    removed = plant.removed_mm3
+    drive(plant, 25.0, 4.0)
+    assert plant.removed_mm3 > removed
+    assert plant.removed_mm3 == pytest.approx(plant.craters_mm3, rel=1e-9)
+
+
+def test_energy_and_material_give_the_volume(machine, drive):
+    """Metal per joule is the material's: 9.3e-3 mm3/J, but for the little that short circuits melt."""
+    plant = edmsim.Plant(machine, seed=4, resolution="fast")
+    windows = drive(plant, 15.0, 5.0)
+    joule = sum(w.energy_J for w in windows)
+    assert plant.removed_mm3 / joule == pytest.approx(9.3e-3, rel=0.02)

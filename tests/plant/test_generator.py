@@ -1,0 +1,165 @@
+"""The pulse generator: settings it refuses, and what its three modes do in the gap."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import edmsim
+from edmsim.plant.generator import discharge_current_A, mean_current_A
+
+MODES = ("iso-pulse", "iso-energetic", "ignition-pulse")
+
+
+def load(mode="iso-pulse", **setting):
+    return edmsim.Machine.load(generator=mode, **setting)
+
+
+def test_current_is_the_voltage_over_the_resistor(machine):  # T-4
+    assert discharge_current_A(machine) == pytest.approx((100.0 - 22.0) / 11.8)
+    assert discharge_current_A(load("ignition-pulse")) == pytest.approx((100.0 - 22.0) / 11.8)  # not 250 V
+
+
+@given(st.floats(1.0, 25.0), st.floats(100.0, 5_000.0), st.floats(0.5, 0.99))
+def test_mean_current_rises_with_the_duty(machine, on, period, less):  # T-35
+    setting = machine.with_(t_on_us=on, t_period_us=period)
+    assert mean_current_A(setting) == pytest.approx(discharge_current_A(machine) * on / period)
+    assert mean_current_A(setting.with_(t_period_us=period / less)) < mean_current_A(setting) <= 2.0
+
+
+@given(st.floats(1.0, 1_000.0), st.floats(2.0, 10_000.0))
+def test_no_setting_above_two_ampere_runs(machine, on, period):  # T-34
+    if on < period and (100.0 - 22.0) / 11.8 * on / period <= 2.0:
+        assert mean_current_A(machine.with_(t_on_us=on, t_period_us=period)) <= 2.0
+    else:
+        with pytest.raises(edmsim.InputError, match=r"leaves no pause|above the generator's 2 A"):
+            machine.with_(t_on_us=on, t_period_us=period)
+
+
+@pytest.mark.parametrize("on", [1.0, 7.3, 30.0, 250.0])
+def test_the_refusal_names_the_least_period_and_it_runs(on):  # T-34
+    with pytest.raises(edmsim.InputError, match=r"above the generator's 2 A; t_period must be at least") as told:
+        load(t_on_us=on, t_period_us=2.0 * on)
+    least = float(re.search(r"at least ([\d.]+) us$", str(told.value))[1])
+    assert mean_current_A(load(t_on_us=on, t_period_us=1.001 * least)) == pytest.approx(2.0, rel=2e-3)
+    with pytest.raises(edmsim.InputError):
+        load(t_on_us=on, t_period_us=0.999 * least)
+
+
+def test_a_refused_setting_leaves_the_old_one(machine):  # T-34
+    plant = edmsim.Plant(machine, seed=1, resolution="fast")
+    reference = edmsim.Plant(machine, seed=1, resolution="fast")
+    with pytest.raises(edmsim.InputError, match="above the generator's 2 A"):
+        plant.set_generator(30.0, 60.0)
+    assert (plant.machine.t_on_us, plant.machine.t_period_us) == (30.0, 100.0)
+    assert [plant.advance() for _ in range(5)] == [reference.advance() for _ in range(5)]
+
+
+@pytest.mark.parametrize(
+    ("mode", "setting", "told"),
+    [
+        ("iso-pulse", {"t_on_us": 0.5}, r"t_on 0\.5 us is not within 1\.\.1000 us"),  # T-1
+        ("iso-pulse", {"t_on_us": 1001.0, "t_period_us": 9000.0}, r"t_on 1001 us is not within 1\.\.1000 us"),  # T-1
+        ("iso-pulse", {"t_on_us": 1.0, "t_period_us": 1.9}, r"t_period 1\.9 us is not within 2\.\.10000"),  # T-36
+        ("iso-pulse", {"t_period_us": 10_001.0}, r"t_period 10001 us is not within 2\.\.10000 us"),  # T-2
+        ("iso-pulse", {"t_on_us": 50.0, "t_period_us": 50.0}, r"t_period 50 us leaves no pause after 50 us"),
+        ("ignition-pulse", {"t_on_us": 20.0, "t_period_us": 40.0}, r"t_period 40 us leaves no pause after 40 us"),
+        ("iso-pulse", {"t_on_us": float("nan")}, r"t_on nan us is not within"),
+    ],
+)
+def test_impossible_settings_are_told_in_one_sentence(mode, setting, told):
+    with pytest.raises(edmsim.InputError, match=told) as error:
+        load(mode, **setting)
+    assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize("period", [2.0, 10.0, 100.0, 1_000.0, 10_000.0])
+def test_dead_time_is_255_periods_exactly(period, machine, altered):  # T-36, T-42
+    weak = altered(machine, {"generator.resistance_ohm": 100.0})
+    plant = edmsim.Plant(weak.with_(t_on_us=1.0, t_period_us=period), seed=1, resolution="fast")
+    dead_ns = round(255 * period * 1e3)
+    assert plant.window_ns == plant.longest_window_ns == dead_ns
+    for n in range(3):
+        window = plant.advance()
+        assert (window.start_ns, window.duration_ns) == (n * dead_ns, dead_ns)
+        assert window.pulses == 255
+
+
+def test_iso_pulse_burns_what_the_delay_leaves(machine, drive):  # T-3: t(e) = t(i) - t(d)
+    windows = drive(edmsim.Plant(machine, seed=2, resolution="fast"), 25.0, 3.0)
+    power = 22.0 * discharge_current_A(machine)
+    lit = [w for w in windows if w.spark + w.arc]
+    assert len(lit) > 20
+    for w in lit:
+        n = w.spark + w.arc
+        assert w.energy_J == pytest.approx(power * n * (30.0 - w.mean_delay_us) * 1e-6, rel=1e-9)
+        assert w.energy_J <= power * n * 30e-6
+        assert w.duration_ns == 255 * 100_000
+
+
+def test_iso_energetic_sparks_are_all_alike_and_its_period_varies(drive):  # T-5
+    machine = load("iso-energetic")
+    plant = edmsim.Plant(machine, seed=2, resolution="fast")
+    windows = drive(plant, 25.0, 3.0)
+    energy = 22.0 * discharge_current_A(machine) * 20e-6
+    for w in windows:
+        lit = w.spark + w.arc
+        assert w.energy_J == pytest.approx(energy * lit, rel=1e-9)
+        delays_us = w.mean_delay_us * lit if lit else 0.0
+        # t(d) + t(e) + pause; an unlit pulse waits 60 us and pauses, a short lasts t(e)
+        expected_us = 90.0 * (lit + w.short) + delays_us + 130.0 * w.open
+        assert w.duration_ns * 1e-3 == pytest.approx(expected_us, abs=255 * 0.08)
+        assert w.duration_ns <= plant.longest_window_ns
+    assert plant.window_ns == 0
+    assert len({w.duration_ns for w in windows}) > len(windows) // 2
+
+
+def test_an_ignition_pulse_nearly_always_ignites(in_a_hole):  # T-5
+    gap = 20.0
+    iso = in_a_hole(load("iso-pulse", t_on_us=20.0), gap)
+    ignition = in_a_hole(load("ignition-pulse", t_on_us=20.0), gap)
+    unlit = [np.mean([p.advance().open for _ in range(10)]) / 255 for p in (iso, ignition)]
+    assert unlit[0] > 0.4
+    assert unlit[1] < 0.02
+
+
+def test_ignition_pulses_burn_for_the_whole_on_time(drive):  # T-5
+    machine = load("ignition-pulse")
+    windows = drive(edmsim.Plant(machine, seed=2, resolution="fast"), 20.0, 2.0)
+    energy = 22.0 * discharge_current_A(machine) * 20e-6
+    assert sum(w.spark for w in windows) > 1000
+    for w in windows:
+        assert w.energy_J == pytest.approx(energy * (w.spark + w.arc), rel=1e-9)
+        assert w.duration_ns == 255 * 100_000
+
+
+@pytest.mark.parametrize("mode", MODES)
+def test_every_mode_cuts_and_counts_255_pulses(mode, drive):
+    plant = edmsim.Plant(load(mode), seed=3, resolution="fast")
+    windows = drive(plant, 20.0, 2.0)
+    assert all(w.pulses == 255 for w in windows)
+    assert sum(w.spark for w in windows) > 0
+    assert plant.pulses == 255 * len(windows)
+    assert plant.time_ns == sum(w.duration_ns for w in windows)
+    assert plant.removed_mm3 > 0.0
+
+
+def test_a_new_setting_holds_from_the_next_window_on(machine):
+    plant = edmsim.Plant(machine, seed=1, resolution="fast")
+    assert plant.advance().duration_ns == 25_500_000
+    plant.set_generator(10.0, 200.0)
+    assert plant.advance().duration_ns == 51_000_000
+    assert (plant.machine.t_on_us, plant.machine.t_period_us) == (10.0, 200.0)
+
+
+def test_same_pulses_with_less_current_remove_less(machine, altered, drive):
+    removed = []
+    for resistance in (11.8, 23.6):
+        plant = edmsim.Plant(altered(machine, {"generator.resistance_ohm": resistance}), 1, resolution="fast")
+        windows = drive(plant, 8.0, 5.0)
+        removed.append(plant.removed_mm3 / sum(w.spark for w in windows))
+    assert removed[0] == pytest.approx(2 * removed[1], rel=0.1)

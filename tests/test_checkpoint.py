@@ -1,0 +1,165 @@
+"""An interrupted cut goes on bit for bit, and only as the cut it was."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import edmsim
+from edmsim.checkpoint import NAME
+from edmsim.errors import InputError
+
+Cut = Callable[..., edmsim.CutResult]
+SHORT = {"max_time_s": 12.0}
+
+
+def stop_after(windows: int) -> Callable[[Any], None]:
+    """Return a watcher that presses Ctrl-C at the end of a window."""
+    left = windows
+
+    def watch(_: Any) -> None:
+        nonlocal left
+        left -= 1
+        if left == 0:
+            raise KeyboardInterrupt
+
+    return watch
+
+
+def interrupted(cut: Cut, folder: Path, windows: int = 150, **options: Any) -> None:
+    with pytest.raises(KeyboardInterrupt):
+        cut(out=folder, watch=stop_after(windows), **{**SHORT, **options})
+
+
+def columns(result: edmsim.CutResult) -> dict[str, np.ndarray[Any, Any]]:
+    return {name: result.windows.column(name).to_numpy() for name in result.windows.column_names}
+
+
+def timeless(report: dict[str, Any]) -> dict[str, Any]:
+    return {k: v for k, v in report.items() if k not in ("wall_time_s", "realtime_factor")}
+
+
+def assert_same(a: edmsim.CutResult, b: edmsim.CutResult) -> None:
+    assert timeless(a.report) == timeless(b.report)
+    np.testing.assert_equal(columns(a), columns(b))
+    assert a.contour(0).equals(b.contour(0))
+
+
+@pytest.mark.parametrize(
+    "options",
+    [{}, {"planner": "dda"}, {"planner": "poscal-literal"}, {"generator": "iso-energetic"},
+     {"generator": "ignition-pulse", "controller": "fixed:feed_um_s=12"}],
+)  # fmt: skip
+def test_resumed_cut_equals_the_uninterrupted_one(cut_small: Cut, tmp_path: Path, options: dict[str, Any]) -> None:
+    whole = cut_small(**SHORT, **options)
+    interrupted(cut_small, tmp_path, **options)
+    assert [file.name for file in tmp_path.iterdir()] == [NAME]
+    resumed = cut_small(out=tmp_path, resume=True, **SHORT, **options)
+    assert_same(resumed, whole)
+    assert not (tmp_path / NAME).exists()
+    assert (tmp_path / "report.json").exists()
+
+
+def test_twice_interrupted_and_in_a_dwell(tmp_path: Path) -> None:
+    program = tmp_path / "dwell.ngc"
+    program.write_text("G0 X0 Y0\nG1 X0.101\nG4 P3\nG1 Y0.203\nG4 P1\nG1 X0\nM2\n")
+    options: dict[str, Any] = {"height_mm": 5.0, "resolution": "fast", "offset": "none"}
+    whole = edmsim.cut(program, **options)
+    assert whole.report["outcome"] == "finished"
+    t_s, path_um = (whole.windows.column(name).to_numpy() for name in ("t_s", "path_um"))
+    in_dwell = int(np.flatnonzero(np.diff(path_um) == 0)[20])
+    assert t_s[in_dwell] < whole.report["machining_time_s"] - 3
+    out = tmp_path / "out"
+    for windows in (in_dwell, len(t_s) - in_dwell - 30):
+        with pytest.raises(KeyboardInterrupt):
+            edmsim.cut(program, out=out, watch=stop_after(windows), resume=out.exists(), **options)
+    assert_same(edmsim.cut(program, out=out, resume=True, **options), whole)
+
+
+def test_wall_time_goes_on_from_the_checkpoint(cut_small: Cut, tmp_path: Path) -> None:
+    interrupted(cut_small, tmp_path)
+    with np.load(tmp_path / NAME) as stored:
+        arrays = dict(stored)
+    told = json.loads(arrays["__json__"].tobytes())
+    told["wall_time_s"] = 1000.0
+    arrays["__json__"] = np.frombuffer(json.dumps(told).encode(), np.uint8)
+    np.savez(tmp_path / NAME, **arrays)
+    assert 1000 < cut_small(out=tmp_path, resume=True, **SHORT).report["wall_time_s"] < 1600
+
+
+@pytest.mark.parametrize(
+    ("changed", "named"),
+    [
+        ({"seed": 7}, "seed 1, not 7"),
+        ({"height_mm": 6.0}, "height_mm 5.0, not 6.0"),
+        ({"controller": "fixed"}, "controller 'counts', not 'fixed'"),
+        ({"planner": "dda"}, "planner 'poscal', not 'dda'"),
+        ({"resolution": "default"}, "resolution 'fast', not 'default'"),
+        ({"tension": 7.0}, "tension_N"),
+        ({"offset": "0.2"}, "offset_um"),
+        ({"max_time_s": 13.0}, "max_time_s 12.0, not 13.0"),
+    ],
+)
+def test_resume_with_other_settings_is_refused(
+    cut_small: Cut, tmp_path: Path, changed: dict[str, Any], named: str
+) -> None:
+    interrupted(cut_small, tmp_path, 3)
+    kept = (tmp_path / NAME).read_bytes()
+    with pytest.raises(InputError, match="interrupted cut was made with") as caught:
+        cut_small(out=tmp_path, resume=True, **{**SHORT, **changed})
+    assert named in str(caught.value)
+    assert str(tmp_path / NAME) in str(caught.value)
+    assert [(f.name, f.read_bytes()) for f in tmp_path.iterdir()] == [(NAME, kept)]
+
+
+def test_resume_of_a_program_that_was_edited_is_refused(tmp_path: Path) -> None:
+    program, out = tmp_path / "a.ngc", tmp_path / "out"
+    options: dict[str, Any] = {"out": out, "height_mm": 5.0, "resolution": "fast", "offset": "none"}
+    program.write_text("G0 X0 Y0\nG1 X1.5\n")
+    with pytest.raises(KeyboardInterrupt):
+        edmsim.cut(program, watch=stop_after(2), **options)
+    program.write_text("G0 X0 Y0\nG1 X1.6\n")
+    with pytest.raises(InputError, match="program_sha256"):
+        edmsim.cut(program, resume=True, **options)
+
+
+def truncated(data: bytes) -> bytes:
+    return data[: len(data) // 2]
+
+
+def flipped(data: bytes) -> bytes:
+    place = data.index(b"windows.rows") + 400
+    return data[:place] + bytes(255 - b for b in data[place : place + 64]) + data[place + 64 :]
+
+
+@pytest.mark.parametrize("damage", [truncated, flipped, lambda _: b"", lambda _: b"no checkpoint\n"])
+def test_damaged_checkpoint_is_refused(
+    cut_small: Cut, tmp_path: Path, damage: Callable[[bytes], bytes]
+) -> None:
+    interrupted(cut_small, tmp_path, 20)
+    file = tmp_path / NAME
+    file.write_bytes(damage(file.read_bytes()))
+    with pytest.raises(InputError, match="damaged") as caught:
+        cut_small(out=tmp_path, resume=True, **SHORT)
+    assert str(caught.value).startswith(str(file))
+    assert "\n" not in str(caught.value)
+
+
+def test_checkpoint_with_a_part_missing_is_refused(cut_small: Cut, tmp_path: Path) -> None:
+    interrupted(cut_small, tmp_path, 3)
+    with np.load(tmp_path / NAME) as stored:
+        arrays = dict(stored)
+    del arrays["windows.rows"]
+    np.savez(tmp_path / NAME, **arrays)
+    with pytest.raises(InputError, match="damaged"):
+        cut_small(out=tmp_path, resume=True, **SHORT)
+
+
+def test_interrupt_without_a_folder_just_stops(cut_small: Cut) -> None:
+    with pytest.raises(KeyboardInterrupt):
+        cut_small(watch=stop_after(2), **SHORT)

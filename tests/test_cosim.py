@@ -1,0 +1,299 @@
+"""The loop: planner, plant and controller stay in step, and every way a cut can end is told."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from importlib import resources
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+import pytest
+
+from edmsim.controllers import FeedCommand, FeedController, WindowObservation, make
+from edmsim.controllers.mcu.planner import PLANNERS
+from edmsim.cosim import Leg, Simulation, legs_of
+from edmsim.machine import Machine, available
+from edmsim.program.path import Contour, CutPath
+
+START = (30_000, 30_000)
+
+
+def contour(points: Sequence[tuple[int, int]], dwells: tuple[tuple[int, float], ...] = ()) -> Contour:
+    """Open contour without offset, its points given relative to the middle of the table."""
+    points_um = np.array(points, np.int64) + START
+    return Contour(points_um, 0, points_um * 1e-3, False, "left", dwells, (1,) * (len(points) - 1))
+
+
+def path_of(*contours: Contour, hole_mm: float = 0.5) -> CutPath:
+    return CutPath(contours, (25.0, 25.0, 40.0, 40.0), hole_mm, 0.0, (30.0, 30.0), (), "test")
+
+
+def simulation(
+    *contours: Contour, controller: FeedController | None = None, hole_mm: float = 0.5, **options: Any
+) -> Simulation:
+    machine = options.pop("machine", None) or Machine.load(height_mm=5)
+    law = controller or make("fixed", feed_um_s=30.0)
+    path = path_of(*contours, hole_mm=hole_mm)
+    return Simulation(machine, path, law, **{"resolution": "fast", "seed": 1, **options})
+
+
+def run(sim: Simulation, at_most: int = 3000) -> list[Any]:
+    """Run to the end, within a bound."""
+    seen = []
+    while sim.outcome is None:
+        seen.append(sim.step())
+        assert len(seen) < at_most
+    return seen
+
+
+class Script:
+    """Commands a given row of feeds over and over, and keeps what it was shown."""
+
+    name: ClassVar[str] = "script"
+
+    def __init__(self, feeds: Sequence[float], alarm_at: int = -1) -> None:
+        self.feeds, self.alarm_at = feeds, alarm_at
+        self.seen: list[WindowObservation] = []
+        self.resets = 0
+
+    def reset(self, max_feed_um_s: float) -> FeedCommand:
+        self.resets += 1
+        self.max_feed_um_s = max_feed_um_s
+        return FeedCommand(self.feeds[0])
+
+    def update(self, window: WindowObservation) -> FeedCommand:
+        self.seen.append(window)
+        alarm = "the script says stop" if len(self.seen) == self.alarm_at else None
+        return FeedCommand(self.feeds[len(self.seen) % len(self.feeds)], alarm)
+
+    def snapshot(self) -> dict[str, float | int | str]:
+        return {}
+
+    def restore(self, state: dict[str, float | int | str]) -> None: ...
+
+
+ZIGZAG = [(0, 0), (101, 53), (40, 160), (-77, 160), (-77, 31)]
+
+
+@pytest.mark.parametrize("generator", available("generators"))
+@pytest.mark.parametrize("planner", list(PLANNERS))
+def test_position_is_start_and_2_um_for_every_step(generator: str, planner: str) -> None:  # T-16
+    machine = Machine.load(height_mm=5, generator=generator)
+    sim = simulation(contour(ZIGZAG), planner=planner, machine=machine, controller=Script([30, 12.5, 30, -7]))
+    wanted, advance = list(START), sim.plant.advance
+
+    def count(steps: Sequence[tuple[int, int, int]] = ()) -> Any:
+        begin = sim.plant.time_ns
+        window = advance(steps)
+        assert [s[0] for s in steps] == sorted(s[0] for s in steps)
+        for time_ns, axis, direction in steps:
+            assert time_ns >= begin
+            if time_ns < sim.plant.time_ns:  # a longest window's later steps are planned anew
+                wanted[axis] += 2 * direction
+        return window
+
+    sim.plant.advance = count  # type: ignore[method-assign]
+    for _ in range(700):
+        if sim.outcome is not None:
+            break
+        sim.step()
+        assert sim.plant.commanded_um == tuple(wanted) == sim._planner.position_um
+    assert abs(np.array(wanted) - START).max() > 60
+
+
+def test_windows_follow_each_other_without_gap_where_the_period_varies() -> None:
+    sim = simulation(contour(ZIGZAG), machine=Machine.load(height_mm=5, generator="iso-energetic"))
+    machine, end = sim.plant.machine, 0
+    for _ in range(100):
+        window, before = _window_of(sim), end
+        assert window.start_ns == before
+        end = sim.plant.time_ns
+        assert window.duration_ns == end - before
+        # between all pulses igniting at once and none at all
+        pause = machine.t_period_us - machine.t_on_us
+        assert 255 * machine.t_period_us * 1e3 <= window.duration_ns <= sim.plant.longest_window_ns
+        assert sim.plant.longest_window_ns == pytest.approx(255e3 * (60 + machine.t_on_us + pause), rel=0.01)
+
+
+def _window_of(sim: Simulation) -> Any:
+    """Run one window and return what the plant gave."""
+    kept, advance = [], sim.plant.advance
+
+    def keep(steps: Sequence[tuple[int, int, int]] = ()) -> Any:
+        kept.append(advance(steps))
+        return kept[-1]
+
+    sim.plant.advance = keep  # type: ignore[method-assign]
+    sim.step()
+    sim.plant.advance = advance  # type: ignore[method-assign]
+    return kept[0]
+
+
+def test_controller_sees_what_the_windows_record() -> None:
+    law = Script([20.0, 10.0])
+    sim = simulation(contour(ZIGZAG), controller=law)
+    for _ in range(60):
+        sim.step()
+    windows = sim.windows.to_arrow()
+    for seen, recorded in (("time_s", "t_s"), ("short", "short"), ("open", "open"), ("path_um", "path_um"),
+                           ("mean_voltage_V", "mean_voltage_V"), ("mean_current_A", "mean_current_A")):  # fmt: skip
+        assert [getattr(w, seen) for w in law.seen] == windows.column(recorded).to_pylist()
+    assert [w.duration_s for w in law.seen] == pytest.approx([0.0255] * 60, rel=1e-12)  # T-42
+    assert law.max_feed_um_s == 33.3375  # T-76: 127 units of 262.5 nm/s
+    assert windows.column("feed_um_s").to_pylist() == [w.feed_um_s for w in law.seen]
+    assert set(windows.column("feed_um_s").to_numpy()[::2]) == {76 * 0.2625}  # 20 um/s in whole units
+
+
+def test_feed_is_kept_within_the_speed_word() -> None:
+    sim = simulation(contour([(0, 0), (2000, 0)]), controller=Script([1e6, -1e6]))
+    assert [sim.step().feed_um_s for _ in range(2)] == [33.3375, -33.3375]
+
+
+def test_removed_metal_is_the_sum_of_the_craters() -> None:
+    sim = simulation(contour([(0, 0), (900, 0)]), hole_mm=0.2)
+    run(sim)
+    assert sim.plant.removed_mm3 > 0.1
+    assert sim.plant.removed_mm3 == pytest.approx(sim.plant.crater_mm3, rel=1e-9)
+
+
+def test_legs_end_at_dwells() -> None:
+    legs = legs_of(contour([(0, 0), (10, 0), (20, 0), (30, 0)], ((2, 1.5), (1, 0.5), (2, 1.0), (3, 4.0))))
+    assert [(leg.points_um[:, 0] - START[0]).tolist() for leg in legs] == [[0, 10], [10, 20], [20, 30]]
+    assert [leg.threads for leg in legs] == [True, False, False]
+    assert [leg.dwell_s for leg in legs] == [0.5, 2.5, 4.0]
+
+
+def test_contour_without_dwell_is_one_leg() -> None:
+    (leg,) = legs_of(contour([(0, 0), (10, 0), (20, 0)]))
+    assert isinstance(leg, Leg)
+    assert (len(leg.points_um), leg.threads, leg.dwell_s) == (3, True, 0.0)
+
+
+def test_wire_rests_for_the_dwell_with_the_pulses_on() -> None:
+    sim = simulation(contour([(0, 0), (60, 0), (60, 60)], ((1, 2.0),)))
+    run(sim)
+    windows = sim.windows.to_arrow()
+    t_s, x, feed = (windows.column(name).to_numpy() for name in ("t_s", "x_um", "feed_um_s"))
+    resting = feed == 0
+    assert np.ptp(x[resting]) == 0
+    assert x[resting][0] == pytest.approx(START[0] + 60, abs=1)
+    # whole windows of 25.5 ms
+    assert 2.0 <= resting.sum() * 0.0255 < 2.0 + 0.0255
+    assert sim.sums.pulses == 255 * len(t_s)
+
+
+@pytest.mark.parametrize("planner", list(PLANNERS))
+def test_dwells_lose_no_place(planner: str) -> None:
+    points = [(7 * i + 2 * (i % 2), 5 * i) for i in range(40)]
+    sim = simulation(contour(points, tuple((i, 0.01) for i in range(1, 39))), planner=planner, hole_mm=2.0)
+    run(sim)
+    assert sim.outcome == "finished"
+    assert sim.plant.commanded_um == pytest.approx(np.add(points[-1], START), abs=1)
+
+
+def test_contours_are_joined_by_a_rapid_and_a_fresh_wire() -> None:
+    first, second = contour([(0, 0), (60, 0)]), contour([(3000, 4000), (3060, 4000)])
+    law = Script([30.0])
+    sim = simulation(first, second, controller=law)
+    seen = run(sim)
+    assert sim.outcome == "finished"
+    assert law.resets == 2
+    windows = sim.windows.to_arrow()
+    t_s, x, path = (windows.column(name).to_numpy() for name in ("t_s", "x_um", "path_um"))
+    jump = int(np.argmax(np.diff(x)))
+    table = sim.machine.base.table
+    way_um = np.hypot(33_000 - x[jump], 4000)
+    pause_s = way_um / table.rapid_um_s.value + table.threading_s.value
+    assert t_s[jump + 1] - t_s[jump] == pytest.approx(pause_s + 0.0255, abs=1e-6)
+    assert sum(np.diff(t_s) > 0.03) == 1
+    assert np.diff(path).min() >= 0
+    assert seen[-1].path_um == pytest.approx(seen[-1].total_um, abs=3)
+    assert sim.plant.commanded_um == pytest.approx((33_060, 34_000), abs=1)
+
+
+def test_time_limit() -> None:
+    sim = simulation(contour([(0, 0), (2000, 0)]), max_time_s=0.5)
+    run(sim)
+    assert sim.outcome == "time-limit"
+    assert 0.5 <= sim.plant.time_ns * 1e-9 < 0.5 + 0.0255
+
+
+def test_alarm_of_the_controller_stops_the_machine() -> None:
+    sim = simulation(contour([(0, 0), (2000, 0)]), controller=Script([20.0], alarm_at=7))
+    assert len(run(sim)) == 7
+    assert (sim.outcome, sim.reason) == ("persistent-short", "the script says stop")
+
+
+def own(folder: Path, kind: str, name: str, *changes: tuple[str, str]) -> str:
+    text = (resources.files("edmsim.models") / kind / f"{name}.toml").read_text(encoding="utf-8")
+    for old, new in changes:
+        assert text.count(old) == 1
+        text = text.replace(old, new)
+    file = folder / f"{kind}.toml"
+    file.write_text(text, encoding="utf-8")
+    return str(file)
+
+
+def test_short_that_never_clears_ends_with_the_alarm_of_counts(tmp_path: Path) -> None:
+    """In metal on every side, with nothing removed, every pulse is a short."""
+    steel = own(
+        tmp_path, "materials", "tool-steel",
+        ("removal_mm3_J = { value = 9.3e-3, range = [2.0e-3, 1.0e-2],", "removal_mm3_J = { value = 1.0e-12,"),
+    )  # fmt: skip
+    machine = Machine.load(height_mm=5, material=steel)
+    sim = simulation(contour([(0, 0), (2000, 0)]), machine=machine, controller=make("counts"), hole_mm=0.05)
+    run(sim)
+    assert sim.outcome == "persistent-short"
+    assert sim.reason == "persistent short"
+    assert sim.sums.short > 0.9 * sim.sums.pulses
+    path = sim.windows.to_arrow().column("path_um").to_numpy()
+    assert path[-1] < 60
+
+
+def test_end_switch_stops_the_machine(tmp_path: Path) -> None:
+    small = own(
+        tmp_path, "machines", "agiecut-dem15", ("travel_mm = { value = 65.0,", "travel_mm = { value = 30.05,")
+    )
+    sim = simulation(contour([(0, 0), (100, 0)]), machine=Machine.load(small, height_mm=5))
+    run(sim)
+    assert sim.outcome == "limit-switch"
+    assert "x 30.05" in str(sim.reason)
+    assert sim.plant.commanded_um[0] == 30_052
+
+
+def test_wire_that_grows_too_hot_breaks(tmp_path: Path) -> None:
+    hot = own(
+        tmp_path, "machines", "agiecut-dem15",
+        ("convection_W_m2K = { value = 14000.0, range = [5000.0, 30000.0],", "convection_W_m2K = { value = 300.0,"),
+    )  # fmt: skip
+    machine = Machine.load(hot, height_mm=20, tension=35.0)
+    sim = simulation(contour([(0, 0), (3000, 0)]), machine=machine, hole_mm=0.16)
+    run(sim)
+    assert sim.outcome == "wire-break"
+    assert sim.reason is not None
+    height = float(sim.reason.split()[3])
+    assert 0 < height < 20
+    windows = sim.windows.to_arrow()
+    counts = sum(windows.column(name).to_numpy().astype(int) for name in ("short", "open", "spark", "arc"))
+    assert set(counts[:-1]) == {255}
+    assert counts[-1] < 255  # it broke within the window
+    assert sim.sums.pulses == counts.sum()
+    assert windows.column("wire_temperature_K").to_numpy().max() > 350
+
+
+def test_snapshot_continues_bit_for_bit_across_threading_and_dwells() -> None:
+    parts = contour([(0, 0), (41, 0), (41, 33)], ((1, 0.3),)), contour([(900, 0), (951, 27)])
+    machine = Machine.load(height_mm=5, generator="iso-energetic")
+    whole = simulation(*parts, machine=machine, controller=make("counts"))
+    run(whole)
+    rows = whole.windows.values()
+    threading = int(np.argmax(np.diff(rows[:, 0])))
+    for stop in (10, 60, threading, threading + 1, threading + 2, len(rows) - 1):
+        first, second = (simulation(*parts, machine=machine, controller=make("counts")) for _ in range(2))
+        for _ in range(stop):
+            first.step()
+        second.restore(*first.snapshot())
+        run(second)
+        np.testing.assert_array_equal(second.windows.values(), rows)
+        assert second.sums == whole.sums

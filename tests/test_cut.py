@@ -1,0 +1,281 @@
+"""A whole cut: report, windows, geometry and files agree with each other and with the craters."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+import shapely
+
+import edmsim
+from edmsim.errors import InputError
+
+COLUMNS = (
+    "t_s x_um y_um feed_um_s short open spark arc mean_voltage_V mean_current_A mean_delay_us gap_um "
+    "lag_x_um lag_y_um wire_temperature_K debris t_on_us t_period_us path_um error_um"
+).split()
+REPORT = {
+    "outcome", "reason", "machining_time_s", "wall_time_s", "realtime_factor", "pulses", "path_length_mm",
+    "feed_um_s", "cutting_rate_mm2_min", "pulse_share", "kerf_um", "profile_error_um", "corners", "wire",
+    "surface", "energy_J", "removed_mm3", "mean_current_A", "mean_voltage_V", "seed", "settings", "notices",
+    "edmsim_version",
+}  # fmt: skip
+
+
+def numbers(value: Any, place: str = "") -> Iterator[tuple[str, float | None]]:
+    """Every figure of a report with its place."""
+    if isinstance(value, dict):
+        for key, inner in value.items():
+            yield from numbers(inner, f"{place}.{key}")
+    elif isinstance(value, list):
+        for i, inner in enumerate(value):
+            yield from numbers(inner, f"{place}[{i}]")
+    elif value is None or isinstance(value, int | float):
+        yield place, value
+
+
+def without_wall_time(report: dict[str, Any]) -> dict[str, Any]:
+    return {k: v for k, v in report.items() if k not in ("wall_time_s", "realtime_factor")}
+
+
+def same_rows(a: pa.Table, b: pa.Table) -> bool:
+    """Bit for bit, a missing value being equal to a missing value."""
+    return a.schema.equals(b.schema) and all(
+        np.array_equal(x.to_numpy(), y.to_numpy(), equal_nan=True) for x, y in zip(a.columns, b.columns, strict=True)
+    )
+
+
+def test_the_punch_is_finished(small_cut: SimpleNamespace) -> None:
+    report = small_cut.result.report
+    assert (report["outcome"], report["reason"]) == ("finished", None)
+
+
+def test_every_figure_of_the_report_is_there_and_real(small_cut: SimpleNamespace) -> None:
+    report = small_cut.result.report
+    assert set(report) == REPORT
+    for place, value in numbers(without_wall_time({**report, "settings": None, "reason": 0})):
+        if place != ".settings":
+            assert value is not None, place
+            assert math.isfinite(value), place
+
+
+def test_report_agrees_with_itself_and_with_the_windows(small_cut: SimpleNamespace) -> None:
+    report, windows = small_cut.result.report, small_cut.result.windows
+    rows = {name: windows.column(name).to_numpy() for name in windows.column_names}
+    assert report["pulses"] == 255 * windows.num_rows
+    for kind, share in report["pulse_share"].items():
+        assert share == pytest.approx(rows[kind].sum() / report["pulses"], rel=1e-12)
+    assert sum(report["pulse_share"].values()) == pytest.approx(1, abs=1e-12)
+    assert report["machining_time_s"] == pytest.approx(windows.num_rows * 255 * 100e-6, rel=1e-12)
+    assert report["mean_voltage_V"] == pytest.approx(rows["mean_voltage_V"].mean(), rel=1e-9)
+    assert report["mean_current_A"] == pytest.approx(rows["mean_current_A"].mean(), rel=1e-9)
+    assert report["feed_um_s"]["max"] == rows["feed_um_s"].max()
+    assert report["wire"]["temperature_K_max"] == rows["wire_temperature_K"].max()
+    minutes = report["machining_time_s"] / 60
+    assert report["cutting_rate_mm2_min"] == pytest.approx(report["path_length_mm"] * 5 / minutes, rel=1e-12)
+
+
+def test_the_whole_path_was_cut(small_cut: SimpleNamespace) -> None:
+    points = small_cut.result.path.contours[0].points_um
+    length_mm = np.hypot(*np.diff(points, axis=0).T).sum() * 1e-3
+    # one loop of a 1 mm square, offset outwards, and the lead-in of 2.5 mm less the offset
+    offset_mm = small_cut.result.path.offset_um * 1e-3
+    assert length_mm == pytest.approx(4 + 2 * math.pi * offset_mm + 2.5 - offset_mm, abs=0.02)
+    assert small_cut.result.report["path_length_mm"] == pytest.approx(length_mm, abs=0.003)
+
+
+def test_removed_metal_is_what_the_craters_took(small_cut: SimpleNamespace) -> None:
+    report, field = small_cut.result.report, small_cut.result.field
+    assert report["removed_mm3"] > 1
+    areas_mm2 = [small_cut.result.contour(i).area for i in range(field.n_slices)]
+    # the contour is the half-removed level of 4 um cells
+    assert sum(areas_mm2) * 5 / field.n_slices == pytest.approx(report["removed_mm3"], rel=0.01)
+
+
+def test_energy_and_removed_metal_belong_together(small_cut: SimpleNamespace) -> None:
+    report = small_cut.result.report
+    per_J = edmsim.Machine.load().material.removal_mm3_J.value
+    assert report["removed_mm3"] == pytest.approx(report["energy_J"] * per_J, rel=0.1)
+    assert report["removed_mm3"] <= report["energy_J"] * per_J * 1.02
+
+
+def test_kerf_lag_and_rates_lie_where_wire_machines_lie(small_cut: SimpleNamespace) -> None:
+    report = small_cut.result.report
+    kerf = report["kerf_um"]
+    assert 250 + 2 * 10 < kerf["min"] <= kerf["mean"] <= kerf["max"] < 250 + 2 * 80
+    profile = report["profile_error_um"]
+    assert 0 < profile["rms"] <= profile["p95"] <= profile["max"] < 150
+    assert abs(report["wire"]["lag_um"]) < 60
+    assert 0 < report["wire"]["vibration_um_rms"] < 10
+    assert 293 < report["wire"]["temperature_K_max"] < 600
+    assert 0.2 < report["surface"]["ra_um"] < 5
+    assert 5 < report["feed_um_s"]["mean"] <= report["feed_um_s"]["max"] <= 33.3375  # T-76
+    assert report["pulse_share"]["short"] < 0.2
+    assert report["mean_current_A"] < 2  # T-34
+
+
+def test_the_four_corners_are_found(small_cut: SimpleNamespace) -> None:
+    corners = small_cut.result.report["corners"]
+    turns = [corner["turn_deg"] for corner in corners]
+    assert turns == pytest.approx([-90] * 4)
+    x0, y0 = small_cut.result.path.origin_mm
+    places = {(round(c["x_mm"] - x0, 3), round(c["y_mm"] - y0, 3)) for c in corners}
+    assert places == {(0, 0), (0, 1), (1, 1), (1, 0)}
+
+
+def test_contour_is_a_ring_around_the_part(small_cut: SimpleNamespace) -> None:
+    result = small_cut.result
+    part = shapely.Polygon(result.path.contours[0].nominal_mm)
+    for i in (0, result.field.n_slices - 1):
+        removed = result.contour(i)
+        assert removed.is_valid
+        assert not removed.contains(part.centroid)
+        assert removed.convex_hull.contains(part)
+        assert removed.intersection(part).area < 0.05 * part.area
+
+
+def test_contour_of_a_slice_that_is_not_there(small_cut: SimpleNamespace) -> None:
+    with pytest.raises(InputError, match="5"):
+        small_cut.result.contour(5)
+
+
+def test_windows_are_as_agreed(small_cut: SimpleNamespace) -> None:
+    windows = small_cut.result.windows
+    assert windows.column_names == COLUMNS
+    counts = sum(windows.column(name).to_numpy().astype(int) for name in ("short", "open", "spark", "arc"))
+    assert set(counts) == {255}  # T-38
+    assert set(windows.column("t_on_us").to_numpy()) == {30.0}
+    assert set(windows.column("t_period_us").to_numpy()) == {100.0}
+    error = windows.column("error_um").to_numpy()
+    assert 0.3 < np.isfinite(error).mean() < 1  # the lead-in has none
+
+
+def test_a_window_is_255_periods_without_gaps(small_cut: SimpleNamespace) -> None:  # T-42
+    t_ns = np.round(small_cut.result.windows.column("t_s").to_numpy() * 1e9).astype(np.int64)
+    assert t_ns[0] == 25_500_000
+    assert set(np.diff(t_ns)) == {25_500_000}
+
+
+def test_watcher_sees_every_window(small_cut: SimpleNamespace) -> None:
+    windows, seen = small_cut.result.windows, small_cut.seen
+    assert [p.time_s for p in seen] == windows.column("t_s").to_pylist()
+    assert [p.path_um for p in seen] == windows.column("path_um").to_pylist()
+    assert [(p.short, p.open) for p in seen] == list(
+        zip(windows.column("short").to_pylist(), windows.column("open").to_pylist(), strict=True)
+    )
+    assert seen[-1].path_um == pytest.approx(seen[-1].total_um, abs=3)
+
+
+def test_the_four_files_are_written_and_nothing_else(small_cut: SimpleNamespace) -> None:
+    folder, result = small_cut.folder, small_cut.result
+    assert sorted(f.name for f in folder.iterdir()) == ["cut.rrd", "profile.png", "report.json", "windows.parquet"]
+    assert json.loads((folder / "report.json").read_text()) == result.report
+    assert same_rows(pq.read_table(folder / "windows.parquet"), result.windows)
+    assert (folder / "profile.png").read_bytes().startswith(b"\x89PNG")
+    assert (folder / "cut.rrd").stat().st_size > 10_000
+
+
+def test_settings_say_how_to_cut_it_again(small_cut: SimpleNamespace) -> None:
+    report = small_cut.result.report
+    settings = report["settings"]
+    assert report["seed"] == 1
+    assert settings["program"] == "small.ngc"
+    machine = edmsim.Machine.load(height_mm=5)
+    assert settings["tension_N"] == machine.tension
+    assert settings["offset_um"] == pytest.approx(machine.auto_offset_mm * 1e3)
+    told = {"controller": "counts", "planner": "poscal", "resolution": "fast", "mechanics": "modal"}
+    assert told.items() <= settings.items()
+
+
+def test_same_seed_same_cut_another_seed_another(
+    small_cut: SimpleNamespace, cut_small: Callable[..., edmsim.CutResult]
+) -> None:
+    again, other = cut_small(), cut_small(seed=2, max_time_s=3)
+    assert without_wall_time(again.report) == without_wall_time(small_cut.result.report)
+    assert same_rows(again.windows, small_cut.result.windows)
+    first = small_cut.result.windows.slice(0, other.windows.num_rows)
+    assert not other.windows.column("spark").equals(first.column("spark"))
+
+
+def test_time_limit_stops_at_the_end_of_its_window(cut_small: Callable[..., edmsim.CutResult]) -> None:
+    report = cut_small(max_time_s=1.0).report
+    assert report["outcome"] == "time-limit"
+    assert "1 s" in report["reason"]
+    assert 1.0 <= report["machining_time_s"] < 1.0 + 255 * 100e-6
+
+
+@pytest.mark.parametrize("planner", ["poscal-literal", "dda"])
+def test_other_planners_cut_too(cut_small: Callable[..., edmsim.CutResult], planner: str) -> None:
+    report = cut_small(planner=planner, max_time_s=4).report
+    assert report["settings"]["planner"] == planner
+    assert report["path_length_mm"] > 0.05
+
+
+def test_offsets(cut_small: Callable[..., edmsim.CutResult]) -> None:
+    for offset, expected_um in (("0.2", 200.0), (0.15, 150.0)):
+        result = cut_small(offset=offset, max_time_s=0.1)
+        assert result.path.offset_um == pytest.approx(expected_um)
+
+
+def test_result_can_be_written_later_into_a_new_folder(
+    cut_small: Callable[..., edmsim.CutResult], tmp_path: Path
+) -> None:
+    cut_small(max_time_s=0.5).write(tmp_path / "later" / "on")
+    assert len(list((tmp_path / "later" / "on").iterdir())) == 4
+
+
+BAD = [
+    ({"material": "cheese"}, "cheese"),
+    ({"machine": "lathe"}, "lathe"),
+    ({"wire": "string"}, "string"),
+    ({"generator": "candle"}, "candle"),
+    ({"controller": "genius"}, "genius"),
+    ({"controller": "fixed:feed_um_s"}, "feed_um_s"),
+    ({"controller": "fixed:speed=3"}, "speed"),
+    ({"controller": "fixed:feed_um_s=fast"}, "feed_um_s=fast"),
+    ({"controller": "fixed:feed_um_s=-1"}, "-1"),
+    ({"controller": "fixed:feed_um_s=34"}, "33.3375"),
+    ({"planner": "straight"}, "poscal, poscal-literal, dda"),
+    ({"mechanics": "steam"}, "modal"),
+    ({"drive": "hand"}, "stepper"),
+    ({"resolution": "superb"}, "fast, default, fine"),
+    ({"tension": 60.0}, "breaks"),
+    ({"tension": 0.0}, "above zero"),
+    ({"height_mm": -3.0}, "-3 mm"),
+    ({"height_mm": 0.0}, "0 mm"),
+    ({"t_on_us": 40.0}, "2 A"),
+    ({"t_on_us": 0.0}, "t_on 0 us"),
+    ({"t_period_us": 0.0}, "t_period 0 us"),
+    ({"offset": "half"}, "half"),
+    ({"offset": -0.1}, "-0.1"),
+    ({"offset": 40.0}, "small.ngc"),
+    ({"max_time_s": 0.0}, "0 s"),
+    ({"max_time_s": -1.0}, "-1 s"),
+    ({"max_time_s": math.nan}, "nan s"),
+    ({"max_time_s": math.inf}, "inf s"),
+    ({"resume": True}, "no interrupted cut"),
+]
+
+
+@pytest.mark.parametrize(("options", "named"), BAD)
+def test_bad_input_is_told_and_nothing_is_written(
+    cut_small: Callable[..., edmsim.CutResult], tmp_path: Path, options: dict[str, Any], named: str
+) -> None:
+    with pytest.raises(InputError) as caught:
+        cut_small(out=tmp_path / "out", **options)
+    assert named in str(caught.value)
+    assert "\n" not in str(caught.value)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_resume_without_a_folder_is_refused(cut_small: Callable[..., edmsim.CutResult]) -> None:
+    with pytest.raises(InputError, match="name its folder"):
+        cut_small(resume=True)

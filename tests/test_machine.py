@@ -1,0 +1,245 @@
+"""The machine: every constant has its source, and every set-up that cannot run is refused in one line."""
+
+from __future__ import annotations
+
+import math
+import tomllib
+from collections.abc import Iterator
+from importlib import resources
+from pathlib import Path
+from typing import Any, cast, get_args
+
+import pytest
+
+from edmsim.errors import InputError
+from edmsim.machine import Kind, Machine, available
+from edmsim.plant.generator import discharge_current_A, mean_current_A
+
+KINDS = get_args(Kind)
+FILES = [(kind, name) for kind in KINDS for name in available(kind)]
+PARAMETER = {"machines": "name", "wires": "wire", "materials": "material", "generators": "generator"}
+TITLE = {
+    "machines": lambda m: m.base.title, "wires": lambda m: m.wire.title,
+    "materials": lambda m: m.material.title, "generators": lambda m: m.generator.title,
+}  # fmt: skip
+
+
+def text_of(kind: str, name: str) -> str:
+    return (resources.files("edmsim.models") / kind / f"{name}.toml").read_text(encoding="utf-8")
+
+
+def constants(table: dict[str, Any], place: str = "") -> Iterator[tuple[str, dict[str, Any]]]:
+    for key, value in table.items():
+        if isinstance(value, dict):
+            if "value" in value:
+                yield f"{place}{key}", value
+            else:
+                yield from constants(value, f"{place}{key}.")
+
+
+def own_file(folder: Path, kind: str, name: str, *changes: tuple[str, str]) -> str:
+    """Write a model file with some of its text changed, and return its path."""
+    text = text_of(kind, name)
+    for old, new in changes:
+        assert text.count(old) == 1, old
+        text = text.replace(old, new)
+    file = folder / "own.toml"
+    file.write_text(text, encoding="utf-8")
+    return str(file)
+
+
+def refusal(**choices: Any) -> str:
+    with pytest.raises(InputError) as caught:
+        Machine.load(**choices)
+    text = str(caught.value)
+    assert "\n" not in text
+    return text
+
+
+@pytest.mark.parametrize(("kind", "name"), FILES)
+def test_every_file_loads(kind: str, name: str) -> None:
+    machine = Machine.load(**cast(Any, {PARAMETER[kind]: name}))
+    assert TITLE[kind](machine) == tomllib.loads(text_of(kind, name))["title"]
+
+
+def test_the_wires_and_materials_asked_for_are_there() -> None:
+    assert {"copper", "brass", "molybdenum"} <= set(available("wires"))
+    assert {"tool-steel", "cemented-carbide", "copper", "aluminium"} <= set(available("materials"))
+    assert {"iso-pulse", "iso-energetic", "ignition-pulse"} == set(available("generators"))
+
+
+@pytest.mark.parametrize(("kind", "name"), FILES)
+def test_every_constant_has_a_source_and_lies_in_its_range(kind: str, name: str) -> None:
+    found = list(constants(tomllib.loads(text_of(kind, name))))
+    assert found
+    for key, constant in found:
+        assert set(constant) <= {"value", "source", "range"}, key
+        assert len(constant["source"].split()) >= 1, key
+        low, high = constant.get("range", (-math.inf, math.inf))
+        assert low <= constant["value"] <= high, key
+        assert low < high, key
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_unknown_name_says_which_exist(kind: Any) -> None:
+    text = refusal(**{PARAMETER[kind]: "unobtainium"})
+    assert kind[:-1] in text
+    assert "'unobtainium'" in text
+    assert text.endswith(", ".join(available(kind)))
+
+
+def test_own_file_is_read_by_its_path(tmp_path: Path) -> None:
+    file = own_file(tmp_path, "materials", "tool-steel", ("value = 9.3e-3", "value = 5.0e-3"))
+    machine = Machine.load(material=file)
+    assert machine.material.removal_mm3_J.value == 5.0e-3
+    assert machine.material_name == file
+
+
+def test_own_wire_may_carry_a_diameter(tmp_path: Path) -> None:
+    file = own_file(tmp_path, "wires", "brass")
+    assert Machine.load(wire=file).wire_diameter_um == 250
+    assert Machine.load(wire=f"{file}-100").wire_diameter_um == 100
+
+
+BRASS_STRENGTH = "strength_MPa = { value = 950.0, range = [900.0, 1000.0],"
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "named"),
+    [
+        ("strength_MPa", "strenght_MPa", "strength_MPa"),
+        ("title =", "titel =", "title"),
+        ("title =", "colour = 3\ntitle =", "colour"),
+        (BRASS_STRENGTH, BRASS_STRENGTH.replace("950.0", "95.0"), "strength_MPa"),
+        (BRASS_STRENGTH, BRASS_STRENGTH.replace("950.0", '"strong"'), "strength_MPa.value"),
+        (BRASS_STRENGTH, "strength_MPa = { value = -950.0,", "strength_MPa.value"),
+        (BRASS_STRENGTH, "strength_MPa = { value = nan,", "strength_MPa.value"),
+        (BRASS_STRENGTH, "strength_MPa = { value = 950.0, unit = 1,", "strength_MPa.unit"),
+        ('source = "brass loses half its strength near 600 K"', "range = [1.0, 999.0]", "half_strength_K.source"),
+    ],
+)
+def test_bad_key_is_named_with_its_file(tmp_path: Path, old: str, new: str, named: str) -> None:
+    text = refusal(wire=own_file(tmp_path, "wires", "brass", (old, new)))
+    assert text.startswith(str(tmp_path / "own.toml"))
+    assert f"'{named}'" in text
+
+
+def test_value_outside_its_range_is_told_with_both(tmp_path: Path) -> None:
+    file = own_file(tmp_path, "wires", "brass", (BRASS_STRENGTH, BRASS_STRENGTH.replace("950.0", "95.0")))
+    text = refusal(wire=file)
+    assert "95 " in text
+    assert "900" in text
+    assert "1000" in text
+
+
+def test_generator_mode_decides_on_the_ignition_wait(tmp_path: Path) -> None:
+    for name, old, new in (
+        ("iso-pulse", 'mode = "iso-pulse"', 'mode = "iso-energetic"'),
+        ("iso-energetic", 'mode = "iso-energetic"', 'mode = "iso-pulse"'),
+    ):
+        assert "ignition_wait_us" in refusal(generator=own_file(tmp_path, "generators", name, (old, new)))
+
+
+@pytest.mark.parametrize("content", [b"", b"title = \n", b"\x89PNG\r\n\x1a\n\x00\xff", b"[table"])
+def test_file_that_is_no_toml_is_refused_by_name(tmp_path: Path, content: bytes) -> None:
+    file = tmp_path / "own.toml"
+    file.write_bytes(content)
+    assert refusal(name=str(file)).startswith(str(file))
+
+
+def test_missing_file_and_folder_are_refused_by_name(tmp_path: Path) -> None:
+    (tmp_path / "folder.toml").mkdir()
+    for name in ("none.toml", "folder.toml"):
+        assert refusal(material=str(tmp_path / name)).startswith(str(tmp_path / name))
+
+
+def test_wire_diameter() -> None:
+    assert Machine.load(wire="brass").wire_diameter_um == 250
+    assert Machine.load(wire="copper-100").wire_diameter_um == 100
+    assert Machine.load(wire="copper-20").wire_diameter_um == 20  # 2.7.1
+    assert Machine.load(wire="copper-400").wire_diameter_um == 400
+    for diameter in ("19.9", "400.1", "nan", "inf"):
+        text = refusal(wire=f"copper-{diameter}")
+        assert diameter in text
+        assert "20..400" in text
+
+
+def test_default_tension_is_the_stress_times_the_section() -> None:
+    for name in available("wires"):
+        machine = Machine.load(wire=name)
+        section_mm2 = math.pi / 4 * (machine.wire_diameter_um * 1e-3) ** 2
+        assert machine.tension == pytest.approx(machine.wire.stress_MPa.value * section_mm2, rel=1e-12)
+
+
+def test_tension_that_breaks_the_wire_at_rest() -> None:
+    holds = Machine.load(wire="copper-100").breaking_force
+    assert holds == pytest.approx(400 * math.pi / 4 * 0.1**2)
+    assert Machine.load(wire="copper-100", tension=0.999 * holds).tension == 0.999 * holds
+    text = refusal(wire="copper-100", tension=holds)
+    assert "breaks the 100 um copper wire" in text
+    assert f"{holds:.3g} N" in text
+
+
+@pytest.mark.parametrize("tension", [0.0, -1.0, math.nan])
+def test_tension_is_above_zero(tension: float) -> None:
+    assert "above zero" in refusal(tension=tension)
+
+
+@pytest.mark.parametrize("height", [-5.0, 0.0, 0.49, 400.1, math.nan, math.inf])
+def test_height_is_refused_with_its_value_and_range(height: float) -> None:
+    text = refusal(height_mm=height)
+    assert f"{height:g} mm" in text
+    assert "0.5..400" in text
+
+
+def test_geometry_of_the_set_up() -> None:
+    machine = Machine.load(height_mm=30, wire="brass-200")
+    assert machine.guide_distance_mm == 50
+    gap = machine.base.dielectric.side_gap_um.value
+    assert machine.auto_offset_mm == pytest.approx((100 + gap) * 1e-3)
+
+
+@pytest.mark.parametrize(
+    ("t_on", "t_period", "named"),
+    [
+        (0.5, 100, "t_on 0.5 us"), (1001, 10_000, "t_on 1001 us"), (1, 1.9, "t_period 1.9 us"),
+        (30, 10_001, "t_period 10001 us"), (30, 30, "no pause"), (math.nan, 100, "t_on nan"),
+    ],
+)  # fmt: skip
+def test_pulse_times_of_the_field(t_on: float, t_period: float, named: str) -> None:  # T-1, T-2, T-36
+    assert named in refusal(t_on_us=t_on, t_period_us=t_period)
+
+
+@pytest.mark.parametrize("generator", available("generators"))
+def test_mean_current_stays_within_2_A(generator: str) -> None:  # T-34, T-35
+    machine = Machine.load(generator=generator, t_on_us=30, t_period_us=1000)
+    assert discharge_current_A(machine) == pytest.approx((100 - 22) / 11.8)
+    least = discharge_current_A(machine) * 30 / 2.0
+    assert mean_current_A(machine.with_(t_period_us=least)) == pytest.approx(2.0)
+    with pytest.raises(InputError, match=rf"above the generator's 2 A; t_period must be at least {least:.4g} us"):
+        machine.with_(t_period_us=0.99 * least)
+
+
+def test_open_voltage_must_exceed_the_burning_voltage(tmp_path: Path) -> None:
+    file = own_file(
+        tmp_path, "generators", "iso-pulse",
+        ("{ value = 100.0, range = [60.0, 120.0],", "{ value = 21.0,"),
+    )  # fmt: skip
+    assert "21 V is not above the burning voltage" in refusal(generator=file)
+
+
+def test_with_changes_one_thing_and_checks_it() -> None:
+    machine = Machine.load()
+    thicker = machine.with_(height_mm=40)
+    assert (thicker.height_mm, machine.height_mm) == (40, 20)
+    assert thicker.with_(height_mm=20) == machine
+    for change in ({"tension": 1e3}, {"height_mm": -1}, {"t_on_us": 99.0}, {"wire_diameter_um": 10}):
+        with pytest.raises(InputError):
+            machine.with_(**change)
+
+
+def test_with_refuses_what_it_does_not_know() -> None:
+    with pytest.raises(InputError, match="heigth_mm"):
+        Machine.load().with_(heigth_mm=40)
+    with pytest.raises(ValueError, match="frozen"):
+        Machine.load().height_mm = 3
