@@ -40,12 +40,13 @@ class Leg(NamedTuple):
     points_um : int64 array (n, 2)
     threads : bool
         A fresh wire is threaded at the first point.
-    dwell_s : float
-        How long the wire then waits at the last point (G4).
+    rest_s, dwell_s : float
+        How long the wire waits at the first point before it moves, and at the last one (G4).
     """
 
     points_um: NDArray[np.int64]
     threads: bool
+    rest_s: float
     dwell_s: float
 
 
@@ -96,7 +97,7 @@ def legs_of(contour: Contour) -> list[Leg]:
     ends = [i for i in stops if 0 < i < last] + [last]
     starts = [0, *ends[:-1]]
     return [
-        Leg(contour.points_um[a : b + 1], a == 0, wait.get(b, 0.0) + (wait.get(0, 0.0) if a == 0 else 0.0))
+        Leg(contour.points_um[a : b + 1], a == 0, wait.get(0, 0.0) if a == 0 else 0.0, wait.get(b, 0.0))
         for a, b in zip(starts, ends, strict=True)
     ]
 
@@ -159,6 +160,7 @@ class Simulation:
         """Plan a leg from where the wire stands: it may have stopped 1 um before the last leg's end."""
         self._leg_from_um = place_um
         points = self.legs[self._leg].points_um
+        self._rest_until_ns = self.plant.time_ns + round(self.legs[self._leg].rest_s * 1e9)
         if place_um != (points[0, 0], points[0, 1]):
             points = np.concatenate([[place_um], points])
         self._planner: Planner = make_planner(self._planner_name, points)
@@ -175,7 +177,7 @@ class Simulation:
         units = round(self._command.feed_um_s * 1e3 / SPEED_UNIT_NM_S)
         units = max(-MAX_SPEED, min(MAX_SPEED, units))
         start_ns = self.plant.time_ns
-        if self._dwell_until_ns >= 0:
+        if self._dwell_until_ns >= 0 or start_ns < self._rest_until_ns:
             units = 0
         window = self._run_window(start_ns, units)
         feed = units * SPEED_UNIT_NM_S * 1e-3
@@ -285,6 +287,7 @@ class Simulation:
         values = {
             "leg": self._leg,
             "leg_from_um": list(self._leg_from_um),
+            "rest_until_ns": self._rest_until_ns,
             "dwell_until_ns": self._dwell_until_ns,
             "before_um": self._before_um,
             "command": [self._command.feed_um_s, self._command.alarm],
@@ -300,6 +303,7 @@ class Simulation:
         self._leg = values["leg"]
         x, y = values["leg_from_um"]
         self._begin_leg((x, y))
+        self._rest_until_ns = values["rest_until_ns"]
         self._dwell_until_ns = values["dwell_until_ns"]
         self._before_um = values["before_um"]
         self._command = type(self._command)(*values["command"])

@@ -195,6 +195,15 @@ def _erode(
 
 
 @compiled
+def _see_rupture(state: NDArray[np.void], a: Arrays, c: Constants, s: int) -> None:
+    """Break the wire if what is left of its strength in a slice does not hold its tension."""
+    share = strength_share(a.temperature_K[s], c.half_strength_K, c.water_K)
+    if state[0].broken == 0 and c.strength_N * share * (1.0 - state[0].worn_share) < c.tension_N:
+        state[0].broken = 1
+        state[0].broken_slice = s
+
+
+@compiled
 def _discharge(
     state: NDArray[np.void], window: NDArray[np.void], a: Arrays, tiles: NDArray[np.uint16],
     index: NDArray[np.int32], c: Constants, t: Timing, heat: HeatLaw, position: Array, s: int, k: int,
@@ -211,6 +220,7 @@ def _discharge(
     state[0].last_ray = a.ray[s, k]
     a.temperature_K[s] += c.wire_heat_share * energy * heat.kelvin_per_J
     window[0].temperature_max_K = max(window[0].temperature_max_K, a.temperature_K[s])
+    _see_rupture(state, a, c, s)
     _erode(state, window, a, tiles, index, c, position, s, k, volume)
     return energy
 
@@ -277,10 +287,7 @@ def _carry_on(state: NDArray[np.void], a: Arrays, c: Constants, heat: HeatLaw) -
     state[0].current2_us = 0.0
     state[0].wear_wait_um3 = 0.0
     for s in range(a.temperature_K.shape[0]):
-        share = strength_share(a.temperature_K[s], c.half_strength_K, c.water_K)
-        if state[0].broken == 0 and c.strength_N * share * (1.0 - state[0].worn_share) < c.tension_N:
-            state[0].broken = 1
-            state[0].broken_slice = s
+        _see_rupture(state, a, c, s)
 
 
 @compiled
@@ -355,8 +362,8 @@ def advance_window(
         window[0].duration_ns += period_ns
         if state[0].heat_wait_us >= HEAT_INTERVAL_US:
             _carry_on(state, a, c, heat)
-            if state[0].broken != 0:
-                break
+        if state[0].broken != 0:
+            break
     # what the last pulse drove into the metal must be out of it before the rays are traced anew
     place_wire(state, a, position)
     if _sum_rays(a, c, law, position, rate, primed, contact, pull) > 0.0:
