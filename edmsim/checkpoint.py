@@ -51,7 +51,8 @@ def load(simulation: Simulation, folder: Path, settings: Mapping[str, Any]) -> f
 
 
 def _compare(stored: Mapping[str, Any], wanted: Mapping[str, Any], file: Path) -> None:
-    for name in sorted(stored.keys() | wanted.keys()):
+    # digests last: a setting by name says more
+    for name in sorted(stored.keys() | wanted.keys(), key=lambda name: (name.endswith("sha256"), name)):
         if stored.get(name) != wanted.get(name):
             raise InputError(
                 f"the interrupted cut was made with {name} {stored.get(name)!r}, not {wanted.get(name)!r}", file

@@ -11,7 +11,8 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 import shapely
 from numpy.typing import NDArray
-from shapely.geometry import MultiLineString, MultiPolygon
+from shapely.geometry import MultiLineString, MultiPolygon, Polygon
+from shapely.geometry.base import BaseGeometry
 
 from edmsim.errors import InputError
 from edmsim.plant.workpiece import FULL, TILE, KerfField
@@ -56,6 +57,15 @@ def cut_edges(field: KerfField, slice_index: int) -> MultiLineString:
     return MultiLineString(list(shapely.get_parts(shapely.line_merge(loose))))
 
 
+def filled(rings: MultiLineString) -> BaseGeometry:
+    """Return the area inside closed lines, counting even-odd."""
+    try:
+        return shapely.build_area(rings)
+    except shapely.errors.GEOSException:  # rings that touch themselves: slower, but it takes them
+        loops = [shapely.make_valid(Polygon(line.coords)) for line in rings.geoms if line.is_closed]
+        return shapely.symmetric_difference_all(loops)
+
+
 def contour(field: KerfField, slice_index: int) -> MultiPolygon:
     """Return the metal removed from one slice as polygons in mm: the kerf.
 
@@ -73,7 +83,7 @@ def contour(field: KerfField, slice_index: int) -> MultiPolygon:
     InputError
         If there is no such slice.
     """
-    area = shapely.build_area(cut_edges(field, slice_index))
+    area = filled(cut_edges(field, slice_index))
     return MultiPolygon(list(shapely.get_parts(area)))
 
 

@@ -176,6 +176,7 @@ def cut(
         "t_on_us": set_up.t_on_us, "t_period_us": set_up.t_period_us, "controller": controller,
         "drive": drive, "planner": planner, "mechanics": mechanics, "resolution": resolution,
         "offset_um": path.offset_um, "max_time_s": max_time_s,
+        "constants_sha256": hashlib.sha256(set_up.model_dump_json().encode()).hexdigest()[:16],
     }
     folder = None if out is None else Path(out)
     spent_s = _run(simulation, folder, {**settings, "seed": seed}, resume, watch)

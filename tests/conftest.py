@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from importlib import resources
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -24,6 +25,22 @@ Y0.5
 G40
 M2
 """
+
+
+@pytest.fixture
+def own_file(tmp_path: Path) -> Callable[..., str]:
+    """Write a file of `models/` with some of its text changed, and return its path."""
+
+    def write(kind: str, name: str, *changes: tuple[str, str]) -> str:
+        text = (resources.files("edmsim.models") / kind / f"{name}.toml").read_text(encoding="utf-8")
+        for old, new in changes:
+            assert text.count(old) == 1, old
+            text = text.replace(old, new)
+        file = tmp_path / "own.toml"
+        file.write_text(text, encoding="utf-8")
+        return str(file)
+
+    return write
 
 
 @pytest.fixture(scope="session")

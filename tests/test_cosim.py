@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from importlib import resources
-from pathlib import Path
+from collections.abc import Callable, Sequence
 from typing import Any, ClassVar
 
 import numpy as np
@@ -154,30 +152,33 @@ def test_removed_metal_is_the_sum_of_the_craters() -> None:
     sim = simulation(contour([(0, 0), (900, 0)]), hole_mm=0.2)
     run(sim)
     assert sim.plant.removed_mm3 > 0.1
-    assert sim.plant.removed_mm3 == pytest.approx(sim.plant.crater_mm3, rel=1e-9)
+    assert sim.plant.removed_mm3 == pytest.approx(sim.plant.craters_mm3, rel=1e-9)
 
 
 def test_legs_end_at_dwells() -> None:
-    legs = legs_of(contour([(0, 0), (10, 0), (20, 0), (30, 0)], ((2, 1.5), (1, 0.5), (2, 1.0), (3, 4.0))))
+    dwells = ((2, 1.5), (1, 0.5), (2, 1.0), (3, 4.0), (0, 0.25))
+    legs = legs_of(contour([(0, 0), (10, 0), (20, 0), (30, 0)], dwells))
     assert [(leg.points_um[:, 0] - START[0]).tolist() for leg in legs] == [[0, 10], [10, 20], [20, 30]]
     assert [leg.threads for leg in legs] == [True, False, False]
+    assert [leg.rest_s for leg in legs] == [0.25, 0, 0]
     assert [leg.dwell_s for leg in legs] == [0.5, 2.5, 4.0]
 
 
 def test_contour_without_dwell_is_one_leg() -> None:
     (leg,) = legs_of(contour([(0, 0), (10, 0), (20, 0)]))
     assert isinstance(leg, Leg)
-    assert (len(leg.points_um), leg.threads, leg.dwell_s) == (3, True, 0.0)
+    assert (len(leg.points_um), leg.threads, leg.rest_s, leg.dwell_s) == (3, True, 0.0, 0.0)
 
 
-def test_wire_rests_for_the_dwell_with_the_pulses_on() -> None:
-    sim = simulation(contour([(0, 0), (60, 0), (60, 60)], ((1, 2.0),)))
+@pytest.mark.parametrize(("point", "x_um"), [(0, 0), (1, 60), (2, 90)])
+def test_wire_rests_for_the_dwell_with_the_pulses_on(point: int, x_um: int) -> None:
+    sim = simulation(contour([(0, 0), (60, 0), (90, 60)], ((point, 2.0),)))
     run(sim)
     windows = sim.windows.to_arrow()
     t_s, x, feed = (windows.column(name).to_numpy() for name in ("t_s", "x_um", "feed_um_s"))
     resting = feed == 0
     assert np.ptp(x[resting]) == 0
-    assert x[resting][0] == pytest.approx(START[0] + 60, abs=1)
+    assert x[resting][0] == pytest.approx(START[0] + x_um, abs=1)
     # whole windows of 25.5 ms
     assert 2.0 <= resting.sum() * 0.0255 < 2.0 + 0.0255
     assert sim.sums.pulses == 255 * len(t_s)
@@ -225,20 +226,10 @@ def test_alarm_of_the_controller_stops_the_machine() -> None:
     assert (sim.outcome, sim.reason) == ("persistent-short", "the script says stop")
 
 
-def own(folder: Path, kind: str, name: str, *changes: tuple[str, str]) -> str:
-    text = (resources.files("edmsim.models") / kind / f"{name}.toml").read_text(encoding="utf-8")
-    for old, new in changes:
-        assert text.count(old) == 1
-        text = text.replace(old, new)
-    file = folder / f"{kind}.toml"
-    file.write_text(text, encoding="utf-8")
-    return str(file)
-
-
-def test_short_that_never_clears_ends_with_the_alarm_of_counts(tmp_path: Path) -> None:
+def test_short_that_never_clears_ends_with_the_alarm_of_counts(own_file: Callable[..., str]) -> None:
     """In metal on every side, with nothing removed, every pulse is a short."""
-    steel = own(
-        tmp_path, "materials", "tool-steel",
+    steel = own_file(
+        "materials", "tool-steel",
         ("removal_mm3_J = { value = 9.3e-3, range = [2.0e-3, 1.0e-2],", "removal_mm3_J = { value = 1.0e-12,"),
     )  # fmt: skip
     machine = Machine.load(height_mm=5, material=steel)
@@ -251,9 +242,9 @@ def test_short_that_never_clears_ends_with_the_alarm_of_counts(tmp_path: Path) -
     assert path[-1] < 60
 
 
-def test_end_switch_stops_the_machine(tmp_path: Path) -> None:
-    small = own(
-        tmp_path, "machines", "agiecut-dem15", ("travel_mm = { value = 65.0,", "travel_mm = { value = 30.05,")
+def test_end_switch_stops_the_machine(own_file: Callable[..., str]) -> None:
+    small = own_file(
+        "machines", "agiecut-dem15", ("travel_mm = { value = 65.0,", "travel_mm = { value = 30.05,")
     )
     sim = simulation(contour([(0, 0), (100, 0)]), machine=Machine.load(small, height_mm=5))
     run(sim)
@@ -262,9 +253,9 @@ def test_end_switch_stops_the_machine(tmp_path: Path) -> None:
     assert sim.plant.commanded_um[0] == 30_052
 
 
-def test_wire_that_grows_too_hot_breaks(tmp_path: Path) -> None:
-    hot = own(
-        tmp_path, "machines", "agiecut-dem15",
+def test_wire_that_grows_too_hot_breaks(own_file: Callable[..., str]) -> None:
+    hot = own_file(
+        "machines", "agiecut-dem15",
         ("convection_W_m2K = { value = 14000.0, range = [5000.0, 30000.0],", "convection_W_m2K = { value = 300.0,"),
     )  # fmt: skip
     machine = Machine.load(hot, height_mm=20, tension=35.0)
@@ -283,13 +274,13 @@ def test_wire_that_grows_too_hot_breaks(tmp_path: Path) -> None:
 
 
 def test_snapshot_continues_bit_for_bit_across_threading_and_dwells() -> None:
-    parts = contour([(0, 0), (41, 0), (41, 33)], ((1, 0.3),)), contour([(900, 0), (951, 27)])
+    parts = contour([(0, 0), (41, 0), (41, 33)], ((1, 0.3),)), contour([(900, 0), (951, 27)], ((0, 0.3),))
     machine = Machine.load(height_mm=5, generator="iso-energetic")
     whole = simulation(*parts, machine=machine, controller=make("counts"))
     run(whole)
     rows = whole.windows.values()
     threading = int(np.argmax(np.diff(rows[:, 0])))
-    for stop in (10, 60, threading, threading + 1, threading + 2, len(rows) - 1):
+    for stop in (10, 60, threading, threading + 1, threading + 9, len(rows) - 1):
         first, second = (simulation(*parts, machine=machine, controller=make("counts")) for _ in range(2))
         for _ in range(stop):
             first.step()

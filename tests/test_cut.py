@@ -21,7 +21,7 @@ from edmsim.errors import InputError
 COLUMNS = (
     "t_s x_um y_um feed_um_s short open spark arc mean_voltage_V mean_current_A mean_delay_us gap_um "
     "lag_x_um lag_y_um wire_temperature_K debris t_on_us t_period_us path_um error_um"
-).split()
+)
 REPORT = {
     "outcome", "reason", "machining_time_s", "wall_time_s", "realtime_factor", "pulses", "path_length_mm",
     "feed_um_s", "cutting_rate_mm2_min", "pulse_share", "kerf_um", "profile_error_um", "corners", "wire",
@@ -149,7 +149,7 @@ def test_contour_of_a_slice_that_is_not_there(small_cut: SimpleNamespace) -> Non
 
 def test_windows_are_as_agreed(small_cut: SimpleNamespace) -> None:
     windows = small_cut.result.windows
-    assert windows.column_names == COLUMNS
+    assert " ".join(windows.column_names) == COLUMNS
     counts = sum(windows.column(name).to_numpy().astype(int) for name in ("short", "open", "spark", "arc"))
     assert set(counts) == {255}  # T-38
     assert set(windows.column("t_on_us").to_numpy()) == {30.0}
@@ -210,6 +210,24 @@ def test_time_limit_stops_at_the_end_of_its_window(cut_small: Callable[..., edms
     assert report["outcome"] == "time-limit"
     assert "1 s" in report["reason"]
     assert 1.0 <= report["machining_time_s"] < 1.0 + 255 * 100e-6
+
+
+def test_broken_wire_leaves_a_full_report(
+    cut_small: Callable[..., edmsim.CutResult], own_file: Callable[..., str], tmp_path: Path
+) -> None:
+    hot = own_file(
+        "machines", "agiecut-dem15",
+        ("convection_W_m2K = { value = 14000.0, range = [5000.0, 30000.0],", "convection_W_m2K = { value = 300.0,"),
+    )  # fmt: skip
+    result = cut_small(out=tmp_path / "out", machine=hot, tension=40.0, height_mm=20.0)
+    report = result.report
+    assert report["outcome"] == "wire-break"
+    assert "the wire broke" in report["reason"]
+    assert set(report) == REPORT
+    assert report["removed_mm3"] > 0
+    assert 0 < report["path_length_mm"] < 7
+    assert len(list((tmp_path / "out").iterdir())) == 4
+    assert json.loads((tmp_path / "out" / "report.json").read_text()) == report
 
 
 @pytest.mark.parametrize("planner", ["poscal-literal", "dda"])

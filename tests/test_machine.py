@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import tomllib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from importlib import resources
 from pathlib import Path
 from typing import Any, cast, get_args
@@ -15,6 +15,7 @@ from edmsim.errors import InputError
 from edmsim.machine import Kind, Machine, available
 from edmsim.plant.generator import discharge_current_A, mean_current_A
 
+OwnFile = Callable[..., str]
 KINDS = get_args(Kind)
 FILES = [(kind, name) for kind in KINDS for name in available(kind)]
 PARAMETER = {"machines": "name", "wires": "wire", "materials": "material", "generators": "generator"}
@@ -35,17 +36,6 @@ def constants(table: dict[str, Any], place: str = "") -> Iterator[tuple[str, dic
                 yield f"{place}{key}", value
             else:
                 yield from constants(value, f"{place}{key}.")
-
-
-def own_file(folder: Path, kind: str, name: str, *changes: tuple[str, str]) -> str:
-    """Write a model file with some of its text changed, and return its path."""
-    text = text_of(kind, name)
-    for old, new in changes:
-        assert text.count(old) == 1, old
-        text = text.replace(old, new)
-    file = folder / "own.toml"
-    file.write_text(text, encoding="utf-8")
-    return str(file)
 
 
 def refusal(**choices: Any) -> str:
@@ -88,15 +78,15 @@ def test_unknown_name_says_which_exist(kind: Any) -> None:
     assert text.endswith(", ".join(available(kind)))
 
 
-def test_own_file_is_read_by_its_path(tmp_path: Path) -> None:
-    file = own_file(tmp_path, "materials", "tool-steel", ("value = 9.3e-3", "value = 5.0e-3"))
+def test_own_file_is_read_by_its_path(own_file: OwnFile) -> None:
+    file = own_file("materials", "tool-steel", ("value = 9.3e-3", "value = 5.0e-3"))
     machine = Machine.load(material=file)
     assert machine.material.removal_mm3_J.value == 5.0e-3
     assert machine.material_name == file
 
 
-def test_own_wire_may_carry_a_diameter(tmp_path: Path) -> None:
-    file = own_file(tmp_path, "wires", "brass")
+def test_own_wire_may_carry_a_diameter(own_file: OwnFile) -> None:
+    file = own_file("wires", "brass")
     assert Machine.load(wire=file).wire_diameter_um == 250
     assert Machine.load(wire=f"{file}-100").wire_diameter_um == 100
 
@@ -118,26 +108,26 @@ BRASS_STRENGTH = "strength_MPa = { value = 950.0, range = [900.0, 1000.0],"
         ('source = "brass loses half its strength near 600 K"', "range = [1.0, 999.0]", "half_strength_K.source"),
     ],
 )
-def test_bad_key_is_named_with_its_file(tmp_path: Path, old: str, new: str, named: str) -> None:
-    text = refusal(wire=own_file(tmp_path, "wires", "brass", (old, new)))
+def test_bad_key_is_named_with_its_file(tmp_path: Path, own_file: OwnFile, old: str, new: str, named: str) -> None:
+    text = refusal(wire=own_file("wires", "brass", (old, new)))
     assert text.startswith(str(tmp_path / "own.toml"))
     assert f"'{named}'" in text
 
 
-def test_value_outside_its_range_is_told_with_both(tmp_path: Path) -> None:
-    file = own_file(tmp_path, "wires", "brass", (BRASS_STRENGTH, BRASS_STRENGTH.replace("950.0", "95.0")))
+def test_value_outside_its_range_is_told_with_both(own_file: OwnFile) -> None:
+    file = own_file("wires", "brass", (BRASS_STRENGTH, BRASS_STRENGTH.replace("950.0", "95.0")))
     text = refusal(wire=file)
     assert "95 " in text
     assert "900" in text
     assert "1000" in text
 
 
-def test_generator_mode_decides_on_the_ignition_wait(tmp_path: Path) -> None:
+def test_generator_mode_decides_on_the_ignition_wait(own_file: OwnFile) -> None:
     for name, old, new in (
         ("iso-pulse", 'mode = "iso-pulse"', 'mode = "iso-energetic"'),
         ("iso-energetic", 'mode = "iso-energetic"', 'mode = "iso-pulse"'),
     ):
-        assert "ignition_wait_us" in refusal(generator=own_file(tmp_path, "generators", name, (old, new)))
+        assert "ignition_wait_us" in refusal(generator=own_file("generators", name, (old, new)))
 
 
 @pytest.mark.parametrize("content", [b"", b"title = \n", b"\x89PNG\r\n\x1a\n\x00\xff", b"[table"])
@@ -220,9 +210,9 @@ def test_mean_current_stays_within_2_A(generator: str) -> None:  # T-34, T-35
         machine.with_(t_period_us=0.99 * least)
 
 
-def test_open_voltage_must_exceed_the_burning_voltage(tmp_path: Path) -> None:
+def test_open_voltage_must_exceed_the_burning_voltage(own_file: OwnFile) -> None:
     file = own_file(
-        tmp_path, "generators", "iso-pulse",
+        "generators", "iso-pulse",
         ("{ value = 100.0, range = [60.0, 120.0],", "{ value = 21.0,"),
     )  # fmt: skip
     assert "21 V is not above the burning voltage" in refusal(generator=file)

@@ -43,6 +43,8 @@ class GapLaw(NamedTuple):
         ``W = primed_per_um2 * (primed_gap_um - g)^2`` for one ray; the squares are its primed weight.
     contact_gap_um : float
         Asperities touch below this gap: the pulse is a short.
+    wire_curvature : float
+        One over the wire's radius, 1/um: the field at a convex surface is stronger than between plates.
     """
 
     t50_a: float
@@ -53,6 +55,7 @@ class GapLaw(NamedTuple):
     primed_gap_um: float
     primed_per_um2: float
     contact_gap_um: float
+    wire_curvature: float
 
 
 PULL_GAP_FLOOR_UM = 1.0
@@ -72,7 +75,8 @@ def slice_sums(
     """Sum a slice's first `count` rays: rate 1/us, primed weight um^2, contact depth um, pull x, y 1/um^2.
 
     `distance` is the gap traced from the reference position, `shift` how far the wire has moved from it since.
-    One pass without branches, so that it vectorises; the one division serves rate and pull.
+    The pull is that of coaxial cylinders a ray's gap apart, to second order in gap over radius:
+    ``(1/g + 1/(2 r))^2``. One pass without branches, so that it vectorises; the one division serves both.
     """
     one = np.float32(1.0)
     sx, sy = np.float32(shift_x), np.float32(shift_y)
@@ -81,6 +85,8 @@ def slice_sums(
     primed_gap = np.float32(law.primed_gap_um)
     contact_gap = np.float32(law.contact_gap_um)
     pull_floor = np.float32(PULL_GAP_FLOOR_UM)
+    curvature = np.float32(law.wire_curvature)
+    bare = np.float32(0.25 * law.wire_curvature**2)
     zero = np.float32(0.0)
     rate = primed = contact = pull_x = pull_y = zero
     for k in range(count):
@@ -91,7 +97,7 @@ def slice_sums(
         square = held * held
         both = one / (delay * square)
         rate += both * square
-        pressure = both * delay
+        pressure = both * delay * (one + held * curvature) + bare
         pull_x += pressure * cosine[k]
         pull_y += pressure * sine[k]
         depth = max(primed_gap - gap, zero)

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from .breakdown import GapLaw, choose_ray, slice_sums, weibull
 from .compiled import compiled
 from .dielectric import bridged_probability, flush
-from .facing import OVERLAP_UM, gap_of, narrowest, refer, retrace_around
-from .motion import move, place_wire, push_out, ringing, step_table
+from .facing import OVERLAP_UM, gap_of, narrowest, recede, refer
+from .motion import fall_back, move, place_wire, push_out, ringing, step_table
 from .random import uniform
 from .state import (
     ARC,
@@ -32,12 +32,14 @@ from .state import (
     Timing,
 )
 from .wire import HeatLaw, discharge_impulse, heat_step, strength_share
-from .workpiece import FULL, NO_METAL_UM, carve
+from .workpiece import FULL, NO_METAL_UM, carve_line
 
 HEAT_INTERVAL_US = 1500.0
 """Heat and debris are carried on at least this often: well under their time constants of some 10 ms."""
 DEIONISED = 40.0
 """Time constants after which the last channel is gone for good (one pulse in 1e17)."""
+CRATER_LINES = 16
+"""Lines a crater is carved on (ours: jittered, many craters cover their width evenly)."""
 CARVE_REACH_UM = 48.0
 """How far beyond the gap a crater may look for metal."""
 
@@ -96,19 +98,26 @@ def _deepest(a: Arrays, position: Array, contact: Array) -> tuple[float, int, in
 
 
 @compiled
-def _touch(state: NDArray[np.void], a: Arrays, position: Array, contact: Array) -> tuple[int, int]:
-    """Slice and packed ray of the deepest contact; the wire is pushed out of the metal where it overlaps.
+def _touch(
+    state: NDArray[np.void], a: Arrays, position: Array, contact: Array, held: Array
+) -> tuple[int, int]:
+    """Slice and packed ray of the deepest contact; the wire is taken out of the metal where it overlaps.
 
-    The deepest overlap is undone first, and with the wire's new shape the next, a slice's worth of times.
+    What it did since `held` ends where it met the metal; what overlap is left (a motor step may press the
+    metal on the wire) is pushed out, the deepest first, and with the wire's new shape the next.
     """
     deepest, slice_, place = _deepest(a, position, contact)
+    if deepest >= 0.0:
+        return slice_, place
     s, k = slice_, place
+    fall_back(a, held, s, np.float64(a.cosine[s, k]), np.float64(a.sine[s, k]), -deepest)
     for _ in range(contact.shape[0]):
+        place_wire(state, a, position)
+        deepest, s, k = _deepest(a, position, contact)
         if deepest >= 0.0:
             break
         push_out(a, s, np.float64(a.cosine[s, k]), np.float64(a.sine[s, k]), -deepest)
-        place_wire(state, a, position)
-        deepest, s, k = _deepest(a, position, contact)
+    place_wire(state, a, position)
     return slice_, place
 
 
@@ -168,30 +177,50 @@ def _crater_diameter(volume: float, c: Constants) -> float:
 
 
 @compiled
+def _crater(
+    a: Arrays, tiles: NDArray[np.uint16], index: NDArray[np.int32], c: Constants, position: Array, s: int, k: int,
+    half_width: float, jitter: float, parts: int,
+) -> int:
+    """Carve a crater's `parts` on lines over its width, and let the rays recede; returns parts not found.
+
+    `jitter` (0..1) shifts the lines within their spacing, so that many craters cover the width evenly.
+    """
+    cosine, sine = np.float64(a.cosine[s, k]), np.float64(a.sine[s, k])
+    near = c.radius_um + gap_of(a, position, s, k)
+    start = max(near - 2.0 * c.cell_um, c.radius_um - OVERLAP_UM)
+    spacing = 2.0 * half_width / CRATER_LINES
+    left = parts
+    for line in range(CRATER_LINES):
+        quota = left // (CRATER_LINES - line)
+        left -= quota - carve_line(
+            tiles, index, s, c.cell_um, position[s, 0], position[s, 1], cosine, sine, start, near + CARVE_REACH_UM,
+            (line + jitter) * spacing - half_width, quota,
+        )
+    depth = (parts - left) * (c.cell_um**2 / FULL) / (2.0 * half_width)
+    recede(a, s, k, int(half_width / (near * (2.0 * math.pi / a.ray_cosine.shape[0]))), depth)
+    return left
+
+
+@compiled
 def _erode(
     state: NDArray[np.void], window: NDArray[np.void], a: Arrays, tiles: NDArray[np.uint16],
     index: NDArray[np.int32], c: Constants, position: Array, s: int, k: int, volume: float,
 ) -> None:
-    """Remove a crater of `volume` um3 at a packed ray, retrace the rays it touched, feed the debris."""
+    """Remove a crater of `volume` um3 at a packed ray and feed the debris."""
     area = volume / c.slice_um + a.carry_um2[s]
     part = c.cell_um**2 / FULL
     parts = int(area / part)
     a.carry_um2[s] = area - parts * part
+    if parts == 0:
+        state[0].crater_um3 += volume
+        return
     half_width = 0.5 * _crater_diameter(volume, c)
-    near = c.radius_um + gap_of(a, position, s, k)
-    missed = carve(
-        tiles, index, s, c.cell_um, position[s, 0], position[s, 1],
-        np.float64(a.cosine[s, k]), np.float64(a.sine[s, k]),
-        max(near - 2.0 * c.cell_um, c.radius_um - OVERLAP_UM), near + CARVE_REACH_UM,
-        half_width, _draw(state), parts,
-    )
-    lost = missed * part * c.slice_um
+    lost = _crater(a, tiles, index, c, position, s, k, half_width, _draw(state), parts) * part * c.slice_um
     state[0].crater_um3 += volume
     state[0].missed_um3 += lost
     state[0].wear_wait_um3 += volume - lost
     window[0].crater_um3 += volume - lost
     a.debris[s] += (volume - lost) / c.cavity_um3
-    retrace_around(a, tiles, index, c, s, k, half_width)
 
 
 @compiled
@@ -241,11 +270,11 @@ def _short_circuit(
 @compiled
 def _decide(
     state: NDArray[np.void], a: Arrays, c: Constants, law: GapLaw, t: Timing, position: Array, rate: Array,
-    primed: Array, contact: Array, touching: float,
+    primed: Array, contact: Array, touching: float, held: Array,
 ) -> tuple[int, float, int, int]:
     """How this pulse ends: class, delay until ignition in us, slice and packed ray."""
     if touching > 0.0:
-        s, k = _touch(state, a, position, contact)
+        s, k = _touch(state, a, position, contact, held)
         return SHORT, 0.0, s, k
     if _bridged(state, a, position, c):
         return SHORT, 0.0, -1, 0
@@ -310,6 +339,7 @@ def advance_window(
     n_slices, n_modes = a.shape.shape
     position, pull, load = np.empty((n_slices, 2)), np.empty((n_slices, 2)), np.empty((2, n_modes))
     rate, primed, contact = np.empty(n_slices), np.empty(n_slices), np.empty(n_slices)
+    held = a.wire_q.copy()
     place_wire(state, a, position)
     refer(a, tiles, index, c, position, state[0].pulses // PULSES_PER_WINDOW)
     open_V = t.open_V / (1.0 + c.supply_ohm * _leak_conductance(a, c))
@@ -322,7 +352,7 @@ def advance_window(
         place_wire(state, a, position)
         touching = _sum_rays(a, c, law, position, rate, primed, contact, pull)
         _watch(window, state, a, position)
-        outcome, delay, s, k = _decide(state, a, c, law, t, position, rate, primed, contact, touching)
+        outcome, delay, s, k = _decide(state, a, c, law, t, position, rate, primed, contact, touching, held)
 
         burn, kick_x, kick_y, at = 0.0, 0.0, 0.0, 0
         if outcome == SHORT:
@@ -345,6 +375,7 @@ def advance_window(
         period_us = period_ns * 1e-3
         k_ignite = min(int(delay / t.grid_us + 0.5), k_period)
         k_end = min(int((delay + burn) / t.grid_us + 0.5), k_period)
+        held[:] = a.wire_q
         move(a, p, load, pull, open_scale, burn_scale, k_ignite, k_end, k_period, at, kick_x, kick_y)
 
         state[0].time_ns += period_ns
@@ -367,4 +398,4 @@ def advance_window(
     # what the last pulse drove into the metal must be out of it before the rays are traced anew
     place_wire(state, a, position)
     if _sum_rays(a, c, law, position, rate, primed, contact, pull) > 0.0:
-        _touch(state, a, position, contact)
+        _touch(state, a, position, contact, held)

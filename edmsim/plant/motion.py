@@ -29,6 +29,28 @@ def ringing(a: Arrays, axis: int) -> float:
 
 
 @compiled
+def fall_back(a: Arrays, held: Array, s: int, cosine: float, sine: float, depth: float) -> None:
+    """Take back the share of the wire's motion since `held` that carried a slice `depth` into the metal.
+
+    The impact is plastic: the wire stays where it met the metal, at rest. Motion that did not lead into the
+    metal is left alone.
+    """
+    n_modes = a.shape.shape[1]
+    travel = 0.0
+    for m in range(n_modes):
+        travel += a.shape[s, m] * (
+            (a.wire_q[0, m] - held[0, m]) * cosine + (a.wire_q[1, m] - held[1, m]) * sine
+        )
+    if travel <= 0.0:
+        return
+    share = min(1.0, depth / travel)
+    for axis in range(2):
+        for m in range(n_modes):
+            a.wire_q[axis, m] -= share * (a.wire_q[axis, m] - held[axis, m])
+            a.wire_v[axis, m] = 0.0
+
+
+@compiled
 def push_out(a: Arrays, s: int, cosine: float, sine: float, depth: float) -> None:
     """Take the wire out of the metal against a direction and stop its motion into it.
 

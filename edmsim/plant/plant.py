@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import PlantError
+from ..errors import InputError, PlantError
 from . import setup
 from .generator import timing
 from .kernel import advance_window
@@ -29,8 +28,7 @@ _FRONT_GAP_UM = 30.0
 """Gap in front of a plant that was given no workpiece."""
 
 
-@dataclass(frozen=True, slots=True)
-class PulseWindow:
+class PulseWindow(NamedTuple):
     """What happened in one window of pulses. Gap, deflection, temperature and debris no real machine sees.
 
     Attributes
@@ -162,7 +160,7 @@ class Plant:
         carry = self._arrays.carry_um2
         self._state["commanded_um"] = position_um
         self._state["time_ns"] += duration_ns
-        for name in ("heat_wait_us", "current2_us", "wear_wait_um3", "worn_share"):
+        for name in ("heat_wait_us", "current2_us", "wear_wait_um3", "worn_share", "broken"):
             self._state[name] = 0
         self._at_rest()
         self._arrays.carry_um2[:] = carry
@@ -226,13 +224,19 @@ class Plant:
         Returns
         -------
         PulseWindow
+
+        Raises
+        ------
+        InputError
+            If a step has another axis or direction, or lies in the past or out of order.
+        PlantError
+            If the wire left its guides.
         """
         self._make_tiles()
         start = self.time_ns
         self._window[0] = np.zeros((), WINDOW)
         if steps:
-            table = np.array(steps, np.int64)
-            times, axes, directions = (np.ascontiguousarray(column) for column in table.T)
+            times, axes, directions = _checked_steps(steps, start)
         else:
             times = axes = directions = _NO_STEPS
         advance_window(
@@ -250,35 +254,41 @@ class Plant:
             self._allocated_at = (x, y)
 
     def _read_window(self, start_ns: int) -> PulseWindow:
-        w: Any = self._window[0].item()
-        (duration, counts, voltage, charge, energy, delay, ignitions, gap, crater, shift, shift2, hottest) = w
-        pulses = int(counts.sum())
-        mean_x, mean_y = float(shift[0]) / pulses, float(shift[1]) / pulses
+        (duration, counts, voltage, charge, energy, delay, ignitions, gap, crater, shift, shift2, hottest) = (
+            self._window[0].item()
+        )
+        counts = counts.tolist()
+        (x, y), (xx, yy) = shift.tolist(), shift2.tolist()
+        pulses = sum(counts)
+        mean_x, mean_y = x / pulses, y / pulses
         self._deflection_um = (mean_x, mean_y)
         if not math.hypot(mean_x, mean_y) < _MOST_DEFLECTION_UM:
-            x, y = self.commanded_um
-            raise PlantError(
-                f"the wire left its guides at {start_ns * 1e-9:.3f} s of machine time, x {x / 1e3:.3f} "
-                f"y {y / 1e3:.3f} mm: mean deflection ({mean_x:.3g}, {mean_y:.3g}) um"
-            )
+            raise PlantError(self._lost_wire(start_ns))
         return PulseWindow(
             start_ns=start_ns,
             duration_ns=duration,
-            short=int(counts[SHORT]),
-            open=int(counts[OPEN]),
-            spark=int(counts[SPARK]),
-            arc=int(counts[ARC]),
+            short=counts[SHORT],
+            open=counts[OPEN],
+            spark=counts[SPARK],
+            arc=counts[ARC],
             mean_voltage_V=voltage / (duration * 1e-3),
             mean_current_A=charge / (duration * 1e-3),
-            mean_delay_us=delay / ignitions if ignitions else float("nan"),
-            gap_um=gap / ignitions if ignitions else float("nan"),
+            mean_delay_us=delay / ignitions if ignitions else math.nan,
+            gap_um=gap / ignitions if ignitions else math.nan,
             deflection_um=(mean_x, mean_y),
-            vibration2_um2=max(0.0, float(shift2.sum()) / pulses - mean_x**2 - mean_y**2),
+            vibration2_um2=max(0.0, (xx + yy) / pulses - mean_x**2 - mean_y**2),
             wire_temperature_K=hottest,
-            debris=float(self._arrays.debris.mean()),
+            debris=sum(self._arrays.debris.tolist()) / self.resolution.slices,
             energy_J=energy,
             crater_um3=crater,
             broken=bool(self._state["broken"][0]),
+        )
+
+    def _lost_wire(self, start_ns: int) -> str:
+        (x, y), (bent_x, bent_y) = self.commanded_um, self._deflection_um
+        return (
+            f"the wire left its guides at {start_ns * 1e-9:.3f} s of machine time, x {x / 1e3:.3f} "
+            f"y {y / 1e3:.3f} mm: mean deflection ({bent_x:.3g}, {bent_y:.3g}) um"
         )
 
     def snapshot(self) -> dict[str, NDArray[Any]]:
@@ -304,3 +314,15 @@ class Plant:
 
 
 _NO_STEPS = np.empty(0, np.int64)
+
+
+def _checked_steps(steps: Sequence[tuple[int, int, int]], now_ns: int) -> list[NDArray[np.int64]]:
+    """Columns of the window's steps, after a look at what compiled code would not survive."""
+    before = now_ns
+    for time_ns, axis, direction in steps:
+        if axis not in (0, 1) or direction not in (-1, 1):
+            raise InputError(f"a step needs axis 0 or 1 and direction +1 or -1, not {axis} and {direction}")
+        if time_ns < before:
+            raise InputError(f"the step at {time_ns} ns lies before {before} ns: steps come in order of time")
+        before = time_ns
+    return [np.ascontiguousarray(column) for column in np.array(steps, np.int64).T]

@@ -77,6 +77,7 @@ def gap_law(machine: Machine, res: Resolution, open_V: float) -> GapLaw:
         primed_gap_um=gap.critical_um.value + PRIMED_SPAN * width,
         primed_per_um2=share / (4 * PRIMED_SPAN * width**2),
         contact_gap_um=gap.contact_um.value,
+        wire_curvature=2.0 / machine.wire_diameter_um,
     )
 
 
@@ -151,12 +152,13 @@ def modal_model(machine: Machine, res: Resolution) -> ModalModel:
     """Modes of table and wire for this set-up, from the MJCF."""
     model = build_model(
         WireSetup(
-            diameter_m=machine.wire_diameter_um * 1e-6,
+            diameter_m=machine.wire_diameter_um / 1e6,  # 20 um stays exactly 20e-6
             density_kg_m3=machine.wire.density_kg_m3.value,
             tension=machine.tension,
             guide_distance_m=machine.guide_distance_mm * 1e-3,
             damping_ratio=machine.base.guides.damping_ratio.value,
-        )
+        ),
+        machine.base.model,
     )
     middle = (np.arange(res.slices) + 0.5) / res.slices * machine.height_mm
     return reduce_model(model, res.modes, (middle + machine.base.guides.clearance_mm.value) * 1e-3)

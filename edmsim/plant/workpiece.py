@@ -18,8 +18,6 @@ FULL = 32768
 """Parts in a full cell."""
 TILE = 32
 """Cells along a tile's side."""
-CARVE_LINES = 8
-"""Lines over a crater's width (ours: some 10 um apart, less than the distance between two rays)."""
 NO_METAL_UM = 1.0e6
 """Distance of a ray that meets no metal: so far that it takes no part in anything."""
 
@@ -226,7 +224,7 @@ def trace(
 
 
 @compiled
-def carve(
+def carve_line(
     tiles: NDArray[np.uint16],
     index: NDArray[np.int32],
     slice_index: int,
@@ -237,39 +235,29 @@ def carve(
     sine: float,
     start_um: float,
     reach_um: float,
-    half_width_um: float,
-    offset: float,
+    across_um: float,
     parts: int,
 ) -> int:
-    """Remove up to `parts` parts of metal around a place; return how many found no metal.
+    """Remove up to `parts` parts of metal along a line; return how many found none.
 
-    The crater's width is covered by `CARVE_LINES` lines parallel to the direction. Each eats its share from
-    the outermost metal inwards, so the edge stays sharp. `offset` (0..1) shifts the lines within their spacing,
-    so that many craters cover the width evenly.
+    The line runs parallel to a direction, `across_um` to its left, from `start_um` to `reach_um` ahead of the
+    point. It eats from the outermost metal inwards, so that the edge stays sharp.
     """
-    lines = min(CARVE_LINES, max(1, int(2.0 * half_width_um / cell_um)))
-    spacing = 2.0 * half_width_um / lines
-    share = parts // lines
-    left = parts - share * lines
-    per_cell = 1.0 / cell_um
-    for k in range(lines):
-        # from the middle outwards, so that what is left over falls to the crater's middle last
-        across = ((k + 1) // 2) * (1.0 if k % 2 == 0 else -1.0) * spacing + (offset - 0.5) * spacing
-        quota = share + left
-        px = (x + cosine * start_um - sine * across) * per_cell
-        py = (y + sine * start_um + cosine * across) * per_cell
-        at = start_um
-        while quota > 0 and at < reach_um and _inside(px, py, index):
-            ix, iy = np.uint64(np.int64(px)), np.uint64(np.int64(py))
-            place = index[ix >> _TILE_BITS, iy >> _TILE_BITS]
-            if place >= 0:
-                tile, row, column = np.uint64(place), ix & _TILE_MASK, iy & _TILE_MASK
-                metal = np.int64(tiles[tile, np.uint64(slice_index), row, column])
-                taken = metal if metal < quota else np.int64(quota)
-                tiles[tile, np.uint64(slice_index), row, column] = np.uint16(metal - taken)
-                quota -= int(taken)
-            at += cell_um
-            px += cosine
-            py += sine
-        left = quota
-    return left
+    grid = 1.0 / cell_um
+    px = (x + cosine * start_um - sine * across_um) * grid
+    py = (y + sine * start_um + cosine * across_um) * grid
+    quota = np.int64(parts)
+    for _ in range(int((reach_um - start_um) * grid)):
+        if quota == 0 or not _inside(px, py, index):
+            break
+        ix, iy = np.uint64(np.int64(px)), np.uint64(np.int64(py))
+        place = index[ix >> _TILE_BITS, iy >> _TILE_BITS]
+        if place >= 0:
+            tile, row, column = np.uint64(place), ix & _TILE_MASK, iy & _TILE_MASK
+            metal = np.int64(tiles[tile, np.uint64(slice_index), row, column])
+            taken = metal if metal < quota else quota
+            tiles[tile, np.uint64(slice_index), row, column] = np.uint16(metal - taken)
+            quota -= taken
+        px += cosine
+        py += sine
+    return int(quota)

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import shapely
 
+from edmsim.contours import filled
 from edmsim.recording.figure_series import quiet
 from edmsim.recording.palette import ERROR_STOPS, GREEN, GRID, INK, METAL, MUTED, VERMILION
 from edmsim.recording.scene import Scene, round_number
@@ -71,7 +72,7 @@ def _draw_metal(axes: Axes, scene: Scene) -> None:
     )
     edges = scene.cut_edges_mm[len(scene.cut_edges_mm) // 2] if scene.cut_edges_mm else ()
     # What lies between the closed edges is the kerf: even-odd, so that the part inside stays metal.
-    kerf = shapely.build_area(shapely.MultiLineString([line for line in edges if len(line) > 1]))
+    kerf = filled(shapely.MultiLineString([line for line in edges if len(line) > 1]))
     for polygon in shapely.get_parts(kerf):
         rings = [MplPath(shapely.get_coordinates(ring), closed=True) for ring in shapely.get_rings(polygon)]
         axes.add_patch(

@@ -104,7 +104,7 @@ def test_contact_is_the_depth_below_the_asperities(machine):
 
 @pytest.mark.parametrize("primed", [False, True])
 def test_places_of_ignition_follow_the_weights(primed):
-    law = GapLaw(0.48, -3.69, 14.05, 0.8, 3.84, 12.0, 0.1, 2.0)
+    law = GapLaw(0.48, -3.69, 14.05, 0.8, 3.84, 12.0, 0.1, 2.0, 0.008)
     gaps = np.array([6.0, 9.0, 30.0, 7.0, 11.0, 12.5, 8.0, 10.0], np.float32)
     zero, gap_um = np.zeros_like(gaps), gaps.astype(float)
     weights = np.maximum(12.0 - gap_um, 0.0) ** 2 if primed else 1 / parabola(gap_um * 0.8)
@@ -119,7 +119,7 @@ def test_places_of_ignition_follow_the_weights(primed):
 
 
 def test_a_target_past_the_total_falls_on_the_heaviest_ray():
-    law = GapLaw(0.48, -3.69, 14.05, 1.0, 3.84, 12.0, 0.1, 2.0)
+    law = GapLaw(0.48, -3.69, 14.05, 1.0, 3.84, 12.0, 0.1, 2.0, 0.008)
     gaps = np.array([20.0, 6.0, 15.0], np.float32)
     zero = np.zeros_like(gaps)
     assert choose_ray(gaps, zero, zero, 3, 0.0, 0.0, law, False, 1e9) == 1

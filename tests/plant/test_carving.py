@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import edmsim
-from edmsim.plant.workpiece import FULL, NO_METAL_UM, TILE, KerfField, Stock, carve, trace
+from edmsim.plant.workpiece import FULL, NO_METAL_UM, TILE, KerfField, Stock, carve_line, trace
 
 CELL = 4.0
 MIDDLE = 512.0
@@ -33,6 +33,7 @@ def look(field, x, y, angle, start=0.0, end=300.0):
     return trace(field.tiles, field.index, 0, CELL, x, y, math.cos(angle), math.sin(angle), start, end)
 
 
+@settings(deadline=None)  # the first call may compile
 @given(st.floats(100.0, 400.0), st.floats(400.0, 600.0))
 def test_a_ray_along_the_grid_finds_the_edge_exactly(edge, y):
     field = KerfField(1, Stock((edge, 0.0, 3_000.0, 3_000.0)), CELL, 4_000.0)
@@ -82,10 +83,14 @@ def test_a_ray_that_begins_in_the_metal_sees_its_own_start_at_most():
 
 def cut(field, parts, *, angle=0.0, start=0.0, reach=200.0, half_width=20.0, offset=0.5):
     before = field.tiles[: field.count].astype(np.int64)
-    left = carve(
-        field.tiles, field.index, 0, CELL, MIDDLE, MIDDLE, math.cos(angle), math.sin(angle),
-        start, reach, half_width, offset, parts,
-    )
+    left = parts
+    for line in range(4):
+        across = (line + offset) * half_width / 2 - half_width
+        quota = left // (4 - line)
+        left -= quota - carve_line(
+            field.tiles, field.index, 0, CELL, MIDDLE, MIDDLE, math.cos(angle), math.sin(angle),
+            start, reach, across, quota,
+        )
     return before - field.tiles[: field.count], left
 
 

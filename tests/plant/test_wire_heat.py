@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from edmsim.plant.breakdown import slice_sums
@@ -32,10 +32,10 @@ def test_electrostatic_pull_is_the_published_table(published):
         assert pull == pytest.approx(row["force_N_per_m"], rel=6e-5, abs=6e-5)  # four decimals
 
 
-@pytest.mark.parametrize(("gap", "least"), [(5.0, 0.91), (10.0, 0.86), (20.0, 0.78)])
+@pytest.mark.parametrize("gap", [5.0, 10.0, 20.0])
 @pytest.mark.parametrize("name", ["fast", "default", "fine"])
-def test_rays_on_a_flat_wall_pull_nearly_as_the_closed_form(gap, least, name, machine):
-    """Each ray is a plate capacitor over its radial gap: it falls short of the curved field as gaps widen."""
+def test_rays_on_a_flat_wall_pull_as_the_closed_form(gap, name, machine):
+    """Each ray pulls as coaxial cylinders its gap apart would; together they make a cylinder before a plane."""
     res = resolution(name)
     angle = 2 * math.pi * np.arange(res.rays) / res.rays
     angle = angle[np.cos(angle) > 0.1]
@@ -45,7 +45,7 @@ def test_rays_on_a_flat_wall_pull_nearly_as_the_closed_form(gap, least, name, ma
     girth_per_ray_m = math.pi * 250e-6 / res.rays
     pressure = 0.5 * 80 * VACUUM_PERMITTIVITY_F_M * 100.0**2 * 1e12  # of a ray, times gap^2 in um^2
     pull = pressure * inverse_squares * girth_per_ray_m
-    assert least < pull / electrostatic_pull_N_m(100.0, gap, 125.0, 80.0) < 1.02
+    assert pull == pytest.approx(electrostatic_pull_N_m(100.0, gap, 125.0, 80.0), rel=0.015)
     assert abs(sideways) < 1e-4 * inverse_squares
 
 
@@ -96,6 +96,7 @@ def test_conduction_evens_out_and_loses_nothing():
     np.testing.assert_allclose(temperature, 393.0, rtol=1e-6)
 
 
+@settings(deadline=None)  # the first call may compile
 @given(st.lists(st.floats(293.0, 1500.0), min_size=1, max_size=9), st.floats(1.0, 1e9))
 def test_no_interval_is_too_long_for_the_heat_balance(start, dt_us):
     law = HeatLaw(1.0, 6e-5, 1e-5, 4e-5, 0.0, 0.0, WATER_K)

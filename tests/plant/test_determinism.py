@@ -1,0 +1,183 @@
+"""Same seed, same set-up, same motion: same bits; and nothing of one run reaches another."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+import edmsim
+
+HASH = """
+import hashlib, edmsim
+plant = edmsim.Plant(edmsim.Machine.load(), seed=11, resolution="fast")
+digest = hashlib.sha256()
+for n in range(40):
+    steps = [(plant.time_ns + k * 5_000_001, k % 2, 1) for k in range(4)]
+    digest.update(repr(plant.advance(steps)).encode())
+for name, array in sorted(plant.snapshot().items()):
+    digest.update(name.encode() + array.tobytes())
+print(digest.hexdigest())
+"""
+
+
+def bits(plant):
+    """Digest of everything that changes in a plant."""
+    digest = hashlib.sha256()
+    for name, array in sorted(plant.snapshot().items()):
+        digest.update(name.encode() + np.ascontiguousarray(array).tobytes())
+    return digest.hexdigest()
+
+
+def physics(plant):
+    """Digest of a plant that leaves out which tiles of untouched metal happen to be stored."""
+    digest = hashlib.sha256(plant.field.patch(0, 7_900, 8_500, 7_900, 8_500).tobytes())
+    for name, array in sorted(plant.snapshot().items()):
+        if not name.startswith("field."):
+            digest.update(name.encode() + array.tobytes())
+    return digest.hexdigest()
+
+
+def run(plant, n=60, phase=0):
+    """Feed at some 25 um/s towards +x with a little y; the windows, in a form that compares NaN as equal."""
+    windows = []
+    for k in range(n):
+        steps = [(plant.time_ns + 1_000_000, 0, 1)] if (k + phase) % 3 else []
+        steps += [(plant.time_ns + 9_000_001, 1, -1)] if (k + phase) % 10 == 0 else []
+        windows.append(repr(plant.advance(steps)))
+    return windows
+
+
+def plant_of(machine, seed=11, resolution="fast"):
+    return edmsim.Plant(machine, seed, resolution=resolution)
+
+
+@pytest.mark.parametrize("resolution", ["fast", "default", "fine"])
+def test_same_seed_same_bits(machine, resolution):
+    first, second = plant_of(machine, resolution=resolution), plant_of(machine, resolution=resolution)
+    assert run(first) == run(second)
+    assert bits(first) == bits(second)
+
+
+def test_another_seed_other_bits(machine):
+    streams = [tuple(run(plant_of(machine, seed))) for seed in (0, 1, 2, -1, 2**40)]
+    assert len(set(streams)) == 5
+
+
+@pytest.mark.parametrize("mode", ["iso-pulse", "iso-energetic", "ignition-pulse"])
+def test_a_restored_plant_continues_bit_for_bit(mode):
+    machine = edmsim.Machine.load(generator=mode)
+    plant = plant_of(machine)
+    run(plant, 50)
+    state = plant.snapshot()
+    ahead, end = run(plant, 80, 50), physics(plant)
+    plant.restore(state)
+    assert (run(plant, 80, 50), physics(plant)) == (ahead, end)
+    other = plant_of(machine, seed=99)
+    run(other, 30)
+    other.restore(state)
+    assert (run(other, 80, 50), physics(other)) == (ahead, end)
+
+
+def test_a_snapshot_taken_back_is_the_same_snapshot(machine):
+    plant = plant_of(machine)
+    run(plant, 50)
+    state, before = plant.snapshot(), bits(plant)
+    run(plant, 10)
+    assert bits(plant) != before
+    plant.restore(state)
+    assert bits(plant) == before
+
+
+def test_a_snapshot_does_not_change_afterwards_and_does_not_disturb(machine):
+    plant, reference = plant_of(machine), plant_of(machine)
+    run(plant, 20)
+    state = plant.snapshot()
+    kept = {name: array.tobytes() for name, array in state.items()}
+    run(plant, 20, 20)
+    assert {name: array.tobytes() for name, array in state.items()} == kept
+    run(reference, 40)
+    assert bits(plant) == bits(reference)
+
+
+def changed(plant):
+    """Cut, change the setting, thread at another place, cut again; the last windows and the physics."""
+    run(plant, 30)
+    plant.set_generator(20.0, 80.0)
+    run(plant, 30)
+    x, y = plant.commanded_um
+    plant.rethread((x - 30.0, y + 1_000.0), 60 * 10**9)
+
+
+def test_snapshots_hold_through_a_new_setting_and_a_new_wire(machine):
+    plant = plant_of(machine)
+    changed(plant)
+    state = plant.snapshot()
+    ahead, end = run(plant), physics(plant)
+    other = plant_of(machine, seed=5)  # still on the old setting
+    other.restore(state)
+    assert (other.machine.t_on_us, other.machine.t_period_us) == (20.0, 80.0)
+    assert (run(other), physics(other)) == (ahead, end)
+
+
+def test_a_new_wire_starts_at_rest_at_its_place_and_time(machine):
+    plant = plant_of(machine)
+    run(plant)
+    before = plant.time_ns
+    plant.rethread((30_000.0, 31_000.0), 60 * 10**9)
+    assert plant.time_ns == before + 60 * 10**9
+    assert plant.commanded_um == (30_000.0, 31_000.0)
+    assert not plant.deflections_um().any()
+    state = plant.snapshot()
+    assert (state["temperature_K"] == 293.0).all()
+    assert not state["debris"].any()
+
+
+def test_reset_leaves_nothing_behind(machine):
+    used = plant_of(machine, seed=3)
+    run(used, 100)
+    used.rethread((30_000.0, 31_000.0), 10**9)
+    run(used, 20)
+    used.reset(11)
+    fresh = plant_of(machine)
+    assert bits(used) == bits(fresh)
+    assert run(used) == run(fresh)
+    assert bits(used) == bits(fresh)
+
+
+def test_two_plants_do_not_disturb_each_other(machine):
+    alone = [run(plant_of(machine, seed), 40) for seed in (1, 2)]
+    plants = [plant_of(machine, seed) for seed in (1, 2)]
+    together = [[], []]
+    for k in range(40):
+        for plant, windows in zip(plants, together, strict=True):
+            windows += run(plant, 1, k)
+    assert together == alone
+
+
+def in_another_process(tmp_path, **environment):
+    found = subprocess.run(
+        [sys.executable, "-c", HASH], capture_output=True, text=True, check=True, cwd=tmp_path,
+        env=os.environ | environment,
+    )
+    return found.stdout.strip()
+
+
+def in_this_process():
+    printed = []
+    exec(HASH, {"print": printed.append})
+    return printed[0]
+
+
+def test_another_process_gives_the_same_bits(tmp_path):
+    assert in_another_process(tmp_path, PYTHONHASHSEED="7") == in_this_process()
+
+
+def test_an_empty_compile_cache_gives_the_same_bits(tmp_path):
+    """Slow on purpose (half a minute): compiles the pulse loop anew."""
+    assert in_another_process(tmp_path, XDG_CACHE_HOME=str(tmp_path / "cache")) == in_this_process()
+    assert any((tmp_path / "cache" / "edmsim" / "compiled").iterdir())

@@ -1,0 +1,39 @@
+"""The benchmark's figures are there, positive and of the same run."""
+
+from __future__ import annotations
+
+import io
+
+import pytest
+from rich.console import Console
+
+from edmsim import bench
+
+
+@pytest.fixture
+def short(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A few windows only, and no new process."""
+    for name, value in (("SETTLE_WINDOWS", 1), ("TIMED_WINDOWS", 2), ("REPEATS", 1)):
+        monkeypatch.setattr(bench, name, value)
+    monkeypatch.setattr(bench, "cold_start_s", lambda: 0.5)
+
+
+@pytest.mark.usefixtures("short")
+def test_figures() -> None:
+    figures = bench.measure()
+    assert {"pulses_per_s", "realtime_factor", "cold_start_s"} <= set(figures)
+    assert all(value > 0 for value in figures.values())
+    assert figures["realtime_factor"] == pytest.approx(figures["pulses_per_s"] * 100e-6)
+
+
+def test_cold_start_includes_a_window_of_pulses() -> None:
+    scope: dict[str, object] = {}
+    exec(bench._COLD, scope)
+    assert scope["plant"].pulses == 255  # type: ignore[attr-defined]
+
+
+def test_table_shows_every_figure() -> None:
+    written = io.StringIO()
+    Console(width=80, file=written).print(bench.render({"pulses_per_s": 1_234_567.0, "cold_start_s": 1.234}))
+    assert "1,234,567" in written.getvalue()
+    assert "1.23" in written.getvalue()

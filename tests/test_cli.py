@@ -1,0 +1,279 @@
+"""The command line: exit statuses, one clear line for bad input, and nothing left half-written."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Callable
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import pytest
+
+from edmsim import checkpoint, cli
+from edmsim.cosim import Simulation
+from edmsim.errors import PlantError
+
+FAST = ("--height", "5", "--resolution", "fast")
+
+
+class Outcome(NamedTuple):
+    status: int
+    out: str
+    err: str
+
+
+Run = Callable[..., Outcome]
+
+
+@pytest.fixture
+def edmsim(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Run:
+    """Run the command line in this process."""
+
+    def run(*arguments: object) -> Outcome:
+        monkeypatch.setattr(sys, "argv", ["edmsim", *map(str, arguments)])
+        with pytest.raises(SystemExit) as left:
+            cli.main()
+        code = left.value.code
+        return Outcome(code if isinstance(code, int) else 0, *capsys.readouterr())
+
+    return run
+
+
+def test_help_names_every_command_on_one_line(edmsim: Run) -> None:
+    told = edmsim("--help")
+    assert told.status == 0
+    for command, purpose in (("cut", "Simulate a part program."), ("view", "Play a cut back in rerun."),
+                             ("bench", "Measure the speed of this machine.")):  # fmt: skip
+        assert any(command in line and purpose in line for line in told.out.splitlines())
+
+
+def test_no_argument_shows_the_help_as_bad_usage(edmsim: Run) -> None:
+    told = edmsim()
+    assert told.status == 2
+    assert "Usage" in told.out + told.err
+
+
+def test_cut_has_the_agreed_options(edmsim: Run) -> None:
+    told = edmsim("cut", "--help")
+    assert told.status == 0
+    for option in ("machine", "material", "height", "wire", "tension", "generator", "t-on", "t-period", "controller",
+                   "drive", "planner", "mechanics", "resolution", "offset", "seed", "max-time", "resume", "quiet",
+                   "out"):  # fmt: skip
+        assert f"--{option} " in told.out
+
+
+def test_version(edmsim: Run) -> None:
+    assert edmsim("--version") == (0, version("edmsim") + "\n", "")
+
+
+def test_finished_cut_reports_and_exits_0(tmp_path: Path, edmsim: Run) -> None:
+    program, out = tmp_path / "line.ngc", tmp_path / "a" / "b"
+    program.write_text("G0 X0 Y0\nG1 X0.2\nM2\n")
+    told = edmsim("cut", program, "--out", out, "--offset", "none", "--seed", 4, *FAST)
+    assert told.status == 0
+    assert told.out.startswith("finished")
+    assert f"edmsim view {out}" in told.out
+    assert "100.0 %" in told.err
+    report = json.loads((out / "report.json").read_text())
+    assert (report["outcome"], report["seed"], report["settings"]["height_mm"]) == ("finished", 4, 5.0)
+
+
+def test_stopped_machine_exits_3_with_a_full_report(small_punch: Path, tmp_path: Path, edmsim: Run) -> None:
+    told = edmsim("cut", small_punch, "--out", tmp_path, "--max-time", 0.3, *FAST)
+    assert told.status == 3
+    assert "time limit" in told.out
+    assert json.loads((tmp_path / "report.json").read_text())["outcome"] == "time-limit"
+    assert sorted(f.name for f in tmp_path.iterdir()) == ["cut.rrd", "profile.png", "report.json", "windows.parquet"]
+
+
+def test_every_option_reaches_the_cut(small_punch: Path, tmp_path: Path, edmsim: Run) -> None:
+    edmsim("cut", small_punch, "--out", tmp_path, "--quiet", "--max-time", 0.1, "--height", 7, "--resolution", "fast",
+           "--material", "copper", "--wire", "molybdenum-150", "--tension", 9, "--generator", "ignition-pulse",
+           "--t-on", 15, "--t-period", 120, "--controller", "fixed:feed_um_s=11", "--planner", "dda", "--offset",
+           "0.1", "--seed", 12, "--machine", "agiecut-dem15", "--drive", "stepper",
+           "--mechanics", "modal")  # fmt: skip
+    report = json.loads((tmp_path / "report.json").read_text())
+    assert report["seed"] == 12
+    assert report["settings"].items() >= {
+        "max_time_s": 0.1, "height_mm": 7.0, "resolution": "fast", "material": "copper", "wire": "molybdenum-150",
+        "wire_diameter_um": 150.0, "tension_N": 9.0, "generator": "ignition-pulse", "t_on_us": 15.0,
+        "t_period_us": 120.0, "controller": "fixed:feed_um_s=11", "planner": "dda", "offset_um": 100.0,
+    }.items()  # fmt: skip
+
+
+def test_quiet_prints_nothing(small_punch: Path, tmp_path: Path, edmsim: Run) -> None:
+    assert edmsim("cut", small_punch, "--out", tmp_path, "--max-time", 0.1, "--quiet", *FAST) == (3, "", "")
+
+
+def assert_refused(told: Outcome, *named: str) -> None:
+    assert told.status == 2
+    assert told.out == ""
+    assert told.err.startswith("edmsim: ")
+    assert told.err.endswith("\n")
+    assert told.err.count("\n") == 1, told.err
+    for text in named:
+        assert text in told.err, told.err
+
+
+OPEN_DXF = "0\nSECTION\n2\nENTITIES\n" + "".join(
+    f"0\nLINE\n8\n0\n10\n{a}\n20\n{b}\n11\n{c}\n21\n{d}\n" for a, b, c, d in ((0, 0, 9, 0), (9, 0, 9, 7))
+) + "0\nENDSEC\n0\nEOF\n"  # fmt: skip
+NARROW = "G0 X-3 Y1\nG41 D1 G1 X0 Y1\nY4\nX2\nY2\nX2.1\nY4\nX5\nY0\nX0\nY1\nG40\nM2\n"
+PROGRAMS: list[tuple[str, str | bytes | None, tuple[str, ...]]] = [
+    ("missing.ngc", None, ("no such file",)),
+    ("missing.dxf", None, ("no such file",)),
+    ("binary.ngc", b"\x7fELF\x02\x01\x00\xff\xfe\x00\x90", ()),
+    ("binary.dxf", b"\x7fELF\x02\x01\x00\xff\xfe\x00\x90", ()),
+    ("empty.ngc", "", ("empty",)),
+    ("part.txt", "G1 X3\n", ("'.txt'", ".ngc")),
+    ("word.ngc", "G0 X0 Y0\nG1 X5\nG1 X6 V3\n", (":3: ", "V")),
+    ("code.ngc", "G0 X0 Y0\nG1 X5\nG77 X6\n", (":3: ", "G77")),
+    ("arc.ngc", "G0 X0 Y0\nG1 X5\nG2 X7 Y3 I2 J2\n", (":3: ",)),
+    ("large.ngc", "G0 X0 Y0\nG1 X66.0\n", ("66.000", "65 x 65 mm")),
+    ("narrow.ngc", NARROW, ("too narrow",)),
+    ("open.dxf", OPEN_DXF, ("open",)),
+]
+
+
+@pytest.mark.parametrize(("name", "content", "named"), PROGRAMS, ids=[p[0] for p in PROGRAMS])
+def test_bad_program_is_one_line_and_exit_2(
+    tmp_path: Path, edmsim: Run, name: str, content: str | bytes | None, named: tuple[str, ...]
+) -> None:
+    program = tmp_path / name
+    if content is not None:
+        program.write_bytes(content.encode() if isinstance(content, str) else content)
+    before = list(tmp_path.iterdir())
+    assert_refused(edmsim("cut", program, "--out", tmp_path / "out"), str(program), *named)
+    assert list(tmp_path.iterdir()) == before
+
+
+SETTINGS = [
+    (("--material", "cheese"), ("cheese", "tool-steel")),
+    (("--machine", "lathe"), ("lathe", "agiecut-dem15")),
+    (("--wire", "string"), ("string", "brass")),
+    (("--wire", "brass-10"), ("10 um", "20..400")),
+    (("--generator", "candle"), ("candle", "iso-pulse")),
+    (("--controller", "genius"), ("genius", "counts")),
+    (("--controller", "fixed:feed_um_s=99"), ("99", "33.3375")),
+    (("--planner", "straight"), ("straight", "poscal")),
+    (("--mechanics", "steam"), ("steam", "modal")),
+    (("--drive", "hand"), ("hand", "stepper")),
+    (("--resolution", "superb"), ("superb", "default")),
+    (("--tension", "60"), ("60 N", "brass")),
+    (("--tension", "0"), ("0 N", "above zero")),
+    (("--height", "-4"), ("-4 mm",)),
+    (("--height", "0"), ("0 mm",)),
+    (("--height", "nan"), ("nan mm",)),
+    (("--t-on", "40"), ("2 A", "t_period must be at least")),
+    (("--t-on", "0"), ("t_on 0 us",)),
+    (("--t-period", "0"), ("t_period 0 us",)),
+    (("--offset", "wide"), ("wide",)),
+    (("--max-time", "0"), ("0 s",)),
+    (("--max-time", "inf"), ("inf s",)),
+    (("--resume",), ("no interrupted cut",)),
+    (("--material", "new\nline"), ("new",)),
+]
+
+
+@pytest.mark.parametrize(("options", "named"), SETTINGS, ids=[" ".join(s[0]) for s in SETTINGS])
+def test_bad_setting_is_one_line_and_exit_2(
+    small_punch: Path, tmp_path: Path, edmsim: Run, options: tuple[str, ...], named: tuple[str, ...]
+) -> None:
+    assert_refused(edmsim("cut", small_punch, "--out", tmp_path / "out", *options), *named)
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("below", ["", "a", "a/b"])
+def test_output_folder_that_cannot_be(small_punch: Path, tmp_path: Path, edmsim: Run, below: str) -> None:
+    (tmp_path / "file").write_text("kept")
+    out = tmp_path / "file" / below
+    assert_refused(edmsim("cut", small_punch, "--out", out, *FAST), str(out), "output folder")
+    assert [f.name for f in tmp_path.iterdir()] == ["file"]
+    assert (tmp_path / "file").read_text() == "kept"
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root may write everywhere")
+def test_output_folder_without_permission(small_punch: Path, tmp_path: Path, edmsim: Run) -> None:
+    tmp_path.chmod(0o500)
+    assert_refused(edmsim("cut", small_punch, "--out", tmp_path, *FAST), str(tmp_path), "output folder")
+
+
+def test_bad_input_leaves_an_earlier_cut_alone(small_punch: Path, tmp_path: Path, edmsim: Run) -> None:
+    (tmp_path / "report.json").write_text("earlier")
+    assert edmsim("cut", small_punch, "--out", tmp_path, "--planner", "straight").status == 2
+    assert [(f.name, f.read_text()) for f in tmp_path.iterdir()] == [("report.json", "earlier")]
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [("saw",), ("cut",), ("cut", "a.ngc"), ("cut", "a.ngc", "--out", "o", "--height", "abc"),
+     ("cut", "a.ngc", "--out", "o", "--colour", "red"), ("view",), ("bench", "extra")],
+)  # fmt: skip
+def test_bad_usage_is_exit_2(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, edmsim: Run, arguments: Any) -> None:
+    monkeypatch.chdir(tmp_path)
+    told = edmsim(*arguments)
+    assert told.status == 2
+    assert "Traceback" not in told.err
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_view_without_a_recording_is_one_line_and_exit_2(tmp_path: Path, edmsim: Run) -> None:
+    assert_refused(edmsim("view", tmp_path), str(tmp_path), "cut.rrd")
+    assert_refused(edmsim("view", tmp_path / "none"), str(tmp_path / "none"))
+
+
+def test_interrupted_cut_is_taken_up_again(
+    small_punch: Path, tmp_path: Path, edmsim: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    step, calls = Simulation.step, []
+
+    def interrupted(self: Simulation) -> Any:
+        calls.append(self)
+        if len(calls) == 10:
+            raise KeyboardInterrupt
+        return step(self)
+
+    command = ("cut", small_punch, "--out", tmp_path, "--quiet", "--max-time", 0.5, *FAST)
+    with monkeypatch.context() as patch:
+        patch.setattr(Simulation, "step", interrupted)
+        told = edmsim(*command)
+    assert (told.status, told.out) == (130, "")
+    assert told.err.count("\n") == 1
+    assert "--resume" in told.err
+    assert [f.name for f in tmp_path.iterdir()] == [checkpoint.NAME]
+    assert edmsim(*command, "--resume").status == 3
+    assert json.loads((tmp_path / "report.json").read_text())["pulses"] == 20 * 255
+
+
+def test_model_outside_its_validity_is_one_line_and_exit_1(
+    small_punch: Path, tmp_path: Path, edmsim: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(_: Simulation) -> None:
+        raise PlantError("the wire left its guides")
+
+    monkeypatch.setattr(Simulation, "step", fail)
+    told = edmsim("cut", small_punch, "--out", tmp_path, *FAST)
+    assert told == (1, "", "edmsim: the wire left its guides\n")
+
+
+def test_error_stays_on_one_line_in_a_narrow_terminal(tmp_path: Path) -> None:
+    told = subprocess.run(
+        [sys.executable, "-c", "from edmsim.cli import main; main()", "cut", str(tmp_path / "no [bold]such.ngc"),
+         "--out", str(tmp_path / "out")],
+        env={**os.environ, "COLUMNS": "40", "FORCE_COLOR": "1", "TERM": "xterm-256color"},
+        capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert_refused(Outcome(told.returncode, told.stdout, told.stderr), str(tmp_path / "no [bold]such.ngc: "))
+
+
+def test_bench_prints_json_or_a_table(edmsim: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    figures = {"pulses_per_s": 1e6, "realtime_factor": 100.0}
+    monkeypatch.setattr("edmsim.bench.measure", lambda: figures)
+    assert json.loads(edmsim("bench", "--json").out) == figures
+    table = edmsim("bench").out
+    assert "1,000,000" in table
+    assert "realtime_factor" in table

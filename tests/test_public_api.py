@@ -1,0 +1,70 @@
+"""What users import: the agreed names, and an import that stays cheap."""
+
+from __future__ import annotations
+
+import inspect
+import subprocess
+import sys
+
+import pytest
+
+import edmsim
+
+HEAVY = ("rerun", "matplotlib", "torch", "numba", "mujoco", "scipy", "pyarrow", "ezdxf", "shapely", "pydantic")
+
+
+def loaded_after(statement: str) -> set[str]:
+    code = f"import sys\n{statement}\nprint(*sorted(sys.modules))"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    return set(done.stdout.split())
+
+
+def test_import_is_cheap() -> None:
+    assert loaded_after("import edmsim").isdisjoint(HEAVY)
+
+
+def test_machine_and_controllers_need_neither_viewer_nor_compiler() -> None:
+    loaded = loaded_after("import edmsim; edmsim.Machine.load(); edmsim.controllers.make('counts')")
+    assert loaded.isdisjoint({"rerun", "matplotlib", "torch", "mujoco", "scipy.signal", "pyarrow"})
+
+
+def test_cutting_needs_no_viewer_before_it_writes() -> None:
+    assert loaded_after("import edmsim; edmsim.cut").isdisjoint({"rerun", "matplotlib", "torch", "scipy.signal"})
+
+
+@pytest.mark.parametrize("name", edmsim.__all__)
+def test_public_name_resolves_and_is_documented(name: str) -> None:
+    assert inspect.getdoc(getattr(edmsim, name))
+
+
+def test_the_agreed_names_are_public() -> None:
+    assert {"cut", "Machine", "Plant", "controllers"} <= set(edmsim.__all__)
+
+
+def test_unknown_name_is_an_attribute_error() -> None:
+    with pytest.raises(AttributeError, match="'edmsim' has no attribute 'Lathe'"):
+        edmsim.Lathe  # noqa: B018
+    assert not hasattr(edmsim, "Lathe")
+
+
+def test_controllers_by_name() -> None:
+    assert edmsim.controllers.make("counts").name == "counts"
+    with pytest.raises(edmsim.InputError, match="counts, fixed"):
+        edmsim.controllers.make("genius")
+
+
+def test_errors_have_one_base() -> None:
+    assert issubclass(edmsim.InputError, edmsim.EdmsimError)
+    error = edmsim.InputError("it is wrong", "a.ngc", 3)
+    assert str(error) == "a.ngc:3: it is wrong"
+    assert (error.reason, error.file, error.line) == ("it is wrong", "a.ngc", 3)
+
+
+def test_cut_and_the_command_line_share_their_defaults() -> None:
+    from edmsim import cli
+
+    renamed = {"height_mm": "height", "t_on_us": "t_on", "t_period_us": "t_period", "max_time_s": "max_time"}
+    options = inspect.signature(cli.cut).parameters
+    for name, parameter in inspect.signature(edmsim.cut).parameters.items():
+        if name not in ("program", "out", "watch"):
+            assert options[renamed.get(name, name)].default == parameter.default, name
