@@ -67,14 +67,16 @@ def slice_sums(
     distance: NDArray[np.float32],
     cosine: NDArray[np.float32],
     sine: NDArray[np.float32],
+    s: int,
     count: int,
     shift_x: float,
     shift_y: float,
     law: GapLaw,
 ) -> tuple[float, float, float, float, float]:
-    """Sum a slice's first `count` rays: rate 1/us, primed weight um^2, contact depth um, pull x, y 1/um^2.
+    """Sum the first `count` rays of slice `s`: rate 1/us, primed weight um^2, contact depth um, pull x, y 1/um^2.
 
-    `distance` is the gap traced from the reference position, `shift` how far the wire has moved from it since.
+    `distance` (slices, rays) is the gap traced from the reference position, `shift` how far the wire has moved
+    from it since. Whole arrays and an index, as a view would cost two atomic reference counts.
     The pull is that of coaxial cylinders a ray's gap apart, to second order in gap over radius:
     ``(1/g + 1/(2 r))^2``. One pass without branches, so that it vectorises; the one division serves both.
     """
@@ -90,7 +92,7 @@ def slice_sums(
     zero = np.float32(0.0)
     rate = primed = contact = pull_x = pull_y = zero
     for k in range(count):
-        gap = distance[k] - sx * cosine[k] - sy * sine[k]
+        gap = distance[s, k] - sx * cosine[s, k] - sy * sine[s, k]
         scaled = max(gap * scale, floor)
         delay = (a * scaled + b) * scaled + c
         held = max(gap, pull_floor)
@@ -98,8 +100,8 @@ def slice_sums(
         both = one / (delay * square)
         rate += both * square
         pressure = both * delay * (one + held * curvature) + bare
-        pull_x += pressure * cosine[k]
-        pull_y += pressure * sine[k]
+        pull_x += pressure * cosine[s, k]
+        pull_y += pressure * sine[s, k]
         depth = max(primed_gap - gap, zero)
         primed += depth * depth
         contact += max(contact_gap - gap, zero)
@@ -111,6 +113,7 @@ def choose_ray(
     distance: NDArray[np.float32],
     cosine: NDArray[np.float32],
     sine: NDArray[np.float32],
+    s: int,
     count: int,
     shift_x: float,
     shift_y: float,
@@ -118,13 +121,13 @@ def choose_ray(
     primed: bool,
     target: float,
 ) -> int:
-    """Ray at which the cumulative weight (rate, or primed weight) passes `target`."""
+    """Ray of slice `s` at which the cumulative weight (rate, or primed weight) passes `target`."""
     sx, sy = np.float32(shift_x), np.float32(shift_y)
     a, b, c = np.float32(law.t50_a), np.float32(law.t50_b), np.float32(law.t50_c)
     scale, floor = np.float32(law.gap_scale), np.float32(law.scaled_gap_floor_um)
     running, heaviest, best = 0.0, -1.0, 0
     for k in range(count):
-        gap = distance[k] - sx * cosine[k] - sy * sine[k]
+        gap = distance[s, k] - sx * cosine[s, k] - sy * sine[s, k]
         if primed:
             depth = max(np.float32(law.primed_gap_um) - gap, np.float32(0.0))
             weight = depth * depth

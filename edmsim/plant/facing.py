@@ -79,10 +79,14 @@ def recede(a: Arrays, s: int, k: int, reach: int, depth_um: float) -> None:
 
     That is a fraction of a um, right on average; the next window traces the edge as it really is.
     """
-    count, n_rays = a.facing[s], a.ray_cosine.shape[0]
+    count, n_rays, ray = a.facing[s], a.ray_cosine.shape[0], a.ray[s, k]
     for aside in range(-reach, reach + 1):
-        j = (k + aside + count) % count
-        if a.ray[s, j] == (a.ray[s, k] + aside + n_rays) % n_rays:
+        j, r = k + aside, ray + aside  # wrapped by hand: division is dear here
+        j += count if j < 0 else 0
+        j -= count if j >= count else 0
+        r += n_rays if r < 0 else 0
+        r -= n_rays if r >= n_rays else 0
+        if a.ray[s, j] == r:
             a.distance[s, j] += depth_um
 
 

@@ -38,7 +38,7 @@ HEAT_INTERVAL_US = 1500.0
 """Heat and debris are carried on at least this often: well under their time constants of some 10 ms."""
 DEIONISED = 40.0
 """Time constants after which the last channel is gone for good (one pulse in 1e17)."""
-CRATER_LINES = 16
+CRATER_LINES = 12
 """Lines a crater is carved on (ours: jittered, many craters cover their width evenly)."""
 CARVE_REACH_UM = 48.0
 """How far beyond the gap a crater may look for metal."""
@@ -52,8 +52,14 @@ def _draw(state: NDArray[np.void]) -> float:
 
 @compiled
 def _normal(state: NDArray[np.void]) -> float:
-    """Standard normal draw (Box and Muller)."""
-    return math.sqrt(-2.0 * math.log(_draw(state))) * math.cos(2.0 * math.pi * _draw(state))
+    """Standard normal draw (Box and Muller; the second of the pair is kept for the next call)."""
+    if state[0].spare_waits:
+        state[0].spare_waits = 0
+        return float(state[0].spare_normal)
+    radius, angle = math.sqrt(-2.0 * math.log(_draw(state))), 2.0 * math.pi * _draw(state)
+    state[0].spare_normal = radius * math.sin(angle)
+    state[0].spare_waits = 1
+    return radius * math.cos(angle)
 
 
 @compiled
@@ -69,20 +75,22 @@ def _leak_conductance(a: Arrays, c: Constants) -> float:
 @compiled
 def _sum_rays(
     a: Arrays, c: Constants, law: GapLaw, position: Array, rate: Array, primed: Array, contact: Array, pull: Array
-) -> float:
-    """Sum every slice's rays at the wire's present place; returns the total contact depth."""
-    touching = 0.0
+) -> tuple[float, float, float]:
+    """Sum every slice's rays at the wire's present place; returns the totals: rate, primed, contact depth."""
+    total_rate = total_primed = touching = 0.0
     for s in range(rate.shape[0]):
         total = slice_sums(
-            a.distance[s], a.cosine[s], a.sine[s], a.facing[s],
+            a.distance, a.cosine, a.sine, s, a.facing[s],
             position[s, 0] - a.reference_um[s, 0], position[s, 1] - a.reference_um[s, 1], law,
         )
         gain = 1.0 + c.debris_gain * a.debris[s]
         rate[s], primed[s] = total[0] * gain, total[1] * gain
         contact[s] = total[2]
+        total_rate += rate[s]
+        total_primed += primed[s]
         pull[s, 0], pull[s, 1] = total[3], total[4]
         touching += total[2]
-    return touching
+    return total_rate, total_primed, touching
 
 
 @compiled
@@ -136,36 +144,38 @@ def _bridged(state: NDArray[np.void], a: Arrays, position: Array, c: Constants) 
 
 
 @compiled
-def _pick(weights: Array, share: float) -> tuple[int, float]:
-    """Index at which the cumulative weight passes `share` of the total, and the share left inside it (0..1)."""
-    target = share * weights.sum()
+def _pick(weights: Array, target: float) -> tuple[int, float]:
+    """Index at which the cumulative weight passes `target`, and what of it is left there."""
+    heaviest = 0
     for k in range(weights.shape[0]):
         if target < weights[k]:
-            return k, target / weights[k]
+            return k, target
         target -= weights[k]
-    return int(np.argmax(weights)), 0.5
+        if weights[k] > weights[heaviest]:
+            heaviest = k
+    return heaviest, 0.5 * weights[heaviest]  # the target lay within rounding of the total
 
 
 @compiled
 def _ignite(
     state: NDArray[np.void], a: Arrays, c: Constants, law: GapLaw, t: Timing, position: Array, rate: Array,
-    primed: Array,
+    primed: Array, totals: tuple[float, float, float],
 ) -> tuple[float, int, int]:
     """Delay until breakdown in us, and its slice and packed ray; a delay past the wait has no place."""
-    is_primed = _draw(state) > math.exp(-law.primed_per_um2 * primed.sum())
+    is_primed = _draw(state) > math.exp(-law.primed_per_um2 * totals[1])
     if is_primed:
         delay = weibull(c.primed_scale_us, c.primed_shape, _draw(state))
     else:
-        delay = -math.log(_draw(state)) / max(rate.sum(), 1e-30)
+        delay = -math.log(_draw(state)) / max(totals[0], 1e-30)
     if delay >= t.wait_us:
         return delay, 0, 0
     delay += max(c.formative_us + c.formative_sd_us * _normal(state), 0.01)
     weights = primed if is_primed else rate
-    s, share = _pick(weights, _draw(state))
+    s, left = _pick(weights, _draw(state) * (totals[1] if is_primed else totals[0]))
     gain = 1.0 + c.debris_gain * a.debris[s]
     k = choose_ray(
-        a.distance[s], a.cosine[s], a.sine[s], a.facing[s], position[s, 0] - a.reference_um[s, 0],
-        position[s, 1] - a.reference_um[s, 1], law, is_primed, share * weights[s] / gain,
+        a.distance, a.cosine, a.sine, s, a.facing[s], position[s, 0] - a.reference_um[s, 0],
+        position[s, 1] - a.reference_um[s, 1], law, is_primed, left / gain,
     )
     return delay, s, k
 
@@ -270,10 +280,10 @@ def _short_circuit(
 @compiled
 def _decide(
     state: NDArray[np.void], a: Arrays, c: Constants, law: GapLaw, t: Timing, position: Array, rate: Array,
-    primed: Array, contact: Array, touching: float, held: Array,
+    primed: Array, contact: Array, totals: tuple[float, float, float], held: Array,
 ) -> tuple[int, float, int, int]:
     """How this pulse ends: class, delay until ignition in us, slice and packed ray."""
-    if touching > 0.0:
+    if totals[2] > 0.0:
         s, k = _touch(state, a, position, contact, held)
         return SHORT, 0.0, s, k
     if _bridged(state, a, position, c):
@@ -284,7 +294,7 @@ def _decide(
         for k in range(a.facing[s]):
             if a.ray[s, k] == state[0].last_ray:
                 return ARC, 0.0, s, k
-    delay, s, k = _ignite(state, a, c, law, t, position, rate, primed)
+    delay, s, k = _ignite(state, a, c, law, t, position, rate, primed, totals)
     if delay < t.wait_us:
         return SPARK, delay, s, k
     return OPEN, t.wait_us, 0, 0
@@ -350,9 +360,9 @@ def advance_window(
     next_step = 0
     for _ in range(PULSES_PER_WINDOW):
         place_wire(state, a, position)
-        touching = _sum_rays(a, c, law, position, rate, primed, contact, pull)
+        totals = _sum_rays(a, c, law, position, rate, primed, contact, pull)
         _watch(window, state, a, position)
-        outcome, delay, s, k = _decide(state, a, c, law, t, position, rate, primed, contact, touching, held)
+        outcome, delay, s, k = _decide(state, a, c, law, t, position, rate, primed, contact, totals, held)
 
         burn, kick_x, kick_y, at = 0.0, 0.0, 0.0, 0
         if outcome == SHORT:
@@ -397,5 +407,5 @@ def advance_window(
             break
     # what the last pulse drove into the metal must be out of it before the rays are traced anew
     place_wire(state, a, position)
-    if _sum_rays(a, c, law, position, rate, primed, contact, pull) > 0.0:
+    if _sum_rays(a, c, law, position, rate, primed, contact, pull)[2] > 0.0:
         _touch(state, a, position, contact, held)

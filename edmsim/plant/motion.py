@@ -94,25 +94,27 @@ def move(
     """
     n_slices, n_modes = a.shape.shape
     since_ignite, since_end = k_period - k_ignite, k_period - k_end
-    load[:] = 0.0
-    for k in range(n_slices):
-        for m in range(n_modes):
-            load[0, m] += a.shape[k, m] * pull[k, 0]
-            load[1, m] += a.shape[k, m] * pull[k, 1]
+    for m in range(n_modes):
+        along_x = along_y = 0.0
+        for k in range(n_slices):
+            along_x += a.shape[k, m] * pull[k, 0]
+            along_y += a.shape[k, m] * pull[k, 1]
+        load[0, m], load[1, m] = along_x, along_y
+    for m in range(n_modes):
+        c0, c1, c2 = p.wire[k_period, 0, m], p.wire[since_ignite, 0, m], p.wire[since_end, 0, m]
+        s0, s1, s2 = p.wire[k_period, 1, m], p.wire[since_ignite, 1, m], p.wire[since_end, 1, m]
+        # response of deflection and velocity to the pull, and to a kick of 1 N s (in um)
+        settled = (open_scale * (c1 - c0) + burn_scale * (c2 - c1)) * p.wire_compliance[m]
+        moving = open_scale * (s0 - s1) + burn_scale * (s1 - s2)
+        jump = 1e6 * a.shape[s, m]
+        kicked, thrown = s2 * jump, p.wire[since_end, 3, m] * jump
+        back, damped = p.wire[k_period, 2, m], p.wire[k_period, 3, m]
+        qx, vx, qy, vy = a.wire_q[0, m], a.wire_v[0, m], a.wire_q[1, m], a.wire_v[1, m]
+        a.wire_q[0, m] = c0 * qx + s0 * vx + load[0, m] * settled + kicked * kick_x
+        a.wire_q[1, m] = c0 * qy + s0 * vy + load[1, m] * settled + kicked * kick_y
+        a.wire_v[0, m] = back * qx + damped * vx + load[0, m] * moving + thrown * kick_x
+        a.wire_v[1, m] = back * qy + damped * vy + load[1, m] * moving + thrown * kick_y
     for axis in range(2):
-        kick = 1e6 * (kick_x if axis == 0 else kick_y)
-        for m in range(n_modes):
-            opened, burning = load[axis, m] * open_scale, load[axis, m] * burn_scale
-            q, v = a.wire_q[axis, m], a.wire_v[axis, m]
-            c0, c1, c2 = p.wire11[k_period, m], p.wire11[since_ignite, m], p.wire11[since_end, m]
-            s0, s1, s2 = p.wire12[k_period, m], p.wire12[since_ignite, m], p.wire12[since_end, m]
-            jump = a.shape[s, m] * kick
-            settled = (opened * (c1 - c0) + burning * (c2 - c1)) * p.wire_compliance[m]
-            a.wire_q[axis, m] = c0 * q + s0 * v + settled + s2 * jump
-            a.wire_v[axis, m] = (
-                p.wire21[k_period, m] * q + p.wire22[k_period, m] * v
-                + opened * (s0 - s1) + burning * (s1 - s2) + p.wire22[since_end, m] * jump
-            )
         for m in range(2):
             q, v = a.table_q[axis, m], a.table_v[axis, m]
             a.table_q[axis, m] = p.table11[k_period, axis, m] * q + p.table12[k_period, axis, m] * v

@@ -170,8 +170,8 @@ def propagators(modes: ModalModel, timing: Timing) -> Propagators:
     wire = propagator_table(modes.wire_omega, modes.wire_zeta, grid)
     x, y = (propagator_table(modes.table_omega[k], modes.table_zeta[k], grid) for k in range(2))
     table = [np.stack(pair, axis=1) for pair in zip(x, y, strict=True)]
-    w11, w12, w21, w22, t11, t12, t21, t22 = (np.ascontiguousarray(part) for part in (*wire, *table))
-    return Propagators(w11, w12, w21, w22, modes.wire_omega**-2.0, t11, t12, t21, t22)
+    t11, t12, t21, t22 = (np.ascontiguousarray(part) for part in table)
+    return Propagators(np.stack(wire, axis=1), modes.wire_omega**-2.0, t11, t12, t21, t22)
 
 
 def arrays(modes: ModalModel, res: Resolution, water_K: float) -> Arrays:

@@ -24,6 +24,8 @@ STATE = np.dtype(
         ("pulses", "i8"),
         ("key", "u8"),
         ("draws", "u8"),
+        ("spare_normal", "f8"),
+        ("spare_waits", "i8"),
         ("commanded_um", "f8", 2),
         ("since_discharge_us", "f8"),
         ("last_slice", "i8"),
@@ -133,15 +135,18 @@ class Timing(NamedTuple):
 
 
 class Propagators(NamedTuple):
-    """Exact 2x2 propagators of every mode over ``k * grid_us``; arrays (GRID + 1, modes) or (.., 2, modes).
+    """Exact 2x2 propagators of every mode over ``k * grid_us``.
 
-    ``wire_compliance`` is 1/omega^2 of the wire's modes.
+    Attributes
+    ----------
+    wire : (GRID + 1, 4, modes)
+        Elements 11, 12, 21, 22; one row of the table lies together in memory.
+    wire_compliance : (modes,)
+        1/omega^2 of the wire's modes.
+    table11, table12, table21, table22 : (GRID + 1, 2, modes)
     """
 
-    wire11: Array
-    wire12: Array
-    wire21: Array
-    wire22: Array
+    wire: Array
     wire_compliance: Array
     table11: Array
     table12: Array
