@@ -62,7 +62,7 @@ def compiled(function: Callable[_P, _R]) -> Callable[_P, _R]:
     before = config.CACHE_DIR
     config.CACHE_DIR = str(_FOLDER)
     try:
-        jit = numba.njit(cache=True, nogil=True, fastmath=_FAST, error_model="numpy", forceinline=True)
+        jit = numba.njit(cache=True, nogil=True, fastmath=_FAST, error_model="numpy", forceinline=True, _nrt=False)
         return cast("Callable[_P, _R]", jit(function))
     finally:
         config.CACHE_DIR = before

@@ -14,7 +14,7 @@ from .breakdown import GapLaw, choose_ray, slice_sums, weibull
 from .compiled import compiled
 from .dielectric import bridged_probability, flush
 from .facing import OVERLAP_UM, gap_of, narrowest, recede, refer
-from .motion import fall_back, move, place_wire, push_out, ringing, step_table
+from .motion import copy, fall_back, move, place_wire, push_out, ringing, step_table
 from .random import uniform
 from .state import (
     ARC,
@@ -29,6 +29,7 @@ from .state import (
     Arrays,
     Constants,
     Propagators,
+    Scratch,
     Timing,
 )
 from .wire import HeatLaw, discharge_impulse, heat_step, strength_share
@@ -341,22 +342,23 @@ def advance_window(
     heat: HeatLaw,
     t: Timing,
     p: Propagators,
+    scratch: Scratch,
     step_ns: NDArray[np.int64],
     step_axis: NDArray[np.int64],
     step_direction: NDArray[np.int64],
 ) -> None:
     """Fire 255 pulses; stop early only if the wire breaks. Table steps happen at their own times."""
-    n_slices, n_modes = a.shape.shape
-    position, pull, load = np.empty((n_slices, 2)), np.empty((n_slices, 2)), np.empty((2, n_modes))
-    rate, primed, contact = np.empty(n_slices), np.empty(n_slices), np.empty(n_slices)
-    held = a.wire_q.copy()
+    position, pull, load, held = scratch.position, scratch.pull, scratch.load, scratch.held
+    rate, primed, contact = scratch.rate, scratch.primed, scratch.contact
+    copy(held, a.wire_q)
     place_wire(state, a, position)
     refer(a, tiles, index, c, position, state[0].pulses // PULSES_PER_WINDOW)
     open_V = t.open_V / (1.0 + c.supply_ohm * _leak_conductance(a, c))
     # pressure eps V^2 / 2 on a ray's patch, per 1/um^2 of its summed inverse square gaps, in um kg/s^2
     open_scale = 0.5 * c.permittivity_F_m * open_V**2 * c.patch_m2 * 1e12 * 1e6
     burn_scale = open_scale * (t.burning_V / open_V) ** 2
-    window[0].temperature_max_K = a.temperature_K.max()
+    for s in range(a.temperature_K.shape[0]):
+        window[0].temperature_max_K = max(window[0].temperature_max_K, a.temperature_K[s])
     next_step = 0
     for _ in range(PULSES_PER_WINDOW):
         place_wire(state, a, position)
@@ -385,7 +387,7 @@ def advance_window(
         period_us = period_ns * 1e-3
         k_ignite = min(int(delay / t.grid_us + 0.5), k_period)
         k_end = min(int((delay + burn) / t.grid_us + 0.5), k_period)
-        held[:] = a.wire_q
+        copy(held, a.wire_q)
         move(a, p, load, pull, open_scale, burn_scale, k_ignite, k_end, k_period, at, kick_x, kick_y)
 
         state[0].time_ns += period_ns

@@ -10,6 +10,14 @@ from .state import Array, Arrays, Propagators
 
 
 @compiled
+def copy(to: Array, of: Array) -> None:
+    """Copy a modal state."""
+    for axis in range(2):
+        for m in range(of.shape[1]):
+            to[axis, m] = of[axis, m]
+
+
+@compiled
 def place_wire(state: NDArray[np.void], a: Arrays, position: Array) -> None:
     """Wire position on the workpiece, per slice: commanded, ringing of the table, deflection."""
     n_slices, n_modes = a.shape.shape

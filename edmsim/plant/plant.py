@@ -119,6 +119,7 @@ class Plant:
         self._modes = setup.modal_model(machine, self.resolution)
         self._constants = setup.constants(machine, self.resolution)
         self._heat = setup.heat_law(machine, self.resolution)
+        self._scratch = setup.scratch(self.resolution)
         self._set_timing(machine)
         self.reset(seed, stock=stock, position_um=position_um)
 
@@ -241,7 +242,7 @@ class Plant:
             times = axes = directions = _NO_STEPS
         advance_window(
             self._state, self._window, self._arrays, self.field.tiles, self.field.index, self._constants,
-            self._law, self._heat, self._timing, self._propagators, times, axes, directions,
+            self._law, self._heat, self._timing, self._propagators, self._scratch, times, axes, directions,
         )
         return self._read_window(start)
 

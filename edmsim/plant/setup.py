@@ -12,7 +12,7 @@ from ..errors import InputError
 from .breakdown import GapLaw
 from .dielectric import nozzle_flow_per_slice_us
 from .mechanics import ModalModel, WireSetup, build_model, propagator_table, reduce_model
-from .state import GRID, Arrays, Constants, Propagators, Timing
+from .state import GRID, Arrays, Constants, Propagators, Scratch, Timing
 from .wire import VACUUM_PERMITTIVITY_F_M, HeatLaw, area_m2
 
 if TYPE_CHECKING:
@@ -197,4 +197,13 @@ def arrays(modes: ModalModel, res: Resolution, water_K: float) -> Arrays:
         shape=np.ascontiguousarray(modes.wire_shape),
         table_shape=np.ascontiguousarray(modes.table_slide_shape),
         table_participation=np.ascontiguousarray(modes.table_participation),
+    )
+
+
+def scratch(res: Resolution) -> Scratch:
+    """Allocate the loop's scratch room."""
+    per_slice, per_mode = (res.slices, 2), (2, res.modes)
+    return Scratch(
+        np.zeros(per_slice), np.zeros(per_slice), np.zeros(per_mode), np.zeros(per_mode),
+        np.zeros(res.slices), np.zeros(res.slices), np.zeros(res.slices),
     )

@@ -204,6 +204,25 @@ class Arrays(NamedTuple):
     table_participation: Array
 
 
+class Scratch(NamedTuple):
+    """Room for what the loop computes anew every pulse; it allocates nothing itself.
+
+    Attributes
+    ----------
+    position, pull : (slices, 2)
+    load, held : (2, modes)
+    rate, primed, contact : (slices,)
+    """
+
+    position: Array
+    pull: Array
+    load: Array
+    held: Array
+    rate: Array
+    primed: Array
+    contact: Array
+
+
 LANES = 16
 """Packed rays come in groups of this many, so that a pass has no remainder (rays are a multiple of it)."""
 CHANGING = (

@@ -22,7 +22,7 @@ def sums(gaps_um, law, shift=(0.0, 0.0), angles=None):
     gaps = np.asarray(gaps_um, np.float32)
     angles = np.zeros(len(gaps)) if angles is None else angles
     cosine, sine = np.cos(angles).astype(np.float32), np.sin(angles).astype(np.float32)
-    return slice_sums(gaps, cosine, sine, len(gaps), *shift, law)
+    return slice_sums(gaps[None], cosine[None], sine[None], 0, len(gaps), *shift, law)
 
 
 def front(gap_um, law, res=FAST):
@@ -110,7 +110,8 @@ def test_places_of_ignition_follow_the_weights(primed):
     weights = np.maximum(12.0 - gap_um, 0.0) ** 2 if primed else 1 / parabola(gap_um * 0.8)
     draws = 20_000
     targets = [uniform(key_of(3), np.uint64(n)) * weights.sum() for n in range(draws)]
-    chosen = [choose_ray(gaps, zero, zero, len(gaps), 0.0, 0.0, law, primed, target) for target in targets]
+    rows = gaps[None], zero[None], zero[None]
+    chosen = [choose_ray(*rows, 0, len(gaps), 0.0, 0.0, law, primed, target) for target in targets]
     counts = np.bincount(chosen, minlength=len(gaps))
     possible = weights > 0
     assert counts[~possible].sum() == 0
@@ -122,7 +123,7 @@ def test_a_target_past_the_total_falls_on_the_heaviest_ray():
     law = GapLaw(0.48, -3.69, 14.05, 1.0, 3.84, 12.0, 0.1, 2.0, 0.008)
     gaps = np.array([20.0, 6.0, 15.0], np.float32)
     zero = np.zeros_like(gaps)
-    assert choose_ray(gaps, zero, zero, 3, 0.0, 0.0, law, False, 1e9) == 1
+    assert choose_ray(gaps[None], zero[None], zero[None], 0, 3, 0.0, 0.0, law, False, 1e9) == 1
 
 
 @pytest.mark.parametrize(("scale", "shape"), [(2.0, 1.0), (1.5, 0.7), (3.0, 2.0)])
