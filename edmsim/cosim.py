@@ -18,7 +18,7 @@ from edmsim.controllers import FeedController, WindowObservation
 from edmsim.controllers.mcu.planner import Planner, make_planner
 from edmsim.controllers.mcu.timers import MAX_FEED_UM_S, MAX_SPEED, SPEED_UNIT_NM_S
 
-from .analyser import PulseAnalyser
+from .analyser import WINDOW_PULSES, PulseAnalyser
 from .machine import Machine
 from .plant.plant import Plant, PulseWindow
 from .plant.workpiece import Stock
@@ -183,7 +183,7 @@ class Simulation:
         feed = units * SPEED_UNIT_NM_S * 1e-3
         self.sums.add(window)
         self._record(window, feed)
-        if window.pulses == 255:
+        if window.pulses == WINDOW_PULSES:
             self.analyser.count_window(window.short, window.open)
             counts = self.analyser.read()
             self._command = self.controller.update(
@@ -251,13 +251,11 @@ class Simulation:
             self._dwell_until_ns = now + round(leg.dwell_s * 1e9)
         if now < self._dwell_until_ns:
             return
-        self._before_um += self._planner.path_um
-        self._leg += 1
-        if self._leg == len(self.legs):
-            self._leg -= 1
-            self._before_um -= self._planner.path_um
+        if leg is self.legs[-1]:
             self.outcome = FINISHED
             return
+        self._before_um += self._planner.path_um
+        self._leg += 1
         following = self.legs[self._leg]
         if following.threads:
             self._thread_at(following.points_um[0])

@@ -10,7 +10,15 @@ from numpy.typing import NDArray
 
 from .contours import cut_edges
 from .cosim import FINISHED, Simulation
-from .metrology import ProfileError, corners, kerf_width, profile_error, roughness_um
+from .metrology import (
+    ProfileError,
+    corners,
+    error_stats,
+    kerf_width,
+    profile_error,
+    roughness_um,
+    width_stats,
+)
 from .recording.report import Quality, Totals
 from .recording.scene import Corner, ErrorMap, Scene, polylines
 
@@ -82,21 +90,21 @@ def inspect(simulation: Simulation) -> Inspection:
 
 def _quality(simulation: Simulation, profiles: list[ProfileError], found: tuple[Corner, ...]) -> Quality:
     field, machine, sums = simulation.plant.field, simulation.machine, simulation.sums
-    error = np.concatenate([np.abs(p.error_um).ravel() for p in profiles])
-    error = error[np.isfinite(error)]
-    widths = np.concatenate(
-        [kerf_width(field, k, machine.wire_diameter_um).width_um.ravel() for k in simulation.path.contours]
+    error = error_stats(np.concatenate([p.error_um.ravel() for p in profiles]))
+    kerf = width_stats(
+        np.concatenate(
+            [kerf_width(field, k, machine.wire_diameter_um).width_um.ravel() for k in simulation.path.contours]
+        )
     )
-    widths = widths[np.isfinite(widths)]
     ignited = sums.spark + sums.arc
     flatness = machine.base.discharge.crater_flatness.value
     return Quality(
-        kerf_mean_um=float(widths.mean()) if widths.size else math.nan,
-        kerf_min_um=float(widths.min()) if widths.size else math.nan,
-        kerf_max_um=float(widths.max()) if widths.size else math.nan,
-        profile_max_um=float(error.max()) if error.size else math.nan,
-        profile_rms_um=float(np.sqrt(np.mean(error**2))) if error.size else math.nan,
-        profile_p95_um=float(np.percentile(error, 95)) if error.size else math.nan,
+        kerf_mean_um=kerf["mean"],
+        kerf_min_um=kerf["min"],
+        kerf_max_um=kerf["max"],
+        profile_max_um=error["max"],
+        profile_rms_um=error["rms"],
+        profile_p95_um=error["p95"],
         corners=found,
         ra_um=roughness_um(sums.crater_um3 / ignited, flatness) if ignited else math.nan,
     )

@@ -87,11 +87,7 @@ class ProfileError:
         mark is an error of the part like any other. All are NaN if nothing was measured.
         """
         error = self.error_um if with_lead_in else self.error_um[:, ~self.at_lead_in]
-        size = np.abs(error[np.isfinite(error)])
-        if not len(size):
-            return dict.fromkeys(("max", "rms", "p95"), float("nan"))
-        rms = float(np.sqrt(np.mean(size**2)))
-        return {"max": float(size.max()), "rms": rms, "p95": float(np.percentile(size, 95))}
+        return error_stats(error)
 
 
 @dataclass(frozen=True)
@@ -110,14 +106,29 @@ class KerfWidth:
 
     def stats(self) -> dict[str, float]:
         """Return ``mean``, ``min`` and ``max`` over all places and slices in um; NaN if there are none."""
-        if not self.width_um.size:
-            return dict.fromkeys(("mean", "min", "max"), float("nan"))
-        return {name: float(getattr(self.width_um, name)()) for name in ("mean", "min", "max")}
+        return width_stats(self.width_um)
 
     @property
     def slice_mean_um(self) -> Floats:
         """Mean width of each slice from the bottom up: the barrel or taper of the cut; NaN if unmeasured."""
         return _mean(self.width_um, axis=1)
+
+
+def error_stats(error_um: Floats) -> dict[str, float]:
+    """Return ``max``, ``rms`` and ``p95`` of the magnitude of errors that were measured; NaN if none was."""
+    size = np.abs(error_um[np.isfinite(error_um)])
+    if not len(size):
+        return dict.fromkeys(("max", "rms", "p95"), float("nan"))
+    rms = float(np.sqrt(np.mean(size**2)))
+    return {"max": float(size.max()), "rms": rms, "p95": float(np.percentile(size, 95))}
+
+
+def width_stats(width_um: Floats) -> dict[str, float]:
+    """Return ``mean``, ``min`` and ``max`` of the kerf widths that were measured; NaN if none was."""
+    width_um = width_um[np.isfinite(width_um)]
+    if not width_um.size:
+        return dict.fromkeys(("mean", "min", "max"), float("nan"))
+    return {name: float(getattr(width_um, name)()) for name in ("mean", "min", "max")}
 
 
 def profile_error(field: KerfField, contour: Contour, slices: Sequence[int] | None = None) -> ProfileError:

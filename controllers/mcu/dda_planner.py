@@ -10,14 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edmsim.controllers.mcu.poscal import STEP_UM, positi
-from edmsim.controllers.mcu.protocol import PlannerState, Polyline, Step, check_window
-from edmsim.controllers.mcu.timers import NEVER, SPEED_UNIT_NM_S, TIMER_COUNT, TickClock
+from edmsim.controllers.mcu.protocol import PathFollower, PlannerState, Step, check_window
+from edmsim.controllers.mcu.timers import NEVER, SPEED_UNIT_NM_S, TIMER_COUNT
 
 UM = TIMER_COUNT // STEP_UM
 """Path length of 1 um, as the sum of the speeds in units over the ticks of the clock."""
 
 
-class DdaPlanner:
+class DdaPlanner(PathFollower):
     """Moves a point along the path at the commanded speed; an axis steps when it is over 1 um behind.
 
     Parameters
@@ -29,20 +29,12 @@ class DdaPlanner:
     """
 
     def __init__(self, points_um: NDArray[np.int64], speed_unit_nm_s: float = SPEED_UNIT_NM_S) -> None:
-        self._path = Polyline(points_um)
-        self._clock = TickClock(speed_unit_nm_s)
-        points = self._path.points
+        super().__init__(points_um, speed_unit_nm_s)
         self._lengths = tuple(
-            math.isqrt(((bx - ax) ** 2 + (by - ay) ** 2) * UM**2) for (ax, ay), (bx, by) in pairwise(points)
+            math.isqrt(((bx - ax) ** 2 + (by - ay) ** 2) * UM**2)
+            for (ax, ay), (bx, by) in pairwise(self._path.points)
         )
-        self._move = 0
         self._along = 0
-        self._position = list(points[0])
-
-    @property
-    def position_um(self) -> tuple[int, int]:
-        """Position counters in um."""
-        return self._position[0], self._position[1]
 
     @property
     def path_um(self) -> float:

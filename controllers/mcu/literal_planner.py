@@ -9,11 +9,11 @@ from numpy.typing import NDArray
 
 from edmsim.controllers.mcu.arithmetic import subsgn
 from edmsim.controllers.mcu.poscal import Displacement, positi, resolve, velocm
-from edmsim.controllers.mcu.protocol import PlannerState, Polyline, Step, check_window
-from edmsim.controllers.mcu.timers import SPEED_UNIT_NM_S, ReloadCounter, TickClock
+from edmsim.controllers.mcu.protocol import PathFollower, PlannerState, Step, check_window
+from edmsim.controllers.mcu.timers import SPEED_UNIT_NM_S, ReloadCounter
 
 
-class LiteralPlanner:
+class LiteralPlanner(PathFollower):
     """Runs every move with the direction POSCAL found at its beginning; each axis stops at its own target.
 
     A component that REDUC drops never moves (row T-G11), the axis speeds are whole units (row T-G9), and
@@ -30,22 +30,9 @@ class LiteralPlanner:
     """
 
     def __init__(self, points_um: NDArray[np.int64], speed_unit_nm_s: float = SPEED_UNIT_NM_S) -> None:
-        self._path = Polyline(points_um)
-        self._clock = TickClock(speed_unit_nm_s)
+        super().__init__(points_um, speed_unit_nm_s)
         self._counters = (ReloadCounter(), ReloadCounter())
-        self._position = list(self._path.points[0])
-        self._move = 0
         self._vector = self._vector_to(self._path.points[1], 1)
-
-    @property
-    def position_um(self) -> tuple[int, int]:
-        """Position counters in um."""
-        return self._position[0], self._position[1]
-
-    @property
-    def path_um(self) -> float:
-        """Length travelled along the path in um, at the foot of the position counters."""
-        return self._path.travelled_um(self._move, self.position_um)
 
     @property
     def done(self) -> bool:

@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 
 from edmsim.controllers.mcu.arithmetic import subsgn
 from edmsim.controllers.mcu.poscal import STEP_UM, Displacement, positi, resolve, velocm
-from edmsim.controllers.mcu.protocol import PlannerState, Polyline, Step, check_window, near
-from edmsim.controllers.mcu.timers import NEVER, SPEED_UNIT_NM_S, PhaseAccumulator, TickClock
+from edmsim.controllers.mcu.protocol import PathFollower, PlannerState, Step, check_window, near
+from edmsim.controllers.mcu.timers import NEVER, SPEED_UNIT_NM_S, PhaseAccumulator
 
 QUARTER = 4
 """Vectors are aimed in quarters of 1 um."""
@@ -33,7 +33,7 @@ SMALLEST_VECTOR = 91
 """Vectors with a shorter longer component are doubled before their length is taken (row T-G10)."""
 
 
-class PoscalPlanner:
+class PoscalPlanner(PathFollower):
     """Steers two axes with POSCAL, VELOCM and phase accumulators along a path.
 
     Parameters
@@ -45,24 +45,11 @@ class PoscalPlanner:
     """
 
     def __init__(self, points_um: NDArray[np.int64], speed_unit_nm_s: float = SPEED_UNIT_NM_S) -> None:
-        self._path = Polyline(points_um)
-        self._clock = TickClock(speed_unit_nm_s)
-        self._move = 0
-        self._position = list(self._path.points[0])
+        super().__init__(points_um, speed_unit_nm_s)
         self._phases = (PhaseAccumulator(), PhaseAccumulator())
         self._heading = 1
         self._speed = 0
         self._steer()
-
-    @property
-    def position_um(self) -> tuple[int, int]:
-        """Position counters in um."""
-        return self._position[0], self._position[1]
-
-    @property
-    def path_um(self) -> float:
-        """Length travelled along the path in um, at the foot of the position counters."""
-        return self._path.travelled_um(self._move, self.position_um)
 
     @property
     def done(self) -> bool:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edmsim.controllers.mcu.arithmetic import WORD
-from edmsim.controllers.mcu.timers import MAX_SPEED
+from edmsim.controllers.mcu.timers import MAX_SPEED, SPEED_UNIT_NM_S, TickClock
 from edmsim.errors import InputError
 
 PlannerState = dict[str, int | list[int]]
@@ -134,6 +134,34 @@ class Polyline:
         start, end = self.starts_um[move], self.starts_um[move + 1]
         along = ((position_um[0] - x0) * (x1 - x0) + (position_um[1] - y0) * (y1 - y0)) / (end - start)
         return start + min(max(along, 0.0), end - start)
+
+
+class PathFollower:
+    """What every planner keeps: its path, its clock, the move it is on, and the position counters.
+
+    Parameters
+    ----------
+    points_um : int array (n, 2)
+        Corner points, 0..65535 um.
+    speed_unit_nm_s : float
+        Speed unit in nm/s.
+    """
+
+    def __init__(self, points_um: NDArray[np.int64], speed_unit_nm_s: float = SPEED_UNIT_NM_S) -> None:
+        self._path = Polyline(points_um)
+        self._clock = TickClock(speed_unit_nm_s)
+        self._move = 0
+        self._position = list(self._path.points[0])
+
+    @property
+    def position_um(self) -> tuple[int, int]:
+        """Position counters in um."""
+        return self._position[0], self._position[1]
+
+    @property
+    def path_um(self) -> float:
+        """Length travelled along the path in um, at the foot of the position counters."""
+        return self._path.travelled_um(self._move, self.position_um)
 
 
 def near(a_um: tuple[int, int], b_um: tuple[int, int]) -> bool:
