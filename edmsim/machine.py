@@ -99,6 +99,7 @@ class Gap(_Frozen):
     contact_um: Positive
     deionisation_us: Positive
     debris_gain: Constant
+    flow_quench_m_s: Positive
     bridge_base: Positive
     bridge_per_um: Constant
     bridge_ceiling: Positive

@@ -6,6 +6,7 @@ exact arithmetic: nothing is lost or gained however many craters fall. Tiles exi
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -224,7 +225,31 @@ def trace(
 
 
 @compiled
-def carve_line(
+def _carve_row(
+    tiles: NDArray[np.uint16], index: NDArray[np.int32], slice_index: int, ix: int, iy: int, step_x: int, step_y: int,
+    length: int, parts: int,
+) -> int:
+    """Remove up to `parts` from a row of `length` cells, the first metal first; return how many found none."""
+    quota = np.int64(parts)
+    limit = np.uint64(index.shape[0] * TILE)
+    ux, uy = np.uint64(ix), np.uint64(iy)  # a cell below zero is one far beyond the limit
+    for _ in range(length):
+        if quota == 0 or ux >= limit or uy >= limit:
+            break
+        place = index[ux >> _TILE_BITS, uy >> _TILE_BITS]
+        if place >= 0:
+            row, column = ux & _TILE_MASK, uy & _TILE_MASK
+            metal = np.int64(tiles[np.uint64(place), np.uint64(slice_index), row, column])
+            taken = metal if metal < quota else quota
+            tiles[np.uint64(place), np.uint64(slice_index), row, column] = np.uint16(metal - taken)
+            quota -= taken
+        ux += np.uint64(step_x)
+        uy += np.uint64(step_y)
+    return int(quota)
+
+
+@compiled
+def carve_wall(
     tiles: NDArray[np.uint16],
     index: NDArray[np.int32],
     slice_index: int,
@@ -233,31 +258,41 @@ def carve_line(
     y: float,
     cosine: float,
     sine: float,
-    start_um: float,
-    reach_um: float,
-    across_um: float,
+    edge_um: float,
+    before_um: float,
+    beyond_um: float,
+    width_um: float,
     parts: int,
 ) -> int:
-    """Remove up to `parts` parts of metal along a line; return how many found none.
+    """Remove up to `parts` parts of metal from a wall; return how many found none.
 
-    The line runs parallel to a direction, `across_um` to its left, from `start_um` to `reach_um` ahead of the
-    point. It eats from the outermost metal inwards, so that the edge stays sharp.
+    The wall stands across a direction, `edge_um` from the point and `width_um` wide; metal is looked for from
+    `before_um` before it to `beyond_um` behind. It is taken row by row of the grid, along the axis nearer to the
+    direction; every row gives as much as the share of the width it covers, from its first metal inwards, so that the
+    edge stays sharp and even.
     """
     grid = 1.0 / cell_um
-    px = (x + cosine * start_um - sine * across_um) * grid
-    py = (y + sine * start_um + cosine * across_um) * grid
-    quota = np.int64(parts)
-    for _ in range(int((reach_um - start_um) * grid)):
-        if quota == 0 or not _inside(px, py, index):
-            break
-        ix, iy = np.uint64(np.int64(px)), np.uint64(np.int64(py))
-        place = index[ix >> _TILE_BITS, iy >> _TILE_BITS]
-        if place >= 0:
-            tile, row, column = np.uint64(place), ix & _TILE_MASK, iy & _TILE_MASK
-            metal = np.int64(tiles[tile, np.uint64(slice_index), row, column])
-            taken = metal if metal < quota else quota
-            tiles[tile, np.uint64(slice_index), row, column] = np.uint16(metal - taken)
-            quota -= taken
-        px += cosine
-        py += sine
-    return int(quota)
+    along_x = abs(cosine) >= abs(sine)
+    px, py = (x + cosine * edge_um) * grid, (y + sine * edge_um) * grid
+    ahead, aside = (px, py) if along_x else (py, px)
+    major, minor = (cosine, sine) if along_x else (sine, cosine)
+    step = 1 if major > 0.0 else -1
+    ahead -= step * before_um * grid
+    length = int((before_um + beyond_um) * grid) + 1
+    extent = width_um * grid * abs(major)
+    low = aside - 0.5 * extent
+    per_width = parts / extent
+    slant = minor / major
+    quota, spent = 0, 0
+    first, last = math.floor(low), math.floor(low + extent)
+    for row in range(first, last + 1):
+        covered = min(low + extent, row + 1.0) - low
+        due = parts if row == last else int(covered * per_width)
+        quota += due - spent
+        spent = due
+        cell = math.floor(ahead - (row + 0.5 - aside) * slant)
+        if along_x:
+            quota = _carve_row(tiles, index, slice_index, cell, row, step, 0, length, quota)
+        else:
+            quota = _carve_row(tiles, index, slice_index, row, cell, 0, step, length, quota)
+    return quota
