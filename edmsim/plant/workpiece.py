@@ -13,7 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ..errors import InputError
 from .compiled import compiled
+from .relief import HeightStep, Relief
 
 FULL = 32768
 """Parts in a full cell."""
@@ -25,22 +27,38 @@ NO_METAL_UM = 1.0e6
 
 @dataclass(frozen=True)
 class Stock:
-    """The blank before the first spark: a rectangle with round start holes.
+    """The blank before the first spark: a rectangle with round start holes, perhaps of several heights.
 
     Attributes
     ----------
     rectangle_um : (x_min, y_min, x_max, y_max)
     holes_um : tuple of (x, y, radius)
+    steps : tuple of HeightStep
+        Regions that are less high than the rest; where they overlap, the earlier one holds.
+    height_mm : float, optional
+        Height outside the steps: the machine's `height_mm`, the greatest there is. Needed with steps.
+
+    Raises
+    ------
+    InputError
+        If there are steps without a height to compare them with.
     """
 
     rectangle_um: tuple[float, float, float, float]
     holes_um: tuple[tuple[float, float, float], ...] = ()
+    steps: tuple[HeightStep, ...] = ()
+    height_mm: float | None = None
+
+    def __post_init__(self) -> None:
+        if self.steps and self.height_mm is None:
+            raise InputError("a workpiece with steps needs height_mm, its greatest height: that of the machine")
 
     def fraction(self, x_um: NDArray[np.float64], y_um: NDArray[np.float64], cell_um: float
                  ) -> NDArray[np.float64]:
         """Share of metal (0..1) in the square cells of side `cell_um` centred at ``x_um[:, None], y_um``.
 
-        Exact for the rectangle; at a hole's edge the share falls linearly over one cell.
+        In the lowest slice, that is: its metal no step takes away. Exact for the rectangle; at a hole's edge
+        the share falls linearly over one cell.
         """
         x0, y0, x1, y1 = self.rectangle_um
         half = cell_um / 2
@@ -75,6 +93,13 @@ class KerfField:
         between cell centres.
     index : int32 array (nx, ny)
         The tile's place in `tiles`, -1 where none is allocated yet (there the stock is untouched).
+    relief : Relief or None
+        Which slices of a stepped stock have metal where; None if all have it everywhere.
+
+    Raises
+    ------
+    InputError
+        If a step of the stock cannot be told by these slices.
     """
 
     def __init__(self, n_slices: int, stock: Stock, cell_um: float = 4.0, extent_um: float = 65_000.0) -> None:
@@ -86,6 +111,9 @@ class KerfField:
         self.tiles: NDArray[np.uint16] = np.empty((64, n_slices, TILE, TILE), np.uint16)
         self.count = 0
         self._stock_parts = 0
+        self.relief: Relief | None = None
+        if stock.steps and stock.height_mm is not None:
+            self.relief = Relief(stock.steps, stock.height_mm, n_slices)
 
     @property
     def part_area_um2(self) -> float:
@@ -110,17 +138,20 @@ class KerfField:
             grown = np.empty((self.count * 3 // 2 + 1, *self.tiles.shape[1:]), np.uint16)
             grown[: self.count] = self.tiles
             self.tiles = grown
-        parts = self._stock_tile(tx, ty)
-        self.tiles[self.count] = parts
+        self.tiles[self.count] = self.stock_tile(tx, ty)
+        self._stock_parts += int(self.tiles[self.count].sum(dtype=np.int64))
         self.index[tx, ty] = self.count
         self.count += 1
-        self._stock_parts += int(parts.sum(dtype=np.int64)) * self.n_slices
 
-    def _stock_tile(self, tx: int, ty: int) -> NDArray[np.uint16]:
+    def stock_tile(self, tx: int, ty: int) -> NDArray[np.uint16]:
+        """Parts of metal in a tile before the cut: (n_slices, TILE, TILE), not to be written to."""
         centres = np.arange(0.5, TILE, dtype=np.float64) * self.cell_um
         side = self.cell_um * TILE
-        share = self.stock.fraction(tx * side + centres, ty * side + centres, self.cell_um)
-        return np.round(share * FULL).astype(np.uint16)
+        x, y = tx * side + centres, ty * side + centres
+        share = self.stock.fraction(x, y, self.cell_um)
+        metal = None if self.relief is None else self.relief.metal(x, y, self.cell_um)
+        parts = np.round((share if metal is None else share * metal) * FULL).astype(np.uint16)
+        return np.broadcast_to(parts, (self.n_slices, TILE, TILE))
 
     @property
     def removed_parts(self) -> int:
@@ -139,7 +170,7 @@ class KerfField:
             for ty in range(iy0 // TILE, (iy1 - 1) // TILE + 1):
                 inside = 0 <= tx < self.index.shape[0] and 0 <= ty < self.index.shape[1]
                 place = int(self.index[tx, ty]) if inside else -1
-                tile = self._stock_tile(tx, ty) if place < 0 else self.tiles[place, slice_index]
+                tile = (self.stock_tile(tx, ty) if place < 0 else self.tiles[place])[slice_index]
                 a0, a1 = max(ix0, tx * TILE), min(ix1, (tx + 1) * TILE)
                 b0, b1 = max(iy0, ty * TILE), min(iy1, (ty + 1) * TILE)
                 out[a0 - ix0 : a1 - ix0, b0 - iy0 : b1 - iy0] = (
