@@ -58,12 +58,15 @@ class Positive(Constant):
 
 
 class Table(_Frozen):
-    """Cross table and its rapid moves."""
+    """Cross table, its drives (friction and backlash count in the full model only) and its rapid moves."""
 
     travel_mm: Positive
     step_um: Positive
     rapid_um_s: Positive
     threading_s: Constant
+    friction_N: Constant
+    presliding_um: Positive
+    backlash_um: Constant
 
 
 class Guides(_Frozen):
