@@ -120,6 +120,8 @@ class Simulation:
         Machine time after which the cut is stopped.
     steps : tuple of HeightStep
         Where the workpiece is less high than `machine.height_mm`; see `edmsim.heights`.
+    mechanics : {"modal", "mujoco"}
+        What moves table and wire; see `Plant`.
 
     Raises
     ------
@@ -138,6 +140,7 @@ class Simulation:
         resolution: str = "default",
         max_time_s: float | None = None,
         steps: tuple[HeightStep, ...] = (),
+        mechanics: str = "modal",
     ) -> None:
         self.machine = machine
         self.path = path
@@ -151,7 +154,7 @@ class Simulation:
         first = path.contours[0].points_um[0]
         self.plant = Plant(
             machine, seed, stock=Stock((x0, y0, x1, y1), holes, steps, machine.height_mm),
-            position_um=(float(first[0]), float(first[1])), resolution=resolution,
+            position_um=(float(first[0]), float(first[1])), resolution=resolution, mechanics=mechanics,
         )
         self.analyser = PulseAnalyser()
         self.windows = WindowTable()
@@ -236,14 +239,15 @@ class Simulation:
             self.frames.skip()
 
     def _judge(self, window: PulseWindow) -> None:
-        x, y = self.plant.commanded_um
+        x, y = self.plant.place_um  # the switches feel the carriage, not the position counter
+        slack = self.machine.base.table.step_um.value
         travel = self.machine.base.table.travel_mm.value * 1e3
         if window.broken:
             height = self.plant.broken_height_mm
             self._stop(WIRE_BREAK, f"the wire broke {height:.1f} mm above the workpiece's lower face")
         elif self._command.alarm is not None:
             self._stop(PERSISTENT_SHORT, self._command.alarm)
-        elif not (0 <= x <= travel and 0 <= y <= travel):
+        elif not (-slack <= x <= travel + slack and -slack <= y <= travel + slack):
             self._stop(LIMIT_SWITCH, f"an end switch of the table opened at x {x / 1e3:.3f} y {y / 1e3:.3f} mm")
         elif self._max_time_ns is not None and self.plant.time_ns >= self._max_time_ns:
             self._stop(TIME_LIMIT, f"the time limit of {self._max_time_ns * 1e-9:g} s of machine time was reached")

@@ -20,6 +20,7 @@ from .errors import InputError
 from .heights import Area, Height, Heights
 from .inspection import inspect, totals
 from .machine import Machine
+from .plant.plant import MECHANICS
 from .plant.setup import resolution as check_resolution
 from .plant.workpiece import KerfField
 from .program.path import CutPath, plan_path
@@ -33,8 +34,6 @@ if TYPE_CHECKING:
 
 CHECKPOINT_EVERY_S = 60.0
 """Wall time between checkpoints of a long cut."""
-MECHANICS = ("modal",)
-"""Integrators of table and wire."""
 DRIVES = ("stepper",)
 """Axis drives."""
 
@@ -137,8 +136,10 @@ def cut(
         Setting of the pulse generator.
     controller : str
         Feed controller, with parameters if wanted: ``"fixed:feed_um_s=20"``.
-    drive, mechanics : str
-        Axis drive and integrator; see `DRIVES` and `MECHANICS`.
+    drive : str
+        Axis drive; see `DRIVES`.
+    mechanics : {"modal", "mujoco"}
+        Integrator of table and wire (see `Plant`).
     planner : {"poscal", "poscal-literal", "dda"}
     resolution : {"fast", "default", "fine"}
     offset : "auto", "none" or float
@@ -177,7 +178,7 @@ def cut(
     path = plan_path(program, offset, auto_offset_mm=set_up.auto_offset_mm)
     simulation = Simulation(
         set_up, path, law, planner=planner, seed=seed, resolution=resolution, max_time_s=max_time_s,
-        steps=workpiece.steps(path, set_up.wire_diameter_um),
+        steps=workpiece.steps(path, set_up.wire_diameter_um), mechanics=mechanics,
     )
     settings = {
         "program": Path(program).name, "program_sha256": _digest(Path(program)), "machine": machine,

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, cast
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..errors import InputError, PlantError
+from ..errors import EdmsimError, InputError
 from .full_motion import FullLink
 from .mechanics import MODEL_FILE, ModalModel, WireSetup, at_heights, machine_spec, reduce_model
 
@@ -92,10 +92,12 @@ class FullMechanics:
         The machine, its wire of `N_NODES` nodes, its motors driven by `full_motion` instead of actuators.
     modes : ModalModel
         All modes of that model with its motors linearised.
-    shape : float64 array (n_slices, n_nodes)
+    wire_shape : float64 array (n_slices, n_nodes)
         Deflection at a slice's mid-height per deflection of a node.
-    table_shape : float64 array (2, 2)
+    table_slide_shape : float64 array (2, 2)
         Place of an axis per coordinate of ``table_q[axis]``: the carriage is the place, the rotor is not.
+    table_participation : float64 array (2, 2)
+        Nil: motor steps turn the rotors here.
     link : FullLink
         For `edmsim.plant.full_motion.move_full`.
 
@@ -119,8 +121,9 @@ class FullMechanics:
         self.data = mujoco.MjData(self.model)
         heights = np.asarray(slice_heights_m, float)
         nodes = at_heights(np.eye(N_NODES), self.modes.node_heights_m, wire.guide_distance_m, heights)
-        self.shape = np.ascontiguousarray(nodes)
-        self.table_shape = np.array([[1.0, 0.0], [1.0, 0.0]])
+        self.wire_shape = np.ascontiguousarray(nodes)
+        self.table_slide_shape = np.array([[1.0, 0.0], [1.0, 0.0]])
+        self.table_participation = np.zeros((2, 2))
         self.link = self._link(wire, drive)
 
     def _link(self, wire: WireSetup, drive: DriveSetup) -> FullLink:
@@ -222,4 +225,4 @@ def _timestep(model: mujoco.MjModel) -> Array:
         if all(follows):
             model.opt.timestep = before
             return place
-    raise PlantError("MuJoCo's time step is not where this version of edmsim looks for it")
+    raise EdmsimError("MuJoCo's time step is not where this version of edmsim looks for it")

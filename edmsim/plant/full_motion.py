@@ -18,6 +18,7 @@ from numba.extending import intrinsic
 from numpy.typing import NDArray
 
 from .compiled import compiled
+from .motion import project
 from .state import Array, Arrays
 
 LOST = -1
@@ -214,9 +215,7 @@ def move_full(
     s: int,
     kick_x: float,
     kick_y: float,
-    step_ns: NDArray[np.int64],
-    step_axis: NDArray[np.int64],
-    step_direction: NDArray[np.int64],
+    steps: NDArray[np.int64],
     next_step: int,
 ) -> int:
     """Step the full model over the period of a pulse that starts at the state's time, which is left as it is.
@@ -231,8 +230,8 @@ def move_full(
     ----------
     load : (2, nodes)
         Room for the pull on the nodes.
-    step_ns, step_axis, step_direction : int64 arrays
-        Motor steps in order of time, axis 0 or 1, direction -1 or 1.
+    steps : int64 (n, 3)
+        Motor steps in order of time: time in ns, axis 0 or 1, direction -1 or 1.
     next_step : int
         First of them that has not happened.
 
@@ -246,15 +245,15 @@ def move_full(
     n_steps = math.ceil(period_us / link.longest_us)
     dt_us = period_us / n_steps
     link.timestep[0] = dt_us * 1e-6
-    _share_pull(a, pull, load)
+    project(a, pull, load)
     _lay_out(state, a, link)
     kicked = min(int(end_us / dt_us), n_steps - 1)
     second = end_us / dt_us - kicked if kicked < n_steps - 1 else 0.0
     sound = True
     for k in range(n_steps):
         until_ns = state[0].time_ns + period_ns * (k + 1) // n_steps
-        while next_step < step_ns.shape[0] and step_ns[next_step] < until_ns:
-            state[0].commanded_um[step_axis[next_step]] += step_direction[next_step] * link.step_um
+        while next_step < steps.shape[0] and steps[next_step, 0] < until_ns:
+            state[0].commanded_um[steps[next_step, 1]] += steps[next_step, 2] * link.step_um
             next_step += 1
         begin, end = k * dt_us, (k + 1) * dt_us
         scale = (
@@ -274,15 +273,3 @@ def move_full(
             break
     _take_back(state, a, link)
     return next_step if sound and _sound(link) else LOST
-
-
-@compiled
-def _share_pull(a: Arrays, pull: Array, load: Array) -> None:
-    """Share the slices' pull out to the nodes on either side."""
-    n_slices, n_nodes = a.shape.shape
-    for m in range(n_nodes):
-        along_x = along_y = 0.0
-        for k in range(n_slices):
-            along_x += a.shape[k, m] * pull[k, 0]
-            along_y += a.shape[k, m] * pull[k, 1]
-        load[0, m], load[1, m] = along_x, along_y

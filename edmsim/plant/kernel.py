@@ -15,6 +15,7 @@ from .compiled import compiled
 from .dielectric import bridged_probability, flush
 from .erosion import carve, share_crater
 from .facing import OVERLAP_UM, gap_of, narrowest, refer
+from .full_motion import LOST, FullLink, move_full
 from .motion import copy, fall_back, move, place_wire, push_out, ringing, step_table
 from .random import uniform
 from .state import (
@@ -50,6 +51,8 @@ DEIONISED = 40.0
 """Time constants after which the last channel is gone for good (one pulse in 1e17)."""
 DEEPEST_UM = 0.75 * OVERLAP_UM
 """Deeper in the metal than this at a window's end, the wire is where no push would have taken it."""
+LOST_UM = -1e9
+"""Depth in the metal of a wire that is nowhere."""
 FINITE = 1e15
 """No sum of lengths, times or temperatures is as large as this."""
 MOST_DEFLECTION_UM = 2000.0
@@ -355,6 +358,8 @@ def _end(state: NDArray[np.void], window: NDArray[np.void], a: Arrays, deepest_u
         return NOT_FINITE
     if math.hypot(x, y) > MOST_DEFLECTION_UM:
         return OUTSIDE
+    if deepest_um == LOST_UM:
+        return OUTSIDE
     return INSIDE if deepest_um < -DEEPEST_UM else FINE
 
 
@@ -373,6 +378,20 @@ def _check_steps(steps: NDArray[np.int64], now_ns: int) -> int:
 
 
 @compiled
+def _step_tables(
+    state: NDArray[np.void], a: Arrays, c: Constants, t: Timing, p: Propagators, k_period: int,
+    steps: NDArray[np.int64], next_step: int,
+) -> int:
+    """Take the motor steps that fell into the period just past; returns the first that did not."""
+    while next_step < steps.shape[0] and steps[next_step, 0] < state[0].time_ns:
+        since = (state[0].time_ns - steps[next_step, 0]) * 1e-3 / t.grid_us
+        travel = steps[next_step, 2] * c.step_um
+        step_table(state, a, p, steps[next_step, 1], travel, min(int(since + 0.5), k_period))
+        next_step += 1
+    return next_step
+
+
+@compiled
 def fire_window(
     state: NDArray[np.void],
     window: NDArray[np.void],
@@ -385,11 +404,14 @@ def fire_window(
     t: Timing,
     p: Propagators,
     scratch: Scratch,
+    link: FullLink,
+    full: bool,
     steps: NDArray[np.int64],
 ) -> int:
     """Fire 255 pulses; stop early only if the wire breaks. Table steps happen at their own times.
 
-    Returns how the window ended (`FINE` and its neighbours in `state`).
+    With `full`, MuJoCo moves wire and table through `link`, otherwise the modes move by `p`. Returns how the window
+    ended (`FINE` and its neighbours in `state`).
     """
     if _lacks_tiles(state):
         return NO_TILES
@@ -433,17 +455,19 @@ def fire_window(
             k_period = int((delay + conducting + t.pause_us) * per_grid + 0.5)
             period_ns = int(k_period * t.grid_us * 1e3 + 0.5)
         period_us = period_ns * 1e-3
-        k_ignite = min(int(delay * per_grid + 0.5), k_period)
-        k_end = min(int((delay + burn) * per_grid + 0.5), k_period)
         copy(held, a.wire_q)
-        move(a, p, load, pull, open_scale, burn_scale, k_ignite, k_end, k_period, at, kick_x, kick_y)
-
-        state[0].time_ns += period_ns
-        while next_step < steps.shape[0] and steps[next_step, 0] < state[0].time_ns:
-            since = (state[0].time_ns - steps[next_step, 0]) * 1e-3 * per_grid
-            travel = steps[next_step, 2] * c.step_um
-            step_table(state, a, p, steps[next_step, 1], travel, min(int(since + 0.5), k_period))
-            next_step += 1
+        if full:
+            next_step = move_full(
+                state, a, link, load, pull, open_scale, burn_scale, delay, delay + burn, period_ns, at, kick_x,
+                kick_y, steps, next_step,
+            )
+            state[0].time_ns += period_ns
+        else:
+            k_ignite = min(int(delay * per_grid + 0.5), k_period)
+            k_end = min(int((delay + burn) * per_grid + 0.5), k_period)
+            move(a, p, load, pull, open_scale, burn_scale, k_ignite, k_end, k_period, at, kick_x, kick_y)
+            state[0].time_ns += period_ns
+            next_step = _step_tables(state, a, c, t, p, k_period, steps, next_step)
         quiet = period_us - delay - conducting
         state[0].since_discharge_us = state[0].since_discharge_us + period_us if outcome == OPEN else quiet
         state[0].pulses += 1
@@ -451,6 +475,8 @@ def fire_window(
         window[0].duration_ns += period_ns
         if state[0].heat_wait_us >= HEAT_INTERVAL_US:
             _carry_on(state, a, c, heat)
+        if next_step == LOST:
+            return _end(state, window, a, LOST_UM)
         if state[0].broken != 0:
             break
     _carve(state, window, a, tiles, index, c)

@@ -19,18 +19,22 @@ from numpy.typing import NDArray
 
 from .breakdown import GapLaw
 from .compiled import compiled
+from .full_motion import FullLink
 from .kernel import fire_window
 from .state import GRID, STATE, WINDOW, Arrays, Constants, Propagators, Scratch, Timing
 from .wire import HeatLaw
 from .workpiece import TILE
 
 _RECORDS = {"constants": Constants, "law": GapLaw, "heat": HeatLaw, "timing": Timing}
+_LINK_NUMBERS = {name: of for name, of in get_type_hints(FullLink).items() if of in (int, float)}
+_LINK = np.dtype([(name, "i8" if of is int else "f8") for name, of in _LINK_NUMBERS.items()])
+_LINK_ARRAYS = tuple(f"link_{name}" for name in FullLink._fields if name not in _LINK_NUMBERS)
 _TABLE = np.dtype(
     [
         (name, "i8")
         for name in (
             "state", "window", *_RECORDS, *Arrays._fields, *Propagators._fields, *Scratch._fields,
-            "tiles", "tile_count", "index", "index_side",
+            "tiles", "tile_count", "index", "index_side", "link", *_LINK_ARRAYS,
         )
     ]
 )
@@ -47,6 +51,7 @@ class Memory:
     def __init__(self) -> None:
         self._table = np.zeros(1, _TABLE)
         self._kept: dict[str, NDArray[Any]] = {}
+        self.keep(link=np.zeros(1, _LINK))
 
     @property
     def address(self) -> int:
@@ -67,6 +72,12 @@ class Memory:
     def keep_record(self, name: str, values: NamedTuple) -> None:
         """Put the numbers of a named tuple as a record."""
         self.keep(**{name: np.array([tuple(values)], _dtype_of(_RECORDS[name]))})
+
+    def keep_link(self, link: FullLink) -> None:
+        """Put the full model's link: its numbers as a record, its arrays under names of their own."""
+        values = link._asdict()
+        self.keep(link=np.array([tuple(values[name] for name in _LINK_NUMBERS)], _LINK))
+        self.keep(**{name: values[name.removeprefix("link_")] for name in _LINK_ARRAYS})
 
     def keep_field(self, tiles: NDArray[np.uint16], index: NDArray[np.int32]) -> None:
         """Put the kerf field, whose tiles move when they become more."""
@@ -106,7 +117,9 @@ def _array_of(of: Any) -> Callable[[int, tuple[int, ...]], Any]:
 
 _f8, _f4, _i8 = _array_of(types.float64), _array_of(types.float32), _array_of(types.int64)
 _u2, _i4 = _array_of(types.uint16), _array_of(types.int32)
-_at_table, _at_state, _at_window = (_array_of(from_dtype(dtype)) for dtype in (_TABLE, STATE, WINDOW))
+_at_table, _at_state, _at_window, _at_link = (
+    _array_of(from_dtype(dtype)) for dtype in (_TABLE, STATE, WINDOW, _LINK)
+)
 _at_constants, _at_law, _at_heat, _at_timing = (_array_of(from_dtype(_dtype_of(kind))) for kind in _RECORDS.values())
 
 
@@ -155,9 +168,22 @@ def _scratch(at: Any, slices: int, modes: int) -> Scratch:
     )
 
 
+@compiled
+def _link(at: Any, nodes: int) -> FullLink:
+    n = _at_link(at.link, (1,))[0]
+    dofs = 2 * nodes + 4
+    return FullLink(
+        n.mj_step, n.model, n.data, _f8(at.link_timestep, (1,)), _f8(at.link_qpos, (dofs,)),
+        _f8(at.link_qvel, (dofs,)), _f8(at.link_force, (dofs,)), _i8(at.link_wire, (2, nodes)),
+        _i8(at.link_carriage, (2,)), _i8(at.link_rotor, (2,)), n.longest_us, n.reach_m, n.most_force_N,
+        _f8(at.link_rad_per_um, (2,)), n.step_um, _f8(at.link_holding_Nm, (2,)), n.teeth, n.friction_N,
+        n.presliding_m, _f8(at.link_friction_share, (2,)),
+    )
+
+
 @functools.cache
-def window_function(slices: int, rays: int, modes: int) -> Callable[[int, int, int], int]:
-    """Return the compiled window of one resolution.
+def window_function(slices: int, rays: int, modes: int, full: bool) -> Callable[[int, int, int], int]:
+    """Return the compiled window of one resolution; `full` has MuJoCo move wire and table, `modes` are its nodes.
 
     It takes the address of a `Memory`'s table, the address of the window's steps (int64, time, axis and direction
     in a row) and their number, and returns how the window ended.
@@ -173,7 +199,7 @@ def window_function(slices: int, rays: int, modes: int) -> Callable[[int, int, i
             _i4(at.index, (at.index_side, at.index_side)),
             _at_constants(at.constants, (1,))[0], _law(at),
             _at_heat(at.heat, (1,))[0], _at_timing(at.timing, (1,))[0],
-            _propagators(at, modes), _scratch(at, slices, modes),
+            _propagators(at, modes), _scratch(at, slices, modes), _link(at, modes), full,
             _i8(steps, (step_count, 3)),
         )
 

@@ -81,6 +81,19 @@ def push_out(a: Arrays, s: int, cosine: float, sine: float, depth: float) -> Non
 
 
 @compiled
+def project(a: Arrays, pull: Array, load: Array) -> None:
+    """Loads on the modal coordinates (2, modes) of forces on the slices (2, slices)."""
+    n_slices, n_modes = a.shape.shape
+    for m in range(n_modes):
+        load[0, m] = load[1, m] = 0.0
+    for k in range(n_slices):
+        pull_x, pull_y = pull[0, k], pull[1, k]
+        for m in range(n_modes):
+            load[0, m] += a.shape[k, m] * pull_x
+            load[1, m] += a.shape[k, m] * pull_y
+
+
+@compiled
 def move(
     a: Arrays,
     p: Propagators,
@@ -101,15 +114,9 @@ def move(
     `s`. A constant force f switched on at t acts at the end T as ``f (1 - p11(T - t)) / omega^2`` on the
     deflection and as ``f p12(T - t)`` on the velocity, so no time step enters, only the grid of the tables.
     """
-    n_slices, n_modes = a.shape.shape
+    n_modes = a.shape.shape[1]
     since_ignite, since_end = k_period - k_ignite, k_period - k_end
-    for m in range(n_modes):
-        load[0, m] = load[1, m] = 0.0
-    for k in range(n_slices):
-        pull_x, pull_y = pull[0, k], pull[1, k]
-        for m in range(n_modes):
-            load[0, m] += a.shape[k, m] * pull_x
-            load[1, m] += a.shape[k, m] * pull_y
+    project(a, pull, load)
     for m in range(n_modes):
         c0, c1, c2 = p.wire[k_period, 0, m], p.wire[since_ignite, 0, m], p.wire[since_end, 0, m]
         s0, s1, s2 = p.wire[k_period, 1, m], p.wire[since_ignite, 1, m], p.wire[since_end, 1, m]

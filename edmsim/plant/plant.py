@@ -12,7 +12,9 @@ from numpy.typing import NDArray
 
 from ..errors import InputError, NotFiniteError, PlantError, WireInMetalError, WireLostError
 from . import setup
+from .full_model import FullMechanics
 from .generator import timing
+from .mechanics import ModalModel
 from .memory import Memory, window_function
 from .random import key_of
 from .state import (
@@ -35,6 +37,8 @@ from .workpiece import KerfField, Stock
 if TYPE_CHECKING:
     from ..machine import Machine
 
+MECHANICS = ("modal", "mujoco")
+"""Integrators of table and wire."""
 _NOWHERE_UM = -1e9
 _FRONT_GAP_UM = 30.0
 """Gap in front of a plant that was given no workpiece."""
@@ -107,6 +111,9 @@ class Plant:
     position_um : (float, float)
         Where the wire starts on the table.
     resolution : {"fast", "default", "fine"}
+    mechanics : {"modal", "mujoco"}
+        What moves table and wire: the exact propagation of their modes, or MuJoCo stepping the full model, whose
+        motors can lose steps and whose ways rub.
 
     Examples
     --------
@@ -125,29 +132,43 @@ class Plant:
         stock: Stock | None = None,
         position_um: tuple[float, float] = (32_500.0, 32_500.0),
         resolution: str = "default",
+        mechanics: str = "modal",
     ) -> None:
+        if mechanics not in MECHANICS:
+            raise InputError(f"unknown mechanics '{mechanics}'; there are: {', '.join(MECHANICS)}")
         self.machine = machine
+        self.mechanics = mechanics
         self.resolution = res = setup.resolution(resolution)
-        self._modes = setup.modal_model(machine, res)
         self._constants = setup.constants(machine, res)
         self._flow_factor = setup.flow_factor(machine, res)
         self._state: NDArray[np.void] = np.zeros(1, STATE)
         self._window: NDArray[np.void] = np.zeros(1, WINDOW)
         self._window_bytes = self._window.view(np.uint8)
-        self._fire = window_function(res.slices, res.rays, res.modes)
         self._memory = Memory()
+        self._model = self._make_model()
+        coordinates = self._model.wire_shape.shape[1]
+        self._fire = window_function(res.slices, res.rays, coordinates, mechanics == "mujoco")
         self._memory.keep(state=self._state, window=self._window)
         self._memory.keep_record("constants", self._constants)
         self._memory.keep_record("heat", setup.heat_law(machine, res))
-        self._memory.keep_tuple(setup.scratch(res))
+        self._memory.keep_tuple(setup.scratch(res, coordinates))
         self._set_timing(machine)
         self.reset(seed, stock=stock, position_um=position_um)
+
+    def _make_model(self) -> ModalModel | FullMechanics:
+        """Return the model of table and wire; it stays alive with the plant, whose loop has its addresses."""
+        if self.mechanics == "modal":
+            return setup.modal_model(self.machine, self.resolution)
+        full = setup.full_mechanics(self.machine, self.resolution)
+        self._memory.keep_link(full.link)
+        return full
 
     def _set_timing(self, machine: Machine) -> None:
         self._timing = timing(machine)
         self._memory.keep_record("timing", self._timing)
         self._memory.keep_record("law", setup.gap_law(machine, self.resolution, self._timing.open_V))
-        self._memory.keep_tuple(setup.propagators(self._modes, self._timing))
+        if isinstance(self._model, ModalModel):
+            self._memory.keep_tuple(setup.propagators(self._model, self._timing))
 
     def reset(
         self, seed: int, *, stock: Stock | None = None, position_um: tuple[float, float] = (32_500.0, 32_500.0)
@@ -164,10 +185,16 @@ class Plant:
         self._state[:] = 0
         self._state["key"] = key_of(seed)
         self._state["commanded_um"] = position_um
+        if isinstance(self._model, FullMechanics):
+            self._model.reset()
         self._at_rest()
 
     def _at_rest(self) -> None:
-        self._arrays = setup.arrays(self._modes, self.resolution, self._constants.water_K, self._flow_factor)
+        model = self._model
+        self._arrays = setup.arrays(
+            model.wire_shape, model.table_slide_shape, model.table_participation, self.resolution,
+            self._constants.water_K, self._flow_factor,
+        )
         self._memory.keep_tuple(self._arrays)
         self._state["since_discharge_us"] = 1e9
         self._state["tiled_um"] = _NOWHERE_UM
@@ -180,13 +207,15 @@ class Plant:
 
     def rethread(self, position_um: tuple[float, float], duration_ns: int) -> None:
         """Cut the wire, move to another place with the generator off, and thread a fresh wire there."""
-        carry = self._arrays.carry_um2
+        before = self._arrays
         self._state["commanded_um"] = position_um
         self._state["time_ns"] += duration_ns
         for name in ("heat_wait_us", "current2_us", "wear_wait_um3", "worn_share", "broken"):
             self._state[name] = 0
         self._at_rest()
-        self._arrays.carry_um2[:] = carry
+        self._arrays.carry_um2[:] = before.carry_um2
+        if self.mechanics == "mujoco":
+            self._arrays.table_q[:] = before.table_q  # steps once lost stay lost
 
     @property
     def time_ns(self) -> int:
@@ -202,6 +231,12 @@ class Plant:
     def commanded_um(self) -> tuple[float, float]:
         """Position the motor steps add up to."""
         x, y = self._state["commanded_um"][0]
+        return float(x), float(y)
+
+    @property
+    def place_um(self) -> tuple[float, float]:
+        """Where the axes really are: the position counter knows neither of ringing nor of lost steps (row T-19)."""
+        x, y = self._state["commanded_um"][0] + (self._arrays.table_shape * self._arrays.table_q).sum(axis=1)
         return float(x), float(y)
 
     @property
@@ -308,6 +343,8 @@ class Plant:
         """Return everything that changes, as arrays; `restore` continues bit for bit."""
         state: dict[str, NDArray[Any]] = {f"field.{k}": v for k, v in self.field.snapshot().items()}
         state.update({name: getattr(self._arrays, name).copy() for name in CHANGING})
+        if isinstance(self._model, FullMechanics):
+            state.update(self._model.snapshot())
         state["state"] = self._state.copy()
         state["setting"] = np.array([self.machine.t_on_us, self.machine.t_period_us])
         return state
@@ -321,6 +358,8 @@ class Plant:
         self._memory.keep_field(self.field.tiles, self.field.index)
         for name in CHANGING:
             getattr(self._arrays, name)[:] = state[name]
+        if isinstance(self._model, FullMechanics):
+            self._model.restore(state)
         self._state[:] = state["state"]
 
 

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from ..errors import InputError
 from .breakdown import GapLaw
 from .dielectric import flow_speed_m_s, nozzle_flow_per_slice_us
+from .full_model import DriveSetup, FullMechanics
 from .mechanics import ModalModel, WireSetup, build_model, propagator_table, reduce_model
 from .state import GRID, Arrays, Constants, Propagators, Scratch, Timing
 from .wire import VACUUM_PERMITTIVITY_F_M, HeatLaw, area_m2
@@ -149,20 +150,38 @@ def heat_law(machine: Machine, res: Resolution) -> HeatLaw:
     )
 
 
+def _wire_setup(machine: Machine) -> WireSetup:
+    return WireSetup(
+        diameter_m=machine.wire_diameter_um / 1e6,  # 20 um stays exactly 20e-6
+        density_kg_m3=machine.wire.density_kg_m3.value,
+        tension=machine.tension,
+        guide_distance_m=machine.guide_distance_mm * 1e-3,
+        damping_ratio=machine.base.guides.damping_ratio.value,
+    )
+
+
+def _slice_heights_m(machine: Machine, res: Resolution) -> NDArray[np.float64]:
+    """Heights of the slices' mid-planes above the lower guide."""
+    middle = (np.arange(res.slices) + 0.5) / res.slices * machine.height_mm
+    return (middle + machine.base.guides.clearance_mm.value) * 1e-3
+
+
 def modal_model(machine: Machine, res: Resolution) -> ModalModel:
     """Modes of table and wire for this set-up, from the MJCF."""
-    model = build_model(
-        WireSetup(
-            diameter_m=machine.wire_diameter_um / 1e6,  # 20 um stays exactly 20e-6
-            density_kg_m3=machine.wire.density_kg_m3.value,
-            tension=machine.tension,
-            guide_distance_m=machine.guide_distance_mm * 1e-3,
-            damping_ratio=machine.base.guides.damping_ratio.value,
-        ),
-        machine.base.model,
+    model = build_model(_wire_setup(machine), machine.base.model)
+    return reduce_model(model, res.modes, _slice_heights_m(machine, res))
+
+
+def full_mechanics(machine: Machine, res: Resolution) -> FullMechanics:
+    """MuJoCo's own model of this set-up, to be stepped in the loop."""
+    table = machine.base.table
+    drive = DriveSetup(
+        step_m=table.step_um.value * 1e-6,
+        friction_N=table.friction_N.value,
+        presliding_m=table.presliding_um.value * 1e-6,
+        backlash_m=table.backlash_um.value * 1e-6,
     )
-    middle = (np.arange(res.slices) + 0.5) / res.slices * machine.height_mm
-    return reduce_model(model, res.modes, (middle + machine.base.guides.clearance_mm.value) * 1e-3)
+    return FullMechanics(_wire_setup(machine), drive, _slice_heights_m(machine, res), machine.base.model)
 
 
 def propagators(modes: ModalModel, timing: Timing) -> Propagators:
@@ -185,15 +204,19 @@ def flow_factor(machine: Machine, res: Resolution) -> NDArray[np.float64]:
     return np.exp(-((speed * from_middle / machine.base.gap.flow_quench_m_s.value) ** 2))
 
 
-def arrays(modes: ModalModel, res: Resolution, water_K: float, flow_factor: NDArray[np.float64]) -> Arrays:
-    """Allocate the arrays of a plant at rest."""
+def arrays(
+    wire_shape: NDArray[np.float64], table_shape: NDArray[np.float64], table_participation: NDArray[np.float64],
+    res: Resolution, water_K: float, flow_factor: NDArray[np.float64],
+) -> Arrays:
+    """Allocate the arrays of a plant at rest, its wire described by a shape (slices, modes or nodes)."""
+    modes = wire_shape.shape[1]
     angle = 2 * np.pi * np.arange(res.rays) / res.rays
     return Arrays(
         edge_um=np.zeros((res.slices, res.rays), np.float32),
         reference_um=np.full((2, res.slices), -1e9),  # nowhere: every ray is traced in full at first
         pending_um2=np.zeros((res.slices, res.rays)),
-        wire_q=np.zeros((2, res.modes)),
-        wire_v=np.zeros((2, res.modes)),
+        wire_q=np.zeros((2, modes)),
+        wire_v=np.zeros((2, modes)),
         table_q=np.zeros((2, 2)),
         table_v=np.zeros((2, 2)),
         temperature_K=np.full(res.slices, water_K),
@@ -207,18 +230,18 @@ def arrays(modes: ModalModel, res: Resolution, water_K: float, flow_factor: NDAr
         sine=np.zeros((res.slices, res.rays), np.float32),
         ray_cosine=np.cos(angle),
         ray_sine=np.sin(angle),
-        shape=np.ascontiguousarray(modes.wire_shape),
-        shape_of_mode=np.ascontiguousarray(modes.wire_shape.T),
-        mean_shape=modes.wire_shape.mean(axis=0),
+        shape=np.ascontiguousarray(wire_shape),
+        shape_of_mode=np.ascontiguousarray(wire_shape.T),
+        mean_shape=wire_shape.mean(axis=0),
         flow_factor=flow_factor,
-        table_shape=np.ascontiguousarray(modes.table_slide_shape),
-        table_participation=np.ascontiguousarray(modes.table_participation),
+        table_shape=np.ascontiguousarray(table_shape),
+        table_participation=np.ascontiguousarray(table_participation),
     )
 
 
-def scratch(res: Resolution) -> Scratch:
+def scratch(res: Resolution, modes: int) -> Scratch:
     """Allocate the loop's scratch room."""
-    per_slice, per_mode = (2, res.slices), (2, res.modes)
+    per_slice, per_mode = (2, res.slices), (2, modes)
     return Scratch(
         np.zeros(per_slice), np.zeros(per_slice), np.zeros(per_mode), np.zeros(per_mode),
         np.zeros(res.slices), np.zeros(res.slices), np.zeros(res.slices),

@@ -42,7 +42,7 @@ def _pulses(state, a, link, load, pull, scales, ignite_us, period_ns, kicks, kic
     for i in range(kicks.shape[0]):
         following = move_full(
             state, a, link, load, pull, scales[0], scales[1], ignite_us, end_us[i], period_ns, kick_slice[i],
-            kicks[i, 0], kicks[i, 1], steps[0], steps[1], steps[2], following,
+            kicks[i, 0], kicks[i, 1], steps, following,
         )
         if following == LOST:
             return i
@@ -61,13 +61,13 @@ class Rig:
 
     def __init__(self, wire=BRASS, drive=SMOOTH, heights=None, start_um=START_UM):
         self.full = FullMechanics(wire, drive, slice_heights(wire) if heights is None else heights)
-        n_slices, n_nodes = self.full.shape.shape
+        n_slices, n_nodes = self.full.wire_shape.shape
         room = {name: np.zeros(1) for name in Arrays._fields}
         room |= {name: np.zeros((n_slices, 16), np.float32) for name in ("edge_um", "distance", "cosine", "sine")}
         room |= {name: np.zeros((2, n_nodes)) for name in ("wire_q", "wire_v")}
         room |= {name: np.zeros((2, 2)) for name in ("table_q", "table_v", "table_participation", "reference_um")}
         room |= {"facing": np.zeros(n_slices, np.int64), "ray": np.zeros((n_slices, 16), np.int64)}
-        room |= {"shape": self.full.shape, "table_shape": self.full.table_shape}
+        room |= {"shape": self.full.wire_shape, "table_shape": self.full.table_slide_shape}
         self.arrays = Arrays(**room)
         self.state = np.zeros(1, STATE)
         self.state["commanded_um"] = start_um
@@ -78,16 +78,15 @@ class Rig:
     ):
         """Move on over `n` pulses; `steps` count their time from now."""
         a = self.arrays
-        pull = np.zeros((len(a.shape), 2)) if pull is None else pull
+        pull = np.zeros((2, len(a.shape))) if pull is None else np.ascontiguousarray(pull.T)
         due = [(time + int(self.state["time_ns"][0]), axis, way) for time, axis, way in steps]
-        columns = tuple(np.ascontiguousarray(c) for c in np.array(due, np.int64).reshape(-1, 3).T)
         wire, table = np.zeros((n, 2, N_NODES)), np.zeros((n, 2, 3))
         done = _pulses(
             self.state, a, self.full.link, np.zeros_like(a.wire_q), pull, scales, ignite_us, period_ns,
             np.zeros((n, 2)) if kicks is None else kicks,
             np.zeros(n, np.int64) if at is None else at,
             np.full(n, period_ns * 1e-3) if end_us is None else end_us,
-            columns, wire, table,
+            np.array(due, np.int64).reshape(-1, 3), wire, table,
         )
         place, rotor, commanded = np.moveaxis(table, 2, 0)
         return SimpleNamespace(done=done, nodes=wire, place=place, rotor=rotor, commanded=commanded)
@@ -128,7 +127,7 @@ def test_static_lag_is_the_string_s_and_the_modes(height_m):
     rig = Rig(damped, heights=heights)
     force = np.full((9, 2), height_m / 9) * [1.0, -0.5]  # 1 N/m and -0.5 N/m
     nodes = rig.run(200, pull=force * 1e6).nodes[-1]
-    lag = nodes @ rig.full.shape.T
+    lag = nodes @ rig.full.wire_shape.T
     modes = reduce_model(build_model(BRASS), ALL_MODES, heights)
     modal = modes.wire_shape @ (modes.wire_shape.T @ force / modes.wire_omega[:, None] ** 2) * 1e6
     np.testing.assert_allclose(lag, modal.T, rtol=0.01)
@@ -184,7 +183,7 @@ def full_answer(train):
         if longest_us is not None:
             rig.full.link = rig.full.link._replace(longest_us=longest_us)
         kicks, at, end_us = train
-        return rig.run(len(at), kicks=kicks, at=at, end_us=end_us).nodes @ rig.full.shape.T
+        return rig.run(len(at), kicks=kicks, at=at, end_us=end_us).nodes @ rig.full.wire_shape.T
 
     return at_step
 
@@ -218,7 +217,7 @@ def test_the_pull_acts_until_ignition_and_weaker_until_the_end(ignite_us, end_us
     pull = np.random.default_rng(5).uniform(0.5, 1.5, (9, 2)) * [1.0, -1.0]
     found = rig.run(
         1, pull=pull, scales=(2e3, 5e2), ignite_us=ignite_us, end_us=np.array([end_us])
-    ).nodes[0] @ rig.full.shape.T
+    ).nodes[0] @ rig.full.wire_shape.T
     modes = rig.full.modes
     left = (np.array([100.0, 100.0 - ignite_us, 100.0 - end_us])) * 1e-6
     p11 = propagator_table(modes.wire_omega, modes.wire_zeta, left)[0]
@@ -417,7 +416,7 @@ def test_the_full_model_has_the_machine_s_motors_and_screws():
     assert link.teeth * 4 == whole.numeric("steps_per_revolution").data[0]
     np.testing.assert_allclose(rig.full.model.tendon_lengthspring[:2], [[-3e-6, 3e-6]] * 2)
     assert rig.full.model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_ACTUATION
-    np.testing.assert_allclose(rig.full.shape.sum(axis=1), 1.0)
+    np.testing.assert_allclose(rig.full.wire_shape.sum(axis=1), 1.0)
     assert all(low < high for low, high in pairwise(rig.full.modes.node_heights_m))
 
 
