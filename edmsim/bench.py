@@ -4,11 +4,22 @@ from __future__ import annotations
 
 import subprocess
 import sys
+import threading
 import time
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
 
 from .machine import Machine
+from .plant.breakdown import GapLaw, slice_sums
+from .plant.compiled import compiled
+from .plant.generator import timing
 from .plant.plant import Plant
+from .plant.setup import gap_law
 from .plant.state import PULSES_PER_WINDOW
 
 if TYPE_CHECKING:
@@ -18,8 +29,13 @@ FEED_UM_S = 28.0
 """Feed of the straight cut that is timed: well into the metal, most pulses spark."""
 SETTLE_WINDOWS = 400
 """Windows before timing, so that the wire cuts a full kerf."""
-TIMED_WINDOWS = 1000
-REPEATS = 3
+TIMED_WINDOWS = 400
+REPEATS = 6
+"""A figure is the best of so many runs, as others use the machine too."""
+MUJOCO_WINDOWS = 20
+THREAD_S = 1.0
+MEMORY_S = 60.0
+"""Machine time over which memory must not grow."""
 _COLD = (
     "import edmsim\n"
     "plant = edmsim.Plant(edmsim.Machine.load(), seed=0)\n"
@@ -27,24 +43,147 @@ _COLD = (
 )
 
 
-def pulses_per_s(resolution: str) -> float:
-    """Pulses per second of one core in a straight cut; the best of three runs, as others use the machine too."""
-    plant = Plant(Machine.load(), seed=0, resolution=resolution)
-    interval_ns = round(2e9 / FEED_UM_S)
-    upcoming = interval_ns
+def _straight_cut(plant: Plant) -> Iterator[None]:
+    """Advance a plant window by window at the feed of the benchmark."""
+    interval_ns = round(plant.machine.base.table.step_um.value * 1e9 / FEED_UM_S)
+    due = plant.time_ns + interval_ns
+    while True:
+        until = plant.time_ns + plant.window_ns
+        steps = [(t, 0, 1) for t in range(due, until, interval_ns)]
+        due += len(steps) * interval_ns
+        plant.advance(steps)
+        yield
 
-    def advance(windows: int) -> float:
-        nonlocal upcoming
+
+def _best_s(cut: Iterator[None], windows: int) -> float:
+    """Shortest time in which the next `windows` windows were done."""
+
+    def once() -> float:
         started = time.perf_counter()
         for _ in range(windows):
-            end = plant.time_ns + plant.window_ns
-            steps = [(t, 0, 1) for t in range(upcoming, end, interval_ns)]
-            upcoming += len(steps) * interval_ns
-            plant.advance(steps)
+            next(cut)
         return time.perf_counter() - started
 
-    advance(SETTLE_WINDOWS)
-    return TIMED_WINDOWS * PULSES_PER_WINDOW / min(advance(TIMED_WINDOWS) for _ in range(REPEATS))
+    return min(once() for _ in range(REPEATS))
+
+
+def pulses_per_s(resolution: str) -> tuple[float, Plant]:
+    """Pulses per second of one core in a straight cut, and the plant as it was left."""
+    plant = Plant(Machine.load(), seed=0, resolution=resolution)
+    cut = _straight_cut(plant)
+    for _ in range(SETTLE_WINDOWS):
+        next(cut)
+    return TIMED_WINDOWS * PULSES_PER_WINDOW / _best_s(cut, TIMED_WINDOWS), plant
+
+
+def mujoco_realtime_factor() -> float:
+    """Machine time over wall time where MuJoCo moves wire and table, at the default resolution and 10 kHz."""
+    plant = Plant(Machine.load(), seed=0, mechanics="mujoco")
+    cut = _straight_cut(plant)
+    next(cut)
+    return MUJOCO_WINDOWS * plant.window_ns * 1e-9 / _best_s(cut, MUJOCO_WINDOWS)
+
+
+class _Rays(NamedTuple):
+    """Packed rays of a plant at work."""
+
+    distance: NDArray[np.float32]
+    cosine: NDArray[np.float32]
+    sine: NDArray[np.float32]
+    facing: NDArray[np.int64]
+
+
+@compiled
+def _sum_rays(rays: _Rays, law: GapLaw, pulses: int) -> float:
+    """The one part of a pulse no plant of this kind can do without."""
+    total = 0.0
+    for pulse in range(pulses):
+        for s in range(rays.facing.shape[0]):
+            shift = 1e-3 * (pulse % 7)
+            total += slice_sums(rays.distance, rays.cosine, rays.sine, s, rays.facing[s], shift, shift, law)[0]
+    return total
+
+
+def ray_sums_per_s(plant: Plant) -> float:
+    """Pulses per second if a pulse were nothing but the sums over its rays: the bound of this design."""
+    law = gap_law(plant.machine, plant.resolution, timing(plant.machine).open_V)
+    rays = _Rays(*plant.rays())
+    pulses = TIMED_WINDOWS * PULSES_PER_WINDOW // 4
+    _sum_rays(rays, law, 1)
+
+    def once() -> float:
+        started = time.perf_counter()
+        _sum_rays(rays, law, pulses)
+        return time.perf_counter() - started
+
+    return pulses / min(once() for _ in range(REPEATS))
+
+
+def _together(works: list[Callable[[], None]]) -> float:
+    """Rounds per second that some kinds of work do side by side, each in a thread of its own."""
+    rounds = [0] * len(works)
+    stop = threading.Event()
+
+    def run(k: int) -> None:
+        while not stop.is_set():
+            works[k]()
+            rounds[k] += 1
+
+    threads = [threading.Thread(target=run, args=(k,)) for k in range(len(works))]
+    for thread in threads:
+        thread.start()
+    time.sleep(THREAD_S)
+    stop.set()
+    for thread in threads:
+        thread.join()
+    return sum(rounds) / THREAD_S
+
+
+def thread_scaling() -> tuple[float, float]:
+    """Gain of two threads over one: of two plants, and of two loops that only compute.
+
+    The second is what the processors give (two that share a core give 1.2), so it is measured beside the first.
+    """
+    plants = [Plant(Machine.load(), seed=seed) for seed in range(2)]
+    cuts = [_straight_cut(plant) for plant in plants]
+    for cut in cuts:
+        for _ in range(SETTLE_WINDOWS):
+            next(cut)
+    law = gap_law(plants[0].machine, plants[0].resolution, timing(plants[0].machine).open_V)
+    rays = _Rays(*plants[0].rays())
+    advance: list[Callable[[], None]] = [lambda cut=cut: next(cut) for cut in cuts]  # type: ignore[misc]
+    compute: list[Callable[[], None]] = [lambda: _compute(rays, law)] * 2
+    gains = []
+    for works in (advance, compute):
+        alone = max(_together(works[:1]) for _ in range(2))
+        gains.append(max(_together(works) for _ in range(2)) / alone)
+    return gains[0], gains[1]
+
+
+def _compute(rays: _Rays, law: GapLaw) -> None:
+    _sum_rays(rays, law, PULSES_PER_WINDOW)
+
+
+def memory_growth_MB() -> float:
+    """Growth of the process over a minute of machine time, less the tiles of the kerf field."""
+    plant = Plant(Machine.load(), seed=0, resolution="fast")
+    cut = _straight_cut(plant)
+    for _ in range(SETTLE_WINDOWS):
+        next(cut)
+    before, end = _resident_MB() - plant.field.tiles.nbytes * 1e-6, plant.time_ns + MEMORY_S * 1e9
+    while plant.time_ns < end:
+        next(cut)
+    return _resident_MB() - plant.field.tiles.nbytes * 1e-6 - before
+
+
+def _resident_MB() -> float:
+    """Memory of this process in use, or 0 where the system does not tell."""
+    with suppress(OSError):
+        import resource
+
+        pages = int(Path("/proc/self/statm").read_text().split()[1])
+        return pages * resource.getpagesize() * 1e-6
+    return 0.0
 
 
 def cold_start_s() -> float:
@@ -57,13 +196,26 @@ def cold_start_s() -> float:
 
 
 def measure() -> dict[str, float]:
-    """Return all figures by name; ``realtime_factor`` is that of the default resolution at its own period."""
-    default = pulses_per_s("default")
+    """Return all figures by name; ``realtime_factor`` is that of the default resolution at its own period.
+
+    ``ray_sums_per_s`` is the bound the first is to be compared with, ``ray_sum_share`` the part of its time that
+    goes there; ``thread_efficiency`` is the gain of two plants in two threads over that of two compute loops.
+    """
+    default, plant = pulses_per_s("default")
+    bound = ray_sums_per_s(plant)
+    plants, loops = thread_scaling()
     return {
         "pulses_per_s": default,
         "realtime_factor": default * Machine.load().t_period_us * 1e-6,
-        "pulses_per_s_fast": pulses_per_s("fast"),
-        "pulses_per_s_fine": pulses_per_s("fine"),
+        "pulses_per_s_fast": pulses_per_s("fast")[0],
+        "pulses_per_s_fine": pulses_per_s("fine")[0],
+        "ray_sums_per_s": bound,
+        "ray_sum_share": default / bound,
+        "mujoco_realtime_factor": mujoco_realtime_factor(),
+        "threads_plants": plants,
+        "threads_compute": loops,
+        "thread_efficiency": plants / loops,
+        "memory_growth_MB": memory_growth_MB(),
         "cold_start_s": cold_start_s(),
     }
 

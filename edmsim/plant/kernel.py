@@ -47,8 +47,6 @@ from .workpiece import NO_METAL_UM
 
 HEAT_INTERVAL_US = 1500.0
 """Heat and debris are carried on at least this often: well under their time constants of some 10 ms."""
-DEIONISED = 40.0
-"""Time constants after which the last channel is gone for good (one pulse in 1e17)."""
 DEEPEST_UM = 0.75 * OVERLAP_UM
 """Deeper in the metal than this at a window's end, the wire is where no push would have taken it."""
 LOST_UM = -1e9
@@ -177,7 +175,9 @@ def _ignite(
     primed: Array, totals: tuple[float, float, float],
 ) -> tuple[float, int, int]:
     """Delay until breakdown in us, and its slice and packed ray; a delay past the wait has no place."""
-    is_primed = _draw(state) > math.exp(-law.primed_per_um2 * totals[1])
+    weight = law.primed_per_um2 * totals[1]
+    chance = _draw(state)
+    is_primed = chance > 1.0 - weight and chance > math.exp(-weight)  # the first rules it out most often
     if is_primed:
         delay = weibull(c.primed_scale_us, c.primed_shape, _draw(state))
     else:
@@ -277,7 +277,8 @@ def _decide(
     if _bridged(state, a, position, c):
         return SHORT, 0.0, -1, 0
     quiet = state[0].since_discharge_us / c.deionisation_us
-    if quiet < DEIONISED and _draw(state) < math.exp(-quiet):
+    chance = _draw(state)
+    if chance * (1.0 + quiet) < 1.0 and chance < math.exp(-quiet):  # the first rules it out most often
         s = state[0].last_slice
         k = a.place[s, state[0].last_ray]
         if k >= 0:

@@ -46,17 +46,19 @@ def _dtype_of(kind: type) -> np.dtype[np.void]:
 
 
 class Memory:
-    """The arrays a plant's loop works on; they stay alive as long as their addresses are in the table."""
+    """The arrays a plant's loop works on; they stay alive as long as their addresses are in the table.
+
+    Attributes
+    ----------
+    address : int
+        Address of the table.
+    """
 
     def __init__(self) -> None:
         self._table = np.zeros(1, _TABLE)
+        self.address: int = self._table.ctypes.data
         self._kept: dict[str, NDArray[Any]] = {}
         self.keep(link=np.zeros(1, _LINK))
-
-    @property
-    def address(self) -> int:
-        """Address of the table."""
-        return self._table.ctypes.data
 
     def keep(self, **arrays: NDArray[Any]) -> None:
         """Put C-contiguous arrays under their names."""

@@ -271,6 +271,11 @@ class Plant:
         """Deflection of the wire now, (slices, 2): x and y from the line between the guides."""
         return self._arrays.shape @ self._arrays.wire_q.T
 
+    def rays(self) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32], NDArray[np.int64]]:
+        """Gap in um, cosine and sine of every slice's packed rays as last traced (slices, rays), and their number."""
+        a = self._arrays
+        return a.distance.copy(), a.cosine.copy(), a.sine.copy(), a.facing.copy()
+
     def advance(self, steps: Sequence[tuple[int, int, int]] = ()) -> PulseWindow:
         """Fire 255 pulses.
 
@@ -290,13 +295,16 @@ class Plant:
         PlantError
             If the model left the range it holds for: `WireLostError`, `WireInMetalError`, `NotFiniteError`.
         """
-        rows = np.array(steps, np.int64) if len(steps) else _NO_STEPS
-        if rows.ndim != 2 or rows.shape[1] != 3:
-            raise InputError(f"steps are rows of time_ns, axis and direction, not an array of shape {rows.shape}")
-        status = self._fire(self._memory.address, rows.ctypes.data, len(rows))
+        rows, place = _NO_STEPS, 0
+        if len(steps):
+            rows = np.array(steps, np.int64)
+            if rows.ndim != 2 or rows.shape[1] != 3:
+                raise InputError(f"steps are rows of time_ns, axis and direction, not an array of shape {rows.shape}")
+            place = rows.ctypes.data
+        status = self._fire(self._memory.address, place, len(rows))
         if status == NO_TILES:
             self._make_tiles()
-            status = self._fire(self._memory.address, rows.ctypes.data, len(rows))
+            status = self._fire(self._memory.address, place, len(rows))
         if status in (STEP_WRONG, STEP_EARLY):
             raise InputError(_wrong_step(rows, self.time_ns))
         window = self._read_window()
