@@ -1,0 +1,1 @@
+"""Validation: published facts beside what the plant does, a row each."""
