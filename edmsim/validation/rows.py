@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -145,6 +145,11 @@ def mean_and_interval(values: Sequence[float]) -> tuple[float, float]:
     if n < 2:
         return float(data.mean()), math.inf
     return float(data.mean()), float(student.ppf(0.5 + LEVEL / 2, n - 1) * data.std(ddof=1) / math.sqrt(n))
+
+
+def worst(compared: Iterable[tuple[float, float, str]]) -> tuple[float, float, str]:
+    """Of (published, simulated, name), pick the one whose values differ most, in proportion."""
+    return max(compared, key=lambda item: abs(item[1] / item[0] - 1))
 
 
 def _text(value: float, unit: str) -> str:

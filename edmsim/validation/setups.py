@@ -98,3 +98,28 @@ def in_a_hole(machine: Machine, gap_um: float, seed: int, *, resolution: str = "
     radius = machine.wire_diameter_um / 2 + gap_um
     stock = Stock((x - 3_000, y - 3_000, x + 3_000, y + 3_000), ((x, y, radius),))
     return Plant(machine, seed, stock=stock, position_um=CENTRE_UM, resolution=resolution)
+
+
+FRAIL: Mapping[str, float] = {"wire.strength_MPa": 1e-6}
+"""A wire that breaks at its first discharge: see `single_discharges`."""
+
+
+def single_discharges(plant: Plant, count: int) -> list[PulseWindow]:
+    """Fire until the first discharge, each time with a fresh wire, so that every window tells of one discharge.
+
+    Parameters
+    ----------
+    plant : Plant
+        Of a machine with the `FRAIL` wire, at rest in front of metal. A window ends where the wire breaks.
+    count : int
+
+    Returns
+    -------
+    list of PulseWindow
+        Windows without any discharge, all pulses open, are among them.
+    """
+    windows = []
+    for _ in range(count):
+        plant.rethread(plant.commanded_um, 0)
+        windows.append(plant.advance())
+    return windows
