@@ -66,7 +66,7 @@ def _checked(path_um: ArrayLike) -> NDArray[np.float64]:
     moved = np.hypot(*np.diff(path, axis=0).T) > 0
     if not moved.any():
         raise InputError("a path needs at least two different points")
-    return path[np.append(True, moved)]
+    return np.asarray(path[np.append(True, moved)])
 
 
 def _until_taut(offset: NDArray[np.float64], heading: NDArray[np.float64], lag: float) -> float:

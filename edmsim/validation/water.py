@@ -53,12 +53,13 @@ def check_bridging(seeds: Sequence[int]) -> list[Row]:
         )
         for gap, published in ((10.0, 0.5), (20.0, 0.7), (40.0, 0.95))
     ]
-    base = np.array([bridged_share(20.0, 0.685, seed) for seed in seeds])
+    base = [bridged_share(20.0, 0.685, seed) for seed in seeds]
     for name, rises, gap, debris in (
         ("shorts, debris 0.685 to 0.69 at 20 um", True, 20.0, 0.690),
         ("shorts, gap 20 to 24 um at debris 0.685", False, 24.0, 0.685),
     ):
-        change, half = mean_and_interval([bridged_share(gap, debris, seed) for seed in seeds] - base)
+        changed = [bridged_share(gap, debris, seed) for seed in seeds]
+        change, half = mean_and_interval([after - before for after, before in zip(changed, base, strict=True)])
         rows.append(Row.sign("dielectric", name, SPARC, rises=rises, simulated=change, uncertainty=half))
     return rows
 
