@@ -45,6 +45,10 @@ def cut(
     machine: Annotated[str, typer.Option(help="Machine, a name or an own TOML file.")] = "agiecut-dem15",
     material: Annotated[str, typer.Option(help="Workpiece material.")] = "tool-steel",
     height: Annotated[float, typer.Option(help="Workpiece height in mm.")] = 20.0,
+    height_at: Annotated[
+        list[str] | None,
+        typer.Option(metavar="MM:MM", help="From that length of path on, that height; may be given again."),
+    ] = None,
     wire: Annotated[str, typer.Option(help="Wire, with a diameter in um if wanted: brass, copper-100.")] = "brass",
     tension: Annotated[float | None, typer.Option(help="Wire tension in N; default by wire.")] = None,
     generator: Annotated[str, typer.Option(help="Pulse generator.")] = "iso-pulse",
@@ -65,17 +69,18 @@ def cut(
 ) -> None:
     """Simulate a part program."""
     from .cosim import FINISHED
+    from .heights import parse_height
     from .job import cut as run_cut
 
     watcher = _ProgressBar(quiet)
     try:
         with watcher:
             result = run_cut(
-                program, out=out, machine=machine, material=material, height_mm=height, wire=wire,
-                tension=tension, generator=generator, t_on_us=t_on, t_period_us=t_period,
-                controller=controller, drive=drive, planner=planner, mechanics=mechanics,
-                resolution=resolution, offset=offset, seed=seed, max_time_s=max_time, resume=resume,
-                watch=watcher.show,
+                program, out=out, machine=machine, material=material, height_mm=height,
+                heights=[parse_height(text) for text in height_at or ()], wire=wire, tension=tension,
+                generator=generator, t_on_us=t_on, t_period_us=t_period, controller=controller, drive=drive,
+                planner=planner, mechanics=mechanics, resolution=resolution, offset=offset, seed=seed,
+                max_time_s=max_time, resume=resume, watch=watcher.show,
             )
     except KeyboardInterrupt:
         _say("interrupted; take an interrupted cut up again with --resume")

@@ -97,7 +97,7 @@ def edge_segments(field: KerfField, slices: Sequence[int]) -> Iterator[NDArray[n
     squares = _traced_tiles(field)
     stock = _stock_parts(field)
     for number in slices:
-        cells, ends = _trace(_with_neighbours(field, stock, squares, number))
+        cells, ends = _trace(_with_neighbours(field, stock[:, number], squares, number))
         origin = squares[cells[:, 0]] * TILE + cells[:, 1:] + 0.5
         segments = (origin[:, None, :] + ends) * (field.cell_um / 1000)
         yield segments[(segments[:, 0] != segments[:, 1]).any(axis=1)]
@@ -152,23 +152,22 @@ def _traced_tiles(field: KerfField) -> NDArray[np.int64]:
     return np.asarray(np.unique(with_halo, axis=0), np.int64)
 
 
-def _stock_parts(field: KerfField) -> NDArray[np.int32]:
-    """Parts in every allocated tile before the cut: array (count, TILE, TILE)."""
-    parts = np.empty((field.count, TILE, TILE), np.int32)
-    cells_um = np.asarray((np.arange(TILE) + 0.5) * field.cell_um)
-    side_um = TILE * field.cell_um
+def _stock_parts(field: KerfField) -> NDArray[np.uint16]:
+    """Parts in every allocated tile before the cut: array (count, n_slices, TILE, TILE)."""
+    kept = 1 if field.relief is None else field.n_slices  # slices that are all alike share their room
+    parts = np.empty((field.count, kept, TILE, TILE), np.uint16)
     for tx, ty, place in field.tile_places():
-        share = field.stock.fraction(tx * side_um + cells_um, ty * side_um + cells_um, field.cell_um)
-        parts[place] = np.round(share * FULL).astype(np.int32)
-    return parts
+        parts[place] = field.stock_tile(tx, ty)[:kept]
+    return np.broadcast_to(parts, (field.count, field.n_slices, TILE, TILE))
 
 
 def _with_neighbours(
-    field: KerfField, stock: NDArray[np.int32], squares: NDArray[np.int64], number: int
+    field: KerfField, stock: NDArray[np.uint16], squares: NDArray[np.int64], number: int
 ) -> NDArray[np.int32]:
     """Parts removed in each traced tile and the first row and column of the next: (t, TILE + 1, TILE + 1)."""
     removed = np.zeros((field.count + 1, TILE, TILE), np.int32)  # the last one, place -1, stands for no tile
-    removed[:-1] = stock - field.tiles[: field.count, number]
+    removed[:-1] = stock
+    removed[:-1] -= field.tiles[: field.count, number]
     block = np.empty((len(squares), TILE + 1, TILE + 1), np.int32)
     block[:, :TILE, :TILE] = removed[_place(field, squares)]
     block[:, TILE, :TILE] = removed[_place(field, squares + _RIGHT), 0]

@@ -21,6 +21,7 @@ from edmsim.controllers.mcu.timers import MAX_FEED_UM_S, MAX_SPEED, SPEED_UNIT_N
 from .analyser import WINDOW_PULSES, PulseAnalyser
 from .machine import Machine
 from .plant.plant import Plant, PulseWindow
+from .plant.relief import HeightStep
 from .plant.workpiece import Stock
 from .program.path import Contour, CutPath
 from .recording.frames import Frames
@@ -117,6 +118,13 @@ class Simulation:
     resolution : str
     max_time_s : float, optional
         Machine time after which the cut is stopped.
+    steps : tuple of HeightStep
+        Where the workpiece is less high than `machine.height_mm`; see `edmsim.heights`.
+
+    Raises
+    ------
+    InputError
+        An unknown planner or resolution, or a step that does not fit the machine's height.
     """
 
     def __init__(
@@ -129,6 +137,7 @@ class Simulation:
         seed: int = 0,
         resolution: str = "default",
         max_time_s: float | None = None,
+        steps: tuple[HeightStep, ...] = (),
     ) -> None:
         self.machine = machine
         self.path = path
@@ -141,7 +150,7 @@ class Simulation:
         holes = tuple((float(c.points_um[0, 0]), float(c.points_um[0, 1]), radius) for c in path.contours)
         first = path.contours[0].points_um[0]
         self.plant = Plant(
-            machine, seed, stock=Stock((x0, y0, x1, y1), holes),
+            machine, seed, stock=Stock((x0, y0, x1, y1), holes, steps, machine.height_mm),
             position_um=(float(first[0]), float(first[1])), resolution=resolution,
         )
         self.analyser = PulseAnalyser()

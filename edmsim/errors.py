@@ -3,6 +3,10 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from .plant.plant import PulseWindow
 
 
 class EdmsimError(Exception):
@@ -37,4 +41,32 @@ class InputError(EdmsimError):
 
 
 class PlantError(EdmsimError):
-    """The simulated machine left the range its model holds for; the message tells when and where."""
+    """The simulated machine left the range its model holds for.
+
+    Attributes
+    ----------
+    time_s : float
+        Machine time at the end of the window in which that was seen.
+    place_um : (float, float)
+        Where the motor steps had commanded the wire.
+    window : PulseWindow
+        What the window had counted and measured.
+    """
+
+    def __init__(self, reason: str, time_s: float, place_um: tuple[float, float], window: PulseWindow) -> None:
+        super().__init__(reason)
+        self.time_s = time_s
+        self.place_um = place_um
+        self.window = window
+
+
+class WireLostError(PlantError):
+    """The wire was bent further than a wire between guides can be."""
+
+
+class WireInMetalError(PlantError):
+    """The wire was driven into the metal faster than it can be pushed back."""
+
+
+class NotFiniteError(PlantError):
+    """A number of the simulation is infinite or none at all."""

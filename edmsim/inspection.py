@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
+import shapely
 from numpy.typing import NDArray
 
 from .contours import cut_edges
@@ -20,10 +22,13 @@ from .metrology import (
     width_stats,
 )
 from .recording.report import Quality, Totals
-from .recording.scene import Corner, ErrorMap, Scene, polylines
+from .recording.scene import Corner, ErrorMap, Scene, Terrace, polylines
 
 _NEAR_MM = 0.5
 """A window belongs to a place of the profile only within this distance of the wire."""
+
+_HEIGHT_STEP_UM = 10.0
+"""The local height is looked up this often along the path."""
 
 
 @dataclass(frozen=True)
@@ -56,11 +61,26 @@ def totals(simulation: Simulation, wall_time_s: float) -> Totals:
         spark=sums.spark,
         arc=sums.arc,
         path_length_mm=simulation.path_um * 1e-3,
-        height_mm=simulation.machine.height_mm,
+        cut_area_mm2=cut_area_mm2(simulation),
         energy=sums.energy,
         removed_mm3=simulation.plant.removed_mm3,
         vibration_um_rms=math.sqrt(sums.vibration2_pulses / sums.pulses) if sums.pulses else math.nan,
     )
+
+
+def cut_area_mm2(simulation: Simulation) -> float:
+    """Return the path length behind the wire times the local height, as the slices have it, in mm2."""
+    length, relief = simulation.path_um, simulation.plant.field.relief
+    if relief is None or length <= 0:
+        return length * simulation.machine.height_mm * 1e-3
+    points = [contour.points_um.astype(np.float64) for contour in simulation.path.contours]
+    # a way between contours is no cut: it counts for nothing
+    pieces = [np.append(np.hypot(*np.diff(part, axis=0).T), 0.0) for part in points]
+    place = np.concatenate([[0.0], np.cumsum(np.concatenate(pieces))[:-1]])
+    count = math.ceil(length / _HEIGHT_STEP_UM)
+    s = (np.arange(count) + 0.5) * (length / count)
+    x, y = (np.interp(s, place, column) for column in np.concatenate(points).T)
+    return float(relief.heights_mm(np.column_stack([x, y])).mean()) * length * 1e-3
 
 
 def inspect(simulation: Simulation) -> Inspection:
@@ -81,11 +101,26 @@ def inspect(simulation: Simulation) -> Inspection:
         starts_mm=np.array([contour.points_um[0] * 1e-3 for contour in contours]),
         stock_mm=simulation.path.stock_mm,
         height_mm=machine.height_mm,
+        terraces=_terraces(simulation),
         guides_z_mm=(-guides, machine.height_mm + guides),
         wire_diameter_um=machine.wire_diameter_um,
         stop_mm=None if simulation.outcome == FINISHED else (x * 1e-3, y * 1e-3),
     )
     return Inspection(_quality(simulation, profiles, tuple(found)), scene, _error_per_window(simulation, profiles))
+
+
+def _terraces(simulation: Simulation) -> tuple[Terrace, ...]:
+    """Return the levels of a stepped workpiece from the lowest up; none if it is as high everywhere."""
+    relief, blank = simulation.plant.field.relief, shapely.box(*simulation.path.stock_mm)
+    if relief is None:
+        return ()
+    void = [shapely.transform(region, lambda um: um * 1e-3) for region in relief.voids_um]
+    faces = [above.difference(below) for below, above in pairwise(void)] + [blank.difference(void[-1])]
+    return tuple(
+        Terrace(polylines(face.intersection(blank)), number * relief.slice_mm)
+        for number, face in enumerate(faces, 1)
+        if face.area > 0
+    )
 
 
 def _quality(simulation: Simulation, profiles: list[ProfileError], found: tuple[Corner, ...]) -> Quality:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
@@ -17,6 +17,7 @@ from . import checkpoint
 from .contours import contour
 from .cosim import Progress, Simulation
 from .errors import InputError
+from .heights import Area, Height, Heights
 from .inspection import inspect, totals
 from .machine import Machine
 from .plant.setup import resolution as check_resolution
@@ -95,6 +96,8 @@ def cut(
     machine: str = "agiecut-dem15",
     material: str = "tool-steel",
     height_mm: float = 20.0,
+    heights: Sequence[Height] | None = None,
+    height_areas: Sequence[Area] | None = None,
     wire: str = "brass",
     tension: float | None = None,
     generator: str = "iso-pulse",
@@ -122,7 +125,12 @@ def cut(
     machine, material, wire, generator : str
         Names under `models/` or paths of own TOML files; a wire may carry a diameter in um ("brass-200").
     height_mm : float
-        Workpiece height.
+        Workpiece height, where nothing else is said.
+    heights : sequence of (from_mm, height_mm), optional
+        From that length of wire path on (lead-in included) the workpiece has that height.
+    height_areas : sequence of (polygon, height_mm), optional
+        Inside a polygon (of shapely, or its corners) in mm of the program the workpiece has that height,
+        whatever `heights` says; the first of overlapping ones holds.
     tension : float, optional
         Wire tension in newton.
     t_on_us, t_period_us : float, optional
@@ -160,18 +168,20 @@ def cut(
     check_resolution(resolution)
     if max_time_s is not None and not 0 < max_time_s < math.inf:
         raise InputError(f"the time limit of {max_time_s:g} s must be finite and above zero")
+    workpiece = Heights.of(height_mm, heights or (), height_areas or ())
     set_up = Machine.load(
-        machine, material=material, wire=wire, generator=generator, height_mm=height_mm, tension=tension,
+        machine, material=material, wire=wire, generator=generator, height_mm=workpiece.greatest_mm, tension=tension,
         t_on_us=t_on_us, t_period_us=t_period_us,
     )
     law = make_controller(controller)
     path = plan_path(program, offset, auto_offset_mm=set_up.auto_offset_mm)
     simulation = Simulation(
-        set_up, path, law, planner=planner, seed=seed, resolution=resolution, max_time_s=max_time_s
+        set_up, path, law, planner=planner, seed=seed, resolution=resolution, max_time_s=max_time_s,
+        steps=workpiece.steps(path, set_up.wire_diameter_um),
     )
     settings = {
         "program": Path(program).name, "program_sha256": _digest(Path(program)), "machine": machine,
-        "material": material, "height_mm": set_up.height_mm, "wire": wire,
+        "material": material, "height_mm": workpiece.height_mm, **workpiece.settings(), "wire": wire,
         "wire_diameter_um": set_up.wire_diameter_um, "tension_N": set_up.tension, "generator": generator,
         "t_on_us": set_up.t_on_us, "t_period_us": set_up.t_period_us, "controller": controller,
         "drive": drive, "planner": planner, "mechanics": mechanics, "resolution": resolution,
@@ -180,7 +190,8 @@ def cut(
     }
     folder = None if out is None else Path(out)
     spent_s = _run(simulation, folder, {**settings, "seed": seed}, resume, watch)
-    result = _result(simulation, settings, seed, spent_s)
+    notices = [*path.notices, *workpiece.notices(simulation.plant.resolution.slices)]
+    result = _result(simulation, settings, notices, seed, spent_s)
     if folder is not None:
         result.write(folder)
         (folder / checkpoint.NAME).unlink(missing_ok=True)
@@ -219,7 +230,9 @@ def _run(
     return before_s + time.monotonic() - started
 
 
-def _result(simulation: Simulation, settings: dict[str, Any], seed: int, wall_time_s: float) -> CutResult:
+def _result(
+    simulation: Simulation, settings: dict[str, Any], notices: Sequence[str], seed: int, wall_time_s: float
+) -> CutResult:
     found = inspect(simulation)
     windows = simulation.windows.to_arrow(found.error_um)
     assert simulation.outcome is not None
@@ -229,7 +242,7 @@ def _result(simulation: Simulation, settings: dict[str, Any], seed: int, wall_ti
         windows=windows,
         totals=totals(simulation, wall_time_s),
         quality=found.quality,
-        notices=simulation.path.notices,
+        notices=notices,
         seed=seed,
         settings=settings,
         version=version("edmsim"),

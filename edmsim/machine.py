@@ -8,13 +8,17 @@ from __future__ import annotations
 
 import math
 import tomllib
+from collections.abc import Iterable
 from importlib import resources
 from pathlib import Path
-from typing import Annotated, Any, Literal, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from .errors import InputError
+
+if TYPE_CHECKING:
+    import numpy as np
 
 Kind = Literal["machines", "wires", "materials", "generators"]
 _Model = TypeVar("_Model", bound="_Frozen")
@@ -54,12 +58,15 @@ class Positive(Constant):
 
 
 class Table(_Frozen):
-    """Cross table and its rapid moves."""
+    """Cross table, its drives (friction and backlash count in the full model only) and its rapid moves."""
 
     travel_mm: Positive
     step_um: Positive
     rapid_um_s: Positive
     threading_s: Constant
+    friction_N: Constant
+    presliding_um: Positive
+    backlash_um: Constant
 
 
 class Guides(_Frozen):
@@ -99,6 +106,7 @@ class Gap(_Frozen):
     contact_um: Positive
     deionisation_us: Positive
     debris_gain: Constant
+    flow_quench_m_s: Positive
     bridge_base: Positive
     bridge_per_um: Constant
     bridge_ceiling: Positive
@@ -175,6 +183,8 @@ class Generator(_Frozen):
 
 WIRE_DIAMETER_UM = (20.0, 400.0)
 """Wire diameters of the field (thesis 1982, section 2.7.1)."""
+HEIGHT_MM = (0.5, 400.0)
+"""Workpiece heights of the field, from sheet to the tallest machines' work areas (ours)."""
 
 
 class Machine(_Frozen):
@@ -191,7 +201,7 @@ class Machine(_Frozen):
     tension : float
         Wire tension in newton.
     height_mm : float
-        Workpiece height.
+        Workpiece height; the greatest one, if it changes. The guides stand off it.
     t_on_us, t_period_us : float
         Setting of the pulse generator.
     """
@@ -273,6 +283,47 @@ class Machine(_Frozen):
         machine.check()
         return machine
 
+    def uncertain(self) -> dict[str, Constant]:
+        """Return the constants of machine, wire and material that have a range.
+
+        Their names are section and key: ``"gap.critical_um"``, ``"wire.strength_MPa"``. The ranges of the
+        generator are not among them: they bound what an operator may set, not what is known.
+        """
+        from .uncertainty import uncertain
+
+        return uncertain(self)
+
+    def sample(self, rng: np.random.Generator, only: Iterable[str] | None = None) -> Machine:
+        """Draw a machine within the ranges of its uncertain constants.
+
+        Each constant is drawn by itself: log-uniformly where its range is positive and spans a factor of 3 or
+        more, uniformly otherwise. The operator's choices (tension, height, diameter, pulse setting) stay. A
+        set-up that `check` refuses, say because the wire drawn does not hold the tension, is drawn again, so
+        the machines follow the ranges as far as these choices allow.
+
+        Parameters
+        ----------
+        rng : numpy.random.Generator
+            Same state, same machine. What one constant is drawn as does not depend on `only`, unless a
+            set-up had to be drawn again.
+        only : iterable of str, optional
+            Sections (``"gap"``) and constants (``"dielectric.conductivity_uS_cm"``) to draw; the others keep
+            their values. All by default; see `uncertain`.
+
+        Returns
+        -------
+        Machine
+            Checked; its constants keep their sources and ranges.
+
+        Raises
+        ------
+        InputError
+            A name that is none, or a constant without a range; or no set-up that can run was drawn.
+        """
+        from .uncertainty import sample
+
+        return sample(self, rng, only)
+
     @property
     def guide_distance_mm(self) -> float:
         """Free length of the wire: workpiece height and the clearance to each guide."""
@@ -295,8 +346,7 @@ class Machine(_Frozen):
         low, high = WIRE_DIAMETER_UM
         if not low <= self.wire_diameter_um <= high:
             raise InputError(f"wire diameter {self.wire_diameter_um:g} um is not within {low:g}..{high:g} um")
-        if not 0.5 <= self.height_mm <= 400:
-            raise InputError(f"workpiece height {self.height_mm:g} mm is not within 0.5..400 mm")
+        check_height(self.height_mm)
         if not self.tension > 0:
             raise InputError(f"wire tension {self.tension:g} N must be above zero")
         if self.tension >= self.breaking_force:
@@ -305,6 +355,13 @@ class Machine(_Frozen):
                 f"at rest: it holds {self.breaking_force:.3g} N"
             )
         check_setting(self)
+
+
+def check_height(height_mm: float, where: str = "") -> None:
+    """Raise `InputError` for a workpiece height no machine takes; `where` ends the message's subject."""
+    low, high = HEIGHT_MM
+    if not low <= height_mm <= high:
+        raise InputError(f"workpiece height {height_mm:g} mm{where} is not within {low:g}..{high:g} mm")
 
 
 def available(kind: Kind) -> list[str]:

@@ -65,7 +65,8 @@ class ProfileError:
         Arc length along the nominal edge.
     error_um : array (slices, n)
         Positive where metal is left on the part, negative where it is undercut; NaN where the cut did not
-        come, or so near to the blank's own edge that there is nothing to measure.
+        come, where a slice has no metal, or so near to the blank's own edge, or the edge of a step in that
+        slice, that there is nothing to measure.
     at_lead_in : bool array (n,)
         Points within 0.25 mm of where the lead-in meets the contour: the witness mark, if there is one.
     """
@@ -99,6 +100,7 @@ class KerfWidth:
     s_mm : array (n,)
         Arc length along the wire's path from the end of the lead-in, where the width was measured.
     width_um : array (slices, n)
+        NaN where a slice of a stepped workpiece has no metal within 0.5 mm.
     """
 
     s_mm: Floats
@@ -164,6 +166,7 @@ def profile_error(field: KerfField, contour: Contour, slices: Sequence[int] | No
     for row, marks in zip(error, uncut, strict=True):
         row[line.distance_along(s_mm, s_mm[marks]) <= FRONT_MM] = np.nan
     error[:, _depth_in_blank(field.stock, points) < BLANK_EDGE_MM] = np.nan
+    error[_clear_of_steps(field, points)[chosen] < BLANK_EDGE_MM] = np.nan
     lead_in_end = contour.points_um[contour.lead_in_moves] / 1000
     meeting = s_mm[[np.hypot(*(points - lead_in_end).T).argmin()]]
     return ProfileError(points, s_mm, error, line.distance_along(s_mm, meeting) <= LEAD_IN_REACH_MM)
@@ -201,8 +204,8 @@ def kerf_width(field: KerfField, contour: Contour, wire_diameter_um: float) -> K
     """Measure the kerf every 0.05 mm across the wire's path, in all slices.
 
     Left out are places within 0.5 mm of the contour's beginning and end, of corners and arcs tighter than
-    about 0.3 mm, of the blank's own edges, and of where a wall is missing: not yet cut, or opened by
-    another cut (wider than three wires).
+    about 0.3 mm, of the blank's own edges, in each slice of the edges of its steps, and of where a wall is
+    missing: not yet cut, or opened by another cut (wider than three wires).
 
     Parameters
     ----------
@@ -227,11 +230,12 @@ def kerf_width(field: KerfField, contour: Contour, wire_diameter_um: float) -> K
         for side in (1.0, -1.0)
     ]
     width = walls[0] + walls[1]
-    bad = np.isnan(width).any(axis=0) | (line.bend_deg(s_mm, KERF_STEP_MM) > 10.0)
+    solid = _clear_of_steps(field, points)
+    bad = (np.isnan(width) & (solid >= BLANK_EDGE_MM)).any(axis=0) | (line.bend_deg(s_mm, KERF_STEP_MM) > 10.0)
     marks = np.concatenate([[0.0, line.length], s_mm[bad]])
     clear = line.distance_along(s_mm, marks) >= KERF_CLEARANCE_MM
     clear &= _depth_in_blank(field.stock, points) >= KERF_CLEARANCE_MM
-    return KerfWidth(s_mm[clear], width[:, clear])
+    return KerfWidth(s_mm[clear], np.where(solid >= KERF_CLEARANCE_MM, width, np.nan)[:, clear])
 
 
 def roughness_um(crater_volume_um3: float, depth_ratio: float = CRATER_DEPTH_RATIO) -> float:
@@ -359,6 +363,13 @@ def _depth_in_blank(stock: Stock, points_mm: Floats) -> Floats:
     for hole_x, hole_y, radius in stock.holes_um:
         depth = np.minimum(depth, np.hypot(x - hole_x / 1000, y - hole_y / 1000) - radius / 1000)
     return np.asarray(depth)
+
+
+def _clear_of_steps(field: KerfField, points_mm: Floats) -> Floats:
+    """Distance in mm to where each slice has no metal from the beginning, (n_slices, n); 0 inside it."""
+    if field.relief is None:
+        return np.full((field.n_slices, len(points_mm)), np.inf)
+    return field.relief.clearance_um(points_mm * 1000) / 1000
 
 
 def _mean(values: Floats, axis: int) -> Floats:

@@ -60,9 +60,9 @@ def test_no_argument_shows_the_help_as_bad_usage(edmsim: Run) -> None:
 def test_cut_has_the_agreed_options(edmsim: Run) -> None:
     told = edmsim("cut", "--help")
     assert told.status == 0
-    for option in ("machine", "material", "height", "wire", "tension", "generator", "t-on", "t-period", "controller",
-                   "drive", "planner", "mechanics", "resolution", "offset", "seed", "max-time", "resume", "quiet",
-                   "out"):  # fmt: skip
+    for option in ("machine", "material", "height", "height-at", "wire", "tension", "generator", "t-on", "t-period",
+                   "controller", "drive", "planner", "mechanics", "resolution", "offset", "seed", "max-time",
+                   "resume", "quiet", "out"):  # fmt: skip
         assert f"--{option} " in told.out
 
 
@@ -95,13 +95,14 @@ def test_every_option_reaches_the_cut(small_punch: Path, tmp_path: Path, edmsim:
            "--material", "copper", "--wire", "molybdenum-150", "--tension", 9, "--generator", "ignition-pulse",
            "--t-on", 15, "--t-period", 120, "--controller", "fixed:feed_um_s=11", "--planner", "dda", "--offset",
            "0.1", "--seed", 12, "--machine", "agiecut-dem15", "--drive", "stepper",
-           "--mechanics", "modal")  # fmt: skip
+           "--mechanics", "modal", "--height-at", "1:5", "--height-at", "2.5:6.5")  # fmt: skip
     report = json.loads((tmp_path / "report.json").read_text())
     assert report["seed"] == 12
     assert report["settings"].items() >= {
-        "max_time_s": 0.1, "height_mm": 7.0, "resolution": "fast", "material": "copper", "wire": "molybdenum-150",
-        "wire_diameter_um": 150.0, "tension_N": 9.0, "generator": "ignition-pulse", "t_on_us": 15.0,
-        "t_period_us": 120.0, "controller": "fixed:feed_um_s=11", "planner": "dda", "offset_um": 100.0,
+        "max_time_s": 0.1, "height_mm": 7.0, "heights": [[1.0, 5.0], [2.5, 6.5]], "resolution": "fast",
+        "material": "copper", "wire": "molybdenum-150", "wire_diameter_um": 150.0, "tension_N": 9.0,
+        "generator": "ignition-pulse", "t_on_us": 15.0, "t_period_us": 120.0,
+        "controller": "fixed:feed_um_s=11", "planner": "dda", "offset_um": 100.0,
     }.items()  # fmt: skip
 
 
@@ -168,6 +169,9 @@ SETTINGS = [
     (("--height", "-4"), ("-4 mm",)),
     (("--height", "0"), ("0 mm",)),
     (("--height", "nan"), ("nan mm",)),
+    (("--height-at", "5;30"), ("MM:MM", "'5;30'")),
+    (("--height-at", "3:6", "--height-at", "2:7"), ("2 mm follows 3 mm",)),
+    (("--height-at", "99:6"), ("99 mm", "path is")),
     (("--t-on", "40"), ("2 A", "t_period must be at least")),
     (("--t-on", "0"), ("t_on 0 us",)),
     (("--t-period", "0"), ("t_period 0 us",)),

@@ -85,7 +85,6 @@ def slice_sums(
     a, b, c = np.float32(law.t50_a), np.float32(law.t50_b), np.float32(law.t50_c)
     scale, floor = np.float32(law.gap_scale), np.float32(law.scaled_gap_floor_um)
     primed_gap = np.float32(law.primed_gap_um)
-    contact_gap = np.float32(law.contact_gap_um)
     pull_floor = np.float32(PULL_GAP_FLOOR_UM)
     curvature = np.float32(law.wire_curvature)
     bare = np.float32(0.25 * law.wire_curvature**2)
@@ -104,7 +103,12 @@ def slice_sums(
         pull_y += pressure * sine[s, k]
         depth = max(primed_gap - gap, zero)
         primed += depth * depth
-        contact += max(contact_gap - gap, zero)
+    contact_gap = np.float32(law.contact_gap_um)
+    span = primed_gap - contact_gap
+    if span <= zero or primed >= span * span:  # else no ray is near enough to touch
+        for k in range(count):
+            gap = distance[s, k] - sx * cosine[s, k] - sy * sine[s, k]
+            contact += max(contact_gap - gap, zero)
     return float(rate), float(primed), float(contact), float(pull_x), float(pull_y)
 
 

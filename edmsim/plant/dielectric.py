@@ -15,12 +15,10 @@ from numpy.typing import NDArray
 from .compiled import compiled
 
 
-def nozzle_flow_per_slice_us(
-    pressure_Pa: float, viscosity_Pa_s: float, side_gap_um: float, height_mm: float, n_slices: int
-) -> float:
-    """Water changes per us of the slice next to a nozzle.
+def flow_speed_m_s(pressure_Pa: float, viscosity_Pa_s: float, side_gap_um: float, height_mm: float) -> float:
+    """Mean axial speed of the water at a nozzle.
 
-    Slot Poiseuille flow: mean axial speed ``dp g^2 / (12 eta (h/2))`` over half the height.
+    Slot Poiseuille flow over half the height: ``dp g^2 / (12 eta (h/2))``.
 
     Parameters
     ----------
@@ -31,11 +29,16 @@ def nozzle_flow_per_slice_us(
         Gap of the slot the water is pushed through.
     height_mm : float
         Workpiece height.
-    n_slices : int
     """
-    half_height_m = height_mm * 1e-3 / 2
-    speed_m_s = pressure_Pa * (side_gap_um * 1e-6) ** 2 / (12 * viscosity_Pa_s * half_height_m)
-    return speed_m_s / (height_mm * 1e-3 / n_slices) * 1e-6
+    return pressure_Pa * (side_gap_um * 1e-6) ** 2 / (12 * viscosity_Pa_s * height_mm * 1e-3 / 2)
+
+
+def nozzle_flow_per_slice_us(
+    pressure_Pa: float, viscosity_Pa_s: float, side_gap_um: float, height_mm: float, n_slices: int
+) -> float:
+    """Water changes per us of the slice next to a nozzle, one of `n_slices`; see `flow_speed_m_s`."""
+    speed = flow_speed_m_s(pressure_Pa, viscosity_Pa_s, side_gap_um, height_mm)
+    return speed / (height_mm * 1e-3 / n_slices) * 1e-6
 
 
 @compiled

@@ -13,18 +13,27 @@ from numpy.typing import NDArray
 from .breakdown import GapLaw, choose_ray, slice_sums, weibull
 from .compiled import compiled
 from .dielectric import bridged_probability, flush
-from .facing import OVERLAP_UM, gap_of, narrowest, recede, refer
+from .erosion import carve, share_crater
+from .facing import OVERLAP_UM, gap_of, narrowest, refer
 from .motion import copy, fall_back, move, place_wire, push_out, ringing, step_table
 from .random import uniform
 from .state import (
     ARC,
+    FINE,
     GRID,
+    INSIDE,
     ISO_ENERGETIC,
     ISO_PULSE,
+    NO_TILES,
+    NOT_FINITE,
     OPEN,
+    OUTSIDE,
     PULSES_PER_WINDOW,
     SHORT,
     SPARK,
+    STEP_EARLY,
+    STEP_WRONG,
+    TILED_UM,
     Array,
     Arrays,
     Constants,
@@ -33,16 +42,18 @@ from .state import (
     Timing,
 )
 from .wire import HeatLaw, discharge_impulse, heat_step, strength_share
-from .workpiece import FULL, NO_METAL_UM, carve_line
+from .workpiece import NO_METAL_UM
 
 HEAT_INTERVAL_US = 1500.0
 """Heat and debris are carried on at least this often: well under their time constants of some 10 ms."""
 DEIONISED = 40.0
 """Time constants after which the last channel is gone for good (one pulse in 1e17)."""
-CRATER_LINES = 12
-"""Lines a crater is carved on (ours: jittered, many craters cover their width evenly)."""
-CARVE_REACH_UM = 48.0
-"""How far beyond the gap a crater may look for metal."""
+DEEPEST_UM = 0.75 * OVERLAP_UM
+"""Deeper in the metal than this at a window's end, the wire is where no push would have taken it."""
+FINITE = 1e15
+"""No sum of lengths, times or temperatures is as large as this."""
+MOST_DEFLECTION_UM = 2000.0
+"""A wire bent further than this is no wire between guides any more: the model has left its validity."""
 
 
 @compiled
@@ -82,14 +93,14 @@ def _sum_rays(
     for s in range(rate.shape[0]):
         total = slice_sums(
             a.distance, a.cosine, a.sine, s, a.facing[s],
-            position[s, 0] - a.reference_um[s, 0], position[s, 1] - a.reference_um[s, 1], law,
+            position[0, s] - a.reference_um[0, s], position[1, s] - a.reference_um[1, s], law,
         )
-        gain = 1.0 + c.debris_gain * a.debris[s]
+        gain = (1.0 + c.debris_gain * a.debris[s]) * a.flow_factor[s]
         rate[s], primed[s] = total[0] * gain, total[1] * gain
         contact[s] = total[2]
         total_rate += rate[s]
         total_primed += primed[s]
-        pull[s, 0], pull[s, 1] = total[3], total[4]
+        pull[0, s], pull[1, s] = total[3], total[4]
         touching += total[2]
     return total_rate, total_primed, touching
 
@@ -173,65 +184,39 @@ def _ignite(
     delay += max(c.formative_us + c.formative_sd_us * _normal(state), 0.01)
     weights = primed if is_primed else rate
     s, left = _pick(weights, _draw(state) * (totals[1] if is_primed else totals[0]))
-    gain = 1.0 + c.debris_gain * a.debris[s]
+    gain = (1.0 + c.debris_gain * a.debris[s]) * a.flow_factor[s]
     k = choose_ray(
-        a.distance, a.cosine, a.sine, s, a.facing[s], position[s, 0] - a.reference_um[s, 0],
-        position[s, 1] - a.reference_um[s, 1], law, is_primed, left / gain,
+        a.distance, a.cosine, a.sine, s, a.facing[s], position[0, s] - a.reference_um[0, s],
+        position[1, s] - a.reference_um[1, s], law, is_primed, left / gain,
     )
     return delay, s, k
 
 
 @compiled
-def _crater_diameter(volume: float, c: Constants) -> float:
-    """Diameter in um of a half-ellipsoid crater: V = 2/3 area depth, depth = flatness diameter."""
-    return float(np.cbrt(6.0 * volume / (math.pi * c.crater_flatness)))
-
-
-@compiled
-def _crater(
-    a: Arrays, tiles: NDArray[np.uint16], index: NDArray[np.int32], c: Constants, position: Array, s: int, k: int,
-    half_width: float, jitter: float, parts: int,
-) -> int:
-    """Carve a crater's `parts` on lines over its width, and let the rays recede; returns parts not found.
-
-    `jitter` (0..1) shifts the lines within their spacing, so that many craters cover the width evenly.
-    """
-    cosine, sine = np.float64(a.cosine[s, k]), np.float64(a.sine[s, k])
-    near = c.radius_um + gap_of(a, position, s, k)
-    start = max(near - 2.0 * c.cell_um, c.radius_um - OVERLAP_UM)
-    spacing = 2.0 * half_width / CRATER_LINES
-    left = parts
-    for line in range(CRATER_LINES):
-        quota = left // (CRATER_LINES - line)
-        left -= quota - carve_line(
-            tiles, index, s, c.cell_um, position[s, 0], position[s, 1], cosine, sine, start, near + CARVE_REACH_UM,
-            (line + jitter) * spacing - half_width, quota,
-        )
-    depth = (parts - left) * (c.cell_um**2 / FULL) / (2.0 * half_width)
-    recede(a, s, k, int(half_width / (near * (2.0 * math.pi / a.ray_cosine.shape[0]))), depth)
-    return left
-
-
-@compiled
 def _erode(
-    state: NDArray[np.void], window: NDArray[np.void], a: Arrays, tiles: NDArray[np.uint16],
-    index: NDArray[np.int32], c: Constants, position: Array, s: int, k: int, volume: float,
+    state: NDArray[np.void], window: NDArray[np.void], a: Arrays, c: Constants, position: Array, s: int, k: int,
+    volume: float,
 ) -> None:
     """Remove a crater of `volume` um3 at a packed ray and feed the debris."""
-    area = volume / c.slice_um + a.carry_um2[s]
-    part = c.cell_um**2 / FULL
-    parts = int(area / part)
-    a.carry_um2[s] = area - parts * part
-    if parts == 0:
-        state[0].crater_um3 += volume
-        return
-    half_width = 0.5 * _crater_diameter(volume, c)
-    lost = _crater(a, tiles, index, c, position, s, k, half_width, _draw(state), parts) * part * c.slice_um
     state[0].crater_um3 += volume
-    state[0].missed_um3 += lost
-    state[0].wear_wait_um3 += volume - lost
-    window[0].crater_um3 += volume - lost
-    a.debris[s] += (volume - lost) / c.cavity_um3
+    if share_crater(a, c, position, s, k, volume, _draw(state) - 0.5):
+        state[0].wear_wait_um3 += volume
+        window[0].crater_um3 += volume
+        a.debris[s] += volume / c.cavity_um3
+    else:
+        state[0].missed_um3 += volume
+
+
+@compiled
+def _carve(
+    state: NDArray[np.void], window: NDArray[np.void], a: Arrays, tiles: NDArray[np.uint16],
+    index: NDArray[np.int32], c: Constants,
+) -> None:
+    """Carve the window's craters from the field; what found no metal there was none."""
+    missed = carve(a, tiles, index, c, _draw(state) - 0.5)
+    state[0].missed_um3 += missed
+    state[0].wear_wait_um3 = max(0.0, state[0].wear_wait_um3 - missed)
+    window[0].crater_um3 -= missed
 
 
 @compiled
@@ -245,9 +230,8 @@ def _see_rupture(state: NDArray[np.void], a: Arrays, c: Constants, s: int) -> No
 
 @compiled
 def _discharge(
-    state: NDArray[np.void], window: NDArray[np.void], a: Arrays, tiles: NDArray[np.uint16],
-    index: NDArray[np.int32], c: Constants, t: Timing, heat: HeatLaw, position: Array, s: int, k: int,
-    burn_us: float,
+    state: NDArray[np.void], window: NDArray[np.void], a: Arrays, c: Constants, t: Timing, heat: HeatLaw,
+    position: Array, s: int, k: int, burn_us: float,
 ) -> float:
     """One spark or arc burning for `burn_us`: crater, heat, debris. Returns the energy in joule."""
     energy = t.burning_V * t.current_A * burn_us * 1e-6
@@ -261,21 +245,21 @@ def _discharge(
     a.temperature_K[s] += c.wire_heat_share * energy * heat.kelvin_per_J
     window[0].temperature_max_K = max(window[0].temperature_max_K, a.temperature_K[s])
     _see_rupture(state, a, c, s)
-    _erode(state, window, a, tiles, index, c, position, s, k, volume)
+    _erode(state, window, a, c, position, s, k, volume)
     return energy
 
 
 @compiled
 def _short_circuit(
-    state: NDArray[np.void], window: NDArray[np.void], a: Arrays, tiles: NDArray[np.uint16],
-    index: NDArray[np.int32], c: Constants, t: Timing, position: Array, s: int, k: int,
+    state: NDArray[np.void], window: NDArray[np.void], a: Arrays, c: Constants, t: Timing, position: Array, s: int,
+    k: int,
 ) -> None:
     """Short-circuit current for the on-time; where metal touches (`s` >= 0), it melts a little of the bridge."""
     window[0].charge_A_us += t.short_A * t.on_us
     state[0].current2_us += t.short_A**2 * t.on_us
     if s >= 0:
         volume = c.short_removal_share * c.removal_um3_J * t.burning_V * t.short_A * t.on_us * 1e-6
-        _erode(state, window, a, tiles, index, c, position, s, k, volume)
+        _erode(state, window, a, c, position, s, k, volume)
 
 
 @compiled
@@ -292,9 +276,9 @@ def _decide(
     quiet = state[0].since_discharge_us / c.deionisation_us
     if quiet < DEIONISED and _draw(state) < math.exp(-quiet):
         s = state[0].last_slice
-        for k in range(a.facing[s]):
-            if a.ray[s, k] == state[0].last_ray:
-                return ARC, 0.0, s, k
+        k = a.place[s, state[0].last_ray]
+        if k >= 0:
+            return ARC, 0.0, s, k
     delay, s, k = _ignite(state, a, c, law, t, position, rate, primed, totals)
     if delay < t.wait_us:
         return SPARK, delay, s, k
@@ -302,14 +286,12 @@ def _decide(
 
 
 @compiled
-def _watch(window: NDArray[np.void], state: NDArray[np.void], a: Arrays, position: Array) -> None:
+def _watch(window: NDArray[np.void], a: Arrays) -> None:
     """Add the wire's mean deflection over the height to the window's sums."""
-    n = position.shape[0]
     for axis in range(2):
         mean = 0.0
-        for s in range(n):
-            mean += position[s, axis]
-        mean = mean / n - state[0].commanded_um[axis] - ringing(a, axis)
+        for m in range(a.mean_shape.shape[0]):
+            mean += a.mean_shape[m] * a.wire_q[axis, m]
         window[0].deflection_um[axis] += mean
         window[0].deflection2_um2[axis] += mean * mean
 
@@ -331,7 +313,67 @@ def _carry_on(state: NDArray[np.void], a: Arrays, c: Constants, heat: HeatLaw) -
 
 
 @compiled
-def advance_window(
+def _lacks_tiles(state: NDArray[np.void]) -> bool:
+    """Whether the wire has gone too far from where the field's tiles were made."""
+    far = False
+    for axis in range(2):
+        place = state[0].commanded_um[axis] + state[0].deflection_um[axis]
+        far = far or abs(place - state[0].tiled_um[axis]) > TILED_UM
+    return far
+
+
+@compiled
+def _begin(state: NDArray[np.void], window: NDArray[np.void], a: Arrays) -> None:
+    """Set the window's sums to nought."""
+    w = window[0]
+    w.start_ns, w.duration_ns, w.ignitions = state[0].time_ns, 0, 0
+    for k in range(4):
+        w.counts[k] = 0
+    w.voltage_us = w.charge_A_us = w.energy_J = w.delay_us = w.gap_um = w.crater_um3 = 0.0
+    w.temperature_max_K = 0.0
+    for axis in range(2):
+        w.deflection_um[axis] = w.deflection2_um2[axis] = 0.0
+    for s in range(a.temperature_K.shape[0]):
+        w.temperature_max_K = max(w.temperature_max_K, a.temperature_K[s])
+
+
+@compiled
+def _end(state: NDArray[np.void], window: NDArray[np.void], a: Arrays, deepest_um: float) -> int:
+    """Take the window's means, and see whether the model still holds."""
+    w = window[0]
+    debris = warmth = 0.0
+    for s in range(a.debris.shape[0]):
+        debris += a.debris[s]
+        warmth += a.temperature_K[s]
+    w.debris = debris / a.debris.shape[0]
+    w.broken = state[0].broken
+    pulses = w.counts[0] + w.counts[1] + w.counts[2] + w.counts[3]
+    x, y = w.deflection_um[0] / pulses, w.deflection_um[1] / pulses
+    state[0].deflection_um[0], state[0].deflection_um[1] = x, y
+    # math.isfinite does not survive the compiler's liberties with sums; a comparison does
+    if not abs(x + y + ringing(a, 0) + ringing(a, 1) + warmth + debris + w.voltage_us) < FINITE:
+        return NOT_FINITE
+    if math.hypot(x, y) > MOST_DEFLECTION_UM:
+        return OUTSIDE
+    return INSIDE if deepest_um < -DEEPEST_UM else FINE
+
+
+@compiled
+def _check_steps(steps: NDArray[np.int64], now_ns: int) -> int:
+    """Whether a window's steps (time, axis, direction) are such as a motor makes, in order of time."""
+    before = now_ns
+    for k in range(steps.shape[0]):
+        axis, direction = steps[k, 1], steps[k, 2]
+        if (axis != 0 and axis != 1) or (direction != 1 and direction != -1):
+            return STEP_WRONG
+        if steps[k, 0] < before:
+            return STEP_EARLY
+        before = steps[k, 0]
+    return FINE
+
+
+@compiled
+def fire_window(
     state: NDArray[np.void],
     window: NDArray[np.void],
     a: Arrays,
@@ -343,13 +385,20 @@ def advance_window(
     t: Timing,
     p: Propagators,
     scratch: Scratch,
-    step_ns: NDArray[np.int64],
-    step_axis: NDArray[np.int64],
-    step_direction: NDArray[np.int64],
-) -> None:
-    """Fire 255 pulses; stop early only if the wire breaks. Table steps happen at their own times."""
+    steps: NDArray[np.int64],
+) -> int:
+    """Fire 255 pulses; stop early only if the wire breaks. Table steps happen at their own times.
+
+    Returns how the window ended (`FINE` and its neighbours in `state`).
+    """
+    if _lacks_tiles(state):
+        return NO_TILES
+    status = _check_steps(steps, state[0].time_ns)
+    if status != FINE:
+        return status
     position, pull, load, held = scratch.position, scratch.pull, scratch.load, scratch.held
     rate, primed, contact = scratch.rate, scratch.primed, scratch.contact
+    _begin(state, window, a)
     copy(held, a.wire_q)
     place_wire(state, a, position)
     refer(a, tiles, index, c, position, state[0].pulses // PULSES_PER_WINDOW)
@@ -357,21 +406,20 @@ def advance_window(
     # pressure eps V^2 / 2 on a ray's patch, per 1/um^2 of its summed inverse square gaps, in um kg/s^2
     open_scale = 0.5 * c.permittivity_F_m * open_V**2 * c.patch_m2 * 1e12 * 1e6
     burn_scale = open_scale * (t.burning_V / open_V) ** 2
-    for s in range(a.temperature_K.shape[0]):
-        window[0].temperature_max_K = max(window[0].temperature_max_K, a.temperature_K[s])
+    per_grid = 1.0 / t.grid_us
     next_step = 0
     for _ in range(PULSES_PER_WINDOW):
         place_wire(state, a, position)
         totals = _sum_rays(a, c, law, position, rate, primed, contact, pull)
-        _watch(window, state, a, position)
+        _watch(window, a)
         outcome, delay, s, k = _decide(state, a, c, law, t, position, rate, primed, contact, totals, held)
 
         burn, kick_x, kick_y, at = 0.0, 0.0, 0.0, 0
         if outcome == SHORT:
-            _short_circuit(state, window, a, tiles, index, c, t, position, s, k)
+            _short_circuit(state, window, a, c, t, position, s, k)
         elif outcome != OPEN:
             burn = t.on_us - delay if t.mode == ISO_PULSE else t.on_us
-            energy = _discharge(state, window, a, tiles, index, c, t, heat, position, s, k, burn)
+            energy = _discharge(state, window, a, c, t, heat, position, s, k, burn)
             impulse = discharge_impulse(energy, c.impulse_10mJ_Ns, c.impulse_exponent)
             kick_x, kick_y, at = -impulse * a.cosine[s, k], -impulse * a.sine[s, k], s
             window[0].delay_us += delay
@@ -382,21 +430,19 @@ def advance_window(
         conducting = t.on_us if outcome == SHORT else burn
         period_ns, k_period = t.period_ns, GRID
         if t.mode == ISO_ENERGETIC:
-            k_period = int((delay + conducting + t.pause_us) / t.grid_us + 0.5)
+            k_period = int((delay + conducting + t.pause_us) * per_grid + 0.5)
             period_ns = int(k_period * t.grid_us * 1e3 + 0.5)
         period_us = period_ns * 1e-3
-        k_ignite = min(int(delay / t.grid_us + 0.5), k_period)
-        k_end = min(int((delay + burn) / t.grid_us + 0.5), k_period)
+        k_ignite = min(int(delay * per_grid + 0.5), k_period)
+        k_end = min(int((delay + burn) * per_grid + 0.5), k_period)
         copy(held, a.wire_q)
         move(a, p, load, pull, open_scale, burn_scale, k_ignite, k_end, k_period, at, kick_x, kick_y)
 
         state[0].time_ns += period_ns
-        while next_step < step_ns.shape[0] and step_ns[next_step] < state[0].time_ns:
-            since = (state[0].time_ns - step_ns[next_step]) * 1e-3 / t.grid_us
-            step_table(
-                state, a, p, step_axis[next_step], step_direction[next_step] * c.step_um,
-                min(int(since + 0.5), k_period),
-            )
+        while next_step < steps.shape[0] and steps[next_step, 0] < state[0].time_ns:
+            since = (state[0].time_ns - steps[next_step, 0]) * 1e-3 * per_grid
+            travel = steps[next_step, 2] * c.step_um
+            step_table(state, a, p, steps[next_step, 1], travel, min(int(since + 0.5), k_period))
             next_step += 1
         quiet = period_us - delay - conducting
         state[0].since_discharge_us = state[0].since_discharge_us + period_us if outcome == OPEN else quiet
@@ -407,7 +453,11 @@ def advance_window(
             _carry_on(state, a, c, heat)
         if state[0].broken != 0:
             break
+    _carve(state, window, a, tiles, index, c)
     # what the last pulse drove into the metal must be out of it before the rays are traced anew
     place_wire(state, a, position)
+    deepest = 0.0
     if _sum_rays(a, c, law, position, rate, primed, contact, pull)[2] > 0.0:
         _touch(state, a, position, contact, held)
+        deepest = _deepest(a, position, contact)[0]
+    return _end(state, window, a, deepest)

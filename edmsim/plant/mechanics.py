@@ -147,15 +147,42 @@ def build_model(wire: WireSetup, model_file: str = MODEL_FILE) -> mujoco.MjModel
         Joints ``x y x_rotor y_rotor`` and ``wire_x00 wire_y00 ..``, bodies ``wire_00 ..`` from the lower
         guide up, actuators ``x_stepper y_stepper`` (ctrl: rotor angle in rad).
     """
+    return cast("mujoco.MjModel", machine_spec(wire, model_file).compile())
+
+
+def machine_spec(wire: WireSetup, model_file: str = MODEL_FILE, n_nodes: int | None = None) -> mujoco.MjSpec:
+    """Return what `build_model` compiles, for a model that differs from it in more than its wire.
+
+    Parameters
+    ----------
+    wire, model_file
+        As for `build_model`.
+    n_nodes : int, optional
+        Nodes of the wire, 1 to as many as the file has; all of them if not given.
+    """
     import mujoco
 
     spec = mujoco.MjSpec.from_file(str(models.path(model_file)))
+    if n_nodes is not None:
+        _thin_out(spec, n_nodes)
     nodes = [body for body in spec.bodies if body.name.startswith("wire_")]
     _string_wire(wire, nodes, [tendon for tendon in spec.tendons if tendon.name.startswith("segment_")])
     spec.body("upper_arm").pos = [0.0, 0.0, wire.guide_distance_m]
     _draw_workpiece(spec, wire.guide_distance_m)
     spec.option.timestep = wire.guide_distance_m / (len(nodes) + 1) / (2 * wire.wave_speed)
-    return cast("mujoco.MjModel", spec.compile())
+    return spec
+
+
+def _thin_out(spec: mujoco.MjSpec, n_nodes: int) -> None:
+    """Leave a wire's lowest nodes and tie the last of them to the upper guide."""
+    for part in (list(spec.tendons), list(spec.bodies)):
+        for item in part:
+            kind, _, number = item.name.partition("_")
+            if kind in ("wire", "segment") and int(number) >= n_nodes:
+                spec.delete(item)
+    last = spec.add_tendon(spec.find_default("wire"), name=f"segment_{n_nodes:02d}")
+    last.wrap_site(f"wire_{n_nodes - 1:02d}")
+    last.wrap_site("upper_guide")
 
 
 def _string_wire(wire: WireSetup, nodes: list[Any], segments: list[Any]) -> None:
@@ -228,7 +255,7 @@ def reduce_model(model: mujoco.MjModel, n_modes: int, slice_heights_m: ArrayLike
     return ModalModel(
         wire_omega=wire_x.omega[:n_modes],
         wire_zeta=wire_x.zeta[:n_modes],
-        wire_shape=_at_heights(wire_x.shape[:, :n_modes], node_heights, guide_distance, slices),
+        wire_shape=at_heights(wire_x.shape[:, :n_modes], node_heights, guide_distance, slices),
         node_heights_m=node_heights,
         node_shape=wire_x.shape[:, :n_modes],
         table_omega=np.stack([table.omega for table in tables]),
@@ -275,8 +302,8 @@ def _unit_travel(linear: Linear, block: list[int], axis: int) -> tuple[Array, fl
     return per_ctrl / per_ctrl[0], float(1 / per_ctrl[0])
 
 
-def _at_heights(shape: Array, node_heights: Array, guide_distance: float, heights: Array) -> Array:
-    """Return mode shapes at `heights`: straight between the nodes, nil at the guides."""
+def at_heights(shape: Array, node_heights: Array, guide_distance: float, heights: Array) -> Array:
+    """Return deflections at `heights` of wires bent as `shape` (n_nodes, n): straight from node to node."""
     known = np.concatenate([[0.0], node_heights, [guide_distance]])
     return np.stack([np.interp(heights, known, np.pad(mode, 1)) for mode in shape.T], axis=1)
 

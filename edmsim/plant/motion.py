@@ -20,14 +20,15 @@ def copy(to: Array, of: Array) -> None:
 @compiled
 def place_wire(state: NDArray[np.void], a: Arrays, position: Array) -> None:
     """Wire position on the workpiece, per slice: commanded, ringing of the table, deflection."""
-    n_slices, n_modes = a.shape.shape
+    n_modes, n_slices = a.shape_of_mode.shape
     for axis in range(2):
         table = state[0].commanded_um[axis] + ringing(a, axis)
         for s in range(n_slices):
-            deflection = 0.0
-            for m in range(n_modes):
-                deflection += a.shape[s, m] * a.wire_q[axis, m]
-            position[s, axis] = table + deflection
+            position[axis, s] = table
+        for m in range(n_modes):
+            q = a.wire_q[axis, m]
+            for s in range(n_slices):
+                position[axis, s] += a.shape_of_mode[m, s] * q
 
 
 @compiled
@@ -103,11 +104,12 @@ def move(
     n_slices, n_modes = a.shape.shape
     since_ignite, since_end = k_period - k_ignite, k_period - k_end
     for m in range(n_modes):
-        along_x = along_y = 0.0
-        for k in range(n_slices):
-            along_x += a.shape[k, m] * pull[k, 0]
-            along_y += a.shape[k, m] * pull[k, 1]
-        load[0, m], load[1, m] = along_x, along_y
+        load[0, m] = load[1, m] = 0.0
+    for k in range(n_slices):
+        pull_x, pull_y = pull[0, k], pull[1, k]
+        for m in range(n_modes):
+            load[0, m] += a.shape[k, m] * pull_x
+            load[1, m] += a.shape[k, m] * pull_y
     for m in range(n_modes):
         c0, c1, c2 = p.wire[k_period, 0, m], p.wire[since_ignite, 0, m], p.wire[since_end, 0, m]
         s0, s1, s2 = p.wire[k_period, 1, m], p.wire[since_ignite, 1, m], p.wire[since_end, 1, m]

@@ -3,27 +3,39 @@
 from __future__ import annotations
 
 import math
+import struct
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import InputError, PlantError
+from ..errors import InputError, NotFiniteError, PlantError, WireInMetalError, WireLostError
 from . import setup
 from .generator import timing
-from .kernel import advance_window
+from .memory import Memory, window_function
 from .random import key_of
-from .state import ARC, CHANGING, GRID, OPEN, PULSES_PER_WINDOW, SHORT, SPARK, STATE, WINDOW
+from .state import (
+    CHANGING,
+    FINE,
+    GRID,
+    INSIDE,
+    NO_TILES,
+    NOT_FINITE,
+    OUTSIDE,
+    PULSES_PER_WINDOW,
+    STATE,
+    STEP_EARLY,
+    STEP_WRONG,
+    TILED_UM,
+    WINDOW,
+)
 from .workpiece import KerfField, Stock
 
 if TYPE_CHECKING:
     from ..machine import Machine
 
-_REACH_UM = 64.0
-"""Tiles are made this far beyond the rays: a crater's reach, and what the wire may move in a window."""
-_MOST_DEFLECTION_UM = 2000.0
-"""A wire bent further than this is no wire between guides any more: the model has left its validity."""
+_NOWHERE_UM = -1e9
 _FRONT_GAP_UM = 30.0
 """Gap in front of a plant that was given no workpiece."""
 
@@ -115,18 +127,27 @@ class Plant:
         resolution: str = "default",
     ) -> None:
         self.machine = machine
-        self.resolution = setup.resolution(resolution)
-        self._modes = setup.modal_model(machine, self.resolution)
-        self._constants = setup.constants(machine, self.resolution)
-        self._heat = setup.heat_law(machine, self.resolution)
-        self._scratch = setup.scratch(self.resolution)
+        self.resolution = res = setup.resolution(resolution)
+        self._modes = setup.modal_model(machine, res)
+        self._constants = setup.constants(machine, res)
+        self._flow_factor = setup.flow_factor(machine, res)
+        self._state: NDArray[np.void] = np.zeros(1, STATE)
+        self._window: NDArray[np.void] = np.zeros(1, WINDOW)
+        self._window_bytes = self._window.view(np.uint8)
+        self._fire = window_function(res.slices, res.rays, res.modes)
+        self._memory = Memory()
+        self._memory.keep(state=self._state, window=self._window)
+        self._memory.keep_record("constants", self._constants)
+        self._memory.keep_record("heat", setup.heat_law(machine, res))
+        self._memory.keep_tuple(setup.scratch(res))
         self._set_timing(machine)
         self.reset(seed, stock=stock, position_um=position_um)
 
     def _set_timing(self, machine: Machine) -> None:
         self._timing = timing(machine)
-        self._law = setup.gap_law(machine, self.resolution, self._timing.open_V)
-        self._propagators = setup.propagators(self._modes, self._timing)
+        self._memory.keep_record("timing", self._timing)
+        self._memory.keep_record("law", setup.gap_law(machine, self.resolution, self._timing.open_V))
+        self._memory.keep_tuple(setup.propagators(self._modes, self._timing))
 
     def reset(
         self, seed: int, *, stock: Stock | None = None, position_um: tuple[float, float] = (32_500.0, 32_500.0)
@@ -139,17 +160,18 @@ class Plant:
         self.field = KerfField(
             self.resolution.slices, stock, setup.CELL_UM, self.machine.base.table.travel_mm.value * 1e3
         )
-        self._state: NDArray[np.void] = np.zeros(1, STATE)
+        self._memory.keep_field(self.field.tiles, self.field.index)
+        self._state[:] = 0
         self._state["key"] = key_of(seed)
-        self._window: NDArray[np.void] = np.zeros(1, WINDOW)
         self._state["commanded_um"] = position_um
         self._at_rest()
 
     def _at_rest(self) -> None:
-        self._arrays = setup.arrays(self._modes, self.resolution, self._constants.water_K)
+        self._arrays = setup.arrays(self._modes, self.resolution, self._constants.water_K, self._flow_factor)
+        self._memory.keep_tuple(self._arrays)
         self._state["since_discharge_us"] = 1e9
-        self._allocated_at = (-1e9, -1e9)
-        self._deflection_um = (0.0, 0.0)
+        self._state["tiled_um"] = _NOWHERE_UM
+        self._state["deflection_um"] = 0.0
 
     def set_generator(self, t_on_us: float, t_period_us: float) -> None:
         """Change the pulse setting from the next window on; raises `InputError` if the generator refuses it."""
@@ -231,65 +253,55 @@ class Plant:
         InputError
             If a step has another axis or direction, or lies in the past or out of order.
         PlantError
-            If the wire left its guides.
+            If the model left the range it holds for: `WireLostError`, `WireInMetalError`, `NotFiniteError`.
         """
-        self._make_tiles()
-        start = self.time_ns
-        self._window[0] = np.zeros((), WINDOW)
-        if steps:
-            times, axes, directions = _checked_steps(steps, start)
-        else:
-            times = axes = directions = _NO_STEPS
-        advance_window(
-            self._state, self._window, self._arrays, self.field.tiles, self.field.index, self._constants,
-            self._law, self._heat, self._timing, self._propagators, self._scratch, times, axes, directions,
-        )
-        return self._read_window(start)
+        rows = np.array(steps, np.int64) if len(steps) else _NO_STEPS
+        if rows.ndim != 2 or rows.shape[1] != 3:
+            raise InputError(f"steps are rows of time_ns, axis and direction, not an array of shape {rows.shape}")
+        status = self._fire(self._memory.address, rows.ctypes.data, len(rows))
+        if status == NO_TILES:
+            self._make_tiles()
+            status = self._fire(self._memory.address, rows.ctypes.data, len(rows))
+        if status in (STEP_WRONG, STEP_EARLY):
+            raise InputError(_wrong_step(rows, self.time_ns))
+        window = self._read_window()
+        if status != FINE:
+            raise self._left_validity(status, window)
+        return window
 
     def _make_tiles(self) -> None:
-        x, y = (c + d for c, d in zip(self.commanded_um, self._deflection_um, strict=True))
-        near_x, near_y = self._allocated_at
-        if max(abs(x - near_x), abs(y - near_y)) > _REACH_UM / 2:
-            reach = self._constants.radius_um + self._constants.range_um + 2 * _REACH_UM
-            self.field.allocate(x, y, reach)
-            self._allocated_at = (x, y)
+        s = self._state[0]
+        x, y = (float(v) for v in s["commanded_um"] + s["deflection_um"])
+        self.field.allocate(x, y, self._constants.radius_um + self._constants.range_um + 4 * TILED_UM)
+        self._memory.keep_field(self.field.tiles, self.field.index)
+        self._state["tiled_um"] = (x, y)
 
-    def _read_window(self, start_ns: int) -> PulseWindow:
-        (duration, counts, voltage, charge, energy, delay, ignitions, gap, crater, shift, shift2, hottest) = (
-            self._window[0].item()
-        )
-        counts = counts.tolist()
-        (x, y), (xx, yy) = shift.tolist(), shift2.tolist()
-        pulses = sum(counts)
+    def _read_window(self) -> PulseWindow:
+        (
+            start, duration, open_, spark, arc, short, voltage, charge, energy, delay, ignitions, gap, crater,
+            x, y, xx, yy, hottest, debris, broken,
+        ) = _WINDOW_FORMAT.unpack_from(self._window_bytes)
+        pulses = open_ + spark + arc + short
         mean_x, mean_y = x / pulses, y / pulses
-        self._deflection_um = (mean_x, mean_y)
-        if not math.hypot(mean_x, mean_y) < _MOST_DEFLECTION_UM:
-            raise PlantError(self._lost_wire(start_ns))
         return PulseWindow(
-            start_ns=start_ns,
-            duration_ns=duration,
-            short=counts[SHORT],
-            open=counts[OPEN],
-            spark=counts[SPARK],
-            arc=counts[ARC],
-            mean_voltage_V=voltage / (duration * 1e-3),
-            mean_current_A=charge / (duration * 1e-3),
-            mean_delay_us=delay / ignitions if ignitions else math.nan,
-            gap_um=gap / ignitions if ignitions else math.nan,
-            deflection_um=(mean_x, mean_y),
-            vibration2_um2=max(0.0, (xx + yy) / pulses - mean_x**2 - mean_y**2),
-            wire_temperature_K=hottest,
-            debris=sum(self._arrays.debris.tolist()) / self.resolution.slices,
-            energy_J=energy,
-            crater_um3=crater,
-            broken=bool(self._state["broken"][0]),
+            start, duration, short, open_, spark, arc,
+            voltage / (duration * 1e-3),
+            charge / (duration * 1e-3),
+            delay / ignitions if ignitions else math.nan,
+            gap / ignitions if ignitions else math.nan,
+            (mean_x, mean_y),
+            max(0.0, (xx + yy) / pulses - mean_x**2 - mean_y**2),
+            hottest, debris, energy, crater, bool(broken),
         )
 
-    def _lost_wire(self, start_ns: int) -> str:
-        (x, y), (bent_x, bent_y) = self.commanded_um, self._deflection_um
-        return (
-            f"the wire left its guides at {start_ns * 1e-9:.3f} s of machine time, x {x / 1e3:.3f} "
-            f"y {y / 1e3:.3f} mm: mean deflection ({bent_x:.3g}, {bent_y:.3g}) um"
+    def _left_validity(self, status: int, window: PulseWindow) -> PlantError:
+        kind, what = _LEFT[status]
+        (x, y), (bent_x, bent_y) = self.commanded_um, window.deflection_um
+        return kind(
+            f"{what} at {self.time_ns * 1e-9:.4f} s of machine time, x {x / 1e3:.3f} y {y / 1e3:.3f} mm: "
+            f"mean deflection ({bent_x:.3g}, {bent_y:.3g}) um; of {window.pulses} pulses {window.short} short, "
+            f"{window.open} open, {window.spark} sparks",
+            self.time_ns * 1e-9, (x, y), window,
         )
 
     def snapshot(self) -> dict[str, NDArray[Any]]:
@@ -298,7 +310,6 @@ class Plant:
         state.update({name: getattr(self._arrays, name).copy() for name in CHANGING})
         state["state"] = self._state.copy()
         state["setting"] = np.array([self.machine.t_on_us, self.machine.t_period_us])
-        state["deflection_um"] = np.array(self._deflection_um)
         return state
 
     def restore(self, state: dict[str, NDArray[Any]]) -> None:
@@ -307,23 +318,29 @@ class Plant:
         if (t_on, t_period) != (self.machine.t_on_us, self.machine.t_period_us):
             self.set_generator(t_on, t_period)
         self.field.restore({k.removeprefix("field."): v for k, v in state.items() if k.startswith("field.")})
+        self._memory.keep_field(self.field.tiles, self.field.index)
         for name in CHANGING:
             getattr(self._arrays, name)[:] = state[name]
-        self._state = state["state"].copy()
-        self._deflection_um = (float(state["deflection_um"][0]), float(state["deflection_um"][1]))
-        self._allocated_at = (-1e9, -1e9)
+        self._state[:] = state["state"]
 
 
-_NO_STEPS = np.empty(0, np.int64)
+_WINDOW_FORMAT = struct.Struct("=2q4q4dq" + 8 * "d" + "q")
+"""`WINDOW` as plain numbers."""
+_NO_STEPS = np.empty((0, 3), np.int64)
+_LEFT: dict[int, tuple[type[PlantError], str]] = {
+    NOT_FINITE: (NotFiniteError, "the simulation lost its numbers"),
+    OUTSIDE: (WireLostError, "the wire left its guides"),
+    INSIDE: (WireInMetalError, "the wire was driven deeper into the metal than its rays see"),
+}
 
 
-def _checked_steps(steps: Sequence[tuple[int, int, int]], now_ns: int) -> list[NDArray[np.int64]]:
-    """Columns of the window's steps, after a look at what compiled code would not survive."""
+def _wrong_step(rows: NDArray[np.int64], now_ns: int) -> str:
+    """Say which step the loop refused."""
     before = now_ns
-    for time_ns, axis, direction in steps:
+    for time_ns, axis, direction in rows.tolist():
         if axis not in (0, 1) or direction not in (-1, 1):
-            raise InputError(f"a step needs axis 0 or 1 and direction +1 or -1, not {axis} and {direction}")
+            return f"a step needs axis 0 or 1 and direction +1 or -1, not {axis} and {direction}"
         if time_ns < before:
-            raise InputError(f"the step at {time_ns} ns lies before {before} ns: steps come in order of time")
+            return f"the step at {time_ns} ns lies before {before} ns: steps come in order of time"
         before = time_ns
-    return [np.ascontiguousarray(column) for column in np.array(steps, np.int64).T]
+    raise AssertionError("the loop refused steps in which nothing is wrong")

@@ -7,10 +7,11 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..errors import InputError
 from .breakdown import GapLaw
-from .dielectric import nozzle_flow_per_slice_us
+from .dielectric import flow_speed_m_s, nozzle_flow_per_slice_us
 from .mechanics import ModalModel, WireSetup, build_model, propagator_table, reduce_model
 from .state import GRID, Arrays, Constants, Propagators, Scratch, Timing
 from .wire import VACUUM_PERMITTIVITY_F_M, HeatLaw, area_m2
@@ -174,12 +175,23 @@ def propagators(modes: ModalModel, timing: Timing) -> Propagators:
     return Propagators(np.stack(wire, axis=1), modes.wire_omega**-2.0, t11, t12, t21, t22)
 
 
-def arrays(modes: ModalModel, res: Resolution, water_K: float) -> Arrays:
+def flow_factor(machine: Machine, res: Resolution) -> NDArray[np.float64]:
+    """Share of the breakdown rate that the flow leaves, per slice: ``exp(-(v / v_q)^2)`` (see `breakdown`)."""
+    water = machine.base.dielectric
+    speed = flow_speed_m_s(
+        water.flushing_pressure_Pa.value, water.viscosity_Pa_s.value, water.side_gap_um.value, machine.height_mm
+    )
+    from_middle = np.abs(2 * (np.arange(res.slices) + 0.5) / res.slices - 1)
+    return np.exp(-((speed * from_middle / machine.base.gap.flow_quench_m_s.value) ** 2))
+
+
+def arrays(modes: ModalModel, res: Resolution, water_K: float, flow_factor: NDArray[np.float64]) -> Arrays:
     """Allocate the arrays of a plant at rest."""
     angle = 2 * np.pi * np.arange(res.rays) / res.rays
     return Arrays(
         edge_um=np.zeros((res.slices, res.rays), np.float32),
-        reference_um=np.full((res.slices, 2), -1e9),  # nowhere: every ray is traced in full at first
+        reference_um=np.full((2, res.slices), -1e9),  # nowhere: every ray is traced in full at first
+        pending_um2=np.zeros((res.slices, res.rays)),
         wire_q=np.zeros((2, res.modes)),
         wire_v=np.zeros((2, res.modes)),
         table_q=np.zeros((2, 2)),
@@ -189,12 +201,16 @@ def arrays(modes: ModalModel, res: Resolution, water_K: float) -> Arrays:
         carry_um2=np.zeros(res.slices),
         facing=np.zeros(res.slices, np.int64),
         ray=np.full((res.slices, res.rays), -1),
+        place=np.full((res.slices, res.rays), -1),
         distance=np.zeros((res.slices, res.rays), np.float32),
         cosine=np.zeros((res.slices, res.rays), np.float32),
         sine=np.zeros((res.slices, res.rays), np.float32),
         ray_cosine=np.cos(angle),
         ray_sine=np.sin(angle),
         shape=np.ascontiguousarray(modes.wire_shape),
+        shape_of_mode=np.ascontiguousarray(modes.wire_shape.T),
+        mean_shape=modes.wire_shape.mean(axis=0),
+        flow_factor=flow_factor,
         table_shape=np.ascontiguousarray(modes.table_slide_shape),
         table_participation=np.ascontiguousarray(modes.table_participation),
     )
@@ -202,7 +218,7 @@ def arrays(modes: ModalModel, res: Resolution, water_K: float) -> Arrays:
 
 def scratch(res: Resolution) -> Scratch:
     """Allocate the loop's scratch room."""
-    per_slice, per_mode = (res.slices, 2), (2, res.modes)
+    per_slice, per_mode = (2, res.slices), (2, res.modes)
     return Scratch(
         np.zeros(per_slice), np.zeros(per_slice), np.zeros(per_mode), np.zeros(per_mode),
         np.zeros(res.slices), np.zeros(res.slices), np.zeros(res.slices),

@@ -38,12 +38,16 @@ STATE = np.dtype(
         ("broken_slice", "i8"),
         ("crater_um3", "f8"),
         ("missed_um3", "f8"),
+        ("deflection_um", "f8", 2),
+        ("tiled_um", "f8", 2),
     ]
 )
-"""Scalars of a plant's state. ``crater_um3`` sums the craters drawn, ``missed_um3`` what found no metal."""
+"""Scalars of a plant's state. ``crater_um3`` sums the craters drawn, ``missed_um3`` what found no metal;
+``deflection_um`` is the last window's mean, ``tiled_um`` the place around which the field has tiles."""
 
 WINDOW = np.dtype(
     [
+        ("start_ns", "i8"),
         ("duration_ns", "i8"),
         ("counts", "i8", 4),
         ("voltage_us", "f8"),
@@ -56,9 +60,18 @@ WINDOW = np.dtype(
         ("deflection_um", "f8", 2),
         ("deflection2_um2", "f8", 2),
         ("temperature_max_K", "f8"),
+        ("debris", "f8"),
+        ("broken", "i8"),
     ]
 )
-"""Sums over one window of pulses."""
+"""Sums over one window of pulses; debris is the mean over the slices at its end."""
+
+FINE, NO_TILES, STEP_WRONG, STEP_EARLY, NOT_FINITE, OUTSIDE, INSIDE = range(7)
+"""How a window ended: as it should; not begun, for want of tiles of the field, or because of a step that no motor
+makes or that is out of order; a number that is none; the wire beyond its guides; the wire deeper in the metal than
+its rays see."""
+TILED_UM = 32.0
+"""The field has all the tiles a window may need as long as the wire is within this of where they were made."""
 
 
 class Constants(NamedTuple):
@@ -164,8 +177,11 @@ class Arrays(NamedTuple):
     ----------
     edge_um : float32 (slices, rays)
         Gap of every ray, traced from the reference position.
-    reference_um : (slices, 2)
-        Where the wire was when it was traced.
+    reference_um : (2, slices)
+        Place it was traced from: where the wire was when the window began. The wire swings, so that in time its
+        rays look everywhere, also between the lines they look along now.
+    pending_um2 : (slices, rays)
+        Area of craters that fell on a ray in this window; carved from the field at its end.
     wire_q, wire_v : (2, modes)
         Modal deflection (um sqrt(kg)) and velocity (um sqrt(kg)/s), along x and y.
     table_q, table_v : (2, 2)
@@ -176,15 +192,23 @@ class Arrays(NamedTuple):
         Number of packed rays, a multiple of `LANES`.
     ray : int64 (slices, rays)
         Ray of each packed place; -1 for the filling.
+    place : int64 (slices, rays)
+        Packed place of each ray; -1 for one that meets no metal.
     distance, cosine, sine : float32 (slices, rays)
         Gap and direction of each packed ray.
     ray_cosine, ray_sine : float64 (rays,)
-    shape : (slices, modes)
+    shape, shape_of_mode : (slices, modes), (modes, slices)
+        Displacement of a slice per unit of modal coordinate.
+    mean_shape : (modes,)
+        Its mean over the slices.
+    flow_factor : (slices,)
+        Share of the breakdown rate that the flow past a slice leaves.
     table_shape, table_participation : (2, 2)
     """
 
     edge_um: NDArray[np.float32]
     reference_um: Array
+    pending_um2: Array
     wire_q: Array
     wire_v: Array
     table_q: Array
@@ -194,12 +218,16 @@ class Arrays(NamedTuple):
     carry_um2: Array
     facing: NDArray[np.int64]
     ray: NDArray[np.int64]
+    place: NDArray[np.int64]
     distance: NDArray[np.float32]
     cosine: NDArray[np.float32]
     sine: NDArray[np.float32]
     ray_cosine: Array
     ray_sine: Array
     shape: Array
+    shape_of_mode: Array
+    mean_shape: Array
+    flow_factor: Array
     table_shape: Array
     table_participation: Array
 
@@ -209,7 +237,7 @@ class Scratch(NamedTuple):
 
     Attributes
     ----------
-    position, pull : (slices, 2)
+    position, pull : (2, slices)
     load, held : (2, modes)
     rate, primed, contact : (slices,)
     """
@@ -223,7 +251,7 @@ class Scratch(NamedTuple):
     contact: Array
 
 
-LANES = 16
+LANES = 32
 """Packed rays come in groups of this many, so that a pass has no remainder (rays are a multiple of it)."""
 CHANGING = (
     "edge_um", "reference_um", "wire_q", "wire_v", "table_q", "table_v", "temperature_K", "debris", "carry_um2",

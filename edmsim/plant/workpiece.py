@@ -6,13 +6,16 @@ exact arithmetic: nothing is lost or gained however many craters fall. Tiles exi
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ..errors import InputError
 from .compiled import compiled
+from .relief import HeightStep, Relief
 
 FULL = 32768
 """Parts in a full cell."""
@@ -24,22 +27,38 @@ NO_METAL_UM = 1.0e6
 
 @dataclass(frozen=True)
 class Stock:
-    """The blank before the first spark: a rectangle with round start holes.
+    """The blank before the first spark: a rectangle with round start holes, perhaps of several heights.
 
     Attributes
     ----------
     rectangle_um : (x_min, y_min, x_max, y_max)
     holes_um : tuple of (x, y, radius)
+    steps : tuple of HeightStep
+        Regions that are less high than the rest; where they overlap, the earlier one holds.
+    height_mm : float, optional
+        Height outside the steps: the machine's `height_mm`, the greatest there is. Needed with steps.
+
+    Raises
+    ------
+    InputError
+        If there are steps without a height to compare them with.
     """
 
     rectangle_um: tuple[float, float, float, float]
     holes_um: tuple[tuple[float, float, float], ...] = ()
+    steps: tuple[HeightStep, ...] = ()
+    height_mm: float | None = None
+
+    def __post_init__(self) -> None:
+        if self.steps and self.height_mm is None:
+            raise InputError("a workpiece with steps needs height_mm, its greatest height: that of the machine")
 
     def fraction(self, x_um: NDArray[np.float64], y_um: NDArray[np.float64], cell_um: float
                  ) -> NDArray[np.float64]:
         """Share of metal (0..1) in the square cells of side `cell_um` centred at ``x_um[:, None], y_um``.
 
-        Exact for the rectangle; at a hole's edge the share falls linearly over one cell.
+        In the lowest slice, that is: its metal no step takes away. Exact for the rectangle; at a hole's edge
+        the share falls linearly over one cell.
         """
         x0, y0, x1, y1 = self.rectangle_um
         half = cell_um / 2
@@ -74,6 +93,13 @@ class KerfField:
         between cell centres.
     index : int32 array (nx, ny)
         The tile's place in `tiles`, -1 where none is allocated yet (there the stock is untouched).
+    relief : Relief or None
+        Which slices of a stepped stock have metal where; None if all have it everywhere.
+
+    Raises
+    ------
+    InputError
+        If a step of the stock cannot be told by these slices.
     """
 
     def __init__(self, n_slices: int, stock: Stock, cell_um: float = 4.0, extent_um: float = 65_000.0) -> None:
@@ -85,6 +111,9 @@ class KerfField:
         self.tiles: NDArray[np.uint16] = np.empty((64, n_slices, TILE, TILE), np.uint16)
         self.count = 0
         self._stock_parts = 0
+        self.relief: Relief | None = None
+        if stock.steps and stock.height_mm is not None:
+            self.relief = Relief(stock.steps, stock.height_mm, n_slices)
 
     @property
     def part_area_um2(self) -> float:
@@ -109,17 +138,20 @@ class KerfField:
             grown = np.empty((self.count * 3 // 2 + 1, *self.tiles.shape[1:]), np.uint16)
             grown[: self.count] = self.tiles
             self.tiles = grown
-        parts = self._stock_tile(tx, ty)
-        self.tiles[self.count] = parts
+        self.tiles[self.count] = self.stock_tile(tx, ty)
+        self._stock_parts += int(self.tiles[self.count].sum(dtype=np.int64))
         self.index[tx, ty] = self.count
         self.count += 1
-        self._stock_parts += int(parts.sum(dtype=np.int64)) * self.n_slices
 
-    def _stock_tile(self, tx: int, ty: int) -> NDArray[np.uint16]:
+    def stock_tile(self, tx: int, ty: int) -> NDArray[np.uint16]:
+        """Parts of metal in a tile before the cut: (n_slices, TILE, TILE), not to be written to."""
         centres = np.arange(0.5, TILE, dtype=np.float64) * self.cell_um
         side = self.cell_um * TILE
-        share = self.stock.fraction(tx * side + centres, ty * side + centres, self.cell_um)
-        return np.round(share * FULL).astype(np.uint16)
+        x, y = tx * side + centres, ty * side + centres
+        share = self.stock.fraction(x, y, self.cell_um)
+        metal = None if self.relief is None else self.relief.metal(x, y, self.cell_um)
+        parts = np.round((share if metal is None else share * metal) * FULL).astype(np.uint16)
+        return np.broadcast_to(parts, (self.n_slices, TILE, TILE))
 
     @property
     def removed_parts(self) -> int:
@@ -138,7 +170,7 @@ class KerfField:
             for ty in range(iy0 // TILE, (iy1 - 1) // TILE + 1):
                 inside = 0 <= tx < self.index.shape[0] and 0 <= ty < self.index.shape[1]
                 place = int(self.index[tx, ty]) if inside else -1
-                tile = self._stock_tile(tx, ty) if place < 0 else self.tiles[place, slice_index]
+                tile = (self.stock_tile(tx, ty) if place < 0 else self.tiles[place])[slice_index]
                 a0, a1 = max(ix0, tx * TILE), min(ix1, (tx + 1) * TILE)
                 b0, b1 = max(iy0, ty * TILE), min(iy1, (ty + 1) * TILE)
                 out[a0 - ix0 : a1 - ix0, b0 - iy0 : b1 - iy0] = (
@@ -224,7 +256,31 @@ def trace(
 
 
 @compiled
-def carve_line(
+def _carve_row(
+    tiles: NDArray[np.uint16], index: NDArray[np.int32], slice_index: int, ix: int, iy: int, step_x: int, step_y: int,
+    length: int, parts: int,
+) -> int:
+    """Remove up to `parts` from a row of `length` cells, the first metal first; return how many found none."""
+    quota = np.int64(parts)
+    limit = np.uint64(index.shape[0] * TILE)
+    ux, uy = np.uint64(ix), np.uint64(iy)  # a cell below zero is one far beyond the limit
+    for _ in range(length):
+        if quota == 0 or ux >= limit or uy >= limit:
+            break
+        place = index[ux >> _TILE_BITS, uy >> _TILE_BITS]
+        if place >= 0:
+            row, column = ux & _TILE_MASK, uy & _TILE_MASK
+            metal = np.int64(tiles[np.uint64(place), np.uint64(slice_index), row, column])
+            taken = metal if metal < quota else quota
+            tiles[np.uint64(place), np.uint64(slice_index), row, column] = np.uint16(metal - taken)
+            quota -= taken
+        ux += np.uint64(step_x)
+        uy += np.uint64(step_y)
+    return int(quota)
+
+
+@compiled
+def carve_wall(
     tiles: NDArray[np.uint16],
     index: NDArray[np.int32],
     slice_index: int,
@@ -233,31 +289,41 @@ def carve_line(
     y: float,
     cosine: float,
     sine: float,
-    start_um: float,
-    reach_um: float,
-    across_um: float,
+    edge_um: float,
+    before_um: float,
+    beyond_um: float,
+    width_um: float,
     parts: int,
 ) -> int:
-    """Remove up to `parts` parts of metal along a line; return how many found none.
+    """Remove up to `parts` parts of metal from a wall; return how many found none.
 
-    The line runs parallel to a direction, `across_um` to its left, from `start_um` to `reach_um` ahead of the
-    point. It eats from the outermost metal inwards, so that the edge stays sharp.
+    The wall stands across a direction, `edge_um` from the point and `width_um` wide; metal is looked for from
+    `before_um` before it to `beyond_um` behind. It is taken row by row of the grid, along the axis nearer to the
+    direction; every row gives as much as the share of the width it covers, from its first metal inwards, so that the
+    edge stays sharp and even.
     """
     grid = 1.0 / cell_um
-    px = (x + cosine * start_um - sine * across_um) * grid
-    py = (y + sine * start_um + cosine * across_um) * grid
-    quota = np.int64(parts)
-    for _ in range(int((reach_um - start_um) * grid)):
-        if quota == 0 or not _inside(px, py, index):
-            break
-        ix, iy = np.uint64(np.int64(px)), np.uint64(np.int64(py))
-        place = index[ix >> _TILE_BITS, iy >> _TILE_BITS]
-        if place >= 0:
-            tile, row, column = np.uint64(place), ix & _TILE_MASK, iy & _TILE_MASK
-            metal = np.int64(tiles[tile, np.uint64(slice_index), row, column])
-            taken = metal if metal < quota else quota
-            tiles[tile, np.uint64(slice_index), row, column] = np.uint16(metal - taken)
-            quota -= taken
-        px += cosine
-        py += sine
-    return int(quota)
+    along_x = abs(cosine) >= abs(sine)
+    px, py = (x + cosine * edge_um) * grid, (y + sine * edge_um) * grid
+    ahead, aside = (px, py) if along_x else (py, px)
+    major, minor = (cosine, sine) if along_x else (sine, cosine)
+    step = 1 if major > 0.0 else -1
+    ahead -= step * before_um * grid
+    length = int((before_um + beyond_um) * grid) + 1
+    extent = width_um * grid * abs(major)
+    low = aside - 0.5 * extent
+    per_width = parts / extent
+    slant = minor / major
+    quota, spent = 0, 0
+    first, last = math.floor(low), math.floor(low + extent)
+    for row in range(first, last + 1):
+        covered = min(low + extent, row + 1.0) - low
+        due = parts if row == last else int(covered * per_width)
+        quota += due - spent
+        spent = due
+        cell = math.floor(ahead - (row + 0.5 - aside) * slant)
+        if along_x:
+            quota = _carve_row(tiles, index, slice_index, cell, row, step, 0, length, quota)
+        else:
+            quota = _carve_row(tiles, index, slice_index, row, cell, 0, step, length, quota)
+    return quota

@@ -4,7 +4,7 @@ from edmsim.recording.figures import profile_figure, write_figure
 from edmsim.recording.frames import Frames
 from edmsim.recording.report import Quality, Totals, build_report, render_table, write_json
 from edmsim.recording.rerun_log import write_recording
-from edmsim.recording.scene import Corner, ErrorMap, Scene, polylines
+from edmsim.recording.scene import Corner, ErrorMap, Scene, Terrace, polylines
 from edmsim.recording.viewer import view
 from edmsim.recording.windows import WindowTable, read_windows, write_windows
 
@@ -14,6 +14,7 @@ __all__ = [
     "Frames",
     "Quality",
     "Scene",
+    "Terrace",
     "Totals",
     "WindowTable",
     "build_report",

@@ -70,7 +70,7 @@ def _draw_metal(axes: Axes, scene: Scene) -> None:
     axes.add_patch(
         Rectangle((x0, y0), x1 - x0, y1 - y0, facecolor=METAL, edgecolor=MUTED, linewidth=0.8, zorder=0)
     )
-    edges = scene.cut_edges_mm[len(scene.cut_edges_mm) // 2] if scene.cut_edges_mm else ()
+    edges = scene.cut_edges_mm[scene.middle_slice()] if scene.cut_edges_mm else ()
     # What lies between the closed edges is the kerf: even-odd, so that the part inside stays metal.
     kerf = filled(shapely.MultiLineString([line for line in edges if len(line) > 1]))
     for polygon in shapely.get_parts(kerf):
@@ -79,13 +79,24 @@ def _draw_metal(axes: Axes, scene: Scene) -> None:
             PathPatch(MplPath.make_compound_path(*rings), facecolor="white", edgecolor="none", zorder=1)
         )
     lines = _lines(edges, color="#3d4852", linewidth=0.7, zorder=3)
-    lines.set_label("cut edge, mid height")
+    lines.set_label(f"cut edge, {scene.middle_mm():.3g} mm high" if scene.terraces else "cut edge, mid height")
     axes.add_collection(lines, autolim=False)
     nominal = _lines(
         [m.nominal_mm for m in scene.maps], color=INK, linewidth=0.7, linestyle=(0, (5, 3)), zorder=4
     )
     nominal.set_label("nominal edge")
     axes.add_collection(nominal, autolim=False)
+    _draw_steps(axes, scene)
+
+
+def _draw_steps(axes: Axes, scene: Scene) -> None:
+    """Outline the levels of a stepped workpiece, with their heights."""
+    outlines = [line for terrace in scene.terraces for line in terrace.outlines_mm]
+    if outlines:
+        lines = _lines(outlines, color=MUTED, linewidth=0.6, linestyle=":", zorder=2)
+        heights = ", ".join(f"{terrace.height_mm:.3g}" for terrace in scene.terraces)
+        lines.set_label(f"steps, {heights} mm high")
+        axes.add_collection(lines, autolim=False)
 
 
 def _lines(lines: Any, **style: Any) -> LineCollection:

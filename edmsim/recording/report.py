@@ -31,8 +31,8 @@ class Totals:
         Pulses by how they ended, all pulses of the generator, also those the analyser did not count.
     path_length_mm : float
         Length of wire path cut.
-    height_mm : float
-        Workpiece height, for the cutting rate.
+    cut_area_mm2 : float
+        Path length times the local height of the workpiece, for the cutting rate.
     energy : float
         Energy of all discharges in J.
     removed_mm3 : float
@@ -48,7 +48,7 @@ class Totals:
     spark: int
     arc: int
     path_length_mm: float
-    height_mm: float
+    cut_area_mm2: float
     energy: float
     removed_mm3: float
     vibration_um_rms: float
@@ -147,9 +147,7 @@ def _machining(windows: pa.Table, totals: Totals) -> dict[str, Any]:
         "pulses": pulses,
         "path_length_mm": totals.path_length_mm,
         "feed_um_s": {"mean": _mean(windows, "feed_um_s"), "max": float(feed.max()) if len(feed) else None},
-        "cutting_rate_mm2_min": _ratio(
-            totals.path_length_mm * totals.height_mm, totals.machining_time_s / 60.0
-        ),
+        "cutting_rate_mm2_min": _ratio(totals.cut_area_mm2, totals.machining_time_s / 60.0),
         "pulse_share": {
             kind: _ratio(getattr(totals, kind), pulses) for kind in ("spark", "arc", "short", "open")
         },

@@ -132,12 +132,14 @@ def _log_workpiece(recording: rr.RecordingStream, scene: Scene) -> None:
             fill_mode=rr.components.FillMode.MajorWireframe,
         )
         recording.log(f"world/table/{name}", box, static=True)
+    steps = [strip for t in scene.terraces for strip in _at_height(t.outlines_mm, t.height_mm)]
+    _log_lines(recording, "world/table/steps", steps, palette.LINE)
     nominal = [m.nominal_mm for m in scene.maps]
     for name, z_mm in (("bottom", 0.0), ("top", height)):
         _log_lines(recording, f"world/table/nominal/{name}", _at_height(nominal, z_mm), palette.GREEN)
-    last = len(scene.cut_edges_mm) - 1
+    last, middle = len(scene.cut_edges_mm) - 1, scene.middle_slice()
     # The outer slices are drawn on the faces, to lie in one plane with the drawing.
-    for name, index, z_mm in (("bottom", 0, 0.0), ("middle", last // 2, height / 2), ("top", last, height)):
+    for name, index, z_mm in (("bottom", 0, 0.0), ("middle", middle, scene.middle_mm()), ("top", last, height)):
         if last >= 0:
             edges = _at_height(scene.cut_edges_mm[index], z_mm)
             _log_lines(recording, f"world/table/cut/{name}", edges, palette.SKY)

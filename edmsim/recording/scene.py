@@ -68,6 +68,14 @@ class Corner:
 
 
 @dataclass(frozen=True)
+class Terrace:
+    """Upper faces of a stepped workpiece at one height: their outlines, and the height in mm."""
+
+    outlines_mm: Polylines
+    height_mm: float
+
+
+@dataclass(frozen=True)
 class Scene:
     """Everything drawn of one cut.
 
@@ -83,12 +91,14 @@ class Scene:
     stock_mm : (x_min, y_min, x_max, y_max)
         The blank on the table.
     height_mm : float
-        Workpiece height.
+        Workpiece height, the greatest if it has steps.
     guides_z_mm : (lower, upper)
         Heights of the wire guides over the workpiece's bottom; the lower is negative.
     wire_diameter_um : float
     stop_mm : (x, y) or None
         Where the wire stood when the machine stopped; None if the cut was finished.
+    terraces : tuple of Terrace
+        The levels of a stepped workpiece from the lowest up; none if it is as high everywhere.
     """
 
     maps: tuple[ErrorMap, ...]
@@ -100,6 +110,7 @@ class Scene:
     guides_z_mm: tuple[float, float]
     wire_diameter_um: float
     stop_mm: tuple[float, float] | None = None
+    terraces: tuple[Terrace, ...] = ()
 
     def extent_mm(self) -> tuple[float, float, float, float]:
         """Return the box (x_min, y_min, x_max, y_max) around nominal edges, start holes and stop place."""
@@ -119,6 +130,15 @@ class Scene:
         """Return the largest of the drawing's sides and the workpiece height in mm."""
         x0, y0, x1, y1 = self.extent_mm()
         return max(x1 - x0, y1 - y0, self.height_mm)
+
+    def middle_slice(self) -> int:
+        """Return the slice at mid height of the lowest place: it has metal everywhere."""
+        lowest = self.terraces[0].height_mm / self.height_mm if self.terraces else 1.0
+        return max(round(len(self.cut_edges_mm) * lowest), 1) // 2
+
+    def middle_mm(self) -> float:
+        """Return the height over the workpiece's bottom at which that slice has its middle."""
+        return (self.middle_slice() + 0.5) * self.height_mm / max(len(self.cut_edges_mm), 1)
 
     def known_errors(self) -> NDArray[np.float64]:
         """Return every measured profile error in um, contour after contour."""

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import edmsim
-from edmsim.plant.workpiece import FULL, NO_METAL_UM, TILE, KerfField, Stock, carve_line, trace
+from edmsim.plant.workpiece import FULL, NO_METAL_UM, TILE, KerfField, Stock, carve_wall, trace
 
 CELL = 4.0
 MIDDLE = 512.0
@@ -81,28 +81,24 @@ def test_a_ray_that_begins_in_the_metal_sees_its_own_start_at_most():
     assert look(field, MIDDLE + 50.0, MIDDLE, 0.0, start=10.0) == pytest.approx(10.0, abs=1e-6)
 
 
-def cut(field, parts, *, angle=0.0, start=0.0, reach=200.0, half_width=20.0, offset=0.5):
-    before = field.tiles[: field.count].astype(np.int64)
-    left = parts
-    for line in range(4):
-        across = (line + offset) * half_width / 2 - half_width
-        quota = left // (4 - line)
-        left -= quota - carve_line(
-            field.tiles, field.index, 0, CELL, MIDDLE, MIDDLE, math.cos(angle), math.sin(angle),
-            start, reach, across, quota,
-        )
-    return before - field.tiles[: field.count], left
+def cut(field, parts, *, angle=0.0, edge=20.0, width=40.0, before=12.0, beyond=40.0, place=(MIDDLE, MIDDLE)):
+    was = field.tiles[: field.count].astype(np.int64)
+    left = carve_wall(
+        field.tiles, field.index, 0, CELL, *place, math.cos(angle), math.sin(angle), edge, before, beyond, width,
+        parts,
+    )
+    return was - field.tiles[: field.count], left
 
 
 @settings(max_examples=60, deadline=None)
 @given(
-    parts=st.integers(0, 80 * FULL), angle=st.floats(0.0, 6.3), half_width=st.floats(0.5, 40.0),
-    offset=st.floats(0.0, 1.0), reach=st.floats(0.0, 120.0),
+    parts=st.integers(0, 80 * FULL), angle=st.floats(0.0, 6.3), width=st.floats(0.5, 80.0),
+    edge=st.floats(0.0, 100.0), beyond=st.floats(0.0, 60.0),
 )
-def test_carving_removes_what_was_asked_less_what_it_reports(parts, angle, half_width, offset, reach):
+def test_carving_removes_what_was_asked_less_what_it_reports(parts, angle, width, edge, beyond):
     field = KerfField(1, Stock((MIDDLE + 10.0, 0.0, 4_000.0, 4_000.0)), CELL, 4_000.0)
-    field.allocate(MIDDLE, MIDDLE, 200.0)
-    taken, left = cut(field, parts, angle=angle, half_width=half_width, offset=offset, reach=reach)
+    field.allocate(MIDDLE, MIDDLE, 300.0)
+    taken, left = cut(field, parts, angle=angle, width=width, edge=edge, beyond=beyond)
     assert taken.min() >= 0  # nothing grows, so nothing wrapped below zero
     assert taken.sum() + left == parts
     assert 0 <= left <= parts
@@ -112,28 +108,54 @@ def test_carving_removes_what_was_asked_less_what_it_reports(parts, angle, half_
         tx, ty = places[int(place)]
         x = (tx * TILE + ix + 0.5) * CELL - MIDDLE
         y = (ty * TILE + iy + 0.5) * CELL - MIDDLE
-        assert math.hypot(x, y) < math.hypot(reach, 1.5 * half_width) + CELL
+        ahead, aside = x * math.cos(angle) + y * math.sin(angle), y * math.cos(angle) - x * math.sin(angle)
+        # along the grid's axis nearer to the direction, so beside it by as much at the most
+        assert -12.0 - 2 * CELL <= ahead - edge <= beyond + width / 2 + 2 * CELL
+        assert abs(aside) <= width / 2 + max(12.0, beyond) * abs(math.sin(2 * angle)) + 2 * CELL
 
 
 def test_where_metal_runs_out_the_rest_is_reported():
     field = half_plane(0.0, 20.0)
-    taken, left = cut(field, 10**9, reach=60.0)
+    taken, left = cut(field, 10**9)
     assert 0 < taken.sum() < 10**9
     assert left == 10**9 - taken.sum()
-    again, left = cut(field, 1_000, reach=60.0)
+    again, left = cut(field, 1_000, beyond=30.0)
     assert (again.sum(), left) == (0, 1_000)
-    assert cut(field, 0) [1] == 0
+    assert cut(field, 0)[1] == 0
 
 
-def test_craters_eat_the_edge_from_outside():
-    """Twenty shallow craters over the same width move the edge back evenly and leave no metal behind it."""
-    field = half_plane(0.0, 20.0)
-    for n in range(20):
-        cut(field, 5 * FULL, start=10.0, offset=(n + 0.5) / 20)
-    receded_um = 20 * 5 * CELL**2 / 40.0
-    edges = [look(field, MIDDLE, MIDDLE + y, 0.0) for y in np.arange(-12.0, 12.5, 2.0)]
-    np.testing.assert_allclose(edges, 20.0 + receded_um, atol=2 * CELL)
-    assert np.mean(edges) == pytest.approx(20.0 + receded_um, abs=CELL)
+@pytest.mark.parametrize("degrees", [0, 20, 44, 46, 90, 135, 200, 270])
+def test_a_wall_recedes_where_it_was_carved_by_what_was_taken(degrees):
+    angle = math.radians(degrees)
+    field = half_plane(angle, 40.0)
+    _, left = cut(field, int(40.0 * 3.0 / CELL**2 * FULL), angle=angle, edge=40.0)
+    along = np.arange(-60.0, 61.0, 3.0)
+    edges = np.array(
+        [look(field, MIDDLE - u * math.sin(angle), MIDDLE + u * math.cos(angle), angle) for u in along]
+    )
+    assert left == 0
+    assert edges[np.abs(along) < 15].mean() == pytest.approx(43.0, abs=0.4)
+    assert edges[np.abs(along) > 30].mean() == pytest.approx(40.0, abs=0.4)
+
+
+def test_a_round_wall_stays_round_when_its_rays_carve_it():
+    """Two hundred windows of equal removal on every one of 64 rays: no ridges, whatever the angle to the grid."""
+    x = MIDDLE + 0.3
+    field = KerfField(1, Stock((0.0, 0.0, 1024.0, 1024.0), ((x, x, 150.0),)), CELL, 4_000.0)
+    field.allocate(x, x, 300.0)
+    jitter = np.random.default_rng(0)
+    for _ in range(200):
+        aside = jitter.uniform(-0.5, 0.5)
+        for angle in 2 * math.pi * np.arange(64) / 64:
+            edge = look(field, x, x, angle, start=117.0)
+            width = edge * 2 * math.pi / 64
+            place = (x - aside * width * math.sin(angle), x + aside * width * math.cos(angle))
+            parts = int(width * 0.3 / CELL**2 * FULL)
+            assert cut(field, parts, angle=angle, edge=edge, width=width, place=place)[1] == 0
+    edges = [look(field, x, x, angle, start=117.0) for angle in np.linspace(0, 2 * math.pi, 500)]
+    assert np.mean(edges) == pytest.approx(150.0 + 200 * 0.3, abs=0.5)
+    assert np.std(edges) < 1.0
+    assert np.ptp(edges) < CELL + 2.0
 
 
 # --- what the plant removes ---

@@ -198,13 +198,47 @@ def test_the_bare_wire_hangs_straight_and_leans_to_metal_nearby(machine, altered
     assert np.abs(plant.deflections_um()[:, 1]).max() < 0.1 * lean
 
 
-def test_a_wire_that_leaves_its_guides_is_told(machine):
-    """A wire bent by metres is no wire any more: the error says when and where."""
+def told(machine, change, kind):
+    """Advance a plant whose state was changed by hand; returns the error."""
     plant = far(machine)
     plant.advance()
     state = plant.snapshot()
-    state["wire_q"][0, 0] = 1e9
+    change(state)
     plant.restore(state)
-    told = r"the wire left its guides at 0\.026 s of machine time, x 10\.000 y 20\.000 mm"
-    with pytest.raises(edmsim.EdmsimError, match=told):
+    with pytest.raises(kind) as caught:
+        plant.advance()
+    assert 0.0255 < caught.value.time_s <= 0.0511
+    assert caught.value.place_um == (10_000.0, 20_000.0)
+    assert 0 < caught.value.window.pulses <= 255
+    assert f"{caught.value.time_s:.4f} s of machine time, x 10.000 y 20.000 mm" in str(caught.value)
+    return caught.value
+
+
+def test_a_wire_that_leaves_its_guides_is_told(machine):
+    """A wire bent by metres is no wire any more: the error says when, where, and what the window was like."""
+
+    def bend(state):
+        state["wire_q"][0, 0] = 1e9
+
+    error = told(machine, bend, edmsim.errors.WireLostError)
+    assert "the wire left its guides" in str(error)
+    assert error.window.deflection_um[0] > 1e6
+    assert isinstance(error, edmsim.errors.PlantError)
+
+
+@pytest.mark.parametrize("name", ["wire_q", "wire_v", "debris", "temperature_K", "table_q"])
+def test_a_number_that_is_none_is_told(machine, name):
+    def spoil(state):
+        state[name].flat[0] = np.nan
+
+    assert "lost its numbers" in str(told(machine, spoil, edmsim.errors.NotFiniteError))
+
+
+def test_a_wire_inside_the_metal_is_told(machine):
+    """A wire set down where only metal is finds no way out."""
+    plant = edmsim.Plant(machine, 1, resolution="fast")
+    state = plant.snapshot()
+    state["state"]["commanded_um"][0, 0] += 1_000.0
+    plant.restore(state)
+    with pytest.raises(edmsim.errors.WireInMetalError, match="deeper into the metal"):
         plant.advance()

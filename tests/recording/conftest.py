@@ -125,7 +125,7 @@ def cut() -> SimpleNamespace:
         spark=1_650_000,
         arc=60_000,
         path_length_mm=33.2,
-        height_mm=20.0,
+        cut_area_mm2=33.2 * 20.0,
         energy=1800.0,
         removed_mm3=205.0,
         vibration_um_rms=0.8,

@@ -1,0 +1,111 @@
+"""Craters: what a discharge takes from the metal.
+
+A crater's area in its slice is shared among the rays in its width, whose edges recede at once; the field itself
+is carved at the window's end, ray by ray, so that a cell is looked up once for all discharges of a window.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .compiled import compiled
+from .facing import gap_of
+from .state import Array, Arrays, Constants
+from .workpiece import FULL, carve_wall
+
+CARVE_BEFORE_UM, CARVE_BEYOND_UM = 8.0, 48.0
+"""How far before and beyond a ray's edge its wall is looked for: beside the ray it may stand nearer."""
+
+
+@compiled
+def crater_diameter(volume: float, c: Constants) -> float:
+    """Diameter in um of a half-ellipsoid crater: V = 2/3 area depth, depth = flatness diameter."""
+    return float(np.cbrt(6.0 * volume / (math.pi * c.crater_flatness)))
+
+
+@compiled
+def _covered(middle: float, reach: float, aside: int) -> float:
+    """Share of the ray `aside` places away that a crater covers, all lengths in ray spacings."""
+    return max(0.0, min(middle + reach, aside + 0.5) - max(middle - reach, aside - 0.5))
+
+
+@compiled
+def _neighbour(a: Arrays, s: int, r: int, aside: int) -> int:
+    """Packed place of the ray `aside` places from ray `r`; -1 if that ray meets no metal."""
+    n_rays = a.ray_cosine.shape[0]
+    n = r + aside  # wrapped by hand: division is dear here
+    n += n_rays if n < 0 else 0
+    n -= n_rays if n >= n_rays else 0
+    return a.place[s, n]
+
+
+@compiled
+def share_crater(a: Arrays, c: Constants, position: Array, s: int, k: int, volume: float, jitter: float) -> bool:
+    """Lay a crater of `volume` um3 at packed ray `k` on the rays in its width, which recede by its mean depth.
+
+    `jitter` (-0.5..0.5 ray spacings) shifts the crater, so that many of them cover the wall evenly. Says whether
+    there was metal to lay it on.
+    """
+    n_rays = a.ray_cosine.shape[0]
+    spacing = (c.radius_um + gap_of(a, position, s, k)) * (2.0 * math.pi / n_rays)
+    reach = min(0.5 * crater_diameter(volume, c) / spacing, 0.25 * n_rays)
+    first, last = math.floor(jitter - reach + 0.5), math.ceil(jitter + reach - 0.5)
+    r = a.ray[s, k]
+    covered = 0.0
+    for aside in range(first, last + 1):
+        if _neighbour(a, s, r, aside) >= 0:
+            covered += _covered(jitter, reach, aside)
+    if covered <= 0.0:
+        return False
+    area = volume / (c.slice_um * covered)
+    depth = np.float32(area / spacing)
+    for aside in range(first, last + 1):
+        j = _neighbour(a, s, r, aside)
+        if j >= 0:
+            share = _covered(jitter, reach, aside)
+            a.pending_um2[s, a.ray[s, j]] += area * share
+            a.distance[s, j] += depth * np.float32(share)
+    return True
+
+
+@compiled
+def _carve_ray(
+    a: Arrays, tiles: NDArray[np.uint16], index: NDArray[np.int32], c: Constants, s: int, r: int, parts: int,
+    aside: float,
+) -> int:
+    """Take `parts` from the wall a ray stands for, `aside` ray spacings beside it; returns the parts not found."""
+    near = c.radius_um + np.float64(a.edge_um[s, r])
+    width = near * (2.0 * math.pi / a.ray_cosine.shape[0])
+    cosine, sine = a.ray_cosine[r], a.ray_sine[r]
+    return carve_wall(
+        tiles, index, s, c.cell_um, a.reference_um[0, s] - aside * width * sine,
+        a.reference_um[1, s] + aside * width * cosine, cosine, sine, near, CARVE_BEFORE_UM, CARVE_BEYOND_UM, width,
+        parts,
+    )
+
+
+@compiled
+def carve(
+    a: Arrays, tiles: NDArray[np.uint16], index: NDArray[np.int32], c: Constants, aside: float
+) -> float:
+    """Carve what lies on the rays from the field; returns the volume in um3 that found no metal.
+
+    `aside` (-0.5..0.5 ray spacings) shifts all strips: where two meet, no ridge shall stay that no ray sees. What
+    is less than a part of a cell is kept per slice.
+    """
+    part = c.cell_um**2 / FULL
+    missed = 0.0
+    for s in range(a.shape.shape[0]):
+        for r in range(a.ray_cosine.shape[0]):
+            if a.pending_um2[s, r] > 0.0:
+                area = a.pending_um2[s, r] + a.carry_um2[s]
+                a.pending_um2[s, r] = 0.0
+                parts = int(area / part)
+                a.carry_um2[s] = area - parts * part
+                lost = _carve_ray(a, tiles, index, c, s, r, parts, aside) * part * c.slice_um
+                a.debris[s] = max(0.0, a.debris[s] - lost / c.cavity_um3)
+                missed += lost
+    return missed
