@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from .. import models
 from ..machine import Machine
-from ..plant.kernel import _crater_diameter
+from ..plant.erosion import crater_diameter
 from ..plant.setup import constants, resolution
 from .rows import Check, Row, mean_and_interval
 from .setups import FRAIL, STILL, altered, in_a_hole, single_discharges
@@ -62,7 +62,7 @@ def check_shape(seeds: Sequence[int]) -> list[Row]:
     numbers = constants(Machine.load(), resolution("default"))
     rows = []
     for crater in published():
-        diameter = _crater_diameter(crater.volume, numbers)
+        diameter = crater_diameter(crater.volume, numbers)
         for name, measured, ours, within in (
             ("diameter", crater.diameter, diameter, 0.10),
             ("depth", crater.depth, numbers.crater_flatness * diameter, 0.20),

@@ -16,6 +16,7 @@ from scipy.stats import kstest
 
 from .. import models
 from ..machine import Gap, Machine
+from ..plant.dielectric import flow_speed_m_s
 from ..plant.plant import Plant, PulseWindow
 from .rows import Check, Row, mean_and_interval
 from .setups import FRAIL, STILL, altered, in_a_hole, single_discharges
@@ -166,11 +167,11 @@ FLOW_PULSES_WINDOWS = 8
 def pressure_Pa(machine: Machine, speed_m_s: float) -> float:
     """Flushing pressure at which the water passes the workpiece at `speed_m_s` on average over its height.
 
-    The speed falls linearly from the nozzle, where it is ``dp g^2 / (12 eta h / 2)``, to nothing at mid-height.
+    The speed falls linearly from the nozzle to nothing at mid-height.
     """
     water = machine.base.dielectric
-    half_height_m = machine.height_mm * 1e-3 / 2
-    return 2 * speed_m_s * 12 * water.viscosity_Pa_s.value * half_height_m / (water.side_gap_um.value * 1e-6) ** 2
+    per_Pa = flow_speed_m_s(1.0, water.viscosity_Pa_s.value, water.side_gap_um.value, machine.height_mm)
+    return 2 * speed_m_s / per_Pa
 
 
 def thesis_point(gap_um: float, speed_m_s: float, seed: int) -> list[PulseWindow]:
@@ -185,9 +186,8 @@ def thesis_point(gap_um: float, speed_m_s: float, seed: int) -> list[PulseWindow
 
 def mean_delay_us(windows: Sequence[PulseWindow]) -> float:
     """Mean delay of the pulses, an open one counted with the whole on-time of 50 us."""
-    lit = [(window.mean_delay_us * (window.pulses - window.open), window) for window in windows if window.spark]
-    total = sum(delay for delay, _ in lit) + 50.0 * sum(window.open for window in windows)
-    return total / sum(window.pulses for window in windows)
+    lit = sum(w.mean_delay_us * (w.spark + w.arc) for w in windows if w.spark + w.arc)
+    return (lit + 50.0 * sum(w.open for w in windows)) / sum(w.pulses for w in windows)
 
 
 def check_figure_2_9(seeds: Sequence[int]) -> list[Row]:
