@@ -9,7 +9,9 @@ from importlib import import_module
 
 from .rows import Check, Row
 
-MODULES = ("ignition", "craters", "strings", "heat", "water", "corners")
+MODULES = (
+    "ignition", "craters", "strings", "heat", "water", "corners", "pulse_ratios", "cuts", "breakage", "quality",
+)
 """Modules of this package that have ``CHECKS``; topics come in the order in which these first name them."""
 SEEDS = (1, 2, 3, 4)
 """Seeds every check gets (ours: as few as make an interval that is not all Student's factor)."""
