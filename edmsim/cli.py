@@ -1,4 +1,4 @@
-"""The command line: ``edmsim cut``, ``view`` and ``bench``."""
+"""The command line: ``edmsim cut``, ``view``, ``validate`` and ``bench``."""
 
 from __future__ import annotations
 
@@ -102,6 +102,36 @@ def view(
     from .recording import view as show
 
     raise typer.Exit(show(directory))
+
+
+@app.command()
+def validate(
+    json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+    write: Annotated[
+        Path | None, typer.Option(help="Folder of the docs: write validation.md, refresh the tables of theory/.")
+    ] = None,
+) -> None:
+    """Compare the model with what was published, row by row."""
+    from rich.progress import Progress as Bar
+
+    from .validation import run
+    from .validation.pages import check_folder
+    from .validation.pages import write as write_pages
+    from .validation.report import as_json, render
+
+    if write is not None:
+        check_folder(write)
+    with Bar(console=_ERR, transient=True) as bar:
+        task = bar.add_task("validate", total=None)
+        rows = run(lambda done, total: bar.update(task, completed=done, total=total))
+    if write is not None:
+        write_pages(write, rows)
+    if json:
+        sys.stdout.write(as_json(rows) + "\n")
+    else:
+        _OUT.print(render(rows))
+    if any(row.unexpected for row in rows):
+        raise typer.Exit(FAILED)
 
 
 @app.command()

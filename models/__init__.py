@@ -1,7 +1,8 @@
-"""Data of the machine: the MuJoCo model, and tables of machines, wires, materials and generators."""
+"""Data of the machine: the MuJoCo model, tables of machines, wires, materials and generators, published tables."""
 
 from __future__ import annotations
 
+import csv
 from pathlib import Path
 
 from edmsim.errors import InputError
@@ -24,3 +25,20 @@ def path(name: str) -> Path:
     if not file.is_file():
         raise InputError(f"there is no data file {name!r}; the files lie in {file.parent}")
     return file
+
+
+def published(name: str) -> list[dict[str, str]]:
+    """Return the rows of a published table, by column; its first lines, behind ``#``, give the source.
+
+    Parameters
+    ----------
+    name : str
+        A file of ``published/`` without its ending: ``"ignition_median_vs_gap_eth"``.
+
+    Raises
+    ------
+    InputError
+        If there is no such file.
+    """
+    with path(f"published/{name}.csv").open(encoding="utf-8") as file:
+        return list(csv.DictReader(line for line in file if not line.startswith("#")))

@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import csv
-from pathlib import Path
-
 import pytest
 
 import edmsim
+from edmsim import models
 from edmsim.plant.workpiece import Stock
 
-DATA = Path(__file__).parents[1] / "data"
 CENTRE_UM = (32_500.0, 32_500.0)
 
 
@@ -21,12 +18,10 @@ def machine():
 
 @pytest.fixture(scope="session")
 def published():
-    """Rows of a table in tests/data as dictionaries of floats."""
+    """Rows of a published table as dictionaries of floats."""
 
     def read(name):
-        with (DATA / name).open(encoding="utf-8") as file:
-            rows = csv.DictReader(line for line in file if not line.startswith("#"))
-            return [{key: float(value) for key, value in row.items()} for row in rows]
+        return [{key: float(value) for key, value in row.items()} for row in models.published(name)]
 
     return read
 

@@ -38,7 +38,7 @@ def parabola(gap_um):
 def test_rate_of_the_reference_area_is_the_published_one(name, machine, published):
     res = resolution(name)
     law = gap_law(machine.with_(height_mm=10), res, 80.0)
-    rows = [row for row in published("ignition_median_vs_gap_eth.csv") if row["gap_um"] >= 8]
+    rows = [row for row in published("ignition_median_vs_gap_eth") if row["gap_um"] >= 8]
     assert len(rows) == 9
     for row in rows:
         rate = front(row["gap_um"], law, res)[0]

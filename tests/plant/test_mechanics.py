@@ -2,7 +2,6 @@ import math
 import subprocess
 import sys
 import tomllib
-from pathlib import Path
 
 import mujoco
 import numpy as np
@@ -36,9 +35,7 @@ WIRES = [
 ]
 N_NODES = 31
 # h_mm, L_mm, T_N, ymax_um_per_N_per_m; its first lines say how it was derived
-STATIC_LAG = np.loadtxt(
-    Path(__file__).parents[1] / "data" / "analytic_static_wire_lag.csv", delimiter=",", skiprows=3
-)
+STATIC_LAG = np.loadtxt(models.path("published/analytic_static_wire_lag.csv"), delimiter=",", skiprows=3)
 
 
 def slice_heights(height: float, guide_distance: float, n_slices: int) -> Array:

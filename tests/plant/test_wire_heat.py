@@ -25,7 +25,7 @@ STILL = HeatLaw(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, WATER_K)
 
 
 def test_electrostatic_pull_is_the_published_table(published):
-    rows = published("analytic_electrostatic_force.csv")
+    rows = published("analytic_electrostatic_force")
     assert len(rows) == 25
     for row in rows:
         pull = electrostatic_pull_N_m(row["V"], row["gap_um"], 125.0, 80.0)

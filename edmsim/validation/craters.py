@@ -1,0 +1,139 @@
+"""Craters of single discharges: shape, volume against current, and scatter."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .. import models
+from ..machine import Machine
+from ..plant.erosion import crater_diameter
+from ..plant.setup import constants, resolution
+from .rows import Check, Row, mean_and_interval
+from .setups import FRAIL, STILL, altered, in_a_hole, single_discharges
+
+ESTEVES = "Esteves, Sikora, Kuffa, Wegener, Procedia CIRP 113:232 (2022), data in SPARC (ETH, MIT licence)"
+SHAPE = "docs/theory/workpiece.md#shape-of-a-crater"
+VOLUME = "docs/theory/workpiece.md#volume-against-current"
+
+FITTED_MODE = "I9"
+"""The row whose volume fixes the pulse duration, which was not published: the middle one, 110 A."""
+SLOPES = ((30.0, 425.0, 1.10), (30.0, 215.0, 0.69), (215.0, 425.0, 2.79))
+"""Ranges of current and the exponents fitted to the published volumes over them."""
+GAP_UM = 10.0
+DISCHARGES = 150
+"""Discharges per current and seed: the mean of 600 is known to 2 %."""
+
+
+@dataclass(frozen=True)
+class Measured:
+    """A row of the published table: lengths um, area um2, volume um3."""
+
+    mode: str
+    current_A: float
+    area: float
+    depth: float
+    volume: float
+    scatter: float
+
+    @property
+    def diameter(self) -> float:
+        """Diameter of a round crater of that area."""
+        return math.sqrt(4 * self.area / math.pi)
+
+
+def published() -> list[Measured]:
+    """Nine current levels of the single-discharge study."""
+    return [
+        Measured(
+            row["mode"], float(row["peak_current_A"]), float(row["area_mean_um2"]), float(row["depth_um"]),
+            float(row["volume_mean_um3"]), float(row["volume_std_um3"]) / float(row["volume_mean_um3"]),
+        )
+        for row in models.published("crater_single_discharge_eth")
+    ]
+
+
+def check_shape(seeds: Sequence[int]) -> list[Row]:
+    """Diameter and depth that the loop gives a crater of the measured volume; nothing is drawn."""
+    numbers = constants(Machine.load(), resolution("default"))
+    rows = []
+    for crater in published():
+        diameter = crater_diameter(crater.volume, numbers)
+        for name, measured, ours, within in (
+            ("diameter", crater.diameter, diameter, 0.10),
+            ("depth", crater.depth, numbers.crater_flatness * diameter, 0.20),
+        ):
+            rows.append(Row.value(
+                "crater", f"{name} of a crater of {crater.volume:.0f} um3 ({crater.current_A:g} A)", ESTEVES,
+                published=measured, simulated=ours, within=within, unit="um", note=SHAPE,
+            ))
+    return rows
+
+
+def craters_um3(current_A: float, duration_us: float, seeds: Sequence[int]) -> list[NDArray[np.float64]]:
+    """Craters of single discharges of a rectangular pulse, per seed; draws of their own at every current."""
+    machine = Machine.load(generator="iso-energetic", t_on_us=1.0)
+    voltage = machine.generator.open_voltage_V.value - machine.material.burning_voltage_V.value
+    still = {key: value for key, value in STILL.items() if key != "material.removal_mm3_J"}
+    machine = altered(machine, {**still, **FRAIL, "generator.resistance_ohm": voltage / current_A})
+    machine = machine.model_copy(update={"t_on_us": duration_us})
+    return [
+        np.array([window.crater_um3 for window in single_discharges(plant, DISCHARGES) if window.spark])
+        for plant in (in_a_hole(machine, GAP_UM, 1000 * seed + round(current_A)) for seed in seeds)
+    ]
+
+
+def fitted_duration_us() -> float:
+    """Duration at which the model removes the published volume at the fitted row's current."""
+    machine = Machine.load()
+    row = next(crater for crater in published() if crater.mode == FITTED_MODE)
+    energy_J = row.volume * 1e-9 / machine.material.removal_mm3_J.value
+    return energy_J / (machine.material.burning_voltage_V.value * row.current_A) * 1e6
+
+
+def check_volume(seeds: Sequence[int]) -> list[Row]:
+    """Mean volume at every current with one duration, the slope of volume over current, and the scatter."""
+    table, duration = published(), fitted_duration_us()
+    runs = [craters_um3(crater.current_A, duration, seeds) for crater in table]
+    rows = []
+    for crater, craters in zip(table, runs, strict=True):
+        mean, half = mean_and_interval([values.mean() for values in craters])
+        rows.append(Row.value(
+            "crater", f"volume at {crater.current_A:g} A, on for {duration:.3f} us", ESTEVES,
+            published=crater.volume, simulated=mean, within=0.22, uncertainty=half, unit="um3", note=VOLUME,
+        ))
+    rows += [_slope_row(table, runs, low, high, published) for low, high, published in SLOPES]
+    scatter, half = mean_and_interval([np.mean([craters[k].std(ddof=1) / craters[k].mean() for craters in runs])
+                                       for k in range(len(seeds))])
+    measured = [crater.scatter for crater in table]
+    rows.append(Row.band(
+        "crater", "scatter of volumes (standard deviation over mean)", ESTEVES, low=min(measured),
+        high=max(measured), simulated=scatter, uncertainty=half,
+    ))
+    return rows
+
+
+def _slope_row(
+    table: Sequence[Measured], runs: Sequence[Sequence[NDArray[np.float64]]], low_A: float, high_A: float,
+    published: float,
+) -> Row:
+    within = [k for k, crater in enumerate(table) if low_A <= crater.current_A <= high_A]
+    currents = [table[k].current_A for k in within]
+    slope, half = mean_and_interval(
+        [_slope(currents, [runs[k][n].mean() for k in within]) for n in range(len(runs[0]))]
+    )
+    return Row.value(
+        "crater", f"slope of log volume over log current, {low_A:g}..{high_A:g} A", ESTEVES, published=published,
+        simulated=slope, within=0.15, uncertainty=half, note=VOLUME,
+    )
+
+
+def _slope(currents: Sequence[float], volumes: Sequence[float]) -> float:
+    return float(np.polyfit(np.log(currents), np.log(volumes), 1)[0])
+
+
+CHECKS: tuple[Check, ...] = (check_shape, check_volume)

@@ -1,0 +1,152 @@
+"""Rows on what a cut leaves: kerf, gaps, removal per charge and energy, cutting rate, thickness estimate."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ..controllers import make
+from ..machine import Machine
+from .rows import Check, Row, mean_and_interval
+from .straight import Cut, change, cut_straight, each
+
+TEXTBOOK = "textbook figure 1.8 W per mm3/min"
+MASS_BALANCE = "mass balance of production cutting of steel, from Sato et al. (590 W, 60..80 mm3/min)"
+SCHACHT = "Schacht, KU Leuven (2004): charge per removed volume is one constant of a pulse type"
+ESTIMATOR = "Sato et al. after Yafuku et al.: thickness from mean current over kerf and feed"
+ESTIMATOR_ERROR = "doi:10.1177/0954405413475973: thickness estimated within 2 mm"
+EARLY_MACHINES = "usual of machines of the 1970s and early 1980s"
+KERF = "kerf = wire + 2 side gaps (SPARC)"
+SIDE_GAP = "usual side gap of rough cuts"
+FRONT_GAP = "usual frontal gap"
+EXPOSURE = "a wall ignites for as long as it faces the wire (derived)"
+PAGE = "docs/theory/emergence.md"
+
+
+def _by_counts(machine: Machine, seed: int) -> Cut:
+    """Cut whose feed follows the pulses, as a machine's does."""
+    return cut_straight(machine, make("counts"), seed, settle_s=10.0, seconds=15.0)
+
+
+def removal(seeds: Sequence[int]) -> list[Row]:
+    """Energy and charge per removed volume, and the cutting rate, of the default set-up under the count law."""
+    machine = Machine.load()
+    cuts = each(seeds, lambda seed: _by_counts(machine, seed))
+    energy, half_energy = mean_and_interval([cut.energy / cut.removed_mm3 for cut in cuts])
+    charge, half_charge = mean_and_interval([cut.charge / cut.removed_mm3 for cut in cuts])
+    rate, half_rate = mean_and_interval([cut.feed_um_s * machine.height_mm * 60e-3 for cut in cuts])
+    gap, half_gap = mean_and_interval([cut.gap_um for cut in cuts])
+    note = f"{PAGE}#removal-and-cutting-rate"
+    return [
+        Row.value("removal", "energy per volume", TEXTBOOK, published=108.0, simulated=energy, within=0.1,
+                  uncertainty=half_energy, unit="J/mm3"),
+        Row.band("removal", "energy per volume, production", MASS_BALANCE, low=440.0, high=590.0,
+                 simulated=energy, uncertainty=half_energy, unit="J/mm3", note=note),
+        Row.band("removal", "charge per volume, production", MASS_BALANCE, low=22.0, high=29.0,
+                 simulated=charge, uncertainty=half_charge, unit="C/mm3", note=note),
+        Row.band("removal", "cutting rate", EARLY_MACHINES, low=10.0, high=60.0, simulated=rate,
+                 uncertainty=half_rate, unit="mm2/min"),
+        Row.band("kerf", "frontal gap", FRONT_GAP, low=10.0, high=30.0, simulated=gap, uncertainty=half_gap,
+                 unit="um"),
+    ]
+
+
+PAUSE_PERIODS_US = (100.0, 150.0, 250.0)
+"""Periods of the same pulse: from the default pause to three times as long (ours)."""
+
+
+def pauses(seeds: Sequence[int]) -> list[Row]:
+    """Charge per volume over the pause, the feed in proportion to the pulse frequency."""
+    ratios = []
+    for seed in seeds:
+        per_volume = []
+        for period_us in PAUSE_PERIODS_US:
+            slower = period_us / PAUSE_PERIODS_US[0]
+            cut = cut_straight(
+                Machine.load(t_period_us=period_us), 20.0 / slower, seed, settle_s=6 * slower, seconds=12 * slower
+            )
+            per_volume.append(cut.charge / cut.removed_mm3)
+        ratios.append(per_volume[-1] / per_volume[0])
+    mean, half = mean_and_interval(ratios)
+    return [
+        Row.value("removal", "charge per volume, long over short pauses", SCHACHT, published=1.0, simulated=mean,
+                  within=0.05, uncertainty=half)
+    ]
+
+
+def thickness(seeds: Sequence[int]) -> list[Row]:
+    """Thickness of 10 and 40 mm from working current, kerf and feed, calibrated at 20 mm."""
+    known_mm = 20.0
+    index = {
+        h: [_current_index(_by_counts(Machine.load(height_mm=h), seed)) for seed in seeds]
+        for h in (10.0, known_mm, 40.0)
+    }
+    rows = []
+    for height in (10.0, 40.0):
+        ratios = [known_mm * i / k for i, k in zip(index[height], index[known_mm], strict=True)]
+        mean, half = mean_and_interval(ratios)
+        rows.append(
+            Row.band("removal", f"thickness estimated for {height:g} mm", f"{ESTIMATOR}; {ESTIMATOR_ERROR}",
+                     low=height - 2.0, high=height + 2.0, simulated=mean, uncertainty=half, unit="mm")
+        )
+    return rows
+
+
+def _current_index(cut: Cut) -> float:
+    return cut.working_current_A / (float(cut.kerf_um.mean()) * cut.feed_um_s)
+
+
+DIAMETERS_UM = (100.0, 150.0, 200.0, 250.0, 300.0)
+
+
+def diameters(seeds: Sequence[int]) -> list[Row]:
+    """Kerf against wire diameter, under the count law and the wire's default stress."""
+    kerf = np.array(
+        [
+            [float(_by_counts(Machine.load(wire=f"brass-{d:g}"), seed).kerf_um.mean()) for d in DIAMETERS_UM]
+            for seed in seeds
+        ]
+    )
+    slope, half = mean_and_interval([float(np.polyfit(DIAMETERS_UM, one, 1)[0]) for one in kerf])
+    # a side gap free within 30..60 um at either end allows this much
+    free = 2 * (60.0 - 30.0) / (DIAMETERS_UM[-1] - DIAMETERS_UM[0])
+    rows = [
+        Row.value("kerf", "kerf over wire diameter, slope", KERF, published=1.0, simulated=slope, within=free,
+                  uncertainty=half)
+    ]
+    for diameter, widths in zip(DIAMETERS_UM, kerf.T, strict=True):
+        mean, half = mean_and_interval([(float(k) - diameter) / 2 for k in widths])
+        rows.append(
+            Row.band("kerf", f"side gap, {diameter:g} um wire", SIDE_GAP, low=30.0, high=60.0, simulated=mean,
+                     uncertainty=half, unit="um", note=f"{PAGE}#kerf-and-gaps")
+        )
+    return rows
+
+
+FEEDS_UM_S = (10.0, 20.0, 28.0, 34.0)
+"""Fixed feeds from three quarters of the pulses open to the first crowd of shorts (ours)."""
+
+
+def overcut(seeds: Sequence[int]) -> list[Row]:
+    """Kerf against fixed feed: the walls of a slow cut face the wire for longer."""
+    by_feed = [_cuts_at(feed, seeds) for feed in FEEDS_UM_S]
+    rows = []
+    for k in range(len(FEEDS_UM_S) - 1):
+        mean, half = change(by_feed[k], by_feed[k + 1], lambda cut: float(cut.kerf_um.mean()))
+        rows.append(
+            Row.sign("kerf", f"kerf, feed {FEEDS_UM_S[k]:g} to {FEEDS_UM_S[k + 1]:g} um/s", EXPOSURE, rises=False,
+                     simulated=mean, uncertainty=half, unit="um")
+        )
+    return rows
+
+
+def _cuts_at(feed_um_s: float, seeds: Sequence[int]) -> list[Cut]:
+    machine = Machine.load()
+    return [
+        cut_straight(machine, feed_um_s, seed, settle_s=150.0 / feed_um_s, seconds=300.0 / feed_um_s)
+        for seed in seeds
+    ]
+
+
+CHECKS: tuple[Check, ...] = (removal, pauses, thickness, diameters, overcut)

@@ -1,0 +1,199 @@
+"""Rows on the part's quality and the wire's motion: roughness, vibration, lag, corner error."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from ..controllers import make
+from ..machine import Machine
+from ..metrology import roughness_um
+from .breakage import sato_rig
+from .rows import Check, Row, mean_and_interval
+from .setups import CENTRE_UM, altered
+from .straight import Cut, Traverse, begin, change, cut_straight, each
+
+ROUGHNESS = "usual: Ra = C E^n, n = 0.3..0.4; rough cuts 2.5..4 um"
+HABIB = "Habib, Mech. Adv. Mater. Mod. Process. 3 (2017), doi:10.1186/s40759-017-0017-1: linear term"
+LAG = "usual lag of rough cuts"
+STRING = "taut string: deflection = load / tension (derived; Sarkar et al., Precision Engineering 35:339 (2011))"
+PURSUIT = "constant-lag pursuit through 90 degrees (derived)"
+CORNERS = "corner error from lag: doi:10.1177/0954405412456660 varies it by tension"
+PAGE = "docs/theory/emergence.md"
+
+ON_TIMES_US = (10.0, 30.0, 100.0)
+"""On-times from 1 to 10 mJ per discharge (ours)."""
+
+
+def roughness(seeds: Sequence[int]) -> list[Row]:
+    """Ra from the craters of a cut, over the energy of its discharges."""
+    by_on_time = {on: [_ra_and_energy(on, seed) for seed in seeds] for on in ON_TIMES_US}
+    exponent, half = mean_and_interval([_exponent(cuts) for cuts in zip(*by_on_time.values(), strict=True)])
+    rough, half_rough = mean_and_interval([one.ra_um for one in by_on_time[ON_TIMES_US[-1]]])
+    return [
+        Row.band("roughness", "Ra over energy per discharge, exponent", ROUGHNESS, low=0.3, high=0.4,
+                 simulated=exponent, uncertainty=half),
+        Row.band("roughness", "Ra of a rough cut, 10 mJ per discharge", ROUGHNESS, low=2.5, high=4.0,
+                 simulated=rough, uncertainty=half_rough, unit="um", note=f"{PAGE}#roughness"),
+    ]
+
+
+class Roughness(NamedTuple):
+    """Roughness of a cut and mean energy of its discharges in J."""
+
+    ra_um: float
+    energy: float
+
+
+def _exponent(cuts: Sequence[Roughness]) -> float:
+    energy, ra_um = np.log([cut.energy for cut in cuts]), np.log([cut.ra_um for cut in cuts])
+    return float(np.polyfit(energy, ra_um, 1)[0])
+
+
+def _ra_and_energy(t_on_us: float, seed: int) -> Roughness:
+    machine = Machine.load(t_on_us=t_on_us, t_period_us=max(t_on_us + 60.0, 4 * t_on_us))
+    cut = cut_straight(machine, make("counts"), seed, settle_s=4.0, seconds=6.0)
+    volume_um3 = cut.removed_mm3 * 1e9 / cut.ignitions
+    flatness = machine.base.discharge.crater_flatness.value
+    return Roughness(roughness_um(volume_um3, flatness), cut.energy / cut.ignitions)
+
+
+UPPER_IMPULSE_NS = 7e-7
+"""Upper end of the range of the impulse per discharge of 10 mJ."""
+FEED_UM_S = 20.0
+"""Feed of the cuts whose wire is watched: half of the pulses open (ours)."""
+
+
+def _watched(machine: Machine, seed: int, feed_um_s: float = FEED_UM_S) -> Cut:
+    return cut_straight(machine, feed_um_s, seed, settle_s=6.0, seconds=10.0)
+
+
+def vibration(seeds: Sequence[int]) -> list[Row]:
+    """Signs of Habib's linear terms on the wire's vibration; a higher servo voltage is a lower feed here."""
+    machine = Machine.load()
+    water, guides = machine.base.dielectric, machine.base.guides
+    stronger = {"base.dielectric.flushing_pressure_Pa": 3 * water.flushing_pressure_Pa.value}
+    quicker = {"base.guides.wire_speed_m_s": 2 * guides.wire_speed_m_s.value}
+    taut = machine.with_(tension=1.4 * machine.tension)
+    note = f"{PAGE}#vibration"
+    base = each(seeds, lambda seed: _watched(machine, seed))
+    changed = {
+        "tension x1.4": (each(seeds, lambda seed: _watched(taut, seed)), ""),
+        "servo voltage (feed x0.8)": (each(seeds, lambda seed: _watched(machine, seed, 0.8 * FEED_UM_S)), ""),
+        "flow rate (pressure x3)": (each(seeds, lambda seed: _watched(altered(machine, stronger), seed)), note),
+        "running speed x2": (each(seeds, lambda seed: _watched(altered(machine, quicker), seed)), note),
+    }
+    rows = []
+    for name, (cuts, why) in changed.items():
+        mean, half = change(base, cuts, lambda cut: cut.vibration_um)
+        rows.append(
+            Row.sign("vibration", f"rms vibration, {name}", HABIB, rises=False, simulated=mean, uncertainty=half,
+                     unit="um", note=why)
+        )
+    return rows
+
+
+def lag(seeds: Sequence[int]) -> list[Row]:
+    """Deflection along the feed: its size at a rough cut, and what tension and height do to it."""
+    machine = Machine.load()
+    base = each(seeds, lambda seed: _watched(machine, seed))
+    taut = each(seeds, lambda seed: _watched(machine.with_(tension=1.4 * machine.tension), seed))
+    tall = each(seeds, lambda seed: _watched(machine.with_(height_mm=40.0), seed, FEED_UM_S / 2))
+    rough, half_rough = mean_and_interval([_rough_lag_um(seed) for seed in seeds])
+    ratio, half_ratio = mean_and_interval([b.lag_um / a.lag_um for a, b in zip(base, taut, strict=True)])
+    higher, half_higher = change(base, tall, lambda cut: abs(cut.lag_um))
+    return [
+        Row.band("lag", "lag of a rough cut, 30 mm, 10 mJ per discharge", LAG, low=10.0, high=100.0,
+                 simulated=rough, uncertainty=half_rough, unit="um", note=f"{PAGE}#lag"),
+        Row.value("lag", "deflection, tension x1.4 over x1", STRING, published=1 / 1.4, simulated=ratio, within=0.1,
+                  uncertainty=half_ratio),
+        Row.sign("lag", "size of the deflection, 20 to 40 mm at equal mm2/min", STRING, rises=True,
+                 simulated=higher, uncertainty=half_higher, unit="um"),
+    ]
+
+
+def _rough_lag_um(seed: int) -> float:
+    """Lag at the densest discharges of 10 mJ that 30 mm take without crowding shorts, heat left out."""
+    machine = altered(
+        sato_rig(30.0), {"wire.half_strength_K": 1e6, "base.discharge.impulse_10mJ_Ns": UPPER_IMPULSE_NS}
+    )
+    machine = machine.with_(t_period_us=10.0, tension=10.0, wire_diameter_um=250.0)
+    return cut_straight(machine, 50.0, seed, settle_s=2.0, seconds=2.0).lag_um
+
+
+CORNER_HEIGHT_MM, CORNER_FEED_UM_S = 60.0, 20.0
+"""Piece and feed of the corner (ours: a lag of some 20 um while half of the pulses are open)."""
+BEFORE_UM, AFTER_UM = 160.0, 160.0
+"""Travel before and after the corner: eight lags each."""
+SMOOTHED_UM = 1.5
+"""Travel over which the wire's path is averaged: its vibration is not its path."""
+
+
+class Corner(NamedTuple):
+    """A wire's way round a corner of 90 degrees.
+
+    Attributes
+    ----------
+    lag_um : float
+        Lag on the straight before it.
+    nearest_um : float
+        Distance from the corner at which the wire's path passes it.
+    """
+
+    lag_um: float
+    nearest_um: float
+
+
+def corner(seeds: Sequence[int]) -> list[Row]:
+    """Corner error of a lagging wire against the pursuit of constant lag, and against tension."""
+    slack = [cut_corner(corner_rig(5.0), seed) for seed in seeds]
+    taut = [cut_corner(corner_rig(10.0), seed) for seed in seeds]
+    share, half_share = mean_and_interval([one.nearest_um / one.lag_um for one in slack])
+    less, half_less = mean_and_interval([b.nearest_um - a.nearest_um for a, b in zip(slack, taut, strict=True)])
+    return [
+        Row.value("corner", "nearest approach to the corner over lag, 90 degrees", PURSUIT, published=0.6628,
+                  simulated=share, within=0.2, uncertainty=half_share),
+        Row.sign("corner", "nearest approach to the corner, tension 5 to 10 N", CORNERS, rises=False,
+                 simulated=less, uncertainty=half_less, unit="um"),
+    ]
+
+
+def corner_rig(tension: float) -> Machine:
+    """Return the set-up of a large and steady lag: strong impulses, no electrostatic pull, a wire that holds."""
+    constants = {
+        "wire.half_strength_K": 1e6,
+        "base.dielectric.permittivity": 1e-6,
+        "base.discharge.impulse_10mJ_Ns": UPPER_IMPULSE_NS,
+    }
+    machine = altered(sato_rig(CORNER_HEIGHT_MM), constants)
+    return machine.with_(t_period_us=10.0, tension=tension, wire_diameter_um=250.0)
+
+
+def cut_corner(machine: Machine, seed: int, watch: Callable[[tuple[float, float], bool], None] | None = None
+               ) -> Corner:
+    """Cut along +x, then along +y; `watch` sees every window's mean deflection and whether it is past the corner."""
+    plant = begin(machine, seed)
+    traverse = Traverse(plant, CORNER_FEED_UM_S)
+    places, lags = [], []
+    for axis, length_um in ((0, BEFORE_UM), (1, AFTER_UM)):
+        traverse.axis = axis
+        while plant.commanded_um[axis] - CENTRE_UM[axis] < length_um:
+            window = traverse.window()
+            x, y = plant.commanded_um
+            deflection = window.deflection_um
+            places.append((x + deflection[0], y + deflection[1]))
+            if axis == 0 and x - CENTRE_UM[0] > BEFORE_UM / 2:
+                lags.append(-deflection[0])
+            if watch is not None:
+                watch(deflection, axis == 1)
+    corner_um = (plant.commanded_um[0], CENTRE_UM[1])
+    count = max(1, round(len(places) * SMOOTHED_UM / (BEFORE_UM + AFTER_UM)))
+    path = np.lib.stride_tricks.sliding_window_view(np.array(places), count, axis=0).mean(axis=-1)
+    nearest = min(math.dist(place, corner_um) for place in path)
+    return Corner(float(np.mean(lags)), nearest)
+
+
+CHECKS: tuple[Check, ...] = (roughness, vibration, lag, corner)

@@ -1,0 +1,156 @@
+"""A row of the validation table: what was published, what the plant does, and whether they agree."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import t as student
+
+LEVEL = 0.95
+"""Level of every interval in the table."""
+
+
+@dataclass(frozen=True)
+class Row:
+    """One published fact beside its simulated counterpart.
+
+    Build it with `Row.value`, `Row.band` or `Row.sign`, which decide `passed`.
+
+    Attributes
+    ----------
+    topic : str
+        What it belongs to: "ignition", "crater", "wire", "pulse ratios", ...
+    name : str
+        What is compared: "median delay at 20 um".
+    source : str
+        Citation of the published fact.
+    published : str
+        Published value, band or sign as text with its unit: "132 us", "10..60 mm2/min", "falls".
+    simulated : float
+        Central value; for a sign the difference (changed minus base).
+    uncertainty : float
+        Half width of the 95 % interval over seeds or draws; 0 where exact.
+    unit : str
+        Unit of `simulated` and `uncertainty`.
+    tolerance : str
+        What counts as agreement, in words.
+    passed : bool
+    note : str
+        Where the theory pages explain a failure: "docs/theory/breakdown.md#two-regimes". A row that fails
+        without one is unexpected.
+    """
+
+    topic: str
+    name: str
+    source: str
+    published: str
+    simulated: float
+    uncertainty: float
+    unit: str
+    tolerance: str
+    passed: bool
+    note: str = ""
+
+    @property
+    def unexpected(self) -> bool:
+        """Whether the row fails and no page says why."""
+        return not self.passed and not self.note
+
+    @classmethod
+    def value(
+        cls, topic: str, name: str, source: str, *, published: float, simulated: float, within: float,
+        uncertainty: float = 0.0, unit: str = "", note: str = "",
+    ) -> Row:
+        """Compare with a published value.
+
+        Passes if the central value lies within the tolerance and the interval is no wider than it.
+
+        Parameters
+        ----------
+        published : float
+            Not zero, in `unit`.
+        within : float
+            Tolerance as a share of the published value: 0.05 is "within 5 %".
+        """
+        tolerance = within * abs(published)
+        passed = abs(simulated - published) <= tolerance and uncertainty <= tolerance
+        return cls(
+            topic, name, source, _text(published, unit), float(simulated), float(uncertainty), unit,
+            f"within {100 * within:g} %, and known to it", bool(passed), note,
+        )
+
+    @classmethod
+    def band(
+        cls, topic: str, name: str, source: str, *, simulated: float, low: float = -math.inf, high: float = math.inf,
+        published: str = "", uncertainty: float = 0.0, unit: str = "", note: str = "",
+    ) -> Row:
+        """Compare with a published band: passes if the central value lies in ``low..high``.
+
+        Parameters
+        ----------
+        low, high : float
+            Bounds, included; leave one out where only the other was published.
+        published : str, optional
+            Text in place of the band, where the band itself is ours.
+        """
+        if math.isinf(low):
+            words, allowed = f"at most {_text(high, unit)}", f"<= {_text(high, unit)}"
+        elif math.isinf(high):
+            words, allowed = f"at least {_text(low, unit)}", f">= {_text(low, unit)}"
+        else:
+            words, allowed = f"{low:.4g}..{_text(high, unit)}", f"{low:.4g}..{_text(high, unit)}"
+        return cls(
+            topic, name, source, published or words, float(simulated), float(uncertainty), unit,
+            f"central value {allowed}", bool(low <= simulated <= high), note,
+        )
+
+    @classmethod
+    def sign(
+        cls, topic: str, name: str, source: str, *, rises: bool, simulated: float, uncertainty: float,
+        unit: str = "", note: str = "",
+    ) -> Row:
+        """Compare with a published sign: passes only if the whole interval lies on its side of zero.
+
+        Parameters
+        ----------
+        rises : bool
+            Whether the quantity rises, by what was published, when the named thing changes.
+        simulated : float
+            Difference, changed minus base.
+        """
+        passed = simulated - uncertainty > 0 if rises else simulated + uncertainty < 0
+        return cls(
+            topic, name, source, "rises" if rises else "falls", float(simulated), float(uncertainty), unit,
+            f"{'above' if rises else 'below'} 0 with its whole 95 % interval", bool(passed), note,
+        )
+
+
+Check = Callable[[Sequence[int]], list[Row]]
+"""Simulates something with some seeds and returns its rows: the same seeds, the same rows."""
+
+
+def mean_and_interval(values: Sequence[float]) -> tuple[float, float]:
+    """Mean of independent values and the half width of its 95 % interval (Student's t).
+
+    Parameters
+    ----------
+    values : sequence of float
+        One per seed; a single one has no interval (infinite half width).
+    """
+    data = np.asarray(values, float)
+    n = data.size
+    if n < 2:
+        return float(data.mean()), math.inf
+    return float(data.mean()), float(student.ppf(0.5 + LEVEL / 2, n - 1) * data.std(ddof=1) / math.sqrt(n))
+
+
+def worst(compared: Iterable[tuple[float, float, str]]) -> tuple[float, float, str]:
+    """Of (published, simulated, name), pick the one whose values differ most, in proportion."""
+    return max(compared, key=lambda item: abs(item[1] / item[0] - 1))
+
+
+def _text(value: float, unit: str) -> str:
+    return f"{value:.4g} {unit}".strip()

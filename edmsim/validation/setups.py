@@ -1,0 +1,125 @@
+"""Set-ups the checks share: changed constants, a straight cut at fixed feed, a hole of known gap."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from ..errors import InputError
+from ..machine import Constant, Machine
+from ..plant.plant import Plant, PulseWindow
+from ..plant.workpiece import Stock
+
+CENTRE_UM = (32_500.0, 32_500.0)
+"""Middle of the table."""
+STILL: Mapping[str, float] = {
+    "material.removal_mm3_J": 1e-15,
+    "base.discharge.impulse_10mJ_Ns": 0.0,
+    "base.discharge.wire_heat_share": 0.0,
+    "base.dielectric.conductivity_uS_cm": 1e-9,
+    "base.dielectric.permittivity": 1e-6,
+}
+"""Constants with which pulses break down and do (nearly) nothing else: nothing is removed, moved or heated."""
+
+
+def altered(machine: Machine, values: Mapping[str, float]) -> Machine:
+    """Return a machine with some constants replaced, whatever their range.
+
+    Parameters
+    ----------
+    machine : Machine
+    values : mapping
+        From a constant's place to its new value: ``{"base.gap.critical_um": 9.0}``. The places start with
+        ``base``, ``wire``, ``material`` or ``generator``.
+
+    Raises
+    ------
+    InputError
+        If there is no such constant.
+    """
+    for path, value in values.items():
+        machine = _replaced(machine, path.split("."), value, path)
+    return machine
+
+
+def _replaced(part: Any, keys: list[str], value: float, path: str) -> Any:
+    old = getattr(part, keys[0], None)
+    if len(keys) > 1 and old is not None:
+        new = _replaced(old, keys[1:], value, path)
+    elif len(keys) == 1 and isinstance(old, Constant):
+        new = type(old)(value=value, source="set for a check")
+    else:
+        raise InputError(f"a machine has no constant '{path}'; a place reads like base.gap.critical_um")
+    return part.model_copy(update={keys[0]: new})
+
+
+def drive(plant: Plant, speed_um_s: float, seconds: float, axis: int = 0) -> list[PulseWindow]:
+    """Advance a plant for some machine time with motor steps along an axis at a fixed speed.
+
+    Parameters
+    ----------
+    plant : Plant
+    speed_um_s : float
+        Not zero; negative drives backwards.
+    seconds : float
+    axis : {0, 1}
+
+    Returns
+    -------
+    list of PulseWindow
+        Ends early if the wire breaks.
+    """
+    direction = 1 if speed_um_s > 0 else -1
+    windows: list[PulseWindow] = []
+    end = plant.time_ns + round(seconds * 1e9)
+    interval = round(plant.machine.base.table.step_um.value / abs(speed_um_s) * 1e9)
+    due = plant.time_ns + interval
+    while plant.time_ns < end:
+        until = plant.time_ns + plant.longest_window_ns
+        windows.append(plant.advance([(t, axis, direction) for t in range(due, until, interval)]))
+        if windows[-1].broken:
+            break
+        while due < plant.time_ns:
+            due += interval
+    return windows
+
+
+def in_a_hole(machine: Machine, gap_um: float, seed: int, *, resolution: str = "fast") -> Plant:
+    """Return a plant whose wire hangs in the middle of a round hole, at the same gap all around.
+
+    Parameters
+    ----------
+    machine : Machine
+        With `STILL` constants the gap stays what it is.
+    gap_um : float
+        Between the wire's surface and the hole's wall.
+    """
+    x, y = CENTRE_UM
+    radius = machine.wire_diameter_um / 2 + gap_um
+    stock = Stock((x - 3_000, y - 3_000, x + 3_000, y + 3_000), ((x, y, radius),))
+    return Plant(machine, seed, stock=stock, position_um=CENTRE_UM, resolution=resolution)
+
+
+FRAIL: Mapping[str, float] = {"wire.strength_MPa": 1e-6}
+"""A wire that breaks at its first discharge: see `single_discharges`."""
+
+
+def single_discharges(plant: Plant, count: int) -> list[PulseWindow]:
+    """Fire until the first discharge, each time with a fresh wire, so that every window tells of one discharge.
+
+    Parameters
+    ----------
+    plant : Plant
+        Of a machine with the `FRAIL` wire, at rest in front of metal. A window ends where the wire breaks.
+    count : int
+
+    Returns
+    -------
+    list of PulseWindow
+        Windows without any discharge, all pulses open, are among them.
+    """
+    windows = []
+    for _ in range(count):
+        plant.rethread(plant.commanded_um, 0)
+        windows.append(plant.advance())
+    return windows

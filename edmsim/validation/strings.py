@@ -1,0 +1,109 @@
+"""The wire as a string between its guides: static lag, frequencies, and the electrostatic pull on it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from .. import models
+from ..machine import Machine
+from ..plant.breakdown import slice_sums
+from ..plant.setup import RAY_RANGE_UM, gap_law, modal_model, resolution
+from ..plant.wire import VACUUM_PERMITTIVITY_F_M
+from .rows import Check, Row, worst
+from .setups import altered
+
+STRING = "taut string under a uniform load, closed form"
+WAVE = "taut string, f = n / (2 L) sqrt(T / mu)"
+CYLINDER = "cylinder before a plane, closed form"
+
+FREQUENCIES_HZ = ((40.0, 1935.0), (80.0, 968.0), (150.0, 516.0))
+"""First frequency of 0.25 mm brass of 8500 kg/m3 at 10 N, over the distance of the guides in mm."""
+
+
+def static_lag_um(height_mm: float, tension: float) -> float:
+    """Deflection at mid-height under 1 N/m over the workpiece, of the modes and slices of the pulse loop."""
+    machine = Machine.load(height_mm=height_mm, tension=tension)
+    modes = modal_model(machine, resolution("default"))
+    slices = len(modes.wire_shape)
+    load = np.full(slices, height_mm * 1e-3 / slices)
+    return float(modes.wire_shape[slices // 2] @ (modes.wire_shape.T @ load / modes.wire_omega**2)) * 1e6
+
+
+def check_static_lag(seeds: Sequence[int]) -> list[Row]:
+    """All 25 rows of the table; the worst tension of every height is shown."""
+    table = models.published("analytic_static_wire_lag")
+    rows = []
+    for height in sorted({float(row["h_mm"]) for row in table}):
+        compared = [
+            (float(row["ymax_um_per_N_per_m"]), static_lag_um(height, float(row["T_N"])), f"{row['T_N']} N")
+            for row in table if float(row["h_mm"]) == height
+        ]
+        published, simulated, tension = worst(compared)
+        rows.append(Row.value(
+            "wire", f"static lag at 1 N/m, {height:g} mm high (worst of {len(compared)} tensions: {tension})",
+            STRING, published=published, simulated=simulated, within=0.01, unit="um",
+        ))
+    return rows
+
+
+def frequencies_Hz(guide_distance_mm: float) -> list[float]:
+    """First four frequencies of the published example's wire."""
+    clearance_mm = Machine.load().base.guides.clearance_mm.value
+    machine = Machine.load(height_mm=guide_distance_mm - 2 * clearance_mm, tension=10.0)
+    modes = modal_model(altered(machine, {"wire.density_kg_m3": 8500.0}), resolution("default"))
+    return [float(omega) / math.tau for omega in modes.wire_omega[:4]]
+
+
+def check_frequencies(seeds: Sequence[int]) -> list[Row]:
+    """First frequency at three guide distances, and the first one's overtones."""
+    rows = []
+    for distance, published in FREQUENCIES_HZ:
+        found = frequencies_Hz(distance)
+        modes = range(4) if distance == FREQUENCIES_HZ[0][0] else range(1)
+        rows += [
+            Row.value(
+                "wire", f"frequency {n + 1}, guides {distance:g} mm apart", WAVE, published=(n + 1) * published,
+                simulated=found[n], within=0.01, unit="Hz",
+            )
+            for n in modes
+        ]
+    return rows
+
+
+def pull_N_m(voltage_V: float, gap_um: float) -> float:
+    """Pull per metre on the default wire before a flat wall, summed over rays as the pulse loop does."""
+    machine, res = Machine.load(), resolution("default")
+    radius = machine.wire_diameter_um / 2
+    angle = 2 * math.pi * np.arange(res.rays) / res.rays
+    angle = angle[np.cos(angle) > (radius + gap_um) / (radius + RAY_RANGE_UM)]  # as far as rays look
+    gaps = (radius + gap_um) / np.cos(angle) - radius
+    distance, cosine, sine = (v.astype(np.float32)[None] for v in (gaps, np.cos(angle), np.sin(angle)))
+    law = gap_law(machine, res, voltage_V)
+    inverse_square_um2 = slice_sums(distance, cosine, sine, 0, len(gaps), 0.0, 0.0, law)[3]
+    girth_per_ray_m = math.pi * machine.wire_diameter_um * 1e-6 / res.rays
+    permittivity_F_m = machine.base.dielectric.permittivity.value * VACUUM_PERMITTIVITY_F_M
+    return permittivity_F_m / 2 * voltage_V**2 * inverse_square_um2 * 1e12 * girth_per_ray_m
+
+
+def check_electrostatic_pull(seeds: Sequence[int]) -> list[Row]:
+    """All 25 rows of the table; the worst voltage at every gap is shown."""
+    table = models.published("analytic_electrostatic_force")
+    rows = []
+    for gap in sorted({float(row["gap_um"]) for row in table}):
+        compared = [
+            (float(row["force_N_per_m"]), pull_N_m(float(row["V"]), gap), f"{row['V']} V")
+            for row in table if float(row["gap_um"]) == gap
+        ]
+        published, simulated, voltage = worst(compared)
+        rows.append(Row.value(
+            "wire", f"electrostatic pull at {gap:g} um (worst of {len(compared)} voltages: {voltage})", CYLINDER,
+            published=published, simulated=simulated, within=0.02, unit="N/m",
+            note="docs/theory/wire.md#electrostatic-pull" if gap >= 20 else "",
+        ))
+    return rows
+
+
+CHECKS: tuple[Check, ...] = (check_static_lag, check_frequencies, check_electrostatic_pull)

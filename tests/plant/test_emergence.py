@@ -1,0 +1,191 @@
+"""What comes out of the pulse loop and is put in nowhere: gaps, kerf, shapes, shorts, lag, corners, rupture."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from edmsim.controllers import make
+from edmsim.machine import Machine
+from edmsim.validation.breakage import STABLE_HZ, break_limit_A, sato_rig
+from edmsim.validation.pulse_ratios import drum_um
+from edmsim.validation.quality import AFTER_UM, BEFORE_UM, corner_rig, cut_corner
+from edmsim.validation.setups import altered
+from edmsim.validation.straight import CENTRE_UM, Cut, Traverse, begin, cut_straight
+
+PULL = "base.dielectric.permittivity"
+GAIN = "base.gap.debris_gain"
+
+
+@pytest.fixture(scope="module")
+def usual(machine):
+    """The default set-up at 20 um/s."""
+    return cut_straight(machine, 20.0, 1, settle_s=6.0, seconds=15.0)
+
+
+@pytest.fixture(scope="module")
+def without_pull(machine):
+    """The same without electrostatic pull."""
+    return cut_straight(altered(machine, {PULL: 1e-6}), 20.0, 1, settle_s=6.0, seconds=15.0)
+
+
+@pytest.fixture(scope="module")
+def tall():
+    """Cuts of 40 mm by the gain of debris on the breakdown rate."""
+    thick = Machine.load(height_mm=40.0)
+    return {
+        gain: cut_straight(altered(thick, {GAIN: gain}), 12.0, 1, settle_s=8.0, seconds=20.0)
+        for gain in (0.0, 5.0, 20.0)
+    }
+
+
+# --- the measuring set-up itself ---
+
+
+@pytest.mark.parametrize("gap", [20.0, 35.0])
+def test_the_kerf_of_an_untouched_slot_is_wire_and_two_gaps(gap, machine):
+    plant = begin(altered(machine, {"material.removal_mm3_J": 1e-15}), 1, gap_um=gap)
+    window = plant.advance()
+    slot = Cut(plant, [window], CENTRE_UM[0] - 250.0, 250.0)
+    np.testing.assert_allclose(slot.kerf_um, 250.0 + 2 * gap, atol=1.0)
+
+
+@pytest.mark.parametrize("generator", ["iso-pulse", "iso-energetic"])
+def test_a_traverse_travels_at_its_feed_whatever_the_period(generator):
+    plant = begin(Machine.load(generator=generator), 1, gap_um=200.0)
+    traverse = Traverse(plant, 37.0)
+    windows = traverse.run(2.0)
+    seconds = sum(w.duration_ns for w in windows) * 1e-9
+    assert plant.commanded_um[0] - CENTRE_UM[0] == pytest.approx(37.0 * seconds, abs=2.0)
+
+
+def test_the_fast_resolution_tells_the_same(usual, machine):
+    """What the rows measure at `fast` is what `default` shows."""
+    fine = cut_straight(machine, 20.0, 1, settle_s=6.0, seconds=15.0, resolution="default")
+    assert fine.kerf_um.mean() == pytest.approx(usual.kerf_um.mean(), rel=0.01)
+    assert fine.mean_delay_us == pytest.approx(usual.mean_delay_us, rel=0.03)
+    assert fine.share("open") == pytest.approx(usual.share("open"), abs=0.02)
+    assert fine.share("short") == pytest.approx(usual.share("short"), abs=0.02)
+    assert fine.lag_um == pytest.approx(usual.lag_um, rel=0.1)
+    assert fine.vibration_um == pytest.approx(usual.vibration_um, rel=0.1)
+
+
+# --- where discharges fall ---
+
+
+def test_discharges_fade_out_round_the_wire(machine):
+    """Dense in front, thin on the sides, hardly any behind: by hazard alone, no side gap is given."""
+    plant = begin(machine, 1)
+    traverse = Traverse(plant, 20.0)
+    traverse.run(8.0)
+    rays = plant.resolution.rays
+    eighths = np.zeros(8)
+    for _ in range(2500):
+        window = traverse.window()
+        if window.spark + window.arc:
+            ray = int(plant.snapshot()["state"]["last_ray"][0])
+            eighths[int(8 * min(ray, rays - ray) / (rays // 2 + 1))] += 1
+    ahead, aslant, beside, behind = eighths.reshape(4, 2).sum(axis=1)
+    assert ahead > aslant > 5 * beside > 0
+    assert behind < 0.005 * eighths.sum()
+    assert eighths[4] > eighths[5]
+
+
+# --- the kerf ---
+
+
+def test_a_slow_cut_is_wider(machine, usual):
+    slow = cut_straight(machine, 10.0, 1, settle_s=12.0, seconds=25.0)
+    assert slow.kerf_um.mean() > usual.kerf_um.mean() + 10.0
+
+
+def test_secondary_discharges_on_debris_widen_the_kerf(tall):
+    widths = [tall[gain].kerf_um.mean() for gain in (0.0, 5.0, 20.0)]
+    assert widths[0] + 3.0 < widths[1] < widths[2] - 3.0
+
+
+def test_the_kerf_bulges_where_debris_gathers(tall):
+    """Drum shape: the middle is the widest, as both jets come to rest there; without debris it is straight."""
+    bulge = [drum_um(tall[gain]) for gain in (0.0, 5.0, 20.0)]
+    assert abs(bulge[0]) < 4.0
+    assert bulge[1] > 8.0
+    assert bulge[2] > 2 * bulge[1]
+
+
+def test_the_kerf_does_not_taper(tall):
+    """The model's two jets are alike, and heat carried down by the running wire does not change the gap."""
+    for cut in tall.values():
+        assert abs(cut.kerf_um[-1] - cut.kerf_um[0]) < 4.0
+
+
+# --- shorts and lag ---
+
+
+def test_shorts_at_a_moderate_feed_come_from_the_electrostatic_pull(usual, without_pull):
+    """It draws the wire to the wall between discharges: without it the same cut has next to none."""
+    assert usual.share("short") > 0.02
+    assert without_pull.share("short") < 0.1 * usual.share("short")
+    assert usual.vibration_um > 5 * without_pull.vibration_um
+
+
+def test_the_wire_leads_by_its_pull_and_lags_by_its_discharges(usual, without_pull):
+    assert usual.lag_um < -3.0
+    assert without_pull.lag_um > 0.1
+
+
+# --- the corner ---
+
+
+def test_the_force_turns_with_the_place_of_the_discharges():
+    """Past a corner the deflection turns from the old direction to the new one as the new front is cut."""
+    seen = []
+    corner = cut_corner(corner_rig(5.0), 1, lambda deflection, past: seen.append((past, *deflection)))
+    past, x, y = np.array(seen).T
+    before, after = past == 0, past == 1
+    straight = slice(-200, None)
+    lag = corner.lag_um
+    assert np.mean(x[before][straight]) == pytest.approx(-lag, rel=0.05)
+    assert abs(np.mean(y[before][straight])) < 0.05 * lag
+    turned = x[after], y[after]
+    fifths = [[float(part.mean()) for part in np.array_split(column, 5)] for column in turned]
+    assert sorted(fifths[0]) == fifths[0]  # the old direction's deflection dies away
+    assert sorted(fifths[1], reverse=True) == fifths[1]  # and the new one's grows
+    assert fifths[1][-1] == pytest.approx(-lag, rel=0.15)
+    assert abs(fifths[0][-1]) < 0.25 * lag
+    assert 5 * lag < min(BEFORE_UM, AFTER_UM)
+
+
+# --- rupture ---
+
+
+def test_the_running_wire_breaks_low():
+    """It is heated on its way down, so its lower part is the hotter and breaks."""
+    broken = 0
+    for seed in (1, 2, 3):
+        plant = begin(sato_rig(60.0), seed)
+        plant.set_generator(1.4, 9.0)
+        last = Traverse(plant, make("counts")).run(2.0)[-1]
+        temperature = plant.snapshot()["temperature_K"]
+        assert temperature[0] > temperature[-1]
+        if last.broken:
+            broken += 1
+            assert plant.broken_height_mm < 40.0
+    assert broken
+
+
+def test_favourable_constants_within_their_ranges_hold_satos_stable_cutting():
+    """As set, the model's wire breaks at half of it; the ranges of heat share and convection span it."""
+    favourable = {"base.discharge.wire_heat_share": 0.1, "base.discharge.convection_W_m2K": 3e4}
+    stable_A = 0.49e-3 * STABLE_HZ
+    assert break_limit_A(sato_rig(80.0), 1) < 0.7 * stable_A
+    assert break_limit_A(sato_rig(80.0, favourable), 1) > stable_A
+
+
+def test_a_hotter_wire_breaks_at_less_current():
+    limits = [
+        break_limit_A(sato_rig(20.0, {"base.discharge.wire_heat_share": share}), 1) for share in (0.1, 0.3, 0.5)
+    ]
+    assert sorted(limits, reverse=True) == limits
+    assert all(math.isfinite(limit) and limit > 0 for limit in limits)
