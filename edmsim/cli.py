@@ -137,10 +137,23 @@ def validate(
 @app.command()
 def bench(
     json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+    convergence: Annotated[
+        Path | None, typer.Option(help="Compare the resolutions instead, and write the table into this file.")
+    ] = None,
 ) -> None:
     """Measure the speed of this machine."""
     from .bench import measure, render
 
+    if convergence is not None:
+        from .convergence import page
+
+        try:
+            convergence.touch()
+        except OSError as error:
+            raise InputError(f"cannot be written: {error.strerror}", convergence) from None
+        with _ERR.status("fast") as status:
+            convergence.write_text(page(status.update), encoding="utf-8")
+        return
     figures = measure()
     if json:
         import json as codec

@@ -39,7 +39,7 @@ def _neighbour(a: Arrays, s: int, r: int, aside: int) -> int:
     n = r + aside  # wrapped by hand: division is dear here
     n += n_rays if n < 0 else 0
     n -= n_rays if n >= n_rays else 0
-    return a.place[s, n]
+    return int(a.place[s, n])
 
 
 @compiled

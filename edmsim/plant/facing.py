@@ -20,7 +20,7 @@ KNOWN_MOVE_UM = 20.0
 BLIND_TURNS = np.uint64(4)
 """A ray that met no metal is looked along again only every so many windows: what comes within its range at the
 feed of such a machine is then still far away."""
-_GAP_PARTS, _PLACES = 4096.0, np.int64(256)
+_GAP_PARTS, _PLACES = 4096.0, 256
 """`narrowest` compares gaps in parts of a um, and counts packed rays (at most 128) below that."""
 
 
@@ -102,9 +102,9 @@ def narrowest(a: Arrays, position: Array, s: int) -> tuple[int, float]:
     floating-point number and its place is not.
     """
     sx, sy = np.float32(position[0, s] - a.reference_um[0, s]), np.float32(position[1, s] - a.reference_um[1, s])
-    least = np.int64(NO_METAL_UM * _GAP_PARTS) * _PLACES
+    least = int(NO_METAL_UM * _GAP_PARTS) * _PLACES
     for k in range(a.facing[s]):
         gap = a.distance[s, k] - sx * a.cosine[s, k] - sy * a.sine[s, k]
-        least = min(least, np.int64(gap * np.float32(_GAP_PARTS)) * _PLACES + k)
+        least = min(least, int(gap * np.float32(_GAP_PARTS)) * _PLACES + k)
     k = least % _PLACES
     return k, gap_of(a, position, s, k) if a.facing[s] > 0 else NO_METAL_UM

@@ -88,8 +88,10 @@ class Memory:
             self._table["tile_count"], self._table["index_side"] = len(tiles), len(index)
 
 
-def _array_of(of: Any) -> Callable[[int, tuple[int, ...]], Any]:
+def _array_of(of: Any) -> Any:
     """In compiled code, look at the memory at an address as an array of a type and shape."""
+    unpack: Any = cgutils.unpack_tuple
+    populate: Any = populate_array
 
     @intrinsic
     def array(_context: Any, address: Any, shape: Any) -> Any:
@@ -101,12 +103,12 @@ def _array_of(of: Any) -> Callable[[int, tuple[int, ...]], Any]:
             size = context.get_abi_sizeof(context.get_data_type(of))
             lengths = [
                 context.cast(builder, value, from_, types.intp)
-                for value, from_ in zip(cgutils.unpack_tuple(builder, sizes), shape, strict=True)
+                for value, from_ in zip(unpack(builder, sizes), shape, strict=True)
             ]
             strides = [context.get_constant(types.intp, size)]
             for length in lengths[:0:-1]:
                 strides.insert(0, builder.mul(strides[0], length))
-            populate_array(
+            populate(
                 view, data=builder.inttoptr(place, view.data.type), shape=lengths, strides=strides,
                 itemsize=context.get_constant(types.intp, size), meminfo=None,
             )

@@ -1,0 +1,116 @@
+"""What a resolution costs in truth: the same cuts at `fast`, `default` and `fine`."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from .bench import pulses_per_s
+from .controllers import make
+from .job import cut
+from .machine import Machine
+from .plant.setup import RESOLUTIONS
+from .validation.rows import mean_and_interval
+from .validation.straight import Cut, cut_straight
+
+SEEDS = (0, 1, 2, 3)
+FEED_UM_S = 28.0
+"""Fixed feed at which the shares are compared: between half open and crowded with shorts."""
+SETTLE_S, CUT_S = 8.0, 20.0
+CORNER_HEIGHT_MM = 10.0
+_CORNERS = "G21 G90\nG0 X-2 Y0.5\nG41 D1\nG1 X0 Y0.5\nY1\nX1\nY0\nX0\nY0.5\nG40\nM2\n"
+"""A punch of 1 x 1 mm, its corners sharp."""
+
+_INTRODUCTION = """\
+# Convergence
+
+What the resolutions cost in truth, written by `edmsim bench --convergence docs/convergence.md`: straight cuts of 20
+mm tool steel at a fixed feed of {feed:g} um/s and under the `counts` law ({cut_s:g} s after {settle_s:g} s), and a punch
+of 1 x 1 mm, {height:g} mm high; mean over {seeds} seeds and half its 95 % interval. Pulses per second are of the
+machine that made this page.
+
+The share of shorts does not converge, and with it what a controller does about them: the thinner the slices, the less
+height a crater's metal is spread over, the rougher the wall a slice sees, and the earlier it is touched. A crater is
+some 0.1 mm wide; slices as thin as that would be ten times as many as `fine` has.
+"""
+
+
+class Figure(NamedTuple):
+    """One figure of a resolution: its name, unit, and how it is taken from a cut."""
+
+    name: str
+    unit: str
+    of: Callable[[Cut], float]
+
+
+FIXED = (
+    Figure("short, fixed feed", "%", lambda c: 100 * c.share("short")),
+    Figure("open, fixed feed", "%", lambda c: 100 * c.share("open")),
+    Figure("spark, fixed feed", "%", lambda c: 100 * c.share("spark")),
+    Figure("kerf, fixed feed", "um", lambda c: float(c.kerf_um.mean())),
+    Figure("gap at sparks, fixed feed", "um", lambda c: c.gap_um),
+    Figure("lag, fixed feed", "um", lambda c: c.lag_um),
+    Figure("vibration, fixed feed", "um", lambda c: c.vibration_um),
+)
+CONTROLLED = (
+    Figure("feed, counts", "um/s", lambda c: c.feed_um_s),
+    Figure("cutting rate, counts", "mm2/min", lambda c: c.feed_um_s * c.plant.machine.height_mm * 0.06),
+    Figure("short, counts", "%", lambda c: 100 * c.share("short")),
+    Figure("open, counts", "%", lambda c: 100 * c.share("open")),
+)
+
+
+def measure(resolution: str, seeds: Sequence[int] = SEEDS) -> dict[str, tuple[float, float, str]]:
+    """Return every figure of a resolution by name: mean, half of its 95 % interval, unit."""
+    figures: dict[str, tuple[float, float, str]] = {}
+    for kinds, feed in ((FIXED, FEED_UM_S), (CONTROLLED, None)):
+        cuts = [
+            cut_straight(
+                Machine.load(), make("counts") if feed is None else feed, seed, settle_s=SETTLE_S, seconds=CUT_S,
+                resolution=resolution,
+            )
+            for seed in seeds
+        ]
+        for kind in kinds:
+            figures[kind.name] = (*mean_and_interval([kind.of(one) for one in cuts]), kind.unit)
+    corners, profiles = zip(*(_punch(resolution, seed) for seed in seeds), strict=True)
+    figures["error at sharp corners"] = (*mean_and_interval(corners), "um")
+    figures["profile error, rms"] = (*mean_and_interval(profiles), "um")
+    return figures
+
+
+def _punch(resolution: str, seed: int) -> tuple[float, float]:
+    """Mean error of the corners and rms of the profile error of a small punch, in um."""
+    with tempfile.TemporaryDirectory() as folder:
+        program = Path(folder) / "punch.ngc"
+        program.write_text(_CORNERS, encoding="utf-8")
+        report = cut(program, height_mm=CORNER_HEIGHT_MM, resolution=resolution, seed=seed).report
+    errors = [corner["error_um"] for corner in report["corners"] if corner["error_um"] is not None]
+    return float(np.mean(errors)), float(report["profile_error_um"]["rms"])
+
+
+def page(watch: Callable[[str], None] | None = None) -> str:
+    """Return the page of the documentation; `watch` is told which resolution is at work."""
+    columns, speeds = [], []
+    for name in RESOLUTIONS:
+        if watch is not None:
+            watch(name)
+        columns.append(measure(name))
+        speeds.append(f"{pulses_per_s(name)[0] / 1e6:.2f} million")
+    heads = [f"{name} ({r.slices} x {r.rays} x {r.modes})" for name, r in RESOLUTIONS.items()]
+    lines = [
+        _INTRODUCTION.format(
+            feed=FEED_UM_S, cut_s=CUT_S, settle_s=SETTLE_S, height=CORNER_HEIGHT_MM, seeds=len(SEEDS)
+        ),
+        "| figure | " + " | ".join(heads) + " |",
+        "|---" * (len(heads) + 1) + "|",
+    ]
+    for figure, (_, _, unit) in columns[0].items():
+        cells = [f"{column[figure][0]:.4g} ± {column[figure][1]:.2g}" for column in columns]
+        lines.append(f"| {figure}, {unit} | " + " | ".join(cells) + " |")
+    lines.append("| pulses per second, one core | " + " | ".join(speeds) + " |")
+    return "\n".join(lines) + "\n"
