@@ -119,7 +119,7 @@ def diameters(seeds: Sequence[int]) -> list[Row]:
         mean, half = mean_and_interval([(float(k) - diameter) / 2 for k in widths])
         rows.append(
             Row.band("kerf", f"side gap, {diameter:g} um wire", SIDE_GAP, low=30.0, high=60.0, simulated=mean,
-                     uncertainty=half, unit="um")
+                     uncertainty=half, unit="um", note=f"{PAGE}#kerf-and-gaps")
         )
     return rows
 
