@@ -1,0 +1,166 @@
+"""Checks that can fail: what they measure responds to the physics they are about."""
+
+from __future__ import annotations
+
+import csv
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from edmsim import models
+from edmsim.errors import InputError
+from edmsim.machine import Machine
+from edmsim.plant.dielectric import flow_speed_m_s
+from edmsim.validation import corners, craters, heat, ignition, strings, water
+from edmsim.validation.rows import Row
+from edmsim.validation.setups import FRAIL, STILL, altered, drive, in_a_hole, single_discharges
+
+SHARED = Path(__file__).parents[3] / "shared" / "data"
+TABLES = sorted((models.path("agiecut_dem15.xml").parent / "published").glob("*.csv"))
+
+
+def failing(rows: list[Row]) -> list[str]:
+    return [row.name for row in rows if not row.passed]
+
+
+@pytest.mark.parametrize("name", [path.stem for path in TABLES])
+def test_published_tables_have_their_source_and_are_copies(name):
+    file = models.path(f"published/{name}.csv")
+    text = file.read_text(encoding="utf-8")
+    assert text.startswith("# source: ")
+    rows = models.published(name)
+    assert len(rows) == sum(not line.startswith("#") for line in text.splitlines()) - 1
+    if SHARED.is_dir():
+        assert text == (SHARED / file.name).read_text(encoding="utf-8")
+    assert rows == list(csv.DictReader([line for line in text.splitlines() if not line.startswith("#")]))
+
+
+def test_a_table_that_is_none_is_told():
+    with pytest.raises(InputError, match=r"no data file 'published/none\.csv'"):
+        models.published("none")
+
+
+# --- ignition ---
+
+
+def test_a_window_of_a_frail_wire_ends_with_its_first_discharge():
+    machine = altered(Machine.load(height_mm=5.0, t_on_us=20.0), {**STILL, **FRAIL})
+    windows = single_discharges(in_a_hole(machine, 12.0, seed=3), 100)
+    for window in windows:
+        assert window.spark + window.arc <= 1
+        assert window.spark == window.broken == (window.pulses < 255 or window.broken)
+    assert sum(window.spark for window in windows) > 90
+
+
+def test_the_mean_gap_that_rays_see_is_the_one_asked_for():
+    machine = altered(Machine.load(height_mm=5.0), STILL)
+    for gap in (8.0, 12.5, 30.0):
+        plant = ignition.isolated_gap(machine, gap, seed=1)
+        plant.advance()
+        assert ignition.seen_gaps_um(plant).mean() == pytest.approx(gap, abs=0.1)
+
+
+def test_the_claimed_mixture_is_a_distribution_with_the_published_median():
+    gap = Machine.load().base.gap
+    times = np.linspace(0.0, 3_000.0, 30_001)
+    share = ignition.mixture(times, np.full(10, 20.0), gap)
+    assert share[0] < 1e-6
+    assert (np.diff(share) >= 0).all()
+    assert share[-1] > 0.9999
+    assert times[np.searchsorted(share, 0.5)] == pytest.approx(132.25 + gap.formative_us.value, abs=0.2)
+
+
+def test_the_share_of_short_delays_is_that_of_the_mixture():
+    draw = np.random.default_rng(4)
+    long = draw.exponential(66.7 / math.log(2), 40_000)
+    mixed = np.where(draw.random(40_000) < 0.3, draw.exponential(1.5, 40_000), long)
+    share, half = ignition.short_share(15.0, mixed)
+    assert share == pytest.approx(0.3, abs=half + 0.001)
+    assert ignition.short_share(15.0, long)[0] == pytest.approx(0.0, abs=0.01)
+
+
+def test_the_median_s_interval_holds_it_19_times_in_20():
+    draw = np.random.default_rng(5)
+    found = [ignition.median_and_interval(draw.exponential(1.0, 400)) for _ in range(2_000)]
+    assert 0.93 < np.mean([abs(median - math.log(2)) <= half for median, half in found]) < 0.97
+
+
+def test_delays_longer_than_claimed_are_seen():
+    delays = np.random.default_rng(6).exponential(1.1 * 132.25 / math.log(2), 8_000)
+    row = ignition._mixture_row(20.0, delays + 0.2, np.full(10, 20.0))
+    assert not row.passed
+    fitting = np.random.default_rng(6).exponential(132.25 / math.log(2), 8_000)
+    assert ignition._mixture_row(20.0, fitting + 0.2, np.full(10, 20.0)).passed
+
+
+def test_the_flow_s_pressure_gives_its_mean_speed():
+    machine = Machine.load(height_mm=30.0)
+    water_ = machine.base.dielectric
+    nozzle = flow_speed_m_s(
+        ignition.pressure_Pa(machine, 3.0), water_.viscosity_Pa_s.value, water_.side_gap_um.value, 30.0
+    )
+    assert nozzle / 2 == pytest.approx(3.0)  # linear from the nozzle to nothing at mid-height
+
+
+# --- the other checks: all rows that are exact pass, and those that cannot are named ---
+
+
+def test_laws_of_the_string_hold():
+    assert failing([*strings.check_static_lag(()), *strings.check_frequencies(())]) == []
+
+
+def test_the_pull_fails_only_where_rays_are_too_short():
+    names = failing(strings.check_electrostatic_pull(()))
+    assert [name.split(" (")[0] for name in names] == [f"electrostatic pull at {gap} um" for gap in (20, 30, 50)]
+
+
+def test_a_heavier_wire_has_another_frequency():
+    assert strings.frequencies_Hz(80.0)[0] < strings.frequencies_Hz(40.0)[0] / 1.9
+
+
+def test_heat_agrees_with_its_closed_forms():
+    rows = [*heat.check_joule_heat(()), *heat.check_cooling(()), *heat.check_spark_heat(())]
+    assert failing(rows) == []
+    assert len(rows) == 4
+
+
+def test_water_agrees():
+    assert failing([*water.check_bridging((1, 2, 3)), *water.check_flushing(()), *water.check_leakage((1,))]) == []
+
+
+def test_corners_agree_with_the_table():
+    rows = corners.check_corners(())
+    assert len(rows) == 8
+    assert failing(rows) == []
+
+
+def test_crater_shapes_fail_only_where_the_table_contradicts_itself():
+    rows = craters.check_shape(())
+    assert len(rows) == 18
+    assert failing(rows) == ["depth of a crater of 59550 um3 (425 A)"]
+    wrong = craters.published()[-1]
+    assert wrong.volume == pytest.approx(2 / 3 * wrong.area * 8.2647, rel=1e-3)
+
+
+def test_single_craters_follow_energy_and_scatter_as_drawn():
+    found = craters.craters_um3(110.0, craters.fitted_duration_us(), (1, 2))
+    volumes = np.concatenate(found)
+    assert len(volumes) > 1.9 * craters.DISCHARGES
+    assert volumes.mean() == pytest.approx(6219.27, rel=0.05)
+    assert volumes.std() / volumes.mean() == pytest.approx(0.21, abs=0.03)
+
+
+def test_driving_steps_at_the_asked_speed_and_stops_when_the_wire_breaks():
+    from edmsim import Plant
+
+    machine = Machine.load(height_mm=5.0)
+    plant = Plant(machine, seed=1, resolution="fast")
+    drive(plant, -25.0, 1.0)
+    assert plant.commanded_um[0] == pytest.approx(32_500.0 - 25.0, abs=2.0)
+    drive(plant, 10.0, 1.0, axis=1)
+    assert plant.commanded_um[1] == pytest.approx(32_500.0 + 10.0, abs=2.0)
+    frail = in_a_hole(altered(machine, FRAIL), 10.0, 1)
+    assert [window.broken for window in drive(frail, 1.0, 5.0)][-1]
+    assert frail.time_ns < 1e9

@@ -1,0 +1,169 @@
+"""The documentation: its tables are those of the constants, its links lead somewhere, its proofs exist."""
+
+from __future__ import annotations
+
+import re
+from importlib import import_module
+from pathlib import Path
+
+import pytest
+
+from edmsim import validation
+from edmsim.errors import InputError
+from edmsim.machine import Constant, Machine
+from edmsim.validation.pages import check_folder, refreshed, rows_table, validation_page, write
+from edmsim.validation.rows import Row
+
+ROOT = Path(__file__).parents[2]
+THEORY = ROOT / "docs" / "theory"
+PAGES = sorted(THEORY.glob("*.md"))
+NO_PHYSICS = {"__init__", "compiled", "memory", "plant", "random", "setup", "state"}
+ROWS = [
+    Row.band("gap", "agrees", "Someone | 1982", low=1, simulated=2.0, unit="um"),
+    Row.band("gap", "explained", "s", low=1, simulated=0.0, note="docs/theory/breakdown.md#flow"),
+    Row.band("heat", "astray", "s", low=1, simulated=0.0),
+]
+
+
+def anchors(page: Path) -> set[str]:
+    headings = re.findall(r"^#+ (.*)$", page.read_text(encoding="utf-8"), re.MULTILINE)
+    return {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings}
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_tables_of_constants_are_up_to_date(page):
+    text = page.read_text(encoding="utf-8")
+    assert refreshed(text, page=page) == text, "run: edmsim validate --write docs"
+
+
+@pytest.mark.parametrize("page", [*PAGES, ROOT / "docs" / "validation.md"], ids=lambda page: page.name)
+def test_links_between_pages_lead_to_a_heading(page):
+    for target in re.findall(r"\]\((?!https?:)([^)]+)\)", page.read_text(encoding="utf-8")):
+        file, _, anchor = target.partition("#")
+        there = (page.parent / file).resolve() if file else page
+        assert there.is_file(), target
+        assert not anchor or anchor in anchors(there), target
+
+
+def test_every_module_of_the_physics_has_a_page():
+    index = (THEORY / "index.md").read_text(encoding="utf-8")
+    table = "\n".join(line for line in index.splitlines() if line.startswith("| ["))
+    modules = {path.stem for path in (ROOT / "edmsim" / "plant").glob("*.py")}
+    assert set(re.findall(r"`(\w+)\.py`", table)) == modules - NO_PHYSICS
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_every_proof_that_is_named_exists(page):
+    text = page.read_text(encoding="utf-8")
+    files = {path.name: path.read_text(encoding="utf-8") for path in (ROOT / "tests").rglob("test_*.py")}
+    tests = "\n".join(files.values())
+    for name in re.findall(r"`(test_\w+)`", text):
+        assert f"def {name}(" in tests or (f"{name}.py" in files), name
+    table = (ROOT / "docs" / "validation.md").read_text(encoding="utf-8")
+    for cell in re.findall(r"^\|.*\| ([^|]*\brows?\b[^|]*) \|$", text, re.MULTILINE):
+        topical = "of topic" in cell
+        for name in re.findall(r'"([^"]+)"', cell):
+            wanted = name.removesuffix(" ...")
+            headings = re.search(rf"^## {re.escape(wanted)}$", table, re.MULTILINE | re.IGNORECASE)
+            assert f"| {wanted}" in table or (topical and headings), name
+
+
+def test_all_constants_of_all_files_stand_in_some_table():
+    text = "\n".join(page.read_text(encoding="utf-8") for page in PAGES)
+    machine = Machine.load()
+    parts = [part for _, part in machine.base if not isinstance(part, str)]
+    for part in [*parts, machine.wire, machine.material, machine.generator]:
+        for name, constant in part:
+            if isinstance(constant, Constant):
+                assert f"`{name}` |" in text, name
+
+
+def test_every_module_with_checks_takes_part():
+    folder = Path(validation.__file__).parent
+    modules = [path.stem for path in folder.glob("*.py") if path.stem != "__init__"]
+    with_checks = {name for name in modules if hasattr(import_module(f"edmsim.validation.{name}"), "CHECKS")}
+    assert with_checks == set(validation.MODULES)
+    assert len(validation.checks()) == len(set(validation.checks()))
+
+
+# --- making pages ---
+
+
+def test_a_table_of_constants_has_value_range_and_source():
+    text = "a\n<!-- begin table: constants machine.gap -->\nFORMER\n<!-- end table -->\nb\n"
+    new = refreshed(text)
+    assert "FORMER" not in new
+    assert "| `critical_um` | 9 | 8 to 10 | Esteves et al." in new
+    assert new.startswith("a\n<!-- begin table: constants machine.gap -->\n\n| constant |")
+    assert new.endswith("\n\n<!-- end table -->\nb\n")
+    assert refreshed(new) == new
+
+
+def test_tables_of_all_files_of_a_kind_name_the_file():
+    new = refreshed("<!-- begin table: constants wire material generator -->\n<!-- end table -->")
+    for start in ("brass `density_kg_m3` | 8400", "molybdenum `", "copper `", "tool-steel `", "iso-energetic `"):
+        assert f"| {start}" in new
+
+
+def test_tables_of_rows_wait_for_rows():
+    text = "<!-- begin table: rows gap -->\nold\n<!-- end table -->\n"
+    assert refreshed(text) == text
+    new = refreshed(text, ROWS)
+    assert "| agrees | at least 1 um | 2 um | central value >= 1 um | agrees | Someone \\| 1982 |" in new
+    assert "**fails**, [why](breakdown.md#flow)" in new
+    assert "astray" not in new
+
+
+@pytest.mark.parametrize("mark", ["constants gape", "figures gap"])
+def test_an_unknown_table_is_told_with_its_page(mark):
+    text = f"<!-- begin table: {mark} -->\n<!-- end table -->"
+    with pytest.raises(InputError, match=r"^wire\.md: no .*there are"):
+        refreshed(text, page=Path("wire.md"))
+
+
+def test_the_page_of_all_rows_is_by_topic():
+    page = validation_page(ROWS)
+    assert "3 rows: 1 agree, 2 fail, 1 of them without an explanation." in page
+    assert page.index("## Gap") < page.index("| explained |") < page.index("## Heat") < page.index("| astray |")
+    assert "[why](theory/breakdown.md#flow)" in page
+    assert rows_table(ROWS)[-1].split(" | ")[4] == "**fails**"
+
+
+def test_writing_refreshes_the_theory_and_makes_the_page(tmp_path):
+    (tmp_path / "theory").mkdir()
+    page = tmp_path / "theory" / "x.md"
+    page.write_text("<!-- begin table: rows heat -->\n<!-- end table -->\n", encoding="utf-8")
+    check_folder(tmp_path)
+    write(tmp_path, ROWS)
+    assert "| astray |" in page.read_text(encoding="utf-8")
+    assert (tmp_path / "validation.md").read_text(encoding="utf-8") == validation_page(ROWS)
+
+
+def test_a_folder_that_is_not_the_docs_is_refused_before_anything_runs(tmp_path, monkeypatch, capsys):
+    from edmsim import cli
+
+    def never(watch=None):
+        raise AssertionError
+
+    monkeypatch.setattr(validation, "run", never)
+    monkeypatch.setattr("sys.argv", ["edmsim", "validate", "--write", str(tmp_path)])
+    with pytest.raises(SystemExit) as left:
+        cli.main()
+    assert left.value.code == cli.BAD_INPUT
+    assert "has no folder theory/" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(("rows", "status"), [(ROWS[:2], 0), (ROWS, 1)])
+@pytest.mark.parametrize("json", [True, False])
+def test_only_a_failure_nobody_explains_fails_the_command(rows, status, json, monkeypatch, capsys):
+    from edmsim import cli
+
+    monkeypatch.setattr(validation, "run", lambda watch=None: rows)
+    monkeypatch.setattr("sys.argv", ["edmsim", "validate", *(["--json"] if json else [])])
+    with pytest.raises(SystemExit) as left:
+        cli.main()
+    assert (left.value.code or 0) == status
+    told = capsys.readouterr().out
+    assert '"agree": 1' in told if json else "explained" in told
+
+

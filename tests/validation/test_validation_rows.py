@@ -1,0 +1,149 @@
+"""Rows: what passes and what does not, and how a table of them is told."""
+
+from __future__ import annotations
+
+import json
+import math
+import threading
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import edmsim
+from edmsim import validation
+from edmsim.validation.report import as_json, simulated, summary
+from edmsim.validation.rows import Row, mean_and_interval, worst
+from edmsim.validation.setups import altered
+
+
+def value(simulated, uncertainty=0.0, note=""):
+    return Row.value(
+        "t", "n", "s", published=-10.0, simulated=simulated, within=0.1, uncertainty=uncertainty, unit="um", note=note
+    )
+
+
+@pytest.mark.parametrize(
+    ("central", "half", "passed"),
+    [(-10.0, 0.0, True), (-10.9, 1.0, True), (-11.1, 0.0, False), (-10.0, 1.1, False), (math.nan, 0.0, False),
+     (-10.0, math.nan, False), (10.0, 0.0, False)],
+)  # fmt: skip
+def test_a_value_lies_within_its_tolerance_and_is_known_to_it(central, half, passed):
+    row = value(central, half)
+    assert row.passed is passed
+    assert (row.published, row.tolerance) == ("-10 um", "within 10 %, and known to it")
+
+
+@pytest.mark.parametrize(
+    ("bounds", "central", "passed", "published"),
+    [({"low": 8, "high": 10}, 8.0, True, "8..10 um"), ({"low": 8, "high": 10}, 10.01, False, "8..10 um"),
+     ({"low": 8}, 1e9, True, "at least 8 um"), ({"high": 10}, 10.5, False, "at most 10 um"),
+     ({"high": 10}, math.nan, False, "at most 10 um")],
+)  # fmt: skip
+def test_a_band_holds_the_central_value(bounds, central, passed, published):
+    row = Row.band("t", "n", "s", simulated=central, unit="um", uncertainty=99.0, **bounds)
+    assert (row.passed, row.published) == (passed, published)
+
+
+@pytest.mark.parametrize(
+    ("rises", "change", "half", "passed"),
+    [(True, 2.0, 1.9, True), (True, 2.0, 2.0, False), (False, -2.0, 1.9, True), (False, -2.0, 2.1, False),
+     (False, 2.0, 0.1, False), (True, 0.0, 0.0, False), (True, 1.0, math.inf, False), (True, math.nan, 0.0, False)],
+)  # fmt: skip
+def test_a_sign_needs_its_whole_interval_on_one_side(rises, change, half, passed):
+    assert Row.sign("t", "n", "s", rises=rises, simulated=change, uncertainty=half).passed is passed
+
+
+def test_a_failure_is_unexpected_unless_a_page_explains_it():
+    assert value(0.0).unexpected
+    assert not value(0.0, note="docs/theory/wire.md#x").unexpected
+    assert not value(-10.0).unexpected
+
+
+@given(st.lists(st.floats(-1e6, 1e6), min_size=2, max_size=9), st.floats(-100.0, 100.0))
+def test_the_interval_moves_with_the_values_and_not_with_their_order(values, shift):
+    mean, half = mean_and_interval(values)
+    again, same = mean_and_interval([v + shift for v in reversed(values)])
+    assert again == pytest.approx(mean + shift, abs=1e-6)
+    assert same == pytest.approx(half, abs=1e-4)
+
+
+def test_the_interval_holds_the_mean_19_times_in_20():
+    draw = np.random.default_rng(1)
+    found = [mean_and_interval(draw.normal(5.0, 2.0, 4)) for _ in range(4_000)]
+    held = np.mean([abs(mean - 5.0) <= half for mean, half in found])
+    assert 0.94 < held < 0.96
+
+
+def test_one_value_has_no_interval():
+    assert mean_and_interval([3.0]) == (3.0, math.inf)
+
+
+def test_the_worst_is_so_in_proportion():
+    assert worst([(100.0, 103.0, "a"), (1.0, 0.95, "b")]) == (1.0, 0.95, "b")
+
+
+def test_json_has_no_numbers_json_does_not_know():
+    rows = [value(math.nan, math.inf), value(-10.0), value(0.0, note="docs/x")]
+    told = json.loads(as_json(rows))
+    assert (told["agree"], told["fail"], told["unexpected"]) == (1, 2, 1)
+    assert told["rows"][0]["simulated"] is None
+    assert told["rows"][0]["uncertainty"] is None
+    assert told["rows"][1]["passed"] is True
+    assert summary(rows) == "3 rows: 1 agree, 2 fail, 1 of them without an explanation"
+
+
+@pytest.mark.parametrize(
+    ("central", "half", "text"),
+    [(38.127, 1.66, "38.1 ± 1.7 um"), (0.21302, 0.00326, "0.2130 ± 0.0033 um"), (12084.0, 122.0, "12084 ± 122 um"),
+     (3.13607, 0.0, "3.136 um"), (2.0, math.inf, "2 ± inf um")],
+)  # fmt: skip
+def test_values_are_told_to_two_digits_of_their_uncertainty(central, half, text):
+    assert simulated(value(central, half)) == text
+
+
+def test_constants_are_replaced_where_they_stand_and_nowhere_else():
+    machine = edmsim.Machine.load()
+    other = altered(machine, {"base.gap.critical_um": 3.0, "wire.strength_MPa": 1.0})
+    assert (other.base.gap.critical_um.value, other.wire.strength_MPa.value) == (3.0, 1.0)
+    assert other.base.gap.contact_um == machine.base.gap.contact_um
+    assert machine.base.gap.critical_um.value == 9.0
+
+
+@pytest.mark.parametrize("place", ["base.gap.critical", "gap.critical_um", "base.gap", "height_mm", "base.title.x"])
+def test_a_place_that_is_none_is_told(place):
+    with pytest.raises(edmsim.InputError, match=f"no constant '{place}'"):
+        altered(edmsim.Machine.load(), {place: 1.0})
+
+
+# --- running checks ---
+
+
+def test_rows_come_in_order_whatever_finishes_first(monkeypatch):
+    slow_may_end = threading.Event()
+
+    def slow(seeds):
+        assert slow_may_end.wait(10)
+        return [value(-10.0), value(-9.5)]
+
+    def fast(seeds):
+        slow_may_end.set()
+        return [Row.band("other", "n", "s", simulated=float(seeds[0]), low=0)]
+
+    monkeypatch.setattr(validation, "checks", lambda: [slow, fast, slow])
+    monkeypatch.setattr(validation.os, "cpu_count", lambda: 2)
+    seen = []
+    rows = validation.run(lambda done, total: seen.append((done, total)))
+    assert [row.topic for row in rows] == ["t"] * 4 + ["other"]
+    assert [row.simulated for row in rows[:4]] == [-10.0, -9.5] * 2
+    assert seen == [(1, 3), (2, 3), (3, 3)]
+
+
+def test_an_error_in_a_check_is_not_hidden(monkeypatch):
+    def broken(seeds):
+        raise edmsim.EdmsimError("no")
+
+    monkeypatch.setattr(validation, "checks", lambda: [broken])
+    with pytest.raises(edmsim.EdmsimError, match="no"):
+        validation.run()
