@@ -29,9 +29,9 @@ _INTRODUCTION = """\
 # Convergence
 
 What the resolutions cost in truth, written by `edmsim bench --convergence docs/convergence.md`: straight cuts of 20
-mm tool steel at a fixed feed of {feed:g} um/s and under the `counts` law ({cut_s:g} s after {settle_s:g} s), and a punch
-of 1 x 1 mm, {height:g} mm high; mean over {seeds} seeds and half its 95 % interval. Pulses per second are of the
-machine that made this page.
+mm tool steel at a fixed feed of {feed:g} um/s and under the `counts` law, {cut_s:g} s after {settle_s:g} s, and a
+punch of 1 x 1 mm, {height:g} mm high; mean over {seeds} seeds and half its 95 % interval. Pulses per second are of
+the machine that made this page.
 
 The share of shorts does not converge, and with it what a controller does about them: the thinner the slices, the less
 height a crater's metal is spread over, the rougher the wall a slice sees, and the earlier it is touched. A crater is

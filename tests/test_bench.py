@@ -13,7 +13,10 @@ from edmsim import bench
 @pytest.fixture
 def short(monkeypatch: pytest.MonkeyPatch) -> None:
     """A few windows only, and no new process."""
-    for name, value in (("SETTLE_WINDOWS", 1), ("TIMED_WINDOWS", 2), ("REPEATS", 1)):
+    for name, value in (
+        ("SETTLE_WINDOWS", 1), ("TIMED_WINDOWS", 2), ("REPEATS", 1), ("MUJOCO_WINDOWS", 1), ("THREAD_S", 0.05),
+        ("MEMORY_S", 0.1),
+    ):
         monkeypatch.setattr(bench, name, value)
     monkeypatch.setattr(bench, "cold_start_s", lambda: 0.5)
 
@@ -22,7 +25,11 @@ def short(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_figures() -> None:
     figures = bench.measure()
     assert {"pulses_per_s", "realtime_factor", "cold_start_s"} <= set(figures)
+    growth = figures.pop("memory_growth_MB")
+    assert abs(growth) < 200.0
     assert all(value > 0 for value in figures.values())
+    assert figures["pulses_per_s"] < figures["ray_sums_per_s"]
+    assert figures["thread_efficiency"] == figures["threads_plants"] / figures["threads_compute"]
     assert figures["realtime_factor"] == pytest.approx(figures["pulses_per_s"] * 100e-6)
 
 

@@ -15,7 +15,7 @@ import pytest
 
 from edmsim import checkpoint, cli
 from edmsim.cosim import Simulation
-from edmsim.errors import PlantError
+from edmsim.errors import WireLostError
 
 FAST = ("--height", "5", "--resolution", "fast")
 
@@ -257,8 +257,9 @@ def test_interrupted_cut_is_taken_up_again(
 def test_model_outside_its_validity_is_one_line_and_exit_1(
     small_punch: Path, tmp_path: Path, edmsim: Run, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def fail(_: Simulation) -> None:
-        raise PlantError("the wire left its guides")
+    def fail(simulation: Simulation) -> None:
+        window = simulation.plant.advance()
+        raise WireLostError("the wire left its guides", 0.0255, simulation.plant.commanded_um, window)
 
     monkeypatch.setattr(Simulation, "step", fail)
     told = edmsim("cut", small_punch, "--out", tmp_path, *FAST)

@@ -143,7 +143,7 @@ class Plant:
         self._flow_factor = setup.flow_factor(machine, res)
         self._state: NDArray[np.void] = np.zeros(1, STATE)
         self._window: NDArray[np.void] = np.zeros(1, WINDOW)
-        self._window_bytes = memoryview(self._window.view(np.uint8))
+        self._window_bytes = memoryview(self._window.view(np.uint8))  # type: ignore[arg-type]
         self._memory = Memory()
         self._model = self._make_model()
         coordinates = self._model.wire_shape.shape[1]

@@ -77,7 +77,9 @@ def test_the_gear_is_what_its_script_draws(tmp_path):
     subprocess.run([sys.executable, script], check=True)
     drawn, kept = (planned(folder / "gear.dxf") for folder in (tmp_path, EXAMPLES))
     for one, other in zip(drawn.contours, kept.contours, strict=True):
-        assert np.array_equal(one.points_um, other.points_um)
+        # not to the point: sines differ in their last bit from processor to processor, and chords with them
+        apart = shapely.LineString(one.points_um).hausdorff_distance(shapely.LineString(other.points_um))
+        assert apart < 2.0
 
 
 def test_the_pinion_is_an_opening_cut_from_inside():
