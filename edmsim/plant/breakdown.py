@@ -23,6 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .compiled import compiled
+from .workpiece import NO_METAL_UM
 
 
 class GapLaw(NamedTuple):
@@ -129,7 +130,7 @@ def choose_ray(
     sx, sy = np.float32(shift_x), np.float32(shift_y)
     a, b, c = np.float32(law.t50_a), np.float32(law.t50_b), np.float32(law.t50_c)
     scale, floor = np.float32(law.gap_scale), np.float32(law.scaled_gap_floor_um)
-    running, heaviest, best = 0.0, -1.0, 0
+    running = 0.0
     for k in range(count):
         gap = distance[s, k] - sx * cosine[s, k] - sy * sine[s, k]
         if primed:
@@ -141,9 +142,12 @@ def choose_ray(
         running += weight
         if running > target:
             return k
-        if weight > heaviest:
-            heaviest, best = np.float64(weight), k
-    return best  # the target lay within rounding of the total
+    best, narrowest = 0, np.float32(NO_METAL_UM)  # the target lay within rounding of the total: the likeliest
+    for k in range(count):
+        gap = distance[s, k] - sx * cosine[s, k] - sy * sine[s, k]
+        if gap < narrowest:
+            best, narrowest = k, gap
+    return best
 
 
 @compiled

@@ -10,16 +10,16 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from .breakdown import GapLaw, choose_ray, slice_sums, weibull
+from .breakdown import GapLaw
 from .compiled import compiled
-from .dielectric import bridged_probability, flush
+from .dielectric import flush
 from .erosion import carve, share_crater
-from .facing import OVERLAP_UM, gap_of, narrowest, refer
+from .facing import OVERLAP_UM, gap_of, refer
 from .full_motion import LOST, FullLink, move_full
-from .motion import copy, fall_back, move, place_wire, push_out, ringing, step_table
-from .random import uniform
+from .motion import copy, move, place_wire, ringing, step_table
+from .outcome import decide, deepest_contact, draw, leak_conductance, sum_rays, touch
+from .random import normal
 from .state import (
-    ARC,
     FINE,
     GRID,
     INSIDE,
@@ -31,7 +31,6 @@ from .state import (
     OUTSIDE,
     PULSES_PER_WINDOW,
     SHORT,
-    SPARK,
     STEP_EARLY,
     STEP_WRONG,
     TILED_UM,
@@ -43,7 +42,6 @@ from .state import (
     Timing,
 )
 from .wire import HeatLaw, discharge_impulse, heat_step, strength_share
-from .workpiece import NO_METAL_UM
 
 HEAT_INTERVAL_US = 1500.0
 """Heat and debris are carried on at least this often: well under their time constants of some 10 ms."""
@@ -58,151 +56,13 @@ MOST_DEFLECTION_UM = 2000.0
 
 
 @compiled
-def _draw(state: NDArray[np.void]) -> float:
-    state[0].draws += np.uint64(1)
-    return uniform(state[0].key, state[0].draws)
-
-
-@compiled
-def _normal(state: NDArray[np.void]) -> float:
-    """Standard normal draw (Box and Muller; the second of the pair is kept for the next call)."""
-    if state[0].spare_waits:
-        state[0].spare_waits = 0
-        return float(state[0].spare_normal)
-    radius, angle = math.sqrt(-2.0 * math.log(_draw(state))), 2.0 * math.pi * _draw(state)
-    state[0].spare_normal = radius * math.sin(angle)
-    state[0].spare_waits = 1
-    return radius * math.cos(angle)
-
-
-@compiled
-def _leak_conductance(a: Arrays, c: Constants) -> float:
-    """Conductance in siemens of the water between wire and metal (rays in parallel)."""
-    total = 0.0
-    for s in range(a.facing.shape[0]):
-        for k in range(a.facing[s]):
-            total += 1.0 / max(a.distance[s, k], 1.0)
-    return total * c.leak_S_um
-
-
-@compiled
-def _sum_rays(
-    a: Arrays, c: Constants, law: GapLaw, position: Array, rate: Array, primed: Array, contact: Array, pull: Array
-) -> tuple[float, float, float]:
-    """Sum every slice's rays at the wire's present place; returns the totals: rate, primed, contact depth."""
-    total_rate = total_primed = touching = 0.0
-    for s in range(rate.shape[0]):
-        total = slice_sums(
-            a.distance, a.cosine, a.sine, s, a.facing[s],
-            position[0, s] - a.reference_um[0, s], position[1, s] - a.reference_um[1, s], law,
-        )
-        gain = (1.0 + c.debris_gain * a.debris[s]) * a.flow_factor[s]
-        rate[s], primed[s] = total[0] * gain, total[1] * gain
-        contact[s] = total[2]
-        total_rate += rate[s]
-        total_primed += primed[s]
-        pull[0, s], pull[1, s] = total[3], total[4]
-        touching += total[2]
-    return total_rate, total_primed, touching
-
-
-@compiled
-def _deepest(a: Arrays, position: Array, contact: Array) -> tuple[float, int, int]:
-    """Smallest gap among the slices that touch, its slice and packed ray."""
-    deepest, slice_, place = NO_METAL_UM, 0, 0
-    for s in range(contact.shape[0]):
-        if contact[s] > 0.0:
-            k, gap = narrowest(a, position, s)
-            if gap < deepest:
-                deepest, slice_, place = gap, s, k
-    return deepest, slice_, place
-
-
-@compiled
-def _touch(
-    state: NDArray[np.void], a: Arrays, position: Array, contact: Array, held: Array
-) -> tuple[int, int]:
-    """Slice and packed ray of the deepest contact; the wire is taken out of the metal where it overlaps.
-
-    What it did since `held` ends where it met the metal; what overlap is left (a motor step may press the
-    metal on the wire) is pushed out, the deepest first, and with the wire's new shape the next.
-    """
-    deepest, slice_, place = _deepest(a, position, contact)
-    if deepest >= 0.0:
-        return slice_, place
-    s, k = slice_, place
-    fall_back(a, held, s, np.float64(a.cosine[s, k]), np.float64(a.sine[s, k]), -deepest)
-    for _ in range(contact.shape[0]):
-        place_wire(state, a, position)
-        deepest, s, k = _deepest(a, position, contact)
-        if deepest >= 0.0:
-            break
-        push_out(a, s, np.float64(a.cosine[s, k]), np.float64(a.sine[s, k]), -deepest)
-    place_wire(state, a, position)
-    return slice_, place
-
-
-@compiled
-def _bridged(state: NDArray[np.void], a: Arrays, position: Array, c: Constants) -> bool:
-    """Whether debris bridges the gap somewhere."""
-    for s in range(a.debris.shape[0]):
-        if a.debris[s] > 0.9 * c.bridge_base:
-            gap = narrowest(a, position, s)[1]
-            p = bridged_probability(
-                a.debris[s], gap, c.bridge_base, c.bridge_per_um, c.bridge_ceiling, c.bridge_steepness
-            )
-            if _draw(state) < p:
-                return True
-    return False
-
-
-@compiled
-def _pick(weights: Array, target: float) -> tuple[int, float]:
-    """Index at which the cumulative weight passes `target`, and what of it is left there."""
-    heaviest = 0
-    for k in range(weights.shape[0]):
-        if target < weights[k]:
-            return k, target
-        target -= weights[k]
-        if weights[k] > weights[heaviest]:
-            heaviest = k
-    return heaviest, 0.5 * weights[heaviest]  # the target lay within rounding of the total
-
-
-@compiled
-def _ignite(
-    state: NDArray[np.void], a: Arrays, c: Constants, law: GapLaw, t: Timing, position: Array, rate: Array,
-    primed: Array, totals: tuple[float, float, float],
-) -> tuple[float, int, int]:
-    """Delay until breakdown in us, and its slice and packed ray; a delay past the wait has no place."""
-    weight = law.primed_per_um2 * totals[1]
-    chance = _draw(state)
-    is_primed = chance > 1.0 - weight and chance > math.exp(-weight)  # the first rules it out most often
-    if is_primed:
-        delay = weibull(c.primed_scale_us, c.primed_shape, _draw(state))
-    else:
-        delay = -math.log(_draw(state)) / max(totals[0], 1e-30)
-    if delay >= t.wait_us:
-        return delay, 0, 0
-    delay += max(c.formative_us + c.formative_sd_us * _normal(state), 0.01)
-    weights = primed if is_primed else rate
-    s, left = _pick(weights, _draw(state) * (totals[1] if is_primed else totals[0]))
-    gain = (1.0 + c.debris_gain * a.debris[s]) * a.flow_factor[s]
-    k = choose_ray(
-        a.distance, a.cosine, a.sine, s, a.facing[s], position[0, s] - a.reference_um[0, s],
-        position[1, s] - a.reference_um[1, s], law, is_primed, left / gain,
-    )
-    return delay, s, k
-
-
-@compiled
 def _erode(
     state: NDArray[np.void], window: NDArray[np.void], a: Arrays, c: Constants, position: Array, s: int, k: int,
     volume: float,
 ) -> None:
     """Remove a crater of `volume` um3 at a packed ray and feed the debris."""
     state[0].crater_um3 += volume
-    if share_crater(a, c, position, s, k, volume, _draw(state) - 0.5):
+    if share_crater(a, c, position, s, k, volume, draw(state) - 0.5):
         state[0].wear_wait_um3 += volume
         window[0].crater_um3 += volume
         a.debris[s] += volume / c.cavity_um3
@@ -216,7 +76,7 @@ def _carve(
     index: NDArray[np.int32], c: Constants,
 ) -> None:
     """Carve the window's craters from the field; what found no metal there was none."""
-    missed = carve(a, tiles, index, c, _draw(state) - 0.5)
+    missed = carve(a, tiles, index, c, draw(state) - 0.5)
     state[0].missed_um3 += missed
     state[0].wear_wait_um3 = max(0.0, state[0].wear_wait_um3 - missed)
     window[0].crater_um3 -= missed
@@ -238,7 +98,7 @@ def _discharge(
 ) -> float:
     """One spark or arc burning for `burn_us`: crater, heat, debris. Returns the energy in joule."""
     energy = t.burning_V * t.current_A * burn_us * 1e-6
-    volume = c.removal_um3_J * energy * max(0.0, 1.0 + c.crater_cv * _normal(state))
+    volume = c.removal_um3_J * energy * max(0.0, 1.0 + c.crater_cv * normal(draw(state)))
     window[0].gap_um += gap_of(a, position, s, k)
     window[0].energy_J += energy
     window[0].charge_A_us += t.current_A * burn_us
@@ -263,30 +123,6 @@ def _short_circuit(
     if s >= 0:
         volume = c.short_removal_share * c.removal_um3_J * t.burning_V * t.short_A * t.on_us * 1e-6
         _erode(state, window, a, c, position, s, k, volume)
-
-
-@compiled
-def _decide(
-    state: NDArray[np.void], a: Arrays, c: Constants, law: GapLaw, t: Timing, position: Array, rate: Array,
-    primed: Array, contact: Array, totals: tuple[float, float, float], held: Array,
-) -> tuple[int, float, int, int]:
-    """How this pulse ends: class, delay until ignition in us, slice and packed ray."""
-    if totals[2] > 0.0:
-        s, k = _touch(state, a, position, contact, held)
-        return SHORT, 0.0, s, k
-    if _bridged(state, a, position, c):
-        return SHORT, 0.0, -1, 0
-    quiet = state[0].since_discharge_us / c.deionisation_us
-    chance = _draw(state)
-    if chance * (1.0 + quiet) < 1.0 and chance < math.exp(-quiet):  # the first rules it out most often
-        s = state[0].last_slice
-        k = a.place[s, state[0].last_ray]
-        if k >= 0:
-            return ARC, 0.0, s, k
-    delay, s, k = _ignite(state, a, c, law, t, position, rate, primed, totals)
-    if delay < t.wait_us:
-        return SPARK, delay, s, k
-    return OPEN, t.wait_us, 0, 0
 
 
 @compiled
@@ -425,7 +261,7 @@ def fire_window(
     copy(held, a.wire_q)
     place_wire(state, a, position)
     refer(a, tiles, index, c, position, state[0].pulses // PULSES_PER_WINDOW)
-    open_V = t.open_V / (1.0 + c.supply_ohm * _leak_conductance(a, c))
+    open_V = t.open_V / (1.0 + c.supply_ohm * leak_conductance(a, c))
     # pressure eps V^2 / 2 on a ray's patch, per 1/um^2 of its summed inverse square gaps, in um kg/s^2
     open_scale = 0.5 * c.permittivity_F_m * open_V**2 * c.patch_m2 * 1e12 * 1e6
     burn_scale = open_scale * (t.burning_V / open_V) ** 2
@@ -433,9 +269,9 @@ def fire_window(
     next_step = 0
     for _ in range(PULSES_PER_WINDOW):
         place_wire(state, a, position)
-        totals = _sum_rays(a, c, law, position, rate, primed, contact, pull)
+        totals = sum_rays(a, c, law, position, rate, primed, contact, pull)
         _watch(window, a)
-        outcome, delay, s, k = _decide(state, a, c, law, t, position, rate, primed, contact, totals, held)
+        outcome, delay, s, k = decide(state, a, c, law, t, position, rate, primed, contact, totals, held)
 
         burn, kick_x, kick_y, at = 0.0, 0.0, 0.0, 0
         if outcome == SHORT:
@@ -484,7 +320,7 @@ def fire_window(
     # what the last pulse drove into the metal must be out of it before the rays are traced anew
     place_wire(state, a, position)
     deepest = 0.0
-    if _sum_rays(a, c, law, position, rate, primed, contact, pull)[2] > 0.0:
-        _touch(state, a, position, contact, held)
-        deepest = _deepest(a, position, contact)[0]
+    if sum_rays(a, c, law, position, rate, primed, contact, pull)[2] > 0.0:
+        touch(state, a, position, contact, held)
+        deepest = deepest_contact(a, position, contact)[0]
     return _end(state, window, a, deepest)

@@ -137,7 +137,7 @@ def _arrays(at: Any, slices: int, rays: int, modes: int) -> Arrays:
         _f8(at.debris, (slices,)), _f8(at.carry_um2, (slices,)), _i8(at.facing, (slices,)),
         _i8(at.ray, per_ray), _i8(at.place, per_ray), _f4(at.distance, per_ray), _f4(at.cosine, per_ray),
         _f4(at.sine, per_ray), _f8(at.ray_cosine, (rays,)), _f8(at.ray_sine, (rays,)),
-        _f8(at.shape, (slices, modes)), _f8(at.shape_of_mode, (modes, slices)),
+        _f8(at.shape, (slices, modes)),
         _f8(at.mean_shape, (modes,)), _f8(at.flow_factor, (slices,)),
         _f8(at.table_shape, (2, 2)), _f8(at.table_participation, (2, 2)),
     )

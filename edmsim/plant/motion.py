@@ -20,15 +20,14 @@ def copy(to: Array, of: Array) -> None:
 @compiled
 def place_wire(state: NDArray[np.void], a: Arrays, position: Array) -> None:
     """Wire position on the workpiece, per slice: commanded, ringing of the table, deflection."""
-    n_modes, n_slices = a.shape_of_mode.shape
-    for axis in range(2):
-        table = state[0].commanded_um[axis] + ringing(a, axis)
-        for s in range(n_slices):
-            position[axis, s] = table
+    n_slices, n_modes = a.shape.shape
+    x, y = state[0].commanded_um[0] + ringing(a, 0), state[0].commanded_um[1] + ringing(a, 1)
+    for s in range(n_slices):
+        deflection_x = deflection_y = 0.0
         for m in range(n_modes):
-            q = a.wire_q[axis, m]
-            for s in range(n_slices):
-                position[axis, s] += a.shape_of_mode[m, s] * q
+            deflection_x += a.shape[s, m] * a.wire_q[0, m]
+            deflection_y += a.shape[s, m] * a.wire_q[1, m]
+        position[0, s], position[1, s] = x + deflection_x, y + deflection_y
 
 
 @compiled

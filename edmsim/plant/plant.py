@@ -178,6 +178,11 @@ class Plant:
             edge = position_um[0] + self._constants.radius_um + _FRONT_GAP_UM
             travel = self.machine.base.table.travel_mm.value * 1e3
             stock = Stock((edge, 0.0, travel, travel))
+        if stock.steps and stock.height_mm != self.machine.height_mm:
+            raise InputError(
+                f"the stepped workpiece is {stock.height_mm:g} mm high and the machine set up for "
+                f"{self.machine.height_mm:g} mm; they must be the same"
+            )
         self.field = KerfField(
             self.resolution.slices, stock, setup.CELL_UM, self.machine.base.table.travel_mm.value * 1e3
         )

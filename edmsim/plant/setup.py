@@ -231,7 +231,6 @@ def arrays(
         ray_cosine=np.cos(angle),
         ray_sine=np.sin(angle),
         shape=np.ascontiguousarray(wire_shape),
-        shape_of_mode=np.ascontiguousarray(wire_shape.T),
         mean_shape=wire_shape.mean(axis=0),
         flow_factor=flow_factor,
         table_shape=np.ascontiguousarray(table_shape),

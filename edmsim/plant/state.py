@@ -24,8 +24,6 @@ STATE = np.dtype(
         ("pulses", "i8"),
         ("key", "u8"),
         ("draws", "u8"),
-        ("spare_normal", "f8"),
-        ("spare_waits", "i8"),
         ("commanded_um", "f8", 2),
         ("since_discharge_us", "f8"),
         ("last_slice", "i8"),
@@ -197,7 +195,7 @@ class Arrays(NamedTuple):
     distance, cosine, sine : float32 (slices, rays)
         Gap and direction of each packed ray.
     ray_cosine, ray_sine : float64 (rays,)
-    shape, shape_of_mode : (slices, modes), (modes, slices)
+    shape : (slices, modes)
         Displacement of a slice per unit of modal coordinate.
     mean_shape : (modes,)
         Its mean over the slices.
@@ -225,7 +223,6 @@ class Arrays(NamedTuple):
     ray_cosine: Array
     ray_sine: Array
     shape: Array
-    shape_of_mode: Array
     mean_shape: Array
     flow_factor: Array
     table_shape: Array

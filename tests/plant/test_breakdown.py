@@ -119,7 +119,7 @@ def test_places_of_ignition_follow_the_weights(primed):
     assert stats.chisquare(counts[possible], expected).pvalue > 1e-3
 
 
-def test_a_target_past_the_total_falls_on_the_heaviest_ray():
+def test_a_target_past_the_total_falls_on_the_narrowest_gap():
     law = GapLaw(0.48, -3.69, 14.05, 1.0, 3.84, 12.0, 0.1, 2.0, 0.008)
     gaps = np.array([20.0, 6.0, 15.0], np.float32)
     zero = np.zeros_like(gaps)

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy import stats
+from scipy import special, stats
 
-from edmsim.plant.random import key_of, uniform
+from edmsim.plant.random import key_of, normal, uniform
 
 WORDS = st.integers(0, 2**64 - 1)
 
@@ -58,3 +58,9 @@ def test_splitmix64_vectors():
         for n, word in enumerate(outputs, start=1):
             expected = ((word >> 11) + 0.5) * 2.0**-53
             assert uniform(np.uint64(key), np.uint64(n)) == expected
+
+
+def test_normal_quantiles_are_those_of_scipy():
+    shares = np.concatenate([np.geomspace(1e-16, 0.5, 4_001), 1.0 - np.geomspace(1e-12, 0.5, 4_001)])
+    found = np.array([normal(share) for share in shares])
+    np.testing.assert_allclose(found, special.ndtri(shares), rtol=2e-9, atol=2e-9)

@@ -1,0 +1,168 @@
+"""How a pulse ends: what the rays see from the wire's present place, contact, breakdown, and which comes first."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .breakdown import GapLaw, choose_ray, slice_sums, weibull
+from .compiled import compiled
+from .dielectric import bridged_probability
+from .facing import narrowest
+from .motion import fall_back, place_wire, push_out
+from .random import normal, uniform
+from .state import ARC, OPEN, SHORT, SPARK, Array, Arrays, Constants, Timing
+from .workpiece import NO_METAL_UM
+
+
+@compiled
+def draw(state: NDArray[np.void]) -> float:
+    """Next uniform draw of the plant."""
+    state[0].draws += np.uint64(1)
+    return uniform(state[0].key, state[0].draws)
+
+
+@compiled
+def leak_conductance(a: Arrays, c: Constants) -> float:
+    """Conductance in siemens of the water between wire and metal (rays in parallel)."""
+    total = 0.0
+    for s in range(a.facing.shape[0]):
+        for k in range(a.facing[s]):
+            total += 1.0 / max(a.distance[s, k], 1.0)
+    return total * c.leak_S_um
+
+
+@compiled
+def sum_rays(
+    a: Arrays, c: Constants, law: GapLaw, position: Array, rate: Array, primed: Array, contact: Array, pull: Array
+) -> tuple[float, float, float]:
+    """Sum every slice's rays at the wire's present place; returns the totals: rate, primed, contact depth."""
+    total_rate = total_primed = touching = 0.0
+    for s in range(rate.shape[0]):
+        total = slice_sums(
+            a.distance, a.cosine, a.sine, s, a.facing[s],
+            position[0, s] - a.reference_um[0, s], position[1, s] - a.reference_um[1, s], law,
+        )
+        gain = (1.0 + c.debris_gain * a.debris[s]) * a.flow_factor[s]
+        rate[s], primed[s] = total[0] * gain, total[1] * gain
+        contact[s] = total[2]
+        total_rate += rate[s]
+        total_primed += primed[s]
+        pull[0, s], pull[1, s] = total[3], total[4]
+        touching += total[2]
+    return total_rate, total_primed, touching
+
+
+@compiled
+def deepest_contact(a: Arrays, position: Array, contact: Array) -> tuple[float, int, int]:
+    """Smallest gap among the slices that touch, its slice and packed ray."""
+    deepest, slice_, place = NO_METAL_UM, 0, 0
+    for s in range(contact.shape[0]):
+        if contact[s] > 0.0:
+            k, gap = narrowest(a, position, s)
+            if gap < deepest:
+                deepest, slice_, place = gap, s, k
+    return deepest, slice_, place
+
+
+@compiled
+def touch(
+    state: NDArray[np.void], a: Arrays, position: Array, contact: Array, held: Array
+) -> tuple[int, int]:
+    """Slice and packed ray of the deepest contact; the wire is taken out of the metal where it overlaps.
+
+    What it did since `held` ends where it met the metal; what overlap is left (a motor step may press the
+    metal on the wire) is pushed out, the deepest first, and with the wire's new shape the next.
+    """
+    deepest, slice_, place = deepest_contact(a, position, contact)
+    if deepest >= 0.0:
+        return slice_, place
+    s, k = slice_, place
+    fall_back(a, held, s, np.float64(a.cosine[s, k]), np.float64(a.sine[s, k]), -deepest)
+    for _ in range(contact.shape[0]):
+        place_wire(state, a, position)
+        deepest, s, k = deepest_contact(a, position, contact)
+        if deepest >= 0.0:
+            break
+        push_out(a, s, np.float64(a.cosine[s, k]), np.float64(a.sine[s, k]), -deepest)
+    place_wire(state, a, position)
+    return slice_, place
+
+
+@compiled
+def _bridged(state: NDArray[np.void], a: Arrays, position: Array, c: Constants) -> bool:
+    """Whether debris bridges the gap somewhere."""
+    for s in range(a.debris.shape[0]):
+        if a.debris[s] > 0.9 * c.bridge_base:
+            gap = narrowest(a, position, s)[1]
+            p = bridged_probability(
+                a.debris[s], gap, c.bridge_base, c.bridge_per_um, c.bridge_ceiling, c.bridge_steepness
+            )
+            if draw(state) < p:
+                return True
+    return False
+
+
+@compiled
+def _pick(weights: Array, target: float) -> tuple[int, float]:
+    """Index at which the cumulative weight passes `target`, and what of it is left there."""
+    heaviest = 0
+    for k in range(weights.shape[0]):
+        if target < weights[k]:
+            return k, target
+        target -= weights[k]
+        if weights[k] > weights[heaviest]:
+            heaviest = k
+    return heaviest, 0.5 * weights[heaviest]  # the target lay within rounding of the total
+
+
+@compiled
+def _ignite(
+    state: NDArray[np.void], a: Arrays, c: Constants, law: GapLaw, t: Timing, position: Array, rate: Array,
+    primed: Array, totals: tuple[float, float, float],
+) -> tuple[float, int, int]:
+    """Delay until breakdown in us, and its slice and packed ray; a delay past the wait has no place."""
+    weight = law.primed_per_um2 * totals[1]
+    chance = draw(state)
+    is_primed = chance > 1.0 - weight and chance > math.exp(-weight)  # the first rules it out most often
+    if is_primed:
+        delay = weibull(c.primed_scale_us, c.primed_shape, draw(state))
+    else:
+        delay = -math.log(draw(state)) / max(totals[0], 1e-30)
+    if delay >= t.wait_us:
+        return delay, 0, 0
+    delay += max(c.formative_us + c.formative_sd_us * normal(draw(state)), 0.01)
+    weights = primed if is_primed else rate
+    s, left = _pick(weights, draw(state) * (totals[1] if is_primed else totals[0]))
+    gain = (1.0 + c.debris_gain * a.debris[s]) * a.flow_factor[s]
+    k = choose_ray(
+        a.distance, a.cosine, a.sine, s, a.facing[s], position[0, s] - a.reference_um[0, s],
+        position[1, s] - a.reference_um[1, s], law, is_primed, left / gain,
+    )
+    return delay, s, k
+
+
+@compiled
+def decide(
+    state: NDArray[np.void], a: Arrays, c: Constants, law: GapLaw, t: Timing, position: Array, rate: Array,
+    primed: Array, contact: Array, totals: tuple[float, float, float], held: Array,
+) -> tuple[int, float, int, int]:
+    """How this pulse ends: class, delay until ignition in us, slice and packed ray."""
+    if totals[2] > 0.0:
+        s, k = touch(state, a, position, contact, held)
+        return SHORT, 0.0, s, k
+    if _bridged(state, a, position, c):
+        return SHORT, 0.0, -1, 0
+    quiet = state[0].since_discharge_us / c.deionisation_us
+    chance = draw(state)
+    if chance * (1.0 + quiet) < 1.0 and chance < math.exp(-quiet):  # the first rules it out most often
+        s = state[0].last_slice
+        k = a.place[s, state[0].last_ray]
+        if k >= 0:
+            return ARC, 0.0, s, k
+    delay, s, k = _ignite(state, a, c, law, t, position, rate, primed, totals)
+    if delay < t.wait_us:
+        return SPARK, delay, s, k
+    return OPEN, t.wait_us, 0, 0
