@@ -6,6 +6,8 @@ import hashlib
 import os
 import subprocess
 import sys
+import tracemalloc
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
@@ -181,3 +183,31 @@ def test_an_empty_compile_cache_gives_the_same_bits(tmp_path):
     """Slow on purpose (half a minute): compiles the pulse loop anew."""
     assert in_another_process(tmp_path, XDG_CACHE_HOME=str(tmp_path / "cache")) == in_this_process()
     assert any((tmp_path / "cache" / "edmsim" / "compiled").iterdir())
+
+
+def test_plants_in_two_threads_do_what_they_do_alone(machine, drive):
+    """The pulse loop holds no lock and shares nothing: the same bits, whoever runs beside it."""
+
+    def cut(seed):
+        return drive(edmsim.Plant(machine, seed, resolution="fast"), 25.0, 2.0)
+
+    alone = [cut(seed) for seed in range(4)]
+    with ThreadPoolExecutor(max_workers=2) as pool:
+        assert list(pool.map(cut, range(4))) == alone
+
+
+def test_memory_does_not_grow_but_for_the_tiles_of_the_kerf(machine, drive):
+    plant = edmsim.Plant(machine, 1, resolution="fast")
+    drive(plant, 25.0, 5.0)
+    tracemalloc.start()
+    try:
+        before = tracemalloc.get_traced_memory()[0]
+        tiles = plant.field.tiles.nbytes
+        for _ in range(6):
+            drive(plant, 25.0, 10.0)
+        grown = tracemalloc.get_traced_memory()[0] - before
+    finally:
+        tracemalloc.stop()
+    # tiles made before the count began are not in it, those that replaced them are
+    assert grown - plant.field.tiles.nbytes < 100_000
+    assert plant.field.tiles.nbytes > tiles
