@@ -265,15 +265,18 @@ def _carve_row(
     limit = np.uint64(index.shape[0] * TILE)
     ux, uy = np.uint64(ix), np.uint64(iy)  # a cell below zero is one far beyond the limit
     for _ in range(length):
-        if quota == 0 or ux >= limit or uy >= limit:
+        if ux >= limit or uy >= limit:
             break
         place = index[ux >> _TILE_BITS, uy >> _TILE_BITS]
         if place >= 0:
             row, column = ux & _TILE_MASK, uy & _TILE_MASK
             metal = np.int64(tiles[np.uint64(place), np.uint64(slice_index), row, column])
-            taken = metal if metal < quota else quota
-            tiles[np.uint64(place), np.uint64(slice_index), row, column] = np.uint16(metal - taken)
-            quota -= taken
+            if metal >= quota:
+                tiles[np.uint64(place), np.uint64(slice_index), row, column] = np.uint16(metal - quota)
+                return 0
+            if metal > 0:
+                tiles[np.uint64(place), np.uint64(slice_index), row, column] = np.uint16(0)
+                quota -= metal
         ux += np.uint64(step_x)
         uy += np.uint64(step_y)
     return int(quota)

@@ -11,6 +11,7 @@ from .rows import Check, Row
 
 MODULES = (
     "ignition", "craters", "strings", "heat", "water", "corners", "pulse_ratios", "cuts", "breakage", "quality",
+    "ranges",
 )
 """Modules of this package that have ``CHECKS``; topics come in the order in which these first name them."""
 SEEDS = (1, 2, 3, 4)

@@ -13,6 +13,7 @@ from edmsim.controllers import make
 from edmsim.cosim import Simulation
 from edmsim.machine import Machine
 from edmsim.plant.setup import RESOLUTIONS
+from edmsim.plant.workpiece import Stock
 from edmsim.program.path import Contour, CutPath
 
 SETTLE_S, CUT_S = 4.0, 5.0
@@ -82,3 +83,19 @@ def test_the_full_model_continues_from_a_snapshot_bit_for_bit(machine, drive):
 def test_an_unknown_integrator_is_refused(machine):
     with pytest.raises(edmsim.InputError, match="unknown mechanics 'steam'; there are: modal, mujoco"):
         edmsim.Plant(machine, mechanics="steam")
+
+
+def test_lost_steps_are_known_to_the_carriage_alone(machine):  # T-19
+    """A motor stepped far above its pull-out rate stands still; the counter does not know, the table does."""
+    far = Stock((60_000.0, 60_000.0, 61_000.0, 61_000.0))
+    start = (10_000.0, 20_000.0)
+    plant = edmsim.Plant(machine, 1, stock=far, position_um=start, resolution="fast", mechanics="mujoco")
+    plant.advance([(k * 250_000, 0, 1) for k in range(100)])
+    for _ in range(12):
+        plant.advance()
+    assert plant.commanded_um == (10_200.0, 20_000.0)
+    x, y = plant.place_um
+    lost = (10_200.0 - x) / 8.0  # four full steps of 2 um to a tooth
+    assert round(lost) > 5
+    assert lost == pytest.approx(round(lost), abs=0.05)
+    assert y == pytest.approx(20_000.0, abs=0.05)

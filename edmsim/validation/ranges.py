@@ -1,0 +1,58 @@
+"""Rows on what the ranges of the constants leave open: the default cut on machines drawn within them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ..controllers import make
+from ..machine import Machine
+from .cuts import EARLY_MACHINES, FRONT_GAP, SIDE_GAP
+from .quality import LAG
+from .rows import LEVEL, Check, Row
+from .straight import Cut, cut_straight
+
+MACHINES_PER_SEED = 6
+"""Machines drawn (ours: with four seeds two dozen, of which the outermost bound the interval)."""
+PAGE = "docs/theory/emergence.md#ranges"
+
+
+def drawn_cuts(seeds: Sequence[int]) -> list[Cut]:
+    """Cut straight under the count law on machines drawn within the ranges of all constants; the wire may break."""
+    cuts = []
+    for seed in seeds:
+        rng = np.random.default_rng(seed)
+        for _ in range(MACHINES_PER_SEED):
+            machine = Machine.load().sample(rng)
+            cuts.append(cut_straight(machine, make("counts"), seed, settle_s=10.0, seconds=40.0))
+    return cuts
+
+
+def ranges(seeds: Sequence[int]) -> list[Row]:
+    """Rate, gaps and lag of drawn machines: the median, and half of what 95 % of them span."""
+    cuts = [cut for cut in drawn_cuts(seeds) if not cut.broken]
+    rate, half_rate = _median_and_half([c.feed_um_s * c.plant.machine.height_mm * 60e-3 for c in cuts])
+    front, half_front = _median_and_half([c.gap_um for c in cuts])
+    side, half_side = _median_and_half(
+        [(float(c.kerf_um.mean()) - c.plant.machine.wire_diameter_um) / 2 for c in cuts]
+    )
+    lag, half_lag = _median_and_half([c.lag_um for c in cuts])
+    return [
+        Row.band("ranges", "cutting rate of drawn machines", EARLY_MACHINES, low=10.0, high=60.0, simulated=rate,
+                 uncertainty=half_rate, unit="mm2/min", note=PAGE),
+        Row.band("ranges", "frontal gap of drawn machines", FRONT_GAP, low=10.0, high=30.0, simulated=front,
+                 uncertainty=half_front, unit="um", note=PAGE),
+        Row.band("ranges", "side gap of drawn machines", SIDE_GAP, low=30.0, high=60.0, simulated=side,
+                 uncertainty=half_side, unit="um", note=PAGE),
+        Row.band("ranges", "lag of drawn machines", LAG, low=10.0, high=100.0, simulated=lag, uncertainty=half_lag,
+                 unit="um", note=PAGE),
+    ]
+
+
+def _median_and_half(values: Sequence[float]) -> tuple[float, float]:
+    low, middle, high = np.quantile(values, [0.5 - LEVEL / 2, 0.5, 0.5 + LEVEL / 2])
+    return float(middle), float(high - low) / 2
+
+
+CHECKS: tuple[Check, ...] = (ranges,)
