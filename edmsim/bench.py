@@ -29,8 +29,8 @@ FEED_UM_S = 28.0
 """Feed of the straight cut that is timed: well into the metal, most pulses spark."""
 SETTLE_WINDOWS = 400
 """Windows before timing, so that the wire cuts a full kerf."""
-TIMED_WINDOWS = 400
-REPEATS = 6
+TIMED_WINDOWS = 200
+REPEATS = 12
 """A figure is the best of so many runs, as others use the machine too."""
 MUJOCO_WINDOWS = 20
 THREAD_S = 1.0
@@ -108,7 +108,7 @@ def ray_sums_per_s(plant: Plant) -> float:
     """Pulses per second if a pulse were nothing but the sums over its rays: the bound of this design."""
     law = gap_law(plant.machine, plant.resolution, timing(plant.machine).open_V)
     rays = _Rays(*plant.rays())
-    pulses = TIMED_WINDOWS * PULSES_PER_WINDOW // 4
+    pulses = TIMED_WINDOWS * PULSES_PER_WINDOW // 2
     _sum_rays(rays, law, 1)
 
     def once() -> float:
