@@ -264,21 +264,27 @@ def _carve_row(
     quota = np.int64(parts)
     limit = np.uint64(index.shape[0] * TILE)
     ux, uy = np.uint64(ix), np.uint64(iy)  # a cell below zero is one far beyond the limit
-    for _ in range(length):
-        if ux >= limit or uy >= limit:
-            break
+    left = length
+    while left > 0 and ux < limit and uy < limit:
         place = index[ux >> _TILE_BITS, uy >> _TILE_BITS]
+        row, column = ux & _TILE_MASK, uy & _TILE_MASK
+        along = np.int64(row if step_x != 0 else column)
+        run = min(left, TILE - along if step_x + step_y > 0 else along + 1)  # cells of the row in this tile
         if place >= 0:
-            row, column = ux & _TILE_MASK, uy & _TILE_MASK
-            metal = np.int64(tiles[np.uint64(place), np.uint64(slice_index), row, column])
-            if metal >= quota:
-                tiles[np.uint64(place), np.uint64(slice_index), row, column] = np.uint16(metal - quota)
-                return 0
-            if metal > 0:
-                tiles[np.uint64(place), np.uint64(slice_index), row, column] = np.uint16(0)
-                quota -= metal
-        ux += np.uint64(step_x)
-        uy += np.uint64(step_y)
+            tile, level = np.uint64(place), np.uint64(slice_index)
+            for _ in range(run):
+                metal = np.int64(tiles[tile, level, row, column])
+                if metal >= quota:
+                    tiles[tile, level, row, column] = np.uint16(metal - quota)
+                    return 0
+                if metal > 0:
+                    tiles[tile, level, row, column] = np.uint16(0)
+                    quota -= metal
+                row += np.uint64(step_x)
+                column += np.uint64(step_y)
+        ux += np.uint64(step_x * run)
+        uy += np.uint64(step_y * run)
+        left -= run
     return int(quota)
 
 

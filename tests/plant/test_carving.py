@@ -10,6 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import edmsim
+from edmsim.contours import metal_at
 from edmsim.plant.workpiece import FULL, NO_METAL_UM, TILE, KerfField, Stock, carve_wall, trace
 
 CELL = 4.0
@@ -188,3 +189,15 @@ def test_energy_and_material_give_the_volume(machine, drive):
     windows = drive(plant, 15.0, 5.0)
     joule = sum(w.energy_J for w in windows)
     assert plant.removed_mm3 / joule == pytest.approx(9.3e-3, rel=0.02)
+
+
+@pytest.mark.parametrize("resolution", ["fast", "default"])
+def test_no_metal_stays_where_the_wire_has_been(machine, drive, resolution):
+    plant = edmsim.Plant(machine, seed=4, resolution=resolution)
+    start, _ = plant.commanded_um
+    drive(plant, 28.0, 12.0)
+    end, y = plant.commanded_um
+    along, across = np.arange(start + 150.0, end, 2.0), np.arange(y - 120.0, y + 121.0, 2.0)
+    swept = np.stack(np.meshgrid(along, across, indexing="ij"), axis=-1).reshape(-1, 2)
+    assert len(along) > 50
+    assert metal_at(plant.field, swept).max() == 0.0
