@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
@@ -168,8 +169,13 @@ def _slice_heights_m(machine: Machine, res: Resolution) -> NDArray[np.float64]:
 
 def modal_model(machine: Machine, res: Resolution) -> ModalModel:
     """Modes of table and wire for this set-up, from the MJCF."""
-    model = build_model(_wire_setup(machine), machine.base.model)
-    return reduce_model(model, res.modes, _slice_heights_m(machine, res))
+    return _modes(_wire_setup(machine), machine.base.model, res.modes, tuple(_slice_heights_m(machine, res).tolist()))
+
+
+@functools.lru_cache(maxsize=64)
+def _modes(wire: WireSetup, model_file: str, n_modes: int, slice_heights_m: tuple[float, ...]) -> ModalModel:
+    """Modes by set-up: plants of one machine share them, as nothing writes to them."""
+    return reduce_model(build_model(wire, model_file), n_modes, slice_heights_m)
 
 
 def full_mechanics(machine: Machine, res: Resolution) -> FullMechanics:
@@ -185,8 +191,13 @@ def full_mechanics(machine: Machine, res: Resolution) -> FullMechanics:
 
 
 def propagators(modes: ModalModel, timing: Timing) -> Propagators:
-    """Tables of exact propagators on the setting's time grid."""
-    grid = np.arange(GRID + 1) * timing.grid_us * 1e-6
+    """Tables of exact propagators on the setting's time grid; plants of one machine share them, too."""
+    return _propagators(modes, timing.grid_us)
+
+
+@functools.lru_cache(maxsize=64)
+def _propagators(modes: ModalModel, grid_us: float) -> Propagators:
+    grid = np.arange(GRID + 1) * grid_us * 1e-6
     wire = propagator_table(modes.wire_omega, modes.wire_zeta, grid)
     x, y = (propagator_table(modes.table_omega[k], modes.table_zeta[k], grid) for k in range(2))
     table = [np.stack(pair, axis=1) for pair in zip(x, y, strict=True)]
