@@ -161,8 +161,6 @@ def machine_spec(wire: WireSetup, model_file: str = MODEL_FILE, n_nodes: int | N
     n_nodes : int, optional
         Nodes of the wire, 1 to as many as the file has; all of them if not given.
     """
-    import mujoco
-
     spec = _parsed(model_file).copy()
     if n_nodes is not None:
         _thin_out(spec, n_nodes)

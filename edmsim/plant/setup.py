@@ -151,7 +151,8 @@ def heat_law(machine: Machine, res: Resolution) -> HeatLaw:
     )
 
 
-def _wire_setup(machine: Machine) -> WireSetup:
+def wire_setup(machine: Machine) -> WireSetup:
+    """Wire and guides of a set-up, as the model of the mechanics wants them."""
     return WireSetup(
         diameter_m=machine.wire_diameter_um / 1e6,  # 20 um stays exactly 20e-6
         density_kg_m3=machine.wire.density_kg_m3.value,
@@ -169,7 +170,7 @@ def _slice_heights_m(machine: Machine, res: Resolution) -> NDArray[np.float64]:
 
 def modal_model(machine: Machine, res: Resolution) -> ModalModel:
     """Modes of table and wire for this set-up, from the MJCF."""
-    return _modes(_wire_setup(machine), machine.base.model, res.modes, tuple(_slice_heights_m(machine, res).tolist()))
+    return _modes(wire_setup(machine), machine.base.model, res.modes, tuple(_slice_heights_m(machine, res).tolist()))
 
 
 @functools.lru_cache(maxsize=64)
@@ -187,7 +188,7 @@ def full_mechanics(machine: Machine, res: Resolution) -> FullMechanics:
         presliding_m=table.presliding_um.value * 1e-6,
         backlash_m=table.backlash_um.value * 1e-6,
     )
-    return FullMechanics(_wire_setup(machine), drive, _slice_heights_m(machine, res), machine.base.model)
+    return FullMechanics(wire_setup(machine), drive, _slice_heights_m(machine, res), machine.base.model)
 
 
 def propagators(modes: ModalModel, timing: Timing) -> Propagators:
