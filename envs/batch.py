@@ -96,7 +96,10 @@ class Batch:
         return np.concatenate([flat, observation.corners(place_um, lanes.corner_um, lanes.corner_deg)], axis=1)
 
     def infos(self) -> dict[str, NDArray[Any]]:
-        """Return what is told beside, in fresh arrays: gap, temperature, debris and error no real machine knows."""
+        """Return what is told beside, in fresh arrays: gap, temperature, debris and error no real machine knows.
+
+        ``gap_um`` has a meaning only where something ignited (see `ignited`).
+        """
         lanes, rows = self.lanes, self.lanes.rows
         states, windows = lanes.fleet.states, lanes.fleet.windows
         counts, ignitions = windows["counts"], windows["ignitions"]
@@ -110,12 +113,16 @@ class Batch:
             "open": counts[:, OPEN].copy(),
             "spark": counts[:, SPARK].copy(),
             "arc": counts[:, ARC].copy(),
-            "gap_um": np.where(ignitions > 0, windows["gap_um"] / np.maximum(ignitions, 1), np.nan),
+            "gap_um": windows["gap_um"] / np.maximum(ignitions, 1),
             "wire_temperature_K": windows["temperature_max_K"].copy(),
             "debris": windows["debris"].copy(),
             "error_um": rows["error_um"].copy(),
             "area_mm2": rows["area_mm2"].copy(),
         }
+
+    def ignited(self) -> NDArray[np.bool_]:
+        """Say of every lane whether a pulse of its last window ignited."""
+        return np.asarray(self.lanes.fleet.windows["ignitions"] > 0)
 
     def told(self, lane: int) -> dict[str, str]:
         """Return what is told in words of one lane: why its episode ended, and what the generator refused."""

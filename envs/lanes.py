@@ -130,7 +130,7 @@ class Lanes:
         corners = line.corners(CORNER_DEG)
         self._leg[lane] = leg
         row = self.rows[lane]
-        row["place"], row["segment"], row["reached_um"] = 0, 0, 0.0
+        row["place"], row["segment"], row["reached_um"], row["cut_um"] = 0, 0, 0.0, 0.0
         row["end"], row["corners"] = math.floor(along[-1] * FINE_PER_UM), len(points)
         self._points = _with_row(self._points, lane, points, 0.0)
         self._along = _with_row(self._along, lane, along, np.inf)

@@ -2,7 +2,8 @@
 
 A lane's place is the length of path behind it, counted in whole attometres (nm/s times ns), so that no rounding
 ever gathers. An axis steps when the path crosses the middle between two of its steps; both axes' steps come out in
-order of time. Nothing here knows the plant; lanes do not touch each other, so that their order and number do not matter.
+order of time. Nothing here knows the plant; lanes do not touch each other, so that their order and number do not
+matter.
 """
 
 from __future__ import annotations
@@ -41,6 +42,7 @@ LANE = np.dtype(
         ("feed_um_s", "f8"),
         ("travel_um", "f8"),
         ("reached_um", "f8"),
+        ("cut_um", "f8"),
         ("progress_um", "f8"),
         ("area_mm2", "f8"),
         ("error_um", "f8"),
@@ -60,9 +62,10 @@ LANE = np.dtype(
 the feed, negative backwards; ``segment`` the one the lane is in, of ``corners`` points; ``longest_ns`` the longest
 window; ``steps`` how many motor steps are planned; ``cause`` why the episode ended. ``step_um, table_um`` are the
 motor step and the table's travel. Of the last window: ``feed_um_s`` commanded, ``travel_um`` along the path by the
-counters, ``progress_um`` of the wire itself and ``area_mm2``, that times the local height. ``reached_um`` is the
-length of the leg up to where the wire really is, ``error_um`` its distance from there: a wire pushed against metal
-bends and stays behind its counters. ``before_um`` is the length of the legs before, ``total_um`` of all;
+counters, ``progress_um`` of the cut and ``area_mm2``, that times the local height. ``reached_um`` is the length of the
+leg up to where the wire really is, ``error_um`` its distance from there: a wire pushed against metal bends and stays
+behind its counters. ``cut_um`` is the length of the leg that was cut: it follows the wire by the share of pulses that
+ignite, so that a wire pushed into metal, or led through air, cuts nothing until it sparks. ``before_um`` is the length of the legs before, ``total_um`` of all;
 ``shorted_s`` for how long there have been nothing but shorts; ``setting_us`` on-time and period, now and at first;
 ``open_V, limit_A, wait_us`` the generator's open voltage, limit of mean current, and longest wait for an ignition.
 """
@@ -217,7 +220,7 @@ def follow(
     """
     for j in range(lanes.shape[0]):
         i = lanes[j]
-        before, reached = rows[i].place, rows[i].reached_um
+        before = rows[i].place
         place = before + rows[i].feed_nm_s * windows[i].duration_ns
         rows[i].place = min(max(place, 0), rows[i].end)
         rows[i].travel_um = (rows[i].place - before) / FINE_PER_UM
@@ -229,8 +232,10 @@ def follow(
             rows, i, points[i], along[i], x + windows[i].deflection_um[0] / pulses,
             y + windows[i].deflection_um[1] / pulses,
         )
-        rows[i].progress_um = rows[i].reached_um - reached
-        height = _height_mm(height_from[i], heights[i], rows[i].before_um + reached)
+        ignited = (windows[i].counts[1] + windows[i].counts[2]) / pulses
+        rows[i].progress_um = ignited * max(rows[i].reached_um - rows[i].cut_um, 0.0)
+        height = _height_mm(height_from[i], heights[i], rows[i].before_um + rows[i].cut_um)
+        rows[i].cut_um += rows[i].progress_um
         rows[i].area_mm2 = rows[i].progress_um * 1e-3 * height
         if windows[i].counts[3] >= SHORTED_SHARE * pulses:
             rows[i].shorted_s += windows[i].duration_ns * 1e-9

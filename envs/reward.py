@@ -31,15 +31,15 @@ class Weights:
     Attributes
     ----------
     progress : float
-        Gain per reference area (`REFERENCE_MM2`) of path cut by the wire, where it really is; running back gives it
-        back, and pushing against metal gains nothing.
+        Gain per reference area (`REFERENCE_MM2`) that was cut. What is cut follows the wire by the share of pulses
+        that ignite (see `motion.LANE`): pushing against metal gains nothing, nor does going back and forth.
     short : float
         Cost of a window of nothing but shorts; a share of them costs that share.
     open : float
         Cost of a window of nothing but open pulses.
     profile : float
-        Cost per reference area of path passed, either way, with the wire `ERROR_UM` from the path: it depends on
-        the way, not on the time spent there.
+        Cost per reference area that was cut with the wire `ERROR_UM` from the path: it depends on the way, not on the
+        time spent there.
     time : float
         Cost per reference window (`REFERENCE_S`) of machine time.
     wire_break, limit : float
@@ -94,7 +94,7 @@ def rewards(
         passed = rows[i].area_mm2 / REFERENCE_MM2
         reward[i] = progress * passed
         reward[i] -= short * counts[3] / pulses + open_ * counts[0] / pulses
-        reward[i] -= profile * (rows[i].error_um / ERROR_UM) * abs(passed)
+        reward[i] -= profile * (rows[i].error_um / ERROR_UM) * passed
         reward[i] -= time * (windows[i].duration_ns * 1e-9 / REFERENCE_S)
         if cause == _DONE:
             reward[i] += done

@@ -92,6 +92,8 @@ class EdmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         terminated = bool(self._batch.lanes.rows[0]["cause"] != RUNNING)
         self._running = not terminated
         info: dict[str, Any] = {name: value[0].item() for name, value in self._batch.infos().items()}
+        if not self._batch.ignited()[0]:
+            del info["gap_um"]
         info |= self._batch.told(0)
         if self.render_mode == "human":
             self.render()

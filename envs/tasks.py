@@ -29,7 +29,7 @@ class StepResult(NamedTuple):
     truth : PulseWindow
         What happened, also what no real machine sees.
     progress_um : float
-        How much further along the path the wire really is; negative backwards.
+        How much more of the path is cut (see `motion.LANE`).
     area_mm2 : float
         The same times the local height.
     error_um : float

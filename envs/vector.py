@@ -187,7 +187,8 @@ class EdmVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDArray[A
     def _infos(self, active: NDArray[np.int64], mask: Flags) -> dict[str, Any]:
         infos: dict[str, Any] = {}
         for name, values in self._batch.infos().items():
-            infos[name], infos[f"_{name}"] = np.where(mask, values, np.zeros((), values.dtype)), mask
+            told = mask & self._batch.ignited() if name == "gap_um" else mask
+            infos[name], infos[f"_{name}"] = np.where(told, values, np.zeros((), values.dtype)), told
         lanes = self._batch.lanes
         for lane in active:
             if lanes.rows[lane]["cause"] != RUNNING or lanes.refused[lane] is not None:
