@@ -20,12 +20,12 @@ from .scenarios import Corner, Family
 Floats = NDArray[np.float64]
 
 
-def action_space_of(family: Family) -> gym.spaces.Box:
+def action_space_of(family: Family) -> gym.spaces.Box[np.float32]:
     """Return the action space: feed, and on-time and period where the generator is set, too."""
     return gym.spaces.Box(-1.0, 1.0, (3 if family.sets_generator else 1,), np.float32)
 
 
-def observation_space_of(family: Family) -> gym.spaces.Box:
+def observation_space_of(family: Family) -> gym.spaces.Box[np.float32]:
     """Return the observation space."""
     entries = observation.entries(family.history, family.knows_corners)
     low, high = (np.array([getattr(e, end) for e in entries], np.float32) for end in ("low", "high"))

@@ -47,7 +47,7 @@ class DiscreteFeed(
         """Return the environment's action for a level's number."""
         if not self.action_space.contains(action):
             raise InvalidAction(f"an action is a whole number from 0 to {len(self._actions) - 1}, not {action!r}")
-        return self._actions[int(action)].copy()
+        return np.array(self._actions[int(action)])
 
 
 class DiscreteFeedVector(VectorActionWrapper):

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     import mujoco
 
     from edmsim.plant.plant import Plant
+    from edmsim.recording.scene import Scene
 
     from .lanes import Lanes
 
@@ -140,20 +141,20 @@ def _drawing(lanes: Lanes, lane: int) -> NDArray[np.uint8]:
     draw_map(axes, scene)
     wire = (np.array(plant.place_um) + plant.deflections_um().mean(axis=0)) * 1e-3
     axes.add_patch(Circle(tuple(wire), scene.wire_diameter_um * 0.5e-3, color=VERMILION, zorder=9))
-    canvas.draw()
-    return np.array(canvas.buffer_rgba())[..., :3].copy()
+    canvas.draw()  # type: ignore[no-untyped-call]
+    return np.array(canvas.buffer_rgba())[..., :3].copy()  # type: ignore[no-untyped-call]
 
 
-def _scene(lanes: Lanes, lane: int) -> Any:
+def _scene(lanes: Lanes, lane: int) -> Scene:
     from edmsim.contours import cut_edges
-    from edmsim.recording.scene import ErrorMap, Scene, polylines
+    from edmsim.recording.scene import ErrorMap, Polylines, Scene, polylines
 
     scenario, plant = lanes.scenarios[lane], lanes.fleet.plants[lane]
     assert scenario is not None
     machine = scenario.machine
     middle = plant.resolution.slices // 2
-    edges = [() for _ in range(plant.resolution.slices)]
-    edges[middle] = polylines(cut_edges(plant.field, middle))  # type: ignore[call-overload]
+    edges: list[Polylines] = [() for _ in range(plant.resolution.slices)]
+    edges[middle] = polylines(cut_edges(plant.field, middle))
     none = np.zeros((0, 2))
     maps = tuple(ErrorMap(leg * 1e-3, "left", none, none[:, 0]) for leg in scenario.legs_um)
     clearance = machine.base.guides.clearance_mm.value

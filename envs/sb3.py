@@ -19,7 +19,8 @@ except ImportError as error:
     raise InputError("stable-baselines3 is not installed: pip install 'edmsim[rl]'") from error
 
 
-class EdmVecEnv(VecEnv):
+# untyped where the extra is missing
+class EdmVecEnv(VecEnv):  # type: ignore[misc, unused-ignore]
     """An `EdmVectorEnv` in mode ``SAME_STEP`` for the learners of stable-baselines3.
 
     Normalise with stable-baselines3's own `VecNormalize`; Gymnasium's refuses this mode.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, ClassVar
+from typing import Any
 
 import gymnasium as gym
 import numpy as np
@@ -40,7 +40,9 @@ class EdmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         An unknown argument.
     """
 
-    metadata: ClassVar[dict[str, Any]] = {"render_modes": list(RENDER_MODES), "render_fps": RENDER_FPS}
+    metadata: dict[str, Any] = {  # noqa: RUF012 - as Gymnasium has it
+        "render_modes": list(RENDER_MODES), "render_fps": RENDER_FPS,
+    }
 
     def __init__(self, task: str, render_mode: str | None = None, **options: Any) -> None:
         self.family = make_family(task, **options)
@@ -87,7 +89,7 @@ class EdmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         if not self._running:
             why = "the episode has ended" if self._begun else "no episode has begun"
             raise ResetNeeded(f"{why}: call reset() before step()")
-        actions = checked_actions(action, self.action_space.shape)[None]
+        actions = checked_actions(action, self.action_space.shape or ())[None]
         reward = self._batch.step(_LANE, actions)
         terminated = bool(self._batch.lanes.rows[0]["cause"] != RUNNING)
         self._running = not terminated
@@ -99,7 +101,7 @@ class EdmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
             self.render()
         return self._batch.observations()[0], float(reward[0]), terminated, False, info
 
-    def render(self) -> NDArray[np.uint8] | None:  # type: ignore[override]
+    def render(self) -> NDArray[np.uint8] | None:
         """Return a picture (height, width, 3), or show it; None without a render mode.
 
         Raises

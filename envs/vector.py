@@ -81,6 +81,7 @@ class EdmVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDArray[A
         self.max_episode_steps = max_episode_steps
         self.single_action_space = action_space_of(self.family)
         self.single_observation_space = observation_space_of(self.family)
+        self._action_shape = (num_envs, *(self.single_action_space.shape or ()))
         self.action_space = batch_space(self.single_action_space, num_envs)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self._batch = Batch(self.family, num_envs, threads or os.cpu_count() or 1)
@@ -162,7 +163,7 @@ class EdmVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDArray[A
         """
         if not self._begun.all():
             raise ResetNeeded("not every environment has begun an episode: call reset() before step()")
-        actions = checked_actions(actions, (self.num_envs, *self.single_action_space.shape))
+        actions = checked_actions(actions, self._action_shape)
         again = self._ended.copy()
         if again.any() and self.autoreset_mode is AutoresetMode.DISABLED:
             lanes = np.flatnonzero(again).tolist()

@@ -40,6 +40,7 @@ _TABLE = np.dtype(
 )
 
 
+@functools.cache
 def _dtype_of(kind: type) -> np.dtype[np.void]:
     """Record with a named tuple's fields: compiled code reads either by the same names."""
     return np.dtype([(name, "i8" if of is int else "f8") for name, of in get_type_hints(kind).items()])
