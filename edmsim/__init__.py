@@ -12,13 +12,14 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from edmsim import controllers as controllers
+    from edmsim import envs as envs
 
     from .errors import EdmsimError, InputError
     from .job import CutResult, cut
     from .machine import Machine
     from .plant.plant import Plant, PulseWindow
 
-__all__ = ["CutResult", "EdmsimError", "InputError", "Machine", "Plant", "PulseWindow", "controllers", "cut"]
+__all__ = ["CutResult", "EdmsimError", "InputError", "Machine", "Plant", "PulseWindow", "controllers", "cut", "envs"]
 
 _HOMES = {
     "CutResult": "edmsim.job",
@@ -31,6 +32,13 @@ _HOMES = {
 }
 
 
+def _register_environments() -> None:
+    """Let `gymnasium.make` know the environments by name; nothing of them is loaded before one is made."""
+    from edmsim.envs.registration import register_all
+
+    register_all()
+
+
 def __dir__() -> list[str]:
     """Name what there is, loaded or not."""
     return sorted({*globals(), *__all__})
@@ -40,9 +48,12 @@ def __getattr__(name: str) -> Any:
     """Load a public name when it is first used, so that ``import edmsim`` stays cheap."""
     if name in _HOMES:
         value = getattr(import_module(_HOMES[name]), name)
-    elif name == "controllers":
-        value = import_module("edmsim.controllers")
+    elif name in ("controllers", "envs"):
+        value = import_module(f"edmsim.{name}")
     else:
         raise AttributeError(f"module 'edmsim' has no attribute '{name}'")
     globals()[name] = value
     return value
+
+
+_register_environments()

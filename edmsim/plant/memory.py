@@ -40,6 +40,7 @@ _TABLE = np.dtype(
 )
 
 
+@functools.cache
 def _dtype_of(kind: type) -> np.dtype[np.void]:
     """Record with a named tuple's fields: compiled code reads either by the same names."""
     return np.dtype([(name, "i8" if of is int else "f8") for name, of in get_type_hints(kind).items()])
@@ -185,26 +186,33 @@ def _link(at: Any, nodes: int) -> FullLink:
     )
 
 
+CALL = 4
+"""Numbers of a call for one plant (int64): address of its `Memory`'s table, address of the window's steps (int64;
+time, axis and direction in a row), number of steps, and, written by the call, how the window ended."""
+
+
 @functools.cache
-def window_function(slices: int, rays: int, modes: int, full: bool) -> Callable[[int, int, int], int]:
+def window_function(slices: int, rays: int, modes: int, full: bool) -> Callable[[int, int], None]:
     """Return the compiled window of one resolution; `full` has MuJoCo move wire and table, `modes` are its nodes.
 
-    It takes the address of a `Memory`'s table, the address of the window's steps (int64, time, axis and direction
-    in a row) and their number, and returns how the window ended.
+    It takes the address of rows of `CALL` numbers and how many rows there are: one window for one plant each. One
+    plant and a thousand run the same machine code, so that a plant's bits do not depend on its company.
     """
 
     @compiled
-    def advance(table: int, steps: int, step_count: int) -> int:
-        at = _at_table(table, (1,))[0]
-        return fire_window(
-            _at_state(at.state, (1,)), _at_window(at.window, (1,)),
-            _arrays(at, slices, rays, modes),
-            _u2(at.tiles, (at.tile_count, slices, TILE, TILE)),
-            _i4(at.index, (at.index_side, at.index_side)),
-            _at_constants(at.constants, (1,))[0], _law(at),
-            _at_heat(at.heat, (1,))[0], _at_timing(at.timing, (1,))[0],
-            _propagators(at, modes), _scratch(at, slices, modes), _link(at, modes), full,
-            _i8(steps, (step_count, 3)),
-        )
+    def advance(calls: int, count: int) -> None:
+        rows = _i8(calls, (count, CALL))
+        for k in range(count):
+            at = _at_table(rows[k, 0], (1,))[0]
+            rows[k, 3] = fire_window(
+                _at_state(at.state, (1,)), _at_window(at.window, (1,)),
+                _arrays(at, slices, rays, modes),
+                _u2(at.tiles, (at.tile_count, slices, TILE, TILE)),
+                _i4(at.index, (at.index_side, at.index_side)),
+                _at_constants(at.constants, (1,))[0], _law(at),
+                _at_heat(at.heat, (1,))[0], _at_timing(at.timing, (1,))[0],
+                _propagators(at, modes), _scratch(at, slices, modes), _link(at, modes), full,
+                _i8(rows[k, 1], (rows[k, 2], 3)),
+            )
 
     return advance

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import struct
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -15,7 +15,7 @@ from . import setup
 from .full_model import FullMechanics
 from .generator import timing
 from .mechanics import ModalModel
-from .memory import Memory, window_function
+from .memory import CALL, Memory, window_function
 from .random import key_of
 from .state import (
     CHANGING,
@@ -138,22 +138,32 @@ class Plant:
             raise InputError(f"unknown mechanics '{mechanics}'; there are: {', '.join(MECHANICS)}")
         self.machine = machine
         self.mechanics = mechanics
+        self._resolution_name = resolution
         self.resolution = res = setup.resolution(resolution)
         self._constants = setup.constants(machine, res)
         self._flow_factor = setup.flow_factor(machine, res)
+        self._memory = Memory()
         self._state: NDArray[np.void] = np.zeros(1, STATE)
         self._window: NDArray[np.void] = np.zeros(1, WINDOW)
-        self._window_bytes = memoryview(self._window.view(np.uint8))  # type: ignore[arg-type]
-        self._memory = Memory()
+        self.lodge(self._state, self._window)
+        self._call = np.zeros((1, CALL), np.int64)
+        self._call[0, 0] = self._memory.address
+        self._call_address: int = self._call.ctypes.data
         self._model = self._make_model()
         coordinates = self._model.wire_shape.shape[1]
         self._fire = window_function(res.slices, res.rays, coordinates, mechanics == "mujoco")
-        self._memory.keep(state=self._state, window=self._window)
         self._memory.keep_record("constants", self._constants)
         self._memory.keep_record("heat", setup.heat_law(machine, res))
         self._memory.keep_tuple(setup.scratch(res, coordinates))
         self._set_timing(machine)
         self.reset(seed, stock=stock, position_um=position_um)
+
+    def lodge(self, state: NDArray[np.void], window: NDArray[np.void]) -> None:
+        """Move the plant's scalars into a row each of arrays (1,) of `STATE` and `WINDOW` that a `Fleet` holds."""
+        state[:], window[:] = self._state, self._window
+        self._state, self._window = state, window
+        self._window_bytes = memoryview(window.view(np.uint8))  # type: ignore[arg-type]
+        self._memory.keep(state=state, window=window)
 
     def _make_model(self) -> ModalModel | FullMechanics:
         """Return the model of table and wire; it stays alive with the plant, whose loop has its addresses."""
@@ -306,25 +316,42 @@ class Plant:
             if rows.ndim != 2 or rows.shape[1] != 3:
                 raise InputError(f"steps are rows of time_ns, axis and direction, not an array of shape {rows.shape}")
             place = rows.ctypes.data
-        status = self._fire(self._memory.address, place, len(rows))
+        status = self._fire_once(place, len(rows))
         if status == NO_TILES:
-            self._make_tiles()
-            status = self._fire(self._memory.address, place, len(rows))
+            self.make_tiles()
+            status = self._fire_once(place, len(rows))
         if status in (STEP_WRONG, STEP_EARLY):
             raise InputError(_wrong_step(rows, self.time_ns))
-        window = self._read_window()
+        window = self.window()
         if status != FINE:
-            raise self._left_validity(status, window)
+            raise self.left_validity(status, window)
         return window
 
-    def _make_tiles(self) -> None:
+    def _fire_once(self, steps: int, count: int) -> int:
+        self._call[0, 1:3] = steps, count
+        self._fire(self._call_address, 1)
+        return int(self._call[0, 3])
+
+    @property
+    def address(self) -> int:
+        """Where the compiled loop finds the plant (see `memory.CALL`)."""
+        return self._memory.address
+
+    @property
+    def fire(self) -> Callable[[int, int], None]:
+        """The compiled window of the plant's resolution (see `memory.window_function`)."""
+        return self._fire
+
+    def make_tiles(self) -> None:
+        """Make the kerf field's tiles around the wire, which the loop asks for when it lacks them."""
         s = self._state[0]
         x, y = (float(v) for v in s["commanded_um"] + s["deflection_um"])
         self.field.allocate(x, y, self._constants.radius_um + self._constants.range_um + 4 * TILED_UM)
         self._memory.keep_field(self.field.tiles, self.field.index)
         self._state["tiled_um"] = (x, y)
 
-    def _read_window(self) -> PulseWindow:
+    def window(self) -> PulseWindow:
+        """Return what happened in the last window."""
         (
             start, duration, open_, spark, arc, short, voltage, charge, energy, delay, ignitions, gap, crater,
             x, y, xx, yy, hottest, debris, broken,
@@ -342,7 +369,8 @@ class Plant:
             hottest, debris, energy, crater, bool(broken),
         )
 
-    def _left_validity(self, status: int, window: PulseWindow) -> PlantError:
+    def left_validity(self, status: int, window: PulseWindow) -> PlantError:
+        """Return the error that tells how a window left the model's range."""
         kind, what = _LEFT[status]
         (x, y), (bent_x, bent_y) = self.commanded_um, window.deflection_um
         return kind(
@@ -374,6 +402,22 @@ class Plant:
         if isinstance(self._model, FullMechanics):
             self._model.restore(state)
         self._state[:] = state["state"]
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return what a pickle or copy needs: the set-up and a snapshot, no addresses."""
+        return {
+            "machine": self.machine, "mechanics": self.mechanics, "resolution": self._resolution_name,
+            "stock": self.field.stock, "window": self._window.copy(), "snapshot": self.snapshot(),
+        }
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Build the plant anew and continue where the snapshot was taken."""
+        Plant.__init__(
+            self, state["machine"], stock=state["stock"], resolution=state["resolution"],
+            mechanics=state["mechanics"],
+        )
+        self.restore(state["snapshot"])
+        self._window[:] = state["window"]
 
 
 _WINDOW_FORMAT = struct.Struct("=2q4q4dq" + 8 * "d" + "q")

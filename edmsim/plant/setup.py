@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
@@ -150,7 +151,8 @@ def heat_law(machine: Machine, res: Resolution) -> HeatLaw:
     )
 
 
-def _wire_setup(machine: Machine) -> WireSetup:
+def wire_setup(machine: Machine) -> WireSetup:
+    """Wire and guides of a set-up, as the model of the mechanics wants them."""
     return WireSetup(
         diameter_m=machine.wire_diameter_um / 1e6,  # 20 um stays exactly 20e-6
         density_kg_m3=machine.wire.density_kg_m3.value,
@@ -168,8 +170,13 @@ def _slice_heights_m(machine: Machine, res: Resolution) -> NDArray[np.float64]:
 
 def modal_model(machine: Machine, res: Resolution) -> ModalModel:
     """Modes of table and wire for this set-up, from the MJCF."""
-    model = build_model(_wire_setup(machine), machine.base.model)
-    return reduce_model(model, res.modes, _slice_heights_m(machine, res))
+    return _modes(wire_setup(machine), machine.base.model, res.modes, tuple(_slice_heights_m(machine, res).tolist()))
+
+
+@functools.lru_cache(maxsize=64)
+def _modes(wire: WireSetup, model_file: str, n_modes: int, slice_heights_m: tuple[float, ...]) -> ModalModel:
+    """Modes by set-up: plants of one machine share them, as nothing writes to them."""
+    return reduce_model(build_model(wire, model_file), n_modes, slice_heights_m)
 
 
 def full_mechanics(machine: Machine, res: Resolution) -> FullMechanics:
@@ -181,12 +188,17 @@ def full_mechanics(machine: Machine, res: Resolution) -> FullMechanics:
         presliding_m=table.presliding_um.value * 1e-6,
         backlash_m=table.backlash_um.value * 1e-6,
     )
-    return FullMechanics(_wire_setup(machine), drive, _slice_heights_m(machine, res), machine.base.model)
+    return FullMechanics(wire_setup(machine), drive, _slice_heights_m(machine, res), machine.base.model)
 
 
 def propagators(modes: ModalModel, timing: Timing) -> Propagators:
-    """Tables of exact propagators on the setting's time grid."""
-    grid = np.arange(GRID + 1) * timing.grid_us * 1e-6
+    """Tables of exact propagators on the setting's time grid; plants of one machine share them, too."""
+    return _propagators(modes, timing.grid_us)
+
+
+@functools.lru_cache(maxsize=64)
+def _propagators(modes: ModalModel, grid_us: float) -> Propagators:
+    grid = np.arange(GRID + 1) * grid_us * 1e-6
     wire = propagator_table(modes.wire_omega, modes.wire_zeta, grid)
     x, y = (propagator_table(modes.table_omega[k], modes.table_zeta[k], grid) for k in range(2))
     table = [np.stack(pair, axis=1) for pair in zip(x, y, strict=True)]

@@ -19,18 +19,12 @@ from ..controllers import FeedController, WindowObservation, make
 from ..errors import InputError
 from ..machine import Machine
 from ..plant.plant import Plant, PulseWindow
-from ..plant.workpiece import Stock
+from ..slot import SLOT_GAP_UM, begun_slot
 from .rows import mean_and_interval
 from .setups import CENTRE_UM
 
-SLOT_UM = 400.0
-"""Length of the slot behind the wire (ours: the wire's rays do not reach its open end)."""
-SLOT_GAP_UM = 25.0
-"""Gap all round the wire at the slot's end (ours: a little wider than what cuts settle at in front)."""
 FASTEST_UM_S = 400.0
 """Feed a controller may command here (ours: above the cutting rate of every set-up measured)."""
-_SCALLOP_UM = 20.0
-"""Spacing of the holes that make up a slot: their cusps stay below half a um."""
 _STEP_UM = 2.0
 """Spacing of the places at which the kerf is measured."""
 _BESIDE_UM = 200.0
@@ -210,11 +204,7 @@ class Traverse:
 
 def begin(machine: Machine, seed: int, *, resolution: str = "fast", gap_um: float = SLOT_GAP_UM) -> Plant:
     """Return a plant whose wire stands at the end of a slot, `gap_um` off the metal in front and on both sides."""
-    x, y = CENTRE_UM
-    radius = machine.wire_diameter_um / 2 + gap_um
-    holes = tuple((float(c), y, radius) for c in np.arange(x - SLOT_UM, x + 1.0, _SCALLOP_UM))
-    travel = machine.base.table.travel_mm.value * 1e3
-    stock = Stock((x - SLOT_UM, 0.0, travel, travel), holes)
+    stock = begun_slot(machine, CENTRE_UM, gap_um=gap_um)
     return Plant(machine, seed, stock=stock, position_um=CENTRE_UM, resolution=resolution)
 
 

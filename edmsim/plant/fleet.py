@@ -1,0 +1,127 @@
+"""Fleet: several plants advanced side by side by one compiled call per thread."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import InputError
+from .memory import CALL
+from .plant import Plant
+from .state import NO_TILES, STATE, STEP_EARLY, STEP_WRONG, WINDOW
+
+
+class Fleet:
+    """Plants of one resolution, each at its own work.
+
+    A plant's bits depend neither on how many there are nor on the number of threads.
+
+    Parameters
+    ----------
+    plants : sequence of Plant
+        They belong to the fleet from now on: their scalars move into its arrays.
+    threads : int
+        Threads that share a call; 1 or more.
+
+    Attributes
+    ----------
+    states : (n,) `STATE`
+        Scalars of every plant.
+    windows : (n,) `WINDOW`
+        What happened in every plant's last window.
+
+    Raises
+    ------
+    InputError
+        If there are no plants, or their resolutions or mechanics differ.
+    """
+
+    def __init__(self, plants: Sequence[Plant], threads: int = 1) -> None:
+        kinds = {(plant.resolution, plant.mechanics) for plant in plants}
+        if len(kinds) != 1:
+            raise InputError("a fleet needs plants of one resolution and one mechanics")
+        self.plants = list(plants)
+        self.threads = threads
+        self.states: NDArray[np.void] = np.zeros(len(plants), STATE)
+        self.windows: NDArray[np.void] = np.zeros(len(plants), WINDOW)
+        for i, plant in enumerate(plants):
+            self.replace(i, plant)
+        self._pool: ThreadPoolExecutor | None = None
+
+    def replace(self, i: int, plant: Plant) -> None:
+        """Put another plant in the place of plant `i`."""
+        self.plants[i] = plant
+        plant.lodge(self.states[i : i + 1], self.windows[i : i + 1])
+
+    def advance(
+        self, lanes: NDArray[np.int64], steps: NDArray[np.int64], counts: NDArray[np.int64]
+    ) -> NDArray[np.int64]:
+        """Fire 255 pulses in some of the plants.
+
+        Parameters
+        ----------
+        lanes : int64 (m,)
+            The plants that take part.
+        steps : int64 (n, most, 3), C-contiguous
+            Motor steps of every plant (see `Plant.advance`).
+        counts : int64 (n,)
+            How many of them each plant makes.
+
+        Returns
+        -------
+        int64 (m,)
+            How each window ended: `state.FINE`, or what `Plant.left_validity` tells of.
+
+        Raises
+        ------
+        InputError
+            If a step is none, or out of order.
+        """
+        calls = np.empty((len(lanes), CALL), np.int64)
+        calls[:, 0] = [self.plants[i].address for i in lanes]
+        calls[:, 1] = steps.ctypes.data + lanes * steps.strides[0]
+        calls[:, 2] = counts[lanes]
+        self._fire(calls)
+        lacking = np.flatnonzero(calls[:, 3] == NO_TILES)
+        if len(lacking):
+            for k in lacking:
+                self.plants[lanes[k]].make_tiles()
+            again = calls[lacking]
+            self._fire(again)
+            calls[lacking] = again
+        status = calls[:, 3]
+        if np.any((status == STEP_WRONG) | (status == STEP_EARLY)):
+            raise InputError("a motor step has a wrong axis or direction, or is out of order")
+        return status
+
+    def _fire(self, calls: NDArray[np.int64]) -> None:
+        fire = self.plants[0].fire
+        parts = min(self.threads, len(calls))
+        if parts <= 1:
+            fire(calls.ctypes.data, len(calls))
+            return
+        if self._pool is None:
+            self._pool = ThreadPoolExecutor(self.threads, "edmsim-fleet")
+        done = [
+            self._pool.submit(fire, part.ctypes.data, len(part)) for part in np.array_split(calls, parts)
+        ]
+        for part in done:
+            part.result()
+
+    def close(self) -> None:
+        """Let the threads go."""
+        if self._pool is not None:
+            self._pool.shutdown()
+            self._pool = None
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return what a pickle or copy needs: the plants, and how many threads."""
+        return {"plants": self.plants, "threads": self.threads}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Take the plants into arrays of its own."""
+        Fleet.__init__(self, state["plants"], state["threads"])

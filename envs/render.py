@@ -1,0 +1,167 @@
+"""Pictures of a lane: the machine by MuJoCo where there is a GL backend, else the cut drawn as in ``profile.png``."""
+
+from __future__ import annotations
+
+import os
+import sys
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from edmsim.errors import InputError
+
+if TYPE_CHECKING:
+    import mujoco
+
+    from edmsim.plant.plant import Plant
+    from edmsim.recording.scene import Scene
+
+    from .lanes import Lanes
+
+RENDER_MODES = ("rgb_array", "human")
+RENDER_FPS = 39
+"""Pictures per second at the machine's own pace: a window of the standard setting takes 25.5 ms."""
+HEIGHT, WIDTH = 480, 640
+_DPI = 80
+_SWITCHED_OFF = ("disable", "disabled", "off", "0", "false")
+"""What MuJoCo takes MUJOCO_GL to mean when nothing is to be drawn."""
+
+
+def check_render_mode(mode: str | None) -> str | None:
+    """Raise `InputError` for a render mode there is not."""
+    if mode is not None and mode not in RENDER_MODES:
+        raise InputError(f"unknown render_mode {mode!r}; there are: {', '.join(RENDER_MODES)}")
+    return mode
+
+
+def has_gl() -> bool:
+    """Whether MuJoCo was told of a way to draw: MUJOCO_GL off screen, or a display."""
+    if os.environ.get("MUJOCO_GL", "").lower() in ("egl", "osmesa"):
+        return True
+    headless = sys.platform.startswith("linux") and not (
+        os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
+    )
+    return not headless and os.environ.get("MUJOCO_GL", "").lower() not in _SWITCHED_OFF
+
+
+class Renderer:
+    """Draws lanes, and shows what it drew; made cheaply, it loads nothing before the first picture."""
+
+    def __init__(self) -> None:
+        self._gl: mujoco.Renderer | None = None
+        self._shown: Any = None
+        self._of: Any = None
+        self._drawn_only = False
+
+    def picture(self, lanes: Lanes, lane: int) -> NDArray[np.uint8]:
+        """Return a lane's picture, uint8 (480, 640, 3)."""
+        if not self._drawn_only and has_gl():
+            try:
+                return self._machine(lanes.fleet.plants[lane])
+            except Exception:  # what a GL backend raises that is there in name only is nobody's to foresee
+                self._drawn_only = True
+        return _drawing(lanes, lane)
+
+    def _machine(self, plant: Plant) -> NDArray[np.uint8]:
+        import mujoco
+
+        from edmsim.plant.mechanics import build_model
+        from edmsim.plant.setup import wire_setup
+
+        setup = wire_setup(plant.machine)
+        if self._gl is None or self._of != setup:
+            self._close_gl()
+            self._gl = mujoco.Renderer(build_model(setup, plant.machine.base.model), HEIGHT, WIDTH)
+            self._of = setup
+        model = self._gl.model
+        data = mujoco.MjData(model)
+        for axis, place_um in zip("xy", plant.place_um, strict=True):
+            data.qpos[model.joint(axis).qposadr[0]] = place_um * 1e-6
+        mujoco.mj_forward(model, data)
+        self._gl.update_scene(data, camera="overview")
+        return np.asarray(self._gl.render(), np.uint8)
+
+    def show(self, picture: NDArray[np.uint8]) -> None:
+        """Show a picture in a window; where there is no display, nothing can be shown and nothing fails."""
+        import matplotlib
+
+        if matplotlib.get_backend().lower() == "agg":
+            return
+        from matplotlib import pyplot
+
+        if self._shown is None:
+            figure, axes = pyplot.subplots(figsize=(WIDTH / _DPI, HEIGHT / _DPI), dpi=_DPI, num="edmsim")
+            axes.set_position((0, 0, 1, 1))
+            axes.set_axis_off()
+            self._shown = axes.imshow(picture)
+            pyplot.show(block=False)
+        self._shown.set_data(picture)
+        figure = self._shown.figure
+        figure.canvas.draw_idle()
+        figure.canvas.flush_events()
+
+    def close(self) -> None:
+        """Let window and GL context go."""
+        self._close_gl()
+        if self._shown is not None:
+            from matplotlib import pyplot
+
+            pyplot.close(self._shown.figure)
+            self._shown = None
+
+    def _close_gl(self) -> None:
+        if self._gl is not None:
+            self._gl.close()
+            self._gl = None
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return nothing: a copy opens windows and contexts of its own."""
+        return {}
+
+    def __setstate__(self, _: dict[str, Any]) -> None:
+        """Begin with nothing open."""
+        Renderer.__init__(self)
+
+
+def _drawing(lanes: Lanes, lane: int) -> NDArray[np.uint8]:
+    """Draw what was cut of a lane's workpiece, its path and its wire, on an Agg canvas."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+    from matplotlib.patches import Circle
+
+    from edmsim.recording.figure_map import draw_map
+    from edmsim.recording.palette import VERMILION
+
+    scene = _scene(lanes, lane)
+    plant = lanes.fleet.plants[lane]
+    figure = Figure(figsize=(WIDTH / _DPI, HEIGHT / _DPI), dpi=_DPI, facecolor="white")
+    canvas = FigureCanvasAgg(figure)
+    axes = figure.add_subplot(position=(0.12, 0.11, 0.84, 0.8))
+    draw_map(axes, scene)
+    wire = (np.array(plant.place_um) + plant.deflections_um().mean(axis=0)) * 1e-3
+    axes.add_patch(Circle(tuple(wire), scene.wire_diameter_um * 0.5e-3, color=VERMILION, zorder=9))
+    canvas.draw()  # type: ignore[no-untyped-call]
+    return np.array(canvas.buffer_rgba())[..., :3].copy()  # type: ignore[no-untyped-call]
+
+
+def _scene(lanes: Lanes, lane: int) -> Scene:
+    from edmsim.contours import cut_edges
+    from edmsim.recording.scene import ErrorMap, Polylines, Scene, polylines
+
+    scenario, plant = lanes.scenarios[lane], lanes.fleet.plants[lane]
+    assert scenario is not None
+    machine = scenario.machine
+    middle = plant.resolution.slices // 2
+    edges: list[Polylines] = [() for _ in range(plant.resolution.slices)]
+    edges[middle] = polylines(cut_edges(plant.field, middle))
+    none = np.zeros((0, 2))
+    maps = tuple(ErrorMap(leg * 1e-3, "left", none, none[:, 0]) for leg in scenario.legs_um)
+    clearance = machine.base.guides.clearance_mm.value
+    x0, y0, x1, y1 = (v * 1e-3 for v in scenario.stock.rectangle_um)
+    return Scene(
+        maps=maps, cut_edges_mm=tuple(edges), corners=(),
+        starts_mm=np.array([leg[0] * 1e-3 for leg in scenario.legs_um]),
+        stock_mm=(x0, y0, x1, y1), height_mm=machine.height_mm,
+        guides_z_mm=(-clearance, machine.height_mm + clearance), wire_diameter_um=machine.wire_diameter_um,
+    )

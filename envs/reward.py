@@ -1,0 +1,105 @@
+"""The reward: unit-free terms of one window, each with a weight."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from edmsim.errors import InputError
+
+REFERENCE_MM2_MIN = 30.0
+"""Cutting rate that earns 1 per reference window (ours: about what the standard set-up cuts)."""
+REFERENCE_S = 0.0255
+"""The reference window: 255 pulses of 100 us, the standard setting."""
+REFERENCE_MM2 = REFERENCE_MM2_MIN / 60 * REFERENCE_S
+"""Area cut in a reference window at the reference rate."""
+ERROR_UM = 10.0
+"""Profile error that costs as much as the progress made with it earns, at equal weights (ours: what rounds a sharp
+corner at the standard setting)."""
+
+# of `motion`; written again, as what numba keeps on disk knows of no other file's constants (a test compares them)
+_DONE, _WIRE_BREAK = 1, 2
+
+
+@dataclass(frozen=True, kw_only=True)
+class Weights:
+    """Weights of the reward's terms, 0 or more. The reward is gains less costs.
+
+    Attributes
+    ----------
+    progress : float
+        Gain per reference area (`REFERENCE_MM2`) that was cut. What is cut follows the wire by the share of pulses
+        that ignite (see `motion.LANE`): pushing against metal gains nothing, nor does going back and forth.
+    short : float
+        Cost of a window of nothing but shorts; a share of them costs that share.
+    open : float
+        Cost of a window of nothing but open pulses.
+    profile : float
+        Cost per reference area that was cut with the wire `ERROR_UM` from the path: it depends on the way, not on the
+        time spent there.
+    time : float
+        Cost per reference window (`REFERENCE_S`) of machine time.
+    wire_break, limit : float
+        Cost of an episode's end by a broken wire, or by a limit.
+    done : float
+        Gain of reaching the path's end.
+    """
+
+    progress: float = 1.0
+    short: float = 0.5
+    open: float = 0.1
+    profile: float = 0.0
+    time: float = 0.0
+    wire_break: float = 100.0
+    limit: float = 100.0
+    done: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Refuse a weight that is no finite number of 0 or more."""
+        for f in fields(self):
+            value = getattr(self, f.name)
+            if not (isinstance(value, int | float) and 0 <= value < np.inf):
+                raise InputError(f"the weight {f.name} is {value!r}: give a number of 0 or more")
+
+
+    def array(self) -> NDArray[np.float64]:
+        """Return the weights in the order of the attributes."""
+        return np.array([getattr(self, f.name) for f in fields(self)], np.float64)
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def rewards(
+    lanes: NDArray[np.int64], rows: NDArray[np.void], windows: NDArray[np.void], weights: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return the reward of one window of every lane (n,), 0 in lanes that had none.
+
+    Parameters
+    ----------
+    lanes : (m,)
+        Lanes that had a window; of the other arguments, row i belongs to lane i.
+    rows : (n,) `motion.LANE`
+    windows : (n,) `edmsim.plant.state.WINDOW`
+    weights : (8,)
+        `Weights.array`.
+    """
+    progress, short, open_, profile, time, wire_break, limit, done = weights
+    reward = np.zeros(rows.shape[0])
+    for j in range(lanes.shape[0]):
+        i = lanes[j]
+        counts, cause = windows[i].counts, rows[i].cause
+        pulses = counts[0] + counts[1] + counts[2] + counts[3]
+        passed = rows[i].area_mm2 / REFERENCE_MM2
+        reward[i] = progress * passed
+        reward[i] -= short * counts[3] / pulses + open_ * counts[0] / pulses
+        reward[i] -= profile * (rows[i].error_um / ERROR_UM) * passed
+        reward[i] -= time * (windows[i].duration_ns * 1e-9 / REFERENCE_S)
+        if cause == _DONE:
+            reward[i] += done
+        elif cause == _WIRE_BREAK:
+            reward[i] -= wire_break
+        elif cause > _WIRE_BREAK:
+            reward[i] -= limit
+    return reward

@@ -1,0 +1,146 @@
+"""The native vector environment as stable-baselines3's `VecEnv` (extra ``rl``)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+from gymnasium.vector import AutoresetMode
+
+from edmsim.errors import InputError
+
+from .vector import EdmVectorEnv
+
+try:
+    from stable_baselines3.common.vec_env import VecEnv
+except ImportError as error:
+    raise InputError("stable-baselines3 is not installed: pip install 'edmsim[rl]'") from error
+
+
+# untyped where the extra is missing
+class EdmVecEnv(VecEnv):  # type: ignore[misc, unused-ignore]
+    """An `EdmVectorEnv` in mode ``SAME_STEP`` for the learners of stable-baselines3.
+
+    Normalise with stable-baselines3's own `VecNormalize`; Gymnasium's refuses this mode.
+    """
+
+    def __init__(self, env: EdmVectorEnv) -> None:
+        if env.autoreset_mode is not AutoresetMode.SAME_STEP:
+            raise InputError("stable-baselines3 wants a vector environment with autoreset_mode SAME_STEP")
+        self.env = env
+        self.render_mode = env.render_mode
+        self._seed: int | None = None
+        self._actions: Any = None
+        super().__init__(env.num_envs, env.single_observation_space, env.single_action_space)
+
+    def seed(self, seed: int | None = None) -> Sequence[int | None]:
+        """Seed the next reset; lane i gets seed + i."""
+        self._seed = seed
+        return [None if seed is None else seed + lane for lane in range(self.num_envs)]
+
+    def reset(self) -> Any:
+        """Begin an episode in every lane."""
+        observations, infos = self.env.reset(seed=self._seed)
+        self._seed = None
+        self.reset_infos = [lane_info(infos, lane) for lane in range(self.num_envs)]
+        return observations
+
+    def step_async(self, actions: Any) -> None:
+        """Keep the actions for `step_wait`."""
+        self._actions = actions
+
+    def step_wait(self) -> Any:
+        """Run a window; infos tell only of lanes whose episode ended."""
+        observations, rewards, terminated, truncated, infos = self.env.step(self._actions)
+        done = terminated | truncated
+        told: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
+        for lane in np.flatnonzero(done):
+            told[lane] = lane_info(infos["final_info"], int(lane))
+            told[lane]["terminal_observation"] = infos["final_obs"][lane]
+            told[lane]["TimeLimit.truncated"] = bool(truncated[lane] and not terminated[lane])
+            self.reset_infos[lane] = lane_info(infos, int(lane))
+        return observations, rewards.astype(np.float32), done, told
+
+    def close(self) -> None:
+        """Close the environment."""
+        self.env.close()
+
+    def get_images(self) -> Sequence[Any]:
+        """Return a picture of every lane."""
+        return self.env.render() or ()
+
+    def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
+        """Return an attribute, the same for every lane."""
+        return [getattr(self.env, attr_name) for _ in self._get_indices(indices)]
+
+    def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
+        """Refuse: the lanes share one environment."""
+        raise InputError(f"{attr_name} cannot be set: the lanes share one environment; give it when making it")
+
+    def env_method(self, method_name: str, *args: Any, indices: Any = None, **kwargs: Any) -> list[Any]:
+        """Refuse: the lanes share one environment."""
+        raise InputError(f"{method_name} cannot be called lane by lane: the lanes share one environment")
+
+    def env_is_wrapped(self, wrapper_class: Any, indices: Any = None) -> list[bool]:
+        """No lane has a wrapper of its own."""
+        return [False for _ in self._get_indices(indices)]
+
+    def _get_indices(self, indices: int | Iterable[int] | None) -> Iterable[int]:
+        if indices is None:
+            return range(self.num_envs)
+        return [indices] if isinstance(indices, int) else indices
+
+
+def lane_info(infos: dict[str, Any], lane: int) -> dict[str, Any]:
+    """Return the info of one lane out of a vector environment's."""
+    info: dict[str, Any] = {}
+    for name, values in infos.items():
+        if name.startswith("_") or name in ("final_obs", "final_info") or not infos[f"_{name}"][lane]:
+            continue
+        if isinstance(values, dict):
+            info[name] = lane_info(values, lane)
+        else:
+            info[name] = values[lane].item() if isinstance(values[lane], np.generic) else values[lane]
+    return info
+
+
+def make_sb3_vec_env(env_id: str, num_envs: int = 1, seed: int | None = None, **options: Any) -> EdmVecEnv:
+    """Make a vector environment for stable-baselines3.
+
+    Parameters
+    ----------
+    env_id : str
+        ``"edmsim/GapFeed-v0"`` and so on.
+    num_envs : int
+    seed : int, optional
+        Of the first reset; lane i gets seed + i.
+    **options
+        Arguments of the environment.
+
+    Returns
+    -------
+    EdmVecEnv
+
+    Raises
+    ------
+    InputError
+        If stable-baselines3 is missing, or an option cannot be used.
+
+    Examples
+    --------
+    >>> from edmsim.envs import make_sb3_vec_env
+    >>> env = make_sb3_vec_env("edmsim/GapFeed-v0", 2, seed=0, resolution="fast")
+    >>> env.reset().shape
+    (2, 40)
+    """
+    made = gym.make_vec(
+        env_id, num_envs=num_envs, vectorization_mode="vector_entry_point", autoreset_mode=AutoresetMode.SAME_STEP,
+        **options,
+    )
+    if not isinstance(made, EdmVectorEnv):
+        raise InputError(f"{env_id!r} is not an environment of edmsim")
+    env = EdmVecEnv(made)
+    env.seed(seed)
+    return env

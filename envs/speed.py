@@ -1,0 +1,53 @@
+"""Speed of the environments: figures for ``edmsim bench``."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+
+import gymnasium as gym
+import numpy as np
+
+from .scenarios import MAX_FEED_UM_S
+
+FEED_UM_S = 28.0
+"""Feed of the straight cut that is timed: most pulses spark."""
+LANES = 64
+SETTLE_STEPS, TIMED_STEPS, REPEATS = 400, 400, 5
+"""Steps before timing, so that the wire cuts a full kerf; timed ones; a figure is the best of so many runs."""
+
+
+def env_steps_per_s(resolution: str = "default") -> float:
+    """Steps per second of one environment of `gymnasium.make`, in a straight cut."""
+    env = gym.make("edmsim/GapFeed-v0", max_episode_steps=-1, resolution=resolution, action="speed")
+    env.reset(seed=0)
+    action = np.array([FEED_UM_S / MAX_FEED_UM_S], np.float32)
+    rate = _best_rate(lambda: env.step(action), SETTLE_STEPS, TIMED_STEPS)
+    env.close()
+    return rate
+
+
+def vector_env_steps_per_s(resolution: str = "default", lanes: int = LANES) -> float:
+    """Steps per second of all lanes of the native vector environment together, in straight cuts."""
+    env = gym.make_vec(
+        "edmsim/GapFeed-v0", num_envs=lanes, vectorization_mode="vector_entry_point", max_episode_steps=10**9,
+        resolution=resolution, action="speed",
+    )
+    env.reset(seed=0)
+    actions = np.full((lanes, 1), FEED_UM_S / MAX_FEED_UM_S, np.float32)
+    rate = _best_rate(lambda: env.step(actions), SETTLE_STEPS, TIMED_STEPS // 8)
+    env.close()
+    return lanes * rate
+
+
+def _best_rate(step: Callable[[], object], settle: int, timed: int) -> float:
+    for _ in range(settle):
+        step()
+
+    def once() -> float:
+        started = time.perf_counter()
+        for _ in range(timed):
+            step()
+        return time.perf_counter() - started
+
+    return timed / min(once() for _ in range(REPEATS))

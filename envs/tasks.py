@@ -1,0 +1,184 @@
+"""One episode of an environment without Gymnasium around it, for controllers that speak of feeds and settings."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from edmsim.controllers import WindowObservation
+from edmsim.errors import InputError
+from edmsim.machine import Machine
+from edmsim.plant.plant import PulseWindow
+
+from .checks import checked_options
+from .lanes import CAUSES, Lanes
+from .motion import DONE, LIMIT_SWITCH, RUNNING, WIRE_BREAK
+from .scenarios import Scenario, make_family
+
+
+class StepResult(NamedTuple):
+    """What a window brought.
+
+    Attributes
+    ----------
+    seen : WindowObservation
+        What the machine shows its controller.
+    truth : PulseWindow
+        What happened, also what no real machine sees.
+    progress_um : float
+        How much more of the path is cut (see `motion.LANE`).
+    area_mm2 : float
+        The same times the local height.
+    error_um : float
+        Distance of the wire's true place from the path.
+    done, broken : bool
+        The path's end was reached; the wire broke.
+    limit : str or None
+        Another reason for which the machine stopped (see `lanes.CAUSES`).
+    refused : str or None
+        Why the generator refused the setting asked for.
+    """
+
+    seen: WindowObservation
+    truth: PulseWindow
+    progress_um: float
+    area_mm2: float
+    error_um: float
+    done: bool
+    broken: bool
+    limit: str | None
+    refused: str | None
+
+    @property
+    def over(self) -> bool:
+        """Whether the episode has ended."""
+        return self.done or self.broken or self.limit is not None
+
+
+class Task:
+    """One episode at a time of an environment's family, the same bits as the environment's.
+
+    Parameters
+    ----------
+    name : str
+        ``"GapFeed"`` or ``"edmsim/GapFeed-v0"``, and so on.
+    **options
+        Arguments of the environment (see `scenarios.Family`); those of action, observation and reward have no effect.
+
+    Raises
+    ------
+    InputError
+        An unknown name, or a value that cannot be used.
+
+    Examples
+    --------
+    >>> import edmsim
+    >>> task = Task("GapFeed", resolution="fast")
+    >>> controller = edmsim.controllers.make("fixed", feed_um_s=20.0)
+    >>> seen, command = task.reset(seed=1), controller.reset(task.max_feed_um_s)
+    >>> result = task.advance(command.feed_um_s)
+    >>> command = controller.update(result.seen)
+    """
+
+    def __init__(self, name: str, **options: Any) -> None:
+        self.family = make_family(name, **options)
+        self.max_feed_um_s = self.family.max_feed_um_s
+        self._lanes = Lanes(self.family, 1)
+        self._random = np.random.Generator(np.random.PCG64())
+
+    def reset(self, seed: int | None = None, options: Mapping[str, Any] | None = None) -> WindowObservation:
+        """Begin an episode: that of the environment reset with this seed and these options.
+
+        Returns
+        -------
+        WindowObservation
+            Of no pulses; nothing has been seen yet.
+        """
+        from gymnasium.utils import seeding
+
+        given = checked_options(options, ("machine",))
+        if seed is not None:
+            self._random = seeding.np_random(seed)[0]
+        self._lanes.begin(0, self.family.draw(self._random, given.get("machine")))
+        return WindowObservation(0.0, 0.0, 0, 0, 0.0, 0.0, math.nan, 0.0, 0.0)
+
+    @property
+    def scenario(self) -> Scenario:
+        """The present episode: machine, stock, path, what was drawn.
+
+        Raises
+        ------
+        InputError
+            Before the first `reset`.
+        """
+        scenario = self._lanes.scenarios[0]
+        if scenario is None:
+            raise InputError("the task has no episode yet: call reset() first")
+        return scenario
+
+    @property
+    def machine(self) -> Machine:
+        """The set-up, with the generator's setting in force."""
+        return self._lanes.fleet.plants[0].machine
+
+    @property
+    def total_um(self) -> float:
+        """Length of the whole path."""
+        return float(self._lanes.rows[0]["total_um"])
+
+    @property
+    def path_um(self) -> float:
+        """Length of path behind the wire."""
+        return float(self._lanes.path_um[0])
+
+    def advance(
+        self, feed_um_s: float, t_on_us: float | None = None, t_period_us: float | None = None
+    ) -> StepResult:
+        """Run one window.
+
+        Parameters
+        ----------
+        feed_um_s : float
+            Speed along the path, negative backwards; held to `max_feed_um_s` either way.
+        t_on_us, t_period_us : float, optional
+            New setting of the generator, rounded to the knobs' detents; what is refused is not done.
+
+        Raises
+        ------
+        InputError
+            A feed or setting that is no finite number; before `reset`, or after the episode's end.
+        """
+        self.scenario  # noqa: B018 - refuses to go on before the first reset
+        lanes = self._lanes
+        cause = int(lanes.rows[0]["cause"])
+        if cause != RUNNING:
+            raise InputError(f"the episode has ended ({CAUSES[cause]}): call reset() first")
+        for name, value in (("feed_um_s", feed_um_s), ("t_on_us", t_on_us), ("t_period_us", t_period_us)):
+            if value is not None and not math.isfinite(value):
+                raise InputError(f"{name} is {value!r}: give a finite number")
+        lanes.refused[0] = None
+        if t_on_us is not None or t_period_us is not None:
+            now = lanes.fleet.plants[0].machine
+            on, period = (old if new is None else new
+                          for new, old in ((t_on_us, now.t_on_us), (t_period_us, now.t_period_us)))
+            lanes.set_generator(0, on, period)
+        feed = min(max(feed_um_s, -self.max_feed_um_s), self.max_feed_um_s)
+        lanes.advance(np.zeros(1, np.int64), np.array([feed]))
+        return self._result(feed)
+
+    def _result(self, feed_um_s: float) -> StepResult:
+        lanes, plant = self._lanes, self._lanes.fleet.plants[0]
+        window = plant.window()
+        row = lanes.rows[0]
+        cause = int(row["cause"])
+        seen = WindowObservation(
+            plant.time_ns * 1e-9, window.duration_ns * 1e-9, window.short, window.open, window.mean_voltage_V,
+            window.mean_current_A, window.mean_delay_us, feed_um_s, self.path_um,
+        )
+        return StepResult(
+            seen, window, float(row["progress_um"]), float(row["area_mm2"]), float(row["error_um"]),
+            cause == DONE, cause == WIRE_BREAK, CAUSES[cause] if cause >= LIMIT_SWITCH else None, lanes.refused[0],
+        )

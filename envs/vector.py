@@ -1,0 +1,234 @@
+"""The native vector environment: every lane's plant in one compiled call, and its own truncation."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+from gymnasium.error import ResetNeeded
+from gymnasium.utils import seeding
+from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector.utils import batch_space
+from numpy.typing import NDArray
+
+from edmsim.errors import InputError
+
+from .batch import Batch, action_space_of, observation_space_of
+from .checks import checked_actions, checked_options
+from .motion import RUNNING
+from .render import RENDER_FPS, RENDER_MODES, Renderer, check_render_mode
+from .scenarios import make_family
+
+Flags = NDArray[np.bool_]
+
+
+class EdmVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDArray[Any]]):
+    """Many cuts at once, one window of 255 pulses per step in each.
+
+    Use ``gymnasium.make_vec("edmsim/GapFeed-v0", num_envs=64, vectorization_mode="vector_entry_point", ...)``. Lane
+    i, reset with seed s, is bit for bit the single environment reset with seed s + i.
+
+    Parameters
+    ----------
+    task : str
+        ``"GapFeed"``, ``"HeightStep"``, ``"Corner"`` or ``"Contour"``; set by the id.
+    num_envs : int
+    max_episode_steps : int, optional
+        Windows after which an episode is truncated; never, if not given.
+    render_mode : {"rgb_array", "human"}, optional
+        ``"human"`` shows lane 0.
+    autoreset_mode : AutoresetMode
+        Gymnasium's three modes. With ``DISABLED``, reset what ended with ``options={"reset_mask": ...}``.
+    threads : int, optional
+        Threads that share a step; as many as processors, if not given. They change no bit.
+    **options
+        Fields of the task's `Family` in `edmsim.envs.scenarios`.
+
+    Raises
+    ------
+    InputError
+        A value that cannot be used.
+    TypeError
+        An unknown argument.
+    """
+
+    metadata: dict[str, Any] = {  # noqa: RUF012 - as Gymnasium has it
+        "render_modes": list(RENDER_MODES), "render_fps": RENDER_FPS, "autoreset_mode": AutoresetMode.NEXT_STEP,
+    }
+
+    def __init__(
+        self,
+        task: str,
+        num_envs: int = 1,
+        *,
+        max_episode_steps: int | None = None,
+        render_mode: str | None = None,
+        autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
+        threads: int | None = None,
+        **options: Any,
+    ) -> None:
+        for name, number in (("num_envs", num_envs), ("max_episode_steps", max_episode_steps), ("threads", threads)):
+            if number is not None and (not isinstance(number, int) or number < 1):
+                raise InputError(f"{name} is {number!r}: give a whole number, 1 or more")
+        self.family = make_family(task, **options)
+        self.render_mode = check_render_mode(render_mode)
+        self.autoreset_mode = AutoresetMode(autoreset_mode)
+        self.metadata = {**self.metadata, "autoreset_mode": self.autoreset_mode}
+        self.num_envs = num_envs
+        self.max_episode_steps = max_episode_steps
+        self.single_action_space = action_space_of(self.family)
+        self.single_observation_space = observation_space_of(self.family)
+        self._action_shape = (num_envs, *(self.single_action_space.shape or ()))
+        self.action_space = batch_space(self.single_action_space, num_envs)
+        self.observation_space = batch_space(self.single_observation_space, num_envs)
+        self._batch = Batch(self.family, num_envs, threads or os.cpu_count() or 1)
+        self._random: list[np.random.Generator | None] = [None] * num_envs
+        self._elapsed = np.zeros(num_envs, np.int64)
+        self._begun: Flags = np.zeros(num_envs, np.bool_)
+        self._ended: Flags = np.zeros(num_envs, np.bool_)
+        self._renderer = Renderer()
+
+    def reset(
+        self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[NDArray[np.float32], dict[str, Any]]:
+        """Begin episodes.
+
+        Parameters
+        ----------
+        seed : int or sequence of int or None, optional
+            Lane i gets seed + i, or the sequence's i-th; where there is none, its draws go on.
+        options : dict, optional
+            ``"reset_mask"``: bool array (num_envs,), the lanes to reset, all if not given. ``"machine"``: an
+            `edmsim.Machine` to cut with instead of one drawn.
+
+        Raises
+        ------
+        InputError
+            Seeds, a mask or options that cannot be used.
+        """
+        given = checked_options(options, ("machine", "reset_mask"))
+        seeds = self._seeds(seed)
+        mask = self._mask(given.get("reset_mask"))
+        if isinstance(seed, int):
+            super().reset(seed=seed)
+        for lane in np.flatnonzero(mask):
+            if seeds[lane] is not None:
+                self._random[lane] = seeding.np_random(seeds[lane])[0]
+        infos = self._begin(mask, given.get("machine"))
+        return self._batch.observations(), infos
+
+    def _seeds(self, seed: int | Sequence[int | None] | None) -> list[int | None]:
+        if seed is None:
+            return [None] * self.num_envs
+        if isinstance(seed, int | np.integer):
+            return [int(seed) + lane for lane in range(self.num_envs)]
+        if len(seed) != self.num_envs:
+            raise InputError(f"{len(seed)} seeds were given for {self.num_envs} environments: give one each")
+        return list(seed)
+
+    def _mask(self, mask: Any) -> Flags:
+        if mask is None:
+            return np.ones(self.num_envs, np.bool_)
+        array = np.asarray(mask)
+        if array.shape != (self.num_envs,) or array.dtype != np.bool_ or not array.any():
+            raise InputError(f"reset_mask must be {self.num_envs} truth values, at least one of them true")
+        return array
+
+    def _begin(self, mask: Flags, machine: Any = None) -> dict[str, Any]:
+        infos: dict[str, Any] = {}
+        for lane in np.flatnonzero(mask):
+            random = self._random[lane]
+            if random is None:
+                random = self._random[lane] = seeding.np_random()[0]
+            infos = self._add_info(infos, self._batch.begin(int(lane), random, machine), int(lane))
+        self._elapsed[mask] = 0
+        self._begun[mask] = True
+        self._ended[mask] = False
+        return infos
+
+    def step(
+        self, actions: NDArray[np.float32]
+    ) -> tuple[NDArray[np.float32], NDArray[np.float64], Flags, Flags, dict[str, Any]]:
+        """Run one window in every lane.
+
+        Raises
+        ------
+        gymnasium.error.ResetNeeded
+            Before the first reset of a lane, or with ``DISABLED`` after its episode's end.
+        gymnasium.error.InvalidAction
+            Another shape than the action space's, or NaN.
+        """
+        if not self._begun.all():
+            raise ResetNeeded("not every environment has begun an episode: call reset() before step()")
+        actions = checked_actions(actions, self._action_shape)
+        again = self._ended.copy()
+        if again.any() and self.autoreset_mode is AutoresetMode.DISABLED:
+            lanes = np.flatnonzero(again).tolist()
+            raise ResetNeeded(f"the episodes of lanes {lanes} have ended: reset them with options['reset_mask']")
+        active = np.flatnonzero(~again)
+        reward = self._batch.step(active, actions) if len(active) else np.zeros(self.num_envs)
+        self._elapsed[active] += 1
+        terminated = (self._batch.lanes.rows["cause"] != RUNNING) & ~again
+        truncated = np.zeros(self.num_envs, np.bool_)
+        if self.max_episode_steps is not None:
+            truncated[active] = self._elapsed[active] >= self.max_episode_steps
+        infos = self._infos(active, ~again)
+        self._ended = terminated | truncated
+        if again.any():
+            self._merge(infos, self._begin(again))
+        elif self._ended.any() and self.autoreset_mode is AutoresetMode.SAME_STEP:
+            infos = self._begin_at_once(infos, self._ended.copy())
+        if self.render_mode == "human":
+            self.render()
+        return self._batch.observations(), reward, terminated, truncated, infos
+
+    def _infos(self, active: NDArray[np.int64], mask: Flags) -> dict[str, Any]:
+        infos: dict[str, Any] = {}
+        for name, values in self._batch.infos().items():
+            told = mask & self._batch.ignited() if name == "gap_um" else mask
+            infos[name], infos[f"_{name}"] = np.where(told, values, np.zeros((), values.dtype)), told
+        lanes = self._batch.lanes
+        for lane in active:
+            if lanes.rows[lane]["cause"] != RUNNING or lanes.refused[lane] is not None:
+                infos = self._add_info(infos, self._batch.told(int(lane)), int(lane))
+        return infos
+
+    def _merge(self, infos: dict[str, Any], begun: dict[str, Any]) -> None:
+        """Add what resets told; it has other names than what steps tell."""
+        infos.update(begun)
+
+    def _begin_at_once(self, infos: dict[str, Any], ended: Flags) -> dict[str, Any]:
+        """Begin the next episodes in the same step; what the last ones showed goes to final_obs and final_info."""
+        last = self._batch.observations()
+        final = np.full(self.num_envs, None, dtype=object)
+        for lane in np.flatnonzero(ended):
+            final[lane] = last[lane]
+        final_info: dict[str, Any] = {}
+        for name, values in infos.items():
+            if not name.startswith("_"):
+                final_info[name], final_info[f"_{name}"] = values, infos[f"_{name}"] & ended
+                infos[f"_{name}"] = infos[f"_{name}"] & ~ended
+        infos["final_obs"], infos["_final_obs"] = final, ended
+        infos["final_info"], infos["_final_info"] = final_info, ended.copy()
+        self._merge(infos, self._begin(ended))
+        return infos
+
+    def render(self) -> tuple[NDArray[np.uint8], ...] | None:
+        """Return a picture of every lane, or show that of lane 0; None without a render mode."""
+        if self.render_mode is None:
+            gym.logger.warn("render() was called without a render_mode; give one to gymnasium.make_vec")
+            return None
+        if not self._begun.all():
+            raise ResetNeeded("not every environment has begun an episode: call reset() before render()")
+        if self.render_mode == "human":
+            self._renderer.show(self._renderer.picture(self._batch.lanes, 0))
+            return None
+        return tuple(self._renderer.picture(self._batch.lanes, lane) for lane in range(self.num_envs))
+
+    def close_extras(self, **_: Any) -> None:
+        """Let the threads and the window go."""
+        self._batch.lanes.fleet.close()
+        self._renderer.close()

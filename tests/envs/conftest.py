@@ -1,0 +1,50 @@
+"""Environments for tests: coarse, thin, and made by their names."""
+
+from __future__ import annotations
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+import edmsim  # noqa: F401 - registers the environments
+
+NAMES = ("GapFeed", "HeightStep", "Corner", "Contour")
+
+
+@pytest.fixture(params=NAMES)
+def env_name(request):
+    return request.param
+
+
+@pytest.fixture(scope="session")
+def make_env():
+    """Make a single environment at the coarsest resolution."""
+
+    def make(name, **options):
+        return gym.make(f"edmsim/{name}-v0", **{"resolution": "fast", **options})
+
+    return make
+
+
+@pytest.fixture(scope="session")
+def make_lanes():
+    """Make a native vector environment at the coarsest resolution."""
+
+    def make(name, num_envs, **options):
+        return gym.make_vec(
+            f"edmsim/{name}-v0", num_envs=num_envs, vectorization_mode="vector_entry_point",
+            **{"resolution": "fast", **options},
+        )
+
+    return make
+
+
+@pytest.fixture(scope="session")
+def actions_of():
+    """Actions (steps, lanes, width) that wander about: what a learner tries first."""
+
+    def draw(space, steps, lanes, seed=0):
+        rng = np.random.default_rng(seed)
+        return rng.uniform(-1, 1, (steps, lanes, space.shape[0])).astype(np.float32)
+
+    return draw

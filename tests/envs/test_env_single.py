@@ -1,0 +1,333 @@
+"""The single environments: Gymnasium's contract, seeding, endings, errors, copies."""
+
+from __future__ import annotations
+
+import copy
+import importlib.util
+import pickle
+import re
+import subprocess
+import sys
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from gymnasium.error import InvalidAction, ResetNeeded
+from gymnasium.utils.env_checker import check_env
+
+import edmsim
+from edmsim.envs import DiscreteFeed
+from edmsim.envs.observation import entries
+from edmsim.errors import InputError
+
+
+def run(env, actions, seed=None):
+    """Step through actions; returns observations, rewards, endings and machine times, bit for bit."""
+    first, _ = env.reset(seed=seed)
+    rows = [first.tobytes()]
+    for action in actions:
+        observation, reward, terminated, truncated, info = env.step(action)
+        rows.append((observation.tobytes(), reward, terminated, truncated, info["time_s"]))
+        if terminated or truncated:
+            break
+    return rows
+
+
+def test_gymnasium_finds_nothing_wrong(make_env, env_name):
+    check_env(make_env(env_name).unwrapped)
+
+
+@pytest.mark.skipif(importlib.util.find_spec("stable_baselines3") is None, reason="needs the extra rl")
+def test_stable_baselines3_finds_nothing_wrong(make_env, env_name):
+    from stable_baselines3.common.env_checker import check_env as check
+
+    check(make_env(env_name))
+
+
+def test_name_with_its_module_needs_no_import():
+    code = "import gymnasium; print(gymnasium.make('edmsim:edmsim/GapFeed-v0', resolution='fast').spec.id)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "edmsim/GapFeed-v0"
+
+
+def test_registering_loads_no_environment():
+    code = "import sys, edmsim; print('edmsim.envs.single' in sys.modules, 'numba' in sys.modules)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.split() == ["False", "False"]
+
+
+def test_same_seed_same_trajectory(make_env, env_name, actions_of):
+    env, other = make_env(env_name), make_env(env_name)
+    actions = actions_of(env.action_space, 60, 1)[:, 0]
+    first = run(env, actions, seed=7)
+    assert run(env, actions, seed=7) == first
+    assert run(other, actions, seed=7) == first
+    env.reset(seed=8)
+    assert env.unwrapped._batch.lanes.scenarios[0].plant_seed != other.unwrapped._batch.lanes.scenarios[0].plant_seed
+
+
+def test_draws_go_on_without_a_seed(make_env):
+    env, other = make_env("HeightStep"), make_env("HeightStep")
+    firsts = [env.reset(seed=3)[1]["plant_seed"], env.reset()[1]["plant_seed"]]
+    assert len(set(firsts)) == 2
+    assert [other.reset(seed=3)[1]["plant_seed"], other.reset()[1]["plant_seed"]] == firsts
+
+
+def test_observation_is_finite_and_within_its_space(make_env, env_name, actions_of):
+    env = make_env(env_name)
+    observation, _ = env.reset(seed=1)
+    assert not observation[: 4 * 10].any()  # nothing has been seen yet
+    for action in actions_of(env.action_space, 100, 1, seed=2)[:, 0]:
+        observation, *_, terminated, _, _ = env.step(action)
+        assert env.observation_space.contains(observation)
+        if terminated:
+            break
+
+
+def test_observation_is_what_its_entries_say(make_env):
+    env = make_env("GapFeed", action="speed", history=2)
+    env.reset(seed=1)
+    names = [entry.name for entry in entries(2, False)]
+    assert len(names) == env.observation_space.shape[0]
+    for _ in range(120):
+        before = env.step(np.array([0.28], np.float32))
+    observation, *_, info = env.step(np.array([0.2], np.float32))
+    seen = dict(zip(names, observation.tolist(), strict=True))
+    assert seen["short"] == pytest.approx(info["short"] / 255)
+    assert seen["open"] == pytest.approx(info["open"] / 255)
+    assert seen["spark"] == pytest.approx((info["spark"] + info["arc"]) / 255)
+    assert (seen["commanded_feed"], seen["commanded_feed[-1]"]) == pytest.approx((0.2, 0.28))
+    assert seen["actual_feed"] == pytest.approx(0.2)
+    assert (seen["t_on"], seen["t_period"]) == (1, 1)
+    assert seen["short[-1]"] == before[0][0]
+    assert 0.05 < seen["mean_voltage"] < 0.3  # pulses of 30 us in 100
+    assert 0.1 < seen["mean_current"] < 1
+
+
+def test_reward_is_the_sum_of_its_terms(make_env):
+    weights = edmsim.envs.Weights(progress=0.7, short=0.3, open=0.2, profile=0.5, time=0.1)
+    env = make_env("Corner", action="speed", weights=weights)
+    env.reset(seed=1)
+    for _ in range(80):
+        _, reward, *_, info = env.step(np.array([0.25, 0, 0.4], np.float32))
+        pulses = sum(info[kind] for kind in ("short", "open", "spark", "arc"))
+        passed, window = info["area_mm2"] / 0.01275, 255e-6 * info["t_period_us"] / 0.0255
+        expected = 0.7 * passed - 0.3 * info["short"] / pulses - 0.2 * info["open"] / pulses - 0.1 * window
+        expected -= 0.5 * info["error_um"] / 10 * passed
+        assert reward == pytest.approx(expected, abs=1e-9)
+
+
+def test_going_back_and_forth_gains_nothing(make_env):
+    env = make_env("GapFeed", action="speed", weights=edmsim.envs.Weights(short=0, open=0))
+    env.reset(seed=1)
+    gained = [env.step(np.array([feed], np.float32))[1] for feed in [0.28] * 150 + [-0.28] * 100 + [0.28] * 100]
+    assert sum(gained[:150]) > 100
+    assert abs(sum(gained[151:])) < 0.03 * sum(gained[:150])
+    for _ in range(100):
+        *_, info = env.step(np.array([-1.0], np.float32))
+    assert info["path_um"] == 0.0  # never beyond the start
+
+
+def test_progress_is_the_path_that_was_cut(make_env):
+    env = make_env("GapFeed", action="speed")
+    env.reset(seed=1)
+    infos = [env.step(np.array([0.25], np.float32))[4] for _ in range(400)]
+    cut_um = sum(info["area_mm2"] for info in infos) / 20e-3
+    assert cut_um == pytest.approx(infos[-1]["path_um"], abs=15)  # the wire leads or lags by some um
+
+
+def test_pushing_against_metal_gains_nothing_and_ends_the_episode(make_env):
+    env = make_env("GapFeed", action="speed")
+    env.reset(seed=1)
+    rewards, over = [], False
+    while not over:
+        _, reward, over, _, info = env.step(np.array([0.6], np.float32))
+        if info["short"] == 255:
+            rewards.append(reward)
+    assert info["cause"] in ("persistent-short", "out-of-range")
+    assert len(rewards) > 10
+    assert set(rewards[:-1]) == {-0.5}
+    assert rewards[-1] == -100.5
+
+
+def test_end_of_the_path_is_done(make_env):
+    env = make_env("GapFeed", action="speed", length_mm=0.02)
+    env.reset(seed=1)
+    for _ in range(80):
+        *_, terminated, truncated, info = env.step(np.array([0.25], np.float32))
+        if terminated:
+            break
+    assert (terminated, truncated, info["cause"]) == (True, False, "done")
+    assert info["path_um"] == pytest.approx(20.0, abs=1e-6)
+
+
+def test_hot_wire_breaks(make_env):
+    strained = edmsim.Machine.load(wire="brass-100", tension=2.0, height_mm=5.0)
+    wire = strained.wire.model_copy(
+        update={"half_strength_K": strained.wire.half_strength_K.model_copy(update={"value": 300.0, "range": None})}
+    )
+    weak = strained.model_copy(update={"wire": wire})
+    env = make_env("GapFeed", action="speed", machine=weak)
+    env.reset(seed=1)
+    for _ in range(200):
+        _, reward, terminated, _, info = env.step(np.array([0.3], np.float32))
+        if terminated:
+            break
+    assert info["cause"] == "wire-break"
+    assert reward < -90
+
+
+def test_time_truncates(make_env):
+    env = make_env("GapFeed", max_episode_steps=5)
+    env.reset(seed=1)
+    ends = [env.step(np.zeros(1, np.float32))[2:4] for _ in range(5)]
+    assert ends == [(False, False)] * 4 + [(False, True)]
+
+
+def test_refused_setting_is_told_and_not_done(make_env):
+    env = make_env("Corner", action="speed")
+    env.reset(seed=1)
+    *_, info = env.step(np.array([0.1, 1.0, 0.0], np.float32))
+    assert "above the generator's 2 A" in info["refused"]
+    assert (info["t_on_us"], info["t_period_us"]) == (30.0, 100.0)
+    *_, info = env.step(np.array([0.1, 0.0, 1.0], np.float32))
+    assert "refused" not in info
+    assert (info["t_on_us"], info["t_period_us"]) == (30.0, 200.0)
+
+
+def test_what_is_drawn_is_told(make_env):
+    env = make_env(
+        "GapFeed", height_mm=(10, 40), tension=(8, 12), materials=("tool-steel", "copper"), randomise=("dielectric",)
+    )
+    drawn = [env.reset(seed=seed)[1]["drawn"] for seed in range(6)]
+    assert {d["material"] for d in drawn} == {"tool-steel", "copper"}
+    assert all(10 <= d["height_mm"] <= 40 and 8 <= d["tension"] <= 12 for d in drawn)
+    assert len({d["dielectric.conductivity_uS_cm"] for d in drawn}) == 6
+    assert not any(key.startswith("gap.") for d in drawn for key in d)
+
+
+def test_machine_may_be_given(make_env):
+    env = make_env("GapFeed", height_mm=(10, 40))
+    machine = edmsim.Machine.load(height_mm=33.0)
+    assert env.reset(seed=1, options={"machine": machine})[1]["drawn"]["height_mm"] == 33.0
+
+
+def test_feed_changes_by_the_action(make_env):
+    env = make_env("GapFeed", start_feed_um_s=10.0, max_change_um_s=2.0)
+    env.reset(seed=1)
+    feeds = [env.step(np.array([a], np.float32))[4]["feed_um_s"] for a in (0.5, 1.0, -1.0, 3.0)]
+    assert feeds == pytest.approx([11, 13, 11, 13])  # beyond 1 is clipped
+
+
+def test_discrete_levels(make_env):
+    env = DiscreteFeed(make_env("GapFeed", action="speed"), levels=(-0.1, 0.0, 0.2))
+    env.reset(seed=1)
+    assert [env.step(np.int64(k))[4]["feed_um_s"] for k in range(3)] == pytest.approx([-10, 0, 20])
+    with pytest.raises(InvalidAction, match="0 to 2"):
+        env.step(3)
+    with pytest.raises(InputError, match="levels"):
+        DiscreteFeed(make_env("GapFeed"), levels=(0.0,))
+
+
+def test_step_before_reset_and_after_the_end(make_env):
+    env = make_env("GapFeed", length_mm=0.001, action="speed")
+    with pytest.raises(ResetNeeded):
+        env.step(np.zeros(1, np.float32))
+    with pytest.raises(ResetNeeded, match="no episode has begun"):
+        env.unwrapped.step(np.zeros(1, np.float32))
+    env.reset(seed=1)
+    while not env.step(np.ones(1, np.float32))[2]:
+        pass
+    with pytest.raises(ResetNeeded, match="has ended"):
+        env.step(np.zeros(1, np.float32))
+
+
+@pytest.mark.parametrize(
+    ("action", "message"),
+    [
+        (np.array([np.nan], np.float32), "finite"),
+        (np.array([np.inf], np.float32), "finite"),
+        (np.zeros(2, np.float32), "shape (1,), not (2,)"),
+        (np.float32(0), "shape (1,), not ()"),
+        ("fast", "numbers"),
+    ],
+)
+def test_bad_action(make_env, action, message):
+    env = make_env("GapFeed").unwrapped
+    env.reset(seed=1)
+    with pytest.raises(InvalidAction, match=re.escape(message)):
+        env.step(action)
+
+
+@pytest.mark.parametrize(
+    ("name", "options", "message"),
+    [
+        ("GapFeed", {"resolution": "finest"}, "unknown resolution 'finest'"),
+        ("GapFeed", {"action": "thrust"}, "unknown action 'thrust'"),
+        ("GapFeed", {"history": 0}, "history is 0"),
+        ("GapFeed", {"height_mm": (30, 10)}, "height_mm"),
+        ("GapFeed", {"height_mm": 1000.0}, "1000"),
+        ("GapFeed", {"materials": "copper"}, "give a list"),
+        ("GapFeed", {"materials": ("cheese",)}, "cheese"),
+        ("GapFeed", {"randomise": ("weather",)}, "weather"),
+        ("GapFeed", {"length_mm": -1.0}, "length_mm"),
+        ("GapFeed", {"max_feed_um_s": float("nan")}, "max_feed_um_s"),
+        ("GapFeed", {"render_mode": "ascii"}, "ascii"),
+        ("HeightStep", {"low_share": 0.0}, "low_share"),
+        ("Corner", {"turn_deg": (5, 90)}, "turn_deg"),
+        ("Contour", {"program": "nowhere.ngc"}, "nowhere.ngc"),
+    ],
+)
+@pytest.mark.filterwarnings("ignore:.*render_mode.*")
+def test_bad_arguments(make_env, name, options, message):
+    with pytest.raises(InputError, match=message):
+        make_env(name, **options)
+
+
+def test_unknown_argument_and_option(make_env):
+    with pytest.raises(TypeError, match="no argument 'speed'; it has resolution"):
+        make_env("GapFeed", speed=3)
+    env = make_env("GapFeed")
+    with pytest.raises(InputError, match="no option 'machin'"):
+        env.reset(options={"machin": None})
+    with pytest.raises(InputError, match=r"give an edmsim\.Machine"):
+        env.reset(options={"machine": "agiecut"})
+    with pytest.raises(InputError, match="weight short"):
+        edmsim.envs.Weights(short=-1)
+
+
+@pytest.mark.parametrize("duplicate", [copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))])
+def test_copies_go_on_bit_for_bit(make_env, env_name, actions_of, duplicate):
+    env = make_env(env_name)
+    actions = actions_of(env.action_space, 30, 1)[:, 0]
+    env.reset(seed=5)
+    for action in actions[:15]:
+        env.step(action)
+    twin = duplicate(env)
+    for action in actions[15:]:
+        ours, theirs = env.step(action), twin.step(action)
+        assert (ours[0] == theirs[0]).all()
+        assert ours[1:] == theirs[1:]
+    assert env.reset()[1] == twin.reset()[1]
+
+
+@pytest.mark.parametrize("gl", [False, True])
+def test_pictures(make_env, env_name, monkeypatch, gl):
+    if not gl:
+        monkeypatch.setattr("edmsim.envs.render.has_gl", lambda: False)
+    env = make_env(env_name, render_mode="rgb_array")
+    env.reset(seed=1)
+    picture = env.render()
+    assert picture.shape == (480, 640, 3)
+    assert picture.dtype == np.uint8
+    assert picture.std() > 5
+    env.close()
+
+
+def test_picture_needs_an_episode(make_env):
+    with pytest.raises(ResetNeeded):
+        make_env("GapFeed", render_mode="rgb_array").unwrapped.render()
+
+
+def test_ids_are_registered():
+    assert {f"edmsim/{name}-v0" for name in ("GapFeed", "HeightStep", "Corner", "Contour")} <= set(gym.registry)
