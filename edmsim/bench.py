@@ -201,6 +201,8 @@ def measure() -> dict[str, float]:
     ``ray_sums_per_s`` is the bound the first is to be compared with, ``ray_sum_share`` the part of its time that
     goes there; ``thread_efficiency`` is the gain of two plants in two threads over that of two compute loops.
     """
+    from .envs.speed import env_steps_per_s, vector_env_steps_per_s
+
     default, plant = pulses_per_s("default")
     bound = ray_sums_per_s(plant)
     plants, loops = thread_scaling()
@@ -212,6 +214,9 @@ def measure() -> dict[str, float]:
         "ray_sums_per_s": bound,
         "ray_sum_share": default / bound,
         "mujoco_realtime_factor": mujoco_realtime_factor(),
+        "env_steps_per_s": env_steps_per_s(),
+        "vector_env_steps_per_s": vector_env_steps_per_s(),
+        "vector_env_steps_per_s_fast": vector_env_steps_per_s("fast"),
         "threads_plants": plants,
         "threads_compute": loops,
         "thread_efficiency": plants / loops,

@@ -8,6 +8,7 @@ import pytest
 from rich.console import Console
 
 from edmsim import bench
+from edmsim.envs import speed
 
 
 @pytest.fixture
@@ -18,6 +19,8 @@ def short(monkeypatch: pytest.MonkeyPatch) -> None:
         ("MEMORY_S", 0.1),
     ):
         monkeypatch.setattr(bench, name, value)
+    for name, value in (("LANES", 2), ("SETTLE_STEPS", 1), ("TIMED_STEPS", 8), ("REPEATS", 1)):
+        monkeypatch.setattr(speed, name, value)
     monkeypatch.setattr(bench, "cold_start_s", lambda: 0.5)
 
 
