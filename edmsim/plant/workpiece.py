@@ -268,7 +268,7 @@ def _carve_row(
     while left > 0 and ux < limit and uy < limit:
         place = index[ux >> _TILE_BITS, uy >> _TILE_BITS]
         row, column = ux & _TILE_MASK, uy & _TILE_MASK
-        along = np.int64(row if step_x != 0 else column)
+        along = int(row) if step_x != 0 else int(column)
         run = min(left, TILE - along if step_x + step_y > 0 else along + 1)  # cells of the row in this tile
         if place >= 0:
             tile, level = np.uint64(place), np.uint64(slice_index)
