@@ -66,6 +66,11 @@ class Stock:
         in_y = np.clip(np.minimum(y_um + half, y1) - np.maximum(y_um - half, y0), 0, cell_um) / cell_um
         share = in_x[:, None] * in_y[None, :]
         for hole_x, hole_y, radius in self.holes_um:
+            reach = radius + cell_um
+            if not (
+                x_um[0] - reach <= hole_x <= x_um[-1] + reach and y_um[0] - reach <= hole_y <= y_um[-1] + reach
+            ):
+                continue  # out of reach of every cell
             outside = np.hypot(x_um[:, None] - hole_x, y_um[None, :] - hole_y) - radius
             share = share * np.clip(0.5 + outside / cell_um, 0.0, 1.0)
         return np.asarray(share)
