@@ -6,24 +6,49 @@ ignition delay, and the position counters.
 
 from __future__ import annotations
 
+import tomllib
 from dataclasses import fields
-from typing import Any, cast
+from functools import cache
+from importlib import resources
+from typing import Any, TypeAlias, cast
 
-from edmsim.controllers.feed.base import FeedCommand, FeedController, WindowObservation
+from edmsim.controllers.feed.adaptive_off_time import AdaptiveOffTimeController
+from edmsim.controllers.feed.base import FeedCommand, FeedController, SeesTruth, WindowObservation
 from edmsim.controllers.feed.counts import CountsController
+from edmsim.controllers.feed.delay import DelayController
 from edmsim.controllers.feed.fixed import FixedController
+from edmsim.controllers.feed.fuzzy import FuzzyController
+from edmsim.controllers.feed.oracle import OracleController
+from edmsim.controllers.feed.voltage import VoltageController
 from edmsim.errors import InputError
 
-__all__ = ["FeedCommand", "FeedController", "WindowObservation", "make", "names"]
+__all__ = ["FeedCommand", "FeedController", "SeesTruth", "WindowObservation", "found_gains", "make", "names"]
 
-_CONTROLLERS: dict[str, type[CountsController] | type[FixedController]] = {
-    kind.name: kind for kind in (CountsController, FixedController)
+_Kind: TypeAlias = (
+    "type[CountsController] | type[FixedController] | type[VoltageController] | type[DelayController] "
+    "| type[FuzzyController] | type[AdaptiveOffTimeController] | type[OracleController]"
+)
+_CONTROLLERS: dict[str, _Kind] = {
+    kind.name: kind
+    for kind in (
+        CountsController, FixedController, VoltageController, DelayController, FuzzyController,
+        AdaptiveOffTimeController, OracleController,
+    )
 }
 
 
 def names() -> tuple[str, ...]:
     """Names of the feed controllers."""
     return tuple(_CONTROLLERS)
+
+
+@cache
+def found_gains(name: str) -> dict[str, float]:
+    """Gains that a search found for a controller: ``models/gains/NAME.toml``; none if it was not searched."""
+    file = resources.files("edmsim.models") / "gains" / f"{name}.toml"
+    if not file.is_file():
+        return {}
+    return {key: float(value) for key, value in tomllib.loads(file.read_text(encoding="utf-8"))["gains"].items()}
 
 
 def make(name: str, **parameters: float) -> FeedController:
@@ -34,7 +59,8 @@ def make(name: str, **parameters: float) -> FeedController:
     name : str
         One of `names`.
     **parameters : float
-        Its constants by name; those left out keep their defaults.
+        Its constants by name; those left out are what the search of gains found (`found_gains`), or else
+        their defaults.
 
     Raises
     ------
@@ -55,4 +81,4 @@ def make(name: str, **parameters: float) -> FeedController:
             raise InputError(
                 f"the {name} controller has no parameter {parameter!r}; it has {', '.join(known)}"
             )
-    return kind(**cast(dict[str, Any], parameters))
+    return kind(**cast(dict[str, Any], {**found_gains(name), **parameters}))

@@ -1,4 +1,4 @@
-"""The command line: ``edmsim cut``, ``view``, ``validate`` and ``bench``."""
+"""The command line: ``edmsim cut``, ``view``, ``evaluate``, ``validate`` and ``bench``."""
 
 from __future__ import annotations
 
@@ -13,6 +13,8 @@ from rich.console import Console
 from .errors import EdmsimError, InputError
 
 if TYPE_CHECKING:
+    from rich.progress import TaskID
+
     from .cosim import Progress
 
 app = typer.Typer(
@@ -105,6 +107,53 @@ def view(
 
 
 @app.command()
+def evaluate(
+    env_ids: Annotated[
+        list[str], typer.Argument(metavar="ENV_ID...", help="Environments: edmsim/GapFeed-v0 ..., or all.")
+    ],
+    controllers: Annotated[
+        str | None, typer.Option(metavar="A,B", help="Feed controllers; all by default.")
+    ] = None,
+    seeds: Annotated[int, typer.Option(help="Cuts of each controller.")] = 20,
+    resolution: Annotated[str, typer.Option(help="fast, default or fine.")] = "default",
+    json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+    write: Annotated[Path | None, typer.Option(help="Write the page docs/benchmark.md into this file.")] = None,
+) -> None:
+    """Compare feed controllers on the same randomised machines."""
+    from rich.progress import Progress as Bar
+
+    from .controllers import names
+    from .evaluation.compare import check, evaluate
+    from .evaluation.page import as_json, page, render
+    from .evaluation.scenarios import env_ids as all_ids
+
+    chosen = list(all_ids()) if env_ids == ["all"] else env_ids
+    named = list(names()) if controllers is None else controllers.split(",")
+    for env_id in chosen:
+        check(env_id, named, seeds, resolution)
+    if write is not None:
+        _make_file(write)
+    found = []
+    with Bar(console=_ERR, transient=True) as bar:
+        for env_id in chosen:
+            task = bar.add_task(env_id, total=None)
+
+            def watch(done: int, total: int, task: TaskID = task) -> None:
+                bar.update(task, completed=done, total=total)
+
+            found.append(evaluate(env_id, named, seeds, resolution=resolution, watch=watch))
+    if write is not None:
+        asked = "" if controllers is None else f" --controllers {controllers}"
+        command = f"edmsim evaluate {' '.join(env_ids)}{asked} --seeds {seeds} --resolution {resolution}"
+        write.write_text(page(found, f"{command} --write {write}"), encoding="utf-8")
+    if json:
+        sys.stdout.write(as_json(found) + "\n")
+    else:
+        for comparison in found:
+            _OUT.print(render(comparison))
+
+
+@app.command()
 def validate(
     json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
     write: Annotated[
@@ -147,10 +196,7 @@ def bench(
     if convergence is not None:
         from .convergence import page
 
-        try:
-            convergence.touch()
-        except OSError as error:
-            raise InputError(f"cannot be written: {error.strerror}", convergence) from None
+        _make_file(convergence)
         with _ERR.status("fast") as status:
             convergence.write_text(page(status.update), encoding="utf-8")
         return
@@ -209,6 +255,14 @@ class _ProgressBar:
             process=f"{progress.feed_um_s:5.1f} um/s  short {progress.short / 2.55:3.0f} %  "
             f"open {progress.open / 2.55:3.0f} %",
         )
+
+
+def _make_file(file: Path) -> None:
+    """See that a file can be written before the work begins."""
+    try:
+        file.touch()
+    except OSError as error:
+        raise InputError(f"cannot be written: {error.strerror}", file) from None
 
 
 def _say(text: str) -> None:

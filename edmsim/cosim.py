@@ -19,6 +19,7 @@ from edmsim.controllers.mcu.planner import Planner, make_planner
 from edmsim.controllers.mcu.timers import MAX_FEED_UM_S, MAX_SPEED, SPEED_UNIT_NM_S
 
 from .analyser import WINDOW_PULSES, PulseAnalyser
+from .errors import InputError
 from .machine import Machine
 from .plant.plant import Plant, PulseWindow
 from .plant.relief import HeightStep
@@ -103,6 +104,20 @@ def legs_of(contour: Contour) -> list[Leg]:
     ]
 
 
+def change_setting(plant: Plant, t_on_us: float | None, t_period_us: float | None) -> None:
+    """Change the generator's setting where a value is given and differs.
+
+    Raises
+    ------
+    InputError
+        If the generator refuses the setting; the old one stays.
+    """
+    now = plant.machine.t_on_us, plant.machine.t_period_us
+    wanted = now[0] if t_on_us is None else t_on_us, now[1] if t_period_us is None else t_period_us
+    if wanted != now:
+        plant.set_generator(*wanted)
+
+
 class Simulation:
     """One cut in progress.
 
@@ -122,6 +137,13 @@ class Simulation:
         Where the workpiece is less high than `machine.height_mm`; see `edmsim.heights`.
     mechanics : {"modal", "mujoco"}
         What moves table and wire; see `Plant`.
+
+    Attributes
+    ----------
+    outcome, reason : str or None
+        How the cut ended, and why.
+    refused : str or None
+        Why the generator last refused a setting the controller wanted.
 
     Raises
     ------
@@ -162,6 +184,7 @@ class Simulation:
         self.sums = Sums()
         self.outcome: str | None = None
         self.reason: str | None = None
+        self.refused: str | None = None
         self._leg = 0
         self._dwell_until_ns = -1
         self._before_um = 0.0
@@ -178,6 +201,7 @@ class Simulation:
         self._planner: Planner = make_planner(self._planner_name, points)
         self._dwell_until_ns = -1
         self._command = self.controller.reset(MAX_FEED_UM_S)
+        self._set_generator(self.machine.t_on_us, self.machine.t_period_us)  # every leg begins as set up
 
     @property
     def path_um(self) -> float:
@@ -205,10 +229,18 @@ class Simulation:
                     self._planner.path_um,
                 )
             )
+            self._set_generator(self._command.t_on_us, self._command.t_period_us)
         self._judge(window)
         return Progress(
             self.path_um, self.total_um, self.plant.time_ns * 1e-9, feed, window.short, window.open
         )
+
+    def _set_generator(self, t_on_us: float | None, t_period_us: float | None) -> None:
+        """Give the generator the setting wanted; one it refuses changes nothing and is told in `refused`."""
+        try:
+            change_setting(self.plant, t_on_us, t_period_us)
+        except InputError as error:
+            self.refused = error.reason
 
     def _run_window(self, start_ns: int, units: int) -> PulseWindow:
         if self.plant.window_ns:
@@ -301,7 +333,8 @@ class Simulation:
             "rest_until_ns": self._rest_until_ns,
             "dwell_until_ns": self._dwell_until_ns,
             "before_um": self._before_um,
-            "command": [self._command.feed_um_s, self._command.alarm],
+            "command": list(self._command),
+            "refused": self.refused,
             "sums": vars(self.sums).copy(),
             "planner": self._planner.snapshot(),
             "controller": self.controller.snapshot(),
@@ -318,6 +351,7 @@ class Simulation:
         self._dwell_until_ns = values["dwell_until_ns"]
         self._before_um = values["before_um"]
         self._command = type(self._command)(*values["command"])
+        self.refused = values["refused"]
         self.sums = Sums(**values["sums"])
         self._planner.restore(values["planner"])
         self.controller.restore(values["controller"])

@@ -11,7 +11,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from edmsim.controllers import FeedController, make
+from edmsim.controllers import FeedController, SeesTruth, make
 
 from . import checkpoint
 from .contours import contour
@@ -192,6 +192,8 @@ def cut(
     folder = None if out is None else Path(out)
     spent_s = _run(simulation, folder, {**settings, "seed": seed}, resume, watch)
     notices = [*path.notices, *workpiece.notices(simulation.plant.resolution.slices)]
+    if simulation.refused is not None:
+        notices.append(f"the generator refused a setting the controller wanted: {simulation.refused}")
     result = _result(simulation, settings, notices, seed, spent_s)
     if folder is not None:
         result.write(folder)
@@ -263,7 +265,13 @@ def make_controller(text: str) -> FeedController:
             equals = ""
         if not equals:
             raise InputError(f"controller parameter '{pair}' must read name=number")
-    return make(name, **parameters)
+    controller = make(name, **parameters)
+    if isinstance(controller, SeesTruth):
+        raise InputError(
+            f"the {name} controller looks at the true gap, which no machine shows: it can be compared with "
+            "(edmsim evaluate), not cut with"
+        )
+    return controller
 
 
 def _check_choice(what: str, name: str, choices: tuple[str, ...]) -> None:

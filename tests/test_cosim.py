@@ -288,3 +288,51 @@ def test_snapshot_continues_bit_for_bit_across_threading_and_dwells() -> None:
         run(second)
         np.testing.assert_array_equal(second.windows.values(), rows)
         assert second.sums == whole.sums
+
+
+class Settings(Script):
+    """Commands a generator setting with every feed."""
+
+    def __init__(self, settings: Sequence[tuple[float | None, float | None]]) -> None:
+        super().__init__([20.0])
+        self.settings = settings
+
+    def update(self, window: WindowObservation) -> FeedCommand:
+        command = super().update(window)
+        t_on_us, t_period_us = self.settings[(len(self.seen) - 1) % len(self.settings)]
+        return command._replace(t_on_us=t_on_us, t_period_us=t_period_us)
+
+
+def test_a_controller_may_set_the_generator() -> None:
+    sim = simulation(contour([(0, 0), (200, 0)]), controller=Settings([(None, 150.0), (20.0, None), (None, None)]))
+    durations = []
+    for _ in range(3):
+        start = sim.plant.time_ns
+        sim.step()
+        durations.append(sim.plant.time_ns - start)
+    assert durations == [25_500_000, 38_250_000, 38_250_000]
+    assert (sim.plant.machine.t_on_us, sim.plant.machine.t_period_us) == (20.0, 150.0)
+    assert sim.refused is None
+
+
+def test_a_refused_setting_changes_nothing_and_is_told() -> None:
+    sim = simulation(contour([(0, 0), (200, 0)]), controller=Settings([(60.0, None)]))
+    sim.step()
+    sim.step()
+    assert (sim.plant.machine.t_on_us, sim.plant.machine.t_period_us) == (30.0, 100.0)
+    assert sim.refused is not None
+    assert "above the generator's 2 A" in sim.refused
+    twin = simulation(contour([(0, 0), (200, 0)]), controller=Settings([(60.0, None)]))
+    twin.restore(*sim.snapshot())
+    assert twin.refused == sim.refused
+
+
+def test_every_leg_begins_with_the_setting_of_the_set_up() -> None:
+    sim = simulation(contour([(0, 0), (20, 0), (40, 0)], dwells=((1, 0.05),)), controller=Settings([(None, 150.0)]))
+    before, periods = sim._leg, []
+    while sim.outcome is None:
+        sim.step()
+        if sim._leg != before:
+            periods.append(sim.plant.machine.t_period_us)
+            before = sim._leg
+    assert periods == [100.0]

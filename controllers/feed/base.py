@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import math
-from typing import ClassVar, NamedTuple, Protocol
+from typing import TYPE_CHECKING, ClassVar, NamedTuple, Protocol, runtime_checkable
 
 from edmsim.errors import InputError
+
+if TYPE_CHECKING:
+    from edmsim.plant.plant import PulseWindow
 
 ControllerState = dict[str, float | int | str]
 """A controller's snapshot, fit for JSON."""
@@ -54,10 +57,15 @@ class FeedCommand(NamedTuple):
         Speed along the path in um/s; negative runs back along it.
     alarm : str or None
         Why the machine must stop, or None.
+    t_on_us, t_period_us : float or None
+        Setting wanted of the generator from the next window on; None leaves it as it is. A setting the
+        generator refuses changes nothing.
     """
 
     feed_um_s: float
     alarm: str | None = None
+    t_on_us: float | None = None
+    t_period_us: float | None = None
 
 
 class FeedController(Protocol):
@@ -92,6 +100,14 @@ class FeedController(Protocol):
 
     def restore(self, state: ControllerState) -> None:
         """Continue exactly where `snapshot` was taken."""
+
+
+@runtime_checkable
+class SeesTruth(Protocol):
+    """A controller that looks at what no machine shows: a bound to compare with, not one to cut with."""
+
+    def see(self, truth: PulseWindow) -> None:
+        """Take in what happened in the gap; called after every window, before `FeedController.update`."""
 
 
 def check_parameter(controller: str, name: str, value: float) -> None:

@@ -1,0 +1,1 @@
+"""Comparing feed controllers: the same cuts on the same randomised machines, and the search of their gains."""

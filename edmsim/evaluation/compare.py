@@ -1,0 +1,187 @@
+"""Controllers x cuts on identical machines, and what the cuts say of each controller, with intervals."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor, as_completed
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..controllers import names
+from ..errors import InputError
+from ..plant.setup import resolution as check_resolution
+from .episode import ORACLE, Result, cut
+from .scenarios import HELD_BACK, env_ids
+
+CONFIDENCE = 0.95
+RESAMPLES = 2000
+"""Bootstrap resamples (ours: the ends of the intervals then vary by a few percent of their width)."""
+
+
+@dataclass(frozen=True)
+class Figure:
+    """A figure with the ends of its 95 % interval; all NaN where nothing was measured."""
+
+    value: float
+    low: float
+    high: float
+
+
+FIGURES = {
+    "rate_mm2_min": "cutting rate, mm2/min",
+    "oracle_share": "share of the oracle's rate",
+    "short_share": "short pulses",
+    "open_share": "open pulses",
+    "error_um": "profile error rms, um",
+    "breaks_per_m": "wire breaks per m",
+    "jams_per_m": "jams per m",
+}
+"""Figures of a controller, and what they are called."""
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """What an evaluation found in one environment.
+
+    Attributes
+    ----------
+    env_id, resolution : str
+    seeds : tuple of int
+        Held-back seeds; every controller made one cut with each.
+    results : dict
+        Of each controller its cuts, in order of `seeds`.
+    figures : dict
+        Of each controller its figures, by the names in `FIGURES`.
+    """
+
+    env_id: str
+    resolution: str
+    seeds: tuple[int, ...]
+    results: dict[str, list[Result]]
+    figures: dict[str, dict[str, Figure]]
+
+
+def evaluate(
+    env_id: str, controllers: Sequence[str], seeds: int, *, resolution: str = "default",
+    watch: Callable[[int, int], None] | None = None,
+) -> Comparison:
+    """Compare controllers on the same cuts, on all cores.
+
+    Parameters
+    ----------
+    env_id : str
+        See `edmsim.evaluation.scenarios.env_ids`.
+    controllers : sequence of str
+        Names of feed controllers. The oracle is run whether named or not, because the others are scaled by it.
+    seeds : int
+        Cuts of each controller, 2 or more, with held-back seeds.
+    resolution : {"fast", "default", "fine"}
+    watch : callable, optional
+        Called with the cuts done and the cuts to do.
+
+    Returns
+    -------
+    Comparison
+        The same for the same arguments, however many cores there are.
+
+    Raises
+    ------
+    InputError
+        An unknown environment, controller or resolution, or fewer than 2 seeds.
+    """
+    check(env_id, controllers, seeds, resolution)
+    chosen = list(dict.fromkeys([*controllers, ORACLE]))
+    held_back = tuple(range(HELD_BACK, HELD_BACK + seeds))
+    # the oracle's cuts take longest, as it rehearses: first, so that no core waits for them in the end
+    jobs = [(name, seed) for name in reversed(chosen) for seed in held_back]
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        futures = {pool.submit(cut, env_id, seed, name, resolution): (name, seed) for name, seed in jobs}
+        try:
+            for done, future in enumerate(as_completed(futures), 1):
+                future.result()
+                if watch is not None:
+                    watch(done, len(jobs))
+        except BaseException:
+            pool.shutdown(cancel_futures=True)
+            raise
+    made = {job: future.result() for future, job in futures.items()}
+    results = {name: [made[name, seed] for seed in held_back] for name in chosen}
+    return Comparison(env_id, resolution, held_back, results, {
+        name: figures_of(results[name], results[ORACLE]) for name in chosen
+    })  # fmt: skip
+
+
+def check(env_id: str, controllers: Sequence[str], seeds: int, resolution: str) -> None:
+    """Raise `InputError` for what `evaluate` cannot do."""
+    check_resolution(resolution)
+    if env_id not in env_ids():
+        raise InputError(f"there is no environment '{env_id}'; choose one of {', '.join(env_ids())}")
+    for name in controllers:
+        if name not in names():
+            raise InputError(f"there is no feed controller {name!r}; choose one of {', '.join(names())}")
+    if not controllers:
+        raise InputError(f"no controller is named; choose of {', '.join(names())}")
+    if seeds < 2:
+        raise InputError(f"{seeds} seeds give no interval; it takes 2 or more")
+
+
+def figures_of(results: Sequence[Result], oracle: Sequence[Result]) -> dict[str, Figure]:
+    """Return a controller's figures from its cuts and the oracle's, seed by seed.
+
+    Rates, shares and errors are means over the cuts; breaks and jams are all of them over all the length cut; the
+    share of the oracle's rate is the mean rate over the oracle's mean rate.
+    """
+    rate = np.array([r.rate_mm2_min for r in results])
+    bound = np.array([r.rate_mm2_min for r in oracle])
+    metres = np.array([r.length_mm for r in results]) * 1e-3
+    error = np.array([r.error_um for r in results])
+    error = error[np.isfinite(error)]
+    return {
+        "rate_mm2_min": mean(rate),
+        "oracle_share": ratio(rate, bound),
+        "short_share": mean(np.array([r.short_share for r in results])),
+        "open_share": mean(np.array([r.open_share for r in results])),
+        "error_um": mean(error),
+        "breaks_per_m": per_metre(np.array([float(r.broke) for r in results]), metres),
+        "jams_per_m": per_metre(np.array([float(r.jammed) for r in results]), metres),
+    }
+
+
+def mean(values: NDArray[np.float64]) -> Figure:
+    """Mean with its bootstrap interval."""
+    return ratio(values, np.ones_like(values))
+
+
+def per_metre(events: NDArray[np.float64], metres: NDArray[np.float64]) -> Figure:
+    """Events over length cut, with an interval.
+
+    Of cuts without any event the bootstrap can say nothing; the upper end is then the rate at which none in this
+    length would be seen in 5 % of such comparisons (Poisson: ``-ln 0.05`` events, the "rule of three").
+    """
+    if events.any() or metres.sum() == 0:
+        return ratio(events, metres)
+    return Figure(0.0, 0.0, float(-np.log(1.0 - CONFIDENCE) / metres.sum()))
+
+
+def ratio(upper: NDArray[np.float64], lower: NDArray[np.float64]) -> Figure:
+    """Sum over sum, with its bootstrap interval (percentile; pairs are drawn together)."""
+    from scipy.stats import bootstrap
+
+    if len(upper) == 0 or lower.sum() == 0:
+        return Figure(np.nan, np.nan, np.nan)
+    value = float(upper.sum() / lower.sum())
+    if len(upper) < 2:
+        return Figure(value, np.nan, np.nan)
+    interval = bootstrap(
+        (upper, lower), _of_sums, paired=True, vectorized=True, n_resamples=RESAMPLES,
+        confidence_level=CONFIDENCE, method="percentile", rng=np.random.default_rng(0),
+    ).confidence_interval
+    return Figure(value, float(interval.low), float(interval.high))
+
+
+def _of_sums(upper: NDArray[np.float64], lower: NDArray[np.float64], axis: int = -1) -> NDArray[np.float64]:
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return np.asarray(upper.sum(axis=axis) / lower.sum(axis=axis))
