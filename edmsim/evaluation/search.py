@@ -61,7 +61,7 @@ ENV_IDS = ("edmsim/GapFeed-v0", "edmsim/HeightStep-v0")
 SEEDS = 6
 """Training seeds of each environment."""
 POPULATION, GENERATIONS = 8, 3
-"""Gains per generation, and generations after the first (ours: one to two minutes a controller on two cores)."""
+"""Gains per generation, and generations after the first (ours: some three minutes a controller on two busy cores)."""
 
 
 class Found(NamedTuple):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Sequence
 
 import pytest
 
@@ -21,23 +20,34 @@ def short_cuts(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(scenarios, "STRETCH_UM", 30.0)
 
 
-@pytest.mark.slow
-def test_a_search_finds_the_best_it_tried_and_repeats_itself(monkeypatch: pytest.MonkeyPatch) -> None:
-    tried, scores, score = [], [], search.score
+def of_reference(cuts, controller):
+    """Cuts that go best, at a rate of 10, with a reference of 12 V and little proportional action."""
+    law = controller()
+    rate = 10.0 - abs(law.reference_V - 12.0) - law.proportional_um_s_V
+    return [Result(seed, law.name, "finished", 60.0, 1.0, 10.0, rate, 0.1, 0.2, 0.0, 320.0) for _, seed in cuts]
 
-    def noted(results: Sequence[Result], bound: Sequence[float]) -> float:
-        scores.append(score(results, bound))
-        return scores[-1]
 
-    monkeypatch.setattr(search, "score", noted)
-    found = search.search("voltage", 3, seeds=1, population=8, generations=1, watch=tried.append)
-    assert tried == list(range(1, 17))
-    *searched, default = scores
-    assert (found.score, found.default_score) == (max(searched), default)
-    assert search.search("voltage", 3, seeds=1, population=8, generations=1) == found
-    for name, value in found.gains.items():
-        low, high = BOUNDS["voltage"][name]
-        assert low <= value <= high
+def test_a_search_finds_the_best_gains_and_repeats_itself(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(search, "run_all", of_reference)
+    monkeypatch.setattr(search, "bound_rates", lambda cuts: [10.0] * len(cuts))
+    tried: list[int] = []
+    found = search.search("voltage", 3, seeds=1, population=16, generations=30, watch=tried.append)
+    assert tried == list(range(1, len(tried) + 1))
+    assert 16 < len(tried) <= 16 * 31  # it may stop where all gains have become the same
+    assert found.gains["reference_V"] == pytest.approx(12.0, abs=0.3)
+    assert found.gains["proportional_um_s_V"] < 0.3
+    assert found.default_score < found.score < 1.0
+    assert search.search("voltage", 3, seeds=1, population=16, generations=30) == found
+
+
+def test_gains_are_scored_on_real_cuts_the_same_every_time() -> None:
+    cuts = training_cuts(3, 1)
+    bound = search.bound_rates(cuts)
+    made = [search.run_all(cuts, lambda: make("voltage", reference_V=9.0)) for _ in range(2)]
+    assert str(made[0]) == str(made[1])  # as text, in which one NaN is like another
+    assert 0.1 < search.score(made[0], bound) < 2.0
+    lost = [result._replace(outcome="wire break") for result in made[0]]
+    assert search.score(lost, bound) == pytest.approx(search.score(made[0], bound) - 1.0)
 
 
 def test_held_back_seeds_are_never_trained_on() -> None:
