@@ -139,6 +139,10 @@ def _drawing(lanes: Lanes, lane: int) -> NDArray[np.uint8]:
     canvas = FigureCanvasAgg(figure)
     axes = figure.add_subplot(position=(0.12, 0.11, 0.84, 0.8))
     draw_map(axes, scene)
+    legend = axes.get_legend()
+    for text in legend.get_texts() if legend else ():
+        if text.get_text() == "nominal edge":  # what a lane has is the path beside it
+            text.set_text("path of the wire")
     wire = (np.array(plant.place_um) + plant.deflections_um().mean(axis=0)) * 1e-3
     axes.add_patch(Circle(tuple(wire), scene.wire_diameter_um * 0.5e-3, color=VERMILION, zorder=9))
     canvas.draw()  # type: ignore[no-untyped-call]
