@@ -18,6 +18,8 @@ from .workpiece import FULL, carve_wall
 
 CARVE_BEFORE_UM, CARVE_BEYOND_UM = 16.0, 48.0
 """How far before and beyond a ray's edge its wall is looked for: beside the ray it may stand nearer."""
+PROUD_UM = 6.0
+"""Metal this far before the edge stands out: no ray may see it, but discharges do."""
 
 
 @compiled
@@ -82,8 +84,8 @@ def _carve_ray(
     cosine, sine = a.ray_cosine[r], a.ray_sine[r]
     return carve_wall(
         tiles, index, s, c.cell_um, a.reference_um[0, s] - aside * width * sine,
-        a.reference_um[1, s] + aside * width * cosine, cosine, sine, near, CARVE_BEFORE_UM, CARVE_BEYOND_UM, width,
-        parts,
+        a.reference_um[1, s] + aside * width * cosine, cosine, sine, near, CARVE_BEFORE_UM, PROUD_UM,
+        CARVE_BEYOND_UM, width, parts,
     )
 
 
@@ -94,7 +96,7 @@ def carve(
     """Carve what lies on the rays from the field; returns the volume in um3 that found no metal.
 
     `aside` (-0.5..0.5 ray spacings) shifts all strips: where two meet, no ridge shall stay that no ray sees. What
-    is less than a part of a cell is kept per slice.
+    is less than a part of a cell, or was taken too much, is kept per slice.
     """
     part = c.cell_um**2 / FULL
     missed = 0.0
@@ -103,9 +105,15 @@ def carve(
             if a.pending_um2[s, r] > 0.0:
                 area = a.pending_um2[s, r] + a.carry_um2[s]
                 a.pending_um2[s, r] = 0.0
-                parts = int(area / part)
+                parts = max(0, int(area / part))
                 a.carry_um2[s] = area - parts * part
-                lost = _carve_ray(a, tiles, index, c, s, r, parts, aside) * part * c.slice_um
+                if parts == 0:
+                    continue
+                left = _carve_ray(a, tiles, index, c, s, r, parts, aside)
+                if left < 0:
+                    a.carry_um2[s] += left * part  # taken beforehand
+                    continue
+                lost = left * part * c.slice_um
                 a.debris[s] = max(0.0, a.debris[s] - lost / c.cavity_um3)
                 missed += lost
     return missed
