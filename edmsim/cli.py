@@ -1,4 +1,4 @@
-"""The command line: ``edmsim cut``, ``view``, ``evaluate``, ``validate`` and ``bench``."""
+"""The command line: ``edmsim cut``, ``view``, ``train``, ``evaluate``, ``validate`` and ``bench``."""
 
 from __future__ import annotations
 
@@ -104,6 +104,32 @@ def view(
     from .recording import view as show
 
     raise typer.Exit(show(directory))
+
+
+@app.command()
+def train(
+    env_id: Annotated[str, typer.Argument(help="Environment: edmsim/GapFeed-v0 ...", show_default=False)],
+    out: Annotated[Path, typer.Option(help="Folder for policy, checkpoint and tensorboard logs.")],
+    algo: Annotated[str, typer.Option(help="ppo or sac.")] = "ppo",
+    steps: Annotated[int | None, typer.Option(help="Windows in all; default by environment.")] = None,
+    seed: Annotated[int, typer.Option(help="Seed of every draw.")] = 0,
+    resume: Annotated[bool, typer.Option("--resume", help="Go on from the folder's checkpoint.")] = False,
+    score: Annotated[
+        int, typer.Option(metavar="EPISODES", help="Held-back episodes to compare the policy with counts on.")
+    ] = 20,
+) -> None:
+    """Train a feed controller (needs the extra rl)."""
+    from .learning.command import run
+
+    try:
+        table = run(env_id, algo, out, steps, seed, resume, score, _ERR)
+    except KeyboardInterrupt:
+        _say("interrupted; take an interrupted training up again with --resume")
+        raise typer.Exit(INTERRUPTED) from None
+    if table is not None:
+        _OUT.print(table)
+    _OUT.print(f"Cut with it: edmsim cut PROGRAM --controller policy:{out / 'policy.json'} --out DIR",
+               highlight=False, soft_wrap=True, markup=False)
 
 
 @app.command()

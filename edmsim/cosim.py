@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edmsim.controllers import FeedController, WindowObservation
+from edmsim.controllers.feed.setup import tell
 from edmsim.controllers.mcu.planner import Planner, make_planner
 from edmsim.controllers.mcu.timers import MAX_FEED_UM_S, MAX_SPEED, SPEED_UNIT_NM_S
 
@@ -198,6 +199,7 @@ class Simulation:
         self._rest_until_ns = self.plant.time_ns + round(self.legs[self._leg].rest_s * 1e9)
         if place_um != (points[0, 0], points[0, 1]):
             points = np.concatenate([[place_um], points])
+        tell(self.controller, self.machine, points)
         self._planner: Planner = make_planner(self._planner_name, points)
         self._dwell_until_ns = -1
         self._command = self.controller.reset(MAX_FEED_UM_S)

@@ -254,8 +254,13 @@ def _result(
 
 
 def make_controller(text: str) -> FeedController:
-    """Make a feed controller from its name and parameters: ``counts`` or ``fixed:feed_um_s=20``."""
+    """Make a feed controller of its name and parameters (``fixed:feed_um_s=20``) or its file (``policy:FILE``)."""
     name, _, rest = text.partition(":")
+    if name == "policy":
+        from edmsim.controllers.feed.policy import PolicyController
+        from edmsim.learning.policy_file import load
+
+        return PolicyController(load(rest))
     parameters = {}
     for pair in filter(None, rest.split(",")):
         key, equals, value = pair.partition("=")

@@ -32,6 +32,26 @@ def observation_space_of(family: Family) -> gym.spaces.Box[np.float32]:
     return gym.spaces.Box(low, high, dtype=np.float32)
 
 
+def first_feed_um_s(family: Family) -> float:
+    """Return the feed before the first action."""
+    return family.start_feed_um_s if family.action == "change" else 0.0
+
+
+def next_feed_um_s(family: Family, before_um_s: Floats, wanted: Floats) -> Floats:
+    """Return the feeds that actions (n,) within -1..1 ask for after others (n,)."""
+    if family.action == "speed":
+        return wanted * family.max_feed_um_s
+    limit = family.max_feed_um_s
+    return np.asarray(np.clip(before_um_s + wanted * family.max_change_um_s, -limit, limit))
+
+
+def next_setting_us(family: Corner, first_us: Floats, wanted: Floats) -> tuple[float, float]:
+    """Return on-time and period that an action (2,) within -1..1 asks for, from those of the start (2,)."""
+    on_us, period_us = first_us
+    on, period = (2.0 ** (family.setting_octaves * float(a)) for a in wanted)
+    return on_us * on, period_us * period
+
+
 class Batch:
     """Lanes of one family with a learner's eyes and hands.
 
@@ -58,7 +78,7 @@ class Batch:
         scenario = self.family.draw(rng, machine)
         self.lanes.begin(lane, scenario)
         self._seen[lane] = 0.0
-        self._feed_um_s[lane] = self.family.start_feed_um_s if self.family.action == "change" else 0.0
+        self._feed_um_s[lane] = first_feed_um_s(self.family)
         return {
             "drawn": dict(scenario.drawn), "plant_seed": scenario.plant_seed,
             "total_um": float(self.lanes.rows[lane]["total_um"]),
@@ -68,17 +88,13 @@ class Batch:
         """Run a window in the active lanes; returns the rewards (n,), 0 in the others."""
         family, lanes = self.family, self.lanes
         wanted = np.clip(actions.astype(np.float64), -1.0, 1.0)
-        if family.action == "change":
-            feed = self._feed_um_s + wanted[:, 0] * family.max_change_um_s
-            feed = np.clip(feed, -family.max_feed_um_s, family.max_feed_um_s)
-        else:
-            feed = wanted[:, 0] * family.max_feed_um_s
+        feed = next_feed_um_s(family, self._feed_um_s, wanted[:, 0])
         self._feed_um_s[active] = feed[active]
         if isinstance(family, Corner):
             for lane in active:
-                t_on, t_period = lanes.rows[lane]["first_setting_us"]
-                on, period = (2.0 ** (family.setting_octaves * float(a)) for a in wanted[lane, 1:])
-                lanes.set_generator(int(lane), t_on * on, t_period * period)
+                lanes.set_generator(int(lane), *next_setting_us(
+                    family, lanes.rows[lane]["first_setting_us"], wanted[lane, 1:]
+                ))
         lanes.advance(active, self._feed_um_s)
         windows = lanes.fleet.windows
         observation.see(

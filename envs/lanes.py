@@ -146,7 +146,7 @@ class Lanes:
 
     def set_generator(self, lane: int, t_on_us: float, t_period_us: float) -> None:
         """Turn the knobs, to the nearest detent; what the generator refuses is told in `refused` and not done."""
-        wanted = round(t_on_us / ON_US) * ON_US, round(t_period_us / PERIOD_US) * PERIOD_US
+        wanted = to_detents(t_on_us, t_period_us)
         self.refused[lane] = None
         if wanted == tuple(self.rows[lane]["setting_us"]):
             return
@@ -187,6 +187,11 @@ class Lanes:
         way = math.dist((x, y), plant.commanded_um)
         plant.rethread((x, y), round((way / table.rapid_um_s.value + table.threading_s.value) * 1e9))
         self._begin_leg(lane, following)
+
+
+def to_detents(t_on_us: float, t_period_us: float) -> tuple[float, float]:
+    """Return the setting of the knobs that is nearest."""
+    return round(t_on_us / ON_US) * ON_US, round(t_period_us / PERIOD_US) * PERIOD_US
 
 
 def _with_row(table: Floats, lane: int, row: Floats, filling: float) -> Floats:

@@ -16,7 +16,10 @@ from edmsim.plant.plant import PulseWindow
 from .checks import checked_options
 from .lanes import CAUSES, Lanes
 from .motion import DONE, LIMIT_SWITCH, RUNNING, WIRE_BREAK
+from .reward import rewards
 from .scenarios import Scenario, make_family
+
+_LANE = np.zeros(1, np.int64)
 
 
 class StepResult(NamedTuple):
@@ -40,6 +43,8 @@ class StepResult(NamedTuple):
         Another reason for which the machine stopped (see `lanes.CAUSES`).
     refused : str or None
         Why the generator refused the setting asked for.
+    reward : float
+        The environment's reward of the window.
     """
 
     seen: WindowObservation
@@ -51,6 +56,7 @@ class StepResult(NamedTuple):
     broken: bool
     limit: str | None
     refused: str | None
+    reward: float
 
     @property
     def over(self) -> bool:
@@ -66,7 +72,7 @@ class Task:
     name : str
         ``"GapFeed"`` or ``"edmsim/GapFeed-v0"``, and so on.
     **options
-        Arguments of the environment (see `scenarios.Family`); those of action, observation and reward have no effect.
+        Arguments of the environment (see `scenarios.Family`); those of action and observation have no effect.
 
     Raises
     ------
@@ -86,6 +92,7 @@ class Task:
     def __init__(self, name: str, **options: Any) -> None:
         self.family = make_family(name, **options)
         self.max_feed_um_s = self.family.max_feed_um_s
+        self._weights = self.family.reward_weights.array()
         self._lanes = Lanes(self.family, 1)
         self._random = np.random.Generator(np.random.PCG64())
 
@@ -166,7 +173,7 @@ class Task:
                           for new, old in ((t_on_us, now.t_on_us), (t_period_us, now.t_period_us)))
             lanes.set_generator(0, on, period)
         feed = min(max(feed_um_s, -self.max_feed_um_s), self.max_feed_um_s)
-        lanes.advance(np.zeros(1, np.int64), np.array([feed]))
+        lanes.advance(_LANE, np.array([feed]))
         return self._result(feed)
 
     def _result(self, feed_um_s: float) -> StepResult:
@@ -181,4 +188,5 @@ class Task:
         return StepResult(
             seen, window, float(row["progress_um"]), float(row["area_mm2"]), float(row["error_um"]),
             cause == DONE, cause == WIRE_BREAK, CAUSES[cause] if cause >= LIMIT_SWITCH else None, lanes.refused[0],
+            float(rewards(_LANE, lanes.rows, lanes.fleet.windows, self._weights)[0]),
         )

@@ -47,6 +47,7 @@ def test_help_names_every_command_on_one_line(edmsim: Run) -> None:
     told = edmsim("--help")
     assert told.status == 0
     for command, purpose in (("cut", "Simulate a part program."), ("view", "Play a cut back in rerun."),
+                             ("train", "Train a feed controller (needs the extra rl)."),
                              ("evaluate", "Compare feed controllers on the same randomised machines."),
                              ("validate", "Compare the model with what was published, row by row."),
                              ("bench", "Measure the speed of this machine.")):  # fmt: skip

@@ -1,0 +1,123 @@
+"""What ``edmsim train`` does: train, export, measure against the counts controller."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from edmsim.controllers import make
+from edmsim.errors import InputError
+
+from . import policy_file
+from .score import Score, score
+
+if TYPE_CHECKING:
+    from rich.console import Console
+    from rich.table import Table
+
+    from .train import Progress
+
+RIVAL = "counts"
+"""The controller policies are measured against."""
+RESOLUTIONS = ("fast", "default", "fine")
+
+
+def run(
+    env_id: str, algo: str, out: Path, steps: int | None, seed: int, resume: bool, episodes: int, console: Console
+) -> Table | None:
+    """Train a policy, write it as ``policy.json`` and ``policy.npz`` into the folder, and measure it.
+
+    Parameters
+    ----------
+    env_id, algo, out, steps, seed, resume
+        See `train.train`.
+    episodes : int
+        Held-back episodes at every resolution, 2 or more, or 0 not to measure.
+    console : rich.console.Console
+        For the progress bar.
+
+    Returns
+    -------
+    rich.table.Table or None
+        The scores; None without episodes.
+
+    Raises
+    ------
+    InputError
+        An argument that cannot be used, or the extra ``rl`` is not installed.
+    """
+    from rich.progress import BarColumn, TextColumn, TimeRemainingColumn
+    from rich.progress import Progress as Bar
+
+    if episodes < 0 or episodes == 1:
+        raise InputError(f"{episodes} episodes give no mean with an error: give 2 or more, or 0 for none")
+    from .train import train  # refuses, in one line, where the extra is missing
+
+    file = out / "policy.json"
+    bar = Bar(
+        TextColumn("{task.percentage:5.1f} %"), BarColumn(bar_width=24), TimeRemainingColumn(),
+        TextColumn("{task.fields[told]}"), console=console,
+    )
+    task = bar.add_task("train", total=None, told="training")
+
+    def watch(progress: Progress) -> None:
+        bar.start()  # not before the first window: bad input shall print its one line only
+        told = "" if math.isnan(progress.mean_return) else f"return {progress.mean_return:.1f}"
+        bar.update(task, completed=progress.steps, total=progress.total, told=told)
+
+    try:
+        trained = train(env_id, algo, out, steps=steps, seed=seed, resume=resume, watch=watch)
+        from .export import export
+
+        done = trained.run
+        card, packed = export(trained, f"edmsim train {done.env_id} --algo {algo} --steps {done.steps} --seed {seed}")
+        policy_file.write(card, packed, file)
+        if not episodes:
+            return None
+        measuring = bar.add_task("score", total=2 * len(RESOLUTIONS) * episodes, told="measuring")
+        bar.start()
+        scores = measure(str(file), episodes, lambda: bar.advance(measuring))
+    finally:
+        if bar.live.is_started:
+            bar.stop()
+    policy_file.write(card.model_copy(update={"scores": [row._asdict() for row in scores]}), packed, file)
+    return render(scores)
+
+
+def measure(policy: str, episodes: int, watch: Callable[[], object] | None = None) -> list[Score]:
+    """Return the scores of a policy and of the counts controller at every resolution.
+
+    Parameters
+    ----------
+    policy : str
+        See `policy_file.load`.
+    episodes : int
+        2 or more.
+    watch : callable, optional
+        Called after every episode.
+    """
+    from edmsim.controllers.feed.policy import PolicyController
+
+    loaded = policy_file.load(policy)
+    card = loaded.card
+    return [
+        score(card.env_id, kind, card.environment, seeds=episodes, resolution=resolution, watch=watch)
+        for resolution in RESOLUTIONS
+        for kind in (lambda: PolicyController(loaded), lambda: make(RIVAL))
+    ]
+
+
+def render(scores: list[Score]) -> Table:
+    """Return the scores as a table."""
+    from rich.table import Table
+
+    table = Table("controller", "resolution", "return", "mm2/min", "error, um", "breaks", "limits")
+    for row in scores:
+        table.add_row(
+            row.controller, row.resolution, f"{row.mean_return:.1f} ± {row.return_error:.1f}",
+            f"{row.rate_mm2_min:.2f}", f"{row.error_um:.2f}", f"{row.breaks} of {row.seeds}",
+            f"{row.limits} of {row.seeds}",
+        )
+    return table

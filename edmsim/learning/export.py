@@ -1,0 +1,64 @@
+"""From a policy of stable-baselines3 to plain arrays and a card (extra ``rl``)."""
+
+from __future__ import annotations
+
+import platform
+from importlib.metadata import version
+from typing import Any
+
+import numpy as np
+import torch
+
+from edmsim.envs.observation import entries
+from edmsim.envs.scenarios import make_family
+
+from .policy_file import ACTION_MEANINGS, FORMAT, Card, digest, pack
+from .train import Trained
+
+PACKAGES = ("edmsim", "stable-baselines3", "torch", "gymnasium", "numpy")
+
+
+def export(trained: Trained, command: str) -> tuple[Card, bytes]:
+    """Return a trained policy as `policy_file.write` wants it.
+
+    Parameters
+    ----------
+    trained : Trained
+        Of `train.train`.
+    command : str
+        What made it.
+    """
+    model, normalise, run = trained.model, trained.normalise, trained.run
+    if run.algo == "ppo":
+        layers = [*model.policy.mlp_extractor.policy_net, model.policy.action_net]
+        output = "clip"
+    else:
+        layers = [*model.actor.latent_pi, model.actor.mu]
+        output = "tanh"
+    linear = [layer for layer in layers if isinstance(layer, torch.nn.Linear)]
+    weights = [_array(layer.weight).T for layer in linear]
+    packed = pack(weights, [_array(layer.bias) for layer in linear])
+    environment = dict(trained.hyperparameters.environment)
+    family = make_family(run.env_id, **environment)
+    statistics = normalise.obs_rms
+    observation = [
+        {"name": entry.name, "meaning": entry.meaning, "mean": float(mean), "variance": float(variance)}
+        for entry, mean, variance in zip(
+            entries(family.history, family.knows_corners), statistics.mean, statistics.var, strict=True
+        )
+    ]
+    card = Card.model_validate({
+        "format": FORMAT, "env_id": run.env_id, "environment": environment, "observation": observation,
+        "epsilon": normalise.epsilon, "clip": normalise.clip_obs,
+        "action": list(ACTION_MEANINGS[: linear[-1].out_features]),
+        "widths": [layer.out_features for layer in linear[:-1]],
+        "activation": trained.hyperparameters.network.activation, "output": output,
+        "arrays_sha256": digest(packed), "algorithm": run.algo, "command": command, "seed": run.seed,
+        "steps": int(model.num_timesteps),
+        "versions": {"python": platform.python_version(), **{name: version(name) for name in PACKAGES}},
+    })
+    return card, packed
+
+
+def _array(tensor: Any) -> Any:
+    return tensor.detach().cpu().numpy().astype(np.float64)

@@ -1,0 +1,254 @@
+"""A trained policy as two files: ``NAME.json`` says what it is, ``NAME.npz`` holds its network as plain arrays.
+
+Neither holds code: reading one runs nothing that came with it.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import zlib
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Annotated, Any, Literal
+from zipfile import BadZipFile
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError
+
+from edmsim import models
+from edmsim.envs.batch import action_space_of
+from edmsim.envs.observation import entries
+from edmsim.envs.scenarios import Family, make_family
+from edmsim.errors import InputError
+
+FORMAT = "edmsim-policy-1"
+ACTION_MEANINGS = ("feed, or its change: see docs/environments.md", "on-time", "pulse period")
+Floats = NDArray[np.float64]
+
+
+class _Strict(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class Seen(_Strict):
+    """One entry of the observation.
+
+    Attributes
+    ----------
+    name, meaning : str
+        See `edmsim.envs.observation`.
+    mean, variance : float
+        What it is normalised with.
+    """
+
+    name: str
+    meaning: str
+    mean: FiniteFloat
+    variance: Annotated[FiniteFloat, Field(ge=0)]
+
+
+class Card(_Strict):
+    """What a policy is: the contents of ``NAME.json``.
+
+    Attributes
+    ----------
+    format : str
+        `FORMAT`.
+    env_id : str
+        The environment it was trained in.
+    environment : dict
+        That environment's arguments.
+    observation : list of Seen
+        The network's inputs, in order: (entry - mean) / sqrt(variance + `epsilon`), clipped to `clip` either way.
+    epsilon, clip : float
+    action : list of str
+        The network's outputs, in order; 1 and -1 are the ends of the action space.
+    widths : list of int
+        Neurons of the hidden layers.
+    activation : {"tanh", "relu"}
+        Of the hidden layers.
+    output : {"clip", "tanh"}
+        What brings the outputs into -1..1.
+    arrays_sha256 : str
+        Of ``NAME.npz``.
+    algorithm : str
+    command : str
+        What made it.
+    seed, steps : int
+    versions : dict
+    scores : list of dict
+        What it was measured at, beside a classic controller.
+    """
+
+    format: Literal["edmsim-policy-1"]
+    env_id: str
+    environment: dict[str, Any]
+    observation: Annotated[list[Seen], Field(min_length=1)]
+    epsilon: Annotated[FiniteFloat, Field(gt=0)]
+    clip: Annotated[FiniteFloat, Field(gt=0)]
+    action: Annotated[list[str], Field(min_length=1)]
+    widths: Annotated[list[Annotated[int, Field(gt=0)]], Field(min_length=1)]
+    activation: Literal["tanh", "relu"]
+    output: Literal["clip", "tanh"]
+    arrays_sha256: str
+    algorithm: str
+    command: str
+    seed: int
+    steps: int
+    versions: dict[str, str]
+    scores: list[dict[str, Any]] = []
+
+
+@dataclass(frozen=True)
+class Policy:
+    """A network that turns an observation into an action.
+
+    Attributes
+    ----------
+    card : Card
+    weights : tuple of float array (inputs, outputs)
+    biases : tuple of float array (outputs,)
+    """
+
+    card: Card
+    weights: tuple[Floats, ...]
+    biases: tuple[Floats, ...]
+
+    @cached_property
+    def _normal(self) -> tuple[Floats, Floats]:
+        """Mean and scale of every entry."""
+        seen = self.card.observation
+        return np.array([e.mean for e in seen]), np.sqrt([e.variance + self.card.epsilon for e in seen])
+
+    def action(self, observation: NDArray[Any]) -> Floats:
+        """Return the action (k,) within -1..1 for an observation (n,) of the environment, the same for the same."""
+        card = self.card
+        mean, scale = self._normal
+        layer: Floats = np.clip((observation - mean) / scale, -card.clip, card.clip)
+        last = len(self.weights) - 1
+        for i, (weight, bias) in enumerate(zip(self.weights, self.biases, strict=True)):
+            layer = layer @ weight + bias
+            if i < last:
+                layer = np.tanh(layer) if card.activation == "tanh" else np.maximum(layer, 0.0)
+        return np.tanh(layer) if card.output == "tanh" else np.clip(layer, -1.0, 1.0)
+
+    def family(self) -> Family:
+        """Return what the environment was made with; its observations and actions are the policy's."""
+        return make_family(self.card.env_id, **self.card.environment)
+
+
+def pack(weights: list[Floats], biases: list[Floats]) -> bytes:
+    """Return the contents of ``NAME.npz``: float32 arrays ``weight_0, bias_0, weight_1`` and so on."""
+    arrays = {}
+    for i, (weight, bias) in enumerate(zip(weights, biases, strict=True)):
+        arrays[f"weight_{i}"], arrays[f"bias_{i}"] = weight.astype(np.float32), bias.astype(np.float32)
+    packed = io.BytesIO()
+    np.savez(packed, allow_pickle=False, **arrays)
+    return packed.getvalue()
+
+
+def digest(packed: bytes) -> str:
+    """Return what `Card.arrays_sha256` must say."""
+    return hashlib.sha256(packed).hexdigest()
+
+
+def write(card: Card, packed: bytes, file: Path) -> None:
+    """Write both files; `file` is the ``.json``."""
+    file.with_suffix(".npz").write_bytes(packed)
+    file.write_text(card.model_dump_json(indent=1) + "\n", encoding="utf-8")
+
+
+def locate(name: str) -> Path:
+    """Return the ``.json`` of a policy: of its own path, or of a name under ``models/policies``.
+
+    Raises
+    ------
+    InputError
+        If there is none.
+    """
+    file = Path(name)
+    if file.suffix not in (".json", ".npz"):
+        shipped = Path(models.__file__).parent / "policies"
+        names = sorted(found.stem for found in shipped.glob("*.json"))
+        if name not in names:
+            raise InputError(f"there is no policy '{name}'; give its .json file, or one of {', '.join(names)}")
+        return shipped / f"{name}.json"
+    for part in (file.with_suffix(".json"), file.with_suffix(".npz")):
+        if not part.is_file():
+            raise InputError("no such file: a policy is a .json and the .npz beside it", part)
+    return file.with_suffix(".json")
+
+
+def load(name: str, env_id: str | None = None) -> Policy:
+    """Read a policy.
+
+    Parameters
+    ----------
+    name : str
+        Either of its files, or a name under ``models/policies``.
+    env_id : str, optional
+        The environment it must have been trained in; any of edmsim's if not given.
+
+    Raises
+    ------
+    InputError
+        If there is none, it is damaged, or it belongs to another environment.
+    """
+    file = locate(name)
+    try:
+        card = Card.model_validate_json(file.read_bytes())
+    except OSError as error:
+        raise InputError(f"the policy cannot be read: {error.strerror}", file) from None
+    except ValidationError as error:
+        first = error.errors()[0]
+        place = ".".join(str(part) for part in first["loc"])
+        raise InputError(f"this is no policy, or a damaged one: {place + ': ' if place else ''}{first['msg']}",
+                         file) from None
+    if env_id is not None and card.env_id != env_id:
+        raise InputError(f"the policy was trained in {card.env_id}, not in {env_id}", file)
+    _check_environment(card, file)
+    weights, biases = _unpack(card, file.with_suffix(".npz"))
+    return Policy(card, weights, biases)
+
+
+def _check_environment(card: Card, file: Path) -> None:
+    """Refuse a policy whose inputs and outputs are not those of its environment."""
+    try:
+        family = make_family(card.env_id, **card.environment)
+    except (InputError, TypeError, ValueError) as error:
+        raise InputError(f"the policy's environment cannot be made: {error}", file) from None
+    wanted = [entry.name for entry in entries(family.history, family.knows_corners)]
+    told = [entry.name for entry in card.observation]
+    if told != wanted:
+        raise InputError(
+            f"the policy sees {len(told)} entries that are not the {len(wanted)} of {card.env_id}: it was trained in "
+            "another version of it", file,
+        )
+    width = action_space_of(family).shape[0]
+    if len(card.action) != width:
+        raise InputError(f"the policy has {len(card.action)} actions, {card.env_id} has {width}", file)
+
+
+def _unpack(card: Card, file: Path) -> tuple[tuple[Floats, ...], tuple[Floats, ...]]:
+    """Return weights and biases, checked against the card."""
+    sizes = [len(card.observation), *card.widths, len(card.action)]
+    try:
+        packed = file.read_bytes()
+        if digest(packed) != card.arrays_sha256:
+            raise ValueError("its sha256 is not the one the .json tells")
+        with np.load(io.BytesIO(packed), allow_pickle=False) as stored:
+            weights = tuple(stored[f"weight_{i}"].astype(np.float64) for i in range(len(sizes) - 1))
+            biases = tuple(stored[f"bias_{i}"].astype(np.float64) for i in range(len(sizes) - 1))
+    except (OSError, EOFError, ValueError, LookupError, TypeError, BadZipFile, zlib.error) as error:
+        raise InputError(f"the policy's arrays are damaged: {error}", file) from None
+    for i, (weight, bias) in enumerate(zip(weights, biases, strict=True)):
+        if weight.shape != (sizes[i], sizes[i + 1]) or bias.shape != (sizes[i + 1],):
+            raise InputError(
+                f"the policy's layer {i} is {weight.shape} and {bias.shape}, not {sizes[i]} by {sizes[i + 1]}", file
+            )
+        if not (np.isfinite(weight).all() and np.isfinite(bias).all()):
+            raise InputError(f"the policy's layer {i} holds numbers that are not finite", file)
+    return weights, biases

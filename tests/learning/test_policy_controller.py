@@ -1,0 +1,215 @@
+"""A policy as a controller does what it would do in its environment; files that cannot be used are refused."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from itertools import pairwise
+from pathlib import Path
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+import edmsim
+from edmsim.controllers.feed.policy import PolicyController
+from edmsim.controllers.feed.setup import tell
+from edmsim.envs.batch import action_space_of
+from edmsim.envs.observation import entries
+from edmsim.envs.scenarios import make_family
+from edmsim.envs.tasks import Task
+from edmsim.errors import InputError
+from edmsim.job import make_controller
+from edmsim.learning import policy_file
+
+ROOT = Path(__file__).parents[2]
+
+
+@pytest.fixture
+def make_policy(tmp_path):
+    """Write a policy of an environment with a random network; return its .json."""
+
+    def make(name, output="clip", **environment):
+        environment = {"resolution": "fast", **environment}
+        family = make_family(name, **environment)
+        seen = entries(family.history, family.knows_corners)
+        rng = np.random.default_rng(4)
+        sizes = [len(seen), 8, action_space_of(family).shape[0]]
+        weights = [rng.normal(0, 0.4, shape) for shape in pairwise(sizes)]
+        biases = [rng.normal(0, 0.1, size) for size in sizes[1:]]
+        packed = policy_file.pack(weights, biases)
+        card = policy_file.Card.model_validate({
+            "format": policy_file.FORMAT, "env_id": f"edmsim/{name}-v0", "environment": environment,
+            "observation": [
+                {"name": e.name, "meaning": e.meaning, "mean": rng.uniform(0, 0.2), "variance": rng.uniform(0.1, 1)}
+                for e in seen
+            ],
+            "epsilon": 1e-8, "clip": 10.0, "action": list(policy_file.ACTION_MEANINGS[: sizes[-1]]), "widths": [8],
+            "activation": "tanh", "output": output, "arrays_sha256": policy_file.digest(packed), "algorithm": "ppo",
+            "command": "none: random", "seed": 0, "steps": 0, "versions": {},
+        })  # fmt: skip
+        file = tmp_path / f"{name}.json"
+        policy_file.write(card, packed, file)
+        return file
+
+    return make
+
+
+@pytest.mark.parametrize(
+    ("name", "options"),
+    [("GapFeed", {}), ("HeightStep", {"action": "speed"}), ("Corner", {"leg_mm": 0.05}), ("Contour", {"history": 2})],
+)
+def test_the_controller_does_what_the_policy_does_in_its_environment(make_policy, name, options):
+    policy = policy_file.load(str(make_policy(name, **options)))
+    env = gym.make(f"edmsim/{name}-v0", resolution="fast", **options)
+    task, controller = Task(name, resolution="fast", **options), PolicyController(policy)
+    seen, _ = env.reset(seed=5)
+    task.reset(5)
+    tell(controller, task.machine, task.scenario.legs_um[0])
+    command = controller.reset(task.max_feed_um_s)
+    settings = set()
+    for _ in range(120):
+        seen, reward, terminated, _, info = env.step(policy.action(seen).astype(np.float32))
+        result = task.advance(*command[:1], *command[2:])
+        assert result.seen.feed_um_s == pytest.approx(info["feed_um_s"], abs=1e-4)
+        assert (task.machine.t_on_us, task.machine.t_period_us) == (info["t_on_us"], info["t_period_us"])
+        assert result.reward == pytest.approx(reward, abs=1e-3)
+        settings.add((info["t_on_us"], info["t_period_us"]))
+        assert result.over == terminated
+        if terminated:
+            break
+        command = controller.update(result.seen)
+    assert (len(settings) > 1) == (name == "Corner")
+
+
+def test_a_snapshot_goes_on_bit_for_bit(make_policy):
+    def started():
+        task, controller = Task("Corner", resolution="fast"), make_controller(f"policy:{file}")
+        task.reset(1)
+        tell(controller, task.machine, task.scenario.legs_um[0])
+        return task, controller, controller.reset(task.max_feed_um_s)
+
+    file = make_policy("Corner")
+    task, first, command = started()
+    for _ in range(15):
+        command = first.update(task.advance(*command[:1], *command[2:]).seen)
+    second = started()[1]
+    second.restore(json.loads(json.dumps(first.snapshot())))
+    window = task.advance(command.feed_um_s).seen
+    assert first.update(window) == second.update(window)
+    assert first.snapshot() == second.snapshot()
+
+
+def test_a_short_that_stays_raises_the_alarm_and_a_dwell_is_noticed(make_policy):
+    controller = make_controller(f"policy:{make_policy('GapFeed')}")
+    machine = edmsim.Machine.load()
+    tell(controller, machine, np.array([[0.0, 0.0], [1000.0, 0.0]]))
+    controller.reset(33.0)
+    held = edmsim.controllers.WindowObservation(0.0, 0.0255, 0, 255, 60.0, 0.0, float("nan"), 0.0, 0.0)
+    for _ in range(50):
+        command = controller.update(held)
+    assert abs(command.feed_um_s) <= 4.0  # a change of what the machine ran, not of what it was asked for
+    shorted = held._replace(short=255, open=0)
+    commands = [controller.update(shorted) for _ in range(80)]
+    alarms = [i for i, command in enumerate(commands) if command.alarm]
+    assert alarms[0] == 78  # 79 windows of 25.5 ms are the first to last longer than 2 s
+    assert commands[-1][:2] == (0.0, "persistent short")
+
+
+def test_it_cuts_a_program(make_policy, small_punch, tmp_path):
+    report = edmsim.cut(
+        small_punch, out=tmp_path / "cut", height_mm=5, resolution="fast", max_time_s=1,
+        controller=f"policy:{make_policy('GapFeed')}",
+    ).report
+    assert report["outcome"] == "time-limit"
+    assert report["pulses"] == 40 * 255
+
+
+@pytest.mark.parametrize("file", sorted((ROOT / "models" / "policies").glob("*.json")), ids=lambda f: f.stem)
+def test_what_is_shipped_loads_by_name_and_says_how_it_was_made(file):
+    policy = policy_file.load(file.stem)
+    card = policy.card
+    assert file.stem == f"{card.env_id.removeprefix('edmsim/').removesuffix('-v0')}-{card.algorithm}"
+    assert card.command.startswith(f"edmsim train {card.env_id} --algo {card.algorithm} ")
+    assert {(s["controller"], s["resolution"]) for s in card.scores} == {
+        (c, r) for c in ("policy", "counts") for r in ("fast", "default", "fine")
+    }
+    assert file.with_suffix(".npz").stat().st_size < 100_000
+    assert (np.abs(policy.action(np.zeros(len(card.observation)))) <= 1).all()
+
+
+def edit(change):
+    def damage(file):
+        told = json.loads(file.read_text())
+        change(told)
+        file.write_text(json.dumps(told))
+
+    return damage
+
+
+def replace_arrays(change):
+    def damage(file):
+        packed = file.with_suffix(".npz")
+        with np.load(packed) as stored:
+            arrays = dict(stored)
+        change(arrays)
+        np.savez(packed, **arrays)
+        told = json.loads(file.read_text())
+        told["arrays_sha256"] = policy_file.digest(packed.read_bytes())
+        file.write_text(json.dumps(told))
+
+    return damage
+
+
+DAMAGES = {
+    "no json": (lambda f: f.write_text("\x00\x01"), "damaged"),
+    "missing": (lambda f: f.unlink(), "no such file"),
+    "no arrays": (lambda f: f.with_suffix(".npz").unlink(), "no such file"),
+    "cut short": (lambda f: f.with_suffix(".npz").write_bytes(f.with_suffix(".npz").read_bytes()[:90]), "sha256"),
+    "other format": (edit(lambda t: t.update(format="onnx")), "format"),
+    "lacks a field": (edit(lambda t: t.pop("epsilon")), "epsilon"),
+    "not finite": (edit(lambda t: t["observation"][3].update(mean=float("inf"))), "mean"),
+    "foreign environment": (edit(lambda t: t.update(env_id="CartPole-v1")), "CartPole-v1"),
+    "other observations": (edit(lambda t: t["environment"].update(history=2)), "entries"),
+    "other environment": (edit(lambda t: t.update(env_id="edmsim/Corner-v0")), "entries"),
+    "other argument": (edit(lambda t: t["environment"].update(colour="red")), "colour"),
+    "other actions": (edit(lambda t: t["action"].append("more")), "2 actions"),
+    "other layers": (edit(lambda t: t.update(widths=[9])), "layer 0"),
+    "lost layer": (edit(lambda t: t.update(widths=[8, 8])), "damaged"),
+    "nan weights": (replace_arrays(lambda a: a["weight_0"].fill(np.nan)), "finite"),
+    "pickle": (replace_arrays(lambda a: a.update(weight_0=np.array([{}], object))), "damaged"),
+}
+
+
+@pytest.mark.parametrize(("damage", "named"), DAMAGES.values(), ids=DAMAGES.keys())
+def test_a_damaged_policy_is_refused_in_one_line(make_policy, damage, named):
+    file = make_policy("GapFeed")
+    damage(file)
+    with pytest.raises(InputError) as refused:
+        make_controller(f"policy:{file}")
+    assert named in str(refused.value)
+    assert str(refused.value).count("\n") == 0
+    assert file.stem in str(refused.value)
+
+
+def test_a_policy_of_another_environment_is_refused_where_one_is_named(make_policy):
+    file = make_policy("GapFeed")
+    assert policy_file.load(str(file), "edmsim/GapFeed-v0").card.env_id == "edmsim/GapFeed-v0"
+    with pytest.raises(InputError, match="trained in edmsim/GapFeed-v0, not in edmsim/Corner-v0"):
+        policy_file.load(str(file), "edmsim/Corner-v0")
+
+
+def test_an_unknown_name_tells_those_there_are():
+    with pytest.raises(InputError, match=r"no policy 'genius'; give its \.json file, or one of .*GapFeed-ppo"):
+        make_controller("policy:genius")
+
+
+def test_it_wants_the_set_up_before_it_begins(make_policy):
+    with pytest.raises(InputError, match="set_up"):
+        make_controller(f"policy:{make_policy('GapFeed')}").reset(33.0)
+
+
+def test_either_file_names_the_policy(make_policy, tmp_path):
+    file = make_policy("GapFeed")
+    shutil.copy(file, tmp_path / "same.json")
+    assert policy_file.locate(str(file.with_suffix(".npz"))) == file

@@ -1,0 +1,139 @@
+"""Training, in a short form, and what it leaves."""
+
+from __future__ import annotations
+
+import importlib.util
+import sys
+from importlib import resources
+
+import numpy as np
+import pytest
+
+from edmsim.envs.scenarios import FAMILIES, make_family
+from edmsim.learning import hyperparameters, policy_file
+
+needs_rl = pytest.mark.skipif(
+    not all(importlib.util.find_spec(name) for name in ("stable_baselines3", "torch", "tensorboard")),
+    reason="the extra rl is not installed",
+)
+pytestmark = [
+    pytest.mark.filterwarnings("ignore::DeprecationWarning"),
+    pytest.mark.filterwarnings("ignore::UserWarning"),
+]
+
+
+@pytest.mark.parametrize("algo", hyperparameters.ALGORITHMS)
+@pytest.mark.parametrize("name", FAMILIES)
+def test_every_environment_has_hyperparameters(name, algo):
+    given = hyperparameters.load(f"edmsim/{name}-v0", algo)
+    make_family(name, **given.environment)
+    assert given.environment["resolution"] == "fast"
+
+
+def test_there_are_no_others():
+    there = {f.name for f in (resources.files("edmsim.models") / "training").iterdir()}
+    assert there == {f"{name}-{algo}.toml" for name in FAMILIES for algo in hyperparameters.ALGORITHMS}
+
+
+@needs_rl
+@pytest.mark.parametrize("algo", hyperparameters.ALGORITHMS)
+def test_what_is_exported_does_what_was_trained(short, tmp_path, algo):
+    from edmsim.learning.export import export
+    from edmsim.learning.train import train
+
+    told = []
+    trained = train("edmsim/Corner-v0", algo, tmp_path, steps=256, seed=3, watch=told.append)
+    file = tmp_path / "policy.json"
+    policy_file.write(*export(trained, "a test"), file)
+    policy = policy_file.load(str(file))
+    space = trained.model.observation_space
+    observations = np.random.default_rng(0).uniform(space.low, space.high, (200, *space.shape)).astype(np.float32)
+    wanted = trained.model.predict(trained.normalise.normalize_obs(observations), deterministic=True)[0]
+    found = np.array([policy.action(o) for o in observations])
+    assert np.abs(found - wanted).max() < 1e-5
+    assert wanted.std() > 1e-3
+    assert told[-1].steps == policy.card.steps >= 256
+    assert list((tmp_path / "tensorboard").iterdir())
+
+
+@needs_rl
+@pytest.mark.parametrize("algo", hyperparameters.ALGORITHMS)
+def test_a_training_stopped_goes_on_from_its_checkpoint(short, tmp_path, edmsim, monkeypatch, algo):
+    from edmsim.learning import train as training
+
+    command = ("train", "edmsim/GapFeed-v0", "--algo", algo, "--steps", 256, "--score", 0, "--out", tmp_path)
+    step = training._Keeper._on_step
+
+    def interrupted(self):
+        if self.num_timesteps >= 128:
+            raise KeyboardInterrupt
+        return step(self)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(training._Keeper, "_on_step", interrupted)
+        status, out, err = edmsim(*command)
+    assert (status, out) == (130, "")
+    assert "--resume" in err
+    assert [f.name for f in tmp_path.glob("checkpoint-*")] == ["checkpoint-000000000128"]
+    assert not (tmp_path / "policy.json").exists()
+    assert edmsim(*command, "--resume", "--seed", 1)[0] == 2
+    status, out, err = edmsim(*command, "--resume")
+    assert status == 0
+    assert "policy:" in out
+    card = policy_file.load(str(tmp_path / "policy.json")).card
+    assert (card.steps, card.seed) == (256, 0)
+    assert card.command == f"edmsim train edmsim/GapFeed-v0 --algo {algo} --steps 256 --seed 0"
+
+
+@needs_rl
+def test_same_seed_same_policy(short, tmp_path):
+    from edmsim.learning.export import export
+    from edmsim.learning.train import train
+
+    def packed(folder, seed):
+        return export(train("edmsim/GapFeed-v0", "ppo", tmp_path / folder, steps=128, seed=seed), "a test")[1]
+
+    first = packed("a", 1)
+    assert packed("b", 1) == first
+    assert packed("c", 2) != first
+
+
+@needs_rl
+@pytest.mark.parametrize(
+    ("arguments", "named"),
+    [
+        (("edmsim/Lathe-v0",), "edmsim/GapFeed-v0"),
+        (("edmsim/GapFeed-v0", "--algo", "dqn"), "ppo, sac"),
+        (("edmsim/GapFeed-v0", "--steps", 0), "1 or more"),
+        (("edmsim/GapFeed-v0", "--seed", -1), "-1"),
+        (("edmsim/GapFeed-v0", "--score", 1), "2 or more"),
+        (("edmsim/GapFeed-v0", "--resume"), "no training to resume"),
+    ],
+)
+def test_bad_input_is_one_line_and_leaves_nothing(tmp_path, edmsim, arguments, named):
+    status, out, err = edmsim("train", *arguments, "--out", tmp_path / "out")
+    assert (status, out) == (2, "")
+    assert err.count("\n") == 1
+    assert named in err
+    assert not (tmp_path / "out").exists()
+
+
+def test_without_the_extra_it_is_one_line(tmp_path, edmsim, monkeypatch):
+    monkeypatch.setitem(sys.modules, "stable_baselines3", None)
+    monkeypatch.delitem(sys.modules, "edmsim.learning.train", raising=False)
+    status, out, err = edmsim("train", "edmsim/GapFeed-v0", "--out", tmp_path / "out")
+    assert (status, out) == (2, "")
+    assert err.count("\n") == 1
+    assert "pip install 'edmsim[rl]'" in err
+
+
+def test_controllers_are_scored_on_the_same_episodes():
+    from edmsim.controllers import make
+    from edmsim.learning.score import score
+
+    options = {"randomise": [], "length_mm": 0.05}
+    found = [score("edmsim/GapFeed-v0", lambda: make("counts"), options, seeds=2) for _ in range(2)]
+    assert found[0] == found[1]
+    assert found[0].controller == "counts"
+    assert 0 < found[0].rate_mm2_min < 100
+    assert found[0].breaks + found[0].limits == 0
