@@ -16,7 +16,7 @@ from .facing import gap_of
 from .state import Array, Arrays, Constants
 from .workpiece import FULL, carve_wall
 
-CARVE_BEFORE_UM, CARVE_BEYOND_UM = 16.0, 48.0
+CARVE_BEFORE_UM, CARVE_BEYOND_UM = 12.0, 48.0
 """How far before and beyond a ray's edge its wall is looked for: beside the ray it may stand nearer."""
 PROUD_UM = 6.0
 """Metal this far before the edge stands out: no ray may see it, but discharges do."""
