@@ -146,9 +146,10 @@ class Plant:
         self._state: NDArray[np.void] = np.zeros(1, STATE)
         self._window: NDArray[np.void] = np.zeros(1, WINDOW)
         self.lodge(self._state, self._window)
-        self._call = np.zeros((1, CALL), np.int64)
-        self._call[0, 0] = self._memory.address
-        self._call_address: int = self._call.ctypes.data
+        call = np.zeros(CALL, np.int64)
+        self._call = memoryview(call)  # type: ignore[arg-type]
+        self._call[0] = self._memory.address
+        self._call_address: int = call.ctypes.data
         self._model = self._make_model()
         coordinates = self._model.wire_shape.shape[1]
         self._fire = window_function(res.slices, res.rays, coordinates, mechanics == "mujoco")
@@ -315,7 +316,7 @@ class Plant:
             rows = np.array(steps, np.int64)
             if rows.ndim != 2 or rows.shape[1] != 3:
                 raise InputError(f"steps are rows of time_ns, axis and direction, not an array of shape {rows.shape}")
-            place = rows.ctypes.data
+            place = rows.__array_interface__["data"][0]
         status = self._fire_once(place, len(rows))
         if status == NO_TILES:
             self.make_tiles()
@@ -328,9 +329,9 @@ class Plant:
         return window
 
     def _fire_once(self, steps: int, count: int) -> int:
-        self._call[0, 1:3] = steps, count
+        self._call[1], self._call[2] = steps, count
         self._fire(self._call_address, 1)
-        return int(self._call[0, 3])
+        return self._call[3]
 
     @property
     def address(self) -> int:
