@@ -46,10 +46,11 @@ _COLD = (
 def _straight_cut(plant: Plant) -> Iterator[None]:
     """Advance a plant window by window at the feed of the benchmark."""
     interval_ns = round(plant.machine.base.table.step_um.value * 1e9 / FEED_UM_S)
-    due = plant.time_ns + interval_ns
+    window_ns, until = plant.window_ns, plant.time_ns
+    due = until + interval_ns
     while True:
-        until = plant.time_ns + plant.window_ns
-        steps = [(t, 0, 1) for t in range(due, until, interval_ns)]
+        until += window_ns
+        steps = [(t, 0, 1) for t in range(due, until, interval_ns)] if due < until else ()
         due += len(steps) * interval_ns
         plant.advance(steps)
         yield
