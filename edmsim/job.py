@@ -17,6 +17,7 @@ from . import checkpoint
 from .contours import contour
 from .cosim import Progress, Simulation
 from .errors import InputError
+from .folder import make_writable
 from .heights import Area, Height, Heights
 from .inspection import inspect, totals
 from .machine import Machine
@@ -80,7 +81,7 @@ class CutResult:
         )
 
         target = Path(folder)
-        _make_writable(target)
+        make_writable(target)
         title = Path(self.path.source).name
         write_windows(self.windows, target / "windows.parquet")
         write_figure(profile_figure(self.scene, self.windows, self.report, title), target / "profile.png")
@@ -212,7 +213,7 @@ def _run(
             raise InputError("to resume a cut, name its folder")
         before_s = checkpoint.load(simulation, folder, settings)
     if folder is not None:
-        _make_writable(folder)
+        make_writable(folder)
     started = saved = time.monotonic()
 
     def turn(progress: Progress) -> None:
@@ -286,14 +287,3 @@ def _check_choice(what: str, name: str, choices: tuple[str, ...]) -> None:
 
 def _digest(file: Path) -> str:
     return hashlib.sha256(file.read_bytes()).hexdigest()[:16]
-
-
-def _make_writable(folder: Path) -> None:
-    """Make the output folder and see that it can be written to."""
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        probe = folder / ".edmsim-write-test"
-        probe.write_bytes(b"")
-        probe.unlink()
-    except OSError as error:
-        raise InputError(f"the output folder cannot be written to: {error.strerror}", folder) from None

@@ -8,6 +8,7 @@ and material.
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from dataclasses import asdict, dataclass, field, fields
 from typing import Any, ClassVar, NamedTuple, cast
 
@@ -68,7 +69,7 @@ class ServoState:
 
 
 @dataclass
-class ServoController:
+class ServoController(ABC):
     """What controllers with a servo share; `error` and `gains` are theirs.
 
     Parameters
@@ -104,13 +105,13 @@ class ServoController:
             if parameter.init:
                 check_parameter(self.name, parameter.name, getattr(self, parameter.name))
 
+    @abstractmethod
     def gains(self) -> Gains:
         """How the servo answers."""
-        raise NotImplementedError
 
+    @abstractmethod
     def error(self, window: WindowObservation) -> float:
         """How much too wide the gap is; NaN if the window does not tell."""
-        raise NotImplementedError
 
     def reset(self, max_feed_um_s: float) -> FeedCommand:
         """Begin a new cut; refuses feeds the machine cannot run."""

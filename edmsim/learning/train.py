@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from edmsim.errors import InputError
+from edmsim.folder import make_writable
 
 from . import hyperparameters
 from .hyperparameters import Hyperparameters
@@ -122,7 +123,7 @@ def train(
         raise InputError(f"the seed {seed} must be from 0 to {2**32 - 1}")
     run = Run(f"edmsim/{hyperparameters.family_name(env_id)}-v0", algo, total, seed)
     last = _checkpoint_of(run, out) if resume else None
-    _make_folder(out)
+    make_writable(out)
     if last is None:
         for old in out.glob("checkpoint-*"):
             shutil.rmtree(old)
@@ -221,13 +222,3 @@ def _checkpoint_of(run: Run, out: Path) -> Path:
                 f"the training there was made with {name} {getattr(kept, name)}, not {getattr(run, name)}", out
             )
     return found[-1].parent
-
-
-def _make_folder(out: Path) -> None:
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-        probe = out / ".edmsim-write-test"
-        probe.write_bytes(b"")
-        probe.unlink()
-    except OSError as error:
-        raise InputError(f"the output folder cannot be written to: {error.strerror}", out) from None
