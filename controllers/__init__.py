@@ -22,7 +22,9 @@ from edmsim.controllers.feed.oracle import OracleController
 from edmsim.controllers.feed.voltage import VoltageController
 from edmsim.errors import InputError
 
-__all__ = ["FeedCommand", "FeedController", "SeesTruth", "WindowObservation", "found_gains", "make", "names"]
+__all__ = [
+    "FeedCommand", "FeedController", "SeesTruth", "WindowObservation", "found_gains", "from_text", "make", "names",
+]
 
 _Kind: TypeAlias = (
     "type[CountsController] | type[FixedController] | type[VoltageController] | type[DelayController] "
@@ -82,3 +84,35 @@ def make(name: str, **parameters: float) -> FeedController:
                 f"the {name} controller has no parameter {parameter!r}; it has {', '.join(known)}"
             )
     return kind(**cast(dict[str, Any], {**found_gains(name), **parameters}))
+
+
+def from_text(text: str) -> FeedController:
+    """Make a feed controller as it is named on the command line.
+
+    Parameters
+    ----------
+    text : str
+        A name, with parameters if wanted, ``fixed:feed_um_s=20,...``, or a trained policy: ``policy:`` and its file,
+        or its name under ``models/policies``.
+
+    Raises
+    ------
+    InputError
+        See `make`; if a parameter does not read ``name=number``, or the policy cannot be used.
+    """
+    name, _, rest = text.partition(":")
+    if name == "policy":
+        from edmsim.controllers.feed.policy import PolicyController
+        from edmsim.learning.policy_file import load
+
+        return PolicyController(load(rest))
+    parameters = {}
+    for pair in filter(None, rest.split(",")):
+        key, equals, value = pair.partition("=")
+        try:
+            parameters[key.strip()] = float(value)
+        except ValueError:
+            equals = ""
+        if not equals:
+            raise InputError(f"controller parameter '{pair}' must read name=number")
+    return make(name, **parameters)

@@ -138,7 +138,7 @@ def evaluate(
         list[str], typer.Argument(metavar="ENV_ID...", help="Environments: edmsim/GapFeed-v0 ..., or all.")
     ],
     controllers: Annotated[
-        str | None, typer.Option(metavar="A,B", help="Feed controllers; all by default.")
+        str | None, typer.Option(metavar="A,B", help="Feed controllers, policy:FILE among them; all by default.")
     ] = None,
     seeds: Annotated[int, typer.Option(help="Cuts of each controller.")] = 20,
     resolution: Annotated[str, typer.Option(help="fast, default or fine.")] = "default",
@@ -148,20 +148,22 @@ def evaluate(
     """Compare feed controllers on the same randomised machines."""
     from rich.progress import Progress as Bar
 
-    from .controllers import names
-    from .evaluation.compare import check, evaluate
+    from .evaluation.bars import told
+    from .evaluation.compare import check, evaluate, usual
+    from .evaluation.compare import env_ids as all_ids
     from .evaluation.page import as_json, page, render
-    from .evaluation.scenarios import env_ids as all_ids
 
-    chosen = list(all_ids()) if env_ids == ["all"] else env_ids
-    named = list(names()) if controllers is None else controllers.split(",")
-    for env_id in chosen:
+    chosen = {
+        env_id: usual(env_id) if controllers is None else controllers.split(",")
+        for env_id in (all_ids() if env_ids == ["all"] else env_ids)
+    }
+    for env_id, named in chosen.items():
         check(env_id, named, seeds, resolution)
     if write is not None:
         _make_file(write)
     found = []
     with Bar(console=_ERR, transient=True) as bar:
-        for env_id in chosen:
+        for env_id, named in chosen.items():
             task = bar.add_task(env_id, total=None)
 
             def watch(done: int, total: int, task: TaskID = task) -> None:
@@ -176,7 +178,9 @@ def evaluate(
         sys.stdout.write(as_json(found) + "\n")
     else:
         for comparison in found:
-            _OUT.print(render(comparison))
+            _OUT.print(render(comparison, _OUT.width))
+            for text in told(comparison):
+                _OUT.print(text, highlight=False, markup=False)
 
 
 @app.command()

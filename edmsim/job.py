@@ -11,7 +11,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from edmsim.controllers import FeedController, SeesTruth, make
+from edmsim.controllers import FeedController, SeesTruth, from_text
 
 from . import checkpoint
 from .contours import contour
@@ -255,27 +255,12 @@ def _result(
 
 
 def make_controller(text: str) -> FeedController:
-    """Make a feed controller of its name and parameters (``fixed:feed_um_s=20``) or its file (``policy:FILE``)."""
-    name, _, rest = text.partition(":")
-    if name == "policy":
-        from edmsim.controllers.feed.policy import PolicyController
-        from edmsim.learning.policy_file import load
-
-        return PolicyController(load(rest))
-    parameters = {}
-    for pair in filter(None, rest.split(",")):
-        key, equals, value = pair.partition("=")
-        try:
-            parameters[key.strip()] = float(value)
-        except ValueError:
-            equals = ""
-        if not equals:
-            raise InputError(f"controller parameter '{pair}' must read name=number")
-    controller = make(name, **parameters)
+    """Make a feed controller that a machine could have; see `edmsim.controllers.from_text`."""
+    controller = from_text(text)
     if isinstance(controller, SeesTruth):
         raise InputError(
-            f"the {name} controller looks at the true gap, which no machine shows: it can be compared with "
-            "(edmsim evaluate), not cut with"
+            f"the {controller.name} controller looks at the true gap, which no machine shows: it can be compared "
+            "with (edmsim evaluate), not cut with"
         )
     return controller
 

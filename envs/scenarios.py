@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from functools import cached_property
 from importlib import resources
 from pathlib import Path
-from typing import Any, ClassVar, Literal, NamedTuple
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +22,10 @@ from edmsim.plant.workpiece import Stock
 from edmsim.slot import SLOT_GAP_UM, begun_slot
 
 from .reward import Weights
+
+if TYPE_CHECKING:
+    from edmsim.program.path import Contour as ProgramContour
+    from edmsim.program.path import CutPath
 
 Floats = NDArray[np.float64]
 Range = float | tuple[float, float]
@@ -48,6 +53,8 @@ class Scenario(NamedTuple):
     plant_seed : int
     drawn : dict
         What was drawn for it, by name, for `info`.
+    contours : tuple of Contour
+        The edges the part program draws, one for every leg; none where no program is cut.
     """
 
     machine: Machine
@@ -56,10 +63,11 @@ class Scenario(NamedTuple):
     heights: tuple[Floats, Floats]
     plant_seed: int
     drawn: dict[str, float | str]
+    contours: tuple[ProgramContour, ...] = ()
 
 
 @dataclass(frozen=True, kw_only=True)
-class Family:
+class Family(ABC):
     """What is common to the four families; every field is an argument of the environments.
 
     Parameters
@@ -193,11 +201,11 @@ class Family:
             }
         return machine
 
+    @abstractmethod
     def _draw_cut(
         self, rng: np.random.Generator, machine: Machine, seed: int, drawn: dict[str, float | str]
     ) -> Scenario:
         """Lay out stock and path for a machine."""
-        raise NotImplementedError
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -290,7 +298,7 @@ class Corner(Family):
 
     sets_generator: ClassVar[bool] = True
     knows_corners: ClassVar[bool] = True
-    own_weights: ClassVar[Weights] = Weights(profile=1.0, time=0.3)
+    own_weights: ClassVar[Weights] = Weights(profile=1.0, time=0.1)
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -326,14 +334,14 @@ class Contour(Family):
     program: str | Path | None = None
 
     knows_corners: ClassVar[bool] = True
-    own_weights: ClassVar[Weights] = Weights(profile=1.0, time=0.3)
+    own_weights: ClassVar[Weights] = Weights(profile=1.0, time=0.1)
 
     def __post_init__(self) -> None:
         super().__post_init__()
         self._cut  # noqa: B018 - a program that cannot be cut is told now
 
     @cached_property
-    def _cut(self) -> tuple[Stock, tuple[Floats, ...]]:
+    def _cut(self) -> tuple[Stock, CutPath]:
         from edmsim.program.path import plan_path
 
         if self.program is None:
@@ -344,13 +352,14 @@ class Contour(Family):
         x0, y0, x1, y1 = (1e3 * v for v in path.stock_mm)
         radius = path.start_hole_radius_mm * 1e3
         holes = tuple((float(c.points_um[0, 0]), float(c.points_um[0, 1]), radius) for c in path.contours)
-        return Stock((x0, y0, x1, y1), holes), tuple(c.points_um.astype(np.float64) for c in path.contours)
+        return Stock((x0, y0, x1, y1), holes), path
 
     def _draw_cut(
         self, rng: np.random.Generator, machine: Machine, seed: int, drawn: dict[str, float | str]
     ) -> Scenario:
-        stock, legs = self._cut
-        return Scenario(machine, stock, legs, _even(machine), seed, drawn)
+        stock, path = self._cut
+        legs = tuple(c.points_um.astype(np.float64) for c in path.contours)
+        return Scenario(machine, stock, legs, _even(machine), seed, drawn, path.contours)
 
 
 FAMILIES: dict[str, type[Family]] = {

@@ -11,7 +11,7 @@ import numpy as np
 from edmsim.controllers import WindowObservation
 from edmsim.errors import InputError
 from edmsim.machine import Machine
-from edmsim.plant.plant import PulseWindow
+from edmsim.plant.plant import Plant, PulseWindow
 
 from .checks import checked_options
 from .lanes import CAUSES, Lanes
@@ -130,6 +130,11 @@ class Task:
     def machine(self) -> Machine:
         """The set-up, with the generator's setting in force."""
         return self._lanes.fleet.plants[0].machine
+
+    @property
+    def plant(self) -> Plant:
+        """The plant, with the metal that is left; a controller must not see it."""
+        return self._lanes.fleet.plants[0]
 
     @property
     def total_um(self) -> float:

@@ -10,11 +10,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..controllers import names
+from ..controllers import from_text, names
 from ..errors import InputError
+from ..learning import policy_file
 from ..plant.setup import resolution as check_resolution
-from .episode import ORACLE, Result, cut
-from .scenarios import HELD_BACK, env_ids
+from .episode import ARGUMENTS, FINISHED, HELD_BACK, ORACLE, Result, cut
 
 CONFIDENCE = 0.95
 RESAMPLES = 2000
@@ -35,7 +35,10 @@ FIGURES = {
     "oracle_share": "share of the oracle's rate",
     "short_share": "short pulses",
     "open_share": "open pulses",
-    "error_um": "profile error rms, um",
+    "total_return": "return",
+    "error_um": "path error rms, um",
+    "edge_error_um": "edge error rms, um",
+    "time_s": "time of finished cuts, s",
     "breaks_per_m": "wire breaks per m",
     "jams_per_m": "jams per m",
 }
@@ -73,9 +76,9 @@ def evaluate(
     Parameters
     ----------
     env_id : str
-        See `edmsim.evaluation.scenarios.env_ids`.
+        One of `env_ids`.
     controllers : sequence of str
-        Names of feed controllers. The oracle is run whether named or not, because the others are scaled by it.
+        See `edmsim.controllers.from_text`. The oracle is run whether named or not, as the others are scaled by it.
     seeds : int
         Cuts of each controller, 2 or more, with held-back seeds.
     resolution : {"fast", "default", "fine"}
@@ -93,10 +96,19 @@ def evaluate(
         An unknown environment, controller or resolution, or fewer than 2 seeds.
     """
     check(env_id, controllers, seeds, resolution)
-    chosen = list(dict.fromkeys([*controllers, ORACLE]))
-    held_back = tuple(range(HELD_BACK, HELD_BACK + seeds))
+    results = run(env_id, list(dict.fromkeys([*controllers, ORACLE])), seeds, resolution, watch)
+    return Comparison(env_id, resolution, held_back(seeds), results, {
+        name: figures_of(made, results[ORACLE]) for name, made in results.items()
+    })  # fmt: skip
+
+
+def run(
+    env_id: str, controllers: Sequence[str], seeds: int, resolution: str,
+    watch: Callable[[int, int], None] | None = None,
+) -> dict[str, list[Result]]:
+    """Make every controller's cuts; see `evaluate` for the arguments."""
     # the oracle's cuts take longest, as it rehearses: first, so that no core waits for them in the end
-    jobs = [(name, seed) for name in reversed(chosen) for seed in held_back]
+    jobs = [(name, seed) for name in reversed(controllers) for seed in held_back(seeds)]
     with ThreadPoolExecutor(os.cpu_count()) as pool:
         futures = {pool.submit(cut, env_id, seed, name, resolution): (name, seed) for name, seed in jobs}
         try:
@@ -108,20 +120,31 @@ def evaluate(
             pool.shutdown(cancel_futures=True)
             raise
     made = {job: future.result() for future, job in futures.items()}
-    results = {name: [made[name, seed] for seed in held_back] for name in chosen}
-    return Comparison(env_id, resolution, held_back, results, {
-        name: figures_of(results[name], results[ORACLE]) for name in chosen
-    })  # fmt: skip
+    return {name: [made[name, seed] for seed in held_back(seeds)] for name in controllers}
+
+
+def held_back(seeds: int) -> tuple[int, ...]:
+    """Return the first held-back seeds."""
+    return tuple(range(HELD_BACK, HELD_BACK + seeds))
+
+
+def usual(env_id: str) -> list[str]:
+    """Return what is compared where nothing is named: every classic controller, and the policies shipped for it."""
+    return [*names(), *(f"policy:{name}" for name in policy_file.shipped(env_id))]
+
+
+def env_ids() -> tuple[str, ...]:
+    """Names of the environments controllers are compared in."""
+    return tuple(ARGUMENTS)
 
 
 def check(env_id: str, controllers: Sequence[str], seeds: int, resolution: str) -> None:
     """Raise `InputError` for what `evaluate` cannot do."""
     check_resolution(resolution)
-    if env_id not in env_ids():
-        raise InputError(f"there is no environment '{env_id}'; choose one of {', '.join(env_ids())}")
+    if env_id not in ARGUMENTS:
+        raise InputError(f"there is no environment '{env_id}'; choose one of {', '.join(ARGUMENTS)}")
     for name in controllers:
-        if name not in names():
-            raise InputError(f"there is no feed controller {name!r}; choose one of {', '.join(names())}")
+        from_text(name)
     if not controllers:
         raise InputError(f"no controller is named; choose of {', '.join(names())}")
     if seeds < 2:
@@ -134,17 +157,23 @@ def figures_of(results: Sequence[Result], oracle: Sequence[Result]) -> dict[str,
     Rates, shares and errors are means over the cuts; breaks and jams are all of them over all the length cut; the
     share of the oracle's rate is the mean rate over the oracle's mean rate.
     """
+
+    def measured(name: str) -> NDArray[np.float64]:
+        values = np.array([getattr(r, name) for r in results])
+        return values[np.isfinite(values)]
+
     rate = np.array([r.rate_mm2_min for r in results])
     bound = np.array([r.rate_mm2_min for r in oracle])
     metres = np.array([r.length_mm for r in results]) * 1e-3
-    error = np.array([r.error_um for r in results])
-    error = error[np.isfinite(error)]
     return {
         "rate_mm2_min": mean(rate),
         "oracle_share": ratio(rate, bound),
         "short_share": mean(np.array([r.short_share for r in results])),
         "open_share": mean(np.array([r.open_share for r in results])),
-        "error_um": mean(error),
+        "total_return": mean(np.array([r.total_return for r in results])),
+        "error_um": mean(measured("error_um")),
+        "edge_error_um": mean(measured("edge_error_um")),
+        "time_s": mean(np.array([r.time_s for r in results if r.outcome == FINISHED])),
         "breaks_per_m": per_metre(np.array([float(r.broke) for r in results]), metres),
         "jams_per_m": per_metre(np.array([float(r.jammed) for r in results]), metres),
     }

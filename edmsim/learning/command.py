@@ -1,28 +1,21 @@
-"""What ``edmsim train`` does: train, export, measure against the counts controller."""
+"""What ``edmsim train`` does: train, export, measure against classic controllers."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from edmsim.controllers import make
 from edmsim.errors import InputError
 
 from . import policy_file
-from .score import Score, score
+from .score import RESOLUTIONS, RIVALS, Score, measure
 
 if TYPE_CHECKING:
     from rich.console import Console
     from rich.table import Table
 
     from .train import Progress
-
-RIVAL = "counts"
-"""The controller policies are measured against."""
-RESOLUTIONS = ("fast", "default", "fine")
-
 
 def run(
     env_id: str, algo: str, out: Path, steps: int | None, seed: int, resume: bool, episodes: int, console: Console
@@ -76,37 +69,14 @@ def run(
         policy_file.write(card, packed, file)
         if not episodes:
             return None
-        measuring = bar.add_task("score", total=2 * len(RESOLUTIONS) * episodes, told="measuring")
+        measuring = bar.add_task("score", total=(1 + len(RIVALS)) * len(RESOLUTIONS) * episodes, told="measuring")
         bar.start()
-        scores = measure(str(file), episodes, lambda: bar.advance(measuring))
+        scores = measure(done.env_id, str(file), episodes, lambda _done, _total: bar.advance(measuring))
     finally:
         if bar.live.is_started:
             bar.stop()
     policy_file.write(card.model_copy(update={"scores": [row._asdict() for row in scores]}), packed, file)
     return render(scores)
-
-
-def measure(policy: str, episodes: int, watch: Callable[[], object] | None = None) -> list[Score]:
-    """Return the scores of a policy and of the counts controller at every resolution.
-
-    Parameters
-    ----------
-    policy : str
-        See `policy_file.load`.
-    episodes : int
-        2 or more.
-    watch : callable, optional
-        Called after every episode.
-    """
-    from edmsim.controllers.feed.policy import PolicyController
-
-    loaded = policy_file.load(policy)
-    card = loaded.card
-    return [
-        score(card.env_id, kind, card.environment, seeds=episodes, resolution=resolution, watch=watch)
-        for resolution in RESOLUTIONS
-        for kind in (lambda: PolicyController(loaded), lambda: make(RIVAL))
-    ]
 
 
 def render(scores: list[Score]) -> Table:
@@ -115,9 +85,9 @@ def render(scores: list[Score]) -> Table:
 
     table = Table("controller", "resolution", "return", "mm2/min", "error, um", "breaks", "limits")
     for row in scores:
+        error = "" if row.error_um is None else f"{row.error_um:.2f}"
         table.add_row(
             row.controller, row.resolution, f"{row.mean_return:.1f} ± {row.return_error:.1f}",
-            f"{row.rate_mm2_min:.2f}", f"{row.error_um:.2f}", f"{row.breaks} of {row.seeds}",
-            f"{row.limits} of {row.seeds}",
+            f"{row.rate_mm2_min:.2f}", error, f"{row.breaks} of {row.seeds}", f"{row.limits} of {row.seeds}",
         )
     return table

@@ -1,24 +1,22 @@
-"""What a controller is worth in an environment: its return, cutting rate and broken wires on held-back episodes."""
+"""What a policy is worth beside classic controllers: its cuts of held-back episodes, summed up."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any, NamedTuple
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
-from edmsim.controllers import FeedController
-from edmsim.controllers.feed.setup import tell
-from edmsim.envs.registration import EPISODE_STEPS
-from edmsim.envs.tasks import Task
+from edmsim.evaluation.compare import run
+from edmsim.evaluation.episode import Result
 
-HELD_BACK = 1_000_000
-"""First seed of the episodes policies are measured on; training's seeds are drawn from 32 bits and meet these by
-chance only, one in ten million."""
+RIVALS = ("counts", "delay")
+"""The controllers policies are measured against: that of 1982, and the classic one that earns most."""
+RESOLUTIONS = ("fast", "default", "fine")
 
 
 class Score(NamedTuple):
-    """Means over episodes; shares and counts over all of them.
+    """Means over episodes; counts over all of them.
 
     Attributes
     ----------
@@ -28,12 +26,12 @@ class Score(NamedTuple):
         Mean of the returns, and its standard error.
     rate_mm2_min : float
         Area cut over machine time.
-    error_um : float
-        Distance of the wire's true place from the path, mean over the length cut.
+    error_um : float or None
+        Path error, see `edmsim.evaluation.episode.Result`; None in straight cuts.
     time_s : float
         Machine time of an episode.
     breaks, limits : int
-        Episodes that ended by a broken wire, or at another limit.
+        Episodes that ended by a broken wire, or by a short that stayed and the like.
     """
 
     controller: str
@@ -42,76 +40,42 @@ class Score(NamedTuple):
     mean_return: float
     return_error: float
     rate_mm2_min: float
-    error_um: float
+    error_um: float | None
     time_s: float
     breaks: int
     limits: int
 
 
-class _Episode(NamedTuple):
-    reward: float
-    area_mm2: float
-    cut_um: float
-    error_um2: float
-    time_s: float
-    broke: bool
-    limited: bool
-
-
-def score(
-    env_id: str, controller: Callable[[], FeedController], options: dict[str, Any], *, seeds: int = 20,
-    resolution: str = "fast", watch: Callable[[], object] | None = None,
-) -> Score:
-    """Let a controller cut held-back episodes, the same for every controller.
+def measure(
+    env_id: str, policy: str, episodes: int, watch: Callable[[int, int], None] | None = None
+) -> list[Score]:
+    """Return the scores of a policy and of its rivals at every resolution.
 
     Parameters
     ----------
     env_id : str
-    controller : callable
-        Makes a fresh one.
-    options : dict
-        Arguments of the environment.
-    seeds : int
-        Episodes, 2 or more.
-    resolution : str
-        Instead of that in `options`.
+    policy : str
+        Either of its files, or a name under ``models/policies``.
+    episodes : int
+        2 or more.
     watch : callable, optional
-        Called after every episode.
+        Called with the episodes cut and to cut of the present resolution.
     """
-    task = Task(env_id, **{**options, "resolution": resolution})
-    limit = EPISODE_STEPS[type(task.family).__name__]
-    made = []
-    law = controller()
-    for seed in range(HELD_BACK, HELD_BACK + seeds):
-        made.append(_run(task, law, seed, limit))
-        if watch is not None:
-            watch()
-    returns = np.array([episode.reward for episode in made])
-    cut_um, seconds = sum(e.cut_um for e in made), sum(e.time_s for e in made)
+    scores = []
+    for resolution in RESOLUTIONS:
+        results = run(env_id, [f"policy:{policy}", *RIVALS], episodes, resolution, watch)
+        scores += [score(made, resolution) for made in results.values()]
+    return [row._replace(controller="policy") if row.controller.startswith("policy:") else row for row in scores]
+
+
+def score(results: Sequence[Result], resolution: str) -> Score:
+    """Sum up a controller's cuts."""
+    returns = np.array([result.total_return for result in results])
+    errors = [result.error_um for result in results if np.isfinite(result.error_um)]
+    seconds = sum(result.time_s for result in results)
     return Score(
-        law.name, resolution, seeds, float(returns.mean()), float(returns.std(ddof=1) / np.sqrt(seeds)),
-        60.0 * sum(e.area_mm2 for e in made) / seconds, sum(e.error_um2 for e in made) / cut_um if cut_um else 0.0,
-        seconds / seeds, sum(e.broke for e in made), sum(e.limited for e in made),
+        results[0].controller, resolution, len(results), float(returns.mean()),
+        float(returns.std(ddof=1) / np.sqrt(len(results))), 60.0 * sum(r.area_mm2 for r in results) / seconds,
+        float(np.mean(errors)) if errors else None, seconds / len(results), sum(r.broke for r in results),
+        sum(r.jammed for r in results),
     )
-
-
-def _run(task: Task, controller: FeedController, seed: int, limit: int) -> _Episode:
-    """Cut one episode."""
-    task.reset(seed)
-    tell(controller, task.machine, task.scenario.legs_um[0])
-    command = controller.reset(task.max_feed_um_s)
-    reward = area = cut = error = time_s = 0.0
-    for _ in range(limit):
-        result = task.advance(command.feed_um_s, command.t_on_us, command.t_period_us)
-        reward += result.reward
-        area += result.area_mm2
-        cut += result.progress_um
-        error += result.progress_um * result.error_um
-        time_s = result.seen.time_s
-        if result.over:
-            return _Episode(reward, area, cut, error, time_s, result.broken, result.limit is not None)
-        command = controller.update(result.seen)
-        if command.alarm is not None:
-            reward -= task.family.reward_weights.limit  # giving up is no better than the limit it avoids
-            return _Episode(reward, area, cut, error, time_s, False, True)
-    return _Episode(reward, area, cut, error, time_s, False, False)

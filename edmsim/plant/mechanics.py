@@ -355,16 +355,27 @@ def propagator_table(
 
 
 def _damped_pair(w: Array, z: Array, t: Array) -> tuple[Array, Array]:
-    """Return ``e^(-z w t) cos(s t)`` and ``e^(-z w t) sin(s t) / s`` with s = w sqrt(1 - z^2), real or not.
+    """Return ``e^(-z w t) cos(s t)`` and ``e^(-z w t) sin(s t) / s`` with s = w sqrt(1 - z^2), real or not."""
+    under = z <= 1
+    if under.all():  # the usual case, met at every change of the generator's period
+        return _underdamped(w, z, t)
+    if not under.any():
+        return _overdamped(w, z, t)
+    pairs = zip(_underdamped(w, z, t), _overdamped(w, z, t), strict=True)
+    cosine, sine = (np.where(under, below, above) for below, above in pairs)
+    return cosine, sine
 
-    Overdamped modes are summed from their two decaying exponentials: cosh alone would overflow.
-    """
-    s = w * np.sqrt(np.abs(1 - z**2))
+
+def _underdamped(w: Array, z: Array, t: Array) -> tuple[Array, Array]:
+    st = w * np.sqrt(np.abs(1 - z**2)) * t
     decay = np.exp(-z * w * t)
+    return decay * np.cos(st), decay * t * np.sinc(st / np.pi)
+
+
+def _overdamped(w: Array, z: Array, t: Array) -> tuple[Array, Array]:
+    """Summed from the two decaying exponentials: cosh alone would overflow."""
+    s = w * np.sqrt(np.abs(1 - z**2))
     slow = np.exp(-(w**2) / (z * w + s) * t)  # e^(-(z w - s) t) without the cancellation
     safe = np.where(s > 0, s, 1.0)
     spread = np.where(s > 0, -np.expm1(-2 * s * t) / (2 * safe), t)
-    under = z <= 1
-    cosine = np.where(under, decay * np.cos(s * t), slow * (1 + np.exp(-2 * s * t)) / 2)
-    sine = np.where(under, decay * t * np.sinc(s * t / np.pi), slow * spread)
-    return cosine, sine
+    return slow * (1 + np.exp(-2 * s * t)) / 2, slow * spread

@@ -7,26 +7,37 @@ import math
 import sys
 from pathlib import Path
 
+import gymnasium
 import numpy as np
 import pytest
 
 from edmsim import cli
-from edmsim.controllers import make
-from edmsim.errors import InputError, WireInMetalError
-from edmsim.evaluation import scenarios
-from edmsim.evaluation.compare import FIGURES, Comparison, Figure, evaluate, figures_of, ratio
-from edmsim.evaluation.episode import Episode, Result
-from edmsim.evaluation.page import as_json, bar, page, shown
+from edmsim.controllers import FeedCommand, FeedController, make
+from edmsim.controllers.feed.fixed import FixedController
+from edmsim.envs.reward import Weights
+from edmsim.envs.tasks import Task
+from edmsim.errors import InputError
+from edmsim.evaluation import episode
+from edmsim.evaluation.bars import told
+from edmsim.evaluation.compare import FIGURES, Comparison, Figure, env_ids, evaluate, figures_of, ratio, usual
+from edmsim.evaluation.episode import HELD_BACK, Episode, Result
+from edmsim.evaluation.page import as_json, page, shown
+from edmsim.learning import hyperparameters
 
-GAP_FEED, CORNER = "edmsim/GapFeed-v0", "edmsim/Corner-v0"
+GAP_FEED, CORNER, CONTOUR = "edmsim/GapFeed-v0", "edmsim/Corner-v0", "edmsim/Contour-v0"
+SHORT = {
+    GAP_FEED: {"length_mm": 0.08}, "edmsim/HeightStep-v0": {"length_mm": 0.08, "band_mm": (0.02, 0.04)},
+    CORNER: {"leg_mm": 0.04}, CONTOUR: {"height_mm": (4.0, 6.0)},
+}  # fmt: skip
 
 
 @pytest.fixture(scope="module", autouse=True)
 def short_cuts():
-    """Cuts a tenth as long."""
+    """Cuts a fraction as long."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(scenarios, "LENGTH_UM", 100.0)
-        patch.setattr(scenarios, "STRETCH_UM", 50.0)
+        patch.setattr(
+            episode, "ARGUMENTS", {name: {**given, **SHORT[name]} for name, given in episode.ARGUMENTS.items()}
+        )
         yield
 
 
@@ -35,29 +46,18 @@ def compared(short_cuts) -> Comparison:
     return evaluate(GAP_FEED, ["fixed", "voltage"], 3, resolution="fast")
 
 
-def result(rate=10.0, outcome="finished", length=1.0, error=math.nan) -> Result:
-    return Result(0, "any", outcome, 60.0, length, 10.0, rate, 0.1, 0.2, error, 320.0)
+def result(rate=10.0, outcome="finished", length=1.0, error=math.nan, earned=100.0, time_s=60.0) -> Result:
+    return Result(0, "any", outcome, time_s, length, 10.0, rate, earned, 0.1, 0.2, error, math.nan, 320.0)
 
 
-@pytest.mark.parametrize("env_id", scenarios.env_ids())
-def test_a_seed_draws_the_same_cut_again_and_another_seed_another(env_id: str) -> None:
-    first, again, other = (scenarios.draw(env_id, seed) for seed in (7, 7, 8))
-    assert first.machine == again.machine
-    assert np.array_equal(first.points_um, again.points_um)
-    assert first.machine != other.machine
-    assert first.machine.base.gap != other.machine.base.gap
-
-
-def test_what_is_drawn_stays_within_its_ranges() -> None:
-    for seed in range(20):
-        step = scenarios.draw("edmsim/HeightStep-v0", seed)
-        tall, thin = step.machine.height_mm, step.stock.steps[0].height_mm
-        assert scenarios.TALL_MM[0] <= tall <= scenarios.TALL_MM[1]
-        assert scenarios.THIN_SHARE[0] <= thin / tall <= scenarios.THIN_SHARE[1]
-        assert scenarios.TENSION[0] <= step.machine.tension <= scenarios.TENSION[1]
-        (ax, ay), (bx, by), (cx, cy) = scenarios.draw(CORNER, seed).points_um
-        turn = math.degrees(math.atan2(cy - by, cx - bx) - math.atan2(by - ay, bx - ax))
-        assert scenarios.TURN_DEG[0] - 1e-9 <= abs(turn) <= scenarios.TURN_DEG[1] + 1e-9
+def test_policies_are_trained_on_what_controllers_are_compared_on() -> None:
+    for env_id in env_ids():
+        for algo in ("ppo", "sac"):
+            trained = dict(hyperparameters.load(env_id, algo).environment)
+            assert trained.pop("resolution") == "fast"
+            given = {name: value for name, value in episode.ARGUMENTS[env_id].items() if name not in SHORT[env_id]}
+            plain = {name: tuple(v) if isinstance(v, list) else v for name, v in trained.items() if name in given}
+            assert plain == given
 
 
 def test_the_same_comparison_again_is_the_same(compared: Comparison) -> None:
@@ -65,7 +65,7 @@ def test_the_same_comparison_again_is_the_same(compared: Comparison) -> None:
 
 
 def test_every_controller_meets_the_held_back_machines(compared: Comparison) -> None:
-    assert compared.seeds == tuple(scenarios.HELD_BACK + k for k in range(3))
+    assert compared.seeds == tuple(HELD_BACK + k for k in range(3))
     assert list(compared.results) == ["fixed", "voltage", "oracle"]
     for results in compared.results.values():
         assert tuple(r.seed for r in results) == compared.seeds
@@ -73,54 +73,75 @@ def test_every_controller_meets_the_held_back_machines(compared: Comparison) -> 
 
 def test_the_oracle_is_the_bound_of_its_own_gaps(compared: Comparison) -> None:
     seed = compared.seeds[0]
-    own = [
-        Episode(scenarios.draw(GAP_FEED, seed), make("oracle", gap_target_um=gap), seed, "fast").run().rate_mm2_min
-        for gap in (4.0, 7.0)
-    ]
+    own = [begun(GAP_FEED, make("oracle", gap_target_um=gap), seed).run().rate_mm2_min for gap in (4.0, 7.0)]
     assert compared.results["oracle"][0].rate_mm2_min >= max(own)
-    assert compared.figures["oracle"]["oracle_share"] == Figure(1.0, 1.0, 1.0)
 
 
-def test_cutting_rate_is_area_over_time(compared: Comparison) -> None:
-    for r in compared.results["voltage"]:
-        assert r.outcome == "finished"
-        height = scenarios.draw(GAP_FEED, r.seed).machine.height_mm
-        assert r.length_mm == pytest.approx(0.1)
-        assert r.rate_mm2_min == pytest.approx(60 * 0.1 * height / r.time_s)
+def begun(env_id: str, controller: FeedController, seed: int) -> Episode:
+    return Episode(Task(env_id, resolution="fast", **episode.ARGUMENTS[env_id]), controller, seed, "any")
 
 
-def test_a_stepped_workpiece_counts_its_local_height() -> None:
-    scenario = scenarios.draw("edmsim/HeightStep-v0", 3)
-    episode = Episode(scenario, make("voltage"), 3, "fast")
-    done = episode.run()
-    tall, thin = scenario.machine.height_mm, scenario.stock.steps[0].height_mm
-    thin_slices = round(float(episode.plant.field.relief.heights_mm(np.array([[32_575.0, 32_500.0]]))[0] / tall * 5))
-    assert abs(thin_slices / 5 - thin / tall) <= 0.1
-    assert done.area_mm2 == pytest.approx(0.05 * tall * (2 + thin_slices / 5), rel=0.05)
+def test_an_episode_is_the_environments_own() -> None:
+    """The return is what an agent that commands the same feeds collects."""
+    made = begun(CORNER, make("fixed", feed_um_s=12.0), 3).run()
+    env = gymnasium.make(
+        CORNER, resolution="fast", action="speed", **{**episode.ARGUMENTS[CORNER], "max_feed_um_s": 12.0}
+    )
+    env.reset(seed=3)
+    total, over, action = 0.0, False, np.array([1.0, 0.0, 0.0], np.float32)
+    while not over:
+        _, reward, terminated, truncated, info = env.step(action)
+        total += float(reward)
+        over = terminated or truncated
+    assert made.outcome == "finished"
+    assert made.total_return == pytest.approx(total)
+    assert made.time_s == info["time_s"]
 
 
-def test_the_corner_is_measured_and_the_straight_cut_is_not(compared: Comparison) -> None:
-    turned = Episode(scenarios.draw(CORNER, 5), make("voltage"), 5, "fast").run()
-    assert 0.0 < turned.error_um < 60.0
+def test_straight_cuts_have_no_path_error_corners_and_contours_have(compared: Comparison) -> None:
     assert math.isnan(compared.results["voltage"][0].error_um)
     assert math.isnan(compared.figures["voltage"]["error_um"].value)
+    corner = begun(CORNER, make("fixed", feed_um_s=12.0), 3).run()
+    assert 0.0 < corner.error_um < 20.0
+    assert math.isnan(corner.edge_error_um)
 
 
-def test_a_jammed_wire_ends_the_cut_and_costs_threading(monkeypatch: pytest.MonkeyPatch) -> None:
-    episode = Episode(scenarios.draw(GAP_FEED, 5), make("fixed", feed_um_s=10.0), 5, "fast")
-    for _ in range(40):
-        assert episode.step() is None
-    window = episode.plant.advance()
+@pytest.mark.slow
+def test_the_edge_of_a_contour_is_measured() -> None:
+    made = begun(CONTOUR, make("voltage"), 2).run()
+    assert 0.0 < made.error_um < 20.0
+    assert 0.0 < made.edge_error_um < 60.0
 
-    def jam(_steps):
-        raise WireInMetalError("the wire was driven into the metal", 1.0, (0.0, 0.0), window)
 
-    monkeypatch.setattr(episode.plant, "advance", jam)
-    jammed = episode.run()
+def test_a_policy_is_compared_like_any_other() -> None:
+    compared = evaluate(GAP_FEED, ["policy:GapFeed-ppo", "counts"], 2, resolution="fast")
+    assert list(compared.results) == ["policy:GapFeed-ppo", "counts", "oracle"]
+    assert "policy:GapFeed-ppo" in usual(GAP_FEED)
+    assert "policy:GapFeed-ppo" not in usual(CORNER)
+
+
+def test_a_jammed_wire_ends_the_cut_and_costs_threading() -> None:
+    task = Task(GAP_FEED, resolution="fast", length_mm=1.0)
+    jammed = Episode(task, make("fixed", feed_um_s=100.0), 5, "fixed").run()
     assert jammed.outcome == "jammed"
     assert jammed.jammed
     assert not jammed.broke
     assert jammed.rate_mm2_min == pytest.approx(60 * jammed.area_mm2 / (jammed.time_s + 60.0))
+
+
+def test_giving_up_costs_as_much_as_the_limit_it_avoids() -> None:
+    class Quitter(FixedController):
+        def update(self, window):
+            return FeedCommand(0.0, "no more")
+
+    earned = []
+    for limit in (0.0, 30.0):
+        task = Task(GAP_FEED, resolution="fast", weights=Weights(limit=limit))
+        stopped = Episode(task, Quitter(feed_um_s=5.0), 5, "quitter").run()
+        assert stopped.outcome == "stopped"
+        assert stopped.jammed
+        earned.append(stopped.total_return)
+    assert earned[0] - earned[1] == pytest.approx(30.0)
 
 
 def test_losses_are_per_metre_of_all_cuts() -> None:
@@ -146,26 +167,39 @@ def test_bootstrap_intervals_have_the_width_of_theory() -> None:
     assert math.isnan(ratio(np.array([]), np.array([])).value)
 
 
-def comparison(**rates_and_outcomes: tuple[float, str]) -> Comparison:
-    results = {name: [result(rate, outcome)] * 2 for name, (rate, outcome) in rates_and_outcomes.items()}
-    figures = {name: figures_of(found, results["oracle"]) for name, found in results.items()}
-    return Comparison(GAP_FEED, "fast", (1, 2), results, figures)
+def comparison(env_id: str = GAP_FEED, **results: Result) -> Comparison:
+    made = {name.replace("_", ":"): [one, one] for name, one in results.items()}
+    figures = {name: figures_of(found, made["oracle"]) for name, found in made.items()}
+    return Comparison(env_id, "fast", (1, 2), made, figures)
 
 
-def test_the_bar_is_told_whether_reached_or_missed() -> None:
-    good = comparison(oracle=(20.0, "finished"), counts=(17.0, "finished"), fixed=(8.0, "wire break"))
-    told = " ".join(bar(good))
-    assert "`counts`, 85%: reached" in told
-    assert "(fewer)" in told
-    slow = comparison(oracle=(20.0, "finished"), counts=(14.0, "wire break"), fixed=(8.0, "finished"))
-    told = " ".join(bar(slow))
-    assert "70%: missed by 10%" in told
-    assert "(more: missed)" in told
-    level = comparison(oracle=(20.0, "finished"), counts=(17.0, "finished"), fixed=(8.0, "jammed"))
-    told = " ".join(bar(level))
-    assert "(as many: missed)" in told
-    assert "cannot tell them apart" in told
-    assert "(reached)" in told
+def test_the_classic_bar_is_told_whether_reached_or_missed() -> None:
+    (text,) = told(comparison(oracle=result(20.0), counts=result(17.0), fixed=result(8.0, "wire break")))
+    assert "`counts` has 85% (reached)" in text
+    assert "against 1000.0 (reached)" in text
+    (text,) = told(comparison(oracle=result(20.0), counts=result(14.0, "wire break"), fixed=result(8.0)))
+    assert "70% (missed by 10%)" in text
+    assert "against 0.0 (missed)" in text
+    (text,) = told(comparison(oracle=result(20.0), counts=result(17.0), fixed=result(8.0, "jammed")))
+    assert "cannot tell them apart" in text
+    assert "with jams 0.0 against 1000.0" in text
+
+
+def test_the_learning_bar_is_against_the_classic_that_earns_most() -> None:
+    made = comparison(
+        oracle=result(20.0, earned=300.0), counts=result(17.0, earned=90.0), fixed=result(8.0, earned=100.0),
+        policy_mine=result(9.0, earned=105.0),
+    )  # fmt: skip
+    assert "`policy:mine` has 105% (105% to 105%) of the return of `fixed` (missed by 5%)" in told(made)[1]
+
+
+def test_the_corner_bar_is_of_error_and_time() -> None:
+    made = comparison(
+        CORNER, oracle=result(20.0, error=1.0), counts=result(10.0, error=2.0, time_s=50.0), fixed=result(8.0),
+        policy_mine=result(9.0, error=0.9, time_s=60.0),
+    )  # fmt: skip
+    text = told(made)[1]
+    assert "45% (45% to 45%) of the error (reached) in 120% (120% to 120%) of the time (missed by 10%)" in text
 
 
 def test_the_page_names_its_command_and_all_controllers(compared: Comparison) -> None:
@@ -212,11 +246,11 @@ def test_the_command_prints_json_and_writes_the_page(
     status = edmsim(monkeypatch, "evaluate", GAP_FEED, "--controllers", "fixed,counts", "--seeds", 2,
                     "--resolution", "fast", "--json", "--write", file)  # fmt: skip
     assert status == 0
-    (told,) = json.loads(capsys.readouterr().out)
-    assert told["env_id"] == GAP_FEED
-    assert set(told["controllers"]) == {"fixed", "counts", "oracle"}
-    assert told["controllers"]["fixed"]["error_um"]["value"] is None
-    assert len(told["cuts"]) == 6
+    (found,) = json.loads(capsys.readouterr().out)
+    assert found["env_id"] == GAP_FEED
+    assert set(found["controllers"]) == {"fixed", "counts", "oracle"}
+    assert found["controllers"]["fixed"]["error_um"]["value"] is None
+    assert len(found["cuts"]) == 6
     assert "edmsim evaluate edmsim/GapFeed-v0 --controllers fixed,counts --seeds 2" in file.read_text()
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import tomllib
 
 import pytest
@@ -9,60 +10,65 @@ import pytest
 from edmsim import models
 from edmsim.controllers import make
 from edmsim.errors import InputError
-from edmsim.evaluation import scenarios, search
-from edmsim.evaluation.episode import Result
-from edmsim.evaluation.search import BOUNDS, as_toml, training_cuts
+from edmsim.evaluation import search
+from edmsim.evaluation.episode import HELD_BACK, Result
+from edmsim.evaluation.search import BOUNDS, as_toml, training_seeds
 
 
 @pytest.fixture(autouse=True)
 def short_cuts(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(scenarios, "LENGTH_UM", 60.0)
-    monkeypatch.setattr(scenarios, "STRETCH_UM", 30.0)
+    short = {"length_mm": 0.06}
+    shortened = {name: {**search.ARGUMENTS[name], **short} for name in search.ENV_IDS}
+    monkeypatch.setattr(search, "ARGUMENTS", shortened)
 
 
-def of_reference(cuts, controller):
-    """Cuts that go best, at a rate of 10, with a reference of 12 V and little proportional action."""
+def result(controller: str, rate: float, earned: float) -> Result:
+    return Result(0, controller, "finished", 60.0, 1.0, 10.0, rate, earned, 0.1, 0.2, math.nan, math.nan, 320.0)
+
+
+def of_reference(seeds, controller):
+    """Cuts that earn most, 100, with a reference of 12 V and little proportional action."""
     law = controller()
-    rate = 10.0 - abs(law.reference_V - 12.0) - law.proportional_um_s_V
-    return [Result(seed, law.name, "finished", 60.0, 1.0, 10.0, rate, 0.1, 0.2, 0.0, 320.0) for _, seed in cuts]
+    return [result(law.name, 1.0, 100.0 - 10 * abs(law.reference_V - 12.0) - law.proportional_um_s_V) for _ in seeds]
 
 
 def test_a_search_finds_the_best_gains_and_repeats_itself(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(search, "run_all", of_reference)
-    monkeypatch.setattr(search, "bound_rates", lambda cuts: [10.0] * len(cuts))
     tried: list[int] = []
     found = search.search("voltage", 3, seeds=1, population=16, generations=30, watch=tried.append)
     assert tried == list(range(1, len(tried) + 1))
     assert 16 < len(tried) <= 16 * 31  # it may stop where all gains have become the same
     assert found.gains["reference_V"] == pytest.approx(12.0, abs=0.3)
     assert found.gains["proportional_um_s_V"] < 0.3
-    assert found.default_score < found.score < 1.0
+    assert found.default_score < found.score < 100.0
     assert search.search("voltage", 3, seeds=1, population=16, generations=30) == found
 
 
 def test_gains_are_scored_on_real_cuts_the_same_every_time() -> None:
-    cuts = training_cuts(3, 1)
-    bound = search.bound_rates(cuts)
-    made = [search.run_all(cuts, lambda: make("voltage", reference_V=9.0)) for _ in range(2)]
+    made = [search.run_all(training_seeds(3, 1), lambda: make("voltage", reference_V=9.0)) for _ in range(2)]
     assert str(made[0]) == str(made[1])  # as text, in which one NaN is like another
-    assert 0.1 < search.score(made[0], bound) < 2.0
-    lost = [result._replace(outcome="wire break") for result in made[0]]
-    assert search.score(lost, bound) == pytest.approx(search.score(made[0], bound) - 1.0)
+    assert len(made[0]) == len(search.ENV_IDS)
+    assert search.score(made[0]) > 0
+
+
+def test_the_oracle_is_scored_by_its_rate_the_others_by_their_return() -> None:
+    assert search.score([result("oracle", 10.0, 1.0), result("oracle", 20.0, 1.0)]) == 15.0
+    assert search.score([result("counts", 10.0, 1.0), result("counts", 20.0, 2.0)]) == 1.5
 
 
 def test_held_back_seeds_are_never_trained_on() -> None:
-    assert max(seed for _, seed in training_cuts(scenarios.HELD_BACK - 2, 2)) == scenarios.HELD_BACK - 1
-    for seed in (-1, scenarios.HELD_BACK - 1, scenarios.HELD_BACK):
+    assert max(training_seeds(HELD_BACK - 2, 2)) == HELD_BACK - 1
+    for seed in (-1, HELD_BACK - 1, HELD_BACK):
         with pytest.raises(InputError, match="training seeds lie from 0"):
-            training_cuts(seed, 2)
+            training_seeds(seed, 2)
 
 
 def test_a_controller_without_bounds_is_refused() -> None:
-    with pytest.raises(InputError, match="no gains of 'fixed' are searched"):
-        search.search("fixed", 0)
+    with pytest.raises(InputError, match="no gains of 'mcu' are searched"):
+        search.search("mcu", 0)
 
 
-@pytest.mark.parametrize("name", ["voltage", "delay", "fuzzy", "adaptive-off-time", "oracle"])
+@pytest.mark.parametrize("name", BOUNDS)
 def test_the_found_gains_are_used_and_name_their_command(name: str) -> None:
     text = models.path(f"gains/{name}.toml").read_text(encoding="utf-8")
     assert f"python -m edmsim.evaluation.search {name} --seed 0 --write models/gains" in text
