@@ -58,9 +58,9 @@ BOUNDS: dict[str, Ranges] = {
 }  # fmt: skip
 """What is searched of each controller, and where (ours: from timid to reckless)."""
 ENV_IDS = ("edmsim/GapFeed-v0", "edmsim/HeightStep-v0")
-SEEDS = 8
+SEEDS = 5
 """Training seeds of each environment."""
-POPULATION, GENERATIONS = 8, 5
+POPULATION, GENERATIONS = 8, 4
 """Gains per generation, and generations after the first (ours: some three minutes a controller on two cores)."""
 
 

@@ -70,7 +70,7 @@ def test_the_controller_does_what_the_policy_does_in_its_environment(make_policy
     settings = set()
     for _ in range(120):
         seen, reward, terminated, _, info = env.step(policy.action(seen).astype(np.float32))
-        result = task.advance(*command[:1], *command[2:])
+        result = task.advance(command.feed_um_s, command.t_on_us, command.t_period_us)
         assert result.seen.feed_um_s == pytest.approx(info["feed_um_s"], abs=1e-4)
         assert (task.machine.t_on_us, task.machine.t_period_us) == (info["t_on_us"], info["t_period_us"])
         assert result.reward == pytest.approx(reward, abs=1e-3)
