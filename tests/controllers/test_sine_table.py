@@ -56,7 +56,7 @@ def test_axis_speeds_from_the_table():  # T-72, T-68
 
 
 def test_the_table_takes_8_bits():
-    with pytest.raises(InputError, match="0..255"):
+    with pytest.raises(InputError, match=r"0\.\.255"):
         direction(256, 1)
 
 
