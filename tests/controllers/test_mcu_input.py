@@ -19,7 +19,6 @@ from edmsim.controllers.mcu.line_input import (
 from edmsim.errors import InputError
 
 
-
 def type_in(keys: bytes) -> tuple[list[bytes], bytes]:
     """Lines given away while some characters were typed, and everything echoed."""
     buffer, echoed, lines = InputBuffer(), bytearray(), []
