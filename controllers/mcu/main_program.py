@@ -72,7 +72,7 @@ class Status(NamedTuple):
     time_s: float
 
 
-class Controls(Protocol):
+class Machine(Protocol):
     """What MAIN can do to the machine. Everything that cannot be done raises `InputError` and does nothing."""
 
     @property
@@ -109,6 +109,10 @@ class Controls(Protocol):
     def thread_wire(self) -> None:
         """Thread a new wire."""
 
+
+class Desk(Protocol):
+    """What MAIN can do to the session."""
+
     def wait(self, seconds: int | None) -> None:
         """Take no further line until some machine time has passed, or the machine stands still."""
 
@@ -128,7 +132,8 @@ class MainProgram:
 
     Parameters
     ----------
-    controls : Controls
+    machine : Machine
+    desk : Desk
     say : callable
         Prints a text of one or more lines.
 
@@ -140,8 +145,9 @@ class MainProgram:
         What was loaded from the host.
     """
 
-    def __init__(self, controls: Controls, say: Callable[[str], None]) -> None:
-        self._controls = controls
+    def __init__(self, machine: Machine, desk: Desk, say: Callable[[str], None]) -> None:
+        self._machine = machine
+        self._desk = desk
         self._say = say
         self._question: int | None = None
         self._t_i: int | None = None
@@ -152,9 +158,9 @@ class MainProgram:
             "CW": self._new, "CCW": self._new, "TI": self._set, "TP": self._set, "SPEED": self._set,
             "START": self._start, "X": self._jog, "Y": self._jog, "GEN": self._gen, "WAIT": self._wait,
             "MAIN": self._main, "LOAD": self._load, "LIST": self._list, "RUN": self._run,
-            "STOP": self._plain(controls.stop), "EM": self._plain(controls.emergency),
-            "INIT": self._plain(controls.init), "WIRE": self._plain(controls.thread_wire),
-            "BYE": self._plain(controls.leave),
+            "STOP": self._plain(machine.stop), "EM": self._plain(machine.emergency),
+            "INIT": self._plain(machine.init), "WIRE": self._plain(machine.thread_wire),
+            "BYE": self._plain(desk.leave),
         }  # fmt: skip
         self._word = ""
 
@@ -203,29 +209,29 @@ class MainProgram:
 
     def _status(self, buffer: InputBuffer) -> None:
         at_end(buffer)
-        self._say(describe(self._controls.status(), self.target))
+        self._say(describe(self._machine.status(), self.target))
 
     def _pos(self, buffer: InputBuffer) -> None:
         if not skip(buffer):
-            x, y = self._controls.status().position_um
+            x, y = self._machine.status().position_um
             self._say(f"POSITION X {x} Y {y} um")
             return
         x, y = read_numbers(buffer, 2, "POS x y in um")
         at_end(buffer)
-        self._controls.set_position((x, y))
+        self._machine.set_position((x, y))
 
     def _new(self, buffer: InputBuffer) -> None:
         self.target = read_move(self._word, buffer)
 
     def _set(self, buffer: InputBuffer) -> None:
-        self._controls.set(read_setting(self._word, buffer, self._controls.codes))
-        self._say(_pulses(self._controls.status()))
+        self._machine.set(read_setting(self._word, buffer, self._machine.codes))
+        self._say(_pulses(self._machine.status()))
 
     def _start(self, buffer: InputBuffer) -> None:
         at_end(buffer)
         if self.target is None:
             raise InputError("no new position was given; NEW x y gives one")
-        self._controls.cut([self.target])
+        self._machine.cut([self.target])
 
     def _jog(self, buffer: InputBuffer) -> None:
         axis = "XY".index(self._word)
@@ -236,23 +242,23 @@ class MainProgram:
             buffer.advance()
         way = sign * getnum(buffer)
         at_end(buffer)
-        self._controls.jog(axis, way)
+        self._machine.jog(axis, way)
 
     def _gen(self, buffer: InputBuffer) -> None:
         word = read_word(buffer)
         at_end(buffer)
         if word not in ("ON", "OFF"):
             raise InputError("GEN ON or GEN OFF is wanted")
-        self._controls.generator(word == "ON")
+        self._machine.generator(word == "ON")
 
     def _wait(self, buffer: InputBuffer) -> None:
         seconds = getnum(buffer) if skip(buffer) else None
         at_end(buffer)
-        self._controls.wait(seconds)
+        self._desk.wait(seconds)
 
     def _load(self, buffer: InputBuffer) -> None:
         at_end(buffer)
-        self.program = read_program(self._controls.host_lines(), self._controls.codes)
+        self.program = read_program(self._desk.host_lines(), self._machine.codes)
         moves = sum(isinstance(entry, Move) for entry in self.program)
         self._say(f"LOADED: {moves} MOVES, {len(self.program) - moves} SETTINGS")
 
@@ -264,7 +270,7 @@ class MainProgram:
         at_end(buffer)
         if not self.program:
             raise InputError("there is no program; LOAD takes one from the host")
-        self._controls.cut(self.program)
+        self._machine.cut(self.program)
 
     def _main(self, buffer: InputBuffer) -> None:
         at_end(buffer)
@@ -272,7 +278,7 @@ class MainProgram:
 
     def _shown(self, question: int) -> str:
         """Value that an empty line keeps."""
-        now = self._controls.status()
+        now = self._machine.status()
         if question == _NEW:
             return "" if self.target is None else str(self.target).removeprefix("NEW ")
         return {
@@ -305,7 +311,7 @@ class MainProgram:
 
     def _take(self, question: int, buffer: InputBuffer) -> None:
         """Take an answer over; t(i) waits for t(p), as the two may not be set independently (row T-34)."""
-        codes = self._controls.codes
+        codes = self._machine.codes
         if question == _T_I:
             t_i = read_code(buffer, codes.of_t_i, "t(i) in us")
             at_end(buffer)
@@ -315,7 +321,7 @@ class MainProgram:
             at_end(buffer)
             self._set_pulses(t_p)
         elif question == _SPEED:
-            self._controls.set(read_setting("SPEED", buffer, codes))
+            self._machine.set(read_setting("SPEED", buffer, codes))
         elif question == _NEW:
             self.target = read_move("NEW", buffer)
         else:
@@ -324,7 +330,7 @@ class MainProgram:
     def _set_pulses(self, t_p: int | None) -> None:
         """Set both; a pair that is refused is asked for again."""
         try:
-            self._controls.set(Setting(self._t_i, t_p))
+            self._machine.set(Setting(self._t_i, t_p))
         except InputError:
             self._question = _T_I
             raise
