@@ -215,7 +215,8 @@ class CountsController:
         if ticks > WORD:
             raise InputError(
                 f"retract_um of the {self.name} controller is {self.retract_um}, but at "
-                f"{self.retract_feed_um_s} um/s its sixteen-bit word of time holds at most {WORD / TICKS_PER_S * self.retract_feed_um_s:.6g}"
+                f"{self.retract_feed_um_s} um/s its "
+                f"sixteen-bit word of time holds at most {WORD / TICKS_PER_S * self.retract_feed_um_s:.6g}"
             )
         return ticks
 
