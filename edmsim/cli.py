@@ -60,7 +60,7 @@ def cut(
         str, typer.Option(help="Feed controller, with parameters if wanted: fixed:feed_um_s=20.")
     ] = "counts",
     drive: Annotated[str, typer.Option(help="Axis drive.")] = "stepper",
-    planner: Annotated[str, typer.Option(help="poscal, poscal-literal or dda.")] = "poscal",
+    planner: Annotated[str, typer.Option(help="poscal, poscal-literal, dda or sine-table.")] = "poscal",
     mechanics: Annotated[str, typer.Option(help="Integrator of table and wire.")] = "modal",
     resolution: Annotated[str, typer.Option(help="fast, default or fine.")] = "default",
     offset: Annotated[str, typer.Option(help="Wire offset: auto, none, or mm.")] = "auto",
