@@ -16,8 +16,8 @@ A JOB, STEP BY STEP                        HELP and a word tells more of it
 MAIN asks for 3 to 7 one after the other.
 LOAD takes a program from the host, LIST shows it, RUN cuts it.
 GEN ON and GEN OFF run and stop the generator without a move.
-EM or Ctrl-C is the emergency stop. After it nothing moves until INIT;
-if the wire broke, WIRE threads a new one.
+EM or Ctrl-C is the emergency stop. After it nothing moves until INIT; then
+WIRE threads a new wire if it broke, and GO goes on with the cut.
 BS or DEL takes a character back, Ctrl-X the line; Ctrl-R types it again."""
 
 WORDS = {
@@ -51,7 +51,10 @@ SPEED n         greatest cutting speed, 1 to 127 units of 0.2625 um/s; below
 START           generator and timers on: cuts to the new position, then stops
                 and says READY""",
     "STOP": """\
-STOP            stops the timers and the generator; START goes on from here""",
+STOP            stops the timers and the generator; GO goes on from there""",
+    "GO": """\
+GO              goes on with the cut that was stopped, by STOP or in an
+                emergency, once INIT, WIRE, TI and TP have made it possible""",
     "X": """\
 X um            jogs along x by so many um (X -200 goes back), generator off,
                 at 127 units; motor steps are 2 um. Refused while moving.

@@ -91,6 +91,9 @@ class Machine(Protocol):
     def cut(self, program: Sequence[Entry]) -> None:
         """Start timers and machine along a path."""
 
+    def go_on(self) -> None:
+        """Go on with the cut that was stopped."""
+
     def jog(self, axis: int, way_um: int) -> None:
         """Move an axis with the generator off."""
 
@@ -158,7 +161,7 @@ class MainProgram:
             "CW": self._new, "CCW": self._new, "TI": self._set, "TP": self._set, "SPEED": self._set,
             "START": self._start, "X": self._jog, "Y": self._jog, "GEN": self._gen, "WAIT": self._wait,
             "MAIN": self._main, "LOAD": self._load, "LIST": self._list, "RUN": self._run,
-            "STOP": self._plain(machine.stop), "EM": self._plain(machine.emergency),
+            "STOP": self._plain(machine.stop), "GO": self._plain(machine.go_on), "EM": self._plain(machine.emergency),
             "INIT": self._plain(machine.init), "WIRE": self._plain(machine.thread_wire),
             "BYE": self._plain(desk.leave),
         }  # fmt: skip

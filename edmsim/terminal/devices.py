@@ -12,6 +12,10 @@ import tty
 from collections.abc import Iterator
 from contextlib import contextmanager
 from types import FrameType
+from typing import TYPE_CHECKING, Self
+
+if TYPE_CHECKING:
+    from .rig import Rig
 
 _CHUNK = 4096
 _POLL_S = 0.2
@@ -112,9 +116,18 @@ class Pipe:
         while view:
             view = view[os.write(self._sink, view) :]
 
+    def refresh(self, rig: Rig) -> None:
+        """Show nothing but the dialogue."""
+
 
 class Keyboard(Pipe):
     """A person's terminal: characters come as they are typed, and nothing but the program echoes them."""
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        return None
 
     @contextmanager
     def in_character_mode(self) -> Iterator[None]:

@@ -1,8 +1,7 @@
 """The session: bytes through LINE to MAIN, machine time between them, and what the machine says by itself.
 
-Time passes in one of two ways. Live, the machine runs at a multiple of the clock on the wall and the operator's lines
-are taken as they come. In a script, time stands still while lines are read: WAIT lets it pass, and the end of the input
-waits until the machine stands still.
+Live, the machine runs at a multiple of the clock on the wall and lines are taken as they come. In a script, time stands
+still while lines are read: WAIT lets it pass, and the end of the input waits until the machine stands still.
 """
 
 from __future__ import annotations
@@ -22,7 +21,7 @@ from .rig import Rig
 ETX, EOT = 0x03, 0x04
 """Ctrl-C as a character is the emergency stop, Ctrl-D on an empty line leaves."""
 FINE, REFUSED, STOPPED = 0, 2, 3
-"""Exit statuses: all was done; a line of a script was refused; the machine was stopped by an emergency."""
+"""Exit statuses: all was done; a line of a script was refused; the machine was left in an emergency."""
 _BEHIND_S = 0.5
 """A machine that cannot keep up with the clock on the wall catches up by no more than this."""
 _IDLE_S = 0.05
@@ -94,8 +93,9 @@ class Session:
             self._run_script()
         else:
             self._run_live(self._speed)
+        stopped = self._rig.in_emergency
         self._rig.init()
-        if self._rig.stopped:
+        if stopped:
             return STOPPED
         return REFUSED if self.refused and not self._person else FINE
 

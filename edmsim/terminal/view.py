@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from typing import Self
 
 from rich.console import Console, Group
 from rich.live import Live
@@ -34,7 +35,7 @@ class View(Keyboard):
         self._next_s = 0.0
         self._panel: Panel | None = None
 
-    def __enter__(self) -> View:
+    def __enter__(self) -> Self:
         self._live.start()
         return self
 
