@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from typing import NamedTuple, Protocol
 
+from edmsim.analyser import WINDOW_PULSES
 from edmsim.controllers.mcu.help_texts import ALIASES, JOB, WORDS
 from edmsim.controllers.mcu.line_input import InputBuffer, getnum, skip
 from edmsim.controllers.mcu.part_program import (
@@ -70,6 +71,11 @@ class Status(NamedTuple):
     voltage_V: float
     current_A: float
     time_s: float
+
+    @property
+    def erosion(self) -> int:
+        """Pulses of the last window that eroded."""
+        return WINDOW_PULSES - self.short - self.open if self.windows else 0
 
 
 class Machine(Protocol):

@@ -95,6 +95,11 @@ class Rig:
         """Whether nothing moves until INIT."""
         return self._state == EMERGENCY
 
+    def digits(self) -> tuple[str, str]:
+        """Both banks of sixteen digits."""
+        x, y = self._position
+        return f"{x:05d} {y:05d}    ", " " * 16
+
     def take_events(self) -> list[str]:
         """What the machine has to say since the last call."""
         events, self._events = self._events, []
