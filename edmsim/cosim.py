@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from edmsim.controllers import FeedController, WindowObservation
 from edmsim.controllers.feed.setup import tell
-from edmsim.controllers.mcu.planner import Planner, make_planner
+from edmsim.controllers.mcu.planner import Planner, Step, make_planner
 from edmsim.controllers.mcu.poscal import unit_for
 from edmsim.controllers.mcu.timers import MAX_FEED_UM_S, MAX_SPEED, SPEED_UNIT_NM_S
 
@@ -52,6 +52,18 @@ class Leg(NamedTuple):
     threads: bool
     rest_s: float
     dwell_s: float
+
+
+class _Speeds(NamedTuple):
+    """Speeds of a window in units: one, and from a time on another."""
+
+    first: int
+    change_ns: int
+    then: int
+
+    def at(self, end_ns: int) -> int:
+        """Return the speed in force at the window's end."""
+        return self.then if self.change_ns < end_ns else self.first
 
 
 class Progress(NamedTuple):
@@ -206,6 +218,7 @@ class Simulation:
         tell(self.controller, self.machine, points)
         self._planner: Planner = make_planner(self._planner_name, points, unit=self._unit)
         self._dwell_until_ns = -1
+        self._units = 0
         self._command = self.controller.reset(MAX_FEED_UM_S)
         self._set_generator(self.machine.t_on_us, self.machine.t_period_us)  # every leg begins as set up
 
@@ -216,13 +229,11 @@ class Simulation:
 
     def step(self) -> Progress:
         """Run one window; afterwards `outcome` tells whether the cut is over."""
-        units = round(self._command.feed_um_s * 1e3 / SPEED_UNIT_NM_S)
-        units = max(-MAX_SPEED, min(MAX_SPEED, units))
         start_ns = self.plant.time_ns
-        if self._dwell_until_ns >= 0 or start_ns < self._rest_until_ns:
-            units = 0
-        window = self._run_window(start_ns, units)
-        feed = units * SPEED_UNIT_NM_S * 1e-3
+        speeds = self._speeds(start_ns)
+        window = self._run_window(start_ns, speeds)
+        self._units = speeds.at(self.plant.time_ns)
+        feed = self._units * SPEED_UNIT_NM_S * 1e-3
         self.sums.add(window)
         self._record(window, feed)
         if window.pulses == WINDOW_PULSES:
@@ -248,17 +259,31 @@ class Simulation:
         except InputError as error:
             self.refused = error.reason
 
-    def _run_window(self, start_ns: int, units: int) -> PulseWindow:
+    def _speeds(self, start_ns: int) -> _Speeds:
+        """Return the speeds of the window that begins: the last one until the controller is done, then its new."""
+        if self._dwell_until_ns >= 0 or start_ns < self._rest_until_ns:
+            return _Speeds(0, start_ns, 0)
+        units = round(self._command.feed_um_s * 1e3 / SPEED_UNIT_NM_S)
+        units = max(-MAX_SPEED, min(MAX_SPEED, units))
+        return _Speeds(self._units, start_ns + round(self._command.latency_s * 1e9), units)
+
+    def _run_window(self, start_ns: int, speeds: _Speeds) -> PulseWindow:
         if self.plant.window_ns:
-            return self.plant.advance(self._planner.advance(start_ns, start_ns + self.plant.window_ns, units))
+            return self.plant.advance(self._plan(start_ns, start_ns + self.plant.window_ns, speeds))
         # where the period varies, the window's end is known only afterwards: plan for the longest, then undo
         before = self._planner.snapshot()
-        window = self.plant.advance(
-            self._planner.advance(start_ns, start_ns + self.plant.longest_window_ns, units)
-        )
+        window = self.plant.advance(self._plan(start_ns, start_ns + self.plant.longest_window_ns, speeds))
         self._planner.restore(before)
-        self._planner.advance(start_ns, self.plant.time_ns, units)
+        self._plan(start_ns, self.plant.time_ns, speeds)
         return window
+
+    def _plan(self, start_ns: int, end_ns: int, speeds: _Speeds) -> list[Step]:
+        """Motor steps of a window."""
+        change_ns = min(speeds.change_ns, end_ns)
+        if change_ns <= start_ns or speeds.first == speeds.then:
+            return self._planner.advance(start_ns, end_ns, speeds.then)
+        steps = self._planner.advance(start_ns, change_ns, speeds.first)
+        return steps + self._planner.advance(change_ns, end_ns, speeds.then) if change_ns < end_ns else steps
 
     def _record(self, window: PulseWindow, feed_um_s: float) -> None:
         x, y = self.plant.commanded_um
@@ -339,6 +364,7 @@ class Simulation:
             "rest_until_ns": self._rest_until_ns,
             "dwell_until_ns": self._dwell_until_ns,
             "before_um": self._before_um,
+            "units": self._units,
             "command": list(self._command),
             "refused": self.refused,
             "sums": vars(self.sums).copy(),
@@ -356,6 +382,7 @@ class Simulation:
         self._rest_until_ns = values["rest_until_ns"]
         self._dwell_until_ns = values["dwell_until_ns"]
         self._before_um = values["before_um"]
+        self._units = values["units"]
         self._command = type(self._command)(*values["command"])
         self.refused = values["refused"]
         self.sums = Sums(**values["sums"])

@@ -4,6 +4,8 @@ A lane's place is the length of path behind it, counted in whole attometres (nm/
 ever gathers. An axis steps when the path crosses the middle between two of its steps; both axes' steps come out in
 order of time. Nothing here knows the plant; lanes do not touch each other, so that their order and number do not
 matter.
+
+A window has one feed here: a controller's latency (`FeedCommand.latency_s`) is simulated by `edmsim cut` alone.
 """
 
 from __future__ import annotations

@@ -143,6 +143,31 @@ def test_controller_sees_what_the_windows_record() -> None:
     assert set(windows.column("feed_um_s").to_numpy()[::2]) == {76 * 0.2625}  # 20 um/s in whole units
 
 
+class Late(Script):
+    """A script whose feeds count some time after the window's end."""
+
+    latency_s = 0.0
+
+    def update(self, window: WindowObservation) -> FeedCommand:
+        return super().update(window)._replace(latency_s=self.latency_s)
+
+
+@pytest.mark.parametrize(("latency_s", "new_share"), [(0.0, 1.0), (0.01, 1 - 0.01 / 0.0255), (0.03, 0.0)])
+def test_a_late_controller_leaves_the_old_feed_in_force(latency_s: float, new_share: float) -> None:  # T-77
+    law = Late([33.3375, 0.0])
+    law.latency_s = latency_s
+    sim = simulation(contour([(0, 0), (2000, 0)]), controller=law)
+    sim.step()  # the first feed counts from the leg's beginning
+    assert sim.step().feed_um_s == (0.0 if new_share else 33.3375)
+    way = sim.plant.commanded_um[0] - START[0]
+    assert way == pytest.approx(33.3375 * 0.0255 * (2 - new_share), abs=2)
+    for _ in range(38):
+        sim.step()
+    if 0 < new_share < 1:  # on and off by turns: late both ways, so half of the time on
+        way = sim.plant.commanded_um[0] - START[0]
+        assert way == pytest.approx(33.3375 * 0.0255 * 20, abs=2)
+
+
 def test_feed_is_kept_within_the_speed_word() -> None:
     sim = simulation(contour([(0, 0), (2000, 0)]), controller=Script([1e6, -1e6]))
     assert [sim.step().feed_um_s for _ in range(2)] == [33.3375, -33.3375]

@@ -60,12 +60,16 @@ class FeedCommand(NamedTuple):
     t_on_us, t_period_us : float or None
         Setting wanted of the generator from the next window on; None leaves it as it is. A setting the
         generator refuses changes nothing.
+    latency_s : float
+        When the new feed counts, after the window's end in s: a processor takes time. Until then the machine runs
+        at the feed it had.
     """
 
     feed_um_s: float
     alarm: str | None = None
     t_on_us: float | None = None
     t_period_us: float | None = None
+    latency_s: float = 0.0
 
 
 class FeedController(Protocol):

@@ -1,9 +1,9 @@
 """The feed law the 1982 machine was meant to have: from the counts of short and open pulses alone.
 
-The thesis states the aim, to keep both percentages per 255 pulses small by changing the cutting speed (row
-T-15), and leaves the law open. This one is ours: the share of open pulses, less a weighted share of shorts,
-is held at a small target by a proportional and integrating feed; a short that stays is met by running back
-along the path.
+The law is the optimising routine of the 1982 controller, in its sixteen-bit words
+(`edmsim.controllers.mcu.optimise`), called directly: this controller turns its constants into the routine's settings
+and the routine's speed into a feed. `edmsim.controllers.mcu.controller` runs the same routine behind the registers
+of the whole machine; both cut the same, bit for bit.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import math
 from dataclasses import asdict, dataclass, field, fields
 from typing import Any, ClassVar, cast
 
-from edmsim.analyser import WINDOW_PULSES
+from edmsim.analyser import WINDOW_PULSES, PulseAnalyser
 from edmsim.controllers.feed.base import (
     ControllerState,
     FeedCommand,
@@ -20,34 +20,45 @@ from edmsim.controllers.feed.base import (
     check_feed,
     check_parameter,
 )
+from edmsim.controllers.mcu.arithmetic import WORD
+from edmsim.controllers.mcu.optimise import ALARM, ERROR, SHARE, TICK_NS, Settings, State, optimise
+from edmsim.controllers.mcu.timers import SPEED_UNIT_NM_S
+from edmsim.controllers.mcu.tstates import CPU_HZ
+from edmsim.errors import InputError
 
 PERSISTENT_SHORT = "persistent short"
 """The alarm's text."""
+UNIT_UM_S = SPEED_UNIT_NM_S / 1000
+"""Speed unit in um/s."""
+TICKS_PER_S = 1_000_000_000 // TICK_NS
 
 
 @dataclass
-class _State:
-    """What changes while cutting; phase is cut, retract, dwell or alarm."""
+class Occupation:
+    """What the processor is at: its clock, and until when it is busy with the last counts.
 
-    max_feed_um_s: float = 0.0
-    phase: str = "cut"
-    phase_s: float = 0.0
-    short: float = 0.0
-    open: float = 0.0
-    shorted_s: float = 0.0
-    integral_um_s: float = 0.0
-    place_um: float = 0.0
-    tries: int = 0
+    Attributes
+    ----------
+    clock_ns : int
+        Time since the leg began.
+    busy_until_ns : int
+        When the speed found last is in XVELOC and YVELOC.
+    units : int
+        That speed.
+    """
 
-    def enter(self, phase: str) -> None:
-        self.phase, self.phase_s = phase, 0.0
+    clock_ns: int = 0
+    busy_until_ns: int = 0
+    units: int = 0
 
 
 @dataclass
 class CountsController:
     """Feed from short and open counts; retracts from shorts, and gives up where one never clears.
 
-    All constants are ours. Shares are fractions of the 255 pulses of a window.
+    All constants are ours. Shares are fractions of the 255 pulses of a window. The feed is a whole number of speed
+    units of 262.5 nm/s: up to 127 on the machine of 1982, more where the table is faster. Counts that come while the
+    processor is still at the ones before wait in their latch, and what comes then is missed.
 
     Parameters
     ----------
@@ -104,95 +115,114 @@ class CountsController:
     progress_um: float = 20.0
     max_tries: int = 8
 
-    _state: _State = field(default_factory=_State, init=False, repr=False)
+    _state: State = field(default_factory=State, init=False, repr=False)
+    _settings: Settings | None = field(default=None, init=False, repr=False)
+    _cpu: Occupation = field(default_factory=Occupation, init=False, repr=False)
+    _analyser: PulseAnalyser = field(default_factory=PulseAnalyser, init=False, repr=False)
 
     def __post_init__(self) -> None:
         for parameter in fields(self):
             if parameter.init:
                 check_parameter(self.name, parameter.name, getattr(self, parameter.name))
 
+    @property
+    def missed_windows(self) -> int:
+        """Windows not read in time since the leg began (row T-44)."""
+        return self._analyser.missed
+
     def reset(self, max_feed_um_s: float) -> FeedCommand:
-        """Begin a new cut; refuses feeds the machine cannot run."""
+        """Begin a new cut; refuses feeds the machine cannot run and what does not fit the routine's words."""
         for name in ("start_feed_um_s", "retract_feed_um_s", "return_feed_um_s"):
             check_feed(self.name, name, getattr(self, name), max_feed_um_s)
-        self._state = _State(max_feed_um_s=max_feed_um_s, integral_um_s=self.start_feed_um_s)
-        return FeedCommand(self.start_feed_um_s)
+        self._settings = self.settings(max_feed_um_s)
+        self._state = State(speed=self._settings.start)
+        self._cpu = Occupation(units=self._settings.start)
+        self._analyser = PulseAnalyser()
+        return FeedCommand(self._cpu.units * UNIT_UM_S)
 
     def update(self, window: WindowObservation) -> FeedCommand:
         """Feed for the next window, from the counts and the position along the path."""
-        self._look(window)
-        phase = self._state.phase
-        if phase == "cut" and self._state.shorted_s >= self.patience_s:
-            self._begin_retract(window.path_um)
-        elif phase in ("retract", "dwell") and window.short < self.clear_share * WINDOW_PULSES:
-            self._resume(window)
-        elif phase == "retract" and self._retract_left_um() <= 0:
-            self._state.enter("dwell")
-        elif phase == "dwell" and self._state.phase_s >= self.dwell_s:
-            self._state.enter("dwell")
-            self._count_try()
-        return self._command(window)
+        cpu = self._cpu
+        cpu.clock_ns += round(window.duration_s * 1e9)
+        self._analyser.count_window(window.short, window.open)
+        if cpu.clock_ns >= cpu.busy_until_ns:
+            counts = self._analyser.read()
+            tick = cpu.clock_ns // TICK_NS & WORD
+            assert self._settings is not None
+            cpu.units, t_states = optimise(
+                self._settings, self._state, counts.short, counts.open, tick, math.floor(window.path_um) & WORD
+            )
+            cpu.busy_until_ns = cpu.clock_ns + t_states * 1_000_000_000 // CPU_HZ
+        return self._command()
 
     def snapshot(self) -> ControllerState:
         """Everything that changes while cutting."""
-        return asdict(self._state)
+        latch = {f"analyser.{name}": value for name, value in self._analyser.snapshot().items()}
+        return {**asdict(self._state), **asdict(self._cpu), **latch}
 
     def restore(self, state: ControllerState) -> None:
-        """Continue where `snapshot` was taken."""
-        self._state = _State(**cast(dict[str, Any], state))
+        """Continue where `snapshot` was taken; the cut must have been begun with the same feed limit."""
+        values = cast(dict[str, Any], state)
+        self._state = State(**{f.name: values[f.name] for f in fields(State)})
+        self._cpu = Occupation(**{f.name: values[f.name] for f in fields(Occupation)})
+        latch = {k.removeprefix("analyser."): v for k, v in values.items() if k.startswith("analyser.")}
+        self._analyser.restore(latch)
 
-    def _look(self, window: WindowObservation) -> None:
-        """Low-pass both shares and add up the time in this phase and the time shorted."""
-        state = self._state
-        weight = -math.expm1(-window.duration_s / self.filter_s) if self.filter_s else 1.0
-        state.short += weight * (window.short / WINDOW_PULSES - state.short)
-        state.open += weight * (window.open / WINDOW_PULSES - state.open)
-        state.phase_s += window.duration_s
-        shorted = window.short >= self.shorted_share * WINDOW_PULSES
-        state.shorted_s = state.shorted_s + window.duration_s if shorted else 0.0
+    def settings(self, max_feed_um_s: float) -> Settings:
+        """The constants as the routine's words.
 
-    def _begin_retract(self, path_um: float) -> None:
-        state = self._state
-        state.enter("retract")
-        if state.tries == 0 or path_um > state.place_um + self.progress_um:
-            state.place_um, state.tries = path_um, 0
-        self._count_try()
+        Raises
+        ------
+        InputError
+            If one does not fit.
+        """
+        unit, ticks = 1 / UNIT_UM_S, float(TICKS_PER_S)
+        return Settings(
+            target=self._word("open_target_share", ERROR),
+            weight=self._word("short_weight", 256),
+            proportional=self._word("proportional_um_s", unit * 65536 / ERROR),
+            integral=self._word("integral_um_s2", unit * 2**32 / ERROR / ticks),
+            filter_ticks=self._word("filter_s", ticks, WORD // 2),
+            start=self._word("start_feed_um_s", unit),
+            limit=min(int(max_feed_um_s * unit + 1e-9), WORD // 2),
+            retract=self._word("retract_feed_um_s", unit),
+            slow=self._word("return_feed_um_s", unit),
+            air=self._word("air_share", SHARE),
+            shorted=math.ceil(self.shorted_share * WINDOW_PULSES),
+            clear=math.ceil(self.clear_share * WINDOW_PULSES),
+            patience_ticks=self._word("patience_s", ticks),
+            retract_ticks=self._retract_ticks(),
+            dwell_ticks=self._word("dwell_s", ticks),
+            progress_um=self._word("progress_um", 1, WORD // 2),
+            tries=self._word("max_tries", 1),
+        )
 
-    def _count_try(self) -> None:
-        self._state.tries += 1
-        if self._state.tries > self.max_tries:
-            self._state.enter("alarm")
+    def _word(self, name: str, scale: float, most: int = WORD) -> int:
+        """A constant in the routine's scale, refused where it does not fit."""
+        value = round(float(getattr(self, name)) * scale)
+        if value > most:
+            raise InputError(
+                f"{name} of the {self.name} controller is {getattr(self, name)}, "
+                f"but its sixteen-bit word holds at most {most / scale:.6g}"
+            )
+        return value
 
-    def _resume(self, window: WindowObservation) -> None:
-        """Cut again from where the short cleared, with the filter forgetting the short."""
-        state = self._state
-        state.enter("cut")
-        state.short, state.open = window.short / WINDOW_PULSES, window.open / WINDOW_PULSES
-        state.integral_um_s = min(state.integral_um_s, self.start_feed_um_s)
+    def _retract_ticks(self) -> int:
+        """Duration of the longest retract; 0, which is none, where it has no speed."""
+        if not self.retract_feed_um_s:
+            return 0
+        ticks = int(self.retract_um / self.retract_feed_um_s * TICKS_PER_S)
+        if ticks > WORD:
+            raise InputError(
+                f"retract_um of the {self.name} controller is {self.retract_um}, but at "
+                f"{self.retract_feed_um_s} um/s its "
+                f"sixteen-bit word of time holds at most {WORD / TICKS_PER_S * self.retract_feed_um_s:.6g}"
+            )
+        return ticks
 
-    def _retract_left_um(self) -> float:
-        return self.retract_um - self.retract_feed_um_s * self._state.phase_s
-
-    def _command(self, window: WindowObservation) -> FeedCommand:
-        phase = self._state.phase
-        if phase == "alarm":
+    def _command(self) -> FeedCommand:
+        """What the machine is to do from when the processor is ready on; an alarm stops it at once."""
+        if self._state.phase == ALARM:
             return FeedCommand(0.0, PERSISTENT_SHORT)
-        if phase == "dwell":
-            return FeedCommand(0.0)
-        if phase == "retract":
-            # The last window of a retract is slower, so that the wire never goes back further than allowed.
-            return FeedCommand(-min(self.retract_feed_um_s, self._retract_left_um() / window.duration_s))
-        return FeedCommand(self._cut(window))
-
-    def _cut(self, window: WindowObservation) -> float:
-        """Proportional and integral feed; full feed in air, reduced up to the place of the last short."""
-        state = self._state
-        returning = state.tries > 0 and window.path_um < state.place_um
-        limit = self.return_feed_um_s if returning else state.max_feed_um_s
-        if state.open >= self.air_share:
-            return limit
-        error = state.open - self.open_target_share - self.short_weight * state.short
-        if state.shorted_s == 0:
-            growth = self.integral_um_s2 * error * window.duration_s
-            state.integral_um_s = min(max(state.integral_um_s + growth, 0.0), limit)
-        return min(max(state.integral_um_s + self.proportional_um_s * error, 0.0), limit)
+        latency_ns = max(self._cpu.busy_until_ns - self._cpu.clock_ns, 0)
+        return FeedCommand(self._cpu.units * UNIT_UM_S, latency_s=latency_ns * 1e-9)
