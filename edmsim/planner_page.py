@@ -72,7 +72,8 @@ units of 262.5 nm/s, over {long} um and over {short} um.
   direction and at every speed: all within one step. The table loses nothing against the square root, because the next
   step corrects what half an entry of it gets wrong.
 - The mean speed of `poscal` and `sine-table` is right to {speed:.1f} % over {long} um; their axis speeds are rounded
-  down. `poscal-literal` rounds down whole units, and where the sum of squares wraps it runs many times too fast.
+  down. `poscal-literal` rounds down to whole units, so that one axis may need twice the time of the other;
+  where the sum of squares wraps it runs too fast, at worst many times (last table).
 - `poscal-literal` strays by up to {literal:.0f} um within {long} um: one unit is coarse at low speed, and nothing
   corrects it on the way. It reaches the end only because each axis stops at its own target, and not where REDUC has
   dropped an axis ({lost:.0f} um off in the last table).

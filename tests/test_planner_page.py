@@ -52,7 +52,7 @@ def test_a_straight_move_along_an_axis_has_no_error_but_its_ends() -> None:
 
 def test_a_lost_axis_is_told_as_the_end_s_error_and_45_degrees_as_the_path_s() -> None:  # T-G11, T-G9
     lost = move("poscal-literal", (10_000, 30), 127)
-    assert (lost.path_max_um, lost.end_um) == pytest.approx((30.0, 30.0), abs=1e-6)
+    assert (lost.path_max_um, lost.end_um) == pytest.approx((30.0, 30.0), abs=1e-3)
     slow = move("poscal-literal", (700, 300), 1)
     # both axes at one unit: 300 um up the diagonal the short one has arrived
     assert slow.path_max_um == pytest.approx(400 * 300 / math.hypot(700, 300), abs=1.5)
