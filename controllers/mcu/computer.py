@@ -10,6 +10,7 @@ from edmsim.controllers.mcu import memory_map as at
 from edmsim.controllers.mcu.arithmetic import BYTE, WORD
 from edmsim.controllers.mcu.board import Board
 from edmsim.controllers.mcu.optimise import Settings, State, optimise
+from edmsim.controllers.mcu.poscal import Unit
 from edmsim.controllers.mcu.protocol import Step
 from edmsim.controllers.mcu.steppers import Steppers
 from edmsim.controllers.mcu.timers import MAX_SPEED
@@ -37,8 +38,8 @@ class Computer:
     ----------
     board : Board, optional
         Its hardware; a new board without faults by default.
-    unit_um : {1, 2}
-        What the position counters count: um, or steps of 2 um for a table of 130 x 130 mm (row T-61).
+    unit : {"um", "step"}
+        What the position counters count (row T-61).
     wrap : bool
         Whether a counter that leaves its sixteen bits wraps, as in 1982; else that is a soft limit (row T-A11).
 
@@ -65,12 +66,12 @@ class Computer:
     (50, (30100, 30000))
     """
 
-    def __init__(self, board: Board | None = None, *, unit_um: int = 1, wrap: bool = False) -> None:
+    def __init__(self, board: Board | None = None, *, unit: Unit = "um", wrap: bool = False) -> None:
         self.board = board or Board()
         self.state = OFF
         self.cause: tuple[str, ...] = ()
         self.keys: list[int] = []
-        self._steppers = Steppers(self.board, self.serve, unit_um, wrap)
+        self._steppers = Steppers(self.board, self.serve, unit, wrap)
         self._t_states = 0
         self._enabled = False
         self._routines: dict[int, Callable[[], None]] = {
@@ -361,7 +362,8 @@ class Computer:
         InputError
             If there is no routine at that address.
         """
-        return self._stream(self.inputs, at.CIADR)()
+        fetch: Callable[[], int | None] = self._stream(self.inputs, at.CIADR)
+        return fetch()
 
     def co(self, character: int) -> None:
         """Send a character down the stream that COADR names; see `ci`."""
