@@ -215,6 +215,10 @@ def bench(
     convergence: Annotated[
         Path | None, typer.Option(help="Compare the resolutions instead, and write the table into this file.")
     ] = None,
+    planners: Annotated[
+        Path | None,
+        typer.Option(help="Measure the errors of the planners instead, and write the page and its picture there."),
+    ] = None,
 ) -> None:
     """Measure the speed of this machine."""
     from .bench import measure, render
@@ -225,6 +229,13 @@ def bench(
         _make_file(convergence)
         with _ERR.status("fast") as status:
             convergence.write_text(page(status.update), encoding="utf-8")
+        return
+    if planners is not None:
+        from .planner_page import write as write_planners
+
+        _make_file(planners)
+        with _ERR.status("poscal") as status:
+            write_planners(planners, status.update)
         return
     figures = measure()
     if json:

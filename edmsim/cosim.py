@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edmsim.controllers import FeedController, WindowObservation
+from edmsim.controllers.feed.base import DrivesSteps
 from edmsim.controllers.feed.setup import tell
 from edmsim.controllers.mcu.planner import Planner, Step, make_planner
 from edmsim.controllers.mcu.poscal import unit_for
@@ -183,6 +184,7 @@ class Simulation:
         self.machine = machine
         self.path = path
         self.controller = controller
+        self._drives = controller if isinstance(controller, DrivesSteps) else None
         self._planner_name = planner
         self._unit = unit_for(machine.base.table.travel_mm.value * 1e3)
         self._max_time_ns = None if max_time_s is None else round(max_time_s * 1e9)
@@ -269,13 +271,17 @@ class Simulation:
 
     def _run_window(self, start_ns: int, speeds: _Speeds) -> PulseWindow:
         if self.plant.window_ns:
-            return self.plant.advance(self._plan(start_ns, start_ns + self.plant.window_ns, speeds))
+            return self.plant.advance(self._drive(self._plan(start_ns, start_ns + self.plant.window_ns, speeds)))
         # where the period varies, the window's end is known only afterwards: plan for the longest, then undo
         before = self._planner.snapshot()
         window = self.plant.advance(self._plan(start_ns, start_ns + self.plant.longest_window_ns, speeds))
         self._planner.restore(before)
-        self._plan(start_ns, self.plant.time_ns, speeds)
+        self._drive(self._plan(start_ns, self.plant.time_ns, speeds))  # told late, but those of the window only
         return window
+
+    def _drive(self, steps: list[Step]) -> list[Step]:
+        """Return the steps the motors are to make: a controller that has lines to them makes them itself."""
+        return self._drives.drive(steps) if self._drives and steps else steps
 
     def _plan(self, start_ns: int, end_ns: int, speeds: _Speeds) -> list[Step]:
         """Motor steps of a window."""

@@ -76,11 +76,11 @@ class Bus:
         InputError
             If there can be no such address, or the value is no byte.
         """
-        _check(byte, BYTE, "a byte")
         found = self._chips.get(address)
-        if found is not None:
+        if found is not None and 0 <= byte <= BYTE:
             found[0].write(found[1], byte)
             return
+        _check(byte, BYTE, "a byte")
         _check(address, WORD, "an address")
         if address in RAM:
             self.ram[address - RAM.start] = byte

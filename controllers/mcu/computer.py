@@ -10,8 +10,10 @@ from edmsim.controllers.mcu import memory_map as at
 from edmsim.controllers.mcu.arithmetic import BYTE, WORD
 from edmsim.controllers.mcu.board import Board
 from edmsim.controllers.mcu.optimise import Settings, State, optimise
+from edmsim.controllers.mcu.poscal import Unit
 from edmsim.controllers.mcu.protocol import Step
 from edmsim.controllers.mcu.steppers import Steppers
+from edmsim.controllers.mcu.streams import Streams
 from edmsim.controllers.mcu.timers import MAX_SPEED
 from edmsim.controllers.mcu.tstates import EMERGENCY_T, INIT_T, KEYBOARD_T, READ_OUT_T
 from edmsim.errors import InputError
@@ -37,8 +39,8 @@ class Computer:
     ----------
     board : Board, optional
         Its hardware; a new board without faults by default.
-    unit_um : {1, 2}
-        What the position counters count: um, or steps of 2 um for a table of 130 x 130 mm (row T-61).
+    unit : {"um", "step"}
+        What the position counters count (row T-61).
     wrap : bool
         Whether a counter that leaves its sixteen bits wraps, as in 1982; else that is a soft limit (row T-A11).
 
@@ -50,8 +52,8 @@ class Computer:
         Switches that were open at the last emergency; empty where it was called.
     keys : list of int
         Keys that the KBD routine has taken and nobody has looked at.
-    inputs, outputs : dict
-        Routines by the address that CIADR and COADR may hold; an input routine returns None while nothing has come.
+    streams : Streams
+        Characters in and out, by CIADR and COADR.
 
     Examples
     --------
@@ -65,12 +67,13 @@ class Computer:
     (50, (30100, 30000))
     """
 
-    def __init__(self, board: Board | None = None, *, unit_um: int = 1, wrap: bool = False) -> None:
+    def __init__(self, board: Board | None = None, *, unit: Unit = "um", wrap: bool = False) -> None:
         self.board = board or Board()
         self.state = OFF
         self.cause: tuple[str, ...] = ()
         self.keys: list[int] = []
-        self._steppers = Steppers(self.board, self.serve, unit_um, wrap)
+        self.streams = Streams(self.board.bus)
+        self._steppers = Steppers(self.board, self.serve, unit, wrap)
         self._t_states = 0
         self._enabled = False
         self._routines: dict[int, Callable[[], None]] = {
@@ -79,14 +82,6 @@ class Computer:
             at.Y_ENTRY: lambda: self._steppers.interrupt(1),
             at.KBD_ROUTINE: self._keyboard,
             at.NO_ROUTINE: lambda: None,
-        }
-        self.inputs: dict[int, Callable[[], int | None]] = {
-            at.TERMINAL_IN: lambda: self._fetch(bus.TERMINAL),
-            at.HOST_IN: lambda: self._fetch(bus.HOST),
-        }
-        self.outputs: dict[int, Callable[[int], None]] = {
-            at.TERMINAL_OUT: lambda byte: self.write(bus.TERMINAL, byte),
-            at.HOST_OUT: lambda byte: self.write(bus.HOST, byte),
         }
 
     def read(self, address: int) -> int:
@@ -326,6 +321,13 @@ class Computer:
             self.keys.append(self.read(bus.DISPLAY))
             self._t_states += KEYBOARD_T
 
+    def take_keys(self) -> list[int]:
+        """Return the keys pressed since the last call; while interrupts are off, MAIN looks for them itself."""
+        if not self._enabled:
+            self._keyboard()
+        keys, self.keys = self.keys, []
+        return keys
+
     def result_waits(self) -> bool:
         """Whether the counts of 255 pulses wait in the latches (IBF A and IBF B)."""
         full = ppi.IBF_A | ppi.IBF_B
@@ -333,6 +335,8 @@ class Computer:
 
     def optimise(self, settings: Settings, state: State, clock: int, path: int) -> tuple[int, int]:
         """Read the counts and run the optimising routine; the speed goes to CUTVEL, XVELOC and YVELOC.
+
+        While no result waits, nothing changes.
 
         Parameters
         ----------
@@ -344,6 +348,8 @@ class Computer:
         (int, int)
             Speed in units, and the cost in T-states.
         """
+        if not self.result_waits():
+            return self.signed(at.CUTVEL), READ_OUT_T
         short, open = self.read(bus.PORT3A), self.read(bus.PORT3B)
         self.store(at.SHORTS, short)
         self.store(at.OPENS, open)
@@ -352,30 +358,6 @@ class Computer:
             self._steppers.set_speed(units)
         self._t_states += t_states
         return units, t_states
-
-    def ci(self) -> int | None:
-        """Character from the stream that CIADR names (row T-58); None while none has come.
-
-        Raises
-        ------
-        InputError
-            If there is no routine at that address.
-        """
-        return self._stream(self.inputs, at.CIADR)()
-
-    def co(self, character: int) -> None:
-        """Send a character down the stream that COADR names; see `ci`."""
-        self._stream(self.outputs, at.COADR)(character)
-
-    def _stream(self, routines: dict[int, Any], pointer: int) -> Any:
-        address = self.word(pointer)
-        if address not in routines:
-            raise InputError(f"there is no input or output routine at {address:04X}H")
-        return routines[address]
-
-    def _fetch(self, channel: int) -> int | None:
-        self._t_states += READ_OUT_T
-        return self.read(channel) if self.read(channel + 1) & uart.RX_READY else None
 
     def snapshot(self) -> dict[str, Any]:
         """Everything that changes, fit for JSON."""

@@ -13,11 +13,10 @@ from edmsim.controllers.mcu import pic, pit
 from edmsim.controllers.mcu.arithmetic import BYTE, WORD, subsgn
 from edmsim.controllers.mcu.board import Board
 from edmsim.controllers.mcu.bus import CPORT2, TIMERS
-from edmsim.controllers.mcu.poscal import STEP_UM, Displacement, resolve, velocm
+from edmsim.controllers.mcu.poscal import STEP_UM, UNIT_UM, Displacement, Unit, positi, resolve, velocm
 from edmsim.controllers.mcu.protocol import Step
 from edmsim.controllers.mcu.timers import TIMER_COUNT, TickClock, reload_count
 from edmsim.controllers.mcu.tstates import POSITI_T, STEPPER_T, poscal_t_states
-from edmsim.errors import InputError
 
 SIGN = 0x8000
 """Bit of a negative word."""
@@ -31,7 +30,7 @@ class Steppers:
     board : Board
     serve : callable
         Serves the interrupts that wait; returns whether interrupts are still enabled.
-    unit_um, wrap
+    unit, wrap
         See `Computer`.
 
     Attributes
@@ -42,12 +41,13 @@ class Steppers:
         What the routines have cost.
     """
 
-    def __init__(self, board: Board, serve: Callable[[], bool], unit_um: int, wrap: bool) -> None:
+    def __init__(self, board: Board, serve: Callable[[], bool], unit: Unit, wrap: bool) -> None:
         self.board = board
         self.moving = False
         self.t_states = 0
         self._serve = serve
-        self._way = STEP_UM // unit_um
+        self._unit: Unit = unit
+        self._half_step = STEP_UM // UNIT_UM[unit] // 2
         self._wrap = wrap
         self._aim: Displacement | None = None
         self._clock = TickClock()
@@ -163,16 +163,14 @@ class Steppers:
 
     def _positi(self, area: int, forward: bool) -> None:
         """POSITI: the counter follows the pulse (row T-70)."""
-        moved = self.board.bus.word(area) + (self._way if forward else -self._way)
-        if not (self._wrap or 0 <= moved <= WORD):
-            raise InputError(f"soft limit: a step to {moved} would leave the table's 0..{WORD}")
-        self.board.bus.store(area, moved)
+        bus = self.board.bus
+        bus.store(area, positi(bus.word(area), 1 if forward else -1, self._wrap, self._unit))
 
     def _to_go(self, area: int, velocity: int) -> bool:
         """Whether an axis is more than half a step from its target."""
         bus = self.board.bus
         left = bus.word(area + at.TARGET) - bus.word(area)
-        return (left if velocity > 0 else -left) > self._way // 2
+        return (left if velocity > 0 else -left) > self._half_step
 
     def _load_next(self, axis: int, area: int) -> None:
         """Load the count to the next step; at its target an axis stops."""
