@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from edmsim.controllers.mcu import memory_map as at
-from edmsim.controllers.mcu import readout
 from edmsim.controllers.mcu.arithmetic import WORD
+from edmsim.controllers.mcu.front_panel import FrontPanel
 from edmsim.controllers.mcu.main_program import Status
 from edmsim.controllers.mcu.part_program import Codes, Entry, Setting
 from edmsim.controllers.mcu.poscal import STEP_UM
@@ -27,6 +27,7 @@ class Operation:
 
     def __init__(self, rig: Rig) -> None:
         self.rig = rig
+        self._panel = FrontPanel(rig.computer)
 
     @property
     def greeting(self) -> str:
@@ -70,9 +71,8 @@ class Operation:
 
     def digits(self) -> list[int]:
         """Write the display, and return what its 32 digits show."""
-        now, display = self.status(), self.rig.board.display
-        readout.show(display, now.position_um, now.running, now.short, now.open, (now.t_i_us, now.t_p_us))
-        return display.digits
+        self._panel.show()
+        return self.rig.board.display.digits
 
     def set_position(self, position_um: Point) -> None:
         """Set the position counters; they count on from there."""

@@ -33,7 +33,7 @@ class SerialLines:
         """Return what arrives at the operator's screen of the bytes the program sends."""
         board = self._computer.board
         for byte in data:
-            self._computer.co(byte)
+            self._computer.streams.co(byte)
         sent = bytes(board.sent)
         board.sent.clear()
         noise = board.faults.noise
@@ -43,7 +43,7 @@ class SerialLines:
         fetched = bytearray()
         for byte in data:
             self._computer.board.receive(byte, from_host)
-            character = self._computer.ci()
+            character = self._computer.streams.ci()
             if character is not None:
                 fetched.append(character)
         return bytes(fetched)

@@ -13,8 +13,8 @@ from rich.text import Text
 
 from edmsim.analyser import WINDOW_PULSES
 from edmsim.controllers.mcu.display import BANK
+from edmsim.controllers.mcu.front_panel import FIELDS
 from edmsim.controllers.mcu.main_program import Status
-from edmsim.controllers.mcu.readout import FIELDS
 
 from .devices import Interrupts, Keyboard
 from .operation import Operation
@@ -85,9 +85,9 @@ def _digits(shown: list[int]) -> Table:
     """Two banks of sixteen; what is above 9 is dark."""
     table = Table.grid(padding=(0, 3))
     for bank in (0, BANK):
-        fields = [field for field in FIELDS if bank <= field.first < bank + BANK]
-        figures = [shown[field.first : field.first + field.width] for field in fields]
-        table.add_row(*(Text(field.name, style="dim") for field in fields))
+        fields = {name: place for name, place in FIELDS.items() if bank <= place[0] < bank + BANK}
+        figures = [shown[first : first + count] for first, count in fields.values()]
+        table.add_row(*(Text(name, style="dim") for name in fields))
         table.add_row(
             *(Text(" ".join(str(d) if d <= 9 else " " for d in digits), style="bold red") for digits in figures)
         )
