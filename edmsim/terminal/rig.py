@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Iterator
 
 import numpy as np
@@ -33,6 +34,9 @@ STAND_BY, CUTTING, JOGGING = "STAND-BY", "CUTTING", "JOGGING"
 BARE_WINDOW_NS = 25_500_000
 """Time that passes at once while no wire is there: a window of the usual period."""
 END_SWITCHES = (X_END, Y_END)
+BENT_SHARE = 0.01
+"""A wire bent by more than this share of its free length breaks (ours: the model's wire is a taut string, and that
+far it is none any more; cuts bend it ten times less)."""
 
 
 class Rig:
@@ -244,16 +248,19 @@ class Rig:
 
     def _fire(self, steps: list[Step], place_um: tuple[float, float]) -> None:
         """Let the plant pass a window that ends at a place, and the computer see it."""
+        pressed = "THE WIRE WAS PRESSED AGAINST THE WORKPIECE AND BROKE"
         try:
             window = self.plant.advance(steps)
         except PlantError:
-            self._lose_wire("THE WIRE WAS PRESSED AGAINST THE WORKPIECE AND BROKE", place_um)
+            self._lose_wire(pressed, place_um)
             return
         self._window = window
         self.board.mean_current_A = window.mean_current_A
         if window.broken:
             height = self.plant.broken_height_mm
             self._lose_wire(f"WIRE BREAK {height:.1f} mm ABOVE THE WORKPIECE'S LOWER FACE", place_um)
+        elif math.hypot(*window.deflection_um) > BENT_SHARE * 1e3 * self.plant.machine.guide_distance_mm:
+            self._lose_wire(pressed, place_um)
         elif self.plant.generator_on and window.pulses == WINDOW_PULSES:
             self.board.counters.count_window(window.short, window.open)
             self._read_counts()
