@@ -260,15 +260,21 @@ def terminal(
     speed: Annotated[
         float | None, typer.Option(help="Machine seconds per second; default 1, or as fast as can be in a pipe.")
     ] = None,
+    fault: Annotated[
+        list[str] | None,
+        typer.Option(help="A fault of 1982 to inject: serial-noise, drop-out; may be given again."),
+    ] = None,
     view: Annotated[bool, typer.Option(help="Live view of digits and pulses at a real terminal.")] = True,
 ) -> None:
     """Sit at the 1982 controller's terminal."""
     from .machine import Machine
-    from .terminal.command import run
+    from .terminal.command import choose_faults, run
     from .terminal.rig import Rig
 
+    faults = choose_faults(fault or (), seed)
     set_up = Machine.load(machine, material=material, height_mm=height, wire=wire, tension=tension)
-    raise typer.Exit(run(Rig(set_up, seed, resolution=resolution, planner=planner), host, speed, view))
+    rig = Rig(set_up, seed, resolution=resolution, planner=planner, faults=faults)
+    raise typer.Exit(run(rig, host, speed, view))
 
 
 class _ProgressBar:

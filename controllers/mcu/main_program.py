@@ -174,6 +174,11 @@ class MainProgram:
         self._word = ""
 
     @property
+    def words(self) -> tuple[str, ...]:
+        """Every word there is."""
+        return tuple(self._words)
+
+    @property
     def prompt(self) -> str:
         """What stands before the operator's line."""
         if self._question is None:

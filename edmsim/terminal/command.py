@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
 from pathlib import Path
 
+from edmsim.controllers.mcu.board import Faults
+from edmsim.controllers.mcu.faults import DropOut, SerialNoise
 from edmsim.errors import InputError
 
 from .devices import Interrupts, Keyboard, Pipe, is_terminal
@@ -12,6 +15,9 @@ from .rig import Rig
 from .session import Session
 
 REAL_TIME = 1.0
+"""Machine seconds per second for a person."""
+FAULTS = SERIAL_NOISE, DROP_OUT = "serial-noise", "drop-out"
+"""Rows T-29 and T-30."""
 
 
 def run(rig: Rig, host: Path | None, speed: float | None, view: bool) -> int:
@@ -39,6 +45,23 @@ def run(rig: Rig, host: Path | None, speed: float | None, view: bool) -> int:
         session = Session(rig, keyboard, interrupts, speed=speed or REAL_TIME, host=host, person=True)
         with keyboard.in_character_mode(), keyboard:
             return session.run()
+
+
+def choose_faults(names: Sequence[str], seed: int) -> Faults:
+    """Make the faults of 1982 that are to be injected.
+
+    Raises
+    ------
+    InputError
+        If there is no such fault.
+    """
+    for name in names:
+        if name not in FAULTS:
+            raise InputError(f"there is no fault {name!r}; there are {', '.join(FAULTS)}")
+    return Faults(
+        noise=SerialNoise(seed) if SERIAL_NOISE in names else None,
+        drop_out=DropOut(seed) if DROP_OUT in names else None,
+    )
 
 
 def _screen(interrupts: Interrupts, view: bool) -> Keyboard:

@@ -15,7 +15,7 @@ from types import FrameType
 from typing import TYPE_CHECKING, Self
 
 if TYPE_CHECKING:
-    from .rig import Rig
+    from .operation import Operation
 
 _CHUNK = 4096
 _POLL_S = 0.2
@@ -116,7 +116,7 @@ class Pipe:
         while view:
             view = view[os.write(self._sink, view) :]
 
-    def refresh(self, rig: Rig) -> None:
+    def refresh(self, operation: Operation) -> None:
         """Show nothing but the dialogue."""
 
 

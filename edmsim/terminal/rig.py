@@ -1,346 +1,315 @@
-"""The rig: the 1982 controller wired to the simulated machine, window by window, as its operator has it before him.
-
-The law decides the speed from the counts of every window; a planner makes motor steps of it; the plant takes them.
-With the generator off, or without a wire, table and time go on all the same.
-"""
+"""The rig: the 1982 controller's computer and the simulated machine, wired together and run window by window."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Iterable, Iterator
 
 import numpy as np
 
 from edmsim.analyser import WINDOW_PULSES
-from edmsim.controllers import WindowObservation, make
-from edmsim.controllers.feed.base import FeedCommand
+from edmsim.controllers import found_gains
+from edmsim.controllers.feed.counts import CountsController
+from edmsim.controllers.mcu import memory_map as at
 from edmsim.controllers.mcu.arithmetic import WORD
+from edmsim.controllers.mcu.board import Board, Faults
+from edmsim.controllers.mcu.bus import PORT3A, PORT3B
+from edmsim.controllers.mcu.computer import EMERGENCY, Computer
 from edmsim.controllers.mcu.dac import PulseSettings
-from edmsim.controllers.mcu.main_program import Status
-from edmsim.controllers.mcu.part_program import Codes, Entry, Setting
+from edmsim.controllers.mcu.optimise import ALARM, TICK_NS, State
+from edmsim.controllers.mcu.part_program import Setting
 from edmsim.controllers.mcu.planner import Planner, Step, make_planner
 from edmsim.controllers.mcu.poscal import STEP_UM
-from edmsim.controllers.mcu.timers import MAX_FEED_UM_S, MAX_SPEED, SPEED_UNIT_NM_S
+from edmsim.controllers.mcu.switches import STOP_BUTTON, WIRE_BREAK, X_END, Y_END
+from edmsim.controllers.mcu.timers import MAX_FEED_UM_S, MAX_SPEED
+from edmsim.controllers.mcu.tstates import seconds
 from edmsim.errors import InputError, PlantError
 from edmsim.machine import Machine
 from edmsim.plant.generator import discharge_current_A
 from edmsim.plant.plant import Plant, PulseWindow
 
-from .route import Due, Point, lay_out
+from .route import Point, Route
 
-STAND_BY, CUTTING, JOGGING, EMERGENCY = "STAND-BY", "CUTTING", "JOGGING", "EMERGENCY"
+STAND_BY, CUTTING, JOGGING = "STAND-BY", "CUTTING", "JOGGING"
 BARE_WINDOW_NS = 25_500_000
 """Time that passes at once while no wire is there: a window of the usual period."""
+END_SWITCHES = (X_END, Y_END)
+BENT_SHARE = 0.01
+"""A wire bent by more than this share of its free length breaks (ours: the model's wire is a taut string, and that
+far it is none any more; cuts bend it ten times less)."""
 
 
 class Rig:
-    """Controller and machine.
+    """Computer and machine.
 
     Parameters
     ----------
     machine : Machine
-        Its generator must have a fixed period, as the generator of 1982 has.
+        Its generator must have a fixed period, as that of 1982 has.
     seed : int
     resolution : str
     planner : str
-        Name of the planner.
+        Name of the planner that cuts.
+    faults : Faults
+        Faults of 1982 to be injected.
+
+    Attributes
+    ----------
+    plant : Plant
+    board : Board
+    computer : Computer
+    way : str
+        ``STAND-BY``, ``CUTTING`` or ``JOGGING``.
+    cause : str
+        Of the last emergency.
+    held : (Planner, Route) or None
+        An unfinished cut.
+    wire : bool
+        Whether there is one.
+    windows : int
+        Windows read while cutting.
     """
 
     def __init__(
-        self, machine: Machine, seed: int = 0, *, resolution: str = "default", planner: str = "poscal"
+        self, machine: Machine, seed: int = 0, *, resolution: str = "default", planner: str = "poscal",
+        faults: Faults | None = None,
     ) -> None:
         self.plant = Plant(machine, seed, resolution=resolution)
-        self.pulses = PulseSettings(pulse_A=discharge_current_A(machine))
+        self.board = Board(PulseSettings(pulse_A=discharge_current_A(machine)), faults=faults)
+        self.board.open_V = machine.generator.open_voltage_V.value
+        self.computer = Computer(self.board)
+        self.way, self.cause = STAND_BY, ""
+        self.held: tuple[Planner, Route] | None = None
+        self.wire = True
+        self.windows = 0
         self._planner_name = planner
-        self._controller = make("counts")
+        self._law = CountsController(**found_gains("counts")).settings(MAX_FEED_UM_S)
         self._events: list[str] = []
-        x, y = self.plant.commanded_um
-        self._position: Point = (round(x), round(y))
-        self._bare_um, self._bare_ns = (x, y), 0
-        self._wire = True
-        self._speed = MAX_SPEED
-        self._windows = self._missed = 0
-        self._state = STAND_BY
         self._planner: Planner | None = None
-        self._dues: list[Due] = []
-        self._held: tuple[Planner, list[Due]] | None = None
-        self.init()
-
-    @property
-    def greeting(self) -> str:
-        """What the terminal prints first."""
-        machine = self.plant.machine
-        return (
-            f"{machine.name.upper()}   WIRE SPARK EROSION   8085 CONTROLLER\n"
-            f"{machine.material_name.upper()} {machine.height_mm:g} mm HIGH, ITS EDGE 30 um AHEAD OF THE WIRE IN +X\n"
-            "HELP LEADS THROUGH A JOB; BYE LEAVES"
-        )
+        self._bare_um, self._bare_ns = self.plant.commanded_um, 0
+        self._window: PulseWindow | None = None
+        self.computer.init()
+        self.computer.set_speed(MAX_SPEED)
+        x, y = self.plant.commanded_um
+        self.computer.set_position(round(x), round(y))
 
     @property
     def time_ns(self) -> int:
         """Machine time."""
-        return self.plant.time_ns if self._wire else self._bare_ns
+        return self.plant.time_ns if self.wire else self._bare_ns
 
     @property
     def place_um(self) -> tuple[float, float]:
         """Where the carriage is on the table, whatever the counters say."""
-        return self.plant.commanded_um if self._wire else self._bare_um
+        return self.plant.commanded_um if self.wire else self._bare_um
 
     @property
     def moving(self) -> bool:
         """Whether a cut or a jog is under way."""
-        return self._state in (CUTTING, JOGGING)
+        return self._planner is not None
 
     @property
     def in_emergency(self) -> bool:
         """Whether nothing moves until INIT."""
-        return self._state == EMERGENCY
+        return self.computer.state == EMERGENCY
 
-    def digits(self) -> tuple[str, str]:
-        """Both banks of sixteen digits."""
-        x, y = self._position
-        return f"{x:05d} {y:05d}    ", " " * 16
+    @property
+    def gap(self) -> tuple[float, float]:
+        """Mean voltage and current; after the generator has stopped, the voltage that is left (row T-27)."""
+        if self._window is not None and self.plant.generator_on and self.board.generator_on:
+            return self._window.mean_voltage_V, self._window.mean_current_A
+        return self.board.generator_line.voltage_V(self.time_ns), 0.0
 
     def take_events(self) -> list[str]:
         """What the machine has to say since the last call."""
         events, self._events = self._events, []
         return events
 
-    def heard(self, data: bytes) -> bytes:
-        """Return what of the operator's bytes the serial line brings."""
-        return data
-
-    def spoken(self, data: bytes) -> bytes:
-        """Return what of the controller's bytes the serial line brings."""
-        return data
-
-    # what MAIN can do to the machine
-
-    @property
-    def codes(self) -> Codes:
-        """How us become codes."""
-        return Codes(self.pulses.code_of_t_i, self.pulses.code_of_t_p)
-
-    def status(self) -> Status:
-        """What the machine shows."""
-        window, (t_i_us, t_p_us) = self._window, self.pulses.times_us(self._t_i, self._t_p)
-        return Status(
-            state=f"{EMERGENCY}: {self._cause}" if self.in_emergency else self._state,
-            position_um=self._position,
-            speed=self._speed,
-            running=self._units,
-            short=window.short if window else 0,
-            open=window.open if window else 0,
-            windows=self._windows,
-            missed=self._missed,
-            t_i=self._t_i,
-            t_p=self._t_p,
-            t_i_us=t_i_us,
-            t_p_us=t_p_us,
-            generator_on=self.plant.generator_on,
-            voltage_V=window.mean_voltage_V if window else 0.0,
-            current_A=window.mean_current_A if window else 0.0,
-            time_s=self.time_ns * 1e-9,
-        )
-
-    def set_position(self, position_um: Point) -> None:
-        """Set the position counters; they count on from there."""
-        self._check_still()
-        self._position = position_um
+    def say(self, text: str) -> None:
+        """Add an event, with the place at which it happened."""
+        x, y = self.computer.position
+        self._events.append(f"{text}   X {x} Y {y} um")
 
     def set(self, setting: Setting) -> None:
-        """Take over codes and speed; a pair above 2 A is refused and the old one stays (row T-34)."""
-        self._check_alive()
-        t_i = self._t_i if setting.t_i is None else setting.t_i
-        t_p = self._t_p if setting.t_p is None else setting.t_p
+        """Take over codes and speed.
+
+        Raises
+        ------
+        InputError
+            If the pair draws more than 2 A or leaves no pause; the old pair stays (row T-34).
+        """
+        old = self.computer.pulse_codes
+        t_i = old[0] if setting.t_i is None else setting.t_i
+        t_p = old[1] if setting.t_p is None else setting.t_p
+        self.board.settings.check(t_i, t_p)
         if t_i and t_p:
-            self.pulses.check(t_i, t_p)
-            self.plant.set_generator(*self.pulses.times_us(t_i, t_p))
-        self._t_i, self._t_p = t_i, t_p
-        self._speed = self._speed if setting.speed is None else setting.speed
+            self.plant.set_generator(*self.board.settings.times_us(t_i, t_p))
+        self.computer.set_pulse_codes(t_i, t_p)
+        if setting.speed is not None:
+            self.computer.set_speed(setting.speed)
 
-    def cut(self, program: Sequence[Entry]) -> None:
-        """Start timers and generator along a path."""
-        self._check_still()
-        points, dues = lay_out(self._position, program)
-        while dues and not dues[0].path_um:
-            self.set(dues.pop(0).setting)
-        self._check_generator()
-        self._held = None
-        self._run(make_planner(self._planner_name, np.array(points)), dues)
+    def begin_cut(self, route: Route) -> None:
+        """Start timers and generator along a route that begins where the wire is."""
+        self.resume_cut(make_planner(self._planner_name, np.array(route.corners)), route)
 
-    def go_on(self) -> None:
-        """Go on with the cut that was stopped, from where it was stopped."""
-        self._check_still()
-        if self._held is None:
-            raise InputError("no cut was stopped; START or RUN begins one")
-        planner, dues = self._held
-        if planner.position_um != self._position:
-            x, y = planner.position_um
-            raise InputError(f"the cut stopped at X {x} Y {y}; bring the wire back there first")
-        self._check_generator()
-        self._run(planner, dues)
+    def resume_cut(self, planner: Planner, route: Route) -> None:
+        """Start timers and generator where a planner is on its route."""
+        self.computer.start()
+        self._planner, self._route, self.held, self.way = planner, route, None, CUTTING
+        start = min(self._law.start, self.computer.speed)
+        self._state = State(clock=self.time_ns // TICK_NS & WORD, speed=start)
+        self._run_at(start)
 
-    def _run(self, planner: Planner, dues: list[Due]) -> None:
-        self._planner, self._dues, self._state = planner, dues, CUTTING
-        self._command = self._controller.reset(MAX_FEED_UM_S)
-        self.plant.switch_generator(True)
+    def begin_jog(self, target: Point) -> None:
+        """Start the timers towards a place, with the generator off."""
+        self.computer.start(generator=False)
+        self._planner, self.way = make_planner("poscal", np.array([self.computer.position, target])), JOGGING
+        self._run_at(MAX_SPEED)
 
-    def jog(self, axis: int, way_um: int) -> None:
-        """Move one axis with the generator off, at the highest speed the timers run."""
-        self._check_still()
-        if abs(way_um) < STEP_UM:
-            raise InputError(f"a motor step is {STEP_UM} um; jog by at least that")
-        target = [*self._position]
-        target[axis] += way_um
-        if not 0 <= target[axis] <= WORD:
-            raise InputError(f"soft limit: the counters hold 0 to {WORD} um, not {target[axis]}")
-        self.plant.switch_generator(False)
-        self._planner, self._state = make_planner("poscal", np.array([self._position, target])), JOGGING
-        self._command = FeedCommand(MAX_FEED_UM_S)
+    def _run_at(self, units: int) -> None:
+        self._units = self._next_units = units
+        self._busy_until_ns = self.time_ns
+        self.computer.store(at.CUTVEL, units)
 
-    def stop(self) -> None:
-        """Stop timers and generator."""
-        self._check_alive()
-        if not self.moving and not self.plant.generator_on:
-            raise InputError("the machine stands still already")
-        self._stand_by()
-        self._say_place("STOPPED")
+    def stand(self, text: str) -> None:
+        """Stop timers and generator in good order, and say so."""
+        self.computer.stop()
+        self.put_down()
+        self.say(text)
 
-    def generator(self, on: bool) -> None:
-        """Run or stop the generator."""
-        self._check_alive()
-        if on:
-            self._check_generator()
-        self.plant.switch_generator(on)
+    def put_down(self) -> None:
+        """Keep an unfinished cut for later; nothing is under way any more."""
+        if self.way == CUTTING and self._planner is not None:
+            self.held = self._planner, self._route
+        self._planner, self.way = None, STAND_BY
+        self.board.mean_current_A = 0.0
 
-    def emergency(self, cause: str = "STOP BY THE OPERATOR") -> None:
-        """Stop everything: steppers still, generator off, codes 0; the position stays (row T-49)."""
-        self.init()
-        self._state, self._cause = EMERGENCY, cause
-        self._say_place(f"{EMERGENCY}: {cause}; NOTHING MOVES UNTIL INIT")
+    def trip(self, switch: str, cause: str) -> None:
+        """Open a switch: the hardware acts at once, the emergency routine by interrupt, or here if they are off."""
+        self.board.switches.trip(switch)
+        self.computer.serve()
+        if not self.in_emergency:
+            self.computer.emergency()
+        self._stopped(cause)
 
-    def init(self) -> None:
-        """INIT: a safe stand-by; the position stays (rows T-50, T-51)."""
-        self._stand_by()
-        self._t_i = self._t_p = 0
-
-    def thread_wire(self) -> None:
-        """Thread a new wire where the carriage stands."""
-        self._check_still()
-        if self._wire:
-            raise InputError("the wire is whole")
+    def thread(self) -> None:
+        """Thread a new wire where the carriage stands, by hand."""
         by_hand_ns = round(self.plant.machine.base.table.threading_s.value * 1e9)
         self.plant.rethread(self.place_um, self.time_ns - self.plant.time_ns + by_hand_ns)
-        self._wire = True
-        self._say_place("NEW WIRE")
+        self.wire = True
+        self.board.switches.release()
 
-    def _check_alive(self) -> None:
-        if self.in_emergency:
-            raise InputError(f"emergency ({self._cause}): only INIT helps")
-
-    def _check_still(self) -> None:
-        self._check_alive()
-        if self.moving:
-            raise InputError("the machine moves already; STOP stops it, WAIT waits for its end")
-
-    def _check_generator(self) -> None:
-        if not (self._t_i and self._t_p):
-            raise InputError("t(i) and t(p) are not set; TI us TP us sets them")
-        if not self._wire:
-            raise InputError("the wire is broken; WIRE threads a new one")
-
-    # the machine at work
+    def beyond(self, axis: int, direction: int, place_um: float) -> bool:
+        """Whether a step in that direction has led to where the axis' end switch is open."""
+        travel_um = self.plant.machine.base.table.travel_mm.value * 1e3
+        return place_um > travel_um + STEP_UM if direction > 0 else place_um < -STEP_UM
 
     def advance(self) -> None:
         """Let one window pass."""
+        if self.plant.generator_on != self.board.generator_on:
+            self.plant.switch_generator(self.board.generator_on)
         start_ns = self.time_ns
-        end_ns = start_ns + (self.plant.window_ns if self._wire else BARE_WINDOW_NS)
-        steps = self._take_steps(start_ns, end_ns)
-        if self._wire:
-            self._fire(steps)
+        end_ns = start_ns + (self.plant.window_ns if self.wire else BARE_WINDOW_NS)
+        steps = self._make_steps(start_ns, end_ns)
+        place_um = _after(self.place_um, steps)
+        if self.wire:
+            self._fire(steps, place_um)
         else:
-            x, y = (self.place_um[k] + STEP_UM * sum(s.direction for s in steps if s.axis == k) for k in (0, 1))
-            self._bare_um, self._bare_ns = (x, y), end_ns
+            self._bare_um, self._bare_ns = place_um, end_ns
+        self.computer.run_until(end_ns)
         if self._planner is not None and self._planner.done:
-            self._stand_by()
-            self._say_place("READY")
+            self._planner = None
+            self.stand("READY")
 
-    def _fire(self, steps: list[Step]) -> None:
-        """Let the plant pass a window, and the controller see it."""
+    def _make_steps(self, start_ns: int, end_ns: int) -> list[Step]:
+        """Motor steps of a window: planned, and made by the computer as far as no end switch opens."""
+        if self._planner is None:
+            return []
+        change_ns = min(max(self._busy_until_ns, start_ns), end_ns)
+        planned = self._planner.advance(start_ns, change_ns, self._units)
+        planned += self._planner.advance(change_ns, end_ns, self._next_units)
+        if change_ns < end_ns:
+            self._units = self._next_units
+        made = self.computer.drive(self._watched(planned))
+        self.computer.serve()
+        if self.in_emergency:
+            self._planner = None  # off the table there is nothing to go on with
+            self._stopped(" AND ".join(f"{name} SWITCH" for name in self.computer.cause).upper())
+        return made
+
+    def _watched(self, planned: Iterable[Step]) -> Iterator[Step]:
+        """Hand out steps one by one; where one leads the carriage beyond its travel, the end switch opens."""
+        place = [*self.place_um]
+        for step in planned:
+            yield step
+            place[step.axis] += STEP_UM * step.direction
+            if self.beyond(step.axis, step.direction, place[step.axis]):
+                self.board.switches.trip(END_SWITCHES[step.axis])
+
+    def _fire(self, steps: list[Step], place_um: tuple[float, float]) -> None:
+        """Let the plant pass a window that ends at a place, and the computer see it."""
+        pressed = "THE WIRE WAS PRESSED AGAINST THE WORKPIECE AND BROKE"
         try:
             window = self.plant.advance(steps)
         except PlantError:
-            self._lose_wire("THE WIRE WAS PRESSED AGAINST THE WORKPIECE AND BROKE")
+            self._lose_wire(pressed, place_um)
             return
         self._window = window
+        self.board.mean_current_A = window.mean_current_A
         if window.broken:
-            self._lose_wire(f"WIRE BREAK, {self.plant.broken_height_mm:.1f} mm ABOVE THE WORKPIECE'S LOWER FACE")
-        elif self._state == CUTTING and window.pulses == WINDOW_PULSES:
-            self._control(window)
+            height = self.plant.broken_height_mm
+            self._lose_wire(f"WIRE BREAK {height:.1f} mm ABOVE THE WORKPIECE'S LOWER FACE", place_um)
+        elif math.hypot(*window.deflection_um) > BENT_SHARE * 1e3 * self.plant.machine.guide_distance_mm:
+            self._lose_wire(pressed, place_um)
+        elif self.plant.generator_on and window.pulses == WINDOW_PULSES:
+            self.board.counters.count_window(window.short, window.open)
+            self._read_counts()
+        elif self.way == CUTTING:
+            self.stand("NO PULSES COME: THE GENERATOR DROPPED OUT AT LOW V(t(p)); STOPPED")
 
-    def _control(self, window: PulseWindow) -> None:
-        """Counts to speed, and settings that are due."""
-        assert self._planner is not None
-        self._windows += 1
-        self._command = self._controller.update(
-            WindowObservation(
-                self.plant.time_ns * 1e-9, window.duration_ns * 1e-9, window.short, window.open,
-                window.mean_voltage_V, window.mean_current_A, window.mean_delay_us,
-                self._units * SPEED_UNIT_NM_S * 1e-3, self._planner.path_um,
-            )
-        )  # fmt: skip
-        if self._command.alarm is not None:
-            self.emergency(self._command.alarm.upper())
+    def _read_counts(self) -> None:
+        """Poll the latches once the last counts are dealt with; while cutting, decide on the speed."""
+        computer, now_ns = self.computer, self.plant.time_ns
+        if self.way != CUTTING or self._planner is None:
+            computer.store(at.SHORTS, computer.read(PORT3A))
+            computer.store(at.OPENS, computer.read(PORT3B))
             return
-        while self._dues and self._planner.path_um >= self._dues[0].path_um:
+        if now_ns < self._busy_until_ns or not computer.result_waits():
+            return
+        path_um = self._planner.path_um
+        law = self._law._replace(limit=computer.speed, slow=min(self._law.slow, computer.speed))
+        computer.aim(*self._route.corner_ahead(path_um))
+        units, t_states = computer.optimise(law, self._state, now_ns // TICK_NS & WORD, int(path_um) & WORD)
+        self.windows += 1
+        self._next_units, self._busy_until_ns = units, now_ns + round(seconds(t_states) * 1e9)
+        if self._state.phase == ALARM:
+            self.trip(STOP_BUTTON, "PERSISTENT SHORT")
+            return
+        self._take_over(path_um)
+
+    def _take_over(self, path_um: float) -> None:
+        """Take over the program's settings that are due."""
+        dues = self._route.dues
+        while dues and path_um >= dues[0].path_um:
             try:
-                self.set(self._dues.pop(0).setting)
+                self.set(dues.pop(0).setting)
             except InputError as error:
-                self._events.append(f"? {error.reason}; THE OLD SETTING STAYS")
+                self._events.append(f"? {error.reason}; the old setting stays")
 
-    def _take_steps(self, start_ns: int, end_ns: int) -> list[Step]:
-        """Motor steps of a window, as far as no end switch opens."""
-        if self._planner is None:
-            return []
-        units = round(self._command.feed_um_s * 1e3 / SPEED_UNIT_NM_S)
-        units = max(-self._speed, min(units, self._speed if self._state == CUTTING else MAX_SPEED))
-        change_ns = min(start_ns + round(self._command.latency_s * 1e9), end_ns)
-        planned = self._planner.advance(start_ns, change_ns, self._units)
-        planned += self._planner.advance(change_ns, end_ns, units)
-        self._units = units
-        place, taken = [*self.place_um], []
-        travel_um = self.plant.machine.base.table.travel_mm.value * 1e3
-        for step in planned:
-            place[step.axis] += STEP_UM * step.direction
-            taken.append(step)
-            beyond = place[step.axis] - travel_um if step.direction > 0 else -place[step.axis]
-            if beyond > STEP_UM:
-                self._count(taken)
-                side = f"{'XY'[step.axis]}{'+' if step.direction > 0 else '-'}"
-                self.emergency(f"END SWITCH {side}")
-                return taken
-        self._count(taken)
-        return taken
+    def _lose_wire(self, cause: str, place_um: tuple[float, float]) -> None:
+        """The wire is gone; the carriage made the window's steps, as the counters have it."""
+        self._bare_um, self._bare_ns, self.wire = place_um, self.plant.time_ns, False
+        self.trip(WIRE_BREAK, cause)
 
-    def _count(self, steps: list[Step]) -> None:
-        """POSITI for every step taken."""
-        x, y = (self._position[k] + STEP_UM * sum(s.direction for s in steps if s.axis == k) for k in (0, 1))
-        self._position = (x, y)
+    def _stopped(self, cause: str) -> None:
+        self.put_down()
+        self.cause = cause
+        self.say(f"EMERGENCY: {cause}; NOTHING MOVES UNTIL INIT")
 
-    def _lose_wire(self, cause: str) -> None:
-        self._bare_um, self._bare_ns, self._wire = self.plant.commanded_um, self.plant.time_ns, False
-        self.emergency(cause)
 
-    def _stand_by(self) -> None:
-        """Stop timers and generator."""
-        if self._state == CUTTING and self._planner is not None and not self._planner.done:
-            self._held = self._planner, self._dues
-        self._state, self._cause = STAND_BY, ""
-        self._planner, self._dues = None, []
-        self._units = 0
-        self._window: PulseWindow | None = None
-        self.plant.switch_generator(False)
-
-    def _say_place(self, text: str) -> None:
-        x, y = self._position
-        self._events.append(f"{text}   X {x} Y {y} um")
+def _after(place_um: tuple[float, float], steps: Iterable[Step]) -> tuple[float, float]:
+    """Return a place after some steps."""
+    place = [*place_um]
+    for step in steps:
+        place[step.axis] += STEP_UM * step.direction
+    return place[0], place[1]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from bisect import bisect_right
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -22,29 +23,50 @@ class Due(NamedTuple):
     setting: Setting
 
 
-def lay_out(start_um: Point, program: Sequence[Entry]) -> tuple[list[Point], list[Due]]:
-    """Corner points of a program's moves from a start on, and when its settings are due.
+class Route(NamedTuple):
+    """A program laid out from where the wire is.
+
+    Attributes
+    ----------
+    corners : list of Point
+    lengths_um : list of float
+        Length of path up to every corner but the first.
+    dues : list of Due
+        In order.
+    """
+
+    corners: list[Point]
+    lengths_um: list[float]
+    dues: list[Due]
+
+    def corner_ahead(self, path_um: float) -> Point:
+        """Corner that the wire runs to."""
+        return self.corners[min(bisect_right(self.lengths_um, path_um), len(self.lengths_um) - 1) + 1]
+
+
+def lay_out(start_um: Point, program: Sequence[Entry]) -> Route:
+    """Lay a program out from a start on.
 
     Raises
     ------
     InputError
         If an arc has no circle through its ends, or the program moves nowhere.
     """
-    points, dues, length = [start_um], [], 0.0
+    corners, lengths, dues = [start_um], [0.0], []
     for entry in program:
         if isinstance(entry, Setting):
-            dues.append(Due(length, entry))
+            dues.append(Due(lengths[-1], entry))
             continue
-        corners = way_of(points[-1], entry)
-        length += float(np.hypot(*np.diff(np.array(corners), axis=0).T).sum())
-        points += corners[1:]
-    if len(set(points)) == 1:
+        for corner in _corners_of(corners[-1], entry):
+            lengths.append(lengths[-1] + float(np.hypot(corner[0] - corners[-1][0], corner[1] - corners[-1][1])))
+            corners.append(corner)
+    if not lengths[-1]:
         raise InputError("the wire is there already; give another new position")
-    return points, dues
+    return Route(corners, lengths[1:], dues)
 
 
-def way_of(start_um: Point, move: Move) -> list[Point]:
-    """Corner points of one move, its start included."""
+def _corners_of(start_um: Point, move: Move) -> list[Point]:
+    """Corner points of one move after its start."""
     if move.centre_um is None:
-        return [start_um, move.end_um]
-    return [(int(x), int(y)) for x, y in arc_points(start_um, move.centre_um, move.end_um, move.clockwise)]
+        return [move.end_um]
+    return [(int(x), int(y)) for x, y in arc_points(start_um, move.centre_um, move.end_um, move.clockwise)][1:]

@@ -1,7 +1,7 @@
 """The session: bytes through LINE to MAIN, machine time between them, and what the machine says by itself.
 
-Live, the machine runs at a multiple of the clock on the wall and lines are taken as they come. In a script, time stands
-still while lines are read: WAIT lets it pass, and the end of the input waits until the machine stands still.
+Live, the machine runs at a multiple of the clock on the wall and lines are taken as they come. In a script, time
+stands still while lines are read: WAIT lets it pass, and the end of the input waits until the machine stands still.
 """
 
 from __future__ import annotations
@@ -16,7 +16,9 @@ from edmsim.controllers.mcu.main_program import MainProgram
 from edmsim.errors import InputError
 
 from .devices import Interrupts
+from .operation import Operation
 from .rig import Rig
+from .serial_lines import SerialLines
 
 ETX, EOT = 0x03, 0x04
 """Ctrl-C as a character is the emergency stop, Ctrl-D on an empty line leaves."""
@@ -41,7 +43,7 @@ class Screen(Protocol):
     def write(self, data: bytes) -> None:
         """Print."""
 
-    def refresh(self, rig: Rig) -> None:
+    def refresh(self, operation: Operation) -> None:
         """Show the machine as it is now, where there is something to show it on."""
 
 
@@ -72,6 +74,8 @@ class Session:
     ) -> None:
         self.refused = 0
         self._rig = rig
+        self._operation = Operation(rig)
+        self._lines = SerialLines(rig.computer)
         self._screen = screen
         self._interrupts = interrupts
         self._speed = speed
@@ -83,18 +87,18 @@ class Session:
         self._waits_for_rest = False
         self._buffer = InputBuffer()
         self._line = Line(self._buffer, self._transmit)
-        self._main = MainProgram(rig, self, self._say)
+        self._main = MainProgram(self._operation, self, self._say)
         self._prompted = False
 
     def run(self) -> int:
         """Serve the operator until he leaves; return the exit status."""
-        self._say(self._rig.greeting)
+        self._say(self._operation.greeting)
         if self._speed is None:
             self._run_script()
         else:
             self._run_live(self._speed)
         stopped = self._rig.in_emergency
-        self._rig.init()
+        self._operation.init()
         if stopped:
             return STOPPED
         return REFUSED if self.refused and not self._person else FINE
@@ -113,7 +117,7 @@ class Session:
                 self._leaving = not self._rig.moving
             else:
                 self._prompt()
-                self._pending += self._rig.heard(self._screen.read(None))
+                self._pending += self._lines.heard(self._screen.read(None))
         self._end_line()
 
     def _run_live(self, speed: float) -> None:
@@ -129,7 +133,7 @@ class Session:
                 began_s, began_ns = time.monotonic(), self._rig.time_ns
             if due_s <= 0:
                 self._advance()
-            self._screen.refresh(self._rig)
+            self._screen.refresh(self._operation)
             self._receive(min(max(due_s, 0.0), _IDLE_S))
             if self._screen.at_end and not self._pending and not self._rig.moving and not self._waiting:
                 self._leaving = True
@@ -137,7 +141,7 @@ class Session:
 
     def _receive(self, timeout_s: float) -> None:
         """Take in what was typed; Ctrl-C acts at once, and what was typed before it is forgotten."""
-        data = self._rig.heard(self._screen.read(timeout_s))
+        data = self._lines.heard(self._screen.read(timeout_s))
         if ETX in data:
             self._interrupts.press()
             data = data[data.rindex(ETX) + 1 :]
@@ -153,7 +157,7 @@ class Session:
             self._stop_everything()
 
     def _stop_everything(self) -> None:
-        self._rig.emergency()
+        self._operation.emergency()
         self._tell()
 
     def _take(self, character: int) -> None:
@@ -225,7 +229,7 @@ class Session:
             self._transmit(line.encode("ascii", "replace") + b"\r\n")
 
     def _transmit(self, data: bytes) -> None:
-        self._screen.write(self._rig.spoken(data))
+        self._screen.write(self._lines.spoken(data))
 
     def wait(self, seconds: int | None) -> None:
         """Take no further line until some machine time has passed, or the machine stands still."""
@@ -242,14 +246,14 @@ class Session:
             raise InputError("no host is connected; edmsim terminal --host FILE connects one")
         if self._rig.moving:
             raise InputError("the machine moves; a program is loaded while it stands still")
-        return read_host(self._host)
+        return read_host(self._host, self._lines)
 
     def leave(self) -> None:
         """End the session."""
         self._leaving = True
 
 
-def read_host(file: Path) -> list[bytes]:
+def read_host(file: Path, lines: SerialLines) -> list[bytes]:
     """Lines of the host's file as LINE takes them from the second channel: 64 characters, in capitals, no echo.
 
     Raises
@@ -261,9 +265,9 @@ def read_host(file: Path) -> list[bytes]:
         data = file.read_bytes()
     except OSError as error:
         raise InputError(f"the host's file cannot be read: {error.strerror}", file) from None
-    buffer, lines = InputBuffer(), []
+    buffer, taken = InputBuffer(), []
     line = Line(buffer, lambda echo: None)
-    for number, text in enumerate(data.splitlines(), 1):
+    for number, text in enumerate(lines.heard_from_host(data).splitlines(), 1):
         try:
             for character in text:
                 if not (SPACE <= character < DELETE or character == TAB):
@@ -272,5 +276,5 @@ def read_host(file: Path) -> list[bytes]:
             line.take(LINE_FEED)
         except InputError as error:
             raise InputError(f"line {number} of the host's program: {error.reason}") from None
-        lines.append(buffer.text)
-    return lines
+        taken.append(buffer.text)
+    return taken

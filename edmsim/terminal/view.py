@@ -11,8 +11,13 @@ from rich.panel import Panel
 from rich.table import Table
 from rich.text import Text
 
+from edmsim.analyser import WINDOW_PULSES
+from edmsim.controllers.mcu.display import BANK
+from edmsim.controllers.mcu.front_panel import FIELDS
+from edmsim.controllers.mcu.main_program import Status
+
 from .devices import Interrupts, Keyboard
-from .rig import Rig
+from .operation import Operation
 
 _EVERY_S = 0.1
 _BAR_CELLS = 40
@@ -57,11 +62,11 @@ class View(Keyboard):
         # BS, space, BS takes a character back: the space came and went
         self._draw()
 
-    def refresh(self, rig: Rig) -> None:
+    def refresh(self, operation: Operation) -> None:
         """Draw the machine, at most ten times a second."""
         if time.monotonic() >= self._next_s:
             self._next_s = time.monotonic() + _EVERY_S
-            self._panel = panel(rig)
+            self._panel = panel(operation)
             self._draw()
 
     def _draw(self) -> None:
@@ -69,18 +74,32 @@ class View(Keyboard):
             self._live.update(Group(self._panel, Text(self._partial + "_")), refresh=True)
 
 
-def panel(rig: Rig) -> Panel:
-    """Return the digits, the pulse percentages and what the generator does."""
-    status = rig.status()
-    grid = Table.grid(padding=(0, 2))
-    for text in rig.digits():
-        grid.add_row(Text(text, style="bold red"))
-    bars = Table.grid(padding=(0, 1))
+def panel(operation: Operation) -> Panel:
+    """Return the digits with their names, and the pulses of the last window in percent."""
+    status = operation.status()
+    return Panel(Group(_digits(operation.digits()), Text(), _bars(status)), title=status.state, title_align="left",
+                 expand=False)
+
+
+def _digits(shown: list[int]) -> Table:
+    """Two banks of sixteen; what is above 9 is dark."""
+    table = Table.grid(padding=(0, 3))
+    for bank in (0, BANK):
+        fields = {name: place for name, place in FIELDS.items() if bank <= place[0] < bank + BANK}
+        figures = [shown[first : first + count] for first, count in fields.values()]
+        table.add_row(*(Text(name, style="dim") for name in fields))
+        table.add_row(
+            *(Text(" ".join(str(d) if d <= 9 else " " for d in digits), style="bold red") for digits in figures)
+        )
+    return table
+
+
+def _bars(status: Status) -> Table:
+    table = Table.grid(padding=(0, 1))
     for name, count, colour in (
-        ("short", status.short, "red"),
-        ("open", status.open, "yellow"),
-        ("erosion", status.erosion, "green"),
-    ):
-        cells = round(count / 255 * _BAR_CELLS)
-        bars.add_row(name, f"{count / 2.55:5.1f} %", Text("█" * cells + "·" * (_BAR_CELLS - cells), style=colour))
-    return Panel(Group(grid, bars), title=status.state, title_align="left", expand=False)
+        ("short", status.short, "red"), ("open", status.open, "yellow"), ("erosion", status.erosion, "green"),
+    ):  # fmt: skip
+        cells = round(count / WINDOW_PULSES * _BAR_CELLS)
+        bar = Text("█" * cells + "·" * (_BAR_CELLS - cells), style=colour)
+        table.add_row(name, f"{100 * count / WINDOW_PULSES:5.1f} %", bar)
+    return table
