@@ -265,8 +265,9 @@ class Computer:
         return self._steppers.moving
 
     def aim(self, x: int, y: int) -> None:
-        """Note where the wire is to go next, for XVELOC and YVELOC; a planner makes the steps."""
+        """Note where the wire is to go next: XVELOC and YVELOC lead there; a planner makes the steps."""
         self._steppers.aim(x, y)
+        self._steppers.set_speed(self.signed(at.CUTVEL))
 
     def move_to(self, x: int, y: int) -> None:
         """Move straight to a position at the speed set, aimed once by POSCAL as in 1982; `run_until` makes the steps.

@@ -1,4 +1,4 @@
-"""The front panel on the 8279: what its keys do and its digits show, in the spirit of the document, which left it open.
+"""The front panel on the 8279: what its keys do and its digits show; the document left both open.
 
 Bank A shows x, y and the cutting speed in force; bank B the number being entered, and the percentages of short and
 open pulses. A number is entered digit by digit and then given its meaning by a key (ours).

@@ -1,8 +1,8 @@
 """Path-dependent generator control: less energy before a corner.
 
-The document leaves it for later. Before a corner the wire, bent back by its sparks, cuts the corner off; sparks of less
-energy bend it less. So t(i) is shortened there and t(p) kept: the mean current falls with it, and no pair of codes
-is met that the generator refuses. What the program itself wants is set by `Computer.set_pulse_codes`.
+The document leaves it for later. Before a corner the wire, bent back by its sparks, cuts the corner off; sparks of
+less energy bend it less. So t(i) is shortened there and t(p) kept: the mean current falls with it, and no pair of
+codes is met that the generator refuses. What the program itself wants is set by `Computer.set_pulse_codes`.
 """
 
 from __future__ import annotations
