@@ -150,6 +150,18 @@ def test_every_mode_cuts_and_counts_255_pulses(mode, drive):
     assert plant.removed_mm3 > 0.0
 
 
+@pytest.mark.parametrize(("on", "period"), [(30.0, 100.0), (30.0, 400.0), (200.0, 1000.0)])
+def test_the_mean_voltage_is_to_be_divided_by_the_relative_pulse_duration(on, period, in_a_hole, machine):  # T-6, T-7
+    """An open gap and a sparking one show the same voltages at every duty, once rescaled with it."""
+    setting = machine.with_(t_on_us=on, t_period_us=period)
+    relative = on / period
+    assert in_a_hole(setting, 300.0).advance().mean_voltage_V / relative == pytest.approx(100.0)
+    sparking = in_a_hole(setting, 6.0).advance()
+    waiting = sparking.mean_delay_us / on
+    assert sparking.spark > 240
+    assert sparking.mean_voltage_V / relative == pytest.approx(22.0 + 78.0 * waiting, rel=0.05)
+
+
 def test_a_new_setting_holds_from_the_next_window_on(machine):
     plant = edmsim.Plant(machine, seed=1, resolution="fast")
     assert plant.advance().duration_ns == 25_500_000
