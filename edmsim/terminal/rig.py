@@ -82,6 +82,7 @@ class Rig:
         self.held: tuple[Planner, Route] | None = None
         self.wire = True
         self.windows = 0
+        make_planner(planner, np.array([(0, 0), (STEP_UM, 0)]))  # refuses a name that is none before anything moves
         self._planner_name = planner
         self._law = CountsController(**found_gains("counts")).settings(MAX_FEED_UM_S)
         self._events: list[str] = []
