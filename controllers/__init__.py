@@ -20,6 +20,7 @@ from edmsim.controllers.feed.fixed import FixedController
 from edmsim.controllers.feed.fuzzy import FuzzyController
 from edmsim.controllers.feed.oracle import OracleController
 from edmsim.controllers.feed.voltage import VoltageController
+from edmsim.controllers.mcu.controller import McuController
 from edmsim.errors import InputError
 
 __all__ = [
@@ -28,13 +29,13 @@ __all__ = [
 
 _Kind: TypeAlias = (
     "type[CountsController] | type[FixedController] | type[VoltageController] | type[DelayController] "
-    "| type[FuzzyController] | type[AdaptiveOffTimeController] | type[OracleController]"
+    "| type[FuzzyController] | type[AdaptiveOffTimeController] | type[OracleController] | type[McuController]"
 )
 _CONTROLLERS: dict[str, _Kind] = {
     kind.name: kind
     for kind in (
         CountsController, FixedController, VoltageController, DelayController, FuzzyController,
-        AdaptiveOffTimeController, OracleController,
+        AdaptiveOffTimeController, OracleController, McuController,
     )
 }
 

@@ -7,6 +7,7 @@ reset all counters for the next cycle (rows T-39, T-40).
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from typing import NamedTuple
 
 from edmsim.errors import InputError
@@ -54,32 +55,27 @@ def dead_time(t_period_us: float) -> float:
     return WINDOW_PULSES * t_period_us / 1_000_000
 
 
-class PulseAnalyser:
-    """The counters, the 8255's two input latches (mode 1) and their flags.
+class PulseCounters(ABC):
+    """The three counters and what happens at 255 pulses; who takes the result over is a subclass's matter.
 
     Attributes
     ----------
     pulses, short, open : int
         The three counters of the present cycle.
-    buffer_full : bool
-        IBFA and IBFB, which always go together: a result waits to be read.
-    interrupt_enable_a, interrupt_enable_b : bool
-        INTE A and INTE B; 0 after initialisation (row T-43): the result is polled.
     missed : int
         Cycles lost because the one before had not been read (row T-44).
     """
 
     def __init__(self) -> None:
-        self.pulses = self.short = self.open = 0
-        self.buffer_full = False
-        self.interrupt_enable_a = self.interrupt_enable_b = False
-        self.missed = 0
-        self._latch = PulseCounts(0, 0)
+        self.pulses = self.short = self.open = self.missed = 0
 
-    @property
-    def interrupt_requests(self) -> tuple[bool, bool]:
-        """INTR A and INTR B: a waiting result asks for attention where its INTE flag is set."""
-        return self.buffer_full and self.interrupt_enable_a, self.buffer_full and self.interrupt_enable_b
+    @abstractmethod
+    def result_waits(self) -> bool:
+        """Whether IBFA or IBFB is set: a result has not been read yet."""
+
+    @abstractmethod
+    def hand_over(self, short: int, open: int) -> None:
+        """Give a result to the latches."""
 
     def clock(self, sc: bool, op: bool) -> None:
         """Count one pulse on the edge of SYNC.
@@ -126,6 +122,50 @@ class PulseAnalyser:
         self.short, self.open = short, open
         self._strobe()
 
+    def clear(self) -> None:
+        """Reset all counters: a new cycle begins."""
+        self.pulses = self.short = self.open = 0
+
+    def _strobe(self) -> None:
+        """STBA and STBB: latches without an unread result take the counts; IBF resets the counters."""
+        if self.result_waits():
+            self.missed += 1
+        else:
+            self.hand_over(self.short, self.open)
+        self.pulses = self.short = self.open = 0
+
+
+class PulseAnalyser(PulseCounters):
+    """The counters, the 8255's two input latches (mode 1) and their flags.
+
+    Attributes
+    ----------
+    buffer_full : bool
+        IBFA and IBFB, which always go together: a result waits to be read.
+    interrupt_enable_a, interrupt_enable_b : bool
+        INTE A and INTE B; 0 after initialisation (row T-43): the result is polled.
+    """
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.buffer_full = False
+        self.interrupt_enable_a = self.interrupt_enable_b = False
+        self._latch = PulseCounts(0, 0)
+
+    @property
+    def interrupt_requests(self) -> tuple[bool, bool]:
+        """INTR A and INTR B: a waiting result asks for attention where its INTE flag is set."""
+        return self.buffer_full and self.interrupt_enable_a, self.buffer_full and self.interrupt_enable_b
+
+    def result_waits(self) -> bool:
+        """Whether a result waits to be read."""
+        return self.buffer_full
+
+    def hand_over(self, short: int, open: int) -> None:
+        """Latch a result."""
+        self._latch = PulseCounts(short, open)
+        self.buffer_full = True
+
     def read(self) -> PulseCounts:
         """Read both ports: the latched counts, which clears IBF; without a new result the old one again."""
         self.buffer_full = False
@@ -153,12 +193,3 @@ class PulseAnalyser:
         self.interrupt_enable_b = bool(state["interrupt_enable_b"])
         self.missed = state["missed"]
         self._latch = PulseCounts(state["latched_short"], state["latched_open"])
-
-    def _strobe(self) -> None:
-        """STBA and STBB: latches without an unread result take the counts; IBF resets the counters."""
-        if self.buffer_full:
-            self.missed += 1
-        else:
-            self._latch = PulseCounts(self.short, self.open)
-            self.buffer_full = True
-        self.pulses = self.short = self.open = 0

@@ -1,4 +1,4 @@
-"""The command line: ``edmsim cut``, ``view``, ``train``, ``evaluate``, ``validate`` and ``bench``."""
+"""The command line: ``edmsim cut``, ``view``, ``train``, ``evaluate``, ``validate``, ``bench`` and ``terminal``."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ def cut(
         str, typer.Option(help="Feed controller, with parameters if wanted: fixed:feed_um_s=20.")
     ] = "counts",
     drive: Annotated[str, typer.Option(help="Axis drive.")] = "stepper",
-    planner: Annotated[str, typer.Option(help="poscal, poscal-literal or dda.")] = "poscal",
+    planner: Annotated[str, typer.Option(help="poscal, poscal-literal, dda or sine-table.")] = "poscal",
     mechanics: Annotated[str, typer.Option(help="Integrator of table and wire.")] = "modal",
     resolution: Annotated[str, typer.Option(help="fast, default or fine.")] = "default",
     offset: Annotated[str, typer.Option(help="Wire offset: auto, none, or mm.")] = "auto",
@@ -219,6 +219,10 @@ def bench(
     convergence: Annotated[
         Path | None, typer.Option(help="Compare the resolutions instead, and write the table into this file.")
     ] = None,
+    planners: Annotated[
+        Path | None,
+        typer.Option(help="Measure the errors of the planners instead, and write the page and its picture there."),
+    ] = None,
 ) -> None:
     """Measure the speed of this machine."""
     from .bench import measure, render
@@ -230,6 +234,13 @@ def bench(
         with _ERR.status("fast") as status:
             convergence.write_text(page(status.update), encoding="utf-8")
         return
+    if planners is not None:
+        from .planner_page import write as write_planners
+
+        _make_file(planners)
+        with _ERR.status("poscal") as status:
+            write_planners(planners, status.update)
+        return
     figures = measure()
     if json:
         import json as codec
@@ -237,6 +248,37 @@ def bench(
         sys.stdout.write(codec.dumps(figures, indent=2) + "\n")
     else:
         _OUT.print(render(figures))
+
+
+@app.command()
+def terminal(
+    machine: Annotated[str, typer.Option(help="Machine, a name or an own TOML file.")] = "agiecut-dem15",
+    material: Annotated[str, typer.Option(help="Workpiece material.")] = "tool-steel",
+    height: Annotated[float, typer.Option(help="Workpiece height in mm.")] = 20.0,
+    wire: Annotated[str, typer.Option(help="Wire, with a diameter in um if wanted: brass, copper-100.")] = "brass",
+    tension: Annotated[float | None, typer.Option(help="Wire tension in N; default by wire.")] = None,
+    planner: Annotated[str, typer.Option(help="poscal, poscal-literal, dda or sine-table.")] = "poscal",
+    resolution: Annotated[str, typer.Option(help="fast, default or fine.")] = "default",
+    seed: Annotated[int, typer.Option(help="Seed of every draw.")] = 0,
+    host: Annotated[Path | None, typer.Option(help="File that the host sends when LOAD asks for a program.")] = None,
+    speed: Annotated[
+        float | None, typer.Option(help="Machine seconds per second; default 1, or as fast as can be in a pipe.")
+    ] = None,
+    fault: Annotated[
+        list[str] | None,
+        typer.Option(help="A fault of 1982 to inject: serial-noise, drop-out; may be given again."),
+    ] = None,
+    view: Annotated[bool, typer.Option(help="Live view of digits and pulses at a real terminal.")] = True,
+) -> None:
+    """Sit at the 1982 controller's terminal."""
+    from .machine import Machine
+    from .terminal.command import choose_faults, run
+    from .terminal.rig import Rig
+
+    faults = choose_faults(fault or (), seed)
+    set_up = Machine.load(machine, material=material, height_mm=height, wire=wire, tension=tension)
+    rig = Rig(set_up, seed, resolution=resolution, planner=planner, faults=faults)
+    raise typer.Exit(run(rig, host, speed, view))
 
 
 class _ProgressBar:

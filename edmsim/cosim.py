@@ -15,8 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edmsim.controllers import FeedController, WindowObservation
+from edmsim.controllers.feed.base import DrivesSteps
 from edmsim.controllers.feed.setup import tell
 from edmsim.controllers.mcu.planner import Planner, Step, make_planner
+from edmsim.controllers.mcu.poscal import unit_for
 from edmsim.controllers.mcu.timers import MAX_FEED_UM_S, MAX_SPEED, SPEED_UNIT_NM_S
 
 from .analyser import WINDOW_PULSES, PulseAnalyser
@@ -141,7 +143,8 @@ class Simulation:
     controller : FeedController
         Fresh; it is reset at the start of every leg.
     planner : str
-        ``poscal``, ``poscal-literal`` or ``dda``.
+        ``poscal``, ``poscal-literal``, ``dda`` or ``sine-table``. It counts steps in place of um where the table
+        travels further than 16 bits of um (row T-61).
     seed : int
     resolution : str
     max_time_s : float, optional
@@ -161,7 +164,8 @@ class Simulation:
     Raises
     ------
     InputError
-        An unknown planner or resolution, or a step that does not fit the machine's height.
+        An unknown planner or resolution, a step that does not fit the machine's height, or a table too large for
+        the position counters.
     """
 
     def __init__(
@@ -180,7 +184,9 @@ class Simulation:
         self.machine = machine
         self.path = path
         self.controller = controller
+        self._drives = controller if isinstance(controller, DrivesSteps) else None
         self._planner_name = planner
+        self._unit = unit_for(machine.base.table.travel_mm.value * 1e3)
         self._max_time_ns = None if max_time_s is None else round(max_time_s * 1e9)
         self.legs = [leg for contour in path.contours for leg in legs_of(contour)]
         x0, y0, x1, y1 = (1e3 * v for v in path.stock_mm)
@@ -212,7 +218,7 @@ class Simulation:
         if place_um != (points[0, 0], points[0, 1]):
             points = np.concatenate([[place_um], points])
         tell(self.controller, self.machine, points)
-        self._planner: Planner = make_planner(self._planner_name, points)
+        self._planner: Planner = make_planner(self._planner_name, points, unit=self._unit)
         self._dwell_until_ns = -1
         self._units = 0
         self._command = self.controller.reset(MAX_FEED_UM_S)
@@ -265,13 +271,17 @@ class Simulation:
 
     def _run_window(self, start_ns: int, speeds: _Speeds) -> PulseWindow:
         if self.plant.window_ns:
-            return self.plant.advance(self._plan(start_ns, start_ns + self.plant.window_ns, speeds))
+            return self.plant.advance(self._drive(self._plan(start_ns, start_ns + self.plant.window_ns, speeds)))
         # where the period varies, the window's end is known only afterwards: plan for the longest, then undo
         before = self._planner.snapshot()
         window = self.plant.advance(self._plan(start_ns, start_ns + self.plant.longest_window_ns, speeds))
         self._planner.restore(before)
-        self._plan(start_ns, self.plant.time_ns, speeds)
+        self._drive(self._plan(start_ns, self.plant.time_ns, speeds))  # told late, but those of the window only
         return window
+
+    def _drive(self, steps: list[Step]) -> list[Step]:
+        """Return the steps the motors are to make: a controller that has lines to them makes them itself."""
+        return self._drives.drive(steps) if self._drives and steps else steps
 
     def _plan(self, start_ns: int, end_ns: int, speeds: _Speeds) -> list[Step]:
         """Motor steps of a window."""

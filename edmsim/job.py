@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from edmsim.controllers import FeedController, SeesTruth, from_text
+from edmsim.controllers.mcu.poscal import UNIT_UM, unit_for
 
 from . import checkpoint
 from .contours import contour
@@ -141,7 +142,8 @@ def cut(
         Axis drive; see `DRIVES`.
     mechanics : {"modal", "mujoco"}
         Integrator of table and wire (see `Plant`).
-    planner : {"poscal", "poscal-literal", "dda"}
+    planner : {"poscal", "poscal-literal", "dda", "sine-table"}
+        What makes motor steps of path and speed; ``docs/planners.md`` has their errors.
     resolution : {"fast", "default", "fine"}
     offset : "auto", "none" or float
         Wire offset in mm; auto is the wire's radius and the expected side gap.
@@ -176,7 +178,11 @@ def cut(
         t_on_us=t_on_us, t_period_us=t_period_us,
     )
     law = make_controller(controller)
-    path = plan_path(program, offset, auto_offset_mm=set_up.auto_offset_mm)
+    travel_um = round(set_up.base.table.travel_mm.value * 1e3)
+    unit = unit_for(travel_um)
+    path = plan_path(
+        program, offset, auto_offset_mm=set_up.auto_offset_mm, table_um=travel_um, grid_um=UNIT_UM[unit]
+    )
     simulation = Simulation(
         set_up, path, law, planner=planner, seed=seed, resolution=resolution, max_time_s=max_time_s,
         steps=workpiece.steps(path, set_up.wire_diameter_um), mechanics=mechanics,
@@ -186,7 +192,7 @@ def cut(
         "material": material, "height_mm": workpiece.height_mm, **workpiece.settings(), "wire": wire,
         "wire_diameter_um": set_up.wire_diameter_um, "tension_N": set_up.tension, "generator": generator,
         "t_on_us": set_up.t_on_us, "t_period_us": set_up.t_period_us, "controller": controller,
-        "drive": drive, "planner": planner, "mechanics": mechanics, "resolution": resolution,
+        "drive": drive, "planner": planner, "position_unit": unit, "mechanics": mechanics, "resolution": resolution,
         "offset_um": path.offset_um, "max_time_s": max_time_s,
         "constants_sha256": hashlib.sha256(set_up.model_dump_json().encode()).hexdigest()[:16],
     }

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, ClassVar, NamedTuple, Protocol, runtime_checka
 from edmsim.errors import InputError
 
 if TYPE_CHECKING:
+    from edmsim.controllers.mcu.protocol import Step
     from edmsim.plant.plant import PulseWindow
 
 ControllerState = dict[str, float | int | str]
@@ -112,6 +113,14 @@ class SeesTruth(Protocol):
 
     def see(self, truth: PulseWindow) -> None:
         """Take in what happened in the gap; called after every window, before `FeedController.update`."""
+
+
+@runtime_checkable
+class DrivesSteps(Protocol):
+    """A controller with lines to the motors: a planner's steps go through it."""
+
+    def drive(self, steps: list[Step]) -> list[Step]:
+        """Make a planner's steps, in order of time; return those that the motors made."""
 
 
 def check_parameter(controller: str, name: str, value: float) -> None:

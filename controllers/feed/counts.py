@@ -144,16 +144,12 @@ class CountsController:
         """Feed for the next window, from the counts and the position along the path."""
         cpu = self._cpu
         cpu.clock_ns += round(window.duration_s * 1e9)
-        self._analyser.count_window(window.short, window.open)
+        self._count(window.short, window.open)
         if cpu.clock_ns >= cpu.busy_until_ns:
-            counts = self._analyser.read()
             tick = cpu.clock_ns // TICK_NS & WORD
-            assert self._settings is not None
-            cpu.units, t_states = optimise(
-                self._settings, self._state, counts.short, counts.open, tick, math.floor(window.path_um) & WORD
-            )
+            cpu.units, t_states = self._decide(tick, window.path_um)
             cpu.busy_until_ns = cpu.clock_ns + t_states * 1_000_000_000 // CPU_HZ
-        return self._command()
+        return self._command(window.path_um)
 
     def snapshot(self) -> ControllerState:
         """Everything that changes while cutting."""
@@ -220,7 +216,17 @@ class CountsController:
             )
         return ticks
 
-    def _command(self) -> FeedCommand:
+    def _count(self, short: int, open: int) -> None:
+        """Let the analyser count a window."""
+        self._analyser.count_window(short, open)
+
+    def _decide(self, tick: int, path_um: float) -> tuple[int, int]:
+        """Read the counts and run the routine; return its speed and cost."""
+        counts = self._analyser.read()
+        assert self._settings is not None
+        return optimise(self._settings, self._state, counts.short, counts.open, tick, math.floor(path_um) & WORD)
+
+    def _command(self, path_um: float) -> FeedCommand:
         """What the machine is to do from when the processor is ready on; an alarm stops it at once."""
         if self._state.phase == ALARM:
             return FeedCommand(0.0, PERSISTENT_SHORT)

@@ -9,7 +9,7 @@ from typing import cast
 import numpy as np
 from numpy.typing import NDArray
 
-from edmsim.controllers.mcu.poscal import STEP_UM, positi
+from edmsim.controllers.mcu.poscal import STEP_UM, Unit
 from edmsim.controllers.mcu.protocol import PathFollower, PlannerState, Step, check_window
 from edmsim.controllers.mcu.timers import NEVER, SPEED_UNIT_NM_S, TIMER_COUNT
 
@@ -22,14 +22,14 @@ class DdaPlanner(PathFollower):
 
     Parameters
     ----------
-    points_um : int array (n, 2)
-        Corner points, 0..65535 um.
-    speed_unit_nm_s : float
-        Speed unit in nm/s.
+    points_um, speed_unit_nm_s, unit
+        See `PathFollower`.
     """
 
-    def __init__(self, points_um: NDArray[np.int64], speed_unit_nm_s: float = SPEED_UNIT_NM_S) -> None:
-        super().__init__(points_um, speed_unit_nm_s)
+    def __init__(
+        self, points_um: NDArray[np.int64], speed_unit_nm_s: float = SPEED_UNIT_NM_S, unit: Unit = "um"
+    ) -> None:
+        super().__init__(points_um, speed_unit_nm_s, unit)
         self._lengths = tuple(
             math.isqrt(((bx - ax) ** 2 + (by - ay) ** 2) * UM**2)
             for (ax, ay), (bx, by) in pairwise(self._path.points)
@@ -102,7 +102,7 @@ class DdaPlanner(PathFollower):
     def _step(self, axis: int, heading: int, time_ns: int) -> Step:
         a, b = self._path.points[self._move], self._path.points[self._move + 1]
         direction = heading if b[axis] > a[axis] else -heading
-        self._position[axis] = positi(self._position[axis], direction)
+        self._count(axis, direction)
         return Step(time_ns, axis, direction)
 
     def _turn(self, heading: int) -> bool:

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edmsim.controllers.mcu.arithmetic import subsgn
-from edmsim.controllers.mcu.poscal import Displacement, positi, resolve, velocm
+from edmsim.controllers.mcu.poscal import UNIT_UM, Displacement, Unit, resolve, velocm
 from edmsim.controllers.mcu.protocol import PathFollower, PlannerState, Step, check_window
 from edmsim.controllers.mcu.timers import SPEED_UNIT_NM_S, ReloadCounter
 
@@ -23,14 +23,14 @@ class LiteralPlanner(PathFollower):
 
     Parameters
     ----------
-    points_um : int array (n, 2)
-        Corner points, 0..65535 um.
-    speed_unit_nm_s : float
-        Speed unit in nm/s.
+    points_um, speed_unit_nm_s, unit
+        See `PathFollower`.
     """
 
-    def __init__(self, points_um: NDArray[np.int64], speed_unit_nm_s: float = SPEED_UNIT_NM_S) -> None:
-        super().__init__(points_um, speed_unit_nm_s)
+    def __init__(
+        self, points_um: NDArray[np.int64], speed_unit_nm_s: float = SPEED_UNIT_NM_S, unit: Unit = "um"
+    ) -> None:
+        super().__init__(points_um, speed_unit_nm_s, unit)
         self._counters = (ReloadCounter(), ReloadCounter())
         self._vector = self._vector_to(self._path.points[1], 1)
 
@@ -75,8 +75,9 @@ class LiteralPlanner(PathFollower):
 
     def _vector_to(self, target: tuple[int, int], heading: int) -> Displacement:
         """POSCAL's vector from here to the end of a move, turned to point forwards along the path."""
-        x, x_direction = subsgn(target[0], self._position[0])
-        y, y_direction = subsgn(target[1], self._position[1])
+        unit_um = UNIT_UM[self._unit]
+        x, x_direction = subsgn(target[0] // unit_um, self._position[0] // unit_um)
+        y, y_direction = subsgn(target[1] // unit_um, self._position[1] // unit_um)
         return resolve(x, y, x_direction * heading, y_direction * heading, literal_wrap=True)
 
     def _begin(self, heading: int) -> bool:
@@ -107,5 +108,5 @@ class LiteralPlanner(PathFollower):
     def _step(self, axis: int, heading: int, time_ns: int) -> Step:
         """The interrupt routine: one routine, entered for x or for y (row T-71)."""
         direction = heading * (self._vector.y_direction if axis else self._vector.x_direction)
-        self._position[axis] = positi(self._position[axis], direction, wrap=True)
+        self._count(axis, direction, wrap=True)
         return Step(time_ns, axis, direction)

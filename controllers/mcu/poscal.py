@@ -2,13 +2,35 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 from edmsim.controllers.mcu.arithmetic import WORD, divide, reduc, reduc2, sqrt, square, subsgn, verm
 from edmsim.errors import InputError
 
 STEP_UM = 2
 """Table travel of one motor step in um (row T-16)."""
+
+Unit = Literal["um", "step"]
+"""What the 16 bits of a position count: um, or steps for a table of twice the travel (row T-61)."""
+
+UNIT_UM: dict[Unit, int] = {"um": 1, "step": STEP_UM}
+"""Table travel of one unit of position in um."""
+
+
+def unit_for(travel_um: float) -> Unit:
+    """Unit in which positions on a table fit 16 bits: um up to 65 535 um of travel, steps up to 131 070 um.
+
+    Raises
+    ------
+    InputError
+        If the table is larger still (row T-61).
+    """
+    for unit, unit_um in UNIT_UM.items():
+        if travel_um <= WORD * unit_um:
+            return unit
+    raise InputError(
+        f"a table of {travel_um / 1000:g} mm is too large: 16 bits count {WORD * STEP_UM / 1000:g} mm in steps"
+    )
 
 
 class Displacement(NamedTuple):
@@ -105,28 +127,33 @@ def poscal(
     return velocm(resolve(x, y, x_direction, y_direction, literal_wrap), speed)
 
 
-def positi(position_um: int, direction: int, wrap: bool = False) -> int:
-    """Position counter after one step: 2 um up or down (POSITI, row T-70).
+def positi(position: int, direction: int, wrap: bool = False, unit: Unit = "um") -> int:
+    """Position counter after one step: 2 um, or 1 step, up or down (POSITI, row T-70).
 
     The counter assumes that the motor obeys; lost steps stay unseen (row T-19).
 
     Parameters
     ----------
-    position_um : int
-        Counter before the step, 0..65535.
+    position : int
+        Counter before the step, 0..65535 units.
     direction : int
         +1 or -1.
     wrap : bool
         True wraps at 16 bits as the machine did; False treats the ends as soft limits (row T-A11).
+    unit : {"um", "step"}
+        What the counter counts (row T-61).
 
     Raises
     ------
     InputError
-        If the step would leave 0..65535 um and `wrap` is False.
+        If the step would leave 0..65535 units and `wrap` is False.
     """
-    moved = position_um + STEP_UM * direction
+    moved = position + STEP_UM // UNIT_UM[unit] * direction
     if wrap:
         return moved & WORD
     if not 0 <= moved <= WORD:
-        raise InputError(f"soft limit: a step to {moved} um would leave the table's 0..{WORD} um")
+        unit_um = UNIT_UM[unit]
+        raise InputError(
+            f"soft limit: a step to {moved * unit_um} um would leave the table's 0..{WORD * unit_um} um"
+        )
     return moved

@@ -10,13 +10,14 @@ direction of fast ones (rows T-G9, T-A4).
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from edmsim.controllers.mcu.arithmetic import subsgn
-from edmsim.controllers.mcu.poscal import STEP_UM, Displacement, positi, resolve, velocm
+from edmsim.controllers.mcu.poscal import STEP_UM, Displacement, Unit, resolve, velocm
 from edmsim.controllers.mcu.protocol import PathFollower, PlannerState, Step, check_window, near
 from edmsim.controllers.mcu.timers import NEVER, SPEED_UNIT_NM_S, PhaseAccumulator
 
@@ -38,14 +39,17 @@ class PoscalPlanner(PathFollower):
 
     Parameters
     ----------
-    points_um : int array (n, 2)
-        Corner points, 0..65535 um.
-    speed_unit_nm_s : float
-        Speed unit in nm/s.
+    points_um, speed_unit_nm_s, unit
+        See `PathFollower`.
     """
 
-    def __init__(self, points_um: NDArray[np.int64], speed_unit_nm_s: float = SPEED_UNIT_NM_S) -> None:
-        super().__init__(points_um, speed_unit_nm_s)
+    _resolve: Callable[[int, int, int, int], Displacement] = staticmethod(resolve)
+    """What makes a vector for VELOCM from magnitudes and directions."""
+
+    def __init__(
+        self, points_um: NDArray[np.int64], speed_unit_nm_s: float = SPEED_UNIT_NM_S, unit: Unit = "um"
+    ) -> None:
+        super().__init__(points_um, speed_unit_nm_s, unit)
         self._phases = (PhaseAccumulator(), PhaseAccumulator())
         self._heading = 1
         self._speed = 0
@@ -73,7 +77,7 @@ class PoscalPlanner(PathFollower):
             for axis in (0, 1):
                 direction = self._phases[axis].run(self._rates[axis], due)
                 if direction:
-                    self._position[axis] = positi(self._position[axis], direction)
+                    self._count(axis, direction)
                     steps.append(Step(self._clock.time_ns(tick), axis, direction))
             if due == to_steer:
                 self._steer()
@@ -125,7 +129,7 @@ class PoscalPlanner(PathFollower):
         while self._carrot_is_end and max(abs(x), abs(y)) <= 1 and not self._on_last_move():
             self._move += self._heading
             x, y = self._find_carrot()
-        self._aim = aim_at(x, y)
+        self._aim = self._resolve(*lengthened(x, y))
         self._set_speed(self._speed)
 
     def _ticks_to_arrival(self) -> int:
@@ -168,10 +172,10 @@ def quarters(axis: PhaseAccumulator) -> int:
     return (axis.phase + QUARTER_PHASE // 2) // QUARTER_PHASE
 
 
-def aim_at(x: int, y: int) -> Displacement:
-    """POSCAL's vector for a signed displacement in quarter um, doubled while it is short."""
+def lengthened(x: int, y: int) -> tuple[int, int, int, int]:
+    """Magnitudes of a signed displacement in quarter um, doubled while it is short, and their directions."""
     x, x_direction = subsgn(x, 0)
     y, y_direction = subsgn(y, 0)
     while 0 < max(x, y) < SMALLEST_VECTOR:
         x, y = 2 * x, 2 * y
-    return resolve(x, y, x_direction, y_direction)
+    return x, y, x_direction, y_direction

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edmsim.controllers.mcu.arithmetic import WORD
+from edmsim.controllers.mcu.poscal import UNIT_UM, Unit, positi
 from edmsim.controllers.mcu.timers import MAX_SPEED, SPEED_UNIT_NM_S, TickClock
 from edmsim.errors import InputError
 
@@ -87,7 +88,9 @@ class Polyline:
     Parameters
     ----------
     points_um : int array (n, 2)
-        Corner points, 0..65535; a point that repeats the one before it is dropped.
+        Corner points; a point that repeats the one before it is dropped.
+    unit : {"um", "step"}
+        What the position counters count: 0..65535 um, or whole steps of 2 um up to 131 070 um (row T-61).
 
     Attributes
     ----------
@@ -99,10 +102,12 @@ class Polyline:
     Raises
     ------
     InputError
-        If the array has another shape, holds fractions, leaves the table, or has no two different points.
+        If the array has another shape, holds fractions of a unit, leaves the table, or has no two different
+        points.
     """
 
-    def __init__(self, points_um: NDArray[np.int64]) -> None:
+    def __init__(self, points_um: NDArray[np.int64], unit: Unit = "um") -> None:
+        unit_um = UNIT_UM[unit]
         array = np.asarray(points_um)
         if array.ndim != 2 or array.shape[1] != 2:
             raise InputError(f"a path needs points in an array of shape (n, 2), not {array.shape}")
@@ -110,10 +115,12 @@ class Polyline:
             raise InputError(f"a path needs points in whole um, not an array of {array.dtype}")
         points = [(int(x), int(y)) for x, y in array]
         for i, (x, y) in enumerate(points):
-            if not (0 <= x <= WORD and 0 <= y <= WORD):
+            if not (0 <= x <= WORD * unit_um and 0 <= y <= WORD * unit_um):
                 raise InputError(
-                    f"point {i} of the path lies at ({x}, {y}) um, outside the table's 0..{WORD} um"
+                    f"point {i} of the path lies at ({x}, {y}) um, outside the table's 0..{WORD * unit_um} um"
                 )
+            if x % unit_um or y % unit_um:
+                raise InputError(f"point {i} of the path, ({x}, {y}) um, is no whole number of {unit_um} um steps")
         kept = [point for i, point in enumerate(points) if i == 0 or point != points[i - 1]]
         if len(kept) < 2:
             raise InputError(f"a path needs two different points, not {len(kept)}")
@@ -142,13 +149,18 @@ class PathFollower:
     Parameters
     ----------
     points_um : int array (n, 2)
-        Corner points, 0..65535 um.
+        Corner points; see `Polyline`.
     speed_unit_nm_s : float
         Speed unit in nm/s.
+    unit : {"um", "step"}
+        What the position counters count (row T-61).
     """
 
-    def __init__(self, points_um: NDArray[np.int64], speed_unit_nm_s: float = SPEED_UNIT_NM_S) -> None:
-        self._path = Polyline(points_um)
+    def __init__(
+        self, points_um: NDArray[np.int64], speed_unit_nm_s: float = SPEED_UNIT_NM_S, unit: Unit = "um"
+    ) -> None:
+        self._path = Polyline(points_um, unit)
+        self._unit: Unit = unit
         self._clock = TickClock(speed_unit_nm_s)
         self._move = 0
         self._position = list(self._path.points[0])
@@ -162,6 +174,11 @@ class PathFollower:
     def path_um(self) -> float:
         """Length travelled along the path in um, at the foot of the position counters."""
         return self._path.travelled_um(self._move, self.position_um)
+
+    def _count(self, axis: int, direction: int, wrap: bool = False) -> None:
+        """POSITI for one axis: the counter holds units, `position_um` shows um."""
+        unit_um = UNIT_UM[self._unit]
+        self._position[axis] = positi(self._position[axis] // unit_um, direction, wrap, self._unit) * unit_um
 
 
 def near(a_um: tuple[int, int], b_um: tuple[int, int]) -> bool:

@@ -155,6 +155,12 @@ class FullMechanics:
             friction_share=np.zeros(2),
         )
 
+    def set_travel(self, travel_m: float) -> None:
+        """Put the far stops of both axes as far behind a travel as the near ones stand before zero."""
+        for axis in "xy":
+            stops = self.model.joint(axis).range
+            stops[1] = travel_m - stops[0]
+
     def reset(self) -> None:
         """Let the ways' friction go; positions and velocities come from the plant's arrays."""
         self.link.friction_share[:] = 0.0

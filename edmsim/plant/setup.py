@@ -188,7 +188,9 @@ def full_mechanics(machine: Machine, res: Resolution) -> FullMechanics:
         presliding_m=table.presliding_um.value * 1e-6,
         backlash_m=table.backlash_um.value * 1e-6,
     )
-    return FullMechanics(wire_setup(machine), drive, _slice_heights_m(machine, res), machine.base.model)
+    full = FullMechanics(wire_setup(machine), drive, _slice_heights_m(machine, res), machine.base.model)
+    full.set_travel(table.travel_mm.value * 1e-3)
+    return full
 
 
 def propagators(modes: ModalModel, timing: Timing) -> Propagators:

@@ -19,7 +19,7 @@ from edmsim.program.offset import check_reach, nearest_chords, normal, offset_cl
 from edmsim.program.outline import Outline, Program, Side, signed_area
 
 TABLE_UM = 65_000
-"""Travel of each axis of the table in um (row T-61: 65 x 65 mm, 16-bit coordinates)."""
+"""Travel of each axis of the laboratory machine's table in um (row T-61: 65 x 65 mm, 16-bit coordinates)."""
 
 STOCK_MARGIN_MM = 3.0
 """Blank left around the job in mm, clipped to the table (ours)."""
@@ -37,7 +37,7 @@ class Contour:
     Attributes
     ----------
     points_um : int64 array (n, 2)
-        Wire centre, whole um, 0..65000. ``points_um[0]`` is where the wire is threaded (the start hole).
+        Wire centre, whole um within the table's travel; points_um[0] is where the wire is threaded (start hole).
     lead_in_moves : int
         The first this many moves lead from the start hole to the contour.
     nominal_mm : float64 array (m, 2)
@@ -149,6 +149,8 @@ def plan_path(
     offset: float | str = "auto",
     *,
     auto_offset_mm: float,
+    table_um: int = TABLE_UM,
+    grid_um: int = 1,
     lead_in_mm: float = LEAD_IN_MM,
     start_hole_radius_mm: float = START_HOLE_RADIUS_MM,
 ) -> CutPath:
@@ -160,7 +162,7 @@ def plan_path(
 
     The path begins at the contour's own start point and keeps its direction. The program's own approach is
     used where it has one; a closed or compensated contour without one gets a straight lead-in of ours through
-    the waste. The cut ends where the contour closes. The job is centred on the table by whole um.
+    the waste. The cut ends where the contour closes. The job is centred on the table.
 
     Parameters
     ----------
@@ -171,6 +173,10 @@ def plan_path(
         mm, also as text.
     auto_offset_mm : float
         Wire radius and expected side gap together, in mm.
+    table_um : int
+        Travel of each axis of the table, in um.
+    grid_um : int
+        Points are whole multiples of it: 1, or 2 where the controller counts motor steps (row T-61).
     lead_in_mm : float
         Length of our own lead-ins in mm; shortened, with a notice, where there is no room.
     start_hole_radius_mm : float
@@ -179,7 +185,7 @@ def plan_path(
     Returns
     -------
     CutPath
-        Curves are chords within `CHORD_TOLERANCE_UM`, points are whole um.
+        Curves are chords within `CHORD_TOLERANCE_UM`, points are on the grid.
 
     Raises
     ------
@@ -196,11 +202,11 @@ def plan_path(
     _keep_apart(legs, program.source)
     edges = shapely.MultiLineString([leg.edge for leg in legs])
     leads = [_lead(program, leg, edges, lead_in_mm, start_hole_radius_mm, notices) for leg in legs]
-    contours = [_contour(leg, lead) for leg, lead in zip(legs, leads, strict=True)]
-    shift = _shift_um(contours, program.source)
+    contours = [_contour(leg, lead, grid_um) for leg, lead in zip(legs, leads, strict=True)]
+    shift = _shift_um(contours, table_um, grid_um, program.source)
     placed = tuple(_placed(contour, shift) for contour in contours)
     origin = (float(shift[0]) / 1000, float(shift[1]) / 1000)
-    return CutPath(placed, _stock(placed), start_hole_radius_mm, offset_mm * 1000, origin, tuple(notices),
+    return CutPath(placed, _stock(placed, table_um), start_hole_radius_mm, offset_mm * 1000, origin, tuple(notices),
                    program.source)
 
 
@@ -298,13 +304,13 @@ def _programmed_lead(leg: _Leg, hole_radius_mm: float) -> _Lead:
     return _Lead(points, lines)
 
 
-def _contour(leg: _Leg, lead: _Lead) -> Contour:
-    """Join lead and path in whole um; still in the program's coordinates."""
+def _contour(leg: _Leg, lead: _Lead, grid_um: int) -> Contour:
+    """Join lead and path on the grid; still in the program's coordinates."""
     outline = leg.outline
     path, stops = _with_dwells(leg, lead)
     numbers = np.array(outline.line_numbers)[nearest_chords(outline.points_mm, (path[1:] + path[:-1]) / 2)]
     lines = np.array([*lead.lines, *numbers.tolist()], np.int64)
-    points = np.round(np.concatenate([lead.points, path]) * 1000).astype(np.int64)
+    points = np.round(np.concatenate([lead.points, path]) * 1000 / grid_um).astype(np.int64) * grid_um
     moves = (np.diff(points, axis=0) != 0).any(axis=1)
     kept = np.concatenate([[True], moves])
     place = np.cumsum(kept) - 1
@@ -347,24 +353,24 @@ def _dwell_place(leg: _Leg, line: shapely.LineString, i: int) -> float:
     return float(line.project(shapely.Point(points[i] + across)))
 
 
-def _shift_um(contours: Sequence[Contour], source: str) -> NDArray[np.int64]:
-    """Return the whole um that centre the job on the table."""
+def _shift_um(contours: Sequence[Contour], table_um: int, grid_um: int, source: str) -> NDArray[np.int64]:
+    """Return the shift in um, on the grid, that centres the job on the table."""
     points = np.concatenate([contour.points_um for contour in contours])
     low, high = points.min(axis=0), points.max(axis=0)
     extent = high - low
-    if extent.max() > TABLE_UM:
+    if extent.max() > table_um:
         x, y = extent / 1000
         raise InputError(f"the wire's path spans {x:.3f} x {y:.3f} mm with its lead-ins: the table has "
-                         f"{TABLE_UM / 1000:g} x {TABLE_UM / 1000:g} mm", source)
-    return np.asarray((TABLE_UM - low - high) // 2, np.int64)
+                         f"{table_um / 1000:g} x {table_um / 1000:g} mm", source)
+    return np.asarray((table_um - low - high) // (2 * grid_um) * grid_um, np.int64)
 
 
 def _placed(contour: Contour, shift: NDArray[np.int64]) -> Contour:
     return replace(contour, points_um=contour.points_um + shift, nominal_mm=contour.nominal_mm + shift / 1000)
 
 
-def _stock(contours: Sequence[Contour]) -> tuple[float, float, float, float]:
+def _stock(contours: Sequence[Contour], table_um: int) -> tuple[float, float, float, float]:
     corners = np.concatenate([part for c in contours for part in (c.points_um / 1000, c.nominal_mm)])
-    low = np.clip(corners.min(axis=0) - STOCK_MARGIN_MM, 0, TABLE_UM / 1000)
-    high = np.clip(corners.max(axis=0) + STOCK_MARGIN_MM, 0, TABLE_UM / 1000)
+    low = np.clip(corners.min(axis=0) - STOCK_MARGIN_MM, 0, table_um / 1000)
+    high = np.clip(corners.max(axis=0) + STOCK_MARGIN_MM, 0, table_um / 1000)
     return float(low[0]), float(low[1]), float(high[0]), float(high[1])

@@ -80,7 +80,7 @@ def test_steps_add_up_and_the_end_is_reached(name, points, plan):  # T-16, T-17,
     assert planner.path_um == pytest.approx(shapely.LineString(points).length, abs=2)
 
 
-@pytest.mark.parametrize(("name", "limit"), [("dda", math.sqrt(2) + 1e-9), ("poscal", 2.0)])
+@pytest.mark.parametrize(("name", "limit"), [("dda", math.sqrt(2) + 1e-9), ("poscal", 2.0), ("sine-table", 2.0)])
 @settings(max_examples=60, deadline=None)
 @given(points=polylines(500), plan=st.lists(st.tuples(SPEEDS, DURATIONS), max_size=12))
 def test_default_and_dda_keep_the_line_forwards_and_backwards(name, limit, points, plan):  # T-G11, T-G12
@@ -167,7 +167,7 @@ def test_speed_zero_stands_still_and_loses_nothing(name):  # T-76
 
 
 @pytest.mark.parametrize(("unit", "interval"), [(262.5, 59_992_501), (252.6, 62_343_747)])
-@pytest.mark.parametrize("name", ["poscal", "dda"])
+@pytest.mark.parametrize("name", ["poscal", "dda", "sine-table"])
 def test_step_interval_at_full_speed(name, unit, interval):  # T-73, T-A1
     steps = make_planner(name, np.array([(0, 0), (2002, 0)]), unit).advance(0, 90 * SECOND, 127)
     assert len(steps) == 1001
@@ -181,7 +181,7 @@ def test_literal_step_interval_is_the_reload_count():  # T-76
 
 
 @pytest.mark.parametrize("speed", [1, 2, 3, 5, 8, 16, 40, 64, 127])
-@pytest.mark.parametrize("name", ["poscal", "dda"])
+@pytest.mark.parametrize("name", ["poscal", "dda", "sine-table"])
 def test_path_speed_and_straightness_in_any_direction(name, speed):  # T-G9, T-G10, T-G12
     for degrees in (0.05, 0.6, 13.0, 30.0, 45.0, 88.9, 137.0, 201.5, 270.3, 333.3):
         target = (
@@ -253,7 +253,7 @@ def test_literal_planner_takes_a_new_speed_at_the_next_step_only():  # T-76
     assert steps[1].time_ns - steps[0].time_ns == pytest.approx(516 / 8601.6 * 1e9, abs=1)
 
 
-def test_default_planner_takes_a_new_speed_at_once():
+def test_default_planner_takes_a_new_speed_at_once():  # T-A13
     planner = make_planner("poscal", np.array([(0, 0), (100, 0)]))
     assert planner.advance(0, SECOND, 1) == []
     assert planner.advance(SECOND, 2 * SECOND, 127)[0].time_ns < 1.1 * SECOND

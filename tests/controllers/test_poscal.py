@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from edmsim.controllers.mcu.poscal import poscal, positi, resolve, velocm
-from edmsim.controllers.mcu.poscal_planner import aim_at
+from edmsim.controllers.mcu.poscal_planner import lengthened
 from edmsim.errors import InputError
 
 SPEEDS = st.integers(0, 127)
@@ -81,7 +81,7 @@ def test_short_vectors_are_imprecise_unless_doubled():  # T-G10
         for y in range(1, 128):
             true = (x * 127 / math.hypot(x, y), y * 127 / math.hypot(x, y))
             errors += [v - t for v, t in zip(poscal((0, 0), (x, y), 127), true, strict=True)]
-            improved += [v - t for v, t in zip(velocm(aim_at(x, y), 127), true, strict=True)]
+            improved += [v - t for v, t in zip(velocm(resolve(*lengthened(x, y)), 127), true, strict=True)]
     assert (min(errors), max(errors)) == (pytest.approx(-26.8, abs=0.05), pytest.approx(13.4, abs=0.05))
     assert min(improved) >= -1.74
     assert max(improved) <= 0.75

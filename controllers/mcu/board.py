@@ -1,0 +1,180 @@
+"""The board: all chips on their addresses, and the lines that lead to machine and generator."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+from edmsim.analyser import PulseCounters
+from edmsim.controllers.mcu import bus, ppi
+from edmsim.controllers.mcu.bus import Bus
+from edmsim.controllers.mcu.dac import PulseGeneratorLine, PulseSettings
+from edmsim.controllers.mcu.display import Kdc8279
+from edmsim.controllers.mcu.faults import DropOut, SerialNoise
+from edmsim.controllers.mcu.pic import EMERGENCY, KEYBOARD, Pic8259
+from edmsim.controllers.mcu.pit import Pit8253
+from edmsim.controllers.mcu.ppi import Ppi8255
+from edmsim.controllers.mcu.protocol import Step
+from edmsim.controllers.mcu.switches import SafetySwitches
+from edmsim.controllers.mcu.uart import Usart8251
+
+
+class LineOrder(NamedTuple):
+    """Bits of port 4022H; the document gives their order of print only (row T-A9)."""
+
+    oev: int = 0
+    x_direction: int = 1
+    x_pulse: int = 2
+    y_direction: int = 3
+    y_pulse: int = 4
+
+
+class Faults(NamedTuple):
+    """Faults to be injected; None where there is none."""
+
+    noise: SerialNoise | None = None
+    drop_out: DropOut | None = None
+
+
+class _WiredCounters(PulseCounters):
+    """Counters whose strobes go to the latches of an 8255."""
+
+    def __init__(self, port: Ppi8255) -> None:
+        super().__init__()
+        self._port = port
+
+    def result_waits(self) -> bool:
+        return any(self._port.full)
+
+    def hand_over(self, short: int, open: int) -> None:
+        self._port.strobe(ppi.A, short)
+        self._port.strobe(ppi.B, open)
+
+
+class Board:
+    """Chips, wires and the machine's side of them.
+
+    Parameters
+    ----------
+    settings : PulseSettings
+        Trims of the DACs and what their voltages mean.
+    lines : LineOrder
+    faults : Faults
+
+    Attributes
+    ----------
+    now_ns : int
+        Present time.
+    steps : list of Step
+        Rising edges that the steppers saw and obeyed, since someone emptied the list.
+    codes : list of int
+        What the DACs of t(i) and t(p) hold.
+    open_V, mean_current_A : float
+        The generator's open voltage, and its present mean current, as the machine's side tells them.
+    sent, sent_to_host : bytearray
+        What the two serial channels have transmitted.
+    """
+
+    def __init__(
+        self, settings: PulseSettings | None = None, lines: LineOrder | None = None, faults: Faults | None = None
+    ) -> None:
+        self.settings = settings or PulseSettings()
+        self.lines = lines or LineOrder()
+        self.faults = faults or Faults()
+        self.now_ns = 0
+        self.steps: list[Step] = []
+        self.codes = [0, 0]
+        self.open_V = 0.0
+        self.mean_current_A = 0.0
+        self.sent, self.sent_to_host = bytearray(), bytearray()
+        self._levels = 1 << self.lines.oev
+        self.bus = Bus()
+        self.machine_port = Ppi8255(self._drive)
+        self.counter_port = Ppi8255(self._reset_counters)
+        self.counters = _WiredCounters(self.counter_port)
+        self.timers = Pit8253()
+        self.interrupts = Pic8259()
+        self.display = Kdc8279()
+        self.terminal, self.host = Usart8251(self.sent.append), Usart8251(self.sent_to_host.append)
+        self.switches = SafetySwitches(lambda: self.interrupts.request(EMERGENCY))
+        self.generator_line = PulseGeneratorLine()
+        for first, size, chip in (
+            (bus.PORT2A, 4, self.machine_port), (bus.PORT3A, 4, self.counter_port), (bus.TIMERS, 4, self.timers),
+            (bus.INTERRUPTS, 2, self.interrupts), (bus.DISPLAY, 2, self.display), (bus.TERMINAL, 2, self.terminal),
+            (bus.HOST, 2, self.host),
+        ):  # fmt: skip
+            self.bus.attach(first, size, chip)
+
+    @property
+    def generator_on(self) -> bool:
+        """Whether pulses come: OEV lets them, the wire is whole, and the supply has not dropped out."""
+        dropped = self.faults.drop_out is not None and self.faults.drop_out.out
+        return self.generator_line.running and self.switches.generator_allowed and not dropped
+
+    @property
+    def times_us(self) -> tuple[float, float]:
+        """T(i) and t(p) that the codes mean."""
+        return self.settings.times_us(*self.codes)
+
+    def receive(self, byte: int, from_host: bool = False) -> None:
+        """Let a character come in over a serial line, disturbed where that fault is injected."""
+        if self.faults.noise is not None:
+            byte = self.faults.noise(byte, self.mean_current_A)
+        (self.host if from_host else self.terminal).arrive(byte)
+
+    def scan_keys(self, closed: frozenset[int], shift: bool = False, ctrl: bool = False) -> None:
+        """Let the 8279 look at its keys once."""
+        if self.display.scan(closed, shift, ctrl):
+            self.interrupts.request(KEYBOARD)
+
+    def snapshot(self) -> dict[str, Any]:
+        """Everything that changes, fit for JSON; not what has been sent."""
+        faults = {name: fault.snapshot() for name, fault in self.faults._asdict().items() if fault is not None}
+        return {
+            "now_ns": self.now_ns, "codes": list(self.codes), "levels": self._levels,
+            "open_V": self.open_V, "mean_current_A": self.mean_current_A, "ram": self.bus.ram.hex(),
+            "counters": [self.counters.pulses, self.counters.short, self.counters.open, self.counters.missed],
+            "faults": faults, **{name: chip.snapshot() for name, chip in self._chips().items()},
+        }  # fmt: skip
+
+    def restore(self, state: dict[str, Any]) -> None:
+        """Continue where `snapshot` was taken; the board must be wired alike."""
+        self.now_ns, self.codes, self._levels = state["now_ns"], list(state["codes"]), state["levels"]
+        self.open_V, self.mean_current_A = state["open_V"], state["mean_current_A"]
+        self.bus.ram[:] = bytes.fromhex(state["ram"])
+        c = self.counters
+        c.pulses, c.short, c.open, c.missed = state["counters"]
+        for name, chip in self._chips().items():
+            chip.restore(state[name])
+        for name, kept in state["faults"].items():
+            getattr(self.faults, name).restore(kept)
+        self.steps.clear()
+
+    def _chips(self) -> dict[str, Any]:
+        return {
+            "machine_port": self.machine_port, "counter_port": self.counter_port, "timers": self.timers,
+            "interrupts": self.interrupts, "display": self.display, "terminal": self.terminal, "host": self.host,
+            "switches": self.switches, "generator_line": self.generator_line,
+        }  # fmt: skip
+
+    def _drive(self, port: int, byte: int) -> None:
+        """Outputs of the 8255 that drives DACs, generator and steppers."""
+        if port != ppi.C:
+            self.codes[port] = byte
+            if port == ppi.B and self.faults.drop_out is not None:
+                self.faults.drop_out.set(self.settings.t_p.volts(byte))
+            return
+        lines, risen = self.lines, byte & ~self._levels
+        changed = byte ^ self._levels
+        self._levels = byte
+        if changed >> lines.oev & 1:
+            self.generator_line.switch(bool(byte >> lines.oev & 1), self.now_ns, self.open_V)
+        if not self.switches.steppers_supplied:
+            return
+        for axis, pulse, direction in ((0, lines.x_pulse, lines.x_direction), (1, lines.y_pulse, lines.y_direction)):
+            if risen >> pulse & 1:
+                self.steps.append(Step(self.now_ns, axis, 1 if byte >> direction & 1 else -1))
+
+    def _reset_counters(self, port: int, byte: int) -> None:
+        """Line C7 of the 8255 that reads the counters."""
+        if port == ppi.C and byte >> ppi.RESET_BIT & 1:
+            self.counters.clear()

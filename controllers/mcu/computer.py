@@ -1,0 +1,387 @@
+"""The 8085 with its program: the routines of the document that drive the hardware, and their variables in RAM."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from typing import Any
+
+from edmsim.controllers.mcu import bus, pic, pit, ppi, uart
+from edmsim.controllers.mcu import memory_map as at
+from edmsim.controllers.mcu.arithmetic import BYTE, WORD
+from edmsim.controllers.mcu.board import Board
+from edmsim.controllers.mcu.optimise import Settings, State, optimise
+from edmsim.controllers.mcu.poscal import Unit
+from edmsim.controllers.mcu.protocol import Step
+from edmsim.controllers.mcu.steppers import Steppers
+from edmsim.controllers.mcu.streams import Streams
+from edmsim.controllers.mcu.timers import MAX_SPEED
+from edmsim.controllers.mcu.tstates import EMERGENCY_T, INIT_T, KEYBOARD_T, READ_OUT_T
+from edmsim.errors import InputError
+
+OFF, STAND_BY, RUNNING, EMERGENCY = "off", "stand-by", "running", "emergency"
+"""States of the machine: not initialised yet; safe; timers and interrupts on; stopped until INIT."""
+JUMP = 0xC3
+"""JMP of the 8085."""
+BIT_RATE_COUNT = 20
+"""Count of counter 2 (ours): 9600 bit/s times 16 from 3.072 MHz."""
+_ROUTINES = {
+    pic.EMERGENCY: at.EMERGENCY_ROUTINE, pic.X_STEPPER: at.X_ENTRY, pic.Y_STEPPER: at.Y_ENTRY,
+    pic.KEYBOARD: at.KBD_ROUTINE,
+}  # fmt: skip
+
+
+class Computer:
+    """The controller's processor, program and board.
+
+    Time is the board's (`Board.now_ns`): `run_until` and `drive` move it on.
+
+    Parameters
+    ----------
+    board : Board, optional
+        Its hardware; a new board without faults by default.
+    unit : {"um", "step"}
+        What the position counters count (row T-61).
+    wrap : bool
+        Whether a counter that leaves its sixteen bits wraps, as in 1982; else that is a soft limit (row T-A11).
+
+    Attributes
+    ----------
+    board : Board
+    state : {"off", "stand-by", "running", "emergency"}
+    cause : tuple of str
+        Switches that were open at the last emergency; empty where it was called.
+    keys : list of int
+        Keys that the KBD routine has taken and nobody has looked at.
+    streams : Streams
+        Characters in and out, by CIADR and COADR.
+
+    Examples
+    --------
+    >>> computer = Computer()
+    >>> computer.init()
+    >>> computer.set_position(30_000, 30_000)
+    >>> computer.set_speed(127)
+    >>> computer.start(generator=False)
+    >>> computer.move_to(30_100, 30_000)
+    >>> len(computer.run_until(4_000_000_000)), computer.position
+    (50, (30100, 30000))
+    """
+
+    def __init__(self, board: Board | None = None, *, unit: Unit = "um", wrap: bool = False) -> None:
+        self.board = board or Board()
+        self.state = OFF
+        self.cause: tuple[str, ...] = ()
+        self.keys: list[int] = []
+        self.streams = Streams(self.board.bus)
+        self._steppers = Steppers(self.board, self.serve, unit, wrap)
+        self._t_states = 0
+        self._enabled = False
+        self._routines: dict[int, Callable[[], None]] = {
+            at.EMERGENCY_ROUTINE: self.emergency,
+            at.X_ENTRY: lambda: self._steppers.interrupt(0),
+            at.Y_ENTRY: lambda: self._steppers.interrupt(1),
+            at.KBD_ROUTINE: self._keyboard,
+            at.NO_ROUTINE: lambda: None,
+        }
+
+    def read(self, address: int) -> int:
+        """Byte at an address: memory or port."""
+        return self.board.bus.read(address)
+
+    def write(self, address: int, byte: int) -> None:
+        """Put a byte at an address: memory or port. The program's own checks are not asked."""
+        self.board.bus.write(address, byte)
+
+    def word(self, address: int) -> int:
+        """Word in RAM, 0..65535; the names are in `memory_map`."""
+        return self.board.bus.word(address)
+
+    def store(self, address: int, word: int) -> None:
+        """Put a word into RAM, masked to sixteen bits."""
+        self.board.bus.store(address, word)
+
+    def signed(self, address: int) -> int:
+        """Word in RAM as a signed number."""
+        return self._steppers.signed(address)
+
+    @property
+    def t_states(self) -> int:
+        """What the routines have cost since the computer was made, in T-states."""
+        return self._t_states + self._steppers.t_states
+
+    def init(self) -> None:
+        """INIT: make the machine safe and ready; the position stays (rows T-50, T-51).
+
+        After an emergency it is the only way on.
+        """
+        self._enabled = False
+        self._set_up_data()
+        for level in range(8):
+            routine = _ROUTINES.get(level, at.NO_ROUTINE)
+            for offset, byte in enumerate((JUMP, routine & BYTE, routine >> 8, 0)):
+                self.write(pic.JUMP_TABLE + pic.ENTRY_BYTES * level + offset, byte)
+        self._safe_outputs()
+        self.write(bus.INTERRUPTS, pic.ICW1)
+        self.write(bus.INTERRUPTS + 1, pic.ICW2)
+        self._monitor()
+        self.state, self.cause = STAND_BY, ()
+        self._t_states += INIT_T
+
+    def emergency(self) -> None:
+        """Stop everything: data areas are copied first, outputs changed afterwards (row T-49).
+
+        The position stays, ports go to their safe values, interrupts are off, and nothing moves again before `init`.
+        """
+        for k, address in enumerate(at.SAVED_WORDS):
+            self.store(at.SAVED + 2 * k, self.word(address))
+        self._enabled = False
+        self._set_up_data()
+        self._safe_outputs()
+        self.state, self.cause = EMERGENCY, self.board.switches.open
+        self._t_states += EMERGENCY_T
+
+    def _set_up_data(self) -> None:
+        """Start values of the variables; positions and the greatest speed stay."""
+        for address in (at.XVELOC, at.YVELOC, at.CUTVEL, at.SHORTS, at.OPENS, at.ENTRY):
+            self.store(address, 0)
+        self.keys.clear()
+
+    def _safe_outputs(self) -> None:
+        """STOP, directions of the ports, safe values: both voltages 0, generator off, handshake off.
+
+        The mode word clears the port, and OEV with it, for the microseconds until that is written.
+        """
+        self._steppers.stop()
+        self.write(bus.CPORT2, ppi.BASIC_OUTPUTS)
+        self.write(bus.PORT2C, 1 << self.board.lines.oev)
+        self.write(bus.PORT2A, 0)
+        self.write(bus.PORT2B, 0)
+        self.write(bus.CPORT3, ppi.STROBED_INPUTS)
+        for bit in (ppi.INTE_A_BIT, ppi.INTE_B_BIT):
+            self.write(bus.CPORT3, bit << 1)
+        self.write(bus.CPORT3, ppi.RESET_BIT << 1 | 1)  # a pulse resets the counters
+        self.write(bus.CPORT3, ppi.RESET_BIT << 1)
+
+    def _monitor(self) -> None:
+        """What the monitor program sets up: bit rate, serial channels, streams (5.1.1)."""
+        self.write(bus.TIMERS + pit.CONTROL, pit.control_word(pit.BIT_RATE, pit.SQUARE_WAVE))
+        self.write(bus.TIMERS + pit.BIT_RATE, BIT_RATE_COUNT & BYTE)
+        self.write(bus.TIMERS + pit.BIT_RATE, BIT_RATE_COUNT >> 8)
+        for channel in (bus.TERMINAL, bus.HOST):
+            self.write(channel + 1, uart.COMMAND_RESET)
+            self.write(channel + 1, uart.MODE_8_BITS)
+            self.write(channel + 1, uart.COMMAND_RUN | uart.COMMAND_RESET_ERRORS)
+        self.store(at.CIADR, at.TERMINAL_IN)
+        self.store(at.COADR, at.TERMINAL_OUT)
+
+    @property
+    def position(self) -> tuple[int, int]:
+        """Position counters, in um or in steps."""
+        return self.word(at.XPOS), self.word(at.YPOS)
+
+    def set_position(self, x: int, y: int) -> None:
+        """Set the position counters.
+
+        Raises
+        ------
+        InputError
+            While the table moves, or for what is no word.
+        """
+        if self.moving:
+            raise InputError("the table is moving: the position can be set when it stands")
+        check_place(x, y)
+        self.store(at.XPOS, x)
+        self.store(at.YPOS, y)
+
+    @property
+    def pulse_codes(self) -> tuple[int, int]:
+        """Codes of V(t(i)) and V(t(p)) in force."""
+        return self.board.codes[0], self.board.codes[1]
+
+    def set_pulse_codes(self, t_i: int, t_p: int) -> None:
+        """Set both voltages; a pair that draws more than 2 A is refused and the old pair stays (row T-34).
+
+        The one that lowers the current is written first, so that the pair on the way draws no more than both.
+
+        Raises
+        ------
+        InputError
+            With what would be right; also for a code that is none, and in an emergency.
+        """
+        if self.state in (OFF, EMERGENCY):
+            raise InputError("the machine is stopped: INIT first")
+        self.board.settings.check(t_i, t_p)
+        order = [(bus.PORT2A, t_i), (bus.PORT2B, t_p)]
+        for address, code in order if t_i < self.board.codes[0] else reversed(order):
+            self.write(address, code)
+
+    @property
+    def speed(self) -> int:
+        """Greatest cutting speed in units."""
+        return self.word(at.MAXVEL)
+
+    def set_speed(self, units: int) -> None:
+        """Set the greatest cutting speed; a move under way takes it from its next interrupts on.
+
+        Raises
+        ------
+        InputError
+            If it is not 0..127 units (row T-A1).
+        """
+        if not (isinstance(units, int) and 0 <= units <= MAX_SPEED):
+            raise InputError(f"the cutting speed is 0..{MAX_SPEED} units of 262.5 nm/s, not {units!r}")
+        self.store(at.MAXVEL, units)
+        if self.moving and units:
+            self._steppers.set_speed(units)
+
+    def start(self, generator: bool = True) -> None:
+        """Start the machine: interrupts on, and the generator if wanted.
+
+        Raises
+        ------
+        InputError
+            Before INIT, after an emergency, or with a switch open.
+        """
+        if self.state in (OFF, EMERGENCY):
+            raise InputError("the machine is stopped: INIT first")
+        if self.board.switches.open:
+            raise InputError(f"the {self.board.switches.open[0]} switch is open: put that right first")
+        if generator:
+            self.write(bus.CPORT2, self.board.lines.oev << 1)
+        self._enabled, self.state = True, RUNNING
+
+    def stop(self) -> None:
+        """Stop table and generator; codes, speed and position stay, and `start` goes on."""
+        self.write(bus.CPORT2, self.board.lines.oev << 1 | 1)
+        self._steppers.stop()
+        self.store(at.CUTVEL, 0)
+        self._enabled = False
+        if self.state == RUNNING:
+            self.state = STAND_BY
+
+    @property
+    def moving(self) -> bool:
+        """Whether a move of the program's own is under way."""
+        return self._steppers.moving
+
+    def aim(self, x: int, y: int) -> None:
+        """Note where the wire is to go next: XVELOC and YVELOC lead there; a planner makes the steps."""
+        self._steppers.aim(x, y)
+        self._steppers.set_speed(self.signed(at.CUTVEL))
+
+    def move_to(self, x: int, y: int) -> None:
+        """Move straight to a position at the speed set, aimed once by POSCAL as in 1982; `run_until` makes the steps.
+
+        Raises
+        ------
+        InputError
+            While moving, before `start`, without a speed, or for what is no position.
+        """
+        if self.moving:
+            raise InputError("the table is moving: a new move can begin when it stands")
+        if self.state != RUNNING:
+            raise InputError("the machine is not started: start it before a move")
+        if not self.speed:
+            raise InputError(f"the cutting speed is 0: set 1..{MAX_SPEED} units")
+        check_place(x, y)
+        self._steppers.move_to(x, y, self.speed)
+
+    def run_until(self, end_ns: int) -> list[Step]:
+        """Let the timers run up to a time and serve the interrupts; return the steps the motors made."""
+        self.serve()
+        self._steppers.run_until(end_ns)
+        return self._take_steps()
+
+    def drive(self, steps: Iterable[Step]) -> list[Step]:
+        """Make a planner's steps through timers, interrupts and port; return those the motors made.
+
+        The planner is POSCAL re-aimed at every step. Without `start`, or after an emergency, nothing moves.
+        """
+        if self.serve():
+            self._steppers.drive(steps)
+        return self._take_steps()
+
+    def _take_steps(self) -> list[Step]:
+        steps, self.board.steps = self.board.steps, []
+        return steps
+
+    def serve(self) -> bool:
+        """Serve the interrupts that wait, by their priority; return whether interrupts are enabled."""
+        interrupts = self.board.interrupts
+        while self._enabled and interrupts.interrupting:
+            self._enabled = False  # the 8085 does so when it acknowledges
+            entry = interrupts.acknowledge()
+            self._routines[self.word(entry + 1)]()
+            self.write(bus.INTERRUPTS, pic.END_OF_INTERRUPT)
+            self._enabled = self.state == RUNNING
+        return self._enabled
+
+    def _keyboard(self) -> None:
+        """The routine of the keyboard interrupt: all keys that wait."""
+        while self.read(bus.DISPLAY + 1) & 0x0F:
+            self.keys.append(self.read(bus.DISPLAY))
+            self._t_states += KEYBOARD_T
+
+    def take_keys(self) -> list[int]:
+        """Return the keys pressed since the last call; while interrupts are off, MAIN looks for them itself."""
+        if not self._enabled:
+            self._keyboard()
+        keys, self.keys = self.keys, []
+        return keys
+
+    def result_waits(self) -> bool:
+        """Whether the counts of 255 pulses wait in the latches (IBF A and IBF B)."""
+        full = ppi.IBF_A | ppi.IBF_B
+        return self.read(bus.PORT3C) & full == full
+
+    def optimise(self, settings: Settings, state: State, clock: int, path: int) -> tuple[int, int]:
+        """Read the counts and run the optimising routine; the speed goes to CUTVEL, XVELOC and YVELOC.
+
+        While no result waits, nothing changes.
+
+        Parameters
+        ----------
+        settings, state, clock, path
+            See `optimise.optimise`.
+
+        Returns
+        -------
+        (int, int)
+            Speed in units, and the cost in T-states.
+        """
+        if not self.result_waits():
+            return self.signed(at.CUTVEL), READ_OUT_T
+        short, open = self.read(bus.PORT3A), self.read(bus.PORT3B)
+        self.store(at.SHORTS, short)
+        self.store(at.OPENS, open)
+        units, t_states = optimise(settings, state, short, open, clock, path)
+        if units & WORD != self.word(at.CUTVEL):
+            self._steppers.set_speed(units)
+        self._t_states += t_states
+        return units, t_states
+
+    def snapshot(self) -> dict[str, Any]:
+        """Everything that changes, fit for JSON."""
+        return {
+            "state": self.state, "cause": list(self.cause), "keys": list(self.keys), "t_states": self._t_states,
+            "enabled": int(self._enabled), "steppers": self._steppers.snapshot(), "board": self.board.snapshot(),
+        }  # fmt: skip
+
+    def restore(self, state: dict[str, Any]) -> None:
+        """Continue where `snapshot` was taken; the computer must be made alike."""
+        self.state, self.cause, self.keys = state["state"], tuple(state["cause"]), list(state["keys"])
+        self._t_states, self._enabled = state["t_states"], bool(state["enabled"])
+        self._steppers.restore(state["steppers"])
+        self.board.restore(state["board"])
+
+
+def check_place(x: int, y: int) -> None:
+    """Refuse what is no pair of words.
+
+    Raises
+    ------
+    InputError
+    """
+    for value in (x, y):
+        if not (isinstance(value, int) and 0 <= value <= WORD):
+            raise InputError(f"a position is 0..{WORD}, not {value!r}")

@@ -1,0 +1,149 @@
+"""The 8279: 32 digits in two banks of sixteen, and 64 keys (row T-28). It was not connected in 1982.
+
+A word of display memory holds a digit of either bank: bank A in the upper four bits, bank B in the lower. Keys lie in
+eight columns by eight rows; a key counts when it is found closed in a number of scans after each other.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+
+from edmsim.errors import InputError
+
+DIGITS, BANK = 32, 16
+SHIFT, CTRL = 0x40, 0x80
+"""Bits that the two keys add to a key's code, for up to four codes a key."""
+KEYS = 64
+FIFO = 8
+READ_KEYS, READ_DIGITS, WRITE_DIGITS, CLEAR = 0x40, 0x60, 0x80, 0xC0
+"""Commands; to the second and third the number of the word is added, and 10H to go on to the next by itself."""
+_NEXT = 0x10
+_COMMANDS = 0xE0
+BLANK = 0xF
+"""Digit that lights no segment: the 4511 decodes nothing above 9."""
+
+
+class Kdc8279:
+    """One 8279 with its digits and keys.
+
+    Parameters
+    ----------
+    debounce_scans : int
+        Scans a key must be closed after each other ("several" in the document; ours: 3).
+    """
+
+    def __init__(self, debounce_scans: int = 3) -> None:
+        self._needed = debounce_scans
+        self._words = bytearray([BLANK << 4 | BLANK] * BANK)
+        self._keys: deque[int] = deque()
+        self._scans = dict[int, int]()
+        self._command = READ_KEYS
+        self.lost = 0
+
+    @property
+    def digits(self) -> list[int]:
+        """What the 32 digits show: 0..9, or more for blank; bank A is 0..15."""
+        return [word >> 4 for word in self._words] + [word & 0xF for word in self._words]
+
+    @property
+    def waiting(self) -> int:
+        """Keys not read yet; the interrupt line is up while there are any."""
+        return len(self._keys)
+
+    def scan(self, closed: frozenset[int], shift: bool = False, ctrl: bool = False) -> bool:
+        """Scan the keys once.
+
+        Parameters
+        ----------
+        closed : frozenset of int
+            Keys found closed, 0..63: eight times the column, and the row.
+        shift, ctrl : bool
+            Their lines.
+
+        Returns
+        -------
+        bool
+            Whether a key was accepted, which raises the interrupt.
+        """
+        for key in closed:
+            if not 0 <= key < KEYS:
+                raise InputError(f"a key is 0..{KEYS - 1}, not {key!r}")
+        self._scans = {key: self._scans.get(key, 0) + 1 for key in closed}
+        new = [key for key, scans in sorted(self._scans.items()) if scans == self._needed]
+        for key in new:
+            if len(self._keys) == FIFO:
+                self.lost += 1
+            else:
+                self._keys.append(key | SHIFT * shift | CTRL * ctrl)
+        return bool(new)
+
+    def read(self, offset: int) -> int:
+        """Data: a key or a word of digits by the last command; status, at the odd address: keys waiting."""
+        if offset:
+            return len(self._keys) & 7 | (len(self._keys) == FIFO) << 3 | bool(self.lost) << 5
+        if self._command & _COMMANDS == READ_KEYS:
+            return self._keys.popleft() if self._keys else 0xFF
+        return self._words[self._place()]
+
+    def write(self, offset: int, byte: int) -> None:
+        """A command at the odd address; else a word of both digits."""
+        if offset == 0:
+            if self._command & _COMMANDS == WRITE_DIGITS:
+                self._words[self._place()] = byte
+            return
+        if byte & _COMMANDS == CLEAR:
+            self._words[:] = bytes([BLANK << 4 | BLANK] * BANK)
+            self._keys.clear()
+            self._scans.clear()
+            self.lost = 0
+        elif byte & _COMMANDS in (READ_KEYS, READ_DIGITS, WRITE_DIGITS):
+            self._command = byte
+        elif byte & _COMMANDS:  # 000 sets the mode, which is wired here
+            raise InputError(f"command {byte:02X}H: this 8279 reads keys, reads and writes digits, and clears")
+
+    def snapshot(self) -> list[int]:
+        """Everything that changes."""
+        pairs = [v for pair in sorted(self._scans.items()) for v in pair]
+        return [self._command, self.lost, *self._words, len(self._keys), *self._keys, *pairs]
+
+    def restore(self, state: list[int]) -> None:
+        """Continue where `snapshot` was taken."""
+        self._command, self.lost = state[:2]
+        self._words = bytearray(state[2 : 2 + BANK])
+        keys = 3 + BANK + state[2 + BANK]
+        self._keys = deque(state[3 + BANK : keys])
+        self._scans = dict(zip(state[keys::2], state[keys + 1 :: 2], strict=True))
+
+    def _place(self) -> int:
+        """Word the command points at, which then goes on where it is told to."""
+        place = self._command & 0xF
+        if self._command & _NEXT:
+            self._command = self._command & 0xF0 | place + 1 & 0xF
+        return place
+
+
+def write_digit(chip: Kdc8279, digit: int, value: int) -> None:
+    """Write one digit and keep its neighbour in the other bank (row T-28): read the word, change a half, write it.
+
+    Parameters
+    ----------
+    chip : Kdc8279
+    digit : int
+        0..31; 0..15 are bank A.
+    value : int
+        0..9, or `BLANK`.
+
+    Raises
+    ------
+    InputError
+        If there is no such digit or value.
+    """
+    if not (0 <= digit < DIGITS and 0 <= value <= BLANK):
+        raise InputError(f"there are digits 0..{DIGITS - 1} and values 0..{BLANK}, not {digit!r} and {value!r}")
+    place = digit % BANK
+    chip.write(1, READ_DIGITS | place)
+    word = chip.read(0)
+    word = value << 4 | word & 0x0F if digit < BANK else word & 0xF0 | value
+    chip.write(1, WRITE_DIGITS | place)
+    chip.write(0, word)
+    chip.write(1, READ_KEYS)

@@ -1,0 +1,96 @@
+"""The two faults the machine of 1982 was left with, to be injected (rows T-29, T-30).
+
+Their odds are ours; draws are numbered, so that a seed and a history give the same faults again.
+"""
+
+from __future__ import annotations
+
+import random
+
+NOISE_FROM_A = 1.5
+"""Mean current above which sparks disturb the serial lines (row T-29)."""
+DROPS_BELOW_V, RUNS_FROM_V = 6.5, 7.0
+"""V(t(p)) below which the generator drops out, and from which it surely runs (row T-A5)."""
+
+
+class SerialNoise:
+    """Turns a bit of a character over, now and then, while the mean current is above 1.5 A.
+
+    Parameters
+    ----------
+    seed : int
+    chance : float
+        Of each character (ours).
+    """
+
+    def __init__(self, seed: int, chance: float = 0.05) -> None:
+        self._random = random.Random(seed)
+        self.chance = chance
+        self.drawn = 0
+        self.disturbed = 0
+        self._seed = seed
+
+    def __call__(self, byte: int, mean_current_A: float) -> int:
+        """Return the character as it arrives."""
+        if mean_current_A <= NOISE_FROM_A:
+            return byte
+        self.drawn += 1
+        hit, bit = self._random.random() < self.chance, self._random.randrange(8)
+        if not hit:
+            return byte
+        self.disturbed += 1
+        return byte ^ 1 << bit
+
+    def snapshot(self) -> list[int]:
+        """Everything that changes."""
+        return [self.drawn, self.disturbed]
+
+    def restore(self, state: list[int]) -> None:
+        """Continue where `snapshot` was taken."""
+        self._random = random.Random(self._seed)
+        self.drawn, self.disturbed = state
+        for _ in range(self.drawn):
+            self._random.random()
+            self._random.randrange(8)
+
+
+class DropOut:
+    """The generator stops where V(t(p)) is low: below 6.5 V always, from 7 V on never, between with a chance.
+
+    Once out, it stays out until the voltage is 7 V again.
+
+    Parameters
+    ----------
+    seed : int
+    chance : float
+        Of each new voltage between (ours).
+    """
+
+    def __init__(self, seed: int, chance: float = 0.5) -> None:
+        self._random = random.Random(seed)
+        self.chance = chance
+        self.drawn = 0
+        self.out = False
+        self._seed = seed
+
+    def set(self, volts: float) -> bool:
+        """Take a new voltage; return whether the generator is out."""
+        if volts >= RUNS_FROM_V:
+            self.out = False
+        elif volts < DROPS_BELOW_V:
+            self.out = True
+        elif not self.out:
+            self.drawn += 1
+            self.out = self._random.random() < self.chance
+        return self.out
+
+    def snapshot(self) -> list[int]:
+        """Everything that changes."""
+        return [self.drawn, int(self.out)]
+
+    def restore(self, state: list[int]) -> None:
+        """Continue where `snapshot` was taken."""
+        self._random = random.Random(self._seed)
+        self.drawn, self.out = state[0], bool(state[1])
+        for _ in range(self.drawn):
+            self._random.random()

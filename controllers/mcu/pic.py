@@ -1,0 +1,95 @@
+"""The 8259: eight interrupt requests in order of priority, and the jump table they lead to.
+
+It is set up for the 8085: acknowledged, it answers with a call into a table of eight entries of four bytes, which the
+program puts at 3FE0H..3FFFH (row T-48). Levels (row T-45): emergency before steppers before keyboard.
+"""
+
+from __future__ import annotations
+
+from edmsim.errors import InputError
+
+EMERGENCY, X_STEPPER, Y_STEPPER, KEYBOARD = range(4)
+"""Levels: the order is the document's, the numbers are ours."""
+SPURIOUS = 7
+"""Level answered where a request has gone before it was acknowledged."""
+ENTRY_BYTES = 4
+JUMP_TABLE = 0x3FE0
+ICW1 = 0x16 | JUMP_TABLE & 0xE0
+"""First word of initialisation: edges, entries of four bytes, one chip, low byte of the table."""
+ICW2 = JUMP_TABLE >> 8
+END_OF_INTERRUPT = 0x20
+
+
+class Pic8259:
+    """One 8259 on its own."""
+
+    def __init__(self) -> None:
+        self._table = -1
+        self._half = -1
+        self._mask = 0xFF
+        self._requested = 0
+        self._in_service = 0
+
+    def read(self, offset: int) -> int:
+        """Requests, or at the odd address the mask."""
+        return self._mask if offset else self._requested
+
+    def write(self, offset: int, byte: int) -> None:
+        """Words of initialisation, ends of interrupts, masks."""
+        if offset:
+            if self._half >= 0:
+                self._table, self._half = byte << 8 | self._half, -1
+            else:
+                self._mask = byte
+        elif byte & 0x10:
+            if byte & 0x0F != ICW1 & 0x0F:
+                raise InputError(f"ICW1 {byte:02X}H: this 8259 stands alone, sees edges, has entries of four bytes")
+            self._half, self._mask, self._requested, self._in_service = byte & 0xE0, 0, 0, 0
+        elif byte == END_OF_INTERRUPT:
+            self._in_service &= self._in_service - 1  # the highest priority is the lowest bit
+        else:
+            raise InputError(f"command {byte:02X}H: this 8259 knows the end of interrupt, {END_OF_INTERRUPT:02X}H")
+
+    def request(self, level: int) -> None:
+        """Take the rising edge of a request line."""
+        self._requested |= 1 << level
+
+    @property
+    def interrupting(self) -> bool:
+        """INT: a request that is not masked and is above all that is in service."""
+        return self._next() >= 0
+
+    def acknowledge(self) -> int:
+        """Answer the processor: the address of the table's entry, which is then in service.
+
+        Raises
+        ------
+        InputError
+            If the chip has not been initialised.
+        """
+        if self._table < 0:
+            raise InputError("the 8259 has no jump table: write ICW1 and ICW2 first")
+        level = self._next()
+        if level < 0:
+            return self._table + ENTRY_BYTES * SPURIOUS
+        self._requested &= ~(1 << level)
+        self._in_service |= 1 << level
+        return self._table + ENTRY_BYTES * level
+
+    def snapshot(self) -> list[int]:
+        """Everything that changes."""
+        return [self._table, self._half, self._mask, self._requested, self._in_service]
+
+    def restore(self, state: list[int]) -> None:
+        """Continue where `snapshot` was taken."""
+        self._table, self._half, self._mask, self._requested, self._in_service = state
+
+    def _next(self) -> int:
+        """Level to be served next, or -1."""
+        waiting = self._requested & ~self._mask
+        if not waiting:
+            return -1
+        lowest = waiting & -waiting
+        if self._in_service and lowest >= self._in_service & -self._in_service:
+            return -1
+        return lowest.bit_length() - 1

@@ -1,0 +1,78 @@
+"""The 8251: a serial channel; one for the terminal, one for the host that sends programs (row T-59).
+
+The channel is set to asynchronous characters of eight bits without parity by a mode word and a command word after
+reset. It holds one character received; the next one overruns it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from edmsim.errors import InputError
+
+MODE_8_BITS = 0x4E
+"""Asynchronous, 16 clocks a bit, 8 bits, no parity, 1 stop bit."""
+COMMAND_RUN, COMMAND_RESET_ERRORS, COMMAND_RESET = 0x05, 0x10, 0x40
+"""Transmitter and receiver on; errors cleared; back to waiting for a mode word."""
+TX_READY, RX_READY, TX_EMPTY, OVERRUN = 0x01, 0x02, 0x04, 0x10
+"""Bits of the status."""
+BITS_PER_CHARACTER = 10
+"""With start and stop bit."""
+
+
+class Usart8251:
+    """One serial channel.
+
+    Parameters
+    ----------
+    transmit : callable
+        Takes every byte sent.
+    """
+
+    def __init__(self, transmit: Callable[[int], None]) -> None:
+        self._transmit = transmit
+        self._mode = -1
+        self._command = 0
+        self._received = 0
+        self._ready = False
+        self._overrun = False
+
+    def arrive(self, byte: int) -> None:
+        """A character has come in over the line; lost where the receiver is off, overrun where one waits."""
+        if self._command & 0x04:
+            self._overrun |= self._ready
+            self._received, self._ready = byte, True
+
+    def read(self, offset: int) -> int:
+        """The character received, or at the odd address the status."""
+        if offset:
+            return TX_READY | TX_EMPTY | self._ready * RX_READY | self._overrun * OVERRUN
+        self._ready = False
+        return self._received
+
+    def write(self, offset: int, byte: int) -> None:
+        """A character to send; at the odd address the mode word after a reset, then command words."""
+        if not offset:
+            if self._command & 0x01:
+                self._transmit(byte)
+        elif self._mode < 0:
+            if byte == COMMAND_RESET:
+                return  # a reset again
+            if byte != MODE_8_BITS:
+                raise InputError(f"mode word {byte:02X}H: a channel has 8 bits without parity, {MODE_8_BITS:02X}H")
+            self._mode = byte
+        elif byte & COMMAND_RESET:
+            self._mode, self._command, self._ready, self._overrun = -1, 0, False, False
+        else:
+            self._command = byte
+            if byte & COMMAND_RESET_ERRORS:
+                self._overrun = False
+
+    def snapshot(self) -> list[int]:
+        """Everything that changes."""
+        return [self._mode, self._command, self._received, int(self._ready), int(self._overrun)]
+
+    def restore(self, state: list[int]) -> None:
+        """Continue where `snapshot` was taken."""
+        self._mode, self._command, self._received = state[:3]
+        self._ready, self._overrun = bool(state[3]), bool(state[4])

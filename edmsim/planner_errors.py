@@ -1,0 +1,104 @@
+"""How far each planner strays: path, speed and end of straight moves in every direction and at many speeds."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .controllers.mcu.planner import make_planner
+from .controllers.mcu.poscal import STEP_UM
+from .controllers.mcu.timers import SPEED_UNIT_NM_S
+
+SPEEDS = (1, 2, 4, 8, 16, 32, 64, 127)
+"""Speeds in units at which the planners are compared: those of row T-G9."""
+DIRECTIONS_DEG = range(360)
+LONG_UM, SHORT_UM = 2500, 50
+"""Lengths of the moves: well beyond the 8 bits of REDUC, where about 45 degrees the squares wrap, and below them."""
+STRETCH_UM = 100.0
+"""Length over which a local speed is taken; the steps alone make some 1 % of ripple in it."""
+START_UM = (30_000, 30_001)
+_MARGIN = 4.0
+"""A move is given so many times the time it should take; the slowest takes twice that."""
+
+
+class Strayed(NamedTuple):
+    """What went wrong in one straight move.
+
+    Attributes
+    ----------
+    path_max_um, path_rms_um : float
+        Distance of the position counters from the line, after every step.
+    speed_percent : float
+        Mean speed from the first step to the last, along the line, over the commanded one, less 100 %.
+    ripple_percent : float
+        Deviation (rms) of the speed over stretches of `STRETCH_UM` from its mean, in % of the commanded one;
+        nan if the move has less than two stretches.
+    end_um : float
+        Distance from the end of the move to where the motors stopped.
+    """
+
+    path_max_um: float
+    path_rms_um: float
+    speed_percent: float
+    ripple_percent: float
+    end_um: float
+
+
+def move(planner: str, run_um: tuple[int, int], speed: int, start_um: tuple[int, int] = START_UM) -> Strayed:
+    """Run one straight move to its end.
+
+    Parameters
+    ----------
+    planner : str
+        A name of `edmsim.controllers.mcu.planner.PLANNERS`.
+    run_um : (int, int)
+        The displacement.
+    speed : int
+        Path speed, 1..127 units.
+    start_um : (int, int)
+        Where it begins.
+    """
+    start = np.array(start_um)
+    run = np.array(run_um)
+    length = math.hypot(*run_um)
+    commanded = speed * SPEED_UNIT_NM_S * 1e-3
+    until_ns = round((_MARGIN * (length + 2 * STEP_UM) / commanded) * 1e9)
+    steps = make_planner(planner, np.array([start, start + run])).advance(0, until_ns, speed)
+    moved = np.zeros((len(steps), 2))
+    moved[np.arange(len(steps)), [step.axis for step in steps]] = [STEP_UM * step.direction for step in steps]
+    positions = np.cumsum(moved, axis=0)
+    times = np.array([step.time_ns for step in steps]) * 1e-9
+    along, across = positions @ run / length, positions @ (run[::-1] * (1, -1)) / length
+    away = np.hypot(across, along - np.clip(along, 0.0, length))
+    return Strayed(
+        float(away.max()),
+        float(np.sqrt((away**2).mean())),
+        100.0 * ((along[-1] - along[0]) / (times[-1] - times[0]) / commanded - 1.0),
+        100.0 * _ripple(along, times) / commanded,
+        float(np.hypot(*(positions[-1] - run))),
+    )
+
+
+def _ripple(along_um: NDArray[np.float64], times: NDArray[np.float64]) -> float:
+    """Deviation (rms) of the speed over stretches from their mean, in um/s."""
+    furthest = np.maximum.accumulate(along_um)
+    marks = np.arange(furthest[0], furthest[-1], STRETCH_UM)
+    if len(marks) < 3:
+        return math.nan
+    speeds = STRETCH_UM / np.diff(np.interp(marks, furthest, times))
+    return float(speeds.std())
+
+
+def around(
+    planner: str, length_um: float, speed: int, directions_deg: Iterable[float] = DIRECTIONS_DEG
+) -> NDArray[np.float64]:
+    """Errors of a move of one length in many directions: an array (directions, fields of `Strayed`)."""
+    runs = (
+        (round(length_um * math.cos(a)), round(length_um * math.sin(a)))
+        for a in np.radians(list(directions_deg))
+    )
+    return np.array([move(planner, run, speed) for run in runs])

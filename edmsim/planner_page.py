@@ -1,0 +1,193 @@
+"""``docs/planners.md`` and its picture, written by ``edmsim bench --planners docs/planners.md``."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .controllers.mcu.planner import PLANNERS
+from .planner_errors import DIRECTIONS_DEG, LONG_UM, SHORT_UM, SPEEDS, STRETCH_UM, Strayed, around, move
+from .recording.palette import BLUE, GREEN, GRID, INK, MUTED, ORANGE, VERMILION
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+Errors = Mapping[tuple[str, int, int], NDArray[np.float64]]
+"""`around` by planner, length in um and speed in units."""
+
+HEADS = ("planner", "speed", "path max, um", "path rms, um", "mean speed, %", "ripple, %", "end, um")
+
+
+class Failure(NamedTuple):
+    """A move that the requirements single out, with what they say of it."""
+
+    row: str
+    run_um: tuple[int, int]
+    speed: int
+    what: str
+
+
+LOST = Failure("T-G11", (30_000, 100), 127, "REDUC drops the short component: that axis never moves")
+
+FAILURES = (
+    Failure("T-G9", (1000, 100), 1, "one unit to either axis: 45 degrees"),
+    Failure("T-G9", (700, 300), 2, "one unit to either axis: 45 degrees"),
+    Failure("T-G12", (10_000, 5_000), 4, "a third of a unit rounded off: 1492 um"),
+    Failure("T-G12", (10_000, 5_000), 32, "it happens to fit: 1.8 um"),
+    Failure("T-G12", (10_000, 5_000), 127, "rounding of the axis speeds: 41 um"),
+    Failure("T-G12", (20_000, 12_345), 127, "REDUC and rounding: 106 um"),
+    LOST,
+    Failure("T-G6", (23_296, 23_296), 127, "the sum of squares wraps: 856 units an axis for 90"),
+)
+
+_INTRODUCTION = """\
+# Planners
+
+A planner turns path and speed into the steps of two motors. What each makes of straight moves, written by
+`edmsim bench --planners docs/planners.md`: {directions} directions, 1 degree apart, at {speeds} speeds of 1 to 127
+units of 262.5 nm/s, over {long} um and over {short} um.
+
+| planner | what it is |
+|---|---|
+| `poscal` | the default: the integer routines of 1982, re-aimed at every step at a point 32 um ahead |
+| `poscal-literal` | the algorithm as the thesis has it: POSCAL once per move, each axis stops at its own target |
+| `dda` | an ideal line: each axis within half a step of a point that runs along it |
+| `sine-table` | as `poscal`, its direction from a table of 255 sines in place of the square root (T-72) |
+
+- *path*: distance of the position counters from the line after every step, the largest and the rms of all directions.
+  The motors have steps of 2 um.
+- *mean speed*: from the first step to the last, along the line, against the commanded one; the lowest and the
+  highest of all directions. Over {short} um a step more or less is {quantum:.0f} % of the way.
+- *ripple*: rms deviation of the speed over stretches of {stretch:g} um from its mean, in the worst direction; what
+  `dda` has of it the steps alone make.
+- *end*: distance from where the motors stop to the end of the move, in the worst direction.
+
+## What follows
+
+- `poscal` keeps the line to {poscal:.2f} um, `sine-table` to {table:.2f} um and `dda` to {dda:.2f} um, in every
+  direction and at every speed: all within one step. The table loses nothing against the square root, because the next
+  step corrects what half an entry of it gets wrong.
+- The mean speed of `poscal` and `sine-table` is right to {speed:.1f} % over {long} um; their axis speeds are rounded
+  down. `poscal-literal` rounds down to whole units, so that one axis may need twice the time of the other;
+  where the sum of squares wraps it runs too fast, at worst many times (last table).
+- `poscal-literal` strays by up to {literal:.0f} um within {long} um: one unit is coarse at low speed, and nothing
+  corrects it on the way. It reaches the end only because each axis stops at its own target, and not where REDUC has
+  dropped an axis ({lost:.0f} um off in the last table).
+
+![Path error of each planner by direction](planners.png)
+"""
+
+
+def measure(watch: Callable[[str], None] | None = None) -> dict[tuple[str, int, int], NDArray[np.float64]]:
+    """Run every move of the page; `watch` is told which planner is at work."""
+    errors = {}
+    for planner in PLANNERS:
+        for length in (LONG_UM, SHORT_UM):
+            for speed in SPEEDS:
+                if watch is not None:
+                    watch(f"{planner}, {length} um, {speed} units")
+                errors[planner, length, speed] = around(planner, length, speed)
+    return errors
+
+
+def page(errors: Errors) -> str:
+    """Return the page of the documentation."""
+    lines = [_introduction(errors)]
+    for length, name in ((LONG_UM, "Long moves"), (SHORT_UM, "Short moves")):
+        lines += [f"## {name}, {length} um", "", _cells(HEADS), "|---" * len(HEADS) + "|"]
+        for planner in PLANNERS:
+            lines += [row(planner, speed, errors[planner, length, speed]) for speed in SPEEDS]
+        lines.append("")
+    lines += [
+        "## Where the algorithm of 1982 fails",
+        "",
+        "The moves that the rows of `poscal-literal` single out, and the same with the default planner.",
+        "",
+        _cells(("row", "move, um", "speed", "what happens", "path max, um", "mean speed, %", "end, um",
+                "default: path max, um", "default: mean speed, %")),
+        "|---" * 9 + "|",
+        *(failure_row(failure) for failure in FAILURES),
+    ]  # fmt: skip
+    return "\n".join(lines) + "\n"
+
+
+def row(planner: str, speed: int, errors: NDArray[np.float64]) -> str:
+    """Return one line of a table: a planner at one speed, over all directions."""
+    found = Strayed(*errors.T)
+    low, high = np.min(found.speed_percent), np.max(found.speed_percent)
+    ripple = np.max(found.ripple_percent)
+    return _cells(
+        (
+            f"`{planner}`", str(speed), f"{np.max(found.path_max_um):.2f}",
+            f"{np.sqrt(np.mean(np.square(found.path_rms_um))):.2f}", f"{low:+.1f} .. {high:+.1f}",
+            "" if np.isnan(ripple) else f"{ripple:.1f}", f"{np.max(found.end_um):.2f}",
+        )
+    )  # fmt: skip
+
+
+def failure_row(failure: Failure) -> str:
+    """Return one line of the last table."""
+    literal = move("poscal-literal", failure.run_um, failure.speed)
+    default = move("poscal", failure.run_um, failure.speed)
+    return _cells(
+        (
+            failure.row, str(failure.run_um), str(failure.speed), failure.what, f"{literal.path_max_um:.1f}",
+            f"{literal.speed_percent:+.1f}", f"{literal.end_um:.1f}", f"{default.path_max_um:.2f}",
+            f"{default.speed_percent:+.1f}",
+        )
+    )  # fmt: skip
+
+
+def _introduction(errors: Errors) -> str:
+    def worst(planner: str) -> float:
+        return max(float(found[:, 0].max()) for (name, _, _), found in errors.items() if name == planner)
+
+    steered = np.concatenate([errors[name, LONG_UM, v] for name in ("poscal", "sine-table") for v in SPEEDS])
+    literal = np.concatenate([errors["poscal-literal", LONG_UM, v] for v in SPEEDS])
+    return _INTRODUCTION.format(
+        directions=len(DIRECTIONS_DEG), speeds=len(SPEEDS), long=LONG_UM, short=SHORT_UM, stretch=STRETCH_UM,
+        quantum=100 * 2 / SHORT_UM,
+        poscal=worst("poscal"), table=worst("sine-table"), dda=worst("dda"), speed=np.abs(steered[:, 2]).max(),
+        literal=literal[:, 0].max(),
+        lost=move("poscal-literal", LOST.run_um, LOST.speed).end_um,
+    )  # fmt: skip
+
+
+def _cells(cells: tuple[str, ...]) -> str:
+    return "| " + " | ".join(cells) + " |"
+
+
+def figure(errors: Errors) -> Figure:
+    """Draw the largest path error over the direction of a long move, slow and fast."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    drawn = Figure(figsize=(9.0, 3.6), dpi=110, facecolor="white", layout="constrained")
+    FigureCanvasAgg(drawn)
+    colours = dict(zip(PLANNERS, (BLUE, VERMILION, GREEN, ORANGE), strict=True))
+    panels = drawn.subplots(1, 2, sharey=True)
+    for axes, speed in zip(panels, (4, 127), strict=True):
+        for planner, colour in colours.items():
+            away = errors[planner, LONG_UM, speed][:, 0]
+            axes.plot(list(DIRECTIONS_DEG), away, color=colour, lw=1.1, label=planner)
+        axes.axhline(2.0, color=MUTED, lw=0.8, ls="--")
+        axes.set(yscale="log", xlim=(0, 360), xticks=range(0, 361, 45), xlabel="direction, degrees")
+        axes.set_title(f"{LONG_UM / 1000:g} mm at speed {speed}", fontsize=10, color=INK)
+        axes.grid(color=GRID)
+    panels[0].set_ylabel("largest path error, µm")
+    panels[0].text(4, 2.1, "one step", fontsize=8, color=MUTED)
+    panels[1].legend(fontsize=8, loc="upper right")
+    return drawn
+
+
+def write(file: Path, watch: Callable[[str], None] | None = None) -> None:
+    """Measure, and write the page and, beside it, its picture ``planners.png``."""
+    from .recording.figures import write_figure
+
+    errors = measure(watch)
+    write_figure(figure(errors), file.with_name("planners.png"))
+    file.write_text(page(errors), encoding="utf-8")
