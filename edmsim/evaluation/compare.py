@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..controllers import from_text, names
+from ..controllers import SAME_LAW, from_text, names
 from ..errors import InputError
 from ..learning import policy_file
 from ..plant.setup import resolution as check_resolution
@@ -130,7 +130,7 @@ def held_back(seeds: int) -> tuple[int, ...]:
 
 def usual(env_id: str) -> list[str]:
     """Return what is compared where nothing is named: every classic controller, and the policies shipped for it."""
-    return [*names(), *(f"policy:{name}" for name in policy_file.shipped(env_id))]
+    return [*(name for name in names() if name not in SAME_LAW), *(f"policy:{name}" for name in policy_file.shipped(env_id))]
 
 
 def env_ids() -> tuple[str, ...]:
