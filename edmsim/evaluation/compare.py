@@ -130,7 +130,8 @@ def held_back(seeds: int) -> tuple[int, ...]:
 
 def usual(env_id: str) -> list[str]:
     """Return what is compared where nothing is named: every classic controller, and the policies shipped for it."""
-    return [*(name for name in names() if name not in SAME_LAW), *(f"policy:{name}" for name in policy_file.shipped(env_id))]
+    classic = [name for name in names() if name not in SAME_LAW]
+    return classic + [f"policy:{name}" for name in policy_file.shipped(env_id)]
 
 
 def env_ids() -> tuple[str, ...]:

@@ -46,7 +46,8 @@ def score_rows(name, scores):
         here = {row["controller"]: row for row in scores if row["resolution"] == resolution}
         policy = here["policy"]
         returns = [f"{row['mean_return']:.0f} ± {row['return_error']:.0f}" for row in (policy, *map(here.get, RIVALS))]
-        errors = ["" if row["error_um"] is None else f"{row['error_um']:.2f}" for row in (policy, here[RIVALS[0]])]
+        pair = policy, here[RIVALS[0]]
+        errors = ["" if row["error_um"] is None else f"{row['error_um']:.2f}" for row in pair]
         cells = [f"{policy['rate_mm2_min']:.1f}", *errors, f"{policy['breaks']}, {policy['limits']}"]
         yield f"| `{name}` | {resolution} | " + " | ".join([*returns, *cells]) + " |"
 
