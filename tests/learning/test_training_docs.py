@@ -45,7 +45,8 @@ def score_rows(name, scores):
     for resolution in RESOLUTIONS:
         here = {row["controller"]: row for row in scores if row["resolution"] == resolution}
         policy = here["policy"]
-        returns = [f"{row['mean_return']:.0f} ± {row['return_error']:.0f}" for row in (policy, *map(here.get, RIVALS))]
+        made = policy, *map(here.get, RIVALS)
+        returns = [f"{row['mean_return']:.0f} ± {row['return_error']:.0f}" for row in made]
         pair = policy, here[RIVALS[0]]
         errors = ["" if row["error_um"] is None else f"{row['error_um']:.2f}" for row in pair]
         cells = [f"{policy['rate_mm2_min']:.1f}", *errors, f"{policy['breaks']}, {policy['limits']}"]
