@@ -1,4 +1,4 @@
-"""The command line: ``edmsim cut``, ``view``, ``train``, ``evaluate``, ``validate`` and ``bench``."""
+"""The command line: ``edmsim cut``, ``view``, ``train``, ``evaluate``, ``validate``, ``bench`` and ``terminal``."""
 
 from __future__ import annotations
 
@@ -244,6 +244,37 @@ def bench(
         sys.stdout.write(codec.dumps(figures, indent=2) + "\n")
     else:
         _OUT.print(render(figures))
+
+
+@app.command()
+def terminal(
+    machine: Annotated[str, typer.Option(help="Machine, a name or an own TOML file.")] = "agiecut-dem15",
+    material: Annotated[str, typer.Option(help="Workpiece material.")] = "tool-steel",
+    height: Annotated[float, typer.Option(help="Workpiece height in mm.")] = 20.0,
+    wire: Annotated[str, typer.Option(help="Wire, with a diameter in um if wanted: brass, copper-100.")] = "brass",
+    tension: Annotated[float | None, typer.Option(help="Wire tension in N; default by wire.")] = None,
+    planner: Annotated[str, typer.Option(help="poscal, poscal-literal, dda or sine-table.")] = "poscal",
+    resolution: Annotated[str, typer.Option(help="fast, default or fine.")] = "default",
+    seed: Annotated[int, typer.Option(help="Seed of every draw.")] = 0,
+    host: Annotated[Path | None, typer.Option(help="File that the host sends when LOAD asks for a program.")] = None,
+    speed: Annotated[
+        float | None, typer.Option(help="Machine seconds per second; default 1, or as fast as can be in a pipe.")
+    ] = None,
+    fault: Annotated[
+        list[str] | None,
+        typer.Option(help="A fault of 1982 to inject: serial-noise, drop-out; may be given again."),
+    ] = None,
+    view: Annotated[bool, typer.Option(help="Live view of digits and pulses at a real terminal.")] = True,
+) -> None:
+    """Sit at the 1982 controller's terminal."""
+    from .machine import Machine
+    from .terminal.command import choose_faults, run
+    from .terminal.rig import Rig
+
+    faults = choose_faults(fault or (), seed)
+    set_up = Machine.load(machine, material=material, height_mm=height, wire=wire, tension=tension)
+    rig = Rig(set_up, seed, resolution=resolution, planner=planner, faults=faults)
+    raise typer.Exit(run(rig, host, speed, view))
 
 
 class _ProgressBar:

@@ -16,13 +16,13 @@ from .controllers.mcu.timers import SPEED_UNIT_NM_S
 SPEEDS = (1, 2, 4, 8, 16, 32, 64, 127)
 """Speeds in units at which the planners are compared: those of row T-G9."""
 DIRECTIONS_DEG = range(360)
-LONG_UM, SHORT_UM = 2000, 50
-"""Lengths of the moves: well beyond the carrot of `poscal` and the 8 bits of REDUC, and below both."""
+LONG_UM, SHORT_UM = 2500, 50
+"""Lengths of the moves: well beyond the 8 bits of REDUC, where about 45 degrees the squares wrap, and below them."""
 STRETCH_UM = 100.0
 """Length over which a local speed is taken; the steps alone make some 1 % of ripple in it."""
 START_UM = (30_000, 30_001)
 _MARGIN = 4.0
-"""A move is given so many times the time it should take; the slowest, an axis at 0.71 of its speed, takes 1.4."""
+"""A move is given so many times the time it should take; the slowest takes twice that."""
 
 
 class Strayed(NamedTuple):

@@ -11,11 +11,14 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import numpy as np
 import pytest
 
 from edmsim import checkpoint, cli
+from edmsim.controllers.mcu.planner import PLANNERS
 from edmsim.cosim import Simulation
 from edmsim.errors import WireLostError
+from edmsim.planner_errors import LONG_UM, SHORT_UM, SPEEDS
 
 FAST = ("--height", "5", "--resolution", "fast")
 
@@ -52,6 +55,21 @@ def test_help_names_every_command_on_one_line(edmsim: Run) -> None:
                              ("validate", "Compare the model with what was published, row by row."),
                              ("bench", "Measure the speed of this machine.")):  # fmt: skip
         assert any(command in line and purpose in line for line in told.out.splitlines())
+
+
+def test_bench_writes_the_page_of_the_planners(tmp_path: Path, edmsim: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    moves = {
+        (planner, length, speed): np.tile([1.0, 0.5, 0.1, 0.2, 1.0], (360, 1))
+        for planner in PLANNERS for length in (LONG_UM, SHORT_UM) for speed in SPEEDS
+    }  # fmt: skip
+    monkeypatch.setattr("edmsim.planner_page.measure", lambda watch: moves)
+    page = tmp_path / "planners.md"
+    assert edmsim("bench", "--planners", page).status == 0
+    assert page.read_text(encoding="utf-8").startswith("# Planners\n")
+    assert (tmp_path / "planners.png").stat().st_size > 5000
+    told = edmsim("bench", "--planners", tmp_path / "none" / "planners.md")
+    assert told.status == 2
+    assert "cannot be written" in told.err
 
 
 def test_no_argument_shows_the_help_as_bad_usage(edmsim: Run) -> None:

@@ -100,7 +100,7 @@ def test_removed_metal_is_what_the_craters_took(small_cut: SimpleNamespace) -> N
     assert sum(areas_mm2) * 5 / field.n_slices == pytest.approx(report["removed_mm3"], rel=0.01)
 
 
-def test_energy_and_removed_metal_belong_together(small_cut: SimpleNamespace) -> None:
+def test_energy_and_removed_metal_belong_together(small_cut: SimpleNamespace) -> None:  # T-11
     report = small_cut.result.report
     per_J = edmsim.Machine.load().material.removal_mm3_J.value
     assert report["removed_mm3"] == pytest.approx(report["energy_J"] * per_J, rel=0.1)
@@ -230,7 +230,7 @@ def test_broken_wire_leaves_a_full_report(
     assert json.loads((tmp_path / "out" / "report.json").read_text()) == report
 
 
-@pytest.mark.parametrize("planner", ["poscal-literal", "dda"])
+@pytest.mark.parametrize("planner", ["poscal-literal", "dda", "sine-table"])
 def test_other_planners_cut_too(cut_small: Callable[..., edmsim.CutResult], planner: str) -> None:
     report = cut_small(planner=planner, max_time_s=4).report
     assert report["settings"]["planner"] == planner

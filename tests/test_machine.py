@@ -52,7 +52,7 @@ def test_every_file_loads(kind: str, name: str) -> None:
     assert TITLE[kind](machine) == tomllib.loads(text_of(kind, name))["title"]
 
 
-def test_the_wires_and_materials_asked_for_are_there() -> None:
+def test_the_wires_and_materials_asked_for_are_there() -> None:  # T-13
     assert {"copper", "brass", "molybdenum"} <= set(available("wires"))
     assert {"tool-steel", "cemented-carbide", "copper", "aluminium"} <= set(available("materials"))
     assert {"iso-pulse", "iso-energetic", "ignition-pulse"} == set(available("generators"))
@@ -143,7 +143,7 @@ def test_missing_file_and_folder_are_refused_by_name(tmp_path: Path) -> None:
         assert refusal(material=str(tmp_path / name)).startswith(str(tmp_path / name))
 
 
-def test_wire_diameter() -> None:
+def test_wire_diameter() -> None:  # T-13
     assert Machine.load(wire="brass").wire_diameter_um == 250
     assert Machine.load(wire="copper-100").wire_diameter_um == 100
     assert Machine.load(wire="copper-20").wire_diameter_um == 20  # 2.7.1
@@ -196,7 +196,7 @@ def test_geometry_of_the_set_up() -> None:
         (30, 10_001, "t_period 10001 us"), (30, 30, "no pause"), (math.nan, 100, "t_on nan"),
     ],
 )  # fmt: skip
-def test_pulse_times_of_the_field(t_on: float, t_period: float, named: str) -> None:  # T-1, T-2, T-36
+def test_pulse_times_of_the_field(t_on: float, t_period: float, named: str) -> None:  # T-1, T-2, T-36, T-A8
     assert named in refusal(t_on_us=t_on, t_period_us=t_period)
 
 

@@ -31,6 +31,7 @@ def arc_points(start_um: Point, centre_um: Point, end_um: Point, clockwise: bool
 
     The chords lie within 1 um of the circle through the start; the last goes to the end as given. With a planner
     that keeps the line (all but ``poscal-literal``) the steps stay within 2 um, one step, of the circle.
+    On a table that counts steps, give the points in steps and double what comes back.
 
     Parameters
     ----------

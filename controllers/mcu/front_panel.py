@@ -20,7 +20,7 @@ KEYS = {
     for k, name in enumerate(("CLEAR", "X", "Y", "T(I)", "T(P)", "SPEED", "GO", "START", "STOP", "INIT"))
 }
 """Keys by name; 0..9 are the digits. SHIFT with X or Y sets the position counter, without it the new position."""
-_FIELDS = {
+FIELDS = {
     "x": (0, 5), "y": (6, 5), "speed": (12, 4), "entry": (BANK, 5), "short": (BANK + 6, 3), "open": (BANK + 10, 3),
 }  # fmt: skip
 """First digit and number of digits."""
@@ -94,7 +94,7 @@ class FrontPanel:
             "short": 100 * computer.word(at.SHORTS) // WINDOW_PULSES,
             "open": 100 * computer.word(at.OPENS) // WINDOW_PULSES,
         }  # fmt: skip
-        for name, (first, count) in _FIELDS.items():
+        for name, (first, count) in FIELDS.items():
             rest = values[name]
             for digit in range(first + count - 1, first - 1, -1):
                 blank = rest == 0 and digit < first + count - 1

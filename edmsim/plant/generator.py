@@ -24,6 +24,8 @@ T_ON_US = (1.0, 1000.0)
 """On-times of the field (row T-1)."""
 T_PERIOD_US = (2.0, 10_000.0)
 """Periods: 500 kHz (row T-36) to 10 ms (row T-2)."""
+_IDLE_V = 1e-3
+"""Voltage of a generator switched off: nothing next to any gap voltage, but no 0 to divide by."""
 
 
 def discharge_current_A(machine: Machine) -> float:
@@ -87,3 +89,8 @@ def timing(machine: Machine) -> Timing:
         period_ns=0 if varies else round(period * 1e3),
         grid_us=grid,
     )
+
+
+def switched_off(setting: Timing) -> Timing:
+    """Return the setting with neither voltage nor current: time passes in its periods, nothing else happens."""
+    return setting._replace(open_V=_IDLE_V, burning_V=_IDLE_V, current_A=0.0, short_A=0.0)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from ..errors import InputError, NotFiniteError, PlantError, WireInMetalError, WireLostError
 from . import setup
 from .full_model import FullMechanics
-from .generator import timing
+from .generator import switched_off, timing
 from .mechanics import ModalModel
 from .memory import CALL, Memory, window_function
 from .random import key_of
@@ -156,6 +156,7 @@ class Plant:
         self._memory.keep_record("constants", self._constants)
         self._memory.keep_record("heat", setup.heat_law(machine, res))
         self._memory.keep_tuple(setup.scratch(res, coordinates))
+        self._generator_on = True
         self._set_timing(machine)
         self.reset(seed, stock=stock, position_um=position_um)
 
@@ -175,7 +176,7 @@ class Plant:
         return full
 
     def _set_timing(self, machine: Machine) -> None:
-        self._timing = timing(machine)
+        self._timing = timing(machine) if self._generator_on else switched_off(timing(machine))
         self._memory.keep_record("timing", self._timing)
         self._memory.keep_record("law", setup.gap_law(machine, self.resolution, self._timing.open_V))
         if isinstance(self._model, ModalModel):
@@ -219,6 +220,20 @@ class Plant:
     def set_generator(self, t_on_us: float, t_period_us: float) -> None:
         """Change the pulse setting from the next window on; raises `InputError` if the generator refuses it."""
         self.machine = self.machine.with_(t_on_us=t_on_us, t_period_us=t_period_us)
+        self._set_timing(self.machine)
+
+    @property
+    def generator_on(self) -> bool:
+        """Whether the generator runs; a fresh plant's does."""
+        return self._generator_on
+
+    def switch_generator(self, on: bool) -> None:
+        """Run or stop the generator from the next window on.
+
+        Stopped, windows keep their length and table and wire move, but there is neither voltage nor current: what a
+        window then counts are moments without a pulse, shorts where the wire touches.
+        """
+        self._generator_on = on
         self._set_timing(self.machine)
 
     def rethread(self, position_um: tuple[float, float], duration_ns: int) -> None:
@@ -388,12 +403,14 @@ class Plant:
         if isinstance(self._model, FullMechanics):
             state.update(self._model.snapshot())
         state["state"] = self._state.copy()
-        state["setting"] = np.array([self.machine.t_on_us, self.machine.t_period_us])
+        state["setting"] = np.array([self.machine.t_on_us, self.machine.t_period_us, self._generator_on])
         return state
 
     def restore(self, state: dict[str, NDArray[Any]]) -> None:
         """Take back a `snapshot` of a plant of the same set-up and resolution."""
-        t_on, t_period = (float(v) for v in state["setting"])
+        t_on, t_period, on = (float(v) for v in state["setting"])
+        if bool(on) != self._generator_on:
+            self.switch_generator(bool(on))
         if (t_on, t_period) != (self.machine.t_on_us, self.machine.t_period_us):
             self.set_generator(t_on, t_period)
         self.field.restore({k.removeprefix("field."): v for k, v in state.items() if k.startswith("field.")})

@@ -253,7 +253,7 @@ def test_literal_planner_takes_a_new_speed_at_the_next_step_only():  # T-76
     assert steps[1].time_ns - steps[0].time_ns == pytest.approx(516 / 8601.6 * 1e9, abs=1)
 
 
-def test_default_planner_takes_a_new_speed_at_once():
+def test_default_planner_takes_a_new_speed_at_once():  # T-A13
     planner = make_planner("poscal", np.array([(0, 0), (100, 0)]))
     assert planner.advance(0, SECOND, 1) == []
     assert planner.advance(SECOND, 2 * SECOND, 127)[0].time_ns < 1.1 * SECOND

@@ -104,6 +104,16 @@ def test_verm_of_every_pair_of_bytes_and_square():  # T-64, T-65
     np.testing.assert_array_equal(called(arithmetic.square, np.arange(256)), np.arange(256) ** 2)
 
 
+def test_divide_read_literally_makes_every_root_2():  # T-A3
+    """With the text's words for dividend and divisor as printed, n / x is 1 while n is the larger."""
+    for n in (4, 9, 100, 10_000, 65_025):
+        x, following = n, (n + 1) // 2
+        while x != following:
+            x = following
+            following = ((1 if n >= x else n // x) + x + 1) // 2
+        assert x == 2
+
+
 def test_divide_of_every_boundary_by_every_boundary():  # T-66, T-A3
     near = np.array(boundaries())
     a, b = (grid.ravel() for grid in np.meshgrid(near, near))

@@ -166,7 +166,7 @@ def test_a_narrow_gap_ignites_within_microseconds(in_a_hole, machine):
     assert quick[20.0] < 0.2
 
 
-def test_debris_hastens_ignition(in_a_hole, machine):
+def test_debris_hastens_ignition(in_a_hole, machine):  # T-9
     """Rate times 1 + gain x share: debris of 0.1 at gain 5 makes it half as much again."""
     stagnant = {"base.dielectric.viscosity_Pa_s": 1e12}
     rates = []

@@ -45,7 +45,7 @@ def tall():
 
 
 @pytest.mark.parametrize("gap", [20.0, 35.0])
-def test_the_kerf_of_an_untouched_slot_is_wire_and_two_gaps(gap, machine):
+def test_the_kerf_of_an_untouched_slot_is_wire_and_two_gaps(gap, machine):  # T-14
     plant = begin(altered(machine, {"material.removal_mm3_J": 1e-15}), 1, gap_um=gap)
     window = plant.advance()
     slot = Cut(plant, [window], CENTRE_UM[0] - 250.0, 250.0)
@@ -130,7 +130,7 @@ def test_shorts_at_a_moderate_feed_come_from_the_electrostatic_pull(usual, witho
     assert usual.vibration_um > 5 * without_pull.vibration_um
 
 
-def test_the_wire_leads_by_its_pull_and_lags_by_its_discharges(usual, without_pull):
+def test_the_wire_leads_by_its_pull_and_lags_by_its_discharges(usual, without_pull):  # T-14
     assert usual.lag_um < -3.0
     assert without_pull.lag_um > 0.1
 

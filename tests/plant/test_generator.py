@@ -150,6 +150,18 @@ def test_every_mode_cuts_and_counts_255_pulses(mode, drive):
     assert plant.removed_mm3 > 0.0
 
 
+@pytest.mark.parametrize(("on", "period"), [(30.0, 100.0), (30.0, 400.0), (200.0, 1000.0)])
+def test_the_mean_voltage_is_to_be_divided_by_the_relative_pulse_duration(on, period, in_a_hole, machine):  # T-6, T-7
+    """An open gap and a sparking one show the same voltages at every duty, once rescaled with it."""
+    setting = machine.with_(t_on_us=on, t_period_us=period)
+    relative = on / period
+    assert in_a_hole(setting, 300.0).advance().mean_voltage_V / relative == pytest.approx(100.0)
+    sparking = in_a_hole(setting, 6.0).advance()
+    waiting = sparking.mean_delay_us / on
+    assert sparking.spark > 240
+    assert sparking.mean_voltage_V / relative == pytest.approx(22.0 + 78.0 * waiting, rel=0.05)
+
+
 def test_a_new_setting_holds_from_the_next_window_on(machine):
     plant = edmsim.Plant(machine, seed=1, resolution="fast")
     assert plant.advance().duration_ns == 25_500_000
@@ -165,3 +177,27 @@ def test_same_pulses_with_less_current_remove_less(machine, altered, drive):
         windows = drive(plant, 8.0, 5.0)
         removed.append(plant.removed_mm3 / sum(w.spark for w in windows))
     assert removed[0] == pytest.approx(2 * removed[1], rel=0.1)
+
+
+def test_a_generator_switched_off_moves_no_metal_and_lets_the_table_move(machine, drive):
+    plant = edmsim.Plant(machine, seed=1, resolution="fast")
+    plant.switch_generator(False)
+    windows = drive(plant, 20.0, 1.0)
+    assert plant.time_ns == sum(w.duration_ns for w in windows)
+    assert plant.commanded_um[0] == pytest.approx(32_520.0, abs=2.0)
+    assert all(w.energy_J == 0.0 and w.mean_current_A == 0.0 and w.mean_voltage_V < 0.01 for w in windows)
+    assert plant.removed_mm3 == 0.0
+    assert windows[-1].wire_temperature_K == pytest.approx(machine.base.dielectric.temperature_K.value)
+    plant.switch_generator(True)
+    assert sum(w.spark for w in drive(plant, 20.0, 1.0)) > 0
+    assert plant.removed_mm3 > 0.0
+
+
+def test_a_snapshot_remembers_that_the_generator_is_off(machine):
+    plant = edmsim.Plant(machine, seed=1, resolution="fast")
+    plant.switch_generator(False)
+    state = plant.snapshot()
+    plant.switch_generator(True)
+    plant.restore(state)
+    assert not plant.generator_on
+    assert plant.advance().mean_voltage_V < 0.01

@@ -84,7 +84,7 @@ def test_sparks_push_the_wire_back_as_a_string_under_their_impulses(machine, alt
 # --- nothing, everything, and water in between ---
 
 
-def test_without_metal_every_pulse_is_open(in_a_hole, machine):
+def test_without_metal_every_pulse_is_open(in_a_hole, machine):  # T-7
     plant = in_a_hole(machine, 300.0, still=False)
     for _ in range(3):
         window = plant.advance()
@@ -96,7 +96,7 @@ def test_without_metal_every_pulse_is_open(in_a_hole, machine):
     assert plant.removed_mm3 == 0.0
 
 
-def test_a_wire_forced_into_the_metal_shorts_until_it_is_withdrawn(machine, drive, share):
+def test_a_wire_forced_into_the_metal_shorts_until_it_is_withdrawn(machine, drive, share):  # T-7
     plant = edmsim.Plant(machine, seed=1, resolution="fast")
     pressed = drive(plant, 300.0, 1.0)[-10:]
     assert share(pressed, "short") == 1.0
@@ -127,7 +127,7 @@ def test_conducting_water_takes_voltage_from_an_open_gap(gap, conductivity, in_a
         assert open_V == pytest.approx(100.0 / (1 + 11.8 * siemens), rel=0.01)
 
 
-def test_delays_are_longer_across_a_wider_gap(in_a_hole, machine):
+def test_delays_are_longer_across_a_wider_gap(in_a_hole, machine):  # T-9
     delays = []
     for gap in (12.0, 16.0, 20.0, 25.0):
         plant = in_a_hole(machine.with_(t_on_us=200.0, t_period_us=2_000.0), gap)
@@ -145,7 +145,7 @@ def far(machine):
     return edmsim.Plant(machine, 1, stock=stock, position_um=(10_000.0, 20_000.0), resolution="fast")
 
 
-def test_steps_move_the_commanded_position_by_two_um(machine):
+def test_steps_move_the_commanded_position_by_two_um(machine):  # T-16
     plant = far(machine)
     plant.advance([(1_000_000, 0, 1), (2_000_000, 0, 1), (3_000_000, 1, -1)])
     assert plant.commanded_um == (10_004.0, 19_998.0)

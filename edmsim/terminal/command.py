@@ -1,0 +1,72 @@
+"""What ``edmsim terminal`` does: puts machine, screen and session together."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from pathlib import Path
+
+from edmsim.controllers.mcu.board import Faults
+from edmsim.controllers.mcu.faults import DropOut, SerialNoise
+from edmsim.errors import InputError
+
+from .devices import Interrupts, Keyboard, Pipe, is_terminal
+from .rig import Rig
+from .session import Session
+
+REAL_TIME = 1.0
+"""Machine seconds per second for a person."""
+FAULTS = SERIAL_NOISE, DROP_OUT = "serial-noise", "drop-out"
+"""Rows T-29 and T-30."""
+
+
+def run(rig: Rig, host: Path | None, speed: float | None, view: bool) -> int:
+    """Serve the operator at standard input and output; return the exit status.
+
+    Parameters
+    ----------
+    rig : Rig
+    host : path or None
+        File that the host minicomputer sends.
+    speed : float or None
+        Machine seconds per second; by default 1 for a person, and as fast as it goes for a script.
+    view : bool
+        Whether a person gets the live view.
+    """
+    if speed is not None and not speed > 0:
+        raise InputError(f"--speed is above 0, in machine seconds per second, not {speed:g}")
+    if host is not None and not os.access(host, os.R_OK):
+        raise InputError("cannot be read; --host takes a file with the host's program", host)
+    interrupts = Interrupts()
+    with interrupts.caught():
+        if not is_terminal():
+            return Session(rig, Pipe(interrupts), interrupts, speed=speed, host=host).run()
+        keyboard = _screen(interrupts, view)
+        session = Session(rig, keyboard, interrupts, speed=speed or REAL_TIME, host=host, person=True)
+        with keyboard.in_character_mode(), keyboard:
+            return session.run()
+
+
+def choose_faults(names: Sequence[str], seed: int) -> Faults:
+    """Make the faults of 1982 that are to be injected.
+
+    Raises
+    ------
+    InputError
+        If there is no such fault.
+    """
+    for name in names:
+        if name not in FAULTS:
+            raise InputError(f"there is no fault {name!r}; there are {', '.join(FAULTS)}")
+    return Faults(
+        noise=SerialNoise(seed) if SERIAL_NOISE in names else None,
+        drop_out=DropOut(seed) if DROP_OUT in names else None,
+    )
+
+
+def _screen(interrupts: Interrupts, view: bool) -> Keyboard:
+    if not view or os.environ.get("TERM", "dumb") == "dumb":
+        return Keyboard(interrupts)
+    from .view import View
+
+    return View(interrupts)

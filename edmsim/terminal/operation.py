@@ -1,0 +1,178 @@
+"""What an operator may do to the rig, and when: the machine as MAIN knows it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from edmsim.controllers.mcu import memory_map as at
+from edmsim.controllers.mcu.arithmetic import WORD
+from edmsim.controllers.mcu.front_panel import FrontPanel
+from edmsim.controllers.mcu.main_program import Status
+from edmsim.controllers.mcu.part_program import Codes, Entry, Setting
+from edmsim.controllers.mcu.poscal import STEP_UM
+from edmsim.controllers.mcu.switches import STOP_BUTTON
+from edmsim.errors import InputError
+
+from .rig import END_SWITCHES, Rig
+from .route import Point, lay_out
+
+
+class Operation:
+    """The operator's hands on a rig; see `edmsim.controllers.mcu.main_program.Machine`.
+
+    Parameters
+    ----------
+    rig : Rig
+    """
+
+    def __init__(self, rig: Rig) -> None:
+        self.rig = rig
+        self._panel = FrontPanel(rig.computer)
+
+    @property
+    def greeting(self) -> str:
+        """What the terminal prints first."""
+        machine = self.rig.plant.machine
+        return (
+            f"{machine.name.upper()}   WIRE SPARK EROSION   8085 CONTROLLER\n"
+            f"{machine.material_name.upper()} {machine.height_mm:g} mm HIGH, ITS EDGE 30 um AHEAD OF THE WIRE IN +X\n"
+            "HELP LEADS THROUGH A JOB; BYE LEAVES"
+        )
+
+    @property
+    def codes(self) -> Codes:
+        """How us become codes."""
+        return Codes(self.rig.board.settings.code_of_t_i, self.rig.board.settings.code_of_t_p)
+
+    def status(self) -> Status:
+        """What the machine shows."""
+        rig, computer = self.rig, self.rig.computer
+        t_i, t_p = computer.pulse_codes
+        t_i_us, t_p_us = rig.board.times_us
+        voltage, current = rig.gap
+        return Status(
+            state=f"EMERGENCY: {rig.cause}" if rig.in_emergency else rig.way,
+            position_um=computer.position,
+            speed=computer.speed,
+            running=computer.signed(at.CUTVEL),
+            short=computer.word(at.SHORTS),
+            open=computer.word(at.OPENS),
+            windows=rig.windows,
+            missed=rig.board.counters.missed,
+            t_i=t_i,
+            t_p=t_p,
+            t_i_us=t_i_us,
+            t_p_us=t_p_us,
+            generator_on=rig.board.generator_on,
+            voltage_V=voltage,
+            current_A=current,
+            time_s=rig.time_ns * 1e-9,
+        )
+
+    def digits(self) -> list[int]:
+        """Write the display, and return what its 32 digits show."""
+        self._panel.show()
+        return self.rig.board.display.digits
+
+    def set_position(self, position_um: Point) -> None:
+        """Set the position counters; they count on from there."""
+        self._check_still()
+        self.rig.computer.set_position(*position_um)
+
+    def set(self, setting: Setting) -> None:
+        """Take over codes and speed, also while cutting."""
+        self._check_alive()
+        self.rig.set(setting)
+
+    def cut(self, program: Sequence[Entry]) -> None:
+        """Start timers and generator along a path; settings that stand before its first move are taken over first."""
+        self._check_still()
+        route = lay_out(self.rig.computer.position, program)
+        while route.dues and not route.dues[0].path_um:
+            self.rig.set(route.dues.pop(0).setting)
+        self._check_pulses()
+        self.rig.begin_cut(route)
+
+    def go_on(self) -> None:
+        """Go on with the cut that was stopped, from where it was stopped."""
+        self._check_still()
+        if self.rig.held is None:
+            raise InputError("no cut was stopped; START or RUN begins one")
+        planner, route = self.rig.held
+        if planner.position_um != self.rig.computer.position:
+            x, y = planner.position_um
+            raise InputError(f"the cut stopped at X {x} Y {y}; bring the wire back there first")
+        self._check_pulses()
+        self.rig.resume_cut(planner, route)
+
+    def jog(self, axis: int, way_um: int) -> None:
+        """Move one axis with the generator off, as fast as the timers run.
+
+        The operator's hand on the keys bridges a switch that is open: an end switch only to lead back from it.
+        """
+        self._check_still()
+        if abs(way_um) < STEP_UM:
+            raise InputError(f"a motor step is {STEP_UM} um; jog by at least that")
+        x, y = self.rig.computer.position
+        target = (x, y + way_um) if axis else (x + way_um, y)
+        if not 0 <= target[axis] <= WORD:
+            raise InputError(f"soft limit: the counters hold 0 to {WORD} um, not {target[axis]}")
+        direction = 1 if way_um > 0 else -1
+        if self.rig.beyond(axis, direction, self.rig.place_um[axis]):
+            raise InputError(f"the {END_SWITCHES[axis]} switch is open; jog back from it")
+        self.rig.board.switches.release()
+        self.rig.computer.stop()
+        self.rig.begin_jog(target)
+
+    def stop(self) -> None:
+        """Stop timers and generator."""
+        self._check_alive()
+        if not self.rig.moving and not self.rig.board.generator_line.running:
+            raise InputError("the machine stands still already")
+        self.rig.stand("STOPPED")
+
+    def generator(self, on: bool) -> None:
+        """Run or stop the generator, with the table at rest."""
+        self._check_still()
+        if on:
+            self._check_pulses()
+            self.rig.computer.start()
+        else:
+            self.rig.computer.stop()
+
+    def emergency(self) -> None:
+        """The operator's emergency stop."""
+        self.rig.trip(STOP_BUTTON, "STOP BY THE OPERATOR")
+
+    def init(self) -> None:
+        """INIT: a safe stand-by; the position stays (rows T-50, T-51). The stop button is pulled out before it."""
+        switches = self.rig.board.switches
+        still_open = [name for name in switches.open if name != STOP_BUTTON]
+        switches.release()
+        for name in still_open:
+            switches.trip(name)
+        self.rig.put_down()
+        self.rig.computer.init()
+
+    def thread_wire(self) -> None:
+        """Thread a new wire where the carriage stands."""
+        self._check_still()
+        if self.rig.wire:
+            raise InputError("the wire is whole")
+        self.rig.thread()
+        self.rig.say("NEW WIRE")
+
+    def _check_alive(self) -> None:
+        if self.rig.in_emergency:
+            raise InputError(f"emergency ({self.rig.cause}): only INIT helps")
+
+    def _check_still(self) -> None:
+        self._check_alive()
+        if self.rig.moving:
+            raise InputError("the machine moves already; STOP stops it, WAIT waits for its end")
+
+    def _check_pulses(self) -> None:
+        if not all(self.rig.computer.pulse_codes):
+            raise InputError("t(i) and t(p) are not set; TI us TP us sets them")
+        if not self.rig.wire:
+            raise InputError("the wire is broken; WIRE threads a new one")

@@ -1,0 +1,316 @@
+"""The rig: the 1982 controller's computer and the simulated machine, wired together and run window by window."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator
+
+import numpy as np
+
+from edmsim.analyser import WINDOW_PULSES
+from edmsim.controllers import found_gains
+from edmsim.controllers.feed.counts import CountsController
+from edmsim.controllers.mcu import memory_map as at
+from edmsim.controllers.mcu.arithmetic import WORD
+from edmsim.controllers.mcu.board import Board, Faults
+from edmsim.controllers.mcu.bus import PORT3A, PORT3B
+from edmsim.controllers.mcu.computer import EMERGENCY, Computer
+from edmsim.controllers.mcu.dac import PulseSettings
+from edmsim.controllers.mcu.optimise import ALARM, TICK_NS, State
+from edmsim.controllers.mcu.part_program import Setting
+from edmsim.controllers.mcu.planner import Planner, Step, make_planner
+from edmsim.controllers.mcu.poscal import STEP_UM
+from edmsim.controllers.mcu.switches import STOP_BUTTON, WIRE_BREAK, X_END, Y_END
+from edmsim.controllers.mcu.timers import MAX_FEED_UM_S, MAX_SPEED
+from edmsim.controllers.mcu.tstates import seconds
+from edmsim.errors import InputError, PlantError
+from edmsim.machine import Machine
+from edmsim.plant.generator import discharge_current_A
+from edmsim.plant.plant import Plant, PulseWindow
+
+from .route import Point, Route
+
+STAND_BY, CUTTING, JOGGING = "STAND-BY", "CUTTING", "JOGGING"
+BARE_WINDOW_NS = 25_500_000
+"""Time that passes at once while no wire is there: a window of the usual period."""
+END_SWITCHES = (X_END, Y_END)
+BENT_SHARE = 0.01
+"""A wire bent by more than this share of its free length breaks (ours: the model's wire is a taut string, and that
+far it is none any more; cuts bend it ten times less)."""
+
+
+class Rig:
+    """Computer and machine.
+
+    Parameters
+    ----------
+    machine : Machine
+        Its generator must have a fixed period, as that of 1982 has.
+    seed : int
+    resolution : str
+    planner : str
+        Name of the planner that cuts.
+    faults : Faults
+        Faults of 1982 to be injected.
+
+    Attributes
+    ----------
+    plant : Plant
+    board : Board
+    computer : Computer
+    way : str
+        ``STAND-BY``, ``CUTTING`` or ``JOGGING``.
+    cause : str
+        Of the last emergency.
+    held : (Planner, Route) or None
+        An unfinished cut.
+    wire : bool
+        Whether there is one.
+    windows : int
+        Windows read while cutting.
+    """
+
+    def __init__(
+        self, machine: Machine, seed: int = 0, *, resolution: str = "default", planner: str = "poscal",
+        faults: Faults | None = None,
+    ) -> None:
+        self.plant = Plant(machine, seed, resolution=resolution)
+        self.board = Board(PulseSettings(pulse_A=discharge_current_A(machine)), faults=faults)
+        self.board.open_V = machine.generator.open_voltage_V.value
+        self.computer = Computer(self.board)
+        self.way, self.cause = STAND_BY, ""
+        self.held: tuple[Planner, Route] | None = None
+        self.wire = True
+        self.windows = 0
+        make_planner(planner, np.array([(0, 0), (STEP_UM, 0)]))  # refuses a name that is none before anything moves
+        self._planner_name = planner
+        self._law = CountsController(**found_gains("counts")).settings(MAX_FEED_UM_S)
+        self._events: list[str] = []
+        self._planner: Planner | None = None
+        self._bare_um, self._bare_ns = self.plant.commanded_um, 0
+        self._window: PulseWindow | None = None
+        self.computer.init()
+        self.computer.set_speed(MAX_SPEED)
+        x, y = self.plant.commanded_um
+        self.computer.set_position(round(x), round(y))
+
+    @property
+    def time_ns(self) -> int:
+        """Machine time."""
+        return self.plant.time_ns if self.wire else self._bare_ns
+
+    @property
+    def place_um(self) -> tuple[float, float]:
+        """Where the carriage is on the table, whatever the counters say."""
+        return self.plant.commanded_um if self.wire else self._bare_um
+
+    @property
+    def moving(self) -> bool:
+        """Whether a cut or a jog is under way."""
+        return self._planner is not None
+
+    @property
+    def in_emergency(self) -> bool:
+        """Whether nothing moves until INIT."""
+        return self.computer.state == EMERGENCY
+
+    @property
+    def gap(self) -> tuple[float, float]:
+        """Mean voltage and current; after the generator has stopped, the voltage that is left (row T-27)."""
+        if self._window is not None and self.plant.generator_on and self.board.generator_on:
+            return self._window.mean_voltage_V, self._window.mean_current_A
+        return self.board.generator_line.voltage_V(self.time_ns), 0.0
+
+    def take_events(self) -> list[str]:
+        """What the machine has to say since the last call."""
+        events, self._events = self._events, []
+        return events
+
+    def say(self, text: str) -> None:
+        """Add an event, with the place at which it happened."""
+        x, y = self.computer.position
+        self._events.append(f"{text}   X {x} Y {y} um")
+
+    def set(self, setting: Setting) -> None:
+        """Take over codes and speed.
+
+        Raises
+        ------
+        InputError
+            If the pair draws more than 2 A or leaves no pause; the old pair stays (row T-34).
+        """
+        old = self.computer.pulse_codes
+        t_i = old[0] if setting.t_i is None else setting.t_i
+        t_p = old[1] if setting.t_p is None else setting.t_p
+        self.board.settings.check(t_i, t_p)
+        if t_i and t_p:
+            self.plant.set_generator(*self.board.settings.times_us(t_i, t_p))
+        self.computer.set_pulse_codes(t_i, t_p)
+        if setting.speed is not None:
+            self.computer.set_speed(setting.speed)
+
+    def begin_cut(self, route: Route) -> None:
+        """Start timers and generator along a route that begins where the wire is."""
+        self.resume_cut(make_planner(self._planner_name, np.array(route.corners)), route)
+
+    def resume_cut(self, planner: Planner, route: Route) -> None:
+        """Start timers and generator where a planner is on its route."""
+        self.computer.start()
+        self._planner, self._route, self.held, self.way = planner, route, None, CUTTING
+        start = min(self._law.start, self.computer.speed)
+        self._state = State(clock=self.time_ns // TICK_NS & WORD, speed=start)
+        self._run_at(start)
+
+    def begin_jog(self, target: Point) -> None:
+        """Start the timers towards a place, with the generator off."""
+        self.computer.start(generator=False)
+        self._planner, self.way = make_planner("poscal", np.array([self.computer.position, target])), JOGGING
+        self._run_at(MAX_SPEED)
+
+    def _run_at(self, units: int) -> None:
+        self._units = self._next_units = units
+        self._busy_until_ns = self.time_ns
+        self.computer.store(at.CUTVEL, units)
+
+    def stand(self, text: str) -> None:
+        """Stop timers and generator in good order, and say so."""
+        self.computer.stop()
+        self.put_down()
+        self.say(text)
+
+    def put_down(self) -> None:
+        """Keep an unfinished cut for later; nothing is under way any more."""
+        if self.way == CUTTING and self._planner is not None:
+            self.held = self._planner, self._route
+        self._planner, self.way = None, STAND_BY
+        self.board.mean_current_A = 0.0
+
+    def trip(self, switch: str, cause: str) -> None:
+        """Open a switch: the hardware acts at once, the emergency routine by interrupt, or here if they are off."""
+        self.board.switches.trip(switch)
+        self.computer.serve()
+        if not self.in_emergency:
+            self.computer.emergency()
+        self._stopped(cause)
+
+    def thread(self) -> None:
+        """Thread a new wire where the carriage stands, by hand."""
+        by_hand_ns = round(self.plant.machine.base.table.threading_s.value * 1e9)
+        self.plant.rethread(self.place_um, self.time_ns - self.plant.time_ns + by_hand_ns)
+        self.wire = True
+        self.board.switches.release()
+
+    def beyond(self, axis: int, direction: int, place_um: float) -> bool:
+        """Whether a step in that direction has led to where the axis' end switch is open."""
+        travel_um = self.plant.machine.base.table.travel_mm.value * 1e3
+        return place_um > travel_um + STEP_UM if direction > 0 else place_um < -STEP_UM
+
+    def advance(self) -> None:
+        """Let one window pass."""
+        if self.plant.generator_on != self.board.generator_on:
+            self.plant.switch_generator(self.board.generator_on)
+        start_ns = self.time_ns
+        end_ns = start_ns + (self.plant.window_ns if self.wire else BARE_WINDOW_NS)
+        steps = self._make_steps(start_ns, end_ns)
+        place_um = _after(self.place_um, steps)
+        if self.wire:
+            self._fire(steps, place_um)
+        else:
+            self._bare_um, self._bare_ns = place_um, end_ns
+        self.computer.run_until(end_ns)
+        if self._planner is not None and self._planner.done:
+            self._planner = None
+            self.stand("READY")
+
+    def _make_steps(self, start_ns: int, end_ns: int) -> list[Step]:
+        """Motor steps of a window: planned, and made by the computer as far as no end switch opens."""
+        if self._planner is None:
+            return []
+        change_ns = min(max(self._busy_until_ns, start_ns), end_ns)
+        planned = self._planner.advance(start_ns, change_ns, self._units)
+        planned += self._planner.advance(change_ns, end_ns, self._next_units)
+        if change_ns < end_ns:
+            self._units = self._next_units
+        made = self.computer.drive(self._watched(planned))
+        self.computer.serve()
+        if self.in_emergency:
+            self._planner = None  # off the table there is nothing to go on with
+            self._stopped(" AND ".join(f"{name} SWITCH" for name in self.computer.cause).upper())
+        return made
+
+    def _watched(self, planned: Iterable[Step]) -> Iterator[Step]:
+        """Hand out steps one by one; where one leads the carriage beyond its travel, the end switch opens."""
+        place = [*self.place_um]
+        for step in planned:
+            yield step
+            place[step.axis] += STEP_UM * step.direction
+            if self.beyond(step.axis, step.direction, place[step.axis]):
+                self.board.switches.trip(END_SWITCHES[step.axis])
+
+    def _fire(self, steps: list[Step], place_um: tuple[float, float]) -> None:
+        """Let the plant pass a window that ends at a place, and the computer see it."""
+        pressed = "THE WIRE WAS PRESSED AGAINST THE WORKPIECE AND BROKE"
+        try:
+            window = self.plant.advance(steps)
+        except PlantError:
+            self._lose_wire(pressed, place_um)
+            return
+        self._window = window
+        self.board.mean_current_A = window.mean_current_A
+        if window.broken:
+            height = self.plant.broken_height_mm
+            self._lose_wire(f"WIRE BREAK {height:.1f} mm ABOVE THE WORKPIECE'S LOWER FACE", place_um)
+        elif math.hypot(*window.deflection_um) > BENT_SHARE * 1e3 * self.plant.machine.guide_distance_mm:
+            self._lose_wire(pressed, place_um)
+        elif self.plant.generator_on and window.pulses == WINDOW_PULSES:
+            self.board.counters.count_window(window.short, window.open)
+            self._read_counts()
+        elif self.way == CUTTING:
+            self.stand("NO PULSES COME: THE GENERATOR DROPPED OUT AT LOW V(t(p)); STOPPED")
+
+    def _read_counts(self) -> None:
+        """Poll the latches once the last counts are dealt with; while cutting, decide on the speed."""
+        computer, now_ns = self.computer, self.plant.time_ns
+        if self.way != CUTTING or self._planner is None:
+            computer.store(at.SHORTS, computer.read(PORT3A))
+            computer.store(at.OPENS, computer.read(PORT3B))
+            return
+        if now_ns < self._busy_until_ns or not computer.result_waits():
+            return
+        path_um = self._planner.path_um
+        law = self._law._replace(limit=computer.speed, slow=min(self._law.slow, computer.speed))
+        computer.aim(*self._route.corner_ahead(path_um))
+        units, t_states = computer.optimise(law, self._state, now_ns // TICK_NS & WORD, int(path_um) & WORD)
+        self.windows += 1
+        self._next_units, self._busy_until_ns = units, now_ns + round(seconds(t_states) * 1e9)
+        if self._state.phase == ALARM:
+            self.trip(STOP_BUTTON, "PERSISTENT SHORT")
+            return
+        self._take_over(path_um)
+
+    def _take_over(self, path_um: float) -> None:
+        """Take over the program's settings that are due."""
+        dues = self._route.dues
+        while dues and path_um >= dues[0].path_um:
+            try:
+                self.set(dues.pop(0).setting)
+            except InputError as error:
+                self._events.append(f"? {error.reason}; the old setting stays")
+
+    def _lose_wire(self, cause: str, place_um: tuple[float, float]) -> None:
+        """The wire is gone; the carriage made the window's steps, as the counters have it."""
+        self._bare_um, self._bare_ns, self.wire = place_um, self.plant.time_ns, False
+        self.trip(WIRE_BREAK, cause)
+
+    def _stopped(self, cause: str) -> None:
+        self.put_down()
+        self.cause = cause
+        self.say(f"EMERGENCY: {cause}; NOTHING MOVES UNTIL INIT")
+
+
+def _after(place_um: tuple[float, float], steps: Iterable[Step]) -> tuple[float, float]:
+    """Return a place after some steps."""
+    place = [*place_um]
+    for step in steps:
+        place[step.axis] += STEP_UM * step.direction
+    return place[0], place[1]

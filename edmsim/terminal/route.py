@@ -1,0 +1,72 @@
+"""From a program's words to corner points, and where along them its settings are due."""
+
+from __future__ import annotations
+
+from bisect import bisect_right
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from edmsim.controllers.mcu.arcs import arc_points
+from edmsim.controllers.mcu.part_program import Entry, Move, Setting
+from edmsim.errors import InputError
+
+Point = tuple[int, int]
+"""A place in um by the position counters."""
+
+
+class Due(NamedTuple):
+    """A setting of a program and the length of path from which on it holds."""
+
+    path_um: float
+    setting: Setting
+
+
+class Route(NamedTuple):
+    """A program laid out from where the wire is.
+
+    Attributes
+    ----------
+    corners : list of Point
+    lengths_um : list of float
+        Length of path up to every corner but the first.
+    dues : list of Due
+        In order.
+    """
+
+    corners: list[Point]
+    lengths_um: list[float]
+    dues: list[Due]
+
+    def corner_ahead(self, path_um: float) -> Point:
+        """Corner that the wire runs to."""
+        return self.corners[min(bisect_right(self.lengths_um, path_um), len(self.lengths_um) - 1) + 1]
+
+
+def lay_out(start_um: Point, program: Sequence[Entry]) -> Route:
+    """Lay a program out from a start on.
+
+    Raises
+    ------
+    InputError
+        If an arc has no circle through its ends, or the program moves nowhere.
+    """
+    corners, lengths, dues = [start_um], [0.0], []
+    for entry in program:
+        if isinstance(entry, Setting):
+            dues.append(Due(lengths[-1], entry))
+            continue
+        for corner in _corners_of(corners[-1], entry):
+            lengths.append(lengths[-1] + float(np.hypot(corner[0] - corners[-1][0], corner[1] - corners[-1][1])))
+            corners.append(corner)
+    if not lengths[-1]:
+        raise InputError("the wire is there already; give another new position")
+    return Route(corners, lengths[1:], dues)
+
+
+def _corners_of(start_um: Point, move: Move) -> list[Point]:
+    """Corner points of one move after its start."""
+    if move.centre_um is None:
+        return [move.end_um]
+    return [(int(x), int(y)) for x, y in arc_points(start_um, move.centre_um, move.end_um, move.clockwise)][1:]

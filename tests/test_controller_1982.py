@@ -1,0 +1,109 @@
+"""docs/controller-1982.md: every row of the thesis once, with the tests that quote it; every name it gives exists.
+
+``python tests/test_controller_1982.py`` writes the tests anew into the page.
+"""
+
+from __future__ import annotations
+
+import ast
+import importlib
+import io
+import re
+import tokenize
+from collections import defaultdict
+from pathlib import Path
+
+TESTS = Path(__file__).parent
+PAGE = TESTS.parent / "docs" / "controller-1982.md"
+ROWS = [
+    *(f"T-{n}" for n in range(1, 78)), *(f"T-G{n}" for n in range(1, 13)), *(f"T-A{n}" for n in range(1, 14)),
+]  # fmt: skip
+ROW = re.compile(r"^\| (T-[AG]?\d+) \| ([^|]*) \| ([^|]*) \|$", re.MULTILINE)
+QUOTE = re.compile(r"#\s*T-[AG]?\d")
+HEADING = "## Rows"
+NAME = re.compile(r"`(edmsim(?:\.\w+)+)`")
+
+
+def quoting_tests() -> dict[str, list[str]]:
+    """Tests by the row they quote: a comment that begins with a row, within the test or right above it."""
+    found: defaultdict[str, list[str]] = defaultdict(list)
+    for file in sorted(TESTS.rglob("test_*.py")):
+        text = file.read_text(encoding="utf-8")
+        lines = text.splitlines()
+        spans = [
+            (_first_line(node, lines), node.end_lineno or node.lineno, node.name)
+            for node in ast.parse(text).body
+            if isinstance(node, ast.FunctionDef) and node.name.startswith("test_")
+        ]
+        for token in tokenize.generate_tokens(io.StringIO(text).readline):
+            if token.type == tokenize.COMMENT and QUOTE.match(token.string):
+                for begin, end, name in spans:
+                    if begin <= token.start[0] <= end:
+                        for row in re.findall(r"T-[AG]?\d+", token.string):
+                            place = f"`{file.relative_to(TESTS).as_posix()}::{name}`"
+                            if place not in found[row]:
+                                found[row].append(place)
+    return found
+
+
+def _first_line(node: ast.FunctionDef, lines: list[str]) -> int:
+    """Number of the line on which a function begins, its decorators and the comment above them included."""
+    first = min([node.lineno, *(decorator.lineno for decorator in node.decorator_list)])
+    while first > 1 and lines[first - 2].startswith("#"):
+        first -= 1
+    return first
+
+
+def table() -> list[tuple[str, str, str]]:
+    """Lines of the page's table of rows: row, what it asks, tests or reason."""
+    return ROW.findall(PAGE.read_text(encoding="utf-8").split(HEADING)[1])
+
+
+def refreshed(text: str) -> str:
+    """Return the page with the tests of every row as they are now; where there are none its reason stays."""
+    quoting = quoting_tests()
+
+    def line(match: re.Match[str]) -> str:
+        row, asks, last = match.groups()
+        reason = "" if last.lstrip().startswith("`") else last
+        return f"| {row} | {asks} | {'<br>'.join(quoting[row]) if row in quoting else reason} |"
+
+    before, after = text.split(HEADING)
+    return before + HEADING + ROW.sub(line, after)
+
+
+def test_every_row_stands_there_once_and_in_order() -> None:
+    assert [row for row, _, _ in table()] == ROWS
+
+
+def test_no_row_is_without_a_test_or_a_reason() -> None:
+    assert [row for row, asks, last in table() if not (asks and last.strip())] == []
+
+
+def test_the_tests_are_those_that_quote_the_row() -> None:
+    text = PAGE.read_text(encoding="utf-8")
+    assert text == refreshed(text), "run python tests/test_controller_1982.py"
+
+
+def test_a_quoted_row_exists() -> None:
+    assert set(quoting_tests()) <= set(ROWS)
+
+
+def test_every_name_of_the_page_is_there() -> None:
+    names = set(NAME.findall(PAGE.read_text(encoding="utf-8")))
+    assert len(names) > 40
+    for name in names:
+        parts = name.split(".")
+        for cut in range(len(parts), 0, -1):
+            try:
+                found = importlib.import_module(".".join(parts[:cut]))
+            except ModuleNotFoundError:
+                continue
+            for part in parts[cut:]:
+                assert hasattr(found, part), name
+                found = getattr(found, part)
+            break
+
+
+if __name__ == "__main__":
+    PAGE.write_text(refreshed(PAGE.read_text(encoding="utf-8")), encoding="utf-8")

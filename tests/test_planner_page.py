@@ -1,0 +1,66 @@
+"""docs/planners.md: every planner and speed, written by the code as it is; and the errors it tells are errors."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from edmsim.controllers.mcu.planner import PLANNERS
+from edmsim.planner_errors import LONG_UM, SHORT_UM, SPEEDS, Strayed, around, move
+from edmsim.planner_page import FAILURES, HEADS, failure_row, row
+
+DOCS = Path(__file__).parents[1] / "docs"
+PAGE = (DOCS / "planners.md").read_text(encoding="utf-8")
+
+
+def section(heading: str) -> list[str]:
+    return PAGE.split(f"## {heading}")[1].split("\n## ")[0].splitlines()
+
+
+@pytest.mark.parametrize("heading", [f"Long moves, {LONG_UM} um", f"Short moves, {SHORT_UM} um"])
+def test_the_page_has_every_planner_at_every_speed(heading: str) -> None:
+    lines = [line for line in section(heading) if line.startswith("|")]
+    assert [cell.strip() for cell in lines[0].strip("|").split("|")] == list(HEADS)
+    told = [tuple(cell.strip() for cell in line.strip("|").split("|"))[:2] for line in lines[2:]]
+    assert told == [(f"`{planner}`", str(speed)) for planner in PLANNERS for speed in SPEEDS]
+    assert (DOCS / "planners.png").is_file()
+
+
+@pytest.mark.parametrize("planner", PLANNERS)
+def test_its_short_moves_are_those_of_the_present_code(planner: str) -> None:
+    lines = section(f"Short moves, {SHORT_UM} um")
+    for speed in (2, 127):
+        assert row(planner, speed, around(planner, SHORT_UM, speed)) in lines
+
+
+def test_its_failures_are_those_of_the_present_code() -> None:  # T-G6, T-G9, T-G11, T-G12
+    lines = section("Where the algorithm of 1982 fails")
+    assert all(failure_row(failure) in lines for failure in FAILURES if max(failure.run_um) <= 10_000)
+    assert len([line for line in lines if line.startswith("|")]) == 2 + len(FAILURES)
+
+
+def test_a_straight_move_along_an_axis_has_no_error_but_its_ends() -> None:
+    found = move("dda", (1000, 0), 64)
+    assert found.path_max_um == 0.0
+    assert found.end_um == 0.0
+    assert found.speed_percent == pytest.approx(0.0, abs=1e-3)
+    assert found.ripple_percent < 0.1
+
+
+def test_a_lost_axis_is_told_as_the_end_s_error_and_45_degrees_as_the_path_s() -> None:  # T-G11, T-G9
+    lost = move("poscal-literal", (10_000, 30), 127)
+    assert (lost.path_max_um, lost.end_um) == pytest.approx((30.0, 30.0), abs=1e-3)
+    slow = move("poscal-literal", (700, 300), 1)
+    # both axes at one unit: 300 um up the diagonal the short one has arrived
+    assert slow.path_max_um == pytest.approx(400 * 300 / math.hypot(700, 300), abs=1.5)
+
+
+@pytest.mark.parametrize(("planner", "speed"), [("poscal", 3), ("sine-table", 5), ("dda", 99)])
+def test_between_the_speeds_of_the_page_it_is_no_worse(planner: str, speed: int) -> None:  # T-G12
+    found = Strayed(*around(planner, 400, speed, np.arange(0.25, 360, 7.3)).T)
+    assert np.max(found.path_max_um) < 2.0
+    assert np.abs(found.speed_percent).max() < 1.5
+    assert np.max(found.end_um) <= math.sqrt(2) + 1e-9
