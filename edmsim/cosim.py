@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edmsim.controllers import FeedController, WindowObservation
-from edmsim.controllers.feed.base import DrivesSteps
+from edmsim.controllers.feed.base import DrivesSteps, MissesWindows
 from edmsim.controllers.feed.setup import tell
 from edmsim.controllers.mcu.planner import Planner, Step, make_planner
 from edmsim.controllers.mcu.poscal import unit_for
@@ -158,6 +158,8 @@ class Simulation:
     ----------
     outcome, reason : str or None
         How the cut ended, and why.
+    missed_windows : int
+        Windows whose counts the controller did not read in time (row T-44).
     refused : str or None
         Why the generator last refused a setting the controller wanted.
 
@@ -204,6 +206,7 @@ class Simulation:
         self.outcome: str | None = None
         self.reason: str | None = None
         self.refused: str | None = None
+        self._missed_before = 0
         self._leg = 0
         self._dwell_until_ns = -1
         self._before_um = 0.0
@@ -228,6 +231,12 @@ class Simulation:
     def path_um(self) -> float:
         """Length of path behind the wire, over all legs."""
         return self._before_um + self._planner.path_um
+
+    @property
+    def missed_windows(self) -> int:
+        """Windows of all legs that were not read in time."""
+        of_leg = self.controller.missed_windows if isinstance(self.controller, MissesWindows) else 0
+        return self._missed_before + of_leg
 
     def step(self) -> Progress:
         """Run one window; afterwards `outcome` tells whether the cut is over."""
@@ -337,6 +346,7 @@ class Simulation:
             self.outcome = FINISHED
             return
         self._before_um += self._planner.path_um
+        self._missed_before = self.missed_windows
         self._leg += 1
         following = self.legs[self._leg]
         if following.threads:
@@ -370,6 +380,7 @@ class Simulation:
             "rest_until_ns": self._rest_until_ns,
             "dwell_until_ns": self._dwell_until_ns,
             "before_um": self._before_um,
+            "missed_before": self._missed_before,
             "units": self._units,
             "command": list(self._command),
             "refused": self.refused,
@@ -388,6 +399,7 @@ class Simulation:
         self._rest_until_ns = values["rest_until_ns"]
         self._dwell_until_ns = values["dwell_until_ns"]
         self._before_um = values["before_um"]
+        self._missed_before = values["missed_before"]
         self._units = values["units"]
         self._command = type(self._command)(*values["command"])
         self.refused = values["refused"]

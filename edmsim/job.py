@@ -201,6 +201,11 @@ def cut(
     notices = [*path.notices, *workpiece.notices(simulation.plant.resolution.slices)]
     if simulation.refused is not None:
         notices.append(f"the generator refused a setting the controller wanted: {simulation.refused}")
+    if simulation.missed_windows:
+        notices.append(
+            f"the counts of {simulation.missed_windows} windows were missed: the controller's routine takes longer "
+            "than a window; a longer period leaves it time"
+        )
     result = _result(simulation, settings, notices, seed, spent_s)
     if folder is not None:
         result.write(folder)

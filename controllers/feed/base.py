@@ -116,6 +116,15 @@ class SeesTruth(Protocol):
 
 
 @runtime_checkable
+class MissesWindows(Protocol):
+    """A controller that may be too late for counts."""
+
+    @property
+    def missed_windows(self) -> int:
+        """Windows not read in time since the leg began (row T-44)."""
+
+
+@runtime_checkable
 class DrivesSteps(Protocol):
     """A controller with lines to the motors: a planner's steps go through it."""
 

@@ -159,15 +159,16 @@ def _rounded(bounds: Ranges, values: NDArray[np.float64]) -> dict[str, float]:
     return {name: float(f"{value:.3g}") for name, value in zip(bounds, values, strict=True)}
 
 
-def as_toml(controller: str, seed: int, found: Found) -> str:
+def as_toml(controller: str, seed: int, generations: int, found: Found) -> str:
     """Return the file of found gains, with the command that makes it anew."""
+    longer = "" if generations == GENERATIONS else f" --generations {generations}"
     what = "cutting rate in mm2/min" if controller == ORACLE else "return"
     lines = [f"{name} = {value!r}" for name, value in found.gains.items()]
     return "\n".join([
-        f"# Found by: python -m edmsim.evaluation.search {controller} --seed {seed} --write models/gains",
+        f"# Found by: python -m edmsim.evaluation.search {controller} --seed {seed}{longer} --write models/gains",
         f"# Mean {what} {found.score:.4g} on {SEEDS} training seeds each of",
         f"# {' and '.join(ENV_IDS)}, resolution fast.",
-        f"# Of the {POPULATION * (GENERATIONS + 1)} gains tried, by edmsim {version('edmsim')}, the best.",
+        f"# Of the {POPULATION * (generations + 1)} gains tried, by edmsim {version('edmsim')}, the best.",
         "", "[gains]", *lines, "",
     ])  # fmt: skip
 
@@ -175,6 +176,7 @@ def as_toml(controller: str, seed: int, found: Found) -> str:
 def main(
     controllers: Annotated[list[str], typer.Argument(help=f"Of {', '.join(BOUNDS)}.")],
     seed: Annotated[int, typer.Option(help="First training seed, and seed of the search.")] = 0,
+    generations: Annotated[int, typer.Option(help="Generations after the first.")] = GENERATIONS,
     write: Annotated[Path | None, typer.Option(help="Folder for the files of gains.")] = None,
 ) -> None:
     """Search the gains of feed controllers."""
@@ -186,13 +188,13 @@ def main(
         raise InputError("there is no such folder", write)
     with Progress(console=Console(stderr=True), transient=True) as bar:
         for name in controllers:
-            task = bar.add_task(name, total=POPULATION * (GENERATIONS + 1))
-            found = search(name, seed, watch=partial(_show, bar, task))
+            task = bar.add_task(name, total=POPULATION * (generations + 1))
+            found = search(name, seed, generations=generations, watch=partial(_show, bar, task))
             gains = ", ".join(f"{key} {value:g}" for key, value in found.gains.items())
             told = f"{name}: {gains}; score {found.score:.4g} (before {found.default_score:.4g})"
             console.print(told, highlight=False, soft_wrap=True)
             if write is not None:
-                (write / f"{name}.toml").write_text(as_toml(name, seed, found), encoding="utf-8")
+                (write / f"{name}.toml").write_text(as_toml(name, seed, generations, found), encoding="utf-8")
 
 
 def _show(bar: Progress, task: TaskID, tried: int) -> None:
