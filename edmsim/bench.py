@@ -201,14 +201,16 @@ def measure() -> dict[str, float]:
 
     ``ray_sums_per_s`` is the bound the first is to be compared with, ``ray_sum_share`` the part of its time that
     goes there; ``controller_overhead`` is the share of time that the registers of 1982 add to a cut;
-    ``thread_efficiency`` is the gain of two plants in two threads over that of two compute loops.
+    ``thread_efficiency`` is the gain of two plants in two threads over that of two compute loops;
+    ``half_cheetah_steps_per_s`` is there if Gymnasium's MuJoCo environments are.
     """
     from .controllers.mcu.speed import controller_overhead, poscal_calls_per_s
-    from .envs.speed import env_steps_per_s, vector_env_steps_per_s
+    from .envs.speed import env_steps_per_s, half_cheetah_steps_per_s, vector_env_steps_per_s
 
     default, plant = pulses_per_s("default")
     bound = ray_sums_per_s(plant)
     plants, loops = thread_scaling()
+    cheetah = half_cheetah_steps_per_s()
     return {
         "pulses_per_s": default,
         "realtime_factor": default * Machine.load().t_period_us * 1e-6,
@@ -220,6 +222,7 @@ def measure() -> dict[str, float]:
         "env_steps_per_s": env_steps_per_s(),
         "vector_env_steps_per_s": vector_env_steps_per_s(),
         "vector_env_steps_per_s_fast": vector_env_steps_per_s("fast"),
+        **({} if cheetah is None else {"half_cheetah_steps_per_s": cheetah}),
         "controller_overhead": controller_overhead(),
         "poscal_calls_per_s": poscal_calls_per_s(),
         "threads_plants": plants,

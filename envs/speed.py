@@ -40,6 +40,19 @@ def vector_env_steps_per_s(resolution: str = "default", lanes: int = LANES) -> f
     return lanes * rate
 
 
+def half_cheetah_steps_per_s() -> float | None:
+    """Steps per second of Gymnasium's HalfCheetah-v5, to compare with; None without the extra ``gymnasium[mujoco]``."""
+    try:
+        env = gym.make("HalfCheetah-v5", max_episode_steps=-1)
+    except (ImportError, gym.error.DependencyNotInstalled):
+        return None
+    env.reset(seed=0)
+    action = np.full(env.action_space.shape or (), 0.1, np.float32)
+    rate = _best_rate(lambda: env.step(action), SETTLE_STEPS, TIMED_STEPS)
+    env.close()
+    return rate
+
+
 def _best_rate(step: Callable[[], object], settle: int, timed: int) -> float:
     for _ in range(settle):
         step()
