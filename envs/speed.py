@@ -41,7 +41,7 @@ def vector_env_steps_per_s(resolution: str = "default", lanes: int = LANES) -> f
 
 
 def half_cheetah_steps_per_s() -> float | None:
-    """Steps per second of Gymnasium's HalfCheetah-v5, to compare with; None without the extra ``gymnasium[mujoco]``."""
+    """Steps per second of Gymnasium's HalfCheetah-v5, to compare with; None without `gymnasium[mujoco]`."""
     try:
         env = gym.make("HalfCheetah-v5", max_episode_steps=-1)
     except (ImportError, gym.error.DependencyNotInstalled):
