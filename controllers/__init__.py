@@ -23,7 +23,9 @@ from edmsim.controllers.feed.voltage import VoltageController
 from edmsim.controllers.mcu.controller import McuController
 from edmsim.errors import InputError
 
-__all__ = ["FeedCommand", "FeedController", "SeesTruth", "WindowObservation", "found_gains", "make", "names"]
+__all__ = [
+    "SAME_LAW", "FeedCommand", "FeedController", "SeesTruth", "WindowObservation", "found_gains", "make", "names",
+]  # fmt: skip
 
 _Kind: TypeAlias = (
     "type[CountsController] | type[FixedController] | type[VoltageController] | type[DelayController] "
@@ -38,6 +40,10 @@ _CONTROLLERS: dict[str, _Kind] = {
 }
 
 
+SAME_LAW = {McuController.name: CountsController.name}
+"""Controllers that decide as another one does, bit for bit: comparing both would tell nothing."""
+
+
 def names() -> tuple[str, ...]:
     """Names of the feed controllers."""
     return tuple(_CONTROLLERS)
@@ -45,8 +51,8 @@ def names() -> tuple[str, ...]:
 
 @cache
 def found_gains(name: str) -> dict[str, float]:
-    """Gains that a search found for a controller: ``models/gains/NAME.toml``; none if it was not searched."""
-    file = resources.files("edmsim.models") / "gains" / f"{name}.toml"
+    """Gains that a search found for a controller or its law, ``models/gains/NAME.toml``; none if it found none."""
+    file = resources.files("edmsim.models") / "gains" / f"{SAME_LAW.get(name, name)}.toml"
     if not file.is_file():
         return {}
     return {key: float(value) for key, value in tomllib.loads(file.read_text(encoding="utf-8"))["gains"].items()}

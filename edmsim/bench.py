@@ -200,8 +200,10 @@ def measure() -> dict[str, float]:
     """Return all figures by name; ``realtime_factor`` is that of the default resolution at its own period.
 
     ``ray_sums_per_s`` is the bound the first is to be compared with, ``ray_sum_share`` the part of its time that
-    goes there; ``thread_efficiency`` is the gain of two plants in two threads over that of two compute loops.
+    goes there; ``controller_overhead`` is the share of time that the registers of 1982 add to a cut;
+    ``thread_efficiency`` is the gain of two plants in two threads over that of two compute loops.
     """
+    from .controllers.mcu.speed import controller_overhead, poscal_calls_per_s
     from .envs.speed import env_steps_per_s, vector_env_steps_per_s
 
     default, plant = pulses_per_s("default")
@@ -218,6 +220,8 @@ def measure() -> dict[str, float]:
         "env_steps_per_s": env_steps_per_s(),
         "vector_env_steps_per_s": vector_env_steps_per_s(),
         "vector_env_steps_per_s_fast": vector_env_steps_per_s("fast"),
+        "controller_overhead": controller_overhead(),
+        "poscal_calls_per_s": poscal_calls_per_s(),
         "threads_plants": plants,
         "threads_compute": loops,
         "thread_efficiency": plants / loops,

@@ -148,13 +148,13 @@ def evaluate(
     """Compare feed controllers on the same randomised machines."""
     from rich.progress import Progress as Bar
 
-    from .controllers import names
+    from .controllers import SAME_LAW, names
     from .evaluation.compare import check, evaluate
     from .evaluation.page import as_json, page, render
     from .evaluation.scenarios import env_ids as all_ids
 
     chosen = list(all_ids()) if env_ids == ["all"] else env_ids
-    named = list(names()) if controllers is None else controllers.split(",")
+    named = [n for n in names() if n not in SAME_LAW] if controllers is None else controllers.split(",")
     for env_id in chosen:
         check(env_id, named, seeds, resolution)
     if write is not None:

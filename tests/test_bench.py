@@ -8,6 +8,7 @@ import pytest
 from rich.console import Console
 
 from edmsim import bench
+from edmsim.controllers.mcu import speed as mcu_speed
 from edmsim.envs import speed
 
 
@@ -21,6 +22,8 @@ def short(monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setattr(bench, name, value)
     for name, value in (("LANES", 2), ("SETTLE_STEPS", 1), ("TIMED_STEPS", 8), ("REPEATS", 1)):
         monkeypatch.setattr(speed, name, value)
+    for name, value in (("WINDOWS", 2), ("SETTLE_WINDOWS", 1), ("CALLS", 10), ("REPEATS", 1)):
+        monkeypatch.setattr(mcu_speed, name, value)
     monkeypatch.setattr(bench, "cold_start_s", lambda: 0.5)
 
 
@@ -30,6 +33,7 @@ def test_figures() -> None:
     assert {"pulses_per_s", "realtime_factor", "cold_start_s"} <= set(figures)
     growth = figures.pop("memory_growth_MB")
     assert abs(growth) < 200.0
+    assert abs(figures.pop("controller_overhead")) < 10
     assert all(value > 0 for value in figures.values())
     assert figures["pulses_per_s"] < figures["ray_sums_per_s"]
     assert figures["thread_efficiency"] == figures["threads_plants"] / figures["threads_compute"]
