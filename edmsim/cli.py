@@ -277,8 +277,13 @@ def terminal(
 
     faults = choose_faults(fault or (), seed)
     set_up = Machine.load(machine, material=material, height_mm=height, wire=wire, tension=tension)
-    rig = Rig(set_up, seed, resolution=resolution, planner=planner, faults=faults)
-    raise typer.Exit(run(rig, host, speed, view))
+    try:
+        with _ERR.status("starting; the first time, the pulse loop is compiled"):
+            rig = Rig(set_up, seed, resolution=resolution, planner=planner, faults=faults)
+            rig.warm_up()
+        raise typer.Exit(run(rig, host, speed, view))
+    except KeyboardInterrupt:
+        raise typer.Exit(INTERRUPTED) from None
 
 
 class _ProgressBar:

@@ -53,7 +53,8 @@ def test_help_names_every_command_on_one_line(edmsim: Run) -> None:
                              ("train", "Train a feed controller (needs the extra rl)."),
                              ("evaluate", "Compare feed controllers on the same randomised machines."),
                              ("validate", "Compare the model with what was published, row by row."),
-                             ("bench", "Measure the speed of this machine.")):  # fmt: skip
+                             ("bench", "Measure the speed of this machine."),
+                             ("terminal", "Sit at the 1982 controller's terminal.")):  # fmt: skip
         assert any(command in line and purpose in line for line in told.out.splitlines())
 
 

@@ -138,13 +138,20 @@ class PulseGeneratorLine:
         self.running = False
         self._stored_V = 0.0
         self._since_ns = 0
+        self._before_V, self._began_ns = 0.0, -1
 
     def switch(self, oev: bool, now_ns: int, open_V: float) -> None:
-        """Take the line's level; `open_V` is the open voltage while it runs."""
-        if not oev:
+        """Take the line's level; `open_V` is the open voltage while it runs.
+
+        The instruction during which INIT lets the line fall is no time to charge anything.
+        """
+        if not oev and not self.running:
+            self._before_V, self._began_ns = self.voltage_V(now_ns), now_ns
             self.running, self._stored_V = True, open_V
-        elif self.running:
+        elif oev and self.running:
             self.running, self._since_ns = False, now_ns
+            if now_ns == self._began_ns:
+                self._stored_V = self._before_V
 
     def voltage_V(self, now_ns: int) -> float:
         """Voltage on the open electrode, in V: after a stop it decays, and is not zero."""
@@ -154,8 +161,9 @@ class PulseGeneratorLine:
 
     def snapshot(self) -> list[float]:
         """Everything that changes."""
-        return [float(self.running), self._stored_V, self._since_ns]
+        return [float(self.running), self._stored_V, self._since_ns, self._before_V, self._began_ns]
 
     def restore(self, state: list[float]) -> None:
         """Continue where `snapshot` was taken."""
         self.running, self._stored_V, self._since_ns = bool(state[0]), state[1], int(state[2])
+        self._before_V, self._began_ns = state[3], int(state[4])

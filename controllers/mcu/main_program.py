@@ -239,7 +239,8 @@ class MainProgram:
 
     def _set(self, buffer: InputBuffer) -> None:
         self._machine.set(read_setting(self._word, buffer, self._machine.codes))
-        self._say(_pulses(self._machine.status()))
+        now = self._machine.status()
+        self._say(f"{_pulses(now)}   SPEED {now.speed}")
 
     def _start(self, buffer: InputBuffer) -> None:
         at_end(buffer)
@@ -366,7 +367,9 @@ def describe(status: Status, target: Move | None) -> str:
 
 
 def _pulses(status: Status) -> str:
+    """Both times and their codes."""
+
     def show(code: int, us: float) -> str:
         return f"{us:.4g} us ({code:02X}H)" if code else "NOT SET (00H)"
 
-    return f"t(i) {show(status.t_i, status.t_i_us)}   t(p) {show(status.t_p, status.t_p_us)}   SPEED {status.speed}"
+    return f"t(i) {show(status.t_i, status.t_i_us)}   t(p) {show(status.t_p, status.t_p_us)}"

@@ -113,8 +113,11 @@ class Pipe:
     def write(self, data: bytes) -> None:
         """Print; the CR before every LF is the business of whoever shows it."""
         view = memoryview(data.replace(b"\r\n", b"\n"))
-        while view:
-            view = view[os.write(self._sink, view) :]
+        try:
+            while view:
+                view = view[os.write(self._sink, view) :]
+        except BrokenPipeError:  # nobody reads any more
+            raise SystemExit(128 + signal.SIGPIPE) from None
 
     def refresh(self, operation: Operation) -> None:
         """Show nothing but the dialogue."""

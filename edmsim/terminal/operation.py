@@ -82,6 +82,8 @@ class Operation:
     def set(self, setting: Setting) -> None:
         """Take over codes and speed, also while cutting."""
         self._check_alive()
+        if setting.t_i and not (self.rig.computer.pulse_codes[1] or setting.t_p):
+            raise InputError("t(p) is not set yet; TI us TP us sets both")
         self.rig.set(setting)
 
     def cut(self, program: Sequence[Entry]) -> None:

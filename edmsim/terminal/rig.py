@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator
+from typing import cast
 
 import numpy as np
 
 from edmsim.analyser import WINDOW_PULSES
-from edmsim.controllers import found_gains
+from edmsim.controllers import make
 from edmsim.controllers.feed.counts import CountsController
 from edmsim.controllers.mcu import memory_map as at
 from edmsim.controllers.mcu.arithmetic import WORD
@@ -84,7 +85,7 @@ class Rig:
         self.windows = 0
         make_planner(planner, np.array([(0, 0), (STEP_UM, 0)]))  # refuses a name that is none before anything moves
         self._planner_name = planner
-        self._law = CountsController(**found_gains("counts")).settings(MAX_FEED_UM_S)
+        self._law = cast(CountsController, make("counts")).settings(MAX_FEED_UM_S)
         self._events: list[str] = []
         self._planner: Planner | None = None
         self._bare_um, self._bare_ns = self.plant.commanded_um, 0
@@ -93,6 +94,12 @@ class Rig:
         self.computer.set_speed(MAX_SPEED)
         x, y = self.plant.commanded_um
         self.computer.set_position(round(x), round(y))
+
+    def warm_up(self) -> None:
+        """Have the pulse loop compiled, so that nobody waits for it later; nothing else changes."""
+        before = self.plant.snapshot()
+        self.plant.advance()
+        self.plant.restore(before)
 
     @property
     def time_ns(self) -> int:

@@ -111,13 +111,14 @@ class Session:
             elif self._waiting:
                 self._advance()
             elif self._pending:
-                self._take(self._pending.pop(0))
+                for character in self._lines.heard(bytes([self._pending.pop(0)])):
+                    self._take(character)
             elif self._screen.at_end:
                 self._waits_for_rest = self._rig.moving
                 self._leaving = not self._rig.moving
             else:
                 self._prompt()
-                self._pending += self._lines.heard(self._screen.read(None))
+                self._pending += self._screen.read(None)
         self._end_line()
 
     def _run_live(self, speed: float) -> None:

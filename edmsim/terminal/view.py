@@ -39,6 +39,7 @@ class View(Keyboard):
         self._partial = ""
         self._next_s = 0.0
         self._panel: Panel | None = None
+        self._seen: tuple[list[int], Status] | None = None
 
     def __enter__(self) -> Self:
         self._live.start()
@@ -64,9 +65,13 @@ class View(Keyboard):
 
     def refresh(self, operation: Operation) -> None:
         """Draw the machine, at most ten times a second."""
-        if time.monotonic() >= self._next_s:
-            self._next_s = time.monotonic() + _EVERY_S
-            self._panel = panel(operation)
+        if time.monotonic() < self._next_s:
+            return
+        self._next_s = time.monotonic() + _EVERY_S
+        seen = operation.digits(), operation.status()._replace(time_s=0.0, voltage_V=0.0, current_A=0.0)
+        if seen != self._seen:
+            self._seen = seen
+            self._panel = panel(*seen)
             self._draw()
 
     def _draw(self) -> None:
@@ -74,11 +79,11 @@ class View(Keyboard):
             self._live.update(Group(self._panel, Text(self._partial + "_")), refresh=True)
 
 
-def panel(operation: Operation) -> Panel:
+def panel(digits: list[int], status: Status) -> Panel:
     """Return the digits with their names, and the pulses of the last window in percent."""
-    status = operation.status()
-    return Panel(Group(_digits(operation.digits()), Text(), _bars(status)), title=status.state, title_align="left",
-                 expand=False)
+    return Panel(
+        Group(_digits(digits), Text(), _bars(status)), title=status.state, title_align="left", expand=False
+    )
 
 
 def _digits(shown: list[int]) -> Table:

@@ -126,6 +126,7 @@ def test_codes_may_be_given_in_hexadecimal(operate):
         ("SPEED 128", "SPEED is 1 to 127 units, not 128"),
         ("TI 30 X 20", "X cannot stand beside settings; TI, TP and SPEED can"),
         ("TI 51", "t(i) is 51 us, but the voltage reaches from 0 to 50 us only"),
+        ("TI 30", "t(p) is not set yet; TI us TP us sets both"),
         ("GEN", "GEN ON or GEN OFF is wanted"),
         ("GEN ON", "t(i) and t(p) are not set; TI us TP us sets them"),
         ("START", "no new position was given; NEW x y gives one"),
@@ -142,7 +143,7 @@ def test_bad_input_is_answered_by_one_line_and_does_nothing(operate, line, reaso
     assert len(told.refusals) == 1
     assert told.refusals[0].startswith(f"? {reason}")
     assert "STAND-BY   POSITION X 32500 Y 32500 um   NO NEW POSITION" in told.lines
-    assert told.lines[-4] == "t(i) NOT SET (00H)   t(p) NOT SET (00H)   SPEED 127"
+    assert told.lines[-4] == "t(i) NOT SET (00H)   t(p) NOT SET (00H)"
     assert told.status == 2
 
 

@@ -48,7 +48,8 @@ def test_a_program_is_loaded_listed_and_run(operate, host, ends):
         "TI 66H TP AAH SPEED 100", "NEW 32520 32500", "TI 66H TP FFH", "CCW 32540 32520 32520 32520",
     ]  # fmt: skip
     assert "READY   X 32540 Y 32520 um" in told.lines
-    assert told.lines[-4] == "t(i) 20 us (66H)   t(p) 150 us (FFH)   SPEED 100"
+    assert "OF 100 UNITS" in told.lines[-5]
+    assert told.lines[-4] == "t(i) 20 us (66H)   t(p) 150 us (FFH)"
     assert told.rig.computer.word(CIADR) == TERMINAL_IN
     assert told.status == 0
 

@@ -15,7 +15,7 @@ from collections.abc import Iterator
 
 import pytest
 
-TIMEOUT_S = 120.0  # the pulse loop may have to be compiled first
+TIMEOUT_S = 300.0  # the pulse loop may have to be compiled first
 
 
 class Operator:
@@ -138,3 +138,21 @@ def test_a_real_terminal_shows_digits_and_pulses(sit_down):
     assert "erosion" in shown
     operator.type(b"BYE\r")
     assert operator.leave() == 0
+
+
+def test_ctrl_c_in_a_pipe_stops_the_machine_and_the_script():
+    command = [sys.executable, "-c", "from edmsim.cli import main; main()", "terminal", "--resolution", "fast"]
+    pipe = subprocess.PIPE
+    with subprocess.Popen([*command, "--speed", "1"], stdin=pipe, stdout=pipe, text=True) as run:
+        assert run.stdin is not None
+        assert run.stdout is not None
+        run.stdin.write("X 1000\nSTATUS\n")
+        run.stdin.flush()
+        while not run.stdout.readline().startswith("JOGGING"):
+            assert run.poll() is None
+        run.send_signal(signal.SIGINT)
+        while not (line := run.stdout.readline()).startswith("EMERGENCY"):
+            assert run.poll() is None
+        assert line.startswith("EMERGENCY: STOP BY THE OPERATOR; NOTHING MOVES UNTIL INIT")
+        run.stdin.close()
+        assert run.wait(TIMEOUT_S) == 3

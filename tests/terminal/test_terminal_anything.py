@@ -1,0 +1,39 @@
+"""Whatever is typed: the session ends, the machine is left safe, and only the words that move it move it."""
+
+from __future__ import annotations
+
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+import edmsim
+from edmsim.terminal.devices import Interrupts
+from edmsim.terminal.rig import Rig
+from edmsim.terminal.session import Session
+
+from .conftest import Script
+
+MACHINE = edmsim.Machine.load(height_mm=5.0)
+NUMBERS = st.one_of(st.integers(-20, 40), st.sampled_from([300, 65_536, "AAH", "0H", "", "-"]))
+MOVES = ("START", "RUN", "GO", "X", "Y", "YES")
+WORDS = st.sampled_from(
+    ["HELP", "STATUS", "POS", "NEW", "CW", "CCW", "NEW 32520 32510", "TI 30 TP 100", "TI", "TP", "SPEED", "GEN ON",
+     "GEN OFF", "WAIT 1", "MAIN", "LOAD", "LIST", "STOP", "EM", "INIT", "WIRE", "", "NO", *MOVES]
+)  # fmt: skip
+LINES = st.one_of(
+    st.tuples(WORDS, st.lists(NUMBERS, max_size=4)).map(lambda line: " ".join(map(str, [line[0], *line[1]]))),
+    st.text(max_size=70),
+)
+
+
+@settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@given(st.lists(LINES, max_size=25))
+def test_whatever_is_typed_the_session_ends_and_the_machine_is_safe(lines):
+    rig = Rig(MACHINE, seed=1, resolution="fast")
+    screen = Script("".join(f"{line}\n" for line in lines).encode())
+    status = Session(rig, screen, Interrupts()).run()
+    assert status in (0, 2, 3)
+    assert not rig.board.generator_on
+    assert not rig.moving
+    assert rig.computer.pulse_codes == (0, 0)
+    if not any(move in line.upper() for line in lines for move in MOVES):
+        assert rig.place_um == (32_500.0, 32_500.0)
