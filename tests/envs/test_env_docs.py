@@ -31,9 +31,9 @@ def test_entries_of_the_observation(entry):
 
 def test_weights():
     for field in fields(edmsim.envs.Weights):
-        _, straight, path = rows(4)[field.name]
-        for cell, names in ((straight, ("GapFeed", "HeightStep")), (path, ("Corner", "Contour"))):
-            assert {getattr(FAMILIES[name].own_weights, field.name) for name in names} == {float(cell)}
+        _, straight, corner, contour = rows(5)[field.name]
+        for name, cell in zip(FAMILIES, (straight, straight, corner, contour), strict=True):
+            assert getattr(FAMILIES[name].own_weights, field.name) == float(cell)
 
 
 @pytest.mark.parametrize("name", FAMILIES)
