@@ -1,5 +1,6 @@
 """What a cut leaves behind: the table of windows, the wire's frames, report, figure and rerun recording."""
 
+from edmsim.recording.closeups import Closeups
 from edmsim.recording.figures import profile_figure, write_figure
 from edmsim.recording.frames import Frames
 from edmsim.recording.report import Quality, Totals, build_report, render_table, write_json
@@ -9,6 +10,7 @@ from edmsim.recording.viewer import view
 from edmsim.recording.windows import WindowTable, read_windows, write_windows
 
 __all__ = [
+    "Closeups",
     "Corner",
     "ErrorMap",
     "Frames",
