@@ -33,6 +33,41 @@ class Plot(NamedTuple):
     series: tuple[Series, ...]
 
 
+class Sizes(NamedTuple):
+    """What the views need to know of a cut; the recording keeps it for whoever lays it out anew.
+
+    Attributes
+    ----------
+    size_mm, height_mm, wire_diameter_um : float
+        The largest of the drawing's sides and the workpiece's height, that height, the wire.
+    x0_mm, y0_mm, x1_mm, y1_mm : float
+        Box around the drawing.
+    deflection_factor, error_factor : float
+        How many times larger the wire's deflection and the profile error are drawn.
+    end_s : float
+        Machine time at the end.
+    """
+
+    size_mm: float
+    height_mm: float
+    wire_diameter_um: float
+    x0_mm: float
+    y0_mm: float
+    x1_mm: float
+    y1_mm: float
+    deflection_factor: float
+    error_factor: float
+    end_s: float
+
+
+def sizes_of(scene: Scene, deflection_factor: float, end_s: float) -> Sizes:
+    """Return what the views need to know of a cut."""
+    return Sizes(
+        scene.size_mm(), scene.height_mm, scene.wire_diameter_um, *scene.extent_mm(), deflection_factor,
+        scene.error_factor(), end_s,
+    )  # fmt: skip
+
+
 PROCESS: tuple[Plot, ...] = (
     Plot(
         "pulses",
@@ -80,7 +115,7 @@ ELECTRICAL: tuple[Plot, ...] = (
 """Views of the second tab."""
 
 
-def blueprint(scene: Scene, longest_s: float, factor: float) -> rrb.Blueprint:
+def blueprint(sizes: Sizes) -> rrb.Blueprint:
     """Return the layout of one cut.
 
     Left the workpiece and the machine, below them the gap from above and the whole part, at the foot the
@@ -88,20 +123,17 @@ def blueprint(scene: Scene, longest_s: float, factor: float) -> rrb.Blueprint:
 
     Parameters
     ----------
-    scene : Scene
-    longest_s : float
-        Machine time at the end.
-    factor : float
-        How many times larger the wire's deflection is drawn.
+    sizes : Sizes
     """
     import rerun.blueprint as rrb
 
+    factor = sizes.deflection_factor
     left = rrb.Vertical(
         rrb.Horizontal(
-            workpiece_view(scene, "", f"workpiece, mm (wire deflection × {factor:g})"), _machine_view(scene, factor),
+            workpiece_view(sizes, "", f"workpiece, mm (wire deflection × {factor:g})"), _machine_view(sizes),
             column_shares=[3, 2],
         ),
-        rrb.Horizontal(gap_view(scene, "", "at the wire from above, mid height, µm, to scale"), _top_view(scene, factor)),
+        rrb.Horizontal(gap_view(sizes, "", "at the wire from above, mid height, µm, to scale"), _top_view(sizes)),
         scope_view("", "gap voltage and current of the last pulses"),
         row_shares=[10, 9, 6],
     )  # fmt: skip
@@ -112,15 +144,15 @@ def blueprint(scene: Scene, longest_s: float, factor: float) -> rrb.Blueprint:
     )
     return rrb.Blueprint(
         rrb.Horizontal(left, right, column_shares=[3, 2]),
-        rrb.TimePanel(state="collapsed", timeline=TIME, playback_speed=playback_speed(longest_s)),
+        rrb.TimePanel(state="collapsed", timeline=TIME, playback_speed=playback_speed(sizes.end_s)),
         rrb.BlueprintPanel(state="collapsed"),
         rrb.SelectionPanel(state="collapsed"),
     )
 
 
-def playback_speed(longest_s: float) -> float:
+def playback_speed(end_s: float) -> float:
     """Return the speed at which the whole cut plays in about `PLAYED_S`: 1, 2 or 5 times a power of ten."""
-    return round_number(max(longest_s / PLAYED_S, 1.0))
+    return round_number(max(end_s / PLAYED_S, 1.0))
 
 
 def _plots(plots: tuple[Plot, ...], name: str) -> rrb.Vertical:
@@ -148,12 +180,12 @@ def events_view(prefix: str, name: str) -> rrb.TextLogView:
     return rrb.TextLogView(origin=f"{prefix}/events", name=name)
 
 
-def workpiece_view(scene: Scene, prefix: str, name: str) -> rrb.Spatial3DView:
+def workpiece_view(sizes: Sizes, prefix: str, name: str) -> rrb.Spatial3DView:
     """Return the view of the workpiece with its kerf, the wire in it, and the discharges."""
     import rerun.blueprint as rrb
 
-    size = 1.6 * scene.size_mm()
-    middle = 0.6 * scene.height_mm
+    size = 1.6 * sizes.size_mm
+    middle = 0.6 * sizes.height_mm
     hidden = ("base", "cross/**", "deflection", "axis", "table/carriage", "table/plate", "table/corners", "table/error/**",
               "table/starts", "table/stop", "table/cut/**", "table/nominal/bottom")  # fmt: skip
     return rrb.Spatial3DView(
@@ -171,14 +203,14 @@ def workpiece_view(scene: Scene, prefix: str, name: str) -> rrb.Spatial3DView:
     )
 
 
-def _machine_view(scene: Scene, factor: float) -> rrb.Spatial3DView:
+def _machine_view(sizes: Sizes) -> rrb.Spatial3DView:
     import rerun.blueprint as rrb
 
     hidden = ("table/corners", "table/error/**", "table/done", "table/starts", "table/stop", "deflection", "axis", "guides")
     return rrb.Spatial3DView(
         origin="world",
         contents=["world/**", *(f"- world/{part}" for part in hidden)],
-        name=f"machine, mm (wire deflection × {factor:g})",
+        name=f"machine, mm (wire deflection × {sizes.deflection_factor:g})",
         background=rrb.Background(color=palette.rgb(palette.INK)),
         line_grid=rrb.LineGrid3D(visible=False),
         eye_controls=rrb.EyeControls3D(
@@ -187,13 +219,13 @@ def _machine_view(scene: Scene, factor: float) -> rrb.Spatial3DView:
     )
 
 
-def gap_view(scene: Scene, prefix: str, name: str) -> rrb.Spatial2DView:
+def gap_view(sizes: Sizes, prefix: str, name: str) -> rrb.Spatial2DView:
     """Return the view from above at the wire, in um."""
     import rerun.blueprint as rrb
 
-    reach = scene.wire_diameter_um / 2 + 130.0
+    reach = sizes.wire_diameter_um / 2 + 130.0
     return rrb.Spatial2DView(
-        origin=f"{prefix}/gap",
+        origin=f"{prefix}/top",
         name=name,
         background=rrb.Background(color=palette.rgb(palette.INK)),
         visual_bounds=rrb.VisualBounds2D(x_range=(-reach, reach), y_range=(-reach, reach)),
@@ -213,21 +245,21 @@ def scope_view(prefix: str, name: str) -> rrb.Spatial2DView:
     )
 
 
-def _top_view(scene: Scene, factor: float) -> rrb.Spatial3DView:
+def _top_view(sizes: Sizes) -> rrb.Spatial3DView:
     import rerun.blueprint as rrb
 
-    x0, y0, x1, y1 = scene.extent_mm()
+    x0, y0, x1, y1 = sizes.x0_mm, sizes.y0_mm, sizes.x1_mm, sizes.y1_mm
     middle = ((x0 + x1) / 2, (y0 + y1) / 2)
-    away = scene.height_mm + 1.0 * max(x1 - x0, y1 - y0, 1.0)
+    away = sizes.height_mm + 1.0 * max(x1 - x0, y1 - y0, 1.0)
     hidden = ("carriage", "plate", "workpiece", "nominal/bottom", "cut/bottom", "cut/middle", "discharges")
     return rrb.Spatial3DView(
         origin="world/table",
         contents=["world/table/**", "world/deflection", "world/axis", *(f"- world/table/{low}" for low in hidden)],
-        name=f"part from above (wire deflection × {factor:g}, profile error × {scene.error_factor():g})",
+        name=f"part from above (wire deflection × {sizes.deflection_factor:g}, profile error × {sizes.error_factor:g})",
         background=rrb.Background(color=palette.rgb(palette.INK)),
         line_grid=rrb.LineGrid3D(visible=False),
         eye_controls=rrb.EyeControls3D(
-            position=(*middle, away), look_target=(*middle, scene.height_mm), eye_up=(0.0, 1.0, 0.0)
+            position=(*middle, away), look_target=(*middle, sizes.height_mm), eye_up=(0.0, 1.0, 0.0)
         ),
         overrides={"world/table/done": _history()},
     )

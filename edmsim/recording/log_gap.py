@@ -92,21 +92,21 @@ def log_gap(recording: rr.RecordingStream, scene: Scene, closeups: Closeups) -> 
     when = indexes(closeups["t_s"], closeups["path_um"])
     wire = _turned(closeups["wire_um"] - closeups["guides_um"])
     recording.log(
-        "gap/wire",
+        "top/wire",
         rr.Points2D.from_fields(colors=[_WIRE], radii=[scene.wire_diameter_um / 2], draw_order=10.0),
         static=True,
     )
-    recording.send_columns("gap/wire", when, rr.Points2D.columns(positions=wire))
+    recording.send_columns("top/wire", when, rr.Points2D.columns(positions=wire))
     _log_walls(recording, scene, closeups, wire)
     known, place = discharges(closeups, scene.wire_diameter_um / 2)
     shift = _turned(place - closeups["guides_um"][:, None, :])
     left = np.linspace(0.25, 1.0, known.shape[1])
     colours = faded(class_rgb(closeups["pulses"]["kind"][known]), np.broadcast_to(left, known.shape)[known])
     columns = rr.Points2D.columns(positions=shift[known], colors=colours, radii=np.full(known.sum(), 4.0))
-    recording.log("gap/discharges", rr.Points2D.from_fields(draw_order=60.0), static=True)
-    recording.send_columns("gap/discharges", when, columns.partition(known.sum(axis=1)))
+    recording.log("top/discharges", rr.Points2D.from_fields(draw_order=60.0), static=True)
+    recording.send_columns("top/discharges", when, columns.partition(known.sum(axis=1)))
     recording.send_columns(
-        "gap/part",
+        "top/part",
         when,
         rr.Transform3D.columns(translation=np.column_stack([-_turned(closeups["guides_um"]), np.zeros(len(closeups))])),
     )
@@ -124,12 +124,12 @@ def _log_gap_marks(recording: rr.RecordingStream, scene: Scene) -> None:
     circle = np.column_stack([np.cos(angle), np.sin(angle)])
     rings = [radius * circle for radius in (50.0, 100.0, 150.0, 200.0, 250.0)]
     recording.log(
-        "gap/scale",
+        "top/scale",
         rr.LineStrips2D([[(-8, 0), (8, 0)], [(0, -8), (0, 8)], *rings], colors=[(58, 68, 80)], radii=on_screen(0.5)),
         static=True,
     )
     recording.log(
-        "gap/scale/um",
+        "top/scale/um",
         rr.Points2D(
             [(0.0, -radius) for radius in (100.0, 150.0, 200.0)], labels=["100 µm", "150", "200"], show_labels=True,
             colors=[palette.rgb(palette.MUTED)], radii=on_screen(0.5),
@@ -139,7 +139,7 @@ def _log_gap_marks(recording: rr.RecordingStream, scene: Scene) -> None:
     nominal = [_turned(edge.nominal_mm * 1000.0) for edge in scene.maps]
     if nominal:
         lines = rr.LineStrips2D(nominal, colors=[palette.rgb(palette.GREEN)], radii=on_screen(0.8))
-        recording.log("gap/part/nominal", lines, static=True)
+        recording.log("top/part/nominal", lines, static=True)
 
 
 def _log_walls(recording: rr.RecordingStream, scene: Scene, closeups: Closeups, wire: NDArray[np.float64]) -> None:
@@ -157,19 +157,19 @@ def _log_walls(recording: rr.RecordingStream, scene: Scene, closeups: Closeups, 
     near = np.clip((gaps[meets] - _NARROW_UM) / (RAY_RANGE_UM - _NARROW_UM), 0.0, 1.0)[:, None]
     colours = palette.rgb(palette.VERMILION) * (1 - near) + np.array((70, 82, 96)) * near
     rays = rr.LineStrips2D.columns(strips=np.stack([starts[meets], ends[meets]], axis=1), colors=colours.astype(np.uint8))
-    recording.send_columns("gap/rays", when, rays.partition(meets.sum(axis=1)))
+    recording.send_columns("top/rays", when, rays.partition(meets.sum(axis=1)))
     # a piece of wall between two neighbouring rays that both meet metal; the jump to another wall is none
     after = np.roll(np.arange(gaps.shape[1]), -1)
     wall = meets & meets[:, after] & (np.abs(gaps - gaps[:, after]) < radius)
     behind = wire[:, None, :] + (radius + gaps + _WALL_UM)[..., None] * way
     pieces = np.stack([behind[wall], behind[:, after][wall]], axis=1)
     recording.log(
-        "gap/metal",
+        "top/metal",
         rr.LineStrips2D.from_fields(colors=[palette.rgb(palette.MUTED)], radii=[_WALL_UM]),
         static=True,
     )
     recording.send_columns(
-        "gap/metal", when, rr.LineStrips2D.columns(strips=pieces).partition(wall.sum(axis=1))
+        "top/metal", when, rr.LineStrips2D.columns(strips=pieces).partition(wall.sum(axis=1))
     )
 
 

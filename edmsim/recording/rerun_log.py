@@ -14,12 +14,13 @@ from numpy.typing import NDArray
 from edmsim.plant.mechanics import build_model
 from edmsim.plant.setup import wire_setup
 from edmsim.recording import log_gap, log_machine, palette
-from edmsim.recording.blueprint import ELECTRICAL, PROCESS, blueprint
+from edmsim.recording.blueprint import ELECTRICAL, PROCESS, blueprint, sizes_of
 from edmsim.recording.bodies import bodies_of
 from edmsim.recording.closeups import AROUND, PULSES, Closeups
 from edmsim.recording.events import Event, events
 from edmsim.recording.frames import Frames
 from edmsim.recording.log_machine import Shapes
+from edmsim.recording.playback import APPLICATION, FORMAT, PROPERTY
 from edmsim.recording.report import duration_text, figure_text
 from edmsim.recording.scene import Scene, round_factor
 from edmsim.recording.solid import KERF_FRAMES, growing_kerf
@@ -34,10 +35,6 @@ if TYPE_CHECKING:
 
 MAX_ROWS = 20_000
 """Most rows of a series; a longer table is averaged in groups."""
-FORMAT = 2
-"""Number of the recording's layout, raised whenever what reads it back would read it wrongly."""
-APPLICATION = "edmsim"
-"""Application the recording belongs to in the viewer."""
 
 
 def write_recording(
@@ -73,9 +70,10 @@ def write_recording(
     shapes = Shapes(frames, kept)
     factor = round_factor(np.hypot(*np.moveaxis(shapes.deflection_um, -1, 0)).ravel(), 0.05 * scene.size_mm())
     recording = rr.RecordingStream(APPLICATION, recording_id=recording_id(report), send_properties=False)
-    recording.save(partial, default_blueprint=blueprint(scene, float(shapes.t_s[-1]) if len(shapes) else 0.0, factor))
+    sizes = sizes_of(scene, factor, float(shapes.t_s[-1]) if len(shapes) else 0.0)
+    recording.save(partial, default_blueprint=blueprint(sizes))
     recording.send_recording_name(title)
-    recording.send_property("edmsim", rr.AnyValues(format=[FORMAT], version=[report["edmsim_version"]]))
+    recording.send_property(PROPERTY, rr.AnyValues(format=[FORMAT], version=[report["edmsim_version"]], sizes=list(sizes)))
     log_machine.log_bodies(recording, bodies_of(build_model(wire_setup(machine), machine.base.model), scene.guides_z_mm[0]))
     t_s, path_um = column(windows, "t_s"), column(windows, "path_um")
     places = np.column_stack([column(windows, "x_um"), column(windows, "y_um")])
