@@ -302,7 +302,7 @@ class Plant:
         return self._timing
 
     def watch_pulses(self) -> None:
-        """From the next window on, keep what every pulse was: see `last_pulses`. The cut stays the same to the bit."""
+        """From the next window on, keep what every pulse was (`last_pulses`); the cut stays the same to the bit."""
         self._pulses = np.zeros(PULSES_PER_WINDOW, PULSE)
         self._memory.keep_pulses(self._pulses)
 

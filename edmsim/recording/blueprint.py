@@ -186,8 +186,10 @@ def workpiece_view(sizes: Sizes, prefix: str, name: str) -> rrb.Spatial3DView:
 
     size = 1.6 * sizes.size_mm
     middle = 0.6 * sizes.height_mm
-    hidden = ("base", "cross/**", "deflection", "axis", "table/carriage", "table/plate", "table/corners", "table/error/**",
-              "table/starts", "table/stop", "table/cut/**", "table/nominal/bottom")  # fmt: skip
+    hidden = (
+        "base", "cross/**", "deflection", "axis", "table/carriage", "table/plate", "table/corners", "table/error/**",
+        "table/starts", "table/stop", "table/cut/**", "table/nominal/bottom",
+    )  # fmt: skip
     return rrb.Spatial3DView(
         origin=f"{prefix}/world",
         contents=[f"{prefix}/world/**", *(f"- {prefix}/world/{part}" for part in hidden)],
@@ -206,7 +208,9 @@ def workpiece_view(sizes: Sizes, prefix: str, name: str) -> rrb.Spatial3DView:
 def _machine_view(sizes: Sizes) -> rrb.Spatial3DView:
     import rerun.blueprint as rrb
 
-    hidden = ("table/corners", "table/error/**", "table/done", "table/starts", "table/stop", "deflection", "axis", "guides")
+    hidden = (
+        "table/corners", "table/error/**", "table/done", "table/starts", "table/stop", "deflection", "axis", "guides",
+    )  # fmt: skip
     return rrb.Spatial3DView(
         origin="world",
         contents=["world/**", *(f"- world/{part}" for part in hidden)],
@@ -255,7 +259,7 @@ def _top_view(sizes: Sizes) -> rrb.Spatial3DView:
     return rrb.Spatial3DView(
         origin="world/table",
         contents=["world/table/**", "world/deflection", "world/axis", *(f"- world/table/{low}" for low in hidden)],
-        name=f"part from above (wire deflection × {sizes.deflection_factor:g}, profile error × {sizes.error_factor:g})",
+        name=f"part from above (deflection × {sizes.deflection_factor:g}, profile error × {sizes.error_factor:g})",
         background=rrb.Background(color=palette.rgb(palette.INK)),
         line_grid=rrb.LineGrid3D(visible=False),
         eye_controls=rrb.EyeControls3D(

@@ -52,7 +52,8 @@ def write_comparison(file: Path, a: Path, b: Path) -> None:
     import rerun as rr
 
     plays = [Playback(a), Playback(b)]
-    names = [f"{letter}: {play.recording.resolve().parent.name}" for (_, letter, _), play in zip(SIDES, plays, strict=True)]
+    folders = [play.recording.resolve().parent.name for play in plays]
+    names = [f"{letter}: {folder}" for (_, letter, _), folder in zip(SIDES, folders, strict=True)]
     recording = rr.RecordingStream(APPLICATION, recording_id="comparison", send_properties=False)
     recording.save(file, default_blueprint=_blueprint([Sizes(*play.sizes) for play in plays], names))
     recording.send_recording_name(" and ".join(names))

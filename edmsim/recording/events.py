@@ -107,7 +107,6 @@ def _corners(scene: Scene, place: NDArray[np.float64]) -> list[Event]:
         nearest = int(away.argmin())
         if away[nearest] <= _NEAR_MM:
             error = f", error {corner.error_um:+.1f} µm" if np.isfinite(corner.error_um) else ""
-            found.append(
-                Event(nearest, "INFO", f"corner of {corner.turn_deg:+.0f}° at X {corner.x_mm:.3f} Y {corner.y_mm:.3f} mm{error}")
-            )
+            where = _at(np.array([corner.x_mm, corner.y_mm]) * 1000.0)
+            found.append(Event(nearest, "INFO", f"corner of {corner.turn_deg:+.0f}° at {where}{error}"))
     return _thinned(found)

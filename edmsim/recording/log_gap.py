@@ -29,7 +29,7 @@ SCOPE_PULSES = 12
 """Pulses on the oscilloscope."""
 SCOPE_WIDTH, VOLTAGE_HEIGHT, CURRENT_HEIGHT, SCOPE_SPACE = 420.0, 50.0, 32.0, 10.0
 """The oscilloscope's screen, in units of its view: width, heights of both traces, what lies between them."""
-_WALL_UM = 6.0
+WALL_UM = 6.0
 """Half the width in um of the line that stands for the metal; its inner side is the metal's edge."""
 _WIRE = (124, 92, 30)
 _NARROW_UM = 10.0
@@ -105,11 +105,8 @@ def log_gap(recording: rr.RecordingStream, scene: Scene, closeups: Closeups) -> 
     columns = rr.Points2D.columns(positions=shift[known], colors=colours, radii=np.full(known.sum(), 4.0))
     recording.log("top/discharges", rr.Points2D.from_fields(draw_order=60.0), static=True)
     recording.send_columns("top/discharges", when, columns.partition(known.sum(axis=1)))
-    recording.send_columns(
-        "top/part",
-        when,
-        rr.Transform3D.columns(translation=np.column_stack([-_turned(closeups["guides_um"]), np.zeros(len(closeups))])),
-    )
+    away = np.column_stack([-_turned(closeups["guides_um"]), np.zeros(len(closeups))])
+    recording.send_columns("top/part", when, rr.Transform3D.columns(translation=away))
 
 
 def _turned(points: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -156,16 +153,17 @@ def _log_walls(recording: rr.RecordingStream, scene: Scene, closeups: Closeups, 
     when = indexes(closeups["t_s"], closeups["path_um"])
     near = np.clip((gaps[meets] - _NARROW_UM) / (RAY_RANGE_UM - _NARROW_UM), 0.0, 1.0)[:, None]
     colours = palette.rgb(palette.VERMILION) * (1 - near) + np.array((70, 82, 96)) * near
-    rays = rr.LineStrips2D.columns(strips=np.stack([starts[meets], ends[meets]], axis=1), colors=colours.astype(np.uint8))
+    lines = np.stack([starts[meets], ends[meets]], axis=1)
+    rays = rr.LineStrips2D.columns(strips=lines, colors=colours.astype(np.uint8))
     recording.send_columns("top/rays", when, rays.partition(meets.sum(axis=1)))
     # a piece of wall between two neighbouring rays that both meet metal; the jump to another wall is none
     after = np.roll(np.arange(gaps.shape[1]), -1)
     wall = meets & meets[:, after] & (np.abs(gaps - gaps[:, after]) < radius)
-    behind = wire[:, None, :] + (radius + gaps + _WALL_UM)[..., None] * way
+    behind = wire[:, None, :] + (radius + gaps + WALL_UM)[..., None] * way
     pieces = np.stack([behind[wall], behind[:, after][wall]], axis=1)
     recording.log(
         "top/metal",
-        rr.LineStrips2D.from_fields(colors=[palette.rgb(palette.MUTED)], radii=[_WALL_UM]),
+        rr.LineStrips2D.from_fields(colors=[palette.rgb(palette.MUTED)], radii=[WALL_UM]),
         static=True,
     )
     recording.send_columns(
@@ -235,7 +233,8 @@ def _log_scales(recording: rr.RecordingStream, span_us: float, most_V: float, mo
     low = VOLTAGE_HEIGHT + SCOPE_SPACE + CURRENT_HEIGHT
     marks: list[tuple[float, float, str]] = []
     lines: list[list[tuple[float, float]]] = []
-    for most, unit, height, foot in ((most_V, "V", VOLTAGE_HEIGHT, VOLTAGE_HEIGHT), (most_A, "A", CURRENT_HEIGHT, low)):
+    feet = ((most_V, "V", VOLTAGE_HEIGHT, VOLTAGE_HEIGHT), (most_A, "A", CURRENT_HEIGHT, low))
+    for most, unit, height, foot in feet:
         for value in _ticks(most, 3):
             y = foot - value * height / max(most, 1e-9)
             marks.append((-6.0, y, f"{value:g} {unit}"))
@@ -250,7 +249,9 @@ def _log_scales(recording: rr.RecordingStream, span_us: float, most_V: float, mo
     places, labels = [(x, y) for x, y, _ in marks], [text for *_, text in marks]
     recording.log(
         "scope/scale",
-        rr.Points2D(places, labels=labels, show_labels=True, colors=[palette.rgb(palette.MUTED)], radii=on_screen(0.5)),
+        rr.Points2D(
+            places, labels=labels, show_labels=True, colors=[palette.rgb(palette.MUTED)], radii=on_screen(0.5)
+        ),
         static=True,
     )
 

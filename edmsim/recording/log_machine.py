@@ -66,17 +66,14 @@ def log_bodies(recording: rr.RecordingStream, bodies: Bodies) -> None:
     recording.log("world/table/plate", plate, static=True)
 
 
-def log_workpiece(recording: rr.RecordingStream, scene: Scene, windows_at: tuple[NDArray[np.float64], NDArray[np.float64]],
-                  growth: Growth) -> None:  # fmt: skip
-    """Log the workpiece as a solid while the kerf grows, the drawing on it and the edges that were cut.
-
-    `windows_at` are machine time and place along the path, window by window.
-    """
+def log_workpiece(
+    recording: rr.RecordingStream, growth: Growth, t_s: NDArray[np.float64], path_um: NDArray[np.float64]
+) -> None:
+    """Log the workpiece as a solid while the kerf grows; `t_s` and `path_um` are the windows'."""
     import rerun as rr
 
-    height = scene.height_mm
     recording.log("world/table/workpiece", rr.Mesh3D.from_fields(albedo_factor=STEEL), static=True)
-    t_s, path_um = (values[growth.rows] if len(values) else np.zeros(1) for values in windows_at)
+    t_s, path_um = (values[growth.rows] if len(values) else np.zeros(1) for values in (t_s, path_um))
     t_s = np.where(np.arange(len(t_s)) == 0, 0.0, t_s)
     solids = growth.solids
     per_vertex = rr.Mesh3D.columns(
@@ -87,6 +84,11 @@ def log_workpiece(recording: rr.RecordingStream, scene: Scene, windows_at: tuple
         [len(s.triangles) for s in solids]
     )
     recording.send_columns("world/table/workpiece", indexes(t_s, path_um), [*per_vertex, *faces])
+
+
+def log_drawing(recording: rr.RecordingStream, scene: Scene) -> None:
+    """Log the drawing on the workpiece, and the edges that were cut."""
+    height = scene.height_mm
     steps = [strip for t in scene.terraces for strip in at_height(t.outlines_mm, t.height_mm)]
     log_lines(recording, "world/table/steps", steps, palette.LINE)
     nominal = [m.nominal_mm for m in scene.maps]

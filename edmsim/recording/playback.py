@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edmsim.errors import InputError
-from edmsim.recording.stream import TIME
+from edmsim.recording.stream import PATH, TIME
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -98,13 +98,14 @@ class Rows(NamedTuple):
 
     Attributes
     ----------
-    t_s : float64 array (n,)
-        Machine time; 0 for what stays.
+    t_s, path_um : float64 arrays (n,)
+        Machine time and place along the path; 0 for what stays.
     values : pyarrow.Array
         A list per row.
     """
 
     t_s: NDArray[np.float64]
+    path_um: NDArray[np.float64]
     values: pa.Array
 
     def at(self, t_s: float) -> int:
@@ -128,15 +129,16 @@ class Playback:
 
     def __init__(self, recording: str | Path) -> None:
         self.recording = Path(recording)
-        parts: dict[tuple[str, str], list[tuple[NDArray[np.float64], pa.Array]]] = {}
+        parts: dict[tuple[str, str], list[Rows]] = {}
         for chunk in read_chunks(self.recording):
             batch = chunk.to_record_batch()
-            times = np.zeros(batch.num_rows)
+            times, path = np.zeros(batch.num_rows), np.zeros(batch.num_rows)
             if TIME in batch.schema.names:
                 times = batch.column(TIME).to_numpy(zero_copy_only=False).astype(np.int64) * 1e-9
+                path = batch.column(PATH).to_numpy(zero_copy_only=False).astype(np.float64)
             for name in batch.schema.names:
                 if ":" in name or chunk.entity_path == f"/__properties/{PROPERTY}":
-                    parts.setdefault((chunk.entity_path, name), []).append((times, batch.column(name)))
+                    parts.setdefault((chunk.entity_path, name), []).append(Rows(times, path, batch.column(name)))
         self._rows = {key: _in_order(found) for key, found in parts.items()}
 
     def __contains__(self, key: tuple[str, str]) -> bool:
@@ -157,7 +159,7 @@ class Playback:
     def strips(self, entity: str, component: str, t_s: float) -> list[NDArray[np.float32]]:
         """Return the lines an entity shows at a time, each (points, 2 or 3)."""
         row = self._row(entity, component, t_s)
-        return [] if row is None else [np.stack([np.asarray(p) for p in line]).astype(np.float32) for line in row.as_py()]
+        return [] if row is None else [np.array(line, np.float32) for line in row.as_py()]
 
     def points(self, entity: str, component: str, t_s: float) -> NDArray[Any]:
         """Return vectors, colours or other numbers an entity shows at a time: (n,) or (n, k); (0,) if none."""
@@ -185,10 +187,11 @@ class Playback:
         return max((float(rows.t_s[-1]) for rows in self._rows.values() if len(rows.t_s)), default=0.0)
 
 
-def _in_order(found: list[tuple[NDArray[np.float64], pa.Array]]) -> Rows:
+def _in_order(found: list[Rows]) -> Rows:
     import pyarrow as pa
 
-    times = np.concatenate([t for t, _ in found])
-    values = pa.concat_arrays([v for _, v in found])
+    times = np.concatenate([rows.t_s for rows in found])
+    path = np.concatenate([rows.path_um for rows in found])
+    values = pa.concat_arrays([rows.values for rows in found])
     order = np.argsort(times, kind="stable")
-    return Rows(times[order], values.take(pa.array(order)))
+    return Rows(times[order], path[order], values.take(pa.array(order)))

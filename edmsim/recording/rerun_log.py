@@ -73,37 +73,54 @@ def write_recording(
     sizes = sizes_of(scene, factor, float(shapes.t_s[-1]) if len(shapes) else 0.0)
     recording.save(partial, default_blueprint=blueprint(sizes))
     recording.send_recording_name(title)
-    recording.send_property(PROPERTY, rr.AnyValues(format=[FORMAT], version=[report["edmsim_version"]], sizes=list(sizes)))
-    log_machine.log_bodies(recording, bodies_of(build_model(wire_setup(machine), machine.base.model), scene.guides_z_mm[0]))
-    t_s, path_um = column(windows, "t_s"), column(windows, "path_um")
-    places = np.column_stack([column(windows, "x_um"), column(windows, "y_um")])
-    growth = growing_kerf(scene, places, path_um)
-    log_machine.log_workpiece(recording, scene, (t_s, path_um), growth)
-    log_machine.log_errors(recording, scene)
-    log_machine.log_marks(recording, scene, factor)
-    log_machine.log_motion(recording, scene, shapes, factor)
+    made = rr.AnyValues(format=[FORMAT], version=[report["edmsim_version"]], sizes=list(sizes))
+    recording.send_property(PROPERTY, made)
+    tolerance_mm = _log_machine(recording, scene, windows, machine, shapes, factor)
     log_gap.log_discharges(recording, scene, kept)
     log_gap.log_gap(recording, scene, kept)
     log_gap.log_scope(recording, kept)
     told = events(windows, scene, report)
     group = _log_series(recording, windows, np.array([event.row for event in told], np.int64))
-    _log_events(recording, (t_s, path_um), told)
-    thinning = [
-        f"The wire's shape: one window of {frames.stride}. Discharges, top view and oscilloscope: one of "
-        f"{closeups.stride}; around retracts and corners, and at the end, all of them ({AROUND} before, {AROUND} "
-        f"after; of many retracts, some). Of such a window its last {PULSES} pulses are kept.",
-        "A point of a series is "
-        + ("one window." if group == 1 else f"the mean of {group} windows, around events one window.")
-        + f" The kerf grows in at most {KERF_FRAMES} steps, its edge drawn within {growth.tolerance_mm * 1000:g} µm.",
-    ]  # fmt: skip
+    _log_events(recording, windows, told)
     recording.log(
         "about",
-        rr.TextDocument(about(scene, report, title, factor, thinning), media_type=rr.MediaType.MARKDOWN),
+        rr.TextDocument(
+            about(scene, report, title, factor, _thinning(frames, closeups, group, tolerance_mm)),
+            media_type=rr.MediaType.MARKDOWN,
+        ),
         static=True,
     )
     recording.flush()
     recording.disconnect()
     partial.replace(target)
+
+
+def _log_machine(
+    recording: rr.RecordingStream, scene: Scene, windows: pa.Table, machine: Machine, shapes: Shapes, factor: float
+) -> float:
+    """Log machine, workpiece and wire; return within how many mm the growing kerf is drawn."""
+    t_s, path_um = column(windows, "t_s"), column(windows, "path_um")
+    model = build_model(wire_setup(machine), machine.base.model)
+    log_machine.log_bodies(recording, bodies_of(model, scene.guides_z_mm[0]))
+    growth = growing_kerf(scene, np.column_stack([column(windows, "x_um"), column(windows, "y_um")]), path_um)
+    log_machine.log_workpiece(recording, growth, t_s, path_um)
+    log_machine.log_drawing(recording, scene)
+    log_machine.log_errors(recording, scene)
+    log_machine.log_marks(recording, scene, factor)
+    log_machine.log_motion(recording, scene, shapes, factor)
+    return growth.tolerance_mm
+
+
+def _thinning(frames: Frames, closeups: Closeups, group: int, tolerance_mm: float) -> list[str]:
+    """Say what of the cut is in the recording and what was left out."""
+    return [
+        f"The wire's shape: one window of {frames.stride}. Discharges, top view and oscilloscope: one of "
+        f"{closeups.stride}; around retracts and corners, and at the end, all of them ({AROUND} before, {AROUND} "
+        f"after; of many retracts, some). Of such a window its last {PULSES} pulses are kept.",
+        "A point of a series is "
+        + ("one window." if group == 1 else f"the mean of {group} windows, around events one window.")
+        + f" The kerf grows in at most {KERF_FRAMES} steps, its edge drawn within {tolerance_mm * 1000:g} µm.",
+    ]  # fmt: skip
 
 
 def recording_id(report: Mapping[str, Any]) -> str:
@@ -125,8 +142,8 @@ def about(scene: Scene, report: Mapping[str, Any], title: str, factor: float, th
         "- In the machine view the wire stands and the table moves; the view from above moves with the table.",
         f"- Wire deflection is drawn **× {factor:g}** there, the profile error **× {scene.error_factor():g}** "
         "(blue: too much removed, orange: metal left). All else is to scale, in mm.",
-        "- The view at the wire is to scale, in µm, at mid height; it moves with the guides, whose axis is the cross. "
-        "Every ray that meets metal is drawn from the wire to it, the redder the narrower.",
+        "- The view at the wire is to scale, in µm, at mid height; it moves with the guides, whose axis is the "
+        "cross. Every ray that meets metal is drawn from the wire to it, the redder the narrower.",
         "- Discharges are drawn on the metal, in the middle of their slice of height, and fade: "
         "blue sparks, pink arcs, red contacts.",
         "- The oscilloscope shows the model's pulses: voltage until ignition, then burning; no rise times.",
@@ -138,17 +155,14 @@ def about(scene: Scene, report: Mapping[str, Any], title: str, factor: float, th
     return "\n\n".join(lines[:3]) + "\n\n" + "\n".join(lines[3:])
 
 
-def _log_events(
-    recording: rr.RecordingStream, when: tuple[NDArray[np.float64], NDArray[np.float64]], told: list[Event]
-) -> None:
+def _log_events(recording: rr.RecordingStream, windows: pa.Table, told: list[Event]) -> None:
     import rerun as rr
 
     if told:
         rows = np.array([event.row for event in told])
-        t_s, path_um = when
         recording.send_columns(
             "events",
-            indexes(t_s[rows], path_um[rows]),
+            indexes(column(windows, "t_s")[rows], column(windows, "path_um")[rows]),
             rr.TextLog.columns(text=[event.text for event in told], level=[event.level for event in told]),
         )
 

@@ -24,8 +24,8 @@ SHARES = (0.05, 0.25, 0.5, 0.75, 1.0)
 """Shares of the machine time at which pictures are taken."""
 _PATIENCE_S = 60.0
 """How long the viewer may take to start, and to read the recording."""
-_SETTLED_S = 0.7
-"""The viewer draws what a new time needs over some frames."""
+_OPENED_S, _SETTLED_S = 4.0, 0.8
+"""The viewer moves its cameras into place after opening, and draws what a new time needs over some frames."""
 
 
 def take_screenshots(recording: Path, folder: str | Path, shares: tuple[float, ...] = SHARES) -> list[Path]:
@@ -56,8 +56,9 @@ def take_screenshots(recording: Path, folder: str | Path, shares: tuple[float, .
     make_writable(target)
     written = []
     with _headless(recording) as client:
+        time.sleep(_OPENED_S)
         for share in shares:
-            _set_time(client, share * end_s)
+            client.set_time(TIME, duration=share * end_s, play_state="paused")
             time.sleep(_SETTLED_S)
             file = target / f"cut-{round(100 * share):03d}.png"
             file.write_bytes(client.take_screenshot())
@@ -71,7 +72,7 @@ def _headless(recording: Path) -> Iterator[ViewerClient]:
     from rerun.experimental import ViewerClient
 
     port = free_port(0)
-    command = [*RERUN, str(recording.resolve()), "--headless", "--bind", HERE, "--port", str(port), "--hide-welcome-screen"]
+    command = [*RERUN, str(recording.resolve()), "--headless", "--bind", HERE, "--port", str(port)]
     process = subprocess.Popen(
         command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True
     )
@@ -98,6 +99,3 @@ def _connected(process: subprocess.Popen[bytes], kind: type[ViewerClient], addre
         "mesa-vulkan-drivers"
     )
 
-
-def _set_time(client: ViewerClient, t_s: float) -> None:
-    client.set_time(TIME, duration=t_s, play_state="paused")

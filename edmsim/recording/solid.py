@@ -188,5 +188,9 @@ def _faces(scene: Scene) -> list[tuple[BaseGeometry, float]]:
 
 
 def _solid(faces: Sequence[tuple[BaseGeometry, float]]) -> Mesh:
-    parts = [(shapely.MultiPolygon([p for p in shapely.get_parts(f) if p.geom_type == "Polygon"]), h) for f, h in faces]
-    return joined([prism(face, 0.0, height) for face, height in parts if not face.is_empty])
+    solids = []
+    for face, height in faces:
+        polygons = [part for part in shapely.get_parts(face) if part.geom_type == "Polygon"]  # no stray lines
+        if polygons:
+            solids.append(prism(shapely.MultiPolygon(polygons), 0.0, height))
+    return joined(solids)
