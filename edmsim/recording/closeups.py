@@ -168,18 +168,18 @@ class Closeups:
         kind = row_type(slices, rays)
         self.slice_index = slice_index
         self._seen = 0
-        self._last = np.zeros(AROUND, kind)
+        self._last = np.zeros(AROUND + 1, kind)
         self._run = Run(kind, REGULAR)
         self._blocks = {RETRACT: Blocks(kind), TURN: Blocks(kind)}
 
     @property
     def row(self) -> np.void:
         """The row to fill with the window just over, before it is `keep`-ed."""
-        return self._last[self._seen % AROUND]
+        return self._last[self._seen % len(self._last)]
 
     def keep(self, event: int = NOTHING) -> None:
         """Take the filled `row` in; `event` is what happened in its window."""
-        at = self._seen % AROUND
+        at = self._seen % len(self._last)
         row = self._last[at]
         self._run.offer(row)
         before = self._before(at) if event != NOTHING else self._last[:0]
@@ -189,7 +189,7 @@ class Closeups:
 
     def _before(self, at: int) -> NDArray[np.void]:
         """Return the rows before the one at a place of the ring, oldest first."""
-        older = self._last[at + 1 :] if self._seen >= AROUND else self._last[:0]
+        older = self._last[at + 1 :] if self._seen >= len(self._last) else self._last[:0]
         return np.concatenate([older, self._last[:at]])
 
     @property

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import warnings
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -22,8 +23,11 @@ APPLICATION = "edmsim"
 """Application the recording belongs to in the viewer."""
 FORMAT = 2
 """Number of the recording's layout, raised whenever what reads it back would read it wrongly."""
-PROPERTY = "edmsim"
-"""Property of the recording that holds its format and the version it was written by."""
+MADE_BY = "made_by"
+"""Entity that says, as JSON, the recording's format, who wrote it, and the sizes its views need."""
+_MARK = b"RRF2"
+"""A recording begins with this, the version of rerun that wrote it behind it."""
+_MADE = (f"/{MADE_BY}", "TextDocument:text")
 
 
 def find_recording(directory: str | Path) -> Path:
@@ -58,38 +62,46 @@ def read_chunks(recording: Path) -> list[Chunk]:
     """
     from rerun.chunk import RrdReader
 
+    _check_rerun(recording)
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("error")  # a file cut short between two messages is only warned about
             reader = RrdReader(recording)
             found = reader.recordings()
             chunks = list(reader.stream().to_chunks()) if found else []
-    except (RuntimeError, ValueError, OSError, Warning) as error:
-        raise InputError(_unreadable(recording, error), recording) from None
+    except (RuntimeError, ValueError, OSError, Warning):
+        found = []
     if not found:
-        raise InputError(_unreadable(recording, None), recording)
+        size = recording.stat().st_size
+        raise InputError(f"these {size} bytes are not a whole rerun recording, run the cut again", recording)
     _check_version(recording, found[0].application_id, chunks)
     return chunks
 
 
-def _unreadable(recording: Path, error: Exception | None) -> str:
-    size = recording.stat().st_size
-    said = str(error).lower() if error is not None else ""
-    if "version" in said and recording.read_bytes()[:3] == b"RRF":
-        return "this recording is of another version of rerun, run the cut again"
-    return f"these {size} bytes are not a whole rerun recording, run the cut again"
+def _check_rerun(recording: Path) -> None:
+    """Refuse a file of a newer rerun: it would be read, with a warning, and perhaps wrongly."""
+    from importlib.metadata import version
+
+    with recording.open("rb") as file:
+        head = file.read(8)
+    here = tuple(int(number) for number in version("rerun-sdk").split(".")[:2])
+    if head[:4] == _MARK and tuple(head[4:6]) > here:
+        raise InputError(
+            f"this recording was written by rerun {head[4]}.{head[5]}, here is {here[0]}.{here[1]}: run the cut again",
+            recording,
+        )
 
 
 def _check_version(recording: Path, application: str, chunks: list[Chunk]) -> None:
     if application != APPLICATION:
         raise InputError(f"this is a recording of {application}, one that `edmsim cut` wrote is needed", recording)
-    entity = f"/__properties/{PROPERTY}"
-    told = next((chunk.to_record_batch() for chunk in chunks if chunk.entity_path == entity), None)
-    number = told.column("format")[0].as_py()[0] if told is not None else 1  # the first wrote no number
-    if number != FORMAT:
-        by = f", written by edmsim {told.column('version')[0].as_py()[0]}" if told is not None else ""
+    found = [chunk.to_record_batch() for chunk in chunks if chunk.entity_path == _MADE[0]]
+    made = json.loads(found[0].column(_MADE[1])[0].as_py()[0]) if found else {"format": 1}  # the first wrote none
+    if made["format"] != FORMAT:
+        by = f", written by edmsim {made['version']}" if "version" in made else ""
         raise InputError(
-            f"this recording has format {number}{by}; this edmsim reads format {FORMAT}, run the cut again", recording
+            f"this recording has format {made['format']}{by}; this edmsim reads format {FORMAT}, run the cut again",
+            recording,
         )
 
 
@@ -137,7 +149,7 @@ class Playback:
                 times = batch.column(TIME).to_numpy(zero_copy_only=False).astype(np.int64) * 1e-9
                 path = batch.column(PATH).to_numpy(zero_copy_only=False).astype(np.float64)
             for name in batch.schema.names:
-                if ":" in name or chunk.entity_path == f"/__properties/{PROPERTY}":
+                if ":" in name:
                     parts.setdefault((chunk.entity_path, name), []).append(Rows(times, path, batch.column(name)))
         self._rows = {key: _in_order(found) for key, found in parts.items()}
 
@@ -179,7 +191,7 @@ class Playback:
     @property
     def sizes(self) -> tuple[float, ...]:
         """The fields of `edmsim.recording.blueprint.Sizes`."""
-        return tuple(self.rows(f"/__properties/{PROPERTY}", "sizes").values[0].as_py())
+        return tuple(json.loads(self.rows(*_MADE).values[0].as_py()[0])["sizes"])
 
     @property
     def end_s(self) -> float:

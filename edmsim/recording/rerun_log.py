@@ -20,7 +20,7 @@ from edmsim.recording.closeups import AROUND, PULSES, Closeups
 from edmsim.recording.events import Event, events
 from edmsim.recording.frames import Frames
 from edmsim.recording.log_machine import Shapes
-from edmsim.recording.playback import APPLICATION, FORMAT, PROPERTY
+from edmsim.recording.playback import APPLICATION, FORMAT, MADE_BY
 from edmsim.recording.report import duration_text, figure_text
 from edmsim.recording.scene import Scene, round_factor
 from edmsim.recording.solid import KERF_FRAMES, growing_kerf
@@ -69,12 +69,16 @@ def write_recording(
     kept = closeups.table()
     shapes = Shapes(frames, kept)
     factor = round_factor(np.hypot(*np.moveaxis(shapes.deflection_um, -1, 0)).ravel(), 0.05 * scene.size_mm())
-    recording = rr.RecordingStream(APPLICATION, recording_id=recording_id(report), send_properties=False)
+    # batches cut off by a clock would differ from run to run
+    recording = rr.RecordingStream(
+        APPLICATION, recording_id=recording_id(report), send_properties=False,
+        batcher_config=rr.ChunkBatcherConfig.NEVER(),
+    )  # fmt: skip
     sizes = sizes_of(scene, factor, float(shapes.t_s[-1]) if len(shapes) else 0.0)
     recording.save(partial, default_blueprint=blueprint(sizes))
     recording.send_recording_name(title)
-    made = rr.AnyValues(format=[FORMAT], version=[report["edmsim_version"]], sizes=list(sizes))
-    recording.send_property(PROPERTY, made)
+    made = {"format": FORMAT, "version": report["edmsim_version"], "sizes": list(sizes)}
+    recording.log(MADE_BY, rr.TextDocument(json.dumps(made)), static=True)
     tolerance_mm = _log_machine(recording, scene, windows, machine, shapes, factor)
     log_gap.log_discharges(recording, scene, kept)
     log_gap.log_gap(recording, scene, kept)
