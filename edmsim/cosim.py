@@ -27,7 +27,7 @@ from .plant.plant import Plant, PulseWindow
 from .plant.relief import HeightStep
 from .plant.workpiece import Stock
 from .program.path import Contour, CutPath
-from .recording.closeups import NOTHING, PULSES, RETRACT, TURN, Closeups, turns_um
+from .recording.closeups import NOTHING, RETRACT, TURN, Closeups, turns_um
 from .recording.frames import Frames
 from .recording.windows import WindowTable
 
@@ -284,12 +284,12 @@ class Simulation:
 
     def _keep_closeup(self, t_s: float, x: float, y: float, feed_um_s: float) -> None:
         plant, row = self.plant, self.closeups.row
-        pulses, timing = plant.last_pulses()[-PULSES:], plant.timing
+        timing = plant.timing
         row["t_s"], row["guides_um"], row["path_um"] = t_s, (x, y), self.path_um
         row["burning_V"], row["current_A"], row["short_A"] = timing.burning_V, timing.current_A, timing.short_A
         row["wire_um"], row["walls_um"] = plant.walls_um(self.closeups.slice_index)
         row["deflection_um"] = plant.deflections_um()
-        row["pulses"][: len(pulses)], row["count"] = pulses, len(pulses)
+        self.closeups.fill_pulses(plant.last_pulses())
         passed = bisect(self._turns_um, self._planner.path_um)
         event = TURN if passed != self._turns_passed else RETRACT if feed_um_s < 0 <= self._feed_um_s else NOTHING
         self._turns_passed, self._feed_um_s = passed, feed_um_s

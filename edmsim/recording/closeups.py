@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 
 from edmsim.plant.state import PULSE
 
+Bytes = NDArray[np.uint8]
+"""Rows as bytes, (size,) or (n, size)."""
 PULSES = 96
 """The last pulses of a window, which are what is kept of it."""
 REGULAR = 600
@@ -62,28 +64,34 @@ def turns_um(points_um: NDArray[np.int64]) -> list[float]:
     return [0.0, *along[:-1][turn > np.radians(CORNER_DEG)].tolist()]
 
 
+def _bytes_of(rows: NDArray[np.void]) -> Bytes:
+    """Look at rows (..., n) as bytes (..., n, size): numpy copies records field by field, twenty times as slowly."""
+    return rows.view(np.uint8).reshape(*rows.shape, rows.itemsize)
+
+
 class Run:
     """Every `stride`-th row; the stride doubles whenever the store is full."""
 
     def __init__(self, kind: np.dtype[np.void], capacity: int) -> None:
         self._rows = np.zeros(capacity, kind)
+        self._bytes = _bytes_of(self._rows)
         self.stride = 1
         self._seen = self._used = 0
 
-    def offer(self, row: np.void) -> None:
-        """Show one row; it is kept if its turn has come."""
+    def offer(self, row: Bytes) -> None:
+        """Show one row, its bytes; it is kept if its turn has come."""
         if self._seen % self.stride == 0:
             if self._used == len(self._rows):
                 self._halve()
             if self._seen % self.stride == 0:
-                self._rows[self._used] = row
+                self._bytes[self._used] = row
                 self._used += 1
         self._seen += 1
 
     def _halve(self) -> None:
-        kept = self._rows[: self._used : 2].copy()
+        kept = self._bytes[: self._used : 2].copy()
         self._used = len(kept)
-        self._rows[: self._used] = kept
+        self._bytes[: self._used] = kept
         self.stride *= 2
 
     @property
@@ -107,13 +115,14 @@ class Blocks:
 
     def __init__(self, kind: np.dtype[np.void]) -> None:
         self._rows = np.zeros((BLOCKS, 2 * AROUND + 1), kind)
+        self._bytes = _bytes_of(self._rows)
         self._lengths: list[int] = []
         self._spacing = 2 * AROUND + 1
         self._free_from = 0
         self._wanted = 0
 
-    def offer(self, number: int, row: np.void, before: NDArray[np.void], happened: bool) -> None:
-        """Show row `number`; `before` are the rows before it, `happened` says whether it has an event."""
+    def offer(self, number: int, row: Bytes, before: Bytes, happened: bool) -> None:
+        """Show row `number`, its bytes; `before` are the rows before it, `happened` says whether it has an event."""
         if self._wanted > 0:
             self._add(row)
             self._wanted -= 1
@@ -121,18 +130,18 @@ class Blocks:
             if len(self._lengths) == BLOCKS:
                 self._halve()
             self._lengths.append(len(before))
-            self._rows[len(self._lengths) - 1, : len(before)] = before
+            self._bytes[len(self._lengths) - 1, : len(before)] = before
             self._add(row)
             self._wanted, self._free_from = AROUND, number + self._spacing
 
-    def _add(self, row: np.void) -> None:
-        self._rows[len(self._lengths) - 1, self._lengths[-1]] = row
+    def _add(self, row: Bytes) -> None:
+        self._bytes[len(self._lengths) - 1, self._lengths[-1]] = row
         self._lengths[-1] += 1
 
     def _halve(self) -> None:
-        kept = self._rows[::2].copy()
+        kept = self._bytes[::2].copy()
         self._lengths = self._lengths[::2]
-        self._rows[: len(kept)] = kept
+        self._bytes[: len(kept)] = kept
         self._spacing *= 2
 
     @property
@@ -169,6 +178,8 @@ class Closeups:
         self.slice_index = slice_index
         self._seen = 0
         self._last = np.zeros(AROUND + 1, kind)
+        self._bytes = _bytes_of(self._last)
+        self._pulses_at = int(kind.fields["pulses"][1]) if kind.fields is not None else 0
         self._run = Run(kind, REGULAR)
         self._blocks = {RETRACT: Blocks(kind), TURN: Blocks(kind)}
 
@@ -177,20 +188,27 @@ class Closeups:
         """The row to fill with the window just over, before it is `keep`-ed."""
         return self._last[self._seen % len(self._last)]
 
+    def fill_pulses(self, pulses: NDArray[np.void]) -> None:
+        """Fill the last pulses of the window just over (rows of `PULSE`) into `row`."""
+        last = pulses[-PULSES:]
+        at, begin = self._seen % len(self._last), self._pulses_at
+        self._bytes[at, begin : begin + last.nbytes] = last.view(np.uint8)
+        self._last[at]["count"] = len(last)
+
     def keep(self, event: int = NOTHING) -> None:
         """Take the filled `row` in; `event` is what happened in its window."""
         at = self._seen % len(self._last)
-        row = self._last[at]
+        row = self._bytes[at]
         self._run.offer(row)
-        before = self._before(at) if event != NOTHING else self._last[:0]
+        before = self._before(at) if event != NOTHING else self._bytes[:0]
         for kind, blocks in self._blocks.items():
             blocks.offer(self._seen, row, before, kind == event)
         self._seen += 1
 
-    def _before(self, at: int) -> NDArray[np.void]:
+    def _before(self, at: int) -> Bytes:
         """Return the rows before the one at a place of the ring, oldest first."""
-        older = self._last[at + 1 :] if self._seen >= len(self._last) else self._last[:0]
-        return np.concatenate([older, self._last[:at]])
+        older = self._bytes[at + 1 :] if self._seen >= len(self._last) else self._bytes[:0]
+        return np.concatenate([older, self._bytes[:at]])
 
     @property
     def stride(self) -> int:

@@ -87,7 +87,8 @@ def _check_rerun(recording: Path) -> None:
     here = tuple(int(number) for number in version("rerun-sdk").split(".")[:2])
     if head[:4] == _MARK and tuple(head[4:6]) > here:
         raise InputError(
-            f"this recording was written by rerun {head[4]}.{head[5]}, here is {here[0]}.{here[1]}: run the cut again",
+            f"this recording was written by rerun {head[4]}.{head[5]}, here is {here[0]}.{here[1]}; run the cut "
+            "again",
             recording,
         )
 

@@ -17,6 +17,8 @@ from edmsim.recording.scene import Scene
 
 KERF_FRAMES = 300
 """Most steps in which the kerf grows."""
+KERF_STEP_UM = 50.0
+"""It grows by no less than this at a time: less would not be seen."""
 KERF_POINTS = 600
 """Most points of its edge; a longer one is drawn more coarsely."""
 _FINEST_MM = 0.004
@@ -160,7 +162,8 @@ def _steps(ahead_um: NDArray[np.float64]) -> list[tuple[int, int]]:
     """Return the first and last window of pieces of path that are about equally long."""
     if len(ahead_um) == 0 or ahead_um[-1] <= ahead_um[0]:
         return []
-    marks = np.linspace(ahead_um[0], ahead_um[-1], KERF_FRAMES + 1)[1:]
+    steps = int(np.clip((ahead_um[-1] - ahead_um[0]) / KERF_STEP_UM, 1, KERF_FRAMES))
+    marks = np.linspace(ahead_um[0], ahead_um[-1], steps + 1)[1:]
     ends = np.unique(np.minimum(np.searchsorted(ahead_um, marks), len(ahead_um) - 1))
     return list(zip([0, *(ends[:-1] + 1).tolist()], ends.tolist(), strict=True))
 

@@ -28,7 +28,9 @@ def volume(mesh: Mesh) -> float:
 
 
 @settings(max_examples=30, deadline=None)
-@given(points=st.lists(st.tuples(st.floats(0, 20), st.floats(0, 20)), min_size=1, max_size=5), reach=st.floats(0.5, 3))
+@given(
+    points=st.lists(st.tuples(st.floats(0, 20), st.floats(0, 20)), min_size=1, max_size=5), reach=st.floats(0.5, 3)
+)
 def test_a_prism_has_area_times_height(points: list[tuple[float, float]], reach: float) -> None:
     area = shapely.box(-5, -5, 25, 25).difference(shapely.MultiPoint(points).buffer(reach, quad_segs=4))
     assert volume(prism(area, -2.0, 5.0)) == pytest.approx(7.0 * area.area, rel=1e-4)
