@@ -47,7 +47,8 @@ def edmsim(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) 
 def test_help_names_every_command_on_one_line(edmsim: Run) -> None:
     told = edmsim("--help")
     assert told.status == 0
-    for command, purpose in (("cut", "Simulate a part program."), ("view", "Play a cut back in rerun, or two side by side."),
+    for command, purpose in (("cut", "Simulate a part program."),
+                             ("view", "Play a cut back in rerun, or two side by side."),
                              ("render", "Make a film of a cut, or screenshots of its recording"),
                              ("train", "Train a feed controller (needs the extra rl)."),
                              ("evaluate", "Compare feed controllers on the same randomised machines."),

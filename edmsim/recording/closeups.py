@@ -186,7 +186,8 @@ class Closeups:
     @property
     def row(self) -> np.void:
         """The row to fill with the window just over, before it is `keep`-ed."""
-        return self._last[self._seen % len(self._last)]
+        row: np.void = self._last[self._seen % len(self._last)]
+        return row
 
     def fill_pulses(self, pulses: NDArray[np.void]) -> None:
         """Fill the last pulses of the window just over (rows of `PULSE`) into `row`."""

@@ -78,9 +78,9 @@ def _retracts(windows: pa.Table, place: NDArray[np.float64]) -> list[Event]:
     path, short = column(windows, "path_um"), column(windows, "short") / 2.55
     return _thinned(
         [
-            Event(int(a), "WARN", f"retract at {_at(place[a])}: {short[max(a - 1, 0)]:.0f} % short, "
+            Event(a, "WARN", f"retract at {_at(place[a])}: {short[max(a - 1, 0)]:.0f} % short, "
                                   f"{path[max(a - 1, 0)] - path[b]:.0f} µm back")
-            for a, b in zip(begins, ends, strict=True)
+            for a, b in zip(begins.tolist(), ends.tolist(), strict=True)
         ]
     )  # fmt: skip
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -56,7 +56,7 @@ class Film:
         self._play = play
         self._sizes = Sizes(*play.sizes)
         self._figure = Figure(figsize=SIZE_INCH, dpi=dpi, facecolor=GROUND)
-        self._canvas = FigureCanvasAgg(self._figure)
+        self._canvas = cast("Any", FigureCanvasAgg(self._figure))  # its methods have no types
         self._moving: list[tuple[Axes, Artist]] = []
         grid = self._figure.add_gridspec(
             6, 3, left=0.02, right=0.985, top=0.93, bottom=0.06, hspace=0.75, wspace=0.14, width_ratios=[1, 1, 1.15]

@@ -110,7 +110,7 @@ def log_gap(recording: rr.RecordingStream, scene: Scene, closeups: Closeups) -> 
 
 
 def _turned(points: NDArray[np.float64]) -> NDArray[np.float64]:
-    return points * np.array([1.0, -1.0])
+    return np.asarray(points * np.array([1.0, -1.0]), np.float64)
 
 
 def _log_gap_marks(recording: rr.RecordingStream, scene: Scene) -> None:
@@ -220,9 +220,9 @@ def log_scope(recording: rr.RecordingStream, closeups: Closeups) -> None:
         ("current", current, most_A, CURRENT_HEIGHT, low),
     ):
         across = time * (SCOPE_WIDTH / max(span_us, 1e-9))
-        strips = np.stack([across, foot - values * (height / max(most, 1e-9))], axis=-1).reshape(-1, 7, 2)
+        strips = np.stack([across, foot - values * (height / max(most, 1e-9))], axis=-1).astype(np.float32)
         recording.log(f"scope/{name}", rr.LineStrips2D.from_fields(radii=on_screen(1.3)), static=True)
-        columns = rr.LineStrips2D.columns(strips=strips, colors=colours)
+        columns = rr.LineStrips2D.columns(strips=strips.reshape(-1, 7, 2), colors=colours)
         recording.send_columns(f"scope/{name}", when, columns.partition([SCOPE_PULSES] * len(closeups)))
     _log_scales(recording, span_us, most_V, most_A)
 

@@ -28,13 +28,13 @@ def class_rgb(kind: NDArray[np.int16]) -> NDArray[np.uint8]:
     table = np.zeros((4, 3), np.uint8)
     for code, name in ((OPEN, "open"), (SPARK, "spark"), (ARC, "arc"), (SHORT, "short")):
         table[code] = palette.rgb(CLASS_COLOURS[name])
-    return table[kind]
+    return np.asarray(table[kind], np.uint8)
 
 
 def faded(colours: NDArray[np.uint8], left: NDArray[np.float64]) -> NDArray[np.uint8]:
     """Return colours (n, 3) sunk into the ground to a share `left` (n,) of 0 to 1."""
     ground = np.array(palette.rgb(palette.INK), float)
-    return np.round(ground + (colours - ground) * left[:, None]).astype(np.uint8)
+    return np.asarray(np.round(ground + (colours - ground) * left[:, None]), np.uint8)
 
 
 def indexes(t_s: NDArray[np.float64], path_um: NDArray[np.float64]) -> list[rr.TimeColumn]:

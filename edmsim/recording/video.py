@@ -14,7 +14,7 @@ from edmsim.recording.film import Film
 from edmsim.recording.playback import Playback
 
 if TYPE_CHECKING:
-    from PIL.Image import Image
+    from PIL.Image import Image as Picture
 
 MP4, GIF = ".mp4", ".gif"
 FRAMES_PER_S = {MP4: 25, GIF: 10}
@@ -103,7 +103,7 @@ def _write_mp4(file: Path, pictures: Iterator[NDArray[np.uint8]], size: tuple[in
 def _write_gif(file: Path, pictures: Iterator[NDArray[np.uint8]], size: tuple[int, int]) -> None:
     from PIL import Image
 
-    frames: list[Image] = []
+    frames: list[Picture] = []
     for picture in pictures:
         image = Image.fromarray(picture)
         # the first picture's colours serve all, or grey areas would flicker
