@@ -1,4 +1,4 @@
-"""The command line: ``edmsim cut``, ``view``, ``train``, ``evaluate``, ``validate``, ``bench`` and ``terminal``."""
+"""The command line: ``edmsim cut``, ``view``, ``render``, ``train``, ``evaluate``, ``validate``, ``bench``, ``terminal``."""
 
 from __future__ import annotations
 
@@ -98,12 +98,49 @@ def cut(
 
 @app.command()
 def view(
-    directory: Annotated[Path, typer.Argument(help="Folder of a cut.", show_default=False)],
+    directory: Annotated[Path | None, typer.Argument(help="Folder of a cut.", show_default=False)] = None,
+    compare: Annotated[
+        tuple[Path, Path] | None, typer.Option(metavar="A B", help="Folders of two cuts to lay side by side.")
+    ] = None,
 ) -> None:
-    """Play a cut back in rerun."""
+    """Play a cut back in rerun, or two side by side."""
+    from .recording import compare as show_both
     from .recording import view as show
 
-    raise typer.Exit(show(directory))
+    if directory is not None and compare is None:
+        raise typer.Exit(show(directory))
+    if directory is None and compare is not None:
+        raise typer.Exit(show_both(*compare))
+    raise InputError("give the folder of a cut, or two folders with --compare A B")
+
+
+@app.command()
+def render(
+    directory: Annotated[Path, typer.Argument(help="Folder of a cut.", show_default=False)],
+    out: Annotated[Path | None, typer.Option(help="Film to write: .mp4 or .gif.")] = None,
+    seconds: Annotated[float, typer.Option(help="Length of the film.")] = 12.0,
+    screenshots: Annotated[
+        Path | None, typer.Option(metavar="FOLDER", help="Pictures of the viewer, made without a screen.")
+    ] = None,
+) -> None:
+    """Make a film of a cut, or screenshots of its recording, without a screen."""
+    from .recording import find_recording, take_screenshots
+    from .recording import render as make_film
+    from .recording.video import check_film
+
+    if out is None and screenshots is None:
+        raise InputError("give a film to write, --out cut.mp4 or cut.gif, or a folder for --screenshots")
+    recording = find_recording(directory)
+    if out is not None:
+        check_film(out, seconds)
+        with _ERR.status(f"drawing {out.name}"):
+            make_film(recording, out, seconds)
+        _OUT.print(f"Written: {out}", highlight=False, soft_wrap=True, markup=False)
+    if screenshots is not None:
+        with _ERR.status("opening the viewer without a window"):
+            written = take_screenshots(recording, screenshots)
+        names = " ".join(str(file) for file in written)
+        _OUT.print(f"Written: {names}", highlight=False, soft_wrap=True, markup=False)
 
 
 @app.command()

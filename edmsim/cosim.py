@@ -7,6 +7,7 @@ steps and the generator's setting; nothing else passes between them.
 from __future__ import annotations
 
 import math
+from bisect import bisect
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -28,6 +29,7 @@ from .plant.plant import Plant, PulseWindow
 from .plant.relief import HeightStep
 from .plant.workpiece import Stock
 from .program.path import Contour, CutPath
+from .recording.closeups import NOTHING, RETRACT, TURN, Closeups, turns_um
 from .recording.frames import Frames
 from .recording.windows import WindowTable
 
@@ -202,6 +204,11 @@ class Simulation:
         self.analyser = PulseAnalyser()
         self.windows = WindowTable()
         self.frames = Frames(self.plant.resolution.slices)
+        slices, lowest_mm = self.plant.resolution.slices, min([s.height_mm for s in steps], default=machine.height_mm)
+        middle = max(round(slices * lowest_mm / machine.height_mm), 1) // 2  # it has metal everywhere
+        self.closeups = Closeups(slices, self.plant.resolution.rays, middle)
+        self.plant.watch_pulses()
+        self._feed_um_s, self._turns_passed = 0.0, 0
         self.sums = Sums()
         self.outcome: str | None = None
         self.reason: str | None = None
@@ -222,6 +229,7 @@ class Simulation:
             points = np.concatenate([[place_um], points])
         tell(self.controller, self.machine, points)
         self._planner: Planner = make_planner(self._planner_name, points, unit=self._unit)
+        self._turns_um, self._turns_passed = turns_um(points), 0
         self._dwell_until_ns = -1
         self._units = 0
         self._command = self.controller.reset(MAX_FEED_UM_S)
@@ -316,6 +324,21 @@ class Simulation:
         else:
             self.frames.skip()
 
+        self._keep_closeup(t_s, x, y, feed_um_s)
+
+    def _keep_closeup(self, t_s: float, x: float, y: float, feed_um_s: float) -> None:
+        plant, row = self.plant, self.closeups.row
+        timing = plant.timing
+        row["t_s"], row["guides_um"], row["path_um"] = t_s, (x, y), self.path_um
+        row["burning_V"], row["current_A"], row["short_A"] = timing.burning_V, timing.current_A, timing.short_A
+        row["wire_um"], row["walls_um"] = plant.walls_um(self.closeups.slice_index)
+        row["deflection_um"] = plant.deflections_um()
+        self.closeups.fill_pulses(plant.last_pulses())
+        passed = bisect(self._turns_um, self._planner.path_um)
+        event = TURN if passed != self._turns_passed else RETRACT if feed_um_s < 0 <= self._feed_um_s else NOTHING
+        self._turns_passed, self._feed_um_s = passed, feed_um_s
+        self.closeups.keep(event)
+
     def _judge(self, window: PulseWindow) -> None:
         x, y = self.plant.place_um  # the switches feel the carriage, not the position counter
         slack = self.machine.base.table.step_um.value
@@ -374,6 +397,7 @@ class Simulation:
         arrays = {f"plant.{k}": v for k, v in self.plant.snapshot().items()}
         arrays.update({f"windows.{k}": np.asarray(v) for k, v in self.windows.snapshot().items()})
         arrays.update({f"frames.{k}": np.asarray(v) for k, v in self.frames.snapshot().items()})
+        arrays.update({f"closeups.{k}": np.asarray(v) for k, v in self.closeups.snapshot().items()})
         values = {
             "leg": self._leg,
             "leg_from_um": list(self._leg_from_um),
@@ -384,6 +408,8 @@ class Simulation:
             "units": self._units,
             "command": list(self._command),
             "refused": self.refused,
+            "feed_um_s": self._feed_um_s,
+            "turns_passed": self._turns_passed,
             "sums": vars(self.sums).copy(),
             "planner": self._planner.snapshot(),
             "controller": self.controller.snapshot(),
@@ -410,6 +436,8 @@ class Simulation:
         self.plant.restore(_part(arrays, "plant."))
         self.windows.restore(_part(arrays, "windows."))
         self.frames.restore(_part(arrays, "frames."))
+        self.closeups.restore(_part(arrays, "closeups."))
+        self._feed_um_s, self._turns_passed = values["feed_um_s"], values["turns_passed"]
 
 
 def _part(arrays: Mapping[str, NDArray[Any]], prefix: str) -> dict[str, NDArray[Any]]:

@@ -104,6 +104,7 @@ def inspect(simulation: Simulation) -> Inspection:
         terraces=_terraces(simulation),
         guides_z_mm=(-guides, machine.height_mm + guides),
         wire_diameter_um=machine.wire_diameter_um,
+        hole_radius_mm=simulation.path.start_hole_radius_mm,
         stop_mm=None if simulation.outcome == FINISHED else (x * 1e-3, y * 1e-3),
     )
     return Inspection(_quality(simulation, profiles, tuple(found)), scene, _error_per_window(simulation, profiles))

@@ -26,6 +26,7 @@ from .plant.plant import MECHANICS
 from .plant.setup import resolution as check_resolution
 from .plant.workpiece import KerfField
 from .program.path import CutPath, plan_path
+from .recording.closeups import Closeups
 from .recording.frames import Frames
 from .recording.report import build_report
 from .recording.scene import Scene
@@ -58,6 +59,10 @@ class CutResult:
         The wire's shape, thinned.
     scene : Scene
         The drawing: nominal and cut edges, errors, corners.
+    closeups : Closeups
+        Windows kept pulse by pulse: thinned, and all of them around events.
+    machine : Machine
+        The set-up.
     """
 
     report: dict[str, Any]
@@ -66,6 +71,8 @@ class CutResult:
     field: KerfField
     frames: Frames
     scene: Scene
+    closeups: Closeups
+    machine: Machine
 
     def contour(self, slice_index: int) -> MultiPolygon:
         """Metal removed from one slice (0 is the bottom) as shapely polygons in mm; holes are what stays."""
@@ -86,7 +93,9 @@ class CutResult:
         title = Path(self.path.source).name
         write_windows(self.windows, target / "windows.parquet")
         write_figure(profile_figure(self.scene, self.windows, self.report, title), target / "profile.png")
-        write_recording(target / "cut.rrd", self.scene, self.windows, self.frames, self.report, title)
+        write_recording(
+            target / "cut.rrd", self.scene, self.windows, self.frames, self.closeups, self.machine, self.report, title
+        )
         write_json(self.report, target / "report.json")
 
 
@@ -262,7 +271,10 @@ def _result(
         settings=settings,
         version=version("edmsim"),
     )
-    return CutResult(report, windows, simulation.path, simulation.plant.field, simulation.frames, found.scene)
+    return CutResult(
+        report, windows, simulation.path, simulation.plant.field, simulation.frames, found.scene, simulation.closeups,
+        simulation.machine,
+    )
 
 
 def make_controller(text: str) -> FeedController:

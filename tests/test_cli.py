@@ -9,6 +9,7 @@ import sys
 from collections.abc import Callable
 from importlib.metadata import version
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -49,7 +50,9 @@ def edmsim(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) 
 def test_help_names_every_command_on_one_line(edmsim: Run) -> None:
     told = edmsim("--help")
     assert told.status == 0
-    for command, purpose in (("cut", "Simulate a part program."), ("view", "Play a cut back in rerun."),
+    for command, purpose in (("cut", "Simulate a part program."),
+                             ("view", "Play a cut back in rerun, or two side by side."),
+                             ("render", "Make a film of a cut, or screenshots of its recording"),
                              ("train", "Train a feed controller (needs the extra rl)."),
                              ("evaluate", "Compare feed controllers on the same randomised machines."),
                              ("validate", "Compare the model with what was published, row by row."),
@@ -237,7 +240,7 @@ def test_bad_input_leaves_an_earlier_cut_alone(small_punch: Path, tmp_path: Path
 @pytest.mark.parametrize(
     "arguments",
     [("saw",), ("cut",), ("cut", "a.ngc"), ("cut", "a.ngc", "--out", "o", "--height", "abc"),
-     ("cut", "a.ngc", "--out", "o", "--colour", "red"), ("view",), ("bench", "extra")],
+     ("cut", "a.ngc", "--out", "o", "--colour", "red"), ("render",), ("bench", "extra")],
 )  # fmt: skip
 def test_bad_usage_is_exit_2(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, edmsim: Run, arguments: Any) -> None:
     monkeypatch.chdir(tmp_path)
@@ -245,6 +248,26 @@ def test_bad_usage_is_exit_2(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, ed
     assert told.status == 2
     assert "Traceback" not in told.err
     assert list(tmp_path.iterdir()) == []
+
+
+def test_view_wants_one_cut_or_two(tmp_path: Path, edmsim: Run) -> None:
+    assert_refused(edmsim("view"), "--compare A B")
+    assert_refused(edmsim("view", tmp_path, "--compare", tmp_path, tmp_path), "--compare A B")
+    assert_refused(edmsim("view", "--compare", tmp_path / "a", tmp_path / "b"), str(tmp_path / "a"), "no such folder")
+
+
+def test_render_refuses_in_one_line(tmp_path: Path, edmsim: Run) -> None:
+    assert_refused(edmsim("render", tmp_path), "--out", "--screenshots")
+    assert_refused(edmsim("render", tmp_path, "--out", tmp_path / "a.gif"), str(tmp_path), "cut.rrd")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_cut_can_be_rendered(small_cut: SimpleNamespace, tmp_path: Path, edmsim: Run) -> None:
+    told = edmsim("render", small_cut.folder, "--out", tmp_path / "cut.gif", "--seconds", "0.5")
+    assert told.status == 0
+    assert str(tmp_path / "cut.gif") in told.out
+    assert (tmp_path / "cut.gif").read_bytes()[:3] == b"GIF"
+    assert_refused(edmsim("render", small_cut.folder, "--out", tmp_path / "cut.txt"), ".mp4 or .gif")
 
 
 def test_view_without_a_recording_is_one_line_and_exit_2(tmp_path: Path, edmsim: Run) -> None:

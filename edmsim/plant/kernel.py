@@ -126,6 +126,21 @@ def _short_circuit(
 
 
 @compiled
+def _note(
+    pulses: NDArray[np.void], n: int, a: Arrays, position: Array, start_us: float, open_V: float, outcome: int,
+    delay: float, s: int, k: int,
+) -> None:
+    """Write down how pulse `n` of the window began, before its crater changes the gap."""
+    p = pulses[n]
+    p.start_us, p.delay_us, p.open_V, p.kind = start_us, delay, open_V, outcome
+    if outcome == OPEN or s < 0:
+        p.slice = -1
+        return
+    p.slice, p.ray = s, a.ray[s, k]
+    p.gap_um, p.x_um, p.y_um = gap_of(a, position, s, k), position[0, s], position[1, s]
+
+
+@compiled
 def _watch(window: NDArray[np.void], a: Arrays) -> None:
     """Add the wire's mean deflection over the height to the window's sums."""
     for axis in range(2):
@@ -244,9 +259,11 @@ def fire_window(
     link: FullLink,
     full: bool,
     steps: NDArray[np.int64],
+    pulses: NDArray[np.void],
 ) -> int:
     """Fire 255 pulses; stop early only if the wire breaks. Table steps happen at their own times.
 
+    They are noted in `pulses` if that has room for them, or none at all if it is empty.
     With `full`, MuJoCo moves wire and table through `link`, otherwise the modes move by `p`. Returns how the window
     ended (`FINE` and its neighbours in `state`).
     """
@@ -267,12 +284,15 @@ def fire_window(
     burn_scale = open_scale * (t.burning_V / open_V) ** 2
     per_grid = 1.0 / t.grid_us
     next_step = 0
-    for _ in range(PULSES_PER_WINDOW):
+    for n in range(PULSES_PER_WINDOW):
         place_wire(state, a, position)
         totals = sum_rays(a, c, law, position, rate, primed, contact, pull)
         _watch(window, a)
         outcome, delay, s, k = decide(state, a, c, law, t, position, rate, primed, contact, totals, held)
 
+        if pulses.shape[0] > n:
+            since_us = (state[0].time_ns - window[0].start_ns) * 1e-3
+            _note(pulses, n, a, position, since_us, open_V, outcome, delay, s, k)
         burn, kick_x, kick_y, at = 0.0, 0.0, 0.0, 0
         if outcome == SHORT:
             _short_circuit(state, window, a, c, t, position, s, k)
@@ -287,6 +307,8 @@ def fire_window(
         window[0].voltage_us += open_V * delay + t.burning_V * burn
 
         conducting = t.on_us if outcome == SHORT else burn
+        if pulses.shape[0] > n:
+            pulses[n].conducting_us = conducting
         period_ns, k_period = t.period_ns, GRID
         if t.mode == ISO_ENERGETIC:
             k_period = int((delay + conducting + t.pause_us) * per_grid + 0.5)

@@ -21,7 +21,7 @@ from .breakdown import GapLaw
 from .compiled import compiled
 from .full_motion import FullLink
 from .kernel import fire_window
-from .state import GRID, STATE, WINDOW, Arrays, Constants, Propagators, Scratch, Timing
+from .state import GRID, PULSE, STATE, WINDOW, Arrays, Constants, Propagators, Scratch, Timing
 from .wire import HeatLaw
 from .workpiece import TILE
 
@@ -34,7 +34,8 @@ _TABLE = np.dtype(
         (name, "i8")
         for name in (
             "state", "window", *_RECORDS, *Arrays._fields, *Propagators._fields, *Scratch._fields,
-            "tiles", "tile_count", "index", "index_side", "link", *_LINK_ARRAYS,
+            "tiles", "tile_count", "index", "index_side", "pulses", "pulse_count", "link",
+            *_LINK_ARRAYS,
         )
     ]
 )
@@ -88,6 +89,11 @@ class Memory:
             self.keep(tiles=tiles, index=index)
             self._table["tile_count"], self._table["index_side"] = len(tiles), len(index)
 
+    def keep_pulses(self, pulses: NDArray[np.void]) -> None:
+        """Put the log of a window's pulses (`PULSE`): as long as a window, or empty if none is wanted."""
+        self.keep(pulses=pulses)
+        self._table["pulse_count"] = len(pulses)
+
 
 def _array_of(of: Any) -> Any:
     """In compiled code, look at the memory at an address as an array of a type and shape."""
@@ -122,8 +128,8 @@ def _array_of(of: Any) -> Any:
 
 _f8, _f4, _i8 = _array_of(types.float64), _array_of(types.float32), _array_of(types.int64)
 _u2, _i4 = _array_of(types.uint16), _array_of(types.int32)
-_at_table, _at_state, _at_window, _at_link = (
-    _array_of(from_dtype(dtype)) for dtype in (_TABLE, STATE, WINDOW, _LINK)
+_at_table, _at_state, _at_window, _at_link, _at_pulses = (
+    _array_of(from_dtype(dtype)) for dtype in (_TABLE, STATE, WINDOW, _LINK, PULSE)
 )
 _at_constants, _at_law, _at_heat, _at_timing = (_array_of(from_dtype(_dtype_of(kind))) for kind in _RECORDS.values())
 
@@ -212,7 +218,7 @@ def window_function(slices: int, rays: int, modes: int, full: bool) -> Callable[
                 _at_constants(at.constants, (1,))[0], _law(at),
                 _at_heat(at.heat, (1,))[0], _at_timing(at.timing, (1,))[0],
                 _propagators(at, modes), _scratch(at, slices, modes), _link(at, modes), full,
-                _i8(rows[k, 1], (rows[k, 2], 3)),
+                _i8(rows[k, 1], (rows[k, 2], 3)), _at_pulses(at.pulses, (at.pulse_count,)),
             )
 
     return advance

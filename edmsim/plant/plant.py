@@ -25,12 +25,14 @@ from .state import (
     NO_TILES,
     NOT_FINITE,
     OUTSIDE,
+    PULSE,
     PULSES_PER_WINDOW,
     STATE,
     STEP_EARLY,
     STEP_WRONG,
     TILED_UM,
     WINDOW,
+    Timing,
 )
 from .workpiece import KerfField, Stock
 
@@ -157,6 +159,8 @@ class Plant:
         self._memory.keep_record("heat", setup.heat_law(machine, res))
         self._memory.keep_tuple(setup.scratch(res, coordinates))
         self._generator_on = True
+        self._pulses: NDArray[np.void] = np.zeros(0, PULSE)
+        self._memory.keep_pulses(self._pulses)
         self._set_timing(machine)
         self.reset(seed, stock=stock, position_um=position_um)
 
@@ -307,6 +311,30 @@ class Plant:
         a = self._arrays
         return a.distance.copy(), a.cosine.copy(), a.sine.copy(), a.facing.copy()
 
+    @property
+    def timing(self) -> Timing:
+        """The generator's present setting as the loop has it: voltages, currents, times."""
+        return self._timing
+
+    def watch_pulses(self) -> None:
+        """From the next window on, keep what every pulse was (`last_pulses`); the cut stays the same to the bit."""
+        self._pulses = np.zeros(PULSES_PER_WINDOW, PULSE)
+        self._memory.keep_pulses(self._pulses)
+
+    def last_pulses(self) -> NDArray[np.void]:
+        """Return the pulses of the last window as rows of `state.PULSE`, (n,); none if they are not watched."""
+        fired = sum(self._window["counts"][0].tolist()) if len(self._pulses) else 0
+        # as bytes: numpy copies records field by field, which takes twenty times as long
+        return self._pulses.view(np.uint8)[: fired * PULSE.itemsize].copy().view(PULSE)
+
+    def walls_um(self, slice_index: int) -> tuple[tuple[float, float], NDArray[np.float32]]:
+        """Return where a slice's wire was when the last window began, and every ray's gap from there (rays,).
+
+        Ray ``k`` looks along the angle ``2 pi k / rays``; one that met no metal within reach has a gap beyond 1e6.
+        """
+        x, y = self._arrays.reference_um[:, slice_index]
+        return (float(x), float(y)), self._arrays.edge_um[slice_index].copy()
+
     def advance(self, steps: Sequence[tuple[int, int, int]] = ()) -> PulseWindow:
         """Fire 255 pulses.
 
@@ -426,6 +454,7 @@ class Plant:
         return {
             "machine": self.machine, "mechanics": self.mechanics, "resolution": self._resolution_name,
             "stock": self.field.stock, "window": self._window.copy(), "snapshot": self.snapshot(),
+            "pulses": self._pulses,
         }
 
     def __setstate__(self, state: dict[str, Any]) -> None:
@@ -436,6 +465,8 @@ class Plant:
         )
         self.restore(state["snapshot"])
         self._window[:] = state["window"]
+        self._pulses = state["pulses"].copy()
+        self._memory.keep_pulses(self._pulses)
 
 
 _WINDOW_FORMAT = struct.Struct("=2q4q4dq" + 8 * "d" + "q")

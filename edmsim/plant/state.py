@@ -64,6 +64,24 @@ WINDOW = np.dtype(
 )
 """Sums over one window of pulses; debris is the mean over the slices at its end."""
 
+PULSE = np.dtype(
+    [
+        ("start_us", "f4"),
+        ("delay_us", "f4"),
+        ("conducting_us", "f4"),
+        ("open_V", "f4"),
+        ("gap_um", "f4"),
+        ("x_um", "f4"),
+        ("y_um", "f4"),
+        ("kind", "i2"),
+        ("slice", "i2"),
+        ("ray", "i2"),
+        ("unused", "i2"),
+    ]
+)
+"""One pulse: its begin since the window's; how long the open voltage stood and current flowed; that voltage; gap, the
+wire's place and ray where it discharged or touched; its class; its slice, -1 where it has no place."""
+
 FINE, NO_TILES, STEP_WRONG, STEP_EARLY, NOT_FINITE, OUTSIDE, INSIDE = range(7)
 """How a window ended: as it should; not begun, for want of tiles of the field, or because of a step that no motor
 makes or that is out of order; a number that is none; the wire beyond its guides; the wire deeper in the metal than

@@ -1,27 +1,37 @@
 """What a cut leaves behind: the table of windows, the wire's frames, report, figure and rerun recording."""
 
+from edmsim.recording.closeups import Closeups
 from edmsim.recording.figures import profile_figure, write_figure
 from edmsim.recording.frames import Frames
+from edmsim.recording.playback import Playback, find_recording
 from edmsim.recording.report import Quality, Totals, build_report, render_table, write_json
 from edmsim.recording.rerun_log import write_recording
 from edmsim.recording.scene import Corner, ErrorMap, Scene, Terrace, polylines
-from edmsim.recording.viewer import view
+from edmsim.recording.screenshots import take_screenshots
+from edmsim.recording.video import render
+from edmsim.recording.viewer import compare, view
 from edmsim.recording.windows import WindowTable, read_windows, write_windows
 
 __all__ = [
+    "Closeups",
     "Corner",
     "ErrorMap",
     "Frames",
+    "Playback",
     "Quality",
     "Scene",
     "Terrace",
     "Totals",
     "WindowTable",
     "build_report",
+    "compare",
+    "find_recording",
     "polylines",
     "profile_figure",
     "read_windows",
+    "render",
     "render_table",
+    "take_screenshots",
     "view",
     "write_figure",
     "write_json",

@@ -99,6 +99,8 @@ class Scene:
         Where the wire stood when the machine stopped; None if the cut was finished.
     terraces : tuple of Terrace
         The levels of a stepped workpiece from the lowest up; none if it is as high everywhere.
+    hole_radius_mm : float
+        Radius of the start holes.
     """
 
     maps: tuple[ErrorMap, ...]
@@ -111,6 +113,7 @@ class Scene:
     wire_diameter_um: float
     stop_mm: tuple[float, float] | None = None
     terraces: tuple[Terrace, ...] = ()
+    hole_radius_mm: float = 0.0
 
     def extent_mm(self) -> tuple[float, float, float, float]:
         """Return the box (x_min, y_min, x_max, y_max) around nominal edges, start holes and stop place."""

@@ -1,22 +1,22 @@
-"""Playing a cut back: the native rerun viewer where there is a screen, the web viewer otherwise."""
+"""Playing cuts back: the native rerun viewer where there is a screen, the web viewer otherwise."""
 
 from __future__ import annotations
 
 import os
+import socket
 import subprocess
 import sys
-import warnings
+import tempfile
 from collections.abc import Mapping
 from pathlib import Path
 from urllib.parse import quote
 
-from edmsim.errors import InputError
+from edmsim.recording.playback import find_recording
 
 RERUN = (sys.executable, "-c", "import sys; from rerun_cli.__main__ import main; sys.exit(main())")
 """Starts rerun's command line with this interpreter; ``-m rerun_cli`` would lose the exit status."""
-
-RECORDING = "cut.rrd"
-"""Name of the recording in a cut's folder."""
+HERE = "127.0.0.1"
+"""What viewers serve is for this machine only."""
 
 
 def view(directory: str | Path, web_port: int = 9090, grpc_port: int = 9876) -> int:
@@ -27,7 +27,8 @@ def view(directory: str | Path, web_port: int = 9090, grpc_port: int = 9876) -> 
     directory : path
         The folder a cut was written to.
     web_port, grpc_port : int
-        Ports of 127.0.0.1 used where there is no screen: the page, and the data it asks for.
+        Ports of 127.0.0.1 used where there is no screen: the page, and the data it asks for. Where one is taken,
+        a free one is used.
 
     Returns
     -------
@@ -39,51 +40,33 @@ def view(directory: str | Path, web_port: int = 9090, grpc_port: int = 9876) -> 
     InputError
         If there is no readable recording in `directory`.
     """
-    recording = find_recording(directory)
-    on_screen = has_screen(os.environ, sys.platform)
-    if not on_screen:
+    return _show(find_recording(directory), web_port, grpc_port)
+
+
+def compare(a: str | Path, b: str | Path, web_port: int = 9090, grpc_port: int = 9876) -> int:
+    """Show two cuts side by side; folders, ports, result and errors as for `view`."""
+    from edmsim.recording.comparison import write_comparison
+
+    first, second = find_recording(a), find_recording(b)
+    with tempfile.TemporaryDirectory(prefix="edmsim-") as folder:
+        both = Path(folder) / "comparison.rrd"
+        write_comparison(both, first, second)
+        return _show(both, web_port, grpc_port)
+
+
+def _show(recording: Path, web_port: int, grpc_port: int) -> int:
+    try:
+        if has_screen(os.environ, sys.platform):
+            status = subprocess.call(viewer_command(recording, True, web_port, grpc_port))
+            if status == 0:
+                return 0
+            print("The viewer could not open a window, or ended with an error.", flush=True)
+        web_port, grpc_port = free_port(web_port), free_port(grpc_port)
         address = web_address(web_port, grpc_port)
         print(f"No screen here. Open {address} in a browser on this machine; Ctrl-C ends.", flush=True)
-    command = viewer_command(recording, on_screen, web_port, grpc_port)
-    try:
-        return subprocess.call(command)
+        return subprocess.call(viewer_command(recording, False, web_port, grpc_port))
     except KeyboardInterrupt:
         return 0
-
-
-def find_recording(directory: str | Path) -> Path:
-    """Return the recording in a cut's folder.
-
-    Raises
-    ------
-    InputError
-        If the folder or the recording is missing, or the file is damaged or is not a rerun recording.
-    """
-    folder = Path(directory)
-    if not folder.is_dir():
-        raise InputError("no such folder, give the folder that `edmsim cut --out` wrote", directory)
-    recording = folder / RECORDING
-    if not recording.is_file():
-        raise InputError(
-            f"there is no {RECORDING} in it, give a folder that `edmsim cut --out` wrote", directory
-        )
-    _check(recording)
-    return recording
-
-
-def _check(recording: Path) -> None:
-    from rerun.chunk import RrdReader
-
-    try:
-        with warnings.catch_warnings():
-            # A file cut short between two messages is only warned about.
-            warnings.simplefilter("error")
-            found = RrdReader(recording).recordings()
-    except (RuntimeError, Warning):
-        found = []
-    if not found:
-        size = recording.stat().st_size
-        raise InputError(f"these {size} bytes are not a whole rerun recording, run the cut again", recording)
 
 
 def has_screen(environment: Mapping[str, str], platform: str) -> bool:
@@ -93,9 +76,19 @@ def has_screen(environment: Mapping[str, str], platform: str) -> bool:
     return bool(environment.get("DISPLAY") or environment.get("WAYLAND_DISPLAY"))
 
 
+def free_port(wanted: int) -> int:
+    """Return a port of this machine that nothing listens on: the one wanted, or another."""
+    with socket.socket() as probe:
+        try:
+            probe.bind((HERE, wanted))
+        except OSError:
+            probe.bind((HERE, 0))
+        return int(probe.getsockname()[1])
+
+
 def viewer_command(recording: Path, on_screen: bool, web_port: int, grpc_port: int) -> list[str]:
     """Return the command line that shows `recording`; what it serves is bound to 127.0.0.1 only."""
-    command = [*RERUN, str(recording.resolve()), "--bind", "127.0.0.1"]
+    command = [*RERUN, str(recording.resolve()), "--bind", HERE]
     if on_screen:
         return [*command, "--port", "auto"]
     return [*command, "--serve-web", "--web-viewer-port", str(web_port), "--port", str(grpc_port)]
@@ -103,5 +96,5 @@ def viewer_command(recording: Path, on_screen: bool, web_port: int, grpc_port: i
 
 def web_address(web_port: int, grpc_port: int) -> str:
     """Return the address of the page that shows what `viewer_command` serves."""
-    source = quote(f"rerun+http://127.0.0.1:{grpc_port}/proxy", safe="")
-    return f"http://127.0.0.1:{web_port}?url={source}"
+    source = quote(f"rerun+http://{HERE}:{grpc_port}/proxy", safe="")
+    return f"http://{HERE}:{web_port}?url={source}"

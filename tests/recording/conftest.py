@@ -8,7 +8,10 @@ import numpy as np
 import pytest
 import shapely
 
+from edmsim.machine import Machine
+from edmsim.plant.state import ARC, OPEN, SHORT, SPARK
 from edmsim.recording import (
+    Closeups,
     Corner,
     ErrorMap,
     Frames,
@@ -22,6 +25,7 @@ from edmsim.recording import (
 
 N_WINDOWS = 3000
 N_SLICES = 9
+N_RAYS = 32
 CORNERS_MM = np.array([(20.0, 20.0), (30.0, 20.0), (30.0, 26.0), (20.0, 26.0)])
 START_MM = np.array([19.0, 19.0])
 OFFSET_MM = 0.155
@@ -87,6 +91,29 @@ def frames(rows: np.ndarray) -> Frames:
     return kept
 
 
+def closeups(rows: np.ndarray) -> Closeups:
+    """Every window's pulses: spark, open, short, arc by turns, all in the middle slice, along ray 0 (+x)."""
+    kept = Closeups(N_SLICES, N_RAYS, N_SLICES // 2)
+    number = np.arange(96)
+    for row in rows:
+        r, p = kept.row, kept.row["pulses"]
+        r["t_s"], r["guides_um"], r["path_um"] = row[0], row[1:3], row[18]
+        r["burning_V"], r["current_A"], r["short_A"] = 22.0, 6.6, 8.0
+        r["wire_um"] = row[1:3] - row[12:14]
+        r["walls_um"] = np.where(np.arange(N_RAYS) < N_RAYS // 2, 15.0, 1e6)
+        r["deflection_um"] = -row[12:14]
+        p["kind"] = np.array([SPARK, OPEN, SHORT, ARC])[number % 4]
+        p["start_us"], p["open_V"] = 100.0 * number, 100.0
+        p["delay_us"] = np.array([10.0, 30.0, 0.0, 0.0])[number % 4]
+        p["conducting_us"] = np.array([20.0, 0.0, 30.0, 30.0])[number % 4]
+        p["slice"] = np.where(number % 4 == 1, -1, N_SLICES // 2)
+        p["gap_um"] = np.where(number % 4 == 2, 0.0, 15.0)
+        p["x_um"], p["y_um"] = r["wire_um"]
+        r["count"] = len(number)
+        kept.keep()
+    return kept
+
+
 def cut_edges(stop: float | None = None) -> tuple[tuple[np.ndarray, ...], ...]:
     wire = shapely.LineString(wire_path())
     kerfs = [
@@ -115,6 +142,7 @@ def cut() -> SimpleNamespace:
         height_mm=20.0,
         guides_z_mm=(-15.0, 35.0),
         wire_diameter_um=250.0,
+        hole_radius_mm=0.5,
     )
     arrow = table.to_arrow(4.0 * np.sin(np.arange(N_WINDOWS) / 200))
     totals = Totals(
@@ -155,6 +183,8 @@ def cut() -> SimpleNamespace:
         table=table,
         windows=arrow,
         frames=frames(table.values()),
+        closeups=closeups(table.values()),
+        machine=Machine.load(height_mm=20.0),
         scene=scene,
         totals=totals,
         quality=quality,

@@ -12,9 +12,10 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
-from edmsim.recording import Frames, Scene, WindowTable
+from edmsim.recording import Closeups, Frames, Scene, WindowTable
 from edmsim.recording.blueprint import ELECTRICAL, PROCESS
-from edmsim.recording.rerun_log import about, grouped, recording_id, wire_strips, write_recording
+from edmsim.recording.log_machine import Shapes, wire_strips
+from edmsim.recording.rerun_log import group_starts, grouped, recording_id, write_recording
 from edmsim.recording.viewer import RERUN
 from edmsim.recording.windows import NAMES, column, lag_along_um
 
@@ -61,7 +62,8 @@ class Read:
 
 
 def write(cut: SimpleNamespace, file: Path, **changed: Any) -> Path:
-    given = {"scene": cut.scene, "windows": cut.windows, "frames": cut.frames, "report": cut.report} | changed
+    names = ("scene", "windows", "frames", "closeups", "machine", "report")
+    given = {name: getattr(cut, name) for name in names} | changed
     write_recording(file, **given, title="punch.ngc")
     return file
 
@@ -103,42 +105,42 @@ def test_timelines_are_machine_time_and_path(cut: SimpleNamespace, read: Read) -
 
 def test_the_table_moves_and_the_wire_stands(cut: SimpleNamespace, read: Read) -> None:
     moved = np.array([row[0] for row in read.column("/world/table", "Transform3D:translation")])
-    np.testing.assert_allclose(moved[:, :2], -cut.frames.guides_um / 1000.0, atol=1e-5)
+    shapes = Shapes(cut.frames, cut.closeups.table())
+    assert set(cut.frames.t_s) <= set(shapes.t_s)
+    np.testing.assert_allclose(moved[:, :2], -shapes.guides_um / 1000.0, atol=1e-5)
+    carried = np.array([row[0] for row in read.column("/world/cross", "Transform3D:translation")])
+    np.testing.assert_array_equal(carried[:, 0], moved[:, 0])
+    np.testing.assert_array_equal(carried[:, 1], 0.0)  # the x carriage does not go along y
     strips = np.array([row[0] for row in read.column("/world/wire", "LineStrips3D:strips")])
-    assert strips.shape == (len(cut.frames), 11, 3)
+    assert strips.shape == (len(shapes), 11, 3)
     np.testing.assert_array_equal(strips[:, [0, -1], :2], 0.0)
-    np.testing.assert_array_equal(strips[:, [0, -1], 2], np.broadcast_to((-15.0, 35.0), (len(cut.frames), 2)))
+    np.testing.assert_array_equal(strips[:, [0, -1], 2], np.broadcast_to((-15.0, 35.0), (len(shapes), 2)))
 
 
 def test_the_part_is_drawn(read: Read) -> None:
     edges = ["nominal/bottom", "nominal/top", "cut/bottom", "cut/middle", "cut/top", "error/0"]
-    expected = {"plate", "blank", "corners", "starts", "done", *edges}
+    expected = {"plate", "carriage", "workpiece", "discharges", "corners", "starts", "done", *edges}
     assert {f"/world/table/{name}" for name in expected} <= read.entities()
+    assert {"/world/base", "/world/cross/carriage", "/world/guides", "/world/wire"} <= read.entities()
     assert "/world/table/stop" not in read.entities()
     corners = read.column("/world/table/corners", "Points3D:labels")
     assert corners == [["-9.1 µm", "-8.4 µm", "-10.2 µm", "-7.9 µm"]]
 
 
 def test_deflection_is_exaggerated_by_the_factor(cut: SimpleNamespace) -> None:
-    strips = wire_strips(cut.scene, cut.frames, 100.0)
+    shapes = Shapes(cut.frames, cut.closeups.table()[:0])
+    strips = wire_strips(cut.scene, shapes, 100.0)
     np.testing.assert_allclose(strips[:, 1:-1, :2], cut.frames.deflection_um / 10.0, rtol=1e-6)
     np.testing.assert_allclose(strips[0, 1:-1, 2], 20.0 * (np.arange(9) + 0.5) / 9)
 
 
 def test_the_factors_and_the_thinning_are_said(cut: SimpleNamespace, read: Read) -> None:
     (text,) = read.column("/about", "TextDocument:text")[0]
-    for piece in (
-        "punch.ngc",
-        "× 200",
-        "× 50",
-        "every 2 windows",
-        "one window",
-        "seed: 7",
-        "controller: counts",
-    ):
+    for piece in ("punch.ngc", "× 200", "× 50", f"one window of {cut.frames.stride}", f"one of {cut.closeups.stride}",
+                  "last 96 pulses", "one window", "seed: 7", "controller: counts"):  # fmt: skip
         assert piece in text
-    long = about(cut.scene, cut.frames, cut.report, "punch.ngc", 200.0, 6)
-    assert "the mean of 6 windows" in long
+    labels = read.column("/world/guides", "Points3D:labels")[0]
+    assert "wire deflection × 200" in labels[1]  # on screen, too
 
 
 def test_equal_cuts_compare_equal_and_others_do_not(cut: SimpleNamespace, tmp_path: Path) -> None:
@@ -155,21 +157,35 @@ def test_a_long_cut_is_thinned_by_means(cut: SimpleNamespace, tmp_path: Path) ->
     longer = pa.concat_tables([cut.windows] * 10)
     read = Read(write(cut, tmp_path / "long.rrd", windows=longer))
     feed = read.scalars("/feed/feed_um_s")
-    assert len(feed) == 15_000
-    assert feed.mean() == pytest.approx(column(cut.windows, "feed_um_s").mean())
+    assert 15_000 < len(feed) < 20_000
+    assert feed.mean() == pytest.approx(column(cut.windows, "feed_um_s").mean(), rel=1e-3)
+    (text,) = read.column("/about", "TextDocument:text")[0]
+    assert "the mean of 2 windows, around events one window" in text
 
 
 def test_groups_leave_nan_out_and_may_end_short() -> None:
-    np.testing.assert_array_equal(grouped(np.array([1.0, 3.0, np.nan, 5.0, np.nan]), 2), [2.0, 5.0, np.nan])
+    starts = group_starts(5, 2, np.zeros(0, np.int64))
+    np.testing.assert_array_equal(grouped(np.array([1.0, 3.0, np.nan, 5.0, np.nan]), starts), [2.0, 5.0, np.nan])
+
+
+def test_rows_around_events_are_not_averaged() -> None:
+    starts = group_starts(1000, 100, np.array([450]))
+    np.testing.assert_array_equal(np.diff(starts[(starts >= 430) & (starts <= 471)]), 1)
+    assert len(starts) == 10 + 42
+    many = group_starts(10**6, 50, np.arange(0, 10**6, 50))
+    assert len(many) <= 20_000 + 20_000 + 2 * 500  # bounded, however much happens
 
 
 def test_a_stopped_or_empty_cut_is_recorded(cut: SimpleNamespace, tmp_path: Path) -> None:
     stopped = dataclasses.replace(cut.scene, stop_mm=(30.0, 23.0))
-    report = cut.report | {"outcome": "wire break", "reason": "612 K"}
+    report = cut.report | {"outcome": "wire-break", "reason": "612 K"}
     read = Read(write(cut, tmp_path / "stopped.rrd", scene=stopped, report=report))
     assert read.column("/world/table/stop", "Points3D:labels") == [["stopped here"]]
     nothing = Scene((), (), (), np.zeros((0, 2)), (0, 0, 10, 80), 20.0, (-10, 30), 250.0)
+    assert read.column("/events", "TextLog:level")[-1] == ["CRITICAL"]
+    assert read.column("/events", "TextLog:text")[-1] == ["wire-break: 612 K"]
     empty = write(
-        cut, tmp_path / "empty.rrd", scene=nothing, windows=WindowTable().to_arrow(), frames=Frames(9)
-    )
-    assert "/world/table/blank" in Read(empty).entities()
+        cut, tmp_path / "empty.rrd", scene=nothing, windows=WindowTable().to_arrow(), frames=Frames(9),
+        closeups=Closeups(9, 32, 4),
+    )  # fmt: skip
+    assert "/world/table/workpiece" in Read(empty).entities()

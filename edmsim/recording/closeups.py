@@ -1,0 +1,251 @@
+"""Windows kept in full, pulse by pulse: a thinned run of them over the whole cut, and all of them around events.
+
+What is kept depends on nothing but the windows seen, so equal cuts keep equal close-ups.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from edmsim.plant.state import PULSE
+
+Bytes = NDArray[np.uint8]
+"""Rows as bytes, (size,) or (n, size)."""
+PULSES = 96
+"""The last pulses of a window, which are what is kept of it."""
+REGULAR = 600
+"""Most close-ups of the run over the whole cut."""
+AROUND = 20
+"""Windows kept before and after an event: half a second on either side at a period of 100 us."""
+BLOCKS = 40
+"""Most events of a kind around which all is kept."""
+
+CORNER_DEG = 20.0
+"""A path that turns by more than this at a point has a corner there; chords of arcs turn by less."""
+
+NOTHING, RETRACT, TURN = 0, 1, 2
+"""Events that are worth all detail: the wire begins to run back; it passes a corner or begins a contour."""
+
+
+def row_type(slices: int, rays: int) -> np.dtype[np.void]:
+    """Return the type of a close-up for a resolution.
+
+    Fields: machine time, guides and place along the path as in `Frames`; what burning and short-circuited pulses
+    are set to (V, A); the middle slice's wire when the window began, and the gap of every ray from there; the
+    deflection per slice; the last pulses (`edmsim.plant.state.PULSE`) and how many there are.
+    """
+    return np.dtype(
+        [
+            ("t_s", "f8"),
+            ("guides_um", "f8", 2),
+            ("path_um", "f8"),
+            ("burning_V", "f4"),
+            ("current_A", "f4"),
+            ("short_A", "f4"),
+            ("wire_um", "f8", 2),
+            ("walls_um", "f4", rays),
+            ("deflection_um", "f4", (slices, 2)),
+            ("pulses", PULSE, PULSES),
+            ("count", "i4"),
+        ]
+    )
+
+
+def turns_um(points_um: NDArray[np.int64]) -> list[float]:
+    """Return the lengths along a polyline (n, 2) at which it turns by more than `CORNER_DEG`, its begin included."""
+    legs = np.diff(points_um.astype(np.float64), axis=0)
+    legs = legs[(legs != 0.0).any(axis=1)]
+    along = np.cumsum(np.hypot(*legs.T))
+    heading = np.arctan2(legs[:, 1], legs[:, 0])
+    turn = np.abs((np.diff(heading) + np.pi) % (2 * np.pi) - np.pi)
+    return [0.0, *along[:-1][turn > np.radians(CORNER_DEG)].tolist()]
+
+
+def _bytes_of(rows: NDArray[np.void]) -> Bytes:
+    """Look at rows (..., n) as bytes (..., n, size): numpy copies records field by field, twenty times as slowly."""
+    return rows.view(np.uint8).reshape(*rows.shape, rows.itemsize)
+
+
+class Run:
+    """Every `stride`-th row; the stride doubles whenever the store is full."""
+
+    def __init__(self, kind: np.dtype[np.void], capacity: int) -> None:
+        self._rows = np.zeros(capacity, kind)
+        self._bytes = _bytes_of(self._rows)
+        self.stride = 1
+        self._seen = self._used = 0
+
+    def offer(self, row: Bytes) -> None:
+        """Show one row, its bytes; it is kept if its turn has come."""
+        if self._seen % self.stride == 0:
+            if self._used == len(self._rows):
+                self._halve()
+            if self._seen % self.stride == 0:
+                self._bytes[self._used] = row
+                self._used += 1
+        self._seen += 1
+
+    def _halve(self) -> None:
+        kept = self._bytes[: self._used : 2].copy()
+        self._used = len(kept)
+        self._bytes[: self._used] = kept
+        self.stride *= 2
+
+    @property
+    def rows(self) -> NDArray[np.void]:
+        """Rows kept, (n,)."""
+        return self._rows[: self._used]
+
+    def snapshot(self) -> tuple[NDArray[np.void], list[int]]:
+        """Return a copy of the rows, and how far the run is."""
+        return self.rows.copy(), [self._seen, self.stride]
+
+    def restore(self, rows: NDArray[np.void], progress: list[int]) -> None:
+        """Take back a `snapshot`."""
+        self._used = len(rows)
+        self._rows[: self._used] = rows
+        self._seen, self.stride = progress
+
+
+class Blocks:
+    """Rows around events, a block each; if there are too many, every second block goes and they are spaced wider."""
+
+    def __init__(self, kind: np.dtype[np.void]) -> None:
+        self._rows = np.zeros((BLOCKS, 2 * AROUND + 1), kind)
+        self._bytes = _bytes_of(self._rows)
+        self._lengths: list[int] = []
+        self._spacing = 2 * AROUND + 1
+        self._free_from = 0
+        self._wanted = 0
+
+    def offer(self, number: int, row: Bytes, before: Bytes, happened: bool) -> None:
+        """Show row `number`, its bytes; `before` are the rows before it, `happened` says whether it has an event."""
+        if self._wanted > 0:
+            self._add(row)
+            self._wanted -= 1
+        elif happened and number >= self._free_from:
+            if len(self._lengths) == BLOCKS:
+                self._halve()
+            self._lengths.append(len(before))
+            self._bytes[len(self._lengths) - 1, : len(before)] = before
+            self._add(row)
+            self._wanted, self._free_from = AROUND, number + self._spacing
+
+    def _add(self, row: Bytes) -> None:
+        self._bytes[len(self._lengths) - 1, self._lengths[-1]] = row
+        self._lengths[-1] += 1
+
+    def _halve(self) -> None:
+        kept = self._bytes[::2].copy()
+        self._lengths = self._lengths[::2]
+        self._bytes[: len(kept)] = kept
+        self._spacing *= 2
+
+    @property
+    def rows(self) -> NDArray[np.void]:
+        """Rows of all blocks, one after the other."""
+        return np.concatenate([self._rows[0, :0], *(self._rows[i, :n] for i, n in enumerate(self._lengths))])
+
+    def snapshot(self) -> tuple[NDArray[np.void], list[int]]:
+        """Return a copy of the rows, and how they lie in blocks."""
+        return self.rows, [self._spacing, self._free_from, self._wanted, *self._lengths]
+
+    def restore(self, rows: NDArray[np.void], progress: list[int]) -> None:
+        """Take back a `snapshot`."""
+        self._spacing, self._free_from, self._wanted, *self._lengths = progress
+        at = 0
+        for i, length in enumerate(self._lengths):
+            self._rows[i, :length] = rows[at : at + length]
+            at += length
+
+
+class Closeups:
+    """Windows of a cut kept in full.
+
+    Parameters
+    ----------
+    slices, rays : int
+        Of the plant's resolution.
+    slice_index : int
+        The slice whose wall is kept.
+    """
+
+    def __init__(self, slices: int, rays: int, slice_index: int) -> None:
+        kind = row_type(slices, rays)
+        self.slice_index = slice_index
+        self._seen = 0
+        self._last = np.zeros(AROUND + 1, kind)
+        self._bytes = _bytes_of(self._last)
+        self._pulses_at = int(kind.fields["pulses"][1]) if kind.fields is not None else 0
+        self._run = Run(kind, REGULAR)
+        self._blocks = {RETRACT: Blocks(kind), TURN: Blocks(kind)}
+
+    @property
+    def row(self) -> np.void:
+        """The row to fill with the window just over, before it is `keep`-ed."""
+        row: np.void = self._last[self._seen % len(self._last)]
+        return row
+
+    def fill_pulses(self, pulses: NDArray[np.void]) -> None:
+        """Fill the last pulses of the window just over (rows of `PULSE`) into `row`."""
+        last = pulses[-PULSES:]
+        at, begin = self._seen % len(self._last), self._pulses_at
+        self._bytes[at, begin : begin + last.nbytes] = last.view(np.uint8)
+        self._last[at]["count"] = len(last)
+
+    def keep(self, event: int = NOTHING) -> None:
+        """Take the filled `row` in; `event` is what happened in its window."""
+        at = self._seen % len(self._last)
+        row = self._bytes[at]
+        self._run.offer(row)
+        before = self._before(at) if event != NOTHING else self._bytes[:0]
+        for kind, blocks in self._blocks.items():
+            blocks.offer(self._seen, row, before, kind == event)
+        self._seen += 1
+
+    def _before(self, at: int) -> Bytes:
+        """Return the rows before the one at a place of the ring, oldest first."""
+        older = self._bytes[at + 1 :] if self._seen >= len(self._last) else self._bytes[:0]
+        return np.concatenate([older, self._bytes[:at]])
+
+    @property
+    def stride(self) -> int:
+        """Windows from one close-up of the run over the whole cut to the next."""
+        return self._run.stride
+
+    def table(self) -> NDArray[np.void]:
+        """Return all close-ups in order of time, (n,) rows of `row_type`: run, events, and the cut's last windows."""
+        last = self._last[self._last["t_s"] > 0.0]
+        everything = np.concatenate([self._run.rows, *(blocks.rows for blocks in self._blocks.values()), last])
+        _, first = np.unique(everything["t_s"], return_index=True)
+        return np.asarray(everything[first])
+
+    def snapshot(self) -> dict[str, NDArray[np.generic]]:
+        """Return a copy of everything that changes, as arrays."""
+        state: dict[str, NDArray[np.generic]] = {"last": self._last.copy(), "seen": np.array(self._seen)}
+        for name, store in self._stores().items():
+            rows, progress = store.snapshot()
+            state[name], state[f"{name}_progress"] = rows, np.array(progress)
+        return state
+
+    def restore(self, state: Mapping[str, NDArray[np.generic]]) -> None:
+        """Take back a `snapshot`.
+
+        Raises
+        ------
+        ValueError
+            If it was made with another resolution.
+        """
+        if state["last"].dtype != self._last.dtype:
+            raise ValueError(f"close-ups of type {state['last'].dtype} do not fit {self._last.dtype}")
+        self._last[:] = state["last"]
+        self._seen = int(state["seen"])
+        for name, store in self._stores().items():
+            rows = np.asarray(state[name])
+            store.restore(rows, [int(v) for v in np.asarray(state[f"{name}_progress"], np.int64)])
+
+    def _stores(self) -> dict[str, Run | Blocks]:
+        return {"run": self._run, "retracts": self._blocks[RETRACT], "turns": self._blocks[TURN]}

@@ -1,0 +1,228 @@
+"""The pictures of a film: the part from above, the gap at the wire, the oscilloscope and the series."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from edmsim.recording import palette
+from edmsim.recording.blueprint import Sizes
+from edmsim.recording.log_gap import CURRENT_HEIGHT, SCOPE_SPACE, SCOPE_WIDTH, VOLTAGE_HEIGHT, WALL_UM
+from edmsim.recording.playback import Playback
+from edmsim.recording.report import duration_text
+from edmsim.recording.stream import CLASS_COLOURS
+
+if TYPE_CHECKING:
+    from matplotlib.artist import Artist
+    from matplotlib.axes import Axes
+
+SIZE_INCH = (12.8, 7.2)
+GROUND = "#161d24"
+TEXT = "#d6dbe1"
+STEEL = "#8e98ac"
+_CURVES = (
+    ("pulses, %", (("/pulses/spark", "spark", CLASS_COLOURS["spark"]), ("/pulses/open", "open", "#9aa5b1"),
+                   ("/pulses/short", "short", CLASS_COLOURS["short"]))),
+    ("feed, µm/s", (("/feed/feed_um_s", "feed", palette.SKY),)),
+    ("gap, lag, error, µm", (("/gap/gap_um", "gap", palette.SKY), ("/gap/lag_um", "lag", palette.ORANGE),
+            ("/gap/error_um", "error", palette.VERMILION))),
+)  # fmt: skip
+"""Title and curves of every plot: entity, name, colour."""
+_MOST_POINTS = 1500
+"""A curve is drawn with about as many points as it has pixels."""
+
+
+class Film:
+    """Draws a recording at any time.
+
+    Parameters
+    ----------
+    play : Playback
+    dpi : int
+        Resolution of the pictures.
+
+    Attributes
+    ----------
+    size : (int, int)
+        Width and height of the pictures in pixels, both even.
+    """
+
+    def __init__(self, play: Playback, dpi: int) -> None:
+        from matplotlib.backends.backend_agg import FigureCanvasAgg
+        from matplotlib.figure import Figure
+
+        self._play = play
+        self._sizes = Sizes(*play.sizes)
+        self._figure = Figure(figsize=SIZE_INCH, dpi=dpi, facecolor=GROUND)
+        self._canvas = cast("Any", FigureCanvasAgg(self._figure))  # its methods have no types
+        self._moving: list[tuple[Axes, Artist]] = []
+        grid = self._figure.add_gridspec(
+            6, 3, left=0.02, right=0.985, top=0.93, bottom=0.06, hspace=0.75, wspace=0.14, width_ratios=[1, 1, 1.15]
+        )
+        self._part(self._axes(grid[:4, 0], "part from above"))
+        self._gap(self._axes(grid[:4, 1], "at the wire, mid height; rings of 50 µm"))
+        self._scope(self._axes(grid[4:, :2], "gap voltage and current of the last pulses"))
+        self._cursors = [self._plot(grid[2 * i : 2 * i + 2, 2], *curves) for i, curves in enumerate(_CURVES)]
+        self._figure.text(0.02, 0.965, play.title, color=TEXT, fontsize=13, weight="bold", va="center")
+        self._heading = self._figure.text(
+            0.985, 0.965, "", color=TEXT, fontsize=12, va="center", ha="right", animated=True
+        )
+        self._canvas.draw()
+        self._still = self._canvas.copy_from_bbox(self._figure.bbox)
+        width, height = self._canvas.get_width_height()
+        self.size = (width // 2 * 2, height // 2 * 2)
+
+    def picture(self, t_s: float) -> NDArray[np.uint8]:
+        """Return the picture (height, width, 3) at a machine time."""
+        self._set_part(t_s)
+        self._set_gap(t_s)
+        self._set_scope(t_s)
+        for cursor in self._cursors:
+            cursor.set_xdata([t_s, t_s])
+        path_um = float(np.interp(t_s, *self._path))
+        self._heading.set_text(f"{duration_text(t_s)}   {path_um / 1000.0:.2f} mm")
+        self._canvas.restore_region(self._still)
+        for axes, artist in self._moving:
+            axes.draw_artist(artist)
+        self._figure.draw_artist(self._heading)
+        width, height = self.size
+        return np.asarray(self._canvas.buffer_rgba())[:height, :width, :3].copy()
+
+    def _axes(self, place: Any, title: str) -> Axes:
+        axes = self._figure.add_subplot(place)
+        axes.set_facecolor(GROUND)
+        axes.set_title(title, color=TEXT, fontsize=9, loc="left", pad=4)
+        axes.set_xticks([])
+        axes.set_yticks([])
+        for spine in axes.spines.values():
+            spine.set_color("#3a444f")
+        return axes
+
+    def _move(self, axes: Axes, artist: Any) -> Any:
+        artist.set_animated(True)
+        self._moving.append((axes, artist))
+        return artist
+
+    # --- the part ------------------------------------------------------------------------------------------
+
+    def _part(self, axes: Axes) -> None:
+        from matplotlib.collections import LineCollection, PolyCollection
+
+        s = self._sizes
+        middle = (s.x0_mm + s.x1_mm) / 2, (s.y0_mm + s.y1_mm) / 2
+        reach = 0.62 * max(s.x1_mm - s.x0_mm, s.y1_mm - s.y0_mm, 1.0)
+        axes.set_aspect("equal")
+        axes.set_xlim(middle[0] - reach, middle[0] + reach)
+        axes.set_ylim(middle[1] - reach, middle[1] + reach)
+        self._metal = self._move(axes, axes.add_collection(PolyCollection([], facecolors=STEEL, antialiased=False)))
+        nominal = [line[:, :2] for line in self._play.strips("/world/table/nominal/top", "LineStrips3D:strips", 0.0)]
+        self._move(axes, axes.add_collection(LineCollection(nominal, colors=palette.GREEN, linewidths=1.0)))
+        (self._done,) = axes.plot([], [], color=palette.VERMILION, linewidth=1.3)
+        (self._wire,) = axes.plot([], [], "o", color=palette.ORANGE, markersize=5)
+        self._move(axes, self._done)
+        self._move(axes, self._wire)
+        x, y = self._play.series("/position/x_um"), self._play.series("/position/y_um")
+        self._way = (x[0], np.column_stack([x[1], y[1]]) / 1000.0)
+        rows = self._play.rows("/position/x_um", "Scalars:scalars")
+        self._path = (rows.t_s, rows.path_um)
+
+    def _set_part(self, t_s: float) -> None:
+        entity = "/world/table/workpiece"
+        corners = self._play.points(entity, "Mesh3D:vertex_positions", t_s)
+        normals = self._play.points(entity, "Mesh3D:vertex_normals", t_s)
+        faces = self._play.points(entity, "Mesh3D:triangle_indices", t_s)
+        if len(faces):
+            up = normals[faces[:, 0], 2] > 0.5
+            self._metal.set_verts(corners[faces[up]][:, :, :2])
+        at = int(np.searchsorted(self._way[0], t_s, side="right"))
+        done = self._way[1][:at]
+        self._done.set_data(*done[:: max(1, len(done) // _MOST_POINTS)].T)
+        self._wire.set_data(*done[-1:].T)
+
+    # --- the gap -------------------------------------------------------------------------------------------
+
+    def _gap(self, axes: Axes) -> None:
+        from matplotlib.collections import LineCollection
+        from matplotlib.patches import Circle
+
+        radius = self._sizes.wire_diameter_um / 2
+        reach = radius + 120.0
+        axes.set_aspect("equal")
+        axes.set_xlim(-reach, reach)
+        axes.set_ylim(reach, -reach)  # recorded with y downwards
+        for ring in np.arange(50.0, reach, 50.0):
+            axes.add_patch(Circle((0.0, 0.0), ring, fill=False, color="#2d3742", linewidth=0.7))
+        self._round = self._move(axes, axes.add_patch(Circle((0.0, 0.0), radius, color="#7c5c1e")))
+        self._rays = self._move(axes, axes.add_collection(LineCollection([], linewidths=1.4)))
+        side_points = min(axes.bbox.width, axes.bbox.height) * 72.0 / self._figure.dpi
+        width = 2 * WALL_UM * side_points / (2 * reach)
+        self._wall = self._move(axes, axes.add_collection(LineCollection([], colors=STEEL, linewidths=width)))
+        self._sparks = self._move(axes, axes.scatter([], [], s=14, zorder=5))
+
+    def _set_gap(self, t_s: float) -> None:
+        centre = self._play.points("/top/wire", "Points2D:positions", t_s)
+        if len(centre):
+            self._round.set_center(centre[0])
+        self._rays.set_segments(self._play.strips("/top/rays", "LineStrips2D:strips", t_s))
+        self._rays.set_color(rgb01(self._play.points("/top/rays", "LineStrips2D:colors", t_s)))
+        self._wall.set_segments(self._play.strips("/top/metal", "LineStrips2D:strips", t_s))
+        self._sparks.set_offsets(self._play.points("/top/discharges", "Points2D:positions", t_s).reshape(-1, 2))
+        self._sparks.set_facecolor(rgb01(self._play.points("/top/discharges", "Points2D:colors", t_s)))
+
+    # --- the oscilloscope ----------------------------------------------------------------------------------
+
+    def _scope(self, axes: Axes) -> None:
+        from matplotlib.collections import LineCollection
+
+        low = VOLTAGE_HEIGHT + SCOPE_SPACE + CURRENT_HEIGHT
+        axes.set_xlim(-24.0, SCOPE_WIDTH + 6.0)
+        axes.set_ylim(low + 14.0, -6.0)
+        grid = self._play.strips("/scope/grid", "LineStrips2D:strips", 0.0)
+        axes.add_collection(LineCollection(grid, colors="#2d3742", linewidths=0.7))
+        places = self._play.points("/scope/scale", "Points2D:positions", 0.0)
+        labels = self._play.points("/scope/scale", "Points2D:labels", 0.0)
+        for (x, y), text in zip(places, labels, strict=True):
+            axes.text(x, y, text, color=TEXT, fontsize=7, ha="right" if x < 0 else "center", va="center")
+        self._traces = {
+            name: self._move(axes, axes.add_collection(LineCollection([], linewidths=1.3)))
+            for name in ("voltage", "current")
+        }
+
+    def _set_scope(self, t_s: float) -> None:
+        for name, lines in self._traces.items():
+            lines.set_segments(self._play.strips(f"/scope/{name}", "LineStrips2D:strips", t_s))
+            lines.set_color(rgb01(self._play.points(f"/scope/{name}", "LineStrips2D:colors", t_s)))
+
+    # --- the series ----------------------------------------------------------------------------------------
+
+    def _plot(self, place: Any, title: str, curves: tuple[tuple[str, str, str], ...]) -> Any:
+        axes = self._axes(place, title)
+        axes.set_xlabel("s", color=TEXT, fontsize=7, loc="right", labelpad=-9)
+        axes.tick_params(colors=TEXT, labelsize=7, length=2)
+        axes.yaxis.set_major_locator(_few_ticks())
+        axes.xaxis.set_major_locator(_few_ticks())
+        shown = [np.zeros(1)]
+        for entity, name, colour in curves:
+            t_s, values = self._play.series(entity)
+            step = max(1, len(t_s) // _MOST_POINTS)
+            axes.plot(t_s[::step], values[::step], color=colour, linewidth=0.9, label=name)
+            shown.append(np.percentile(values, (0.5, 99.5)) if len(values) else np.zeros(0))
+        low, high = np.concatenate(shown).min(), np.concatenate(shown).max()
+        axes.set_ylim(low - 0.08 * (high - low + 1e-9), high + 0.08 * (high - low + 1e-9))
+        axes.set_xlim(0.0, self._play.end_s)
+        axes.legend(loc="upper right", fontsize=7, ncols=3, frameon=False, labelcolor=TEXT, borderaxespad=0.1)
+        return self._move(axes, axes.axvline(0.0, color=TEXT, linewidth=0.9))
+
+
+def rgb01(colours: NDArray[Any]) -> NDArray[np.float64]:
+    """Return recorded colours, 0xRRGGBBAA, as (n, 4) shares of 0 to 1."""
+    bits = np.asarray(colours, np.uint32)
+    return np.stack([(bits >> shift) & 0xFF for shift in (24, 16, 8, 0)], axis=-1) / 255.0
+
+
+def _few_ticks() -> Any:
+    from matplotlib.ticker import MaxNLocator
+
+    return MaxNLocator(nbins=4)

@@ -1,0 +1,95 @@
+"""The pulses of a window, noted one by one: they add up to the window, and noting them changes nothing."""
+
+from __future__ import annotations
+
+import copy
+
+import numpy as np
+import pytest
+
+import edmsim
+from edmsim.plant.state import ARC, OPEN, PULSE, SHORT, SPARK
+from edmsim.plant.workpiece import Stock
+
+# a straight edge 12 um in front of the wire: sparks, opens and, as it is driven on, contacts
+STOCK = Stock((32_500.0 + 125.0 + 12.0, 0.0, 65_000.0, 65_000.0))
+
+
+def machine(**setting):
+    return edmsim.Machine.load(height_mm=5.0, **setting)
+
+
+def driven(plant, windows=12):
+    """Advance with two motor steps of 2 um in every window."""
+    seen = []
+    for _ in range(windows):
+        now = plant.time_ns
+        window = plant.advance([(now + 1_000_000, 0, 1), (now + 2_000_000, 0, 1)])
+        seen.append((window, plant.last_pulses()))
+    return seen
+
+
+@pytest.mark.parametrize("generator", ["iso-pulse", "iso-energetic"])
+def test_pulses_add_up_to_their_window(generator):
+    plant = edmsim.Plant(machine(generator=generator), 3, stock=STOCK, resolution="fast")
+    plant.watch_pulses()
+    for window, pulses in driven(plant):
+        kind, on = pulses["kind"], pulses["conducting_us"].astype(float)
+        counts = [int((kind == k).sum()) for k in (OPEN, SPARK, ARC, SHORT)]
+        assert counts == [window.open, window.spark, window.arc, window.short]
+        duration = window.duration_ns * 1e-3
+        burning = np.where(np.isin(kind, (SPARK, ARC)), on, 0.0)
+        volts = (pulses["open_V"] * pulses["delay_us"] + plant.timing.burning_V * burning).sum() / duration
+        amperes = np.where(kind == SHORT, plant.timing.short_A, plant.timing.current_A) * on
+        assert volts == pytest.approx(window.mean_voltage_V, rel=1e-5)
+        assert amperes.sum() / duration == pytest.approx(window.mean_current_A, rel=1e-5)
+        ignited = np.isin(kind, (SPARK, ARC))
+        if ignited.any():
+            assert pulses["gap_um"][ignited].mean() == pytest.approx(window.gap_um, rel=1e-4)
+        assert np.all(np.diff(pulses["start_us"]) > 0)
+        assert pulses["start_us"][-1] < duration
+
+
+def test_discharges_lie_in_front_of_the_wire_where_the_metal_is():
+    plant = edmsim.Plant(machine(), 3, stock=STOCK, resolution="fast")
+    plant.watch_pulses()
+    pulses = np.concatenate([pulses for _, pulses in driven(plant, 4)])
+    placed = pulses[pulses["slice"] >= 0]
+    assert len(placed) > 100
+    assert {int(s) for s in placed["slice"]} == set(range(5))
+    angle = 2 * np.pi * placed["ray"] / plant.resolution.rays
+    x = placed["x_um"] + (125.0 + placed["gap_um"]) * np.cos(angle)
+    assert np.all(x > STOCK.rectangle_um[0] - 8.0)  # a motor step may press the wire a little into the metal
+    assert np.all(x < STOCK.rectangle_um[0] + 60.0)
+    assert np.all(pulses["slice"][pulses["kind"] == OPEN] == -1)
+
+
+@pytest.mark.parametrize("mechanics", ["modal", "mujoco"])
+def test_watching_changes_no_bit(mechanics):
+    plants = [
+        edmsim.Plant(machine(), 5, stock=STOCK, resolution="fast", mechanics=mechanics) for _ in range(2)
+    ]
+    plants[1].watch_pulses()
+    blind, watched = (driven(plant, 3) for plant in plants)
+    assert [w for w, _ in blind] == [w for w, _ in watched]
+    assert all(len(pulses) == 0 and pulses.dtype == PULSE for _, pulses in blind)
+    for name, value in plants[0].snapshot().items():
+        np.testing.assert_array_equal(value, plants[1].snapshot()[name])
+
+
+def test_a_copy_goes_on_watching():
+    plant = edmsim.Plant(machine(), 3, stock=STOCK, resolution="fast")
+    plant.watch_pulses()
+    driven(plant, 1)
+    twin = copy.deepcopy(plant)
+    np.testing.assert_array_equal(twin.last_pulses(), plant.last_pulses())
+    np.testing.assert_array_equal(driven(twin, 1)[0][1], driven(plant, 1)[0][1])
+
+
+def test_walls_are_seen_from_where_the_wire_was():
+    plant = edmsim.Plant(machine(), 3, stock=STOCK, resolution="fast")
+    plant.advance()
+    place, gaps = plant.walls_um(2)
+    assert place == pytest.approx((32_500.0, 32_500.0), abs=1.0)
+    assert gaps[0] == pytest.approx(12.0, abs=4.0)  # towards the edge, within a cell
+    assert gaps[plant.resolution.rays // 2] > 1e5  # away from it there is no metal

@@ -1,0 +1,71 @@
+"""Events in words: retracts, corners, threading, settings, the end; of too many, some."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import pyarrow as pa
+import pytest
+
+from edmsim.recording.events import MOST, events
+from edmsim.recording.windows import NAMES, WindowTable, column
+
+
+def changed(cut: SimpleNamespace, name: str, values: np.ndarray) -> pa.Table:
+    at = NAMES.index(name)
+    return cut.windows.set_column(at, cut.windows.schema.field(at), pa.array(values))
+
+
+def told(cut: SimpleNamespace, windows: pa.Table, **report: object) -> list[tuple[int, str, str]]:
+    return [tuple(event) for event in events(windows, cut.scene, cut.report | report)]
+
+
+def test_begin_corners_and_end(cut: SimpleNamespace) -> None:
+    found = told(cut, cut.windows)
+    assert found[0] == (0, "INFO", "begins at X 19.000 Y 19.000 mm")
+    corners = [text for _, _, text in found if text.startswith("corner")]
+    assert corners[0] == "corner of +90° at X 20.000 Y 20.000 mm, error -9.1 µm"
+    assert len(corners) == 4
+    assert found[-1] == (2999, "INFO", "finished")
+    assert [row for row, *_ in found] == sorted(row for row, *_ in found)
+
+
+def test_a_retract_says_how_far_and_why(cut: SimpleNamespace) -> None:
+    feed, path = (column(cut.windows, name).copy() for name in ("feed_um_s", "path_um"))
+    feed[1000:1010] = -30.0
+    path[1009] = path[999] - 25.0
+    windows = changed(cut, "feed_um_s", feed)
+    windows = windows.set_column(NAMES.index("path_um"), "path_um", pa.array(path))
+    (retract,) = [event for event in told(cut, windows) if "retract" in event[2]]
+    short = 100 * column(cut.windows, "short")[999] / 255
+    assert retract[:2] == (1000, "WARN")
+    assert f"{short:.0f} % short, 25 µm back" in retract[2]
+
+
+def test_settings_and_threading(cut: SimpleNamespace) -> None:
+    on, t_s = (column(cut.windows, name).copy() for name in ("t_on_us", "t_s"))
+    on[1500:] = 12.0
+    windows = changed(cut, "t_on_us", on)
+    t_s[2000:] += 60.0
+    windows = windows.set_column(0, "t_s", pa.array(t_s))
+    texts = {row: text for row, _, text in told(cut, windows)}
+    assert texts[1500] == "generator set to 12 µs of 100 µs"
+    assert texts[2000].startswith("wire threaded at X ")
+    assert texts[2000].endswith("after 61 s")
+
+
+@pytest.mark.parametrize(
+    ("outcome", "level", "text"),
+    [("wire-break", "CRITICAL", "wire-break: why"), ("persistent-short", "ERROR", "alarm: persistent-short: why"),
+     ("limit-switch", "ERROR", "limit-switch: why"), ("time-limit", "WARN", "time-limit: why")],
+)  # fmt: skip
+def test_how_it_ended_has_its_weight(cut: SimpleNamespace, outcome: str, level: str, text: str) -> None:
+    assert told(cut, cut.windows, outcome=outcome, reason="why")[-1] == (2999, level, text)
+
+
+def test_too_many_are_thinned_and_none_is_fine(cut: SimpleNamespace) -> None:
+    feed = np.where(np.arange(3000) % 2 == 0, 20.0, -20.0)
+    retracts = [event for event in told(cut, changed(cut, "feed_um_s", feed)) if "retract" in event[2]]
+    assert len(retracts) == MOST
+    assert told(cut, WindowTable().to_arrow()) == []

@@ -1,0 +1,92 @@
+"""The gap in the recording: discharges where they were, traces as the model has them, rays and wall."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from edmsim.plant.state import OPEN
+from edmsim.recording import Playback
+from edmsim.recording.log_gap import AGES, SCOPE_PULSES, discharges, faded, traces
+from edmsim.recording.rerun_log import write_recording
+
+
+@pytest.fixture(scope="module")
+def play(cut: SimpleNamespace, tmp_path_factory: pytest.TempPathFactory) -> Playback:
+    file = tmp_path_factory.mktemp("recording") / "cut.rrd"
+    write_recording(file, cut.scene, cut.windows, cut.frames, cut.closeups, cut.machine, cut.report, "punch.ngc")
+    return Playback(file)
+
+
+def test_traces_show_delay_burning_and_short(cut: SimpleNamespace) -> None:
+    table = cut.closeups.table()
+    time, voltage, current = traces(table)
+    assert time.shape == (len(table), SCOPE_PULSES, 7)
+    # by turns: 10 us of 100 V and 20 us of burning, 30 us open, 30 us short, an arc burning at once
+    for number, (peak_V, volt_us, ampere_us) in enumerate(
+        [(100.0, 10 * 100.0 + 20 * 22.0, 20 * 6.6), (100.0, 30 * 100.0, 0.0), (0.0, 0.0, 30 * 8.0),
+         (100.0, 30 * 22.0, 30 * 6.6)]
+    ):  # fmt: skip
+        t, u, i = (values[0, number] for values in (time, voltage, current))
+        assert u.max() == pytest.approx(peak_V)
+        assert np.trapezoid(u, t) == pytest.approx(volt_us, rel=1e-6)
+        assert np.trapezoid(i, t) == pytest.approx(ampere_us, rel=1e-6)
+        assert np.all(np.diff(t) >= 0)
+    np.testing.assert_allclose(time[:, :, 0], np.broadcast_to(100.0 * np.arange(SCOPE_PULSES), time.shape[:2]))
+
+
+def test_discharges_are_on_the_metal_and_opens_have_no_place(cut: SimpleNamespace) -> None:
+    table = cut.closeups.table()
+    known, place = discharges(table, 125.0)
+    np.testing.assert_array_equal(known, table["pulses"]["kind"] != OPEN)
+    out = place - np.stack([table["pulses"]["x_um"], table["pulses"]["y_um"]], axis=-1)
+    sparks = table["pulses"]["kind"] == 1
+    np.testing.assert_allclose(out[sparks], np.broadcast_to((140.0, 0.0), out[sparks].shape), atol=1e-6)
+
+
+def test_points_lie_on_the_table_and_fade(cut: SimpleNamespace, play: Playback) -> None:
+    table = cut.closeups.table()
+    t_s = float(table["t_s"][50])
+    points = play.points("/world/table/discharges", "Points3D:positions", t_s)
+    colours = play.points("/world/table/discharges", "Points3D:colors", t_s).astype(np.uint32)
+    radii = play.points("/world/table/discharges", "Points3D:radii", t_s)
+    assert len(points) == len(colours) == 72 + (AGES - 1) * 36  # of the older ones every second
+    np.testing.assert_allclose(points[:, 2], 10.0, atol=1e-4)  # the middle of 20 mm
+    np.testing.assert_allclose(points[0, :2], (table["wire_um"][50] + (140.0, 0.0)) / 1000.0, atol=1e-4)
+    assert len(set(colours.tolist())) > AGES
+    assert radii[0] < radii[-1] < 0  # points of the screen, ever smaller
+
+
+def test_faded_colours_reach_the_ground() -> None:
+    some = np.array([[200, 100, 50]] * 2, np.uint8)
+    np.testing.assert_array_equal(faded(some, np.array([1.0, 0.0])), [[200, 100, 50], [0x1F, 0x29, 0x33]])
+
+
+def test_rays_end_on_the_wall(cut: SimpleNamespace, play: Playback) -> None:
+    table = cut.closeups.table()
+    rays = np.array(play.strips("/top/rays", "LineStrips2D:strips", float(table["t_s"][0])))
+    assert rays.shape == (16, 2, 2)  # the half that meets metal
+    wire = play.points("/top/wire", "Points2D:positions", float(table["t_s"][0]))[0]
+    shift = table["wire_um"][0] - table["guides_um"][0]
+    np.testing.assert_allclose(wire, shift * (1.0, -1.0), atol=1e-4)
+    np.testing.assert_allclose(np.hypot(*(rays[:, 0] - wire).T), 125.0, atol=1e-3)
+    np.testing.assert_allclose(np.hypot(*(rays[:, 1] - wire).T), 140.0, atol=1e-3)
+    assert len(play.strips("/top/metal", "LineStrips2D:strips", float(table["t_s"][0]))) == 15
+
+
+def test_both_timelines_reach_every_part(cut: SimpleNamespace, play: Playback) -> None:
+    for entity, component in (("/top/rays", "LineStrips2D:strips"), ("/scope/voltage", "LineStrips2D:strips"),
+                              ("/world/table/discharges", "Points3D:positions")):  # fmt: skip
+        rows = play.rows(entity, component)
+        np.testing.assert_allclose(rows.t_s, cut.closeups.table()["t_s"], atol=1e-9)
+        np.testing.assert_array_equal(rows.path_um, np.round(cut.closeups.table()["path_um"]))
+
+
+def test_playback_before_the_first_row_shows_nothing(play: Playback) -> None:
+    assert play.strips("/top/rays", "LineStrips2D:strips", -1.0) == []
+    assert len(play.points("/no/such", "Points2D:positions", 1.0)) == 0
+    assert play.title == "punch.ngc"
+    assert Path(play.recording).name == "cut.rrd"
