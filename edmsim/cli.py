@@ -1,4 +1,4 @@
-"""The command line: ``edmsim cut``, ``view``, ``train``, ``evaluate``, ``validate`` and ``bench``."""
+"""The command line: ``edmsim cut``, ``view``, ``report``, ``train``, ``evaluate``, ``validate`` and ``bench``."""
 
 from __future__ import annotations
 
@@ -104,6 +104,21 @@ def view(
     from .recording import view as show
 
     raise typer.Exit(show(directory))
+
+
+@app.command()
+def report(
+    directory: Annotated[Path, typer.Argument(help="Folder of a cut.", show_default=False)],
+    figures: Annotated[
+        Path | None, typer.Option(help="Write the figures for a paper into this folder instead.")
+    ] = None,
+    format: Annotated[str, typer.Option(help="Of these figures: pdf, svg or png.")] = "pdf",
+) -> None:
+    """Make report.html of a cut anew, or its figures as files."""
+    from .recording.cut_folder import remake
+
+    for file in remake(directory, figures, format, _say):
+        _OUT.print(str(file), highlight=False, soft_wrap=True, markup=False)
 
 
 @app.command()

@@ -2,9 +2,11 @@
 
 from edmsim.recording.figures import profile_figure, write_figure
 from edmsim.recording.frames import Frames
+from edmsim.recording.html_report import write_html
 from edmsim.recording.report import Quality, Totals, build_report, render_table, write_json
 from edmsim.recording.rerun_log import write_recording
 from edmsim.recording.scene import Corner, ErrorMap, Scene, Terrace, polylines
+from edmsim.recording.scene_file import read_scene, write_scene
 from edmsim.recording.viewer import view
 from edmsim.recording.windows import WindowTable, read_windows, write_windows
 
@@ -20,11 +22,14 @@ __all__ = [
     "build_report",
     "polylines",
     "profile_figure",
+    "read_scene",
     "read_windows",
     "render_table",
     "view",
     "write_figure",
+    "write_html",
     "write_json",
     "write_recording",
+    "write_scene",
     "write_windows",
 ]

@@ -1,0 +1,54 @@
+"""The look shared by the figures for a paper: one column wide, small type, colours told apart by everyone."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from edmsim.recording.figure_series import quiet
+from edmsim.recording.palette import INK, MUTED
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+WIDTH_IN = 3.5
+"""Width of one column of a journal (89 mm)."""
+DPI = 200
+LABEL_PT, TICK_PT, TITLE_PT = 7.5, 7.0, 8.5
+
+
+def column_figure(height_in: float) -> Figure:
+    """Return an empty figure of one column's width, with an Agg canvas; pyplot is not touched."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(WIDTH_IN, height_in), dpi=DPI, facecolor="white", layout="constrained")
+    figure.set_layout_engine("constrained", w_pad=0.03, h_pad=0.03, hspace=0.03, wspace=0.03)
+    FigureCanvasAgg(figure)
+    return figure
+
+
+def dress(axes: Axes, x: str, y: str) -> None:
+    """Label the axes and give them the look of all figures."""
+    quiet(axes)
+    axes.tick_params(labelsize=TICK_PT)
+    axes.set_xlabel(x, fontsize=LABEL_PT, color=MUTED)
+    axes.set_ylabel(y, fontsize=LABEL_PT, color=MUTED)
+
+
+def legend(axes: Axes, *, above: bool = False, columns: int = 1, loc: str = "best") -> None:
+    """Explain what is drawn: inside the axes, or in a row above them."""
+    style = {
+        "fontsize": TICK_PT, "labelcolor": INK, "handlelength": 1.4, "handletextpad": 0.5, "columnspacing": 1.0,
+        "labelspacing": 0.3, "borderaxespad": 0.3,
+    }
+    if above:
+        axes.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=columns, frameon=False, **style)
+    else:
+        axes.legend(loc=loc, ncols=columns, frameon=True, facecolor="white", edgecolor="none", framealpha=0.85, **style)
+
+
+def nothing_to_show(figure: Figure, why: str) -> Figure:
+    """Say on an empty figure why it is empty."""
+    figure.text(0.5, 0.5, why, ha="center", va="center", fontsize=LABEL_PT, color=MUTED, wrap=True)
+    return figure
