@@ -10,7 +10,7 @@ import shapely
 from numpy.typing import NDArray
 
 from edmsim.errors import InputError
-from edmsim.recording.figure_paper import LABEL_PT, TICK_PT, column_figure, dress, legend, nothing_to_show
+from edmsim.recording.figure_paper import LABEL_PT, TICK_PT, colour_bar, column_figure, dress, legend, nothing_to_show
 from edmsim.recording.palette import (
     BLUE,
     ERROR_STOPS,
@@ -55,7 +55,7 @@ def error_figure(scene: Scene) -> Figure:
     (x0, y0), (x1, y1) = points.min(axis=0), points.max(axis=0)
     margin = 0.08 * max(x1 - x0, y1 - y0)
     across, high = x1 - x0 + 2 * margin, y1 - y0 + 2 * margin
-    figure = column_figure(float(np.clip(2.9 * high / across, 1.0, 4.2)) + 0.95)
+    figure = column_figure(float(np.clip(2.9 * high / across, 1.0, 4.2)) + 0.85, top_in=0.49)
     axes = figure.add_subplot()
     dress(axes, "X on the table, mm", "Y on the table, mm")
     axes.grid(visible=False)
@@ -67,12 +67,7 @@ def error_figure(scene: Scene) -> Figure:
     axes.set_aspect("equal")
     axes.set_xlim(x0 - margin, x1 + margin)
     axes.set_ylim(y0 - margin, y1 + margin)
-    bar = figure.colorbar(lines, ax=axes, location="top", extend="both", extendfrac=0.03, aspect=45, pad=0.02)
-    bar.outline.set_visible(False)  # type: ignore[operator]
-    bar.ax.tick_params(labelsize=TICK_PT, colors=MUTED, length=2)
-    bar.set_label(
-        f"profile error, µm: − undercut, + metal left; drawn × {factor:g}", fontsize=LABEL_PT, color=MUTED
-    )
+    colour_bar(figure, lines, f"profile error, µm: − undercut, + metal left; drawn × {factor:g}")
     return figure
 
 
@@ -135,11 +130,11 @@ def corner_figure(scene: Scene, windows: pa.Table, corner: int | None = None) ->
     InputError
         If there is no such corner.
     """
-    figure = column_figure(5.3)
+    figure = column_figure(5.2, top_in=0.55)
     if not scene.corners and corner is None:
         return nothing_to_show(figure, "no corner: the edge as drawn has none")
     chosen = _chosen_corner(scene, corner)
-    detail, below = figure.subplots(2, 1, height_ratios=[2.6, 1.0])
+    detail, below = figure.subplots(2, 1, height_ratios=[2.6, 1.0], gridspec_kw={"hspace": 0.5})
     place = np.array([chosen.x_mm, chosen.y_mm])
     _draw_detail(detail, scene, windows, place)
     _draw_deviation(below, scene, windows, place)
@@ -227,7 +222,8 @@ def _draw_deviation(axes: Axes, scene: Scene, windows: pa.Table, place_mm: Array
             total = 1000 * turn.sum()
             s = (s + total / 2) % total - total / 2 if np.allclose(edge.nominal_mm[0], edge.nominal_mm[-1]) else s
             order = np.argsort(s)
-            axes.plot(s[order], edge.error_um[order], color="#3d4852", linewidth=1.0, label="profile error (+ metal left)")
+            error = edge.error_um[order]
+            axes.plot(s[order], error, color="#3d4852", linewidth=1.0, label="profile error (+ metal left)")
             _draw_lag(axes, windows, edge.points_mm[order], s[order], place_mm, edge.outward()[order])
             break
     axes.set_xlim(-reach, reach)
@@ -264,16 +260,18 @@ def kerf_figure(report: Mapping[str, Any]) -> Figure:
         One column wide. The band holds nine tenths of the places measured; what is between wire and walls is
         drawn large, the wire itself is left out.
     """
-    figure = column_figure(2.9)
+    figure = column_figure(2.9, top_in=0.36)
     slices = report["kerf_section"]
     section = [row for row in slices if row["places"]]
     if not section:
         return nothing_to_show(figure, "no kerf: there was no place to measure its width")
     radius = report["settings"]["wire_diameter_um"] / 2
     z = np.array([row["height_mm"] for row in section])
-    panels = figure.subplots(1, 2, sharey=True)
+    panels = figure.subplots(1, 2, sharey=True, gridspec_kw={"wspace": 0.1})
     for panel, side in zip(panels, ("rest", "part"), strict=True):
-        mean, low, high = (np.array([row[side][key] for row in section]) - radius for key in ("mean_um", "p5_um", "p95_um"))
+        mean, low, high = (
+            np.array([row[side][key] for row in section]) - radius for key in ("mean_um", "p5_um", "p95_um")
+        )
         panel.fill_betweenx(z, low, high, color=BLUE, alpha=0.18, linewidth=0)
         panel.plot(mean, z, color=BLUE, linewidth=1.3, marker="o", markersize=2.5)
         dress(panel, f"wire to wall of the {side}, µm", "")

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from edmsim.recording.figure_paper import LABEL_PT, TICK_PT, column_figure, dress, legend, nothing_to_show
+from edmsim.recording.figure_paper import LABEL_PT, colour_bar, column_figure, dress, legend, nothing_to_show
 from edmsim.recording.figure_series import binned, time_unit
 from edmsim.recording.palette import BLUE, GREEN, INK, LINE, MUTED, ORANGE, PURPLE, SHARE_COLOURS, VERMILION
 from edmsim.recording.pulse_sample import KINDS, PulseSample
@@ -43,13 +43,13 @@ def pulses_figure(windows: pa.Table) -> Figure:
     matplotlib.figure.Figure
         One column wide, with an Agg canvas.
     """
-    figure = column_figure(4.4)
+    figure = column_figure(4.4, top_in=0.25, right_in=0.42)
     if windows.num_rows == 0:
         return nothing_to_show(figure, "no pulses: the cut has no window")
     t_s = column(windows, "t_s")
     unit, seconds = time_unit(float(t_s[-1]))
     t = t_s / seconds
-    panels = figure.subplots(4, 1, sharex=True, height_ratios=[1.5, 1.0, 1.0, 1.0])
+    panels = figure.subplots(4, 1, sharex=True, height_ratios=[1.5, 1.0, 1.0, 1.0], gridspec_kw={"hspace": 0.12})
     _draw_shares(panels[0], t, windows)
     _draw_band(panels[1], t, column(windows, "mean_voltage_V"), BLUE, "voltage, V")
     current = panels[1].twinx()
@@ -101,7 +101,7 @@ def plane_figure(windows: pa.Table) -> Figure:
     """
     from matplotlib.collections import LineCollection
 
-    figure = column_figure(3.3)
+    figure = column_figure(3.3, top_in=0.49)
     if windows.num_rows == 0:
         return nothing_to_show(figure, "no pulses: the cut has no window")
     pulses = np.sum([column(windows, kind) for kind in KINDS], axis=0)
@@ -122,10 +122,7 @@ def plane_figure(windows: pa.Table) -> Figure:
     axes.plot([0, 100], [100, 0], color=INK, linewidth=0.7, linestyle=":", zorder=2, label="no pulse ignites")
     axes.set_xlim(0, 100)
     axes.set_ylim(0, max(float(short.max()), 10.0) * 1.03)
-    bar = figure.colorbar(path, ax=axes, location="top", aspect=45, pad=0.02)
-    bar.outline.set_visible(False)  # type: ignore[operator]
-    bar.ax.tick_params(labelsize=TICK_PT, colors=MUTED, length=2)
-    bar.set_label(f"path of the controller over machine time, {unit}", fontsize=LABEL_PT, color=MUTED)
+    colour_bar(figure, path, f"path of the controller over machine time, {unit}")
     legend(axes, loc="upper right")
     return figure
 
@@ -146,11 +143,11 @@ def delay_figure(sample: PulseSample, windows: pa.Table | None = None) -> Figure
         One column wide. Survival is the share of the pulses without short that have not ignited by then, as Laue
         plotted it; an exponential delay is a straight line.
     """
-    figure = column_figure(3.9)
+    figure = column_figure(3.9, top_in=0.25)
     delay = sample.delay_us[np.isfinite(sample.delay_us)]
     if not len(delay):
         return nothing_to_show(figure, "no ignition delay: none of the pulses looked at ignited")
-    above, below = figure.subplots(2, 1, sharex=True)
+    above, below = figure.subplots(2, 1, sharex=True, gridspec_kw={"hspace": 0.08})
     edges = np.linspace(0.0, max(float(delay.max()), 1.0), 41)
     dress(above, "", "density, 1/µs")
     above.hist(delay, edges, density=True, color=BLUE, alpha=0.75, label=f"{len(delay)} single delays")

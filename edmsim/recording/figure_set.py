@@ -53,7 +53,7 @@ def pictures(
         )  # fmt: skip
     yield Picture("kerf-section", "Cross-section of the kerf over the workpiece's height.", kerf_figure(report))
     yield Picture("pulses", "What became of the pulses, over machine time.", pulses_figure(windows))
-    yield Picture("short-open", "Short and open pulses, and the controller's way between them.", plane_figure(windows))
+    yield Picture("short-open", "Short and open pulses, and the controller's path among them.", plane_figure(windows))
     try:
         sample = sample_like(report, windows)
     except EdmsimError as error:

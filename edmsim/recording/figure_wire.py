@@ -35,7 +35,7 @@ def wire_frequencies_hz(machine: Machine, resolution: str) -> Array:
 
 
 def folded_hz(frequency_hz: Array, sampling_hz: float) -> Array:
-    """Return where frequencies appear when they are looked at once a pulse: between 0 and half the pulse frequency."""
+    """Return where frequencies appear when looked at once a pulse: between 0 and half the pulse frequency."""
     return np.asarray(np.abs((frequency_hz + sampling_hz / 2) % sampling_hz - sampling_hz / 2))
 
 
@@ -55,7 +55,7 @@ def spectrum(sample: PulseSample) -> tuple[Array, Array, Array]:
 
 
 def spectrum_figure(samples: Sequence[PulseSample], resolution: str = "default") -> Figure:
-    """Draw the wire's modes over its tension, as Campbell drew those of a rotor over its speed, and simulated spectra.
+    """Draw the wire's modes over its tension, as Campbell did those of rotors over their speed, and spectra.
 
     Parameters
     ----------
@@ -79,8 +79,8 @@ def spectrum_figure(samples: Sequence[PulseSample], resolution: str = "default")
     if not samples or min(len(s.kind) for s in samples) < 4 * SEGMENTS:
         raise InputError(f"a spectrum needs a sample of at least {4 * SEGMENTS} pulses")
     first = samples[0]
-    figure = column_figure(3.4)
-    modes, beside = figure.subplots(1, 2, sharey=True, width_ratios=[1.7, 1.0])
+    figure = column_figure(3.4, top_in=0.38)
+    modes, beside = figure.subplots(1, 2, sharey=True, width_ratios=[1.7, 1.0], gridspec_kw={"wspace": 0.14})
     sampling_hz = 1e6 / first.period_us
     if len(samples) > 1:
         _draw_waterfall(modes, samples)
@@ -147,8 +147,9 @@ def _draw_spectrum(axes: Axes, sample: PulseSample, sampling_hz: float, resoluti
         axes.semilogx(power[1:], frequency[1:] / 1e3, color=colour, linewidth=0.9, label=name, zorder=2)
     axes.grid(axis="y", visible=False)
     axes.set_title(
-        f"{sample.machine.tension:.3g} N, {sampling_hz / 1e3:.3g} kHz pulses", fontsize=TICK_PT, color=MUTED, loc="left"
-    )
+        f"{sample.machine.tension:.3g} N, {sampling_hz / 1e3:.3g} kHz pulses", fontsize=TICK_PT, color=MUTED,
+        loc="left",
+    )  # fmt: skip
     legend(axes)
     axes.xaxis.label.set_size(LABEL_PT)
     axes.xaxis.label.set_color(MUTED)

@@ -100,7 +100,7 @@ def sample_pulses(
     steps = _Steps(machine.base.table.step_um.value, feed_um_s)
     while plant.time_ns < settle_s * 1e9:
         if plant.advance(steps.until(plant.time_ns + plant.window_ns)).broken:
-            raise InputError(f"the wire broke within {settle_s:g} s at {feed_um_s:g} um/s: there are no pulses to see")
+            raise InputError(f"the wire broke within {settle_s:g} s at {feed_um_s:g} um/s: no pulses to see")
     return _look(plant, steps, feed_um_s, pulses)
 
 

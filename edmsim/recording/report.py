@@ -56,7 +56,7 @@ class Totals:
 
 @dataclass(frozen=True)
 class Wall:
-    """Where a wall of the kerf stands in one slice: mean, 5 % and 95 % of its distances from the wire's path, in um."""
+    """A wall of the kerf in one slice: mean, 5 % and 95 % of its distances from the wire's path, in um."""
 
     mean_um: float
     p5_um: float
