@@ -1,4 +1,4 @@
-"""The command line: ``edmsim cut``, ``view``, ``report``, ``train``, ``evaluate``, ``validate`` and ``bench``."""
+"""The command line: ``edmsim cut``, ``view``, ``report``, ``train``, ``evaluate``, ``calibrate`` and the rest."""
 
 from __future__ import annotations
 
@@ -192,6 +192,54 @@ def evaluate(
     else:
         for comparison in found:
             _OUT.print(render(comparison))
+
+
+@app.command()
+def calibrate(
+    log: Annotated[Path, typer.Argument(help="Table of windows, .parquet or CSV.", show_default=False)],
+    out: Annotated[Path, typer.Option(help="TOML file for the fitted machine; material and wire go beside it.")],
+    fit: Annotated[
+        str | None, typer.Option(metavar="A,B", help="Constants or sections to fit; by default the usual three.")
+    ] = None,
+    machine: Annotated[str, typer.Option(help="Machine to start from.")] = "agiecut-dem15",
+    material: Annotated[str, typer.Option(help="Workpiece material.")] = "tool-steel",
+    height: Annotated[float, typer.Option(help="Workpiece height in mm.")] = 20.0,
+    wire: Annotated[str, typer.Option(help="Wire, with a diameter in um if wanted: brass, copper-100.")] = "brass",
+    tension: Annotated[float | None, typer.Option(help="Wire tension in N; default by wire.")] = None,
+    generator: Annotated[str, typer.Option(help="Pulse generator.")] = "iso-pulse",
+    resolution: Annotated[str, typer.Option(help="fast, default or fine.")] = "fast",
+    seed: Annotated[int, typer.Option(help="Seed of every draw.")] = 0,
+    json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+) -> None:
+    """Fit the model's constants to a machine's log."""
+    from .calibration import DEFAULT_CONSTANTS, read_log
+    from .calibration import calibrate as run
+    from .calibration.output import as_json, check_writable, render, write
+    from .machine import Machine
+    from .plant.setup import resolution as check_resolution
+
+    check_resolution(resolution)
+    check_writable(out)
+    set_up = Machine.load(
+        machine, material=material, wire=wire, generator=generator, height_mm=height, tension=tension
+    )
+    table = read_log(log)
+    try:
+        with _ERR.status("calibrate") as status:
+            found = run(
+                table, set_up, DEFAULT_CONSTANTS if fit is None else fit.split(","), seed=seed, resolution=resolution,
+                watch=lambda p: status.update(f"{p.cuts} cuts simulated, misfit {p.misfit:.2f}"),
+            )
+    except KeyboardInterrupt:
+        _say("interrupted; nothing was written")
+        raise typer.Exit(INTERRUPTED) from None
+    files = write(found, table.name, out)
+    if json:
+        sys.stdout.write(as_json(found, files) + "\n")
+        return
+    _OUT.print(render(found))
+    options = " ".join(f"--{part} {file}" for part, file in files.items())
+    _OUT.print(f"Cut with it: edmsim cut PROGRAM {options} --out DIR", highlight=False, soft_wrap=True, markup=False)
 
 
 @app.command()

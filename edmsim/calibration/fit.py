@@ -1,8 +1,8 @@
 """Least squares on summary statistics: which constants let the model cut as the machine of a log did.
 
 The statistics of steady stretches of the log are compared with those of straight cuts of the same feed and setting,
-simulated with common random numbers. Both are known only to their noise, whose covariance is taken from batches of the
-log. Constants are shares of their published ranges, which bound them.
+simulated with common random numbers. Both are known only to their noise, whose covariance is taken from batches of
+the log. Constants are shares of their published ranges, which bound them.
 """
 
 from __future__ import annotations
@@ -123,7 +123,8 @@ def calibrate(
     steady = stretches(log)
     if not steady:
         raise InputError(
-            f"no steady stretch of {STRETCH_WINDOWS} windows in it, with metal near, one setting and one feed", log.name
+            f"no steady stretch of {STRETCH_WINDOWS} windows in it, with metal near, one setting and one feed",
+            log.name,
         )
     picked = spread(steady, MOST_STRETCHES)
     for stretch in picked:
@@ -323,7 +324,7 @@ class _Search:
         covariance = self.covariance()
         if covariance is not None:
             return np.asarray(np.sqrt(np.diag(covariance)))
-        values, vectors = np.linalg.eigh(self.information)
+        vectors = np.linalg.eigh(self.information)[1]
         error = np.zeros(len(self.names))
         error[int(np.abs(vectors[:, 0]).argmax())] = np.inf
         return error

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -187,7 +188,7 @@ def _runs(log: Log) -> list[tuple[int, int]]:
             if step[place] == near.max():
                 changes[place + width - 1] = True
     edges = [0, *(np.flatnonzero(changes) + 1).tolist(), len(feed)]
-    return list(zip(edges[:-1], edges[1:], strict=True))
+    return list(pairwise(edges))
 
 
 def _stretch(log: Log, first: int) -> Stretch | None:
