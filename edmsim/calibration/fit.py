@@ -2,22 +2,22 @@
 
 The statistics of steady stretches of the log are compared with those of straight cuts of the same feed and setting,
 simulated with common random numbers. Both are known only to their noise, whose covariance is taken from batches of
-the log. Constants are shares of their published ranges, which bound them.
+the log and from cuts with other seeds. Constants are shares of their published ranges, which bound them.
 """
 
 from __future__ import annotations
 
-import os
+import math
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from edmsim.calibration.log import STATISTICS, STRETCH_WINDOWS, Log, Stretch, stretches
-from edmsim.calibration.simulate import simulate
+from edmsim.calibration.comparison import Comparison, Progress
+from edmsim.calibration.log import STRETCH_WINDOWS, Log, Stretch, stretches
+from edmsim.calibration.simulate import settle_um
 from edmsim.errors import InputError
 from edmsim.uncertainty import choose, share_of, value_at, with_values
 
@@ -34,10 +34,6 @@ STEP = 0.15
 """Half the difference, in shares of the range, over which sensitivities are taken (ours: well above the noise)."""
 MOST_ROUNDS = 10
 """Gauss-Newton steps at most (ours)."""
-SHRINKAGE = 0.2
-"""How far measured correlations of the statistics are drawn to none (ours: few batches know them badly)."""
-READING = (1e-3, 1e-3, 2e-3, 2e-3, 5e-3)
-"""Least standard deviation of a stretch's statistics, the latter three relative (ours: a meter's and a counter's)."""
 UNTOLD = 0.29
 """A standard error of this share of the range is no more than the range says: a uniform draw has it (1/sqrt(12))."""
 AT_BOUND = 0.01
@@ -53,13 +49,6 @@ class Fitted(NamedTuple):
     interval: tuple[float, float]
     range: tuple[float, float]
     remark: str
-
-
-class Progress(NamedTuple):
-    """How far a calibration is: cuts simulated, and the misfit per degree of freedom last found (NaN: none yet)."""
-
-    cuts: int
-    misfit: float
 
 
 @dataclass(frozen=True)
@@ -120,7 +109,7 @@ def calibrate(
         or a log that tells none of the constants.
     """
     known = choose(machine, only)
-    steady = stretches(log)
+    steady = stretches(log, settle_um(machine))
     if not steady:
         raise InputError(
             f"no steady stretch of {STRETCH_WINDOWS} windows in it, with metal near, one setting and one feed",
@@ -129,9 +118,10 @@ def calibrate(
     picked = spread(steady, MOST_STRETCHES)
     for stretch in picked:
         machine.with_(t_on_us=stretch.t_on_us, t_period_us=stretch.t_period_us)  # raises what the generator refuses
-    comparison = _Comparison(machine, picked, seed, resolution, watch)
-    if comparison.size <= len(known):
-        raise InputError(f"{len(known)} constants cannot be told from {comparison.size} statistics", log.name)
+    size = int(sum(np.isfinite(stretch.mean).sum() for stretch in picked))
+    if size <= len(known):
+        raise InputError(f"{len(known)} constants cannot be told from {size} statistics", log.name)
+    comparison = Comparison(machine, picked, seed, resolution, watch)
     return _fit_what_is_told(comparison, known, log.name)
 
 
@@ -142,82 +132,12 @@ def spread(steady: Sequence[Stretch], most: int) -> list[Stretch]:
     return sorted((ordered[k] for k in places), key=lambda s: s.first)
 
 
-class _Comparison:
-    """Residuals of a machine against the log, in units of their noise, and their sensitivities."""
-
-    def __init__(
-        self, machine: Machine, picked: list[Stretch], seed: int, resolution: str,
-        watch: Callable[[Progress], None] | None,
-    ) -> None:
-        self.machine, self.picked = machine, picked
-        self._seed, self._resolution, self._watch = seed, resolution, watch
-        self._cuts, self._misfit = 0, float("nan")
-        self._known = np.array([np.isfinite(stretch.mean) for stretch in picked])
-        self._scales = _noise_scales(picked)
-        self.size = int(self._known.sum())
-
-    def statistics(self, machines: Sequence[Machine]) -> Array:
-        """Simulate every stretch with every machine: (machines, stretches, 5)."""
-        jobs = [(machine, number) for machine in machines for number in range(len(self.picked))]
-        with ThreadPoolExecutor(os.cpu_count()) as pool:
-            try:
-                found = []
-                for row in pool.map(self._simulate, jobs):
-                    found.append(row)
-                    self._cuts += 1
-                    if self._watch is not None:
-                        self._watch(Progress(self._cuts, self._misfit))
-            except BaseException:
-                pool.shutdown(cancel_futures=True)
-                raise
-        return np.array(found).reshape(len(machines), len(self.picked), len(STATISTICS))
-
-    def _simulate(self, job: tuple[Machine, int]) -> Array:
-        machine, number = job
-        stretch = self.picked[number]
-        batches = simulate(machine, stretch, STRETCH_WINDOWS, self._seed + number, self._resolution)
-        return Stretch(0, stretch.feed_um_s, stretch.t_on_us, stretch.t_period_us, batches).mean
-
-    def residuals(self, simulated: Array) -> Array:
-        """Simulated less logged statistics, in units of their noise and uncorrelated, (size,)."""
-        rows = []
-        for number, stretch in enumerate(self.picked):
-            known = self._known[number]
-            # what the model never does (no ignition at all) is as far off as the log's own value
-            apart = np.where(np.isfinite(simulated[number]), simulated[number], 0.0) - stretch.mean
-            rows.append(np.linalg.solve(self._scales[number][np.ix_(known, known)], apart[known]))
-        return np.concatenate(rows)
-
-    def tell(self, misfit: float) -> None:
-        """Take note of the misfit for whoever watches."""
-        self._misfit = misfit
-
-
-def _noise_scales(picked: Sequence[Stretch]) -> list[Array]:
-    """Lower triangular roots of the covariance of simulated less logged statistics, one (5, 5) per stretch.
-
-    The simulated cut is as long as the logged one, so that it doubles the log's variance.
-    """
-    apart = np.concatenate([stretch.batches - stretch.mean for stretch in picked])
-    apart = np.where(np.isfinite(apart), apart, 0.0)
-    size = np.maximum(apart.std(axis=0), 1e-12)
-    correlation = (1 - SHRINKAGE) * (apart / size).T @ (apart / size) / len(apart)
-    np.fill_diagonal(correlation, 1.0)
-    root = np.linalg.cholesky(correlation)
-    scales = []
-    for stretch in picked:
-        count = len(stretch.batches)
-        own = np.nan_to_num(np.where(np.isfinite(stretch.batches), stretch.batches - stretch.mean, 0.0))
-        variance = 2 * (own**2).sum(axis=0) / (count - 1) / count
-        relative = np.where([False, False, True, True, True], np.abs(np.nan_to_num(stretch.mean)), 1.0)
-        variance += (np.array(READING) * relative) ** 2
-        scales.append(np.sqrt(variance)[:, None] * root)
-    return scales
-
-
-def _fit_what_is_told(comparison: _Comparison, known: dict[str, Constant], log_name: str) -> Fit:
-    """Fit; give up, one after the other, the constants the log does not tell, and fit the rest again."""
-    untold: dict[str, str] = {}
+def _fit_what_is_told(comparison: Comparison, known: dict[str, Constant], log_name: str) -> Fit:
+    """Fit what the log tells: constants it knows nothing of go before the search, those it cannot part after."""
+    begun = _Search(comparison, known)
+    told = begun.told_alone()
+    untold = {name: "the statistics do not depend on it" for name, seen in zip(known, told, strict=True) if not seen}
+    known = {name: constant for name, constant in known.items() if name not in untold}
     while known:
         search = _Search(comparison, known)
         search.run()
@@ -226,24 +146,17 @@ def _fit_what_is_told(comparison: _Comparison, known: dict[str, Constant], log_n
         if error[worst] < UNTOLD:
             return _result(search, error, untold)
         name = list(known)[worst]
-        untold[name] = _why_untold(search, worst)
-        known = {key: constant for key, constant in known.items() if key != name}
+        others = [other for other in known if other != name]
+        untold[name] = f"another value of {', '.join(others)} does the same" if others else "the noise hides it"
+        known = {other: known[other] for other in others}
     reasons = "; ".join(f"{name}: {reason}" for name, reason in untold.items())
     raise InputError(f"the log tells none of the constants ({reasons})", log_name)
-
-
-def _why_untold(search: _Search, place: int) -> str:
-    alone = search.information[place, place]
-    if alone * UNTOLD**2 < 1:
-        return "the statistics do not depend on it"
-    others = [name for name in search.names if name != search.names[place]]
-    return f"another value of {', '.join(others)} does the same"
 
 
 class _Search:
     """Gauss-Newton by SciPy in shares of the constants' ranges."""
 
-    def __init__(self, comparison: _Comparison, known: dict[str, Constant]) -> None:
+    def __init__(self, comparison: Comparison, known: dict[str, Constant]) -> None:
         self.comparison = comparison
         self.names = list(known)
         self.ranges = [constant.range for constant in known.values() if constant.range is not None]
@@ -253,7 +166,8 @@ class _Search:
         self.shares: Array = np.clip(starts, 0.05, 0.95)
         self.simulated: Array = np.zeros((0, 5))
         self.information: Array = np.zeros((0, 0))
-        self.misfit = float("nan")
+        self.misfit = math.nan
+        self._seen: dict[bytes, Array] = {}
 
     def machine(self, shares: Array) -> Machine:
         """Return the machine with its constants at these shares of their ranges."""
@@ -266,6 +180,11 @@ class _Search:
             for name, bounds, share in zip(self.names, self.ranges, shares, strict=True)
         }
 
+    def told_alone(self) -> list[bool]:
+        """Say of each constant whether it would be told if it were the only one unknown, where the search begins."""
+        alone = np.diag(self._information(self._sensitivities(self.shares)))
+        return [bool(value * UNTOLD**2 > 1) for value in alone]
+
     def run(self) -> None:
         """Search, and take information and misfit where it ended."""
         from scipy.optimize import least_squares
@@ -275,13 +194,21 @@ class _Search:
             ftol=1e-3, xtol=3e-3, gtol=None, max_nfev=MOST_ROUNDS,
         )  # fmt: skip
         self.shares = found.x
-        self.simulated = self.comparison.statistics([self.machine(found.x)])[0]
+        self.simulated = self._statistics([found.x])[0]
         self.misfit = self._misfit(self.comparison.residuals(self.simulated))
         self.information = self._information(self._sensitivities(found.x))
 
+    def _statistics(self, places: Sequence[Array]) -> Array:
+        """Simulate at these shares, (places, stretches, 5); what was simulated before is remembered."""
+        new = {place.tobytes(): place for place in places if place.tobytes() not in self._seen}
+        if new:
+            rows = self.comparison.statistics([self.machine(place) for place in new.values()])
+            self._seen.update(zip(new, rows, strict=True))
+        return np.array([self._seen[place.tobytes()] for place in places])
+
     def _residuals(self, shares: Array) -> Array:
-        residuals = self.comparison.residuals(self.comparison.statistics([self.machine(shares)])[0])
-        self.comparison.tell(self._misfit(residuals))
+        residuals = self.comparison.residuals(self._statistics([shares])[0])
+        self.comparison.misfit = self._misfit(residuals)
         return residuals
 
     def _misfit(self, residuals: Array) -> float:
@@ -300,8 +227,8 @@ class _Search:
     def _sensitivities(self, shares: Array) -> Array:
         """Change of the residuals per share of the range, (size, p)."""
         pairs = self._around(shares)
-        machines = [self.machine(place) for pair in pairs for place in pair]
-        residuals = [self.comparison.residuals(row) for row in self.comparison.statistics(machines)]
+        rows = self._statistics([place for pair in pairs for place in pair])
+        residuals = [self.comparison.residuals(row) for row in rows]
         return np.column_stack([(residuals[2 * k + 1] - residuals[2 * k]) / (2 * STEP) for k in range(len(pairs))])
 
     def _information(self, sensitivities: Array) -> Array:

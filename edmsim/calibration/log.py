@@ -29,8 +29,6 @@ STRETCH_WINDOWS = 400
 """Windows of a stretch: 10 s at a period of 100 us (ours)."""
 BATCH_WINDOWS = 40
 """Windows whose mean counts as one independent observation: 1 s at 100 us (ours: a gap forgets in less)."""
-SETTLE_S = 3.0
-"""What follows a change of setting or feed is left out for so long (ours: several times what a gap takes)."""
 AIR_SHARE = 0.9
 """A stretch with more open pulses than this has no metal near the wire (ours)."""
 FEED_SPREAD = 0.15
@@ -156,17 +154,18 @@ def _check(columns: Mapping[str, Array], file: str | Path) -> None:
             )  # fmt: skip
 
 
-def stretches(log: Log) -> list[Stretch]:
+def stretches(log: Log, settle_um: float) -> list[Stretch]:
     """Cut a log into its steady stretches.
 
-    A new run begins where the setting changes or the feed jumps; after `SETTLE_S` it is cut into stretches of
-    `STRETCH_WINDOWS`. Stretches in air, at rest, or with an unsteady feed are left out.
+    A new run begins where the setting changes or the feed jumps; after a travel of `settle_um` it is cut into
+    stretches of `STRETCH_WINDOWS`. Stretches in air, at rest, or with an unsteady feed are left out.
     """
     found = []
     for begin, end in _runs(log):
         window_s = WINDOW_PULSES * log.columns["t_period_us"][begin] * 1e-6
-        begin += int(np.ceil(SETTLE_S / window_s))
-        for first in range(begin, end - STRETCH_WINDOWS + 1, STRETCH_WINDOWS):
+        travel_um = np.cumsum(np.maximum(log.columns["feed_um_s"][begin:end], 0.0)) * window_s
+        settled = begin + int(np.searchsorted(travel_um, settle_um))
+        for first in range(settled, end - STRETCH_WINDOWS + 1, STRETCH_WINDOWS):
             stretch = _stretch(log, first)
             if stretch is not None:
                 found.append(stretch)

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from edmsim.machine import Machine
 
 STRONG = 0.95
-"""Errors as strongly correlated as this are told: the log knows a combination of the two better than either (ours)."""
+"""Errors correlated as strongly as this are told: the log knows a combination better than either (ours)."""
 
 
 def files_of(fit: Fit, out: Path) -> dict[str, Path]:

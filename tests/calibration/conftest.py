@@ -17,7 +17,7 @@ from edmsim.validation.straight import Traverse, begin
 TRUTH = {"gap.critical_um": 9.5, "material.removal_mm3_J": 7.5e-3}
 
 
-def simulated_log(machine: edmsim.Machine, feeds_um_s: Sequence[float], seed: int, windows: int = 530) -> pa.Table:
+def simulated_log(machine: edmsim.Machine, feeds_um_s: Sequence[float], seed: int, windows: int = 990) -> pa.Table:
     """Cut straight at one feed after the other, and keep what a machine shows of it."""
     rows = []
     for number, feed in enumerate(feeds_um_s):
@@ -33,4 +33,5 @@ def simulated_log(machine: edmsim.Machine, feeds_um_s: Sequence[float], seed: in
 def known() -> SimpleNamespace:
     """Give the set-up as its files have it, the constants of the machine that was logged, and its log."""
     machine = edmsim.Machine.load(height_mm=10.0)
-    return SimpleNamespace(machine=machine, truth=TRUTH, table=simulated_log(with_values(machine, TRUTH), (22, 34), 900))
+    table = simulated_log(with_values(machine, TRUTH), (22, 34), 900)
+    return SimpleNamespace(machine=machine, truth=TRUTH, table=table)

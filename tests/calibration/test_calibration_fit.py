@@ -70,21 +70,21 @@ def test_the_fitted_set_up_can_be_cut_with(known: SimpleNamespace, recovered: Fi
 
 @pytest.mark.slow
 def test_a_log_that_tells_nothing_is_refused(known: SimpleNamespace) -> None:
-    one = log_of(known.table.slice(0, 530))
-    with pytest.raises(edmsim.InputError, match=r"tells none of the constants \(wire.strength_MPa: the statistics do"):
+    one = log_of(known.table.slice(0, 990))
+    with pytest.raises(edmsim.InputError, match=r"none of the constants \(wire.strength_MPa: the statistics do"):
         calibrate(one, known.machine, ["wire.strength_MPa"])
 
 
 @pytest.mark.slow
 def test_the_same_seed_fits_the_same(known: SimpleNamespace) -> None:
-    one = log_of(known.table.slice(0, 530))
+    one = log_of(known.table.slice(0, 990))
     first, second = (calibrate(one, known.machine, ["material.removal_mm3_J"], seed=5) for _ in range(2))
     assert first.constants == second.constants
     np.testing.assert_array_equal(first.simulated, second.simulated)
 
 
 def test_the_logged_machine_has_the_logs_statistics(known: SimpleNamespace) -> None:
-    stretch = stretches(log_of(known.table))[0]
+    stretch = stretches(log_of(known.table), 325.0)[0]
     right, wrong = (
         Stretch(0, 22.0, 30.0, 100.0, simulate(machine, stretch, STRETCH_WINDOWS, 1, "fast")).mean - stretch.mean
         for machine in (with_values(known.machine, known.truth), known.machine)
@@ -95,7 +95,7 @@ def test_the_logged_machine_has_the_logs_statistics(known: SimpleNamespace) -> N
 
 
 def test_a_wire_driven_into_the_metal_counts_as_shorted(known: SimpleNamespace) -> None:
-    stretch = stretches(log_of(known.table))[0]
+    stretch = stretches(log_of(known.table), 325.0)[0]
     jammed = Stretch(0, 350.0, stretch.t_on_us, stretch.t_period_us, stretch.batches)
     batches = simulate(known.machine, jammed, 80, 0, "fast")
     np.testing.assert_array_equal(batches[-1, :3], [1.0, 0.0, 0.0])
@@ -123,7 +123,7 @@ def test_constants_that_cannot_be_fitted_are_refused(known: SimpleNamespace) -> 
                        (["gap.contact_um"], "'gap.contact_um' is no section or constant with a range")):  # fmt: skip
         with pytest.raises(edmsim.InputError, match=said):
             calibrate(log, known.machine, only)
-    with pytest.raises(edmsim.InputError, match=r"24 constants cannot be told from 10 statistics|constants cannot be"):
+    with pytest.raises(edmsim.InputError, match=r"\d\d constants cannot be told from 10 statistics"):
         calibrate(log, known.machine, ["gap", "discharge", "dielectric", "guides"])
 
 
@@ -147,7 +147,7 @@ def run(monkeypatch: pytest.MonkeyPatch, *arguments: object) -> int:
 
 @pytest.fixture
 def log_file(known: SimpleNamespace, tmp_path: Path) -> Path:
-    pa.parquet.write_table(known.table.slice(0, 530), tmp_path / "log.parquet")
+    pa.parquet.write_table(known.table.slice(0, 990), tmp_path / "log.parquet")
     return tmp_path / "log.parquet"
 
 
@@ -179,7 +179,7 @@ def test_an_interrupted_fit_writes_nothing(
     def interrupt(*_: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("edmsim.calibration.fit.simulate", interrupt)
+    monkeypatch.setattr("edmsim.calibration.comparison.simulate", interrupt)
     assert run(monkeypatch, log_file, "--out", log_file.parent / "fitted.toml", "--height", "10") == cli.INTERRUPTED
     assert "interrupted; nothing was written" in capsys.readouterr().err
     assert [file.name for file in log_file.parent.iterdir()] == ["log.parquet"]
@@ -190,12 +190,13 @@ def test_the_command_tells_and_writes(
     known: SimpleNamespace, log_file: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out = log_file.parent / "fitted.toml"
-    assert run(monkeypatch, log_file, "--out", out, "--height", "10", "--fit", "material.removal_mm3_J", "--json") == 0
+    options = ("--out", out, "--height", "10", "--fit", "material.removal_mm3_J", "--json")
+    assert run(monkeypatch, log_file, *options) == 0
     told = json.loads(capsys.readouterr().out)
     (constant,) = told["constants"]
     assert constant["name"] == "material.removal_mm3_J"
     low, high = constant["interval"]
     assert low < constant["value"] < high
     assert told["files"] == {"machine": str(out), "material": str(out.with_name("fitted-material.toml"))}
-    assert len(read_log(log_file)) == 530
+    assert len(read_log(log_file)) == 990
     edmsim.Machine.load(str(out), material=told["files"]["material"])

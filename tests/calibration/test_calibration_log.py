@@ -15,8 +15,9 @@ from edmsim.calibration import Log, read_log
 from edmsim.calibration.fit import spread
 from edmsim.calibration.log import BATCH_WINDOWS, COLUMNS, STRETCH_WINDOWS, Stretch, statistics, stretches
 
-SETTLE = 118
-"""Windows of 25.5 ms in 3 s."""
+SETTLE = 100
+"""Windows of 25.5 ms at 20 um/s in a travel of 51 um."""
+SETTLE_UM = 50.99
 
 
 def rows(count: int, **values: float | np.ndarray) -> dict[str, np.ndarray]:
@@ -55,7 +56,7 @@ def test_a_cut_has_the_columns_of_a_log(small_cut) -> None:
         ("log.parquet", "feed_um_s\n1\n", "cannot be read as Parquet"),
         ("log.csv", "feed_um_s,short\n1,2\n", "column open is missing; a log needs feed_um_s short open"),
         ("log.csv", ",".join(COLUMNS) + "\n", "no windows in it"),
-        ("log.csv", ",".join(COLUMNS) + "\n20,1,2,20,1,x,30,100\n", "column mean_delay_us holds something that is no"),
+        ("log.csv", ",".join(COLUMNS) + "\n20,1,2,20,1,x,30,100\n", "column mean_delay_us holds something that"),
         ("log.csv", ",".join(COLUMNS) + "\n20,200,100,20,1,9,30,100\n", "window 1: short 200 cannot be"),
         ("log.csv", ",".join(COLUMNS) + "\n20,1,2,20,1,9,30,100\n20,1,2,20,1,9,30,30\n", "window 2: t_period_us 30"),
         ("log.csv", ",".join(COLUMNS) + "\n20,1,2,,1,9,30,100\n", "window 1: mean_voltage_V nan"),
@@ -86,10 +87,10 @@ def test_delays_are_weighted_by_what_ignited() -> None:
 def test_stretches_begin_after_each_change_has_settled() -> None:
     count = SETTLE + STRETCH_WINDOWS + 20
     log = log_of(rows(count), rows(count, feed_um_s=30.0), rows(count, feed_um_s=30.0, t_on_us=20.0))
-    found = stretches(log)
+    found = stretches(log, SETTLE_UM)
     assert [s.feed_um_s for s in found] == [20.0, 30.0, 30.0]
     assert [s.t_on_us for s in found] == [30.0, 30.0, 20.0]
-    assert [s.first for s in found] == [SETTLE, count + SETTLE, 2 * count + SETTLE]
+    assert [s.first for s in found] == [99, count + 66, 2 * count + 66]  # 100 and 66.7 windows of travel
     np.testing.assert_allclose(found[0].mean, [10 / 255, 100 / 255, 21.0, 0.7, 11.0])
 
 
@@ -100,7 +101,7 @@ def test_air_rest_and_unsteady_feeds_are_left_out() -> None:
         rows(count, open=250.0, short=0.0), rows(count, feed_um_s=0.0, t_on_us=29.0), rows(count, t_on_us=28.0),
         rows(count, feed_um_s=restless, t_on_us=27.0), rows(count, feed_um_s=-20.0, t_on_us=26.0),
     )  # fmt: skip
-    assert [s.t_on_us for s in stretches(log)] == [28.0]
+    assert [s.t_on_us for s in stretches(log, SETTLE_UM)] == [28.0]
 
 
 def test_of_many_stretches_those_that_differ_are_compared() -> None:
