@@ -31,8 +31,11 @@ def files_of(fit: Fit, out: Path) -> dict[str, Path]:
     The machine's constants go into `out`; those of material and wire, if any were fitted, into files beside it.
     """
     parts = {constant.name.partition(".")[0] for constant in fit.constants}
-    beside = {part: out.with_name(f"{out.stem}-{part}.toml") for part in ("material", "wire") if part in parts}
-    return {"machine": out, **beside}
+    files = {"machine": out}
+    for part in ("material", "wire"):
+        if part in parts:
+            files[part] = out.with_name(f"{out.stem}-{part}.toml")
+    return files
 
 
 def write(fit: Fit, log_name: str, out: Path) -> dict[str, Path]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from edmsim.recording.figure_series import quiet
 from edmsim.recording.palette import INK, MUTED
@@ -42,7 +42,7 @@ def colour_bar(figure: Figure, lines: ScalarMappable, label: str) -> None:
     margins = figure.subplotpars
     place = figure.add_axes((margins.left, 1 - 0.41 / height_in, margins.right - margins.left, 0.05 / height_in))
     bar = figure.colorbar(lines, cax=place, orientation="horizontal", extendfrac=0.03)
-    bar.outline.set_visible(False)  # type: ignore[operator]
+    bar.outline.set_visible(False)
     place.xaxis.set_ticks_position("top")
     place.xaxis.set_label_position("top")
     place.tick_params(labelsize=TICK_PT, colors=MUTED, length=2, pad=1)
@@ -59,7 +59,7 @@ def dress(axes: Axes, x: str, y: str) -> None:
 
 def legend(axes: Axes, *, above: bool = False, columns: int = 1, loc: str = "best") -> None:
     """Explain what is drawn: inside the axes, or in a row above them."""
-    style = {
+    style: dict[str, Any] = {
         "fontsize": TICK_PT, "labelcolor": INK, "handlelength": 1.4, "handletextpad": 0.5, "columnspacing": 1.0,
         "labelspacing": 0.3, "borderaxespad": 0.3,
     }

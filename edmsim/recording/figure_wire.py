@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from edmsim.errors import InputError
-from edmsim.recording.figure_paper import LABEL_PT, TICK_PT, column_figure, dress, legend
+from edmsim.recording.figure_paper import TICK_PT, column_figure, dress, legend
 from edmsim.recording.palette import BLUE, GRID, INK, MUTED, ORANGE, VERMILION
 from edmsim.recording.pulse_sample import PulseSample
 
@@ -47,7 +47,7 @@ def spectrum(sample: PulseSample) -> tuple[Array, Array, Array]:
     from scipy.signal import welch
 
     length = max(len(sample.deflection_um) // SEGMENTS, 2)
-    frequency, power = welch(
+    frequency, power = welch(  # type: ignore[call-overload]  # the stubs do not know detrend="linear"
         sample.deflection_um, fs=1e6 / sample.period_us, nperseg=length, detrend="linear", axis=0
     )
     along, across = power.mean(axis=1).T
@@ -99,7 +99,7 @@ def _draw_modes(axes: Axes, sample: PulseSample, sampling_hz: float, resolution:
         below = np.where(line <= sampling_hz / 2, line, np.nan)
         folded = np.where(line > sampling_hz / 2, folded_hz(line, sampling_hz), np.nan)
         axes.plot(tension, below / 1e3, color=INK, linewidth=1.0, label="mode" if number == 0 else None)
-        style = {"color": INK, "linewidth": 0.6, "linestyle": (0, (3, 3)), "alpha": 0.6}
+        style: dict[str, Any] = {"color": INK, "linewidth": 0.6, "linestyle": (0, (3, 3)), "alpha": 0.6}
         # only the first few: the higher ones crowd, and hardly move
         if number < 4 and np.isfinite(folded).any():
             axes.plot(tension, folded / 1e3, **style)
@@ -151,5 +151,3 @@ def _draw_spectrum(axes: Axes, sample: PulseSample, sampling_hz: float, resoluti
         loc="left",
     )  # fmt: skip
     legend(axes)
-    axes.xaxis.label.set_size(LABEL_PT)
-    axes.xaxis.label.set_color(MUTED)
