@@ -57,7 +57,9 @@ def dress(axes: Axes, x: str, y: str) -> None:
     axes.set_ylabel(y, fontsize=LABEL_PT, color=MUTED)
 
 
-def legend(axes: Axes, *, above: bool = False, columns: int = 1, loc: Literal["best", "upper right"] = "best") -> None:
+def legend(
+    axes: Axes, *, above: bool = False, columns: int = 1, loc: Literal["best", "upper right"] = "best"
+) -> None:
     """Explain what is drawn: inside the axes, or in a row above them."""
     style: dict[str, Any] = {
         "fontsize": TICK_PT, "labelcolor": INK, "handlelength": 1.4, "handletextpad": 0.5, "columnspacing": 1.0,
