@@ -1,4 +1,4 @@
-"""The command line: ``edmsim cut``, ``view``, ``render``, ``train``, ``evaluate``, ``validate``, ``bench``, ``terminal``."""
+"""The command line: ``edmsim cut``, ``view``, ``report``, ``train``, ``evaluate``, ``terminal`` and the rest."""
 
 from __future__ import annotations
 
@@ -14,8 +14,6 @@ from .errors import EdmsimError, InputError
 
 if TYPE_CHECKING:
     from rich.progress import TaskID
-
-    from .cosim import Progress
 
 app = typer.Typer(
     add_completion=False, no_args_is_help=True, pretty_exceptions_enable=False,
@@ -73,8 +71,9 @@ def cut(
     from .cosim import FINISHED
     from .heights import parse_height
     from .job import cut as run_cut
+    from .progress import ProgressBar
 
-    watcher = _ProgressBar(quiet)
+    watcher = ProgressBar(quiet, _ERR)
     try:
         with watcher:
             result = run_cut(
@@ -141,6 +140,21 @@ def render(
             written = take_screenshots(recording, screenshots)
         names = " ".join(str(file) for file in written)
         _OUT.print(f"Written: {names}", highlight=False, soft_wrap=True, markup=False)
+
+
+@app.command()
+def report(
+    directory: Annotated[Path, typer.Argument(help="Folder of a cut.", show_default=False)],
+    figures: Annotated[
+        Path | None, typer.Option(help="Write the figures for a paper into this folder instead.")
+    ] = None,
+    format: Annotated[str, typer.Option(help="Of these figures: pdf, svg or png.")] = "pdf",
+) -> None:
+    """Make report.html of a cut anew, or its figures as files."""
+    from .recording.cut_folder import remake
+
+    for file in remake(directory, figures, format, _say):
+        _OUT.print(str(file), highlight=False, soft_wrap=True, markup=False)
 
 
 @app.command()
@@ -218,6 +232,54 @@ def evaluate(
             _OUT.print(render(comparison, _OUT.width))
             for text in told(comparison):
                 _OUT.print(text, highlight=False, markup=False)
+
+
+@app.command()
+def calibrate(
+    log: Annotated[Path, typer.Argument(help="Table of windows, .parquet or CSV.", show_default=False)],
+    out: Annotated[Path, typer.Option(help="TOML file for the fitted machine; material and wire go beside it.")],
+    fit: Annotated[
+        str | None, typer.Option(metavar="A,B", help="Constants or sections to fit; by default the usual three.")
+    ] = None,
+    machine: Annotated[str, typer.Option(help="Machine to start from.")] = "agiecut-dem15",
+    material: Annotated[str, typer.Option(help="Workpiece material.")] = "tool-steel",
+    height: Annotated[float, typer.Option(help="Workpiece height in mm.")] = 20.0,
+    wire: Annotated[str, typer.Option(help="Wire, with a diameter in um if wanted: brass, copper-100.")] = "brass",
+    tension: Annotated[float | None, typer.Option(help="Wire tension in N; default by wire.")] = None,
+    generator: Annotated[str, typer.Option(help="Pulse generator.")] = "iso-pulse",
+    resolution: Annotated[str, typer.Option(help="fast, default or fine.")] = "fast",
+    seed: Annotated[int, typer.Option(help="Seed of every draw.")] = 0,
+    json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+) -> None:
+    """Fit the model's constants to a machine's log."""
+    from .calibration import DEFAULT_CONSTANTS, read_log
+    from .calibration import calibrate as run
+    from .calibration.output import as_json, check_writable, render, write
+    from .machine import Machine
+    from .plant.setup import resolution as check_resolution
+
+    check_resolution(resolution)
+    check_writable(out)
+    set_up = Machine.load(
+        machine, material=material, wire=wire, generator=generator, height_mm=height, tension=tension
+    )
+    table = read_log(log)
+    try:
+        with _ERR.status("calibrate") as status:
+            found = run(
+                table, set_up, DEFAULT_CONSTANTS if fit is None else fit.split(","), seed=seed, resolution=resolution,
+                watch=lambda p: status.update(f"{p.cuts} cuts simulated, misfit {p.misfit:.2f}"),
+            )
+    except KeyboardInterrupt:
+        _say("interrupted; nothing was written")
+        raise typer.Exit(INTERRUPTED) from None
+    files = write(found, table.name, out)
+    if json:
+        sys.stdout.write(as_json(found, files) + "\n")
+        return
+    _OUT.print(render(found))
+    options = " ".join(f"--{part} {file}" for part, file in files.items())
+    _OUT.print(f"Cut with it: edmsim cut PROGRAM {options} --out DIR", highlight=False, soft_wrap=True, markup=False)
 
 
 @app.command()
@@ -321,54 +383,6 @@ def terminal(
         raise typer.Exit(run(rig, host, speed, view))
     except KeyboardInterrupt:
         raise typer.Exit(INTERRUPTED) from None
-
-
-class _ProgressBar:
-    """Progress of a cut: share of the path, simulated and wall time, feed, shorts and opens."""
-
-    _EVERY_S = 0.1
-
-    def __init__(self, quiet: bool) -> None:
-        from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
-
-        self._bar = Progress(
-            TextColumn("{task.percentage:5.1f} %"),
-            BarColumn(bar_width=24),
-            TextColumn("{task.fields[machine]} simulated in"),
-            TimeElapsedColumn(),
-            TextColumn("{task.fields[process]}"),
-            console=_ERR,
-            disable=quiet,
-        )
-        self._task = self._bar.add_task("cut", total=1.0, machine="0:00:00", process="")
-        self._next_s = 0.0
-        self._started = False
-
-    def __enter__(self) -> _ProgressBar:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        if self._started:
-            self._bar.stop()
-
-    def show(self, progress: Progress) -> None:
-        """Take in a window; draw only every tenth of a second."""
-        now = self._bar.get_time()
-        at_end = progress.path_um >= progress.total_um - 2.0
-        if now < self._next_s and not at_end:
-            return
-        self._next_s = now + self._EVERY_S
-        if not self._started:  # not before the first window: bad input shall print its one line only
-            self._started = True
-            self._bar.start()
-        minutes, seconds = divmod(int(progress.time_s), 60)
-        self._bar.update(
-            self._task,
-            completed=min(1.0, progress.path_um / progress.total_um),
-            machine=f"{minutes // 60}:{minutes % 60:02d}:{seconds:02d}",
-            process=f"{progress.feed_um_s:5.1f} um/s  short {progress.short / 2.55:3.0f} %  "
-            f"open {progress.open / 2.55:3.0f} %",
-        )
 
 
 def _make_file(file: Path) -> None:

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from .contours import cut_edges
 from .cosim import FINISHED, Simulation
 from .metrology import (
+    KerfWidth,
     ProfileError,
     corners,
     error_stats,
@@ -21,7 +22,7 @@ from .metrology import (
     roughness_um,
     width_stats,
 )
-from .recording.report import Quality, Totals
+from .recording.report import KerfSlice, Quality, Totals, Wall
 from .recording.scene import Corner, ErrorMap, Scene, Terrace, polylines
 
 _NEAR_MM = 0.5
@@ -127,11 +128,8 @@ def _terraces(simulation: Simulation) -> tuple[Terrace, ...]:
 def _quality(simulation: Simulation, profiles: list[ProfileError], found: tuple[Corner, ...]) -> Quality:
     field, machine, sums = simulation.plant.field, simulation.machine, simulation.sums
     error = error_stats(np.concatenate([p.error_um.ravel() for p in profiles]))
-    kerf = width_stats(
-        np.concatenate(
-            [kerf_width(field, k, machine.wire_diameter_um).width_um.ravel() for k in simulation.path.contours]
-        )
-    )
+    widths = [kerf_width(field, k, machine.wire_diameter_um) for k in simulation.path.contours]
+    kerf = width_stats(np.concatenate([w.width_um.ravel() for w in widths]))
     ignited = sums.spark + sums.arc
     flatness = machine.base.discharge.crater_flatness.value
     return Quality(
@@ -143,7 +141,27 @@ def _quality(simulation: Simulation, profiles: list[ProfileError], found: tuple[
         profile_p95_um=error["p95"],
         corners=found,
         ra_um=roughness_um(sums.crater_um3 / ignited, flatness) if ignited else math.nan,
+        section=_section(widths, machine.height_mm),
     )
+
+
+def _section(widths: list[KerfWidth], height_mm: float) -> tuple[KerfSlice, ...]:
+    """Put the walls measured along all contours together, slice by slice."""
+    part = np.concatenate([w.part_um for w in widths], axis=1)
+    rest = np.concatenate([w.width_um for w in widths], axis=1) - part
+    slice_mm = height_mm / len(part)
+    return tuple(
+        KerfSlice((number + 0.5) * slice_mm, int(np.isfinite(ours).sum()), _wall(ours), _wall(others))
+        for number, (ours, others) in enumerate(zip(part, rest, strict=True))
+    )
+
+
+def _wall(distance_um: NDArray[np.float64]) -> Wall:
+    known = distance_um[np.isfinite(distance_um)]
+    if not len(known):
+        return Wall(math.nan, math.nan, math.nan)
+    low, high = np.percentile(known, (5, 95))
+    return Wall(float(known.mean()), float(low), float(high))
 
 
 def _error_per_window(simulation: Simulation, profiles: list[ProfileError]) -> NDArray[np.float64]:

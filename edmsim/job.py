@@ -79,12 +79,14 @@ class CutResult:
         return contour(self.field, slice_index)
 
     def write(self, folder: str | Path) -> None:
-        """Write ``report.json``, ``windows.parquet``, ``profile.png`` and ``cut.rrd`` into a folder."""
+        """Write ``report.json`` and ``.html``, ``windows.parquet``, ``profile.png``, ``part.npz`` and ``cut.rrd``."""
         from .recording import (
             profile_figure,
             write_figure,
+            write_html,
             write_json,
             write_recording,
+            write_scene,
             write_windows,
         )
 
@@ -93,6 +95,8 @@ class CutResult:
         title = Path(self.path.source).name
         write_windows(self.windows, target / "windows.parquet")
         write_figure(profile_figure(self.scene, self.windows, self.report, title), target / "profile.png")
+        write_scene(self.scene, target / "part.npz")
+        write_html(self.report, self.windows, self.scene, title, target / "report.html")
         write_recording(
             target / "cut.rrd", self.scene, self.windows, self.frames, self.closeups, self.machine, self.report, title
         )

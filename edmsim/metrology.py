@@ -101,10 +101,13 @@ class KerfWidth:
         Arc length along the wire's path from the end of the lead-in, where the width was measured.
     width_um : array (slices, n)
         NaN where a slice of a stepped workpiece has no metal within 0.5 mm.
+    part_um : array (slices, n)
+        Of that width, from the wire's path to the wall on the part's side.
     """
 
     s_mm: Floats
     width_um: Floats
+    part_um: Floats
 
     def stats(self) -> dict[str, float]:
         """Return ``mean``, ``min`` and ``max`` over all places and slices in um; NaN if there are none."""
@@ -235,7 +238,9 @@ def kerf_width(field: KerfField, contour: Contour, wire_diameter_um: float) -> K
     marks = np.concatenate([[0.0, line.length], s_mm[bad]])
     clear = line.distance_along(s_mm, marks) >= KERF_CLEARANCE_MM
     clear &= _depth_in_blank(field.stock, points) >= KERF_CLEARANCE_MM
-    return KerfWidth(s_mm[clear], np.where(solid >= KERF_CLEARANCE_MM, width, np.nan)[:, clear])
+    part = walls[0 if contour.part_side == "left" else 1]
+    kept = solid[:, clear] >= KERF_CLEARANCE_MM
+    return KerfWidth(s_mm[clear], *(np.where(kept, um[:, clear], np.nan) for um in (width, part)))
 
 
 def roughness_um(crater_volume_um3: float, depth_ratio: float = CRATER_DEPTH_RATIO) -> float:

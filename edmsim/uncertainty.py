@@ -6,7 +6,8 @@ are what its operator may set, and are left alone.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import math
+from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -34,7 +35,7 @@ def sample(machine: Machine, rng: np.random.Generator, only: Iterable[str] | Non
     chosen = set(known) if only is None else _chosen(known, only)
     for _ in range(MOST_DRAWS):
         shares = rng.random(len(known))
-        drawn = _with_values(
+        drawn = with_values(
             machine,
             {
                 name: value_at(constant.range, float(share))
@@ -63,6 +64,26 @@ def value_at(bounds: tuple[float, float], share: float) -> float:
     is_order = low > 0 and high / low >= LOG_FROM_RATIO
     value = low * (high / low) ** share if is_order else low + (high - low) * share
     return min(max(value, low), high)  # rounding may lead beyond the ends
+
+
+def share_of(bounds: tuple[float, float], value: float) -> float:
+    """Return the share (0..1) of the draws from a range that lie below `value`: the inverse of `value_at`."""
+    low, high = bounds
+    is_order = low > 0 and high / low >= LOG_FROM_RATIO
+    return math.log(value / low) / math.log(high / low) if is_order else (value - low) / (high - low)
+
+
+def choose(machine: Machine, only: Iterable[str]) -> dict[str, Constant]:
+    """Return the constants with a range that sections and names mean, in the order of the files.
+
+    Raises
+    ------
+    InputError
+        A name that is none, or a constant without a range.
+    """
+    known = uncertain(machine)
+    names = _chosen(known, only)
+    return {name: constant for name, constant in known.items() if name in names}
 
 
 def _sections(machine: Machine) -> dict[str, BaseModel]:
@@ -99,13 +120,24 @@ def _chosen(known: dict[str, Constant], only: Iterable[str]) -> set[str]:
     return chosen
 
 
-def _with_values(machine: Machine, values: dict[str, float]) -> Machine:
-    """Return the machine with other values of some constants; sources and ranges stay."""
+def with_values(machine: Machine, values: Mapping[str, float]) -> Machine:
+    """Return the machine with other values of some constants, unchecked; sources and ranges stay."""
+    return with_constants(
+        machine,
+        {
+            name: constant.model_copy(update={"value": values[name]})
+            for name, constant in _constants(machine).items()
+            if name in values
+        },
+    )
+
+
+def with_constants(machine: Machine, constants: Mapping[str, Constant]) -> Machine:
+    """Return the machine with some constants replaced, unchecked."""
     changed: dict[str, dict[str, Constant]] = {}
-    for name, constant in _constants(machine).items():
-        if name in values:
-            section, _, key = name.partition(".")
-            changed.setdefault(section, {})[key] = constant.model_copy(update={"value": values[name]})
+    for name, constant in constants.items():
+        section, _, key = name.partition(".")
+        changed.setdefault(section, {})[key] = constant
     sections = _sections(machine)
     parts = {section: sections[section].model_copy(update=new) for section, new in changed.items()}
     base = machine.base.model_copy(update={k: v for k, v in parts.items() if k not in ("wire", "material")})

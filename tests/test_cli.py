@@ -53,6 +53,7 @@ def test_help_names_every_command_on_one_line(edmsim: Run) -> None:
     for command, purpose in (("cut", "Simulate a part program."),
                              ("view", "Play a cut back in rerun, or two side by side."),
                              ("render", "Make a film of a cut, or screenshots of its recording"),
+                             ("report", "Make report.html of a cut anew, or its figures as files."),
                              ("train", "Train a feed controller (needs the extra rl)."),
                              ("evaluate", "Compare feed controllers on the same randomised machines."),
                              ("validate", "Compare the model with what was published, row by row."),
@@ -112,7 +113,9 @@ def test_stopped_machine_exits_3_with_a_full_report(small_punch: Path, tmp_path:
     assert told.status == 3
     assert "time limit" in told.out
     assert json.loads((tmp_path / "report.json").read_text())["outcome"] == "time-limit"
-    assert sorted(f.name for f in tmp_path.iterdir()) == ["cut.rrd", "profile.png", "report.json", "windows.parquet"]
+    assert sorted(f.name for f in tmp_path.iterdir()) == [
+        "cut.rrd", "part.npz", "profile.png", "report.html", "report.json", "windows.parquet"
+    ]  # fmt: skip
 
 
 def test_every_option_reaches_the_cut(small_punch: Path, tmp_path: Path, edmsim: Run) -> None:
@@ -327,3 +330,17 @@ def test_bench_prints_json_or_a_table(edmsim: Run, monkeypatch: pytest.MonkeyPat
     table = edmsim("bench").out
     assert "1,000,000" in table
     assert "realtime_factor" in table
+
+
+def test_report_is_made_anew_and_figures_are_written(small_cut: SimpleNamespace, tmp_path: Path, edmsim: Run) -> None:
+    told = edmsim("report", small_cut.folder, "--figures", tmp_path, "--format", "png")
+    assert told.status == 0
+    assert str(tmp_path / "corner.png") in told.out
+    assert (tmp_path / "corner.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_report_of_a_folder_without_a_cut_is_one_line_and_2(tmp_path: Path, edmsim: Run) -> None:
+    told = edmsim("report", tmp_path)
+    assert told.status == 2
+    assert told.err.count("\n") == 1
+    assert "report.json: no such file, the folder of a cut is needed" in told.err

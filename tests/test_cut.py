@@ -24,10 +24,12 @@ COLUMNS = (
 )
 REPORT = {
     "outcome", "reason", "machining_time_s", "wall_time_s", "realtime_factor", "pulses", "path_length_mm",
-    "feed_um_s", "cutting_rate_mm2_min", "pulse_share", "kerf_um", "profile_error_um", "corners", "wire",
-    "surface", "energy_J", "removed_mm3", "mean_current_A", "mean_voltage_V", "seed", "settings", "notices",
+    "feed_um_s", "cutting_rate_mm2_min", "pulse_share", "kerf_um", "kerf_section", "profile_error_um", "corners",
+    "wire", "surface", "energy_J", "removed_mm3", "mean_current_A", "mean_voltage_V", "seed", "settings", "notices",
     "edmsim_version",
 }  # fmt: skip
+
+FILES = ["cut.rrd", "part.npz", "profile.png", "report.html", "report.json", "windows.parquet"]
 
 
 def numbers(value: Any, place: str = "") -> Iterator[tuple[str, float | None]]:
@@ -174,9 +176,9 @@ def test_watcher_sees_every_window(small_cut: SimpleNamespace) -> None:
     assert seen[-1].path_um == pytest.approx(seen[-1].total_um, abs=3)
 
 
-def test_the_four_files_are_written_and_nothing_else(small_cut: SimpleNamespace) -> None:
+def test_the_six_files_are_written_and_nothing_else(small_cut: SimpleNamespace) -> None:
     folder, result = small_cut.folder, small_cut.result
-    assert sorted(f.name for f in folder.iterdir()) == ["cut.rrd", "profile.png", "report.json", "windows.parquet"]
+    assert sorted(f.name for f in folder.iterdir()) == FILES
     assert json.loads((folder / "report.json").read_text()) == result.report
     assert same_rows(pq.read_table(folder / "windows.parquet"), result.windows)
     assert (folder / "profile.png").read_bytes().startswith(b"\x89PNG")
@@ -226,7 +228,7 @@ def test_broken_wire_leaves_a_full_report(
     assert set(report) == REPORT
     assert report["removed_mm3"] > 0
     assert 0 < report["path_length_mm"] < 7
-    assert len(list((tmp_path / "out").iterdir())) == 4
+    assert sorted(f.name for f in (tmp_path / "out").iterdir()) == FILES
     assert json.loads((tmp_path / "out" / "report.json").read_text()) == report
 
 
@@ -247,7 +249,7 @@ def test_result_can_be_written_later_into_a_new_folder(
     cut_small: Callable[..., edmsim.CutResult], tmp_path: Path
 ) -> None:
     cut_small(max_time_s=0.5).write(tmp_path / "later" / "on")
-    assert len(list((tmp_path / "later" / "on").iterdir())) == 4
+    assert sorted(f.name for f in (tmp_path / "later" / "on").iterdir()) == FILES
 
 
 BAD = [

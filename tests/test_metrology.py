@@ -98,6 +98,15 @@ def test_straight_kerf_is_as_wide_as_the_swept_disc(angle_deg):
     assert kerf["max"] < 2 * RADIUS + 0.8
 
 
+@pytest.mark.parametrize("part_side", ["left", "right"])
+def test_a_kerf_beside_the_path_has_one_wall_nearer(part_side):
+    line = straight(0.0, part_side)
+    kerf = kerf_width(cut(np.add(line.points_um, (0.0, 20.0))), line, 250.0)
+    nearer = -20.0 if part_side == "right" else 20.0  # +Y is on the left of +X
+    np.testing.assert_allclose(kerf.part_um.mean(), RADIUS + nearer, atol=0.5)
+    np.testing.assert_allclose((kerf.width_um - kerf.part_um).mean(), RADIUS - nearer, atol=0.5)
+
+
 @settings(max_examples=8, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 @given(st.floats(0.0, 90.0), st.floats(130.0, 190.0))
 def test_any_straight_kerf_is_as_wide_as_the_swept_disc(angle_deg, radius):

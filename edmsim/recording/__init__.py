@@ -3,10 +3,12 @@
 from edmsim.recording.closeups import Closeups
 from edmsim.recording.figures import profile_figure, write_figure
 from edmsim.recording.frames import Frames
+from edmsim.recording.html_report import write_html
 from edmsim.recording.playback import Playback, find_recording
 from edmsim.recording.report import Quality, Totals, build_report, render_table, write_json
 from edmsim.recording.rerun_log import write_recording
 from edmsim.recording.scene import Corner, ErrorMap, Scene, Terrace, polylines
+from edmsim.recording.scene_file import read_scene, write_scene
 from edmsim.recording.screenshots import take_screenshots
 from edmsim.recording.video import render
 from edmsim.recording.viewer import compare, view
@@ -28,13 +30,16 @@ __all__ = [
     "find_recording",
     "polylines",
     "profile_figure",
+    "read_scene",
     "read_windows",
     "render",
     "render_table",
     "take_screenshots",
     "view",
     "write_figure",
+    "write_html",
     "write_json",
     "write_recording",
+    "write_scene",
     "write_windows",
 ]

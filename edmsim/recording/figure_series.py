@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from edmsim.recording.palette import BLUE, GRID, INK, LINE, MUTED, ORANGE, PURPLE, VERMILION
+from edmsim.recording.palette import BLUE, GRID, INK, LINE, MUTED, ORANGE, SHARE_COLOURS, VERMILION
 from edmsim.recording.windows import column, lag_along_um
 
 if TYPE_CHECKING:
@@ -71,7 +71,7 @@ def quiet(axes: Axes) -> None:
 def draw_series(panels: list[Axes], windows: pa.Table) -> None:
     """Draw the main series of the windows over machine time, one of `PANELS` on each of the axes."""
     t_s = column(windows, "t_s")
-    unit, seconds = _time_unit(float(t_s[-1]) if len(t_s) else 0.0)
+    unit, seconds = time_unit(float(t_s[-1]) if len(t_s) else 0.0)
     for axes, draw in zip(panels, PANELS, strict=True):
         quiet(axes)
         draw(axes, t_s / seconds, windows)
@@ -87,7 +87,8 @@ def draw_series(panels: list[Axes], windows: pa.Table) -> None:
     )
 
 
-def _time_unit(longest_s: float) -> tuple[str, float]:
+def time_unit(longest_s: float) -> tuple[str, float]:
+    """Return the unit a time axis of that length is drawn in, and its length in s."""
     if longest_s < 180:
         return "s", 1.0
     return ("min", 60.0) if longest_s < 3 * 3600 else ("h", 3600.0)
@@ -121,16 +122,15 @@ def _panel_feed(axes: Axes, t: NDArray[np.float64], windows: pa.Table) -> None:
 
 
 def _panel_pulses(axes: Axes, t: NDArray[np.float64], windows: pa.Table) -> None:
-    kinds = (("spark", BLUE), ("arc", PURPLE), ("short", VERMILION), ("open", "#c9d1d9"))
-    counts = np.array([column(windows, kind) for kind, _ in kinds])
+    counts = np.array([column(windows, kind) for kind in SHARE_COLOURS])
     shares = 100.0 * counts / np.maximum(counts.sum(axis=0), 1.0)
     bands = [binned(t, share) for share in shares]
     axes.stackplot(
         bands[0].x,
         [band.mean for band in bands],
-        colors=[c for _, c in kinds],
+        colors=list(SHARE_COLOURS.values()),
         linewidth=0,
-        labels=[kind for kind, _ in kinds],
+        labels=list(SHARE_COLOURS),
     )
     axes.set_ylim(0, 100)
     _finish(axes, "pulses\n%")

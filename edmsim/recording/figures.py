@@ -1,4 +1,8 @@
-"""``profile.png``: the drawing, what was cut, the error between them, and what the machine did meanwhile."""
+"""The figures of a cut: ``profile.png``, and the ones for a paper, one function each.
+
+Each takes what a cut leaves and returns a matplotlib figure with an Agg canvas; ``figure.savefig("name.pdf")`` writes
+it. No global state of matplotlib is touched, and no display is needed.
+"""
 
 from __future__ import annotations
 
@@ -6,8 +10,11 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from edmsim.recording.figure_cut import corner_figure, error_figure, kerf_figure
 from edmsim.recording.figure_map import draw_map
+from edmsim.recording.figure_pulses import delay_figure, plane_figure, pulses_figure
 from edmsim.recording.figure_series import PANELS, draw_series
+from edmsim.recording.figure_wire import spectrum_figure
 from edmsim.recording.palette import GREEN, INK, MUTED, VERMILION
 from edmsim.recording.report import duration_text, figure_text
 from edmsim.recording.scene import Scene
@@ -15,6 +22,18 @@ from edmsim.recording.scene import Scene
 if TYPE_CHECKING:
     import pyarrow as pa
     from matplotlib.figure import Figure
+
+__all__ = [
+    "corner_figure",
+    "delay_figure",
+    "error_figure",
+    "kerf_figure",
+    "plane_figure",
+    "profile_figure",
+    "pulses_figure",
+    "spectrum_figure",
+    "write_figure",
+]
 
 
 def profile_figure(scene: Scene, windows: pa.Table, report: Mapping[str, Any], title: str) -> Figure:

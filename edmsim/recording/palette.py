@@ -18,6 +18,9 @@ VERMILION = "#d55e00"
 PURPLE = "#cc79a7"
 SKY = "#56b4e9"
 
+SHARE_COLOURS = {"spark": BLUE, "arc": PURPLE, "short": VERMILION, "open": "#c9d1d9"}
+"""Classes of pulses, in the order they are stacked."""
+
 ERROR_STOPS = ("#00467f", "#3f8fc4", "#a3abb3", "#e58a3c", "#a83200")
 """Profile error from too much removed (blue) over none (grey) to metal left (orange)."""
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -55,6 +55,28 @@ class Totals:
 
 
 @dataclass(frozen=True)
+class Wall:
+    """A wall of the kerf in one slice: mean, 5 % and 95 % of its distances from the wire's path, in um."""
+
+    mean_um: float
+    p5_um: float
+    p95_um: float
+
+
+@dataclass(frozen=True)
+class KerfSlice:
+    """The kerf at one height: the middle of a slice over the lower face in mm, places measured, both walls.
+
+    ``part`` is the wall on the part's side of the wire's path, ``rest`` the one across; NaN if there are no places.
+    """
+
+    height_mm: float
+    places: int
+    part: Wall
+    rest: Wall
+
+
+@dataclass(frozen=True)
 class Quality:
     """What was measured on the part; NaN where it could not be.
 
@@ -66,6 +88,8 @@ class Quality:
     corners : tuple of Corner
     ra_um : float
         Roughness of the wall.
+    section : tuple of KerfSlice
+        The kerf slice by slice, from the bottom.
     """
 
     kerf_mean_um: float
@@ -76,6 +100,7 @@ class Quality:
     profile_p95_um: float
     corners: tuple[Corner, ...]
     ra_um: float
+    section: tuple[KerfSlice, ...] = ()
 
 
 def build_report(
@@ -157,6 +182,7 @@ def _machining(windows: pa.Table, totals: Totals) -> dict[str, Any]:
 def _part(quality: Quality) -> dict[str, Any]:
     return {
         "kerf_um": {"mean": quality.kerf_mean_um, "min": quality.kerf_min_um, "max": quality.kerf_max_um},
+        "kerf_section": [asdict(row) for row in quality.section],
         "profile_error_um": {
             "max": quality.profile_max_um,
             "rms": quality.profile_rms_um,
@@ -246,12 +272,13 @@ def render_table(report: Mapping[str, Any]) -> RenderableType:
     table = Table(box=None, show_header=False, pad_edge=False)
     table.add_column(style="dim")
     table.add_column()
-    for name, text in _lines(report):
+    for name, text in summary(report):
         table.add_row(name, text)
     return Group(head, table, *(Text(f"note: {notice}", style="yellow") for notice in report["notices"]))
 
 
-def _lines(report: Mapping[str, Any]) -> list[tuple[str, str]]:
+def summary(report: Mapping[str, Any]) -> list[tuple[str, str]]:
+    """Return the key figures of a report as a person reads them: names and texts."""
     say = figure_text
     feed, kerf, profile, wire = (report[k] for k in ("feed_um_s", "kerf_um", "profile_error_um", "wire"))
     shares = (f"{kind} {say(_percent(share), '%')}" for kind, share in report["pulse_share"].items())

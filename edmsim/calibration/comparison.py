@@ -1,0 +1,138 @@
+"""A machine compared with a log: statistics of simulated cuts less the logged ones, in units of their noise."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from edmsim.calibration.log import STATISTICS, STRETCH_WINDOWS, Stretch
+from edmsim.calibration.simulate import simulate
+
+if TYPE_CHECKING:
+    from edmsim.machine import Machine
+
+Array = NDArray[np.float64]
+
+SHRINKAGE = 0.2
+"""How far measured correlations of the statistics are drawn to none (ours: some twenty cuts know them badly)."""
+READING = (1e-3, 1e-3, 2e-3, 2e-3, 5e-3)
+"""Least standard deviation of a stretch's statistics, the latter three relative (ours: a meter's and a counter's)."""
+NOISE_CUTS = 24
+"""Cuts at least, over all stretches, that the noise is taken from (ours: variances are known to a third)."""
+LEAST_REPLICATES = 4
+
+
+class Progress(NamedTuple):
+    """How far a calibration is: cuts simulated, and the misfit per degree of freedom last found (NaN: none yet)."""
+
+    cuts: int
+    misfit: float
+
+
+class Comparison:
+    """Stretches of a log, and what machines make of them.
+
+    Parameters
+    ----------
+    machine : Machine
+        Where the search starts; the noise is taken from its cuts.
+    picked : list of Stretch
+    seed : int
+        The same draws for every machine: of two of them the difference is seen, not the noise.
+    resolution : str
+    watch : callable, optional
+        Is told of the `Progress` after every cut.
+
+    Attributes
+    ----------
+    size : int
+        Statistics compared.
+    misfit : float
+        Last found; for whoever watches.
+    """
+
+    def __init__(
+        self, machine: Machine, picked: list[Stretch], seed: int, resolution: str,
+        watch: Callable[[Progress], None] | None,
+    ) -> None:
+        self.machine, self.picked = machine, picked
+        self.misfit = math.nan
+        self._seed, self._resolution, self._watch = seed, resolution, watch
+        self._cuts = 0
+        self._known = np.array([np.isfinite(stretch.mean) for stretch in picked])
+        self.size = int(self._known.sum())
+        self._scales = self._noise_scales()
+
+    def statistics(self, machines: Sequence[Machine]) -> Array:
+        """Simulate every stretch with every machine: (machines, stretches, 5)."""
+        return self._run([(m, k, self._seed + k) for m in machines for k in range(len(self.picked))])
+
+    def _run(self, jobs: Sequence[tuple[Machine, int, int]]) -> Array:
+        with ThreadPoolExecutor(os.cpu_count()) as pool:
+            try:
+                found = []
+                for row in pool.map(self._simulate, jobs):
+                    found.append(row)
+                    self._cuts += 1
+                    if self._watch is not None:
+                        self._watch(Progress(self._cuts, self.misfit))
+            except BaseException:
+                pool.shutdown(cancel_futures=True)
+                raise
+        return np.array(found).reshape(-1, len(self.picked), len(STATISTICS))
+
+    def _simulate(self, job: tuple[Machine, int, int]) -> Array:
+        machine, number, seed = job
+        stretch = self.picked[number]
+        batches = simulate(machine, stretch, STRETCH_WINDOWS, seed, self._resolution)
+        return Stretch(0, stretch.feed_um_s, stretch.t_on_us, stretch.t_period_us, batches).mean
+
+    def residuals(self, simulated: Array) -> Array:
+        """Simulated (stretches, 5) less logged statistics, in units of their noise and uncorrelated, (size,)."""
+        rows = []
+        for number, stretch in enumerate(self.picked):
+            known = self._known[number]
+            # what the model never does (no ignition at all) is as far off as the log's own value
+            apart = np.where(np.isfinite(simulated[number]), simulated[number], 0.0) - stretch.mean
+            rows.append(np.linalg.solve(self._scales[number][np.ix_(known, known)], apart[known]))
+        return np.concatenate(rows)
+
+    def _noise_scales(self) -> list[Array]:
+        """Lower triangular roots of the covariance of simulated less logged statistics, one (5, 5) per stretch.
+
+        Batches of the log know how noisy each stretch is, but not the slow part: walls that are passed for a wire's
+        diameter of travel. How much more stretches vary than their batches say, and how their statistics hang
+        together, is seen from cuts of the same stretch with other seeds. The simulated cut doubles the variance.
+        """
+        repeats = max(LEAST_REPLICATES, math.ceil(NOISE_CUTS / len(self.picked)))
+        first = self._seed + len(self.picked)
+        jobs = [(self.machine, k, first + r * len(self.picked) + k)
+                for r in range(repeats) for k in range(len(self.picked))]  # fmt: skip
+        cuts = np.nan_to_num(self._run(jobs))
+        apart = cuts - cuts.mean(axis=0)
+        between = np.maximum((apart**2).sum(axis=0) / (repeats - 1), 1e-24)  # (stretches, 5)
+        within = np.array([_variance_of_mean(stretch.batches) for stretch in self.picked])
+        more = np.maximum(np.mean(between / np.maximum(within, between / 100), axis=0), 1.0)
+        scaled = (apart / np.sqrt(between)).reshape(-1, len(STATISTICS))
+        correlation = (1 - SHRINKAGE) * scaled.T @ scaled / ((repeats - 1) * len(self.picked))
+        np.fill_diagonal(correlation, 1.0)
+        root = np.linalg.cholesky(correlation)
+        scales = []
+        for stretch, variance in zip(self.picked, within, strict=True):
+            reading = np.array(READING) * np.where([False, False, True, True, True], np.nan_to_num(stretch.mean), 1.0)
+            scales.append(np.sqrt(2 * more * variance + reading**2)[:, None] * root)
+        return scales
+
+
+def _variance_of_mean(batches: Array) -> Array:
+    """Variance of each statistic's mean over batches that know nothing of each other, (5,)."""
+    known = np.isfinite(batches)
+    count = np.maximum(known.sum(axis=0), 2)
+    mean = np.where(known, batches, 0.0).sum(axis=0) / count
+    return np.asarray((np.where(known, batches - mean, 0.0) ** 2).sum(axis=0) / (count - 1) / count)

@@ -1,0 +1,275 @@
+"""Least squares on summary statistics: which constants let the model cut as the machine of a log did.
+
+The statistics of steady stretches of the log are compared with those of straight cuts of the same feed and setting,
+simulated with common random numbers. Both are known only to their noise, whose covariance is taken from batches of
+the log and from cuts with other seeds. Constants are shares of their published ranges, which bound them.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from edmsim.calibration.comparison import Comparison, Progress
+from edmsim.calibration.log import STRETCH_WINDOWS, Log, Stretch, stretches
+from edmsim.calibration.simulate import settle_um
+from edmsim.errors import InputError
+from edmsim.uncertainty import choose, share_of, value_at, with_values
+
+if TYPE_CHECKING:
+    from edmsim.machine import Constant, Machine
+
+Array = NDArray[np.float64]
+
+DEFAULT_CONSTANTS = ("gap.critical_um", "material.removal_mm3_J", "material.burning_voltage_V")
+"""What is fitted if nothing else is said (ours: the three that every log tells of)."""
+MOST_STRETCHES = 8
+"""Stretches compared; if the log has more, those whose feeds and settings differ most (ours)."""
+STEP = 0.15
+"""Half the difference, in shares of the range, over which sensitivities are taken (ours: well above the noise)."""
+MOST_ROUNDS = 10
+"""Gauss-Newton steps at most (ours)."""
+UNTOLD = 0.29
+"""A standard error of this share of the range is no more than the range says: a uniform draw has it (1/sqrt(12))."""
+AT_BOUND = 0.01
+CONFIDENCE = 0.95
+
+
+class Fitted(NamedTuple):
+    """One constant: its value, its 95 % interval, and what is to be said of it."""
+
+    name: str
+    before: float
+    value: float
+    interval: tuple[float, float]
+    range: tuple[float, float]
+    remark: str
+
+
+@dataclass(frozen=True)
+class Fit:
+    """What came of a calibration.
+
+    Attributes
+    ----------
+    machine : Machine
+        With the fitted constants; its sources are still the old ones.
+    constants : tuple of Fitted
+    untold : dict of str to str
+        Constants the log cannot tell, with the reason; they keep their values.
+    correlation : float64 array (p, p)
+        Of the fitted constants' errors.
+    misfit : float
+        Squared residuals in units of their noise, per degree of freedom: about 1 if the model can do what the
+        machine did. Intervals are widened by its root where it is above 1.
+    stretches : list of Stretch
+        Those compared.
+    simulated : float64 array (stretches, 5)
+        `log.STATISTICS` of the fitted model.
+    """
+
+    machine: Machine
+    constants: tuple[Fitted, ...]
+    untold: dict[str, str]
+    correlation: Array
+    misfit: float
+    stretches: list[Stretch]
+    simulated: Array
+
+
+def calibrate(
+    log: Log, machine: Machine, only: Sequence[str] = DEFAULT_CONSTANTS, *, seed: int = 0, resolution: str = "fast",
+    watch: Callable[[Progress], None] | None = None,
+) -> Fit:
+    """Fit constants of a machine to its log.
+
+    Parameters
+    ----------
+    log : Log
+    machine : Machine
+        The set-up of the log; its constants are where the search starts.
+    only : sequence of str
+        Constants or sections, see `Machine.uncertain`.
+    seed : int
+        Of every simulated cut.
+    resolution : {"fast", "default", "fine"}
+        Of the simulation; constants belong to it, as shares of short circuits depend on it.
+    watch : callable, optional
+        Is told of the `Progress`.
+
+    Raises
+    ------
+    InputError
+        An unknown constant, no steady stretch, a setting that the generator refuses, fewer statistics than constants,
+        or a log that tells none of the constants.
+    """
+    known = choose(machine, only)
+    steady = stretches(log, settle_um(machine))
+    if not steady:
+        raise InputError(
+            f"no steady stretch of {STRETCH_WINDOWS} windows in it, with metal near, one setting and one feed",
+            log.name,
+        )
+    picked = spread(steady, MOST_STRETCHES)
+    for stretch in picked:
+        machine.with_(t_on_us=stretch.t_on_us, t_period_us=stretch.t_period_us)  # raises what the generator refuses
+    size = int(sum(np.isfinite(stretch.mean).sum() for stretch in picked))
+    if size <= len(known):
+        raise InputError(f"{len(known)} constants cannot be told from {size} statistics", log.name)
+    comparison = Comparison(machine, picked, seed, resolution, watch)
+    return _fit_what_is_told(comparison, known, log.name)
+
+
+def spread(steady: Sequence[Stretch], most: int) -> list[Stretch]:
+    """Return at most so many stretches, evenly spread over settings and feeds, in the order of the log."""
+    ordered = sorted(steady, key=lambda s: (s.t_on_us, s.t_period_us, s.feed_um_s))
+    places = np.unique(np.linspace(0, len(ordered) - 1, min(most, len(ordered))).round().astype(int))
+    return sorted((ordered[k] for k in places), key=lambda s: s.first)
+
+
+def _fit_what_is_told(comparison: Comparison, known: dict[str, Constant], log_name: str) -> Fit:
+    """Fit what the log tells: constants it knows nothing of go before the search, those it cannot part after."""
+    begun = _Search(comparison, known)
+    told = begun.told_alone()
+    untold = {name: "the statistics do not depend on it" for name, seen in zip(known, told, strict=True) if not seen}
+    known = {name: constant for name, constant in known.items() if name not in untold}
+    while known:
+        search = _Search(comparison, known)
+        search.run()
+        error = search.standard_errors()
+        worst = int(error.argmax())
+        if error[worst] < UNTOLD:
+            return _result(search, error, untold)
+        name = list(known)[worst]
+        others = [other for other in known if other != name]
+        untold[name] = f"another value of {', '.join(others)} does the same" if others else "the noise hides it"
+        known = {other: known[other] for other in others}
+    reasons = "; ".join(f"{name}: {reason}" for name, reason in untold.items())
+    raise InputError(f"the log tells none of the constants ({reasons})", log_name)
+
+
+class _Search:
+    """Gauss-Newton by SciPy in shares of the constants' ranges."""
+
+    def __init__(self, comparison: Comparison, known: dict[str, Constant]) -> None:
+        self.comparison = comparison
+        self.names = list(known)
+        self.ranges = [constant.range for constant in known.values() if constant.range is not None]
+        values = [constant.value for constant in known.values()]
+        starts = [share_of(bounds, value) for bounds, value in zip(self.ranges, values, strict=True)]
+        self.before = values
+        self.shares: Array = np.clip(starts, 0.05, 0.95)
+        self.simulated: Array = np.zeros((0, 5))
+        self.information: Array = np.zeros((0, 0))
+        self.misfit = math.nan
+        self._seen: dict[bytes, Array] = {}
+
+    def machine(self, shares: Array) -> Machine:
+        """Return the machine with its constants at these shares of their ranges."""
+        return with_values(self.comparison.machine, self.values(shares))
+
+    def values(self, shares: Array) -> dict[str, float]:
+        """Return the constants' values at these shares of their ranges."""
+        return {
+            name: value_at(bounds, float(share))
+            for name, bounds, share in zip(self.names, self.ranges, shares, strict=True)
+        }
+
+    def told_alone(self) -> list[bool]:
+        """Say of each constant whether it would be told if it were the only one unknown, where the search begins."""
+        alone = np.diag(self._information(self._sensitivities(self.shares)))
+        return [bool(value * UNTOLD**2 > 1) for value in alone]
+
+    def run(self) -> None:
+        """Search, and take information and misfit where it ended."""
+        from scipy.optimize import least_squares
+
+        found = least_squares(
+            self._residuals, self.shares, self._sensitivities, bounds=(0.0, 1.0), method="trf", x_scale=1.0,
+            ftol=1e-3, xtol=3e-3, gtol=None, max_nfev=MOST_ROUNDS,
+        )  # fmt: skip
+        self.shares = found.x
+        self.simulated = self._statistics([found.x])[0]
+        self.misfit = self._misfit(self.comparison.residuals(self.simulated))
+        self.information = self._information(self._sensitivities(found.x))
+
+    def _statistics(self, places: Sequence[Array]) -> Array:
+        """Simulate at these shares, (places, stretches, 5); what was simulated before is remembered."""
+        new = {place.tobytes(): place for place in places if place.tobytes() not in self._seen}
+        if new:
+            rows = self.comparison.statistics([self.machine(place) for place in new.values()])
+            self._seen.update(zip(new, rows, strict=True))
+        return np.array([self._seen[place.tobytes()] for place in places])
+
+    def _residuals(self, shares: Array) -> Array:
+        residuals = self.comparison.residuals(self._statistics([shares])[0])
+        self.comparison.misfit = self._misfit(residuals)
+        return residuals
+
+    def _misfit(self, residuals: Array) -> float:
+        return float(residuals @ residuals) / (self.comparison.size - len(self.names))
+
+    def _around(self, shares: Array) -> list[tuple[Array, Array]]:
+        """Places below and above in every constant, within the ranges."""
+        pairs = []
+        for place in range(len(shares)):
+            low, high = shares.copy(), shares.copy()
+            low[place] = max(0.0, min(shares[place] - STEP, 1.0 - 2 * STEP))
+            high[place] = low[place] + 2 * STEP
+            pairs.append((low, high))
+        return pairs
+
+    def _sensitivities(self, shares: Array) -> Array:
+        """Change of the residuals per share of the range, (size, p)."""
+        pairs = self._around(shares)
+        rows = self._statistics([place for pair in pairs for place in pair])
+        residuals = [self.comparison.residuals(row) for row in rows]
+        return np.column_stack([(residuals[2 * k + 1] - residuals[2 * k]) / (2 * STEP) for k in range(len(pairs))])
+
+    def _information(self, sensitivities: Array) -> Array:
+        """J^T J less what noise alone puts into it, (p, p).
+
+        Half of a residual's variance is the simulation's, so a sensitivity has that of two of them, 2 * 1/2, over
+        (2 STEP)^2; over all residuals this adds up in the diagonal.
+        """
+        noise = self.comparison.size / (2 * STEP) ** 2
+        return np.asarray(sensitivities.T @ sensitivities - noise * np.eye(len(self.names)))
+
+    def covariance(self) -> Array | None:
+        """Return the covariance of the errors in shares, widened by the misfit; None if the log leaves some open."""
+        if np.linalg.eigvalsh(self.information)[0] <= 0:
+            return None
+        return np.asarray(np.linalg.inv(self.information) * max(1.0, self.misfit))
+
+    def standard_errors(self) -> Array:
+        """Return the standard errors in shares of the ranges; infinite for the one that is told least."""
+        covariance = self.covariance()
+        if covariance is not None:
+            return np.asarray(np.sqrt(np.diag(covariance)))
+        vectors = np.linalg.eigh(self.information)[1]
+        error = np.zeros(len(self.names))
+        error[int(np.abs(vectors[:, 0]).argmax())] = np.inf
+        return error
+
+
+def _result(search: _Search, error: Array, untold: dict[str, str]) -> Fit:
+    from scipy.stats import t as student
+
+    covariance = search.covariance()
+    assert covariance is not None
+    half = error * student.ppf((1 + CONFIDENCE) / 2, search.comparison.size - len(search.names))
+    constants = []
+    for place, (name, bounds) in enumerate(zip(search.names, search.ranges, strict=True)):
+        share = float(search.shares[place])
+        low, high = (value_at(bounds, min(max(share + side * half[place], 0.0), 1.0)) for side in (-1, 1))
+        remark = "at the end of its range" if min(share, 1 - share) < AT_BOUND else ""
+        constants.append(Fitted(name, search.before[place], value_at(bounds, share), (low, high), bounds, remark))
+    return Fit(
+        search.machine(search.shares), tuple(constants), untold, covariance / np.outer(error, error), search.misfit,
+        search.comparison.picked, search.simulated,
+    )

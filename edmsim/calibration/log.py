@@ -1,0 +1,217 @@
+"""A machine's log: the table of windows, from Parquet or CSV, and the steady stretches of it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from edmsim.analyser import WINDOW_PULSES
+from edmsim.errors import InputError
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+Array = NDArray[np.float64]
+
+COLUMNS = (
+    "feed_um_s", "short", "open", "mean_voltage_V", "mean_current_A", "mean_delay_us", "t_on_us", "t_period_us",
+)
+"""Columns a log must have, with the meanings and units of ``windows.parquet``; others are not looked at."""
+STATISTICS = ("short", "open", "mean_voltage_V", "mean_current_A", "mean_delay_us")
+"""What of a stretch is compared: shares of short and open, and means; see `statistics`."""
+STRETCH_WINDOWS = 400
+"""Windows of a stretch: 10 s at a period of 100 us (ours)."""
+BATCH_WINDOWS = 40
+"""Windows whose mean counts as one independent observation: 1 s at 100 us (ours: a gap forgets in less)."""
+AIR_SHARE = 0.9
+"""A stretch with more open pulses than this has no metal near the wire (ours)."""
+FEED_SPREAD = 0.15
+"""A stretch is steady if its feed's standard deviation is at most this share of its mean (ours)."""
+LEAST_FEED_UM_S = 0.5
+"""A stretch with less feed does not cut (ours)."""
+
+
+@dataclass(frozen=True)
+class Log:
+    """A machine's log, window by window.
+
+    Attributes
+    ----------
+    name : str
+        Of its file.
+    columns : mapping of str to float64 array (n,)
+        `COLUMNS`; ``mean_delay_us`` is NaN where no pulse ignited.
+    """
+
+    name: str
+    columns: Mapping[str, Array]
+
+    def __len__(self) -> int:
+        """Return the number of windows."""
+        return len(self.columns["short"])
+
+
+@dataclass(frozen=True)
+class Stretch:
+    """Consecutive windows at one setting and nearly one feed.
+
+    Attributes
+    ----------
+    first : int
+        Number of its first window in the log, from 0.
+    feed_um_s, t_on_us, t_period_us : float
+        Mean feed, and the generator's setting.
+    batches : float64 array (b, 5)
+        `STATISTICS` of batches of `BATCH_WINDOWS` windows.
+    """
+
+    first: int
+    feed_um_s: float
+    t_on_us: float
+    t_period_us: float
+    batches: Array
+
+    @property
+    def mean(self) -> Array:
+        """`STATISTICS` of the whole stretch, (5,); NaN where no batch has one."""
+        known = np.isfinite(self.batches)
+        total = np.where(known, self.batches, 0.0).sum(axis=0)
+        return np.asarray(np.divide(total, known.sum(axis=0), out=np.full(5, np.nan), where=known.any(axis=0)))
+
+
+def read_log(file: str | Path) -> Log:
+    """Read a log.
+
+    Parameters
+    ----------
+    file : path
+        Parquet (``.parquet``) or CSV with a heading; see `COLUMNS`.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read, has no rows, lacks a column, or holds what a machine cannot have logged.
+    """
+    table = _read_table(Path(file))
+    missing = [name for name in COLUMNS if name not in table.column_names]
+    if missing:
+        raise InputError(f"column {missing[0]} is missing; a log needs {' '.join(COLUMNS)}", file)
+    if table.num_rows == 0:
+        raise InputError("no windows in it", file)
+    columns = {name: _numbers(table, name, file) for name in COLUMNS}
+    _check(columns, file)
+    return Log(Path(file).name, columns)
+
+
+def _read_table(file: Path) -> pa.Table:
+    import pyarrow as pa
+    import pyarrow.csv
+    import pyarrow.parquet
+
+    try:
+        if file.suffix == ".parquet":
+            return pa.parquet.read_table(file)
+        return pa.csv.read_csv(file)
+    except FileNotFoundError:
+        raise InputError("no such file, a machine's log is needed", file) from None
+    except (pa.ArrowInvalid, OSError) as error:
+        what = "Parquet" if file.suffix == ".parquet" else "CSV"
+        raise InputError(f"cannot be read as {what}: {str(error).splitlines()[0]}", file) from None
+
+
+def _numbers(table: pa.Table, name: str, file: str | Path) -> Array:
+    import pyarrow as pa
+
+    try:
+        values = table.column(name).cast(pa.float64()).to_numpy()
+    except (pa.ArrowInvalid, pa.ArrowNotImplementedError):
+        raise InputError(f"column {name} holds something that is no number", file) from None
+    return np.asarray(values, np.float64)
+
+
+def _check(columns: Mapping[str, Array], file: str | Path) -> None:
+    pulses = columns["short"] + columns["open"]
+    wrong = {
+        "short": ~((columns["short"] >= 0) & (pulses <= WINDOW_PULSES)),
+        "open": ~(columns["open"] >= 0),
+        "t_on_us": ~(columns["t_on_us"] > 0),
+        "t_period_us": ~(columns["t_period_us"] > columns["t_on_us"]),
+        "mean_delay_us": columns["mean_delay_us"] < 0,
+        **{name: ~np.isfinite(columns[name]) for name in ("feed_um_s", "mean_voltage_V", "mean_current_A")},
+    }
+    for name, rows in wrong.items():
+        if rows.any():
+            row = int(rows.argmax())
+            raise InputError(
+                f"window {row + 1}: {name} {columns[name][row]:g} cannot be; short and open are counts of "
+                f"{WINDOW_PULSES} pulses, times are us and the period is longer than the on-time", file,
+            )  # fmt: skip
+
+
+def stretches(log: Log, settle_um: float) -> list[Stretch]:
+    """Cut a log into its steady stretches.
+
+    A new run begins where the setting changes or the feed jumps; after a travel of `settle_um` it is cut into
+    stretches of `STRETCH_WINDOWS`. Stretches in air, at rest, or with an unsteady feed are left out.
+    """
+    found = []
+    for begin, end in _runs(log):
+        window_s = WINDOW_PULSES * log.columns["t_period_us"][begin] * 1e-6
+        travel_um = np.cumsum(np.maximum(log.columns["feed_um_s"][begin:end], 0.0)) * window_s
+        settled = begin + int(np.searchsorted(travel_um, settle_um))
+        for first in range(settled, end - STRETCH_WINDOWS + 1, STRETCH_WINDOWS):
+            stretch = _stretch(log, first)
+            if stretch is not None:
+                found.append(stretch)
+    return found
+
+
+def _runs(log: Log) -> list[tuple[int, int]]:
+    """First window of each run of equal settings and without jumps of the feed, and the one behind its last."""
+    feed, on, period = (log.columns[name] for name in ("feed_um_s", "t_on_us", "t_period_us"))
+    changes = (np.diff(on) != 0) | (np.diff(period) != 0)
+    # a jump: means over a batch before and after differ, at the place where they do so most
+    width = BATCH_WINDOWS
+    if len(feed) > 2 * width:
+        mean = np.convolve(feed, np.ones(width) / width, "valid")
+        step = np.abs(mean[width:] - mean[:-width])
+        size = np.maximum(np.abs(mean[width:]), np.abs(mean[:-width]))
+        for place in np.flatnonzero(step > FEED_SPREAD * np.maximum(size, LEAST_FEED_UM_S)):
+            near = step[max(0, place - width) : place + width + 1]
+            if step[place] == near.max():
+                changes[place + width - 1] = True
+    edges = [0, *(np.flatnonzero(changes) + 1).tolist(), len(feed)]
+    return list(pairwise(edges))
+
+
+def _stretch(log: Log, first: int) -> Stretch | None:
+    rows = {name: values[first : first + STRETCH_WINDOWS] for name, values in log.columns.items()}
+    feed = rows["feed_um_s"]
+    mean = float(feed.mean())
+    if mean < LEAST_FEED_UM_S or float(feed.std()) > FEED_SPREAD * mean:
+        return None
+    if rows["open"].mean() > AIR_SHARE * WINDOW_PULSES:
+        return None
+    return Stretch(
+        first, mean, float(rows["t_on_us"][0]), float(rows["t_period_us"][0]),
+        statistics(*(rows[name] for name in STATISTICS)),
+    )  # fmt: skip
+
+
+def statistics(short: Array, open_: Array, voltage_V: Array, current_A: Array, delay_us: Array) -> Array:
+    """Return `STATISTICS` of batches of windows, (batches, 5); the delay is the mean of what ignited, or NaN.
+
+    What does not fill a batch at the end is left out.
+    """
+    count = len(short) // BATCH_WINDOWS
+    lit = np.where(np.isfinite(delay_us), WINDOW_PULSES - short - open_, 0.0)
+    columns = [short / WINDOW_PULSES, open_ / WINDOW_PULSES, voltage_V, current_A, lit, lit * np.nan_to_num(delay_us)]
+    means = [column[: count * BATCH_WINDOWS].reshape(count, -1).mean(axis=1) for column in columns]
+    delay = np.divide(means[5], means[4], out=np.full(count, np.nan), where=means[4] > 0)
+    return np.column_stack([*means[:4], delay])

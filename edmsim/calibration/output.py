@@ -1,0 +1,201 @@
+"""What a calibration leaves: files for ``edmsim cut``, a table for the terminal, JSON for scripts."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping
+from importlib.metadata import version
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from pydantic import BaseModel
+
+from edmsim.calibration.fit import Fit
+from edmsim.calibration.log import STATISTICS
+from edmsim.errors import InputError
+from edmsim.uncertainty import choose, with_constants
+
+if TYPE_CHECKING:
+    from rich.console import RenderableType
+
+    from edmsim.machine import Machine
+
+STRONG = 0.95
+"""Errors correlated as strongly as this are told: the log knows a combination better than either (ours)."""
+
+
+def files_of(fit: Fit, out: Path) -> dict[str, Path]:
+    """Return the files a fit is written to, by the options of ``edmsim cut`` that take them.
+
+    The machine's constants go into `out`; those of material and wire, if any were fitted, into files beside it.
+    """
+    parts = {constant.name.partition(".")[0] for constant in fit.constants}
+    files = {"machine": out}
+    for part in ("material", "wire"):
+        if part in parts:
+            files[part] = out.with_name(f"{out.stem}-{part}.toml")
+    return files
+
+
+def write(fit: Fit, log_name: str, out: Path) -> dict[str, Path]:
+    """Write the fitted set-up as files of their own; each is replaced whole or not at all.
+
+    Returns
+    -------
+    dict of str to Path
+        As `files_of`.
+    """
+    machine = _with_sources(fit, log_name)
+    files = files_of(fit, out)
+    models: dict[str, BaseModel] = {"machine": machine.base, "material": machine.material, "wire": _wire(machine)}
+    heading = f"# Fitted to {log_name} by edmsim calibrate ({version('edmsim')}).\n"
+    for part, file in files.items():
+        partial = file.with_name(file.name + ".part")
+        partial.write_text(heading + as_toml(models[part]), encoding="utf-8")
+        partial.replace(file)
+    return files
+
+
+def _with_sources(fit: Fit, log_name: str) -> Machine:
+    """Return the fitted machine; every fitted constant says where it comes from, and keeps its range."""
+    fitted = {constant.name: constant for constant in fit.constants}
+    changed = {}
+    for name, constant in choose(fit.machine, fitted).items():
+        low, high = fitted[name].interval
+        before = f"before {fitted[name].before:g}, {constant.source}"
+        source = f"fitted to {log_name}: {low:.4g}..{high:.4g} (95 %); {before}"
+        changed[name] = constant.model_copy(update={"source": source})
+    return with_constants(fit.machine, changed)
+
+
+def _wire(machine: Machine) -> BaseModel:
+    """Return the wire with the diameter it was used with: a file's name cannot carry one."""
+    diameter = machine.wire.default_diameter_um.model_copy(update={"value": machine.wire_diameter_um})
+    return machine.wire.model_copy(update={"default_diameter_um": diameter})
+
+
+def as_toml(model: BaseModel) -> str:
+    """Return a machine, wire or material as its TOML file: texts, then constants, then tables of constants."""
+    lines, tables = [], []
+    for name, value in model:
+        if isinstance(value, BaseModel) and "source" not in type(value).model_fields:
+            tables += ["", f"[{name}]", *_lines(value)]
+        elif value is not None:
+            lines.append(f"{name} = {_value(value)}")
+    return "\n".join([*lines, *tables, ""])
+
+
+def _lines(table: BaseModel) -> list[str]:
+    return [f"{name} = {_value(value)}" for name, value in table if value is not None]
+
+
+def _value(value: Any) -> str:
+    if isinstance(value, BaseModel):
+        return f"{{ {', '.join(f'{name} = {_value(item)}' for name, item in value if item is not None)} }}"
+    if isinstance(value, tuple):
+        return f"[{', '.join(_value(item) for item in value)}]"
+    # a JSON text is a TOML basic string; repr of a float is a TOML float
+    return json.dumps(value, ensure_ascii=False) if isinstance(value, str) else repr(value)
+
+
+def check_writable(out: Path) -> None:
+    """See before the work begins that the files can be written; raises `InputError` if not."""
+    if out.suffix != ".toml":
+        raise InputError("the fitted machine is written as TOML: the file's name must end in .toml", out)
+    probe = out.with_name(out.name + ".part")
+    try:
+        probe.touch()
+        probe.unlink()
+    except OSError as error:
+        raise InputError(f"cannot be written: {error.strerror}", out) from None
+
+
+def render(fit: Fit) -> RenderableType:
+    """Return the fit for the terminal: constants, what the log cannot tell, correlations, log beside model."""
+    from rich.console import Group
+    from rich.table import Table
+    from rich.text import Text
+
+    table = Table("constant", "before", "fitted", "95 % interval", "range", "", box=None, pad_edge=False)
+    for c in fit.constants:
+        table.add_row(
+            c.name, f"{c.before:g}", f"{c.value:.4g}", _between(c.interval), _between(c.range),
+            Text(c.remark, "yellow"),
+        )  # fmt: skip
+    untold = [Text(f"the log cannot tell {name}: {reason}", "yellow") for name, reason in fit.untold.items()]
+    warnings = [Text(line, "yellow") for line in (*correlated(fit), *refusal(fit))]
+    return Group(table, *untold, Text(_misfit_text(fit)), *warnings, _beside(fit))
+
+
+def _between(interval: tuple[float, float]) -> str:
+    return f"{interval[0]:.4g} .. {interval[1]:.4g}"
+
+
+def _misfit_text(fit: Fit) -> str:
+    text = f"misfit {fit.misfit:.2f} per degree of freedom over {len(fit.stretches)} stretches"
+    if fit.misfit <= MUCH:
+        return text
+    return text + ": the model does not do what the machine did, whatever the constants; do not trust the intervals"
+
+
+MUCH = 4.0
+"""A misfit above this is no noise: residuals are twice as large as it (ours)."""
+
+
+def correlated(fit: Fit) -> list[str]:
+    """Say which constants' errors hang together so strongly that only a combination of them is known well."""
+    names = [constant.name for constant in fit.constants]
+    return [
+        f"errors of {names[i]} and {names[j]} are correlated by {fit.correlation[i, j]:+.2f}: "
+        "their combination is known better than either"
+        for i in range(len(names)) for j in range(i) if abs(fit.correlation[i, j]) > STRONG
+    ]  # fmt: skip
+
+
+def refusal(fit: Fit) -> list[str]:
+    """Say why the fitted machine cannot run at the generator's own setting, if so."""
+    try:
+        fit.machine.check()
+    except InputError as error:
+        return [f"the fitted machine cannot run at the generator's own setting: {error.reason}"]
+    return []
+
+
+def _beside(fit: Fit) -> RenderableType:
+    """Statistics of the log beside the fitted model's, stretch by stretch."""
+    from rich.table import Table
+
+    heads = ("short %", "open %", "voltage V", "current A", "delay us")
+    table = Table("feed um/s", "t_on/t_period us", *heads, title="log / fitted model", box=None, pad_edge=False)
+    for stretch, simulated in zip(fit.stretches, fit.simulated, strict=True):
+        pairs = zip(stretch.mean * _PERCENT, simulated * _PERCENT, strict=True)
+        cells = (f"{logged:.3g} / {model:.3g}" for logged, model in pairs)
+        table.add_row(f"{stretch.feed_um_s:.1f}", f"{stretch.t_on_us:g}/{stretch.t_period_us:g}", *cells)
+    return table
+
+
+_PERCENT = (100.0, 100.0, 1.0, 1.0, 1.0)
+
+
+def as_json(fit: Fit, files: Mapping[str, Path]) -> str:
+    """Return the fit as JSON; what is unknown is null."""
+    told = {
+        "constants": [c._asdict() for c in fit.constants],
+        "untold": fit.untold,
+        "correlation": fit.correlation.tolist(),
+        "misfit": fit.misfit,
+        "stretches": [
+            {
+                "first_window": s.first, "feed_um_s": s.feed_um_s, "t_on_us": s.t_on_us, "t_period_us": s.t_period_us,
+                "log": _named(s.mean.tolist()), "model": _named(simulated.tolist()),
+            }
+            for s, simulated in zip(fit.stretches, fit.simulated, strict=True)
+        ],
+        "files": {part: str(file) for part, file in files.items()},
+    }  # fmt: skip
+    return json.dumps(told, indent=2, allow_nan=False)
+
+
+def _named(values: list[float]) -> dict[str, float | None]:
+    return {name: value if math.isfinite(value) else None for name, value in zip(STATISTICS, values, strict=True)}

@@ -1,0 +1,149 @@
+"""``report.html``: a cut's report with its figures in one file that needs nothing else, readable on a phone."""
+
+from __future__ import annotations
+
+import base64
+import io
+from collections.abc import Iterable, Mapping
+from html import escape
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from edmsim.recording.figure_set import Picture, pictures
+from edmsim.recording.report import duration_text, figure_text, summary
+from edmsim.recording.scene import Scene
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+_STYLE = """
+:root { color-scheme: light dark; --ink: #1f2933; --muted: #5b6773; --line: #d9dde2; --card: #ffffff; --page: #f5f6f8;
+  --good: #00735a; --bad: #b34700; }
+@media (prefers-color-scheme: dark) { :root { --ink: #e4e8ec; --muted: #a0abb6; --line: #39424c; --card: #1e242b;
+  --page: #14181d; --good: #37c7a0; --bad: #ff9552; } }
+* { box-sizing: border-box; }
+body { margin: 0 auto; max-width: 76rem; padding: 1rem; background: var(--page); color: var(--ink);
+  font: 16px/1.5 system-ui, sans-serif; }
+h1 { font-size: 1.5rem; margin: 0; overflow-wrap: anywhere; }
+h2 { font-size: 1.1rem; margin: 2rem 0 .6rem; }
+.outcome { font-weight: 600; margin: .2rem 0 1rem; }
+.good { color: var(--good); } .bad { color: var(--bad); }
+.tiles { display: grid; grid-template-columns: repeat(auto-fit, minmax(9rem, 1fr)); gap: .7rem; }
+.tile, table, .notices { background: var(--card); border: 1px solid var(--line); border-radius: .5rem; }
+.tile { padding: .6rem .8rem; } .tile b { display: block; font-size: 1.2rem; font-weight: 600; }
+.tile span, th, figcaption, footer { color: var(--muted); font-size: .9rem; }
+table { border-collapse: separate; border-spacing: 0; width: 100%; }
+td, th { padding: .35rem .8rem; text-align: left; vertical-align: top; font-weight: 400; }
+tr + tr > * { border-top: 1px solid var(--line); }
+td { font-variant-numeric: tabular-nums; overflow-wrap: anywhere; white-space: pre-wrap; }
+.pairs th { width: 11rem; }
+.notices { margin: 0; padding: .6rem .8rem .6rem 1.8rem; }
+.figures { display: grid; grid-template-columns: repeat(auto-fill, minmax(min(100%, 22rem), 1fr)); gap: 1rem;
+  align-items: start; }
+figure { margin: 0; } figcaption { margin-top: .3rem; }
+img { display: block; width: 100%; height: auto; background: #fff; border: 1px solid var(--line);
+  border-radius: .5rem; padding: .4rem; }
+footer { margin: 2rem 0 1rem; }
+@media (max-width: 30rem) { .pairs th { width: 7rem; } td, th { padding: .35rem .6rem; } }
+"""
+# Figures keep their white ground in the dark: they are the same ones as in a paper.
+
+
+def write_html(report: Mapping[str, Any], windows: pa.Table, scene: Scene, title: str, file: str | Path) -> None:
+    """Write the page of a cut; a file of that name is replaced whole or not at all.
+
+    Parameters
+    ----------
+    report, windows, scene
+        As `edmsim.recording.figure_set.pictures` takes them.
+    title : str
+        What was cut, usually the program's name.
+    file : path
+    """
+    left_out: list[str] = []
+    drawn = list(pictures(report, windows, scene, left_out.append))
+    target = Path(file)
+    partial = target.with_name(target.name + ".part")
+    partial.write_text(page(report, title, drawn, left_out), encoding="utf-8")
+    partial.replace(target)
+
+
+def page(report: Mapping[str, Any], title: str, drawn: Iterable[Picture], left_out: Iterable[str] = ()) -> str:
+    """Return the page: heading, key figures, table, notices, figures, corners, settings.
+
+    Parameters
+    ----------
+    report : mapping
+    title : str
+    drawn : iterable of Picture
+        Are put into the page as PNG.
+    left_out : iterable of str
+        Further notices.
+    """
+    stopped = report["reason"] is not None
+    outcome = report["outcome"] + (f": {report['reason']}" if stopped else "")
+    notices = [*report["notices"], *left_out]
+    return "\n".join([
+        '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">',
+        '<meta name="viewport" content="width=device-width, initial-scale=1">',
+        f"<title>{escape(title)} – edmsim</title>\n<style>{_STYLE}</style>\n</head>\n<body>",
+        f"<h1>{escape(title)}</h1>",
+        f'<p class="outcome {"bad" if stopped else "good"}">{escape(outcome)}</p>',
+        _tiles(report),
+        _section("Result", _pairs(summary(report))),
+        _section("Notices", _notices(notices)) if notices else "",
+        _section("Figures", f'<div class="figures">{"".join(_picture(p) for p in drawn)}</div>'),
+        _section("Corners", _corners(report)) if report["corners"] else "",
+        _section("Settings", _pairs([*_settings(report["settings"]), ("seed", str(report["seed"]))])),
+        f"<footer>edmsim {escape(report['edmsim_version'])}</footer>\n</body>\n</html>\n",
+    ])  # fmt: skip
+
+
+def _tiles(report: Mapping[str, Any]) -> str:
+    facts = (
+        ("machining time", duration_text(report["machining_time_s"])),
+        ("cutting rate", figure_text(report["cutting_rate_mm2_min"], "mm²/min")),
+        ("kerf", figure_text(report["kerf_um"]["mean"], "µm")),
+        ("profile error, rms", figure_text(report["profile_error_um"]["rms"], "µm")),
+    )
+    tiles = (f'<div class="tile"><span>{name}</span><b>{escape(value)}</b></div>' for name, value in facts)
+    return f'<div class="tiles">{"".join(tiles)}</div>'
+
+
+def _section(name: str, content: str) -> str:
+    return f"<section>\n<h2>{name}</h2>\n{content}\n</section>"
+
+
+def _pairs(rows: Iterable[tuple[str, str]]) -> str:
+    cells = (f"<tr><th>{escape(name)}</th><td>{escape(value)}</td></tr>" for name, value in rows)
+    return f'<table class="pairs">{"".join(cells)}</table>'
+
+
+def _notices(notices: Iterable[str]) -> str:
+    return f'<ul class="notices">{"".join(f"<li>{escape(notice)}</li>" for notice in notices)}</ul>'
+
+
+def _picture(picture: Picture) -> str:
+    held = io.BytesIO()
+    picture.figure.savefig(held, format="png", metadata={"Software": "edmsim"})
+    data = base64.b64encode(held.getvalue()).decode("ascii")
+    caption = escape(picture.caption)
+    width, height = picture.figure.canvas.get_width_height()
+    image = f'<img src="data:image/png;base64,{data}" alt="{caption}" width="{width}" height="{height}">'
+    return f'<figure id="{picture.name}">{image}<figcaption>{caption}</figcaption></figure>'
+
+
+def _corners(report: Mapping[str, Any]) -> str:
+    head = "<tr><th>X, mm</th><th>Y, mm</th><th>turn, °</th><th>error, µm</th></tr>"
+    rows = (
+        f"<tr><td>{c['x_mm']:.3f}</td><td>{c['y_mm']:.3f}</td><td>{c['turn_deg']:+.0f}</td>"
+        f"<td>{'–' if c['error_um'] is None else format(c['error_um'], '+.1f')}</td></tr>"
+        for c in report["corners"]
+    )
+    return f"<table>{head}{''.join(rows)}</table>".replace("<td>-", "<td>−")
+
+
+def _settings(settings: Mapping[str, Any]) -> Iterable[tuple[str, str]]:
+    for name, value in settings.items():
+        if value is not None and value != []:
+            yield name, f"{value:g}" if isinstance(value, float) else str(value)

@@ -1,0 +1,37 @@
+"""A simulated log of a machine whose constants are known, at two feeds."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from types import SimpleNamespace
+
+import numpy as np
+import pyarrow as pa
+import pytest
+
+import edmsim
+from edmsim.calibration.log import COLUMNS
+from edmsim.uncertainty import with_values
+from edmsim.validation.straight import Traverse, begin
+
+TRUTH = {"gap.critical_um": 9.5, "material.removal_mm3_J": 7.5e-3}
+
+
+def simulated_log(machine: edmsim.Machine, feeds_um_s: Sequence[float], seed: int, windows: int = 990) -> pa.Table:
+    """Cut straight at one feed after the other, and keep what a machine shows of it."""
+    rows = []
+    for number, feed in enumerate(feeds_um_s):
+        traverse = Traverse(begin(machine, seed + number), feed)
+        for _ in range(windows):
+            w = traverse.window()
+            rows.append((feed, w.short, w.open, w.mean_voltage_V, w.mean_current_A, w.mean_delay_us,
+                         machine.t_on_us, machine.t_period_us))  # fmt: skip
+    return pa.table(dict(zip(COLUMNS, np.array(rows, float).T, strict=True)))
+
+
+@pytest.fixture(scope="session")
+def known() -> SimpleNamespace:
+    """Give the set-up as its files have it, the constants of the machine that was logged, and its log."""
+    machine = edmsim.Machine.load(height_mm=10.0)
+    table = simulated_log(with_values(machine, TRUTH), (22, 34), 900)
+    return SimpleNamespace(machine=machine, truth=TRUTH, table=table)

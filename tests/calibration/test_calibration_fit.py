@@ -1,0 +1,202 @@
+"""The fit: known constants come back within their intervals, and what a log cannot tell is not told."""
+
+from __future__ import annotations
+
+import json
+import math
+import sys
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import edmsim
+from edmsim import cli
+from edmsim.calibration import Fit, Log, calibrate, read_log
+from edmsim.calibration.fit import Fitted
+from edmsim.calibration.log import COLUMNS, STRETCH_WINDOWS, Stretch, stretches
+from edmsim.calibration.output import correlated, write
+from edmsim.calibration.simulate import simulate
+from edmsim.uncertainty import share_of, value_at, with_values
+
+
+def log_of(table: pa.Table) -> Log:
+    return Log("known", {name: table[name].to_numpy() for name in COLUMNS})
+
+
+@pytest.fixture(scope="session")
+def recovered(known: SimpleNamespace) -> Fit:
+    """Give what is found of two known constants and one that no log of a short time can tell."""
+    return calibrate(log_of(known.table), known.machine, [*known.truth, "wire.strength_MPa"], seed=3)
+
+
+@pytest.mark.slow
+def test_known_constants_come_back_within_their_intervals(known: SimpleNamespace, recovered: Fit) -> None:
+    assert [constant.name for constant in recovered.constants] == list(known.truth)
+    for constant in recovered.constants:
+        low, high = constant.interval
+        assert low <= known.truth[constant.name] <= high
+        assert not low <= constant.before <= high  # where the search began is ruled out
+        assert high - low < 0.6 * (constant.range[1] - constant.range[0])
+    assert recovered.misfit < 2.0
+
+
+@pytest.mark.slow
+def test_what_the_log_cannot_tell_keeps_its_value(known: SimpleNamespace, recovered: Fit) -> None:
+    assert recovered.untold == {"wire.strength_MPa": "the statistics do not depend on it"}
+    assert recovered.machine.wire == known.machine.wire
+
+
+@pytest.mark.slow
+def test_the_fitted_set_up_can_be_cut_with(known: SimpleNamespace, recovered: Fit, tmp_path: Path) -> None:
+    files = write(recovered, "known.parquet", tmp_path / "fitted.toml")
+    assert {part: file.name for part, file in files.items()} == {
+        "machine": "fitted.toml", "material": "fitted-material.toml"
+    }  # fmt: skip
+    assert len(list(tmp_path.iterdir())) == 2
+    again = edmsim.Machine.load(str(files["machine"]), material=str(files["material"]), height_mm=10.0)
+    fitted = {constant.name: constant for constant in recovered.constants}
+    assert again.base.gap.critical_um.value == fitted["gap.critical_um"].value
+    assert again.material.removal_mm3_J.value == fitted["material.removal_mm3_J"].value
+    assert again.base.gap.critical_um.range == (8.0, 10.0)
+    assert "fitted to known.parquet" in again.base.gap.critical_um.source
+    assert again.base.dielectric == known.machine.base.dielectric
+
+
+@pytest.mark.slow
+def test_a_log_that_tells_nothing_is_refused(known: SimpleNamespace) -> None:
+    one = log_of(known.table.slice(0, 990))
+    with pytest.raises(edmsim.InputError, match=r"none of the constants \(wire.strength_MPa: the statistics do"):
+        calibrate(one, known.machine, ["wire.strength_MPa"])
+
+
+@pytest.mark.slow
+def test_the_same_seed_fits_the_same(known: SimpleNamespace) -> None:
+    one = log_of(known.table.slice(0, 990))
+    first, second = (calibrate(one, known.machine, ["material.removal_mm3_J"], seed=5) for _ in range(2))
+    assert first.constants == second.constants
+    np.testing.assert_array_equal(first.simulated, second.simulated)
+
+
+def test_the_logged_machine_has_the_logs_statistics(known: SimpleNamespace) -> None:
+    stretch = stretches(log_of(known.table), 325.0)[0]
+    right, wrong = (
+        Stretch(0, 22.0, 30.0, 100.0, simulate(machine, stretch, STRETCH_WINDOWS, 1, "fast")).mean - stretch.mean
+        for machine in (with_values(known.machine, known.truth), known.machine)
+    )
+    noise = stretch.batches.std(axis=0) / math.sqrt(len(stretch.batches))
+    assert (np.abs(right) < 6 * noise).all()
+    assert np.abs(wrong / noise).max() > 15
+
+
+def test_a_wire_driven_into_the_metal_counts_as_shorted(known: SimpleNamespace) -> None:
+    stretch = stretches(log_of(known.table), 325.0)[0]
+    jammed = Stretch(0, 350.0, stretch.t_on_us, stretch.t_period_us, stretch.batches)
+    batches = simulate(known.machine, jammed, 80, 0, "fast")
+    np.testing.assert_array_equal(batches[-1, :3], [1.0, 0.0, 0.0])
+
+
+@given(st.floats(0.0, 1.0), st.sampled_from([(1.0, 2.0), (0.0, 20.0), (1e-7, 7e-7), (5.0, 20.0), (5e3, 2e5)]))
+def test_a_share_of_a_range_and_its_value_are_one(share: float, bounds: tuple[float, float]) -> None:
+    assert share_of(bounds, value_at(bounds, share)) == pytest.approx(share, abs=1e-9)
+
+
+def test_errors_that_hang_together_are_told() -> None:
+    constants = tuple(Fitted(name, 1.0, 1.0, (0.9, 1.1), (0.0, 2.0), "") for name in ("gap.a", "gap.b"))
+    fit = Fit(edmsim.Machine.load(), constants, {}, np.array([[1.0, -0.97], [-0.97, 1.0]]), 1.0, [], np.zeros((0, 5)))
+    assert correlated(fit) == [
+        "errors of gap.b and gap.a are correlated by -0.97: their combination is known better than either"
+    ]
+
+
+# --- refusals ---
+
+
+def test_constants_that_cannot_be_fitted_are_refused(known: SimpleNamespace) -> None:
+    log = log_of(known.table)
+    for only, said in ((["gap.nonsense"], "'gap.nonsense' is no section or constant"),
+                       (["gap.contact_um"], "'gap.contact_um' is no section or constant with a range")):  # fmt: skip
+        with pytest.raises(edmsim.InputError, match=said):
+            calibrate(log, known.machine, only)
+    with pytest.raises(edmsim.InputError, match=r"\d\d constants cannot be told from 10 statistics"):
+        calibrate(log, known.machine, ["gap", "discharge", "dielectric", "guides"])
+
+
+def test_a_log_without_a_steady_stretch_is_refused(known: SimpleNamespace) -> None:
+    with pytest.raises(edmsim.InputError, match="known: no steady stretch of 400 windows"):
+        calibrate(log_of(known.table.slice(0, 300)), known.machine)
+
+
+def test_a_setting_the_generator_refuses_is_refused(known: SimpleNamespace) -> None:
+    strong = log_of(known.table.set_column(6, "t_on_us", pa.array(np.full(len(known.table), 90.0))))
+    with pytest.raises(edmsim.InputError, match="above the generator's 2 A"):
+        calibrate(strong, known.machine)
+
+
+def run(monkeypatch: pytest.MonkeyPatch, *arguments: object) -> int:
+    monkeypatch.setattr(sys, "argv", ["edmsim", "calibrate", *map(str, arguments)])
+    with pytest.raises(SystemExit) as left:
+        cli.main()
+    return left.value.code if isinstance(left.value.code, int) else 0
+
+
+@pytest.fixture
+def log_file(known: SimpleNamespace, tmp_path: Path) -> Path:
+    pa.parquet.write_table(known.table.slice(0, 990), tmp_path / "log.parquet")
+    return tmp_path / "log.parquet"
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (("--out", "fitted.json"), "must end in .toml"),
+        (("--out", "missing/fitted.toml"), "cannot be written: No such file"),
+        (("--out", "fitted.toml", "--fit", "gap.nonsense"), "'gap.nonsense' is no section"),
+        (("--out", "fitted.toml", "--resolution", "finest"), "finest"),
+        (("--out", "fitted.toml", "--material", "butter"), "unknown material 'butter'"),
+    ],
+)
+def test_bad_usage_is_one_line_and_2_and_nothing_is_written(
+    log_file: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], options: tuple[str, ...],
+    said: str,
+) -> None:  # fmt: skip
+    monkeypatch.chdir(log_file.parent)
+    assert run(monkeypatch, log_file, *options) == 2
+    told = capsys.readouterr()
+    assert said in told.err
+    assert told.err.count("\n") == 1
+    assert [file.name for file in log_file.parent.iterdir()] == ["log.parquet"]
+
+
+def test_an_interrupted_fit_writes_nothing(
+    log_file: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def interrupt(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("edmsim.calibration.comparison.simulate", interrupt)
+    assert run(monkeypatch, log_file, "--out", log_file.parent / "fitted.toml", "--height", "10") == cli.INTERRUPTED
+    assert "interrupted; nothing was written" in capsys.readouterr().err
+    assert [file.name for file in log_file.parent.iterdir()] == ["log.parquet"]
+
+
+@pytest.mark.slow
+def test_the_command_tells_and_writes(
+    known: SimpleNamespace, log_file: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = log_file.parent / "fitted.toml"
+    options = ("--out", out, "--height", "10", "--fit", "material.removal_mm3_J", "--json")
+    assert run(monkeypatch, log_file, *options) == 0
+    told = json.loads(capsys.readouterr().out)
+    (constant,) = told["constants"]
+    assert constant["name"] == "material.removal_mm3_J"
+    low, high = constant["interval"]
+    assert low < constant["value"] < high
+    assert told["files"] == {"machine": str(out), "material": str(out.with_name("fitted-material.toml"))}
+    assert len(read_log(log_file)) == 990
+    edmsim.Machine.load(str(out), material=told["files"]["material"])

@@ -1,0 +1,110 @@
+"""The log: what is read of it, what is refused, and which stretches of it are steady."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.csv
+import pyarrow.parquet
+import pytest
+
+from edmsim import InputError
+from edmsim.calibration import Log, read_log
+from edmsim.calibration.fit import spread
+from edmsim.calibration.log import BATCH_WINDOWS, COLUMNS, STRETCH_WINDOWS, Stretch, statistics, stretches
+
+SETTLE = 100
+"""Windows of 25.5 ms at 20 um/s in a travel of 51 um."""
+SETTLE_UM = 50.99
+
+
+def rows(count: int, **values: float | np.ndarray) -> dict[str, np.ndarray]:
+    """Columns of so many windows, of plausible values unless others are given."""
+    usual = {"feed_um_s": 20.0, "short": 10.0, "open": 100.0, "mean_voltage_V": 21.0, "mean_current_A": 0.7,
+             "mean_delay_us": 11.0, "t_on_us": 30.0, "t_period_us": 100.0}  # fmt: skip
+    return {name: np.broadcast_to(np.asarray((usual | values)[name], float), count).copy() for name in COLUMNS}
+
+
+def log_of(*parts: dict[str, np.ndarray]) -> Log:
+    return Log("made up", {name: np.concatenate([part[name] for part in parts]) for name in COLUMNS})
+
+
+def test_parquet_and_csv_are_read_alike(tmp_path: Path) -> None:
+    table = pa.table(rows(5, mean_delay_us=np.array([1.0, np.nan, 3.0, 4.0, 5.0]), short=np.arange(5.0)))
+    table = table.append_column("x_um", pa.array(range(5)))  # what is not needed is not looked at
+    pa.parquet.write_table(table, tmp_path / "log.parquet")
+    pa.csv.write_csv(table, tmp_path / "log.csv")
+    for name in ("log.parquet", "log.csv"):
+        log = read_log(tmp_path / name)
+        assert len(log) == 5
+        assert list(log.columns) == list(COLUMNS)
+        for column in COLUMNS:
+            np.testing.assert_array_equal(log.columns[column], table[column].to_numpy())
+
+
+def test_a_cut_has_the_columns_of_a_log(small_cut) -> None:
+    assert len(read_log(small_cut.folder / "windows.parquet")) == small_cut.result.windows.num_rows
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "said"),
+    [
+        ("log.csv", None, "no such file"),
+        ("log.csv", "", "cannot be read as CSV"),
+        ("log.parquet", "feed_um_s\n1\n", "cannot be read as Parquet"),
+        ("log.csv", "feed_um_s,short\n1,2\n", "column open is missing; a log needs feed_um_s short open"),
+        ("log.csv", ",".join(COLUMNS) + "\n", "no windows in it"),
+        ("log.csv", ",".join(COLUMNS) + "\n20,1,2,20,1,x,30,100\n", "column mean_delay_us holds something that"),
+        ("log.csv", ",".join(COLUMNS) + "\n20,200,100,20,1,9,30,100\n", "window 1: short 200 cannot be"),
+        ("log.csv", ",".join(COLUMNS) + "\n20,1,2,20,1,9,30,100\n20,1,2,20,1,9,30,30\n", "window 2: t_period_us 30"),
+        ("log.csv", ",".join(COLUMNS) + "\n20,1,2,,1,9,30,100\n", "window 1: mean_voltage_V nan"),
+        ("log.csv", ",".join(COLUMNS) + "\n20,1,2,20,1,-9,30,100\n", "window 1: mean_delay_us -9"),
+    ],
+)
+def test_what_is_no_log_is_refused_in_one_line(tmp_path: Path, name: str, content: str | None, said: str) -> None:
+    file = tmp_path / name
+    if content is not None:
+        file.write_text(content)
+    with pytest.raises(InputError, match=said) as refused:
+        read_log(file)
+    assert str(file) in str(refused.value)
+    assert "\n" not in str(refused.value)
+
+
+def test_delays_are_weighted_by_what_ignited() -> None:
+    short, open_ = np.zeros(BATCH_WINDOWS), np.full(BATCH_WINDOWS, 155.0)
+    delay = np.full(BATCH_WINDOWS, 10.0)
+    open_[0], delay[0] = 255.0, np.nan  # nothing ignited here
+    open_[1], delay[1] = 55.0, 4.0  # and twice as much here
+    (batch,) = statistics(short, open_, np.full(40, 20.0), np.full(40, 1.0), delay)
+    assert batch[1] == pytest.approx((38 * 155 + 255 + 55) / 40 / 255)
+    assert batch[4] == pytest.approx((38 * 100 * 10 + 200 * 4) / (38 * 100 + 200))
+    assert np.isnan(statistics(short, np.full(40, 255.0), short, short, np.full(40, np.nan))[0, 4])
+
+
+def test_stretches_begin_after_each_change_has_settled() -> None:
+    count = SETTLE + STRETCH_WINDOWS + 20
+    log = log_of(rows(count), rows(count, feed_um_s=30.0), rows(count, feed_um_s=30.0, t_on_us=20.0))
+    found = stretches(log, SETTLE_UM)
+    assert [s.feed_um_s for s in found] == [20.0, 30.0, 30.0]
+    assert [s.t_on_us for s in found] == [30.0, 30.0, 20.0]
+    assert [s.first for s in found] == [99, count + 66, 2 * count + 66]  # 100 and 66.7 windows of travel
+    np.testing.assert_allclose(found[0].mean, [10 / 255, 100 / 255, 21.0, 0.7, 11.0])
+
+
+def test_air_rest_and_unsteady_feeds_are_left_out() -> None:
+    count = SETTLE + STRETCH_WINDOWS
+    restless = 20.0 + 15.0 * (-1.0) ** np.arange(count)
+    log = log_of(
+        rows(count, open=250.0, short=0.0), rows(count, feed_um_s=0.0, t_on_us=29.0), rows(count, t_on_us=28.0),
+        rows(count, feed_um_s=restless, t_on_us=27.0), rows(count, feed_um_s=-20.0, t_on_us=26.0),
+    )  # fmt: skip
+    assert [s.t_on_us for s in stretches(log, SETTLE_UM)] == [28.0]
+
+
+def test_of_many_stretches_those_that_differ_are_compared() -> None:
+    steady = [Stretch(n, feed, 30.0, 100.0, np.zeros((10, 5))) for n, feed in enumerate([20.0] * 6 + [30.0, 10.0])]
+    assert [s.feed_um_s for s in spread(steady, 3)] == [20.0, 30.0, 10.0]
+    assert spread(steady, 99) == steady

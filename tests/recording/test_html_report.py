@@ -1,0 +1,168 @@
+"""``report.html``: one file that needs nothing else; and what a folder tells when it is read back."""
+
+from __future__ import annotations
+
+import base64
+import json
+import shutil
+from html.parser import HTMLParser
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from edmsim import InputError
+from edmsim.recording import Scene, read_scene, write_scene
+from edmsim.recording.cut_folder import read_cut, remake
+from edmsim.recording.html_report import page
+
+NAMES = [
+    "profile-error", "corner", "kerf-section", "pulses", "short-open", "ignition-delay", "wire-spectrum",
+]
+
+
+class Page(HTMLParser):
+    """What a page is made of: tags still open, addresses, pictures, text."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.open: list[str] = []
+        self.addresses: list[str] = []
+        self.figures: list[str] = []
+        self.text = ""
+        self.feed(text)
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        told = dict(attrs)
+        if tag not in ("meta", "img"):
+            self.open.append(tag)
+        self.addresses += [told[key] or "" for key in ("src", "href") if key in told]
+        if tag == "figure":
+            self.figures.append(told["id"] or "")
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open.pop() == tag
+
+    def handle_data(self, data: str) -> None:
+        if self.open and self.open[-1] not in ("style",):
+            self.text += data + "\n"
+
+
+@pytest.fixture(scope="module")
+def written(small_cut: SimpleNamespace) -> Page:
+    return Page((small_cut.folder / "report.html").read_text(encoding="utf-8"))
+
+
+def test_every_cut_writes_a_page_that_needs_no_other_file(written: Page, small_cut: SimpleNamespace) -> None:
+    assert written.open == []
+    assert written.figures == NAMES
+    assert len(written.addresses) == len(NAMES)
+    for address in written.addresses:
+        kind, _, data = address.partition(";base64,")
+        assert kind == "data:image/png"
+        assert base64.b64decode(data, validate=True).startswith(b"\x89PNG")
+    text = (small_cut.folder / "report.html").read_text(encoding="utf-8")
+    assert not {"<script", "http://", "https://", "url(", "@import"} & set(text.split('"'))
+    assert 'name="viewport"' in text
+    assert "prefers-color-scheme: dark" in text
+
+
+def test_the_page_holds_table_settings_and_notices(written: Page, small_cut: SimpleNamespace) -> None:
+    report = small_cut.result.report
+    for said in (
+        "small.ngc", "finished", "tool-steel", "constants_sha256", f"{report['kerf_um']['mean']:.1f} µm",
+        *report["notices"], f"{report['corners'][0]['error_um']:+.1f}".replace("-", "−"),
+    ):  # fmt: skip
+        assert said in written.text
+
+
+def test_what_a_report_says_is_text_not_markup(cut: SimpleNamespace) -> None:
+    report = cut.report | {
+        "reason": "the <b>wire</b> broke", "outcome": "wire-break", "notices": ['feed "F<2>" & more'],
+        "settings": {"program": "a<script>.ngc", "max_time_s": None, "heights": []},
+    }  # fmt: skip
+    text = page(report, "a<script>.ngc", [], ["not drawn: <i>"])
+    shown = Page(text)
+    assert "<script" not in text
+    assert shown.open == []
+    assert "wire-break: the <b>wire</b> broke" in shown.text
+    assert 'feed "F<2>" & more' in shown.text
+    assert "not drawn: <i>" in shown.text
+    assert "max_time_s" not in shown.text
+
+
+def test_a_scene_comes_back_from_its_file(cut: SimpleNamespace, tmp_path: Path) -> None:
+    write_scene(cut.scene, tmp_path / "part.npz")
+    assert [file.name for file in tmp_path.iterdir()] == ["part.npz"]
+    back = read_scene(tmp_path / "part.npz")
+    assert back.corners == cut.scene.corners
+    for name in ("stock_mm", "height_mm", "guides_z_mm", "wire_diameter_um", "stop_mm", "terraces"):
+        assert getattr(back, name) == getattr(cut.scene, name)
+    np.testing.assert_array_equal(back.starts_mm, cut.scene.starts_mm)
+    assert len(back.cut_edges_mm) == len(cut.scene.cut_edges_mm)
+    for ours, theirs in zip(back.cut_edges_mm, cut.scene.cut_edges_mm, strict=True):
+        for line, other in zip(ours, theirs, strict=True):
+            np.testing.assert_array_equal(line, other)
+    (edge,), (other) = back.maps, cut.scene.maps[0]
+    assert edge.part_side == other.part_side
+    for name in ("nominal_mm", "points_mm", "error_um"):
+        np.testing.assert_array_equal(getattr(edge, name), getattr(other, name))
+
+
+def test_an_empty_scene_comes_back(tmp_path: Path) -> None:
+    scene = Scene((), ((), ()), (), np.zeros((0, 2)), (0, 0, 10, 80), 20.0, (-10, 30), 250.0, (1.0, 2.0))
+    write_scene(scene, tmp_path / "part.npz")
+    back = read_scene(tmp_path / "part.npz")
+    assert (back.maps, back.cut_edges_mm, back.corners, back.stop_mm) == ((), ((), ()), (), (1.0, 2.0))
+
+
+@pytest.fixture
+def folder(small_cut: SimpleNamespace, tmp_path: Path) -> Path:
+    for name in ("report.json", "windows.parquet", "part.npz"):
+        shutil.copy(small_cut.folder / name, tmp_path / name)
+    return tmp_path
+
+
+def test_a_page_made_anew_is_the_one_the_cut_wrote(folder: Path, small_cut: SimpleNamespace) -> None:
+    assert remake(folder, None, "pdf", print) == [folder / "report.html"]
+    assert (folder / "report.html").read_bytes() == (small_cut.folder / "report.html").read_bytes()
+
+
+def test_figures_are_written_as_files(folder: Path) -> None:
+    files = remake(folder, folder / "figures", "svg", print)
+    assert [file.stem for file in files] == NAMES
+    assert all("</svg>" in file.read_text(encoding="utf-8") for file in files)
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (lambda f: (f / "report.json").unlink(), "report.json: no such file"),
+        (lambda f: (f / "report.json").write_text("{"), "report.json: not the report of a cut"),
+        (lambda f: (f / "report.json").write_text('{"settings": {}}'), "without kerf_section: cut anew"),
+        (lambda f: (f / "windows.parquet").write_bytes(b"PAR1"), "windows.parquet: not a Parquet file"),
+        (lambda f: (f / "part.npz").unlink(), "part.npz: no such file"),
+        (lambda f: (f / "part.npz").write_bytes((f / "part.npz").read_bytes()[:500]), "part.npz: damaged"),
+    ],
+)
+def test_a_folder_that_cannot_be_used_is_refused_in_one_line(folder: Path, change, said: str) -> None:
+    change(folder)
+    before = {file.name: file.read_bytes() for file in folder.iterdir()}
+    with pytest.raises(InputError, match=said.replace(".", r"\.")) as refused:
+        remake(folder, None, "pdf", print)
+    assert "\n" not in str(refused.value)
+    assert {file.name: file.read_bytes() for file in folder.iterdir()} == before
+
+
+def test_another_layout_and_an_unknown_kind_are_refused(folder: Path) -> None:
+    with np.load(folder / "part.npz") as stored:
+        arrays = dict(stored)
+    told = json.loads(arrays["told"].tobytes()) | {"version": 99}
+    arrays["told"] = np.frombuffer(json.dumps(told).encode(), np.uint8)
+    np.savez(folder / "part.npz", **arrays)
+    with pytest.raises(InputError, match="layout 99"):
+        read_cut(folder)
+    with pytest.raises(InputError, match="written as 'gif'; there are: pdf, svg, png"):
+        remake(folder, folder / "figures", "gif", print)
+    assert not (folder / "figures").exists()

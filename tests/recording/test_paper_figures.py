@@ -1,0 +1,202 @@
+"""The figures for a paper: true to the numbers, without global state, and able to say that nothing is there."""
+
+from __future__ import annotations
+
+import dataclasses
+import sys
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+
+import edmsim
+from edmsim.recording import Scene, WindowTable
+from edmsim.recording.figure_paper import WIDTH_IN
+from edmsim.recording.figure_wire import folded_hz, spectrum, wire_frequencies_hz
+from edmsim.recording.figures import (
+    corner_figure,
+    delay_figure,
+    error_figure,
+    kerf_figure,
+    plane_figure,
+    pulses_figure,
+    spectrum_figure,
+)
+from edmsim.recording.pulse_sample import KINDS, PulseSample, cutting_feed_um_s, sample_like, sample_pulses
+
+
+def texts(figure: Figure) -> str:
+    return "\n".join(text.get_text() for text in figure.findobj(match=lambda a: hasattr(a, "get_text")))
+
+
+def line(figure: Figure, label: str) -> np.ndarray:
+    """Give the data (n, 2) of the drawn line with a label."""
+    (found,) = (line for axes in figure.axes for line in axes.get_lines() if line.get_label() == label)
+    return np.column_stack(found.get_data())
+
+
+@pytest.fixture(scope="module")
+def sample() -> PulseSample:
+    return sample_pulses(edmsim.Machine.load(), 25.0, seed=3, pulses=2000)
+
+
+def made_up(delay_us: np.ndarray, open_: int, deflection_um: np.ndarray | None = None) -> PulseSample:
+    kind = np.concatenate([np.full(len(delay_us), KINDS.index("spark")), np.full(open_, KINDS.index("open"))])
+    delays = np.concatenate([delay_us, np.full(open_, np.nan)])
+    moved = np.zeros((len(kind), 5, 2)) if deflection_um is None else deflection_um
+    return PulseSample(edmsim.Machine.load(), 25.0, 100.0, kind, delays, moved)
+
+
+def test_every_figure_is_one_column_wide_and_needs_no_pyplot(
+    cut: SimpleNamespace, sample: PulseSample, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "matplotlib.pyplot", None)  # importing it would raise
+    for figure in (
+        error_figure(cut.scene), corner_figure(cut.scene, cut.windows), kerf_figure(cut.report),
+        pulses_figure(cut.windows), plane_figure(cut.windows), delay_figure(sample, cut.windows),
+        spectrum_figure([sample], "fast"),
+    ):  # fmt: skip
+        figure.canvas.draw()
+        assert figure.get_figwidth() == WIDTH_IN
+        box = figure.get_tightbbox()
+        assert box.x0 > -0.02
+        assert box.x1 < WIDTH_IN + 0.02  # nothing is cut off at the sides
+        assert box.y1 < figure.get_figheight() + 0.02
+
+
+def test_the_worst_corner_is_chosen_and_any_other_can_be(cut: SimpleNamespace) -> None:
+    assert "X 30.000 Y 26.000" in texts(corner_figure(cut.scene, cut.windows))
+    assert "−9.1 µm" in texts(corner_figure(cut.scene, cut.windows, 0))
+    with pytest.raises(edmsim.InputError, match="no corner 4: the cut has corners 0 to 3"):
+        corner_figure(cut.scene, cut.windows, 4)
+
+
+def test_the_corner_shows_the_wire_behind_its_guides(cut: SimpleNamespace) -> None:
+    figure = corner_figure(cut.scene, cut.windows, 1)  # between an edge along +X and one along +Y
+    guides, wire = line(figure, "guides"), line(figure, "wire")
+    behind = np.nanmean((guides - wire)[guides[:, 0] < -200], axis=0)  # on the edge along +X
+    assert behind == pytest.approx([4.0, 0.0], abs=0.3)
+    error = line(figure, "profile error (+ metal left)")
+    assert np.abs(error[:, 0]).min() == 0.0
+    assert error[np.abs(error[:, 0]).argmin(), 1] == pytest.approx(cut.scene.maps[0].error_um[500], abs=1e-9)
+
+
+def test_the_kerf_is_drawn_from_wire_to_wall(cut: SimpleNamespace) -> None:
+    section = [
+        {"height_mm": z, "places": 9, "part": wall(155.0 + z), "rest": wall(160.0)} for z in (2.5, 7.5, 12.5, 17.5)
+    ]
+    report = cut.report | {"kerf_section": section, "settings": {"wire_diameter_um": 250.0}}
+    figure = kerf_figure(report)
+    part, rest = (axes.get_lines()[0].get_data() for axes in reversed(figure.axes))
+    np.testing.assert_allclose(part, [[32.5, 37.5, 42.5, 47.5], [2.5, 7.5, 12.5, 17.5]])
+    np.testing.assert_allclose(rest[0], 35.0)
+    low, high = figure.axes[0].get_xlim()
+    assert low > high  # the wire stands between both walls
+    assert figure.axes[0].get_ylim() == (0.0, 20.0)
+
+
+def wall(mean_um: float) -> dict[str, float]:
+    return {"mean_um": mean_um, "p5_um": mean_um - 3, "p95_um": mean_um + 3}
+
+
+def test_the_plane_holds_every_window_and_the_path_between(cut: SimpleNamespace) -> None:
+    figure = plane_figure(cut.windows)
+    dots = figure.axes[0].get_lines()[0].get_data()
+    np.testing.assert_allclose(dots[0], 100 * cut.windows["open"].to_numpy() / 255)
+    np.testing.assert_allclose(dots[1], 100 * cut.windows["short"].to_numpy() / 255)
+    (path,) = figure.axes[0].collections
+    steps = np.array(path.get_segments())
+    assert len(steps) == 119
+    np.testing.assert_array_equal(steps[1:, 0], steps[:-1, 1])
+
+
+def test_an_exponential_delay_is_a_straight_line_with_its_mean() -> None:
+    delay = np.random.default_rng(4).exponential(20.0, 4000)
+    lit = delay[delay < 30.0]
+    figure = delay_figure(made_up(lit, len(delay) - len(lit)))
+    drawn = texts(figure)
+    mean = float(drawn.partition("from 10 µs, mean ")[2].partition(" ")[0])
+    assert mean == pytest.approx(20.0, rel=0.08)  # some 1500 breakdowns in the tail know it to 3 %
+    survival = line(figure, "pulses")
+    np.testing.assert_allclose(survival[:, 1], np.exp(-survival[:, 0] / 20.0), atol=0.03)
+
+
+def test_a_ringing_wire_has_its_line_in_the_spectrum() -> None:
+    t_s = 1e-4 * np.arange(8000)
+    moved = np.zeros((8000, 5, 2))
+    moved[:, :, 0] = 3.0 * np.sin(2 * np.pi * 1700.0 * t_s)[:, None]
+    frequency, along, across = spectrum(made_up(np.ones(8000), 0, moved))
+    assert frequency[along.argmax()] == pytest.approx(1700.0, abs=10.0)
+    assert along.sum() * frequency[1] == pytest.approx(4.5, rel=0.02)  # its mean square
+    assert not across.any()
+
+
+def test_modes_follow_the_string_and_fold_at_half_the_pulse_frequency() -> None:
+    machine = edmsim.Machine.load(height_mm=20.0, tension=10.0)
+    frequency = wire_frequencies_hz(machine, "fast")
+    per_length = np.pi / 4 * (250e-6) ** 2 * 8400.0
+    assert frequency[0] == pytest.approx(np.sqrt(10.0 / per_length) / 2 / 0.040, rel=5e-3)
+    np.testing.assert_allclose(frequency[:4] / frequency[0], [1, 2, 3, 4], rtol=0.02)
+    np.testing.assert_allclose(folded_hz(np.array([1e3, 4.9e3, 5.1e3, 10e3]), 10e3), [1e3, 4.9e3, 4.9e3, 0])
+
+
+def test_the_simulated_wire_vibrates_near_its_first_mode(sample: PulseSample) -> None:
+    frequency, along, _ = spectrum(sample)
+    first = wire_frequencies_hz(sample.machine, "fast")[0]
+    assert 0.6 * first < frequency[along.argmax()] < 1.2 * first  # the pull of the field softens it
+
+
+def test_single_pulses_are_those_of_windows(sample: PulseSample) -> None:
+    plant_shares = {kind: sample.share(kind) for kind in KINDS}
+    assert sum(plant_shares.values()) == pytest.approx(1.0)
+    from edmsim.validation.straight import cut_straight
+
+    straight = cut_straight(sample.machine, 25.0, 3, settle_s=3.0, seconds=2.0)
+    for kind in ("short", "open", "spark"):
+        assert sample.share(kind) == pytest.approx(straight.share(kind), abs=0.05)
+    assert np.nanmean(sample.delay_us) == pytest.approx(straight.mean_delay_us, rel=0.08)
+    again = sample_pulses(sample.machine, 25.0, seed=3, pulses=2000)
+    np.testing.assert_array_equal(again.delay_us, sample.delay_us)
+
+
+def test_a_sample_of_a_cut_has_its_setting(small_cut: SimpleNamespace) -> None:
+    result = small_cut.result
+    drawn = sample_like(result.report, result.windows, pulses=300)
+    assert drawn.machine.height_mm == 5.0
+    assert drawn.feed_um_s == cutting_feed_um_s(result.windows)
+    assert drawn.period_us == 100.0
+
+
+def test_what_cannot_be_sampled_is_said(cut: SimpleNamespace) -> None:
+    machine = edmsim.Machine.load(generator="iso-energetic")
+    with pytest.raises(edmsim.InputError, match="generators of a fixed period"):
+        sample_pulses(machine, 20.0)
+    with pytest.raises(edmsim.InputError, match="at 0 um/s are none"):
+        sample_pulses(edmsim.Machine.load(), 0.0)
+    with pytest.raises(edmsim.InputError, match="no window with metal"):
+        sample_like(cut.report, WindowTable().to_arrow())
+    with pytest.raises(edmsim.InputError, match="at least 32 pulses"):
+        spectrum_figure([made_up(np.ones(20), 0)])
+
+
+def test_a_cut_that_left_nothing_says_so(cut: SimpleNamespace) -> None:
+    scene = Scene((), (), (), np.zeros((0, 2)), (0, 0, 10, 80), 20.0, (-10, 30), 250.0)
+    nothing = WindowTable().to_arrow()
+    empty = [{"height_mm": 10.0, "places": 0, "part": wall(np.nan), "rest": wall(np.nan)}]
+    for figure, said in (
+        (error_figure(scene), "no profile error"),
+        (corner_figure(scene, nothing), "no corner"),
+        (kerf_figure(cut.report | {"kerf_section": empty}), "no kerf"),
+        (pulses_figure(nothing), "no pulses"),
+        (plane_figure(nothing), "no pulses"),
+        (delay_figure(made_up(np.zeros(0), 50)), "no ignition delay"),
+    ):
+        assert said in texts(figure)
+
+
+def test_a_corner_without_windows_near_it_is_drawn(cut: SimpleNamespace) -> None:
+    scene = dataclasses.replace(cut.scene, cut_edges_mm=())
+    figure = corner_figure(scene, cut.windows.slice(0, 2), 2)
+    figure.canvas.draw()
+    assert np.isnan(line(figure, "guides")).all()
