@@ -160,8 +160,8 @@ def figures_of(results: Sequence[Result], oracle: Sequence[Result]) -> dict[str,
     """
 
     def measured(name: str) -> NDArray[np.float64]:
-        values = np.array([getattr(r, name) for r in results])
-        return values[np.isfinite(values)]
+        values = np.array([getattr(r, name) for r in results], np.float64)
+        return np.asarray(values[np.isfinite(values)])
 
     rate = np.array([r.rate_mm2_min for r in results])
     bound = np.array([r.rate_mm2_min for r in oracle])
