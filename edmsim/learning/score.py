@@ -10,7 +10,7 @@ import numpy as np
 from edmsim.evaluation.compare import run
 from edmsim.evaluation.episode import Result
 
-RIVALS = ("counts", "delay")
+RIVALS = ("counts", "voltage")
 """The controllers policies are measured against: that of 1982, and the classic one that earns most."""
 RESOLUTIONS = ("fast", "default", "fine")
 
