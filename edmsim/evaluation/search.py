@@ -32,8 +32,8 @@ Ranges = dict[str, tuple[float, float]]
 BOUNDS: dict[str, Ranges] = {
     "fixed": {"feed_um_s": (1.0, 40.0)},
     "counts": {
-        "open_target_share": (0.0, 0.2), "short_weight": (0.0, 1.5), "proportional_um_s": (1.0, 60.0),
-        "integral_um_s2": (5.0, 200.0),
+        "open_target_share": (0.0, 0.2), "short_weight": (0.25, 1.5), "proportional_um_s": (1.0, 15.0),
+        "integral_um_s2": (5.0, 40.0),
     },
     "voltage": {
         "reference_V": (5.0, 20.0), "proportional_um_s_V": (0.1, 4.0), "integral_um_s2_V": (0.1, 10.0),
@@ -48,7 +48,7 @@ BOUNDS: dict[str, Ranges] = {
         "rate_um_s2": (3.0, 100.0),
     },
     "adaptive-off-time": {
-        "open_target_share": (0.0, 0.2), "short_weight": (0.0, 1.5), "integral_um_s2": (5.0, 200.0),
+        "open_target_share": (0.0, 0.2), "short_weight": (0.25, 1.5), "integral_um_s2": (5.0, 200.0),
         "normal_at_10mm": (300.0, 1000.0),
     },
     "oracle": {
@@ -56,7 +56,8 @@ BOUNDS: dict[str, Ranges] = {
         "short_um": (0.0, 15.0),
     },
 }  # fmt: skip
-"""What is searched of each controller, and where (ours: from timid to reckless)."""
+"""What is searched of each controller, and where (ours: from timid to reckless). Shorts must count for something, or
+a gap that closes is not noticed; and `counts`, which the machine runs at periods of up to 1 ms, must not hunt then."""
 ENV_IDS = ("edmsim/GapFeed-v0", "edmsim/HeightStep-v0")
 SEEDS = 5
 """Training seeds of each environment."""

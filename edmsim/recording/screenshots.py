@@ -61,9 +61,20 @@ def take_screenshots(recording: Path, folder: str | Path, shares: tuple[float, .
             client.set_time(TIME, duration=share * end_s, play_state="paused")
             time.sleep(_SETTLED_S)
             file = target / f"cut-{round(100 * share):03d}.png"
-            file.write_bytes(client.take_screenshot())
+            file.write_bytes(_picture(client))
             written.append(file)
     return written
+
+
+def _picture(client: ViewerClient) -> bytes:
+    """Take a screenshot; a busy machine may miss the viewer's own deadline."""
+    until = time.monotonic() + _PATIENCE_S
+    while True:
+        try:
+            return client.take_screenshot()
+        except TimeoutError:
+            if time.monotonic() > until:
+                raise InputError(f"the viewer made no picture in {_PATIENCE_S:g} s; is the machine busy?") from None
 
 
 @contextmanager
