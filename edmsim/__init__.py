@@ -17,7 +17,8 @@ if TYPE_CHECKING:
     from .errors import EdmsimError, InputError
     from .job import CutResult, cut
     from .machine import Machine
-    from .plant.plant import Plant, PulseWindow
+    from .plant.plant import Plant
+    from .plant.window import PulseWindow
 
 __all__ = ["CutResult", "EdmsimError", "InputError", "Machine", "Plant", "PulseWindow", "controllers", "cut", "envs"]
 
@@ -27,7 +28,7 @@ _HOMES = {
     "InputError": "edmsim.errors",
     "Machine": "edmsim.machine",
     "Plant": "edmsim.plant.plant",
-    "PulseWindow": "edmsim.plant.plant",
+    "PulseWindow": "edmsim.plant.window",
     "cut": "edmsim.job",
 }
 

@@ -9,7 +9,6 @@ from __future__ import annotations
 import math
 from bisect import bisect
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -24,37 +23,22 @@ from edmsim.controllers.mcu.timers import MAX_FEED_UM_S, MAX_SPEED, SPEED_UNIT_N
 
 from .analyser import WINDOW_PULSES, PulseAnalyser
 from .errors import InputError
+from .legs import legs_of
 from .machine import Machine
-from .plant.plant import Plant, PulseWindow
+from .plant.plant import Plant
 from .plant.relief import HeightStep
+from .plant.window import PulseWindow
 from .plant.workpiece import Stock
-from .program.path import Contour, CutPath
+from .program.path import CutPath
 from .recording.closeups import NOTHING, RETRACT, TURN, Closeups, turns_um
 from .recording.frames import Frames
 from .recording.windows import WindowTable
+from .sums import Sums
 
 FINISHED, WIRE_BREAK, LIMIT_SWITCH, PERSISTENT_SHORT, TIME_LIMIT = (
     "finished", "wire-break", "limit-switch", "persistent-short", "time-limit",
 )
 """Outcomes of a cut."""
-
-
-class Leg(NamedTuple):
-    """A stretch of path between two stops of the program: threading, a dwell, the end.
-
-    Attributes
-    ----------
-    points_um : int64 array (n, 2)
-    threads : bool
-        A fresh wire is threaded at the first point.
-    rest_s, dwell_s : float
-        How long the wire waits at the first point before it moves, and at the last one (G4).
-    """
-
-    points_um: NDArray[np.int64]
-    threads: bool
-    rest_s: float
-    dwell_s: float
 
 
 class _Speeds(NamedTuple):
@@ -78,47 +62,6 @@ class Progress(NamedTuple):
     feed_um_s: float
     short: int
     open: int
-
-
-@dataclass
-class Sums:
-    """What is added up over a cut, all pulses counted."""
-
-    short: int = 0
-    open: int = 0
-    spark: int = 0
-    arc: int = 0
-    energy: float = 0.0
-    crater_um3: float = 0.0
-    vibration2_pulses: float = 0.0
-
-    def add(self, window: PulseWindow) -> None:
-        """Add one window."""
-        self.short += window.short
-        self.open += window.open
-        self.spark += window.spark
-        self.arc += window.arc
-        self.energy += window.energy_J
-        self.crater_um3 += window.crater_um3
-        self.vibration2_pulses += window.vibration2_um2 * window.pulses
-
-    @property
-    def pulses(self) -> int:
-        """Pulses of all classes."""
-        return self.short + self.open + self.spark + self.arc
-
-
-def legs_of(contour: Contour) -> list[Leg]:
-    """Cut a contour's path at its dwells."""
-    stops = sorted(dict.fromkeys(i for i, _ in contour.dwells))
-    wait = {i: sum(s for j, s in contour.dwells if j == i) for i in stops}
-    last = len(contour.points_um) - 1
-    ends = [i for i in stops if 0 < i < last] + [last]
-    starts = [0, *ends[:-1]]
-    return [
-        Leg(contour.points_um[a : b + 1], a == 0, wait.get(0, 0.0) if a == 0 else 0.0, wait.get(b, 0.0))
-        for a, b in zip(starts, ends, strict=True)
-    ]
 
 
 def change_setting(plant: Plant, t_on_us: float | None, t_period_us: float | None) -> None:

@@ -11,7 +11,8 @@ import numpy as np
 from edmsim.controllers import WindowObservation
 from edmsim.errors import InputError
 from edmsim.machine import Machine
-from edmsim.plant.plant import Plant, PulseWindow
+from edmsim.plant.plant import Plant
+from edmsim.plant.window import PulseWindow
 
 from .checks import checked_options
 from .lanes import CAUSES, Lanes

@@ -10,7 +10,8 @@ import pytest
 
 from edmsim.controllers import FeedCommand, FeedController, WindowObservation, make
 from edmsim.controllers.mcu.planner import PLANNERS
-from edmsim.cosim import Leg, Simulation, legs_of
+from edmsim.cosim import Simulation
+from edmsim.legs import Leg, legs_of
 from edmsim.machine import Machine, available
 from edmsim.program.path import Contour, CutPath
 

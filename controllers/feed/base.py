@@ -9,7 +9,7 @@ from edmsim.errors import InputError
 
 if TYPE_CHECKING:
     from edmsim.controllers.mcu.protocol import Step
-    from edmsim.plant.plant import PulseWindow
+    from edmsim.plant.window import PulseWindow
 
 ControllerState = dict[str, float | int | str]
 """A controller's snapshot, fit for JSON."""

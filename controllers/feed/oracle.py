@@ -16,7 +16,7 @@ from edmsim.controllers.feed.servo import Gains, ServoController
 from edmsim.errors import InputError
 
 if TYPE_CHECKING:
-    from edmsim.plant.plant import PulseWindow
+    from edmsim.plant.window import PulseWindow
 
 
 @dataclass

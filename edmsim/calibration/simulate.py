@@ -15,7 +15,7 @@ from edmsim.validation.straight import Traverse, begin
 
 if TYPE_CHECKING:
     from edmsim.machine import Machine
-    from edmsim.plant.plant import PulseWindow
+    from edmsim.plant.window import PulseWindow
 
 
 SETTLED_DIAMETERS = 1.3

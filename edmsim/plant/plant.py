@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import math
-import struct
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import InputError, NotFiniteError, PlantError, WireInMetalError, WireLostError
+from ..errors import InputError, PlantError
 from . import setup
 from .full_model import FullMechanics
 from .generator import switched_off, timing
@@ -21,10 +20,7 @@ from .state import (
     CHANGING,
     FINE,
     GRID,
-    INSIDE,
     NO_TILES,
-    NOT_FINITE,
-    OUTSIDE,
     PULSE,
     PULSES_PER_WINDOW,
     STATE,
@@ -34,6 +30,7 @@ from .state import (
     WINDOW,
     Timing,
 )
+from .window import PulseWindow, left_validity, read_window, wrong_step
 from .workpiece import KerfField, Stock
 
 if TYPE_CHECKING:
@@ -44,59 +41,6 @@ MECHANICS = ("modal", "mujoco")
 _NOWHERE_UM = -1e9
 _FRONT_GAP_UM = 30.0
 """Gap in front of a plant that was given no workpiece."""
-
-
-class PulseWindow(NamedTuple):
-    """What happened in one window of pulses. Gap, deflection, temperature and debris no real machine sees.
-
-    Attributes
-    ----------
-    start_ns, duration_ns : int
-        Machine time at the window's begin, and its length.
-    short, open, spark, arc : int
-        Pulses of each class; they add up to 255 unless the wire broke.
-    mean_voltage_V, mean_current_A : float
-        Means over the window.
-    mean_delay_us : float
-        Mean ignition delay of the pulses that ignited; NaN if none did.
-    gap_um : float
-        Mean gap at the places of ignition; NaN if none.
-    deflection_um : (float, float)
-        Mean deflection of the wire over height and time.
-    vibration2_um2 : float
-        Variance of that deflection within the window, both axes added.
-    wire_temperature_K : float
-        Highest temperature of a slice's wire.
-    debris : float
-        Mean debris share of the gap's water.
-    energy_J, crater_um3 : float
-        Sums over the window's discharges.
-    broken : bool
-        The wire broke in this window.
-    """
-
-    start_ns: int
-    duration_ns: int
-    short: int
-    open: int
-    spark: int
-    arc: int
-    mean_voltage_V: float
-    mean_current_A: float
-    mean_delay_us: float
-    gap_um: float
-    deflection_um: tuple[float, float]
-    vibration2_um2: float
-    wire_temperature_K: float
-    debris: float
-    energy_J: float
-    crater_um3: float
-    broken: bool
-
-    @property
-    def pulses(self) -> int:
-        """Pulses fired in the window: 255 unless the wire broke."""
-        return self.short + self.open + self.spark + self.arc
 
 
 class Plant:
@@ -365,7 +309,7 @@ class Plant:
             self.make_tiles()
             status = self._fire_once(place, len(rows))
         if status in (STEP_WRONG, STEP_EARLY):
-            raise InputError(_wrong_step(rows, self.time_ns))
+            raise InputError(wrong_step(rows, self.time_ns))
         window = self.window()
         if status != FINE:
             raise self.left_validity(status, window)
@@ -423,33 +367,11 @@ class Plant:
 
     def window(self) -> PulseWindow:
         """Return what happened in the last window."""
-        (
-            start, duration, open_, spark, arc, short, voltage, charge, energy, delay, ignitions, gap, crater,
-            x, y, xx, yy, hottest, debris, broken,
-        ) = _WINDOW_FORMAT.unpack_from(self._window_bytes)
-        pulses = open_ + spark + arc + short
-        mean_x, mean_y = x / pulses, y / pulses
-        return PulseWindow(
-            start, duration, short, open_, spark, arc,
-            voltage / (duration * 1e-3),
-            charge / (duration * 1e-3),
-            delay / ignitions if ignitions else math.nan,
-            gap / ignitions if ignitions else math.nan,
-            (mean_x, mean_y),
-            max(0.0, (xx + yy) / pulses - mean_x**2 - mean_y**2),
-            hottest, debris, energy, crater, bool(broken),
-        )
+        return read_window(self._window_bytes)
 
     def left_validity(self, status: int, window: PulseWindow) -> PlantError:
         """Return the error that tells how a window left the model's range."""
-        kind, what = _LEFT[status]
-        (x, y), (bent_x, bent_y) = self.commanded_um, window.deflection_um
-        return kind(
-            f"{what} at {self.time_ns * 1e-9:.4f} s of machine time, x {x / 1e3:.3f} y {y / 1e3:.3f} mm: "
-            f"mean deflection ({bent_x:.3g}, {bent_y:.3g}) um; of {window.pulses} pulses {window.short} short, "
-            f"{window.open} open, {window.spark} sparks",
-            self.time_ns * 1e-9, (x, y), window,
-        )
+        return left_validity(status, window, self.time_ns * 1e-9, self.commanded_um)
 
     def snapshot(self) -> dict[str, NDArray[Any]]:
         """Return everything that changes, as arrays; `restore` continues bit for bit."""
@@ -496,23 +418,4 @@ class Plant:
         self._memory.keep_pulses(self._pulses)
 
 
-_WINDOW_FORMAT = struct.Struct("=2q4q4dq" + 8 * "d" + "q")
-"""`WINDOW` as plain numbers."""
 _NO_STEPS = np.empty((0, 3), np.int64)
-_LEFT: dict[int, tuple[type[PlantError], str]] = {
-    NOT_FINITE: (NotFiniteError, "the simulation lost its numbers"),
-    OUTSIDE: (WireLostError, "the wire left its guides"),
-    INSIDE: (WireInMetalError, "the wire was driven deeper into the metal than its rays see"),
-}
-
-
-def _wrong_step(rows: NDArray[np.int64], now_ns: int) -> str:
-    """Say which step the loop refused."""
-    before = now_ns
-    for time_ns, axis, direction in rows.tolist():
-        if axis not in (0, 1) or direction not in (-1, 1):
-            return f"a step needs axis 0 or 1 and direction +1 or -1, not {axis} and {direction}"
-        if time_ns < before:
-            return f"the step at {time_ns} ns lies before {before} ns: steps come in order of time"
-        before = time_ns
-    raise AssertionError("the loop refused steps in which nothing is wrong")

@@ -27,7 +27,8 @@ from edmsim.controllers.mcu.tstates import seconds
 from edmsim.errors import InputError, PlantError
 from edmsim.machine import Machine
 from edmsim.plant.generator import discharge_current_A
-from edmsim.plant.plant import Plant, PulseWindow
+from edmsim.plant.plant import Plant
+from edmsim.plant.window import PulseWindow
 
 from .route import Point, Route
 

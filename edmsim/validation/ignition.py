@@ -17,7 +17,8 @@ from scipy.stats import kstest
 from .. import models
 from ..machine import Gap, Machine
 from ..plant.dielectric import flow_speed_m_s
-from ..plant.plant import Plant, PulseWindow
+from ..plant.plant import Plant
+from ..plant.window import PulseWindow
 from .rows import Check, Row, mean_and_interval
 from .setups import FRAIL, STILL, altered, in_a_hole, single_discharges
 

@@ -7,7 +7,8 @@ from typing import Any
 
 from ..errors import InputError
 from ..machine import Constant, Machine
-from ..plant.plant import Plant, PulseWindow
+from ..plant.plant import Plant
+from ..plant.window import PulseWindow
 from ..plant.workpiece import Stock
 
 CENTRE_UM = (32_500.0, 32_500.0)

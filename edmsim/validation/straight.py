@@ -18,7 +18,8 @@ from ..contours import metal_at
 from ..controllers import FeedController, WindowObservation, make
 from ..errors import InputError
 from ..machine import Machine
-from ..plant.plant import Plant, PulseWindow
+from ..plant.plant import Plant
+from ..plant.window import PulseWindow
 from ..slot import SLOT_GAP_UM, begun_slot
 from .rows import mean_and_interval
 from .setups import CENTRE_UM

@@ -9,7 +9,7 @@ import pytest
 from edmsim import controllers
 from edmsim.controllers import FeedCommand, SeesTruth, WindowObservation
 from edmsim.errors import InputError
-from edmsim.plant.plant import PulseWindow
+from edmsim.plant.window import PulseWindow
 
 MAX_FEED = 33.3375
 WINDOW_S = 0.0255

@@ -10,7 +10,7 @@ from edmsim import controllers
 from edmsim.controllers import WindowObservation
 from edmsim.errors import InputError
 from edmsim.job import make_controller
-from edmsim.plant.plant import PulseWindow
+from edmsim.plant.window import PulseWindow
 
 MAX_FEED = 100.0
 WINDOW_S = 0.0255

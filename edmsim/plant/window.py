@@ -1,0 +1,120 @@
+"""What a window of pulses was, as Python sees it, and how one leaves the model's range."""
+
+from __future__ import annotations
+
+import math
+import struct
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import NotFiniteError, PlantError, WireInMetalError, WireLostError
+from .state import INSIDE, NOT_FINITE, OUTSIDE
+
+_FORMAT = struct.Struct("=2q4q4dq" + 8 * "d" + "q")
+"""`state.WINDOW` as plain numbers."""
+_LEFT: dict[int, tuple[type[PlantError], str]] = {
+    NOT_FINITE: (NotFiniteError, "the simulation lost its numbers"),
+    OUTSIDE: (WireLostError, "the wire left its guides"),
+    INSIDE: (WireInMetalError, "the wire was driven deeper into the metal than its rays see"),
+}
+
+
+class PulseWindow(NamedTuple):
+    """What happened in one window of pulses. Gap, deflection, temperature and debris no real machine sees.
+
+    Attributes
+    ----------
+    start_ns, duration_ns : int
+        Machine time at the window's begin, and its length.
+    short, open, spark, arc : int
+        Pulses of each class; they add up to 255 unless the wire broke.
+    mean_voltage_V, mean_current_A : float
+        Means over the window.
+    mean_delay_us : float
+        Mean ignition delay of the pulses that ignited; NaN if none did.
+    gap_um : float
+        Mean gap at the places of ignition; NaN if none.
+    deflection_um : (float, float)
+        Mean deflection of the wire over height and time.
+    vibration2_um2 : float
+        Variance of that deflection within the window, both axes added.
+    wire_temperature_K : float
+        Highest temperature of a slice's wire.
+    debris : float
+        Mean debris share of the gap's water.
+    energy_J, crater_um3 : float
+        Sums over the window's discharges.
+    broken : bool
+        The wire broke in this window.
+    """
+
+    start_ns: int
+    duration_ns: int
+    short: int
+    open: int
+    spark: int
+    arc: int
+    mean_voltage_V: float
+    mean_current_A: float
+    mean_delay_us: float
+    gap_um: float
+    deflection_um: tuple[float, float]
+    vibration2_um2: float
+    wire_temperature_K: float
+    debris: float
+    energy_J: float
+    crater_um3: float
+    broken: bool
+
+    @property
+    def pulses(self) -> int:
+        """Pulses fired in the window: 255 unless the wire broke."""
+        return self.short + self.open + self.spark + self.arc
+
+
+def read_window(row: memoryview) -> PulseWindow:
+    """Return a window from the bytes of its `state.WINDOW`."""
+    (
+        start, duration, open_, spark, arc, short, voltage, charge, energy, delay, ignitions, gap, crater,
+        x, y, xx, yy, hottest, debris, broken,
+    ) = _FORMAT.unpack_from(row)
+    pulses = open_ + spark + arc + short
+    mean_x, mean_y = x / pulses, y / pulses
+    return PulseWindow(
+        start, duration, short, open_, spark, arc,
+        voltage / (duration * 1e-3),
+        charge / (duration * 1e-3),
+        delay / ignitions if ignitions else math.nan,
+        gap / ignitions if ignitions else math.nan,
+        (mean_x, mean_y),
+        max(0.0, (xx + yy) / pulses - mean_x**2 - mean_y**2),
+        hottest, debris, energy, crater, bool(broken),
+    )
+
+
+def left_validity(
+    status: int, window: PulseWindow, time_s: float, commanded_um: tuple[float, float]
+) -> PlantError:
+    """Return the error that tells how a window left the model's range, when and where."""
+    kind, what = _LEFT[status]
+    (x, y), (bent_x, bent_y) = commanded_um, window.deflection_um
+    return kind(
+        f"{what} at {time_s:.4f} s of machine time, x {x / 1e3:.3f} y {y / 1e3:.3f} mm: "
+        f"mean deflection ({bent_x:.3g}, {bent_y:.3g}) um; of {window.pulses} pulses {window.short} short, "
+        f"{window.open} open, {window.spark} sparks",
+        time_s, (x, y), window,
+    )
+
+
+def wrong_step(rows: NDArray[np.int64], now_ns: int) -> str:
+    """Say which step the loop refused."""
+    before = now_ns
+    for time_ns, axis, direction in rows.tolist():
+        if axis not in (0, 1) or direction not in (-1, 1):
+            return f"a step needs axis 0 or 1 and direction +1 or -1, not {axis} and {direction}"
+        if time_ns < before:
+            return f"the step at {time_ns} ns lies before {before} ns: steps come in order of time"
+        before = time_ns
+    raise AssertionError("the loop refused steps in which nothing is wrong")
