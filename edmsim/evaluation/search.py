@@ -57,7 +57,7 @@ BOUNDS: dict[str, Ranges] = {
     },
 }  # fmt: skip
 """What is searched of each controller, and where (ours: from timid to reckless). Shorts must count for something, or
-a gap that closes is not noticed; and `counts`, which the machine runs at periods of up to 1 ms, must not hunt then."""
+a gap that closes is not noticed; and `counts`, which the machine runs at periods of up to 1 ms, must not hunt."""
 ENV_IDS = ("edmsim/GapFeed-v0", "edmsim/HeightStep-v0")
 SEEDS = 5
 """Training seeds of each environment."""
