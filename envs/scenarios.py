@@ -298,7 +298,7 @@ class Corner(Family):
 
     sets_generator: ClassVar[bool] = True
     knows_corners: ClassVar[bool] = True
-    own_weights: ClassVar[Weights] = Weights(profile=3.0, time=0.1)
+    own_weights: ClassVar[Weights] = Weights(profile=1.0, time=0.1)
 
     def __post_init__(self) -> None:
         super().__post_init__()
