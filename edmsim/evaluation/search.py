@@ -57,7 +57,7 @@ BOUNDS: dict[str, Ranges] = {
     },
 }  # fmt: skip
 """What is searched of each controller, and where (ours: from timid to reckless). Shorts must count for something, or
-a gap that closes is not noticed; and `counts`, which the machine runs at periods of up to 1 ms, must not hunt."""
+a gap that closes is not noticed. What is found for `counts` hunts at long periods, so it is not shipped."""
 ENV_IDS = ("edmsim/GapFeed-v0", "edmsim/HeightStep-v0")
 SEEDS = 5
 """Training seeds of each environment."""
