@@ -264,7 +264,7 @@ def test_pictures_show_the_steps(ridge: SimpleNamespace) -> None:
     start = ridge.result.path.contours[0].points_um[0, 0] / 1000
     assert (top[:, 0].min(), top[:, 0].max()) == pytest.approx((start + UP_MM, start + DOWN_MM), abs=1e-3)
     assert sorted(f.name for f in ridge.folder.iterdir()) == [
-        "cut.rrd", "profile.png", "report.json", "windows.parquet",
+        "cut.rrd", "part.npz", "profile.png", "report.html", "report.json", "windows.parquet",
     ]  # fmt: skip
 
 

@@ -1,14 +1,20 @@
-"""What a policy is worth beside classic controllers: its cuts of held-back episodes, summed up."""
+"""What a policy is worth beside classic controllers: its cuts of held-back episodes, summed up.
+
+``python -m edmsim.learning.score NAME...`` measures policies again and writes the scores into their cards.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
+import typer
 
 from edmsim.evaluation.compare import run
 from edmsim.evaluation.episode import Result
+
+from . import policy_file
 
 RIVALS = ("counts", "voltage")
 """The controllers policies are measured against: that of 1982, and the classic one that earns most."""
@@ -79,3 +85,26 @@ def score(results: Sequence[Result], resolution: str) -> Score:
         float(np.mean(errors)) if errors else None, seconds / len(results), sum(r.broke for r in results),
         sum(r.jammed for r in results),
     )
+
+
+def main(
+    policies: Annotated[list[str], typer.Argument(help="Files, or names under models/policies.")],
+    episodes: Annotated[int, typer.Option(help="Held-back episodes at every resolution.")] = 20,
+) -> None:
+    """Measure policies and write the scores into their cards."""
+    from rich import print as show
+
+    from .command import render
+
+    for name in policies:
+        policy, file = policy_file.load(name), policy_file.locate(name)
+        scores = measure(policy.card.env_id, name, episodes)
+        card = policy.card.model_copy(update={"scores": [row._asdict() for row in scores]})
+        policy_file.write(card, file.with_suffix(".npz").read_bytes(), file)
+        show(render(scores))
+
+
+if __name__ == "__main__":
+    from edmsim.cli import main as run_main
+
+    run_main(lambda: typer.run(main))

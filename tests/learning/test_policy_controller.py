@@ -21,6 +21,7 @@ from edmsim.envs.tasks import Task
 from edmsim.errors import InputError
 from edmsim.job import make_controller
 from edmsim.learning import policy_file
+from edmsim.learning.score import RESOLUTIONS, RIVALS
 
 ROOT = Path(__file__).parents[2]
 
@@ -92,7 +93,7 @@ def test_a_snapshot_goes_on_bit_for_bit(make_policy):
     file = make_policy("Corner")
     task, first, command = started()
     for _ in range(15):
-        command = first.update(task.advance(*command[:1], *command[2:]).seen)
+        command = first.update(task.advance(command.feed_um_s, command.t_on_us, command.t_period_us).seen)
     second = started()[1]
     second.restore(json.loads(json.dumps(first.snapshot())))
     window = task.advance(command.feed_um_s).seen
@@ -132,7 +133,7 @@ def test_what_is_shipped_loads_by_name_and_says_how_it_was_made(file):
     assert file.stem == f"{card.env_id.removeprefix('edmsim/').removesuffix('-v0')}-{card.algorithm}"
     assert card.command.startswith(f"edmsim train {card.env_id} --algo {card.algorithm} ")
     assert {(s["controller"], s["resolution"]) for s in card.scores} == {
-        (c, r) for c in ("policy", "counts") for r in ("fast", "default", "fine")
+        (c, r) for c in ("policy", *RIVALS) for r in RESOLUTIONS
     }
     assert file.with_suffix(".npz").stat().st_size < 100_000
     assert (np.abs(policy.action(np.zeros(len(card.observation)))) <= 1).all()

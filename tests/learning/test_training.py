@@ -127,13 +127,17 @@ def test_without_the_extra_it_is_one_line(tmp_path, edmsim, monkeypatch):
     assert "pip install 'edmsim[rl]'" in err
 
 
-def test_controllers_are_scored_on_the_same_episodes():
-    from edmsim.controllers import make
-    from edmsim.learning.score import score
+def test_a_policy_is_scored_beside_its_rivals_on_the_same_episodes(monkeypatch):
+    from edmsim.evaluation import episode
+    from edmsim.learning.score import RIVALS, measure
 
-    options = {"randomise": [], "length_mm": 0.05}
-    found = [score("edmsim/GapFeed-v0", lambda: make("counts"), options, seeds=2) for _ in range(2)]
+    short = {"edmsim/GapFeed-v0": {**episode.ARGUMENTS["edmsim/GapFeed-v0"], "length_mm": 0.05}}
+    monkeypatch.setattr(episode, "ARGUMENTS", short)
+    monkeypatch.setattr("edmsim.learning.score.RESOLUTIONS", ("fast",))
+    found = [measure("edmsim/GapFeed-v0", "GapFeed-ppo", 2) for _ in range(2)]
     assert found[0] == found[1]
-    assert found[0].controller == "counts"
-    assert 0 < found[0].rate_mm2_min < 100
-    assert found[0].breaks + found[0].limits == 0
+    assert [row.controller for row in found[0]] == ["policy", *RIVALS]
+    for row in found[0]:
+        assert 0 < row.rate_mm2_min < 100
+        assert row.error_um is None
+        assert row.breaks + row.limits == 0
