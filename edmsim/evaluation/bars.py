@@ -31,8 +31,8 @@ WHY_CORNER = (
 def told(comparison: Comparison) -> list[str]:
     """Return a paragraph for every bar of the environment."""
     policies = [name for name in comparison.results if name.startswith("policy:")]
-    of = _corner if comparison.env_id == "edmsim/Corner-v0" else _learning
-    return [_classic(comparison), *(of(comparison, policy) for policy in policies)]
+    of = _OF_POLICIES.get(comparison.env_id)
+    return [_classic(comparison), *(of(comparison, policy) for policy in policies if of is not None)]
 
 
 def ranked(comparison: Comparison, by: str = "rate_mm2_min") -> list[str]:
@@ -99,6 +99,11 @@ def _corner(comparison: Comparison, policy: str) -> str:
         f"{_percent(error)} of the error ({verdicts[0]}) in {_percent(time)} of the time ({verdicts[1]})."
         + WHY_CORNER * (error.value > ERROR)
     )
+
+
+_OF_POLICIES = {
+    "edmsim/GapFeed-v0": _learning, "edmsim/HeightStep-v0": _learning, "edmsim/Corner-v0": _corner,
+}  # fmt: skip
 
 
 def _values(comparison: Comparison, name: str, figure: str) -> NDArray[np.float64]:
