@@ -26,6 +26,15 @@ FAILED, BAD_INPUT, STOPPED, INTERRUPTED = 1, 2, 3, 130
 """Exit statuses: the model left its validity; bad usage or input; the machine stopped before the end;
 interrupted from the keyboard."""
 
+# options that several commands share
+_Material = Annotated[str, typer.Option(help="Workpiece material.")]
+_Height = Annotated[float, typer.Option(help="Workpiece height in mm.")]
+_Wire = Annotated[str, typer.Option(help="Wire, with a diameter in um if wanted: brass, copper-100.")]
+_Tension = Annotated[float | None, typer.Option(help="Wire tension in N; default by wire.")]
+_Generator = Annotated[str, typer.Option(help="Pulse generator.")]
+_Resolution = Annotated[str, typer.Option(help="fast, default or fine.")]
+_Seed = Annotated[int, typer.Option(help="Seed of every draw.")]
+
 
 @app.callback(invoke_without_command=True)
 def _version(
@@ -43,15 +52,15 @@ def cut(
     program: Annotated[Path, typer.Argument(help="Part program: .ngc .nc .gcode .iso .dxf", show_default=False)],
     out: Annotated[Path, typer.Option(help="Folder for report, windows, picture and recording.")],
     machine: Annotated[str, typer.Option(help="Machine, a name or an own TOML file.")] = "agiecut-dem15",
-    material: Annotated[str, typer.Option(help="Workpiece material.")] = "tool-steel",
-    height: Annotated[float, typer.Option(help="Workpiece height in mm.")] = 20.0,
+    material: _Material = "tool-steel",
+    height: _Height = 20.0,
     height_at: Annotated[
         list[str] | None,
         typer.Option(metavar="MM:MM", help="From that length of path on, that height; may be given again."),
     ] = None,
-    wire: Annotated[str, typer.Option(help="Wire, with a diameter in um if wanted: brass, copper-100.")] = "brass",
-    tension: Annotated[float | None, typer.Option(help="Wire tension in N; default by wire.")] = None,
-    generator: Annotated[str, typer.Option(help="Pulse generator.")] = "iso-pulse",
+    wire: _Wire = "brass",
+    tension: _Tension = None,
+    generator: _Generator = "iso-pulse",
     t_on: Annotated[float | None, typer.Option(help="On-time in us; default by generator.")] = None,
     t_period: Annotated[float | None, typer.Option(help="Period in us; default by generator.")] = None,
     controller: Annotated[
@@ -60,9 +69,9 @@ def cut(
     drive: Annotated[str, typer.Option(help="Axis drive.")] = "stepper",
     planner: Annotated[str, typer.Option(help="poscal, poscal-literal, dda or sine-table.")] = "poscal",
     mechanics: Annotated[str, typer.Option(help="Integrator of table and wire.")] = "modal",
-    resolution: Annotated[str, typer.Option(help="fast, default or fine.")] = "default",
+    resolution: _Resolution = "default",
     offset: Annotated[str, typer.Option(help="Wire offset: auto, none, or mm.")] = "auto",
-    seed: Annotated[int, typer.Option(help="Seed of every draw.")] = 0,
+    seed: _Seed = 0,
     max_time: Annotated[float | None, typer.Option(help="Machine time in s after which to stop.")] = None,
     resume: Annotated[bool, typer.Option("--resume", help="Take up the interrupted cut of the folder.")] = False,
     quiet: Annotated[bool, typer.Option("--quiet", help="Print nothing but errors.")] = False,
@@ -163,7 +172,7 @@ def train(
     out: Annotated[Path, typer.Option(help="Folder for policy, checkpoint and tensorboard logs.")],
     algo: Annotated[str, typer.Option(help="ppo or sac.")] = "ppo",
     steps: Annotated[int | None, typer.Option(help="Windows in all; default by environment.")] = None,
-    seed: Annotated[int, typer.Option(help="Seed of every draw.")] = 0,
+    seed: _Seed = 0,
     resume: Annotated[bool, typer.Option("--resume", help="Go on from the folder's checkpoint.")] = False,
     score: Annotated[
         int, typer.Option(metavar="EPISODES", help="Held-back episodes to compare the policy with counts on.")
@@ -192,7 +201,7 @@ def evaluate(
         str | None, typer.Option(metavar="A,B", help="Feed controllers, policy:FILE among them; all by default.")
     ] = None,
     seeds: Annotated[int, typer.Option(help="Cuts of each controller.")] = 20,
-    resolution: Annotated[str, typer.Option(help="fast, default or fine.")] = "default",
+    resolution: _Resolution = "default",
     json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
     write: Annotated[Path | None, typer.Option(help="Write the page docs/benchmark.md into this file.")] = None,
 ) -> None:
@@ -242,13 +251,13 @@ def calibrate(
         str | None, typer.Option(metavar="A,B", help="Constants or sections to fit; by default the usual three.")
     ] = None,
     machine: Annotated[str, typer.Option(help="Machine to start from.")] = "agiecut-dem15",
-    material: Annotated[str, typer.Option(help="Workpiece material.")] = "tool-steel",
-    height: Annotated[float, typer.Option(help="Workpiece height in mm.")] = 20.0,
-    wire: Annotated[str, typer.Option(help="Wire, with a diameter in um if wanted: brass, copper-100.")] = "brass",
-    tension: Annotated[float | None, typer.Option(help="Wire tension in N; default by wire.")] = None,
-    generator: Annotated[str, typer.Option(help="Pulse generator.")] = "iso-pulse",
-    resolution: Annotated[str, typer.Option(help="fast, default or fine.")] = "fast",
-    seed: Annotated[int, typer.Option(help="Seed of every draw.")] = 0,
+    material: _Material = "tool-steel",
+    height: _Height = 20.0,
+    wire: _Wire = "brass",
+    tension: _Tension = None,
+    generator: _Generator = "iso-pulse",
+    resolution: _Resolution = "fast",
+    seed: _Seed = 0,
     json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
     """Fit the model's constants to a machine's log."""
@@ -352,13 +361,13 @@ def bench(
 @app.command()
 def terminal(
     machine: Annotated[str, typer.Option(help="Machine, a name or an own TOML file.")] = "agiecut-dem15",
-    material: Annotated[str, typer.Option(help="Workpiece material.")] = "tool-steel",
-    height: Annotated[float, typer.Option(help="Workpiece height in mm.")] = 20.0,
-    wire: Annotated[str, typer.Option(help="Wire, with a diameter in um if wanted: brass, copper-100.")] = "brass",
-    tension: Annotated[float | None, typer.Option(help="Wire tension in N; default by wire.")] = None,
+    material: _Material = "tool-steel",
+    height: _Height = 20.0,
+    wire: _Wire = "brass",
+    tension: _Tension = None,
     planner: Annotated[str, typer.Option(help="poscal, poscal-literal, dda or sine-table.")] = "poscal",
-    resolution: Annotated[str, typer.Option(help="fast, default or fine.")] = "default",
-    seed: Annotated[int, typer.Option(help="Seed of every draw.")] = 0,
+    resolution: _Resolution = "default",
+    seed: _Seed = 0,
     host: Annotated[Path | None, typer.Option(help="File that the host sends when LOAD asks for a program.")] = None,
     speed: Annotated[
         float | None, typer.Option(help="Machine seconds per second; default 1, or as fast as can be in a pipe.")

@@ -64,20 +64,6 @@ class Progress(NamedTuple):
     open: int
 
 
-def change_setting(plant: Plant, t_on_us: float | None, t_period_us: float | None) -> None:
-    """Change the generator's setting where a value is given and differs.
-
-    Raises
-    ------
-    InputError
-        If the generator refuses the setting; the old one stays.
-    """
-    now = plant.machine.t_on_us, plant.machine.t_period_us
-    wanted = now[0] if t_on_us is None else t_on_us, now[1] if t_period_us is None else t_period_us
-    if wanted != now:
-        plant.set_generator(*wanted)
-
-
 class Simulation:
     """One cut in progress.
 
@@ -216,8 +202,12 @@ class Simulation:
 
     def _set_generator(self, t_on_us: float | None, t_period_us: float | None) -> None:
         """Give the generator the setting wanted; one it refuses changes nothing and is told in `refused`."""
+        now = self.plant.machine.t_on_us, self.plant.machine.t_period_us
+        wanted = now[0] if t_on_us is None else t_on_us, now[1] if t_period_us is None else t_period_us
+        if wanted == now:
+            return
         try:
-            change_setting(self.plant, t_on_us, t_period_us)
+            self.plant.set_generator(*wanted)
         except InputError as error:
             self.refused = error.reason
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from ..learning.policy_file import shipped
 from .compare import Comparison, Figure, ratio
 from .episode import ORACLE
 
@@ -25,7 +26,7 @@ WHY_CORNER = (
     " Why: the error is the lead of the wire, which the field pulls into the corner. Longer pauses shrink it, and "
     "the action has them, but a million steps of training went for speed before accuracy."
 )
-"""Why a bar was missed by what is shipped: to be written anew with other policies."""
+"""Why a bar was missed by the policies that are shipped: to be written anew with others."""
 
 
 def told(comparison: Comparison) -> list[str]:
@@ -80,7 +81,8 @@ def _learning(comparison: Comparison, policy: str) -> str:
     outcome = "reached" if found.value >= GAIN else f"missed by {GAIN - found.value:.0%}"
     return (
         f"Learning bar, {GAIN - 1:.0%} more return than the best classic controller: `{policy}` has "
-        f"{_percent(found)} of the return of `{best[0]}` ({outcome})." + WHY_LEARNING * (found.value < GAIN)
+        f"{_percent(found)} of the return of `{best[0]}` ({outcome})."
+        + _why(WHY_LEARNING, comparison, policy, found.value < GAIN)
     )
 
 
@@ -97,8 +99,13 @@ def _corner(comparison: Comparison, policy: str) -> str:
     return (
         f"Corner bar, {ERROR:.0%} of the path error of `{RIVAL}` in at most {TIME:.0%} of its time: `{policy}` has "
         f"{_percent(error)} of the error ({verdicts[0]}) in {_percent(time)} of the time ({verdicts[1]})."
-        + WHY_CORNER * (error.value > ERROR)
+        + _why(WHY_CORNER, comparison, policy, error.value > ERROR)
     )
+
+
+def _why(reason: str, comparison: Comparison, policy: str, missed: bool) -> str:
+    """Return the reason if it is known: of a shipped policy, not of anybody's."""
+    return reason if missed and policy.removeprefix("policy:") in shipped(comparison.env_id) else ""
 
 
 _OF_POLICIES = {
