@@ -42,7 +42,7 @@ EMERGENCY_T = 900
 KEYBOARD_T = 250
 """The routine of the keyboard interrupt: one word from the 8279 into the buffer."""
 POSCAL_BOUND_T = 18_000
-"""No POSCAL costs more; a test goes through all vectors. The optimising routine counts with it."""
+"""No POSCAL costs more; a test goes through all reduced vectors. The optimising routine counts with it."""
 
 
 def seconds(t_states: int) -> float:
