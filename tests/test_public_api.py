@@ -5,8 +5,11 @@ from __future__ import annotations
 import inspect
 import subprocess
 import sys
+import tomllib
+from pathlib import Path
 
 import pytest
+import yaml
 
 import edmsim
 
@@ -69,3 +72,11 @@ def test_cut_and_the_command_line_share_their_defaults() -> None:
     for name, parameter in inspect.signature(edmsim.cut).parameters.items():
         if name not in ("program", "out", "watch", "height_areas"):  # a polygon is no option
             assert options[renamed.get(name, name)].default == parameter.default, name
+
+
+def test_the_citation_names_this_version_and_licence() -> None:
+    root = Path(__file__).parents[1]
+    cited = yaml.safe_load((root / "CITATION.cff").read_text(encoding="utf-8"))
+    project = tomllib.loads((root / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    assert {"cff-version", "message", "title", "authors"} <= cited.keys()
+    assert (cited["version"], cited["license"]) == (project["version"], project["license"])
