@@ -39,7 +39,7 @@ MEASURED = (
     Entry("commanded_feed", -1.0, 1.0, "commanded feed / max_feed_um_s"),
     Entry("actual_feed", -1.0, 1.0, "travel along the path / duration of the window / max_feed_um_s"),
     Entry("t_on", 0.0, 8.0, "on-time / that at the episode's start"),
-    Entry("t_period", 0.0, 8.0, "pulse period / that at the episode's start"),
+    Entry("t_period", 0.0, 16.0, "pulse period / that at the episode's start"),
 )
 """Entries of every window; `history` windows stand one behind the other, the last one first. All are 0 where no
 window has been fired yet."""

@@ -34,9 +34,10 @@ class Weights:
         Gain per reference area (`REFERENCE_MM2`) that was cut. What is cut follows the wire by the share of pulses
         that ignite (see `motion.LANE`): pushing against metal gains nothing, nor does going back and forth.
     short : float
-        Cost of a window of nothing but shorts; a share of them costs that share.
+        Cost of a reference window (`REFERENCE_S`) of nothing but shorts; a share of them costs that share. It goes by
+        machine time: a longer pulse period makes fewer windows, not cheaper ones.
     open : float
-        Cost of a window of nothing but open pulses.
+        The same of open pulses.
     profile : float
         Cost per reference area that was cut with the wire `ERROR_UM` from the path: it depends on the way, not on the
         time spent there.
@@ -93,9 +94,10 @@ def rewards(
         pulses = counts[0] + counts[1] + counts[2] + counts[3]
         passed = rows[i].area_mm2 / REFERENCE_MM2
         reward[i] = progress * passed
-        reward[i] -= short * counts[3] / pulses + open_ * counts[0] / pulses
+        spent = windows[i].duration_ns / (REFERENCE_S * 1e9)
+        reward[i] -= (short * counts[3] / pulses + open_ * counts[0] / pulses) * spent
         reward[i] -= profile * (rows[i].error_um / ERROR_UM) * passed
-        reward[i] -= time * (windows[i].duration_ns * 1e-9 / REFERENCE_S)
+        reward[i] -= time * spent
         if cause == _DONE:
             reward[i] += done
         elif cause == _WIRE_BREAK:

@@ -289,16 +289,17 @@ class Corner(Family):
     turn_deg : (low, high)
         Range of the turn, drawn per episode, to the left or to the right.
     setting_octaves : float
-        How far the knobs turn either way: an action of 1 multiplies on-time or period by 2 to the power of this.
+        How far the knobs turn either way: an action of 1 multiplies the on-time, or the ratio of period to on-time, by 2
+        to the power of this.
     """
 
     leg_mm: float = 0.3
     turn_deg: tuple[float, float] = (45.0, 135.0)
-    setting_octaves: float = 1.0
+    setting_octaves: float = 2.0
 
     sets_generator: ClassVar[bool] = True
     knows_corners: ClassVar[bool] = True
-    own_weights: ClassVar[Weights] = Weights(profile=1.0, time=0.1)
+    own_weights: ClassVar[Weights] = Weights(profile=4.0, time=0.1)  # accuracy first
 
     def __post_init__(self) -> None:
         super().__post_init__()
