@@ -48,7 +48,8 @@ def next_feed_um_s(family: Family, before_um_s: Floats, wanted: Floats) -> Float
 def next_setting_us(family: Corner, first_us: Floats, wanted: Floats) -> tuple[float, float]:
     """Return on-time and period that an action (2,) within -1..1 asks for, from those of the start (2,).
 
-    The second entry turns the duty factor: turned by itself, half of all pairs would ask for more than the supply gives.
+    The second entry turns the duty factor: were it the period, half of all pairs would ask for more than the supply
+    gives.
     """
     on_us, period_us = first_us
     on, pause = (2.0 ** (family.setting_octaves * float(a)) for a in wanted)

@@ -289,8 +289,8 @@ class Corner(Family):
     turn_deg : (low, high)
         Range of the turn, drawn per episode, to the left or to the right.
     setting_octaves : float
-        How far the knobs turn either way: an action of 1 multiplies the on-time, or the ratio of period to on-time, by 2
-        to the power of this.
+        How far the knobs turn either way: an action of 1 multiplies the on-time, or the ratio of period to on-time, by
+        2 to the power of this.
     """
 
     leg_mm: float = 0.3
