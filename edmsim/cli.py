@@ -64,7 +64,7 @@ def cut(
     t_on: Annotated[float | None, typer.Option(help="On-time in us; default by generator.")] = None,
     t_period: Annotated[float | None, typer.Option(help="Period in us; default by generator.")] = None,
     controller: Annotated[
-        str, typer.Option(help="Feed controller, with parameters if wanted: fixed:feed_um_s=20.")
+        str, typer.Option(help="Feed controller, with parameters if wanted: fixed:feed_um_s=20, own.py:Own.")
     ] = "counts",
     drive: Annotated[str, typer.Option(help="Axis drive.")] = "stepper",
     planner: Annotated[str, typer.Option(help="poscal, poscal-literal, dda or sine-table.")] = "poscal",
@@ -198,7 +198,7 @@ def evaluate(
         list[str], typer.Argument(metavar="ENV_ID...", help="Environments: edmsim/GapFeed-v0 ..., or all.")
     ],
     controllers: Annotated[
-        str | None, typer.Option(metavar="A,B", help="Feed controllers, policy:FILE among them; all by default.")
+        str | None, typer.Option(metavar="A,B", help="Feed controllers, as edmsim cut takes them; all by default.")
     ] = None,
     seeds: Annotated[int, typer.Option(help="Cuts of each controller.")] = 20,
     resolution: _Resolution = "default",

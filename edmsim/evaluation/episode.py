@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..controllers import FeedController, SeesTruth, from_text, make
+from ..controllers.feed.base import check_command
 from ..controllers.feed.setup import tell
 from ..envs.registration import EPISODE_STEPS
 from ..envs.tasks import StepResult, Task
@@ -133,7 +134,7 @@ class Episode:
         self._time_s = self._cut_um = self._area_mm2 = self._error2_um3 = self._return = self._hottest_K = 0.0
         task.reset(seed)
         tell(controller, task.machine, task.scenario.legs_um[0])  # no program of `ARGUMENTS` has a second leg
-        self._command = controller.reset(task.max_feed_um_s)
+        self._command = check_command(name, controller.reset(task.max_feed_um_s))
 
     def run(self) -> Result:
         """Cut to the end."""
@@ -152,7 +153,7 @@ class Episode:
             return FINISHED if result.done else BROKEN if result.broken else JAMMED
         if isinstance(self.controller, SeesTruth):
             self.controller.see(result.truth)
-        self._command = self.controller.update(result.seen)
+        self._command = check_command(self._name, self.controller.update(result.seen))
         if self._command.alarm is not None:
             self._return -= self.task.family.reward_weights.limit
             return STOPPED
