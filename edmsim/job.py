@@ -23,6 +23,7 @@ from .folder import make_writable
 from .heights import Area, Height, Heights
 from .inspection import inspect, totals
 from .machine import Machine
+from .plant.mjcf import own_text
 from .plant.plant import MECHANICS
 from .plant.setup import resolution as check_resolution
 from .plant.workpiece import KerfField
@@ -203,13 +204,13 @@ def cut(
         steps=workpiece.steps(path, set_up.wire_diameter_um), mechanics=mechanics,
     )
     settings = {
-        "program": Path(program).name, "program_sha256": _digest(Path(program)), "machine": machine,
+        "program": Path(program).name, "program_sha256": _digest(Path(program).read_bytes()), "machine": machine,
         "material": material, "height_mm": workpiece.height_mm, **workpiece.settings(), "wire": wire,
         "wire_diameter_um": set_up.wire_diameter_um, "tension_N": set_up.tension, "generator": generator,
         "t_on_us": set_up.t_on_us, "t_period_us": set_up.t_period_us, **_told(controller),
         "drive": drive, "planner": planner, "position_unit": unit, "mechanics": mechanics, "resolution": resolution,
         "offset_um": path.offset_um, "max_time_s": max_time_s,
-        "constants_sha256": hashlib.sha256(set_up.model_dump_json().encode()).hexdigest()[:16],
+        "constants_sha256": _digest((set_up.model_dump_json() + own_text(set_up.base.model)).encode()),
     }
     folder = None if out is None else Path(out)
     spent_s = _run(simulation, folder, {**settings, "seed": seed}, resume, watch)
@@ -308,5 +309,5 @@ def _check_choice(what: str, name: str, choices: tuple[str, ...]) -> None:
         raise InputError(f"unknown {what} '{name}'; there are: {', '.join(choices)}")
 
 
-def _digest(file: Path) -> str:
-    return hashlib.sha256(file.read_bytes()).hexdigest()[:16]
+def _digest(content: bytes) -> str:
+    return hashlib.sha256(content).hexdigest()[:16]
