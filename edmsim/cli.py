@@ -168,7 +168,9 @@ def report(
 
 @app.command()
 def train(
-    env_id: Annotated[str, typer.Argument(help="Environment: edmsim/GapFeed-v0 ...", show_default=False)],
+    env_id: Annotated[
+        str, typer.Argument(help="Environment: edmsim/GapFeed-v0 ..., or FILE.py:ID.", show_default=False)
+    ],
     out: Annotated[Path, typer.Option(help="Folder for policy, checkpoint and tensorboard logs.")],
     algo: Annotated[str, typer.Option(help="ppo or sac.")] = "ppo",
     steps: Annotated[int | None, typer.Option(help="Windows in all; default by environment.")] = None,
@@ -195,7 +197,8 @@ def train(
 @app.command()
 def evaluate(
     env_ids: Annotated[
-        list[str], typer.Argument(metavar="ENV_ID...", help="Environments: edmsim/GapFeed-v0 ..., or all.")
+        list[str],
+        typer.Argument(metavar="ENV_ID...", help="Environments: edmsim/GapFeed-v0 ..., FILE.py:ID, or all."),
     ],
     controllers: Annotated[
         str | None, typer.Option(metavar="A,B", help="Feed controllers, as edmsim cut takes them; all by default.")
@@ -208,6 +211,8 @@ def evaluate(
     """Compare feed controllers on the same randomised machines."""
     from rich.progress import Progress as Bar
 
+    from edmsim.envs.registration import resolve
+
     from .evaluation.bars import told
     from .evaluation.compare import check, evaluate, usual
     from .evaluation.compare import env_ids as all_ids
@@ -215,7 +220,7 @@ def evaluate(
 
     chosen = {
         env_id: usual(env_id) if controllers is None else controllers.split(",")
-        for env_id in (all_ids() if env_ids == ["all"] else env_ids)
+        for env_id in (all_ids() if env_ids == ["all"] else map(resolve, env_ids))
     }
     for env_id, named in chosen.items():
         check(env_id, named, seeds, resolution)

@@ -9,7 +9,7 @@ from importlib import resources
 import numpy as np
 import pytest
 
-from edmsim.envs.scenarios import FAMILIES, make_family
+from edmsim.envs.families import FAMILIES, make_family
 from edmsim.learning import hyperparameters, policy_file
 
 needs_rl = pytest.mark.skipif(
