@@ -21,12 +21,12 @@ from edmsim import cli
 
 from .pages import BIN, ROOT
 
-CUT_S = 40.0
-"""Machine time of a cut, where the page does not want less: enough for a log that can be fitted."""
+CUT_S, LOG_S = 5.0, 40.0
+"""Machine time of a cut, where the page does not want less, and of one whose log is fitted afterwards."""
 SHORT: dict[str, tuple[str, ...]] = {
     "cut": ("--resolution", "fast", "--quiet"),
     "view": (),
-    "render": (),
+    "render": ("--seconds", "0.5"),
     "report": (),
     "train": ("--steps", "64", "--score", "2"),
     "evaluate": ("--seeds", "2", "--resolution", "fast"),
@@ -35,7 +35,7 @@ SHORT: dict[str, tuple[str, ...]] = {
     "bench": (),
     "terminal": ("--resolution", "fast"),
 }
-"""What is added to a command so that it is short; what its work is replaced by, if by anything, says `replaced`."""
+"""What is added to a command so that it is short; `replaced` says what of its work is left away."""
 LENGTHS: dict[str, dict[str, Any]] = {
     "edmsim/GapFeed-v0": {"length_mm": 0.08},
     "edmsim/HeightStep-v0": {"length_mm": 0.08, "band_mm": (0.02, 0.04)},
@@ -91,8 +91,9 @@ def recipe(target: str) -> list[list[str]]:
     return [["edmsim", *line.split()[1:]] for line in lines if line.startswith("\t$(BIN)/edmsim ")]
 
 
-def run(words: list[str]) -> int:
-    """Run a command of edmsim, shortened; returns its exit status."""
+def run(words: list[str], page: str) -> int:
+    """Run a command of edmsim that a page of this text shows, shortened; returns its exit status."""
+    assert words[0].removeprefix(BIN) == "edmsim", f"{words[0]} is not run here: name it in NOT_RUN, with the reason"
     source = os.devnull
     if "<" in words:
         words, source = words[: words.index("<")], words[words.index("<") + 1]
@@ -100,10 +101,12 @@ def run(words: list[str]) -> int:
     if "--help" not in arguments:
         arguments += SHORT[arguments[0]]
     if arguments[0] == "cut":
-        asked = float(arguments[arguments.index("--max-time") + 1]) if "--max-time" in arguments else CUT_S
-        arguments += ["--max-time", str(min(asked, CUT_S))]
-    if arguments[0] == "render":
-        arguments += ["--seconds", "0.5"]
+        seconds = CUT_S
+        if "--max-time" in arguments:
+            seconds = min(float(arguments[arguments.index("--max-time") + 1]), CUT_S)
+        elif "--out" in arguments and f"calibrate {arguments[arguments.index('--out') + 1]}/" in page:
+            seconds = LOG_S
+        arguments += ["--max-time", str(seconds)]
     with pytest.MonkeyPatch.context() as patch, _standard_input(source):
         patch.setattr(sys, "argv", ["edmsim", *arguments])
         with pytest.raises(SystemExit) as left:

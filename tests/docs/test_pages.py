@@ -16,7 +16,7 @@ from typing import Any
 import pytest
 
 from . import commands
-from .pages import ROOT, Block, blocks, is_command, pages, quoted, read
+from .pages import BIN, ROOT, Block, blocks, is_command, pages, quoted, read
 
 NOT_RUN = {
     "make test": "it runs this test",
@@ -40,6 +40,13 @@ BEFORE: dict[str, tuple[str, ...]] = {
 """What a page takes for done: the cuts that README's commands leave."""
 TEXT_FILES = {"docs/terminal.md": {"program.txt": "TI 30 TP 100\nNEW 1300 1000\nEND\n", "job.txt": "HELP\nBYE\n"}}
 """Files that the commands of a page read and a reader writes."""
+NEEDS = {
+    "docs/environments.md": ("stable_baselines3",),
+    "docs/how-to/environment.md": ("stable_baselines3", "tensorboard"),
+    "docs/playback.md": ("imageio_ffmpeg",),
+    "docs/training.md": ("stable_baselines3", "tensorboard"),
+}
+"""Modules of extras that a page uses; `make test` installs them all."""
 FINISHED, BAD_INPUT, TIME_LIMIT = 0, 2, 3
 Captured = pytest.CaptureFixture[str]
 PAGES = [page for page in pages() if blocks(page)]
@@ -51,13 +58,15 @@ PAGES = [page for page in pages() if blocks(page)]
 def test_a_page_runs_from_top_to_bottom(
     page: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: Captured, short_training: None
 ) -> None:
+    for module in NEEDS.get(page, ()):
+        pytest.importorskip(module)
     shutil.copytree(ROOT / "examples", tmp_path / "examples")
     monkeypatch.chdir(tmp_path)
     commands.replaced(monkeypatch)
     for name, text in TEXT_FILES.get(page, {}).items():
         Path(name).write_text(text, encoding="utf-8")
     for line in BEFORE.get(page, ()):
-        _run(line.split(), page, {FINISHED, TIME_LIMIT}, capfd)
+        _run(line.split(), f"{page}:0", {FINISHED, TIME_LIMIT}, capfd)
     namespace: dict[str, Any] = {"__name__": "__main__"}
     shown = [block for block in blocks(page) if block.kind not in ELSEWHERE]
     for block, following in zip(shown, [*shown[1:], None], strict=True):
@@ -90,7 +99,7 @@ def _do(block: Block, namespace: dict[str, Any], told: str | None, capfd: Captur
 
 def _run(words: list[str], place: str, allowed: set[int], capfd: Captured) -> str:
     capfd.readouterr()
-    status = commands.run(words)
+    status = commands.run(words, read(place.split(":")[0]))
     out, err = capfd.readouterr()
     assert status in allowed, f"{place}: {' '.join(words)}\n{out}{err}"
     return out + err
@@ -106,13 +115,15 @@ def test_every_command_is_run_or_left_out_for_a_reason() -> None:
     shown = {" ".join(words): block for page in PAGES for block in blocks(page) if block.kind == "sh"
              for words in block.commands}  # fmt: skip
     for line, block in shown.items():
-        runs = line.split()[0] == "edmsim" or (line.startswith("make ") and commands.recipe(line.split()[1]))
+        runs = line.split()[0].removeprefix(BIN) == "edmsim" or (
+            line.startswith("make ") and commands.recipe(line.split()[1])
+        )
         assert runs or line in NOT_RUN, f"{block.place}: nobody runs {line!r}"
     assert set(shown) >= set(NOT_RUN), "NOT_RUN names commands that no page shows any more"
 
 
 def test_the_tables_above_name_pages_and_blocks_that_are_there() -> None:
-    assert set(PAGES) >= {*BEFORE, *TEXT_FILES}
+    assert set(PAGES) >= {*BEFORE, *TEXT_FILES, *NEEDS}
     assert {block.kind for page in PAGES for block in blocks(page)} >= set(ELSEWHERE)
 
 
