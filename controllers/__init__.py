@@ -12,6 +12,8 @@ from functools import cache
 from importlib import resources
 from typing import Any, TypeAlias, cast
 
+from edmsim import own_code
+from edmsim.controllers.conformance import check_controller
 from edmsim.controllers.feed.adaptive_off_time import AdaptiveOffTimeController
 from edmsim.controllers.feed.base import FeedCommand, FeedController, SeesTruth, WindowObservation
 from edmsim.controllers.feed.counts import CountsController
@@ -21,11 +23,12 @@ from edmsim.controllers.feed.fuzzy import FuzzyController
 from edmsim.controllers.feed.oracle import OracleController
 from edmsim.controllers.feed.voltage import VoltageController
 from edmsim.controllers.mcu.controller import McuController
+from edmsim.controllers.own import from_file
 from edmsim.errors import InputError
 
 __all__ = [
-    "SAME_LAW", "FeedCommand", "FeedController", "SeesTruth", "WindowObservation", "found_gains", "from_text", "make",
-    "names",
+    "SAME_LAW", "FeedCommand", "FeedController", "SeesTruth", "WindowObservation", "check_controller", "found_gains",
+    "from_text", "make", "names",
 ]
 
 _Kind: TypeAlias = (
@@ -98,22 +101,31 @@ def from_text(text: str) -> FeedController:
     Parameters
     ----------
     text : str
-        A name, with parameters if wanted, ``fixed:feed_um_s=20,...``, or a trained policy: ``policy:`` and its file,
-        or its name under ``models/policies``.
+        A name, with parameters if wanted, ``fixed:feed_um_s=20,...``; a trained policy, ``policy:`` and its file,
+        or its name under ``models/policies``; or a class in an own Python file, which is run, with parameters if
+        wanted: ``FILE.py:CLASS:name=number,...``.
 
     Raises
     ------
     InputError
-        See `make`; if a parameter does not read ``name=number``, or the policy cannot be used.
+        See `make`; if a parameter does not read ``name=number``, or the policy or the file cannot be used.
     """
+    own = own_code.named(text)
+    if own is not None:
+        return from_file(own, _parameters(own.rest))
     name, _, rest = text.partition(":")
     if name == "policy":
         from edmsim.controllers.feed.policy import PolicyController
         from edmsim.learning.policy_file import load
 
         return PolicyController(load(rest))
+    return make(name, **_parameters(rest))
+
+
+def _parameters(text: str) -> dict[str, float]:
+    """Read ``name=number,...``."""
     parameters = {}
-    for pair in filter(None, rest.split(",")):
+    for pair in filter(None, text.split(",")):
         key, equals, value = pair.partition("=")
         try:
             parameters[key.strip()] = float(value)
@@ -121,4 +133,4 @@ def from_text(text: str) -> FeedController:
             equals = ""
         if not equals:
             raise InputError(f"controller parameter '{pair}' must read name=number")
-    return make(name, **parameters)
+    return parameters

@@ -64,7 +64,7 @@ def cut(
     t_on: Annotated[float | None, typer.Option(help="On-time in us; default by generator.")] = None,
     t_period: Annotated[float | None, typer.Option(help="Period in us; default by generator.")] = None,
     controller: Annotated[
-        str, typer.Option(help="Feed controller, with parameters if wanted: fixed:feed_um_s=20.")
+        str, typer.Option(help="Feed controller, with parameters if wanted: fixed:feed_um_s=20, own.py:Own.")
     ] = "counts",
     drive: Annotated[str, typer.Option(help="Axis drive.")] = "stepper",
     planner: Annotated[str, typer.Option(help="poscal, poscal-literal, dda or sine-table.")] = "poscal",
@@ -168,7 +168,9 @@ def report(
 
 @app.command()
 def train(
-    env_id: Annotated[str, typer.Argument(help="Environment: edmsim/GapFeed-v0 ...", show_default=False)],
+    env_id: Annotated[
+        str, typer.Argument(help="Environment: edmsim/GapFeed-v0 ..., or FILE.py:ID.", show_default=False)
+    ],
     out: Annotated[Path, typer.Option(help="Folder for policy, checkpoint and tensorboard logs.")],
     algo: Annotated[str, typer.Option(help="ppo or sac.")] = "ppo",
     steps: Annotated[int | None, typer.Option(help="Windows in all; default by environment.")] = None,
@@ -195,10 +197,11 @@ def train(
 @app.command()
 def evaluate(
     env_ids: Annotated[
-        list[str], typer.Argument(metavar="ENV_ID...", help="Environments: edmsim/GapFeed-v0 ..., or all.")
+        list[str],
+        typer.Argument(metavar="ENV_ID...", help="Environments: edmsim/GapFeed-v0 ..., FILE.py:ID, or all."),
     ],
     controllers: Annotated[
-        str | None, typer.Option(metavar="A,B", help="Feed controllers, policy:FILE among them; all by default.")
+        str | None, typer.Option(metavar="A,B", help="Feed controllers, as edmsim cut takes them; all by default.")
     ] = None,
     seeds: Annotated[int, typer.Option(help="Cuts of each controller.")] = 20,
     resolution: _Resolution = "default",
@@ -208,6 +211,8 @@ def evaluate(
     """Compare feed controllers on the same randomised machines."""
     from rich.progress import Progress as Bar
 
+    from edmsim.envs.registration import resolve
+
     from .evaluation.bars import told
     from .evaluation.compare import check, evaluate, usual
     from .evaluation.compare import env_ids as all_ids
@@ -215,7 +220,7 @@ def evaluate(
 
     chosen = {
         env_id: usual(env_id) if controllers is None else controllers.split(",")
-        for env_id in (all_ids() if env_ids == ["all"] else env_ids)
+        for env_id in (all_ids() if env_ids == ["all"] else map(resolve, env_ids))
     }
     for env_id, named in chosen.items():
         check(env_id, named, seeds, resolution)

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edmsim.controllers import FeedController, WindowObservation
-from edmsim.controllers.feed.base import DrivesSteps, MissesWindows
+from edmsim.controllers.feed.base import DrivesSteps, MissesWindows, check_command
 from edmsim.controllers.feed.setup import tell
 from edmsim.controllers.mcu.planner import Planner, Step, make_planner
 from edmsim.controllers.mcu.poscal import unit_for
@@ -161,7 +161,7 @@ class Simulation:
         self._turns_um, self._turns_passed = turns_um(points), 0
         self._dwell_until_ns = -1
         self._units = 0
-        self._command = self.controller.reset(MAX_FEED_UM_S)
+        self._command = check_command(self.controller.name, self.controller.reset(MAX_FEED_UM_S))
         self._set_generator(self.machine.t_on_us, self.machine.t_period_us)  # every leg begins as set up
 
     @property
@@ -187,13 +187,11 @@ class Simulation:
         if window.pulses == WINDOW_PULSES:
             self.analyser.count_window(window.short, window.open)
             counts = self.analyser.read()
-            self._command = self.controller.update(
-                WindowObservation(
-                    self.plant.time_ns * 1e-9, window.duration_ns * 1e-9, counts.short, counts.open,
-                    window.mean_voltage_V, window.mean_current_A, window.mean_delay_us, feed,
-                    self._planner.path_um,
-                )
+            seen = WindowObservation(
+                self.plant.time_ns * 1e-9, window.duration_ns * 1e-9, counts.short, counts.open,
+                window.mean_voltage_V, window.mean_current_A, window.mean_delay_us, feed, self._planner.path_um,
             )
+            self._command = check_command(self.controller.name, self.controller.update(seen))
             self._set_generator(self._command.t_on_us, self._command.t_period_us)
         self._judge(window)
         return Progress(

@@ -13,8 +13,9 @@ from typing import TYPE_CHECKING, Any
 
 from edmsim.controllers import FeedController, SeesTruth, from_text
 from edmsim.controllers.mcu.poscal import UNIT_UM, unit_for
+from edmsim.controllers.own import check_is_controller, text_of
 
-from . import checkpoint
+from . import checkpoint, own_code
 from .contours import contour
 from .cosim import Progress, Simulation
 from .errors import InputError
@@ -22,6 +23,7 @@ from .folder import make_writable
 from .heights import Area, Height, Heights
 from .inspection import inspect, totals
 from .machine import Machine
+from .plant.mjcf import own_text
 from .plant.plant import MECHANICS
 from .plant.setup import resolution as check_resolution
 from .plant.workpiece import KerfField
@@ -117,7 +119,7 @@ def cut(
     generator: str = "iso-pulse",
     t_on_us: float | None = None,
     t_period_us: float | None = None,
-    controller: str = "counts",
+    controller: str | FeedController = "counts",
     drive: str = "stepper",
     planner: str = "poscal",
     mechanics: str = "modal",
@@ -149,8 +151,9 @@ def cut(
         Wire tension in newton.
     t_on_us, t_period_us : float, optional
         Setting of the pulse generator.
-    controller : str
-        Feed controller, with parameters if wanted: ``"fixed:feed_um_s=20"``.
+    controller : str or FeedController
+        Feed controller, with parameters if wanted: ``"fixed:feed_um_s=20"``; a class in an own file,
+        ``"own.py:Own"`` (see `edmsim.controllers.from_text`); or an object that is one.
     drive : str
         Axis drive; see `DRIVES`.
     mechanics : {"modal", "mujoco"}
@@ -201,13 +204,13 @@ def cut(
         steps=workpiece.steps(path, set_up.wire_diameter_um), mechanics=mechanics,
     )
     settings = {
-        "program": Path(program).name, "program_sha256": _digest(Path(program)), "machine": machine,
+        "program": Path(program).name, "program_sha256": _digest(Path(program).read_bytes()), "machine": machine,
         "material": material, "height_mm": workpiece.height_mm, **workpiece.settings(), "wire": wire,
         "wire_diameter_um": set_up.wire_diameter_um, "tension_N": set_up.tension, "generator": generator,
-        "t_on_us": set_up.t_on_us, "t_period_us": set_up.t_period_us, "controller": controller,
+        "t_on_us": set_up.t_on_us, "t_period_us": set_up.t_period_us, **_told(controller),
         "drive": drive, "planner": planner, "position_unit": unit, "mechanics": mechanics, "resolution": resolution,
         "offset_um": path.offset_um, "max_time_s": max_time_s,
-        "constants_sha256": hashlib.sha256(set_up.model_dump_json().encode()).hexdigest()[:16],
+        "constants_sha256": _digest((set_up.model_dump_json() + own_text(set_up.base.model)).encode()),
     }
     folder = None if out is None else Path(out)
     spent_s = _run(simulation, folder, {**settings, "seed": seed}, resume, watch)
@@ -281,9 +284,9 @@ def _result(
     )
 
 
-def make_controller(text: str) -> FeedController:
-    """Make a feed controller that a machine could have; see `edmsim.controllers.from_text`."""
-    controller = from_text(text)
+def make_controller(given: str | FeedController) -> FeedController:
+    """Make a feed controller that a machine could have, or take one; see `edmsim.controllers.from_text`."""
+    controller = from_text(given) if isinstance(given, str) else check_is_controller(given)
     if isinstance(controller, SeesTruth):
         raise InputError(
             f"the {controller.name} controller looks at the true gap, which no machine shows: it can be compared "
@@ -292,10 +295,19 @@ def make_controller(text: str) -> FeedController:
     return controller
 
 
+def _told(controller: str | FeedController) -> dict[str, str]:
+    """Return what the report's settings say of the controller; a file's text is part of what a cut was made with."""
+    if not isinstance(controller, str):
+        return {"controller": text_of(controller)}
+    own = own_code.named(controller)
+    digest = {} if own is None else {"controller_sha256": own_code.digest(own.file)}
+    return {"controller": controller, **digest}
+
+
 def _check_choice(what: str, name: str, choices: tuple[str, ...]) -> None:
     if name not in choices:
         raise InputError(f"unknown {what} '{name}'; there are: {', '.join(choices)}")
 
 
-def _digest(file: Path) -> str:
-    return hashlib.sha256(file.read_bytes()).hexdigest()[:16]
+def _digest(content: bytes) -> str:
+    return hashlib.sha256(content).hexdigest()[:16]

@@ -130,7 +130,7 @@ class Base(_Frozen):
     """A machine file: table, guides, dielectric, gap, discharge, and the MJCF they belong to."""
 
     title: str
-    model: str
+    model: str  # a file of `models/`, or the absolute path of a user's
     table: Table
     guides: Guides
     dielectric: Dielectric
@@ -255,7 +255,7 @@ class Machine(_Frozen):
         """
         wire_name, diameter = _split_wire(wire)
         base, wire_, material_, generator_ = (
-            _read(Base, "machines", name),
+            _read_base(name),
             _read(Wire, "wires", wire_name),
             _read(Material, "materials", material),
             _read(Generator, "generators", generator),
@@ -398,6 +398,15 @@ def _read(model: type[_Model], kind: Kind, name: str) -> _Model:
         first = error.errors()[0]
         key = ".".join(str(part) for part in first["loc"]) or "file"
         raise InputError(f"key '{key}': {first['msg']}", file) from None
+
+
+def _read_base(name: str) -> Base:
+    base = _read(Base, "machines", name)
+    if not name.endswith(".toml"):
+        return base
+    from .plant.mjcf import own
+
+    return base.model_copy(update={"model": own(base.model, name)})
 
 
 def _own_file(name: str) -> str:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from .discrete import DiscreteFeed, DiscreteFeedVector
+    from .registration import register
     from .reward import Weights
     from .sb3 import make_sb3_vec_env
     from .single import EdmEnv
@@ -26,10 +27,11 @@ _HOMES = {
     "Task": "tasks",
     "Weights": "reward",
     "make_sb3_vec_env": "sb3",
+    "register": "registration",
 }
 __all__ = [
     "DiscreteFeed", "DiscreteFeedVector", "EdmEnv", "EdmVectorEnv", "StepResult", "Task", "Weights",
-    "make_sb3_vec_env",
+    "make_sb3_vec_env", "register",
 ]
 
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from functools import cached_property
 from importlib import resources
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple
+from typing import TYPE_CHECKING, ClassVar, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -182,7 +182,7 @@ class Family(ABC):
             machine = self._draw_machine(rng, drawn)
         drawn |= {"material": machine.material_name, "height_mm": machine.height_mm, "tension": machine.tension}
         seed = int(rng.integers(2**62))
-        return self._draw_cut(rng, machine, seed, drawn)
+        return self.draw_cut(rng, machine, seed, drawn)
 
     def _draw_machine(self, rng: np.random.Generator, drawn: dict[str, float | str]) -> Machine:
         machine = self._bases[int(rng.integers(len(self._bases)))]
@@ -202,10 +202,21 @@ class Family(ABC):
         return machine
 
     @abstractmethod
-    def _draw_cut(
+    def draw_cut(
         self, rng: np.random.Generator, machine: Machine, seed: int, drawn: dict[str, float | str]
     ) -> Scenario:
-        """Lay out stock and path for a machine."""
+        """Lay out stock and path for a machine.
+
+        Parameters
+        ----------
+        rng : numpy.random.Generator
+            Of whatever is drawn for the cut.
+        machine : Machine
+        seed : int
+            Of the plant.
+        drawn : dict
+            What was drawn so far, by name; what is drawn here is added.
+        """
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -225,9 +236,10 @@ class GapFeed(Family):
         super().__post_init__()
         _above_zero("length_mm", self.length_mm, 30.0)
 
-    def _draw_cut(
+    def draw_cut(
         self, rng: np.random.Generator, machine: Machine, seed: int, drawn: dict[str, float | str]
     ) -> Scenario:
+        """A straight path into the slot's end."""
         path = _straight(self.length_mm)
         return Scenario(machine, begun_slot(machine, CENTRE_UM), (path,), _even(machine), seed, drawn)
 
@@ -254,9 +266,10 @@ class HeightStep(GapFeed):
         if not 0.2 <= self.low_share <= 1:
             raise InputError(f"low_share is {self.low_share!r}: give a share from 0.2 to 1")
 
-    def _draw_cut(
+    def draw_cut(
         self, rng: np.random.Generator, machine: Machine, seed: int, drawn: dict[str, float | str]
     ) -> Scenario:
+        """The same, and jumps of height across it."""
         import shapely
 
         x, y = CENTRE_UM
@@ -289,8 +302,8 @@ class Corner(Family):
     turn_deg : (low, high)
         Range of the turn, drawn per episode, to the left or to the right.
     setting_octaves : float
-        How far the knobs turn either way: an action of 1 multiplies the on-time, or the ratio of period to on-time, by
-        2 to the power of this.
+        How far the knobs turn either way: an action of 1 multiplies the on-time, or the ratio of period to on-time,
+        by 2 to the power of this.
     """
 
     leg_mm: float = 0.3
@@ -309,9 +322,10 @@ class Corner(Family):
         if not CORNER_DEG <= low <= high <= 160.0:
             raise InputError(f"turn_deg is {self.turn_deg!r}: give a range within {CORNER_DEG:g} to 160 degrees")
 
-    def _draw_cut(
+    def draw_cut(
         self, rng: np.random.Generator, machine: Machine, seed: int, drawn: dict[str, float | str]
     ) -> Scenario:
+        """Two legs and a turn."""
         turn = float(rng.uniform(*self.turn_deg)) * (1 if rng.random() < 0.5 else -1)
         leg, (x, y) = self.leg_mm * 1e3, CENTRE_UM
         angle = math.radians(turn)
@@ -355,46 +369,13 @@ class Contour(Family):
         holes = tuple((float(c.points_um[0, 0]), float(c.points_um[0, 1]), radius) for c in path.contours)
         return Stock((x0, y0, x1, y1), holes), path
 
-    def _draw_cut(
+    def draw_cut(
         self, rng: np.random.Generator, machine: Machine, seed: int, drawn: dict[str, float | str]
     ) -> Scenario:
+        """The program's contours."""
         stock, path = self._cut
         legs = tuple(c.points_um.astype(np.float64) for c in path.contours)
         return Scenario(machine, stock, legs, _even(machine), seed, drawn, path.contours)
-
-
-FAMILIES: dict[str, type[Family]] = {
-    "GapFeed": GapFeed, "HeightStep": HeightStep, "Corner": Corner, "Contour": Contour,
-}
-"""Families by the names of their environments."""
-
-
-def make_family(name: str, **options: Any) -> Family:
-    """Return a family with the given arguments.
-
-    Parameters
-    ----------
-    name : str
-        ``"GapFeed"``, or the environment's whole id, ``"edmsim/GapFeed-v0"``.
-    **options
-        Its fields.
-
-    Raises
-    ------
-    InputError
-        An unknown name, or a value that cannot be used.
-    TypeError
-        An unknown argument.
-    """
-    short = name.removeprefix("edmsim/").removesuffix("-v0")
-    if short not in FAMILIES:
-        raise InputError(f"there is no environment {name!r}; choose one of {', '.join(FAMILIES)}")
-    family = FAMILIES[short]
-    known = [f.name for f in fields(family)]
-    for option in options:
-        if option not in known:
-            raise TypeError(f"{short} has no argument {option!r}; it has {', '.join(known)}")
-    return family(**options)
 
 
 def _straight(length_mm: float) -> Floats:

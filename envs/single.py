@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 
 from .batch import Batch, action_space_of, observation_space_of
 from .checks import checked_actions, checked_options
+from .families import make_family
 from .motion import RUNNING
 from .render import RENDER_FPS, RENDER_MODES, Renderer, check_render_mode
-from .scenarios import make_family
+from .scenarios import Family
 
 _LANE = np.zeros(1, np.int64)
 
@@ -26,8 +27,8 @@ class EdmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
 
     Parameters
     ----------
-    task : str
-        ``"GapFeed"``, ``"HeightStep"``, ``"Corner"`` or ``"Contour"``; set by the id.
+    task : str or type
+        ``"GapFeed"``, ``"HeightStep"``, ``"Corner"`` or ``"Contour"``, or an own family; set by the id.
     render_mode : {"rgb_array", "human"}, optional
     **options
         Fields of the task's `Family` in `edmsim.envs.scenarios`.
@@ -44,7 +45,7 @@ class EdmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         "render_modes": list(RENDER_MODES), "render_fps": RENDER_FPS,
     }
 
-    def __init__(self, task: str, render_mode: str | None = None, **options: Any) -> None:
+    def __init__(self, task: str | type[Family], render_mode: str | None = None, **options: Any) -> None:
         self.family = make_family(task, **options)
         self.render_mode = check_render_mode(render_mode)
         self.action_space = action_space_of(self.family)

@@ -15,10 +15,11 @@ from edmsim.plant.plant import Plant
 from edmsim.plant.window import PulseWindow
 
 from .checks import checked_options
+from .families import episode_steps, make_family
 from .lanes import CAUSES, Lanes
 from .motion import DONE, LIMIT_SWITCH, RUNNING, WIRE_BREAK
 from .reward import rewards
-from .scenarios import Scenario, make_family
+from .scenarios import Family, Scenario
 
 _LANE = np.zeros(1, np.int64)
 
@@ -70,8 +71,8 @@ class Task:
 
     Parameters
     ----------
-    name : str
-        ``"GapFeed"`` or ``"edmsim/GapFeed-v0"``, and so on.
+    name : str or type
+        ``"GapFeed"`` or ``"edmsim/GapFeed-v0"``, and so on; or an own family.
     **options
         Arguments of the environment (see `scenarios.Family`); those of action and observation have no effect.
 
@@ -90,8 +91,9 @@ class Task:
     >>> command = controller.update(result.seen)
     """
 
-    def __init__(self, name: str, **options: Any) -> None:
+    def __init__(self, name: str | type[Family], **options: Any) -> None:
         self.family = make_family(name, **options)
+        self.episode_steps = episode_steps(name)
         self.max_feed_um_s = self.family.max_feed_um_s
         self._weights = self.family.reward_weights.array()
         self._lanes = Lanes(self.family, 1)

@@ -18,9 +18,10 @@ from edmsim.errors import InputError
 
 from .batch import Batch, action_space_of, observation_space_of
 from .checks import checked_actions, checked_options
+from .families import make_family
 from .motion import RUNNING
 from .render import RENDER_FPS, RENDER_MODES, Renderer, check_render_mode
-from .scenarios import make_family
+from .scenarios import Family
 
 Flags = NDArray[np.bool_]
 
@@ -33,8 +34,8 @@ class EdmVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDArray[A
 
     Parameters
     ----------
-    task : str
-        ``"GapFeed"``, ``"HeightStep"``, ``"Corner"`` or ``"Contour"``; set by the id.
+    task : str or type
+        ``"GapFeed"``, ``"HeightStep"``, ``"Corner"`` or ``"Contour"``, or an own family; set by the id.
     num_envs : int
     max_episode_steps : int, optional
         Windows after which an episode is truncated; never, if not given.
@@ -61,7 +62,7 @@ class EdmVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDArray[A
 
     def __init__(
         self,
-        task: str,
+        task: str | type[Family],
         num_envs: int = 1,
         *,
         max_episode_steps: int | None = None,

@@ -14,7 +14,7 @@ def path(name: str) -> Path:
     Parameters
     ----------
     name : str
-        The file's place in this folder, for example ``"agiecut_dem15.xml"``.
+        The file's place in this folder, for example ``"agiecut_dem15.xml"``; an absolute path stays as it is.
 
     Raises
     ------

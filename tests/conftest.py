@@ -11,6 +11,7 @@ from typing import Any
 import pytest
 
 import edmsim
+from edmsim.learning import hyperparameters
 
 PUNCH = """\
 G21 G90
@@ -69,3 +70,18 @@ def small_cut(
     folder = tmp_path_factory.mktemp("out") / "new" / "punch"
     seen: list[Any] = []
     return SimpleNamespace(result=cut_small(out=folder, watch=seen.append), folder=folder, seen=seen)
+
+
+@pytest.fixture
+def short_training(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let trainings be short: few lanes, few windows between updates."""
+    load = hyperparameters.load
+
+    def shorter(env_id: str, algo: str) -> hyperparameters.Hyperparameters:
+        given = load(env_id, algo)
+        change = {"n_steps": 32, "batch_size": 32} if algo == "ppo" else {"learning_starts": 40, "buffer_size": 500}
+        return given.model_copy(update={
+            "num_envs": 2, "environment": {"resolution": "fast"}, "algorithm": {**given.algorithm, **change},
+        })  # fmt: skip
+
+    monkeypatch.setattr(hyperparameters, "load", shorter)

@@ -141,6 +141,15 @@ def check_parameter(controller: str, name: str, value: float) -> None:
         raise InputError(f"{name} of the {controller} controller must be {allowed}, not {value!r}")
 
 
+def check_command(controller: str, command: object) -> FeedCommand:
+    """Return what a controller answered; refuse what is no command, or a feed that is no finite number."""
+    if not isinstance(command, FeedCommand):
+        raise InputError(f"the {controller} controller answered {command!r}: it must return a FeedCommand")
+    if not math.isfinite(command.feed_um_s):
+        raise InputError(f"the {controller} controller commanded a feed of {command.feed_um_s!r} um/s")
+    return command
+
+
 def check_feed(controller: str, name: str, feed_um_s: float, max_feed_um_s: float) -> None:
     """Refuse a feed beyond what the machine can run."""
     if feed_um_s > max_feed_um_s:

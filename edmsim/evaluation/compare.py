@@ -8,13 +8,14 @@ from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import dataclass
 
 import numpy as np
+from gymnasium.envs.registration import registry
 from numpy.typing import NDArray
 
 from ..controllers import SAME_LAW, from_text, names
 from ..errors import InputError
 from ..learning import policy_file
 from ..plant.setup import resolution as check_resolution
-from .episode import ARGUMENTS, FINISHED, HELD_BACK, ORACLE, Result, cut
+from .episode import ARGUMENTS, FINISHED, HELD_BACK, ORACLE, Result, arguments, cut
 
 CONFIDENCE = 0.95
 RESAMPLES = 2000
@@ -76,7 +77,7 @@ def evaluate(
     Parameters
     ----------
     env_id : str
-        One of `env_ids`.
+        One of `env_ids`, or of an own environment (see `edmsim.envs.register`).
     controllers : sequence of str
         See `edmsim.controllers.from_text`. The oracle is run whether named or not, as the others are scaled by it.
     seeds : int
@@ -142,8 +143,9 @@ def env_ids() -> tuple[str, ...]:
 def check(env_id: str, controllers: Sequence[str], seeds: int, resolution: str) -> None:
     """Raise `InputError` for what `evaluate` cannot do."""
     check_resolution(resolution)
-    if env_id not in ARGUMENTS:
+    if env_id not in ARGUMENTS and env_id not in registry:
         raise InputError(f"there is no environment '{env_id}'; choose one of {', '.join(ARGUMENTS)}")
+    arguments(env_id)
     for name in controllers:
         from_text(name)
     if not controllers:

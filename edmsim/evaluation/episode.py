@@ -13,8 +13,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..controllers import FeedController, SeesTruth, from_text, make
+from ..controllers.feed.base import check_command
 from ..controllers.feed.setup import tell
-from ..envs.registration import EPISODE_STEPS
+from ..envs.families import base_of, env_id_of, find
 from ..envs.tasks import StepResult, Task
 from ..metrology import profile_error
 
@@ -90,20 +91,32 @@ class Result(NamedTuple):
         return self.outcome in (JAMMED, STOPPED)
 
 
+def arguments(env_id: str) -> Mapping[str, Any]:
+    """Return the arguments with which controllers are compared in an environment.
+
+    In a user's own they are those of the one of ours it derives from, where its registration leaves them open.
+    """
+    if env_id in ARGUMENTS:
+        return ARGUMENTS[env_id]
+    family, registered = find(env_id)
+    ours = ARGUMENTS[env_id_of(base_of(family))]
+    return {name: value for name, value in ours.items() if name not in registered}
+
+
 def cut(env_id: str, seed: int, controller: str, resolution: str) -> Result:
     """Make one cut; the oracle rehearses it with several gaps, and its fastest cut counts.
 
     Parameters
     ----------
     env_id : str
-        One of `ARGUMENTS`.
+        One of `ARGUMENTS`, or of an own environment.
     seed : int
         Of everything that is drawn.
     controller : str
         See `edmsim.controllers.from_text`; gains not named are those found by the search.
     resolution : {"fast", "default", "fine"}
     """
-    task = Task(env_id, resolution=resolution, **ARGUMENTS[env_id])
+    task = Task(env_id, resolution=resolution, **arguments(env_id))
     if controller != ORACLE:
         return Episode(task, from_text(controller), seed, controller).run()
     tried = [Episode(task, make(ORACLE, gap_target_um=gap), seed, ORACLE).run() for gap in ORACLE_GAPS_UM]
@@ -128,12 +141,12 @@ class Episode:
         self.task = task
         self.controller = controller
         self._seed, self._name = seed, name
-        self._windows_left = EPISODE_STEPS[type(task.family).__name__]
+        self._windows_left = task.episode_steps
         self._short = self._open = self._pulses = 0
         self._time_s = self._cut_um = self._area_mm2 = self._error2_um3 = self._return = self._hottest_K = 0.0
         task.reset(seed)
         tell(controller, task.machine, task.scenario.legs_um[0])  # no program of `ARGUMENTS` has a second leg
-        self._command = controller.reset(task.max_feed_um_s)
+        self._command = check_command(name, controller.reset(task.max_feed_um_s))
 
     def run(self) -> Result:
         """Cut to the end."""
@@ -152,7 +165,7 @@ class Episode:
             return FINISHED if result.done else BROKEN if result.broken else JAMMED
         if isinstance(self.controller, SeesTruth):
             self.controller.see(result.truth)
-        self._command = self.controller.update(result.seen)
+        self._command = check_command(self._name, self.controller.update(result.seen))
         if self._command.alarm is not None:
             self._return -= self.task.family.reward_weights.limit
             return STOPPED

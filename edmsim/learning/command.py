@@ -6,6 +6,7 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from edmsim.envs.registration import resolve
 from edmsim.errors import InputError
 
 from . import policy_file
@@ -61,11 +62,12 @@ def run(
         bar.update(task, completed=progress.steps, total=progress.total, told=told)
 
     try:
-        trained = train(env_id, algo, out, steps=steps, seed=seed, resume=resume, watch=watch)
+        trained = train(resolve(env_id), algo, out, steps=steps, seed=seed, resume=resume, watch=watch)
         from .export import export
 
         done = trained.run
-        card, packed = export(trained, f"edmsim train {done.env_id} --algo {algo} --steps {done.steps} --seed {seed}")
+        named = done.env_id if resolve(env_id) == env_id else env_id
+        card, packed = export(trained, f"edmsim train {named} --algo {algo} --steps {done.steps} --seed {seed}")
         policy_file.write(card, packed, file)
         if not episodes:
             return None

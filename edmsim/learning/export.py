@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import platform
+from dataclasses import fields
 from importlib.metadata import version
 from typing import Any
 
 import numpy as np
 import torch
 
+from edmsim.envs.families import base_of, env_id_of, find, make_family
 from edmsim.envs.observation import entries
-from edmsim.envs.scenarios import make_family
 
 from .policy_file import ACTION_MEANINGS, FORMAT, Card, digest, pack
 from .train import Trained
@@ -38,8 +39,8 @@ def export(trained: Trained, command: str) -> tuple[Card, bytes]:
     linear = [layer for layer in layers if isinstance(layer, torch.nn.Linear)]
     weights = [_array(layer.weight).T for layer in linear]
     packed = pack(weights, [_array(layer.bias) for layer in linear])
-    environment = dict(trained.hyperparameters.environment)
-    family = make_family(run.env_id, **environment)
+    env_id, environment = _environment(trained)
+    family = make_family(env_id, **environment)
     statistics = normalise.obs_rms
     observation = [
         {"name": entry.name, "meaning": entry.meaning, "mean": float(mean), "variance": float(variance)}
@@ -48,7 +49,7 @@ def export(trained: Trained, command: str) -> tuple[Card, bytes]:
         )
     ]
     card = Card.model_validate({
-        "format": FORMAT, "env_id": run.env_id, "environment": environment, "observation": observation,
+        "format": FORMAT, "env_id": env_id, "environment": environment, "observation": observation,
         "epsilon": normalise.epsilon, "clip": normalise.clip_obs,
         "action": list(ACTION_MEANINGS[: linear[-1].out_features]),
         "widths": [layer.out_features for layer in linear[:-1]],
@@ -58,6 +59,22 @@ def export(trained: Trained, command: str) -> tuple[Card, bytes]:
         "versions": {"python": platform.python_version(), **{name: version(name) for name in PACKAGES}},
     })
     return card, packed
+
+
+def _environment(trained: Trained) -> tuple[str, dict[str, Any]]:
+    """Return the environment a policy is told to be of, with its arguments.
+
+    Of a user's family that is the one of ours it derives from: it has the same observations and actions, and can be
+    made wherever the policy is used. Its arguments are kept as far as that one knows them; weights do not matter to a
+    cut.
+    """
+    given = dict(trained.hyperparameters.environment)
+    family, registered = find(trained.run.env_id)
+    base = base_of(family)
+    if base == family.__name__ and not registered:
+        return trained.run.env_id, given
+    known = {field.name for field in fields(find(base)[0])} - {"weights", "machine"}
+    return env_id_of(base), {name: value for name, value in {**registered, **given}.items() if name in known}
 
 
 def _array(tensor: Any) -> Any:

@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from edmsim.envs.scenarios import FAMILIES
+from edmsim.envs.families import base_of, find
 from edmsim.errors import InputError
 
 ALGORITHMS = ("ppo", "sac")
@@ -59,31 +59,20 @@ class Hyperparameters(_Strict):
     network: Network
 
 
-def family_name(env_id: str) -> str:
-    """Return ``"GapFeed"`` for ``"edmsim/GapFeed-v0"``.
-
-    Raises
-    ------
-    InputError
-        If there is no such environment.
-    """
-    for name in FAMILIES:
-        if env_id in (name, f"edmsim/{name}-v0"):
-            return name
-    ids = ", ".join(f"edmsim/{name}-v0" for name in FAMILIES)
-    raise InputError(f"there is no environment '{env_id}'; choose one of {ids}")
-
-
 def load(env_id: str, algo: str) -> Hyperparameters:
     """Return the hyperparameters of an environment and an algorithm.
+
+    A user's environment has those of the one of ours it derives from; arguments it was registered with stay.
 
     Raises
     ------
     InputError
         If there is no such environment or algorithm.
     """
-    name = family_name(env_id)
+    family, registered = find(env_id)
     if algo not in ALGORITHMS:
         raise InputError(f"unknown algorithm '{algo}'; there are: {', '.join(ALGORITHMS)}")
-    file = resources.files("edmsim.models") / "training" / f"{name}-{algo}.toml"
-    return Hyperparameters.model_validate(tomllib.loads(file.read_text(encoding="utf-8")))
+    file = resources.files("edmsim.models") / "training" / f"{base_of(family)}-{algo}.toml"
+    found = Hyperparameters.model_validate(tomllib.loads(file.read_text(encoding="utf-8")))
+    left = {name: value for name, value in found.environment.items() if name not in registered}
+    return found.model_copy(update={"environment": left})

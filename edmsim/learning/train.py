@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from edmsim.envs.families import env_id_of
 from edmsim.errors import InputError
 from edmsim.folder import make_writable
 
@@ -93,7 +94,7 @@ def train(
     Parameters
     ----------
     env_id : str
-        ``"edmsim/GapFeed-v0"`` and so on.
+        ``"edmsim/GapFeed-v0"`` and so on, or of an own environment (see `edmsim.envs.register`).
     algo : {"ppo", "sac"}
     out : Path
         Folder for ``tensorboard/`` and the checkpoint. Checkpoints are stable-baselines3's own, pickles among them:
@@ -121,7 +122,7 @@ def train(
         raise InputError(f"steps is {total}: give 1 or more")
     if not 0 <= seed < 2**32:
         raise InputError(f"the seed {seed} must be from 0 to {2**32 - 1}")
-    run = Run(f"edmsim/{hyperparameters.family_name(env_id)}-v0", algo, total, seed)
+    run = Run(env_id_of(env_id), algo, total, seed)
     last = _checkpoint_of(run, out) if resume else None
     make_writable(out)
     if last is None:

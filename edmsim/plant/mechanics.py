@@ -6,7 +6,6 @@ equilibrium and returns its modes. Every number of the modal plant is read from 
 
 from __future__ import annotations
 
-import functools
 import math
 from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING, Any, cast
@@ -14,8 +13,8 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from edmsim import models
 from edmsim.errors import InputError
+from edmsim.plant import mjcf
 from edmsim.plant.linearise import Linear, block_modes, check_independent, linearise
 
 if TYPE_CHECKING:
@@ -140,7 +139,7 @@ def build_model(wire: WireSetup, model_file: str = MODEL_FILE) -> mujoco.MjModel
     wire : WireSetup
         The wire and the distance of its guides.
     model_file : str
-        The machine's MJCF: a file of `edmsim.models`.
+        The machine's MJCF: a file of `edmsim.models`, or the absolute path of another with the same names.
 
     Returns
     -------
@@ -161,7 +160,7 @@ def machine_spec(wire: WireSetup, model_file: str = MODEL_FILE, n_nodes: int | N
     n_nodes : int, optional
         Nodes of the wire, 1 to as many as the file has; all of them if not given.
     """
-    spec = _parsed(model_file).copy()
+    spec = mjcf.read(model_file).copy()
     if n_nodes is not None:
         _thin_out(spec, n_nodes)
     nodes = [body for body in spec.bodies if body.name.startswith("wire_")]
@@ -170,14 +169,6 @@ def machine_spec(wire: WireSetup, model_file: str = MODEL_FILE, n_nodes: int | N
     _draw_workpiece(spec, wire.guide_distance_m)
     spec.option.timestep = wire.guide_distance_m / (len(nodes) + 1) / (2 * wire.wave_speed)
     return spec
-
-
-@functools.cache
-def _parsed(model_file: str) -> mujoco.MjSpec:
-    """Return a machine's MJCF, which takes four times as long to read as to fit and to compile."""
-    import mujoco
-
-    return mujoco.MjSpec.from_file(str(models.path(model_file)))
 
 
 def _thin_out(spec: mujoco.MjSpec, n_nodes: int) -> None:

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError
+from . import mjcf
 from .breakdown import GapLaw
 from .dielectric import flow_speed_m_s, nozzle_flow_per_slice_us
 from .full_model import DriveSetup, FullMechanics
@@ -170,11 +171,14 @@ def _slice_heights_m(machine: Machine, res: Resolution) -> NDArray[np.float64]:
 
 def modal_model(machine: Machine, res: Resolution) -> ModalModel:
     """Modes of table and wire for this set-up, from the MJCF."""
-    return _modes(wire_setup(machine), machine.base.model, res.modes, tuple(_slice_heights_m(machine, res).tolist()))
+    file, heights = machine.base.model, tuple(_slice_heights_m(machine, res).tolist())
+    return _modes(wire_setup(machine), file, mjcf.version(file), res.modes, heights)
 
 
 @functools.lru_cache(maxsize=64)
-def _modes(wire: WireSetup, model_file: str, n_modes: int, slice_heights_m: tuple[float, ...]) -> ModalModel:
+def _modes(
+    wire: WireSetup, model_file: str, _version: int, n_modes: int, slice_heights_m: tuple[float, ...]
+) -> ModalModel:
     """Modes by set-up: plants of one machine share them, as nothing writes to them."""
     return reduce_model(build_model(wire, model_file), n_modes, slice_heights_m)
 

@@ -9,10 +9,10 @@ import gymnasium as gym
 import pytest
 
 import edmsim.envs
+from edmsim.envs.families import FAMILIES
 from edmsim.envs.lanes import CAUSES
 from edmsim.envs.observation import CORNERS, MEASURED
 from edmsim.envs.registration import EPISODE_STEPS
-from edmsim.envs.scenarios import FAMILIES
 
 PAGE = (Path(__file__).parents[2] / "docs" / "environments.md").read_text(encoding="utf-8")
 

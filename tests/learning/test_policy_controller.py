@@ -15,8 +15,8 @@ import edmsim
 from edmsim.controllers.feed.policy import PolicyController
 from edmsim.controllers.feed.setup import tell
 from edmsim.envs.batch import action_space_of
+from edmsim.envs.families import make_family
 from edmsim.envs.observation import entries
-from edmsim.envs.scenarios import make_family
 from edmsim.envs.tasks import Task
 from edmsim.errors import InputError
 from edmsim.job import make_controller

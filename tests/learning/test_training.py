@@ -9,7 +9,7 @@ from importlib import resources
 import numpy as np
 import pytest
 
-from edmsim.envs.scenarios import FAMILIES, make_family
+from edmsim.envs.families import FAMILIES, make_family
 from edmsim.learning import hyperparameters, policy_file
 
 needs_rl = pytest.mark.skipif(
@@ -37,7 +37,7 @@ def test_there_are_no_others():
 
 @needs_rl
 @pytest.mark.parametrize("algo", hyperparameters.ALGORITHMS)
-def test_what_is_exported_does_what_was_trained(short, tmp_path, algo):
+def test_what_is_exported_does_what_was_trained(short_training, tmp_path, algo):
     from edmsim.learning.export import export
     from edmsim.learning.train import train
 
@@ -58,7 +58,7 @@ def test_what_is_exported_does_what_was_trained(short, tmp_path, algo):
 
 @needs_rl
 @pytest.mark.parametrize("algo", hyperparameters.ALGORITHMS)
-def test_a_training_stopped_goes_on_from_its_checkpoint(short, tmp_path, edmsim, monkeypatch, algo):
+def test_a_training_stopped_goes_on_from_its_checkpoint(short_training, tmp_path, edmsim, monkeypatch, algo):
     from edmsim.learning import train as training
 
     command = ("train", "edmsim/GapFeed-v0", "--algo", algo, "--steps", 256, "--score", 0, "--out", tmp_path)
@@ -86,7 +86,7 @@ def test_a_training_stopped_goes_on_from_its_checkpoint(short, tmp_path, edmsim,
 
 
 @needs_rl
-def test_same_seed_same_policy(short, tmp_path):
+def test_same_seed_same_policy(short_training, tmp_path):
     from edmsim.learning.export import export
     from edmsim.learning.train import train
 
@@ -116,6 +116,19 @@ def test_bad_input_is_one_line_and_leaves_nothing(tmp_path, edmsim, arguments, n
     assert err.count("\n") == 1
     assert named in err
     assert not (tmp_path / "out").exists()
+
+
+@needs_rl
+def test_the_command_leaves_a_policy_with_its_scores(short_training, tmp_path, edmsim, monkeypatch):
+    from edmsim.evaluation import episode
+
+    short = {"edmsim/GapFeed-v0": {**episode.ARGUMENTS["edmsim/GapFeed-v0"], "length_mm": 0.05}}
+    monkeypatch.setattr(episode, "ARGUMENTS", short)
+    monkeypatch.setattr("edmsim.learning.score.RESOLUTIONS", ("fast",))
+    status, out, err = edmsim("train", "edmsim/GapFeed-v0", "--steps", 64, "--score", 2, "--out", tmp_path)
+    assert status == 0, err
+    assert "voltage" in out
+    assert len(policy_file.load(str(tmp_path / "policy.json")).card.scores) == 3
 
 
 def test_without_the_extra_it_is_one_line(tmp_path, edmsim, monkeypatch):

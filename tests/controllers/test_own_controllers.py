@@ -1,0 +1,265 @@
+"""Feed controllers that a user writes: from a file or as an object, checked, cut with, compared."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+import pytest
+
+import edmsim
+from edmsim import checkpoint, cli, controllers
+from edmsim.controllers import FeedCommand, WindowObservation, check_controller, from_text
+from edmsim.cosim import Simulation
+from edmsim.errors import InputError
+from edmsim.evaluation.episode import Episode
+from edmsim.job import make_controller
+
+LAW = '''\
+from dataclasses import dataclass
+from typing import ClassVar
+
+from edmsim.controllers import FeedCommand
+
+
+@dataclass
+class Half:
+    """Half of what the machine can run, less with every short."""
+
+    name: ClassVar[str] = "half"
+    share: float = 0.5
+
+    def reset(self, max_feed_um_s):
+        self.most = max_feed_um_s
+        return FeedCommand(self.share * self.most)
+
+    def update(self, window):
+        return FeedCommand(self.share * self.most * (1 - window.short / 255))
+
+    def snapshot(self):
+        return {"most": self.most}
+
+    def restore(self, state):
+        self.most = state["most"]
+
+
+class Bare:
+    name = "bare"
+
+    def reset(self, max_feed_um_s):
+        return FeedCommand(1.0)
+'''
+
+
+class Law:
+    """Half of the largest feed; what tests change makes it wrong."""
+
+    name: ClassVar[str] = "law"
+
+    def reset(self, max_feed_um_s: float) -> FeedCommand:
+        self.most = max_feed_um_s
+        return FeedCommand(0.5 * self.most)
+
+    def update(self, window: WindowObservation) -> FeedCommand:
+        return FeedCommand(0.5 * self.most)
+
+    def snapshot(self) -> dict[str, Any]:
+        return {"most": self.most}
+
+    def restore(self, state: Any) -> None:
+        self.most = state["most"]
+
+
+class Counting(Law):
+    seen = 0
+
+    def update(self, window: WindowObservation) -> FeedCommand:
+        self.seen += 1
+        return FeedCommand(0.1 * (self.seen % 7))
+
+
+class Restless(Law):
+    made = 0
+
+    def __init__(self) -> None:
+        type(self).made += 1
+
+    def update(self, window: WindowObservation) -> FeedCommand:
+        return FeedCommand(0.1 * self.made)
+
+
+class Delayed(Law):
+    def update(self, window: WindowObservation) -> FeedCommand:
+        return FeedCommand(window.mean_delay_us)
+
+
+class Lost(Law):
+    def update(self, window: WindowObservation) -> FeedCommand:
+        return FeedCommand(math.nan)
+
+
+class Fast(Law):
+    def update(self, window: WindowObservation) -> FeedCommand:
+        return FeedCommand(50.0)
+
+
+class Number(Law):
+    def update(self, window: WindowObservation) -> Any:
+        return 5.0
+
+
+class Forgetful(Counting):
+    def reset(self, max_feed_um_s: float) -> FeedCommand:
+        self.seen = 0
+        return super().reset(max_feed_um_s)
+
+
+class Unwritable(Law):
+    def snapshot(self) -> dict[str, Any]:
+        return {"most": {1.0}}
+
+
+def assert_same(one: edmsim.CutResult, other: edmsim.CutResult) -> None:
+    np.testing.assert_equal(one.windows.to_pydict(), other.windows.to_pydict())  # NaN equals NaN there
+
+
+@pytest.fixture
+def law(tmp_path: Path) -> Path:
+    file = tmp_path / "law.py"
+    file.write_text(LAW, encoding="utf-8")
+    return file
+
+
+@pytest.mark.parametrize("name", controllers.names())
+def test_every_controller_of_ours_conforms(name: str) -> None:
+    check_controller(lambda: controllers.make(name))
+
+
+def test_a_policy_conforms_and_so_may_an_own_one() -> None:
+    check_controller(lambda: from_text("policy:Corner-ppo"))
+    check_controller(Law)
+
+
+@pytest.mark.parametrize(("kind", "told"), [
+    (Counting, "remembers something across reset"), (Restless, "made anew"), (Delayed, "feed of nan um/s"),
+    (Fast, "50 um/s where the machine runs 33.3375"), (Number, "answered 5.0: it must return a FeedCommand"),
+    (Forgetful, "does not go on from its snapshot"), (Unwritable, "snapshot that JSON cannot hold"),
+    (object, "is no feed controller: it has no name, reset, update, snapshot, restore"),
+])  # fmt: skip
+def test_what_does_not_conform_is_told(kind: Callable[[], Any], told: str) -> None:
+    with pytest.raises(InputError, match=told):
+        check_controller(kind)
+
+
+def test_an_own_class_is_named_by_its_file(law: Path, small_punch: Path, tmp_path: Path) -> None:
+    check_controller(lambda: from_text(f"{law}:Half"))
+    made = [f"{law}:Half:share=0.25", from_text(f"{law}:Half:share=0.25")]
+    results = [edmsim.cut(small_punch, height_mm=5, resolution="fast", max_time_s=1, controller=c) for c in made]
+    assert_same(*results)
+    settings = [result.report["settings"] for result in results]
+    assert [s["controller"] for s in settings] == [made[0], "half:share=0.25"]
+    assert "controller_sha256" in settings[0]
+
+
+def test_an_object_of_ours_cuts_as_its_name_does(small_punch: Path) -> None:
+    def cut(controller: Any) -> edmsim.CutResult:
+        return edmsim.cut(small_punch, height_mm=5, resolution="fast", max_time_s=1, controller=controller)
+
+    named, given = cut("fixed:feed_um_s=11.0"), cut(controllers.make("fixed", feed_um_s=11.0))
+    assert_same(named, given)
+    assert named.report["settings"] == given.report["settings"]
+
+
+@pytest.mark.parametrize(("rest", "told"), [
+    ("", r"law.py: name the feed controller in this file, .*law.py:CLASS; there are: Half"),
+    (":", "there are: Half"), (":Whole", "no feed controller 'Whole'; there are: Half"),
+    (":Bare", "Bare is no feed controller: it has no update, snapshot, restore"),
+    (":Half:gain=2", "Half has no parameter 'gain'; it has share"), (":Half:share", "must read name=number"),
+])  # fmt: skip
+def test_what_a_file_does_not_have_is_told(law: Path, rest: str, told: str) -> None:
+    with pytest.raises(InputError, match=told):
+        from_text(f"{law}{rest}")
+
+
+@pytest.mark.parametrize(("text", "told"), [
+    ("def law(:", r"law.py:1: is no Python: invalid syntax"), ("x = 1\ny = x / 0\n", r"law.py:2: .*ZeroDivision"),
+    ("import lathe_of_nobody", r"law.py:1: fails when it is run: ModuleNotFoundError"), ("", "there is none"),
+])  # fmt: skip
+def test_a_file_that_cannot_be_run_is_one_line(law: Path, text: str, told: str) -> None:
+    law.write_text(text)
+    with pytest.raises(InputError, match=told) as error:
+        from_text(f"{law}:Half")
+    assert "\n" not in str(error.value)
+    with pytest.raises(InputError, match=r"none\.py: cannot be read"):
+        from_text(f"{law.parent / 'none.py'}:Half")
+
+
+def test_a_changed_file_is_run_anew_and_a_resumed_cut_notices(
+    law: Path, small_punch: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    step, out = Simulation.step, tmp_path / "out"
+    options: dict[str, Any] = {"height_mm": 5, "resolution": "fast", "max_time_s": 1, "out": out,
+                               "controller": f"{law}:Half"}  # fmt: skip
+
+    def interrupted(self: Simulation) -> Any:
+        if self.plant.time_ns > 2e8:
+            raise KeyboardInterrupt
+        return step(self)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Simulation, "step", interrupted)
+        with pytest.raises(KeyboardInterrupt):
+            edmsim.cut(small_punch, **options)
+    assert (out / checkpoint.NAME).exists()
+    law.write_text(LAW.replace("share: float = 0.5", "share: float = 0.4"))
+    assert from_text(f"{law}:Half").share == 0.4  # type: ignore[attr-defined]
+    with pytest.raises(InputError, match="controller_sha256"):
+        edmsim.cut(small_punch, **options, resume=True)
+    law.write_text(LAW)
+    resumed = edmsim.cut(small_punch, **options, resume=True)
+    whole = edmsim.cut(small_punch, **{**options, "out": None})
+    assert_same(resumed, whole)
+
+
+def test_what_is_given_in_place_of_a_controller_is_told() -> None:
+    with pytest.raises(InputError, match=r"Law is a class: give an object of it, Law\(\)"):
+        make_controller(Law)  # type: ignore[arg-type]
+    with pytest.raises(InputError, match="3 is no feed controller"):
+        make_controller(3)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(("kind", "told"), [(Lost, "feed of nan"), (Number, "must return a FeedCommand")])
+def test_a_wrong_command_ends_cut_and_episode_in_one_line(small_punch: Path, kind: Any, told: str) -> None:
+    with pytest.raises(InputError, match=told):
+        edmsim.cut(small_punch, height_mm=5, resolution="fast", max_time_s=5, controller=kind())
+    with pytest.raises(InputError, match=told):
+        Episode(edmsim.envs.Task("GapFeed", resolution="fast"), kind(), 1, "own").run()
+
+
+def test_the_command_line_takes_an_own_controller(
+    law: Path, small_punch: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    from edmsim.evaluation import episode
+
+    def command(*words: object) -> tuple[object, str, str]:
+        monkeypatch.setattr("sys.argv", ["edmsim", *map(str, words)])
+        with pytest.raises(SystemExit) as left:
+            cli.main()
+        return left.value.code, *capsys.readouterr()
+
+    cut = ("cut", small_punch, "--height", 5, "--resolution", "fast", "--max-time", 0.5, "--quiet", "--out", tmp_path)
+    assert command(*cut, "--controller", f"{law}:Half:share=0.3") == (3, "", "")
+    status, out, err = command(*cut, "--controller", f"{law}:Whole")
+    assert (status, out, err.count("\n")) == (2, "", 1)
+    short = {"edmsim/GapFeed-v0": {**episode.ARGUMENTS["edmsim/GapFeed-v0"], "length_mm": 0.05}}
+    monkeypatch.setattr(episode, "ARGUMENTS", short)
+    status, out, _ = command("evaluate", "edmsim/GapFeed-v0", "--controllers", f"fixed,{law}:Half", "--seeds", 2,
+                             "--resolution", "fast", "--json")  # fmt: skip
+    assert status in (0, None)
+    found = json.loads(out)[0]["controllers"]
+    assert set(found) == {"fixed", f"{law}:Half", "oracle"}
+    assert math.isfinite(found[f"{law}:Half"]["rate_mm2_min"]["value"])

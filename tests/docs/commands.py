@@ -1,0 +1,147 @@
+"""How the commands of the documentation are checked and run: in this process, and shorter than a reader would."""
+
+from __future__ import annotations
+
+import os
+import re
+import sys
+import tomllib
+from collections.abc import Iterator
+from contextlib import contextmanager
+from importlib.metadata import entry_points
+from importlib.util import find_spec
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+import typer
+
+from edmsim import cli
+
+from .pages import BIN, ROOT
+
+CUT_S, LOG_S = 5.0, 40.0
+"""Machine time of a cut, where the page does not want less, and of one whose log is fitted afterwards."""
+SHORT: dict[str, tuple[str, ...]] = {
+    "cut": ("--resolution", "fast", "--quiet"),
+    "view": (),
+    "render": ("--seconds", "0.5"),
+    "report": (),
+    "train": ("--steps", "64", "--score", "2"),
+    "evaluate": ("--seeds", "2", "--resolution", "fast"),
+    "calibrate": ("--json",),
+    "validate": (),
+    "bench": (),
+    "terminal": ("--resolution", "fast"),
+}
+"""What is added to a command so that it is short; `replaced` says what of its work is left away."""
+LENGTHS: dict[str, dict[str, Any]] = {
+    "edmsim/GapFeed-v0": {"length_mm": 0.08},
+    "edmsim/HeightStep-v0": {"length_mm": 0.08, "band_mm": (0.02, 0.04)},
+    "edmsim/Corner-v0": {"leg_mm": 0.04},
+}
+"""Arguments of the environments in which controllers are compared here."""
+
+
+def parse(words: list[str]) -> None:
+    """Fail if the command line would not take these words; a usage line with placeholders has its options checked."""
+    group: Any = typer.main.get_command(cli.app)
+    name, *arguments = [word.strip("[]") for word in words[1:]] or ["--help"]
+    if name.startswith("--"):
+        assert name in ("--help", "--version"), words
+        return
+    assert name in group.commands, f"there is no command {name}"
+    command = group.commands[name]
+    if any(word in arguments for word in ("ENV_ID", "PROGRAM", "DIR", "FILE", "...", "N")):
+        known = {option for parameter in command.params for option in parameter.opts}
+        assert {word for word in arguments if word.startswith("--")} <= known, words
+    elif arguments and "--help" not in arguments:
+        command.make_context(name, list(arguments))
+
+
+def check(words: list[str]) -> None:
+    """Fail if a command names what does not exist: an option, a target, a module, an extra, a file."""
+    program, *rest = words
+    program = program.removeprefix(BIN)
+    if program == "edmsim":
+        parse(words[: words.index("<")] if "<" in words else words)
+    elif program == "make":
+        makefile = (ROOT / "Makefile").read_text(encoding="utf-8")
+        for target in rest:
+            assert re.search(rf"^{re.escape(target)}:", makefile, re.MULTILINE), target
+    elif program in ("python", "python3"):
+        assert find_spec(rest[1]) if rest[0] == "-m" else (ROOT / rest[0]).is_file(), words
+    elif program == "pip":
+        project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+        for asked in re.findall(r"(?:\.|edmsim)\[([\w,-]+)\]", " ".join(rest)):
+            assert set(asked.split(",")) <= set(project["optional-dependencies"]), asked
+        assert "-c" not in rest or (ROOT / rest[rest.index("-c") + 1]).is_file()
+    elif program in ("source", "."):
+        assert rest == [f"{BIN}activate"]
+    else:
+        assert entry_points(group="console_scripts", name=program), f"nothing here installs {program}"
+
+
+def recipe(target: str) -> list[list[str]]:
+    """Return the commands of edmsim that a target of the Makefile runs."""
+    makefile = (ROOT / "Makefile").read_text(encoding="utf-8")
+    found = re.search(rf"^{target}:.*\n((?:\t.*\n)+)", makefile, re.MULTILINE)
+    lines = found[1].splitlines() if found else []
+    return [["edmsim", *line.split()[1:]] for line in lines if line.startswith("\t$(BIN)/edmsim ")]
+
+
+def run(words: list[str], page: str) -> int:
+    """Run a command of edmsim that a page of this text shows, shortened; returns its exit status."""
+    assert words[0].removeprefix(BIN) == "edmsim", f"{words[0]} is not run here: name it in NOT_RUN, with the reason"
+    source = os.devnull
+    if "<" in words:
+        words, source = words[: words.index("<")], words[words.index("<") + 1]
+    arguments = list(words[1:])
+    if "--help" not in arguments:
+        arguments += SHORT[arguments[0]]
+    if arguments[0] == "cut":
+        seconds = CUT_S
+        if "--max-time" in arguments:
+            seconds = min(float(arguments[arguments.index("--max-time") + 1]), CUT_S)
+        elif "--out" in arguments and f"calibrate {arguments[arguments.index('--out') + 1]}/" in page:
+            seconds = LOG_S
+        arguments += ["--max-time", str(seconds)]
+    with pytest.MonkeyPatch.context() as patch, _standard_input(source):
+        patch.setattr(sys, "argv", ["edmsim", *arguments])
+        with pytest.raises(SystemExit) as left:
+            cli.main()
+    code = left.value.code
+    return code if isinstance(code, int) else 0
+
+
+@contextmanager
+def _standard_input(file: str) -> Iterator[None]:
+    before = os.dup(0)
+    with open(file, "rb") as given:
+        os.dup2(given.fileno(), 0)
+    try:
+        yield
+    finally:
+        os.dup2(before, 0)
+        os.close(before)
+
+
+def replaced(patch: pytest.MonkeyPatch) -> None:
+    """Leave away what takes a screen, or minutes; tests of their own run each of these."""
+    from edmsim import bench, validation
+    from edmsim.evaluation import episode
+    from edmsim.recording import viewer
+
+    def shown(command: list[str]) -> int:
+        assert any(word.endswith(".rrd") and Path(word).is_file() for word in command)
+        return 0
+
+    # tests/recording/test_recording_viewer.py opens recordings
+    patch.setattr(viewer, "subprocess", SimpleNamespace(call=shown))
+    # tests/test_bench.py measures, tests/validation runs all checks
+    patch.setattr(bench, "measure", lambda: {"pulses_per_s": 1e6, "realtime_factor": 100.0})
+    patch.setattr(validation, "MODULES", ("strings",))
+    # tests/evaluation, and the pages of the benchmark, have whole episodes
+    shorter = {name: {**given, **LENGTHS.get(name, {})} for name, given in episode.ARGUMENTS.items()}
+    patch.setattr(episode, "ARGUMENTS", shorter)

@@ -1,0 +1,159 @@
+"""Everything that README and documentation show as code or command runs as it stands there.
+
+A page runs from top to bottom in a folder of its own. Python blocks share one namespace; blocks whose first line is a
+comment with a file's name are written to that file; an ``output`` block is what the block before it prints. Commands
+are shortened by `commands.SHORT`. What is not run must be named here, with the reason.
+"""
+
+from __future__ import annotations
+
+import re
+import shutil
+from pathlib import Path
+from pkgutil import resolve_name
+from typing import Any
+
+import pytest
+
+from . import commands
+from .pages import BIN, ROOT, Block, blocks, is_command, pages, quoted, read
+
+NOT_RUN = {
+    "make test": "it runs this test",
+    "source .venv/bin/activate": "a test has its environment already",
+    ". .venv/bin/activate": "a test has its environment already",
+    "python3 -m venv .venv": "the Makefile makes the environment the test runs in",
+    ".venv/bin/pip install -c constraints.txt .[rl]": "the Makefile installs it",
+    "edmsim render out/punch --screenshots shots": "tests/recording/test_recording_video.py, where there is Vulkan",
+}
+"""Commands of blocks that are checked but not run, and why."""
+ELSEWHERE = {
+    "session": "tests/terminal/test_terminal_docs.py",
+    "program": "tests/terminal/test_terminal_docs.py",
+}
+"""Kinds of blocks that other tests run."""
+BEFORE: dict[str, tuple[str, ...]] = {
+    "docs/playback.md": (
+        "edmsim cut examples/punch.ngc --out out/punch", "edmsim cut examples/punch.ngc --seed 1 --out out/fixed",
+    ),
+}  # fmt: skip
+"""What a page takes for done: the cuts that README's commands leave."""
+TEXT_FILES = {"docs/terminal.md": {"program.txt": "TI 30 TP 100\nNEW 1300 1000\nEND\n", "job.txt": "HELP\nBYE\n"}}
+"""Files that the commands of a page read and a reader writes."""
+NEEDS = {
+    "docs/environments.md": ("stable_baselines3",),
+    "docs/how-to/environment.md": ("stable_baselines3", "tensorboard"),
+    "docs/playback.md": ("imageio_ffmpeg",),
+    "docs/training.md": ("stable_baselines3", "tensorboard"),
+}
+"""Modules of extras that a page uses; `make test` installs them all."""
+FINISHED, BAD_INPUT, TIME_LIMIT = 0, 2, 3
+Captured = pytest.CaptureFixture[str]
+PAGES = [page for page in pages() if blocks(page)]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("page", [page for page in PAGES if {block.kind for block in blocks(page)} - set(ELSEWHERE)])
+@pytest.mark.filterwarnings("ignore::UserWarning", "ignore::DeprecationWarning")  # of stable-baselines3 and torch
+def test_a_page_runs_from_top_to_bottom(
+    page: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: Captured, short_training: None
+) -> None:
+    for module in NEEDS.get(page, ()):
+        pytest.importorskip(module)
+    shutil.copytree(ROOT / "examples", tmp_path / "examples")
+    monkeypatch.chdir(tmp_path)
+    commands.replaced(monkeypatch)
+    for name, text in TEXT_FILES.get(page, {}).items():
+        Path(name).write_text(text, encoding="utf-8")
+    for line in BEFORE.get(page, ()):
+        _run(line.split(), f"{page}:0", {FINISHED, TIME_LIMIT}, capfd)
+    namespace: dict[str, Any] = {"__name__": "__main__"}
+    shown = [block for block in blocks(page) if block.kind not in ELSEWHERE]
+    for block, following in zip(shown, [*shown[1:], None], strict=True):
+        told = following.text if following is not None and following.kind == "output" else None
+        printed = _do(block, namespace, told, capfd)
+        if told is not None:
+            assert printed.split() == told.split(), f"{block.place} prints\n{printed}"
+
+
+def _do(block: Block, namespace: dict[str, Any], told: str | None, capfd: Captured) -> str:
+    """Do what a block shows; returns what it prints."""
+    if block.kind == "output":
+        return block.text
+    if block.file is not None:
+        Path(block.file).write_text(block.text + "\n", encoding="utf-8")
+        return ""
+    if block.kind == "python":
+        capfd.readouterr()
+        exec(compile("\n" * int(block.place.split(":")[1]) + block.text, block.place, "exec"), namespace)
+        return capfd.readouterr().out
+    refused = told is not None and told.startswith("edmsim: ")
+    printed = ""
+    for words in block.commands:
+        if " ".join(words) in NOT_RUN:
+            continue
+        for line in commands.recipe(words[1]) if words[0] == "make" else [words]:
+            printed += _run(line, block.place, {BAD_INPUT} if refused else {FINISHED, TIME_LIMIT}, capfd)
+    return printed
+
+
+def _run(words: list[str], place: str, allowed: set[int], capfd: Captured) -> str:
+    capfd.readouterr()
+    status = commands.run(words, read(place.split(":")[0]))
+    out, err = capfd.readouterr()
+    assert status in allowed, f"{place}: {' '.join(words)}\n{out}{err}"
+    return out + err
+
+
+def test_every_block_is_of_a_kind_that_is_run() -> None:
+    for page in PAGES:
+        for block in blocks(page):
+            assert block.kind in {"python", "sh", "output", *ELSEWHERE} or block.file is not None, block.place
+
+
+def test_every_command_is_run_or_left_out_for_a_reason() -> None:
+    shown = {" ".join(words): block for page in PAGES for block in blocks(page) if block.kind == "sh"
+             for words in block.commands}  # fmt: skip
+    for line, block in shown.items():
+        runs = line.split()[0].removeprefix(BIN) == "edmsim" or (
+            line.startswith("make ") and commands.recipe(line.split()[1])
+        )
+        assert runs or line in NOT_RUN, f"{block.place}: nobody runs {line!r}"
+    assert set(shown) >= set(NOT_RUN), "NOT_RUN names commands that no page shows any more"
+
+
+def test_the_tables_above_name_pages_and_blocks_that_are_there() -> None:
+    assert set(PAGES) >= {*BEFORE, *TEXT_FILES, *NEEDS}
+    assert {block.kind for page in PAGES for block in blocks(page)} >= set(ELSEWHERE)
+
+
+@pytest.mark.parametrize("page", pages())
+def test_every_command_names_what_there_is(page: str) -> None:
+    for block in blocks(page):
+        for words in block.commands if block.kind == "sh" else []:
+            commands.check(words)
+    for code in filter(is_command, quoted(page)):
+        commands.check(re.sub(r"['\"]", "", code).split())
+
+
+@pytest.mark.parametrize("page", pages())
+def test_every_name_between_backticks_is_there(page: str) -> None:
+    for code in quoted(page):
+        if re.fullmatch(r"edmsim(\.\w+)+(\(.*\))?", code):
+            resolve_name(code.split("(")[0])
+        elif re.fullmatch(r"(edmsim|controllers|envs|models|examples|tests|docs)/[\w/-]*(\.\w+|/)", code):
+            assert re.search("NAME|FILE", code) or (ROOT / code).exists(), code
+
+
+@pytest.mark.parametrize("page", pages())
+def test_every_link_within_the_repository_leads_somewhere(page: str) -> None:
+    for target in re.findall(r"\]\((?!https?:|mailto:|#)([^)#\s]+)(?:#[^)]*)?\)", read(page)):
+        assert (ROOT / page).parent.joinpath(target).exists(), target
+
+
+def test_pictures_shown_are_pictures() -> None:
+    shown = [(page, place) for page in pages() for place in re.findall(r"!\[.*?\]\((.*?)\)", read(page))]
+    assert len(shown) > 7
+    for page, place in shown:
+        file = (ROOT / page).parent / place
+        assert file.read_bytes().startswith((b"\x89PNG", b"GIF8")), file

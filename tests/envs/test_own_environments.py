@@ -1,0 +1,171 @@
+"""Environments that users register: their own family of cuts, or one of ours with other arguments."""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, ClassVar
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env
+
+import edmsim
+from edmsim import cli
+from edmsim.envs import Task, Weights, register
+from edmsim.envs.families import make_family
+from edmsim.envs.registration import EPISODE_STEPS, resolve
+from edmsim.envs.scenarios import CENTRE_UM, Corner, Family, GapFeed
+from edmsim.errors import InputError
+from edmsim.evaluation import compare, episode
+from edmsim.learning import hyperparameters, policy_file
+
+BEND = '''\
+from dataclasses import dataclass
+
+import numpy as np
+
+from edmsim.envs import register
+from edmsim.envs.scenarios import GapFeed
+
+
+@dataclass(frozen=True, kw_only=True)
+class Bend(GapFeed):
+    """An arc."""
+
+    length_mm: float = 0.06
+    radius_mm: float = 0.5
+
+    def draw_cut(self, rng, machine, seed, drawn):
+        radius_um = 1e3 * self.radius_mm * rng.uniform(0.5, 1.0)
+        cut = super().draw_cut(rng, machine, seed, drawn | {"radius_um": radius_um})
+        angle = np.linspace(0, 1e3 * self.length_mm / radius_um, 20)
+        points = radius_um * np.stack([np.sin(angle), 1 - np.cos(angle)], axis=1)
+        return cut._replace(legs_um=(cut.legs_um[0][0] + points,))
+
+
+register("lab/Bend-v0", Bend, resolution="fast", height_mm=(5.0, 6.0), max_episode_steps=400)
+'''
+BEND_ID = "lab/Bend-v0"
+
+
+@pytest.fixture(autouse=True)
+def registered() -> Iterator[None]:
+    """Take back what tests register."""
+    before = dict(gym.registry)
+    yield
+    gym.registry.clear()
+    gym.registry.update(before)
+
+
+@pytest.fixture
+def bend(tmp_path: Path) -> str:
+    file = tmp_path / "bend.py"
+    file.write_text(BEND, encoding="utf-8")
+    return f"{file}:{BEND_ID}"
+
+
+def test_an_own_family_is_a_whole_environment(bend: str) -> None:
+    assert resolve(bend) == BEND_ID
+    env = gym.make(BEND_ID)
+    check_env(env.unwrapped)
+    assert env.spec is not None
+    assert env.spec.max_episode_steps == 400
+    _, info = env.reset(seed=3)
+    assert 5 <= info["drawn"]["height_mm"] <= 6
+    assert 250 < info["drawn"]["radius_um"] < 500
+    lanes = gym.make_vec(BEND_ID, num_envs=2, vectorization_mode="vector_entry_point")
+    lanes.reset(seed=3)
+    for _ in range(20):
+        one, many = env.step(np.ones(1, np.float32)), lanes.step(np.ones((2, 1), np.float32))
+        np.testing.assert_array_equal(one[0], many[0][0])
+        assert one[1] == many[1][0]
+    task = Task(BEND_ID)
+    task.reset(3)
+    assert task.scenario.legs_um[0].shape == (20, 2)
+    assert tuple(task.scenario.legs_um[0][0]) == CENTRE_UM
+    assert task.episode_steps == 400
+
+
+def test_one_of_ours_with_other_arguments() -> None:
+    register("lab/Careful-v0", GapFeed, weights=Weights(short=2.0), resolution="fast")
+    family = make_family("lab/Careful-v0", history=2)
+    assert (family.weights, family.history) == (Weights(short=2.0), 2)
+    assert Task("lab/Careful-v0").episode_steps == EPISODE_STEPS["GapFeed"]
+    gym.register("lab/Plain-v0", entry_point="edmsim.envs.single:EdmEnv", kwargs={"task": "GapFeed", "history": 3})
+    assert make_family("lab/Plain-v0").history == 3
+    assert Task(GapFeed, resolution="fast").episode_steps == EPISODE_STEPS["GapFeed"]
+
+
+def test_what_cannot_be_registered_is_told() -> None:
+    class Seeing(GapFeed):
+        knows_corners: ClassVar[bool] = True
+
+    class Alone(Family):
+        def draw_cut(self, *given: Any) -> Any: ...
+
+    for family, told in ((Seeing, "other observations or actions than GapFeed"), (Alone, "must derive from one of")):
+        with pytest.raises(InputError, match=told):
+            register("lab/Wrong-v0", family)
+    with pytest.raises(InputError, match="leg_mm is -1"):
+        register("lab/Wrong-v0", Corner, leg_mm=-1)
+    with pytest.raises(TypeError, match="no argument 'colour'"):
+        register("lab/Wrong-v0", Corner, colour="red")
+    assert "lab/Wrong-v0" not in gym.registry
+
+
+def test_what_a_file_does_not_register_is_told(bend: str) -> None:
+    file = bend.removesuffix(f":{BEND_ID}")
+    with pytest.raises(InputError, match=r"bend\.py: this file registers no environment 'lab/Twist-v0'"):
+        resolve(f"{file}:lab/Twist-v0")
+    with pytest.raises(InputError, match="this file registers no environment ''"):
+        resolve(file)
+    with pytest.raises(InputError, match="CartPole"):
+        compare.check("CartPole-v1", ["fixed"], 2, "fast")
+    with pytest.raises(InputError, match="there is no environment 'lab/Nowhere-v0'"):
+        compare.check("lab/Nowhere-v0", ["fixed"], 2, "fast")
+
+
+def test_registered_arguments_stay_where_controllers_are_compared_and_policies_trained(bend: str) -> None:
+    resolve(bend)
+    assert episode.arguments(BEND_ID) == {"randomise": (), "tension": (8.0, 20.0)}
+    assert set(hyperparameters.load(BEND_ID, "ppo").environment) == {"randomise", "tension"}
+    assert hyperparameters.load(BEND_ID, "ppo").num_envs == hyperparameters.load("GapFeed", "ppo").num_envs
+
+
+def command(monkeypatch: pytest.MonkeyPatch, *words: object) -> None:
+    monkeypatch.setattr("sys.argv", ["edmsim", *map(str, words)])
+    with pytest.raises(SystemExit) as left:
+        cli.main()
+    assert left.value.code in (0, None, 3)
+
+
+def test_controllers_are_compared_in_it(
+    bend: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    command(monkeypatch, "evaluate", bend, "--controllers", "voltage", "--seeds", 2, "--resolution", "fast", "--json")
+    (found,) = json.loads(capsys.readouterr().out)
+    assert found["env_id"] == BEND_ID
+    assert {cut["outcome"] for cut in found["cuts"]} == {"finished"}
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore::UserWarning", "ignore::DeprecationWarning")
+@pytest.mark.skipif(importlib.util.find_spec("stable_baselines3") is None, reason="the extra rl is not installed")
+def test_a_policy_trained_in_it_cuts_where_nobody_knows_it(
+    bend: str, small_punch: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, short_training: None
+) -> None:
+    monkeypatch.setattr("edmsim.learning.score.RESOLUTIONS", ("fast",))
+    command(monkeypatch, "train", bend, "--steps", 64, "--score", 2, "--out", tmp_path / "bend")
+    gym.registry.pop(BEND_ID)
+    card = policy_file.load(str(tmp_path / "bend" / "policy.json")).card
+    assert card.env_id == "edmsim/GapFeed-v0"
+    assert card.command.startswith(f"edmsim train {bend} --algo ppo")
+    assert card.environment == {"resolution": "fast", "height_mm": [5.0, 6.0]}
+    assert len(card.scores) == 3
+    cut = edmsim.cut(small_punch, controller=f"policy:{tmp_path / 'bend' / 'policy.json'}", height_mm=5.0,
+                     resolution="fast", max_time_s=1.0)  # fmt: skip
+    assert cut.windows.num_rows > 30

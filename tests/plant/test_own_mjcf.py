@@ -1,0 +1,95 @@
+"""A user's own machine: the MJCF beside its TOML file is read, checked, and noticed when changed."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import edmsim
+from edmsim import models
+from edmsim.errors import InputError
+from edmsim.plant.plant import Plant
+from edmsim.plant.setup import modal_model, resolution
+
+OURS = models.path("agiecut_dem15.xml").read_text(encoding="utf-8")
+HEAVY = 'mass="25"', 'mass="50"'
+NAME = ('model = "agiecut_dem15.xml"', 'model = "bench.xml"')
+OwnFile = Callable[..., str]
+
+
+def write(folder: Path, *changes: tuple[str, str]) -> Path:
+    text = OURS
+    for old, new in changes:
+        assert old in text
+        text = text.replace(old, new)
+    file = folder / "bench.xml"
+    file.write_text(text, encoding="utf-8")
+    return file
+
+
+def modes(machine: edmsim.Machine) -> Any:
+    return modal_model(machine, resolution("fast"))
+
+
+def test_the_mjcf_beside_the_file_is_the_machines(tmp_path: Path, own_file: OwnFile) -> None:
+    write(tmp_path, HEAVY)
+    names = "agiecut-dem15", own_file("machines", "agiecut-dem15", NAME)
+    ours, own = (modes(edmsim.Machine.load(name)) for name in names)
+    np.testing.assert_allclose(own.wire_omega, ours.wire_omega)
+    assert (own.table_omega[0] < ours.table_omega[0]).all()  # the x carriage weighs more, the y carriage does not
+    np.testing.assert_allclose(own.table_omega[1], ours.table_omega[1])
+
+
+def test_a_file_of_ours_is_found_from_anywhere(own_file: OwnFile) -> None:
+    own = edmsim.Machine.load(own_file("machines", "agiecut-dem15"))
+    assert own.base.model == "agiecut_dem15.xml"
+
+
+def test_a_changed_mjcf_is_read_again(tmp_path: Path, own_file: OwnFile) -> None:
+    file = write(tmp_path)
+    machine = edmsim.Machine.load(own_file("machines", "agiecut-dem15", NAME))
+    before = modes(machine).table_omega[0]
+    write(tmp_path, HEAVY)
+    os.utime(file, ns=(0, 1))
+    assert (modes(machine).table_omega[0] < before).all()
+
+
+def test_both_integrators_take_it_and_its_text_is_part_of_the_settings(
+    tmp_path: Path, own_file: OwnFile, small_punch: Path
+) -> None:
+    file = own_file("machines", "agiecut-dem15", NAME)
+    told, short = [], {"height_mm": 5, "resolution": "fast", "max_time_s": 0.1}
+    for changes in ((), (HEAVY,)):
+        write(tmp_path, *changes)
+        for mechanics in ("modal", "mujoco"):
+            cut = edmsim.cut(small_punch, machine=file, mechanics=mechanics, **short)
+            told.append(cut.report["settings"]["constants_sha256"])
+    assert told[0] == told[1] != told[2] == told[3]
+
+
+@pytest.mark.parametrize(("change", "told"), [
+    (("<mujoco ", "<muyoko "), "MuJoCo cannot use this MJCF"),
+    (('joint name="y_rotor"', 'joint name="why_rotor"'), "this MJCF has no joint y_rotor"),
+    (('<site name="upper_guide"', '<site name="top"'), "this MJCF has no site upper_guide"),
+    (('<camera name="overview"', '<camera name="view"'), "this MJCF has no camera overview"),
+    (('<geom name="clamp_left"', '<geom name="clamp"'), "this MJCF has no geom clamp_left"),
+])  # fmt: skip
+def test_a_mjcf_that_cannot_be_used_is_one_line(
+    tmp_path: Path, own_file: OwnFile, change: tuple[str, str], told: str
+) -> None:
+    file = write(tmp_path, change)
+    machine = edmsim.Machine.load(own_file("machines", "agiecut-dem15", NAME))
+    with pytest.raises(InputError, match=told) as error:
+        Plant(machine, 0, resolution="fast")
+    assert str(file) in str(error.value)
+    assert "\n" not in str(error.value)
+
+
+def test_a_mjcf_that_is_nowhere_is_told_when_the_machine_is_loaded(own_file: OwnFile) -> None:
+    with pytest.raises(InputError, match=r"own\.toml: key 'model': there is no MJCF 'bench\.xml' beside this file"):
+        edmsim.Machine.load(own_file("machines", "agiecut-dem15", NAME))
