@@ -1,15 +1,15 @@
-# Two commands: `make cut` simulates the example, `make test` checks everything.
+# Two commands: `make cut` simulates the example, `make test` checks everything; `make docs` builds the documentation.
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check
 
-.PHONY: cut test lint type fast clean
+.PHONY: cut test lint type docs fast clean
 
 cut: $(VENV)/.installed
 	$(BIN)/edmsim cut examples/punch.ngc --out out/punch
 
-test: lint type
+test: lint type docs
 	$(BIN)/python -m pytest
 
 fast: $(VENV)/.installed-test  ## the usual run while developing
@@ -25,6 +25,9 @@ type: $(VENV)/.installed-test
 	cd .typecheck && ../$(BIN)/mypy --config-file ../pyproject.toml -p edmsim
 	rm -rf .typecheck build
 
+docs: $(VENV)/.installed-test  ## the site, into out/docs
+	$(BIN)/python -m sphinx -b html -d out/doctrees -n -W --keep-going -q docs out/docs
+
 $(VENV)/.installed: pyproject.toml constraints.txt
 	$(PYTHON) -m venv $(VENV)
 	$(PIP) install --quiet --constraint constraints.txt --editable .
@@ -35,4 +38,4 @@ $(VENV)/.installed-test: $(VENV)/.installed
 	touch $@
 
 clean:
-	rm -rf $(VENV) .typecheck build out *.egg-info .mypy_cache .ruff_cache .pytest_cache
+	rm -rf $(VENV) .typecheck build out docs/notebooks *.egg-info .mypy_cache .ruff_cache .pytest_cache

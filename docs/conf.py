@@ -1,0 +1,166 @@
+"""How Sphinx makes the documentation site from this folder: `make docs`.
+
+The pages are plain Markdown, read in the repository as well; what the site needs beyond that happens here.
+"""
+
+from __future__ import annotations
+
+import ast
+import inspect
+import re
+import sys
+from importlib import import_module
+from importlib.metadata import version as version_of
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from pygments.lexers.special import TextLexer
+
+if TYPE_CHECKING:
+    from docutils.nodes import Element, TextElement
+    from sphinx.addnodes import pending_xref
+    from sphinx.application import Sphinx
+    from sphinx.environment import BuildEnvironment
+
+DOCS = Path(__file__).parent
+ROOT = DOCS.parent
+
+project = "edmsim"
+copyright = "the authors of edmsim, MIT licence"
+version = release = version_of("edmsim")
+
+extensions = ["myst_nb", "sphinx.ext.autodoc", "sphinx.ext.autosummary", "sphinx.ext.napoleon", "sphinx_copybutton"]
+highlight_language = "none"
+
+html_theme = "furo"
+html_title = f"edmsim {release}"
+html_static_path = ["_static"]
+html_css_files = ["site.css"]
+html_copy_source = False
+html_show_sourcelink = False
+copybutton_exclude = ".linenos, .gp, .go, .c1"  # a command's comment is not pasted with it
+
+myst_heading_anchors = 4
+nb_execution_mode = "off"  # the committed outputs are shown; the tests execute
+nb_merge_streams = True
+
+default_role = "py:obj"
+python_maximum_signature_line_length = 90
+autosummary_generate = False
+autodoc_member_order = "bysource"
+autodoc_typehints_format = "short"
+autodoc_preserve_defaults = True
+napoleon_google_docstring = False
+napoleon_use_param = False  # types of the docstrings are prose: shapes, ranges
+napoleon_use_rtype = False
+napoleon_custom_sections = [("Attributes", "params_style")]
+
+
+def copy_notebooks(into: Path) -> None:
+    """Copy the notebooks into the site's folder, with a page that leads to them; there may be none."""
+    into.mkdir(exist_ok=True)
+    found = {file.name: file.read_text(encoding="utf-8") for file in (ROOT / "notebooks").glob("*.ipynb")}
+    table = (".. include:: ../../notebooks/README.md", "   :parser: myst_parser.sphinx_")
+    lines = table if (ROOT / "notebooks" / "README.md").is_file() else ("Notebooks", "=========")
+    names = sorted(name.removesuffix(".ipynb") for name in found)
+    found["index.rst"] = "\n".join([*lines, "", ".. toctree::", "   :hidden:", "", *(f"   {n}" for n in names), ""])
+    for old in into.iterdir():
+        if old.name not in found:
+            old.unlink()
+    for name, text in found.items():
+        file = into / name
+        if not file.is_file() or file.read_text(encoding="utf-8") != text:  # Sphinx reads what is new
+            file.write_text(text, encoding="utf-8")
+
+
+def turn_links(text: str, page: str) -> str:
+    """Lead links out of this folder to the same things in the site, and those from the root into it."""
+    if page.startswith("notebooks/"):  # seen from the repository's notebooks/; its text is JSON or Markdown
+        return re.sub(r"\]\(\.\./(docs/)?", lambda m: "](../" if m[1] else "](../../", text)
+    if page == "changelog":
+        return text.replace("](docs/", "](")
+    up = "../" * page.count("/")
+    for there, here in (("notebooks/README.md", "notebooks/index.rst"), ("notebooks/", "notebooks/"),
+                        ("README.md", "index.md"), ("CHANGELOG.md", "changelog.rst")):  # fmt: skip
+        text = text.replace(f"]({up}../{there}", f"]({up}{here}")
+    return text
+
+
+def read_page(_: Sphinx, page: str, source: list[str]) -> None:
+    """Turn a page's links; of the first page's parts, leave out a folder that has no pages yet."""
+    source[0] = turn_links(source[0], page)
+    if page == "index":
+        source[0] = re.sub(r"^([\w-]+)/\*\n", lambda m: m[0] * (DOCS / m[1]).is_dir(), source[0], flags=re.MULTILINE)
+
+
+def read_included(_: Sphinx, __: Path, page: str, source: list[str]) -> None:
+    """Turn the links of a page's included file."""
+    source[0] = turn_links(source[0], page)
+
+
+def know_types() -> None:
+    """Import what modules import for annotations alone, so that these can be resolved."""
+    for page in (DOCS / "api").glob("*.rst"):
+        for name in re.findall(r"currentmodule:: (.*)", page.read_text(encoding="utf-8")):
+            room = import_module(name)
+            for public in getattr(room, "__all__", ()):
+                getattr(room, public)  # some load when they are asked for
+    modules = [m for name, m in sys.modules.items() if name.partition(".")[0] == "edmsim" and m.__file__]
+    known: dict[str, Any] = {}
+    for module in modules:
+        for node in ast.parse(Path(str(module.__file__)).read_text(encoding="utf-8")).body:
+            if isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING":
+                names: dict[str, Any] = {}
+                exec(compile(ast.Module(node.body, []), str(module.__file__), "exec"), vars(module), names)
+                vars(module).update(names)
+                known |= names
+    for module in modules:  # an alias is looked up where it is used, not where it was written
+        for name, value in known.items():
+            vars(module).setdefault(name, value)
+
+
+def skip(_: Sphinx, __: str, ___: str, member: object, skipped: bool, ____: object) -> bool | None:
+    """Leave out the fields of named tuples, which their class describes."""
+    return True if (getattr(member, "__doc__", None) or "").startswith("Alias for field") else None
+
+
+def known_name(
+    _: Sphinx, __: BuildEnvironment, node: pending_xref, shown: TextElement
+) -> Element | None:
+    """Leave a name without a page as it is, but complain of a name of edmsim that is none.
+
+    Docstrings name parameters, files and private rooms in single backticks as well as what has an entry here.
+    """
+    target = node["reftarget"]
+    if node.get("refdomain") != "py" or (target.startswith("edmsim.") and not exists(target)):
+        return None
+    return shown
+
+
+def exists(name: str) -> bool:
+    """Whether a dotted name is a module or something in one."""
+    parts = name.split(".")
+    for cut in range(len(parts), 0, -1):
+        try:
+            found: Any = import_module(".".join(parts[:cut]))
+        except ModuleNotFoundError:
+            continue
+        for part in parts[cut:]:
+            fields = getattr(found, "__dataclass_fields__", {}) | getattr(found, "model_fields", {})
+            if part not in fields and not hasattr(found, part):
+                return False
+            found = inspect.getattr_static(found, part, None)
+        return True
+    return False
+
+
+def setup(app: Sphinx) -> None:
+    """Hook the above into the build."""
+    copy_notebooks(DOCS / "notebooks")
+    know_types()
+    for language in ("session", "program"):
+        app.add_lexer(language, TextLexer)
+    app.connect("source-read", read_page)
+    app.connect("include-read", read_included)
+    app.connect("autodoc-skip-member", skip)
+    app.connect("missing-reference", known_name)
