@@ -14,7 +14,9 @@ from importlib.metadata import version as version_of
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from pydantic import BaseModel
 from pygments.lexers.special import TextLexer
+from sphinx.util.nodes import make_refnode
 
 if TYPE_CHECKING:
     from docutils.nodes import Element, TextElement
@@ -24,6 +26,8 @@ if TYPE_CHECKING:
 
 DOCS = Path(__file__).parent
 ROOT = DOCS.parent
+ARRAY = re.compile(r"~?(?:numpy\.)?ndarray\[tuple\[~?(?:typing\.)?Any, \.\.\.\], ~?(?:numpy\.)?dtype\[(.*?)\]\]")
+"""How an array's type reads when it is spelt out."""
 
 project = "edmsim"
 copyright = "the authors of edmsim, MIT licence"
@@ -31,6 +35,7 @@ version = release = version_of("edmsim")
 
 extensions = ["myst_nb", "sphinx.ext.autodoc", "sphinx.ext.autosummary", "sphinx.ext.napoleon", "sphinx_copybutton"]
 highlight_language = "none"
+smartquotes = False  # what is quoted may be copied
 
 html_theme = "furo"
 html_title = f"edmsim {release}"
@@ -119,21 +124,39 @@ def know_types() -> None:
             vars(module).setdefault(name, value)
 
 
-def skip(_: Sphinx, __: str, ___: str, member: object, skipped: bool, ____: object) -> bool | None:
-    """Leave out the fields of named tuples, which their class describes."""
-    return True if (getattr(member, "__doc__", None) or "").startswith("Alias for field") else None
+def skip(_: Sphinx, __: str, name: str, member: object, skipped: bool, ___: object) -> bool | None:
+    """Leave out what the class describes, or nobody asks for: fields of named tuples, the models' configuration."""
+    field = (getattr(member, "__doc__", None) or "").startswith("Alias for field")
+    return True if field or name == "model_config" else None
+
+
+def sign(
+    _: Sphinx, __: str, ___: str, subject: object, ____: object, given: str | None, returned: str | None
+) -> tuple[str | None, str | None]:
+    """Write arrays as they are written; leave out the constructors of validated models: they are read from files."""
+    if isinstance(subject, type) and issubclass(subject, BaseModel):
+        return "", None
+
+    def short(text: str | None) -> str | None:
+        return text and ARRAY.sub(r"~numpy.typing.NDArray[\1]", text)
+
+    return short(given), short(returned)
 
 
 def known_name(
-    _: Sphinx, __: BuildEnvironment, node: pending_xref, shown: TextElement
+    app: Sphinx, env: BuildEnvironment, node: pending_xref, shown: TextElement
 ) -> Element | None:
-    """Leave a name without a page as it is, but complain of a name of edmsim that is none.
+    """Find a class by its bare name; complain of a name of edmsim that is none; leave others as they are.
 
     Docstrings name parameters, files and private rooms in single backticks as well as what has an entry here.
     """
     target = node["reftarget"]
     if node.get("refdomain") != "py" or (target.startswith("edmsim.") and not exists(target)):
         return None
+    places = {entry[:2] for name, entry in env.domains["py"].data["objects"].items() if name.endswith(f".{target}")}
+    if target[:1].isupper() and len(places) == 1:
+        page, anchor = places.pop()
+        return make_refnode(app.builder, node["refdoc"], page, anchor, shown)
     return shown
 
 
@@ -163,4 +186,5 @@ def setup(app: Sphinx) -> None:
     app.connect("source-read", read_page)
     app.connect("include-read", read_included)
     app.connect("autodoc-skip-member", skip)
+    app.connect("autodoc-process-signature", sign)
     app.connect("missing-reference", known_name)

@@ -118,7 +118,8 @@ def parameters(name: str) -> list[str]:
     kind: type[Any] = ServoController if name == "servo" else type(controllers.make(name))
     found = {} if name == "servo" else controllers.found_gains(name)
     defaults = {field.name: field.default for field in fields(kind) if field.init}
-    own = meanings(kind) + [told for told in meanings(ServoController) if kind != ServoController and told[0][0] in found]
+    shared = [] if name == "servo" else [told for told in meanings(ServoController) if told[0][0] in found]
+    own = meanings(kind) + shared
     return rows(("parameter", "default", "found", "meaning"), (
         (", ".join(f"`{key}`" for key in keys), ", ".join(f"{defaults[key]:g}" for key in keys),
          ", ".join(f"{found[key]:g}" if key in found else "–" for key in keys) if found.keys() & set(keys) else "",
@@ -144,23 +145,28 @@ def set_ups(kind: str) -> list[str]:
     ))  # fmt: skip
 
 
+def _machine(m: Machine) -> tuple[str, ...]:
+    return m.base.title, f"{m.base.table.travel_mm.value:g}", f"{m.base.table.step_um.value:g}"
+
+
+def _material(m: Machine) -> tuple[str, ...]:
+    return m.material.title, f"{m.material.removal_mm3_J.value:g}", f"{m.material.burning_voltage_V.value:g}"
+
+
+def _wire(m: Machine) -> tuple[str, ...]:
+    return m.wire.title, f"{m.wire_diameter_um:g}", f"{m.tension:.3g}", f"{m.breaking_force:.3g}"
+
+
+def _generator(m: Machine) -> tuple[str, ...]:
+    open_voltage_V = m.generator.open_voltage_V.value
+    return m.generator.title, f"{m.t_on_us:g}", f"{m.t_period_us:g}", f"{open_voltage_V:g}"
+
+
 SET_UPS: dict[str, tuple[tuple[str, ...], Callable[[Machine], tuple[str, ...]]]] = {
-    "machines": (
-        ("travel, mm", "motor step, um"),
-        lambda m: (m.base.title, f"{m.base.table.travel_mm.value:g}", f"{m.base.table.step_um.value:g}"),
-    ),
-    "materials": (
-        ("removal, mm3/J", "burning voltage, V"),
-        lambda m: (m.material.title, f"{m.material.removal_mm3_J.value:g}", f"{m.material.burning_voltage_V.value:g}"),
-    ),
-    "wires": (
-        ("usual diameter, um", "usual tension of it, N", "breaks cold at, N"),
-        lambda m: (m.wire.title, f"{m.wire_diameter_um:g}", f"{m.tension:.3g}", f"{m.breaking_force:.3g}"),
-    ),
-    "generators": (
-        ("on-time, us", "period, us", "open voltage, V"),
-        lambda m: (m.generator.title, f"{m.t_on_us:g}", f"{m.t_period_us:g}", f"{m.generator.open_voltage_V.value:g}"),
-    ),
+    "machines": (("travel, mm", "motor step, um"), _machine),
+    "materials": (("removal, mm3/J", "burning voltage, V"), _material),
+    "wires": (("usual diameter, um", "usual tension of it, N", "breaks cold at, N"), _wire),
+    "generators": (("on-time, us", "period, us", "open voltage, V"), _generator),
 }
 TABLES: dict[str, Callable[..., list[str]]] = {
     "commands": commands, "columns": columns, "parameters": parameters, "set-ups": set_ups,
