@@ -62,13 +62,11 @@ napoleon_custom_sections = [("Attributes", "params_style")]
 
 
 def copy_notebooks(into: Path) -> None:
-    """Copy the notebooks into the site's folder, with a page that leads to them; there may be none."""
+    """Copy the notebooks into the site's folder, with a page that tells of them; there may be none."""
     into.mkdir(exist_ok=True)
     found = {file.name: file.read_text(encoding="utf-8") for file in (ROOT / "notebooks").glob("*.ipynb")}
-    table = (".. include:: ../../notebooks/README.md", "   :parser: myst_parser.sphinx_")
-    lines = table if (ROOT / "notebooks" / "README.md").is_file() else ("Notebooks", "=========")
-    names = sorted(name.removesuffix(".ipynb") for name in found)
-    found["index.rst"] = "\n".join([*lines, "", ".. toctree::", "   :hidden:", "", *(f"   {n}" for n in names), ""])
+    table = ".. include:: ../../notebooks/README.md\n   :parser: myst_parser.sphinx_\n"
+    found["index.rst"] = table if (ROOT / "notebooks" / "README.md").is_file() else "Notebooks\n=========\n"
     for old in into.iterdir():
         if old.name not in found:
             old.unlink()
@@ -79,23 +77,32 @@ def copy_notebooks(into: Path) -> None:
 
 
 def turn_links(text: str, page: str) -> str:
-    """Lead links out of this folder to the same things in the site, and those from the root into it."""
-    if page.startswith("notebooks/"):  # seen from the repository's notebooks/; its text is JSON or Markdown
-        return re.sub(r"\]\(\.\./(docs/)?", lambda m: "](../" if m[1] else "](../../", text)
-    if page == "changelog":
-        return text.replace("](docs/", "](")
+    """Lead links out of this folder to the same things in the site, and those from the root into it.
+
+    Files of the repository without a page become downloads; folders have nothing to lead to.
+    """
     up = "../" * page.count("/")
+    if page.startswith("notebooks/"):  # written to be read in the repository's notebooks/; JSON or Markdown
+        text = re.sub(r"\]\(\.\./(docs/)?", lambda m: "](../" if m[1] else "](../../", text)
+    elif page == "changelog":
+        text = text.replace("](docs/", "](")
     for there, here in (("notebooks/README.md", "notebooks/index.rst"), ("notebooks/", "notebooks/"),
                         ("README.md", "index.md"), ("CHANGELOG.md", "changelog.rst")):  # fmt: skip
         text = text.replace(f"]({up}../{there}", f"]({up}{here}")
-    return text
+    near = (DOCS / page).parent
+    return re.sub(r"\[([^][]+)\]\(([\w./-]+)\)", lambda m: m[1] if (near / m[2]).is_dir() else m[0], text)
 
 
-def read_page(_: Sphinx, page: str, source: list[str]) -> None:
-    """Turn a page's links; of the first page's parts, leave out a folder that has no pages yet."""
+def read_page(app: Sphinx, page: str, source: list[str]) -> None:
+    """Turn a page's links; of the first page's parts, leave out a folder without pages, which Sphinx complains of."""
     source[0] = turn_links(source[0], page)
+
+    def part(line: re.Match[str]) -> str:
+        return line[0] if any(file.stem != "index" for file in (DOCS / line[1]).glob("*")) else ""
+
     if page == "index":
-        source[0] = re.sub(r"^([\w-]+)/\*\n", lambda m: m[0] * (DOCS / m[1]).is_dir(), source[0], flags=re.MULTILINE)
+        app.env.note_reread()  # folders may fill without this page being changed
+        source[0] = re.sub(r"^([\w-]+)/\*\n", part, source[0], flags=re.MULTILINE)
 
 
 def read_included(_: Sphinx, __: Path, page: str, source: list[str]) -> None:
