@@ -26,7 +26,7 @@ type: $(VENV)/.installed-test
 	rm -rf .typecheck build
 
 docs: $(VENV)/.installed-test  ## the site, into out/docs
-	$(BIN)/python -m sphinx -b html -d out/doctrees -n -W --keep-going -q docs out/docs
+	$(BIN)/python -m sphinx -b html -a -d out/doctrees -n -W --keep-going -q docs out/docs
 
 $(VENV)/.installed: pyproject.toml constraints.txt
 	$(PYTHON) -m venv $(VENV)

@@ -35,7 +35,7 @@ version = release = version_of("edmsim")
 
 extensions = ["myst_nb", "sphinx.ext.autodoc", "sphinx.ext.autosummary", "sphinx.ext.napoleon", "sphinx_copybutton"]
 highlight_language = "none"
-smartquotes = False  # what is quoted may be copied
+smartquotes_action = "De"  # dashes, not quotation marks: what is quoted may be copied
 
 html_theme = "furo"
 html_title = f"edmsim {release}"

@@ -141,7 +141,7 @@ def test_the_lengths_of_programs() -> None:
         f"span {gcode.TABLE_MM:g} or less", f"span {gcode.LEAST_WHOLE_UM} or more",
         f"closes within {outline.JOIN_TOLERANCE_MM * 1e3:g} um", f"lead-in of {lead_in.LEAD_IN_MM:g} mm",
         f"radius of {lead_in.START_HOLE_RADIUS_MM:g} mm", f"ends {path.STOCK_MARGIN_MM:g} mm beside",
-        f"({path.TABLE_UM / 1e3:g} x {path.TABLE_UM / 1e3:g} mm)",
+        f"({path.TABLE_UM / 1e3:g} x {path.TABLE_UM / 1e3:g} mm on the usual machine)",
     ):
         assert said in words
 
