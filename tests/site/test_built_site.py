@@ -36,8 +36,9 @@ class Page(HTMLParser):
 @pytest.fixture(scope="module")
 def site() -> dict[Path, str]:
     """All pages as text. What `make docs` has just built is taken up: only what is new is read, all is written."""
-    command = [sys.executable, "-m", "sphinx", "-b", "html", "-a", "-d", "out/doctrees", "-n", "-W"]
-    done = subprocess.run([*command, "--keep-going", "-q", "docs", "out/docs"], cwd=ROOT, capture_output=True, text=True, check=False)
+    command = [sys.executable, "-m", "sphinx", "-b", "html", "-a", "-d", "out/doctrees", "-n", "-W", "-q"]
+    command += ["--keep-going", "docs", "out/docs"]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     index = (SITE / "searchindex.js").read_text(encoding="utf-8")
     names = json.loads(re.fullmatch(r"Search\.setIndex\((.*)\)", index)[1])["docnames"]  # type: ignore[index]
