@@ -28,6 +28,8 @@ DOCS = Path(__file__).parent
 ROOT = DOCS.parent
 ARRAY = re.compile(r"~?(?:numpy\.)?ndarray\[tuple\[~?(?:typing\.)?Any, \.\.\.\], ~?(?:numpy\.)?dtype\[(.*?)\]\]")
 """How an array's type reads when it is spelt out."""
+COLON = "\N{PROPORTION} "
+"""Stands for a colon while napoleon looks."""
 
 project = "edmsim"
 copyright = "the authors of edmsim, MIT licence"
@@ -150,6 +152,17 @@ def sign(
     return short(given), short(returned)
 
 
+def keep_colons(_: Sphinx, kind: str, __: str, ___: object, ____: object, lines: list[str]) -> None:
+    """Hide the colons of a property's first line from napoleon, which takes what stands before one for a type."""
+    if kind in ("attribute", "data", "property"):
+        lines[:1] = [line.replace(": ", COLON) for line in lines[:1]]
+
+
+def show_colons(_: Sphinx, __: str, ___: str, ____: object, _____: object, lines: list[str]) -> None:
+    """Put the colons back."""
+    lines[:1] = [line.replace(COLON, ": ") for line in lines[:1]]
+
+
 def known_name(
     app: Sphinx, env: BuildEnvironment, node: pending_xref, shown: TextElement
 ) -> Element | None:
@@ -194,4 +207,6 @@ def setup(app: Sphinx) -> None:
     app.connect("include-read", read_included)
     app.connect("autodoc-skip-member", skip)
     app.connect("autodoc-process-signature", sign)
+    app.connect("autodoc-process-docstring", keep_colons, priority=400)  # napoleon's own is 500
+    app.connect("autodoc-process-docstring", show_colons, priority=600)
     app.connect("missing-reference", known_name)
