@@ -1,10 +1,10 @@
-# Two commands: `make cut` simulates the example, `make test` checks everything; `make docs` builds the documentation.
+# Two commands: `make cut` simulates the example, `make test` checks everything.
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check
 
-.PHONY: cut test lint type docs fast clean
+.PHONY: cut test lint type fast clean
 
 cut: $(VENV)/.installed
 	$(BIN)/edmsim cut examples/punch.ngc --out out/punch
@@ -25,7 +25,8 @@ type: $(VENV)/.installed-test
 	cd .typecheck && ../$(BIN)/mypy --config-file ../pyproject.toml -p edmsim
 	rm -rf .typecheck build
 
-docs: $(VENV)/.installed-test  ## the site, into out/docs
+.PHONY: docs
+docs: $(VENV)/.installed-test  ## the site, into out/docs; docs is a folder, too
 	$(BIN)/python -m sphinx -b html -a -d out/doctrees -n -W --keep-going -q docs out/docs
 
 $(VENV)/.installed: pyproject.toml constraints.txt
