@@ -115,14 +115,15 @@ def test_exit_statuses_and_outcomes() -> None:
 def test_the_error_shown_is_the_one_a_user_sees(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
+    command, shown = re.findall(r"```(?:sh|output)\n(.*?)```", page("guide/outcomes"), re.DOTALL)
     monkeypatch.chdir(tmp_path)
-    Path("bad.ngc").write_text("G21\nG92 X0 Y0\nG1 X1.0\nG5 X2.0\n", encoding="utf-8")
-    monkeypatch.setattr(sys, "argv", ["edmsim", "cut", "bad.ngc", "--out", "out"])
+    (tmp_path / "examples").symlink_to(ROOT / "examples")
+    monkeypatch.setattr(sys, "argv", command.split())
     with pytest.raises(SystemExit) as left:
         cli.main()
     assert left.value.code == cli.BAD_INPUT
+    assert capsys.readouterr().err == shown
     assert not Path("out").exists()
-    assert f"```text\n{capsys.readouterr().err}```" in page("guide/outcomes")
 
 
 def test_the_words_of_programs() -> None:
