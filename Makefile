@@ -9,7 +9,7 @@ PIP := $(BIN)/python -m pip --disable-pip-version-check
 cut: $(VENV)/.installed
 	$(BIN)/edmsim cut examples/punch.ngc --out out/punch
 
-test: lint type
+test: lint type docs
 	$(BIN)/python -m pytest
 
 fast: $(VENV)/.installed-test  ## the usual run while developing
@@ -25,6 +25,10 @@ type: $(VENV)/.installed-test
 	cd .typecheck && ../$(BIN)/mypy --config-file ../pyproject.toml -p edmsim
 	rm -rf .typecheck build
 
+.PHONY: docs
+docs: $(VENV)/.installed-test  ## the site, into out/docs; docs is a folder, too
+	$(BIN)/python -m sphinx -b html -a -d out/doctrees -n -W --keep-going -q docs out/docs
+
 $(VENV)/.installed: pyproject.toml constraints.txt
 	$(PYTHON) -m venv $(VENV)
 	$(PIP) install --quiet --constraint constraints.txt --editable .
@@ -35,4 +39,4 @@ $(VENV)/.installed-test: $(VENV)/.installed
 	touch $@
 
 clean:
-	rm -rf $(VENV) .typecheck build out *.egg-info .mypy_cache .ruff_cache .pytest_cache
+	rm -rf $(VENV) .typecheck build out docs/notebooks *.egg-info .mypy_cache .ruff_cache .pytest_cache

@@ -1,0 +1,178 @@
+"""The tables of the guide that the code itself tells; `python docs/tables.py` writes them anew.
+
+A page marks the place of a table with two comments; what stands between them is replaced::
+
+    <!-- begin table: parameters counts -->
+    <!-- end table -->
+
+``tests/site`` refuses pages whose tables are not those of the code.
+"""
+
+from __future__ import annotations
+
+import inspect
+import re
+from collections.abc import Callable, Iterator
+from dataclasses import fields
+from pathlib import Path
+from types import NoneType, UnionType
+from typing import Any, get_args, get_origin
+
+from typer.models import ArgumentInfo
+
+from edmsim import cli, controllers
+from edmsim.controllers.feed.servo import ServoController
+from edmsim.machine import Machine, available
+from edmsim.recording.windows import COLUMNS
+
+DOCS = Path(__file__).parent
+MARK = re.compile(
+    r"(?P<begin><!-- begin table: (?P<kind>commands|columns|parameters|set-ups) ?(?P<words>.*?) -->\n).*?"
+    r"(?P<end><!-- end table -->)", re.DOTALL,
+)
+VALUES = {str: "TEXT", int: "INTEGER", float: "NUMBER", Path: "PATH"}
+
+
+def refreshed(text: str) -> str:
+    """Return a page with its tables made anew."""
+
+    def table(mark: re.Match[str]) -> str:
+        lines = TABLES[mark["kind"]](*mark["words"].split())
+        return f"{mark['begin']}\n" + "\n".join(lines) + f"\n\n{mark['end']}"
+
+    return MARK.sub(table, text)
+
+
+def pages() -> list[Path]:
+    """Return the pages with such tables."""
+    return [page for page in sorted(DOCS.rglob("*.md")) if MARK.search(page.read_text(encoding="utf-8"))]
+
+
+def rows(head: tuple[str, ...], body: Iterator[tuple[str, ...]]) -> list[str]:
+    """Return a Markdown table."""
+    lines = ["| " + " | ".join(cell.replace("|", "\\|") for cell in line) + " |" for line in (head, *body)]
+    return [lines[0], "|---" * len(head) + "|", *lines[1:]]
+
+
+def commands() -> list[str]:
+    """Every command of ``edmsim``: what it does, arguments and options."""
+    lines: list[str] = []
+    for command in cli.app.registered_commands:
+        assert command.callback is not None
+        told = inspect.signature(command.callback, eval_str=True).parameters.values()
+        given = [(parameter, parameter.annotation.__metadata__[0]) for parameter in told]
+        lines += [f"## edmsim {command.callback.__name__}", "", inspect.getdoc(command.callback) or "", ""]
+        lines += rows(("argument or option", "default", "what"), (described(p, info) for p, info in given))
+        lines.append("")
+    return lines[:-1]
+
+
+def option(parameter: inspect.Parameter) -> str:
+    """Return an option as it is typed."""
+    return "--" + parameter.name.replace("_", "-")
+
+
+def word(parameter: inspect.Parameter, info: Any) -> str:
+    """Return what stands for a value."""
+    if info.metavar:
+        return str(info.metavar)
+    if isinstance(info, ArgumentInfo):
+        return parameter.name.upper()
+    return VALUES.get(bare(parameter), "")
+
+
+def bare(parameter: inspect.Parameter) -> type:
+    """Return the type of a parameter's value, without Annotated, None and list."""
+    kind = get_args(parameter.annotation)[0]
+    while get_origin(kind) in (UnionType, list):
+        kind = next(part for part in get_args(kind) if part is not NoneType)
+    return kind if isinstance(kind, type) else object
+
+
+def described(parameter: inspect.Parameter, info: Any) -> tuple[str, ...]:
+    """Return an argument's or option's row."""
+    if isinstance(info, ArgumentInfo):
+        name = word(parameter, info)
+    elif bare(parameter) is bool:
+        name = option(parameter) if parameter.default is False else f"{option(parameter)}, --no-{parameter.name}"
+    else:
+        name = f"{option(parameter)} {word(parameter, info)}"
+    if parameter.default is parameter.empty:
+        default = "must be given"
+    else:
+        shown = parameter.default is not None and bare(parameter) is not bool
+        default = f"`{parameter.default}`" if shown else ""
+    return f"`{name}`", default, info.help
+
+
+def columns() -> list[str]:
+    """Columns of ``windows.parquet``."""
+    return rows(("column", "unit", "meaning"), ((f"`{c.name}`", c.unit, c.meaning) for c in COLUMNS))
+
+
+def parameters(name: str) -> list[str]:
+    """Parameters of a feed controller: default, value found by the search of gains, meaning.
+
+    ``servo`` are those all servos share; with a servo, only those of them are told again that a search has set.
+    """
+    kind: type[Any] = ServoController if name == "servo" else type(controllers.make(name))
+    found = {} if name == "servo" else controllers.found_gains(name)
+    defaults = {field.name: field.default for field in fields(kind) if field.init}
+    shared = [] if name == "servo" else [told for told in meanings(ServoController) if told[0][0] in found]
+    own = meanings(kind) + shared
+    return rows(("parameter", "default", "found", "meaning"), (
+        (", ".join(f"`{key}`" for key in keys), ", ".join(f"{defaults[key]:g}" for key in keys),
+         ", ".join(f"{found[key]:g}" if key in found else "–" for key in keys) if found.keys() & set(keys) else "",
+         meaning)
+        for keys, meaning in own
+    ))  # fmt: skip
+
+
+def meanings(kind: type) -> list[tuple[list[str], str]]:
+    """Return the parameters that a class's own docstring describes, those described together as one."""
+    text = inspect.cleandoc(kind.__dict__["__doc__"])
+    section = re.search(r"^Parameters\n-+\n(.*?)(?=\n\n|\Z)", text, re.DOTALL | re.MULTILINE)
+    entries = re.findall(r"^(\w[\w, ]*) : .*\n((?:    .*(?:\n|$))+)", section[1] if section else "", re.MULTILINE)
+    return [(names.split(", "), " ".join(meaning.split()).rstrip(".")) for names, meaning in entries]
+
+
+def set_ups(kind: str) -> list[str]:
+    """What there is of a kind under ``models/``: machines, materials, wires or generators."""
+    head, row = SET_UPS[kind]
+    return rows(("name", "what", *head), (
+        (f"`{name}`", *row(Machine.load(**{"name" if kind == "machines" else kind[:-1]: name})))
+        for name in available(kind)  # type: ignore[arg-type]
+    ))  # fmt: skip
+
+
+def _machine(m: Machine) -> tuple[str, ...]:
+    return m.base.title, f"{m.base.table.travel_mm.value:g}", f"{m.base.table.step_um.value:g}"
+
+
+def _material(m: Machine) -> tuple[str, ...]:
+    return m.material.title, f"{m.material.removal_mm3_J.value:g}", f"{m.material.burning_voltage_V.value:g}"
+
+
+def _wire(m: Machine) -> tuple[str, ...]:
+    return m.wire.title, f"{m.wire_diameter_um:g}", f"{m.tension:.3g}", f"{m.breaking_force:.3g}"
+
+
+def _generator(m: Machine) -> tuple[str, ...]:
+    open_voltage_V = m.generator.open_voltage_V.value
+    return m.generator.title, f"{m.t_on_us:g}", f"{m.t_period_us:g}", f"{open_voltage_V:g}"
+
+
+SET_UPS: dict[str, tuple[tuple[str, ...], Callable[[Machine], tuple[str, ...]]]] = {
+    "machines": (("travel, mm", "motor step, um"), _machine),
+    "materials": (("removal, mm3/J", "burning voltage, V"), _material),
+    "wires": (("usual diameter, um", "usual tension of it, N", "breaks cold at, N"), _wire),
+    "generators": (("on-time, us", "period, us", "open voltage, V"), _generator),
+}
+TABLES: dict[str, Callable[..., list[str]]] = {
+    "commands": commands, "columns": columns, "parameters": parameters, "set-ups": set_ups,
+}
+
+
+if __name__ == "__main__":
+    for page in pages():
+        page.write_text(refreshed(page.read_text(encoding="utf-8")), encoding="utf-8")

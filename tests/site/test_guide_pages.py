@@ -1,0 +1,159 @@
+"""The guide says what the code does: tables, options, outcomes, keys, codes, controllers."""
+
+from __future__ import annotations
+
+import importlib.util
+import inspect
+import json
+import re
+import sys
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import pytest
+
+import edmsim
+from edmsim import cli, controllers, cosim
+from edmsim.plant.setup import resolution
+
+ROOT = Path(__file__).parents[2]
+DOCS = ROOT / "docs"
+
+
+def page(name: str) -> str:
+    return (DOCS / f"{name}.md").read_text(encoding="utf-8")
+
+
+def cells(text: str, column: int = 0) -> list[str]:
+    """What stands in backticks in one column of a page's tables."""
+    rows = [line.strip("| ").split(" | ") for line in text.splitlines() if line.startswith("| ")]
+    return [name for row in rows if len(row) > column for name in re.findall(r"`([^`]+)`", row[column])]
+
+
+@pytest.fixture(scope="module")
+def tables() -> ModuleType:
+    spec = importlib.util.spec_from_file_location("docs_tables", DOCS / "tables.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_tables_are_those_of_the_code(tables: ModuleType) -> None:
+    marked = {str(file.relative_to(DOCS).with_suffix("")): file for file in tables.pages()}
+    assert set(marked) == {"command-line", "controllers", "guide/outputs", "guide/set-up"}
+    for file in marked.values():
+        text = file.read_text(encoding="utf-8")
+        assert tables.refreshed(text) == text, f"{file.name} is not what the code tells; run: python docs/tables.py"
+
+
+def test_every_option_of_every_command_is_told(tables: ModuleType) -> None:
+    text = "\n".join(tables.commands())
+    for command in cli.app.registered_commands:
+        assert command.callback is not None
+        section = text.split(f"## edmsim {command.callback.__name__}\n")[1].split("\n## ")[0]
+        told = {name.split()[0].strip(",") for name in cells(section)}
+        asked = set(inspect.signature(command.callback).parameters)
+        assert {name.lstrip("-").lower().replace("-", "_").rstrip(".") for name in told} - {"env_id"} == asked - {
+            "env_id", "env_ids",
+        }
+
+
+def test_the_guide_explains_every_option_of_a_cut() -> None:
+    told = set(re.findall(r"--[a-z-]+", " ".join(cells(page("guide/cutting")))))
+    asked = {"--" + name.replace("_", "-") for name in inspect.signature(cli.cut).parameters}
+    assert told == asked - {"--program", "--out"}
+
+
+def test_resolutions() -> None:
+    told = re.findall(r"^\| `(\w+)` \| (\d+) \| (\d+) \| (\d+) \|$", page("guide/cutting"), re.MULTILINE)
+    assert [name for name, *_ in told] == ["fast", "default", "fine"]
+    for name, *sizes in told:
+        res = resolution(name)
+        assert tuple(map(int, sizes)) == (res.slices, res.rays, res.modes)
+
+
+def test_every_controller_has_its_law_source_and_parameters() -> None:
+    text = page("controllers")
+    sections = {part.split("\n")[0]: part for part in text.split("\n## ")[1:]}
+    assert sections.keys() - {"What the servos share", "Trained policies"} == set(controllers.names())
+    for name in controllers.names():
+        assert re.search(r"^    .* (=|<-) ", sections[name], re.MULTILINE), name
+        assert "\nSource: " in sections[name], name
+        assert f"<!-- begin table: parameters {name} -->" in sections[name], name
+
+
+def keys(value: Any, before: str = "") -> set[str]:
+    """Names of a report's entries, those of inner ones behind a point; lists of records are told by their first."""
+    if isinstance(value, list) and value and isinstance(value[0], dict):
+        return keys(value[0], before) | {before}
+    if isinstance(value, dict):
+        return set().union(*(keys(inner, f"{before}.{key}" if before else key) for key, inner in value.items()))
+    return {before}
+
+
+def test_the_outputs_are_those_of_a_cut(tmp_path: Path) -> None:
+    edmsim.cut(ROOT / "examples" / "punch.ngc", height_mm=10, resolution="fast", max_time_s=1, out=tmp_path)
+    text = page("guide/outputs")
+    files, report = text.split("\n## ")[0], text.split("\n## report.json")[1]
+    assert {file.name for file in tmp_path.iterdir()} == set(cells(files)) - {"checkpoint.npz"}
+    assert set(cells(report)) == keys(json.loads((tmp_path / "report.json").read_text(encoding="utf-8")))
+
+
+def test_exit_statuses_and_outcomes() -> None:
+    text = page("guide/outcomes")
+    told = [int(status) for status in re.findall(r"^\| (\d+) \|", text, re.MULTILINE)]
+    assert told == [0, cli.FAILED, cli.BAD_INPUT, cli.STOPPED, cli.INTERRUPTED]
+    ends = text.split("## How a cut ends")[1].split("\n## ")[0]
+    assert set(cells(ends)) - {"--max-time"} == {
+        cosim.FINISHED, cosim.WIRE_BREAK, cosim.PERSISTENT_SHORT, cosim.LIMIT_SWITCH, cosim.TIME_LIMIT,
+    }
+
+
+def test_the_error_shown_is_the_one_a_user_sees(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    command, shown = re.findall(r"```(?:sh|output)\n(.*?)```", page("guide/outcomes"), re.DOTALL)
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "examples").symlink_to(ROOT / "examples")
+    monkeypatch.setattr(sys, "argv", command.split())
+    with pytest.raises(SystemExit) as left:
+        cli.main()
+    assert left.value.code == cli.BAD_INPUT
+    assert capsys.readouterr().err == shown
+    assert not Path("out").exists()
+
+
+def test_the_words_of_programs() -> None:
+    from edmsim.program import gcode
+
+    table = page("guide/programs").split("## Drawings")[0]
+    told = set(re.findall(r"[GM]\d+", "\n".join(line for line in table.splitlines() if line.startswith("| "))))
+    assert told == {f"G{n}" for n in gcode._KNOWN_G} | {f"M{n}" for n in gcode._KNOWN_M}
+
+
+def test_the_lengths_of_programs() -> None:
+    from edmsim.program import gcode, lead_in, outline, path
+
+    words = " ".join(page("guide/programs").split())
+    for said in (
+        f"span {gcode.TABLE_MM:g} or less", f"span {gcode.LEAST_WHOLE_UM} or more",
+        f"closes within {outline.JOIN_TOLERANCE_MM * 1e3:g} um", f"lead-in of {lead_in.LEAD_IN_MM:g} mm",
+        f"radius of {lead_in.START_HOLE_RADIUS_MM:g} mm", f"ends {path.STOCK_MARGIN_MM:g} mm beside",
+        f"({path.TABLE_UM / 1e3:g} x {path.TABLE_UM / 1e3:g} mm on the usual machine)",
+    ):
+        assert said in words
+
+
+@pytest.mark.parametrize(
+    "name", ["edmsim", "edmsim.controllers", "edmsim.envs", "edmsim.recording.figures", "edmsim.calibration",
+             "edmsim.program"],
+)  # fmt: skip
+def test_every_public_name_has_an_entry(name: str) -> None:
+    module = importlib.import_module(name)
+    entries = "\n".join(file.read_text(encoding="utf-8") for file in (DOCS / "api").glob("*.rst"))
+    for public in module.__all__:
+        if not isinstance(getattr(module, public), ModuleType):
+            assert re.search(rf"^\.\. auto\w+:: {public}$", entries, re.MULTILINE), public
