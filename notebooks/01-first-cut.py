@@ -140,7 +140,7 @@ def per_second(values: np.ndarray) -> np.ndarray:
 figure, panels = plt.subplots(3, 1, figsize=(7.5, 5.0), dpi=90, sharex=True, layout="constrained")
 series = (
     ("feed, µm/s", GREEN, column(result.windows, "feed_um_s")),
-    ("gap, µm", BLUE, column(result.windows, "gap_um")),
+    ("gap, µm", BLUE, np.minimum(column(result.windows, "gap_um"), 40.0)),
     ("lag, µm", ORANGE, lag_along_um(result.windows)),
 )
 for axes, (label, colour, values) in zip(panels, series, strict=True):
@@ -159,8 +159,8 @@ panels[-1].set_xlabel("machine time, s (means of a second)");
 error_figure(result.scene)
 
 # %% [markdown]
-# A corner close up. The metal's edge is round where the drawing is sharp, since a round wire has cut it. The lower
-# panel unrolls the edge and shows the wire's deflection beside the error it leaves.
+# A corner close up. Guides and wire go round it on an arc, so all that time the part's corner faces the wire, from
+# two sides: it is undercut. The lower panel unrolls the edge and shows the wire's deflection beside the error.
 
 # %%
 corner_figure(result.scene, result.windows, 0)

@@ -20,9 +20,9 @@
 # **Question.** How long does a pulse wait until it ignites, what decides it, and how does it become the shares of
 # short and open pulses that a gap controller sees?
 #
-# A discharge does not follow the voltage at once. The wait is random, and grows steeply with the gap, which is what
-# makes it the best sensor of the gap there is (thesis TH Eindhoven 1982, section 2.4). Everything below is drawn by
-# the pulse loop itself, not by a formula beside it.
+# A discharge does not follow the voltage at once. The wait is random, and grows steeply with the gap, which makes
+# it a good sensor of the gap, if a laborious one (thesis TH Eindhoven 1982, section 2.4). Everything below is drawn
+# by the pulse loop itself, not by a formula beside it.
 
 # %%
 # %matplotlib inline
@@ -183,7 +183,7 @@ axes.axhspan(100 * law.shorted_share, 100, color=VERMILION, alpha=0.12, label="r
 axes.axvspan(100 * law.air_share, 100, color=SKY, alpha=0.35, label="air: full feed")
 axes.plot(
     [100 * w.open / w.pulses for w in steered.windows], [100 * w.short / w.pulses for w in steered.windows], ".",
-    color=GREEN, ms=3, alpha=0.4, label="windows of 255 pulses, law `counts`",
+    color=GREEN, ms=3, alpha=0.4, label="windows of 255 pulses, law counts",
 )  # fmt: skip
 steady = [[np.mean([100 * cut.share(kind) for cut in runs]) for runs in cuts.values()] for kind in ("open", "short")]
 axes.plot(*steady, "o-", color=INK, ms=4, lw=1, label="steady cuts at fixed feeds, µm/s")
@@ -194,8 +194,8 @@ wanted = law.open_target_share + law.short_weight * short
 axes.plot(100 * wanted, 100 * short, "--", color=ORANGE, label="law's line")
 axes.plot([0, 100], [100, 0], ":", color=MUTED, lw=1, label="nothing ignites")
 axes.set(xlabel="open pulses, %", ylabel="short pulses, %", xlim=(0, 100), ylim=(0, 60))
-axes.legend(loc="upper right", fontsize=8)
-print(f"law `counts`: {steered.feed_um_s:.1f} µm/s, {100 * steered.share('short'):.0f} % short, "
+axes.legend(loc="center right", fontsize=8)
+print(f"law counts: {steered.feed_um_s:.1f} µm/s, {100 * steered.share('short'):.0f} % short, "
       f"{100 * steered.share('open'):.0f} % open, gap {steered.gap_um:.1f} µm")  # fmt: skip
 
 # %% [markdown]
