@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import ast
+import base64
 import importlib.util
+import io
+import json
 import re
 import subprocess
 import sys
@@ -12,7 +15,9 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
+import numpy as np
 import pytest
+from PIL import Image
 
 FOLDER = Path(__file__).parents[2] / "notebooks"
 NAMES = [file.stem for file in sorted(FOLDER.glob("[0-9][0-9]-*.py"))]
@@ -35,8 +40,6 @@ def execute() -> ModuleType:
 
 def shown(file: Path) -> Any:
     """A notebook as it is written, by its JSON alone."""
-    import json
-
     return json.loads(file.read_text(encoding="utf-8"))
 
 
@@ -109,6 +112,21 @@ def test_executes_with_the_small_settings(name: str, tmp_path: Path) -> None:
     assert done.returncode == 0, done.stderr
     small = shown(tmp_path / f"{name}.ipynb")
     assert speaking(small) == speaking(shown(FOLDER / f"{name}.ipynb"))
+
+
+def test_a_smaller_picture_has_no_other_colours(execute: ModuleType) -> None:
+    ramp = np.linspace(0, 255, 256, dtype=np.uint8)
+    picture = np.stack(np.broadcast_arrays(ramp, ramp[:, None], ramp[::-1, None]), axis=-1)  # far more than 256
+    picture[100, 100:103] = (0, 114, 178)  # a curve of few pixels
+    made = execute.in_few_colours(base64.b64encode(png(picture)).decode())
+    again = np.asarray(Image.open(io.BytesIO(base64.b64decode(made))).convert("RGB")).astype(int)
+    assert np.abs(again - picture).max() <= execute.SAME_SHADE
+
+
+def png(picture: np.ndarray) -> bytes:
+    file = io.BytesIO()
+    Image.fromarray(picture).save(file, "PNG")
+    return file.getvalue()
 
 
 def test_small_outputs_do_not_replace_the_committed_ones(execute: ModuleType) -> None:
