@@ -1,10 +1,10 @@
-# Two commands: `make cut` simulates the example, `make test` checks everything.
+# Two commands: `make cut` simulates the example, `make test` checks everything. `make notebooks` makes them anew.
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check
 
-.PHONY: cut test lint type fast clean
+.PHONY: cut test lint type fast notebooks clean
 
 cut: $(VENV)/.installed
 	$(BIN)/edmsim cut examples/punch.ngc --out out/punch
@@ -17,6 +17,9 @@ fast: $(VENV)/.installed-test  ## the usual run while developing
 
 lint: $(VENV)/.installed-test
 	$(BIN)/ruff check .
+
+notebooks: $(VENV)/.installed-test  ## executes all of them with their full settings
+	$(BIN)/python notebooks/execute.py
 
 # mypy cannot follow the folders that stand outside edmsim/, so it checks an installed copy from elsewhere
 type: $(VENV)/.installed-test

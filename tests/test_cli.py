@@ -323,6 +323,11 @@ def test_error_stays_on_one_line_in_a_narrow_terminal(tmp_path: Path) -> None:
     assert_refused(Outcome(told.returncode, told.stdout, told.stderr), str(tmp_path / "no [bold]such.ngc: "))
 
 
+def test_the_package_runs_as_the_command() -> None:
+    told = subprocess.run([sys.executable, "-m", "edmsim", "--version"], capture_output=True, text=True, check=True)
+    assert told.stdout == version("edmsim") + "\n"
+
+
 def test_bench_prints_json_or_a_table(edmsim: Run, monkeypatch: pytest.MonkeyPatch) -> None:
     figures = {"pulses_per_s": 1e6, "realtime_factor": 100.0}
     monkeypatch.setattr("edmsim.bench.measure", lambda: figures)

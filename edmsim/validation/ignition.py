@@ -64,15 +64,28 @@ def _quiet(machine: Machine, voltage_V: float) -> Machine:
     return altered(machine.with_(height_mm=reference_mm / 2), constants)
 
 
-def delays_us(gap_um: float, seeds: Sequence[int]) -> tuple[Array, Array]:
-    """Draw delays at a gap, at the reference voltage and area; return them and the gaps the rays see."""
+def delays_us(gap_um: float, seeds: Sequence[int], draws: int = DRAWS) -> tuple[Array, Array]:
+    """Draw delays at a gap, at the reference voltage and area.
+
+    Parameters
+    ----------
+    gap_um : float
+    seeds : sequence of int
+    draws : int
+        Delays per seed.
+
+    Returns
+    -------
+    (float64 array, float64 array)
+        Delays in us, and the gaps the rays see in um.
+    """
     machine = Machine.load(generator="iso-energetic", t_on_us=1.0)
     machine = _quiet(machine, machine.base.gap.reference_voltage_V.value)
     patient = altered(machine, {"generator.ignition_wait_us": 10_000.0, **FRAIL})
     drawn: list[float] = []
     for seed in seeds:
         plant = isolated_gap(patient, gap_um, 1000 * seed + round(gap_um))  # draws of their own at every gap
-        drawn += [window.mean_delay_us for window in single_discharges(plant, DRAWS)]
+        drawn += [window.mean_delay_us for window in single_discharges(plant, draws)]
     return np.array(drawn), seen_gaps_um(plant)
 
 

@@ -6,6 +6,7 @@ import dataclasses
 import sys
 from types import SimpleNamespace
 
+import matplotlib
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
@@ -63,6 +64,13 @@ def test_every_figure_is_one_column_wide_and_needs_no_pyplot(
         assert box.x0 > -0.02
         assert box.x1 < WIDTH_IN + 0.02  # nothing is cut off at the sides
         assert box.y1 < figure.get_figheight() + 0.02
+
+
+def test_the_margins_are_the_figures_own(cut: SimpleNamespace) -> None:
+    with matplotlib.rc_context({"figure.constrained_layout.use": True}):  # warnings are errors here
+        figure = kerf_figure(cut.report)
+        figure.canvas.draw()
+    assert figure.get_layout_engine() is None
 
 
 def test_the_worst_corner_is_chosen_and_any_other_can_be(cut: SimpleNamespace) -> None:

@@ -1,0 +1,295 @@
+# ---
+# jupyter:
+#   edmsim:
+#     small:
+#       directions_deg: [0, 20, 45, 80]
+#       speeds: [4]
+#       cut_planners: [poscal]
+#       cut_time_s: 10.0
+#       bit_time_s: 3.0
+#       vectors: 300
+#   jupytext:
+#     formats: ipynb,py:percent
+#     notebook_metadata_filter: edmsim,kernelspec,jupytext,-all
+#   kernelspec: {display_name: Python 3, language: python, name: python3}
+# ---
+
+# %% [markdown]
+# # Integer planners, and the controller of 1982 at work
+#
+# **Question.** How true a line can an 8-bit computer draw without a multiplier, how late does it answer, and what
+# happens when it is let loose on the machine?
+#
+# A thesis of the TH Eindhoven (May 1982) puts an 8085 in charge of a wire-EDM machine. Its heart is POSCAL: from
+# position, target and speed it computes the speeds of two stepping motors with additions and shifts, since the 8085
+# knows no product. `docs/controller-1982.md` has the whole machine, `docs/planners.md` the errors at all speeds.
+
+# %%
+# %matplotlib inline
+import math
+import random
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+import matplotlib.pyplot as plt
+import numpy as np
+
+import edmsim
+from edmsim.controllers.mcu.bus import PORT2A, PORT2B, PORT2C
+from edmsim.controllers.mcu.computer import Computer
+from edmsim.controllers.mcu.optimise import TICK_NS, State, optimise
+from edmsim.controllers.mcu.planner import PLANNERS, make_planner
+from edmsim.controllers.mcu.poscal import STEP_UM
+from edmsim.controllers.mcu.timers import MAX_FEED_UM_S
+from edmsim.controllers.mcu.tstates import POSCAL_BOUND_T, READ_OUT_T, poscal_t_states
+from edmsim.controllers.mcu.tstates import seconds as duration_s
+from edmsim.planner_errors import around
+from edmsim.recording.figures import error_figure
+from edmsim.recording.palette import BLUE, GREEN, INK, MUTED, ORANGE, VERMILION
+from edmsim.recording.windows import column
+
+plt.rcParams.update({"figure.dpi": 90, "figure.constrained_layout.use": True, "axes.grid": True, "grid.alpha": 0.3})
+COLOURS = dict(zip(PLANNERS, (BLUE, VERMILION, GREEN, ORANGE), strict=True))
+
+# %% tags=["parameters"]
+directions_deg = list(range(0, 360, 5))  # of the straight moves
+speeds = [4, 127]  # units of 262.5 nm/s
+cut_planners = ["poscal", "poscal-literal", "sine-table", "dda"]  # a part is cut with
+cut_time_s = 600.0  # machine time after which its cuts stop
+bit_time_s = 30.0  # machine time of the comparison bit for bit
+vectors = 20_000  # displacements whose cost is counted
+
+# %% [markdown]
+# ## One move
+#
+# 2.5 mm along an oblique line at low speed. `poscal-literal` is the algorithm as the thesis has it: axis speeds are
+# computed once, as whole units, and each axis stops at its own target. `poscal` runs the same integer routines, but
+# re-aims them after every step at a point 32 µm ahead; `sine-table` does so with a table of 255 sines in place of
+# the square root (the thesis' own proposal); `dda` is an ideal line.
+
+# %%
+RUN_UM = (2400, 700)
+SPEED = 4
+
+
+def positions_um(planner: str) -> np.ndarray:
+    """Position counters after every step of the move."""
+    start = np.array((30_000, 30_000))
+    steps = make_planner(planner, np.array([start, start + RUN_UM])).advance(0, 10**13, SPEED)
+    moved = np.zeros((len(steps), 2))
+    moved[np.arange(len(steps)), [step.axis for step in steps]] = [STEP_UM * step.direction for step in steps]
+    return moved.cumsum(axis=0)
+
+
+figure, (left, right) = plt.subplots(1, 2, figsize=(10.0, 3.6))
+length = math.hypot(*RUN_UM)
+for planner, colour in COLOURS.items():
+    place = positions_um(planner)
+    left.plot(*place.T, color=colour, lw=1.2, label=planner)
+    off = place @ (-RUN_UM[1] / length, RUN_UM[0] / length)
+    right.plot(place @ RUN_UM / length, off, color=colour, lw=0.8)
+    print(f"{planner:15} {np.abs(off).max():7.2f} µm off the line, ends {math.dist(place[-1], RUN_UM):.1f} µm off")
+left.set(xlabel="x, µm", ylabel="y, µm", title=f"{SPEED} units of speed")
+left.legend(fontsize=8)
+right.set(xlabel="along the line, µm", ylabel="off the line, µm", xlim=(0, 300), ylim=(-3, 3), title="its beginning");
+
+# %% [markdown]
+# ## Every direction
+#
+# The largest distance from the line over 2.5 mm. The steps of the motors are 2 µm; nobody can do better than about
+# half of that.
+
+# %%
+figure, panels = plt.subplots(1, len(speeds), figsize=(5.0 * len(speeds), 3.6), sharey=True, squeeze=False)
+worst = {}
+for axes, speed in zip(panels[0], speeds, strict=True):
+    for planner, colour in COLOURS.items():
+        errors = around(planner, 2500, speed, directions_deg)
+        worst[planner, speed] = errors[:, 0].max()
+        axes.plot(directions_deg, errors[:, 0], ".", ms=4, color=colour, label=planner)
+    axes.axhline(STEP_UM, color=MUTED, ls="--", lw=0.8)
+    axes.set(yscale="log", ylim=(0.7, 500), xlabel="direction of the move, degrees")
+    axes.set(title=f"{speed} units: {speed * 0.2625:.1f} µm/s")
+panels[0][0].set_ylabel("largest path error, µm (dashed: one step)")
+panels[0][-1].legend(fontsize=8)
+for (planner, speed), error in worst.items():
+    print(f"{planner:15} {speed:4} units   {error:8.2f} µm")
+    assert planner == "poscal-literal" or error < STEP_UM
+
+# %% [markdown]
+# Moves along an axis have no error and are not seen here. Three planners stay within one step, whatever direction
+# and speed. The algorithm of 1982 does not: one unit is coarse at low speed, and at any speed nothing corrects on
+# the way what REDUC, the reduction to 8 bits, has rounded off. It is not the arithmetic that fails, but that it is
+# done once per move: the same routines at every step are as true as an ideal line.
+#
+# ## What the part gets of it
+#
+# A lozenge of oblique sides, cut from 10 mm of tool steel by each planner. The wire offset makes chords of its
+# corners.
+
+# %%
+LOZENGE = """\
+G21 G90
+G0 X-0.4 Y0.8
+G41 D1 G1 X0.0 Y0.8
+X0.9 Y1.6
+X2.0 Y0.9
+X1.1 Y0.0
+X0.0 Y0.8
+M2
+"""
+folder = tempfile.TemporaryDirectory()
+program = Path(folder.name) / "lozenge.ngc"
+program.write_text(LOZENGE)
+cuts = {}
+print("planner          profile error, µm: max     rms")
+for planner in cut_planners:
+    cuts[planner] = edmsim.cut(
+        program, planner=planner, height_mm=10.0, resolution="fast", seed=1, max_time_s=cut_time_s
+    )
+    error = cuts[planner].report["profile_error_um"]
+    if error["max"] is not None:
+        print(f"{planner:15} {error['max']:24.1f} {error['rms']:7.1f}")
+error_figure(cuts[cut_planners[min(1, len(cut_planners) - 1)]].scene)
+
+# %% [markdown]
+# Drawn is the one by `poscal-literal`. With the other three the discharges decide, not the steps.
+#
+# ## Behind the registers
+#
+# `edmsim.controllers.mcu` is that computer with its chips: bytes at addresses, counters, interrupts. A move of 40
+# by 10 µm, by hand:
+
+# %%
+computer = Computer()
+computer.init()
+computer.set_position(1000, 2000)
+computer.set_pulse_codes(0x99, 0xAA)
+computer.set_speed(100)
+computer.start(generator=False)
+computer.move_to(1040, 2010)
+steps = computer.run_until(3_000_000_000)
+for name, address in (("PORT2A, V(t(i))", PORT2A), ("PORT2B, V(t(p))", PORT2B), ("PORT2C, the lines", PORT2C)):
+    print(f"{name:20} {address:04X}H  {computer.read(address):02X}H")
+print(f"{len(steps)} steps in {steps[-1].time_ns * 1e-6:.0f} ms, position now {computer.position}")
+print(f"spent {computer.t_states} T-states: {1e3 * duration_s(computer.t_states):.1f} ms")
+
+# %% [markdown]
+# ## How late it answers
+#
+# The 8085 has 3.07 million T-states a second. POSCAL costs what its path through REDUC, the square root and two
+# divisions costs; the routine that turns counts into a speed adds its own share and the POSCAL that follows. All of
+# it has to fit into a window of 255 pulses, else counts are missed.
+
+# %%
+law = edmsim.controllers.make("counts").settings(MAX_FEED_UM_S)
+chance = random.Random(1)
+poscal_ms = [
+    1e3 * duration_s(poscal_t_states(chance.randrange(1 << chance.randrange(1, 17)), chance.randrange(1 << 12),
+                                     chance.randrange(1, 128)))
+    for _ in range(vectors)
+]  # fmt: skip
+state = State(speed=law.start)
+answer_ms = []
+windows = cuts[cut_planners[0]].windows
+for row in windows.select(["t_s", "short", "open", "path_um"]).to_pylist():
+    tick = int(row["t_s"] * 1e9) // TICK_NS & 0xFFFF
+    _, cost = optimise(law, state, row["short"], row["open"], tick, int(row["path_um"]) & 0xFFFF)
+    answer_ms.append(1e3 * duration_s(cost + READ_OUT_T))
+
+figure, axes = plt.subplots(figsize=(7.0, 3.2))
+bins = np.arange(0.0, 27.0, 0.25)
+for costs, colour, name in (
+    (poscal_ms, ORANGE, "POSCAL alone, random vectors"), (answer_ms, BLUE, "counts to speed, in the cut above")
+):  # fmt: skip
+    axes.hist(costs, bins, weights=np.full(len(costs), 100 / len(costs)), color=colour, label=name)
+axes.axvline(1e3 * duration_s(POSCAL_BOUND_T), color=INK, ls=":", lw=1, label="no POSCAL costs more")
+for period_us, ls in ((100, "-"), (50, "--"), (30, "-.")):
+    axes.axvline(255e-3 * period_us, color=VERMILION, lw=1, ls=ls, label=f"window at t(p) {period_us} µs")
+axes.set(xlabel="ms", ylabel="share, %", xlim=(0, 27))
+axes.legend(fontsize=8)
+assert max(poscal_ms) <= 1e3 * duration_s(POSCAL_BOUND_T)
+
+# %% [markdown]
+# At the usual period of 100 µs there is time to spare. At 30 µs a window is over before the answer to the one
+# before is found:
+
+# %%
+for period_us in (100.0, 50.0, 30.0, 20.0):
+    cut = edmsim.cut(
+        program, controller="mcu", height_mm=10.0, resolution="fast", seed=1, max_time_s=bit_time_s / 3,
+        t_on_us=0.3 * period_us, t_period_us=period_us,
+    )  # fmt: skip
+    told = [notice for notice in cut.report["notices"] if "missed" in notice]
+    print(f"t(p) {period_us:4.0f} µs, {cut.windows.num_rows:5} windows:", *told or ["none missed"])
+
+# %% [markdown]
+# ## The same law, twice
+#
+# The controller `counts` calls the routine directly; `mcu` runs it behind clocks, strobes, latches and interrupts,
+# and its steps leave through timers and ports. Both cut the same, bit for bit.
+
+# %%
+twice = [
+    edmsim.cut(program, controller=name, height_mm=10.0, resolution="fast", seed=1, max_time_s=bit_time_s).windows
+    for name in ("counts", "mcu")
+]
+for name in twice[0].column_names:
+    np.testing.assert_array_equal(column(twice[0], name), column(twice[1], name), name)
+print(f"{twice[0].num_rows} windows, all equal")
+
+# %% [markdown]
+# ## An operator's session
+#
+# `edmsim terminal` seats you before it. Here a script types; `>` is the program's prompt. The routines are the
+# thesis', the words are ours, as it left the dialogue to be written. A person sees the digits of the front panel
+# below it.
+
+# %%
+def terminal(script: str, *options: str) -> None:
+    """Type a script at the terminal and show what comes back."""
+    command = [sys.executable, "-m", "edmsim", "terminal", "--height", "30", "--resolution", "fast", "--seed", "1"]
+    done = subprocess.run([*command, *options], input=script, capture_output=True, text=True, errors="replace")
+    shown = "".join(c if c == "\n" or (c.isascii() and c.isprintable()) else "·" for c in done.stdout)
+    print(shown, f"(exit status {done.returncode})", sep="\n")
+
+
+terminal("""\
+X -20
+WAIT
+POS 1000 1000
+TI 40 TP 100
+TI 30 TP 100
+NEW 1500 1140
+START
+WAIT 15
+STATUS
+WAIT
+BYE
+""")
+
+# %% [markdown]
+# The pair of 40 and 100 µs is refused, since it would draw more than the 2 A the generator bears; for that line the
+# exit status is 2. The speed is what the law found from shorts and opens.
+#
+# ## Its two faults
+#
+# The machine of 1982 was left with two: above a mean current of 1.5 A sparks disturb the serial lines, and at a low
+# voltage V(t(p)) the generator drops out. Both can be injected; how often they strike is ours. First a short, at
+# whose current the terminal goes wild:
+
+# %%
+terminal("X 100\nWAIT\nTI 30 TP 100\nGEN ON\nWAIT 1\nSTATUS\nSTATUS\nGEN OFF\nPOS\n", "--fault", "serial-noise")
+
+# %%
+terminal("TI 10 TP 60\nNEW 32900 32500\nSTART\nWAIT\nTI 30 TP 100\nGO\nWAIT 2\nSTATUS\nSTOP\n", "--fault", "drop-out")
+folder.cleanup()
+
+# %% [markdown]
+# ## Limits
+#
+# The listings are lost. T-states are our count over the shortest loops we would write; what is documented (the
+# routines, their words of 16 bits, their mistakes, the ports) is kept to the bit. Arcs are not in the thesis: they
+# reach the planners as chords.

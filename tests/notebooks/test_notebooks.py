@@ -1,0 +1,140 @@
+"""The notebooks run, and what a reader sees of them is what they are."""
+
+from __future__ import annotations
+
+import ast
+import base64
+import importlib.util
+import io
+import json
+import re
+import subprocess
+import sys
+import warnings
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+import pytest
+from PIL import Image
+
+FOLDER = Path(__file__).parents[2] / "notebooks"
+NAMES = [file.stem for file in sorted(FOLDER.glob("[0-9][0-9]-*.py"))]
+MACHINE_PATHS = re.compile(r"(?<![\w./])/(home|root|tmp|var|work|usr|opt|Users|mnt)/|[A-Z]:\\\\|site-packages")
+LARGEST_BYTES = 600_000
+
+
+@pytest.fixture(scope="module")
+def execute() -> ModuleType:
+    """The script that makes the notebooks."""
+    spec = importlib.util.spec_from_file_location("execute_notebooks", FOLDER / "execute.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # jupyter's packages, not ours
+        spec.loader.exec_module(module)
+    return module
+
+
+def shown(file: Path) -> Any:
+    """A notebook as it is written, by its JSON alone."""
+    return json.loads(file.read_text(encoding="utf-8"))
+
+
+def text(source: str | list[str]) -> str:
+    return source if isinstance(source, str) else "".join(source)
+
+
+def code(notebook: Any) -> list[Any]:
+    return [cell for cell in notebook["cells"] if cell["cell_type"] == "code"]
+
+
+def speaking(notebook: Any) -> list[str]:
+    """Source of the code cells that show something."""
+    return [text(cell["source"]) for cell in code(notebook) if cell["outputs"]]
+
+
+def test_there_are_notebooks() -> None:
+    assert NAMES, "no notebook found"
+    assert {file.stem for file in FOLDER.glob("*.ipynb")} == set(NAMES)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_text_and_notebook_hold_the_same_cells(name: str, execute: ModuleType) -> None:
+    written = shown(FOLDER / f"{name}.ipynb")
+    read = execute.read(FOLDER / f"{name}.py")
+    assert [(c["cell_type"], text(c["source"]), c["metadata"]) for c in written["cells"]] == [
+        (c.cell_type, c.source, dict(c.metadata)) for c in read.cells
+    ], "make notebooks"
+    assert written["metadata"] == read.metadata
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_outputs_are_there_and_fit_for_readers(name: str) -> None:
+    file = FOLDER / f"{name}.ipynb"
+    assert file.stat().st_size < LARGEST_BYTES
+    cells = code(shown(file))
+    assert [cell["execution_count"] for cell in cells] == list(range(1, len(cells) + 1))
+    outputs = [output for cell in cells for output in cell["outputs"]]
+    assert any("image/png" in output.get("data", {}) for output in outputs)
+    for output in outputs:
+        assert output["output_type"] != "error"
+        assert output.get("name") != "stderr"
+        read = "\n".join(text(v) for k, v in {**output.get("data", {}), "t": output.get("text", "")}.items()
+                         if k != "image/png")  # fmt: skip
+        assert not MACHINE_PATHS.search(read), read
+        assert not re.fullmatch(r"<.* at 0x[0-9a-f]+>", read.strip()), read
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_small_settings_are_parameters(name: str, execute: ModuleType) -> None:
+    notebook = execute.read(FOLDER / f"{name}.py")
+    (cell,) = [c for c in notebook.cells if execute.PARAMETERS in execute.tags(c)]
+    assigned = {target.id for node in ast.parse(cell.source).body for target in node.targets}  # type: ignore[attr-defined]
+    small = set(notebook.metadata["edmsim"]["small"])
+    assert small
+    assert small <= assigned
+
+
+def test_the_table_names_every_notebook() -> None:
+    page = (FOLDER / "README.md").read_text(encoding="utf-8")
+    assert re.findall(r"^\| \[([\w-]+)\]\(\1\.ipynb\) \|", page, re.MULTILINE) == NAMES
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", NAMES)
+def test_executes_with_the_small_settings(name: str, tmp_path: Path) -> None:
+    done = subprocess.run(
+        [sys.executable, FOLDER / "execute.py", name, "--small", "--out", tmp_path], capture_output=True, text=True,
+    )
+    assert done.returncode == 0, done.stderr
+    small = shown(tmp_path / f"{name}.ipynb")
+    assert speaking(small) == speaking(shown(FOLDER / f"{name}.ipynb"))
+
+
+def test_a_smaller_picture_has_no_other_colours(execute: ModuleType) -> None:
+    ramp = np.linspace(0, 255, 256, dtype=np.uint8)
+    picture = np.stack(np.broadcast_arrays(ramp, ramp[:, None], ramp[::-1, None]), axis=-1)  # far more than 256
+    picture[100, 100:103] = (0, 114, 178)  # a curve of few pixels
+    made = execute.in_few_colours(base64.b64encode(png(picture)).decode())
+    again = np.asarray(Image.open(io.BytesIO(base64.b64decode(made))).convert("RGB")).astype(int)
+    assert np.abs(again - picture).max() <= execute.SAME_SHADE
+
+
+def png(picture: np.ndarray) -> bytes:
+    file = io.BytesIO()
+    Image.fromarray(picture).save(file, "PNG")
+    return file.getvalue()
+
+
+def test_small_outputs_do_not_replace_the_committed_ones(execute: ModuleType) -> None:
+    with pytest.raises(SystemExit, match="2"):
+        execute.main([NAMES[0], "--small"])
+
+
+def test_a_notebook_that_is_not_there_is_told(execute: ModuleType, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit, match="2"):
+        execute.main(["99-nothing"])
+    assert f"there is no notebook '99-nothing'; there are {NAMES[0]}" in capsys.readouterr().err
