@@ -50,6 +50,7 @@ copybutton_exclude = ".linenos, .gp, .go, .c1"  # a command's comment is not pas
 myst_heading_anchors = 4
 nb_execution_mode = "off"  # the committed outputs are shown; the tests execute
 nb_merge_streams = True
+nb_render_markdown_format = "myst"  # links of outputs lead to pages, too
 
 default_role = "py:obj"
 python_maximum_signature_line_length = 90
