@@ -27,7 +27,7 @@ from edmsim.errors import InputError
 
 FORMAT = "edmsim-policy-1"
 _SHIPPED = Path(models.__file__).parent / "policies"
-ACTION_MEANINGS = ("feed, or its change: see docs/environments.md", "on-time", "pulse period")
+ACTION_MEANINGS = ("feed, or its change: see docs/environments.md", "on-time", "period over on-time")
 Floats = NDArray[np.float64]
 
 
@@ -239,9 +239,12 @@ def _check_environment(card: Card, file: Path) -> None:
             f"the policy sees {len(told)} entries that are not the {len(wanted)} of {card.env_id}: it was trained in "
             "another version of it", file,
         )
-    width = action_space_of(family).shape[0]
-    if len(card.action) != width:
-        raise InputError(f"the policy has {len(card.action)} actions, {card.env_id} has {width}", file)
+    commands = list(ACTION_MEANINGS[: action_space_of(family).shape[0]])
+    if card.action != commands:
+        raise InputError(
+            f"the policy commands {', '.join(card.action)}; {card.env_id} takes {', '.join(commands)}: it was "
+            "trained in another version of it", file,
+        )
 
 
 def _unpack(card: Card, file: Path) -> tuple[tuple[Floats, ...], tuple[Floats, ...]]:

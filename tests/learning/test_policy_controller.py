@@ -174,7 +174,7 @@ DAMAGES = {
     "other observations": (edit(lambda t: t["environment"].update(history=2)), "entries"),
     "other environment": (edit(lambda t: t.update(env_id="edmsim/Corner-v0")), "entries"),
     "other argument": (edit(lambda t: t["environment"].update(colour="red")), "colour"),
-    "other actions": (edit(lambda t: t["action"].append("more")), "2 actions"),
+    "other actions": (edit(lambda t: t["action"].append("more")), "commands feed"),
     "other layers": (edit(lambda t: t.update(widths=[9])), "layer 0"),
     "lost layer": (edit(lambda t: t.update(widths=[8, 8])), "damaged"),
     "nan weights": (replace_arrays(lambda a: a["weight_0"].fill(np.nan)), "finite"),
