@@ -107,7 +107,7 @@ def test_a_kerf_beside_the_path_has_one_wall_nearer(part_side):
     np.testing.assert_allclose((kerf.width_um - kerf.part_um).mean(), RADIUS - nearer, atol=0.5)
 
 
-@settings(max_examples=8, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@settings(max_examples=8, suppress_health_check=[HealthCheck.too_slow])
 @given(st.floats(0.0, 90.0), st.floats(130.0, 190.0))
 def test_any_straight_kerf_is_as_wide_as_the_swept_disc(angle_deg, radius):
     line = straight(angle_deg, length=1_300.0, offset=radius)

@@ -150,7 +150,7 @@ def test_the_emergency_comes_before_a_step_that_is_due():  # T-45
 
 
 @given(st.integers(-40, 40), st.integers(-40, 40), st.integers(1, 127))
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 def test_a_move_is_the_literal_planners(dx, dy, speed):  # T-16, T-17, T-70, T-71, T-76, T-69
     target = START[0] + 20 * dx, START[1] + 20 * dy
     assume(poscal(START, target, speed) == poscal(START, target, speed, literal_wrap=True))

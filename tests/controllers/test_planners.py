@@ -66,7 +66,7 @@ def deviation_um(points, positions):
 
 
 @pytest.mark.parametrize("name", NAMES)
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(points=polylines(), plan=st.lists(st.tuples(SPEEDS, DURATIONS), max_size=12))
 def test_steps_add_up_and_the_end_is_reached(name, points, plan):  # T-16, T-17, T-18, T-70
     planner = make_planner(name, points)
@@ -81,7 +81,7 @@ def test_steps_add_up_and_the_end_is_reached(name, points, plan):  # T-16, T-17,
 
 
 @pytest.mark.parametrize(("name", "limit"), [("dda", math.sqrt(2) + 1e-9), ("poscal", 2.0), ("sine-table", 2.0)])
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(points=polylines(500), plan=st.lists(st.tuples(SPEEDS, DURATIONS), max_size=12))
 def test_default_and_dda_keep_the_line_forwards_and_backwards(name, limit, points, plan):  # T-G11, T-G12
     planner = make_planner(name, points)
@@ -91,7 +91,7 @@ def test_default_and_dda_keep_the_line_forwards_and_backwards(name, limit, point
 
 
 @pytest.mark.parametrize("name", NAMES)
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(
     points=polylines(),
     plan=st.lists(st.tuples(SPEEDS, DURATIONS, st.integers(0, 3 * SECOND)), min_size=1, max_size=8),
@@ -107,7 +107,7 @@ def test_a_window_cut_in_two_gives_the_same_steps(name, points, plan):
 
 
 @pytest.mark.parametrize("name", NAMES)
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(
     points=polylines(),
     plan=st.lists(st.tuples(SPEEDS, DURATIONS), min_size=2, max_size=10),

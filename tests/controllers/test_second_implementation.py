@@ -197,7 +197,7 @@ def test_poscal_at_every_boundary_and_over_the_table():  # T-60, T-61, T-69, T-G
         np.testing.assert_array_equal(found, np.array(text_poscal(position, target, speed, wraps)).T)
 
 
-@settings(max_examples=400, deadline=None)
+@settings(max_examples=400)
 @given(WORDS, WORDS, WORDS, WORDS, st.integers(0, 255), st.booleans())
 @example(0, 0, 65_535, 65_535, 255, False)
 @example(65_535, 0, 0, 65_535, 1, True)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 import edmsim
@@ -14,7 +14,6 @@ SHARES = st.lists(st.floats(0.0, 1.0), min_size=1, max_size=15)
 SPARC = {"base": 0.3, "per_um": 0.02, "ceiling": 0.95, "steepness": 500.0}
 
 
-@settings(deadline=None)  # the first call may compile
 @given(SHARES, st.floats(0.0, 1e12))
 def test_flushing_adds_nothing_and_leaves_no_negative_share(start, changes):
     debris = np.array(start)
@@ -69,7 +68,6 @@ def test_slot_flow():
     assert nozzle_flow_per_slice_us(30_000.0, 1e-3, 45.0, 40.0, 5) == pytest.approx(at / 4)
 
 
-@settings(deadline=None)  # the first call may compile
 @given(st.floats(0.0, 1.0), st.floats(0.0, 1.0), st.floats(0.0, 80.0))
 def test_more_debris_bridges_more_and_a_wider_gap_less(first, second, gap):
     low, high = sorted((first, second))

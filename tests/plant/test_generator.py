@@ -6,7 +6,7 @@ import re
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 import edmsim
@@ -24,7 +24,6 @@ def test_current_is_the_voltage_over_the_resistor(machine):  # T-4
     assert discharge_current_A(load("ignition-pulse")) == pytest.approx((100.0 - 22.0) / 11.8)  # not 250 V
 
 
-@settings(deadline=None)
 @given(st.floats(1.0, 25.0), st.floats(100.0, 5_000.0), st.floats(0.5, 0.99))
 def test_mean_current_rises_with_the_duty(machine, on, period, less):  # T-35
     setting = machine.with_(t_on_us=on, t_period_us=period)
@@ -32,7 +31,6 @@ def test_mean_current_rises_with_the_duty(machine, on, period, less):  # T-35
     assert mean_current_A(setting.with_(t_period_us=period / less)) < mean_current_A(setting) <= 2.0
 
 
-@settings(deadline=None)
 @given(st.floats(1.0, 1_000.0), st.floats(2.0, 10_000.0))
 def test_no_setting_above_two_ampere_runs(machine, on, period):  # T-34
     if on < period and (100.0 - 22.0) / 11.8 * on / period <= 2.0:

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy import special, stats
 
@@ -20,7 +20,6 @@ def draws(seed, n=20_000, start=0):
     return np.array([uniform(key, np.uint64(start + k)) for k in range(n)])
 
 
-@settings(deadline=None)  # the first call may compile
 @given(WORDS, WORDS)
 def test_draws_stay_inside_the_open_interval(key, count):
     assert 0.0 < uniform(np.uint64(key), np.uint64(count)) < 1.0

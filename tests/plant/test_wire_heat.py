@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from edmsim.plant.breakdown import slice_sums
@@ -96,7 +96,6 @@ def test_conduction_evens_out_and_loses_nothing():
     np.testing.assert_allclose(temperature, 393.0, rtol=1e-6)
 
 
-@settings(deadline=None)  # the first call may compile
 @given(st.lists(st.floats(293.0, 1500.0), min_size=1, max_size=9), st.floats(1.0, 1e9))
 def test_no_interval_is_too_long_for_the_heat_balance(start, dt_us):
     law = HeatLaw(1.0, 6e-5, 1e-5, 4e-5, 0.0, 0.0, WATER_K)

@@ -27,7 +27,7 @@ def volume(mesh: Mesh) -> float:
     return float((outside * np.einsum("ij,ij->i", across, a)).sum() / 6.0)
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(
     points=st.lists(st.tuples(st.floats(0, 20), st.floats(0, 20)), min_size=1, max_size=5), reach=st.floats(0.5, 3)
 )

@@ -25,7 +25,7 @@ LINES = st.one_of(
 )
 
 
-@settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@settings(max_examples=40, suppress_health_check=[HealthCheck.too_slow])
 @given(st.lists(LINES, max_size=25))
 def test_whatever_is_typed_the_session_ends_and_the_machine_is_safe(lines):
     rig = Rig(MACHINE, seed=1, resolution="fast")
