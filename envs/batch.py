@@ -12,7 +12,7 @@ from edmsim.machine import Machine
 from edmsim.plant.state import ARC, OPEN, SHORT, SPARK
 
 from . import observation
-from .lanes import CAUSES, Lanes
+from .lanes import CAUSES, Lanes, least_setting_us
 from .motion import FINE_PER_UM, RUNNING
 from .reward import rewards
 from .scenarios import Corner, Family
@@ -96,7 +96,7 @@ class Batch:
         self._feed_um_s[active] = feed[active]
         if isinstance(family, Corner):
             for lane in active:
-                lanes.set_generator(int(lane), *next_setting_us(
+                self._set_generator(int(lane), *next_setting_us(
                     family, lanes.rows[lane]["first_setting_us"], wanted[lane, 1:]
                 ))
         lanes.advance(active, self._feed_um_s)
@@ -105,6 +105,15 @@ class Batch:
             active, lanes.rows, windows, family.max_feed_um_s, observation.LOW, observation.HIGH, self._seen
         )
         return rewards(active, lanes.rows, windows, self._weights)
+
+    def _set_generator(self, lane: int, t_on_us: float, t_period_us: float) -> None:
+        """Turn the knobs; a period that is refused, to the shortest that is not, so that the on-time counts."""
+        lanes = self.lanes
+        lanes.set_generator(lane, t_on_us, t_period_us)
+        refused = lanes.refused[lane]
+        if refused is not None:
+            lanes.set_generator(lane, *least_setting_us(lanes.fleet.plants[lane].machine, t_on_us))
+            lanes.refused[lane] = refused
 
     def observations(self) -> NDArray[np.float32]:
         """Return what every lane's learner sees, in a fresh array."""

@@ -12,7 +12,7 @@ from edmsim.controllers.feed.base import ControllerState, FeedCommand, WindowObs
 from edmsim.controllers.mcu.timers import SPEED_UNIT_NM_S
 from edmsim.envs import observation
 from edmsim.envs.batch import first_feed_um_s, next_feed_um_s, next_setting_us
-from edmsim.envs.lanes import to_detents
+from edmsim.envs.lanes import least_setting_us, to_detents
 from edmsim.envs.motion import LANE, SHORTED_S, SHORTED_SHARE
 from edmsim.envs.scenarios import CORNER_DEG, Corner
 from edmsim.errors import InputError
@@ -154,8 +154,11 @@ class PolicyController:
     def _setting_us(self, family: Corner, wanted: Floats) -> tuple[float, float]:
         """Return the setting in force from now on; what the generator refuses is not even asked for."""
         assert self._machine is not None
-        t_on_us, t_period_us = to_detents(*next_setting_us(family, self._row[0]["first_setting_us"], wanted))
-        if (t_on_us, t_period_us) != (self._machine.t_on_us, self._machine.t_period_us):
+        asked = to_detents(*next_setting_us(family, self._row[0]["first_setting_us"], wanted))
+        for t_on_us, t_period_us in (asked, least_setting_us(self._machine, asked[0])):
+            if (t_on_us, t_period_us) == (self._machine.t_on_us, self._machine.t_period_us):
+                break
             with suppress(InputError):
                 self._take_setting(self._machine.with_(t_on_us=t_on_us, t_period_us=t_period_us))
+                break
         return self._machine.t_on_us, self._machine.t_period_us

@@ -190,6 +190,9 @@ def test_refused_setting_is_told_and_not_done(make_env):
     *_, info = env.step(np.array([0.1, 0.0, -0.5], np.float32))
     assert "above the generator's 2 A" in info["refused"]
     assert (info["t_on_us"], info["t_period_us"]) == (30.0, 100.0)
+    *_, info = env.step(np.array([0.1, 0.5, -0.5], np.float32))  # the on-time counts all the same
+    assert "t_period must be at least" in info["refused"]
+    assert (info["t_on_us"], info["t_period_us"]) == (60.0, 200.0)
     for knobs, setting in (((0.0, 0.5), (30.0, 200.0)), ((0.5, 0.0), (60.0, 200.0)), ((1.0, 1.0), (120.0, 1600.0))):
         *_, info = env.step(np.array([0.1, *knobs], np.float32))
         assert "refused" not in info
