@@ -122,11 +122,17 @@ class Episode:
     seed : int
     name : str
         What the controller is called in the result.
+
+    Attributes
+    ----------
+    last : StepResult or None
+        What the last window brought; None before the first.
     """
 
     def __init__(self, task: Task, controller: FeedController, seed: int, name: str) -> None:
         self.task = task
         self.controller = controller
+        self.last: StepResult | None = None
         self._seed, self._name = seed, name
         self._windows_left = EPISODE_STEPS[type(task.family).__name__]
         self._short = self._open = self._pulses = 0
@@ -146,6 +152,7 @@ class Episode:
         """Run one window; returns the outcome if that was the last."""
         command = self._command
         result = self.task.advance(command.feed_um_s, command.t_on_us, command.t_period_us)
+        self.last = result
         self._add(result)
         self._windows_left -= 1
         if result.over:

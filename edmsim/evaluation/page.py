@@ -126,7 +126,7 @@ def page(comparisons: Sequence[Comparison], command: str) -> str:
     gaps = ", ".join(f"{gap:g}" for gap in ORACLE_GAPS_UM)
     parts = [_INTRODUCTION.format(command=command, version=version("edmsim"), gaps=gaps)]
     for comparison in comparisons:
-        parts += [f"## {comparison.env_id}", "", *_table(comparison), "", *_spaced(told(comparison))]
+        parts += [f"## {comparison.env_id}", "", *markdown_table(comparison), "", *_spaced(told(comparison))]
     return "\n".join(parts)
 
 
@@ -134,7 +134,8 @@ def _spaced(paragraphs: Sequence[str]) -> list[str]:
     return [line for text in paragraphs for line in (text, "")]
 
 
-def _table(comparison: Comparison) -> list[str]:
+def markdown_table(comparison: Comparison) -> list[str]:
+    """Return the lines of the table in Markdown, the fastest controller first, with all intervals."""
     used = columns(comparison)
     lines = ["| controller | " + " | ".join(FIGURES[name] for name in used) + " |", "|---" * (len(used) + 1) + "|"]
     for controller in ranked(comparison):

@@ -98,6 +98,18 @@ def test_an_episode_is_the_environments_own() -> None:
     assert made.time_s == info["time_s"]
 
 
+def test_an_episode_can_be_watched_window_by_window() -> None:
+    watched = begun(GAP_FEED, make("fixed", feed_um_s=12.0), 3)
+    assert watched.last is None
+    feeds = []
+    for _ in range(5):
+        assert watched.step() is None
+        assert watched.last is not None
+        feeds.append(watched.last.seen.feed_um_s)
+    assert feeds == [12.0] * 5
+    assert watched.last.seen.time_s == pytest.approx(5 * 255e-4)
+
+
 def test_straight_cuts_have_no_path_error_corners_and_contours_have(compared: Comparison) -> None:
     assert math.isnan(compared.results["voltage"][0].error_um)
     assert math.isnan(compared.figures["voltage"]["error_um"].value)
