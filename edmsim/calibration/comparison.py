@@ -41,7 +41,7 @@ class Comparison:
     Parameters
     ----------
     machine : Machine
-        Where the search starts; the noise is taken from its cuts.
+        Where the search starts; the noise is taken from its cuts until `take_noise_of` says of which.
     picked : list of Stretch
     seed : int
         The same draws for every machine: of two of them the difference is seen, not the noise.
@@ -67,7 +67,20 @@ class Comparison:
         self._cuts = 0
         self._known = np.array([np.isfinite(stretch.mean) for stretch in picked])
         self.size = int(self._known.sum())
-        self._scales = self._noise_scales()
+        self.take_noise_of(machine)
+
+    def take_noise_of(self, machine: Machine) -> None:
+        """Weigh the statistics by the noise of this machine's cuts.
+
+        What they scatter by depends on where between open and short a cut stands. A log made under a gap controller
+        does not tell: the controller holds its counts more steadily than a cut at a fixed feed can.
+        """
+        self._scales = self._noise_scales(machine)
+
+    @property
+    def noise(self) -> Array:
+        """Standard deviation of simulated less logged statistics, (stretches, 5)."""
+        return np.array([np.sqrt((scale**2).sum(axis=1)) for scale in self._scales])
 
     def statistics(self, machines: Sequence[Machine]) -> Array:
         """Simulate every stretch with every machine: (machines, stretches, 5)."""
@@ -103,7 +116,7 @@ class Comparison:
             rows.append(np.linalg.solve(self._scales[number][np.ix_(known, known)], apart[known]))
         return np.concatenate(rows)
 
-    def _noise_scales(self) -> list[Array]:
+    def _noise_scales(self, machine: Machine) -> list[Array]:
         """Lower triangular roots of the covariance of simulated less logged statistics, one (5, 5) per stretch.
 
         Batches of the log know how noisy each stretch is, but not the slow part: walls that are passed for a wire's
@@ -112,7 +125,7 @@ class Comparison:
         """
         repeats = max(LEAST_REPLICATES, math.ceil(NOISE_CUTS / len(self.picked)))
         first = self._seed + len(self.picked)
-        jobs = [(self.machine, k, first + r * len(self.picked) + k)
+        jobs = [(machine, k, first + r * len(self.picked) + k)
                 for r in range(repeats) for k in range(len(self.picked))]  # fmt: skip
         cuts = np.nan_to_num(self._run(jobs))
         apart = cuts - cuts.mean(axis=0)

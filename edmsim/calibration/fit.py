@@ -22,7 +22,7 @@ from edmsim.errors import InputError
 from edmsim.uncertainty import choose, share_of, value_at, with_values
 
 if TYPE_CHECKING:
-    from edmsim.machine import Constant, Machine
+    from edmsim.machine import Machine
 
 Array = NDArray[np.float64]
 
@@ -71,6 +71,8 @@ class Fit:
         Those compared.
     simulated : float64 array (stretches, 5)
         `log.STATISTICS` of the fitted model.
+    noise : float64 array (stretches, 5)
+        Standard deviation that these less the logged ones have by chance.
     """
 
     machine: Machine
@@ -80,6 +82,7 @@ class Fit:
     misfit: float
     stretches: list[Stretch]
     simulated: Array
+    noise: Array
 
 
 def calibrate(
@@ -122,7 +125,7 @@ def calibrate(
     if size <= len(known):
         raise InputError(f"{len(known)} constants cannot be told from {size} statistics", log.name)
     comparison = Comparison(machine, picked, seed, resolution, watch)
-    return _fit_what_is_told(comparison, known, log.name)
+    return _fit_what_is_told(comparison, list(known), log.name)
 
 
 def spread(steady: Sequence[Stretch], most: int) -> list[Stretch]:
@@ -132,46 +135,64 @@ def spread(steady: Sequence[Stretch], most: int) -> list[Stretch]:
     return sorted((ordered[k] for k in places), key=lambda s: s.first)
 
 
-def _fit_what_is_told(comparison: Comparison, known: dict[str, Constant], log_name: str) -> Fit:
-    """Fit what the log tells: constants it knows nothing of go before the search, those it cannot part after."""
-    begun = _Search(comparison, known)
-    told = begun.told_alone()
-    untold = {name: "the statistics do not depend on it" for name, seen in zip(known, told, strict=True) if not seen}
-    known = {name: constant for name, constant in known.items() if name not in untold}
-    while known:
-        search = _Search(comparison, known)
+def _fit_what_is_told(comparison: Comparison, names: Sequence[str], log_name: str) -> Fit:
+    """Fit what the log tells: constants it knows nothing of are left out, and those it cannot part go one by one.
+
+    Where the search begins a constant may do nothing that it does where the log was made, at another share of short
+    pulses: those without effect are looked at again where the first search ended.
+    """
+    start = comparison.machine
+    told = _told_alone(comparison, names, start)
+    if 0 < len(told) < len(names):
+        first = _Search(comparison, told, start)
+        first.run()
+        start = first.machine(first.shares)
+        also = _told_alone(comparison, [name for name in names if name not in told], start)
+        told = [name for name in names if name in told or name in also]
+    untold = {name: "the statistics do not depend on it" for name in names if name not in told}
+    while told:
+        begun = {name: constant.value for name, constant in choose(start, told).items()}
+        search = _Search(comparison, told, with_values(comparison.machine, begun))
         search.run()
         error = search.standard_errors()
         worst = int(error.argmax())
         if error[worst] < UNTOLD:
             return _result(search, error, untold)
-        name = list(known)[worst]
-        others = [other for other in known if other != name]
-        untold[name] = f"another value of {', '.join(others)} does the same" if others else "the noise hides it"
-        known = {other: known[other] for other in others}
+        name = told[worst]
+        told = [other for other in told if other != name]
+        untold[name] = f"another value of {', '.join(told)} does the same" if told else "the noise hides it"
     reasons = "; ".join(f"{name}: {reason}" for name, reason in untold.items())
     raise InputError(f"the log tells none of the constants ({reasons})", log_name)
 
 
-class _Search:
-    """Gauss-Newton by SciPy in shares of the constants' ranges."""
+def _told_alone(comparison: Comparison, names: Sequence[str], at: Machine) -> list[str]:
+    """Return those constants that would be told, at this machine, if each were the only one unknown."""
+    search = _Search(comparison, names, at)
+    alone = np.diag(search.information_at(search.shares))
+    return [name for name, value in zip(names, alone, strict=True) if value * UNTOLD**2 > 1]
 
-    def __init__(self, comparison: Comparison, known: dict[str, Constant]) -> None:
+
+class _Search:
+    """Gauss-Newton by SciPy in shares of the constants' ranges, from where a machine has them."""
+
+    def __init__(self, comparison: Comparison, names: Sequence[str], start: Machine) -> None:
         self.comparison = comparison
-        self.names = list(known)
-        self.ranges = [constant.range for constant in known.values() if constant.range is not None]
-        values = [constant.value for constant in known.values()]
+        self.names = list(names)
+        begun, before = choose(start, names), choose(comparison.machine, names)
+        self.before = [before[name].value for name in names]
+        values, ranges = [begun[name].value for name in names], [begun[name].range for name in names]
+        self.ranges = [bounds for bounds in ranges if bounds is not None]
         starts = [share_of(bounds, value) for bounds, value in zip(self.ranges, values, strict=True)]
-        self.before = values
         self.shares: Array = np.clip(starts, 0.05, 0.95)
         self.simulated: Array = np.zeros((0, 5))
         self.information: Array = np.zeros((0, 0))
         self.misfit = math.nan
+        self._start = start
         self._seen: dict[bytes, Array] = {}
 
     def machine(self, shares: Array) -> Machine:
         """Return the machine with its constants at these shares of their ranges."""
-        return with_values(self.comparison.machine, self.values(shares))
+        return with_values(self._start, self.values(shares))
 
     def values(self, shares: Array) -> dict[str, float]:
         """Return the constants' values at these shares of their ranges."""
@@ -180,13 +201,20 @@ class _Search:
             for name, bounds, share in zip(self.names, self.ranges, shares, strict=True)
         }
 
-    def told_alone(self) -> list[bool]:
-        """Say of each constant whether it would be told if it were the only one unknown, where the search begins."""
-        alone = np.diag(self._information(self._sensitivities(self.shares)))
-        return [bool(value * UNTOLD**2 > 1) for value in alone]
-
     def run(self) -> None:
-        """Search, and take information and misfit where it ended."""
+        """Search, and take information and misfit where it ended.
+
+        Done twice: where the first search ended the statistics have another noise than where it began, and weights
+        that are wrong there misjudge both the misfit and what the log tells.
+        """
+        self._descend()
+        self.comparison.take_noise_of(self.machine(self.shares))
+        self._descend()
+        self.simulated = self._statistics([self.shares])[0]
+        self.misfit = self._misfit(self.comparison.residuals(self.simulated))
+        self.information = self.information_at(self.shares)
+
+    def _descend(self) -> None:
         from scipy.optimize import least_squares
 
         found = least_squares(
@@ -194,9 +222,6 @@ class _Search:
             ftol=1e-3, xtol=3e-3, gtol=None, max_nfev=MOST_ROUNDS,
         )  # fmt: skip
         self.shares = found.x
-        self.simulated = self._statistics([found.x])[0]
-        self.misfit = self._misfit(self.comparison.residuals(self.simulated))
-        self.information = self._information(self._sensitivities(found.x))
 
     def _statistics(self, places: Sequence[Array]) -> Array:
         """Simulate at these shares, (places, stretches, 5); what was simulated before is remembered."""
@@ -231,12 +256,13 @@ class _Search:
         residuals = [self.comparison.residuals(row) for row in rows]
         return np.column_stack([(residuals[2 * k + 1] - residuals[2 * k]) / (2 * STEP) for k in range(len(pairs))])
 
-    def _information(self, sensitivities: Array) -> Array:
+    def information_at(self, shares: Array) -> Array:
         """J^T J less what noise alone puts into it, (p, p).
 
         Half of a residual's variance is the simulation's, so a sensitivity has that of two of them, 2 * 1/2, over
         (2 STEP)^2; over all residuals this adds up in the diagonal.
         """
+        sensitivities = self._sensitivities(shares)
         noise = self.comparison.size / (2 * STEP) ** 2
         return np.asarray(sensitivities.T @ sensitivities - noise * np.eye(len(self.names)))
 
@@ -271,5 +297,5 @@ def _result(search: _Search, error: Array, untold: dict[str, str]) -> Fit:
         constants.append(Fitted(name, search.before[place], value_at(bounds, share), (low, high), bounds, remark))
     return Fit(
         search.machine(search.shares), tuple(constants), untold, covariance / np.outer(error, error), search.misfit,
-        search.comparison.picked, search.simulated,
+        search.comparison.picked, search.simulated, search.comparison.noise,
     )

@@ -11,20 +11,24 @@ import pytest
 
 import edmsim
 from edmsim.calibration.log import COLUMNS
+from edmsim.controllers import FeedController, make
 from edmsim.uncertainty import with_values
 from edmsim.validation.straight import Traverse, begin
 
 TRUTH = {"gap.critical_um": 9.5, "material.removal_mm3_J": 7.5e-3}
 
 
-def simulated_log(machine: edmsim.Machine, feeds_um_s: Sequence[float], seed: int, windows: int = 990) -> pa.Table:
-    """Cut straight at one feed after the other, and keep what a machine shows of it."""
+def simulated_log(
+    machine: edmsim.Machine, feeds: Sequence[float | FeedController], seed: int, windows: int = 990
+) -> pa.Table:
+    """Cut straight at one feed after the other, or a controller's, and keep what a machine shows of it."""
     rows = []
-    for number, feed in enumerate(feeds_um_s):
+    for number, feed in enumerate(feeds):
         traverse = Traverse(begin(machine, seed + number), feed)
         for _ in range(windows):
+            feed_um_s = traverse.feed_um_s
             w = traverse.window()
-            rows.append((feed, w.short, w.open, w.mean_voltage_V, w.mean_current_A, w.mean_delay_us,
+            rows.append((feed_um_s, w.short, w.open, w.mean_voltage_V, w.mean_current_A, w.mean_delay_us,
                          machine.t_on_us, machine.t_period_us))  # fmt: skip
     return pa.table(dict(zip(COLUMNS, np.array(rows, float).T, strict=True)))
 
@@ -35,3 +39,15 @@ def known() -> SimpleNamespace:
     machine = edmsim.Machine.load(height_mm=10.0)
     table = simulated_log(with_values(machine, TRUTH), (22, 34), 900)
     return SimpleNamespace(machine=machine, truth=TRUTH, table=table)
+
+
+@pytest.fixture(scope="session")
+def steered() -> SimpleNamespace:
+    """Give the same of a machine that removes little and was logged under the count law: a sixth of its pulses short.
+
+    With the files' constants a cut at the feed of that log has next to none.
+    """
+    machine = edmsim.Machine.load(height_mm=10.0)
+    truth = {"gap.critical_um": 8.4, "material.removal_mm3_J": 3.3e-3}
+    table = simulated_log(with_values(machine, truth), [make("counts")], 300, 2200)
+    return SimpleNamespace(machine=machine, truth=truth, table=table)

@@ -47,6 +47,19 @@ def test_known_constants_come_back_within_their_intervals(known: SimpleNamespace
 
 
 @pytest.mark.slow
+def test_a_log_made_under_a_gap_controller_is_fitted(steered: SimpleNamespace) -> None:
+    """What is told is judged where the log was made: where the search begins the critical gap does nothing."""
+    fit = calibrate(log_of(steered.table), steered.machine, list(steered.truth), seed=3)
+    assert not fit.untold
+    for constant in fit.constants:
+        low, high = constant.interval
+        assert low <= steered.truth[constant.name] <= high
+        assert not low <= constant.before <= high
+        assert high - low < 0.3 * (constant.range[1] - constant.range[0])
+    assert fit.misfit < 2.0
+
+
+@pytest.mark.slow
 def test_what_the_log_cannot_tell_keeps_its_value(known: SimpleNamespace, recovered: Fit) -> None:
     assert recovered.untold == {"wire.strength_MPa": "the statistics do not depend on it"}
     assert recovered.machine.wire == known.machine.wire
@@ -108,7 +121,8 @@ def test_a_share_of_a_range_and_its_value_are_one(share: float, bounds: tuple[fl
 
 def test_errors_that_hang_together_are_told() -> None:
     constants = tuple(Fitted(name, 1.0, 1.0, (0.9, 1.1), (0.0, 2.0), "") for name in ("gap.a", "gap.b"))
-    fit = Fit(edmsim.Machine.load(), constants, {}, np.array([[1.0, -0.97], [-0.97, 1.0]]), 1.0, [], np.zeros((0, 5)))
+    none = np.zeros((0, 5))
+    fit = Fit(edmsim.Machine.load(), constants, {}, np.array([[1.0, -0.97], [-0.97, 1.0]]), 1.0, [], none, none)
     assert correlated(fit) == [
         "errors of gap.b and gap.a are correlated by -0.97: their combination is known better than either"
     ]
