@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from importlib import import_module
 
+from ..errors import InputError
 from .rows import Check, Row
 
 MODULES = (
@@ -20,13 +21,22 @@ SEEDS = (1, 2, 3, 4)
 Watch = Callable[[int, int], None]
 
 
-def checks() -> list[Check]:
-    """Return the checks of all modules."""
-    return [check for name in MODULES for check in import_module(f".{name}", __name__).CHECKS]
+def checks(modules: Sequence[str] = MODULES) -> list[Check]:
+    """Return the checks of some of `MODULES`; of all if none is named.
+
+    Raises
+    ------
+    InputError
+        If there is no such module.
+    """
+    for name in modules:
+        if name not in MODULES:
+            raise InputError(f"there is no module of checks '{name}'; choose of {', '.join(MODULES)}")
+    return [check for name in modules for check in import_module(f".{name}", __name__).CHECKS]
 
 
-def run(watch: Watch | None = None) -> list[Row]:
-    """Run all checks, as many at a time as there are processors, and return their rows in a fixed order.
+def run(watch: Watch | None = None, modules: Sequence[str] = MODULES) -> list[Row]:
+    """Run checks, as many at a time as there are processors, and return their rows in a fixed order.
 
     The pulse loop leaves Python to the other threads. What a check returns depends on its seeds alone.
 
@@ -34,8 +44,15 @@ def run(watch: Watch | None = None) -> list[Row]:
     ----------
     watch : callable, optional
         Called with the checks done and their number after each.
+    modules : sequence of str
+        Those of `MODULES` to run.
+
+    Raises
+    ------
+    InputError
+        If there is no such module.
     """
-    todo = checks()
+    todo = checks(modules)
     with ThreadPoolExecutor(max_workers=os.cpu_count()) as pool:
         try:
             running = [pool.submit(check, SEEDS) for check in todo]

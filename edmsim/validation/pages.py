@@ -11,9 +11,10 @@ that kind; ``rows`` takes a topic of the validation.
 
 from __future__ import annotations
 
+import posixpath
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 
 from ..errors import InputError
 from ..machine import Constant, Machine, available
@@ -125,9 +126,7 @@ def _result(row: Row, seen_from: str) -> str:
         return "agrees"
     if not row.note:
         return "**fails**"
-    place = PurePosixPath(row.note)
-    near = place.relative_to(seen_from) if place.is_relative_to(seen_from) else place
-    return f"**fails**, [why]({near})"
+    return f"**fails**, [why]({posixpath.relpath(row.note, seen_from)})"
 
 
 def validation_page(rows: Sequence[Row]) -> str:

@@ -7,8 +7,9 @@ from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
+from shapely import LineString, distance, points
 
-from ..controllers import make
+from ..controllers import FeedController, make
 from ..machine import Machine
 from ..metrology import roughness_um
 from .breakage import sato_rig
@@ -128,6 +129,8 @@ CORNER_HEIGHT_MM, CORNER_FEED_UM_S = 60.0, 20.0
 """Piece and feed of the corner (ours: a lag of some 20 um while half of the pulses are open)."""
 BEFORE_UM, AFTER_UM = 160.0, 160.0
 """Travel before and after the corner: eight lags each."""
+LONGEST_S = 600.0
+"""Machine time in which both must be cut (ours: half a um per second would do)."""
 SMOOTHED_UM = 1.5
 """Travel over which the wire's path is averaged: its vibration is not its path."""
 
@@ -141,10 +144,14 @@ class Corner(NamedTuple):
         Lag on the straight before it.
     nearest_um : float
         Distance from the corner at which the wire's path passes it.
+    farthest_um : float
+        Largest distance of the wire's path from the guides': inside the corner if the wire lags, beyond it if the
+        wire leads.
     """
 
     lag_um: float
     nearest_um: float
+    farthest_um: float
 
 
 def corner(seeds: Sequence[int]) -> list[Row]:
@@ -172,16 +179,35 @@ def corner_rig(tension: float) -> Machine:
     return machine.with_(t_period_us=10.0, tension=tension, wire_diameter_um=250.0)
 
 
-def cut_corner(machine: Machine, seed: int, watch: Callable[[tuple[float, float], bool], None] | None = None
-               ) -> Corner:
-    """Cut along +x, then along +y; `watch` sees every window's mean deflection and whether it is past the corner."""
+def cut_corner(
+    machine: Machine, seed: int, watch: Callable[[tuple[float, float], bool], None] | None = None, *,
+    feed: float | FeedController = CORNER_FEED_UM_S,
+) -> Corner:
+    """Cut along +x, then along +y.
+
+    Parameters
+    ----------
+    machine : Machine
+    seed : int
+    watch : callable, optional
+        Sees every window's mean deflection and whether it is past the corner.
+    feed : float or FeedController
+        See `Traverse`.
+
+    Returns
+    -------
+    Corner
+        NaN if the wire broke on the way, or did not come round within `LONGEST_S`.
+    """
     plant = begin(machine, seed)
-    traverse = Traverse(plant, CORNER_FEED_UM_S)
+    traverse = Traverse(plant, feed)
     places, lags = [], []
     for axis, length_um in ((0, BEFORE_UM), (1, AFTER_UM)):
         traverse.axis = axis
         while plant.commanded_um[axis] - CENTRE_UM[axis] < length_um:
             window = traverse.window()
+            if window.broken or plant.time_ns > LONGEST_S * 1e9:
+                return Corner(math.nan, math.nan, math.nan)
             x, y = plant.commanded_um
             deflection = window.deflection_um
             places.append((x + deflection[0], y + deflection[1]))
@@ -190,10 +216,13 @@ def cut_corner(machine: Machine, seed: int, watch: Callable[[tuple[float, float]
             if watch is not None:
                 watch(deflection, axis == 1)
     corner_um = (plant.commanded_um[0], CENTRE_UM[1])
+    beyond_um = (corner_um[0], plant.commanded_um[1] + AFTER_UM)  # a wire that leads is ahead of the guides' end
+    guides = LineString([CENTRE_UM, corner_um, beyond_um])
     count = max(1, round(len(places) * SMOOTHED_UM / (BEFORE_UM + AFTER_UM)))
     path = np.lib.stride_tricks.sliding_window_view(np.array(places), count, axis=0).mean(axis=-1)
     nearest = min(math.dist(place, corner_um) for place in path)
-    return Corner(float(np.mean(lags)), nearest)
+    farthest = float(distance(points(path), guides).max())
+    return Corner(float(np.mean(lags)), nearest, farthest)
 
 
 CHECKS: tuple[Check, ...] = (roughness, vibration, lag, corner)

@@ -155,6 +155,14 @@ def test_the_force_turns_with_the_place_of_the_discharges():
     assert fifths[1][-1] == pytest.approx(-lag, rel=0.15)
     assert abs(fifths[0][-1]) < 0.25 * lag
     assert 5 * lag < min(BEFORE_UM, AFTER_UM)
+    assert 0.48 * lag < corner.farthest_um < corner.nearest_um  # inside the corner; 0.482 of the lag by pursuit
+
+
+def test_a_wire_that_leads_runs_on_beyond_the_corner():
+    corner = cut_corner(Machine.load(height_mm=15.0), 1, feed=make("counts"))
+    assert corner.lag_um < -3.0
+    assert corner.farthest_um == pytest.approx(-corner.lag_um, rel=0.2)
+    assert corner.nearest_um < 1.0  # it passes through the corner itself
 
 
 # --- rupture ---

@@ -131,7 +131,7 @@ def test_rows_come_in_order_whatever_finishes_first(monkeypatch):
         slow_may_end.set()
         return [Row.band("other", "n", "s", simulated=float(seeds[0]), low=0)]
 
-    monkeypatch.setattr(validation, "checks", lambda: [slow, fast, slow])
+    monkeypatch.setattr(validation, "checks", lambda modules: [slow, fast, slow])
     monkeypatch.setattr(validation.os, "cpu_count", lambda: 2)
     seen = []
     rows = validation.run(lambda done, total: seen.append((done, total)))
@@ -144,6 +144,14 @@ def test_an_error_in_a_check_is_not_hidden(monkeypatch):
     def broken(seeds):
         raise edmsim.EdmsimError("no")
 
-    monkeypatch.setattr(validation, "checks", lambda: [broken])
+    monkeypatch.setattr(validation, "checks", lambda modules: [broken])
     with pytest.raises(edmsim.EdmsimError, match="no"):
         validation.run()
+
+
+def test_some_modules_can_be_run_alone():
+    rows = validation.run(modules=["corners"])
+    assert {row.topic for row in rows} == {"corner"}
+    assert rows == validation.checks(["corners"])[0](validation.SEEDS)
+    with pytest.raises(edmsim.InputError, match="no module of checks 'nonsense'; choose of ignition, craters"):
+        validation.run(modules=["nonsense"])
