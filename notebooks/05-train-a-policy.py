@@ -1,0 +1,183 @@
+# ---
+# jupyter:
+#   edmsim:
+#     small: {steps: 8192, machines: 2, max_time_s: 15.0}
+#   jupytext:
+#     formats: ipynb,py:percent
+#     notebook_metadata_filter: edmsim,kernelspec,jupytext,-all
+#     cell_metadata_filter: tags,-all
+#   kernelspec:
+#     display_name: Python 3
+#     language: python
+#     name: python3
+# ---
+
+# %% [markdown]
+# # Training a policy and cutting with it
+#
+# **Question.** Can a feed controller be learned instead of designed, and is it any better?
+#
+# **What is done.** A policy is trained for a few minutes by proximal policy optimisation (Schulman et al. 2017,
+# [arXiv:1707.06347](https://arxiv.org/abs/1707.06347)) in `edmsim/GapFeed-v0`: a straight cut on a machine drawn
+# anew for every episode, rewarded for length cut, punished for shorts and for a lost wire. It is then measured on
+# machines it never met, beside the policy that is shipped and two classic controllers; and it cuts a part. This
+# notebook needs the extra: `pip install "edmsim[rl]"`. From a shell it is `edmsim train`; the page "training" says
+# more.
+
+# %% tags=["parameters"]
+steps = 200_000  # windows of 255 pulses to train with, all lanes together; the shipped policy had over a million
+seed = 1  # of the training
+machines = 8  # held-back machines that the policies are measured on
+max_time_s = 600.0  # machine time after which a cut of the part is stopped
+
+# %%
+import os
+import tempfile
+from pathlib import Path
+
+import matplotlib.pyplot as plt
+import numpy as np
+from IPython.display import Markdown
+
+import edmsim
+from edmsim.evaluation.compare import evaluate
+from edmsim.evaluation.page import markdown_table
+from edmsim.learning import policy_file
+from edmsim.learning.export import export
+from edmsim.learning.train import train
+from edmsim.recording.palette import BLUE, ORANGE, PURPLE, VERMILION
+
+plt.rcParams.update({"figure.dpi": 90, "axes.spines.top": False, "axes.spines.right": False, "font.size": 9})
+ENV = "edmsim/GapFeed-v0"
+folder = tempfile.TemporaryDirectory()
+os.chdir(folder.name)  # all files go where they are thrown away
+
+# %% [markdown]
+# ## What the policy sees and does
+#
+# Every 255 pulses it sees what the machine shows, now and in the last windows, and turns one knob: by how much the
+# feed changes. The network is small, two layers of 64; what the learner is made with stands in `models/training`.
+
+# %%
+shipped = policy_file.load("GapFeed-ppo").card
+print(f"{len(shipped.observation)} entries of the observation, the first of them:")
+for entry in shipped.observation[:8]:
+    print(f"  {entry.name:24} {entry.meaning}")
+print(f"the shipped policy was trained with {shipped.steps} windows, the one here will be with {steps}")
+
+# %% [markdown]
+# ## Training
+
+# %%
+curve = []
+trained = train(ENV, "ppo", Path("trained"), steps=steps, seed=seed,
+                watch=lambda progress: curve.append((progress.steps, progress.mean_return)))
+card, arrays = export(trained, f"edmsim train {ENV} --algo ppo --steps {steps} --seed {seed}")
+policy_file.write(card, arrays, Path("trained/policy.json"))
+print(sorted(file.name for file in Path("trained").glob("policy.*")), f"after {card.steps} windows")
+
+# %% [markdown]
+# `policy.json` and `policy.npz` are all that a cut needs: numbers and a description, no pickles, no torch.
+#
+# ## What it is worth
+#
+# All of them cut the same held-back machines; the oracle, which sees the gap, scales them.
+
+# %%
+LABELS = {
+    "policy:trained/policy.json": "trained here", "policy:GapFeed-ppo": "shipped policy", "counts": "counts",
+    "voltage": "voltage",
+}
+COLOURS = dict(zip(LABELS, (VERMILION, PURPLE, BLUE, ORANGE), strict=True))
+compared = evaluate(ENV, list(LABELS), machines, resolution="fast")
+Markdown("\n".join(markdown_table(compared)))
+
+# %%
+figure, axes = plt.subplots(figsize=(7.0, 3.4))
+points = np.array(curve)
+axes.plot(points[:, 0] / 1e3, points[:, 1], color="black", lw=1.2, label="training, last 100 episodes")
+for name, label in LABELS.items():
+    level = compared.figures[name]["total_return"].value
+    axes.axhline(level, color=COLOURS[name], lw=1, ls="--", label=f"{label}, held-back machines")
+axes.set(xlabel="windows trained with, thousands", ylabel="return of an episode", xlim=(0, points[-1, 0] / 1e3))
+axes.legend(frameon=False, fontsize=8, loc="lower right")
+figure.tight_layout()
+
+# %% [markdown]
+# Most episodes end in a jam early in the training; they are short and cost, and the mean return stays near zero.
+# Then the policy learns not to run into the metal, and from there on how fast it may go. The training's curve is no
+# measure of the policy: every episode is on another machine, the machines of a hundred episodes are easier or
+# harder than the ones held back, and while it learns the policy tries things. The dashed lines are: all of them are
+# of the same cuts.
+
+# %%
+returns = {label: np.array([r.total_return for r in compared.results[name]]) for name, label in LABELS.items()}
+best = max(("counts", "voltage"), key=lambda label: returns[label].mean())
+for label in ("trained here", "shipped policy"):
+    share = returns[label].mean() / returns[best].mean()
+    won = int((returns[label] > returns[best]).sum())
+    print(f"{label}: {share:.0%} of the return of `{best}`, more than it on {won} of {machines} machines")
+
+# %% [markdown]
+# Neither learned policy beats the best classic controller. The page "benchmark" finds the same with twenty machines
+# at the default resolution, for a bar of 10 % *more* return that was set before anything was trained. A feed is all
+# there is to choose here, and the servo on the mean voltage, whose gains were found by a search on the same reward,
+# comes within one or two percent of a controller that sees the gap: there is next to nothing left to learn. What a
+# policy could gain has to come from elsewhere, from the generator's knobs or from corners it knows of beforehand
+# (`edmsim/Corner-v0`).
+#
+# ## Cutting a part
+#
+# A little plate, with corners the policy never met: in its environment all cuts are straight.
+
+# %%
+Path("plate.ngc").write_text("""
+G21 G90
+G92 X0.6 Y-0.6
+G41 D1 G1 X0.6 Y0.0 F6.0
+G1 X0.0
+Y0.8
+X1.2
+Y0.0
+X0.6
+G40 G1 Y-0.6
+M02
+""")
+cuts = {
+    label: edmsim.cut("plate.ngc", height_mm=10, controller=name, resolution="fast", seed=3, max_time_s=max_time_s)
+    for name, label in LABELS.items()
+}
+rows = ["| controller | outcome | time, s | mm2/min | short | open | profile error rms, um |", "|---" * 7 + "|"]
+for label, cut in cuts.items():
+    report = cut.report
+    error = report["profile_error_um"]["rms"]
+    told = "" if error is None else f"{error:.1f}"
+    short, open_ = (np.sum(cut.windows[name].to_numpy()) / (255 * cut.windows.num_rows) for name in ("short", "open"))
+    rows.append(f"| {label} | {report['outcome']} | {report['machining_time_s']:.0f} | "
+                f"{report['cutting_rate_mm2_min']:.1f} | {short:.0%} | {open_:.0%} | {told} |")
+Markdown("\n".join(rows))
+
+# %%
+figure, panels = plt.subplots(2, 1, figsize=(7.6, 4.4), sharex=True)
+for (name, label), cut in zip(LABELS.items(), cuts.values(), strict=True):
+    windows = cut.windows.to_pydict()
+    count = len(windows["t_s"]) // 40 * 40
+    mean = {key: np.array(windows[key][:count], float).reshape(-1, 40).mean(axis=1)
+            for key in ("path_um", "feed_um_s", "short")}
+    path_mm = mean["path_um"] * 1e-3
+    panels[0].plot(path_mm, mean["feed_um_s"], color=COLOURS[name], lw=1, label=label)
+    panels[1].plot(path_mm, mean["short"] / 255, color=COLOURS[name], lw=1)
+panels[0].set_ylabel("feed, µm/s")
+panels[0].legend(frameon=False, fontsize=8, ncols=2)
+panels[1].set(xlabel="path, mm", ylabel="short, share", ylim=(0, 1))
+figure.tight_layout()
+
+# %% [markdown]
+# ## What this does not say
+#
+# - The training here is far too short, and one seed is one draw: another seed ends in another policy, and trainings
+#   that end in shorts do happen. Nothing of it was tuned for this notebook.
+# - Machines are drawn within the published ranges of their constants; a real machine may lie outside, and its log
+#   is the only thing that can say so (notebook 09).
+# - The shipped policies were kept because they did best on some of these held-back machines: their figures flatter
+#   them a little (page "training").

@@ -1,0 +1,180 @@
+# ---
+# jupyter:
+#   edmsim:
+#     small: {modules: [craters, strings, corners]}
+#   jupytext:
+#     formats: ipynb,py:percent
+#     notebook_metadata_filter: edmsim,kernelspec,jupytext,-all
+#     cell_metadata_filter: tags,-all
+#   kernelspec:
+#     display_name: Python 3
+#     language: python
+#     name: python3
+# ---
+
+# %% [markdown]
+# # Validation: the model beside what was published
+#
+# **Question.** Where does the model agree with published facts, where does it not, and what follows from that for
+# what one may use it for?
+#
+# **What is done.** `edmsim.validation` is a list of facts, each with its source, and code that lets the model
+# repeat it. A fact is a value, a band or a sign, and what counts as agreement was laid down with it. Nothing is
+# fitted here. The rows below are the same as those of `edmsim validate` and of the page "validation"; rows that
+# fail stay in the list and lead to the reason.
+
+# %% tags=["parameters"]
+modules = [  # checks to run; in this order the topics come
+    "ignition", "craters", "strings", "heat", "water", "corners", "pulse_ratios", "cuts", "breakage", "quality",
+    "ranges",
+]  # fmt: skip
+
+# %%
+import math
+
+import matplotlib.pyplot as plt
+import numpy as np
+from IPython.display import Markdown
+
+from edmsim import models, validation
+from edmsim.recording.palette import BLUE, INK, MUTED, VERMILION
+from edmsim.validation import craters, strings
+from edmsim.validation.pages import rows_table
+from edmsim.validation.report import summary
+
+plt.rcParams.update({"figure.dpi": 90, "axes.spines.top": False, "axes.spines.right": False, "font.size": 9})
+
+# %%
+rows = validation.run(modules=modules)
+print(summary(rows))
+assert not any(row.unexpected for row in rows)  # whatever fails has a page that says why
+
+# %%
+topics = list(dict.fromkeys(row.topic for row in rows))
+agree = np.array([sum(row.passed for row in rows if row.topic == topic) for topic in topics])
+fail = np.array([sum(not row.passed for row in rows if row.topic == topic) for topic in topics])
+figure, axes = plt.subplots(figsize=(6.4, 0.9 + 0.24 * len(topics)))
+axes.barh(topics, agree, color=BLUE, label="agree")
+axes.barh(topics, fail, left=agree, color=VERMILION, label="fail")
+axes.invert_yaxis()
+axes.set_xlabel("facts compared")
+axes.legend(frameon=False)
+figure.tight_layout()
+
+# %% [markdown]
+# ## All values at a glance
+#
+# Facts that are a value: what the model gives over what was published, with its 95 % interval; blue agrees,
+# vermilion fails. The grey bar is what was asked for. Bands and signs are not in this picture.
+
+# %%
+values = [row for row in rows if row.tolerance.startswith("within")]
+of_topic = [topics.index(row.topic) for row in values]
+places = np.arange(len(values)) + 4 * np.array(of_topic)  # a space between topics
+figure, axes = plt.subplots(figsize=(8.4, 3.4))
+for place, row in zip(places, values, strict=True):
+    published, within = float(row.published.split()[0]), float(row.tolerance.split()[1]) / 100
+    colour = BLUE if row.passed else VERMILION
+    axes.plot([place, place], [1 - within, 1 + within], color="0.86", lw=5, solid_capstyle="butt", zorder=1)
+    axes.errorbar(place, row.simulated / published, row.uncertainty / published, fmt="o", ms=3.5, color=colour, lw=1)
+axes.axhline(1, color="0.6", lw=0.7, zorder=0)
+firsts = {row.topic: place for place, row in reversed(list(zip(places, values, strict=True)))}
+axes.set_xticks(list(firsts.values()), list(firsts), rotation=45, ha="right")
+axes.set(yscale="log", ylabel="model / published")
+axes.set_yticks([0.1, 0.2, 0.5, 1, 2], ["0.1", "0.2", "0.5", "1", "2"])
+axes.minorticks_off()
+figure.tight_layout()
+
+# %% [markdown]
+# ## Four of them closely
+
+# %%
+figure, ((ignition, crater), (pull, lag)) = plt.subplots(2, 2, figsize=(8.4, 6.6))
+
+table = models.published("ignition_median_vs_gap_eth")
+gaps, medians = (np.array([float(row[key]) for row in table]) for key in ("gap_um", "t50_us"))
+held = (gaps >= 5) & (gaps <= 30)
+ignition.plot(gaps[held], medians[held], color=INK, lw=1.2, label="published law (ETH)")
+for row in rows:
+    if row.name.startswith("median delay at"):
+        ignition.errorbar(float(row.name.split()[3]), row.simulated, row.uncertainty, fmt="o", ms=4,
+                          color=BLUE if row.passed else VERMILION)
+ignition.axvspan(8, 10, color="0.92", zorder=0, label="two regimes meet (Esteves et al.)")
+ignition.set(xlabel="gap, µm", ylabel="median ignition delay, µs", yscale="log", title="ignition")
+ignition.legend(frameon=False, fontsize=8)
+
+measured = craters.published()
+crater.errorbar([one.current_A for one in measured], [one.volume for one in measured],
+                [one.volume * one.scatter for one in measured], fmt="s", ms=4, color=INK, lw=1, label="ETH")
+for row in rows:
+    if row.name.startswith("volume at"):
+        crater.errorbar(float(row.name.split()[2]), row.simulated, row.uncertainty, fmt="o", ms=4,
+                        color=BLUE if row.passed else VERMILION)
+crater.set(xlabel="current, A", ylabel="volume of a crater, µm³", xscale="log", yscale="log", title="crater")
+crater.set_xticks([30, 60, 110, 215, 425], ["30", "60", "110", "215", "425"])
+crater.set_yticks([2e3, 5e3, 1e4, 2e4, 5e4], ["2000", "5000", "10 000", "20 000", "50 000"])
+crater.minorticks_off()
+crater.legend(frameon=False, fontsize=8)
+
+closed = models.published("analytic_electrostatic_force")
+for voltage, colour in ((80.0, MUTED), (280.0, INK)):
+    force = {float(row["gap_um"]): float(row["force_N_per_m"]) for row in closed if float(row["V"]) == voltage}
+    pull.plot(list(force), list(force.values()), "s", ms=5, mfc="none", mec=colour, label=f"{voltage:g} V")
+    at = np.linspace(4, 50, 24)
+    pull.plot(at, [strings.pull_N_m(voltage, gap) for gap in at], color=BLUE, lw=1)
+pull.set(xlabel="gap, µm", ylabel="pull, N/m", yscale="log", title="electrostatic pull (squares: closed form)")
+pull.legend(frameon=False, fontsize=8)
+
+string = models.published("analytic_static_wire_lag")
+heights = sorted({float(row["h_mm"]) for row in string})
+for row in string:
+    lag.plot(float(row["T_N"]), float(row["ymax_um_per_N_per_m"]), "s", ms=5, mfc="none", mec=INK)
+tensions = sorted({float(row["T_N"]) for row in string})
+for height in heights:
+    lag.plot(tensions, [strings.static_lag_um(height, tension) for tension in tensions], color=BLUE, lw=1)
+    lag.annotate(f"{height:g} mm", (tensions[-1], strings.static_lag_um(height, tensions[-1])), fontsize=8,
+                 xytext=(4, 0), textcoords="offset points", va="center")
+lag.set(xlabel="tension, N", ylabel="lag at 1 N/m, µm", yscale="log", title="static lag (squares: taut string)")
+figure.tight_layout()
+
+for row in string:
+    sag_um = strings.static_lag_um(float(row["h_mm"]), float(row["T_N"]))
+    assert math.isclose(sag_um, float(row["ymax_um_per_N_per_m"]), rel_tol=0.01)
+
+# %% [markdown]
+# - **Ignition.** From 12 µm on the medians lie on the published law. Below 10 µm they fall far below it, and have
+#   to: two publications of the same group disagree there. The later one (Esteves et al. 2023,
+#   [doi:10.3390/jmmp7050177](https://doi.org/10.3390/jmmp7050177)) finds a second, much faster regime below 8 to 10
+#   µm, and the model follows it.
+# - **Crater.** The model's volume goes with the energy. The durations of the measured pulses were not published;
+#   one duration for all, fitted at 110 A, cannot give the steep rise at the highest currents. Fitting one to each
+#   current would make the points agree and prove nothing.
+# - **Pull.** Summed over rays it follows the closed form of a cylinder before a plane within 2 % up to 10 µm, where
+#   it matters, and falls short beyond, as rays end 80 µm from the wire.
+# - **Lag.** The modes of the wire give the taut string's sag within 1 %.
+#
+# ## What fails, and why
+#
+# Links lead to the pages of theory.
+
+# %%
+failing = [row for row in rows if not row.passed]
+Markdown("\n".join(rows_table(failing, seen_from="notebooks")))
+
+# %% [markdown]
+# What weighs most for someone who wants to use the model:
+#
+# - **The sign of the lag.** The model's wire is pulled ahead of its guides, real ones trail by 10 to 100 µm in
+#   rough cuts. The pull is exact; the push per discharge was never measured and would have to be about three times
+#   the upper end of its range. Ratios (with tension, with height) are right, the absolute lag and with it the sign
+#   of corner errors is not to be trusted.
+# - **Production rates.** The material removes what a textbook says per joule; production cutting needs four to five
+#   times the energy. Cutting rates of early machines come out right, those of modern ones are too high.
+# - **Wire rupture.** The trends with thickness, pulse size, flushing, cooling and tension are there; the current at
+#   which the wire breaks is half of what was reported, and the breaking of very thin workpieces is missed.
+# - **Roughness** is a lower bound, **vibration** knows nothing of the flow.
+#
+# ## All rows
+
+# %%
+Markdown("\n".join(rows_table(rows, seen_from="notebooks")))
