@@ -15,15 +15,16 @@
 # %% [markdown]
 # # Comparing gap controllers
 #
-# **Question.** The gap cannot be seen while the wire cuts. A controller has to guess it from what the machine shows, 255
-# pulses at a time: how many were short circuits, how many stayed open, the mean voltage, the mean ignition delay. How
-# much does each of these signs tell, and how far is the best of them from someone who sees the gap?
+# **Question.** The gap cannot be seen while the wire cuts. A controller has to guess it from what the machine
+# shows, 255 pulses at a time: how many were short circuits, how many stayed open, the mean voltage, the mean
+# ignition delay. How much does each of these signs tell, and how far is the best of them from someone who sees the
+# gap?
 #
-# **What is done.** A few machines are drawn within the published ranges of all uncertain constants, with workpieces of 4
-# to 40 mm and tensions of 8 to 20 N. Every controller makes the same cuts on them: a straight one (`GapFeed`), and one
-# through a workpiece whose height jumps every few tenths of a millimetre (`HeightStep`). The seeds are held back: no gain
-# was looked for with them. This is `edmsim evaluate` from Python; the page "benchmark" of the documentation is the same
-# with more machines and all controllers.
+# **What is done.** A few machines are drawn within the published ranges of all uncertain constants, with workpieces
+# of 4 to 40 mm and tensions of 8 to 20 N. Every controller makes the same cuts on them: a straight one (`GapFeed`),
+# and one through a workpiece whose height jumps every few tenths of a millimetre (`HeightStep`). The seeds are held
+# back: no gain was looked for with them. This is `edmsim evaluate` from Python; the page "benchmark" of the
+# documentation is the same with more machines and all controllers.
 
 # %% tags=["parameters"]
 machines = 10  # drawn machines; every controller makes one cut on each, in both environments
@@ -51,13 +52,14 @@ COLOURS = {"fixed": MUTED, "counts": BLUE, "voltage": ORANGE, "delay": PURPLE, "
 #
 # - `fixed` feeds at one speed, the best one found for the machines it was searched on.
 # - `counts` is the law of 1982: from the counts of short and open pulses, with its documented constants.
-# - `voltage` and `delay` are servos on the mean gap voltage and the mean ignition delay, with gains found by a search.
-# - `oracle` is told the true gap and rehearses every cut with several gaps. No machine could have it; it says how fast a
-#   cut could have been.
+# - `voltage` and `delay` are servos on the mean gap voltage and the mean ignition delay, with gains found by a
+#   search.
+# - `oracle` is told the true gap and rehearses every cut with several gaps. No machine could have it; it says how
+#   fast a cut could have been.
 #
-# In parentheses are 95 % bootstrap intervals over the cuts. They are wide, because the machines differ more than the
-# controllers do; the *share of the oracle's rate* compares machine by machine and is much narrower. A *jam* is a short
-# that stayed or a wire driven into the metal; like a lost wire, it costs the time of threading a new one.
+# In parentheses are 95 % bootstrap intervals over the cuts. They are wide, because the machines differ more than
+# the controllers do; the *share of the oracle's rate* compares machine by machine and is much narrower. A *jam* is
+# a short that stayed or a wire driven into the metal; like a lost wire, it costs the time of threading a new one.
 
 # %%
 straight = evaluate("edmsim/GapFeed-v0", controllers, machines, resolution=resolution)
@@ -87,8 +89,8 @@ panels[0].legend(frameon=False)
 figure.tight_layout()
 
 # %% [markdown]
-# No single feed suits them all: `fixed` either crawls or, where the machine is slower than its feed, drives the wire into
-# the metal. Everything that looks at the pulses gets on with every machine.
+# No single feed suits them all: where the machine is slower than its feed, `fixed` drives the wire into the metal,
+# and where it is faster it wastes time. Everything that looks at the pulses gets on with every machine.
 
 # %%
 for name in controllers:
@@ -103,9 +105,9 @@ assert share > straight.figures["counts"]["oracle_share"].value > straight.figur
 # %% [markdown]
 # ## One cut, window by window
 #
-# One machine and one workpiece with jumping height, cut by four controllers. `Episode` runs what `evaluate` runs, a window
-# at a time; besides what the controller is shown it tells the truth of the window, the mean gap at the discharges among
-# it.
+# One machine and one workpiece with jumping height, cut by four controllers. `Episode` runs what `evaluate` runs, a
+# window at a time; besides what the controller is shown it tells the truth of the window, the mean gap at the
+# discharges among it.
 
 # %%
 NAMES = ("fixed", "counts", "voltage", "oracle")
@@ -134,10 +136,11 @@ for name, (outcome, _, rows) in cuts.items():
 
 # %%
 def smooth(rows, windows=15):
-    """Mean over some windows, leaving out those without a discharge."""
+    """Mean over some windows, leaving out those without a discharge; NaN where there was none."""
     blocks = rows[: len(rows) // windows * windows].reshape(-1, windows, rows.shape[1])
     known = np.isfinite(blocks)
-    return np.where(known, blocks, 0.0).sum(axis=1) / np.maximum(known.sum(axis=1), 1)
+    total, count = np.where(known, blocks, 0.0).sum(axis=1), known.sum(axis=1)
+    return np.divide(total, count, out=np.full(total.shape, np.nan), where=count > 0)
 
 
 scenario = cuts["counts"][1]
@@ -161,16 +164,15 @@ figure.align_ylabels()
 figure.tight_layout()
 
 # %% [markdown]
-# Where the workpiece gets thinner, the same power removes a longer stretch: the feed may rise, and every controller that
-# looks lets it. Where it gets thicker, the gap closes before anything shows in the counts, and a burst of shorts follows.
-# The feed of `counts` stays behind the others everywhere: it keeps a wider gap, with more open pulses and fewer shorts.
-# The gap shown is the one at the discharges; in a window full of shorts few of those are left, and they happen where it
-# is still wide.
+# Where the workpiece gets thinner, the same power removes a longer stretch: the feed may rise, and every controller
+# that looks lets it. Where it gets thicker the gap closes, and shorts are more until the feed has come down. The
+# feed of `counts` stays behind the others everywhere: it keeps a wider gap, with more open pulses and fewer shorts.
+# `fixed` does not notice that the gap closes under it; where its line of the gap ends, no pulse ignites any more.
 #
 # ## The plane of short and open
 #
-# What the controller of 1982 steers by: each window is a point, its share of short pulses upwards, of open ones to the
-# right. What is missing to one are sparks, the lower left corner would be a cut without waste.
+# What the controller of 1982 steers by: each window is a point, its share of short pulses upwards, of open ones to
+# the right. What is missing to one are sparks, the lower left corner would be a cut without waste.
 
 # %%
 figure, panels = plt.subplots(1, 4, figsize=(8.4, 2.7), sharex=True, sharey=True)
@@ -185,16 +187,15 @@ panels[0].set_ylabel("short, share")
 figure.tight_layout()
 
 # %% [markdown]
-# The cross is the median window. The gap decides the place along the diagonal: wide to the right below, narrow to the left
-# above. The fastest cuts lie further up than one would think: a third of the pulses wasted as shorts costs less than the
-# time in which no discharge happens because the gap is wide.
+# The cross is the median window. A wide gap lies to the right below, a narrow one to the left above, and the
+# distance from the grey line is the share of pulses that ignited. The fastest cuts lie further up than one would
+# think: a third of the pulses lost to shorts costs less than the pulses that stay open where the gap is wide.
 #
 # ## What this does not say
 #
-# - The oracle only bounds a controller that chooses a feed and nothing else, and only the cutting rate. Nobody says that a
-#   gap with a third of shorts makes a good surface, or that a real wire would like it: in the model a short removes
-#   nothing and heats little.
-# - The shares of shorts depend on the resolution (page "convergence"); the ranking of these controllers does not at the
-#   three resolutions we have.
-# - `counts` has its documented constants. With constants found for these machines it is nearer to the others, but hunts
-#   where windows are long (page "benchmark").
+# - The oracle only bounds a controller that chooses a feed and nothing else, and only the cutting rate. The model
+#   knows of no harm that shorts do to the surface; on a real machine so many of them may be a bad idea.
+# - The shares of shorts depend on the resolution (page "convergence"); `voltage` is ahead of `counts` at all three
+#   (page "training").
+# - `counts` has its documented constants. Those that a search finds for it earn more, but hunt where windows are
+#   long (page "benchmark").
