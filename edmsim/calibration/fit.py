@@ -142,18 +142,20 @@ def _fit_what_is_told(comparison: Comparison, names: Sequence[str], log_name: st
     pulses: those without effect are looked at again where the first search ended.
     """
     start = comparison.machine
+    search: _Search | None = None
     told = _told_alone(comparison, names, start)
     if 0 < len(told) < len(names):
-        first = _Search(comparison, told, start)
-        first.run()
-        start = first.machine(first.shares)
+        search = _Search(comparison, told, start)
+        search.run()
+        start = search.machine(search.shares)
         also = _told_alone(comparison, [name for name in names if name not in told], start)
         told = [name for name in names if name in told or name in also]
     untold = {name: "the statistics do not depend on it" for name in names if name not in told}
     while told:
-        begun = {name: constant.value for name, constant in choose(start, told).items()}
-        search = _Search(comparison, told, with_values(comparison.machine, begun))
-        search.run()
+        if search is None or search.names != told:
+            begun = {name: constant.value for name, constant in choose(start, told).items()}
+            search = _Search(comparison, told, with_values(comparison.machine, begun))
+            search.run()
         error = search.standard_errors()
         worst = int(error.argmax())
         if error[worst] < UNTOLD:
