@@ -140,7 +140,7 @@ right.set(xlabel="speed of the water, m/s (mean over the height)", ylabel="open 
 # %% [markdown]
 # The signs agree. "Hardly any sparks" does not: the model has two jets that meet at mid-height, where the water
 # stands still and pulses ignite as before, so a part of them always does. A single flow through the gap, which the
-# thesis may have measured, has no such place. The factor for the flow, $\exp(-(v / v_q)^2)$, is ours.
+# thesis may have measured, has no such place. The factor for the flow, `exp(-(v / v_q)^2)`, is ours.
 #
 # ## From delays to shares
 #

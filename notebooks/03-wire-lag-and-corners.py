@@ -77,7 +77,7 @@ part_laws = [  # what the die at the end is cut with
 # Between its guides the wire is a taut string. A force of `q` per metre over a workpiece of height `h`, the guides
 # `L` apart, bends it at mid-height by
 #
-# $$ y = \frac{q\,h\,(2L - h)}{8\,T} $$
+#     y = q h (2 L - h) / (8 T)
 #
 # at tension `T`. The model knows nothing of this formula: its modes come from a chain of masses in MuJoCo.
 
