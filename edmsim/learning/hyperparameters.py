@@ -29,11 +29,14 @@ class Network(_Strict):
     activation : {"tanh", "relu"}
     log_std_init : float, optional
         PPO: natural logarithm of the noise on the first actions; stable-baselines3's own if not given.
+    first_action : list of float, optional
+        PPO: the actions (-1..1) around which exploring begins, one per entry; around 0 if not given.
     """
 
     widths: Annotated[list[Annotated[int, Field(gt=0)]], Field(min_length=1)]
     activation: Literal["tanh", "relu"]
     log_std_init: float | None = None
+    first_action: list[Annotated[float, Field(ge=-1.0, le=1.0)]] | None = None
 
 
 class Hyperparameters(_Strict):

@@ -164,6 +164,8 @@ def _begin(run: Run, given: Hyperparameters, last: Path | None) -> Trained:
         model = kind(
             "MlpPolicy", normalise, policy_kwargs=policy, seed=run.seed, device=_DEVICE, **given.algorithm
         )
+        if network.first_action is not None:
+            model.policy.action_net.bias.data = torch.tensor(network.first_action)
     lanes.seed(first)  # the learner seeds them with its own seed, that a break would repeat
     return Trained(run, given, model, normalise)
 

@@ -9,6 +9,7 @@ from importlib import resources
 import numpy as np
 import pytest
 
+from edmsim.envs.batch import action_space_of
 from edmsim.envs.families import FAMILIES, make_family
 from edmsim.learning import hyperparameters, policy_file
 
@@ -26,13 +27,25 @@ pytestmark = [
 @pytest.mark.parametrize("name", FAMILIES)
 def test_every_environment_has_hyperparameters(name, algo):
     given = hyperparameters.load(f"edmsim/{name}-v0", algo)
-    make_family(name, **given.environment)
+    family = make_family(name, **given.environment)
     assert given.environment["resolution"] == "fast"
+    first = given.network.first_action
+    assert first is None or (algo == "ppo" and len(first) == action_space_of(family).shape[0])
 
 
 def test_there_are_no_others():
     there = {f.name for f in (resources.files("edmsim.models") / "training").iterdir()}
     assert there == {f"{name}-{algo}.toml" for name in FAMILIES for algo in hyperparameters.ALGORITHMS}
+
+
+@needs_rl
+def test_exploring_begins_around_the_first_action(short_training, tmp_path):
+    from edmsim.learning.train import train
+
+    trained = train("edmsim/Corner-v0", "ppo", tmp_path, steps=64, seed=3)
+    middle = trained.normalise.normalize_obs(np.zeros(trained.model.observation_space.shape, np.float32))
+    found = trained.model.predict(middle, deterministic=True)[0]
+    assert found == pytest.approx(trained.hyperparameters.network.first_action, abs=0.15)
 
 
 @needs_rl
