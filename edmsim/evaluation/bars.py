@@ -23,8 +23,8 @@ WHY_LEARNING = (
     "compare the return of the oracle, which sees the gap."
 )
 WHY_CORNER = (
-    " Why: the error is the lead of the wire, which the field pulls into the corner. Longer pauses shrink it, and "
-    "the action has them, but a million steps of training went for speed before accuracy."
+    " Why: the error is the lead of the wire, which the field pulls into the corner. Where the wire hardly leads, in "
+    "thin work cut fast, the policy's long pulses gain nothing."
 )
 """Why a bar was missed by the policies that are shipped: to be written anew with others."""
 
