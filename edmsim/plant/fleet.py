@@ -86,14 +86,16 @@ class Fleet:
         calls[:, 1] = steps.ctypes.data + lanes * steps.strides[0]
         calls[:, 2] = counts[lanes]
         self._fire(calls)
-        lacking = np.flatnonzero(calls[:, 3] == NO_TILES)
+        status = calls[:, 3]
+        if not status.any():  # all are `FINE`, as most often
+            return status
+        lacking = np.flatnonzero(status == NO_TILES)
         if len(lacking):
             for k in lacking:
                 self.plants[lanes[k]].make_tiles()
             again = calls[lacking]
             self._fire(again)
             calls[lacking] = again
-        status = calls[:, 3]
         if np.any((status == STEP_WRONG) | (status == STEP_EARLY)):
             raise InputError("a motor step has a wrong axis or direction, or is out of order")
         return status
