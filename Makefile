@@ -32,6 +32,10 @@ type: $(VENV)/.installed-test
 docs: $(VENV)/.installed-test  ## the site, into out/docs; docs is a folder, too
 	$(BIN)/python -m sphinx -b html -a -d out/doctrees -n -W --keep-going -q docs out/docs
 
+.PHONY: pictures
+pictures: cut docs  ## what a newcomer sees, into out/pictures, to be looked at; needs a Chromium
+	$(BIN)/python docs/pictures.py
+
 $(VENV)/.installed: pyproject.toml constraints.txt
 	$(PYTHON) -m venv $(VENV)
 	$(PIP) install --quiet --constraint constraints.txt --editable .

@@ -1,0 +1,80 @@
+"""Pictures of what a newcomer sees, step by step, to be looked at: `make pictures` puts them into out/pictures.
+
+From the report of the first cut and its playback to the pages that follow. Needs a Chromium for the pages and a
+Vulkan driver for the viewer; no screen.
+"""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+from edmsim.errors import InputError
+from edmsim.recording.playback import find_recording
+from edmsim.recording.screenshots import take_screenshots
+
+ROOT = Path(__file__).parents[1]
+CUT, SITE, INTO = ROOT / "out" / "punch", ROOT / "out" / "docs", ROOT / "out" / "pictures"
+STEPS = ("guide/quick-start", "playback", "notebooks/03-wire-lag-and-corners", "how-to/controller")
+"""Pages of the site on the way from a first cut to a controller of one's own."""
+WIDE, PHONE = (1280, 2400), (420, 2400)
+BROWSERS = ("chromium", "chromium-browser", "google-chrome", "chrome")
+
+
+def browser() -> str:
+    """Return the command of a Chromium.
+
+    Raises
+    ------
+    InputError
+        There is none.
+    """
+    found = next(filter(None, map(shutil.which, BROWSERS)), None)
+    if found is None:
+        raise InputError(f"pictures of pages need one of {', '.join(BROWSERS)} on the path")
+    return found
+
+
+def photograph(page: Path, picture: Path, size: tuple[int, int]) -> None:
+    """Take a picture of a local page.
+
+    Raises
+    ------
+    InputError
+        The page is not there, or the browser made no picture.
+    """
+    if not page.is_file():
+        raise InputError("no such page: run make cut and make docs first", page)
+    with tempfile.TemporaryDirectory() as profile:
+        done = subprocess.run(
+            [browser(), "--headless=new", "--no-sandbox", "--disable-gpu", "--hide-scrollbars",
+             f"--user-data-dir={profile}", f"--window-size={size[0]},{size[1]}", f"--screenshot={picture}",
+             page.resolve().as_uri()],
+            capture_output=True, text=True, timeout=120, check=False,
+        )  # fmt: skip
+    if not picture.is_file():
+        raise InputError(f"the browser made no picture: {done.stderr.strip()[-200:]}", page)
+
+
+def main() -> None:
+    """Take all pictures."""
+    INTO.mkdir(parents=True, exist_ok=True)
+    for old in INTO.glob("*.png"):
+        old.unlink()
+    photograph(CUT / "report.html", INTO / "1-report.png", WIDE)
+    photograph(CUT / "report.html", INTO / "1-report-phone.png", PHONE)
+    take_screenshots(find_recording(CUT), INTO, (0.5,))
+    photograph(SITE / "index.html", INTO / "0-site.png", WIDE)
+    for number, step in enumerate(STEPS, 2):
+        photograph(SITE / f"{step}.html", INTO / f"{number}-{Path(step).name}.png", WIDE)
+    print(*sorted(file.name for file in INTO.glob("*.png")), sep="\n")
+
+
+if __name__ == "__main__":
+    try:
+        main()
+    except InputError as error:
+        sys.exit(f"pictures: {error}")

@@ -1,0 +1,54 @@
+"""`make pictures`: the pages it takes pictures of are there, and what it lacks is said in one line."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from importlib.util import module_from_spec, spec_from_file_location
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+
+from edmsim.errors import InputError
+
+ROOT = Path(__file__).parents[2]
+
+
+@pytest.fixture
+def pictures() -> ModuleType:
+    spec = spec_from_file_location("pictures", ROOT / "docs" / "pictures.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_the_pages_are_there(pictures: ModuleType) -> None:
+    for step in pictures.STEPS:
+        source = ROOT / f"{step}.ipynb" if step.startswith("notebooks/") else ROOT / "docs" / f"{step}.md"
+        assert source.is_file(), step
+
+
+def test_a_machine_without_a_browser_is_told(
+    pictures: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("PATH", str(tmp_path))
+    page = tmp_path / "page.html"
+    page.write_text("<p>a page</p>")
+    with pytest.raises(InputError, match=r"need one of chromium, .* on the path"):
+        pictures.photograph(page, tmp_path / "picture.png", pictures.WIDE)
+    with pytest.raises(InputError, match="make cut and make docs first"):
+        pictures.photograph(tmp_path / "none.html", tmp_path / "picture.png", pictures.WIDE)
+
+
+def test_the_program_ends_with_one_line(tmp_path: Path) -> None:
+    # a copy elsewhere finds no cut beside it
+    copy = tmp_path / "docs" / "pictures.py"
+    copy.parent.mkdir()
+    copy.write_text((ROOT / "docs" / "pictures.py").read_text(encoding="utf-8"), encoding="utf-8")
+    done = subprocess.run([sys.executable, copy], capture_output=True, text=True, check=False)
+    assert done.returncode == 1
+    assert done.stderr.startswith("pictures: ")
+    assert done.stderr.count("\n") == 1
