@@ -11,12 +11,11 @@ import numpy as np
 from edmsim.analyser import WINDOW_PULSES
 from edmsim.controllers.feed.base import FeedCommand, FeedController, SeesTruth, WindowObservation, check_command
 from edmsim.controllers.feed.setup import tell
+from edmsim.controllers.mcu.timers import MAX_FEED_UM_S
 from edmsim.controllers.own import check_is_controller
 from edmsim.errors import InputError
 from edmsim.machine import Machine
 
-MAX_FEED_UM_S = 33.3375
-"""Largest feed of the machine of 1982: 127 units of 262.5 nm/s."""
 WINDOW_S = 0.0255
 """255 pulses of the standard setting."""
 WINDOWS = 300

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from edmsim.errors import InputError
 from edmsim.machine import Machine
 from edmsim.plant.fleet import Fleet
-from edmsim.plant.generator import mean_current_A
+from edmsim.plant.generator import least_period_us
 from edmsim.plant.plant import Plant
 from edmsim.plant.state import FINE
 from edmsim.polyline import Polyline
@@ -198,9 +198,7 @@ def to_detents(t_on_us: float, t_period_us: float) -> tuple[float, float]:
 def least_setting_us(machine: Machine, t_on_us: float) -> tuple[float, float]:
     """Return an on-time with the shortest period at which the supply gives it, both in detents."""
     on = round(t_on_us / ON_US) * ON_US
-    full_A = mean_current_A(machine) * machine.t_period_us / machine.t_on_us
-    shortest = full_A * on / machine.generator.mean_current_limit_A.value
-    return on, math.ceil(shortest / PERIOD_US - 1e-9) * PERIOD_US
+    return on, math.ceil(least_period_us(machine, on) / PERIOD_US - 1e-9) * PERIOD_US
 
 
 def _with_row(table: Floats, lane: int, row: Floats, filling: float) -> Floats:

@@ -38,6 +38,11 @@ def mean_current_A(machine: Machine) -> float:
     return discharge_current_A(machine) * machine.t_on_us / machine.t_period_us
 
 
+def least_period_us(machine: Machine, t_on_us: float) -> float:
+    """Shortest period at which the supply gives an on-time without exceeding its mean current (rows T-34, T-35)."""
+    return discharge_current_A(machine) * t_on_us / machine.generator.mean_current_limit_A.value
+
+
 def _supply_V(machine: Machine) -> float:
     supply = machine.generator.supply_voltage_V or machine.generator.open_voltage_V
     return supply.value
@@ -60,11 +65,10 @@ def check_setting(machine: Machine) -> None:
         raise InputError(f"open voltage {_supply_V(machine):g} V is not above the burning voltage")
     limit = machine.generator.mean_current_limit_A.value
     if mean_current_A(machine) > limit + 1e-9:
-        least = current * machine.t_on_us / limit
         raise InputError(
             f"t_on {machine.t_on_us:g} us in t_period {machine.t_period_us:g} us draws "
             f"{mean_current_A(machine):.2f} A, above the generator's {limit:g} A; t_period must be at least "
-            f"{least:.4g} us"
+            f"{least_period_us(machine, machine.t_on_us):.4g} us"
         )
 
 

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import ast
 import base64
-import importlib.util
 import io
 import json
 import re
 import subprocess
 import sys
 import warnings
+from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -26,16 +26,11 @@ LARGEST_BYTES = 600_000
 
 
 @pytest.fixture(scope="module")
-def execute() -> ModuleType:
+def execute(load_script: Callable[[Path], ModuleType]) -> ModuleType:
     """The script that makes the notebooks."""
-    spec = importlib.util.spec_from_file_location("execute_notebooks", FOLDER / "execute.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # jupyter's packages, not ours
-        spec.loader.exec_module(module)
-    return module
+        return load_script(FOLDER / "execute.py")
 
 
 def shown(file: Path) -> Any:

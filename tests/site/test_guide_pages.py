@@ -7,6 +7,7 @@ import inspect
 import json
 import re
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -32,13 +33,8 @@ def cells(text: str, column: int = 0) -> list[str]:
 
 
 @pytest.fixture(scope="module")
-def tables() -> ModuleType:
-    spec = importlib.util.spec_from_file_location("docs_tables", DOCS / "tables.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+def tables(load_script: Callable[[Path], ModuleType]) -> ModuleType:
+    return load_script(DOCS / "tables.py")
 
 
 def test_tables_are_those_of_the_code(tables: ModuleType) -> None:
