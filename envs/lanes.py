@@ -174,6 +174,11 @@ class Lanes:
         for lane in lanes[rows["cause"][lanes] == DONE]:
             self._end_leg(int(lane))
 
+    def telling(self, lanes: Ints) -> list[int]:
+        """Return those of some lanes about which there are words: the episode ended, or a setting was refused."""
+        ended = set(lanes[self.rows["cause"][lanes] != RUNNING].tolist())
+        return [lane for lane in lanes.tolist() if lane in ended or self.refused[lane] is not None]
+
     def _end_leg(self, lane: int) -> None:
         """Go on with the path's next piece, if there is one."""
         scenario, plant, row = self.scenarios[lane], self.fleet.plants[lane], self.rows[lane]

@@ -188,13 +188,14 @@ class EdmVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDArray[A
 
     def _infos(self, active: NDArray[np.int64], mask: Flags) -> dict[str, Any]:
         infos: dict[str, Any] = {}
+        everywhere = mask.all()
         for name, values in self._batch.infos().items():
-            told = mask & self._batch.ignited() if name == "gap_um" else mask
-            infos[name], infos[f"_{name}"] = np.where(told, values, np.zeros((), values.dtype)), told
-        lanes = self._batch.lanes
-        for lane in active:
-            if lanes.rows[lane]["cause"] != RUNNING or lanes.refused[lane] is not None:
-                infos = self._add_info(infos, self._batch.told(int(lane)), int(lane))
+            infos[name], infos[f"_{name}"] = values, mask
+            if not everywhere:
+                values[~mask] = 0
+        infos["_gap_um"] = mask & self._batch.ignited()
+        for lane in self._batch.lanes.telling(active):
+            infos = self._add_info(infos, self._batch.told(lane), lane)
         return infos
 
     def _merge(self, infos: dict[str, Any], begun: dict[str, Any]) -> None:

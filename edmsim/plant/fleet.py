@@ -48,6 +48,7 @@ class Fleet:
         self.threads = threads
         self.states: NDArray[np.void] = np.zeros(len(plants), STATE)
         self.windows: NDArray[np.void] = np.zeros(len(plants), WINDOW)
+        self._addresses = np.zeros(len(plants), np.int64)
         for i, plant in enumerate(plants):
             self.replace(i, plant)
         self._pool: ThreadPoolExecutor | None = None
@@ -56,6 +57,7 @@ class Fleet:
         """Put another plant in the place of plant `i`."""
         self.plants[i] = plant
         plant.lodge(self.states[i : i + 1], self.windows[i : i + 1])
+        self._addresses[i] = plant.address
 
     def advance(
         self, lanes: NDArray[np.int64], steps: NDArray[np.int64], counts: NDArray[np.int64]
@@ -82,7 +84,7 @@ class Fleet:
             If a step is none, or out of order.
         """
         calls = np.empty((len(lanes), CALL), np.int64)
-        calls[:, 0] = [self.plants[i].address for i in lanes]
+        calls[:, 0] = self._addresses[lanes]
         calls[:, 1] = steps.ctypes.data + lanes * steps.strides[0]
         calls[:, 2] = counts[lanes]
         self._fire(calls)
@@ -107,10 +109,10 @@ class Fleet:
             fire(calls.ctypes.data, len(calls))
             return
         if self._pool is None:
-            self._pool = ThreadPoolExecutor(self.threads, "edmsim-fleet")
-        done = [
-            self._pool.submit(fire, part.ctypes.data, len(part)) for part in np.array_split(calls, parts)
-        ]
+            self._pool = ThreadPoolExecutor(self.threads - 1, "edmsim-fleet")
+        own, *others = np.array_split(calls, parts)
+        done = [self._pool.submit(fire, part.ctypes.data, len(part)) for part in others]
+        fire(own.ctypes.data, len(own))
         for part in done:
             part.result()
 
