@@ -27,6 +27,10 @@ NO_METAL_UM = 1.0e6
 """Distance of a ray that meets no metal: so far that it takes no part in anything."""
 
 
+PARALLEL = 1e-9
+"""A direction is parallel to an axis of the grid if its cosine is below this."""
+
+
 @dataclass(frozen=True)
 class Stock:
     """The blank before the first spark: a rectangle with round start holes, perhaps of several heights.
@@ -131,8 +135,8 @@ class KerfField:
         """Make sure that every tile within `reach_um` of a point exists; say whether any was new."""
         side = self.cell_um * TILE
         last = self.index.shape[0] - 1
-        x0, x1 = (int(np.clip((x_um + d) // side, 0, last)) for d in (-reach_um, reach_um))
-        y0, y1 = (int(np.clip((y_um + d) // side, 0, last)) for d in (-reach_um, reach_um))
+        x0, x1 = (min(max(int((x_um + d) // side), 0), last) for d in (-reach_um, reach_um))
+        y0, y1 = (min(max(int((y_um + d) // side), 0), last) for d in (-reach_um, reach_um))
         window = self.index[x0 : x1 + 1, y0 : y1 + 1]
         if window.min() >= 0:
             return False
@@ -218,11 +222,11 @@ def _inside(px: float, py: float, index: NDArray[np.int32]) -> bool:
 
 @compiled
 def _parts(
-    tiles: NDArray[np.uint16], index: NDArray[np.int32], slice_index: int, px: float, py: float
+    tiles: NDArray[np.uint16], index: NDArray[np.int32], slice_index: int, cell_x: np.int64, cell_y: np.int64
 ) -> np.int64:
-    """Parts of metal at a point of the grid, in cells; whole where no tile is allocated."""
+    """Parts of metal in a cell of the grid; whole where no tile is allocated."""
     # unsigned, so that neither floor division nor negative indices cost anything
-    ix, iy = np.uint64(np.int64(px)), np.uint64(np.int64(py))
+    ix, iy = np.uint64(cell_x), np.uint64(cell_y)
     place = index[ix >> _TILE_BITS, iy >> _TILE_BITS]
     if place < 0:
         return np.int64(FULL)
@@ -244,21 +248,32 @@ def trace(
 ) -> float:
     """Distance in um from a point along a direction to the metal's edge; `NO_METAL_UM` where there is none.
 
-    Marches in half cells and adds up the metal met; where it amounts to one cell, the edge lies one cell
-    back. That makes the edge move smoothly as a cell is emptied, and a sliver thinner than a cell transparent.
+    Goes from cell to cell and adds up the metal met; where it amounts to one cell, the edge lies one cell back. That
+    makes the edge move smoothly as a cell is emptied, and a sliver thinner than a cell transparent.
     """
-    step = 0.5 * cell_um
-    count = int((end_um - start_um) / step)
     grid = 1.0 / cell_um
-    dx, dy = cosine * step * grid, sine * step * grid
-    px, py = (x + cosine * start_um) * grid + 0.5 * dx, (y + sine * start_um) * grid + 0.5 * dy
-    if not (_inside(px, py, index) and _inside(px + count * dx, py + count * dy, index)):
+    px, py = (x + cosine * start_um) * grid, (y + sine * start_um) * grid
+    length = end_um - start_um
+    if not (_inside(px, py, index) and _inside(px + length * cosine * grid, py + length * sine * grid, index)):
         return NO_METAL_UM  # beyond the table there is none
-    met = np.int64(0)
-    for k in range(count):
-        met += _parts(tiles, index, slice_index, px + k * dx, py + k * dy)
-        if met >= 2 * FULL:
-            return start_um + (k + 1) * step - cell_um - (met - 2 * FULL) * (step / FULL)
+    ix, iy = np.int64(px), np.int64(py)
+    per_x, per_y = cell_um / max(abs(cosine), PARALLEL), cell_um / max(abs(sine), PARALLEL)
+    step_x, step_y = np.int64(1 if cosine > 0.0 else -1), np.int64(1 if sine > 0.0 else -1)
+    next_x = (ix + 1 - px if cosine > 0.0 else px - ix) * per_x
+    next_y = (iy + 1 - py if sine > 0.0 else py - iy) * per_y
+    here, met, whole = 0.0, 0.0, FULL * cell_um
+    while here < length:
+        parts = np.float64(_parts(tiles, index, slice_index, ix, iy))
+        along_x = next_x < next_y
+        there = next_x if along_x else next_y
+        met += parts * (there - here)
+        if met >= whole:
+            return start_um + there - (met - whole) / parts - cell_um
+        here = there
+        ix += step_x if along_x else 0
+        iy += 0 if along_x else step_y
+        next_x += per_x if along_x else 0.0
+        next_y += 0.0 if along_x else per_y
     return NO_METAL_UM
 
 
