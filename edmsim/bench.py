@@ -6,10 +6,10 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +19,7 @@ from .plant.breakdown import GapLaw, slice_sums
 from .plant.compiled import compiled
 from .plant.generator import timing
 from .plant.plant import Plant
+from .plant.rays import Rays
 from .plant.setup import gap_law
 from .plant.state import PULSES_PER_WINDOW
 
@@ -85,42 +86,35 @@ def mujoco_realtime_factor() -> float:
     return MUJOCO_WINDOWS * plant.window_ns * 1e-9 / _best_s(cut, MUJOCO_WINDOWS)
 
 
-class _Rays(NamedTuple):
-    """Packed rays of a plant at work."""
-
-    distance: NDArray[np.float32]
-    cosine: NDArray[np.float32]
-    sine: NDArray[np.float32]
-    facing: NDArray[np.int64]
-
-
 @compiled
-def _sum_rays(rays: _Rays, law: GapLaw, pulses: int) -> float:
+def _sum_rays(rays: Rays, law: GapLaw, sums: NDArray[np.float64], pulses: int) -> float:
     """The one part of a pulse no plant of this kind can do without."""
     total = 0.0
     for pulse in range(pulses):
-        for s in range(rays.facing.shape[0]):
+        for s in range(rays.distance.shape[0]):
             shift = 1e-3 * (pulse % 7)
-            total += slice_sums(rays.distance, rays.cosine, rays.sine, s, rays.facing[s], shift, shift, law)[0]
+            slice_sums(rays, s, shift, shift, law, 1.0, sums)
+            total += sums[s, 0] + sums[s, 2] + sums[s, 3]
     return total
 
 
 def ray_sums_per_s(plant: Plant) -> float:
     """Pulses per second if a pulse were nothing but the sums over its rays: the bound of this design."""
     law = gap_law(plant.machine, plant.resolution, timing(plant.machine).open_V)
-    rays = _Rays(*plant.rays())
+    rays = plant.rays()
+    sums = np.zeros((plant.resolution.slices, 4))
     pulses = TIMED_WINDOWS * PULSES_PER_WINDOW // 2
-    _sum_rays(rays, law, 1)
+    _sum_rays(rays, law, sums, 1)
 
     def once() -> float:
         started = time.perf_counter()
-        _sum_rays(rays, law, pulses)
+        _sum_rays(rays, law, sums, pulses)
         return time.perf_counter() - started
 
     return pulses / min(once() for _ in range(REPEATS))
 
 
-def _together(works: list[Callable[[], None]]) -> float:
+def _together(works: Sequence[Callable[[], object]]) -> float:
     """Rounds per second that some kinds of work do side by side, each in a thread of its own."""
     rounds = [0] * len(works)
     stop = threading.Event()
@@ -151,9 +145,9 @@ def thread_scaling() -> tuple[float, float]:
         for _ in range(SETTLE_WINDOWS):
             next(cut)
     law = gap_law(plants[0].machine, plants[0].resolution, timing(plants[0].machine).open_V)
-    rays = _Rays(*plants[0].rays())
-    advance: list[Callable[[], None]] = [lambda cut=cut: next(cut) for cut in cuts]  # type: ignore[misc]
-    compute: list[Callable[[], None]] = [lambda: _compute(rays, law)] * 2
+    rays = plants[0].rays()
+    advance: list[Callable[[], object]] = [lambda cut=cut: next(cut) for cut in cuts]  # type: ignore[misc]
+    compute = [_summing(rays, law) for _ in range(2)]
     gains = []
     for works in (advance, compute):
         alone = max(_together(works[:1]) for _ in range(2))
@@ -161,8 +155,10 @@ def thread_scaling() -> tuple[float, float]:
     return gains[0], gains[1]
 
 
-def _compute(rays: _Rays, law: GapLaw) -> None:
-    _sum_rays(rays, law, PULSES_PER_WINDOW)
+def _summing(rays: Rays, law: GapLaw) -> Callable[[], object]:
+    """Work of a thread that sums rays, into an array of its own."""
+    sums = np.zeros((len(rays.first), 4))
+    return lambda: _sum_rays(rays, law, sums, PULSES_PER_WINDOW)
 
 
 def memory_growth_MB() -> float:

@@ -16,14 +16,15 @@ Other voltages scale the gap to equal field (``g * 80 V / V``); debris multiplie
 
 from __future__ import annotations
 
-import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .compiled import compiled
-from .workpiece import NO_METAL_UM
+from .elementary import logarithm, power
+from .lanes import GAPS, element, highest, load, passed, running, spread, store, total, totals
+from .rays import Rays, gaps_of, narrowest, once_around
 
 
 class GapLaw(NamedTuple):
@@ -64,93 +65,79 @@ PULL_GAP_FLOOR_UM = 1.0
 
 
 @compiled
-def slice_sums(
-    distance: NDArray[np.float32],
-    cosine: NDArray[np.float32],
-    sine: NDArray[np.float32],
-    s: int,
-    count: int,
-    shift_x: float,
-    shift_y: float,
-    law: GapLaw,
-) -> tuple[float, float, float, float, float]:
-    """Sum the first `count` rays of slice `s`: rate 1/us, primed weight um^2, contact depth um, pull x, y 1/um^2.
-
-    `distance` (slices, rays) is the gap traced from the reference position, `shift` how far the wire has moved
-    from it since. Whole arrays and an index, as a view would cost two atomic reference counts.
-    The pull is that of coaxial cylinders a ray's gap apart, to second order in gap over radius:
-    ``(1/g + 1/(2 r))^2``. One pass without branches, so that it vectorises; the one division serves both.
-    """
-    one = np.float32(1.0)
-    sx, sy = np.float32(shift_x), np.float32(shift_y)
+def _delays(gap: Any, law: GapLaw) -> Any:
+    """One over the rate of 16 rays, from their gaps."""
     a, b, c = np.float32(law.t50_a), np.float32(law.t50_b), np.float32(law.t50_c)
-    scale, floor = np.float32(law.gap_scale), np.float32(law.scaled_gap_floor_um)
-    primed_gap = np.float32(law.primed_gap_um)
-    pull_floor = np.float32(PULL_GAP_FLOOR_UM)
+    scaled = highest(gap * np.float32(law.gap_scale), np.float32(law.scaled_gap_floor_um))
+    return (scaled * a + b) * scaled + c
+
+
+@compiled
+def _primed_weights(gap: Any, law: GapLaw) -> Any:
+    """Primed weights of 16 rays in um^2, from their gaps."""
+    depth = highest(spread(np.float32(law.primed_gap_um)) - gap, np.float32(0.0))
+    return depth * depth
+
+
+@compiled
+def slice_sums(
+    rays: Rays, s: int, shift_x: float, shift_y: float, law: GapLaw, gain: float, sums: NDArray[np.float64]
+) -> float:
+    """Sum the rays of slice `s` into its row of `sums` (slices, 4), and return the depth of its contacts in um.
+
+    The row is rate 1/us, primed weight um^2, both times `gain`, pull x, y 1/um^2. `shift` is how far the wire has
+    moved from where the rays were traced. The pull is that of coaxial cylinders a ray's gap apart, to second order in
+    gap over radius: ``(1/g + 1/(2 r))^2``. One division serves all.
+    """
+    sx, sy = np.float32(shift_x), np.float32(shift_y)
+    pull_floor, one = np.float32(PULL_GAP_FLOOR_UM), np.float32(1.0)
     curvature = np.float32(law.wire_curvature)
     bare = np.float32(0.25 * law.wire_curvature**2)
-    zero = np.float32(0.0)
-    rate = primed = contact = pull_x = pull_y = zero
-    for k in range(count):
-        gap = distance[s, k] - sx * cosine[s, k] - sy * sine[s, k]
-        scaled = max(gap * scale, floor)
-        delay = (a * scaled + b) * scaled + c
-        held = max(gap, pull_floor)
+    rate = primed = pull_x = pull_y = spread(np.float32(0.0))
+    first = rays.first[s]
+    for at in range(first, first + rays.blocks[s] * GAPS, GAPS):
+        gap = gaps_of(rays, s, at, sx, sy)
+        delay = _delays(gap, law)
+        held = highest(gap, pull_floor)
         square = held * held
-        both = one / (delay * square)
+        both = spread(one) / (delay * square)
         rate += both * square
-        pressure = both * delay * (one + held * curvature) + bare
-        pull_x += pressure * cosine[s, k]
-        pull_y += pressure * sine[s, k]
-        depth = max(primed_gap - gap, zero)
-        primed += depth * depth
-    contact_gap = np.float32(law.contact_gap_um)
-    span = primed_gap - contact_gap
-    if span <= zero or primed >= span * span:  # else no ray is near enough to touch
-        for k in range(count):
-            gap = distance[s, k] - sx * cosine[s, k] - sy * sine[s, k]
-            contact += max(contact_gap - gap, zero)
-    return float(rate), float(primed), float(contact), float(pull_x), float(pull_y)
+        pressure = both * delay * (held * curvature + one) + bare
+        pull_x += pressure * load(rays.cosine, (s, at))
+        pull_y += pressure * load(rays.sine, (s, at))
+        primed += _primed_weights(gap, law)
+    row = totals(rate * gain, primed * gain, pull_x, pull_y)
+    store(sums, (s, 0), row)
+    span = law.primed_gap_um - law.contact_gap_um
+    if span > 0.0 and element(row, 1) < span * span * gain:
+        return 0.0  # no ray is near enough to touch
+    contact = 0.0
+    for at in range(first, first + rays.blocks[s] * GAPS, GAPS):
+        depth = spread(np.float32(law.contact_gap_um)) - gaps_of(rays, s, at, sx, sy)
+        contact += total(highest(depth, np.float32(0.0)))
+    return contact
 
 
 @compiled
 def choose_ray(
-    distance: NDArray[np.float32],
-    cosine: NDArray[np.float32],
-    sine: NDArray[np.float32],
-    s: int,
-    count: int,
-    shift_x: float,
-    shift_y: float,
-    law: GapLaw,
-    primed: bool,
-    target: float,
+    rays: Rays, s: int, shift_x: float, shift_y: float, law: GapLaw, primed: bool, target: float
 ) -> int:
     """Ray of slice `s` at which the cumulative weight (rate, or primed weight) passes `target`."""
     sx, sy = np.float32(shift_x), np.float32(shift_y)
-    a, b, c = np.float32(law.t50_a), np.float32(law.t50_b), np.float32(law.t50_c)
-    scale, floor = np.float32(law.gap_scale), np.float32(law.scaled_gap_floor_um)
-    running = 0.0
-    for k in range(count):
-        gap = distance[s, k] - sx * cosine[s, k] - sy * sine[s, k]
-        if primed:
-            depth = max(np.float32(law.primed_gap_um) - gap, np.float32(0.0))
-            weight = depth * depth
-        else:
-            scaled = max(gap * scale, floor)
-            weight = np.float32(1.0) / ((a * scaled + b) * scaled + c)
-        running += weight
-        if running > target:
-            return k
-    best, narrowest = 0, np.float32(NO_METAL_UM)  # the target lay within rounding of the total: the likeliest
-    for k in range(count):
-        gap = distance[s, k] - sx * cosine[s, k] - sy * sine[s, k]
-        if gap < narrowest:
-            best, narrowest = k, gap
-    return best
+    left = np.float32(target)
+    for block in range(rays.blocks[s]):
+        at = rays.first[s] + block * GAPS
+        gap = gaps_of(rays, s, at, sx, sy)
+        weights = _primed_weights(gap, law) if primed else spread(np.float32(1.0)) / _delays(gap, law)
+        sums = running(weights)
+        before = passed(sums, left)
+        if before < GAPS:
+            return once_around(rays, at + before)
+        left -= element(sums, GAPS - 1)
+    return narrowest(rays, s, sx, sy)[0]  # the target lay within rounding of the total: the likeliest
 
 
 @compiled
 def weibull(scale_us: float, shape: float, u: float) -> float:
     """Weibull delay in us at survival probability `u`."""
-    return float(scale_us * (-math.log(u)) ** (1.0 / shape))
+    return scale_us * power(-logarithm(u), 1.0 / shape)

@@ -22,11 +22,11 @@ _P = ParamSpec("_P")
 _R = TypeVar("_R")
 _FOLDERS_KEPT = 4
 # NaN and infinity keep their meaning: the loop tests for them. The rest lets sums be vectorised.
-_FAST = {"reassoc", "contract", "arcp", "nsz", "afn"}
+FAST = {"reassoc", "contract", "arcp", "nsz", "afn"}
 # Everything is inlined into one function, and arrays are not reference-counted: their owner, the plant, outlives
 # the call, and the atomic counting took a third of the loop's time. So nothing in the loop may allocate.
 _OPTIONS: dict[str, Any] = {
-    "cache": True, "nogil": True, "fastmath": _FAST, "error_model": "numpy", "forceinline": True, "_nrt": False,
+    "cache": True, "nogil": True, "fastmath": FAST, "error_model": "numpy", "forceinline": True, "_nrt": False,
 }
 
 

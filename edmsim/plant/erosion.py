@@ -12,12 +12,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .compiled import compiled
+from .elementary import cube_root
 from .facing import gap_of
+from .lanes import GAPS, load, passed
 from .state import Array, Arrays, Constants
-from .workpiece import FULL, carve_wall
+from .workpiece import FULL, NO_METAL_UM, carve_wall
 
 CARVE_BEFORE_UM, CARVE_BEYOND_UM = 12.0, 48.0
 """How far before and beyond a ray's edge its wall is looked for: beside the ray it may stand nearer."""
+BARE_UM = np.float32(0.5 * NO_METAL_UM)
+"""A gap beyond this is that of a ray that meets no metal."""
 PROUD_UM = 6.0
 """Metal this far before the edge stands out: no ray may see it, but discharges do."""
 
@@ -25,7 +29,7 @@ PROUD_UM = 6.0
 @compiled
 def crater_diameter(volume: float, c: Constants) -> float:
     """Diameter in um of a half-ellipsoid crater: V = 2/3 area depth, depth = flatness diameter."""
-    return float(np.cbrt(6.0 * volume / (math.pi * c.crater_flatness)))
+    return float(cube_root(6.0 * volume / (math.pi * c.crater_flatness)))
 
 
 @compiled
@@ -35,41 +39,46 @@ def _covered(middle: float, reach: float, aside: int) -> float:
 
 
 @compiled
-def _neighbour(a: Arrays, s: int, r: int, aside: int) -> int:
-    """Packed place of the ray `aside` places from ray `r`; -1 if that ray meets no metal."""
-    n_rays = a.ray_cosine.shape[0]
-    n = r + aside  # wrapped by hand: division is dear here
-    n += n_rays if n < 0 else 0
-    n -= n_rays if n >= n_rays else 0
-    return int(a.place[s, n])
+def _metal_covered(a: Arrays, s: int, middle: int, span: int, jitter: float, reach: float) -> float:
+    """How many ray spacings of metal a crater covers, the ray in the middle and `span` on either side looked at."""
+    whole = True
+    for at in range(middle - span, middle + span + 1, GAPS):
+        whole = whole and passed(load(a.distance, (s, at)), BARE_UM) == GAPS
+    if whole:
+        return 2.0 * reach
+    covered = 0.0
+    for aside in range(-span, span + 1):
+        if a.distance[s, middle + aside] < BARE_UM:
+            covered += _covered(jitter, reach, aside)
+    return covered
 
 
 @compiled
-def share_crater(a: Arrays, c: Constants, position: Array, s: int, k: int, volume: float, jitter: float) -> bool:
-    """Lay a crater of `volume` um3 at packed ray `k` on the rays in its width, which recede by its mean depth.
+def share_crater(a: Arrays, c: Constants, position: Array, s: int, r: int, volume: float, jitter: float) -> bool:
+    """Lay a crater of `volume` um3 at ray `r` on the rays in its width, which recede by its mean depth.
 
     `jitter` (-0.5..0.5 ray spacings) shifts the crater, so that many of them cover the wall evenly. Says whether
     there was metal to lay it on.
     """
+    if volume <= 0.0:
+        return False
     n_rays = a.ray_cosine.shape[0]
-    spacing = (c.radius_um + gap_of(a, position, s, k)) * (2.0 * math.pi / n_rays)
-    reach = min(0.5 * crater_diameter(volume, c) / spacing, 0.25 * n_rays)
-    first, last = math.floor(jitter - reach + 0.5), math.ceil(jitter + reach - 0.5)
-    r = a.ray[s, k]
-    covered = 0.0
-    for aside in range(first, last + 1):
-        if _neighbour(a, s, r, aside) >= 0:
-            covered += _covered(jitter, reach, aside)
+    spacing = (c.radius_um + gap_of(a, position, s, r)) * (2.0 * math.pi / n_rays)
+    diameter = crater_diameter(volume, c)
+    reach = min(0.5 * diameter / spacing, 0.25 * n_rays - 1.0)
+    span = int(reach) + 1
+    middle = r if r > n_rays // 2 else r + n_rays  # all around it lies within the arrays, which go around twice
+    covered = _metal_covered(a, s, middle, span, jitter, reach)
     if covered <= 0.0:
         return False
-    area = volume / (c.slice_um * covered)
-    depth = np.float32(area / spacing)
-    for aside in range(first, last + 1):
-        j = _neighbour(a, s, r, aside)
-        if j >= 0:
-            share = _covered(jitter, reach, aside)
-            a.pending_um2[s, a.ray[s, j]] += area * share
-            a.distance[s, j] += depth * np.float32(share)
+    depth = volume / (c.slice_um * spacing * covered)
+    for aside in range(-span, span + 1):
+        if a.distance[s, middle + aside] < BARE_UM:
+            deep = depth * _covered(jitter, reach, aside)
+            n = middle + aside - (n_rays if middle + aside >= n_rays else 0)
+            receded = a.distance[s, n] + np.float32(deep)
+            a.distance[s, n] = a.distance[s, n + n_rays] = receded
+            a.pending_um2[s, n] += deep * spacing
     return True
 
 

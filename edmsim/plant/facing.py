@@ -1,4 +1,4 @@
-"""The rays that face metal: traced once per window, packed for the pulse loop, receding with every crater."""
+"""The rays that face metal: traced once per window, receding with every crater."""
 
 from __future__ import annotations
 
@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .compiled import compiled
-from .state import LANES, Array, Arrays, Constants
+from .rays import Rays, face, narrowest
+from .state import Array, Arrays, Constants
 from .workpiece import NO_METAL_UM, trace
 
 OVERLAP_UM = 8.0
@@ -17,11 +18,9 @@ AHEAD_UM = 6.0
 """A known edge is looked for again from this far before where it is expected (metal only recedes)."""
 KNOWN_MOVE_UM = 20.0
 """Known edges are of use only while the wire moved less than this since."""
-BLIND_TURNS = np.uint64(4)
+BLIND_TURNS = np.uint64(8)
 """A ray that met no metal is looked along again only every so many windows: what comes within its range at the
 feed of such a machine is then still far away."""
-_GAP_PARTS, _PLACES = 4096.0, 256
-"""`narrowest` compares gaps in parts of a um, and counts packed rays (at most 128) below that."""
 
 
 @compiled
@@ -41,34 +40,26 @@ def _trace_ray(
 
 
 @compiled
-def _pack(a: Arrays, c: Constants, s: int) -> None:
-    """Pack the rays of a slice that meet metal, and fill up to whole lanes."""
-    k = 0
-    for r in range(a.ray_cosine.shape[0]):
-        a.place[s, r] = -1
-        if a.edge_um[s, r] < c.range_um:
-            a.ray[s, k] = r
-            a.place[s, r] = k
-            a.distance[s, k] = a.edge_um[s, r]
-            a.cosine[s, k] = a.ray_cosine[r]
-            a.sine[s, k] = a.ray_sine[r]
-            k += 1
-    a.facing[s] = (k + LANES - 1) // LANES * LANES
-    for fill in range(k, a.facing[s]):
-        a.ray[s, fill] = -1
-        a.distance[s, fill] = NO_METAL_UM
-        a.cosine[s, fill] = 0.0
-        a.sine[s, fill] = 0.0
+def rays_of(a: Arrays) -> Rays:
+    """Look at what the loop sees of the rays."""
+    return Rays(a.distance, a.cosine, a.sine, a.first, a.blocks)
+
+
+@compiled
+def meets_metal(a: Arrays, c: Constants, s: int, r: int) -> bool:
+    """Whether a ray met metal when it was traced."""
+    return bool(a.edge_um[s, r] < c.range_um)
 
 
 @compiled
 def refer(
     a: Arrays, tiles: NDArray[np.uint16], index: NDArray[np.int32], c: Constants, place: Array, turn: int
 ) -> None:
-    """Trace the rays from the place (2, slices) the wire swings around, and pack those that meet metal.
+    """Trace the rays from the place (2, slices) the wire swings around, and show the loop those that meet metal.
 
     `turn` counts the windows. What the wire is away from there shifts the gaps to first order.
     """
+    rays = rays_of(a)
     for s in range(a.shape.shape[0]):
         dx, dy = place[0, s] - a.reference_um[0, s], place[1, s] - a.reference_um[1, s]
         known = math.hypot(dx, dy) < KNOWN_MOVE_UM
@@ -76,35 +67,26 @@ def refer(
         for r in range(a.ray_cosine.shape[0]):
             expected = -OVERLAP_UM
             if known:
-                if a.edge_um[s, r] < c.range_um:
+                if meets_metal(a, c, s, r):
                     expected = a.edge_um[s, r] - dx * a.ray_cosine[r] - dy * a.ray_sine[r]
                 elif np.uint64(turn + r) % BLIND_TURNS != 0:
                     continue
             a.edge_um[s, r] = _trace_ray(a, tiles, index, c, s, r, expected)
-        _pack(a, c, s)
+        face(rays, s, a.edge_um, c.range_um, a.ray_cosine, a.ray_sine)
 
 
 @compiled
-def gap_of(a: Arrays, position: Array, s: int, k: int) -> float:
-    """Gap of packed ray `k` where the wire is now."""
+def gap_of(a: Arrays, position: Array, s: int, r: int) -> float:
+    """Gap of a ray where the wire is now."""
     return np.float64(
-        a.distance[s, k]
-        - (position[0, s] - a.reference_um[0, s]) * a.cosine[s, k]
-        - (position[1, s] - a.reference_um[1, s]) * a.sine[s, k]
+        a.distance[s, r]
+        - (position[0, s] - a.reference_um[0, s]) * a.cosine[s, r]
+        - (position[1, s] - a.reference_um[1, s]) * a.sine[s, r]
     )
 
 
 @compiled
-def narrowest(a: Arrays, position: Array, s: int) -> tuple[int, float]:
-    """Packed ray with the smallest gap in a slice, and that gap; (0, `NO_METAL_UM`) if none faces metal.
-
-    Gap and place are packed into one whole number, whose minimum is found in one vectorised pass; that of a
-    floating-point number and its place is not.
-    """
-    sx, sy = np.float32(position[0, s] - a.reference_um[0, s]), np.float32(position[1, s] - a.reference_um[1, s])
-    least = int(NO_METAL_UM * _GAP_PARTS) * _PLACES
-    for k in range(a.facing[s]):
-        gap = a.distance[s, k] - sx * a.cosine[s, k] - sy * a.sine[s, k]
-        least = min(least, int(gap * np.float32(_GAP_PARTS)) * _PLACES + k)
-    k = least % _PLACES
-    return k, gap_of(a, position, s, k) if a.facing[s] > 0 else NO_METAL_UM
+def narrowest_now(a: Arrays, position: Array, s: int) -> tuple[int, float]:
+    """Ray with the smallest gap in a slice where the wire is now, and that gap; see `rays.narrowest`."""
+    shift_x, shift_y = position[0, s] - a.reference_um[0, s], position[1, s] - a.reference_um[1, s]
+    return narrowest(rays_of(a), s, np.float32(shift_x), np.float32(shift_y))

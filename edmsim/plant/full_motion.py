@@ -206,7 +206,7 @@ def move_full(
     a: Arrays,
     link: FullLink,
     load: Array,
-    pull: Array,
+    sums: Array,
     open_scale: float,
     burn_scale: float,
     ignite_us: float,
@@ -245,7 +245,7 @@ def move_full(
     n_steps = math.ceil(period_us / link.longest_us)
     dt_us = period_us / n_steps
     link.timestep[0] = dt_us * 1e-6
-    project(a, pull, load)
+    project(a, sums, load)
     _lay_out(state, a, link)
     kicked = min(int(end_us / dt_us), n_steps - 1)
     second = end_us / dt_us - kicked if kicked < n_steps - 1 else 0.0

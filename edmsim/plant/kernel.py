@@ -16,7 +16,7 @@ from .dielectric import flush
 from .erosion import carve, share_crater
 from .facing import OVERLAP_UM, gap_of, refer
 from .full_motion import LOST, FullLink, move_full
-from .motion import copy, move, place_wire, ringing, step_table
+from .motion import copy, mean_deflection, move, place_wire, ringing, step_table
 from .outcome import decide, deepest_contact, draw, leak_conductance, sum_rays, touch
 from .random import normal
 from .state import (
@@ -60,7 +60,7 @@ def _erode(
     state: NDArray[np.void], window: NDArray[np.void], a: Arrays, c: Constants, position: Array, s: int, k: int,
     volume: float,
 ) -> None:
-    """Remove a crater of `volume` um3 at a packed ray and feed the debris."""
+    """Remove a crater of `volume` um3 at a ray and feed the debris."""
     state[0].crater_um3 += volume
     if share_crater(a, c, position, s, k, volume, draw(state) - 0.5):
         state[0].wear_wait_um3 += volume
@@ -104,7 +104,7 @@ def _discharge(
     window[0].charge_A_us += t.current_A * burn_us
     state[0].current2_us += t.current_A**2 * burn_us
     state[0].last_slice = s
-    state[0].last_ray = a.ray[s, k]
+    state[0].last_ray = k
     a.temperature_K[s] += c.wire_heat_share * energy * heat.kelvin_per_J
     window[0].temperature_max_K = max(window[0].temperature_max_K, a.temperature_K[s])
     _see_rupture(state, a, c, s)
@@ -136,7 +136,7 @@ def _note(
     if outcome == OPEN or s < 0:
         p.slice = -1
         return
-    p.slice, p.ray = s, a.ray[s, k]
+    p.slice, p.ray = s, k
     p.gap_um, p.x_um, p.y_um = gap_of(a, position, s, k), position[0, s], position[1, s]
 
 
@@ -144,9 +144,7 @@ def _note(
 def _watch(window: NDArray[np.void], a: Arrays) -> None:
     """Add the wire's mean deflection over the height to the window's sums."""
     for axis in range(2):
-        mean = 0.0
-        for m in range(a.mean_shape.shape[0]):
-            mean += a.mean_shape[m] * a.wire_q[axis, m]
+        mean = mean_deflection(a, axis)
         window[0].deflection_um[axis] += mean
         window[0].deflection2_um2[axis] += mean * mean
 
@@ -157,7 +155,7 @@ def _carry_on(state: NDArray[np.void], a: Arrays, c: Constants, heat: HeatLaw) -
     dt = state[0].heat_wait_us
     heat_step(a.temperature_K, heat, dt, state[0].current2_us)
     flush(a.debris, c.nozzle_flow_us * dt)
-    passed = 1.0 - math.exp(-heat.run_per_us / a.facing.shape[0] * dt)
+    passed = 1.0 - math.exp(-heat.run_per_us / a.temperature_K.shape[0] * dt)
     worn = c.worn_share_per_um3_us * state[0].wear_wait_um3 / dt
     state[0].worn_share += (worn - state[0].worn_share) * passed
     state[0].heat_wait_us = 0.0
@@ -272,8 +270,7 @@ def fire_window(
     status = _check_steps(steps, state[0].time_ns)
     if status != FINE:
         return status
-    position, pull, load, held = scratch.position, scratch.pull, scratch.load, scratch.held
-    rate, primed, contact = scratch.rate, scratch.primed, scratch.contact
+    position, load, held, sums, contact = scratch
     _begin(state, window, a)
     copy(held, a.wire_q)
     place_wire(state, a, position)
@@ -286,9 +283,9 @@ def fire_window(
     next_step = 0
     for n in range(PULSES_PER_WINDOW):
         place_wire(state, a, position)
-        totals = sum_rays(a, c, law, position, rate, primed, contact, pull)
+        totals = sum_rays(a, c, law, position, sums, contact)
         _watch(window, a)
-        outcome, delay, s, k = decide(state, a, c, law, t, position, rate, primed, contact, totals, held)
+        outcome, delay, s, k = decide(state, a, c, law, t, position, sums, contact, totals, held)
 
         if pulses.shape[0] > n:
             since_us = (state[0].time_ns - window[0].start_ns) * 1e-3
@@ -317,14 +314,14 @@ def fire_window(
         copy(held, a.wire_q)
         if full:
             next_step = move_full(
-                state, a, link, load, pull, open_scale, burn_scale, delay, delay + burn, period_ns, at, kick_x,
+                state, a, link, load, sums, open_scale, burn_scale, delay, delay + burn, period_ns, at, kick_x,
                 kick_y, steps, next_step,
             )
             state[0].time_ns += period_ns
         else:
             k_ignite = min(int(delay * per_grid + 0.5), k_period)
             k_end = min(int((delay + burn) * per_grid + 0.5), k_period)
-            move(a, p, load, pull, open_scale, burn_scale, k_ignite, k_end, k_period, at, kick_x, kick_y)
+            move(a, p, load, sums, open_scale, burn_scale, k_ignite, k_end, k_period, at, kick_x, kick_y)
             state[0].time_ns += period_ns
             next_step = _step_tables(state, a, c, t, p, k_period, steps, next_step)
         quiet = period_us - delay - conducting
@@ -342,7 +339,7 @@ def fire_window(
     # what the last pulse drove into the metal must be out of it before the rays are traced anew
     place_wire(state, a, position)
     deepest = 0.0
-    if sum_rays(a, c, law, position, rate, primed, contact, pull)[2] > 0.0:
+    if sum_rays(a, c, law, position, sums, contact)[2] > 0.0:
         touch(state, a, position, contact, held)
         deepest = deepest_contact(a, position, contact)[0]
     return _end(state, window, a, deepest)

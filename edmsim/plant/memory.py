@@ -21,6 +21,7 @@ from .breakdown import GapLaw
 from .compiled import compiled
 from .full_motion import FullLink
 from .kernel import fire_window
+from .lanes import filled
 from .state import GRID, PULSE, STATE, WINDOW, Arrays, Constants, Propagators, Scratch, Timing
 from .wire import HeatLaw
 from .workpiece import TILE
@@ -136,15 +137,15 @@ _at_constants, _at_law, _at_heat, _at_timing = (_array_of(from_dtype(_dtype_of(k
 
 @compiled
 def _arrays(at: Any, slices: int, rays: int, modes: int) -> Arrays:
-    per_ray, per_mode = (slices, rays), (2, modes)
+    per_ray, twice, per_mode = (slices, rays), (slices, 2 * rays), (2, modes)
     return Arrays(
-        _f4(at.edge_um, per_ray), _f8(at.reference_um, (2, slices)),
+        _f4(at.edge_um, per_ray), _f8(at.reference_um, (2, filled(slices))),
         _f8(at.pending_um2, per_ray), _f8(at.wire_q, per_mode), _f8(at.wire_v, per_mode),
         _f8(at.table_q, (2, 2)), _f8(at.table_v, (2, 2)), _f8(at.temperature_K, (slices,)),
-        _f8(at.debris, (slices,)), _f8(at.carry_um2, (slices,)), _i8(at.facing, (slices,)),
-        _i8(at.ray, per_ray), _i8(at.place, per_ray), _f4(at.distance, per_ray), _f4(at.cosine, per_ray),
-        _f4(at.sine, per_ray), _f8(at.ray_cosine, (rays,)), _f8(at.ray_sine, (rays,)),
-        _f8(at.shape, (slices, modes)),
+        _f8(at.debris, (slices,)), _f8(at.carry_um2, (slices,)), _f4(at.distance, twice),
+        _f4(at.cosine, twice), _f4(at.sine, twice), _i8(at.first, (slices,)), _i8(at.blocks, (slices,)),
+        _f8(at.ray_cosine, (rays,)), _f8(at.ray_sine, (rays,)),
+        _f8(at.shape, (slices, modes)), _f8(at.sway, (modes, filled(slices))),
         _f8(at.mean_shape, (modes,)), _f8(at.flow_factor, (slices,)),
         _f8(at.table_shape, (2, 2)), _f8(at.table_participation, (2, 2)),
     )
@@ -173,9 +174,8 @@ def _propagators(at: Any, modes: int) -> Propagators:
 @compiled
 def _scratch(at: Any, slices: int, modes: int) -> Scratch:
     return Scratch(
-        _f8(at.position, (2, slices)), _f8(at.pull, (2, slices)),
-        _f8(at.load, (2, modes)), _f8(at.held, (2, modes)),
-        _f8(at.rate, (slices,)), _f8(at.primed, (slices,)), _f8(at.contact, (slices,)),
+        _f8(at.position, (2, filled(slices))), _f8(at.load, (2, modes)), _f8(at.held, (2, modes)),
+        _f8(at.sums, (slices, 4)), _f8(at.contact, (slices,)),
     )
 
 
@@ -198,8 +198,8 @@ time, axis and direction in a row), number of steps, and, written by the call, h
 
 
 @functools.cache
-def window_function(slices: int, rays: int, modes: int, full: bool) -> Callable[[int, int], None]:
-    """Return the compiled window of one resolution; `full` has MuJoCo move wire and table, `modes` are its nodes.
+def window_function(slices: int, rays: int, coordinates: int, full: bool) -> Callable[[int, int], None]:
+    """Return the compiled window of one resolution; with `full`, MuJoCo moves wire and table, the wire's nodes.
 
     It takes the address of rows of `CALL` numbers and how many rows there are: one window for one plant each. One
     plant and a thousand run the same machine code, so that a plant's bits do not depend on its company.
@@ -210,6 +210,7 @@ def window_function(slices: int, rays: int, modes: int, full: bool) -> Callable[
         rows = _i8(calls, (count, CALL))
         for k in range(count):
             at = _at_table(rows[k, 0], (1,))[0]
+            modes = filled(coordinates)
             rows[k, 3] = fire_window(
                 _at_state(at.state, (1,)), _at_window(at.window, (1,)),
                 _arrays(at, slices, rays, modes),
@@ -217,7 +218,7 @@ def window_function(slices: int, rays: int, modes: int, full: bool) -> Callable[
                 _i4(at.index, (at.index_side, at.index_side)),
                 _at_constants(at.constants, (1,))[0], _law(at),
                 _at_heat(at.heat, (1,))[0], _at_timing(at.timing, (1,))[0],
-                _propagators(at, modes), _scratch(at, slices, modes), _link(at, modes), full,
+                _propagators(at, modes), _scratch(at, slices, modes), _link(at, coordinates), full,
                 _i8(rows[k, 1], (rows[k, 2], 3)), _at_pulses(at.pulses, (at.pulse_count,)),
             )
 

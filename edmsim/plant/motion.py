@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .compiled import compiled
+from .lanes import COORDINATES, load, spread, store, total
 from .state import Array, Arrays, Propagators
 
 
@@ -13,21 +14,30 @@ from .state import Array, Arrays, Propagators
 def copy(to: Array, of: Array) -> None:
     """Copy a modal state."""
     for axis in range(2):
-        for m in range(of.shape[1]):
-            to[axis, m] = of[axis, m]
+        for m in range(0, of.shape[1], COORDINATES):
+            store(to, (axis, m), load(of, (axis, m)))
 
 
 @compiled
 def place_wire(state: NDArray[np.void], a: Arrays, position: Array) -> None:
     """Wire position on the workpiece, per slice: commanded, ringing of the table, deflection."""
-    n_slices, n_modes = a.shape.shape
-    x, y = state[0].commanded_um[0] + ringing(a, 0), state[0].commanded_um[1] + ringing(a, 1)
-    for s in range(n_slices):
-        deflection_x = deflection_y = 0.0
-        for m in range(n_modes):
-            deflection_x += a.shape[s, m] * a.wire_q[0, m]
-            deflection_y += a.shape[s, m] * a.wire_q[1, m]
-        position[0, s], position[1, s] = x + deflection_x, y + deflection_y
+    n_modes, filled = a.sway.shape
+    for axis in range(2):
+        start = state[0].commanded_um[axis] + ringing(a, axis)
+        for s in range(0, filled, COORDINATES):
+            place = spread(start)
+            for m in range(n_modes):
+                place += load(a.sway, (m, s)) * a.wire_q[axis, m]
+            store(position, (axis, s), place)
+
+
+@compiled
+def mean_deflection(a: Arrays, axis: int) -> float:
+    """Mean over the height of the wire's deflection."""
+    mean = spread(0.0)
+    for m in range(0, a.mean_shape.shape[0], COORDINATES):
+        mean += load(a.mean_shape, (m,)) * load(a.wire_q, (axis, m))
+    return float(total(mean))
 
 
 @compiled
@@ -80,24 +90,23 @@ def push_out(a: Arrays, s: int, cosine: float, sine: float, depth: float) -> Non
 
 
 @compiled
-def project(a: Arrays, pull: Array, load: Array) -> None:
-    """Loads on the modal coordinates (2, modes) of forces on the slices (2, slices)."""
+def project(a: Arrays, sums: Array, onto: Array) -> None:
+    """Loads on the modal coordinates (2, modes) of the pull on the slices (see `breakdown.slice_sums`)."""
     n_slices, n_modes = a.shape.shape
-    for m in range(n_modes):
-        load[0, m] = load[1, m] = 0.0
-    for k in range(n_slices):
-        pull_x, pull_y = pull[0, k], pull[1, k]
-        for m in range(n_modes):
-            load[0, m] += a.shape[k, m] * pull_x
-            load[1, m] += a.shape[k, m] * pull_y
+    for axis in range(2):
+        for m in range(0, n_modes, COORDINATES):
+            sum_ = spread(0.0)
+            for s in range(n_slices):
+                sum_ += load(a.shape, (s, m)) * sums[s, 2 + axis]
+            store(onto, (axis, m), sum_)
 
 
 @compiled
 def move(
     a: Arrays,
     p: Propagators,
-    load: Array,
-    pull: Array,
+    forces: Array,
+    sums: Array,
     open_scale: float,
     burn_scale: float,
     k_ignite: int,
@@ -113,28 +122,27 @@ def move(
     `s`. A constant force f switched on at t acts at the end T as ``f (1 - p11(T - t)) / omega^2`` on the
     deflection and as ``f p12(T - t)`` on the velocity, so no time step enters, only the grid of the tables.
     """
-    n_modes = a.shape.shape[1]
     since_ignite, since_end = k_period - k_ignite, k_period - k_end
-    project(a, pull, load)
-    for m in range(n_modes):
-        c0, c1, c2 = p.wire[k_period, 0, m], p.wire[since_ignite, 0, m], p.wire[since_end, 0, m]
-        s0, s1, s2 = p.wire[k_period, 1, m], p.wire[since_ignite, 1, m], p.wire[since_end, 1, m]
+    project(a, sums, forces)
+    for m in range(0, a.shape.shape[1], COORDINATES):
+        c0, s0 = load(p.wire, (k_period, 0, m)), load(p.wire, (k_period, 1, m))
+        c1, s1 = load(p.wire, (since_ignite, 0, m)), load(p.wire, (since_ignite, 1, m))
+        c2, s2 = load(p.wire, (since_end, 0, m)), load(p.wire, (since_end, 1, m))
         # response of deflection and velocity to the pull, and to a kick of 1 N s (in um)
-        settled = (open_scale * (c1 - c0) + burn_scale * (c2 - c1)) * p.wire_compliance[m]
-        moving = open_scale * (s0 - s1) + burn_scale * (s1 - s2)
-        jump = 1e6 * a.shape[s, m]
-        kicked, thrown = s2 * jump, p.wire[since_end, 3, m] * jump
-        back, damped = p.wire[k_period, 2, m], p.wire[k_period, 3, m]
-        qx, vx, qy, vy = a.wire_q[0, m], a.wire_v[0, m], a.wire_q[1, m], a.wire_v[1, m]
-        a.wire_q[0, m] = c0 * qx + s0 * vx + load[0, m] * settled + kicked * kick_x
-        a.wire_q[1, m] = c0 * qy + s0 * vy + load[1, m] * settled + kicked * kick_y
-        a.wire_v[0, m] = back * qx + damped * vx + load[0, m] * moving + thrown * kick_x
-        a.wire_v[1, m] = back * qy + damped * vy + load[1, m] * moving + thrown * kick_y
-    for axis in range(2):
-        for m in range(2):
-            q, v = a.table_q[axis, m], a.table_v[axis, m]
-            a.table_q[axis, m] = p.table11[k_period, axis, m] * q + p.table12[k_period, axis, m] * v
-            a.table_v[axis, m] = p.table21[k_period, axis, m] * q + p.table22[k_period, axis, m] * v
+        settled = ((c1 - c0) * open_scale + (c2 - c1) * burn_scale) * load(p.wire_compliance, (m,))
+        moving = (s0 - s1) * open_scale + (s1 - s2) * burn_scale
+        jump = load(a.shape, (s, m)) * 1e6
+        kicked, thrown = s2 * jump, load(p.wire, (since_end, 3, m)) * jump
+        back, damped = load(p.wire, (k_period, 2, m)), load(p.wire, (k_period, 3, m))
+        for axis in range(2):
+            kick = kick_x if axis == 0 else kick_y
+            q, v, force = load(a.wire_q, (axis, m)), load(a.wire_v, (axis, m)), load(forces, (axis, m))
+            store(a.wire_q, (axis, m), c0 * q + s0 * v + force * settled + kicked * kick)
+            store(a.wire_v, (axis, m), back * q + damped * v + force * moving + thrown * kick)
+    q, v = load(a.table_q, (0, 0)), load(a.table_v, (0, 0))
+    at = (k_period, 0, 0)
+    store(a.table_q, (0, 0), load(p.table11, at) * q + load(p.table12, at) * v)
+    store(a.table_v, (0, 0), load(p.table21, at) * q + load(p.table22, at) * v)
 
 
 @compiled

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 from numpy.typing import NDArray
 
 from .breakdown import GapLaw, choose_ray, slice_sums, weibull
 from .compiled import compiled
 from .dielectric import bridged_probability
-from .facing import narrowest
+from .elementary import exponential, logarithm
+from .facing import meets_metal, narrowest_now, rays_of
+from .lanes import element, load, spread
 from .motion import fall_back, place_wire, push_out
 from .random import normal, uniform
 from .state import ARC, OPEN, SHORT, SPARK, Array, Arrays, Constants, Timing
@@ -28,42 +28,45 @@ def draw(state: NDArray[np.void]) -> float:
 def leak_conductance(a: Arrays, c: Constants) -> float:
     """Conductance in siemens of the water between wire and metal (rays in parallel)."""
     total = 0.0
-    for s in range(a.facing.shape[0]):
-        for k in range(a.facing[s]):
-            total += 1.0 / max(a.distance[s, k], 1.0)
+    for s in range(a.edge_um.shape[0]):
+        for r in range(a.edge_um.shape[1]):
+            total += 1.0 / max(a.distance[s, r], 1.0)
     return total * c.leak_S_um
 
 
 @compiled
+def _gain(a: Arrays, c: Constants, s: int) -> float:
+    """What debris and flow make of the breakdown rate in a slice."""
+    return float((1.0 + c.debris_gain * a.debris[s]) * a.flow_factor[s])
+
+
+@compiled
 def sum_rays(
-    a: Arrays, c: Constants, law: GapLaw, position: Array, rate: Array, primed: Array, contact: Array, pull: Array
+    a: Arrays, c: Constants, law: GapLaw, position: Array, sums: Array, contact: Array
 ) -> tuple[float, float, float]:
-    """Sum every slice's rays at the wire's present place; returns the totals: rate, primed, contact depth."""
-    total_rate = total_primed = touching = 0.0
-    for s in range(rate.shape[0]):
-        total = slice_sums(
-            a.distance, a.cosine, a.sine, s, a.facing[s],
-            position[0, s] - a.reference_um[0, s], position[1, s] - a.reference_um[1, s], law,
+    """Sum every slice's rays at the wire's present place (see `slice_sums`); returns rate, primed, contact depth."""
+    rays = rays_of(a)
+    everything = spread(0.0)
+    touching = 0.0
+    for s in range(sums.shape[0]):
+        contact[s] = slice_sums(
+            rays, s, position[0, s] - a.reference_um[0, s], position[1, s] - a.reference_um[1, s], law,
+            _gain(a, c, s), sums,
         )
-        gain = (1.0 + c.debris_gain * a.debris[s]) * a.flow_factor[s]
-        rate[s], primed[s] = total[0] * gain, total[1] * gain
-        contact[s] = total[2]
-        total_rate += rate[s]
-        total_primed += primed[s]
-        pull[0, s], pull[1, s] = total[3], total[4]
-        touching += total[2]
-    return total_rate, total_primed, touching
+        touching += contact[s]
+        everything += load(sums, (s, 0))
+    return element(everything, 0), element(everything, 1), touching
 
 
 @compiled
 def deepest_contact(a: Arrays, position: Array, contact: Array) -> tuple[float, int, int]:
-    """Smallest gap among the slices that touch, its slice and packed ray."""
+    """Smallest gap among the slices that touch, its slice and ray."""
     deepest, slice_, place = NO_METAL_UM, 0, 0
     for s in range(contact.shape[0]):
         if contact[s] > 0.0:
-            k, gap = narrowest(a, position, s)
+            r, gap = narrowest_now(a, position, s)
             if gap < deepest:
-                deepest, slice_, place = gap, s, k
+                deepest, slice_, place = gap, s, r
     return deepest, slice_, place
 
 
@@ -71,7 +74,7 @@ def deepest_contact(a: Arrays, position: Array, contact: Array) -> tuple[float, 
 def touch(
     state: NDArray[np.void], a: Arrays, position: Array, contact: Array, held: Array
 ) -> tuple[int, int]:
-    """Slice and packed ray of the deepest contact; the wire is taken out of the metal where it overlaps.
+    """Slice and ray of the deepest contact; the wire is taken out of the metal where it overlaps.
 
     What it did since `held` ends where it met the metal; what overlap is left (a motor step may press the
     metal on the wire) is pushed out, the deepest first, and with the wire's new shape the next.
@@ -96,7 +99,7 @@ def _bridged(state: NDArray[np.void], a: Arrays, position: Array, c: Constants) 
     """Whether debris bridges the gap somewhere."""
     for s in range(a.debris.shape[0]):
         if a.debris[s] > 0.9 * c.bridge_base:
-            gap = narrowest(a, position, s)[1]
+            gap = narrowest_now(a, position, s)[1]
             p = bridged_probability(
                 a.debris[s], gap, c.bridge_base, c.bridge_per_um, c.bridge_ceiling, c.bridge_steepness
             )
@@ -106,50 +109,52 @@ def _bridged(state: NDArray[np.void], a: Arrays, position: Array, c: Constants) 
 
 
 @compiled
-def _pick(weights: Array, target: float) -> tuple[int, float]:
-    """Index at which the cumulative weight passes `target`, and what of it is left there."""
-    heaviest = 0
-    for k in range(weights.shape[0]):
-        if target < weights[k]:
-            return k, target
-        target -= weights[k]
-        if weights[k] > weights[heaviest]:
-            heaviest = k
-    return heaviest, 0.5 * weights[heaviest]  # the target lay within rounding of the total
+def _pick(sums: Array, kind: int, target: float) -> tuple[int, float]:
+    """Slice at which the cumulative sum of a kind passes `target`, and what of it is left there."""
+    passed, sum_, left = 0, 0.0, target
+    for s in range(sums.shape[0]):  # no way out before the end: where it would be cannot be foreseen
+        sum_ += sums[s, kind]
+        if target >= sum_:
+            passed, left = s + 1, target - sum_
+    if passed < sums.shape[0]:
+        return passed, left
+    heaviest = 0  # the target lay within rounding of the total
+    for s in range(sums.shape[0]):
+        if sums[s, kind] > sums[heaviest, kind]:
+            heaviest = s
+    return heaviest, 0.5 * sums[heaviest, kind]
 
 
 @compiled
 def _ignite(
-    state: NDArray[np.void], a: Arrays, c: Constants, law: GapLaw, t: Timing, position: Array, rate: Array,
-    primed: Array, totals: tuple[float, float, float],
+    state: NDArray[np.void], a: Arrays, c: Constants, law: GapLaw, t: Timing, position: Array, sums: Array,
+    totals: tuple[float, float, float],
 ) -> tuple[float, int, int]:
-    """Delay until breakdown in us, and its slice and packed ray; a delay past the wait has no place."""
+    """Delay until breakdown in us, and its slice and ray; a delay past the wait has no place."""
     weight = law.primed_per_um2 * totals[1]
     chance = draw(state)
-    is_primed = chance > 1.0 - weight and chance > math.exp(-weight)  # the first rules it out most often
+    is_primed = chance > 1.0 - weight and chance > exponential(-weight)  # the first rules it out most often
     if is_primed:
         delay = weibull(c.primed_scale_us, c.primed_shape, draw(state))
     else:
-        delay = -math.log(draw(state)) / max(totals[0], 1e-30)
+        delay = -logarithm(draw(state)) / max(totals[0], 1e-30)
     if delay >= t.wait_us:
         return delay, 0, 0
     delay += max(c.formative_us + c.formative_sd_us * normal(draw(state)), 0.01)
-    weights = primed if is_primed else rate
-    s, left = _pick(weights, draw(state) * (totals[1] if is_primed else totals[0]))
-    gain = (1.0 + c.debris_gain * a.debris[s]) * a.flow_factor[s]
-    k = choose_ray(
-        a.distance, a.cosine, a.sine, s, a.facing[s], position[0, s] - a.reference_um[0, s],
-        position[1, s] - a.reference_um[1, s], law, is_primed, left / gain,
+    s, left = _pick(sums, 1 if is_primed else 0, draw(state) * (totals[1] if is_primed else totals[0]))
+    r = choose_ray(
+        rays_of(a), s, position[0, s] - a.reference_um[0, s], position[1, s] - a.reference_um[1, s], law, is_primed,
+        left / _gain(a, c, s),
     )
-    return delay, s, k
+    return delay, s, r
 
 
 @compiled
 def decide(
-    state: NDArray[np.void], a: Arrays, c: Constants, law: GapLaw, t: Timing, position: Array, rate: Array,
-    primed: Array, contact: Array, totals: tuple[float, float, float], held: Array,
+    state: NDArray[np.void], a: Arrays, c: Constants, law: GapLaw, t: Timing, position: Array, sums: Array,
+    contact: Array, totals: tuple[float, float, float], held: Array,
 ) -> tuple[int, float, int, int]:
-    """How this pulse ends: class, delay until ignition in us, slice and packed ray."""
+    """How this pulse ends: class, delay until ignition in us, slice and ray."""
     if totals[2] > 0.0:
         s, k = touch(state, a, position, contact, held)
         return SHORT, 0.0, s, k
@@ -157,12 +162,11 @@ def decide(
         return SHORT, 0.0, -1, 0
     quiet = state[0].since_discharge_us / c.deionisation_us
     chance = draw(state)
-    if chance * (1.0 + quiet) < 1.0 and chance < math.exp(-quiet):  # the first rules it out most often
-        s = state[0].last_slice
-        k = a.place[s, state[0].last_ray]
-        if k >= 0:
-            return ARC, 0.0, s, k
-    delay, s, k = _ignite(state, a, c, law, t, position, rate, primed, totals)
+    if chance * (1.0 + quiet) < 1.0 and chance < exponential(-quiet):  # the first rules it out most often
+        s, r = state[0].last_slice, state[0].last_ray
+        if meets_metal(a, c, s, r):
+            return ARC, 0.0, s, r
+    delay, s, r = _ignite(state, a, c, law, t, position, sums, totals)
     if delay < t.wait_us:
-        return SPARK, delay, s, k
+        return SPARK, delay, s, r
     return OPEN, t.wait_us, 0, 0

@@ -16,6 +16,7 @@ from .generator import switched_off, timing
 from .mechanics import ModalModel
 from .memory import CALL, Memory, window_function
 from .random import key_of
+from .rays import Rays
 from .state import (
     CHANGING,
     FINE,
@@ -250,10 +251,10 @@ class Plant:
         """Deflection of the wire now, (slices, 2): x and y from the line between the guides."""
         return self._arrays.shape @ self._arrays.wire_q.T
 
-    def rays(self) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32], NDArray[np.int64]]:
-        """Gap in um, cosine and sine of every slice's packed rays as last traced (slices, rays), and their number."""
+    def rays(self) -> Rays:
+        """Every slice's rays as the loop sees them: traced when the last window began, less what craters took."""
         a = self._arrays
-        return a.distance.copy(), a.cosine.copy(), a.sine.copy(), a.facing.copy()
+        return Rays(a.distance.copy(), a.cosine.copy(), a.sine.copy(), a.first.copy(), a.blocks.copy())
 
     @property
     def timing(self) -> Timing:
@@ -361,7 +362,7 @@ class Plant:
         """Make the kerf field's tiles around the wire, which the loop asks for when it lacks them."""
         s = self._state[0]
         x, y = (float(v) for v in s["commanded_um"] + s["deflection_um"])
-        self.field.allocate(x, y, self._constants.radius_um + self._constants.range_um + 4 * TILED_UM)
+        self.field.allocate(x, y, self._constants.radius_um + self._constants.range_um + 2 * TILED_UM)
         self._memory.keep_field(self.field.tiles, self.field.index)
         self._state["tiled_um"] = (x, y)
 

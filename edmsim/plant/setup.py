@@ -15,6 +15,7 @@ from . import mjcf
 from .breakdown import GapLaw
 from .dielectric import flow_speed_m_s, nozzle_flow_per_slice_us
 from .full_model import DriveSetup, FullMechanics
+from .lanes import filled
 from .mechanics import ModalModel, WireSetup, build_model, propagator_table, reduce_model
 from .state import GRID, Arrays, Constants, Propagators, Scratch, Timing
 from .wire import VACUUM_PERMITTIVITY_F_M, HeatLaw, area_m2
@@ -209,7 +210,9 @@ def _propagators(modes: ModalModel, grid_us: float) -> Propagators:
     x, y = (propagator_table(modes.table_omega[k], modes.table_zeta[k], grid) for k in range(2))
     table = [np.stack(pair, axis=1) for pair in zip(x, y, strict=True)]
     t11, t12, t21, t22 = (np.ascontiguousarray(part) for part in table)
-    return Propagators(np.stack(wire, axis=1), modes.wire_omega**-2.0, t11, t12, t21, t22)
+    filling = filled(len(modes.wire_omega)) - len(modes.wire_omega)
+    of_wire = np.pad(np.stack(wire, axis=1), ((0, 0), (0, 0), (0, filling)))
+    return Propagators(of_wire, np.pad(modes.wire_omega**-2.0, (0, filling)), t11, t12, t21, t22)
 
 
 def flow_factor(machine: Machine, res: Resolution) -> NDArray[np.float64]:
@@ -227,11 +230,16 @@ def arrays(
     res: Resolution, water_K: float, flow_factor: NDArray[np.float64],
 ) -> Arrays:
     """Allocate the arrays of a plant at rest, its wire described by a shape (slices, modes or nodes)."""
-    modes = wire_shape.shape[1]
+    slices, modes = filled(wire_shape.shape[0]), filled(wire_shape.shape[1])
+    shape = np.zeros((res.slices, modes))
+    shape[:, : wire_shape.shape[1]] = wire_shape
+    sway = np.zeros((modes, slices))
+    sway[:, : res.slices] = shape.T
+    twice = res.slices, 2 * res.rays
     angle = 2 * np.pi * np.arange(res.rays) / res.rays
     return Arrays(
         edge_um=np.zeros((res.slices, res.rays), np.float32),
-        reference_um=np.full((2, res.slices), -1e9),  # nowhere: every ray is traced in full at first
+        reference_um=np.full((2, slices), -1e9),  # nowhere: every ray is traced in full at first
         pending_um2=np.zeros((res.slices, res.rays)),
         wire_q=np.zeros((2, modes)),
         wire_v=np.zeros((2, modes)),
@@ -240,16 +248,16 @@ def arrays(
         temperature_K=np.full(res.slices, water_K),
         debris=np.zeros(res.slices),
         carry_um2=np.zeros(res.slices),
-        facing=np.zeros(res.slices, np.int64),
-        ray=np.full((res.slices, res.rays), -1),
-        place=np.full((res.slices, res.rays), -1),
-        distance=np.zeros((res.slices, res.rays), np.float32),
-        cosine=np.zeros((res.slices, res.rays), np.float32),
-        sine=np.zeros((res.slices, res.rays), np.float32),
+        distance=np.zeros(twice, np.float32),
+        cosine=np.zeros(twice, np.float32),
+        sine=np.zeros(twice, np.float32),
+        first=np.zeros(res.slices, np.int64),
+        blocks=np.zeros(res.slices, np.int64),
         ray_cosine=np.cos(angle),
         ray_sine=np.sin(angle),
-        shape=np.ascontiguousarray(wire_shape),
-        mean_shape=wire_shape.mean(axis=0),
+        shape=shape,
+        sway=sway,
+        mean_shape=shape.mean(axis=0),
         flow_factor=flow_factor,
         table_shape=np.ascontiguousarray(table_shape),
         table_participation=np.ascontiguousarray(table_participation),
@@ -258,8 +266,8 @@ def arrays(
 
 def scratch(res: Resolution, modes: int) -> Scratch:
     """Allocate the loop's scratch room."""
-    per_slice, per_mode = (2, res.slices), (2, modes)
+    per_mode = (2, filled(modes))
     return Scratch(
-        np.zeros(per_slice), np.zeros(per_slice), np.zeros(per_mode), np.zeros(per_mode),
-        np.zeros(res.slices), np.zeros(res.slices), np.zeros(res.slices),
+        np.zeros((2, filled(res.slices))), np.zeros(per_mode), np.zeros(per_mode), np.zeros((res.slices, 4)),
+        np.zeros(res.slices),
     )

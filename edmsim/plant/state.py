@@ -86,7 +86,7 @@ FINE, NO_TILES, STEP_WRONG, STEP_EARLY, NOT_FINITE, OUTSIDE, INSIDE = range(7)
 """How a window ended: as it should; not begun, for want of tiles of the field, or because of a step that no motor
 makes or that is out of order; a number that is none; the wire beyond its guides; the wire deeper in the metal than
 its rays see."""
-TILED_UM = 32.0
+TILED_UM = 64.0
 """The field has all the tiles a window may need as long as the wire is within this of where they were made."""
 
 
@@ -168,11 +168,11 @@ class Propagators(NamedTuple):
 
     Attributes
     ----------
-    wire : (GRID + 1, 4, modes)
+    wire : (GRID + 1, 4, modes filled)
         Elements 11, 12, 21, 22; one row of the table lies together in memory.
-    wire_compliance : (modes,)
+    wire_compliance : (modes filled,)
         1/omega^2 of the wire's modes.
-    table11, table12, table21, table22 : (GRID + 1, 2, modes)
+    table11, table12, table21, table22 : (GRID + 1, 2, 2)
     """
 
     wire: Array
@@ -186,36 +186,32 @@ class Propagators(NamedTuple):
 class Arrays(NamedTuple):
     """Arrays of one plant.
 
-    A ray that meets no metal takes no part in anything, so the loop works on the *facing* rays only: packed,
-    in order of angle, filled up with rays that see nothing to a multiple of `LANES`.
+    Slices and coordinates are filled up to whole vectors (`lanes.COORDINATES`) where it says *filled*: with slices
+    that lie nowhere, with nodes that do not move.
 
     Attributes
     ----------
     edge_um : float32 (slices, rays)
         Gap of every ray, traced from the reference position.
-    reference_um : (2, slices)
+    reference_um : (2, slices filled)
         Place it was traced from: where the wire was when the window began. The wire swings, so that in time its
         rays look everywhere, also between the lines they look along now.
     pending_um2 : (slices, rays)
         Area of craters that fell on a ray in this window; carved from the field at its end.
-    wire_q, wire_v : (2, modes)
+    wire_q, wire_v : (2, modes filled)
         Modal deflection (um sqrt(kg)) and velocity (um sqrt(kg)/s), along x and y.
     table_q, table_v : (2, 2)
         Ringing of each axis around the commanded position.
     temperature_K, debris, carry_um2 : (slices,)
         Wire temperature, debris share, and crater area too small for a part of a cell, kept for the next.
-    facing : int64 (slices,)
-        Number of packed rays, a multiple of `LANES`.
-    ray : int64 (slices, rays)
-        Ray of each packed place; -1 for the filling.
-    place : int64 (slices, rays)
-        Packed place of each ray; -1 for one that meets no metal.
-    distance, cosine, sine : float32 (slices, rays)
-        Gap and direction of each packed ray.
+    distance, cosine, sine, first, blocks
+        What the loop sees of the rays, see `rays.Rays`: ``edge_um`` without that craters took since.
     ray_cosine, ray_sine : float64 (rays,)
-    shape : (slices, modes)
+    shape : (slices, modes filled)
         Displacement of a slice per unit of modal coordinate.
-    mean_shape : (modes,)
+    sway : (modes filled, slices filled)
+        The same, transposed.
+    mean_shape : (modes filled,)
         Its mean over the slices.
     flow_factor : (slices,)
         Share of the breakdown rate that the flow past a slice leaves.
@@ -232,15 +228,15 @@ class Arrays(NamedTuple):
     temperature_K: Array
     debris: Array
     carry_um2: Array
-    facing: NDArray[np.int64]
-    ray: NDArray[np.int64]
-    place: NDArray[np.int64]
     distance: NDArray[np.float32]
     cosine: NDArray[np.float32]
     sine: NDArray[np.float32]
+    first: NDArray[np.int64]
+    blocks: NDArray[np.int64]
     ray_cosine: Array
     ray_sine: Array
     shape: Array
+    sway: Array
     mean_shape: Array
     flow_factor: Array
     table_shape: Array
@@ -252,23 +248,21 @@ class Scratch(NamedTuple):
 
     Attributes
     ----------
-    position, pull : (2, slices)
-    load, held : (2, modes)
-    rate, primed, contact : (slices,)
+    position : (2, slices filled)
+    load, held : (2, modes filled)
+    sums : (slices, 4)
+        See `breakdown.slice_sums`.
+    contact : (slices,)
     """
 
     position: Array
-    pull: Array
     load: Array
     held: Array
-    rate: Array
-    primed: Array
+    sums: Array
     contact: Array
 
 
-LANES = 32
-"""Packed rays come in groups of this many, so that a pass has no remainder (rays are a multiple of it)."""
 CHANGING = (
     "edge_um", "reference_um", "wire_q", "wire_v", "table_q", "table_v", "temperature_K", "debris", "carry_um2",
 )
-"""Fields of `Arrays` that belong into a snapshot; the packed rays are made anew from them every window."""
+"""Fields of `Arrays` that belong into a snapshot; from them the loop's view of the rays is made anew every window."""

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .compiled import compiled
+from .elementary import power
 
 VACUUM_PERMITTIVITY_F_M = 8.8541878128e-12
 """CODATA 2018."""
@@ -100,4 +101,4 @@ def electrostatic_pull_N_m(voltage_V: float, gap_um: float, radius_um: float, pe
 @compiled
 def discharge_impulse(energy_J: float, at_10mJ_Ns: float, exponent: float) -> float:
     """Impulse in N s that one discharge's gas bubble gives the wire: ``J10 (E / 10 mJ)^n``."""
-    return float(at_10mJ_Ns * (energy_J / 0.01) ** exponent)
+    return at_10mJ_Ns * power(energy_J / 0.01, exponent)

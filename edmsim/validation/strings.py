@@ -10,6 +10,7 @@ import numpy as np
 from .. import models
 from ..machine import Machine
 from ..plant.breakdown import slice_sums
+from ..plant.rays import rays_with
 from ..plant.setup import RAY_RANGE_UM, gap_law, modal_model, resolution
 from ..plant.wire import VACUUM_PERMITTIVITY_F_M
 from .rows import Check, Row, worst
@@ -80,9 +81,9 @@ def pull_N_m(voltage_V: float, gap_um: float) -> float:
     angle = 2 * math.pi * np.arange(res.rays) / res.rays
     angle = angle[np.cos(angle) > (radius + gap_um) / (radius + RAY_RANGE_UM)]  # as far as rays look
     gaps = (radius + gap_um) / np.cos(angle) - radius
-    distance, cosine, sine = (v.astype(np.float32)[None] for v in (gaps, np.cos(angle), np.sin(angle)))
-    law = gap_law(machine, res, voltage_V)
-    inverse_square_um2 = slice_sums(distance, cosine, sine, 0, len(gaps), 0.0, 0.0, law)[3]
+    sums = np.zeros((1, 4))
+    slice_sums(rays_with(gaps, angle), 0, 0.0, 0.0, gap_law(machine, res, voltage_V), 1.0, sums)
+    inverse_square_um2 = float(sums[0, 2])
     girth_per_ray_m = math.pi * machine.wire_diameter_um * 1e-6 / res.rays
     permittivity_F_m = machine.base.dielectric.permittivity.value * VACUUM_PERMITTIVITY_F_M
     return permittivity_F_m / 2 * voltage_V**2 * inverse_square_um2 * 1e12 * girth_per_ray_m

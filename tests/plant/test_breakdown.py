@@ -12,17 +12,17 @@ from scipy import stats
 import edmsim
 from edmsim.plant.breakdown import GapLaw, choose_ray, slice_sums, weibull
 from edmsim.plant.random import key_of, uniform
+from edmsim.plant.rays import rays_with
 from edmsim.plant.setup import gap_law, resolution
 
 FAST = resolution("fast")
 
 
 def sums(gaps_um, law, shift=(0.0, 0.0), angles=None):
-    """Return `slice_sums` of rays with these gaps, by default all pointing along x."""
-    gaps = np.asarray(gaps_um, np.float32)
-    angles = np.zeros(len(gaps)) if angles is None else angles
-    cosine, sine = np.cos(angles).astype(np.float32), np.sin(angles).astype(np.float32)
-    return slice_sums(gaps[None], cosine[None], sine[None], 0, len(gaps), *shift, law)
+    """Return rate, primed weight, contact depth and pull of rays with these gaps, by default all along x."""
+    rays, row = rays_with(gaps_um, np.zeros(len(gaps_um)) if angles is None else angles), np.zeros((1, 4))
+    contact = slice_sums(rays, 0, *shift, law, 1.0, row)
+    return row[0, 0], row[0, 1], contact, row[0, 2], row[0, 3]
 
 
 def front(gap_um, law, res=FAST):
@@ -69,7 +69,7 @@ def test_equal_field_gives_equal_delay(voltage, machine):
 def test_rate_never_falls_as_the_gap_closes(machine):
     law = gap_law(machine, FAST, 80.0)
     rates = [front(gap, law)[0] for gap in np.arange(0.0, 60.0, 0.5)]
-    assert all(a >= b for a, b in pairwise(rates))
+    assert all(a >= b * (1 - 1e-6) for a, b in pairwise(rates))  # sums of float32
     lowest = parabola(3.69 / 0.96)
     assert rates[0] == pytest.approx(2 * math.log(2) / lowest, rel=1e-4)  # 20 mm: twice the reference area
 
@@ -106,12 +106,12 @@ def test_contact_is_the_depth_below_the_asperities(machine):
 def test_places_of_ignition_follow_the_weights(primed):
     law = GapLaw(0.48, -3.69, 14.05, 0.8, 3.84, 12.0, 0.1, 2.0, 0.008)
     gaps = np.array([6.0, 9.0, 30.0, 7.0, 11.0, 12.5, 8.0, 10.0], np.float32)
-    zero, gap_um = np.zeros_like(gaps), gaps.astype(float)
+    gap_um = gaps.astype(float)
     weights = np.maximum(12.0 - gap_um, 0.0) ** 2 if primed else 1 / parabola(gap_um * 0.8)
     draws = 20_000
     targets = [uniform(key_of(3), np.uint64(n)) * weights.sum() for n in range(draws)]
-    rows = gaps[None], zero[None], zero[None]
-    chosen = [choose_ray(*rows, 0, len(gaps), 0.0, 0.0, law, primed, target) for target in targets]
+    rays = rays_with(gaps, np.zeros(8))
+    chosen = [choose_ray(rays, 0, 0.0, 0.0, law, primed, target) for target in targets]
     counts = np.bincount(chosen, minlength=len(gaps))
     possible = weights > 0
     assert counts[~possible].sum() == 0
@@ -121,9 +121,7 @@ def test_places_of_ignition_follow_the_weights(primed):
 
 def test_a_target_past_the_total_falls_on_the_narrowest_gap():
     law = GapLaw(0.48, -3.69, 14.05, 1.0, 3.84, 12.0, 0.1, 2.0, 0.008)
-    gaps = np.array([20.0, 6.0, 15.0], np.float32)
-    zero = np.zeros_like(gaps)
-    assert choose_ray(gaps[None], zero[None], zero[None], 0, 3, 0.0, 0.0, law, False, 1e9) == 1
+    assert choose_ray(rays_with([20.0, 6.0, 15.0], np.zeros(3)), 0, 0.0, 0.0, law, False, 1e9) == 1
 
 
 @pytest.mark.parametrize(("scale", "shape"), [(2.0, 1.0), (1.5, 0.7), (3.0, 2.0)])

@@ -16,7 +16,8 @@ from edmsim.errors import InputError
 from edmsim.plant.full_model import N_NODES, DriveSetup, FullMechanics
 from edmsim.plant.full_motion import LOST, move_full
 from edmsim.plant.mechanics import WireSetup, build_model, propagator_table, reduce_model
-from edmsim.plant.state import STATE, Arrays
+from edmsim.plant.setup import Resolution, arrays
+from edmsim.plant.state import STATE
 
 BRASS = WireSetup(0.25e-3, 8400.0, 10.0, 0.040, 0.2)
 WIRES = [
@@ -36,19 +37,19 @@ def slice_heights(wire, height_m=0.020, n=9):
 
 
 @numba.njit
-def _pulses(state, a, link, load, pull, scales, ignite_us, period_ns, kicks, kick_slice, end_us, steps, wire, table):
+def _pulses(state, a, link, load, sums, scales, ignite_us, period_ns, kicks, kick_slice, end_us, steps, wire, table):
     """Move over many pulses; note every pulse's nodes, and place, rotor and command of the axes."""
     following = 0
     for i in range(kicks.shape[0]):
         following = move_full(
-            state, a, link, load, pull, scales[0], scales[1], ignite_us, end_us[i], period_ns, kick_slice[i],
+            state, a, link, load, sums, scales[0], scales[1], ignite_us, end_us[i], period_ns, kick_slice[i],
             kicks[i, 0], kicks[i, 1], steps, following,
         )
         if following == LOST:
             return i
         state[0].time_ns += period_ns
         for axis in range(2):
-            for m in range(a.wire_q.shape[1]):
+            for m in range(wire.shape[2]):
                 wire[i, axis, m] = a.wire_q[axis, m]
             table[i, axis, 0] = state[0].commanded_um[axis] + a.table_q[axis, 0]
             table[i, axis, 1] = state[0].commanded_um[axis] + a.table_q[axis, 1]
@@ -62,13 +63,10 @@ class Rig:
     def __init__(self, wire=BRASS, drive=SMOOTH, heights=None, start_um=START_UM):
         self.full = FullMechanics(wire, drive, slice_heights(wire) if heights is None else heights)
         n_slices, n_nodes = self.full.wire_shape.shape
-        room = {name: np.zeros(1) for name in Arrays._fields}
-        room |= {name: np.zeros((n_slices, 16), np.float32) for name in ("edge_um", "distance", "cosine", "sine")}
-        room |= {name: np.zeros((2, n_nodes)) for name in ("wire_q", "wire_v")}
-        room |= {name: np.zeros((2, 2)) for name in ("table_q", "table_v", "table_participation", "reference_um")}
-        room |= {"facing": np.zeros(n_slices, np.int64), "ray": np.zeros((n_slices, 16), np.int64)}
-        room |= {"shape": self.full.wire_shape, "table_shape": self.full.table_slide_shape}
-        self.arrays = Arrays(**room)
+        self.arrays = arrays(
+            self.full.wire_shape, self.full.table_slide_shape, self.full.table_participation,
+            Resolution(n_slices, 32, n_nodes), 300.0, np.ones(n_slices),
+        )
         self.state = np.zeros(1, STATE)
         self.state["commanded_um"] = start_um
 
@@ -78,11 +76,13 @@ class Rig:
     ):
         """Move on over `n` pulses; `steps` count their time from now."""
         a = self.arrays
-        pull = np.zeros((2, len(a.shape))) if pull is None else np.ascontiguousarray(pull.T)
+        sums = np.zeros((len(a.shape), 4))
+        if pull is not None:
+            sums[:, 2:] = pull
         due = [(time + int(self.state["time_ns"][0]), axis, way) for time, axis, way in steps]
         wire, table = np.zeros((n, 2, N_NODES)), np.zeros((n, 2, 3))
         done = _pulses(
-            self.state, a, self.full.link, np.zeros_like(a.wire_q), pull, scales, ignite_us, period_ns,
+            self.state, a, self.full.link, np.zeros_like(a.wire_q), sums, scales, ignite_us, period_ns,
             np.zeros((n, 2)) if kicks is None else kicks,
             np.zeros(n, np.int64) if at is None else at,
             np.full(n, period_ns * 1e-3) if end_us is None else end_us,
@@ -110,7 +110,7 @@ def test_the_wire_rings_at_the_string_s_frequencies(wire, n):
     free = WireSetup(**{**vars(wire), "damping_ratio": 1e-4})
     rig = Rig(free)
     z = rig.full.modes.node_heights_m
-    rig.arrays.wire_q[0] = np.sin(n * np.pi * z / wire.guide_distance_m)  # 1 um
+    rig.arrays.wire_q[0, : len(z)] = np.sin(n * np.pi * z / wire.guide_distance_m)  # 1 um
     period_ns = int(2e3 * rig.full.link.longest_us)
     ring = rig.run(800, period_ns=period_ns).nodes[:, 0] @ np.sin(n * np.pi * z / wire.guide_distance_m)
     found = frequency(ring, period_ns * 1e-9)

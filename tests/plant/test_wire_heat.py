@@ -10,6 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from edmsim.plant.breakdown import slice_sums
+from edmsim.plant.rays import rays_with
 from edmsim.plant.setup import gap_law, heat_law, resolution
 from edmsim.plant.wire import (
     VACUUM_PERMITTIVITY_F_M,
@@ -40,8 +41,9 @@ def test_rays_on_a_flat_wall_pull_as_the_closed_form(gap, name, machine):
     angle = 2 * math.pi * np.arange(res.rays) / res.rays
     angle = angle[np.cos(angle) > 0.1]
     gaps = (125.0 + gap) / np.cos(angle) - 125.0
-    rays = (v.astype(np.float32)[None] for v in (gaps, np.cos(angle), np.sin(angle)))
-    inverse_squares, sideways = slice_sums(*rays, 0, len(gaps), 0.0, 0.0, gap_law(machine, res, 100.0))[3:]
+    sums = np.zeros((1, 4))
+    slice_sums(rays_with(gaps, angle), 0, 0.0, 0.0, gap_law(machine, res, 100.0), 1.0, sums)
+    inverse_squares, sideways = sums[0, 2:]
     girth_per_ray_m = math.pi * 250e-6 / res.rays
     pressure = 0.5 * 80 * VACUUM_PERMITTIVITY_F_M * 100.0**2 * 1e12  # of a ray, times gap^2 in um^2
     pull = pressure * inverse_squares * girth_per_ray_m

@@ -17,7 +17,10 @@ from edmsim.validation.rows import Row
 ROOT = Path(__file__).parents[2]
 THEORY = ROOT / "docs" / "theory"
 PAGES = sorted(THEORY.glob("*.md"))
-NO_PHYSICS = {"__init__", "compiled", "memory", "plant", "fleet", "mjcf", "random", "setup", "state", "window"}
+NO_PHYSICS = {
+    "__init__", "compiled", "elementary", "fleet", "lanes", "memory", "mjcf", "plant", "random", "rays", "setup", "state",
+    "window",
+}
 ROWS = [
     Row.band("gap", "agrees", "Someone | 1982", low=1, simulated=2.0, unit="um"),
     Row.band("gap", "explained", "s", low=1, simulated=0.0, note="docs/theory/breakdown.md#flow"),

@@ -1,0 +1,105 @@
+"""Vectors of the pulse loop and its elementary functions, against those of numpy."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from edmsim.plant.compiled import compiled
+from edmsim.plant.elementary import cube_root, exponential, logarithm, power
+from edmsim.plant.lanes import (
+    COORDINATES,
+    GAPS,
+    element,
+    filled,
+    highest,
+    least,
+    load,
+    passed,
+    running,
+    store,
+    total,
+    totals,
+)
+
+
+@compiled
+def _arithmetic(a, b, out):
+    x, y = load(a, (1, 3)), load(b, (0,))
+    z = (x - y * 2.0) / (y + 1.0)
+    z += 3.0 * x
+    store(out, (0, 0), z)
+    store(out, (1, 0), highest(x, y))
+    store(out, (2, 0), 7.0 - x)
+
+
+@compiled
+def _sums(a, b, limit, rows):
+    x, y = load(a, (0, 0)), load(b, (0,))
+    store(rows, (0, 0), totals(x, y, x * y, x + y))
+    return total(x), element(running(x), 2), passed(running(x), limit), least(x)
+
+
+@pytest.fixture
+def numbers():
+    rng = np.random.default_rng(7)
+    return rng.random((2, 3 + GAPS), np.float32), rng.random(GAPS, np.float32)
+
+
+def test_arithmetic_is_that_of_numpy_lane_by_lane(numbers):
+    a, b = numbers
+    out = np.zeros((3, GAPS), np.float32)
+    _arithmetic(a, b, out)
+    x = a[1, 3:]
+    np.testing.assert_allclose(out[0], (x - 2 * b) / (b + 1) + 3 * x, rtol=1e-5)
+    np.testing.assert_array_equal(out[1], np.maximum(x, b))
+    np.testing.assert_array_equal(out[2], np.float32(7.0) - x)
+
+
+def test_coordinates_are_vectors_of_float64():
+    a = np.arange(2.0 * COORDINATES)
+    out = np.zeros((3, COORDINATES))
+    _arithmetic(np.stack([a, a + 0.25]), a[:COORDINATES].copy(), out)
+    x, y = (a + 0.25)[3 : 3 + COORDINATES], a[:COORDINATES]
+    np.testing.assert_allclose(out[0], (x - 2 * y) / (y + 1) + 3 * x, rtol=1e-14)
+
+
+@pytest.mark.parametrize("limit", [0.0, 1.3, 1e9])
+def test_sums_counts_and_the_least_of_a_vector(numbers, limit):
+    a, b = numbers
+    rows = np.zeros((1, 4))
+    x = a[0, :GAPS]
+    found, third, within, smallest = _sums(a, b, np.float32(limit), rows)
+    np.testing.assert_allclose(rows[0], [x.sum(), b.sum(), (x * b).sum(), (x + b).sum()], rtol=1e-6)
+    assert found == pytest.approx(x.sum(), rel=1e-6)
+    assert third == pytest.approx(x[:3].sum(), rel=1e-6)
+    assert within == (np.cumsum(x) <= limit).sum()
+    assert smallest == (x.min(), x.argmin())
+
+
+def test_of_equal_elements_the_first_is_the_least():
+    same = np.ones((1, GAPS), np.float32)
+    assert _sums(same, same[0], np.float32(2.5), np.zeros((1, 4)))[2:] == (2, (1.0, 0))
+
+
+@pytest.mark.parametrize(("count", "whole"), [(1, 4), (4, 4), (5, 8), (25, 28)])
+def test_arrays_are_filled_up_to_whole_vectors(count, whole):
+    assert filled(count) == whole
+
+
+def test_logarithm_and_exponential_are_the_library_s():
+    rng = np.random.default_rng(1)
+    for x in np.concatenate([rng.random(2000), 10.0 ** rng.uniform(-300, 300, 2000), [1.0]]):
+        assert logarithm(x) == pytest.approx(np.log(x), rel=1e-8, abs=1e-12)
+    for x in rng.uniform(-700.0, 700.0, 2000):
+        assert exponential(x) == pytest.approx(np.exp(x), rel=2e-8)
+    assert exponential(0.0) == 1.0
+    assert exponential(-1e9) == 0.0
+    assert np.isfinite(exponential(1e9))
+
+
+def test_powers_and_cube_roots_are_the_library_s():
+    rng = np.random.default_rng(2)
+    for x in 10.0 ** rng.uniform(-9, 9, 2000):
+        assert power(x, 0.7) == pytest.approx(x**0.7, rel=5e-8)
+        assert cube_root(x) == pytest.approx(np.cbrt(x), rel=1e-12)
