@@ -23,8 +23,8 @@ from numpy.typing import NDArray
 
 from .compiled import compiled
 from .elementary import logarithm, power
-from .lanes import GAPS, element, highest, load, passed, running, spread, store, total, totals
 from .rays import Rays, gaps_of, narrowest, once_around
+from .vectors import GAPS, element, highest, load, passed, running, spread, store, total, totals
 
 
 class GapLaw(NamedTuple):

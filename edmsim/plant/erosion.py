@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from .compiled import compiled
 from .elementary import cube_root
 from .facing import gap_of
-from .lanes import GAPS, load, passed
 from .state import Array, Arrays, Constants
+from .vectors import GAPS, load, passed
 from .workpiece import FULL, NO_METAL_UM, carve_wall
 
 CARVE_BEFORE_UM, CARVE_BEYOND_UM = 12.0, 48.0

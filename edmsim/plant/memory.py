@@ -21,8 +21,8 @@ from .breakdown import GapLaw
 from .compiled import compiled
 from .full_motion import FullLink
 from .kernel import fire_window
-from .lanes import filled
 from .state import GRID, PULSE, STATE, WINDOW, Arrays, Constants, Propagators, Scratch, Timing
+from .vectors import filled
 from .wire import HeatLaw
 from .workpiece import TILE
 

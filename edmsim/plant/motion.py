@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .compiled import compiled
-from .lanes import COORDINATES, load, spread, store, total
 from .state import Array, Arrays, Propagators
+from .vectors import COORDINATES, load, spread, store, total
 
 
 @compiled

@@ -10,10 +10,10 @@ from .compiled import compiled
 from .dielectric import bridged_probability
 from .elementary import exponential, logarithm
 from .facing import meets_metal, narrowest_now, rays_of
-from .lanes import element, load, spread
 from .motion import fall_back, place_wire, push_out
 from .random import normal, uniform
 from .state import ARC, OPEN, SHORT, SPARK, Array, Arrays, Constants, Timing
+from .vectors import element, load, spread
 from .workpiece import NO_METAL_UM
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .compiled import compiled
-from .lanes import GAPS, least, load
+from .vectors import GAPS, least, load
 from .workpiece import NO_METAL_UM
 
 
@@ -16,7 +16,7 @@ class Rays(NamedTuple):
     """Rays of every slice, in order of angle, twice around, so that an arc of them lies together in memory.
 
     A ray that meets no metal takes no part in anything, so the loop works on the arc that *faces* metal only, in
-    blocks of `lanes.GAPS`.
+    blocks of `vectors.GAPS`.
 
     Attributes
     ----------

@@ -15,9 +15,9 @@ from . import mjcf
 from .breakdown import GapLaw
 from .dielectric import flow_speed_m_s, nozzle_flow_per_slice_us
 from .full_model import DriveSetup, FullMechanics
-from .lanes import filled
 from .mechanics import ModalModel, WireSetup, build_model, propagator_table, reduce_model
 from .state import GRID, Arrays, Constants, Propagators, Scratch, Timing
+from .vectors import filled
 from .wire import VACUUM_PERMITTIVITY_F_M, HeatLaw, area_m2
 
 if TYPE_CHECKING:

@@ -186,7 +186,7 @@ class Propagators(NamedTuple):
 class Arrays(NamedTuple):
     """Arrays of one plant.
 
-    Slices and coordinates are filled up to whole vectors (`lanes.COORDINATES`) where it says *filled*: with slices
+    Slices and coordinates are filled up to whole vectors (`vectors.COORDINATES`) where it says *filled*: with slices
     that lie nowhere, with nodes that do not move.
 
     Attributes

@@ -18,8 +18,8 @@ ROOT = Path(__file__).parents[2]
 THEORY = ROOT / "docs" / "theory"
 PAGES = sorted(THEORY.glob("*.md"))
 NO_PHYSICS = {
-    "__init__", "compiled", "elementary", "fleet", "lanes", "memory", "mjcf", "plant", "random", "rays", "setup", "state",
-    "window",
+    "__init__", "compiled", "elementary", "fleet", "memory", "mjcf", "plant", "random", "rays", "setup", "state",
+    "vectors", "window",
 }
 ROWS = [
     Row.band("gap", "agrees", "Someone | 1982", low=1, simulated=2.0, unit="um"),

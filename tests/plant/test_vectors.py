@@ -7,7 +7,7 @@ import pytest
 
 from edmsim.plant.compiled import compiled
 from edmsim.plant.elementary import cube_root, exponential, logarithm, power
-from edmsim.plant.lanes import (
+from edmsim.plant.vectors import (
     COORDINATES,
     GAPS,
     element,

@@ -40,26 +40,26 @@ def _operation(generator: Callable[..., Any]) -> Callable[..., Any]:
     return cast("Callable[..., Any]", intrinsic(generator))
 
 
-class Lanes(types.Type):
+class Vector(types.Type):
     """Type of a vector in compiled code: that of its elements decides how many there are."""
 
     def __init__(self, element: types.Float) -> None:
         self.element = element
         self.count = GAPS if element == types.float32 else COORDINATES
-        super().__init__(name=f"Lanes({element} x {self.count})")
+        super().__init__(name=f"Vector({element} x {self.count})")
 
 
-_LANES: dict[Any, Lanes] = {element: Lanes(element) for element in (types.float32, types.float64)}
+_VECTORS: dict[Any, Vector] = {element: Vector(element) for element in (types.float32, types.float64)}
 
 
-@register_model(Lanes)
-class _LanesModel(datamodel.PrimitiveModel):  # type: ignore[misc]
-    def __init__(self, manager: Any, kind: Lanes) -> None:
+@register_model(Vector)
+class _VectorModel(datamodel.PrimitiveModel):  # type: ignore[misc]
+    def __init__(self, manager: Any, kind: Vector) -> None:
         scalar = ir.FloatType() if kind.element == types.float32 else ir.DoubleType()
         super().__init__(manager, kind, ir.VectorType(scalar, kind.count))
 
 
-def _llvm(context: Any, kind: Lanes) -> Any:
+def _llvm(context: Any, kind: Vector) -> Any:
     return context.get_value_type(kind)
 
 
@@ -71,13 +71,13 @@ def _place(context: Any, builder: Any, array: Any, of: Any, index: Any, index_of
         for value, kind in zip(cgutils.unpack_tuple(builder, index), index_of, strict=True)
     ]
     pointer = cgutils.get_item_pointer(context, builder, of, view, indices)
-    return builder.bitcast(pointer, _llvm(context, _LANES[of.dtype]).as_pointer())
+    return builder.bitcast(pointer, _llvm(context, _VECTORS[of.dtype]).as_pointer())
 
 
 @_operation
 def load(_typing: Any, array: Any, index: Any) -> Any:
     """Vector of an array's elements from an index (a tuple) on."""
-    kind = _LANES[array.dtype]
+    kind = _VECTORS[array.dtype]
 
     def generate(context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
         place = _place(context, builder, arguments[0], array, arguments[1], index)
@@ -100,7 +100,7 @@ def store(_typing: Any, array: Any, index: Any, vector: Any) -> Any:
 
 def _spread(context: Any, builder: Any, value: Any, of: Any, kind: Any) -> Any:
     """Vector with a number in every lane; a vector as it is."""
-    if isinstance(of, Lanes):
+    if isinstance(of, Vector):
         return value
     vector = _llvm(context, kind)
     scalar = context.cast(builder, value, of, kind.element)
@@ -112,7 +112,7 @@ def _spread(context: Any, builder: Any, value: Any, of: Any, kind: Any) -> Any:
 @_operation
 def spread(_typing: Any, number: Any) -> Any:
     """Vector of a float32 or float64 in every lane."""
-    kind = _LANES[number]
+    kind = _VECTORS[number]
 
     def generate(context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
         return _spread(context, builder, arguments[0], number, kind)
@@ -123,12 +123,14 @@ def spread(_typing: Any, number: Any) -> Any:
 def _kind_of(a: Any, b: Any) -> Any:
     """Type of the result of an operation between two vectors, or a vector and a number; None if it is neither."""
     for one, other in ((a, b), (b, a)):
-        if isinstance(one, Lanes) and (other == one or isinstance(other, types.Float)):
+        if isinstance(one, Vector) and (other == one or isinstance(other, types.Float)):
             return one
     return None
 
 
-def _arithmetic(instruction: str, *signs: Any) -> None:
+def _lane_by_lane(combine: Callable[[Any, Any, Any], Any]) -> Callable[..., Any]:
+    """Operation on two vectors, or a vector and a number, from what it builds of the two (builder, left, right)."""
+
     @_operation
     def apply(_typing: Any, a: Any, b: Any) -> Any:
         kind = _kind_of(a, b)
@@ -137,9 +139,17 @@ def _arithmetic(instruction: str, *signs: Any) -> None:
             left, right = (
                 _spread(context, builder, value, of, kind) for value, of in zip(arguments, (a, b), strict=True)
             )
-            return getattr(builder, instruction)(left, right, flags=tuple(sorted(FAST)))
+            return combine(builder, left, right)
 
         return kind(a, b), generate
+
+    return apply
+
+
+def _arithmetic(instruction: str, *signs: Any) -> None:
+    apply = _lane_by_lane(
+        lambda builder, left, right: getattr(builder, instruction)(left, right, flags=tuple(sorted(FAST)))
+    )
 
     def operation(a: Any, b: Any) -> Callable[[Any, Any], Any] | None:
         return (lambda a, b: apply(a, b)) if _kind_of(a, b) is not None else None
@@ -154,29 +164,10 @@ _arithmetic("fmul", operator.mul)
 _arithmetic("fdiv", operator.truediv)
 
 
-def _call(builder: Any, name: str, result: Any, arguments: list[Any]) -> Any:
-    """Call one of LLVM's own functions."""
-    kind = ir.FunctionType(result, [argument.type for argument in arguments])
-    function = cgutils.get_or_insert_function(builder.module, kind, name)
-    return builder.call(function, arguments, fastmath=tuple(sorted(FAST)))
-
-
-def _suffix(kind: Lanes) -> str:
-    return f"v{kind.count}f{kind.element.bitwidth}"
-
-
-@_operation
-def highest(_typing: Any, a: Any, b: Any) -> Any:
-    """The greater of two vectors, or of a vector and a number, lane by lane."""
-    kind = _kind_of(a, b)
-
-    def generate(context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
-        left, right = (
-            _spread(context, builder, value, of, kind) for value, of in zip(arguments, (a, b), strict=True)
-        )
-        return builder.select(builder.fcmp_ordered(">", left, right), left, right)
-
-    return kind(a, b), generate
+highest = _lane_by_lane(
+    lambda builder, left, right: builder.select(builder.fcmp_ordered(">", left, right), left, right)
+)
+"""The greater of two vectors, or of a vector and a number, lane by lane."""
 
 
 @_operation
@@ -185,8 +176,10 @@ def total(_typing: Any, vector: Any) -> Any:
 
     def generate(context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
         scalar = context.get_value_type(vector.element)
-        start = ir.Constant(scalar, -0.0)
-        return _call(builder, f"llvm.vector.reduce.fadd.{_suffix(vector)}", scalar, [start, arguments[0]])
+        name = f"llvm.vector.reduce.fadd.v{vector.count}f{vector.element.bitwidth}"
+        kind = ir.FunctionType(scalar, [scalar, arguments[0].type])
+        function = cgutils.get_or_insert_function(builder.module, kind, name)
+        return builder.call(function, [ir.Constant(scalar, -0.0), arguments[0]], fastmath=tuple(sorted(FAST)))
 
     return vector.element(vector), generate
 
@@ -206,7 +199,7 @@ def _halved(builder: Any, a: Any, b: Any, lanes: int, group: int) -> Any:
 @_operation
 def totals(_typing: Any, a: Any, b: Any, c: Any, d: Any) -> Any:
     """Sums of four vectors of float32, as a vector of float64: all four are added up together."""
-    kind = _LANES[types.float64]
+    kind = _VECTORS[types.float64]
 
     def generate(context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
         lanes = a.count
@@ -250,7 +243,7 @@ def running(_typing: Any, vector: Any) -> Any:
     return vector(vector), generate
 
 
-def _flags(builder: Any, vector: Lanes, flags: Any) -> Any:
+def _flags(builder: Any, vector: Vector, flags: Any) -> Any:
     """Truth values of a vector's lanes as the bits of a whole number."""
     return builder.zext(builder.bitcast(flags, ir.IntType(vector.count)), ir.IntType(64))
 
