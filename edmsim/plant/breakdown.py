@@ -66,7 +66,7 @@ PULL_GAP_FLOOR_UM = 1.0
 
 @compiled
 def _delays(gap: Any, law: GapLaw) -> Any:
-    """One over the rate of 16 rays, from their gaps."""
+    """One over the rate of each ray of a block, from their gaps."""
     a, b, c = np.float32(law.t50_a), np.float32(law.t50_b), np.float32(law.t50_c)
     scaled = highest(gap * np.float32(law.gap_scale), np.float32(law.scaled_gap_floor_um))
     return (scaled * a + b) * scaled + c
@@ -74,7 +74,7 @@ def _delays(gap: Any, law: GapLaw) -> Any:
 
 @compiled
 def _primed_weights(gap: Any, law: GapLaw) -> Any:
-    """Primed weights of 16 rays in um^2, from their gaps."""
+    """Primed weights of a block of rays in um^2, from their gaps."""
     depth = highest(spread(np.float32(law.primed_gap_um)) - gap, np.float32(0.0))
     return depth * depth
 

@@ -1,7 +1,7 @@
 """Vectors of the pulse loop: some numbers side by side in one register, with the arithmetic written out.
 
 The compiler makes vectors of a loop only where it can prove that no array overlaps another, and adds across a
-vector where a sum of four needs a third of the work. The loop's few hot passes therefore say what they mean: 16 gaps
+vector where a sum of four needs a third of the work. The loop's few hot passes therefore say what they mean: 8 gaps
 (float32) or 4 modal coordinates (float64) at a time. Wider or narrower registers change the code, never the order of
 the operations.
 
