@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from .compiled import compiled
 from .elementary import logarithm, power
-from .rays import Rays, gaps_of, narrowest, once_around
+from .rays import Rays, arc, gaps_of, narrowest, once_around
 from .vectors import GAPS, element, highest, load, passed, running, spread, store, total, totals
 
 
@@ -94,8 +94,7 @@ def slice_sums(
     curvature = np.float32(law.wire_curvature)
     bare = np.float32(0.25 * law.wire_curvature**2)
     rate = primed = pull_x = pull_y = spread(np.float32(0.0))
-    first = rays.first[s]
-    for at in range(first, first + rays.blocks[s] * GAPS, GAPS):
+    for at in arc(rays, s):
         gap = gaps_of(rays, s, at, sx, sy)
         delay = _delays(gap, law)
         held = highest(gap, pull_floor)
@@ -112,7 +111,7 @@ def slice_sums(
     if span > 0.0 and element(row, 1) < span * span * gain:
         return 0.0  # no ray is near enough to touch
     contact = 0.0
-    for at in range(first, first + rays.blocks[s] * GAPS, GAPS):
+    for at in arc(rays, s):
         depth = spread(np.float32(law.contact_gap_um)) - gaps_of(rays, s, at, sx, sy)
         contact += total(highest(depth, np.float32(0.0)))
     return contact
@@ -125,8 +124,7 @@ def choose_ray(
     """Ray of slice `s` at which the cumulative weight (rate, or primed weight) passes `target`."""
     sx, sy = np.float32(shift_x), np.float32(shift_y)
     left = np.float32(target)
-    for block in range(rays.blocks[s]):
-        at = rays.first[s] + block * GAPS
+    for at in arc(rays, s):
         gap = gaps_of(rays, s, at, sx, sy)
         weights = _primed_weights(gap, law) if primed else spread(np.float32(1.0)) / _delays(gap, law)
         sums = running(weights)

@@ -36,6 +36,12 @@ class Rays(NamedTuple):
 
 
 @compiled
+def arc(rays: Rays, s: int) -> range:
+    """Places of the blocks of a slice's rays that face metal."""
+    return range(rays.first[s], rays.first[s] + rays.blocks[s] * GAPS, GAPS)
+
+
+@compiled
 def gaps_of(rays: Rays, s: int, at: int, shift_x: np.float32, shift_y: np.float32) -> Any:
     """Gaps of a block of a slice's rays from a place on, the wire having moved by `shift` since they were traced."""
     across = load(rays.cosine, (s, at)) * shift_x + load(rays.sine, (s, at)) * shift_y
@@ -53,8 +59,7 @@ def once_around(rays: Rays, place: int) -> int:
 def narrowest(rays: Rays, s: int, shift_x: np.float32, shift_y: np.float32) -> tuple[int, float]:
     """Ray with the smallest gap in a slice, and that gap; `NO_METAL_UM` if none faces metal."""
     place, gap = rays.first[s], np.float32(NO_METAL_UM)
-    for block in range(rays.blocks[s]):
-        at = rays.first[s] + block * GAPS
+    for at in arc(rays, s):
         smallest, lane = least(gaps_of(rays, s, at, shift_x, shift_y))
         if smallest < gap:
             place, gap = at + lane, smallest

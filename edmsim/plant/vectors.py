@@ -270,11 +270,11 @@ def least(_typing: Any, vector: Any) -> Any:
             half = found.type.count // 2
             low, high = (_shuffled(builder, found, found, [k + first for k in range(half)]) for first in (0, half))
             found = builder.select(builder.fcmp_ordered("<", low, high), low, high)
-        element = builder.extract_element(found, ir.Constant(ir.IntType(32), 0))
-        limit = _spread(context, builder, element, vector.element, vector)
+        smallest = builder.extract_element(found, ir.Constant(ir.IntType(32), 0))
+        limit = _spread(context, builder, smallest, vector.element, vector)
         flags = _flags(builder, vector, builder.fcmp_ordered("<=", arguments[0], limit))
         place = builder.cttz(flags, ir.Constant(ir.IntType(1), 0))
-        return context.make_tuple(builder, signature.return_type, [element, place])
+        return context.make_tuple(builder, signature.return_type, [smallest, place])
 
     pair: Any = types.Tuple
     return pair([vector.element, types.int64])(vector), generate

@@ -25,8 +25,6 @@ PROUD_SHARE = 3.0
 """Metal that stands out goes up to so many times as fast beside the rest (ours)."""
 NO_METAL_UM = 1.0e6
 """Distance of a ray that meets no metal: so far that it takes no part in anything."""
-
-
 PARALLEL = 1e-9
 """A direction is parallel to an axis of the grid if its cosine is below this."""
 
