@@ -6,6 +6,7 @@ exact arithmetic: nothing is lost or gained however many craters fall. Tiles exi
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -57,18 +58,31 @@ class Stock:
         if self.steps and self.height_mm is None:
             raise InputError("a workpiece with steps needs height_mm, its greatest height: that of the machine")
 
+    def is_whole(self, x0_um: float, y0_um: float, x1_um: float, y1_um: float) -> bool:
+        """Whether the lowest slice is full of metal between two corners: away from every edge and hole."""
+        left, low, right, high = self.rectangle_um
+        if not (left <= x0_um and low <= y0_um and x1_um <= right and y1_um <= high):
+            return False
+        x, y, radius = self._holes
+        away = np.maximum(np.abs(x - 0.5 * (x0_um + x1_um)), np.abs(y - 0.5 * (y0_um + y1_um)))
+        return not (away <= radius + 0.5 * max(x1_um - x0_um, y1_um - y0_um)).any()
+
+    @functools.cached_property
+    def _holes(self) -> NDArray[np.float64]:
+        return np.array(self.holes_um, np.float64).reshape(-1, 3).T
+
     def fraction(self, x_um: NDArray[np.float64], y_um: NDArray[np.float64], cell_um: float
                  ) -> NDArray[np.float64]:
         """Share of metal (0..1) in the square cells of side `cell_um` centred at ``x_um[:, None], y_um``.
 
         In the lowest slice, that is: its metal no step takes away. Exact for the rectangle; at a hole's edge
-        the share falls linearly over one cell.
+        the share falls linearly over one cell. Where holes overlap, the one that takes most of a cell counts.
         """
         x0, y0, x1, y1 = self.rectangle_um
         half = cell_um / 2
         in_x = np.clip(np.minimum(x_um + half, x1) - np.maximum(x_um - half, x0), 0, cell_um) / cell_um
         in_y = np.clip(np.minimum(y_um + half, y1) - np.maximum(y_um - half, y0), 0, cell_um) / cell_um
-        share = in_x[:, None] * in_y[None, :]
+        left = np.ones((len(x_um), len(y_um)))
         for hole_x, hole_y, radius in self.holes_um:
             reach = radius + cell_um
             if not (
@@ -76,8 +90,8 @@ class Stock:
             ):
                 continue  # out of reach of every cell
             outside = np.hypot(x_um[:, None] - hole_x, y_um[None, :] - hole_y) - radius
-            share = share * np.clip(0.5 + outside / cell_um, 0.0, 1.0)
-        return np.asarray(share)
+            left = np.minimum(left, np.clip(0.5 + outside / cell_um, 0.0, 1.0))
+        return np.asarray(in_x[:, None] * in_y[None, :] * left)
 
 
 class KerfField:
@@ -154,9 +168,12 @@ class KerfField:
 
     def stock_tile(self, tx: int, ty: int) -> NDArray[np.uint16]:
         """Parts of metal in a tile before the cut: (n_slices, TILE, TILE), not to be written to."""
-        centres = np.arange(0.5, TILE, dtype=np.float64) * self.cell_um
-        side = self.cell_um * TILE
-        x, y = tx * side + centres, ty * side + centres
+        side, cell = self.cell_um * TILE, self.cell_um
+        x0, y0 = tx * side, ty * side
+        if self.relief is None and self.stock.is_whole(x0 - cell, y0 - cell, x0 + side + cell, y0 + side + cell):
+            return np.broadcast_to(np.uint16(FULL), (self.n_slices, TILE, TILE))
+        centres = np.arange(0.5, TILE, dtype=np.float64) * cell
+        x, y = x0 + centres, y0 + centres
         share = self.stock.fraction(x, y, self.cell_um)
         metal = None if self.relief is None else self.relief.metal(x, y, self.cell_um)
         parts = np.round((share if metal is None else share * metal) * FULL).astype(np.uint16)

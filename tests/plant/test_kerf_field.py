@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+import shapely
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -45,6 +46,27 @@ def test_stock_is_metal_inside_the_rectangle_and_outside_the_hole():
     assert patch[30, 26:].min() == 1.0
     hole_um2 = (1 - patch[150:200, 150:200]).sum() * 16.0
     assert hole_um2 == pytest.approx(np.pi * 90.0**2, rel=1e-3)
+
+
+@pytest.mark.parametrize("cell_um", [4.0, 6.0, 8.0])
+def test_holes_that_overlap_take_away_what_lies_in_any_of_them(cell_um):
+    holes = [(x, 700.0, 90.0) for x in np.arange(400.0, 701.0, 20.0)]
+    field = KerfField(1, Stock((100.0, 102.0, 5_000.0, 5_000.0), tuple(holes)), cell_um)
+    within = np.full(2, int(1_200 / cell_um))
+    gone_um2 = (1 - field.patch(0, within[0] // 4, within[0], within[1] // 4, within[1])).sum() * cell_um**2
+    union = shapely.union_all([shapely.Point(x, y).buffer(r, 256) for x, y, r in holes])
+    assert gone_um2 == pytest.approx(union.area, rel=2e-3)
+
+
+@given(st.integers(0, 40), st.integers(0, 40), st.floats(2.0, 9.0))
+def test_a_tile_called_whole_is_whole(tx, ty, cell_um):
+    side = TILE * cell_um
+    corner = np.array([tx, ty]) * side
+    x, y = (start + (np.arange(TILE) + 0.5) * cell_um for start in corner)
+    if STOCK.is_whole(*(corner - cell_um), *(corner + side + cell_um)):
+        assert (np.round(STOCK.fraction(x, y, cell_um) * FULL) == FULL).all()
+    elif (corner > 1_000.0).all() and (corner + 2 * side < 5_000.0).all():
+        raise AssertionError("far from every edge it is whole")
 
 
 @given(st.integers(0, 200), st.integers(1, 100), st.integers(0, 200), st.integers(1, 100))
