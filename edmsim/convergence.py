@@ -112,5 +112,8 @@ def page(watch: Callable[[str], None] | None = None) -> str:
     for figure, (_, _, unit) in columns[0].items():
         cells = [f"{column[figure][0]:.4g} ± {column[figure][1]:.2g}" for column in columns]
         lines.append(f"| {figure}, {unit} | " + " | ".join(cells) + " |")
+    every = RESOLUTIONS.values()
+    lines.append("| cells of the kerf field, um | " + " | ".join(f"{r.cell_um:g}" for r in every) + " |")
+    lines.append("| windows per tracing of the rays | " + " | ".join(str(r.trace_windows) for r in every) + " |")
     lines.append("| pulses per second, one core | " + " | ".join(speeds) + " |")
     return "\n".join(lines) + "\n"

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from .compiled import compiled
 from .elementary import logarithm, power
-from .rays import Rays, arc, gaps_of, narrowest, once_around
+from .rays import Rays, arc, gaps_of, narrowest
 from .vectors import GAPS, element, highest, load, passed, running, spread, store, total, totals
 
 
@@ -80,16 +80,11 @@ def _primed_weights(gap: Any, law: GapLaw) -> Any:
 
 
 @compiled
-def slice_sums(
-    rays: Rays, s: int, shift_x: float, shift_y: float, law: GapLaw, gain: float, sums: NDArray[np.float64]
-) -> float:
-    """Sum the rays of slice `s` into its row of `sums` (slices, 4), and return the depth of its contacts in um.
-
-    The row is rate 1/us, primed weight um^2, both times `gain`, pull x, y 1/um^2. `shift` is how far the wire has
-    moved from where the rays were traced. The pull is that of coaxial cylinders a ray's gap apart, to second order in
-    gap over radius: ``(1/g + 1/(2 r))^2``. One division serves all.
-    """
-    sx, sy = np.float32(shift_x), np.float32(shift_y)
+def sum_slice(
+    rays: Rays, s: int, sx: np.float32, sy: np.float32, law: GapLaw, gain: float, sums: NDArray[np.float64],
+    near: Any,
+) -> Any:
+    """Sum the rays of a slice as `slice_sums` does; returns the greatest primed weights, those of `near` included."""
     pull_floor, one = np.float32(PULL_GAP_FLOOR_UM), np.float32(1.0)
     curvature = np.float32(law.wire_curvature)
     bare = np.float32(0.25 * law.wire_curvature**2)
@@ -104,12 +99,23 @@ def slice_sums(
         pressure = both * delay * (held * curvature + one) + bare
         pull_x += pressure * load(rays.cosine, (s, at))
         pull_y += pressure * load(rays.sine, (s, at))
-        primed += _primed_weights(gap, law)
-    row = totals(rate * gain, primed * gain, pull_x, pull_y)
-    store(sums, (s, 0), row)
+        weights = _primed_weights(gap, law)
+        primed += weights
+        near = highest(near, weights)
+    store(sums, (s, 0), totals(rate * gain, primed * gain, pull_x, pull_y))
+    return near
+
+
+@compiled
+def may_touch(near: Any, law: GapLaw) -> bool:
+    """Whether a ray is so near that it may touch, by the greatest primed weights: it may not, most often."""
     span = law.primed_gap_um - law.contact_gap_um
-    if span > 0.0 and element(row, 1) < span * span * gain:
-        return 0.0  # no ray is near enough to touch
+    return span <= 0.0 or bool(passed(near, np.float32(span * span)) < GAPS)
+
+
+@compiled
+def contact_depth(rays: Rays, s: int, sx: np.float32, sy: np.float32, law: GapLaw) -> float:
+    """Summed depth in um by which rays of a slice lie below the gap of contact."""
     contact = 0.0
     for at in arc(rays, s):
         depth = spread(np.float32(law.contact_gap_um)) - gaps_of(rays, s, at, sx, sy)
@@ -118,10 +124,25 @@ def slice_sums(
 
 
 @compiled
+def slice_sums(
+    rays: Rays, s: int, shift_x: float, shift_y: float, law: GapLaw, gain: float, sums: NDArray[np.float64]
+) -> float:
+    """Sum the rays of slice `s` into its row of `sums` (slices, 4), and return the depth of its contacts in um.
+
+    The row is rate 1/us, primed weight um^2, both times `gain`, pull x, y 1/um^2. `shift` is how far the wire has
+    moved from where the rays were traced. The pull is that of coaxial cylinders a ray's gap apart, to second order in
+    gap over radius: ``(1/g + 1/(2 r))^2``. One division serves all.
+    """
+    sx, sy = np.float32(shift_x), np.float32(shift_y)
+    near = sum_slice(rays, s, sx, sy, law, gain, sums, spread(np.float32(0.0)))
+    return contact_depth(rays, s, sx, sy, law) if may_touch(near, law) else 0.0
+
+
+@compiled
 def choose_ray(
     rays: Rays, s: int, shift_x: float, shift_y: float, law: GapLaw, primed: bool, target: float
 ) -> int:
-    """Ray of slice `s` at which the cumulative weight (rate, or primed weight) passes `target`."""
+    """Place of the ray of slice `s` at which the cumulative weight (rate, or primed weight) passes `target`."""
     sx, sy = np.float32(shift_x), np.float32(shift_y)
     left = np.float32(target)
     for at in arc(rays, s):
@@ -130,7 +151,7 @@ def choose_ray(
         sums = running(weights)
         before = passed(sums, left)
         if before < GAPS:
-            return once_around(rays, at + before)
+            return int(at + before)
         left -= element(sums, GAPS - 1)
     return narrowest(rays, s, sx, sy)[0]  # the target lay within rounding of the total: the likeliest
 

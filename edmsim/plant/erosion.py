@@ -1,7 +1,7 @@
 """Craters: what a discharge takes from the metal.
 
 A crater's area in its slice is shared among the rays in its width, whose edges recede at once; the field itself
-is carved at the window's end, ray by ray, so that a cell is looked up once for all discharges of a window.
+is carved before they are traced anew, ray by ray, so that a cell is looked up once for all discharges since.
 """
 
 from __future__ import annotations
@@ -13,13 +13,13 @@ from numpy.typing import NDArray
 
 from .compiled import compiled
 from .elementary import cube_root
-from .facing import gap_of
+from .facing import gap_of, place_of
+from .rays import turned
 from .state import Array, Arrays, Constants
-from .vectors import GAPS, load, passed
 from .workpiece import FULL, NO_METAL_UM, carve_wall
 
-CARVE_BEFORE_UM, CARVE_BEYOND_UM = 12.0, 48.0
-"""How far before and beyond a ray's edge its wall is looked for: beside the ray it may stand nearer."""
+CARVE_BEYOND_UM = 48.0
+"""How far behind a ray's edge its wall is looked for."""
 BARE_UM = np.float32(0.5 * NO_METAL_UM)
 """A gap beyond this is that of a ray that meets no metal."""
 PROUD_UM = 6.0
@@ -41,21 +41,18 @@ def _covered(middle: float, reach: float, aside: int) -> float:
 @compiled
 def _metal_covered(a: Arrays, s: int, middle: int, span: int, jitter: float, reach: float) -> float:
     """How many ray spacings of metal a crater covers, the ray in the middle and `span` on either side looked at."""
-    whole = True
-    for at in range(middle - span, middle + span + 1, GAPS):
-        whole = whole and passed(load(a.distance, (s, at)), BARE_UM) == GAPS
-    if whole:
+    if middle >= span and middle + span < a.unbroken[s]:
         return 2.0 * reach
     covered = 0.0
     for aside in range(-span, span + 1):
-        if a.distance[s, middle + aside] < BARE_UM:
+        if a.distance[s, turned(middle, aside, a.ray_cosine.shape[0])] < BARE_UM:
             covered += _covered(jitter, reach, aside)
     return covered
 
 
 @compiled
-def share_crater(a: Arrays, c: Constants, position: Array, s: int, r: int, volume: float, jitter: float) -> bool:
-    """Lay a crater of `volume` um3 at ray `r` on the rays in its width, which recede by its mean depth.
+def share_crater(a: Arrays, c: Constants, position: Array, s: int, middle: int, volume: float, jitter: float) -> bool:
+    """Lay a crater of `volume` um3 at the ray at a place on the rays in its width, which recede by its mean depth.
 
     `jitter` (-0.5..0.5 ray spacings) shifts the crater, so that many of them cover the wall evenly. Says whether
     there was metal to lay it on.
@@ -63,22 +60,20 @@ def share_crater(a: Arrays, c: Constants, position: Array, s: int, r: int, volum
     if volume <= 0.0:
         return False
     n_rays = a.ray_cosine.shape[0]
-    spacing = (c.radius_um + gap_of(a, position, s, r)) * (2.0 * math.pi / n_rays)
+    spacing = (c.radius_um + gap_of(a, position, s, middle)) * (2.0 * math.pi / n_rays)
     diameter = crater_diameter(volume, c)
     reach = min(0.5 * diameter / spacing, 0.25 * n_rays - 1.0)
     span = int(reach) + 1
-    middle = r if r > n_rays // 2 else r + n_rays  # all around it lies within the arrays, which go around twice
     covered = _metal_covered(a, s, middle, span, jitter, reach)
     if covered <= 0.0:
         return False
     depth = volume / (c.slice_um * spacing * covered)
     for aside in range(-span, span + 1):
-        if a.distance[s, middle + aside] < BARE_UM:
+        place = turned(middle, aside, n_rays)
+        if a.distance[s, place] < BARE_UM:
             deep = depth * _covered(jitter, reach, aside)
-            n = middle + aside - (n_rays if middle + aside >= n_rays else 0)
-            receded = a.distance[s, n] + np.float32(deep)
-            a.distance[s, n] = a.distance[s, n + n_rays] = receded
-            a.pending_um2[s, n] += deep * spacing
+            a.distance[s, place] += np.float32(deep)
+            a.pending_um2[s, place] += deep * spacing
     return True
 
 
@@ -93,7 +88,7 @@ def _carve_ray(
     cosine, sine = a.ray_cosine[r], a.ray_sine[r]
     return carve_wall(
         tiles, index, s, c.cell_um, a.reference_um[0, s] - aside * width * sine,
-        a.reference_um[1, s] + aside * width * cosine, cosine, sine, near, CARVE_BEFORE_UM, PROUD_UM,
+        a.reference_um[1, s] + aside * width * cosine, cosine, sine, near, c.carve_before_um, PROUD_UM,
         CARVE_BEYOND_UM, width, parts,
     )
 
@@ -111,9 +106,10 @@ def carve(
     missed = 0.0
     for s in range(a.shape.shape[0]):
         for r in range(a.ray_cosine.shape[0]):
-            if a.pending_um2[s, r] > 0.0:
-                area = a.pending_um2[s, r] + a.carry_um2[s]
-                a.pending_um2[s, r] = 0.0
+            place = place_of(a, s, r)
+            if a.pending_um2[s, place] > 0.0:
+                area = a.pending_um2[s, place] + a.carry_um2[s]
+                a.pending_um2[s, place] = 0.0
                 parts = max(0, int(area / part))
                 a.carry_um2[s] = area - parts * part
                 if parts == 0:

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .compiled import compiled
-from .rays import Rays, face, narrowest
+from .rays import Rays, face, narrowest, turned
 from .state import Array, Arrays, Constants
 from .workpiece import NO_METAL_UM, trace
 
@@ -42,7 +42,7 @@ def _trace_ray(
 @compiled
 def rays_of(a: Arrays) -> Rays:
     """Look at what the loop sees of the rays."""
-    return Rays(a.distance, a.cosine, a.sine, a.first, a.blocks)
+    return Rays(a.distance, a.cosine, a.sine, a.first, a.blocks, a.unbroken)
 
 
 @compiled
@@ -76,17 +76,29 @@ def refer(
 
 
 @compiled
-def gap_of(a: Arrays, position: Array, s: int, r: int) -> float:
-    """Gap of a ray where the wire is now."""
+def ray_at(a: Arrays, s: int, place: int) -> int:
+    """Ray, counted from +x, at a place of the arrays of `rays.Rays`."""
+    return turned(a.first[s], place, a.ray_cosine.shape[0])
+
+
+@compiled
+def place_of(a: Arrays, s: int, r: int) -> int:
+    """Place of a ray, the other way."""
+    return turned(r, -a.first[s], a.ray_cosine.shape[0])
+
+
+@compiled
+def gap_of(a: Arrays, position: Array, s: int, place: int) -> float:
+    """Gap of the ray at a place where the wire is now."""
     return np.float64(
-        a.distance[s, r]
-        - (position[0, s] - a.reference_um[0, s]) * a.cosine[s, r]
-        - (position[1, s] - a.reference_um[1, s]) * a.sine[s, r]
+        a.distance[s, place]
+        - (position[0, s] - a.reference_um[0, s]) * a.cosine[s, place]
+        - (position[1, s] - a.reference_um[1, s]) * a.sine[s, place]
     )
 
 
 @compiled
 def narrowest_now(a: Arrays, position: Array, s: int) -> tuple[int, float]:
-    """Ray with the smallest gap in a slice where the wire is now, and that gap; see `rays.narrowest`."""
+    """Place of the smallest gap in a slice where the wire is now, and that gap; see `rays.narrowest`."""
     shift_x, shift_y = position[0, s] - a.reference_um[0, s], position[1, s] - a.reference_um[1, s]
     return narrowest(rays_of(a), s, np.float32(shift_x), np.float32(shift_y))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
@@ -13,6 +13,9 @@ from ..errors import InputError
 from .memory import CALL
 from .plant import Plant
 from .state import NO_TILES, STATE, STEP_EARLY, STEP_WRONG, WINDOW
+
+_SHARE = 4
+"""Plants a thread takes at a time."""
 
 
 class Fleet:
@@ -103,18 +106,20 @@ class Fleet:
         return status
 
     def _fire(self, calls: NDArray[np.int64]) -> None:
-        fire = self.plants[0].fire
-        parts = min(self.threads, len(calls))
-        if parts <= 1:
-            fire(calls.ctypes.data, len(calls))
-            return
-        if self._pool is None:
+        if self._pool is None and self.threads > 1:
             self._pool = ThreadPoolExecutor(self.threads - 1, "edmsim-fleet")
-        own, *others = np.array_split(calls, parts)
-        done = [self._pool.submit(fire, part.ctypes.data, len(part)) for part in others]
-        fire(own.ctypes.data, len(own))
+        places = iter(range(0, len(calls), _SHARE))
+        helpers = min(self.threads, -(-len(calls) // _SHARE)) - 1
+        done = [self._pool.submit(self._share, calls, places) for _ in range(helpers)] if self._pool else []
+        self._share(calls, places)
         for part in done:
             part.result()
+
+    def _share(self, calls: NDArray[np.int64], places: Iterator[int]) -> None:
+        """Fire what nobody fires yet, a few at a time, so that no thread waits for a slower one."""
+        fire, address, row = self.plants[0].fire, calls.ctypes.data, calls.strides[0]
+        for k in places:
+            fire(address + k * row, min(_SHARE, len(calls) - k))
 
     def close(self) -> None:
         """Let the threads go."""

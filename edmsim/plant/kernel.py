@@ -14,7 +14,7 @@ from .breakdown import GapLaw
 from .compiled import compiled
 from .dielectric import flush
 from .erosion import carve, share_crater
-from .facing import OVERLAP_UM, gap_of, refer
+from .facing import OVERLAP_UM, gap_of, ray_at, refer
 from .full_motion import LOST, FullLink, move_full
 from .motion import copy, mean_deflection, move, place_wire, ringing, step_table
 from .outcome import decide, deepest_contact, draw, leak_conductance, sum_rays, touch
@@ -47,6 +47,8 @@ HEAT_INTERVAL_US = 1500.0
 """Heat and debris are carried on at least this often: well under their time constants of some 10 ms."""
 DEEPEST_UM = 0.75 * OVERLAP_UM
 """Deeper in the metal than this at a window's end, the wire is where no push would have taken it."""
+TRACED_MOVE_UM = 2.0
+"""Rays serve no longer once the table has moved further than this since they were traced."""
 LOST_UM = -1e9
 """Depth in the metal of a wire that is nowhere."""
 FINITE = 1e15
@@ -60,7 +62,7 @@ def _erode(
     state: NDArray[np.void], window: NDArray[np.void], a: Arrays, c: Constants, position: Array, s: int, k: int,
     volume: float,
 ) -> None:
-    """Remove a crater of `volume` um3 at a ray and feed the debris."""
+    """Remove a crater of `volume` um3 at the ray at a place and feed the debris."""
     state[0].crater_um3 += volume
     if share_crater(a, c, position, s, k, volume, draw(state) - 0.5):
         state[0].wear_wait_um3 += volume
@@ -75,11 +77,38 @@ def _carve(
     state: NDArray[np.void], window: NDArray[np.void], a: Arrays, tiles: NDArray[np.uint16],
     index: NDArray[np.int32], c: Constants,
 ) -> None:
-    """Carve the window's craters from the field; what found no metal there was none."""
+    """Carve the craters on the rays from the field; what found no metal there was none."""
     missed = carve(a, tiles, index, c, draw(state) - 0.5)
+    state[0].carved_pulses = state[0].pulses
     state[0].missed_um3 += missed
     state[0].wear_wait_um3 = max(0.0, state[0].wear_wait_um3 - missed)
     window[0].crater_um3 -= missed
+
+
+@compiled
+def _is_due(state: NDArray[np.void], c: Constants) -> bool:
+    """Whether the rays must be traced anew: after a number of pulses, or if the table has moved."""
+    if state[0].traces == 0 or state[0].pulses - state[0].traced_pulses >= c.traced_pulses:
+        return True
+    moved = 0.0
+    for axis in range(2):
+        moved = max(moved, abs(state[0].commanded_um[axis] - state[0].traced_um[axis]))
+    return moved > TRACED_MOVE_UM
+
+
+@compiled
+def _renew_rays(
+    state: NDArray[np.void], window: NDArray[np.void], a: Arrays, tiles: NDArray[np.uint16],
+    index: NDArray[np.int32], c: Constants, position: Array,
+) -> None:
+    """Trace the rays from where the wire is now; before, carve what a former wire left on them."""
+    if state[0].carved_pulses < state[0].pulses:
+        _carve(state, window, a, tiles, index, c)
+    refer(a, tiles, index, c, position, state[0].traces)
+    state[0].traces += 1
+    state[0].traced_pulses = state[0].pulses
+    for axis in range(2):
+        state[0].traced_um[axis] = state[0].commanded_um[axis]
 
 
 @compiled
@@ -104,7 +133,7 @@ def _discharge(
     window[0].charge_A_us += t.current_A * burn_us
     state[0].current2_us += t.current_A**2 * burn_us
     state[0].last_slice = s
-    state[0].last_ray = k
+    state[0].last_ray = ray_at(a, s, k)
     a.temperature_K[s] += c.wire_heat_share * energy * heat.kelvin_per_J
     window[0].temperature_max_K = max(window[0].temperature_max_K, a.temperature_K[s])
     _see_rupture(state, a, c, s)
@@ -136,7 +165,7 @@ def _note(
     if outcome == OPEN or s < 0:
         p.slice = -1
         return
-    p.slice, p.ray = s, k
+    p.slice, p.ray = s, ray_at(a, s, k)
     p.gap_um, p.x_um, p.y_um = gap_of(a, position, s, k), position[0, s], position[1, s]
 
 
@@ -274,7 +303,8 @@ def fire_window(
     _begin(state, window, a)
     copy(held, a.wire_q)
     place_wire(state, a, position)
-    refer(a, tiles, index, c, position, state[0].pulses // PULSES_PER_WINDOW)
+    if _is_due(state, c):
+        _renew_rays(state, window, a, tiles, index, c, position)
     open_V = t.open_V / (1.0 + c.supply_ohm * leak_conductance(a, c))
     # pressure eps V^2 / 2 on a ray's patch, per 1/um^2 of its summed inverse square gaps, in um kg/s^2
     open_scale = 0.5 * c.permittivity_F_m * open_V**2 * c.patch_m2 * 1e12 * 1e6
@@ -335,7 +365,8 @@ def fire_window(
             return _end(state, window, a, LOST_UM)
         if state[0].broken != 0:
             break
-    _carve(state, window, a, tiles, index, c)
+    if state[0].broken != 0 or _is_due(state, c):
+        _carve(state, window, a, tiles, index, c)
     # what the last pulse drove into the metal must be out of it before the rays are traced anew
     place_wire(state, a, position)
     deepest = 0.0

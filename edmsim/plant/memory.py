@@ -21,6 +21,7 @@ from .breakdown import GapLaw
 from .compiled import compiled
 from .full_motion import FullLink
 from .kernel import fire_window
+from .rays import places
 from .state import GRID, PULSE, STATE, WINDOW, Arrays, Constants, Propagators, Scratch, Timing
 from .vectors import filled
 from .wire import HeatLaw
@@ -137,13 +138,14 @@ _at_constants, _at_law, _at_heat, _at_timing = (_array_of(from_dtype(_dtype_of(k
 
 @compiled
 def _arrays(at: Any, slices: int, rays: int, modes: int) -> Arrays:
-    per_ray, twice, per_mode = (slices, rays), (slices, 2 * rays), (2, modes)
+    per_ray, laid, per_mode = (slices, rays), (slices, places(rays)), (2, modes)
     return Arrays(
         _f4(at.edge_um, per_ray), _f8(at.reference_um, (2, filled(slices))),
-        _f8(at.pending_um2, per_ray), _f8(at.wire_q, per_mode), _f8(at.wire_v, per_mode),
+        _f8(at.pending_um2, laid), _f8(at.wire_q, per_mode), _f8(at.wire_v, per_mode),
         _f8(at.table_q, (2, 2)), _f8(at.table_v, (2, 2)), _f8(at.temperature_K, (slices,)),
-        _f8(at.debris, (slices,)), _f8(at.carry_um2, (slices,)), _f4(at.distance, twice),
-        _f4(at.cosine, twice), _f4(at.sine, twice), _i8(at.first, (slices,)), _i8(at.blocks, (slices,)),
+        _f8(at.debris, (slices,)), _f8(at.carry_um2, (slices,)), _f4(at.distance, laid),
+        _f4(at.cosine, laid), _f4(at.sine, laid), _i8(at.first, (slices,)), _i8(at.blocks, (slices,)),
+        _i8(at.unbroken, (slices,)),
         _f8(at.ray_cosine, (rays,)), _f8(at.ray_sine, (rays,)),
         _f8(at.shape, (slices, modes)), _f8(at.sway, (modes, filled(slices))),
         _f8(at.mean_shape, (modes,)), _f8(at.flow_factor, (slices,)),

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from .breakdown import GapLaw, choose_ray, slice_sums, weibull
+from .breakdown import GapLaw, choose_ray, contact_depth, may_touch, sum_slice, weibull
 from .compiled import compiled
 from .dielectric import bridged_probability
 from .elementary import exponential, logarithm
-from .facing import meets_metal, narrowest_now, rays_of
+from .facing import meets_metal, narrowest_now, place_of, rays_of
 from .motion import fall_back, place_wire, push_out
 from .random import normal, uniform
 from .state import ARC, OPEN, SHORT, SPARK, Array, Arrays, Constants, Timing
@@ -30,7 +30,7 @@ def leak_conductance(a: Arrays, c: Constants) -> float:
     total = 0.0
     for s in range(a.edge_um.shape[0]):
         for r in range(a.edge_um.shape[1]):
-            total += 1.0 / max(a.distance[s, r], 1.0)
+            total += 1.0 / max(a.distance[s, place_of(a, s, r)], 1.0)
     return total * c.leak_S_um
 
 
@@ -41,26 +41,35 @@ def _gain(a: Arrays, c: Constants, s: int) -> float:
 
 
 @compiled
+def _moved(a: Arrays, position: Array, s: int) -> tuple[np.float32, np.float32]:
+    """How far a slice's wire has moved from where its rays were traced."""
+    return np.float32(position[0, s] - a.reference_um[0, s]), np.float32(position[1, s] - a.reference_um[1, s])
+
+
+@compiled
 def sum_rays(
     a: Arrays, c: Constants, law: GapLaw, position: Array, sums: Array, contact: Array
 ) -> tuple[float, float, float]:
-    """Sum every slice's rays at the wire's present place (see `slice_sums`); returns rate, primed, contact depth."""
+    """Sum every slice's rays where the wire is (see `breakdown.slice_sums`); returns rate, primed, contact depth."""
     rays = rays_of(a)
     everything = spread(0.0)
-    touching = 0.0
+    near = spread(np.float32(0.0))
     for s in range(sums.shape[0]):
-        contact[s] = slice_sums(
-            rays, s, position[0, s] - a.reference_um[0, s], position[1, s] - a.reference_um[1, s], law,
-            _gain(a, c, s), sums,
-        )
-        touching += contact[s]
+        sx, sy = _moved(a, position, s)
+        near = sum_slice(rays, s, sx, sy, law, _gain(a, c, s), sums, near)
         everything += load(sums, (s, 0))
+    touching = 0.0
+    if may_touch(near, law):
+        for s in range(sums.shape[0]):
+            sx, sy = _moved(a, position, s)
+            contact[s] = contact_depth(rays, s, sx, sy, law)
+            touching += contact[s]
     return element(everything, 0), element(everything, 1), touching
 
 
 @compiled
 def deepest_contact(a: Arrays, position: Array, contact: Array) -> tuple[float, int, int]:
-    """Smallest gap among the slices that touch, its slice and ray."""
+    """Smallest gap among the slices that touch, its slice and place."""
     deepest, slice_, place = NO_METAL_UM, 0, 0
     for s in range(contact.shape[0]):
         if contact[s] > 0.0:
@@ -74,7 +83,7 @@ def deepest_contact(a: Arrays, position: Array, contact: Array) -> tuple[float, 
 def touch(
     state: NDArray[np.void], a: Arrays, position: Array, contact: Array, held: Array
 ) -> tuple[int, int]:
-    """Slice and ray of the deepest contact; the wire is taken out of the metal where it overlaps.
+    """Slice and place of the deepest contact; the wire is taken out of the metal where it overlaps.
 
     What it did since `held` ends where it met the metal; what overlap is left (a motor step may press the
     metal on the wire) is pushed out, the deepest first, and with the wire's new shape the next.
@@ -130,7 +139,7 @@ def _ignite(
     state: NDArray[np.void], a: Arrays, c: Constants, law: GapLaw, t: Timing, position: Array, sums: Array,
     totals: tuple[float, float, float],
 ) -> tuple[float, int, int]:
-    """Delay until breakdown in us, and its slice and ray; a delay past the wait has no place."""
+    """Delay until breakdown in us, and its slice and place; a delay past the wait has no place."""
     weight = law.primed_per_um2 * totals[1]
     chance = draw(state)
     is_primed = chance > 1.0 - weight and chance > exponential(-weight)  # the first rules it out most often
@@ -154,7 +163,7 @@ def decide(
     state: NDArray[np.void], a: Arrays, c: Constants, law: GapLaw, t: Timing, position: Array, sums: Array,
     contact: Array, totals: tuple[float, float, float], held: Array,
 ) -> tuple[int, float, int, int]:
-    """How this pulse ends: class, delay until ignition in us, slice and ray."""
+    """How this pulse ends: class, delay until ignition in us, slice and its place of the ray."""
     if totals[2] > 0.0:
         s, k = touch(state, a, position, contact, held)
         return SHORT, 0.0, s, k
@@ -165,7 +174,7 @@ def decide(
     if chance * (1.0 + quiet) < 1.0 and chance < exponential(-quiet):  # the first rules it out most often
         s, r = state[0].last_slice, state[0].last_ray
         if meets_metal(a, c, s, r):
-            return ARC, 0.0, s, r
+            return ARC, 0.0, s, place_of(a, s, r)
     delay, s, r = _ignite(state, a, c, law, t, position, sums, totals)
     if delay < t.wait_us:
         return SPARK, delay, s, r

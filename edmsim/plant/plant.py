@@ -28,6 +28,7 @@ from .state import (
     STEP_EARLY,
     STEP_WRONG,
     TILED_UM,
+    WALL,
     WINDOW,
     Timing,
 )
@@ -145,7 +146,8 @@ class Plant:
                 f"{self.machine.height_mm:g} mm; they must be the same"
             )
         self.field = KerfField(
-            self.resolution.slices, stock, setup.CELL_UM, self.machine.base.table.travel_mm.value * 1e3
+            self.resolution.slices, stock, self.resolution.cell_um,
+            self.machine.base.table.travel_mm.value * 1e3,
         )
         self._memory.keep_field(self.field.tiles, self.field.index)
         self._state[:] = 0
@@ -190,10 +192,11 @@ class Plant:
         before = self._arrays
         self._state["commanded_um"] = position_um
         self._state["time_ns"] += duration_ns
-        for name in ("heat_wait_us", "current2_us", "wear_wait_um3", "worn_share", "broken"):
+        for name in ("heat_wait_us", "current2_us", "wear_wait_um3", "worn_share", "broken", "traces"):
             self._state[name] = 0
         self._at_rest()
-        self._arrays.carry_um2[:] = before.carry_um2
+        for name in WALL:
+            getattr(self._arrays, name)[:] = getattr(before, name)
         if self.mechanics == "mujoco":
             self._arrays.table_q[:] = before.table_q  # steps once lost stay lost
 
@@ -231,8 +234,9 @@ class Plant:
 
     @property
     def removed_mm3(self) -> float:
-        """Metal removed so far, from the kerf field: exact in parts of a cell."""
-        return self.field.removed_parts * self.field.part_area_um2 * self._constants.slice_um * 1e-9
+        """Metal removed so far: what is carved from the kerf field, and what waits for it on the rays."""
+        carved_um2 = self.field.removed_parts * self.field.part_area_um2
+        return float(carved_um2 + self._arrays.pending_um2.sum()) * self._constants.slice_um * 1e-9
 
     @property
     def craters_mm3(self) -> float:
@@ -252,9 +256,11 @@ class Plant:
         return self._arrays.shape @ self._arrays.wire_q.T
 
     def rays(self) -> Rays:
-        """Every slice's rays as the loop sees them: traced when the last window began, less what craters took."""
+        """Every slice's rays as the loop sees them: as they were traced, less what craters took since."""
         a = self._arrays
-        return Rays(a.distance.copy(), a.cosine.copy(), a.sine.copy(), a.first.copy(), a.blocks.copy())
+        return Rays(
+            a.distance.copy(), a.cosine.copy(), a.sine.copy(), a.first.copy(), a.blocks.copy(), a.unbroken.copy()
+        )
 
     @property
     def timing(self) -> Timing:
@@ -273,7 +279,7 @@ class Plant:
         return self._pulses.view(np.uint8)[: fired * PULSE.itemsize].copy().view(PULSE)
 
     def walls_um(self, slice_index: int) -> tuple[tuple[float, float], NDArray[np.float32]]:
-        """Return where a slice's wire was when the last window began, and every ray's gap from there (rays,).
+        """Return where a slice's wire was when its rays were last traced, and every ray's gap then (rays,).
 
         Ray ``k`` looks along the angle ``2 pi k / rays``; one that met no metal within reach has a gap beyond 1e6.
         """
@@ -319,8 +325,8 @@ class Plant:
     def advance_pulse(self, steps: Sequence[tuple[int, int, int]] = ()) -> PulseWindow:
         """Fire one pulse, to look at pulses one by one; whether the wire breaks is not looked at.
 
-        The window's end comes after every pulse then: craters are carved and rays traced anew each time. That is
-        slower, and differs in bits from the same pulses in windows of 255.
+        The window's end comes after every pulse then, and its crater is carved each time. That is slower, and
+        differs in bits from the same pulses in windows of 255.
 
         Parameters
         ----------

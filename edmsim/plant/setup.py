@@ -16,33 +16,48 @@ from .breakdown import GapLaw
 from .dielectric import flow_speed_m_s, nozzle_flow_per_slice_us
 from .full_model import DriveSetup, FullMechanics
 from .mechanics import ModalModel, WireSetup, build_model, propagator_table, reduce_model
-from .state import GRID, Arrays, Constants, Propagators, Scratch, Timing
+from .rays import places
+from .state import GRID, PULSES_PER_WINDOW, Arrays, Constants, Propagators, Scratch, Timing
 from .vectors import filled
 from .wire import VACUUM_PERMITTIVITY_F_M, HeatLaw, area_m2
+from .workpiece import NO_METAL_UM
 
 if TYPE_CHECKING:
     from ..machine import Machine
 
 ResolutionName = Literal["fast", "default", "fine"]
-CELL_UM = 4.0
-"""Side of a cell of the kerf field (ours: small against the gap, large enough for a few MB per 10 mm)."""
 RAY_RANGE_UM = 80.0
 """Rays end this far from the wire's surface (ours: the breakdown rate there is 1 % of that at 10 um)."""
+CARVE_BEFORE_UM, CARVE_BEFORE_SPACINGS = 12.0, 0.75
+"""How far before a ray's edge its wall is looked for, at least, and in ray spacings (ours): between rays it may stand
+nearer, the more the further they are apart, and what is not reached stays in the kerf."""
 PRIMED_SPAN = 3.0
 """The chance of a primed site ends this many widths above the critical gap."""
 
 
 @dataclass(frozen=True)
 class Resolution:
-    """How finely the plant is resolved."""
+    """How finely the plant is resolved.
+
+    Attributes
+    ----------
+    slices, rays, modes : int
+        Slices of the workpiece's height, rays around the wire, modes of the wire in each plane.
+    cell_um : float
+        Side of a cell of the kerf field: small against the gap, large enough for a few MB per 10 mm.
+    trace_windows : int
+        Every so many windows what fell on the rays is carved from the field and they are traced anew.
+    """
 
     slices: int
     rays: int
     modes: int
+    cell_um: float = 4.0
+    trace_windows: int = 1
 
 
 RESOLUTIONS: dict[str, Resolution] = {
-    "fast": Resolution(5, 32, 4),
+    "fast": Resolution(5, 24, 4, cell_um=6.0, trace_windows=4),
     "default": Resolution(9, 64, 8),
     "fine": Resolution(15, 128, 16),
 }
@@ -95,8 +110,10 @@ def constants(machine: Machine, res: Resolution) -> Constants:
     return Constants(
         radius_um=radius,
         slice_um=slice_um,
-        cell_um=CELL_UM,
+        cell_um=res.cell_um,
         range_um=RAY_RANGE_UM,
+        traced_pulses=res.trace_windows * PULSES_PER_WINDOW,
+        carve_before_um=max(CARVE_BEFORE_UM, CARVE_BEFORE_SPACINGS * 2 * math.pi * radius / res.rays),
         patch_m2=patch,
         permittivity_F_m=water.permittivity.value * VACUUM_PERMITTIVITY_F_M,
         leak_S_um=water.conductivity_uS_cm.value * 1e-4 * patch * 1e6,
@@ -235,12 +252,12 @@ def arrays(
     shape[:, : wire_shape.shape[1]] = wire_shape
     sway = np.zeros((modes, slices))
     sway[:, : res.slices] = shape.T
-    twice = res.slices, 2 * res.rays
+    laid = res.slices, places(res.rays)
     angle = 2 * np.pi * np.arange(res.rays) / res.rays
     return Arrays(
         edge_um=np.zeros((res.slices, res.rays), np.float32),
         reference_um=np.full((2, slices), -1e9),  # nowhere: every ray is traced in full at first
-        pending_um2=np.zeros((res.slices, res.rays)),
+        pending_um2=np.zeros(laid),
         wire_q=np.zeros((2, modes)),
         wire_v=np.zeros((2, modes)),
         table_q=np.zeros((2, 2)),
@@ -248,11 +265,12 @@ def arrays(
         temperature_K=np.full(res.slices, water_K),
         debris=np.zeros(res.slices),
         carry_um2=np.zeros(res.slices),
-        distance=np.zeros(twice, np.float32),
-        cosine=np.zeros(twice, np.float32),
-        sine=np.zeros(twice, np.float32),
+        distance=np.full(laid, NO_METAL_UM, np.float32),
+        cosine=np.zeros(laid, np.float32),
+        sine=np.zeros(laid, np.float32),
         first=np.zeros(res.slices, np.int64),
         blocks=np.zeros(res.slices, np.int64),
+        unbroken=np.zeros(res.slices, np.int64),
         ray_cosine=np.cos(angle),
         ray_sine=np.sin(angle),
         shape=shape,

@@ -38,10 +38,16 @@ STATE = np.dtype(
         ("missed_um3", "f8"),
         ("deflection_um", "f8", 2),
         ("tiled_um", "f8", 2),
+        ("traced_um", "f8", 2),
+        ("traced_pulses", "i8"),
+        ("carved_pulses", "i8"),
+        ("traces", "i8"),
     ]
 )
 """Scalars of a plant's state. ``crater_um3`` sums the craters drawn, ``missed_um3`` what found no metal;
-``deflection_um`` is the last window's mean, ``tiled_um`` the place around which the field has tiles."""
+``deflection_um`` is the last window's mean, ``tiled_um`` the place around which the field has tiles; ``traced_um``
+and ``traced_pulses`` are the commanded place and the pulses fired when the rays were last traced, ``traces`` how
+often that was with this wire, ``carved_pulses`` the pulses whose craters are carved."""
 
 WINDOW = np.dtype(
     [
@@ -97,6 +103,8 @@ class Constants(NamedTuple):
     slice_um: float
     cell_um: float
     range_um: float
+    traced_pulses: int
+    carve_before_um: float
     patch_m2: float
     permittivity_F_m: float
     leak_S_um: float
@@ -194,17 +202,17 @@ class Arrays(NamedTuple):
     edge_um : float32 (slices, rays)
         Gap of every ray, traced from the reference position.
     reference_um : (2, slices filled)
-        Place it was traced from: where the wire was when the window began. The wire swings, so that in time its
+        Place it was traced from: where the wire was at that moment. The wire swings, so that in time its
         rays look everywhere, also between the lines they look along now.
-    pending_um2 : (slices, rays)
-        Area of craters that fell on a ray in this window; carved from the field at its end.
+    pending_um2 : (slices, places)
+        Area of craters that fell on a ray since; carved from the field before the rays are traced anew.
     wire_q, wire_v : (2, modes filled)
         Modal deflection (um sqrt(kg)) and velocity (um sqrt(kg)/s), along x and y.
     table_q, table_v : (2, 2)
         Ringing of each axis around the commanded position.
     temperature_K, debris, carry_um2 : (slices,)
         Wire temperature, debris share, and crater area too small for a part of a cell, kept for the next.
-    distance, cosine, sine, first, blocks
+    distance, cosine, sine, first, blocks, unbroken
         What the loop sees of the rays, see `rays.Rays`: ``edge_um`` without that craters took since.
     ray_cosine, ray_sine : float64 (rays,)
     shape : (slices, modes filled)
@@ -233,6 +241,7 @@ class Arrays(NamedTuple):
     sine: NDArray[np.float32]
     first: NDArray[np.int64]
     blocks: NDArray[np.int64]
+    unbroken: NDArray[np.int64]
     ray_cosine: Array
     ray_sine: Array
     shape: Array
@@ -262,7 +271,10 @@ class Scratch(NamedTuple):
     contact: Array
 
 
-CHANGING = (
-    "edge_um", "reference_um", "wire_q", "wire_v", "table_q", "table_v", "temperature_K", "debris", "carry_um2",
+WALL = (
+    "edge_um", "reference_um", "pending_um2", "carry_um2", "distance", "cosine", "sine", "first", "blocks",
+    "unbroken",
 )
-"""Fields of `Arrays` that belong into a snapshot; from them the loop's view of the rays is made anew every window."""
+"""Fields of `Arrays` that tell where the metal is and what craters took of it: they outlast the wire."""
+CHANGING = (*WALL, "wire_q", "wire_v", "table_q", "table_v", "temperature_K", "debris")
+"""Fields of `Arrays` that belong into a snapshot."""

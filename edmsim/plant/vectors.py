@@ -30,9 +30,9 @@ GAPS, COORDINATES = 8, 4
 
 
 @compiled
-def filled(count: int) -> int:
-    """So many numbers of float64, filled up to whole vectors."""
-    return (count + COORDINATES - 1) // COORDINATES * COORDINATES
+def filled(count: int, lanes: int = COORDINATES) -> int:
+    """So many numbers, of float64 unless said otherwise, filled up to whole vectors."""
+    return (count + lanes - 1) // lanes * lanes
 
 
 def _operation(generator: Callable[..., Any]) -> Callable[..., Any]:

@@ -171,6 +171,29 @@ def test_removed_metal_balances_the_craters(machine, drive, resolution):
     assert plant.removed_mm3 == pytest.approx(told_mm3, rel=1e-4)  # less what is kept for the next part
 
 
+def test_craters_wait_on_the_rays_until_they_are_traced_anew(machine, drive):
+    """At `fast` that is every fourth window; what waits counts as removed, and outlasts the wire."""
+    plant = edmsim.Plant(machine, seed=4, resolution="fast")
+    assert plant.resolution.trace_windows == 4
+    drive(plant, 25.0, 3.0)
+    while plant.pulses % (4 * 255):
+        plant.advance()
+    carved = [plant.field.removed_parts]
+    for _ in range(5):
+        removed = plant.removed_mm3
+        window = plant.advance()
+        assert window.crater_um3 > 0
+        assert plant.removed_mm3 == pytest.approx(removed + window.crater_um3 * 1e-9, rel=1e-6)
+        carved.append(plant.field.removed_parts)
+    assert carved[0] == carved[3] < carved[4] == carved[5]
+    waiting = plant.removed_mm3
+    x, y = plant.commanded_um
+    plant.rethread((x - 20.0, y + 2_000.0), 60 * 10**9)
+    assert plant.removed_mm3 == waiting
+    plant.advance()
+    assert plant.field.removed_parts > carved[5]
+
+
 def test_the_balance_survives_a_new_wire_at_another_place(machine, drive):
     plant = edmsim.Plant(machine, seed=4, resolution="fast")
     drive(plant, 25.0, 3.0)

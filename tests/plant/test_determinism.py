@@ -197,6 +197,7 @@ def test_plants_in_two_threads_do_what_they_do_alone(machine, drive):
 
 
 def test_memory_does_not_grow_but_for_the_tiles_of_the_kerf(machine, drive):
+    drive(edmsim.Plant(machine, 2, resolution="fast"), 25.0, 60.0)  # Python keeps up to 2000 freed tuples for reuse
     plant = edmsim.Plant(machine, 1, resolution="fast")
     drive(plant, 25.0, 5.0)
     tracemalloc.start()

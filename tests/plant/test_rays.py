@@ -6,18 +6,20 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from edmsim.plant.rays import Rays, face, narrowest
+from edmsim.plant.rays import Rays, face, narrowest, places
 from edmsim.plant.vectors import GAPS
 from edmsim.plant.workpiece import NO_METAL_UM
 
-COUNT, RANGE_UM = 32, 80.0
+COUNT, RANGE_UM = 22, 80.0
 ANGLE = 2 * np.pi * np.arange(COUNT) / COUNT
 edges = st.lists(st.one_of(st.just(NO_METAL_UM), st.floats(-5.0, 79.0, width=32)), min_size=COUNT, max_size=COUNT)
 
 
 def laid_out(edge_um):
     """Two slices, the second with these edges."""
-    rays = Rays(*(np.full((2, 2 * COUNT), np.nan, np.float32) for _ in range(3)), *np.full((2, 2), -1))
+    laid = np.full((3, 2, places(COUNT)), 0.0, np.float32)
+    laid[0] = NO_METAL_UM
+    rays = Rays(*laid, *np.full((3, 2), -1))
     table = np.array([np.full(COUNT, NO_METAL_UM), edge_um], np.float32)
     for s in range(2):
         face(rays, s, table, RANGE_UM, np.cos(ANGLE), np.sin(ANGLE))
@@ -27,14 +29,19 @@ def laid_out(edge_um):
 @given(edges)
 def test_the_arc_has_every_ray_that_meets_metal_once(edge_um):
     rays, edge = laid_out(edge_um)
-    assert rays.blocks[0] == 0  # no metal, no arc
+    assert rays.blocks[0] == rays.unbroken[0] == 0  # no metal, no arc
     assert 0 <= rays.first[1] < COUNT
-    places = np.arange(rays.first[1], rays.first[1] + rays.blocks[1] * GAPS)
-    assert len(places) <= COUNT
-    metal = np.flatnonzero(edge < RANGE_UM)
-    assert np.isin(metal, places % COUNT).all()
-    np.testing.assert_array_equal(rays.distance[1], np.tile(np.where(edge < RANGE_UM, edge, NO_METAL_UM), 2))
-    np.testing.assert_allclose(np.hypot(rays.cosine[1], rays.sine[1]), np.tile(edge < RANGE_UM, 2), atol=1e-6)
+    arc = slice(0, rays.blocks[1] * GAPS)
+    faces = rays.distance[1, arc] < RANGE_UM
+    ray = (rays.first[1] + np.flatnonzero(faces)) % COUNT
+    np.testing.assert_array_equal(np.sort(ray), np.flatnonzero(edge < RANGE_UM))
+    np.testing.assert_array_equal(rays.distance[1, arc][faces], edge[ray])
+    np.testing.assert_allclose(rays.cosine[1, arc][faces], np.cos(ANGLE[ray]), atol=1e-6)
+    np.testing.assert_allclose(rays.sine[1, arc][faces], np.sin(ANGLE[ray]), atol=1e-6)
+    assert (rays.distance[1, rays.blocks[1] * GAPS :] == NO_METAL_UM).all()
+    assert not np.hypot(rays.cosine[1], rays.sine[1])[rays.distance[1] == NO_METAL_UM].any()
+    assert rays.unbroken[1] in (0, len(ray))
+    assert (rays.unbroken[1] > 0) == (len(ray) > 0 and faces[: len(ray)].all())
 
 
 @given(st.integers(0, COUNT - 1), st.integers(1, COUNT))
@@ -49,8 +56,8 @@ def test_the_arc_is_no_longer_than_it_must_be(first, length):
 def test_the_narrowest_gap_is_found_where_it_is(edge_um, x, y):
     rays, edge = laid_out(edge_um)
     gaps = np.where(edge < RANGE_UM, edge - x * np.cos(ANGLE) - y * np.sin(ANGLE), NO_METAL_UM)
-    ray, gap = narrowest(rays, 1, np.float32(x), np.float32(y))
+    place, gap = narrowest(rays, 1, np.float32(x), np.float32(y))
     assert abs(gap - gaps.min()) < 1e-3
     if gap < RANGE_UM:
-        assert abs(gaps[ray] - gaps.min()) < 1e-3
+        assert abs(gaps[(rays.first[1] + place) % COUNT] - gaps.min()) < 1e-3
     assert narrowest(rays, 0, np.float32(x), np.float32(y))[1] == NO_METAL_UM
