@@ -1,4 +1,4 @@
-"""The rays that face metal: traced once per window, receding with every crater."""
+"""The rays that face metal: traced from where the wire is, receding with every crater."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ AHEAD_UM = 6.0
 KNOWN_MOVE_UM = 20.0
 """Known edges are of use only while the wire moved less than this since."""
 BLIND_TURNS = np.uint64(8)
-"""A ray that met no metal is looked along again only every so many windows: what comes within its range at the
+"""A ray that met no metal is looked along again only every so many times: what comes within its range at the
 feed of such a machine is then still far away."""
 
 
@@ -57,7 +57,7 @@ def refer(
 ) -> None:
     """Trace the rays from the place (2, slices) the wire swings around, and show the loop those that meet metal.
 
-    `turn` counts the windows. What the wire is away from there shifts the gaps to first order.
+    `turn` counts the times. What the wire is away from there shifts the gaps to first order.
     """
     rays = rays_of(a)
     for s in range(a.shape.shape[0]):

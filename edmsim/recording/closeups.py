@@ -34,7 +34,7 @@ def row_type(slices: int, rays: int) -> np.dtype[np.void]:
     """Return the type of a close-up for a resolution.
 
     Fields: machine time, guides and place along the path as in `Frames`; what burning and short-circuited pulses
-    are set to (V, A); the middle slice's wire when the window began, and the gap of every ray from there; the
+    are set to (V, A); the middle slice's wire when its rays were last traced, and their gaps from there; the
     deflection per slice; the last pulses (`edmsim.plant.state.PULSE`) and how many there are.
     """
     return np.dtype(
