@@ -64,11 +64,11 @@ def test_the_guide_explains_every_option_of_a_cut() -> None:
 
 
 def test_resolutions() -> None:
-    told = re.findall(r"^\| `(\w+)` \| (\d+) \| (\d+) \| (\d+) \|$", page("guide/cutting"), re.MULTILINE)
+    told = re.findall(r"^\| `(\w+)` \| (\d+) \| (\d+) \| (\d+) \| (\d+) \| (\d+) \|$", page("guide/cutting"), re.MULTILINE)
     assert [name for name, *_ in told] == ["fast", "default", "fine"]
     for name, *sizes in told:
         res = resolution(name)
-        assert tuple(map(int, sizes)) == (res.slices, res.rays, res.modes)
+        assert tuple(map(int, sizes)) == (res.slices, res.rays, res.modes, res.cell_um, res.trace_windows)
 
 
 def test_every_controller_has_its_law_source_and_parameters() -> None:
