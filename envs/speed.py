@@ -13,8 +13,11 @@ from .scenarios import MAX_FEED_UM_S
 FEED_UM_S = 28.0
 """Feed of the straight cut that is timed: most pulses spark."""
 LANES = 64
-SETTLE_STEPS, TIMED_STEPS, REPEATS = 400, 400, 5
-"""Steps before timing, so that the wire cuts a full kerf; timed ones; a figure is the best of so many runs."""
+SETTLE_STEPS = 400
+"""Steps before timing, so that the wire cuts a full kerf."""
+SLICE_S, SLICES = 0.05, 20
+"""A figure is the best of so many spells of timing, as long for every environment: a short spell finds a quiet moment
+of the machine more easily than a long one."""
 
 
 def env_steps_per_s(resolution: str = "default") -> float:
@@ -22,7 +25,7 @@ def env_steps_per_s(resolution: str = "default") -> float:
     env = gym.make("edmsim/GapFeed-v0", max_episode_steps=-1, resolution=resolution, action="speed")
     env.reset(seed=0)
     action = np.array([FEED_UM_S / MAX_FEED_UM_S], np.float32)
-    rate = _best_rate(lambda: env.step(action), SETTLE_STEPS, TIMED_STEPS)
+    rate = _best_rate(lambda: env.step(action))
     env.close()
     return rate
 
@@ -35,7 +38,7 @@ def vector_env_steps_per_s(resolution: str = "default", lanes: int = LANES) -> f
     )
     env.reset(seed=0)
     actions = np.full((lanes, 1), FEED_UM_S / MAX_FEED_UM_S, np.float32)
-    rate = _best_rate(lambda: env.step(actions), SETTLE_STEPS, TIMED_STEPS // 8)
+    rate = _best_rate(lambda: env.step(actions))
     env.close()
     return lanes * rate
 
@@ -48,19 +51,17 @@ def half_cheetah_steps_per_s() -> float | None:
         return None
     env.reset(seed=0)
     action = np.full(env.action_space.shape or (), 0.1, np.float32)
-    rate = _best_rate(lambda: env.step(action), SETTLE_STEPS, TIMED_STEPS)
+    rate = _best_rate(lambda: env.step(action))
     env.close()
     return rate
 
 
-def _best_rate(step: Callable[[], object], settle: int, timed: int) -> float:
-    for _ in range(settle):
-        step()
-
-    def once() -> float:
+def _best_rate(step: Callable[[], object]) -> float:
+    def timed(steps: int) -> float:
         started = time.perf_counter()
-        for _ in range(timed):
+        for _ in range(steps):
             step()
         return time.perf_counter() - started
 
-    return timed / min(once() for _ in range(REPEATS))
+    steps = max(1, round(SLICE_S / timed(SETTLE_STEPS) * SETTLE_STEPS))
+    return steps / min(timed(steps) for _ in range(SLICES))
