@@ -98,7 +98,13 @@ def gap_of(a: Arrays, position: Array, s: int, place: int) -> float:
 
 
 @compiled
+def moved(a: Arrays, position: Array, s: int) -> tuple[np.float32, np.float32]:
+    """How far a slice's wire has moved from where its rays were traced."""
+    return np.float32(position[0, s] - a.reference_um[0, s]), np.float32(position[1, s] - a.reference_um[1, s])
+
+
+@compiled
 def narrowest_now(a: Arrays, position: Array, s: int) -> tuple[int, float]:
     """Place of the smallest gap in a slice where the wire is now, and that gap; see `rays.narrowest`."""
-    shift_x, shift_y = position[0, s] - a.reference_um[0, s], position[1, s] - a.reference_um[1, s]
-    return narrowest(rays_of(a), s, np.float32(shift_x), np.float32(shift_y))
+    sx, sy = moved(a, position, s)
+    return narrowest(rays_of(a), s, sx, sy)

@@ -88,7 +88,7 @@ def _carve(
 @compiled
 def _is_due(state: NDArray[np.void], c: Constants) -> bool:
     """Whether the rays must be traced anew: after a number of pulses, or if the table has moved."""
-    if state[0].traces == 0 or state[0].pulses - state[0].traced_pulses >= c.traced_pulses:
+    if state[0].traces == 0 or state[0].pulses - state[0].traced_pulses >= c.trace_pulses:
         return True
     moved = 0.0
     for axis in range(2):

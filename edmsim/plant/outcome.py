@@ -9,7 +9,7 @@ from .breakdown import GapLaw, choose_ray, contact_depth, may_touch, sum_slice, 
 from .compiled import compiled
 from .dielectric import bridged_probability
 from .elementary import exponential, logarithm
-from .facing import meets_metal, narrowest_now, place_of, rays_of
+from .facing import meets_metal, moved, narrowest_now, place_of, rays_of
 from .motion import fall_back, place_wire, push_out
 from .random import normal, uniform
 from .state import ARC, OPEN, SHORT, SPARK, Array, Arrays, Constants, Timing
@@ -41,12 +41,6 @@ def _gain(a: Arrays, c: Constants, s: int) -> float:
 
 
 @compiled
-def _moved(a: Arrays, position: Array, s: int) -> tuple[np.float32, np.float32]:
-    """How far a slice's wire has moved from where its rays were traced."""
-    return np.float32(position[0, s] - a.reference_um[0, s]), np.float32(position[1, s] - a.reference_um[1, s])
-
-
-@compiled
 def sum_rays(
     a: Arrays, c: Constants, law: GapLaw, position: Array, sums: Array, contact: Array
 ) -> tuple[float, float, float]:
@@ -55,13 +49,13 @@ def sum_rays(
     everything = spread(0.0)
     near = spread(np.float32(0.0))
     for s in range(sums.shape[0]):
-        sx, sy = _moved(a, position, s)
+        sx, sy = moved(a, position, s)
         near = sum_slice(rays, s, sx, sy, law, _gain(a, c, s), sums, near)
         everything += load(sums, (s, 0))
     touching = 0.0
     if may_touch(near, law):
         for s in range(sums.shape[0]):
-            sx, sy = _moved(a, position, s)
+            sx, sy = moved(a, position, s)
             contact[s] = contact_depth(rays, s, sx, sy, law)
             touching += contact[s]
     return element(everything, 0), element(everything, 1), touching
@@ -73,9 +67,9 @@ def deepest_contact(a: Arrays, position: Array, contact: Array) -> tuple[float, 
     deepest, slice_, place = NO_METAL_UM, 0, 0
     for s in range(contact.shape[0]):
         if contact[s] > 0.0:
-            r, gap = narrowest_now(a, position, s)
+            nearest, gap = narrowest_now(a, position, s)
             if gap < deepest:
-                deepest, slice_, place = gap, s, r
+                deepest, slice_, place = gap, s, nearest
     return deepest, slice_, place
 
 
@@ -151,11 +145,8 @@ def _ignite(
         return delay, 0, 0
     delay += max(c.formative_us + c.formative_sd_us * normal(draw(state)), 0.01)
     s, left = _pick(sums, 1 if is_primed else 0, draw(state) * (totals[1] if is_primed else totals[0]))
-    r = choose_ray(
-        rays_of(a), s, position[0, s] - a.reference_um[0, s], position[1, s] - a.reference_um[1, s], law, is_primed,
-        left / _gain(a, c, s),
-    )
-    return delay, s, r
+    sx, sy = moved(a, position, s)
+    return delay, s, choose_ray(rays_of(a), s, float(sx), float(sy), law, is_primed, left / _gain(a, c, s))
 
 
 @compiled
@@ -163,7 +154,7 @@ def decide(
     state: NDArray[np.void], a: Arrays, c: Constants, law: GapLaw, t: Timing, position: Array, sums: Array,
     contact: Array, totals: tuple[float, float, float], held: Array,
 ) -> tuple[int, float, int, int]:
-    """How this pulse ends: class, delay until ignition in us, slice and its place of the ray."""
+    """How this pulse ends: class, delay until ignition in us, slice and place of its ray."""
     if totals[2] > 0.0:
         s, k = touch(state, a, position, contact, held)
         return SHORT, 0.0, s, k
@@ -175,7 +166,7 @@ def decide(
         s, r = state[0].last_slice, state[0].last_ray
         if meets_metal(a, c, s, r):
             return ARC, 0.0, s, place_of(a, s, r)
-    delay, s, r = _ignite(state, a, c, law, t, position, sums, totals)
+    delay, s, place = _ignite(state, a, c, law, t, position, sums, totals)
     if delay < t.wait_us:
-        return SPARK, delay, s, r
+        return SPARK, delay, s, place
     return OPEN, t.wait_us, 0, 0

@@ -257,10 +257,7 @@ class Plant:
 
     def rays(self) -> Rays:
         """Every slice's rays as the loop sees them: as they were traced, less what craters took since."""
-        a = self._arrays
-        return Rays(
-            a.distance.copy(), a.cosine.copy(), a.sine.copy(), a.first.copy(), a.blocks.copy(), a.unbroken.copy()
-        )
+        return Rays(*(getattr(self._arrays, name).copy() for name in Rays._fields))
 
     @property
     def timing(self) -> Timing:

@@ -112,7 +112,7 @@ def constants(machine: Machine, res: Resolution) -> Constants:
         slice_um=slice_um,
         cell_um=res.cell_um,
         range_um=RAY_RANGE_UM,
-        traced_pulses=res.trace_windows * PULSES_PER_WINDOW,
+        trace_pulses=res.trace_windows * PULSES_PER_WINDOW,
         carve_before_um=max(CARVE_BEFORE_UM, CARVE_BEFORE_SPACINGS * 2 * math.pi * radius / res.rays),
         patch_m2=patch,
         permittivity_F_m=water.permittivity.value * VACUUM_PERMITTIVITY_F_M,

@@ -7,6 +7,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from .rays import Rays
+
 Array = NDArray[np.float64]
 
 PULSES_PER_WINDOW = 255
@@ -103,7 +105,7 @@ class Constants(NamedTuple):
     slice_um: float
     cell_um: float
     range_um: float
-    traced_pulses: int
+    trace_pulses: int
     carve_before_um: float
     patch_m2: float
     permittivity_F_m: float
@@ -271,10 +273,7 @@ class Scratch(NamedTuple):
     contact: Array
 
 
-WALL = (
-    "edge_um", "reference_um", "pending_um2", "carry_um2", "distance", "cosine", "sine", "first", "blocks",
-    "unbroken",
-)
+WALL = ("edge_um", "reference_um", "pending_um2", "carry_um2", *Rays._fields)
 """Fields of `Arrays` that tell where the metal is and what craters took of it: they outlast the wire."""
 CHANGING = (*WALL, "wire_q", "wire_v", "table_q", "table_v", "temperature_K", "debris")
 """Fields of `Arrays` that belong into a snapshot."""

@@ -63,13 +63,17 @@ class Stock:
         left, low, right, high = self.rectangle_um
         if not (left <= x0_um and low <= y0_um and x1_um <= right and y1_um <= high):
             return False
-        x, y, radius = self._holes
-        away = np.maximum(np.abs(x - 0.5 * (x0_um + x1_um)), np.abs(y - 0.5 * (y0_um + y1_um)))
-        return not (away <= radius + 0.5 * max(x1_um - x0_um, y1_um - y0_um)).any()
+        return len(self._holes_near(x0_um, y0_um, x1_um, y1_um)) == 0
 
     @functools.cached_property
     def _holes(self) -> NDArray[np.float64]:
-        return np.array(self.holes_um, np.float64).reshape(-1, 3).T
+        return np.array(self.holes_um, np.float64).reshape(-1, 3)
+
+    def _holes_near(self, x0_um: float, y0_um: float, x1_um: float, y1_um: float) -> NDArray[np.float64]:
+        """Holes (n, 3) whose squares reach between two corners."""
+        x, y, radius = self._holes.T
+        in_x = (x + radius >= x0_um) & (x - radius <= x1_um)
+        return np.asarray(self._holes[in_x & (y + radius >= y0_um) & (y - radius <= y1_um)])
 
     def fraction(self, x_um: NDArray[np.float64], y_um: NDArray[np.float64], cell_um: float
                  ) -> NDArray[np.float64]:
@@ -83,12 +87,8 @@ class Stock:
         in_x = np.clip(np.minimum(x_um + half, x1) - np.maximum(x_um - half, x0), 0, cell_um) / cell_um
         in_y = np.clip(np.minimum(y_um + half, y1) - np.maximum(y_um - half, y0), 0, cell_um) / cell_um
         left = np.ones((len(x_um), len(y_um)))
-        for hole_x, hole_y, radius in self.holes_um:
-            reach = radius + cell_um
-            if not (
-                x_um[0] - reach <= hole_x <= x_um[-1] + reach and y_um[0] - reach <= hole_y <= y_um[-1] + reach
-            ):
-                continue  # out of reach of every cell
+        near = self._holes_near(x_um[0] - cell_um, y_um[0] - cell_um, x_um[-1] + cell_um, y_um[-1] + cell_um)
+        for hole_x, hole_y, radius in near:
             outside = np.hypot(x_um[:, None] - hole_x, y_um[None, :] - hole_y) - radius
             left = np.minimum(left, np.clip(0.5 + outside / cell_um, 0.0, 1.0))
         return np.asarray(in_x[:, None] * in_y[None, :] * left)
