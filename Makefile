@@ -21,12 +21,8 @@ lint: $(VENV)/.installed-test
 notebooks: $(VENV)/.installed-test  ## executes all of them with their full settings
 	$(BIN)/python notebooks/execute.py
 
-# mypy cannot follow the folders that stand outside edmsim/, so it checks an installed copy from elsewhere
 type: $(VENV)/.installed-test
-	rm -rf .typecheck build
-	$(PIP) install --quiet --no-deps --target .typecheck .
-	cd .typecheck && ../$(BIN)/mypy --config-file ../pyproject.toml -p edmsim
-	rm -rf .typecheck build
+	$(BIN)/mypy -p edmsim
 
 .PHONY: docs
 docs: $(VENV)/.installed-test  ## the site, into out/docs; docs is a folder, too
@@ -46,4 +42,4 @@ $(VENV)/.installed-test: $(VENV)/.installed
 	touch $@
 
 clean:
-	rm -rf $(VENV) .typecheck build out docs/notebooks *.egg-info .mypy_cache .ruff_cache .pytest_cache
+	rm -rf $(VENV) build out docs/notebooks *.egg-info .mypy_cache .ruff_cache .pytest_cache

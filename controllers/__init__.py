@@ -12,18 +12,18 @@ from functools import cache
 from importlib import resources
 from typing import Any, TypeAlias, cast
 
-from edmsim import own_code
+from edmsim import user_code
 from edmsim.controllers.conformance import check_controller
 from edmsim.controllers.feed.adaptive_off_time import AdaptiveOffTimeController
-from edmsim.controllers.feed.base import FeedCommand, FeedController, SeesTruth, WindowObservation
 from edmsim.controllers.feed.counts import CountsController
 from edmsim.controllers.feed.delay import DelayController
 from edmsim.controllers.feed.fixed import FixedController
 from edmsim.controllers.feed.fuzzy import FuzzyController
+from edmsim.controllers.feed.mcu import McuController
 from edmsim.controllers.feed.oracle import OracleController
 from edmsim.controllers.feed.voltage import VoltageController
-from edmsim.controllers.mcu.controller import McuController
 from edmsim.controllers.own import from_file
+from edmsim.controllers.protocols import FeedCommand, FeedController, SeesTruth, WindowObservation
 from edmsim.errors import InputError
 
 __all__ = [
@@ -110,12 +110,12 @@ def from_text(text: str) -> FeedController:
     InputError
         See `make`; if a parameter does not read ``name=number``, or the policy or the file cannot be used.
     """
-    own = own_code.named(text)
+    own = user_code.named(text)
     if own is not None:
         return from_file(own, _parameters(own.rest))
     name, _, rest = text.partition(":")
     if name == "policy":
-        from edmsim.controllers.feed.policy import PolicyController
+        from edmsim.learning.policy_controller import PolicyController
         from edmsim.learning.policy_file import load
 
         return PolicyController(load(rest))

@@ -8,13 +8,13 @@ from collections.abc import Callable
 
 import numpy as np
 
-from edmsim.analyser import WINDOW_PULSES
-from edmsim.controllers.feed.base import FeedCommand, FeedController, SeesTruth, WindowObservation, check_command
-from edmsim.controllers.feed.setup import tell
-from edmsim.controllers.mcu.timers import MAX_FEED_UM_S
+from edmsim.controllers.known_setup import tell
+from edmsim.controllers.mcu.firmware.timers import MAX_FEED_UM_S
 from edmsim.controllers.own import check_is_controller
+from edmsim.controllers.protocols import FeedCommand, FeedController, SeesTruth, WindowObservation, check_command
+from edmsim.controllers.pulse_counters import WINDOW_PULSES
 from edmsim.errors import InputError
-from edmsim.machine import Machine
+from edmsim.machine.machine import Machine
 
 WINDOW_S = 0.0255
 """255 pulses of the standard setting."""

@@ -6,9 +6,9 @@ import inspect
 from dataclasses import fields, is_dataclass
 from typing import cast
 
-from edmsim.controllers.feed.base import FeedController
+from edmsim.controllers.protocols import FeedController
 from edmsim.errors import InputError
-from edmsim.own_code import Named, run
+from edmsim.user_code import Named, run
 
 NEEDED = ("name", "reset", "update", "snapshot", "restore")
 """What a feed controller must offer."""

@@ -10,13 +10,14 @@ import inspect
 import re
 import sys
 from importlib import import_module
-from importlib.metadata import version as version_of
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from pydantic import BaseModel
 from pygments.lexers.special import TextLexer
 from sphinx.util.nodes import make_refnode
+
+import edmsim
 
 if TYPE_CHECKING:
     from docutils.nodes import Element, TextElement
@@ -33,7 +34,7 @@ COLON = "\N{PROPORTION} "
 
 project = "edmsim"
 copyright = "the authors of edmsim, MIT licence"
-version = release = version_of("edmsim")
+version = release = edmsim.__version__
 
 extensions = ["myst_nb", "sphinx.ext.autodoc", "sphinx.ext.autosummary", "sphinx.ext.napoleon", "sphinx_copybutton"]
 highlight_language = "none"

@@ -20,9 +20,10 @@ from typing import Any, get_args, get_origin
 
 from typer.models import ArgumentInfo
 
-from edmsim import cli, controllers
-from edmsim.controllers.feed.servo import ServoController
-from edmsim.machine import Machine, available
+from edmsim import controllers
+from edmsim.cli import app as cli
+from edmsim.controllers.feed.gap_servo import ServoController
+from edmsim.machine.machine import Machine, available
 from edmsim.recording.windows import COLUMNS
 
 DOCS = Path(__file__).parent

@@ -8,29 +8,36 @@
 from __future__ import annotations
 
 from importlib import import_module
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from edmsim import controllers as controllers
     from edmsim import envs as envs
+    from edmsim.errors import EdmsimError, InputError
+    from edmsim.job.cut import CutResult, cut
+    from edmsim.machine.machine import Machine
+    from edmsim.plant.plant import Plant
+    from edmsim.plant.window import PulseWindow
 
-    from .errors import EdmsimError, InputError
-    from .job import CutResult, cut
-    from .machine import Machine
-    from .plant.plant import Plant
-    from .plant.window import PulseWindow
+__version__ = "0.1.0"
 
 __all__ = ["CutResult", "EdmsimError", "InputError", "Machine", "Plant", "PulseWindow", "controllers", "cut", "envs"]
 
 _HOMES = {
-    "CutResult": "edmsim.job",
+    "CutResult": "edmsim.job.cut",
     "EdmsimError": "edmsim.errors",
     "InputError": "edmsim.errors",
-    "Machine": "edmsim.machine",
+    "Machine": "edmsim.machine.machine",
     "Plant": "edmsim.plant.plant",
     "PulseWindow": "edmsim.plant.window",
-    "cut": "edmsim.job",
+    "cut": "edmsim.job.cut",
 }
+
+
+if not (Path(__file__).parent / "controllers").is_dir():
+    # a checkout whose links came out as plain files: the folders themselves stand beside the package
+    __path__.append(str(Path(__file__).parents[1]))
 
 
 def _register_environments() -> None:

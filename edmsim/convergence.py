@@ -9,13 +9,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .bench import pulses_per_s
-from .controllers import make
-from .job import cut
-from .machine import Machine
-from .plant.setup import RESOLUTIONS
-from .validation.rows import mean_and_interval
-from .validation.straight import Cut, cut_straight
+from edmsim.bench.plant import pulses_per_s
+from edmsim.controllers import make
+from edmsim.cosim.straight import Cut, cut_straight
+from edmsim.job.cut import cut
+from edmsim.machine.machine import Machine
+from edmsim.plant.constants import RESOLUTIONS
+from edmsim.validation.rows import mean_and_interval
 
 SEEDS = (0, 1, 2, 3)
 FEED_UM_S = 28.0

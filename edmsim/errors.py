@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from .plant.window import PulseWindow
+    from edmsim.plant.window import PulseWindow
 
 
 class EdmsimError(Exception):

@@ -9,9 +9,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from .controllers.mcu.planner import make_planner
-from .controllers.mcu.poscal import STEP_UM
-from .controllers.mcu.timers import SPEED_UNIT_NM_S
+from edmsim.controllers.mcu.firmware.poscal import STEP_UM
+from edmsim.controllers.mcu.firmware.timers import SPEED_UNIT_NM_S
+from edmsim.controllers.planner.registry import make_planner
 
 SPEEDS = (1, 2, 4, 8, 16, 32, 64, 127)
 """Speeds in units at which the planners are compared: those of row T-G9."""
@@ -54,7 +54,7 @@ def move(planner: str, run_um: tuple[int, int], speed: int, start_um: tuple[int,
     Parameters
     ----------
     planner : str
-        A name of `edmsim.controllers.mcu.planner.PLANNERS`.
+        A name of `edmsim.controllers.planner.registry.PLANNERS`.
     run_um : (int, int)
         The displacement.
     speed : int

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from .controllers.mcu.planner import PLANNERS
-from .planner_errors import DIRECTIONS_DEG, LONG_UM, SHORT_UM, SPEEDS, STRETCH_UM, Strayed, around, move
-from .recording.palette import BLUE, GREEN, GRID, INK, MUTED, ORANGE, VERMILION
+from edmsim.controllers.planner.registry import PLANNERS
+from edmsim.planner_errors import DIRECTIONS_DEG, LONG_UM, SHORT_UM, SPEEDS, STRETCH_UM, Strayed, around, move
+from edmsim.recording.figures.palette import BLUE, GREEN, GRID, INK, MUTED, ORANGE, VERMILION
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -186,7 +186,7 @@ def figure(errors: Errors) -> Figure:
 
 def write(file: Path, watch: Callable[[str], None] | None = None) -> None:
     """Measure, and write the page and, beside it, its picture ``planners.png``."""
-    from .recording.figures import write_figure
+    from edmsim.recording.figures import write_figure
 
     errors = measure(watch)
     write_figure(figure(errors), file.with_name("planners.png"))

@@ -10,13 +10,13 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from .discrete import DiscreteFeed, DiscreteFeedVector
-    from .registration import register
-    from .reward import Weights
-    from .sb3 import make_sb3_vec_env
-    from .single import EdmEnv
-    from .tasks import StepResult, Task
-    from .vector import EdmVectorEnv
+    from edmsim.envs.discrete import DiscreteFeed, DiscreteFeedVector
+    from edmsim.envs.registration import register
+    from edmsim.envs.reward import Weights
+    from edmsim.envs.sb3 import make_sb3_vec_env
+    from edmsim.envs.single import EdmEnv
+    from edmsim.envs.tasks import StepResult, Task
+    from edmsim.envs.vector import EdmVectorEnv
 
 _HOMES = {
     "DiscreteFeed": "discrete",

@@ -8,14 +8,13 @@ import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
-from edmsim.machine import Machine
-from edmsim.plant.state import ARC, OPEN, SHORT, SPARK
-
-from . import observation
-from .lanes import CAUSES, Lanes, least_setting_us
-from .motion import FINE_PER_UM, RUNNING
-from .reward import rewards
-from .scenarios import Corner, Family
+from edmsim.envs import observation
+from edmsim.envs.lanes import CAUSES, Lanes, least_setting_us
+from edmsim.envs.path_follower import FINE_PER_UM, RUNNING
+from edmsim.envs.reward import rewards
+from edmsim.envs.scenarios import Corner, Family
+from edmsim.machine.machine import Machine
+from edmsim.plant.kernel.state import ARC, OPEN, SHORT, SPARK
 
 Floats = NDArray[np.float64]
 

@@ -10,7 +10,7 @@ from gymnasium.error import InvalidAction
 from numpy.typing import NDArray
 
 from edmsim.errors import InputError
-from edmsim.machine import Machine
+from edmsim.machine.machine import Machine
 
 
 def checked_actions(actions: Any, shape: tuple[int, ...]) -> NDArray[np.float32]:

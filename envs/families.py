@@ -7,10 +7,9 @@ from typing import Any
 
 import gymnasium as gym
 
+from edmsim.envs.registration import EPISODE_STEPS
+from edmsim.envs.scenarios import Contour, Corner, Family, GapFeed, HeightStep
 from edmsim.errors import InputError
-
-from .registration import EPISODE_STEPS
-from .scenarios import Contour, Corner, Family, GapFeed, HeightStep
 
 FAMILIES: dict[str, type[Family]] = {
     "GapFeed": GapFeed, "HeightStep": HeightStep, "Corner": Corner, "Contour": Contour,

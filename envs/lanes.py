@@ -11,16 +11,15 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from edmsim.envs.path_follower import DONE, FINE_PER_UM, LANE, OUT_OF_RANGE, RUNNING, follow, plan
+from edmsim.envs.scenarios import CENTRE_UM, CORNER_DEG, Family, Scenario
 from edmsim.errors import InputError
-from edmsim.machine import Machine
+from edmsim.geometry import Polyline
+from edmsim.machine.machine import Machine
 from edmsim.plant.fleet import Fleet
-from edmsim.plant.generator import least_period_us
+from edmsim.plant.gap.generator import least_period_us
+from edmsim.plant.kernel.state import FINE
 from edmsim.plant.plant import Plant
-from edmsim.plant.state import FINE
-from edmsim.polyline import Polyline
-
-from .motion import DONE, FINE_PER_UM, LANE, OUT_OF_RANGE, RUNNING, follow, plan
-from .scenarios import CENTRE_UM, CORNER_DEG, Family, Scenario
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]

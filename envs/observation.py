@@ -79,7 +79,7 @@ def see(
     lanes : (m,)
         Lanes that had a window; of the other arguments, row i belongs to lane i.
     rows : (n,) `motion.LANE`
-    windows : (n,) `edmsim.plant.state.WINDOW`
+    windows : (n,) `edmsim.plant.kernel.state.WINDOW`
     max_feed_um_s : float
     low, high : (len(MEASURED),)
         `LOW` and `HIGH`.

@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING, Any
 from gymnasium.envs.registration import register as _register
 from gymnasium.envs.registration import registry
 
-from edmsim import own_code
+from edmsim import user_code
 from edmsim.errors import InputError
 
 if TYPE_CHECKING:
-    from .scenarios import Family
+    from edmsim.envs.scenarios import Family
 
 EPISODE_STEPS = {"GapFeed": 1000, "HeightStep": 1000, "Corner": 3000, "Contour": 20_000}
 """Windows after which an episode is truncated: 25 s of machine time, where time is to end it; else about twice what a
@@ -45,7 +45,7 @@ def register(env_id: str, family: type[Family], *, max_episode_steps: int | None
     TypeError
         An unknown argument.
     """
-    from .families import base_of, make_family
+    from edmsim.envs.families import base_of, make_family
 
     make_family(family, **arguments)
     steps = EPISODE_STEPS[base_of(family)] if max_episode_steps is None else max_episode_steps
@@ -61,10 +61,10 @@ def resolve(text: str) -> str:
     InputError
         The file cannot be run, or registers no such environment of edmsim.
     """
-    own = own_code.named(text)
+    own = user_code.named(text)
     if own is None:
         return text
-    own_code.run(own.file)
+    user_code.run(own.file)
     spec = registry.get(own.name)
     if spec is None or "task" not in spec.kwargs:
         raise InputError(f"this file registers no environment {own.name!r} (edmsim.envs.register)", own.file)

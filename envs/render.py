@@ -14,10 +14,9 @@ from edmsim.errors import InputError
 if TYPE_CHECKING:
     import mujoco
 
+    from edmsim.envs.lanes import Lanes
     from edmsim.plant.plant import Plant
     from edmsim.recording.scene import Scene
-
-    from .lanes import Lanes
 
 RENDER_MODES = ("rgb_array", "human")
 RENDER_FPS = 39
@@ -66,8 +65,8 @@ class Renderer:
     def _machine(self, plant: Plant) -> NDArray[np.uint8]:
         import mujoco
 
-        from edmsim.plant.mechanics import build_model
-        from edmsim.plant.setup import wire_setup
+        from edmsim.plant.constants import wire_setup
+        from edmsim.plant.mechanics.model import build_model
 
         setup = wire_setup(plant.machine)
         if self._gl is None or self._of != setup:
@@ -130,8 +129,8 @@ def _drawing(lanes: Lanes, lane: int) -> NDArray[np.uint8]:
     from matplotlib.figure import Figure
     from matplotlib.patches import Circle
 
-    from edmsim.recording.figure_map import draw_map
-    from edmsim.recording.palette import VERMILION
+    from edmsim.recording.figures.map import draw_map
+    from edmsim.recording.figures.palette import VERMILION
 
     scene = _scene(lanes, lane)
     plant = lanes.fleet.plants[lane]
@@ -150,7 +149,7 @@ def _drawing(lanes: Lanes, lane: int) -> NDArray[np.uint8]:
 
 
 def _scene(lanes: Lanes, lane: int) -> Scene:
-    from edmsim.contours import cut_edges
+    from edmsim.metrology.edges import cut_edges
     from edmsim.recording.scene import ErrorMap, Polylines, Scene, polylines
 
     scenario, plant = lanes.scenarios[lane], lanes.fleet.plants[lane]

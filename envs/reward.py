@@ -82,7 +82,7 @@ def rewards(
     lanes : (m,)
         Lanes that had a window; of the other arguments, row i belongs to lane i.
     rows : (n,) `motion.LANE`
-    windows : (n,) `edmsim.plant.state.WINDOW`
+    windows : (n,) `edmsim.plant.kernel.state.WINDOW`
     weights : (8,)
         `Weights.array`.
     """

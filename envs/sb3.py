@@ -9,9 +9,8 @@ import gymnasium as gym
 import numpy as np
 from gymnasium.vector import AutoresetMode
 
+from edmsim.envs.vector import EdmVectorEnv
 from edmsim.errors import InputError
-
-from .vector import EdmVectorEnv
 
 try:
     from stable_baselines3.common.vec_env import VecEnv

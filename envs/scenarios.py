@@ -14,14 +14,13 @@ from typing import TYPE_CHECKING, ClassVar, Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from edmsim.envs.reward import Weights
 from edmsim.errors import InputError
-from edmsim.machine import Machine, check_height
-from edmsim.plant import setup
-from edmsim.plant.relief import HeightStep as Step
-from edmsim.plant.workpiece import Stock
-from edmsim.slot import SLOT_GAP_UM, begun_slot
-
-from .reward import Weights
+from edmsim.machine.machine import Machine, check_height
+from edmsim.plant import constants
+from edmsim.plant.workpiece.height_steps import HeightStep as Step
+from edmsim.plant.workpiece.kerf_field import Stock
+from edmsim.plant.workpiece.start_slot import SLOT_GAP_UM, begun_slot
 
 if TYPE_CHECKING:
     from edmsim.program.path import Contour as ProgramContour
@@ -123,7 +122,7 @@ class Family(ABC):
 
     def __post_init__(self) -> None:
         """Refuse what cannot be used, before anything is built."""
-        setup.resolution(self.resolution)
+        constants.resolution(self.resolution)
         if self.action not in _ACTIONS:
             raise InputError(f"unknown action {self.action!r}; there are: {', '.join(_ACTIONS)}")
         if not isinstance(self.history, int) or self.history < 1:

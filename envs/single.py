@@ -9,12 +9,12 @@ import numpy as np
 from gymnasium.error import ResetNeeded
 from numpy.typing import NDArray
 
-from .batch import Batch, action_space_of, observation_space_of
-from .checks import checked_actions, checked_options
-from .families import make_family
-from .motion import RUNNING
-from .render import RENDER_FPS, RENDER_MODES, Renderer, check_render_mode
-from .scenarios import Family
+from edmsim.envs.batch import Batch, action_space_of, observation_space_of
+from edmsim.envs.checks import checked_actions, checked_options
+from edmsim.envs.families import make_family
+from edmsim.envs.path_follower import RUNNING
+from edmsim.envs.render import RENDER_FPS, RENDER_MODES, Renderer, check_render_mode
+from edmsim.envs.scenarios import Family
 
 _LANE = np.zeros(1, np.int64)
 

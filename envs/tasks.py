@@ -9,17 +9,16 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from edmsim.controllers import WindowObservation
+from edmsim.envs.checks import checked_options
+from edmsim.envs.families import episode_steps, make_family
+from edmsim.envs.lanes import CAUSES, Lanes
+from edmsim.envs.path_follower import DONE, LIMIT_SWITCH, RUNNING, WIRE_BREAK
+from edmsim.envs.reward import rewards
+from edmsim.envs.scenarios import Family, Scenario
 from edmsim.errors import InputError
-from edmsim.machine import Machine
+from edmsim.machine.machine import Machine
 from edmsim.plant.plant import Plant
 from edmsim.plant.window import PulseWindow
-
-from .checks import checked_options
-from .families import episode_steps, make_family
-from .lanes import CAUSES, Lanes
-from .motion import DONE, LIMIT_SWITCH, RUNNING, WIRE_BREAK
-from .reward import rewards
-from .scenarios import Family, Scenario
 
 _LANE = np.zeros(1, np.int64)
 

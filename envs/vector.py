@@ -14,14 +14,13 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
+from edmsim.envs.batch import Batch, action_space_of, observation_space_of
+from edmsim.envs.checks import checked_actions, checked_options
+from edmsim.envs.families import make_family
+from edmsim.envs.path_follower import RUNNING
+from edmsim.envs.render import RENDER_FPS, RENDER_MODES, Renderer, check_render_mode
+from edmsim.envs.scenarios import Family
 from edmsim.errors import InputError
-
-from .batch import Batch, action_space_of, observation_space_of
-from .checks import checked_actions, checked_options
-from .families import make_family
-from .motion import RUNNING
-from .render import RENDER_FPS, RENDER_MODES, Renderer, check_render_mode
-from .scenarios import Family
 
 Flags = NDArray[np.bool_]
 

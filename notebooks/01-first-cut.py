@@ -28,8 +28,8 @@ import numpy as np
 import edmsim
 from edmsim.recording import Playback
 from edmsim.recording.figures import corner_figure, error_figure, kerf_figure, plane_figure, pulses_figure
+from edmsim.recording.figures.palette import BLUE, GREEN, ORANGE
 from edmsim.recording.film import Film
-from edmsim.recording.palette import BLUE, GREEN, ORANGE
 from edmsim.recording.report import summary
 from edmsim.recording.windows import column, lag_along_um
 

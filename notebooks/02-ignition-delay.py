@@ -31,7 +31,8 @@ import numpy as np
 
 import edmsim
 from edmsim import models
-from edmsim.recording.palette import BLUE, GREEN, INK, MUTED, ORANGE, PURPLE, SKY, VERMILION
+from edmsim.cosim.straight import cut_straight
+from edmsim.recording.figures.palette import BLUE, GREEN, INK, MUTED, ORANGE, PURPLE, SKY, VERMILION
 from edmsim.validation.ignition import (
     delays_us,
     mean_delay_us,
@@ -40,7 +41,6 @@ from edmsim.validation.ignition import (
     short_share,
     thesis_point,
 )
-from edmsim.validation.straight import cut_straight
 
 plt.rcParams.update({"figure.dpi": 90, "figure.constrained_layout.use": True, "axes.grid": True, "grid.alpha": 0.3})
 

@@ -42,7 +42,7 @@ from edmsim.envs.tasks import Task
 from edmsim.evaluation.compare import evaluate
 from edmsim.evaluation.episode import ARGUMENTS, ORACLE_GAPS_UM, Episode
 from edmsim.evaluation.page import markdown_table
-from edmsim.recording.palette import BLUE, GREEN, MUTED, ORANGE, PURPLE, VERMILION
+from edmsim.recording.figures.palette import BLUE, GREEN, MUTED, ORANGE, PURPLE, VERMILION
 
 plt.rcParams.update({"figure.dpi": 90, "axes.spines.top": False, "axes.spines.right": False, "font.size": 9})
 COLOURS = {"fixed": MUTED, "counts": BLUE, "voltage": ORANGE, "delay": PURPLE, "oracle": GREEN}

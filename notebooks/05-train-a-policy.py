@@ -45,7 +45,7 @@ from edmsim.evaluation.page import markdown_table
 from edmsim.learning import policy_file
 from edmsim.learning.export import export
 from edmsim.learning.train import train
-from edmsim.recording.palette import BLUE, ORANGE, PURPLE, VERMILION
+from edmsim.recording.figures.palette import BLUE, ORANGE, PURPLE, VERMILION
 
 plt.rcParams.update({"figure.dpi": 90, "axes.spines.top": False, "axes.spines.right": False, "font.size": 9})
 ENV = "edmsim/GapFeed-v0"

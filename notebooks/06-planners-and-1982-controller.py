@@ -37,17 +37,17 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 import edmsim
-from edmsim.controllers.mcu.bus import PORT2A, PORT2B, PORT2C
+from edmsim.controllers.mcu.chips.bus import PORT2A, PORT2B, PORT2C
 from edmsim.controllers.mcu.computer import Computer
-from edmsim.controllers.mcu.optimise import TICK_NS, State, optimise
-from edmsim.controllers.mcu.planner import PLANNERS, make_planner
-from edmsim.controllers.mcu.poscal import STEP_UM
-from edmsim.controllers.mcu.timers import MAX_FEED_UM_S
-from edmsim.controllers.mcu.tstates import POSCAL_BOUND_T, READ_OUT_T, poscal_t_states
-from edmsim.controllers.mcu.tstates import seconds as duration_s
+from edmsim.controllers.mcu.firmware.optimise import TICK_NS, State, optimise
+from edmsim.controllers.mcu.firmware.poscal import STEP_UM
+from edmsim.controllers.mcu.firmware.timers import MAX_FEED_UM_S
+from edmsim.controllers.mcu.firmware.tstates import POSCAL_BOUND_T, READ_OUT_T, poscal_t_states
+from edmsim.controllers.mcu.firmware.tstates import seconds as duration_s
+from edmsim.controllers.planner.registry import PLANNERS, make_planner
 from edmsim.planner_errors import around
 from edmsim.recording.figures import error_figure
-from edmsim.recording.palette import BLUE, GREEN, INK, MUTED, ORANGE, VERMILION
+from edmsim.recording.figures.palette import BLUE, GREEN, INK, MUTED, ORANGE, VERMILION
 from edmsim.recording.windows import column
 
 plt.rcParams.update({"figure.dpi": 90, "figure.constrained_layout.use": True, "axes.grid": True, "grid.alpha": 0.3})

@@ -42,10 +42,10 @@ from scipy.stats import spearmanr
 
 import edmsim
 from edmsim.controllers import make
+from edmsim.cosim.straight import cut_straight
 from edmsim.errors import InputError, PlantError
-from edmsim.recording.palette import BLUE, ORANGE, VERMILION
+from edmsim.recording.figures.palette import BLUE, ORANGE, VERMILION
 from edmsim.validation.quality import cut_corner
-from edmsim.validation.straight import cut_straight
 
 plt.rcParams.update({"figure.dpi": 90, "axes.spines.top": False, "axes.spines.right": False, "font.size": 9})
 MEASURES = ("cutting rate, mm²/min", "kerf, µm", "lag, µm", "corner error, µm")

@@ -37,7 +37,7 @@ import numpy as np
 from IPython.display import Markdown
 
 from edmsim import models, validation
-from edmsim.recording.palette import BLUE, INK, MUTED, VERMILION
+from edmsim.recording.figures.palette import BLUE, INK, MUTED, VERMILION
 from edmsim.validation import craters, strings
 from edmsim.validation.pages import rows_table
 from edmsim.validation.report import summary

@@ -49,8 +49,8 @@ import edmsim
 from edmsim.calibration import calibrate, read_log
 from edmsim.calibration.log import STATISTICS, STRETCH_WINDOWS
 from edmsim.calibration.output import as_toml, correlated, write
-from edmsim.recording.palette import BLUE, INK, ORANGE, VERMILION
-from edmsim.uncertainty import with_values
+from edmsim.machine.ranges import with_values
+from edmsim.recording.figures.palette import BLUE, INK, ORANGE, VERMILION
 
 plt.rcParams.update({"figure.dpi": 90, "axes.spines.top": False, "axes.spines.right": False, "font.size": 9})
 folder = tempfile.TemporaryDirectory()

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from edmsim.analyser import PulseAnalyser, PulseCounts, dead_time
+from edmsim.controllers.pulse_counters import PulseAnalyser, PulseCounts, dead_time
 from edmsim.errors import InputError
 
 CLASSES = {"erosion": (False, False), "short": (True, False), "open": (False, True)}

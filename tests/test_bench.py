@@ -7,9 +7,9 @@ import io
 import pytest
 from rich.console import Console
 
-from edmsim import bench
-from edmsim.controllers.mcu import speed as mcu_speed
-from edmsim.envs import speed
+from edmsim.bench import controllers as mcu_speed
+from edmsim.bench import envs as speed
+from edmsim.bench import plant as bench
 
 
 @pytest.fixture

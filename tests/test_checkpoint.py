@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 import edmsim
-from edmsim.checkpoint import NAME
 from edmsim.errors import InputError
+from edmsim.job.checkpoint import NAME
 
 Cut = Callable[..., edmsim.CutResult]
 SHORT = {"max_time_s": 12.0}

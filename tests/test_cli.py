@@ -7,7 +7,6 @@ import os
 import subprocess
 import sys
 from collections.abc import Callable
-from importlib.metadata import version
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, NamedTuple
@@ -15,10 +14,12 @@ from typing import Any, NamedTuple
 import numpy as np
 import pytest
 
-from edmsim import checkpoint, cli
-from edmsim.controllers.mcu.planner import PLANNERS
-from edmsim.cosim import Simulation
+from edmsim import __version__
+from edmsim.cli import app as cli
+from edmsim.controllers.planner.registry import PLANNERS
+from edmsim.cosim.simulation import Simulation
 from edmsim.errors import WireLostError
+from edmsim.job import checkpoint
 from edmsim.planner_errors import LONG_UM, SHORT_UM, SPEEDS
 
 FAST = ("--height", "5", "--resolution", "fast")
@@ -93,7 +94,7 @@ def test_cut_has_the_agreed_options(edmsim: Run) -> None:
 
 
 def test_version(edmsim: Run) -> None:
-    assert edmsim("--version") == (0, version("edmsim") + "\n", "")
+    assert edmsim("--version") == (0, __version__ + "\n", "")
 
 
 def test_finished_cut_reports_and_exits_0(tmp_path: Path, edmsim: Run) -> None:
@@ -315,7 +316,7 @@ def test_model_outside_its_validity_is_one_line_and_exit_1(
 
 def test_error_stays_on_one_line_in_a_narrow_terminal(tmp_path: Path) -> None:
     told = subprocess.run(
-        [sys.executable, "-c", "from edmsim.cli import main; main()", "cut", str(tmp_path / "no [bold]such.ngc"),
+        [sys.executable, "-c", "from edmsim.cli.app import main; main()", "cut", str(tmp_path / "no [bold]such.ngc"),
          "--out", str(tmp_path / "out")],
         env={**os.environ, "COLUMNS": "40", "FORCE_COLOR": "1", "TERM": "xterm-256color"},
         capture_output=True, text=True, check=False,
@@ -325,12 +326,12 @@ def test_error_stays_on_one_line_in_a_narrow_terminal(tmp_path: Path) -> None:
 
 def test_the_package_runs_as_the_command() -> None:
     told = subprocess.run([sys.executable, "-m", "edmsim", "--version"], capture_output=True, text=True, check=True)
-    assert told.stdout == version("edmsim") + "\n"
+    assert told.stdout == __version__ + "\n"
 
 
 def test_bench_prints_json_or_a_table(edmsim: Run, monkeypatch: pytest.MonkeyPatch) -> None:
     figures = {"pulses_per_s": 1e6, "realtime_factor": 100.0}
-    monkeypatch.setattr("edmsim.bench.measure", lambda: figures)
+    monkeypatch.setattr("edmsim.bench.plant.measure", lambda: figures)
     assert json.loads(edmsim("bench", "--json").out) == figures
     table = edmsim("bench").out
     assert "1,000,000" in table

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from edmsim.controllers import FeedCommand, FeedController, WindowObservation, make
-from edmsim.controllers.mcu.planner import PLANNERS
-from edmsim.cosim import Simulation
-from edmsim.legs import Leg, legs_of
-from edmsim.machine import Machine, available
+from edmsim.controllers.planner.registry import PLANNERS
+from edmsim.cosim.legs import Leg, legs_of
+from edmsim.cosim.simulation import Simulation
+from edmsim.machine.machine import Machine, available
 from edmsim.program.path import Contour, CutPath
 
 START = (30_000, 30_000)

@@ -12,10 +12,10 @@ import pytest
 import shapely
 
 import edmsim
-from edmsim.checkpoint import NAME
 from edmsim.errors import InputError
-from edmsim.heights import BESIDE_WIRE_MM, Heights, parse_height
-from edmsim.plant.relief import Relief
+from edmsim.job.checkpoint import NAME
+from edmsim.plant.workpiece.height_steps import Relief
+from edmsim.program.heights import BESIDE_WIRE_MM, Heights, parse_height
 from edmsim.program.path import Contour, CutPath
 
 Cut = Callable[..., edmsim.CutResult]
@@ -237,7 +237,7 @@ def test_rate_counts_the_area_cut(ridge: SimpleNamespace) -> None:
 
 
 def test_kerf_and_profile_are_measured_where_there_is_metal(ridge: SimpleNamespace) -> None:
-    from edmsim.metrology import kerf_width, profile_error
+    from edmsim.metrology.profile import kerf_width, profile_error
 
     contour = ridge.result.path.contours[0]
     kerf = kerf_width(ridge.result.field, contour, 250.0)

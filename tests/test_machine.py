@@ -12,8 +12,8 @@ from typing import Any, cast, get_args
 import pytest
 
 from edmsim.errors import InputError
-from edmsim.machine import Kind, Machine, available
-from edmsim.plant.generator import discharge_current_A, mean_current_A
+from edmsim.machine.machine import Kind, Machine, available
+from edmsim.plant.gap.generator import discharge_current_A, mean_current_A
 
 OwnFile = Callable[..., str]
 KINDS = get_args(Kind)

@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 
 import edmsim
 from edmsim.errors import InputError
-from edmsim.machine import Machine, available
-from edmsim.uncertainty import LOG_FROM_RATIO, MOST_DRAWS, value_at
+from edmsim.machine.machine import Machine, available
+from edmsim.machine.ranges import LOG_FROM_RATIO, MOST_DRAWS, value_at
 
 MACHINE = Machine.load()
 UNCERTAIN = MACHINE.uncertain()

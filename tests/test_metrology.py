@@ -11,11 +11,11 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from shapely.geometry import LineString
 
-from edmsim.contours import contour as kerf_polygons
-from edmsim.contours import cut_edges
 from edmsim.errors import InputError
-from edmsim.metrology import corners, kerf_width, profile_error, roughness_um
-from edmsim.plant.workpiece import FULL, TILE, KerfField, Stock
+from edmsim.metrology.edges import contour as kerf_polygons
+from edmsim.metrology.edges import cut_edges
+from edmsim.metrology.profile import corners, kerf_width, profile_error, roughness_um
+from edmsim.plant.workpiece.kerf_field import FULL, TILE, KerfField, Stock
 from edmsim.program.path import Contour
 
 RADIUS = 155.0

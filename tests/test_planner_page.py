@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from edmsim.controllers.mcu.planner import PLANNERS
+from edmsim.controllers.planner.registry import PLANNERS
 from edmsim.planner_errors import LONG_UM, SHORT_UM, SPEEDS, Strayed, around, move
 from edmsim.planner_page import FAILURES, HEADS, failure_row, row
 

@@ -64,7 +64,7 @@ def test_errors_have_one_base() -> None:
 
 
 def test_cut_and_the_command_line_share_their_defaults() -> None:
-    from edmsim import cli
+    from edmsim.cli import app as cli
 
     renamed = {"height_mm": "height", "heights": "height_at", "t_on_us": "t_on", "t_period_us": "t_period",
                "max_time_s": "max_time"}  # fmt: skip
@@ -79,4 +79,4 @@ def test_the_citation_names_this_version_and_licence() -> None:
     cited = yaml.safe_load((root / "CITATION.cff").read_text(encoding="utf-8"))
     project = tomllib.loads((root / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     assert {"cff-version", "message", "title", "authors"} <= cited.keys()
-    assert (cited["version"], cited["license"]) == (project["version"], project["license"])
+    assert (cited["version"], cited["license"]) == (edmsim.__version__, project["license"])

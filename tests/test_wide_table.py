@@ -7,10 +7,10 @@ import pytest
 
 import edmsim
 from edmsim import models
-from edmsim.controllers.mcu.planner import PLANNERS, make_planner
-from edmsim.controllers.mcu.poscal import unit_for
+from edmsim.controllers.mcu.firmware.poscal import unit_for
+from edmsim.controllers.planner.registry import PLANNERS, make_planner
 from edmsim.errors import InputError
-from edmsim.plant.setup import full_mechanics, resolution
+from edmsim.plant.constants import full_mechanics, resolution
 
 SECOND = 1_000_000_000
 # From 115 mm down to 15 mm, drawn at odd um.

@@ -1,9 +1,9 @@
 """The feed law the 1982 machine was meant to have: from the counts of short and open pulses alone.
 
 The law is the optimising routine of the 1982 controller, in its sixteen-bit words
-(`edmsim.controllers.mcu.optimise`), called directly: this controller turns its constants into the routine's settings
-and the routine's speed into a feed. `edmsim.controllers.mcu.controller` runs the same routine behind the registers
-of the whole machine; both cut the same, bit for bit.
+(`edmsim.controllers.mcu.firmware.optimise`), called directly: this controller turns its constants into the
+routine's settings and the routine's speed into a feed. `edmsim.controllers.feed.mcu` runs the same routine behind the
+registers of the whole machine; both cut the same, bit for bit.
 """
 
 from __future__ import annotations
@@ -12,18 +12,18 @@ import math
 from dataclasses import asdict, dataclass, field, fields
 from typing import Any, ClassVar, cast
 
-from edmsim.analyser import WINDOW_PULSES, PulseAnalyser
-from edmsim.controllers.feed.base import (
+from edmsim.controllers.mcu.firmware.arithmetic import WORD
+from edmsim.controllers.mcu.firmware.optimise import ALARM, ERROR, SHARE, TICK_NS, Settings, State, optimise
+from edmsim.controllers.mcu.firmware.timers import SPEED_UNIT_NM_S
+from edmsim.controllers.mcu.firmware.tstates import CPU_HZ
+from edmsim.controllers.protocols import (
     ControllerState,
     FeedCommand,
     WindowObservation,
     check_feed,
     check_parameter,
 )
-from edmsim.controllers.mcu.arithmetic import WORD
-from edmsim.controllers.mcu.optimise import ALARM, ERROR, SHARE, TICK_NS, Settings, State, optimise
-from edmsim.controllers.mcu.timers import SPEED_UNIT_NM_S
-from edmsim.controllers.mcu.tstates import CPU_HZ
+from edmsim.controllers.pulse_counters import WINDOW_PULSES, PulseAnalyser
 from edmsim.errors import InputError
 
 PERSISTENT_SHORT = "persistent short"

@@ -10,9 +10,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-from edmsim.analyser import WINDOW_PULSES
-from edmsim.controllers.feed.base import WindowObservation
-from edmsim.controllers.feed.servo import Gains, ServoController
+from edmsim.controllers.feed.gap_servo import Gains, ServoController
+from edmsim.controllers.protocols import WindowObservation
+from edmsim.controllers.pulse_counters import WINDOW_PULSES
 
 
 @dataclass

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-from edmsim.controllers.feed.base import (
+from edmsim.controllers.protocols import (
     ControllerState,
     FeedCommand,
     WindowObservation,

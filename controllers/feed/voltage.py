@@ -1,7 +1,7 @@
 """The classic servo on the mean gap voltage: ``v = K (U - U_ref)``, backwards on shorts.
 
 Sources: US 4296302 (servo on average gap voltage and power), CA 1049621 (servo of a wire machine, 1976); the law
-is the simplest of the classic machines. The integral part is ours (see `edmsim.controllers.feed.servo`).
+is the simplest of the classic machines. The integral part is ours (see `edmsim.controllers.feed.gap_servo`).
 """
 
 from __future__ import annotations
@@ -9,8 +9,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-from edmsim.controllers.feed.base import WindowObservation
-from edmsim.controllers.feed.servo import Gains, ServoController
+from edmsim.controllers.feed.gap_servo import Gains, ServoController
+from edmsim.controllers.protocols import WindowObservation
 
 
 @dataclass

@@ -4,18 +4,18 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-from edmsim.analyser import PulseCounters
-from edmsim.controllers.mcu import bus, ppi
-from edmsim.controllers.mcu.bus import Bus
-from edmsim.controllers.mcu.dac import PulseGeneratorLine, PulseSettings
-from edmsim.controllers.mcu.display import Kdc8279
-from edmsim.controllers.mcu.faults import DropOut, SerialNoise
-from edmsim.controllers.mcu.pic import EMERGENCY, KEYBOARD, Pic8259
-from edmsim.controllers.mcu.pit import Pit8253
-from edmsim.controllers.mcu.ppi import Ppi8255
-from edmsim.controllers.mcu.protocol import Step
-from edmsim.controllers.mcu.switches import SafetySwitches
-from edmsim.controllers.mcu.uart import Usart8251
+from edmsim.controllers.mcu.chips import bus, ppi
+from edmsim.controllers.mcu.chips.bus import Bus
+from edmsim.controllers.mcu.chips.dac import PulseGeneratorLine, PulseSettings
+from edmsim.controllers.mcu.chips.display import Kdc8279
+from edmsim.controllers.mcu.chips.faults import DropOut, SerialNoise
+from edmsim.controllers.mcu.chips.pic import EMERGENCY, KEYBOARD, Pic8259
+from edmsim.controllers.mcu.chips.pit import Pit8253
+from edmsim.controllers.mcu.chips.ppi import Ppi8255
+from edmsim.controllers.mcu.chips.switches import SafetySwitches
+from edmsim.controllers.mcu.chips.uart import Usart8251
+from edmsim.controllers.planner.protocol import Step
+from edmsim.controllers.pulse_counters import PulseCounters
 
 
 class LineOrder(NamedTuple):

@@ -5,17 +5,17 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from typing import Any
 
-from edmsim.controllers.mcu import bus, pic, pit, ppi, uart
-from edmsim.controllers.mcu import memory_map as at
-from edmsim.controllers.mcu.arithmetic import BYTE, WORD
 from edmsim.controllers.mcu.board import Board
-from edmsim.controllers.mcu.optimise import Settings, State, optimise
-from edmsim.controllers.mcu.poscal import Unit
-from edmsim.controllers.mcu.protocol import Step
-from edmsim.controllers.mcu.steppers import Steppers
-from edmsim.controllers.mcu.streams import Streams
-from edmsim.controllers.mcu.timers import MAX_SPEED
-from edmsim.controllers.mcu.tstates import EMERGENCY_T, INIT_T, KEYBOARD_T, READ_OUT_T
+from edmsim.controllers.mcu.chips import bus, pic, pit, ppi, uart
+from edmsim.controllers.mcu.firmware import memory_map as at
+from edmsim.controllers.mcu.firmware.arithmetic import BYTE, WORD
+from edmsim.controllers.mcu.firmware.optimise import Settings, State, optimise
+from edmsim.controllers.mcu.firmware.poscal import Unit
+from edmsim.controllers.mcu.firmware.steppers import Steppers
+from edmsim.controllers.mcu.firmware.streams import Streams
+from edmsim.controllers.mcu.firmware.timers import MAX_SPEED
+from edmsim.controllers.mcu.firmware.tstates import EMERGENCY_T, INIT_T, KEYBOARD_T, READ_OUT_T
+from edmsim.controllers.planner.protocol import Step
 from edmsim.errors import InputError
 
 OFF, STAND_BY, RUNNING, EMERGENCY = "off", "stand-by", "running", "emergency"

@@ -15,7 +15,7 @@ from edmsim.calibration.log import STATISTICS, STRETCH_WINDOWS, Stretch
 from edmsim.calibration.simulate import simulate
 
 if TYPE_CHECKING:
-    from edmsim.machine import Machine
+    from edmsim.machine.machine import Machine
 
 Array = NDArray[np.float64]
 

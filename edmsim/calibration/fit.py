@@ -19,10 +19,10 @@ from edmsim.calibration.comparison import Comparison, Progress
 from edmsim.calibration.log import STRETCH_WINDOWS, Log, Stretch, stretches
 from edmsim.calibration.simulate import settle_um
 from edmsim.errors import InputError
-from edmsim.uncertainty import choose, share_of, value_at, with_values
+from edmsim.machine.ranges import choose, share_of, value_at, with_values
 
 if TYPE_CHECKING:
-    from edmsim.machine import Machine
+    from edmsim.machine.machine import Machine
 
 Array = NDArray[np.float64]
 

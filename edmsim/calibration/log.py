@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from edmsim.analyser import WINDOW_PULSES
+from edmsim.controllers.pulse_counters import WINDOW_PULSES
 from edmsim.errors import InputError
 
 if TYPE_CHECKING:

@@ -14,12 +14,12 @@ from pydantic import BaseModel
 from edmsim.calibration.fit import Fit
 from edmsim.calibration.log import STATISTICS
 from edmsim.errors import InputError
-from edmsim.uncertainty import choose, with_constants
+from edmsim.machine.ranges import choose, with_constants
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
 
-    from edmsim.machine import Machine
+    from edmsim.machine.machine import Machine
 
 STRONG = 0.95
 """Errors correlated as strongly as this are told: the log knows a combination better than either (ours)."""

@@ -7,14 +7,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from edmsim.analyser import WINDOW_PULSES
 from edmsim.calibration.log import Stretch, statistics
+from edmsim.controllers.pulse_counters import WINDOW_PULSES
+from edmsim.cosim.straight import Traverse, begin
 from edmsim.errors import PlantError
-from edmsim.plant.generator import timing
-from edmsim.validation.straight import Traverse, begin
+from edmsim.plant.gap.generator import timing
 
 if TYPE_CHECKING:
-    from edmsim.machine import Machine
+    from edmsim.machine.machine import Machine
     from edmsim.plant.window import PulseWindow
 
 

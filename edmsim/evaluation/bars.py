@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ..learning.policy_file import shipped
-from .compare import Comparison, Figure, ratio
-from .episode import ORACLE
+from edmsim.evaluation.compare import Comparison, Figure, ratio
+from edmsim.evaluation.episode import ORACLE
+from edmsim.learning.policy_file import shipped
 
 SHARE = 0.8
 """Share of the oracle's cutting rate that the best classic controller shall reach."""

@@ -11,11 +11,11 @@ import numpy as np
 from gymnasium.envs.registration import registry
 from numpy.typing import NDArray
 
-from ..controllers import SAME_LAW, from_text, names
-from ..errors import InputError
-from ..learning import policy_file
-from ..plant.setup import resolution as check_resolution
-from .episode import ARGUMENTS, FINISHED, HELD_BACK, ORACLE, Result, arguments, cut
+from edmsim.controllers import SAME_LAW, from_text, names
+from edmsim.errors import InputError
+from edmsim.evaluation.episode import ARGUMENTS, FINISHED, HELD_BACK, ORACLE, Result, arguments, cut
+from edmsim.learning import policy_file
+from edmsim.plant.constants import resolution as check_resolution
 
 CONFIDENCE = 0.95
 RESAMPLES = 2000

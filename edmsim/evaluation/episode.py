@@ -12,12 +12,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..controllers import FeedController, SeesTruth, from_text, make
-from ..controllers.feed.base import check_command
-from ..controllers.feed.setup import tell
-from ..envs.families import base_of, env_id_of, find
-from ..envs.tasks import StepResult, Task
-from ..metrology import profile_error
+from edmsim.controllers import FeedController, SeesTruth, from_text, make
+from edmsim.controllers.known_setup import tell
+from edmsim.controllers.protocols import check_command
+from edmsim.envs.families import base_of, env_id_of, find
+from edmsim.envs.tasks import StepResult, Task
+from edmsim.metrology.profile import profile_error
 
 HELD_BACK = 1_000_000
 """First seed of the comparisons. No gain is ever looked for at or above it; training draws its seeds from 32 bits and

@@ -5,12 +5,12 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Sequence
-from importlib.metadata import version
 from typing import TYPE_CHECKING, Any
 
-from .bars import ranked, told
-from .compare import FIGURES, Comparison, Figure
-from .episode import ORACLE_GAPS_UM
+from edmsim import __version__
+from edmsim.evaluation.bars import ranked, told
+from edmsim.evaluation.compare import FIGURES, Comparison, Figure
+from edmsim.evaluation.episode import ORACLE_GAPS_UM
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
@@ -94,7 +94,7 @@ def _plain(comparison: Comparison) -> dict[str, Any]:
         "env_id": comparison.env_id,
         "resolution": comparison.resolution,
         "seeds": list(comparison.seeds),
-        "edmsim_version": version("edmsim"),
+        "edmsim_version": __version__,
         "controllers": {
             name: {key: {k: _number(v) for k, v in vars(figure).items()} for key, figure in figures.items()}
             for name, figures in comparison.figures.items()
@@ -124,7 +124,7 @@ def page(comparisons: Sequence[Comparison], command: str) -> str:
         The command that made it.
     """
     gaps = ", ".join(f"{gap:g}" for gap in ORACLE_GAPS_UM)
-    parts = [_INTRODUCTION.format(command=command, version=version("edmsim"), gaps=gaps)]
+    parts = [_INTRODUCTION.format(command=command, version=__version__, gaps=gaps)]
     for comparison in comparisons:
         parts += [f"## {comparison.env_id}", "", *markdown_table(comparison), "", *_spaced(told(comparison))]
     return "\n".join(parts)

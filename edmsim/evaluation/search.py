@@ -12,7 +12,6 @@ import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
-from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, NamedTuple
 
@@ -20,10 +19,11 @@ import numpy as np
 import typer
 from numpy.typing import NDArray
 
-from ..controllers import FeedController, make
-from ..envs.tasks import Task
-from ..errors import InputError
-from .episode import ARGUMENTS, HELD_BACK, ORACLE, Episode, Result
+from edmsim import __version__
+from edmsim.controllers import FeedController, make
+from edmsim.envs.tasks import Task
+from edmsim.errors import InputError
+from edmsim.evaluation.episode import ARGUMENTS, HELD_BACK, ORACLE, Episode, Result
 
 if TYPE_CHECKING:
     from rich.progress import Progress, TaskID
@@ -169,7 +169,7 @@ def as_toml(controller: str, seed: int, generations: int, found: Found) -> str:
         f"# Found by: python -m edmsim.evaluation.search {controller} --seed {seed}{longer} --write models/gains",
         f"# Mean {what} {found.score:.4g} on {SEEDS} training seeds each of",
         f"# {' and '.join(ENV_IDS)}, resolution fast.",
-        f"# Of the {POPULATION * (generations + 1)} gains tried, by edmsim {version('edmsim')}, the best.",
+        f"# Of the {POPULATION * (generations + 1)} gains tried, by edmsim {__version__}, the best.",
         "", "[gains]", *lines, "",
     ])  # fmt: skip
 
@@ -203,6 +203,6 @@ def _show(bar: Progress, task: TaskID, tried: int) -> None:
 
 
 if __name__ == "__main__":
-    from ..cli import main as run
+    from edmsim.cli.app import main as run
 
     run(lambda: typer.run(main))

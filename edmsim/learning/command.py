@@ -8,15 +8,14 @@ from typing import TYPE_CHECKING
 
 from edmsim.envs.registration import resolve
 from edmsim.errors import InputError
-
-from . import policy_file
-from .score import RESOLUTIONS, RIVALS, Score, measure
+from edmsim.learning import policy_file
+from edmsim.learning.score import RESOLUTIONS, RIVALS, Score, measure
 
 if TYPE_CHECKING:
     from rich.console import Console
     from rich.table import Table
 
-    from .train import Progress
+    from edmsim.learning.train import Progress
 
 def run(
     env_id: str, algo: str, out: Path, steps: int | None, seed: int, resume: bool, episodes: int, console: Console
@@ -47,7 +46,7 @@ def run(
 
     if episodes < 0 or episodes == 1:
         raise InputError(f"{episodes} episodes give no mean with an error: give 2 or more, or 0 for none")
-    from .train import train  # refuses, in one line, where the extra is missing
+    from edmsim.learning.train import train  # refuses, in one line, where the extra is missing
 
     file = out / "policy.json"
     bar = Bar(
@@ -63,7 +62,7 @@ def run(
 
     try:
         trained = train(resolve(env_id), algo, out, steps=steps, seed=seed, resume=resume, watch=watch)
-        from .export import export
+        from edmsim.learning.export import export
 
         done = trained.run
         named = done.env_id if resolve(env_id) == env_id else env_id

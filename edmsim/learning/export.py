@@ -12,9 +12,8 @@ import torch
 
 from edmsim.envs.families import base_of, env_id_of, find, make_family
 from edmsim.envs.observation import entries
-
-from .policy_file import ACTION_MEANINGS, FORMAT, Card, digest, pack
-from .train import Trained
+from edmsim.learning.policy_file import ACTION_MEANINGS, FORMAT, Card, digest, pack
+from edmsim.learning.train import Trained
 
 PACKAGES = ("edmsim", "stable-baselines3", "torch", "gymnasium", "numpy")
 

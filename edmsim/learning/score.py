@@ -13,8 +13,7 @@ import typer
 
 from edmsim.evaluation.compare import run
 from edmsim.evaluation.episode import Result
-
-from . import policy_file
+from edmsim.learning import policy_file
 
 RIVALS = ("counts", "voltage")
 """The controllers policies are measured against: that of 1982, and the classic one that earns most."""
@@ -94,7 +93,7 @@ def main(
     """Measure policies and write the scores into their cards."""
     from rich import print as show
 
-    from .command import render
+    from edmsim.learning.command import render
 
     for name in policies:
         policy, file = policy_file.load(name), policy_file.locate(name)
@@ -105,6 +104,6 @@ def main(
 
 
 if __name__ == "__main__":
-    from edmsim.cli import main as run_main
+    from edmsim.cli.app import main as run_main
 
     run_main(lambda: typer.run(main))

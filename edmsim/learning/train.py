@@ -13,10 +13,9 @@ import numpy as np
 
 from edmsim.envs.families import env_id_of
 from edmsim.errors import InputError
-from edmsim.folder import make_writable
-
-from . import hyperparameters
-from .hyperparameters import Hyperparameters
+from edmsim.files import make_writable
+from edmsim.learning import hyperparameters
+from edmsim.learning.hyperparameters import Hyperparameters
 
 try:
     import tensorboard  # noqa: F401 - stable-baselines3 writes its logs with it

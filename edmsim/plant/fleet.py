@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import InputError
-from .memory import CALL
-from .plant import Plant
-from .state import NO_TILES, STATE, STEP_EARLY, STEP_WRONG, WINDOW
+from edmsim.errors import InputError
+from edmsim.plant.kernel.memory import CALL
+from edmsim.plant.kernel.state import NO_TILES, STATE, STEP_EARLY, STEP_WRONG, WINDOW
+from edmsim.plant.plant import Plant
 
 _SHARE = 4
 """Plants a thread takes at a time."""

@@ -9,15 +9,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import InputError, PlantError
-from . import setup
-from .full_model import FullMechanics
-from .generator import switched_off, timing
-from .mechanics import ModalModel
-from .memory import CALL, Memory, window_function
-from .random import key_of
-from .rays import Rays
-from .state import (
+from edmsim.compiled.random import key_of
+from edmsim.errors import InputError, PlantError
+from edmsim.plant import constants
+from edmsim.plant.gap.generator import switched_off, timing
+from edmsim.plant.gap.rays import Rays
+from edmsim.plant.kernel.memory import CALL, Memory, window_function
+from edmsim.plant.kernel.state import (
     CHANGING,
     FINE,
     GRID,
@@ -32,11 +30,13 @@ from .state import (
     WINDOW,
     Timing,
 )
-from .window import PulseWindow, left_validity, read_window, wrong_step
-from .workpiece import KerfField, Stock
+from edmsim.plant.mechanics.model import ModalModel
+from edmsim.plant.mechanics.mujoco_model import FullMechanics
+from edmsim.plant.window import PulseWindow, left_validity, read_window, wrong_step
+from edmsim.plant.workpiece.kerf_field import KerfField, Stock
 
 if TYPE_CHECKING:
-    from ..machine import Machine
+    from edmsim.machine.machine import Machine
 
 MECHANICS = ("modal", "mujoco")
 """Integrators of table and wire."""
@@ -87,9 +87,9 @@ class Plant:
         self.machine = machine
         self.mechanics = mechanics
         self._resolution_name = resolution
-        self.resolution = res = setup.resolution(resolution)
-        self._constants = setup.constants(machine, res)
-        self._flow_factor = setup.flow_factor(machine, res)
+        self.resolution = res = constants.resolution(resolution)
+        self._constants = constants.constants(machine, res)
+        self._flow_factor = constants.flow_factor(machine, res)
         self._memory = Memory()
         self._state: NDArray[np.void] = np.zeros(1, STATE)
         self._window: NDArray[np.void] = np.zeros(1, WINDOW)
@@ -102,8 +102,8 @@ class Plant:
         coordinates = self._model.wire_shape.shape[1]
         self._fire = window_function(res.slices, res.rays, coordinates, mechanics == "mujoco")
         self._memory.keep_record("constants", self._constants)
-        self._memory.keep_record("heat", setup.heat_law(machine, res))
-        self._memory.keep_tuple(setup.scratch(res, coordinates))
+        self._memory.keep_record("heat", constants.heat_law(machine, res))
+        self._memory.keep_tuple(constants.scratch(res, coordinates))
         self._generator_on = True
         self._pulses: NDArray[np.void] = np.zeros(0, PULSE)
         self._memory.keep_pulses(self._pulses)
@@ -120,17 +120,17 @@ class Plant:
     def _make_model(self) -> ModalModel | FullMechanics:
         """Return the model of table and wire; it stays alive with the plant, whose loop has its addresses."""
         if self.mechanics == "modal":
-            return setup.modal_model(self.machine, self.resolution)
-        full = setup.full_mechanics(self.machine, self.resolution)
+            return constants.modal_model(self.machine, self.resolution)
+        full = constants.full_mechanics(self.machine, self.resolution)
         self._memory.keep_link(full.link)
         return full
 
     def _set_timing(self, machine: Machine) -> None:
         self._timing = timing(machine) if self._generator_on else switched_off(timing(machine))
         self._memory.keep_record("timing", self._timing)
-        self._memory.keep_record("law", setup.gap_law(machine, self.resolution, self._timing.open_V))
+        self._memory.keep_record("law", constants.gap_law(machine, self.resolution, self._timing.open_V))
         if isinstance(self._model, ModalModel):
-            self._memory.keep_tuple(setup.propagators(self._model, self._timing))
+            self._memory.keep_tuple(constants.propagators(self._model, self._timing))
 
     def reset(
         self, seed: int, *, stock: Stock | None = None, position_um: tuple[float, float] = (32_500.0, 32_500.0)
@@ -159,7 +159,7 @@ class Plant:
 
     def _at_rest(self) -> None:
         model = self._model
-        self._arrays = setup.arrays(
+        self._arrays = constants.arrays(
             model.wire_shape, model.table_slide_shape, model.table_participation, self.resolution,
             self._constants.water_K, self._flow_factor,
         )

@@ -9,8 +9,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import NotFiniteError, PlantError, WireInMetalError, WireLostError
-from .state import INSIDE, NOT_FINITE, OUTSIDE
+from edmsim.errors import NotFiniteError, PlantError, WireInMetalError, WireLostError
+from edmsim.plant.kernel.state import INSIDE, NOT_FINITE, OUTSIDE
 
 _FORMAT = struct.Struct("=2q4q4dq" + 8 * "d" + "q")
 """`state.WINDOW` as plain numbers."""

@@ -14,8 +14,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from .compiled import compiled
-from .elementary import power
+from edmsim.compiled.elementary import power
+from edmsim.compiled.jit import compiled
 
 VACUUM_PERMITTIVITY_F_M = 8.8541878128e-12
 """CODATA 2018."""

@@ -4,14 +4,14 @@ from edmsim.recording.closeups import Closeups
 from edmsim.recording.figures import profile_figure, write_figure
 from edmsim.recording.frames import Frames
 from edmsim.recording.html_report import write_html
-from edmsim.recording.playback import Playback, find_recording
 from edmsim.recording.report import Quality, Totals, build_report, render_table, write_json
-from edmsim.recording.rerun_log import write_recording
+from edmsim.recording.rerun.playback import Playback, find_recording
+from edmsim.recording.rerun.screenshots import take_screenshots
+from edmsim.recording.rerun.viewer import compare, view
+from edmsim.recording.rerun.write import write_recording
 from edmsim.recording.scene import Corner, ErrorMap, Scene, Terrace, polylines
 from edmsim.recording.scene_file import read_scene, write_scene
-from edmsim.recording.screenshots import take_screenshots
 from edmsim.recording.video import render
-from edmsim.recording.viewer import compare, view
 from edmsim.recording.windows import WindowTable, read_windows, write_windows
 
 __all__ = [

@@ -10,7 +10,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from edmsim.plant.state import PULSE
+from edmsim.plant.kernel.state import PULSE
 
 Bytes = NDArray[np.uint8]
 """Rows as bytes, (size,) or (n, size)."""
@@ -35,7 +35,7 @@ def row_type(slices: int, rays: int) -> np.dtype[np.void]:
 
     Fields: machine time, guides and place along the path as in `Frames`; what burning and short-circuited pulses
     are set to (V, A); the middle slice's wire when its rays were last traced, and their gaps from there; the
-    deflection per slice; the last pulses (`edmsim.plant.state.PULSE`) and how many there are.
+    deflection per slice; the last pulses (`edmsim.plant.kernel.state.PULSE`) and how many there are.
     """
     return np.dtype(
         [

@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from edmsim.errors import InputError
-from edmsim.folder import make_writable
-from edmsim.recording.figure_set import pictures
+from edmsim.files import make_writable
+from edmsim.recording.figures.catalogue import pictures
 from edmsim.recording.html_report import write_html
 from edmsim.recording.scene import Scene
 from edmsim.recording.scene_file import read_scene

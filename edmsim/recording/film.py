@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from edmsim.recording import palette
-from edmsim.recording.blueprint import Sizes
-from edmsim.recording.log_gap import CURRENT_HEIGHT, SCOPE_SPACE, SCOPE_WIDTH, VOLTAGE_HEIGHT, WALL_UM
-from edmsim.recording.playback import Playback
+from edmsim.recording.figures import palette
 from edmsim.recording.report import duration_text
-from edmsim.recording.stream import CLASS_COLOURS
+from edmsim.recording.rerun.blueprint import Sizes
+from edmsim.recording.rerun.gap import CURRENT_HEIGHT, SCOPE_SPACE, SCOPE_WIDTH, VOLTAGE_HEIGHT, WALL_UM
+from edmsim.recording.rerun.playback import Playback
+from edmsim.recording.rerun.stream import CLASS_COLOURS
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist

@@ -9,7 +9,7 @@ from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from edmsim.recording.figure_set import Picture, pictures
+from edmsim.recording.figures.catalogue import Picture, pictures
 from edmsim.recording.report import duration_text, figure_text, summary
 from edmsim.recording.scene import Scene
 
@@ -55,7 +55,7 @@ def write_html(report: Mapping[str, Any], windows: pa.Table, scene: Scene, title
     Parameters
     ----------
     report, windows, scene
-        As `edmsim.recording.figure_set.pictures` takes them.
+        As `edmsim.recording.figures.catalogue.pictures` takes them.
     title : str
         What was cut, usually the program's name.
     file : path

@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edmsim.errors import InputError
-from edmsim.machine import Machine
+from edmsim.machine.machine import Machine
+from edmsim.plant.workpiece.start_slot import begun_slot
 from edmsim.recording.windows import column
-from edmsim.slot import begun_slot
 
 if TYPE_CHECKING:
     import pyarrow as pa

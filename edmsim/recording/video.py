@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from edmsim.errors import InputError
 from edmsim.recording.film import Film
-from edmsim.recording.playback import Playback
+from edmsim.recording.rerun.playback import Playback
 
 if TYPE_CHECKING:
     from PIL.Image import Image as Picture
@@ -42,7 +42,7 @@ def render(recording: Path, out: str | Path, seconds: float = SECONDS) -> None:
     ------
     InputError
         Another ending, a length out of range, a file that cannot be written; no windows in the recording; what
-        writes mp4 is not installed; or as `edmsim.recording.playback.find_recording` for the recording.
+        writes mp4 is not installed; or as `edmsim.recording.rerun.playback.find_recording` for the recording.
     """
     target = Path(out)
     kind = check_film(target, seconds)

@@ -7,12 +7,11 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from edmsim.controllers.mcu.board import Faults
-from edmsim.controllers.mcu.faults import DropOut, SerialNoise
+from edmsim.controllers.mcu.chips.faults import DropOut, SerialNoise
 from edmsim.errors import InputError
-
-from .devices import Interrupts, Keyboard, Pipe, is_terminal
-from .rig import Rig
-from .session import Session
+from edmsim.terminal.devices import Interrupts, Keyboard, Pipe, is_terminal
+from edmsim.terminal.rig import Rig
+from edmsim.terminal.session import Session
 
 REAL_TIME = 1.0
 """Machine seconds per second for a person."""
@@ -67,6 +66,6 @@ def choose_faults(names: Sequence[str], seed: int) -> Faults:
 def _screen(interrupts: Interrupts, view: bool) -> Keyboard:
     if not view or os.environ.get("TERM", "dumb") == "dumb":
         return Keyboard(interrupts)
-    from .view import View
+    from edmsim.terminal.view import View
 
     return View(interrupts)

@@ -15,7 +15,7 @@ from types import FrameType
 from typing import TYPE_CHECKING, Self
 
 if TYPE_CHECKING:
-    from .operation import Operation
+    from edmsim.terminal.operation import Operation
 
 _CHUNK = 4096
 _POLL_S = 0.2

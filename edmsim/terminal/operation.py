@@ -4,21 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from edmsim.controllers.mcu import memory_map as at
-from edmsim.controllers.mcu.arithmetic import WORD
-from edmsim.controllers.mcu.front_panel import FrontPanel
-from edmsim.controllers.mcu.main_program import Status
-from edmsim.controllers.mcu.part_program import Codes, Entry, Setting
-from edmsim.controllers.mcu.poscal import STEP_UM
-from edmsim.controllers.mcu.switches import STOP_BUTTON
+from edmsim.controllers.mcu.chips.switches import STOP_BUTTON
+from edmsim.controllers.mcu.dialogue.front_panel import FrontPanel
+from edmsim.controllers.mcu.dialogue.main_program import Status
+from edmsim.controllers.mcu.dialogue.part_program import Codes, Entry, Setting
+from edmsim.controllers.mcu.firmware import memory_map as at
+from edmsim.controllers.mcu.firmware.arithmetic import WORD
+from edmsim.controllers.mcu.firmware.poscal import STEP_UM
 from edmsim.errors import InputError
-
-from .rig import END_SWITCHES, Rig
-from .route import Point, lay_out
+from edmsim.terminal.rig import END_SWITCHES, Rig
+from edmsim.terminal.route import Point, lay_out
 
 
 class Operation:
-    """The operator's hands on a rig; see `edmsim.controllers.mcu.main_program.Machine`.
+    """The operator's hands on a rig; see `edmsim.controllers.mcu.dialogue.main_program.Machine`.
 
     Parameters
     ----------

@@ -8,29 +8,28 @@ from typing import cast
 
 import numpy as np
 
-from edmsim.analyser import WINDOW_PULSES
 from edmsim.controllers import make
 from edmsim.controllers.feed.counts import CountsController
-from edmsim.controllers.mcu import memory_map as at
-from edmsim.controllers.mcu.arithmetic import WORD
 from edmsim.controllers.mcu.board import Board, Faults
-from edmsim.controllers.mcu.bus import PORT3A, PORT3B
+from edmsim.controllers.mcu.chips.bus import PORT3A, PORT3B
+from edmsim.controllers.mcu.chips.dac import PulseSettings
+from edmsim.controllers.mcu.chips.switches import STOP_BUTTON, WIRE_BREAK, X_END, Y_END
 from edmsim.controllers.mcu.computer import EMERGENCY, Computer
-from edmsim.controllers.mcu.dac import PulseSettings
-from edmsim.controllers.mcu.optimise import ALARM, TICK_NS, State
-from edmsim.controllers.mcu.part_program import Setting
-from edmsim.controllers.mcu.planner import Planner, Step, make_planner
-from edmsim.controllers.mcu.poscal import STEP_UM
-from edmsim.controllers.mcu.switches import STOP_BUTTON, WIRE_BREAK, X_END, Y_END
-from edmsim.controllers.mcu.timers import MAX_FEED_UM_S, MAX_SPEED
-from edmsim.controllers.mcu.tstates import seconds
+from edmsim.controllers.mcu.dialogue.part_program import Setting
+from edmsim.controllers.mcu.firmware import memory_map as at
+from edmsim.controllers.mcu.firmware.arithmetic import WORD
+from edmsim.controllers.mcu.firmware.optimise import ALARM, TICK_NS, State
+from edmsim.controllers.mcu.firmware.poscal import STEP_UM
+from edmsim.controllers.mcu.firmware.timers import MAX_FEED_UM_S, MAX_SPEED
+from edmsim.controllers.mcu.firmware.tstates import seconds
+from edmsim.controllers.planner.registry import Planner, Step, make_planner
+from edmsim.controllers.pulse_counters import WINDOW_PULSES
 from edmsim.errors import InputError, PlantError
-from edmsim.machine import Machine
-from edmsim.plant.generator import discharge_current_A
+from edmsim.machine.machine import Machine
+from edmsim.plant.gap.generator import discharge_current_A
 from edmsim.plant.plant import Plant
 from edmsim.plant.window import PulseWindow
-
-from .route import Point, Route
+from edmsim.terminal.route import Point, Route
 
 STAND_BY, CUTTING, JOGGING = "STAND-BY", "CUTTING", "JOGGING"
 BARE_WINDOW_NS = 25_500_000

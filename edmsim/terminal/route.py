@@ -8,8 +8,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from edmsim.controllers.mcu.arcs import arc_points
-from edmsim.controllers.mcu.part_program import Entry, Move, Setting
+from edmsim.controllers.mcu.dialogue.part_program import Entry, Move, Setting
+from edmsim.controllers.mcu.firmware.arcs import arc_points
 from edmsim.errors import InputError
 
 Point = tuple[int, int]

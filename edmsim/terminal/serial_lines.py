@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from edmsim.controllers.mcu.computer import Computer
-from edmsim.controllers.mcu.memory_map import CIADR, HOST_IN, TERMINAL_IN
+from edmsim.controllers.mcu.firmware.memory_map import CIADR, HOST_IN, TERMINAL_IN
 
 
 class SerialLines:

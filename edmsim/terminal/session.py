@@ -11,14 +11,13 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Protocol
 
-from edmsim.controllers.mcu.line_input import CANCEL, DELETE, LINE_FEED, SPACE, TAB, InputBuffer, Line
-from edmsim.controllers.mcu.main_program import MainProgram
+from edmsim.controllers.mcu.dialogue.line_input import CANCEL, DELETE, LINE_FEED, SPACE, TAB, InputBuffer, Line
+from edmsim.controllers.mcu.dialogue.main_program import MainProgram
 from edmsim.errors import InputError
-
-from .devices import Interrupts
-from .operation import Operation
-from .rig import Rig
-from .serial_lines import SerialLines
+from edmsim.terminal.devices import Interrupts
+from edmsim.terminal.operation import Operation
+from edmsim.terminal.rig import Rig
+from edmsim.terminal.serial_lines import SerialLines
 
 ETX, EOT = 0x03, 0x04
 """Ctrl-C as a character is the emergency stop, Ctrl-D on an empty line leaves."""

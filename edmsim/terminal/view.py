@@ -11,13 +11,12 @@ from rich.panel import Panel
 from rich.table import Table
 from rich.text import Text
 
-from edmsim.analyser import WINDOW_PULSES
-from edmsim.controllers.mcu.display import BANK
-from edmsim.controllers.mcu.front_panel import FIELDS
-from edmsim.controllers.mcu.main_program import Status
-
-from .devices import Interrupts, Keyboard
-from .operation import Operation
+from edmsim.controllers.mcu.chips.display import BANK
+from edmsim.controllers.mcu.dialogue.front_panel import FIELDS
+from edmsim.controllers.mcu.dialogue.main_program import Status
+from edmsim.controllers.pulse_counters import WINDOW_PULSES
+from edmsim.terminal.devices import Interrupts, Keyboard
+from edmsim.terminal.operation import Operation
 
 _EVERY_S = 0.1
 _BAR_CELLS = 40

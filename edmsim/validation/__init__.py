@@ -7,8 +7,8 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from importlib import import_module
 
-from ..errors import InputError
-from .rows import Check, Row
+from edmsim.errors import InputError
+from edmsim.validation.rows import Check, Row
 
 MODULES = (
     "ignition", "craters", "strings", "heat", "water", "corners", "pulse_ratios", "cuts", "breakage", "quality",

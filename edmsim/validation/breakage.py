@@ -9,11 +9,11 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 
-from ..controllers import FeedController, make
-from ..machine import Generator, Machine, Positive
-from .rows import Check, Row, mean_and_interval
-from .setups import altered
-from .straight import Traverse, begin, cut_straight
+from edmsim.controllers import FeedController, make
+from edmsim.cosim.straight import Traverse, begin, cut_straight
+from edmsim.machine.machine import Generator, Machine, Positive
+from edmsim.validation.rows import Check, Row, mean_and_interval
+from edmsim.validation.setups import altered
 
 SATO = "Sato et al., Wire-break Prevention on WEDM, J. Japan Soc. Electrical Machining Engineers (2013)"
 MORI = "Mori, Kitamura, Kunieda, Abe: wire breaking in WEDM seen through transparent electrodes"

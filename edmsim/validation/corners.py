@@ -8,9 +8,9 @@ from collections.abc import Sequence
 import numpy as np
 from shapely import LineString, Point, Polygon
 
-from .. import models
-from ..pursuit import pursuit
-from .rows import Check, Row, worst
+from edmsim import models
+from edmsim.tractrix import pursuit
+from edmsim.validation.rows import Check, Row, worst
 
 TRACTRIX = "constant-lag pursuit through a sharp corner, derived: lengths in units of the lag"
 COLUMNS = {

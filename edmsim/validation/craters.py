@@ -9,12 +9,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from .. import models
-from ..machine import Machine
-from ..plant.erosion import crater_diameter
-from ..plant.setup import constants, resolution
-from .rows import Check, Row, mean_and_interval
-from .setups import FRAIL, STILL, altered, in_a_hole, single_discharges
+from edmsim import models
+from edmsim.machine.machine import Machine
+from edmsim.plant.constants import constants, resolution
+from edmsim.plant.workpiece.craters import crater_diameter
+from edmsim.validation.rows import Check, Row, mean_and_interval
+from edmsim.validation.setups import FRAIL, STILL, altered, in_a_hole, single_discharges
 
 ESTEVES = "Esteves, Sikora, Kuffa, Wegener, Procedia CIRP 113:232 (2022), data in SPARC (ETH, MIT licence)"
 SHAPE = "docs/theory/workpiece.md#shape-of-a-crater"

@@ -7,10 +7,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ..machine import Machine
-from ..plant.setup import heat_law, resolution
-from ..plant.wire import HeatLaw, area_m2, heat_step
-from .rows import Check, Row
+from edmsim.machine.machine import Machine
+from edmsim.plant.constants import heat_law, resolution
+from edmsim.plant.wire import HeatLaw, area_m2, heat_step
+from edmsim.validation.rows import Check, Row
 
 SCHACHT = "Schacht, KU Leuven 2004: Joule heat of a quarter of the wire's resistance against convection"
 SATO = "Sato et al., J. Japan Soc. Electrical Machining Engineers (2013): 60 kHz, 9.8 mJ; balance in closed form"

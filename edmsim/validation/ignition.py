@@ -14,13 +14,13 @@ from numpy.polynomial.hermite_e import hermegauss
 from numpy.typing import NDArray
 from scipy.stats import kstest
 
-from .. import models
-from ..machine import Gap, Machine
-from ..plant.dielectric import flow_speed_m_s
-from ..plant.plant import Plant
-from ..plant.window import PulseWindow
-from .rows import Check, Row, mean_and_interval
-from .setups import FRAIL, STILL, altered, in_a_hole, single_discharges
+from edmsim import models
+from edmsim.machine.machine import Gap, Machine
+from edmsim.plant.gap.debris import flow_speed_m_s
+from edmsim.plant.plant import Plant
+from edmsim.plant.window import PulseWindow
+from edmsim.validation.rows import Check, Row, mean_and_interval
+from edmsim.validation.setups import FRAIL, STILL, altered, in_a_hole, single_discharges
 
 Array = NDArray[np.float64]
 

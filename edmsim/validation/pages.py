@@ -16,10 +16,10 @@ import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 
-from ..errors import InputError
-from ..machine import Constant, Machine, available
-from .report import simulated, summary
-from .rows import Row
+from edmsim.errors import InputError
+from edmsim.machine.machine import Constant, Machine, available
+from edmsim.validation.report import simulated, summary
+from edmsim.validation.rows import Row
 
 PAGE = "validation.md"
 _MARK = re.compile(

@@ -9,13 +9,13 @@ from typing import NamedTuple
 import numpy as np
 from shapely import LineString, distance, points
 
-from ..controllers import FeedController, make
-from ..machine import Machine
-from ..metrology import roughness_um
-from .breakage import sato_rig
-from .rows import Check, Row, mean_and_interval
-from .setups import CENTRE_UM, altered
-from .straight import Cut, Traverse, begin, change, cut_straight, each
+from edmsim.controllers import FeedController, make
+from edmsim.cosim.straight import Cut, Traverse, begin, change, cut_straight, each
+from edmsim.machine.machine import Machine
+from edmsim.metrology.profile import roughness_um
+from edmsim.validation.breakage import sato_rig
+from edmsim.validation.rows import Check, Row, mean_and_interval
+from edmsim.validation.setups import CENTRE_UM, altered
 
 ROUGHNESS = "usual: Ra = C E^n, n = 0.3..0.4; rough cuts 2.5..4 um"
 HABIB = "Habib, Mech. Adv. Mater. Mod. Process. 3 (2017), doi:10.1186/s40759-017-0017-1: linear term"

@@ -6,12 +6,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ..controllers import make
-from ..machine import Machine
-from .cuts import EARLY_MACHINES, FRONT_GAP, SIDE_GAP
-from .quality import LAG
-from .rows import LEVEL, Check, Row
-from .straight import Cut, cut_straight
+from edmsim.controllers import make
+from edmsim.cosim.straight import Cut, cut_straight
+from edmsim.machine.machine import Machine
+from edmsim.validation.cuts import EARLY_MACHINES, FRONT_GAP, SIDE_GAP
+from edmsim.validation.quality import LAG
+from edmsim.validation.rows import LEVEL, Check, Row
 
 MACHINES_PER_SEED = 6
 """Machines drawn (ours: with four seeds two dozen, of which the outermost bound the interval)."""

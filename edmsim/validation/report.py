@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from dataclasses import asdict
 from typing import TYPE_CHECKING
 
-from .rows import Row
+from edmsim.validation.rows import Row
 
 if TYPE_CHECKING:
     from rich.console import RenderableType

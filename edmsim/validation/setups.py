@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from ..errors import InputError
-from ..machine import Constant, Machine
-from ..plant.plant import Plant
-from ..plant.window import PulseWindow
-from ..plant.workpiece import Stock
+from edmsim.errors import InputError
+from edmsim.machine.machine import Constant, Machine
+from edmsim.plant.plant import Plant
+from edmsim.plant.window import PulseWindow
+from edmsim.plant.workpiece.kerf_field import Stock
 
 CENTRE_UM = (32_500.0, 32_500.0)
 """Middle of the table."""

@@ -7,14 +7,14 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from .. import models
-from ..machine import Machine
-from ..plant.breakdown import slice_sums
-from ..plant.rays import rays_with
-from ..plant.setup import RAY_RANGE_UM, gap_law, modal_model, resolution
-from ..plant.wire import VACUUM_PERMITTIVITY_F_M
-from .rows import Check, Row, worst
-from .setups import altered
+from edmsim import models
+from edmsim.machine.machine import Machine
+from edmsim.plant.constants import RAY_RANGE_UM, gap_law, modal_model, resolution
+from edmsim.plant.gap.breakdown import slice_sums
+from edmsim.plant.gap.rays import rays_with
+from edmsim.plant.wire import VACUUM_PERMITTIVITY_F_M
+from edmsim.validation.rows import Check, Row, worst
+from edmsim.validation.setups import altered
 
 STRING = "taut string under a uniform load, closed form"
 WAVE = "taut string, f = n / (2 L) sqrt(T / mu)"

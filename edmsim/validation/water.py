@@ -6,11 +6,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ..machine import Machine
-from ..plant.dielectric import bridged_probability, flush, nozzle_flow_per_slice_us
-from ..plant.setup import resolution
-from .rows import Check, Row, mean_and_interval
-from .setups import STILL, altered, in_a_hole
+from edmsim.machine.machine import Machine
+from edmsim.plant.constants import resolution
+from edmsim.plant.gap.debris import bridged_probability, flush, nozzle_flow_per_slice_us
+from edmsim.validation.rows import Check, Row, mean_and_interval
+from edmsim.validation.setups import STILL, altered, in_a_hole
 
 SPARC = "SPARC (ETH, MIT licence): short above min(0.95, 0.3 + 0.02 g)"
 SLOT = "slot flow, residence time 12 eta h^2 / (dp g^2)"

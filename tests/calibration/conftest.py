@@ -12,8 +12,8 @@ import pytest
 import edmsim
 from edmsim.calibration.log import COLUMNS
 from edmsim.controllers import FeedController, make
-from edmsim.uncertainty import with_values
-from edmsim.validation.straight import Traverse, begin
+from edmsim.cosim.straight import Traverse, begin
+from edmsim.machine.ranges import with_values
 
 TRUTH = {"gap.critical_um": 9.5, "material.removal_mm3_J": 7.5e-3}
 

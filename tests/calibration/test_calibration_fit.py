@@ -16,13 +16,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import edmsim
-from edmsim import cli
 from edmsim.calibration import Fit, Log, calibrate, read_log
 from edmsim.calibration.fit import Fitted
 from edmsim.calibration.log import COLUMNS, STRETCH_WINDOWS, Stretch, stretches
 from edmsim.calibration.output import correlated, write
 from edmsim.calibration.simulate import simulate
-from edmsim.uncertainty import share_of, value_at, with_values
+from edmsim.cli import app as cli
+from edmsim.machine.ranges import share_of, value_at, with_values
 
 
 def log_of(table: pa.Table) -> Log:

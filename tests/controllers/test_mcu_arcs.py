@@ -9,9 +9,9 @@ import shapely
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from edmsim.controllers.mcu import arcs
-from edmsim.controllers.mcu.arcs import arc_points, chord_walk
-from edmsim.controllers.mcu.planner import make_planner
+from edmsim.controllers.mcu.firmware import arcs
+from edmsim.controllers.mcu.firmware.arcs import arc_points, chord_walk
+from edmsim.controllers.planner.registry import make_planner
 from edmsim.errors import InputError
 
 SECOND = 1_000_000_000

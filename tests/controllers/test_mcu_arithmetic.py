@@ -6,8 +6,8 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from edmsim.controllers.mcu import arithmetic
-from edmsim.controllers.mcu.arithmetic import divide, reduc, reduc2, sqrt, square, subsgn, verm
+from edmsim.controllers.mcu.firmware import arithmetic
+from edmsim.controllers.mcu.firmware.arithmetic import divide, reduc, reduc2, sqrt, square, subsgn, verm
 from edmsim.errors import InputError
 
 WORDS = st.integers(0, 65_535)

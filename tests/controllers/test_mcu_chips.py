@@ -7,12 +7,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from edmsim.controllers.mcu import bus, pic, pit, ppi, uart
 from edmsim.controllers.mcu.board import Board, Faults
-from edmsim.controllers.mcu.dac import Dac, PulseGeneratorLine, PulseSettings
-from edmsim.controllers.mcu.display import CLEAR, CTRL, READ_KEYS, SHIFT, Kdc8279, write_digit
-from edmsim.controllers.mcu.faults import DropOut, SerialNoise
-from edmsim.controllers.mcu.switches import NAMES, WIRE_BREAK, X_END, Y_END, SafetySwitches
+from edmsim.controllers.mcu.chips import bus, pic, pit, ppi, uart
+from edmsim.controllers.mcu.chips.dac import Dac, PulseGeneratorLine, PulseSettings
+from edmsim.controllers.mcu.chips.display import CLEAR, CTRL, READ_KEYS, SHIFT, Kdc8279, write_digit
+from edmsim.controllers.mcu.chips.faults import DropOut, SerialNoise
+from edmsim.controllers.mcu.chips.switches import NAMES, WIRE_BREAK, X_END, Y_END, SafetySwitches
 from edmsim.errors import InputError
 
 BYTES = st.integers(0, 255)

@@ -7,18 +7,18 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from edmsim.controllers.mcu import bus, pic, ppi
-from edmsim.controllers.mcu import memory_map as at
 from edmsim.controllers.mcu.board import Board, LineOrder
+from edmsim.controllers.mcu.chips import bus, pic, ppi
+from edmsim.controllers.mcu.chips.dac import PulseSettings
+from edmsim.controllers.mcu.chips.switches import STOP_BUTTON, WIRE_BREAK, X_END, Y_END
 from edmsim.controllers.mcu.computer import Computer
-from edmsim.controllers.mcu.dac import PulseSettings
-from edmsim.controllers.mcu.front_panel import KEYS, FrontPanel
-from edmsim.controllers.mcu.literal_planner import LiteralPlanner
-from edmsim.controllers.mcu.planner import PLANNERS, make_planner
-from edmsim.controllers.mcu.poscal import poscal
-from edmsim.controllers.mcu.protocol import Step
-from edmsim.controllers.mcu.switches import STOP_BUTTON, WIRE_BREAK, X_END, Y_END
-from edmsim.controllers.mcu.tstates import CPU_HZ
+from edmsim.controllers.mcu.dialogue.front_panel import KEYS, FrontPanel
+from edmsim.controllers.mcu.firmware import memory_map as at
+from edmsim.controllers.mcu.firmware.poscal import poscal
+from edmsim.controllers.mcu.firmware.tstates import CPU_HZ
+from edmsim.controllers.planner.literal import LiteralPlanner
+from edmsim.controllers.planner.protocol import Step
+from edmsim.controllers.planner.registry import PLANNERS, make_planner
 from edmsim.errors import InputError
 
 START = (30_000, 30_000)

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from edmsim.controllers import WindowObservation, make
-from edmsim.controllers.mcu import memory_map as at
-from edmsim.controllers.mcu.generator_control import before_corner
-from edmsim.controllers.mcu.planner import PLANNERS
-from edmsim.controllers.mcu.timers import MAX_FEED_UM_S
-from edmsim.cosim import Simulation
-from edmsim.machine import Machine
+from edmsim.controllers.mcu.firmware import memory_map as at
+from edmsim.controllers.mcu.firmware.generator_control import before_corner
+from edmsim.controllers.mcu.firmware.timers import MAX_FEED_UM_S
+from edmsim.controllers.planner.registry import PLANNERS
+from edmsim.cosim.simulation import Simulation
+from edmsim.machine.machine import Machine
 from edmsim.program.path import Contour, CutPath
 
 START = (30_000, 30_000)

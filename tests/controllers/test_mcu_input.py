@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from edmsim.controllers.mcu.line_input import (
+from edmsim.controllers.mcu.dialogue.line_input import (
     LINE_LENGTH,
     InputBuffer,
     Line,

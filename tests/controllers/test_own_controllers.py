@@ -12,12 +12,14 @@ import numpy as np
 import pytest
 
 import edmsim
-from edmsim import checkpoint, cli, controllers
+from edmsim import controllers
+from edmsim.cli import app as cli
 from edmsim.controllers import FeedCommand, WindowObservation, check_controller, from_text
-from edmsim.cosim import Simulation
+from edmsim.cosim.simulation import Simulation
 from edmsim.errors import InputError
 from edmsim.evaluation.episode import Episode
-from edmsim.job import make_controller
+from edmsim.job import checkpoint
+from edmsim.job.cut import make_controller
 
 LAW = '''\
 from dataclasses import dataclass

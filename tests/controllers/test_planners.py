@@ -9,7 +9,7 @@ import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from edmsim.controllers.mcu.planner import PLANNERS, make_planner
+from edmsim.controllers.planner.registry import PLANNERS, make_planner
 from edmsim.errors import InputError
 
 SECOND = 1_000_000_000

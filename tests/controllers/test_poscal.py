@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from edmsim.controllers.mcu.poscal import poscal, positi, resolve, velocm
-from edmsim.controllers.mcu.poscal_planner import lengthened
+from edmsim.controllers.mcu.firmware.poscal import poscal, positi, resolve, velocm
+from edmsim.controllers.planner.poscal import lengthened
 from edmsim.errors import InputError
 
 SPEEDS = st.integers(0, 127)

@@ -10,7 +10,7 @@ import numpy as np
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from edmsim.controllers.mcu import arithmetic, poscal
+from edmsim.controllers.mcu.firmware import arithmetic, poscal
 
 WORDS = st.integers(0, 65_535)
 ALL_WORDS = np.arange(65_536, dtype=np.int64)

@@ -9,7 +9,7 @@ import pytest
 from edmsim import controllers
 from edmsim.controllers import WindowObservation
 from edmsim.errors import InputError
-from edmsim.job import make_controller
+from edmsim.job.cut import make_controller
 from edmsim.plant.window import PulseWindow
 
 MAX_FEED = 100.0

@@ -7,10 +7,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from edmsim.controllers.mcu import poscal_planner, sine_table_planner
-from edmsim.controllers.mcu.planner import make_planner
-from edmsim.controllers.mcu.poscal import velocm
-from edmsim.controllers.mcu.sine_table import SINE, cosine, direction, look_up, sine
+from edmsim.controllers.mcu.firmware.poscal import velocm
+from edmsim.controllers.mcu.firmware.sine_table import SINE, cosine, direction, look_up, sine
+from edmsim.controllers.planner import poscal as poscal_planner
+from edmsim.controllers.planner import sine_table as sine_table_planner
+from edmsim.controllers.planner.registry import make_planner
 from edmsim.errors import InputError
 
 SECOND = 1_000_000_000
@@ -65,7 +66,7 @@ def test_the_planner_takes_no_square_root(monkeypatch):  # T-72
         raise AssertionError("a square root was taken")
 
     monkeypatch.setattr(poscal_planner, "resolve", refuse)
-    monkeypatch.setattr("edmsim.controllers.mcu.poscal.sqrt", refuse)
+    monkeypatch.setattr("edmsim.controllers.mcu.firmware.poscal.sqrt", refuse)
     planner = make_planner("sine-table", np.array([(0, 0), (300, 170), (120, 40)]))
     assert isinstance(planner, sine_table_planner.SineTablePlanner)
     planner.advance(0, 60 * SECOND, 127)

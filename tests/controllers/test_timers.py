@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from edmsim.controllers.mcu.timers import (
+from edmsim.controllers.mcu.firmware.timers import (
     MAX_FEED_UM_S,
     PhaseAccumulator,
     ReloadCounter,

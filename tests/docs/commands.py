@@ -18,7 +18,7 @@ from typing import Any
 import pytest
 import typer
 
-from edmsim import cli
+from edmsim.cli import app as cli
 
 from .pages import BIN, ROOT
 
@@ -130,9 +130,10 @@ def _standard_input(file: str) -> Iterator[None]:
 
 def replaced(patch: pytest.MonkeyPatch) -> None:
     """Leave away what takes a screen, or minutes; tests of their own run each of these."""
-    from edmsim import bench, validation
+    from edmsim import validation
+    from edmsim.bench import plant as bench
     from edmsim.evaluation import episode
-    from edmsim.recording import viewer
+    from edmsim.recording.rerun import viewer
 
     def shown(command: list[str]) -> int:
         assert any(word.endswith(".rrd") and Path(word).is_file() for word in command)

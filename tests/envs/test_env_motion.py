@@ -5,12 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from edmsim.envs import motion, reward
+from edmsim.envs import path_follower as motion
+from edmsim.envs import reward
 from edmsim.errors import InputError
-from edmsim.machine import Machine
+from edmsim.machine.machine import Machine
 from edmsim.plant.fleet import Fleet
+from edmsim.plant.kernel.state import STATE
 from edmsim.plant.plant import Plant
-from edmsim.plant.state import STATE
 
 PATH = np.array([(1000.0, 1000.0), (1010.0, 1000.0), (1013.3, 1008.1), (1002.5, 1013.0)])
 WINDOW_NS = 25_500_000

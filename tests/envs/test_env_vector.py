@@ -173,7 +173,7 @@ def test_pictures_of_all_lanes(make_lanes, monkeypatch):
 
 @pytest.mark.slow
 def test_memory_does_not_grow(make_lanes):
-    from edmsim.bench import _resident_MB
+    from edmsim.bench.plant import _resident_MB
 
     lanes = make_lanes("GapFeed", 4, max_episode_steps=50, randomise=("guides",), tension=(8.0, 12.0))
     lanes.reset(seed=1)

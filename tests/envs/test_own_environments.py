@@ -14,7 +14,7 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 
 import edmsim
-from edmsim import cli
+from edmsim.cli import app as cli
 from edmsim.envs import Task, Weights, register
 from edmsim.envs.families import make_family
 from edmsim.envs.registration import EPISODE_STEPS, resolve

@@ -11,7 +11,7 @@ import gymnasium
 import numpy as np
 import pytest
 
-from edmsim import cli
+from edmsim.cli import app as cli
 from edmsim.controllers import FeedCommand, FeedController, make
 from edmsim.controllers.feed.fixed import FixedController
 from edmsim.envs.reward import Weights

@@ -6,7 +6,7 @@ import sys
 
 import pytest
 
-from edmsim import cli
+from edmsim.cli import app as cli
 
 
 @pytest.fixture

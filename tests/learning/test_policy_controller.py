@@ -12,15 +12,15 @@ import numpy as np
 import pytest
 
 import edmsim
-from edmsim.controllers.feed.policy import PolicyController
-from edmsim.controllers.feed.setup import tell
+from edmsim.controllers.known_setup import tell
 from edmsim.envs.batch import action_space_of
 from edmsim.envs.families import make_family
 from edmsim.envs.observation import entries
 from edmsim.envs.tasks import Task
 from edmsim.errors import InputError
-from edmsim.job import make_controller
+from edmsim.job.cut import make_controller
 from edmsim.learning import policy_file
+from edmsim.learning.policy_controller import PolicyController
 from edmsim.learning.score import RESOLUTIONS, RIVALS
 
 ROOT = Path(__file__).parents[2]

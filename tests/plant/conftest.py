@@ -6,7 +6,7 @@ import pytest
 
 import edmsim
 from edmsim import models
-from edmsim.plant.workpiece import Stock
+from edmsim.plant.workpiece.kerf_field import Stock
 
 CENTRE_UM = (32_500.0, 32_500.0)
 

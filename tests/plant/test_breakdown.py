@@ -10,10 +10,10 @@ import pytest
 from scipy import stats
 
 import edmsim
-from edmsim.plant.breakdown import GapLaw, choose_ray, slice_sums, weibull
-from edmsim.plant.random import key_of, uniform
-from edmsim.plant.rays import rays_with
-from edmsim.plant.setup import gap_law, resolution
+from edmsim.compiled.random import key_of, uniform
+from edmsim.plant.constants import gap_law, resolution
+from edmsim.plant.gap.breakdown import GapLaw, choose_ray, slice_sums, weibull
+from edmsim.plant.gap.rays import rays_with
 
 FAST = resolution("fast")
 

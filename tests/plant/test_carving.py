@@ -10,8 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import edmsim
-from edmsim.contours import metal_at
-from edmsim.plant.workpiece import FULL, NO_METAL_UM, TILE, KerfField, Stock, carve_wall, trace
+from edmsim.metrology.edges import metal_at
+from edmsim.plant.workpiece.kerf_field import FULL, NO_METAL_UM, TILE, KerfField, Stock, carve_wall, trace
 
 CELL = 4.0
 MIDDLE = 512.0

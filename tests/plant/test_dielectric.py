@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import edmsim
-from edmsim.plant.dielectric import bridged_probability, flush, nozzle_flow_per_slice_us
+from edmsim.plant.gap.debris import bridged_probability, flush, nozzle_flow_per_slice_us
 
 SHARES = st.lists(st.floats(0.0, 1.0), min_size=1, max_size=15)
 SPARC = {"base": 0.3, "per_um": 0.02, "ceiling": 0.95, "steepness": 500.0}

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from edmsim.controllers import make
-from edmsim.machine import Machine
+from edmsim.cosim.straight import CENTRE_UM, Cut, Traverse, begin, cut_straight
+from edmsim.machine.machine import Machine
 from edmsim.validation.breakage import STABLE_HZ, break_limit_A, sato_rig
 from edmsim.validation.pulse_ratios import drum_um
 from edmsim.validation.quality import AFTER_UM, BEFORE_UM, corner_rig, cut_corner
 from edmsim.validation.setups import altered
-from edmsim.validation.straight import CENTRE_UM, Cut, Traverse, begin, cut_straight
 
 PULL = "base.dielectric.permittivity"
 GAIN = "base.gap.debris_gain"

@@ -13,11 +13,11 @@ import numpy as np
 import pytest
 
 from edmsim.errors import InputError
-from edmsim.plant.full_model import N_NODES, DriveSetup, FullMechanics
-from edmsim.plant.full_motion import LOST, move_full
-from edmsim.plant.mechanics import WireSetup, build_model, propagator_table, reduce_model
-from edmsim.plant.setup import Resolution, arrays
-from edmsim.plant.state import STATE
+from edmsim.plant.constants import Resolution, arrays
+from edmsim.plant.kernel.state import STATE
+from edmsim.plant.mechanics.model import WireSetup, build_model, propagator_table, reduce_model
+from edmsim.plant.mechanics.mujoco_loop import LOST, move_full
+from edmsim.plant.mechanics.mujoco_model import N_NODES, DriveSetup, FullMechanics
 
 BRASS = WireSetup(0.25e-3, 8400.0, 10.0, 0.040, 0.2)
 WIRES = [

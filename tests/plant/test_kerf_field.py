@@ -8,7 +8,7 @@ import shapely
 from hypothesis import given
 from hypothesis import strategies as st
 
-from edmsim.plant.workpiece import FULL, TILE, KerfField, Stock
+from edmsim.plant.workpiece.kerf_field import FULL, TILE, KerfField, Stock
 
 STOCK = Stock((100.0, 102.0, 5_000.0, 5_000.0), ((700.0, 700.0, 90.0),))
 

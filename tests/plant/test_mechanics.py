@@ -13,8 +13,7 @@ from scipy.linalg import expm
 
 from edmsim import models
 from edmsim.errors import InputError
-from edmsim.plant.linearise import linearise
-from edmsim.plant.mechanics import (
+from edmsim.plant.mechanics.model import (
     MODEL_FILE,
     ModalModel,
     WireSetup,
@@ -22,6 +21,7 @@ from edmsim.plant.mechanics import (
     propagator_table,
     reduce_model,
 )
+from edmsim.plant.mechanics.modes import linearise
 
 Array = NDArray[np.float64]
 
@@ -386,6 +386,6 @@ def test_an_unknown_data_file_is_named() -> None:
 
 
 def test_import_leaves_mujoco_alone() -> None:
-    code = "import sys, edmsim.plant.mechanics; print('mujoco' in sys.modules, 'scipy.linalg' in sys.modules)"
+    code = "import sys, edmsim.plant.mechanics.model; print('mujoco' in sys.modules, 'scipy.linalg' in sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.split() == ["False", "False"]

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 import edmsim
-from edmsim.plant.mechanics import propagator_table
-from edmsim.plant.setup import modal_model, resolution
+from edmsim.plant.constants import modal_model, resolution
+from edmsim.plant.mechanics.model import propagator_table
 
 FEEDS_UM_S = (10.0, 20.0, 28.0, 34.0)
 
@@ -141,7 +141,7 @@ def test_delays_are_longer_across_a_wider_gap(in_a_hole, machine):  # T-9
 
 def far(machine):
     """Return a plant with nothing near its wire."""
-    stock = edmsim.plant.workpiece.Stock((60_000.0, 60_000.0, 61_000.0, 61_000.0))
+    stock = edmsim.plant.workpiece.kerf_field.Stock((60_000.0, 60_000.0, 61_000.0, 61_000.0))
     return edmsim.Plant(machine, 1, stock=stock, position_um=(10_000.0, 20_000.0), resolution="fast")
 
 

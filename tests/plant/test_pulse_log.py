@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import edmsim
-from edmsim.plant.state import ARC, OPEN, PULSE, SHORT, SPARK
-from edmsim.plant.workpiece import Stock
+from edmsim.plant.kernel.state import ARC, OPEN, PULSE, SHORT, SPARK
+from edmsim.plant.workpiece.kerf_field import Stock
 
 # a straight edge 12 um in front of the wire: sparks, opens and, as it is driven on, contacts
 STOCK = Stock((32_500.0 + 125.0 + 12.0, 0.0, 65_000.0, 65_000.0))

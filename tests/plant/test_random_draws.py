@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import special, stats
 
-from edmsim.plant.random import key_of, normal, uniform
+from edmsim.compiled.random import key_of, normal, uniform
 
 WORDS = st.integers(0, 2**64 - 1)
 

@@ -6,9 +6,9 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from edmsim.plant.rays import Rays, face, narrowest, places
-from edmsim.plant.vectors import GAPS
-from edmsim.plant.workpiece import NO_METAL_UM
+from edmsim.compiled.vectors import GAPS
+from edmsim.plant.gap.rays import Rays, face, narrowest, places
+from edmsim.plant.workpiece.kerf_field import NO_METAL_UM
 
 COUNT, RANGE_UM = 22, 80.0
 ANGLE = 2 * np.pi * np.arange(COUNT) / COUNT

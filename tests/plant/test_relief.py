@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 
 import edmsim
 from edmsim.errors import InputError
-from edmsim.plant.relief import HeightStep, Relief, slices_below
-from edmsim.plant.workpiece import FULL, KerfField, Stock
+from edmsim.plant.workpiece.height_steps import HeightStep, Relief, slices_below
+from edmsim.plant.workpiece.kerf_field import FULL, KerfField, Stock
 
 BLANK = (100.0, 102.0, 5_000.0, 5_000.0)
 HALF_PART = 0.5 / FULL  # a cell's share is rounded to whole parts

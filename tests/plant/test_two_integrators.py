@@ -10,10 +10,10 @@ from scipy import stats
 
 import edmsim
 from edmsim.controllers import make
-from edmsim.cosim import Simulation
-from edmsim.machine import Machine
-from edmsim.plant.setup import RESOLUTIONS
-from edmsim.plant.workpiece import Stock
+from edmsim.cosim.simulation import Simulation
+from edmsim.machine.machine import Machine
+from edmsim.plant.constants import RESOLUTIONS
+from edmsim.plant.workpiece.kerf_field import Stock
 from edmsim.program.path import Contour, CutPath
 
 SETTLE_S, CUT_S = 4.0, 5.0

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from edmsim.plant.compiled import compiled
-from edmsim.plant.elementary import cube_root, exponential, logarithm, power
-from edmsim.plant.vectors import (
+from edmsim.compiled.elementary import cube_root, exponential, logarithm, power
+from edmsim.compiled.jit import compiled
+from edmsim.compiled.vectors import (
     COORDINATES,
     GAPS,
     element,

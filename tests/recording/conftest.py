@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 import shapely
 
-from edmsim.machine import Machine
-from edmsim.plant.state import ARC, OPEN, SHORT, SPARK
+from edmsim.machine.machine import Machine
+from edmsim.plant.kernel.state import ARC, OPEN, SHORT, SPARK
 from edmsim.recording import (
     Closeups,
     Corner,

@@ -13,8 +13,6 @@ from matplotlib.figure import Figure
 
 import edmsim
 from edmsim.recording import Scene, WindowTable
-from edmsim.recording.figure_paper import WIDTH_IN
-from edmsim.recording.figure_wire import folded_hz, spectrum, wire_frequencies_hz
 from edmsim.recording.figures import (
     corner_figure,
     delay_figure,
@@ -24,6 +22,8 @@ from edmsim.recording.figures import (
     pulses_figure,
     spectrum_figure,
 )
+from edmsim.recording.figures.style import WIDTH_IN
+from edmsim.recording.figures.wire import folded_hz, spectrum, wire_frequencies_hz
 from edmsim.recording.pulse_sample import KINDS, PulseSample, cutting_feed_um_s, sample_like, sample_pulses
 
 
@@ -158,7 +158,7 @@ def test_the_simulated_wire_vibrates_near_its_first_mode(sample: PulseSample) ->
 def test_single_pulses_are_those_of_windows(sample: PulseSample) -> None:
     plant_shares = {kind: sample.share(kind) for kind in KINDS}
     assert sum(plant_shares.values()) == pytest.approx(1.0)
-    from edmsim.validation.straight import cut_straight
+    from edmsim.cosim.straight import cut_straight
 
     straight = cut_straight(sample.machine, 25.0, 3, settle_s=3.0, seconds=2.0)
     for kind in ("short", "open", "spark"):

@@ -15,8 +15,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from edmsim.recording import Scene, WindowTable
-from edmsim.recording.figure_series import binned
 from edmsim.recording.figures import profile_figure, write_figure
+from edmsim.recording.figures.series import binned
 
 
 def texts(cut: SimpleNamespace, scene: Scene, **report: object) -> str:

@@ -8,10 +8,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from edmsim.plant.state import OPEN
+from edmsim.plant.kernel.state import OPEN
 from edmsim.recording import Playback
-from edmsim.recording.log_gap import AGES, SCOPE_PULSES, discharges, faded, traces
-from edmsim.recording.rerun_log import write_recording
+from edmsim.recording.rerun.gap import AGES, SCOPE_PULSES, discharges, faded, traces
+from edmsim.recording.rerun.write import write_recording
 
 
 @pytest.fixture(scope="module")

@@ -13,10 +13,10 @@ import pyarrow as pa
 import pytest
 
 from edmsim.recording import Closeups, Frames, Scene, WindowTable
-from edmsim.recording.blueprint import ELECTRICAL, PROCESS
-from edmsim.recording.log_machine import Shapes, wire_strips
-from edmsim.recording.rerun_log import group_starts, grouped, recording_id, write_recording
-from edmsim.recording.viewer import RERUN
+from edmsim.recording.rerun.blueprint import ELECTRICAL, PROCESS
+from edmsim.recording.rerun.machine import Shapes, wire_strips
+from edmsim.recording.rerun.viewer import RERUN
+from edmsim.recording.rerun.write import group_starts, grouped, recording_id, write_recording
 from edmsim.recording.windows import NAMES, column, lag_along_um
 
 

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from edmsim.recording import ErrorMap, polylines
-from edmsim.recording.palette import ERROR_STOPS, error_rgb, rgb
+from edmsim.recording.figures.palette import ERROR_STOPS, error_rgb, rgb
 from edmsim.recording.scene import round_factor, round_number
 
 

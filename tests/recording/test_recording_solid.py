@@ -10,12 +10,12 @@ import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from edmsim.machine import Machine
-from edmsim.plant.mechanics import build_model
-from edmsim.plant.setup import wire_setup
-from edmsim.recording.bodies import BASE, CROSS, TABLE, bodies_of
+from edmsim.machine.machine import Machine
+from edmsim.plant.constants import wire_setup
+from edmsim.plant.mechanics.model import build_model
+from edmsim.recording.rerun.bodies import BASE, CROSS, TABLE, bodies_of
+from edmsim.recording.rerun.solid import KERF_FRAMES, Mesh, box, cylinder, growing_kerf, prism
 from edmsim.recording.scene import Terrace
-from edmsim.recording.solid import KERF_FRAMES, Mesh, box, cylinder, growing_kerf, prism
 from edmsim.recording.windows import column
 
 

@@ -17,8 +17,8 @@ from PIL import Image
 from edmsim.errors import InputError
 from edmsim.recording import Closeups, Frames, Playback, WindowTable, render, take_screenshots
 from edmsim.recording.film import Film
-from edmsim.recording.rerun_log import write_recording
-from edmsim.recording.screenshots import SHARES
+from edmsim.recording.rerun.screenshots import SHARES
+from edmsim.recording.rerun.write import write_recording
 
 
 def write(folder: Path, cut: SimpleNamespace, **changed: object) -> Path:

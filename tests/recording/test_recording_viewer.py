@@ -13,8 +13,8 @@ import rerun as rr
 from rerun.chunk import RrdReader
 
 from edmsim.errors import InputError
-from edmsim.recording import viewer
-from edmsim.recording.rerun_log import write_recording
+from edmsim.recording.rerun import viewer
+from edmsim.recording.rerun.write import write_recording
 
 
 @pytest.fixture

@@ -15,8 +15,10 @@ from typing import Any
 import pytest
 
 import edmsim
-from edmsim import cli, controllers, cosim
-from edmsim.plant.setup import resolution
+from edmsim import controllers
+from edmsim.cli import app as cli
+from edmsim.cosim import simulation as cosim
+from edmsim.plant.constants import resolution
 
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"

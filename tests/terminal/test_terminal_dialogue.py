@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from edmsim.controllers.mcu.help_texts import ALIASES, JOB, WORDS
-from edmsim.controllers.mcu.main_program import MainProgram
+from edmsim.controllers.mcu.dialogue.help_texts import ALIASES, JOB, WORDS
+from edmsim.controllers.mcu.dialogue.main_program import MainProgram
 from edmsim.terminal.devices import Interrupts
 from edmsim.terminal.operation import Operation
 from edmsim.terminal.session import Session

@@ -8,7 +8,7 @@ import pytest
 
 import edmsim
 from edmsim.controllers.mcu.board import Faults
-from edmsim.controllers.mcu.faults import DropOut, SerialNoise
+from edmsim.controllers.mcu.chips.faults import DropOut, SerialNoise
 from edmsim.terminal.devices import Interrupts
 from edmsim.terminal.rig import Rig
 from edmsim.terminal.session import Session

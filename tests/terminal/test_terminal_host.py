@@ -8,8 +8,8 @@ import sys
 
 import pytest
 
-from edmsim import cli
-from edmsim.controllers.mcu.memory_map import CIADR, TERMINAL_IN
+from edmsim.cli import app as cli
+from edmsim.controllers.mcu.firmware.memory_map import CIADR, TERMINAL_IN
 from edmsim.terminal.devices import Interrupts
 from edmsim.terminal.rig import Rig
 from edmsim.terminal.session import Session
@@ -104,7 +104,7 @@ def test_an_arc_of_the_program_that_is_none_stops_it_before_anything_moves(opera
 
 
 def test_a_whole_job_in_a_pipe(host):
-    command = [sys.executable, "-c", "from edmsim.cli import main; main()", "terminal", "--resolution", "fast"]
+    command = [sys.executable, "-c", "from edmsim.cli.app import main; main()", "terminal", "--resolution", "fast"]
     done = subprocess.run(
         [*command, "--height", "5", "--host", str(host(PROGRAM))], input="HELP\nLOAD\nRUN\nWAIT\nSTATUS\nBYE\n",
         capture_output=True, text=True, check=False, env={**os.environ, "COLUMNS": "100"},

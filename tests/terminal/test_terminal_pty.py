@@ -24,7 +24,7 @@ class Operator:
     def __init__(self, *options: str, term: str = "dumb") -> None:
         self.master, self.slave = pty.openpty()
         self.before = termios.tcgetattr(self.slave)
-        command = "from edmsim.cli import main; main()"
+        command = "from edmsim.cli.app import main; main()"
         self.process = subprocess.Popen(
             [sys.executable, "-c", command, "terminal", "--resolution", "fast", "--height", "5", *options],
             stdin=self.slave, stdout=self.slave, stderr=self.slave, start_new_session=True,
@@ -141,7 +141,7 @@ def test_a_real_terminal_shows_digits_and_pulses(sit_down):
 
 
 def test_ctrl_c_in_a_pipe_stops_the_machine_and_the_script():
-    command = [sys.executable, "-c", "from edmsim.cli import main; main()", "terminal", "--resolution", "fast"]
+    command = [sys.executable, "-c", "from edmsim.cli.app import main; main()", "terminal", "--resolution", "fast"]
     pipe = subprocess.PIPE
     with subprocess.Popen([*command, "--speed", "1"], stdin=pipe, stdout=pipe, text=True) as run:
         assert run.stdin is not None

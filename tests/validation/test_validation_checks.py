@@ -11,8 +11,8 @@ import pytest
 
 from edmsim import models
 from edmsim.errors import InputError
-from edmsim.machine import Machine
-from edmsim.plant.dielectric import flow_speed_m_s
+from edmsim.machine.machine import Machine
+from edmsim.plant.gap.debris import flow_speed_m_s
 from edmsim.validation import corners, craters, heat, ignition, strings, water
 from edmsim.validation.rows import Row
 from edmsim.validation.setups import FRAIL, STILL, altered, drive, in_a_hole, single_discharges

@@ -10,7 +10,7 @@ import pytest
 
 from edmsim import validation
 from edmsim.errors import InputError
-from edmsim.machine import Constant, Machine
+from edmsim.machine.machine import Constant, Machine
 from edmsim.validation.pages import check_folder, refreshed, rows_table, validation_page, write
 from edmsim.validation.rows import Row
 
@@ -129,7 +129,7 @@ def test_writing_refreshes_the_theory_and_makes_the_page(tmp_path):
 
 
 def test_a_folder_that_is_not_the_docs_is_refused_before_anything_runs(tmp_path, monkeypatch, capsys):
-    from edmsim import cli
+    from edmsim.cli import app as cli
 
     def never(watch=None):
         raise AssertionError
@@ -145,7 +145,7 @@ def test_a_folder_that_is_not_the_docs_is_refused_before_anything_runs(tmp_path,
 @pytest.mark.parametrize(("rows", "status"), [(ROWS[:2], 0), (ROWS, 1)])
 @pytest.mark.parametrize("json", [True, False])
 def test_only_a_failure_nobody_explains_fails_the_command(rows, status, json, monkeypatch, capsys):
-    from edmsim import cli
+    from edmsim.cli import app as cli
 
     monkeypatch.setattr(validation, "run", lambda watch=None: rows)
     monkeypatch.setattr("sys.argv", ["edmsim", "validate", *(["--json"] if json else [])])

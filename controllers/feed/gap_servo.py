@@ -1,0 +1,148 @@
+"""The servo that the gap controllers share: feed from one low-passed error, backwards on shorts.
+
+The classic machines feed in proportion to how far a mean of the gap is from its reference, ``v = K (U - U_ref)``,
+and so run backwards by themselves when the gap shorts. An integral part (ours) holds the reference at any height
+and material.
+"""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from dataclasses import asdict, dataclass, field, fields
+from typing import Any, ClassVar, NamedTuple, cast
+
+from edmsim.controllers.protocols import (
+    ControllerState,
+    FeedCommand,
+    WindowObservation,
+    check_feed,
+    check_parameter,
+)
+from edmsim.controllers.pulse_counters import WINDOW_PULSES
+
+PERSISTENT_SHORT = "persistent short"
+"""The alarm's text."""
+SHORTED_SHARE = 0.5
+"""From this share of short pulses on a window counts as shorted (ours, as the counts controller has it)."""
+
+
+class Gains(NamedTuple):
+    """How a servo answers.
+
+    Attributes
+    ----------
+    proportional, integral : float
+        Feed in um/s, and its growth in um/s per s, per unit of the error.
+    filter_s : float
+        Time constant of the low-pass filter on the error.
+    """
+
+    proportional: float
+    integral: float
+    filter_s: float
+
+
+@dataclass
+class ServoState:
+    """What changes while cutting."""
+
+    max_feed_um_s: float = 0.0
+    error: float = 0.0
+    integral_um_s: float = 0.0
+    shorted_s: float = 0.0
+    retracting: bool = False
+
+    def look(self, window: WindowObservation) -> bool:
+        """Add up the time shorted; whether the window was shorted."""
+        shorted = window.short >= SHORTED_SHARE * WINDOW_PULSES
+        self.shorted_s = self.shorted_s + window.duration_s if shorted else 0.0
+        return shorted
+
+    def feed(self, error: float, duration_s: float, gains: Gains) -> float:
+        """Feed that the gap asks for in um/s, 0 or more; `error` is positive where the gap is too wide."""
+        weight = -math.expm1(-duration_s / gains.filter_s) if gains.filter_s else 1.0
+        self.error += weight * (error - self.error)
+        growth = gains.integral * self.error * duration_s
+        self.integral_um_s = min(max(self.integral_um_s + growth, 0.0), self.max_feed_um_s)
+        return self.integral_um_s + gains.proportional * self.error
+
+
+@dataclass
+class ServoController(ABC):
+    """What controllers with a servo share; `error` and `gains` are theirs.
+
+    Parameters
+    ----------
+    filter_s : float
+        Time constant of the low-pass filter on the measured mean.
+    start_feed_um_s : float
+        Feed the integral starts from.
+    retract_feed_um_s : float
+        Largest speed backwards; a short that stays is met with it.
+    patience_s : float
+        Shorted time after which the wire retracts (ours, as the counts controller has it).
+    kept_share : float
+        What is left of the integral after a retract (ours: half, so that a feed that was too fast is soon found).
+    give_up_s : float
+        Time shorted without a break after which the machine is stopped (ours: at 20 um/s a way back of 0.4 mm,
+        longer than any short this wire leaves behind it).
+    """
+
+    name: ClassVar[str]
+
+    filter_s: float = 0.1
+    start_feed_um_s: float = 10.0
+    retract_feed_um_s: float = 20.0
+    patience_s: float = 0.15
+    kept_share: float = 0.5
+    give_up_s: float = 20.0
+
+    _servo: ServoState = field(default_factory=ServoState, init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        for parameter in fields(self):
+            if parameter.init:
+                check_parameter(self.name, parameter.name, getattr(self, parameter.name))
+
+    @abstractmethod
+    def gains(self) -> Gains:
+        """How the servo answers."""
+
+    @abstractmethod
+    def error(self, window: WindowObservation) -> float:
+        """How much too wide the gap is; NaN if the window does not tell."""
+
+    def reset(self, max_feed_um_s: float) -> FeedCommand:
+        """Begin a new cut; refuses feeds the machine cannot run."""
+        for name in ("start_feed_um_s", "retract_feed_um_s"):
+            check_feed(self.name, name, getattr(self, name), max_feed_um_s)
+        self._servo = ServoState(max_feed_um_s=max_feed_um_s, integral_um_s=self.start_feed_um_s)
+        return FeedCommand(self.start_feed_um_s)
+
+    def update(self, window: WindowObservation) -> FeedCommand:
+        """Feed for the next window: the servo's, backwards while a short stays."""
+        servo = self._servo
+        error = self.error(window)
+        if math.isnan(error):
+            error = servo.error
+        shorted = servo.look(window)
+        if servo.shorted_s >= self.give_up_s:
+            return FeedCommand(0.0, PERSISTENT_SHORT)
+        if shorted and servo.shorted_s >= self.patience_s:
+            servo.retracting = True
+            return FeedCommand(-self.retract_feed_um_s)
+        if servo.retracting:  # cleared: the filter forgets the short
+            servo.retracting = False
+            servo.error = error
+            servo.integral_um_s *= self.kept_share
+        feed = servo.feed(error, window.duration_s, self.gains())
+        return FeedCommand(min(max(feed, -self.retract_feed_um_s), servo.max_feed_um_s))
+
+    def snapshot(self) -> ControllerState:
+        """Everything that changes while cutting."""
+        return asdict(self._servo)
+
+    def restore(self, state: ControllerState) -> None:
+        """Continue where `snapshot` was taken."""
+        self._servo = ServoState(**cast(dict[str, Any], state))

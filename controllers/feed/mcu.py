@@ -1,0 +1,182 @@
+"""The 1982 controller as a feed controller: its law behind registers, its steps through interrupts.
+
+The counts reach the program as on the machine: 255 clocks of SYNC, strobes, the latches at 4030H and 4031H, polled
+through the handshake at 4032H. The planner's steps leave it as on the machine: a timer runs out, the 8259 interrupts,
+the routine raises a line of 4022H. What it decides, and when, is what `CountsController` decides, bit for bit.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from bisect import bisect_right
+from dataclasses import dataclass, field, replace
+from typing import Any, ClassVar, NamedTuple, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from edmsim.controllers.feed.counts import CountsController
+from edmsim.controllers.mcu.board import Board
+from edmsim.controllers.mcu.chips.dac import LIMIT_A, PulseSettings
+from edmsim.controllers.mcu.computer import Computer
+from edmsim.controllers.mcu.firmware.arithmetic import WORD
+from edmsim.controllers.mcu.firmware.generator_control import before_corner
+from edmsim.controllers.mcu.firmware.optimise import Settings
+from edmsim.controllers.mcu.firmware.poscal import UNIT_UM, Unit, unit_for
+from edmsim.controllers.mcu.firmware.timers import MAX_SPEED
+from edmsim.controllers.planner.protocol import Step
+from edmsim.controllers.protocols import ControllerState, FeedCommand
+from edmsim.geometry import Polyline
+from edmsim.machine.machine import Machine
+from edmsim.plant.gap.generator import discharge_current_A
+
+CORNER_DEG = 20.0
+"""Turn of the path from which on it counts as a corner (ours)."""
+
+
+class _Setup(NamedTuple):
+    """What MAIN is told before a cut.
+
+    Attributes
+    ----------
+    pulses : PulseSettings
+        Potentiometers trimmed so that the codes reach the operator's setting.
+    codes : (int, int)
+        Codes nearest to it.
+    t_on_us : float
+        On-time as it was set.
+    unit : {"um", "step"}
+    points : tuple of (int, int)
+        Corner points of the path in `unit`, each other than the one before.
+    starts_um, corners_um : tuple of float
+        Length of path up to each point, and up to every corner.
+    """
+
+    pulses: PulseSettings = PulseSettings()
+    codes: tuple[int, int] = (102, 170)
+    t_on_us: float = 20.0
+    unit: Unit = "um"
+    points: tuple[tuple[int, int], ...] = ()
+    starts_um: tuple[float, ...] = ()
+    corners_um: tuple[float, ...] = ()
+
+    @classmethod
+    def of(cls, machine: Machine, points_um: NDArray[Any]) -> _Setup:
+        """Read the dials and the drawing."""
+        usual = PulseSettings()
+        pulses = replace(
+            usual,
+            t_i_us_V=max(usual.t_i_us_V, machine.t_on_us / usual.t_i.full_V),
+            t_p_us_V=max(usual.t_p_us_V, machine.t_period_us / usual.t_p.full_V),
+            pulse_A=discharge_current_A(machine),
+        )
+        t_i, t_p = pulses.code_of_t_i(machine.t_on_us), pulses.code_of_t_p(machine.t_period_us)
+        while t_i and pulses.mean_current_A(t_i, t_p) > LIMIT_A:
+            t_i -= 1  # a setting at the limit, rounded over it
+        unit = unit_for(machine.base.table.travel_mm.value * 1e3)
+        line = Polyline(np.asarray(points_um, np.float64) * 1e-3, closed=False)
+        points = tuple((round(x * 1e3) // UNIT_UM[unit], round(y * 1e3) // UNIT_UM[unit]) for x, y in line.points)
+        along = line.s * 1e3
+        corners = tuple(float(s) for s in along[line.corners(CORNER_DEG)])
+        return cls(pulses, (t_i, t_p), machine.t_on_us, unit, points, tuple(float(s) for s in along), corners)
+
+
+@dataclass
+class McuController(CountsController):
+    """The register-level controller of 1982.
+
+    Parameters
+    ----------
+    corner_um : float
+        Distance before a corner from which on t(i) is shortened; 0 leaves the generator alone.
+    corner_share : float
+        What is left of t(i) there.
+
+    Further parameters: see `CountsController`.
+    """
+
+    name: ClassVar[str] = "mcu"
+
+    corner_um: float = 0.0
+    corner_share: float = 0.6
+
+    _computer: Computer = field(default_factory=Computer, init=False, repr=False)
+    _setup: _Setup = field(default_factory=lambda: _Setup(), init=False, repr=False)
+    _move: int = field(default=-1, init=False, repr=False)
+
+    @property
+    def computer(self) -> Computer:
+        """The computer, for whoever wants to look at its registers; every leg begins with a new one."""
+        return self._computer
+
+    @property
+    def missed_windows(self) -> int:
+        """Windows not read in time since the leg began (row T-44)."""
+        return self._computer.board.counters.missed
+
+    def set_up(self, machine: Machine, points_um: NDArray[Any]) -> None:
+        """Take in the generator's setting and the path; called before every leg of the cut."""
+        self._setup = _Setup.of(machine, points_um)
+
+    def reset(self, max_feed_um_s: float) -> FeedCommand:
+        """Begin a new cut: INIT, position and settings as MAIN gets them, start."""
+        command = super().reset(max_feed_um_s)
+        setup = self._setup
+        self._computer = Computer(Board(setup.pulses), unit=setup.unit)
+        self._computer.init()
+        if setup.points:
+            self._computer.set_position(*setup.points[0])
+        self._computer.set_pulse_codes(*setup.codes)
+        self._computer.set_speed(min(self._law().limit, MAX_SPEED))
+        self._computer.start()
+        self._move = -1
+        return command
+
+    def drive(self, steps: list[Step]) -> list[Step]:
+        """Make a planner's steps through timers, interrupts and port."""
+        return self._computer.drive(steps)
+
+    def snapshot(self) -> ControllerState:
+        """Everything that changes while cutting."""
+        return {**super().snapshot(), "move": self._move, "computer": json.dumps(self._computer.snapshot())}
+
+    def restore(self, state: ControllerState) -> None:
+        """Continue where `snapshot` was taken; the cut must have been begun alike."""
+        super().restore(state)
+        self._move = cast(int, state["move"])
+        self._computer.restore(json.loads(cast(str, state["computer"])))
+
+    def _count(self, short: int, open: int) -> None:
+        self._computer.board.counters.count_window(short, open)
+
+    def _decide(self, tick: int, path_um: float) -> tuple[int, int]:
+        setup = self._setup
+        if setup.points:
+            here = self._move
+            if here < 0 or not setup.starts_um[here] <= path_um <= setup.starts_um[here + 1]:
+                self._aim(path_um)
+        return self._computer.optimise(self._law(), self._state, tick, math.floor(path_um) & WORD)
+
+    def _aim(self, path_um: float) -> None:
+        """Tell the program where the present move of the path ends."""
+        setup = self._setup
+        self._move = min(max(bisect_right(setup.starts_um, path_um) - 1, 0), len(setup.points) - 2)
+        self._computer.aim(*setup.points[self._move + 1])
+
+    def _command(self, path_um: float) -> FeedCommand:
+        command = super()._command(path_um)
+        setup = self._setup
+        if not (self.corner_um and setup.points):
+            return command
+        ahead = bisect_right(setup.corners_um, path_um)
+        left = setup.corners_um[ahead] - path_um if ahead < len(setup.corners_um) else math.inf
+        t_i, t_p = setup.codes
+        code = before_corner(t_i, int(min(left, WORD)), round(self.corner_um), round(self.corner_share * 256))
+        if code != self._computer.pulse_codes[0]:
+            self._computer.set_pulse_codes(code, t_p)
+        return command._replace(t_on_us=setup.t_on_us if code == t_i else setup.pulses.times_us(code, t_p)[0])
+
+    def _law(self) -> Settings:
+        assert self._settings is not None
+        return self._settings

@@ -1,0 +1,1 @@
+"""The chips of the 1982 controller, one file each."""

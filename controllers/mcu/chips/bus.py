@@ -1,0 +1,101 @@
+"""The memory of the 8085 as its program sees it: EPROM, RAM, and chips at addresses of their own.
+
+Writing to a port or reading from it is a memory access (5.1.1). The document places the two 8255 (row T-23) and the
+jump table (row T-48); where EPROM and RAM lie, and the addresses of the other chips, are ours.
+"""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+from edmsim.controllers.mcu.firmware.arithmetic import BYTE, WORD
+from edmsim.errors import InputError
+
+EPROM, RAM = range(0x2000), range(0x2000, 0x4000)
+"""8 K each (row T-20); the jump table of 3FE0H..3FFFH is the top of RAM."""
+PORT2A, PORT2B, PORT2C, CPORT2 = 0x4020, 0x4021, 0x4022, 0x4023
+PORT3A, PORT3B, PORT3C, CPORT3 = 0x4030, 0x4031, 0x4032, 0x4033
+TIMERS, INTERRUPTS, DISPLAY, TERMINAL, HOST = 0x4000, 0x4008, 0x4010, 0x4018, 0x401C
+"""First addresses of the 8253, the 8259, the 8279 and both 8251 (ours)."""
+FLOATING = 0xFF
+"""What is read where nothing answers."""
+
+
+class Chip(Protocol):
+    """What answers at some addresses."""
+
+    def read(self, offset: int) -> int:
+        """Byte at an address, counted from the chip's first."""
+
+    def write(self, offset: int, byte: int) -> None:
+        """Take a byte at an address."""
+
+
+class Bus:
+    """Address decoder and memory.
+
+    A write to EPROM or to an address without a chip changes nothing, as on the board.
+
+    Attributes
+    ----------
+    ram : bytearray
+        Bytes from 2000H on.
+    """
+
+    def __init__(self) -> None:
+        self.ram = bytearray(len(RAM))
+        self._eprom = bytes([FLOATING]) * len(EPROM)
+        self._chips: dict[int, tuple[Chip, int]] = {}
+
+    def attach(self, first: int, size: int, chip: Chip) -> None:
+        """Let a chip answer at `size` addresses from `first` on."""
+        for offset in range(size):
+            self._chips[first + offset] = (chip, offset)
+
+    def read(self, address: int) -> int:
+        """Byte at an address, 0..FFFFH.
+
+        Raises
+        ------
+        InputError
+            If there can be no such address.
+        """
+        found = self._chips.get(address)
+        if found is not None:
+            return found[0].read(found[1])
+        _check(address, WORD, "an address")
+        if address in RAM:
+            return self.ram[address - RAM.start]
+        return self._eprom[address] if address in EPROM else FLOATING
+
+    def write(self, address: int, byte: int) -> None:
+        """Put a byte at an address.
+
+        Raises
+        ------
+        InputError
+            If there can be no such address, or the value is no byte.
+        """
+        found = self._chips.get(address)
+        if found is not None and 0 <= byte <= BYTE:
+            found[0].write(found[1], byte)
+            return
+        _check(byte, BYTE, "a byte")
+        _check(address, WORD, "an address")
+        if address in RAM:
+            self.ram[address - RAM.start] = byte
+
+    def word(self, address: int) -> int:
+        """Word in RAM: low byte first (LHLD)."""
+        at = address - RAM.start
+        return self.ram[at] | self.ram[at + 1] << 8
+
+    def store(self, address: int, word: int) -> None:
+        """Put a word into RAM, low byte first, what is above sixteen bits lost (SHLD)."""
+        at = address - RAM.start
+        self.ram[at], self.ram[at + 1] = word & BYTE, word >> 8 & BYTE
+
+
+def _check(value: int, most: int, what: str) -> None:
+    if not (isinstance(value, int) and 0 <= value <= most):
+        raise InputError(f"{what} is 0..{most:X}H, not {value!r}")

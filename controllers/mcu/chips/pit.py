@@ -1,0 +1,119 @@
+"""The 8253: three counters of sixteen bits, each with a clock of its own.
+
+Counter 0 makes the interrupts of the x stepper, counter 1 those of y, counter 2 the bit rate of the serial channels
+(row T-22). Of the chip's modes it has those this machine can use: 0 (interrupt on terminal count), 2 (rate generator)
+and 3 (square wave), in binary.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from edmsim.controllers.mcu.firmware.timers import NEVER, TIMER_COUNT
+from edmsim.errors import InputError
+
+X, Y, BIT_RATE, CONTROL = range(4)
+"""Offsets of the counters and the control register."""
+TERMINAL_COUNT, RATE, SQUARE_WAVE = 0, 2, 3
+"""Modes."""
+
+
+def control_word(counter: int, mode: int) -> int:
+    """Return the word that sets a counter's mode, its count then written low byte first."""
+    return counter << 6 | 0x30 | mode << 1
+
+
+@dataclass
+class Counter:
+    """One counter.
+
+    Attributes
+    ----------
+    mode : int
+    reload : int
+        Count loaded, 0 for 65 536.
+    left : int
+        Ticks until the output rises; 0 when it has risen in mode 0, or nothing is loaded.
+    """
+
+    mode: int = TERMINAL_COUNT
+    reload: int = 0
+    left: int = 0
+    low: int = -1
+    latched: int = -1
+
+    def load(self, count: int) -> None:
+        """Load a count; 0 counts 65 536 ticks (row T-74)."""
+        self.reload = count
+        self.left = count or TIMER_COUNT
+
+    @property
+    def ticks_to_rise(self) -> int:
+        """Ticks until the output rises; `NEVER` where nothing runs."""
+        return self.left or NEVER
+
+    def run(self, ticks: int) -> int:
+        """Let some ticks of the clock pass; return how often the output rose."""
+        if not self.left or ticks < self.left:
+            self.left -= ticks if self.left else 0
+            return 0
+        if self.mode == TERMINAL_COUNT:
+            self.left = 0
+            return 1
+        period = self.reload or TIMER_COUNT
+        rises, since = divmod(ticks - self.left, period)
+        self.left = period - since
+        return rises + 1
+
+
+class Pit8253:
+    """Three counters behind four addresses."""
+
+    def __init__(self) -> None:
+        self.counters = (Counter(), Counter(), Counter())
+
+    def read(self, offset: int) -> int:
+        """Low byte and then high byte of a count, latched by the first."""
+        if offset == CONTROL:
+            return 0xFF
+        counter = self.counters[offset]
+        if counter.latched < 0:
+            counter.latched = counter.left & 0xFFFF | 0x10000
+            return counter.latched & 0xFF
+        value = counter.latched
+        counter.latched = -1
+        return value >> 8 & 0xFF
+
+    def write(self, offset: int, byte: int) -> None:
+        """A control word, or the low and then the high byte of a count."""
+        if offset == CONTROL:
+            self._control(byte)
+            return
+        counter = self.counters[offset]
+        if counter.low < 0:
+            counter.low = byte
+        else:
+            counter.load(byte << 8 | counter.low)
+            counter.low = -1
+
+    def snapshot(self) -> list[list[int]]:
+        """Everything that changes."""
+        return [[c.mode, c.reload, c.left, c.low, c.latched] for c in self.counters]
+
+    def restore(self, state: list[list[int]]) -> None:
+        """Continue where `snapshot` was taken."""
+        self.counters = (Counter(*state[0]), Counter(*state[1]), Counter(*state[2]))
+
+    def _control(self, word: int) -> None:
+        number, access, mode = word >> 6, word >> 4 & 3, word >> 1 & 7
+        if mode & 3 in (RATE, SQUARE_WAVE):
+            mode &= 3
+        if number == CONTROL or access not in (0, 3) or mode not in (TERMINAL_COUNT, RATE, SQUARE_WAVE) or word & 1:
+            raise InputError(
+                f"control word {word:02X}H: the counters of this 8253 take two bytes in binary, in mode 0, 2 or 3"
+            )
+        counter = self.counters[number]
+        if access == 0:  # the count is latched for reading
+            counter.latched = -1
+        else:
+            counter.mode, counter.left, counter.low, counter.latched = mode, 0, -1, -1

@@ -1,0 +1,197 @@
+"""The operator's line and the numbers in it: LINE, NORMAL, GNUMCI, GETNUM, GNUMHX and SKIP (5.1.2).
+
+The monitor's commands act on every character at once; here a whole line is typed and corrected first. LINE puts it
+into the input buffer, the others read it from there. Characters are bytes, as the serial channel brings them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from edmsim.controllers.mcu.firmware.arithmetic import WORD
+from edmsim.errors import InputError
+
+LINE_LENGTH = 64
+"""Characters of a line (row T-53)."""
+
+BACKSPACE, DELETE, CANCEL, RETYPE = 0x08, 0x7F, 0x18, 0x12
+"""The four correction characters BS, DEL, CAN (Ctrl-X) and Ctrl-R; the text counts them only (row T-A10)."""
+
+RETURN, LINE_FEED = 0x0D, 0x0A
+"""The two characters that end a line (row T-A10)."""
+
+BELL, TAB, SPACE, END = 0x07, 0x09, 0x20, 0x00
+"""A refused character rings the bell; a tabulator is kept as a space; 00H ends the buffer (row T-55)."""
+
+SEPARATORS = b" ,;="
+"""What SKIP passes over (ours: the text says spaces and separators)."""
+
+_RUB_OUT = b"\b \b"
+_NEW_LINE = b"\r\n"
+
+
+class InputBuffer:
+    """The input buffer (BPTR.DATA): up to 64 characters, closed by 00H, and the pointer BPTR into them.
+
+    Attributes
+    ----------
+    pointer : int
+        Index of the next character.
+    """
+
+    def __init__(self, text: bytes = b"") -> None:
+        self.fill(text)
+
+    def fill(self, text: bytes) -> None:
+        """Take in a line and set the pointer to its first character."""
+        self._data = text + bytes([END])
+        self.pointer = 0
+
+    @property
+    def text(self) -> bytes:
+        """The whole line."""
+        return self._data[:-1]
+
+    @property
+    def rest(self) -> bytes:
+        """The line from the pointer on."""
+        return self._data[self.pointer : -1]
+
+    @property
+    def waiting(self) -> int:
+        """Character at the pointer, 00H at the end; the pointer stays."""
+        return self._data[self.pointer]
+
+    def advance(self) -> None:
+        """Set the pointer to the next character; at the end it stays."""
+        self.pointer = min(self.pointer + 1, len(self._data) - 1)
+
+
+class Line:
+    """LINE: takes a line character by character and lets it be corrected; only a terminator gives it away.
+
+    BS and DEL take the last character back, CAN the whole line, Ctrl-R types the line again. The 65th character and
+    every control character ring the bell and are not kept; a line of which characters were refused for its length,
+    and not corrected since, is not given away either (ours: half a number must move nothing).
+
+    Parameters
+    ----------
+    buffer : InputBuffer
+        Where the finished line goes, normalised to upper case.
+    out : callable
+        Takes the bytes echoed to the operator.
+    """
+
+    def __init__(self, buffer: InputBuffer, out: Callable[[bytes], None]) -> None:
+        self._buffer = buffer
+        self._out = out
+        self.clear()
+
+    @property
+    def typed(self) -> bytes:
+        """Characters kept so far."""
+        return bytes(self._typed)
+
+    def clear(self) -> None:
+        """Forget what was typed."""
+        self._typed = bytearray()
+        self._too_long = False
+
+    def take(self, character: int) -> bool:
+        """Take one character; True if it ended the line, which then lies in the buffer.
+
+        Raises
+        ------
+        InputError
+            At the terminator of a line of more than 64 characters; the line is forgotten and the buffer empty.
+        """
+        if character in (RETURN, LINE_FEED):
+            return self._end()
+        if character in (BACKSPACE, DELETE, CANCEL):
+            self._rub_out(len(self._typed) if character == CANCEL else 1)
+        elif character == RETYPE:
+            self._out(_NEW_LINE + self._typed)
+        elif character != END:  # 00H is the leader of a paper tape
+            self._keep(SPACE if character == TAB else character)
+        return False
+
+    def _keep(self, character: int) -> None:
+        printable = SPACE <= character < DELETE
+        if printable and len(self._typed) < LINE_LENGTH:
+            self._typed.append(character)
+            self._out(bytes([character]))
+            return
+        self._too_long |= printable
+        self._out(bytes([BELL]))
+
+    def _rub_out(self, count: int) -> None:
+        self._too_long = False
+        for _ in range(min(count, len(self._typed))):
+            self._typed.pop()
+            self._out(_RUB_OUT)
+
+    def _end(self) -> bool:
+        text, too_long = normal(self.typed), self._too_long
+        self.clear()
+        self._out(_NEW_LINE)
+        self._buffer.fill(b"" if too_long else text)
+        if too_long:
+            raise InputError(f"a line has at most {LINE_LENGTH} characters; nothing was done")
+        return True
+
+
+def normal(text: bytes) -> bytes:
+    """Make small letters capitals and change nothing else (NORMAL, row T-54)."""
+    return bytes(c - 0x20 if 0x61 <= c <= 0x7A else c for c in text)
+
+
+def gnumci(buffer: InputBuffer) -> int:
+    """Next character of the buffer, and the pointer one on; at the end a space (GNUMCI, row T-55)."""
+    character = buffer.waiting
+    buffer.advance()
+    return character or SPACE
+
+
+def skip(buffer: InputBuffer) -> bool:
+    """Pass over spaces and separators (SKIP, row T-57).
+
+    Returns
+    -------
+    bool
+        The carry: False at the end of the buffer, True if a character waits.
+    """
+    while buffer.waiting in SEPARATORS:
+        buffer.advance()
+    return buffer.waiting != END
+
+
+def getnum(buffer: InputBuffer) -> int:
+    """Read a decimal number of 16 bits at the pointer (GETNUM, row T-56).
+
+    The pointer ends on the first character after the number.
+
+    Raises
+    ------
+    InputError
+        If no digit stands there, or the number has more than 16 bits (row T-60); it is passed all the same.
+    """
+    return _number(buffer, 10, b"0123456789", "decimal")
+
+
+def gnumhx(buffer: InputBuffer) -> int:
+    """Read a hexadecimal number of 16 bits at the pointer (GNUMHX, row T-56); otherwise as `getnum`."""
+    return _number(buffer, 16, b"0123456789ABCDEF", "hexadecimal")
+
+
+def _number(buffer: InputBuffer, base: int, digits: bytes, kind: str) -> int:
+    start, value = buffer.pointer, 0
+    while buffer.waiting in digits:
+        value = value * base + digits.index(gnumci(buffer))
+    if buffer.pointer == start:
+        found = buffer.text[start : start + 1].decode("ascii") or "the end of the line"
+        raise InputError(f"a {kind} number must stand at column {start + 1}, not {found}")
+    if value > WORD:
+        top = f"{WORD:X}" if base == 16 else str(WORD)
+        number = buffer.text[start : buffer.pointer].decode("ascii")
+        raise InputError(f"a number has 16 bits, 0..{top}, not {number}")
+    return value

@@ -1,0 +1,200 @@
+"""The words of a path: what an operator types before START, and what the host minicomputer sends as a program.
+
+The thesis says that programs come from the host through the second serial channel (4.1) and prints none; the lines
+are ours. They are the terminal's own words, so that whatever can be typed can be sent::
+
+    * a punch                       (a comment)
+    TI 30 TP 100 SPEED 100          settings, taken over where the wire is then
+    NEW 33000 32500                 a straight move, um
+    CW 33500 32000 33000 32000      an arc to a place about a centre; CCW the other way round
+    END
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from typing import NamedTuple
+
+from edmsim.controllers.mcu.dialogue.line_input import InputBuffer, getnum, gnumhx, skip
+from edmsim.controllers.mcu.firmware.timers import MAX_SPEED
+from edmsim.errors import InputError
+
+PROGRAM_ENTRIES = 500
+"""Moves and settings the store holds (ours: at most 9 bytes each, some half of the 8 K of RAM, row T-20)."""
+LAST_WORD, COMMENT = b"END", b"*"
+
+
+class Move(NamedTuple):
+    """A way to a new position in um: straight, or about a centre.
+
+    Attributes
+    ----------
+    end_um : (int, int)
+        New position, 16-bit unsigned.
+    centre_um : (int, int) or None
+        Centre of an arc.
+    clockwise : bool
+        Sense of the arc.
+    """
+
+    end_um: tuple[int, int]
+    centre_um: tuple[int, int] | None = None
+    clockwise: bool = False
+
+    def __str__(self) -> str:
+        """Return the line that would be typed."""
+        if self.centre_um is None:
+            return f"NEW {self.end_um[0]} {self.end_um[1]}"
+        word = "CW" if self.clockwise else "CCW"
+        return f"{word} {self.end_um[0]} {self.end_um[1]} {self.centre_um[0]} {self.centre_um[1]}"
+
+
+class Setting(NamedTuple):
+    """Codes of V(t(i)) and V(t(p)), 0..255, and the cutting speed in units, 1..127; None leaves one as it is."""
+
+    t_i: int | None = None
+    t_p: int | None = None
+    speed: int | None = None
+
+    def __str__(self) -> str:
+        """Return the line that would be typed."""
+        pulses = [f"{word} {code:02X}H" for word, code in (("TI", self.t_i), ("TP", self.t_p)) if code is not None]
+        return " ".join(pulses + ([] if self.speed is None else [f"SPEED {self.speed}"]))
+
+
+Entry = Move | Setting
+
+
+class Codes(NamedTuple):
+    """How times in us become codes of the two DACs.
+
+    Attributes
+    ----------
+    of_t_i, of_t_p : callable
+        From whole us to the nearest code; raise `InputError` outside the range.
+    """
+
+    of_t_i: Callable[[int], int]
+    of_t_p: Callable[[int], int]
+
+
+def read_word(buffer: InputBuffer) -> str:
+    """Read the letters (and question marks) at the pointer, after separators; empty at the end of the line."""
+    skip(buffer)
+    word = ""
+    while chr(buffer.waiting).isalpha() or buffer.waiting == ord("?"):
+        word += chr(buffer.waiting)
+        buffer.advance()
+    return word
+
+
+def read_numbers(buffer: InputBuffer, count: int, what: str) -> list[int]:
+    """Read decimal numbers of 16 bits, separated.
+
+    Raises
+    ------
+    InputError
+        If there are fewer (`what` says what is wanted) or one is none.
+    """
+    numbers: list[int] = []
+    while len(numbers) < count:
+        if not skip(buffer):
+            raise InputError(f"{what} is wanted")
+        numbers.append(getnum(buffer))
+    return numbers
+
+
+def at_end(buffer: InputBuffer) -> None:
+    """Refuse what is left of a line.
+
+    Raises
+    ------
+    InputError
+        If anything but separators is left.
+    """
+    if skip(buffer):
+        raise InputError(f"{buffer.rest.decode('ascii')} is more than is wanted here")
+
+
+def read_move(word: str, buffer: InputBuffer) -> Move:
+    """Read the numbers of NEW, CW or CCW and the end of the line."""
+    if word == "NEW":
+        x, y = read_numbers(buffer, 2, "NEW x y in um")
+        at_end(buffer)
+        return Move((x, y))
+    x, y, xc, yc = read_numbers(buffer, 4, f"{word} x y and the centre's x y in um")
+    at_end(buffer)
+    return Move((x, y), (xc, yc), word == "CW")
+
+
+def read_setting(word: str, buffer: InputBuffer, codes: Codes) -> Setting:
+    """Read one or more of TI, TP and SPEED with their numbers, up to the end of the line.
+
+    A time is a decimal number of us or, with an H after it, a hexadecimal code of the DAC (``4DH``).
+    """
+    found: dict[str, int] = {}
+    while word:
+        if word == "SPEED":
+            found["speed"] = read_numbers(buffer, 1, f"SPEED 1 to {MAX_SPEED} in units")[0]
+            if not 1 <= found["speed"] <= MAX_SPEED:
+                raise InputError(f"SPEED is 1 to {MAX_SPEED} units, not {found['speed']}")
+        elif word == "TI":
+            found["t_i"] = read_code(buffer, codes.of_t_i, "TI in us or as a code 0H to FFH")
+        elif word == "TP":
+            found["t_p"] = read_code(buffer, codes.of_t_p, "TP in us or as a code 0H to FFH")
+        else:
+            raise InputError(f"{word} cannot stand beside settings; TI, TP and SPEED can")
+        word = read_word(buffer)
+    at_end(buffer)
+    return Setting(**found)
+
+
+def read_code(buffer: InputBuffer, code_of: Callable[[int], int], what: str) -> int:
+    """Read a time in us, turned into its code, or the code itself."""
+    if not skip(buffer):
+        raise InputError(f"{what} is wanted")
+    number = buffer.rest.replace(b",", b" ").split()[0]
+    if not number.endswith(b"H"):
+        return code_of(getnum(buffer))
+    code = gnumhx(buffer)
+    buffer.advance()  # the H
+    if code > 0xFF:
+        raise InputError(f"a code is 0H to FFH, not {code:X}H")
+    return code
+
+
+def read_program(lines: Iterable[bytes], codes: Codes) -> list[Entry]:
+    """Read the host's lines, in capitals, up to END.
+
+    Raises
+    ------
+    InputError
+        If a line is none of the words, END is missing, there is no move, or there are too many entries; the line is
+        named.
+    """
+    entries: list[Entry] = []
+    for number, text in enumerate(lines, 1):
+        if text.strip() == LAST_WORD:
+            if not any(isinstance(entry, Move) for entry in entries):
+                raise InputError("the host's program moves nothing")
+            return entries
+        try:
+            entry = _read_line(InputBuffer(text), codes)
+        except InputError as error:
+            raise InputError(f"line {number} of the host's program: {error.reason}") from None
+        if entry is not None:
+            entries.append(entry)
+        if len(entries) > PROGRAM_ENTRIES:
+            raise InputError(f"line {number} of the host's program is one more than the {PROGRAM_ENTRIES} that fit")
+    raise InputError("the host's program ends without END")
+
+
+def _read_line(buffer: InputBuffer, codes: Codes) -> Entry | None:
+    if not skip(buffer) or buffer.rest.startswith(COMMENT):
+        return None
+    word = read_word(buffer)
+    if word in ("NEW", "CW", "CCW"):
+        return read_move(word, buffer)
+    if word in ("TI", "TP", "SPEED"):
+        return read_setting(word, buffer, codes)
+    raise InputError(f"{word or buffer.rest.decode('ascii')} is not one of NEW, CW, CCW, TI, TP, SPEED, END")

@@ -1,0 +1,236 @@
+"""The optimising routine: from the counts of short and open pulses to the cutting speed, in 16-bit words.
+
+The thesis states the aim, to keep both percentages per 255 pulses small by changing the cutting speed (row T-15), and
+leaves the routine for later. This one is ours, in its arithmetic: words of sixteen bits, products of two words in two
+words, quotients by shift and subtract. The share of open pulses, less a weighted share of shorts, is held at a small
+target by a proportional and integrating speed; a short that stays is met by running back along the path.
+
+Scales: speeds are in units of 262.5 nm/s; times in ticks of 0.1 ms of a clock that wraps; places along the path in
+um, wrapped as well, so that only differences count; shares in 1/256 pulse of 255 (`SHARE`), errors in 1/32 (`ERROR`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from edmsim.controllers.mcu.firmware.arithmetic import WORD
+from edmsim.controllers.mcu.firmware.tstates import ADD_T, FRACTION_T, MULTIPLY_T, POSCAL_BOUND_T, READ_OUT_T
+
+TICK_NS = 100_000
+"""System tick: 0.1 ms (ours), so that a word holds 6.5 s, more than twice the longest window."""
+SHARE = 255 << 8
+"""A share of 1: all 255 pulses."""
+ERROR = 255 << 5
+"""An error of 1 in share; the word reaches eight times as far."""
+DOUBLE = 0xFFFF_FFFF
+"""Largest number of two words."""
+HALF = 0x8000
+"""Half of a word: rounds what is cut off, and tells ahead from behind where places wrap."""
+CUT, RETRACT, DWELL, ALARM = range(4)
+"""Phases."""
+BASE_T = READ_OUT_T + POSCAL_BOUND_T + 12 * ADD_T
+"""Cost of every path: reading the counts, phases and comparisons, and POSCAL with the new speed."""
+
+
+class Settings(NamedTuple):
+    """What the routine is set to, all words.
+
+    Attributes
+    ----------
+    target : int
+        Open pulses held, in 1/32 pulse.
+    weight : int
+        Open pulses that a short one outweighs, in 1/256.
+    proportional : int
+        Speed per error, in 2^-16 units per 1/32 pulse.
+    integral : int
+        Growth of the speed per error and tick, in 2^-32 units per 1/32 pulse.
+    filter_ticks : int
+        Time constant of the filter, 0..32767.
+    start, limit, retract, slow : int
+        Speeds in units: at the beginning, at most, backwards, and until the place of a short is reached again.
+    air : int
+        Open pulses from which on there is no metal near, in 1/256 pulse.
+    shorted, clear : int
+        Short pulses of 255 from which on a window counts as shorted, and below which a short has cleared.
+    patience_ticks, retract_ticks, dwell_ticks : int
+        Shorted time before a retract; its longest duration; the wait behind it.
+    progress_um : int
+        A short further on than this is a new one.
+    tries : int
+        Retracts and waits for one short before the alarm.
+    """
+
+    target: int
+    weight: int
+    proportional: int
+    integral: int
+    filter_ticks: int
+    start: int
+    limit: int
+    retract: int
+    slow: int
+    air: int
+    shorted: int
+    clear: int
+    patience_ticks: int
+    retract_ticks: int
+    dwell_ticks: int
+    progress_um: int
+    tries: int
+
+
+@dataclass(slots=True)
+class State:
+    """The routine's variables, all words.
+
+    Attributes
+    ----------
+    clock : int
+        Tick at which the routine last ran.
+    phase, phase_ticks : int
+        `CUT`, `RETRACT`, `DWELL` or `ALARM`, and for how long.
+    short, open : int
+        Filtered counts in 1/256 pulse.
+    shorted_ticks : int
+        For how long there have been shorted windows only.
+    speed, fraction : int
+        Two words: the integral of the speed in units and 2^-16 units.
+    place : int
+        Where along the path the last short began, in um.
+    tries : int
+        Retracts and waits for it; 0 where no short is remembered.
+    """
+
+    clock: int = 0
+    phase: int = CUT
+    phase_ticks: int = 0
+    short: int = 0
+    open: int = 0
+    shorted_ticks: int = 0
+    speed: int = 0
+    fraction: int = 0
+    place: int = 0
+    tries: int = 0
+
+
+def fraction(part: int, whole: int) -> int:
+    """Quotient of two words, the first the smaller one, in 2^-16: sixteen rounds of shift and subtract."""
+    return (part << 16) // whole
+
+
+def optimise(settings: Settings, state: State, short: int, open: int, clock: int, path: int) -> tuple[int, int]:
+    """Take in the counts of a window and decide on the speed.
+
+    Parameters
+    ----------
+    settings : Settings
+    state : State
+        Brought up to date.
+    short, open : int
+        Counts of 255 pulses.
+    clock : int
+        Present tick, a word that wraps.
+    path : int
+        Place along the path in um, a word that wraps.
+
+    Returns
+    -------
+    (int, int)
+        Speed in units, negative backwards; and what the routine cost with the POSCAL that follows, in T-states.
+    """
+    ticks = (clock - state.clock) & WORD
+    state.clock = clock
+    cost = BASE_T + _look(settings, state, short, open, ticks)
+    beyond = (path - state.place) & WORD
+    if settings.progress_um < beyond < HALF:
+        state.tries = 0  # further on: that short is forgotten
+    phase = state.phase
+    if phase == CUT:
+        if state.shorted_ticks and state.shorted_ticks >= settings.patience_ticks:
+            if not state.tries:
+                state.place = path
+            _enter(state, RETRACT)
+            _count_try(settings, state)
+    elif phase in (RETRACT, DWELL):
+        if short < settings.clear:
+            _resume(settings, state, short, open)
+        elif phase == RETRACT and state.phase_ticks >= settings.retract_ticks:
+            _enter(state, DWELL)
+        elif phase == DWELL and state.phase_ticks >= settings.dwell_ticks:
+            _enter(state, DWELL)
+            _count_try(settings, state)
+    if state.phase == CUT:
+        slow = state.tries > 0 and (path - state.place) & WORD >= HALF
+        return _cut(settings, state, settings.slow if slow else settings.limit, ticks, cost)
+    if state.phase == RETRACT:
+        return _retract(settings, state, ticks, cost)
+    return 0, cost
+
+
+def _look(settings: Settings, state: State, short: int, open: int, ticks: int) -> int:
+    """Low-pass both counts and add up the times; return the cost."""
+    state.phase_ticks = min(state.phase_ticks + ticks, WORD)
+    state.shorted_ticks = min(state.shorted_ticks + ticks, WORD) if short >= settings.shorted else 0
+    divisor = settings.filter_ticks + (ticks >> 1)  # of the second order: near the exponential
+    if ticks >= divisor:
+        state.short, state.open = short << 8, open << 8
+        return 0
+    share = (ticks << 16) // divisor
+    state.short += _approach(state.short, short << 8, share)
+    state.open += _approach(state.open, open << 8, share)
+    return FRACTION_T + 2 * MULTIPLY_T
+
+
+def _approach(old: int, new: int, share: int) -> int:
+    """Part of the way from one word to another, rounded."""
+    if new >= old:
+        return ((new - old) * share + HALF) >> 16
+    return -(((old - new) * share + HALF) >> 16)
+
+
+def _enter(state: State, phase: int) -> None:
+    state.phase, state.phase_ticks = phase, 0
+
+
+def _count_try(settings: Settings, state: State) -> None:
+    state.tries = min(state.tries + 1, WORD)
+    if state.tries > settings.tries:
+        _enter(state, ALARM)
+
+
+def _resume(settings: Settings, state: State, short: int, open: int) -> None:
+    """Cut again from where the short cleared, with the filter forgetting the short."""
+    _enter(state, CUT)
+    state.short, state.open = short << 8, open << 8
+    if state.speed >= settings.start:
+        state.speed, state.fraction = settings.start, 0
+
+
+def _retract(settings: Settings, state: State, ticks: int, cost: int) -> tuple[int, int]:
+    """Speed backwards; slower for the last window, so that the wire never goes back further than allowed."""
+    left = max(settings.retract_ticks - state.phase_ticks, 0)
+    if left >= ticks:
+        return -settings.retract, cost
+    return -(settings.retract * fraction(left, ticks) >> 16), cost + FRACTION_T + MULTIPLY_T
+
+
+def _cut(settings: Settings, state: State, limit: int, ticks: int, cost: int) -> tuple[int, int]:
+    """Proportional and integral speed, up to a limit; the limit itself in air."""
+    if state.open >= settings.air:
+        return limit, cost
+    wanted = settings.target + min((state.short >> 3) * settings.weight >> 8, WORD)
+    present = state.open >> 3
+    error = min(abs(present - wanted), WORD)  # SUBSGN
+    most = limit << 16
+    total = state.speed << 16 | state.fraction
+    change = error * settings.proportional
+    cost += 2 * MULTIPLY_T
+    if not state.shorted_ticks:
+        growth = min(error * ticks * settings.integral >> 16, DOUBLE)
+        total = min(max(total + growth if present >= wanted else total - growth, 0), most)
+        state.speed, state.fraction = total >> 16, total & WORD
+        cost += 3 * MULTIPLY_T
+    total = min(max(total + change if present >= wanted else total - change, 0), most)
+    return (total + HALF) >> 16, cost

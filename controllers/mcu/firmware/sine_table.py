@@ -1,0 +1,90 @@
+"""The sine table the thesis advises in place of the square root (6.3, row T-72).
+
+A quarter turn in 255 entries of 8 bits: entry ``i`` is the sine of ``i / 254`` of 90 degrees, entry ``254 - i``
+its cosine. Looked up at the nearest entry it is right to 0.5 % of full scale (row T-A7). The machine has no
+arc tangent: it finds the entry of a direction by halving the table, two products of VERM at each of eight
+comparisons. Against the eleven divisions of SQRT, that is all there is to do.
+"""
+
+from __future__ import annotations
+
+import math
+
+from edmsim.controllers.mcu.firmware.arithmetic import reduc, verm
+from edmsim.controllers.mcu.firmware.poscal import Displacement
+
+LAST = 254
+"""Index of the last entry, 90 degrees: 255 entries in all (row T-72)."""
+
+FULL_SCALE = 255
+"""Entry of a sine of 1: 8 bits (row T-72)."""
+
+SINE = bytes(round(FULL_SCALE * math.sin(math.pi / 2 * i / LAST)) for i in range(LAST + 1))
+"""The table as it would be burnt into the EPROM."""
+
+
+def sine(index: int) -> int:
+    """Sine of ``index / 254`` of 90 degrees, 0..255 for 0..1."""
+    return SINE[index]
+
+
+def cosine(index: int) -> int:
+    """Cosine of ``index / 254`` of 90 degrees, 0..255 for 0..1."""
+    return SINE[LAST - index]
+
+
+def direction(x: int, y: int) -> int:
+    """Index of the entry whose direction lies nearest to a vector's.
+
+    Parameters
+    ----------
+    x, y : int
+        Magnitudes of 8 bits, not both 0.
+
+    Returns
+    -------
+    int
+        0 (along x) to 254 (along y).
+
+    Raises
+    ------
+    InputError
+        If a magnitude does not fit in 8 bits.
+    """
+    low, high = 0, LAST
+    while high - low > 1:
+        middle = (low + high) >> 1
+        if verm(x, sine(middle)) <= verm(y, cosine(middle)):
+            low = middle
+        else:
+            high = middle
+    return low if _aside(x, y, low) <= _aside(x, y, high) else high
+
+
+def _aside(x: int, y: int, index: int) -> int:
+    """Length of a vector, times 255, across the direction of an entry."""
+    return abs(verm(y, cosine(index)) - verm(x, sine(index)))
+
+
+def look_up(x: int, y: int, x_direction: int, y_direction: int) -> Displacement:
+    """Vector of length 255 in the direction of a displacement: what `resolve` does, without a square root.
+
+    VELOCM takes it like any other.
+
+    Parameters
+    ----------
+    x, y : int
+        Magnitudes, 16-bit unsigned.
+    x_direction, y_direction : int
+        +1 or -1, kept as they are.
+
+    Returns
+    -------
+    Displacement
+        Its length is 0 where both magnitudes are.
+    """
+    x, y, halvings = reduc(x, y)
+    if x == y == 0:
+        return Displacement(0, 0, 0, x_direction, y_direction, halvings)
+    index = direction(x, y)
+    return Displacement(cosine(index), sine(index), FULL_SCALE, x_direction, y_direction, halvings)

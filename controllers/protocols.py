@@ -1,0 +1,159 @@
+"""What a feed controller sees, what it commands, and what it must offer."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, ClassVar, NamedTuple, Protocol, runtime_checkable
+
+from edmsim.errors import InputError
+
+if TYPE_CHECKING:
+    from edmsim.controllers.planner.protocol import Step
+    from edmsim.plant.window import PulseWindow
+
+ControllerState = dict[str, float | int | str]
+"""A controller's snapshot, fit for JSON."""
+
+
+class WindowObservation(NamedTuple):
+    """One window of 255 pulses as a real machine would let its controller see it.
+
+    Attributes
+    ----------
+    time_s : float
+        End of the window in s.
+    duration_s : float
+        Length of the window in s: 255 t(p).
+    short, open : int
+        Pulses without removal, 0..255 together.
+    mean_voltage_V : float
+        Gap voltage averaged over the window.
+    mean_current_A : float
+        Gap current averaged over the window.
+    mean_delay_us : float
+        Ignition delay averaged over the pulses that ignited, in us.
+    feed_um_s : float
+        Feed that was commanded for the window in um/s.
+    path_um : float
+        Length travelled along the path by the position counters at the end of the window, in um.
+    """
+
+    time_s: float
+    duration_s: float
+    short: int
+    open: int
+    mean_voltage_V: float
+    mean_current_A: float
+    mean_delay_us: float
+    feed_um_s: float
+    path_um: float
+
+
+class FeedCommand(NamedTuple):
+    """What a controller wants for the next window.
+
+    Attributes
+    ----------
+    feed_um_s : float
+        Speed along the path in um/s; negative runs back along it.
+    alarm : str or None
+        Why the machine must stop, or None.
+    t_on_us, t_period_us : float or None
+        Setting wanted of the generator from the next window on; None leaves it as it is. A setting the
+        generator refuses changes nothing.
+    latency_s : float
+        When the new feed counts, after the window's end in s: a processor takes time. Until then the machine runs
+        at the feed it had.
+    """
+
+    feed_um_s: float
+    alarm: str | None = None
+    t_on_us: float | None = None
+    t_period_us: float | None = None
+    latency_s: float = 0.0
+
+
+class FeedController(Protocol):
+    """Decides the feed, window by window."""
+
+    name: ClassVar[str]
+
+    def reset(self, max_feed_um_s: float) -> FeedCommand:
+        """Begin a new cut.
+
+        Parameters
+        ----------
+        max_feed_um_s : float
+            Largest feed the machine can run, in um/s, either way.
+
+        Returns
+        -------
+        FeedCommand
+            For the first window, of which nothing has been seen yet.
+
+        Raises
+        ------
+        InputError
+            If a parameter asks for more than the machine can run.
+        """
+
+    def update(self, window: WindowObservation) -> FeedCommand:
+        """Feed for the next window, after what the last one showed."""
+
+    def snapshot(self) -> ControllerState:
+        """Everything that changes while cutting."""
+
+    def restore(self, state: ControllerState) -> None:
+        """Continue exactly where `snapshot` was taken."""
+
+
+@runtime_checkable
+class SeesTruth(Protocol):
+    """A controller that looks at what no machine shows: a bound to compare with, not one to cut with."""
+
+    def see(self, truth: PulseWindow) -> None:
+        """Take in what happened in the gap; called after every window, before `FeedController.update`."""
+
+
+@runtime_checkable
+class MissesWindows(Protocol):
+    """A controller that may be too late for counts."""
+
+    @property
+    def missed_windows(self) -> int:
+        """Windows not read in time since the leg began (row T-44)."""
+
+
+@runtime_checkable
+class DrivesSteps(Protocol):
+    """A controller with lines to the motors: a planner's steps go through it."""
+
+    def drive(self, steps: list[Step]) -> list[Step]:
+        """Make a planner's steps, in order of time; return those that the motors made."""
+
+
+def check_parameter(controller: str, name: str, value: float) -> None:
+    """Refuse a parameter that is no finite number of 0 or more, or a ``*_share`` above 1."""
+    number = isinstance(value, int | float) and not isinstance(value, bool)
+    top = 1.0 if name.endswith("_share") else math.inf
+    if not (number and math.isfinite(value) and 0 <= value <= top):
+        allowed = "a number from 0 to 1" if top == 1.0 else "a number of 0 or more"
+        raise InputError(f"{name} of the {controller} controller must be {allowed}, not {value!r}")
+
+
+def check_command(controller: str, command: object) -> FeedCommand:
+    """Return what a controller answered; refuse what is no command, or a feed that is no finite number."""
+    if not isinstance(command, FeedCommand):
+        raise InputError(f"the {controller} controller answered {command!r}: it must return a FeedCommand")
+    if not math.isfinite(command.feed_um_s):
+        raise InputError(f"the {controller} controller commanded a feed of {command.feed_um_s!r} um/s")
+    return command
+
+
+def check_feed(controller: str, name: str, feed_um_s: float, max_feed_um_s: float) -> None:
+    """Refuse a feed beyond what the machine can run."""
+    if feed_um_s > max_feed_um_s:
+        raise InputError(
+            f"{name} of the {controller} controller is {feed_um_s} um/s, "
+            f"but the machine runs at most {max_feed_um_s} um/s"
+        )

@@ -1,0 +1,1 @@
+"""Speed of plant, controllers and environments: ``edmsim bench``."""

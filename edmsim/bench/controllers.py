@@ -1,0 +1,62 @@
+"""Speed of the 1982 controller: its figures in ``edmsim bench``."""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+
+from edmsim.controllers import make
+from edmsim.controllers.mcu.firmware.poscal import poscal
+from edmsim.cosim.simulation import Simulation
+from edmsim.machine.machine import Machine
+from edmsim.program.path import Contour, CutPath
+
+WINDOWS = 100
+SETTLE_WINDOWS = 300
+"""Windows before timing, so that the wire cuts."""
+CALLS = 5000
+REPEATS = 12
+"""A figure is the best of so many runs, as others use the machine too."""
+_FROM_UM, _TO_UM = (30_000, 30_000), (36_000, 33_000)
+
+
+def _cut(controller: str) -> Simulation:
+    """Return a cut in progress, along an oblique line: both motors step."""
+    points_um = np.array([_FROM_UM, _TO_UM], np.int64)
+    contour = Contour(points_um, 0, points_um.astype(np.float64) * 1e-3, False, "left", (), (1,))
+    path = CutPath((contour,), (25.0, 25.0, 40.0, 40.0), 0.13, 0.0, (30.0, 30.0), (), "bench")
+    cut = Simulation(Machine.load(), path, make(controller), seed=0)
+    _run_s(cut, SETTLE_WINDOWS)
+    return cut
+
+
+def _run_s(cut: Simulation, windows: int) -> float:
+    started = time.perf_counter()
+    for _ in range(windows):
+        cut.step()
+    return time.perf_counter() - started
+
+
+def controller_overhead() -> float:
+    """Share of a cut's wall time that the registers add: `mcu` over `counts`, less 1, at the default resolution.
+
+    Both cut the same, by turns.
+    """
+    law, whole = _cut("counts"), _cut("mcu")
+    times = [(_run_s(law, WINDOWS), _run_s(whole, WINDOWS)) for _ in range(REPEATS)]
+    return min(t for _, t in times) / min(t for t, _ in times) - 1
+
+
+def poscal_calls_per_s() -> float:
+    """Calls of POSCAL in a second, over displacements of all lengths."""
+    rng = np.random.default_rng(0)
+    places = rng.integers(0, 65_536, (CALLS, 2, 2)) >> rng.integers(0, 12, (CALLS, 1, 1))
+    pairs = [((ax, ay), (bx, by)) for (ax, ay), (bx, by) in places.tolist()]
+    best = float("inf")
+    for _ in range(REPEATS):
+        started = time.perf_counter()
+        for position, target in pairs:
+            poscal(position, target, 127)
+        best = min(best, time.perf_counter() - started)
+    return CALLS / best

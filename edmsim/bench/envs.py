@@ -1,0 +1,67 @@
+"""Speed of the environments: figures for ``edmsim bench``."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+
+import gymnasium as gym
+import numpy as np
+
+from edmsim.envs.scenarios import MAX_FEED_UM_S
+
+FEED_UM_S = 28.0
+"""Feed of the straight cut that is timed: most pulses spark."""
+LANES = 64
+SETTLE_STEPS = 400
+"""Steps before timing, so that the wire cuts a full kerf."""
+SLICE_S, SLICES = 0.05, 20
+"""A figure is the best of so many spells of timing, as long for every environment: a short spell finds a quiet moment
+of the machine more easily than a long one."""
+
+
+def env_steps_per_s(resolution: str = "default") -> float:
+    """Steps per second of one environment of `gymnasium.make`, in a straight cut."""
+    env = gym.make("edmsim/GapFeed-v0", max_episode_steps=-1, resolution=resolution, action="speed")
+    env.reset(seed=0)
+    action = np.array([FEED_UM_S / MAX_FEED_UM_S], np.float32)
+    rate = _best_rate(lambda: env.step(action))
+    env.close()
+    return rate
+
+
+def vector_env_steps_per_s(resolution: str = "default", lanes: int = LANES) -> float:
+    """Steps per second of all lanes of the native vector environment together, in straight cuts."""
+    env = gym.make_vec(
+        "edmsim/GapFeed-v0", num_envs=lanes, vectorization_mode="vector_entry_point", max_episode_steps=10**9,
+        resolution=resolution, action="speed",
+    )
+    env.reset(seed=0)
+    actions = np.full((lanes, 1), FEED_UM_S / MAX_FEED_UM_S, np.float32)
+    rate = _best_rate(lambda: env.step(actions))
+    env.close()
+    return lanes * rate
+
+
+def half_cheetah_steps_per_s() -> float | None:
+    """Steps per second of Gymnasium's HalfCheetah-v5, to compare with; None without `gymnasium[mujoco]`."""
+    try:
+        env = gym.make("HalfCheetah-v5", max_episode_steps=-1)
+    except (ImportError, gym.error.DependencyNotInstalled):
+        return None
+    env.reset(seed=0)
+    action = np.full(env.action_space.shape or (), 0.1, np.float32)
+    rate = _best_rate(lambda: env.step(action))
+    env.close()
+    return rate
+
+
+def _best_rate(step: Callable[[], object]) -> float:
+    def timed(steps: int) -> float:
+        started = time.perf_counter()
+        for _ in range(steps):
+            step()
+        return time.perf_counter() - started
+
+    steps = max(1, round(SLICE_S / timed(SETTLE_STEPS) * SETTLE_STEPS))
+    return steps / min(timed(steps) for _ in range(SLICES))

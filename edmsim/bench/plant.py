@@ -1,0 +1,240 @@
+"""Speed of this machine: the figures of ``edmsim bench``."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from edmsim.compiled.jit import compiled
+from edmsim.machine.machine import Machine
+from edmsim.plant.constants import gap_law
+from edmsim.plant.gap.breakdown import GapLaw, slice_sums
+from edmsim.plant.gap.generator import timing
+from edmsim.plant.gap.rays import Rays
+from edmsim.plant.kernel.state import PULSES_PER_WINDOW
+from edmsim.plant.plant import Plant
+
+if TYPE_CHECKING:
+    from rich.console import RenderableType
+
+FEED_UM_S = 28.0
+"""Feed of the straight cut that is timed: well into the metal, most pulses spark."""
+SETTLE_WINDOWS = 400
+"""Windows before timing, so that the wire cuts a full kerf."""
+TIMED_WINDOWS = 200
+REPEATS = 12
+"""A figure is the best of so many runs, as others use the machine too."""
+MUJOCO_WINDOWS = 20
+THREAD_S = 1.0
+MEMORY_S = 60.0
+"""Machine time over which memory must not grow."""
+_COLD = (
+    "import edmsim\n"
+    "plant = edmsim.Plant(edmsim.Machine.load(), seed=0)\n"
+    "plant.advance()\n"
+)
+
+
+def _straight_cut(plant: Plant) -> Iterator[None]:
+    """Advance a plant window by window at the feed of the benchmark."""
+    interval_ns = round(plant.machine.base.table.step_um.value * 1e9 / FEED_UM_S)
+    window_ns, until = plant.window_ns, plant.time_ns
+    due = until + interval_ns
+    while True:
+        until += window_ns
+        steps = [(t, 0, 1) for t in range(due, until, interval_ns)] if due < until else ()
+        due += len(steps) * interval_ns
+        plant.advance(steps)
+        yield
+
+
+def _best_s(cut: Iterator[None], windows: int) -> float:
+    """Shortest time in which the next `windows` windows were done."""
+
+    def once() -> float:
+        started = time.perf_counter()
+        for _ in range(windows):
+            next(cut)
+        return time.perf_counter() - started
+
+    return min(once() for _ in range(REPEATS))
+
+
+def pulses_per_s(resolution: str) -> tuple[float, Plant]:
+    """Pulses per second of one core in a straight cut, and the plant as it was left."""
+    plant = Plant(Machine.load(), seed=0, resolution=resolution)
+    cut = _straight_cut(plant)
+    for _ in range(SETTLE_WINDOWS):
+        next(cut)
+    return TIMED_WINDOWS * PULSES_PER_WINDOW / _best_s(cut, TIMED_WINDOWS), plant
+
+
+def mujoco_realtime_factor() -> float:
+    """Machine time over wall time where MuJoCo moves wire and table, at the default resolution and 10 kHz."""
+    plant = Plant(Machine.load(), seed=0, mechanics="mujoco")
+    cut = _straight_cut(plant)
+    next(cut)
+    return MUJOCO_WINDOWS * plant.window_ns * 1e-9 / _best_s(cut, MUJOCO_WINDOWS)
+
+
+@compiled
+def _sum_rays(rays: Rays, law: GapLaw, sums: NDArray[np.float64], pulses: int) -> float:
+    """The one part of a pulse no plant of this kind can do without."""
+    total = 0.0
+    for pulse in range(pulses):
+        for s in range(rays.distance.shape[0]):
+            shift = 1e-3 * (pulse % 7)
+            slice_sums(rays, s, shift, shift, law, 1.0, sums)
+            total += sums[s, 0] + sums[s, 2] + sums[s, 3]
+    return total
+
+
+def ray_sums_per_s(plant: Plant) -> float:
+    """Pulses per second if a pulse were nothing but the sums over its rays: the bound of this design."""
+    law = gap_law(plant.machine, plant.resolution, timing(plant.machine).open_V)
+    rays = plant.rays()
+    sums = np.zeros((plant.resolution.slices, 4))
+    pulses = TIMED_WINDOWS * PULSES_PER_WINDOW // 2
+    _sum_rays(rays, law, sums, 1)
+
+    def once() -> float:
+        started = time.perf_counter()
+        _sum_rays(rays, law, sums, pulses)
+        return time.perf_counter() - started
+
+    return pulses / min(once() for _ in range(REPEATS))
+
+
+def _together(works: Sequence[Callable[[], object]]) -> float:
+    """Rounds per second that some kinds of work do side by side, each in a thread of its own."""
+    rounds = [0] * len(works)
+    stop = threading.Event()
+
+    def run(k: int) -> None:
+        while not stop.is_set():
+            works[k]()
+            rounds[k] += 1
+
+    threads = [threading.Thread(target=run, args=(k,)) for k in range(len(works))]
+    for thread in threads:
+        thread.start()
+    time.sleep(THREAD_S)
+    stop.set()
+    for thread in threads:
+        thread.join()
+    return sum(rounds) / THREAD_S
+
+
+def thread_scaling() -> tuple[float, float]:
+    """Gain of two threads over one: of two plants, and of two loops that only compute.
+
+    The second is what the processors give (two that share a core give 1.2), so it is measured beside the first.
+    """
+    plants = [Plant(Machine.load(), seed=seed) for seed in range(2)]
+    cuts = [_straight_cut(plant) for plant in plants]
+    for cut in cuts:
+        for _ in range(SETTLE_WINDOWS):
+            next(cut)
+    law = gap_law(plants[0].machine, plants[0].resolution, timing(plants[0].machine).open_V)
+    rays = plants[0].rays()
+    advance: list[Callable[[], object]] = [lambda cut=cut: next(cut) for cut in cuts]  # type: ignore[misc]
+    compute = [_summing(rays, law) for _ in range(2)]
+    gains = []
+    for works in (advance, compute):
+        alone = max(_together(works[:1]) for _ in range(2))
+        gains.append(max(_together(works) for _ in range(2)) / alone)
+    return gains[0], gains[1]
+
+
+def _summing(rays: Rays, law: GapLaw) -> Callable[[], object]:
+    """Work of a thread that sums rays, into an array of its own."""
+    sums = np.zeros((len(rays.first), 4))
+    return lambda: _sum_rays(rays, law, sums, PULSES_PER_WINDOW)
+
+
+def memory_growth_MB() -> float:
+    """Growth of the process over a minute of machine time, less the tiles of the kerf field."""
+    plant = Plant(Machine.load(), seed=0, resolution="fast")
+    cut = _straight_cut(plant)
+    for _ in range(SETTLE_WINDOWS):
+        next(cut)
+    before, end = _resident_MB() - plant.field.tiles.nbytes * 1e-6, plant.time_ns + MEMORY_S * 1e9
+    while plant.time_ns < end:
+        next(cut)
+    return _resident_MB() - plant.field.tiles.nbytes * 1e-6 - before
+
+
+def _resident_MB() -> float:
+    """Memory of this process in use, or 0 where the system does not tell."""
+    with suppress(OSError):
+        import resource
+
+        pages = int(Path("/proc/self/statm").read_text().split()[1])
+        return pages * resource.getpagesize() * 1e-6
+    return 0.0
+
+
+def cold_start_s() -> float:
+    """Seconds from starting Python to the end of the first window, with the loop compiled before."""
+    command = [sys.executable, "-c", _COLD]
+    subprocess.run(command, check=True)
+    started = time.perf_counter()
+    subprocess.run(command, check=True)
+    return time.perf_counter() - started
+
+
+def measure() -> dict[str, float]:
+    """Return all figures by name; ``realtime_factor`` is that of the default resolution at its own period.
+
+    ``ray_sums_per_s`` is the bound the first is to be compared with, ``ray_sum_share`` the part of its time that
+    goes there; ``controller_overhead`` is the share of time that the registers of 1982 add to a cut;
+    ``thread_efficiency`` is the gain of two plants in two threads over that of two compute loops;
+    ``half_cheetah_steps_per_s`` is there if Gymnasium's MuJoCo environments are.
+    """
+    from edmsim.bench.controllers import controller_overhead, poscal_calls_per_s
+    from edmsim.bench.envs import env_steps_per_s, half_cheetah_steps_per_s, vector_env_steps_per_s
+
+    default, plant = pulses_per_s("default")
+    bound = ray_sums_per_s(plant)
+    plants, loops = thread_scaling()
+    cheetah = half_cheetah_steps_per_s()
+    return {
+        "pulses_per_s": default,
+        "realtime_factor": default * Machine.load().t_period_us * 1e-6,
+        "pulses_per_s_fast": pulses_per_s("fast")[0],
+        "pulses_per_s_fine": pulses_per_s("fine")[0],
+        "ray_sums_per_s": bound,
+        "ray_sum_share": default / bound,
+        "mujoco_realtime_factor": mujoco_realtime_factor(),
+        "env_steps_per_s": env_steps_per_s(),
+        "vector_env_steps_per_s": vector_env_steps_per_s(),
+        "vector_env_steps_per_s_fast": vector_env_steps_per_s("fast"),
+        **({} if cheetah is None else {"half_cheetah_steps_per_s": cheetah}),
+        "controller_overhead": controller_overhead(),
+        "poscal_calls_per_s": poscal_calls_per_s(),
+        "threads_plants": plants,
+        "threads_compute": loops,
+        "thread_efficiency": plants / loops,
+        "memory_growth_MB": memory_growth_MB(),
+        "cold_start_s": cold_start_s(),
+    }
+
+
+def render(figures: dict[str, float]) -> RenderableType:
+    """Return the figures as a table for the terminal."""
+    from rich.table import Table
+
+    table = Table("figure", "value", title="edmsim bench, one core")
+    table.columns[1].justify = "right"
+    for name, value in figures.items():
+        table.add_row(name, f"{value:,.0f}" if value > 1000 else f"{value:,.2f}")
+    return table

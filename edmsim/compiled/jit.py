@@ -1,0 +1,104 @@
+"""How compiled code is made: numba, without the GIL, cached under a key that covers all its sources.
+
+numba's own cache looks only at the file in which a function stands. Compiled code calls functions of several files,
+so a change in one of them would go unnoticed and old machine code would run. Here the cache folder is named after a
+digest of every file that compiles something, of all they import, and of numba and the processor.
+"""
+
+from __future__ import annotations
+
+import getpass
+import hashlib
+import os
+import re
+import shutil
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, ParamSpec, TypeVar, cast
+
+import numba
+
+_P = ParamSpec("_P")
+_R = TypeVar("_R")
+_PACKAGE = Path(__file__).parents[1]
+_COMPILES = "edmsim.compiled.jit import"
+_IMPORT = re.compile(r"^ *from (edmsim[\w.]*) import (?:\(([\w,\s]*)\)|([\w, ]*))", re.M)
+_KEPT_S = 30 * 24 * 3600.0
+# NaN and infinity keep their meaning: the loop tests for them. The rest lets sums be vectorised.
+FAST = {"reassoc", "contract", "arcp", "nsz", "afn"}
+# Everything is inlined into one function, and arrays are not reference-counted: their owner, the plant, outlives
+# the call, and the atomic counting took a third of the loop's time. So nothing in the loop may allocate.
+_OPTIONS: dict[str, Any] = {
+    "cache": True, "nogil": True, "fastmath": FAST, "error_model": "numpy", "forceinline": True, "_nrt": False,
+}
+
+
+def _file_of(module: str) -> Path | None:
+    """Return the source of a module of edmsim, which may stand in a top-level folder; None for a package."""
+    parts = module.split(".")[1:]
+    for base in (_PACKAGE, _PACKAGE.parent):
+        file = base.joinpath(*parts).with_suffix(".py")
+        if parts and file.is_file():
+            return file
+    return None
+
+
+def _sources() -> list[Path]:
+    """Return every file that compiles something, and what these import, over any number of steps."""
+    folders = [_PACKAGE, *(f for f in (_PACKAGE.parent / "controllers", _PACKAGE.parent / "envs") if f.is_dir())]
+    waiting = {f.resolve() for folder in folders for f in folder.rglob("*.py") if _COMPILES in f.read_text("utf-8")}
+    found: set[Path] = set()
+    while waiting:
+        file = waiting.pop()
+        found.add(file)
+        for package, listed, named in _IMPORT.findall(file.read_text("utf-8")):
+            names = [words.split()[0] for words in (listed or named).split(",") if words.strip()]
+            modules = [package, *(f"{package}.{name}" for name in names)]
+            waiting |= {f.resolve() for f in map(_file_of, modules) if f is not None} - found
+    return sorted(found)
+
+
+def _source_digest() -> str:
+    digest = hashlib.sha256(numba.__version__.encode())
+    for file in _sources():
+        digest.update(file.read_bytes())
+    return digest.hexdigest()[:16]
+
+
+def _cache_folder() -> Path:
+    base = os.environ.get("XDG_CACHE_HOME")
+    root = (Path(base) if base else Path.home() / ".cache") / "edmsim" / "compiled"
+    folder = root / _source_digest()
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        folder.touch()
+        if not os.access(folder, os.W_OK):
+            raise PermissionError(folder)
+        _drop_unused(root)
+    except OSError:
+        return Path(tempfile.gettempdir()) / f"edmsim-compiled-{getpass.getuser()}" / folder.name
+    return folder
+
+
+def _drop_unused(root: Path) -> None:
+    """Delete what no checkout has used for a long time; each import of edmsim touches its own folder."""
+    for folder in root.iterdir():
+        if time.time() - folder.stat().st_mtime > _KEPT_S:
+            shutil.rmtree(folder, ignore_errors=True)
+
+
+_FOLDER = _cache_folder()
+
+
+def compiled(function: Callable[_P, _R]) -> Callable[_P, _R]:
+    """Compile a function: no Python objects, no GIL, machine code kept between runs."""
+    config: Any = numba.config
+    before = config.CACHE_DIR
+    config.CACHE_DIR = str(_FOLDER)
+    try:
+        jit = numba.njit(**_OPTIONS)
+        return cast("Callable[_P, _R]", jit(function))
+    finally:
+        config.CACHE_DIR = before

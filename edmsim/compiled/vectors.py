@@ -1,0 +1,280 @@
+"""Vectors of the pulse loop: some numbers side by side in one register, with the arithmetic written out.
+
+The compiler makes vectors of a loop only where it can prove that no array overlaps another, and adds across a
+vector where a sum of four needs a third of the work. The loop's few hot passes therefore say what they mean: 8 gaps
+(float32) or 4 modal coordinates (float64) at a time. Wider or narrower registers change the code, never the order of
+the operations.
+
+In compiled code a vector is made by `load`, goes back by `store`, and knows ``+ - * /`` with others and with numbers.
+"""
+
+from __future__ import annotations
+
+import operator
+from collections.abc import Callable
+from typing import Any, cast
+
+from llvmlite import ir
+from numba import types
+from numba.core import cgutils as untyped_cgutils
+from numba.core import datamodel as untyped_datamodel
+from numba.extending import intrinsic, overload, register_model
+
+from edmsim.compiled.jit import FAST, compiled
+
+cgutils: Any = untyped_cgutils
+datamodel: Any = untyped_datamodel
+
+GAPS, COORDINATES = 8, 4
+"""Numbers of a vector of float32, and of float64."""
+
+
+@compiled
+def filled(count: int, lanes: int = COORDINATES) -> int:
+    """So many numbers, of float64 unless said otherwise, filled up to whole vectors."""
+    return (count + lanes - 1) // lanes * lanes
+
+
+def _operation(generator: Callable[..., Any]) -> Callable[..., Any]:
+    """Make an operation of compiled code of what types and generates it."""
+    return cast("Callable[..., Any]", intrinsic(generator))
+
+
+class Vector(types.Type):
+    """Type of a vector in compiled code: that of its elements decides how many there are."""
+
+    def __init__(self, element: types.Float) -> None:
+        self.element = element
+        self.count = GAPS if element == types.float32 else COORDINATES
+        super().__init__(name=f"Vector({element} x {self.count})")
+
+
+_VECTORS: dict[Any, Vector] = {element: Vector(element) for element in (types.float32, types.float64)}
+
+
+@register_model(Vector)
+class _VectorModel(datamodel.PrimitiveModel):  # type: ignore[misc]
+    def __init__(self, manager: Any, kind: Vector) -> None:
+        scalar = ir.FloatType() if kind.element == types.float32 else ir.DoubleType()
+        super().__init__(manager, kind, ir.VectorType(scalar, kind.count))
+
+
+def _llvm(context: Any, kind: Vector) -> Any:
+    return context.get_value_type(kind)
+
+
+def _place(context: Any, builder: Any, array: Any, of: Any, index: Any, index_of: Any) -> Any:
+    """Pointer to a vector in a C-contiguous array."""
+    view = context.make_array(of)(context, builder, array)
+    indices = [
+        context.cast(builder, value, kind, types.intp)
+        for value, kind in zip(cgutils.unpack_tuple(builder, index), index_of, strict=True)
+    ]
+    pointer = cgutils.get_item_pointer(context, builder, of, view, indices)
+    return builder.bitcast(pointer, _llvm(context, _VECTORS[of.dtype]).as_pointer())
+
+
+@_operation
+def load(_typing: Any, array: Any, index: Any) -> Any:
+    """Vector of an array's elements from an index (a tuple) on."""
+    kind = _VECTORS[array.dtype]
+
+    def generate(context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
+        place = _place(context, builder, arguments[0], array, arguments[1], index)
+        return builder.load(place, align=array.dtype.bitwidth // 8)
+
+    return kind(array, index), generate
+
+
+@_operation
+def store(_typing: Any, array: Any, index: Any, vector: Any) -> Any:
+    """Write a vector to an array's elements from an index (a tuple) on."""
+
+    def generate(context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
+        place = _place(context, builder, arguments[0], array, arguments[1], index)
+        builder.store(arguments[2], place, align=array.dtype.bitwidth // 8)
+        return context.get_dummy_value()
+
+    return types.none(array, index, vector), generate
+
+
+def _spread(context: Any, builder: Any, value: Any, of: Any, kind: Any) -> Any:
+    """Vector with a number in every lane; a vector as it is."""
+    if isinstance(of, Vector):
+        return value
+    vector = _llvm(context, kind)
+    scalar = context.cast(builder, value, of, kind.element)
+    single = builder.insert_element(ir.Constant(vector, ir.Undefined), scalar, ir.Constant(ir.IntType(32), 0))
+    mask = ir.Constant(ir.VectorType(ir.IntType(32), kind.count), None)
+    return builder.shuffle_vector(single, single, mask)
+
+
+@_operation
+def spread(_typing: Any, number: Any) -> Any:
+    """Vector of a float32 or float64 in every lane."""
+    kind = _VECTORS[number]
+
+    def generate(context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
+        return _spread(context, builder, arguments[0], number, kind)
+
+    return kind(number), generate
+
+
+def _kind_of(a: Any, b: Any) -> Any:
+    """Type of the result of an operation between two vectors, or a vector and a number; None if it is neither."""
+    for one, other in ((a, b), (b, a)):
+        if isinstance(one, Vector) and (other == one or isinstance(other, types.Float)):
+            return one
+    return None
+
+
+def _lane_by_lane(combine: Callable[[Any, Any, Any], Any]) -> Callable[..., Any]:
+    """Operation on two vectors, or a vector and a number, from what it builds of the two (builder, left, right)."""
+
+    @_operation
+    def apply(_typing: Any, a: Any, b: Any) -> Any:
+        kind = _kind_of(a, b)
+
+        def generate(context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
+            left, right = (
+                _spread(context, builder, value, of, kind) for value, of in zip(arguments, (a, b), strict=True)
+            )
+            return combine(builder, left, right)
+
+        return kind(a, b), generate
+
+    return apply
+
+
+def _arithmetic(instruction: str, *signs: Any) -> None:
+    apply = _lane_by_lane(
+        lambda builder, left, right: getattr(builder, instruction)(left, right, flags=tuple(sorted(FAST)))
+    )
+
+    def operation(a: Any, b: Any) -> Callable[[Any, Any], Any] | None:
+        return (lambda a, b: apply(a, b)) if _kind_of(a, b) is not None else None
+
+    for sign in signs:
+        overload(sign, strict=False)(operation)
+
+
+_arithmetic("fadd", operator.add, operator.iadd)
+_arithmetic("fsub", operator.sub)
+_arithmetic("fmul", operator.mul)
+_arithmetic("fdiv", operator.truediv)
+
+
+highest = _lane_by_lane(
+    lambda builder, left, right: builder.select(builder.fcmp_ordered(">", left, right), left, right)
+)
+"""The greater of two vectors, or of a vector and a number, lane by lane."""
+
+
+@_operation
+def total(_typing: Any, vector: Any) -> Any:
+    """Sum of a vector's elements."""
+
+    def generate(context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
+        scalar = context.get_value_type(vector.element)
+        name = f"llvm.vector.reduce.fadd.v{vector.count}f{vector.element.bitwidth}"
+        kind = ir.FunctionType(scalar, [scalar, arguments[0].type])
+        function = cgutils.get_or_insert_function(builder.module, kind, name)
+        return builder.call(function, [ir.Constant(scalar, -0.0), arguments[0]], fastmath=tuple(sorted(FAST)))
+
+    return vector.element(vector), generate
+
+
+def _shuffled(builder: Any, a: Any, b: Any, lanes: list[int]) -> Any:
+    mask = ir.Constant(ir.VectorType(ir.IntType(32), len(lanes)), lanes)
+    return builder.shuffle_vector(a, b, mask)
+
+
+def _halved(builder: Any, a: Any, b: Any, lanes: int, group: int) -> Any:
+    """Sums of pairs of lanes `group` apart, those of `a` and of `b` in turn in groups of so many."""
+    even = [k for k in range(2 * lanes) if (k // group) % 2 == 0]
+    odd = [k + group for k in even]
+    return builder.fadd(_shuffled(builder, a, b, even), _shuffled(builder, a, b, odd), flags=tuple(sorted(FAST)))
+
+
+@_operation
+def totals(_typing: Any, a: Any, b: Any, c: Any, d: Any) -> Any:
+    """Sums of four vectors of float32, as a vector of float64: all four are added up together."""
+    kind = _VECTORS[types.float64]
+
+    def generate(context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
+        lanes = a.count
+        ab = _halved(builder, arguments[0], arguments[1], lanes, lanes // 2)  # a in the lower half, b in the upper
+        cd = _halved(builder, arguments[2], arguments[3], lanes, lanes // 2)
+        sums = _halved(builder, ab, cd, lanes, lanes // 4)  # a, b, c, d in quarters
+        group = lanes // 8
+        while group:
+            sums = _halved(builder, sums, sums, sums.type.count, group)
+            sums = _shuffled(builder, sums, sums, list(range(sums.type.count // 2)))
+            group //= 2
+        return builder.fpext(sums, _llvm(context, kind))
+
+    return kind(a, b, c, d), generate
+
+
+@_operation
+def element(_typing: Any, vector: Any, lane: Any) -> Any:
+    """One element of a vector."""
+
+    def generate(context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
+        return builder.extract_element(arguments[0], context.cast(builder, arguments[1], lane, types.int32))
+
+    return vector.element(vector, lane), generate
+
+
+@_operation
+def running(_typing: Any, vector: Any) -> Any:
+    """Sums of a vector's elements up to each lane, itself included."""
+
+    def generate(context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
+        sums, lanes = arguments[0], vector.count
+        zero = ir.Constant(_llvm(context, vector), None)
+        away = 1
+        while away < lanes:
+            moved = _shuffled(builder, zero, sums, [k - away + lanes if k >= away else k for k in range(lanes)])
+            sums = builder.fadd(sums, moved)
+            away *= 2
+        return sums
+
+    return vector(vector), generate
+
+
+def _flags(builder: Any, vector: Vector, flags: Any) -> Any:
+    """Truth values of a vector's lanes as the bits of a whole number."""
+    return builder.zext(builder.bitcast(flags, ir.IntType(vector.count)), ir.IntType(64))
+
+
+@_operation
+def passed(_typing: Any, vector: Any, number: Any) -> Any:
+    """How many lanes do not exceed a number."""
+
+    def generate(context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
+        limit = _spread(context, builder, arguments[1], number, vector)
+        flags = _flags(builder, vector, builder.fcmp_ordered("<=", arguments[0], limit))
+        return builder.ctpop(flags)
+
+    return types.int64(vector, number), generate
+
+
+@_operation
+def least(_typing: Any, vector: Any) -> Any:
+    """Least element of a vector, and the first lane it stands in."""
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        found = arguments[0]
+        while found.type.count > 1:
+            half = found.type.count // 2
+            low, high = (_shuffled(builder, found, found, [k + first for k in range(half)]) for first in (0, half))
+            found = builder.select(builder.fcmp_ordered("<", low, high), low, high)
+        smallest = builder.extract_element(found, ir.Constant(ir.IntType(32), 0))
+        limit = _spread(context, builder, smallest, vector.element, vector)
+        flags = _flags(builder, vector, builder.fcmp_ordered("<=", arguments[0], limit))
+        place = builder.cttz(flags, ir.Constant(ir.IntType(1), 0))
+        return context.make_tuple(builder, signature.return_type, [smallest, place])
+
+    pair: Any = types.Tuple
+    return pair([vector.element, types.int64])(vector), generate

@@ -1,0 +1,1 @@
+"""Plant and controller run together, window by window."""

@@ -1,0 +1,41 @@
+"""A contour cut at its dwells: the stretches a planner is made for."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from edmsim.program.path import Contour
+
+
+class Leg(NamedTuple):
+    """A stretch of path between two stops of the program: threading, a dwell, the end.
+
+    Attributes
+    ----------
+    points_um : int64 array (n, 2)
+    threads : bool
+        A fresh wire is threaded at the first point.
+    rest_s, dwell_s : float
+        How long the wire waits at the first point before it moves, and at the last one (G4).
+    """
+
+    points_um: NDArray[np.int64]
+    threads: bool
+    rest_s: float
+    dwell_s: float
+
+
+def legs_of(contour: Contour) -> list[Leg]:
+    """Cut a contour's path at its dwells."""
+    stops = sorted(dict.fromkeys(i for i, _ in contour.dwells))
+    wait = {i: sum(s for j, s in contour.dwells if j == i) for i in stops}
+    last = len(contour.points_um) - 1
+    ends = [i for i in stops if 0 < i < last] + [last]
+    starts = [0, *ends[:-1]]
+    return [
+        Leg(contour.points_um[a : b + 1], a == 0, wait.get(0, 0.0) if a == 0 else 0.0, wait.get(b, 0.0))
+        for a, b in zip(starts, ends, strict=True)
+    ]

@@ -1,0 +1,255 @@
+"""Straight cuts in steady state: the measuring set-up of the rows that come out of the pulse loop.
+
+A cut begins at the end of a slot that is already there, so that the wire has walls around it from the first
+pulse on, and is measured once it has settled.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from edmsim.controllers import FeedController, WindowObservation, make
+from edmsim.errors import InputError
+from edmsim.machine.machine import Machine
+from edmsim.metrology.edges import metal_at
+from edmsim.plant.plant import Plant
+from edmsim.plant.window import PulseWindow
+from edmsim.plant.workpiece.start_slot import SLOT_GAP_UM, begun_slot
+from edmsim.validation.rows import mean_and_interval
+from edmsim.validation.setups import CENTRE_UM
+
+FASTEST_UM_S = 400.0
+"""Feed a controller may command here (ours: above the cutting rate of every set-up measured)."""
+_STEP_UM = 2.0
+"""Spacing of the places at which the kerf is measured."""
+_BESIDE_UM = 200.0
+"""How far beyond the wire's surface its kerf is looked for."""
+
+
+@dataclass(frozen=True)
+class Cut:
+    """A straight cut along +x, with what was seen once it had settled.
+
+    Attributes
+    ----------
+    plant : Plant
+        As the cut left it.
+    windows : list of PulseWindow
+        The measured ones; if the wire broke, the last of them says so.
+    from_um, travel_um : float
+        Commanded place at the first measured window, and travel from there.
+    """
+
+    plant: Plant
+    windows: list[PulseWindow]
+    from_um: float
+    travel_um: float
+
+    @property
+    def seconds(self) -> float:
+        """Machine time measured."""
+        return sum(w.duration_ns for w in self.windows) * 1e-9
+
+    @property
+    def feed_um_s(self) -> float:
+        """Mean feed."""
+        return self.travel_um / self.seconds
+
+    @property
+    def ignitions(self) -> int:
+        """Sparks and arcs."""
+        return sum(w.spark + w.arc for w in self.windows)
+
+    @property
+    def mean_delay_us(self) -> float:
+        """Mean delay of the pulses that ignited; NaN if none did."""
+        return self._per_ignition(lambda w: w.mean_delay_us)
+
+    @property
+    def gap_um(self) -> float:
+        """Mean gap at the places of ignition; NaN if there are none."""
+        return self._per_ignition(lambda w: w.gap_um)
+
+    @property
+    def lag_um(self) -> float:
+        """Mean deflection of the wire against the feed, averaged over the height."""
+        return -float(np.mean([w.deflection_um[0] for w in self.windows]))
+
+    @property
+    def vibration_um(self) -> float:
+        """Root mean square of the wire's motion within windows about its mean there, both axes."""
+        return math.sqrt(float(np.mean([w.vibration2_um2 for w in self.windows])))
+
+    @property
+    def debris(self) -> float:
+        """Mean debris share of the gap's water."""
+        return float(np.mean([w.debris for w in self.windows]))
+
+    @property
+    def removed_mm3(self) -> float:
+        """Metal removed."""
+        return sum(w.crater_um3 for w in self.windows) * 1e-9
+
+    @property
+    def energy(self) -> float:
+        """Energy of sparks and arcs in J."""
+        return sum(w.energy_J for w in self.windows)
+
+    @property
+    def charge(self) -> float:
+        """Charge of sparks and arcs in C; that of short-circuit pulses is not in it."""
+        return self.energy / self.plant.machine.material.burning_voltage_V.value
+
+    @property
+    def working_current_A(self) -> float:
+        """Mean current without short-circuit pulses, the index of Sato et al."""
+        return self.charge / self.seconds
+
+    @property
+    def broken(self) -> bool:
+        """Whether the wire broke."""
+        return self.windows[-1].broken
+
+    @cached_property
+    def kerf_um(self) -> NDArray[np.float64]:
+        """Width of the kerf, one per slice from the bottom: cut area over length, up to where the wire has passed.
+
+        Raises
+        ------
+        InputError
+            If the measured travel is shorter than the wire's own half.
+        """
+        radius = self.plant.machine.wire_diameter_um / 2
+        x = np.arange(self.from_um, self.from_um + self.travel_um - radius - SLOT_GAP_UM, 2 * _STEP_UM)
+        if not len(x):
+            raise InputError(f"a travel of {self.travel_um:g} um leaves no kerf behind the wire to measure")
+        y = CENTRE_UM[1] + np.arange(-radius - _BESIDE_UM, radius + _BESIDE_UM, _STEP_UM)
+        places = np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1).reshape(-1, 2)
+        cut = 1.0 - metal_at(self.plant.field, places).reshape(-1, len(x), len(y))
+        return np.asarray(cut.sum(axis=2).mean(axis=1) * _STEP_UM)
+
+    def share(self, kind: str) -> float:
+        """Share of a class of pulses: "short", "open", "spark" or "arc"."""
+        return float(sum(getattr(w, kind) for w in self.windows) / sum(w.pulses for w in self.windows))
+
+    def _per_ignition(self, of: Callable[[PulseWindow], float]) -> float:
+        ignited = [w for w in self.windows if w.spark + w.arc]
+        total = sum(of(w) * (w.spark + w.arc) for w in ignited)
+        return total / self.ignitions if ignited else math.nan
+
+
+class Traverse:
+    """Motor steps along an axis at a fixed feed or a controller's, window by window.
+
+    Parameters
+    ----------
+    plant : Plant
+    feed : float or FeedController
+        In um/s, 0 to `FASTEST_UM_S`, or who decides it, up to that speed either way.
+
+    Attributes
+    ----------
+    feed_um_s : float
+        Feed of the next window.
+    axis : {0, 1}
+        Axis of the motor, which may be changed between windows.
+    """
+
+    def __init__(self, plant: Plant, feed: float | FeedController) -> None:
+        self._controller = make("fixed", feed_um_s=feed) if isinstance(feed, int | float) else feed
+        self.feed_um_s = self._controller.reset(FASTEST_UM_S).feed_um_s
+        self.axis = 0
+        self._plant = plant
+        self._step_um = plant.machine.base.table.step_um.value
+        self._begun = 0.0
+        self._path_um = 0.0
+
+    def run(self, seconds: float) -> list[PulseWindow]:
+        """Run for some machine time, or until the wire breaks."""
+        windows: list[PulseWindow] = []
+        until_ns = self._plant.time_ns + round(seconds * 1e9)
+        while self._plant.time_ns < until_ns and not (windows and windows[-1].broken):
+            windows.append(self.window())
+        return windows
+
+    def window(self) -> PulseWindow:
+        """Run one window."""
+        window = self._plant.advance(self._steps())
+        travel = self.feed_um_s * window.duration_ns * 1e-9
+        self._begun = (self._begun + abs(travel) / self._step_um) % 1.0
+        self._path_um += travel
+        if not window.broken:
+            self.feed_um_s = self._controller.update(self._seen(window)).feed_um_s
+        return window
+
+    def _steps(self) -> list[tuple[int, int, int]]:
+        """Steps of the longest window there can be, evenly spaced; `_begun` is the share of one already due."""
+        per_ns = abs(self.feed_um_s) / self._step_um * 1e-9
+        count = int(self._begun + per_ns * self._plant.longest_window_ns)
+        direction = 1 if self.feed_um_s > 0 else -1
+        now = self._plant.time_ns
+        return [(now + int((k + 1 - self._begun) / per_ns), self.axis, direction) for k in range(count)]
+
+    def _seen(self, w: PulseWindow) -> WindowObservation:
+        return WindowObservation(
+            self._plant.time_ns * 1e-9, w.duration_ns * 1e-9, w.short, w.open, w.mean_voltage_V,
+            w.mean_current_A, w.mean_delay_us, self.feed_um_s, self._path_um,
+        )
+
+
+def begin(machine: Machine, seed: int, *, resolution: str = "fast", gap_um: float = SLOT_GAP_UM) -> Plant:
+    """Return a plant whose wire stands at the end of a slot, `gap_um` off the metal in front and on both sides."""
+    stock = begun_slot(machine, CENTRE_UM, gap_um=gap_um)
+    return Plant(machine, seed, stock=stock, position_um=CENTRE_UM, resolution=resolution)
+
+
+def cut_straight(
+    machine: Machine,
+    feed: float | FeedController,
+    seed: int,
+    *,
+    settle_s: float,
+    seconds: float,
+    resolution: str = "fast",
+) -> Cut:
+    """Cut along +x from a begun slot.
+
+    Parameters
+    ----------
+    machine : Machine
+    feed : float or FeedController
+        See `Traverse`.
+    seed : int
+    settle_s, seconds : float
+        Machine time that is not measured, and time that is; shorter if the wire breaks.
+    resolution : str
+
+    Returns
+    -------
+    Cut
+        If the wire broke before it had settled, of the time until then.
+    """
+    plant = begin(machine, seed, resolution=resolution)
+    traverse = Traverse(plant, feed)
+    start_um = plant.commanded_um[0]
+    windows = traverse.run(settle_s)
+    if not windows[-1].broken:
+        start_um = plant.commanded_um[0]
+        windows = traverse.run(seconds)
+    return Cut(plant, windows, start_um, plant.commanded_um[0] - start_um)
+
+
+def each(seeds: Sequence[int], cut: Callable[[int], Cut]) -> list[Cut]:
+    """Make one cut per seed."""
+    return [cut(seed) for seed in seeds]
+
+
+def change(base: Sequence[Cut], changed: Sequence[Cut], of: Callable[[Cut], float]) -> tuple[float, float]:
+    """Mean of a figure's differences, changed less base, seed by seed, and the half width of its interval."""
+    return mean_and_interval([of(b) - of(a) for a, b in zip(base, changed, strict=True)])

@@ -1,0 +1,1 @@
+"""One cut from program file to outputs."""

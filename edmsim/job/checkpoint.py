@@ -1,0 +1,59 @@
+"""Checkpoints: an interrupted cut is laid down in its folder and taken up again bit for bit."""
+
+from __future__ import annotations
+
+import json
+import zlib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+from zipfile import BadZipFile
+
+import numpy as np
+
+from edmsim.cosim.simulation import Simulation
+from edmsim.errors import InputError
+
+NAME = "checkpoint.npz"
+"""File in the output folder; gone when the cut is over."""
+
+
+def save(simulation: Simulation, folder: Path, settings: Mapping[str, Any], wall_time_s: float) -> None:
+    """Write a checkpoint, replacing the last one whole or not at all."""
+    arrays, values = simulation.snapshot()
+    text = json.dumps({"settings": dict(settings), "values": values, "wall_time_s": wall_time_s})
+    partial = folder / (NAME + ".part")
+    with partial.open("wb") as file:
+        np.savez(file, allow_pickle=False, __json__=np.frombuffer(text.encode(), np.uint8), **arrays)
+    partial.replace(folder / NAME)
+
+
+def load(simulation: Simulation, folder: Path, settings: Mapping[str, Any]) -> float:
+    """Take up the cut of a folder's checkpoint; returns the wall time spent so far.
+
+    Raises
+    ------
+    InputError
+        There is none, it is damaged, or it belongs to a cut with other settings.
+    """
+    file = folder / NAME
+    if not file.exists():
+        raise InputError("there is no interrupted cut to resume in this folder", folder)
+    try:
+        with file.open("rb") as opened, np.load(opened, allow_pickle=False) as stored:
+            arrays = {name: stored[name] for name in stored.files if name != "__json__"}
+            told = json.loads(stored["__json__"].tobytes())
+        _compare(told["settings"], settings, file)
+        simulation.restore(arrays, told["values"])
+        return float(told["wall_time_s"])
+    except (OSError, EOFError, ValueError, LookupError, TypeError, BadZipFile, zlib.error) as error:
+        raise InputError(f"the checkpoint is damaged ({error}); cut anew without --resume", file) from None
+
+
+def _compare(stored: Mapping[str, Any], wanted: Mapping[str, Any], file: Path) -> None:
+    # digests last: a setting by name says more
+    for name in sorted(stored.keys() | wanted.keys(), key=lambda name: (name.endswith("sha256"), name)):
+        if stored.get(name) != wanted.get(name):
+            raise InputError(
+                f"the interrupted cut was made with {name} {stored.get(name)!r}, not {wanted.get(name)!r}", file
+            )

@@ -1,0 +1,145 @@
+"""Machines within the published ranges of their constants: what `Machine.sample` and `Machine.uncertain` do.
+
+A range in a machine, wire or material file bounds what is known of a constant. The ranges of a generator file
+are what its operator may set, and are left alone.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from typing import TYPE_CHECKING
+
+import numpy as np
+from pydantic import BaseModel
+
+from edmsim.errors import InputError
+
+if TYPE_CHECKING:
+    from edmsim.machine.machine import Constant, Machine
+
+LOG_FROM_RATIO = 3.0
+"""A positive range whose ends are this far apart or more says an order, and is drawn log-uniformly (ours)."""
+MOST_DRAWS = 100
+"""Set-ups drawn before giving up on one that can run (ours: at 5 % that can, 99 of 100 calls succeed)."""
+
+
+def uncertain(machine: Machine) -> dict[str, Constant]:
+    """Return the constants that have a range, by section and name; see `Machine.uncertain`."""
+    return {name: constant for name, constant in _constants(machine).items() if constant.range is not None}
+
+
+def sample(machine: Machine, rng: np.random.Generator, only: Iterable[str] | None) -> Machine:
+    """Draw a machine; see `Machine.sample`."""
+    known = uncertain(machine)
+    chosen = set(known) if only is None else _chosen(known, only)
+    for _ in range(MOST_DRAWS):
+        shares = rng.random(len(known))
+        drawn = with_values(
+            machine,
+            {
+                name: value_at(constant.range, float(share))
+                for (name, constant), share in zip(known.items(), shares, strict=True)
+                if name in chosen and constant.range is not None
+            },
+        )
+        try:
+            drawn.check()
+        except InputError as error:
+            refused = error
+        else:
+            return drawn
+    raise InputError(
+        f"none of {MOST_DRAWS} machines drawn within the ranges can run, the last because {refused.reason}; "
+        "choose another setting, or draw fewer constants"
+    )
+
+
+def value_at(bounds: tuple[float, float], share: float) -> float:
+    """Return the value below which `share` (0..1) of the draws from a range lie.
+
+    Uniform from end to end; log-uniform where the range is positive and spans a factor of `LOG_FROM_RATIO`.
+    """
+    low, high = bounds
+    is_order = low > 0 and high / low >= LOG_FROM_RATIO
+    value = low * (high / low) ** share if is_order else low + (high - low) * share
+    return min(max(value, low), high)  # rounding may lead beyond the ends
+
+
+def share_of(bounds: tuple[float, float], value: float) -> float:
+    """Return the share (0..1) of the draws from a range that lie below `value`: the inverse of `value_at`."""
+    low, high = bounds
+    is_order = low > 0 and high / low >= LOG_FROM_RATIO
+    return math.log(value / low) / math.log(high / low) if is_order else (value - low) / (high - low)
+
+
+def choose(machine: Machine, only: Iterable[str]) -> dict[str, Constant]:
+    """Return the constants with a range that sections and names mean, in the order of the files.
+
+    Raises
+    ------
+    InputError
+        A name that is none, or a constant without a range.
+    """
+    known = uncertain(machine)
+    names = _chosen(known, only)
+    return {name: constant for name, constant in known.items() if name in names}
+
+
+def _sections(machine: Machine) -> dict[str, BaseModel]:
+    """Parts of a machine whose ranges are uncertainty, by the name of their table or kind of file."""
+    tables = {name: part for name, part in machine.base if isinstance(part, BaseModel)}
+    return {**tables, "wire": machine.wire, "material": machine.material}
+
+
+def _constants(machine: Machine) -> dict[str, Constant]:
+    from edmsim.machine.machine import Constant
+
+    return {
+        f"{section}.{name}": value
+        for section, part in _sections(machine).items()
+        for name, value in part
+        if isinstance(value, Constant)
+    }
+
+
+def _chosen(known: dict[str, Constant], only: Iterable[str]) -> set[str]:
+    """Names of the constants that `only` means, by section or one by one."""
+    if isinstance(only, str):
+        raise InputError(f"only is the text '{only}': give a list of sections or constants, as ['{only}']")
+    chosen: set[str] = set()
+    for name in only:
+        found = {key for key in known if name in (key, key.partition(".")[0])}
+        if not found:
+            sections = ", ".join(dict.fromkeys(key.partition(".")[0] for key in known))
+            raise InputError(
+                f"'{name}' is no section or constant with a range to draw from; there are the sections {sections} "
+                f"and the constants {', '.join(known)}"
+            )
+        chosen |= found
+    return chosen
+
+
+def with_values(machine: Machine, values: Mapping[str, float]) -> Machine:
+    """Return the machine with other values of some constants, unchecked; sources and ranges stay."""
+    return with_constants(
+        machine,
+        {
+            name: constant.model_copy(update={"value": values[name]})
+            for name, constant in _constants(machine).items()
+            if name in values
+        },
+    )
+
+
+def with_constants(machine: Machine, constants: Mapping[str, Constant]) -> Machine:
+    """Return the machine with some constants replaced, unchecked."""
+    changed: dict[str, dict[str, Constant]] = {}
+    for name, constant in constants.items():
+        section, _, key = name.partition(".")
+        changed.setdefault(section, {})[key] = constant
+    sections = _sections(machine)
+    parts = {section: sections[section].model_copy(update=new) for section, new in changed.items()}
+    base = machine.base.model_copy(update={k: v for k, v in parts.items() if k not in ("wire", "material")})
+    outside = {k: v for k, v in parts.items() if k in ("wire", "material")}
+    return machine.model_copy(update={"base": base, **outside})

@@ -1,0 +1,1 @@
+"""Edges of the cut; profile error, corners, kerf, roughness."""

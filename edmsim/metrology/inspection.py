@@ -1,0 +1,175 @@
+"""Inspection of a cut part: what was measured, gathered for report, picture and recording."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from edmsim.cosim.simulation import FINISHED, Simulation
+from edmsim.metrology.edges import cut_edges
+from edmsim.metrology.profile import (
+    KerfWidth,
+    ProfileError,
+    corners,
+    error_stats,
+    kerf_width,
+    profile_error,
+    roughness_um,
+    width_stats,
+)
+from edmsim.recording.report import KerfSlice, Quality, Totals, Wall
+from edmsim.recording.scene import Corner, ErrorMap, Scene, Terrace, polylines
+
+_NEAR_MM = 0.5
+"""A window belongs to a place of the profile only within this distance of the wire."""
+
+_HEIGHT_STEP_UM = 10.0
+"""The local height is looked up this often along the path."""
+
+
+@dataclass(frozen=True)
+class Inspection:
+    """Everything measured on the part.
+
+    Attributes
+    ----------
+    quality : Quality
+        Figures of the report.
+    scene : Scene
+        Geometry of the pictures.
+    error_um : float64 array (windows,)
+        Profile error at the place of every window; NaN where there is none.
+    """
+
+    quality: Quality
+    scene: Scene
+    error_um: NDArray[np.float64]
+
+
+def totals(simulation: Simulation, wall_time_s: float) -> Totals:
+    """Return what was counted over the cut."""
+    sums = simulation.sums
+    return Totals(
+        machining_time_s=simulation.plant.time_ns * 1e-9,
+        wall_time_s=wall_time_s,
+        short=sums.short,
+        open=sums.open,
+        spark=sums.spark,
+        arc=sums.arc,
+        path_length_mm=simulation.path_um * 1e-3,
+        cut_area_mm2=cut_area_mm2(simulation),
+        energy=sums.energy,
+        removed_mm3=simulation.plant.removed_mm3,
+        vibration_um_rms=math.sqrt(sums.vibration2_pulses / sums.pulses) if sums.pulses else math.nan,
+    )
+
+
+def cut_area_mm2(simulation: Simulation) -> float:
+    """Return the path length behind the wire times the local height, as the slices have it, in mm2."""
+    length, relief = simulation.path_um, simulation.plant.field.relief
+    if relief is None or length <= 0:
+        return length * simulation.machine.height_mm * 1e-3
+    points = [contour.points_um.astype(np.float64) for contour in simulation.path.contours]
+    # a way between contours is no cut: it counts for nothing
+    pieces = [np.append(np.hypot(*np.diff(part, axis=0).T), 0.0) for part in points]
+    place = np.concatenate([[0.0], np.cumsum(np.concatenate(pieces))[:-1]])
+    count = math.ceil(length / _HEIGHT_STEP_UM)
+    s = (np.arange(count) + 0.5) * (length / count)
+    x, y = (np.interp(s, place, column) for column in np.concatenate(points).T)
+    return float(relief.heights_mm(np.column_stack([x, y])).mean()) * length * 1e-3
+
+
+def inspect(simulation: Simulation) -> Inspection:
+    """Measure the part as it is now, finished or not."""
+    field, machine = simulation.plant.field, simulation.machine
+    contours = simulation.path.contours
+    profiles = [profile_error(field, contour) for contour in contours]
+    found = [Corner(**c) for k, p in zip(contours, profiles, strict=True) for c in corners(k, p)]
+    guides = machine.base.guides.clearance_mm.value
+    x, y = simulation.plant.commanded_um
+    scene = Scene(
+        maps=tuple(
+            ErrorMap(k.nominal_mm, k.part_side, p.points_mm, p.mean_um)
+            for k, p in zip(contours, profiles, strict=True)
+        ),
+        cut_edges_mm=tuple(polylines(cut_edges(field, s)) for s in range(field.n_slices)),
+        corners=tuple(found),
+        starts_mm=np.array([contour.points_um[0] * 1e-3 for contour in contours]),
+        stock_mm=simulation.path.stock_mm,
+        height_mm=machine.height_mm,
+        terraces=_terraces(simulation),
+        guides_z_mm=(-guides, machine.height_mm + guides),
+        wire_diameter_um=machine.wire_diameter_um,
+        hole_radius_mm=simulation.path.start_hole_radius_mm,
+        stop_mm=None if simulation.outcome == FINISHED else (x * 1e-3, y * 1e-3),
+    )
+    return Inspection(_quality(simulation, profiles, tuple(found)), scene, _error_per_window(simulation, profiles))
+
+
+def _terraces(simulation: Simulation) -> tuple[Terrace, ...]:
+    """Return the levels of a stepped workpiece from the lowest up; none if it is as high everywhere."""
+    relief, blank = simulation.plant.field.relief, shapely.box(*simulation.path.stock_mm)
+    if relief is None:
+        return ()
+    void = [shapely.transform(region, lambda um: um * 1e-3) for region in relief.voids_um]
+    faces = [above.difference(below) for below, above in pairwise(void)] + [blank.difference(void[-1])]
+    return tuple(
+        Terrace(polylines(face.intersection(blank)), number * relief.slice_mm)
+        for number, face in enumerate(faces, 1)
+        if face.area > 0
+    )
+
+
+def _quality(simulation: Simulation, profiles: list[ProfileError], found: tuple[Corner, ...]) -> Quality:
+    field, machine, sums = simulation.plant.field, simulation.machine, simulation.sums
+    error = error_stats(np.concatenate([p.error_um.ravel() for p in profiles]))
+    widths = [kerf_width(field, k, machine.wire_diameter_um) for k in simulation.path.contours]
+    kerf = width_stats(np.concatenate([w.width_um.ravel() for w in widths]))
+    ignited = sums.spark + sums.arc
+    flatness = machine.base.discharge.crater_flatness.value
+    return Quality(
+        kerf_mean_um=kerf["mean"],
+        kerf_min_um=kerf["min"],
+        kerf_max_um=kerf["max"],
+        profile_max_um=error["max"],
+        profile_rms_um=error["rms"],
+        profile_p95_um=error["p95"],
+        corners=found,
+        ra_um=roughness_um(sums.crater_um3 / ignited, flatness) if ignited else math.nan,
+        section=_section(widths, machine.height_mm),
+    )
+
+
+def _section(widths: list[KerfWidth], height_mm: float) -> tuple[KerfSlice, ...]:
+    """Put the walls measured along all contours together, slice by slice."""
+    part = np.concatenate([w.part_um for w in widths], axis=1)
+    rest = np.concatenate([w.width_um for w in widths], axis=1) - part
+    slice_mm = height_mm / len(part)
+    return tuple(
+        KerfSlice((number + 0.5) * slice_mm, int(np.isfinite(ours).sum()), _wall(ours), _wall(others))
+        for number, (ours, others) in enumerate(zip(part, rest, strict=True))
+    )
+
+
+def _wall(distance_um: NDArray[np.float64]) -> Wall:
+    known = distance_um[np.isfinite(distance_um)]
+    if not len(known):
+        return Wall(math.nan, math.nan, math.nan)
+    low, high = np.percentile(known, (5, 95))
+    return Wall(float(known.mean()), float(low), float(high))
+
+
+def _error_per_window(simulation: Simulation, profiles: list[ProfileError]) -> NDArray[np.float64]:
+    """Profile error at the point of the edge nearest to the wire, window by window."""
+    from scipy.spatial import KDTree
+
+    rows = simulation.windows.values()
+    points = np.concatenate([p.points_mm for p in profiles])
+    error = np.append(np.concatenate([p.mean_um for p in profiles]), np.nan)
+    _, nearest = KDTree(points).query(rows[:, 1:3] * 1e-3, distance_upper_bound=_NEAR_MM)
+    return np.asarray(error[nearest])

@@ -1,0 +1,291 @@
+"""From a machine's constants to the numbers of the pulse loop: the one place where units change."""
+
+from __future__ import annotations
+
+import functools
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from edmsim.compiled.vectors import filled
+from edmsim.errors import InputError
+from edmsim.plant.gap.breakdown import GapLaw
+from edmsim.plant.gap.debris import flow_speed_m_s, nozzle_flow_per_slice_us
+from edmsim.plant.gap.rays import places
+from edmsim.plant.kernel.state import GRID, PULSES_PER_WINDOW, Arrays, Constants, Propagators, Scratch, Timing
+from edmsim.plant.mechanics import mjcf
+from edmsim.plant.mechanics.model import ModalModel, WireSetup, build_model, propagator_table, reduce_model
+from edmsim.plant.mechanics.mujoco_model import DriveSetup, FullMechanics
+from edmsim.plant.wire import VACUUM_PERMITTIVITY_F_M, HeatLaw, area_m2
+from edmsim.plant.workpiece.kerf_field import NO_METAL_UM
+
+if TYPE_CHECKING:
+    from edmsim.machine.machine import Machine
+
+ResolutionName = Literal["fast", "default", "fine"]
+RAY_RANGE_UM = 80.0
+"""Rays end this far from the wire's surface (ours: the breakdown rate there is 1 % of that at 10 um)."""
+CARVE_BEFORE_UM, CARVE_BEFORE_SPACINGS = 12.0, 0.75
+"""How far before a ray's edge its wall is looked for, at least, and in ray spacings (ours): between rays it may stand
+nearer, the more the further they are apart, and what is not reached stays in the kerf."""
+PRIMED_SPAN = 3.0
+"""The chance of a primed site ends this many widths above the critical gap."""
+
+
+@dataclass(frozen=True)
+class Resolution:
+    """How finely the plant is resolved.
+
+    Attributes
+    ----------
+    slices, rays, modes : int
+        Slices of the workpiece's height, rays around the wire, modes of the wire in each plane.
+    cell_um : float
+        Side of a cell of the kerf field: small against the gap, large enough for a few MB per 10 mm.
+    trace_windows : int
+        Every so many windows what fell on the rays is carved from the field and they are traced anew.
+    """
+
+    slices: int
+    rays: int
+    modes: int
+    cell_um: float = 4.0
+    trace_windows: int = 1
+
+
+RESOLUTIONS: dict[str, Resolution] = {
+    "fast": Resolution(5, 24, 4, cell_um=6.0, trace_windows=4),
+    "default": Resolution(9, 64, 8),
+    "fine": Resolution(15, 128, 16),
+}
+
+
+def resolution(name: str) -> Resolution:
+    """Look up a resolution by name."""
+    if name not in RESOLUTIONS:
+        raise InputError(f"unknown resolution '{name}'; there are: {', '.join(RESOLUTIONS)}")
+    return RESOLUTIONS[name]
+
+
+def _patch_m2(machine: Machine, res: Resolution) -> float:
+    """Area of wire surface that one ray stands for."""
+    around = math.pi * machine.wire_diameter_um * 1e-6 / res.rays
+    return around * machine.height_mm * 1e-3 / res.slices
+
+
+def _reference_m2(machine: Machine) -> float:
+    """Active front area the t50 law is taken to hold for: half the wire's girth times the height."""
+    gap = machine.base.gap
+    return math.pi / 2 * gap.reference_wire_um.value * 1e-6 * gap.reference_height_mm.value * 1e-3
+
+
+def gap_law(machine: Machine, res: Resolution, open_V: float) -> GapLaw:
+    """Breakdown constants of one ray."""
+    gap = machine.base.gap
+    share = _patch_m2(machine, res) / _reference_m2(machine)
+    scale = 1.0 / (math.log(2) * share)
+    width = gap.critical_width_um.value
+    return GapLaw(
+        t50_a=gap.median_a_us_um2.value * scale,
+        t50_b=gap.median_b_us_um.value * scale,
+        t50_c=gap.median_c_us.value * scale,
+        gap_scale=gap.reference_voltage_V.value / open_V,
+        scaled_gap_floor_um=-gap.median_b_us_um.value / (2 * gap.median_a_us_um2.value),
+        primed_gap_um=gap.critical_um.value + PRIMED_SPAN * width,
+        primed_per_um2=share / (4 * PRIMED_SPAN * width**2),
+        contact_gap_um=gap.contact_um.value,
+        wire_curvature=2.0 / machine.wire_diameter_um,
+    )
+
+
+def constants(machine: Machine, res: Resolution) -> Constants:
+    """Numbers of the loop that do not depend on the generator's setting."""
+    base, gap, water, spark = machine.base, machine.base.gap, machine.base.dielectric, machine.base.discharge
+    radius = machine.wire_diameter_um / 2
+    slice_um = machine.height_mm * 1e3 / res.slices
+    patch = _patch_m2(machine, res)
+    return Constants(
+        radius_um=radius,
+        slice_um=slice_um,
+        cell_um=res.cell_um,
+        range_um=RAY_RANGE_UM,
+        trace_pulses=res.trace_windows * PULSES_PER_WINDOW,
+        carve_before_um=max(CARVE_BEFORE_UM, CARVE_BEFORE_SPACINGS * 2 * math.pi * radius / res.rays),
+        patch_m2=patch,
+        permittivity_F_m=water.permittivity.value * VACUUM_PERMITTIVITY_F_M,
+        leak_S_um=water.conductivity_uS_cm.value * 1e-4 * patch * 1e6,
+        supply_ohm=machine.generator.resistance_ohm.value,
+        formative_us=gap.formative_us.value,
+        formative_sd_us=gap.formative_sd_us.value,
+        primed_scale_us=gap.primed_scale_us.value,
+        primed_shape=gap.primed_shape.value,
+        deionisation_us=gap.deionisation_us.value,
+        debris_gain=gap.debris_gain.value,
+        bridge_base=gap.bridge_base.value,
+        bridge_per_um=gap.bridge_per_um.value,
+        bridge_ceiling=gap.bridge_ceiling.value,
+        bridge_steepness=gap.bridge_steepness.value,
+        removal_um3_J=machine.material.removal_mm3_J.value * 1e9,
+        crater_cv=spark.crater_cv.value,
+        crater_flatness=spark.crater_flatness.value,
+        short_removal_share=spark.short_removal_share.value,
+        impulse_10mJ_Ns=spark.impulse_10mJ_Ns.value,
+        impulse_exponent=spark.impulse_exponent.value,
+        wire_heat_share=spark.wire_heat_share.value,
+        nozzle_flow_us=nozzle_flow_per_slice_us(
+            water.flushing_pressure_Pa.value, water.viscosity_Pa_s.value, water.side_gap_um.value,
+            machine.height_mm, res.slices,
+        ),
+        cavity_um3=math.pi * radius * slice_um * water.side_gap_um.value,
+        tension_N=machine.tension,
+        strength_N=machine.breaking_force,
+        half_strength_K=machine.wire.half_strength_K.value,
+        water_K=water.temperature_K.value,
+        worn_share_per_um3_us=spark.wear_ratio.value
+        / (base.guides.wire_speed_m_s.value * math.pi * radius**2),
+        step_um=base.table.step_um.value,
+    )
+
+
+def heat_law(machine: Machine, res: Resolution) -> HeatLaw:
+    """Heat balance of the wire in one slice."""
+    wire = machine.wire
+    section = area_m2(machine.wire_diameter_um)
+    slice_m = machine.height_mm * 1e-3 / res.slices
+    volumetric = wire.density_kg_m3.value * wire.heat_capacity_J_kgK.value
+    girth = math.pi * machine.wire_diameter_um * 1e-6
+    # current enters from both ends, so on average a quarter of the wire's resistance counts (Schacht 2004)
+    joule_W_m_per_A2 = wire.resistivity_Ohm_m.value / section / 4
+    return HeatLaw(
+        kelvin_per_J=1 / (volumetric * section * slice_m),
+        cooling_per_us=machine.base.discharge.convection_W_m2K.value * girth / (volumetric * section) * 1e-6,
+        conduction_per_us=wire.conductivity_W_mK.value / volumetric / slice_m**2 * 1e-6,
+        run_per_us=machine.base.guides.wire_speed_m_s.value / slice_m * 1e-6,
+        joule_K_per_A2_us=joule_W_m_per_A2 / (volumetric * section) * 1e-6,
+        resistance_per_K=wire.resistivity_per_K.value,
+        water_K=machine.base.dielectric.temperature_K.value,
+    )
+
+
+def wire_setup(machine: Machine) -> WireSetup:
+    """Wire and guides of a set-up, as the model of the mechanics wants them."""
+    return WireSetup(
+        diameter_m=machine.wire_diameter_um / 1e6,  # 20 um stays exactly 20e-6
+        density_kg_m3=machine.wire.density_kg_m3.value,
+        tension=machine.tension,
+        guide_distance_m=machine.guide_distance_mm * 1e-3,
+        damping_ratio=machine.base.guides.damping_ratio.value,
+    )
+
+
+def _slice_heights_m(machine: Machine, res: Resolution) -> NDArray[np.float64]:
+    """Heights of the slices' mid-planes above the lower guide."""
+    middle = (np.arange(res.slices) + 0.5) / res.slices * machine.height_mm
+    return (middle + machine.base.guides.clearance_mm.value) * 1e-3
+
+
+def modal_model(machine: Machine, res: Resolution) -> ModalModel:
+    """Modes of table and wire for this set-up, from the MJCF."""
+    file, heights = machine.base.model, tuple(_slice_heights_m(machine, res).tolist())
+    return _modes(wire_setup(machine), file, mjcf.version(file), res.modes, heights)
+
+
+@functools.lru_cache(maxsize=64)
+def _modes(
+    wire: WireSetup, model_file: str, _version: int, n_modes: int, slice_heights_m: tuple[float, ...]
+) -> ModalModel:
+    """Modes by set-up: plants of one machine share them, as nothing writes to them."""
+    return reduce_model(build_model(wire, model_file), n_modes, slice_heights_m)
+
+
+def full_mechanics(machine: Machine, res: Resolution) -> FullMechanics:
+    """MuJoCo's own model of this set-up, to be stepped in the loop."""
+    table = machine.base.table
+    drive = DriveSetup(
+        step_m=table.step_um.value * 1e-6,
+        friction_N=table.friction_N.value,
+        presliding_m=table.presliding_um.value * 1e-6,
+        backlash_m=table.backlash_um.value * 1e-6,
+    )
+    full = FullMechanics(wire_setup(machine), drive, _slice_heights_m(machine, res), machine.base.model)
+    full.set_travel(table.travel_mm.value * 1e-3)
+    return full
+
+
+def propagators(modes: ModalModel, timing: Timing) -> Propagators:
+    """Tables of exact propagators on the setting's time grid; plants of one machine share them, too."""
+    return _propagators(modes, timing.grid_us)
+
+
+@functools.lru_cache(maxsize=64)
+def _propagators(modes: ModalModel, grid_us: float) -> Propagators:
+    grid = np.arange(GRID + 1) * grid_us * 1e-6
+    wire = propagator_table(modes.wire_omega, modes.wire_zeta, grid)
+    x, y = (propagator_table(modes.table_omega[k], modes.table_zeta[k], grid) for k in range(2))
+    table = [np.stack(pair, axis=1) for pair in zip(x, y, strict=True)]
+    t11, t12, t21, t22 = (np.ascontiguousarray(part) for part in table)
+    filling = filled(len(modes.wire_omega)) - len(modes.wire_omega)
+    of_wire = np.pad(np.stack(wire, axis=1), ((0, 0), (0, 0), (0, filling)))
+    return Propagators(of_wire, np.pad(modes.wire_omega**-2.0, (0, filling)), t11, t12, t21, t22)
+
+
+def flow_factor(machine: Machine, res: Resolution) -> NDArray[np.float64]:
+    """Share of the breakdown rate that the flow leaves, per slice: ``exp(-(v / v_q)^2)`` (see `breakdown`)."""
+    water = machine.base.dielectric
+    speed = flow_speed_m_s(
+        water.flushing_pressure_Pa.value, water.viscosity_Pa_s.value, water.side_gap_um.value, machine.height_mm
+    )
+    from_middle = np.abs(2 * (np.arange(res.slices) + 0.5) / res.slices - 1)
+    return np.exp(-((speed * from_middle / machine.base.gap.flow_quench_m_s.value) ** 2))
+
+
+def arrays(
+    wire_shape: NDArray[np.float64], table_shape: NDArray[np.float64], table_participation: NDArray[np.float64],
+    res: Resolution, water_K: float, flow_factor: NDArray[np.float64],
+) -> Arrays:
+    """Allocate the arrays of a plant at rest, its wire described by a shape (slices, modes or nodes)."""
+    slices, modes = filled(wire_shape.shape[0]), filled(wire_shape.shape[1])
+    shape = np.zeros((res.slices, modes))
+    shape[:, : wire_shape.shape[1]] = wire_shape
+    sway = np.zeros((modes, slices))
+    sway[:, : res.slices] = shape.T
+    laid = res.slices, places(res.rays)
+    angle = 2 * np.pi * np.arange(res.rays) / res.rays
+    return Arrays(
+        edge_um=np.zeros((res.slices, res.rays), np.float32),
+        reference_um=np.full((2, slices), -1e9),  # nowhere: every ray is traced in full at first
+        pending_um2=np.zeros(laid),
+        wire_q=np.zeros((2, modes)),
+        wire_v=np.zeros((2, modes)),
+        table_q=np.zeros((2, 2)),
+        table_v=np.zeros((2, 2)),
+        temperature_K=np.full(res.slices, water_K),
+        debris=np.zeros(res.slices),
+        carry_um2=np.zeros(res.slices),
+        distance=np.full(laid, NO_METAL_UM, np.float32),
+        cosine=np.zeros(laid, np.float32),
+        sine=np.zeros(laid, np.float32),
+        first=np.zeros(res.slices, np.int64),
+        blocks=np.zeros(res.slices, np.int64),
+        unbroken=np.zeros(res.slices, np.int64),
+        ray_cosine=np.cos(angle),
+        ray_sine=np.sin(angle),
+        shape=shape,
+        sway=sway,
+        mean_shape=shape.mean(axis=0),
+        flow_factor=flow_factor,
+        table_shape=np.ascontiguousarray(table_shape),
+        table_participation=np.ascontiguousarray(table_participation),
+    )
+
+
+def scratch(res: Resolution, modes: int) -> Scratch:
+    """Allocate the loop's scratch room."""
+    per_mode = (2, filled(modes))
+    return Scratch(
+        np.zeros((2, filled(res.slices))), np.zeros(per_mode), np.zeros(per_mode), np.zeros((res.slices, 4)),
+        np.zeros(res.slices),
+    )

@@ -1,0 +1,1 @@
+"""The spark gap: rays across it, ignition, how a pulse ends, debris, the generator."""

@@ -1,0 +1,162 @@
+"""When, where and how a pulse breaks through the gap.
+
+Every ray is a patch of the wire's surface that faces the metal across its own gap, and every patch is a
+site of its own. Two mechanisms compete (two-regime finding of Esteves, Hensen, Kuffa, Wegener, J. Manuf.
+Mater. Process. 7(5):177, 2023):
+
+* the *long* branch, an exponential delay whose median on the reference patch is the parabola ``t50(g)`` of
+  the SPARC simulator (MIT licence; ETH measurements, nominal 80 V). Rates of independent sites add, so the
+  rate of a ray is ``ln 2 / t50`` times its share of the reference area.
+* the *primed* branch, a particle or asperity that already bridges most of the gap: a site is primed with a
+  probability that rises as the gap falls through the critical 8..10 um, and then breaks down within a few us
+  (Weibull). Sites that are not primed multiply, so the exponents ``W`` of ``1 - exp(-W)`` add.
+
+Other voltages scale the gap to equal field (``g * 80 V / V``); debris multiplies both.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from edmsim.compiled.elementary import logarithm, power
+from edmsim.compiled.jit import compiled
+from edmsim.compiled.vectors import GAPS, element, highest, load, passed, running, spread, store, total, totals
+from edmsim.plant.gap.rays import Rays, arc, gaps_of, narrowest
+
+
+class GapLaw(NamedTuple):
+    """Constants of the gap as the pulse loop wants them, for one ray of one set-up (gaps um, times us).
+
+    Attributes
+    ----------
+    t50_a, t50_b, t50_c : float
+        Median delay of the reference patch at 80 V: ``a g^2 + b g + c`` in us, divided by ln 2 and by the
+        ray's share of the reference area, so that ``1 / (a g^2 + b g + c)`` is the ray's rate per us.
+    gap_scale : float
+        Reference voltage over present voltage: gaps are multiplied by it (equal field).
+    scaled_gap_floor_um : float
+        Below the parabola's minimum the rate stays what it is there.
+    primed_gap_um : float
+        Gap below which a site can be primed, at the present voltage.
+    primed_per_um2 : float
+        ``W = primed_per_um2 * (primed_gap_um - g)^2`` for one ray; the squares are its primed weight.
+    contact_gap_um : float
+        Asperities touch below this gap: the pulse is a short.
+    wire_curvature : float
+        One over the wire's radius, 1/um: the field at a convex surface is stronger than between plates.
+    """
+
+    t50_a: float
+    t50_b: float
+    t50_c: float
+    gap_scale: float
+    scaled_gap_floor_um: float
+    primed_gap_um: float
+    primed_per_um2: float
+    contact_gap_um: float
+    wire_curvature: float
+
+
+PULL_GAP_FLOOR_UM = 1.0
+"""The electrostatic pressure of a ray is not followed below this gap (ours: asperities touch before)."""
+
+
+@compiled
+def _delays(gap: Any, law: GapLaw) -> Any:
+    """One over the rate of each ray of a block, from their gaps."""
+    a, b, c = np.float32(law.t50_a), np.float32(law.t50_b), np.float32(law.t50_c)
+    scaled = highest(gap * np.float32(law.gap_scale), np.float32(law.scaled_gap_floor_um))
+    return (scaled * a + b) * scaled + c
+
+
+@compiled
+def _primed_weights(gap: Any, law: GapLaw) -> Any:
+    """Primed weights of a block of rays in um^2, from their gaps."""
+    depth = highest(spread(np.float32(law.primed_gap_um)) - gap, np.float32(0.0))
+    return depth * depth
+
+
+@compiled
+def sum_slice(
+    rays: Rays, s: int, sx: np.float32, sy: np.float32, law: GapLaw, gain: float, sums: NDArray[np.float64],
+    near: Any,
+) -> Any:
+    """Sum the rays of a slice as `slice_sums` does; returns the greatest primed weights, those of `near` included."""
+    pull_floor, one = np.float32(PULL_GAP_FLOOR_UM), np.float32(1.0)
+    curvature = np.float32(law.wire_curvature)
+    bare = np.float32(0.25 * law.wire_curvature**2)
+    rate = primed = pull_x = pull_y = spread(np.float32(0.0))
+    for at in arc(rays, s):
+        gap = gaps_of(rays, s, at, sx, sy)
+        delay = _delays(gap, law)
+        held = highest(gap, pull_floor)
+        square = held * held
+        both = spread(one) / (delay * square)
+        rate += both * square
+        pressure = both * delay * (held * curvature + one) + bare
+        pull_x += pressure * load(rays.cosine, (s, at))
+        pull_y += pressure * load(rays.sine, (s, at))
+        weights = _primed_weights(gap, law)
+        primed += weights
+        near = highest(near, weights)
+    store(sums, (s, 0), totals(rate * gain, primed * gain, pull_x, pull_y))
+    return near
+
+
+@compiled
+def may_touch(near: Any, law: GapLaw) -> bool:
+    """Whether a ray is so near that it may touch, by the greatest primed weights: it may not, most often."""
+    span = law.primed_gap_um - law.contact_gap_um
+    return span <= 0.0 or bool(passed(near, np.float32(span * span)) < GAPS)
+
+
+@compiled
+def contact_depth(rays: Rays, s: int, sx: np.float32, sy: np.float32, law: GapLaw) -> float:
+    """Summed depth in um by which rays of a slice lie below the gap of contact."""
+    contact = 0.0
+    for at in arc(rays, s):
+        depth = spread(np.float32(law.contact_gap_um)) - gaps_of(rays, s, at, sx, sy)
+        contact += total(highest(depth, np.float32(0.0)))
+    return contact
+
+
+@compiled
+def slice_sums(
+    rays: Rays, s: int, shift_x: float, shift_y: float, law: GapLaw, gain: float, sums: NDArray[np.float64]
+) -> float:
+    """Sum the rays of slice `s` into its row of `sums` (slices, 4), and return the depth of its contacts in um.
+
+    The row is rate 1/us, primed weight um^2, both times `gain`, pull x, y 1/um^2. `shift` is how far the wire has
+    moved from where the rays were traced. The pull is that of coaxial cylinders a ray's gap apart, to second order in
+    gap over radius: ``(1/g + 1/(2 r))^2``. One division serves all.
+    """
+    sx, sy = np.float32(shift_x), np.float32(shift_y)
+    near = sum_slice(rays, s, sx, sy, law, gain, sums, spread(np.float32(0.0)))
+    return contact_depth(rays, s, sx, sy, law) if may_touch(near, law) else 0.0
+
+
+@compiled
+def choose_ray(
+    rays: Rays, s: int, shift_x: float, shift_y: float, law: GapLaw, primed: bool, target: float
+) -> int:
+    """Place of the ray of slice `s` at which the cumulative weight (rate, or primed weight) passes `target`."""
+    sx, sy = np.float32(shift_x), np.float32(shift_y)
+    left = np.float32(target)
+    for at in arc(rays, s):
+        gap = gaps_of(rays, s, at, sx, sy)
+        weights = _primed_weights(gap, law) if primed else spread(np.float32(1.0)) / _delays(gap, law)
+        sums = running(weights)
+        before = passed(sums, left)
+        if before < GAPS:
+            return int(at + before)
+        left -= element(sums, GAPS - 1)
+    return narrowest(rays, s, sx, sy)[0]  # the target lay within rounding of the total: the likeliest
+
+
+@compiled
+def weibull(scale_us: float, shape: float, u: float) -> float:
+    """Weibull delay in us at survival probability `u`."""
+    return scale_us * power(-logarithm(u), 1.0 / shape)

@@ -1,0 +1,172 @@
+"""How a pulse ends: what the rays see from the wire's present place, contact, breakdown, and which comes first."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from edmsim.compiled.elementary import exponential, logarithm
+from edmsim.compiled.jit import compiled
+from edmsim.compiled.random import normal, uniform
+from edmsim.compiled.vectors import element, load, spread
+from edmsim.plant.gap.breakdown import GapLaw, choose_ray, contact_depth, may_touch, sum_slice, weibull
+from edmsim.plant.gap.debris import bridged_probability
+from edmsim.plant.gap.ray_trace import meets_metal, moved, narrowest_now, place_of, rays_of
+from edmsim.plant.kernel.state import ARC, OPEN, SHORT, SPARK, Array, Arrays, Constants, Timing
+from edmsim.plant.mechanics.modal import fall_back, place_wire, push_out
+from edmsim.plant.workpiece.kerf_field import NO_METAL_UM
+
+
+@compiled
+def draw(state: NDArray[np.void]) -> float:
+    """Next uniform draw of the plant."""
+    state[0].draws += np.uint64(1)
+    return uniform(state[0].key, state[0].draws)
+
+
+@compiled
+def leak_conductance(a: Arrays, c: Constants) -> float:
+    """Conductance in siemens of the water between wire and metal (rays in parallel)."""
+    total = 0.0
+    for s in range(a.edge_um.shape[0]):
+        for r in range(a.edge_um.shape[1]):
+            total += 1.0 / max(a.distance[s, place_of(a, s, r)], 1.0)
+    return total * c.leak_S_um
+
+
+@compiled
+def _gain(a: Arrays, c: Constants, s: int) -> float:
+    """What debris and flow make of the breakdown rate in a slice."""
+    return float((1.0 + c.debris_gain * a.debris[s]) * a.flow_factor[s])
+
+
+@compiled
+def sum_rays(
+    a: Arrays, c: Constants, law: GapLaw, position: Array, sums: Array, contact: Array
+) -> tuple[float, float, float]:
+    """Sum every slice's rays where the wire is (see `breakdown.slice_sums`); returns rate, primed, contact depth."""
+    rays = rays_of(a)
+    everything = spread(0.0)
+    near = spread(np.float32(0.0))
+    for s in range(sums.shape[0]):
+        sx, sy = moved(a, position, s)
+        near = sum_slice(rays, s, sx, sy, law, _gain(a, c, s), sums, near)
+        everything += load(sums, (s, 0))
+    touching = 0.0
+    if may_touch(near, law):
+        for s in range(sums.shape[0]):
+            sx, sy = moved(a, position, s)
+            contact[s] = contact_depth(rays, s, sx, sy, law)
+            touching += contact[s]
+    return element(everything, 0), element(everything, 1), touching
+
+
+@compiled
+def deepest_contact(a: Arrays, position: Array, contact: Array) -> tuple[float, int, int]:
+    """Smallest gap among the slices that touch, its slice and place."""
+    deepest, slice_, place = NO_METAL_UM, 0, 0
+    for s in range(contact.shape[0]):
+        if contact[s] > 0.0:
+            nearest, gap = narrowest_now(a, position, s)
+            if gap < deepest:
+                deepest, slice_, place = gap, s, nearest
+    return deepest, slice_, place
+
+
+@compiled
+def touch(
+    state: NDArray[np.void], a: Arrays, position: Array, contact: Array, held: Array
+) -> tuple[int, int]:
+    """Slice and place of the deepest contact; the wire is taken out of the metal where it overlaps.
+
+    What it did since `held` ends where it met the metal; what overlap is left (a motor step may press the
+    metal on the wire) is pushed out, the deepest first, and with the wire's new shape the next.
+    """
+    deepest, slice_, place = deepest_contact(a, position, contact)
+    if deepest >= 0.0:
+        return slice_, place
+    s, k = slice_, place
+    fall_back(a, held, s, np.float64(a.cosine[s, k]), np.float64(a.sine[s, k]), -deepest)
+    for _ in range(contact.shape[0]):
+        place_wire(state, a, position)
+        deepest, s, k = deepest_contact(a, position, contact)
+        if deepest >= 0.0:
+            break
+        push_out(a, s, np.float64(a.cosine[s, k]), np.float64(a.sine[s, k]), -deepest)
+    place_wire(state, a, position)
+    return slice_, place
+
+
+@compiled
+def _bridged(state: NDArray[np.void], a: Arrays, position: Array, c: Constants) -> bool:
+    """Whether debris bridges the gap somewhere."""
+    for s in range(a.debris.shape[0]):
+        if a.debris[s] > 0.9 * c.bridge_base:
+            gap = narrowest_now(a, position, s)[1]
+            p = bridged_probability(
+                a.debris[s], gap, c.bridge_base, c.bridge_per_um, c.bridge_ceiling, c.bridge_steepness
+            )
+            if draw(state) < p:
+                return True
+    return False
+
+
+@compiled
+def _pick(sums: Array, kind: int, target: float) -> tuple[int, float]:
+    """Slice at which the cumulative sum of a kind passes `target`, and what of it is left there."""
+    passed, sum_, left = 0, 0.0, target
+    for s in range(sums.shape[0]):  # no way out before the end: where it would be cannot be foreseen
+        sum_ += sums[s, kind]
+        if target >= sum_:
+            passed, left = s + 1, target - sum_
+    if passed < sums.shape[0]:
+        return passed, left
+    heaviest = 0  # the target lay within rounding of the total
+    for s in range(sums.shape[0]):
+        if sums[s, kind] > sums[heaviest, kind]:
+            heaviest = s
+    return heaviest, 0.5 * sums[heaviest, kind]
+
+
+@compiled
+def _ignite(
+    state: NDArray[np.void], a: Arrays, c: Constants, law: GapLaw, t: Timing, position: Array, sums: Array,
+    totals: tuple[float, float, float],
+) -> tuple[float, int, int]:
+    """Delay until breakdown in us, and its slice and place; a delay past the wait has no place."""
+    weight = law.primed_per_um2 * totals[1]
+    chance = draw(state)
+    is_primed = chance > 1.0 - weight and chance > exponential(-weight)  # the first rules it out most often
+    if is_primed:
+        delay = weibull(c.primed_scale_us, c.primed_shape, draw(state))
+    else:
+        delay = -logarithm(draw(state)) / max(totals[0], 1e-30)
+    if delay >= t.wait_us:
+        return delay, 0, 0
+    delay += max(c.formative_us + c.formative_sd_us * normal(draw(state)), 0.01)
+    s, left = _pick(sums, 1 if is_primed else 0, draw(state) * (totals[1] if is_primed else totals[0]))
+    sx, sy = moved(a, position, s)
+    return delay, s, choose_ray(rays_of(a), s, float(sx), float(sy), law, is_primed, left / _gain(a, c, s))
+
+
+@compiled
+def decide(
+    state: NDArray[np.void], a: Arrays, c: Constants, law: GapLaw, t: Timing, position: Array, sums: Array,
+    contact: Array, totals: tuple[float, float, float], held: Array,
+) -> tuple[int, float, int, int]:
+    """How this pulse ends: class, delay until ignition in us, slice and place of its ray."""
+    if totals[2] > 0.0:
+        s, k = touch(state, a, position, contact, held)
+        return SHORT, 0.0, s, k
+    if _bridged(state, a, position, c):
+        return SHORT, 0.0, -1, 0
+    quiet = state[0].since_discharge_us / c.deionisation_us
+    chance = draw(state)
+    if chance * (1.0 + quiet) < 1.0 and chance < exponential(-quiet):  # the first rules it out most often
+        s, r = state[0].last_slice, state[0].last_ray
+        if meets_metal(a, c, s, r):
+            return ARC, 0.0, s, place_of(a, s, r)
+    delay, s, place = _ignite(state, a, c, law, t, position, sums, totals)
+    if delay < t.wait_us:
+        return SPARK, delay, s, place
+    return OPEN, t.wait_us, 0, 0

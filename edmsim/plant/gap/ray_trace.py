@@ -1,0 +1,110 @@
+"""The rays that face metal: traced from where the wire is, receding with every crater."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from edmsim.compiled.jit import compiled
+from edmsim.plant.gap.rays import Rays, face, narrowest, turned
+from edmsim.plant.kernel.state import Array, Arrays, Constants
+from edmsim.plant.workpiece.kerf_field import NO_METAL_UM, trace
+
+OVERLAP_UM = 8.0
+"""How far inside the wire's surface a ray begins, so that overlap with metal is seen."""
+AHEAD_UM = 6.0
+"""A known edge is looked for again from this far before where it is expected (metal only recedes)."""
+KNOWN_MOVE_UM = 20.0
+"""Known edges are of use only while the wire moved less than this since."""
+BLIND_TURNS = np.uint64(8)
+"""A ray that met no metal is looked along again only every so many times: what comes within its range at the
+feed of such a machine is then still far away."""
+
+
+@compiled
+def _trace_ray(
+    a: Arrays, tiles: NDArray[np.uint16], index: NDArray[np.int32], c: Constants, s: int, r: int, expected_um: float
+) -> float:
+    """Gap of one ray, looked for from shortly before where it is expected, from the wire on if there is no edge."""
+    cosine, sine = a.ray_cosine[r], a.ray_sine[r]
+    x, y = a.reference_um[0, s], a.reference_um[1, s]
+    least = c.radius_um - OVERLAP_UM
+    start = max(least, c.radius_um + expected_um - AHEAD_UM)
+    end = c.radius_um + c.range_um
+    edge = trace(tiles, index, s, c.cell_um, x, y, cosine, sine, start, end)
+    if edge <= start and start > least:  # metal where it begins: the edge lies nearer
+        edge = trace(tiles, index, s, c.cell_um, x, y, cosine, sine, least, end)
+    return edge if edge == NO_METAL_UM else edge - c.radius_um
+
+
+@compiled
+def rays_of(a: Arrays) -> Rays:
+    """Look at what the loop sees of the rays."""
+    return Rays(a.distance, a.cosine, a.sine, a.first, a.blocks, a.unbroken)
+
+
+@compiled
+def meets_metal(a: Arrays, c: Constants, s: int, r: int) -> bool:
+    """Whether a ray met metal when it was traced."""
+    return bool(a.edge_um[s, r] < c.range_um)
+
+
+@compiled
+def refer(
+    a: Arrays, tiles: NDArray[np.uint16], index: NDArray[np.int32], c: Constants, place: Array, turn: int
+) -> None:
+    """Trace the rays from the place (2, slices) the wire swings around, and show the loop those that meet metal.
+
+    `turn` counts the times. What the wire is away from there shifts the gaps to first order.
+    """
+    rays = rays_of(a)
+    for s in range(a.shape.shape[0]):
+        dx, dy = place[0, s] - a.reference_um[0, s], place[1, s] - a.reference_um[1, s]
+        known = math.hypot(dx, dy) < KNOWN_MOVE_UM
+        a.reference_um[0, s], a.reference_um[1, s] = place[0, s], place[1, s]
+        for r in range(a.ray_cosine.shape[0]):
+            expected = -OVERLAP_UM
+            if known:
+                if meets_metal(a, c, s, r):
+                    expected = a.edge_um[s, r] - dx * a.ray_cosine[r] - dy * a.ray_sine[r]
+                elif np.uint64(turn + r) % BLIND_TURNS != 0:
+                    continue
+            a.edge_um[s, r] = _trace_ray(a, tiles, index, c, s, r, expected)
+        face(rays, s, a.edge_um, c.range_um, a.ray_cosine, a.ray_sine)
+
+
+@compiled
+def ray_at(a: Arrays, s: int, place: int) -> int:
+    """Ray, counted from +x, at a place of the arrays of `rays.Rays`."""
+    return turned(a.first[s], place, a.ray_cosine.shape[0])
+
+
+@compiled
+def place_of(a: Arrays, s: int, r: int) -> int:
+    """Place of a ray, the other way."""
+    return turned(r, -a.first[s], a.ray_cosine.shape[0])
+
+
+@compiled
+def gap_of(a: Arrays, position: Array, s: int, place: int) -> float:
+    """Gap of the ray at a place where the wire is now."""
+    return np.float64(
+        a.distance[s, place]
+        - (position[0, s] - a.reference_um[0, s]) * a.cosine[s, place]
+        - (position[1, s] - a.reference_um[1, s]) * a.sine[s, place]
+    )
+
+
+@compiled
+def moved(a: Arrays, position: Array, s: int) -> tuple[np.float32, np.float32]:
+    """How far a slice's wire has moved from where its rays were traced."""
+    return np.float32(position[0, s] - a.reference_um[0, s]), np.float32(position[1, s] - a.reference_um[1, s])
+
+
+@compiled
+def narrowest_now(a: Arrays, position: Array, s: int) -> tuple[int, float]:
+    """Place of the smallest gap in a slice where the wire is now, and that gap; see `rays.narrowest`."""
+    sx, sy = moved(a, position, s)
+    return narrowest(rays_of(a), s, sx, sy)

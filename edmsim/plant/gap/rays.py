@@ -1,0 +1,115 @@
+"""The rays of a slice: how far it is from the wire to the metal, all around the wire."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from edmsim.compiled.jit import compiled
+from edmsim.compiled.vectors import GAPS, filled, least, load
+from edmsim.plant.workpiece.kerf_field import NO_METAL_UM
+
+
+class Rays(NamedTuple):
+    """Rays of every slice, in order of angle from the first of the arc on that *faces* metal.
+
+    A ray that meets no metal takes no part in anything, so the loop works on that arc only, in blocks of
+    `vectors.GAPS`; the arrays are filled up to whole blocks.
+
+    Attributes
+    ----------
+    distance : float32 (slices, places)
+        Gap in um from where they were traced; `NO_METAL_UM` for one that meets no metal.
+    cosine, sine : float32 (slices, places)
+        Direction; 0 for one that meets no metal.
+    first, blocks : int64 (slices,)
+        First ray of the arc, and how many blocks it has.
+    unbroken : int64 (slices,)
+        Rays of the arc if all of them meet metal, otherwise 0.
+    """
+
+    distance: NDArray[np.float32]
+    cosine: NDArray[np.float32]
+    sine: NDArray[np.float32]
+    first: NDArray[np.int64]
+    blocks: NDArray[np.int64]
+    unbroken: NDArray[np.int64]
+
+
+@compiled
+def places(rays: int) -> int:
+    """How many places the arrays have for so many rays."""
+    return filled(rays, GAPS)
+
+
+@compiled
+def arc(rays: Rays, s: int) -> range:
+    """Places of the blocks of a slice's rays that face metal."""
+    return range(0, rays.blocks[s] * GAPS, GAPS)
+
+
+@compiled
+def gaps_of(rays: Rays, s: int, at: int, shift_x: np.float32, shift_y: np.float32) -> Any:
+    """Gaps of a block of a slice's rays from a place on, the wire having moved by `shift` since they were traced."""
+    across = load(rays.cosine, (s, at)) * shift_x + load(rays.sine, (s, at)) * shift_y
+    return load(rays.distance, (s, at)) - across
+
+
+@compiled
+def narrowest(rays: Rays, s: int, shift_x: np.float32, shift_y: np.float32) -> tuple[int, float]:
+    """Place of the smallest gap in a slice, and that gap; `NO_METAL_UM` if no ray faces metal."""
+    place, gap = 0, np.float32(NO_METAL_UM)
+    for at in arc(rays, s):
+        smallest, lane = least(gaps_of(rays, s, at, shift_x, shift_y))
+        if smallest < gap:
+            place, gap = at + lane, smallest
+    return place, float(gap)
+
+
+@compiled
+def turned(ray: int, by: int, count: int) -> int:
+    """Ray so many further around, of `count`; `by` is less than a turn either way."""
+    ray += by
+    if ray >= count:
+        ray -= count
+    elif ray < 0:
+        ray += count
+    return ray
+
+
+@compiled
+def face(rays: Rays, s: int, edge_um: NDArray[np.float32], range_um: float, ray_cosine: Any, ray_sine: Any) -> None:
+    """Lay out a slice's rays as they were traced: edges (slices, rays) within a range are metal."""
+    count = edge_um.shape[1]
+    run, longest, met = 0, 0, 0
+    after = 0  # the ray after the longest run of rays that meet no metal
+    for k in range(2 * count):
+        if edge_um[s, k if k < count else k - count] < range_um:
+            run = 0
+            met += 1
+        else:
+            run += 1
+            if run > longest:
+                longest, after = run, k + 1
+    faced = max(0, count - longest)
+    rays.first[s] = after % count
+    rays.blocks[s] = (faced + GAPS - 1) // GAPS
+    rays.unbroken[s] = faced if met == 2 * faced else 0
+    for place in range(count):
+        r = turned(rays.first[s], place, count)
+        meets = edge_um[s, r] < range_um
+        rays.distance[s, place] = edge_um[s, r] if meets else np.float32(NO_METAL_UM)
+        rays.cosine[s, place] = ray_cosine[r] if meets else 0.0
+        rays.sine[s, place] = ray_sine[r] if meets else 0.0
+
+
+def rays_with(gaps_um: ArrayLike, angles: ArrayLike) -> Rays:
+    """Rays of one slice with given gaps in um, along given angles in rad, all of which meet metal."""
+    count = np.size(gaps_um)
+    laid = np.zeros((3, 1, places(count)), np.float32)
+    laid[0] = NO_METAL_UM
+    laid[:, 0, :count] = np.stack(np.broadcast_arrays(gaps_um, np.cos(angles), np.sin(angles)))
+    distance, cosine, sine = laid
+    return Rays(distance, cosine, sine, np.zeros(1, np.int64), np.full(1, -(-count // GAPS)), np.full(1, count))

@@ -1,0 +1,279 @@
+"""What the pulse loop works on: constants, arrays, and the numbers that change from pulse to pulse."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from edmsim.plant.gap.rays import Rays
+
+Array = NDArray[np.float64]
+
+PULSES_PER_WINDOW = 255
+"""The analyser's cycle (row T-40)."""
+GRID = 1000
+"""Steps of the propagators' time grid over the longest period."""
+OPEN, SPARK, ARC, SHORT = 0, 1, 2, 3
+"""Classes of a pulse."""
+ISO_PULSE, ISO_ENERGETIC, IGNITION_PULSE = 0, 1, 2
+"""Modes of the pulse generator."""
+
+STATE = np.dtype(
+    [
+        ("time_ns", "i8"),
+        ("pulses", "i8"),
+        ("key", "u8"),
+        ("draws", "u8"),
+        ("commanded_um", "f8", 2),
+        ("since_discharge_us", "f8"),
+        ("last_slice", "i8"),
+        ("last_ray", "i8"),
+        ("heat_wait_us", "f8"),
+        ("current2_us", "f8"),
+        ("wear_wait_um3", "f8"),
+        ("worn_share", "f8"),
+        ("broken", "i8"),
+        ("broken_slice", "i8"),
+        ("crater_um3", "f8"),
+        ("missed_um3", "f8"),
+        ("deflection_um", "f8", 2),
+        ("tiled_um", "f8", 2),
+        ("traced_um", "f8", 2),
+        ("traced_pulses", "i8"),
+        ("carved_pulses", "i8"),
+        ("traces", "i8"),
+    ]
+)
+"""Scalars of a plant's state. ``crater_um3`` sums the craters drawn, ``missed_um3`` what found no metal;
+``deflection_um`` is the last window's mean, ``tiled_um`` the place around which the field has tiles; ``traced_um``
+and ``traced_pulses`` are the commanded place and the pulses fired when the rays were last traced, ``traces`` how
+often that was with this wire, ``carved_pulses`` the pulses whose craters are carved."""
+
+WINDOW = np.dtype(
+    [
+        ("start_ns", "i8"),
+        ("duration_ns", "i8"),
+        ("counts", "i8", 4),
+        ("voltage_us", "f8"),
+        ("charge_A_us", "f8"),
+        ("energy_J", "f8"),
+        ("delay_us", "f8"),
+        ("ignitions", "i8"),
+        ("gap_um", "f8"),
+        ("crater_um3", "f8"),
+        ("deflection_um", "f8", 2),
+        ("deflection2_um2", "f8", 2),
+        ("temperature_max_K", "f8"),
+        ("debris", "f8"),
+        ("broken", "i8"),
+    ]
+)
+"""Sums over one window of pulses; debris is the mean over the slices at its end."""
+
+PULSE = np.dtype(
+    [
+        ("start_us", "f4"),
+        ("delay_us", "f4"),
+        ("conducting_us", "f4"),
+        ("open_V", "f4"),
+        ("gap_um", "f4"),
+        ("x_um", "f4"),
+        ("y_um", "f4"),
+        ("kind", "i2"),
+        ("slice", "i2"),
+        ("ray", "i2"),
+        ("unused", "i2"),
+    ]
+)
+"""One pulse: its begin since the window's; how long the open voltage stood and current flowed; that voltage; gap, the
+wire's place and ray where it discharged or touched; its class; its slice, -1 where it has no place."""
+
+FINE, NO_TILES, STEP_WRONG, STEP_EARLY, NOT_FINITE, OUTSIDE, INSIDE = range(7)
+"""How a window ended: as it should; not begun, for want of tiles of the field, or because of a step that no motor
+makes or that is out of order; a number that is none; the wire beyond its guides; the wire deeper in the metal than
+its rays see."""
+TILED_UM = 64.0
+"""The field has all the tiles a window may need as long as the wire is within this of where they were made."""
+
+
+class Constants(NamedTuple):
+    """Numbers of one set-up that the loop needs; um and us unless said otherwise."""
+
+    radius_um: float
+    slice_um: float
+    cell_um: float
+    range_um: float
+    trace_pulses: int
+    carve_before_um: float
+    patch_m2: float
+    permittivity_F_m: float
+    leak_S_um: float
+    supply_ohm: float
+    formative_us: float
+    formative_sd_us: float
+    primed_scale_us: float
+    primed_shape: float
+    deionisation_us: float
+    debris_gain: float
+    bridge_base: float
+    bridge_per_um: float
+    bridge_ceiling: float
+    bridge_steepness: float
+    removal_um3_J: float
+    crater_cv: float
+    crater_flatness: float
+    short_removal_share: float
+    impulse_10mJ_Ns: float
+    impulse_exponent: float
+    wire_heat_share: float
+    nozzle_flow_us: float
+    cavity_um3: float
+    tension_N: float
+    strength_N: float
+    half_strength_K: float
+    water_K: float
+    worn_share_per_um3_us: float
+    step_um: float
+
+
+class Timing(NamedTuple):
+    """One setting of the pulse generator.
+
+    Attributes
+    ----------
+    mode : int
+        `ISO_PULSE`, `ISO_ENERGETIC` or `IGNITION_PULSE`.
+    open_V, burning_V : float
+        Voltage until ignition and while burning.
+    current_A, short_A : float
+        Current of a discharge and of a short circuit.
+    on_us : float
+        t(i): on-time for iso-pulse, duration of the discharge otherwise.
+    wait_us : float
+        Longest time to ignition.
+    pause_us : float
+        t(0) after a stretched pulse.
+    period_ns : int
+        t(p) of a fixed period; 0 if it varies.
+    grid_us : float
+        Step of the propagators' grid; a whole number of ns if the period varies.
+    """
+
+    mode: int
+    open_V: float
+    burning_V: float
+    current_A: float
+    short_A: float
+    on_us: float
+    wait_us: float
+    pause_us: float
+    period_ns: int
+    grid_us: float
+
+
+class Propagators(NamedTuple):
+    """Exact 2x2 propagators of every mode over ``k * grid_us``.
+
+    Attributes
+    ----------
+    wire : (GRID + 1, 4, modes filled)
+        Elements 11, 12, 21, 22; one row of the table lies together in memory.
+    wire_compliance : (modes filled,)
+        1/omega^2 of the wire's modes.
+    table11, table12, table21, table22 : (GRID + 1, 2, 2)
+    """
+
+    wire: Array
+    wire_compliance: Array
+    table11: Array
+    table12: Array
+    table21: Array
+    table22: Array
+
+
+class Arrays(NamedTuple):
+    """Arrays of one plant.
+
+    Slices and coordinates are filled up to whole vectors (`vectors.COORDINATES`) where it says *filled*: with slices
+    that lie nowhere, with nodes that do not move.
+
+    Attributes
+    ----------
+    edge_um : float32 (slices, rays)
+        Gap of every ray, traced from the reference position.
+    reference_um : (2, slices filled)
+        Place it was traced from: where the wire was at that moment. The wire swings, so that in time its
+        rays look everywhere, also between the lines they look along now.
+    pending_um2 : (slices, places)
+        Area of craters that fell on a ray since; carved from the field before the rays are traced anew.
+    wire_q, wire_v : (2, modes filled)
+        Modal deflection (um sqrt(kg)) and velocity (um sqrt(kg)/s), along x and y.
+    table_q, table_v : (2, 2)
+        Ringing of each axis around the commanded position.
+    temperature_K, debris, carry_um2 : (slices,)
+        Wire temperature, debris share, and crater area too small for a part of a cell, kept for the next.
+    distance, cosine, sine, first, blocks, unbroken
+        What the loop sees of the rays, see `rays.Rays`: ``edge_um`` without that craters took since.
+    ray_cosine, ray_sine : float64 (rays,)
+    shape : (slices, modes filled)
+        Displacement of a slice per unit of modal coordinate.
+    sway : (modes filled, slices filled)
+        The same, transposed.
+    mean_shape : (modes filled,)
+        Its mean over the slices.
+    flow_factor : (slices,)
+        Share of the breakdown rate that the flow past a slice leaves.
+    table_shape, table_participation : (2, 2)
+    """
+
+    edge_um: NDArray[np.float32]
+    reference_um: Array
+    pending_um2: Array
+    wire_q: Array
+    wire_v: Array
+    table_q: Array
+    table_v: Array
+    temperature_K: Array
+    debris: Array
+    carry_um2: Array
+    distance: NDArray[np.float32]
+    cosine: NDArray[np.float32]
+    sine: NDArray[np.float32]
+    first: NDArray[np.int64]
+    blocks: NDArray[np.int64]
+    unbroken: NDArray[np.int64]
+    ray_cosine: Array
+    ray_sine: Array
+    shape: Array
+    sway: Array
+    mean_shape: Array
+    flow_factor: Array
+    table_shape: Array
+    table_participation: Array
+
+
+class Scratch(NamedTuple):
+    """Room for what the loop computes anew every pulse; it allocates nothing itself.
+
+    Attributes
+    ----------
+    position : (2, slices filled)
+    load, held : (2, modes filled)
+    sums : (slices, 4)
+        See `breakdown.slice_sums`.
+    contact : (slices,)
+    """
+
+    position: Array
+    load: Array
+    held: Array
+    sums: Array
+    contact: Array
+
+
+WALL = ("edge_um", "reference_um", "pending_um2", "carry_um2", *Rays._fields)
+"""Fields of `Arrays` that tell where the metal is and what craters took of it: they outlast the wire."""
+CHANGING = (*WALL, "wire_q", "wire_v", "table_q", "table_v", "temperature_K", "debris")
+"""Fields of `Arrays` that belong into a snapshot."""

@@ -1,0 +1,1 @@
+"""Table and wire: the MJCF, its modes, and MuJoCo in the loop."""

@@ -1,0 +1,96 @@
+"""A machine's MJCF: found, read once, and looked through for what the plant asks of it by name."""
+
+from __future__ import annotations
+
+import functools
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from edmsim import models
+from edmsim.errors import InputError
+
+if TYPE_CHECKING:
+    import mujoco
+
+NEEDED: dict[str, tuple[str, ...]] = {
+    "body": ("x_carriage", "y_carriage", "upper_arm"),
+    "joint": ("x", "y", "x_rotor", "y_rotor"),
+    "site": ("lower_guide", "upper_guide"),
+    "geom": ("workpiece", "clamp_left", "clamp_right"),
+    "tendon": ("x_screw", "y_screw"),
+    "actuator": ("x_stepper", "y_stepper"),
+    "numeric": ("rotor_teeth",),
+    "camera": ("overview",),
+}
+"""Names that plant, playback and pictures ask for, by kind; the chain of the wire has names of its own."""
+LEAST_NODES = 25
+"""Nodes of the wire that MuJoCo steps in the loop (see `edmsim.plant.mechanics.mujoco_model`)."""
+
+
+def own(name: str, file: str) -> str:
+    """Return which MJCF a user's machine file means: the absolute path of the one beside it, or a name of ours.
+
+    Raises
+    ------
+    InputError
+        There is neither.
+    """
+    beside = Path(file).absolute().parent / name
+    if beside.is_file():
+        return str(beside)
+    if not (Path(models.__file__).parent / name).is_file():
+        raise InputError(f"key 'model': there is no MJCF {name!r} beside this file, nor one of ours", file)
+    return name
+
+
+def own_text(model_file: str) -> str:
+    """Return the text of a user's MJCF; nothing of ours, which belongs to the version of edmsim."""
+    return Path(model_file).read_text(encoding="utf-8") if Path(model_file).is_absolute() else ""
+
+
+def version(model_file: str) -> int:
+    """Return a number that changes when a user's MJCF does; 0 for ours."""
+    return Path(model_file).stat().st_mtime_ns if Path(model_file).is_absolute() else 0
+
+
+def read(model_file: str) -> mujoco.MjSpec:
+    """Return a machine's MJCF; it is not to be changed, only copied.
+
+    Raises
+    ------
+    InputError
+        MuJoCo cannot read or compile it, or it lacks what the plant asks for by name.
+    """
+    return _read(model_file, version(model_file))
+
+
+@functools.lru_cache(maxsize=8)  # reading takes four times as long as fitting a wire and compiling
+def _read(model_file: str, _version: int) -> mujoco.MjSpec:
+    import mujoco
+
+    try:
+        spec = mujoco.MjSpec.from_file(str(models.path(model_file)))
+        spec.copy().compile()
+    except ValueError as error:
+        raise InputError(f"MuJoCo cannot use this MJCF: {' '.join(str(error).split())}", model_file) from None
+    missing = lacking(spec)
+    if missing:
+        raise InputError(f"this MJCF has no {', no '.join(missing)}", model_file)
+    return spec
+
+
+def lacking(spec: mujoco.MjSpec) -> list[str]:
+    """Return what a MJCF lacks, each as kind and name."""
+    listed: dict[str, Any] = {
+        "body": spec.bodies, "joint": spec.joints, "site": spec.sites, "geom": spec.geoms, "tendon": spec.tendons,
+        "actuator": spec.actuators, "numeric": spec.numerics, "camera": spec.cameras,
+    }  # fmt: skip
+    there = {kind: {item.name for item in items} for kind, items in listed.items()}
+    missing = [f"{kind} {name}" for kind, names in NEEDED.items() for name in names if name not in there[kind]]
+    nodes = max(LEAST_NODES, sum(name.startswith("wire_") for name in there["body"]))
+    wire = {
+        "body": [f"wire_{i:02d}" for i in range(nodes)],
+        "joint": [f"wire_{axis}{i:02d}" for i in range(nodes) for axis in "xy"],
+        "tendon": [f"segment_{i:02d}" for i in range(nodes + 1)],
+    }
+    return missing + [f"{kind} {name}" for kind, names in wire.items() for name in names if name not in there[kind]]

@@ -1,0 +1,372 @@
+"""The machine's mechanics: the MuJoCo model of table and wire, and its exact modal reduction.
+
+`build_model` fits ``agiecut_dem15.xml`` to a wire; `reduce_model` linearises that model at its tensioned
+equilibrium and returns its modes. Every number of the modal plant is read from the model, none typed twice.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, fields
+from typing import TYPE_CHECKING, Any, cast
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from edmsim.errors import InputError
+from edmsim.plant.mechanics import mjcf
+from edmsim.plant.mechanics.modes import Linear, block_modes, check_independent, linearise
+
+if TYPE_CHECKING:
+    import mujoco
+
+Array = NDArray[np.float64]
+
+MODEL_FILE = "agiecut_dem15.xml"
+"""The machine in `edmsim.models`."""
+
+_ALLOWED: dict[str, tuple[float, float, str]] = {
+    "diameter_m": (20e-6, 400e-6, "m (20 to 400 um)"),  # T-13
+    "density_kg_m3": (1e3, 25e3, "kg/m3"),  # magnesium to beyond tungsten
+    "tension": (0.01, 300.0, "N"),  # ours: from 20 um copper to what breaks 400 um molybdenum
+    "guide_distance_m": (1e-3, 0.5, "m (1 to 500 mm)"),  # ours
+    "damping_ratio": (0.0, 5.0, "of critical"),  # ours; prior for a wire in water 0.05 to 0.5
+}
+
+
+@dataclass(frozen=True)
+class WireSetup:
+    """The wire between its two guides.
+
+    Attributes
+    ----------
+    diameter_m : float
+        Wire diameter in m, 20e-6 to 400e-6 (T-13).
+    density_kg_m3 : float
+        Density of the wire in kg/m3 (brass 8400 to 8500).
+    tension : float
+        Axial force the brake holds, in N.
+    guide_distance_m : float
+        Distance between the guides in m; the workpiece's height plus the clearances.
+    damping_ratio : float
+        Damping of the first mode as a share of critical; 0.05 to 0.5 is likely, 0.2 the prior.
+
+    Raises
+    ------
+    InputError
+        If a value is not finite or outside what such a machine can hold.
+    """
+
+    diameter_m: float
+    density_kg_m3: float
+    tension: float
+    guide_distance_m: float
+    damping_ratio: float
+
+    def __post_init__(self) -> None:
+        """Refuse values no wire can have; most often a wrong unit."""
+        for field in fields(self):
+            value = getattr(self, field.name)
+            low, high, unit = _ALLOWED[field.name]
+            if not low <= value <= high:  # also refuses nan
+                raise InputError(f"wire {field.name} is {value!r}; it must be {low:g} to {high:g} {unit}")
+
+    @property
+    def line_density(self) -> float:
+        """Mass per length in kg/m."""
+        return self.density_kg_m3 * math.pi / 4 * self.diameter_m**2
+
+    @property
+    def wave_speed(self) -> float:
+        """Speed of a transverse wave in m/s."""
+        return math.sqrt(self.tension / self.line_density)
+
+
+@dataclass(frozen=True, eq=False)
+class ModalModel:
+    """Table and wire as independent damped oscillators, mass-normalised.
+
+    A wire mode's coordinate obeys ``q'' + 2 zeta omega q' + omega^2 q = wire_shape.T @ F`` for forces F (N)
+    on the slices; the wire's displacement at the slices is then ``wire_shape @ q`` (m). The same modes serve
+    x and y. A table mode obeys the same equation about ``table_participation * travel``, the place to which a
+    commanded travel (m) shifts it; the axis has then moved by ``table_slide_shape @ q`` (m).
+
+    Attributes
+    ----------
+    wire_omega, wire_zeta : float64 arrays (n_modes,)
+        Undamped angular frequency in rad/s, rising, and damping ratio.
+    wire_shape : float64 array (n_slices, n_modes)
+        Displacement of the wire at a slice's mid-height per unit of modal coordinate (kg^-1/2).
+    node_heights_m : float64 array (n_nodes,)
+        Height of the wire's nodes above the lower guide in m, upwards.
+    node_shape : float64 array (n_nodes, n_modes)
+        As `wire_shape`, at the nodes; the wire is straight between them and fixed at the guides.
+    table_omega, table_zeta : float64 arrays (2, 2)
+        As for the wire, indexed ``[axis, mode]``, x before y.
+    table_slide_shape : float64 array (2, 2)
+        Displacement of the axis per unit of modal coordinate (kg^-1/2), ``[axis, mode]``.
+    table_participation : float64 array (2, 2)
+        Modal coordinate at rest per metre of commanded travel (kg^1/2), ``[axis, mode]``.
+    rotor_rad_per_m : float64 array (2,)
+        Rotor angle that commands one metre of travel, per axis: what `ctrl` of the full model expects.
+    neglected_damping : float
+        Largest coupling of two modes by damping, ``|c_ij| / sqrt(c_ii c_jj)``, which modal damping drops. The
+        wire has none (its damping is proportional to mass); the table's is 0.02.
+    """
+
+    wire_omega: Array
+    wire_zeta: Array
+    wire_shape: Array
+    node_heights_m: Array
+    node_shape: Array
+    table_omega: Array
+    table_zeta: Array
+    table_slide_shape: Array
+    table_participation: Array
+    rotor_rad_per_m: Array
+    neglected_damping: float
+
+
+def build_model(wire: WireSetup, model_file: str = MODEL_FILE) -> mujoco.MjModel:
+    """Return the machine's MuJoCo model with this wire in it.
+
+    Node positions, masses, damping, segment stiffness, the height of the upper arm and of the drawn
+    workpiece, and the time step (half the limit of stability of the wire's highest mode) follow the wire;
+    everything else stands in the file.
+
+    Parameters
+    ----------
+    wire : WireSetup
+        The wire and the distance of its guides.
+    model_file : str
+        The machine's MJCF: a file of `edmsim.models`, or the absolute path of another with the same names.
+
+    Returns
+    -------
+    mujoco.MjModel
+        Joints ``x y x_rotor y_rotor`` and ``wire_x00 wire_y00 ..``, bodies ``wire_00 ..`` from the lower
+        guide up, actuators ``x_stepper y_stepper`` (ctrl: rotor angle in rad).
+    """
+    return cast("mujoco.MjModel", machine_spec(wire, model_file).compile())
+
+
+def machine_spec(wire: WireSetup, model_file: str = MODEL_FILE, n_nodes: int | None = None) -> mujoco.MjSpec:
+    """Return what `build_model` compiles, for a model that differs from it in more than its wire.
+
+    Parameters
+    ----------
+    wire, model_file
+        As for `build_model`.
+    n_nodes : int, optional
+        Nodes of the wire, 1 to as many as the file has; all of them if not given.
+    """
+    spec = mjcf.read(model_file).copy()
+    if n_nodes is not None:
+        _thin_out(spec, n_nodes)
+    nodes = [body for body in spec.bodies if body.name.startswith("wire_")]
+    _string_wire(wire, nodes, [tendon for tendon in spec.tendons if tendon.name.startswith("segment_")])
+    spec.body("upper_arm").pos = [0.0, 0.0, wire.guide_distance_m]
+    _draw_workpiece(spec, wire.guide_distance_m)
+    spec.option.timestep = wire.guide_distance_m / (len(nodes) + 1) / (2 * wire.wave_speed)
+    return spec
+
+
+def _thin_out(spec: mujoco.MjSpec, n_nodes: int) -> None:
+    """Leave a wire's lowest nodes and tie the last of them to the upper guide."""
+    for part in (list(spec.tendons), list(spec.bodies)):
+        for item in part:
+            kind, _, number = item.name.partition("_")
+            if kind in ("wire", "segment") and int(number) >= n_nodes:
+                spec.delete(item)
+    last = spec.add_tendon(spec.find_default("wire"), name=f"segment_{n_nodes:02d}")
+    last.wrap_site(f"wire_{n_nodes - 1:02d}")
+    last.wrap_site("upper_guide")
+
+
+def _string_wire(wire: WireSetup, nodes: list[Any], segments: list[Any]) -> None:
+    """Give the chain's nodes and segments the wire's mass, damping and tension."""
+    spacing = wire.guide_distance_m / (len(nodes) + 1)
+    mass = wire.line_density * spacing
+    omega_1 = 2 / spacing * wire.wave_speed * math.sin(math.pi / (2 * (len(nodes) + 1)))
+    for i, node in enumerate(nodes):
+        node.frame.pos = [0.0, 0.0, 0.0]
+        node.pos = [0.0, 0.0, (i + 1) * spacing]
+        node.mass = mass
+        for joint in node.joints:
+            joint.damping = [2 * wire.damping_ratio * omega_1 * mass, 0.0, 0.0]
+    for segment in segments:
+        segment.stiffness = [wire.tension / spacing, 0.0, 0.0]  # its rest length is 0
+        segment.width = wire.diameter_m / 2
+
+
+def _draw_workpiece(spec: mujoco.MjSpec, guide_distance_m: float) -> None:
+    """Draw the workpiece as thick as the guides leave room for, the clamps on it; neither weighs anything."""
+    workpiece = spec.geom("workpiece")
+    below = workpiece.pos[2] - workpiece.size[2]
+    clearance = min(below, guide_distance_m / 4)
+    workpiece.size[2] = guide_distance_m / 2 - clearance
+    workpiece.pos[2] = below + workpiece.size[2]
+    for clamp in (spec.geom("clamp_left"), spec.geom("clamp_right")):
+        clamp.pos[2] = guide_distance_m - clearance + clamp.size[2]
+
+
+def reduce_model(model: mujoco.MjModel, n_modes: int, slice_heights_m: ArrayLike) -> ModalModel:
+    """Linearise a machine at its tensioned equilibrium and return its modes.
+
+    Mass comes from MuJoCo, stiffness and damping from central differences of the generalised force over
+    position and velocity. The modes of a block (wire x, wire y, table x, table y) solve
+    ``K phi = omega^2 M phi``. Damping keeps its diagonal in modal coordinates; the largest part dropped is
+    reported.
+
+    Parameters
+    ----------
+    model : mujoco.MjModel
+        What `build_model` returned, or a model with the same names.
+    n_modes : int
+        Wire modes to keep, lowest first, 1 to the number of nodes.
+    slice_heights_m : array (n_slices,)
+        Heights of the slices' mid-planes above the lower guide in m.
+
+    Returns
+    -------
+    ModalModel
+
+    Raises
+    ------
+    InputError
+        If `n_modes` or a height is out of range, or the model at rest is not four independent blocks without
+        active constraints, the wire alike along x and y.
+    """
+    node_heights, guide_distance = _wire_heights(model)
+    if not 1 <= n_modes <= len(node_heights):
+        raise InputError(f"n_modes is {n_modes}; this wire has 1 to {len(node_heights)} modes")
+    slices = _checked_heights(slice_heights_m, guide_distance)
+    linear = linearise(model)
+    blocks = _blocks(model, len(node_heights))
+    check_independent(linear, blocks)
+    wire_x, wire_y, table_x, table_y = (block_modes(linear, block) for block in blocks)
+    if not np.allclose(wire_x.omega, wire_y.omega, rtol=1e-9):
+        raise InputError("the wire's stiffness differs between x and y; one set of modes must serve both")
+    tables = (table_x, table_y)
+    travels = [_unit_travel(linear, block, axis) for axis, block in enumerate(blocks[2:])]
+    rests = [table.momenta @ travel for table, (travel, _) in zip(tables, travels, strict=True)]
+    return ModalModel(
+        wire_omega=wire_x.omega[:n_modes],
+        wire_zeta=wire_x.zeta[:n_modes],
+        wire_shape=at_heights(wire_x.shape[:, :n_modes], node_heights, guide_distance, slices),
+        node_heights_m=node_heights,
+        node_shape=wire_x.shape[:, :n_modes],
+        table_omega=np.stack([table.omega for table in tables]),
+        table_zeta=np.stack([table.zeta for table in tables]),
+        table_slide_shape=np.stack([table.shape[0] for table in tables]),
+        table_participation=np.stack(rests),
+        rotor_rad_per_m=np.array([ctrl for _, ctrl in travels]),
+        neglected_damping=max(modes.neglected_damping for modes in (wire_x, wire_y, *tables)),
+    )
+
+
+def _wire_heights(model: mujoco.MjModel) -> tuple[Array, float]:
+    """Return the nodes' heights above the lower guide and the distance of the guides, in m."""
+    import mujoco
+
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    low, high = (float(data.site(f"{end}_guide").xpos[2]) for end in ("lower", "upper"))
+    names = (model.body(i).name for i in range(model.nbody))
+    nodes = [name for name in names if name.startswith("wire_")]
+    return np.array([data.body(name).xpos[2] for name in nodes]) - low, high - low
+
+
+def _checked_heights(slice_heights_m: ArrayLike, guide_distance: float) -> Array:
+    heights = np.asarray(slice_heights_m, float)
+    if heights.ndim != 1 or not np.all((heights > 0) & (heights < guide_distance)):
+        raise InputError(
+            f"slice heights are {heights.tolist()} m; they must be a list of heights between the guides, "
+            f"above 0 and below {guide_distance:g} m"
+        )
+    return heights
+
+
+def _blocks(model: mujoco.MjModel, n_nodes: int) -> list[list[int]]:
+    """Return the degrees of freedom of wire x, wire y, table x (carriage, rotor), table y."""
+    wires = [[f"wire_{axis}{i:02d}" for i in range(n_nodes)] for axis in "xy"]
+    tables = [[axis, f"{axis}_rotor"] for axis in "xy"]
+    return [[int(model.joint(name).dofadr[0]) for name in names] for names in (*wires, *tables)]
+
+
+def _unit_travel(linear: Linear, block: list[int], axis: int) -> tuple[Array, float]:
+    """Return carriage and rotor at rest after one commanded metre, and the ctrl (rad) that commands it."""
+    per_ctrl = np.linalg.solve(linear.stiffness[np.ix_(block, block)], linear.input[block, axis])
+    return per_ctrl / per_ctrl[0], float(1 / per_ctrl[0])
+
+
+def at_heights(shape: Array, node_heights: Array, guide_distance: float, heights: Array) -> Array:
+    """Return deflections at `heights` of wires bent as `shape` (n_nodes, n): straight from node to node."""
+    known = np.concatenate([[0.0], node_heights, [guide_distance]])
+    return np.stack([np.interp(heights, known, np.pad(mode, 1)) for mode in shape.T], axis=1)
+
+
+def propagator_table(
+    omega: ArrayLike, zeta: ArrayLike, dt_grid: ArrayLike
+) -> tuple[Array, Array, Array, Array]:
+    """Return the exact propagators of free damped oscillators over given times.
+
+    ``q(t+dt) = p11 q + p12 v`` and ``v(t+dt) = p21 q + p22 v`` for ``q'' + 2 zeta omega q' + omega^2 q = 0``,
+    q counted from its equilibrium: the 2x2 matrix exponential, for under-, critically and overdamped modes.
+
+    Parameters
+    ----------
+    omega : array (n_modes,)
+        Undamped angular frequencies in rad/s, above 0.
+    zeta : array (n_modes,)
+        Damping ratios, 0 or more.
+    dt_grid : array (n_grid,)
+        Time spans in s, 0 or more.
+
+    Returns
+    -------
+    p11, p12, p21, p22 : float64 arrays (n_grid, n_modes)
+
+    Raises
+    ------
+    InputError
+        If a value is out of range or the modes' shapes differ.
+    """
+    w, z = np.asarray(omega, float), np.asarray(zeta, float)
+    spans = np.asarray(dt_grid, float)
+    if w.ndim != 1 or w.shape != z.shape or not (np.all(w > 0) and np.all(z >= 0)):
+        raise InputError(
+            f"modes have omega {w.tolist()} and zeta {z.tolist()}; "
+            "there must be equally many, omega above 0 and zeta 0 or more"
+        )
+    if spans.ndim != 1 or not np.all(spans >= 0):
+        raise InputError(f"time spans are {spans.tolist()} s; they must be a list of times of 0 or more")
+    cosine, sine = _damped_pair(w, z, spans[:, None])
+    return cosine + z * w * sine, sine, -(w**2) * sine, cosine - z * w * sine
+
+
+def _damped_pair(w: Array, z: Array, t: Array) -> tuple[Array, Array]:
+    """Return ``e^(-z w t) cos(s t)`` and ``e^(-z w t) sin(s t) / s`` with s = w sqrt(1 - z^2), real or not."""
+    under = z <= 1
+    if under.all():  # the usual case, met at every change of the generator's period
+        return _underdamped(w, z, t)
+    if not under.any():
+        return _overdamped(w, z, t)
+    pairs = zip(_underdamped(w, z, t), _overdamped(w, z, t), strict=True)
+    cosine, sine = (np.where(under, below, above) for below, above in pairs)
+    return cosine, sine
+
+
+def _underdamped(w: Array, z: Array, t: Array) -> tuple[Array, Array]:
+    st = w * np.sqrt(np.abs(1 - z**2)) * t
+    decay = np.exp(-z * w * t)
+    return decay * np.cos(st), decay * t * np.sinc(st / np.pi)
+
+
+def _overdamped(w: Array, z: Array, t: Array) -> tuple[Array, Array]:
+    """Summed from the two decaying exponentials: cosh alone would overflow."""
+    s = w * np.sqrt(np.abs(1 - z**2))
+    slow = np.exp(-(w**2) / (z * w + s) * t)  # e^(-(z w - s) t) without the cancellation
+    safe = np.where(s > 0, s, 1.0)
+    spread = np.where(s > 0, -np.expm1(-2 * s * t) / (2 * safe), t)
+    return slow * (1 + np.exp(-2 * s * t)) / 2, slow * spread

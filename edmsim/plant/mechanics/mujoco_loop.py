@@ -1,0 +1,277 @@
+"""Motion of wire and table by MuJoCo: a pulse is a few calls of ``mj_step`` from compiled code.
+
+A plant's modal arrays hold coordinates of the full model here, so that whatever else moves the wire works on
+them unchanged: ``wire_q`` and ``wire_v`` are deflections of the wire's nodes in um and um/s, ``shape`` runs
+straight from node to node, and ``table_q[axis]`` is where carriage and rotor are less where the motor's steps
+say, both in um of travel, ``table_v[axis]`` in um/s.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+from llvmlite import ir
+from numba import types
+from numba.extending import intrinsic
+from numpy.typing import NDArray
+
+from edmsim.compiled.jit import compiled
+from edmsim.plant.kernel.state import Array, Arrays
+from edmsim.plant.mechanics.modal import project
+
+LOST = -1
+"""What `move_full` returns for a wire or table that has left every reason."""
+
+
+class FullLink(NamedTuple):
+    """What compiled code needs of a MuJoCo model: addresses, views into MuJoCo's memory, and constants.
+
+    Valid as long as the model and data it was made from;
+    `edmsim.plant.mechanics.mujoco_model.FullMechanics` keeps them.
+
+    Attributes
+    ----------
+    mj_step, model, data : int
+        Addresses of the function and of its two arguments.
+    timestep : (1,)
+        The model's time step in s.
+    qpos, qvel, force : (degrees of freedom,)
+        Positions, velocities and applied forces, SI.
+    wire : int64 (2, nodes)
+        Degree of freedom of every node along x and y, from the lower guide up.
+    carriage, rotor : int64 (2,)
+        Degrees of freedom of the axes' carriages and rotors.
+    longest_us : float
+        Longest time step.
+    reach_m : float
+        A node further from the line between the guides is lost.
+    most_force_N : float
+        A node pulled harder is lost.
+    rad_per_um : (2,)
+        Rotor angle per um of travel.
+    step_um : float
+        Travel of a full step of a motor.
+    holding_Nm : (2,)
+        Largest torque of a motor.
+    teeth : float
+        Periods of that torque in a turn.
+    friction_N : float
+        Coulomb friction of an axis' ways.
+    presliding_m : float
+        Travel over which friction builds up.
+    friction_share : (2,)
+        Friction on each axis as a share of `friction_N`, -1 to 1: the only state besides the plant's arrays.
+    """
+
+    mj_step: int
+    model: int
+    data: int
+    timestep: Array
+    qpos: Array
+    qvel: Array
+    force: Array
+    wire: NDArray[np.int64]
+    carriage: NDArray[np.int64]
+    rotor: NDArray[np.int64]
+    longest_us: float
+    reach_m: float
+    most_force_N: float
+    rad_per_um: Array
+    step_um: float
+    holding_Nm: Array
+    teeth: float
+    friction_N: float
+    presliding_m: float
+    friction_share: Array
+
+
+def _calling(typingctx: Any, function: Any, model: Any, data: Any) -> Any:
+    """Machine code for a call of ``void function(model, data)``, all three given as addresses.
+
+    The addresses are values at run time, so machine code kept between runs stays right.
+    """
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        address = ir.IntType(8).as_pointer()
+        kind = ir.FunctionType(ir.VoidType(), [address, address])
+        target = builder.inttoptr(arguments[0], kind.as_pointer())
+        builder.call(target, [builder.inttoptr(argument, address) for argument in arguments[1:]])
+        return context.get_dummy_value()
+
+    return types.void(types.int64, types.int64, types.int64), generate
+
+
+_call: Any = intrinsic(_calling)
+
+
+@compiled
+def _lay_out(state: NDArray[np.void], a: Arrays, link: FullLink) -> None:
+    """Give MuJoCo the positions and velocities of the plant's arrays."""
+    for axis in range(2):
+        for m in range(link.wire.shape[1]):
+            dof = link.wire[axis, m]
+            link.qpos[dof] = a.wire_q[axis, m] * 1e-6
+            link.qvel[dof] = a.wire_v[axis, m] * 1e-6
+        carriage, rotor, turn = link.carriage[axis], link.rotor[axis], link.rad_per_um[axis]
+        link.qpos[carriage] = (state[0].commanded_um[axis] + a.table_q[axis, 0]) * 1e-6
+        link.qvel[carriage] = a.table_v[axis, 0] * 1e-6
+        link.qpos[rotor] = (state[0].commanded_um[axis] + a.table_q[axis, 1]) * turn
+        link.qvel[rotor] = a.table_v[axis, 1] * turn
+
+
+@compiled
+def _take_back(state: NDArray[np.void], a: Arrays, link: FullLink) -> None:
+    """Take positions and velocities from MuJoCo into the plant's arrays."""
+    for axis in range(2):
+        for m in range(link.wire.shape[1]):
+            dof = link.wire[axis, m]
+            a.wire_q[axis, m] = link.qpos[dof] * 1e6
+            a.wire_v[axis, m] = link.qvel[dof] * 1e6
+        carriage, rotor, turn = link.carriage[axis], link.rotor[axis], link.rad_per_um[axis]
+        a.table_q[axis, 0] = link.qpos[carriage] * 1e6 - state[0].commanded_um[axis]
+        a.table_v[axis, 0] = link.qvel[carriage] * 1e6
+        a.table_q[axis, 1] = link.qpos[rotor] / turn - state[0].commanded_um[axis]
+        a.table_v[axis, 1] = link.qvel[rotor] / turn
+
+
+@compiled
+def _sound(link: FullLink) -> bool:
+    """Whether every number MuJoCo is about to step from is finite and has a meaning.
+
+    MuJoCo itself would write a warning into a file for what is refused here.
+    """
+    for axis in range(2):
+        for m in range(link.wire.shape[1]):
+            dof = link.wire[axis, m]
+            if not (
+                abs(link.qpos[dof]) < link.reach_m
+                and abs(link.qvel[dof]) * link.timestep[0] < link.reach_m
+                and abs(link.force[dof]) < link.most_force_N
+            ):
+                return False
+        for dof in (link.carriage[axis], link.rotor[axis]):
+            if not (abs(link.qpos[dof]) < 1e6 and abs(link.qvel[dof]) < 1e6 and abs(link.force[dof]) < 1e6):
+                return False
+    return True
+
+
+@compiled
+def _drive(state: NDArray[np.void], link: FullLink) -> None:
+    """Apply the motors' torques and the friction of the ways.
+
+    A hybrid stepper holds its rotor by a torque that is sinusoidal over the angle and repeats with every tooth:
+    an angle of a tooth and it rests, four full steps off, without anyone noticing.
+    """
+    for axis in range(2):
+        rotor = link.rotor[axis]
+        lead = link.qpos[rotor] - state[0].commanded_um[axis] * link.rad_per_um[axis]
+        link.force[rotor] = -link.holding_Nm[axis] * math.sin(link.teeth * lead)
+        link.force[link.carriage[axis]] = -link.friction_N * link.friction_share[axis]
+
+
+@compiled
+def _rub(link: FullLink, axis: int, travel_m: float) -> None:
+    """Carry friction on over a travel: Dahl's law, exact for a travel in one direction.
+
+    ``dz/dx = 1 - z sign(dx) / presliding`` for the bristles' bending z, here as a share of the largest.
+    """
+    left = math.exp(-abs(travel_m) / link.presliding_m)
+    toward = 1.0 if travel_m > 0.0 else -1.0
+    link.friction_share[axis] = toward + (link.friction_share[axis] - toward) * left
+
+
+@compiled
+def _step(state: NDArray[np.void], link: FullLink) -> bool:
+    """One time step of MuJoCo under the forces on the wire; false if its numbers are lost."""
+    _drive(state, link)
+    if not _sound(link):
+        return False
+    x, y = link.qpos[link.carriage[0]], link.qpos[link.carriage[1]]
+    _call(link.mj_step, link.model, link.data)
+    _rub(link, 0, link.qpos[link.carriage[0]] - x)
+    _rub(link, 1, link.qpos[link.carriage[1]] - y)
+    return True
+
+
+@compiled
+def _overlap(begin: float, end: float, low: float, high: float) -> float:
+    """Length of what two spans share."""
+    return max(0.0, min(end, high) - max(begin, low))
+
+
+@compiled
+def move_full(
+    state: NDArray[np.void],
+    a: Arrays,
+    link: FullLink,
+    load: Array,
+    sums: Array,
+    open_scale: float,
+    burn_scale: float,
+    ignite_us: float,
+    end_us: float,
+    period_ns: int,
+    s: int,
+    kick_x: float,
+    kick_y: float,
+    steps: NDArray[np.int64],
+    next_step: int,
+) -> int:
+    """Step the full model over the period of a pulse that starts at the state's time, which is left as it is.
+
+    As `edmsim.plant.mechanics.modal.move` and ``step_table`` together. The period is cut into equal time steps.
+    The pull
+    (um kg/s2 times the scales) acts with its mean over each. The kick (N s) at ``end_us`` on slice `s` is
+    shared by the two time steps around it, so that its mean moment is right; in the last time step there is no
+    other to share with, and it comes early by less than its length. A motor's step changes the commanded angle,
+    and ``commanded_um`` with it, at the begin of the time step in which it falls.
+
+    Parameters
+    ----------
+    load : (2, nodes)
+        Room for the pull on the nodes.
+    steps : int64 (n, 3)
+        Motor steps in order of time: time in ns, axis 0 or 1, direction -1 or 1.
+    next_step : int
+        First of them that has not happened.
+
+    Returns
+    -------
+    int
+        First motor step after this period, or `LOST` if a coordinate is not finite or beyond every reason;
+        nothing is stepped any more then, and the arrays hold what was found.
+    """
+    period_us = period_ns * 1e-3
+    n_steps = math.ceil(period_us / link.longest_us)
+    dt_us = period_us / n_steps
+    link.timestep[0] = dt_us * 1e-6
+    project(a, sums, load)
+    _lay_out(state, a, link)
+    kicked = min(int(end_us / dt_us), n_steps - 1)
+    second = end_us / dt_us - kicked if kicked < n_steps - 1 else 0.0
+    sound = True
+    for k in range(n_steps):
+        until_ns = state[0].time_ns + period_ns * (k + 1) // n_steps
+        while next_step < steps.shape[0] and steps[next_step, 0] < until_ns:
+            state[0].commanded_um[steps[next_step, 1]] += steps[next_step, 2] * link.step_um
+            next_step += 1
+        begin, end = k * dt_us, (k + 1) * dt_us
+        scale = (
+            open_scale * _overlap(begin, end, 0.0, ignite_us) + burn_scale * _overlap(begin, end, ignite_us, end_us)
+        ) / dt_us
+        kick = 0.0
+        if k == kicked:
+            kick = (1.0 - second) / link.timestep[0]
+        elif k == kicked + 1:
+            kick = second / link.timestep[0]
+        for m in range(link.wire.shape[1]):
+            share = a.shape[s, m] * kick
+            link.force[link.wire[0, m]] = load[0, m] * scale * 1e-6 + share * kick_x
+            link.force[link.wire[1, m]] = load[1, m] * scale * 1e-6 + share * kick_y
+        sound = _step(state, link)
+        if not sound:
+            break
+    _take_back(state, a, link)
+    return next_step if sound and _sound(link) else LOST

@@ -1,0 +1,124 @@
+"""Craters: what a discharge takes from the metal.
+
+A crater's area in its slice is shared among the rays in its width, whose edges recede at once; the field itself
+is carved before they are traced anew, ray by ray, so that a cell is looked up once for all discharges since.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from edmsim.compiled.elementary import cube_root
+from edmsim.compiled.jit import compiled
+from edmsim.plant.gap.ray_trace import gap_of, place_of
+from edmsim.plant.gap.rays import turned
+from edmsim.plant.kernel.state import Array, Arrays, Constants
+from edmsim.plant.workpiece.kerf_field import FULL, NO_METAL_UM, carve_wall
+
+CARVE_BEYOND_UM = 48.0
+"""How far behind a ray's edge its wall is looked for."""
+BARE_UM = np.float32(0.5 * NO_METAL_UM)
+"""A gap beyond this is that of a ray that meets no metal."""
+PROUD_UM = 6.0
+"""Metal this far before the edge stands out: no ray may see it, but discharges do."""
+
+
+@compiled
+def crater_diameter(volume: float, c: Constants) -> float:
+    """Diameter in um of a half-ellipsoid crater: V = 2/3 area depth, depth = flatness diameter."""
+    return float(cube_root(6.0 * volume / (math.pi * c.crater_flatness)))
+
+
+@compiled
+def _covered(middle: float, reach: float, aside: int) -> float:
+    """Share of the ray `aside` places away that a crater covers, all lengths in ray spacings."""
+    return max(0.0, min(middle + reach, aside + 0.5) - max(middle - reach, aside - 0.5))
+
+
+@compiled
+def _metal_covered(a: Arrays, s: int, middle: int, span: int, jitter: float, reach: float) -> float:
+    """How many ray spacings of metal a crater covers, the ray in the middle and `span` on either side looked at."""
+    if middle >= span and middle + span < a.unbroken[s]:
+        return 2.0 * reach
+    covered = 0.0
+    for aside in range(-span, span + 1):
+        if a.distance[s, turned(middle, aside, a.ray_cosine.shape[0])] < BARE_UM:
+            covered += _covered(jitter, reach, aside)
+    return covered
+
+
+@compiled
+def share_crater(a: Arrays, c: Constants, position: Array, s: int, middle: int, volume: float, jitter: float) -> bool:
+    """Lay a crater of `volume` um3 at the ray at a place on the rays in its width, which recede by its mean depth.
+
+    `jitter` (-0.5..0.5 ray spacings) shifts the crater, so that many of them cover the wall evenly. Says whether
+    there was metal to lay it on.
+    """
+    if volume <= 0.0:
+        return False
+    n_rays = a.ray_cosine.shape[0]
+    spacing = (c.radius_um + gap_of(a, position, s, middle)) * (2.0 * math.pi / n_rays)
+    diameter = crater_diameter(volume, c)
+    reach = min(0.5 * diameter / spacing, 0.25 * n_rays - 1.0)
+    span = int(reach) + 1
+    covered = _metal_covered(a, s, middle, span, jitter, reach)
+    if covered <= 0.0:
+        return False
+    depth = volume / (c.slice_um * spacing * covered)
+    for aside in range(-span, span + 1):
+        place = turned(middle, aside, n_rays)
+        if a.distance[s, place] < BARE_UM:
+            deep = depth * _covered(jitter, reach, aside)
+            a.distance[s, place] += np.float32(deep)
+            a.pending_um2[s, place] += deep * spacing
+    return True
+
+
+@compiled
+def _carve_ray(
+    a: Arrays, tiles: NDArray[np.uint16], index: NDArray[np.int32], c: Constants, s: int, r: int, parts: int,
+    aside: float,
+) -> int:
+    """Take `parts` from the wall a ray stands for, `aside` ray spacings beside it; returns the parts not found."""
+    near = c.radius_um + np.float64(a.edge_um[s, r])
+    width = near * (2.0 * math.pi / a.ray_cosine.shape[0])
+    cosine, sine = a.ray_cosine[r], a.ray_sine[r]
+    return carve_wall(
+        tiles, index, s, c.cell_um, a.reference_um[0, s] - aside * width * sine,
+        a.reference_um[1, s] + aside * width * cosine, cosine, sine, near, c.carve_before_um, PROUD_UM,
+        CARVE_BEYOND_UM, width, parts,
+    )
+
+
+@compiled
+def carve(
+    a: Arrays, tiles: NDArray[np.uint16], index: NDArray[np.int32], c: Constants, aside: float
+) -> float:
+    """Carve what lies on the rays from the field; returns the volume in um3 that found no metal.
+
+    `aside` (-0.5..0.5 ray spacings) shifts all strips: where two meet, no ridge shall stay that no ray sees. What
+    is less than a part of a cell, or was taken too much, is kept per slice.
+    """
+    part = c.cell_um**2 / FULL
+    missed = 0.0
+    for s in range(a.shape.shape[0]):
+        for r in range(a.ray_cosine.shape[0]):
+            place = place_of(a, s, r)
+            if a.pending_um2[s, place] > 0.0:
+                area = a.pending_um2[s, place] + a.carry_um2[s]
+                a.pending_um2[s, place] = 0.0
+                parts = max(0, int(area / part))
+                a.carry_um2[s] = area - parts * part
+                if parts == 0:
+                    continue
+                left = _carve_ray(a, tiles, index, c, s, r, parts, aside)
+                if left < 0:
+                    a.carry_um2[s] += left * part  # taken beforehand
+                    continue
+                lost = left * part * c.slice_um
+                a.debris[s] = max(0.0, a.debris[s] - lost / c.cavity_um3)
+                missed += lost
+    return missed

@@ -1,0 +1,145 @@
+"""A workpiece whose height changes: which slices have metal where.
+
+The workpiece stands on its lower face, so that a lower place lacks its uppermost slices. A slice has metal
+where its middle lies below the local height: heights are rounded to slices.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from edmsim.errors import InputError
+
+if TYPE_CHECKING:
+    from shapely.geometry.base import BaseGeometry
+
+
+class HeightStep(NamedTuple):
+    """A region where the workpiece has a height of its own.
+
+    Attributes
+    ----------
+    region_um : shapely geometry
+        Polygon or polygons in um on the table.
+    height_mm : float
+        Height there, above the workpiece's lower face.
+    """
+
+    region_um: BaseGeometry
+    height_mm: float
+
+
+class Relief:
+    """Where each slice of a stepped workpiece lacks metal.
+
+    Parameters
+    ----------
+    steps : sequence of HeightStep
+        Where regions overlap, the earlier one holds; outside all of them the height is `height_mm`.
+    height_mm : float
+        The greatest height, which the slices divide.
+    n_slices : int
+
+    Attributes
+    ----------
+    voids_um : list of shapely geometry
+        For each slice from the bottom the region without metal, perhaps empty; slices without a step between
+        them share one.
+
+    Raises
+    ------
+    InputError
+        If a step's height is not above 0 and at most `height_mm`, or so low that no slice is left of it.
+    """
+
+    def __init__(self, steps: Sequence[HeightStep], height_mm: float, n_slices: int) -> None:
+        import shapely
+
+        self.slice_mm = height_mm / n_slices
+        self.n_slices = n_slices
+        of_level: dict[int, list[BaseGeometry]] = {}
+        claimed: BaseGeometry = shapely.Polygon()
+        for region, height in steps:
+            if not 0 < height <= height_mm:
+                raise InputError(f"a step {height:g} mm high does not fit a workpiece of up to {height_mm:g} mm")
+            level = slices_below(height, height_mm, n_slices)
+            if level == 0:
+                raise InputError(
+                    f"a step {height:g} mm high is lost between slices of {self.slice_mm:.3g} mm: it must be above "
+                    f"{self.slice_mm / 2:.3g} mm, or the resolution finer"
+                )
+            of_level.setdefault(level, []).append(region.difference(claimed))
+            claimed = claimed.union(region)
+        self.voids_um: list[BaseGeometry] = []
+        void: BaseGeometry = shapely.Polygon()
+        for number in range(n_slices):
+            if number in of_level:
+                void = shapely.union_all([void, *of_level[number]])
+                shapely.prepare(void)
+            self.voids_um.append(void)
+
+    def metal(self, x_um: NDArray[np.float64], y_um: NDArray[np.float64], cell_um: float
+              ) -> NDArray[np.float64] | None:
+        """Share (0..1) of square cells that each slice has metal in, (n_slices, len(x), len(y)); exact.
+
+        None if every slice has metal everywhere in them.
+        """
+        import shapely
+
+        half = cell_um / 2
+        whole = shapely.box(x_um[0] - half, y_um[0] - half, x_um[-1] + half, y_um[-1] + half)
+        if not self.voids_um[-1].intersects(whole):  # the uppermost slice lacks most
+            return None
+        share = np.empty((self.n_slices, len(x_um), len(y_um)))
+        for number, void in enumerate(self.voids_um):
+            if number and void is self.voids_um[number - 1]:
+                share[number] = share[number - 1]
+            else:
+                share[number] = 1.0 - _covered(void, whole, x_um, y_um, half)
+        return share
+
+    def heights_mm(self, points_um: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Height of the slices with metal at points ``(n, 2)``: the local height as the plant has it."""
+        import shapely
+
+        points = shapely.points(points_um)
+        lacking = sum(shapely.intersects(void, points).astype(np.int64) for void in self.voids_um)
+        return np.asarray((self.n_slices - lacking) * self.slice_mm)
+
+    def clearance_um(self, points_um: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Distance of points ``(n, 2)`` to where each slice lacks metal, (n_slices, n); 0 where it does."""
+        import shapely
+
+        points = shapely.points(points_um)
+        distance = np.stack([shapely.distance(void, points) for void in self.voids_um])
+        return np.where(np.isnan(distance), np.inf, distance)  # nothing is lacking
+
+
+def slices_below(height_mm: float, full_mm: float, n_slices: int) -> int:
+    """Slices of a workpiece `full_mm` high whose middle lies below a height."""
+    middle = (np.arange(n_slices) + 0.5) / n_slices * full_mm
+    return int((middle < height_mm).sum())
+
+
+def _covered(
+    void: BaseGeometry, whole: BaseGeometry, x_um: NDArray[np.float64], y_um: NDArray[np.float64], half_um: float
+) -> NDArray[np.float64]:
+    """Share of each cell that a region covers; only cells on its rim are cut with it."""
+    import shapely
+
+    if not void.intersects(whole):
+        return np.zeros((len(x_um), len(y_um)))
+    if void.contains(whole):
+        return np.ones((len(x_um), len(y_um)))
+    x, y = np.meshgrid(x_um, y_um, indexing="ij")
+    cells = shapely.box(x - half_um, y - half_um, x + half_um, y + half_um)
+    near = void.intersection(whole)
+    shapely.prepare(near)
+    share = shapely.contains(near, cells).astype(np.float64)
+    rim = shapely.intersects(near, cells) & (share == 0.0)
+    share[rim] = shapely.area(shapely.intersection(near, cells[rim])) / (2 * half_um) ** 2
+    return np.asarray(np.clip(share, 0.0, 1.0))

@@ -1,0 +1,385 @@
+"""The kerf field: what metal is left in every slice of the workpiece, on a sparse tiled grid.
+
+A cell holds the fraction of metal left in it as a whole number of 1/32768 parts, so that removal is
+exact arithmetic: nothing is lost or gained however many craters fall. Tiles exist only along the path.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from edmsim.compiled.jit import compiled
+from edmsim.errors import InputError
+from edmsim.plant.workpiece.height_steps import HeightStep, Relief
+
+FULL = 32768
+"""Parts in a full cell."""
+TILE = 32
+"""Cells along a tile's side."""
+PROUD_SHARE = 3.0
+"""Metal that stands out goes up to so many times as fast beside the rest (ours)."""
+NO_METAL_UM = 1.0e6
+"""Distance of a ray that meets no metal: so far that it takes no part in anything."""
+PARALLEL = 1e-9
+"""A direction is parallel to an axis of the grid if its cosine is below this."""
+
+
+@dataclass(frozen=True)
+class Stock:
+    """The blank before the first spark: a rectangle with round start holes, perhaps of several heights.
+
+    Attributes
+    ----------
+    rectangle_um : (x_min, y_min, x_max, y_max)
+    holes_um : tuple of (x, y, radius)
+    steps : tuple of HeightStep
+        Regions that are less high than the rest; where they overlap, the earlier one holds.
+    height_mm : float, optional
+        Height outside the steps: the machine's `height_mm`, the greatest there is. Needed with steps.
+
+    Raises
+    ------
+    InputError
+        If there are steps without a height to compare them with.
+    """
+
+    rectangle_um: tuple[float, float, float, float]
+    holes_um: tuple[tuple[float, float, float], ...] = ()
+    steps: tuple[HeightStep, ...] = ()
+    height_mm: float | None = None
+
+    def __post_init__(self) -> None:
+        if self.steps and self.height_mm is None:
+            raise InputError("a workpiece with steps needs height_mm, its greatest height: that of the machine")
+
+    def is_whole(self, x0_um: float, y0_um: float, x1_um: float, y1_um: float) -> bool:
+        """Whether the lowest slice is full of metal between two corners: away from every edge and hole."""
+        left, low, right, high = self.rectangle_um
+        if not (left <= x0_um and low <= y0_um and x1_um <= right and y1_um <= high):
+            return False
+        return len(self._holes_near(x0_um, y0_um, x1_um, y1_um)) == 0
+
+    @functools.cached_property
+    def _holes(self) -> NDArray[np.float64]:
+        return np.array(self.holes_um, np.float64).reshape(-1, 3)
+
+    def _holes_near(self, x0_um: float, y0_um: float, x1_um: float, y1_um: float) -> NDArray[np.float64]:
+        """Holes (n, 3) whose squares reach between two corners."""
+        x, y, radius = self._holes.T
+        in_x = (x + radius >= x0_um) & (x - radius <= x1_um)
+        return np.asarray(self._holes[in_x & (y + radius >= y0_um) & (y - radius <= y1_um)])
+
+    def fraction(self, x_um: NDArray[np.float64], y_um: NDArray[np.float64], cell_um: float
+                 ) -> NDArray[np.float64]:
+        """Share of metal (0..1) in the square cells of side `cell_um` centred at ``x_um[:, None], y_um``.
+
+        In the lowest slice, that is: its metal no step takes away. Exact for the rectangle; at a hole's edge
+        the share falls linearly over one cell. Where holes overlap, the one that takes most of a cell counts.
+        """
+        x0, y0, x1, y1 = self.rectangle_um
+        half = cell_um / 2
+        in_x = np.clip(np.minimum(x_um + half, x1) - np.maximum(x_um - half, x0), 0, cell_um) / cell_um
+        in_y = np.clip(np.minimum(y_um + half, y1) - np.maximum(y_um - half, y0), 0, cell_um) / cell_um
+        left = np.ones((len(x_um), len(y_um)))
+        near = self._holes_near(x_um[0] - cell_um, y_um[0] - cell_um, x_um[-1] + cell_um, y_um[-1] + cell_um)
+        for hole_x, hole_y, radius in near:
+            outside = np.hypot(x_um[:, None] - hole_x, y_um[None, :] - hole_y) - radius
+            left = np.minimum(left, np.clip(0.5 + outside / cell_um, 0.0, 1.0))
+        return np.asarray(in_x[:, None] * in_y[None, :] * left)
+
+
+class KerfField:
+    """Metal left, per slice.
+
+    Parameters
+    ----------
+    n_slices : int
+        Slices of the workpiece height, counted from the bottom.
+    stock : Stock
+        The blank the tiles are filled from when they are first needed.
+    cell_um : float
+        Side of a cell in um.
+    extent_um : float
+        Side of the square the field covers, from the table's origin (row T-61).
+
+    Attributes
+    ----------
+    tiles : uint16 array (capacity, n_slices, TILE, TILE)
+        Parts of metal left, indexed ``[tile, slice, ix, iy]``; cell ``(ix, iy)`` of tile ``(tx, ty)`` covers
+        ``x`` from ``(tx * TILE + ix) * cell_um`` on, likewise ``y``. The metal's edge is the half-full level
+        between cell centres.
+    index : int32 array (nx, ny)
+        The tile's place in `tiles`, -1 where none is allocated yet (there the stock is untouched).
+    relief : Relief or None
+        Which slices of a stepped stock have metal where; None if all have it everywhere.
+
+    Raises
+    ------
+    InputError
+        If a step of the stock cannot be told by these slices.
+    """
+
+    def __init__(self, n_slices: int, stock: Stock, cell_um: float = 4.0, extent_um: float = 65_000.0) -> None:
+        self.n_slices = n_slices
+        self.stock = stock
+        self.cell_um = cell_um
+        n = int(np.ceil(extent_um / (cell_um * TILE))) + 2
+        self.index: NDArray[np.int32] = np.full((n, n), -1, np.int32)
+        self.tiles: NDArray[np.uint16] = np.empty((64, n_slices, TILE, TILE), np.uint16)
+        self.count = 0
+        self._stock_parts = 0
+        self.relief: Relief | None = None
+        if stock.steps and stock.height_mm is not None:
+            self.relief = Relief(stock.steps, stock.height_mm, n_slices)
+
+    @property
+    def part_area_um2(self) -> float:
+        """Area in um2 of one part of a cell."""
+        return self.cell_um**2 / FULL
+
+    def allocate(self, x_um: float, y_um: float, reach_um: float) -> bool:
+        """Make sure that every tile within `reach_um` of a point exists; say whether any was new."""
+        side = self.cell_um * TILE
+        last = self.index.shape[0] - 1
+        x0, x1 = (min(max(int((x_um + d) // side), 0), last) for d in (-reach_um, reach_um))
+        y0, y1 = (min(max(int((y_um + d) // side), 0), last) for d in (-reach_um, reach_um))
+        window = self.index[x0 : x1 + 1, y0 : y1 + 1]
+        if window.min() >= 0:
+            return False
+        for tx, ty in np.argwhere(window < 0):
+            self._add_tile(x0 + int(tx), y0 + int(ty))
+        return True
+
+    def _add_tile(self, tx: int, ty: int) -> None:
+        if self.count == len(self.tiles):
+            grown = np.empty((self.count * 3 // 2 + 1, *self.tiles.shape[1:]), np.uint16)
+            grown[: self.count] = self.tiles
+            self.tiles = grown
+        self.tiles[self.count] = self.stock_tile(tx, ty)
+        self._stock_parts += int(self.tiles[self.count].sum(dtype=np.int64))
+        self.index[tx, ty] = self.count
+        self.count += 1
+
+    def stock_tile(self, tx: int, ty: int) -> NDArray[np.uint16]:
+        """Parts of metal in a tile before the cut: (n_slices, TILE, TILE), not to be written to."""
+        side, cell = self.cell_um * TILE, self.cell_um
+        x0, y0 = tx * side, ty * side
+        if self.relief is None and self.stock.is_whole(x0 - cell, y0 - cell, x0 + side + cell, y0 + side + cell):
+            return np.broadcast_to(np.uint16(FULL), (self.n_slices, TILE, TILE))
+        centres = np.arange(0.5, TILE, dtype=np.float64) * cell
+        x, y = x0 + centres, y0 + centres
+        share = self.stock.fraction(x, y, self.cell_um)
+        metal = None if self.relief is None else self.relief.metal(x, y, self.cell_um)
+        parts = np.round((share if metal is None else share * metal) * FULL).astype(np.uint16)
+        return np.broadcast_to(parts, (self.n_slices, TILE, TILE))
+
+    @property
+    def removed_parts(self) -> int:
+        """Parts of cells removed so far, over all slices: exact."""
+        return self._stock_parts - int(self.tiles[: self.count].sum(dtype=np.int64))
+
+    def tile_places(self) -> Iterator[tuple[int, int, int]]:
+        """Yield ``(tx, ty, place)`` of every allocated tile."""
+        for tx, ty in np.argwhere(self.index >= 0):
+            yield int(tx), int(ty), int(self.index[tx, ty])
+
+    def patch(self, slice_index: int, ix0: int, ix1: int, iy0: int, iy1: int) -> NDArray[np.float64]:
+        """Metal fraction (0..1) of the cells ``ix0 <= ix < ix1, iy0 <= iy < iy1`` of one slice, dense."""
+        out = np.empty((ix1 - ix0, iy1 - iy0))
+        for tx in range(ix0 // TILE, (ix1 - 1) // TILE + 1):
+            for ty in range(iy0 // TILE, (iy1 - 1) // TILE + 1):
+                inside = 0 <= tx < self.index.shape[0] and 0 <= ty < self.index.shape[1]
+                place = int(self.index[tx, ty]) if inside else -1
+                tile = (self.stock_tile(tx, ty) if place < 0 else self.tiles[place])[slice_index]
+                a0, a1 = max(ix0, tx * TILE), min(ix1, (tx + 1) * TILE)
+                b0, b1 = max(iy0, ty * TILE), min(iy1, (ty + 1) * TILE)
+                out[a0 - ix0 : a1 - ix0, b0 - iy0 : b1 - iy0] = (
+                    tile[a0 - tx * TILE : a1 - tx * TILE, b0 - ty * TILE : b1 - ty * TILE] / FULL
+                )
+        return out
+
+    def snapshot(self) -> dict[str, NDArray[np.generic]]:
+        """Return a copy of everything that changes, as arrays."""
+        return {
+            "tiles": self.tiles[: self.count].copy(),
+            "index": self.index.copy(),
+            "stock_parts": np.array(self._stock_parts),
+        }
+
+    def restore(self, state: dict[str, NDArray[np.generic]]) -> None:
+        """Take back a `snapshot`."""
+        self.tiles = np.array(state["tiles"], np.uint16)
+        self.count = len(self.tiles)
+        if self.count == 0:
+            self.tiles = np.empty((64, self.n_slices, TILE, TILE), np.uint16)
+        self.index = np.array(state["index"], np.int32)
+        self._stock_parts = int(state["stock_parts"])
+
+
+# --- compiled access: the pulse loop reads and removes metal through these two functions only ---
+
+
+_TILE_BITS, _TILE_MASK = np.uint64(5), np.uint64(TILE - 1)
+
+
+@compiled
+def _inside(px: float, py: float, index: NDArray[np.int32]) -> bool:
+    """Whether a point, in cells, lies on the grid."""
+    limit = np.float64(index.shape[0] * TILE)
+    return bool(0.0 <= px < limit) and bool(0.0 <= py < limit)
+
+
+@compiled
+def _parts(
+    tiles: NDArray[np.uint16], index: NDArray[np.int32], slice_index: int, cell_x: np.int64, cell_y: np.int64
+) -> np.int64:
+    """Parts of metal in a cell of the grid; whole where no tile is allocated."""
+    # unsigned, so that neither floor division nor negative indices cost anything
+    ix, iy = np.uint64(cell_x), np.uint64(cell_y)
+    place = index[ix >> _TILE_BITS, iy >> _TILE_BITS]
+    if place < 0:
+        return np.int64(FULL)
+    return np.int64(tiles[np.uint64(place), np.uint64(slice_index), ix & _TILE_MASK, iy & _TILE_MASK])
+
+
+@compiled
+def trace(
+    tiles: NDArray[np.uint16],
+    index: NDArray[np.int32],
+    slice_index: int,
+    cell_um: float,
+    x: float,
+    y: float,
+    cosine: float,
+    sine: float,
+    start_um: float,
+    end_um: float,
+) -> float:
+    """Distance in um from a point along a direction to the metal's edge; `NO_METAL_UM` where there is none.
+
+    Goes from cell to cell and adds up the metal met; where it amounts to one cell, the edge lies one cell back. That
+    makes the edge move smoothly as a cell is emptied, and a sliver thinner than a cell transparent.
+    """
+    grid = 1.0 / cell_um
+    px, py = (x + cosine * start_um) * grid, (y + sine * start_um) * grid
+    length = end_um - start_um
+    if not (_inside(px, py, index) and _inside(px + length * cosine * grid, py + length * sine * grid, index)):
+        return NO_METAL_UM  # beyond the table there is none
+    ix, iy = np.int64(px), np.int64(py)
+    per_x, per_y = cell_um / max(abs(cosine), PARALLEL), cell_um / max(abs(sine), PARALLEL)
+    step_x, step_y = np.int64(1 if cosine > 0.0 else -1), np.int64(1 if sine > 0.0 else -1)
+    next_x = (ix + 1 - px if cosine > 0.0 else px - ix) * per_x
+    next_y = (iy + 1 - py if sine > 0.0 else py - iy) * per_y
+    here, met, whole = 0.0, 0.0, FULL * cell_um
+    while here < length:
+        parts = np.float64(_parts(tiles, index, slice_index, ix, iy))
+        along_x = next_x < next_y
+        there = next_x if along_x else next_y
+        met += parts * (there - here)
+        if met >= whole:
+            return start_um + there - (met - whole) / parts - cell_um
+        here = there
+        ix += step_x if along_x else 0
+        iy += 0 if along_x else step_y
+        next_x += per_x if along_x else 0.0
+        next_y += 0.0 if along_x else per_y
+    return NO_METAL_UM
+
+
+@compiled
+def _carve_row(
+    tiles: NDArray[np.uint16], index: NDArray[np.int32], slice_index: int, ix: int, iy: int, step_x: int, step_y: int,
+    length: int, parts: int, proud: int, spare: int,
+) -> int:
+    """Remove `parts` from a row of `length` cells, the first metal first; return what of them found none.
+
+    What stands in the first `proud` cells goes beyond that, by up to `spare`: then less than nothing is left.
+    """
+    quota = np.int64(parts)
+    limit = np.uint64(index.shape[0] * TILE)
+    ux, uy = np.uint64(ix), np.uint64(iy)  # a cell below zero is one far beyond the limit
+    left = length
+    while left > 0 and ux < limit and uy < limit:
+        place = index[ux >> _TILE_BITS, uy >> _TILE_BITS]
+        row, column = ux & _TILE_MASK, uy & _TILE_MASK
+        along = int(row) if step_x != 0 else int(column)
+        run = min(left, TILE - along if step_x + step_y > 0 else along + 1)  # cells of the row in this tile
+        if place >= 0:
+            tile, level = np.uint64(place), np.uint64(slice_index)
+            for k in range(run):
+                allowed = quota + spare if length - left + k < proud else quota
+                if allowed <= 0:
+                    return int(quota)
+                metal = np.int64(tiles[tile, level, row, column])
+                if metal >= allowed:
+                    tiles[tile, level, row, column] = np.uint16(metal - allowed)
+                    return int(quota - allowed)
+                if metal > 0:
+                    tiles[tile, level, row, column] = np.uint16(0)
+                    quota -= metal
+                row += np.uint64(step_x)
+                column += np.uint64(step_y)
+        ux += np.uint64(step_x * run)
+        uy += np.uint64(step_y * run)
+        left -= run
+    return int(quota)
+
+
+@compiled
+def carve_wall(
+    tiles: NDArray[np.uint16],
+    index: NDArray[np.int32],
+    slice_index: int,
+    cell_um: float,
+    x: float,
+    y: float,
+    cosine: float,
+    sine: float,
+    edge_um: float,
+    before_um: float,
+    proud_um: float,
+    beyond_um: float,
+    width_um: float,
+    parts: int,
+) -> int:
+    """Remove `parts` parts of metal from a wall; return how many found none, below zero if more were taken.
+
+    The wall stands across a direction, `edge_um` from the point and `width_um` wide; metal is looked for from
+    `before_um` before it to `beyond_um` behind. It is taken row by row of the grid, along the axis nearer to the
+    direction; every row gives as much as the share of the width it covers, from its first metal inwards, so that the
+    edge stays sharp and even. Metal that stands more than `proud_um` before the wall is what discharges hit first: of
+    it a row gives up to `PROUD_SHARE` times as much more.
+    """
+    grid = 1.0 / cell_um
+    along_x = abs(cosine) >= abs(sine)
+    px, py = (x + cosine * edge_um) * grid, (y + sine * edge_um) * grid
+    ahead, aside = (px, py) if along_x else (py, px)
+    major, minor = (cosine, sine) if along_x else (sine, cosine)
+    step = 1 if major > 0.0 else -1
+    ahead -= step * before_um * grid
+    length = int((before_um + beyond_um) * grid) + 1
+    proud = int((before_um - proud_um) * grid)
+    extent = width_um * grid * abs(major)
+    low = aside - 0.5 * extent
+    per_width = parts / extent
+    slant = minor / major
+    quota, spent = 0, 0
+    first, last = math.floor(low), math.floor(low + extent)
+    for row in range(first, last + 1):
+        covered = min(low + extent, row + 1.0) - low
+        due = parts if row == last else int(covered * per_width)
+        quota += due - spent
+        spare = int(PROUD_SHARE * (due - spent))
+        spent = due
+        cell = math.floor(ahead - (row + 0.5 - aside) * slant)
+        if along_x:
+            quota = _carve_row(tiles, index, slice_index, cell, row, step, 0, length, quota, proud, spare)
+        else:
+            quota = _carve_row(tiles, index, slice_index, row, cell, 0, step, length, quota, proud, spare)
+    return quota

@@ -1,0 +1,42 @@
+"""A begun slot: the stock in which straight cuts start, with walls around the wire from the first pulse on."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from edmsim.plant.workpiece.height_steps import HeightStep
+from edmsim.plant.workpiece.kerf_field import Stock
+
+if TYPE_CHECKING:
+    from edmsim.machine.machine import Machine
+
+SLOT_UM = 400.0
+"""Length of the slot behind the wire (ours: the wire's rays do not reach its open end)."""
+SLOT_GAP_UM = 25.0
+"""Gap all round the wire at the slot's end (ours: a little wider than what cuts settle at in front)."""
+_SCALLOP_UM = 20.0
+"""Spacing of the holes that make up a slot: their cusps stay below half a um."""
+
+
+def begun_slot(
+    machine: Machine, end_um: tuple[float, float], *, gap_um: float = SLOT_GAP_UM, steps: Sequence[HeightStep] = ()
+) -> Stock:
+    """Return a block with a slot along +x whose end is round a place on the table.
+
+    Parameters
+    ----------
+    machine : Machine
+    end_um : (float, float)
+        Where the wire stands, `gap_um` off the metal in front and on both sides.
+    gap_um : float
+    steps : sequence of HeightStep
+        Where the block is less high than `machine.height_mm`.
+    """
+    x, y = end_um
+    radius = machine.wire_diameter_um / 2 + gap_um
+    holes = tuple((float(c), y, radius) for c in np.arange(x - SLOT_UM, x + 1.0, _SCALLOP_UM))
+    travel = machine.base.table.travel_mm.value * 1e3
+    return Stock((x - SLOT_UM, 0.0, travel, travel), holes, tuple(steps), machine.height_mm if steps else None)

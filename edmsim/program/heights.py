@@ -1,0 +1,230 @@
+"""Workpieces whose height changes: from path lengths and drawn areas to regions of one height on the table.
+
+A height over path length becomes regions along the path, wide enough for all that the plant looks at. Every
+place belongs to the stretch of path it is nearest to, so that a change of height lies square across the path
+where that runs straight, and along the bisector (in steps of `RING_MM`) where it turns; of stretches that are
+as near, the metal has the height of the one the wire cuts first.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+import numpy as np
+import shapely
+
+from edmsim.errors import InputError
+from edmsim.machine.machine import HEIGHT_MM, check_height
+from edmsim.plant.workpiece.height_steps import HeightStep, slices_below
+
+if TYPE_CHECKING:
+    from shapely.geometry.base import BaseGeometry
+
+    from edmsim.program.path import CutPath
+
+Height: TypeAlias = "tuple[float, float]"
+"""Path length in mm, and the height in mm from there on."""
+Area: TypeAlias = "tuple[BaseGeometry | Sequence[Sequence[float]], float]"
+"""Polygon, or its corners, in mm of the program, and the height in mm inside it."""
+
+BESIDE_WIRE_MM = 0.4
+"""How far beside the wire's surface a stretch's height holds (ours: rays end at 0.08 mm, tiles are made 0.13 mm
+beyond them and are 0.13 mm wide, the rest is for a wire that hangs behind)."""
+RING_MM = 0.035
+"""How finely distances to the path are told apart (ours: a few of them fit between a kerf's middle and its wall)."""
+NOTICED_SHARE = 0.02
+"""A height that the slices change by more than this is told (ours)."""
+
+
+@dataclass(frozen=True)
+class Heights:
+    """The heights of a workpiece, along the wire's path and in areas of the drawing.
+
+    Attributes
+    ----------
+    height_mm : float
+        Height where nothing else is said.
+    along : tuple of (from_mm, height_mm)
+        From that length of wire path on (from the first start hole, lead-in included, rapids left out) the
+        workpiece has that height, in rising order.
+    areas : tuple of (polygon, height_mm)
+        Inside the polygon the workpiece has that height, whatever `along` says; the first of overlapping ones
+        holds. Shapely polygons in mm of the program.
+    """
+
+    height_mm: float
+    along: tuple[Height, ...] = ()
+    areas: tuple[tuple[shapely.Polygon, float], ...] = ()
+
+    @classmethod
+    def of(cls, height_mm: float, along: Sequence[Height], areas: Sequence[Area]) -> Heights:
+        """Check what a user gave.
+
+        Raises
+        ------
+        InputError
+            A height beyond what machines take, lengths that do not rise, an area that is no polygon.
+        """
+        check_height(height_mm)
+        before = -math.inf
+        for place, height in (_pair(item, "a path length") for item in along):
+            check_height(height, f" from {place:g} mm of path on")
+            if not 0 <= place < math.inf:
+                raise InputError(f"a height cannot change at {place:g} mm of path: it must be 0 mm or more")
+            if place <= before:
+                raise InputError(f"heights must come in order of path length: {place:g} mm follows {before:g} mm")
+            before = place
+        checked = []
+        for number, (corners, height) in enumerate((_pair(item, "a polygon") for item in areas), 1):
+            check_height(height, f" of area {number}")
+            checked.append((_polygon(corners, number), float(height)))
+        return cls(float(height_mm), tuple((float(s), float(h)) for s, h in along), tuple(checked))
+
+    @property
+    def greatest_mm(self) -> float:
+        """The greatest height: what the guides stand off, and what the slices divide."""
+        return max([self.height_mm, *(h for _, h in self.along), *(h for _, h in self.areas)])
+
+    @property
+    def lowest_mm(self) -> float:
+        """The lowest height."""
+        return min([self.height_mm, *(h for _, h in self.along), *(h for _, h in self.areas)])
+
+    def steps(self, path: CutPath, wire_diameter_um: float) -> tuple[HeightStep, ...]:
+        """Return the regions of one height on the table, none if the height never changes.
+
+        Parameters
+        ----------
+        path : CutPath
+        wire_diameter_um : float
+
+        Raises
+        ------
+        InputError
+            A change of height beyond the path's end, or an area that lies beside the blank.
+        """
+        blank = shapely.box(*path.stock_mm)
+        steps = [*self._areas(path, blank), *self._stretches(path, wire_diameter_um * 5e-4 + BESIDE_WIRE_MM)]
+        if self.greatest_mm == self.lowest_mm:
+            return ()
+        return tuple(
+            HeightStep(shapely.transform(region, lambda mm: mm * 1000.0), height)
+            for region, height in [*steps, (blank, self.height_mm)]
+        )
+
+    def notices(self, n_slices: int) -> list[str]:
+        """Return a line for every height that the slices change by more than 2 %."""
+        full = self.greatest_mm
+        told = []
+        for height in dict.fromkeys([self.height_mm, *(h for _, h in self.along), *(h for _, h in self.areas)]):
+            cut_mm = slices_below(height, full, n_slices) / n_slices * full
+            if abs(cut_mm - height) > NOTICED_SHARE * height:
+                told.append(
+                    f"the height of {height:g} mm is cut as {cut_mm:.4g} mm: heights are rounded to {n_slices} "
+                    f"slices of {full / n_slices:.3g} mm"
+                )
+        return told
+
+    def settings(self) -> dict[str, list[list[object]]]:
+        """Return the changes of height as they stand in a report: plain lists, lengths in mm."""
+        areas = [[shapely.get_coordinates(area).tolist(), height] for area, height in self.areas]
+        return {"heights": [list(pair) for pair in self.along], "height_areas": areas}
+
+    def _areas(self, path: CutPath, blank: BaseGeometry) -> list[tuple[BaseGeometry, float]]:
+        placed = []
+        for number, (area, height) in enumerate(self.areas, 1):
+            region = shapely.transform(area, lambda mm: mm + path.origin_mm)
+            if not region.intersects(blank):
+                x0, y0, x1, y1 = np.subtract(path.stock_mm, (*path.origin_mm, *path.origin_mm))
+                raise InputError(
+                    f"area {number} of another height lies beside the workpiece, which reaches from X{x0:.3f} "
+                    f"Y{y0:.3f} to X{x1:.3f} Y{y1:.3f}"
+                )
+            placed.append((region, height))
+        return placed
+
+    def _stretches(self, path: CutPath, reach_mm: float) -> list[tuple[BaseGeometry, float]]:
+        """Regions of one height along the path; they do not overlap."""
+        if not self.along:
+            return []
+        lines = [shapely.LineString(contour.points_um / 1000) for contour in path.contours]
+        total = sum(line.length for line in lines)
+        last = self.along[-1][0]
+        if last >= total:
+            raise InputError(f"the height cannot change at {last:g} mm: the wire's path is {total:.3f} mm long")
+        ends = [*(place for place, _ in self.along), math.inf]
+        heights = [self.height_mm, *(height for _, height in self.along)]
+        claims: list[list[BaseGeometry]] = [[] for _ in ends]
+        nearer: BaseGeometry = shapely.Polygon()
+        for reach in np.linspace(0, reach_mm, math.ceil(reach_mm / RING_MM) + 1)[1:]:
+            # ring by ring outwards, all before a stretch first, so that it also claims round a corner at its start
+            taken = nearer
+            for claim, end in zip(claims, ends, strict=True):
+                nearer = _beside(lines, end, float(reach))
+                claim.append(nearer.difference(taken))
+                taken = taken.union(nearer)
+        return [(shapely.union_all(claim), height) for claim, height in zip(claims, heights, strict=True)]
+
+
+def parse_height(text: str) -> Height:
+    """Read ``12.5:30``: from 12.5 mm of path on, 30 mm high.
+
+    Raises
+    ------
+    InputError
+        If it is no such pair.
+    """
+    place, _, height = text.partition(":")
+    try:
+        return float(place), float(height)
+    except ValueError:
+        low, high = HEIGHT_MM
+        raise InputError(
+            f"a change of height reads MM:MM, the path length and the height ({low:g}..{high:g}), as 12.5:30, "
+            f"not '{text}'"
+        ) from None
+
+
+def _pair(item: tuple[Any, float], first: str) -> tuple[Any, float]:
+    try:
+        where, height = item
+        return where, float(height)
+    except (TypeError, ValueError):
+        raise InputError(f"a change of height is {first} and a height in mm, not {item!r}") from None
+
+
+def _polygon(corners: BaseGeometry | Sequence[Sequence[float]], number: int) -> shapely.Polygon:
+    try:
+        polygon = shapely.Polygon(corners)
+    except (TypeError, ValueError, shapely.errors.GEOSException) as error:
+        raise InputError(f"area {number} of another height is no polygon: {error}") from None
+    if not (polygon.is_valid and polygon.area > 0 and np.isfinite(polygon.bounds).all()):
+        why = shapely.is_valid_reason(polygon) if not polygon.is_valid else "it has no area"
+        raise InputError(f"area {number} of another height is no polygon: {why}")
+    return polygon
+
+
+def _beside(lines: Sequence[shapely.LineString], end_mm: float, reach_mm: float) -> BaseGeometry:
+    """Region within `reach_mm` of the path up to a length, cut off square there; all round its open ends."""
+    regions, before = [], 0.0
+    for line in lines:
+        if end_mm > before:
+            regions.append(_up_to(line, end_mm - before, reach_mm))
+        before += line.length
+    return shapely.union_all(regions)
+
+
+def _up_to(line: shapely.LineString, end_mm: float, reach_mm: float) -> BaseGeometry:
+    """Region beside one contour's path up to a length."""
+    from shapely.ops import substring
+
+    if end_mm >= line.length:
+        return line.buffer(reach_mm)
+    points = shapely.get_coordinates(line)
+    back = points[0] - points[1]
+    # where the wire is threaded it has metal behind it, too
+    behind = points[0] + back * (reach_mm / np.hypot(*back))
+    return substring(shapely.LineString([behind, *points]), 0.0, reach_mm + end_mm).buffer(reach_mm, cap_style="flat")

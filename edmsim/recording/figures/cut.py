@@ -1,0 +1,295 @@
+"""Figures of the part and its kerf: profile error map, corner detail, kerf over the height."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from edmsim.errors import InputError
+from edmsim.recording.figures.palette import (
+    BLUE,
+    ERROR_STOPS,
+    GRID,
+    INK,
+    METAL,
+    MUTED,
+    ORANGE,
+)
+from edmsim.recording.figures.style import (
+    LABEL_PT,
+    TICK_PT,
+    colour_bar,
+    column_figure,
+    dress,
+    legend,
+    nothing_to_show,
+)
+from edmsim.recording.scene import Corner, Scene
+from edmsim.recording.windows import column
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+Array = NDArray[np.float64]
+
+CORNER_REACH_MM = 0.4
+"""Half the width of what a corner's detail shows (ours: kerf and wire are in it whole)."""
+LABELLED = 6
+"""Corners whose error is written beside them: the worst ones."""
+
+
+def error_figure(scene: Scene) -> Figure:
+    """Draw the profile error along the nominal edge, exaggerated, in the colours of its sign and size.
+
+    Parameters
+    ----------
+    scene : Scene
+        Of a cut: ``result.scene``.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        One column wide, with an Agg canvas.
+    """
+    if not len(scene.known_errors()):
+        return nothing_to_show(column_figure(2.0), "no profile error: no edge of the part was measured")
+    points = np.concatenate([edge.nominal_mm for edge in scene.maps])
+    (x0, y0), (x1, y1) = points.min(axis=0), points.max(axis=0)
+    margin = 0.08 * max(x1 - x0, y1 - y0)
+    across, high = x1 - x0 + 2 * margin, y1 - y0 + 2 * margin
+    figure = column_figure(float(np.clip(2.9 * high / across, 1.0, 4.2)) + 0.85, top_in=0.49)
+    axes = figure.add_subplot()
+    dress(axes, "X on the table, mm", "Y on the table, mm")
+    axes.grid(visible=False)
+    factor = scene.error_factor()
+    lines = _error_lines(axes, scene, factor)
+    for edge in scene.maps:
+        axes.plot(*edge.nominal_mm.T, color=INK, linewidth=0.6, linestyle=(0, (5, 3)), zorder=2)
+    _label_corners(axes, scene)
+    axes.set_aspect("equal")
+    axes.set_xlim(x0 - margin, x1 + margin)
+    axes.set_ylim(y0 - margin, y1 + margin)
+    colour_bar(figure, lines, f"profile error, µm: − undercut, + metal left; drawn × {factor:g}")
+    return figure
+
+
+def _error_lines(axes: Axes, scene: Scene, factor: float) -> Any:
+    from matplotlib.collections import LineCollection
+    from matplotlib.colors import LinearSegmentedColormap, Normalize
+
+    limit = scene.error_limit_um()
+    style = {
+        "norm": Normalize(-limit, limit), "cmap": LinearSegmentedColormap.from_list("profile error", ERROR_STOPS)
+    }
+    lines = None
+    for edge in scene.maps:
+        shown = edge.exaggerated_mm(factor)
+        smooth = edge.smooth()
+        axes.add_collection(LineCollection(
+            list(np.stack([edge.points_mm, shown], axis=1)), array=edge.error_um, linewidth=0.4, alpha=0.4,
+            zorder=3, **style,
+        ))  # fmt: skip
+        lines = LineCollection(
+            list(np.stack([shown[:-1], shown[1:]], axis=1)[smooth]), linewidth=1.2, capstyle="round", zorder=4,
+            array=((edge.error_um[:-1] + edge.error_um[1:]) / 2)[smooth], **style,
+        )
+        axes.add_collection(lines)
+    return lines
+
+
+def _label_corners(axes: Axes, scene: Scene) -> None:
+    known = [corner for corner in scene.corners if np.isfinite(corner.error_um)]
+    x0, y0, x1, y1 = scene.extent_mm()
+    middle = np.array([(x0 + x1) / 2, (y0 + y1) / 2])
+    for corner in sorted(known, key=lambda c: -abs(c.error_um))[:LABELLED]:
+        inward = middle - (corner.x_mm, corner.y_mm)
+        axes.annotate(
+            f"{corner.error_um:+.1f}".replace("-", "−"), (corner.x_mm, corner.y_mm),
+            xytext=tuple(20 * inward / max(float(np.hypot(*inward)), 1e-9)), textcoords="offset points",
+            ha="center", va="center", fontsize=TICK_PT, color=INK, zorder=5,
+        )  # fmt: skip
+
+
+def corner_figure(scene: Scene, windows: pa.Table, corner: int | None = None) -> Figure:
+    """Draw one corner: above the metal and the paths to scale, below the deviations along the corner.
+
+    Parameters
+    ----------
+    scene : Scene
+        Of a cut: ``result.scene``.
+    windows : pyarrow.Table
+        The cut's table of windows.
+    corner : int, optional
+        Which of ``scene.corners``; the one with the largest error if not given.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        One column wide. The path of the wire is that of its middle between the faces, averaged over windows.
+
+    Raises
+    ------
+    InputError
+        If there is no such corner.
+    """
+    figure = column_figure(5.2, top_in=0.55)
+    if not scene.corners and corner is None:
+        return nothing_to_show(figure, "no corner: the edge as drawn has none")
+    chosen = _chosen_corner(scene, corner)
+    detail, below = figure.subplots(2, 1, height_ratios=[2.6, 1.0], gridspec_kw={"hspace": 0.5})
+    place = np.array([chosen.x_mm, chosen.y_mm])
+    _draw_detail(detail, scene, windows, place)
+    _draw_deviation(below, scene, windows, place)
+    error = "not measured" if np.isnan(chosen.error_um) else f"{chosen.error_um:+.1f} µm".replace("-", "−")
+    detail.set_title(
+        f"corner at X {place[0]:.3f} Y {place[1]:.3f} mm, {chosen.turn_deg:+.0f}°: {error}".replace("-", "−"),
+        fontsize=LABEL_PT, color=INK, loc="left", pad=28,
+    )  # fmt: skip
+    return figure
+
+
+def _chosen_corner(scene: Scene, corner: int | None) -> Corner:
+    if corner is None:
+        return max(scene.corners, key=lambda c: -1.0 if np.isnan(c.error_um) else abs(c.error_um))
+    if not 0 <= corner < len(scene.corners):
+        raise InputError(f"there is no corner {corner}: the cut has corners 0 to {len(scene.corners) - 1}")
+    return scene.corners[corner]
+
+
+def _paths_um(windows: pa.Table, place_mm: Array, reach_mm: float) -> tuple[Array, Array]:
+    """Guides and wire near a place, relative to it in um: rows (n, 2) in order of time, NaN between visits."""
+    guides = np.column_stack([column(windows, "x_um"), column(windows, "y_um")]) - 1000 * place_mm
+    wire = guides - np.column_stack([column(windows, "lag_x_um"), column(windows, "lag_y_um")])
+    away = np.abs(guides).max(axis=1) > 1000 * reach_mm
+    return np.where(away[:, None], np.nan, guides), np.where(away[:, None], np.nan, wire)
+
+
+def _draw_detail(axes: Axes, scene: Scene, windows: pa.Table, place_mm: Array) -> None:
+    from matplotlib.patches import Circle
+
+    from edmsim.metrology.edges import filled
+
+    reach = 1000 * CORNER_REACH_MM
+    dress(axes, "X from the corner, µm", "Y from the corner, µm")
+    axes.grid(visible=False)
+    axes.set_facecolor(METAL)
+    edges = scene.cut_edges_mm[scene.middle_slice()] if scene.cut_edges_mm else ()
+    box = shapely.box(*(place_mm - CORNER_REACH_MM), *(place_mm + CORNER_REACH_MM))
+    kerf = filled(shapely.MultiLineString([line for line in edges if len(line) > 1]))
+    for polygon in shapely.get_parts(shapely.intersection(shapely.make_valid(kerf), box)):
+        if polygon.geom_type == "Polygon":
+            _fill(axes, shapely.transform(polygon, lambda mm: 1000 * (mm - place_mm)))
+    for number, line in enumerate(edges):
+        axes.plot(
+            *(1000 * (line - place_mm)).T, color="#3d4852", linewidth=0.8, zorder=3,
+            label="metal edge, mid height" if number == 0 else None,
+        )  # fmt: skip
+    for number, edge in enumerate(scene.maps):
+        axes.plot(
+            *(1000 * (edge.nominal_mm - place_mm)).T, color=INK, linewidth=0.8, linestyle=(0, (5, 3)), zorder=4,
+            label="nominal edge" if number == 0 else None,
+        )  # fmt: skip
+    guides, wire = _paths_um(windows, place_mm, 2 * CORNER_REACH_MM)
+    axes.plot(*guides.T, color=ORANGE, linewidth=0.9, zorder=5, label="guides")
+    axes.plot(*wire.T, color=BLUE, linewidth=0.6, zorder=6, label="wire")
+    nearest = np.nanargmin(np.hypot(*guides.T)) if np.isfinite(guides).any() else None
+    if nearest is not None:
+        radius = scene.wire_diameter_um / 2
+        axes.add_patch(Circle(tuple(wire[nearest]), radius, fill=False, color=BLUE, linewidth=0.7, linestyle=":"))
+    axes.set_xlim(-reach, reach)
+    axes.set_ylim(-reach, reach)
+    axes.set_aspect("equal")
+    legend(axes, above=True, columns=2)
+
+
+def _fill(axes: Axes, polygon: shapely.Polygon) -> None:
+    from matplotlib.patches import PathPatch
+    from matplotlib.path import Path
+
+    rings = [Path(shapely.get_coordinates(ring), closed=True) for ring in shapely.get_rings(polygon)]
+    axes.add_patch(PathPatch(Path.make_compound_path(*rings), facecolor="white", edgecolor="none", zorder=1))
+
+
+def _draw_deviation(axes: Axes, scene: Scene, windows: pa.Table, place_mm: Array) -> None:
+    """How far wire and metal edge are off, over the distance from the corner along the nominal edge."""
+    dress(axes, "along the nominal edge from the corner, µm", "off, µm")
+    axes.axhline(0.0, color=MUTED, linewidth=0.6)
+    axes.axvline(0.0, color=GRID, linewidth=0.8)
+    reach = 1000 * CORNER_REACH_MM
+    for edge in scene.maps:
+        off = np.hypot(*(edge.points_mm - place_mm).T)
+        if len(off) and off.min() < 1e-3:
+            at, turn = int(off.argmin()), np.hypot(*np.diff(edge.points_mm, axis=0).T)
+            s = 1000 * (np.concatenate([[0.0], np.cumsum(turn)]) - turn[:at].sum())
+            total = 1000 * turn.sum()
+            s = (s + total / 2) % total - total / 2 if np.allclose(edge.nominal_mm[0], edge.nominal_mm[-1]) else s
+            order = np.argsort(s)
+            error = edge.error_um[order]
+            axes.plot(s[order], error, color="#3d4852", linewidth=1.0, label="profile error (+ metal left)")
+            _draw_lag(axes, windows, edge.points_mm[order], s[order], place_mm, edge.outward()[order])
+            break
+    axes.set_xlim(-reach, reach)
+    legend(axes, above=True)
+
+
+def _draw_lag(axes: Axes, windows: pa.Table, edge_mm: Array, s: Array, place_mm: Array, outward: Array) -> None:
+    """The wire's displacement from its guides, away from the part, at the nearest place of the edge."""
+    from scipy.spatial import cKDTree
+
+    guides = np.column_stack([column(windows, "x_um"), column(windows, "y_um")]) / 1000
+    near = np.hypot(*(guides - place_mm).T) < 2 * CORNER_REACH_MM
+    if not near.any():
+        return
+    lag = np.column_stack([column(windows, "lag_x_um"), column(windows, "lag_y_um")])[near]
+    nearest = cKDTree(edge_mm).query(guides[near])[1]
+    away = -(lag * outward[nearest]).sum(axis=1)
+    places, group = np.unique(nearest, return_inverse=True)
+    mean = np.bincount(group, away) / np.bincount(group)
+    axes.plot(s[places], mean, color=BLUE, linewidth=0.9, label="wire off its guides (+ away from the part)")
+
+
+def kerf_figure(report: Mapping[str, Any]) -> Figure:
+    """Draw the kerf's cross-section over the workpiece's height: both walls, averaged along the cut.
+
+    Parameters
+    ----------
+    report : mapping
+        The report of a cut, as ``report.json`` holds it.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        One column wide. The band holds nine tenths of the places measured; what is between wire and walls is
+        drawn large, the wire itself is left out.
+    """
+    figure = column_figure(2.9, top_in=0.36)
+    slices = report["kerf_section"]
+    section = [row for row in slices if row["places"]]
+    if not section:
+        return nothing_to_show(figure, "no kerf: there was no place to measure its width")
+    radius = report["settings"]["wire_diameter_um"] / 2
+    z = np.array([row["height_mm"] for row in section])
+    panels = figure.subplots(1, 2, sharey=True, gridspec_kw={"wspace": 0.1})
+    for panel, side in zip(panels, ("rest", "part"), strict=True):
+        mean, low, high = (
+            np.array([row[side][key] for row in section]) - radius for key in ("mean_um", "p5_um", "p95_um")
+        )
+        panel.fill_betweenx(z, low, high, color=BLUE, alpha=0.18, linewidth=0)
+        panel.plot(mean, z, color=BLUE, linewidth=1.3, marker="o", markersize=2.5)
+        dress(panel, f"wire to wall of the {side}, µm", "")
+    low, high = (f(limit for panel in panels for limit in panel.get_xlim()) for f in (min, max))
+    panels[0].set_xlim(high, low)  # the wire stands between both walls
+    panels[1].set_xlim(low, high)
+    panels[0].set_ylabel("height over the lower face, mm", fontsize=LABEL_PT, color=MUTED)
+    panels[0].set_ylim(0, slices[-1]["height_mm"] + slices[0]["height_mm"])
+    panels[0].set_title(
+        f"kerf {report['kerf_um']['mean']:.1f} µm on average, wire {2 * radius:g} µm\n"
+        "line: mean along the cut, band: nine tenths", fontsize=LABEL_PT, color=INK, loc="left",
+    )  # fmt: skip
+    return figure

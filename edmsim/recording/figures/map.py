@@ -1,0 +1,231 @@
+"""The upper part of ``profile.png``: drawing, cut edge and profile error on the table."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import shapely
+
+from edmsim.metrology.edges import filled
+from edmsim.recording.figures.palette import ERROR_STOPS, GREEN, GRID, INK, METAL, MUTED, VERMILION
+from edmsim.recording.figures.series import quiet
+from edmsim.recording.scene import Scene, round_number
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.collections import LineCollection
+
+LABELLED_CORNERS = 12
+"""Corners whose error is written beside them: the worst ones."""
+
+
+def draw_map(axes: Axes, scene: Scene) -> None:
+    """Draw the part, what was cut of it, and the error between on `axes`, in mm on the table."""
+    factor = scene.error_factor()
+    _frame_map(axes, scene)
+    _draw_metal(axes, scene)
+    _draw_errors(axes, scene, factor)
+    _mark_corners(axes, scene)
+    _mark_places(axes, scene)
+    _scale_bars(axes, factor if len(scene.known_errors()) else None)
+    axes.legend(
+        loc="lower left",
+        bbox_to_anchor=(0.0, 1.0),
+        ncols=6,
+        frameon=False,
+        fontsize=8.5,
+        handlelength=1.6,
+        columnspacing=1.4,
+        borderpad=0.0,
+        borderaxespad=0.3,
+        labelcolor=INK,
+    )
+
+
+def _frame_map(axes: Axes, scene: Scene) -> None:
+    x0, y0, x1, y1 = scene.extent_mm()
+    margin = 0.12 * max(x1 - x0, y1 - y0, 1.0)
+    box = axes.get_window_extent()
+    # Half the width shown: whatever needs more room, so that a millimetre is as long on both axes.
+    half = max((x1 - x0) / 2 + margin, ((y1 - y0) / 2 + margin) * box.width / box.height)
+    axes.set_xlim((x0 + x1) / 2 - half, (x0 + x1) / 2 + half)
+    axes.set_ylim(
+        (y0 + y1) / 2 - half * box.height / box.width, (y0 + y1) / 2 + half * box.height / box.width
+    )
+    axes.set_aspect("equal", adjustable="box")
+    axes.autoscale(enable=False)
+    axes.set_xlabel("X on the table, mm", color=MUTED, fontsize=9)
+    axes.set_ylabel("Y on the table, mm", color=MUTED, fontsize=9)
+    quiet(axes)
+    axes.set_axisbelow(False)
+    axes.grid(visible=False)
+
+
+def _draw_metal(axes: Axes, scene: Scene) -> None:
+    from matplotlib.patches import PathPatch, Rectangle
+    from matplotlib.path import Path as MplPath
+
+    x0, y0, x1, y1 = scene.stock_mm
+    axes.add_patch(
+        Rectangle((x0, y0), x1 - x0, y1 - y0, facecolor=METAL, edgecolor=MUTED, linewidth=0.8, zorder=0)
+    )
+    edges = scene.cut_edges_mm[scene.middle_slice()] if scene.cut_edges_mm else ()
+    # What lies between the closed edges is the kerf: even-odd, so that the part inside stays metal.
+    kerf = filled(shapely.MultiLineString([line for line in edges if len(line) > 1]))
+    for polygon in shapely.get_parts(kerf):
+        rings = [MplPath(shapely.get_coordinates(ring), closed=True) for ring in shapely.get_rings(polygon)]
+        axes.add_patch(
+            PathPatch(MplPath.make_compound_path(*rings), facecolor="white", edgecolor="none", zorder=1)
+        )
+    lines = _lines(edges, color="#3d4852", linewidth=0.7, zorder=3)
+    lines.set_label(f"cut edge, {scene.middle_mm():.3g} mm high" if scene.terraces else "cut edge, mid height")
+    axes.add_collection(lines, autolim=False)
+    nominal = _lines(
+        [m.nominal_mm for m in scene.maps], color=INK, linewidth=0.7, linestyle=(0, (5, 3)), zorder=4
+    )
+    nominal.set_label("nominal edge")
+    axes.add_collection(nominal, autolim=False)
+    _draw_steps(axes, scene)
+
+
+def _draw_steps(axes: Axes, scene: Scene) -> None:
+    """Outline the levels of a stepped workpiece, with their heights."""
+    outlines = [line for terrace in scene.terraces for line in terrace.outlines_mm]
+    if outlines:
+        lines = _lines(outlines, color=MUTED, linewidth=0.6, linestyle=":", zorder=2)
+        heights = ", ".join(f"{terrace.height_mm:.3g}" for terrace in scene.terraces)
+        lines.set_label(f"steps, {heights} mm high")
+        axes.add_collection(lines, autolim=False)
+
+
+def _lines(lines: Any, **style: Any) -> LineCollection:
+    from matplotlib.collections import LineCollection
+
+    return LineCollection([np.asarray(line) for line in lines], **style)
+
+
+def _draw_errors(axes: Axes, scene: Scene, factor: float) -> None:
+    from matplotlib.colors import LinearSegmentedColormap, Normalize
+
+    if len(scene.known_errors()) == 0:
+        return
+    limit = scene.error_limit_um()
+    norm, colours = Normalize(-limit, limit), LinearSegmentedColormap.from_list("profile error", ERROR_STOPS)
+    for index, edge in enumerate(scene.maps):
+        shown = edge.exaggerated_mm(factor)
+        smooth = edge.smooth()
+        pieces = np.stack([shown[:-1], shown[1:]], axis=1)[smooth]
+        fans = np.stack([edge.points_mm, shown], axis=1)
+        mean = ((edge.error_um[:-1] + edge.error_um[1:]) / 2)[smooth]
+        axes.add_collection(
+            _lines(fans, array=edge.error_um, cmap=colours, norm=norm, linewidth=0.5, alpha=0.35, zorder=5),
+            autolim=False,
+        )
+        lines = _lines(pieces, array=mean, cmap=colours, norm=norm, linewidth=1.7, capstyle="round", zorder=6)
+        axes.add_collection(lines, autolim=False)
+        if index == 0:
+            axes.plot([], [], color=colours(0.85), linewidth=1.7, label=f"profile error drawn × {factor:g}")
+            _colour_bar(axes, lines)
+
+
+def _colour_bar(axes: Axes, lines: LineCollection) -> None:
+    inset = axes.inset_axes((1.015, 0.0, 0.016, 1.0))
+    bar = axes.figure.colorbar(lines, cax=inset, extend="both", extendfrac=0.03)
+    bar.outline.set_visible(False)
+    bar.set_label("profile error, µm   (too much removed  −  |  +  metal left)", color=MUTED, fontsize=9)
+    bar.ax.tick_params(labelsize=8, colors=MUTED, length=2)
+
+
+def _mark_corners(axes: Axes, scene: Scene) -> None:
+    known = [c for c in scene.corners if np.isfinite(c.error_um)]
+    worst = sorted(known, key=lambda c: -abs(c.error_um))[:LABELLED_CORNERS]
+    if not worst:
+        return
+    x0, y0, x1, y1 = scene.extent_mm()
+    middle = np.array([(x0 + x1) / 2, (y0 + y1) / 2])
+    axes.plot(
+        [c.x_mm for c in known],
+        [c.y_mm for c in known],
+        "o",
+        markersize=5.5,
+        markerfacecolor="none",
+        markeredgecolor=INK,
+        markeredgewidth=0.8,
+        zorder=7,
+        label="corner, its error in µm",
+    )
+    for corner in worst:
+        away = np.array([corner.x_mm, corner.y_mm]) - middle
+        # Toward the middle of the part: outside, the exaggerated error is drawn.
+        direction = -away / max(float(np.hypot(*away)), 1e-9)
+        axes.annotate(
+            f"{corner.error_um:+.1f}".replace("-", "−"),
+            (corner.x_mm, corner.y_mm),
+            xytext=tuple(22 * direction),
+            textcoords="offset points",
+            ha="center",
+            va="center",
+            fontsize=8.5,
+            color=INK,
+            zorder=8,
+            bbox={"boxstyle": "round,pad=0.18", "facecolor": "white", "edgecolor": GRID, "linewidth": 0.6},
+        )
+
+
+def _mark_places(axes: Axes, scene: Scene) -> None:
+    if len(scene.starts_mm):
+        axes.plot(
+            scene.starts_mm[:, 0],
+            scene.starts_mm[:, 1],
+            "^",
+            markersize=7,
+            color=GREEN,
+            markeredgecolor="white",
+            markeredgewidth=0.7,
+            linestyle="none",
+            zorder=8,
+            label="start",
+        )
+    if scene.stop_mm is not None:
+        axes.plot(
+            *scene.stop_mm,
+            "X",
+            markersize=10,
+            color=VERMILION,
+            markeredgecolor="white",
+            markeredgewidth=0.8,
+            linestyle="none",
+            zorder=9,
+            label="stopped here",
+        )
+
+
+def _scale_bars(axes: Axes, factor: float | None) -> None:
+    low, high = axes.get_xlim()
+    length = round_number((high - low) * 0.12)
+    bars = [(0.034, f"{length:g} mm")]
+    if factor is not None:
+        bars = [(0.078, f"{length:g} mm"), (0.034, f"{length * 1000.0 / factor:g} µm of error")]
+    for bottom, text in bars:
+        span = length / (high - low)
+        axes.plot(
+            [0.965 - span, 0.965],
+            [bottom, bottom],
+            transform=axes.transAxes,
+            color=INK,
+            linewidth=2.2,
+            solid_capstyle="butt",
+            zorder=10,
+        )
+        axes.text(
+            0.965 - span / 2,
+            bottom + 0.007,
+            text,
+            transform=axes.transAxes,
+            ha="center",
+            va="bottom",
+            fontsize=8,
+            color=INK,
+            zorder=10,
+        )

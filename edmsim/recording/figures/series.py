@@ -1,0 +1,163 @@
+"""The lower part of ``profile.png``: what the machine did, over machine time."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from edmsim.recording.figures.palette import BLUE, GRID, INK, LINE, MUTED, ORANGE, SHARE_COLOURS, VERMILION
+from edmsim.recording.windows import column, lag_along_um
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+    from matplotlib.axes import Axes
+
+BINS = 800
+"""Most points a series is drawn with."""
+
+
+class Band(NamedTuple):
+    """A series in bins: where each bin lies, and the mean, least and largest value in it."""
+
+    x: NDArray[np.float64]
+    mean: NDArray[np.float64]
+    low: NDArray[np.float64]
+    high: NDArray[np.float64]
+
+
+def binned(x: NDArray[np.float64], values: NDArray[np.float64], bins: int = BINS) -> Band:
+    """Put a series into at most `bins` bins of equally many rows.
+
+    Parameters
+    ----------
+    x, values : float64 array (n,)
+        NaN in `values` is left out; a bin with nothing else is NaN.
+    bins : int
+        At least 1.
+
+    Returns
+    -------
+    Band
+        Arrays of length ``min(n, bins)``.
+    """
+    edges = np.linspace(0, len(x), min(len(x), bins) + 1).astype(int)
+    starts, known = edges[:-1], np.isfinite(values)
+    if len(starts) == 0:
+        return Band(*(np.zeros(0) for _ in range(4)))
+    counts = np.add.reduceat(known.astype(float), starts)
+    sums = np.add.reduceat(np.where(known, values, 0.0), starts)
+    low = np.minimum.reduceat(np.where(known, values, np.inf), starts)
+    high = np.maximum.reduceat(np.where(known, values, -np.inf), starts)
+    empty = counts == 0
+    mean = np.divide(sums, counts, out=np.full(len(starts), np.nan), where=~empty)
+    place = np.add.reduceat(x, starts) / np.diff(edges)
+    return Band(place, mean, np.where(empty, np.nan, low), np.where(empty, np.nan, high))
+
+
+def quiet(axes: Axes) -> None:
+    """Take from axes what does not speak of the data."""
+    for side in ("top", "right"):
+        axes.spines[side].set_visible(False)
+    for side in ("left", "bottom"):
+        axes.spines[side].set_color(LINE)
+    axes.tick_params(labelsize=8, colors=MUTED, length=3, width=0.6)
+    axes.grid(color=GRID, linewidth=0.6)
+    axes.set_axisbelow(True)
+
+
+def draw_series(panels: list[Axes], windows: pa.Table) -> None:
+    """Draw the main series of the windows over machine time, one of `PANELS` on each of the axes."""
+    t_s = column(windows, "t_s")
+    unit, seconds = time_unit(float(t_s[-1]) if len(t_s) else 0.0)
+    for axes, draw in zip(panels, PANELS, strict=True):
+        quiet(axes)
+        draw(axes, t_s / seconds, windows)
+        axes.margins(x=0.005)
+        axes.yaxis.set_label_coords(-0.052, 0.5)
+        axes.tick_params(labelbottom=axes is panels[-1])
+        if axes is not panels[0]:
+            axes.sharex(panels[0])
+    panels[-1].set_xlabel(
+        f"machine time, {unit}   (line: mean, band: least to largest of the windows in a bin)",
+        color=MUTED,
+        fontsize=9,
+    )
+
+
+def time_unit(longest_s: float) -> tuple[str, float]:
+    """Return the unit a time axis of that length is drawn in, and its length in s."""
+    if longest_s < 180:
+        return "s", 1.0
+    return ("min", 60.0) if longest_s < 3 * 3600 else ("h", 3600.0)
+
+
+def _band(axes: Axes, t: NDArray[np.float64], values: NDArray[np.float64], colour: str, label: str) -> None:
+    band = binned(t, values)
+    axes.fill_between(band.x, band.low, band.high, color=colour, alpha=0.18, linewidth=0)
+    axes.plot(band.x, band.mean, color=colour, linewidth=1.1, label=label)
+
+
+def _finish(axes: Axes, label: str) -> None:
+    axes.set_ylabel(label, color=MUTED, fontsize=8.5)
+    if len(axes.get_legend_handles_labels()[0]) > 1:
+        axes.legend(
+            loc="upper left",
+            bbox_to_anchor=(1.004, 1.03),
+            frameon=False,
+            fontsize=8,
+            handlelength=1.0,
+            labelcolor=INK,
+            borderpad=0.0,
+            handletextpad=0.4,
+            labelspacing=0.3,
+        )
+
+
+def _panel_feed(axes: Axes, t: NDArray[np.float64], windows: pa.Table) -> None:
+    _band(axes, t, column(windows, "feed_um_s"), BLUE, "feed")
+    _finish(axes, "feed\nµm/s")
+
+
+def _panel_pulses(axes: Axes, t: NDArray[np.float64], windows: pa.Table) -> None:
+    counts = np.array([column(windows, kind) for kind in SHARE_COLOURS])
+    shares = 100.0 * counts / np.maximum(counts.sum(axis=0), 1.0)
+    bands = [binned(t, share) for share in shares]
+    axes.stackplot(
+        bands[0].x,
+        [band.mean for band in bands],
+        colors=list(SHARE_COLOURS.values()),
+        linewidth=0,
+        labels=list(SHARE_COLOURS),
+    )
+    axes.set_ylim(0, 100)
+    _finish(axes, "pulses\n%")
+
+
+def _panel_gap(axes: Axes, t: NDArray[np.float64], windows: pa.Table) -> None:
+    _band(axes, t, column(windows, "gap_um"), BLUE, "gap")
+    _band(axes, t, lag_along_um(windows), ORANGE, "wire lag")
+    axes.axhline(0.0, color=MUTED, linewidth=0.6)
+    _finish(axes, "gap, lag\nµm")
+
+
+def _panel_error(axes: Axes, t: NDArray[np.float64], windows: pa.Table) -> None:
+    _band(axes, t, column(windows, "error_um"), VERMILION, "error")
+    axes.axhline(0.0, color=MUTED, linewidth=0.6)
+    _finish(axes, "profile error\nµm")
+
+
+def _panel_wire(axes: Axes, t: NDArray[np.float64], windows: pa.Table) -> None:
+    _band(axes, t, column(windows, "wire_temperature_K"), VERMILION, "wire")
+    _finish(axes, "wire temp.\nK")
+
+
+PANELS: tuple[Callable[[Axes, NDArray[np.float64], pa.Table], None], ...] = (
+    _panel_feed,
+    _panel_pulses,
+    _panel_gap,
+    _panel_error,
+    _panel_wire,
+)

@@ -1,0 +1,153 @@
+"""The figure of the wire's vibration: modes over tension, and what a simulated cut shows of them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from edmsim.errors import InputError
+from edmsim.recording.figures.palette import BLUE, GRID, INK, MUTED, ORANGE, VERMILION
+from edmsim.recording.figures.style import TICK_PT, column_figure, dress, legend
+from edmsim.recording.pulse_sample import PulseSample
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    from edmsim.machine.machine import Machine
+
+Array = NDArray[np.float64]
+
+TENSIONS = 5
+"""Tensions the modes are computed at; between them they are interpolated."""
+SEGMENTS = 8
+"""Stretches of a sample whose spectra are averaged (Welch): lines are smoother, and wider."""
+
+
+def wire_frequencies_hz(machine: Machine, resolution: str) -> Array:
+    """Return the undamped frequencies of the wire's modes in Hz, lowest first, as the plant has them."""
+    from edmsim.plant import constants
+
+    return np.asarray(constants.modal_model(machine, constants.resolution(resolution)).wire_omega / (2 * np.pi))
+
+
+def folded_hz(frequency_hz: Array, sampling_hz: float) -> Array:
+    """Return where frequencies appear when looked at once a pulse: between 0 and half the pulse frequency."""
+    return np.asarray(np.abs((frequency_hz + sampling_hz / 2) % sampling_hz - sampling_hz / 2))
+
+
+def spectrum(sample: PulseSample) -> tuple[Array, Array, Array]:
+    """Return frequencies in Hz, and the power spectra of the wire's motion along and across the feed in um^2/Hz.
+
+    Averaged over the slices; the slow motion of a whole stretch is taken out.
+    """
+    from scipy.signal import welch
+
+    length = max(len(sample.deflection_um) // SEGMENTS, 2)
+    frequency, power = welch(  # type: ignore[call-overload]  # the stubs do not know detrend="linear"
+        sample.deflection_um, fs=1e6 / sample.period_us, nperseg=length, detrend="linear", axis=0
+    )
+    along, across = power.mean(axis=1).T
+    return frequency, along, across
+
+
+def spectrum_figure(samples: Sequence[PulseSample], resolution: str = "default") -> Figure:
+    """Draw the wire's modes over its tension, as Campbell did those of rotors over their speed, and spectra.
+
+    Parameters
+    ----------
+    samples : sequence of PulseSample
+        Cuts that differ in tension only. The first is the one whose spectrum is drawn beside; those of all are
+        drawn over their tensions if there are several.
+    resolution : {"fast", "default", "fine"}
+        Whose number of modes is drawn.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        One column wide. The wire is looked at once a pulse, so what is above half the pulse frequency appears
+        folded below it, and what moves in step with the pulses appears at 0.
+
+    Raises
+    ------
+    InputError
+        If there is no sample, or one is too short to have a spectrum.
+    """
+    if not samples or min(len(s.kind) for s in samples) < 4 * SEGMENTS:
+        raise InputError(f"a spectrum needs a sample of at least {4 * SEGMENTS} pulses")
+    first = samples[0]
+    figure = column_figure(3.4, top_in=0.38)
+    modes, beside = figure.subplots(1, 2, sharey=True, width_ratios=[1.7, 1.0], gridspec_kw={"wspace": 0.14})
+    sampling_hz = 1e6 / first.period_us
+    if len(samples) > 1:
+        _draw_waterfall(modes, samples)
+    _draw_modes(modes, first, sampling_hz, resolution)
+    _draw_spectrum(beside, first, sampling_hz, resolution)
+    modes.set_ylim(0, sampling_hz / 2e3)
+    legend(modes, above=True, columns=2)
+    return figure
+
+
+def _draw_modes(axes: Axes, sample: PulseSample, sampling_hz: float, resolution: str) -> None:
+    machine = sample.machine
+    tension, frequency = _modes_over_tension(machine, resolution)
+    dress(axes, "wire tension, N", "frequency, kHz")
+    for number, line in enumerate(frequency.T):
+        below = np.where(line <= sampling_hz / 2, line, np.nan)
+        folded = np.where(line > sampling_hz / 2, folded_hz(line, sampling_hz), np.nan)
+        axes.plot(tension, below / 1e3, color=INK, linewidth=1.0, label="mode" if number == 0 else None)
+        style: dict[str, Any] = {"color": INK, "linewidth": 0.6, "linestyle": (0, (3, 3)), "alpha": 0.6}
+        # only the first few: the higher ones crowd, and hardly move
+        if number < 4 and np.isfinite(folded).any():
+            axes.plot(tension, folded / 1e3, **style)
+        if np.isfinite(below).sum() > 1:
+            last = int(np.flatnonzero(np.isfinite(below))[-1])
+            axes.annotate(
+                f"{number + 1}", (tension[last], below[last] / 1e3), xytext=(2, 3), textcoords="offset points",
+                fontsize=TICK_PT, color=INK, va="center",
+            )  # fmt: skip
+    axes.plot([], [], color=INK, linewidth=0.6, linestyle=(0, (3, 3)), alpha=0.6, label="mode, folded")
+    axes.axvline(machine.tension, color=VERMILION, linewidth=0.8, label="set tension")
+    axes.set_xlim(tension[0], tension[-1])
+
+
+def _modes_over_tension(machine: Machine, resolution: str) -> tuple[Array, Array]:
+    """Return tensions in N up to what the wire holds, and the modes' frequencies there, (tensions, modes) in Hz."""
+    from scipy.interpolate import make_interp_spline
+
+    known = np.linspace(0.25, min(1.75, 0.99 * machine.breaking_force / machine.tension), TENSIONS) * machine.tension
+    frequency = np.array([wire_frequencies_hz(machine.with_(tension=float(n)), resolution) for n in known])
+    tension = np.linspace(known[0], known[-1], 200)
+    # a string's frequency squared is proportional to its tension: lines between the squares are next to exact
+    return tension, np.sqrt(make_interp_spline(known, frequency**2, k=1)(tension))
+
+
+def _draw_waterfall(axes: Axes, samples: Sequence[PulseSample]) -> None:
+    """Spectra along the feed over tension, in decades of power."""
+    ordered = sorted(samples, key=lambda s: s.machine.tension)
+    tension = np.array([s.machine.tension for s in ordered])
+    spectra = [spectrum(s) for s in ordered]
+    power = np.log10(np.maximum([along + across for _, along, across in spectra], 1e-12)).T
+    axes.pcolormesh(
+        tension, spectra[0][0] / 1e3, power, cmap="Blues", shading="nearest", rasterized=True, zorder=0,
+        vmin=np.percentile(power, 20), vmax=power.max(),
+    )  # fmt: skip
+
+
+def _draw_spectrum(axes: Axes, sample: PulseSample, sampling_hz: float, resolution: str) -> None:
+    frequency, along, across = spectrum(sample)
+    dress(axes, "power, µm²/Hz", "")
+    for hz in wire_frequencies_hz(sample.machine, resolution):
+        if hz <= sampling_hz / 2:
+            axes.axhline(hz / 1e3, color=GRID, linewidth=1.2, zorder=1)
+    for power, colour, name in ((along, BLUE, "along feed"), (across, ORANGE, "across")):
+        axes.semilogx(power[1:], frequency[1:] / 1e3, color=colour, linewidth=0.9, label=name, zorder=2)
+    axes.grid(axis="y", visible=False)
+    axes.set_title(
+        f"{sample.machine.tension:.3g} N, {sampling_hz / 1e3:.3g} kHz pulses", fontsize=TICK_PT, color=MUTED,
+        loc="left",
+    )  # fmt: skip
+    legend(axes)

@@ -1,0 +1,1 @@
+"""Recordings for rerun: written, laid out, played back."""

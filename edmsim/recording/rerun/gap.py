@@ -1,0 +1,265 @@
+"""The gap in the recording: the wall round the wire in um, discharges in their places, gap voltage and current.
+
+In views of two dimensions rerun counts y downwards; what is logged for them has its y turned round.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from edmsim.plant.constants import RAY_RANGE_UM
+from edmsim.plant.kernel.state import OPEN, SHORT
+from edmsim.recording.figures import palette
+from edmsim.recording.rerun.stream import class_rgb, faded, indexes, on_screen
+from edmsim.recording.scene import Scene
+
+if TYPE_CHECKING:
+    import rerun as rr
+
+Closeups = NDArray[np.void]
+"""Rows of `edmsim.recording.closeups.row_type`."""
+
+AGES = 6
+"""A discharge is still to be seen in this many close-ups, ever fainter."""
+SCOPE_PULSES = 12
+"""Pulses on the oscilloscope."""
+SCOPE_WIDTH, VOLTAGE_HEIGHT, CURRENT_HEIGHT, SCOPE_SPACE = 420.0, 50.0, 32.0, 10.0
+"""The oscilloscope's screen, in units of its view: width, heights of both traces, what lies between them."""
+WALL_UM = 6.0
+"""Half the width in um of the line that stands for the metal; its inner side is the metal's edge."""
+_WIRE = (124, 92, 30)
+_NARROW_UM = 10.0
+"""A ray with a gap up to this is drawn in the colour of shorts; near the critical gap a spark finds."""
+
+
+# --- discharges ---------------------------------------------------------------------------------------------
+
+
+def discharges(closeups: Closeups, radius_um: float) -> tuple[NDArray[np.bool_], NDArray[np.float64]]:
+    """Return which pulses have a place (n, pulses), and where on the metal it is: (n, pulses, 2) in um."""
+    pulses = closeups["pulses"]
+    known = (np.arange(pulses.shape[1]) < closeups["count"][:, None]) & (pulses["slice"] >= 0)
+    angle = 2 * np.pi * pulses["ray"] / max(closeups["walls_um"].shape[1], 1)
+    out = radius_um + pulses["gap_um"].astype(np.float64)
+    place = np.stack([pulses["x_um"] + out * np.cos(angle), pulses["y_um"] + out * np.sin(angle)], axis=-1)
+    return known, place
+
+
+def log_discharges(recording: rr.RecordingStream, scene: Scene, closeups: Closeups) -> None:
+    """Log discharges and contacts where they were on the workpiece, in mm; the last `AGES` close-ups of them."""
+    import rerun as rr
+
+    if len(closeups) == 0:
+        return
+    known, place = discharges(closeups, scene.wire_diameter_um / 2)
+    n_slices = closeups["deflection_um"].shape[1]
+    z_mm = scene.height_mm * (closeups["pulses"]["slice"] + 0.5) / n_slices
+    points: list[NDArray[np.float32]] = []
+    colours: list[NDArray[np.uint8]] = []
+    radii: list[NDArray[np.float32]] = []
+    lengths = np.zeros(len(closeups), np.int64)
+    for i in range(len(closeups)):
+        for age in range(min(AGES, i + 1)):
+            j = i - age
+            these = np.flatnonzero(known[j])[:: 1 if age == 0 else 2]
+            points.append(np.column_stack([place[j, these] / 1000.0, z_mm[j, these]]).astype(np.float32))
+            left = np.full(len(these), (1.0 - age / AGES) ** 1.5)
+            colours.append(faded(class_rgb(closeups["pulses"]["kind"][j, these]), left))
+            radii.append(np.full(len(these), -3.2 + 1.8 * age / AGES, np.float32))
+            lengths[i] += len(these)
+    columns = rr.Points3D.columns(
+        positions=np.concatenate(points), colors=np.concatenate(colours), radii=np.concatenate(radii)
+    )
+    recording.send_columns(
+        "world/table/discharges", indexes(closeups["t_s"], closeups["path_um"]), columns.partition(lengths)
+    )
+
+
+# --- the top view at the wire -------------------------------------------------------------------------------
+
+
+def log_gap(recording: rr.RecordingStream, scene: Scene, closeups: Closeups) -> None:
+    """Log the middle slice's wall round the wire in um; the origin is the guides' axis."""
+    import rerun as rr
+
+    _log_gap_marks(recording, scene)
+    if len(closeups) == 0:
+        return
+    when = indexes(closeups["t_s"], closeups["path_um"])
+    wire = _turned(closeups["wire_um"] - closeups["guides_um"])
+    recording.log(
+        "top/wire",
+        rr.Points2D.from_fields(colors=[_WIRE], radii=[scene.wire_diameter_um / 2], draw_order=10.0),
+        static=True,
+    )
+    recording.send_columns("top/wire", when, rr.Points2D.columns(positions=wire))
+    _log_walls(recording, scene, closeups, wire)
+    known, place = discharges(closeups, scene.wire_diameter_um / 2)
+    shift = _turned(place - closeups["guides_um"][:, None, :])
+    left = np.linspace(0.25, 1.0, known.shape[1])
+    colours = faded(class_rgb(closeups["pulses"]["kind"][known]), np.broadcast_to(left, known.shape)[known])
+    columns = rr.Points2D.columns(positions=shift[known], colors=colours, radii=np.full(known.sum(), 4.0))
+    recording.log("top/discharges", rr.Points2D.from_fields(draw_order=60.0), static=True)
+    recording.send_columns("top/discharges", when, columns.partition(known.sum(axis=1)))
+    away = np.column_stack([-_turned(closeups["guides_um"]), np.zeros(len(closeups))])
+    recording.send_columns("top/part", when, rr.Transform3D.columns(translation=away))
+
+
+def _turned(points: NDArray[np.float64]) -> NDArray[np.float64]:
+    return np.asarray(points * np.array([1.0, -1.0]), np.float64)
+
+
+def _log_gap_marks(recording: rr.RecordingStream, scene: Scene) -> None:
+    """Log what stands still in the top view: a cross, circles of 50 um, and on the part its drawn edge."""
+    import rerun as rr
+
+    angle = np.linspace(0.0, 2 * np.pi, 73)
+    circle = np.column_stack([np.cos(angle), np.sin(angle)])
+    rings = [radius * circle for radius in (50.0, 100.0, 150.0, 200.0, 250.0)]
+    recording.log(
+        "top/scale",
+        rr.LineStrips2D([[(-8, 0), (8, 0)], [(0, -8), (0, 8)], *rings], colors=[(58, 68, 80)], radii=on_screen(0.5)),
+        static=True,
+    )
+    recording.log(
+        "top/scale/um",
+        rr.Points2D(
+            [(0.0, -radius) for radius in (100.0, 150.0, 200.0)], labels=["100 µm", "150", "200"], show_labels=True,
+            colors=[palette.rgb(palette.MUTED)], radii=on_screen(0.5),
+        ),
+        static=True,
+    )  # fmt: skip
+    nominal = [_turned(edge.nominal_mm * 1000.0) for edge in scene.maps]
+    if nominal:
+        lines = rr.LineStrips2D(nominal, colors=[palette.rgb(palette.GREEN)], radii=on_screen(0.8))
+        recording.log("top/part/nominal", lines, static=True)
+
+
+def _log_walls(recording: rr.RecordingStream, scene: Scene, closeups: Closeups, wire: NDArray[np.float64]) -> None:
+    """Log every ray that meets metal, and the metal's edge as a line through their ends."""
+    import rerun as rr
+
+    gaps = closeups["walls_um"].astype(np.float64)
+    angle = 2 * np.pi * np.arange(gaps.shape[1]) / max(gaps.shape[1], 1)
+    way = np.column_stack([np.cos(angle), -np.sin(angle)])
+    radius = scene.wire_diameter_um / 2
+    meets = gaps < RAY_RANGE_UM
+    ends = wire[:, None, :] + (radius + gaps)[..., None] * way
+    starts = np.broadcast_to(wire[:, None, :] + radius * way, ends.shape)
+    when = indexes(closeups["t_s"], closeups["path_um"])
+    near = np.clip((gaps[meets] - _NARROW_UM) / (RAY_RANGE_UM - _NARROW_UM), 0.0, 1.0)[:, None]
+    colours = palette.rgb(palette.VERMILION) * (1 - near) + np.array((70, 82, 96)) * near
+    lines = np.stack([starts[meets], ends[meets]], axis=1)
+    rays = rr.LineStrips2D.columns(strips=lines, colors=colours.astype(np.uint8))
+    recording.send_columns("top/rays", when, rays.partition(meets.sum(axis=1)))
+    # a piece of wall between two neighbouring rays that both meet metal; the jump to another wall is none
+    after = np.roll(np.arange(gaps.shape[1]), -1)
+    wall = meets & meets[:, after] & (np.abs(gaps - gaps[:, after]) < radius)
+    behind = wire[:, None, :] + (radius + gaps + WALL_UM)[..., None] * way
+    pieces = np.stack([behind[wall], behind[:, after][wall]], axis=1)
+    recording.log(
+        "top/metal",
+        rr.LineStrips2D.from_fields(colors=[palette.rgb(palette.MUTED)], radii=[WALL_UM]),
+        static=True,
+    )
+    recording.send_columns(
+        "top/metal", when, rr.LineStrips2D.columns(strips=pieces).partition(wall.sum(axis=1))
+    )
+
+
+# --- the oscilloscope ---------------------------------------------------------------------------------------
+
+
+def traces(closeups: Closeups) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Return time, voltage and current of the last pulses of every close-up, as the model has them.
+
+    Voltage stands open until ignition, then burns; a pulse without ignition shows the open voltage for as long as
+    it was waited, a short circuit none. Edges are upright: the model has no rise times.
+
+    Returns
+    -------
+    time_us, voltage_V, current_A : float64 arrays (n, SCOPE_PULSES, 7)
+        Corners of the traces, pulse by pulse; time counts from the first pulse shown.
+    """
+    last = np.maximum(closeups["count"][:, None] - SCOPE_PULSES + np.arange(SCOPE_PULSES), 0)
+    pulses = np.take_along_axis(closeups["pulses"], last, axis=1)
+    start, delay, on = (pulses[name].astype(np.float64) for name in ("start_us", "delay_us", "conducting_us"))
+    start = start - start[:, :1]
+    step = np.diff(start, axis=1)
+    stop = start + np.concatenate([step, np.maximum(step[:, -1:], (delay + on)[:, -1:])], axis=1)
+    is_open, is_short = pulses["kind"] == OPEN, pulses["kind"] == SHORT
+    up = np.where(is_short, 0.0, pulses["open_V"])
+    burning = np.where(is_open | is_short, 0.0, closeups["burning_V"][:, None])
+    flowing = np.where(is_open, 0.0, np.where(is_short, closeups["short_A"][:, None], closeups["current_A"][:, None]))
+    ignition, end, nought = start + delay, start + delay + on, np.zeros_like(start)
+    time = np.stack([start, start, ignition, ignition, end, end, np.maximum(stop, end)], axis=-1)
+    voltage = np.stack([nought, up, up, burning, burning, nought, nought], axis=-1)
+    current = np.stack([nought, nought, nought, flowing, flowing, nought, nought], axis=-1)
+    return time, voltage, current
+
+
+def log_scope(recording: rr.RecordingStream, closeups: Closeups) -> None:
+    """Log gap voltage and current of the last pulses, coloured by class, and the oscilloscope's scales."""
+    import rerun as rr
+
+    if len(closeups) == 0:
+        return
+    time, voltage, current = traces(closeups)
+    span_us, most_V, most_A = float(time.max()), float(voltage.max()), float(current.max())
+    last = np.maximum(closeups["count"][:, None] - SCOPE_PULSES + np.arange(SCOPE_PULSES), 0)
+    kinds = np.take_along_axis(closeups["pulses"], last, axis=1)["kind"]
+    colours = class_rgb(kinds).reshape(-1, 3)
+    when = indexes(closeups["t_s"], closeups["path_um"])
+    low = VOLTAGE_HEIGHT + SCOPE_SPACE + CURRENT_HEIGHT
+    for name, values, most, height, foot in (
+        ("voltage", voltage, most_V, VOLTAGE_HEIGHT, VOLTAGE_HEIGHT),
+        ("current", current, most_A, CURRENT_HEIGHT, low),
+    ):
+        across = time * (SCOPE_WIDTH / max(span_us, 1e-9))
+        strips = np.stack([across, foot - values * (height / max(most, 1e-9))], axis=-1).astype(np.float32)
+        recording.log(f"scope/{name}", rr.LineStrips2D.from_fields(radii=on_screen(1.3)), static=True)
+        columns = rr.LineStrips2D.columns(strips=strips.reshape(-1, 7, 2), colors=colours)
+        recording.send_columns(f"scope/{name}", when, columns.partition([SCOPE_PULSES] * len(closeups)))
+    _log_scales(recording, span_us, most_V, most_A)
+
+
+def _log_scales(recording: rr.RecordingStream, span_us: float, most_V: float, most_A: float) -> None:
+    import rerun as rr
+
+    low = VOLTAGE_HEIGHT + SCOPE_SPACE + CURRENT_HEIGHT
+    marks: list[tuple[float, float, str]] = []
+    lines: list[list[tuple[float, float]]] = []
+    feet = ((most_V, "V", VOLTAGE_HEIGHT, VOLTAGE_HEIGHT), (most_A, "A", CURRENT_HEIGHT, low))
+    for most, unit, height, foot in feet:
+        for value in _ticks(most, 3):
+            y = foot - value * height / max(most, 1e-9)
+            marks.append((-6.0, y, f"{value:g} {unit}"))
+            lines.append([(0.0, y), (SCOPE_WIDTH, y)])
+    for value in _ticks(span_us, 6):
+        x = value * SCOPE_WIDTH / max(span_us, 1e-9)
+        marks.append((x, low + 6.0, f"{value:g} µs"))
+        lines.append([(x, 0.0), (x, low)])
+    recording.log(
+        "scope/grid", rr.LineStrips2D(lines, colors=[(52, 60, 70)], radii=on_screen(0.5)), static=True
+    )
+    places, labels = [(x, y) for x, y, _ in marks], [text for *_, text in marks]
+    recording.log(
+        "scope/scale",
+        rr.Points2D(
+            places, labels=labels, show_labels=True, colors=[palette.rgb(palette.MUTED)], radii=on_screen(0.5)
+        ),
+        static=True,
+    )
+
+
+def _ticks(most: float, count: int) -> list[float]:
+    """Return round values from 0 up to `most`, some `count` of them."""
+    if not most > 0.0:
+        return [0.0]
+    decade = 10.0 ** math.floor(math.log10(most / count))
+    step = next(s * decade for s in (1.0, 2.0, 5.0, 10.0) if most / (s * decade) <= count + 0.5)
+    return [step * k for k in range(int(most / step * (1 + 1e-9)) + 1)]

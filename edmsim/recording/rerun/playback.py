@@ -1,0 +1,210 @@
+"""Reading a recording back: is it whole and of this version, and what does it show at a time."""
+
+from __future__ import annotations
+
+import json
+import warnings
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from edmsim.errors import InputError
+from edmsim.recording.rerun.stream import PATH, TIME
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+    from rerun.chunk import Chunk
+
+RECORDING = "cut.rrd"
+"""Name of the recording in a cut's folder."""
+APPLICATION = "edmsim"
+"""Application the recording belongs to in the viewer."""
+FORMAT = 2
+"""Number of the recording's layout, raised whenever what reads it back would read it wrongly."""
+MADE_BY = "made_by"
+"""Entity that says, as JSON, the recording's format, who wrote it, and the sizes its views need."""
+_MARK = b"RRF2"
+"""A recording begins with this, the version of rerun that wrote it behind it."""
+_MADE = (f"/{MADE_BY}", "TextDocument:text")
+
+
+def find_recording(directory: str | Path) -> Path:
+    """Return the recording in a cut's folder, looked over.
+
+    Raises
+    ------
+    InputError
+        If the folder or the recording is missing, or the file is damaged, half-written, no rerun recording, or of
+        another version.
+    """
+    folder = Path(directory)
+    if not folder.is_dir():
+        raise InputError("no such folder, give the folder that `edmsim cut --out` wrote", directory)
+    recording = folder / RECORDING
+    if not recording.is_file():
+        half = " but one half-written," if (folder / f"{RECORDING}.part").is_file() else ","
+        raise InputError(
+            f"there is no {RECORDING} in it{half} give a folder that `edmsim cut --out` wrote", directory
+        )
+    read_chunks(recording)
+    return recording
+
+
+def read_chunks(recording: Path) -> list[Chunk]:
+    """Return all of a recording's data.
+
+    Raises
+    ------
+    InputError
+        As `find_recording` for the file.
+    """
+    from rerun.chunk import RrdReader
+
+    _check_rerun(recording)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")  # a file cut short between two messages is only warned about
+            reader = RrdReader(recording)
+            found = reader.recordings()
+            chunks = list(reader.stream().to_chunks()) if found else []
+    except (RuntimeError, ValueError, OSError, Warning):
+        found = []
+    if not found:
+        size = recording.stat().st_size
+        raise InputError(f"these {size} bytes are not a whole rerun recording, run the cut again", recording)
+    _check_version(recording, found[0].application_id, chunks)
+    return chunks
+
+
+def _check_rerun(recording: Path) -> None:
+    """Refuse a file of a newer rerun: it would be read, with a warning, and perhaps wrongly."""
+    from importlib.metadata import version
+
+    with recording.open("rb") as file:
+        head = file.read(8)
+    here = tuple(int(number) for number in version("rerun-sdk").split(".")[:2])
+    if head[:4] == _MARK and tuple(head[4:6]) > here:
+        raise InputError(
+            f"this recording was written by rerun {head[4]}.{head[5]}, here is {here[0]}.{here[1]}; run the cut "
+            "again",
+            recording,
+        )
+
+
+def _check_version(recording: Path, application: str, chunks: list[Chunk]) -> None:
+    if application != APPLICATION:
+        raise InputError(f"this is a recording of {application}, one that `edmsim cut` wrote is needed", recording)
+    found = [chunk.to_record_batch() for chunk in chunks if chunk.entity_path == _MADE[0]]
+    made = json.loads(found[0].column(_MADE[1])[0].as_py()[0]) if found else {"format": 1}  # the first wrote none
+    if made["format"] != FORMAT:
+        by = f", written by edmsim {made['version']}" if "version" in made else ""
+        raise InputError(
+            f"this recording has format {made['format']}{by}; this edmsim reads format {FORMAT}, run the cut again",
+            recording,
+        )
+
+
+class Rows(NamedTuple):
+    """A component of an entity over time, rows in order of time.
+
+    Attributes
+    ----------
+    t_s, path_um : float64 arrays (n,)
+        Machine time and place along the path; 0 for what stays.
+    values : pyarrow.Array
+        A list per row.
+    """
+
+    t_s: NDArray[np.float64]
+    path_um: NDArray[np.float64]
+    values: pa.Array
+
+    def at(self, t_s: float) -> int:
+        """Return the row that holds at a time; -1 before the first."""
+        return int(np.searchsorted(self.t_s, t_s, side="right")) - 1
+
+
+class Playback:
+    """What a recording shows.
+
+    Parameters
+    ----------
+    recording : path
+        Of a cut.
+
+    Raises
+    ------
+    InputError
+        As `find_recording` for the file.
+    """
+
+    def __init__(self, recording: str | Path) -> None:
+        self.recording = Path(recording)
+        parts: dict[tuple[str, str], list[Rows]] = {}
+        for chunk in read_chunks(self.recording):
+            batch = chunk.to_record_batch()
+            times, path = np.zeros(batch.num_rows), np.zeros(batch.num_rows)
+            if TIME in batch.schema.names:
+                times = batch.column(TIME).to_numpy(zero_copy_only=False).astype(np.int64) * 1e-9
+                path = batch.column(PATH).to_numpy(zero_copy_only=False).astype(np.float64)
+            for name in batch.schema.names:
+                if ":" in name:
+                    parts.setdefault((chunk.entity_path, name), []).append(Rows(times, path, batch.column(name)))
+        self._rows = {key: _in_order(found) for key, found in parts.items()}
+
+    def __contains__(self, key: tuple[str, str]) -> bool:
+        """Say whether there is a component, by entity and name."""
+        return key in self._rows
+
+    def rows(self, entity: str, component: str) -> Rows:
+        """Return a component of an entity; raises `KeyError` if there is none."""
+        return self._rows[entity, component]
+
+    def series(self, entity: str) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return times in s and values of a curve; both empty if there is none."""
+        if (entity, "Scalars:scalars") not in self:
+            return np.zeros(0), np.zeros(0)
+        found = self.rows(entity, "Scalars:scalars")
+        return found.t_s, np.asarray(found.values.flatten(), np.float64)
+
+    def strips(self, entity: str, component: str, t_s: float) -> list[NDArray[np.float32]]:
+        """Return the lines an entity shows at a time, each (points, 2 or 3)."""
+        row = self._row(entity, component, t_s)
+        return [] if row is None else [np.array(line, np.float32) for line in row.as_py()]
+
+    def points(self, entity: str, component: str, t_s: float) -> NDArray[Any]:
+        """Return vectors, colours or other numbers an entity shows at a time: (n,) or (n, k); (0,) if none."""
+        row = self._row(entity, component, t_s)
+        return np.zeros(0) if row is None else np.array(row.as_py())
+
+    def _row(self, entity: str, component: str, t_s: float) -> pa.Scalar | None:
+        found = self._rows.get((entity, component))
+        at = -1 if found is None else found.at(t_s)
+        return None if found is None or at < 0 or not found.values[at].is_valid else found.values[at]
+
+    @property
+    def title(self) -> str:
+        """What was cut."""
+        return str(self.rows("/__properties", "RecordingInfo:name").values[0].as_py()[0])
+
+    @property
+    def sizes(self) -> tuple[float, ...]:
+        """The fields of `edmsim.recording.rerun.blueprint.Sizes`."""
+        return tuple(json.loads(self.rows(*_MADE).values[0].as_py()[0])["sizes"])
+
+    @property
+    def end_s(self) -> float:
+        """Machine time at the end; 0 if nothing was recorded."""
+        return max((float(rows.t_s[-1]) for rows in self._rows.values() if len(rows.t_s)), default=0.0)
+
+
+def _in_order(found: list[Rows]) -> Rows:
+    import pyarrow as pa
+
+    times = np.concatenate([rows.t_s for rows in found])
+    path = np.concatenate([rows.path_um for rows in found])
+    values = pa.concat_arrays([rows.values for rows in found])
+    order = np.argsort(times, kind="stable")
+    return Rows(times[order], path[order], values.take(pa.array(order)))

@@ -1,0 +1,83 @@
+"""What all of the recording's parts are logged with: timelines, colours of the classes, sizes on the screen."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from edmsim.plant.kernel.state import ARC, OPEN, SHORT, SPARK
+from edmsim.recording.figures import palette
+
+if TYPE_CHECKING:
+    import rerun as rr
+
+TIME = "machine_time"
+"""Timeline of machine time, a duration."""
+PATH = "path_um"
+"""Timeline of the place along the wire path, in whole um."""
+
+CLASS_COLOURS = {"spark": palette.SKY, "open": palette.MUTED, "short": palette.VERMILION, "arc": palette.PURPLE}
+"""Classes of pulses in the recording, whose ground is dark."""
+
+
+def class_rgb(kind: NDArray[np.int16]) -> NDArray[np.uint8]:
+    """Return the colours (..., 3) of pulses' classes."""
+    table = np.zeros((4, 3), np.uint8)
+    for code, name in ((OPEN, "open"), (SPARK, "spark"), (ARC, "arc"), (SHORT, "short")):
+        table[code] = palette.rgb(CLASS_COLOURS[name])
+    return np.asarray(table[kind], np.uint8)
+
+
+def faded(colours: NDArray[np.uint8], left: NDArray[np.float64]) -> NDArray[np.uint8]:
+    """Return colours (n, 3) sunk into the ground to a share `left` (n,) of 0 to 1."""
+    ground = np.array(palette.rgb(palette.INK), float)
+    return np.asarray(np.round(ground + (colours - ground) * left[:, None]), np.uint8)
+
+
+def indexes(t_s: NDArray[np.float64], path_um: NDArray[np.float64]) -> list[rr.TimeColumn]:
+    """Return both timelines of rows."""
+    import rerun as rr
+
+    return [
+        rr.TimeColumn(TIME, duration=t_s),
+        rr.TimeColumn(PATH, sequence=np.round(path_um).astype(np.int64)),
+    ]
+
+
+def on_screen(points: float) -> list[float]:
+    """Return a radius in points of the screen, which rerun tells from a length by its sign."""
+    return [-points]
+
+
+def at_height(lines: Iterable[NDArray[np.float64]], z_mm: float) -> list[NDArray[np.float64]]:
+    """Return lines (n, 2) as lines (n, 3) at a height."""
+    return [np.column_stack([line, np.full(len(line), z_mm)]) for line in lines]
+
+
+def log_lines(
+    recording: rr.RecordingStream, entity: str, strips: list[NDArray[np.float64]], colour: str, points: float = 0.8
+) -> None:
+    """Log lines in space that stay."""
+    import rerun as rr
+
+    if strips:
+        lines = rr.LineStrips3D(strips, colors=[palette.rgb(colour)], radii=on_screen(points))
+        recording.log(entity, lines, static=True)
+
+
+def log_points(
+    recording: rr.RecordingStream,
+    entity: str,
+    places: list[tuple[float, float, float]],
+    labels: list[str],
+    colour: str,
+) -> None:
+    """Log labelled points that stay."""
+    import rerun as rr
+
+    if places:
+        points = rr.Points3D(places, labels=labels, colors=[palette.rgb(colour)], radii=on_screen(4.0))
+        recording.log(entity, points, static=True)

@@ -1,0 +1,225 @@
+"""``cut.rrd``: the cut as a rerun recording: machine, gap, oscilloscope, events and the series of the windows."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from edmsim.plant.constants import wire_setup
+from edmsim.plant.mechanics.model import build_model
+from edmsim.recording.closeups import AROUND, PULSES, Closeups
+from edmsim.recording.figures import palette
+from edmsim.recording.frames import Frames
+from edmsim.recording.report import duration_text, figure_text
+from edmsim.recording.rerun import gap as log_gap
+from edmsim.recording.rerun import machine as log_machine
+from edmsim.recording.rerun.blueprint import ELECTRICAL, PROCESS, blueprint, sizes_of
+from edmsim.recording.rerun.bodies import bodies_of
+from edmsim.recording.rerun.events import Event, events
+from edmsim.recording.rerun.machine import Shapes
+from edmsim.recording.rerun.playback import APPLICATION, FORMAT, MADE_BY
+from edmsim.recording.rerun.solid import KERF_FRAMES, growing_kerf
+from edmsim.recording.rerun.stream import indexes
+from edmsim.recording.scene import Scene, round_factor
+from edmsim.recording.windows import column, lag_along_um
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+    import rerun as rr
+
+    from edmsim.machine.machine import Machine
+
+MAX_ROWS = 20_000
+"""Most rows of a series; a longer table is averaged in groups."""
+
+
+def write_recording(
+    file: str | Path, scene: Scene, windows: pa.Table, frames: Frames, closeups: Closeups, machine: Machine,
+    report: Mapping[str, Any], title: str,
+) -> None:  # fmt: skip
+    """Write the recording; equal cuts give equal recordings, whatever the computer took for them.
+
+    Parameters
+    ----------
+    file : path
+        Replaced whole or not at all.
+    scene : Scene
+        Drawing, cut edges, error, corners.
+    windows : pyarrow.Table
+        The table of windows.
+    frames : Frames
+        The wire's shape.
+    closeups : Closeups
+        Windows kept pulse by pulse.
+    machine : Machine
+        The set-up, whose MJCF is drawn.
+    report : mapping
+        Of `edmsim.recording.report.build_report`.
+    title : str
+        What was cut, usually the program's name.
+    """
+    import rerun as rr
+
+    target = Path(file)
+    partial = target.with_name(target.name + ".part")
+    kept = closeups.table()
+    shapes = Shapes(frames, kept)
+    factor = round_factor(np.hypot(*np.moveaxis(shapes.deflection_um, -1, 0)).ravel(), 0.05 * scene.size_mm())
+    # batches cut off by a clock would differ from run to run
+    recording = rr.RecordingStream(
+        APPLICATION, recording_id=recording_id(report), send_properties=False,
+        batcher_config=rr.ChunkBatcherConfig.NEVER(),
+    )  # fmt: skip
+    sizes = sizes_of(scene, factor, float(shapes.t_s[-1]) if len(shapes) else 0.0)
+    recording.save(partial, default_blueprint=blueprint(sizes))
+    recording.send_recording_name(title)
+    made = {"format": FORMAT, "version": report["edmsim_version"], "sizes": list(sizes)}
+    recording.log(MADE_BY, rr.TextDocument(json.dumps(made)), static=True)
+    tolerance_mm = _log_machine(recording, scene, windows, machine, shapes, factor)
+    log_gap.log_discharges(recording, scene, kept)
+    log_gap.log_gap(recording, scene, kept)
+    log_gap.log_scope(recording, kept)
+    told = events(windows, scene, report)
+    group = _log_series(recording, windows, np.array([event.row for event in told], np.int64))
+    _log_events(recording, windows, told)
+    recording.log(
+        "about",
+        rr.TextDocument(
+            about(scene, report, title, factor, _thinning(frames, closeups, group, tolerance_mm)),
+            media_type=rr.MediaType.MARKDOWN,
+        ),
+        static=True,
+    )
+    recording.flush()
+    recording.disconnect()
+    partial.replace(target)
+
+
+def _log_machine(
+    recording: rr.RecordingStream, scene: Scene, windows: pa.Table, machine: Machine, shapes: Shapes, factor: float
+) -> float:
+    """Log machine, workpiece and wire; return within how many mm the growing kerf is drawn."""
+    t_s, path_um = column(windows, "t_s"), column(windows, "path_um")
+    model = build_model(wire_setup(machine), machine.base.model)
+    log_machine.log_bodies(recording, bodies_of(model, scene.guides_z_mm[0]))
+    growth = growing_kerf(scene, np.column_stack([column(windows, "x_um"), column(windows, "y_um")]), path_um)
+    log_machine.log_workpiece(recording, growth, t_s, path_um)
+    log_machine.log_drawing(recording, scene)
+    log_machine.log_errors(recording, scene)
+    log_machine.log_marks(recording, scene, factor)
+    log_machine.log_motion(recording, scene, shapes, factor)
+    return growth.tolerance_mm
+
+
+def _thinning(frames: Frames, closeups: Closeups, group: int, tolerance_mm: float) -> list[str]:
+    """Say what of the cut is in the recording and what was left out."""
+    return [
+        f"The wire's shape: one window of {frames.stride}. Discharges, top view and oscilloscope: one of "
+        f"{closeups.stride}; around retracts and corners, and at the end, all of them ({AROUND} before, {AROUND} "
+        f"after; of many retracts, some). Of such a window its last {PULSES} pulses are kept.",
+        "A point of a series is "
+        + ("one window." if group == 1 else f"the mean of {group} windows, around events one window.")
+        + f" The kerf grows in at most {KERF_FRAMES} steps, its edge drawn within {tolerance_mm * 1000:g} µm.",
+    ]  # fmt: skip
+
+
+def recording_id(report: Mapping[str, Any]) -> str:
+    """Return the recording's identity: a digest of version, seed and settings."""
+    made_with = {key: report[key] for key in ("edmsim_version", "seed", "settings")}
+    return hashlib.sha256(json.dumps(made_with, sort_keys=True).encode()).hexdigest()[:32]
+
+
+def about(scene: Scene, report: Mapping[str, Any], title: str, factor: float, thinning: list[str]) -> str:
+    """Return what a viewer of the recording needs to know, as Markdown."""
+    profile = report["profile_error_um"]
+    lines = [
+        f"# {title}",
+        f"**{report['outcome']}**" + (f": {report['reason']}" if report["reason"] else ""),
+        f"{duration_text(report['machining_time_s'])}, {figure_text(report['path_length_mm'], 'mm', 2)}, "
+        f"{figure_text(report['cutting_rate_mm2_min'], 'mm²/min')}, profile error "
+        f"{figure_text(profile['max'], 'µm')} max, {figure_text(profile['rms'], 'µm')} rms",
+        "## How it is drawn",
+        "- In the machine view the wire stands and the table moves; the view from above moves with the table.",
+        f"- Wire deflection is drawn **× {factor:g}** there, the profile error **× {scene.error_factor():g}** "
+        "(blue: too much removed, orange: metal left). All else is to scale, in mm.",
+        "- The view at the wire is to scale, in µm, at mid height; it moves with the guides, whose axis is the "
+        "cross. Every ray that meets metal is drawn from the wire to it, the redder the narrower.",
+        "- Discharges are drawn on the metal, in the middle of their slice of height, and fade: "
+        "blue sparks, pink arcs, red contacts.",
+        "- The oscilloscope shows the model's pulses: voltage until ignition, then burning; no rise times.",
+        *(f"- {line}" for line in thinning),
+        "## Settings",
+        f"- seed: {report['seed']}",
+        *(f"- {key}: {value}" for key, value in report["settings"].items()),
+    ]
+    return "\n\n".join(lines[:3]) + "\n\n" + "\n".join(lines[3:])
+
+
+def _log_events(recording: rr.RecordingStream, windows: pa.Table, told: list[Event]) -> None:
+    import rerun as rr
+
+    if told:
+        rows = np.array([event.row for event in told])
+        recording.send_columns(
+            "events",
+            indexes(column(windows, "t_s")[rows], column(windows, "path_um")[rows]),
+            rr.TextLog.columns(text=[event.text for event in told], level=[event.level for event in told]),
+        )
+
+
+def _log_series(recording: rr.RecordingStream, windows: pa.Table, event_rows: NDArray[np.int64]) -> int:
+    """Log every series; return how many windows each of its points is the mean of, away from events."""
+    import rerun as rr
+
+    rows = len(windows)
+    group = max(1, -(-rows // MAX_ROWS))
+    if rows == 0:
+        return group
+    starts = group_starts(rows, group, event_rows)
+    t_s, path_um = (grouped(column(windows, name), starts) for name in ("t_s", "path_um"))
+    for plot in PROCESS + ELECTRICAL:
+        for series in plot.series:
+            entity = f"{plot.origin}/{series.entity}"
+            line = rr.SeriesLines(names=[series.name], colors=[palette.rgb(series.colour)], widths=[1.3])
+            recording.log(entity, line, static=True)
+            values = grouped(_values(windows, series.entity), starts)
+            known = np.isfinite(values)
+            recording.send_columns(
+                entity, indexes(t_s[known], path_um[known]), rr.Scalars.columns(scalars=values[known])
+            )
+    return group
+
+
+def _values(windows: pa.Table, name: str) -> NDArray[np.float64]:
+    """Return a column of the table; wire lag along the feed, pulse counts as a share in percent."""
+    if name == "lag_um":
+        return lag_along_um(windows)
+    if name in ("short", "open", "spark", "arc"):
+        total = sum(column(windows, kind) for kind in ("short", "open", "spark", "arc"))
+        return np.asarray(100.0 * column(windows, name) / np.maximum(total, 1.0))
+    return column(windows, name)
+
+
+def group_starts(rows: int, size: int, event_rows: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return the first row of every group: `size` rows each, but one only up to `AROUND` rows from an event.
+
+    Of many events only as many evenly spaced ones count as make `MAX_ROWS` rows.
+    """
+    most = MAX_ROWS // (2 * AROUND + 1)
+    chosen = event_rows[np.unique(np.linspace(0, len(event_rows) - 1, min(len(event_rows), most)).astype(int))]
+    near = (chosen[:, None] + np.arange(-AROUND, AROUND + 2)).ravel()
+    return np.unique(np.concatenate([np.arange(0, rows, size), near[(near >= 0) & (near < rows)]]))
+
+
+def grouped(values: NDArray[np.float64], starts: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Return the mean of every group of neighbours; `starts` are their first rows. NaN is left out."""
+    known = np.isfinite(values)
+    counts = np.add.reduceat(known.astype(float), starts)
+    sums = np.add.reduceat(np.where(known, values, 0.0), starts)
+    return np.asarray(np.divide(sums, counts, out=np.full(len(starts), np.nan), where=counts > 0))

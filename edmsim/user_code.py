@@ -1,0 +1,81 @@
+"""A user's own Python file, named where a name of ours could stand: ``FILE.py:NAME``."""
+
+from __future__ import annotations
+
+import hashlib
+import re
+import sys
+from functools import lru_cache
+from pathlib import Path
+from traceback import extract_tb
+from types import ModuleType
+from typing import NamedTuple
+
+from edmsim.errors import InputError
+
+_OWN = re.compile(r"(?P<file>.+\.py)(?::(?P<name>[^:]*)(?::(?P<rest>.*))?)?", re.DOTALL)
+
+
+class Named(NamedTuple):
+    """Something in a user's file.
+
+    Attributes
+    ----------
+    file : str
+    name : str
+        What it is called there; empty if nothing was named.
+    rest : str
+        What stood behind a second colon.
+    """
+
+    file: str
+    name: str
+    rest: str
+
+
+def named(text: str) -> Named | None:
+    """Take ``FILE.py:NAME:REST`` apart; None if the text names no Python file."""
+    found = _OWN.fullmatch(text)
+    return None if found is None else Named(found["file"], found["name"] or "", found["rest"] or "")
+
+
+def digest(file: str) -> str:
+    """Return a fingerprint of the file's text."""
+    return hashlib.sha256(_text(file).encode()).hexdigest()[:16]
+
+
+def run(file: str) -> ModuleType:
+    """Run a Python file, once as long as its text stays the same, and return it as a module.
+
+    Raises
+    ------
+    InputError
+        It cannot be read, is no Python, or fails.
+    """
+    return _run(str(Path(file).absolute()), _text(file), file)
+
+
+def _text(file: str) -> str:
+    try:
+        return Path(file).read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"cannot be read: {error}", file) from None
+
+
+@lru_cache(maxsize=64)
+def _run(place: str, text: str, shown: str) -> ModuleType:
+    # no import: that would keep bytecode beside the file, and take it for new as long as size and second are the same
+    module = ModuleType(f"{Path(place).stem}_{hashlib.sha256((place + text).encode()).hexdigest()[:16]}")
+    module.__file__ = place
+    sys.modules[module.__name__] = module  # where dataclasses look for the names of their fields' types
+    try:
+        exec(compile(text, place, "exec"), vars(module))
+    except InputError:
+        raise
+    except SyntaxError as error:
+        raise InputError(f"is no Python: {error.msg}", shown, error.lineno) from None
+    except Exception as error:
+        lines = [frame.lineno for frame in extract_tb(error.__traceback__) if frame.filename == place]
+        reason = f"fails when it is run: {type(error).__name__}: {error}"
+        raise InputError(reason, shown, lines[-1] if lines else None) from None
+    return module
