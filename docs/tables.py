@@ -23,7 +23,8 @@ from typer.models import ArgumentInfo
 from edmsim import controllers
 from edmsim.cli import app as cli
 from edmsim.controllers.feed.gap_servo import ServoController
-from edmsim.machine.machine import Machine, available
+from edmsim.machine.files import available
+from edmsim.machine.machine import Machine
 from edmsim.recording.windows import COLUMNS
 
 DOCS = Path(__file__).parent

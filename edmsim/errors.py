@@ -3,10 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    from edmsim.plant.window import PulseWindow
 
 
 class EdmsimError(Exception):
@@ -38,35 +34,3 @@ class InputError(EdmsimError):
         if self.line is not None:
             place += f":{self.line}"
         return f"{place}: {self.reason}" if place else self.reason
-
-
-class PlantError(EdmsimError):
-    """The simulated machine left the range its model holds for.
-
-    Attributes
-    ----------
-    time_s : float
-        Machine time at the end of the window in which that was seen.
-    place_um : (float, float)
-        Where the motor steps had commanded the wire.
-    window : PulseWindow
-        What the window had counted and measured.
-    """
-
-    def __init__(self, reason: str, time_s: float, place_um: tuple[float, float], window: PulseWindow) -> None:
-        super().__init__(reason)
-        self.time_s = time_s
-        self.place_um = place_um
-        self.window = window
-
-
-class WireLostError(PlantError):
-    """The wire was bent further than a wire between guides can be."""
-
-
-class WireInMetalError(PlantError):
-    """The wire was driven into the metal faster than it can be pushed back."""
-
-
-class NotFiniteError(PlantError):
-    """A number of the simulation is infinite or none at all."""

@@ -18,9 +18,9 @@ from edmsim import __version__
 from edmsim.cli import app as cli
 from edmsim.controllers.planner.registry import PLANNERS
 from edmsim.cosim.simulation import Simulation
-from edmsim.errors import WireLostError
 from edmsim.job import checkpoint
 from edmsim.planner_errors import LONG_UM, SHORT_UM, SPEEDS
+from edmsim.plant.window import WireLostError
 
 FAST = ("--height", "5", "--resolution", "fast")
 

@@ -17,7 +17,9 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 
 from edmsim.errors import InputError
-from edmsim.machine.machine import Constant, Machine, available
+from edmsim.machine.files import available
+from edmsim.machine.machine import Machine
+from edmsim.machine.parts import Constant
 from edmsim.validation.report import simulated, summary
 from edmsim.validation.rows import Row
 

@@ -10,7 +10,8 @@ import pytest
 
 from edmsim import validation
 from edmsim.errors import InputError
-from edmsim.machine.machine import Constant, Machine
+from edmsim.machine.machine import Machine
+from edmsim.machine.parts import Constant
 from edmsim.validation.pages import check_folder, refreshed, rows_table, validation_page, write
 from edmsim.validation.rows import Row
 
