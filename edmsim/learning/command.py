@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from rich.console import Console
     from rich.table import Table
 
-    from edmsim.learning.train import Progress
+    from edmsim.learning.train import TrainingProgress
 
 def run(
     env_id: str, algo: str, out: Path, steps: int | None, seed: int, resume: bool, episodes: int, console: Console
@@ -55,7 +55,7 @@ def run(
     )
     task = bar.add_task("train", total=None, told="training")
 
-    def watch(progress: Progress) -> None:
+    def watch(progress: TrainingProgress) -> None:
         bar.start()  # not before the first window: bad input shall print its one line only
         told = "" if math.isnan(progress.mean_return) else f"return {progress.mean_return:.1f}"
         bar.update(task, completed=progress.steps, total=progress.total, told=told)

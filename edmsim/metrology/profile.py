@@ -44,7 +44,7 @@ CRATER_DEPTH_RATIO = 0.067
 WEDM (Esteves et al. 2022, Procedia CIRP 113:232, doi:10.1016/j.procir.2022.09.151)."""
 
 
-class Corner(TypedDict):
+class CornerError(TypedDict):
     """A real corner of the edge as drawn and what became of it."""
 
     x_mm: float
@@ -175,7 +175,7 @@ def profile_error(field: KerfField, contour: Contour, slices: Sequence[int] | No
     return ProfileError(points, s_mm, error, line.distance_along(s_mm, meeting) <= LEAD_IN_REACH_MM)
 
 
-def corners(contour: Contour, profile: ProfileError, min_turn_deg: float = 15.0) -> list[Corner]:
+def corners(contour: Contour, profile: ProfileError, min_turn_deg: float = 15.0) -> list[CornerError]:
     """List the real corners of the nominal edge with their errors.
 
     Parameters
@@ -193,13 +193,13 @@ def corners(contour: Contour, profile: ProfileError, min_turn_deg: float = 15.0)
         height, of largest magnitude within 0.15 mm of the corner; NaN where none was measured.
     """
     line = Polyline(contour.nominal_mm, contour.closed)
-    found: list[Corner] = []
+    found: list[CornerError] = []
     for vertex in line.corners(min_turn_deg):
         near = profile.mean_um[line.distance_along(profile.s_mm, line.s[[vertex]]) <= CORNER_REACH_MM]
         near = near[np.isfinite(near)]
         error = float(near[np.abs(near).argmax()]) if len(near) else float("nan")
         x, y = (float(value) for value in line.points[vertex])
-        found.append(Corner(x_mm=x, y_mm=y, turn_deg=float(line.turn_deg[vertex]), error_um=error))
+        found.append(CornerError(x_mm=x, y_mm=y, turn_deg=float(line.turn_deg[vertex]), error_um=error))
     return found
 
 
