@@ -12,7 +12,7 @@ from shapely import LineString, distance, points
 from edmsim.controllers import FeedController, make
 from edmsim.cosim.straight import Cut, Traverse, begin, change, cut_straight, each
 from edmsim.machine.machine import Machine
-from edmsim.metrology.profile import roughness_um
+from edmsim.metrology.roughness import roughness_um
 from edmsim.validation.breakage import sato_rig
 from edmsim.validation.rows import Check, Row, mean_and_interval
 from edmsim.validation.setups import CENTRE_UM, altered
