@@ -36,7 +36,7 @@ def cells(text: str, column: int = 0) -> list[str]:
 
 @pytest.fixture(scope="module")
 def tables(load_script: Callable[[Path], ModuleType]) -> ModuleType:
-    return load_script(DOCS / "tables.py")
+    return load_script(DOCS / "make" / "tables.py")
 
 
 def test_tables_are_those_of_the_code(tables: ModuleType) -> None:
@@ -44,7 +44,7 @@ def test_tables_are_those_of_the_code(tables: ModuleType) -> None:
     assert set(marked) == {"command-line", "controllers", "guide/outputs", "guide/set-up"}
     for file in marked.values():
         text = file.read_text(encoding="utf-8")
-        assert tables.refreshed(text) == text, f"{file.name} is not what the code tells; run: python docs/tables.py"
+        assert tables.refreshed(text) == text, f"{file.name} is out of date; run: python docs/make/tables.py"
 
 
 def test_every_option_of_every_command_is_told(tables: ModuleType) -> None:
