@@ -2,7 +2,12 @@
 
 from __future__ import annotations
 
+import sys
+from collections.abc import Callable
 from pathlib import Path
+
+FAILED, BAD_INPUT = 1, 2
+"""Exit statuses of a command: the model left its validity, or the like; bad usage or input."""
 
 
 class EdmsimError(Exception):
@@ -34,3 +39,12 @@ class InputError(EdmsimError):
         if self.line is not None:
             place += f":{self.line}"
         return f"{place}: {self.reason}" if place else self.reason
+
+
+def run_command(run: Callable[[], object]) -> None:
+    """Run a command; an `EdmsimError` becomes one line on standard error and an exit status."""
+    try:
+        run()
+    except EdmsimError as error:
+        print("edmsim: " + " ".join(str(error).splitlines()), file=sys.stderr)
+        sys.exit(BAD_INPUT if isinstance(error, InputError) else FAILED)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -11,7 +10,7 @@ import typer
 from rich.console import Console
 
 from edmsim import __version__
-from edmsim.errors import EdmsimError, InputError
+from edmsim.errors import FAILED, InputError, run_command
 
 if TYPE_CHECKING:
     from rich.progress import TaskID
@@ -23,9 +22,8 @@ app = typer.Typer(
 _OUT = Console()
 _ERR = Console(stderr=True)
 
-FAILED, BAD_INPUT, STOPPED, INTERRUPTED = 1, 2, 3, 130
-"""Exit statuses: the model left its validity; bad usage or input; the machine stopped before the end;
-interrupted from the keyboard."""
+STOPPED, INTERRUPTED = 3, 130
+"""Exit statuses besides those of `edmsim.errors`: the machine stopped before the end; interrupted by the user."""
 
 # options that several commands share
 _Material = Annotated[str, typer.Option(help="Workpiece material.")]
@@ -362,10 +360,6 @@ def _say(text: str) -> None:
     _ERR.print("edmsim: " + " ".join(text.splitlines()), highlight=False, soft_wrap=True, markup=False)
 
 
-def main(run: Callable[[], None] = app) -> None:
+def main() -> None:
     """Run the command line; bad input is one line on standard error and exit status 2."""
-    try:
-        run()
-    except EdmsimError as error:
-        _say(str(error))
-        sys.exit(BAD_INPUT if isinstance(error, InputError) else FAILED)
+    run_command(app)

@@ -18,6 +18,7 @@ import edmsim
 from edmsim import controllers
 from edmsim.cli import app as cli
 from edmsim.cosim import simulation as cosim
+from edmsim.errors import BAD_INPUT, FAILED
 from edmsim.plant.constants import resolution
 
 ROOT = Path(__file__).parents[2]
@@ -103,7 +104,7 @@ def test_the_outputs_are_those_of_a_cut(tmp_path: Path) -> None:
 def test_exit_statuses_and_outcomes() -> None:
     text = page("guide/outcomes")
     told = [int(status) for status in re.findall(r"^\| (\d+) \|", text, re.MULTILINE)]
-    assert told == [0, cli.FAILED, cli.BAD_INPUT, cli.STOPPED, cli.INTERRUPTED]
+    assert told == [0, FAILED, BAD_INPUT, cli.STOPPED, cli.INTERRUPTED]
     ends = text.split("## How a cut ends")[1].split("\n## ")[0]
     assert set(cells(ends)) - {"--max-time"} == {
         cosim.FINISHED, cosim.WIRE_BREAK, cosim.PERSISTENT_SHORT, cosim.LIMIT_SWITCH, cosim.TIME_LIMIT,
@@ -119,7 +120,7 @@ def test_the_error_shown_is_the_one_a_user_sees(
     monkeypatch.setattr(sys, "argv", command.split())
     with pytest.raises(SystemExit) as left:
         cli.main()
-    assert left.value.code == cli.BAD_INPUT
+    assert left.value.code == BAD_INPUT
     assert capsys.readouterr().err == shown
     assert not Path("out").exists()
 
