@@ -114,11 +114,8 @@ def from_text(text: str) -> FeedController:
     if own is not None:
         return from_file(own, _parameters(own.rest))
     name, _, rest = text.partition(":")
-    if name == "policy":
-        from edmsim.learning.policy_controller import PolicyController
-        from edmsim.learning.policy_file import load
-
-        return PolicyController(load(rest))
+    if name in user_code.MAKERS:
+        return cast(FeedController, user_code.make(name, rest))
     return make(name, **_parameters(rest))
 
 

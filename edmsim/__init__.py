@@ -40,11 +40,13 @@ if not (Path(__file__).parent / "controllers").is_dir():
     __path__.append(str(Path(__file__).parents[1]))
 
 
-def _register_environments() -> None:
-    """Let `gymnasium.make` know the environments by name; nothing of them is loaded before one is made."""
+def _register() -> None:
+    """Make environments and policies known by name; nothing of them is loaded before one is made."""
     from edmsim.envs.registration import register_all
+    from edmsim.user_code import MAKERS
 
     register_all()
+    MAKERS["policy"] = "edmsim.learning.policy_controller:from_name"
 
 
 def __dir__() -> list[str]:
@@ -64,4 +66,4 @@ def __getattr__(name: str) -> Any:
     return value
 
 
-_register_environments()
+_register()

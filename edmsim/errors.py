@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import sys
+from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING
 
-if TYPE_CHECKING:
-    from edmsim.plant.window import PulseWindow
+FAILED, BAD_INPUT = 1, 2
+"""Exit statuses of a command: the model left its validity, or the like; bad usage or input."""
 
 
 class EdmsimError(Exception):
@@ -40,33 +41,10 @@ class InputError(EdmsimError):
         return f"{place}: {self.reason}" if place else self.reason
 
 
-class PlantError(EdmsimError):
-    """The simulated machine left the range its model holds for.
-
-    Attributes
-    ----------
-    time_s : float
-        Machine time at the end of the window in which that was seen.
-    place_um : (float, float)
-        Where the motor steps had commanded the wire.
-    window : PulseWindow
-        What the window had counted and measured.
-    """
-
-    def __init__(self, reason: str, time_s: float, place_um: tuple[float, float], window: PulseWindow) -> None:
-        super().__init__(reason)
-        self.time_s = time_s
-        self.place_um = place_um
-        self.window = window
-
-
-class WireLostError(PlantError):
-    """The wire was bent further than a wire between guides can be."""
-
-
-class WireInMetalError(PlantError):
-    """The wire was driven into the metal faster than it can be pushed back."""
-
-
-class NotFiniteError(PlantError):
-    """A number of the simulation is infinite or none at all."""
+def run_command(run: Callable[[], object]) -> None:
+    """Run a command; an `EdmsimError` becomes one line on standard error and an exit status."""
+    try:
+        run()
+    except EdmsimError as error:
+        print("edmsim: " + " ".join(str(error).splitlines()), file=sys.stderr)
+        sys.exit(BAD_INPUT if isinstance(error, InputError) else FAILED)

@@ -1,4 +1,4 @@
-"""A user's own Python file, named where a name of ours could stand: ``FILE.py:NAME``."""
+"""Code that a text names: a user's own Python file, ``FILE.py:NAME``, or what makes a kind, ``KIND:REST``."""
 
 from __future__ import annotations
 
@@ -6,13 +6,16 @@ import hashlib
 import re
 import sys
 from functools import lru_cache
+from importlib import import_module
 from pathlib import Path
 from traceback import extract_tb
 from types import ModuleType
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from edmsim.errors import InputError
 
+MAKERS: dict[str, str] = {}
+"""What makes something of a kind from the text behind its colon: ``module:function``, imported when first wanted."""
 _OWN = re.compile(r"(?P<file>.+\.py)(?::(?P<name>[^:]*)(?::(?P<rest>.*))?)?", re.DOTALL)
 
 
@@ -37,6 +40,12 @@ def named(text: str) -> Named | None:
     """Take ``FILE.py:NAME:REST`` apart; None if the text names no Python file."""
     found = _OWN.fullmatch(text)
     return None if found is None else Named(found["file"], found["name"] or "", found["rest"] or "")
+
+
+def make(kind: str, rest: str) -> Any:
+    """Make what ``KIND:REST`` names, by the function registered in `MAKERS`."""
+    module, _, function = MAKERS[kind].partition(":")
+    return getattr(import_module(module), function)(rest)
 
 
 def digest(file: str) -> str:

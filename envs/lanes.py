@@ -16,8 +16,8 @@ from edmsim.envs.scenarios import CENTRE_UM, CORNER_DEG, Family, Scenario
 from edmsim.errors import InputError
 from edmsim.geometry import Polyline
 from edmsim.machine.machine import Machine
+from edmsim.machine.setting import least_period_us
 from edmsim.plant.fleet import Fleet
-from edmsim.plant.gap.generator import least_period_us
 from edmsim.plant.kernel.state import FINE
 from edmsim.plant.plant import Plant
 

@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 
 from edmsim.envs.reward import Weights
 from edmsim.errors import InputError
-from edmsim.machine.machine import Machine, check_height
+from edmsim.machine.machine import Machine
+from edmsim.machine.setting import check_height
 from edmsim.plant import constants
 from edmsim.plant.workpiece.height_steps import HeightStep as Step
 from edmsim.plant.workpiece.kerf_field import Stock

@@ -27,6 +27,19 @@ def path(name: str) -> Path:
     return file
 
 
+def policies(env_id: str = "") -> list[str]:
+    """Return the names of the policies under ``policies/``: of those trained in one environment, or of all.
+
+    Parameters
+    ----------
+    env_id : str, optional
+        For example ``"edmsim/GapFeed-v0"``.
+    """
+    prefix = f"{env_id.removeprefix('edmsim/').removesuffix('-v0')}-" if env_id else ""
+    names = sorted(found.stem for found in (Path(__file__).parent / "policies").glob("*.json"))
+    return [name for name in names if name.startswith(prefix)]
+
+
 def published(name: str) -> list[dict[str, str]]:
     """Return the rows of a published table, by column; its first lines, behind ``#``, give the source.
 

@@ -37,10 +37,10 @@ import numpy as np
 import edmsim
 from edmsim import models
 from edmsim.cosim.straight import Traverse, begin, cut_straight
+from edmsim.geometry import pursuit
 from edmsim.metrology.edges import metal_at
 from edmsim.plant.plant import Plant
 from edmsim.recording.figures.palette import BLUE, GREEN, INK, MUTED, ORANGE, PURPLE, SKY, VERMILION
-from edmsim.tractrix import pursuit
 from edmsim.validation.quality import corner_rig
 from edmsim.validation.setups import CENTRE_UM, altered
 from edmsim.validation.strings import static_lag_um
@@ -143,7 +143,7 @@ right.legend();
 # ## Round a corner
 #
 # If the lag were constant and always against the wire's own direction, the wire would follow its guides as a load
-# follows on a rope. That is the tractrix (`edmsim.tractrix`). The loop knows no such rule: the force turns as the
+# follows on a rope. That is the tractrix (`edmsim.geometry`). The loop knows no such rule: the force turns as the
 # place of the discharges does. So a corner of 90 degrees to the left is cut at a fixed feed, and looked at in two
 # ways: where the wire went, and what it left of the metal on both sides.
 

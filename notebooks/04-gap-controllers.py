@@ -41,7 +41,7 @@ from edmsim.controllers import from_text
 from edmsim.envs.tasks import Task
 from edmsim.evaluation.compare import evaluate
 from edmsim.evaluation.episode import ARGUMENTS, ORACLE_GAPS_UM, Episode
-from edmsim.evaluation.page import markdown_table
+from edmsim.evaluation.table import markdown_table
 from edmsim.recording.figures.palette import BLUE, GREEN, MUTED, ORANGE, PURPLE, VERMILION
 
 plt.rcParams.update({"figure.dpi": 90, "axes.spines.top": False, "axes.spines.right": False, "font.size": 9})

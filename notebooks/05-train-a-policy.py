@@ -41,7 +41,7 @@ from IPython.display import Markdown
 
 import edmsim
 from edmsim.evaluation.compare import evaluate
-from edmsim.evaluation.page import markdown_table
+from edmsim.evaluation.table import markdown_table
 from edmsim.learning import policy_file
 from edmsim.learning.export import export
 from edmsim.learning.train import train

@@ -44,8 +44,8 @@ from edmsim.controllers.mcu.firmware.poscal import STEP_UM
 from edmsim.controllers.mcu.firmware.timers import MAX_FEED_UM_S
 from edmsim.controllers.mcu.firmware.tstates import POSCAL_BOUND_T, READ_OUT_T, poscal_t_states
 from edmsim.controllers.mcu.firmware.tstates import seconds as duration_s
+from edmsim.controllers.planner.errors import around
 from edmsim.controllers.planner.registry import PLANNERS, make_planner
-from edmsim.planner_errors import around
 from edmsim.recording.figures import error_figure
 from edmsim.recording.figures.palette import BLUE, GREEN, INK, MUTED, ORANGE, VERMILION
 from edmsim.recording.windows import column

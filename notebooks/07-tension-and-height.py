@@ -43,7 +43,8 @@ from scipy.stats import spearmanr
 import edmsim
 from edmsim.controllers import make
 from edmsim.cosim.straight import cut_straight
-from edmsim.errors import InputError, PlantError
+from edmsim.errors import InputError
+from edmsim.plant.window import PlantError
 from edmsim.recording.figures.palette import BLUE, ORANGE, VERMILION
 from edmsim.validation.quality import cut_corner
 

@@ -39,8 +39,7 @@ from IPython.display import Markdown
 from edmsim import models, validation
 from edmsim.recording.figures.palette import BLUE, INK, MUTED, VERMILION
 from edmsim.validation import craters, strings
-from edmsim.validation.pages import rows_table
-from edmsim.validation.report import summary
+from edmsim.validation.report import rows_table, summary
 
 plt.rcParams.update({"figure.dpi": 90, "axes.spines.top": False, "axes.spines.right": False, "font.size": 9})
 

@@ -11,16 +11,13 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, NamedTuple
 
-import numpy as np
 import pytest
 
 from edmsim import __version__
 from edmsim.cli import app as cli
-from edmsim.controllers.planner.registry import PLANNERS
 from edmsim.cosim.simulation import Simulation
-from edmsim.errors import WireLostError
 from edmsim.job import checkpoint
-from edmsim.planner_errors import LONG_UM, SHORT_UM, SPEEDS
+from edmsim.plant.window import WireLostError
 
 FAST = ("--height", "5", "--resolution", "fast")
 
@@ -61,21 +58,6 @@ def test_help_names_every_command_on_one_line(edmsim: Run) -> None:
                              ("bench", "Measure the speed of this machine."),
                              ("terminal", "Sit at the 1982 controller's terminal.")):  # fmt: skip
         assert any(command in line and purpose in line for line in told.out.splitlines())
-
-
-def test_bench_writes_the_page_of_the_planners(tmp_path: Path, edmsim: Run, monkeypatch: pytest.MonkeyPatch) -> None:
-    moves = {
-        (planner, length, speed): np.tile([1.0, 0.5, 0.1, 0.2, 1.0], (360, 1))
-        for planner in PLANNERS for length in (LONG_UM, SHORT_UM) for speed in SPEEDS
-    }  # fmt: skip
-    monkeypatch.setattr("edmsim.planner_page.measure", lambda watch: moves)
-    page = tmp_path / "planners.md"
-    assert edmsim("bench", "--planners", page).status == 0
-    assert page.read_text(encoding="utf-8").startswith("# Planners\n")
-    assert (tmp_path / "planners.png").stat().st_size > 5000
-    told = edmsim("bench", "--planners", tmp_path / "none" / "planners.md")
-    assert told.status == 2
-    assert "cannot be written" in told.err
 
 
 def test_no_argument_shows_the_help_as_bad_usage(edmsim: Run) -> None:
@@ -331,7 +313,7 @@ def test_the_package_runs_as_the_command() -> None:
 
 def test_bench_prints_json_or_a_table(edmsim: Run, monkeypatch: pytest.MonkeyPatch) -> None:
     figures = {"pulses_per_s": 1e6, "realtime_factor": 100.0}
-    monkeypatch.setattr("edmsim.bench.plant.measure", lambda: figures)
+    monkeypatch.setattr("edmsim.bench.figures.measure", lambda: figures)
     assert json.loads(edmsim("bench", "--json").out) == figures
     table = edmsim("bench").out
     assert "1,000,000" in table

@@ -12,7 +12,8 @@ from edmsim.controllers import FeedCommand, FeedController, WindowObservation, m
 from edmsim.controllers.planner.registry import PLANNERS
 from edmsim.cosim.legs import Leg, legs_of
 from edmsim.cosim.simulation import Simulation
-from edmsim.machine.machine import Machine, available
+from edmsim.machine.files import available
+from edmsim.machine.machine import Machine
 from edmsim.program.path import Contour, CutPath
 
 START = (30_000, 30_000)

@@ -237,7 +237,8 @@ def test_rate_counts_the_area_cut(ridge: SimpleNamespace) -> None:
 
 
 def test_kerf_and_profile_are_measured_where_there_is_metal(ridge: SimpleNamespace) -> None:
-    from edmsim.metrology.profile import kerf_width, profile_error
+    from edmsim.metrology.kerf import kerf_width
+    from edmsim.metrology.profile import profile_error
 
     contour = ridge.result.path.contours[0]
     kerf = kerf_width(ridge.result.field, contour, 250.0)

@@ -29,7 +29,7 @@ from edmsim.controllers.planner.protocol import Step
 from edmsim.controllers.protocols import ControllerState, FeedCommand
 from edmsim.geometry import Polyline
 from edmsim.machine.machine import Machine
-from edmsim.plant.gap.generator import discharge_current_A
+from edmsim.machine.setting import discharge_current_A
 
 CORNER_DEG = 20.0
 """Turn of the path from which on it counts as a corner (ours)."""

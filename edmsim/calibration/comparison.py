@@ -28,14 +28,14 @@ NOISE_CUTS = 24
 LEAST_REPLICATES = 4
 
 
-class Progress(NamedTuple):
+class CalibrationProgress(NamedTuple):
     """How far a calibration is: cuts simulated, and the misfit per degree of freedom last found (NaN: none yet)."""
 
     cuts: int
     misfit: float
 
 
-class Comparison:
+class StretchComparison:
     """Stretches of a log, and what machines make of them.
 
     Parameters
@@ -47,7 +47,7 @@ class Comparison:
         The same draws for every machine: of two of them the difference is seen, not the noise.
     resolution : str
     watch : callable, optional
-        Is told of the `Progress` after every cut.
+        Is told of the `CalibrationProgress` after every cut.
 
     Attributes
     ----------
@@ -59,7 +59,7 @@ class Comparison:
 
     def __init__(
         self, machine: Machine, picked: list[Stretch], seed: int, resolution: str,
-        watch: Callable[[Progress], None] | None,
+        watch: Callable[[CalibrationProgress], None] | None,
     ) -> None:
         self.machine, self.picked = machine, picked
         self.misfit = math.nan
@@ -94,7 +94,7 @@ class Comparison:
                     found.append(row)
                     self._cuts += 1
                     if self._watch is not None:
-                        self._watch(Progress(self._cuts, self.misfit))
+                        self._watch(CalibrationProgress(self._cuts, self.misfit))
             except BaseException:
                 pool.shutdown(cancel_futures=True)
                 raise

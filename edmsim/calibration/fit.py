@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from edmsim.calibration.comparison import Comparison, Progress
+from edmsim.calibration.comparison import CalibrationProgress, StretchComparison
 from edmsim.calibration.log import STRETCH_WINDOWS, Log, Stretch, stretches
 from edmsim.calibration.simulate import settle_um
 from edmsim.errors import InputError
@@ -87,7 +87,7 @@ class Fit:
 
 def calibrate(
     log: Log, machine: Machine, only: Sequence[str] = DEFAULT_CONSTANTS, *, seed: int = 0, resolution: str = "fast",
-    watch: Callable[[Progress], None] | None = None,
+    watch: Callable[[CalibrationProgress], None] | None = None,
 ) -> Fit:
     """Fit constants of a machine to its log.
 
@@ -103,7 +103,7 @@ def calibrate(
     resolution : {"fast", "default", "fine"}
         Of the simulation; constants belong to it, as shares of short circuits depend on it.
     watch : callable, optional
-        Is told of the `Progress`.
+        Is told of the `CalibrationProgress`.
 
     Raises
     ------
@@ -124,7 +124,7 @@ def calibrate(
     size = int(sum(np.isfinite(stretch.mean).sum() for stretch in picked))
     if size <= len(known):
         raise InputError(f"{len(known)} constants cannot be told from {size} statistics", log.name)
-    comparison = Comparison(machine, picked, seed, resolution, watch)
+    comparison = StretchComparison(machine, picked, seed, resolution, watch)
     return _fit_what_is_told(comparison, list(known), log.name)
 
 
@@ -135,7 +135,7 @@ def spread(steady: Sequence[Stretch], most: int) -> list[Stretch]:
     return sorted((ordered[k] for k in places), key=lambda s: s.first)
 
 
-def _fit_what_is_told(comparison: Comparison, names: Sequence[str], log_name: str) -> Fit:
+def _fit_what_is_told(comparison: StretchComparison, names: Sequence[str], log_name: str) -> Fit:
     """Fit what the log tells: constants it knows nothing of are left out, and those it cannot part go one by one.
 
     Where the search begins a constant may do nothing that it does where the log was made, at another share of short
@@ -167,7 +167,7 @@ def _fit_what_is_told(comparison: Comparison, names: Sequence[str], log_name: st
     raise InputError(f"the log tells none of the constants ({reasons})", log_name)
 
 
-def _told_alone(comparison: Comparison, names: Sequence[str], at: Machine) -> list[str]:
+def _told_alone(comparison: StretchComparison, names: Sequence[str], at: Machine) -> list[str]:
     """Return those constants that would be told, at this machine, if each were the only one unknown."""
     search = _Search(comparison, names, at)
     alone = np.diag(search.information_at(search.shares))
@@ -177,7 +177,7 @@ def _told_alone(comparison: Comparison, names: Sequence[str], at: Machine) -> li
 class _Search:
     """Gauss-Newton by SciPy in shares of the constants' ranges, from where a machine has them."""
 
-    def __init__(self, comparison: Comparison, names: Sequence[str], start: Machine) -> None:
+    def __init__(self, comparison: StretchComparison, names: Sequence[str], start: Machine) -> None:
         self.comparison = comparison
         self.names = list(names)
         begun, before = choose(start, names), choose(comparison.machine, names)

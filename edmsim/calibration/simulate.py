@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from edmsim.calibration.log import Stretch, statistics
 from edmsim.controllers.pulse_counters import WINDOW_PULSES
 from edmsim.cosim.straight import Traverse, begin
-from edmsim.errors import PlantError
 from edmsim.plant.gap.generator import timing
+from edmsim.plant.window import PlantError
 
 if TYPE_CHECKING:
     from edmsim.machine.machine import Machine

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -11,7 +10,7 @@ import typer
 from rich.console import Console
 
 from edmsim import __version__
-from edmsim.errors import EdmsimError, InputError
+from edmsim.errors import FAILED, InputError, run_command
 
 if TYPE_CHECKING:
     from rich.progress import TaskID
@@ -23,9 +22,8 @@ app = typer.Typer(
 _OUT = Console()
 _ERR = Console(stderr=True)
 
-FAILED, BAD_INPUT, STOPPED, INTERRUPTED = 1, 2, 3, 130
-"""Exit statuses: the model left its validity; bad usage or input; the machine stopped before the end;
-interrupted from the keyboard."""
+STOPPED, INTERRUPTED = 3, 130
+"""Exit statuses besides those of `edmsim.errors`: the machine stopped before the end; interrupted by the user."""
 
 # options that several commands share
 _Material = Annotated[str, typer.Option(help="Workpiece material.")]
@@ -205,16 +203,14 @@ def evaluate(
     seeds: Annotated[int, typer.Option(help="Cuts of each controller.")] = 20,
     resolution: _Resolution = "default",
     json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
-    write: Annotated[Path | None, typer.Option(help="Write the page docs/benchmark.md into this file.")] = None,
 ) -> None:
     """Compare feed controllers on the same randomised machines."""
     from rich.progress import Progress as Bar
 
     from edmsim.envs.registration import resolve
-    from edmsim.evaluation.bars import told
     from edmsim.evaluation.compare import check, evaluate, usual
     from edmsim.evaluation.compare import env_ids as all_ids
-    from edmsim.evaluation.page import as_json, page, render
+    from edmsim.evaluation.table import as_json, render
 
     chosen = {
         env_id: usual(env_id) if controllers is None else controllers.split(",")
@@ -222,8 +218,6 @@ def evaluate(
     }
     for env_id, named in chosen.items():
         check(env_id, named, seeds, resolution)
-    if write is not None:
-        _make_file(write)
     found = []
     with Bar(console=_ERR, transient=True) as bar:
         for env_id, named in chosen.items():
@@ -233,17 +227,11 @@ def evaluate(
                 bar.update(task, completed=done, total=total)
 
             found.append(evaluate(env_id, named, seeds, resolution=resolution, watch=watch))
-    if write is not None:
-        asked = "" if controllers is None else f" --controllers {controllers}"
-        command = f"edmsim evaluate {' '.join(env_ids)}{asked} --seeds {seeds} --resolution {resolution}"
-        write.write_text(page(found, f"{command} --write {write}"), encoding="utf-8")
     if json:
         sys.stdout.write(as_json(found) + "\n")
     else:
         for comparison in found:
             _OUT.print(render(comparison, _OUT.width))
-            for text in told(comparison):
-                _OUT.print(text, highlight=False, markup=False)
 
 
 @app.command()
@@ -297,25 +285,16 @@ def calibrate(
 @app.command()
 def validate(
     json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
-    write: Annotated[
-        Path | None, typer.Option(help="Folder of the docs: write validation.md, refresh the tables of theory/.")
-    ] = None,
 ) -> None:
     """Compare the model with what was published, row by row."""
     from rich.progress import Progress as Bar
 
     from edmsim.validation import run
-    from edmsim.validation.pages import check_folder
-    from edmsim.validation.pages import write as write_pages
     from edmsim.validation.report import as_json, render
 
-    if write is not None:
-        check_folder(write)
     with Bar(console=_ERR, transient=True) as bar:
         task = bar.add_task("validate", total=None)
         rows = run(lambda done, total: bar.update(task, completed=done, total=total))
-    if write is not None:
-        write_pages(write, rows)
     if json:
         sys.stdout.write(as_json(rows) + "\n")
     else:
@@ -327,31 +306,10 @@ def validate(
 @app.command()
 def bench(
     json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
-    convergence: Annotated[
-        Path | None, typer.Option(help="Compare the resolutions instead, and write the table into this file.")
-    ] = None,
-    planners: Annotated[
-        Path | None,
-        typer.Option(help="Measure the errors of the planners instead, and write the page and its picture there."),
-    ] = None,
 ) -> None:
     """Measure the speed of this machine."""
-    from edmsim.bench.plant import measure, render
+    from edmsim.bench.figures import measure, render
 
-    if convergence is not None:
-        from edmsim.convergence import page
-
-        _make_file(convergence)
-        with _ERR.status("fast") as status:
-            convergence.write_text(page(status.update), encoding="utf-8")
-        return
-    if planners is not None:
-        from edmsim.planner_page import write as write_planners
-
-        _make_file(planners)
-        with _ERR.status("poscal") as status:
-            write_planners(planners, status.update)
-        return
     figures = measure()
     if json:
         import json as codec
@@ -397,23 +355,11 @@ def terminal(
         raise typer.Exit(INTERRUPTED) from None
 
 
-def _make_file(file: Path) -> None:
-    """See that a file can be written before the work begins."""
-    try:
-        file.touch()
-    except OSError as error:
-        raise InputError(f"cannot be written: {error.strerror}", file) from None
-
-
 def _say(text: str) -> None:
     """Print one line on standard error, however long."""
     _ERR.print("edmsim: " + " ".join(text.splitlines()), highlight=False, soft_wrap=True, markup=False)
 
 
-def main(run: Callable[[], None] = app) -> None:
+def main() -> None:
     """Run the command line; bad input is one line on standard error and exit status 2."""
-    try:
-        run()
-    except EdmsimError as error:
-        _say(str(error))
-        sys.exit(BAD_INPUT if isinstance(error, InputError) else FAILED)
+    run_command(app)

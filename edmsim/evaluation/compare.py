@@ -11,10 +11,10 @@ import numpy as np
 from gymnasium.envs.registration import registry
 from numpy.typing import NDArray
 
+from edmsim import models
 from edmsim.controllers import SAME_LAW, from_text, names
 from edmsim.errors import InputError
 from edmsim.evaluation.episode import ARGUMENTS, FINISHED, HELD_BACK, ORACLE, Result, arguments, cut
-from edmsim.learning import policy_file
 from edmsim.plant.constants import resolution as check_resolution
 
 CONFIDENCE = 0.95
@@ -132,7 +132,7 @@ def held_back(seeds: int) -> tuple[int, ...]:
 def usual(env_id: str) -> list[str]:
     """Return what is compared where nothing is named: every classic controller, and the policies shipped for it."""
     classic = [name for name in names() if name not in SAME_LAW]
-    return classic + [f"policy:{name}" for name in policy_file.shipped(env_id)]
+    return classic + [f"policy:{name}" for name in models.policies(env_id)]
 
 
 def env_ids() -> tuple[str, ...]:

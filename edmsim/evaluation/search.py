@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from edmsim import __version__
 from edmsim.controllers import FeedController, make
 from edmsim.envs.tasks import Task
-from edmsim.errors import InputError
+from edmsim.errors import InputError, run_command
 from edmsim.evaluation.episode import ARGUMENTS, HELD_BACK, ORACLE, Episode, Result
 
 if TYPE_CHECKING:
@@ -203,6 +203,4 @@ def _show(bar: Progress, task: TaskID, tried: int) -> None:
 
 
 if __name__ == "__main__":
-    from edmsim.cli.app import main as run
-
-    run(lambda: typer.run(main))
+    run_command(lambda: typer.run(main))

@@ -18,11 +18,11 @@ from edmsim.cosim.simulation import Progress, Simulation
 from edmsim.errors import InputError
 from edmsim.files import make_writable
 from edmsim.job import checkpoint
+from edmsim.machine.files import own_mjcf_text
 from edmsim.machine.machine import Machine
 from edmsim.metrology.edges import contour
 from edmsim.metrology.inspection import inspect, totals
 from edmsim.plant.constants import resolution as check_resolution
-from edmsim.plant.mechanics.mjcf import own_text
 from edmsim.plant.plant import MECHANICS
 from edmsim.plant.workpiece.kerf_field import KerfField
 from edmsim.program.heights import Area, Height, Heights
@@ -209,7 +209,7 @@ def cut(
         "t_on_us": set_up.t_on_us, "t_period_us": set_up.t_period_us, **_told(controller),
         "drive": drive, "planner": planner, "position_unit": unit, "mechanics": mechanics, "resolution": resolution,
         "offset_um": path.offset_um, "max_time_s": max_time_s,
-        "constants_sha256": _digest((set_up.model_dump_json() + own_text(set_up.base.model)).encode()),
+        "constants_sha256": _digest((set_up.model_dump_json() + own_mjcf_text(set_up.base.model)).encode()),
     }
     folder = None if out is None else Path(out)
     spent_s = _run(simulation, folder, {**settings, "seed": seed}, resume, watch)

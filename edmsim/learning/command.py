@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING
 from edmsim.envs.registration import resolve
 from edmsim.errors import InputError
 from edmsim.learning import policy_file
-from edmsim.learning.score import RESOLUTIONS, RIVALS, Score, measure
+from edmsim.learning.score import RESOLUTIONS, RIVALS, measure, render
 
 if TYPE_CHECKING:
     from rich.console import Console
     from rich.table import Table
 
-    from edmsim.learning.train import Progress
+    from edmsim.learning.train import TrainingProgress
 
 def run(
     env_id: str, algo: str, out: Path, steps: int | None, seed: int, resume: bool, episodes: int, console: Console
@@ -55,7 +55,7 @@ def run(
     )
     task = bar.add_task("train", total=None, told="training")
 
-    def watch(progress: Progress) -> None:
+    def watch(progress: TrainingProgress) -> None:
         bar.start()  # not before the first window: bad input shall print its one line only
         told = "" if math.isnan(progress.mean_return) else f"return {progress.mean_return:.1f}"
         bar.update(task, completed=progress.steps, total=progress.total, told=told)
@@ -78,17 +78,3 @@ def run(
             bar.stop()
     policy_file.write(card.model_copy(update={"scores": [row._asdict() for row in scores]}), packed, file)
     return render(scores)
-
-
-def render(scores: list[Score]) -> Table:
-    """Return the scores as a table."""
-    from rich.table import Table
-
-    table = Table("controller", "resolution", "return", "mm2/min", "error, um", "breaks", "limits")
-    for row in scores:
-        error = "" if row.error_um is None else f"{row.error_um:.2f}"
-        table.add_row(
-            row.controller, row.resolution, f"{row.mean_return:.1f} ± {row.return_error:.1f}",
-            f"{row.rate_mm2_min:.2f}", error, f"{row.breaks} of {row.seeds}", f"{row.limits} of {row.seeds}",
-        )
-    return table

@@ -17,7 +17,7 @@ from edmsim.envs.path_follower import LANE, SHORTED_S, SHORTED_SHARE
 from edmsim.envs.scenarios import CORNER_DEG, Corner
 from edmsim.errors import InputError
 from edmsim.geometry import Polyline
-from edmsim.learning.policy_file import Policy
+from edmsim.learning.policy_file import Policy, load
 from edmsim.machine.machine import Machine
 from edmsim.plant.kernel.state import OPEN, PULSES_PER_WINDOW, SHORT, SPARK, WINDOW
 
@@ -162,3 +162,14 @@ class PolicyController:
                 self._take_setting(self._machine.with_(t_on_us=t_on_us, t_period_us=t_period_us))
                 break
         return self._machine.t_on_us, self._machine.t_period_us
+
+
+def from_name(name: str) -> PolicyController:
+    """Make the controller of a policy: of its file, or of a name under ``models/policies``.
+
+    Raises
+    ------
+    InputError
+        See `edmsim.learning.policy_file.load`.
+    """
+    return PolicyController(load(name))

@@ -26,7 +26,6 @@ from edmsim.envs.scenarios import Family
 from edmsim.errors import InputError
 
 FORMAT = "edmsim-policy-1"
-_SHIPPED = Path(models.__file__).parent / "policies"
 ACTION_MEANINGS = ("feed, or its change: see docs/environments.md", "on-time", "period over on-time")
 Floats = NDArray[np.float64]
 
@@ -163,16 +162,6 @@ def write(card: Card, packed: bytes, file: Path) -> None:
     file.write_text(card.model_dump_json(indent=1) + "\n", encoding="utf-8")
 
 
-def shipped(env_id: str) -> list[str]:
-    """Return the names of the policies under ``models/policies`` that were trained in an environment."""
-    prefix = env_id.removeprefix("edmsim/").removesuffix("-v0") + "-"
-    return [name for name in _shipped_names() if name.startswith(prefix)]
-
-
-def _shipped_names() -> list[str]:
-    return sorted(found.stem for found in _SHIPPED.glob("*.json"))
-
-
 def locate(name: str) -> Path:
     """Return the ``.json`` of a policy: of its own path, or of a name under ``models/policies``.
 
@@ -183,11 +172,11 @@ def locate(name: str) -> Path:
     """
     file = Path(name)
     if file.suffix not in (".json", ".npz"):
-        if name not in _shipped_names():
+        if name not in models.policies():
             raise InputError(
-                f"there is no policy '{name}'; give its .json file, or one of {', '.join(_shipped_names())}"
+                f"there is no policy '{name}'; give its .json file, or one of {', '.join(models.policies())}"
             )
-        return _SHIPPED / f"{name}.json"
+        return models.path(f"policies/{name}.json")
     for part in (file.with_suffix(".json"), file.with_suffix(".npz")):
         if not part.is_file():
             raise InputError("no such file: a policy is a .json and the .npz beside it", part)

@@ -6,14 +6,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Annotated, NamedTuple
+from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 import numpy as np
 import typer
 
+from edmsim.errors import run_command
 from edmsim.evaluation.compare import run
 from edmsim.evaluation.episode import Result
 from edmsim.learning import policy_file
+
+if TYPE_CHECKING:
+    from rich.table import Table
 
 RIVALS = ("counts", "voltage")
 """The controllers policies are measured against: that of 1982, and the classic one that earns most."""
@@ -86,14 +90,26 @@ def score(results: Sequence[Result], resolution: str) -> Score:
     )
 
 
+def render(scores: list[Score]) -> Table:
+    """Return the scores as a table."""
+    from rich.table import Table
+
+    table = Table("controller", "resolution", "return", "mm2/min", "error, um", "breaks", "limits")
+    for row in scores:
+        error = "" if row.error_um is None else f"{row.error_um:.2f}"
+        table.add_row(
+            row.controller, row.resolution, f"{row.mean_return:.1f} ± {row.return_error:.1f}",
+            f"{row.rate_mm2_min:.2f}", error, f"{row.breaks} of {row.seeds}", f"{row.limits} of {row.seeds}",
+        )
+    return table
+
+
 def main(
     policies: Annotated[list[str], typer.Argument(help="Files, or names under models/policies.")],
     episodes: Annotated[int, typer.Option(help="Held-back episodes at every resolution.")] = 20,
 ) -> None:
     """Measure policies and write the scores into their cards."""
     from rich import print as show
-
-    from edmsim.learning.command import render
 
     for name in policies:
         policy, file = policy_file.load(name), policy_file.locate(name)
@@ -104,6 +120,4 @@ def main(
 
 
 if __name__ == "__main__":
-    from edmsim.cli.app import main as run_main
-
-    run_main(lambda: typer.run(main))
+    run_command(lambda: typer.run(main))

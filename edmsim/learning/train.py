@@ -34,7 +34,7 @@ CHECKPOINTS = 20
 _DEVICE = "cpu"  # a network this small waits for a GPU more than it gains; and the same seed gives the same policy
 
 
-class Progress(NamedTuple):
+class TrainingProgress(NamedTuple):
     """How far a training is.
 
     Attributes
@@ -51,7 +51,7 @@ class Progress(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Run:
+class TrainingRun:
     """What a training is of; a checkpoint goes on only with the same.
 
     Attributes
@@ -71,14 +71,14 @@ class Trained(NamedTuple):
 
     Attributes
     ----------
-    run : Run
+    run : TrainingRun
     hyperparameters : Hyperparameters
     model : stable_baselines3 PPO or SAC
     normalise : stable_baselines3 VecNormalize
         With the statistics the policy's observations are normalised with.
     """
 
-    run: Run
+    run: TrainingRun
     hyperparameters: Hyperparameters
     model: Any
     normalise: Any
@@ -86,7 +86,7 @@ class Trained(NamedTuple):
 
 def train(
     env_id: str, algo: str, out: Path, *, steps: int | None = None, seed: int = 0, resume: bool = False,
-    watch: Callable[[Progress], None] | None = None,
+    watch: Callable[[TrainingProgress], None] | None = None,
 ) -> Trained:
     """Train a policy.
 
@@ -106,7 +106,7 @@ def train(
     resume : bool
         Go on from the folder's last checkpoint.
     watch : callable, optional
-        Called with a `Progress` after every step of all lanes.
+        Called with a `TrainingProgress` after every step of all lanes.
 
     Raises
     ------
@@ -121,7 +121,7 @@ def train(
         raise InputError(f"steps is {total}: give 1 or more")
     if not 0 <= seed < 2**32:
         raise InputError(f"the seed {seed} must be from 0 to {2**32 - 1}")
-    run = Run(env_id_of(env_id), algo, total, seed)
+    run = TrainingRun(env_id_of(env_id), algo, total, seed)
     last = _checkpoint_of(run, out) if resume else None
     make_writable(out)
     if last is None:
@@ -141,7 +141,7 @@ def train(
     return trained
 
 
-def _begin(run: Run, given: Hyperparameters, last: Path | None) -> Trained:
+def _begin(run: TrainingRun, given: Hyperparameters, last: Path | None) -> Trained:
     """Make environment and learner, as new or as a checkpoint has them."""
     from edmsim.envs import make_sb3_vec_env
 
@@ -173,7 +173,7 @@ def _begin(run: Run, given: Hyperparameters, last: Path | None) -> Trained:
 class _Keeper(BaseCallback):  # type: ignore[misc, unused-ignore]
     """Tells how far a training is, and keeps its last checkpoint, whole."""
 
-    def __init__(self, trained: Trained, out: Path, watch: Callable[[Progress], None] | None) -> None:
+    def __init__(self, trained: Trained, out: Path, watch: Callable[[TrainingProgress], None] | None) -> None:
         super().__init__()
         self._trained, self._out, self._watch = trained, out, watch
         self._every = max(trained.run.steps // CHECKPOINTS, 1)
@@ -183,7 +183,7 @@ class _Keeper(BaseCallback):  # type: ignore[misc, unused-ignore]
         if self._watch is not None:
             returns = [episode["r"] for episode in self.model.ep_info_buffer or ()]
             mean = float(np.mean(returns)) if returns else float("nan")
-            self._watch(Progress(self.model.num_timesteps, self._trained.run.steps, mean))
+            self._watch(TrainingProgress(self.model.num_timesteps, self._trained.run.steps, mean))
         if self.model.num_timesteps - self._saved >= self._every:
             self.save()
         return True
@@ -208,14 +208,14 @@ class _Keeper(BaseCallback):  # type: ignore[misc, unused-ignore]
         self._saved = done
 
 
-def _checkpoint_of(run: Run, out: Path) -> Path:
+def _checkpoint_of(run: TrainingRun, out: Path) -> Path:
     """Return the folder's last checkpoint, of a training of the same; `steps` may be another."""
     found = sorted(out.glob("checkpoint-*/run.json"))
     if not found:
         raise InputError("there is no training to resume in this folder", out)
     try:
         told = json.loads(found[-1].read_text(encoding="utf-8"))
-        kept = Run(*(told[name] for name in ("env_id", "algo", "steps", "seed")))
+        kept = TrainingRun(*(told[name] for name in ("env_id", "algo", "steps", "seed")))
     except (OSError, ValueError, LookupError, TypeError) as error:
         raise InputError(f"the checkpoint is damaged ({error}); train anew without --resume", found[-1]) from None
     for name in ("env_id", "algo", "seed"):

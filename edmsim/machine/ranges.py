@@ -8,15 +8,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping
-from typing import TYPE_CHECKING
+from typing import TypeVar
 
 import numpy as np
 from pydantic import BaseModel
 
 from edmsim.errors import InputError
+from edmsim.machine.parts import Constant, SetUp
+from edmsim.machine.setting import check
 
-if TYPE_CHECKING:
-    from edmsim.machine.machine import Constant, Machine
+_SetUp = TypeVar("_SetUp", bound=SetUp)
 
 LOG_FROM_RATIO = 3.0
 """A positive range whose ends are this far apart or more says an order, and is drawn log-uniformly (ours)."""
@@ -24,12 +25,12 @@ MOST_DRAWS = 100
 """Set-ups drawn before giving up on one that can run (ours: at 5 % that can, 99 of 100 calls succeed)."""
 
 
-def uncertain(machine: Machine) -> dict[str, Constant]:
+def uncertain(machine: SetUp) -> dict[str, Constant]:
     """Return the constants that have a range, by section and name; see `Machine.uncertain`."""
     return {name: constant for name, constant in _constants(machine).items() if constant.range is not None}
 
 
-def sample(machine: Machine, rng: np.random.Generator, only: Iterable[str] | None) -> Machine:
+def sample(machine: _SetUp, rng: np.random.Generator, only: Iterable[str] | None) -> _SetUp:
     """Draw a machine; see `Machine.sample`."""
     known = uncertain(machine)
     chosen = set(known) if only is None else _chosen(known, only)
@@ -44,7 +45,7 @@ def sample(machine: Machine, rng: np.random.Generator, only: Iterable[str] | Non
             },
         )
         try:
-            drawn.check()
+            check(drawn)
         except InputError as error:
             refused = error
         else:
@@ -73,7 +74,7 @@ def share_of(bounds: tuple[float, float], value: float) -> float:
     return math.log(value / low) / math.log(high / low) if is_order else (value - low) / (high - low)
 
 
-def choose(machine: Machine, only: Iterable[str]) -> dict[str, Constant]:
+def choose(machine: SetUp, only: Iterable[str]) -> dict[str, Constant]:
     """Return the constants with a range that sections and names mean, in the order of the files.
 
     Raises
@@ -86,15 +87,13 @@ def choose(machine: Machine, only: Iterable[str]) -> dict[str, Constant]:
     return {name: constant for name, constant in known.items() if name in names}
 
 
-def _sections(machine: Machine) -> dict[str, BaseModel]:
+def _sections(machine: SetUp) -> dict[str, BaseModel]:
     """Parts of a machine whose ranges are uncertainty, by the name of their table or kind of file."""
     tables = {name: part for name, part in machine.base if isinstance(part, BaseModel)}
     return {**tables, "wire": machine.wire, "material": machine.material}
 
 
-def _constants(machine: Machine) -> dict[str, Constant]:
-    from edmsim.machine.machine import Constant
-
+def _constants(machine: SetUp) -> dict[str, Constant]:
     return {
         f"{section}.{name}": value
         for section, part in _sections(machine).items()
@@ -120,7 +119,7 @@ def _chosen(known: dict[str, Constant], only: Iterable[str]) -> set[str]:
     return chosen
 
 
-def with_values(machine: Machine, values: Mapping[str, float]) -> Machine:
+def with_values(machine: _SetUp, values: Mapping[str, float]) -> _SetUp:
     """Return the machine with other values of some constants, unchecked; sources and ranges stay."""
     return with_constants(
         machine,
@@ -132,7 +131,7 @@ def with_values(machine: Machine, values: Mapping[str, float]) -> Machine:
     )
 
 
-def with_constants(machine: Machine, constants: Mapping[str, Constant]) -> Machine:
+def with_constants(machine: _SetUp, constants: Mapping[str, Constant]) -> _SetUp:
     """Return the machine with some constants replaced, unchecked."""
     changed: dict[str, dict[str, Constant]] = {}
     for name, constant in constants.items():

@@ -11,17 +11,11 @@ import shapely
 from numpy.typing import NDArray
 
 from edmsim.cosim.simulation import FINISHED, Simulation
+from edmsim.metrology.corners import corners
 from edmsim.metrology.edges import cut_edges
-from edmsim.metrology.profile import (
-    KerfWidth,
-    ProfileError,
-    corners,
-    error_stats,
-    kerf_width,
-    profile_error,
-    roughness_um,
-    width_stats,
-)
+from edmsim.metrology.kerf import KerfWidth, kerf_width, width_stats
+from edmsim.metrology.profile import ProfileError, error_stats, profile_error
+from edmsim.metrology.roughness import roughness_um
 from edmsim.recording.report import KerfSlice, Quality, Totals, Wall
 from edmsim.recording.scene import Corner, ErrorMap, Scene, Terrace, polylines
 

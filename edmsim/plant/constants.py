@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 
 from edmsim.compiled.vectors import filled
 from edmsim.errors import InputError
+from edmsim.machine.files import mjcf_version
 from edmsim.plant.gap.breakdown import GapLaw
 from edmsim.plant.gap.debris import flow_speed_m_s, nozzle_flow_per_slice_us
 from edmsim.plant.gap.rays import places
 from edmsim.plant.kernel.state import GRID, PULSES_PER_WINDOW, Arrays, Constants, Propagators, Scratch, Timing
-from edmsim.plant.mechanics import mjcf
 from edmsim.plant.mechanics.model import ModalModel, WireSetup, build_model, propagator_table, reduce_model
 from edmsim.plant.mechanics.mujoco_model import DriveSetup, FullMechanics
 from edmsim.plant.wire import VACUUM_PERMITTIVITY_F_M, HeatLaw, area_m2
@@ -190,7 +190,7 @@ def _slice_heights_m(machine: Machine, res: Resolution) -> NDArray[np.float64]:
 def modal_model(machine: Machine, res: Resolution) -> ModalModel:
     """Modes of table and wire for this set-up, from the MJCF."""
     file, heights = machine.base.model, tuple(_slice_heights_m(machine, res).tolist())
-    return _modes(wire_setup(machine), file, mjcf.version(file), res.modes, heights)
+    return _modes(wire_setup(machine), file, mjcf_version(file), res.modes, heights)
 
 
 @functools.lru_cache(maxsize=64)

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edmsim.compiled.random import key_of
-from edmsim.errors import InputError, PlantError
+from edmsim.errors import InputError
 from edmsim.plant import constants
 from edmsim.plant.gap.generator import switched_off, timing
 from edmsim.plant.gap.rays import Rays
@@ -32,7 +32,7 @@ from edmsim.plant.kernel.state import (
 )
 from edmsim.plant.mechanics.model import ModalModel
 from edmsim.plant.mechanics.mujoco_model import FullMechanics
-from edmsim.plant.window import PulseWindow, left_validity, read_window, wrong_step
+from edmsim.plant.window import PlantError, PulseWindow, left_validity, read_window, wrong_step
 from edmsim.plant.workpiece.kerf_field import KerfField, Stock
 
 if TYPE_CHECKING:

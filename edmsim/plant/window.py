@@ -9,16 +9,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from edmsim.errors import NotFiniteError, PlantError, WireInMetalError, WireLostError
+from edmsim.errors import EdmsimError
 from edmsim.plant.kernel.state import INSIDE, NOT_FINITE, OUTSIDE
 
 _FORMAT = struct.Struct("=2q4q4dq" + 8 * "d" + "q")
 """`state.WINDOW` as plain numbers."""
-_LEFT: dict[int, tuple[type[PlantError], str]] = {
-    NOT_FINITE: (NotFiniteError, "the simulation lost its numbers"),
-    OUTSIDE: (WireLostError, "the wire left its guides"),
-    INSIDE: (WireInMetalError, "the wire was driven deeper into the metal than its rays see"),
-}
 
 
 class PulseWindow(NamedTuple):
@@ -72,6 +67,45 @@ class PulseWindow(NamedTuple):
     def pulses(self) -> int:
         """Pulses fired in the window: 255 unless the wire broke."""
         return self.short + self.open + self.spark + self.arc
+
+
+class PlantError(EdmsimError):
+    """The simulated machine left the range its model holds for.
+
+    Attributes
+    ----------
+    time_s : float
+        Machine time at the end of the window in which that was seen.
+    place_um : (float, float)
+        Where the motor steps had commanded the wire.
+    window : PulseWindow
+        What the window had counted and measured.
+    """
+
+    def __init__(self, reason: str, time_s: float, place_um: tuple[float, float], window: PulseWindow) -> None:
+        super().__init__(reason)
+        self.time_s = time_s
+        self.place_um = place_um
+        self.window = window
+
+
+class WireLostError(PlantError):
+    """The wire was bent further than a wire between guides can be."""
+
+
+class WireInMetalError(PlantError):
+    """The wire was driven into the metal faster than it can be pushed back."""
+
+
+class NotFiniteError(PlantError):
+    """A number of the simulation is infinite or none at all."""
+
+
+_LEFT: dict[int, tuple[type[PlantError], str]] = {
+    NOT_FINITE: (NotFiniteError, "a number of the simulation became infinite or undefined"),
+    OUTSIDE: (WireLostError, "the wire left its guides"),
+    INSIDE: (WireInMetalError, "the wire was driven deeper into the metal than its rays see"),
+}
 
 
 def read_window(row: memoryview) -> PulseWindow:

@@ -17,7 +17,7 @@ import numpy as np
 import shapely
 
 from edmsim.errors import InputError
-from edmsim.machine.machine import HEIGHT_MM, check_height
+from edmsim.machine.setting import HEIGHT_MM, check_height
 from edmsim.plant.workpiece.height_steps import HeightStep, slices_below
 
 if TYPE_CHECKING:

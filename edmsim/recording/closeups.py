@@ -69,7 +69,7 @@ def _bytes_of(rows: NDArray[np.void]) -> Bytes:
     return rows.view(np.uint8).reshape(*rows.shape, rows.itemsize)
 
 
-class Run:
+class ThinnedRows:
     """Every `stride`-th row; the stride doubles whenever the store is full."""
 
     def __init__(self, kind: np.dtype[np.void], capacity: int) -> None:
@@ -180,7 +180,7 @@ class Closeups:
         self._last = np.zeros(AROUND + 1, kind)
         self._bytes = _bytes_of(self._last)
         self._pulses_at = int(kind.fields["pulses"][1]) if kind.fields is not None else 0
-        self._run = Run(kind, REGULAR)
+        self._run = ThinnedRows(kind, REGULAR)
         self._blocks = {RETRACT: Blocks(kind), TURN: Blocks(kind)}
 
     @property
@@ -247,5 +247,5 @@ class Closeups:
             rows = np.asarray(state[name])
             store.restore(rows, [int(v) for v in np.asarray(state[f"{name}_progress"], np.int64)])
 
-    def _stores(self) -> dict[str, Run | Blocks]:
+    def _stores(self) -> dict[str, ThinnedRows | Blocks]:
         return {"run": self._run, "retracts": self._blocks[RETRACT], "turns": self._blocks[TURN]}

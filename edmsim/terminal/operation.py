@@ -17,7 +17,7 @@ from edmsim.terminal.route import Point, lay_out
 
 
 class Operation:
-    """The operator's hands on a rig; see `edmsim.controllers.mcu.dialogue.main_program.Machine`.
+    """The operator's hands on a rig; see `edmsim.controllers.mcu.dialogue.main_program.MachinePort`.
 
     Parameters
     ----------

@@ -24,11 +24,11 @@ from edmsim.controllers.mcu.firmware.timers import MAX_FEED_UM_S, MAX_SPEED
 from edmsim.controllers.mcu.firmware.tstates import seconds
 from edmsim.controllers.planner.registry import Planner, Step, make_planner
 from edmsim.controllers.pulse_counters import WINDOW_PULSES
-from edmsim.errors import InputError, PlantError
+from edmsim.errors import InputError
 from edmsim.machine.machine import Machine
-from edmsim.plant.gap.generator import discharge_current_A
+from edmsim.machine.setting import discharge_current_A
 from edmsim.plant.plant import Plant
-from edmsim.plant.window import PulseWindow
+from edmsim.plant.window import PlantError, PulseWindow
 from edmsim.terminal.route import Point, Route
 
 STAND_BY, CUTTING, JOGGING = "STAND-BY", "CUTTING", "JOGGING"

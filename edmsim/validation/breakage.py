@@ -11,7 +11,8 @@ from collections.abc import Mapping, Sequence
 
 from edmsim.controllers import FeedController, make
 from edmsim.cosim.straight import Traverse, begin, cut_straight
-from edmsim.machine.machine import Generator, Machine, Positive
+from edmsim.machine.machine import Machine
+from edmsim.machine.parts import Generator, Positive
 from edmsim.validation.rows import Check, Row, mean_and_interval
 from edmsim.validation.setups import altered
 

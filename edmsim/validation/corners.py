@@ -9,7 +9,7 @@ import numpy as np
 from shapely import LineString, Point, Polygon
 
 from edmsim import models
-from edmsim.tractrix import pursuit
+from edmsim.geometry import pursuit
 from edmsim.validation.rows import Check, Row, worst
 
 TRACTRIX = "constant-lag pursuit through a sharp corner, derived: lengths in units of the lag"

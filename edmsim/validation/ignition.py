@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 from scipy.stats import kstest
 
 from edmsim import models
-from edmsim.machine.machine import Gap, Machine
+from edmsim.machine.machine import Machine
+from edmsim.machine.parts import Gap
 from edmsim.plant.gap.debris import flow_speed_m_s
 from edmsim.plant.plant import Plant
 from edmsim.plant.window import PulseWindow

@@ -12,7 +12,7 @@ from shapely import LineString, distance, points
 from edmsim.controllers import FeedController, make
 from edmsim.cosim.straight import Cut, Traverse, begin, change, cut_straight, each
 from edmsim.machine.machine import Machine
-from edmsim.metrology.profile import roughness_um
+from edmsim.metrology.roughness import roughness_um
 from edmsim.validation.breakage import sato_rig
 from edmsim.validation.rows import Check, Row, mean_and_interval
 from edmsim.validation.setups import CENTRE_UM, altered
@@ -135,7 +135,7 @@ SMOOTHED_UM = 1.5
 """Travel over which the wire's path is averaged: its vibration is not its path."""
 
 
-class Corner(NamedTuple):
+class CornerPass(NamedTuple):
     """A wire's way round a corner of 90 degrees.
 
     Attributes
@@ -182,7 +182,7 @@ def corner_rig(tension: float) -> Machine:
 def cut_corner(
     machine: Machine, seed: int, watch: Callable[[tuple[float, float], bool], None] | None = None, *,
     feed: float | FeedController = CORNER_FEED_UM_S,
-) -> Corner:
+) -> CornerPass:
     """Cut along +x, then along +y.
 
     Parameters
@@ -196,7 +196,7 @@ def cut_corner(
 
     Returns
     -------
-    Corner
+    CornerPass
         NaN if the wire broke on the way, or did not come round within `LONGEST_S`.
     """
     plant = begin(machine, seed)
@@ -207,7 +207,7 @@ def cut_corner(
         while plant.commanded_um[axis] - CENTRE_UM[axis] < length_um:
             window = traverse.window()
             if window.broken or plant.time_ns > LONGEST_S * 1e9:
-                return Corner(math.nan, math.nan, math.nan)
+                return CornerPass(math.nan, math.nan, math.nan)
             x, y = plant.commanded_um
             deflection = window.deflection_um
             places.append((x + deflection[0], y + deflection[1]))
@@ -222,7 +222,7 @@ def cut_corner(
     path = np.lib.stride_tricks.sliding_window_view(np.array(places), count, axis=0).mean(axis=-1)
     nearest = min(math.dist(place, corner_um) for place in path)
     farthest = float(distance(points(path), guides).max())
-    return Corner(float(np.mean(lags)), nearest, farthest)
+    return CornerPass(float(np.mean(lags)), nearest, farthest)
 
 
 CHECKS: tuple[Check, ...] = (roughness, vibration, lag, corner)

@@ -1,9 +1,10 @@
-"""The rows of a validation for the terminal and as JSON."""
+"""The rows of a validation for the terminal, in Markdown and as JSON."""
 
 from __future__ import annotations
 
 import json
 import math
+import posixpath
 from collections.abc import Sequence
 from dataclasses import asdict
 from typing import TYPE_CHECKING
@@ -48,6 +49,28 @@ def render(rows: Sequence[Row]) -> RenderableType:
         result = "ok" if row.passed else "fails" if row.note else "FAILS"
         table.add_row(result, row.name, row.published, simulated(row), style="" if row.passed else "red")
     return table
+
+
+def rows_table(rows: Sequence[Row], seen_from: str = "docs") -> list[str]:
+    """Return a Markdown table of rows; links lead from a page in the folder `seen_from`."""
+    lines = ["| fact | published | model | agreement asked for | result | source |", "|---|---|---|---|---|---|"]
+    for row in rows:
+        cells = row.name, row.published, simulated(row), row.tolerance, _result(row, seen_from), row.source
+        lines.append("| " + " | ".join(markdown_cell(cell) for cell in cells) + " |")
+    return lines
+
+
+def _result(row: Row, seen_from: str) -> str:
+    if row.passed:
+        return "agrees"
+    if not row.note:
+        return "**fails**"
+    return f"**fails**, [why]({posixpath.relpath(row.note, seen_from)})"
+
+
+def markdown_cell(text: str) -> str:
+    """Return a text as it stands in a cell of a Markdown table."""
+    return text.replace("|", "\\|")
 
 
 def as_json(rows: Sequence[Row]) -> str:

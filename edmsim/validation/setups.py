@@ -6,7 +6,8 @@ from collections.abc import Mapping
 from typing import Any
 
 from edmsim.errors import InputError
-from edmsim.machine.machine import Constant, Machine
+from edmsim.machine.machine import Machine
+from edmsim.machine.parts import Constant
 from edmsim.plant.plant import Plant
 from edmsim.plant.window import PulseWindow
 from edmsim.plant.workpiece.kerf_field import Stock

@@ -131,7 +131,7 @@ def _standard_input(file: str) -> Iterator[None]:
 def replaced(patch: pytest.MonkeyPatch) -> None:
     """Leave away what takes a screen, or minutes; tests of their own run each of these."""
     from edmsim import validation
-    from edmsim.bench import plant as bench
+    from edmsim.bench import figures as bench
     from edmsim.evaluation import episode
     from edmsim.recording.rerun import viewer
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import math
 import sys
-from pathlib import Path
 
 import gymnasium
 import numpy as np
@@ -18,10 +17,9 @@ from edmsim.envs.reward import Weights
 from edmsim.envs.tasks import Task
 from edmsim.errors import InputError
 from edmsim.evaluation import episode
-from edmsim.evaluation.bars import told
 from edmsim.evaluation.compare import FIGURES, Comparison, Figure, env_ids, evaluate, figures_of, ratio, usual
 from edmsim.evaluation.episode import HELD_BACK, Episode, Result
-from edmsim.evaluation.page import as_json, page, shown
+from edmsim.evaluation.table import as_json, shown
 from edmsim.learning import hyperparameters
 
 GAP_FEED, CORNER, CONTOUR = "edmsim/GapFeed-v0", "edmsim/Corner-v0", "edmsim/Contour-v0"
@@ -179,49 +177,6 @@ def test_bootstrap_intervals_have_the_width_of_theory() -> None:
     assert math.isnan(ratio(np.array([]), np.array([])).value)
 
 
-def comparison(env_id: str = GAP_FEED, **results: Result) -> Comparison:
-    made = {name.replace("_", ":"): [one, one] for name, one in results.items()}
-    figures = {name: figures_of(found, made["oracle"]) for name, found in made.items()}
-    return Comparison(env_id, "fast", (1, 2), made, figures)
-
-
-def test_the_classic_bar_is_told_whether_reached_or_missed() -> None:
-    (text,) = told(comparison(oracle=result(20.0), counts=result(17.0), fixed=result(8.0, "wire break")))
-    assert "`counts` has 85% (reached)" in text
-    assert "against 1000.0 (reached)" in text
-    (text,) = told(comparison(oracle=result(20.0), counts=result(14.0, "wire break"), fixed=result(8.0)))
-    assert "70% (missed by 10%)" in text
-    assert "against 0.0 (missed)" in text
-    (text,) = told(comparison(oracle=result(20.0), counts=result(17.0), fixed=result(8.0, "jammed")))
-    assert "cannot tell them apart" in text
-    assert "with jams 0.0 against 1000.0" in text
-
-
-def test_the_learning_bar_is_against_the_classic_that_earns_most() -> None:
-    made = comparison(
-        oracle=result(20.0, earned=300.0), counts=result(17.0, earned=90.0), fixed=result(8.0, earned=100.0),
-        policy_mine=result(9.0, earned=105.0),
-    )  # fmt: skip
-    assert "`policy:mine` has 105% (105% to 105%) of the return of `fixed` (missed by 5%)" in told(made)[1]
-
-
-def test_the_corner_bar_is_of_error_and_time() -> None:
-    made = comparison(
-        CORNER, oracle=result(20.0, error=1.0), counts=result(10.0, error=2.0, time_s=50.0), fixed=result(8.0),
-        policy_mine=result(9.0, error=0.9, time_s=60.0),
-    )  # fmt: skip
-    text = told(made)[1]
-    assert "45% (45% to 45%) of the error (reached) in 120% (120% to 120%) of the time (missed by 10%)" in text
-
-
-def test_the_page_names_its_command_and_all_controllers(compared: Comparison) -> None:
-    text = page([compared], "edmsim evaluate something")
-    assert "`edmsim evaluate something`" in text
-    for name in ("fixed", "voltage", "oracle"):
-        assert f"| `{name}` |" in text
-    assert "nan" not in text
-
-
 def test_figures_are_shown_with_their_intervals() -> None:
     assert shown("rate_mm2_min", Figure(12.34, 10.0, 123.4)) == "12.3 (10.0 to 123)"
     assert shown("short_share", Figure(0.125, 0.1, 0.2)) == "12.5 % (10.0 to 20.0)"
@@ -251,25 +206,19 @@ def edmsim(monkeypatch: pytest.MonkeyPatch, *arguments: object) -> int:
     return left.value.code if isinstance(left.value.code, int) else 0
 
 
-def test_the_command_prints_json_and_writes_the_page(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    file = tmp_path / "benchmark.md"
+def test_the_command_prints_json(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     status = edmsim(monkeypatch, "evaluate", GAP_FEED, "--controllers", "fixed,counts", "--seeds", 2,
-                    "--resolution", "fast", "--json", "--write", file)  # fmt: skip
+                    "--resolution", "fast", "--json")  # fmt: skip
     assert status == 0
     (found,) = json.loads(capsys.readouterr().out)
     assert found["env_id"] == GAP_FEED
     assert set(found["controllers"]) == {"fixed", "counts", "oracle"}
     assert found["controllers"]["fixed"]["error_um"]["value"] is None
     assert len(found["cuts"]) == 6
-    assert "edmsim evaluate edmsim/GapFeed-v0 --controllers fixed,counts --seeds 2" in file.read_text()
 
 
 def test_the_command_refuses_before_it_begins(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert edmsim(monkeypatch, "evaluate", GAP_FEED, "--controllers", "pid") == 2
     assert capsys.readouterr().err.startswith("edmsim: there is no feed controller 'pid'")
-    assert edmsim(monkeypatch, "evaluate", GAP_FEED, "--write", tmp_path / "no" / "page.md") == 2
-    assert "cannot be written" in capsys.readouterr().err

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import edmsim
-from edmsim.plant.gap.generator import discharge_current_A, mean_current_A
+from edmsim.machine.setting import discharge_current_A, mean_current_A
 
 MODES = ("iso-pulse", "iso-energetic", "ignition-pulse")
 

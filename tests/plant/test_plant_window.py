@@ -11,6 +11,7 @@ import pytest
 import edmsim
 from edmsim.plant.constants import modal_model, resolution
 from edmsim.plant.mechanics.model import propagator_table
+from edmsim.plant.window import NotFiniteError, PlantError, WireInMetalError, WireLostError
 
 FEEDS_UM_S = (10.0, 20.0, 28.0, 34.0)
 
@@ -220,10 +221,10 @@ def test_a_wire_that_leaves_its_guides_is_told(machine):
     def bend(state):
         state["wire_q"][0, 0] = 1e9
 
-    error = told(machine, bend, edmsim.errors.WireLostError)
+    error = told(machine, bend, WireLostError)
     assert "the wire left its guides" in str(error)
     assert error.window.deflection_um[0] > 1e6
-    assert isinstance(error, edmsim.errors.PlantError)
+    assert isinstance(error, PlantError)
 
 
 @pytest.mark.parametrize("name", ["wire_q", "wire_v", "debris", "temperature_K", "table_q"])
@@ -231,7 +232,7 @@ def test_a_number_that_is_none_is_told(machine, name):
     def spoil(state):
         state[name].flat[0] = np.nan
 
-    assert "lost its numbers" in str(told(machine, spoil, edmsim.errors.NotFiniteError))
+    assert "became infinite or undefined" in str(told(machine, spoil, NotFiniteError))
 
 
 def test_a_wire_inside_the_metal_is_told(machine):
@@ -240,5 +241,5 @@ def test_a_wire_inside_the_metal_is_told(machine):
     state = plant.snapshot()
     state["state"]["commanded_um"][0, 0] += 1_000.0
     plant.restore(state)
-    with pytest.raises(edmsim.errors.WireInMetalError, match="deeper into the metal"):
+    with pytest.raises(WireInMetalError, match="deeper into the metal"):
         plant.advance()

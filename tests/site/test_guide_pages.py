@@ -18,6 +18,7 @@ import edmsim
 from edmsim import controllers
 from edmsim.cli import app as cli
 from edmsim.cosim import simulation as cosim
+from edmsim.errors import BAD_INPUT, FAILED
 from edmsim.plant.constants import resolution
 
 ROOT = Path(__file__).parents[2]
@@ -36,7 +37,7 @@ def cells(text: str, column: int = 0) -> list[str]:
 
 @pytest.fixture(scope="module")
 def tables(load_script: Callable[[Path], ModuleType]) -> ModuleType:
-    return load_script(DOCS / "tables.py")
+    return load_script(DOCS / "make" / "tables.py")
 
 
 def test_tables_are_those_of_the_code(tables: ModuleType) -> None:
@@ -44,7 +45,7 @@ def test_tables_are_those_of_the_code(tables: ModuleType) -> None:
     assert set(marked) == {"command-line", "controllers", "guide/outputs", "guide/set-up"}
     for file in marked.values():
         text = file.read_text(encoding="utf-8")
-        assert tables.refreshed(text) == text, f"{file.name} is not what the code tells; run: python docs/tables.py"
+        assert tables.refreshed(text) == text, f"{file.name} is out of date; run: python docs/make/tables.py"
 
 
 def test_every_option_of_every_command_is_told(tables: ModuleType) -> None:
@@ -103,7 +104,7 @@ def test_the_outputs_are_those_of_a_cut(tmp_path: Path) -> None:
 def test_exit_statuses_and_outcomes() -> None:
     text = page("guide/outcomes")
     told = [int(status) for status in re.findall(r"^\| (\d+) \|", text, re.MULTILINE)]
-    assert told == [0, cli.FAILED, cli.BAD_INPUT, cli.STOPPED, cli.INTERRUPTED]
+    assert told == [0, FAILED, BAD_INPUT, cli.STOPPED, cli.INTERRUPTED]
     ends = text.split("## How a cut ends")[1].split("\n## ")[0]
     assert set(cells(ends)) - {"--max-time"} == {
         cosim.FINISHED, cosim.WIRE_BREAK, cosim.PERSISTENT_SHORT, cosim.LIMIT_SWITCH, cosim.TIME_LIMIT,
@@ -119,7 +120,7 @@ def test_the_error_shown_is_the_one_a_user_sees(
     monkeypatch.setattr(sys, "argv", command.split())
     with pytest.raises(SystemExit) as left:
         cli.main()
-    assert left.value.code == cli.BAD_INPUT
+    assert left.value.code == BAD_INPUT
     assert capsys.readouterr().err == shown
     assert not Path("out").exists()
 

@@ -78,7 +78,7 @@ class Status(NamedTuple):
         return WINDOW_PULSES - self.short - self.open if self.windows else 0
 
 
-class Machine(Protocol):
+class MachinePort(Protocol):
     """What MAIN can do to the machine. Everything that cannot be done raises `InputError` and does nothing."""
 
     @property
@@ -141,7 +141,7 @@ class MainProgram:
 
     Parameters
     ----------
-    machine : Machine
+    machine : MachinePort
     desk : Desk
     say : callable
         Prints a text of one or more lines.
@@ -154,7 +154,7 @@ class MainProgram:
         What was loaded from the host.
     """
 
-    def __init__(self, machine: Machine, desk: Desk, say: Callable[[str], None]) -> None:
+    def __init__(self, machine: MachinePort, desk: Desk, say: Callable[[str], None]) -> None:
         self._machine = machine
         self._desk = desk
         self._say = say

@@ -1,13 +1,13 @@
-"""A machine's MJCF: found, read once, and looked through for what the plant asks of it by name."""
+"""A machine's MJCF: read once, and looked through for what the plant asks of it by name."""
 
 from __future__ import annotations
 
 import functools
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from edmsim import models
 from edmsim.errors import InputError
+from edmsim.machine.files import mjcf_version
 
 if TYPE_CHECKING:
     import mujoco
@@ -27,32 +27,6 @@ LEAST_NODES = 25
 """Nodes of the wire that MuJoCo steps in the loop (see `edmsim.plant.mechanics.mujoco_model`)."""
 
 
-def own(name: str, file: str) -> str:
-    """Return which MJCF a user's machine file means: the absolute path of the one beside it, or a name of ours.
-
-    Raises
-    ------
-    InputError
-        There is neither.
-    """
-    beside = Path(file).absolute().parent / name
-    if beside.is_file():
-        return str(beside)
-    if not (Path(models.__file__).parent / name).is_file():
-        raise InputError(f"key 'model': there is no MJCF {name!r} beside this file, nor one of ours", file)
-    return name
-
-
-def own_text(model_file: str) -> str:
-    """Return the text of a user's MJCF; nothing of ours, which belongs to the version of edmsim."""
-    return Path(model_file).read_text(encoding="utf-8") if Path(model_file).is_absolute() else ""
-
-
-def version(model_file: str) -> int:
-    """Return a number that changes when a user's MJCF does; 0 for ours."""
-    return Path(model_file).stat().st_mtime_ns if Path(model_file).is_absolute() else 0
-
-
 def read(model_file: str) -> mujoco.MjSpec:
     """Return a machine's MJCF; it is not to be changed, only copied.
 
@@ -61,7 +35,7 @@ def read(model_file: str) -> mujoco.MjSpec:
     InputError
         MuJoCo cannot read or compile it, or it lacks what the plant asks for by name.
     """
-    return _read(model_file, version(model_file))
+    return _read(model_file, mjcf_version(model_file))
 
 
 @functools.lru_cache(maxsize=8)  # reading takes four times as long as fitting a wire and compiling

@@ -1,7 +1,11 @@
-"""``docs/planners.md`` and its picture, written by ``edmsim bench --planners docs/planners.md``."""
+"""``docs/planners.md`` and its picture: how far each planner strays, and where the algorithm of 1982 fails.
+
+python docs/make/planners.py
+"""
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
@@ -9,8 +13,17 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from edmsim.controllers.planner.errors import (
+    DIRECTIONS_DEG,
+    LONG_UM,
+    SHORT_UM,
+    SPEEDS,
+    STRETCH_UM,
+    Strayed,
+    around,
+    move,
+)
 from edmsim.controllers.planner.registry import PLANNERS
-from edmsim.planner_errors import DIRECTIONS_DEG, LONG_UM, SHORT_UM, SPEEDS, STRETCH_UM, Strayed, around, move
 from edmsim.recording.figures.palette import BLUE, GREEN, GRID, INK, MUTED, ORANGE, VERMILION
 
 if TYPE_CHECKING:
@@ -48,7 +61,7 @@ _INTRODUCTION = """\
 # Planners
 
 A planner turns path and speed into the steps of two motors. What each makes of straight moves, written by
-`edmsim bench --planners docs/planners.md`: {directions} directions, 1 degree apart, at {speeds} speeds of 1 to 127
+`python docs/make/planners.py`: {directions} directions, 1 degree apart, at {speeds} speeds of 1 to 127
 units of 262.5 nm/s, over {long} um and over {short} um.
 
 | planner | what it is |
@@ -191,3 +204,7 @@ def write(file: Path, watch: Callable[[str], None] | None = None) -> None:
     errors = measure(watch)
     write_figure(figure(errors), file.with_name("planners.png"))
     file.write_text(page(errors), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    write(Path(__file__).parents[1] / "planners.md", lambda text: print(text, file=sys.stderr))

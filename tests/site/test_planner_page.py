@@ -3,17 +3,23 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from pathlib import Path
+from types import ModuleType
 
 import numpy as np
 import pytest
 
+from edmsim.controllers.planner.errors import LONG_UM, SHORT_UM, SPEEDS, Strayed, around, move
 from edmsim.controllers.planner.registry import PLANNERS
-from edmsim.planner_errors import LONG_UM, SHORT_UM, SPEEDS, Strayed, around, move
-from edmsim.planner_page import FAILURES, HEADS, failure_row, row
 
-DOCS = Path(__file__).parents[1] / "docs"
+DOCS = Path(__file__).parents[2] / "docs"
 PAGE = (DOCS / "planners.md").read_text(encoding="utf-8")
+
+
+@pytest.fixture(scope="module")
+def planners(load_script: Callable[[Path], ModuleType]) -> ModuleType:
+    return load_script(DOCS / "make" / "planners.py")
 
 
 def section(heading: str) -> list[str]:
@@ -21,25 +27,39 @@ def section(heading: str) -> list[str]:
 
 
 @pytest.mark.parametrize("heading", [f"Long moves, {LONG_UM} um", f"Short moves, {SHORT_UM} um"])
-def test_the_page_has_every_planner_at_every_speed(heading: str) -> None:
+def test_the_page_has_every_planner_at_every_speed(planners: ModuleType, heading: str) -> None:
     lines = [line for line in section(heading) if line.startswith("|")]
-    assert [cell.strip() for cell in lines[0].strip("|").split("|")] == list(HEADS)
+    assert [cell.strip() for cell in lines[0].strip("|").split("|")] == list(planners.HEADS)
     told = [tuple(cell.strip() for cell in line.strip("|").split("|"))[:2] for line in lines[2:]]
     assert told == [(f"`{planner}`", str(speed)) for planner in PLANNERS for speed in SPEEDS]
     assert (DOCS / "planners.png").is_file()
 
 
 @pytest.mark.parametrize("planner", PLANNERS)
-def test_its_short_moves_are_those_of_the_present_code(planner: str) -> None:
+def test_its_short_moves_are_those_of_the_present_code(planners: ModuleType, planner: str) -> None:
     lines = section(f"Short moves, {SHORT_UM} um")
     for speed in (2, 127):
-        assert row(planner, speed, around(planner, SHORT_UM, speed)) in lines
+        assert planners.row(planner, speed, around(planner, SHORT_UM, speed)) in lines
 
 
-def test_its_failures_are_those_of_the_present_code() -> None:  # T-G6, T-G9, T-G11, T-G12
+def test_its_failures_are_those_of_the_present_code(planners: ModuleType) -> None:  # T-G6, T-G9, T-G11, T-G12
     lines = section("Where the algorithm of 1982 fails")
-    assert all(failure_row(failure) in lines for failure in FAILURES if max(failure.run_um) <= 10_000)
-    assert len([line for line in lines if line.startswith("|")]) == 2 + len(FAILURES)
+    short = [failure for failure in planners.FAILURES if max(failure.run_um) <= 10_000]
+    assert all(planners.failure_row(failure) in lines for failure in short)
+    assert len([line for line in lines if line.startswith("|")]) == 2 + len(planners.FAILURES)
+
+
+def test_page_and_picture_are_written(
+    planners: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    moves = {
+        (planner, length, speed): np.tile([1.0, 0.5, 0.1, 0.2, 1.0], (360, 1))
+        for planner in PLANNERS for length in (LONG_UM, SHORT_UM) for speed in SPEEDS
+    }  # fmt: skip
+    monkeypatch.setattr(planners, "measure", lambda watch: moves)
+    planners.write(tmp_path / "planners.md")
+    assert (tmp_path / "planners.md").read_text(encoding="utf-8").startswith("# Planners\n")
+    assert (tmp_path / "planners.png").stat().st_size > 5000
 
 
 def test_a_straight_move_along_an_axis_has_no_error_but_its_ends() -> None:

@@ -1,4 +1,6 @@
-"""The tables of the documentation: constants with their sources, and the rows of the validation.
+"""``docs/validation.md`` and the tables of ``docs/theory``: constants with their sources, rows of the validation.
+
+    python docs/make/validation.py
 
 A page marks the place of a table with two comments; what stands between them is replaced::
 
@@ -11,38 +13,34 @@ that kind; ``rows`` takes a topic of the validation.
 
 from __future__ import annotations
 
-import posixpath
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 
+from edmsim import validation
 from edmsim.errors import InputError
-from edmsim.machine.machine import Constant, Machine, available
-from edmsim.validation.report import simulated, summary
+from edmsim.machine.files import available
+from edmsim.machine.machine import Machine
+from edmsim.machine.parts import Constant
+from edmsim.validation.report import markdown_cell, rows_table, summary
 from edmsim.validation.rows import Row
 
-PAGE = "validation.md"
+DOCS = Path(__file__).parents[1]
 _MARK = re.compile(
     r"(?P<begin><!-- begin table: (?P<kind>\w+) (?P<words>[^>]*?) -->\n).*?(?P<end><!-- end table -->)", re.DOTALL
 )
 
 
-def check_folder(folder: Path) -> None:
-    """Raise `InputError` unless `folder` holds the docs: a folder with the theory pages in it."""
-    if not (folder / "theory").is_dir():
-        raise InputError(f"{folder} has no folder theory/; --write takes the folder of the docs")
-
-
 def write(folder: Path, rows: Sequence[Row]) -> None:
     """Write the validation page into the docs' folder and refresh the tables of its theory pages."""
-    (folder / PAGE).write_text(validation_page(rows), encoding="utf-8")
+    (folder / "validation.md").write_text(validation_page(rows), encoding="utf-8")
     for page in sorted((folder / "theory").glob("*.md")):
         before = page.read_text(encoding="utf-8")
         page.write_text(refreshed(before, rows, page), encoding="utf-8")
 
 
 def refreshed(text: str, rows: Sequence[Row] | None = None, page: Path | None = None) -> str:
-    """Return a page with its tables made anew.
+    """Return a page with its tables written again.
 
     Parameters
     ----------
@@ -88,7 +86,8 @@ def constants_table(words: Sequence[str], page: Path | None = None) -> list[str]
             for name, constant in part:
                 if isinstance(constant, Constant):
                     span = "" if constant.range is None else "{:g} to {:g}".format(*constant.range)
-                    lines.append(f"| {label}`{name}` | {constant.value:g} | {span} | {_cell(constant.source)} |")
+                    source = markdown_cell(constant.source)
+                    lines.append(f"| {label}`{name}` | {constant.value:g} | {span} | {source} |")
     return lines
 
 
@@ -112,29 +111,12 @@ def _sections(word: str, page: Path | None) -> Iterator[tuple[str, Iterable[tupl
         yield "", section
 
 
-def rows_table(rows: Sequence[Row], seen_from: str = "docs") -> list[str]:
-    """Return a Markdown table of rows; links lead from a page in the folder `seen_from`."""
-    lines = ["| fact | published | model | agreement asked for | result | source |", "|---|---|---|---|---|---|"]
-    for row in rows:
-        cells = row.name, row.published, simulated(row), row.tolerance, _result(row, seen_from), row.source
-        lines.append("| " + " | ".join(_cell(cell) for cell in cells) + " |")
-    return lines
-
-
-def _result(row: Row, seen_from: str) -> str:
-    if row.passed:
-        return "agrees"
-    if not row.note:
-        return "**fails**"
-    return f"**fails**, [why]({posixpath.relpath(row.note, seen_from)})"
-
-
 def validation_page(rows: Sequence[Row]) -> str:
     """Return the page with all rows, by topic."""
     lines = [
         "# Validation",
         "",
-        "What was published beside what the model does, written by `edmsim validate --write docs`. A value agrees",
+        "What was published beside what the model does, written by `python docs/make/validation.py`. A value agrees",
         "if it lies within its tolerance and its 95 % interval is no wider than that; a band, if the central value",
         "lies in it; a sign, if the whole interval lies on its side of zero. Intervals are over seeds or draws.",
         "Rows that fail stay, with the reason behind the link.",
@@ -146,5 +128,5 @@ def validation_page(rows: Sequence[Row]) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _cell(text: str) -> str:
-    return text.replace("|", "\\|")
+if __name__ == "__main__":
+    write(DOCS, validation.run())

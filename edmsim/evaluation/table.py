@@ -1,4 +1,4 @@
-"""An evaluation as a table on the screen, as JSON, and as the page ``docs/benchmark.md``."""
+"""An evaluation as a table on the screen or in Markdown, and as JSON."""
 
 from __future__ import annotations
 
@@ -8,39 +8,13 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 from edmsim import __version__
-from edmsim.evaluation.bars import ranked, told
 from edmsim.evaluation.compare import FIGURES, Comparison, Figure
-from edmsim.evaluation.episode import ORACLE_GAPS_UM
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
 
 WIDE = 170
 """Columns of a terminal from which on the table shows intervals."""
-_INTRODUCTION = """\
-# Benchmark of feed controllers
-
-Written by `{command}` (edmsim {version}); do not edit.
-
-Every controller makes the same cuts: episodes of the environments in which every constant that has a published
-range is drawn (`Machine.sample`), and heights and tension, from one held-back seed each
-(`edmsim.evaluation.episode.ARGUMENTS`). The gains of the classic controllers were found on other seeds of GapFeed
-and HeightStep by `python -m edmsim.evaluation.search`, for the return, at resolution `fast`; each file in
-`models/gains/` names its command. `counts` keeps its documented constants: those a search finds for it (1014 in
-place of 835 of return on the training seeds) hunt where windows last 0.25 s or the removal halves, which a machine's
-default must not (`tests/controllers/test_feed_controllers.py`). In parentheses: 95 % bootstrap intervals over the
-cuts; where no wire was lost, what that length of cut can exclude (Poisson). The feed is limited to 100 um/s.
-
-- *Cutting rate*: length cut times local height over machine time; a lost wire costs the machine's time for
-  threading another, 60 s, and ends the cut.
-- *Jam*: a short that stayed, the wire driven into the metal beyond what the model holds for, or a controller that
-  gave up at a short. A real wire would be lost as well, so jams count as lost wires beside breaks.
-- *Oracle*: sees the true gap and wire temperature and rehearses each cut with gaps of {gaps} um, of which the
-  fastest counts. It only scales the others; it optimises the rate and nothing else, so others may earn more return.
-- *Return*: sum of the environment's rewards ([environments](environments.md)).
-- *Path error*: root mean square, over the length cut, of the distance from the path to the wire's true place.
-  *Edge error*: of the cut edge from the contour, with whatever the offset is wrong for the drawn machine.
-"""
 _SHORT = {
     "rate_mm2_min": "mm2/min", "oracle_share": "of oracle", "short_share": "short", "open_share": "open",
     "total_return": "return", "error_um": "path um", "edge_error_um": "edge um", "time_s": "s",
@@ -56,9 +30,14 @@ def shown(name: str, figure: Figure) -> str:
         return ""
     values = [100 * v if name in _PERCENT else v for v in (figure.value, figure.low, figure.high)]
     unit = " %" if name in _PERCENT else ""
-    told = [f"{v:.0f}" if abs(v) >= 99.5 else f"{v:.1f}" for v in values]
-    between = "" if math.isnan(figure.low) else f" ({told[1]} to {told[2]})"
-    return f"{told[0]}{unit}{between}"
+    texts = [f"{v:.0f}" if abs(v) >= 99.5 else f"{v:.1f}" for v in values]
+    between = "" if math.isnan(figure.low) else f" ({texts[1]} to {texts[2]})"
+    return f"{texts[0]}{unit}{between}"
+
+
+def ranked(comparison: Comparison, by: str = "rate_mm2_min") -> list[str]:
+    """Return the controllers, that with most of a figure first."""
+    return sorted(comparison.figures, key=lambda name: -comparison.figures[name][by].value)
 
 
 def columns(comparison: Comparison) -> list[str]:
@@ -112,26 +91,6 @@ def _number(value: Any) -> Any:
 
 def _title(comparison: Comparison) -> str:
     return f"{comparison.env_id}, {len(comparison.seeds)} cuts each, resolution {comparison.resolution}"
-
-
-def page(comparisons: Sequence[Comparison], command: str) -> str:
-    """Return the page of the documentation.
-
-    Parameters
-    ----------
-    comparisons : sequence of Comparison
-    command : str
-        The command that made it.
-    """
-    gaps = ", ".join(f"{gap:g}" for gap in ORACLE_GAPS_UM)
-    parts = [_INTRODUCTION.format(command=command, version=__version__, gaps=gaps)]
-    for comparison in comparisons:
-        parts += [f"## {comparison.env_id}", "", *markdown_table(comparison), "", *_spaced(told(comparison))]
-    return "\n".join(parts)
-
-
-def _spaced(paragraphs: Sequence[str]) -> list[str]:
-    return [line for text in paragraphs for line in (text, "")]
 
 
 def markdown_table(comparison: Comparison) -> list[str]:

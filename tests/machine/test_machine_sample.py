@@ -13,7 +13,8 @@ from hypothesis import strategies as st
 
 import edmsim
 from edmsim.errors import InputError
-from edmsim.machine.machine import Machine, available
+from edmsim.machine.files import available
+from edmsim.machine.machine import Machine
 from edmsim.machine.ranges import LOG_FROM_RATIO, MOST_DRAWS, value_at
 
 MACHINE = Machine.load()

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from edmsim.errors import InputError
-from edmsim.tractrix import pursuit
+from edmsim.geometry import pursuit
 
 
 def corner(turn_deg, side=2_000.0):

@@ -1,4 +1,4 @@
-"""The tables of the guide that the code itself tells; `python docs/tables.py` writes them anew.
+"""The tables of the guide that the code itself tells; `python docs/make/tables.py` writes them.
 
 A page marks the place of a table with two comments; what stands between them is replaced::
 
@@ -23,10 +23,11 @@ from typer.models import ArgumentInfo
 from edmsim import controllers
 from edmsim.cli import app as cli
 from edmsim.controllers.feed.gap_servo import ServoController
-from edmsim.machine.machine import Machine, available
+from edmsim.machine.files import available
+from edmsim.machine.machine import Machine
 from edmsim.recording.windows import COLUMNS
 
-DOCS = Path(__file__).parent
+DOCS = Path(__file__).parents[1]
 MARK = re.compile(
     r"(?P<begin><!-- begin table: (?P<kind>commands|columns|parameters|set-ups) ?(?P<words>.*?) -->\n).*?"
     r"(?P<end><!-- end table -->)", re.DOTALL,
@@ -35,7 +36,7 @@ VALUES = {str: "TEXT", int: "INTEGER", float: "NUMBER", Path: "PATH"}
 
 
 def refreshed(text: str) -> str:
-    """Return a page with its tables made anew."""
+    """Return a page with its tables written again."""
 
     def table(mark: re.Match[str]) -> str:
         lines = TABLES[mark["kind"]](*mark["words"].split())

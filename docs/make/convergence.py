@@ -1,7 +1,11 @@
-"""What a resolution costs in truth: the same cuts at `fast`, `default` and `fine`."""
+"""``docs/convergence.md``: what a resolution costs in truth, by the same cuts at `fast`, `default` and `fine`.
+
+python docs/make/convergence.py
+"""
 
 from __future__ import annotations
 
+import sys
 import tempfile
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -28,7 +32,7 @@ _CORNERS = "G21 G90\nG0 X-2 Y0.5\nG41 D1\nG1 X0 Y0.5\nY1\nX1\nY0\nX0\nY0.5\nG40\
 _INTRODUCTION = """\
 # Convergence
 
-What the resolutions cost in truth, written by `edmsim bench --convergence docs/convergence.md`: straight cuts of 20
+What the resolutions cost in truth, written by `python docs/make/convergence.py`: straight cuts of 20
 mm tool steel at a fixed feed of {feed:g} um/s and under the `counts` law, {cut_s:g} s after {settle_s:g} s, and a
 punch of 1 x 1 mm, {height:g} mm high; mean over {seeds} seeds and half its 95 % interval. Pulses per second are of
 the machine that made this page.
@@ -117,3 +121,8 @@ def page(watch: Callable[[str], None] | None = None) -> str:
     lines.append("| windows per tracing of the rays | " + " | ".join(str(r.trace_windows) for r in every) + " |")
     lines.append("| pulses per second, one core | " + " | ".join(speeds) + " |")
     return "\n".join(lines) + "\n"
+
+
+if __name__ == "__main__":
+    text = page(lambda resolution: print(resolution, file=sys.stderr))
+    (Path(__file__).parents[1] / "convergence.md").write_text(text, encoding="utf-8")

@@ -12,8 +12,9 @@ from typing import Any, cast, get_args
 import pytest
 
 from edmsim.errors import InputError
-from edmsim.machine.machine import Kind, Machine, available
-from edmsim.plant.gap.generator import discharge_current_A, mean_current_A
+from edmsim.machine.files import Kind, available
+from edmsim.machine.machine import Machine
+from edmsim.machine.setting import discharge_current_A, mean_current_A
 
 OwnFile = Callable[..., str]
 KINDS = get_args(Kind)

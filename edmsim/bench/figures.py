@@ -1,0 +1,65 @@
+"""Speed of this machine: all figures of ``edmsim bench``, measured and as a table."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from edmsim.bench.controllers import controller_overhead, poscal_calls_per_s
+from edmsim.bench.envs import env_steps_per_s, half_cheetah_steps_per_s, vector_env_steps_per_s
+from edmsim.bench.plant import (
+    cold_start_s,
+    memory_growth_MB,
+    mujoco_realtime_factor,
+    pulses_per_s,
+    ray_sums_per_s,
+    thread_scaling,
+)
+from edmsim.machine.machine import Machine
+
+if TYPE_CHECKING:
+    from rich.console import RenderableType
+
+
+def measure() -> dict[str, float]:
+    """Return all figures by name; ``realtime_factor`` is that of the default resolution at its own period.
+
+    ``ray_sums_per_s`` is the bound the first is to be compared with, ``ray_sum_share`` the part of its time that
+    goes there; ``controller_overhead`` is the share of time that the registers of 1982 add to a cut;
+    ``thread_efficiency`` is the gain of two plants in two threads over that of two compute loops;
+    ``half_cheetah_steps_per_s`` is there if Gymnasium's MuJoCo environments are.
+    """
+    default, plant = pulses_per_s("default")
+    bound = ray_sums_per_s(plant)
+    plants, loops = thread_scaling()
+    cheetah = half_cheetah_steps_per_s()
+    return {
+        "pulses_per_s": default,
+        "realtime_factor": default * Machine.load().t_period_us * 1e-6,
+        "pulses_per_s_fast": pulses_per_s("fast")[0],
+        "pulses_per_s_fine": pulses_per_s("fine")[0],
+        "ray_sums_per_s": bound,
+        "ray_sum_share": default / bound,
+        "mujoco_realtime_factor": mujoco_realtime_factor(),
+        "env_steps_per_s": env_steps_per_s(),
+        "vector_env_steps_per_s": vector_env_steps_per_s(),
+        "vector_env_steps_per_s_fast": vector_env_steps_per_s("fast"),
+        **({} if cheetah is None else {"half_cheetah_steps_per_s": cheetah}),
+        "controller_overhead": controller_overhead(),
+        "poscal_calls_per_s": poscal_calls_per_s(),
+        "threads_plants": plants,
+        "threads_compute": loops,
+        "thread_efficiency": plants / loops,
+        "memory_growth_MB": memory_growth_MB(),
+        "cold_start_s": cold_start_s(),
+    }
+
+
+def render(figures: dict[str, float]) -> RenderableType:
+    """Return the figures as a table for the terminal."""
+    from rich.table import Table
+
+    table = Table("figure", "value", title="edmsim bench, one core")
+    table.columns[1].justify = "right"
+    for name, value in figures.items():
+        table.add_row(name, f"{value:,.0f}" if value > 1000 else f"{value:,.2f}")
+    return table

@@ -1,0 +1,89 @@
+"""Files a set-up is read from: those under `models/` by name, and users' own by path."""
+
+from __future__ import annotations
+
+import tomllib
+from importlib import resources
+from pathlib import Path
+from typing import Any, Literal, TypeVar
+
+from pydantic import ValidationError
+
+from edmsim import models
+from edmsim.errors import InputError
+from edmsim.machine.parts import Base, Part
+
+Kind = Literal["machines", "wires", "materials", "generators"]
+_Part = TypeVar("_Part", bound=Part)
+
+
+def available(kind: Kind) -> list[str]:
+    """Names that exist under `models/` for machines, wires, materials or generators."""
+    folder = resources.files("edmsim.models") / kind
+    return sorted(item.name.removesuffix(".toml") for item in folder.iterdir() if item.name.endswith(".toml"))
+
+
+def read(part: type[_Part], kind: Kind, name: str) -> _Part:
+    """Read one part of a set-up from a name under `models/` or the path of an own TOML file.
+
+    Raises
+    ------
+    InputError
+        Unknown name (which exist is said), a file that cannot be read, or a wrong or missing key.
+    """
+    if name.endswith(".toml"):
+        file, text = name, _own_file(name)
+    else:
+        names = available(kind)
+        if name not in names:
+            raise InputError(f"unknown {kind[:-1]} '{name}'; there are: {', '.join(names)}")
+        source = resources.files("edmsim.models") / kind / f"{name}.toml"
+        file, text = f"models/{kind}/{name}.toml", source.read_text(encoding="utf-8")
+    try:
+        data: dict[str, Any] = tomllib.loads(text)
+        return part.model_validate(data)
+    except tomllib.TOMLDecodeError as error:
+        raise InputError(f"not valid TOML: {error}", file) from None
+    except ValidationError as error:
+        first = error.errors()[0]
+        key = ".".join(str(part) for part in first["loc"]) or "file"
+        raise InputError(f"key '{key}': {first['msg']}", file) from None
+
+
+def read_base(name: str) -> Base:
+    """Read a machine file and find the MJCF it names; see `read`."""
+    base = read(Base, "machines", name)
+    return base.model_copy(update={"model": own_mjcf(base.model, name)}) if name.endswith(".toml") else base
+
+
+def own_mjcf(name: str, file: str) -> str:
+    """Return which MJCF a user's machine file means: the absolute path of the one beside it, or a name of ours.
+
+    Raises
+    ------
+    InputError
+        There is neither.
+    """
+    beside = Path(file).absolute().parent / name
+    if beside.is_file():
+        return str(beside)
+    if not (Path(models.__file__).parent / name).is_file():
+        raise InputError(f"key 'model': there is no MJCF {name!r} beside this file, nor one of ours", file)
+    return name
+
+
+def own_mjcf_text(model_file: str) -> str:
+    """Return the text of a user's MJCF; nothing of ours, which belongs to the version of edmsim."""
+    return Path(model_file).read_text(encoding="utf-8") if Path(model_file).is_absolute() else ""
+
+
+def mjcf_version(model_file: str) -> int:
+    """Return a number that changes when a user's MJCF does; 0 for ours."""
+    return Path(model_file).stat().st_mtime_ns if Path(model_file).is_absolute() else 0
+
+
+def _own_file(name: str) -> str:
+    try:
+        return Path(name).read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"cannot be read: {error}", name) from None

@@ -1,0 +1,205 @@
+"""The parts of a set-up as the files under `models/` have them: every constant a number with its source."""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+
+class Part(BaseModel):
+    """A group of constants or choices that is read as a whole, and never changed."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+class Constant(Part):
+    """A positive number with its source.
+
+    Attributes
+    ----------
+    value : float
+    source : str
+        Publication, or "ours" with the reason.
+    range : (float, float), optional
+        Published or assumed bounds of the value.
+    """
+
+    value: Annotated[float, Field(allow_inf_nan=False)]
+    source: Annotated[str, Field(min_length=3)]
+    range: tuple[float, float] | None = None
+
+    @model_validator(mode="after")
+    def _value_in_range(self) -> Constant:
+        if self.range is not None and not self.range[0] <= self.value <= self.range[1]:
+            raise ValueError(f"value {self.value:g} lies outside its range {self.range}")
+        return self
+
+
+class Positive(Constant):
+    """A constant above zero."""
+
+    value: Annotated[float, Field(gt=0, allow_inf_nan=False)]
+
+
+class Table(Part):
+    """Cross table, its drives (friction and backlash count in the full model only) and its rapid moves."""
+
+    travel_mm: Positive
+    step_um: Positive
+    rapid_um_s: Positive
+    threading_s: Constant
+    friction_N: Constant
+    presliding_um: Positive
+    backlash_um: Constant
+
+    @property
+    def centre_um(self) -> tuple[float, float]:
+        """Middle of the table in um."""
+        return (self.travel_mm.value * 500.0, self.travel_mm.value * 500.0)
+
+
+class Guides(Part):
+    """Wire guides, damping and running of the wire."""
+
+    clearance_mm: Positive
+    damping_ratio: Positive
+    wire_speed_m_s: Positive
+
+
+class Dielectric(Part):
+    """The water and its flushing."""
+
+    permittivity: Positive
+    conductivity_uS_cm: Positive
+    temperature_K: Positive
+    viscosity_Pa_s: Positive
+    flushing_pressure_Pa: Positive
+    side_gap_um: Positive
+
+
+class Gap(Part):
+    """When and where a pulse breaks down: see `edmsim.plant.gap.breakdown`."""
+
+    median_a_us_um2: Positive
+    median_b_us_um: Constant
+    median_c_us: Positive
+    reference_voltage_V: Positive
+    reference_height_mm: Positive
+    reference_wire_um: Positive
+    critical_um: Positive
+    critical_width_um: Positive
+    primed_scale_us: Positive
+    primed_shape: Positive
+    formative_us: Positive
+    formative_sd_us: Constant
+    contact_um: Positive
+    deionisation_us: Positive
+    debris_gain: Constant
+    flow_quench_m_s: Positive
+    bridge_base: Positive
+    bridge_per_um: Constant
+    bridge_ceiling: Positive
+    bridge_steepness: Positive
+
+
+class Discharge(Part):
+    """What a discharge does to workpiece and wire."""
+
+    crater_cv: Constant
+    crater_flatness: Positive
+    impulse_10mJ_Ns: Constant
+    impulse_exponent: Positive
+    short_removal_share: Positive
+    wire_heat_share: Constant
+    convection_W_m2K: Positive
+    wear_ratio: Constant
+
+
+class Base(Part):
+    """A machine file: table, guides, dielectric, gap, discharge, and the MJCF they belong to."""
+
+    title: str
+    model: str  # a file of `models/`, or the absolute path of a user's
+    table: Table
+    guides: Guides
+    dielectric: Dielectric
+    gap: Gap
+    discharge: Discharge
+
+
+class Wire(Part):
+    """A wire material."""
+
+    title: str
+    default_diameter_um: Positive
+    density_kg_m3: Positive
+    heat_capacity_J_kgK: Positive
+    conductivity_W_mK: Positive
+    resistivity_Ohm_m: Positive
+    resistivity_per_K: Constant
+    strength_MPa: Positive
+    half_strength_K: Positive
+    stress_MPa: Positive
+
+
+class Material(Part):
+    """A workpiece material."""
+
+    title: str
+    removal_mm3_J: Positive
+    burning_voltage_V: Positive
+
+
+class Generator(Part):
+    """A pulse generator; what `t_on_us` means depends on the mode (see `edmsim.plant.gap.generator`)."""
+
+    title: str
+    mode: Literal["iso-pulse", "iso-energetic", "ignition-pulse"]
+    open_voltage_V: Positive
+    supply_voltage_V: Positive | None = None
+    resistance_ohm: Positive
+    t_on_us: Positive
+    t_period_us: Positive
+    ignition_wait_us: Positive | None = None
+    mean_current_limit_A: Positive
+
+    @model_validator(mode="after")
+    def _wait_where_needed(self) -> Generator:
+        if (self.ignition_wait_us is None) != (self.mode == "iso-pulse"):
+            raise ValueError("ignition_wait_us belongs to iso-energetic and ignition-pulse, and only to them")
+        return self
+
+
+class SetUp(Part):
+    """Everything a set-up consists of, unchecked; see `edmsim.Machine` for its attributes."""
+
+    name: str
+    wire_name: str
+    material_name: str
+    generator_name: str
+    base: Base
+    wire: Wire
+    material: Material
+    generator: Generator
+    wire_diameter_um: float
+    tension: float
+    height_mm: float
+    t_on_us: float
+    t_period_us: float
+
+    @property
+    def guide_distance_mm(self) -> float:
+        """Free length of the wire: workpiece height and the clearance to each guide."""
+        return self.height_mm + 2 * self.base.guides.clearance_mm.value
+
+    @property
+    def auto_offset_mm(self) -> float:
+        """Distance from wire centre to part edge that is expected: wire radius and side gap."""
+        return (self.wire_diameter_um / 2 + self.base.dielectric.side_gap_um.value) * 1e-3
+
+    @property
+    def breaking_force(self) -> float:
+        """Tension in newton at which the cold wire breaks."""
+        return self.wire.strength_MPa.value * math.pi / 4 * (self.wire_diameter_um * 1e-3) ** 2

@@ -1,0 +1,121 @@
+"""Width of the kerf, measured across the wire's path in every slice."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from edmsim.errors import InputError
+from edmsim.geometry import left_of
+from edmsim.metrology.edges import metal_at
+from edmsim.metrology.profile import finite_mean
+from edmsim.metrology.surroundings import BLANK_EDGE_MM, GRAIN_UM, clear_of_steps, depth_in_blank, wire_line
+from edmsim.plant.workpiece.kerf_field import KerfField
+from edmsim.program.path import Contour
+
+Floats = NDArray[np.float64]
+
+KERF_STEP_MM = 0.05
+KERF_CLEARANCE_MM = 0.5
+MAX_KERF_OVER_WIRE = 3.0
+"""Wider than this many wire diameters, a kerf was opened by another cut."""
+
+
+@dataclass(frozen=True)
+class KerfWidth:
+    """Distance between both walls, across the wire's path.
+
+    Attributes
+    ----------
+    s_mm : array (n,)
+        Arc length along the wire's path from the end of the lead-in, where the width was measured.
+    width_um : array (slices, n)
+        NaN where a slice of a stepped workpiece has no metal within 0.5 mm.
+    part_um : array (slices, n)
+        Of that width, from the wire's path to the wall on the part's side.
+    """
+
+    s_mm: Floats
+    width_um: Floats
+    part_um: Floats
+
+    def stats(self) -> dict[str, float]:
+        """Return ``mean``, ``min`` and ``max`` over all places and slices in um; NaN if there are none."""
+        return width_stats(self.width_um)
+
+    @property
+    def slice_mean_um(self) -> Floats:
+        """Mean width of each slice from the bottom up: the barrel or taper of the cut; NaN if unmeasured."""
+        return finite_mean(self.width_um, axis=1)
+
+
+def width_stats(width_um: Floats) -> dict[str, float]:
+    """Return ``mean``, ``min`` and ``max`` of the kerf widths that were measured; NaN if none was."""
+    width_um = width_um[np.isfinite(width_um)]
+    if not width_um.size:
+        return dict.fromkeys(("mean", "min", "max"), float("nan"))
+    return {name: float(getattr(width_um, name)()) for name in ("mean", "min", "max")}
+
+
+def kerf_width(field: KerfField, contour: Contour, wire_diameter_um: float) -> KerfWidth:
+    """Measure the kerf every 0.05 mm across the wire's path, in all slices.
+
+    Left out are places within 0.5 mm of the contour's beginning and end, of corners and arcs tighter than
+    about 0.3 mm, of the blank's own edges, in each slice of the edges of its steps, and of where a wall is
+    missing: not yet cut, or opened by another cut (wider than three wires).
+
+    Parameters
+    ----------
+    field : KerfField
+    contour : Contour
+    wire_diameter_um : float
+        Above 0.
+
+    Raises
+    ------
+    InputError
+        If the wire's diameter is not above 0.
+    """
+    if not wire_diameter_um > 0:
+        raise InputError(f"a wire diameter of {wire_diameter_um} um cannot be: it must be above 0")
+    line = wire_line(contour)
+    s_mm = np.arange(KERF_STEP_MM / 2, line.length, KERF_STEP_MM)
+    points = line.at(s_mm)
+    across = left_of(line.tangent(s_mm, KERF_STEP_MM))
+    walls = [
+        _wall_distance(field, points * 1000, side * across, MAX_KERF_OVER_WIRE * wire_diameter_um / 2)
+        for side in (1.0, -1.0)
+    ]
+    width = walls[0] + walls[1]
+    solid = clear_of_steps(field, points)
+    bad = (np.isnan(width) & (solid >= BLANK_EDGE_MM)).any(axis=0) | (line.bend_deg(s_mm, KERF_STEP_MM) > 10.0)
+    marks = np.concatenate([[0.0, line.length], s_mm[bad]])
+    clear = line.distance_along(s_mm, marks) >= KERF_CLEARANCE_MM
+    clear &= depth_in_blank(field.stock, points) >= KERF_CLEARANCE_MM
+    part = walls[0 if contour.part_side == "left" else 1]
+    kept = solid[:, clear] >= KERF_CLEARANCE_MM
+    return KerfWidth(s_mm[clear], *(np.where(kept, um[:, clear], np.nan) for um in (width, part)))
+
+
+def _wall_distance(field: KerfField, start_um: Floats, direction: Floats, reach_um: float) -> Floats:
+    """Distance in um along rays to the first metal: (n_slices, n); NaN from inside metal or beyond reach."""
+    ray = np.arange(0.0, reach_um, field.cell_um / 2)
+    out = np.empty((field.n_slices, len(start_um)))
+    for first in range(0, len(start_um), 128):  # a bounded number of rays at a time keeps memory small
+        rays = slice(first, first + 128)
+        places = start_um[rays, None, :] + ray[:, None] * direction[rays, None, :]
+        metal = metal_at(field, places.reshape(-1, 2)).reshape(field.n_slices, -1, len(ray))
+        out[:, rays] = _first_wall(metal, int(2 * GRAIN_UM / field.cell_um)) * (field.cell_um / 2)
+    return out
+
+
+def _first_wall(metal: Floats, run: int) -> Floats:
+    """Where along the last axis metal first begins that lasts for `run` steps; NaN if at once or never."""
+    lasting = np.lib.stride_tricks.sliding_window_view(metal >= 0.5, run, axis=-1).all(axis=-1)
+    after = lasting.argmax(axis=-1)
+    before = np.maximum(after - 1, 0)
+    m0, m1 = (np.take_along_axis(metal, i[..., None], -1)[..., 0] for i in (before, after))
+    rise = np.where(after > 0, m1 - m0, np.nan)
+    return np.asarray(before + (0.5 - m0) / rise, np.float64)

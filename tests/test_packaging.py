@@ -1,0 +1,119 @@
+"""What is installed is what stands in the folders: from a wheel, from a checkout, and where links are plain files."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+import tarfile
+import venv
+import zipfile
+from collections import Counter
+from pathlib import Path
+
+import pytest
+
+from edmsim.cli.app import STOPPED
+
+ROOT = Path(__file__).parents[1]
+LINKS = ("controllers", "envs", "models")
+PUNCH = "G21 G90\nG0 X-2 Y0.5\nG41 D1\nG1 X0 Y0.5\nY1\nX1\nY0\nX0\nY0.5\nG40\nM2\n"
+BUILD = "from setuptools import build_meta as b; print(b.build_{kind}('dist'))"
+
+
+def product() -> set[str]:
+    """Files of the product by their place in an installation."""
+    found = set()
+    for folder in ("edmsim", *LINKS):
+        for file in (ROOT / folder).rglob("*"):
+            inside = file.relative_to(ROOT / folder)
+            linked = folder == "edmsim" and inside.parts[0] in LINKS
+            if file.is_file() and not linked and "__pycache__" not in inside.parts:
+                found.add((Path("edmsim") / ("" if folder == "edmsim" else folder) / inside).as_posix())
+    return found
+
+
+def checkout(to: Path, *, links: bool) -> Path:
+    """Copy what a build needs, with the links as links, or as the text files that some systems make of them."""
+    to.mkdir()
+    for name in ("pyproject.toml", "README.md", "LICENSE"):
+        shutil.copy(ROOT / name, to / name)
+    for name in ("edmsim", *LINKS):
+        shutil.copytree(ROOT / name, to / name, symlinks=True, ignore=shutil.ignore_patterns("__pycache__"))
+    if not links:
+        for name in LINKS:
+            target = os.readlink(to / "edmsim" / name)
+            (to / "edmsim" / name).unlink()
+            (to / "edmsim" / name).write_text(target, encoding="utf-8")
+    return to
+
+
+def run(*command: object, at: Path, path: Path | None = None, status: int = 0) -> str:
+    """Run a command that sees no other Python files than its own and those of `path`; return its output."""
+    environment = {name: value for name, value in os.environ.items() if not name.startswith("PYTHON")}
+    if path is not None:
+        environment["PYTHONPATH"] = str(path)
+    words = [str(word) for word in command]
+    done = subprocess.run(words, cwd=at, env=environment, capture_output=True, text=True, check=False)
+    assert done.returncode == status, done.stdout + done.stderr
+    return done.stdout.strip()
+
+
+@pytest.mark.parametrize("links", [True, False])
+def test_a_bare_checkout_is_imported_as_it_is(tmp_path: Path, links: bool) -> None:
+    tree = checkout(tmp_path / "tree", links=links)
+    code = (
+        "import edmsim, edmsim.envs, edmsim.models, edmsim.controllers.mcu.computer\n"
+        "print(edmsim.__file__, edmsim.envs.__file__, edmsim.models.__file__, edmsim.controllers.__file__)\n"
+        "print(edmsim.Machine.load().height_mm)\n"
+    )
+    out = run(sys.executable, "-c", code, at=tmp_path, path=tree)
+    assert all(Path(file).is_relative_to(tree) for file in out.split()[:4])
+    assert out.split()[4] == "20.0"
+
+
+@pytest.fixture(scope="module", params=[True, False], ids=["links", "no links"])
+def wheel(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The wheel of a checkout."""
+    tree = checkout(tmp_path_factory.mktemp("wheel") / "tree", links=request.param)
+    name = run(sys.executable, "-c", BUILD.format(kind="wheel"), at=tree).split()[-1]
+    return tree / "dist" / name
+
+
+@pytest.mark.slow
+def test_the_wheel_holds_every_file_once(wheel: Path) -> None:
+    names = [name for name in zipfile.ZipFile(wheel).namelist() if ".dist-info/" not in name]
+    assert max(Counter(names).values()) == 1
+    assert set(names) == product()
+
+
+@pytest.mark.slow
+def test_the_source_archive_holds_every_file_once(tmp_path: Path) -> None:
+    tree = checkout(tmp_path / "tree", links=True)
+    name = run(sys.executable, "-c", BUILD.format(kind="sdist"), at=tree).split()[-1]
+    with tarfile.open(tree / "dist" / name) as archive:
+        files = [member.name.partition("/")[2] for member in archive.getmembers() if not member.isdir()]
+    packed = [name for name in files if name.split("/")[0] in ("edmsim", *LINKS)]
+    inside = [name if name.split("/")[0] == "edmsim" else f"edmsim/{name}" for name in packed]
+    assert max(Counter(inside).values()) == 1
+    assert product() <= set(inside)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("wheel", [True], indirect=True)
+def test_an_installed_wheel_cuts(wheel: Path, tmp_path: Path) -> None:
+    """In an environment outside the tree that has the dependencies of this one, but not its edmsim."""
+    venv.create(tmp_path / "clean", symlinks=True)
+    programs = tmp_path / "clean" / "bin"
+    run(sys.executable, "-m", "pip", "--python", programs / "python", "install", "--quiet", "--no-index", "--no-deps",
+        wheel, at=tmp_path)  # fmt: skip
+    site = Path(run(programs / "python", "-c", "import sysconfig; print(sysconfig.get_path('purelib'))", at=tmp_path))
+    # a folder that a .pth names is searched, but its own .pth files, one of which leads to this tree, are not read
+    (site / "dependencies.pth").write_text(f"{Path(pytest.__file__).parents[1]}\n", encoding="utf-8")
+    found = run(programs / "python", "-c", "import edmsim.envs; print(edmsim.envs.__file__)", at=tmp_path)
+    assert Path(found).is_relative_to(site)
+    (tmp_path / "punch.ngc").write_text(PUNCH, encoding="utf-8")
+    run(programs / "edmsim", "cut", "punch.ngc", "--out", "out", "--height", "5", "--resolution", "fast",
+        "--max-time", "0.2", "--quiet", at=tmp_path, status=STOPPED)  # fmt: skip
+    assert (tmp_path / "out" / "windows.parquet").is_file()
