@@ -117,6 +117,20 @@ def test_a_short_that_stays_raises_the_alarm_and_a_dwell_is_noticed(make_policy)
     assert commands[-1][:2] == (0.0, "persistent short")
 
 
+def test_the_corners_of_a_later_leg_are_seen_where_they_are(make_policy):
+    file, commands = make_policy("Contour"), []
+    points = np.array([[0.0, 0.0], [400.0, 0.0], [400.0, 300.0]])
+    seen = edmsim.controllers.WindowObservation(0.0, 0.0255, 10, 60, 40.0, 1.0, 9.0, 20.0, 0.0)
+    for start_um in (0.0, 1024.0):
+        controller = make_controller(f"policy:{file}")
+        tell(controller, edmsim.Machine.load(), points, start_um)
+        first = controller.reset(33.0)
+        places = np.arange(0.5, 600.0, 0.5) + start_um
+        commands.append([first, *(controller.update(seen._replace(path_um=place)) for place in places.tolist())])
+    assert commands[0] == commands[1]
+    assert len({command.feed_um_s for command in commands[0]}) > 2
+
+
 def test_it_cuts_a_program(make_policy, small_punch, tmp_path):
     report = edmsim.cut(
         small_punch, out=tmp_path / "cut", height_mm=5, resolution="fast", max_time_s=1,
