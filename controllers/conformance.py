@@ -5,13 +5,20 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
 
-from edmsim.controllers.known_setup import tell
 from edmsim.controllers.mcu.firmware.timers import MAX_FEED_UM_S
 from edmsim.controllers.own import check_is_controller
-from edmsim.controllers.protocols import FeedCommand, FeedController, SeesTruth, WindowObservation, check_command
+from edmsim.controllers.protocols import (
+    FeedCommand,
+    FeedController,
+    SeesTruth,
+    WindowObservation,
+    check_command,
+    tell,
+)
 from edmsim.controllers.pulse_counters import WINDOW_PULSES
 from edmsim.errors import InputError
 from edmsim.machine.machine import Machine
@@ -54,13 +61,36 @@ def check_controller(make: Callable[[], FeedController]) -> None:
         _check_with(make, counts)
 
 
+class _Shown(NamedTuple):
+    """A window of the rehearsal with everything a plant's has; made here, as controllers know no plant."""
+
+    short: int
+    open: int
+    spark: int
+    mean_voltage_V: float
+    mean_current_A: float
+    mean_delay_us: float
+    gap_um: float
+    start_ns: int = 0
+    duration_ns: int = round(WINDOW_S * 1e9)
+    arc: int = 0
+    deflection_um: tuple[float, float] = (0.0, 0.0)
+    vibration2_um2: float = 0.0
+    wire_temperature_K: float = 320.0
+    debris: float = 0.0
+    energy_J: float = 0.0
+    crater_um3: float = 0.0
+    broken: bool = False
+    pulses: int = WINDOW_PULSES
+
+
 class _Rehearsal:
     """A controller that is shown windows of given counts, on a wire that follows its commands."""
 
     def __init__(self, controller: FeedController) -> None:
         self.controller = controller
         self.windows, self.path_um = 0, 0.0
-        tell(controller, Machine.load(), _PATH_UM)
+        tell(controller, Machine.load(), _PATH_UM, 0.0)
         self.command = check_command(controller.name, controller.reset(MAX_FEED_UM_S))
 
     def run(self, counts: Counts) -> list[FeedCommand]:
@@ -79,17 +109,12 @@ class _Rehearsal:
         ignited = WINDOW_PULSES - short - open_
         voltage_V, current_A = (30.0 * open_ + 6.0 * ignited) / WINDOW_PULSES, 2.0 * (1 - open_ / WINDOW_PULSES)
         delay_us, gap_um = (9.0, 8.0) if ignited else (math.nan, math.nan)
+        window = _Shown(short, open_, ignited, voltage_V, current_A, delay_us, gap_um)
         if isinstance(self.controller, SeesTruth):
-            from edmsim.plant.window import PulseWindow
-
-            self.controller.see(PulseWindow(
-                0, round(WINDOW_S * 1e9), short, open_, ignited, 0, voltage_V, current_A, delay_us, gap_um,
-                (0.0, 0.0), 0.0, 320.0, 0.0, 0.0, 0.0, False,
-            ))  # fmt: skip
-        self.command = check_command(self.controller.name, self.controller.update(WindowObservation(
-            self.windows * WINDOW_S, WINDOW_S, short, open_, voltage_V, current_A, delay_us, self.command.feed_um_s,
-            self.path_um,
-        )))  # fmt: skip
+            self.controller.see(window)
+        time_ns = self.windows * window.duration_ns
+        seen = WindowObservation.of(window, time_ns, self.command.feed_um_s, self.path_um)
+        self.command = check_command(self.controller.name, self.controller.update(seen))
 
 
 def _check_with(make: Callable[[], FeedController], counts: Counts) -> None:

@@ -3,16 +3,70 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, ClassVar, NamedTuple, Protocol, runtime_checkable
+from typing import Any, ClassVar, NamedTuple, Protocol, runtime_checkable
+
+import numpy as np
+from numpy.typing import NDArray
 
 from edmsim.errors import InputError
-
-if TYPE_CHECKING:
-    from edmsim.controllers.planner.protocol import Step
-    from edmsim.plant.window import PulseWindow
+from edmsim.machine.machine import Machine
 
 ControllerState = dict[str, float | int | str]
 """A controller's snapshot, fit for JSON."""
+
+
+class Step(NamedTuple):
+    """One rising edge on STEP: 2 um of table travel (rows T-16, T-17).
+
+    Attributes
+    ----------
+    time_ns : int
+        When, in ns from the start of the run.
+    axis : int
+        0 for x, 1 for y.
+    direction : int
+        +1 or -1.
+    """
+
+    time_ns: int
+    axis: int
+    direction: int
+
+
+class GapWindow(Protocol):
+    """What happened in the gap in one window of pulses, also what no real machine shows; see `PulseWindow`."""
+
+    @property
+    def duration_ns(self) -> int:
+        """Length of the window."""
+
+    @property
+    def short(self) -> int:
+        """Short pulses."""
+
+    @property
+    def open(self) -> int:
+        """Open pulses."""
+
+    @property
+    def mean_voltage_V(self) -> float:
+        """Mean gap voltage."""
+
+    @property
+    def mean_current_A(self) -> float:
+        """Mean gap current."""
+
+    @property
+    def mean_delay_us(self) -> float:
+        """Mean ignition delay of the pulses that ignited; NaN if none did."""
+
+    @property
+    def gap_um(self) -> float:
+        """Mean gap at the places of ignition; NaN if none."""
+
+    @property
+    def wire_temperature_K(self) -> float:
+        """Highest temperature of the wire."""
 
 
 class WindowObservation(NamedTuple):
@@ -35,7 +89,8 @@ class WindowObservation(NamedTuple):
     feed_um_s : float
         Feed that was commanded for the window in um/s.
     path_um : float
-        Length travelled along the path by the position counters at the end of the window, in um.
+        Length travelled along the path by the position counters at the end of the window, in um, over all legs of
+        the program (see `KnowsSetup.set_up`).
     """
 
     time_s: float
@@ -47,6 +102,23 @@ class WindowObservation(NamedTuple):
     mean_delay_us: float
     feed_um_s: float
     path_um: float
+
+    @classmethod
+    def of(cls, window: GapWindow, time_ns: int, feed_um_s: float, path_um: float) -> WindowObservation:
+        """Return what a machine shows of a window: every observation is made here.
+
+        Parameters
+        ----------
+        window : GapWindow
+        time_ns : int
+            Machine time at its end.
+        feed_um_s, path_um : float
+            As the attributes say.
+        """
+        return cls(
+            time_ns * 1e-9, window.duration_ns * 1e-9, window.short, window.open, window.mean_voltage_V,
+            window.mean_current_A, window.mean_delay_us, feed_um_s, path_um,
+        )
 
 
 class FeedCommand(NamedTuple):
@@ -79,7 +151,7 @@ class FeedController(Protocol):
     name: ClassVar[str]
 
     def reset(self, max_feed_um_s: float) -> FeedCommand:
-        """Begin a new cut.
+        """Begin a leg: a stretch of the program between two stops, that is threading, a dwell or the end.
 
         Parameters
         ----------
@@ -111,8 +183,33 @@ class FeedController(Protocol):
 class SeesTruth(Protocol):
     """A controller that looks at what no machine shows: a bound to compare with, not one to cut with."""
 
-    def see(self, truth: PulseWindow) -> None:
+    def see(self, truth: GapWindow) -> None:
         """Take in what happened in the gap; called after every window, before `FeedController.update`."""
+
+
+@runtime_checkable
+class KnowsSetup(Protocol):
+    """A controller that is told the set-up, as an operator who reads the dials and the drawing tells it."""
+
+    def set_up(self, machine: Machine, points_um: NDArray[Any], start_um: float) -> None:
+        """Take in the set-up and the next leg; called before every `FeedController.reset`.
+
+        Parameters
+        ----------
+        machine : Machine
+            With the generator's setting with which every leg begins.
+        points_um : float64 array (n, 2)
+            Corners of the leg in um.
+        start_um : float
+            Length of path at the leg's first point: `WindowObservation.path_um` counts over all legs, so a place of
+            the leg that lies ``s`` behind its first point is reached at ``path_um == start_um + s``.
+        """
+
+
+def tell(controller: object, machine: Machine, points_um: NDArray[Any], start_um: float) -> None:
+    """Tell a controller the set-up and the next leg if it wants to know them; see `KnowsSetup.set_up`."""
+    if isinstance(controller, KnowsSetup):
+        controller.set_up(machine, np.asarray(points_um, np.float64), start_um)
 
 
 @runtime_checkable

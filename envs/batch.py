@@ -8,8 +8,9 @@ import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
+from edmsim.cosim.stops import WORDS, StopCause
 from edmsim.envs import observation
-from edmsim.envs.lanes import CAUSES, Lanes, least_setting_us
+from edmsim.envs.lanes import Lanes, least_setting_us
 from edmsim.envs.path_follower import FINE_PER_UM, RUNNING
 from edmsim.envs.reward import rewards
 from edmsim.envs.scenarios import Corner, Family
@@ -157,7 +158,7 @@ class Batch:
         words = {}
         cause = int(self.lanes.rows[lane]["cause"])
         if cause != RUNNING:
-            words["cause"] = CAUSES[cause]
+            words["cause"] = WORDS[StopCause(cause)].info
         refused = self.lanes.refused[lane]
         if refused is not None:
             words["refused"] = refused

@@ -24,9 +24,6 @@ from edmsim.plant.plant import Plant
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-CAUSES = ("running", "done", "wire-break", "limit-switch", "persistent-short", "out-of-range")
-"""Why an episode ended, by number (see `motion`); out of range is a wire pushed further than the plant's model holds
-for."""
 ON_US, PERIOD_US = 1.0, 5.0
 """Detents of the generator's knobs (ours: fine against what they change; propagators are kept by period)."""
 
@@ -49,6 +46,8 @@ class Lanes:
         Numbers of every lane.
     scenarios : list of Scenario or None
         What each lane is at; None before its first episode.
+    leg : list of int
+        Which leg of its path each lane is on.
     refused : list of str or None
         Why the generator refused the setting last asked for.
     corner_um, corner_deg : (n, most)
@@ -66,7 +65,7 @@ class Lanes:
         self.refused: list[str | None] = [None] * count
         self.corner_um: Floats = np.full((count, 1), np.inf)
         self.corner_deg: Floats = np.zeros((count, 1))
-        self._leg = [0] * count
+        self.leg = [0] * count
         self._points: Floats = np.zeros((count, 2, 2))
         self._along: Floats = np.zeros((count, 2))
         self._height_from: Floats = np.full((count, 1), np.inf)
@@ -128,7 +127,7 @@ class Lanes:
         line = Polyline(scenario.legs_um[leg] * 1e-3, closed=False)
         points, along = line.points * 1e3, line.s * 1e3
         corners = line.corners(CORNER_DEG)
-        self._leg[lane] = leg
+        self.leg[lane] = leg
         row = self.rows[lane]
         row["place"], row["segment"], row["reached_um"], row["cut_um"] = 0, 0, 0.0, 0.0
         row["end"], row["corners"] = math.floor(along[-1] * FINE_PER_UM), len(points)
@@ -182,7 +181,7 @@ class Lanes:
         """Go on with the path's next piece, if there is one."""
         scenario, plant, row = self.scenarios[lane], self.fleet.plants[lane], self.rows[lane]
         assert scenario is not None
-        following = self._leg[lane] + 1
+        following = self.leg[lane] + 1
         if following == len(scenario.legs_um):
             return
         row["cause"] = RUNNING
@@ -191,6 +190,9 @@ class Lanes:
         table = plant.machine.base.table
         way = math.dist((x, y), plant.commanded_um)
         plant.rethread((x, y), round((way / table.rapid_um_s.value + table.threading_s.value) * 1e9))
+        if plant.machine is not scenario.machine:  # every leg begins as set up
+            plant.set_generator(scenario.machine.t_on_us, scenario.machine.t_period_us)
+            self._take_setting(lane)
         self._begin_leg(lane, following)
 
 

@@ -16,6 +16,8 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from edmsim.cosim.stops import StopCause, judge, switches_open
+
 FINE_PER_UM = 10**12
 """Attometres in a um: the unit of a lane's place."""
 _SEARCH_UM = 300.0
@@ -26,8 +28,10 @@ SHORTED_S = 2.0
 """Time of nothing but shorted windows after which the machine stops (ours: a retract at 10 um/s has led 20 um away by
 then, more than a gap)."""
 
-RUNNING, DONE, WIRE_BREAK, LIMIT_SWITCH, PERSISTENT_SHORT, OUT_OF_RANGE = range(6)
-"""Why an episode ended, if it did."""
+RUNNING, DONE, WIRE_BREAK, OUT_OF_RANGE = (
+    int(cause) for cause in (StopCause.RUNNING, StopCause.FINISHED, StopCause.WIRE_BREAK, StopCause.OUT_OF_RANGE)
+)
+"""Why an episode ended, if it did, as numbers for compiled code."""
 
 LANE = np.dtype(
     [
@@ -244,12 +248,7 @@ def follow(
             rows[i].shorted_s += windows[i].duration_ns * 1e-9
         else:
             rows[i].shorted_s = 0.0
-        low, high = -rows[i].step_um, rows[i].table_um + rows[i].step_um
-        if windows[i].broken != 0:
-            rows[i].cause = WIRE_BREAK
-        elif not (low <= x <= high and low <= y <= high):
-            rows[i].cause = LIMIT_SWITCH
-        elif rows[i].shorted_s > SHORTED_S:
-            rows[i].cause = PERSISTENT_SHORT
-        else:
-            rows[i].cause = DONE if rows[i].place >= rows[i].end else RUNNING
+        travel_um, slack_um = rows[i].table_um, rows[i].step_um
+        switch = switches_open(x, travel_um, slack_um) != 0 or switches_open(y, travel_um, slack_um) != 0
+        shorted, done = rows[i].shorted_s > SHORTED_S, rows[i].place >= rows[i].end
+        rows[i].cause = judge(windows[i].broken != 0, False, switch, shorted, False, done)

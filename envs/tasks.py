@@ -9,10 +9,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from edmsim.controllers import WindowObservation
+from edmsim.cosim.stops import WORDS, StopCause
 from edmsim.envs.checks import checked_options
 from edmsim.envs.families import episode_steps, make_family
-from edmsim.envs.lanes import CAUSES, Lanes
-from edmsim.envs.path_follower import DONE, LIMIT_SWITCH, RUNNING, WIRE_BREAK
+from edmsim.envs.lanes import Lanes
 from edmsim.envs.reward import rewards
 from edmsim.envs.scenarios import Family, Scenario
 from edmsim.errors import InputError
@@ -38,10 +38,8 @@ class StepResult(NamedTuple):
         The same times the local height.
     error_um : float
         Distance of the wire's true place from the path.
-    done, broken : bool
-        The path's end was reached; the wire broke.
-    limit : str or None
-        Another reason for which the machine stopped (see `lanes.CAUSES`).
+    cause : StopCause
+        Why the episode ended; `StopCause.RUNNING` if it did not.
     refused : str or None
         Why the generator refused the setting asked for.
     reward : float
@@ -53,16 +51,30 @@ class StepResult(NamedTuple):
     progress_um: float
     area_mm2: float
     error_um: float
-    done: bool
-    broken: bool
-    limit: str | None
+    cause: StopCause
     refused: str | None
     reward: float
 
     @property
+    def done(self) -> bool:
+        """Whether the path's end was reached."""
+        return self.cause is StopCause.FINISHED
+
+    @property
+    def broken(self) -> bool:
+        """Whether the wire broke."""
+        return self.cause is StopCause.WIRE_BREAK
+
+    @property
+    def limit(self) -> str | None:
+        """Another reason for which the machine stopped, as an environment's ``info`` says it."""
+        ended = self.over and not (self.done or self.broken)
+        return WORDS[self.cause].info if ended else None
+
+    @property
     def over(self) -> bool:
         """Whether the episode has ended."""
-        return self.done or self.broken or self.limit is not None
+        return self.cause is not StopCause.RUNNING
 
 
 class Task:
@@ -148,6 +160,11 @@ class Task:
         """Length of path behind the wire."""
         return float(self._lanes.path_um[0])
 
+    @property
+    def leg(self) -> tuple[int, float]:
+        """Number of the leg the wire is on, from 0, and the length of the legs before it."""
+        return self._lanes.leg[0], float(self._lanes.rows[0]["before_um"])
+
     def advance(
         self, feed_um_s: float, t_on_us: float | None = None, t_period_us: float | None = None
     ) -> StepResult:
@@ -167,9 +184,9 @@ class Task:
         """
         self.scenario  # noqa: B018 - refuses to go on before the first reset
         lanes = self._lanes
-        cause = int(lanes.rows[0]["cause"])
-        if cause != RUNNING:
-            raise InputError(f"the episode has ended ({CAUSES[cause]}): call reset() first")
+        cause = StopCause(lanes.rows[0]["cause"])
+        if cause is not StopCause.RUNNING:
+            raise InputError(f"the episode has ended ({WORDS[cause].info}): call reset() first")
         for name, value in (("feed_um_s", feed_um_s), ("t_on_us", t_on_us), ("t_period_us", t_period_us)):
             if value is not None and not math.isfinite(value):
                 raise InputError(f"{name} is {value!r}: give a finite number")
@@ -187,13 +204,9 @@ class Task:
         lanes, plant = self._lanes, self._lanes.fleet.plants[0]
         window = plant.window()
         row = lanes.rows[0]
-        cause = int(row["cause"])
-        seen = WindowObservation(
-            plant.time_ns * 1e-9, window.duration_ns * 1e-9, window.short, window.open, window.mean_voltage_V,
-            window.mean_current_A, window.mean_delay_us, feed_um_s, self.path_um,
-        )
+        seen = WindowObservation.of(window, plant.time_ns, feed_um_s, self.path_um)
         return StepResult(
             seen, window, float(row["progress_um"]), float(row["area_mm2"]), float(row["error_um"]),
-            cause == DONE, cause == WIRE_BREAK, CAUSES[cause] if cause >= LIMIT_SWITCH else None, lanes.refused[0],
+            StopCause(row["cause"]), lanes.refused[0],
             float(rewards(_LANE, lanes.rows, lanes.fleet.windows, self._weights)[0]),
         )

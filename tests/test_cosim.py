@@ -15,6 +15,7 @@ from edmsim.cosim.simulation import Simulation
 from edmsim.machine.files import available
 from edmsim.machine.machine import Machine
 from edmsim.program.path import Contour, CutPath
+from edmsim.recording import WindowTable
 
 START = (30_000, 30_000)
 
@@ -35,7 +36,14 @@ def simulation(
     machine = options.pop("machine", None) or Machine.load(height_mm=5)
     law = controller or make("fixed", feed_um_s=30.0)
     path = path_of(*contours, hole_mm=hole_mm)
-    return Simulation(machine, path, law, **{"resolution": "fast", "seed": 1, **options})
+    return Simulation(machine, path, law, observers=[WindowTable()], **{"resolution": "fast", "seed": 1, **options})
+
+
+def windows_of(sim: Simulation) -> WindowTable:
+    """Return the table of windows that looked on."""
+    (table,) = sim.observers
+    assert isinstance(table, WindowTable)
+    return table
 
 
 def run(sim: Simulation, at_most: int = 3000) -> list[Any]:
@@ -98,7 +106,7 @@ def test_position_is_start_and_2_um_for_every_step(generator: str, planner: str)
         if sim.outcome is not None:
             break
         sim.step()
-        assert sim.plant.commanded_um == tuple(wanted) == sim._planner.position_um
+        assert sim.plant.commanded_um == tuple(wanted) == sim.position_um
     assert abs(np.array(wanted) - START).max() > 60
 
 
@@ -135,7 +143,7 @@ def test_controller_sees_what_the_windows_record() -> None:
     sim = simulation(contour(ZIGZAG), controller=law)
     for _ in range(60):
         sim.step()
-    windows = sim.windows.to_arrow()
+    windows = windows_of(sim).to_arrow()
     for seen, recorded in (("time_s", "t_s"), ("short", "short"), ("open", "open"), ("path_um", "path_um"),
                            ("mean_voltage_V", "mean_voltage_V"), ("mean_current_A", "mean_current_A")):  # fmt: skip
         assert [getattr(w, seen) for w in law.seen] == windows.column(recorded).to_pylist()
@@ -201,7 +209,7 @@ def test_contour_without_dwell_is_one_leg() -> None:
 def test_wire_rests_for_the_dwell_with_the_pulses_on(point: int, x_um: int) -> None:
     sim = simulation(contour([(0, 0), (60, 0), (90, 60)], ((point, 2.0),)))
     run(sim)
-    windows = sim.windows.to_arrow()
+    windows = windows_of(sim).to_arrow()
     t_s, x, feed = (windows.column(name).to_numpy() for name in ("t_s", "x_um", "feed_um_s"))
     resting = feed == 0
     assert np.ptp(x[resting]) == 0
@@ -227,7 +235,7 @@ def test_contours_are_joined_by_a_rapid_and_a_fresh_wire() -> None:
     seen = run(sim)
     assert sim.outcome == "finished"
     assert law.resets == 2
-    windows = sim.windows.to_arrow()
+    windows = windows_of(sim).to_arrow()
     t_s, x, path = (windows.column(name).to_numpy() for name in ("t_s", "x_um", "path_um"))
     jump = int(np.argmax(np.diff(x)))
     table = sim.machine.base.table
@@ -265,7 +273,7 @@ def test_short_that_never_clears_ends_with_the_alarm_of_counts(own_file: Callabl
     assert sim.outcome == "persistent-short"
     assert sim.reason == "persistent short"
     assert sim.sums.short > 0.9 * sim.sums.pulses
-    path = sim.windows.to_arrow().column("path_um").to_numpy()
+    path = windows_of(sim).to_arrow().column("path_um").to_numpy()
     assert path[-1] < 60
 
 
@@ -292,7 +300,7 @@ def test_wire_that_grows_too_hot_breaks(own_file: Callable[..., str]) -> None:
     assert sim.reason is not None
     height = float(sim.reason.split()[3])
     assert 0 < height < 20
-    windows = sim.windows.to_arrow()
+    windows = windows_of(sim).to_arrow()
     counts = sum(windows.column(name).to_numpy().astype(int) for name in ("short", "open", "spark", "arc"))
     assert set(counts[:-1]) == {255}
     assert counts[-1] < 255  # it broke within the window
@@ -305,7 +313,7 @@ def test_snapshot_continues_bit_for_bit_across_threading_and_dwells() -> None:
     machine = Machine.load(height_mm=5, generator="iso-energetic")
     whole = simulation(*parts, machine=machine, controller=make("counts"))
     run(whole)
-    rows = whole.windows.values()
+    rows = windows_of(whole).values()
     threading = int(np.argmax(np.diff(rows[:, 0])))
     for stop in (10, 60, threading, threading + 1, threading + 9, len(rows) - 1):
         first, second = (simulation(*parts, machine=machine, controller=make("counts")) for _ in range(2))
@@ -313,7 +321,7 @@ def test_snapshot_continues_bit_for_bit_across_threading_and_dwells() -> None:
             first.step()
         second.restore(*first.snapshot())
         run(second)
-        np.testing.assert_array_equal(second.windows.values(), rows)
+        np.testing.assert_array_equal(windows_of(second).values(), rows)
         assert second.sums == whole.sums
 
 
@@ -356,10 +364,10 @@ def test_a_refused_setting_changes_nothing_and_is_told() -> None:
 
 def test_every_leg_begins_with_the_setting_of_the_set_up() -> None:
     sim = simulation(contour([(0, 0), (20, 0), (40, 0)], dwells=((1, 0.05),)), controller=Settings([(None, 150.0)]))
-    before, periods = sim._leg, []
+    before, periods = sim.leg, []
     while sim.outcome is None:
         sim.step()
-        if sim._leg != before:
+        if sim.leg != before:
             periods.append(sim.plant.machine.t_period_us)
-            before = sim._leg
+            before = sim.leg
     assert periods == [100.0]

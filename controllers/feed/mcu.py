@@ -25,8 +25,7 @@ from edmsim.controllers.mcu.firmware.generator_control import before_corner
 from edmsim.controllers.mcu.firmware.optimise import Settings
 from edmsim.controllers.mcu.firmware.poscal import UNIT_UM, Unit, unit_for
 from edmsim.controllers.mcu.firmware.timers import MAX_SPEED
-from edmsim.controllers.planner.protocol import Step
-from edmsim.controllers.protocols import ControllerState, FeedCommand
+from edmsim.controllers.protocols import ControllerState, FeedCommand, Step
 from edmsim.geometry import Polyline
 from edmsim.machine.machine import Machine
 from edmsim.machine.setting import discharge_current_A
@@ -50,7 +49,7 @@ class _Setup(NamedTuple):
     points : tuple of (int, int)
         Corner points of the path in `unit`, each other than the one before.
     starts_um, corners_um : tuple of float
-        Length of path up to each point, and up to every corner.
+        Length of path up to each point, and up to every corner, over all legs.
     """
 
     pulses: PulseSettings = PulseSettings()
@@ -62,7 +61,7 @@ class _Setup(NamedTuple):
     corners_um: tuple[float, ...] = ()
 
     @classmethod
-    def of(cls, machine: Machine, points_um: NDArray[Any]) -> _Setup:
+    def of(cls, machine: Machine, points_um: NDArray[Any], start_um: float) -> _Setup:
         """Read the dials and the drawing."""
         usual = PulseSettings()
         pulses = replace(
@@ -77,7 +76,7 @@ class _Setup(NamedTuple):
         unit = unit_for(machine.base.table.travel_mm.value * 1e3)
         line = Polyline(np.asarray(points_um, np.float64) * 1e-3, closed=False)
         points = tuple((round(x * 1e3) // UNIT_UM[unit], round(y * 1e3) // UNIT_UM[unit]) for x, y in line.points)
-        along = line.s * 1e3
+        along = line.s * 1e3 + start_um
         corners = tuple(float(s) for s in along[line.corners(CORNER_DEG)])
         return cls(pulses, (t_i, t_p), machine.t_on_us, unit, points, tuple(float(s) for s in along), corners)
 
@@ -115,9 +114,9 @@ class McuController(CountsController):
         """Windows not read in time since the leg began (row T-44)."""
         return self._computer.board.counters.missed
 
-    def set_up(self, machine: Machine, points_um: NDArray[Any]) -> None:
+    def set_up(self, machine: Machine, points_um: NDArray[Any], start_um: float) -> None:
         """Take in the generator's setting and the path; called before every leg of the cut."""
-        self._setup = _Setup.of(machine, points_um)
+        self._setup = _Setup.of(machine, points_um, start_um)
 
     def reset(self, max_feed_um_s: float) -> FeedCommand:
         """Begin a new cut: INIT, position and settings as MAIN gets them, start."""

@@ -8,15 +8,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import asdict, dataclass, field
-from typing import TYPE_CHECKING, Any, ClassVar, cast
+from typing import Any, ClassVar, cast
 
 from edmsim.controllers.feed.gap_servo import Gains, ServoController
-from edmsim.controllers.protocols import ControllerState, FeedCommand, WindowObservation
+from edmsim.controllers.protocols import ControllerState, FeedCommand, GapWindow, WindowObservation
 from edmsim.controllers.pulse_counters import WINDOW_PULSES
 from edmsim.errors import InputError
-
-if TYPE_CHECKING:
-    from edmsim.plant.window import PulseWindow
 
 
 @dataclass
@@ -64,7 +61,7 @@ class OracleController(ServoController):
         """How the servo answers."""
         return Gains(self.proportional_um_s_um, self.integral_um_s2_um, self.filter_s)
 
-    def see(self, truth: PulseWindow) -> None:
+    def see(self, truth: GapWindow) -> None:
         """Take in the true gap and temperature of a window."""
         gap = truth.gap_um
         if math.isnan(gap):  # nothing ignited: all open, or all short

@@ -14,7 +14,7 @@ from edmsim.controllers.mcu.chips.pit import Pit8253
 from edmsim.controllers.mcu.chips.ppi import Ppi8255
 from edmsim.controllers.mcu.chips.switches import SafetySwitches
 from edmsim.controllers.mcu.chips.uart import Usart8251
-from edmsim.controllers.planner.protocol import Step
+from edmsim.controllers.protocols import Step
 from edmsim.controllers.pulse_counters import PulseCounters
 
 

@@ -15,7 +15,7 @@ from edmsim.controllers.mcu.firmware.steppers import Steppers
 from edmsim.controllers.mcu.firmware.streams import Streams
 from edmsim.controllers.mcu.firmware.timers import MAX_SPEED
 from edmsim.controllers.mcu.firmware.tstates import EMERGENCY_T, INIT_T, KEYBOARD_T, READ_OUT_T
-from edmsim.controllers.planner.protocol import Step
+from edmsim.controllers.protocols import Step
 from edmsim.errors import InputError
 
 OFF, STAND_BY, RUNNING, EMERGENCY = "off", "stand-by", "running", "emergency"

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from edmsim.controllers.mcu.firmware.poscal import STEP_UM, Unit
 from edmsim.controllers.mcu.firmware.timers import NEVER, SPEED_UNIT_NM_S, TIMER_COUNT
-from edmsim.controllers.planner.protocol import PathFollower, PlannerState, Step, check_window
+from edmsim.controllers.planner.protocol import PathFollower, PlannerState, check_window
+from edmsim.controllers.protocols import Step
 
 UM = TIMER_COUNT // STEP_UM
 """Path length of 1 um, as the sum of the speeds in units over the ticks of the clock."""

@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from edmsim.controllers.mcu.firmware.arithmetic import subsgn
 from edmsim.controllers.mcu.firmware.poscal import UNIT_UM, Displacement, Unit, resolve, velocm
 from edmsim.controllers.mcu.firmware.timers import SPEED_UNIT_NM_S, ReloadCounter
-from edmsim.controllers.planner.protocol import PathFollower, PlannerState, Step, check_window
+from edmsim.controllers.planner.protocol import PathFollower, PlannerState, check_window
+from edmsim.controllers.protocols import Step
 
 
 class LiteralPlanner(PathFollower):

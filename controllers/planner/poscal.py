@@ -19,7 +19,8 @@ from numpy.typing import NDArray
 from edmsim.controllers.mcu.firmware.arithmetic import subsgn
 from edmsim.controllers.mcu.firmware.poscal import STEP_UM, Displacement, Unit, resolve, velocm
 from edmsim.controllers.mcu.firmware.timers import NEVER, SPEED_UNIT_NM_S, PhaseAccumulator
-from edmsim.controllers.planner.protocol import PathFollower, PlannerState, Step, check_window, near
+from edmsim.controllers.planner.protocol import PathFollower, PlannerState, check_window, near
+from edmsim.controllers.protocols import Step
 
 QUARTER = 4
 """Vectors are aimed in quarters of 1 um."""

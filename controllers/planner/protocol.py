@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from itertools import pairwise
-from typing import NamedTuple, Protocol
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,28 +12,11 @@ from numpy.typing import NDArray
 from edmsim.controllers.mcu.firmware.arithmetic import WORD
 from edmsim.controllers.mcu.firmware.poscal import UNIT_UM, Unit, positi
 from edmsim.controllers.mcu.firmware.timers import MAX_SPEED, SPEED_UNIT_NM_S, TickClock
+from edmsim.controllers.protocols import Step
 from edmsim.errors import InputError
 
 PlannerState = dict[str, int | list[int]]
 """A planner's snapshot: whole numbers only, fit for JSON."""
-
-
-class Step(NamedTuple):
-    """One rising edge on STEP: 2 um of table travel (rows T-16, T-17).
-
-    Attributes
-    ----------
-    time_ns : int
-        When, in ns from the start of the run.
-    axis : int
-        0 for x, 1 for y.
-    direction : int
-        +1 or -1.
-    """
-
-    time_ns: int
-    axis: int
-    direction: int
 
 
 class Planner(Protocol):

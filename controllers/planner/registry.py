@@ -10,11 +10,11 @@ from edmsim.controllers.mcu.firmware.timers import SPEED_UNIT_NM_S
 from edmsim.controllers.planner.dda import DdaPlanner
 from edmsim.controllers.planner.literal import LiteralPlanner
 from edmsim.controllers.planner.poscal import PoscalPlanner
-from edmsim.controllers.planner.protocol import Planner, Step
+from edmsim.controllers.planner.protocol import Planner
 from edmsim.controllers.planner.sine_table import SineTablePlanner
 from edmsim.errors import InputError
 
-__all__ = ["PLANNERS", "Planner", "Step", "make_planner"]
+__all__ = ["PLANNERS", "Planner", "make_planner"]
 
 PLANNERS: dict[str, type[PoscalPlanner] | type[LiteralPlanner] | type[DdaPlanner]] = {
     "poscal": PoscalPlanner,

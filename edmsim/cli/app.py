@@ -75,7 +75,7 @@ def cut(
 ) -> None:
     """Simulate a part program."""
     from edmsim.cli.progress import ProgressBar
-    from edmsim.cosim.simulation import FINISHED
+    from edmsim.cosim.stops import WORDS, StopCause
     from edmsim.job.cut import cut as run_cut
     from edmsim.program.heights import parse_height
 
@@ -97,7 +97,7 @@ def cut(
 
         _OUT.print(render_table(result.report))
         _OUT.print(f"Written to {out}; play it back with: edmsim view {out}", highlight=False, soft_wrap=True)
-    if result.report["outcome"] != FINISHED:
+    if result.report["outcome"] != WORDS[StopCause.FINISHED].report:
         raise typer.Exit(STOPPED)
 
 
@@ -157,7 +157,7 @@ def report(
     format: Annotated[str, typer.Option(help="Of these figures: pdf, svg or png.")] = "pdf",
 ) -> None:
     """Make report.html of a cut anew, or its figures as files."""
-    from edmsim.recording.cut_folder import remake
+    from edmsim.job.remake import remake
 
     for file in remake(directory, figures, format, _say):
         _OUT.print(str(file), highlight=False, soft_wrap=True, markup=False)

@@ -1,28 +1,29 @@
-"""The loop of design section 1: counts to the feed law, speed to the planner, steps to the plant, and round again.
+"""A cut of a program: its legs one after the other, threading between contours, dwells, and how it ends.
 
-One turn is one window of 255 pulses. Controllers see what a machine would let them see; the plant sees motor
-steps and the generator's setting; nothing else passes between them.
+Controllers see what a machine would let them see; the plant sees motor steps and the generator's setting; nothing
+else passes between them (see `edmsim.cosim.cycle`).
 """
 
 from __future__ import annotations
 
 import math
-from bisect import bisect
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from edmsim.controllers import FeedController, WindowObservation
-from edmsim.controllers.known_setup import tell
 from edmsim.controllers.mcu.firmware.poscal import unit_for
-from edmsim.controllers.mcu.firmware.timers import MAX_FEED_UM_S, MAX_SPEED, SPEED_UNIT_NM_S
-from edmsim.controllers.planner.registry import Planner, Step, make_planner
-from edmsim.controllers.protocols import DrivesSteps, MissesWindows, check_command
-from edmsim.controllers.pulse_counters import WINDOW_PULSES, PulseAnalyser
+from edmsim.controllers.mcu.firmware.timers import MAX_FEED_UM_S
+from edmsim.controllers.planner.registry import make_planner
+from edmsim.controllers.protocols import DrivesSteps, MissesWindows, check_command, tell
+from edmsim.cosim.cycle import Cycle
 from edmsim.cosim.legs import legs_of
-from edmsim.cosim.sums import Sums
+from edmsim.cosim.motion import PlannerMotion
+from edmsim.cosim.observers import Observer
+from edmsim.cosim.stops import WORDS, StopCause, judge, switches_open
 from edmsim.errors import InputError
 from edmsim.machine.machine import Machine
 from edmsim.plant.plant import Plant
@@ -30,26 +31,45 @@ from edmsim.plant.window import PulseWindow
 from edmsim.plant.workpiece.height_steps import HeightStep
 from edmsim.plant.workpiece.kerf_field import Stock
 from edmsim.program.path import CutPath
-from edmsim.recording.closeups import NOTHING, RETRACT, TURN, Closeups, turns_um
-from edmsim.recording.frames import Frames
-from edmsim.recording.windows import WindowTable
-
-FINISHED, WIRE_BREAK, LIMIT_SWITCH, PERSISTENT_SHORT, TIME_LIMIT = (
-    "finished", "wire-break", "limit-switch", "persistent-short", "time-limit",
-)
-"""Outcomes of a cut."""
 
 
-class _Speeds(NamedTuple):
-    """Speeds of a window in units: one, and from a time on another."""
+@dataclass
+class Sums:
+    """What is added up over a cut, all pulses counted."""
 
-    first: int
-    change_ns: int
-    then: int
+    short: int = 0
+    open: int = 0
+    spark: int = 0
+    arc: int = 0
+    energy: float = 0.0
+    crater_um3: float = 0.0
+    vibration2_pulses: float = 0.0
 
-    def at(self, end_ns: int) -> int:
-        """Return the speed in force at the window's end."""
-        return self.then if self.change_ns < end_ns else self.first
+    def add(self, window: PulseWindow) -> None:
+        """Add one window."""
+        self.short += window.short
+        self.open += window.open
+        self.spark += window.spark
+        self.arc += window.arc
+        self.energy += window.energy_J
+        self.crater_um3 += window.crater_um3
+        self.vibration2_pulses += window.vibration2_um2 * window.pulses
+
+    @property
+    def pulses(self) -> int:
+        """Pulses of all classes."""
+        return self.short + self.open + self.spark + self.arc
+
+
+@dataclass
+class _Place:
+    """How far the program is: the leg, where and after what length of path it began, whether its dwell has begun."""
+
+    leg: int = 0
+    from_um: tuple[int, int] = (0, 0)
+    start_um: float = 0.0
+    dwelling: bool = False
+    missed_before: int = 0
 
 
 class Progress(NamedTuple):
@@ -83,11 +103,15 @@ class Simulation:
         Where the workpiece is less high than `machine.height_mm`; see `edmsim.program.heights`.
     mechanics : {"modal", "mujoco"}
         What moves table and wire; see `Plant`.
+    observers : sequence of Observer
+        Who is shown every window.
 
     Attributes
     ----------
+    cause : StopCause
+        Why the cut ended; `StopCause.RUNNING` while it has not.
     outcome, reason : str or None
-        How the cut ended, and why.
+        How the cut ended, as a report says it, and why.
     missed_windows : int
         Windows whose counts the controller did not read in time (row T-44).
     refused : str or None
@@ -112,90 +136,92 @@ class Simulation:
         max_time_s: float | None = None,
         steps: tuple[HeightStep, ...] = (),
         mechanics: str = "modal",
+        observers: Sequence[Observer] = (),
     ) -> None:
         self.machine = machine
         self.path = path
         self.controller = controller
-        self._drives = controller if isinstance(controller, DrivesSteps) else None
+        self.observers = tuple(observers)
         self._planner_name = planner
         self._unit = unit_for(machine.base.table.travel_mm.value * 1e3)
-        self._max_time_ns = None if max_time_s is None else round(max_time_s * 1e9)
+        self._max_time_ns = math.inf if max_time_s is None else round(max_time_s * 1e9)
         self.legs = [leg for contour in path.contours for leg in legs_of(contour)]
+        self.total_um = sum(float(np.hypot(*np.diff(leg.points_um, axis=0).T).sum()) for leg in self.legs)
         x0, y0, x1, y1 = (1e3 * v for v in path.stock_mm)
         radius = path.start_hole_radius_mm * 1e3
         holes = tuple((float(c.points_um[0, 0]), float(c.points_um[0, 1]), radius) for c in path.contours)
-        first = path.contours[0].points_um[0]
+        x, y = (int(v) for v in path.contours[0].points_um[0])
         self.plant = Plant(
             machine, seed, stock=Stock((x0, y0, x1, y1), holes, steps, machine.height_mm),
-            position_um=(float(first[0]), float(first[1])), resolution=resolution, mechanics=mechanics,
+            position_um=(float(x), float(y)), resolution=resolution, mechanics=mechanics,
         )
-        self.analyser = PulseAnalyser()
-        self.windows = WindowTable()
-        self.frames = Frames(self.plant.resolution.slices)
-        slices, lowest_mm = self.plant.resolution.slices, min([s.height_mm for s in steps], default=machine.height_mm)
-        middle = max(round(slices * lowest_mm / machine.height_mm), 1) // 2  # it has metal everywhere
-        self.closeups = Closeups(slices, self.plant.resolution.rays, middle)
-        self.plant.watch_pulses()
-        self._feed_um_s, self._turns_passed = 0.0, 0
         self.sums = Sums()
-        self.outcome: str | None = None
+        self.cause = StopCause.RUNNING
         self.reason: str | None = None
         self.refused: str | None = None
-        self._missed_before = 0
-        self._leg = 0
-        self._dwell_until_ns = -1
-        self._before_um = 0.0
-        self._begin_leg((int(first[0]), int(first[1])))
-        self.total_um = sum(float(np.hypot(*np.diff(leg.points_um, axis=0).T).sum()) for leg in self.legs)
+        for observer in self.observers:
+            observer.begin(self.plant)
+        self._at = _Place(from_um=(x, y))
+        self._motion = self._begin_leg()
+        self._cycle = Cycle(self.plant, self._motion, self._decide, self.observers)
 
-    def _begin_leg(self, place_um: tuple[int, int]) -> None:
+    def _begin_leg(self) -> PlannerMotion:
         """Plan a leg from where the wire stands: it may have stopped 1 um before the last leg's end."""
-        self._leg_from_um = place_um
-        points = self.legs[self._leg].points_um
-        self._rest_until_ns = self.plant.time_ns + round(self.legs[self._leg].rest_s * 1e9)
-        if place_um != (points[0, 0], points[0, 1]):
-            points = np.concatenate([[place_um], points])
-        tell(self.controller, self.machine, points)
-        self._planner: Planner = make_planner(self._planner_name, points, unit=self._unit)
-        self._turns_um, self._turns_passed = turns_um(points), 0
-        self._dwell_until_ns = -1
-        self._units = 0
-        self._command = check_command(self.controller.name, self.controller.reset(MAX_FEED_UM_S))
+        at, leg = self._at, self.legs[self._at.leg]
+        points = leg.points_um
+        if at.from_um != (points[0, 0], points[0, 1]):
+            points = np.concatenate([[at.from_um], points])
+        for observer in self.observers:
+            observer.leg(points, at.start_um)
+        tell(self.controller, self.machine, points, at.start_um)
+        planner = make_planner(self._planner_name, points, unit=self._unit)
+        command = check_command(self.controller.name, self.controller.reset(MAX_FEED_UM_S))
         self._set_generator(self.machine.t_on_us, self.machine.t_period_us)  # every leg begins as set up
+        drives = self.controller if isinstance(self.controller, DrivesSteps) else None
+        return PlannerMotion(planner, drives, at.start_um, self.plant.time_ns + round(leg.rest_s * 1e9), command)
+
+    @property
+    def outcome(self) -> str | None:
+        """How the cut ended, as a report says it."""
+        return None if self.cause is StopCause.RUNNING else WORDS[self.cause].report
 
     @property
     def path_um(self) -> float:
         """Length of path behind the wire, over all legs."""
-        return self._before_um + self._planner.path_um
+        return self._motion.path_um
+
+    @property
+    def position_um(self) -> tuple[int, int]:
+        """What the position counters show."""
+        return self._motion.planner.position_um
+
+    @property
+    def leg(self) -> int:
+        """Number of the present leg, from 0."""
+        return self._at.leg
 
     @property
     def missed_windows(self) -> int:
         """Windows of all legs that were not read in time."""
         of_leg = self.controller.missed_windows if isinstance(self.controller, MissesWindows) else 0
-        return self._missed_before + of_leg
+        return self._at.missed_before + of_leg
 
     def step(self) -> Progress:
         """Run one window; afterwards `outcome` tells whether the cut is over."""
-        start_ns = self.plant.time_ns
-        speeds = self._speeds(start_ns)
-        window = self._run_window(start_ns, speeds)
-        self._units = speeds.at(self.plant.time_ns)
-        feed = self._units * SPEED_UNIT_NM_S * 1e-3
-        self.sums.add(window)
-        self._record(window, feed)
-        if window.pulses == WINDOW_PULSES:
-            self.analyser.count_window(window.short, window.open)
-            counts = self.analyser.read()
-            seen = WindowObservation(
-                self.plant.time_ns * 1e-9, window.duration_ns * 1e-9, counts.short, counts.open,
-                window.mean_voltage_V, window.mean_current_A, window.mean_delay_us, feed, self._planner.path_um,
-            )
-            self._command = check_command(self.controller.name, self.controller.update(seen))
-            self._set_generator(self._command.t_on_us, self._command.t_period_us)
-        self._judge(window)
-        return Progress(
-            self.path_um, self.total_um, self.plant.time_ns * 1e-9, feed, window.short, window.open
-        )
+        turn = self._cycle.turn()
+        self.sums.add(turn.window)
+        cause = self._judge(turn.window)
+        if cause is StopCause.FINISHED:
+            cause = self._end_of_leg()
+        self.cause = cause
+        time_s, short, open_ = self.plant.time_ns * 1e-9, turn.window.short, turn.window.open
+        return Progress(self.path_um, self.total_um, time_s, turn.feed_um_s, short, open_)
+
+    def _decide(self, seen: WindowObservation) -> None:
+        """Let the controller decide on the next window."""
+        command = check_command(self.controller.name, self.controller.update(seen))
+        self._motion.command = command
+        self._set_generator(command.t_on_us, command.t_period_us)
 
     def _set_generator(self, t_on_us: float | None, t_period_us: float | None) -> None:
         """Give the generator the setting wanted; one it refuses changes nothing and is told in `refused`."""
@@ -208,104 +234,40 @@ class Simulation:
         except InputError as error:
             self.refused = error.reason
 
-    def _speeds(self, start_ns: int) -> _Speeds:
-        """Return the speeds of the window that begins: the last one until the controller is done, then its new."""
-        if self._dwell_until_ns >= 0 or start_ns < self._rest_until_ns:
-            return _Speeds(0, start_ns, 0)
-        units = round(self._command.feed_um_s * 1e3 / SPEED_UNIT_NM_S)
-        units = max(-MAX_SPEED, min(MAX_SPEED, units))
-        return _Speeds(self._units, start_ns + round(self._command.latency_s * 1e9), units)
-
-    def _run_window(self, start_ns: int, speeds: _Speeds) -> PulseWindow:
-        if self.plant.window_ns:
-            return self.plant.advance(self._drive(self._plan(start_ns, start_ns + self.plant.window_ns, speeds)))
-        # where the period varies, the window's end is known only afterwards: plan for the longest, then undo
-        before = self._planner.snapshot()
-        window = self.plant.advance(self._plan(start_ns, start_ns + self.plant.longest_window_ns, speeds))
-        self._planner.restore(before)
-        self._drive(self._plan(start_ns, self.plant.time_ns, speeds))  # told late, but those of the window only
-        return window
-
-    def _drive(self, steps: list[Step]) -> list[Step]:
-        """Return the steps the motors are to make: a controller that has lines to them makes them itself."""
-        return self._drives.drive(steps) if self._drives and steps else steps
-
-    def _plan(self, start_ns: int, end_ns: int, speeds: _Speeds) -> list[Step]:
-        """Motor steps of a window."""
-        change_ns = min(speeds.change_ns, end_ns)
-        if change_ns <= start_ns or speeds.first == speeds.then:
-            return self._planner.advance(start_ns, end_ns, speeds.then)
-        steps = self._planner.advance(start_ns, change_ns, speeds.first)
-        return steps + self._planner.advance(change_ns, end_ns, speeds.then) if change_ns < end_ns else steps
-
-    def _record(self, window: PulseWindow, feed_um_s: float) -> None:
-        x, y = self.plant.commanded_um
-        t_s = self.plant.time_ns * 1e-9
-        self.windows.append(
-            (
-                t_s, x, y, feed_um_s, window.short, window.open, window.spark, window.arc,
-                window.mean_voltage_V, window.mean_current_A, window.mean_delay_us, window.gap_um,
-                -window.deflection_um[0], -window.deflection_um[1], window.wire_temperature_K, window.debris,
-                self.plant.machine.t_on_us, self.plant.machine.t_period_us, self.path_um,
-            )
-        )
-        if self.frames.wants_next:
-            self.frames.offer(t_s, x, y, self.path_um, self.plant.deflections_um())
-        else:
-            self.frames.skip()
-
-        self._keep_closeup(t_s, x, y, feed_um_s)
-
-    def _keep_closeup(self, t_s: float, x: float, y: float, feed_um_s: float) -> None:
-        plant, row = self.plant, self.closeups.row
-        timing = plant.timing
-        row["t_s"], row["guides_um"], row["path_um"] = t_s, (x, y), self.path_um
-        row["burning_V"], row["current_A"], row["short_A"] = timing.burning_V, timing.current_A, timing.short_A
-        row["wire_um"], row["walls_um"] = plant.walls_um(self.closeups.slice_index)
-        row["deflection_um"] = plant.deflections_um()
-        self.closeups.fill_pulses(plant.last_pulses())
-        passed = bisect(self._turns_um, self._planner.path_um)
-        event = TURN if passed != self._turns_passed else RETRACT if feed_um_s < 0 <= self._feed_um_s else NOTHING
-        self._turns_passed, self._feed_um_s = passed, feed_um_s
-        self.closeups.keep(event)
-
-    def _judge(self, window: PulseWindow) -> None:
+    def _judge(self, window: PulseWindow) -> StopCause:
+        """Tell whether the leg or the cut ends here, and why."""
         x, y = self.plant.place_um  # the switches feel the carriage, not the position counter
-        slack = self.machine.base.table.step_um.value
-        travel = self.machine.base.table.travel_mm.value * 1e3
-        if window.broken:
-            height = self.plant.broken_height_mm
-            self._stop(WIRE_BREAK, f"the wire broke {height:.1f} mm above the workpiece's lower face")
-        elif self._command.alarm is not None:
-            self._stop(PERSISTENT_SHORT, self._command.alarm)
-        elif not (-slack <= x <= travel + slack and -slack <= y <= travel + slack):
-            self._stop(LIMIT_SWITCH, f"an end switch of the table opened at x {x / 1e3:.3f} y {y / 1e3:.3f} mm")
-        elif self._max_time_ns is not None and self.plant.time_ns >= self._max_time_ns:
-            self._stop(TIME_LIMIT, f"the time limit of {self._max_time_ns * 1e-9:g} s of machine time was reached")
-        elif self._planner.done:
-            self._end_of_leg()
+        table = self.machine.base.table
+        travel_um, slack_um = table.travel_mm.value * 1e3, table.step_um.value
+        switch = switches_open(x, travel_um, slack_um) != 0 or switches_open(y, travel_um, slack_um) != 0
+        alarm, late = self._motion.command.alarm, self.plant.time_ns >= self._max_time_ns
+        cause = StopCause(judge(window.broken, False, switch, alarm is not None, late, self._motion.planner.done))
+        if cause is StopCause.WIRE_BREAK:
+            self.reason = f"the wire broke {self.plant.broken_height_mm:.1f} mm above the workpiece's lower face"
+        elif cause is StopCause.LIMIT_SWITCH:
+            self.reason = f"an end switch of the table opened at x {x / 1e3:.3f} y {y / 1e3:.3f} mm"
+        elif cause is StopCause.PERSISTENT_SHORT:
+            self.reason = alarm
+        elif cause is StopCause.TIME_LIMIT:
+            self.reason = f"the time limit of {self._max_time_ns * 1e-9:g} s of machine time was reached"
+        return cause
 
-    def _stop(self, outcome: str, reason: str) -> None:
-        self.outcome, self.reason = outcome, reason
-
-    def _end_of_leg(self) -> None:
-        leg = self.legs[self._leg]
-        now = self.plant.time_ns
-        if leg.dwell_s > 0 and self._dwell_until_ns < 0:
-            self._dwell_until_ns = now + round(leg.dwell_s * 1e9)
-        if now < self._dwell_until_ns:
-            return
-        if leg is self.legs[-1]:
-            self.outcome = FINISHED
-            return
-        self._before_um += self._planner.path_um
-        self._missed_before = self.missed_windows
-        self._leg += 1
-        following = self.legs[self._leg]
-        if following.threads:
-            self._thread_at(following.points_um[0])
+    def _end_of_leg(self) -> StopCause:
+        """Wait for the dwell, then go on with the next leg; `StopCause.FINISHED` if there is none."""
+        at, leg, now_ns = self._at, self.legs[self._at.leg], self.plant.time_ns
+        if leg.dwell_s > 0 and not at.dwelling:
+            at.dwelling = True
+            self._motion.rest_until_ns = now_ns + round(leg.dwell_s * 1e9)
+        if at.dwelling and now_ns < self._motion.rest_until_ns:
+            return StopCause.RUNNING
+        if at.leg == len(self.legs) - 1:
+            return StopCause.FINISHED
+        if self.legs[at.leg + 1].threads:
+            self._thread_at(self.legs[at.leg + 1].points_um[0])
         x, y = self.plant.commanded_um
-        self._begin_leg((int(x), int(y)))
+        self._at = _Place(at.leg + 1, (int(x), int(y)), self.path_um, False, self.missed_windows)
+        self._cycle.motion = self._motion = self._begin_leg()
+        return StopCause.RUNNING
 
     def _thread_at(self, point_um: NDArray[np.int64]) -> None:
         table = self.machine.base.table
@@ -325,49 +287,24 @@ class Simulation:
     def snapshot(self) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
         """Return everything that changes: arrays, and plain values fit for JSON."""
         arrays = {f"plant.{k}": v for k, v in self.plant.snapshot().items()}
-        arrays.update({f"windows.{k}": np.asarray(v) for k, v in self.windows.snapshot().items()})
-        arrays.update({f"frames.{k}": np.asarray(v) for k, v in self.frames.snapshot().items()})
-        arrays.update({f"closeups.{k}": np.asarray(v) for k, v in self.closeups.snapshot().items()})
+        for observer in self.observers:
+            arrays.update({f"{observer.name}.{k}": v for k, v in observer.snapshot().items()})
         values = {
-            "leg": self._leg,
-            "leg_from_um": list(self._leg_from_um),
-            "rest_until_ns": self._rest_until_ns,
-            "dwell_until_ns": self._dwell_until_ns,
-            "before_um": self._before_um,
-            "missed_before": self._missed_before,
-            "units": self._units,
-            "command": list(self._command),
-            "refused": self.refused,
-            "feed_um_s": self._feed_um_s,
-            "turns_passed": self._turns_passed,
-            "sums": vars(self.sums).copy(),
-            "planner": self._planner.snapshot(),
-            "controller": self.controller.snapshot(),
-            "analyser": self.analyser.snapshot(),
+            "at": asdict(self._at), "motion": self._motion.snapshot(), "controller": self.controller.snapshot(),
+            "sums": asdict(self.sums), "refused": self.refused,
         }
         return arrays, values
 
     def restore(self, arrays: Mapping[str, NDArray[Any]], values: Mapping[str, Any]) -> None:
-        """Take back a `snapshot` of the same cut; it then continues bit for bit."""
-        self._leg = values["leg"]
-        x, y = values["leg_from_um"]
-        self._begin_leg((x, y))
-        self._rest_until_ns = values["rest_until_ns"]
-        self._dwell_until_ns = values["dwell_until_ns"]
-        self._before_um = values["before_um"]
-        self._missed_before = values["missed_before"]
-        self._units = values["units"]
-        self._command = type(self._command)(*values["command"])
-        self.refused = values["refused"]
-        self.sums = Sums(**values["sums"])
-        self._planner.restore(values["planner"])
+        """Take back a `snapshot` of the same cut, with the same observers; it then continues bit for bit."""
+        self._at = _Place(**{**values["at"], "from_um": tuple(values["at"]["from_um"])})
+        self._cycle.motion = self._motion = self._begin_leg()
+        self._motion.restore(values["motion"])
         self.controller.restore(values["controller"])
-        self.analyser.restore(values["analyser"])
+        self.sums, self.refused = Sums(**values["sums"]), values["refused"]
         self.plant.restore(_part(arrays, "plant."))
-        self.windows.restore(_part(arrays, "windows."))
-        self.frames.restore(_part(arrays, "frames."))
-        self.closeups.restore(_part(arrays, "closeups."))
-        self._feed_um_s, self._turns_passed = values["feed_um_s"], values["turns_passed"]
+        for observer in self.observers:
+            observer.restore(_part(arrays, f"{observer.name}."))
 
 
 def _part(arrays: Mapping[str, NDArray[Any]], prefix: str) -> dict[str, NDArray[Any]]:

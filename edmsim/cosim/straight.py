@@ -15,6 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edmsim.controllers import FeedController, WindowObservation, make
+from edmsim.cosim.cycle import Cycle
+from edmsim.cosim.motion import EvenSteps
 from edmsim.errors import InputError
 from edmsim.machine.machine import Machine
 from edmsim.metrology.edges import metal_at
@@ -144,8 +146,8 @@ class Cut:
         return total / self.ignitions if ignited else math.nan
 
 
-class Traverse:
-    """Motor steps along an axis at a fixed feed or a controller's, window by window.
+class Traverse(EvenSteps):
+    """A cut along an axis at a fixed feed or a controller's, window by window.
 
     Parameters
     ----------
@@ -153,22 +155,14 @@ class Traverse:
     feed : float or FeedController
         In um/s, 0 to `FASTEST_UM_S`, or who decides it, up to that speed either way.
 
-    Attributes
-    ----------
-    feed_um_s : float
-        Feed of the next window.
-    axis : {0, 1}
-        Axis of the motor, which may be changed between windows.
+    Axis and feed, attributes of `EvenSteps`, may be changed between windows.
     """
 
     def __init__(self, plant: Plant, feed: float | FeedController) -> None:
         self._controller = make("fixed", feed_um_s=feed) if isinstance(feed, int | float) else feed
-        self.feed_um_s = self._controller.reset(FASTEST_UM_S).feed_um_s
-        self.axis = 0
+        super().__init__(plant.machine.base.table.step_um.value, self._controller.reset(FASTEST_UM_S).feed_um_s)
         self._plant = plant
-        self._step_um = plant.machine.base.table.step_um.value
-        self._begun = 0.0
-        self._path_um = 0.0
+        self._cycle = Cycle(plant, self, self._decide)
 
     def run(self, seconds: float) -> list[PulseWindow]:
         """Run for some machine time, or until the wire breaks."""
@@ -180,27 +174,10 @@ class Traverse:
 
     def window(self) -> PulseWindow:
         """Run one window."""
-        window = self._plant.advance(self._steps())
-        travel = self.feed_um_s * window.duration_ns * 1e-9
-        self._begun = (self._begun + abs(travel) / self._step_um) % 1.0
-        self._path_um += travel
-        if not window.broken:
-            self.feed_um_s = self._controller.update(self._seen(window)).feed_um_s
-        return window
+        return self._cycle.turn().window
 
-    def _steps(self) -> list[tuple[int, int, int]]:
-        """Steps of the longest window there can be, evenly spaced; `_begun` is the share of one already due."""
-        per_ns = abs(self.feed_um_s) / self._step_um * 1e-9
-        count = int(self._begun + per_ns * self._plant.longest_window_ns)
-        direction = 1 if self.feed_um_s > 0 else -1
-        now = self._plant.time_ns
-        return [(now + int((k + 1 - self._begun) / per_ns), self.axis, direction) for k in range(count)]
-
-    def _seen(self, w: PulseWindow) -> WindowObservation:
-        return WindowObservation(
-            self._plant.time_ns * 1e-9, w.duration_ns * 1e-9, w.short, w.open, w.mean_voltage_V,
-            w.mean_current_A, w.mean_delay_us, self.feed_um_s, self._path_um,
-        )
+    def _decide(self, seen: WindowObservation) -> None:
+        self.feed_um_s = self._controller.update(seen).feed_um_s
 
 
 def begin(machine: Machine, seed: int, *, resolution: str = "fast", gap_um: float = SLOT_GAP_UM) -> Plant:

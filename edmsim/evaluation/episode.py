@@ -13,8 +13,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from edmsim.controllers import FeedController, SeesTruth, from_text, make
-from edmsim.controllers.known_setup import tell
-from edmsim.controllers.protocols import check_command
+from edmsim.controllers.protocols import FeedCommand, check_command, tell
+from edmsim.cosim.stops import WORDS, StopCause, judge
 from edmsim.envs.families import base_of, env_id_of, find
 from edmsim.envs.tasks import StepResult, Task
 from edmsim.metrology.profile import profile_error
@@ -31,9 +31,12 @@ ARGUMENTS: Mapping[str, Mapping[str, Any]] = {
 }
 """Arguments of the environments in which controllers are compared, and policies trained: every constant that has a
 published range is drawn, and heights and tensions (ours: thin sheet to a die plate, what wires of 0.25 mm bear)."""
-FINISHED, BROKEN, JAMMED, STOPPED, TIME = "finished", "wire break", "jammed", "stopped", "time"
-"""How an episode can end. Jammed: a short stayed, or the wire was driven into the metal beyond what the model holds
-for. Stopped: the controller gave up."""
+FINISHED, BROKEN, JAMMED = (
+    WORDS[cause].episode for cause in (StopCause.FINISHED, StopCause.WIRE_BREAK, StopCause.PERSISTENT_SHORT)
+)
+STOPPED = "stopped"
+"""How an episode can end, beside its time. Jammed: a short stayed, or the wire was driven into the metal beyond what
+the model holds for. Stopped: the controller gave up."""
 ORACLE = "oracle"
 ORACLE_GAPS_UM = (3.0, 4.0, 5.0, 6.0, 7.0, 9.0)
 """Gaps the oracle rehearses a cut with (ours: from shorts all the time to a wide gap)."""
@@ -131,7 +134,7 @@ class Episode:
     task : Task
         Is reset with the seed.
     controller : FeedController
-        Is told the set-up and reset.
+        Is told the set-up and reset at the beginning of every leg.
     seed : int
     name : str
         What the controller is called in the result.
@@ -151,8 +154,14 @@ class Episode:
         self._short = self._open = self._pulses = 0
         self._time_s = self._cut_um = self._area_mm2 = self._error2_um3 = self._return = self._hottest_K = 0.0
         task.reset(seed)
-        tell(controller, task.machine, task.scenario.legs_um[0])  # no program of `ARGUMENTS` has a second leg
-        self._command = check_command(name, controller.reset(task.max_feed_um_s))
+        self._leg = 0
+        self._command = self._begin_leg()
+
+    def _begin_leg(self) -> FeedCommand:
+        """Tell the controller the leg the wire is on, and let it begin there."""
+        self._leg, start_um = self.task.leg
+        tell(self.controller, self.task.scenario.machine, self.task.scenario.legs_um[self._leg], start_um)
+        return check_command(self._name, self.controller.reset(self.task.max_feed_um_s))
 
     def run(self) -> Result:
         """Cut to the end."""
@@ -169,14 +178,20 @@ class Episode:
         self._add(result)
         self._windows_left -= 1
         if result.over:
-            return FINISHED if result.done else BROKEN if result.broken else JAMMED
+            return WORDS[result.cause].episode
         if isinstance(self.controller, SeesTruth):
             self.controller.see(result.truth)
         self._command = check_command(self._name, self.controller.update(result.seen))
-        if self._command.alarm is not None:
+        alarm = self._command.alarm is not None
+        cause = StopCause(judge(False, False, False, alarm, self._windows_left == 0, False))
+        if cause is StopCause.PERSISTENT_SHORT:
             self._return -= self.task.family.reward_weights.limit
             return STOPPED
-        return None if self._windows_left else TIME
+        if cause is not StopCause.RUNNING:
+            return WORDS[cause].episode
+        if self._leg != self.task.leg[0]:
+            self._command = self._begin_leg()
+        return None
 
     def _add(self, result: StepResult) -> None:
         truth = result.truth

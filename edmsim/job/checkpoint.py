@@ -16,12 +16,15 @@ from edmsim.errors import InputError
 
 NAME = "checkpoint.npz"
 """File in the output folder; gone when the cut is over."""
+FORMAT = 2
+"""Number of the checkpoints' format; another one cannot be resumed."""
 
 
 def save(simulation: Simulation, folder: Path, settings: Mapping[str, Any], wall_time_s: float) -> None:
     """Write a checkpoint, replacing the last one whole or not at all."""
     arrays, values = simulation.snapshot()
-    text = json.dumps({"settings": dict(settings), "values": values, "wall_time_s": wall_time_s})
+    told = {"format": FORMAT, "settings": dict(settings), "values": values, "wall_time_s": wall_time_s}
+    text = json.dumps(told)
     partial = folder / (NAME + ".part")
     with partial.open("wb") as file:
         np.savez(file, allow_pickle=False, __json__=np.frombuffer(text.encode(), np.uint8), **arrays)
@@ -34,7 +37,7 @@ def load(simulation: Simulation, folder: Path, settings: Mapping[str, Any]) -> f
     Raises
     ------
     InputError
-        There is none, it is damaged, or it belongs to a cut with other settings.
+        There is none, it is damaged or of another version, or it belongs to a cut with other settings.
     """
     file = folder / NAME
     if not file.exists():
@@ -43,6 +46,8 @@ def load(simulation: Simulation, folder: Path, settings: Mapping[str, Any]) -> f
         with file.open("rb") as opened, np.load(opened, allow_pickle=False) as stored:
             arrays = {name: stored[name] for name in stored.files if name != "__json__"}
             told = json.loads(stored["__json__"].tobytes())
+        if told.get("format") != FORMAT:
+            raise InputError("another version of edmsim wrote the checkpoint; cut anew without --resume", file)
         _compare(told["settings"], settings, file)
         simulation.restore(arrays, told["values"])
         return float(told["wall_time_s"])

@@ -8,12 +8,13 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from edmsim import __version__, user_code
 from edmsim.controllers import FeedController, SeesTruth, from_text
 from edmsim.controllers.mcu.firmware.poscal import UNIT_UM, unit_for
 from edmsim.controllers.own import check_is_controller, text_of
+from edmsim.cosim.pulse_sample import sample_or_reason
 from edmsim.cosim.simulation import Progress, Simulation
 from edmsim.errors import InputError
 from edmsim.files import make_writable
@@ -24,6 +25,7 @@ from edmsim.metrology.edges import contour
 from edmsim.metrology.inspection import inspect, totals
 from edmsim.plant.constants import resolution as check_resolution
 from edmsim.plant.plant import MECHANICS
+from edmsim.plant.workpiece.height_steps import HeightStep
 from edmsim.plant.workpiece.kerf_field import KerfField
 from edmsim.program.heights import Area, Height, Heights
 from edmsim.program.path import CutPath, plan_path
@@ -31,6 +33,7 @@ from edmsim.recording.closeups import Closeups
 from edmsim.recording.frames import Frames
 from edmsim.recording.report import build_report
 from edmsim.recording.scene import Scene
+from edmsim.recording.windows import WindowTable
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -97,7 +100,8 @@ class CutResult:
         write_windows(self.windows, target / "windows.parquet")
         write_figure(profile_figure(self.scene, self.windows, self.report, title), target / "profile.png")
         write_scene(self.scene, target / "part.npz")
-        write_html(self.report, self.windows, self.scene, title, target / "report.html")
+        sample = sample_or_reason(self.report, self.windows)
+        write_html(self.report, self.windows, self.scene, sample, title, target / "report.html")
         write_recording(
             target / "cut.rrd", self.scene, self.windows, self.frames, self.closeups, self.machine, self.report, title
         )
@@ -198,9 +202,11 @@ def cut(
     path = plan_path(
         program, offset, auto_offset_mm=set_up.auto_offset_mm, table_um=travel_um, grid_um=UNIT_UM[unit]
     )
+    steps = workpiece.steps(path, set_up.wire_diameter_um)
+    recorders = _recorders(set_up, steps, resolution)
     simulation = Simulation(
-        set_up, path, law, planner=planner, seed=seed, resolution=resolution, max_time_s=max_time_s,
-        steps=workpiece.steps(path, set_up.wire_diameter_um), mechanics=mechanics,
+        set_up, path, law, planner=planner, seed=seed, resolution=resolution, max_time_s=max_time_s, steps=steps,
+        mechanics=mechanics, observers=recorders,
     )
     settings = {
         "program": Path(program).name, "program_sha256": _digest(Path(program).read_bytes()), "machine": machine,
@@ -221,11 +227,26 @@ def cut(
             f"the counts of {simulation.missed_windows} windows were missed: the controller's routine takes longer "
             "than a window; a longer period leaves it time"
         )
-    result = _result(simulation, settings, notices, seed, spent_s)
+    result = _result(simulation, recorders, settings, notices, seed, spent_s)
     if folder is not None:
         result.write(folder)
         (folder / checkpoint.NAME).unlink(missing_ok=True)
     return result
+
+
+class _Recorders(NamedTuple):
+    """What is recorded of a cut while it runs."""
+
+    windows: WindowTable
+    frames: Frames
+    closeups: Closeups
+
+
+def _recorders(machine: Machine, steps: Sequence[HeightStep], resolution: str) -> _Recorders:
+    size = check_resolution(resolution)
+    lowest_mm = min([step.height_mm for step in steps], default=machine.height_mm)
+    middle = max(round(size.slices * lowest_mm / machine.height_mm), 1) // 2  # it has metal everywhere
+    return _Recorders(WindowTable(), Frames(size.slices), Closeups(size.slices, size.rays, middle))
 
 
 def _run(
@@ -261,10 +282,11 @@ def _run(
 
 
 def _result(
-    simulation: Simulation, settings: dict[str, Any], notices: Sequence[str], seed: int, wall_time_s: float
+    simulation: Simulation, recorders: _Recorders, settings: dict[str, Any], notices: Sequence[str], seed: int,
+    wall_time_s: float,
 ) -> CutResult:
-    found = inspect(simulation)
-    windows = simulation.windows.to_arrow(found.error_um)
+    found = inspect(simulation, recorders.windows.values()[:, 1:3])
+    windows = recorders.windows.to_arrow(found.error_um)
     assert simulation.outcome is not None
     report = build_report(
         outcome=simulation.outcome,
@@ -278,7 +300,7 @@ def _result(
         version=__version__,
     )
     return CutResult(
-        report, windows, simulation.path, simulation.plant.field, simulation.frames, found.scene, simulation.closeups,
+        report, windows, simulation.path, simulation.plant.field, recorders.frames, found.scene, recorders.closeups,
         simulation.machine,
     )
 

@@ -48,10 +48,11 @@ class PolicyController:
         self._machine: Machine | None = None
         self._corner_um: Floats = np.full((1, 1), np.inf)
         self._corner_deg: Floats = np.zeros((1, 1))
-        self._feed_um_s = self._limit_um_s = self._path_um = self._shorted_s = 0.0
+        self._feed_um_s = self._limit_um_s = self._start_um = self._path_um = self._shorted_s = 0.0
 
-    def set_up(self, machine: Machine, points_um: Floats) -> None:
+    def set_up(self, machine: Machine, points_um: Floats, start_um: float) -> None:
         """Take in the set-up and the path; called before every leg of the cut."""
+        self._start_um = start_um
         line = Polyline(points_um * 1e-3, closed=False)
         corners = line.corners(CORNER_DEG)
         # a filling at infinity, so that there is always one to look for
@@ -77,7 +78,7 @@ class PolicyController:
         self._take_setting(self._machine.with_(t_on_us=first_on_us, t_period_us=first_period_us))
         self._limit_um_s = max_feed_um_s
         self._feed_um_s = first_feed_um_s(self._family)
-        self._path_um = self._shorted_s = 0.0
+        self._path_um, self._shorted_s = self._start_um, 0.0
         self._seen[:] = 0.0
         return self._command()
 
@@ -142,7 +143,7 @@ class PolicyController:
         """Ask the policy."""
         seen = self._seen.reshape(-1)
         if self._family.knows_corners:
-            place = np.array([self._path_um])
+            place = np.array([self._path_um - self._start_um])
             seen = np.append(seen, observation.corners(place, self._corner_um, self._corner_deg)[0])
         action = self.policy.action(seen)
         feed = float(next_feed_um_s(self._family, np.array([self._feed_um_s]), action[:1])[0])

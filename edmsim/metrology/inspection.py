@@ -10,7 +10,8 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from edmsim.cosim.simulation import FINISHED, Simulation
+from edmsim.cosim.simulation import Simulation
+from edmsim.cosim.stops import StopCause
 from edmsim.metrology.corners import corners
 from edmsim.metrology.edges import cut_edges
 from edmsim.metrology.kerf import KerfWidth, kerf_width, width_stats
@@ -78,8 +79,15 @@ def cut_area_mm2(simulation: Simulation) -> float:
     return float(relief.heights_mm(np.column_stack([x, y])).mean()) * length * 1e-3
 
 
-def inspect(simulation: Simulation) -> Inspection:
-    """Measure the part as it is now, finished or not."""
+def inspect(simulation: Simulation, guides_um: NDArray[np.float64]) -> Inspection:
+    """Measure the part as it is now, finished or not.
+
+    Parameters
+    ----------
+    simulation : Simulation
+    guides_um : float64 array (windows, 2)
+        Where the wire guides were at the end of every window.
+    """
     field, machine = simulation.plant.field, simulation.machine
     contours = simulation.path.contours
     profiles = [profile_error(field, contour) for contour in contours]
@@ -100,9 +108,9 @@ def inspect(simulation: Simulation) -> Inspection:
         guides_z_mm=(-guides, machine.height_mm + guides),
         wire_diameter_um=machine.wire_diameter_um,
         hole_radius_mm=simulation.path.start_hole_radius_mm,
-        stop_mm=None if simulation.outcome == FINISHED else (x * 1e-3, y * 1e-3),
+        stop_mm=None if simulation.cause is StopCause.FINISHED else (x * 1e-3, y * 1e-3),
     )
-    return Inspection(_quality(simulation, profiles, tuple(found)), scene, _error_per_window(simulation, profiles))
+    return Inspection(_quality(simulation, profiles, tuple(found)), scene, _error_per_window(guides_um, profiles))
 
 
 def _terraces(simulation: Simulation) -> tuple[Terrace, ...]:
@@ -158,12 +166,11 @@ def _wall(distance_um: NDArray[np.float64]) -> Wall:
     return Wall(float(known.mean()), float(low), float(high))
 
 
-def _error_per_window(simulation: Simulation, profiles: list[ProfileError]) -> NDArray[np.float64]:
+def _error_per_window(guides_um: NDArray[np.float64], profiles: list[ProfileError]) -> NDArray[np.float64]:
     """Profile error at the point of the edge nearest to the wire, window by window."""
     from scipy.spatial import KDTree
 
-    rows = simulation.windows.values()
     points = np.concatenate([p.points_mm for p in profiles])
     error = np.append(np.concatenate([p.mean_um for p in profiles]), np.nan)
-    _, nearest = KDTree(points).query(rows[:, 1:3] * 1e-3, distance_upper_bound=_NEAR_MM)
+    _, nearest = KDTree(points).query(guides_um * 1e-3, distance_upper_bound=_NEAR_MM)
     return np.asarray(error[nearest])

@@ -5,15 +5,17 @@ What is kept depends on nothing but the windows seen, so equal cuts keep equal c
 
 from __future__ import annotations
 
+from bisect import bisect
 from collections.abc import Mapping
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from edmsim.cosim.observers import Observer, PlantView, Turn
 from edmsim.plant.kernel.state import PULSE
+from edmsim.recording.thinned import Bytes, Thinned, bytes_of
 
-Bytes = NDArray[np.uint8]
-"""Rows as bytes, (size,) or (n, size)."""
 PULSES = 96
 """The last pulses of a window, which are what is kept of it."""
 REGULAR = 600
@@ -64,58 +66,12 @@ def turns_um(points_um: NDArray[np.int64]) -> list[float]:
     return [0.0, *along[:-1][turn > np.radians(CORNER_DEG)].tolist()]
 
 
-def _bytes_of(rows: NDArray[np.void]) -> Bytes:
-    """Look at rows (..., n) as bytes (..., n, size): numpy copies records field by field, twenty times as slowly."""
-    return rows.view(np.uint8).reshape(*rows.shape, rows.itemsize)
-
-
-class ThinnedRows:
-    """Every `stride`-th row; the stride doubles whenever the store is full."""
-
-    def __init__(self, kind: np.dtype[np.void], capacity: int) -> None:
-        self._rows = np.zeros(capacity, kind)
-        self._bytes = _bytes_of(self._rows)
-        self.stride = 1
-        self._seen = self._used = 0
-
-    def offer(self, row: Bytes) -> None:
-        """Show one row, its bytes; it is kept if its turn has come."""
-        if self._seen % self.stride == 0:
-            if self._used == len(self._rows):
-                self._halve()
-            if self._seen % self.stride == 0:
-                self._bytes[self._used] = row
-                self._used += 1
-        self._seen += 1
-
-    def _halve(self) -> None:
-        kept = self._bytes[: self._used : 2].copy()
-        self._used = len(kept)
-        self._bytes[: self._used] = kept
-        self.stride *= 2
-
-    @property
-    def rows(self) -> NDArray[np.void]:
-        """Rows kept, (n,)."""
-        return self._rows[: self._used]
-
-    def snapshot(self) -> tuple[NDArray[np.void], list[int]]:
-        """Return a copy of the rows, and how far the run is."""
-        return self.rows.copy(), [self._seen, self.stride]
-
-    def restore(self, rows: NDArray[np.void], progress: list[int]) -> None:
-        """Take back a `snapshot`."""
-        self._used = len(rows)
-        self._rows[: self._used] = rows
-        self._seen, self.stride = progress
-
-
 class Blocks:
     """Rows around events, a block each; if there are too many, every second block goes and they are spaced wider."""
 
     def __init__(self, kind: np.dtype[np.void]) -> None:
         self._rows = np.zeros((BLOCKS, 2 * AROUND + 1), kind)
-        self._bytes = _bytes_of(self._rows)
+        self._bytes = bytes_of(self._rows)
         self._lengths: list[int] = []
         self._spacing = 2 * AROUND + 1
         self._free_from = 0
@@ -149,20 +105,21 @@ class Blocks:
         """Rows of all blocks, one after the other."""
         return np.concatenate([self._rows[0, :0], *(self._rows[i, :n] for i, n in enumerate(self._lengths))])
 
-    def snapshot(self) -> tuple[NDArray[np.void], list[int]]:
+    def snapshot(self) -> dict[str, NDArray[Any]]:
         """Return a copy of the rows, and how they lie in blocks."""
-        return self.rows, [self._spacing, self._free_from, self._wanted, *self._lengths]
+        progress = [self._spacing, self._free_from, self._wanted, *self._lengths]
+        return {"rows": self.rows, "progress": np.array(progress)}
 
-    def restore(self, rows: NDArray[np.void], progress: list[int]) -> None:
+    def restore(self, state: Mapping[str, NDArray[Any]]) -> None:
         """Take back a `snapshot`."""
-        self._spacing, self._free_from, self._wanted, *self._lengths = progress
-        at = 0
+        self._spacing, self._free_from, self._wanted, *self._lengths = (int(v) for v in state["progress"])
+        rows, at = state["rows"], 0
         for i, length in enumerate(self._lengths):
             self._rows[i, :length] = rows[at : at + length]
             at += length
 
 
-class Closeups:
+class Closeups(Observer):
     """Windows of a cut kept in full.
 
     Parameters
@@ -173,15 +130,41 @@ class Closeups:
         The slice whose wall is kept.
     """
 
+    name: ClassVar[str] = "closeups"
+
     def __init__(self, slices: int, rays: int, slice_index: int) -> None:
         kind = row_type(slices, rays)
         self.slice_index = slice_index
         self._seen = 0
         self._last = np.zeros(AROUND + 1, kind)
-        self._bytes = _bytes_of(self._last)
+        self._bytes = bytes_of(self._last)
         self._pulses_at = int(kind.fields["pulses"][1]) if kind.fields is not None else 0
-        self._run = ThinnedRows(kind, REGULAR)
+        self._run = Thinned(kind, REGULAR)
         self._blocks = {RETRACT: Blocks(kind), TURN: Blocks(kind)}
+        self._turns_um: list[float] = []
+        self._turns_passed, self._feed_um_s = 0, 0.0
+
+    def begin(self, plant: PlantView) -> None:
+        """Have the plant keep its pulses."""
+        plant.watch_pulses()
+
+    def leg(self, points_um: NDArray[np.int64], start_um: float) -> None:
+        """Note where along the path the leg turns."""
+        self._turns_um, self._turns_passed = [start_um + turn for turn in turns_um(points_um)], 0
+
+    def window(self, turn: Turn, plant: PlantView) -> None:
+        """Keep a window, and say what happened in it."""
+        row, timing = self.row, plant.timing
+        row["t_s"], row["guides_um"], row["path_um"] = turn.time_ns * 1e-9, plant.commanded_um, turn.path_um
+        row["burning_V"], row["current_A"], row["short_A"] = timing.burning_V, timing.current_A, timing.short_A
+        row["wire_um"], row["walls_um"] = plant.walls_um(self.slice_index)
+        row["deflection_um"] = plant.deflections_um()
+        self._fill_pulses(plant.last_pulses())
+        passed = bisect(self._turns_um, turn.path_um)
+        runs_back = turn.feed_um_s < 0 <= self._feed_um_s
+        event = TURN if passed != self._turns_passed else RETRACT if runs_back else NOTHING
+        self._turns_passed, self._feed_um_s = passed, turn.feed_um_s
+        self.keep(event)
 
     @property
     def row(self) -> np.void:
@@ -189,7 +172,7 @@ class Closeups:
         row: np.void = self._last[self._seen % len(self._last)]
         return row
 
-    def fill_pulses(self, pulses: NDArray[np.void]) -> None:
+    def _fill_pulses(self, pulses: NDArray[np.void]) -> None:
         """Fill the last pulses of the window just over (rows of `PULSE`) into `row`."""
         last = pulses[-PULSES:]
         at, begin = self._seen % len(self._last), self._pulses_at
@@ -223,16 +206,14 @@ class Closeups:
         _, first = np.unique(everything["t_s"], return_index=True)
         return np.asarray(everything[first])
 
-    def snapshot(self) -> dict[str, NDArray[np.generic]]:
-        """Return a copy of everything that changes, as arrays."""
-        state: dict[str, NDArray[np.generic]] = {"last": self._last.copy(), "seen": np.array(self._seen)}
-        for name, store in self._stores().items():
-            rows, progress = store.snapshot()
-            state[name], state[f"{name}_progress"] = rows, np.array(progress)
-        return state
+    def snapshot(self) -> dict[str, NDArray[Any]]:
+        """Everything that changes, as arrays; a copy."""
+        stores = {f"{name}.{k}": v for name, store in self._stores().items() for k, v in store.snapshot().items()}
+        progress = {"seen": np.array([self._seen, self._turns_passed]), "feed_um_s": np.array(self._feed_um_s)}
+        return {"last": self._last.copy(), **progress, **stores}
 
-    def restore(self, state: Mapping[str, NDArray[np.generic]]) -> None:
-        """Take back a `snapshot`.
+    def restore(self, state: Mapping[str, NDArray[Any]]) -> None:
+        """Take back a `snapshot` of the same leg.
 
         Raises
         ------
@@ -242,10 +223,10 @@ class Closeups:
         if state["last"].dtype != self._last.dtype:
             raise ValueError(f"close-ups of type {state['last'].dtype} do not fit {self._last.dtype}")
         self._last[:] = state["last"]
-        self._seen = int(state["seen"])
+        self._seen, self._turns_passed = (int(v) for v in state["seen"])
+        self._feed_um_s = float(state["feed_um_s"])
         for name, store in self._stores().items():
-            rows = np.asarray(state[name])
-            store.restore(rows, [int(v) for v in np.asarray(state[f"{name}_progress"], np.int64)])
+            store.restore({key: state[f"{name}.{key}"] for key in ("rows", "progress")})
 
-    def _stores(self) -> dict[str, ThinnedRows | Blocks]:
+    def _stores(self) -> dict[str, Thinned | Blocks]:
         return {"run": self._run, "retracts": self._blocks[RETRACT], "turns": self._blocks[TURN]}

@@ -9,6 +9,7 @@ from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from edmsim.cosim.pulse_sample import PulseSample
 from edmsim.recording.figures.catalogue import Picture, pictures
 from edmsim.recording.report import duration_text, figure_text, summary
 from edmsim.recording.scene import Scene
@@ -49,19 +50,22 @@ footer { margin: 2rem 0 1rem; }
 # Figures keep their white ground in the dark: they are the same ones as in a paper.
 
 
-def write_html(report: Mapping[str, Any], windows: pa.Table, scene: Scene, title: str, file: str | Path) -> None:
+def write_html(
+    report: Mapping[str, Any], windows: pa.Table, scene: Scene, sample: PulseSample | str, title: str,
+    file: str | Path,
+) -> None:
     """Write the page of a cut; a file of that name is replaced whole or not at all.
 
     Parameters
     ----------
-    report, windows, scene
+    report, windows, scene, sample
         As `edmsim.recording.figures.catalogue.pictures` takes them.
     title : str
         What was cut, usually the program's name.
     file : path
     """
     left_out: list[str] = []
-    drawn = list(pictures(report, windows, scene, left_out.append))
+    drawn = list(pictures(report, windows, scene, sample, left_out.append))
     target = Path(file)
     partial = target.with_name(target.name + ".part")
     partial.write_text(page(report, title, drawn, left_out), encoding="utf-8")

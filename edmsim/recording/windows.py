@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from edmsim.cosim.observers import Observer, PlantView, Turn
 from edmsim.errors import InputError
 
 if TYPE_CHECKING:
@@ -59,8 +60,10 @@ ROW_NAMES: tuple[str, ...] = NAMES[:-1]
 _BLOCK = 4096
 
 
-class WindowTable:
+class WindowTable(Observer):
     """Rows of a cut in progress: appending is cheap, reading is done once at the end."""
+
+    name: ClassVar[str] = "windows"
 
     def __init__(self) -> None:
         self._blocks: list[NDArray[np.float64]] = []
@@ -69,6 +72,16 @@ class WindowTable:
     def __len__(self) -> int:
         """Return the number of windows recorded."""
         return (len(self._blocks) - 1) * _BLOCK + self._used if self._blocks else 0
+
+    def window(self, turn: Turn, plant: PlantView) -> None:
+        """Add a window of a cut."""
+        window, machine = turn.window, plant.machine
+        self.append((
+            turn.time_ns * 1e-9, *plant.commanded_um, turn.feed_um_s, window.short, window.open, window.spark,
+            window.arc, window.mean_voltage_V, window.mean_current_A, window.mean_delay_us, window.gap_um,
+            -window.deflection_um[0], -window.deflection_um[1], window.wire_temperature_K, window.debris,
+            machine.t_on_us, machine.t_period_us, turn.path_um,
+        ))  # fmt: skip
 
     def append(self, row: Sequence[float]) -> None:
         """Add one window.
@@ -131,11 +144,11 @@ class WindowTable:
         ]
         return pa.Table.from_arrays(arrays, schema=pa.schema(fields))
 
-    def snapshot(self) -> dict[str, NDArray[np.float64]]:
+    def snapshot(self) -> dict[str, NDArray[Any]]:
         """Return a copy of everything recorded, as arrays."""
         return {"rows": self.values()}
 
-    def restore(self, state: Mapping[str, NDArray[np.float64]]) -> None:
+    def restore(self, state: Mapping[str, NDArray[Any]]) -> None:
         """Take back a `snapshot`."""
         rows = np.asarray(state["rows"], np.float64)
         self._blocks = []

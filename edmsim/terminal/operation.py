@@ -119,7 +119,7 @@ class Operation:
         if not 0 <= target[axis] <= WORD:
             raise InputError(f"soft limit: the counters hold 0 to {WORD} um, not {target[axis]}")
         direction = 1 if way_um > 0 else -1
-        if self.rig.beyond(axis, direction, self.rig.place_um[axis]):
+        if self.rig.beyond(direction, self.rig.place_um[axis]):
             raise InputError(f"the {END_SWITCHES[axis]} switch is open; jog back from it")
         self.rig.board.switches.release()
         self.rig.computer.stop()

@@ -22,8 +22,10 @@ from edmsim.controllers.mcu.firmware.optimise import ALARM, TICK_NS, State
 from edmsim.controllers.mcu.firmware.poscal import STEP_UM
 from edmsim.controllers.mcu.firmware.timers import MAX_FEED_UM_S, MAX_SPEED
 from edmsim.controllers.mcu.firmware.tstates import seconds
-from edmsim.controllers.planner.registry import Planner, Step, make_planner
+from edmsim.controllers.planner.registry import Planner, make_planner
+from edmsim.controllers.protocols import Step
 from edmsim.controllers.pulse_counters import WINDOW_PULSES
+from edmsim.cosim.stops import switches_open
 from edmsim.errors import InputError
 from edmsim.machine.machine import Machine
 from edmsim.machine.setting import discharge_current_A
@@ -207,10 +209,10 @@ class Rig:
         self.wire = True
         self.board.switches.release()
 
-    def beyond(self, axis: int, direction: int, place_um: float) -> bool:
-        """Whether a step in that direction has led to where the axis' end switch is open."""
+    def beyond(self, direction: int, place_um: float) -> bool:
+        """Whether a step in that direction has led to where an axis' end switch is open."""
         travel_um = self.plant.machine.base.table.travel_mm.value * 1e3
-        return place_um > travel_um + STEP_UM if direction > 0 else place_um < -STEP_UM
+        return switches_open(place_um, travel_um, STEP_UM) == direction
 
     def advance(self) -> None:
         """Let one window pass."""
@@ -251,7 +253,7 @@ class Rig:
         for step in planned:
             yield step
             place[step.axis] += STEP_UM * step.direction
-            if self.beyond(step.axis, step.direction, place[step.axis]):
+            if self.beyond(step.direction, place[step.axis]):
                 self.board.switches.trip(END_SWITCHES[step.axis])
 
     def _fire(self, steps: list[Step], place_um: tuple[float, float]) -> None:

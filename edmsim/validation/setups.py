@@ -55,37 +55,6 @@ def _replaced(part: Any, keys: list[str], value: float, path: str) -> Any:
     return part.model_copy(update={keys[0]: new})
 
 
-def drive(plant: Plant, speed_um_s: float, seconds: float, axis: int = 0) -> list[PulseWindow]:
-    """Advance a plant for some machine time with motor steps along an axis at a fixed speed.
-
-    Parameters
-    ----------
-    plant : Plant
-    speed_um_s : float
-        Not zero; negative drives backwards.
-    seconds : float
-    axis : {0, 1}
-
-    Returns
-    -------
-    list of PulseWindow
-        Ends early if the wire breaks.
-    """
-    direction = 1 if speed_um_s > 0 else -1
-    windows: list[PulseWindow] = []
-    end = plant.time_ns + round(seconds * 1e9)
-    interval = round(plant.machine.base.table.step_um.value / abs(speed_um_s) * 1e9)
-    due = plant.time_ns + interval
-    while plant.time_ns < end:
-        until = plant.time_ns + plant.longest_window_ns
-        windows.append(plant.advance([(t, axis, direction) for t in range(due, until, interval)]))
-        if windows[-1].broken:
-            break
-        while due < plant.time_ns:
-            due += interval
-    return windows
-
-
 def in_a_hole(machine: Machine, gap_um: float, seed: int, *, resolution: str = "fast") -> Plant:
     """Return a plant whose wire hangs in the middle of a round hole, at the same gap all around.
 

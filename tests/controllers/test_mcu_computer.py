@@ -17,8 +17,8 @@ from edmsim.controllers.mcu.firmware import memory_map as at
 from edmsim.controllers.mcu.firmware.poscal import poscal
 from edmsim.controllers.mcu.firmware.tstates import CPU_HZ
 from edmsim.controllers.planner.literal import LiteralPlanner
-from edmsim.controllers.planner.protocol import Step
 from edmsim.controllers.planner.registry import PLANNERS, make_planner
+from edmsim.controllers.protocols import Step
 from edmsim.errors import InputError
 
 START = (30_000, 30_000)

@@ -13,6 +13,7 @@ from edmsim.controllers.planner.registry import PLANNERS
 from edmsim.cosim.simulation import Simulation
 from edmsim.machine.machine import Machine
 from edmsim.program.path import Contour, CutPath
+from edmsim.recording import WindowTable
 
 START = (30_000, 30_000)
 ZIGZAG = [(0, 0), (101, 53), (40, 160)]
@@ -24,7 +25,7 @@ def simulation(controller, planner="poscal", dwells=(), points=ZIGZAG, **setup):
     path = CutPath((contour,), (25.0, 25.0, 40.0, 40.0), 0.13, 0.0, (30.0, 30.0), (), "test")
     machine = Machine.load(**{"height_mm": 10, **setup})
     return Simulation(machine, path, make(*controller[:1], **dict(controller[1:])), planner=planner, seed=1,
-                      resolution="fast")  # fmt: skip
+                      resolution="fast", observers=[WindowTable()])  # fmt: skip
 
 
 def run(sim, windows=10_000):
@@ -35,7 +36,7 @@ def run(sim, windows=10_000):
 
 
 def rows(sim):
-    table = sim.windows.to_arrow()
+    table = sim.observers[0].to_arrow()
     return {name: table.column(name).to_numpy() for name in table.column_names}
 
 
@@ -107,7 +108,7 @@ def test_a_cut_tells_of_windows_that_were_missed(controller):  # T-44
 
 def test_axis_speeds_follow_path_and_counts():  # T-69
     whole = make("mcu")
-    whole.set_up(Machine.load(), np.array([START, (30_300, 30_400), (30_300, 30_000)]))
+    whole.set_up(Machine.load(), np.array([START, (30_300, 30_400), (30_300, 30_000)]), 0.0)
     whole.reset(MAX_FEED_UM_S)
     for path_um, direction in ((10.0, (3, 4)), (490.0, (3, 4)), (510.0, (0, -1))):
         computer = whole.computer
@@ -125,7 +126,7 @@ def test_the_generator_is_set_from_the_dials_within_its_limit():  # T-34
     for t_on_us, t_period_us in ((20.0, 100.0), (30.0, 100.0), (200.0, 5000.0), (30.2, 100.0)):
         whole = make("mcu")
         machine = Machine.load(t_on_us=t_on_us, t_period_us=t_period_us)
-        whole.set_up(machine, np.array([START, (30_300, 30_400)]))
+        whole.set_up(machine, np.array([START, (30_300, 30_400)]), 0.0)
         whole.reset(MAX_FEED_UM_S)
         board = whole.computer.board
         assert board.times_us == pytest.approx((t_on_us, t_period_us), rel=0.02)
@@ -156,7 +157,7 @@ def test_less_energy_before_a_corner():
 
 def test_nothing_survives_a_reset():
     whole = make("mcu")
-    whole.set_up(Machine.load(), np.array([START, (30_300, 30_400)]))
+    whole.set_up(Machine.load(), np.array([START, (30_300, 30_400)]), 0.0)
     begun = whole.reset(MAX_FEED_UM_S), whole.snapshot()
     for k in range(200):
         whole.update(window(255, 0, k))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from edmsim.cosim.stops import StopCause
 from edmsim.envs import path_follower as motion
 from edmsim.envs import reward
 from edmsim.errors import InputError
@@ -88,9 +89,8 @@ def test_slow_feeds_are_not_lost(lane):
 
 def test_constants_written_twice_agree():
     assert (reward._DONE, reward._WIRE_BREAK) == (motion.DONE, motion.WIRE_BREAK)
-    assert max(motion.DONE, motion.WIRE_BREAK) < min(
-        motion.LIMIT_SWITCH, motion.PERSISTENT_SHORT, motion.OUT_OF_RANGE
-    )
+    limits = StopCause.LIMIT_SWITCH, StopCause.PERSISTENT_SHORT, StopCause.OUT_OF_RANGE
+    assert max(motion.DONE, motion.WIRE_BREAK) < min(limits)
 
 
 def test_fleet_fires_what_plants_fire_alone():

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import edmsim
-from edmsim.controllers.known_setup import tell
+from edmsim.controllers.protocols import tell
 from edmsim.envs.batch import action_space_of
 from edmsim.envs.families import make_family
 from edmsim.envs.observation import entries
@@ -66,7 +66,7 @@ def test_the_controller_does_what_the_policy_does_in_its_environment(make_policy
     task, controller = Task(name, resolution="fast", **options), PolicyController(policy)
     seen, _ = env.reset(seed=5)
     task.reset(5)
-    tell(controller, task.machine, task.scenario.legs_um[0])
+    tell(controller, task.machine, task.scenario.legs_um[0], 0.0)
     command = controller.reset(task.max_feed_um_s)
     settings = set()
     for _ in range(120):
@@ -87,7 +87,7 @@ def test_a_snapshot_goes_on_bit_for_bit(make_policy):
     def started():
         task, controller = Task("Corner", resolution="fast"), make_controller(f"policy:{file}")
         task.reset(1)
-        tell(controller, task.machine, task.scenario.legs_um[0])
+        tell(controller, task.machine, task.scenario.legs_um[0], 0.0)
         return task, controller, controller.reset(task.max_feed_um_s)
 
     file = make_policy("Corner")
@@ -104,7 +104,7 @@ def test_a_snapshot_goes_on_bit_for_bit(make_policy):
 def test_a_short_that_stays_raises_the_alarm_and_a_dwell_is_noticed(make_policy):
     controller = make_controller(f"policy:{make_policy('GapFeed')}")
     machine = edmsim.Machine.load()
-    tell(controller, machine, np.array([[0.0, 0.0], [1000.0, 0.0]]))
+    tell(controller, machine, np.array([[0.0, 0.0], [1000.0, 0.0]]), 0.0)
     controller.reset(33.0)
     held = edmsim.controllers.WindowObservation(0.0, 0.0255, 0, 255, 60.0, 0.0, float("nan"), 0.0, 0.0)
     for _ in range(50):
@@ -115,6 +115,20 @@ def test_a_short_that_stays_raises_the_alarm_and_a_dwell_is_noticed(make_policy)
     alarms = [i for i, command in enumerate(commands) if command.alarm]
     assert alarms[0] == 78  # 79 windows of 25.5 ms are the first to last longer than 2 s
     assert commands[-1][:2] == (0.0, "persistent short")
+
+
+def test_the_corners_of_a_later_leg_are_seen_where_they_are(make_policy):
+    file, commands = make_policy("Contour"), []
+    points = np.array([[0.0, 0.0], [400.0, 0.0], [400.0, 300.0]])
+    seen = edmsim.controllers.WindowObservation(0.0, 0.0255, 10, 60, 40.0, 1.0, 9.0, 20.0, 0.0)
+    for start_um in (0.0, 1024.0):
+        controller = make_controller(f"policy:{file}")
+        tell(controller, edmsim.Machine.load(), points, start_um)
+        first = controller.reset(33.0)
+        places = np.arange(0.5, 600.0, 0.5) + start_um
+        commands.append([first, *(controller.update(seen._replace(path_um=place)) for place in places.tolist())])
+    assert commands[0] == commands[1]
+    assert len({command.feed_um_s for command in commands[0]}) > 2
 
 
 def test_it_cuts_a_program(make_policy, small_punch, tmp_path):

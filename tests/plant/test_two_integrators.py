@@ -15,6 +15,7 @@ from edmsim.machine.machine import Machine
 from edmsim.plant.constants import RESOLUTIONS
 from edmsim.plant.workpiece.kerf_field import Stock
 from edmsim.program.path import Contour, CutPath
+from edmsim.recording import WindowTable
 
 SETTLE_S, CUT_S = 4.0, 5.0
 """The wire leaves its start hole and finds its gap; then the cut that is compared."""
@@ -31,12 +32,14 @@ def straight_cut():
 
 def cut(mechanics, seed):
     """Shares of shorts, opens and sparks in %, mean feed in um/s and lag in um of a controlled straight cut."""
+    windows = WindowTable()
     simulation = Simulation(
-        Machine.load(), straight_cut(), make("counts"), seed=seed, mechanics=mechanics, max_time_s=SETTLE_S + CUT_S
+        Machine.load(), straight_cut(), make("counts"), seed=seed, mechanics=mechanics, max_time_s=SETTLE_S + CUT_S,
+        observers=[windows],
     )
     simulation.run()
     assert simulation.outcome == "time-limit"
-    table = simulation.windows.to_arrow(np.zeros(len(simulation.windows)))
+    table = windows.to_arrow()
     columns = {name: table[name].to_numpy() for name in ("t_s", "short", "open", "spark", "feed_um_s", "lag_x_um")}
     late = columns["t_s"] > SETTLE_S
     means = {name: values[late].mean() for name, values in columns.items()}

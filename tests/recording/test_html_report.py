@@ -13,8 +13,9 @@ import numpy as np
 import pytest
 
 from edmsim import InputError
+from edmsim.job.remake import remake
 from edmsim.recording import Scene, read_scene, write_scene
-from edmsim.recording.cut_folder import read_cut, remake
+from edmsim.recording.cut_folder import read_cut
 from edmsim.recording.html_report import page
 
 NAMES = [

@@ -12,6 +12,7 @@ import pytest
 from matplotlib.figure import Figure
 
 import edmsim
+from edmsim.cosim.pulse_sample import KINDS, PulseSample, cutting_feed_um_s, sample_like, sample_pulses
 from edmsim.recording import Scene, WindowTable
 from edmsim.recording.figures import (
     corner_figure,
@@ -24,7 +25,6 @@ from edmsim.recording.figures import (
 )
 from edmsim.recording.figures.style import WIDTH_IN
 from edmsim.recording.figures.wire import folded_hz, spectrum, wire_frequencies_hz
-from edmsim.recording.pulse_sample import KINDS, PulseSample, cutting_feed_um_s, sample_like, sample_pulses
 
 
 def texts(figure: Figure) -> str:

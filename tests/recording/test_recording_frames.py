@@ -44,7 +44,7 @@ def test_resuming_keeps_the_same_frames(before: int, after: int) -> None:
 
 
 def test_what_does_not_fit_is_refused() -> None:
-    with pytest.raises(ValueError, match="capacity 1"):
+    with pytest.raises(ValueError, match="capacity of 1"):
         Frames(3, 1)
     other = Frames(4, 16)
     offer(other, 0, 3)

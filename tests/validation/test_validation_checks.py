@@ -15,7 +15,7 @@ from edmsim.machine.machine import Machine
 from edmsim.plant.gap.debris import flow_speed_m_s
 from edmsim.validation import corners, craters, heat, ignition, strings, water
 from edmsim.validation.rows import Row
-from edmsim.validation.setups import FRAIL, STILL, altered, drive, in_a_hole, single_discharges
+from edmsim.validation.setups import FRAIL, STILL, altered, in_a_hole, single_discharges
 
 SHARED = Path(__file__).parents[3] / "shared" / "data"
 TABLES = sorted((models.path("agiecut_dem15.xml").parent / "published").glob("*.csv"))
@@ -150,17 +150,3 @@ def test_single_craters_follow_energy_and_scatter_as_drawn():
     assert len(volumes) > 1.9 * craters.DISCHARGES
     assert volumes.mean() == pytest.approx(6219.27, rel=0.05)
     assert volumes.std() / volumes.mean() == pytest.approx(0.21, abs=0.03)
-
-
-def test_driving_steps_at_the_asked_speed_and_stops_when_the_wire_breaks():
-    from edmsim import Plant
-
-    machine = Machine.load(height_mm=5.0)
-    plant = Plant(machine, seed=1, resolution="fast")
-    drive(plant, -25.0, 1.0)
-    assert plant.commanded_um[0] == pytest.approx(32_500.0 - 25.0, abs=2.0)
-    drive(plant, 10.0, 1.0, axis=1)
-    assert plant.commanded_um[1] == pytest.approx(32_500.0 + 10.0, abs=2.0)
-    frail = in_a_hole(altered(machine, FRAIL), 10.0, 1)
-    assert [window.broken for window in drive(frail, 1.0, 5.0)][-1]
-    assert frail.time_ns < 1e9

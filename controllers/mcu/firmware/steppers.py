@@ -16,7 +16,7 @@ from edmsim.controllers.mcu.firmware.arithmetic import BYTE, WORD, subsgn
 from edmsim.controllers.mcu.firmware.poscal import STEP_UM, UNIT_UM, Displacement, Unit, positi, resolve, velocm
 from edmsim.controllers.mcu.firmware.timers import TIMER_COUNT, TickClock, reload_count
 from edmsim.controllers.mcu.firmware.tstates import POSITI_T, STEPPER_T, poscal_t_states
-from edmsim.controllers.planner.protocol import Step
+from edmsim.controllers.protocols import Step
 
 SIGN = 0x8000
 """Bit of a negative word."""

@@ -5,11 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from edmsim.errors import EdmsimError
+from edmsim.cosim.pulse_sample import PulseSample
 from edmsim.recording.figures.cut import corner_figure, error_figure, kerf_figure
 from edmsim.recording.figures.pulses import delay_figure, plane_figure, pulses_figure
 from edmsim.recording.figures.wire import spectrum_figure
-from edmsim.recording.pulse_sample import PulseSample, sample_like
 from edmsim.recording.scene import Scene
 
 if TYPE_CHECKING:
@@ -26,7 +25,8 @@ class Picture(NamedTuple):
 
 
 def pictures(
-    report: Mapping[str, Any], windows: pa.Table, scene: Scene, leave_out: Callable[[str], None]
+    report: Mapping[str, Any], windows: pa.Table, scene: Scene, sample: PulseSample | str,
+    leave_out: Callable[[str], None],
 ) -> Iterator[Picture]:
     """Draw the figures of a cut, one after the other.
 
@@ -38,6 +38,9 @@ def pictures(
         As ``windows.parquet`` holds it.
     scene : Scene
         As ``part.npz`` holds it.
+    sample : PulseSample or str
+        Single pulses of a straight cut with this cut's set-up, or why there are none
+        (`edmsim.cosim.pulse_sample.sample_or_reason`).
     leave_out : callable
         Is told which figures cannot be made of this cut, and why.
 
@@ -54,10 +57,8 @@ def pictures(
     yield Picture("kerf-section", "Cross-section of the kerf over the workpiece's height.", kerf_figure(report))
     yield Picture("pulses", "What became of the pulses, over machine time.", pulses_figure(windows))
     yield Picture("short-open", "Short and open pulses, and the controller's path among them.", plane_figure(windows))
-    try:
-        sample = sample_like(report, windows)
-    except EdmsimError as error:
-        leave_out(f"ignition delays and the wire's spectrum are not drawn: {error}")
+    if isinstance(sample, str):
+        leave_out(f"ignition delays and the wire's spectrum are not drawn: {sample}")
         return
     yield from _of_single_pulses(sample, windows, report["settings"]["resolution"])
 

@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from edmsim.cosim.pulse_sample import KINDS, PulseSample
 from edmsim.recording.figures.palette import BLUE, GREEN, INK, LINE, MUTED, ORANGE, PURPLE, SHARE_COLOURS, VERMILION
 from edmsim.recording.figures.series import binned, time_unit
 from edmsim.recording.figures.style import LABEL_PT, colour_bar, column_figure, dress, legend, nothing_to_show
-from edmsim.recording.pulse_sample import KINDS, PulseSample
 from edmsim.recording.windows import column
 
 if TYPE_CHECKING:
@@ -133,7 +133,7 @@ def delay_figure(sample: PulseSample, windows: pa.Table | None = None) -> Figure
     Parameters
     ----------
     sample : PulseSample
-        Single pulses: `edmsim.recording.pulse_sample`.
+        Single pulses: `edmsim.cosim.pulse_sample`.
     windows : pyarrow.Table, optional
         A cut's table of windows, whose mean delays are drawn beside.
 

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from edmsim.cosim.pulse_sample import PulseSample
 from edmsim.errors import InputError
 from edmsim.recording.figures.palette import BLUE, GRID, INK, MUTED, ORANGE, VERMILION
 from edmsim.recording.figures.style import TICK_PT, column_figure, dress, legend
-from edmsim.recording.pulse_sample import PulseSample
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

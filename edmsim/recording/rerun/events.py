@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from edmsim.cosim.stops import WORDS, StopCause
 from edmsim.recording.scene import Scene
 from edmsim.recording.windows import column
 
@@ -20,8 +21,8 @@ _NEAR_MM = 0.5
 """The wire passes a corner of the drawing at most this far away."""
 _THREADING_S = 1.0
 """Windows that far apart in time have had a new wire threaded between them."""
-_LEVELS = {"finished": "INFO", "time-limit": "WARN", "persistent-short": "ERROR", "limit-switch": "ERROR",
-           "wire-break": "CRITICAL"}  # fmt: skip
+_LEVELS = {words.report: words.level for words in WORDS.values()}
+_ALARM = WORDS[StopCause.PERSISTENT_SHORT].report
 
 
 class Event(NamedTuple):
@@ -57,7 +58,7 @@ def events(windows: pa.Table, scene: Scene, report: Mapping[str, Any]) -> list[E
     found += _threadings(t_s, place)
     found += _settings(windows)
     found += _corners(scene, place)
-    kind = "alarm: " if report["outcome"] == "persistent-short" else ""
+    kind = "alarm: " if report["outcome"] == _ALARM else ""
     found.append(Event(last, _LEVELS[report["outcome"]], f"{kind}{report['outcome']}{reason}"))
     return sorted(found, key=lambda event: event.row)
 

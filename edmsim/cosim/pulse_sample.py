@@ -10,15 +10,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from edmsim.errors import InputError
+from edmsim.controllers import make
+from edmsim.cosim.motion import EvenSteps
+from edmsim.cosim.straight import Traverse, begin
+from edmsim.errors import EdmsimError, InputError
 from edmsim.machine.machine import Machine
-from edmsim.plant.workpiece.start_slot import begun_slot
-from edmsim.recording.windows import column
+from edmsim.plant.plant import Plant
 
 if TYPE_CHECKING:
     import pyarrow as pa
-
-    from edmsim.plant.plant import Plant
 
 KINDS = ("short", "open", "spark", "arc")
 """Classes of pulses; `PulseSample.kind` counts them from 0."""
@@ -26,7 +26,6 @@ SETTLE_S = 3.0
 """Machine time before the first pulse is looked at (ours: several times what a gap takes to settle)."""
 PULSES = 4096
 """Pulses looked at (ours: the spectrum's lines are some 20 Hz apart at 100 us, and a share is known to 1 %)."""
-_MIDDLE_UM = (32_500.0, 32_500.0)
 AIR_SHARE = 0.9
 """From this share of open pulses on a window is taken for one without metal near (ours)."""
 
@@ -88,53 +87,35 @@ def sample_pulses(
     PlantError
         If the feed drove the wire into the metal.
     """
-    from edmsim.plant.plant import Plant
-
     if not 0 < feed_um_s < math.inf or pulses < 1:
         raise InputError(f"pulses are looked at in a cut: {pulses} pulses at {feed_um_s:g} um/s are none")
-    plant = Plant(
-        machine, seed, stock=begun_slot(machine, _MIDDLE_UM), position_um=_MIDDLE_UM, resolution=resolution
-    )
+    plant = begin(machine, seed, resolution=resolution)
     if not plant.window_ns:
         raise InputError("single pulses are looked at with generators of a fixed period")
-    steps = _Steps(machine.base.table.step_um.value, feed_um_s)
-    while plant.time_ns < settle_s * 1e9:
-        if plant.advance(steps.until(plant.time_ns + plant.window_ns)).broken:
-            raise InputError(f"the wire broke within {settle_s:g} s at {feed_um_s:g} um/s: no pulses to see")
-    return _look(plant, steps, feed_um_s, pulses)
+    traverse = Traverse(plant, make("fixed", feed_um_s=feed_um_s))
+    if traverse.run(settle_s)[-1].broken:
+        raise InputError(f"the wire broke within {settle_s:g} s at {feed_um_s:g} um/s: no pulses to see")
+    return _look(plant, traverse, pulses)
 
 
-class _Steps:
-    """Motor steps along +X, evenly spaced."""
-
-    def __init__(self, step_um: float, feed_um_s: float) -> None:
-        self._every_ns = step_um / feed_um_s * 1e9
-        self._made = 0
-
-    def until(self, end_ns: int) -> list[tuple[int, int, int]]:
-        """Return the steps due before a time that have not been made yet."""
-        due = math.ceil(end_ns / self._every_ns) - 1
-        steps = [(int(k * self._every_ns), 0, 1) for k in range(self._made + 1, due + 1)]
-        self._made = max(self._made, due)
-        return steps
-
-
-def _look(plant: Plant, steps: _Steps, feed_um_s: float, pulses: int) -> PulseSample:
+def _look(plant: Plant, steps: EvenSteps, pulses: int) -> PulseSample:
     period_ns = round(plant.machine.t_period_us * 1e3)
     kind, delay = np.empty(pulses, np.int64), np.empty(pulses)
     deflection = np.empty((pulses, plant.resolution.slices, 2))
     for n in range(pulses):
-        pulse = plant.advance_pulse(steps.until(plant.time_ns + period_ns))
+        start_ns = plant.time_ns
+        pulse = plant.advance_pulse(steps.plan(start_ns, start_ns + period_ns))
+        steps.keep(start_ns, plant.time_ns)
         kind[n] = (pulse.short, pulse.open, pulse.spark, pulse.arc).index(1)
         delay[n] = pulse.mean_delay_us
         deflection[n] = plant.deflections_um()
-    return PulseSample(plant.machine, feed_um_s, period_ns * 1e-3, kind, delay, deflection)
+    return PulseSample(plant.machine, steps.feed_um_s, period_ns * 1e-3, kind, delay, deflection)
 
 
 def cutting_feed_um_s(windows: pa.Table) -> float | None:
     """Median feed of the windows that cut: forward, and with metal near; None if there are none."""
-    feed, open_ = column(windows, "feed_um_s"), column(windows, "open")
-    pulses = np.sum([column(windows, kind) for kind in KINDS], axis=0)
+    feed, open_ = windows.column("feed_um_s").to_numpy(), windows.column("open").to_numpy()
+    pulses = np.sum([windows.column(kind).to_numpy() for kind in KINDS], axis=0)
     cutting = (feed > 0) & (open_ < AIR_SHARE * pulses)
     return float(np.median(feed[cutting])) if cutting.any() else None
 
@@ -168,3 +149,11 @@ def sample_like(report: Mapping[str, Any], windows: pa.Table, *, pulses: int = P
         t_on_us=set_up["t_on_us"], t_period_us=set_up["t_period_us"],
     )
     return sample_pulses(machine, feed, seed=report["seed"], pulses=pulses, resolution=set_up["resolution"])
+
+
+def sample_or_reason(report: Mapping[str, Any], windows: pa.Table) -> PulseSample | str:
+    """Return what `sample_like` does, or why it cannot."""
+    try:
+        return sample_like(report, windows)
+    except EdmsimError as error:
+        return str(error)

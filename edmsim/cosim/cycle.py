@@ -1,0 +1,54 @@
+"""The cycle of design section 1: steps to the plant, a window of 255 pulses, its counts to whoever decides.
+
+It serves every cut that Python runs window by window: of a program (`edmsim.cosim.simulation`) and straight ones
+(`edmsim.cosim.straight`). Environments run many lanes in compiled calls, and the terminal's rig decides by
+interrupts; they share what is around it: `WindowObservation.of`, `edmsim.cosim.stops`, the rules of legs.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+from edmsim.controllers.protocols import WindowObservation
+from edmsim.controllers.pulse_counters import WINDOW_PULSES
+from edmsim.cosim.motion import Motion
+from edmsim.cosim.observers import Observer, Turn
+from edmsim.plant.plant import Plant
+
+
+class Cycle:
+    """Plant, motion and controller in step.
+
+    Parameters
+    ----------
+    plant : Plant
+    motion : Motion
+        What makes the steps; it may be replaced between turns.
+    decide : callable
+        Is shown every whole window; what it wants counts from the next one on.
+    observers : sequence of Observer
+        Are shown every window before anything is decided.
+    """
+
+    def __init__(
+        self, plant: Plant, motion: Motion, decide: Callable[[WindowObservation], None],
+        observers: Sequence[Observer] = (),
+    ) -> None:
+        self.motion = motion
+        self._plant = plant
+        self._decide = decide
+        self._observers = observers
+
+    def turn(self) -> Turn:
+        """Run one window."""
+        plant, motion = self._plant, self.motion
+        start_ns = plant.time_ns
+        steps = motion.plan(start_ns, start_ns + plant.longest_window_ns, plant.window_ns > 0)
+        window = plant.advance(steps)
+        motion.keep(start_ns, plant.time_ns)
+        turn = Turn(window, plant.time_ns, motion.feed_um_s, motion.path_um)
+        for observer in self._observers:
+            observer.window(turn, plant)
+        if window.pulses == WINDOW_PULSES:
+            self._decide(WindowObservation.of(*turn))
+        return turn

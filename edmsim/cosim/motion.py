@@ -1,0 +1,181 @@
+"""What moves the wire along its path: motor steps for a window, from a planner or evenly spaced along an axis."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple, Protocol
+
+from edmsim.controllers.mcu.firmware.timers import MAX_SPEED, SPEED_UNIT_NM_S
+from edmsim.controllers.planner.registry import Planner
+from edmsim.controllers.protocols import DrivesSteps, FeedCommand, Step
+
+
+class Motion(Protocol):
+    """Makes motor steps, window by window."""
+
+    @property
+    def feed_um_s(self) -> float:
+        """Feed in force at the end of the window that was kept last."""
+
+    @property
+    def path_um(self) -> float:
+        """Length of path behind the wire, over all legs."""
+
+    def plan(self, start_ns: int, end_ns: int, certain: bool) -> Sequence[tuple[int, int, int]]:
+        """Return the steps (time in ns, axis, direction) of the window that begins.
+
+        Parameters
+        ----------
+        start_ns, end_ns : int
+            Machine time; the window may end before, but not after `end_ns`.
+        certain : bool
+            Whether it ends just there, unless the wire breaks.
+        """
+
+    def keep(self, start_ns: int, end_ns: int) -> None:
+        """Take note of when the window ended: steps planned for later are undone."""
+
+
+class _Speeds(NamedTuple):
+    """Speeds of a window in units: one, and from a time on another."""
+
+    first: int
+    change_ns: int
+    then: int
+
+    def at(self, end_ns: int) -> int:
+        """Return the speed in force at the window's end."""
+        return self.then if self.change_ns < end_ns else self.first
+
+
+class PlannerMotion:
+    """Motion along a leg that a planner turns into steps.
+
+    Parameters
+    ----------
+    planner : Planner
+        Of the leg.
+    drives : DrivesSteps or None
+        Who makes the planner's steps, if not the motors at once.
+    start_um : float
+        Length of path before the leg.
+    rest_until_ns : int
+        Before that time the wire does not move.
+
+    Attributes
+    ----------
+    command : FeedCommand
+        The last one; its feed counts when its latency is over, the one before until then.
+    """
+
+    def __init__(
+        self, planner: Planner, drives: DrivesSteps | None, start_um: float, rest_until_ns: int, command: FeedCommand
+    ) -> None:
+        self.planner = planner
+        self.start_um = start_um
+        self.rest_until_ns = rest_until_ns
+        self.command = command
+        self._drives = drives
+        self._units = 0
+        self._speeds = _Speeds(0, 0, 0)
+        self._before: Any = None
+
+    @property
+    def feed_um_s(self) -> float:
+        """Feed in force, in whole speed units."""
+        return self._units * SPEED_UNIT_NM_S * 1e-3
+
+    @property
+    def path_um(self) -> float:
+        """Length of path behind the wire, over all legs."""
+        return self.start_um + self.planner.path_um
+
+    def plan(self, start_ns: int, end_ns: int, certain: bool) -> list[Step]:
+        """Return the planner's steps; where the end is not certain, nothing has been driven yet."""
+        self._speeds = self._speeds_from(start_ns)
+        if certain:
+            return self._drive(self._steps(start_ns, end_ns))
+        self._before = self.planner.snapshot()
+        return self._steps(start_ns, end_ns)
+
+    def keep(self, start_ns: int, end_ns: int) -> None:
+        """Take note of the window's end; a planner that went further goes back there."""
+        if self._before is not None:
+            self.planner.restore(self._before)
+            self._before = None
+            self._drive(self._steps(start_ns, end_ns))
+        self._units = self._speeds.at(end_ns)
+
+    def snapshot(self) -> dict[str, Any]:
+        """Everything that changes within a leg, fit for JSON."""
+        return {
+            "planner": self.planner.snapshot(), "rest_until_ns": self.rest_until_ns, "command": list(self.command),
+            "units": self._units,
+        }
+
+    def restore(self, state: dict[str, Any]) -> None:
+        """Continue where `snapshot` was taken, on the same leg."""
+        self.planner.restore(state["planner"])
+        self.rest_until_ns, self._units = state["rest_until_ns"], state["units"]
+        self.command = FeedCommand(*state["command"])
+
+    def _speeds_from(self, start_ns: int) -> _Speeds:
+        """Return the speeds of the window that begins: the last one until the controller is done, then its new."""
+        if start_ns < self.rest_until_ns:
+            return _Speeds(0, start_ns, 0)
+        units = round(self.command.feed_um_s * 1e3 / SPEED_UNIT_NM_S)
+        units = max(-MAX_SPEED, min(MAX_SPEED, units))
+        return _Speeds(self._units, start_ns + round(self.command.latency_s * 1e9), units)
+
+    def _steps(self, start_ns: int, end_ns: int) -> list[Step]:
+        speeds = self._speeds
+        change_ns = min(speeds.change_ns, end_ns)
+        if change_ns <= start_ns or speeds.first == speeds.then:
+            return self.planner.advance(start_ns, end_ns, speeds.then)
+        steps = self.planner.advance(start_ns, change_ns, speeds.first)
+        return steps + self.planner.advance(change_ns, end_ns, speeds.then) if change_ns < end_ns else steps
+
+    def _drive(self, steps: list[Step]) -> list[Step]:
+        """Return the steps the motors are to make: a controller that has lines to them makes them itself."""
+        return self._drives.drive(steps) if self._drives and steps else steps
+
+
+class EvenSteps:
+    """Steps of one axis, evenly spaced at a feed that may change between windows.
+
+    Parameters
+    ----------
+    step_um : float
+        Travel of a motor step.
+    feed_um_s : float
+        Negative runs backwards; 0 makes no steps.
+
+    Attributes
+    ----------
+    axis : {0, 1}
+        Which motor steps; it may be changed between windows.
+    feed_um_s : float
+        Feed of the next window.
+    path_um : float
+        Length travelled at these feeds.
+    """
+
+    def __init__(self, step_um: float, feed_um_s: float) -> None:
+        self.axis = 0
+        self.feed_um_s = feed_um_s
+        self.path_um = 0.0
+        self._step_um = step_um
+        self._begun = 0.0  # share of the next step that is already due
+
+    def plan(self, start_ns: int, end_ns: int, certain: bool = False) -> list[tuple[int, int, int]]:
+        """Return the steps of the longest window there can be."""
+        per_ns = abs(self.feed_um_s) / self._step_um * 1e-9
+        count = int(self._begun + per_ns * (end_ns - start_ns))
+        direction = 1 if self.feed_um_s > 0 else -1
+        return [(start_ns + int((k + 1 - self._begun) / per_ns), self.axis, direction) for k in range(count)]
+
+    def keep(self, start_ns: int, end_ns: int) -> None:
+        """Take note of the window's end."""
+        travel_um = self.feed_um_s * (end_ns - start_ns) * 1e-9
+        self._begun = (self._begun + abs(travel_um) / self._step_um) % 1.0
+        self.path_um += travel_um

@@ -1,0 +1,96 @@
+"""Who looks on while a cut runs: the interface through which recorders are shown every window."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, ClassVar, NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from edmsim.machine.machine import Machine
+from edmsim.plant.constants import Resolution
+from edmsim.plant.kernel.state import Timing
+from edmsim.plant.window import PulseWindow
+
+
+class Turn(NamedTuple):
+    """One turn of the cycle: a window, and how the wire was moved in it.
+
+    Attributes
+    ----------
+    window : PulseWindow
+        What happened in the gap.
+    time_ns : int
+        Machine time at the window's end.
+    feed_um_s : float
+        Feed in force at the window's end.
+    path_um : float
+        Length of path behind the wire by the position counters, over all legs.
+    """
+
+    window: PulseWindow
+    time_ns: int
+    feed_um_s: float
+    path_um: float
+
+
+class PlantView(Protocol):
+    """What an observer may read of a plant; the values are those of the window just over."""
+
+    @property
+    def machine(self) -> Machine:
+        """Set-up, with the generator's setting of that window."""
+
+    @property
+    def resolution(self) -> Resolution:
+        """Slices and rays of the model."""
+
+    @property
+    def timing(self) -> Timing:
+        """The generator's setting as the pulse loop has it."""
+
+    @property
+    def commanded_um(self) -> tuple[float, float]:
+        """Position the motor steps add up to."""
+
+    def deflections_um(self) -> NDArray[np.float64]:
+        """Deflection of the wire, (slices, 2)."""
+
+    def walls_um(self, slice_index: int) -> tuple[tuple[float, float], NDArray[np.float32]]:
+        """Where a slice's wire was when its rays were last traced, and every ray's gap then."""
+
+    def watch_pulses(self) -> None:
+        """From the next window on, keep every pulse for `last_pulses`."""
+
+    def last_pulses(self) -> NDArray[np.void]:
+        """Return the pulses of the window, if they are watched."""
+
+
+class Observer(Protocol):
+    """Looks on at a cut; nothing it does changes the cut. Who derives from it may leave out `begin` and `leg`.
+
+    Attributes
+    ----------
+    name : str
+        Under this name its snapshot is part of the checkpoint; no two observers of a cut share one.
+    """
+
+    name: ClassVar[str]
+
+    def begin(self, plant: PlantView) -> None:
+        """See the plant before the first window."""
+        return
+
+    def leg(self, points_um: NDArray[np.int64], start_um: float) -> None:
+        """See the points (n, 2) of the leg that begins where `Turn.path_um` is `start_um`."""
+        return
+
+    def window(self, turn: Turn, plant: PlantView) -> None:
+        """See a window that is just over."""
+
+    def snapshot(self) -> Mapping[str, NDArray[Any]]:
+        """Everything that changes, as arrays; a copy."""
+
+    def restore(self, state: Mapping[str, NDArray[Any]]) -> None:
+        """Continue where `snapshot` was taken."""

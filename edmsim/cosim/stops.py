@@ -1,0 +1,120 @@
+"""Why a cut, an episode or a dialogue stops: one list of causes, one judge, one limit switch.
+
+Both functions are compiled, so that environments call them for every lane; Python calls them as any other function.
+"""
+
+from __future__ import annotations
+
+from enum import IntEnum
+from types import MappingProxyType
+from typing import NamedTuple
+
+from edmsim.compiled.jit import compiled
+
+
+class StopCause(IntEnum):
+    """Why it stopped, if it did."""
+
+    RUNNING = 0
+    FINISHED = 1
+    """The end of the path, or of the leg that `judge` was asked about."""
+    WIRE_BREAK = 2
+    LIMIT_SWITCH = 3
+    PERSISTENT_SHORT = 4
+    OUT_OF_RANGE = 5
+    """The wire was pushed further than the plant's model holds for."""
+    TIME_LIMIT = 6
+
+
+class Words(NamedTuple):
+    """What a cause is called.
+
+    Attributes
+    ----------
+    report : str
+        In ``report.json``.
+    info : str
+        In an environment's ``info["cause"]``.
+    episode : str
+        In an evaluation.
+    level : str
+        How grave it is, as rerun says it: INFO, WARN, ERROR, CRITICAL.
+    """
+
+    report: str
+    info: str
+    episode: str
+    level: str
+
+
+WORDS = MappingProxyType({
+    StopCause.RUNNING: Words("running", "running", "running", "INFO"),
+    StopCause.FINISHED: Words("finished", "done", "finished", "INFO"),
+    StopCause.WIRE_BREAK: Words("wire-break", "wire-break", "wire break", "CRITICAL"),
+    StopCause.LIMIT_SWITCH: Words("limit-switch", "limit-switch", "jammed", "ERROR"),
+    StopCause.PERSISTENT_SHORT: Words("persistent-short", "persistent-short", "jammed", "ERROR"),
+    StopCause.OUT_OF_RANGE: Words("out-of-range", "out-of-range", "jammed", "ERROR"),
+    StopCause.TIME_LIMIT: Words("time-limit", "time-limit", "time", "WARN"),
+})  # fmt: skip
+
+_RUNNING, _FINISHED, _WIRE_BREAK, _LIMIT_SWITCH, _PERSISTENT_SHORT, _OUT_OF_RANGE, _TIME_LIMIT = map(int, StopCause)
+
+
+@compiled
+def switches_open(place_um: float, travel_um: float, slack_um: float) -> int:
+    """Tell which end switch of an axis is open.
+
+    Parameters
+    ----------
+    place_um : float
+        Where the axis is.
+    travel_um : float
+        Travel of the table, which begins at 0.
+    slack_um : float
+        How far beyond either end the switch opens: a motor step, so that the ends themselves can be reached.
+
+    Returns
+    -------
+    {-1, 0, 1}
+        The lower one, none, the upper one.
+    """
+    if -slack_um <= place_um <= travel_um + slack_um:
+        return 0
+    return 1 if place_um > 0.0 else -1
+
+
+@compiled
+def judge(broken: bool, out_of_range: bool, switch: bool, shorted: bool, late: bool, leg_done: bool) -> int:
+    """Tell why the machine stops after a window; of several causes, the first of this list.
+
+    Parameters
+    ----------
+    broken : bool
+        The wire broke.
+    out_of_range : bool
+        The plant's model does not hold any more.
+    switch : bool
+        An end switch is open.
+    shorted : bool
+        A short counts as persistent: by a controller's alarm, or by the time it has lasted.
+    late : bool
+        The time allowed is over.
+    leg_done : bool
+        The leg's end is reached.
+
+    Returns
+    -------
+    int
+        A `StopCause`.
+    """
+    if broken:
+        return _WIRE_BREAK
+    if out_of_range:
+        return _OUT_OF_RANGE
+    if switch:
+        return _LIMIT_SWITCH
+    if shorted:
+        return _PERSISTENT_SHORT
+    if late:
+        return _TIME_LIMIT
+    return _FINISHED if leg_done else _RUNNING

@@ -1,0 +1,59 @@
+"""The page and the figures of a cut made again from what the cut left in its folder."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+from edmsim.cosim.pulse_sample import sample_or_reason
+from edmsim.errors import InputError
+from edmsim.files import make_writable
+from edmsim.recording.cut_folder import read_cut
+from edmsim.recording.figures.catalogue import pictures
+from edmsim.recording.html_report import write_html
+
+FORMATS = ("pdf", "svg", "png")
+"""Kinds of files that figures are written as."""
+
+
+def remake(
+    directory: str | Path, figures: str | Path | None, kind: str, leave_out: Callable[[str], None]
+) -> list[Path]:
+    """Write a folder's ``report.html`` anew, or its figures as files of their own.
+
+    Parameters
+    ----------
+    directory : path
+        Folder of a cut.
+    figures : path or None
+        Folder for the figures; without one the page is written.
+    kind : {"pdf", "svg", "png"}
+        Of the figures' files.
+    leave_out : callable
+        Is told which figures cannot be made of this cut, and why.
+
+    Returns
+    -------
+    list of Path
+        The files written.
+
+    Raises
+    ------
+    InputError
+        As `read_cut`; or an unknown kind, or a folder that cannot be written to.
+    """
+    if kind not in FORMATS:
+        raise InputError(f"figures cannot be written as '{kind}'; there are: {', '.join(FORMATS)}")
+    cut = read_cut(directory)
+    sample = sample_or_reason(cut.report, cut.windows)
+    target = Path(directory if figures is None else figures)
+    make_writable(target)
+    if figures is None:
+        write_html(*cut, sample, cut.title, target / "report.html")
+        return [target / "report.html"]
+    written = []
+    for picture in pictures(*cut, sample, leave_out):
+        file = target / f"{picture.name}.{kind}"
+        picture.figure.savefig(file)
+        written.append(file)
+    return written
