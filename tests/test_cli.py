@@ -88,7 +88,7 @@ def test_cut_has_the_agreed_options(edmsim: Run) -> None:
     told = edmsim("cut", "--help")
     assert told.status == 0
     for option in ("machine", "material", "height", "height-at", "wire", "tension", "generator", "t-on", "t-period",
-                   "controller", "drive", "planner", "mechanics", "resolution", "offset", "seed", "max-time",
+                   "controller", "planner", "mechanics", "resolution", "offset", "seed", "max-time",
                    "resume", "quiet", "out"):  # fmt: skip
         assert f"--{option} " in told.out
 
@@ -123,7 +123,7 @@ def test_every_option_reaches_the_cut(small_punch: Path, tmp_path: Path, edmsim:
     edmsim("cut", small_punch, "--out", tmp_path, "--quiet", "--max-time", 0.1, "--height", 7, "--resolution", "fast",
            "--material", "copper", "--wire", "molybdenum-150", "--tension", 9, "--generator", "ignition-pulse",
            "--t-on", 15, "--t-period", 120, "--controller", "fixed:feed_um_s=11", "--planner", "dda", "--offset",
-           "0.1", "--seed", 12, "--machine", "agiecut-dem15", "--drive", "stepper",
+           "0.1", "--seed", 12, "--machine", "agiecut-dem15",
            "--mechanics", "modal", "--height-at", "1:5", "--height-at", "2.5:6.5")  # fmt: skip
     report = json.loads((tmp_path / "report.json").read_text())
     assert report["seed"] == 12
@@ -191,7 +191,6 @@ SETTINGS = [
     (("--controller", "fixed:feed_um_s=99"), ("99", "33.3375")),
     (("--planner", "straight"), ("straight", "poscal")),
     (("--mechanics", "steam"), ("steam", "modal")),
-    (("--drive", "hand"), ("hand", "stepper")),
     (("--resolution", "superb"), ("superb", "default")),
     (("--tension", "60"), ("60 N", "brass")),
     (("--tension", "0"), ("0 N", "above zero")),

@@ -65,7 +65,6 @@ def cut(
     controller: Annotated[
         str, typer.Option(help="Feed controller, with parameters if wanted: fixed:feed_um_s=20, own.py:Own.")
     ] = "counts",
-    drive: Annotated[str, typer.Option(help="Axis drive.")] = "stepper",
     planner: Annotated[str, typer.Option(help="poscal, poscal-literal, dda or sine-table.")] = "poscal",
     mechanics: Annotated[str, typer.Option(help="Integrator of table and wire.")] = "modal",
     resolution: _Resolution = "default",
@@ -87,7 +86,7 @@ def cut(
             result = run_cut(
                 program, out=out, machine=machine, material=material, height_mm=height,
                 heights=[parse_height(text) for text in height_at or ()], wire=wire, tension=tension,
-                generator=generator, t_on_us=t_on, t_period_us=t_period, controller=controller, drive=drive,
+                generator=generator, t_on_us=t_on, t_period_us=t_period, controller=controller,
                 planner=planner, mechanics=mechanics, resolution=resolution, offset=offset, seed=seed,
                 max_time_s=max_time, resume=resume, watch=watcher.show,
             )

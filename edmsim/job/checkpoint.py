@@ -1,4 +1,4 @@
-"""Checkpoints: an interrupted cut is laid down in its folder and taken up again bit for bit."""
+"""Checkpoints: an interrupted cut is kept in its folder and taken up again bit for bit."""
 
 from __future__ import annotations
 
@@ -13,19 +13,20 @@ import numpy as np
 
 from edmsim.cosim.simulation import Simulation
 from edmsim.errors import InputError
+from edmsim.files import replacing
 
 NAME = "checkpoint.npz"
 """File in the output folder; gone when the cut is over."""
+FORMAT = 1
+"""Raised when what a checkpoint holds changes: one of another format is refused."""
 
 
 def save(simulation: Simulation, folder: Path, settings: Mapping[str, Any], wall_time_s: float) -> None:
     """Write a checkpoint, replacing the last one whole or not at all."""
     arrays, values = simulation.snapshot()
-    text = json.dumps({"settings": dict(settings), "values": values, "wall_time_s": wall_time_s})
-    partial = folder / (NAME + ".part")
-    with partial.open("wb") as file:
+    text = json.dumps({"format": FORMAT, "settings": dict(settings), "values": values, "wall_time_s": wall_time_s})
+    with replacing(folder / NAME) as partial, partial.open("wb") as file:
         np.savez(file, allow_pickle=False, __json__=np.frombuffer(text.encode(), np.uint8), **arrays)
-    partial.replace(folder / NAME)
 
 
 def load(simulation: Simulation, folder: Path, settings: Mapping[str, Any]) -> float:
@@ -43,6 +44,8 @@ def load(simulation: Simulation, folder: Path, settings: Mapping[str, Any]) -> f
         with file.open("rb") as opened, np.load(opened, allow_pickle=False) as stored:
             arrays = {name: stored[name] for name in stored.files if name != "__json__"}
             told = json.loads(stored["__json__"].tobytes())
+        if told.get("format") != FORMAT:
+            raise InputError("written by another version of edmsim; cut anew without --resume", file)
         _compare(told["settings"], settings, file)
         simulation.restore(arrays, told["values"])
         return float(told["wall_time_s"])

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edmsim.errors import InputError
+from edmsim.job.settings import CutSettings
 from edmsim.machine.machine import Machine
 from edmsim.plant.workpiece.start_slot import begun_slot
 from edmsim.recording.windows import column
@@ -160,11 +161,7 @@ def sample_like(report: Mapping[str, Any], windows: pa.Table, *, pulses: int = P
     feed = cutting_feed_um_s(windows)
     if feed is None:
         raise InputError("the cut has no window with metal near the wire")
-    set_up = report["settings"]
-    changes = [*set_up["heights"], *set_up["height_areas"]]
-    machine = Machine.load(
-        set_up["machine"], material=set_up["material"], wire=set_up["wire"], generator=set_up["generator"],
-        height_mm=max([set_up["height_mm"], *(height for _, height in changes)]), tension=set_up["tension_N"],
-        t_on_us=set_up["t_on_us"], t_period_us=set_up["t_period_us"],
+    settings = CutSettings.of_report(report)
+    return sample_pulses(
+        settings.load_machine(), feed, seed=settings.seed, pulses=pulses, resolution=settings.resolution
     )
-    return sample_pulses(machine, feed, seed=report["seed"], pulses=pulses, resolution=set_up["resolution"])
