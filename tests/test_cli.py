@@ -57,6 +57,9 @@ def test_help_names_every_command_on_one_line(edmsim: Run) -> None:
                              ("report", "Make report.html of a cut anew, or its figures as files."),
                              ("train", "Train a feed controller (needs the extra rl)."),
                              ("evaluate", "Compare feed controllers on the same randomised machines."),
+                             ("score", "Measure policies again and write the scores into their cards."),
+                             ("search-gains", "Search the gains of feed controllers."),
+                             ("calibrate", "Fit the model's constants to a machine's log."),
                              ("validate", "Compare the model with what was published, row by row."),
                              ("bench", "Measure the speed of this machine."),
                              ("terminal", "Sit at the 1982 controller's terminal.")):  # fmt: skip
@@ -349,3 +352,41 @@ def test_report_of_a_folder_without_a_cut_is_one_line_and_2(tmp_path: Path, edms
     assert told.status == 2
     assert told.err.count("\n") == 1
     assert "report.json: no such file, the folder of a cut is needed" in told.err
+
+
+def test_gains_are_searched_and_written(edmsim: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from edmsim.evaluation import search
+
+    def found(controller: str, seed: int, *, generations: int, watch: Callable[[int], None]) -> search.Found:
+        watch(1)
+        return search.Found({"feed_um_s": 12.5 + seed + generations}, 0.9, 0.8)
+
+    monkeypatch.setattr(search, "search", found)
+    told = edmsim("search-gains", "fixed", "--seed", 3, "--write", tmp_path)
+    assert (told.status, told.out) == (0, "fixed: feed_um_s 19.5; score 0.9 (before 0.8)\n")
+    written = (tmp_path / "fixed.toml").read_text(encoding="utf-8")
+    assert written.startswith("# Found by: edmsim search-gains fixed --seed 3 --write models/gains\n")
+    assert "feed_um_s = 19.5" in written
+    assert_refused(edmsim("search-gains", "fixed", "--write", tmp_path / "none"), "there is no such folder")
+
+
+def test_gains_of_a_controller_without_any_are_refused(edmsim: Run) -> None:
+    assert_refused(edmsim("search-gains", "mcu"), "no gains of 'mcu' are searched")
+
+
+def test_a_policy_is_scored_again(edmsim: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from edmsim import models
+    from edmsim.learning import policy_file
+    from edmsim.learning import score as scoring
+
+    for kind in ("json", "npz"):
+        (tmp_path / f"mine.{kind}").write_bytes(models.path(f"policies/GapFeed-ppo.{kind}").read_bytes())
+    row = scoring.Score("policy", "fast", 2, 123.25, 1.0, 20.0, None, 60.0, 0, 0)
+    monkeypatch.setattr(scoring, "run", lambda *_: {"policy:mine": []})
+    monkeypatch.setattr(scoring, "score", lambda _, resolution: row._replace(resolution=resolution))
+    told = edmsim("score", tmp_path / "mine.json", "--episodes", 2)
+    assert told.status == 0
+    assert "123.2 ± 1.0" in told.out
+    scores = policy_file.load(str(tmp_path / "mine.json")).card.scores
+    assert [scored["resolution"] for scored in scores] == ["fast", "default", "fine"]
+    assert_refused(edmsim("score", tmp_path / "mine.json", "--episodes", 1), "2 or more")

@@ -73,14 +73,19 @@ class Heights:
         return cls(float(height_mm), checked_changes(along), checked_areas(areas))
 
     @property
+    def all_mm(self) -> list[float]:
+        """All heights, some perhaps more than once."""
+        return [self.height_mm, *(h for _, h in self.along), *(h for _, h in self.areas)]
+
+    @property
     def greatest_mm(self) -> float:
         """The greatest height: what the guides stand off, and what the slices divide."""
-        return max([self.height_mm, *(h for _, h in self.along), *(h for _, h in self.areas)])
+        return max(self.all_mm)
 
     @property
     def lowest_mm(self) -> float:
         """The lowest height."""
-        return min([self.height_mm, *(h for _, h in self.along), *(h for _, h in self.areas)])
+        return min(self.all_mm)
 
     def steps(self, path: CutPath, wire_diameter_um: float) -> tuple[HeightStep, ...]:
         """Return the regions of one height on the table, none if the height never changes.
@@ -108,7 +113,7 @@ class Heights:
         """Return a line for every height that the slices change by more than 2 %."""
         full = self.greatest_mm
         told = []
-        for height in dict.fromkeys([self.height_mm, *(h for _, h in self.along), *(h for _, h in self.areas)]):
+        for height in dict.fromkeys(self.all_mm):
             cut_mm = slices_below(height, full, n_slices) / n_slices * full
             if abs(cut_mm - height) > NOTICED_SHARE * height:
                 told.append(

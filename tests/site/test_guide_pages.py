@@ -17,6 +17,7 @@ import pytest
 import edmsim
 from edmsim import controllers
 from edmsim.cli import app as cli
+from edmsim.cli import console
 from edmsim.cosim import simulation as cosim
 from edmsim.plant.constants import resolution
 
@@ -51,7 +52,8 @@ def test_every_option_of_every_command_is_told(tables: ModuleType) -> None:
     text = "\n".join(tables.commands())
     for command in cli.app.registered_commands:
         assert command.callback is not None
-        section = text.split(f"## edmsim {command.callback.__name__}\n")[1].split("\n## ")[0]
+        name = command.callback.__name__.replace("_", "-")
+        section = text.split(f"## edmsim {name}\n")[1].split("\n## ")[0]
         told = {name.split()[0].strip(",") for name in cells(section)}
         asked = set(inspect.signature(command.callback).parameters)
         assert {name.lstrip("-").lower().replace("-", "_").rstrip(".") for name in told} - {"env_id"} == asked - {
@@ -103,7 +105,7 @@ def test_the_outputs_are_those_of_a_cut(tmp_path: Path) -> None:
 def test_exit_statuses_and_outcomes() -> None:
     text = page("guide/outcomes")
     told = [int(status) for status in re.findall(r"^\| (\d+) \|", text, re.MULTILINE)]
-    assert told == [0, cli.FAILED, cli.BAD_INPUT, cli.STOPPED, cli.INTERRUPTED]
+    assert told == [0, console.FAILED, console.BAD_INPUT, console.STOPPED, console.INTERRUPTED]
     ends = text.split("## How a cut ends")[1].split("\n## ")[0]
     assert set(cells(ends)) - {"--max-time"} == {
         cosim.FINISHED, cosim.WIRE_BREAK, cosim.PERSISTENT_SHORT, cosim.LIMIT_SWITCH, cosim.TIME_LIMIT,
@@ -119,7 +121,7 @@ def test_the_error_shown_is_the_one_a_user_sees(
     monkeypatch.setattr(sys, "argv", command.split())
     with pytest.raises(SystemExit) as left:
         cli.main()
-    assert left.value.code == cli.BAD_INPUT
+    assert left.value.code == console.BAD_INPUT
     assert capsys.readouterr().err == shown
     assert not Path("out").exists()
 

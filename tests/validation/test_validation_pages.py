@@ -130,6 +130,7 @@ def test_writing_refreshes_the_theory_and_makes_the_page(tmp_path):
 
 def test_a_folder_that_is_not_the_docs_is_refused_before_anything_runs(tmp_path, monkeypatch, capsys):
     from edmsim.cli import app as cli
+    from edmsim.cli import console
 
     def never(watch=None):
         raise AssertionError
@@ -138,7 +139,7 @@ def test_a_folder_that_is_not_the_docs_is_refused_before_anything_runs(tmp_path,
     monkeypatch.setattr("sys.argv", ["edmsim", "validate", "--write", str(tmp_path)])
     with pytest.raises(SystemExit) as left:
         cli.main()
-    assert left.value.code == cli.BAD_INPUT
+    assert left.value.code == console.BAD_INPUT
     assert "has no folder theory/" in capsys.readouterr().err
 
 
