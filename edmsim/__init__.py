@@ -15,7 +15,8 @@ if TYPE_CHECKING:
     from edmsim import controllers as controllers
     from edmsim import envs as envs
     from edmsim.errors import EdmsimError, InputError
-    from edmsim.job.cut import CutResult, cut
+    from edmsim.job.cut import cut
+    from edmsim.job.result import CutResult
     from edmsim.machine.machine import Machine
     from edmsim.plant.plant import Plant
     from edmsim.plant.window import PulseWindow
@@ -25,7 +26,7 @@ __version__ = "0.1.0"
 __all__ = ["CutResult", "EdmsimError", "InputError", "Machine", "Plant", "PulseWindow", "controllers", "cut", "envs"]
 
 _HOMES = {
-    "CutResult": "edmsim.job.cut",
+    "CutResult": "edmsim.job.result",
     "EdmsimError": "edmsim.errors",
     "InputError": "edmsim.errors",
     "Machine": "edmsim.machine.machine",

@@ -1,10 +1,24 @@
-"""The folder that outputs go to."""
+"""Files and folders that outputs go to."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from edmsim.errors import InputError
+
+
+@contextmanager
+def replacing(file: str | Path) -> Iterator[Path]:
+    """Give a path beside a file to write to; it takes the file's place when all is written, or else is removed."""
+    target = Path(file)
+    partial = target.with_name(target.name + ".part")
+    try:
+        yield partial
+        partial.replace(target)
+    finally:
+        partial.unlink(missing_ok=True)
 
 
 def make_writable(folder: Path) -> None:
@@ -16,3 +30,11 @@ def make_writable(folder: Path) -> None:
         probe.unlink()
     except OSError as error:
         raise InputError(f"the output folder cannot be written to: {error.strerror}", folder) from None
+
+
+def make_file(file: Path) -> None:
+    """See that a file can be written before the work begins; raises `InputError` if not."""
+    try:
+        file.touch()
+    except OSError as error:
+        raise InputError(f"cannot be written: {error.strerror}", file) from None

@@ -172,6 +172,19 @@ def test_checkpoint_with_a_part_missing_is_refused(cut_small: Cut, tmp_path: Pat
         cut_small(out=tmp_path, resume=True, **SHORT)
 
 
+def test_checkpoint_of_another_format_is_refused(cut_small: Cut, tmp_path: Path) -> None:
+    interrupted(cut_small, tmp_path, 3)
+    with np.load(tmp_path / NAME) as stored:
+        arrays = dict(stored)
+    told = json.loads(arrays["__json__"].tobytes())
+    del told["format"]  # as checkpoints had none at first
+    arrays["__json__"] = np.frombuffer(json.dumps(told).encode(), np.uint8)
+    np.savez(tmp_path / NAME, **arrays)
+    with pytest.raises(InputError, match="written by another version of edmsim; cut anew without --resume") as caught:
+        cut_small(out=tmp_path, resume=True, **SHORT)
+    assert str(caught.value).startswith(str(tmp_path / NAME))
+
+
 def test_interrupt_without_a_folder_just_stops(cut_small: Cut) -> None:
     with pytest.raises(KeyboardInterrupt):
         cut_small(watch=stop_after(2), **SHORT)

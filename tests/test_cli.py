@@ -54,6 +54,9 @@ def test_help_names_every_command_on_one_line(edmsim: Run) -> None:
                              ("report", "Make report.html of a cut anew, or its figures as files."),
                              ("train", "Train a feed controller (needs the extra rl)."),
                              ("evaluate", "Compare feed controllers on the same randomised machines."),
+                             ("score", "Measure policies again and write the scores into their cards."),
+                             ("search-gains", "Search the gains of feed controllers."),
+                             ("calibrate", "Fit the model's constants to a machine's log."),
                              ("validate", "Compare the model with what was published, row by row."),
                              ("bench", "Measure the speed of this machine."),
                              ("terminal", "Sit at the 1982 controller's terminal.")):  # fmt: skip
@@ -70,7 +73,7 @@ def test_cut_has_the_agreed_options(edmsim: Run) -> None:
     told = edmsim("cut", "--help")
     assert told.status == 0
     for option in ("machine", "material", "height", "height-at", "wire", "tension", "generator", "t-on", "t-period",
-                   "controller", "drive", "planner", "mechanics", "resolution", "offset", "seed", "max-time",
+                   "controller", "planner", "mechanics", "resolution", "offset", "seed", "max-time",
                    "resume", "quiet", "out"):  # fmt: skip
         assert f"--{option} " in told.out
 
@@ -105,7 +108,7 @@ def test_every_option_reaches_the_cut(small_punch: Path, tmp_path: Path, edmsim:
     edmsim("cut", small_punch, "--out", tmp_path, "--quiet", "--max-time", 0.1, "--height", 7, "--resolution", "fast",
            "--material", "copper", "--wire", "molybdenum-150", "--tension", 9, "--generator", "ignition-pulse",
            "--t-on", 15, "--t-period", 120, "--controller", "fixed:feed_um_s=11", "--planner", "dda", "--offset",
-           "0.1", "--seed", 12, "--machine", "agiecut-dem15", "--drive", "stepper",
+           "0.1", "--seed", 12, "--machine", "agiecut-dem15",
            "--mechanics", "modal", "--height-at", "1:5", "--height-at", "2.5:6.5")  # fmt: skip
     report = json.loads((tmp_path / "report.json").read_text())
     assert report["seed"] == 12
@@ -173,7 +176,6 @@ SETTINGS = [
     (("--controller", "fixed:feed_um_s=99"), ("99", "33.3375")),
     (("--planner", "straight"), ("straight", "poscal")),
     (("--mechanics", "steam"), ("steam", "modal")),
-    (("--drive", "hand"), ("hand", "stepper")),
     (("--resolution", "superb"), ("superb", "default")),
     (("--tension", "60"), ("60 N", "brass")),
     (("--tension", "0"), ("0 N", "above zero")),
@@ -332,3 +334,41 @@ def test_report_of_a_folder_without_a_cut_is_one_line_and_2(tmp_path: Path, edms
     assert told.status == 2
     assert told.err.count("\n") == 1
     assert "report.json: no such file, the folder of a cut is needed" in told.err
+
+
+def test_gains_are_searched_and_written(edmsim: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from edmsim.evaluation import search
+
+    def found(controller: str, seed: int, *, generations: int, watch: Callable[[int], None]) -> search.Found:
+        watch(1)
+        return search.Found({"feed_um_s": 12.5 + seed + generations}, 0.9, 0.8)
+
+    monkeypatch.setattr(search, "search", found)
+    told = edmsim("search-gains", "fixed", "--seed", 3, "--write", tmp_path)
+    assert (told.status, told.out) == (0, "fixed: feed_um_s 19.5; score 0.9 (before 0.8)\n")
+    written = (tmp_path / "fixed.toml").read_text(encoding="utf-8")
+    assert written.startswith("# Found by: edmsim search-gains fixed --seed 3 --write models/gains\n")
+    assert "feed_um_s = 19.5" in written
+    assert_refused(edmsim("search-gains", "fixed", "--write", tmp_path / "none"), "there is no such folder")
+
+
+def test_gains_of_a_controller_without_any_are_refused(edmsim: Run) -> None:
+    assert_refused(edmsim("search-gains", "mcu"), "no gains of 'mcu' are searched")
+
+
+def test_a_policy_is_scored_again(edmsim: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from edmsim import models
+    from edmsim.learning import policy_file
+    from edmsim.learning import score as scoring
+
+    for kind in ("json", "npz"):
+        (tmp_path / f"mine.{kind}").write_bytes(models.path(f"policies/GapFeed-ppo.{kind}").read_bytes())
+    row = scoring.Score("policy", "fast", 2, 123.25, 1.0, 20.0, None, 60.0, 0, 0)
+    monkeypatch.setattr(scoring, "run", lambda *_: {"policy:mine": []})
+    monkeypatch.setattr(scoring, "score", lambda _, resolution: row._replace(resolution=resolution))
+    told = edmsim("score", tmp_path / "mine.json", "--episodes", 2)
+    assert told.status == 0
+    assert told.out.count("123.2") == 3
+    scores = policy_file.load(str(tmp_path / "mine.json")).card.scores
+    assert [scored["resolution"] for scored in scores] == ["fast", "default", "fine"]
+    assert_refused(edmsim("score", tmp_path / "mine.json", "--episodes", 1), "2 or more")

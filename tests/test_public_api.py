@@ -63,17 +63,6 @@ def test_errors_have_one_base() -> None:
     assert (error.reason, error.file, error.line) == ("it is wrong", "a.ngc", 3)
 
 
-def test_cut_and_the_command_line_share_their_defaults() -> None:
-    from edmsim.cli import app as cli
-
-    renamed = {"height_mm": "height", "heights": "height_at", "t_on_us": "t_on", "t_period_us": "t_period",
-               "max_time_s": "max_time"}  # fmt: skip
-    options = inspect.signature(cli.cut).parameters
-    for name, parameter in inspect.signature(edmsim.cut).parameters.items():
-        if name not in ("program", "out", "watch", "height_areas"):  # a polygon is no option
-            assert options[renamed.get(name, name)].default == parameter.default, name
-
-
 def test_the_citation_names_this_version_and_licence() -> None:
     root = Path(__file__).parents[1]
     cited = yaml.safe_load((root / "CITATION.cff").read_text(encoding="utf-8"))

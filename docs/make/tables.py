@@ -63,10 +63,15 @@ def commands() -> list[str]:
         assert command.callback is not None
         told = inspect.signature(command.callback, eval_str=True).parameters.values()
         given = [(parameter, parameter.annotation.__metadata__[0]) for parameter in told]
-        lines += [f"## edmsim {command.callback.__name__}", "", inspect.getdoc(command.callback) or "", ""]
+        lines += [f"## edmsim {command_name(command.callback)}", "", inspect.getdoc(command.callback) or "", ""]
         lines += rows(("argument or option", "default", "what"), (described(p, info) for p, info in given))
         lines.append("")
     return lines[:-1]
+
+
+def command_name(callback: Callable[..., Any]) -> str:
+    """Return a command as it is typed."""
+    return callback.__name__.replace("_", "-")
 
 
 def option(parameter: inspect.Parameter) -> str:

@@ -2,5 +2,6 @@
 
 from edmsim.calibration.fit import DEFAULT_CONSTANTS, Fit, calibrate
 from edmsim.calibration.log import Log, read_log
+from edmsim.calibration.set_up import settings_for
 
-__all__ = ["DEFAULT_CONSTANTS", "Fit", "Log", "calibrate", "read_log"]
+__all__ = ["DEFAULT_CONSTANTS", "Fit", "Log", "calibrate", "read_log", "settings_for"]

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from edmsim.calibration.comparison import CalibrationProgress, StretchComparison
 from edmsim.calibration.log import STRETCH_WINDOWS, Log, Stretch, stretches
+from edmsim.calibration.set_up import start_of
 from edmsim.calibration.simulate import settle_um
 from edmsim.errors import InputError
 from edmsim.machine.ranges import choose, share_of, value_at, with_values
@@ -86,8 +87,8 @@ class Fit:
 
 
 def calibrate(
-    log: Log, machine: Machine, only: Sequence[str] = DEFAULT_CONSTANTS, *, seed: int = 0, resolution: str = "fast",
-    watch: Callable[[CalibrationProgress], None] | None = None,
+    log: Log, machine: Machine, only: Sequence[str] = DEFAULT_CONSTANTS, *, seed: int = 0,
+    resolution: str | None = None, watch: Callable[[CalibrationProgress], None] | None = None,
 ) -> Fit:
     """Fit constants of a machine to its log.
 
@@ -100,8 +101,9 @@ def calibrate(
         Constants or sections, see `Machine.uncertain`.
     seed : int
         Of every simulated cut.
-    resolution : {"fast", "default", "fine"}
-        Of the simulation; constants belong to it, as shares of short circuits depend on it.
+    resolution : {"fast", "default", "fine"}, optional
+        Of the simulation; constants belong to it, as shares of short circuits depend on it. By default that of the
+        cut the log is of, or "fast" if it is none of a simulated cut.
     watch : callable, optional
         Is told of the `CalibrationProgress`.
 
@@ -124,6 +126,8 @@ def calibrate(
     size = int(sum(np.isfinite(stretch.mean).sum() for stretch in picked))
     if size <= len(known):
         raise InputError(f"{len(known)} constants cannot be told from {size} statistics", log.name)
+    if resolution is None:
+        resolution = start_of(log).resolution
     comparison = StretchComparison(machine, picked, seed, resolution, watch)
     return _fit_what_is_told(comparison, list(known), log.name)
 

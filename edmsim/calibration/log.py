@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from edmsim.controllers.pulse_counters import WINDOW_PULSES
 from edmsim.errors import InputError
+from edmsim.job.settings import METADATA_KEY, CutSettings
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -47,10 +48,13 @@ class Log:
         Of its file.
     columns : mapping of str to float64 array (n,)
         `COLUMNS`; ``mean_delay_us`` is NaN where no pulse ignited.
+    settings : CutSettings or None
+        What a simulated cut was made with; None if the file does not say.
     """
 
     name: str
     columns: Mapping[str, Array]
+    settings: CutSettings | None = None
 
     def __len__(self) -> int:
         """Return the number of windows."""
@@ -96,7 +100,8 @@ def read_log(file: str | Path) -> Log:
     Raises
     ------
     InputError
-        If the file cannot be read, has no rows, lacks a column, or holds what a machine cannot have logged.
+        If the file cannot be read, has no rows, lacks a column, or holds what a machine cannot have logged; or the
+        settings in its metadata are none of a cut.
     """
     table = _read_table(Path(file))
     missing = [name for name in COLUMNS if name not in table.column_names]
@@ -106,7 +111,16 @@ def read_log(file: str | Path) -> Log:
         raise InputError("no windows in it", file)
     columns = {name: _numbers(table, name, file) for name in COLUMNS}
     _check(columns, file)
-    return Log(Path(file).name, columns)
+    return Log(Path(file).name, columns, _settings(table, file))
+
+
+def _settings(table: pa.Table, file: str | Path) -> CutSettings | None:
+    """Return what the table's metadata say of the cut; None of a table that is no cut's."""
+    text = (table.schema.metadata or {}).get(METADATA_KEY)
+    try:
+        return None if text is None else CutSettings.of_json(text)
+    except InputError as error:
+        raise InputError(f"the settings in its metadata cannot be read: {error.reason}", file) from None
 
 
 def _read_table(file: Path) -> pa.Table:

@@ -5,15 +5,16 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Mapping
-from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from pydantic import BaseModel
 
+from edmsim import __version__
 from edmsim.calibration.fit import Fit
 from edmsim.calibration.log import STATISTICS
 from edmsim.errors import InputError
+from edmsim.files import replacing
 from edmsim.machine.ranges import choose, with_constants
 
 if TYPE_CHECKING:
@@ -49,11 +50,10 @@ def write(fit: Fit, log_name: str, out: Path) -> dict[str, Path]:
     machine = _with_sources(fit, log_name)
     files = files_of(fit, out)
     models: dict[str, BaseModel] = {"machine": machine.base, "material": machine.material, "wire": _wire(machine)}
-    heading = f"# Fitted to {log_name} by edmsim calibrate ({version('edmsim')}).\n"
+    heading = f"# Fitted to {log_name} by edmsim calibrate ({__version__}).\n"
     for part, file in files.items():
-        partial = file.with_name(file.name + ".part")
-        partial.write_text(heading + as_toml(models[part]), encoding="utf-8")
-        partial.replace(file)
+        with replacing(file) as partial:
+            partial.write_text(heading + as_toml(models[part]), encoding="utf-8")
     return files
 
 
@@ -154,11 +154,12 @@ def correlated(fit: Fit) -> list[str]:
 
 
 def refusal(fit: Fit) -> list[str]:
-    """Say why the fitted machine cannot run at the generator's own setting, if so."""
+    """Say why the fitted machine cannot run at the setting the log was compared at, if so."""
     try:
         fit.machine.check()
     except InputError as error:
-        return [f"the fitted machine cannot run at the generator's own setting: {error.reason}"]
+        setting = f"{fit.machine.t_on_us:g} us in {fit.machine.t_period_us:g} us"
+        return [f"the fitted machine cannot run at {setting}: {error.reason}"]
     return []
 
 

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +12,7 @@ from numpy.typing import NDArray
 from edmsim.controllers import make
 from edmsim.cosim.motion import EvenSteps
 from edmsim.cosim.straight import Traverse, begin
-from edmsim.errors import EdmsimError, InputError
+from edmsim.errors import InputError
 from edmsim.machine.machine import Machine
 from edmsim.plant.plant import Plant
 
@@ -118,42 +117,3 @@ def cutting_feed_um_s(windows: pa.Table) -> float | None:
     pulses = np.sum([windows.column(kind).to_numpy() for kind in KINDS], axis=0)
     cutting = (feed > 0) & (open_ < AIR_SHARE * pulses)
     return float(np.median(feed[cutting])) if cutting.any() else None
-
-
-def sample_like(report: Mapping[str, Any], windows: pa.Table, *, pulses: int = PULSES) -> PulseSample:
-    """Look at single pulses of a straight cut with a cut's set-up, seed and resolution, at its median feed.
-
-    The workpiece has its greatest height, and modes move the wire, whatever moved it in the cut.
-
-    Parameters
-    ----------
-    report : mapping
-        The cut's report, as ``report.json`` holds it.
-    windows : pyarrow.Table
-        The cut's table of windows.
-    pulses : int
-
-    Raises
-    ------
-    InputError
-        If the cut never cut, its set-up cannot be read any more, or as `sample_pulses`.
-    """
-    feed = cutting_feed_um_s(windows)
-    if feed is None:
-        raise InputError("the cut has no window with metal near the wire")
-    set_up = report["settings"]
-    changes = [*set_up["heights"], *set_up["height_areas"]]
-    machine = Machine.load(
-        set_up["machine"], material=set_up["material"], wire=set_up["wire"], generator=set_up["generator"],
-        height_mm=max([set_up["height_mm"], *(height for _, height in changes)]), tension=set_up["tension_N"],
-        t_on_us=set_up["t_on_us"], t_period_us=set_up["t_period_us"],
-    )
-    return sample_pulses(machine, feed, seed=report["seed"], pulses=pulses, resolution=set_up["resolution"])
-
-
-def sample_or_reason(report: Mapping[str, Any], windows: pa.Table) -> PulseSample | str:
-    """Return what `sample_like` does, or why it cannot."""
-    try:
-        return sample_like(report, windows)
-    except EdmsimError as error:
-        return str(error)

@@ -1,4 +1,4 @@
-"""Search of the controllers' gains: ``python -m edmsim.evaluation.search NAME... --write models/gains``.
+"""Search of the controllers' gains: what ``edmsim search-gains NAME... --write models/gains`` does.
 
 Differential evolution (Storn and Price 1997, as SciPy has it) on episodes of the straight and the stepped workpiece
 at resolution ``fast``, on randomised machines with training seeds; those of the comparison are never touched. What is
@@ -12,21 +12,16 @@ import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
-from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-import typer
 from numpy.typing import NDArray
 
 from edmsim import __version__
 from edmsim.controllers import FeedController, make
 from edmsim.envs.tasks import Task
-from edmsim.errors import InputError, run_command
+from edmsim.errors import InputError
 from edmsim.evaluation.episode import ARGUMENTS, HELD_BACK, ORACLE, Episode, Result
-
-if TYPE_CHECKING:
-    from rich.progress import Progress, TaskID
 
 Ranges = dict[str, tuple[float, float]]
 BOUNDS: dict[str, Ranges] = {
@@ -105,6 +100,12 @@ def score(results: Sequence[Result]) -> float:
     return float(np.mean([result.total_return for result in results]))
 
 
+def check(controller: str) -> None:
+    """Raise `InputError` if nothing of a controller is searched."""
+    if controller not in BOUNDS:
+        raise InputError(f"no gains of '{controller}' are searched; choose one of {', '.join(BOUNDS)}")
+
+
 def search(controller: str, seed: int, *, seeds: int = SEEDS, population: int = POPULATION,
            generations: int = GENERATIONS, watch: Callable[[int], None] | None = None) -> Found:
     """Look for a controller's gains.
@@ -130,8 +131,7 @@ def search(controller: str, seed: int, *, seeds: int = SEEDS, population: int = 
     from scipy.optimize import Bounds, differential_evolution
     from scipy.stats import qmc
 
-    if controller not in BOUNDS:
-        raise InputError(f"no gains of '{controller}' are searched; choose one of {', '.join(BOUNDS)}")
+    check(controller)
     bounds = BOUNDS[controller]
     trained_on = training_seeds(seed, seeds)
     tried = 0
@@ -166,41 +166,9 @@ def as_toml(controller: str, seed: int, generations: int, found: Found) -> str:
     what = "cutting rate in mm2/min" if controller == ORACLE else "return"
     lines = [f"{name} = {value!r}" for name, value in found.gains.items()]
     return "\n".join([
-        f"# Found by: python -m edmsim.evaluation.search {controller} --seed {seed}{longer} --write models/gains",
+        f"# Found by: edmsim search-gains {controller} --seed {seed}{longer} --write models/gains",
         f"# Mean {what} {found.score:.4g} on {SEEDS} training seeds each of",
         f"# {' and '.join(ENV_IDS)}, resolution fast.",
         f"# Of the {POPULATION * (generations + 1)} gains tried, by edmsim {__version__}, the best.",
         "", "[gains]", *lines, "",
     ])  # fmt: skip
-
-
-def main(
-    controllers: Annotated[list[str], typer.Argument(help=f"Of {', '.join(BOUNDS)}.")],
-    seed: Annotated[int, typer.Option(help="First training seed, and seed of the search.")] = 0,
-    generations: Annotated[int, typer.Option(help="Generations after the first.")] = GENERATIONS,
-    write: Annotated[Path | None, typer.Option(help="Folder for the files of gains.")] = None,
-) -> None:
-    """Search the gains of feed controllers."""
-    from rich.console import Console
-    from rich.progress import Progress
-
-    console = Console()
-    if write is not None and not write.is_dir():
-        raise InputError("there is no such folder", write)
-    with Progress(console=Console(stderr=True), transient=True) as bar:
-        for name in controllers:
-            task = bar.add_task(name, total=POPULATION * (generations + 1))
-            found = search(name, seed, generations=generations, watch=partial(_show, bar, task))
-            gains = ", ".join(f"{key} {value:g}" for key, value in found.gains.items())
-            told = f"{name}: {gains}; score {found.score:.4g} (before {found.default_score:.4g})"
-            console.print(told, highlight=False, soft_wrap=True)
-            if write is not None:
-                (write / f"{name}.toml").write_text(as_toml(name, seed, generations, found), encoding="utf-8")
-
-
-def _show(bar: Progress, task: TaskID, tried: int) -> None:
-    bar.update(task, completed=tried)
-
-
-if __name__ == "__main__":
-    run_command(lambda: typer.run(main))

@@ -1,4 +1,4 @@
-"""Checkpoints: an interrupted cut is laid down in its folder and taken up again bit for bit."""
+"""Checkpoints: an interrupted cut is kept in its folder and taken up again bit for bit."""
 
 from __future__ import annotations
 
@@ -13,22 +13,20 @@ import numpy as np
 
 from edmsim.cosim.simulation import Simulation
 from edmsim.errors import InputError
+from edmsim.files import replacing
 
 NAME = "checkpoint.npz"
 """File in the output folder; gone when the cut is over."""
-FORMAT = 2
-"""Number of the checkpoints' format; another one cannot be resumed."""
+FORMAT = 1
+"""Raised when what a checkpoint holds changes: one of another format is refused."""
 
 
 def save(simulation: Simulation, folder: Path, settings: Mapping[str, Any], wall_time_s: float) -> None:
     """Write a checkpoint, replacing the last one whole or not at all."""
     arrays, values = simulation.snapshot()
-    told = {"format": FORMAT, "settings": dict(settings), "values": values, "wall_time_s": wall_time_s}
-    text = json.dumps(told)
-    partial = folder / (NAME + ".part")
-    with partial.open("wb") as file:
+    text = json.dumps({"format": FORMAT, "settings": dict(settings), "values": values, "wall_time_s": wall_time_s})
+    with replacing(folder / NAME) as partial, partial.open("wb") as file:
         np.savez(file, allow_pickle=False, __json__=np.frombuffer(text.encode(), np.uint8), **arrays)
-    partial.replace(folder / NAME)
 
 
 def load(simulation: Simulation, folder: Path, settings: Mapping[str, Any]) -> float:

@@ -3,135 +3,37 @@
 from __future__ import annotations
 
 import hashlib
-import math
 import time
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, Unpack
 
-from edmsim import __version__, user_code
+from edmsim import user_code
 from edmsim.controllers import FeedController, SeesTruth, from_text
 from edmsim.controllers.mcu.firmware.poscal import UNIT_UM, unit_for
-from edmsim.controllers.own import check_is_controller, text_of
-from edmsim.cosim.pulse_sample import sample_or_reason
+from edmsim.controllers.own import check_is_controller
 from edmsim.cosim.simulation import Progress, Simulation
 from edmsim.errors import InputError
 from edmsim.files import make_writable
 from edmsim.job import checkpoint
+from edmsim.job.recorders import Recorders, recorders_for
+from edmsim.job.result import CutResult, result_of
+from edmsim.job.settings import CutOptions, CutSettings, takes_settings
 from edmsim.machine.files import own_mjcf_text
-from edmsim.machine.machine import Machine
-from edmsim.metrology.edges import contour
-from edmsim.metrology.inspection import inspect, totals
-from edmsim.plant.constants import resolution as check_resolution
-from edmsim.plant.plant import MECHANICS
-from edmsim.plant.workpiece.height_steps import HeightStep
-from edmsim.plant.workpiece.kerf_field import KerfField
-from edmsim.program.heights import Area, Height, Heights
-from edmsim.program.path import CutPath, plan_path
-from edmsim.recording.closeups import Closeups
-from edmsim.recording.frames import Frames
-from edmsim.recording.report import build_report
-from edmsim.recording.scene import Scene
-from edmsim.recording.windows import WindowTable
-
-if TYPE_CHECKING:
-    import pyarrow as pa
-    from shapely.geometry import MultiPolygon
+from edmsim.program.path import plan_path
 
 CHECKPOINT_EVERY_S = 60.0
 """Wall time between checkpoints of a long cut."""
-DRIVES = ("stepper",)
-"""Axis drives."""
 
 
-@dataclass(frozen=True)
-class CutResult:
-    """What a cut leaves.
-
-    Attributes
-    ----------
-    report : dict
-        The fields of ``report.json``.
-    windows : pyarrow.Table
-        A row per window of 255 pulses: ``windows.parquet``.
-    path : CutPath
-        The wire's path.
-    field : KerfField
-        The metal that is left.
-    frames : Frames
-        The wire's shape, thinned.
-    scene : Scene
-        The drawing: nominal and cut edges, errors, corners.
-    closeups : Closeups
-        Windows kept pulse by pulse: thinned, and all of them around events.
-    machine : Machine
-        The set-up.
-    """
-
-    report: dict[str, Any]
-    windows: pa.Table
-    path: CutPath
-    field: KerfField
-    frames: Frames
-    scene: Scene
-    closeups: Closeups
-    machine: Machine
-
-    def contour(self, slice_index: int) -> MultiPolygon:
-        """Metal removed from one slice (0 is the bottom) as shapely polygons in mm; holes are what stays."""
-        return contour(self.field, slice_index)
-
-    def write(self, folder: str | Path) -> None:
-        """Write ``report.json`` and ``.html``, ``windows.parquet``, ``profile.png``, ``part.npz`` and ``cut.rrd``."""
-        from edmsim.recording import (
-            profile_figure,
-            write_figure,
-            write_html,
-            write_json,
-            write_recording,
-            write_scene,
-            write_windows,
-        )
-
-        target = Path(folder)
-        make_writable(target)
-        title = Path(self.path.source).name
-        write_windows(self.windows, target / "windows.parquet")
-        write_figure(profile_figure(self.scene, self.windows, self.report, title), target / "profile.png")
-        write_scene(self.scene, target / "part.npz")
-        sample = sample_or_reason(self.report, self.windows)
-        write_html(self.report, self.windows, self.scene, sample, title, target / "report.html")
-        write_recording(
-            target / "cut.rrd", self.scene, self.windows, self.frames, self.closeups, self.machine, self.report, title
-        )
-        write_json(self.report, target / "report.json")
-
-
+@takes_settings
 def cut(
     program: str | Path,
     *,
     out: str | Path | None = None,
-    machine: str = "agiecut-dem15",
-    material: str = "tool-steel",
-    height_mm: float = 20.0,
-    heights: Sequence[Height] | None = None,
-    height_areas: Sequence[Area] | None = None,
-    wire: str = "brass",
-    tension: float | None = None,
-    generator: str = "iso-pulse",
-    t_on_us: float | None = None,
-    t_period_us: float | None = None,
-    controller: str | FeedController = "counts",
-    drive: str = "stepper",
-    planner: str = "poscal",
-    mechanics: str = "modal",
-    resolution: str = "default",
-    offset: str | float = "auto",
-    seed: int = 0,
-    max_time_s: float | None = None,
     resume: bool = False,
     watch: Callable[[Progress], None] | None = None,
+    **options: Unpack[CutOptions],
 ) -> CutResult:
     """Simulate a part program.
 
@@ -141,39 +43,11 @@ def cut(
         G-code (.ngc .nc .gcode .iso) or DXF.
     out : path, optional
         Folder for the outputs; without one nothing is written.
-    machine, material, wire, generator : str
-        Names under `models/` or paths of own TOML files; a wire may carry a diameter in um ("brass-200").
-    height_mm : float
-        Workpiece height, where nothing else is said.
-    heights : sequence of (from_mm, height_mm), optional
-        From that length of wire path on (lead-in included) the workpiece has that height.
-    height_areas : sequence of (polygon, height_mm), optional
-        Inside a polygon (of shapely, or its corners) in mm of the program the workpiece has that height,
-        whatever `heights` says; the first of overlapping ones holds.
-    tension : float, optional
-        Wire tension in newton.
-    t_on_us, t_period_us : float, optional
-        Setting of the pulse generator.
-    controller : str or FeedController
-        Feed controller, with parameters if wanted: ``"fixed:feed_um_s=20"``; a class in an own file,
-        ``"own.py:Own"`` (see `edmsim.controllers.from_text`); or an object that is one.
-    drive : str
-        Axis drive; see `DRIVES`.
-    mechanics : {"modal", "mujoco"}
-        Integrator of table and wire (see `Plant`).
-    planner : {"poscal", "poscal-literal", "dda", "sine-table"}
-        What makes motor steps of path and speed; ``docs/planners.md`` has their errors.
-    resolution : {"fast", "default", "fine"}
-    offset : "auto", "none" or float
-        Wire offset in mm; auto is the wire's radius and the expected side gap.
-    seed : int
-        Same seed, same cut.
-    max_time_s : float, optional
-        Machine time after which to stop.
     resume : bool
         Take up the interrupted cut of `out`.
     watch : callable, optional
         Called with a `Progress` after every window.
+    {options}
 
     Returns
     -------
@@ -186,123 +60,16 @@ def cut(
     KeyboardInterrupt
         After the checkpoint was written, if there is a folder for it.
     """
-    _check_choice("mechanics", mechanics, MECHANICS)
-    _check_choice("drive", drive, DRIVES)
-    check_resolution(resolution)
-    if max_time_s is not None and not 0 < max_time_s < math.inf:
-        raise InputError(f"the time limit of {max_time_s:g} s must be finite and above zero")
-    workpiece = Heights.of(height_mm, heights or (), height_areas or ())
-    set_up = Machine.load(
-        machine, material=material, wire=wire, generator=generator, height_mm=workpiece.greatest_mm, tension=tension,
-        t_on_us=t_on_us, t_period_us=t_period_us,
-    )
-    law = make_controller(controller)
-    travel_um = round(set_up.base.table.travel_mm.value * 1e3)
-    unit = unit_for(travel_um)
-    path = plan_path(
-        program, offset, auto_offset_mm=set_up.auto_offset_mm, table_um=travel_um, grid_um=UNIT_UM[unit]
-    )
-    steps = workpiece.steps(path, set_up.wire_diameter_um)
-    recorders = _recorders(set_up, steps, resolution)
-    simulation = Simulation(
-        set_up, path, law, planner=planner, seed=seed, resolution=resolution, max_time_s=max_time_s, steps=steps,
-        mechanics=mechanics, observers=recorders,
-    )
-    settings = {
-        "program": Path(program).name, "program_sha256": _digest(Path(program).read_bytes()), "machine": machine,
-        "material": material, "height_mm": workpiece.height_mm, **workpiece.settings(), "wire": wire,
-        "wire_diameter_um": set_up.wire_diameter_um, "tension_N": set_up.tension, "generator": generator,
-        "t_on_us": set_up.t_on_us, "t_period_us": set_up.t_period_us, **_told(controller),
-        "drive": drive, "planner": planner, "position_unit": unit, "mechanics": mechanics, "resolution": resolution,
-        "offset_um": path.offset_um, "max_time_s": max_time_s,
-        "constants_sha256": _digest((set_up.model_dump_json() + own_mjcf_text(set_up.base.model)).encode()),
-    }
+    settings = CutSettings.model_validate(options)
+    simulation, recorders = _begin(program, settings)
+    made_with = _made_with(program, settings, simulation)
     folder = None if out is None else Path(out)
-    spent_s = _run(simulation, folder, {**settings, "seed": seed}, resume, watch)
-    notices = [*path.notices, *workpiece.notices(simulation.plant.resolution.slices)]
-    if simulation.refused is not None:
-        notices.append(f"the generator refused a setting the controller wanted: {simulation.refused}")
-    if simulation.missed_windows:
-        notices.append(
-            f"the counts of {simulation.missed_windows} windows were missed: the controller's routine takes longer "
-            "than a window; a longer period leaves it time"
-        )
-    result = _result(simulation, recorders, settings, notices, seed, spent_s)
+    spent_s = _run(simulation, folder, {**made_with, "seed": settings.seed}, resume, watch)
+    result = result_of(simulation, recorders, settings, made_with, _notices(simulation, settings), spent_s)
     if folder is not None:
         result.write(folder)
         (folder / checkpoint.NAME).unlink(missing_ok=True)
     return result
-
-
-class _Recorders(NamedTuple):
-    """What is recorded of a cut while it runs."""
-
-    windows: WindowTable
-    frames: Frames
-    closeups: Closeups
-
-
-def _recorders(machine: Machine, steps: Sequence[HeightStep], resolution: str) -> _Recorders:
-    size = check_resolution(resolution)
-    lowest_mm = min([step.height_mm for step in steps], default=machine.height_mm)
-    middle = max(round(size.slices * lowest_mm / machine.height_mm), 1) // 2  # it has metal everywhere
-    return _Recorders(WindowTable(), Frames(size.slices), Closeups(size.slices, size.rays, middle))
-
-
-def _run(
-    simulation: Simulation, folder: Path | None, settings: dict[str, Any], resume: bool,
-    watch: Callable[[Progress], None] | None,
-) -> float:
-    """Run to the end with checkpoints; returns the wall time spent."""
-    before_s = 0.0
-    if resume:
-        if folder is None:
-            raise InputError("to resume a cut, name its folder")
-        before_s = checkpoint.load(simulation, folder, settings)
-    if folder is not None:
-        make_writable(folder)
-    started = saved = time.monotonic()
-
-    def turn(progress: Progress) -> None:
-        nonlocal saved
-        if watch is not None:
-            watch(progress)
-        now = time.monotonic()
-        if folder is not None and now - saved > CHECKPOINT_EVERY_S and simulation.outcome is None:
-            checkpoint.save(simulation, folder, settings, before_s + now - started)
-            saved = now
-
-    try:
-        simulation.run(turn)
-    except KeyboardInterrupt:
-        if folder is not None:
-            checkpoint.save(simulation, folder, settings, before_s + time.monotonic() - started)
-        raise
-    return before_s + time.monotonic() - started
-
-
-def _result(
-    simulation: Simulation, recorders: _Recorders, settings: dict[str, Any], notices: Sequence[str], seed: int,
-    wall_time_s: float,
-) -> CutResult:
-    found = inspect(simulation, recorders.windows.values()[:, 1:3])
-    windows = recorders.windows.to_arrow(found.error_um)
-    assert simulation.outcome is not None
-    report = build_report(
-        outcome=simulation.outcome,
-        reason=simulation.reason,
-        windows=windows,
-        totals=totals(simulation, wall_time_s),
-        quality=found.quality,
-        notices=notices,
-        seed=seed,
-        settings=settings,
-        version=__version__,
-    )
-    return CutResult(
-        report, windows, simulation.path, simulation.plant.field, recorders.frames, found.scene, recorders.closeups,
-        simulation.machine,
-    )
 
 
 def make_controller(given: str | FeedController) -> FeedController:
@@ -316,18 +83,82 @@ def make_controller(given: str | FeedController) -> FeedController:
     return controller
 
 
-def _told(controller: str | FeedController) -> dict[str, str]:
-    """Return what the report's settings say of the controller; a file's text is part of what a cut was made with."""
-    if not isinstance(controller, str):
-        return {"controller": text_of(controller)}
-    own = user_code.named(controller)
-    digest = {} if own is None else {"controller_sha256": user_code.digest(own.file)}
-    return {"controller": controller, **digest}
+def _begin(program: str | Path, settings: CutSettings) -> tuple[Simulation, Recorders]:
+    """Read the program; set up machine, path, controller and recorders."""
+    machine = settings.load_machine()
+    controller = make_controller(settings.controller)
+    travel_um = round(machine.base.table.travel_mm.value * 1e3)
+    path = plan_path(
+        program, settings.offset, auto_offset_mm=machine.auto_offset_mm, table_um=travel_um,
+        grid_um=UNIT_UM[unit_for(travel_um)],
+    )
+    steps = settings.workpiece.steps(path, machine.wire_diameter_um)
+    recorders = recorders_for(machine, steps, settings.resolution)
+    simulation = Simulation(
+        machine, path, controller, planner=settings.planner, seed=settings.seed, resolution=settings.resolution,
+        max_time_s=settings.max_time_s, steps=steps, mechanics=settings.mechanics, observers=recorders,
+    )
+    return simulation, recorders
 
 
-def _check_choice(what: str, name: str, choices: tuple[str, ...]) -> None:
-    if name not in choices:
-        raise InputError(f"unknown {what} '{name}'; there are: {', '.join(choices)}")
+def _made_with(program: str | Path, settings: CutSettings, simulation: Simulation) -> dict[str, Any]:
+    """Return the report's settings: the options, what they come to, and digests of the files they name."""
+    machine, path = simulation.machine, simulation.path
+    file = user_code.named(settings.controller) if isinstance(settings.controller, str) else None
+    return {
+        "program": Path(program).name, "program_sha256": _digest(Path(program).read_bytes()),
+        **settings.model_dump(mode="json", exclude={"seed", "tension", "offset"}),
+        **({} if file is None else {"controller_sha256": user_code.digest(file.file)}),
+        "wire_diameter_um": machine.wire_diameter_um, "tension_N": machine.tension, "t_on_us": machine.t_on_us,
+        "t_period_us": machine.t_period_us, "position_unit": unit_for(machine.base.table.travel_mm.value * 1e3),
+        "offset_um": path.offset_um,
+        "constants_sha256": _digest((machine.model_dump_json() + own_mjcf_text(machine.base.model)).encode()),
+    }
+
+
+def _notices(simulation: Simulation, settings: CutSettings) -> list[str]:
+    """Return what the user should know about a cut that is over."""
+    notices = [*simulation.path.notices, *settings.workpiece.notices(simulation.plant.resolution.slices)]
+    if simulation.refused is not None:
+        notices.append(f"the generator refused a setting the controller wanted: {simulation.refused}")
+    if simulation.missed_windows:
+        notices.append(
+            f"the counts of {simulation.missed_windows} windows were missed: the controller's routine takes longer "
+            "than a window; a longer period leaves it time"
+        )
+    return notices
+
+
+def _run(
+    simulation: Simulation, folder: Path | None, made_with: dict[str, Any], resume: bool,
+    watch: Callable[[Progress], None] | None,
+) -> float:
+    """Run to the end with checkpoints; returns the wall time spent."""
+    before_s = 0.0
+    if resume:
+        if folder is None:
+            raise InputError("to resume a cut, name its folder")
+        before_s = checkpoint.load(simulation, folder, made_with)
+    if folder is not None:
+        make_writable(folder)
+    started = saved = time.monotonic()
+
+    def turn(progress: Progress) -> None:
+        nonlocal saved
+        if watch is not None:
+            watch(progress)
+        now = time.monotonic()
+        if folder is not None and now - saved > CHECKPOINT_EVERY_S and simulation.outcome is None:
+            checkpoint.save(simulation, folder, made_with, before_s + now - started)
+            saved = now
+
+    try:
+        simulation.run(turn)
+    except KeyboardInterrupt:
+        if folder is not None:
+            checkpoint.save(simulation, folder, made_with, before_s + time.monotonic() - started)
+        raise
+    return before_s + time.monotonic() - started
 
 
 def _digest(content: bytes) -> str:

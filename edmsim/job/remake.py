@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
-from edmsim.cosim.pulse_sample import sample_or_reason
 from edmsim.errors import InputError
 from edmsim.files import make_writable
+from edmsim.job.single_pulses import sample_or_reason
 from edmsim.recording.cut_folder import read_cut
 from edmsim.recording.figures.catalogue import pictures
 from edmsim.recording.html_report import write_html

@@ -1,17 +1,16 @@
 """What a policy is worth beside classic controllers: its cuts of held-back episodes, summed up.
 
-``python -m edmsim.learning.score NAME...`` measures policies again and writes the scores into their cards.
+``edmsim score NAME...`` measures policies again and writes the scores into their cards.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Annotated, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-import typer
 
-from edmsim.errors import run_command
+from edmsim.errors import InputError
 from edmsim.evaluation.compare import run
 from edmsim.evaluation.episode import Result
 from edmsim.learning import policy_file
@@ -69,7 +68,14 @@ def measure(
         2 or more.
     watch : callable, optional
         Called with the episodes cut and to cut of the present resolution.
+
+    Raises
+    ------
+    InputError
+        Fewer than 2 episodes.
     """
+    if episodes < 2:
+        raise InputError(f"{episodes} episodes give no mean with an error: give 2 or more")
     scores = []
     for resolution in RESOLUTIONS:
         results = run(env_id, [f"policy:{policy}", *RIVALS], episodes, resolution, watch)
@@ -90,6 +96,23 @@ def score(results: Sequence[Result], resolution: str) -> Score:
     )
 
 
+def measure_again(policy: str, episodes: int) -> list[Score]:
+    """Measure a policy as `measure` does, and write the scores into its card.
+
+    Parameters
+    ----------
+    policy : str
+        Either of its files, or a name under ``models/policies``.
+    episodes : int
+        2 or more.
+    """
+    stored, file = policy_file.load(policy), policy_file.locate(policy)
+    scores = measure(stored.card.env_id, policy, episodes)
+    card = stored.card.model_copy(update={"scores": [row._asdict() for row in scores]})
+    policy_file.write(card, file.with_suffix(".npz").read_bytes(), file)
+    return scores
+
+
 def render(scores: list[Score]) -> Table:
     """Return the scores as a table."""
     from rich.table import Table
@@ -102,22 +125,3 @@ def render(scores: list[Score]) -> Table:
             f"{row.rate_mm2_min:.2f}", error, f"{row.breaks} of {row.seeds}", f"{row.limits} of {row.seeds}",
         )
     return table
-
-
-def main(
-    policies: Annotated[list[str], typer.Argument(help="Files, or names under models/policies.")],
-    episodes: Annotated[int, typer.Option(help="Held-back episodes at every resolution.")] = 20,
-) -> None:
-    """Measure policies and write the scores into their cards."""
-    from rich import print as show
-
-    for name in policies:
-        policy, file = policy_file.load(name), policy_file.locate(name)
-        scores = measure(policy.card.env_id, name, episodes)
-        card = policy.card.model_copy(update={"scores": [row._asdict() for row in scores]})
-        policy_file.write(card, file.with_suffix(".npz").read_bytes(), file)
-        show(render(scores))
-
-
-if __name__ == "__main__":
-    run_command(lambda: typer.run(main))

@@ -9,12 +9,13 @@ as near, the metal has the height of the one the wire cuts first.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 import shapely
+from shapely.geometry import shape
 
 from edmsim.errors import InputError
 from edmsim.machine.setting import HEIGHT_MM, check_height
@@ -27,8 +28,8 @@ if TYPE_CHECKING:
 
 Height: TypeAlias = "tuple[float, float]"
 """Path length in mm, and the height in mm from there on."""
-Area: TypeAlias = "tuple[BaseGeometry | Sequence[Sequence[float]], float]"
-"""Polygon, or its corners, in mm of the program, and the height in mm inside it."""
+Area: TypeAlias = "tuple[BaseGeometry | Sequence[Sequence[float]] | Mapping[str, Any], float]"
+"""Polygon, its corners or its GeoJSON, in mm of the program, and the height in mm inside it."""
 
 BESIDE_WIRE_MM = 0.4
 """How far beside the wire's surface a stretch's height holds (ours: rays end at 0.08 mm, tiles are made 0.13 mm
@@ -69,29 +70,22 @@ class Heights:
             A height beyond what machines take, lengths that do not rise, an area that is no polygon.
         """
         check_height(height_mm)
-        before = -math.inf
-        for place, height in (_pair(item, "a path length") for item in along):
-            check_height(height, f" from {place:g} mm of path on")
-            if not 0 <= place < math.inf:
-                raise InputError(f"a height cannot change at {place:g} mm of path: it must be 0 mm or more")
-            if place <= before:
-                raise InputError(f"heights must come in order of path length: {place:g} mm follows {before:g} mm")
-            before = place
-        checked = []
-        for number, (corners, height) in enumerate((_pair(item, "a polygon") for item in areas), 1):
-            check_height(height, f" of area {number}")
-            checked.append((_polygon(corners, number), float(height)))
-        return cls(float(height_mm), tuple((float(s), float(h)) for s, h in along), tuple(checked))
+        return cls(float(height_mm), checked_changes(along), checked_areas(areas))
+
+    @property
+    def all_mm(self) -> list[float]:
+        """All heights, some perhaps more than once."""
+        return [self.height_mm, *(h for _, h in self.along), *(h for _, h in self.areas)]
 
     @property
     def greatest_mm(self) -> float:
         """The greatest height: what the guides stand off, and what the slices divide."""
-        return max([self.height_mm, *(h for _, h in self.along), *(h for _, h in self.areas)])
+        return max(self.all_mm)
 
     @property
     def lowest_mm(self) -> float:
         """The lowest height."""
-        return min([self.height_mm, *(h for _, h in self.along), *(h for _, h in self.areas)])
+        return min(self.all_mm)
 
     def steps(self, path: CutPath, wire_diameter_um: float) -> tuple[HeightStep, ...]:
         """Return the regions of one height on the table, none if the height never changes.
@@ -119,7 +113,7 @@ class Heights:
         """Return a line for every height that the slices change by more than 2 %."""
         full = self.greatest_mm
         told = []
-        for height in dict.fromkeys([self.height_mm, *(h for _, h in self.along), *(h for _, h in self.areas)]):
+        for height in dict.fromkeys(self.all_mm):
             cut_mm = slices_below(height, full, n_slices) / n_slices * full
             if abs(cut_mm - height) > NOTICED_SHARE * height:
                 told.append(
@@ -127,11 +121,6 @@ class Heights:
                     f"slices of {full / n_slices:.3g} mm"
                 )
         return told
-
-    def settings(self) -> dict[str, list[list[object]]]:
-        """Return the changes of height as they stand in a report: plain lists, lengths in mm."""
-        areas = [[shapely.get_coordinates(area).tolist(), height] for area, height in self.areas]
-        return {"heights": [list(pair) for pair in self.along], "height_areas": areas}
 
     def _areas(self, path: CutPath, blank: BaseGeometry) -> list[tuple[BaseGeometry, float]]:
         placed = []
@@ -169,6 +158,30 @@ class Heights:
         return [(shapely.union_all(claim), height) for claim, height in zip(claims, heights, strict=True)]
 
 
+def checked_changes(given: Sequence[Height]) -> tuple[Height, ...]:
+    """Return changes of height over path length, checked; raises `InputError` as `Heights.of`."""
+    before = -math.inf
+    checked = []
+    for place, height in (_pair(item, "a path length") for item in given):
+        check_height(height, f" from {place:g} mm of path on")
+        if not 0 <= place < math.inf:
+            raise InputError(f"a height cannot change at {place:g} mm of path: it must be 0 mm or more")
+        if place <= before:
+            raise InputError(f"heights must come in order of path length: {place:g} mm follows {before:g} mm")
+        before = place
+        checked.append((float(place), height))
+    return tuple(checked)
+
+
+def checked_areas(given: Sequence[Area]) -> tuple[tuple[shapely.Polygon, float], ...]:
+    """Return areas of another height, checked; raises `InputError` as `Heights.of`."""
+    checked = []
+    for number, (corners, height) in enumerate((_pair(item, "a polygon") for item in given), 1):
+        check_height(height, f" of area {number}")
+        checked.append((_polygon(corners, number), height))
+    return tuple(checked)
+
+
 def parse_height(text: str) -> Height:
     """Read ``12.5:30``: from 12.5 mm of path on, 30 mm high.
 
@@ -196,10 +209,10 @@ def _pair(item: tuple[Any, float], first: str) -> tuple[Any, float]:
         raise InputError(f"a change of height is {first} and a height in mm, not {item!r}") from None
 
 
-def _polygon(corners: BaseGeometry | Sequence[Sequence[float]], number: int) -> shapely.Polygon:
+def _polygon(given: BaseGeometry | Sequence[Sequence[float]] | Mapping[str, Any], number: int) -> shapely.Polygon:
     try:
-        polygon = shapely.Polygon(corners)
-    except (TypeError, ValueError, shapely.errors.GEOSException) as error:
+        polygon = shapely.Polygon(shape(given) if isinstance(given, Mapping) else given)
+    except (TypeError, ValueError, LookupError, shapely.errors.ShapelyError) as error:
         raise InputError(f"area {number} of another height is no polygon: {error}") from None
     if not (polygon.is_valid and polygon.area > 0 and np.isfinite(polygon.bounds).all()):
         why = shapely.is_valid_reason(polygon) if not polygon.is_valid else "it has no area"

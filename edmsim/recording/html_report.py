@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from edmsim.cosim.pulse_sample import PulseSample
+from edmsim.files import replacing
 from edmsim.recording.figures.catalogue import Picture, pictures
 from edmsim.recording.report import duration_text, figure_text, summary
 from edmsim.recording.scene import Scene
@@ -66,10 +67,8 @@ def write_html(
     """
     left_out: list[str] = []
     drawn = list(pictures(report, windows, scene, sample, left_out.append))
-    target = Path(file)
-    partial = target.with_name(target.name + ".part")
-    partial.write_text(page(report, title, drawn, left_out), encoding="utf-8")
-    partial.replace(target)
+    with replacing(file) as partial:
+        partial.write_text(page(report, title, drawn, left_out), encoding="utf-8")
 
 
 def page(report: Mapping[str, Any], title: str, drawn: Iterable[Picture], left_out: Iterable[str] = ()) -> str:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from edmsim.files import replacing
 from edmsim.recording.scene import Corner
 from edmsim.recording.windows import column, lag_along_um
 
@@ -234,12 +235,9 @@ def _jsonable(value: Any) -> Any:
 
 def write_json(report: Mapping[str, Any], file: str | Path) -> None:
     """Write a report; a file of that name is replaced whole or not at all."""
-    target = Path(file)
-    partial = target.with_name(target.name + ".part")
-    partial.write_text(
-        json.dumps(report, indent=2, allow_nan=False, ensure_ascii=False) + "\n", encoding="utf-8"
-    )
-    partial.replace(target)
+    text = json.dumps(report, indent=2, allow_nan=False, ensure_ascii=False)
+    with replacing(file) as partial:
+        partial.write_text(text + "\n", encoding="utf-8")
 
 
 def duration_text(seconds: float | None) -> str:

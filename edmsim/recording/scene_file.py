@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edmsim.errors import InputError
+from edmsim.files import replacing
 from edmsim.recording.scene import Corner, ErrorMap, Polylines, Scene, Terrace
 
 VERSION = 1
@@ -38,11 +39,8 @@ def write_scene(scene: Scene, file: str | Path) -> None:
         "starts_mm": scene.starts_mm,
         "told": np.frombuffer(json.dumps(told).encode(), np.uint8),
     }
-    target = Path(file)
-    partial = target.with_name(target.name + ".part")
-    with partial.open("wb") as opened:
+    with replacing(file) as partial, partial.open("wb") as opened:
         np.savez_compressed(opened, allow_pickle=False, **arrays)
-    partial.replace(target)
 
 
 def read_scene(file: str | Path) -> Scene:

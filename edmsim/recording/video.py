@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edmsim.errors import InputError
+from edmsim.files import replacing
 from edmsim.recording.film import Film
 from edmsim.recording.rerun.playback import Playback
 
@@ -49,14 +50,10 @@ def render(recording: Path, out: str | Path, seconds: float = SECONDS) -> None:
     play = Playback(recording)
     if play.end_s <= 0.0:
         raise InputError("the recording holds no window, there is nothing to show", recording)
-    partial = target.with_name(f"{target.stem}.part{kind}")
     film = Film(play, DPI[kind])
     times = np.linspace(0.0, play.end_s, max(2, round(seconds * FRAMES_PER_S[kind])))
-    try:
+    with replacing(target) as partial:
         (_write_mp4 if kind == MP4 else _write_gif)(partial, (film.picture(t) for t in times), film.size)
-        partial.replace(target)
-    finally:
-        partial.unlink(missing_ok=True)
 
 
 def check_film(target: Path, seconds: float) -> str:
@@ -92,7 +89,8 @@ def _ffmpeg() -> Any:
 
 def _write_mp4(file: Path, pictures: Iterator[NDArray[np.uint8]], size: tuple[int, int]) -> None:
     writer = _ffmpeg().write_frames(
-        str(file), size, fps=FRAMES_PER_S[MP4], macro_block_size=2, ffmpeg_log_level="error"
+        str(file), size, fps=FRAMES_PER_S[MP4], macro_block_size=2, ffmpeg_log_level="error",
+        output_params=["-f", "mp4"],
     )
     writer.send(None)
     for picture in pictures:
@@ -113,4 +111,6 @@ def _write_gif(file: Path, pictures: Iterator[NDArray[np.uint8]], size: tuple[in
             else image.quantize(_GIF_COLOURS, method=Image.Quantize.MEDIANCUT, dither=Image.Dither.NONE)
         )
     duration_ms = round(1000 / FRAMES_PER_S[GIF])
-    frames[0].save(file, save_all=True, append_images=frames[1:], duration=duration_ms, loop=0, optimize=False)
+    frames[0].save(
+        file, format="GIF", save_all=True, append_images=frames[1:], duration=duration_ms, loop=0, optimize=False
+    )

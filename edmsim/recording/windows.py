@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from edmsim.cosim.observers import Observer, PlantView, Turn
 from edmsim.errors import InputError
+from edmsim.files import replacing
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -163,10 +164,8 @@ def write_windows(table: pa.Table, file: str | Path) -> None:
     """Write a table of windows as Parquet; a file of that name is replaced whole or not at all."""
     import pyarrow.parquet as pq
 
-    target = Path(file)
-    partial = target.with_name(target.name + ".part")
-    pq.write_table(table, partial)
-    partial.replace(target)
+    with replacing(file) as partial:
+        pq.write_table(table, partial)
 
 
 def read_windows(file: str | Path) -> pa.Table:

@@ -5,8 +5,10 @@ from __future__ import annotations
 import json
 import math
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
+from typing import NamedTuple
 
 import numpy as np
 import pyarrow as pa
@@ -22,6 +24,8 @@ from edmsim.calibration.log import COLUMNS, STRETCH_WINDOWS, Stretch, stretches
 from edmsim.calibration.output import correlated, write
 from edmsim.calibration.simulate import simulate
 from edmsim.cli import app as cli
+from edmsim.cli.console import INTERRUPTED
+from edmsim.job.settings import METADATA_KEY, CutSettings
 from edmsim.machine.ranges import share_of, value_at, with_values
 
 
@@ -197,9 +201,71 @@ def test_an_interrupted_fit_writes_nothing(
         raise KeyboardInterrupt
 
     monkeypatch.setattr("edmsim.calibration.comparison.simulate", interrupt)
-    assert run(monkeypatch, log_file, "--out", log_file.parent / "fitted.toml", "--height", "10") == cli.INTERRUPTED
+    assert run(monkeypatch, log_file, "--out", log_file.parent / "fitted.toml", "--height", "10") == INTERRUPTED
     assert "interrupted; nothing was written" in capsys.readouterr().err
     assert [file.name for file in log_file.parent.iterdir()] == ["log.parquet"]
+
+
+class Compared(NamedTuple):
+    """What the log was compared with, and what was said."""
+
+    machine: edmsim.Machine
+    resolution: str
+    said: str
+
+
+@pytest.fixture
+def compared(
+    known: SimpleNamespace, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> Callable[..., Compared]:
+    """Calibrate with the log of a cut of these settings, up to the first simulated cut."""
+    seen: list[tuple[edmsim.Machine, str]] = []
+
+    def stop(machine: edmsim.Machine, stretch: Stretch, windows: int, seed: int, resolution: str) -> None:
+        seen.append((machine, resolution))
+        raise KeyboardInterrupt
+
+    def run_with(settings: CutSettings | None, *options: object) -> Compared:
+        metadata = None if settings is None else {METADATA_KEY: settings.model_dump_json()}
+        log = tmp_path / "log.parquet"
+        pa.parquet.write_table(known.table.slice(0, 990).replace_schema_metadata(metadata), log)
+        monkeypatch.setattr("edmsim.calibration.comparison.simulate", stop)
+        assert run(monkeypatch, log, "--out", tmp_path / "fitted.toml", *options) == INTERRUPTED
+        return Compared(*seen[0], capsys.readouterr().err)
+
+    return run_with
+
+
+def test_a_log_is_compared_at_the_settings_it_was_cut_with(compared: Callable[..., Compared]) -> None:
+    settings = CutSettings(
+        height_mm=10, material="copper", wire="brass-200", tension=9, generator="ignition-pulse", t_on_us=15,
+        t_period_us=120, resolution="default", seed=4,
+    )  # fmt: skip
+    machine, resolution, said = compared(settings)
+    assert (machine, resolution) == (settings.load_machine(), "default")
+    assert said == "edmsim: interrupted; nothing was written\n"
+
+
+def test_what_is_asked_holds_against_the_log_and_is_told(compared: Callable[..., Compared]) -> None:
+    settings = CutSettings(height_mm=10, material="copper", resolution="default")
+    machine, resolution, said = compared(settings, "--height", 20, "--material", "copper", "--resolution", "fast")
+    assert (machine.height_mm, machine.material_name, resolution) == (20.0, "copper", "fast")
+    assert said.splitlines()[:-1] == [
+        "edmsim: height_mm 20.0 is used, though the log was cut with 10.0",
+        "edmsim: resolution fast is used, though the log was cut with default",
+    ]
+
+
+def test_of_a_log_whose_workpiece_changed_its_height_the_greatest_is_taken(compared: Callable[..., Compared]) -> None:
+    machine, _, said = compared(CutSettings(height_mm=10, heights=[(1, 12)]))
+    assert machine.height_mm == 12.0
+    assert "the height changed in the cut of this log: 12 mm is taken for all of it" in said
+
+
+def test_a_log_that_tells_no_settings_is_compared_at_the_usual_ones(compared: Callable[..., Compared]) -> None:
+    machine, resolution, said = compared(None, "--height", 10)
+    assert (machine, resolution) == (edmsim.Machine.load(height_mm=10.0), "fast")
+    assert said == "edmsim: interrupted; nothing was written\n"
 
 
 @pytest.mark.slow

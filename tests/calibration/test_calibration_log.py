@@ -48,6 +48,23 @@ def test_a_cut_has_the_columns_of_a_log(small_cut) -> None:
     assert len(read_log(small_cut.folder / "windows.parquet")) == small_cut.result.windows.num_rows
 
 
+def test_a_log_of_a_cut_tells_its_settings(small_cut, tmp_path: Path) -> None:
+    settings = read_log(small_cut.folder / "windows.parquet").settings
+    assert settings is not None
+    assert (settings.height_mm, settings.resolution, settings.seed) == (5.0, "fast", 1)
+    pa.csv.write_csv(small_cut.result.windows, tmp_path / "log.csv")
+    assert read_log(tmp_path / "log.csv").settings is None
+
+
+def test_settings_that_are_none_of_a_cut_are_refused_in_one_line(tmp_path: Path) -> None:
+    table = pa.table(rows(5)).replace_schema_metadata({"edmsim": '{"colour": "red"}'})
+    pa.parquet.write_table(table, tmp_path / "log.parquet")
+    with pytest.raises(InputError, match="metadata cannot be read: a cut has no option 'colour'") as refused:
+        read_log(tmp_path / "log.parquet")
+    assert str(tmp_path) in str(refused.value)
+    assert "\n" not in str(refused.value)
+
+
 @pytest.mark.parametrize(
     ("name", "content", "said"),
     [

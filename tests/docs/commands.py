@@ -30,6 +30,7 @@ SHORT: dict[str, tuple[str, ...]] = {
     "render": ("--seconds", "0.5"),
     "report": (),
     "train": ("--steps", "64", "--score", "2"),
+    "score": ("--episodes", "2"),
     "evaluate": ("--seeds", "2", "--resolution", "fast"),
     "calibrate": ("--json",),
     "validate": (),

@@ -71,7 +71,7 @@ def test_a_controller_without_bounds_is_refused() -> None:
 @pytest.mark.parametrize("name", sorted(set(BOUNDS) - {"counts"}))
 def test_the_found_gains_are_used_and_name_their_command(name: str) -> None:
     text = models.path(f"gains/{name}.toml").read_text(encoding="utf-8")
-    assert f"python -m edmsim.evaluation.search {name} --seed 0 " in text
+    assert f"edmsim search-gains {name} --seed 0 " in text
     gains = tomllib.loads(text)["gains"]
     assert set(gains) == set(BOUNDS[name])
     for gain, value in gains.items():

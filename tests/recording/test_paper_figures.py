@@ -12,7 +12,8 @@ import pytest
 from matplotlib.figure import Figure
 
 import edmsim
-from edmsim.cosim.pulse_sample import KINDS, PulseSample, cutting_feed_um_s, sample_like, sample_pulses
+from edmsim.cosim.pulse_sample import KINDS, PulseSample, cutting_feed_um_s, sample_pulses
+from edmsim.job.single_pulses import sample_like
 from edmsim.recording import Scene, WindowTable
 from edmsim.recording.figures import (
     corner_figure,

@@ -17,8 +17,9 @@ import pytest
 import edmsim
 from edmsim import controllers
 from edmsim.cli import app as cli
+from edmsim.cli import console
 from edmsim.cosim.stops import WORDS, StopCause
-from edmsim.errors import BAD_INPUT, FAILED
+from edmsim.errors import BAD_INPUT
 from edmsim.plant.constants import resolution
 
 ROOT = Path(__file__).parents[2]
@@ -52,7 +53,8 @@ def test_every_option_of_every_command_is_told(tables: ModuleType) -> None:
     text = "\n".join(tables.commands())
     for command in cli.app.registered_commands:
         assert command.callback is not None
-        section = text.split(f"## edmsim {command.callback.__name__}\n")[1].split("\n## ")[0]
+        name = command.callback.__name__.replace("_", "-")
+        section = text.split(f"## edmsim {name}\n")[1].split("\n## ")[0]
         told = {name.split()[0].strip(",") for name in cells(section)}
         asked = set(inspect.signature(command.callback).parameters)
         assert {name.lstrip("-").lower().replace("-", "_").rstrip(".") for name in told} - {"env_id"} == asked - {
@@ -104,7 +106,7 @@ def test_the_outputs_are_those_of_a_cut(tmp_path: Path) -> None:
 def test_exit_statuses_and_outcomes() -> None:
     text = page("guide/outcomes")
     told = [int(status) for status in re.findall(r"^\| (\d+) \|", text, re.MULTILINE)]
-    assert told == [0, FAILED, BAD_INPUT, cli.STOPPED, cli.INTERRUPTED]
+    assert told == [0, FAILED, BAD_INPUT, console.STOPPED, console.INTERRUPTED]
     ends = text.split("## How a cut ends")[1].split("\n## ")[0]
     causes = set(StopCause) - {StopCause.RUNNING, StopCause.OUT_OF_RANGE}  # the second is an error, no outcome
     assert set(cells(ends)) - {"--max-time"} == {WORDS[cause].report for cause in causes}

@@ -40,7 +40,7 @@ def pictures(
         As ``part.npz`` holds it.
     sample : PulseSample or str
         Single pulses of a straight cut with this cut's set-up, or why there are none
-        (`edmsim.cosim.pulse_sample.sample_or_reason`).
+        (`edmsim.job.single_pulses.sample_or_reason`).
     leave_out : callable
         Is told which figures cannot be made of this cut, and why.
 

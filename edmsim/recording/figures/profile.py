@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from edmsim.files import replacing
 from edmsim.recording.figures.map import draw_map
 from edmsim.recording.figures.palette import GREEN, INK, MUTED, VERMILION
 from edmsim.recording.figures.series import PANELS, draw_series
@@ -54,10 +55,8 @@ def profile_figure(scene: Scene, windows: pa.Table, report: Mapping[str, Any], t
 
 def write_figure(figure: Figure, file: str | Path) -> None:
     """Write a figure as PNG; a file of that name is replaced whole or not at all."""
-    target = Path(file)
-    partial = target.with_name(target.name + ".part")
-    figure.savefig(partial, format="png", metadata={"Software": "edmsim"})
-    partial.replace(target)
+    with replacing(file) as partial:
+        figure.savefig(partial, format="png", metadata={"Software": "edmsim"})
 
 
 def _heading(figure: Figure, report: Mapping[str, Any], title: str) -> None:

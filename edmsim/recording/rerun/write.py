@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from edmsim.files import replacing
 from edmsim.plant.constants import wire_setup
 from edmsim.plant.mechanics.model import build_model
 from edmsim.recording.closeups import AROUND, PULSES, Closeups
@@ -66,8 +67,6 @@ def write_recording(
     """
     import rerun as rr
 
-    target = Path(file)
-    partial = target.with_name(target.name + ".part")
     kept = closeups.table()
     shapes = Shapes(frames, kept)
     factor = round_factor(np.hypot(*np.moveaxis(shapes.deflection_um, -1, 0)).ravel(), 0.05 * scene.size_mm())
@@ -77,28 +76,28 @@ def write_recording(
         batcher_config=rr.ChunkBatcherConfig.NEVER(),
     )  # fmt: skip
     sizes = sizes_of(scene, factor, float(shapes.t_s[-1]) if len(shapes) else 0.0)
-    recording.save(partial, default_blueprint=blueprint(sizes))
-    recording.send_recording_name(title)
-    made = {"format": FORMAT, "version": report["edmsim_version"], "sizes": list(sizes)}
-    recording.log(MADE_BY, rr.TextDocument(json.dumps(made)), static=True)
-    tolerance_mm = _log_machine(recording, scene, windows, machine, shapes, factor)
-    log_gap.log_discharges(recording, scene, kept)
-    log_gap.log_gap(recording, scene, kept)
-    log_gap.log_scope(recording, kept)
-    told = events(windows, scene, report)
-    group = _log_series(recording, windows, np.array([event.row for event in told], np.int64))
-    _log_events(recording, windows, told)
-    recording.log(
-        "about",
-        rr.TextDocument(
-            about(scene, report, title, factor, _thinning(frames, closeups, group, tolerance_mm)),
-            media_type=rr.MediaType.MARKDOWN,
-        ),
-        static=True,
-    )
-    recording.flush()
-    recording.disconnect()
-    partial.replace(target)
+    with replacing(file) as partial:
+        recording.save(partial, default_blueprint=blueprint(sizes))
+        recording.send_recording_name(title)
+        made = {"format": FORMAT, "version": report["edmsim_version"], "sizes": list(sizes)}
+        recording.log(MADE_BY, rr.TextDocument(json.dumps(made)), static=True)
+        tolerance_mm = _log_machine(recording, scene, windows, machine, shapes, factor)
+        log_gap.log_discharges(recording, scene, kept)
+        log_gap.log_gap(recording, scene, kept)
+        log_gap.log_scope(recording, kept)
+        told = events(windows, scene, report)
+        group = _log_series(recording, windows, np.array([event.row for event in told], np.int64))
+        _log_events(recording, windows, told)
+        recording.log(
+            "about",
+            rr.TextDocument(
+                about(scene, report, title, factor, _thinning(frames, closeups, group, tolerance_mm)),
+                media_type=rr.MediaType.MARKDOWN,
+            ),
+            static=True,
+        )
+        recording.flush()
+        recording.disconnect()
 
 
 def _log_machine(

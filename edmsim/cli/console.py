@@ -1,0 +1,26 @@
+"""What all commands share: the two streams, how a line is told, exit statuses, and options of one meaning."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+from rich.console import Console
+
+OUT = Console()
+ERR = Console(stderr=True)
+
+STOPPED, INTERRUPTED = 3, 130
+"""Exit statuses besides those of `edmsim.errors`: the machine stopped before the end; interrupted by the user."""
+
+Material = Annotated[str, typer.Option(help="Workpiece material.")]
+Height = Annotated[float, typer.Option(help="Workpiece height in mm.")]
+Wire = Annotated[str, typer.Option(help="Wire, with a diameter in um if wanted: brass, copper-100.")]
+Tension = Annotated[float | None, typer.Option(help="Wire tension in N; default by wire.")]
+Resolution = Annotated[str, typer.Option(help="fast, default or fine.")]
+Seed = Annotated[int, typer.Option(help="Seed of every draw.")]
+
+
+def say(text: str) -> None:
+    """Print one line on standard error, however long."""
+    ERR.print("edmsim: " + " ".join(text.splitlines()), highlight=False, soft_wrap=True, markup=False)

@@ -1,0 +1,65 @@
+"""``edmsim cut``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from edmsim.cli.console import ERR, INTERRUPTED, OUT, STOPPED, Height, Material, Resolution, Seed, Tension, Wire, say
+
+
+def cut(
+    program: Annotated[Path, typer.Argument(help="Part program: .ngc .nc .gcode .iso .dxf", show_default=False)],
+    out: Annotated[Path, typer.Option(help="Folder for report, windows, picture and recording.")],
+    machine: Annotated[str, typer.Option(help="Machine, a name or an own TOML file.")] = "agiecut-dem15",
+    material: Material = "tool-steel",
+    height: Height = 20.0,
+    height_at: Annotated[
+        list[str] | None,
+        typer.Option(metavar="MM:MM", help="From that length of path on, that height; may be given again."),
+    ] = None,
+    wire: Wire = "brass",
+    tension: Tension = None,
+    generator: Annotated[str, typer.Option(help="Pulse generator.")] = "iso-pulse",
+    t_on: Annotated[float | None, typer.Option(help="On-time in us; default by generator.")] = None,
+    t_period: Annotated[float | None, typer.Option(help="Period in us; default by generator.")] = None,
+    controller: Annotated[
+        str, typer.Option(help="Feed controller, with parameters if wanted: fixed:feed_um_s=20, own.py:Own.")
+    ] = "counts",
+    planner: Annotated[str, typer.Option(help="poscal, poscal-literal, dda or sine-table.")] = "poscal",
+    mechanics: Annotated[str, typer.Option(help="Integrator of table and wire.")] = "modal",
+    resolution: Resolution = "default",
+    offset: Annotated[str, typer.Option(help="Wire offset: auto, none, or mm.")] = "auto",
+    seed: Seed = 0,
+    max_time: Annotated[float | None, typer.Option(help="Machine time in s after which to stop.")] = None,
+    resume: Annotated[bool, typer.Option("--resume", help="Take up the interrupted cut of the folder.")] = False,
+    quiet: Annotated[bool, typer.Option("--quiet", help="Print nothing but errors.")] = False,
+) -> None:
+    """Simulate a part program."""
+    from edmsim.cli.progress import ProgressBar
+    from edmsim.cosim.stops import WORDS, StopCause
+    from edmsim.job.cut import cut as run_cut
+    from edmsim.program.heights import parse_height
+
+    watcher = ProgressBar(quiet, ERR)
+    try:
+        with watcher:
+            result = run_cut(
+                program, out=out, machine=machine, material=material, height_mm=height,
+                heights=[parse_height(text) for text in height_at or ()], wire=wire, tension=tension,
+                generator=generator, t_on_us=t_on, t_period_us=t_period, controller=controller,
+                planner=planner, mechanics=mechanics, resolution=resolution, offset=offset, seed=seed,
+                max_time_s=max_time, resume=resume, watch=watcher.show,
+            )
+    except KeyboardInterrupt:
+        say("interrupted; take an interrupted cut up again with --resume")
+        raise typer.Exit(INTERRUPTED) from None
+    if not quiet:
+        from edmsim.recording.report import render_table
+
+        OUT.print(render_table(result.report))
+        OUT.print(f"Written to {out}; play it back with: edmsim view {out}", highlight=False, soft_wrap=True)
+    if result.report["outcome"] != WORDS[StopCause.FINISHED].report:
+        raise typer.Exit(STOPPED)

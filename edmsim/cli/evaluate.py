@@ -1,0 +1,90 @@
+"""``edmsim evaluate`` and ``search-gains``: comparing feed controllers, and looking for their gains."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from edmsim.cli.console import ERR, OUT, Resolution
+from edmsim.errors import InputError
+
+if TYPE_CHECKING:
+    from rich.progress import TaskID
+
+
+def evaluate(
+    env_ids: Annotated[
+        list[str],
+        typer.Argument(metavar="ENV_ID...", help="Environments: edmsim/GapFeed-v0 ..., FILE.py:ID, or all."),
+    ],
+    controllers: Annotated[
+        str | None, typer.Option(metavar="A,B", help="Feed controllers, as edmsim cut takes them; all by default.")
+    ] = None,
+    seeds: Annotated[int, typer.Option(help="Cuts of each controller.")] = 20,
+    resolution: Resolution = "default",
+    json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+) -> None:
+    """Compare feed controllers on the same randomised machines."""
+    from rich.progress import Progress as Bar
+
+    from edmsim.envs.registration import resolve
+    from edmsim.evaluation.compare import check, evaluate, usual
+    from edmsim.evaluation.compare import env_ids as all_ids
+    from edmsim.evaluation.table import as_json, render
+
+    chosen = {
+        env_id: usual(env_id) if controllers is None else controllers.split(",")
+        for env_id in (all_ids() if env_ids == ["all"] else map(resolve, env_ids))
+    }
+    for env_id, named in chosen.items():
+        check(env_id, named, seeds, resolution)
+    found = []
+    with Bar(console=ERR, transient=True) as bar:
+        for env_id, named in chosen.items():
+            task = bar.add_task(env_id, total=None)
+
+            def watch(done: int, total: int, task: TaskID = task) -> None:
+                bar.update(task, completed=done, total=total)
+
+            found.append(evaluate(env_id, named, seeds, resolution=resolution, watch=watch))
+    if json:
+        sys.stdout.write(as_json(found) + "\n")
+    else:
+        for comparison in found:
+            OUT.print(render(comparison, OUT.width))
+
+
+def search_gains(
+    name: Annotated[
+        list[str], typer.Argument(metavar="NAME...", help="Feed controllers, as those with a file in models/gains.")
+    ],
+    seed: Annotated[int, typer.Option(help="First training seed, and seed of the search.")] = 0,
+    generations: Annotated[int | None, typer.Option(help="Generations after the first; 4 by default.")] = None,
+    write: Annotated[Path | None, typer.Option(metavar="DIR", help="Folder for the files of gains.")] = None,
+) -> None:
+    """Search the gains of feed controllers."""
+    from rich.progress import Progress as Bar
+
+    from edmsim.evaluation.search import GENERATIONS, POPULATION, as_toml, check, search
+
+    if write is not None and not write.is_dir():
+        raise InputError("there is no such folder", write)
+    for controller in name:
+        check(controller)
+    rounds = GENERATIONS if generations is None else generations
+    with Bar(console=ERR, transient=True) as bar:
+        for controller in name:
+            task = bar.add_task(controller, total=POPULATION * (rounds + 1))
+
+            def watch(tried: int, task: TaskID = task) -> None:
+                bar.update(task, completed=tried)
+
+            found = search(controller, seed, generations=rounds, watch=watch)
+            gains = ", ".join(f"{key} {value:g}" for key, value in found.gains.items())
+            told = f"{controller}: {gains}; score {found.score:.4g} (before {found.default_score:.4g})"
+            OUT.print(told, highlight=False, soft_wrap=True)
+            if write is not None:
+                (write / f"{controller}.toml").write_text(as_toml(controller, seed, rounds, found), encoding="utf-8")

@@ -1,0 +1,52 @@
+"""``edmsim train`` and ``score``: policies, and what they are worth."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from edmsim.cli.console import ERR, INTERRUPTED, OUT, Seed, say
+
+
+def train(
+    env_id: Annotated[
+        str, typer.Argument(help="Environment: edmsim/GapFeed-v0 ..., or FILE.py:ID.", show_default=False)
+    ],
+    out: Annotated[Path, typer.Option(help="Folder for policy, checkpoint and tensorboard logs.")],
+    algo: Annotated[str, typer.Option(help="ppo or sac.")] = "ppo",
+    steps: Annotated[int | None, typer.Option(help="Windows in all; default by environment.")] = None,
+    seed: Seed = 0,
+    resume: Annotated[bool, typer.Option("--resume", help="Go on from the folder's checkpoint.")] = False,
+    score: Annotated[
+        int, typer.Option(metavar="EPISODES", help="Held-back episodes to compare the policy with counts on.")
+    ] = 20,
+) -> None:
+    """Train a feed controller (needs the extra rl)."""
+    from edmsim.learning.command import run
+
+    try:
+        table = run(env_id, algo, out, steps, seed, resume, score, ERR)
+    except KeyboardInterrupt:
+        say("interrupted; take an interrupted training up again with --resume")
+        raise typer.Exit(INTERRUPTED) from None
+    if table is not None:
+        OUT.print(table)
+    OUT.print(f"Cut with it: edmsim cut PROGRAM --controller policy:{out / 'policy.json'} --out DIR",
+               highlight=False, soft_wrap=True, markup=False)
+
+
+def score(
+    name: Annotated[
+        list[str], typer.Argument(metavar="NAME...", help="Policies: files, or names under models/policies.")
+    ],
+    episodes: Annotated[int, typer.Option(help="Held-back episodes at every resolution, 2 or more.")] = 20,
+) -> None:
+    """Measure policies again and write the scores into their cards."""
+    from edmsim.learning.score import measure_again, render
+
+    for policy in name:
+        with ERR.status(policy):
+            scores = measure_again(policy, episodes)
+        OUT.print(render(scores))

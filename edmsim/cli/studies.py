@@ -1,0 +1,101 @@
+"""``edmsim calibrate``, ``validate`` and ``bench``: the model beside machines, publications and the clock."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from edmsim.cli.console import ERR, INTERRUPTED, OUT, Seed, say
+from edmsim.errors import FAILED
+
+
+def calibrate(
+    log: Annotated[Path, typer.Argument(help="Table of windows, .parquet or CSV.", show_default=False)],
+    out: Annotated[Path, typer.Option(help="TOML file for the fitted machine; material and wire go beside it.")],
+    fit: Annotated[
+        str | None, typer.Option(metavar="A,B", help="Constants or sections to fit; by default the usual three.")
+    ] = None,
+    machine: Annotated[
+        str | None, typer.Option(help="Machine to start from; default by log, or agiecut-dem15.")
+    ] = None,
+    material: Annotated[str | None, typer.Option(help="Workpiece material; default by log, or tool-steel.")] = None,
+    height: Annotated[float | None, typer.Option(help="Workpiece height in mm; default by log, or 20.")] = None,
+    wire: Annotated[str | None, typer.Option(help="Wire, as copper-100; default by log, or brass.")] = None,
+    tension: Annotated[float | None, typer.Option(help="Wire tension in N; default by log, or by wire.")] = None,
+    generator: Annotated[str | None, typer.Option(help="Pulse generator; default by log, or iso-pulse.")] = None,
+    resolution: Annotated[
+        str | None, typer.Option(help="fast, default or fine; default by log, or fast.")
+    ] = None,
+    seed: Seed = 0,
+    json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+) -> None:
+    """Fit the model's constants to a machine's log."""
+    from edmsim.calibration import DEFAULT_CONSTANTS, read_log, settings_for
+    from edmsim.calibration import calibrate as run
+    from edmsim.calibration.output import as_json, check_writable, render, write
+
+    check_writable(out)
+    table = read_log(log)
+    given: dict[str, Any] = {
+        "machine": machine, "material": material, "height_mm": height, "wire": wire, "tension": tension,
+        "generator": generator, "resolution": resolution,
+    }
+    settings, notices = settings_for(table, **{name: value for name, value in given.items() if value is not None})
+    set_up = settings.load_machine()
+    for notice in notices:
+        say(notice)
+    try:
+        with ERR.status("calibrate") as status:
+            found = run(
+                table, set_up, DEFAULT_CONSTANTS if fit is None else fit.split(","), seed=seed,
+                resolution=settings.resolution,
+                watch=lambda p: status.update(f"{p.cuts} cuts simulated, misfit {p.misfit:.2f}"),
+            )
+    except KeyboardInterrupt:
+        say("interrupted; nothing was written")
+        raise typer.Exit(INTERRUPTED) from None
+    files = write(found, table.name, out)
+    if json:
+        sys.stdout.write(as_json(found, files) + "\n")
+        return
+    OUT.print(render(found))
+    options = " ".join(f"--{part} {file}" for part, file in files.items())
+    OUT.print(f"Cut with it: edmsim cut PROGRAM {options} --out DIR", highlight=False, soft_wrap=True, markup=False)
+
+
+def validate(
+    json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+) -> None:
+    """Compare the model with what was published, row by row."""
+    from rich.progress import Progress as Bar
+
+    from edmsim.validation import run
+    from edmsim.validation.report import as_json, render
+
+    with Bar(console=ERR, transient=True) as bar:
+        task = bar.add_task("validate", total=None)
+        rows = run(lambda done, total: bar.update(task, completed=done, total=total))
+    if json:
+        sys.stdout.write(as_json(rows) + "\n")
+    else:
+        OUT.print(render(rows))
+    if any(row.unexpected for row in rows):
+        raise typer.Exit(FAILED)
+
+
+def bench(
+    json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+) -> None:
+    """Measure the speed of this machine."""
+    from edmsim.bench.figures import measure, render
+
+    figures = measure()
+    if json:
+        import json as codec
+
+        sys.stdout.write(codec.dumps(figures, indent=2) + "\n")
+    else:
+        OUT.print(render(figures))

@@ -1,0 +1,131 @@
+"""What a cut leaves: its report, tables, drawing and metal, and the files they are written to."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from edmsim import __version__
+from edmsim.cosim.simulation import Simulation
+from edmsim.files import make_writable
+from edmsim.job.recorders import Recorders
+from edmsim.job.settings import METADATA_KEY, CutSettings
+from edmsim.job.single_pulses import sample_or_reason
+from edmsim.machine.machine import Machine
+from edmsim.metrology.edges import contour
+from edmsim.metrology.inspection import inspect, totals
+from edmsim.plant.workpiece.kerf_field import KerfField
+from edmsim.program.path import CutPath
+from edmsim.recording.closeups import Closeups
+from edmsim.recording.frames import Frames
+from edmsim.recording.report import build_report
+from edmsim.recording.scene import Scene
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+    from shapely.geometry import MultiPolygon
+
+
+@dataclass(frozen=True)
+class CutResult:
+    """What a cut leaves.
+
+    Attributes
+    ----------
+    report : dict
+        The fields of ``report.json``.
+    windows : pyarrow.Table
+        A row per window of 255 pulses: ``windows.parquet``; its metadata hold the `CutSettings`.
+    path : CutPath
+        The wire's path.
+    field : KerfField
+        The metal that is left.
+    frames : Frames
+        The wire's shape, thinned.
+    scene : Scene
+        The drawing: nominal and cut edges, errors, corners.
+    closeups : Closeups
+        Windows kept pulse by pulse: thinned, and all of them around events.
+    machine : Machine
+        The set-up.
+    """
+
+    report: dict[str, Any]
+    windows: pa.Table
+    path: CutPath
+    field: KerfField
+    frames: Frames
+    scene: Scene
+    closeups: Closeups
+    machine: Machine
+
+    def contour(self, slice_index: int) -> MultiPolygon:
+        """Metal removed from one slice (0 is the bottom) as shapely polygons in mm; holes are what stays."""
+        return contour(self.field, slice_index)
+
+    def write(self, folder: str | Path) -> None:
+        """Write ``report.json`` and ``.html``, ``windows.parquet``, ``profile.png``, ``part.npz`` and ``cut.rrd``."""
+        from edmsim.recording import (
+            profile_figure,
+            write_figure,
+            write_html,
+            write_json,
+            write_recording,
+            write_scene,
+            write_windows,
+        )
+
+        target = Path(folder)
+        make_writable(target)
+        title = Path(self.path.source).name
+        write_windows(self.windows, target / "windows.parquet")
+        write_figure(profile_figure(self.scene, self.windows, self.report, title), target / "profile.png")
+        write_scene(self.scene, target / "part.npz")
+        sample = sample_or_reason(self.report, self.windows)
+        write_html(self.report, self.windows, self.scene, sample, title, target / "report.html")
+        write_recording(
+            target / "cut.rrd", self.scene, self.windows, self.frames, self.closeups, self.machine, self.report, title
+        )
+        write_json(self.report, target / "report.json")
+
+
+def result_of(
+    simulation: Simulation, recorders: Recorders, settings: CutSettings, made_with: Mapping[str, Any],
+    notices: Sequence[str], wall_time_s: float,
+) -> CutResult:
+    """Measure a cut that is over.
+
+    Parameters
+    ----------
+    simulation : Simulation
+    recorders : Recorders
+        What was recorded of it.
+    settings : CutSettings
+        The options it was made with.
+    made_with : mapping
+        The report's settings.
+    notices : sequence of str
+        What the user should know about this cut.
+    wall_time_s : float
+        Time of the computer.
+    """
+    found = inspect(simulation, recorders.windows.values()[:, 1:3])
+    windows = recorders.windows.to_arrow(found.error_um)
+    assert simulation.outcome is not None
+    report = build_report(
+        outcome=simulation.outcome,
+        reason=simulation.reason,
+        windows=windows,
+        totals=totals(simulation, wall_time_s),
+        quality=found.quality,
+        notices=notices,
+        seed=settings.seed,
+        settings=made_with,
+        version=__version__,
+    )
+    return CutResult(
+        report, windows.replace_schema_metadata({METADATA_KEY: settings.model_dump_json()}), simulation.path,
+        simulation.plant.field, recorders.frames, found.scene, recorders.closeups, simulation.machine,
+    )

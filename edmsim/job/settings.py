@@ -1,0 +1,236 @@
+"""The options of a cut: what `edmsim.cut`, ``edmsim cut``, reports, calibrations and sweeps have in common."""
+
+from __future__ import annotations
+
+import inspect
+import math
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, TypedDict, TypeVar
+
+import shapely
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    ModelWrapValidatorHandler,
+    ValidationError,
+    field_serializer,
+    field_validator,
+    model_validator,
+)
+from shapely.geometry import mapping
+
+from edmsim.controllers import FeedController
+from edmsim.controllers.own import check_is_controller, text_of
+from edmsim.errors import InputError
+from edmsim.machine.machine import Machine
+from edmsim.machine.setting import check_height
+from edmsim.plant.constants import resolution as check_resolution
+from edmsim.plant.plant import MECHANICS
+from edmsim.program.heights import Area, Height, Heights, checked_areas, checked_changes
+
+METADATA_KEY = b"edmsim"
+"""Under which the metadata of ``windows.parquet`` hold a cut's settings, as JSON."""
+
+_Function = TypeVar("_Function", bound=Callable[..., Any])
+
+
+class CutSettings(BaseModel):
+    """How a part program is cut: every option once, checked, unchangeable, and readable from its JSON.
+
+    Raises
+    ------
+    InputError
+        A name that is no option, or a value that no cut can be made with.
+    """
+
+    model_config = ConfigDict(
+        frozen=True, extra="forbid", arbitrary_types_allowed=True, use_attribute_docstrings=True
+    )
+
+    machine: str = "agiecut-dem15"
+    """Name under ``models/machines``, or path of an own TOML file."""
+    material: str = "tool-steel"
+    """Material of the workpiece: name under ``models/materials``, or path of an own TOML file."""
+    height_mm: float = 20.0
+    """Workpiece height in mm, 0.5 to 400, where nothing else is said."""
+    heights: tuple[tuple[float, float], ...] = ()
+    """Pairs (from_mm, height_mm): from that length of wire path on, lead-in included, the workpiece is so high."""
+    height_areas: tuple[tuple[shapely.Polygon, float], ...] = ()
+    """Pairs (polygon, height_mm): inside the polygon (of shapely, or its corners, in mm of the program) the workpiece
+    is so high, whatever `heights` says; the first of overlapping ones holds."""
+    wire: str = "brass"
+    """Name under ``models/wires``, or path of an own TOML file; with a diameter in um if wanted: ``"brass-200"``."""
+    tension: float | None = None
+    """Wire tension in N; by default the wire's own."""
+    generator: str = "iso-pulse"
+    """Pulse generator: name under ``models/generators``, or path of an own TOML file."""
+    t_on_us: float | None = None
+    """On-time in us; by default the generator's own."""
+    t_period_us: float | None = None
+    """Pulse period in us; by default the generator's own."""
+    controller: str | FeedController = "counts"
+    """Feed controller, with parameters if wanted: ``"fixed:feed_um_s=20"``; a class in an own file, ``"own.py:Own"``
+    (see `edmsim.controllers.from_text`); or an object that is one."""
+    planner: str = "poscal"
+    """What makes motor steps of path and speed: poscal, poscal-literal, dda or sine-table; ``docs/planners.md`` has
+    their errors."""
+    mechanics: str = "modal"
+    """Integrator of table and wire: modal or mujoco (see `Plant`)."""
+    resolution: str = "default"
+    """How finely the gap is computed: fast, default or fine."""
+    offset: str | float = "auto"
+    """Wire offset in mm, or auto (the wire's radius and the expected side gap), or none."""
+    seed: int = 0
+    """Seed of every draw: same seed, same cut."""
+    max_time_s: float | None = None
+    """Machine time in s after which to stop; no limit by default."""
+
+    @model_validator(mode="wrap")
+    @classmethod
+    def _refuse_in_one_line(cls, given: Any, handler: ModelWrapValidatorHandler[CutSettings]) -> CutSettings:
+        try:
+            return handler(given)
+        except ValidationError as error:
+            raise InputError(_line(error)) from None
+
+    @field_validator("height_mm")
+    @classmethod
+    def _check_height(cls, height_mm: float) -> float:
+        check_height(height_mm)
+        return height_mm
+
+    @field_validator("heights", mode="before")
+    @classmethod
+    def _check_heights(cls, given: Sequence[Height] | None) -> tuple[Height, ...]:
+        return checked_changes(given or ())
+
+    @field_validator("height_areas", mode="before")
+    @classmethod
+    def _check_areas(cls, given: Sequence[Area] | None) -> tuple[tuple[shapely.Polygon, float], ...]:
+        return checked_areas(given or ())
+
+    @field_serializer("height_areas")
+    def _corners(self, areas: tuple[tuple[shapely.Polygon, float], ...]) -> list[list[object]]:
+        """Return areas as lists of corners; those with holes, which such a list cannot tell, as GeoJSON."""
+        return [
+            [mapping(area) if area.interiors else shapely.get_coordinates(area).tolist(), height]
+            for area, height in areas
+        ]
+
+    @field_validator("controller", mode="plain")
+    @classmethod
+    def _check_controller(cls, given: object) -> str | FeedController:
+        return given if isinstance(given, str) else check_is_controller(given)
+
+    @field_serializer("controller")
+    def _text(self, controller: str | FeedController) -> str:
+        return controller if isinstance(controller, str) else text_of(controller)
+
+    @field_validator("mechanics")
+    @classmethod
+    def _check_mechanics(cls, name: str) -> str:
+        if name not in MECHANICS:
+            raise InputError(f"unknown mechanics '{name}'; there are: {', '.join(MECHANICS)}")
+        return name
+
+    @field_validator("resolution")
+    @classmethod
+    def _check_resolution(cls, name: str) -> str:
+        check_resolution(name)
+        return name
+
+    @field_validator("max_time_s")
+    @classmethod
+    def _check_max_time(cls, max_time_s: float | None) -> float | None:
+        if max_time_s is not None and not 0 < max_time_s < math.inf:
+            raise InputError(f"the time limit of {max_time_s:g} s must be finite and above zero")
+        return max_time_s
+
+    @classmethod
+    def of_json(cls, text: str | bytes) -> CutSettings:
+        """Read settings back from their JSON; raises `InputError` if it is none."""
+        try:
+            return cls.model_validate_json(text)
+        except ValidationError as error:
+            raise InputError(_line(error)) from None
+
+    @classmethod
+    def of_report(cls, report: Mapping[str, Any]) -> CutSettings:
+        """Return the settings of the cut that a report tells of, as ``report.json`` holds it."""
+        told = {**report["settings"], "seed": report["seed"]}
+        told |= {"tension": told["tension_N"], "offset": told["offset_um"] * 1e-3}
+        return cls(**{name: told[name] for name in cls.model_fields})
+
+    @property
+    def workpiece(self) -> Heights:
+        """The heights of the workpiece."""
+        return Heights(self.height_mm, self.heights, self.height_areas)
+
+    def load_machine(self) -> Machine:
+        """Return the set-up; its height is the greatest of the workpiece.
+
+        Raises
+        ------
+        InputError
+            As `Machine.load`.
+        """
+        return Machine.load(
+            self.machine, material=self.material, wire=self.wire, generator=self.generator,
+            height_mm=self.workpiece.greatest_mm, tension=self.tension, t_on_us=self.t_on_us,
+            t_period_us=self.t_period_us,
+        )
+
+
+class CutOptions(TypedDict, total=False):
+    """Options of `edmsim.cut`: what `CutSettings` takes, for editors and type checkers."""
+
+    machine: str
+    material: str
+    height_mm: float
+    heights: Sequence[Height] | None
+    height_areas: Sequence[Area] | None
+    wire: str
+    tension: float | None
+    generator: str
+    t_on_us: float | None
+    t_period_us: float | None
+    controller: str | FeedController
+    planner: str
+    mechanics: str
+    resolution: str
+    offset: str | float
+    seed: int
+    max_time_s: float | None
+
+
+def takes_settings(function: _Function) -> _Function:
+    """Let a function with ``**options`` show them: names, types and defaults in its signature, meanings in its help.
+
+    The docstring's line ``{options}`` is where the meanings go.
+    """
+    kinds = {name: kind.__forward_arg__ for name, kind in CutOptions.__annotations__.items()}
+    shown = [
+        inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=field.default, annotation=kinds[name])
+        for name, field in CutSettings.model_fields.items()
+    ]
+    signature = inspect.signature(function)
+    own = [p for p in signature.parameters.values() if p.kind is not inspect.Parameter.VAR_KEYWORD]
+    function.__signature__ = signature.replace(parameters=[*own, *shown])  # type: ignore[attr-defined]
+    if function.__doc__ is not None:
+        meanings = [
+            f"{name} : {kinds[name]}\n        {' '.join((field.description or '').split())}"
+            for name, field in CutSettings.model_fields.items()
+        ]
+        function.__doc__ = function.__doc__.replace("{options}", "\n    ".join(meanings))
+    return function
+
+
+def _line(error: ValidationError) -> str:
+    """Say in one line what is wrong with the first option that cannot be used."""
+    first = error.errors()[0]
+    name = ".".join(str(part) for part in first["loc"])
+    if first["type"] == "extra_forbidden":
+        return f"a cut has no option '{name}'; there are: {', '.join(CutSettings.model_fields)}"
+    if not name:
+        return f"these are no options of a cut: {first['msg']}"
+    return f"option {name} cannot be {first['input']!r}: {first['msg']}"

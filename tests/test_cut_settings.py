@@ -1,0 +1,93 @@
+"""The options of a cut: one list that the function, the command line, reports and tables of windows agree on."""
+
+from __future__ import annotations
+
+import inspect
+from pathlib import Path
+from types import SimpleNamespace
+
+import pyarrow.parquet
+import pytest
+import shapely
+from pydantic import ValidationError
+
+import edmsim
+from edmsim.cli import app as cli
+from edmsim.controllers import make
+from edmsim.job.settings import METADATA_KEY, CutOptions, CutSettings
+
+OF_RUNNING = {"program", "out", "resume", "watch"}
+"""Arguments of `edmsim.cut` that say how it is run, not what is cut."""
+CHECKED = {"heights", "height_areas"}
+"""Options given more freely than they are kept."""
+
+
+def test_editors_and_type_checkers_know_every_option_by_its_type() -> None:
+    typed = {name: kind.__forward_arg__ for name, kind in CutOptions.__annotations__.items()}
+    kept = {name: inspect.get_annotations(CutSettings)[name] for name in CutSettings.model_fields}
+    assert typed.keys() == kept.keys()
+    assert {name for name in typed if typed[name] != kept[name]} == CHECKED
+
+
+def test_the_function_shows_every_option_with_default_and_meaning() -> None:
+    shown = inspect.signature(edmsim.cut).parameters
+    assert shown.keys() - OF_RUNNING == CutSettings.model_fields.keys()
+    told = inspect.getdoc(edmsim.cut) or ""
+    for name, field in CutSettings.model_fields.items():
+        assert shown[name].default == field.default
+        assert shown[name].kind is inspect.Parameter.KEYWORD_ONLY
+        assert f"\n{name} : {shown[name].annotation}\n    " in told
+        assert field.description
+
+
+def test_the_command_line_has_every_option_with_its_default() -> None:
+    renamed = {"height_mm": "height", "heights": "height_at", "t_on_us": "t_on", "t_period_us": "t_period",
+               "max_time_s": "max_time"}  # fmt: skip
+    options = inspect.signature(cli.cut).parameters
+    asked = {renamed.get(name, name): field.default for name, field in CutSettings.model_fields.items()
+             if name != "height_areas"}  # fmt: skip  # a polygon is no option
+    assert options.keys() == asked.keys() | {"program", "out", "resume", "quiet"}
+    assert {name: options[name].default or None for name in asked} == {
+        name: default or None for name, default in asked.items()
+    }
+
+
+def test_settings_do_not_change() -> None:
+    with pytest.raises(ValidationError, match="frozen"):
+        CutSettings().height_mm = 10.0  # type: ignore[misc]
+
+
+def test_json_gives_the_same_settings_back() -> None:
+    ring = shapely.Point(0, 0).buffer(3.1).difference(shapely.Point(0, 0).buffer(1 / 3))
+    settings = CutSettings(
+        height_mm=5, heights=[(1, 7.5)], height_areas=[([(0, 0), (1, 0), (1, 0.1)], 6), (ring, 8)], tension=9.5,
+        controller="fixed:feed_um_s=11", offset=0.15, seed=3, max_time_s=1,
+    )  # fmt: skip
+    again = CutSettings.of_json(settings.model_dump_json())
+    assert again == settings
+    assert again.height_areas[1][0].interiors[0].equals(ring.interiors[0])
+
+
+def test_a_controller_given_as_an_object_is_told_as_the_command_line_has_it() -> None:
+    settings = CutSettings(controller=make("fixed", feed_um_s=12.0))
+    assert settings.model_dump()["controller"] == "fixed:feed_um_s=12.0"
+
+
+@pytest.mark.parametrize("text", ["", "[]", '{"colour": "red"}', '{"height_mm": 900}'])
+def test_json_that_is_none_of_a_cut_is_refused_in_one_line(text: str) -> None:
+    with pytest.raises(edmsim.InputError) as refused:
+        CutSettings.of_json(text)
+    assert "\n" not in str(refused.value)
+
+
+def test_the_windows_of_a_cut_tell_its_settings(small_cut: SimpleNamespace) -> None:
+    expected = CutSettings(height_mm=5.0, resolution="fast", seed=1)
+    written = pyarrow.parquet.read_schema(small_cut.folder / "windows.parquet")
+    for schema in (small_cut.result.windows.schema, written):
+        assert CutSettings.of_json(schema.metadata[METADATA_KEY]) == expected
+
+
+def test_a_report_gives_the_set_up_of_its_cut(small_cut: SimpleNamespace, tmp_path: Path) -> None:
+    settings = CutSettings.of_report(small_cut.result.report)
+    assert settings.load_machine() == small_cut.result.machine
+    assert (settings.seed, settings.resolution, settings.controller) == (1, "fast", "counts")
