@@ -52,6 +52,7 @@ def checkout(to: Path, *, links: bool) -> Path:
 def run(*command: object, at: Path, path: Path | None = None, status: int = 0) -> str:
     """Run a command that sees no other Python files than its own and those of `path`; return its output."""
     environment = {name: value for name, value in os.environ.items() if not name.startswith("PYTHON")}
+    environment["XDG_CACHE_HOME"] = str(at / "cache")  # nothing of it shall stay
     if path is not None:
         environment["PYTHONPATH"] = str(path)
     words = [str(word) for word in command]
