@@ -29,7 +29,7 @@ Written by `{command}` (edmsim {version}); do not edit.
 Every controller makes the same cuts: episodes of the environments in which every constant that has a published
 range is drawn (`Machine.sample`), and heights and tension, from one held-back seed each
 (`edmsim.evaluation.episode.ARGUMENTS`). The gains of the classic controllers were found on other seeds of GapFeed
-and HeightStep by `python -m edmsim.evaluation.search`, for the return, at resolution `fast`; each file in
+and HeightStep by `edmsim search-gains`, for the return, at resolution `fast`; each file in
 `models/gains/` names its command. `counts` keeps its documented constants: those a search finds for it (1014 in
 place of 835 of return on the training seeds) hunt where windows last 0.25 s or the removal halves, which a machine's
 default must not (`tests/controllers/test_feed_controllers.py`). In parentheses: 95 % bootstrap intervals over the

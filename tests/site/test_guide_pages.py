@@ -19,7 +19,7 @@ from edmsim import controllers
 from edmsim.cli import app as cli
 from edmsim.cli import console
 from edmsim.cosim.stops import WORDS, StopCause
-from edmsim.errors import BAD_INPUT
+from edmsim.errors import BAD_INPUT, FAILED
 from edmsim.plant.constants import resolution
 
 ROOT = Path(__file__).parents[2]
