@@ -42,7 +42,7 @@ if not (Path(__file__).parent / "controllers").is_dir():
 
 def _register_environments() -> None:
     """Let `gymnasium.make` know the environments by name; nothing of them is loaded before one is made."""
-    from edmsim.envs.registration import register_all
+    from edmsim.envs.registry import register_all
 
     register_all()
 

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edmsim.envs.path_follower import DONE, FINE_PER_UM, LANE, OUT_OF_RANGE, RUNNING, follow, plan
-from edmsim.envs.scenarios import CENTRE_UM, CORNER_DEG, Family, Scenario
+from edmsim.envs.task import CORNER_DEG, Family, Scenario
 from edmsim.errors import InputError
 from edmsim.geometry import Polyline
 from edmsim.machine.machine import Machine
@@ -58,8 +58,9 @@ class Lanes:
     def __init__(self, family: Family, count: int, threads: int = 1) -> None:
         self.family = family
         self.count = count
+        centre_um = family.base.base.table.centre_um
         self.fleet = Fleet(
-            [Plant(family.base, position_um=CENTRE_UM, resolution=family.resolution) for _ in range(count)], threads
+            [Plant(family.base, position_um=centre_um, resolution=family.resolution) for _ in range(count)], threads
         )
         self.rows: NDArray[np.void] = np.zeros(count, LANE)
         self.scenarios: list[Scenario | None] = [None] * count

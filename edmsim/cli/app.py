@@ -210,7 +210,7 @@ def evaluate(
     """Compare feed controllers on the same randomised machines."""
     from rich.progress import Progress as Bar
 
-    from edmsim.envs.registration import resolve
+    from edmsim.envs.registry import resolve
     from edmsim.evaluation.bars import told
     from edmsim.evaluation.compare import check, evaluate, usual
     from edmsim.evaluation.compare import env_ids as all_ids

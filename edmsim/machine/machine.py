@@ -68,6 +68,11 @@ class Table(_Frozen):
     presliding_um: Positive
     backlash_um: Constant
 
+    @property
+    def centre_um(self) -> tuple[float, float]:
+        """Middle of the travel of both axes."""
+        return (self.travel_mm.value * 500.0, self.travel_mm.value * 500.0)
+
 
 class Guides(_Frozen):
     """Wire guides, damping and running of the wire."""

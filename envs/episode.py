@@ -10,11 +10,11 @@ import numpy as np
 
 from edmsim.controllers import WindowObservation
 from edmsim.envs.checks import checked_options
-from edmsim.envs.families import episode_steps, make_family
 from edmsim.envs.lanes import CAUSES, Lanes
 from edmsim.envs.path_follower import DONE, LIMIT_SWITCH, RUNNING, WIRE_BREAK
+from edmsim.envs.registry import episode_steps, make_family
 from edmsim.envs.reward import rewards
-from edmsim.envs.scenarios import Family, Scenario
+from edmsim.envs.task import Family, Scenario
 from edmsim.errors import InputError
 from edmsim.machine.machine import Machine
 from edmsim.plant.plant import Plant
@@ -33,7 +33,7 @@ class StepResult(NamedTuple):
     truth : PulseWindow
         What happened, also what no real machine sees.
     progress_um : float
-        How much more of the path is cut (see `motion.LANE`).
+        How much more of the path is cut (see `path_follower.LANE`).
     area_mm2 : float
         The same times the local height.
     error_um : float
@@ -73,7 +73,7 @@ class Task:
     name : str or type
         ``"GapFeed"`` or ``"edmsim/GapFeed-v0"``, and so on; or an own family.
     **options
-        Arguments of the environment (see `scenarios.Family`); those of action and observation have no effect.
+        Arguments of the environment (see `Family`); those of action and observation have no effect.
 
     Raises
     ------
@@ -195,5 +195,5 @@ class Task:
         return StepResult(
             seen, window, float(row["progress_um"]), float(row["area_mm2"]), float(row["error_um"]),
             cause == DONE, cause == WIRE_BREAK, CAUSES[cause] if cause >= LIMIT_SWITCH else None, lanes.refused[0],
-            float(rewards(_LANE, lanes.rows, lanes.fleet.windows, self._weights)[0]),
+            float(rewards(_LANE, lanes.rows, lanes.fleet.windows, self._weights)[0][0]),
         )

@@ -1,0 +1,72 @@
+"""Contour: any part program, contour by contour."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from importlib import resources
+from pathlib import Path
+from typing import ClassVar
+
+import numpy as np
+
+from edmsim.envs.reward import Weights
+from edmsim.envs.single import EdmEnv
+from edmsim.envs.task import Family, Scenario, even_height
+from edmsim.envs.vector import EdmVectorEnv
+from edmsim.machine.machine import Machine
+from edmsim.plant.workpiece.kerf_field import Stock
+from edmsim.program.path import CutPath, plan_path
+
+
+@dataclass(frozen=True, kw_only=True)
+class Contour(Family):
+    """The contours of a part program.
+
+    Parameters
+    ----------
+    program : path, optional
+        Of `edmsim.program.path.plan_path`; a punch of 1.5 x 1 mm if not given. Dwells (G4) are left out.
+    """
+
+    program: str | Path | None = None
+
+    knows_corners: ClassVar[bool] = True
+    own_weights: ClassVar[Weights] = Weights(profile=1.0, time=0.1)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self._cut  # noqa: B018 - refuses a program that cannot be cut
+
+    @cached_property
+    def _cut(self) -> tuple[Stock, CutPath]:
+        offset_mm, table_um = self.base.auto_offset_mm, round(self.base.base.table.travel_mm.value * 1e3)
+        if self.program is None:
+            with resources.as_file(resources.files(__package__) / "small_punch.ngc") as file:
+                path = plan_path(file, auto_offset_mm=offset_mm, table_um=table_um)
+        else:
+            path = plan_path(self.program, auto_offset_mm=offset_mm, table_um=table_um)
+        x0, y0, x1, y1 = (1e3 * v for v in path.stock_mm)
+        radius = path.start_hole_radius_mm * 1e3
+        holes = tuple((float(c.points_um[0, 0]), float(c.points_um[0, 1]), radius) for c in path.contours)
+        return Stock((x0, y0, x1, y1), holes), path
+
+    def draw_cut(
+        self, rng: np.random.Generator, machine: Machine, seed: int, drawn: dict[str, float | str]
+    ) -> Scenario:
+        """Take the program's contours, one leg each; nothing is drawn for them."""
+        stock, path = self._cut
+        legs = tuple(c.points_um.astype(np.float64) for c in path.contours)
+        return Scenario(machine, stock, legs, even_height(machine), seed, drawn, path.contours)
+
+
+class ContourEnv(EdmEnv):
+    """PAGE"""
+
+    task = Contour
+
+
+class ContourVectorEnv(EdmVectorEnv):
+    """`ContourEnv`, many at once; arguments beside its own: those of `EdmVectorEnv`."""
+
+    task = Contour
