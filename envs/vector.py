@@ -217,11 +217,7 @@ class EdmVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDArray[A
         final = np.full(self.num_envs, None, dtype=object)
         for lane in np.flatnonzero(ended):
             final[lane] = last[lane]
-        final_info: dict[str, Any] = {}
-        for name, values in infos.items():
-            if not name.startswith("_"):
-                final_info[name], final_info[f"_{name}"] = values, infos[f"_{name}"] & ended
-                infos[f"_{name}"] = infos[f"_{name}"] & ~ended
+        final_info, infos = _only(infos, ended), _only(infos, ~ended)
         infos["final_obs"], infos["_final_obs"] = final, ended
         infos["final_info"], infos["_final_info"] = final_info, ended.copy()
         self._merge(infos, self._begin(ended))
@@ -243,3 +239,13 @@ class EdmVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDArray[A
         """Shut down the threads and close the window."""
         self._batch.lanes.fleet.close()
         self._renderer.close()
+
+
+def _only(infos: dict[str, Any], mask: Flags) -> dict[str, Any]:
+    """Return infos of which only some lanes' values count; the arrays of values are shared."""
+    kept: dict[str, Any] = {}
+    for name, values in infos.items():
+        if not name.startswith("_"):
+            kept[name] = _only(values, mask) if isinstance(values, dict) else values
+            kept[f"_{name}"] = infos[f"_{name}"] & mask
+    return kept
