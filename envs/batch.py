@@ -128,7 +128,7 @@ class Batch:
         return dict(zip(TERMS, self._terms.copy(), strict=True))
 
     def ignited(self) -> NDArray[np.bool_]:
-        """Say of every lane whether a pulse of its last window ignited."""
+        """Return for every lane (n,) whether a pulse of its last window ignited."""
         return np.asarray(self.lanes.fleet.windows["ignitions"] > 0)
 
     def words(self, lane: int) -> dict[str, str]:

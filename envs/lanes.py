@@ -25,8 +25,8 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 CAUSES = ("running", "done", "wire-break", "limit-switch", "persistent-short", "out-of-range")
-"""Why an episode ended, by number (see `motion`); out of range is a wire pushed further than the plant's model holds
-for."""
+"""Why an episode ended, by number (see `path_follower`); out of range is a wire pushed further than the plant's model
+holds for."""
 ON_US, PERIOD_US = 1.0, 5.0
 """Detents of the generator's knobs (ours: fine against what they change; propagators are kept by period)."""
 
@@ -44,11 +44,11 @@ class Lanes:
     Attributes
     ----------
     fleet : Fleet
-        The plants; ``fleet.windows`` and ``fleet.states`` tell what the last window was.
-    rows : (n,) `motion.LANE`
+        The plants; ``fleet.windows`` and ``fleet.states`` have their last windows and their states.
+    rows : (n,) `path_follower.LANE`
         Numbers of every lane.
     scenarios : list of Scenario or None
-        What each lane is at; None before its first episode.
+        The present episode of each lane; None before its first one.
     refused : list of str or None
         Why the generator refused the setting last asked for.
     corner_um, corner_deg : (n, most)
@@ -146,7 +146,7 @@ class Lanes:
         return np.asarray(self.rows["before_um"] + self.rows["place"] / FINE_PER_UM)
 
     def set_generator(self, lane: int, t_on_us: float, t_period_us: float) -> None:
-        """Turn the knobs, to the nearest detent; what the generator refuses is told in `refused` and not done."""
+        """Set the generator to the nearest detents; a setting that it refuses is not made, and `refused` says why."""
         wanted = to_detents(t_on_us, t_period_us)
         self.refused[lane] = None
         if wanted == tuple(self.rows[lane]["setting_us"]):
@@ -175,7 +175,7 @@ class Lanes:
             self._end_leg(int(lane))
 
     def telling(self, lanes: Ints) -> list[int]:
-        """Return those of some lanes about which there are words: the episode ended, or a setting was refused."""
+        """Return those of some lanes whose info has texts: the episode ended, or a setting was refused."""
         ended = set(lanes[self.rows["cause"][lanes] != RUNNING].tolist())
         return [lane for lane in lanes.tolist() if lane in ended or self.refused[lane] is not None]
 
@@ -196,7 +196,7 @@ class Lanes:
 
 
 def to_detents(t_on_us: float, t_period_us: float) -> tuple[float, float]:
-    """Return the setting of the knobs that is nearest."""
+    """Return the nearest setting that the generator's knobs have."""
     return round(t_on_us / ON_US) * ON_US, round(t_period_us / PERIOD_US) * PERIOD_US
 
 
