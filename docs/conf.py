@@ -62,7 +62,10 @@ autodoc_preserve_defaults = True
 napoleon_google_docstring = False
 napoleon_use_param = False  # types of the docstrings are prose: shapes, ranges
 napoleon_use_rtype = False
-napoleon_custom_sections = [("Attributes", "params_style")]
+napoleon_custom_sections = [
+    ("Attributes", "params_style"), "Description", "Action space", "Observation space", "Reward", "Starting state",
+    "End of the episode", "Arguments", "Versions",
+]
 
 
 def copy_notebooks(into: Path) -> None:

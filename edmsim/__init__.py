@@ -43,7 +43,7 @@ if not (Path(__file__).parent / "controllers").is_dir():
 
 def _register() -> None:
     """Make environments and policies known by name; nothing of them is loaded before one is made."""
-    from edmsim.envs.registration import register_all
+    from edmsim.envs.registry import register_all
     from edmsim.user_code import MAKERS
 
     register_all()

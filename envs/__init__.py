@@ -1,7 +1,7 @@
 """Gymnasium environments: cuts to be controlled window by window, alone or many at once.
 
 ``import edmsim`` registers ``edmsim/GapFeed-v0``, ``edmsim/HeightStep-v0``, ``edmsim/Corner-v0`` and
-``edmsim/Contour-v0``; ``docs/environments.md`` describes every entry of action, observation and reward.
+``edmsim/Contour-v0``; each has a file whose environment class describes action, observation and reward.
 """
 
 from __future__ import annotations
@@ -10,28 +10,39 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from edmsim.envs.contour import Contour
+    from edmsim.envs.corner import Corner
     from edmsim.envs.discrete import DiscreteFeed, DiscreteFeedVector
-    from edmsim.envs.registration import register
+    from edmsim.envs.episode import StepResult, Task
+    from edmsim.envs.gap_feed import GapFeed
+    from edmsim.envs.height_step import HeightStep
+    from edmsim.envs.registry import register
     from edmsim.envs.reward import Weights
     from edmsim.envs.sb3 import make_sb3_vec_env
     from edmsim.envs.single import EdmEnv
-    from edmsim.envs.tasks import StepResult, Task
+    from edmsim.envs.task import Family, Scenario
     from edmsim.envs.vector import EdmVectorEnv
 
 _HOMES = {
+    "Contour": "contour",
+    "Corner": "corner",
     "DiscreteFeed": "discrete",
     "DiscreteFeedVector": "discrete",
     "EdmEnv": "single",
     "EdmVectorEnv": "vector",
-    "StepResult": "tasks",
-    "Task": "tasks",
+    "Family": "task",
+    "GapFeed": "gap_feed",
+    "HeightStep": "height_step",
+    "Scenario": "task",
+    "StepResult": "episode",
+    "Task": "episode",
     "Weights": "reward",
     "make_sb3_vec_env": "sb3",
-    "register": "registration",
+    "register": "registry",
 }
 __all__ = [
-    "DiscreteFeed", "DiscreteFeedVector", "EdmEnv", "EdmVectorEnv", "StepResult", "Task", "Weights",
-    "make_sb3_vec_env", "register",
+    "Contour", "Corner", "DiscreteFeed", "DiscreteFeedVector", "EdmEnv", "EdmVectorEnv", "Family", "GapFeed",
+    "HeightStep", "Scenario", "StepResult", "Task", "Weights", "make_sb3_vec_env", "register",
 ]
 
 

@@ -1,4 +1,4 @@
-"""Batch: lanes as a learner meets them, with actions, observations, rewards and infos, all lanes at once."""
+"""Batch: actions, observations, rewards and infos of parallel episodes, all lanes at once."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from edmsim.cosim.stops import WORDS, StopCause
 from edmsim.envs import observation
 from edmsim.envs.lanes import Lanes, least_setting_us
 from edmsim.envs.path_follower import FINE_PER_UM, RUNNING
-from edmsim.envs.reward import rewards
-from edmsim.envs.scenarios import Corner, Family
+from edmsim.envs.reward import TERMS, rewards
+from edmsim.envs.task import Family
 from edmsim.machine.machine import Machine
 from edmsim.plant.kernel.state import ARC, OPEN, SHORT, SPARK
 
@@ -21,8 +21,8 @@ Floats = NDArray[np.float64]
 
 
 def action_space_of(family: Family) -> gym.spaces.Box[np.float32]:
-    """Return the action space: feed, and on-time and period where the generator is set, too."""
-    return gym.spaces.Box(-1.0, 1.0, (3 if family.sets_generator else 1,), np.float32)
+    """Return the action space, with one entry for each of `Family.action_names`."""
+    return gym.spaces.Box(-1.0, 1.0, (len(family.action_names),), np.float32)
 
 
 def observation_space_of(family: Family) -> gym.spaces.Box[np.float32]:
@@ -32,32 +32,8 @@ def observation_space_of(family: Family) -> gym.spaces.Box[np.float32]:
     return gym.spaces.Box(low, high, dtype=np.float32)
 
 
-def first_feed_um_s(family: Family) -> float:
-    """Return the feed before the first action."""
-    return family.start_feed_um_s if family.action == "change" else 0.0
-
-
-def next_feed_um_s(family: Family, before_um_s: Floats, wanted: Floats) -> Floats:
-    """Return the feeds that actions (n,) within -1..1 ask for after others (n,)."""
-    if family.action == "speed":
-        return wanted * family.max_feed_um_s
-    limit = family.max_feed_um_s
-    return np.asarray(np.clip(before_um_s + wanted * family.max_change_um_s, -limit, limit))
-
-
-def next_setting_us(family: Corner, first_us: Floats, wanted: Floats) -> tuple[float, float]:
-    """Return on-time and period that an action (2,) within -1..1 asks for, from those of the start (2,).
-
-    The second entry turns the duty factor: were it the period, half of all pairs would ask for more than the supply
-    gives.
-    """
-    on_us, period_us = first_us
-    on, pause = (2.0 ** (family.setting_octaves * float(a)) for a in wanted)
-    return on_us * on, period_us * on * pause
-
-
 class Batch:
-    """Lanes of one family with a learner's eyes and hands.
+    """Parallel episodes of one family, with what Gymnasium's environments show of them.
 
     Parameters
     ----------
@@ -76,13 +52,14 @@ class Batch:
         self._seen = np.zeros((count, family.history, len(observation.MEASURED)), np.float32)
         self._feed_um_s = np.zeros(count)
         self._weights = family.reward_weights.array()
+        self._terms = np.zeros((len(TERMS), count))
 
     def begin(self, lane: int, rng: np.random.Generator, machine: Machine | None) -> dict[str, Any]:
         """Draw an episode and begin it; returns the info of the reset."""
         scenario = self.family.draw(rng, machine)
         self.lanes.begin(lane, scenario)
         self._seen[lane] = 0.0
-        self._feed_um_s[lane] = first_feed_um_s(self.family)
+        self._feed_um_s[lane] = self.family.first_feed_um_s
         return {
             "drawn": dict(scenario.drawn), "plant_seed": scenario.plant_seed,
             "total_um": float(self.lanes.rows[lane]["total_um"]),
@@ -92,22 +69,20 @@ class Batch:
         """Run a window in the active lanes; returns the rewards (n,), 0 in the others."""
         family, lanes = self.family, self.lanes
         wanted = np.clip(actions.astype(np.float64), -1.0, 1.0)
-        feed = next_feed_um_s(family, self._feed_um_s, wanted[:, 0])
+        feed = family.next_feed_um_s(self._feed_um_s, wanted[:, 0])
         self._feed_um_s[active] = feed[active]
-        if isinstance(family, Corner):
+        if len(family.action_names) > 1:
             for lane in active:
-                self._set_generator(int(lane), *next_setting_us(
-                    family, lanes.rows[lane]["first_setting_us"], wanted[lane, 1:]
-                ))
+                first_us = lanes.rows[lane]["first_setting_us"]
+                self._set_generator(int(lane), *family.setting_us(first_us, wanted[lane, 1:]))
         lanes.advance(active, self._feed_um_s)
         windows = lanes.fleet.windows
-        observation.see(
-            active, lanes.rows, windows, family.max_feed_um_s, observation.LOW, observation.HIGH, self._seen
-        )
-        return rewards(active, lanes.rows, windows, self._weights)
+        observation.see(active, lanes.rows, windows, family.max_feed_um_s, self._seen)
+        reward, self._terms = rewards(active, lanes.rows, windows, self._weights)
+        return reward
 
     def _set_generator(self, lane: int, t_on_us: float, t_period_us: float) -> None:
-        """Turn the knobs; a period that is refused, to the shortest that is not, so that the on-time counts."""
+        """Set the generator; in place of a period that it refuses, the shortest that it accepts for the on-time."""
         lanes = self.lanes
         lanes.set_generator(lane, t_on_us, t_period_us)
         refused = lanes.refused[lane]
@@ -116,7 +91,7 @@ class Batch:
             lanes.refused[lane] = refused
 
     def observations(self) -> NDArray[np.float32]:
-        """Return what every lane's learner sees, in a fresh array."""
+        """Return every lane's observation, in a fresh array."""
         flat = self._seen.reshape(len(self._seen), -1)
         if not self.family.knows_corners:
             return flat.copy()
@@ -125,7 +100,7 @@ class Batch:
         return np.concatenate([flat, observation.corners(place_um, lanes.corner_um, lanes.corner_deg)], axis=1)
 
     def infos(self) -> dict[str, NDArray[Any]]:
-        """Return what is told beside, in fresh arrays: gap, temperature, debris and error no real machine knows.
+        """Return the numbers of `info`, in fresh arrays; no real machine knows gap, temperature, debris and error.
 
         ``gap_um`` has a meaning only where something ignited (see `ignited`).
         """
@@ -149,13 +124,17 @@ class Batch:
             "area_mm2": rows["area_mm2"].copy(),
         }
 
+    def reward_terms(self) -> dict[str, Floats]:
+        """Return the terms of the last rewards by name, in fresh arrays (n,)."""
+        return dict(zip(TERMS, self._terms.copy(), strict=True))
+
     def ignited(self) -> NDArray[np.bool_]:
-        """Say of every lane whether a pulse of its last window ignited."""
+        """Return for every lane (n,) whether a pulse of its last window ignited."""
         return np.asarray(self.lanes.fleet.windows["ignitions"] > 0)
 
-    def told(self, lane: int) -> dict[str, str]:
-        """Return what is told in words of one lane: why its episode ended, and what the generator refused."""
-        words = {}
+    def words(self, lane: int) -> dict[str, str]:
+        """Return the texts of one lane's `info`: why its episode ended, and what the generator refused."""
+        words: dict[str, str] = {}
         cause = int(self.lanes.rows[lane]["cause"])
         if cause != RUNNING:
             words["cause"] = WORDS[StopCause(cause)].info

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edmsim.envs.path_follower import DONE, FINE_PER_UM, LANE, OUT_OF_RANGE, RUNNING, follow, plan
-from edmsim.envs.scenarios import CENTRE_UM, CORNER_DEG, Family, Scenario
+from edmsim.envs.task import CORNER_DEG, Family, Scenario
 from edmsim.errors import InputError
 from edmsim.geometry import Polyline
 from edmsim.machine.machine import Machine
@@ -41,11 +41,11 @@ class Lanes:
     Attributes
     ----------
     fleet : Fleet
-        The plants; ``fleet.windows`` and ``fleet.states`` tell what the last window was.
-    rows : (n,) `motion.LANE`
+        The plants; ``fleet.windows`` and ``fleet.states`` have their last windows and their states.
+    rows : (n,) `path_follower.LANE`
         Numbers of every lane.
     scenarios : list of Scenario or None
-        What each lane is at; None before its first episode.
+        The present episode of each lane; None before its first one.
     leg : list of int
         Which leg of its path each lane is on.
     refused : list of str or None
@@ -57,8 +57,9 @@ class Lanes:
     def __init__(self, family: Family, count: int, threads: int = 1) -> None:
         self.family = family
         self.count = count
+        centre_um = family.base.base.table.centre_um
         self.fleet = Fleet(
-            [Plant(family.base, position_um=CENTRE_UM, resolution=family.resolution) for _ in range(count)], threads
+            [Plant(family.base, position_um=centre_um, resolution=family.resolution) for _ in range(count)], threads
         )
         self.rows: NDArray[np.void] = np.zeros(count, LANE)
         self.scenarios: list[Scenario | None] = [None] * count
@@ -144,7 +145,7 @@ class Lanes:
         return np.asarray(self.rows["before_um"] + self.rows["place"] / FINE_PER_UM)
 
     def set_generator(self, lane: int, t_on_us: float, t_period_us: float) -> None:
-        """Turn the knobs, to the nearest detent; what the generator refuses is told in `refused` and not done."""
+        """Set the generator to the nearest detents; a setting that it refuses is not made, and `refused` says why."""
         wanted = to_detents(t_on_us, t_period_us)
         self.refused[lane] = None
         if wanted == tuple(self.rows[lane]["setting_us"]):
@@ -173,7 +174,7 @@ class Lanes:
             self._end_leg(int(lane))
 
     def telling(self, lanes: Ints) -> list[int]:
-        """Return those of some lanes about which there are words: the episode ended, or a setting was refused."""
+        """Return those of some lanes whose info has texts: the episode ended, or a setting was refused."""
         ended = set(lanes[self.rows["cause"][lanes] != RUNNING].tolist())
         return [lane for lane in lanes.tolist() if lane in ended or self.refused[lane] is not None]
 
@@ -197,7 +198,7 @@ class Lanes:
 
 
 def to_detents(t_on_us: float, t_period_us: float) -> tuple[float, float]:
-    """Return the setting of the knobs that is nearest."""
+    """Return the nearest setting that the generator's knobs have."""
     return round(t_on_us / ON_US) * ON_US, round(t_period_us / PERIOD_US) * PERIOD_US
 
 

@@ -1,12 +1,14 @@
-"""What a learner sees: only what a machine can measure, normalised, with a fixed place for every entry."""
+"""The observation: only what a machine can measure, normalised, with a fixed place for every entry."""
 
 from __future__ import annotations
 
 from typing import NamedTuple
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
+
+from edmsim.compiled.jit import exactly_compiled
+from edmsim.plant.kernel.state import ARC, OPEN, SHORT, SPARK
 
 Floats = NDArray[np.float64]
 
@@ -50,7 +52,7 @@ CORNERS = (
 )
 """Entries behind all windows, where the program is known."""
 LOOK_UM = 1000.0
-"""How far along the path corners are told (ours: well beyond the wire's lag and the distance to slow down in)."""
+"""How far along the path corners are shown (ours: well beyond the wire's lag and the distance to slow down in)."""
 
 
 def entries(history: int, knows_corners: bool) -> list[Entry]:
@@ -63,50 +65,116 @@ def entries(history: int, knows_corners: bool) -> list[Entry]:
     return windows + (list(CORNERS) if knows_corners else [])
 
 
-LOW = np.array([entry.low for entry in MEASURED])
-HIGH = np.array([entry.high for entry in MEASURED])
+_LOW = tuple(entry.low for entry in MEASURED)
+_HIGH = tuple(entry.high for entry in MEASURED)
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+class Shown(NamedTuple):
+    """What one window showed.
+
+    Attributes
+    ----------
+    short, open, ignited : int
+        Pulses of each kind.
+    duration_us : float
+    voltage_V_us, charge_A_us : float
+        Gap voltage and current, each summed over the window's time.
+    ignitions : int
+    delay_us : float
+        Sum of their delays.
+    feed_um_s : float
+        Commanded.
+    travel_um : float
+        Along the path, by the counters.
+    t_on_us, t_period_us : float
+        Setting of the generator.
+    """
+
+    short: int
+    open: int
+    ignited: int
+    duration_us: float
+    voltage_V_us: float
+    charge_A_us: float
+    ignitions: int
+    delay_us: float
+    feed_um_s: float
+    travel_um: float
+    t_on_us: float
+    t_period_us: float
+
+
+class Scale(NamedTuple):
+    """By what the entries are divided: see `MEASURED`."""
+
+    open_V: float
+    limit_A: float
+    wait_us: float
+    max_feed_um_s: float
+    first_on_us: float
+    first_period_us: float
+
+
+@exactly_compiled
+def show(shown: Shown, scale: Scale, seen: NDArray[np.float32]) -> None:
+    """Put a window's entries before those of the windows before, and forget the oldest.
+
+    Parameters
+    ----------
+    shown : Shown
+    scale : Scale
+    seen : (history, len(MEASURED))
+        Written.
+    """
+    pulses = shown.short + shown.open + shown.ignited
+    values = (
+        shown.short / pulses,
+        shown.open / pulses,
+        shown.ignited / pulses,
+        shown.voltage_V_us / shown.duration_us / scale.open_V,
+        shown.charge_A_us / shown.duration_us / scale.limit_A,
+        shown.delay_us / shown.ignitions / scale.wait_us if shown.ignitions > 0 else 1.0,
+        shown.feed_um_s / scale.max_feed_um_s,
+        shown.travel_um / (shown.duration_us * 1e-6) / scale.max_feed_um_s,
+        shown.t_on_us / scale.first_on_us,
+        shown.t_period_us / scale.first_period_us,
+    )
+    for age in range(seen.shape[0] - 1, 0, -1):
+        for k in range(seen.shape[1]):
+            seen[age, k] = seen[age - 1, k]
+    for k in range(len(values)):
+        seen[0, k] = min(max(values[k], _LOW[k]), _HIGH[k])
+
+
+@exactly_compiled
 def see(
-    lanes: NDArray[np.int64], rows: NDArray[np.void], windows: NDArray[np.void], max_feed_um_s: float, low: Floats,
-    high: Floats, seen: NDArray[np.float32],
+    lanes: NDArray[np.int64], rows: NDArray[np.void], windows: NDArray[np.void], max_feed_um_s: float,
+    seen: NDArray[np.float32],
 ) -> None:
-    """Put the last window's entries before those of the windows before, and forget the oldest.
+    """`show` the last window of some lanes.
 
     Parameters
     ----------
     lanes : (m,)
         Lanes that had a window; of the other arguments, row i belongs to lane i.
-    rows : (n,) `motion.LANE`
+    rows : (n,) `path_follower.LANE`
     windows : (n,) `edmsim.plant.kernel.state.WINDOW`
     max_feed_um_s : float
-    low, high : (len(MEASURED),)
-        `LOW` and `HIGH`.
     seen : (n, history, len(MEASURED))
         Written.
     """
-    entry = np.empty(low.shape[0])
     for j in range(lanes.shape[0]):
         i = lanes[j]
         w, row = windows[i], rows[i]
-        pulses = w.counts[0] + w.counts[1] + w.counts[2] + w.counts[3]
-        us = w.duration_ns * 1e-3
-        entry[0] = w.counts[3] / pulses
-        entry[1] = w.counts[0] / pulses
-        entry[2] = (w.counts[1] + w.counts[2]) / pulses
-        entry[3] = w.voltage_us / us / row.open_V
-        entry[4] = w.charge_A_us / us / row.limit_A
-        entry[5] = w.delay_us / w.ignitions / row.wait_us if w.ignitions > 0 else 1.0
-        entry[6] = row.feed_um_s / max_feed_um_s
-        entry[7] = row.travel_um / (us * 1e-6) / max_feed_um_s
-        entry[8] = row.setting_us[0] / row.first_setting_us[0]
-        entry[9] = row.setting_us[1] / row.first_setting_us[1]
-        for age in range(seen.shape[1] - 1, 0, -1):
-            for k in range(entry.shape[0]):
-                seen[i, age, k] = seen[i, age - 1, k]
-        for k in range(entry.shape[0]):
-            seen[i, 0, k] = min(max(entry[k], low[k]), high[k])
+        shown = Shown(
+            w.counts[SHORT], w.counts[OPEN], w.counts[SPARK] + w.counts[ARC], w.duration_ns * 1e-3,
+            w.voltage_us, w.charge_A_us, w.ignitions, w.delay_us,
+            row.feed_um_s, row.travel_um, row.setting_us[0], row.setting_us[1],
+        )
+        scale = Scale(
+            row.open_V, row.limit_A, row.wait_us, max_feed_um_s, row.first_setting_us[0], row.first_setting_us[1]
+        )
+        show(shown, scale, seen[i])
 
 
 def corners(places_um: Floats, along_um: Floats, turns_deg: Floats) -> NDArray[np.float32]:

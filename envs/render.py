@@ -35,7 +35,7 @@ def check_render_mode(mode: str | None) -> str | None:
 
 
 def has_gl() -> bool:
-    """Whether MuJoCo was told of a way to draw: MUJOCO_GL off screen, or a display."""
+    """Whether MuJoCo has a way to draw: MUJOCO_GL off screen, or a display."""
     if os.environ.get("MUJOCO_GL", "").lower() in ("egl", "osmesa"):
         return True
     headless = sys.platform.startswith("linux") and not (

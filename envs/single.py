@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, ClassVar
 
 import gymnasium as gym
 import numpy as np
@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 
 from edmsim.envs.batch import Batch, action_space_of, observation_space_of
 from edmsim.envs.checks import checked_actions, checked_options
-from edmsim.envs.families import make_family
 from edmsim.envs.path_follower import RUNNING
+from edmsim.envs.registry import make_family
 from edmsim.envs.render import RENDER_FPS, RENDER_MODES, Renderer, check_render_mode
-from edmsim.envs.scenarios import Family
+from edmsim.envs.task import Family
 
 _LANE = np.zeros(1, np.int64)
 
@@ -22,16 +22,21 @@ _LANE = np.zeros(1, np.int64)
 class EdmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     """Cut metal, one window of 255 pulses per step.
 
-    Use ``gymnasium.make("edmsim/GapFeed-v0", ...)``; see ``docs/environments.md`` for every entry of observation,
-    action and reward.
+    Use ``gymnasium.make("edmsim/GapFeed-v0", ...)``, which makes the subclass `GapFeedEnv`: its description, and that
+    of each of the others, has every entry of action, observation and reward.
 
     Parameters
     ----------
-    task : str or type
-        ``"GapFeed"``, ``"HeightStep"``, ``"Corner"`` or ``"Contour"``, or an own family; set by the id.
+    task : str or type, optional
+        A `Family`, its short name or the id of an environment; the class's own if not given.
     render_mode : {"rgb_array", "human"}, optional
     **options
-        Fields of the task's `Family` in `edmsim.envs.scenarios`.
+        Fields of the `Family`, in the forms of `Family.of`.
+
+    Attributes
+    ----------
+    family : Family
+        The arguments in force.
 
     Raises
     ------
@@ -45,8 +50,12 @@ class EdmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         "render_modes": list(RENDER_MODES), "render_fps": RENDER_FPS,
     }
 
-    def __init__(self, task: str | type[Family], render_mode: str | None = None, **options: Any) -> None:
-        self.family = make_family(task, **options)
+    task: ClassVar[str | type[Family]] = ""
+
+    def __init__(
+        self, task: str | type[Family] | None = None, render_mode: str | None = None, **options: Any
+    ) -> None:
+        self.family = make_family(self.task if task is None else task, **options)
         self.render_mode = check_render_mode(render_mode)
         self.action_space = action_space_of(self.family)
         self.observation_space = observation_space_of(self.family)
@@ -97,7 +106,8 @@ class EdmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         info: dict[str, Any] = {name: value[0].item() for name, value in self._batch.infos().items()}
         if not self._batch.ignited()[0]:
             del info["gap_um"]
-        info |= self._batch.told(0)
+        info["reward_terms"] = {name: value.item() for name, value in self._batch.reward_terms().items()}
+        info |= self._batch.words(0)
         if self.render_mode == "human":
             self.render()
         return self._batch.observations()[0], float(reward[0]), terminated, False, info

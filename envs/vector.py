@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, ClassVar
 
 import gymnasium as gym
 import numpy as np
@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 
 from edmsim.envs.batch import Batch, action_space_of, observation_space_of
 from edmsim.envs.checks import checked_actions, checked_options
-from edmsim.envs.families import make_family
 from edmsim.envs.path_follower import RUNNING
+from edmsim.envs.registry import make_family
 from edmsim.envs.render import RENDER_FPS, RENDER_MODES, Renderer, check_render_mode
-from edmsim.envs.scenarios import Family
+from edmsim.envs.task import Family
 from edmsim.errors import InputError
 
 Flags = NDArray[np.bool_]
@@ -33,8 +33,8 @@ class EdmVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDArray[A
 
     Parameters
     ----------
-    task : str or type
-        ``"GapFeed"``, ``"HeightStep"``, ``"Corner"`` or ``"Contour"``, or an own family; set by the id.
+    task : str or type, optional
+        A `Family`, its short name or the id of an environment; the class's own if not given.
     num_envs : int
     max_episode_steps : int, optional
         Windows after which an episode is truncated; never, if not given.
@@ -45,7 +45,7 @@ class EdmVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDArray[A
     threads : int, optional
         Threads that share a step; as many as processors, if not given. They change no bit.
     **options
-        Fields of the task's `Family` in `edmsim.envs.scenarios`.
+        Fields of the `Family`, in the forms of `Family.of`.
 
     Raises
     ------
@@ -59,9 +59,11 @@ class EdmVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDArray[A
         "render_modes": list(RENDER_MODES), "render_fps": RENDER_FPS, "autoreset_mode": AutoresetMode.NEXT_STEP,
     }
 
+    task: ClassVar[str | type[Family]] = ""
+
     def __init__(
         self,
-        task: str | type[Family],
+        task: str | type[Family] | None = None,
         num_envs: int = 1,
         *,
         max_episode_steps: int | None = None,
@@ -73,7 +75,7 @@ class EdmVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDArray[A
         for name, number in (("num_envs", num_envs), ("max_episode_steps", max_episode_steps), ("threads", threads)):
             if number is not None and (not isinstance(number, int) or number < 1):
                 raise InputError(f"{name} is {number!r}: give a whole number, 1 or more")
-        self.family = make_family(task, **options)
+        self.family = make_family(self.task if task is None else task, **options)
         self.render_mode = check_render_mode(render_mode)
         self.autoreset_mode = AutoresetMode(autoreset_mode)
         self.metadata = {**self.metadata, "autoreset_mode": self.autoreset_mode}
@@ -193,25 +195,29 @@ class EdmVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDArray[A
             if not everywhere:
                 values[~mask] = 0
         infos["_gap_um"] = mask & self._batch.ignited()
+        infos["reward_terms"], infos["_reward_terms"] = self._terms(mask), mask
         for lane in self._batch.lanes.telling(active):
-            infos = self._add_info(infos, self._batch.told(lane), lane)
+            infos = self._add_info(infos, self._batch.words(lane), lane)
         return infos
 
+    def _terms(self, mask: Flags) -> dict[str, Any]:
+        terms: dict[str, Any] = {}
+        for name, values in self._batch.reward_terms().items():
+            values[~mask] = 0
+            terms[name], terms[f"_{name}"] = values, mask
+        return terms
+
     def _merge(self, infos: dict[str, Any], begun: dict[str, Any]) -> None:
-        """Add what resets told; it has other names than what steps tell."""
+        """Add the infos of resets, whose names are other than those of steps."""
         infos.update(begun)
 
     def _begin_at_once(self, infos: dict[str, Any], ended: Flags) -> dict[str, Any]:
-        """Begin the next episodes in the same step; what the last ones showed goes to final_obs and final_info."""
+        """Begin the next episodes in the same step; final_obs and final_info keep what the last ones showed."""
         last = self._batch.observations()
         final = np.full(self.num_envs, None, dtype=object)
         for lane in np.flatnonzero(ended):
             final[lane] = last[lane]
-        final_info: dict[str, Any] = {}
-        for name, values in infos.items():
-            if not name.startswith("_"):
-                final_info[name], final_info[f"_{name}"] = values, infos[f"_{name}"] & ended
-                infos[f"_{name}"] = infos[f"_{name}"] & ~ended
+        final_info, infos = _only(infos, ended), _only(infos, ~ended)
         infos["final_obs"], infos["_final_obs"] = final, ended
         infos["final_info"], infos["_final_info"] = final_info, ended.copy()
         self._merge(infos, self._begin(ended))
@@ -230,6 +236,16 @@ class EdmVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDArray[A
         return tuple(self._renderer.picture(self._batch.lanes, lane) for lane in range(self.num_envs))
 
     def close_extras(self, **_: Any) -> None:
-        """Let the threads and the window go."""
+        """Shut down the threads and close the window."""
         self._batch.lanes.fleet.close()
         self._renderer.close()
+
+
+def _only(infos: dict[str, Any], mask: Flags) -> dict[str, Any]:
+    """Return infos of which only some lanes' values count; the arrays of values are shared."""
+    kept: dict[str, Any] = {}
+    for name, values in infos.items():
+        if not name.startswith("_"):
+            kept[name] = _only(values, mask) if isinstance(values, dict) else values
+            kept[f"_{name}"] = infos[f"_{name}"] & mask
+    return kept

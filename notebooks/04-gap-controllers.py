@@ -38,7 +38,7 @@ import numpy as np
 from IPython.display import Markdown
 
 from edmsim.controllers import from_text
-from edmsim.envs.tasks import Task
+from edmsim.envs.episode import Task
 from edmsim.evaluation.compare import evaluate
 from edmsim.evaluation.episode import ARGUMENTS, ORACLE_GAPS_UM, Episode
 from edmsim.evaluation.table import markdown_table

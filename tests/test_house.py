@@ -38,7 +38,7 @@ EXCEPTIONS: dict[str, dict[str, str]] = {
         "edmsim.recording.pulse_sample": "figures are to be made without a second simulation",
     },
     "circles": {
-        "edmsim.envs.families edmsim.envs.registration": "the environments are being rewritten",
+        "edmsim.envs.registry edmsim.envs.registry": "the environments are being rewritten",
     },
     "constants": {
         "edmsim/plant/plant.py": "the plant is being rewritten",

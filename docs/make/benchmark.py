@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edmsim import __version__, models
-from edmsim.envs.registration import resolve
+from edmsim.envs.registry import resolve
 from edmsim.errors import EdmsimError
 from edmsim.evaluation.compare import Comparison, Figure, check, evaluate, ratio, usual
 from edmsim.evaluation.episode import ORACLE, ORACLE_GAPS_UM

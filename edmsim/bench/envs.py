@@ -8,7 +8,7 @@ from collections.abc import Callable
 import gymnasium as gym
 import numpy as np
 
-from edmsim.envs.scenarios import MAX_FEED_UM_S
+from edmsim.envs.task import MAX_FEED_UM_S
 
 FEED_UM_S = 28.0
 """Feed of the straight cut that is timed: most pulses spark."""

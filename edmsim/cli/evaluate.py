@@ -30,7 +30,7 @@ def evaluate(
     """Compare feed controllers on the same randomised machines."""
     from rich.progress import Progress as Bar
 
-    from edmsim.envs.registration import resolve
+    from edmsim.envs.registry import resolve
     from edmsim.evaluation.compare import check, evaluate, usual
     from edmsim.evaluation.compare import env_ids as all_ids
     from edmsim.evaluation.table import as_json, render

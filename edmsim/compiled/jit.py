@@ -33,6 +33,7 @@ FAST = {"reassoc", "contract", "arcp", "nsz", "afn"}
 _OPTIONS: dict[str, Any] = {
     "cache": True, "nogil": True, "fastmath": FAST, "error_model": "numpy", "forceinline": True, "_nrt": False,
 }
+_EXACT_OPTIONS: dict[str, Any] = {**_OPTIONS, "fastmath": False}
 
 
 def _file_of(module: str) -> Path | None:
@@ -94,11 +95,20 @@ _FOLDER = _cache_folder()
 
 def compiled(function: Callable[_P, _R]) -> Callable[_P, _R]:
     """Compile a function: no Python objects, no GIL, machine code kept between runs."""
+    return _compile(function, _OPTIONS)
+
+
+def exactly_compiled(function: Callable[_P, _R]) -> Callable[_P, _R]:
+    """Compile a function as `compiled` does, with every operation rounded as it is written."""
+    return _compile(function, _EXACT_OPTIONS)
+
+
+def _compile(function: Callable[_P, _R], options: dict[str, Any]) -> Callable[_P, _R]:
     config: Any = numba.config
     before = config.CACHE_DIR
     config.CACHE_DIR = str(_FOLDER)
     try:
-        jit = numba.njit(**_OPTIONS)
+        jit = numba.njit(**options)
         return cast("Callable[_P, _R]", jit(function))
     finally:
         config.CACHE_DIR = before

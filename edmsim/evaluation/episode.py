@@ -15,8 +15,8 @@ import numpy as np
 from edmsim.controllers import FeedController, SeesTruth, from_text, make
 from edmsim.controllers.protocols import FeedCommand, check_command, tell
 from edmsim.cosim.stops import WORDS, StopCause, judge
-from edmsim.envs.families import base_of, env_id_of, find
-from edmsim.envs.tasks import StepResult, Task
+from edmsim.envs.episode import StepResult, Task
+from edmsim.envs.registry import base_of, env_id_of, find
 from edmsim.metrology.profile import profile_error
 
 HELD_BACK = 1_000_000

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from edmsim import __version__
 from edmsim.controllers import FeedController, make
-from edmsim.envs.tasks import Task
+from edmsim.envs.episode import Task
 from edmsim.errors import InputError
 from edmsim.evaluation.episode import ARGUMENTS, HELD_BACK, ORACLE, Episode, Result
 

@@ -6,7 +6,7 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from edmsim.envs.registration import resolve
+from edmsim.envs.registry import resolve
 from edmsim.errors import InputError
 from edmsim.learning import policy_file
 from edmsim.learning.score import RESOLUTIONS, RIVALS, measure, render

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import platform
-from dataclasses import fields
 from importlib.metadata import version
 from typing import Any
 
 import numpy as np
 import torch
 
-from edmsim.envs.families import base_of, env_id_of, find, make_family
 from edmsim.envs.observation import entries
+from edmsim.envs.registry import find, make_family, stand_in
 from edmsim.learning.policy_file import ACTION_MEANINGS, FORMAT, Card, digest, pack
 from edmsim.learning.train import Trained
 
@@ -61,19 +60,9 @@ def export(trained: Trained, command: str) -> tuple[Card, bytes]:
 
 
 def _environment(trained: Trained) -> tuple[str, dict[str, Any]]:
-    """Return the environment a policy is told to be of, with its arguments.
-
-    Of a user's family that is the one of ours it derives from: it has the same observations and actions, and can be
-    made wherever the policy is used. Its arguments are kept as far as that one knows them; weights do not matter to a
-    cut.
-    """
-    given = dict(trained.hyperparameters.environment)
+    """Return the environment a policy's card names, with its arguments: one that exists wherever it is used."""
     family, registered = find(trained.run.env_id)
-    base = base_of(family)
-    if base == family.__name__ and not registered:
-        return trained.run.env_id, given
-    known = {field.name for field in fields(find(base)[0])} - {"weights", "machine"}
-    return env_id_of(base), {name: value for name, value in {**registered, **given}.items() if name in known}
+    return stand_in(family, {**registered, **trained.hyperparameters.environment})
 
 
 def _array(tensor: Any) -> Any:

@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from edmsim.envs.families import base_of, find
+from edmsim.envs.registry import base_of, find
 from edmsim.errors import InputError
 
 ALGORITHMS = ("ppo", "sac")

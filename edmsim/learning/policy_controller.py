@@ -1,4 +1,4 @@
-"""A trained policy as a feed controller: from what its environment would show to what it would do."""
+"""A trained policy as a feed controller: it is shown, and asked for, what it would be in its environment."""
 
 from __future__ import annotations
 
@@ -11,19 +11,16 @@ from numpy.typing import NDArray
 from edmsim.controllers.mcu.firmware.timers import SPEED_UNIT_NM_S
 from edmsim.controllers.protocols import ControllerState, FeedCommand, WindowObservation
 from edmsim.envs import observation
-from edmsim.envs.batch import first_feed_um_s, next_feed_um_s, next_setting_us
 from edmsim.envs.lanes import least_setting_us, to_detents
-from edmsim.envs.path_follower import LANE, SHORTED_S, SHORTED_SHARE
-from edmsim.envs.scenarios import CORNER_DEG, Corner
+from edmsim.envs.path_follower import SHORTED_S, SHORTED_SHARE
+from edmsim.envs.task import CORNER_DEG
 from edmsim.errors import InputError
 from edmsim.geometry import Polyline
 from edmsim.learning.policy_file import Policy, load
 from edmsim.machine.machine import Machine
-from edmsim.plant.kernel.state import OPEN, PULSES_PER_WINDOW, SHORT, SPARK, WINDOW
+from edmsim.plant.kernel.state import PULSES_PER_WINDOW
 
 Floats = NDArray[np.float64]
-
-_LANE = np.zeros(1, np.int64)
 
 
 class PolicyController:
@@ -42,9 +39,8 @@ class PolicyController:
     def __init__(self, policy: Policy) -> None:
         self.policy = policy
         self._family = policy.family()
-        self._row: NDArray[np.void] = np.zeros(1, LANE)
-        self._window: NDArray[np.void] = np.zeros(1, WINDOW)
-        self._seen = np.zeros((1, self._family.history, len(observation.MEASURED)), np.float32)
+        self._seen = np.zeros((self._family.history, len(observation.MEASURED)), np.float32)
+        self._first_us: Floats = np.zeros(2)
         self._machine: Machine | None = None
         self._corner_um: Floats = np.full((1, 1), np.inf)
         self._corner_deg: Floats = np.zeros((1, 1))
@@ -58,11 +54,8 @@ class PolicyController:
         # a filling at infinity, so that there is always one to look for
         self._corner_um = np.append(line.s[corners] * 1e3, np.inf)[None]
         self._corner_deg = np.append(line.turn_deg[corners], 0.0)[None]
-        generator = machine.generator
-        self._row["open_V"] = generator.open_voltage_V.value
-        self._row["limit_A"] = generator.mean_current_limit_A.value
-        self._row["first_setting_us"] = machine.t_on_us, machine.t_period_us
-        self._take_setting(machine)
+        self._first_us = np.array([machine.t_on_us, machine.t_period_us])
+        self._machine = machine
 
     def reset(self, max_feed_um_s: float) -> FeedCommand:
         """Begin a leg; of it nothing has been seen yet.
@@ -74,10 +67,9 @@ class PolicyController:
         """
         if self._machine is None:
             raise InputError("the policy controller must be told machine and path: call set_up() before reset()")
-        first_on_us, first_period_us = (float(us) for us in self._row[0]["first_setting_us"])
-        self._take_setting(self._machine.with_(t_on_us=first_on_us, t_period_us=first_period_us))
+        self._set(*self._first_us.tolist())
         self._limit_um_s = max_feed_um_s
-        self._feed_um_s = first_feed_um_s(self._family)
+        self._feed_um_s = self._family.first_feed_um_s
         self._path_um, self._shorted_s = self._start_um, 0.0
         self._seen[:] = 0.0
         return self._command()
@@ -95,7 +87,7 @@ class PolicyController:
 
     def snapshot(self) -> ControllerState:
         """Everything that changes while cutting."""
-        t_on_us, t_period_us = (float(us) for us in self._row[0]["setting_us"])
+        t_on_us, t_period_us = self._setting_us
         return {
             "feed_um_s": self._feed_um_s, "limit_um_s": self._limit_um_s, "path_um": self._path_um,
             "shorted_s": self._shorted_s, "t_on_us": t_on_us, "t_period_us": t_period_us,
@@ -109,35 +101,41 @@ class PolicyController:
             float(state[name])
             for name in ("feed_um_s", "limit_um_s", "path_um", "shorted_s", "t_on_us", "t_period_us")
         )
-        self._take_setting(self._machine.with_(t_on_us=t_on_us, t_period_us=t_period_us))
+        self._set(t_on_us, t_period_us)
         seen = np.frombuffer(bytes.fromhex(cast(str, state["seen"])), np.float32)
         self._seen[:] = seen.reshape(self._seen.shape)
 
-    def _take_setting(self, machine: Machine) -> None:
-        """Note the generator's setting in force."""
-        wait = machine.generator.ignition_wait_us
-        self._machine = machine
-        self._row["setting_us"] = machine.t_on_us, machine.t_period_us
-        self._row["wait_us"] = machine.t_on_us if wait is None else wait.value
+    @property
+    def _setting_us(self) -> tuple[float, float]:
+        """On-time and period in force."""
+        assert self._machine is not None
+        return self._machine.t_on_us, self._machine.t_period_us
+
+    def _set(self, t_on_us: float, t_period_us: float) -> None:
+        assert self._machine is not None
+        self._machine = self._machine.with_(t_on_us=t_on_us, t_period_us=t_period_us)
 
     def _look(self, window: WindowObservation) -> None:
-        """Put a window as the environment's own code wants it, and let that see it."""
-        us = window.duration_s * 1e6
+        """Add a window to the observation, as the environment does."""
+        assert self._machine is not None
+        us, generator = window.duration_s * 1e6, self._machine.generator
         ignited = PULSES_PER_WINDOW - window.short - window.open
-        one, row = self._window[0], self._row[0]
-        one["counts"] = 0
-        one["counts"][OPEN], one["counts"][SHORT], one["counts"][SPARK] = window.open, window.short, ignited
-        one["duration_ns"] = round(window.duration_s * 1e9)
-        one["voltage_us"] = window.mean_voltage_V * us
-        one["charge_A_us"] = window.mean_current_A * us
-        one["ignitions"] = ignited
-        one["delay_us"] = window.mean_delay_us * ignited if ignited else 0.0
-        row["feed_um_s"] = window.feed_um_s
-        row["travel_um"] = window.path_um - self._path_um
-        self._path_um = window.path_um
-        observation.see(
-            _LANE, self._row, self._window, self._family.max_feed_um_s, observation.LOW, observation.HIGH, self._seen
+        shown = observation.Shown(
+            short=window.short, open=window.open, ignited=ignited,
+            duration_us=round(window.duration_s * 1e9) * 1e-3,  # the plant counts whole nanoseconds
+            voltage_V_us=window.mean_voltage_V * us, charge_A_us=window.mean_current_A * us,
+            ignitions=ignited, delay_us=window.mean_delay_us * ignited if ignited else 0.0,
+            feed_um_s=window.feed_um_s, travel_um=window.path_um - self._path_um,
+            t_on_us=self._machine.t_on_us, t_period_us=self._machine.t_period_us,
+        )  # fmt: skip
+        wait = generator.ignition_wait_us
+        scale = observation.Scale(
+            generator.open_voltage_V.value, generator.mean_current_limit_A.value,
+            self._machine.t_on_us if wait is None else wait.value, self._family.max_feed_um_s,
+            *self._first_us.tolist(),
         )
+        observation.show(shown, scale, self._seen)
+        self._path_um = window.path_um
 
     def _command(self) -> FeedCommand:
         """Ask the policy."""
@@ -146,23 +144,23 @@ class PolicyController:
             place = np.array([self._path_um - self._start_um])
             seen = np.append(seen, observation.corners(place, self._corner_um, self._corner_deg)[0])
         action = self.policy.action(seen)
-        feed = float(next_feed_um_s(self._family, np.array([self._feed_um_s]), action[:1])[0])
+        feed = float(self._family.next_feed_um_s(np.array([self._feed_um_s]), action[:1])[0])
         self._feed_um_s = min(max(feed, -self._limit_um_s), self._limit_um_s)
-        if not isinstance(self._family, Corner):
+        if len(action) == 1:
             return FeedCommand(self._feed_um_s)
-        return FeedCommand(self._feed_um_s, None, *self._setting_us(self._family, action[1:]))
+        self._turn(self._family.setting_us(self._first_us, action[1:]))
+        return FeedCommand(self._feed_um_s, None, *self._setting_us)
 
-    def _setting_us(self, family: Corner, wanted: Floats) -> tuple[float, float]:
-        """Return the setting in force from now on; what the generator refuses is not even asked for."""
+    def _turn(self, wanted_us: tuple[float, float]) -> None:
+        """Take the setting that the environment would take; what the generator refuses is not even asked for."""
         assert self._machine is not None
-        asked = to_detents(*next_setting_us(family, self._row[0]["first_setting_us"], wanted))
-        for t_on_us, t_period_us in (asked, least_setting_us(self._machine, asked[0])):
-            if (t_on_us, t_period_us) == (self._machine.t_on_us, self._machine.t_period_us):
+        asked = to_detents(*wanted_us)
+        for setting_us in (asked, least_setting_us(self._machine, asked[0])):
+            if setting_us == self._setting_us:
                 break
             with suppress(InputError):
-                self._take_setting(self._machine.with_(t_on_us=t_on_us, t_period_us=t_period_us))
+                self._set(*setting_us)
                 break
-        return self._machine.t_on_us, self._machine.t_period_us
 
 
 def from_name(name: str) -> PolicyController:

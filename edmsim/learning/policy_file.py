@@ -20,9 +20,9 @@ from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError
 
 from edmsim import models
 from edmsim.envs.batch import action_space_of
-from edmsim.envs.families import make_family
 from edmsim.envs.observation import entries
-from edmsim.envs.scenarios import Family
+from edmsim.envs.registry import make_family
+from edmsim.envs.task import Family
 from edmsim.errors import InputError
 
 FORMAT = "edmsim-policy-1"

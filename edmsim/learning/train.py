@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from edmsim.envs.families import env_id_of
+from edmsim.envs.registry import env_id_of, find, stand_in
 from edmsim.errors import InputError
 from edmsim.files import make_writable
 from edmsim.learning import hyperparameters
@@ -116,6 +116,7 @@ def train(
         After a checkpoint was written.
     """
     given = hyperparameters.load(env_id, algo)
+    stand_in(*find(env_id))  # refuses an environment of which no policy file could be written
     total = given.steps if steps is None else steps
     if total < 1:
         raise InputError(f"steps is {total}: give 1 or more")

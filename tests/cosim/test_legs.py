@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 import edmsim
 from edmsim.controllers import FeedCommand, WindowObservation, make
 from edmsim.controllers.feed.mcu import McuController
-from edmsim.envs.tasks import Task
+from edmsim.envs.episode import Task
 from edmsim.evaluation.episode import Episode
 from edmsim.machine.machine import Machine
 

@@ -1,53 +1,128 @@
-"""The page on the environments says what the code does."""
+"""The pages of the environments, their classes' docstrings, say what the code does."""
 
 from __future__ import annotations
 
-from dataclasses import fields
+import ast
+import inspect
+import re
+from dataclasses import MISSING, fields
 from pathlib import Path
 
 import gymnasium as gym
 import pytest
 
-import edmsim.envs
-from edmsim.envs.families import FAMILIES
 from edmsim.envs.lanes import CAUSES
-from edmsim.envs.observation import CORNERS, MEASURED
-from edmsim.envs.registration import EPISODE_STEPS
+from edmsim.envs.observation import entries
+from edmsim.envs.registry import EPISODE_STEPS, env_id_of
 
-PAGE = (Path(__file__).parents[2] / "docs" / "environments.md").read_text(encoding="utf-8")
-
-
-def rows(columns):
-    """Cells of the page's tables of so many columns, by the first one."""
-    lines = [line.strip("| ").split(" | ") for line in PAGE.splitlines() if line.startswith("|")]
-    return {cells[0].strip("`"): [cell.strip() for cell in cells[1:]] for cells in lines if len(cells) == columns}
-
-
-@pytest.mark.parametrize("entry", [*MEASURED, *CORNERS], ids=lambda entry: entry.name)
-def test_entries_of_the_observation(entry):
-    bounds, _ = rows(3)[entry.name]
-    assert bounds == f"{entry.low:g}..{entry.high:g}"
+DOCS = Path(__file__).parents[2] / "docs"
+GUIDE = (DOCS / "environments.md").read_text(encoding="utf-8")
+SECTIONS = (
+    "Description", "Action space", "Observation space", "Reward", "Starting state", "End of the episode", "Arguments",
+    "Versions",
+)  # fmt: skip
 
 
-def test_weights():
-    for field in fields(edmsim.envs.Weights):
-        _, straight, corner, contour = rows(5)[field.name]
-        for name, cell in zip(FAMILIES, (straight, straight, corner, contour), strict=True):
-            assert getattr(FAMILIES[name].own_weights, field.name) == float(cell)
+@pytest.fixture
+def env(make_env, env_name):
+    return make_env(env_name).unwrapped
 
 
-@pytest.mark.parametrize("name", FAMILIES)
-def test_spaces_and_lengths(name):
-    env = gym.make(f"edmsim/{name}-v0", resolution="fast")
-    _, actions, observations, steps = rows(5)[f"edmsim/{name}-v0"]
+def section(env, title):
+    """Text of one section of an environment's page."""
+    found = re.search(rf"^{title}\n-+\n(.*?)(?=^[A-Z][\w ]*\n---|\Z)", inspect.getdoc(type(env)), re.M | re.S)
+    assert found is not None, title
+    return found[1]
+
+
+def table(text, columns):
+    """Cells of the rows of a table of so many columns."""
+    found = []
+    for edges, body in re.findall(r"^(=[= ]+)\n.*\n=[= ]+\n((?:[^=\n].*\n)+)=[= ]+$", text, re.M):
+        places = [match.span() for match in re.finditer("=+", edges)]
+        if len(places) == columns:
+            ends = [*(start for start, _ in places[1:]), None]
+            found += [
+                [line[start:end].strip().strip("`") for (start, _), end in zip(places, ends, strict=True)]
+                for line in body.splitlines()
+            ]
+    assert found
+    return found
+
+
+def test_a_registered_environment_is_its_own_class_and_describes_itself(env, env_name):
+    assert type(env).__name__ == f"{env_name}Env"
+    headings = re.findall(r"^(\w[\w ]*)\n-+$", inspect.getdoc(type(env)), re.M)
+    assert tuple(headings) == SECTIONS
+    lanes = gym.make_vec(env_id_of(env_name), num_envs=1, vectorization_mode="vector_entry_point", resolution="fast")
+    assert type(lanes.unwrapped).__name__ == f"{env_name}VectorEnv"
+
+
+def test_actions(env):
+    text = section(env, "Action space")
+    assert f"``Box(-1, 1, {env.action_space.shape}, float32)``" in text
+    rows = table(text, 5)
+    assert [(row[0], row[1]) for row in rows] == [(str(k), name) for k, name in enumerate(env.family.action_names)]
+    for row, low, high in zip(rows, env.action_space.low, env.action_space.high, strict=True):
+        assert row[2] == f"{low:g}..{high:g}"
+
+
+def test_observations(env):
+    text = section(env, "Observation space")
+    assert f"``Box({env.observation_space.shape}, float32)``" in text
+    listed = entries(env.family.history, env.family.knows_corners)
+    rows = table(text, 5)
+    assert len(rows) == len(entries(1, env.family.knows_corners))
+    for index, name, bounds, *_ in rows:
+        k = int(index)
+        assert name == listed[k].name
+        assert bounds == f"{env.observation_space.low[k]:g}..{env.observation_space.high[k]:g}"
+    per_window = len(entries(1, False))
+    assert f"Entries 0 to {per_window - 1} " in text
+    assert f"{per_window} to {per_window * env.family.history - 1} are the same of the three windows before" in text
+
+
+def test_reward(env):
+    rows = table(section(env, "Reward"), 3)
+    weights = env.family.reward_weights
+    assert [(name, float(weight)) for name, _, weight in rows] == [
+        (field.name, getattr(weights, field.name)) for field in fields(weights)
+    ]
+
+
+def test_ends(env, env_name):
+    text = section(env, "End of the episode")
+    for cause in CAUSES[1:]:
+        assert f"``{cause}``" in text
+        assert f"`{cause}`" in GUIDE
+    assert f"Truncated after {EPISODE_STEPS[env_name]:,} windows" in text
+
+
+def test_arguments(env):
+    rows = table(section(env, "Arguments"), 4)
+    told = {name: ast.literal_eval(default) for name, default, *_ in rows}
+    has = {field.name: field.default for field in fields(env.family)}
+    assert MISSING not in has.values()
+    assert told == {**has, "render_mode": None}
+    assert len(rows) == len(told)
+
+
+@pytest.mark.parametrize("name", EPISODE_STEPS)
+def test_spaces_and_lengths_of_the_guide(make_env, name):
+    env = make_env(name)
+    (line,) = (line for line in GUIDE.splitlines() if line.startswith(f"| `edmsim/{name}-v0`"))
+    _, _, actions, observations, steps = (cell.strip() for cell in line.strip("| ").split(" | "))
     assert actions == f"`Box(-1, 1, {env.action_space.shape})`"
     assert observations == f"`Box({env.observation_space.shape})`"
     assert int(steps.split()[0].replace(",", "")) == EPISODE_STEPS[name]
 
 
-def test_causes_and_arguments():
-    for cause in CAUSES[1:]:
-        assert f"`{cause}`" in PAGE
-    for family in FAMILIES.values():
-        for field in fields(family):
-            assert f"`{field.name}" in PAGE, field.name
+def test_the_site_has_every_page_and_the_guide_every_word_of_info(make_env):
+    page = (DOCS / "api" / "envs.rst").read_text(encoding="utf-8")
+    for name in EPISODE_STEPS:
+        assert f"``edmsim/{name}-v0``" in page
+        assert f".{name}Env\n" in page
+    env = make_env("GapFeed", length_mm=0.005)
+    env.reset(seed=1)
+    for key in env.step(env.action_space.high)[4]:
+        assert f"`{key}`" in GUIDE

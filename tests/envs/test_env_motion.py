@@ -5,9 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from edmsim.cosim.stops import StopCause
 from edmsim.envs import path_follower as motion
-from edmsim.envs import reward
 from edmsim.errors import InputError
 from edmsim.machine.machine import Machine
 from edmsim.plant.fleet import Fleet
@@ -85,12 +83,6 @@ def test_slow_feeds_are_not_lost(lane):
     list(run(lane, [0.013] * 5000))
     assert lane[0]["place"][0] == 13 * WINDOW_NS * 5000
     assert np.abs(lane[3]["commanded_um"][0] - place_of(lane)).max() <= 1.0
-
-
-def test_constants_written_twice_agree():
-    assert (reward._DONE, reward._WIRE_BREAK) == (motion.DONE, motion.WIRE_BREAK)
-    limits = StopCause.LIMIT_SWITCH, StopCause.PERSISTENT_SHORT, StopCause.OUT_OF_RANGE
-    assert max(motion.DONE, motion.WIRE_BREAK) < min(limits)
 
 
 def test_fleet_fires_what_plants_fire_alone():

@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib.util
 import json
 from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -15,10 +16,8 @@ from gymnasium.utils.env_checker import check_env
 
 import edmsim
 from edmsim.cli import app as cli
-from edmsim.envs import Task, Weights, register
-from edmsim.envs.families import make_family
-from edmsim.envs.registration import EPISODE_STEPS, resolve
-from edmsim.envs.scenarios import CENTRE_UM, Corner, Family, GapFeed
+from edmsim.envs import Corner, Family, GapFeed, Task, Weights, register
+from edmsim.envs.registry import EPISODE_STEPS, make_family, resolve, stand_in
 from edmsim.errors import InputError
 from edmsim.evaluation import compare, episode
 from edmsim.learning import hyperparameters, policy_file
@@ -28,8 +27,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from edmsim.envs import register
-from edmsim.envs.scenarios import GapFeed
+from edmsim.envs import GapFeed, register
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -86,7 +84,7 @@ def test_an_own_family_is_a_whole_environment(bend: str) -> None:
     task = Task(BEND_ID)
     task.reset(3)
     assert task.scenario.legs_um[0].shape == (20, 2)
-    assert tuple(task.scenario.legs_um[0][0]) == CENTRE_UM
+    assert tuple(task.scenario.legs_um[0][0]) == task.machine.base.table.centre_um
     assert task.episode_steps == 400
 
 
@@ -100,16 +98,49 @@ def test_one_of_ours_with_other_arguments() -> None:
     assert Task(GapFeed, resolution="fast").episode_steps == EPISODE_STEPS["GapFeed"]
 
 
-def test_what_cannot_be_registered_is_told() -> None:
-    class Seeing(GapFeed):
-        knows_corners: ClassVar[bool] = True
+@dataclass(frozen=True, kw_only=True)
+class Pulsing(GapFeed):
+    """A straight cut in which a second action sets the pulse period, and the corners are shown."""
 
+    action_names: ClassVar[tuple[str, ...]] = ("feed", "period")
+    knows_corners: ClassVar[bool] = True
+
+    def setting_us(self, first_us: Any, wanted: Any) -> tuple[float, float]:
+        on_us, period_us = first_us
+        return on_us, period_us * (2.0 + wanted[0])
+
+
+def test_an_own_family_may_set_the_generator_and_show_corners() -> None:
+    register("lab/Pulsing-v0", Pulsing, resolution="fast")
+    env = gym.make("lab/Pulsing-v0")
+    check_env(env.unwrapped)
+    assert env.action_space.shape == (2,)
+    assert env.observation_space.shape == (43,)
+    lanes = gym.make_vec("lab/Pulsing-v0", num_envs=2, vectorization_mode="vector_entry_point")
+    env.reset(seed=1)
+    lanes.reset(seed=1)
+    for wanted, period_us in ((-1.0, 100.0), (0.0, 200.0), (1.0, 300.0)):
+        *_, one = env.step(np.array([0.1, wanted], np.float32))
+        *_, many = lanes.step(np.array([[0.1, wanted]] * 2, np.float32))
+        assert one["t_period_us"] == many["t_period_us"][0] == period_us
+    with pytest.raises(InputError, match="Pulsing has other observations or actions than GapFeed"):
+        stand_in(Pulsing, {})
+
+
+def test_the_registered_form_of_an_own_family_is_json() -> None:
+    register("lab/Pulsing-v0", Pulsing, resolution="fast", weights={"short": 2.0})
+    spec = gym.make("lab/Pulsing-v0", history=2).unwrapped.spec
+    assert spec is not None
+    again = gym.make(gym.envs.registration.EnvSpec.from_json(spec.to_json()))
+    assert again.unwrapped.family == Pulsing(resolution="fast", weights=Weights(short=2.0), history=2)  # type: ignore[attr-defined]
+
+
+def test_what_cannot_be_registered_is_told() -> None:
     class Alone(Family):
         def draw_cut(self, *given: Any) -> Any: ...
 
-    for family, told in ((Seeing, "other observations or actions than GapFeed"), (Alone, "must derive from one of")):
-        with pytest.raises(InputError, match=told):
-            register("lab/Wrong-v0", family)
+    with pytest.raises(InputError, match="must derive from one of"):
+        register("lab/Wrong-v0", Alone)
     with pytest.raises(InputError, match="leg_mm is -1"):
         register("lab/Wrong-v0", Corner, leg_mm=-1)
     with pytest.raises(TypeError, match="no argument 'colour'"):

@@ -13,8 +13,8 @@ import pytest
 from edmsim.cli import app as cli
 from edmsim.controllers import FeedCommand, FeedController, make
 from edmsim.controllers.feed.fixed import FixedController
+from edmsim.envs.episode import Task
 from edmsim.envs.reward import Weights
-from edmsim.envs.tasks import Task
 from edmsim.errors import InputError
 from edmsim.evaluation import episode
 from edmsim.evaluation.compare import FIGURES, Comparison, Figure, env_ids, evaluate, figures_of, ratio, usual

@@ -14,9 +14,9 @@ import pytest
 import edmsim
 from edmsim.controllers.protocols import tell
 from edmsim.envs.batch import action_space_of
-from edmsim.envs.families import make_family
+from edmsim.envs.episode import Task
 from edmsim.envs.observation import entries
-from edmsim.envs.tasks import Task
+from edmsim.envs.registry import make_family
 from edmsim.errors import InputError
 from edmsim.job.cut import make_controller
 from edmsim.learning import policy_file

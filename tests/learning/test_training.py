@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from edmsim.envs.batch import action_space_of
-from edmsim.envs.families import FAMILIES, make_family
+from edmsim.envs.registry import EPISODE_STEPS, make_family
 from edmsim.learning import hyperparameters, policy_file
 
 needs_rl = pytest.mark.skipif(
@@ -24,7 +24,7 @@ pytestmark = [
 
 
 @pytest.mark.parametrize("algo", hyperparameters.ALGORITHMS)
-@pytest.mark.parametrize("name", FAMILIES)
+@pytest.mark.parametrize("name", EPISODE_STEPS)
 def test_every_environment_has_hyperparameters(name, algo):
     given = hyperparameters.load(f"edmsim/{name}-v0", algo)
     family = make_family(name, **given.environment)
@@ -35,7 +35,7 @@ def test_every_environment_has_hyperparameters(name, algo):
 
 def test_there_are_no_others():
     there = {f.name for f in (resources.files("edmsim.models") / "training").iterdir()}
-    assert there == {f"{name}-{algo}.toml" for name in FAMILIES for algo in hyperparameters.ALGORITHMS}
+    assert there == {f"{name}-{algo}.toml" for name in EPISODE_STEPS for algo in hyperparameters.ALGORITHMS}
 
 
 @needs_rl

@@ -11,10 +11,10 @@ import numpy as np
 from edmsim.controllers import WindowObservation
 from edmsim.cosim.stops import WORDS, StopCause
 from edmsim.envs.checks import checked_options
-from edmsim.envs.families import episode_steps, make_family
 from edmsim.envs.lanes import Lanes
+from edmsim.envs.registry import episode_steps, make_family
 from edmsim.envs.reward import rewards
-from edmsim.envs.scenarios import Family, Scenario
+from edmsim.envs.task import Family, Scenario
 from edmsim.errors import InputError
 from edmsim.machine.machine import Machine
 from edmsim.plant.plant import Plant
@@ -33,7 +33,7 @@ class StepResult(NamedTuple):
     truth : PulseWindow
         What happened, also what no real machine sees.
     progress_um : float
-        How much more of the path is cut (see `motion.LANE`).
+        How much more of the path is cut (see `path_follower.LANE`).
     area_mm2 : float
         The same times the local height.
     error_um : float
@@ -85,7 +85,7 @@ class Task:
     name : str or type
         ``"GapFeed"`` or ``"edmsim/GapFeed-v0"``, and so on; or an own family.
     **options
-        Arguments of the environment (see `scenarios.Family`); those of action and observation have no effect.
+        Arguments of the environment (see `Family`); those of action and observation have no effect.
 
     Raises
     ------
@@ -208,5 +208,5 @@ class Task:
         return StepResult(
             seen, window, float(row["progress_um"]), float(row["area_mm2"]), float(row["error_um"]),
             StopCause(row["cause"]), lanes.refused[0],
-            float(rewards(_LANE, lanes.rows, lanes.fleet.windows, self._weights)[0]),
+            float(rewards(_LANE, lanes.rows, lanes.fleet.windows, self._weights)[0][0]),
         )

@@ -1,15 +1,15 @@
-"""What the environments ask for: four families of cuts, and the machine, stock and path drawn for an episode."""
+"""Base of the environments: what all have in common, and how machine, stock and path of an episode are drawn."""
 
 from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
-from importlib import resources
+from inspect import signature
 from pathlib import Path
-from typing import TYPE_CHECKING, ClassVar, Literal, NamedTuple
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,23 +19,20 @@ from edmsim.errors import InputError
 from edmsim.machine.machine import Machine
 from edmsim.machine.setting import check_height
 from edmsim.plant import constants
-from edmsim.plant.workpiece.height_steps import HeightStep as Step
 from edmsim.plant.workpiece.kerf_field import Stock
-from edmsim.plant.workpiece.start_slot import SLOT_GAP_UM, begun_slot
 
 if TYPE_CHECKING:
-    from edmsim.program.path import Contour as ProgramContour
-    from edmsim.program.path import CutPath
+    from edmsim.program.path import Contour
 
 Floats = NDArray[np.float64]
 Range = float | tuple[float, float]
 
-CENTRE_UM = (32_500.0, 32_500.0)
-"""Where straight cuts and corners begin: the middle of the table."""
 CORNER_DEG = 20.0
 """A path has a corner where it turns by at least this (ours: chords of arcs turn by less)."""
 MAX_FEED_UM_S = 100.0
 """Feed an action of 1 may ask for (ours: about twice the cutting rate of the standard set-up 10 mm high)."""
+ROOM_MM = 2.5
+"""Length of table that a cut leaves free before the end switches (ours)."""
 _ACTIONS = ("change", "speed")
 
 
@@ -63,12 +60,15 @@ class Scenario(NamedTuple):
     heights: tuple[Floats, Floats]
     plant_seed: int
     drawn: dict[str, float | str]
-    contours: tuple[ProgramContour, ...] = ()
+    contours: tuple[Contour, ...] = ()
 
 
 @dataclass(frozen=True, kw_only=True)
 class Family(ABC):
-    """What is common to the four families; every field is an argument of the environments.
+    """Episodes of one kind: limits, what is drawn, what actions mean. Every field is an argument of the environment.
+
+    A subclass says in `draw_cut` what is cut. With `action_names` and `setting_us` it may let actions set the pulse
+    generator, with `knows_corners` it shows the corners of the path, and `own_weights` are its weights of the reward.
 
     Parameters
     ----------
@@ -117,9 +117,41 @@ class Family(ABC):
     history: int = 4
     weights: Weights | None = None
 
-    sets_generator: ClassVar[bool] = False
+    action_names: ClassVar[tuple[str, ...]] = ("feed",)
     knows_corners: ClassVar[bool] = False
     own_weights: ClassVar[Weights] = Weights()
+
+    @classmethod
+    def of(cls, **arguments: Any) -> Self:
+        """Make it from arguments that may be written as JSON writes them.
+
+        Parameters
+        ----------
+        **arguments
+            Its fields. ``machine`` may be a name under ``models/machines``, the path of an own TOML file, or a
+            mapping of arguments of `Machine.load`; ``weights`` a mapping, which replaces those it names of the
+            environment's own; tuples may be lists.
+
+        Raises
+        ------
+        InputError
+            An unknown entry of a mapping, or a value that cannot be used.
+        TypeError
+            An unknown argument.
+        """
+        known = [f.name for f in fields(cls)]
+        for name, value in arguments.items():
+            if name not in known:
+                raise TypeError(f"{cls.__name__} has no argument {name!r}; it has {', '.join(known)}")
+            if isinstance(value, list):
+                arguments[name] = tuple(value)
+        if "machine" in arguments:
+            arguments["machine"] = _machine_of(arguments["machine"])
+        weights = arguments.get("weights")
+        if isinstance(weights, Mapping):
+            _only_known("weights", weights, [f.name for f in fields(Weights)])
+            arguments["weights"] = replace(cls.own_weights, **weights)
+        return cls(**arguments)
 
     def __post_init__(self) -> None:
         """Refuse what cannot be used, before anything is built."""
@@ -129,14 +161,14 @@ class Family(ABC):
         if not isinstance(self.history, int) or self.history < 1:
             raise InputError(f"history is {self.history!r}: give a whole number of windows, 1 or more")
         for name in ("max_feed_um_s", "max_change_um_s"):
-            _above_zero(name, getattr(self, name))
+            above_zero(name, getattr(self, name))
         if not abs(self.start_feed_um_s) <= self.max_feed_um_s:
             raise InputError(f"start_feed_um_s is {self.start_feed_um_s!r}: give at most max_feed_um_s either way")
         for name in ("height_mm", "tension"):
             if getattr(self, name) is not None:
-                _bounds(name, getattr(self, name))
+                ends_of(name, getattr(self, name))
         if self.height_mm is not None:
-            for height in _bounds("height_mm", self.height_mm):
+            for height in ends_of("height_mm", self.height_mm):
                 check_height(height)
         if isinstance(self.materials, str):
             raise InputError(f"materials is the text {self.materials!r}: give a list, as [{self.materials!r}]")
@@ -162,10 +194,42 @@ class Family(ABC):
             machine.check()
         return tuple(changed)
 
+    @property
+    def reach_mm(self) -> float:
+        """Greatest distance from the table's centre that a cut may lead to."""
+        return self.base.base.table.travel_mm.value / 2 - ROOM_MM
+
     @cached_property
     def reward_weights(self) -> Weights:
         """Weights in force."""
         return self.own_weights if self.weights is None else self.weights
+
+    @property
+    def first_feed_um_s(self) -> float:
+        """Feed before the first action."""
+        return self.start_feed_um_s if self.action == "change" else 0.0
+
+    def next_feed_um_s(self, before_um_s: Floats, wanted: Floats) -> Floats:
+        """Return the feeds (n,) that actions (n,) within -1..1 ask for after others (n,)."""
+        if self.action == "speed":
+            return wanted * self.max_feed_um_s
+        limit = self.max_feed_um_s
+        return np.asarray(np.clip(before_um_s + wanted * self.max_change_um_s, -limit, limit))
+
+    def setting_us(self, first_us: Floats, wanted: Floats) -> tuple[float, float]:
+        """Return on-time and period in us that the actions after the feed ask for.
+
+        It is called where `action_names` has further names than the feed; the generator stays at its first setting
+        unless a subclass says otherwise.
+
+        Parameters
+        ----------
+        first_us : (2,)
+            On-time and period at the episode's start.
+        wanted : (len(action_names) - 1,)
+            Actions within -1..1.
+        """
+        return float(first_us[0]), float(first_us[1])
 
     def draw(self, rng: np.random.Generator, machine: Machine | None = None) -> Scenario:
         """Draw an episode.
@@ -186,7 +250,7 @@ class Family(ABC):
 
     def _draw_machine(self, rng: np.random.Generator, drawn: dict[str, float | str]) -> Machine:
         machine = self._bases[int(rng.integers(len(self._bases)))]
-        ranges = {name: _bounds(name, getattr(self, name)) for name in ("height_mm", "tension")
+        ranges = {name: ends_of(name, getattr(self, name)) for name in ("height_mm", "tension")
                   if getattr(self, name) is not None}
         if ranges:
             values = {name: float(rng.uniform(*bounds)) for name, bounds in ranges.items()}
@@ -219,183 +283,37 @@ class Family(ABC):
         """
 
 
-@dataclass(frozen=True, kw_only=True)
-class GapFeed(Family):
-    """A straight cut from a begun slot: hold the gap, as fast as the machine can.
-
-    Parameters
-    ----------
-    length_mm : float
-        Length of the cut (ours: longer than the standard episode, so that time ends it and the return grows with
-        the cutting rate).
-    """
-
-    length_mm: float = 3.0
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        _above_zero("length_mm", self.length_mm, 30.0)
-
-    def draw_cut(
-        self, rng: np.random.Generator, machine: Machine, seed: int, drawn: dict[str, float | str]
-    ) -> Scenario:
-        """A straight path into the slot's end."""
-        path = _straight(self.length_mm)
-        return Scenario(machine, begun_slot(machine, CENTRE_UM), (path,), _even(machine), seed, drawn)
-
-
-@dataclass(frozen=True, kw_only=True)
-class HeightStep(GapFeed):
-    """A straight cut through a workpiece whose height jumps, the classic wire breaker.
-
-    Parameters
-    ----------
-    band_mm : (low, high)
-        Lengths of path between two jumps (ours: a few seconds of cutting each).
-    low_share : float
-        Least local height as a share of the greatest, 0.2 to 1.
-    """
-
-    band_mm: tuple[float, float] = (0.1, 0.3)
-    low_share: float = 0.25
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        for length in _bounds("band_mm", self.band_mm):
-            _above_zero("band_mm", length)
-        if not 0.2 <= self.low_share <= 1:
-            raise InputError(f"low_share is {self.low_share!r}: give a share from 0.2 to 1")
-
-    def draw_cut(
-        self, rng: np.random.Generator, machine: Machine, seed: int, drawn: dict[str, float | str]
-    ) -> Scenario:
-        """The same, and jumps of height across it."""
-        import shapely
-
-        x, y = CENTRE_UM
-        total = self.length_mm * 1e3
-        starts, heights, at = [0.0], [machine.height_mm], float(rng.uniform(*self.band_mm)) * 1e3
-        while at < total:
-            starts.append(at)
-            heights.append(machine.height_mm * float(rng.uniform(self.low_share, 1.0)))
-            at += float(rng.uniform(*self.band_mm)) * 1e3
-        ends = [*starts[1:], total + 2e3]  # the last band reaches beyond what the wire erodes
-        x += machine.wire_diameter_um / 2 + SLOT_GAP_UM  # where the wire's front meets a jump
-        steps = [
-            Step(shapely.box(x + a, y - 2e3, x + b, y + 2e3), h)
-            for a, b, h in zip(starts[1:], ends[1:], heights[1:], strict=True)
-        ]
-        drawn |= {"height_jumps": float(len(steps))}
-        stock = begun_slot(machine, CENTRE_UM, steps=steps)
-        profile = np.array(starts), np.array(heights)
-        return Scenario(machine, stock, (_straight(self.length_mm),), profile, seed, drawn)
-
-
-@dataclass(frozen=True, kw_only=True)
-class Corner(Family):
-    """Two legs with a sharp turn between; the action sets the pulse generator, too, and profile error counts.
-
-    Parameters
-    ----------
-    leg_mm : float
-        Length of each leg.
-    turn_deg : (low, high)
-        Range of the turn, drawn per episode, to the left or to the right.
-    setting_octaves : float
-        How far the knobs turn either way: an action of 1 multiplies the on-time, or the ratio of period to on-time,
-        by 2 to the power of this.
-    """
-
-    leg_mm: float = 0.3
-    turn_deg: tuple[float, float] = (45.0, 135.0)
-    setting_octaves: float = 2.0
-
-    sets_generator: ClassVar[bool] = True
-    knows_corners: ClassVar[bool] = True
-    own_weights: ClassVar[Weights] = Weights(profile=4.0, time=0.1)  # accuracy first
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        _above_zero("leg_mm", self.leg_mm, 15.0)
-        _above_zero("setting_octaves", self.setting_octaves, 4.0)
-        low, high = _bounds("turn_deg", self.turn_deg)
-        if not CORNER_DEG <= low <= high <= 160.0:
-            raise InputError(f"turn_deg is {self.turn_deg!r}: give a range within {CORNER_DEG:g} to 160 degrees")
-
-    def draw_cut(
-        self, rng: np.random.Generator, machine: Machine, seed: int, drawn: dict[str, float | str]
-    ) -> Scenario:
-        """Two legs and a turn."""
-        turn = float(rng.uniform(*self.turn_deg)) * (1 if rng.random() < 0.5 else -1)
-        leg, (x, y) = self.leg_mm * 1e3, CENTRE_UM
-        angle = math.radians(turn)
-        path = np.array(
-            [(x, y), (x + leg, y), (x + leg + leg * math.cos(angle), y + leg * math.sin(angle))], np.float64
-        )
-        drawn |= {"turn_deg": turn}
-        return Scenario(machine, begun_slot(machine, CENTRE_UM), (path,), _even(machine), seed, drawn)
-
-
-@dataclass(frozen=True, kw_only=True)
-class Contour(Family):
-    """Any part program.
-
-    Parameters
-    ----------
-    program : path, optional
-        Of `edmsim.program.path.plan_path`; a punch of 1.5 x 1 mm if not given. Dwells (G4) are left out.
-    """
-
-    program: str | Path | None = None
-
-    knows_corners: ClassVar[bool] = True
-    own_weights: ClassVar[Weights] = Weights(profile=1.0, time=0.1)
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        self._cut  # noqa: B018 - a program that cannot be cut is told now
-
-    @cached_property
-    def _cut(self) -> tuple[Stock, CutPath]:
-        from edmsim.program.path import plan_path
-
-        if self.program is None:
-            with resources.as_file(resources.files(__package__) / "small_punch.ngc") as file:
-                path = plan_path(file, auto_offset_mm=self.base.auto_offset_mm)
-        else:
-            path = plan_path(self.program, auto_offset_mm=self.base.auto_offset_mm)
-        x0, y0, x1, y1 = (1e3 * v for v in path.stock_mm)
-        radius = path.start_hole_radius_mm * 1e3
-        holes = tuple((float(c.points_um[0, 0]), float(c.points_um[0, 1]), radius) for c in path.contours)
-        return Stock((x0, y0, x1, y1), holes), path
-
-    def draw_cut(
-        self, rng: np.random.Generator, machine: Machine, seed: int, drawn: dict[str, float | str]
-    ) -> Scenario:
-        """The program's contours."""
-        stock, path = self._cut
-        legs = tuple(c.points_um.astype(np.float64) for c in path.contours)
-        return Scenario(machine, stock, legs, _even(machine), seed, drawn, path.contours)
-
-
-def _straight(length_mm: float) -> Floats:
-    x, y = CENTRE_UM
-    return np.array([(x, y), (x + length_mm * 1e3, y)])
-
-
-def _even(machine: Machine) -> tuple[Floats, Floats]:
+def even_height(machine: Machine) -> tuple[Floats, Floats]:
+    """Return `Scenario.heights` of a workpiece of one height."""
     return np.zeros(1), np.array([machine.height_mm])
 
 
-def _above_zero(name: str, value: float, most: float = math.inf) -> None:
+def above_zero(name: str, value: float, most: float = math.inf) -> None:
+    """Refuse an argument that is no number above 0 and at most `most`."""
     if not (isinstance(value, int | float) and 0 < value <= most and math.isfinite(value)):
         up_to = f" and at most {most:g}" if math.isfinite(most) else ""
         raise InputError(f"{name} is {value!r}: give a number above 0{up_to}")
 
 
-def _bounds(name: str, value: Range) -> tuple[float, float]:
-    """Return the ends of a range; a number is one of its own."""
+def ends_of(name: str, value: Range) -> tuple[float, float]:
+    """Return the ends of a range given as an argument; a number is a range of its own."""
     low, high = value if isinstance(value, Sequence) and len(value) == 2 else (value, value)
     if not (isinstance(low, int | float) and isinstance(high, int | float) and 0 < low <= high < math.inf):
         raise InputError(f"{name} is {value!r}: give a number above 0, or the ends of a range, the lower first")
     return float(low), float(high)
+
+
+def _machine_of(given: Any) -> Any:
+    """Return the machine of a name, a file, or a mapping of arguments of `Machine.load`."""
+    if isinstance(given, str | Path):
+        return Machine.load(str(given))
+    if not isinstance(given, Mapping):
+        return given
+    _only_known("machine", given, list(signature(Machine.load).parameters))
+    return Machine.load(**given)
+
+
+def _only_known(name: str, given: Mapping[str, Any], known: list[str]) -> None:
+    for key in given:
+        if key not in known:
+            raise InputError(f"{name} has no entry {key!r}; it has {', '.join(known)}")

@@ -1,0 +1,219 @@
+"""Corner: a sharp turn to be cut accurately; actions set the pulse generator, too."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from edmsim.envs.reward import Weights
+from edmsim.envs.single import EdmEnv
+from edmsim.envs.task import CORNER_DEG, Family, Floats, Scenario, above_zero, ends_of, even_height
+from edmsim.envs.vector import EdmVectorEnv
+from edmsim.errors import InputError
+from edmsim.machine.machine import Machine
+from edmsim.plant.workpiece.start_slot import begun_slot
+
+SHARPEST_DEG = 160.0
+"""Sharpest turn that may be asked for (ours: beyond it the second leg runs back in the first one's kerf)."""
+MOST_OCTAVES = 4.0
+"""Greatest reach of the generator's knobs either way that may be asked for (ours)."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Corner(Family):
+    """Two legs with a sharp turn between.
+
+    Parameters
+    ----------
+    leg_mm : float
+        Length of each leg.
+    turn_deg : (low, high)
+        Range of the turn, drawn per episode, to the left or to the right.
+    setting_octaves : float
+        How far the knobs turn either way: an action of 1 multiplies the on-time, or the ratio of period to on-time,
+        by 2 to the power of this.
+    """
+
+    leg_mm: float = 0.3
+    turn_deg: tuple[float, float] = (45.0, 135.0)
+    setting_octaves: float = 2.0
+
+    action_names: ClassVar[tuple[str, ...]] = ("feed", "on_time", "duty_factor")
+    knows_corners: ClassVar[bool] = True
+    own_weights: ClassVar[Weights] = Weights(profile=4.0, time=0.1)  # accuracy first
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        above_zero("leg_mm", self.leg_mm, self.reach_mm / 2)
+        above_zero("setting_octaves", self.setting_octaves, MOST_OCTAVES)
+        low, high = ends_of("turn_deg", self.turn_deg)
+        if not CORNER_DEG <= low <= high <= SHARPEST_DEG:
+            raise InputError(
+                f"turn_deg is {self.turn_deg!r}: give a range within {CORNER_DEG:g} to {SHARPEST_DEG:g} degrees"
+            )
+
+    def draw_cut(
+        self, rng: np.random.Generator, machine: Machine, seed: int, drawn: dict[str, float | str]
+    ) -> Scenario:
+        """Draw the turn: uniformly, to either side with the same probability."""
+        turn = float(rng.uniform(*self.turn_deg)) * (1 if rng.random() < 0.5 else -1)
+        leg, (x, y) = self.leg_mm * 1e3, machine.base.table.centre_um
+        angle = math.radians(turn)
+        path = np.array(
+            [(x, y), (x + leg, y), (x + leg + leg * math.cos(angle), y + leg * math.sin(angle))], np.float64
+        )
+        drawn |= {"turn_deg": turn}
+        return Scenario(machine, begun_slot(machine, (x, y)), (path,), even_height(machine), seed, drawn)
+
+    def setting_us(self, first_us: Floats, wanted: Floats) -> tuple[float, float]:
+        """Return on-time and period: multiples of the first ones.
+
+        The second action turns the duty factor: were it the period, half of all pairs would ask for more than the
+        supply gives.
+        """
+        on_us, period_us = first_us
+        on, pause = (2.0 ** (self.setting_octaves * float(a)) for a in wanted)
+        return on_us * on, period_us * on * pause
+
+
+class CornerEnv(EdmEnv):
+    """Two legs with a sharp turn between: cut it accurately, with feed and pulse generator.
+
+    Description
+    -----------
+    The wire trails its guides, so that it rounds a corner that is cut as fast as a straight line. Actions set the
+    feed and the pulse generator, and distance from the path costs.
+
+    Action space
+    ------------
+    ``Box(-1, 1, (3,), float32)``.
+
+    =====  ===========  =====  ======================================  ===================
+    Index  Name         Range  Meaning                                 Unit of 1
+    =====  ===========  =====  ======================================  ===================
+    0      feed         -1..1  change of the feed along the path       ``max_change_um_s``
+    1      on_time      -1..1  on-time / first on-time, log2           ``setting_octaves``
+    2      duty_factor  -1..1  period per on-time / first ratio, log2  ``setting_octaves``
+    =====  ===========  =====  ======================================  ===================
+
+    With ``action="speed"`` the entry is the feed, in units of ``max_feed_um_s``. A negative feed runs back along
+    the path, never beyond its start. Actions beyond the range are clipped; NaN raises `InvalidAction`.
+
+    On-time and period are rounded to 1 us and 5 us. A period that the generator refuses (above its mean current, or
+    no pause) is not set: the shortest it accepts for that on-time is, and ``info["refused"]`` has the reason.
+
+    Observation space
+    -----------------
+    ``Box((43,), float32)``: what a machine can measure, clipped to its range.
+
+    =====  ==============  =====  ==================================================  ==========================
+    Index  Name            Range  Quantity                                            Divided by
+    =====  ==============  =====  ==================================================  ==========================
+    0      short           0..1   short pulses                                        pulses of the window
+    1      open            0..1   open pulses                                         pulses of the window
+    2      spark           0..1   pulses that ignited; sparks and arcs look alike     pulses of the window
+    3      mean_voltage    0..1   mean gap voltage, V                                 open voltage, V
+    4      mean_current    0..4   mean gap current, A                                 generator's limit of it, A
+    5      mean_delay      0..1   mean ignition delay, us; 1 if nothing ignited       longest wait for it, us
+    6      commanded_feed  -1..1  commanded feed, um/s                                ``max_feed_um_s``
+    7      actual_feed     -1..1  feed by the position counters, um/s                 ``max_feed_um_s``
+    8      t_on            0..8   on-time, us                                         first on-time, us
+    9      t_period        0..16  pulse period, us                                    first pulse period, us
+    40     corner_ahead    0..1   path to the next corner, mm; 1 if none is nearer    1 mm
+    41     corner_turn     -1..1  its turn, left positive; 0 if none is within 1 mm   180 degrees
+    42     corner_behind   0..1   path from the last corner, mm; 1 if none is nearer  1 mm
+    =====  ==============  =====  ==================================================  ==========================
+
+    Entries 0 to 9 are of the last window; 10 to 39 are the same of the three windows before, the latest first, 0
+    where no window has been fired. With another ``history`` there are more or fewer of them. Entries 40 to 42 know
+    the program: a corner is a turn of 20 degrees or more.
+
+    Reward
+    ------
+    The sum of the terms in ``info["reward_terms"]``, with weights w of `Weights`, where
+
+    ======  =====================================================================
+    Symbol  Meaning
+    ======  =====================================================================
+    P       area cut in the window / 0.01275 mm2, which is 30 mm2/min for 25.5 ms
+    T       duration of the window / 25.5 ms, the window of 255 pulses of 100 us
+    s, o    shares of short and of open pulses
+    e       distance of the wire's true place from the path, um
+    B       1 in the window in which the wire breaks, else 0
+    L       1 in the window in which another limit ends the episode, else 0
+    D       1 in the window in which the path's end is reached, else 0
+    ======  =====================================================================
+
+    and
+
+    ==========  ====================  ======
+    Term        Value                 Weight
+    ==========  ====================  ======
+    progress    ``w P``               1
+    short       ``-w s T``            0.5
+    open        ``-w o T``            0.1
+    profile     ``-w (e / 10 um) P``  4
+    time        ``-w T``              0.1
+    wire_break  ``-w B``              100
+    limit       ``-w L``              100
+    done        ``w D``               0
+    ==========  ====================  ======
+
+    Area is length of path times local height. What is cut follows the wire's true place by the share of pulses that
+    ignite: pushing a bent wire into a short gains nothing, nor does going back and forth, nor air. The error e is
+    of position counters and mean deflection, over height and window; the kerf's edge, which also carries changes of
+    the side gap, takes too long to measure at every step.
+
+    Starting state
+    --------------
+    The wire stands on the middle of the table, in a slot, 25 um off the metal. The turn is drawn uniformly from
+    ``turn_deg``, to the left or the right with the same probability. The generator has the machine's setting.
+    Machine, height, tension and material are drawn as the arguments say, and the plant's seed. The feed is
+    ``start_feed_um_s``, or 0 with ``action="speed"``, and the observation 0. ``info["drawn"]`` has what was drawn.
+
+    End of the episode
+    ------------------
+    Terminated, with the reason in ``info["cause"]``: the path's end is reached (``done``); the wire breaks
+    (``wire-break``); an end switch of the table opens (``limit-switch``); 2 s of windows with 90 % shorts and more
+    (``persistent-short``); the wire is pushed further than the plant's model holds for (``out-of-range``).
+
+    Truncated after 3,000 windows (``max_episode_steps`` of `gymnasium.make`).
+
+    Arguments
+    ---------
+    ===============  =================  =======  =====================================================================
+    Name             Default            Unit     Meaning
+    ===============  =================  =======  =====================================================================
+    leg_mm           ``0.3``            mm       length of each leg
+    turn_deg         ``(45.0, 135.0)``  degrees  (low, high) of the turn, within 20 to 160
+    setting_octaves  ``2.0``            octaves  reach of the knobs either way, at most 4
+    resolution       ``"default"``               of the plant: ``"fast"`` to train, ``"default"``, ``"fine"``
+    machine          ``None``                    a `Machine`, its name, TOML file or mapping; the standard one if None
+    materials        ``()``                      names, one of which is drawn; the machine's own if none
+    height_mm        ``None``           mm       greatest height, or (low, high); the machine's own if None
+    tension          ``None``           N        of the wire, or (low, high); the machine's own if None
+    randomise        ``None``                    constants to draw within their ranges; ``()`` for all
+    action           ``"change"``                ``"change"`` of the feed, or ``"speed"``: the feed itself
+    max_feed_um_s    ``100.0``          um/s     largest feed either way
+    max_change_um_s  ``4.0``            um/s     largest change of the feed per window
+    start_feed_um_s  ``5.0``            um/s     feed before the first action
+    history          ``4``              windows  windows in an observation
+    weights          ``None``                    `Weights`, or a mapping of those that differ; above if None
+    render_mode      ``None``                    ``"rgb_array"`` or ``"human"``
+    ===============  =================  =======  =====================================================================
+
+    Versions
+    --------
+    v0: first version.
+    """
+
+    task = Corner
+
+
+class CornerVectorEnv(EdmVectorEnv):
+    """`CornerEnv`, many at once; arguments beside its own: those of `EdmVectorEnv`."""
+
+    task = Corner
