@@ -1,0 +1,89 @@
+"""Observers see every window before anything is decided, change nothing, and go on where a checkpoint left them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, ClassVar
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from edmsim.controllers import FeedCommand, WindowObservation
+from edmsim.controllers.feed.fixed import FixedController
+from edmsim.cosim.observers import Observer, PlantView, Turn
+from edmsim.cosim.simulation import Simulation
+from edmsim.machine.machine import Machine
+from edmsim.program.path import Contour, CutPath
+
+
+class Periods(Observer):
+    """Keeps the generator's period of every window, and where legs began."""
+
+    name: ClassVar[str] = "periods"
+
+    def __init__(self) -> None:
+        self.periods_us: list[float] = []
+        self.starts_um: list[float] = []
+
+    def leg(self, points_um: NDArray[np.int64], start_um: float) -> None:
+        self.starts_um.append(start_um)
+
+    def window(self, turn: Turn, plant: PlantView) -> None:
+        self.periods_us.append(plant.machine.t_period_us)
+
+    def snapshot(self) -> dict[str, NDArray[Any]]:
+        return {"periods_us": np.array(self.periods_us)}
+
+    def restore(self, state: Mapping[str, NDArray[Any]]) -> None:
+        self.periods_us = state["periods_us"].tolist()
+
+
+class Slower(FixedController):
+    """Asks for a longer period after every window."""
+
+    def update(self, window: WindowObservation) -> FeedCommand:
+        return FeedCommand(self.feed_um_s, t_period_us=round(window.duration_s / 255e-6) + 10.0)
+
+
+def simulation(*observers: Observer) -> Simulation:
+    points = np.array([(30_000, 30_000), (30_020, 30_000), (30_060, 30_000)])
+    contour = Contour(points, 0, points * 1e-3, False, "left", ((1, 0.05),), (1, 1))
+    path = CutPath((contour,), (25.0, 25.0, 40.0, 40.0), 0.5, 0.0, (30.0, 30.0), (), "test")
+    return Simulation(Machine.load(height_mm=5), path, Slower(), seed=1, resolution="fast", observers=observers)
+
+
+def test_a_window_is_seen_with_the_setting_it_was_fired_with() -> None:
+    seen = Periods()
+    cut = simulation(seen)
+    for _ in range(4):
+        cut.step()
+    assert seen.periods_us == [100.0, 110.0, 120.0, 130.0]
+    assert cut.plant.machine.t_period_us == 140.0
+
+
+def test_legs_begin_where_the_ones_before_ended() -> None:
+    seen = Periods()
+    simulation(seen).run()
+    assert seen.starts_um == [0.0, pytest.approx(20.0, abs=2)]
+
+
+def test_a_cut_is_the_same_with_and_without_them() -> None:
+    watched, alone = simulation(Periods()), simulation()
+    watched.run()
+    alone.run()
+    assert (watched.plant.time_ns, watched.sums) == (alone.plant.time_ns, alone.sums)
+
+
+def test_a_snapshot_holds_them_under_their_names() -> None:
+    whole, first, second = Periods(), Periods(), Periods()
+    simulation(whole).run()
+    cut = simulation(first)
+    for _ in range(7):
+        cut.step()
+    arrays, values = cut.snapshot()
+    assert arrays["periods.periods_us"].tolist() == first.periods_us
+    resumed = simulation(second)
+    resumed.restore(arrays, values)
+    resumed.run()
+    assert second.periods_us == whole.periods_us
