@@ -94,11 +94,19 @@ _FOLDER = _cache_folder()
 
 def compiled(function: Callable[_P, _R]) -> Callable[_P, _R]:
     """Compile a function: no Python objects, no GIL, machine code kept between runs."""
+    return _compile(function, _OPTIONS)
+
+
+def compiled_in_order(function: Callable[_P, _R]) -> Callable[_P, _R]:
+    """Compile a function whose sums keep the order in which they are written, as Python computes them."""
+    return _compile(function, {**_OPTIONS, "fastmath": False})
+
+
+def _compile(function: Callable[_P, _R], options: dict[str, Any]) -> Callable[_P, _R]:
     config: Any = numba.config
     before = config.CACHE_DIR
     config.CACHE_DIR = str(_FOLDER)
     try:
-        jit = numba.njit(**_OPTIONS)
-        return cast("Callable[_P, _R]", jit(function))
+        return cast("Callable[_P, _R]", numba.njit(**options)(function))
     finally:
         config.CACHE_DIR = before
