@@ -16,9 +16,8 @@ from numpy.typing import NDArray
 
 from edmsim.controllers import FeedController, WindowObservation
 from edmsim.controllers.known_setup import tell
-from edmsim.controllers.mcu.firmware.poscal import unit_for
-from edmsim.controllers.mcu.firmware.timers import MAX_FEED_UM_S, MAX_SPEED, SPEED_UNIT_NM_S
-from edmsim.controllers.planner.registry import Planner, Step, make_planner
+from edmsim.controllers.mcu.firmware.timers import MAX_FEED_UM_S
+from edmsim.controllers.planner.registry import Planner, Step, make_planner, position_unit
 from edmsim.controllers.protocols import DrivesSteps, MissesWindows, check_command
 from edmsim.controllers.pulse_counters import WINDOW_PULSES, PulseAnalyser
 from edmsim.cosim.legs import legs_of
@@ -73,8 +72,8 @@ class Simulation:
     controller : FeedController
         Fresh; it is reset at the start of every leg.
     planner : str
-        ``poscal``, ``poscal-literal``, ``dda`` or ``sine-table``. It counts steps in place of um where the table
-        travels further than 16 bits of um (row T-61).
+        See `make_planner`. It counts steps in place of um where the table travels further than 16 bits of um
+        (row T-61).
     seed : int
     resolution : str
     max_time_s : float, optional
@@ -83,6 +82,8 @@ class Simulation:
         Where the workpiece is less high than `machine.height_mm`; see `edmsim.program.heights`.
     mechanics : {"modal", "mujoco"}
         What moves table and wire; see `Plant`.
+    max_feed_um_s : float
+        Greatest feed a controller may command; the planner's own, where that is less.
 
     Attributes
     ----------
@@ -96,8 +97,8 @@ class Simulation:
     Raises
     ------
     InputError
-        An unknown planner or resolution, a step that does not fit the machine's height, or a table too large for
-        the position counters.
+        An unknown planner or resolution, a step that does not fit the machine's height, or a table too large, or
+        motor steps of a length, that the planner cannot count.
     """
 
     def __init__(
@@ -112,13 +113,17 @@ class Simulation:
         max_time_s: float | None = None,
         steps: tuple[HeightStep, ...] = (),
         mechanics: str = "modal",
+        max_feed_um_s: float = MAX_FEED_UM_S,
     ) -> None:
         self.machine = machine
         self.path = path
         self.controller = controller
         self._drives = controller if isinstance(controller, DrivesSteps) else None
         self._planner_name = planner
-        self._unit = unit_for(machine.base.table.travel_mm.value * 1e3)
+        table = machine.base.table
+        self._step_um = table.step_um.value
+        self._unit = position_unit(planner, table.travel_mm.value * 1e3, self._step_um)
+        self._max_feed_um_s = max_feed_um_s
         self._max_time_ns = None if max_time_s is None else round(max_time_s * 1e9)
         self.legs = [leg for contour in path.contours for leg in legs_of(contour)]
         x0, y0, x1, y1 = (1e3 * v for v in path.stock_mm)
@@ -145,23 +150,27 @@ class Simulation:
         self._leg = 0
         self._dwell_until_ns = -1
         self._before_um = 0.0
-        self._begin_leg((int(first[0]), int(first[1])))
+        self._begin_leg(self.plant.commanded_um)
         self.total_um = sum(float(np.hypot(*np.diff(leg.points_um, axis=0).T).sum()) for leg in self.legs)
 
-    def _begin_leg(self, place_um: tuple[int, int]) -> None:
-        """Plan a leg from where the wire stands: it may have stopped 1 um before the last leg's end."""
+    def _begin_leg(self, place_um: tuple[float, float]) -> None:
+        """Plan a leg from where the wire stands: it may have stopped half a step before the last leg's end."""
         self._leg_from_um = place_um
         points = self.legs[self._leg].points_um
         self._rest_until_ns = self.plant.time_ns + round(self.legs[self._leg].rest_s * 1e9)
         if place_um != (points[0, 0], points[0, 1]):
             points = np.concatenate([[place_um], points])
         tell(self.controller, self.machine, points)
-        self._planner: Planner = make_planner(self._planner_name, points, unit=self._unit)
+        self._planner: Planner = make_planner(self._planner_name, points, unit=self._unit, step_um=self._step_um)
         self._turns_um, self._turns_passed = turns_um(points), 0
         self._dwell_until_ns = -1
         self._units = 0
-        self._command = check_command(self.controller.name, self.controller.reset(MAX_FEED_UM_S))
+        self._command = check_command(self.controller.name, self.controller.reset(self._limit_um_s))
         self._set_generator(self.machine.t_on_us, self.machine.t_period_us)  # every leg begins as set up
+
+    @property
+    def _limit_um_s(self) -> float:
+        return min(self._max_feed_um_s, self._planner.max_feed_um_s)
 
     @property
     def path_um(self) -> float:
@@ -180,7 +189,7 @@ class Simulation:
         speeds = self._speeds(start_ns)
         window = self._run_window(start_ns, speeds)
         self._units = speeds.at(self.plant.time_ns)
-        feed = self._units * SPEED_UNIT_NM_S * 1e-3
+        feed = self._units * self._planner.speed_unit_nm_s * 1e-3
         self.sums.add(window)
         self._record(window, feed)
         if window.pulses == WINDOW_PULSES:
@@ -212,8 +221,8 @@ class Simulation:
         """Return the speeds of the window that begins: the last one until the controller is done, then its new."""
         if self._dwell_until_ns >= 0 or start_ns < self._rest_until_ns:
             return _Speeds(0, start_ns, 0)
-        units = round(self._command.feed_um_s * 1e3 / SPEED_UNIT_NM_S)
-        units = max(-MAX_SPEED, min(MAX_SPEED, units))
+        feed_um_s = max(-self._limit_um_s, min(self._limit_um_s, self._command.feed_um_s))
+        units = round(feed_um_s * 1e3 / self._planner.speed_unit_nm_s)
         return _Speeds(self._units, start_ns + round(self._command.latency_s * 1e9), units)
 
     def _run_window(self, start_ns: int, speeds: _Speeds) -> PulseWindow:
@@ -304,8 +313,7 @@ class Simulation:
         following = self.legs[self._leg]
         if following.threads:
             self._thread_at(following.points_um[0])
-        x, y = self.plant.commanded_um
-        self._begin_leg((int(x), int(y)))
+        self._begin_leg(self.plant.commanded_um)
 
     def _thread_at(self, point_um: NDArray[np.int64]) -> None:
         table = self.machine.base.table

@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING, Any
 
 from edmsim import __version__, user_code
 from edmsim.controllers import FeedController, SeesTruth, from_text
-from edmsim.controllers.mcu.firmware.poscal import UNIT_UM, unit_for
+from edmsim.controllers.mcu.firmware.poscal import unit_um
+from edmsim.controllers.planner.registry import position_unit
 from edmsim.controllers.own import check_is_controller, text_of
 from edmsim.cosim.simulation import Progress, Simulation
 from edmsim.errors import InputError
@@ -157,7 +158,7 @@ def cut(
         Axis drive; see `DRIVES`.
     mechanics : {"modal", "mujoco"}
         Integrator of table and wire (see `Plant`).
-    planner : {"poscal", "poscal-literal", "dda", "sine-table"}
+    planner : {"poscal", "poscal-literal", "dda", "sine-table", "exact"}
         What makes motor steps of path and speed; ``docs/planners.md`` has their errors.
     resolution : {"fast", "default", "fine"}
     offset : "auto", "none" or float
@@ -194,9 +195,10 @@ def cut(
     )
     law = make_controller(controller)
     travel_um = round(set_up.base.table.travel_mm.value * 1e3)
-    unit = unit_for(travel_um)
+    step_um = set_up.base.table.step_um.value
+    unit = position_unit(planner, travel_um, step_um)
     path = plan_path(
-        program, offset, auto_offset_mm=set_up.auto_offset_mm, table_um=travel_um, grid_um=UNIT_UM[unit]
+        program, offset, auto_offset_mm=set_up.auto_offset_mm, table_um=travel_um, grid_um=unit_um(unit, round(step_um))
     )
     simulation = Simulation(
         set_up, path, law, planner=planner, seed=seed, resolution=resolution, max_time_s=max_time_s,

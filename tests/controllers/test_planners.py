@@ -15,6 +15,7 @@ from edmsim.errors import InputError
 SECOND = 1_000_000_000
 WINDOW = 25_500_000
 NAMES = tuple(PLANNERS)
+COUNTING = tuple(name for name, kind in PLANNERS.items() if kind.counts)
 SPEEDS = st.integers(-127, 127)
 DURATIONS = st.integers(0, 3 * SECOND)
 
