@@ -31,8 +31,8 @@ _Number = TypeVar("_Number", np.float64, np.int64)
 _NO_STEPS: Ints = np.zeros((0, 3), np.int64)
 
 CAUSES = ("running", "done", "wire-break", "limit-switch", "persistent-short", "out-of-range")
-"""Why an episode ended, by number (see `path_follower`); out of range is a wire pushed further than the plant's model holds
-for."""
+"""Why an episode ended, by number (see `path_follower`); out of range is a wire pushed further than the plant's model
+holds for."""
 ON_US, PERIOD_US = 1.0, 5.0
 """Detents of the generator's knobs (ours: fine against what they change; propagators are kept by period)."""
 

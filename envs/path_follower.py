@@ -12,7 +12,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from edmsim.compiled.jit import compiled_in_order
+from edmsim.compiled.jit import compiled_plainly
 from edmsim.controllers.planner.exact import segment_at
 from edmsim.controllers.planner.record import LIMIT
 from edmsim.controllers.planner.run import advance, done, path_um, travel_um
@@ -56,8 +56,8 @@ LANE = np.dtype(
 )
 """Numbers of one lane.
 
-``units`` is the feed in the planner's units, negative backwards; ``longest_ns`` the longest window; ``steps`` how many
-motor steps are planned; ``cause`` why the episode ended. ``step_um, table_um`` are the motor step and the table's
+``units`` is the feed in the planner's units, negative backwards; ``longest_ns`` the longest window; ``steps`` how
+many motor steps are planned; ``cause`` why the episode ended. ``step_um, table_um`` are the motor step and the table's
 travel. ``feed_um_s`` is the feed commanded, ``path_um`` the length of the leg behind the lane by its planner. Of the
 last window: ``travel_um`` along the path, ``progress_um`` of the cut and ``area_mm2``, that times the local height.
 ``reached_um`` is the length of
@@ -70,7 +70,7 @@ of mean current, and longest wait for an ignition.
 """
 
 
-@compiled_in_order
+@compiled_plainly
 def plan(
     lanes: NDArray[np.int64], rows: NDArray[np.void], planners: NDArray[np.void], ahead: NDArray[np.void],
     points: NDArray[np.float64], along: NDArray[np.float64], lengths: NDArray[np.int64], states: NDArray[np.void],
@@ -111,7 +111,7 @@ def plan(
     return most
 
 
-@compiled_in_order
+@compiled_plainly
 def _nearest(points: NDArray[np.float64], k: int, x: float, y: float) -> tuple[float, float]:
     """Share of segment `k` of a path at which it comes nearest to a place, and the square of the distance there."""
     dx, dy = points[k + 1, 0] - points[k, 0], points[k + 1, 1] - points[k, 1]
@@ -121,7 +121,7 @@ def _nearest(points: NDArray[np.float64], k: int, x: float, y: float) -> tuple[f
     return share, ax * ax + ay * ay
 
 
-@compiled_in_order
+@compiled_plainly
 def _look(
     rows: NDArray[np.void], i: int, start: int, last: int, points: NDArray[np.float64], along: NDArray[np.float64],
     x: float, y: float,
@@ -141,7 +141,7 @@ def _look(
     rows[i].error_um = math.sqrt(nearest)
 
 
-@compiled_in_order
+@compiled_plainly
 def _height_mm(height_from: NDArray[np.float64], heights: NDArray[np.float64], path_um: float) -> float:
     """Height of the workpiece at a length of path."""
     k = 0
@@ -150,7 +150,7 @@ def _height_mm(height_from: NDArray[np.float64], heights: NDArray[np.float64], p
     return float(heights[k])
 
 
-@compiled_in_order
+@compiled_plainly
 def follow(
     lanes: NDArray[np.int64], rows: NDArray[np.void], planners: NDArray[np.void], before: NDArray[np.void],
     points: NDArray[np.float64], along: NDArray[np.float64], lengths: NDArray[np.int64],

@@ -65,24 +65,27 @@ class Course(NamedTuple):
         if kind == EXACT:
             points, along = _exact(array)
         else:
-            _check_counts(array, 1 / NM if kind == DDA and step_um != round(step_um) else size_um, size_um)
+            grid_um = 1 / NM if kind == DDA and step_um != round(step_um) else size_um
+            # counters of um that are off the grid of steps may pass a corner by half a step
+            _check_counts(array, grid_um, size_um, 0.0 if step_um <= STEP_UM or unit == "step" else step_um)
             clock = timer_clock_hz(speed_unit_nm_s, step_um)
             row["hertz"], row["per"] = clock.numerator, clock.denominator
             points, along = _counted(array)
         if len(points) < 2:
             raise InputError(f"a path needs two different points, not {len(points)}")
-        row["last_move"], row["from_um"] = len(points) - 2, points[0]
+        row["last_move"], row["from_um"] = len(points) - 2, array[0]
         lengths = _lengths(points, step_um) if kind == DDA else np.zeros(len(points) - 1, np.int64)
         begin(row[0], points)
         return cls(row, points, along, lengths)
 
 
-def _check_counts(points: Floats, grid_um: float, size_um: int) -> None:
+def _check_counts(points: Floats, grid_um: float, size_um: int, margin_um: float) -> None:
     """Refuse points that counters of such units cannot hold, or that lie between those of a grid."""
+    low, high = margin_um, WORD * size_um - margin_um
     for i, (x, y) in enumerate(points.tolist()):
-        if not (0 <= x <= WORD * size_um and 0 <= y <= WORD * size_um):
+        if not (low <= x <= high and low <= y <= high):
             raise InputError(
-                f"point {i} of the path lies at ({x:g}, {y:g}) um, outside the table's 0..{WORD * size_um} um"
+                f"point {i} of the path lies at ({x:g}, {y:g}) um, outside the table's {low:.10g}..{high:.10g} um"
             )
         if any(abs(v / grid_um - round(v / grid_um)) > 1e-6 for v in (x, y)):
             what = f"whole numbers of {grid_um:g} um" if grid_um > 1 else "whole um" if grid_um == 1 else "whole nm"

@@ -6,7 +6,7 @@ at every tick of the clock; an axis steps when it is over half a step behind.
 
 from __future__ import annotations
 
-from edmsim.compiled.jit import compiled, compiled_in_order
+from edmsim.compiled.jit import compiled_plainly
 from edmsim.controllers.mcu.firmware.timers import NEVER, TIMER_COUNT
 from edmsim.controllers.planner.record import LIMIT, Floats, Ints, Row, count, note
 
@@ -15,7 +15,7 @@ NM = 1000
 _HALF_WORD = 1 << 16
 
 
-@compiled
+@compiled_plainly
 def run_dda(
     row: Row, points: Floats, lengths: Ints, tick: int, last: int, speed: int, out: Ints
 ) -> int:
@@ -45,18 +45,18 @@ def run_dda(
             return made
 
 
-@compiled_in_order
+@compiled_plainly
 def dda_path_um(row: Row, along: Floats) -> float:
     """Length run, in um."""
     return float(along[row.move] + row.along * row.step_um / TIMER_COUNT)
 
 
-@compiled
+@compiled_plainly
 def _nm(um: float) -> int:
     return round(um * NM)
 
 
-@compiled
+@compiled_plainly
 def _until_step(row: Row, points: Floats, lengths: Ints, axis: int, heading: int) -> int:
     """Length until the running point is more than half a step ahead of an axis."""
     run = _nm(points[row.move + 1, axis] - points[row.move, axis]) * heading
@@ -70,7 +70,7 @@ def _until_step(row: Row, points: Floats, lengths: Ints, axis: int, heading: int
     return int(max(_scaled(length, 2 * behind + step, 2 * abs(run)) + 1 - passed, 0))
 
 
-@compiled
+@compiled_plainly
 def _scaled(length: int, share: int, of: int) -> int:
     """A length times a share of a whole, rounded down; the product alone would not fit 64 bits."""
     whole = share // of

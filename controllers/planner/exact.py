@@ -8,14 +8,14 @@ from __future__ import annotations
 
 import math
 
-from edmsim.compiled.jit import compiled_in_order
+from edmsim.compiled.jit import compiled_plainly
 from edmsim.controllers.planner.record import Floats, Ints, Row
 
 FINE_PER_UM = 10**12
 """Attometres (nm/s times ns) in a um: the unit of the length behind the wire."""
 
 
-@compiled_in_order
+@compiled_plainly
 def segment_at(along: Floats, last: int, place_um: float, start: int) -> int:
     """Segment of the path, 0 to the last, in which a length lies, looked for from another on."""
     k = min(max(start, 0), last)
@@ -26,7 +26,7 @@ def segment_at(along: Floats, last: int, place_um: float, start: int) -> int:
     return k
 
 
-@compiled_in_order
+@compiled_plainly
 def run_exact(
     row: Row, points: Floats, along: Floats, start_ns: int, end_ns: int, speed: int, out: Ints
 ) -> int:
@@ -40,13 +40,14 @@ def run_exact(
     return made
 
 
-@compiled_in_order
+@compiled_plainly
 def path_end(row: Row, along: Floats) -> int:
     """Length of the whole path in attometres."""
-    return math.floor(along[row.last_move + 1] * FINE_PER_UM)
+    end: float = along[row.last_move + 1] * FINE_PER_UM
+    return math.floor(end)
 
 
-@compiled_in_order
+@compiled_plainly
 def _steps(
     row: Row, points: Floats, along: Floats, place_um: float, end_um: float, feed_um_s: float, start_ns: int,
     end_ns: int, out: Ints,

@@ -8,20 +8,20 @@ it from their next interrupt on. Backwards the same vector is run the other way.
 
 from __future__ import annotations
 
-from edmsim.compiled.jit import compiled
+from edmsim.compiled.jit import compiled_plainly
 from edmsim.controllers.mcu.firmware.arithmetic import subsgn
 from edmsim.controllers.mcu.firmware.poscal import resolve, velocm
 from edmsim.controllers.mcu.firmware.timers import loaded
 from edmsim.controllers.planner.record import Floats, Ints, Row, aim_at, aimed, count, note, place_um
 
 
-@compiled
+@compiled_plainly
 def begin_literal(row: Row, points: Floats) -> None:
     """Stand at the path's start and aim at the end of its first move."""
     _aim(row, points, 1)
 
 
-@compiled
+@compiled_plainly
 def run_literal(row: Row, points: Floats, tick: int, last: int, speed: int, out: Ints) -> int:
     """Run from one tick to another; return the number of steps."""
     made, heading = 0, 1 if speed > 0 else -1
@@ -43,13 +43,13 @@ def run_literal(row: Row, points: Floats, tick: int, last: int, speed: int, out:
     return made
 
 
-@compiled
+@compiled_plainly
 def literal_done(row: Row, points: Floats) -> bool:
     """Whether the last move is over: each axis at its target, or lost by REDUC."""
     return row.move == row.last_move and not (_to_go(row, points, 0, 1) or _to_go(row, points, 1, 1))
 
 
-@compiled
+@compiled_plainly
 def _aim(row: Row, points: Floats, heading: int) -> None:
     """POSCAL's vector from here to the end of a move, turned to point forwards along the path."""
     target, unit = row.move + (heading > 0), row.unit_um
@@ -58,7 +58,7 @@ def _aim(row: Row, points: Floats, heading: int) -> None:
     aim_at(row, resolve(x, y, x_direction * heading, y_direction * heading, True))
 
 
-@compiled
+@compiled_plainly
 def _begin_move(row: Row, points: Floats, heading: int) -> bool:
     """Pass to the next moves while this one is over; False where the path ends."""
     while not (_to_go(row, points, 0, heading) or _to_go(row, points, 1, heading)):
@@ -69,14 +69,14 @@ def _begin_move(row: Row, points: Floats, heading: int) -> bool:
     return True
 
 
-@compiled
+@compiled_plainly
 def _to_go(row: Row, points: Floats, axis: int, heading: int) -> bool:
     """Whether an axis still moves: its component survived REDUC, its target is over half a step ahead."""
     left = (int(points[row.move + (heading > 0), axis]) - place_um(row, axis)) * row.aim[3 + axis] * heading
     return bool(row.aim[axis] > 0 and 2 * left > row.step_um)
 
 
-@compiled
+@compiled_plainly
 def _set_rates(row: Row, points: Floats, speed: int, heading: int) -> None:
     """VELOCM with the stored vector, in whole units; an axis that has arrived stops and its counter is unloaded."""
     x, y = velocm(aimed(row), speed)

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import math
 
-from edmsim.compiled.jit import compiled
+from edmsim.compiled.jit import compiled_plainly
 from edmsim.controllers.mcu.firmware.arithmetic import subsgn
 from edmsim.controllers.mcu.firmware.poscal import resolve, velocm
 from edmsim.controllers.mcu.firmware.sine_table import look_up
@@ -43,14 +43,14 @@ SMALLEST_VECTOR = 91
 """Vectors with a shorter longer component are doubled before their length is taken (row T-G10)."""
 
 
-@compiled
+@compiled_plainly
 def begin_poscal(row: Row, points: Floats) -> None:
     """Stand at the path's start and aim along it."""
     row.heading = 1
     _steer(row, points)
 
 
-@compiled
+@compiled_plainly
 def run_poscal(row: Row, points: Floats, tick: int, last: int, speed: int, out: Ints) -> int:
     """Run from one tick to another; return the number of steps, or `LIMIT`."""
     made = 0
@@ -71,13 +71,13 @@ def run_poscal(row: Row, points: Floats, tick: int, last: int, speed: int, out: 
     return made
 
 
-@compiled
+@compiled_plainly
 def at_end(row: Row, points: Floats) -> bool:
     """Whether the counters have come to the path's end in the present heading, as near as an axis steps."""
     return _on_last_move(row) and near(row, points, row.move + (row.heading > 0))
 
 
-@compiled
+@compiled_plainly
 def near(row: Row, points: Floats, point: int) -> bool:
     """Whether either counter is as near to a corner as it comes: an overflow of 5/8 step, and a quarter um beside.
 
@@ -90,7 +90,7 @@ def near(row: Row, points: Floats, point: int) -> bool:
     return True
 
 
-@compiled
+@compiled_plainly
 def lengthened(x: int, y: int) -> tuple[int, int, int, int]:
     """Magnitudes of a signed displacement in quarter um, doubled while it is short, and their directions."""
     x, x_direction = subsgn(x, 0)
@@ -100,7 +100,7 @@ def lengthened(x: int, y: int) -> tuple[int, int, int, int]:
     return x, y, x_direction, y_direction
 
 
-@compiled
+@compiled_plainly
 def _command(row: Row, points: Floats, speed: int) -> None:
     """Take a commanded speed; a change of sign turns the wire round where it is."""
     heading = 1 if speed > 0 else -1
@@ -111,7 +111,7 @@ def _command(row: Row, points: Floats, speed: int) -> None:
         _set_speed(row, abs(speed))
 
 
-@compiled
+@compiled_plainly
 def _set_speed(row: Row, speed: int) -> None:
     """VELOCM for the present aim, at the speed doubled to fill 8 bits; rates are in units / 128."""
     row.speed = speed
@@ -124,7 +124,7 @@ def _set_speed(row: Row, speed: int) -> None:
         row.rate[0], row.rate[1] = x << 7 - doublings, y << 7 - doublings
 
 
-@compiled
+@compiled_plainly
 def _steer(row: Row, points: Floats) -> None:
     """Pass to the next move where the commanded point has reached the end of this one, and aim again."""
     x, y = _find_carrot(row, points)
@@ -139,7 +139,7 @@ def _steer(row: Row, points: Floats) -> None:
     _set_speed(row, row.speed)
 
 
-@compiled
+@compiled_plainly
 def _ticks_to_arrival(row: Row, points: Floats) -> int:
     """Ticks until the commanded point reaches the end of the move along its longer component."""
     axis = 0 if row.aim[0] >= row.aim[1] else 1
@@ -150,13 +150,13 @@ def _ticks_to_arrival(row: Row, points: Floats) -> int:
     return int(-(-(left - row.timer[axis]) // row.rate[axis]))
 
 
-@compiled
+@compiled_plainly
 def _on_last_move(row: Row) -> bool:
     """Whether no move follows in the present heading."""
     return bool(row.move == (row.last_move if row.heading > 0 else 0))
 
 
-@compiled
+@compiled_plainly
 def _find_carrot(row: Row, points: Floats) -> tuple[int, int]:
     """Vector in quarter um from the commanded point, counters and phases together, to the carrot."""
     end, origin = row.move + (row.heading > 0), row.move + (row.heading < 0)
@@ -172,13 +172,13 @@ def _find_carrot(row: Row, points: Floats) -> tuple[int, int]:
     return run_x * ahead // length - x, run_y * ahead // length - y
 
 
-@compiled
+@compiled_plainly
 def _quarters(row: Row, axis: int) -> int:
     """Lead of the commanded position over an axis' counter in quarter um, rounded."""
     return int((row.timer[axis] * QUARTER * int(row.step_um) + STEP_PHASE // 2) // STEP_PHASE)
 
 
-@compiled
+@compiled_plainly
 def _root(n: int) -> int:
     """Whole root of a number below 2^53, rounded down."""
     root = int(math.sqrt(n))

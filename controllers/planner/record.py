@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from edmsim.compiled.jit import compiled, compiled_in_order
+from edmsim.compiled.jit import compiled_plainly
 from edmsim.controllers.mcu.firmware.arithmetic import WORD
 from edmsim.controllers.mcu.firmware.poscal import Displacement, counted
 from edmsim.controllers.mcu.firmware.timers import tick_time_ns
@@ -58,7 +58,7 @@ LIMIT = -1
 """What is returned in place of a number of steps if one would leave what the counters count."""
 
 
-@compiled
+@compiled_plainly
 def place_um(row: Row, axis: int) -> int:
     """Position counter of an axis in whole um; that of `LITERAL` wraps at 16 bits."""
     place = int(row.from_um[axis]) + int(row.step_um) * row.counter[axis]
@@ -67,7 +67,7 @@ def place_um(row: Row, axis: int) -> int:
     return int(place)
 
 
-@compiled_in_order
+@compiled_plainly
 def position_um(row: Row, axis: int) -> float:
     """Position counter of an axis in um, whatever its steps are."""
     if row.kind == LITERAL:
@@ -75,14 +75,14 @@ def position_um(row: Row, axis: int) -> float:
     return float(row.from_um[axis] + row.step_um * row.counter[axis])
 
 
-@compiled
+@compiled_plainly
 def count(row: Row, axis: int, direction: int) -> bool:
     """Count a step; False if it would leave what 16 bits count and the counter does not wrap."""
     row.counter[axis] += direction
     return bool(row.kind == LITERAL or 0 <= position_um(row, axis) <= WORD * row.unit_um)
 
 
-@compiled
+@compiled_plainly
 def note(row: Row, out: Ints, made: int, tick: int, axis: int, direction: int) -> int:
     """Write a step behind those made, if there is room; return how many there are."""
     if made < out.shape[0]:
@@ -90,14 +90,14 @@ def note(row: Row, out: Ints, made: int, tick: int, axis: int, direction: int) -
     return made + 1
 
 
-@compiled
+@compiled_plainly
 def aim_at(row: Row, way: Displacement) -> None:
     """Keep the vector that leads on."""
     row.aim[0], row.aim[1], row.aim[2] = way.x, way.y, way.length
     row.aim[3], row.aim[4] = way.x_direction, way.y_direction
 
 
-@compiled
+@compiled_plainly
 def aimed(row: Row) -> Displacement:
     """Return the vector kept."""
     return Displacement(row.aim[0], row.aim[1], row.aim[2], row.aim[3], row.aim[4], 0)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from edmsim.compiled.jit import compiled, compiled_in_order
+from edmsim.compiled.jit import compiled_plainly
 from edmsim.controllers.mcu.firmware.timers import tick_before
 from edmsim.controllers.planner.dda import dda_path_um, run_dda
 from edmsim.controllers.planner.exact import FINE_PER_UM, path_end, run_exact
@@ -21,7 +21,7 @@ from edmsim.controllers.planner.record import (
 )
 
 
-@compiled
+@compiled_plainly
 def begin(row: Row, points: Floats) -> None:
     """Aim along the path from its start."""
     if row.kind in (POSCAL, SINE_TABLE):
@@ -30,7 +30,7 @@ def begin(row: Row, points: Floats) -> None:
         begin_literal(row, points)
 
 
-@compiled
+@compiled_plainly
 def advance(
     row: Row, points: Floats, along: Floats, lengths: Ints, start_ns: int, end_ns: int, speed: int, out: Ints
 ) -> int:
@@ -68,7 +68,7 @@ def advance(
     return run_poscal(row, points, tick, last, speed, out)
 
 
-@compiled
+@compiled_plainly
 def done(row: Row, points: Floats, along: Floats, lengths: Ints) -> bool:
     """Whether the path's end is reached."""
     if row.kind == EXACT:
@@ -80,7 +80,7 @@ def done(row: Row, points: Floats, along: Floats, lengths: Ints) -> bool:
     return bool(row.move == row.last_move and near(row, points, row.last_move + 1))
 
 
-@compiled_in_order
+@compiled_plainly
 def path_um(row: Row, points: Floats, along: Floats) -> float:
     """Length travelled along the path, for counters that stray from it at the foot of their position."""
     if row.kind == EXACT:
@@ -94,7 +94,7 @@ def path_um(row: Row, points: Floats, along: Floats) -> float:
     return float(along[row.move] + min(max(run, 0.0), length))
 
 
-@compiled_in_order
+@compiled_plainly
 def travel_um(before: Row, after: Row, points: Floats, along: Floats) -> float:
     """Length travelled between two states of a planner."""
     if after.kind == EXACT:

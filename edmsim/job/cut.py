@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Any
 from edmsim import __version__, user_code
 from edmsim.controllers import FeedController, SeesTruth, from_text
 from edmsim.controllers.mcu.firmware.poscal import unit_um
-from edmsim.controllers.planner.registry import position_unit
 from edmsim.controllers.own import check_is_controller, text_of
+from edmsim.controllers.planner.registry import position_unit
 from edmsim.cosim.simulation import Progress, Simulation
 from edmsim.errors import InputError
 from edmsim.files import make_writable
@@ -198,7 +198,8 @@ def cut(
     step_um = set_up.base.table.step_um.value
     unit = position_unit(planner, travel_um, step_um)
     path = plan_path(
-        program, offset, auto_offset_mm=set_up.auto_offset_mm, table_um=travel_um, grid_um=unit_um(unit, round(step_um))
+        program, offset, auto_offset_mm=set_up.auto_offset_mm, table_um=travel_um,
+        grid_um=unit_um(unit, round(step_um)),
     )
     simulation = Simulation(
         set_up, path, law, planner=planner, seed=seed, resolution=resolution, max_time_s=max_time_s,

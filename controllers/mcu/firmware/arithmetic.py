@@ -7,7 +7,7 @@ in compiled code, the computer of 1982 from Python.
 
 from __future__ import annotations
 
-from edmsim.compiled.jit import compiled
+from edmsim.compiled.jit import compiled_plainly
 from edmsim.errors import InputError
 
 WORD = 0xFFFF
@@ -17,7 +17,7 @@ BYTE = 0xFF
 """Largest 8-bit number, the operands of VERM (row T-64)."""
 
 
-@compiled
+@compiled_plainly
 def subsgn(a: int, b: int) -> tuple[int, int]:
     """Absolute difference and which of the two is larger (SUBSGN, row T-62).
 
@@ -34,7 +34,7 @@ def subsgn(a: int, b: int) -> tuple[int, int]:
     return (a - b, 1) if a >= b else (b - a, -1)
 
 
-@compiled
+@compiled_plainly
 def reduc(a: int, b: int) -> tuple[int, int, int]:
     """Halve two 16-bit numbers together until both fit in 8 bits, losing the bits dropped (REDUC, row T-63).
 
@@ -52,7 +52,7 @@ def reduc(a: int, b: int) -> tuple[int, int, int]:
     return a >> halvings, b >> halvings, halvings
 
 
-@compiled
+@compiled_plainly
 def reduc2(a: int, b: int) -> tuple[int, int]:
     """Halve both once more, when the sum of their squares carries out of 16 bits (REDUC2, row T-A2)."""
     return a >> 1, b >> 1
@@ -76,7 +76,7 @@ def square(a: int) -> int:
     return verm(a, a)
 
 
-@compiled
+@compiled_plainly
 def divide(dividend: int, divisor: int) -> int:
     """16 / 16 bit division: double the divisor until larger, then halve and subtract (DIVIDE, row T-66).
 
@@ -102,7 +102,7 @@ def divide(dividend: int, divisor: int) -> int:
     return quotient if quotient > 0 else 1
 
 
-@compiled
+@compiled_plainly
 def sqrt(n: int) -> int:
     """Square root of a 16-bit number by Newton-Raphson in integers (SQRT, row T-67).
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Literal, NamedTuple
 
-from edmsim.compiled.jit import compiled
+from edmsim.compiled.jit import compiled_plainly
 from edmsim.controllers.mcu.firmware.arithmetic import WORD, divide, reduc, reduc2, sqrt, subsgn
 from edmsim.errors import InputError
 
@@ -78,7 +78,7 @@ class Displacement(NamedTuple):
     halvings: int
 
 
-@compiled
+@compiled_plainly
 def resolve(x: int, y: int, x_direction: int, y_direction: int, literal_wrap: bool = False) -> Displacement:
     """Reduce the magnitudes of a displacement and find its length (the middle of POSCAL, row T-69).
 
@@ -104,7 +104,7 @@ def resolve(x: int, y: int, x_direction: int, y_direction: int, literal_wrap: bo
     return Displacement(x, y, sqrt(total), x_direction, y_direction, halvings)
 
 
-@compiled
+@compiled_plainly
 def velocm(displacement: Displacement, speed: int) -> tuple[int, int]:
     """Split a path speed into signed axis speeds, ``component * speed / length`` (VELOCM, row T-68).
 
@@ -127,7 +127,7 @@ def velocm(displacement: Displacement, speed: int) -> tuple[int, int]:
     return x * displacement.x_direction, y * displacement.y_direction
 
 
-@compiled
+@compiled_plainly
 def poscal(
     position_um: tuple[int, int], target_um: tuple[int, int], speed: int, literal_wrap: bool = False
 ) -> tuple[int, int]:
@@ -152,7 +152,7 @@ def poscal(
     return velocm(resolve(x, y, x_direction, y_direction, literal_wrap), speed)
 
 
-@compiled
+@compiled_plainly
 def counted(position: int, units: int, wrap: bool) -> int:
     """Position counter after some units more or less, wrapped at 16 bits; `OFF_TABLE` if it must not wrap."""
     moved = position + units

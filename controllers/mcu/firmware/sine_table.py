@@ -12,7 +12,7 @@ import math
 
 import numpy as np
 
-from edmsim.compiled.jit import compiled
+from edmsim.compiled.jit import compiled_plainly
 from edmsim.controllers.mcu.firmware.arithmetic import BYTE, reduc
 from edmsim.controllers.mcu.firmware.poscal import Displacement
 from edmsim.errors import InputError
@@ -62,7 +62,7 @@ def direction(x: int, y: int) -> int:
     return _nearest(x, y)
 
 
-@compiled
+@compiled_plainly
 def _nearest(x: int, y: int) -> int:
     """Index of the entry whose direction lies nearest."""
     low, high = 0, LAST
@@ -75,13 +75,13 @@ def _nearest(x: int, y: int) -> int:
     return low if _aside(x, y, low) <= _aside(x, y, high) else high
 
 
-@compiled
+@compiled_plainly
 def _aside(x: int, y: int, index: int) -> int:
     """Length of a vector, times 255, across the direction of an entry."""
     return int(abs(y * _ENTRIES[LAST - index] - x * _ENTRIES[index]))
 
 
-@compiled
+@compiled_plainly
 def look_up(x: int, y: int, x_direction: int, y_direction: int) -> Displacement:
     """Vector of length 255 in the direction of a displacement: what `resolve` does, without a square root.
 

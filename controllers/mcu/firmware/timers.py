@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from fractions import Fraction
 
-from edmsim.compiled.jit import compiled
+from edmsim.compiled.jit import compiled_plainly
 from edmsim.controllers.mcu.firmware.poscal import STEP_UM
 from edmsim.errors import InputError
 
@@ -66,13 +66,13 @@ def timer_clock_hz(speed_unit_nm_s: float, step_um: float = STEP_UM) -> Fraction
     return hertz
 
 
-@compiled
+@compiled_plainly
 def reload_count(speed: int) -> int:
     """Reload value of the 8253 for an axis speed of 1 unit or more: 65 536 div speed (row T-76)."""
     return TIMER_COUNT // speed
 
 
-@compiled
+@compiled_plainly
 def tick_before(time_ns: int, hertz: int, per: int) -> int:
     """Index of the last tick before a time; ``before(a) + 1 .. before(b)`` fall into ``a <= t < b``.
 
@@ -90,7 +90,7 @@ def tick_before(time_ns: int, hertz: int, per: int) -> int:
     return ticks + (left * _SECOND_NS + rest_ns * hertz) // (per * _SECOND_NS)
 
 
-@compiled
+@compiled_plainly
 def tick_time_ns(tick: int, hertz: int, per: int) -> int:
     """Time of a tick: that many periods after time zero, rounded up to a whole nanosecond."""
     seconds = tick * per // hertz
@@ -119,7 +119,7 @@ class TickClock:
         return tick_time_ns(tick, self.hertz.numerator, self.hertz.denominator)
 
 
-@compiled
+@compiled_plainly
 def ticks_to_overflow(phase: int, rate: int) -> int:
     """Ticks until an axis steps whose accumulator has this phase, at a signed rate in units / 128; or `NEVER`."""
     if rate > 0:
@@ -129,7 +129,7 @@ def ticks_to_overflow(phase: int, rate: int) -> int:
     return NEVER
 
 
-@compiled
+@compiled_plainly
 def run_phase(phase: int, rate: int, ticks: int) -> tuple[int, int]:
     """Let some ticks pass, at most `ticks_to_overflow`, in an accumulator that steps on overflow.
 
@@ -151,7 +151,7 @@ def run_phase(phase: int, rate: int, ticks: int) -> tuple[int, int]:
     return phase, 0
 
 
-@compiled
+@compiled_plainly
 def loaded(left: int, speed: int) -> int:
     """Ticks until a channel of the 8253 interrupts: those left, or at 0 the next load (row T-76).
 
