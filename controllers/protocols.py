@@ -16,7 +16,7 @@ ControllerState = dict[str, float | int | str]
 
 
 class Step(NamedTuple):
-    """One rising edge on STEP: 2 um of table travel (rows T-16, T-17).
+    """One rising edge on STEP: one motor step of table travel (rows T-16, T-17).
 
     Attributes
     ----------

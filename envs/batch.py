@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from edmsim.cosim.stops import WORDS, StopCause
 from edmsim.envs import observation
 from edmsim.envs.lanes import Lanes, least_setting_us
-from edmsim.envs.path_follower import FINE_PER_UM, RUNNING
+from edmsim.envs.path_follower import RUNNING
 from edmsim.envs.reward import TERMS, rewards
 from edmsim.envs.task import Family
 from edmsim.machine.machine import Machine
@@ -69,7 +69,8 @@ class Batch:
         """Run a window in the active lanes; returns the rewards (n,), 0 in the others."""
         family, lanes = self.family, self.lanes
         wanted = np.clip(actions.astype(np.float64), -1.0, 1.0)
-        feed = family.next_feed_um_s(self._feed_um_s, wanted[:, 0])
+        limit = family.greatest_feed_um_s
+        feed = np.clip(family.next_feed_um_s(self._feed_um_s, wanted[:, 0]), -limit, limit)
         self._feed_um_s[active] = feed[active]
         if len(family.action_names) > 1:
             for lane in active:
@@ -96,7 +97,7 @@ class Batch:
         if not self.family.knows_corners:
             return flat.copy()
         lanes = self.lanes
-        place_um = lanes.rows["place"] / FINE_PER_UM
+        place_um = lanes.rows["path_um"]
         return np.concatenate([flat, observation.corners(place_um, lanes.corner_um, lanes.corner_deg)], axis=1)
 
     def infos(self) -> dict[str, NDArray[Any]]:

@@ -105,7 +105,7 @@ class Task:
     def __init__(self, name: str | type[Family], **options: Any) -> None:
         self.family = make_family(name, **options)
         self.episode_steps = episode_steps(name)
-        self.max_feed_um_s = self.family.max_feed_um_s
+        self.max_feed_um_s = self.family.greatest_feed_um_s
         self._weights = self.family.reward_weights.array()
         self._lanes = Lanes(self.family, 1)
         self._random = np.random.Generator(np.random.PCG64())
@@ -198,13 +198,13 @@ class Task:
             lanes.set_generator(0, on, period)
         feed = min(max(feed_um_s, -self.max_feed_um_s), self.max_feed_um_s)
         lanes.advance(_LANE, np.array([feed]))
-        return self._result(feed)
+        return self._result()
 
-    def _result(self, feed_um_s: float) -> StepResult:
+    def _result(self) -> StepResult:
         lanes, plant = self._lanes, self._lanes.fleet.plants[0]
         window = plant.window()
         row = lanes.rows[0]
-        seen = WindowObservation.of(window, plant.time_ns, feed_um_s, self.path_um)
+        seen = WindowObservation.of(window, plant.time_ns, float(row["feed_um_s"]), self.path_um)
         return StepResult(
             seen, window, float(row["progress_um"]), float(row["area_mm2"]), float(row["error_um"]),
             StopCause(row["cause"]), lanes.refused[0],

@@ -7,11 +7,15 @@ arrays. A lane's bits depend on nothing but its own scenario and commands.
 from __future__ import annotations
 
 import math
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from edmsim.envs.path_follower import DONE, FINE_PER_UM, LANE, OUT_OF_RANGE, RUNNING, follow, plan
+from edmsim.controllers.planner.course import Course
+from edmsim.controllers.planner.record import PLANNER
+from edmsim.controllers.planner.registry import kind_of, position_unit
+from edmsim.envs.path_follower import DONE, LANE, OUT_OF_RANGE, RUNNING, follow, plan
 from edmsim.envs.task import CORNER_DEG, Family, Scenario
 from edmsim.errors import InputError
 from edmsim.geometry import Polyline
@@ -23,6 +27,8 @@ from edmsim.plant.plant import Plant
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
+_Number = TypeVar("_Number", np.float64, np.int64)
+_NO_STEPS: Ints = np.zeros((0, 3), np.int64)
 
 ON_US, PERIOD_US = 1.0, 5.0
 """Detents of the generator's knobs (ours: fine against what they change; propagators are kept by period)."""
@@ -44,6 +50,8 @@ class Lanes:
         The plants; ``fleet.windows`` and ``fleet.states`` have their last windows and their states.
     rows : (n,) `path_follower.LANE`
         Numbers of every lane.
+    planners : (n,) `edmsim.controllers.planner.record.PLANNER`
+        What makes motor steps of every lane's feed.
     scenarios : list of Scenario or None
         The present episode of each lane; None before its first one.
     leg : list of int
@@ -62,6 +70,9 @@ class Lanes:
             [Plant(family.base, position_um=centre_um, resolution=family.resolution) for _ in range(count)], threads
         )
         self.rows: NDArray[np.void] = np.zeros(count, LANE)
+        self.planners: NDArray[np.void] = np.zeros(count, PLANNER)
+        self._planner = kind_of(family.planner)
+        self._other_planner: NDArray[np.void] = np.zeros(1, PLANNER)
         self.scenarios: list[Scenario | None] = [None] * count
         self.refused: list[str | None] = [None] * count
         self.corner_um: Floats = np.full((count, 1), np.inf)
@@ -69,9 +80,10 @@ class Lanes:
         self.leg = [0] * count
         self._points: Floats = np.zeros((count, 2, 2))
         self._along: Floats = np.zeros((count, 2))
+        self._lengths: Ints = np.zeros((count, 2), np.int64)
         self._height_from: Floats = np.full((count, 1), np.inf)
         self._heights: Floats = np.zeros((count, 1))
-        self._steps: Ints = np.zeros((count, 0, 3), np.int64)
+        self._steps: Ints = np.zeros((count, 8, 3), np.int64)
 
     # --- beginning ---
 
@@ -117,32 +129,32 @@ class Lanes:
         row["wait_us"] = plant.machine.t_on_us if wait is None else wait.value
         row["setting_us"] = plant.machine.t_on_us, plant.machine.t_period_us
         row["longest_ns"] = plant.longest_window_ns
-        travel = self.family.max_feed_um_s * plant.longest_window_ns * 1e-9 / row["step_um"]
-        room = 2 * math.ceil(travel) + 8
-        if room > self._steps.shape[1]:
-            self._steps = np.zeros((self.count, room, 3), np.int64)
 
     def _begin_leg(self, lane: int, leg: int) -> None:
         scenario = self.scenarios[lane]
         assert scenario is not None
         line = Polyline(scenario.legs_um[leg] * 1e-3, closed=False)
-        points, along = line.points * 1e3, line.s * 1e3
         corners = line.corners(CORNER_DEG)
         self.leg[lane] = leg
-        row = self.rows[lane]
-        row["place"], row["segment"], row["reached_um"], row["cut_um"] = 0, 0, 0.0, 0.0
-        row["end"], row["corners"] = math.floor(along[-1] * FINE_PER_UM), len(points)
-        self._points = _with_row(self._points, lane, points, 0.0)
-        self._along = _with_row(self._along, lane, along, np.inf)
-        self.corner_um = _with_row(self.corner_um, lane, along[corners], np.inf)
+        row, kind = self.rows[lane], self._planner
+        for name in ("path_um", "reached_um", "cut_um"):
+            row[name] = 0.0
+        step_um = float(row["step_um"])
+        unit = position_unit(self.family.planner, float(row["table_um"]), step_um)
+        course = Course.of(kind.number, scenario.legs_um[leg], kind.speed_unit_nm_s, unit, step_um)
+        self.planners[lane] = course.row[0]
+        self._points = _with_row(self._points, lane, course.points_um, 0.0)
+        self._along = _with_row(self._along, lane, course.along_um, np.inf)
+        self._lengths = _with_row(self._lengths, lane, course.lengths, 0)
+        self.corner_um = _with_row(self.corner_um, lane, line.s[corners] * 1e3, np.inf)
         self.corner_deg = _with_row(self.corner_deg, lane, line.turn_deg[corners], 0.0)
 
     # --- one window ---
 
     @property
     def path_um(self) -> Floats:
-        """Length of path behind each lane by its counters, over all its legs."""
-        return np.asarray(self.rows["before_um"] + self.rows["place"] / FINE_PER_UM)
+        """Length of path behind each lane by its planner, over all its legs."""
+        return np.asarray(self.rows["before_um"] + self.rows["path_um"])
 
     def set_generator(self, lane: int, t_on_us: float, t_period_us: float) -> None:
         """Set the generator to the nearest detents; a setting that it refuses is not made, and `refused` says why."""
@@ -158,20 +170,35 @@ class Lanes:
             self._take_setting(lane)
 
     def advance(self, lanes: Ints, feeds_um_s: Floats) -> None:
-        """Fire 255 pulses in some lanes, each moving along its path at its feed (n,) in um/s, negative backwards."""
+        """Fire 255 pulses in some lanes, each moving along its path at its feed (n,) in um/s, negative backwards.
+
+        A planner that counts takes the feed in its units, and no more than its greatest.
+        """
         fleet, rows = self.fleet, self.rows
-        rows["feed_um_s"][lanes] = feeds_um_s[lanes]
-        rows["feed_nm_s"][lanes] = np.rint(feeds_um_s[lanes] * 1e3)
-        plan(lanes, rows, self._points, self._along, fleet.states, self._steps)
+        self._take_feeds(lanes, feeds_um_s[lanes])
+        path = self._points, self._along, self._lengths
+        while (
+            most := plan(lanes, rows, self.planners, self._other_planner, *path, fleet.states, self._steps)
+        ) > self._steps.shape[1]:
+            self._steps = np.zeros((self.count, most, 3), np.int64)
         status = fleet.advance(lanes, self._steps, rows["steps"])
         follow(
-            lanes, rows, self._points, self._along, self._height_from, self._heights, fleet.states, fleet.windows
+            lanes, rows, self.planners, self._other_planner, *path, self._height_from, self._heights, fleet.states,
+            fleet.windows, _NO_STEPS,
         )
         if (status != FINE).any():
             lost = lanes[(status != FINE) & (fleet.windows["broken"][lanes] == 0)]
             rows["cause"][lost] = OUT_OF_RANGE
         for lane in lanes[rows["cause"][lanes] == DONE]:
             self._end_leg(int(lane))
+
+    def _take_feeds(self, lanes: Ints, feeds_um_s: Floats) -> None:
+        """Command feeds (m,) in the planners' units; `exact` shows them as they were given, finer than its 1 nm/s."""
+        kind, rows = self._planner, self.rows
+        limit = kind.max_feed_um_s
+        units = np.rint(np.clip(feeds_um_s, -limit, limit) * 1e3 / kind.speed_unit_nm_s)
+        rows["units"][lanes] = units
+        rows["feed_um_s"][lanes] = units * kind.speed_unit_nm_s * 1e-3 if kind.counts else feeds_um_s
 
     def telling(self, lanes: Ints) -> list[int]:
         """Return those of some lanes whose info has texts: the episode ended, or a setting was refused."""
@@ -186,7 +213,7 @@ class Lanes:
         if following == len(scenario.legs_um):
             return
         row["cause"] = RUNNING
-        row["before_um"] += row["place"] / FINE_PER_UM
+        row["before_um"] += row["path_um"]
         x, y = (float(v) for v in scenario.legs_um[following][0])
         table = plant.machine.base.table
         way = math.dist((x, y), plant.commanded_um)
@@ -208,10 +235,10 @@ def least_setting_us(machine: Machine, t_on_us: float) -> tuple[float, float]:
     return on, math.ceil(least_period_us(machine, on) / PERIOD_US - 1e-9) * PERIOD_US
 
 
-def _with_row(table: Floats, lane: int, row: Floats, filling: float) -> Floats:
+def _with_row(table: NDArray[_Number], lane: int, row: NDArray[_Number], filling: float) -> NDArray[_Number]:
     """Return the table with one row replaced, made wider if it must be."""
     if len(row) > table.shape[1]:
-        wider = np.full((table.shape[0], len(row), *table.shape[2:]), filling)
+        wider = np.full((table.shape[0], len(row), *table.shape[2:]), filling, table.dtype)
         wider[:, : table.shape[1]] = table
         table = wider
     table[lane] = filling

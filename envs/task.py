@@ -14,6 +14,8 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from edmsim.controllers.mcu.firmware.poscal import unit_um
+from edmsim.controllers.planner.registry import kind_of, position_unit
 from edmsim.envs.reward import Weights
 from edmsim.errors import InputError
 from edmsim.machine.machine import Machine
@@ -97,6 +99,12 @@ class Family(ABC):
         Windows in an observation, 1 or more.
     weights : Weights, optional
         Of the reward's terms; the family's own if not given.
+    planner : str
+        What makes motor steps of path and feed (see `edmsim.controllers.planner.registry.make_planner`). Those that
+        count in integers take the feed in units of 262.5 nm/s and no more than 127 of them, 33.3375 um/s, whatever
+        ``max_feed_um_s`` scales actions and observations by; corners of the path are rounded to what they count,
+        whole um or steps, and what is drawn for it (turns, heights) stays as it was drawn. ``exact`` takes any feed
+        and any corner.
 
     Raises
     ------
@@ -116,6 +124,7 @@ class Family(ABC):
     start_feed_um_s: float = 5.0
     history: int = 4
     weights: Weights | None = None
+    planner: str = "poscal"
 
     action_names: ClassVar[tuple[str, ...]] = ("feed",)
     knows_corners: ClassVar[bool] = False
@@ -156,6 +165,8 @@ class Family(ABC):
     def __post_init__(self) -> None:
         """Refuse what cannot be used, before anything is built."""
         constants.resolution(self.resolution)
+        kind_of(self.planner)
+        self._grid_um(self.base)
         if self.action not in _ACTIONS:
             raise InputError(f"unknown action {self.action!r}; there are: {', '.join(_ACTIONS)}")
         if not isinstance(self.history, int) or self.history < 1:
@@ -231,6 +242,17 @@ class Family(ABC):
         """
         return float(first_us[0]), float(first_us[1])
 
+    @cached_property
+    def greatest_feed_um_s(self) -> float:
+        """Greatest feed there can be: ``max_feed_um_s``, or the planner's own where that is less."""
+        return min(self.max_feed_um_s, kind_of(self.planner).max_feed_um_s)
+
+    def _grid_um(self, machine: Machine) -> int:
+        """Unit in which the planner counts on a machine's table; 0 if it does not count."""
+        table = machine.base.table
+        unit = position_unit(self.planner, table.travel_mm.value * 1e3, table.step_um.value)
+        return unit_um(unit, round(table.step_um.value)) if kind_of(self.planner).counts else 0
+
     def draw(self, rng: np.random.Generator, machine: Machine | None = None) -> Scenario:
         """Draw an episode.
 
@@ -246,7 +268,11 @@ class Family(ABC):
             machine = self._draw_machine(rng, drawn)
         drawn |= {"material": machine.material_name, "height_mm": machine.height_mm, "tension": machine.tension}
         seed = int(rng.integers(2**62))
-        return self.draw_cut(rng, machine, seed, drawn)
+        scenario = self.draw_cut(rng, machine, seed, drawn)
+        grid = self._grid_um(scenario.machine)
+        if not grid:
+            return scenario
+        return scenario._replace(legs_um=tuple(np.rint(leg / grid) * grid for leg in scenario.legs_um))
 
     def _draw_machine(self, rng: np.random.Generator, drawn: dict[str, float | str]) -> Machine:
         machine = self._bases[int(rng.integers(len(self._bases)))]

@@ -16,6 +16,7 @@ import pytest
 import shapely
 
 import edmsim
+from edmsim import models
 from edmsim.errors import InputError
 
 COLUMNS = (
@@ -300,3 +301,42 @@ def test_bad_input_is_told_and_nothing_is_written(
 def test_resume_without_a_folder_is_refused(cut_small: Callable[..., edmsim.CutResult]) -> None:
     with pytest.raises(InputError, match="name its folder"):
         cut_small(resume=True)
+
+
+def own_machine(folder: Path, step_um: float) -> str:
+    """A machine that differs from ours in its motor step alone."""
+    text = models.path("machines/agiecut-dem15.toml").read_text(encoding="utf-8")
+    assert text.count("step_um = { value = 2.0") == 1
+    file = folder / "own.toml"
+    file.write_text(text.replace("step_um = { value = 2.0", f"step_um = {{ value = {step_um}"), encoding="utf-8")
+    return str(file)
+
+
+@pytest.mark.parametrize("planner", ["poscal", "exact"])
+def test_a_machine_with_longer_steps_cuts_where_the_path_says(
+    small_punch: Path, tmp_path: Path, planner: str
+) -> None:
+    windows = edmsim.cut(
+        small_punch, machine=own_machine(tmp_path, 5.0), planner=planner, controller="fixed:feed_um_s=30",
+        resolution="fast", max_time_s=3,
+    ).windows
+    x, y, along = (windows.column(name).to_numpy() for name in ("x_um", "y_um", "path_um"))
+    assert along[-1] > 60.0
+    moved = np.hypot(x - x[0], y - y[0])  # the lead-in is straight
+    assert np.abs(moved - (along - along[0])).max() <= 5.0
+    assert set(np.unique(np.hypot(np.diff(x), np.diff(y)) % 5.0)) <= {0.0}
+
+
+@pytest.mark.parametrize(("planner", "step_um"), [("poscal", 2.5), ("poscal-literal", 40.0)])
+def test_steps_that_a_planner_cannot_count_are_refused(
+    small_punch: Path, tmp_path: Path, planner: str, step_um: float
+) -> None:
+    own = own_machine(tmp_path, step_um)
+    with pytest.raises(InputError, match=rf"table.step_um is {step_um:g}"):
+        edmsim.cut(small_punch, machine=own, planner=planner, resolution="fast")
+
+
+def test_the_controller_of_1982_refuses_other_steps_than_its_own(small_punch: Path, tmp_path: Path) -> None:
+    own = own_machine(tmp_path, 5.0)
+    with pytest.raises(InputError, match=r"table.step_um is 5, and the controller of 1982 is built for motor steps"):
+        edmsim.cut(small_punch, machine=own, controller="mcu", resolution="fast")

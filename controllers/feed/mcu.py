@@ -23,7 +23,7 @@ from edmsim.controllers.mcu.computer import Computer
 from edmsim.controllers.mcu.firmware.arithmetic import WORD
 from edmsim.controllers.mcu.firmware.generator_control import before_corner
 from edmsim.controllers.mcu.firmware.optimise import Settings
-from edmsim.controllers.mcu.firmware.poscal import UNIT_UM, Unit, unit_for
+from edmsim.controllers.mcu.firmware.poscal import Unit, check_1982, unit_for, unit_um
 from edmsim.controllers.mcu.firmware.timers import MAX_SPEED
 from edmsim.controllers.protocols import ControllerState, FeedCommand, Step
 from edmsim.geometry import Polyline
@@ -73,10 +73,12 @@ class _Setup(NamedTuple):
         t_i, t_p = pulses.code_of_t_i(machine.t_on_us), pulses.code_of_t_p(machine.t_period_us)
         while t_i and pulses.mean_current_A(t_i, t_p) > LIMIT_A:
             t_i -= 1  # a setting at the limit, rounded over it
+        check_1982(machine.base.table.step_um.value)
         unit = unit_for(machine.base.table.travel_mm.value * 1e3)
+        size_um = unit_um(unit)
         line = Polyline(np.asarray(points_um, np.float64) * 1e-3, closed=False)
-        points = tuple((round(x * 1e3) // UNIT_UM[unit], round(y * 1e3) // UNIT_UM[unit]) for x, y in line.points)
-        along = line.s * 1e3 + start_um
+        points = tuple((round(x * 1e3) // size_um, round(y * 1e3) // size_um) for x, y in line.points)
+        along = line.s * 1e3
         corners = tuple(float(s) for s in along[line.corners(CORNER_DEG)])
         return cls(pulses, (t_i, t_p), machine.t_on_us, unit, points, tuple(float(s) for s in along), corners)
 

@@ -67,7 +67,8 @@ def move(planner: str, run_um: tuple[int, int], speed: int, start_um: tuple[int,
     length = math.hypot(*run_um)
     commanded = speed * SPEED_UNIT_NM_S * 1e-3
     until_ns = round((_MARGIN * (length + 2 * STEP_UM) / commanded) * 1e9)
-    steps = make_planner(planner, np.array([start, start + run])).advance(0, until_ns, speed)
+    follower = make_planner(planner, np.array([start, start + run]))
+    steps = follower.advance(0, until_ns, round(commanded * 1e3 / follower.speed_unit_nm_s))
     moved = np.zeros((len(steps), 2))
     moved[np.arange(len(steps)), [step.axis for step in steps]] = [STEP_UM * step.direction for step in steps]
     positions = np.cumsum(moved, axis=0)

@@ -5,28 +5,36 @@ Here the same integer routines steer at a carrot a little ahead, as its text for
 change at every step"). Three things are ours: the carrot, the vector in quarter um, which keeps its length
 precise (row T-G10), and the path speed doubled up to 128..255 for VELOCM, which gives slow paths the
 direction of fast ones (rows T-G9, T-A4).
+
+The planner with the sine table steers at the same carrot, with directions from the table in place of a square root
+(row T-72). A direction is right to half an entry and the rounding of its sine and cosine, 0.3 degrees; as the next
+step aims again, the line is kept as well as with POSCAL.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from typing import cast
 
-import numpy as np
-from numpy.typing import NDArray
-
+from edmsim.compiled.jit import exactly_compiled
 from edmsim.controllers.mcu.firmware.arithmetic import subsgn
-from edmsim.controllers.mcu.firmware.poscal import STEP_UM, Displacement, Unit, resolve, velocm
-from edmsim.controllers.mcu.firmware.timers import NEVER, SPEED_UNIT_NM_S, PhaseAccumulator
-from edmsim.controllers.planner.protocol import PathFollower, PlannerState, check_window, near
-from edmsim.controllers.protocols import Step
+from edmsim.controllers.mcu.firmware.poscal import resolve, velocm
+from edmsim.controllers.mcu.firmware.sine_table import look_up
+from edmsim.controllers.mcu.firmware.timers import NEVER, STEP_PHASE, run_phase, ticks_to_overflow
+from edmsim.controllers.planner.record import (
+    LIMIT,
+    SINE_TABLE,
+    Floats,
+    Ints,
+    Row,
+    aim_at,
+    aimed,
+    count,
+    note,
+    place_um,
+)
 
 QUARTER = 4
 """Vectors are aimed in quarters of 1 um."""
-
-QUARTER_PHASE = PhaseAccumulator.STEP // (QUARTER * STEP_UM)
-"""Phase of an axis a quarter um ahead of its counter."""
 
 CARROT_UM = 32
 """Distance of the carrot ahead of the wire in um (ours): 128 quarters, which suits POSCAL's 8 bits."""
@@ -35,144 +43,54 @@ SMALLEST_VECTOR = 91
 """Vectors with a shorter longer component are doubled before their length is taken (row T-G10)."""
 
 
-class PoscalPlanner(PathFollower):
-    """Steers two axes with POSCAL, VELOCM and phase accumulators along a path.
+@exactly_compiled
+def begin_poscal(row: Row, points: Floats) -> None:
+    """Stand at the path's start and aim along it."""
+    row.heading = 1
+    _steer(row, points)
 
-    Parameters
-    ----------
-    points_um, speed_unit_nm_s, unit
-        See `PathFollower`.
+
+@exactly_compiled
+def run_poscal(row: Row, points: Floats, tick: int, last: int, speed: int, out: Ints) -> int:
+    """Run from one tick to another; return the number of steps, or `LIMIT`."""
+    made = 0
+    _command(row, points, speed)
+    while tick < last and not at_end(row, points):
+        to_step = min(ticks_to_overflow(row.timer[0], row.rate[0]), ticks_to_overflow(row.timer[1], row.rate[1]))
+        to_steer = min(to_step, _ticks_to_arrival(row, points))
+        due = min(to_steer, last - tick)
+        tick += due
+        for axis in range(2):
+            row.timer[axis], direction = run_phase(row.timer[axis], row.rate[axis], due)
+            if direction != 0:
+                if not count(row, axis, direction):
+                    return LIMIT
+                made = note(row, out, made, tick, axis, direction)
+        if due == to_steer:
+            _steer(row, points)
+    return made
+
+
+@exactly_compiled
+def at_end(row: Row, points: Floats) -> bool:
+    """Whether the counters have come to the path's end in the present heading, as near as an axis steps."""
+    return _on_last_move(row) and near(row, points, row.move + (row.heading > 0))
+
+
+@exactly_compiled
+def near(row: Row, points: Floats, point: int) -> bool:
+    """Whether either counter is as near to a corner as it comes: an overflow of 5/8 step, and a quarter um beside.
+
+    With steps of 2 um that is half a step, 1 um (row T-18).
     """
-
-    _resolve: Callable[[int, int, int, int], Displacement] = staticmethod(resolve)
-    """What makes a vector for VELOCM from magnitudes and directions."""
-
-    def __init__(
-        self, points_um: NDArray[np.int64], speed_unit_nm_s: float = SPEED_UNIT_NM_S, unit: Unit = "um"
-    ) -> None:
-        super().__init__(points_um, speed_unit_nm_s, unit)
-        self._phases = (PhaseAccumulator(), PhaseAccumulator())
-        self._heading = 1
-        self._speed = 0
-        self._steer()
-
-    @property
-    def done(self) -> bool:
-        """Whether the path's end is reached, within 1 um in each axis."""
-        return self._move == self._path.last_move and near(self.position_um, self._path.points[-1])
-
-    def advance(self, start_ns: int, end_ns: int, speed_units: int) -> list[Step]:
-        """Steps in a window of time; see `Planner.advance`."""
-        check_window(start_ns, end_ns, speed_units)
-        steps: list[Step] = []
-        if speed_units == 0:
-            return steps
-        self._command(speed_units)
-        tick, last = self._clock.before(start_ns), self._clock.before(end_ns)
-        while tick < last and not self._at_end():
-            x_rate, y_rate = self._rates
-            to_step = min(self._phases[0].ticks_to_step(x_rate), self._phases[1].ticks_to_step(y_rate))
-            to_steer = min(to_step, self._ticks_to_arrival())
-            due = min(to_steer, last - tick)
-            tick += due
-            for axis in (0, 1):
-                direction = self._phases[axis].run(self._rates[axis], due)
-                if direction:
-                    self._count(axis, direction)
-                    steps.append(Step(self._clock.time_ns(tick), axis, direction))
-            if due == to_steer:
-                self._steer()
-        return steps
-
-    def snapshot(self) -> PlannerState:
-        """Everything that changes while running."""
-        return {
-            "move": self._move,
-            "position": list(self._position),
-            "phases": [phase.phase for phase in self._phases],
-            "heading": self._heading,
-            "aim": list(self._aim),
-            "carrot_is_end": int(self._carrot_is_end),
-            "speed": self._speed,
-        }
-
-    def restore(self, state: PlannerState) -> None:
-        """Continue where `snapshot` was taken."""
-        self._move = cast(int, state["move"])
-        self._position = list(cast(list[int], state["position"]))
-        for phase, value in zip(self._phases, cast(list[int], state["phases"]), strict=True):
-            phase.phase = value
-        self._heading = cast(int, state["heading"])
-        self._aim = Displacement(*cast(list[int], state["aim"]))
-        self._carrot_is_end = bool(state["carrot_is_end"])
-        self._set_speed(cast(int, state["speed"]))
-
-    def _command(self, speed_units: int) -> None:
-        """Take a commanded speed; a change of sign turns the wire round where it is."""
-        heading = 1 if speed_units > 0 else -1
-        if heading != self._heading:
-            self._heading = heading
-            self._speed = abs(speed_units)
-            self._steer()
-        elif abs(speed_units) != self._speed:
-            self._set_speed(abs(speed_units))
-
-    def _set_speed(self, speed: int) -> None:
-        """VELOCM for the present aim, at the speed doubled to fill 8 bits; rates are in units / 128."""
-        self._speed = speed
-        doublings = 8 - speed.bit_length()
-        x, y = velocm(self._aim, speed << doublings)
-        self._rates = (x << 7 - doublings, y << 7 - doublings) if speed else (0, 0)
-
-    def _steer(self) -> None:
-        """Pass to the next move where the commanded point has reached the end of this one, and aim anew."""
-        x, y = self._find_carrot()
-        while self._carrot_is_end and max(abs(x), abs(y)) <= 1 and not self._on_last_move():
-            self._move += self._heading
-            x, y = self._find_carrot()
-        self._aim = self._resolve(*lengthened(x, y))
-        self._set_speed(self._speed)
-
-    def _ticks_to_arrival(self) -> int:
-        """Ticks until the commanded point reaches the end of the move along its longer component."""
-        axis = 0 if self._aim.x >= self._aim.y else 1
-        if not (self._carrot_is_end and self._rates[axis]):
-            return NEVER
-        left = (self._target()[axis] - self._position[axis]) * PhaseAccumulator.STEP // STEP_UM
-        return -(-(left - self._phases[axis].phase) // self._rates[axis])
-
-    def _target(self) -> tuple[int, int]:
-        """End of the present move in the present heading."""
-        return self._path.points[self._move + (self._heading > 0)]
-
-    def _on_last_move(self) -> bool:
-        """Whether no move follows in the present heading."""
-        return self._move == (self._path.last_move if self._heading > 0 else 0)
-
-    def _at_end(self) -> bool:
-        """Whether the wire is within 1 um of the path's end in the present heading."""
-        return self._on_last_move() and near(self.position_um, self._target())
-
-    def _find_carrot(self) -> tuple[int, int]:
-        """Vector in quarter um from the commanded point, counters and phases together, to the carrot."""
-        end = self._target()
-        origin = self._path.points[self._move + (self._heading < 0)]
-        run_x, run_y = QUARTER * (end[0] - origin[0]), QUARTER * (end[1] - origin[1])
-        x = QUARTER * (self._position[0] - origin[0]) + quarters(self._phases[0])
-        y = QUARTER * (self._position[1] - origin[1]) + quarters(self._phases[1])
-        length = math.isqrt(run_x * run_x + run_y * run_y)
-        ahead = max((x * run_x + y * run_y) // length, 0) + QUARTER * CARROT_UM
-        self._carrot_is_end = ahead >= length
-        if self._carrot_is_end:
-            return run_x - x, run_y - y
-        return run_x * ahead // length - x, run_y * ahead // length - y
+    for axis in range(2):
+        away = abs(place_um(row, axis) - int(points[point, axis]))
+        if 8 * away > 5 * row.step_um + 2:
+            return False
+    return True
 
 
-def quarters(axis: PhaseAccumulator) -> int:
-    """Lead of the commanded position over an axis' counter in quarter um, rounded."""
-    return (axis.phase + QUARTER_PHASE // 2) // QUARTER_PHASE
-
-
+@exactly_compiled
 def lengthened(x: int, y: int) -> tuple[int, int, int, int]:
     """Magnitudes of a signed displacement in quarter um, doubled while it is short, and their directions."""
     x, x_direction = subsgn(x, 0)
@@ -180,3 +98,92 @@ def lengthened(x: int, y: int) -> tuple[int, int, int, int]:
     while 0 < max(x, y) < SMALLEST_VECTOR:
         x, y = 2 * x, 2 * y
     return x, y, x_direction, y_direction
+
+
+@exactly_compiled
+def _command(row: Row, points: Floats, speed: int) -> None:
+    """Take a commanded speed; a change of sign turns the wire round where it is."""
+    heading = 1 if speed > 0 else -1
+    if heading != row.heading:
+        row.heading, row.speed = heading, abs(speed)
+        _steer(row, points)
+    elif abs(speed) != row.speed:
+        _set_speed(row, abs(speed))
+
+
+@exactly_compiled
+def _set_speed(row: Row, speed: int) -> None:
+    """VELOCM for the present aim, at the speed doubled to fill 8 bits; rates are in units / 128."""
+    row.speed = speed
+    row.rate[0] = row.rate[1] = 0
+    if speed > 0:
+        doublings = 0
+        while speed << doublings < 128:
+            doublings += 1
+        x, y = velocm(aimed(row), speed << doublings)
+        row.rate[0], row.rate[1] = x << 7 - doublings, y << 7 - doublings
+
+
+@exactly_compiled
+def _steer(row: Row, points: Floats) -> None:
+    """Pass to the next move where the commanded point has reached the end of this one, and aim again."""
+    x, y = _find_carrot(row, points)
+    while row.carrot_is_end and max(abs(x), abs(y)) <= 1 and not _on_last_move(row):
+        row.move += row.heading
+        x, y = _find_carrot(row, points)
+    x, y, x_direction, y_direction = lengthened(x, y)
+    if row.kind == SINE_TABLE:
+        aim_at(row, look_up(x, y, x_direction, y_direction))
+    else:
+        aim_at(row, resolve(x, y, x_direction, y_direction, False))
+    _set_speed(row, row.speed)
+
+
+@exactly_compiled
+def _ticks_to_arrival(row: Row, points: Floats) -> int:
+    """Ticks until the commanded point reaches the end of the move along its longer component."""
+    axis = 0 if row.aim[0] >= row.aim[1] else 1
+    if not row.carrot_is_end or row.rate[axis] == 0:
+        return NEVER
+    target = int(points[row.move + (row.heading > 0), axis])
+    left = (target - place_um(row, axis)) * STEP_PHASE // int(row.step_um)
+    return int(-(-(left - row.timer[axis]) // row.rate[axis]))
+
+
+@exactly_compiled
+def _on_last_move(row: Row) -> bool:
+    """Whether no move follows in the present heading."""
+    return bool(row.move == (row.last_move if row.heading > 0 else 0))
+
+
+@exactly_compiled
+def _find_carrot(row: Row, points: Floats) -> tuple[int, int]:
+    """Vector in quarter um from the commanded point, counters and phases together, to the carrot."""
+    end, origin = row.move + (row.heading > 0), row.move + (row.heading < 0)
+    run_x = QUARTER * int(points[end, 0] - points[origin, 0])
+    run_y = QUARTER * int(points[end, 1] - points[origin, 1])
+    x = QUARTER * (place_um(row, 0) - int(points[origin, 0])) + _quarters(row, 0)
+    y = QUARTER * (place_um(row, 1) - int(points[origin, 1])) + _quarters(row, 1)
+    length = _root(run_x * run_x + run_y * run_y)
+    ahead = max((x * run_x + y * run_y) // length, 0) + QUARTER * CARROT_UM
+    row.carrot_is_end = ahead >= length
+    if row.carrot_is_end:
+        return run_x - x, run_y - y
+    return run_x * ahead // length - x, run_y * ahead // length - y
+
+
+@exactly_compiled
+def _quarters(row: Row, axis: int) -> int:
+    """Lead of the commanded position over an axis' counter in quarter um, rounded."""
+    return int((row.timer[axis] * QUARTER * int(row.step_um) + STEP_PHASE // 2) // STEP_PHASE)
+
+
+@exactly_compiled
+def _root(n: int) -> int:
+    """Whole root of a number below 2^53, rounded down."""
+    root = int(math.sqrt(n))
+    while root * root > n:
+        root -= 1
+    while (root + 1) * (root + 1) <= n:
+        root += 1
+    return root

@@ -70,6 +70,7 @@ units of 262.5 nm/s, over {long} um and over {short} um.
 | `poscal-literal` | the algorithm as the thesis has it: POSCAL once per move, each axis stops at its own target |
 | `dda` | an ideal line: each axis within half a step of a point that runs along it |
 | `sine-table` | as `poscal`, its direction from a table of 255 sines in place of the square root (T-72) |
+| `exact` | an ideal line in whole attometres: any feed in nm/s, any corners, no greatest feed of its own |
 
 - *path*: distance of the position counters from the line after every step, the largest and the rms of all directions.
   The motors have steps of 2 um.

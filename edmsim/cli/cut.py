@@ -28,7 +28,7 @@ def cut(
     controller: Annotated[
         str, typer.Option(help="Feed controller, with parameters if wanted: fixed:feed_um_s=20, own.py:Own.")
     ] = "counts",
-    planner: Annotated[str, typer.Option(help="poscal, poscal-literal, dda or sine-table.")] = "poscal",
+    planner: Annotated[str, typer.Option(help="poscal, poscal-literal, dda, sine-table or exact.")] = "poscal",
     mechanics: Annotated[str, typer.Option(help="Integrator of table and wire.")] = "modal",
     resolution: Resolution = "default",
     offset: Annotated[str, typer.Option(help="Wire offset: auto, none, or mm.")] = "auto",

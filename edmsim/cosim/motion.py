@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any, NamedTuple, Protocol
 
-from edmsim.controllers.mcu.firmware.timers import MAX_SPEED, SPEED_UNIT_NM_S
 from edmsim.controllers.planner.registry import Planner
 from edmsim.controllers.protocols import DrivesSteps, FeedCommand, Step
 
@@ -61,6 +60,10 @@ class PlannerMotion:
         Length of path before the leg.
     rest_until_ns : int
         Before that time the wire does not move.
+    command : FeedCommand
+        For the first window.
+    max_feed_um_s : float
+        Greatest feed, either way.
 
     Attributes
     ----------
@@ -69,21 +72,23 @@ class PlannerMotion:
     """
 
     def __init__(
-        self, planner: Planner, drives: DrivesSteps | None, start_um: float, rest_until_ns: int, command: FeedCommand
+        self, planner: Planner, drives: DrivesSteps | None, start_um: float, rest_until_ns: int, command: FeedCommand,
+        max_feed_um_s: float,
     ) -> None:
         self.planner = planner
         self.start_um = start_um
         self.rest_until_ns = rest_until_ns
         self.command = command
         self._drives = drives
+        self._limit_um_s = max_feed_um_s
         self._units = 0
         self._speeds = _Speeds(0, 0, 0)
         self._before: Any = None
 
     @property
     def feed_um_s(self) -> float:
-        """Feed in force, in whole speed units."""
-        return self._units * SPEED_UNIT_NM_S * 1e-3
+        """Feed in force, in whole speed units of the planner."""
+        return self._units * self.planner.speed_unit_nm_s * 1e-3
 
     @property
     def path_um(self) -> float:
@@ -123,8 +128,8 @@ class PlannerMotion:
         """Return the speeds of the window that begins: the last one until the controller is done, then its new."""
         if start_ns < self.rest_until_ns:
             return _Speeds(0, start_ns, 0)
-        units = round(self.command.feed_um_s * 1e3 / SPEED_UNIT_NM_S)
-        units = max(-MAX_SPEED, min(MAX_SPEED, units))
+        feed_um_s = max(-self._limit_um_s, min(self._limit_um_s, self.command.feed_um_s))
+        units = round(feed_um_s * 1e3 / self.planner.speed_unit_nm_s)
         return _Speeds(self._units, start_ns + round(self.command.latency_s * 1e9), units)
 
     def _steps(self, start_ns: int, end_ns: int) -> list[Step]:

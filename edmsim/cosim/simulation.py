@@ -15,9 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edmsim.controllers import FeedController, WindowObservation
-from edmsim.controllers.mcu.firmware.poscal import unit_for
 from edmsim.controllers.mcu.firmware.timers import MAX_FEED_UM_S
-from edmsim.controllers.planner.registry import make_planner
+from edmsim.controllers.planner.registry import make_planner, position_unit
 from edmsim.controllers.protocols import DrivesSteps, MissesWindows, check_command, tell
 from edmsim.cosim.cycle import Cycle
 from edmsim.cosim.legs import legs_of
@@ -66,7 +65,7 @@ class _Place:
     """How far the program is: the leg, where and after what length of path it began, whether its dwell has begun."""
 
     leg: int = 0
-    from_um: tuple[int, int] = (0, 0)
+    from_um: tuple[float, float] = (0.0, 0.0)
     start_um: float = 0.0
     dwelling: bool = False
     missed_before: int = 0
@@ -105,6 +104,8 @@ class Simulation:
         What moves table and wire; see `Plant`.
     observers : sequence of Observer
         Who is shown every window.
+    max_feed_um_s : float
+        Greatest feed a controller may command; the planner's own, where that is less.
 
     Attributes
     ----------
@@ -137,13 +138,16 @@ class Simulation:
         steps: tuple[HeightStep, ...] = (),
         mechanics: str = "modal",
         observers: Sequence[Observer] = (),
+        max_feed_um_s: float = MAX_FEED_UM_S,
     ) -> None:
         self.machine = machine
         self.path = path
         self.controller = controller
         self.observers = tuple(observers)
         self._planner_name = planner
-        self._unit = unit_for(machine.base.table.travel_mm.value * 1e3)
+        table = machine.base.table
+        self._unit = position_unit(planner, table.travel_mm.value * 1e3, table.step_um.value)
+        self._max_feed_um_s = max_feed_um_s
         self._max_time_ns = math.inf if max_time_s is None else round(max_time_s * 1e9)
         self.legs = [leg for contour in path.contours for leg in legs_of(contour)]
         self.total_um = sum(float(np.hypot(*np.diff(leg.points_um, axis=0).T).sum()) for leg in self.legs)
@@ -166,7 +170,7 @@ class Simulation:
         self._cycle = Cycle(self.plant, self._motion, self._decide, self.observers)
 
     def _begin_leg(self) -> PlannerMotion:
-        """Plan a leg from where the wire stands: it may have stopped 1 um before the last leg's end."""
+        """Plan a leg from where the wire stands: it may have stopped half a step before the last leg's end."""
         at, leg = self._at, self.legs[self._at.leg]
         points = leg.points_um
         if at.from_um != (points[0, 0], points[0, 1]):
@@ -174,11 +178,14 @@ class Simulation:
         for observer in self.observers:
             observer.leg(points, at.start_um)
         tell(self.controller, self.machine, points, at.start_um)
-        planner = make_planner(self._planner_name, points, unit=self._unit)
-        command = check_command(self.controller.name, self.controller.reset(MAX_FEED_UM_S))
+        step_um = self.machine.base.table.step_um.value
+        planner = make_planner(self._planner_name, points, unit=self._unit, step_um=step_um)
+        limit_um_s = min(self._max_feed_um_s, planner.max_feed_um_s)
+        command = check_command(self.controller.name, self.controller.reset(limit_um_s))
         self._set_generator(self.machine.t_on_us, self.machine.t_period_us)  # every leg begins as set up
         drives = self.controller if isinstance(self.controller, DrivesSteps) else None
-        return PlannerMotion(planner, drives, at.start_um, self.plant.time_ns + round(leg.rest_s * 1e9), command)
+        rest_until_ns = self.plant.time_ns + round(leg.rest_s * 1e9)
+        return PlannerMotion(planner, drives, at.start_um, rest_until_ns, command, limit_um_s)
 
     @property
     def outcome(self) -> str | None:
@@ -191,7 +198,7 @@ class Simulation:
         return self._motion.path_um
 
     @property
-    def position_um(self) -> tuple[int, int]:
+    def position_um(self) -> tuple[float, float]:
         """What the position counters show."""
         return self._motion.planner.position_um
 
@@ -264,8 +271,7 @@ class Simulation:
             return StopCause.FINISHED
         if self.legs[at.leg + 1].threads:
             self._thread_at(self.legs[at.leg + 1].points_um[0])
-        x, y = self.plant.commanded_um
-        self._at = _Place(at.leg + 1, (int(x), int(y)), self.path_um, False, self.missed_windows)
+        self._at = _Place(at.leg + 1, self.plant.commanded_um, self.path_um, False, self.missed_windows)
         self._cycle.motion = self._motion = self._begin_leg()
         return StopCause.RUNNING
 

@@ -10,8 +10,9 @@ from typing import Any, Unpack
 
 from edmsim import user_code
 from edmsim.controllers import FeedController, SeesTruth, from_text
-from edmsim.controllers.mcu.firmware.poscal import UNIT_UM, unit_for
+from edmsim.controllers.mcu.firmware.poscal import unit_um
 from edmsim.controllers.own import check_is_controller
+from edmsim.controllers.planner.registry import position_unit
 from edmsim.cosim.simulation import Progress, Simulation
 from edmsim.errors import InputError
 from edmsim.files import make_writable
@@ -87,10 +88,11 @@ def _begin(program: str | Path, settings: CutSettings) -> tuple[Simulation, Reco
     """Read the program; set up machine, path, controller and recorders."""
     machine = settings.load_machine()
     controller = make_controller(settings.controller)
-    travel_um = round(machine.base.table.travel_mm.value * 1e3)
+    step_um, travel_um = machine.base.table.step_um.value, round(machine.base.table.travel_mm.value * 1e3)
+    unit = position_unit(settings.planner, travel_um, step_um)
     path = plan_path(
         program, settings.offset, auto_offset_mm=machine.auto_offset_mm, table_um=travel_um,
-        grid_um=UNIT_UM[unit_for(travel_um)],
+        grid_um=unit_um(unit, round(step_um)),
     )
     steps = settings.workpiece.steps(path, machine.wire_diameter_um)
     recorders = recorders_for(machine, steps, settings.resolution)
@@ -104,13 +106,15 @@ def _begin(program: str | Path, settings: CutSettings) -> tuple[Simulation, Reco
 def _made_with(program: str | Path, settings: CutSettings, simulation: Simulation) -> dict[str, Any]:
     """Return the report's settings: the options, what they come to, and digests of the files they name."""
     machine, path = simulation.machine, simulation.path
+    table = machine.base.table
+    unit = position_unit(settings.planner, table.travel_mm.value * 1e3, table.step_um.value)
     file = user_code.named(settings.controller) if isinstance(settings.controller, str) else None
     return {
         "program": Path(program).name, "program_sha256": _digest(Path(program).read_bytes()),
         **settings.model_dump(mode="json", exclude={"seed", "tension", "offset"}),
         **({} if file is None else {"controller_sha256": user_code.digest(file.file)}),
         "wire_diameter_um": machine.wire_diameter_um, "tension_N": machine.tension, "t_on_us": machine.t_on_us,
-        "t_period_us": machine.t_period_us, "position_unit": unit_for(machine.base.table.travel_mm.value * 1e3),
+        "t_period_us": machine.t_period_us, "position_unit": unit,
         "offset_um": path.offset_um,
         "constants_sha256": _digest((machine.model_dump_json() + own_mjcf_text(machine.base.model)).encode()),
     }

@@ -19,10 +19,10 @@ from edmsim.controllers.mcu.dialogue.part_program import Setting
 from edmsim.controllers.mcu.firmware import memory_map as at
 from edmsim.controllers.mcu.firmware.arithmetic import WORD
 from edmsim.controllers.mcu.firmware.optimise import ALARM, TICK_NS, State
-from edmsim.controllers.mcu.firmware.poscal import STEP_UM
+from edmsim.controllers.mcu.firmware.poscal import STEP_UM, check_1982
 from edmsim.controllers.mcu.firmware.timers import MAX_FEED_UM_S, MAX_SPEED
 from edmsim.controllers.mcu.firmware.tstates import seconds
-from edmsim.controllers.planner.registry import Planner, make_planner
+from edmsim.controllers.planner.registry import PLANNERS, Planner, kind_of, make_planner
 from edmsim.controllers.protocols import Step
 from edmsim.controllers.pulse_counters import WINDOW_PULSES
 from edmsim.cosim.stops import switches_open
@@ -48,11 +48,11 @@ class Rig:
     Parameters
     ----------
     machine : Machine
-        Its generator must have a fixed period, as that of 1982 has.
+        Its generator must have a fixed period, and its motors steps of 2 um, as those of 1982 have.
     seed : int
     resolution : str
     planner : str
-        Name of the planner that cuts.
+        Name of the planner that cuts; one that counts as the computer does, so not ``exact``.
     faults : Faults
         Faults of 1982 to be injected.
 
@@ -77,6 +77,7 @@ class Rig:
         self, machine: Machine, seed: int = 0, *, resolution: str = "default", planner: str = "poscal",
         faults: Faults | None = None,
     ) -> None:
+        check_1982(machine.base.table.step_um.value)
         self.plant = Plant(machine, seed, resolution=resolution)
         self.board = Board(PulseSettings(pulse_A=discharge_current_A(machine)), faults=faults)
         self.board.open_V = machine.generator.open_voltage_V.value
@@ -85,8 +86,7 @@ class Rig:
         self.held: tuple[Planner, Route] | None = None
         self.wire = True
         self.windows = 0
-        make_planner(planner, np.array([(0, 0), (STEP_UM, 0)]))  # refuses a name that is none before anything moves
-        self._planner_name = planner
+        self._planner_name = _checked(planner)
         self._law = cast(CountsController, make("counts")).settings(MAX_FEED_UM_S)
         self._events: list[str] = []
         self._planner: Planner | None = None
@@ -315,6 +315,14 @@ class Rig:
         self.put_down()
         self.cause = cause
         self.say(f"EMERGENCY: {cause}; NOTHING MOVES UNTIL INIT")
+
+
+def _checked(planner: str) -> str:
+    """Refuse a planner that is none, or has no position counters, before anything moves."""
+    if not kind_of(planner).counts:
+        counting = ", ".join(name for name, kind in PLANNERS.items() if kind.counts)
+        raise InputError(f"the terminal's computer cannot count along with the planner {planner}: choose {counting}")
+    return planner
 
 
 def _after(place_um: tuple[float, float], steps: Iterable[Step]) -> tuple[float, float]:

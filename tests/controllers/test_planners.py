@@ -15,6 +15,8 @@ from edmsim.errors import InputError
 SECOND = 1_000_000_000
 WINDOW = 25_500_000
 NAMES = tuple(PLANNERS)
+COUNTING = tuple(name for name, kind in PLANNERS.items() if kind.counts)
+UNIT_NM_S = 262.5
 SPEEDS = st.integers(-127, 127)
 DURATIONS = st.integers(0, 3 * SECOND)
 
@@ -30,6 +32,19 @@ def polylines(draw, longest=120):
     if all(point == points[0] for point in points):
         points.append((points[0][0], points[0][1] + (9 if points[0][1] < 60_000 else -9)))
     return np.array(points, dtype=np.int64)
+
+
+class Rated:
+    """A planner that takes speeds in units of 262.5 nm/s, whichever its own is."""
+
+    def __init__(self, name, points):
+        self.planner = make_planner(name, points)
+
+    def advance(self, start_ns, end_ns, speed):
+        return self.planner.advance(start_ns, end_ns, round(speed * UNIT_NM_S / self.planner.speed_unit_nm_s))
+
+    def __getattr__(self, name):
+        return getattr(self.planner, name)
 
 
 def follow(points, steps):
@@ -61,6 +76,13 @@ def run_plan(planner, plan):
     return steps, time
 
 
+def same(name, steps, others):
+    """The same steps; those of `exact`, whose lengths are rounded to 64 bits, within 2 ns."""
+    assert [step[1:] for step in steps] == [step[1:] for step in others]
+    times = [[step.time_ns for step in of] for of in (steps, others)]
+    assert times[0] == (pytest.approx(times[1], rel=0, abs=2) if name == "exact" else times[1])
+
+
 def deviation_um(points, positions):
     return float(shapely.distance(shapely.points(positions), shapely.LineString(points)).max())
 
@@ -69,7 +91,7 @@ def deviation_um(points, positions):
 @settings(max_examples=60)
 @given(points=polylines(), plan=st.lists(st.tuples(SPEEDS, DURATIONS), max_size=12))
 def test_steps_add_up_and_the_end_is_reached(name, points, plan):  # T-16, T-17, T-18, T-70
-    planner = make_planner(name, points)
+    planner = Rated(name, points)
     steps, time = run_plan(planner, plan)
     assert [step.time_ns for step in steps] == sorted(step.time_ns for step in steps)
     assert planner.position_um == tuple(follow(points, steps)[-1])
@@ -80,11 +102,14 @@ def test_steps_add_up_and_the_end_is_reached(name, points, plan):  # T-16, T-17,
     assert planner.path_um == pytest.approx(shapely.LineString(points).length, abs=2)
 
 
-@pytest.mark.parametrize(("name", "limit"), [("dda", math.sqrt(2) + 1e-9), ("poscal", 2.0), ("sine-table", 2.0)])
+@pytest.mark.parametrize(
+    ("name", "limit"),
+    [("dda", math.sqrt(2) + 1e-9), ("exact", math.sqrt(2) + 1e-9), ("poscal", 2.0), ("sine-table", 2.0)],
+)
 @settings(max_examples=60)
 @given(points=polylines(500), plan=st.lists(st.tuples(SPEEDS, DURATIONS), max_size=12))
 def test_default_and_dda_keep_the_line_forwards_and_backwards(name, limit, points, plan):  # T-G11, T-G12
-    planner = make_planner(name, points)
+    planner = Rated(name, points)
     steps, time = run_plan(planner, plan)
     steps += run_to_end(planner, time)
     assert deviation_um(points, follow(points, steps)) <= limit
@@ -97,12 +122,12 @@ def test_default_and_dda_keep_the_line_forwards_and_backwards(name, limit, point
     plan=st.lists(st.tuples(SPEEDS, DURATIONS, st.integers(0, 3 * SECOND)), min_size=1, max_size=8),
 )
 def test_a_window_cut_in_two_gives_the_same_steps(name, points, plan):
-    whole, cut = make_planner(name, points), make_planner(name, points)
+    whole, cut = Rated(name, points), Rated(name, points)
     time = 0
     for speed, duration, part in plan:
         middle, end = time + min(part, duration), time + duration
         halves = cut.advance(time, middle, speed) + cut.advance(middle, end, speed)
-        assert whole.advance(time, end, speed) == halves
+        same(name, whole.advance(time, end, speed), halves)
         time = end
 
 
@@ -114,12 +139,12 @@ def test_a_window_cut_in_two_gives_the_same_steps(name, points, plan):
     at=st.integers(0, 9),
 )
 def test_a_snapshot_continues_identically(name, points, plan, at):
-    original = make_planner(name, points)
+    original = Rated(name, points)
     time = 0
     for speed, duration in plan[:at]:
         original.advance(time, time + duration, speed)
         time += duration
-    copy = make_planner(name, points)
+    copy = Rated(name, points)
     copy.restore(json.loads(json.dumps(original.snapshot())))
     for speed, duration in [*plan[at:], (127, 60 * SECOND)]:
         assert copy.advance(time, time + duration, speed) == original.advance(time, time + duration, speed)
@@ -135,16 +160,16 @@ def test_a_snapshot_continues_identically(name, points, plan, at):
 @pytest.mark.parametrize("name", NAMES)
 def test_the_same_orders_give_the_same_steps_in_small_windows_and_in_one(name):
     points = np.array([(1000, 1000), (1400, 1150), (1400, 1000)])
-    small, one = make_planner(name, points), make_planner(name, points)
+    small, one = Rated(name, points), Rated(name, points)
     steps = [step for i in range(400) for step in small.advance(i * WINDOW, (i + 1) * WINDOW, 76)]
-    assert steps == one.advance(0, 400 * WINDOW, 76)
+    same(name, steps, one.advance(0, 400 * WINDOW, 76))
     assert len(steps) > 50
 
 
 @pytest.mark.parametrize("name", NAMES)
 def test_backwards_stops_at_the_start(name):
     points = np.array([(1000, 1000), (1060, 1020), (1060, 1100)])
-    planner = make_planner(name, points)
+    planner = Rated(name, points)
     planner.advance(0, 4 * SECOND, 127)
     assert planner.position_um[1] > 1022
     planner.advance(4 * SECOND, 60 * SECOND, -127)
@@ -156,11 +181,11 @@ def test_backwards_stops_at_the_start(name):
 @pytest.mark.parametrize("name", NAMES)
 def test_speed_zero_stands_still_and_loses_nothing(name):  # T-76
     points = np.array([(1000, 1000), (1300, 1000)])
-    planner = make_planner(name, points)
+    planner = Rated(name, points)
     before = planner.advance(0, SECOND, 127)
     assert planner.advance(SECOND, 2 * SECOND, 0) == []
     after = planner.advance(2 * SECOND, 3 * SECOND, 127)
-    unbroken = make_planner(name, points).advance(0, 2 * SECOND, 127)
+    unbroken = Rated(name, points).advance(0, 2 * SECOND, 127)
     assert [s.time_ns for s in before] + [s.time_ns - SECOND for s in after] == pytest.approx(
         [s.time_ns for s in unbroken], abs=2 * 116_300
     )
@@ -262,7 +287,7 @@ def test_default_planner_takes_a_new_speed_at_once():  # T-A13
 def test_a_retract_runs_back_over_a_corner_and_returns():
     points = np.array([(1000, 1000), (1200, 1000), (1200, 1200)])
     for name in NAMES:
-        planner = make_planner(name, points)
+        planner = Rated(name, points)
         steps = planner.advance(0, 8 * SECOND, 127)
         steps += planner.advance(8 * SECOND, 12 * SECOND, -127)
         back = planner.path_um
@@ -283,7 +308,7 @@ def test_a_retract_runs_back_over_a_corner_and_returns():
     ],
 )
 def test_a_path_that_cannot_be_used_is_refused(points, words):  # T-61, T-A11
-    for name in NAMES:
+    for name in COUNTING:
         with pytest.raises(InputError) as refused:
             make_planner(name, np.array(points))
         assert words in str(refused.value)
@@ -295,8 +320,68 @@ def test_orders_that_cannot_be_used_are_refused():
         make_planner("bresenham", points)
     with pytest.raises(InputError, match="speed unit must be above 0"):
         make_planner("dda", points, speed_unit_nm_s=0.0)
-    for name in NAMES:
+    for name in COUNTING:
         with pytest.raises(InputError, match=r"-127\.\.127 units, not 128"):
             make_planner(name, points).advance(0, WINDOW, 128)
         with pytest.raises(InputError, match="must not end before it starts"):
             make_planner(name, points).advance(WINDOW, 0, 1)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_planner_tells_its_speed_unit_and_greatest_feed(name):  # T-A1
+    planner = make_planner(name, np.array([(0, 0), (9, 9)]))
+    told = (planner.speed_unit_nm_s, planner.max_feed_um_s)
+    assert told == ((1.0, math.inf) if name == "exact" else (262.5, 33.3375))
+
+
+def test_exact_takes_any_corner_and_any_feed():
+    points = np.array([(1000.25, 1000.0), (1010.0, 1000.7), (1013.3, 1008.1)])
+    planner = make_planner("exact", points)
+    steps = planner.advance(0, SECOND, 100_000)
+    assert planner.done
+    assert np.abs(follow(points, steps)[-1] - points[-1]).max() <= 1 + 1e-6
+    with pytest.raises(InputError, match="nm/s"):
+        make_planner("exact", points, 262.5)
+    with pytest.raises(InputError, match="finite"):
+        make_planner("exact", np.array([(0.0, 0.0), (math.nan, 1.0)]))
+
+
+@pytest.mark.parametrize("step_um", [1, 3, 5, 8, 16])
+@pytest.mark.parametrize("name", NAMES)
+@settings(max_examples=12, deadline=None)
+@given(points=polylines(150), speed=st.integers(20, 127))
+def test_steps_of_another_length_lead_to_the_end_too(name, step_um, points, speed):  # T-16
+    points = np.clip(points, 4000, 60_000) + np.arange(len(points))[:, None]
+    planner = make_planner(name, points, step_um=step_um)
+    steps = run_to_end(planner, speed=round(speed * UNIT_NM_S / planner.speed_unit_nm_s), limit_s=3000)
+    positions = points[0] + (follow(points, steps) - points[0]) // 2 * step_um
+    assert planner.position_um == tuple(positions[-1])
+    assert np.abs(positions[-1] - points[-1]).max() <= 5 / 8 * step_um + 0.25
+    if name != "poscal-literal":
+        assert deviation_um(points, positions) <= step_um * (1 if step_um > 1 else 1.5)
+
+
+@pytest.mark.parametrize("name", ["dda", "exact"])
+def test_steps_of_a_fraction_of_a_um_too(name):
+    points = np.array([(1000, 1000), (1400, 1150)])
+    planner = make_planner(name, points, step_um=2.5)
+    steps = planner.advance(0, 60 * SECOND, 127 if name == "dda" else 33_337)
+    assert planner.done
+    assert planner.position_um == (1400, 1150)
+    assert len(steps) == (400 + 150) / 2.5
+
+
+@pytest.mark.parametrize(
+    ("name", "step_um", "words"),
+    [
+        ("poscal", 2.5, "table.step_um is 2.5: give the machine steps of 1 to 16 whole um, or choose"),
+        ("poscal-literal", 17, "table.step_um is 17"),
+        ("sine-table", 0, "table.step_um is 0"),
+        ("dda", 2.0005, "whole nm, and table.step_um is 2.0005"),
+        ("exact", math.inf, "table.step_um is inf"),
+    ],
+)
+def test_steps_a_planner_cannot_count_are_refused_by_name(name, step_um, words):
+    with pytest.raises(InputError) as refused:
+        make_planner(name, np.array([(0, 0), (9, 9)]), step_um=step_um)
+    assert words in str(refused.value)

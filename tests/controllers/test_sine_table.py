@@ -9,10 +9,10 @@ from hypothesis import strategies as st
 
 from edmsim.controllers.mcu.firmware.poscal import velocm
 from edmsim.controllers.mcu.firmware.sine_table import SINE, cosine, direction, look_up, sine
-from edmsim.controllers.planner import poscal as poscal_planner
-from edmsim.controllers.planner import sine_table as sine_table_planner
 from edmsim.controllers.planner.registry import make_planner
 from edmsim.errors import InputError
+
+from . import reference_arithmetic, reference_planners
 
 SECOND = 1_000_000_000
 
@@ -62,14 +62,16 @@ def test_the_table_takes_8_bits():
 
 
 def test_the_planner_takes_no_square_root(monkeypatch):  # T-72
+    """Nor does the plain one, whose steps the compiled one makes."""
+
     def refuse(*_):
         raise AssertionError("a square root was taken")
 
-    monkeypatch.setattr(poscal_planner, "resolve", refuse)
-    monkeypatch.setattr("edmsim.controllers.mcu.firmware.poscal.sqrt", refuse)
-    planner = make_planner("sine-table", np.array([(0, 0), (300, 170), (120, 40)]))
-    assert isinstance(planner, sine_table_planner.SineTablePlanner)
-    planner.advance(0, 60 * SECOND, 127)
+    monkeypatch.setattr(reference_arithmetic, "sqrt", refuse)
+    points = np.array([(0, 0), (300, 170), (120, 40)])
+    plain = reference_planners.PLANNERS["sine-table"](points)
+    planner = make_planner("sine-table", points)
+    assert planner.advance(0, 60 * SECOND, 127) == plain.advance(0, 60 * SECOND, 127)
     assert planner.done
     with pytest.raises(AssertionError, match="square root"):
-        make_planner("poscal", np.array([(0, 0), (300, 170)]))
+        reference_planners.PLANNERS["poscal"](points)

@@ -8,10 +8,13 @@ from hypothesis import strategies as st
 
 from edmsim.controllers.mcu.firmware.timers import (
     MAX_FEED_UM_S,
-    PhaseAccumulator,
-    ReloadCounter,
+    OVERFLOW,
+    STEP_PHASE,
     TickClock,
+    loaded,
     reload_count,
+    run_phase,
+    ticks_to_overflow,
     timer_clock_hz,
 )
 from edmsim.errors import InputError
@@ -49,28 +52,33 @@ def test_ticks_are_counted_exactly(time_ns, unit):  # T-74
 @given(st.lists(st.tuples(st.integers(-(127 << 7), 127 << 7), st.integers(0, 3_000)), max_size=30))
 def test_phase_accumulator_is_a_tick_by_tick_sum(runs):  # T-74
     """The closed form against a loop over every tick of the commanded position."""
-    axis = PhaseAccumulator()
-    position = commanded = counted = 0
+    phase = position = commanded = counted = 0
     for rate, ticks in runs:
         for _ in range(ticks):
             commanded += rate
-            if abs(commanded - counted * axis.STEP) > axis.OVERFLOW:
+            if abs(commanded - counted * STEP_PHASE) > OVERFLOW:
                 counted += 1 if rate > 0 else -1
         while ticks:
-            due = min(axis.ticks_to_step(rate), ticks)
-            position += axis.run(rate, due)
+            due = min(ticks_to_overflow(phase, rate), ticks)
+            phase, step = run_phase(phase, rate, due)
+            position += step
             ticks -= due
         assert position == counted
-        assert position * axis.STEP + axis.phase == commanded
+        assert position * STEP_PHASE + phase == commanded
 
 
 def test_reload_counter_takes_a_new_speed_at_its_interrupt():  # T-76
-    counter = ReloadCounter()
-    assert counter.ticks_to_step(127) == 516
-    assert not counter.run(127, 500)
-    assert counter.ticks_to_step(1) == 16
-    assert not counter.run(0, 1_000_000)
-    assert counter.run(1, 16)
-    assert counter.ticks_to_step(1) == 65_536
-    counter.stop()
-    assert counter.ticks_to_step(2) == 32_768
+    assert loaded(0, 127) == 516
+    assert loaded(516 - 500, 1) == 16
+    assert loaded(0, 1) == 65_536
+    assert loaded(0, 2) == 32_768
+
+
+@pytest.mark.parametrize(("step_um", "hertz"), [(2, Fraction(43_008, 5)), (5, Fraction(86_016, 25)), (2.5, 6881.28)])
+def test_a_unit_is_one_step_per_65536_ticks_whatever_the_step(step_um, hertz):  # T-74
+    assert float(timer_clock_hz(262.5, step_um)) == pytest.approx(float(hertz))
+
+
+def test_a_speed_unit_beyond_the_arithmetic_is_refused():
+    with pytest.raises(InputError, match="choose a rounder one"):
+        timer_clock_hz(999_999_999.123)

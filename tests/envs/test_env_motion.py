@@ -5,6 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from edmsim.controllers.planner.course import Course
+from edmsim.controllers.planner.exact import FINE_PER_UM
+from edmsim.controllers.planner.record import EXACT, PLANNER
+from edmsim.controllers.planner.run import advance, done
 from edmsim.envs import path_follower as motion
 from edmsim.errors import InputError
 from edmsim.machine.machine import Machine
@@ -18,43 +22,44 @@ WINDOW_NS = 25_500_000
 
 @pytest.fixture
 def lane():
-    """Rows, path, states and room for one lane on a path of three pieces."""
+    """Rows, planner, path, states and room for one lane with the planner `exact` on a path of three pieces."""
     rows, states = np.zeros(1, motion.LANE), np.zeros(1, STATE)
-    along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(PATH, axis=0).T))])
-    rows["corners"], rows["step_um"], rows["longest_ns"] = len(PATH), 2.0, WINDOW_NS
-    rows["end"] = int(along[-1] * motion.FINE_PER_UM)
+    rows["step_um"], rows["longest_ns"] = 2.0, WINDOW_NS
     states["commanded_um"] = PATH[0]
-    return rows, PATH[None].copy(), along[None], states, np.zeros((1, 64, 3), np.int64)
+    return rows, Course.of(EXACT, PATH), states, np.zeros((1, 64, 3), np.int64)
 
 
 def run(lane, feeds_um_s):
     """Plan and carry out windows; yields each one's steps."""
-    rows, points, along, states, out = lane
+    rows, course, states, out = lane
+    ahead, nowhere = np.zeros(1, PLANNER), np.zeros((0, 3), np.int64)
+    path = course.points_um, course.along_um, course.lengths
     for feed in feeds_um_s:
-        rows["feed_nm_s"] = round(feed * 1e3)
-        motion.plan(np.zeros(1, np.int64), rows, points, along, states, out)
+        rows["units"] = round(feed * 1e3)
+        motion.plan(np.zeros(1, np.int64), rows, course.row, ahead, *(a[None] for a in path), states, out)
         steps = out[0, : rows["steps"][0]].copy()
         for _, axis, direction in steps:
             states["commanded_um"][0, axis] += 2.0 * direction
+        start_ns = int(states["time_ns"][0])
         states["time_ns"] += WINDOW_NS
-        place = int(rows["place"][0]) + round(feed * 1e3) * WINDOW_NS
-        rows["place"] = min(max(place, 0), int(rows["end"][0]))
+        made = advance(course.row[0], *path, start_ns, start_ns + WINDOW_NS, round(feed * 1e3), nowhere)
+        assert made == len(steps)
         yield steps
 
 
 def place_of(lane):
-    rows, _, along, _, _ = lane
-    s = rows["place"][0] / motion.FINE_PER_UM
-    return np.array([np.interp(s, along[0], PATH[:, k]) for k in (0, 1)])
+    along = lane[1].along_um
+    s = lane[1].row["along"][0] / FINE_PER_UM
+    return np.array([np.interp(s, along, PATH[:, k]) for k in (0, 1)])
 
 
 def test_counters_follow_the_path_within_half_a_step(lane):
     for steps in run(lane, [37.3] * 40):
         assert (np.diff(steps[:, 0]) >= 0).all()
-        assert np.abs(lane[3]["commanded_um"][0] - place_of(lane)).max() <= 1.0 + 1e-9
-    assert lane[0]["place"][0] == lane[0]["end"][0]
-    assert lane[3]["commanded_um"][0].tolist() == [1002.0, 1014.0] or (
-        np.abs(lane[3]["commanded_um"][0] - PATH[-1]).max() <= 1.0
+        assert np.abs(lane[2]["commanded_um"][0] - place_of(lane)).max() <= 1.0 + 1e-9
+    assert done(lane[1].row[0], *lane[1][1:])
+    assert lane[2]["commanded_um"][0].tolist() == [1002.0, 1014.0] or (
+        np.abs(lane[2]["commanded_um"][0] - PATH[-1]).max() <= 1.0
     )
 
 
@@ -62,27 +67,27 @@ def test_steps_fall_in_their_window_and_at_their_places(lane):
     start = 0
     for steps in run(lane, [100.0] * 3):
         assert (steps[:, 0] >= start).all()
-        assert (steps[:, 0] <= start + WINDOW_NS).all()
+        assert (steps[:, 0] < start + WINDOW_NS).all()
         start += WINDOW_NS
     # the first step of x leads over the middle between two steps, 1 um on
-    lane[0]["place"], lane[0]["segment"], lane[3]["commanded_um"], lane[3]["time_ns"] = 0, 0, PATH[0], 0
-    first = next(run(lane, [100.0]))[0]
+    lane[2]["time_ns"] = 0
+    first = next(run((lane[0], Course.of(EXACT, PATH), *lane[2:]), [100.0]))[0]
     assert first.tolist() == [10_000_000, 0, 1]
 
 
 def test_the_way_back_is_the_way_there(lane):
-    there = [lane[3]["commanded_um"][0].copy() for _ in run(lane, [61.7] * 12)]
-    back = [lane[3]["commanded_um"][0].copy() for _ in run(lane, [-61.7] * 12)]
-    assert lane[0]["place"][0] == 0  # no rounding gathers
+    there = [lane[2]["commanded_um"][0].copy() for _ in run(lane, [61.7] * 12)]
+    back = [lane[2]["commanded_um"][0].copy() for _ in run(lane, [-61.7] * 12)]
+    assert lane[1].row["along"][0] == 0  # no rounding gathers
     assert np.array_equal(np.array(there[:-1][::-1]), np.array(back[:-1]))
-    assert (lane[3]["commanded_um"][0] == PATH[0]).all()
+    assert (lane[2]["commanded_um"][0] == PATH[0]).all()
     assert not len(next(run(lane, [-61.7])))  # never beyond the start
 
 
 def test_slow_feeds_are_not_lost(lane):
     list(run(lane, [0.013] * 5000))
-    assert lane[0]["place"][0] == 13 * WINDOW_NS * 5000
-    assert np.abs(lane[3]["commanded_um"][0] - place_of(lane)).max() <= 1.0
+    assert lane[1].row["along"][0] == 13 * WINDOW_NS * 5000
+    assert np.abs(lane[2]["commanded_um"][0] - place_of(lane)).max() <= 1.0
 
 
 def test_fleet_fires_what_plants_fire_alone():

@@ -1,11 +1,13 @@
 """The integer routines of the 1982 controller: 8 and 16 bit, no floating point.
 
 The thesis names them SUBSGN, REDUC, REDUC2, VERM, SQUARE, DIVIDE and SQRT (5.2); the names are kept. Where
-its text contradicts itself the resolution is told at the routine.
+its text contradicts itself the resolution is told at the routine. All but VERM are compiled: the planners call them
+in compiled code, the computer of 1982 from Python.
 """
 
 from __future__ import annotations
 
+from edmsim.compiled.jit import exactly_compiled
 from edmsim.errors import InputError
 
 WORD = 0xFFFF
@@ -15,6 +17,7 @@ BYTE = 0xFF
 """Largest 8-bit number, the operands of VERM (row T-64)."""
 
 
+@exactly_compiled
 def subsgn(a: int, b: int) -> tuple[int, int]:
     """Absolute difference and which of the two is larger (SUBSGN, row T-62).
 
@@ -31,6 +34,7 @@ def subsgn(a: int, b: int) -> tuple[int, int]:
     return (a - b, 1) if a >= b else (b - a, -1)
 
 
+@exactly_compiled
 def reduc(a: int, b: int) -> tuple[int, int, int]:
     """Halve two 16-bit numbers together until both fit in 8 bits, losing the bits dropped (REDUC, row T-63).
 
@@ -42,17 +46,20 @@ def reduc(a: int, b: int) -> tuple[int, int, int]:
     (int, int, int)
         The reduced numbers and how often they were halved.
     """
-    halvings = max((a | b).bit_length() - 8, 0)
+    halvings = 0
+    while (a | b) >> halvings > BYTE:
+        halvings += 1
     return a >> halvings, b >> halvings, halvings
 
 
+@exactly_compiled
 def reduc2(a: int, b: int) -> tuple[int, int]:
     """Halve both once more, when the sum of their squares carries out of 16 bits (REDUC2, row T-A2)."""
     return a >> 1, b >> 1
 
 
 def verm(a: int, b: int) -> int:
-    """8 x 8 bit product of 16 bits, exact (VERM, row T-64).
+    """8 x 8 bit product of 16 bits, exact (VERM, row T-64); compiled code, whose bytes are bytes, multiplies.
 
     Raises
     ------
@@ -69,6 +76,7 @@ def square(a: int) -> int:
     return verm(a, a)
 
 
+@exactly_compiled
 def divide(dividend: int, divisor: int) -> int:
     """16 / 16 bit division: double the divisor until larger, then halve and subtract (DIVIDE, row T-66).
 
@@ -91,9 +99,10 @@ def divide(dividend: int, divisor: int) -> int:
         if dividend >= shifted:
             dividend -= shifted
             quotient |= 1
-    return quotient or 1
+    return quotient if quotient > 0 else 1
 
 
+@exactly_compiled
 def sqrt(n: int) -> int:
     """Square root of a 16-bit number by Newton-Raphson in integers (SQRT, row T-67).
 

@@ -4,33 +4,55 @@ from __future__ import annotations
 
 from typing import Literal, NamedTuple
 
-from edmsim.controllers.mcu.firmware.arithmetic import WORD, divide, reduc, reduc2, sqrt, square, subsgn, verm
+from edmsim.compiled.jit import exactly_compiled
+from edmsim.controllers.mcu.firmware.arithmetic import WORD, divide, reduc, reduc2, sqrt, subsgn
 from edmsim.errors import InputError
 
 STEP_UM = 2
-"""Table travel of one motor step in um (row T-16)."""
+"""Table travel in um of one motor step of the machine of 1982 (row T-16)."""
 
 Unit = Literal["um", "step"]
-"""What the 16 bits of a position count: um, or steps for a table of twice the travel (row T-61)."""
+"""What the 16 bits of a position count: um, or steps for a table of more travel (row T-61)."""
 
-UNIT_UM: dict[Unit, int] = {"um": 1, "step": STEP_UM}
-"""Table travel of one unit of position in um."""
+OFF_TABLE = -1
+"""What `counted` returns at a soft limit."""
 
 
-def unit_for(travel_um: float) -> Unit:
-    """Unit in which positions on a table fit 16 bits: um up to 65 535 um of travel, steps up to 131 070 um.
+def unit_um(unit: Unit, step_um: int = STEP_UM) -> int:
+    """Table travel of one unit of position in um."""
+    return step_um if unit == "step" else 1
+
+
+def unit_for(travel_um: float, step_um: int = STEP_UM) -> Unit:
+    """Unit in which positions on a table fit 16 bits: um up to 65 535 um of travel, steps up to so many steps.
 
     Raises
     ------
     InputError
         If the table is larger still (row T-61).
     """
-    for unit, unit_um in UNIT_UM.items():
-        if travel_um <= WORD * unit_um:
-            return unit
+    if travel_um <= WORD:
+        return "um"
+    if travel_um <= WORD * step_um:
+        return "step"
     raise InputError(
-        f"a table of {travel_um / 1000:g} mm is too large: 16 bits count {WORD * STEP_UM / 1000:g} mm in steps"
+        f"a table of {travel_um / 1000:g} mm is too large: 16 bits count {WORD * step_um / 1000:g} mm in steps"
     )
+
+
+def check_1982(step_um: float) -> None:
+    """Refuse a machine whose motor steps are not those the controller of 1982 is built for (row T-16).
+
+    Raises
+    ------
+    InputError
+        For another step than 2 um.
+    """
+    if step_um != STEP_UM:
+        raise InputError(
+            f"the machine's table.step_um is {step_um:g}, and the controller of 1982 is built for motor steps of "
+            f"{STEP_UM} um: give it a machine with table.step_um = {STEP_UM}, or cut with another controller"
+        )
 
 
 class Displacement(NamedTuple):
@@ -56,6 +78,7 @@ class Displacement(NamedTuple):
     halvings: int
 
 
+@exactly_compiled
 def resolve(x: int, y: int, x_direction: int, y_direction: int, literal_wrap: bool = False) -> Displacement:
     """Reduce the magnitudes of a displacement and find its length (the middle of POSCAL, row T-69).
 
@@ -70,17 +93,18 @@ def resolve(x: int, y: int, x_direction: int, y_direction: int, literal_wrap: bo
         for a fifth of all vectors (row T-G6). False halves both components once more (row T-A2).
     """
     x, y, halvings = reduc(x, y)
-    total = square(x) + square(y)
+    total = x * x + y * y
     if total > WORD:
         if literal_wrap:
             total &= WORD
         else:
             x, y = reduc2(x, y)
             halvings += 1
-            total = square(x) + square(y)
+            total = x * x + y * y
     return Displacement(x, y, sqrt(total), x_direction, y_direction, halvings)
 
 
+@exactly_compiled
 def velocm(displacement: Displacement, speed: int) -> tuple[int, int]:
     """Split a path speed into signed axis speeds, ``component * speed / length`` (VELOCM, row T-68).
 
@@ -98,11 +122,12 @@ def velocm(displacement: Displacement, speed: int) -> tuple[int, int]:
     (int, int)
         Speeds of x and y in the same units.
     """
-    x = divide(verm(displacement.x, speed), displacement.length)
-    y = divide(verm(displacement.y, speed), displacement.length)
+    x = divide(displacement.x * speed, displacement.length)
+    y = divide(displacement.y * speed, displacement.length)
     return x * displacement.x_direction, y * displacement.y_direction
 
 
+@exactly_compiled
 def poscal(
     position_um: tuple[int, int], target_um: tuple[int, int], speed: int, literal_wrap: bool = False
 ) -> tuple[int, int]:
@@ -127,6 +152,15 @@ def poscal(
     return velocm(resolve(x, y, x_direction, y_direction, literal_wrap), speed)
 
 
+@exactly_compiled
+def counted(position: int, units: int, wrap: bool) -> int:
+    """Position counter after some units more or less, wrapped at 16 bits; `OFF_TABLE` if it must not wrap."""
+    moved = position + units
+    if wrap:
+        return moved & WORD
+    return moved if 0 <= moved <= WORD else OFF_TABLE
+
+
 def positi(position: int, direction: int, wrap: bool = False, unit: Unit = "um") -> int:
     """Position counter after one step: 2 um, or 1 step, up or down (POSITI, row T-70).
 
@@ -148,12 +182,14 @@ def positi(position: int, direction: int, wrap: bool = False, unit: Unit = "um")
     InputError
         If the step would leave 0..65535 units and `wrap` is False.
     """
-    moved = position + STEP_UM // UNIT_UM[unit] * direction
-    if wrap:
-        return moved & WORD
-    if not 0 <= moved <= WORD:
-        unit_um = UNIT_UM[unit]
-        raise InputError(
-            f"soft limit: a step to {moved * unit_um} um would leave the table's 0..{WORD * unit_um} um"
-        )
+    size_um = unit_um(unit)
+    units = STEP_UM // size_um * direction
+    moved = counted(position, units, wrap)
+    if moved == OFF_TABLE:
+        raise soft_limit((position + units) * size_um, size_um)
     return moved
+
+
+def soft_limit(place_um: float, size_um: float) -> InputError:
+    """Error of a step that would leave what 16 bits count in units of that size."""
+    return InputError(f"soft limit: a step to {place_um:g} um would leave the table's 0..{WORD * size_um:g} um")

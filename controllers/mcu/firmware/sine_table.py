@@ -10,8 +10,12 @@ from __future__ import annotations
 
 import math
 
-from edmsim.controllers.mcu.firmware.arithmetic import reduc, verm
+import numpy as np
+
+from edmsim.compiled.jit import exactly_compiled
+from edmsim.controllers.mcu.firmware.arithmetic import BYTE, reduc
 from edmsim.controllers.mcu.firmware.poscal import Displacement
+from edmsim.errors import InputError
 
 LAST = 254
 """Index of the last entry, 90 degrees: 255 entries in all (row T-72)."""
@@ -21,6 +25,8 @@ FULL_SCALE = 255
 
 SINE = bytes(round(FULL_SCALE * math.sin(math.pi / 2 * i / LAST)) for i in range(LAST + 1))
 """The table as it would be burnt into the EPROM."""
+
+_ENTRIES = np.frombuffer(SINE, np.uint8).astype(np.int64)
 
 
 def sine(index: int) -> int:
@@ -51,21 +57,31 @@ def direction(x: int, y: int) -> int:
     InputError
         If a magnitude does not fit in 8 bits.
     """
+    if not (0 <= x <= BYTE and 0 <= y <= BYTE):
+        raise InputError(f"the sine table takes magnitudes of 8 bits, 0..255, not {x} and {y}")
+    return _nearest(x, y)
+
+
+@exactly_compiled
+def _nearest(x: int, y: int) -> int:
+    """Index of the entry whose direction lies nearest."""
     low, high = 0, LAST
     while high - low > 1:
         middle = (low + high) >> 1
-        if verm(x, sine(middle)) <= verm(y, cosine(middle)):
+        if x * _ENTRIES[middle] <= y * _ENTRIES[LAST - middle]:
             low = middle
         else:
             high = middle
     return low if _aside(x, y, low) <= _aside(x, y, high) else high
 
 
+@exactly_compiled
 def _aside(x: int, y: int, index: int) -> int:
     """Length of a vector, times 255, across the direction of an entry."""
-    return abs(verm(y, cosine(index)) - verm(x, sine(index)))
+    return int(abs(y * _ENTRIES[LAST - index] - x * _ENTRIES[index]))
 
 
+@exactly_compiled
 def look_up(x: int, y: int, x_direction: int, y_direction: int) -> Displacement:
     """Vector of length 255 in the direction of a displacement: what `resolve` does, without a square root.
 
@@ -86,5 +102,7 @@ def look_up(x: int, y: int, x_direction: int, y_direction: int) -> Displacement:
     x, y, halvings = reduc(x, y)
     if x == y == 0:
         return Displacement(0, 0, 0, x_direction, y_direction, halvings)
-    index = direction(x, y)
-    return Displacement(cosine(index), sine(index), FULL_SCALE, x_direction, y_direction, halvings)
+    index = _nearest(x, y)
+    return Displacement(
+        int(_ENTRIES[LAST - index]), int(_ENTRIES[index]), FULL_SCALE, x_direction, y_direction, halvings
+    )

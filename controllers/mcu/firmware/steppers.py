@@ -13,7 +13,7 @@ from edmsim.controllers.mcu.chips import pic, pit
 from edmsim.controllers.mcu.chips.bus import CPORT2, TIMERS
 from edmsim.controllers.mcu.firmware import memory_map as at
 from edmsim.controllers.mcu.firmware.arithmetic import BYTE, WORD, subsgn
-from edmsim.controllers.mcu.firmware.poscal import STEP_UM, UNIT_UM, Displacement, Unit, positi, resolve, velocm
+from edmsim.controllers.mcu.firmware.poscal import STEP_UM, Displacement, Unit, positi, resolve, unit_um, velocm
 from edmsim.controllers.mcu.firmware.timers import TIMER_COUNT, TickClock, reload_count
 from edmsim.controllers.mcu.firmware.tstates import POSITI_T, STEPPER_T, poscal_t_states
 from edmsim.controllers.protocols import Step
@@ -47,7 +47,7 @@ class Steppers:
         self.t_states = 0
         self._serve = serve
         self._unit: Unit = unit
-        self._half_step = STEP_UM // UNIT_UM[unit] // 2
+        self._half_step = STEP_UM // unit_um(unit) // 2
         self._wrap = wrap
         self._aim: Displacement | None = None
         self._clock = TickClock()

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from fractions import Fraction
 
+from edmsim.compiled.jit import exactly_compiled
 from edmsim.controllers.mcu.firmware.poscal import STEP_UM
 from edmsim.errors import InputError
 
@@ -26,123 +27,134 @@ MAX_FEED_UM_S = MAX_SPEED * SPEED_UNIT_NM_S / 1000
 NEVER = 1 << 62
 """A number of ticks that no run reaches: the axis stands still."""
 
+STEP_PHASE = TIMER_COUNT << 7
+"""Phase of one motor step: every tick adds the axis speed in units / 128."""
 
-def timer_clock_hz(speed_unit_nm_s: float) -> Fraction:
+OVERFLOW = STEP_PHASE * 5 // 8
+"""Phase beyond which an axis steps (see `run_phase`)."""
+
+_SECOND_NS = 1_000_000_000
+_MOST_HERTZ = 4_000_000_000
+
+
+def timer_clock_hz(speed_unit_nm_s: float, step_um: float = STEP_UM) -> Fraction:
     """Clock at which one unit is one step per 65 536 ticks (row T-74): exactly 43008/5 Hz at 262.5 nm/s.
 
     The real clock is unknown (row T-75).
 
+    Parameters
+    ----------
+    speed_unit_nm_s : float
+        Speed unit in nm/s.
+    step_um : float
+        Table travel of one motor step.
+
     Raises
     ------
     InputError
-        If the unit is not above 0.
+        If the unit is not above 0, or so large that the clock's terms do not fit the arithmetic.
     """
     if not speed_unit_nm_s > 0:
         raise InputError(
             f"the speed unit must be above 0 nm/s (the controller has 262.5), not {speed_unit_nm_s}"
         )
-    # The unit is a decimal number such as 252.6; its binary fraction would give a clock of absurd terms.
-    unit = Fraction(speed_unit_nm_s).limit_denominator(1000)
-    return TIMER_COUNT * unit / (STEP_UM * 1000)
+    # Both are decimal numbers such as 252.6; their binary fractions would give a clock of absurd terms.
+    unit, step = (Fraction(number).limit_denominator(1000) for number in (speed_unit_nm_s, step_um))
+    hertz = TIMER_COUNT * unit / (step * 1000)
+    if max(hertz.numerator, hertz.denominator) > _MOST_HERTZ:
+        raise InputError(f"a speed unit of {speed_unit_nm_s} nm/s gives a clock of {hertz} Hz: choose a rounder one")
+    return hertz
 
 
+@exactly_compiled
 def reload_count(speed: int) -> int:
     """Reload value of the 8253 for an axis speed of 1 unit or more: 65 536 div speed (row T-76)."""
     return TIMER_COUNT // speed
 
 
-class TickClock:
-    """The common clock: tick ``k`` falls at ``k`` periods after time zero, rounded up to a whole nanosecond.
+@exactly_compiled
+def tick_before(time_ns: int, hertz: int, per: int) -> int:
+    """Index of the last tick before a time; ``before(a) + 1 .. before(b)`` fall into ``a <= t < b``.
 
     Parameters
     ----------
-    speed_unit_nm_s : float
-        Speed unit in nm/s, which fixes the clock.
+    time_ns : int
+    hertz, per : int
+        Numerator and denominator of the clock. Seconds and nanoseconds are multiplied apart, as 64 bits would not
+        hold the product of an hour in ns with the clock of a unit of 252.6 nm/s.
+    """
+    seconds = (time_ns - 1) // _SECOND_NS
+    rest_ns = time_ns - 1 - seconds * _SECOND_NS
+    ticks = seconds * hertz // per
+    left = seconds * hertz - ticks * per
+    return ticks + (left * _SECOND_NS + rest_ns * hertz) // (per * _SECOND_NS)
+
+
+@exactly_compiled
+def tick_time_ns(tick: int, hertz: int, per: int) -> int:
+    """Time of a tick: that many periods after time zero, rounded up to a whole nanosecond."""
+    seconds = tick * per // hertz
+    left = tick * per - seconds * hertz
+    return seconds * _SECOND_NS - (-left * _SECOND_NS // hertz)
+
+
+class TickClock:
+    """The common clock, for callers in Python (see `tick_before`, `tick_time_ns`).
+
+    Parameters
+    ----------
+    speed_unit_nm_s, step_um : float
+        Speed unit in nm/s and motor step in um, which fix the clock.
     """
 
-    def __init__(self, speed_unit_nm_s: float = SPEED_UNIT_NM_S) -> None:
-        self.hertz = timer_clock_hz(speed_unit_nm_s)
-        self._per_period = self.hertz.numerator
-        self._period_ns = self.hertz.denominator * 1_000_000_000
+    def __init__(self, speed_unit_nm_s: float = SPEED_UNIT_NM_S, step_um: float = STEP_UM) -> None:
+        self.hertz = timer_clock_hz(speed_unit_nm_s, step_um)
 
     def before(self, time_ns: int) -> int:
-        """Index of the last tick before a time; ``before(a) + 1 .. before(b)`` fall into ``a <= t < b``."""
-        return (time_ns - 1) * self._per_period // self._period_ns
+        """Index of the last tick before a time."""
+        return tick_before(time_ns, self.hertz.numerator, self.hertz.denominator)
 
     def time_ns(self, tick: int) -> int:
         """Time of a tick in ns."""
-        return -(-tick * self._period_ns // self._per_period)
+        return tick_time_ns(tick, self.hertz.numerator, self.hertz.denominator)
 
 
-class PhaseAccumulator:
-    """Fraction of a step an axis is ahead of its counter; a signed accumulator that steps on overflow.
+@exactly_compiled
+def ticks_to_overflow(phase: int, rate: int) -> int:
+    """Ticks until an axis steps whose accumulator has this phase, at a signed rate in units / 128; or `NEVER`."""
+    if rate > 0:
+        return (OVERFLOW - phase) // rate + 1
+    if rate < 0:
+        return (OVERFLOW + phase) // -rate + 1
+    return NEVER
 
-    Every tick adds the axis speed, so a new speed counts at once and the fraction is kept. Seven bits below
-    the unit carry the axis speeds of slow paths. The overflow lies a quarter of a half step beyond it, so
-    that a path that runs exactly between two motor positions does not make the motor swing to and fro.
 
-    Attributes
-    ----------
-    phase : int
-        Lead of the commanded position over the counter; `STEP` is one motor step of 2 um.
+@exactly_compiled
+def run_phase(phase: int, rate: int, ticks: int) -> tuple[int, int]:
+    """Let some ticks pass, at most `ticks_to_overflow`, in an accumulator that steps on overflow.
+
+    Its phase is the lead of the commanded position over the counter. Every tick adds the axis speed, so a new speed
+    counts at once and the fraction of a step is kept. Seven bits below the unit carry the axis speeds of slow paths.
+    The overflow lies a quarter of a half step beyond it, so that a path that runs exactly between two motor
+    positions does not make the motor swing to and fro.
+
+    Returns
+    -------
+    (int, int)
+        The phase after them, and the step due: +1, -1, or 0 for none.
     """
-
-    STEP = TIMER_COUNT << 7
-    OVERFLOW = STEP * 5 // 8
-
-    def __init__(self) -> None:
-        self.phase = 0
-
-    def ticks_to_step(self, rate: int) -> int:
-        """Ticks until the axis steps at a signed rate in units / 128; `NEVER` at rate 0."""
-        if rate > 0:
-            return (self.OVERFLOW - self.phase) // rate + 1
-        if rate < 0:
-            return (self.OVERFLOW + self.phase) // -rate + 1
-        return NEVER
-
-    def run(self, rate: int, ticks: int) -> int:
-        """Let some ticks pass, at most `ticks_to_step`; return the step due: +1, -1, or 0 for none."""
-        self.phase += rate * ticks
-        if self.phase > self.OVERFLOW:
-            self.phase -= self.STEP
-            return 1
-        if self.phase < -self.OVERFLOW:
-            self.phase += self.STEP
-            return -1
-        return 0
+    phase += rate * ticks
+    if phase > OVERFLOW:
+        return phase - STEP_PHASE, 1
+    if phase < -OVERFLOW:
+        return phase + STEP_PHASE, -1
+    return phase, 0
 
 
-class ReloadCounter:
-    """A channel of the 8253: counts down from its reload value and interrupts at zero.
+@exactly_compiled
+def loaded(left: int, speed: int) -> int:
+    """Ticks until a channel of the 8253 interrupts: those left, or at 0 the next load (row T-76).
 
-    The interrupt routine reads the axis speed and loads the next count, so a new speed counts from the next
-    step on.
-
-    Attributes
-    ----------
-    left : int
-        Ticks until the interrupt; 0 when nothing is loaded.
+    The interrupt routine reads the axis speed and loads the next count, so a new speed counts from the next step on.
     """
-
-    def __init__(self) -> None:
-        self.left = 0
-
-    def ticks_to_step(self, speed: int) -> int:
-        """Ticks until the interrupt, loading the counter if need be; speed 0 holds the count (row T-76)."""
-        if speed == 0:
-            return NEVER
-        if self.left == 0:
-            self.left = reload_count(speed)
-        return self.left
-
-    def run(self, speed: int, ticks: int) -> bool:
-        """Let some ticks pass, at most `ticks_to_step`; True if the interrupt comes."""
-        if speed == 0:
-            return False
-        self.left -= ticks
-        return self.left == 0
-
-    def stop(self) -> None:
-        """Unload the counter: its axis has arrived."""
-        self.left = 0
+    return reload_count(speed) if left == 0 else left

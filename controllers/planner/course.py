@@ -1,0 +1,121 @@
+"""A planner's path, checked, and its row at the path's start."""
+
+from __future__ import annotations
+
+import math
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from edmsim.controllers.mcu.firmware.arithmetic import WORD
+from edmsim.controllers.mcu.firmware.poscal import STEP_UM, Unit, unit_um
+from edmsim.controllers.mcu.firmware.timers import SPEED_UNIT_NM_S, TIMER_COUNT, timer_clock_hz
+from edmsim.controllers.planner.dda import NM
+from edmsim.controllers.planner.record import DDA, EXACT, PLANNER, Floats, Ints
+from edmsim.controllers.planner.run import begin
+from edmsim.errors import InputError
+from edmsim.geometry import Polyline
+
+
+class Course(NamedTuple):
+    """A planner ready to run, as compiled code takes it.
+
+    Attributes
+    ----------
+    row : (1,) `PLANNER`
+    points_um, along_um : (n, 2), (n,)
+        Corners of the path, each different from the one before, and the length of path up to each.
+    lengths : (n - 1,)
+        Of every straight move in 65 536ths of a motor step, rounded down; 0 but for `DDA`.
+    """
+
+    row: NDArray[np.void]
+    points_um: Floats
+    along_um: Floats
+    lengths: Ints
+
+    @classmethod
+    def of(
+        cls, kind: int, points_um: ArrayLike, speed_unit_nm_s: float = SPEED_UNIT_NM_S, unit: Unit = "um",
+        step_um: float = STEP_UM,
+    ) -> Course:
+        """Begin a path.
+
+        Parameters
+        ----------
+        kind : int
+            Of the planner (see `record`).
+        points_um, speed_unit_nm_s, unit, step_um
+            See `make_planner`.
+
+        Raises
+        ------
+        InputError
+            If the array has another shape, holds what the planner cannot count, leaves the table, or has no two
+            different points.
+        """
+        array = np.asarray(points_um, np.float64)
+        if array.ndim != 2 or array.shape[1] != 2:
+            raise InputError(f"a path needs points in an array of shape (n, 2), not {array.shape}")
+        row: NDArray[np.void] = np.zeros(1, PLANNER)
+        row["kind"], row["step_um"] = kind, step_um
+        row["unit_um"] = size_um = unit_um(unit, round(step_um))
+        if kind == EXACT:
+            points, along = _exact(array)
+        else:
+            grid_um = 1 / NM if kind == DDA and step_um != round(step_um) else size_um
+            # counters of um that are off the grid of steps may pass a corner by half a step
+            _check_counts(array, grid_um, size_um, 0.0 if step_um <= STEP_UM or unit == "step" else step_um)
+            clock = timer_clock_hz(speed_unit_nm_s, step_um)
+            row["hertz"], row["per"] = clock.numerator, clock.denominator
+            points, along = _counted(array)
+        if len(points) < 2:
+            raise InputError(f"a path needs two different points, not {len(points)}")
+        row["last_move"], row["from_um"] = len(points) - 2, array[0]
+        lengths = _lengths(points, step_um) if kind == DDA else np.zeros(len(points) - 1, np.int64)
+        begin(row[0], points)
+        return cls(row, points, along, lengths)
+
+
+def _check_counts(points: Floats, grid_um: float, size_um: int, margin_um: float) -> None:
+    """Refuse points that counters of such units cannot hold, or that lie between those of a grid."""
+    low, high = margin_um, WORD * size_um - margin_um
+    for i, (x, y) in enumerate(points.tolist()):
+        if not (low <= x <= high and low <= y <= high):
+            raise InputError(
+                f"point {i} of the path lies at ({x:g}, {y:g}) um, outside the table's {low:.10g}..{high:.10g} um"
+            )
+        if any(abs(v / grid_um - round(v / grid_um)) > 1e-6 for v in (x, y)):
+            what = f"whole numbers of {grid_um:g} um" if grid_um > 1 else "whole um" if grid_um == 1 else "whole nm"
+            raise InputError(f"a path needs points in {what}: its point {i} is ({x:g}, {y:g}) um")
+
+
+def _counted(points: Floats) -> tuple[Floats, Floats]:
+    """Corners without repetitions, and the length of path up to each."""
+    kept = points[np.concatenate([[True], np.any(np.diff(points, axis=0) != 0.0, axis=1)])]
+    along = [0.0]
+    for a, b in pairwise(kept.tolist()):
+        along.append(along[-1] + math.dist(a, b))
+    return kept, np.array(along)
+
+
+def _exact(points: Floats) -> tuple[Floats, Floats]:
+    """The same of corners that are no whole numbers: those nearer than 0.1 um to the one before are left out."""
+    if not np.isfinite(points).all():
+        raise InputError("a path needs points of finite numbers")
+    line = Polyline(points * 1e-3, closed=False)
+    return line.points * 1e3, line.s * 1e3
+
+
+def _lengths(points: Floats, step_um: float) -> Ints:
+    """Lengths of the moves in 65 536ths of a step, rounded down."""
+    nm = [(round(x * NM), round(y * NM)) for x, y in points.tolist()]
+    return np.array(
+        [
+            math.isqrt(((bx - ax) ** 2 + (by - ay) ** 2) * TIMER_COUNT**2 // round(step_um * NM) ** 2)
+            for (ax, ay), (bx, by) in pairwise(nm)
+        ],
+        np.int64,
+    )

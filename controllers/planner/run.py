@@ -1,0 +1,102 @@
+"""Every kind of planner behind one compiled call."""
+
+from __future__ import annotations
+
+from edmsim.compiled.jit import exactly_compiled
+from edmsim.controllers.mcu.firmware.timers import tick_before
+from edmsim.controllers.planner.dda import dda_path_um, run_dda
+from edmsim.controllers.planner.exact import FINE_PER_UM, path_end, run_exact
+from edmsim.controllers.planner.literal import begin_literal, literal_done, run_literal
+from edmsim.controllers.planner.poscal import begin_poscal, near, run_poscal
+from edmsim.controllers.planner.record import (
+    DDA,
+    EXACT,
+    LITERAL,
+    POSCAL,
+    SINE_TABLE,
+    Floats,
+    Ints,
+    Row,
+    place_um,
+)
+
+
+@exactly_compiled
+def begin(row: Row, points: Floats) -> None:
+    """Aim along the path from its start."""
+    if row.kind in (POSCAL, SINE_TABLE):
+        begin_poscal(row, points)
+    elif row.kind == LITERAL:
+        begin_literal(row, points)
+
+
+@exactly_compiled
+def advance(
+    row: Row, points: Floats, along: Floats, lengths: Ints, start_ns: int, end_ns: int, speed: int, out: Ints
+) -> int:
+    """Run a planner for a window of time; see `Planner.advance`.
+
+    Parameters
+    ----------
+    row : record of `PLANNER`
+        Brought up to date.
+    points, along : (n, 2), (n,)
+        Corners of the path in um, and the length of path up to each; more rows than the path has do no harm.
+    lengths : (n - 1,)
+        Of every move, as `DDA` counts them; 0 of the others.
+    start_ns, end_ns : int
+        The window.
+    speed : int
+        In the planner's units, negative backwards.
+    out : (room, 3)
+        Written: time in ns, axis and direction of each step, as far as there is room.
+
+    Returns
+    -------
+    int
+        Number of the steps, also where there was no room for all; `LIMIT` if one would leave the counters' range.
+    """
+    if row.kind == EXACT:
+        return run_exact(row, points, along, start_ns, end_ns, speed, out)
+    if speed == 0:
+        return 0
+    tick, last = tick_before(start_ns, row.hertz, row.per), tick_before(end_ns, row.hertz, row.per)
+    if row.kind == LITERAL:
+        return run_literal(row, points, tick, last, speed, out)
+    if row.kind == DDA:
+        return run_dda(row, points, lengths, tick, last, speed, out)
+    return run_poscal(row, points, tick, last, speed, out)
+
+
+@exactly_compiled
+def done(row: Row, points: Floats, along: Floats, lengths: Ints) -> bool:
+    """Whether the path's end is reached."""
+    if row.kind == EXACT:
+        return bool(row.along >= path_end(row, along))
+    if row.kind == LITERAL:
+        return literal_done(row, points)
+    if row.kind == DDA:
+        return bool(row.move == row.last_move and row.along == lengths[row.last_move])
+    return bool(row.move == row.last_move and near(row, points, row.last_move + 1))
+
+
+@exactly_compiled
+def path_um(row: Row, points: Floats, along: Floats) -> float:
+    """Length travelled along the path, for counters that stray from it at the foot of their position."""
+    if row.kind == EXACT:
+        return float(row.along / FINE_PER_UM)
+    if row.kind == DDA:
+        return dda_path_um(row, along)
+    x0, y0 = int(points[row.move, 0]), int(points[row.move, 1])
+    x1, y1 = int(points[row.move + 1, 0]), int(points[row.move + 1, 1])
+    length = along[row.move + 1] - along[row.move]
+    run = ((place_um(row, 0) - x0) * (x1 - x0) + (place_um(row, 1) - y0) * (y1 - y0)) / length
+    return float(along[row.move] + min(max(run, 0.0), length))
+
+
+@exactly_compiled
+def travel_um(before: Row, after: Row, points: Floats, along: Floats) -> float:
+    """Length travelled between two states of a planner."""
+    if after.kind == EXACT:
+        return float((after.along - before.along) / FINE_PER_UM)
+    return path_um(after, points, along) - path_um(before, points, along)
