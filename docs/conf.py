@@ -58,7 +58,6 @@ python_maximum_signature_line_length = 90
 autosummary_generate = False
 autodoc_member_order = "bysource"
 autodoc_typehints_format = "short"
-autodoc_preserve_defaults = True
 napoleon_google_docstring = False
 napoleon_use_param = False  # types of the docstrings are prose: shapes, ranges
 napoleon_use_rtype = False

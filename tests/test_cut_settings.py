@@ -36,7 +36,8 @@ def test_the_function_shows_every_option_with_default_and_meaning() -> None:
     for name, field in CutSettings.model_fields.items():
         assert shown[name].default == field.default
         assert shown[name].kind is inspect.Parameter.KEYWORD_ONLY
-        assert f"\n{name} : {shown[name].annotation}\n    " in told
+        default = "optional" if field.default in (None, ()) else f"default {field.default!r}"
+        assert f"\n{name} : {shown[name].annotation}, {default}\n    " in told
         assert field.description
 
 

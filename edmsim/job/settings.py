@@ -217,12 +217,16 @@ def takes_settings(function: _Function) -> _Function:
     own = [p for p in signature.parameters.values() if p.kind is not inspect.Parameter.VAR_KEYWORD]
     function.__signature__ = signature.replace(parameters=[*own, *shown])  # type: ignore[attr-defined]
     if function.__doc__ is not None:
-        meanings = [
-            f"{name} : {kinds[name]}\n        {' '.join((field.description or '').split())}"
-            for name, field in CutSettings.model_fields.items()
-        ]
+        meanings = [_meaning(name, kinds[name]) for name in CutSettings.model_fields]
         function.__doc__ = function.__doc__.replace("{options}", "\n    ".join(meanings))
     return function
+
+
+def _meaning(name: str, kind: str) -> str:
+    """Return an option's entry in a docstring: type, default, meaning."""
+    field = CutSettings.model_fields[name]
+    default = "optional" if field.default in (None, ()) else f"default {field.default!r}"
+    return f"{name} : {kind}, {default}\n        {' '.join((field.description or '').split())}"
 
 
 def _line(error: ValidationError) -> str:
