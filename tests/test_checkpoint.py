@@ -128,18 +128,6 @@ def test_resume_of_a_program_that_was_edited_is_refused(tmp_path: Path) -> None:
         edmsim.cut(program, resume=True, **options)
 
 
-def test_a_checkpoint_of_another_version_is_refused(cut_small: Cut, tmp_path: Path) -> None:
-    interrupted(cut_small, tmp_path, 3)
-    with np.load(tmp_path / NAME) as stored:
-        arrays = dict(stored)
-    told = json.loads(arrays["__json__"].tobytes())
-    del told["format"]  # as it was before there was a number
-    arrays["__json__"] = np.frombuffer(json.dumps(told).encode(), np.uint8)
-    np.savez(tmp_path / NAME, **arrays)
-    with pytest.raises(InputError, match="another version of edmsim wrote the checkpoint; cut anew"):
-        cut_small(out=tmp_path, resume=True, **SHORT)
-
-
 def truncated(data: bytes) -> bytes:
     return data[: len(data) // 2]
 
@@ -180,7 +168,7 @@ def test_checkpoint_of_another_format_is_refused(cut_small: Cut, tmp_path: Path)
     del told["format"]  # as checkpoints had none at first
     arrays["__json__"] = np.frombuffer(json.dumps(told).encode(), np.uint8)
     np.savez(tmp_path / NAME, **arrays)
-    with pytest.raises(InputError, match="written by another version of edmsim; cut anew without --resume") as caught:
+    with pytest.raises(InputError, match="another version of edmsim wrote the checkpoint; cut again without --resume") as caught:
         cut_small(out=tmp_path, resume=True, **SHORT)
     assert str(caught.value).startswith(str(tmp_path / NAME))
 

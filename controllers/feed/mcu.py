@@ -78,7 +78,7 @@ class _Setup(NamedTuple):
         size_um = unit_um(unit)
         line = Polyline(np.asarray(points_um, np.float64) * 1e-3, closed=False)
         points = tuple((round(x * 1e3) // size_um, round(y * 1e3) // size_um) for x, y in line.points)
-        along = line.s * 1e3
+        along = line.s * 1e3 + start_um
         corners = tuple(float(s) for s in along[line.corners(CORNER_DEG)])
         return cls(pulses, (t_i, t_p), machine.t_on_us, unit, points, tuple(float(s) for s in along), corners)
 

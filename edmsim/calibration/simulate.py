@@ -1,4 +1,4 @@
-"""The simulated side of a calibration: a stretch of the log cut anew by a machine with other constants."""
+"""The simulated side of a calibration: a stretch of the log cut again by a machine with other constants."""
 
 from __future__ import annotations
 

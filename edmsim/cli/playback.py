@@ -63,7 +63,7 @@ def report(
     ] = None,
     format: Annotated[str, typer.Option(help="Of these figures: pdf, svg or png.")] = "pdf",
 ) -> None:
-    """Make report.html of a cut anew, or its figures as files."""
+    """Make report.html of a cut again, or its figures as files."""
     from edmsim.job.remake import remake
 
     for file in remake(directory, figures, format, say):

@@ -45,12 +45,12 @@ def load(simulation: Simulation, folder: Path, settings: Mapping[str, Any]) -> f
             arrays = {name: stored[name] for name in stored.files if name != "__json__"}
             told = json.loads(stored["__json__"].tobytes())
         if told.get("format") != FORMAT:
-            raise InputError("another version of edmsim wrote the checkpoint; cut anew without --resume", file)
+            raise InputError("another version of edmsim wrote the checkpoint; cut again without --resume", file)
         _compare(told["settings"], settings, file)
         simulation.restore(arrays, told["values"])
         return float(told["wall_time_s"])
     except (OSError, EOFError, ValueError, LookupError, TypeError, BadZipFile, zlib.error) as error:
-        raise InputError(f"the checkpoint is damaged ({error}); cut anew without --resume", file) from None
+        raise InputError(f"the checkpoint is damaged ({error}); cut again without --resume", file) from None
 
 
 def _compare(stored: Mapping[str, Any], wanted: Mapping[str, Any], file: Path) -> None:

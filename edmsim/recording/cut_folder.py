@@ -52,5 +52,5 @@ def _read_report(file: Path) -> dict[str, Any]:
     except (OSError, ValueError) as error:
         raise InputError(f"not the report of a cut ({error})", file) from None
     if "kerf_section" not in report:
-        raise InputError(f"written by edmsim {report.get('edmsim_version')} without kerf_section: cut anew", file)
+        raise InputError(f"written by edmsim {report.get('edmsim_version')} without kerf_section: cut again", file)
     return report

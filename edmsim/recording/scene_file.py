@@ -56,7 +56,7 @@ def read_scene(file: str | Path) -> Scene:
             arrays = {name: stored[name] for name in stored.files}
         told = json.loads(arrays["told"].tobytes())
         if told["version"] != VERSION:
-            raise InputError(f"written in layout {told['version']}, layout {VERSION} is needed: cut anew", file)
+            raise InputError(f"written in layout {told['version']}, layout {VERSION} is needed: cut again", file)
         return _scene(arrays, told)
     except FileNotFoundError:
         raise InputError("no such file, a part.npz written by a cut is needed", file) from None

@@ -16,7 +16,6 @@ from edmsim.controllers.mcu.dialogue.front_panel import KEYS, FrontPanel
 from edmsim.controllers.mcu.firmware import memory_map as at
 from edmsim.controllers.mcu.firmware.poscal import poscal
 from edmsim.controllers.mcu.firmware.tstates import CPU_HZ
-from edmsim.controllers.planner.literal import LiteralPlanner
 from edmsim.controllers.planner.registry import PLANNERS, make_planner
 from edmsim.controllers.protocols import Step
 from edmsim.errors import InputError
@@ -161,7 +160,7 @@ def test_a_move_is_the_literal_planners(dx, dy, speed):  # T-16, T-17, T-70, T-7
         assert not computer.moving
         return
     assert (computer.signed(at.XVELOC), computer.signed(at.YVELOC)) == poscal(START, target, speed)
-    wanted = LiteralPlanner(np.array([START, target])).advance(0, end, speed)
+    wanted = make_planner("poscal-literal", np.array([START, target])).advance(0, end, speed)
     assert [s for k in range(1, 31) for s in computer.run_until(k * end // 30)] == wanted
     moved = [sum(2 * s.direction for s in wanted if s.axis == axis) for axis in (0, 1)]
     assert computer.position == (START[0] + moved[0], START[1] + moved[1])

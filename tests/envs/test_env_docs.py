@@ -11,7 +11,7 @@ from pathlib import Path
 import gymnasium as gym
 import pytest
 
-from edmsim.envs.lanes import CAUSES
+from edmsim.cosim.stops import WORDS, StopCause
 from edmsim.envs.observation import entries
 from edmsim.envs.registry import EPISODE_STEPS, env_id_of
 
@@ -92,7 +92,8 @@ def test_reward(env):
 
 def test_ends(env, env_name):
     text = section(env, "End of the episode")
-    for cause in CAUSES[1:]:
+    causes = set(StopCause) - {StopCause.RUNNING, StopCause.TIME_LIMIT}  # an episode's time is a truncation
+    for cause in (WORDS[cause].info for cause in causes):
         assert f"``{cause}``" in text
         assert f"`{cause}`" in GUIDE
     assert f"Truncated after {EPISODE_STEPS[env_name]:,} windows" in text
