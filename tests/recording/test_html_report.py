@@ -141,7 +141,7 @@ def test_figures_are_written_as_files(folder: Path) -> None:
     [
         (lambda f: (f / "report.json").unlink(), "report.json: no such file"),
         (lambda f: (f / "report.json").write_text("{"), "report.json: not the report of a cut"),
-        (lambda f: (f / "report.json").write_text('{"settings": {}}'), "without kerf_section: cut anew"),
+        (lambda f: (f / "report.json").write_text('{"settings": {}}'), "without kerf_section: cut again"),
         (lambda f: (f / "windows.parquet").write_bytes(b"PAR1"), "windows.parquet: not a Parquet file"),
         (lambda f: (f / "part.npz").unlink(), "part.npz: no such file"),
         (lambda f: (f / "part.npz").write_bytes((f / "part.npz").read_bytes()[:500]), "part.npz: damaged"),
