@@ -58,11 +58,11 @@ LANE = np.dtype(
 
 ``units`` is the feed in the planner's units, negative backwards; ``longest_ns`` the longest window; ``steps`` how
 many motor steps are planned; ``cause`` why the episode ended. ``step_um, table_um`` are the motor step and the
-table's travel. ``feed_um_s`` is the feed commanded, ``path_um`` the length of the leg behind the lane by its planner. Of
-the last window: ``travel_um`` along the path, ``progress_um`` of the cut and ``area_mm2``, that times the local
-height. ``reached_um`` is the length of
-the leg up to where the wire really is, ``error_um`` its distance from there: a wire pushed against metal bends and
-stays behind its counters. ``cut_um`` is the length of the leg that was cut: it follows the wire by the share of
+table's travel. ``feed_um_s`` is the feed commanded, ``path_um`` the length of the leg behind the lane by its
+planner. Of the last window: ``travel_um`` along the path, ``progress_um`` of the cut and ``area_mm2``, that times
+the local height. ``reached_um`` is the length of the leg up to where the wire really is, ``error_um`` its distance
+from there: a wire pushed against metal bends and stays behind its counters.
+``cut_um`` is the length of the leg that was cut: it follows the wire by the share of
 pulses that ignite, so that a wire pushed into metal, or led through air, cuts nothing until it sparks. ``before_um``
 is the length of the legs before, ``total_um`` of all; ``shorted_s`` for how long there have been nothing but shorts;
 ``setting_us`` on-time and period, now and at first; ``open_V, limit_A, wait_us`` the generator's open voltage, limit
