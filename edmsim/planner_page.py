@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from edmsim.controllers.planner.registry import PLANNERS
 from edmsim.planner_errors import DIRECTIONS_DEG, LONG_UM, SHORT_UM, SPEEDS, STRETCH_UM, Strayed, around, move
-from edmsim.recording.figures.palette import BLUE, GREEN, GRID, INK, MUTED, ORANGE, VERMILION
+from edmsim.recording.figures.palette import BLUE, GREEN, GRID, INK, MUTED, ORANGE, PURPLE, VERMILION
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -169,7 +169,7 @@ def figure(errors: Errors) -> Figure:
 
     drawn = Figure(figsize=(9.0, 3.6), dpi=110, facecolor="white", layout="constrained")
     FigureCanvasAgg(drawn)
-    colours = dict(zip(PLANNERS, (BLUE, VERMILION, GREEN, ORANGE), strict=True))
+    colours = dict(zip(PLANNERS, (BLUE, VERMILION, GREEN, ORANGE, PURPLE), strict=True))
     panels = drawn.subplots(1, 2, sharey=True)
     for axes, speed in zip(panels, (4, 127), strict=True):
         for planner, colour in colours.items():

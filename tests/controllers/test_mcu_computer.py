@@ -16,7 +16,7 @@ from edmsim.controllers.mcu.dialogue.front_panel import KEYS, FrontPanel
 from edmsim.controllers.mcu.firmware import memory_map as at
 from edmsim.controllers.mcu.firmware.poscal import poscal
 from edmsim.controllers.mcu.firmware.tstates import CPU_HZ
-from edmsim.controllers.planner.literal import LiteralPlanner
+from edmsim.controllers.planner.registry import make_planner
 from edmsim.controllers.planner.protocol import Step
 from edmsim.controllers.planner.registry import PLANNERS, make_planner
 from edmsim.errors import InputError
@@ -161,7 +161,7 @@ def test_a_move_is_the_literal_planners(dx, dy, speed):  # T-16, T-17, T-70, T-7
         assert not computer.moving
         return
     assert (computer.signed(at.XVELOC), computer.signed(at.YVELOC)) == poscal(START, target, speed)
-    wanted = LiteralPlanner(np.array([START, target])).advance(0, end, speed)
+    wanted = make_planner("poscal-literal", np.array([START, target])).advance(0, end, speed)
     assert [s for k in range(1, 31) for s in computer.run_until(k * end // 30)] == wanted
     moved = [sum(2 * s.direction for s in wanted if s.axis == axis) for axis in (0, 1)]
     assert computer.position == (START[0] + moved[0], START[1] + moved[1])
@@ -217,7 +217,8 @@ def test_a_planners_steps_come_out_of_the_port_as_they_went_in(planner):  # T-71
     planned, computer = make_planner(planner, points), ready()
     wanted, seen = [], []
     for k, speed in enumerate([127, 30, -60, 1, 0, 127, 127, 127] * 3):
-        steps = planned.advance(k * SECOND // 2, (k + 1) * SECOND // 2, speed)
+        units = round(speed * 262.5 / planned.speed_unit_nm_s)
+        steps = planned.advance(k * SECOND // 2, (k + 1) * SECOND // 2, units)
         wanted += steps
         seen += computer.drive(steps)
         assert computer.position == planned.position_um
