@@ -165,8 +165,6 @@ class Family(ABC):
     def __post_init__(self) -> None:
         """Refuse what cannot be used, before anything is built."""
         constants.resolution(self.resolution)
-        kind_of(self.planner)
-        self._grid_um(self.base)
         if self.action not in _ACTIONS:
             raise InputError(f"unknown action {self.action!r}; there are: {', '.join(_ACTIONS)}")
         if not isinstance(self.history, int) or self.history < 1:
@@ -185,6 +183,7 @@ class Family(ABC):
             raise InputError(f"materials is the text {self.materials!r}: give a list, as [{self.materials!r}]")
         if self.randomise is not None:
             self.base.sample(np.random.default_rng(0), self.randomise or None)
+        self._grid_um(self.base)
 
     @cached_property
     def base(self) -> Machine:

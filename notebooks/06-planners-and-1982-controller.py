@@ -51,7 +51,8 @@ from edmsim.recording.figures.palette import BLUE, GREEN, INK, MUTED, ORANGE, VE
 from edmsim.recording.windows import column
 
 plt.rcParams.update({"figure.dpi": 90, "figure.constrained_layout.use": True, "axes.grid": True, "grid.alpha": 0.3})
-COLOURS = dict(zip(PLANNERS, (BLUE, VERMILION, GREEN, ORANGE), strict=True))
+COUNTING = [name for name, kind in PLANNERS.items() if kind.counts]  # all but the exact one, which has no units
+COLOURS = dict(zip(COUNTING, (BLUE, VERMILION, GREEN, ORANGE), strict=True))
 
 # %% tags=["parameters"]
 directions_deg = list(range(0, 360, 5))  # of the straight moves

@@ -24,7 +24,7 @@ from edmsim.controllers.planner.errors import (
     move,
 )
 from edmsim.controllers.planner.registry import PLANNERS
-from edmsim.recording.figures.palette import BLUE, GREEN, GRID, INK, MUTED, ORANGE, VERMILION
+from edmsim.recording.figures.palette import BLUE, GREEN, GRID, INK, MUTED, ORANGE, PURPLE, VERMILION
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -182,7 +182,7 @@ def figure(errors: Errors) -> Figure:
 
     drawn = Figure(figsize=(9.0, 3.6), dpi=110, facecolor="white", layout="constrained")
     FigureCanvasAgg(drawn)
-    colours = dict(zip(PLANNERS, (BLUE, VERMILION, GREEN, ORANGE), strict=True))
+    colours = dict(zip(PLANNERS, (BLUE, VERMILION, GREEN, ORANGE, PURPLE), strict=True))
     panels = drawn.subplots(1, 2, sharey=True)
     for axes, speed in zip(panels, (4, 127), strict=True):
         for planner, colour in colours.items():

@@ -216,7 +216,8 @@ def test_a_planners_steps_come_out_of_the_port_as_they_went_in(planner):  # T-71
     planned, computer = make_planner(planner, points), ready()
     wanted, seen = [], []
     for k, speed in enumerate([127, 30, -60, 1, 0, 127, 127, 127] * 3):
-        steps = planned.advance(k * SECOND // 2, (k + 1) * SECOND // 2, speed)
+        units = round(speed * 262.5 / planned.speed_unit_nm_s)
+        steps = planned.advance(k * SECOND // 2, (k + 1) * SECOND // 2, units)
         wanted += steps
         seen += computer.drive(steps)
         assert computer.position == planned.position_um

@@ -85,7 +85,7 @@ def test_observation_is_finite_and_within_its_space(make_env, env_name, actions_
 
 
 def test_observation_is_what_its_entries_say(make_env):
-    env = make_env("GapFeed", action="speed", history=2)
+    env = make_env("GapFeed", action="speed", history=2, planner="exact")
     env.reset(seed=1)
     names = [entry.name for entry in entries(2, False)]
     assert len(names) == env.observation_space.shape[0]
@@ -118,7 +118,7 @@ def test_reward_is_the_sum_of_its_terms(make_env):
 
 
 def test_going_back_and_forth_gains_nothing(make_env):
-    env = make_env("GapFeed", action="speed", weights=edmsim.envs.Weights(short=0, open=0))
+    env = make_env("GapFeed", action="speed", planner="exact", weights=edmsim.envs.Weights(short=0, open=0))
     env.reset(seed=1)
     gained = [env.step(np.array([feed], np.float32))[1] for feed in [0.28] * 150 + [-0.28] * 100 + [0.28] * 100]
     assert sum(gained[:150]) > 100
@@ -137,7 +137,7 @@ def test_progress_is_the_path_that_was_cut(make_env):
 
 
 def test_pushing_against_metal_gains_nothing_and_ends_the_episode(make_env):
-    env = make_env("GapFeed", action="speed")
+    env = make_env("GapFeed", action="speed", planner="exact")
     env.reset(seed=1)
     rewards, over = [], False
     while not over:
@@ -217,14 +217,14 @@ def test_machine_may_be_given(make_env):
 
 
 def test_feed_changes_by_the_action(make_env):
-    env = make_env("GapFeed", start_feed_um_s=10.0, max_change_um_s=2.0)
+    env = make_env("GapFeed", start_feed_um_s=10.0, max_change_um_s=2.0, planner="exact")
     env.reset(seed=1)
     feeds = [env.step(np.array([a], np.float32))[4]["feed_um_s"] for a in (0.5, 1.0, -1.0, 3.0)]
     assert feeds == pytest.approx([11, 13, 11, 13])  # beyond 1 is clipped
 
 
 def test_discrete_levels(make_env):
-    env = DiscreteFeed(make_env("GapFeed", action="speed"), levels=(-0.1, 0.0, 0.2))
+    env = DiscreteFeed(make_env("GapFeed", action="speed", planner="exact"), levels=(-0.1, 0.0, 0.2))
     env.reset(seed=1)
     assert [env.step(np.int64(k))[4]["feed_um_s"] for k in range(3)] == pytest.approx([-10, 0, 20])
     with pytest.raises(InvalidAction, match="0 to 2"):
@@ -275,6 +275,7 @@ def test_bad_action(make_env, action, message):
         ("GapFeed", {"materials": ("cheese",)}, "cheese"),
         ("GapFeed", {"randomise": ("weather",)}, "weather"),
         ("GapFeed", {"length_mm": -1.0}, "length_mm"),
+        ("GapFeed", {"planner": "straight"}, "no planner 'straight'"),
         ("GapFeed", {"max_feed_um_s": float("nan")}, "max_feed_um_s"),
         ("GapFeed", {"render_mode": "ascii"}, "ascii"),
         ("HeightStep", {"low_share": 0.0}, "low_share"),

@@ -121,6 +121,7 @@ def test_a_whole_job_in_a_pipe(host):
         (["--speed", "0"], "--speed is above 0, in machine seconds per second, not 0"),
         (["--fault", "rust"], "there is no fault 'rust'; there are serial-noise, drop-out"),
         (["--planner", "spline"], "planner"),
+        (["--planner", "exact"], "cannot count along with the planner exact"),
         (["--resolution", "coarse"], "unknown resolution 'coarse'"),
     ],
 )
