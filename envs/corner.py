@@ -202,6 +202,7 @@ class CornerEnv(EdmEnv):
     start_feed_um_s  ``5.0``            um/s     feed before the first action
     history          ``4``              windows  windows in an observation
     weights          ``None``                    `Weights`, or a mapping of those that differ; above if None
+    planner          ``"poscal"``                makes the motor steps; ``"exact"`` has no greatest feed of its own
     render_mode      ``None``                    ``"rgb_array"`` or ``"human"``
     ===============  =================  =======  =====================================================================
 

@@ -42,7 +42,7 @@ from edmsim.metrology.edges import metal_at
 from edmsim.plant.plant import Plant
 from edmsim.recording.figures.palette import BLUE, GREEN, INK, MUTED, ORANGE, PURPLE, SKY, VERMILION
 from edmsim.validation.quality import corner_rig
-from edmsim.validation.setups import CENTRE_UM, altered
+from edmsim.validation.setups import altered
 from edmsim.validation.strings import static_lag_um
 
 plt.rcParams.update({"figure.dpi": 90, "figure.constrained_layout.use": True, "axes.grid": True, "grid.alpha": 0.3})
@@ -171,7 +171,8 @@ class Corner(NamedTuple):
     def wall_um(self, from_um: tuple[float, float], towards: tuple[float, float]) -> float:
         """Distance from a place to the wall, mean over the height."""
         along = np.arange(0.0, 400.0, 2.0)[:, None] * np.array(towards) / math.hypot(*towards)
-        metal = metal_at(self.plant.field, np.add(CENTRE_UM, (LEG_UM, 0.0)) + from_um + along)
+        corner = np.add(self.plant.machine.base.table.centre_um, (LEG_UM, 0.0))
+        metal = metal_at(self.plant.field, corner + from_um + along)
         return float((1 - metal).sum(axis=1).mean() * 2.0)
 
     @property
@@ -194,7 +195,7 @@ def cut_corner(
     """Cut along +x, then +y; near the corner slower, with a shorter on-time, or with guides that run beyond it."""
     plant = begin(set_up, seed)
     drive = Traverse(plant, feed_um_s)
-    corner = np.add(CENTRE_UM, (LEG_UM, 0.0))
+    corner = np.add(set_up.base.table.centre_um, (LEG_UM, 0.0))
     guides, wire = [], []
     for axis, sign, to_um in ((0, 1, beyond_um), (0, -1, 0.0), (1, 1, LEG_UM)):
         drive.axis = axis

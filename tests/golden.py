@@ -296,7 +296,8 @@ def played(env: Any, actions: Iterable[Any], **reset: Any) -> dict[str, Any]:
 
 def task_cut(env_id: str, windows: int) -> list[Any]:
     """Cut an environment's episode by the counts."""
-    task, law, results = envs.Task(env_id, resolution="fast", planner="exact"), controllers.make("counts"), list[Any]()
+    task, law = envs.Task(env_id, resolution="fast", planner="exact"), controllers.make("counts")
+    results: list[Any] = []
     task.reset(seed=8)
     order = law.reset(task.max_feed_um_s)
     while len(results) < windows and not (results and results[-1].over):

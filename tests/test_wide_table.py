@@ -8,11 +8,12 @@ import pytest
 import edmsim
 from edmsim import models
 from edmsim.controllers.mcu.firmware.poscal import unit_for
-from edmsim.controllers.planner.registry import PLANNERS, make_planner
+from edmsim.controllers.planner.registry import PLANNERS, kind_of, make_planner
 from edmsim.errors import InputError
 from edmsim.plant.constants import full_mechanics, resolution
 
 SECOND = 1_000_000_000
+COUNTING = [name for name in PLANNERS if kind_of(name).counts]
 # From 115 mm down to 15 mm, drawn at odd um.
 LONG = "G21 G90\nG0 X100.001 Y0\nG1 X0 Y20.003\nM2\n"
 
@@ -34,7 +35,7 @@ def cut_on(tmp_path):
     return run
 
 
-@pytest.mark.parametrize("planner", PLANNERS)
+@pytest.mark.parametrize("planner", COUNTING)
 def test_a_job_of_100_mm_is_cut_where_the_table_has_130_mm(cut_on, planner):  # T-61
     result = cut_on(130.0, planner=planner)
     assert result.report["settings"]["position_unit"] == "step"
@@ -62,7 +63,7 @@ def test_more_than_16_bits_of_steps_are_refused(cut_on):  # T-61, T-60
     assert [unit_for(travel) for travel in (65_535, 65_536, 131_070)] == ["um", "step", "step"]
 
 
-@pytest.mark.parametrize("name", PLANNERS)
+@pytest.mark.parametrize("name", COUNTING)
 def test_a_planner_runs_the_same_way_in_either_unit(name):  # T-61
     near = np.array([(4000, 4000), (4300, 4180), (4100, 4180)])
     far = near + 100_000
@@ -75,7 +76,7 @@ def test_a_planner_runs_the_same_way_in_either_unit(name):  # T-61
     assert steps.position_um == tuple(far[-1])
 
 
-@pytest.mark.parametrize("name", PLANNERS)
+@pytest.mark.parametrize("name", COUNTING)
 def test_counting_steps_takes_whole_steps_up_to_131_mm(name):  # T-61, T-A11
     make_planner(name, np.array([(0, 0), (131_070, 131_070)]), unit="step")
     with pytest.raises(InputError, match=r"outside the table's 0\.\.131070 um"):

@@ -24,7 +24,6 @@ from edmsim.plant.plant import Plant
 from edmsim.plant.window import PulseWindow
 from edmsim.plant.workpiece.start_slot import SLOT_GAP_UM, begun_slot
 from edmsim.validation.rows import mean_and_interval
-from edmsim.validation.setups import CENTRE_UM
 
 FASTEST_UM_S = 400.0
 """Feed a controller may command here (ours: above the cutting rate of every set-up measured)."""
@@ -131,7 +130,8 @@ class Cut:
         x = np.arange(self.from_um, self.from_um + self.travel_um - radius - SLOT_GAP_UM, 2 * _STEP_UM)
         if not len(x):
             raise InputError(f"a travel of {self.travel_um:g} um leaves no kerf behind the wire to measure")
-        y = CENTRE_UM[1] + np.arange(-radius - _BESIDE_UM, radius + _BESIDE_UM, _STEP_UM)
+        centre_um = self.plant.machine.base.table.centre_um
+        y = centre_um[1] + np.arange(-radius - _BESIDE_UM, radius + _BESIDE_UM, _STEP_UM)
         places = np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1).reshape(-1, 2)
         cut = 1.0 - metal_at(self.plant.field, places).reshape(-1, len(x), len(y))
         return np.asarray(cut.sum(axis=2).mean(axis=1) * _STEP_UM)
@@ -182,8 +182,9 @@ class Traverse(EvenSteps):
 
 def begin(machine: Machine, seed: int, *, resolution: str = "fast", gap_um: float = SLOT_GAP_UM) -> Plant:
     """Return a plant whose wire stands at the end of a slot, `gap_um` off the metal in front and on both sides."""
-    stock = begun_slot(machine, CENTRE_UM, gap_um=gap_um)
-    return Plant(machine, seed, stock=stock, position_um=CENTRE_UM, resolution=resolution)
+    centre_um = machine.base.table.centre_um
+    stock = begun_slot(machine, centre_um, gap_um=gap_um)
+    return Plant(machine, seed, stock=stock, position_um=centre_um, resolution=resolution)
 
 
 def cut_straight(

@@ -30,7 +30,7 @@ class Arc:
 
 
 @dataclass(frozen=True)
-class Motion:
+class CuttingMotion:
     """One cutting motion from ``start`` to ``end`` (``x + 1j * y`` in mm); straight if ``arc`` is None."""
 
     start: complex
@@ -63,7 +63,7 @@ class Motion:
         return tuple(arc_points(self.start, self.end, centre, self.arc.turn))
 
 
-def prefer_absolute(motions: Sequence[Motion]) -> tuple[bool, list[tuple[str, int]]]:
+def prefer_absolute(motions: Sequence[CuttingMotion]) -> tuple[bool, list[tuple[str, int]]]:
     """Decide what I J mean where both readings fit: what most of the arcs mean that fit one reading only.
 
     Returns
@@ -87,7 +87,7 @@ def prefer_absolute(motions: Sequence[Motion]) -> tuple[bool, list[tuple[str, in
     return absolute, [(text, line) for text, line in notices if text]
 
 
-def _told(motion: Motion, fits: tuple[bool, bool], absolute: bool) -> str:
+def _told(motion: CuttingMotion, fits: tuple[bool, bool], absolute: bool) -> str:
     if not fits[0]:
         return "I J are taken as an absolute arc centre: only so do start and end radius agree"
     if motion.arc is None or motion.arc.relative == motion.arc.absolute:
@@ -96,7 +96,7 @@ def _told(motion: Motion, fits: tuple[bool, bool], absolute: bool) -> str:
     return f"I J fit both as relative and as absolute centre: taken as {meant}"
 
 
-def _misfit(motion: Motion) -> str:
+def _misfit(motion: CuttingMotion) -> str:
     def told(centre: complex) -> str:
         return "start radius {:.4f} and end radius {:.4f} mm".format(*radii(motion.start, motion.end, centre))
 

@@ -13,7 +13,7 @@ from pathlib import Path
 from edmsim.errors import InputError
 from edmsim.program.arcs import centre_from_radius
 from edmsim.program.blocks import Block, read_blocks, read_text
-from edmsim.program.centres import Arc, Motion, prefer_absolute
+from edmsim.program.centres import Arc, CuttingMotion, prefer_absolute
 from edmsim.program.outline import CutMove, Outline, Program, Run, Side, outline_of
 
 TABLE_MM = 65.0
@@ -63,7 +63,7 @@ class _Interpreter:
         self.moved = False
         self.start_known = False
         self.notices = _Notices()
-        self.runs: list[tuple[Side | None, list[Motion], list[tuple[int, float]]]] = []
+        self.runs: list[tuple[Side | None, list[CuttingMotion], list[tuple[int, float]]]] = []
         self._open_run()
 
     def error(self, reason: str, block: Block) -> InputError:
@@ -179,7 +179,7 @@ class _Interpreter:
             self.notices.add("neither G92 nor G0 before the first cut: the wire starts at X0 Y0", block.line)
             self.start_known = True
         arc = self._arc(block, end) if self.motion in (2, 3) else None
-        self.runs[-1][1].append(Motion(self.position, end, self.side, block.line, arc))
+        self.runs[-1][1].append(CuttingMotion(self.position, end, self.side, block.line, arc))
 
     def _arc(self, block: Block, end: complex) -> Arc:
         turn = -1 if self.motion == 2 else 1

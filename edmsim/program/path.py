@@ -14,12 +14,10 @@ from numpy.typing import NDArray
 from shapely.geometry.base import BaseGeometry
 
 from edmsim.errors import InputError
+from edmsim.machine.machine import Machine
 from edmsim.program.lead_in import LEAD_IN_MM, START_HOLE_RADIUS_MM, check_approach, own_lead_in
 from edmsim.program.offset import check_reach, nearest_chords, normal, offset_closed, offset_open
 from edmsim.program.outline import Outline, Program, Side, signed_area
-
-TABLE_UM = 65_000
-"""Travel of each axis of the laboratory machine's table in um (row T-61: 65 x 65 mm, 16-bit coordinates)."""
 
 STOCK_MARGIN_MM = 3.0
 """Blank left around the job in mm, clipped to the table (ours)."""
@@ -149,7 +147,7 @@ def plan_path(
     offset: float | str = "auto",
     *,
     auto_offset_mm: float,
-    table_um: int = TABLE_UM,
+    table_um: int | None = None,
     grid_um: int = 1,
     lead_in_mm: float = LEAD_IN_MM,
     start_hole_radius_mm: float = START_HOLE_RADIUS_MM,
@@ -173,8 +171,8 @@ def plan_path(
         mm, also as text.
     auto_offset_mm : float
         Wire radius and expected side gap together, in mm.
-    table_um : int
-        Travel of each axis of the table, in um.
+    table_um : int, optional
+        Travel of each axis of the table, in um; by default that of the standard machine.
     grid_um : int
         Points are whole multiples of it: 1, or 2 where the controller counts motor steps (row T-61).
     lead_in_mm : float
@@ -196,6 +194,8 @@ def plan_path(
     for name, value in (("lead_in_mm", lead_in_mm), ("start_hole_radius_mm", start_hole_radius_mm)):
         if not (math.isfinite(value) and value > 0):
             raise InputError(f"{name} is {value}: give a length above 0 mm")
+    if table_um is None:
+        table_um = round(Machine.load().base.table.travel_mm.value * 1e3)
     program = load_program(file)
     notices = list(program.notices)
     legs = [_leg(program, outline, offset_mm, notices) for outline in program.outlines]

@@ -15,7 +15,7 @@ from edmsim.machine.machine import Machine
 from edmsim.metrology.roughness import roughness_um
 from edmsim.validation.breakage import sato_rig
 from edmsim.validation.rows import Check, Row, mean_and_interval
-from edmsim.validation.setups import CENTRE_UM, altered
+from edmsim.validation.setups import altered
 
 ROUGHNESS = "usual: Ra = C E^n, n = 0.3..0.4; rough cuts 2.5..4 um"
 HABIB = "Habib, Mech. Adv. Mater. Mod. Process. 3 (2017), doi:10.1186/s40759-017-0017-1: linear term"
@@ -199,25 +199,25 @@ def cut_corner(
     CornerPass
         NaN if the wire broke on the way, or did not come round within `LONGEST_S`.
     """
-    plant = begin(machine, seed)
+    plant, centre_um = begin(machine, seed), machine.base.table.centre_um
     traverse = Traverse(plant, feed)
     places, lags = [], []
     for axis, length_um in ((0, BEFORE_UM), (1, AFTER_UM)):
         traverse.axis = axis
-        while plant.commanded_um[axis] - CENTRE_UM[axis] < length_um:
+        while plant.commanded_um[axis] - centre_um[axis] < length_um:
             window = traverse.window()
             if window.broken or plant.time_ns > LONGEST_S * 1e9:
                 return CornerPass(math.nan, math.nan, math.nan)
             x, y = plant.commanded_um
             deflection = window.deflection_um
             places.append((x + deflection[0], y + deflection[1]))
-            if axis == 0 and x - CENTRE_UM[0] > BEFORE_UM / 2:
+            if axis == 0 and x - centre_um[0] > BEFORE_UM / 2:
                 lags.append(-deflection[0])
             if watch is not None:
                 watch(deflection, axis == 1)
-    corner_um = (plant.commanded_um[0], CENTRE_UM[1])
+    corner_um = (plant.commanded_um[0], centre_um[1])
     beyond_um = (corner_um[0], plant.commanded_um[1] + AFTER_UM)  # a wire that leads is ahead of the guides' end
-    guides = LineString([CENTRE_UM, corner_um, beyond_um])
+    guides = LineString([centre_um, corner_um, beyond_um])
     count = max(1, round(len(places) * SMOOTHED_UM / (BEFORE_UM + AFTER_UM)))
     path = np.lib.stride_tricks.sliding_window_view(np.array(places), count, axis=0).mean(axis=-1)
     nearest = min(math.dist(place, corner_um) for place in path)

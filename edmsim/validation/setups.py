@@ -12,8 +12,6 @@ from edmsim.plant.plant import Plant
 from edmsim.plant.window import PulseWindow
 from edmsim.plant.workpiece.kerf_field import Stock
 
-CENTRE_UM = (32_500.0, 32_500.0)
-"""Middle of the table."""
 STILL: Mapping[str, float] = {
     "material.removal_mm3_J": 1e-15,
     "base.discharge.impulse_10mJ_Ns": 0.0,
@@ -65,10 +63,10 @@ def in_a_hole(machine: Machine, gap_um: float, seed: int, *, resolution: str = "
     gap_um : float
         Between the wire's surface and the hole's wall.
     """
-    x, y = CENTRE_UM
+    centre_um = x, y = machine.base.table.centre_um
     radius = machine.wire_diameter_um / 2 + gap_um
     stock = Stock((x - 3_000, y - 3_000, x + 3_000, y + 3_000), ((x, y, radius),))
-    return Plant(machine, seed, stock=stock, position_um=CENTRE_UM, resolution=resolution)
+    return Plant(machine, seed, stock=stock, position_um=centre_um, resolution=resolution)
 
 
 FRAIL: Mapping[str, float] = {"wire.strength_MPa": 1e-6}

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from edmsim.controllers import make
-from edmsim.cosim.straight import CENTRE_UM, Cut, Traverse, begin, cut_straight
+from edmsim.cosim.straight import Cut, Traverse, begin, cut_straight
 from edmsim.machine.machine import Machine
 from edmsim.validation.breakage import STABLE_HZ, break_limit_A, sato_rig
 from edmsim.validation.pulse_ratios import drum_um
@@ -17,6 +17,8 @@ from edmsim.validation.setups import altered
 
 PULL = "base.dielectric.permittivity"
 GAIN = "base.gap.debris_gain"
+
+CENTRE_X_UM = 32_500.0
 
 
 @pytest.fixture(scope="module")
@@ -48,7 +50,7 @@ def tall():
 def test_the_kerf_of_an_untouched_slot_is_wire_and_two_gaps(gap, machine):  # T-14
     plant = begin(altered(machine, {"material.removal_mm3_J": 1e-15}), 1, gap_um=gap)
     window = plant.advance()
-    slot = Cut(plant, [window], CENTRE_UM[0] - 250.0, 250.0)
+    slot = Cut(plant, [window], CENTRE_X_UM - 250.0, 250.0)
     np.testing.assert_allclose(slot.kerf_um, 250.0 + 2 * gap, atol=1.0)
 
 
@@ -58,7 +60,7 @@ def test_a_traverse_travels_at_its_feed_whatever_the_period(generator):
     traverse = Traverse(plant, 37.0)
     windows = traverse.run(2.0)
     seconds = sum(w.duration_ns for w in windows) * 1e-9
-    assert plant.commanded_um[0] - CENTRE_UM[0] == pytest.approx(37.0 * seconds, abs=2.0)
+    assert plant.commanded_um[0] - CENTRE_X_UM == pytest.approx(37.0 * seconds, abs=2.0)
 
 
 def test_the_fast_resolution_tells_the_same(usual, machine):

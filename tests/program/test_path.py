@@ -11,9 +11,10 @@ from hypothesis import strategies as st
 
 from edmsim.errors import InputError
 from edmsim.program import load_program, plan_path
-from edmsim.program.path import STOCK_MARGIN_MM, TABLE_UM
+from edmsim.program.path import STOCK_MARGIN_MM
 
 OFFSET_MM = 0.155
+TABLE_UM = 65_000
 PUNCH = "G92 X5 Y-2\nG41 D0 G1 X5 Y0\nX0\nY8\nX10\nY0\nX5\nG40 Y-2\nM02\n"
 ROBOFIL = "G92\nG42 D0\nG90\nG0 X5.0 Y0\nG1 X0\nY8\nX10\nY0\nX5\nM02\n"
 ROUNDING_MM = 0.002

@@ -138,11 +138,12 @@ def test_the_lengths_of_programs() -> None:
     from edmsim.program import gcode, lead_in, outline, path
 
     words = " ".join(page("guide/programs").split())
+    travel_mm = edmsim.Machine.load().base.table.travel_mm.value
     for said in (
         f"span {gcode.TABLE_MM:g} or less", f"span {gcode.LEAST_WHOLE_UM} or more",
         f"closes within {outline.JOIN_TOLERANCE_MM * 1e3:g} um", f"lead-in of {lead_in.LEAD_IN_MM:g} mm",
         f"radius of {lead_in.START_HOLE_RADIUS_MM:g} mm", f"ends {path.STOCK_MARGIN_MM:g} mm beside",
-        f"({path.TABLE_UM / 1e3:g} x {path.TABLE_UM / 1e3:g} mm on the usual machine)",
+        f"({travel_mm:g} x {travel_mm:g} mm on the usual machine)",
     ):
         assert said in words
 
