@@ -268,7 +268,7 @@ def calibrate(
     from edmsim.calibration import calibrate as run
     from edmsim.calibration.output import as_json, check_writable, render, write
     from edmsim.machine.machine import Machine
-    from edmsim.plant.constants import resolution as check_resolution
+    from edmsim.plant.resolution import resolution as check_resolution
 
     check_resolution(resolution)
     check_writable(out)

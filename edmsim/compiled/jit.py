@@ -92,13 +92,17 @@ def _drop_unused(root: Path) -> None:
 _FOLDER = _cache_folder()
 
 
-def compiled(function: Callable[_P, _R]) -> Callable[_P, _R]:
-    """Compile a function: no Python objects, no GIL, machine code kept between runs."""
+def in_cache(make: Callable[[Any], Any], function: Callable[..., Any]) -> Any:
+    """Apply one of numba's decorators to a function, its machine code kept in the folder of these sources."""
     config: Any = numba.config
     before = config.CACHE_DIR
     config.CACHE_DIR = str(_FOLDER)
     try:
-        jit = numba.njit(**_OPTIONS)
-        return cast("Callable[_P, _R]", jit(function))
+        return make(function)
     finally:
         config.CACHE_DIR = before
+
+
+def compiled(function: Callable[_P, _R]) -> Callable[_P, _R]:
+    """Compile a function: no Python objects, no GIL, machine code kept between runs."""
+    return cast("Callable[_P, _R]", in_cache(numba.njit(**_OPTIONS), function))

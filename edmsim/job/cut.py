@@ -21,9 +21,9 @@ from edmsim.job import checkpoint
 from edmsim.machine.machine import Machine
 from edmsim.metrology.edges import contour
 from edmsim.metrology.inspection import inspect, totals
-from edmsim.plant.constants import resolution as check_resolution
 from edmsim.plant.mechanics.mjcf import own_text
 from edmsim.plant.plant import MECHANICS
+from edmsim.plant.resolution import resolution as check_resolution
 from edmsim.plant.workpiece.kerf_field import KerfField
 from edmsim.program.heights import Area, Height, Heights
 from edmsim.program.path import CutPath, plan_path

@@ -68,6 +68,12 @@ class Table(_Frozen):
     presliding_um: Positive
     backlash_um: Constant
 
+    @property
+    def centre_um(self) -> tuple[float, float]:
+        """Middle of the table, x and y."""
+        middle = self.travel_mm.value * 1e3 / 2
+        return middle, middle
+
 
 class Guides(_Frozen):
     """Wire guides, damping and running of the wire."""
