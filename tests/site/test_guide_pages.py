@@ -18,7 +18,7 @@ import edmsim
 from edmsim import controllers
 from edmsim.cli import app as cli
 from edmsim.cosim import simulation as cosim
-from edmsim.plant.constants import resolution
+from edmsim.plant.resolution import resolution
 
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
