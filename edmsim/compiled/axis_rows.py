@@ -51,8 +51,8 @@ DRIVE = np.dtype(
 """A drive. The plant writes ``sample`` (address of the compiled function, 0 for a drive without a loop), the due time
 of the next sample (its number is ``index``, the period ``num / den`` ns), and ``setpoint``, the step edges up less
 those down. The drive writes ``command``, the share of the motor's supply voltage (-1 to 1, held until the next
-sample), and its output ``lines``. ``reg`` and ``real`` are its own: parameters, ramps, what it remembers. All of it is
-part of the plant's snapshot."""
+sample), and its output ``lines``. ``reg`` and ``real`` are its own: parameters, ramps, what it remembers. All of
+it is part of the plant's snapshot."""
 
 AXIS = np.dtype(
     [

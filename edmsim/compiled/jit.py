@@ -106,3 +106,8 @@ def in_cache(make: Callable[[Any], Any], function: Callable[..., Any]) -> Any:
 def compiled(function: Callable[_P, _R]) -> Callable[_P, _R]:
     """Compile a function: no Python objects, no GIL, machine code kept between runs."""
     return cast("Callable[_P, _R]", in_cache(numba.njit(**_OPTIONS), function))
+
+
+def compiled_apart(function: Callable[_P, _R]) -> Callable[_P, _R]:
+    """Compile a function that is called, not inlined: what is seldom needed leaves the loop around it as it is."""
+    return cast("Callable[_P, _R]", in_cache(numba.njit(**{**_OPTIONS, "forceinline": False}), function))

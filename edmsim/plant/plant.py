@@ -65,7 +65,7 @@ class Plant(PlantView):
         What moves table and wire: the exact propagation of their modes, or MuJoCo stepping the full model, whose
         motors can lose steps and whose ways rub.
     drives : mapping of str to drive, optional
-        Drives by axis, ``x y u v`` (see `edmsim.controllers.axis`); an axis that is not named has a stepper. The plant
+        By axis, ``x y u v`` (see `edmsim.controllers.axis`); an axis that is not named has a stepper. The plant
         works with copies of them.
 
     Attributes

@@ -120,9 +120,10 @@ def wrong_step(rows: NDArray[np.int64], now_ns: int, lines: bool) -> str:
     """Say which step the loop refused; with `lines`, drives have input lines, too."""
     before = now_ns
     for time_ns, axis, direction in rows.tolist():
-        if axis not in range(N_AXES) or direction not in (-1, 1):
-            if not (lines and axis in range(N_AXES, N_CHANNELS) and direction in (0, 1)):
-                return f"a step needs axis 0 to {N_AXES - 1} and direction +1 or -1, not {axis} and {direction}"
+        is_step = axis in range(N_AXES) and direction in (-1, 1)
+        is_line = lines and axis in range(N_AXES, N_CHANNELS) and direction in (0, 1)
+        if not (is_step or is_line):
+            return f"a step needs axis 0 to {N_AXES - 1} and direction +1 or -1, not {axis} and {direction}"
         if time_ns < before:
             return f"the step at {time_ns} ns lies before {before} ns: steps come in order of time"
         before = time_ns

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from edmsim.compiled.axis_rows import N_AXES
 from edmsim.compiled.calls import call_with_two
-from edmsim.compiled.jit import compiled
+from edmsim.compiled.jit import compiled, compiled_apart
 from edmsim.plant.axes.encoder import read_axis
 from edmsim.plant.axes.motor import coast
 from edmsim.plant.kernel.state import TILED_UM, Arrays, Axes, Propagators, Timing
@@ -86,6 +86,37 @@ def in_reach(state: NDArray[np.void]) -> bool:
     return fine
 
 
+@compiled_apart
+def _run_drives(
+    state: NDArray[np.void], a: Arrays, axes: Axes, p: Propagators, t: Timing, k_period: int, step_um: float,
+    events: NDArray[np.int64], next_event: int, until_ns: int, full: bool,
+) -> int:
+    """Take events and samples in order of time, where a drive has a loop; see `advance_axes`."""
+    passed = 0
+    while True:
+        who, due_ns = _first_due(axes, events, next_event, until_ns)
+        if not full:
+            k = k_period - min(int((until_ns - due_ns) * 1e-3 / t.grid_us + 0.5), k_period)
+            coast(state, axes, max(k - passed, 0))
+            passed = max(k, passed)
+        if not in_reach(state):
+            return LOST
+        if who == _NOBODY:
+            return next_event
+        if who == _EVENT:
+            channel, value = events[next_event, 1], events[next_event, 2]
+            if channel >= N_AXES:
+                _take_line(axes, channel, value)
+            elif axes.drives[channel].sample == 0:
+                _take_step(state, a, p, t, k_period, step_um, due_ns, channel, value, until_ns, full)
+            else:
+                axes.drives[channel].setpoint += value
+                state[0].commanded_um[channel] += value * step_um
+            next_event += 1
+        elif not _sample(axes, who):
+            return LOST
+
+
 @compiled
 def advance_axes(
     state: NDArray[np.void], a: Arrays, axes: Axes, p: Propagators, t: Timing, k_period: int, step_um: float,
@@ -120,26 +151,4 @@ def advance_axes(
             _take_step(state, a, p, t, k_period, step_um, time_ns, axis, direction, until_ns, full)
             next_event += 1
         return next_event
-    passed = 0
-    while True:
-        who, due_ns = _first_due(axes, events, next_event, until_ns)
-        if not full:
-            k = k_period - min(int((until_ns - due_ns) * 1e-3 / t.grid_us + 0.5), k_period)
-            coast(state, axes, max(k - passed, 0))
-            passed = max(k, passed)
-        if not in_reach(state):
-            return LOST
-        if who == _NOBODY:
-            return next_event
-        if who == _EVENT:
-            channel, value = events[next_event, 1], events[next_event, 2]
-            if channel >= N_AXES:
-                _take_line(axes, channel, value)
-            elif axes.drives[channel].sample == 0:
-                _take_step(state, a, p, t, k_period, step_um, due_ns, channel, value, until_ns, full)
-            else:
-                axes.drives[channel].setpoint += value
-                state[0].commanded_um[channel] += value * step_um
-            next_event += 1
-        elif not _sample(axes, who):
-            return LOST
+    return _run_drives(state, a, axes, p, t, k_period, step_um, events, next_event, until_ns, full)

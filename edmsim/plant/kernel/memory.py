@@ -33,8 +33,10 @@ _GROUPS: dict[str, Any] = {
 }
 _RECORDS: dict[str, Any] = {"constants": Constants, "heat": HeatLaw, "timing": Timing}
 _NAMES = {kind: name for name, kind in (*_GROUPS.items(), *_RECORDS.items())}
+_COUNTED = "tiles", "index_side", "pulses"
+"""Lengths of `Sizes` that change while a plant is at work."""
 _TABLE = np.dtype(
-    [("tiles", "i8"), ("index_side", "i8"), ("pulses", "i8")]
+    [(name, "i8") for name in _COUNTED]
     + [(name, entries_of(kind)) for name, kind in _GROUPS.items()]
     + [(name, "i8") for name in _RECORDS]
 )
@@ -75,7 +77,7 @@ class Memory:
             self._sizes = self._sizes._replace(tiles=len(arrays["tiles"]), index_side=len(arrays["tile_index"]))
         if "pulses" in arrays:
             self._sizes = self._sizes._replace(pulses=len(arrays["pulses"]))
-        for length in ("tiles", "index_side", "pulses"):
+        for length in _COUNTED:
             self._table[length] = getattr(self._sizes, length)
         self._put("own", Own, arrays)
 
@@ -130,7 +132,7 @@ def _rows_of(of: Any) -> Any:
 
 
 def _group_of(group: Any) -> Any:
-    """In compiled code, make a declared group of its entries in the table and the lengths."""
+    """In compiled code, make a declared group of its entries in the table and the numbers of `Sizes`."""
     unpack: Any = cgutils.unpack_tuple
     fields, entries_type = fields_of(group), cast(Any, from_dtype(entries_of(group)))
     named_tuple: Any = types.NamedTuple
@@ -141,11 +143,11 @@ def _group_of(group: Any) -> Any:
     made = named_tuple(tuple(kinds), group)
 
     @intrinsic
-    def view(_context: Any, entries: Any, sizes: Any) -> Any:
+    def view(_context: Any, entries: Any, lengths: Any) -> Any:
         def generate(context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
             named = {
                 name: context.cast(builder, value, from_, types.intp)
-                for name, value, from_ in zip(Sizes._fields, unpack(builder, arguments[1]), sizes, strict=True)
+                for name, value, from_ in zip(Sizes._fields, unpack(builder, arguments[1]), lengths, strict=True)
             }
             values = []
             for field, kind in zip(fields, kinds, strict=True):
@@ -155,26 +157,76 @@ def _group_of(group: Any) -> Any:
                 )
                 value = context.unpack_value(builder, entry, place)
                 if field.kept is not None:
-                    lengths = [
+                    sides = [
                         named[n] if isinstance(n, str) else context.get_constant(types.intp, n)
                         for n in field.kept.shape
                     ]
-                    value = _array(context, builder, kind, value, lengths)
+                    value = _array(context, builder, kind, value, sides)
                 values.append(value)
             return context.make_tuple(builder, made, values)
 
-        return made(entries, sizes), generate
+        return made(entries, lengths), generate
 
     return view
 
 
 _rows, _table = _rows_of(types.int64), _rows_of(from_dtype(_TABLE))
 _constants, _heat, _timing = (_rows_of(from_dtype(numbers_of(record))) for record in _RECORDS.values())
-_own, _arrays, _propagators, _scratch, _axes, _link, _law = (_group_of(group) for group in _GROUPS.values())
+_own_of, _arrays_of, _propagators_of, _scratch_of, _axes_of, _link_of, _law_of = (
+    _group_of(group) for group in _GROUPS.values()
+)
+
+
+@compiled
+def _lengths(slices: int, rays: int, coordinates: int, at: Any) -> tuple[int, ...]:
+    """Numbers of `Sizes` for a plant's table."""
+    return (
+        slices, filled(slices), rays, filled(rays, GAPS), filled(coordinates), coordinates, 2 * coordinates + 4,
+        at.tiles, at.index_side, at.pulses,
+    )
+
+
+# a function per group, though one could do: the compiler orders the loop's sums by how it learns of the lengths
+
+
+@compiled
+def _own(at: Any, slices: int, rays: int, coordinates: int) -> Own:
+    return _own_of(at.own, _lengths(slices, rays, coordinates, at))
+
+
+@compiled
+def _arrays(at: Any, slices: int, rays: int, coordinates: int) -> Arrays:
+    return _arrays_of(at.arrays, _lengths(slices, rays, coordinates, at))
+
+
+@compiled
+def _propagators(at: Any, slices: int, rays: int, coordinates: int) -> Propagators:
+    return _propagators_of(at.propagators, _lengths(slices, rays, coordinates, at))
+
+
+@compiled
+def _scratch(at: Any, slices: int, rays: int, coordinates: int) -> Scratch:
+    return _scratch_of(at.scratch, _lengths(slices, rays, coordinates, at))
+
+
+@compiled
+def _axes(at: Any, slices: int, rays: int, coordinates: int) -> Axes:
+    return _axes_of(at.axes, _lengths(slices, rays, coordinates, at))
+
+
+@compiled
+def _link(at: Any, slices: int, rays: int, coordinates: int) -> FullLink:
+    return _link_of(at.link, _lengths(slices, rays, coordinates, at))
+
+
+@compiled
+def _law(at: Any, slices: int, rays: int, coordinates: int) -> GapLaw:
+    return _law_of(at.law, _lengths(slices, rays, coordinates, at))
+
 
 CALL = 5
 """Numbers of a call for one plant (int64): address of its `Memory`'s table, address of the window's events (int64;
-time, channel and value in a row), number of events, pulses to fire, and what the call writes: how the window ended."""
+time, channel and value in a row), number of events, and pulses to fire; the call writes how the window ended."""
 
 
 @functools.cache
@@ -190,17 +242,14 @@ def window_function(slices: int, rays: int, coordinates: int, full: bool) -> Cal
         rows = _rows(calls, (count, CALL))
         for k in range(count):
             at = _table(rows[k, 0], (1,))[0]
-            sizes = Sizes(
-                slices, filled(slices), rays, filled(rays, GAPS), filled(coordinates), coordinates,
-                2 * coordinates + 4, at.tiles, at.index_side, at.pulses,
-            )
-            own = _own(at.own, sizes)
+            own = _own(at, slices, rays, coordinates)
             rows[k, 4] = fire_window(
-                own.state, own.window, _arrays(at.arrays, sizes), own.tiles, own.tile_index,
-                _constants(at.constants, (1,))[0], _law(at.law, sizes), _heat(at.heat, (1,))[0],
-                _timing(at.timing, (1,))[0], _propagators(at.propagators, sizes),
-                _scratch(at.scratch, sizes), _axes(at.axes, sizes), _link(at.link, sizes), full,
-                _rows(rows[k, 1], (rows[k, 2], 3)), own.pulses, rows[k, 3],
+                own.state, own.window, _arrays(at, slices, rays, coordinates), own.tiles, own.tile_index,
+                _constants(at.constants, (1,))[0], _law(at, slices, rays, coordinates), _heat(at.heat, (1,))[0],
+                _timing(at.timing, (1,))[0], _propagators(at, slices, rays, coordinates),
+                _scratch(at, slices, rays, coordinates), _axes(at, slices, rays, coordinates),
+                _link(at, slices, rays, coordinates), full, _rows(rows[k, 1], (rows[k, 2], 3)), own.pulses,
+                rows[k, 3],
             )
 
     return advance
