@@ -94,8 +94,6 @@ class Lanes:
         position = float(start[0]), float(start[1])
         plant = self.fleet.plants[lane]
         if before is not None and before.machine is machine:
-            if plant.machine is not machine:
-                plant.set_generator(machine.t_on_us, machine.t_period_us)
             plant.reset(scenario.plant_seed, stock=scenario.stock, position_um=position)
         else:
             plant = Plant(

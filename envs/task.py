@@ -20,7 +20,7 @@ from edmsim.envs.reward import Weights
 from edmsim.errors import InputError
 from edmsim.machine.machine import Machine
 from edmsim.machine.setting import check_height
-from edmsim.plant import constants
+from edmsim.plant.resolution import resolution
 from edmsim.plant.workpiece.kerf_field import Stock
 
 if TYPE_CHECKING:
@@ -164,7 +164,7 @@ class Family(ABC):
 
     def __post_init__(self) -> None:
         """Refuse what cannot be used, before anything is built."""
-        constants.resolution(self.resolution)
+        resolution(self.resolution)
         if self.action not in _ACTIONS:
             raise InputError(f"unknown action {self.action!r}; there are: {', '.join(_ACTIONS)}")
         if not isinstance(self.history, int) or self.history < 1:

@@ -265,7 +265,7 @@ def resumed(stop_s: float, program: str, **options: Any) -> dict[str, Any]:
         return {"cut": {**cut(program, **options), "progress": None}}
     folder = Path(f"{program}-{stop_s}-{len(options)}")
     with suppress(KeyboardInterrupt):
-        cut(program, out=folder, watch=lambda p: p.time_s < stop_s or signal.default_int_handler(signal.SIGINT, None), **options)
+        cut(program, out=folder, watch=lambda p: p.time_s < stop_s or signal.default_int_handler(2, None), **options)
     files = sorted(file.name for file in folder.iterdir())
     return {"files": files, "cut": {**cut(program, out=folder, resume=True, **options), "progress": None}}
 

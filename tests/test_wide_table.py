@@ -10,7 +10,8 @@ from edmsim import models
 from edmsim.controllers.mcu.firmware.poscal import unit_for
 from edmsim.controllers.planner.registry import PLANNERS, kind_of, make_planner
 from edmsim.errors import InputError
-from edmsim.plant.constants import full_mechanics, resolution
+from edmsim.plant.constants import full_mechanics
+from edmsim.plant.resolution import resolution
 
 SECOND = 1_000_000_000
 COUNTING = [name for name in PLANNERS if kind_of(name).counts]

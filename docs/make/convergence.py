@@ -18,7 +18,7 @@ from edmsim.controllers import make
 from edmsim.cosim.straight import Cut, cut_straight
 from edmsim.job.cut import cut
 from edmsim.machine.machine import Machine
-from edmsim.plant.constants import RESOLUTIONS
+from edmsim.plant.resolution import RESOLUTIONS
 from edmsim.validation.rows import mean_and_interval
 
 SEEDS = (0, 1, 2, 3)

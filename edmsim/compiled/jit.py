@@ -93,24 +93,30 @@ def _drop_unused(root: Path) -> None:
 _FOLDER = _cache_folder()
 
 
-def compiled(function: Callable[_P, _R]) -> Callable[_P, _R]:
-    """Compile a function: no Python objects, no GIL, machine code kept between runs."""
-    return _compile(function, _OPTIONS)
-
-
-def exactly_compiled(function: Callable[_P, _R]) -> Callable[_P, _R]:
-    """Compile what runs a few times per window: as `compiled`, but every operation is rounded as it is written.
-
-    Functions are called and not inlined, which takes a fraction of the time to compile.
-    """
-    return _compile(function, _EXACT_OPTIONS)
-
-
-def _compile(function: Callable[_P, _R], options: dict[str, Any]) -> Callable[_P, _R]:
+def in_cache(make: Callable[[Any], Any], function: Callable[..., Any]) -> Any:
+    """Apply one of numba's decorators to a function, its machine code kept in the folder of these sources."""
     config: Any = numba.config
     before = config.CACHE_DIR
     config.CACHE_DIR = str(_FOLDER)
     try:
-        return cast("Callable[_P, _R]", numba.njit(**options)(function))
+        return make(function)
     finally:
         config.CACHE_DIR = before
+
+
+def compiled(function: Callable[_P, _R]) -> Callable[_P, _R]:
+    """Compile a function: no Python objects, no GIL, machine code kept between runs."""
+    return cast("Callable[_P, _R]", in_cache(numba.njit(**_OPTIONS), function))
+
+
+def compiled_apart(function: Callable[_P, _R]) -> Callable[_P, _R]:
+    """Compile a function that is called, not inlined: what is seldom needed leaves the loop around it as it is."""
+    return cast("Callable[_P, _R]", in_cache(numba.njit(**{**_OPTIONS, "forceinline": False}), function))
+
+
+def exactly_compiled(function: Callable[_P, _R]) -> Callable[_P, _R]:
+    """Compile what runs a few times per window: every operation is rounded as it is written.
+
+    Functions are called and not inlined, which takes a fraction of the time to compile.
+    """
+    return cast("Callable[_P, _R]", in_cache(numba.njit(**_EXACT_OPTIONS), function))

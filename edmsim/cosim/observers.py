@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edmsim.machine.machine import Machine
-from edmsim.plant.constants import Resolution
 from edmsim.plant.kernel.state import Timing
+from edmsim.plant.resolution import Resolution
 from edmsim.plant.window import PulseWindow
 
 

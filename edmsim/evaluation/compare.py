@@ -15,7 +15,7 @@ from edmsim import models
 from edmsim.controllers import SAME_LAW, from_text, names
 from edmsim.errors import InputError
 from edmsim.evaluation.episode import ARGUMENTS, FINISHED, HELD_BACK, ORACLE, Result, arguments, cut
-from edmsim.plant.constants import resolution as check_resolution
+from edmsim.plant.resolution import resolution as check_resolution
 
 CONFIDENCE = 0.95
 RESAMPLES = 2000

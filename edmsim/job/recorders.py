@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from edmsim.machine.machine import Machine
-from edmsim.plant.constants import resolution as resolution_named
+from edmsim.plant.resolution import resolution as resolution_named
 from edmsim.plant.workpiece.height_steps import HeightStep
 from edmsim.recording.closeups import Closeups
 from edmsim.recording.frames import Frames

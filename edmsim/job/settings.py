@@ -24,8 +24,8 @@ from edmsim.controllers.own import check_is_controller, text_of
 from edmsim.errors import InputError
 from edmsim.machine.machine import Machine
 from edmsim.machine.setting import check_height
-from edmsim.plant.constants import resolution as check_resolution
 from edmsim.plant.plant import MECHANICS
+from edmsim.plant.resolution import resolution as check_resolution
 from edmsim.program.heights import Area, Height, Heights, checked_areas, checked_changes
 
 METADATA_KEY = b"edmsim"

@@ -15,7 +15,8 @@ from shapely.geometry import MultiLineString, MultiPolygon, Polygon
 from shapely.geometry.base import BaseGeometry
 
 from edmsim.errors import InputError
-from edmsim.plant.workpiece.kerf_field import FULL, TILE, KerfField
+from edmsim.plant.kernel.state import TILE
+from edmsim.plant.workpiece.kerf_field import FULL, KerfField
 
 _HALF = FULL // 2
 # A square of four neighbouring cell centres: its corners counter-clockwise; its sides (bottom, right, top,

@@ -4,28 +4,25 @@ from __future__ import annotations
 
 import functools
 import math
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from edmsim.compiled.vectors import filled
-from edmsim.errors import InputError
 from edmsim.machine.files import mjcf_version
 from edmsim.plant.gap.breakdown import GapLaw
 from edmsim.plant.gap.debris import flow_speed_m_s, nozzle_flow_per_slice_us
-from edmsim.plant.gap.rays import places
-from edmsim.plant.kernel.state import GRID, PULSES_PER_WINDOW, Arrays, Constants, Propagators, Scratch, Timing
+from edmsim.plant.kernel.declare import Sizes, allocate
+from edmsim.plant.kernel.state import GRID, NO_METAL_UM, PULSES_PER_WINDOW, Arrays, Constants, Propagators, Timing
 from edmsim.plant.mechanics.model import ModalModel, WireSetup, build_model, propagator_table, reduce_model
 from edmsim.plant.mechanics.mujoco_model import DriveSetup, FullMechanics
+from edmsim.plant.resolution import Resolution
 from edmsim.plant.wire import VACUUM_PERMITTIVITY_F_M, HeatLaw, area_m2
-from edmsim.plant.workpiece.kerf_field import NO_METAL_UM
 
 if TYPE_CHECKING:
     from edmsim.machine.machine import Machine
 
-ResolutionName = Literal["fast", "default", "fine"]
 RAY_RANGE_UM = 80.0
 """Rays end this far from the wire's surface (ours: the breakdown rate there is 1 % of that at 10 um)."""
 CARVE_BEFORE_UM, CARVE_BEFORE_SPACINGS = 12.0, 0.75
@@ -33,41 +30,6 @@ CARVE_BEFORE_UM, CARVE_BEFORE_SPACINGS = 12.0, 0.75
 nearer, the more the further they are apart, and what is not reached stays in the kerf."""
 PRIMED_SPAN = 3.0
 """The chance of a primed site ends this many widths above the critical gap."""
-
-
-@dataclass(frozen=True)
-class Resolution:
-    """How finely the plant is resolved.
-
-    Attributes
-    ----------
-    slices, rays, modes : int
-        Slices of the workpiece's height, rays around the wire, modes of the wire in each plane.
-    cell_um : float
-        Side of a cell of the kerf field: small against the gap, large enough for a few MB per 10 mm.
-    trace_windows : int
-        Every so many windows what fell on the rays is carved from the field and they are traced anew.
-    """
-
-    slices: int
-    rays: int
-    modes: int
-    cell_um: float = 4.0
-    trace_windows: int = 1
-
-
-RESOLUTIONS: dict[str, Resolution] = {
-    "fast": Resolution(5, 24, 4, cell_um=6.0, trace_windows=4),
-    "default": Resolution(9, 64, 8),
-    "fine": Resolution(15, 128, 16),
-}
-
-
-def resolution(name: str) -> Resolution:
-    """Look up a resolution by name."""
-    if name not in RESOLUTIONS:
-        raise InputError(f"unknown resolution '{name}'; there are: {', '.join(RESOLUTIONS)}")
-    return RESOLUTIONS[name]
 
 
 def _patch_m2(machine: Machine, res: Resolution) -> float:
@@ -242,50 +204,28 @@ def flow_factor(machine: Machine, res: Resolution) -> NDArray[np.float64]:
     return np.exp(-((speed * from_middle / machine.base.gap.flow_quench_m_s.value) ** 2))
 
 
+def height_share(machine: Machine, res: Resolution) -> NDArray[np.float64]:
+    """Heights of the slices' mid-planes above the lower guide, as shares of the distance of the guides."""
+    return _slice_heights_m(machine, res) / (machine.guide_distance_mm * 1e-3)
+
+
 def arrays(
-    wire_shape: NDArray[np.float64], table_shape: NDArray[np.float64], table_participation: NDArray[np.float64],
-    res: Resolution, water_K: float, flow_factor: NDArray[np.float64],
+    model: ModalModel | FullMechanics, sizes: Sizes, water_K: float, flow_factor: NDArray[np.float64],
+    height_share: NDArray[np.float64],
 ) -> Arrays:
     """Allocate the arrays of a plant at rest, its wire described by a shape (slices, modes or nodes)."""
-    slices, modes = filled(wire_shape.shape[0]), filled(wire_shape.shape[1])
-    shape = np.zeros((res.slices, modes))
-    shape[:, : wire_shape.shape[1]] = wire_shape
-    sway = np.zeros((modes, slices))
-    sway[:, : res.slices] = shape.T
-    laid = res.slices, places(res.rays)
-    angle = 2 * np.pi * np.arange(res.rays) / res.rays
-    return Arrays(
-        edge_um=np.zeros((res.slices, res.rays), np.float32),
-        reference_um=np.full((2, slices), -1e9),  # nowhere: every ray is traced in full at first
-        pending_um2=np.zeros(laid),
-        wire_q=np.zeros((2, modes)),
-        wire_v=np.zeros((2, modes)),
-        table_q=np.zeros((2, 2)),
-        table_v=np.zeros((2, 2)),
-        temperature_K=np.full(res.slices, water_K),
-        debris=np.zeros(res.slices),
-        carry_um2=np.zeros(res.slices),
-        distance=np.full(laid, NO_METAL_UM, np.float32),
-        cosine=np.zeros(laid, np.float32),
-        sine=np.zeros(laid, np.float32),
-        first=np.zeros(res.slices, np.int64),
-        blocks=np.zeros(res.slices, np.int64),
-        unbroken=np.zeros(res.slices, np.int64),
-        ray_cosine=np.cos(angle),
-        ray_sine=np.sin(angle),
-        shape=shape,
-        sway=sway,
-        mean_shape=shape.mean(axis=0),
-        flow_factor=flow_factor,
-        table_shape=np.ascontiguousarray(table_shape),
-        table_participation=np.ascontiguousarray(table_participation),
-    )
-
-
-def scratch(res: Resolution, modes: int) -> Scratch:
-    """Allocate the loop's scratch room."""
-    per_mode = (2, filled(modes))
-    return Scratch(
-        np.zeros((2, filled(res.slices))), np.zeros(per_mode), np.zeros(per_mode), np.zeros((res.slices, 4)),
-        np.zeros(res.slices),
-    )
+    a = allocate(Arrays, sizes)
+    slices, modes = model.wire_shape.shape
+    angle = 2 * np.pi * np.arange(sizes.rays) / sizes.rays
+    a.reference_um[:] = -1e9  # nowhere: every ray is traced in full at first
+    a.temperature_K[:] = water_K
+    a.distance[:] = NO_METAL_UM
+    a.ray_cosine[:], a.ray_sine[:] = np.cos(angle), np.sin(angle)
+    a.shape[:, :modes] = model.wire_shape
+    a.sway[:, :slices] = a.shape.T
+    a.mean_shape[:] = a.shape.mean(axis=0)
+    a.height_share[:slices] = height_share
+    a.flow_factor[:] = flow_factor
+    a.table_shape[:] = model.table_slide_shape
+    a.table_participation[:] = model.table_participation
+    return a

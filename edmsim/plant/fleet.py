@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from edmsim.errors import InputError
 from edmsim.plant.kernel.memory import CALL
-from edmsim.plant.kernel.state import NO_TILES, STATE, STEP_EARLY, STEP_WRONG, WINDOW
+from edmsim.plant.kernel.state import NO_TILES, PULSES_PER_WINDOW, STATE, STEP_EARLY, STEP_WRONG, WINDOW
 from edmsim.plant.plant import Plant
 
 _SHARE = 4
@@ -59,7 +59,7 @@ class Fleet:
     def replace(self, i: int, plant: Plant) -> None:
         """Put another plant in the place of plant `i`."""
         self.plants[i] = plant
-        plant.lodge(self.states[i : i + 1], self.windows[i : i + 1])
+        plant.move_rows(self.states[i : i + 1], self.windows[i : i + 1])
         self._addresses[i] = plant.address
 
     def advance(
@@ -90,8 +90,9 @@ class Fleet:
         calls[:, 0] = self._addresses[lanes]
         calls[:, 1] = steps.ctypes.data + lanes * steps.strides[0]
         calls[:, 2] = counts[lanes]
+        calls[:, 3] = PULSES_PER_WINDOW
         self._fire(calls)
-        status = calls[:, 3]
+        status = calls[:, 4]
         if not status.any():  # all are `FINE`, as most often
             return status
         lacking = np.flatnonzero(status == NO_TILES)
@@ -122,7 +123,7 @@ class Fleet:
             fire(address + k * row, min(_SHARE, len(calls) - k))
 
     def close(self) -> None:
-        """Let the threads go."""
+        """Shut down the threads."""
         if self._pool is not None:
             self._pool.shutdown()
             self._pool = None

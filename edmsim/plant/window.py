@@ -4,16 +4,24 @@ from __future__ import annotations
 
 import math
 import struct
-from typing import NamedTuple
+from collections import namedtuple
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
+from edmsim.compiled.axis_rows import N_AXES, N_CHANNELS
 from edmsim.errors import EdmsimError
-from edmsim.plant.kernel.state import INSIDE, NOT_FINITE, OUTSIDE
+from edmsim.plant.kernel.state import ARC, INSIDE, NOT_FINITE, OPEN, OUTSIDE, SHORT, SPARK, WINDOW
 
-_FORMAT = struct.Struct("=2q4q4dq" + 8 * "d" + "q")
-"""`state.WINDOW` as plain numbers."""
+_COLUMNS = [
+    (f"{name}{k}" if WINDOW[name].shape else name, "q" if WINDOW[name].base.kind == "i" else "d")
+    for name in WINDOW.names or ()
+    for k in range(math.prod(WINDOW[name].shape))
+]
+_FORMAT = struct.Struct("=" + "".join(code for _, code in _COLUMNS))
+_Row = cast(Any, namedtuple)("_Row", [name for name, _ in _COLUMNS])
+"""A `state.WINDOW` as plain numbers by name; a vector's are numbered."""
 
 
 class PulseWindow(NamedTuple):
@@ -98,11 +106,11 @@ class WireInMetalError(PlantError):
 
 
 class NotFiniteError(PlantError):
-    """A number of the simulation is infinite or none at all."""
+    """A value of the simulation is infinite or no number."""
 
 
 _LEFT: dict[int, tuple[type[PlantError], str]] = {
-    NOT_FINITE: (NotFiniteError, "a number of the simulation became infinite or undefined"),
+    NOT_FINITE: (NotFiniteError, "a value of the simulation is not finite"),
     OUTSIDE: (WireLostError, "the wire left its guides"),
     INSIDE: (WireInMetalError, "the wire was driven deeper into the metal than its rays see"),
 }
@@ -110,21 +118,21 @@ _LEFT: dict[int, tuple[type[PlantError], str]] = {
 
 def read_window(row: memoryview) -> PulseWindow:
     """Return a window from the bytes of its `state.WINDOW`."""
-    (
-        start, duration, open_, spark, arc, short, voltage, charge, energy, delay, ignitions, gap, crater,
-        x, y, xx, yy, hottest, debris, broken,
-    ) = _FORMAT.unpack_from(row)
+    w = _Row._make(_FORMAT.unpack_from(row))
+    counts = w.counts0, w.counts1, w.counts2, w.counts3
+    open_, spark, arc, short = counts[OPEN], counts[SPARK], counts[ARC], counts[SHORT]
     pulses = open_ + spark + arc + short
-    mean_x, mean_y = x / pulses, y / pulses
+    mean_x, mean_y = w.deflection_um0 / pulses, w.deflection_um1 / pulses
     return PulseWindow(
-        start, duration, short, open_, spark, arc,
-        voltage / (duration * 1e-3),
-        charge / (duration * 1e-3),
-        delay / ignitions if ignitions else math.nan,
-        gap / ignitions if ignitions else math.nan,
-        (mean_x, mean_y),
-        max(0.0, (xx + yy) / pulses - mean_x**2 - mean_y**2),
-        hottest, debris, energy, crater, bool(broken),
+        start_ns=w.start_ns, duration_ns=w.duration_ns, short=short, open=open_, spark=spark, arc=arc,
+        mean_voltage_V=w.voltage_us / (w.duration_ns * 1e-3),
+        mean_current_A=w.charge_A_us / (w.duration_ns * 1e-3),
+        mean_delay_us=w.delay_us / w.ignitions if w.ignitions else math.nan,
+        gap_um=w.gap_um / w.ignitions if w.ignitions else math.nan,
+        deflection_um=(mean_x, mean_y),
+        vibration2_um2=max(0.0, (w.deflection2_um20 + w.deflection2_um21) / pulses - mean_x**2 - mean_y**2),
+        wire_temperature_K=w.temperature_max_K, debris=w.debris, energy_J=w.energy_J, crater_um3=w.crater_um3,
+        broken=bool(w.broken),
     )
 
 
@@ -142,12 +150,14 @@ def left_validity(
     )
 
 
-def wrong_step(rows: NDArray[np.int64], now_ns: int) -> str:
-    """Say which step the loop refused."""
+def wrong_step(rows: NDArray[np.int64], now_ns: int, lines: bool) -> str:
+    """Say which step the loop refused; with `lines`, drives have input lines, too."""
     before = now_ns
     for time_ns, axis, direction in rows.tolist():
-        if axis not in (0, 1) or direction not in (-1, 1):
-            return f"a step needs axis 0 or 1 and direction +1 or -1, not {axis} and {direction}"
+        is_step = axis in range(N_AXES) and direction in (-1, 1)
+        is_line = lines and axis in range(N_AXES, N_CHANNELS) and direction in (0, 1)
+        if not (is_step or is_line):
+            return f"a step needs axis 0 to {N_AXES - 1} and direction +1 or -1, not {axis} and {direction}"
         if time_ns < before:
             return f"the step at {time_ns} ns lies before {before} ns: steps come in order of time"
         before = time_ns

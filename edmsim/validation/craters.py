@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from edmsim import models
 from edmsim.machine.machine import Machine
-from edmsim.plant.constants import constants, resolution
+from edmsim.plant.constants import constants
+from edmsim.plant.resolution import resolution
 from edmsim.plant.workpiece.craters import crater_diameter
 from edmsim.validation.rows import Check, Row, mean_and_interval
 from edmsim.validation.setups import FRAIL, STILL, altered, in_a_hole, single_discharges

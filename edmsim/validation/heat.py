@@ -8,7 +8,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from edmsim.machine.machine import Machine
-from edmsim.plant.constants import heat_law, resolution
+from edmsim.plant.constants import heat_law
+from edmsim.plant.resolution import resolution
 from edmsim.plant.wire import HeatLaw, area_m2, heat_step
 from edmsim.validation.rows import Check, Row
 

@@ -9,9 +9,10 @@ import numpy as np
 
 from edmsim import models
 from edmsim.machine.machine import Machine
-from edmsim.plant.constants import RAY_RANGE_UM, gap_law, modal_model, resolution
+from edmsim.plant.constants import RAY_RANGE_UM, gap_law, modal_model
 from edmsim.plant.gap.breakdown import slice_sums
 from edmsim.plant.gap.rays import rays_with
+from edmsim.plant.resolution import resolution
 from edmsim.plant.wire import VACUUM_PERMITTIVITY_F_M
 from edmsim.validation.rows import Check, Row, worst
 from edmsim.validation.setups import altered

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from edmsim.machine.machine import Machine
-from edmsim.plant.constants import resolution
 from edmsim.plant.gap.debris import bridged_probability, flush, nozzle_flow_per_slice_us
+from edmsim.plant.resolution import resolution
 from edmsim.validation.rows import Check, Row, mean_and_interval
 from edmsim.validation.setups import STILL, altered, in_a_hole
 

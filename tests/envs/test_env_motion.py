@@ -25,7 +25,7 @@ def lane():
     """Rows, planner, path, states and room for one lane with the planner `exact` on a path of three pieces."""
     rows, states = np.zeros(1, motion.LANE), np.zeros(1, STATE)
     rows["step_um"], rows["longest_ns"] = 2.0, WINDOW_NS
-    states["commanded_um"] = PATH[0]
+    states["commanded_um"][0, :2] = PATH[0]
     return rows, begun(), states, np.zeros((1, 64, 3), np.int64)
 
 
@@ -62,10 +62,10 @@ def place_of(lane):
 def test_counters_follow_the_path_within_half_a_step(lane):
     for steps in run(lane, [37.3] * 40):
         assert (np.diff(steps[:, 0]) >= 0).all()
-        assert np.abs(lane[2]["commanded_um"][0] - place_of(lane)).max() <= 1.0 + 1e-9
+        assert np.abs(lane[2]["commanded_um"][0, :2] - place_of(lane)).max() <= 1.0 + 1e-9
     assert done(lane[1].row[0], *lane[1][1:])
-    assert lane[2]["commanded_um"][0].tolist() == [1002.0, 1014.0] or (
-        np.abs(lane[2]["commanded_um"][0] - PATH[-1]).max() <= 1.0
+    assert lane[2]["commanded_um"][0, :2].tolist() == [1002.0, 1014.0] or (
+        np.abs(lane[2]["commanded_um"][0, :2] - PATH[-1]).max() <= 1.0
     )
 
 
@@ -82,18 +82,18 @@ def test_steps_fall_in_their_window_and_at_their_places(lane):
 
 
 def test_the_way_back_is_the_way_there(lane):
-    there = [lane[2]["commanded_um"][0].copy() for _ in run(lane, [61.7] * 12)]
-    back = [lane[2]["commanded_um"][0].copy() for _ in run(lane, [-61.7] * 12)]
+    there = [lane[2]["commanded_um"][0, :2].copy() for _ in run(lane, [61.7] * 12)]
+    back = [lane[2]["commanded_um"][0, :2].copy() for _ in run(lane, [-61.7] * 12)]
     assert lane[1].row["along"][0] == 0  # no rounding gathers
     assert np.array_equal(np.array(there[:-1][::-1]), np.array(back[:-1]))
-    assert (lane[2]["commanded_um"][0] == PATH[0]).all()
+    assert (lane[2]["commanded_um"][0, :2] == PATH[0]).all()
     assert not len(next(run(lane, [-61.7])))  # never beyond the start
 
 
 def test_slow_feeds_are_not_lost(lane):
     list(run(lane, [0.013] * 5000))
     assert lane[1].row["along"][0] == 13 * WINDOW_NS * 5000
-    assert np.abs(lane[2]["commanded_um"][0] - place_of(lane)).max() <= 1.0
+    assert np.abs(lane[2]["commanded_um"][0, :2] - place_of(lane)).max() <= 1.0
 
 
 def test_fleet_fires_what_plants_fire_alone():

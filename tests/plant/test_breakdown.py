@@ -11,9 +11,10 @@ from scipy import stats
 
 import edmsim
 from edmsim.compiled.random import key_of, uniform
-from edmsim.plant.constants import gap_law, resolution
+from edmsim.plant.constants import gap_law
 from edmsim.plant.gap.breakdown import GapLaw, choose_ray, slice_sums, weibull
 from edmsim.plant.gap.rays import rays_with
+from edmsim.plant.resolution import resolution
 
 FAST = resolution("fast")
 

@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 
 import edmsim
 from edmsim.metrology.edges import metal_at
-from edmsim.plant.workpiece.kerf_field import FULL, NO_METAL_UM, TILE, KerfField, Stock, carve_wall, trace
+from edmsim.plant.kernel.state import NO_METAL_UM, TILE
+from edmsim.plant.workpiece.kerf_field import FULL, KerfField, Stock, carve_wall, trace
 
 CELL = 4.0
 MIDDLE = 512.0

@@ -13,8 +13,9 @@ import numpy as np
 import pytest
 
 from edmsim.errors import InputError
-from edmsim.plant.constants import Resolution, arrays
-from edmsim.plant.kernel.state import STATE
+from edmsim.plant.constants import arrays
+from edmsim.plant.kernel.declare import allocate, sizes_of
+from edmsim.plant.kernel.state import ISO_PULSE, STATE, Axes, Propagators, Timing
 from edmsim.plant.mechanics.model import WireSetup, build_model, propagator_table, reduce_model
 from edmsim.plant.mechanics.mujoco_loop import LOST, move_full
 from edmsim.plant.mechanics.mujoco_model import N_NODES, DriveSetup, FullMechanics
@@ -37,13 +38,15 @@ def slice_heights(wire, height_m=0.020, n=9):
 
 
 @numba.njit
-def _pulses(state, a, link, load, sums, scales, ignite_us, period_ns, kicks, kick_slice, end_us, steps, wire, table):
+def _pulses(
+    state, a, axes, link, p, t, load, sums, scales, ignite_us, period_ns, kicks, kick_slice, end_us, steps, wire, table
+):
     """Move over many pulses; note every pulse's nodes, and place, rotor and command of the axes."""
     following = 0
     for i in range(kicks.shape[0]):
         following = move_full(
-            state, a, link, load, sums, scales[0], scales[1], ignite_us, end_us[i], period_ns, kick_slice[i],
-            kicks[i, 0], kicks[i, 1], steps, following,
+            state, a, axes, link, p, t, load, sums, scales[0], scales[1], ignite_us, end_us[i], period_ns,
+            kick_slice[i], kicks[i, 0], kicks[i, 1], steps, following,
         )
         if following == LOST:
             return i
@@ -63,12 +66,13 @@ class Rig:
     def __init__(self, wire=BRASS, drive=SMOOTH, heights=None, start_um=START_UM):
         self.full = FullMechanics(wire, drive, slice_heights(wire) if heights is None else heights)
         n_slices, n_nodes = self.full.wire_shape.shape
-        self.arrays = arrays(
-            self.full.wire_shape, self.full.table_slide_shape, self.full.table_participation,
-            Resolution(n_slices, 32, n_nodes), 300.0, np.ones(n_slices),
-        )
+        sizes = sizes_of(n_slices, 32, n_nodes)
+        self.arrays = arrays(self.full, sizes, 300.0, np.ones(n_slices), np.full(n_slices, 0.5))
+        self.axes = allocate(Axes, sizes, loops=0)
+        self.propagators = allocate(Propagators, sizes)  # the full model does not use them
+        self.timing = Timing(ISO_PULSE, 80.0, 20.0, 1.0, 1.0, 1.0, 1.0, 1.0, PERIOD_NS, 0.1)
         self.state = np.zeros(1, STATE)
-        self.state["commanded_um"] = start_um
+        self.state["commanded_um"][0, :2] = self.state["axis_um"][0, :2] = start_um
 
     def run(
         self, n, *, kicks=None, at=None, end_us=None, pull=None, scales=(1.0, 1.0), ignite_us=1e9, steps=(),
@@ -82,7 +86,8 @@ class Rig:
         due = [(time + int(self.state["time_ns"][0]), axis, way) for time, axis, way in steps]
         wire, table = np.zeros((n, 2, N_NODES)), np.zeros((n, 2, 3))
         done = _pulses(
-            self.state, a, self.full.link, np.zeros_like(a.wire_q), sums, scales, ignite_us, period_ns,
+            self.state, a, self.axes, self.full.link, self.propagators, self.timing, np.zeros_like(a.wire_q), sums,
+            scales, ignite_us, period_ns,
             np.zeros((n, 2)) if kicks is None else kicks,
             np.zeros(n, np.int64) if at is None else at,
             np.full(n, period_ns * 1e-3) if end_us is None else end_us,

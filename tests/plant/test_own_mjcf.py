@@ -13,8 +13,9 @@ import pytest
 import edmsim
 from edmsim import models
 from edmsim.errors import InputError
-from edmsim.plant.constants import modal_model, resolution
+from edmsim.plant.constants import modal_model
 from edmsim.plant.plant import Plant
+from edmsim.plant.resolution import resolution
 
 OURS = models.path("agiecut_dem15.xml").read_text(encoding="utf-8")
 HEAVY = 'mass="25"', 'mass="50"'

@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 import edmsim
-from edmsim.plant.constants import modal_model, resolution
+from edmsim.plant.constants import modal_model
 from edmsim.plant.mechanics.model import propagator_table
+from edmsim.plant.resolution import resolution
 from edmsim.plant.window import NotFiniteError, PlantError, WireInMetalError, WireLostError
 
 FEEDS_UM_S = (10.0, 20.0, 28.0, 34.0)
@@ -232,14 +233,14 @@ def test_a_number_that_is_none_is_told(machine, name):
     def spoil(state):
         state[name].flat[0] = np.nan
 
-    assert "became infinite or undefined" in str(told(machine, spoil, NotFiniteError))
+    assert "not finite" in str(told(machine, spoil, NotFiniteError))
 
 
 def test_a_wire_inside_the_metal_is_told(machine):
     """A wire set down where only metal is finds no way out."""
     plant = edmsim.Plant(machine, 1, resolution="fast")
     state = plant.snapshot()
-    state["state"]["commanded_um"][0, 0] += 1_000.0
+    state["state"]["axis_um"][0, 0] += 1_000.0
     plant.restore(state)
     with pytest.raises(WireInMetalError, match="deeper into the metal"):
         plant.advance()

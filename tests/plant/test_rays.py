@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from edmsim.compiled.vectors import GAPS
 from edmsim.plant.gap.rays import Rays, face, narrowest, places
-from edmsim.plant.workpiece.kerf_field import NO_METAL_UM
+from edmsim.plant.kernel.state import NO_METAL_UM
 
 COUNT, RANGE_UM = 22, 80.0
 ANGLE = 2 * np.pi * np.arange(COUNT) / COUNT

@@ -12,7 +12,7 @@ import edmsim
 from edmsim.controllers import make
 from edmsim.cosim.simulation import Simulation
 from edmsim.machine.machine import Machine
-from edmsim.plant.constants import RESOLUTIONS
+from edmsim.plant.resolution import RESOLUTIONS
 from edmsim.plant.workpiece.kerf_field import Stock
 from edmsim.program.path import Contour, CutPath
 from edmsim.recording import WindowTable

@@ -9,9 +9,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from edmsim.plant.constants import gap_law, heat_law, resolution
+from edmsim.plant.constants import gap_law, heat_law
 from edmsim.plant.gap.breakdown import slice_sums
 from edmsim.plant.gap.rays import rays_with
+from edmsim.plant.resolution import resolution
 from edmsim.plant.wire import (
     VACUUM_PERMITTIVITY_F_M,
     HeatLaw,

@@ -20,7 +20,7 @@ from edmsim.cli import app as cli
 from edmsim.cli import console
 from edmsim.cosim.stops import WORDS, StopCause
 from edmsim.errors import BAD_INPUT, FAILED
-from edmsim.plant.constants import resolution
+from edmsim.plant.resolution import resolution
 
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"

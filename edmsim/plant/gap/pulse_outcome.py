@@ -12,9 +12,8 @@ from edmsim.compiled.vectors import element, load, spread
 from edmsim.plant.gap.breakdown import GapLaw, choose_ray, contact_depth, may_touch, sum_slice, weibull
 from edmsim.plant.gap.debris import bridged_probability
 from edmsim.plant.gap.ray_trace import meets_metal, moved, narrowest_now, place_of, rays_of
-from edmsim.plant.kernel.state import ARC, OPEN, SHORT, SPARK, Array, Arrays, Constants, Timing
+from edmsim.plant.kernel.state import ARC, NO_METAL_UM, OPEN, SHORT, SPARK, Array, Arrays, Constants, Timing
 from edmsim.plant.mechanics.modal import fall_back, place_wire, push_out
-from edmsim.plant.workpiece.kerf_field import NO_METAL_UM
 
 
 @compiled

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from edmsim.compiled.jit import compiled
 from edmsim.plant.gap.rays import Rays, face, narrowest, turned
-from edmsim.plant.kernel.state import Array, Arrays, Constants
-from edmsim.plant.workpiece.kerf_field import NO_METAL_UM, trace
+from edmsim.plant.kernel.state import NO_METAL_UM, Array, Arrays, Constants
+from edmsim.plant.workpiece.kerf_field import trace
 
 OVERLAP_UM = 8.0
 """How far inside the wire's surface a ray begins, so that overlap with metal is seen."""
@@ -52,10 +52,10 @@ def meets_metal(a: Arrays, c: Constants, s: int, r: int) -> bool:
 
 
 @compiled
-def refer(
+def retrace(
     a: Arrays, tiles: NDArray[np.uint16], index: NDArray[np.int32], c: Constants, place: Array, turn: int
 ) -> None:
-    """Trace the rays from the place (2, slices) the wire swings around, and show the loop those that meet metal.
+    """Trace the rays from the place (2, slices) the wire swings around, and store those that meet metal for the loop.
 
     `turn` counts the times. What the wire is away from there shifts the gaps to first order.
     """

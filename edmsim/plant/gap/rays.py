@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from edmsim.compiled.jit import compiled
 from edmsim.compiled.vectors import GAPS, filled, least, load
-from edmsim.plant.workpiece.kerf_field import NO_METAL_UM
+from edmsim.plant.kernel.state import NO_METAL_UM
 
 
 class Rays(NamedTuple):

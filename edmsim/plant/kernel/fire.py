@@ -10,12 +10,13 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from edmsim.compiled.axis_rows import N_AXES, N_CHANNELS
 from edmsim.compiled.jit import compiled
-from edmsim.compiled.random import normal
+from edmsim.plant.axes.advance import LOST, advance_axes
 from edmsim.plant.gap.breakdown import GapLaw
-from edmsim.plant.gap.debris import flush
 from edmsim.plant.gap.pulse_outcome import decide, deepest_contact, draw, leak_conductance, sum_rays, touch
-from edmsim.plant.gap.ray_trace import OVERLAP_UM, gap_of, ray_at, refer
+from edmsim.plant.gap.ray_trace import OVERLAP_UM, retrace
+from edmsim.plant.kernel.discharge import discharge, log_pulse, propagate_heat, short_circuit
 from edmsim.plant.kernel.state import (
     FINE,
     GRID,
@@ -33,43 +34,29 @@ from edmsim.plant.kernel.state import (
     TILED_UM,
     Array,
     Arrays,
+    Axes,
     Constants,
     Propagators,
     Scratch,
     Timing,
 )
-from edmsim.plant.mechanics.modal import copy, mean_deflection, move, place_wire, ringing, step_table
-from edmsim.plant.mechanics.mujoco_loop import LOST, FullLink, move_full
-from edmsim.plant.wire import HeatLaw, discharge_impulse, heat_step, strength_share
-from edmsim.plant.workpiece.craters import carve, share_crater
+from edmsim.plant.mechanics.modal import copy, mean_deflection, move, place_wire, ringing
+from edmsim.plant.mechanics.mujoco_loop import FullLink, move_full
+from edmsim.plant.wire import HeatLaw, discharge_impulse
+from edmsim.plant.workpiece.craters import carve
 
 HEAT_INTERVAL_US = 1500.0
 """Heat and debris are carried on at least this often: well under their time constants of some 10 ms."""
 DEEPEST_UM = 0.75 * OVERLAP_UM
 """Deeper in the metal than this at a window's end, the wire is where no push would have taken it."""
 TRACED_MOVE_UM = 2.0
-"""Rays serve no longer once the table has moved further than this since they were traced."""
+"""Rays serve no longer once an axis has moved further than this since they were traced."""
 LOST_UM = -1e9
 """Depth in the metal of a wire that is nowhere."""
 FINITE = 1e15
 """No sum of lengths, times or temperatures is as large as this."""
 MOST_DEFLECTION_UM = 2000.0
 """A wire bent further than this is no wire between guides any more: the model has left its validity."""
-
-
-@compiled
-def _erode(
-    state: NDArray[np.void], window: NDArray[np.void], a: Arrays, c: Constants, position: Array, s: int, k: int,
-    volume: float,
-) -> None:
-    """Remove a crater of `volume` um3 at the ray at a place and feed the debris."""
-    state[0].crater_um3 += volume
-    if share_crater(a, c, position, s, k, volume, draw(state) - 0.5):
-        state[0].wear_wait_um3 += volume
-        window[0].crater_um3 += volume
-        a.debris[s] += volume / c.cavity_um3
-    else:
-        state[0].missed_um3 += volume
 
 
 @compiled
@@ -87,12 +74,12 @@ def _carve(
 
 @compiled
 def _is_due(state: NDArray[np.void], c: Constants) -> bool:
-    """Whether the rays must be traced anew: after a number of pulses, or if the table has moved."""
+    """Whether the rays must be traced again: after a number of pulses, or if an axis has moved."""
     if state[0].traces == 0 or state[0].pulses - state[0].traced_pulses >= c.trace_pulses:
         return True
     moved = 0.0
-    for axis in range(2):
-        moved = max(moved, abs(state[0].commanded_um[axis] - state[0].traced_um[axis]))
+    for axis in range(N_AXES):
+        moved = max(moved, abs(state[0].axis_um[axis] - state[0].traced_um[axis]))
     return moved > TRACED_MOVE_UM
 
 
@@ -104,73 +91,15 @@ def _renew_rays(
     """Trace the rays from where the wire is now; before, carve what a former wire left on them."""
     if state[0].carved_pulses < state[0].pulses:
         _carve(state, window, a, tiles, index, c)
-    refer(a, tiles, index, c, position, state[0].traces)
+    retrace(a, tiles, index, c, position, state[0].traces)
     state[0].traces += 1
     state[0].traced_pulses = state[0].pulses
-    for axis in range(2):
-        state[0].traced_um[axis] = state[0].commanded_um[axis]
+    for axis in range(N_AXES):
+        state[0].traced_um[axis] = state[0].axis_um[axis]
 
 
 @compiled
-def _see_rupture(state: NDArray[np.void], a: Arrays, c: Constants, s: int) -> None:
-    """Break the wire if what is left of its strength in a slice does not hold its tension."""
-    share = strength_share(a.temperature_K[s], c.half_strength_K, c.water_K)
-    if state[0].broken == 0 and c.strength_N * share * (1.0 - state[0].worn_share) < c.tension_N:
-        state[0].broken = 1
-        state[0].broken_slice = s
-
-
-@compiled
-def _discharge(
-    state: NDArray[np.void], window: NDArray[np.void], a: Arrays, c: Constants, t: Timing, heat: HeatLaw,
-    position: Array, s: int, k: int, burn_us: float,
-) -> float:
-    """One spark or arc burning for `burn_us`: crater, heat, debris. Returns the energy in joule."""
-    energy = t.burning_V * t.current_A * burn_us * 1e-6
-    volume = c.removal_um3_J * energy * max(0.0, 1.0 + c.crater_cv * normal(draw(state)))
-    window[0].gap_um += gap_of(a, position, s, k)
-    window[0].energy_J += energy
-    window[0].charge_A_us += t.current_A * burn_us
-    state[0].current2_us += t.current_A**2 * burn_us
-    state[0].last_slice = s
-    state[0].last_ray = ray_at(a, s, k)
-    a.temperature_K[s] += c.wire_heat_share * energy * heat.kelvin_per_J
-    window[0].temperature_max_K = max(window[0].temperature_max_K, a.temperature_K[s])
-    _see_rupture(state, a, c, s)
-    _erode(state, window, a, c, position, s, k, volume)
-    return energy
-
-
-@compiled
-def _short_circuit(
-    state: NDArray[np.void], window: NDArray[np.void], a: Arrays, c: Constants, t: Timing, position: Array, s: int,
-    k: int,
-) -> None:
-    """Short-circuit current for the on-time; where metal touches (`s` >= 0), it melts a little of the bridge."""
-    window[0].charge_A_us += t.short_A * t.on_us
-    state[0].current2_us += t.short_A**2 * t.on_us
-    if s >= 0:
-        volume = c.short_removal_share * c.removal_um3_J * t.burning_V * t.short_A * t.on_us * 1e-6
-        _erode(state, window, a, c, position, s, k, volume)
-
-
-@compiled
-def _note(
-    pulses: NDArray[np.void], n: int, a: Arrays, position: Array, start_us: float, open_V: float, outcome: int,
-    delay: float, s: int, k: int,
-) -> None:
-    """Write down how pulse `n` of the window began, before its crater changes the gap."""
-    p = pulses[n]
-    p.start_us, p.delay_us, p.open_V, p.kind = start_us, delay, open_V, outcome
-    if outcome == OPEN or s < 0:
-        p.slice = -1
-        return
-    p.slice, p.ray = s, ray_at(a, s, k)
-    p.gap_um, p.x_um, p.y_um = gap_of(a, position, s, k), position[0, s], position[1, s]
-
-
-@compiled
-def _watch(window: NDArray[np.void], a: Arrays) -> None:
+def _add_deflection(window: NDArray[np.void], a: Arrays) -> None:
     """Add the wire's mean deflection over the height to the window's sums."""
     for axis in range(2):
         mean = mean_deflection(a, axis)
@@ -179,28 +108,13 @@ def _watch(window: NDArray[np.void], a: Arrays) -> None:
 
 
 @compiled
-def _carry_on(state: NDArray[np.void], a: Arrays, c: Constants, heat: HeatLaw) -> None:
-    """Let heat and debris travel for the time that has gathered, wear the wire, and see whether it breaks."""
-    dt = state[0].heat_wait_us
-    heat_step(a.temperature_K, heat, dt, state[0].current2_us)
-    flush(a.debris, c.nozzle_flow_us * dt)
-    passed = 1.0 - math.exp(-heat.run_per_us / a.temperature_K.shape[0] * dt)
-    worn = c.worn_share_per_um3_us * state[0].wear_wait_um3 / dt
-    state[0].worn_share += (worn - state[0].worn_share) * passed
-    state[0].heat_wait_us = 0.0
-    state[0].current2_us = 0.0
-    state[0].wear_wait_um3 = 0.0
-    for s in range(a.temperature_K.shape[0]):
-        _see_rupture(state, a, c, s)
-
-
-@compiled
 def _lacks_tiles(state: NDArray[np.void]) -> bool:
-    """Whether the wire has gone too far from where the field's tiles were made."""
+    """Whether the wire, at either guide, has gone too far from where the field's tiles were made."""
     far = False
-    for axis in range(2):
-        place = state[0].commanded_um[axis] + state[0].deflection_um[axis]
-        far = far or abs(place - state[0].tiled_um[axis]) > TILED_UM
+    for d in range(2):
+        low = state[0].axis_um[d] + state[0].deflection_um[d]
+        high = low + state[0].axis_um[2 + d]
+        far = far or abs(low - state[0].tiled_um[d]) > TILED_UM or abs(high - state[0].tiled_um[2 + d]) > TILED_UM
     return far
 
 
@@ -233,7 +147,10 @@ def _end(state: NDArray[np.void], window: NDArray[np.void], a: Arrays, deepest_u
     x, y = w.deflection_um[0] / pulses, w.deflection_um[1] / pulses
     state[0].deflection_um[0], state[0].deflection_um[1] = x, y
     # math.isfinite does not survive the compiler's liberties with sums; a comparison does
-    if not abs(x + y + ringing(a, 0) + ringing(a, 1) + warmth + debris + w.voltage_us) < FINITE:
+    places = ringing(a, 0) + ringing(a, 1)
+    for axis in range(N_AXES):
+        places += state[0].axis_um[axis]
+    if not abs(x + y + places + warmth + debris + w.voltage_us) < FINITE:
         return NOT_FINITE
     if math.hypot(x, y) > MOST_DEFLECTION_UM:
         return OUTSIDE
@@ -243,31 +160,19 @@ def _end(state: NDArray[np.void], window: NDArray[np.void], a: Arrays, deepest_u
 
 
 @compiled
-def _check_steps(steps: NDArray[np.int64], now_ns: int) -> int:
-    """Whether a window's steps (time, axis, direction) are such as a motor makes, in order of time."""
+def _check_events(events: NDArray[np.int64], now_ns: int, drives: bool) -> int:
+    """Whether a window's events are steps of a motor, or with `drives` levels of their lines, in order of time."""
     before = now_ns
-    for k in range(steps.shape[0]):
-        axis, direction = steps[k, 1], steps[k, 2]
-        if (axis != 0 and axis != 1) or (direction != 1 and direction != -1):
+    for k in range(events.shape[0]):
+        channel, value = events[k, 1], events[k, 2]
+        step = 0 <= channel < N_AXES and (value == 1 or value == -1)
+        line = drives and N_AXES <= channel < N_CHANNELS and (value == 0 or value == 1)
+        if not (step or line):
             return STEP_WRONG
-        if steps[k, 0] < before:
+        if events[k, 0] < before:
             return STEP_EARLY
-        before = steps[k, 0]
+        before = events[k, 0]
     return FINE
-
-
-@compiled
-def _step_tables(
-    state: NDArray[np.void], a: Arrays, c: Constants, t: Timing, p: Propagators, k_period: int,
-    steps: NDArray[np.int64], next_step: int,
-) -> int:
-    """Take the motor steps that fell into the period just past; returns the first that did not."""
-    while next_step < steps.shape[0] and steps[next_step, 0] < state[0].time_ns:
-        since = (state[0].time_ns - steps[next_step, 0]) * 1e-3 / t.grid_us
-        travel = steps[next_step, 2] * c.step_um
-        step_table(state, a, p, steps[next_step, 1], travel, min(int(since + 0.5), k_period))
-        next_step += 1
-    return next_step
 
 
 @compiled
@@ -283,20 +188,22 @@ def fire_window(
     t: Timing,
     p: Propagators,
     scratch: Scratch,
+    axes: Axes,
     link: FullLink,
     full: bool,
-    steps: NDArray[np.int64],
-    pulses: NDArray[np.void],
+    events: NDArray[np.int64],
+    log: NDArray[np.void],
+    count: int,
 ) -> int:
-    """Fire 255 pulses; stop early only if the wire breaks. Table steps happen at their own times.
+    """Fire `count` pulses; stop early only if the wire breaks. The axes' steps happen at their own times.
 
-    They are noted in `pulses` if that has room for them, or none at all if it is empty.
-    With `full`, MuJoCo moves wire and table through `link`, otherwise the modes move by `p`. Returns how the window
-    ended (`FINE` and its neighbours in `state`).
+    The pulses are written to `log` if that has room for them, or none at all if it is empty. With `full`,
+    MuJoCo moves wire and table through `link`, otherwise the modes move by `p`. Returns how the window ended (`FINE`
+    and its neighbours in `state`).
     """
     if _lacks_tiles(state):
         return NO_TILES
-    status = _check_steps(steps, state[0].time_ns)
+    status = _check_events(events, state[0].time_ns, axes.loops != 0)
     if status != FINE:
         return status
     position, load, held, sums, contact = scratch
@@ -310,22 +217,22 @@ def fire_window(
     open_scale = 0.5 * c.permittivity_F_m * open_V**2 * c.patch_m2 * 1e12 * 1e6
     burn_scale = open_scale * (t.burning_V / open_V) ** 2
     per_grid = 1.0 / t.grid_us
-    next_step = 0
+    next_event = 0
     for n in range(PULSES_PER_WINDOW):
         place_wire(state, a, position)
         totals = sum_rays(a, c, law, position, sums, contact)
-        _watch(window, a)
+        _add_deflection(window, a)
         outcome, delay, s, k = decide(state, a, c, law, t, position, sums, contact, totals, held)
 
-        if pulses.shape[0] > n:
+        if log.shape[0] > n:
             since_us = (state[0].time_ns - window[0].start_ns) * 1e-3
-            _note(pulses, n, a, position, since_us, open_V, outcome, delay, s, k)
+            log_pulse(log, n, a, position, since_us, open_V, outcome, delay, s, k)
         burn, kick_x, kick_y, at = 0.0, 0.0, 0.0, 0
         if outcome == SHORT:
-            _short_circuit(state, window, a, c, t, position, s, k)
+            short_circuit(state, window, a, c, t, position, s, k)
         elif outcome != OPEN:
             burn = t.on_us - delay if t.mode == ISO_PULSE else t.on_us
-            energy = _discharge(state, window, a, c, t, heat, position, s, k, burn)
+            energy = discharge(state, window, a, c, t, heat, position, s, k, burn)
             impulse = discharge_impulse(energy, c.impulse_10mJ_Ns, c.impulse_exponent)
             kick_x, kick_y, at = -impulse * a.cosine[s, k], -impulse * a.sine[s, k], s
             window[0].delay_us += delay
@@ -334,8 +241,8 @@ def fire_window(
         window[0].voltage_us += open_V * delay + t.burning_V * burn
 
         conducting = t.on_us if outcome == SHORT else burn
-        if pulses.shape[0] > n:
-            pulses[n].conducting_us = conducting
+        if log.shape[0] > n:
+            log[n].conducting_us = conducting
         period_ns, k_period = t.period_ns, GRID
         if t.mode == ISO_ENERGETIC:
             k_period = int((delay + conducting + t.pause_us) * per_grid + 0.5)
@@ -343,9 +250,9 @@ def fire_window(
         period_us = period_ns * 1e-3
         copy(held, a.wire_q)
         if full:
-            next_step = move_full(
-                state, a, link, load, sums, open_scale, burn_scale, delay, delay + burn, period_ns, at, kick_x,
-                kick_y, steps, next_step,
+            next_event = move_full(
+                state, a, axes, link, p, t, load, sums, open_scale, burn_scale, delay, delay + burn, period_ns, at,
+                kick_x, kick_y, events, next_event,
             )
             state[0].time_ns += period_ns
         else:
@@ -353,21 +260,23 @@ def fire_window(
             k_end = min(int((delay + burn) * per_grid + 0.5), k_period)
             move(a, p, load, sums, open_scale, burn_scale, k_ignite, k_end, k_period, at, kick_x, kick_y)
             state[0].time_ns += period_ns
-            next_step = _step_tables(state, a, c, t, p, k_period, steps, next_step)
+            next_event = advance_axes(
+                state, a, axes, p, t, k_period, c.step_um, events, next_event, state[0].time_ns, False
+            )
         quiet = period_us - delay - conducting
         state[0].since_discharge_us = state[0].since_discharge_us + period_us if outcome == OPEN else quiet
         state[0].pulses += 1
         state[0].heat_wait_us += period_us
         window[0].duration_ns += period_ns
         if state[0].heat_wait_us >= HEAT_INTERVAL_US:
-            _carry_on(state, a, c, heat)
-        if next_step == LOST:
+            propagate_heat(state, a, c, heat)
+        if next_event == LOST:
             return _end(state, window, a, LOST_UM)
-        if state[0].broken != 0:
+        if state[0].broken != 0 or n + 1 == count:
             break
-    if state[0].broken != 0 or _is_due(state, c):
+    if state[0].broken != 0 or count < PULSES_PER_WINDOW or _is_due(state, c):
         _carve(state, window, a, tiles, index, c)
-    # what the last pulse drove into the metal must be out of it before the rays are traced anew
+    # what the last pulse drove into the metal must be out of it before the rays are traced again
     place_wire(state, a, position)
     deepest = 0.0
     if sum_rays(a, c, law, position, sums, contact)[2] > 0.0:

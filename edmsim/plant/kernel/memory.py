@@ -1,14 +1,15 @@
 """A plant's memory: its arrays, and one table of their addresses with which the compiled loop is called.
 
 A call with some sixty arguments would cost a tenth of a window; a call with one address costs next to nothing. The
-sizes are constants of the compiled code, one version per resolution, so that its short loops are unrolled.
+sizes are constants of the compiled code, one version per resolution, so that its short loops are unrolled. The table
+and the way back from it to named tuples follow from the declarations (see `declare`).
 """
 
 from __future__ import annotations
 
 import functools
 from collections.abc import Callable
-from typing import Any, NamedTuple, get_type_hints
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 from numba import from_dtype, types
@@ -18,39 +19,36 @@ from numba.np.arrayobj import populate_array
 from numpy.typing import NDArray
 
 from edmsim.compiled.jit import compiled
-from edmsim.compiled.vectors import filled
+from edmsim.compiled.vectors import GAPS, filled
 from edmsim.plant.gap.breakdown import GapLaw
-from edmsim.plant.gap.rays import places
+from edmsim.plant.kernel.declare import Sizes, check, entries_of, fields_of, numbers_of
 from edmsim.plant.kernel.fire import fire_window
-from edmsim.plant.kernel.state import GRID, PULSE, STATE, WINDOW, Arrays, Constants, Propagators, Scratch, Timing
+from edmsim.plant.kernel.state import Arrays, Axes, Constants, Own, Propagators, Scratch, Timing
 from edmsim.plant.mechanics.mujoco_loop import FullLink
 from edmsim.plant.wire import HeatLaw
-from edmsim.plant.workpiece.kerf_field import TILE
 
-_RECORDS = {"constants": Constants, "law": GapLaw, "heat": HeatLaw, "timing": Timing}
-_LINK_NUMBERS = {name: of for name, of in get_type_hints(FullLink).items() if of in (int, float)}
-_LINK = np.dtype([(name, "i8" if of is int else "f8") for name, of in _LINK_NUMBERS.items()])
-_LINK_ARRAYS = tuple(f"link_{name}" for name in FullLink._fields if name not in _LINK_NUMBERS)
+_GROUPS: dict[str, Any] = {
+    "own": Own, "arrays": Arrays, "propagators": Propagators, "scratch": Scratch, "axes": Axes, "link": FullLink,
+    "law": GapLaw,
+}
+_RECORDS: dict[str, Any] = {"constants": Constants, "heat": HeatLaw, "timing": Timing}
+_NAMES = {kind: name for name, kind in (*_GROUPS.items(), *_RECORDS.items())}
+_COUNTED = "tiles", "index_side", "pulses"
+"""Lengths of `Sizes` that change while a plant is at work."""
 _TABLE = np.dtype(
-    [
-        (name, "i8")
-        for name in (
-            "state", "window", *_RECORDS, *Arrays._fields, *Propagators._fields, *Scratch._fields,
-            "tiles", "tile_count", "index", "index_side", "pulses", "pulse_count", "link",
-            *_LINK_ARRAYS,
-        )
-    ]
+    [(name, "i8") for name in _COUNTED]
+    + [(name, entries_of(kind)) for name, kind in _GROUPS.items()]
+    + [(name, "i8") for name in _RECORDS]
 )
-
-
-@functools.cache
-def _dtype_of(kind: type) -> np.dtype[np.void]:
-    """Record with a named tuple's fields: compiled code reads either by the same names."""
-    return np.dtype([(name, "i8" if of is int else "f8") for name, of in get_type_hints(kind).items()])
 
 
 class Memory:
     """The arrays a plant's loop works on; they stay alive as long as their addresses are in the table.
+
+    Parameters
+    ----------
+    sizes : Sizes
+        Lengths of the arrays; those of the kerf field and of the log of pulses follow the arrays kept.
 
     Attributes
     ----------
@@ -58,145 +56,184 @@ class Memory:
         Address of the table.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, sizes: Sizes) -> None:
+        self._sizes = sizes
         self._table = np.zeros(1, _TABLE)
         self.address: int = self._table.ctypes.data
-        self._kept: dict[str, NDArray[Any]] = {}
-        self.keep(link=np.zeros(1, _LINK))
+        self._kept: dict[tuple[str, str], NDArray[Any]] = {}
 
-    def keep(self, **arrays: NDArray[Any]) -> None:
-        """Put C-contiguous arrays under their names."""
-        for name, array in arrays.items():
-            assert array.flags.c_contiguous, name
-            self._table[name] = array.ctypes.data
-            self._kept[name] = array
+    def put(self, group: NamedTuple) -> None:
+        """Put a group: its numbers, and the addresses of its arrays, which must be as they were declared."""
+        name = _NAMES[type(group)]
+        if name in _RECORDS:
+            record = np.array([tuple(group)], numbers_of(type(group)))
+            self._table[name], self._kept[name, ""] = record.ctypes.data, record
+            return
+        self._put(name, type(group), group._asdict())
 
-    def keep_tuple(self, arrays: NamedTuple) -> None:
-        """Put the arrays of a named tuple under its field names."""
-        self.keep(**arrays._asdict())
+    def put_own(self, **arrays: NDArray[Any]) -> None:
+        """Put some arrays of `Own`: the scalars' rows, the kerf field, whose tiles move, or the log of pulses."""
+        if "tiles" in arrays:
+            self._sizes = self._sizes._replace(tiles=len(arrays["tiles"]), index_side=len(arrays["tile_index"]))
+        if "pulses" in arrays:
+            self._sizes = self._sizes._replace(pulses=len(arrays["pulses"]))
+        for length in _COUNTED:
+            self._table[length] = getattr(self._sizes, length)
+        self._put("own", Own, arrays)
 
-    def keep_record(self, name: str, values: NamedTuple) -> None:
-        """Put the numbers of a named tuple as a record."""
-        self.keep(**{name: np.array([tuple(values)], _dtype_of(_RECORDS[name]))})
-
-    def keep_link(self, link: FullLink) -> None:
-        """Put the full model's link: its numbers as a record, its arrays under names of their own."""
-        values = link._asdict()
-        self.keep(link=np.array([tuple(values[name] for name in _LINK_NUMBERS)], _LINK))
-        self.keep(**{name: values[name.removeprefix("link_")] for name in _LINK_ARRAYS})
-
-    def keep_field(self, tiles: NDArray[np.uint16], index: NDArray[np.int32]) -> None:
-        """Put the kerf field, whose tiles move when they become more."""
-        if self._kept.get("tiles") is not tiles or self._kept.get("index") is not index:
-            self.keep(tiles=tiles, index=index)
-            self._table["tile_count"], self._table["index_side"] = len(tiles), len(index)
-
-    def keep_pulses(self, pulses: NDArray[np.void]) -> None:
-        """Put the log of a window's pulses (`PULSE`): as long as a window, or empty if none is wanted."""
-        self.keep(pulses=pulses)
-        self._table["pulse_count"] = len(pulses)
+    def _put(self, name: str, group: Any, values: dict[str, Any]) -> None:
+        entries = self._table[name]
+        for field in fields_of(group):
+            if field.name not in values:
+                continue
+            value = values[field.name]
+            if field.kept is None:
+                entries[field.name] = value
+                continue
+            check(field, value, self._sizes)
+            entries[field.name] = value.ctypes.data
+            self._kept[name, field.name] = value
 
 
-def _array_of(of: Any) -> Any:
+def _array(context: Any, builder: Any, kind: Any, address: Any, lengths: list[Any]) -> Any:
+    """Look at the memory at an address as an array."""
+    populate: Any = populate_array
+    view = context.make_array(kind)(context, builder)
+    size = context.get_abi_sizeof(context.get_data_type(kind.dtype))
+    strides = [context.get_constant(types.intp, size)]
+    for length in lengths[:0:-1]:
+        strides.insert(0, builder.mul(strides[0], length))
+    populate(
+        view, data=builder.inttoptr(address, view.data.type), shape=lengths, strides=strides,
+        itemsize=context.get_constant(types.intp, size), meminfo=None,
+    )  # fmt: skip
+    return view._getvalue()
+
+
+def _rows_of(of: Any) -> Any:
     """In compiled code, look at the memory at an address as an array of a type and shape."""
     unpack: Any = cgutils.unpack_tuple
-    populate: Any = populate_array
 
     @intrinsic
-    def array(_context: Any, address: Any, shape: Any) -> Any:
+    def rows(_context: Any, address: Any, shape: Any) -> Any:
         kind = types.Array(of, len(shape), "C")
 
         def generate(context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
             place, sizes = arguments
-            view = context.make_array(kind)(context, builder)
-            size = context.get_abi_sizeof(context.get_data_type(of))
             lengths = [
                 context.cast(builder, value, from_, types.intp)
                 for value, from_ in zip(unpack(builder, sizes), shape, strict=True)
             ]
-            strides = [context.get_constant(types.intp, size)]
-            for length in lengths[:0:-1]:
-                strides.insert(0, builder.mul(strides[0], length))
-            populate(
-                view, data=builder.inttoptr(place, view.data.type), shape=lengths, strides=strides,
-                itemsize=context.get_constant(types.intp, size), meminfo=None,
-            )
-            return view._getvalue()
+            return _array(context, builder, kind, place, lengths)
 
         return kind(types.int64, shape), generate
 
-    return array
+    return rows
 
 
-_f8, _f4, _i8 = _array_of(types.float64), _array_of(types.float32), _array_of(types.int64)
-_u2, _i4 = _array_of(types.uint16), _array_of(types.int32)
-_at_table, _at_state, _at_window, _at_link, _at_pulses = (
-    _array_of(from_dtype(dtype)) for dtype in (_TABLE, STATE, WINDOW, _LINK, PULSE)
+def _group_of(group: Any) -> Any:
+    """In compiled code, make a declared group of its entries in the table and the numbers of `Sizes`."""
+    unpack: Any = cgutils.unpack_tuple
+    fields, entries_type = fields_of(group), cast(Any, from_dtype(entries_of(group)))
+    named_tuple: Any = types.NamedTuple
+    kinds = [
+        from_dtype(f.dtype) if f.kept is None else types.Array(from_dtype(f.dtype), len(f.kept.shape), "C")
+        for f in fields
+    ]
+    made = named_tuple(tuple(kinds), group)
+
+    @intrinsic
+    def view(_context: Any, entries: Any, lengths: Any) -> Any:
+        def generate(context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
+            named = {
+                name: context.cast(builder, value, from_, types.intp)
+                for name, value, from_ in zip(Sizes._fields, unpack(builder, arguments[1]), lengths, strict=True)
+            }
+            values = []
+            for field, kind in zip(fields, kinds, strict=True):
+                entry = types.int64 if field.kept is not None else kind
+                place = cgutils.get_record_member(  # type: ignore[no-untyped-call]
+                    builder, arguments[0], entries_type.offset(field.name), context.get_data_type(entry)
+                )
+                value = context.unpack_value(builder, entry, place)
+                if field.kept is not None:
+                    sides = [
+                        named[n] if isinstance(n, str) else context.get_constant(types.intp, n)
+                        for n in field.kept.shape
+                    ]
+                    value = _array(context, builder, kind, value, sides)
+                values.append(value)
+            return context.make_tuple(builder, made, values)
+
+        return made(entries, lengths), generate
+
+    return view
+
+
+_rows, _table = _rows_of(types.int64), _rows_of(from_dtype(_TABLE))
+_constants, _heat, _timing = (_rows_of(from_dtype(numbers_of(record))) for record in _RECORDS.values())
+_own_of: Callable[..., Own]
+_arrays_of: Callable[..., Arrays]
+_propagators_of: Callable[..., Propagators]
+_scratch_of: Callable[..., Scratch]
+_axes_of: Callable[..., Axes]
+_link_of: Callable[..., FullLink]
+_law_of: Callable[..., GapLaw]
+_own_of, _arrays_of, _propagators_of, _scratch_of, _axes_of, _link_of, _law_of = (
+    _group_of(group) for group in _GROUPS.values()
 )
-_at_constants, _at_law, _at_heat, _at_timing = (_array_of(from_dtype(_dtype_of(kind))) for kind in _RECORDS.values())
 
 
 @compiled
-def _arrays(at: Any, slices: int, rays: int, modes: int) -> Arrays:
-    per_ray, laid, per_mode = (slices, rays), (slices, places(rays)), (2, modes)
-    return Arrays(
-        _f4(at.edge_um, per_ray), _f8(at.reference_um, (2, filled(slices))),
-        _f8(at.pending_um2, laid), _f8(at.wire_q, per_mode), _f8(at.wire_v, per_mode),
-        _f8(at.table_q, (2, 2)), _f8(at.table_v, (2, 2)), _f8(at.temperature_K, (slices,)),
-        _f8(at.debris, (slices,)), _f8(at.carry_um2, (slices,)), _f4(at.distance, laid),
-        _f4(at.cosine, laid), _f4(at.sine, laid), _i8(at.first, (slices,)), _i8(at.blocks, (slices,)),
-        _i8(at.unbroken, (slices,)),
-        _f8(at.ray_cosine, (rays,)), _f8(at.ray_sine, (rays,)),
-        _f8(at.shape, (slices, modes)), _f8(at.sway, (modes, filled(slices))),
-        _f8(at.mean_shape, (modes,)), _f8(at.flow_factor, (slices,)),
-        _f8(at.table_shape, (2, 2)), _f8(at.table_participation, (2, 2)),
+def _lengths(slices: int, rays: int, coordinates: int, at: Any) -> tuple[int, ...]:
+    """Numbers of `Sizes` for a plant's table."""
+    return (
+        slices, filled(slices), rays, filled(rays, GAPS), filled(coordinates), coordinates, 2 * coordinates + 4,
+        at.tiles, at.index_side, at.pulses,
     )
+
+
+# a function per group, though one could do: the compiler orders the loop's sums by how it learns of the lengths
 
 
 @compiled
-def _law(at: Any) -> GapLaw:
-    """Constants of the gap as values, that the loop over the rays keeps in registers."""
-    law = _at_law(at.law, (1,))[0]
-    return GapLaw(
-        law.t50_a, law.t50_b, law.t50_c, law.gap_scale, law.scaled_gap_floor_um, law.primed_gap_um,
-        law.primed_per_um2, law.contact_gap_um, law.wire_curvature,
-    )
+def _own(at: Any, slices: int, rays: int, coordinates: int) -> Own:
+    return _own_of(at.own, _lengths(slices, rays, coordinates, at))
 
 
 @compiled
-def _propagators(at: Any, modes: int) -> Propagators:
-    table = (GRID + 1, 2, 2)
-    return Propagators(
-        _f8(at.wire, (GRID + 1, 4, modes)), _f8(at.wire_compliance, (modes,)),
-        _f8(at.table11, table), _f8(at.table12, table),
-        _f8(at.table21, table), _f8(at.table22, table),
-    )
+def _arrays(at: Any, slices: int, rays: int, coordinates: int) -> Arrays:
+    return _arrays_of(at.arrays, _lengths(slices, rays, coordinates, at))
 
 
 @compiled
-def _scratch(at: Any, slices: int, modes: int) -> Scratch:
-    return Scratch(
-        _f8(at.position, (2, filled(slices))), _f8(at.load, (2, modes)), _f8(at.held, (2, modes)),
-        _f8(at.sums, (slices, 4)), _f8(at.contact, (slices,)),
-    )
+def _propagators(at: Any, slices: int, rays: int, coordinates: int) -> Propagators:
+    return _propagators_of(at.propagators, _lengths(slices, rays, coordinates, at))
 
 
 @compiled
-def _link(at: Any, nodes: int) -> FullLink:
-    n = _at_link(at.link, (1,))[0]
-    dofs = 2 * nodes + 4
-    return FullLink(
-        n.mj_step, n.model, n.data, _f8(at.link_timestep, (1,)), _f8(at.link_qpos, (dofs,)),
-        _f8(at.link_qvel, (dofs,)), _f8(at.link_force, (dofs,)), _i8(at.link_wire, (2, nodes)),
-        _i8(at.link_carriage, (2,)), _i8(at.link_rotor, (2,)), n.longest_us, n.reach_m, n.most_force_N,
-        _f8(at.link_rad_per_um, (2,)), n.step_um, _f8(at.link_holding_Nm, (2,)), n.teeth, n.friction_N,
-        n.presliding_m, _f8(at.link_friction_share, (2,)),
-    )
+def _scratch(at: Any, slices: int, rays: int, coordinates: int) -> Scratch:
+    return _scratch_of(at.scratch, _lengths(slices, rays, coordinates, at))
 
 
-CALL = 4
-"""Numbers of a call for one plant (int64): address of its `Memory`'s table, address of the window's steps (int64;
-time, axis and direction in a row), number of steps, and, written by the call, how the window ended."""
+@compiled
+def _axes(at: Any, slices: int, rays: int, coordinates: int) -> Axes:
+    return _axes_of(at.axes, _lengths(slices, rays, coordinates, at))
+
+
+@compiled
+def _link(at: Any, slices: int, rays: int, coordinates: int) -> FullLink:
+    return _link_of(at.link, _lengths(slices, rays, coordinates, at))
+
+
+@compiled
+def _law(at: Any, slices: int, rays: int, coordinates: int) -> GapLaw:
+    return _law_of(at.law, _lengths(slices, rays, coordinates, at))
+
+
+CALL = 5
+"""Numbers of a call for one plant (int64): address of its `Memory`'s table, address of the window's events (int64;
+time, channel and value in a row), number of events, and pulses to fire; the call writes how the window ended."""
 
 
 @functools.cache
@@ -209,19 +246,17 @@ def window_function(slices: int, rays: int, coordinates: int, full: bool) -> Cal
 
     @compiled
     def advance(calls: int, count: int) -> None:
-        rows = _i8(calls, (count, CALL))
+        rows = _rows(calls, (count, CALL))
         for k in range(count):
-            at = _at_table(rows[k, 0], (1,))[0]
-            modes = filled(coordinates)
-            rows[k, 3] = fire_window(
-                _at_state(at.state, (1,)), _at_window(at.window, (1,)),
-                _arrays(at, slices, rays, modes),
-                _u2(at.tiles, (at.tile_count, slices, TILE, TILE)),
-                _i4(at.index, (at.index_side, at.index_side)),
-                _at_constants(at.constants, (1,))[0], _law(at),
-                _at_heat(at.heat, (1,))[0], _at_timing(at.timing, (1,))[0],
-                _propagators(at, modes), _scratch(at, slices, modes), _link(at, coordinates), full,
-                _i8(rows[k, 1], (rows[k, 2], 3)), _at_pulses(at.pulses, (at.pulse_count,)),
+            at = _table(rows[k, 0], (1,))[0]
+            own = _own(at, slices, rays, coordinates)
+            rows[k, 4] = fire_window(
+                own.state, own.window, _arrays(at, slices, rays, coordinates), own.tiles, own.tile_index,
+                _constants(at.constants, (1,))[0], _law(at, slices, rays, coordinates), _heat(at.heat, (1,))[0],
+                _timing(at.timing, (1,))[0], _propagators(at, slices, rays, coordinates),
+                _scratch(at, slices, rays, coordinates), _axes(at, slices, rays, coordinates),
+                _link(at, slices, rays, coordinates), full, _rows(rows[k, 1], (rows[k, 2], 3)), own.pulses,
+                rows[k, 3],
             )
 
     return advance

@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from edmsim.plant.gap.rays import Rays
+from edmsim.compiled.axis_rows import AXIS, DRIVE, MOTOR, N_AXES
+from edmsim.plant.kernel.declare import CHANGING, WALL, Kept
 
 Array = NDArray[np.float64]
 
 PULSES_PER_WINDOW = 255
 """The analyser's cycle (row T-40)."""
+TILE = 32
+"""Cells along the side of a tile of the kerf field."""
 GRID = 1000
 """Steps of the propagators' time grid over the longest period."""
 OPEN, SPARK, ARC, SHORT = 0, 1, 2, 3
@@ -26,7 +29,8 @@ STATE = np.dtype(
         ("pulses", "i8"),
         ("key", "u8"),
         ("draws", "u8"),
-        ("commanded_um", "f8", 2),
+        ("commanded_um", "f8", N_AXES),
+        ("axis_um", "f8", N_AXES),
         ("since_discharge_us", "f8"),
         ("last_slice", "i8"),
         ("last_ray", "i8"),
@@ -39,17 +43,19 @@ STATE = np.dtype(
         ("crater_um3", "f8"),
         ("missed_um3", "f8"),
         ("deflection_um", "f8", 2),
-        ("tiled_um", "f8", 2),
-        ("traced_um", "f8", 2),
+        ("tiled_um", "f8", N_AXES),
+        ("traced_um", "f8", N_AXES),
         ("traced_pulses", "i8"),
         ("carved_pulses", "i8"),
         ("traces", "i8"),
     ]
 )
-"""Scalars of a plant's state. ``crater_um3`` sums the craters drawn, ``missed_um3`` what found no metal;
-``deflection_um`` is the last window's mean, ``tiled_um`` the place around which the field has tiles; ``traced_um``
-and ``traced_pulses`` are the commanded place and the pulses fired when the rays were last traced, ``traces`` how
-often that was with this wire, ``carved_pulses`` the pulses whose craters are carved."""
+"""Scalars of a plant's state. ``commanded_um`` are the axes' setpoints, their steps added up; ``axis_um`` is where
+the axes are, less the ringing of those under a stepper, for which both are equal. ``crater_um3`` sums the craters
+drawn, ``missed_um3`` what found no metal; ``deflection_um`` is the last window's mean, ``tiled_um`` the places (x, y)
+of the wire at the lower and the upper guide around which the field has tiles; ``traced_um`` and ``traced_pulses`` are
+the axes' places and the pulses fired when the rays were last traced, ``traces`` how often that was with this wire,
+``carved_pulses`` the pulses whose craters are carved."""
 
 WINDOW = np.dtype(
     [
@@ -90,6 +96,8 @@ PULSE = np.dtype(
 """One pulse: its begin since the window's; how long the open voltage stood and current flowed; that voltage; gap, the
 wire's place and ray where it discharged or touched; its class; its slice, -1 where it has no place."""
 
+NO_METAL_UM = 1.0e6
+"""Distance of a ray that meets no metal: so far that it takes no part in anything."""
 FINE, NO_TILES, STEP_WRONG, STEP_EARLY, NOT_FINITE, OUTSIDE, INSIDE = range(7)
 """How a window ended: as it should; not begun, for want of tiles of the field, or because of a step that no motor
 makes or that is out of order; a number that is none; the wire beyond its guides; the wire deeper in the metal than
@@ -185,12 +193,33 @@ class Propagators(NamedTuple):
     table11, table12, table21, table22 : (GRID + 1, 2, 2)
     """
 
-    wire: Array
-    wire_compliance: Array
-    table11: Array
-    table12: Array
-    table21: Array
-    table22: Array
+    wire: Annotated[Array, Kept(GRID + 1, 4, "modes")]
+    wire_compliance: Annotated[Array, Kept("modes")]
+    table11: Annotated[Array, Kept(GRID + 1, 2, 2)]
+    table12: Annotated[Array, Kept(GRID + 1, 2, 2)]
+    table21: Annotated[Array, Kept(GRID + 1, 2, 2)]
+    table22: Annotated[Array, Kept(GRID + 1, 2, 2)]
+
+
+class Axes(NamedTuple):
+    """The machine's axes with the drives that have a loop.
+
+    Attributes
+    ----------
+    rows, drives, motors
+        See `edmsim.compiled.axis_rows`; without meaning for an axis under a stepper.
+    transition : (axes, GRID + 1, 3, 3)
+        Over ``k * grid_us`` of the modal model: current (A), speed (rad/s) and travel (um) afterwards, of current,
+        speed and voltage (V) before.
+    loops : int
+        How many drives have a loop.
+    """
+
+    rows: Annotated[NDArray[np.void], Kept(N_AXES, life=CHANGING, record=AXIS)]
+    drives: Annotated[NDArray[np.void], Kept(N_AXES, life=CHANGING, record=DRIVE)]
+    motors: Annotated[NDArray[np.void], Kept(N_AXES, record=MOTOR)]
+    transition: Annotated[Array, Kept(N_AXES, GRID + 1, 3, 3)]
+    loops: int
 
 
 class Arrays(NamedTuple):
@@ -207,11 +236,11 @@ class Arrays(NamedTuple):
         Place it was traced from: where the wire was at that moment. The wire swings, so that in time its
         rays look everywhere, also between the lines they look along now.
     pending_um2 : (slices, places)
-        Area of craters that fell on a ray since; carved from the field before the rays are traced anew.
+        Area of craters that fell on a ray since; carved from the field before the rays are traced again.
     wire_q, wire_v : (2, modes filled)
         Modal deflection (um sqrt(kg)) and velocity (um sqrt(kg)/s), along x and y.
     table_q, table_v : (2, 2)
-        Ringing of each axis around the commanded position.
+        Ringing of x and y around ``axis_um``.
     temperature_K, debris, carry_um2 : (slices,)
         Wire temperature, debris share, and crater area too small for a part of a cell, kept for the next.
     distance, cosine, sine, first, blocks, unbroken
@@ -223,39 +252,42 @@ class Arrays(NamedTuple):
         The same, transposed.
     mean_shape : (modes filled,)
         Its mean over the slices.
+    height_share : (slices filled,)
+        Height of a slice above the lower guide, as a share of the distance of the guides.
     flow_factor : (slices,)
         Share of the breakdown rate that the flow past a slice leaves.
     table_shape, table_participation : (2, 2)
     """
 
-    edge_um: NDArray[np.float32]
-    reference_um: Array
-    pending_um2: Array
-    wire_q: Array
-    wire_v: Array
-    table_q: Array
-    table_v: Array
-    temperature_K: Array
-    debris: Array
-    carry_um2: Array
-    distance: NDArray[np.float32]
-    cosine: NDArray[np.float32]
-    sine: NDArray[np.float32]
-    first: NDArray[np.int64]
-    blocks: NDArray[np.int64]
-    unbroken: NDArray[np.int64]
-    ray_cosine: Array
-    ray_sine: Array
-    shape: Array
-    sway: Array
-    mean_shape: Array
-    flow_factor: Array
-    table_shape: Array
-    table_participation: Array
+    edge_um: Annotated[NDArray[np.float32], Kept("slices", "rays", life=WALL)]
+    reference_um: Annotated[Array, Kept(2, "slices_filled", life=WALL)]
+    pending_um2: Annotated[Array, Kept("slices", "places", life=WALL)]
+    wire_q: Annotated[Array, Kept(2, "modes", life=CHANGING)]
+    wire_v: Annotated[Array, Kept(2, "modes", life=CHANGING)]
+    table_q: Annotated[Array, Kept(2, 2, life=CHANGING)]
+    table_v: Annotated[Array, Kept(2, 2, life=CHANGING)]
+    temperature_K: Annotated[Array, Kept("slices", life=CHANGING)]
+    debris: Annotated[Array, Kept("slices", life=CHANGING)]
+    carry_um2: Annotated[Array, Kept("slices", life=WALL)]
+    distance: Annotated[NDArray[np.float32], Kept("slices", "places", life=WALL)]
+    cosine: Annotated[NDArray[np.float32], Kept("slices", "places", life=WALL)]
+    sine: Annotated[NDArray[np.float32], Kept("slices", "places", life=WALL)]
+    first: Annotated[NDArray[np.int64], Kept("slices", life=WALL)]
+    blocks: Annotated[NDArray[np.int64], Kept("slices", life=WALL)]
+    unbroken: Annotated[NDArray[np.int64], Kept("slices", life=WALL)]
+    ray_cosine: Annotated[Array, Kept("rays")]
+    ray_sine: Annotated[Array, Kept("rays")]
+    shape: Annotated[Array, Kept("slices", "modes")]
+    sway: Annotated[Array, Kept("modes", "slices_filled")]
+    mean_shape: Annotated[Array, Kept("modes")]
+    height_share: Annotated[Array, Kept("slices_filled")]
+    flow_factor: Annotated[Array, Kept("slices")]
+    table_shape: Annotated[Array, Kept(2, 2)]
+    table_participation: Annotated[Array, Kept(2, 2)]
 
 
 class Scratch(NamedTuple):
-    """Room for what the loop computes anew every pulse; it allocates nothing itself.
+    """Room for what the loop computes again every pulse; it allocates nothing itself.
 
     Attributes
     ----------
@@ -266,14 +298,18 @@ class Scratch(NamedTuple):
     contact : (slices,)
     """
 
-    position: Array
-    load: Array
-    held: Array
-    sums: Array
-    contact: Array
+    position: Annotated[Array, Kept(2, "slices_filled")]
+    load: Annotated[Array, Kept(2, "modes")]
+    held: Annotated[Array, Kept(2, "modes")]
+    sums: Annotated[Array, Kept("slices", 4)]
+    contact: Annotated[Array, Kept("slices")]
 
 
-WALL = ("edge_um", "reference_um", "pending_um2", "carry_um2", *Rays._fields)
-"""Fields of `Arrays` that tell where the metal is and what craters took of it: they outlast the wire."""
-CHANGING = (*WALL, "wire_q", "wire_v", "table_q", "table_v", "temperature_K", "debris")
-"""Fields of `Arrays` that belong into a snapshot."""
+class Own(NamedTuple):
+    """Rows of one plant's scalars, its kerf field, and the log of a window's pulses, empty if none is wanted."""
+
+    state: Annotated[NDArray[np.void], Kept(1, record=STATE)]
+    window: Annotated[NDArray[np.void], Kept(1, record=WINDOW)]
+    tiles: Annotated[NDArray[np.uint16], Kept("tiles", "slices", TILE, TILE)]
+    tile_index: Annotated[NDArray[np.int32], Kept("index_side", "index_side")]
+    pulses: Annotated[NDArray[np.void], Kept("pulses", record=PULSE)]

@@ -20,12 +20,15 @@ def copy(to: Array, of: Array) -> None:
 
 @compiled
 def place_wire(state: NDArray[np.void], a: Arrays, position: Array) -> None:
-    """Wire position on the workpiece, per slice: commanded, ringing of the table, deflection."""
+    """Wire position on the workpiece, per slice: the line between the guides, ringing of the table, deflection.
+
+    The axes x and y move both guides, u and v the upper one further.
+    """
     n_modes, filled = a.sway.shape
     for axis in range(2):
-        start = state[0].commanded_um[axis] + ringing(a, axis)
+        start, lean = state[0].axis_um[axis] + ringing(a, axis), state[0].axis_um[2 + axis]
         for s in range(0, filled, COORDINATES):
-            place = spread(start)
+            place = spread(start) + load(a.height_share, (s,)) * lean
             for m in range(n_modes):
                 place += load(a.sway, (m, s)) * a.wire_q[axis, m]
             store(position, (axis, s), place)
@@ -42,7 +45,7 @@ def mean_deflection(a: Arrays, axis: int) -> float:
 
 @compiled
 def ringing(a: Arrays, axis: int) -> float:
-    """Where an axis is, less where its motor steps say."""
+    """Where x or y is, less its `axis_um`: the table rings after every motor step."""
     return np.float64(a.table_shape[axis, 0] * a.table_q[axis, 0] + a.table_shape[axis, 1] * a.table_q[axis, 1])
 
 
@@ -149,8 +152,9 @@ def move(
 def step_table(
     state: NDArray[np.void], a: Arrays, p: Propagators, axis: int, travel_um: float, k_since: int
 ) -> None:
-    """One motor step, `k_since` grid steps before now: the axis rings around its new place."""
+    """One motor step, `k_since` grid steps before now: x or y rings around its new place."""
     state[0].commanded_um[axis] += travel_um
+    state[0].axis_um[axis] += travel_um
     for m in range(2):
         jump = -a.table_participation[axis, m] * travel_um
         a.table_q[axis, m] += jump * p.table11[k_since, axis, m]

@@ -9,20 +9,18 @@ say, both in um of travel, ``table_v[axis]`` in um/s.
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
-from llvmlite import ir
-from numba import types
-from numba.extending import intrinsic
 from numpy.typing import NDArray
 
+from edmsim.compiled.calls import call_with_two
 from edmsim.compiled.jit import compiled
-from edmsim.plant.kernel.state import Array, Arrays
+from edmsim.plant.axes.advance import LOST, advance_axes
+from edmsim.plant.axes.motor import step_motors
+from edmsim.plant.kernel.declare import CHANGING, Kept
+from edmsim.plant.kernel.state import Array, Arrays, Axes, Propagators, Timing
 from edmsim.plant.mechanics.modal import project
-
-LOST = -1
-"""What `move_full` returns for a wire or table that has left every reason."""
 
 
 class FullLink(NamedTuple):
@@ -68,42 +66,23 @@ class FullLink(NamedTuple):
     mj_step: int
     model: int
     data: int
-    timestep: Array
-    qpos: Array
-    qvel: Array
-    force: Array
-    wire: NDArray[np.int64]
-    carriage: NDArray[np.int64]
-    rotor: NDArray[np.int64]
+    timestep: Annotated[Array, Kept(1)]
+    qpos: Annotated[Array, Kept("dofs")]
+    qvel: Annotated[Array, Kept("dofs")]
+    force: Annotated[Array, Kept("dofs")]
+    wire: Annotated[NDArray[np.int64], Kept(2, "nodes")]
+    carriage: Annotated[NDArray[np.int64], Kept(2)]
+    rotor: Annotated[NDArray[np.int64], Kept(2)]
     longest_us: float
     reach_m: float
     most_force_N: float
-    rad_per_um: Array
+    rad_per_um: Annotated[Array, Kept(2)]
     step_um: float
-    holding_Nm: Array
+    holding_Nm: Annotated[Array, Kept(2)]
     teeth: float
     friction_N: float
     presliding_m: float
-    friction_share: Array
-
-
-def _calling(typingctx: Any, function: Any, model: Any, data: Any) -> Any:
-    """Machine code for a call of ``void function(model, data)``, all three given as addresses.
-
-    The addresses are values at run time, so machine code kept between runs stays right.
-    """
-
-    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        address = ir.IntType(8).as_pointer()
-        kind = ir.FunctionType(ir.VoidType(), [address, address])
-        target = builder.inttoptr(arguments[0], kind.as_pointer())
-        builder.call(target, [builder.inttoptr(argument, address) for argument in arguments[1:]])
-        return context.get_dummy_value()
-
-    return types.void(types.int64, types.int64, types.int64), generate
-
-
-_call: Any = intrinsic(_calling)
+    friction_share: Annotated[Array, Kept(2, life=CHANGING)]
 
 
 @compiled
@@ -115,14 +94,14 @@ def _lay_out(state: NDArray[np.void], a: Arrays, link: FullLink) -> None:
             link.qpos[dof] = a.wire_q[axis, m] * 1e-6
             link.qvel[dof] = a.wire_v[axis, m] * 1e-6
         carriage, rotor, turn = link.carriage[axis], link.rotor[axis], link.rad_per_um[axis]
-        link.qpos[carriage] = (state[0].commanded_um[axis] + a.table_q[axis, 0]) * 1e-6
+        link.qpos[carriage] = (state[0].axis_um[axis] + a.table_q[axis, 0]) * 1e-6
         link.qvel[carriage] = a.table_v[axis, 0] * 1e-6
-        link.qpos[rotor] = (state[0].commanded_um[axis] + a.table_q[axis, 1]) * turn
+        link.qpos[rotor] = (state[0].axis_um[axis] + a.table_q[axis, 1]) * turn
         link.qvel[rotor] = a.table_v[axis, 1] * turn
 
 
 @compiled
-def _take_back(state: NDArray[np.void], a: Arrays, link: FullLink) -> None:
+def _take_back(state: NDArray[np.void], a: Arrays, axes: Axes, link: FullLink) -> None:
     """Take positions and velocities from MuJoCo into the plant's arrays."""
     for axis in range(2):
         for m in range(link.wire.shape[1]):
@@ -130,9 +109,11 @@ def _take_back(state: NDArray[np.void], a: Arrays, link: FullLink) -> None:
             a.wire_q[axis, m] = link.qpos[dof] * 1e6
             a.wire_v[axis, m] = link.qvel[dof] * 1e6
         carriage, rotor, turn = link.carriage[axis], link.rotor[axis], link.rad_per_um[axis]
-        a.table_q[axis, 0] = link.qpos[carriage] * 1e6 - state[0].commanded_um[axis]
+        if axes.drives[axis].sample != 0:
+            state[0].axis_um[axis] = link.qpos[carriage] * 1e6
+        a.table_q[axis, 0] = link.qpos[carriage] * 1e6 - state[0].axis_um[axis]
         a.table_v[axis, 0] = link.qvel[carriage] * 1e6
-        a.table_q[axis, 1] = link.qpos[rotor] / turn - state[0].commanded_um[axis]
+        a.table_q[axis, 1] = link.qpos[rotor] / turn - state[0].axis_um[axis]
         a.table_v[axis, 1] = link.qvel[rotor] / turn
 
 
@@ -158,17 +139,25 @@ def _sound(link: FullLink) -> bool:
 
 
 @compiled
-def _drive(state: NDArray[np.void], link: FullLink) -> None:
+def _drive(state: NDArray[np.void], axes: Axes, link: FullLink) -> None:
     """Apply the motors' torques and the friction of the ways.
 
-    A hybrid stepper holds its rotor by a torque that is sinusoidal over the angle and repeats with every tooth:
-    an angle of a tooth and it rests, four full steps off, without anyone noticing.
+    The torque of a direct-current motor follows its current. A hybrid stepper holds its rotor by a torque that is
+    sinusoidal over the angle and repeats with every tooth: an angle of a tooth and it rests, four full steps off,
+    without anyone noticing.
     """
     for axis in range(2):
         rotor = link.rotor[axis]
+        link.force[link.carriage[axis]] = -link.friction_N * link.friction_share[axis]
+        if axes.drives[axis].sample != 0:
+            motor = axes.motors[axis]
+            speed = link.qvel[rotor] / (link.rad_per_um[axis] * motor.um_per_rad)  # of a rotor on this motor's screw
+            axes.rows[axis].speed_rad_s = speed
+            torque = motor.torque_Nm_A * axes.rows[axis].current_A
+            link.force[rotor] = torque / (link.rad_per_um[axis] * motor.um_per_rad)
+            continue
         lead = link.qpos[rotor] - state[0].commanded_um[axis] * link.rad_per_um[axis]
         link.force[rotor] = -link.holding_Nm[axis] * math.sin(link.teeth * lead)
-        link.force[link.carriage[axis]] = -link.friction_N * link.friction_share[axis]
 
 
 @compiled
@@ -183,16 +172,24 @@ def _rub(link: FullLink, axis: int, travel_m: float) -> None:
 
 
 @compiled
-def _step(state: NDArray[np.void], link: FullLink) -> bool:
-    """One time step of MuJoCo under the forces on the wire; false if its numbers are lost."""
-    _drive(state, link)
+def _step(state: NDArray[np.void], axes: Axes, link: FullLink) -> bool:
+    """One time step of MuJoCo under the forces on the wire; false if they or what they move have no meaning."""
+    _drive(state, axes, link)
     if not _sound(link):
         return False
     x, y = link.qpos[link.carriage[0]], link.qpos[link.carriage[1]]
-    _call(link.mj_step, link.model, link.data)
+    call_with_two(link.mj_step, link.model, link.data)
     _rub(link, 0, link.qpos[link.carriage[0]] - x)
     _rub(link, 1, link.qpos[link.carriage[1]] - y)
     return True
+
+
+@compiled
+def _see_axes(state: NDArray[np.void], axes: Axes, link: FullLink) -> None:
+    """Tell the axes whose drives have a loop where MuJoCo has moved them."""
+    for axis in range(2):
+        if axes.drives[axis].sample != 0:
+            axes.rows[axis].place_um = state[0].axis_um[axis] = link.qpos[link.carriage[axis]] * 1e6
 
 
 @compiled
@@ -205,7 +202,10 @@ def _overlap(begin: float, end: float, low: float, high: float) -> float:
 def move_full(
     state: NDArray[np.void],
     a: Arrays,
+    axes: Axes,
     link: FullLink,
+    p: Propagators,
+    t: Timing,
     load: Array,
     sums: Array,
     open_scale: float,
@@ -216,14 +216,13 @@ def move_full(
     s: int,
     kick_x: float,
     kick_y: float,
-    steps: NDArray[np.int64],
-    next_step: int,
+    events: NDArray[np.int64],
+    next_event: int,
 ) -> int:
     """Step the full model over the period of a pulse that starts at the state's time, which is left as it is.
 
-    As `edmsim.plant.mechanics.modal.move` and ``step_table`` together. The period is cut into equal time steps.
-    The pull
-    (um kg/s2 times the scales) acts with its mean over each. The kick (N s) at ``end_us`` on slice `s` is
+    As `edmsim.plant.mechanics.modal.move` and `advance_axes` together. The period is cut into equal time steps. The
+    pull (um kg/s2 times the scales) acts with its mean over each. The kick (N s) at ``end_us`` on slice `s` is
     shared by the two time steps around it, so that its mean moment is right; in the last time step there is no
     other to share with, and it comes early by less than its length. A motor's step changes the commanded angle,
     and ``commanded_um`` with it, at the begin of the time step in which it falls.
@@ -232,15 +231,15 @@ def move_full(
     ----------
     load : (2, nodes)
         Room for the pull on the nodes.
-    steps : int64 (n, 3)
-        Motor steps in order of time: time in ns, axis 0 or 1, direction -1 or 1.
-    next_step : int
+    events : int64 (n, 3)
+        Time in ns, channel and value, in order of time (see `edmsim.Plant.advance`).
+    next_event : int
         First of them that has not happened.
 
     Returns
     -------
     int
-        First motor step after this period, or `LOST` if a coordinate is not finite or beyond every reason;
+        First event after this period, or `LOST` if a coordinate is not finite or beyond every reason;
         nothing is stepped any more then, and the arrays hold what was found.
     """
     period_us = period_ns * 1e-3
@@ -254,9 +253,9 @@ def move_full(
     sound = True
     for k in range(n_steps):
         until_ns = state[0].time_ns + period_ns * (k + 1) // n_steps
-        while next_step < steps.shape[0] and steps[next_step, 0] < until_ns:
-            state[0].commanded_um[steps[next_step, 1]] += steps[next_step, 2] * link.step_um
-            next_step += 1
+        next_event = advance_axes(state, a, axes, p, t, 0, link.step_um, events, next_event, until_ns, True)
+        if next_event == LOST:
+            break
         begin, end = k * dt_us, (k + 1) * dt_us
         scale = (
             open_scale * _overlap(begin, end, 0.0, ignite_us) + burn_scale * _overlap(begin, end, ignite_us, end_us)
@@ -270,8 +269,11 @@ def move_full(
             share = a.shape[s, m] * kick
             link.force[link.wire[0, m]] = load[0, m] * scale * 1e-6 + share * kick_x
             link.force[link.wire[1, m]] = load[1, m] * scale * 1e-6 + share * kick_y
-        sound = _step(state, link)
+        sound = _step(state, axes, link)
         if not sound:
             break
-    _take_back(state, a, link)
-    return next_step if sound and _sound(link) else LOST
+        if axes.loops != 0:
+            _see_axes(state, axes, link)
+            step_motors(state, axes, dt_us)
+    _take_back(state, a, axes, link)
+    return next_event if sound and _sound(link) else LOST

@@ -161,6 +161,10 @@ class FullMechanics:
             stops = self.model.joint(axis).range
             stops[1] = travel_m - stops[0]
 
+    def set_motor(self, axis: int, damping_Nm_s: float) -> None:
+        """Put a direct-current motor in the place of the stepper of x (0) or y (1): its damping, the same inertia."""
+        self.model.dof_damping[self.link.rotor[axis]] = damping_Nm_s
+
     def reset(self) -> None:
         """Let the ways' friction go; positions and velocities come from the plant's arrays."""
         self.link.friction_share[:] = 0.0

@@ -15,8 +15,8 @@ from edmsim.compiled.elementary import cube_root
 from edmsim.compiled.jit import compiled
 from edmsim.plant.gap.ray_trace import gap_of, place_of
 from edmsim.plant.gap.rays import turned
-from edmsim.plant.kernel.state import Array, Arrays, Constants
-from edmsim.plant.workpiece.kerf_field import FULL, NO_METAL_UM, carve_wall
+from edmsim.plant.kernel.state import NO_METAL_UM, Array, Arrays, Constants
+from edmsim.plant.workpiece.kerf_field import FULL, carve_wall
 
 CARVE_BEYOND_UM = 48.0
 """How far behind a ray's edge its wall is looked for."""

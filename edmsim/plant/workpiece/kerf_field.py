@@ -16,16 +16,13 @@ from numpy.typing import NDArray
 
 from edmsim.compiled.jit import compiled
 from edmsim.errors import InputError
+from edmsim.plant.kernel.state import NO_METAL_UM, TILE
 from edmsim.plant.workpiece.height_steps import HeightStep, Relief
 
 FULL = 32768
 """Parts in a full cell."""
-TILE = 32
-"""Cells along a tile's side."""
 PROUD_SHARE = 3.0
 """Metal that stands out goes up to so many times as fast beside the rest (ours)."""
-NO_METAL_UM = 1.0e6
-"""Distance of a ray that meets no metal: so far that it takes no part in anything."""
 PARALLEL = 1e-9
 """A direction is parallel to an axis of the grid if its cosine is below this."""
 
@@ -143,12 +140,20 @@ class KerfField:
         """Area in um2 of one part of a cell."""
         return self.cell_um**2 / FULL
 
-    def allocate(self, x_um: float, y_um: float, reach_um: float) -> bool:
-        """Make sure that every tile within `reach_um` of a point exists; say whether any was new."""
+    def allocate(self, x_um: float, y_um: float, reach_um: float, lean_um: tuple[float, float] = (0.0, 0.0)) -> bool:
+        """Make sure that every tile within `reach_um` of a point exists; say whether any was new.
+
+        With `lean_um`, of all points between the point and the one that lies so much further along x and y.
+        """
         side = self.cell_um * TILE
         last = self.index.shape[0] - 1
-        x0, x1 = (min(max(int((x_um + d) // side), 0), last) for d in (-reach_um, reach_um))
-        y0, y1 = (min(max(int((y_um + d) // side), 0), last) for d in (-reach_um, reach_um))
+        (x0, x1), (y0, y1) = (
+            (
+                min(max(int((place + min(lean, 0.0) - reach_um) // side), 0), last),
+                min(max(int((place + max(lean, 0.0) + reach_um) // side), 0), last),
+            )
+            for place, lean in zip((x_um, y_um), lean_um, strict=True)
+        )
         window = self.index[x0 : x1 + 1, y0 : y1 + 1]
         if window.min() >= 0:
             return False

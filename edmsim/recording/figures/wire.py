@@ -29,9 +29,10 @@ SEGMENTS = 8
 
 def wire_frequencies_hz(machine: Machine, resolution: str) -> Array:
     """Return the undamped frequencies of the wire's modes in Hz, lowest first, as the plant has them."""
-    from edmsim.plant import constants
+    from edmsim.plant.constants import modal_model
+    from edmsim.plant.resolution import resolution as named
 
-    return np.asarray(constants.modal_model(machine, constants.resolution(resolution)).wire_omega / (2 * np.pi))
+    return np.asarray(modal_model(machine, named(resolution)).wire_omega / (2 * np.pi))
 
 
 def folded_hz(frequency_hz: Array, sampling_hz: float) -> Array:

@@ -1,0 +1,58 @@
+"""The reference servo: a direct-current motor with an encoder, and a proportional-derivative loop in whole numbers.
+
+It shows what a drive of one's own takes; its constants stand in ``models/drives/servo.toml``.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from edmsim.compiled.axis_rows import FAULT, SampleFunction, carray, sample
+from edmsim.controllers.axis.drive import data_of, motor_row, new_record
+
+COUNTS_PER_EDGE, KP, KD, LAST_ERROR, LARGEST_ERROR = range(5)
+"""Registers."""
+
+
+@sample
+def _servo(drive_at: Any, axis_at: Any) -> None:
+    drive, axis = carray(drive_at, 1)[0], carray(axis_at, 1)[0]
+    error = drive.setpoint * drive.reg[COUNTS_PER_EDGE] - axis.count
+    duty = drive.reg[KP] * error + drive.reg[KD] * (error - drive.reg[LAST_ERROR])
+    drive.reg[LAST_ERROR] = error
+    if abs(error) > drive.reg[LARGEST_ERROR]:
+        drive.lines |= FAULT
+    if drive.lines & FAULT:
+        duty = 0
+    drive.command = min(max(duty, -32768), 32768) / 32768.0
+
+
+class PositionServo:
+    """A position servo for step edges, with the drive's dialogue reduced to nothing.
+
+    If the axis is further from its setpoint than ``largest_error`` counts, the drive reports a fault and leaves the
+    motor without voltage until the plant is reset.
+    """
+
+    name = "servo"
+
+    def __init__(self) -> None:
+        data = data_of(self.name)
+        loop = data["loop"]
+        self.record: NDArray[np.void] = new_record(tuple(loop["period_ns"]))
+        self.record["reg"][0, : LARGEST_ERROR + 1] = (
+            loop["counts_per_edge"], loop["kp"], loop["kd"], 0, loop["largest_error"],
+        )
+        self.motor: NDArray[np.void] | None = motor_row(data["motor"])
+
+    @property
+    def sample(self) -> SampleFunction:
+        """The compiled sample, the same for all servos."""
+        return _servo
+
+    def line(self, text: bytes) -> bytes:
+        """Answer nothing: this servo has no serial line."""
+        return b""

@@ -1,0 +1,154 @@
+"""The axes over a span of time: step edges and input lines in order of time, drives at their sampling instants.
+
+Both integrators call `advance_axes`: the modal one after every pulse for the pulse's period, the full one before
+every time step of MuJoCo for that step. Where no drive has a loop, an axis is where its steps lead it, and rings.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from edmsim.compiled.axis_rows import N_AXES
+from edmsim.compiled.calls import call_with_two
+from edmsim.compiled.jit import compiled, compiled_apart
+from edmsim.plant.axes.encoder import read_axis
+from edmsim.plant.axes.motor import coast
+from edmsim.plant.kernel.state import TILED_UM, Arrays, Axes, Propagators, Timing
+from edmsim.plant.mechanics.modal import step_table
+
+LOST = -1
+"""What is returned instead of the next event if a wire or an axis has left every reason."""
+_NOBODY, _EVENT = -2, -1
+"""Who is due next, besides the number of a drive."""
+
+
+@compiled
+def _take_step(
+    state: NDArray[np.void], a: Arrays, p: Propagators, t: Timing, k_period: int, step_um: float, time_ns: int,
+    axis: int, direction: int, until_ns: int, full: bool,
+) -> None:
+    """One step of a stepper: MuJoCo's magnets pull the rotor there; in the modal model the axis rings around it."""
+    travel = direction * step_um
+    if full or axis >= 2:
+        state[0].commanded_um[axis] += travel
+        state[0].axis_um[axis] += travel
+        return
+    since = (until_ns - time_ns) * 1e-3 / t.grid_us
+    step_table(state, a, p, axis, travel, min(int(since + 0.5), k_period))
+
+
+@compiled
+def _first_due(axes: Axes, events: NDArray[np.int64], next_event: int, until_ns: int) -> tuple[int, int]:
+    """Who is due first before a time, and when: of several at once events, then drives in the order of the axes."""
+    who, due_ns = _NOBODY, until_ns
+    if next_event < events.shape[0] and events[next_event, 0] < until_ns:
+        who, due_ns = _EVENT, events[next_event, 0]
+    for axis in range(N_AXES):
+        if axes.drives[axis].sample != 0 and axes.drives[axis].due_ns < due_ns:
+            who, due_ns = axis, axes.drives[axis].due_ns
+    return who, due_ns
+
+
+@compiled
+def _take_line(axes: Axes, channel: int, level: int) -> None:
+    """Set an input line of the drives."""
+    bit = 1 << (channel - N_AXES)
+    for axis in range(N_AXES):
+        lines = axes.rows[axis].lines
+        axes.rows[axis].lines = lines | bit if level != 0 else lines & ~bit
+
+
+@compiled
+def _sample(axes: Axes, axis: int) -> bool:
+    """Let a drive take its sample; say whether what it commands is a share of its supply."""
+    drive, row = axes.drives[axis], axes.rows[axis]
+    read_axis(axes, axis, drive.due_ns)
+    size_of_drive, size_of_row = axes.drives.itemsize, axes.rows.itemsize
+    call_with_two(
+        drive.sample, axes.drives.ctypes.data + axis * size_of_drive, axes.rows.ctypes.data + axis * size_of_row
+    )
+    drive.index += 1
+    drive.due_ns = drive.epoch_ns + drive.index * drive.num // drive.den
+    row.voltage_V = drive.command * axes.motors[axis].supply_V
+    return bool(abs(drive.command) <= 1.0)
+
+
+@compiled
+def in_reach(state: NDArray[np.void]) -> bool:
+    """Whether the wire at both guides is still where the kerf field has tiles for it; not so if it is nowhere."""
+    fine = True
+    for d in range(2):
+        low = state[0].axis_um[d] + state[0].deflection_um[d]
+        high = low + state[0].axis_um[2 + d]
+        fine = fine and bool(abs(low - state[0].tiled_um[d]) < 2.0 * TILED_UM)
+        fine = fine and bool(abs(high - state[0].tiled_um[2 + d]) < 2.0 * TILED_UM)
+    return fine
+
+
+@compiled_apart
+def _run_drives(
+    state: NDArray[np.void], a: Arrays, axes: Axes, p: Propagators, t: Timing, k_period: int, step_um: float,
+    events: NDArray[np.int64], next_event: int, until_ns: int, full: bool,
+) -> int:
+    """Take events and samples in order of time, where a drive has a loop; see `advance_axes`."""
+    passed = 0
+    while True:
+        who, due_ns = _first_due(axes, events, next_event, until_ns)
+        if not full:
+            k = k_period - min(int((until_ns - due_ns) * 1e-3 / t.grid_us + 0.5), k_period)
+            coast(state, axes, max(k - passed, 0))
+            passed = max(k, passed)
+        if not in_reach(state):
+            return LOST
+        if who == _NOBODY:
+            return next_event
+        if who == _EVENT:
+            channel, value = events[next_event, 1], events[next_event, 2]
+            if channel >= N_AXES:
+                _take_line(axes, channel, value)
+            elif axes.drives[channel].sample == 0:
+                _take_step(state, a, p, t, k_period, step_um, due_ns, channel, value, until_ns, full)
+            else:
+                axes.drives[channel].setpoint += value
+                state[0].commanded_um[channel] += value * step_um
+            next_event += 1
+        elif not _sample(axes, who):
+            return LOST
+
+
+@compiled
+def advance_axes(
+    state: NDArray[np.void], a: Arrays, axes: Axes, p: Propagators, t: Timing, k_period: int, step_um: float,
+    events: NDArray[np.int64], next_event: int, until_ns: int, full: bool,
+) -> int:
+    """Take the events and samples before a time.
+
+    Parameters
+    ----------
+    k_period : int
+        Steps of the pulse's grid since the axes were here last, for the modal model. Samples are taken at the
+        nearest of them; their due times stay what they are.
+    step_um : float
+        Travel of a step of a motor.
+    events : int64 (n, 3)
+        Time in ns, channel and value, in order of time (see `edmsim.Plant.advance`).
+    next_event : int
+        First of them that has not happened.
+    until_ns : int
+        End of the span; the state's time is left as it is.
+    full : bool
+        Whether MuJoCo moves the table.
+
+    Returns
+    -------
+    int
+        First event that lies later; `LOST` if a command is none, or an axis left the tiles of the field.
+    """
+    if axes.loops == 0:
+        while next_event < events.shape[0] and events[next_event, 0] < until_ns:
+            time_ns, axis, direction = events[next_event, 0], events[next_event, 1], events[next_event, 2]
+            _take_step(state, a, p, t, k_period, step_um, time_ns, axis, direction, until_ns, full)
+            next_event += 1
+        return next_event
+    return _run_drives(state, a, axes, p, t, k_period, step_um, events, next_event, until_ns, full)

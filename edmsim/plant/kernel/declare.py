@@ -1,0 +1,134 @@
+"""Arrays and numbers of the pulse loop, declared once: from a declaration follow memory, addresses and snapshots.
+
+A group is a named tuple whose fields are plain numbers or arrays. An array's field says in its type what its elements
+are, how long it is along every direction, and how long it lasts:
+
+>>> class Group(NamedTuple):
+...     count: int
+...     wire_q: Annotated[NDArray[np.float64], Kept(2, "modes", life=CHANGING)]
+
+Everything else is made from this by name, so that fields cannot be mistaken for each other.
+"""
+
+from __future__ import annotations
+
+import functools
+from dataclasses import dataclass
+from typing import Any, NamedTuple, TypeVar, cast, get_args, get_type_hints
+
+import numpy as np
+from numpy.typing import DTypeLike, NDArray
+
+from edmsim.compiled.vectors import GAPS, filled
+
+FIXED, WALL, CHANGING = range(3)
+"""How long the content of an array lasts: as long as the set-up; with the workpiece (where the metal is and what
+craters took of it, which outlasts the wire); or as long as the wire. A snapshot has the last two."""
+
+_Group = TypeVar("_Group", bound=NamedTuple)
+
+
+class Sizes(NamedTuple):
+    """Lengths that shapes name: ``modes`` counts modes or nodes of the wire, filled up to whole vectors."""
+
+    slices: int
+    slices_filled: int
+    rays: int
+    places: int
+    modes: int
+    nodes: int
+    dofs: int
+    tiles: int = 0
+    index_side: int = 0
+    pulses: int = 0
+
+
+@dataclass(frozen=True)
+class Kept:
+    """Shape and lifetime of a declared array.
+
+    Parameters
+    ----------
+    *shape : int or str
+        Lengths: numbers, or names of `Sizes`.
+    life : int
+        `FIXED`, `WALL` or `CHANGING`.
+    record : dtype, optional
+        Elements of an array of records, whose type cannot say it.
+    """
+
+    shape: tuple[int | str, ...]
+    life: int
+    record: np.dtype[np.void] | None
+
+    def __init__(self, *shape: int | str, life: int = FIXED, record: np.dtype[np.void] | None = None) -> None:
+        object.__setattr__(self, "shape", shape)
+        object.__setattr__(self, "life", life)
+        object.__setattr__(self, "record", record)
+
+    def lengths(self, sizes: Sizes) -> tuple[int, ...]:
+        """Return the shape in numbers."""
+        return tuple(getattr(sizes, n) if isinstance(n, str) else n for n in self.shape)
+
+
+class Field(NamedTuple):
+    """One declared field: ``kept`` is None for a plain number."""
+
+    name: str
+    dtype: np.dtype[Any]
+    kept: Kept | None
+
+
+def sizes_of(slices: int, rays: int, coordinates: int) -> Sizes:
+    """Return the lengths of a plant with so many slices, rays, and modes or nodes of the wire."""
+    return Sizes(
+        slices=slices, slices_filled=filled(slices), rays=rays, places=filled(rays, GAPS), modes=filled(coordinates),
+        nodes=coordinates, dofs=2 * coordinates + 4,
+    )  # fmt: skip
+
+
+@functools.cache
+def fields_of(group: type) -> tuple[Field, ...]:
+    """Return the declared fields of a group, in their order."""
+    found = []
+    for name, hint in get_type_hints(group, include_extras=True).items():
+        if hint in (int, float):
+            found.append(Field(name, np.dtype("i8" if hint is int else "f8"), None))
+            continue
+        array, kept = get_args(hint)
+        element = get_args(get_args(array)[1])[0]
+        found.append(Field(name, np.dtype(element) if kept.record is None else kept.record, kept))
+    return tuple(found)
+
+
+@functools.cache
+def numbers_of(group: type) -> np.dtype[np.void]:
+    """Return the record of a group of numbers only: compiled code reads it by the same names."""
+    return np.dtype([(name, dtype) for name, dtype, _ in fields_of(group)])
+
+
+@functools.cache
+def entries_of(group: type) -> np.dtype[np.void]:
+    """Return the record with which the loop finds a group: its numbers themselves, and its arrays' addresses."""
+    return np.dtype([(name, dtype if kept is None else np.dtype("i8")) for name, dtype, kept in fields_of(group)])
+
+
+def lasting(group: type, *lives: int) -> tuple[str, ...]:
+    """Return the names of a group's arrays that last so long."""
+    return tuple(name for name, _, kept in fields_of(group) if kept is not None and kept.life in lives)
+
+
+def allocate(group: type[_Group], sizes: Sizes, **numbers: float) -> _Group:
+    """Return a group with its plain numbers, its arrays full of zeros."""
+    made: dict[str, Any] = {
+        name: np.zeros(kept.lengths(sizes), dtype) for name, dtype, kept in fields_of(group) if kept is not None
+    }
+    return cast("_Group", cast(Any, group)(**made, **numbers))
+
+
+def check(field: Field, array: NDArray[Any], sizes: Sizes) -> None:
+    """Refuse an array that is not what was declared: compiled code would read beyond it."""
+    assert field.kept is not None
+    declared: tuple[DTypeLike, tuple[int, ...]] = field.dtype, field.kept.lengths(sizes)
+    if (array.dtype, array.shape) != declared or not array.flags.c_contiguous:
+        raise TypeError(f"{field.name} is {array.dtype} {array.shape}, declared as {declared[0]} {declared[1]}")

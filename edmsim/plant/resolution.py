@@ -1,0 +1,45 @@
+"""How finely the plant is resolved, by name."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+from edmsim.errors import InputError
+
+ResolutionName = Literal["fast", "default", "fine"]
+
+
+@dataclass(frozen=True)
+class Resolution:
+    """How finely the plant is resolved.
+
+    Attributes
+    ----------
+    slices, rays, modes : int
+        Slices of the workpiece's height, rays around the wire, modes of the wire in each plane.
+    cell_um : float
+        Side of a cell of the kerf field: small against the gap, large enough for a few MB per 10 mm.
+    trace_windows : int
+        Every so many windows what fell on the rays is carved from the field and they are traced anew.
+    """
+
+    slices: int
+    rays: int
+    modes: int
+    cell_um: float = 4.0
+    trace_windows: int = 1
+
+
+RESOLUTIONS: dict[str, Resolution] = {
+    "fast": Resolution(5, 24, 4, cell_um=6.0, trace_windows=4),
+    "default": Resolution(9, 64, 8),
+    "fine": Resolution(15, 128, 16),
+}
+
+
+def resolution(name: str) -> Resolution:
+    """Look up a resolution by name."""
+    if name not in RESOLUTIONS:
+        raise InputError(f"unknown resolution '{name}'; there are: {', '.join(RESOLUTIONS)}")
+    return RESOLUTIONS[name]

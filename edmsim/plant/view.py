@@ -1,0 +1,127 @@
+"""What can be seen of a plant without moving it: places, metal, wire, rays, and the last window's pulses."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from edmsim.plant.axes.drives import Drives
+from edmsim.plant.gap.rays import Rays
+from edmsim.plant.kernel.state import GRID, PULSE, PULSES_PER_WINDOW, Arrays, Constants, Timing
+from edmsim.plant.workpiece.kerf_field import KerfField
+
+
+class PlantView:
+    """Measurements of a plant; see `edmsim.plant.plant.Plant`.
+
+    Attributes
+    ----------
+    field : KerfField
+        The metal left in every slice.
+    """
+
+    field: KerfField
+    _state: NDArray[np.void]
+    _window: NDArray[np.void]
+    _arrays: Arrays
+    _constants: Constants
+    _timing: Timing
+    _drives: Drives
+    _pulses: NDArray[np.void]
+    _generator_on: bool
+
+    @property
+    def time_ns(self) -> int:
+        """Machine time in ns."""
+        return int(self._state["time_ns"][0])
+
+    @property
+    def pulses(self) -> int:
+        """Pulses fired so far."""
+        return int(self._state["pulses"][0])
+
+    @property
+    def commanded_um(self) -> tuple[float, float]:
+        """Setpoint of x and y: the position that the motor steps add up to."""
+        x, y = self._state["commanded_um"][0, :2]
+        return float(x), float(y)
+
+    @property
+    def axes_um(self) -> tuple[float, float, float, float]:
+        """Where the axes x, y, u, v are, less what the table rings after motor steps."""
+        x, y, u, v = self._state["axis_um"][0]
+        return float(x), float(y), float(u), float(v)
+
+    @property
+    def place_um(self) -> tuple[float, float]:
+        """Where the axes really are: the position counter knows neither of ringing nor of lost steps (row T-19)."""
+        x, y = self._state["axis_um"][0, :2] + (self._arrays.table_shape * self._arrays.table_q).sum(axis=1)
+        return float(x), float(y)
+
+    @property
+    def generator_on(self) -> bool:
+        """Whether the generator runs; a fresh plant's does."""
+        return self._generator_on
+
+    @property
+    def drive_faults(self) -> int:
+        """Which drives report a fault: bit 0 for x, 1 for y, 2 for u, 3 for v."""
+        return self._drives.faults()
+
+    @property
+    def window_ns(self) -> int:
+        """Duration of a window at the present setting; 0 where the period varies (row T-42)."""
+        return PULSES_PER_WINDOW * self._timing.period_ns
+
+    @property
+    def longest_window_ns(self) -> int:
+        """Upper bound of a window's duration at the present setting."""
+        return self.window_ns or PULSES_PER_WINDOW * math.ceil(self._timing.grid_us * GRID * 1e3)
+
+    @property
+    def removed_mm3(self) -> float:
+        """Metal removed so far: what is carved from the kerf field, and what waits for it on the rays."""
+        carved_um2 = self.field.removed_parts * self.field.part_area_um2
+        return float(carved_um2 + self._arrays.pending_um2.sum()) * self._constants.slice_um * 1e-9
+
+    @property
+    def craters_mm3(self) -> float:
+        """Metal the discharges removed so far, added up crater by crater."""
+        s = self._state[0]
+        kept = float(self._arrays.carry_um2.sum()) * self._constants.slice_um
+        return float(s["crater_um3"] - s["missed_um3"] - kept) * 1e-9
+
+    @property
+    def broken_height_mm(self) -> float:
+        """Height above the workpiece's lower face at which the wire broke."""
+        middle = float(self._state["broken_slice"][0]) + 0.5
+        return middle * self._constants.slice_um * 1e-3
+
+    def deflections_um(self) -> NDArray[np.float64]:
+        """Deflection of the wire now, (slices, 2): x and y from the line between the guides."""
+        return self._arrays.shape @ self._arrays.wire_q.T
+
+    def rays(self) -> Rays:
+        """Every slice's rays as the loop sees them: as they were traced, less what craters took since."""
+        return Rays(*(getattr(self._arrays, name).copy() for name in Rays._fields))
+
+    @property
+    def timing(self) -> Timing:
+        """The generator's present setting as the loop has it: voltages, currents, times."""
+        return self._timing
+
+    def last_pulses(self) -> NDArray[np.void]:
+        """Return the pulses of the last window as rows of `state.PULSE`, (n,); none if they are not watched."""
+        fired = sum(self._window["counts"][0].tolist()) if len(self._pulses) else 0
+        # as bytes: numpy copies records field by field, which takes twenty times as long
+        return self._pulses.view(np.uint8)[: fired * PULSE.itemsize].copy().view(PULSE)
+
+    def walls_um(self, slice_index: int) -> tuple[tuple[float, float], NDArray[np.float32]]:
+        """Return where a slice's wire was when its rays were last traced, and every ray's gap then (rays,).
+
+        Ray ``k`` looks along the angle ``2 pi k / rays``; one that met no metal within reach has a gap beyond 1e6.
+        """
+        x, y = self._arrays.reference_um[:, slice_index]
+        return (float(x), float(y)), self._arrays.edge_um[slice_index].copy()

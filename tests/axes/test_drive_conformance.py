@@ -1,0 +1,82 @@
+"""Every drive by name passes `check_drive`, which refuses what a plant could not work with."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from edmsim.compiled.axis_rows import carray, sample
+from edmsim.controllers import axis as axes
+from edmsim.controllers.axis.servo import PositionServo
+from edmsim.errors import InputError
+
+
+@sample
+def _too_much(drive_at: Any, axis_at: Any) -> None:
+    carray(drive_at, 1)[0].command = 1.5
+
+
+@sample
+def _moves_its_axis(drive_at: Any, axis_at: Any) -> None:
+    carray(axis_at, 1)[0].place_um = 0.5
+
+
+@sample
+def _skips_time(drive_at: Any, axis_at: Any) -> None:
+    carray(drive_at, 1)[0].due_ns += 1
+
+
+@sample
+def _no_number(drive_at: Any, axis_at: Any) -> None:
+    carray(drive_at, 1)[0].command = np.nan
+
+
+@pytest.mark.parametrize("name", axes.names())
+def test_drives_conform(name):
+    axes.check_drive(lambda: axes.make(name))
+
+
+@pytest.mark.parametrize(
+    ("function", "reason"),
+    [
+        (_too_much, "commands 1.5 of its supply"),
+        (_moves_its_axis, "writes into its axis' row"),
+        (_skips_time, "writes what is the plant's"),
+        (_no_number, "commands nan"),
+    ],
+)
+def test_a_sample_that_oversteps_is_refused(function, reason):
+    kind = type("Own", (PositionServo,), {"sample": function})
+    globals()["Own"] = kind
+    kind.__module__ = __name__
+    with pytest.raises(InputError, match=reason):
+        axes.check_drive(kind)
+
+
+def test_state_outside_the_record_is_refused():
+    made = []
+
+    def make():
+        made.append(PositionServo())
+        made[-1].record["reg"][0, 1] += len(made)
+        return made[-1]
+
+    with pytest.raises(InputError, match="does not command the same again"):
+        axes.check_drive(make)
+
+
+def test_what_cannot_be_used_is_refused():
+    with pytest.raises(InputError, match="is no drive"):
+        axes.check_drive(object)
+    with pytest.raises(InputError, match="period of 1/1 ns"):
+        axes.check_drive(lambda: _with_period(1, 1))
+    with pytest.raises(InputError, match="there is no drive 'uhu2'"):
+        axes.make("uhu2")
+
+
+def _with_period(num, den):
+    drive = PositionServo()
+    drive.record["num"], drive.record["den"] = num, den
+    return drive

@@ -1,0 +1,53 @@
+"""A plant after `reset` is the plant it was when it was made, and its defaults are its own machine's."""
+
+from __future__ import annotations
+
+import edmsim
+
+
+def same(a, b):
+    """Whether two snapshots are equal to the bit."""
+    return a.keys() == b.keys() and all(a[name].tobytes() == b[name].tobytes() for name in a)
+
+
+def test_reset_restores_generator_and_setting(machine):
+    plant = edmsim.Plant(machine, 4, resolution="fast")
+    fresh, first = plant.snapshot(), plant.advance()
+    plant.set_generator(10.0, 100.0)
+    plant.switch_generator(False)
+    plant.advance([(plant.time_ns, 2, 1)])
+    plant.reset(4)
+    assert plant.generator_on
+    assert plant.machine is machine
+    assert same(plant.snapshot(), fresh)
+    assert plant.advance() == first
+
+
+def test_reset_after_a_pickle_restores_the_first_setting(machine):
+    import pickle
+
+    plant = edmsim.Plant(machine, 4, resolution="fast")
+    fresh = plant.snapshot()
+    plant.set_generator(10.0, 100.0)
+    other = pickle.loads(pickle.dumps(plant))
+    assert other.machine.t_on_us == 10.0
+    other.reset(4)
+    assert same(other.snapshot(), fresh)
+
+
+def test_a_plant_starts_in_the_middle_of_its_own_table(machine, altered):
+    small = altered(machine, {"base.table.travel_mm": 30.0})
+    assert small.base.table.centre_um == (15_000.0, 15_000.0)
+    plant = edmsim.Plant(small, 1, resolution="fast")
+    assert plant.commanded_um == (15_000.0, 15_000.0)
+    assert plant.advance().pulses == 255
+    plant.reset(1)
+    assert plant.commanded_um == (15_000.0, 15_000.0)
+
+
+def test_a_single_pulse_leaves_the_wire_whole_and_the_pulses_after_it(machine):
+    plant = edmsim.Plant(machine, 4, resolution="fast")
+    counted = [plant.advance_pulse().pulses for _ in range(3)]
+    assert counted == [1, 1, 1]
+    assert plant.pulses == 3
+    assert plant.advance().pulses == 255
