@@ -13,7 +13,7 @@ from edmsim.envs.task import Scenario, above_zero, ends_of
 from edmsim.envs.vector import EdmVectorEnv
 from edmsim.errors import InputError
 from edmsim.machine.machine import Machine
-from edmsim.plant.workpiece.height_steps import HeightStep as Step
+from edmsim.plant.workpiece.height_steps import LowerRegion
 from edmsim.plant.workpiece.start_slot import SLOT_GAP_UM, begun_slot
 
 LEAST_SHARE = 0.2
@@ -58,7 +58,7 @@ class HeightStep(GapFeed):
         x, y = machine.base.table.centre_um
         x += machine.wire_diameter_um / 2 + SLOT_GAP_UM  # where the wire's front meets a jump
         steps = [
-            Step(shapely.box(x + a, y - _BESIDE_UM, x + b, y + _BESIDE_UM), h)
+            LowerRegion(shapely.box(x + a, y - _BESIDE_UM, x + b, y + _BESIDE_UM), h)
             for a, b, h in zip(starts[1:], ends[1:], heights[1:], strict=True)
         ]
         drawn |= {"height_jumps": float(len(steps))}

@@ -24,7 +24,7 @@ from edmsim.plant.resolution import resolution
 from edmsim.plant.workpiece.kerf_field import Stock
 
 if TYPE_CHECKING:
-    from edmsim.program.path import Contour
+    from edmsim.program.path import WireContour
 
 Floats = NDArray[np.float64]
 Range = float | tuple[float, float]
@@ -52,7 +52,7 @@ class Scenario(NamedTuple):
     plant_seed : int
     drawn : dict
         What was drawn for it, by name, for `info`.
-    contours : tuple of Contour
+    contours : tuple of WireContour
         The edges the part program draws, one for every leg; none where no program is cut.
     """
 
@@ -62,7 +62,7 @@ class Scenario(NamedTuple):
     heights: tuple[Floats, Floats]
     plant_seed: int
     drawn: dict[str, float | str]
-    contours: tuple[Contour, ...] = ()
+    contours: tuple[WireContour, ...] = ()
 
 
 @dataclass(frozen=True, kw_only=True)

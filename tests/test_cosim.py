@@ -14,24 +14,24 @@ from edmsim.cosim.legs import Leg, legs_of
 from edmsim.cosim.simulation import Simulation
 from edmsim.machine.files import available
 from edmsim.machine.machine import Machine
-from edmsim.program.path import Contour, CutPath
+from edmsim.program.path import CutPath, WireContour
 from edmsim.recording import WindowTable
 
 START = (30_000, 30_000)
 
 
-def contour(points: Sequence[tuple[int, int]], dwells: tuple[tuple[int, float], ...] = ()) -> Contour:
+def contour(points: Sequence[tuple[int, int]], dwells: tuple[tuple[int, float], ...] = ()) -> WireContour:
     """Open contour without offset, its points given relative to the middle of the table."""
     points_um = np.array(points, np.int64) + START
-    return Contour(points_um, 0, points_um * 1e-3, False, "left", dwells, (1,) * (len(points) - 1))
+    return WireContour(points_um, 0, points_um * 1e-3, False, "left", dwells, (1,) * (len(points) - 1))
 
 
-def path_of(*contours: Contour, hole_mm: float = 0.5) -> CutPath:
+def path_of(*contours: WireContour, hole_mm: float = 0.5) -> CutPath:
     return CutPath(contours, (25.0, 25.0, 40.0, 40.0), hole_mm, 0.0, (30.0, 30.0), (), "test")
 
 
 def simulation(
-    *contours: Contour, controller: FeedController | None = None, hole_mm: float = 0.5, **options: Any
+    *contours: WireContour, controller: FeedController | None = None, hole_mm: float = 0.5, **options: Any
 ) -> Simulation:
     machine = options.pop("machine", None) or Machine.load(height_mm=5)
     law = controller or make("fixed", feed_um_s=30.0)

@@ -16,7 +16,7 @@ from edmsim.errors import InputError
 from edmsim.job.checkpoint import NAME
 from edmsim.plant.workpiece.height_steps import Relief
 from edmsim.program.heights import BESIDE_WIRE_MM, Heights, parse_height
-from edmsim.program.path import Contour, CutPath
+from edmsim.program.path import CutPath, WireContour
 
 Cut = Callable[..., edmsim.CutResult]
 REACH_UM = 125.0 + 1e3 * BESIDE_WIRE_MM
@@ -26,7 +26,7 @@ def path_of(*lines: list[tuple[int, int]]) -> CutPath:
     contours = []
     for line in lines:
         points = np.array(line, np.int64) + 30_000
-        contours.append(Contour(points, 0, points * 1e-3, False, "left"))
+        contours.append(WireContour(points, 0, points * 1e-3, False, "left"))
     return CutPath(tuple(contours), (20.0, 20.0, 45.0, 45.0), 0.5, 0.0, (30.0, 30.0), (), "test")
 
 

@@ -32,8 +32,6 @@ EXCEPTIONS: dict[str, dict[str, str]] = {
     "layers": {}, "recording": {}, "circles": {}, "names": {}, "lines": {}, "files": {},
     "constants": {
         "edmsim/program/gcode.py": "a rule of reading programs (row T-61), whatever the machine",
-        "edmsim/plant/plant.py": "the plant is being rewritten",
-        "edmsim/plant/workpiece/kerf_field.py": "the plant is being rewritten",
     },
 }
 """What breaks a rule, with the reason. Nothing may stand here that keeps it."""

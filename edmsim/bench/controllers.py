@@ -10,7 +10,7 @@ from edmsim.controllers import make
 from edmsim.controllers.mcu.firmware.poscal import poscal
 from edmsim.cosim.simulation import Simulation
 from edmsim.machine.machine import Machine
-from edmsim.program.path import Contour, CutPath
+from edmsim.program.path import CutPath, WireContour
 
 WINDOWS = 100
 SETTLE_WINDOWS = 300
@@ -24,7 +24,7 @@ _FROM_UM, _TO_UM = (30_000, 30_000), (36_000, 33_000)
 def _cut(controller: str) -> Simulation:
     """Return a cut in progress, along an oblique line: both motors step."""
     points_um = np.array([_FROM_UM, _TO_UM], np.int64)
-    contour = Contour(points_um, 0, points_um.astype(np.float64) * 1e-3, False, "left", (), (1,))
+    contour = WireContour(points_um, 0, points_um.astype(np.float64) * 1e-3, False, "left", (), (1,))
     path = CutPath((contour,), (25.0, 25.0, 40.0, 40.0), 0.13, 0.0, (30.0, 30.0), (), "bench")
     cut = Simulation(Machine.load(), path, make(controller), seed=0)
     _run_s(cut, SETTLE_WINDOWS)

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from edmsim.program.path import Contour
+from edmsim.program.path import WireContour
 
 
 class Leg(NamedTuple):
@@ -28,7 +28,7 @@ class Leg(NamedTuple):
     dwell_s: float
 
 
-def legs_of(contour: Contour) -> list[Leg]:
+def legs_of(contour: WireContour) -> list[Leg]:
     """Cut a contour's path at its dwells."""
     stops = sorted(dict.fromkeys(i for i, _ in contour.dwells))
     wait = {i: sum(s for j, s in contour.dwells if j == i) for i in stops}

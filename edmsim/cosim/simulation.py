@@ -27,7 +27,7 @@ from edmsim.errors import InputError
 from edmsim.machine.machine import Machine
 from edmsim.plant.plant import Plant
 from edmsim.plant.window import PulseWindow
-from edmsim.plant.workpiece.height_steps import HeightStep
+from edmsim.plant.workpiece.height_steps import LowerRegion
 from edmsim.plant.workpiece.kerf_field import Stock
 from edmsim.program.path import CutPath
 
@@ -98,7 +98,7 @@ class Simulation:
     resolution : str
     max_time_s : float, optional
         Machine time after which the cut is stopped.
-    steps : tuple of HeightStep
+    steps : tuple of LowerRegion
         Where the workpiece is less high than `machine.height_mm`; see `edmsim.program.heights`.
     mechanics : {"modal", "mujoco"}
         What moves table and wire; see `Plant`.
@@ -135,7 +135,7 @@ class Simulation:
         seed: int = 0,
         resolution: str = "default",
         max_time_s: float | None = None,
-        steps: tuple[HeightStep, ...] = (),
+        steps: tuple[LowerRegion, ...] = (),
         mechanics: str = "modal",
         observers: Sequence[Observer] = (),
         max_feed_um_s: float = MAX_FEED_UM_S,

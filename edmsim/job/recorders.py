@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from edmsim.machine.machine import Machine
 from edmsim.plant.resolution import resolution as resolution_named
-from edmsim.plant.workpiece.height_steps import HeightStep
+from edmsim.plant.workpiece.height_steps import LowerRegion
 from edmsim.recording.closeups import Closeups
 from edmsim.recording.frames import Frames
 from edmsim.recording.windows import WindowTable
@@ -31,7 +31,7 @@ class Recorders(NamedTuple):
     closeups: Closeups
 
 
-def recorders_for(machine: Machine, steps: Sequence[HeightStep], resolution: str) -> Recorders:
+def recorders_for(machine: Machine, steps: Sequence[LowerRegion], resolution: str) -> Recorders:
     """Return empty recorders for a cut of a workpiece with some height steps."""
     size = resolution_named(resolution)
     lowest_mm = min([step.height_mm for step in steps], default=machine.height_mm)

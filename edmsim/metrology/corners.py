@@ -8,7 +8,7 @@ import numpy as np
 
 from edmsim.geometry import Polyline
 from edmsim.metrology.profile import ProfileError
-from edmsim.program.path import Contour
+from edmsim.program.path import WireContour
 
 CORNER_REACH_MM = 0.15
 """Arc length on both sides of a corner over which its error is taken."""
@@ -23,12 +23,12 @@ class CornerError(TypedDict):
     error_um: float
 
 
-def corners(contour: Contour, profile: ProfileError, min_turn_deg: float = 15.0) -> list[CornerError]:
+def corners(contour: WireContour, profile: ProfileError, min_turn_deg: float = 15.0) -> list[CornerError]:
     """List the real corners of the nominal edge with their errors.
 
     Parameters
     ----------
-    contour : Contour
+    contour : WireContour
     profile : ProfileError
         Of that contour.
     min_turn_deg : float

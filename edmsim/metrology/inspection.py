@@ -18,7 +18,7 @@ from edmsim.metrology.kerf import KerfWidth, kerf_width, width_stats
 from edmsim.metrology.profile import ProfileError, error_stats, profile_error
 from edmsim.metrology.roughness import roughness_um
 from edmsim.recording.report import KerfSlice, Quality, Totals, Wall
-from edmsim.recording.scene import Corner, ErrorMap, Scene, Terrace, polylines
+from edmsim.recording.scene import ErrorMap, Scene, SceneCorner, Terrace, polylines
 
 _NEAR_MM = 0.5
 """A window belongs to a place of the profile only within this distance of the wire."""
@@ -91,7 +91,7 @@ def inspect(simulation: Simulation, guides_um: NDArray[np.float64]) -> Inspectio
     field, machine = simulation.plant.field, simulation.machine
     contours = simulation.path.contours
     profiles = [profile_error(field, contour) for contour in contours]
-    found = [Corner(**c) for k, p in zip(contours, profiles, strict=True) for c in corners(k, p)]
+    found = [SceneCorner(**c) for k, p in zip(contours, profiles, strict=True) for c in corners(k, p)]
     guides = machine.base.guides.clearance_mm.value
     x, y = simulation.plant.commanded_um
     scene = Scene(
@@ -127,7 +127,7 @@ def _terraces(simulation: Simulation) -> tuple[Terrace, ...]:
     )
 
 
-def _quality(simulation: Simulation, profiles: list[ProfileError], found: tuple[Corner, ...]) -> Quality:
+def _quality(simulation: Simulation, profiles: list[ProfileError], found: tuple[SceneCorner, ...]) -> Quality:
     field, machine, sums = simulation.plant.field, simulation.machine, simulation.sums
     error = error_stats(np.concatenate([p.error_um.ravel() for p in profiles]))
     widths = [kerf_width(field, k, machine.wire_diameter_um) for k in simulation.path.contours]

@@ -13,7 +13,7 @@ from edmsim.metrology.edges import metal_at
 from edmsim.metrology.profile import finite_mean
 from edmsim.metrology.surroundings import BLANK_EDGE_MM, GRAIN_UM, clear_of_steps, depth_in_blank, wire_line
 from edmsim.plant.workpiece.kerf_field import KerfField
-from edmsim.program.path import Contour
+from edmsim.program.path import WireContour
 
 Floats = NDArray[np.float64]
 
@@ -59,7 +59,7 @@ def width_stats(width_um: Floats) -> dict[str, float]:
     return {name: float(getattr(width_um, name)()) for name in ("mean", "min", "max")}
 
 
-def kerf_width(field: KerfField, contour: Contour, wire_diameter_um: float) -> KerfWidth:
+def kerf_width(field: KerfField, contour: WireContour, wire_diameter_um: float) -> KerfWidth:
     """Measure the kerf every 0.05 mm across the wire's path, in all slices.
 
     Left out are places within 0.5 mm of the contour's beginning and end, of corners and arcs tighter than
@@ -69,7 +69,7 @@ def kerf_width(field: KerfField, contour: Contour, wire_diameter_um: float) -> K
     Parameters
     ----------
     field : KerfField
-    contour : Contour
+    contour : WireContour
     wire_diameter_um : float
         Above 0.
 

@@ -16,7 +16,7 @@ from edmsim.geometry import Polyline, left_of
 from edmsim.metrology.edges import check_slices, edge_segments, metal_at
 from edmsim.metrology.surroundings import BLANK_EDGE_MM, GRAIN_UM, clear_of_steps, depth_in_blank, wire_line
 from edmsim.plant.workpiece.kerf_field import KerfField
-from edmsim.program.path import Contour
+from edmsim.program.path import WireContour
 
 Floats = NDArray[np.float64]
 
@@ -77,7 +77,7 @@ def error_stats(error_um: Floats) -> dict[str, float]:
     return {"max": float(size.max()), "rms": rms, "p95": float(np.percentile(size, 95))}
 
 
-def profile_error(field: KerfField, contour: Contour, slices: Sequence[int] | None = None) -> ProfileError:
+def profile_error(field: KerfField, contour: WireContour, slices: Sequence[int] | None = None) -> ProfileError:
     """Measure how far the part's wall is from the edge as drawn.
 
     For every point of the nominal edge: the distance to the nearest place of the wall on the part's side of
@@ -86,7 +86,7 @@ def profile_error(field: KerfField, contour: Contour, slices: Sequence[int] | No
     Parameters
     ----------
     field : KerfField
-    contour : Contour
+    contour : WireContour
     slices : sequence of int, optional
         Slices to measure; all by default.
 
@@ -119,7 +119,7 @@ def profile_error(field: KerfField, contour: Contour, slices: Sequence[int] | No
 class _WireTrack:
     """The wire's way round the contour as a dense row of points, each with its direction towards the part."""
 
-    def __init__(self, contour: Contour) -> None:
+    def __init__(self, contour: WireContour) -> None:
         from scipy.spatial import cKDTree
 
         line = wire_line(contour)

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from edmsim.geometry import Polyline
 from edmsim.plant.workpiece.kerf_field import KerfField, Stock
-from edmsim.program.path import Contour
+from edmsim.program.path import WireContour
 
 Floats = NDArray[np.float64]
 
@@ -17,7 +17,7 @@ GRAIN_UM = 12.0
 """Metal (or a hole in it) thinner than this is a loose grain or sliver in the kerf, no wall."""
 
 
-def wire_line(contour: Contour) -> Polyline:
+def wire_line(contour: WireContour) -> Polyline:
     """The wire's path in mm without the lead-in."""
     points = contour.points_um[contour.lead_in_moves :]
     return Polyline(points / 1000, closed=bool((points[0] == points[-1]).all()))

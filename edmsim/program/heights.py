@@ -19,7 +19,7 @@ from shapely.geometry import shape
 
 from edmsim.errors import InputError
 from edmsim.machine.setting import HEIGHT_MM, check_height
-from edmsim.plant.workpiece.height_steps import HeightStep, slices_below
+from edmsim.plant.workpiece.height_steps import LowerRegion, slices_below
 
 if TYPE_CHECKING:
     from shapely.geometry.base import BaseGeometry
@@ -87,7 +87,7 @@ class Heights:
         """The lowest height."""
         return min(self.all_mm)
 
-    def steps(self, path: CutPath, wire_diameter_um: float) -> tuple[HeightStep, ...]:
+    def steps(self, path: CutPath, wire_diameter_um: float) -> tuple[LowerRegion, ...]:
         """Return the regions of one height on the table, none if the height never changes.
 
         Parameters
@@ -105,7 +105,7 @@ class Heights:
         if self.greatest_mm == self.lowest_mm:
             return ()
         return tuple(
-            HeightStep(shapely.transform(region, lambda mm: mm * 1000.0), height)
+            LowerRegion(shapely.transform(region, lambda mm: mm * 1000.0), height)
             for region, height in [*steps, (blank, self.height_mm)]
         )
 

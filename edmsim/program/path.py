@@ -29,7 +29,7 @@ _KEPT_APART_MM = 0.002
 
 
 @dataclass(frozen=True)
-class Contour:
+class WireContour:
     """One cut between threading the wire and cutting it off, in table coordinates.
 
     Attributes
@@ -65,7 +65,7 @@ class CutPath:
 
     Attributes
     ----------
-    contours : tuple of Contour
+    contours : tuple of WireContour
     stock_mm : (x_min, y_min, x_max, y_max)
         The workpiece blank on the table.
     start_hole_radius_mm : float
@@ -80,7 +80,7 @@ class CutPath:
         The file it came from.
     """
 
-    contours: tuple[Contour, ...]
+    contours: tuple[WireContour, ...]
     stock_mm: tuple[float, float, float, float]
     start_hole_radius_mm: float
     offset_um: float
@@ -304,7 +304,7 @@ def _programmed_lead(leg: _Leg, hole_radius_mm: float) -> _Lead:
     return _Lead(points, lines)
 
 
-def _contour(leg: _Leg, lead: _Lead, grid_um: int) -> Contour:
+def _contour(leg: _Leg, lead: _Lead, grid_um: int) -> WireContour:
     """Join lead and path on the grid; still in the program's coordinates."""
     outline = leg.outline
     path, stops = _with_dwells(leg, lead)
@@ -314,7 +314,7 @@ def _contour(leg: _Leg, lead: _Lead, grid_um: int) -> Contour:
     moves = (np.diff(points, axis=0) != 0).any(axis=1)
     kept = np.concatenate([[True], moves])
     place = np.cumsum(kept) - 1
-    return Contour(
+    return WireContour(
         points_um=points[kept],
         lead_in_moves=int(moves[: len(lead.points)].sum()),
         nominal_mm=leg.nominal,
@@ -353,7 +353,7 @@ def _dwell_place(leg: _Leg, line: shapely.LineString, i: int) -> float:
     return float(line.project(shapely.Point(points[i] + across)))
 
 
-def _shift_um(contours: Sequence[Contour], table_um: int, grid_um: int, source: str) -> NDArray[np.int64]:
+def _shift_um(contours: Sequence[WireContour], table_um: int, grid_um: int, source: str) -> NDArray[np.int64]:
     """Return the shift in um, on the grid, that centres the job on the table."""
     points = np.concatenate([contour.points_um for contour in contours])
     low, high = points.min(axis=0), points.max(axis=0)
@@ -365,11 +365,11 @@ def _shift_um(contours: Sequence[Contour], table_um: int, grid_um: int, source: 
     return np.asarray((table_um - low - high) // (2 * grid_um) * grid_um, np.int64)
 
 
-def _placed(contour: Contour, shift: NDArray[np.int64]) -> Contour:
+def _placed(contour: WireContour, shift: NDArray[np.int64]) -> WireContour:
     return replace(contour, points_um=contour.points_um + shift, nominal_mm=contour.nominal_mm + shift / 1000)
 
 
-def _stock(contours: Sequence[Contour], table_um: int) -> tuple[float, float, float, float]:
+def _stock(contours: Sequence[WireContour], table_um: int) -> tuple[float, float, float, float]:
     corners = np.concatenate([part for c in contours for part in (c.points_um / 1000, c.nominal_mm)])
     low = np.clip(corners.min(axis=0) - STOCK_MARGIN_MM, 0, table_um / 1000)
     high = np.clip(corners.max(axis=0) + STOCK_MARGIN_MM, 0, table_um / 1000)

@@ -9,19 +9,19 @@ from edmsim.recording.rerun.playback import Playback, find_recording
 from edmsim.recording.rerun.screenshots import take_screenshots
 from edmsim.recording.rerun.viewer import compare, view
 from edmsim.recording.rerun.write import write_recording
-from edmsim.recording.scene import Corner, ErrorMap, Scene, Terrace, polylines
+from edmsim.recording.scene import ErrorMap, Scene, SceneCorner, Terrace, polylines
 from edmsim.recording.scene_file import read_scene, write_scene
 from edmsim.recording.video import render
 from edmsim.recording.windows import WindowTable, read_windows, write_windows
 
 __all__ = [
     "Closeups",
-    "Corner",
     "ErrorMap",
     "Frames",
     "Playback",
     "Quality",
     "Scene",
+    "SceneCorner",
     "Terrace",
     "Totals",
     "WindowTable",

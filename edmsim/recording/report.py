@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from edmsim.files import replacing
-from edmsim.recording.scene import Corner
+from edmsim.recording.scene import SceneCorner
 from edmsim.recording.windows import column, lag_along_um
 
 if TYPE_CHECKING:
@@ -86,7 +86,7 @@ class Quality:
     kerf_mean_um, kerf_min_um, kerf_max_um : float
     profile_max_um, profile_rms_um, profile_p95_um : float
         Of the profile error's magnitude.
-    corners : tuple of Corner
+    corners : tuple of SceneCorner
     ra_um : float
         Roughness of the wall.
     section : tuple of KerfSlice
@@ -99,7 +99,7 @@ class Quality:
     profile_max_um: float
     profile_rms_um: float
     profile_p95_um: float
-    corners: tuple[Corner, ...]
+    corners: tuple[SceneCorner, ...]
     ra_um: float
     section: tuple[KerfSlice, ...] = ()
 

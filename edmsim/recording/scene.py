@@ -58,7 +58,7 @@ class ErrorMap:
 
 
 @dataclass(frozen=True)
-class Corner:
+class SceneCorner:
     """One corner of the nominal edge, in mm on the table, and its error in um (positive: metal left)."""
 
     x_mm: float
@@ -85,7 +85,7 @@ class Scene:
         One per contour, in the order of cutting.
     cut_edges_mm : tuple of Polylines
         Edge of the metal that is left, per slice from the bottom.
-    corners : tuple of Corner
+    corners : tuple of SceneCorner
     starts_mm : float64 array (k, 2)
         Start holes.
     stock_mm : (x_min, y_min, x_max, y_max)
@@ -105,7 +105,7 @@ class Scene:
 
     maps: tuple[ErrorMap, ...]
     cut_edges_mm: tuple[Polylines, ...]
-    corners: tuple[Corner, ...]
+    corners: tuple[SceneCorner, ...]
     starts_mm: NDArray[np.float64]
     stock_mm: tuple[float, float, float, float]
     height_mm: float

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from edmsim.errors import InputError
 from edmsim.files import replacing
-from edmsim.recording.scene import Corner, ErrorMap, Polylines, Scene, Terrace
+from edmsim.recording.scene import ErrorMap, Polylines, Scene, SceneCorner, Terrace
 
 VERSION = 1
 """Of the file's layout."""
@@ -73,7 +73,7 @@ def _scene(arrays: Mapping[str, NDArray[Any]], told: Mapping[str, Any]) -> Scene
             for line, side, rows in zip(nominal, told["part_sides"], measured, strict=True)
         ),
         cut_edges_mm=_groups(arrays, "edges"),
-        corners=tuple(Corner(*(float(v) for v in row)) for row in arrays["corners"]),
+        corners=tuple(SceneCorner(*(float(v) for v in row)) for row in arrays["corners"]),
         starts_mm=arrays["starts_mm"],
         stock_mm=tuple(told["stock_mm"]),
         height_mm=told["height_mm"],

@@ -15,8 +15,9 @@ import edmsim
 from edmsim.compiled.axis_rows import carray, sample
 from edmsim.controllers import axis as axes
 from edmsim.controllers.axis.servo import KP, PositionServo
-from edmsim.errors import InputError, NotFiniteError, WireLostError
+from edmsim.errors import InputError
 from edmsim.plant.fleet import Fleet
+from edmsim.plant.window import NotFiniteError, WireLostError
 from edmsim.plant.workpiece.kerf_field import Stock
 
 FAR = Stock((60_000.0, 60_000.0, 61_000.0, 61_000.0))

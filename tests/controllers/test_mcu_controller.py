@@ -12,7 +12,7 @@ from edmsim.controllers.mcu.firmware.timers import MAX_FEED_UM_S
 from edmsim.controllers.planner.registry import PLANNERS
 from edmsim.cosim.simulation import Simulation
 from edmsim.machine.machine import Machine
-from edmsim.program.path import Contour, CutPath
+from edmsim.program.path import CutPath, WireContour
 from edmsim.recording import WindowTable
 
 START = (30_000, 30_000)
@@ -21,7 +21,7 @@ ZIGZAG = [(0, 0), (101, 53), (40, 160)]
 
 def simulation(controller, planner="poscal", dwells=(), points=ZIGZAG, **setup):
     points_um = np.array(points, np.int64) + START
-    contour = Contour(points_um, 0, points_um * 1e-3, False, "left", dwells, (1,) * (len(points) - 1))
+    contour = WireContour(points_um, 0, points_um * 1e-3, False, "left", dwells, (1,) * (len(points) - 1))
     path = CutPath((contour,), (25.0, 25.0, 40.0, 40.0), 0.13, 0.0, (30.0, 30.0), (), "test")
     machine = Machine.load(**{"height_mm": 10, **setup})
     return Simulation(machine, path, make(*controller[:1], **dict(controller[1:])), planner=planner, seed=1,

@@ -19,7 +19,7 @@ from edmsim.metrology.kerf import kerf_width
 from edmsim.metrology.profile import profile_error
 from edmsim.metrology.roughness import roughness_um
 from edmsim.plant.workpiece.kerf_field import FULL, TILE, KerfField, Stock
-from edmsim.program.path import Contour
+from edmsim.program.path import WireContour
 
 RADIUS = 155.0
 BLANK = Stock((1_000.0, 1_000.0, 9_000.0, 9_000.0))
@@ -63,7 +63,7 @@ def cut(path_um, radii_um=(RADIUS,), stock=BLANK):
 
 def make_contour(path_um, nominal_mm, part_side="left", closed=False, lead_in_moves=0):
     points = np.round(np.asarray(path_um, float)).astype(np.int64)
-    return Contour(points, lead_in_moves, np.asarray(nominal_mm, float), closed, part_side)
+    return WireContour(points, lead_in_moves, np.asarray(nominal_mm, float), closed, part_side)
 
 
 def straight(angle_deg=0.0, part_side="left", length=1_600.0, offset=RADIUS):

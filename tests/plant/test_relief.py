@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 import edmsim
 from edmsim.errors import InputError
-from edmsim.plant.workpiece.height_steps import HeightStep, Relief, slices_below
+from edmsim.plant.workpiece.height_steps import LowerRegion, Relief, slices_below
 from edmsim.plant.workpiece.kerf_field import FULL, KerfField, Stock
 
 BLANK = (100.0, 102.0, 5_000.0, 5_000.0)
@@ -18,7 +18,7 @@ HALF_PART = 0.5 / FULL  # a cell's share is rounded to whole parts
 
 
 def stepped(*steps, n_slices=5, height_mm=10.0, holes=()):
-    return KerfField(n_slices, Stock(BLANK, holes, tuple(HeightStep(*step) for step in steps), height_mm))
+    return KerfField(n_slices, Stock(BLANK, holes, tuple(LowerRegion(*step) for step in steps), height_mm))
 
 
 def volume_mm3(field, box_um):
@@ -65,7 +65,7 @@ def test_the_workpiece_stands_on_its_lower_face():
 )
 def test_a_slice_has_metal_where_its_middle_lies_below_the_height(height, slices):
     assert slices_below(height, 10.0, 5) == slices
-    relief = Relief([HeightStep(shapely.box(0, 0, 10, 10), height)], 10.0, 5)
+    relief = Relief([LowerRegion(shapely.box(0, 0, 10, 10), height)], 10.0, 5)
     inside, outside = relief.heights_mm(np.array([(5.0, 5.0), (20.0, 5.0)]))
     assert (inside, outside) == (2.0 * slices, 10.0)
 
@@ -88,7 +88,7 @@ def test_steps_keep_start_holes_and_the_blanks_edge():
 
 
 def test_distance_to_where_a_slice_lacks_metal():
-    relief = Relief([HeightStep(shapely.box(0, 0, 100, 100), 6.0)], 10.0, 5)
+    relief = Relief([LowerRegion(shapely.box(0, 0, 100, 100), 6.0)], 10.0, 5)
     clear = relief.clearance_um(np.array([(50.0, 50.0), (130.0, 50.0)]))
     np.testing.assert_allclose(clear[:3], np.inf)
     np.testing.assert_allclose(clear[3:], [[0.0, 30.0]] * 2)
@@ -142,13 +142,13 @@ def test_a_height_that_does_not_fit_is_refused(height, named):
 
 def test_steps_need_the_height_they_are_steps_of():
     with pytest.raises(InputError, match="height_mm"):
-        Stock(BLANK, steps=(HeightStep(shapely.box(0, 0, 1, 1), 3.0),))
+        Stock(BLANK, steps=(LowerRegion(shapely.box(0, 0, 1, 1), 3.0),))
 
 
 def test_a_plant_takes_metal_only_from_slices_that_have_it(drive):
     machine = edmsim.Machine.load(height_mm=10)
     x, y = 32_500.0, 32_500.0
-    low = HeightStep(shapely.box(x - 3_000, y - 3_000, x + 3_000, y + 3_000), 4.0)
+    low = LowerRegion(shapely.box(x - 3_000, y - 3_000, x + 3_000, y + 3_000), 4.0)
     stock = Stock((x - 3_000, y - 3_000, x + 3_000, y + 3_000), ((x, y, 160.0),), (low,), 10.0)
     plant = edmsim.Plant(machine, 1, stock=stock, position_um=(x, y), resolution="fast")
     windows = drive(plant, 20.0, 5.0)

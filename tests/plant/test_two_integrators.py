@@ -14,7 +14,7 @@ from edmsim.cosim.simulation import Simulation
 from edmsim.machine.machine import Machine
 from edmsim.plant.resolution import RESOLUTIONS
 from edmsim.plant.workpiece.kerf_field import Stock
-from edmsim.program.path import Contour, CutPath
+from edmsim.program.path import CutPath, WireContour
 from edmsim.recording import WindowTable
 
 SETTLE_S, CUT_S = 4.0, 5.0
@@ -26,7 +26,7 @@ ALL_MODES = 31
 
 def straight_cut():
     points = np.array([(30_000, 30_000), (32_000, 30_000)], np.int64)
-    contour = Contour(points, 0, points * 1e-3, False, "left", (), (1,))
+    contour = WireContour(points, 0, points * 1e-3, False, "left", (), (1,))
     return CutPath((contour,), (25.0, 25.0, 40.0, 40.0), 0.18, 0.0, (30.0, 30.0), (), "test")
 
 

@@ -12,11 +12,11 @@ from edmsim.machine.machine import Machine
 from edmsim.plant.kernel.state import ARC, OPEN, SHORT, SPARK
 from edmsim.recording import (
     Closeups,
-    Corner,
     ErrorMap,
     Frames,
     Quality,
     Scene,
+    SceneCorner,
     Totals,
     WindowTable,
     build_report,
@@ -130,7 +130,7 @@ def cut() -> SimpleNamespace:
     table = windows(draw)
     edge = error_map(draw)
     corners = tuple(
-        Corner(float(x), float(y), 90.0, e)
+        SceneCorner(float(x), float(y), 90.0, e)
         for (x, y), e in zip(CORNERS_MM, (-9.1, -8.4, -10.2, -7.9), strict=True)
     )
     scene = Scene(

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from shapely.geometry.base import BaseGeometry
 
 
-class HeightStep(NamedTuple):
+class LowerRegion(NamedTuple):
     """A region where the workpiece has a height of its own.
 
     Attributes
@@ -38,7 +38,7 @@ class Relief:
 
     Parameters
     ----------
-    steps : sequence of HeightStep
+    steps : sequence of LowerRegion
         Where regions overlap, the earlier one holds; outside all of them the height is `height_mm`.
     height_mm : float
         The greatest height, which the slices divide.
@@ -56,7 +56,7 @@ class Relief:
         If a step's height is not above 0 and at most `height_mm`, or so low that no slice is left of it.
     """
 
-    def __init__(self, steps: Sequence[HeightStep], height_mm: float, n_slices: int) -> None:
+    def __init__(self, steps: Sequence[LowerRegion], height_mm: float, n_slices: int) -> None:
         import shapely
 
         self.slice_mm = height_mm / n_slices

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from edmsim.compiled.jit import compiled
 from edmsim.errors import InputError
 from edmsim.plant.kernel.state import NO_METAL_UM, TILE
-from edmsim.plant.workpiece.height_steps import HeightStep, Relief
+from edmsim.plant.workpiece.height_steps import LowerRegion, Relief
 
 FULL = 32768
 """Parts in a full cell."""
@@ -35,7 +35,7 @@ class Stock:
     ----------
     rectangle_um : (x_min, y_min, x_max, y_max)
     holes_um : tuple of (x, y, radius)
-    steps : tuple of HeightStep
+    steps : tuple of LowerRegion
         Regions that are less high than the rest; where they overlap, the earlier one holds.
     height_mm : float, optional
         Height outside the steps: the machine's `height_mm`, the greatest there is. Needed with steps.
@@ -48,7 +48,7 @@ class Stock:
 
     rectangle_um: tuple[float, float, float, float]
     holes_um: tuple[tuple[float, float, float], ...] = ()
-    steps: tuple[HeightStep, ...] = ()
+    steps: tuple[LowerRegion, ...] = ()
     height_mm: float | None = None
 
     def __post_init__(self) -> None:
@@ -122,7 +122,10 @@ class KerfField:
         If a step of the stock cannot be told by these slices.
     """
 
-    def __init__(self, n_slices: int, stock: Stock, cell_um: float = 4.0, extent_um: float = 65_000.0) -> None:
+    def __init__(
+        self, n_slices: int, stock: Stock, cell_um: float = 4.0, extent_um: float | None = None
+    ) -> None:
+        extent_um = max(stock.rectangle_um[2:]) if extent_um is None else extent_um
         self.n_slices = n_slices
         self.stock = stock
         self.cell_um = cell_um

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from edmsim.plant.workpiece.height_steps import HeightStep
+from edmsim.plant.workpiece.height_steps import LowerRegion
 from edmsim.plant.workpiece.kerf_field import Stock
 
 if TYPE_CHECKING:
@@ -22,7 +22,7 @@ _SCALLOP_UM = 20.0
 
 
 def begun_slot(
-    machine: Machine, end_um: tuple[float, float], *, gap_um: float = SLOT_GAP_UM, steps: Sequence[HeightStep] = ()
+    machine: Machine, end_um: tuple[float, float], *, gap_um: float = SLOT_GAP_UM, steps: Sequence[LowerRegion] = ()
 ) -> Stock:
     """Return a block with a slot along +x whose end is round a place on the table.
 
@@ -32,7 +32,7 @@ def begun_slot(
     end_um : (float, float)
         Where the wire stands, `gap_um` off the metal in front and on both sides.
     gap_um : float
-    steps : sequence of HeightStep
+    steps : sequence of LowerRegion
         Where the block is less high than `machine.height_mm`.
     """
     x, y = end_um

@@ -28,7 +28,7 @@ from edmsim.recording.figures.style import (
     legend,
     nothing_to_show,
 )
-from edmsim.recording.scene import Corner, Scene
+from edmsim.recording.scene import Scene, SceneCorner
 from edmsim.recording.windows import column
 
 if TYPE_CHECKING:
@@ -154,7 +154,7 @@ def corner_figure(scene: Scene, windows: pa.Table, corner: int | None = None) ->
     return figure
 
 
-def _chosen_corner(scene: Scene, corner: int | None) -> Corner:
+def _chosen_corner(scene: Scene, corner: int | None) -> SceneCorner:
     if corner is None:
         return max(scene.corners, key=lambda c: -1.0 if np.isnan(c.error_um) else abs(c.error_um))
     if not 0 <= corner < len(scene.corners):
