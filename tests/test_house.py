@@ -28,6 +28,12 @@ LAYERS: dict[str, set[str]] = {
     "controllers": {"controllers", "errors", "machine", "models", "geometry", "files", "user_code", "compiled"},
 }
 """Rooms that may import only some others."""
+ORDER = (
+    "models", "compiled", "errors", "files", "user_code", "geometry", "machine", "plant", "controllers", "program",
+    "metrology", "cosim", "recording", "job", "envs", "terminal", "evaluation", "learning", "calibration",
+    "validation", "bench", "cli", "", "__main__",
+)  # fmt: skip
+"""Rooms from the bottom up: each imports only from those before it."""
 EXCEPTIONS: dict[str, dict[str, str]] = {
     "layers": {}, "recording": {}, "circles": {}, "names": {}, "lines": {}, "files": {},
     "constants": {
@@ -103,6 +109,14 @@ def test_rooms_import_only_what_lies_below_them() -> None:
 def test_nobody_imports_the_command_line() -> None:
     users = {name for name in modules() if any(room(other) == "cli" for other in imports(name))}
     assert {name for name in users if room(name) not in ("cli", "__main__")} == set()
+
+
+def test_every_room_stands_on_those_below_it() -> None:
+    upward = {
+        f"{name} imports {other}"
+        for name in modules() for other in imports(name) if ORDER.index(room(other)) > ORDER.index(room(name))
+    }  # fmt: skip
+    assert upward == {"edmsim.models imports edmsim.errors"}  # errors stand beside, and import nothing
 
 
 def test_recording_makes_no_plant() -> None:

@@ -7,7 +7,7 @@ pulse on, and is measured once it has settled.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -23,7 +23,6 @@ from edmsim.metrology.edges import metal_at
 from edmsim.plant.plant import Plant
 from edmsim.plant.window import PulseWindow
 from edmsim.plant.workpiece.start_slot import SLOT_GAP_UM, begun_slot
-from edmsim.validation.rows import mean_and_interval
 
 FASTEST_UM_S = 400.0
 """Feed a controller may command here (ours: above the cutting rate of every set-up measured)."""
@@ -221,13 +220,3 @@ def cut_straight(
         start_um = plant.commanded_um[0]
         windows = traverse.run(seconds)
     return Cut(plant, windows, start_um, plant.commanded_um[0] - start_um)
-
-
-def each(seeds: Sequence[int], cut: Callable[[int], Cut]) -> list[Cut]:
-    """Make one cut per seed."""
-    return [cut(seed) for seed in seeds]
-
-
-def change(base: Sequence[Cut], changed: Sequence[Cut], of: Callable[[Cut], float]) -> tuple[float, float]:
-    """Mean of a figure's differences, changed less base, seed by seed, and the half width of its interval."""
-    return mean_and_interval([of(b) - of(a) for a, b in zip(base, changed, strict=True)])

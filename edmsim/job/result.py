@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING, Any
 from edmsim import __version__
 from edmsim.cosim.simulation import Simulation
 from edmsim.files import make_writable
+from edmsim.job.inspection import inspect, totals
 from edmsim.job.recorders import Recorders
 from edmsim.job.settings import METADATA_KEY, CutSettings
 from edmsim.job.single_pulses import sample_or_reason
 from edmsim.machine.machine import Machine
 from edmsim.metrology.edges import contour
-from edmsim.metrology.inspection import inspect, totals
 from edmsim.plant.workpiece.kerf_field import KerfField
 from edmsim.program.path import CutPath
 from edmsim.recording.closeups import Closeups

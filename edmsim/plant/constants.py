@@ -13,7 +13,7 @@ from edmsim.compiled.vectors import filled
 from edmsim.machine.files import mjcf_version
 from edmsim.plant.gap.breakdown import GapLaw
 from edmsim.plant.gap.debris import flow_speed_m_s, nozzle_flow_per_slice_us
-from edmsim.plant.kernel.declare import Sizes, allocate
+from edmsim.plant.kernel.declare import ArraySizes, allocate
 from edmsim.plant.kernel.state import GRID, NO_METAL_UM, PULSES_PER_WINDOW, Arrays, Constants, Propagators, Timing
 from edmsim.plant.mechanics.model import ModalModel, WireSetup, build_model, propagator_table, reduce_model
 from edmsim.plant.mechanics.mujoco_model import DriveSetup, FullMechanics
@@ -210,7 +210,7 @@ def height_share(machine: Machine, res: Resolution) -> NDArray[np.float64]:
 
 
 def arrays(
-    model: ModalModel | FullMechanics, sizes: Sizes, water_K: float, flow_factor: NDArray[np.float64],
+    model: ModalModel | FullMechanics, sizes: ArraySizes, water_K: float, flow_factor: NDArray[np.float64],
     height_share: NDArray[np.float64],
 ) -> Arrays:
     """Allocate the arrays of a plant at rest, its wire described by a shape (slices, modes or nodes)."""

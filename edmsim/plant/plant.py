@@ -31,8 +31,8 @@ from edmsim.plant.kernel.state import (
 )
 from edmsim.plant.mechanics.model import ModalModel
 from edmsim.plant.mechanics.mujoco_model import N_NODES, FullMechanics
+from edmsim.plant.readings import PlantReadings
 from edmsim.plant.resolution import resolution as named_resolution
-from edmsim.plant.view import PlantView
 from edmsim.plant.window import PlantError, PulseWindow, left_validity, read_window, wrong_step
 from edmsim.plant.workpiece.kerf_field import KerfField, Stock
 
@@ -47,7 +47,7 @@ _FRONT_GAP_UM = 30.0
 """Gap in front of a plant that was given no workpiece."""
 
 
-class Plant(PlantView):
+class Plant(PlantReadings):
     """A wire-EDM machine at work.
 
     Parameters

@@ -7,9 +7,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from edmsim.controllers import make
-from edmsim.cosim.straight import Cut, change, cut_straight, each
+from edmsim.cosim.straight import Cut, cut_straight
 from edmsim.machine.machine import Machine
 from edmsim.validation.rows import Check, Row, mean_and_interval
+from edmsim.validation.setups import change, each
 
 TEXTBOOK = "textbook figure 1.8 W per mm3/min"
 MASS_BALANCE = "mass balance of production cutting of steel, from Sato et al. (590 W, 60..80 mm3/min)"

@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from edmsim.cosim.straight import Cut, change, cut_straight, each
+from edmsim.cosim.straight import Cut, cut_straight
 from edmsim.machine.machine import Machine
 from edmsim.validation.rows import Check, Row, mean_and_interval
-from edmsim.validation.setups import altered
+from edmsim.validation.setups import altered, change, each
 
 LIAO_WOO = "Liao, Woo, J. Mater. Process. Technol. 71(3):433 (1997)"
 FLUSHING_STUDY = "particle-resolved flushing study, Eng. Appl. Comput. Fluid Mech., doi:10.1080/19942060.2021.1877198"

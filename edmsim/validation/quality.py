@@ -10,12 +10,12 @@ import numpy as np
 from shapely import LineString, distance, points
 
 from edmsim.controllers import FeedController, make
-from edmsim.cosim.straight import Cut, Traverse, begin, change, cut_straight, each
+from edmsim.cosim.straight import Cut, Traverse, begin, cut_straight
 from edmsim.machine.machine import Machine
 from edmsim.metrology.roughness import roughness_um
 from edmsim.validation.breakage import sato_rig
 from edmsim.validation.rows import Check, Row, mean_and_interval
-from edmsim.validation.setups import altered
+from edmsim.validation.setups import altered, change, each
 
 ROUGHNESS = "usual: Ra = C E^n, n = 0.3..0.4; rough cuts 2.5..4 um"
 HABIB = "Habib, Mech. Adv. Mater. Mod. Process. 3 (2017), doi:10.1186/s40759-017-0017-1: linear term"

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
+from edmsim.cosim.straight import Cut
 from edmsim.errors import InputError
 from edmsim.machine.machine import Machine
 from edmsim.machine.parts import Constant
 from edmsim.plant.plant import Plant
 from edmsim.plant.window import PulseWindow
 from edmsim.plant.workpiece.kerf_field import Stock
+from edmsim.validation.rows import mean_and_interval
 
 STILL: Mapping[str, float] = {
     "material.removal_mm3_J": 1e-15,
@@ -92,3 +94,13 @@ def single_discharges(plant: Plant, count: int) -> list[PulseWindow]:
         plant.rethread(plant.commanded_um, 0)
         windows.append(plant.advance())
     return windows
+
+
+def each(seeds: Sequence[int], cut: Callable[[int], Cut]) -> list[Cut]:
+    """Make one cut per seed."""
+    return [cut(seed) for seed in seeds]
+
+
+def change(base: Sequence[Cut], changed: Sequence[Cut], of: Callable[[Cut], float]) -> tuple[float, float]:
+    """Mean of a figure's differences, changed less base, seed by seed, and the half width of its interval."""
+    return mean_and_interval([of(b) - of(a) for a, b in zip(base, changed, strict=True)])

@@ -20,7 +20,7 @@ THEORY = ROOT / "docs" / "theory"
 PAGES = sorted(THEORY.glob("*.md"))
 NO_PHYSICS = {
     "axes/drives", "constants", "fleet", "gap/rays", "kernel/declare", "kernel/memory", "kernel/state",
-    "mechanics/mjcf", "plant", "resolution", "view", "window", "workpiece/start_slot",
+    "mechanics/mjcf", "plant", "readings", "resolution", "window", "workpiece/start_slot",
 }
 ROWS = [
     Row.band("gap", "agrees", "Someone | 1982", low=1, simulated=2.0, unit="um"),

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from edmsim.compiled.axis_rows import DRIVE, FAULT, N_AXES, SampleFunction
 from edmsim.errors import InputError
 from edmsim.plant.axes.motor import check_motor, transitions
-from edmsim.plant.kernel.declare import Sizes, allocate
+from edmsim.plant.kernel.declare import ArraySizes, allocate
 from edmsim.plant.kernel.state import Axes
 
 AXIS_NAMES = ("x", "y", "u", "v")
@@ -55,7 +55,7 @@ class Drives:
         If there is no such axis, or a drive's record, period or motor is none.
     """
 
-    def __init__(self, drives: Mapping[str, AxisDrive], travel_um: float, sizes: Sizes) -> None:
+    def __init__(self, drives: Mapping[str, AxisDrive], travel_um: float, sizes: ArraySizes) -> None:
         for name in drives:
             if name not in AXIS_NAMES:
                 raise InputError(f"there is no axis {name!r} to drive; there are: {', '.join(AXIS_NAMES)}")

@@ -28,7 +28,7 @@ craters took of it, which outlasts the wire); or as long as the wire. A snapshot
 _Group = TypeVar("_Group", bound=NamedTuple)
 
 
-class Sizes(NamedTuple):
+class ArraySizes(NamedTuple):
     """Lengths that shapes name: ``modes`` counts modes or nodes of the wire, filled up to whole vectors."""
 
     slices: int
@@ -50,7 +50,7 @@ class Kept:
     Parameters
     ----------
     *shape : int or str
-        Lengths: numbers, or names of `Sizes`.
+        Lengths: numbers, or names of `ArraySizes`.
     life : int
         `FIXED`, `WALL` or `CHANGING`.
     record : dtype, optional
@@ -66,7 +66,7 @@ class Kept:
         object.__setattr__(self, "life", life)
         object.__setattr__(self, "record", record)
 
-    def lengths(self, sizes: Sizes) -> tuple[int, ...]:
+    def lengths(self, sizes: ArraySizes) -> tuple[int, ...]:
         """Return the shape in numbers."""
         return tuple(getattr(sizes, n) if isinstance(n, str) else n for n in self.shape)
 
@@ -79,9 +79,9 @@ class Field(NamedTuple):
     kept: Kept | None
 
 
-def sizes_of(slices: int, rays: int, coordinates: int) -> Sizes:
+def sizes_of(slices: int, rays: int, coordinates: int) -> ArraySizes:
     """Return the lengths of a plant with so many slices, rays, and modes or nodes of the wire."""
-    return Sizes(
+    return ArraySizes(
         slices=slices, slices_filled=filled(slices), rays=rays, places=filled(rays, GAPS), modes=filled(coordinates),
         nodes=coordinates, dofs=2 * coordinates + 4,
     )  # fmt: skip
@@ -118,7 +118,7 @@ def lasting(group: type, *lives: int) -> tuple[str, ...]:
     return tuple(name for name, _, kept in fields_of(group) if kept is not None and kept.life in lives)
 
 
-def allocate(group: type[_Group], sizes: Sizes, **numbers: float) -> _Group:
+def allocate(group: type[_Group], sizes: ArraySizes, **numbers: float) -> _Group:
     """Return a group with its plain numbers, its arrays full of zeros."""
     made: dict[str, Any] = {
         name: np.zeros(kept.lengths(sizes), dtype) for name, dtype, kept in fields_of(group) if kept is not None
@@ -126,7 +126,7 @@ def allocate(group: type[_Group], sizes: Sizes, **numbers: float) -> _Group:
     return cast("_Group", cast(Any, group)(**made, **numbers))
 
 
-def check(field: Field, array: NDArray[Any], sizes: Sizes) -> None:
+def check(field: Field, array: NDArray[Any], sizes: ArraySizes) -> None:
     """Refuse an array that is not what was declared: compiled code would read beyond it."""
     assert field.kept is not None
     declared: tuple[DTypeLike, tuple[int, ...]] = field.dtype, field.kept.lengths(sizes)

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from edmsim.compiled.jit import compiled
 from edmsim.compiled.vectors import GAPS, filled
 from edmsim.plant.gap.breakdown import GapLaw
-from edmsim.plant.kernel.declare import Sizes, check, entries_of, fields_of, numbers_of
+from edmsim.plant.kernel.declare import ArraySizes, check, entries_of, fields_of, numbers_of
 from edmsim.plant.kernel.fire import fire_window
 from edmsim.plant.kernel.state import Arrays, Axes, Constants, Own, Propagators, Scratch, Timing
 from edmsim.plant.mechanics.mujoco_loop import FullLink
@@ -34,7 +34,7 @@ _GROUPS: dict[str, Any] = {
 _RECORDS: dict[str, Any] = {"constants": Constants, "heat": HeatLaw, "timing": Timing}
 _NAMES = {kind: name for name, kind in (*_GROUPS.items(), *_RECORDS.items())}
 _COUNTED = "tiles", "index_side", "pulses"
-"""Lengths of `Sizes` that change while a plant is at work."""
+"""Lengths of `ArraySizes` that change while a plant is at work."""
 _TABLE = np.dtype(
     [(name, "i8") for name in _COUNTED]
     + [(name, entries_of(kind)) for name, kind in _GROUPS.items()]
@@ -47,7 +47,7 @@ class Memory:
 
     Parameters
     ----------
-    sizes : Sizes
+    sizes : ArraySizes
         Lengths of the arrays; those of the kerf field and of the log of pulses follow the arrays kept.
 
     Attributes
@@ -56,7 +56,7 @@ class Memory:
         Address of the table.
     """
 
-    def __init__(self, sizes: Sizes) -> None:
+    def __init__(self, sizes: ArraySizes) -> None:
         self._sizes = sizes
         self._table = np.zeros(1, _TABLE)
         self.address: int = self._table.ctypes.data
@@ -132,7 +132,7 @@ def _rows_of(of: Any) -> Any:
 
 
 def _group_of(group: Any) -> Any:
-    """In compiled code, make a declared group of its entries in the table and the numbers of `Sizes`."""
+    """In compiled code, make a declared group of its entries in the table and the numbers of `ArraySizes`."""
     unpack: Any = cgutils.unpack_tuple
     fields, entries_type = fields_of(group), cast(Any, from_dtype(entries_of(group)))
     named_tuple: Any = types.NamedTuple
@@ -147,7 +147,7 @@ def _group_of(group: Any) -> Any:
         def generate(context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
             named = {
                 name: context.cast(builder, value, from_, types.intp)
-                for name, value, from_ in zip(Sizes._fields, unpack(builder, arguments[1]), lengths, strict=True)
+                for name, value, from_ in zip(ArraySizes._fields, unpack(builder, arguments[1]), lengths, strict=True)
             }
             values = []
             for field, kind in zip(fields, kinds, strict=True):
@@ -186,7 +186,7 @@ _own_of, _arrays_of, _propagators_of, _scratch_of, _axes_of, _link_of, _law_of =
 
 @compiled
 def _lengths(slices: int, rays: int, coordinates: int, at: Any) -> tuple[int, ...]:
-    """Numbers of `Sizes` for a plant's table."""
+    """Numbers of `ArraySizes` for a plant's table."""
     return (
         slices, filled(slices), rays, filled(rays, GAPS), filled(coordinates), coordinates, 2 * coordinates + 4,
         at.tiles, at.index_side, at.pulses,

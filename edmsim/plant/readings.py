@@ -13,7 +13,7 @@ from edmsim.plant.kernel.state import GRID, PULSE, PULSES_PER_WINDOW, Arrays, Co
 from edmsim.plant.workpiece.kerf_field import KerfField
 
 
-class PlantView:
+class PlantReadings:
     """Measurements of a plant; see `edmsim.plant.plant.Plant`.
 
     Attributes
