@@ -112,4 +112,4 @@ def test_fleet_refuses_mixed_plants_and_bad_steps():
         Fleet(plants)
     fleet = Fleet(plants[:1])
     with pytest.raises(InputError, match="axis"):
-        fleet.advance(np.arange(1), np.array([[[0, 2, 1]]]), np.ones(1, np.int64))
+        fleet.advance(np.arange(1), np.array([[[0, 4, 1]]]), np.ones(1, np.int64))

@@ -38,7 +38,10 @@ def slice_heights(wire, height_m=0.020, n=9):
 
 
 @numba.njit
-def _pulses(state, a, axes, link, p, t, load, sums, scales, ignite_us, period_ns, kicks, kick_slice, end_us, steps, wire, table):
+def _pulses(
+    state, a, axes, link, p, t, load, sums, scales, ignite_us, period_ns, kicks, kick_slice, end_us, steps, wire,
+    table,
+):
     """Move over many pulses; note every pulse's nodes, and place, rotor and command of the axes."""
     following = 0
     for i in range(kicks.shape[0]):
