@@ -197,37 +197,37 @@ def _lengths(slices: int, rays: int, coordinates: int, at: Any) -> tuple[int, ..
 
 
 @compiled
-def _own(at: Any, slices: int, rays: int, coordinates: int) -> Own:
+def _own(at: Any, slices: int, rays: int, coordinates: int) -> Any:
     return _own_of(at.own, _lengths(slices, rays, coordinates, at))
 
 
 @compiled
-def _arrays(at: Any, slices: int, rays: int, coordinates: int) -> Arrays:
+def _arrays(at: Any, slices: int, rays: int, coordinates: int) -> Any:
     return _arrays_of(at.arrays, _lengths(slices, rays, coordinates, at))
 
 
 @compiled
-def _propagators(at: Any, slices: int, rays: int, coordinates: int) -> Propagators:
+def _propagators(at: Any, slices: int, rays: int, coordinates: int) -> Any:
     return _propagators_of(at.propagators, _lengths(slices, rays, coordinates, at))
 
 
 @compiled
-def _scratch(at: Any, slices: int, rays: int, coordinates: int) -> Scratch:
+def _scratch(at: Any, slices: int, rays: int, coordinates: int) -> Any:
     return _scratch_of(at.scratch, _lengths(slices, rays, coordinates, at))
 
 
 @compiled
-def _axes(at: Any, slices: int, rays: int, coordinates: int) -> Axes:
+def _axes(at: Any, slices: int, rays: int, coordinates: int) -> Any:
     return _axes_of(at.axes, _lengths(slices, rays, coordinates, at))
 
 
 @compiled
-def _link(at: Any, slices: int, rays: int, coordinates: int) -> FullLink:
+def _link(at: Any, slices: int, rays: int, coordinates: int) -> Any:
     return _link_of(at.link, _lengths(slices, rays, coordinates, at))
 
 
 @compiled
-def _law(at: Any, slices: int, rays: int, coordinates: int) -> GapLaw:
+def _law(at: Any, slices: int, rays: int, coordinates: int) -> Any:
     return _law_of(at.law, _lengths(slices, rays, coordinates, at))
 
 
