@@ -204,7 +204,8 @@ class Task:
         lanes, plant = self._lanes, self._lanes.fleet.plants[0]
         window = plant.window()
         row = lanes.rows[0]
-        seen = WindowObservation.of(window, plant.time_ns, float(row["feed_um_s"]), self.path_um)
+        end_ns = window.start_ns + window.duration_ns  # a fresh wire may have been threaded since
+        seen = WindowObservation.of(window, end_ns, float(row["feed_um_s"]), self.path_um)
         return StepResult(
             seen, window, float(row["progress_um"]), float(row["area_mm2"]), float(row["error_um"]),
             StopCause(row["cause"]), lanes.refused[0],

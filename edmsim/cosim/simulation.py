@@ -183,6 +183,7 @@ class Simulation:
         limit_um_s = min(self._max_feed_um_s, planner.max_feed_um_s)
         command = check_command(self.controller.name, self.controller.reset(limit_um_s))
         self._set_generator(self.machine.t_on_us, self.machine.t_period_us)  # every leg begins as set up
+        self._set_generator(command.t_on_us, command.t_period_us)
         drives = self.controller if isinstance(self.controller, DrivesSteps) else None
         rest_until_ns = self.plant.time_ns + round(leg.rest_s * 1e9)
         return PlannerMotion(planner, drives, at.start_um, rest_until_ns, command, limit_um_s)

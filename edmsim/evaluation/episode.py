@@ -14,6 +14,7 @@ import numpy as np
 
 from edmsim.controllers import FeedController, SeesTruth, from_text, make
 from edmsim.controllers.protocols import FeedCommand, check_command, tell
+from edmsim.controllers.pulse_counters import WINDOW_PULSES
 from edmsim.cosim.stops import WORDS, StopCause, judge
 from edmsim.envs.episode import StepResult, Task
 from edmsim.envs.registry import base_of, env_id_of, find
@@ -177,11 +178,10 @@ class Episode:
         self.last = result
         self._add(result)
         self._windows_left -= 1
+        if result.truth.pulses == WINDOW_PULSES:
+            self._command = self._decide(result)
         if result.over:
             return WORDS[result.cause].episode
-        if isinstance(self.controller, SeesTruth):
-            self.controller.see(result.truth)
-        self._command = check_command(self._name, self.controller.update(result.seen))
         alarm = self._command.alarm is not None
         cause = StopCause(judge(False, False, False, alarm, self._windows_left == 0, False))
         if cause is StopCause.PERSISTENT_SHORT:
@@ -192,6 +192,12 @@ class Episode:
         if self._leg != self.task.leg[0]:
             self._command = self._begin_leg()
         return None
+
+    def _decide(self, result: StepResult) -> FeedCommand:
+        """Show the controller a whole window, also the last one, as a cut does."""
+        if isinstance(self.controller, SeesTruth):
+            self.controller.see(result.truth)
+        return check_command(self._name, self.controller.update(result.seen))
 
     def _add(self, result: StepResult) -> None:
         truth = result.truth
