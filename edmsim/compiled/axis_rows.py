@@ -2,12 +2,12 @@
 
 A machine has four axes: x and y move the lower guide, u and v the upper guide relative to the lower one. A drive with
 a loop is called at its own sampling instants, ``epoch_ns + index * num // den``, with the addresses of two rows: its
-own (`DRIVE`) and its axis' (`AXIS`). It reads setpoint, encoder and switches and writes its command:
+own (`DRIVE`) and its axis' (`AXIS`). It reads setpoint, encoder and switches and writes its command::
 
->>> @sample
-... def hold(drive_at, axis_at):
-...     drive, axis = carray(drive_at, 1)[0], carray(axis_at, 1)[0]
-...     drive.command = min(max((drive.setpoint - axis.count) / 1024.0, -1.0), 1.0)
+    @sample
+    def hold(drive_at, axis_at):
+        drive, axis = carray(drive_at, 1)[0], carray(axis_at, 1)[0]
+        drive.command = min(max((drive.setpoint - axis.count) / 1024.0, -1.0), 1.0)
 """
 
 from __future__ import annotations
