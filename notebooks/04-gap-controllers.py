@@ -158,6 +158,7 @@ for axes, label in zip(panels[1:], ("feed, µm/s", "short, share", "open, share"
 for jump in starts_um[1:] * 1e-3:
     for axes in panels:
         axes.axvline(jump, color="0.88", lw=0.8, zorder=0)
+panels[1].set_ylim(0, 45)  # room for the legend
 panels[1].legend(frameon=False, ncols=4, loc="upper right")
 panels[-1].set_xlabel("path, mm")
 figure.align_ylabels()
@@ -165,7 +166,7 @@ figure.tight_layout()
 
 # %% [markdown]
 # Where the workpiece gets thinner, the same power removes a longer stretch: the feed may rise, and every controller
-# that looks lets it. Where it gets thicker the gap closes, and shorts are more until the feed has come down. The
+# that looks lets it, `voltage` and the oracle up to the planner's greatest feed, 33.3 µm/s. Where it gets thicker the gap closes, and shorts are more until the feed has come down. The
 # feed of `counts` stays behind the others everywhere: it keeps a wider gap, with more open pulses and fewer shorts.
 # `fixed` does not notice that the gap closes under it; where its line of the gap ends, no pulse ignites any more.
 #

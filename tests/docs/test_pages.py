@@ -62,6 +62,7 @@ def test_a_page_runs_from_top_to_bottom(
         pytest.importorskip(module)
     shutil.copytree(ROOT / "examples", tmp_path / "examples")
     monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(tmp_path)  # as a Python that is begun in the folder has it
     commands.replaced(monkeypatch)
     for name, text in TEXT_FILES.get(page, {}).items():
         Path(name).write_text(text, encoding="utf-8")
