@@ -72,8 +72,8 @@ class CutSettings(BaseModel):
     """Feed controller, with parameters if wanted: ``"fixed:feed_um_s=20"``; a class in an own file, ``"own.py:Own"``
     (see `edmsim.controllers.from_text`); or an object that is one."""
     planner: str = "poscal"
-    """What makes motor steps of path and speed: poscal, poscal-literal, dda, sine-table or exact; ``docs/planners.md``
-    has their errors."""
+    """What makes motor steps of path and speed: poscal, poscal-literal, dda, sine-table or exact;
+    ``docs/planners.md`` has their errors."""
     mechanics: str = "modal"
     """Integrator of table and wire: modal or mujoco (see `Plant`)."""
     resolution: str = "default"
