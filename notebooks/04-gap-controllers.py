@@ -166,10 +166,10 @@ figure.tight_layout()
 
 # %% [markdown]
 # Where the workpiece gets thinner, the same power removes a longer stretch: the feed may rise, and every controller
-# that looks lets it, `voltage` and the oracle up to the planner's greatest feed, 33.3 µm/s. Where it gets thicker the
-# gap closes, and shorts are more until the feed has come down. The
-# feed of `counts` stays behind the others everywhere: it keeps a wider gap, with more open pulses and fewer shorts.
-# `fixed` does not notice that the gap closes under it; where its line of the gap ends, no pulse ignites any more.
+# that looks lets it, `voltage` and the oracle up to the planner's greatest feed, 33.3 µm/s. Where it gets thicker
+# the gap closes, and shorts are more until the feed has come down. The feed of `counts` stays behind the others
+# everywhere: it keeps a wider gap, with more open pulses and fewer shorts. `fixed` does not notice that the gap
+# closes under it; where its line of the gap ends, no pulse ignites any more.
 #
 # ## The plane of short and open
 #
