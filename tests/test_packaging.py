@@ -14,7 +14,7 @@ from pathlib import Path
 
 import pytest
 
-from edmsim.cli.app import STOPPED
+from edmsim.cli.console import STOPPED
 
 ROOT = Path(__file__).parents[1]
 LINKS = ("controllers", "envs", "models")

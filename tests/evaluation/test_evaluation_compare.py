@@ -104,7 +104,7 @@ def test_an_episode_can_be_watched_window_by_window() -> None:
         assert watched.step() is None
         assert watched.last is not None
         feeds.append(watched.last.seen.feed_um_s)
-    assert feeds == [12.0] * 5
+    assert feeds == pytest.approx([46 * 0.2625] * 5)  # in the planner's units
     assert watched.last.seen.time_s == pytest.approx(5 * 255e-4)
 
 
@@ -131,7 +131,7 @@ def test_a_policy_is_compared_like_any_other() -> None:
 
 
 def test_a_jammed_wire_ends_the_cut_and_costs_threading() -> None:
-    task = Task(GAP_FEED, resolution="fast", length_mm=1.0)
+    task = Task(GAP_FEED, resolution="fast", length_mm=1.0, planner="exact")
     jammed = Episode(task, make("fixed", feed_um_s=100.0), 5, "fixed").run()
     assert jammed.outcome == "jammed"
     assert jammed.jammed
