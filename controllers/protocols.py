@@ -189,7 +189,7 @@ class SeesTruth(Protocol):
 
 @runtime_checkable
 class KnowsSetup(Protocol):
-    """A controller that is told the set-up, as an operator who reads the dials and the drawing tells it."""
+    """A controller that takes in the set-up: what an operator reads from the dials and the drawing."""
 
     def set_up(self, machine: Machine, points_um: NDArray[Any], start_um: float) -> None:
         """Take in the set-up and the next leg; called before every `FeedController.reset`.

@@ -30,11 +30,3 @@ def make_writable(folder: Path) -> None:
         probe.unlink()
     except OSError as error:
         raise InputError(f"the output folder cannot be written to: {error.strerror}", folder) from None
-
-
-def make_file(file: Path) -> None:
-    """See that a file can be written before the work begins; raises `InputError` if not."""
-    try:
-        file.touch()
-    except OSError as error:
-        raise InputError(f"cannot be written: {error.strerror}", file) from None

@@ -1,4 +1,4 @@
-"""What all commands share: the two streams, how a line is told, exit statuses, and options of one meaning."""
+"""What all commands share: the two streams, how a line is printed, exit statuses, and options of one meaning."""
 
 from __future__ import annotations
 
