@@ -28,10 +28,13 @@ def place_wire(state: NDArray[np.void], a: Arrays, position: Array) -> None:
     for axis in range(2):
         start, lean = state[0].axis_um[axis] + ringing(a, axis), state[0].axis_um[2 + axis]
         for s in range(0, filled, COORDINATES):
-            place = spread(start) + load(a.height_share, (s,)) * lean
+            place = spread(start)
             for m in range(n_modes):
                 place += load(a.sway, (m, s)) * a.wire_q[axis, m]
             store(position, (axis, s), place)
+        if lean != 0.0:
+            for s in range(0, filled, COORDINATES):
+                store(position, (axis, s), load(position, (axis, s)) + load(a.height_share, (s,)) * lean)
 
 
 @compiled
