@@ -23,7 +23,8 @@ import numba
 _P = ParamSpec("_P")
 _R = TypeVar("_R")
 _PACKAGE = Path(__file__).parents[1]
-_COMPILES = "edmsim.compiled.jit import"
+_BESIDE = "controllers", "envs"
+_COMPILES = b"edmsim.compiled.jit import"
 _IMPORT = re.compile(r"^ *from (edmsim[\w.]*) import (?:\(([\w,\s]*)\)|([\w, ]*))", re.M)
 _KEPT_S = 30 * 24 * 3600.0
 # NaN and infinity keep their meaning: the loop tests for them. The rest lets sums be vectorised.
@@ -36,35 +37,35 @@ _OPTIONS: dict[str, Any] = {
 _EXACT_OPTIONS: dict[str, Any] = {**_OPTIONS, "fastmath": False, "forceinline": False}
 
 
-def _file_of(module: str) -> Path | None:
-    """Return the source of a module of edmsim, which may stand in a top-level folder; None for a package."""
-    parts = module.split(".")[1:]
-    for base in (_PACKAGE, _PACKAGE.parent):
-        file = base.joinpath(*parts).with_suffix(".py")
-        if parts and file.is_file():
-            return file
-    return None
+def _files() -> dict[str, Path]:
+    """Return every module of edmsim and its file; controllers and environments stand in top-level folders."""
+    found = {}
+    for folder in (_PACKAGE, *(f for name in _BESIDE if (f := _PACKAGE.parent / name).is_dir())):
+        above = folder if folder == _PACKAGE else folder.parent
+        for file in folder.rglob("*.py"):
+            found["edmsim." + ".".join(file.relative_to(above).with_suffix("").parts)] = file
+    return found
 
 
-def _sources() -> list[Path]:
-    """Return every file that compiles something, and what these import, over any number of steps."""
-    folders = [_PACKAGE, *(f for f in (_PACKAGE.parent / "controllers", _PACKAGE.parent / "envs") if f.is_dir())]
-    waiting = {f.resolve() for folder in folders for f in folder.rglob("*.py") if _COMPILES in f.read_text("utf-8")}
-    found: set[Path] = set()
+def _sources() -> list[bytes]:
+    """Return the text of every module that compiles something, and of what these import, over any number of steps."""
+    texts = {module: file.read_bytes() for module, file in _files().items()}
+    waiting = {module for module, text in texts.items() if _COMPILES in text}
+    found: set[str] = set()
     while waiting:
-        file = waiting.pop()
-        found.add(file)
-        for package, listed, named in _IMPORT.findall(file.read_text("utf-8")):
+        module = waiting.pop()
+        found.add(module)
+        for package, listed, named in _IMPORT.findall(texts[module].decode("utf-8")):
             names = [words.split()[0] for words in (listed or named).split(",") if words.strip()]
-            modules = [package, *(f"{package}.{name}" for name in names)]
-            waiting |= {f.resolve() for f in map(_file_of, modules) if f is not None} - found
-    return sorted(found)
+            imported = {package, *(f"{package}.{name}" for name in names)}
+            waiting |= (imported & texts.keys()) - found
+    return [texts[module] for module in sorted(found)]
 
 
 def _source_digest() -> str:
     digest = hashlib.sha256(numba.__version__.encode())
-    for file in _sources():
-        digest.update(file.read_bytes())
+    for text in _sources():
+        digest.update(text)
     return digest.hexdigest()[:16]
 
 
