@@ -69,11 +69,12 @@ class Guides(Part):
 
 
 class Dielectric(Part):
-    """The water and its flushing."""
+    """The water and its flushing; permittivity and viscosity are those at 20 C (see `edmsim.plant.gap.water`)."""
 
     permittivity: Positive
     conductivity_uS_cm: Positive
     temperature_K: Positive
+    gap_temperature_K: Positive
     viscosity_Pa_s: Positive
     flushing_pressure_Pa: Positive
     side_gap_um: Positive
@@ -109,16 +110,44 @@ class Discharge(Part):
 
     crater_cv: Constant
     crater_flatness: Positive
+    removal_reference_us: Positive
+    removal_exponent: Constant
     impulse_10mJ_Ns: Constant
-    impulse_exponent: Positive
+    bubble_share: Positive
     short_removal_share: Positive
-    wire_heat_share: Constant
-    convection_W_m2K: Positive
+    short_push_share: Constant
+    spot_gain: Constant
+    spot_us: Positive
     wear_ratio: Constant
 
 
+class Gas(Part):
+    """The gas of the discharges in the gap: see `edmsim.plant.gap.coverage`."""
+
+    steam_share: Constant
+    permanent_share: Constant
+    steam_periods: Positive
+    wetting: Positive
+    shielding: Constant
+    dryness: Constant
+    pumping: Constant
+    ejection: Constant
+
+
+class Cooling(Part):
+    """Heat into the wire and out of it: see `edmsim.plant.wire`."""
+
+    wire_heat_share: Constant
+    convection_W_m2K: Positive
+    convection_per_m_s: Constant
+    superheat_K: Positive
+    critical_W_m2: Positive
+    film_W_m2K: Positive
+    dry_share: Constant
+
+
 class Base(Part):
-    """A machine file: table, guides, dielectric, gap, discharge, and the MJCF they belong to."""
+    """A machine file: table, guides, dielectric, gap, discharge, gas, cooling, and the MJCF they belong to."""
 
     title: str
     model: str  # a file of `models/`, or the absolute path of a user's
@@ -127,6 +156,8 @@ class Base(Part):
     dielectric: Dielectric
     gap: Gap
     discharge: Discharge
+    gas: Gas
+    cooling: Cooling
 
 
 class Wire(Part):
@@ -141,6 +172,7 @@ class Wire(Part):
     resistivity_per_K: Constant
     strength_MPa: Positive
     half_strength_K: Positive
+    melting_K: Positive
     stress_MPa: Positive
 
 
@@ -150,6 +182,7 @@ class Material(Part):
     title: str
     removal_mm3_J: Positive
     burning_voltage_V: Positive
+    magnetic_share: Constant
 
 
 class Generator(Part):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import math
+from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -12,22 +13,34 @@ from numpy.typing import NDArray
 from edmsim.compiled.vectors import filled
 from edmsim.machine.files import mjcf_version
 from edmsim.plant.gap.breakdown import GapLaw
+from edmsim.plant.gap.bubble import REFERENCE_GAP_UM, BubbleLaw, bubble_law
+from edmsim.plant.gap.coverage import AMBIENT_PA, GasLaw, cover_um2_J, refill_us, steam_life_us
 from edmsim.plant.gap.debris import flow_speed_m_s, nozzle_flow_per_slice_us
+from edmsim.plant.gap.water import (
+    BOILING_K,
+    DENSITY_KG_M3,
+    permittivity_ratio,
+    surface_tension_N_m,
+    viscosity_ratio,
+)
 from edmsim.plant.kernel.declare import ArraySizes, allocate
 from edmsim.plant.kernel.state import GRID, NO_METAL_UM, PULSES_PER_WINDOW, Arrays, Constants, Propagators, Timing
+from edmsim.plant.mechanics.film import added_mass_kg_m, drag_N_s_m2, pull_sum_um2
 from edmsim.plant.mechanics.model import ModalModel, WireSetup, build_model, propagator_table, reduce_model
 from edmsim.plant.mechanics.mujoco_model import DriveSetup, FullMechanics
 from edmsim.plant.resolution import Resolution
-from edmsim.plant.wire import VACUUM_PERMITTIVITY_F_M, HeatLaw, area_m2
+from edmsim.plant.wire import VACUUM_PERMEABILITY_N_A2, VACUUM_PERMITTIVITY_F_M, HeatLaw, area_m2
 
 if TYPE_CHECKING:
     from edmsim.machine.machine import Machine
 
-RAY_RANGE_UM = 80.0
-"""Rays end this far from the wire's surface (ours: the breakdown rate there is 1 % of that at 10 um)."""
+RAY_RANGE_UM = 110.0
+"""Rays end this far from the wire's surface (ours: the pull on what lies beyond is 1 % of that at 20 um)."""
 CARVE_BEFORE_UM, CARVE_BEFORE_SPACINGS = 12.0, 0.75
 """How far before a ray's edge its wall is looked for, at least, and in ray spacings (ours): between rays it may stand
 nearer, the more the further they are apart, and what is not reached stays in the kerf."""
+LEAST_ENERGY_J = 1e-9
+"""Energy of a discharge below which its gas has no life to speak of (ours); a generator switched off has none."""
 PRIMED_SPAN = 3.0
 """The chance of a primed site ends this many widths above the critical gap."""
 
@@ -49,26 +62,46 @@ def gap_law(machine: Machine, res: Resolution, open_V: float) -> GapLaw:
     gap = machine.base.gap
     share = _patch_m2(machine, res) / _reference_m2(machine)
     scale = 1.0 / (math.log(2) * share)
-    width = gap.critical_width_um.value
+    width, field = gap.critical_width_um.value, open_V / gap.reference_voltage_V.value
     return GapLaw(
         t50_a=gap.median_a_us_um2.value * scale,
         t50_b=gap.median_b_us_um.value * scale,
         t50_c=gap.median_c_us.value * scale,
         gap_scale=gap.reference_voltage_V.value / open_V,
         scaled_gap_floor_um=-gap.median_b_us_um.value / (2 * gap.median_a_us_um2.value),
-        primed_gap_um=gap.critical_um.value + PRIMED_SPAN * width,
-        primed_per_um2=share / (4 * PRIMED_SPAN * width**2),
+        primed_gap_um=(gap.critical_um.value + PRIMED_SPAN * width) * field,
+        primed_per_um2=share / (4 * PRIMED_SPAN * (width * field) ** 2),
         contact_gap_um=gap.contact_um.value,
         wire_curvature=2.0 / machine.wire_diameter_um,
     )
 
 
+def _gap_viscosity_Pa_s(machine: Machine) -> float:
+    """Viscosity of the gap's water without debris."""
+    water = machine.base.dielectric
+    return water.viscosity_Pa_s.value * viscosity_ratio(water.gap_temperature_K.value)
+
+
+def _kerf_um(machine: Machine) -> float:
+    return machine.wire_diameter_um + 2 * machine.base.dielectric.side_gap_um.value
+
+
+def _wide_drag_N_s_m2(machine: Machine, res: Resolution) -> float:
+    """Resistance of the film that the modes' damping contains; where it is narrower, the loop adds the rest."""
+    front, side = res.film_from_um, max(res.film_from_um, machine.base.dielectric.side_gap_um.value)
+    return drag_N_s_m2(machine.wire_diameter_um / 2, front, side, _gap_viscosity_Pa_s(machine))
+
+
 def constants(machine: Machine, res: Resolution) -> Constants:
     """Numbers of the loop that do not depend on the generator's setting."""
-    base, gap, water, spark = machine.base, machine.base.gap, machine.base.dielectric, machine.base.discharge
+    base, gap, water, spark, gas = (
+        machine.base, machine.base.gap, machine.base.dielectric, machine.base.discharge, machine.base.gas,
+    )  # fmt: skip
     radius = machine.wire_diameter_um / 2
     slice_um = machine.height_mm * 1e3 / res.slices
+    slice_m = slice_um * 1e-6
     patch = _patch_m2(machine, res)
+    front, side = res.film_from_um, max(res.film_from_um, water.side_gap_um.value)
     return Constants(
         radius_um=radius,
         slice_um=slice_um,
@@ -77,7 +110,9 @@ def constants(machine: Machine, res: Resolution) -> Constants:
         trace_pulses=res.trace_windows * PULSES_PER_WINDOW,
         carve_before_um=max(CARVE_BEFORE_UM, CARVE_BEFORE_SPACINGS * 2 * math.pi * radius / res.rays),
         patch_m2=patch,
-        permittivity_F_m=water.permittivity.value * VACUUM_PERMITTIVITY_F_M,
+        permittivity_F_m=water.permittivity.value
+        * permittivity_ratio(water.gap_temperature_K.value)
+        * VACUUM_PERMITTIVITY_F_M,
         leak_S_um=water.conductivity_uS_cm.value * 1e-4 * patch * 1e6,
         supply_ohm=machine.generator.resistance_ohm.value,
         formative_us=gap.formative_us.value,
@@ -90,15 +125,25 @@ def constants(machine: Machine, res: Resolution) -> Constants:
         bridge_per_um=gap.bridge_per_um.value,
         bridge_ceiling=gap.bridge_ceiling.value,
         bridge_steepness=gap.bridge_steepness.value,
-        removal_um3_J=machine.material.removal_mm3_J.value * 1e9,
         crater_cv=spark.crater_cv.value,
         crater_flatness=spark.crater_flatness.value,
         short_removal_share=spark.short_removal_share.value,
-        impulse_10mJ_Ns=spark.impulse_10mJ_Ns.value,
-        impulse_exponent=spark.impulse_exponent.value,
-        wire_heat_share=spark.wire_heat_share.value,
+        short_push_share=spark.short_push_share.value,
+        shielding=gas.shielding.value,
+        dryness=gas.dryness.value,
+        pumping=gas.pumping.value,
+        ejection=gas.ejection.value,
+        film_um3_kg_s=12 * _gap_viscosity_Pa_s(machine) * radius**3 * 2 * math.pi / res.rays * slice_m,
+        film_modal_kg_s=_wide_drag_N_s_m2(machine, res) * slice_m,
+        film_pull2_um4=pull_sum_um2(radius, front, side, res.rays) ** 2,
+        suction_N=AMBIENT_PA * machine.wire_diameter_um * 1e-6 * slice_m,
+        magnetic_N_A2=machine.material.magnetic_share.value
+        * VACUUM_PERMEABILITY_N_A2 / (2 * _kerf_um(machine) * 1e-6) * slice_m,
+        spot_gain=spark.spot_gain.value,
+        spot_us=spark.spot_us.value,
+        wire_heat_share=base.cooling.wire_heat_share.value,
         nozzle_flow_us=nozzle_flow_per_slice_us(
-            water.flushing_pressure_Pa.value, water.viscosity_Pa_s.value, water.side_gap_um.value,
+            water.flushing_pressure_Pa.value, _gap_viscosity_Pa_s(machine), water.side_gap_um.value,
             machine.height_mm, res.slices,
         ),
         cavity_um3=math.pi * radius * slice_um * water.side_gap_um.value,
@@ -114,32 +159,66 @@ def constants(machine: Machine, res: Resolution) -> Constants:
 
 def heat_law(machine: Machine, res: Resolution) -> HeatLaw:
     """Heat balance of the wire in one slice."""
-    wire = machine.wire
+    wire, cooling = machine.wire, machine.base.cooling
     section = area_m2(machine.wire_diameter_um)
     slice_m = machine.height_mm * 1e-3 / res.slices
     volumetric = wire.density_kg_m3.value * wire.heat_capacity_J_kgK.value
     girth = math.pi * machine.wire_diameter_um * 1e-6
-    # current enters from both ends, so on average a quarter of the wire's resistance counts (Schacht 2004)
-    joule_W_m_per_A2 = wire.resistivity_Ohm_m.value / section / 4
+    joule_W_m_per_A2 = wire.resistivity_Ohm_m.value / section
     return HeatLaw(
         kelvin_per_J=1 / (volumetric * section * slice_m),
-        cooling_per_us=machine.base.discharge.convection_W_m2K.value * girth / (volumetric * section) * 1e-6,
+        cooling_m2K_J=girth / (volumetric * section) * 1e-6,
         conduction_per_us=wire.conductivity_W_mK.value / volumetric / slice_m**2 * 1e-6,
         run_per_us=machine.base.guides.wire_speed_m_s.value / slice_m * 1e-6,
         joule_K_per_A2_us=joule_W_m_per_A2 / (volumetric * section) * 1e-6,
         resistance_per_K=wire.resistivity_per_K.value,
         water_K=machine.base.dielectric.temperature_K.value,
+        boiling_K=BOILING_K,
+        superheat_K=cooling.superheat_K.value,
+        critical_W_m2=cooling.critical_W_m2.value,
+        film_W_m2K=cooling.film_W_m2K.value,
+        dry_share=cooling.dry_share.value,
+        melting_K=wire.melting_K.value,
     )
 
 
-def wire_setup(machine: Machine) -> WireSetup:
-    """Wire and guides of a set-up, as the model of the mechanics wants them."""
+def gas_law(machine: Machine, timing: Timing) -> GasLaw:
+    """Gas of the discharges of one setting; its life is that of the gas of the longest of them."""
+    gas, water, kerf = machine.base.gas, machine.base.dielectric, _kerf_um(machine)
+    energy_J = max(timing.burning_V * timing.current_A * timing.on_us * 1e-6, LEAST_ENERGY_J)
+    steam = cover_um2_J(gas.steam_share.value, kerf)
+    life_us = steam_life_us(math.sqrt(steam * energy_J), gas.steam_periods.value, DENSITY_KG_M3)
+    filled_us = refill_us(
+        math.pi / 4 * machine.wire_diameter_um, REFERENCE_GAP_UM, _gap_viscosity_Pa_s(machine), DENSITY_KG_M3,
+        surface_tension_N_m(water.gap_temperature_K.value), gas.wetting.value,
+    )  # fmt: skip
+    return GasLaw(
+        steam_um2_J=steam,
+        gas_um2_J=cover_um2_J(gas.permanent_share.value, kerf),
+        steam_per_us=1 / max(life_us, 1.0),
+        gas_per_us=1 / filled_us,
+    )
+
+
+def push_law(machine: Machine) -> BubbleLaw:
+    """Push of the discharges' bubbles on this wire."""
+    spark = machine.base.discharge
+    return bubble_law(machine.wire_diameter_um, spark.impulse_10mJ_Ns.value, spark.bubble_share.value)
+
+
+def wire_setup(machine: Machine, res: Resolution) -> WireSetup:
+    """Wire and guides of a set-up, and the water in its slot, as the model of the mechanics wants them."""
     return WireSetup(
         diameter_m=machine.wire_diameter_um / 1e6,  # 20 um stays exactly 20e-6
         density_kg_m3=machine.wire.density_kg_m3.value,
         tension=machine.tension,
         guide_distance_m=machine.guide_distance_mm * 1e-3,
         damping_ratio=machine.base.guides.damping_ratio.value,
+        slot_m=machine.height_mm * 1e-3,
+        slot_mass_kg_m=added_mass_kg_m(
+            machine.wire_diameter_um / 2, REFERENCE_GAP_UM, machine.base.dielectric.side_gap_um.value, DENSITY_KG_M3
+        ),
+        slot_drag_N_s_m2=_wide_drag_N_s_m2(machine, res),
     )
 
 
@@ -152,7 +231,7 @@ def _slice_heights_m(machine: Machine, res: Resolution) -> NDArray[np.float64]:
 def modal_model(machine: Machine, res: Resolution) -> ModalModel:
     """Modes of table and wire for this set-up, from the MJCF."""
     file, heights = machine.base.model, tuple(_slice_heights_m(machine, res).tolist())
-    return _modes(wire_setup(machine), file, mjcf_version(file), res.modes, heights)
+    return _modes(wire_setup(machine, res), file, mjcf_version(file), res.modes, heights)
 
 
 @functools.lru_cache(maxsize=64)
@@ -172,7 +251,7 @@ def full_mechanics(machine: Machine, res: Resolution) -> FullMechanics:
         presliding_m=table.presliding_um.value * 1e-6,
         backlash_m=table.backlash_um.value * 1e-6,
     )
-    full = FullMechanics(wire_setup(machine), drive, _slice_heights_m(machine, res), machine.base.model)
+    full = FullMechanics(wire_setup(machine, res), drive, _slice_heights_m(machine, res), machine.base.model)
     full.set_travel(table.travel_mm.value * 1e-3)
     return full
 
@@ -194,14 +273,25 @@ def _propagators(modes: ModalModel, grid_us: float) -> Propagators:
     return Propagators(of_wire, np.pad(modes.wire_omega**-2.0, (0, filling)), t11, t12, t21, t22)
 
 
-def flow_factor(machine: Machine, res: Resolution) -> NDArray[np.float64]:
-    """Share of the breakdown rate that the flow leaves, per slice: ``exp(-(v / v_q)^2)`` (see `breakdown`)."""
+def flow_m_s(machine: Machine, res: Resolution) -> NDArray[np.float64]:
+    """Speed of the water past each slice's wire."""
     water = machine.base.dielectric
     speed = flow_speed_m_s(
-        water.flushing_pressure_Pa.value, water.viscosity_Pa_s.value, water.side_gap_um.value, machine.height_mm
+        water.flushing_pressure_Pa.value, _gap_viscosity_Pa_s(machine), water.side_gap_um.value, machine.height_mm
     )
     from_middle = np.abs(2 * (np.arange(res.slices) + 0.5) / res.slices - 1)
-    return np.exp(-((speed * from_middle / machine.base.gap.flow_quench_m_s.value) ** 2))
+    return speed * from_middle
+
+
+def flow_factor(machine: Machine, res: Resolution) -> NDArray[np.float64]:
+    """Share of the breakdown rate that the flow leaves, per slice: ``exp(-(v / v_q)^2)`` (see `breakdown`)."""
+    return np.exp(-((flow_m_s(machine, res) / machine.base.gap.flow_quench_m_s.value) ** 2))
+
+
+def convection_W_m2K(machine: Machine, res: Resolution) -> NDArray[np.float64]:
+    """Heat transfer from the wire to water that does not boil, per slice: ``h (1 + k v)``."""
+    cooling = machine.base.cooling
+    return cooling.convection_W_m2K.value * (1 + cooling.convection_per_m_s.value * flow_m_s(machine, res))
 
 
 def height_share(machine: Machine, res: Resolution) -> NDArray[np.float64]:
@@ -210,10 +300,13 @@ def height_share(machine: Machine, res: Resolution) -> NDArray[np.float64]:
 
 
 def arrays(
-    model: ModalModel | FullMechanics, sizes: ArraySizes, water_K: float, flow_factor: NDArray[np.float64],
-    height_share: NDArray[np.float64],
+    model: ModalModel | FullMechanics, sizes: ArraySizes, water_K: float,
+    along_wire: Mapping[str, NDArray[np.float64]],
 ) -> Arrays:
-    """Allocate the arrays of a plant at rest, its wire described by a shape (slices, modes or nodes)."""
+    """Allocate the arrays of a plant at rest, its wire described by a shape (slices, modes or nodes).
+
+    ``along_wire`` are those of `Arrays` that a set-up has for every slice, by name.
+    """
     a = allocate(Arrays, sizes)
     slices, modes = model.wire_shape.shape
     angle = 2 * np.pi * np.arange(sizes.rays) / sizes.rays
@@ -224,8 +317,8 @@ def arrays(
     a.shape[:, :modes] = model.wire_shape
     a.sway[:, :slices] = a.shape.T
     a.mean_shape[:] = a.shape.mean(axis=0)
-    a.height_share[:slices] = height_share
-    a.flow_factor[:] = flow_factor
+    for name, values in along_wire.items():
+        getattr(a, name)[:slices] = values
     a.table_shape[:] = model.table_slide_shape
     a.table_participation[:] = model.table_participation
     return a

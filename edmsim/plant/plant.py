@@ -100,8 +100,10 @@ class Plant(PlantReadings):
         self._resolution_name = resolution
         self.resolution = res = named_resolution(resolution)
         self._constants = constants.constants(machine, res)
-        self._flow_factor = constants.flow_factor(machine, res)
-        self._height_share = constants.height_share(machine, res)
+        self._along_wire = {
+            of.__name__: of(machine, res)
+            for of in (constants.height_share, constants.flow_factor, constants.convection_W_m2K)
+        }
         coordinates = res.modes if mechanics == "modal" else N_NODES
         self._sizes = sizes_of(res.slices, res.rays, coordinates)
         self._memory = Memory(self._sizes)
@@ -116,6 +118,7 @@ class Plant(PlantReadings):
         self._fire = window_function(res.slices, res.rays, coordinates, mechanics == "mujoco")
         self._memory.put(self._constants)
         self._memory.put(constants.heat_law(machine, res))
+        self._memory.put(constants.push_law(machine))
         self._memory.put(allocate(Scratch, self._sizes))
         self._drives = Drives(drives or {}, machine.base.table.travel_mm.value * 1e3, self._sizes)
         self.drives = self._drives.by_axis
@@ -148,6 +151,7 @@ class Plant(PlantReadings):
         self._timing = timing(machine) if self._generator_on else switched_off(timing(machine))
         self._memory.put(self._timing)
         self._memory.put(constants.gap_law(machine, self.resolution, self._timing.open_V))
+        self._memory.put(constants.gas_law(machine, self._timing))
         self._memory.put(self._drives.set_grid(self._timing.grid_us))
         if isinstance(self._model, ModalModel):
             self._memory.put(constants.propagators(self._model, self._timing))
@@ -184,9 +188,7 @@ class Plant(PlantReadings):
         self._at_rest()
 
     def _at_rest(self) -> None:
-        self._arrays = constants.arrays(
-            self._model, self._sizes, self._constants.water_K, self._flow_factor, self._height_share
-        )
+        self._arrays = constants.arrays(self._model, self._sizes, self._constants.water_K, self._along_wire)
         self._memory.put(self._arrays)
         self._state["since_discharge_us"] = 1e9
         self._state["tiled_um"] = _NOWHERE_UM
@@ -218,7 +220,7 @@ class Plant(PlantReadings):
                 self._state["axis_um"][0, axis] = self._state["commanded_um"][0, axis]
         self._drives.pass_by(moved_um, duration_ns)
         self._state["time_ns"] += duration_ns
-        for name in ("heat_wait_us", "current2_us", "wear_wait_um3", "worn_share", "broken", "traces"):
+        for name in ("heat_wait_us", "spot", "wear_wait_um3", "worn_share", "broken", "traces"):
             self._state[name] = 0
         self._at_rest()
         for name in _WALL:

@@ -18,7 +18,8 @@ _FORMAT = struct.Struct("=" + "".join(f"{math.prod(of.shape)}{'q' if of.base.kin
 """`state.WINDOW` as plain numbers."""
 _READ = (
     "start_ns", "duration_ns", "counts", "voltage_us", "charge_A_us", "energy_J", "delay_us", "ignitions", "gap_um",
-    "crater_um3", "deflection_um", "deflection2_um2", "temperature_max_K", "debris", "broken",
+    "crater_um3", "deflection_um", "deflection2_um2", "temperature_max_K", "debris", "coverage",
+    "broken",
 )  # fmt: skip
 """Order in which `read_window` takes them: with names instead, a window would take 1 % longer."""
 if WINDOW.names != _READ:
@@ -48,6 +49,8 @@ class PulseWindow(NamedTuple):
         Highest temperature of a slice's wire.
     debris : float
         Mean debris share of the gap's water.
+    coverage : float
+        Mean share of the wire's front that gas covers, at the window's end.
     energy_J, crater_um3 : float
         Sums over the window's discharges.
     broken : bool
@@ -68,6 +71,7 @@ class PulseWindow(NamedTuple):
     vibration2_um2: float
     wire_temperature_K: float
     debris: float
+    coverage: float
     energy_J: float
     crater_um3: float
     broken: bool
@@ -121,7 +125,7 @@ def read_window(row: memoryview) -> PulseWindow:
     """Return a window from the bytes of its `state.WINDOW`."""
     (
         start, duration, open_, spark, arc, short, voltage, charge, energy, delay, ignitions, gap, crater,
-        x, y, xx, yy, hottest, debris, broken,
+        x, y, xx, yy, hottest, debris, coverage, broken,
     ) = _FORMAT.unpack_from(row)
     pulses = open_ + spark + arc + short
     mean_x, mean_y = x / pulses, y / pulses
@@ -133,7 +137,7 @@ def read_window(row: memoryview) -> PulseWindow:
         gap / ignitions if ignitions else math.nan,
         (mean_x, mean_y),
         max(0.0, (xx + yy) / pulses - mean_x**2 - mean_y**2),
-        hottest, debris, energy, crater, bool(broken),
+        hottest, debris, coverage, energy, crater, bool(broken),
     )
 
 

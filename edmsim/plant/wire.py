@@ -11,13 +11,14 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
-from edmsim.compiled.elementary import power
+from edmsim.compiled.elementary import exponential
 from edmsim.compiled.jit import compiled
+from edmsim.plant.gap.coverage import covered
+from edmsim.plant.kernel.state import Arrays
 
 VACUUM_PERMITTIVITY_F_M = 8.8541878128e-12
+"""CODATA 2018."""
+VACUUM_PERMEABILITY_N_A2 = 1.25663706212e-6
 """CODATA 2018."""
 
 
@@ -28,37 +29,85 @@ class HeatLaw(NamedTuple):
     ----------
     kelvin_per_J : float
         Temperature rise of a slice's wire per joule.
-    cooling_per_us : float
-        Convection to the water.
+    cooling_m2K_J : float
+        Cooling per us of a slice's wire per W/(m2 K): its surface over its heat capacity, times 1e-6.
     conduction_per_us : float
         Exchange with each neighbour.
     run_per_us : float
         Share of a slice's wire replaced by the next one's per us (wire running speed over slice height).
     joule_K_per_A2_us : float
-        Rise per ampere squared and us at the water's temperature.
+        Rise per ampere squared and us of the current in the slice, at the water's temperature.
     resistance_per_K : float
         Relative rise of the wire's resistivity per kelvin.
     water_K : float
+        Temperature of the water that is not at the wire, and of the wire that enters.
+    boiling_K, superheat_K, critical_W_m2, film_W_m2K : float
+        Where water boils on the wire, and the boiling curve from there on (see `heat_transfer_W_m2K`).
+    dry_share : float
+        Share of the heat transfer that gas all around the front takes away.
+    melting_K : float
+        The wire gets no hotter.
     """
 
     kelvin_per_J: float
-    cooling_per_us: float
+    cooling_m2K_J: float
     conduction_per_us: float
     run_per_us: float
     joule_K_per_A2_us: float
     resistance_per_K: float
     water_K: float
+    boiling_K: float
+    superheat_K: float
+    critical_W_m2: float
+    film_W_m2K: float
+    dry_share: float
+    melting_K: float
 
 
 @compiled
-def heat_step(temperature: NDArray[np.float64], law: HeatLaw, dt_us: float, current2_us: float) -> None:
-    """Advance the slices' temperatures (K) by `dt_us`; `current2_us` is the integral of current squared.
+def heat_transfer_W_m2K(temperature_K: float, law: HeatLaw, convection_W_m2K: float, dry: float) -> float:
+    """Heat flux from the wire over its temperature above the water's.
+
+    Convection alone up to the boiling point; then nucleate boiling, whose flux rises with the cube of the superheat
+    (Rohsenow) up to the critical one; beyond, steam covers the wire and the film's coefficient holds. ``dry`` is the
+    share of the front that gas covers: it takes `HeatLaw.dry_share` of itself from convection and critical flux.
+    """
+    wet = 1.0 - law.dry_share * dry
+    convection = convection_W_m2K * wet
+    superheat = temperature_K - law.boiling_K
+    if superheat <= 0.0:
+        return convection
+    if superheat >= law.superheat_K:
+        return min(law.film_W_m2K, convection)
+    above = temperature_K - law.water_K
+    most = max(law.critical_W_m2 * wet - convection * (law.boiling_K + law.superheat_K - law.water_K), 0.0)
+    return convection + most * (superheat / law.superheat_K) ** 3 / above
+
+
+@compiled
+def current2_at(a: Arrays, s: int) -> float:
+    """Integral of the squared current in a slice's wire (A2 us) since heat was propagated last.
+
+    A discharge's current comes from both contacts, at the guides: it divides as the wire's resistances do, so that
+    in the wire below a discharge flows what the height above it is of the whole, and above it what is below.
+    """
+    sum_ = 0.5 * (a.current2_us[0, s] + a.current2_us[1, s])
+    for k in range(s + 1, a.temperature_K.shape[0]):
+        sum_ += a.current2_us[0, k]
+    for k in range(s):
+        sum_ += a.current2_us[1, k]
+    return sum_
+
+
+@compiled
+def heat_step(a: Arrays, law: HeatLaw, dt_us: float) -> None:
+    """Advance the slices' temperatures by a span of time, in which the currents of `Arrays.current2_us` flowed.
 
     Exact for convection, explicit for conduction, implicit upwind for the running wire, which enters the
     top slice (the last one) at the water's temperature.
     """
+    temperature = a.temperature_K
     n = temperature.shape[0]
-    keep = math.exp(-law.cooling_per_us * dt_us)
     run = law.run_per_us * dt_us
     exchange = min(law.conduction_per_us * dt_us, 0.25)
     above = law.water_K
@@ -67,9 +116,11 @@ def heat_step(temperature: NDArray[np.float64], law: HeatLaw, dt_us: float, curr
         here = temperature[s]
         below = temperature[s - 1] if s > 0 else here
         warm = here + exchange * (above_before + below - 2.0 * here)
-        joule = law.joule_K_per_A2_us * current2_us * (1.0 + law.resistance_per_K * (here - law.water_K))
-        warm = (warm + joule + run * above) / (1.0 + run)
-        temperature[s] = law.water_K + (warm - law.water_K) * keep
+        resistance = 1.0 + law.resistance_per_K * (here - law.water_K)
+        warm = (warm + law.joule_K_per_A2_us * current2_at(a, s) * resistance + run * above) / (1.0 + run)
+        transfer = heat_transfer_W_m2K(here, law, a.convection_W_m2K[s], covered(a, s))
+        keep = exponential(-transfer * law.cooling_m2K_J * dt_us)
+        temperature[s] = min(law.water_K + (warm - law.water_K) * keep, law.melting_K)
         above = temperature[s]
         above_before = here
 
@@ -96,9 +147,3 @@ def electrostatic_pull_N_m(voltage_V: float, gap_um: float, radius_um: float, pe
         math.pi * eps * voltage_V**2
         / (radius_um * 1e-6 * math.acosh(ratio) ** 2 * math.sqrt(ratio**2 - 1))
     )
-
-
-@compiled
-def discharge_impulse(energy_J: float, at_10mJ_Ns: float, exponent: float) -> float:
-    """Impulse in N s that one discharge's gas bubble gives the wire: ``J10 (E / 10 mJ)^n``."""
-    return at_10mJ_Ns * power(energy_J / 0.01, exponent)

@@ -43,6 +43,7 @@ COLUMNS: tuple[Column, ...] = (
     Column("lag_y_um", "um", "guides minus wire at the workpiece, Y: positive behind a feed along +Y"),
     Column("wire_temperature_K", "K", "hottest place of the wire"),
     Column("debris", "1", "volume share of debris in the gap's fluid"),
+    Column("coverage", "1", "share of the wire's front that gas covers, at the window's end"),
     Column("t_on_us", "us", "pulse on-time t_i set for the window"),
     Column("t_period_us", "us", "pulse period t_p set for the window"),
     Column("path_um", "um", "place along the wire path, from the first start hole"),
@@ -81,6 +82,7 @@ class WindowTable(Observer):
             turn.time_ns * 1e-9, *plant.commanded_um, turn.feed_um_s, window.short, window.open, window.spark,
             window.arc, window.mean_voltage_V, window.mean_current_A, window.mean_delay_us, window.gap_um,
             -window.deflection_um[0], -window.deflection_um[1], window.wire_temperature_K, window.debris,
+            window.coverage,
             machine.t_on_us, machine.t_period_us, turn.path_um,
         ))  # fmt: skip
 

@@ -81,8 +81,8 @@ def _primed_weights(gap: Any, law: GapLaw) -> Any:
 
 @compiled
 def sum_slice(
-    rays: Rays, s: int, sx: np.float32, sy: np.float32, law: GapLaw, gain: float, sums: NDArray[np.float64],
-    near: Any,
+    rays: Rays, s: int, sx: np.float32, sy: np.float32, law: GapLaw, gain: float, pull: float,
+    sums: NDArray[np.float64], near: Any,
 ) -> Any:
     """Sum the rays of a slice as `slice_sums` does; returns the greatest primed weights, those of `near` included."""
     pull_floor, one = np.float32(PULL_GAP_FLOOR_UM), np.float32(1.0)
@@ -102,7 +102,7 @@ def sum_slice(
         weights = _primed_weights(gap, law)
         primed += weights
         near = highest(near, weights)
-    store(sums, (s, 0), totals(rate * gain, primed * gain, pull_x, pull_y))
+    store(sums, (s, 0), totals(rate * gain, primed * gain, pull_x * pull, pull_y * pull))
     return near
 
 
@@ -134,7 +134,7 @@ def slice_sums(
     gap over radius: ``(1/g + 1/(2 r))^2``. One division serves all.
     """
     sx, sy = np.float32(shift_x), np.float32(shift_y)
-    near = sum_slice(rays, s, sx, sy, law, gain, sums, spread(np.float32(0.0)))
+    near = sum_slice(rays, s, sx, sy, law, gain, 1.0, sums, spread(np.float32(0.0)))
     return contact_depth(rays, s, sx, sy, law) if may_touch(near, law) else 0.0
 
 

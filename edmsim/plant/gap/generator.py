@@ -24,6 +24,13 @@ _IDLE_V = 1e-3
 """Voltage of a generator switched off: nothing next to any gap voltage, but no 0 to divide by."""
 
 
+def _removal_mm3_J(machine: Machine) -> float:
+    """Metal removed per joule by discharges of this setting's length: short ones eject less of what they melt."""
+    spark = machine.base.discharge
+    length = min(machine.t_on_us / spark.removal_reference_us.value, 1.0)
+    return float(machine.material.removal_mm3_J.value * length**spark.removal_exponent.value)
+
+
 def timing(machine: Machine) -> Timing:
     """Return the setting as the pulse loop wants it."""
     generator = machine.generator
@@ -37,6 +44,7 @@ def timing(machine: Machine) -> Timing:
         mode=mode,
         open_V=generator.open_voltage_V.value,
         burning_V=machine.material.burning_voltage_V.value,
+        removal_um3_J=_removal_mm3_J(machine) * 1e9,
         current_A=discharge_current_A(machine),
         short_A=supply_V(machine) / generator.resistance_ohm.value,
         on_us=on,

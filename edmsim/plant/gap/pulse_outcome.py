@@ -10,10 +10,14 @@ from edmsim.compiled.jit import compiled
 from edmsim.compiled.random import normal, uniform
 from edmsim.compiled.vectors import element, load, spread
 from edmsim.plant.gap.breakdown import GapLaw, choose_ray, contact_depth, may_touch, sum_slice, weibull
+from edmsim.plant.gap.coverage import covered
 from edmsim.plant.gap.debris import bridged_probability
 from edmsim.plant.gap.ray_trace import meets_metal, moved, narrowest_now, place_of, rays_of
 from edmsim.plant.kernel.state import ARC, NO_METAL_UM, OPEN, SHORT, SPARK, Array, Arrays, Constants, Timing
-from edmsim.plant.mechanics.modal import fall_back, place_wire, push_out
+from edmsim.plant.mechanics.modal import place_wire, push_out
+
+MOST_PUSHES = 2
+"""So many pushes per slice take the wire out of the metal; what is left is judged at the window's end (ours)."""
 
 
 @compiled
@@ -35,8 +39,8 @@ def leak_conductance(a: Arrays, c: Constants) -> float:
 
 @compiled
 def _gain(a: Arrays, c: Constants, s: int) -> float:
-    """What debris and flow make of the breakdown rate in a slice."""
-    return float((1.0 + c.debris_gain * a.debris[s]) * a.flow_factor[s])
+    """What debris, flow and gas make of the breakdown rate in a slice."""
+    return float((1.0 + c.debris_gain * a.debris[s]) * a.flow_factor[s] * (1.0 - c.dryness * covered(a, s)))
 
 
 @compiled
@@ -49,7 +53,7 @@ def sum_rays(
     near = spread(np.float32(0.0))
     for s in range(sums.shape[0]):
         sx, sy = moved(a, position, s)
-        near = sum_slice(rays, s, sx, sy, law, _gain(a, c, s), sums, near)
+        near = sum_slice(rays, s, sx, sy, law, _gain(a, c, s), 1.0 - c.shielding * covered(a, s), sums, near)
         everything += load(sums, (s, 0))
     touching = 0.0
     if may_touch(near, law):
@@ -74,25 +78,20 @@ def deepest_contact(a: Arrays, position: Array, contact: Array) -> tuple[float, 
 
 @compiled
 def touch(
-    state: NDArray[np.void], a: Arrays, position: Array, contact: Array, held: Array
+    state: NDArray[np.void], a: Arrays, position: Array, contact: Array
 ) -> tuple[int, int]:
-    """Slice and place of the deepest contact; the wire is taken out of the metal where it overlaps.
+    """Slice and place of the deepest contact; the wire is pushed out of the metal where it overlaps.
 
-    What it did since `held` ends where it met the metal; what overlap is left (a motor step may press the
-    metal on the wire) is pushed out, the deepest first, and with the wire's new shape the next.
+    The deepest slice comes first, and with the wire's new shape the next.
     """
     deepest, slice_, place = deepest_contact(a, position, contact)
-    if deepest >= 0.0:
-        return slice_, place
     s, k = slice_, place
-    fall_back(a, held, s, np.float64(a.cosine[s, k]), np.float64(a.sine[s, k]), -deepest)
-    for _ in range(contact.shape[0]):
-        place_wire(state, a, position)
-        deepest, s, k = deepest_contact(a, position, contact)
+    for _ in range(MOST_PUSHES * contact.shape[0]):
         if deepest >= 0.0:
             break
         push_out(a, s, np.float64(a.cosine[s, k]), np.float64(a.sine[s, k]), -deepest)
-    place_wire(state, a, position)
+        place_wire(state, a, position)
+        deepest, s, k = deepest_contact(a, position, contact)
     return slice_, place
 
 
@@ -149,19 +148,28 @@ def _ignite(
 
 
 @compiled
+def _reignites(state: NDArray[np.void], c: Constants) -> float:
+    """Chance that the place that burned last burns again: its ions leave the later, the hotter it still is."""
+    since = state[0].since_discharge_us
+    hot = state[0].spot * exponential(-since / c.spot_us)
+    return float(exponential(-since / (c.deionisation_us * (1.0 + hot))))
+
+
+@compiled
 def decide(
     state: NDArray[np.void], a: Arrays, c: Constants, law: GapLaw, t: Timing, position: Array, sums: Array,
-    contact: Array, totals: tuple[float, float, float], held: Array,
+    contact: Array, totals: tuple[float, float, float],
 ) -> tuple[int, float, int, int]:
     """How this pulse ends: class, delay until ignition in us, slice and place of its ray."""
     if totals[2] > 0.0:
-        s, k = touch(state, a, position, contact, held)
+        s, k = touch(state, a, position, contact)
         return SHORT, 0.0, s, k
     if _bridged(state, a, position, c):
         return SHORT, 0.0, -1, 0
-    quiet = state[0].since_discharge_us / c.deionisation_us
+    quiet = state[0].since_discharge_us / (c.deionisation_us * (1.0 + state[0].spot))
     chance = draw(state)
-    if chance * (1.0 + quiet) < 1.0 and chance < exponential(-quiet):  # the first rules it out most often
+    # the first rules it out most often
+    if chance * (1.0 + quiet) < 1.0 and chance < _reignites(state, c):
         s, r = state[0].last_slice, state[0].last_ray
         if meets_metal(a, c, s, r):
             return ARC, 0.0, s, place_of(a, s, r)

@@ -7,13 +7,16 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from edmsim.compiled.elementary import exponential
 from edmsim.compiled.jit import compiled
 from edmsim.compiled.random import normal
+from edmsim.plant.gap.bubble import REFERENCE_GAP_UM, BubbleLaw, bubble_impulse_Ns
+from edmsim.plant.gap.coverage import covered
 from edmsim.plant.gap.debris import flush
 from edmsim.plant.gap.pulse_outcome import draw
 from edmsim.plant.gap.ray_trace import gap_of, ray_at
-from edmsim.plant.kernel.state import OPEN, Array, Arrays, Constants, Timing
-from edmsim.plant.wire import HeatLaw, heat_step, strength_share
+from edmsim.plant.kernel.state import ARC, OPEN, Array, Arrays, Constants, Timing
+from edmsim.plant.wire import HeatLaw, current2_at, heat_step, strength_share
 from edmsim.plant.workpiece.craters import share_crater
 
 
@@ -42,37 +45,74 @@ def check_strength(state: NDArray[np.void], a: Arrays, c: Constants, s: int) -> 
 
 
 @compiled
-def discharge(
-    state: NDArray[np.void], window: NDArray[np.void], a: Arrays, c: Constants, t: Timing, heat: HeatLaw,
-    position: Array, s: int, k: int, burn_us: float,
-) -> float:
-    """One spark or arc burning for `burn_us`: crater, heat, debris. Returns the energy in joule."""
-    energy = t.burning_V * t.current_A * burn_us * 1e-6
-    volume = c.removal_um3_J * energy * max(0.0, 1.0 + c.crater_cv * normal(draw(state)))
-    window[0].gap_um += gap_of(a, position, s, k)
-    window[0].energy_J += energy
-    window[0].charge_A_us += t.current_A * burn_us
-    state[0].current2_us += t.current_A**2 * burn_us
-    state[0].last_slice = s
-    state[0].last_ray = ray_at(a, s, k)
-    a.temperature_K[s] += c.wire_heat_share * energy * heat.kelvin_per_J
+def feed_current(a: Arrays, s: int, current2_us: float) -> None:
+    """Divide a discharge's current between the contacts (see `wire.current2_at`)."""
+    z = a.height_share[s]
+    a.current2_us[0, s] += (1.0 - z) * (1.0 - z) * current2_us
+    a.current2_us[1, s] += z * z * current2_us
+
+
+@compiled
+def warm(
+    state: NDArray[np.void], window: NDArray[np.void], a: Arrays, c: Constants, heat: HeatLaw, s: int, energy_J: float
+) -> None:
+    """Give a slice's wire its share of an energy released on it, and see whether it breaks."""
+    a.temperature_K[s] = min(a.temperature_K[s] + c.wire_heat_share * energy_J * heat.kelvin_per_J, heat.melting_K)
     window[0].temperature_max_K = max(window[0].temperature_max_K, a.temperature_K[s])
     check_strength(state, a, c, s)
+
+
+@compiled
+def _mark_spot(state: NDArray[np.void], c: Constants, outcome: int) -> None:
+    """Remember the heat of the place that burned: it adds up where arcs return, and is new where a spark strikes."""
+    left = 0.0
+    if outcome == ARC:
+        left = state[0].spot * exponential(-state[0].since_discharge_us / c.spot_us)
+    state[0].spot = left + c.spot_gain
+
+
+@compiled
+def discharge(
+    state: NDArray[np.void], window: NDArray[np.void], a: Arrays, c: Constants, t: Timing, heat: HeatLaw,
+    bubble: BubbleLaw, position: Array, outcome: int, s: int, k: int, burn_us: float,
+) -> tuple[float, float]:
+    """One spark or arc burning for `burn_us`: crater, heat, debris. Returns its energy and its bubble's impulse."""
+    power = t.burning_V * t.current_A
+    energy = power * burn_us * 1e-6
+    gap, dry = gap_of(a, position, s, k), covered(a, s)
+    volume = t.removal_um3_J * energy * (1.0 - c.ejection * dry)
+    volume *= max(0.0, 1.0 + c.crater_cv * normal(draw(state)))
+    window[0].gap_um += gap
+    window[0].energy_J += energy
+    window[0].charge_A_us += t.current_A * burn_us
+    feed_current(a, s, t.current_A**2 * burn_us)
+    _mark_spot(state, c, outcome)
+    state[0].last_slice = s
+    state[0].last_ray = ray_at(a, s, k)
+    warm(state, window, a, c, heat, s, energy)
     erode(state, window, a, c, position, s, k, volume)
-    return energy
+    return energy, bubble_impulse_Ns(power, burn_us, gap, bubble) * (1.0 - dry)
 
 
 @compiled
 def short_circuit(
-    state: NDArray[np.void], window: NDArray[np.void], a: Arrays, c: Constants, t: Timing, position: Array, s: int,
-    k: int,
-) -> None:
-    """Short-circuit current for the on-time; where metal touches (`s` >= 0), it melts a little of the bridge."""
+    state: NDArray[np.void], window: NDArray[np.void], a: Arrays, c: Constants, t: Timing, heat: HeatLaw,
+    bubble: BubbleLaw, position: Array, s: int, k: int,
+) -> float:
+    """Short-circuit current for the on-time; where metal touches (`s` >= 0), it melts a little of the bridge.
+
+    Returns the impulse of the metal that melts: a share of what the bubble of the same energy gives at 20 um.
+    """
     window[0].charge_A_us += t.short_A * t.on_us
-    state[0].current2_us += t.short_A**2 * t.on_us
-    if s >= 0:
-        volume = c.short_removal_share * c.removal_um3_J * t.burning_V * t.short_A * t.on_us * 1e-6
-        erode(state, window, a, c, position, s, k, volume)
+    if s < 0:
+        feed_current(a, a.debris.shape[0] // 2, t.short_A**2 * t.on_us)
+        return 0.0
+    feed_current(a, s, t.short_A**2 * t.on_us)
+    power = c.short_removal_share * t.burning_V * t.short_A
+    energy = power * t.on_us * 1e-6
+    warm(state, window, a, c, heat, s, energy)
+    erode(state, window, a, c, position, s, k, t.removal_um3_J * energy)
+    return c.short_push_share * bubble_impulse_Ns(power, t.on_us, REFERENCE_GAP_UM, bubble)
 
 
 @compiled
@@ -91,16 +131,33 @@ def log_pulse(
 
 
 @compiled
-def propagate_heat(state: NDArray[np.void], a: Arrays, c: Constants, heat: HeatLaw) -> None:
+def _magnetise(a: Arrays, c: Constants, sums: Array, dt_us: float) -> None:
+    """Load the wire with the mean magnetic force of the currents since then, along the pull on every slice."""
+    n_slices, n_modes = a.shape.shape
+    for m in range(n_modes):
+        a.steady[0, m] = a.steady[1, m] = 0.0
+    for s in range(n_slices):
+        pull = math.sqrt(sums[s, 2] ** 2 + sums[s, 3] ** 2)
+        if pull > 0.0:
+            force = c.magnetic_N_A2 * current2_at(a, s) / dt_us * 1e6 / pull
+            for m in range(n_modes):
+                a.steady[0, m] += a.shape[s, m] * force * sums[s, 2]
+                a.steady[1, m] += a.shape[s, m] * force * sums[s, 3]
+
+
+@compiled
+def propagate_heat(state: NDArray[np.void], a: Arrays, c: Constants, heat: HeatLaw, sums: Array) -> None:
     """Propagate heat and debris over the time that has gathered, wear the wire, and see whether it breaks."""
     dt = state[0].heat_wait_us
-    heat_step(a.temperature_K, heat, dt, state[0].current2_us)
+    heat_step(a, heat, dt)
+    _magnetise(a, c, sums, dt)
+    for s in range(a.debris.shape[0]):
+        a.current2_us[0, s] = a.current2_us[1, s] = 0.0
     flush(a.debris, c.nozzle_flow_us * dt)
     passed = 1.0 - math.exp(-heat.run_per_us / a.temperature_K.shape[0] * dt)
     worn = c.worn_share_per_um3_us * state[0].wear_wait_um3 / dt
     state[0].worn_share += (worn - state[0].worn_share) * passed
     state[0].heat_wait_us = 0.0
-    state[0].current2_us = 0.0
     state[0].wear_wait_um3 = 0.0
     for s in range(a.temperature_K.shape[0]):
         check_strength(state, a, c, s)

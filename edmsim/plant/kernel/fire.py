@@ -14,6 +14,8 @@ from edmsim.compiled.axis_rows import N_AXES, N_CHANNELS
 from edmsim.compiled.jit import compiled
 from edmsim.plant.axes.advance import LOST, advance_axes
 from edmsim.plant.gap.breakdown import GapLaw
+from edmsim.plant.gap.bubble import BubbleLaw
+from edmsim.plant.gap.coverage import GasLaw, blow, fade, mean_covered
 from edmsim.plant.gap.pulse_outcome import decide, deepest_contact, draw, leak_conductance, sum_rays, touch
 from edmsim.plant.gap.ray_trace import OVERLAP_UM, retrace
 from edmsim.plant.kernel.discharge import discharge, log_pulse, propagate_heat, short_circuit
@@ -40,9 +42,10 @@ from edmsim.plant.kernel.state import (
     Scratch,
     Timing,
 )
+from edmsim.plant.mechanics.film import find_films, squeeze
 from edmsim.plant.mechanics.modal import copy, mean_deflection, move, place_wire, ringing
 from edmsim.plant.mechanics.mujoco_loop import FullLink, move_full
-from edmsim.plant.wire import HeatLaw, discharge_impulse
+from edmsim.plant.wire import HeatLaw
 from edmsim.plant.workpiece.craters import carve
 
 HEAT_INTERVAL_US = 1500.0
@@ -142,6 +145,7 @@ def _end(state: NDArray[np.void], window: NDArray[np.void], a: Arrays, deepest_u
         debris += a.debris[s]
         warmth += a.temperature_K[s]
     w.debris = debris / a.debris.shape[0]
+    w.coverage = mean_covered(a)
     w.broken = state[0].broken
     pulses = w.counts[0] + w.counts[1] + w.counts[2] + w.counts[3]
     x, y = w.deflection_um[0] / pulses, w.deflection_um[1] / pulses
@@ -185,6 +189,8 @@ def fire_window(
     c: Constants,
     law: GapLaw,
     heat: HeatLaw,
+    bubble: BubbleLaw,
+    gas: GasLaw,
     t: Timing,
     p: Propagators,
     scratch: Scratch,
@@ -206,9 +212,8 @@ def fire_window(
     status = _check_events(events, state[0].time_ns, axes.loops != 0)
     if status != FINE:
         return status
-    position, load, held, sums, contact = scratch
+    position, load, held, sums, contact, films = scratch
     _begin(state, window, a)
-    copy(held, a.wire_q)
     place_wire(state, a, position)
     if _is_due(state, c):
         _renew_rays(state, window, a, tiles, index, c, position)
@@ -222,21 +227,21 @@ def fire_window(
         place_wire(state, a, position)
         totals = sum_rays(a, c, law, position, sums, contact)
         _add_deflection(window, a)
-        outcome, delay, s, k = decide(state, a, c, law, t, position, sums, contact, totals, held)
+        outcome, delay, s, k = decide(state, a, c, law, t, position, sums, contact, totals)
 
         if log.shape[0] > n:
             since_us = (state[0].time_ns - window[0].start_ns) * 1e-3
             log_pulse(log, n, a, position, since_us, open_V, outcome, delay, s, k)
-        burn, kick_x, kick_y, at = 0.0, 0.0, 0.0, 0
+        burn, energy, impulse = 0.0, 0.0, 0.0
         if outcome == SHORT:
-            short_circuit(state, window, a, c, t, position, s, k)
+            impulse = short_circuit(state, window, a, c, t, heat, bubble, position, s, k)
         elif outcome != OPEN:
             burn = t.on_us - delay if t.mode == ISO_PULSE else t.on_us
-            energy = discharge(state, window, a, c, t, heat, position, s, k, burn)
-            impulse = discharge_impulse(energy, c.impulse_10mJ_Ns, c.impulse_exponent)
-            kick_x, kick_y, at = -impulse * a.cosine[s, k], -impulse * a.sine[s, k], s
+            energy, impulse = discharge(state, window, a, c, t, heat, bubble, position, outcome, s, k, burn)
             window[0].delay_us += delay
             window[0].ignitions += 1
+        at = max(s, 0)
+        kick_x, kick_y = -impulse * a.cosine[at, k], -impulse * a.sine[at, k]
         window[0].counts[outcome] += 1
         window[0].voltage_us += open_V * delay + t.burning_V * burn
 
@@ -250,26 +255,32 @@ def fire_window(
         period_us = period_ns * 1e-3
         copy(held, a.wire_q)
         if full:
+            find_films(a, c, position, sums, films)
             next_event = move_full(
-                state, a, axes, link, p, t, load, sums, open_scale, burn_scale, delay, delay + burn, period_ns, at,
-                kick_x, kick_y, events, next_event,
+                state, a, c, axes, link, p, t, load, films, sums, open_scale, burn_scale, delay, delay + burn,
+                period_ns, at, kick_x, kick_y, events, next_event,
             )
             state[0].time_ns += period_ns
         else:
             k_ignite = min(int(delay * per_grid + 0.5), k_period)
             k_end = min(int((delay + burn) * per_grid + 0.5), k_period)
             move(a, p, load, sums, open_scale, burn_scale, k_ignite, k_end, k_period, at, kick_x, kick_y)
+            pull_scale = (open_scale * delay + burn_scale * burn) / period_us
+            squeeze(a, c, p, position, sums, held, k_period, period_us, pull_scale)
             state[0].time_ns += period_ns
             next_event = advance_axes(
                 state, a, axes, p, t, k_period, c.step_um, events, next_event, state[0].time_ns, False
             )
         quiet = period_us - delay - conducting
+        fade(a, gas, period_us)
+        if energy > 0.0:
+            blow(a, c, gas, (s + draw(state)) * c.slice_um, energy, quiet)
         state[0].since_discharge_us = state[0].since_discharge_us + period_us if outcome == OPEN else quiet
         state[0].pulses += 1
         state[0].heat_wait_us += period_us
         window[0].duration_ns += period_ns
         if state[0].heat_wait_us >= HEAT_INTERVAL_US:
-            propagate_heat(state, a, c, heat)
+            propagate_heat(state, a, c, heat, sums)
         if next_event == LOST:
             return _end(state, window, a, LOST_UM)
         if state[0].broken != 0 or n + 1 == count:
@@ -280,6 +291,6 @@ def fire_window(
     place_wire(state, a, position)
     deepest = 0.0
     if sum_rays(a, c, law, position, sums, contact)[2] > 0.0:
-        touch(state, a, position, contact, held)
+        touch(state, a, position, contact)
         deepest = deepest_contact(a, position, contact)[0]
     return _end(state, window, a, deepest)

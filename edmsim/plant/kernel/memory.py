@@ -21,6 +21,8 @@ from numpy.typing import NDArray
 from edmsim.compiled.jit import compiled
 from edmsim.compiled.vectors import GAPS, filled
 from edmsim.plant.gap.breakdown import GapLaw
+from edmsim.plant.gap.bubble import BubbleLaw
+from edmsim.plant.gap.coverage import GasLaw
 from edmsim.plant.kernel.declare import ArraySizes, check, entries_of, fields_of, numbers_of
 from edmsim.plant.kernel.fire import fire_window
 from edmsim.plant.kernel.state import Arrays, Axes, Constants, Own, Propagators, Scratch, Timing
@@ -31,7 +33,9 @@ _GROUPS: dict[str, Any] = {
     "own": Own, "arrays": Arrays, "propagators": Propagators, "scratch": Scratch, "axes": Axes, "link": FullLink,
     "law": GapLaw,
 }
-_RECORDS: dict[str, Any] = {"constants": Constants, "heat": HeatLaw, "timing": Timing}
+_RECORDS: dict[str, Any] = {
+    "constants": Constants, "heat": HeatLaw, "bubble": BubbleLaw, "gas": GasLaw, "timing": Timing,
+}
 _NAMES = {kind: name for name, kind in (*_GROUPS.items(), *_RECORDS.items())}
 _COUNTED = "tiles", "index_side", "pulses"
 """Lengths of `ArraySizes` that change while a plant is at work."""
@@ -171,7 +175,7 @@ def _group_of(group: Any) -> Any:
 
 
 _rows, _table = _rows_of(types.int64), _rows_of(from_dtype(_TABLE))
-_constants, _heat, _timing = (_rows_of(from_dtype(numbers_of(record))) for record in _RECORDS.values())
+_constants, _heat, _bubble, _gas, _timing = (_rows_of(from_dtype(numbers_of(record))) for record in _RECORDS.values())
 _own_of: Callable[..., Own]
 _arrays_of: Callable[..., Arrays]
 _propagators_of: Callable[..., Propagators]
@@ -253,10 +257,10 @@ def window_function(slices: int, rays: int, coordinates: int, full: bool) -> Cal
             rows[k, 4] = fire_window(
                 own.state, own.window, _arrays(at, slices, rays, coordinates), own.tiles, own.tile_index,
                 _constants(at.constants, (1,))[0], _law(at, slices, rays, coordinates), _heat(at.heat, (1,))[0],
-                _timing(at.timing, (1,))[0], _propagators(at, slices, rays, coordinates),
-                _scratch(at, slices, rays, coordinates), _axes(at, slices, rays, coordinates),
-                _link(at, slices, rays, coordinates), full, _rows(rows[k, 1], (rows[k, 2], 3)), own.pulses,
-                rows[k, 3],
+                _bubble(at.bubble, (1,))[0], _gas(at.gas, (1,))[0], _timing(at.timing, (1,))[0],
+                _propagators(at, slices, rays, coordinates), _scratch(at, slices, rays, coordinates),
+                _axes(at, slices, rays, coordinates), _link(at, slices, rays, coordinates), full,
+                _rows(rows[k, 1], (rows[k, 2], 3)), own.pulses, rows[k, 3],
             )
 
     return advance

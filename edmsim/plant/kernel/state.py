@@ -34,8 +34,8 @@ STATE = np.dtype(
         ("since_discharge_us", "f8"),
         ("last_slice", "i8"),
         ("last_ray", "i8"),
+        ("spot", "f8"),
         ("heat_wait_us", "f8"),
-        ("current2_us", "f8"),
         ("wear_wait_um3", "f8"),
         ("worn_share", "f8"),
         ("broken", "i8"),
@@ -73,10 +73,11 @@ WINDOW = np.dtype(
         ("deflection2_um2", "f8", 2),
         ("temperature_max_K", "f8"),
         ("debris", "f8"),
+        ("coverage", "f8"),
         ("broken", "i8"),
     ]
 )
-"""Sums over one window of pulses; debris is the mean over the slices at its end."""
+"""Sums over one window of pulses; debris and coverage are means over the slices at its end."""
 
 PULSE = np.dtype(
     [
@@ -129,12 +130,21 @@ class Constants(NamedTuple):
     bridge_per_um: float
     bridge_ceiling: float
     bridge_steepness: float
-    removal_um3_J: float
     crater_cv: float
     crater_flatness: float
     short_removal_share: float
-    impulse_10mJ_Ns: float
-    impulse_exponent: float
+    short_push_share: float
+    shielding: float
+    dryness: float
+    pumping: float
+    ejection: float
+    film_um3_kg_s: float
+    film_modal_kg_s: float
+    film_pull2_um4: float
+    suction_N: float
+    magnetic_N_A2: float
+    spot_gain: float
+    spot_us: float
     wire_heat_share: float
     nozzle_flow_us: float
     cavity_um3: float
@@ -155,6 +165,8 @@ class Timing(NamedTuple):
         `ISO_PULSE`, `ISO_ENERGETIC` or `IGNITION_PULSE`.
     open_V, burning_V : float
         Voltage until ignition and while burning.
+    removal_um3_J : float
+        Metal removed per joule by discharges of this length.
     current_A, short_A : float
         Current of a discharge and of a short circuit.
     on_us : float
@@ -172,6 +184,7 @@ class Timing(NamedTuple):
     mode: int
     open_V: float
     burning_V: float
+    removal_um3_J: float
     current_A: float
     short_A: float
     on_us: float
@@ -241,8 +254,15 @@ class Arrays(NamedTuple):
         Modal deflection (um sqrt(kg)) and velocity (um sqrt(kg)/s), along x and y.
     table_q, table_v : (2, 2)
         Ringing of x and y around ``axis_um``.
+    steady : (2, modes filled)
+        Load on the modal coordinates that stands for many pulses (um kg/s2): the magnetic force.
     temperature_K, debris, carry_um2 : (slices,)
         Wire temperature, debris share, and crater area too small for a part of a cell, kept for the next.
+    current2_us : (2, slices)
+        Integrals of current squared (A2 us) since heat was propagated last, of the discharges in each slice: what
+        flowed in the wire below it, and above it.
+    steam, gas : (slices filled)
+        Shares of the front that steam and permanent gas cover.
     distance, cosine, sine, first, blocks, unbroken
         What the loop sees of the rays, see `rays.Rays`: ``edge_um`` without that craters took since.
     ray_cosine, ray_sine : float64 (rays,)
@@ -254,8 +274,8 @@ class Arrays(NamedTuple):
         Its mean over the slices.
     height_share : (slices filled,)
         Height of a slice above the lower guide, as a share of the distance of the guides.
-    flow_factor : (slices,)
-        Share of the breakdown rate that the flow past a slice leaves.
+    flow_factor, convection_W_m2K : (slices,)
+        Share of the breakdown rate that the flow past a slice leaves, and its heat transfer without boiling.
     table_shape, table_participation : (2, 2)
     """
 
@@ -266,9 +286,13 @@ class Arrays(NamedTuple):
     wire_v: Annotated[Array, Kept(2, "modes", life=CHANGING)]
     table_q: Annotated[Array, Kept(2, 2, life=CHANGING)]
     table_v: Annotated[Array, Kept(2, 2, life=CHANGING)]
+    steady: Annotated[Array, Kept(2, "modes", life=CHANGING)]
     temperature_K: Annotated[Array, Kept("slices", life=CHANGING)]
     debris: Annotated[Array, Kept("slices", life=CHANGING)]
     carry_um2: Annotated[Array, Kept("slices", life=WALL)]
+    current2_us: Annotated[Array, Kept(2, "slices", life=CHANGING)]
+    steam: Annotated[Array, Kept("slices_filled", life=CHANGING)]
+    gas: Annotated[Array, Kept("slices_filled", life=CHANGING)]
     distance: Annotated[NDArray[np.float32], Kept("slices", "places", life=WALL)]
     cosine: Annotated[NDArray[np.float32], Kept("slices", "places", life=WALL)]
     sine: Annotated[NDArray[np.float32], Kept("slices", "places", life=WALL)]
@@ -282,6 +306,7 @@ class Arrays(NamedTuple):
     mean_shape: Annotated[Array, Kept("modes")]
     height_share: Annotated[Array, Kept("slices_filled")]
     flow_factor: Annotated[Array, Kept("slices")]
+    convection_W_m2K: Annotated[Array, Kept("slices")]
     table_shape: Annotated[Array, Kept(2, 2)]
     table_participation: Annotated[Array, Kept(2, 2)]
 
@@ -296,6 +321,8 @@ class Scratch(NamedTuple):
     sums : (slices, 4)
         See `breakdown.slice_sums`.
     contact : (slices,)
+    films : (slices, 3)
+        See `film.find_films`.
     """
 
     position: Annotated[Array, Kept(2, "slices_filled")]
@@ -303,6 +330,7 @@ class Scratch(NamedTuple):
     held: Annotated[Array, Kept(2, "modes")]
     sums: Annotated[Array, Kept("slices", 4)]
     contact: Annotated[Array, Kept("slices")]
+    films: Annotated[Array, Kept("slices", 3)]
 
 
 class Own(NamedTuple):

@@ -53,32 +53,11 @@ def ringing(a: Arrays, axis: int) -> float:
 
 
 @compiled
-def fall_back(a: Arrays, held: Array, s: int, cosine: float, sine: float, depth: float) -> None:
-    """Take back the share of the wire's motion since `held` that carried a slice `depth` into the metal.
-
-    The impact is plastic: the wire stays where it met the metal, at rest. Motion that did not lead into the
-    metal is left alone.
-    """
-    n_modes = a.shape.shape[1]
-    travel = 0.0
-    for m in range(n_modes):
-        travel += a.shape[s, m] * (
-            (a.wire_q[0, m] - held[0, m]) * cosine + (a.wire_q[1, m] - held[1, m]) * sine
-        )
-    if travel <= 0.0:
-        return
-    share = min(1.0, depth / travel)
-    for axis in range(2):
-        for m in range(n_modes):
-            a.wire_q[axis, m] -= share * (a.wire_q[axis, m] - held[axis, m])
-            a.wire_v[axis, m] = 0.0
-
-
-@compiled
 def push_out(a: Arrays, s: int, cosine: float, sine: float, depth: float) -> None:
     """Take the wire out of the metal against a direction and stop its motion into it.
 
-    The correction is the smallest one in modal coordinates: what an impulse at that slice would do.
+    The correction is the smallest one in modal coordinates: what an impulse at that slice would do. The impact is
+    plastic for the slice; the rest of the wire swings on.
     """
     n_modes = a.shape.shape[1]
     norm = 0.0
@@ -137,14 +116,16 @@ def move(
         # response of deflection and velocity to the pull, and to a kick of 1 N s (in um)
         settled = ((c1 - c0) * open_scale + (c2 - c1) * burn_scale) * load(p.wire_compliance, (m,))
         moving = (s0 - s1) * open_scale + (s1 - s2) * burn_scale
+        stays = (spread(1.0) - c0) * load(p.wire_compliance, (m,))
         jump = load(a.shape, (s, m)) * 1e6
         kicked, thrown = s2 * jump, load(p.wire, (since_end, 3, m)) * jump
         back, damped = load(p.wire, (k_period, 2, m)), load(p.wire, (k_period, 3, m))
         for axis in range(2):
             kick = kick_x if axis == 0 else kick_y
             q, v, force = load(a.wire_q, (axis, m)), load(a.wire_v, (axis, m)), load(forces, (axis, m))
-            store(a.wire_q, (axis, m), c0 * q + s0 * v + force * settled + kicked * kick)
-            store(a.wire_v, (axis, m), back * q + damped * v + force * moving + thrown * kick)
+            steady = load(a.steady, (axis, m))
+            store(a.wire_q, (axis, m), c0 * q + s0 * v + force * settled + steady * stays + kicked * kick)
+            store(a.wire_v, (axis, m), back * q + damped * v + force * moving + steady * s0 + thrown * kick)
     q, v = load(a.table_q, (0, 0)), load(a.table_v, (0, 0))
     at = (k_period, 0, 0)
     store(a.table_q, (0, 0), load(p.table11, at) * q + load(p.table12, at) * v)

@@ -30,7 +30,10 @@ _ALLOWED: dict[str, tuple[float, float, str]] = {
     "density_kg_m3": (1e3, 25e3, "kg/m3"),  # magnesium to beyond tungsten
     "tension": (0.01, 300.0, "N"),  # ours: from 20 um copper to what breaks 400 um molybdenum
     "guide_distance_m": (1e-3, 0.5, "m (1 to 500 mm)"),  # ours
-    "damping_ratio": (0.0, 5.0, "of critical"),  # ours; prior for a wire in water 0.05 to 0.5
+    "damping_ratio": (0.0, 5.0, "of critical"),  # ours
+    "slot_m": (0.0, 0.5, "m (0 to 500 mm)"),
+    "slot_mass_kg_m": (0.0, 0.1, "kg/m"),  # ours: some ten times the mass of the thickest wire
+    "slot_drag_N_s_m2": (0.0, 1e4, "N s/m2"),  # ours: what the narrowest film has
 }
 
 
@@ -49,7 +52,11 @@ class WireSetup:
     guide_distance_m : float
         Distance between the guides in m; the workpiece's height plus the clearances.
     damping_ratio : float
-        Damping of the first mode as a share of critical; 0.05 to 0.5 is likely, 0.2 the prior.
+        Damping of the first mode of the wire in air as a share of critical: what is alike all along the wire.
+    slot_m : float
+        Height of the workpiece in m, in the middle between the guides, in whose slot the wire moves water.
+    slot_mass_kg_m, slot_drag_N_s_m2 : float
+        Mass of that water, and its resistance, per metre of the slot.
 
     Raises
     ------
@@ -62,6 +69,9 @@ class WireSetup:
     tension: float
     guide_distance_m: float
     damping_ratio: float
+    slot_m: float = 0.0
+    slot_mass_kg_m: float = 0.0
+    slot_drag_N_s_m2: float = 0.0
 
     def __post_init__(self) -> None:
         """Refuse values no wire can have; most often a wrong unit."""
@@ -188,12 +198,15 @@ def _string_wire(wire: WireSetup, nodes: list[Any], segments: list[Any]) -> None
     spacing = wire.guide_distance_m / (len(nodes) + 1)
     mass = wire.line_density * spacing
     omega_1 = 2 / spacing * wire.wave_speed * math.sin(math.pi / (2 * (len(nodes) + 1)))
+    low, high = (wire.guide_distance_m - wire.slot_m) / 2, (wire.guide_distance_m + wire.slot_m) / 2
     for i, node in enumerate(nodes):
+        height = (i + 1) * spacing
+        slot = max(0.0, min(height + spacing / 2, high) - max(height - spacing / 2, low))
         node.frame.pos = [0.0, 0.0, 0.0]
-        node.pos = [0.0, 0.0, (i + 1) * spacing]
-        node.mass = mass
+        node.pos = [0.0, 0.0, height]
+        node.mass = mass + slot * wire.slot_mass_kg_m
         for joint in node.joints:
-            joint.damping = [2 * wire.damping_ratio * omega_1 * mass, 0.0, 0.0]
+            joint.damping = [2 * wire.damping_ratio * omega_1 * mass + slot * wire.slot_drag_N_s_m2, 0.0, 0.0]
     for segment in segments:
         segment.stiffness = [wire.tension / spacing, 0.0, 0.0]  # its rest length is 0
         segment.width = wire.diameter_m / 2

@@ -19,7 +19,8 @@ from edmsim.compiled.jit import compiled
 from edmsim.plant.axes.advance import LOST, advance_axes
 from edmsim.plant.axes.motor import step_motors
 from edmsim.plant.kernel.declare import CHANGING, Kept
-from edmsim.plant.kernel.state import Array, Arrays, Axes, Propagators, Timing
+from edmsim.plant.kernel.state import Array, Arrays, Axes, Constants, Propagators, Timing
+from edmsim.plant.mechanics.film import suction_limited
 from edmsim.plant.mechanics.modal import project
 
 
@@ -37,6 +38,8 @@ class FullLink(NamedTuple):
         The model's time step in s.
     qpos, qvel, force : (degrees of freedom,)
         Positions, velocities and applied forces, SI.
+    mass : (nodes,)
+        Mass of every node in kg.
     wire : int64 (2, nodes)
         Degree of freedom of every node along x and y, from the lower guide up.
     carriage, rotor : int64 (2,)
@@ -70,6 +73,7 @@ class FullLink(NamedTuple):
     qpos: Annotated[Array, Kept("dofs")]
     qvel: Annotated[Array, Kept("dofs")]
     force: Annotated[Array, Kept("dofs")]
+    mass: Annotated[Array, Kept("nodes")]
     wire: Annotated[NDArray[np.int64], Kept(2, "nodes")]
     carriage: Annotated[NDArray[np.int64], Kept(2)]
     rotor: Annotated[NDArray[np.int64], Kept(2)]
@@ -193,6 +197,29 @@ def _see_axes(state: NDArray[np.void], axes: Axes, link: FullLink) -> None:
 
 
 @compiled
+def _add_films(a: Arrays, c: Constants, link: FullLink, films: Array) -> None:
+    """Add to the forces what the films do at the wire's present speed.
+
+    The speed a film resists is that after the time step: with the mass m a slice moves, ``c v / (1 + c dt / m)``.
+    """
+    for s in range(films.shape[0]):
+        nx, ny = films[s, 0], films[s, 1]
+        if films[s, 2] == 0.0:
+            continue
+        speed = per_mass = 0.0
+        for m in range(link.wire.shape[1]):
+            x, y, shape = link.wire[0, m], link.wire[1, m], a.shape[s, m]
+            speed += shape * (link.qvel[x] * nx + link.qvel[y] * ny)
+            per_mass += shape * shape / link.mass[m]
+        drag = films[s, 2] / (1.0 + films[s, 2] * link.timestep[0] * per_mass)
+        force = suction_limited(a, c, s, -drag * speed * 1e6)
+        for m in range(link.wire.shape[1]):
+            share = a.shape[s, m] * force * 1e-6
+            link.force[link.wire[0, m]] += share * nx
+            link.force[link.wire[1, m]] += share * ny
+
+
+@compiled
 def _overlap(begin: float, end: float, low: float, high: float) -> float:
     """Length of what two spans share."""
     return max(0.0, min(end, high) - max(begin, low))
@@ -202,11 +229,13 @@ def _overlap(begin: float, end: float, low: float, high: float) -> float:
 def move_full(
     state: NDArray[np.void],
     a: Arrays,
+    c: Constants,
     axes: Axes,
     link: FullLink,
     p: Propagators,
     t: Timing,
     load: Array,
+    films: Array,
     sums: Array,
     open_scale: float,
     burn_scale: float,
@@ -231,6 +260,8 @@ def move_full(
     ----------
     load : (2, nodes)
         Room for the pull on the nodes.
+    films : (slices, 3)
+        See `film.find_films`.
     events : int64 (n, 3)
         Time in ns, channel and value, in order of time (see `edmsim.Plant.advance`).
     next_event : int
@@ -267,8 +298,9 @@ def move_full(
             kick = second / link.timestep[0]
         for m in range(link.wire.shape[1]):
             share = a.shape[s, m] * kick
-            link.force[link.wire[0, m]] = load[0, m] * scale * 1e-6 + share * kick_x
-            link.force[link.wire[1, m]] = load[1, m] * scale * 1e-6 + share * kick_y
+            link.force[link.wire[0, m]] = (load[0, m] * scale + a.steady[0, m]) * 1e-6 + share * kick_x
+            link.force[link.wire[1, m]] = (load[1, m] * scale + a.steady[1, m]) * 1e-6 + share * kick_y
+        _add_films(a, c, link, films)
         sound = _step(state, axes, link)
         if not sound:
             break

@@ -140,6 +140,7 @@ class FullMechanics:
             qpos=data.qpos,
             qvel=data.qvel,
             force=data.qfrc_applied,
+            mass=np.array([model.body(f"wire_{i:02d}").mass[0] for i in range(N_NODES)]),
             wire=np.array([_dofs(model, [f"wire_{axis}{i:02d}" for i in range(N_NODES)]) for axis in "xy"]),
             carriage=_dofs(model, ["x", "y"]),
             rotor=_dofs(model, ["x_rotor", "y_rotor"]),

@@ -1,0 +1,31 @@
+"""Water at the temperature of the gap."""
+
+from __future__ import annotations
+
+REFERENCE_K = 293.15
+"""Temperature for which a machine file gives permittivity and viscosity."""
+DENSITY_KG_M3 = 998.0
+"""Water at 20 C."""
+BOILING_K = 373.15
+"""Water at ambient pressure."""
+
+
+def permittivity_ratio(temperature_K: float) -> float:
+    """Permittivity of water over that at 20 C: 0.87 at 50 C, 0.69 at 100 C (Malmberg and Maryott, 1956)."""
+    return _permittivity(temperature_K) / _permittivity(REFERENCE_K)
+
+
+def _permittivity(temperature_K: float) -> float:
+    t = temperature_K - 273.15
+    return 87.740 - 0.40008 * t + 9.398e-4 * t**2 - 1.410e-6 * t**3
+
+
+def viscosity_ratio(temperature_K: float) -> float:
+    """Viscosity of water over that at 20 C: 0.55 at 50 C, 0.28 at 100 C (Vogel: eta ~ 10^(247.8 / (T - 140)))."""
+    return float(10 ** (247.8 / (temperature_K - 140.0) - 247.8 / (REFERENCE_K - 140.0)))
+
+
+def surface_tension_N_m(temperature_K: float) -> float:
+    """Surface tension of water in N/m: 0.073 at 20 C, 0.059 at 100 C (IAPWS)."""
+    tau = 1 - temperature_K / 647.096
+    return float(0.2358 * tau**1.256 * (1 - 0.625 * tau))

@@ -1,0 +1,190 @@
+"""The film of water between wire and metal: it must be squeezed out before the wire can come nearer.
+
+In a narrow gap that takes more force than anything else on the wire: the resistance grows as one over the cube of the
+gap. The film of the gap a wire usually keeps belongs to the damping of its modes (`drag_N_s_m2`); where the gap is
+narrower, what the film has more is applied after every pulse, implicitly, so that no gap is too narrow for it. The
+change of the electrostatic pull while the wire moves is applied with it.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from edmsim.compiled.jit import compiled
+from edmsim.compiled.vectors import COORDINATES, highest, load, spread, store, total
+from edmsim.plant.gap.breakdown import PULL_GAP_FLOOR_UM
+from edmsim.plant.gap.coverage import covered
+from edmsim.plant.gap.ray_trace import moved, rays_of
+from edmsim.plant.gap.rays import Rays, arc, gaps_of
+from edmsim.plant.kernel.state import Array, Arrays, Constants, Propagators
+
+_ANGLES = np.linspace(0.0, math.pi / 2, 721)
+
+
+def _gaps_um(front_um: float, side_um: float) -> NDArray[np.float64]:
+    """Gap of a wire that leads its kerf's axis, from the front round to the side."""
+    return side_um - (side_um - front_um) * np.cos(_ANGLES)
+
+
+def drag_N_s_m2(radius_um: float, front_um: float, side_um: float, viscosity_Pa_s: float) -> float:
+    """Force per metre and per m/s with which the film resists a wire that moves towards its front.
+
+    Reynolds' equation of a film whose sides are open: water leaves sideways, ``v r sin(theta)`` on either side, and
+    ``c = 12 eta r^3 integral sin^2(theta) / g^3``, in a uniform gap ``6 pi eta (r / g)^3``. From 90 degrees on it has
+    to pass between wire and straight walls: ``2 12 eta r^3 integral cos^2(psi) / (g_s + r (1 - cos psi))^3``.
+    """
+    front = 2 * np.trapezoid(np.sin(_ANGLES) ** 2 / _gaps_um(front_um, side_um) ** 3, _ANGLES)
+    behind = 2 * np.trapezoid(
+        np.cos(_ANGLES) ** 2 / (side_um + radius_um * (1 - np.cos(_ANGLES))) ** 3, _ANGLES
+    )
+    return float(12 * viscosity_Pa_s * radius_um**3 * (front + behind))
+
+
+def added_mass_kg_m(radius_um: float, front_um: float, side_um: float, density_kg_m3: float) -> float:
+    """Mass per metre of the water a wire moves when it moves towards its front; terms as in `drag_N_s_m2`.
+
+    The same flow, without friction: ``rho r^3 integral sin^2(theta) / g``, and what passes the sides.
+    """
+    front = 2 * np.trapezoid(np.sin(_ANGLES) ** 2 / _gaps_um(front_um, side_um), _ANGLES)
+    behind = 2 * np.trapezoid(np.cos(_ANGLES) ** 2 / (side_um + radius_um * (1 - np.cos(_ANGLES))), _ANGLES)
+    return float(density_kg_m3 * (radius_um * 1e-6) ** 2 * radius_um * (front + behind))
+
+
+def pull_sum_um2(radius_um: float, front_um: float, side_um: float, rays: int) -> float:
+    """Sum in 1/um^2 that `breakdown.slice_sums` finds of the pull on a wire that leads its kerf's axis."""
+    inverse = 1 / _gaps_um(front_um, side_um) + 0.5 / radius_um
+    return float(rays / math.tau * 2 * np.trapezoid(np.cos(_ANGLES) * inverse**2, _ANGLES))
+
+
+@compiled
+def film_sums(
+    rays: Rays, s: int, sx: np.float32, sy: np.float32, nx: np.float32, ny: np.float32, bare: np.float32
+) -> tuple[float, float]:
+    """Sums over a slice's rays of sin^2 / g^3 around a direction (1/um^3), and of the pull along it (1/um^2).
+
+    ``bare`` is half the wire's curvature, for the pull as `breakdown.slice_sums` has it.
+    """
+    film = pull = spread(np.float32(0.0))
+    floor, one = np.float32(PULL_GAP_FLOOR_UM), np.float32(1.0)
+    for at in arc(rays, s):
+        inverse = spread(one) / highest(gaps_of(rays, s, at, sx, sy), floor)
+        cosine, sine = load(rays.cosine, (s, at)), load(rays.sine, (s, at))
+        across = cosine * ny - sine * nx
+        film += across * across * inverse * inverse * inverse
+        field = inverse + bare
+        pull += (cosine * nx + sine * ny) * field * field
+    return float(total(film)), float(total(pull))
+
+
+@compiled
+def _travel(a: Arrays, held: Array, s: int, nx: float, ny: float) -> float:
+    """How far a slice's wire has come along a direction since `held`."""
+    sum_ = spread(0.0)
+    for m in range(0, a.shape.shape[1], COORDINATES):
+        x, y = load(a.wire_q, (0, m)) - load(held, (0, m)), load(a.wire_q, (1, m)) - load(held, (1, m))
+        sum_ += load(a.shape, (s, m)) * (x * nx + y * ny)
+    return float(total(sum_))
+
+
+@compiled
+def _yielding(a: Arrays, p: Propagators, s: int, k_period: int) -> float:
+    """How far a slice's wire yields by a period's end to a force on it that stands all the time, um per um kg/s2."""
+    sum_ = spread(0.0)
+    for m in range(0, a.shape.shape[1], COORDINATES):
+        shape, settled = load(a.shape, (s, m)), load(p.wire, (k_period, 0, m))
+        sum_ += shape * shape * (spread(1.0) - settled) * load(p.wire_compliance, (m,))
+    return float(total(sum_))
+
+
+@compiled
+def _apply(a: Arrays, p: Propagators, s: int, k_period: int, fx: float, fy: float) -> None:
+    """Add what forces (um kg/s2) on a slice over the whole period have done by its end."""
+    for m in range(0, a.shape.shape[1], COORDINATES):
+        shape = load(a.shape, (s, m))
+        settled = shape * (spread(1.0) - load(p.wire, (k_period, 0, m))) * load(p.wire_compliance, (m,))
+        moving = shape * load(p.wire, (k_period, 1, m))
+        for axis in range(2):
+            force = fx if axis == 0 else fy
+            store(a.wire_q, (axis, m), load(a.wire_q, (axis, m)) + settled * force)
+            store(a.wire_v, (axis, m), load(a.wire_v, (axis, m)) + moving * force)
+
+
+@compiled
+def _slow(a: Arrays, s: int, nx: float, ny: float, speed: float, share: float) -> None:
+    """Bring a slice's speed along a direction (um/s) nearer to another one by a share, by an impulse on it."""
+    now, mass = spread(0.0), spread(0.0)
+    for m in range(0, a.shape.shape[1], COORDINATES):
+        shape = load(a.shape, (s, m))
+        now += shape * (load(a.wire_v, (0, m)) * nx + load(a.wire_v, (1, m)) * ny)
+        mass += shape * shape
+    impulse = share * (speed - total(now)) / total(mass)
+    for m in range(0, a.shape.shape[1], COORDINATES):
+        shape = load(a.shape, (s, m)) * impulse
+        store(a.wire_v, (0, m), load(a.wire_v, (0, m)) + shape * nx)
+        store(a.wire_v, (1, m), load(a.wire_v, (1, m)) + shape * ny)
+
+
+@compiled
+def resistance(a: Arrays, c: Constants, s: int, film: float) -> float:
+    """What the film of a slice has more than its modes are damped by, in kg/s, debris and gas in it considered."""
+    film = c.film_um3_kg_s * film * (1.0 + 2.5 * a.debris[s]) * (1.0 - covered(a, s))
+    return max(film - c.film_modal_kg_s, 0.0)
+
+
+@compiled
+def suction_limited(a: Arrays, c: Constants, s: int, force: float) -> float:
+    """A film's force (um kg/s2) towards the metal is at most the ambient pressure on the wire: then it cavitates."""
+    return min(force, c.suction_N * 1e6 * (1.0 - covered(a, s)))
+
+
+@compiled
+def find_films(a: Arrays, c: Constants, position: Array, sums: Array, films: Array) -> None:
+    """Write every slice's film into `films` (slices, 3): direction to the metal, resistance in kg/s (0 if wide)."""
+    rays = rays_of(a)
+    for s in range(sums.shape[0]):
+        pull = sums[s, 2] * sums[s, 2] + sums[s, 3] * sums[s, 3]
+        films[s, 2] = 0.0
+        if pull >= c.film_pull2_um4:
+            per_pull = 1.0 / math.sqrt(pull)
+            films[s, 0], films[s, 1] = sums[s, 2] * per_pull, sums[s, 3] * per_pull
+            sx, sy = moved(a, position, s)
+            nx, ny, bare = np.float32(films[s, 0]), np.float32(films[s, 1]), np.float32(0.5 / c.radius_um)
+            films[s, 2] = resistance(a, c, s, film_sums(rays, s, sx, sy, nx, ny, bare)[0])
+
+
+@compiled
+def squeeze(
+    a: Arrays, c: Constants, p: Propagators, position: Array, sums: Array, held: Array, k_period: int,
+    period_us: float, pull_scale: float,
+) -> None:
+    """Correct the wire's motion over a period for the film and for the pull's change, slice by slice.
+
+    The pull, which the motion took as it was at the period's begin, becomes that half way. With the resistance c and
+    the yielding H, a slice that would have moved by x moves by ``x / (1 + H c / T)``: all the way where there is no
+    film, not at all where it is stiff. Its speed then follows: a stiff film leaves it that of the way it came, or the
+    force that stopped it would throw it back. ``pull_scale`` is the mean of the pull's scale over the period.
+    """
+    rays, bare = rays_of(a), np.float32(0.5 / c.radius_um)
+    for s in range(sums.shape[0]):
+        pull = sums[s, 2] * sums[s, 2] + sums[s, 3] * sums[s, 3]
+        if pull < c.film_pull2_um4:
+            continue
+        per_pull = 1.0 / math.sqrt(pull)
+        nx, ny = sums[s, 2] * per_pull, sums[s, 3] * per_pull
+        travel = _travel(a, held, s, nx, ny)
+        sx, sy = moved(a, position, s)
+        x, y = np.float32(sx + 0.5 * travel * nx), np.float32(sy + 0.5 * travel * ny)
+        across, half_way = film_sums(rays, s, x, y, np.float32(nx), np.float32(ny), bare)
+        growth = (half_way * (1.0 - c.shielding * covered(a, s)) - math.sqrt(pull)) * pull_scale
+        drag = resistance(a, c, s, across) * 1e6 / period_us
+        yielding = _yielding(a, p, s, k_period)
+        moves = (travel + yielding * growth) / (1.0 + yielding * drag)
+        film = suction_limited(a, c, s, -drag * moves)
+        force = film + growth
+        _apply(a, p, s, k_period, force * nx, force * ny)
+        if film == -drag * moves:
+            stiff = yielding * drag / (1.0 + yielding * drag)
+            _slow(a, s, nx, ny, moves * 1e6 / period_us, stiff * stiff)
