@@ -39,6 +39,8 @@ RAY_RANGE_UM = 110.0
 CARVE_BEFORE_UM, CARVE_BEFORE_SPACINGS = 12.0, 0.75
 """How far before a ray's edge its wall is looked for, at least, and in ray spacings (ours): between rays it may stand
 nearer, the more the further they are apart, and what is not reached stays in the kerf."""
+FILM_GAP_UM = 16.0
+"""Front gap for which the mean film is set (ours: what the laboratory machine keeps)."""
 LEAST_ENERGY_J = 1e-9
 """Energy of a discharge below which its gas has no life to speak of (ours); a generator switched off has none."""
 PRIMED_SPAN = 3.0
@@ -86,10 +88,12 @@ def _kerf_um(machine: Machine) -> float:
     return machine.wire_diameter_um + 2 * machine.base.dielectric.side_gap_um.value
 
 
-def _wide_drag_N_s_m2(machine: Machine, res: Resolution) -> float:
-    """Resistance of the film that the modes' damping contains; where it is narrower, the loop adds the rest."""
-    front, side = res.film_from_um, max(res.film_from_um, machine.base.dielectric.side_gap_um.value)
-    return drag_N_s_m2(machine.wire_diameter_um / 2, front, side, _gap_viscosity_Pa_s(machine))
+def _film_per_pull(machine: Machine, res: Resolution) -> float:
+    """Resistance of the film in N s/m2 over the pull's sum in 1/um^2, at a usual gap."""
+    radius, side = machine.wire_diameter_um / 2, machine.base.dielectric.side_gap_um.value
+    front = min(FILM_GAP_UM, side)
+    drag = drag_N_s_m2(radius, front, side, _gap_viscosity_Pa_s(machine))
+    return drag / pull_sum_um2(radius, front, side, res.rays)
 
 
 def constants(machine: Machine, res: Resolution) -> Constants:
@@ -134,7 +138,7 @@ def constants(machine: Machine, res: Resolution) -> Constants:
         pumping=gas.pumping.value,
         ejection=gas.ejection.value,
         film_um3_kg_s=12 * _gap_viscosity_Pa_s(machine) * radius**3 * 2 * math.pi / res.rays * slice_m,
-        film_modal_kg_s=_wide_drag_N_s_m2(machine, res) * slice_m,
+        film_per_pull_kg_s=_film_per_pull(machine, res) * slice_m,
         film_pull2_um4=pull_sum_um2(radius, front, side, res.rays) ** 2,
         suction_N=AMBIENT_PA * machine.wire_diameter_um * 1e-6 * slice_m,
         magnetic_N_A2=machine.material.magnetic_share.value
@@ -206,7 +210,7 @@ def push_law(machine: Machine) -> BubbleLaw:
     return bubble_law(machine.wire_diameter_um, spark.impulse_10mJ_Ns.value, spark.bubble_share.value)
 
 
-def wire_setup(machine: Machine, res: Resolution) -> WireSetup:
+def wire_setup(machine: Machine) -> WireSetup:
     """Wire and guides of a set-up, and the water in its slot, as the model of the mechanics wants them."""
     return WireSetup(
         diameter_m=machine.wire_diameter_um / 1e6,  # 20 um stays exactly 20e-6
@@ -218,7 +222,6 @@ def wire_setup(machine: Machine, res: Resolution) -> WireSetup:
         slot_mass_kg_m=added_mass_kg_m(
             machine.wire_diameter_um / 2, REFERENCE_GAP_UM, machine.base.dielectric.side_gap_um.value, DENSITY_KG_M3
         ),
-        slot_drag_N_s_m2=_wide_drag_N_s_m2(machine, res),
     )
 
 
@@ -231,7 +234,7 @@ def _slice_heights_m(machine: Machine, res: Resolution) -> NDArray[np.float64]:
 def modal_model(machine: Machine, res: Resolution) -> ModalModel:
     """Modes of table and wire for this set-up, from the MJCF."""
     file, heights = machine.base.model, tuple(_slice_heights_m(machine, res).tolist())
-    return _modes(wire_setup(machine, res), file, mjcf_version(file), res.modes, heights)
+    return _modes(wire_setup(machine), file, mjcf_version(file), res.modes, heights)
 
 
 @functools.lru_cache(maxsize=64)
@@ -251,7 +254,7 @@ def full_mechanics(machine: Machine, res: Resolution) -> FullMechanics:
         presliding_m=table.presliding_um.value * 1e-6,
         backlash_m=table.backlash_um.value * 1e-6,
     )
-    full = FullMechanics(wire_setup(machine, res), drive, _slice_heights_m(machine, res), machine.base.model)
+    full = FullMechanics(wire_setup(machine), drive, _slice_heights_m(machine, res), machine.base.model)
     full.set_travel(table.travel_mm.value * 1e-3)
     return full
 
@@ -317,6 +320,7 @@ def arrays(
     a.shape[:, :modes] = model.wire_shape
     a.sway[:, :slices] = a.shape.T
     a.mean_shape[:] = a.shape.mean(axis=0)
+    a.mobility[:modes] = model.mobility
     for name, values in along_wire.items():
         getattr(a, name)[:slices] = values
     a.table_shape[:] = model.table_slide_shape

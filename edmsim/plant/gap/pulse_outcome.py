@@ -46,8 +46,11 @@ def _gain(a: Arrays, c: Constants, s: int) -> float:
 @compiled
 def sum_rays(
     a: Arrays, c: Constants, law: GapLaw, position: Array, sums: Array, contact: Array
-) -> tuple[float, float, float]:
-    """Sum every slice's rays where the wire is (see `breakdown.slice_sums`); returns rate, primed, contact depth."""
+) -> tuple[float, float, float, float, float]:
+    """Sum every slice's rays where the wire is (see `breakdown.slice_sums`).
+
+    Returns rate, primed weight, depth of contacts, and the pull along x and y.
+    """
     rays = rays_of(a)
     everything = spread(0.0)
     near = spread(np.float32(0.0))
@@ -61,7 +64,9 @@ def sum_rays(
             sx, sy = moved(a, position, s)
             contact[s] = contact_depth(rays, s, sx, sy, law)
             touching += contact[s]
-    return element(everything, 0), element(everything, 1), touching
+    return (
+        element(everything, 0), element(everything, 1), touching, element(everything, 2), element(everything, 3),
+    )  # fmt: skip
 
 
 @compiled
@@ -129,7 +134,7 @@ def _pick(sums: Array, kind: int, target: float) -> tuple[int, float]:
 @compiled
 def _ignite(
     state: NDArray[np.void], a: Arrays, c: Constants, law: GapLaw, t: Timing, position: Array, sums: Array,
-    totals: tuple[float, float, float],
+    totals: tuple[float, float, float, float, float],
 ) -> tuple[float, int, int]:
     """Delay until breakdown in us, and its slice and place; a delay past the wait has no place."""
     weight = law.primed_per_um2 * totals[1]
@@ -158,7 +163,7 @@ def _reignites(state: NDArray[np.void], c: Constants) -> float:
 @compiled
 def decide(
     state: NDArray[np.void], a: Arrays, c: Constants, law: GapLaw, t: Timing, position: Array, sums: Array,
-    contact: Array, totals: tuple[float, float, float],
+    contact: Array, totals: tuple[float, float, float, float, float],
 ) -> tuple[int, float, int, int]:
     """How this pulse ends: class, delay until ignition in us, slice and place of its ray."""
     if totals[2] > 0.0:

@@ -42,7 +42,7 @@ from edmsim.plant.kernel.state import (
     Scratch,
     Timing,
 )
-from edmsim.plant.mechanics.film import find_films, squeeze
+from edmsim.plant.mechanics.film import damp, find_films, mean_film, squeeze
 from edmsim.plant.mechanics.modal import copy, mean_deflection, move, place_wire, ringing
 from edmsim.plant.mechanics.mujoco_loop import FullLink, move_full
 from edmsim.plant.wire import HeatLaw
@@ -254,19 +254,23 @@ def fire_window(
             period_ns = int(k_period * t.grid_us * 1e3 + 0.5)
         period_us = period_ns * 1e-3
         copy(held, a.wire_q)
+        film = mean_film(c, totals[3], totals[4], sums.shape[0])
         if full:
-            find_films(a, c, position, sums, films)
+            find_films(a, c, position, sums, film, films)
             next_event = move_full(
                 state, a, c, axes, link, p, t, load, films, sums, open_scale, burn_scale, delay, delay + burn,
                 period_ns, at, kick_x, kick_y, events, next_event,
             )
+            damp(a, film, period_us)
             state[0].time_ns += period_ns
         else:
             k_ignite = min(int(delay * per_grid + 0.5), k_period)
             k_end = min(int((delay + burn) * per_grid + 0.5), k_period)
             move(a, p, load, sums, open_scale, burn_scale, k_ignite, k_end, k_period, at, kick_x, kick_y)
             pull_scale = (open_scale * delay + burn_scale * burn) / period_us
-            squeeze(a, c, p, position, sums, held, k_period, period_us, pull_scale)
+            pull_share = 0.5 * delay / period_us
+            squeeze(a, c, p, position, sums, held, k_period, period_us, pull_scale, pull_share, film)
+            damp(a, film, period_us)
             state[0].time_ns += period_ns
             next_event = advance_axes(
                 state, a, axes, p, t, k_period, c.step_um, events, next_event, state[0].time_ns, False

@@ -139,7 +139,7 @@ class Constants(NamedTuple):
     pumping: float
     ejection: float
     film_um3_kg_s: float
-    film_modal_kg_s: float
+    film_per_pull_kg_s: float
     film_pull2_um4: float
     suction_N: float
     magnetic_N_A2: float
@@ -272,6 +272,8 @@ class Arrays(NamedTuple):
         The same, transposed.
     mean_shape : (modes filled,)
         Its mean over the slices.
+    mobility : (modes filled,)
+        Rate at which 1 kg/s of resistance on every slice damps a coordinate, 1/s.
     height_share : (slices filled,)
         Height of a slice above the lower guide, as a share of the distance of the guides.
     flow_factor, convection_W_m2K : (slices,)
@@ -304,6 +306,7 @@ class Arrays(NamedTuple):
     shape: Annotated[Array, Kept("slices", "modes")]
     sway: Annotated[Array, Kept("modes", "slices_filled")]
     mean_shape: Annotated[Array, Kept("modes")]
+    mobility: Annotated[Array, Kept("modes")]
     height_share: Annotated[Array, Kept("slices_filled")]
     flow_factor: Annotated[Array, Kept("slices")]
     convection_W_m2K: Annotated[Array, Kept("slices")]

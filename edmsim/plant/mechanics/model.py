@@ -33,7 +33,6 @@ _ALLOWED: dict[str, tuple[float, float, str]] = {
     "damping_ratio": (0.0, 5.0, "of critical"),  # ours
     "slot_m": (0.0, 0.5, "m (0 to 500 mm)"),
     "slot_mass_kg_m": (0.0, 0.1, "kg/m"),  # ours: some ten times the mass of the thickest wire
-    "slot_drag_N_s_m2": (0.0, 1e4, "N s/m2"),  # ours: what the narrowest film has
 }
 
 
@@ -55,8 +54,8 @@ class WireSetup:
         Damping of the first mode of the wire in air as a share of critical: what is alike all along the wire.
     slot_m : float
         Height of the workpiece in m, in the middle between the guides, in whose slot the wire moves water.
-    slot_mass_kg_m, slot_drag_N_s_m2 : float
-        Mass of that water, and its resistance, per metre of the slot.
+    slot_mass_kg_m : float
+        Mass of that water per metre of the slot.
 
     Raises
     ------
@@ -71,7 +70,6 @@ class WireSetup:
     damping_ratio: float
     slot_m: float = 0.0
     slot_mass_kg_m: float = 0.0
-    slot_drag_N_s_m2: float = 0.0
 
     def __post_init__(self) -> None:
         """Refuse values no wire can have; most often a wrong unit."""
@@ -119,6 +117,8 @@ class ModalModel:
         Modal coordinate at rest per metre of commanded travel (kg^1/2), ``[axis, mode]``.
     rotor_rad_per_m : float64 array (2,)
         Rotor angle that commands one metre of travel, per axis: what `ctrl` of the full model expects.
+    mobility : float64 array (n_modes,)
+        Damping rate of every mode under 1 kg/s of resistance on every slice, in 1/kg.
     neglected_damping : float
         Largest coupling of two modes by damping, ``|c_ij| / sqrt(c_ii c_jj)``, which modal damping drops. The
         wire has none (its damping is proportional to mass); the table's is 0.02.
@@ -134,6 +134,7 @@ class ModalModel:
     table_slide_shape: Array
     table_participation: Array
     rotor_rad_per_m: Array
+    mobility: Array
     neglected_damping: float
 
 
@@ -206,7 +207,7 @@ def _string_wire(wire: WireSetup, nodes: list[Any], segments: list[Any]) -> None
         node.pos = [0.0, 0.0, height]
         node.mass = mass + slot * wire.slot_mass_kg_m
         for joint in node.joints:
-            joint.damping = [2 * wire.damping_ratio * omega_1 * mass + slot * wire.slot_drag_N_s_m2, 0.0, 0.0]
+            joint.damping = [2 * wire.damping_ratio * omega_1 * node.mass, 0.0, 0.0]
     for segment in segments:
         segment.stiffness = [wire.tension / spacing, 0.0, 0.0]  # its rest length is 0
         segment.width = wire.diameter_m / 2
@@ -263,10 +264,11 @@ def reduce_model(model: mujoco.MjModel, n_modes: int, slice_heights_m: ArrayLike
     tables = (table_x, table_y)
     travels = [_unit_travel(linear, block, axis) for axis, block in enumerate(blocks[2:])]
     rests = [table.momenta @ travel for table, (travel, _) in zip(tables, travels, strict=True)]
+    shape = at_heights(wire_x.shape[:, :n_modes], node_heights, guide_distance, slices)
     return ModalModel(
         wire_omega=wire_x.omega[:n_modes],
         wire_zeta=wire_x.zeta[:n_modes],
-        wire_shape=at_heights(wire_x.shape[:, :n_modes], node_heights, guide_distance, slices),
+        wire_shape=shape,
         node_heights_m=node_heights,
         node_shape=wire_x.shape[:, :n_modes],
         table_omega=np.stack([table.omega for table in tables]),
@@ -274,6 +276,7 @@ def reduce_model(model: mujoco.MjModel, n_modes: int, slice_heights_m: ArrayLike
         table_slide_shape=np.stack([table.shape[0] for table in tables]),
         table_participation=np.stack(rests),
         rotor_rad_per_m=np.array([ctrl for _, ctrl in travels]),
+        mobility=(shape**2).sum(axis=0),
         neglected_damping=max(modes.neglected_damping for modes in (wire_x, wire_y, *tables)),
     )
 

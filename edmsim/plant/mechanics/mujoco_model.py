@@ -122,6 +122,8 @@ class FullMechanics:
         heights = np.asarray(slice_heights_m, float)
         nodes = at_heights(np.eye(N_NODES), self.modes.node_heights_m, wire.guide_distance_m, heights)
         self.wire_shape = np.ascontiguousarray(nodes)
+        self._node_mass = np.array([self.model.body(f"wire_{i:02d}").mass[0] for i in range(N_NODES)])
+        self.mobility = nodes.sum(axis=0) / self._node_mass
         self.table_slide_shape = np.array([[1.0, 0.0], [1.0, 0.0]])
         self.table_participation = np.zeros((2, 2))
         self.link = self._link(wire, drive)
@@ -140,7 +142,7 @@ class FullMechanics:
             qpos=data.qpos,
             qvel=data.qvel,
             force=data.qfrc_applied,
-            mass=np.array([model.body(f"wire_{i:02d}").mass[0] for i in range(N_NODES)]),
+            mass=self._node_mass,
             wire=np.array([_dofs(model, [f"wire_{axis}{i:02d}" for i in range(N_NODES)]) for axis in "xy"]),
             carriage=_dofs(model, ["x", "y"]),
             rotor=_dofs(model, ["x_rotor", "y_rotor"]),
