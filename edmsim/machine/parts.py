@@ -76,6 +76,7 @@ class Dielectric(Part):
     temperature_K: Positive
     gap_temperature_K: Positive
     viscosity_Pa_s: Positive
+    edge_loss: Constant
     flushing_pressure_Pa: Positive
     side_gap_um: Positive
 

@@ -25,7 +25,7 @@ from edmsim.plant.gap.water import (
 )
 from edmsim.plant.kernel.declare import ArraySizes, allocate
 from edmsim.plant.kernel.state import GRID, NO_METAL_UM, PULSES_PER_WINDOW, Arrays, Constants, Propagators, Timing
-from edmsim.plant.mechanics.film import added_mass_kg_m, drag_N_s_m2, pull_sum_um2
+from edmsim.plant.mechanics.film import added_mass_kg_m, drag_N_s_m2, edge_loss_kg_m2, pull_sum_um2
 from edmsim.plant.mechanics.model import ModalModel, WireSetup, build_model, propagator_table, reduce_model
 from edmsim.plant.mechanics.mujoco_model import DriveSetup, FullMechanics
 from edmsim.plant.resolution import Resolution
@@ -139,6 +139,9 @@ def constants(machine: Machine, res: Resolution) -> Constants:
         ejection=gas.ejection.value,
         film_um3_kg_s=12 * _gap_viscosity_Pa_s(machine) * radius**3 * 2 * math.pi / res.rays * slice_m,
         film_per_pull_kg_s=_film_per_pull(machine, res) * slice_m,
+        jet_kg_um=1e-6
+        * edge_loss_kg_m2(radius, water.side_gap_um.value, water.edge_loss.value, DENSITY_KG_M3)
+        * slice_m,
         film_pull2_um4=pull_sum_um2(radius, front, side, res.rays) ** 2,
         suction_N=AMBIENT_PA * machine.wire_diameter_um * 1e-6 * slice_m,
         magnetic_N_A2=machine.material.magnetic_share.value
@@ -320,7 +323,7 @@ def arrays(
     a.shape[:, :modes] = model.wire_shape
     a.sway[:, :slices] = a.shape.T
     a.mean_shape[:] = a.shape.mean(axis=0)
-    a.mobility[:modes] = model.mobility
+    a.mobility[:modes], a.inertia[:modes] = model.mobility, model.inertia
     for name, values in along_wire.items():
         getattr(a, name)[:slices] = values
     a.table_shape[:] = model.table_slide_shape

@@ -47,8 +47,7 @@ def sato_rig(
 ) -> Machine:
     """Return the set-up of Sato et al.: 0.3 mm brass wire, 22 N, 13 m/min, short pulses of high current on steel.
 
-    Voltage (80 V) is the nominal one of the ignition law; flushing is a modern machine's 2 bar, and the removal
-    per joule is the mass balance of this very cutting, as the default's textbook figure is for its own class.
+    Voltage (80 V) is the nominal one of the ignition law; flushing is a modern machine's 2 bar.
     """
     burning_V = Machine.load().material.burning_voltage_V.value
     # the supply only has to lie well above the burning voltage for the current to be known
@@ -58,7 +57,6 @@ def sato_rig(
     rig = {
         "base.guides.wire_speed_m_s": 13.0 / 60.0,
         "base.dielectric.flushing_pressure_Pa": 2e5,
-        "material.removal_mm3_J": 2e-3,
     }
     return altered(machine, {**rig, **(changes or {})})
 
@@ -173,9 +171,9 @@ jet, here of Sato's 6 l/min out of a bore of 6 mm (usual), 3.5 m/s."""
 
 def limits(seeds: Sequence[int]) -> list[Row]:
     """What the limit does with height, flushing, cooling and tension."""
-    flushing, cooling = "base.dielectric.flushing_pressure_Pa", "base.discharge.convection_W_m2K"
+    flushing, cooling = "base.dielectric.flushing_pressure_Pa", "base.cooling.convection_W_m2K"
     thin, middle, thick = (_limits(sato_rig(h), seeds) for h in (THIN_MM, MIDDLE_MM, THICK_MM))
-    convection = sato_rig(THIN_MM).base.discharge.convection_W_m2K.value
+    convection = sato_rig(THIN_MM).base.cooling.convection_W_m2K.value
     off = {h: _limits(sato_rig(h, {flushing: FREE_JET_PA}), seeds) for h in (THIN_MM, MIDDLE_MM)}
     uncooled = _limits(sato_rig(MIDDLE_MM, {cooling: 0.7 * convection}), seeds)
     taut = _limits(sato_rig(THIN_MM, tension=33.0), seeds)

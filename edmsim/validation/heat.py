@@ -36,7 +36,7 @@ def check_joule_heat(seeds: Sequence[int]) -> list[Row]:
     machine, res = Machine.load(), resolution("default")
     law = heat_law(machine, res)._replace(run_per_us=0.0)
     current = 30.0
-    wire, convection = machine.wire, machine.base.discharge.convection_W_m2K.value
+    wire, convection = machine.wire, machine.base.cooling.convection_W_m2K.value
     joule_W_m = current**2 * wire.resistivity_Ohm_m.value / area_m2(machine.wire_diameter_um) / 4
     cold = joule_W_m / (convection * math.pi * machine.wire_diameter_um * 1e-6)
     return [
@@ -60,7 +60,7 @@ def check_cooling(seeds: Sequence[int]) -> list[Row]:
     wire = machine.wire
     expected_s = (
         wire.density_kg_m3.value * wire.heat_capacity_J_kgK.value * machine.wire_diameter_um * 1e-6
-        / (4 * machine.base.discharge.convection_W_m2K.value)
+        / (4 * machine.base.cooling.convection_W_m2K.value)
     )
     return [
         Row.value(

@@ -17,7 +17,7 @@ from edmsim.validation.rows import mean_and_interval
 STILL: Mapping[str, float] = {
     "material.removal_mm3_J": 1e-15,
     "base.discharge.impulse_10mJ_Ns": 0.0,
-    "base.discharge.wire_heat_share": 0.0,
+    "base.cooling.wire_heat_share": 0.0,
     "base.dielectric.conductivity_uS_cm": 1e-9,
     "base.dielectric.permittivity": 1e-6,
 }

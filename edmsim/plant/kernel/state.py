@@ -140,6 +140,7 @@ class Constants(NamedTuple):
     ejection: float
     film_um3_kg_s: float
     film_per_pull_kg_s: float
+    jet_kg_um: float
     film_pull2_um4: float
     suction_N: float
     magnetic_N_A2: float
@@ -274,6 +275,8 @@ class Arrays(NamedTuple):
         Its mean over the slices.
     mobility : (modes filled,)
         Rate at which 1 kg/s of resistance on every slice damps a coordinate, 1/s.
+    inertia : (modes filled,)
+        Mean square of the slices' speed per square of a coordinate's.
     height_share : (slices filled,)
         Height of a slice above the lower guide, as a share of the distance of the guides.
     flow_factor, convection_W_m2K : (slices,)
@@ -307,6 +310,7 @@ class Arrays(NamedTuple):
     sway: Annotated[Array, Kept("modes", "slices_filled")]
     mean_shape: Annotated[Array, Kept("modes")]
     mobility: Annotated[Array, Kept("modes")]
+    inertia: Annotated[Array, Kept("modes")]
     height_share: Annotated[Array, Kept("slices_filled")]
     flow_factor: Annotated[Array, Kept("slices")]
     convection_W_m2K: Annotated[Array, Kept("slices")]

@@ -119,6 +119,8 @@ class ModalModel:
         Rotor angle that commands one metre of travel, per axis: what `ctrl` of the full model expects.
     mobility : float64 array (n_modes,)
         Damping rate of every mode under 1 kg/s of resistance on every slice, in 1/kg.
+    inertia : float64 array (n_modes,)
+        Mean square of the slices' speed per square of a mode's, in 1/kg.
     neglected_damping : float
         Largest coupling of two modes by damping, ``|c_ij| / sqrt(c_ii c_jj)``, which modal damping drops. The
         wire has none (its damping is proportional to mass); the table's is 0.02.
@@ -135,6 +137,7 @@ class ModalModel:
     table_participation: Array
     rotor_rad_per_m: Array
     mobility: Array
+    inertia: Array
     neglected_damping: float
 
 
@@ -277,6 +280,7 @@ def reduce_model(model: mujoco.MjModel, n_modes: int, slice_heights_m: ArrayLike
         table_participation=np.stack(rests),
         rotor_rad_per_m=np.array([ctrl for _, ctrl in travels]),
         mobility=(shape**2).sum(axis=0),
+        inertia=(shape**2).mean(axis=0),
         neglected_damping=max(modes.neglected_damping for modes in (wire_x, wire_y, *tables)),
     )
 

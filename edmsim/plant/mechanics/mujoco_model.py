@@ -124,6 +124,7 @@ class FullMechanics:
         self.wire_shape = np.ascontiguousarray(nodes)
         self._node_mass = np.array([self.model.body(f"wire_{i:02d}").mass[0] for i in range(N_NODES)])
         self.mobility = nodes.sum(axis=0) / self._node_mass
+        self.inertia = nodes.mean(axis=0)
         self.table_slide_shape = np.array([[1.0, 0.0], [1.0, 0.0]])
         self.table_participation = np.zeros((2, 2))
         self.link = self._link(wire, drive)
