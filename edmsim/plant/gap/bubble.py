@@ -1,8 +1,9 @@
-"""How hard the gas bubble of a discharge pushes the wire, by the energy it gets before its gas escapes.
+"""How hard the gas bubble of a discharge pushes the wire.
 
-The bubble is confined in the slit between the wire's front half and the metal. Its gas reaches the slit's open edges
-after one to three us and escapes; what the discharge delivers later hardly pushes. Derivation, figure and
-uncertainty: ``docs/theory/gas.md``.
+The bubble is confined in the slit between the wire's front half and the metal. First it drives the water out: that
+push grows with the square root of the energy delivered until the gas reaches the slit's open edges, after one to
+three us. Then the gas escapes through the edges, and pushes with what pressure the discharge keeps up against that.
+Derivation, figure and uncertainty: ``docs/theory/gas.md``.
 """
 
 from __future__ import annotations
@@ -16,26 +17,45 @@ from edmsim.compiled.jit import compiled
 REFERENCE_GAP_UM, REFERENCE_J, REFERENCE_DIAMETER_UM = 20.0, 0.01, 250.0
 """Gap, energy and wire diameter at which the impulse constant of a machine file holds."""
 LEAST_GAP_UM = 5.0
-"""Nearer metal does not raise the impulse (ours: the gas is then as thick as the craters are deep)."""
+"""Nearer metal does not raise the impulse (ours: craters and asperities are as large)."""
 WATER_KG_M3 = 998.0
 """Density of water at 20 C."""
+AMBIENT_PA = 1.0e5
+"""Pressure behind the wire, where the gas goes."""
 SLIT_LOGARITHM = 0.6
-"""Mean of ln(slit / bubble) while the bubble crosses the slit (ours, derived: `docs/theory/gas.md`)."""
+"""Mean of ln(slit / bubble) while the bubble crosses the slit (ours: the integration, 0.5 to 1)."""
+LATE_SHARE = 0.7
+"""Rise of the energy that drives the water, half of the gas's while the discharge burns, if that ends at once and the
+gas has all the time until the vent to give the rest (ours: the integration, 0.6 to 0.8)."""
+HEAT_RATIO = 1.3
+"""Ratio of specific heats of steam (tables of steam, 100 to 1000 C; less where it dissociates, down to 1.15)."""
+ESCAPE_M_S = 270.0
+"""Volume of gas per area of the edges and time at choked flow: 0.585 of its speed of sound, here that of dry steam at
+100 C (ours: 150 if it carries spray to 480 at 850 C)."""
+ESCAPE_AREA, ESCAPE_EDGE = 2.267, 4.0
+"""Projected area of gas that has reached both edges, and length of edge that it leaves through, in half widths of the
+slit (ours, derived: a circle between the edges, by the cosine of the place on the wire)."""
 
 
 class BubbleLaw(NamedTuple):
-    """Constants of the push for one wire.
+    """Constants of the push for one wire; those of the gas that escapes hold at a gap of 20 um.
 
     Attributes
     ----------
     impulse_Ns : float
-        Impulse of 10 mJ delivered before the gas escapes, at a gap of 20 um.
+        Impulse of the water driven out by 10 mJ, delivered until the gas escapes, at a gap of 20 um.
     vent_us : float
-        Time in us after which the gas of a discharge of 1 W escapes at a gap of 20 um.
+        Time in us after which the gas of a discharge of 1 W escapes.
+    escape_Ns_J : float
+        Impulse of the escaping gas per energy of the discharge.
+    ambient_N : float
+        Force of the ambient pressure against it.
     """
 
     impulse_Ns: float
     vent_us: float
+    escape_Ns_J: float
+    ambient_N: float
 
 
 def bubble_law(diameter_um: float, impulse_10mJ_Ns: float, bubble_share: float) -> BubbleLaw:
@@ -46,22 +66,26 @@ def bubble_law(diameter_um: float, impulse_10mJ_Ns: float, bubble_share: float) 
     diameter_um : float
         Diameter of the wire in um.
     impulse_10mJ_Ns : float
-        Impulse of 10 mJ on a wire of 250 um at a gap of 20 um; it grows with the square of the diameter, as the
-        gas acts on the slit's area.
+        Impulse of the water driven out by 10 mJ that are delivered until the gas escapes, on a wire of 250 um at a
+        gap of 20 um; it grows with the area of the slit, so with the square of the diameter.
     bubble_share : float
         Share of the discharge's energy that goes into the gas, above 0 and up to 1.
     """
-    slit_m = math.pi / 4 * diameter_um * 1e-6
-    inertia = 2 * math.pi * WATER_KG_M3 * REFERENCE_GAP_UM * 1e-6 * SLIT_LOGARITHM
+    half_m, gap_m = math.pi / 4 * diameter_um * 1e-6, REFERENCE_GAP_UM * 1e-6
+    inertia = 2 * math.pi * WATER_KG_M3 * gap_m * SLIT_LOGARITHM
+    area_m2 = ESCAPE_AREA * half_m**2
+    enthalpy_per_pressure = HEAT_RATIO / (HEAT_RATIO - 1.0)
     return BubbleLaw(
         impulse_Ns=impulse_10mJ_Ns * (diameter_um / REFERENCE_DIAMETER_UM) ** 2,
-        vent_us=1e6 * (0.75 * slit_m**2 * math.sqrt(inertia / bubble_share)) ** (2 / 3),
+        vent_us=1e6 * (0.75 * half_m**2 * math.sqrt(inertia / bubble_share)) ** (2 / 3),
+        escape_Ns_J=bubble_share * area_m2 / (enthalpy_per_pressure * ESCAPE_EDGE * half_m * gap_m * ESCAPE_M_S),
+        ambient_N=AMBIENT_PA * area_m2,
     )
 
 
 @compiled
 def vent_time_us(power_W: float, gap_um: float, law: BubbleLaw) -> float:
-    """Time after ignition at which the gas of a discharge of constant power (above 0) escapes from the slit."""
+    """Time after ignition at which the gas of a discharge of constant power (above 0) reaches the slit's edges."""
     return law.vent_us * cube_root(max(gap_um, LEAST_GAP_UM) / (REFERENCE_GAP_UM * power_W))
 
 
@@ -69,8 +93,10 @@ def vent_time_us(power_W: float, gap_um: float, law: BubbleLaw) -> float:
 def bubble_impulse_Ns(power_W: float, burn_us: float, gap_um: float, law: BubbleLaw) -> float:
     """Impulse that the bubble of a discharge gives the wire where liquid fills the slit.
 
-    ``J0 (d / 250 um)^2 (E_v / 10 mJ)^(1/2) (20 um / g)^(1/2)``, where ``E_v`` is the energy delivered before the gas
-    escapes; the gap is taken as 5 um where it is less. Gas that covers the slit already is the caller's affair.
+    The water driven out gives ``J0 (d / 250 um)^2 (E_w / 10 mJ)^(1/2) (20 um / g)^(1/2)``. There ``E_w`` is the
+    energy ``E_v`` delivered until the vent time ``t_v``, and ``E_v (1 + 0.7 (1 - t_e / t_v))`` where the discharge
+    ends before, after ``t_e``. Escaping gas adds ``k (20 um / g)`` times half of ``E_v``, which it still holds, and
+    then ``k (20 um / g) P - F0`` for as long as the discharge burns on. The gap is taken as 5 um where it is less.
 
     Parameters
     ----------
@@ -84,5 +110,12 @@ def bubble_impulse_Ns(power_W: float, burn_us: float, gap_um: float, law: Bubble
     """
     if power_W <= 0.0:
         return 0.0
-    energy_J = power_W * min(burn_us, vent_time_us(power_W, gap_um, law)) * 1e-6
-    return law.impulse_Ns * math.sqrt(energy_J / REFERENCE_J * REFERENCE_GAP_UM / max(gap_um, LEAST_GAP_UM))
+    vent_us = vent_time_us(power_W, gap_um, law)
+    confined_us = min(burn_us, vent_us)
+    energy_J = power_W * confined_us * 1e-6
+    narrow = REFERENCE_GAP_UM / max(gap_um, LEAST_GAP_UM)
+    escape = law.escape_Ns_J * narrow
+    driving_J = energy_J * (1.0 + LATE_SHARE * (1.0 - confined_us / vent_us))
+    water_Ns = law.impulse_Ns * math.sqrt(driving_J / REFERENCE_J * narrow)
+    kept_N = max(0.0, escape * power_W - law.ambient_N)
+    return water_Ns + 0.5 * escape * energy_J + kept_N * (burn_us - confined_us) * 1e-6
