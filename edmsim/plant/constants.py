@@ -192,19 +192,15 @@ def heat_law(machine: Machine, res: Resolution) -> HeatLaw:
 def gas_law(machine: Machine, timing: Timing) -> GasLaw:
     """Gas of the discharges of one setting; its life is that of the gas of the longest of them."""
     gas, water, kerf = machine.base.gas, machine.base.dielectric, _kerf_um(machine)
+    steam, permanent = (math.sqrt(cover_um2_J(share.value, kerf)) for share in (gas.steam_share, gas.permanent_share))
     energy_J = max(timing.burning_V * timing.current_A * timing.on_us * 1e-6, LEAST_ENERGY_J)
-    steam = cover_um2_J(gas.steam_share.value, kerf)
-    life_us = steam_life_us(math.sqrt(steam * energy_J), gas.steam_periods.value, DENSITY_KG_M3)
+    life_us = steam_life_us(steam * math.sqrt(energy_J), gas.steam_periods.value, DENSITY_KG_M3)
     filled_us = refill_us(
         math.pi / 4 * machine.wire_diameter_um, REFERENCE_GAP_UM, _gap_viscosity_Pa_s(machine), DENSITY_KG_M3,
         surface_tension_N_m(water.gap_temperature_K.value), gas.wetting.value,
     )  # fmt: skip
-    return GasLaw(
-        steam_um2_J=steam,
-        gas_um2_J=cover_um2_J(gas.permanent_share.value, kerf),
-        steam_per_us=1 / max(life_us, 1.0),
-        gas_per_us=1 / filled_us,
-    )
+    spans_us = np.arange(GRID + 1)[:, None] * timing.grid_us
+    return GasLaw(steam, permanent, np.exp(-spans_us / np.maximum((life_us, filled_us), 1.0)))
 
 
 def push_law(machine: Machine) -> BubbleLaw:
@@ -276,7 +272,10 @@ def _propagators(modes: ModalModel, grid_us: float) -> Propagators:
     t11, t12, t21, t22 = (np.ascontiguousarray(part) for part in table)
     filling = filled(len(modes.wire_omega)) - len(modes.wire_omega)
     of_wire = np.pad(np.stack(wire, axis=1), ((0, 0), (0, 0), (0, filling)))
-    return Propagators(of_wire, np.pad(modes.wire_omega**-2.0, (0, filling)), t11, t12, t21, t22)
+    own = (modes.wire_shape**2).T
+    yielding = np.stack([((1 - wire[0]) * modes.wire_omega**-2.0) @ own, wire[1] @ own], axis=-1)
+    compliance = np.pad(modes.wire_omega**-2.0, (0, filling))
+    return Propagators(of_wire, compliance, np.ascontiguousarray(yielding), t11, t12, t21, t22)
 
 
 def flow_m_s(machine: Machine, res: Resolution) -> NDArray[np.float64]:
@@ -323,6 +322,7 @@ def arrays(
     a.shape[:, :modes] = model.wire_shape
     a.sway[:, :slices] = a.shape.T
     a.mean_shape[:] = a.shape.mean(axis=0)
+    a.slice_mass_kg[:] = model.slice_mass_kg
     a.mobility[:modes], a.inertia[:modes] = model.mobility, model.inertia
     for name, values in along_wire.items():
         getattr(a, name)[:slices] = values

@@ -13,7 +13,6 @@ from typing import NamedTuple
 
 from edmsim.compiled.elementary import exponential
 from edmsim.compiled.jit import compiled
-from edmsim.plant.gap.coverage import covered
 from edmsim.plant.kernel.state import Arrays
 
 VACUUM_PERMITTIVITY_F_M = 8.8541878128e-12
@@ -118,7 +117,7 @@ def heat_step(a: Arrays, law: HeatLaw, dt_us: float) -> None:
         warm = here + exchange * (above_before + below - 2.0 * here)
         resistance = 1.0 + law.resistance_per_K * (here - law.water_K)
         warm = (warm + law.joule_K_per_A2_us * current2_at(a, s) * resistance + run * above) / (1.0 + run)
-        transfer = heat_transfer_W_m2K(here, law, a.convection_W_m2K[s], covered(a, s))
+        transfer = heat_transfer_W_m2K(here, law, a.convection_W_m2K[s], a.covered[s])
         keep = exponential(-transfer * law.cooling_m2K_J * dt_us)
         temperature[s] = min(law.water_K + (warm - law.water_K) * keep, law.melting_K)
         above = temperature[s]

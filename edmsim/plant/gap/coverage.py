@@ -8,32 +8,31 @@ back into the gap. Where gas bridges the gap there is no water to pull, to be pu
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
-from edmsim.compiled.elementary import exponential
 from edmsim.compiled.jit import compiled
 from edmsim.compiled.vectors import COORDINATES, load, store
-from edmsim.plant.kernel.state import Array, Arrays, Constants
+from edmsim.plant.kernel.declare import Kept
+from edmsim.plant.kernel.state import GRID, Array, Arrays, Constants
 
 AMBIENT_PA = 101_325.0
 """Pressure of the water around the kerf."""
 
 
 class GasLaw(NamedTuple):
-    """What the discharges of one setting make of gas.
+    """What discharges make of gas.
 
     Attributes
     ----------
-    steam_um2_J, gas_um2_J : float
-        Square of half the length of front that steam and permanent gas of a discharge cover, per joule.
-    steam_per_us, gas_per_us : float
-        One over the lifetimes of both.
+    steam_um_J, gas_um_J : float
+        Half the length of front that steam and permanent gas of a discharge cover, over the root of its energy.
+    fading : (GRID + 1, 2)
+        Share of steam and of permanent gas that is left over the time grid of the setting.
     """
 
-    steam_um2_J: float
-    gas_um2_J: float
-    steam_per_us: float
-    gas_per_us: float
+    steam_um_J: float
+    gas_um_J: float
+    fading: Annotated[Array, Kept(GRID + 1, 2)]
 
 
 def cover_um2_J(pressure_energy_share: float, kerf_um: float) -> float:
@@ -80,58 +79,50 @@ def refill_us(
 
 
 @compiled
-def covered(a: Arrays, s: int) -> float:
-    """Share of a slice's front that gas covers, steam and permanent gas lying anywhere."""
-    return float(1.0 - (1.0 - a.steam[s]) * (1.0 - a.gas[s]))
-
-
-@compiled
 def mean_covered(a: Arrays) -> float:
-    """Mean of `covered` over the height."""
+    """Mean over the height of the share of the front that gas covers."""
     sum_ = 0.0
     for s in range(a.debris.shape[0]):
-        sum_ += covered(a, s)
+        sum_ += a.covered[s]
     return sum_ / a.debris.shape[0]
 
 
 @compiled
-def fade(a: Arrays, law: GasLaw, period_us: float) -> None:
-    """Let gas vanish over a span of time."""
-    steam, gas = exponential(-period_us * law.steam_per_us), exponential(-period_us * law.gas_per_us)
+def fade(a: Arrays, law: GasLaw, k_period: int) -> None:
+    """Let gas vanish over a period."""
+    steam, gas = law.fading[k_period, 0], law.fading[k_period, 1]
     for s in range(0, a.steam.shape[0], COORDINATES):
         store(a.steam, (s,), load(a.steam, (s,)) * steam)
         store(a.gas, (s,), load(a.gas, (s,)) * gas)
 
 
 @compiled
-def _cover(share: Array, slices: int, slice_um: float, place_um: float, half_um: float, kept: float) -> None:
-    """Cover the front half a length above and below a place, of which `kept` is left at the pulse's end."""
-    low, high = place_um - half_um, place_um + half_um
-    first, last = max(0, int(low / slice_um)), min(slices - 1, int(high / slice_um))
-    for s in range(first, last + 1):
-        overlap = min(high, (s + 1) * slice_um) - max(low, s * slice_um)
-        share[s] += (1.0 - share[s]) * kept * overlap / slice_um
+def sum_up(a: Arrays) -> None:
+    """Find the share of every slice's front that gas covers, steam and permanent gas lying anywhere on it."""
+    for s in range(0, a.steam.shape[0], COORDINATES):
+        steam, gas = load(a.steam, (s,)), load(a.gas, (s,))
+        store(a.covered, (s,), steam + gas - steam * gas)
 
 
 @compiled
-def blow(a: Arrays, c: Constants, law: GasLaw, place_um: float, energy_J: float, left_us: float) -> None:
-    """Let a discharge blow gas around a height above the lower face, so long before the period's end.
+def _cover(share: Array, slices: int, per_um: float, place: float, half_um: float, kept: float) -> None:
+    """Cover the front half a length above and below a place (in slices), of which `kept` is left at the end."""
+    low, high = place - half_um * per_um, place + half_um * per_um
+    for s in range(max(0, int(low)), min(slices, int(high) + 1)):
+        share[s] += (1.0 - share[s]) * kept * (min(high, s + 1.0) - max(low, float(s)))
 
-    It covers the front anew where gas of former discharges lies, whose life ends with it: at one slice and a steady
+
+@compiled
+def blow(a: Arrays, c: Constants, law: GasLaw, place: float, energy_J: float, k_left: int) -> None:
+    """Let a discharge blow gas around a place (in slices from the lower face), so long before the period's end.
+
+    It covers the front again where gas of former discharges lies, whose life ends with it: at one slice and a steady
     rate f the mean share is ``x / (1 + x)``, x = f times the life times the share of the slice one discharge covers.
     """
-    slices = a.debris.shape[0]
-    steam_um = math.sqrt(law.steam_um2_J * energy_J)
-    _cover(a.steam, slices, c.slice_um, place_um, steam_um, exponential(-left_us * law.steam_per_us))
-    gas_um = math.sqrt(law.gas_um2_J * energy_J)
-    _cover(a.gas, slices, c.slice_um, place_um, gas_um, exponential(-left_us * law.gas_per_us))
-    _sweep(a, c, place_um - steam_um, place_um + steam_um)
-
-
-@compiled
-def _sweep(a: Arrays, c: Constants, low_um: float, high_um: float) -> None:
-    """Drive debris out of the gap between two heights."""
-    first, last = max(0, int(low_um / c.slice_um)), min(a.debris.shape[0] - 1, int(high_um / c.slice_um))
-    for s in range(first, last + 1):
-        overlap = min(high_um, (s + 1) * c.slice_um) - max(low_um, s * c.slice_um)
-        a.debris[s] *= 1.0 - c.pumping * overlap / c.slice_um
+    slices, per_um, root = a.debris.shape[0], 1.0 / c.slice_um, math.sqrt(energy_J)
+    steam_um = law.steam_um_J * root
+    _cover(a.steam, slices, per_um, place, steam_um, law.fading[k_left, 0])
+    _cover(a.gas, slices, per_um, place, law.gas_um_J * root, law.fading[k_left, 1])
+    low, high = place - steam_um * per_um, place + steam_um * per_um
+    for s in range(max(0, int(low)), min(slices, int(high) + 1)):
+        a.debris[s] *= 1.0 - c.pumping * (min(high, s + 1.0) - max(low, float(s)))

@@ -10,7 +10,6 @@ from edmsim.compiled.jit import compiled
 from edmsim.compiled.random import normal, uniform
 from edmsim.compiled.vectors import element, load, spread
 from edmsim.plant.gap.breakdown import GapLaw, choose_ray, contact_depth, may_touch, sum_slice, weibull
-from edmsim.plant.gap.coverage import covered
 from edmsim.plant.gap.debris import bridged_probability
 from edmsim.plant.gap.ray_trace import meets_metal, moved, narrowest_now, place_of, rays_of
 from edmsim.plant.kernel.state import ARC, NO_METAL_UM, OPEN, SHORT, SPARK, Array, Arrays, Constants, Timing
@@ -40,7 +39,7 @@ def leak_conductance(a: Arrays, c: Constants) -> float:
 @compiled
 def _gain(a: Arrays, c: Constants, s: int) -> float:
     """What debris, flow and gas make of the breakdown rate in a slice."""
-    return float((1.0 + c.debris_gain * a.debris[s]) * a.flow_factor[s] * (1.0 - c.dryness * covered(a, s)))
+    return float((1.0 + c.debris_gain * a.debris[s]) * a.flow_factor[s] * (1.0 - c.dryness * a.covered[s]))
 
 
 @compiled
@@ -56,7 +55,7 @@ def sum_rays(
     near = spread(np.float32(0.0))
     for s in range(sums.shape[0]):
         sx, sy = moved(a, position, s)
-        near = sum_slice(rays, s, sx, sy, law, _gain(a, c, s), 1.0 - c.shielding * covered(a, s), sums, near)
+        near = sum_slice(rays, s, sx, sy, law, _gain(a, c, s), 1.0 - c.shielding * a.covered[s], sums, near)
         everything += load(sums, (s, 0))
     touching = 0.0
     if may_touch(near, law):

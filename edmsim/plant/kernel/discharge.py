@@ -11,7 +11,6 @@ from edmsim.compiled.elementary import exponential
 from edmsim.compiled.jit import compiled
 from edmsim.compiled.random import normal
 from edmsim.plant.gap.bubble import REFERENCE_GAP_UM, BubbleLaw, bubble_impulse_Ns
-from edmsim.plant.gap.coverage import covered
 from edmsim.plant.gap.debris import flush
 from edmsim.plant.gap.pulse_outcome import draw
 from edmsim.plant.gap.ray_trace import gap_of, ray_at
@@ -79,7 +78,7 @@ def discharge(
     """One spark or arc burning for `burn_us`: crater, heat, debris. Returns its energy and its bubble's impulse."""
     power = t.burning_V * t.current_A
     energy = power * burn_us * 1e-6
-    gap, dry = gap_of(a, position, s, k), covered(a, s)
+    gap, dry = gap_of(a, position, s, k), a.covered[s]
     volume = t.removal_um3_J * energy * (1.0 - c.ejection * dry)
     volume *= max(0.0, 1.0 + c.crater_cv * normal(draw(state)))
     window[0].gap_um += gap

@@ -15,7 +15,7 @@ from edmsim.compiled.jit import compiled
 from edmsim.plant.axes.advance import LOST, advance_axes
 from edmsim.plant.gap.breakdown import GapLaw
 from edmsim.plant.gap.bubble import BubbleLaw
-from edmsim.plant.gap.coverage import GasLaw, blow, fade, mean_covered
+from edmsim.plant.gap.coverage import GasLaw, blow, fade, mean_covered, sum_up
 from edmsim.plant.gap.pulse_outcome import decide, deepest_contact, draw, leak_conductance, sum_rays, touch
 from edmsim.plant.gap.ray_trace import OVERLAP_UM, retrace
 from edmsim.plant.kernel.discharge import discharge, log_pulse, propagate_heat, short_circuit
@@ -276,9 +276,11 @@ def fire_window(
                 state, a, axes, p, t, k_period, c.step_um, events, next_event, state[0].time_ns, False
             )
         quiet = period_us - delay - conducting
-        fade(a, gas, period_us)
+        fade(a, gas, k_period)
         if energy > 0.0:
-            blow(a, c, gas, (s + draw(state)) * c.slice_um, energy, quiet)
+            k_quiet = min(int(quiet * per_grid + 0.5), k_period)
+            blow(a, c, gas, s + draw(state), energy, k_quiet)
+        sum_up(a)
         state[0].since_discharge_us = state[0].since_discharge_us + period_us if outcome == OPEN else quiet
         state[0].pulses += 1
         state[0].heat_wait_us += period_us

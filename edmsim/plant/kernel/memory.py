@@ -31,10 +31,10 @@ from edmsim.plant.wire import HeatLaw
 
 _GROUPS: dict[str, Any] = {
     "own": Own, "arrays": Arrays, "propagators": Propagators, "scratch": Scratch, "axes": Axes, "link": FullLink,
-    "law": GapLaw,
+    "law": GapLaw, "gas": GasLaw,
 }
 _RECORDS: dict[str, Any] = {
-    "constants": Constants, "heat": HeatLaw, "bubble": BubbleLaw, "gas": GasLaw, "timing": Timing,
+    "constants": Constants, "heat": HeatLaw, "bubble": BubbleLaw, "timing": Timing,
 }
 _NAMES = {kind: name for name, kind in (*_GROUPS.items(), *_RECORDS.items())}
 _COUNTED = "tiles", "index_side", "pulses"
@@ -175,7 +175,7 @@ def _group_of(group: Any) -> Any:
 
 
 _rows, _table = _rows_of(types.int64), _rows_of(from_dtype(_TABLE))
-_constants, _heat, _bubble, _gas, _timing = (_rows_of(from_dtype(numbers_of(record))) for record in _RECORDS.values())
+_constants, _heat, _bubble, _timing = (_rows_of(from_dtype(numbers_of(record))) for record in _RECORDS.values())
 _own_of: Callable[..., Own]
 _arrays_of: Callable[..., Arrays]
 _propagators_of: Callable[..., Propagators]
@@ -183,7 +183,8 @@ _scratch_of: Callable[..., Scratch]
 _axes_of: Callable[..., Axes]
 _link_of: Callable[..., FullLink]
 _law_of: Callable[..., GapLaw]
-_own_of, _arrays_of, _propagators_of, _scratch_of, _axes_of, _link_of, _law_of = (
+_gas_of: Callable[..., GasLaw]
+_own_of, _arrays_of, _propagators_of, _scratch_of, _axes_of, _link_of, _law_of, _gas_of = (
     _group_of(group) for group in _GROUPS.values()
 )
 
@@ -235,6 +236,11 @@ def _law(at: Any, slices: int, rays: int, coordinates: int) -> Any:
     return _law_of(at.law, _lengths(slices, rays, coordinates, at))
 
 
+@compiled
+def _gas(at: Any, slices: int, rays: int, coordinates: int) -> Any:
+    return _gas_of(at.gas, _lengths(slices, rays, coordinates, at))
+
+
 CALL = 5
 """Numbers of a call for one plant (int64): address of its `Memory`'s table, address of the window's events (int64;
 time, channel and value in a row), number of events, and pulses to fire; the call writes how the window ended."""
@@ -257,7 +263,7 @@ def window_function(slices: int, rays: int, coordinates: int, full: bool) -> Cal
             rows[k, 4] = fire_window(
                 own.state, own.window, _arrays(at, slices, rays, coordinates), own.tiles, own.tile_index,
                 _constants(at.constants, (1,))[0], _law(at, slices, rays, coordinates), _heat(at.heat, (1,))[0],
-                _bubble(at.bubble, (1,))[0], _gas(at.gas, (1,))[0], _timing(at.timing, (1,))[0],
+                _bubble(at.bubble, (1,))[0], _gas(at, slices, rays, coordinates), _timing(at.timing, (1,))[0],
                 _propagators(at, slices, rays, coordinates), _scratch(at, slices, rays, coordinates),
                 _axes(at, slices, rays, coordinates), _link(at, slices, rays, coordinates), full,
                 _rows(rows[k, 1], (rows[k, 2], 3)), own.pulses, rows[k, 3],

@@ -204,11 +204,15 @@ class Propagators(NamedTuple):
         Elements 11, 12, 21, 22; one row of the table lies together in memory.
     wire_compliance : (modes filled,)
         1/omega^2 of the wire's modes.
+    yielding : (GRID + 1, slices, 2)
+        What a force on a slice that stands all the time has done to the slice's own place (um per um kg/s2), and to
+        its speed.
     table11, table12, table21, table22 : (GRID + 1, 2, 2)
     """
 
     wire: Annotated[Array, Kept(GRID + 1, 4, "modes")]
     wire_compliance: Annotated[Array, Kept("modes")]
+    yielding: Annotated[Array, Kept(GRID + 1, "slices", 2)]
     table11: Annotated[Array, Kept(GRID + 1, 2, 2)]
     table12: Annotated[Array, Kept(GRID + 1, 2, 2)]
     table21: Annotated[Array, Kept(GRID + 1, 2, 2)]
@@ -262,8 +266,8 @@ class Arrays(NamedTuple):
     current2_us : (2, slices)
         Integrals of current squared (A2 us) since heat was propagated last, of the discharges in each slice: what
         flowed in the wire below it, and above it.
-    steam, gas : (slices filled)
-        Shares of the front that steam and permanent gas cover.
+    steam, gas, covered : (slices filled,)
+        Shares of the front that steam, permanent gas and either cover.
     distance, cosine, sine, first, blocks, unbroken
         What the loop sees of the rays, see `rays.Rays`: ``edge_um`` without that craters took since.
     ray_cosine, ray_sine : float64 (rays,)
@@ -273,6 +277,8 @@ class Arrays(NamedTuple):
         The same, transposed.
     mean_shape : (modes filled,)
         Its mean over the slices.
+    slice_mass_kg : (slices,)
+        Mass that an impulse on a slice moves there.
     mobility : (modes filled,)
         Rate at which 1 kg/s of resistance on every slice damps a coordinate, 1/s.
     inertia : (modes filled,)
@@ -298,6 +304,7 @@ class Arrays(NamedTuple):
     current2_us: Annotated[Array, Kept(2, "slices", life=CHANGING)]
     steam: Annotated[Array, Kept("slices_filled", life=CHANGING)]
     gas: Annotated[Array, Kept("slices_filled", life=CHANGING)]
+    covered: Annotated[Array, Kept("slices_filled", life=CHANGING)]
     distance: Annotated[NDArray[np.float32], Kept("slices", "places", life=WALL)]
     cosine: Annotated[NDArray[np.float32], Kept("slices", "places", life=WALL)]
     sine: Annotated[NDArray[np.float32], Kept("slices", "places", life=WALL)]
@@ -309,6 +316,7 @@ class Arrays(NamedTuple):
     shape: Annotated[Array, Kept("slices", "modes")]
     sway: Annotated[Array, Kept("modes", "slices_filled")]
     mean_shape: Annotated[Array, Kept("modes")]
+    slice_mass_kg: Annotated[Array, Kept("slices")]
     mobility: Annotated[Array, Kept("modes")]
     inertia: Annotated[Array, Kept("modes")]
     height_share: Annotated[Array, Kept("slices_filled")]

@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 from edmsim.compiled.jit import compiled
 from edmsim.compiled.vectors import COORDINATES, highest, load, spread, store, total
 from edmsim.plant.gap.breakdown import PULL_GAP_FLOOR_UM
-from edmsim.plant.gap.coverage import covered
 from edmsim.plant.gap.ray_trace import moved, rays_of
 from edmsim.plant.gap.rays import Rays, arc, gaps_of
 from edmsim.plant.kernel.state import Array, Arrays, Constants, Propagators
@@ -93,51 +92,30 @@ def film_sums(
 
 
 @compiled
-def _travel(a: Arrays, held: Array, s: int, nx: float, ny: float) -> float:
-    """How far a slice's wire has come along a direction since `held`."""
-    sum_ = spread(0.0)
+def _motion(a: Arrays, held: Array, s: int, nx: float, ny: float) -> tuple[float, float]:
+    """How far a slice's wire has come along a direction since `held`, and its speed (um/s)."""
+    place, speed = spread(0.0), spread(0.0)
     for m in range(0, a.shape.shape[1], COORDINATES):
+        shape = load(a.shape, (s, m))
         x, y = load(a.wire_q, (0, m)) - load(held, (0, m)), load(a.wire_q, (1, m)) - load(held, (1, m))
-        sum_ += load(a.shape, (s, m)) * (x * nx + y * ny)
-    return float(total(sum_))
+        place += shape * (x * nx + y * ny)
+        speed += shape * (load(a.wire_v, (0, m)) * nx + load(a.wire_v, (1, m)) * ny)
+    return float(total(place)), float(total(speed))
 
 
 @compiled
-def _yielding(a: Arrays, p: Propagators, s: int, k_period: int) -> float:
-    """How far a slice's wire yields by a period's end to a force on it that stands all the time, um per um kg/s2."""
-    sum_ = spread(0.0)
-    for m in range(0, a.shape.shape[1], COORDINATES):
-        shape, settled = load(a.shape, (s, m)), load(p.wire, (k_period, 0, m))
-        sum_ += shape * shape * (spread(1.0) - settled) * load(p.wire_compliance, (m,))
-    return float(total(sum_))
-
-
-@compiled
-def _apply(a: Arrays, p: Propagators, s: int, k_period: int, fx: float, fy: float) -> None:
-    """Add what forces (um kg/s2) on a slice over the whole period have done by its end."""
+def _apply(
+    a: Arrays, p: Propagators, s: int, k_period: int, nx: float, ny: float, force: float, impulse: float
+) -> None:
+    """Add what a force (um kg/s2) on a slice over the whole period and an impulse (um kg/s) at its end have done."""
     for m in range(0, a.shape.shape[1], COORDINATES):
         shape = load(a.shape, (s, m))
-        settled = shape * (spread(1.0) - load(p.wire, (k_period, 0, m))) * load(p.wire_compliance, (m,))
-        moving = shape * load(p.wire, (k_period, 1, m))
-        for axis in range(2):
-            force = fx if axis == 0 else fy
-            store(a.wire_q, (axis, m), load(a.wire_q, (axis, m)) + settled * force)
-            store(a.wire_v, (axis, m), load(a.wire_v, (axis, m)) + moving * force)
-
-
-@compiled
-def _slow(a: Arrays, s: int, nx: float, ny: float, speed: float, share: float) -> None:
-    """Bring a slice's speed along a direction (um/s) nearer to another one by a share, by an impulse on it."""
-    now, mass = spread(0.0), spread(0.0)
-    for m in range(0, a.shape.shape[1], COORDINATES):
-        shape = load(a.shape, (s, m))
-        now += shape * (load(a.wire_v, (0, m)) * nx + load(a.wire_v, (1, m)) * ny)
-        mass += shape * shape
-    impulse = share * (speed - total(now)) / total(mass)
-    for m in range(0, a.shape.shape[1], COORDINATES):
-        shape = load(a.shape, (s, m)) * impulse
-        store(a.wire_v, (0, m), load(a.wire_v, (0, m)) + shape * nx)
-        store(a.wire_v, (1, m), load(a.wire_v, (1, m)) + shape * ny)
+        settled = shape * (spread(1.0) - load(p.wire, (k_period, 0, m))) * load(p.wire_compliance, (m,)) * force
+        moving = shape * (load(p.wire, (k_period, 1, m)) * force + impulse)
+        store(a.wire_q, (0, m), load(a.wire_q, (0, m)) + settled * nx)
+        store(a.wire_q, (1, m), load(a.wire_q, (1, m)) + settled * ny)
+        store(a.wire_v, (0, m), load(a.wire_v, (0, m)) + moving * nx)
+        store(a.wire_v, (1, m), load(a.wire_v, (1, m)) + moving * ny)
 
 
 @compiled
@@ -175,14 +153,14 @@ def damp(a: Arrays, c: Constants, film: float, period_us: float) -> None:
 @compiled
 def resistance(a: Arrays, c: Constants, s: int, film: float, mean: float) -> float:
     """What the film of a slice has more than the mean one, in kg/s, debris and gas in it considered."""
-    film = c.film_um3_kg_s * film * (1.0 + 2.5 * a.debris[s]) * (1.0 - covered(a, s))
+    film = c.film_um3_kg_s * film * (1.0 + 2.5 * a.debris[s]) * (1.0 - a.covered[s])
     return max(film - mean, 0.0)
 
 
 @compiled
 def suction_limited(a: Arrays, c: Constants, s: int, force: float) -> float:
     """A film's force (um kg/s2) towards the metal is at most the ambient pressure on the wire: then it cavitates."""
-    return min(force, c.suction_N * 1e6 * (1.0 - covered(a, s)))
+    return min(force, c.suction_N * 1e6 * (1.0 - a.covered[s]))
 
 
 @compiled
@@ -220,17 +198,17 @@ def squeeze(
             continue
         per_pull = 1.0 / math.sqrt(pull)
         nx, ny = sums[s, 2] * per_pull, sums[s, 3] * per_pull
-        travel = _travel(a, held, s, nx, ny)
+        travel, speed = _motion(a, held, s, nx, ny)
         sx, sy = moved(a, position, s)
         film_um, pull_um = np.float32(0.5 * travel), np.float32(pull_share * travel)
         across, then = film_sums(rays, s, sx, sy, np.float32(nx), np.float32(ny), film_um, pull_um, bare)
-        growth = (then * (1.0 - c.shielding * covered(a, s)) - math.sqrt(pull)) * pull_scale
+        growth = (then * (1.0 - c.shielding * a.covered[s]) - math.sqrt(pull)) * pull_scale
         drag = resistance(a, c, s, across, mean) * 1e6 / period_us
-        yielding = _yielding(a, p, s, k_period)
+        yielding, throwing = p.yielding[k_period, s, 0], p.yielding[k_period, s, 1]
         moves = (travel + yielding * growth) / (1.0 + yielding * drag)
         film = suction_limited(a, c, s, -drag * moves)
-        force = film + growth
-        _apply(a, p, s, k_period, force * nx, force * ny)
+        force, impulse = film + growth, 0.0
         if film == -drag * moves:
             stiff = yielding * drag / (1.0 + yielding * drag)
-            _slow(a, s, nx, ny, moves * 1e6 / period_us, stiff * stiff)
+            impulse = stiff * stiff * (moves * 1e6 / period_us - speed - throwing * force) * a.slice_mass_kg[s]
+        _apply(a, p, s, k_period, nx, ny, force, impulse)

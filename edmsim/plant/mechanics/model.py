@@ -117,6 +117,8 @@ class ModalModel:
         Modal coordinate at rest per metre of commanded travel (kg^1/2), ``[axis, mode]``.
     rotor_rad_per_m : float64 array (2,)
         Rotor angle that commands one metre of travel, per axis: what `ctrl` of the full model expects.
+    slice_mass_kg : float64 array (n_slices,)
+        Mass that an impulse on a slice moves there.
     mobility : float64 array (n_modes,)
         Damping rate of every mode under 1 kg/s of resistance on every slice, in 1/kg.
     inertia : float64 array (n_modes,)
@@ -136,6 +138,7 @@ class ModalModel:
     table_slide_shape: Array
     table_participation: Array
     rotor_rad_per_m: Array
+    slice_mass_kg: Array
     mobility: Array
     inertia: Array
     neglected_damping: float
@@ -279,6 +282,7 @@ def reduce_model(model: mujoco.MjModel, n_modes: int, slice_heights_m: ArrayLike
         table_slide_shape=np.stack([table.shape[0] for table in tables]),
         table_participation=np.stack(rests),
         rotor_rad_per_m=np.array([ctrl for _, ctrl in travels]),
+        slice_mass_kg=1 / (shape**2).sum(axis=1),
         mobility=(shape**2).sum(axis=0),
         inertia=(shape**2).mean(axis=0),
         neglected_damping=max(modes.neglected_damping for modes in (wire_x, wire_y, *tables)),

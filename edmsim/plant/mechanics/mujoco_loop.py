@@ -38,8 +38,6 @@ class FullLink(NamedTuple):
         The model's time step in s.
     qpos, qvel, force : (degrees of freedom,)
         Positions, velocities and applied forces, SI.
-    mass : (nodes,)
-        Mass of every node in kg.
     wire : int64 (2, nodes)
         Degree of freedom of every node along x and y, from the lower guide up.
     carriage, rotor : int64 (2,)
@@ -73,7 +71,6 @@ class FullLink(NamedTuple):
     qpos: Annotated[Array, Kept("dofs")]
     qvel: Annotated[Array, Kept("dofs")]
     force: Annotated[Array, Kept("dofs")]
-    mass: Annotated[Array, Kept("nodes")]
     wire: Annotated[NDArray[np.int64], Kept(2, "nodes")]
     carriage: Annotated[NDArray[np.int64], Kept(2)]
     rotor: Annotated[NDArray[np.int64], Kept(2)]
@@ -206,12 +203,11 @@ def _add_films(a: Arrays, c: Constants, link: FullLink, films: Array) -> None:
         nx, ny = films[s, 0], films[s, 1]
         if films[s, 2] == 0.0:
             continue
-        speed = per_mass = 0.0
+        speed = 0.0
         for m in range(link.wire.shape[1]):
             x, y, shape = link.wire[0, m], link.wire[1, m], a.shape[s, m]
             speed += shape * (link.qvel[x] * nx + link.qvel[y] * ny)
-            per_mass += shape * shape / link.mass[m]
-        drag = films[s, 2] / (1.0 + films[s, 2] * link.timestep[0] * per_mass)
+        drag = films[s, 2] / (1.0 + films[s, 2] * link.timestep[0] / a.slice_mass_kg[s])
         force = suction_limited(a, c, s, -drag * speed * 1e6)
         for m in range(link.wire.shape[1]):
             share = a.shape[s, m] * force * 1e-6

@@ -125,6 +125,7 @@ class FullMechanics:
         self._node_mass = np.array([self.model.body(f"wire_{i:02d}").mass[0] for i in range(N_NODES)])
         self.mobility = nodes.sum(axis=0) / self._node_mass
         self.inertia = nodes.mean(axis=0)
+        self.slice_mass_kg = 1 / (nodes**2 / self._node_mass).sum(axis=1)
         self.table_slide_shape = np.array([[1.0, 0.0], [1.0, 0.0]])
         self.table_participation = np.zeros((2, 2))
         self.link = self._link(wire, drive)
@@ -143,7 +144,6 @@ class FullMechanics:
             qpos=data.qpos,
             qvel=data.qvel,
             force=data.qfrc_applied,
-            mass=self._node_mass,
             wire=np.array([_dofs(model, [f"wire_{axis}{i:02d}" for i in range(N_NODES)]) for axis in "xy"]),
             carriage=_dofs(model, ["x", "y"]),
             rotor=_dofs(model, ["x_rotor", "y_rotor"]),
