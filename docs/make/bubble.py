@@ -48,24 +48,11 @@ DIAMETERS_UM = 100.0, 150.0, 200.0, 250.0, 300.0
 class Slit(NamedTuple):
     """What the shape of a slit makes of a bubble of radius x, in units of the slit's half width W.
 
-    Attributes
-    ----------
-    inertia : callable
-        L: the water's kinetic energy is rho pi g K^2 L, where the bubble's volume grows by 2 pi g K per time.
-    slope : callable
-        dL/dx.
-    outflow : callable
-        e: per volume, rho (K / W)^2 e of kinetic energy leaves through the slit's edges.
-    momentum : callable
-        m: the impulse 2 pi rho K W^2 m would start the flow from rest.
-    bernoulli : callable
-        b: the force is the rate of that impulse, and rho pi K^2 b.
-    full : float
-        The gas reaches the edges when the circle is this large.
-    gas_area : float
-        Projected area of the gas that has reached the edges, in W^2.
-    opening : float
-        Length of the edge through which it escapes, in W.
+    The bubble's volume grows by 2 pi g K per time. The water has rho pi g K^2 L of kinetic energy (`inertia`; its
+    `slope` is dL/dx), carries rho (K / W)^2 e per volume out through the edges (`outflow`), could be started from
+    rest by an impulse of 2 pi rho K W^2 m (`momentum`), and pushes with the rate of that and rho pi K^2 b
+    (`bernoulli`). The gas reaches the edges when the circle is `full`; its projected area is then `gas_area` W^2, and
+    it escapes through edges of length `opening` W.
     """
 
     inertia: Callable[[float], float]
@@ -125,7 +112,7 @@ PULSES = {"default, 2.9 mJ in 20 us": DEFAULT, "rough, 9.8 mJ in 1.4 us": ROUGH,
 
 def strip(poles: int = 12) -> Slit:
     """Return the functions of the strip in front of a wire, its bubble held to a circle."""
-    places = np.concatenate([np.linspace(0.02, 0.86, 22), 1 - np.geomspace(0.1, 0.005, 12)])
+    places = np.linspace(0.02, 0.94, 24)
     found = np.array([_strip_at(x, poles) for x in places])
 
     def smooth(values: NDArray[np.float64]) -> CubicSpline:
