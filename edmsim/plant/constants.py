@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 
 from edmsim.compiled.vectors import filled
 from edmsim.machine.files import mjcf_version
+from edmsim.machine.setting import flushing_Pa, resistance_ohm, wire_speed_m_s
 from edmsim.plant.gap.breakdown import GapLaw
-from edmsim.plant.gap.debris import flow_speed_m_s, nozzle_flow_per_slice_us
+from edmsim.plant.gap.debris import Jets, jets
 from edmsim.plant.kernel.declare import ArraySizes, allocate
 from edmsim.plant.kernel.state import GRID, NO_METAL_UM, PULSES_PER_WINDOW, Arrays, Constants, Propagators, Timing
 from edmsim.plant.mechanics.model import ModalModel, WireSetup, build_model, propagator_table, reduce_model
@@ -69,6 +70,7 @@ def constants(machine: Machine, res: Resolution) -> Constants:
     radius = machine.wire_diameter_um / 2
     slice_um = machine.height_mm * 1e3 / res.slices
     patch = _patch_m2(machine, res)
+    flow = flushing(machine)
     return Constants(
         radius_um=radius,
         slice_um=slice_um,
@@ -79,7 +81,7 @@ def constants(machine: Machine, res: Resolution) -> Constants:
         patch_m2=patch,
         permittivity_F_m=water.permittivity.value * VACUUM_PERMITTIVITY_F_M,
         leak_S_um=water.conductivity_uS_cm.value * 1e-4 * patch * 1e6,
-        supply_ohm=machine.generator.resistance_ohm.value,
+        supply_ohm=resistance_ohm(machine),
         formative_us=gap.formative_us.value,
         formative_sd_us=gap.formative_sd_us.value,
         primed_scale_us=gap.primed_scale_us.value,
@@ -97,17 +99,15 @@ def constants(machine: Machine, res: Resolution) -> Constants:
         impulse_10mJ_Ns=spark.impulse_10mJ_Ns.value,
         impulse_exponent=spark.impulse_exponent.value,
         wire_heat_share=spark.wire_heat_share.value,
-        nozzle_flow_us=nozzle_flow_per_slice_us(
-            water.flushing_pressure_Pa.value, water.viscosity_Pa_s.value, water.side_gap_um.value,
-            machine.height_mm, res.slices,
-        ),
+        lower_flow_us=flow.lower_m_s / (machine.height_mm * 1e-3 / res.slices) * 1e-6,
+        upper_flow_us=flow.upper_m_s / (machine.height_mm * 1e-3 / res.slices) * 1e-6,
         cavity_um3=math.pi * radius * slice_um * water.side_gap_um.value,
         tension_N=machine.tension,
         strength_N=machine.breaking_force,
         half_strength_K=machine.wire.half_strength_K.value,
         water_K=water.temperature_K.value,
         worn_share_per_um3_us=spark.wear_ratio.value
-        / (base.guides.wire_speed_m_s.value * math.pi * radius**2),
+        / (wire_speed_m_s(machine) * math.pi * radius**2),
         step_um=base.table.step_um.value,
     )
 
@@ -125,7 +125,7 @@ def heat_law(machine: Machine, res: Resolution) -> HeatLaw:
         kelvin_per_J=1 / (volumetric * section * slice_m),
         cooling_per_us=machine.base.discharge.convection_W_m2K.value * girth / (volumetric * section) * 1e-6,
         conduction_per_us=wire.conductivity_W_mK.value / volumetric / slice_m**2 * 1e-6,
-        run_per_us=machine.base.guides.wire_speed_m_s.value / slice_m * 1e-6,
+        run_per_us=wire_speed_m_s(machine) / slice_m * 1e-6,
         joule_K_per_A2_us=joule_W_m_per_A2 / (volumetric * section) * 1e-6,
         resistance_per_K=wire.resistivity_per_K.value,
         water_K=machine.base.dielectric.temperature_K.value,
@@ -194,14 +194,20 @@ def _propagators(modes: ModalModel, grid_us: float) -> Propagators:
     return Propagators(of_wire, np.pad(modes.wire_omega**-2.0, (0, filling)), t11, t12, t21, t22)
 
 
+def flushing(machine: Machine) -> Jets:
+    """What the two nozzles drive through the gap."""
+    water = machine.base.dielectric
+    return jets(*flushing_Pa(machine), water.viscosity_Pa_s.value, water.side_gap_um.value, machine.height_mm)
+
+
+def flow_m_s(machine: Machine, res: Resolution) -> NDArray[np.float64]:
+    """Speed of the water past every slice."""
+    return flushing(machine).past_m_s((np.arange(res.slices) + 0.5) / res.slices)
+
+
 def flow_factor(machine: Machine, res: Resolution) -> NDArray[np.float64]:
     """Share of the breakdown rate that the flow leaves, per slice: ``exp(-(v / v_q)^2)`` (see `breakdown`)."""
-    water = machine.base.dielectric
-    speed = flow_speed_m_s(
-        water.flushing_pressure_Pa.value, water.viscosity_Pa_s.value, water.side_gap_um.value, machine.height_mm
-    )
-    from_middle = np.abs(2 * (np.arange(res.slices) + 0.5) / res.slices - 1)
-    return np.exp(-((speed * from_middle / machine.base.gap.flow_quench_m_s.value) ** 2))
+    return np.exp(-((flow_m_s(machine, res) / machine.base.gap.flow_quench_m_s.value) ** 2))
 
 
 def height_share(machine: Machine, res: Resolution) -> NDArray[np.float64]:
@@ -211,7 +217,7 @@ def height_share(machine: Machine, res: Resolution) -> NDArray[np.float64]:
 
 def arrays(
     model: ModalModel | FullMechanics, sizes: ArraySizes, water_K: float, flow_factor: NDArray[np.float64],
-    height_share: NDArray[np.float64],
+    flow_share: NDArray[np.float64], height_share: NDArray[np.float64],
 ) -> Arrays:
     """Allocate the arrays of a plant at rest, its wire described by a shape (slices, modes or nodes)."""
     a = allocate(Arrays, sizes)
@@ -226,6 +232,7 @@ def arrays(
     a.mean_shape[:] = a.shape.mean(axis=0)
     a.height_share[:slices] = height_share
     a.flow_factor[:] = flow_factor
+    a.flow_share[:] = flow_share
     a.table_shape[:] = model.table_slide_shape
     a.table_participation[:] = model.table_participation
     return a

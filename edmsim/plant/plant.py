@@ -101,6 +101,7 @@ class Plant(PlantReadings):
         self.resolution = res = named_resolution(resolution)
         self._constants = constants.constants(machine, res)
         self._flow_factor = constants.flow_factor(machine, res)
+        self._flow_share = constants.flushing(machine).flow_share(res.slices)
         self._height_share = constants.height_share(machine, res)
         coordinates = res.modes if mechanics == "modal" else N_NODES
         self._sizes = sizes_of(res.slices, res.rays, coordinates)
@@ -185,7 +186,8 @@ class Plant(PlantReadings):
 
     def _at_rest(self) -> None:
         self._arrays = constants.arrays(
-            self._model, self._sizes, self._constants.water_K, self._flow_factor, self._height_share
+            self._model, self._sizes, self._constants.water_K, self._flow_factor, self._flow_share,
+            self._height_share,
         )
         self._memory.put(self._arrays)
         self._state["since_discharge_us"] = 1e9

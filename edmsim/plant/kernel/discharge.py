@@ -52,7 +52,7 @@ def discharge(
     window[0].gap_um += gap_of(a, position, s, k)
     window[0].energy_J += energy
     window[0].charge_A_us += t.current_A * burn_us
-    state[0].current2_us += t.current_A**2 * burn_us
+    state[0].current2_us += t.current_form * t.current_A**2 * burn_us
     state[0].last_slice = s
     state[0].last_ray = ray_at(a, s, k)
     a.temperature_K[s] += c.wire_heat_share * energy * heat.kelvin_per_J
@@ -69,7 +69,7 @@ def short_circuit(
 ) -> None:
     """Short-circuit current for the on-time; where metal touches (`s` >= 0), it melts a little of the bridge."""
     window[0].charge_A_us += t.short_A * t.on_us
-    state[0].current2_us += t.short_A**2 * t.on_us
+    state[0].current2_us += t.current_form * t.short_A**2 * t.on_us
     if s >= 0:
         volume = c.short_removal_share * c.removal_um3_J * t.burning_V * t.short_A * t.on_us * 1e-6
         erode(state, window, a, c, position, s, k, volume)
@@ -95,7 +95,7 @@ def propagate_heat(state: NDArray[np.void], a: Arrays, c: Constants, heat: HeatL
     """Propagate heat and debris over the time that has gathered, wear the wire, and see whether it breaks."""
     dt = state[0].heat_wait_us
     heat_step(a.temperature_K, heat, dt, state[0].current2_us)
-    flush(a.debris, c.nozzle_flow_us * dt)
+    flush(a.debris, c.lower_flow_us * dt, c.upper_flow_us * dt, a.flow_share)
     passed = 1.0 - math.exp(-heat.run_per_us / a.temperature_K.shape[0] * dt)
     worn = c.worn_share_per_um3_us * state[0].wear_wait_um3 / dt
     state[0].worn_share += (worn - state[0].worn_share) * passed
