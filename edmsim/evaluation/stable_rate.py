@@ -26,11 +26,8 @@ LEAST_POWER = 0.1
 """Share of the generator's greatest power at which the search begins, where it is not said (ours)."""
 JAMMED_SHARE = 0.5
 """A step with this share of shorts is a jam (ours: as the shorted windows of the `counts` law)."""
-SERVO = (
-    "counts:open_target_share=0.3,start_feed_um_s=5.0,proportional_um_s=30.0,integral_um_s2=100.0,filter_s=0.05,"
-    "return_feed_um_s=5.0,retract_feed_um_s=100.0,max_tries=1000"
-)
-"""Count law quick enough for short steps, at a share of open pulses far from shorts (gains are ours)."""
+OPEN_SHARE = 0.1
+"""Share of open pulses at which the rate is looked for (ours: shorts stay few, and not many pulses are lost)."""
 
 Cause = Literal["break", "jam", "generator"]
 """What ended a search: the wire broke, shorts stayed, or the generator gives no shorter period."""
@@ -83,6 +80,14 @@ class StableRate(NamedTuple):
     windows: int
 
 
+def quick_counts(open_share: float) -> str:
+    """Return a count law quick enough for short steps, by the share of open pulses it holds (gains are ours)."""
+    return (
+        f"counts:open_target_share={open_share:g},start_feed_um_s=5,proportional_um_s=30,integral_um_s2=100,"
+        "filter_s=0.05,return_feed_um_s=5,retract_feed_um_s=100,max_tries=1000"
+    )
+
+
 def highest_stable_rate(
     machine: Machine,
     *,
@@ -90,7 +95,7 @@ def highest_stable_rate(
     hold_s: float = 1.0,
     approach_s: float = 3.0,
     longest_period_us: float | None = None,
-    controller: str = SERVO,
+    controller: str | None = None,
     resolution: str = "fast",
     watch: Callable[[int, Held], None] | None = None,
 ) -> StableRate:
@@ -113,8 +118,9 @@ def highest_stable_rate(
     longest_period_us : float, optional
         Period in us the search begins with; by default ten times the generator's shortest for this on-time, or its
         longest.
-    controller : str
-        Feed controller (see `edmsim.controllers.from_text`); a quick `counts` law by default.
+    controller : str, optional
+        Feed controller (see `edmsim.controllers.from_text`); by default a quick `counts` law that holds a tenth of
+        the pulses open.
     resolution : {"fast", "default", "fine"}
     watch : callable, optional
         Called with the seed and the `Held` of every step.
@@ -143,9 +149,10 @@ def highest_stable_rate(
     if longest_period_us is None:
         longest_period_us = min(shortest_period_us(machine) / LEAST_POWER, period_range_us(machine)[1])
     first = machine.with_(t_period_us=longest_period_us)
+    feed = quick_counts(OPEN_SHARE) if controller is None else controller
     runs = [
         shorten_pauses(
-            first, seed, from_text(controller), hold_s=hold_s, approach_s=approach_s, resolution=resolution,
+            first, seed, from_text(feed), hold_s=hold_s, approach_s=approach_s, resolution=resolution,
             watch=None if watch is None else partial(watch, seed),
         )
         for seed in seeds

@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 
 from edmsim.controllers import from_text, make
 from edmsim.cosim.straight import cut_straight
-from edmsim.evaluation.stable_rate import SERVO, shorten_pauses
+from edmsim.evaluation.stable_rate import quick_counts, shorten_pauses
 from edmsim.machine.machine import Machine
 from edmsim.machine.parts import Generator, Positive
 from edmsim.validation.rows import Check, Row, mean_and_interval
@@ -37,6 +37,8 @@ HOLD_S = 0.3
 """Time at each step, several times the wire's thermal time constant of some 20 ms (ours)."""
 APPROACH_S = 2.0
 """Time the feed is given to find its level first (ours)."""
+OPEN_SHARE = 0.3
+"""Share of open pulses that the feed holds, far from shorts (ours)."""
 
 
 def sato_rig(
@@ -108,7 +110,8 @@ def break_limit_A(machine: Machine, seed: int) -> float:
 
     Where the shortest pause does not break it, the largest current there was: then a lower bound of the limit.
     """
-    held, _ = shorten_pauses(machine, seed, from_text(SERVO), hold_s=HOLD_S, approach_s=APPROACH_S)
+    servo = from_text(quick_counts(OPEN_SHARE))
+    held, _ = shorten_pauses(machine, seed, servo, hold_s=HOLD_S, approach_s=APPROACH_S)
     return max((step.current_A for step in held), default=0.0)
 
 
