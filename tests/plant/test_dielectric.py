@@ -109,6 +109,12 @@ def test_a_nozzle_that_is_off_leaves_the_whole_height_to_the_other_jet(lower, up
     assert (np.diff(debris if share else debris[::-1]) > 0).all()  # it gathers at the far end
 
 
+@pytest.mark.parametrize("pressures", [(3e6, 1e-30), (1e-30, 3e6)])
+def test_a_jet_next_to_nothing_is_as_one_that_is_off(pressures):
+    off = jets(*(pressure if pressure > 1.0 else 0.0 for pressure in pressures), 1e-3, 45.0, 20.0)
+    np.testing.assert_allclose(jets(*pressures, 1e-3, 45.0, 20.0), off, atol=1e-15)
+
+
 def test_without_flushing_the_water_stands_and_the_debris_stays():
     still = jets(0.0, 0.0, 1e-3, 45.0, 20.0)
     np.testing.assert_array_equal(still.past_m_s(np.linspace(0, 1, 5)), 0.0)

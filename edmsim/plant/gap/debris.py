@@ -83,14 +83,15 @@ def flow_speed_m_s(pressure_Pa: float, viscosity_Pa_s: float, side_gap_um: float
     Parameters
     ----------
     pressure_Pa : float
-        Pressure of the jet over the surroundings; without one the water stands.
+        Pressure of the jet over the surroundings.
     viscosity_Pa_s : float
     side_gap_um : float
         Gap of the slot the water is pushed through.
     way_mm : float
-        Length of slot to where the flow has left it: half the workpiece's height between two like jets.
+        Length of slot to where the flow has left it: half the workpiece's height between two like jets, 0 for a jet
+        that another one keeps out.
     """
-    if pressure_Pa == 0.0:
+    if way_mm == 0.0:
         return 0.0
     return pressure_Pa * (side_gap_um * 1e-6) ** 2 / (12 * viscosity_Pa_s * way_mm * 1e-3)
 
