@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from edmsim import controllers as controllers
     from edmsim import envs as envs
     from edmsim.errors import EdmsimError, InputError
+    from edmsim.evaluation.stable_rate import StableRate, highest_stable_rate
     from edmsim.job.cut import cut
     from edmsim.job.result import CutResult
     from edmsim.machine.machine import Machine
@@ -23,7 +24,10 @@ if TYPE_CHECKING:
 
 __version__ = "0.1.0"
 
-__all__ = ["CutResult", "EdmsimError", "InputError", "Machine", "Plant", "PulseWindow", "controllers", "cut", "envs"]
+__all__ = [
+    "CutResult", "EdmsimError", "InputError", "Machine", "Plant", "PulseWindow", "StableRate", "controllers", "cut",
+    "envs", "highest_stable_rate",
+]
 
 _HOMES = {
     "CutResult": "edmsim.job.result",
@@ -32,7 +36,9 @@ _HOMES = {
     "Machine": "edmsim.machine.machine",
     "Plant": "edmsim.plant.plant",
     "PulseWindow": "edmsim.plant.window",
+    "StableRate": "edmsim.evaluation.stable_rate",
     "cut": "edmsim.job.cut",
+    "highest_stable_rate": "edmsim.evaluation.stable_rate",
 }
 
 

@@ -20,7 +20,7 @@ from edmsim.envs.task import CORNER_DEG, Family, Scenario
 from edmsim.errors import InputError
 from edmsim.geometry import Polyline
 from edmsim.machine.machine import Machine
-from edmsim.machine.setting import least_period_us
+from edmsim.machine.setting import ignition_wait_us, least_period_us, open_V
 from edmsim.plant.fleet import Fleet
 from edmsim.plant.kernel.state import FINE
 from edmsim.plant.plant import Plant
@@ -114,7 +114,7 @@ class Lanes:
 
     def _take_constants(self, lane: int, machine: Machine) -> None:
         row, generator, table = self.rows[lane], machine.generator, machine.base.table
-        row["open_V"] = generator.open_voltage_V.value
+        row["open_V"] = open_V(machine)
         row["limit_A"] = generator.mean_current_limit_A.value
         row["step_um"] = table.step_um.value
         row["table_um"] = table.travel_mm.value * 1e3
@@ -123,8 +123,7 @@ class Lanes:
 
     def _take_setting(self, lane: int) -> None:
         row, plant = self.rows[lane], self.fleet.plants[lane]
-        wait = plant.machine.generator.ignition_wait_us
-        row["wait_us"] = plant.machine.t_on_us if wait is None else wait.value
+        row["wait_us"] = ignition_wait_us(plant.machine)
         row["setting_us"] = plant.machine.t_on_us, plant.machine.t_period_us
         row["longest_ns"] = plant.longest_window_ns
 

@@ -53,7 +53,8 @@ def assert_same(a: edmsim.CutResult, b: edmsim.CutResult) -> None:
 @pytest.mark.parametrize(
     "options",
     [{}, {"planner": "dda"}, {"planner": "poscal-literal"}, {"generator": "iso-energetic"},
-     {"generator": "ignition-pulse", "controller": "fixed:feed_um_s=12"}],
+     {"generator": "ignition-pulse", "controller": "fixed:feed_um_s=12"},
+     {"generator": "iso-energetic", "pulse_shape": "triangle", "peak_current_A": 5.0, "flushing_lower_Pa": 0.0}],
 )  # fmt: skip
 def test_resumed_cut_equals_the_uninterrupted_one(cut_small: Cut, tmp_path: Path, options: dict[str, Any]) -> None:
     whole = cut_small(**SHORT, **options)
@@ -101,6 +102,8 @@ def test_wall_time_goes_on_from_the_checkpoint(cut_small: Cut, tmp_path: Path) -
         ({"planner": "dda"}, "planner 'poscal', not 'dda'"),
         ({"resolution": "default"}, "resolution 'fast', not 'default'"),
         ({"tension": 7.0}, "tension_N"),
+        ({"wire_speed_m_s": 0.2}, "wire_speed_m_s None, not 0.2"),
+        ({"flushing_upper_Pa": 0.0}, "flushing_upper_Pa None, not 0.0"),
         ({"offset": "0.2"}, "offset_um"),
         ({"max_time_s": 13.0}, "max_time_s 12.0, not 13.0"),
     ],

@@ -14,9 +14,11 @@ from typing import Any, NamedTuple
 import pytest
 
 from edmsim import __version__
+from edmsim.calibration import read_log
 from edmsim.cli import app as cli
 from edmsim.cosim.simulation import Simulation
 from edmsim.job import checkpoint
+from edmsim.job.settings import CutSettings
 from edmsim.plant.window import WireLostError
 
 FAST = ("--height", "5", "--resolution", "fast")
@@ -73,8 +75,9 @@ def test_cut_has_the_agreed_options(edmsim: Run) -> None:
     told = edmsim("cut", "--help")
     assert told.status == 0
     for option in ("machine", "material", "height", "height-at", "wire", "tension", "generator", "t-on", "t-period",
-                   "controller", "planner", "mechanics", "resolution", "offset", "seed", "max-time",
-                   "resume", "quiet", "out"):  # fmt: skip
+                   "open-voltage", "peak-current", "resistance", "ignition-wait", "pulse-shape", "wire-speed",
+                   "flushing-lower", "flushing-upper", "controller", "planner", "mechanics", "resolution", "offset",
+                   "seed", "max-time", "resume", "quiet", "out"):  # fmt: skip
         assert f"--{option} " in told.out
 
 
@@ -109,15 +112,24 @@ def test_every_option_reaches_the_cut(small_punch: Path, tmp_path: Path, edmsim:
            "--material", "copper", "--wire", "molybdenum-150", "--tension", 9, "--generator", "ignition-pulse",
            "--t-on", 15, "--t-period", 120, "--controller", "fixed:feed_um_s=11", "--planner", "dda", "--offset",
            "0.1", "--seed", 12, "--machine", "agiecut-dem15",
-           "--mechanics", "modal", "--height-at", "1:5", "--height-at", "2.5:6.5")  # fmt: skip
+           "--mechanics", "modal", "--height-at", "1:5", "--height-at", "2.5:6.5", "--open-voltage", 200,
+           "--peak-current", 5, "--ignition-wait", 30, "--pulse-shape", "triangle", "--wire-speed", 0.15,
+           "--flushing-lower", 0, "--flushing-upper", 1e5)  # fmt: skip
     report = json.loads((tmp_path / "report.json").read_text())
     assert report["seed"] == 12
     assert report["settings"].items() >= {
         "max_time_s": 0.1, "height_mm": 7.0, "heights": [[1.0, 5.0], [2.5, 6.5]], "resolution": "fast",
         "material": "copper", "wire": "molybdenum-150", "wire_diameter_um": 150.0, "tension_N": 9.0,
         "generator": "ignition-pulse", "t_on_us": 15.0, "t_period_us": 120.0,
-        "controller": "fixed:feed_um_s=11", "planner": "dda", "offset_um": 100.0,
+        "controller": "fixed:feed_um_s=11", "planner": "dda", "offset_um": 100.0, "open_voltage_V": 200.0,
+        "peak_current_A": 5.0, "resistance_ohm": None, "ignition_wait_us": 30.0, "pulse_shape": "triangle",
+        "wire_speed_m_s": 0.15, "flushing_lower_Pa": 0.0, "flushing_upper_Pa": 1e5,
     }.items()  # fmt: skip
+    made_with = CutSettings.of_report(report).load_machine()
+    assert made_with.with_(peak_current_A=None, resistance_ohm=50.0).flushing_lower_Pa == 0.0
+    read_back = read_log(str(tmp_path / "windows.parquet")).settings
+    assert read_back is not None
+    assert read_back.load_machine() == made_with
 
 
 def test_quiet_prints_nothing(small_punch: Path, tmp_path: Path, edmsim: Run) -> None:
@@ -188,6 +200,16 @@ SETTINGS = [
     (("--t-on", "40"), ("2 A", "t_period must be at least")),
     (("--t-on", "0"), ("t_on 0 us",)),
     (("--t-period", "0"), ("t_period 0 us",)),
+    (("--peak-current", "10"), ("10 A is above the 6.61 A", "11.8 ohm")),
+    (("--peak-current", "3", "--resistance", "20"), ("both given",)),
+    (("--resistance", "0"), ("resistance 0 ohm",)),
+    (("--open-voltage", "150"), ("150 V is not within 60..120 V",)),
+    (("--ignition-wait", "30"), ("no ignition wait",)),
+    (("--pulse-shape", "sine"), ("'sine'", "rectangle, triangle")),
+    (("--pulse-shape", "triangle"), ("iso-energetic",)),
+    (("--wire-speed", "0"), ("wire speed 0 m/s",)),
+    (("--flushing-lower", "-1"), ("lower nozzle -1 Pa",)),
+    (("--flushing-upper", "nan"), ("upper nozzle nan Pa",)),
     (("--offset", "wide"), ("wide",)),
     (("--max-time", "0"), ("0 s",)),
     (("--max-time", "inf"), ("inf s",)),

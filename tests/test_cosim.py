@@ -153,6 +153,13 @@ def test_controller_sees_what_the_windows_record() -> None:
     assert set(windows.column("feed_um_s").to_numpy()[::2]) == {76 * 0.2625}  # 20 um/s in whole units
 
 
+@pytest.mark.parametrize(("planner", "limit_um_s"), [("poscal", 33.3375), ("exact", 400.0)])
+def test_the_feed_ends_with_the_table_or_the_planner(planner: str, limit_um_s: float) -> None:
+    law = Script([30.0])
+    simulation(contour(ZIGZAG), machine=Machine.load("production", height_mm=5), planner=planner, controller=law)
+    assert law.max_feed_um_s == limit_um_s
+
+
 class Late(Script):
     """A script whose feeds count some time after the window's end."""
 

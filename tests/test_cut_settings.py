@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+import re
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -15,6 +16,7 @@ import edmsim
 from edmsim.cli import app as cli
 from edmsim.controllers import make
 from edmsim.job.settings import METADATA_KEY, CutOptions, CutSettings
+from edmsim.machine.parts import Choices
 
 OF_RUNNING = {"program", "out", "resume", "watch"}
 """Arguments of `edmsim.cut` that say how it is run, not what is cut."""
@@ -42,10 +44,11 @@ def test_the_function_shows_every_option_with_default_and_meaning() -> None:
 
 
 def test_the_command_line_has_every_option_with_its_default() -> None:
-    renamed = {"height_mm": "height", "heights": "height_at", "t_on_us": "t_on", "t_period_us": "t_period",
-               "max_time_s": "max_time"}  # fmt: skip
+    def option(name: str) -> str:  # without its unit
+        return "height_at" if name == "heights" else re.sub("_(mm|us|s|V|A|ohm|m_s|Pa)$", "", name)
+
     options = inspect.signature(cli.cut).parameters
-    asked = {renamed.get(name, name): field.default for name, field in CutSettings.model_fields.items()
+    asked = {option(name): field.default for name, field in CutSettings.model_fields.items()
              if name != "height_areas"}  # fmt: skip  # a polygon is no option
     assert options.keys() == asked.keys() | {"program", "out", "resume", "quiet"}
     assert {name: options[name].default or None for name in asked} == {
@@ -62,7 +65,8 @@ def test_json_gives_the_same_settings_back() -> None:
     ring = shapely.Point(0, 0).buffer(3.1).difference(shapely.Point(0, 0).buffer(1 / 3))
     settings = CutSettings(
         height_mm=5, heights=[(1, 7.5)], height_areas=[([(0, 0), (1, 0), (1, 0.1)], 6), (ring, 8)], tension=9.5,
-        controller="fixed:feed_um_s=11", offset=0.15, seed=3, max_time_s=1,
+        controller="fixed:feed_um_s=11", offset=0.15, seed=3, max_time_s=1, open_voltage_V=90, peak_current_A=3,
+        wire_speed_m_s=0.2, flushing_lower_Pa=0, flushing_upper_Pa=1e5,
     )  # fmt: skip
     again = CutSettings.of_json(settings.model_dump_json())
     assert again == settings
@@ -86,6 +90,12 @@ def test_the_windows_of_a_cut_tell_its_settings(small_cut: SimpleNamespace) -> N
     written = pyarrow.parquet.read_schema(small_cut.folder / "windows.parquet")
     for schema in (small_cut.result.windows.schema, written):
         assert CutSettings.of_json(schema.metadata[METADATA_KEY]) == expected
+
+
+def test_options_that_an_earlier_report_does_not_have_are_at_their_default(small_cut: SimpleNamespace) -> None:
+    report = small_cut.result.report
+    earlier = {k: v for k, v in report["settings"].items() if k not in Choices.model_fields}
+    assert CutSettings.of_report({**report, "settings": earlier}) == CutSettings.of_report(report)
 
 
 def test_a_report_gives_the_set_up_of_its_cut(small_cut: SimpleNamespace, tmp_path: Path) -> None:

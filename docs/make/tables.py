@@ -25,6 +25,7 @@ from edmsim.cli import app as cli
 from edmsim.controllers.feed.gap_servo import ServoController
 from edmsim.machine.files import available
 from edmsim.machine.machine import Machine
+from edmsim.machine.setting import most_current_A, open_V
 from edmsim.recording.windows import COLUMNS
 
 DOCS = Path(__file__).parents[1]
@@ -165,15 +166,15 @@ def _wire(m: Machine) -> tuple[str, ...]:
 
 
 def _generator(m: Machine) -> tuple[str, ...]:
-    open_voltage_V = m.generator.open_voltage_V.value
-    return m.generator.title, f"{m.t_on_us:g}", f"{m.t_period_us:g}", f"{open_voltage_V:g}"
+    shape, peak_A = m.generator.pulse_shape, most_current_A(m)
+    return m.generator.title, f"{m.t_on_us:g}", f"{m.t_period_us:g}", f"{open_V(m):g}", f"{shape}, {peak_A:.3g}"
 
 
 SET_UPS: dict[str, tuple[tuple[str, ...], Callable[[Machine], tuple[str, ...]]]] = {
     "machines": (("travel, mm", "motor step, um"), _machine),
     "materials": (("removal, mm3/J", "burning voltage, V"), _material),
     "wires": (("usual diameter, um", "usual tension of it, N", "breaks cold at, N"), _wire),
-    "generators": (("on-time, us", "period, us", "open voltage, V"), _generator),
+    "generators": (("on-time, us", "period, us", "open voltage, V", "pulse, peak current in A"), _generator),
 }
 TABLES: dict[str, Callable[..., list[str]]] = {
     "commands": commands, "columns": columns, "parameters": parameters, "set-ups": set_ups,

@@ -25,6 +25,22 @@ def cut(
     generator: Annotated[str, typer.Option(help="Pulse generator.")] = "iso-pulse",
     t_on: Annotated[float | None, typer.Option(help="On-time in us; default by generator.")] = None,
     t_period: Annotated[float | None, typer.Option(help="Period in us; default by generator.")] = None,
+    open_voltage: Annotated[float | None, typer.Option(help="Voltage until ignition; default by generator.")] = None,
+    peak_current: Annotated[float | None, typer.Option(help="Peak current in A; default by generator.")] = None,
+    resistance: Annotated[
+        float | None, typer.Option(help="Series resistor in ohm, in place of a peak current; default by generator.")
+    ] = None,
+    ignition_wait: Annotated[
+        float | None, typer.Option(help="Longest wait for ignition in us; default by generator.")
+    ] = None,
+    pulse_shape: Annotated[str | None, typer.Option(help="rectangle or triangle; default by generator.")] = None,
+    wire_speed: Annotated[float | None, typer.Option(help="Wire speed in m/s; default by machine.")] = None,
+    flushing_lower: Annotated[
+        float | None, typer.Option(help="Pressure of the lower nozzle in Pa, 0 is off; default by machine.")
+    ] = None,
+    flushing_upper: Annotated[
+        float | None, typer.Option(help="Pressure of the upper nozzle in Pa, 0 is off; default by machine.")
+    ] = None,
     controller: Annotated[
         str, typer.Option(help="Feed controller, with parameters if wanted: fixed:feed_um_s=20, own.py:Own.")
     ] = "counts",
@@ -49,9 +65,12 @@ def cut(
             result = run_cut(
                 program, out=out, machine=machine, material=material, height_mm=height,
                 heights=[parse_height(text) for text in height_at or ()], wire=wire, tension=tension,
-                generator=generator, t_on_us=t_on, t_period_us=t_period, controller=controller,
-                planner=planner, mechanics=mechanics, resolution=resolution, offset=offset, seed=seed,
-                max_time_s=max_time, resume=resume, watch=watcher.show,
+                generator=generator, t_on_us=t_on, t_period_us=t_period, open_voltage_V=open_voltage,
+                peak_current_A=peak_current, resistance_ohm=resistance, ignition_wait_us=ignition_wait,
+                pulse_shape=pulse_shape, wire_speed_m_s=wire_speed, flushing_lower_Pa=flushing_lower,
+                flushing_upper_Pa=flushing_upper, controller=controller, planner=planner, mechanics=mechanics,
+                resolution=resolution, offset=offset, seed=seed, max_time_s=max_time, resume=resume,
+                watch=watcher.show,
             )
     except KeyboardInterrupt:
         say("interrupted; take an interrupted cut up again with --resume")

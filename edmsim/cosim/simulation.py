@@ -104,8 +104,9 @@ class Simulation:
         What moves table and wire; see `Plant`.
     observers : sequence of Observer
         Who is shown every window.
-    max_feed_um_s : float
-        Greatest feed a controller may command; the planner's own, where that is less.
+    max_feed_um_s : float, optional
+        Greatest feed a controller may command, by default the machine's own, or that of the 1982 controller where its
+        file has none; the planner's, where that is less.
 
     Attributes
     ----------
@@ -138,7 +139,7 @@ class Simulation:
         steps: tuple[LowerRegion, ...] = (),
         mechanics: str = "modal",
         observers: Sequence[Observer] = (),
-        max_feed_um_s: float = MAX_FEED_UM_S,
+        max_feed_um_s: float | None = None,
     ) -> None:
         self.machine = machine
         self.path = path
@@ -147,7 +148,8 @@ class Simulation:
         self._planner_name = planner
         table = machine.base.table
         self._unit = position_unit(planner, table.travel_mm.value * 1e3, table.step_um.value)
-        self._max_feed_um_s = max_feed_um_s
+        own_um_s = MAX_FEED_UM_S if table.max_feed_um_s is None else table.max_feed_um_s.value
+        self._max_feed_um_s = own_um_s if max_feed_um_s is None else max_feed_um_s
         self._max_time_ns = math.inf if max_time_s is None else round(max_time_s * 1e9)
         self.legs = [leg for contour in path.contours for leg in legs_of(contour)]
         self.total_um = sum(float(np.hypot(*np.diff(leg.points_um, axis=0).T).sum()) for leg in self.legs)

@@ -155,11 +155,17 @@ class Traverse(EvenSteps):
         In um/s, 0 to `FASTEST_UM_S`, or who decides it, up to that speed either way.
 
     Axis and feed, attributes of `EvenSteps`, may be changed between windows.
+
+    Attributes
+    ----------
+    alarm : str or None
+        Why the controller last wanted to stop, if it did; nothing stops here.
     """
 
     def __init__(self, plant: Plant, feed: float | FeedController) -> None:
         self._controller = make("fixed", feed_um_s=feed) if isinstance(feed, int | float) else feed
         super().__init__(plant.machine.base.table.step_um.value, self._controller.reset(FASTEST_UM_S).feed_um_s)
+        self.alarm: str | None = None
         self._plant = plant
         self._cycle = Cycle(plant, self, self._decide)
 
@@ -176,7 +182,7 @@ class Traverse(EvenSteps):
         return self._cycle.turn().window
 
     def _decide(self, seen: WindowObservation) -> None:
-        self.feed_um_s = self._controller.update(seen).feed_um_s
+        self.feed_um_s, self.alarm = self._controller.update(seen)[:2]
 
 
 def begin(machine: Machine, seed: int, *, resolution: str = "fast", gap_um: float = SLOT_GAP_UM) -> Plant:

@@ -23,6 +23,7 @@ from edmsim.controllers import FeedController
 from edmsim.controllers.own import check_is_controller, text_of
 from edmsim.errors import InputError
 from edmsim.machine.machine import Machine
+from edmsim.machine.parts import Choices
 from edmsim.machine.setting import check_height
 from edmsim.plant.plant import MECHANICS
 from edmsim.plant.resolution import resolution as check_resolution
@@ -68,6 +69,23 @@ class CutSettings(BaseModel):
     """On-time in us; by default the generator's own."""
     t_period_us: float | None = None
     """Pulse period in us; by default the generator's own."""
+    open_voltage_V: float | None = None
+    """Voltage on the gap until it ignites, in V; by default the generator's own."""
+    peak_current_A: float | None = None
+    """Peak current of a discharge in A; by default what the supply drives through the generator's resistor, which is
+    the most there is."""
+    resistance_ohm: float | None = None
+    """Resistor in series with the gap in ohm, in place of the generator's own and of a peak current."""
+    ignition_wait_us: float | None = None
+    """Longest wait for ignition in us, where the generator has one; by default its own."""
+    pulse_shape: str | None = None
+    """Shape of the current, rectangle or triangle; by default the generator's own."""
+    wire_speed_m_s: float | None = None
+    """Speed of the running wire in m/s; by default the machine's own."""
+    flushing_lower_Pa: float | None = None
+    """Pressure of the lower nozzle in Pa over the surroundings, 0 where it is off; by default the machine's own."""
+    flushing_upper_Pa: float | None = None
+    """Pressure of the upper nozzle in Pa; by default the machine's own."""
     controller: str | FeedController = "counts"
     """Feed controller, with parameters if wanted: ``"fixed:feed_um_s=20"``; a class in an own file, ``"own.py:Own"``
     (see `edmsim.controllers.from_text`); or an object that is one."""
@@ -156,10 +174,13 @@ class CutSettings(BaseModel):
 
     @classmethod
     def of_report(cls, report: Mapping[str, Any]) -> CutSettings:
-        """Return the settings of the cut that a report tells of, as ``report.json`` holds it."""
+        """Return the settings of the cut that a report tells of, as ``report.json`` holds it.
+
+        An option that a report of an earlier version does not have is at its default.
+        """
         told = {**report["settings"], "seed": report["seed"]}
         told |= {"tension": told["tension_N"], "offset": told["offset_um"] * 1e-3}
-        return cls(**{name: told[name] for name in cls.model_fields})
+        return cls(**{name: told[name] for name in cls.model_fields if name in told})
 
     @property
     def workpiece(self) -> Heights:
@@ -177,7 +198,7 @@ class CutSettings(BaseModel):
         return Machine.load(
             self.machine, material=self.material, wire=self.wire, generator=self.generator,
             height_mm=self.workpiece.greatest_mm, tension=self.tension, t_on_us=self.t_on_us,
-            t_period_us=self.t_period_us,
+            t_period_us=self.t_period_us, **{name: getattr(self, name) for name in Choices.model_fields},
         )
 
 
@@ -194,6 +215,14 @@ class CutOptions(TypedDict, total=False):
     generator: str
     t_on_us: float | None
     t_period_us: float | None
+    open_voltage_V: float | None
+    peak_current_A: float | None
+    resistance_ohm: float | None
+    ignition_wait_us: float | None
+    pulse_shape: str | None
+    wire_speed_m_s: float | None
+    flushing_lower_Pa: float | None
+    flushing_upper_Pa: float | None
     controller: str | FeedController
     planner: str
     mechanics: str

@@ -18,6 +18,7 @@ from edmsim.errors import InputError
 from edmsim.geometry import Polyline
 from edmsim.learning.policy_file import Policy, load
 from edmsim.machine.machine import Machine
+from edmsim.machine.setting import ignition_wait_us, open_V
 from edmsim.plant.kernel.state import PULSES_PER_WINDOW
 
 Floats = NDArray[np.float64]
@@ -118,7 +119,7 @@ class PolicyController:
     def _look(self, window: WindowObservation) -> None:
         """Add a window to the observation, as the environment does."""
         assert self._machine is not None
-        us, generator = window.duration_s * 1e6, self._machine.generator
+        us = window.duration_s * 1e6
         ignited = PULSES_PER_WINDOW - window.short - window.open
         shown = observation.Shown(
             short=window.short, open=window.open, ignited=ignited,
@@ -128,11 +129,9 @@ class PolicyController:
             feed_um_s=window.feed_um_s, travel_um=window.path_um - self._path_um,
             t_on_us=self._machine.t_on_us, t_period_us=self._machine.t_period_us,
         )  # fmt: skip
-        wait = generator.ignition_wait_us
         scale = observation.Scale(
-            generator.open_voltage_V.value, generator.mean_current_limit_A.value,
-            self._machine.t_on_us if wait is None else wait.value, self._family.max_feed_um_s,
-            *self._first_us.tolist(),
+            open_V(self._machine), self._machine.generator.mean_current_limit_A.value,
+            ignition_wait_us(self._machine), self._family.max_feed_um_s, *self._first_us.tolist(),
         )
         observation.show(shown, scale, self._seen)
         self._path_um = window.path_um

@@ -26,6 +26,8 @@ def available(kind: Kind) -> list[str]:
 def read(part: type[_Part], kind: Kind, name: str) -> _Part:
     """Read one part of a set-up from a name under `models/` or the path of an own TOML file.
 
+    A file that says ``like = "agiecut-dem15"`` has the constants of that one of ours where it gives none itself.
+
     Raises
     ------
     InputError
@@ -34,13 +36,12 @@ def read(part: type[_Part], kind: Kind, name: str) -> _Part:
     if name.endswith(".toml"):
         file, text = name, _own_file(name)
     else:
-        names = available(kind)
-        if name not in names:
-            raise InputError(f"unknown {kind[:-1]} '{name}'; there are: {', '.join(names)}")
-        source = resources.files("edmsim.models") / kind / f"{name}.toml"
-        file, text = f"models/{kind}/{name}.toml", source.read_text(encoding="utf-8")
+        file, text = f"models/{kind}/{name}.toml", _our_file(kind, name)
     try:
         data: dict[str, Any] = tomllib.loads(text)
+        like = data.pop("like", None)
+        if like is not None:
+            data = _overlaid(tomllib.loads(_our_file(kind, str(like), file)), data)
         return part.model_validate(data)
     except tomllib.TOMLDecodeError as error:
         raise InputError(f"not valid TOML: {error}", file) from None
@@ -48,6 +49,23 @@ def read(part: type[_Part], kind: Kind, name: str) -> _Part:
         first = error.errors()[0]
         key = ".".join(str(part) for part in first["loc"]) or "file"
         raise InputError(f"key '{key}': {first['msg']}", file) from None
+
+
+def _our_file(kind: Kind, name: str, asked_by: str | None = None) -> str:
+    names = available(kind)
+    if name not in names:
+        raise InputError(f"unknown {kind[:-1]} '{name}'; there are: {', '.join(names)}", asked_by)
+    return (resources.files("edmsim.models") / kind / f"{name}.toml").read_text(encoding="utf-8")
+
+
+def _overlaid(below: dict[str, Any], above: dict[str, Any]) -> dict[str, Any]:
+    """Return what a file says on top of the one it is like: constants, whole, and what no section holds."""
+    sections = {
+        key: {**below[key], **value}
+        for key, value in above.items()
+        if isinstance(value, dict) and isinstance(below.get(key), dict) and "value" not in value
+    }
+    return {**below, **above, **sections}
 
 
 def read_base(name: str) -> Base:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 from edmsim.errors import InputError
 from edmsim.machine.files import read, read_base
-from edmsim.machine.parts import Constant, Generator, Material, SetUp, Wire
+from edmsim.machine.parts import Choices, Constant, Generator, Material, SetUp, Wire
 from edmsim.machine.ranges import sample, uncertain
 from edmsim.machine.setting import check
 
@@ -37,6 +37,9 @@ class Machine(SetUp):
         Workpiece height; the greatest one, if it changes. The guides stand off it.
     t_on_us, t_period_us : float
         Setting of the pulse generator.
+    open_voltage_V, peak_current_A, resistance_ohm, ignition_wait_us, pulse_shape, wire_speed_m_s, \
+    flushing_lower_Pa, flushing_upper_Pa : float, str or None
+        What the operator sets in place of the files' constants, None where they hold; see `load`.
     """
 
     @classmethod
@@ -51,6 +54,14 @@ class Machine(SetUp):
         tension: float | None = None,
         t_on_us: float | None = None,
         t_period_us: float | None = None,
+        open_voltage_V: float | None = None,
+        peak_current_A: float | None = None,
+        resistance_ohm: float | None = None,
+        ignition_wait_us: float | None = None,
+        pulse_shape: str | None = None,
+        wire_speed_m_s: float | None = None,
+        flushing_lower_Pa: float | None = None,
+        flushing_upper_Pa: float | None = None,
     ) -> Machine:
         """Read a set-up and check it.
 
@@ -66,6 +77,22 @@ class Machine(SetUp):
             Newton; the wire's default stress if not given.
         t_on_us, t_period_us : float, optional
             Generator setting; the generator's own if not given.
+        open_voltage_V : float, optional
+            Voltage until ignition, within the generator's range, or 10..500 V if its file has none. It drives the
+            discharge, too, where the generator has no supply of its own for that.
+        peak_current_A : float, optional
+            Peak current of a discharge: at most what the supply drives through the generator's own resistor.
+        resistance_ohm : float, optional
+            Resistor in place of the generator's, 0.01..10 000 ohm; not together with `peak_current_A`.
+        ignition_wait_us : float, optional
+            Longest wait for ignition, 0.1..10 000 us; not for an iso-pulse generator, which has none.
+        pulse_shape : {"rectangle", "triangle"}, optional
+            Shape of the current; a triangle not for an iso-pulse generator, which would cut it off.
+        wire_speed_m_s : float, optional
+            Speed of the running wire, 0.001..15 m/s.
+        flushing_lower_Pa, flushing_upper_Pa : float, optional
+            Pressures of the two nozzles over the surroundings, 0 (off) to 3e6 Pa; the machine's own for both if not
+            given.
 
         Raises
         ------
@@ -89,13 +116,20 @@ class Machine(SetUp):
             height_mm=height_mm,
             t_on_us=generator_.t_on_us.value if t_on_us is None else t_on_us,
             t_period_us=generator_.t_period_us.value if t_period_us is None else t_period_us,
+            open_voltage_V=open_voltage_V, peak_current_A=peak_current_A, resistance_ohm=resistance_ohm,
+            ignition_wait_us=ignition_wait_us, pulse_shape=pulse_shape, wire_speed_m_s=wire_speed_m_s,
+            flushing_lower_Pa=flushing_lower_Pa, flushing_upper_Pa=flushing_upper_Pa,
         )
         machine.check()
         return machine
 
-    def with_(self, **changes: float) -> Machine:
-        """Return a copy with other operator's choices (tension, height_mm, t_on_us, t_period_us), checked."""
-        unknown = set(changes) - {"tension", "height_mm", "t_on_us", "t_period_us", "wire_diameter_um"}
+    def with_(self, **changes: float | str | None) -> Machine:
+        """Return a copy with other operator's choices, checked: tension, height, diameter, or a setting of `load`.
+
+        None puts the files' constant in force again where there is one.
+        """
+        known = {"tension", "height_mm", "t_on_us", "t_period_us", "wire_diameter_um", *Choices.model_fields}
+        unknown = set(changes) - known
         if unknown:
             raise InputError(f"Machine.with_ does not know {', '.join(sorted(unknown))}")
         machine = self.model_copy(update=changes)
@@ -114,9 +148,9 @@ class Machine(SetUp):
         """Draw a machine within the ranges of its uncertain constants.
 
         Each constant is drawn by itself: log-uniformly where its range is positive and spans a factor of 3 or
-        more, uniformly otherwise. The operator's choices (tension, height, diameter, pulse setting) stay. A
-        set-up that `check` refuses, say because the wire drawn does not hold the tension, is drawn again, so
-        the machines follow the ranges as far as these choices allow.
+        more, uniformly otherwise. The operator's choices stay, whatever is drawn of the constants in whose
+        place they are. A set-up that `check` refuses, say because the wire drawn does not hold the tension, is
+        drawn again, so the machines follow the ranges as far as these choices allow.
 
         Parameters
         ----------

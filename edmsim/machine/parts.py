@@ -48,6 +48,7 @@ class Table(Part):
 
     travel_mm: Positive
     step_um: Positive
+    max_feed_um_s: Positive | None = None  # without it that of the 1982 controller
     rapid_um_s: Positive
     threading_s: Constant
     friction_N: Constant
@@ -198,6 +199,7 @@ class Generator(Part):
     t_period_us: Positive
     ignition_wait_us: Positive | None = None
     mean_current_limit_A: Positive
+    pulse_shape: Literal["rectangle", "triangle"] = "rectangle"
 
     @model_validator(mode="after")
     def _wait_where_needed(self) -> Generator:
@@ -206,7 +208,23 @@ class Generator(Part):
         return self
 
 
-class SetUp(Part):
+class Choices(Part):
+    """What an operator may set in place of a constant of the files; None leaves the constant in force.
+
+    Nothing but `edmsim.machine.setting` reads these: its functions return what is in force.
+    """
+
+    open_voltage_V: float | None = None
+    peak_current_A: float | None = None
+    resistance_ohm: float | None = None
+    ignition_wait_us: float | None = None
+    pulse_shape: str | None = None
+    wire_speed_m_s: float | None = None
+    flushing_lower_Pa: float | None = None
+    flushing_upper_Pa: float | None = None
+
+
+class SetUp(Choices):
     """Everything a set-up consists of, unchecked; see `edmsim.Machine` for its attributes."""
 
     name: str

@@ -1,28 +1,97 @@
-"""What of a set-up the wire, the machine and the generator's supply refuse."""
+"""A set-up's setting: what is in force of the files' constants and the operator's choices, and what is refused."""
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 from edmsim.errors import InputError
-from edmsim.machine.parts import SetUp
+from edmsim.machine.parts import Constant, SetUp
 
 WIRE_DIAMETER_UM = (20.0, 400.0)
 """Wire diameters of the field (thesis 1982, section 2.7.1)."""
 HEIGHT_MM = (0.5, 400.0)
 """Workpiece heights of the field, from sheet to the tallest machines' work areas (ours)."""
 T_ON_US = (1.0, 1000.0)
-"""On-times of the field (row T-1)."""
+"""On-times of the field (row T-1), for a generator whose file gives no range."""
 T_PERIOD_US = (2.0, 10_000.0)
-"""Periods: 500 kHz (row T-36) to 10 ms (row T-2)."""
+"""Periods: 500 kHz (row T-36) to 10 ms (row T-2), for a generator whose file gives no range."""
+
+
+class Limit(NamedTuple):
+    """What a choice is called, its unit, and its least and greatest value."""
+
+    what: str
+    unit: str
+    low: float
+    high: float
+
+
+LIMITS = {
+    "open_voltage_V": Limit("open voltage", "V", 10.0, 500.0),
+    "peak_current_A": Limit("peak current", "A", 0.1, 2000.0),
+    "resistance_ohm": Limit("resistance", "ohm", 0.01, 10_000.0),
+    "ignition_wait_us": Limit("ignition wait", "us", 0.1, 10_000.0),
+    "wire_speed_m_s": Limit("wire speed", "m/s", 0.001, 15.0),
+    "flushing_lower_Pa": Limit("pressure of the lower nozzle", "Pa", 0.0, 3e6),
+    "flushing_upper_Pa": Limit("pressure of the upper nozzle", "Pa", 0.0, 3e6),
+}
+"""Limits of the operator's choices, from trim cuts to the largest roughing generators, from a wire that creeps to the
+10 m/s of machines that reuse it, from a nozzle that is off to pumps of 30 bar (ours). A range in the generator's file
+holds instead."""
+
+
+class PulseForm(NamedTuple):
+    """Form of a discharge's current: its mean over its peak, and its mean square over the square of its mean."""
+
+    mean: float
+    square: float
+
+
+PULSE_FORMS = {"rectangle": PulseForm(1.0, 1.0), "triangle": PulseForm(1 / 2, 4 / 3)}
+"""By pulse shape; a triangle rises and falls linearly: its charge is I t/2, the integral of i^2 is I^2 t/3."""
+
+
+def _in_force(chosen: float | None, constant: Constant) -> float:
+    return constant.value if chosen is None else chosen
+
+
+def pulse_form(machine: SetUp) -> PulseForm:
+    """Form of a discharge's current."""
+    return PULSE_FORMS[machine.pulse_shape or machine.generator.pulse_shape]
+
+
+def open_V(machine: SetUp) -> float:
+    """Voltage on the gap until it ignites."""
+    return _in_force(machine.open_voltage_V, machine.generator.open_voltage_V)
 
 
 def supply_V(machine: SetUp) -> float:
     """Voltage of the supply that drives the discharge; the open voltage where the generator has no second one."""
-    return (machine.generator.supply_voltage_V or machine.generator.open_voltage_V).value
+    second = machine.generator.supply_voltage_V
+    return open_V(machine) if second is None else second.value
+
+
+def most_current_A(machine: SetUp) -> float:
+    """Greatest peak current: what the supply drives through the generator's own resistor (row T-4)."""
+    return (supply_V(machine) - machine.material.burning_voltage_V.value) / machine.generator.resistance_ohm.value
+
+
+def resistance_ohm(machine: SetUp) -> float:
+    """Resistance in series with the gap; the peak current is chosen by switching more of it in."""
+    if machine.peak_current_A is not None:
+        return (supply_V(machine) - machine.material.burning_voltage_V.value) / machine.peak_current_A
+    return _in_force(machine.resistance_ohm, machine.generator.resistance_ohm)
 
 
 def discharge_current_A(machine: SetUp) -> float:
-    """Current of a discharge: (u(i) - u(e)) / R (row T-4)."""
-    return (supply_V(machine) - machine.material.burning_voltage_V.value) / machine.generator.resistance_ohm.value
+    """Mean current of a discharge: (u(i) - u(e)) / R (row T-4) at its peak, times the share of the pulse's shape."""
+    peak = (supply_V(machine) - machine.material.burning_voltage_V.value) / resistance_ohm(machine)
+    return peak * pulse_form(machine).mean
+
+
+def short_current_A(machine: SetUp) -> float:
+    """Mean current of a short circuit over the on-time: no burning voltage is left."""
+    return supply_V(machine) / resistance_ohm(machine) * pulse_form(machine).mean
 
 
 def mean_current_A(machine: SetUp) -> float:
@@ -33,6 +102,34 @@ def mean_current_A(machine: SetUp) -> float:
 def least_period_us(machine: SetUp, t_on_us: float) -> float:
     """Shortest period at which the supply gives an on-time without exceeding its mean current (rows T-34, T-35)."""
     return discharge_current_A(machine) * t_on_us / machine.generator.mean_current_limit_A.value
+
+
+def ignition_wait_us(machine: SetUp) -> float:
+    """Longest time to ignition: the on-time where the switch ends the pulse."""
+    own = machine.generator.ignition_wait_us
+    return machine.t_on_us if own is None else _in_force(machine.ignition_wait_us, own)
+
+
+def busy_us(machine: SetUp) -> float:
+    """Time of a pulse that a period must leave room for, at the least."""
+    waits = machine.generator.mode == "ignition-pulse"
+    return machine.t_on_us + (ignition_wait_us(machine) if waits else 0.0)
+
+
+def period_range_us(machine: SetUp) -> tuple[float, float]:
+    """Shortest and longest period of the generator."""
+    return machine.generator.t_period_us.range or T_PERIOD_US
+
+
+def wire_speed_m_s(machine: SetUp) -> float:
+    """Speed of the running wire."""
+    return _in_force(machine.wire_speed_m_s, machine.base.guides.wire_speed_m_s)
+
+
+def flushing_Pa(machine: SetUp) -> tuple[float, float]:
+    """Pressures of the lower and the upper nozzle over the surroundings; the machine's own is that of both."""
+    own = machine.base.dielectric.flushing_pressure_Pa
+    return _in_force(machine.flushing_lower_Pa, own), _in_force(machine.flushing_upper_Pa, own)
 
 
 def check(machine: SetUp) -> None:
@@ -48,7 +145,9 @@ def check(machine: SetUp) -> None:
             f"wire tension {machine.tension:g} N breaks the {machine.wire_diameter_um:g} um {machine.wire_name} wire "
             f"at rest: it holds {machine.breaking_force:.3g} N"
         )
-    check_setting(machine)
+    _check_choices(machine)
+    _check_times(machine)
+    _check_currents(machine)
 
 
 def check_height(height_mm: float, where: str = "") -> None:
@@ -58,21 +157,53 @@ def check_height(height_mm: float, where: str = "") -> None:
         raise InputError(f"workpiece height {height_mm:g} mm{where} is not within {low:g}..{high:g} mm")
 
 
-def check_setting(machine: SetUp) -> None:
-    """Raise `InputError` for a setting the generator refuses (rows T-1, T-2, T-34..T-36)."""
+def _check_choices(machine: SetUp) -> None:
+    """Refuse choices out of their limits, and those that exclude each other or do not belong to the generator."""
+    mode = machine.generator.mode
+    for name, limit in LIMITS.items():
+        value, constant = getattr(machine, name), getattr(machine.generator, name, None)
+        low, high = constant.range if constant and constant.range else (limit.low, limit.high)
+        if value is not None and not low <= value <= high:
+            raise InputError(f"{limit.what} {value:g} {limit.unit} is not within {low:g}..{high:g} {limit.unit}")
+    if machine.peak_current_A is not None and machine.resistance_ohm is not None:
+        raise InputError("peak current and resistance are both given: choose one, as it decides on the other")
+    if machine.ignition_wait_us is not None and mode == "iso-pulse":
+        raise InputError("an iso-pulse generator has no ignition wait: its switch opens at t_on, ignited or not")
+    shape = machine.pulse_shape or machine.generator.pulse_shape
+    if shape not in PULSE_FORMS:
+        raise InputError(f"unknown pulse shape '{shape}'; there are: {', '.join(PULSE_FORMS)}")
+    if shape == "triangle" and mode == "iso-pulse":
+        raise InputError(
+            "an iso-pulse generator makes no triangles: the switch would cut them off; choose iso-energetic or "
+            "ignition-pulse, whose discharges all last t_on"
+        )
+
+
+def _check_times(machine: SetUp) -> None:
+    """Refuse on-times and periods out of the generator's limits, and those without a pause (rows T-1, T-2, T-36)."""
     for name, value, (low, high) in (
-        ("t_on", machine.t_on_us, T_ON_US),
-        ("t_period", machine.t_period_us, T_PERIOD_US),
+        ("t_on", machine.t_on_us, machine.generator.t_on_us.range or T_ON_US),
+        ("t_period", machine.t_period_us, period_range_us(machine)),
     ):
         if not low <= value <= high:
             raise InputError(f"{name} {value:g} us is not within {low:g}..{high:g} us")
-    wait = machine.generator.ignition_wait_us
-    busy = machine.t_on_us + (wait.value if wait and machine.generator.mode == "ignition-pulse" else 0.0)
+    busy = busy_us(machine)
     if busy >= machine.t_period_us:
         raise InputError(f"t_period {machine.t_period_us:g} us leaves no pause after {busy:g} us of pulse")
-    current = discharge_current_A(machine)
-    if current <= 0:
-        raise InputError(f"open voltage {supply_V(machine):g} V is not above the burning voltage")
+
+
+def _check_currents(machine: SetUp) -> None:
+    """Refuse voltages that drive no discharge, and currents the supply does not give (rows T-34, T-35)."""
+    burning = machine.material.burning_voltage_V.value
+    for name, voltage in (("open", open_V(machine)), ("supply", supply_V(machine))):
+        if voltage <= burning:
+            raise InputError(f"{name} voltage {voltage:g} V is not above the burning voltage of {burning:g} V")
+    if machine.peak_current_A is not None and machine.peak_current_A > most_current_A(machine) * (1 + 1e-9):
+        raise InputError(
+            f"peak current {machine.peak_current_A:g} A is above the {most_current_A(machine):.4g} A that "
+            f"{supply_V(machine):g} V drive through the generator's {machine.generator.resistance_ohm.value:g} ohm "
+            f"against {burning:g} V; choose less, or a lower resistance"
+        )
     limit = machine.generator.mean_current_limit_A.value
     if mean_current_A(machine) > limit + 1e-9:
         raise InputError(

@@ -12,10 +12,11 @@ from numpy.typing import NDArray
 
 from edmsim.compiled.vectors import filled
 from edmsim.machine.files import mjcf_version
+from edmsim.machine.setting import flushing_Pa, resistance_ohm, wire_speed_m_s
 from edmsim.plant.gap.breakdown import GapLaw
 from edmsim.plant.gap.bubble import REFERENCE_GAP_UM, BubbleLaw, bubble_law
 from edmsim.plant.gap.coverage import AMBIENT_PA, GasLaw, cover_um2_J, refill_us, steam_life_us
-from edmsim.plant.gap.debris import flow_speed_m_s, nozzle_flow_per_slice_us
+from edmsim.plant.gap.debris import Jets, jets
 from edmsim.plant.gap.water import (
     BOILING_K,
     DENSITY_KG_M3,
@@ -106,6 +107,7 @@ def constants(machine: Machine, res: Resolution) -> Constants:
     slice_m = slice_um * 1e-6
     patch = _patch_m2(machine, res)
     front, side = res.film_from_um, max(res.film_from_um, water.side_gap_um.value)
+    flow = flushing(machine)
     return Constants(
         radius_um=radius,
         slice_um=slice_um,
@@ -118,7 +120,7 @@ def constants(machine: Machine, res: Resolution) -> Constants:
         * permittivity_ratio(water.gap_temperature_K.value)
         * VACUUM_PERMITTIVITY_F_M,
         leak_S_um=water.conductivity_uS_cm.value * 1e-4 * patch * 1e6,
-        supply_ohm=machine.generator.resistance_ohm.value,
+        supply_ohm=resistance_ohm(machine),
         formative_us=gap.formative_us.value,
         formative_sd_us=gap.formative_sd_us.value,
         primed_scale_us=gap.primed_scale_us.value,
@@ -149,17 +151,15 @@ def constants(machine: Machine, res: Resolution) -> Constants:
         spot_gain=spark.spot_gain.value,
         spot_us=spark.spot_us.value,
         wire_heat_share=base.cooling.wire_heat_share.value,
-        nozzle_flow_us=nozzle_flow_per_slice_us(
-            water.flushing_pressure_Pa.value, _gap_viscosity_Pa_s(machine), water.side_gap_um.value,
-            machine.height_mm, res.slices,
-        ),
+        lower_flow_us=flow.lower_m_s / slice_m * 1e-6,
+        upper_flow_us=flow.upper_m_s / slice_m * 1e-6,
         cavity_um3=math.pi * radius * slice_um * water.side_gap_um.value,
         tension_N=machine.tension,
         strength_N=machine.breaking_force,
         half_strength_K=machine.wire.half_strength_K.value,
         water_K=water.temperature_K.value,
         worn_share_per_um3_us=spark.wear_ratio.value
-        / (base.guides.wire_speed_m_s.value * math.pi * radius**2),
+        / (wire_speed_m_s(machine) * math.pi * radius**2),
         step_um=base.table.step_um.value,
     )
 
@@ -176,7 +176,7 @@ def heat_law(machine: Machine, res: Resolution) -> HeatLaw:
         kelvin_per_J=1 / (volumetric * section * slice_m),
         cooling_m2K_J=girth / (volumetric * section) * 1e-6,
         conduction_per_us=wire.conductivity_W_mK.value / volumetric / slice_m**2 * 1e-6,
-        run_per_us=machine.base.guides.wire_speed_m_s.value / slice_m * 1e-6,
+        run_per_us=wire_speed_m_s(machine) / slice_m * 1e-6,
         joule_K_per_A2_us=joule_W_m_per_A2 / (volumetric * section) * 1e-6,
         resistance_per_K=wire.resistivity_per_K.value,
         water_K=machine.base.dielectric.temperature_K.value,
@@ -278,14 +278,20 @@ def _propagators(modes: ModalModel, grid_us: float) -> Propagators:
     return Propagators(of_wire, compliance, np.ascontiguousarray(yielding), t11, t12, t21, t22)
 
 
-def flow_m_s(machine: Machine, res: Resolution) -> NDArray[np.float64]:
-    """Speed of the water past each slice's wire."""
+def flushing(machine: Machine) -> Jets:
+    """What the two nozzles drive through the gap."""
     water = machine.base.dielectric
-    speed = flow_speed_m_s(
-        water.flushing_pressure_Pa.value, _gap_viscosity_Pa_s(machine), water.side_gap_um.value, machine.height_mm
-    )
-    from_middle = np.abs(2 * (np.arange(res.slices) + 0.5) / res.slices - 1)
-    return speed * from_middle
+    return jets(*flushing_Pa(machine), _gap_viscosity_Pa_s(machine), water.side_gap_um.value, machine.height_mm)
+
+
+def flow_m_s(machine: Machine, res: Resolution) -> NDArray[np.float64]:
+    """Speed of the water past every slice."""
+    return flushing(machine).past_m_s((np.arange(res.slices) + 0.5) / res.slices)
+
+
+def flow_share(machine: Machine, res: Resolution) -> NDArray[np.float64]:
+    """Water that enters every slice from either nozzle, (2, slices); see `debris.Jets.flow_share`."""
+    return flushing(machine).flow_share(res.slices)
 
 
 def flow_factor(machine: Machine, res: Resolution) -> NDArray[np.float64]:
@@ -302,6 +308,10 @@ def convection_W_m2K(machine: Machine, res: Resolution) -> NDArray[np.float64]:
 def height_share(machine: Machine, res: Resolution) -> NDArray[np.float64]:
     """Heights of the slices' mid-planes above the lower guide, as shares of the distance of the guides."""
     return _slice_heights_m(machine, res) / (machine.guide_distance_mm * 1e-3)
+
+
+ALONG_WIRE = height_share, flow_factor, flow_share, convection_W_m2K
+"""What a set-up has for every slice, each under its name in `Arrays`."""
 
 
 def arrays(
@@ -325,7 +335,7 @@ def arrays(
     a.slice_mass_kg[:] = model.slice_mass_kg
     a.mobility[:modes], a.inertia[:modes] = model.mobility, model.inertia
     for name, values in along_wire.items():
-        getattr(a, name)[:slices] = values
+        getattr(a, name)[..., :slices] = values
     a.table_shape[:] = model.table_slide_shape
     a.table_participation[:] = model.table_participation
     return a

@@ -100,10 +100,7 @@ class Plant(PlantReadings):
         self._resolution_name = resolution
         self.resolution = res = named_resolution(resolution)
         self._constants = constants.constants(machine, res)
-        self._along_wire = {
-            of.__name__: of(machine, res)
-            for of in (constants.height_share, constants.flow_factor, constants.convection_W_m2K)
-        }
+        self._along_wire = {of.__name__: of(machine, res) for of in constants.ALONG_WIRE}
         coordinates = res.modes if mechanics == "modal" else N_NODES
         self._sizes = sizes_of(res.slices, res.rays, coordinates)
         self._memory = Memory(self._sizes)

@@ -28,7 +28,7 @@ from edmsim.controllers.pulse_counters import WINDOW_PULSES
 from edmsim.cosim.stops import switches_open
 from edmsim.errors import InputError
 from edmsim.machine.machine import Machine
-from edmsim.machine.setting import discharge_current_A
+from edmsim.machine.setting import discharge_current_A, open_V
 from edmsim.plant.plant import Plant
 from edmsim.plant.window import PlantError, PulseWindow
 from edmsim.terminal.route import Point, Route
@@ -80,7 +80,7 @@ class Rig:
         check_1982(machine.base.table.step_um.value)
         self.plant = Plant(machine, seed, resolution=resolution)
         self.board = Board(PulseSettings(pulse_A=discharge_current_A(machine)), faults=faults)
-        self.board.open_V = machine.generator.open_voltage_V.value
+        self.board.open_V = open_V(machine)
         self.computer = Computer(self.board)
         self.way, self.cause = STAND_BY, ""
         self.held: tuple[Planner, Route] | None = None

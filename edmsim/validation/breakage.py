@@ -9,8 +9,9 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 
-from edmsim.controllers import FeedController, make
-from edmsim.cosim.straight import Traverse, begin, cut_straight
+from edmsim.controllers import from_text, make
+from edmsim.cosim.straight import cut_straight
+from edmsim.evaluation.stable_rate import quick_counts, shorten_pauses
 from edmsim.machine.machine import Machine
 from edmsim.machine.parts import Generator, Positive
 from edmsim.validation.rows import Check, Row, mean_and_interval
@@ -32,14 +33,12 @@ PAUSE_US, BREAKING_PAUSE_US = 8.0, 6.0
 """Pause of that stable cutting, and the pause at which the wire broke in all four trials (his table 2)."""
 LONGEST_PERIOD_US = 60.0
 """Pulse and pause the search begins with: a third of any limit found (ours)."""
-SHORTEST_PAUSE_US = 1.0
-"""Pause the search ends with: less than a fifth of the channels have deionised by then (ours)."""
-SHORTENING = 0.95
-"""From step to step of the search (ours: the limit is known to 5 %)."""
 HOLD_S = 0.3
 """Time at each step, several times the wire's thermal time constant of some 20 ms (ours)."""
 APPROACH_S = 2.0
 """Time the feed is given to find its level first (ours)."""
+OPEN_SHARE = 0.3
+"""Share of open pulses that the feed holds, far from shorts (ours)."""
 
 
 def sato_rig(
@@ -104,32 +103,14 @@ def _with_generator(machine: Machine, generator: Generator) -> Machine:
     return rig
 
 
-def _servo() -> FeedController:
-    """Count law quick enough for steps of `HOLD_S`, at a share of open pulses far from shorts (gains are ours)."""
-    return make(
-        "counts", open_target_share=0.3, start_feed_um_s=5.0, proportional_um_s=30.0, integral_um_s2=100.0,
-        filter_s=0.05, return_feed_um_s=5.0, retract_feed_um_s=100.0, max_tries=1000,
-    )
-
-
 def break_limit_A(machine: Machine, seed: int) -> float:
     """Largest mean current, without short-circuit pulses, that the wire held for `HOLD_S`.
 
     Where the shortest pause does not break it, the largest current there was: then a lower bound of the limit.
     """
-    plant = begin(machine, seed)
-    traverse = Traverse(plant, _servo())
-    windows = traverse.run(APPROACH_S)
-    period_us, held_A = machine.t_period_us, 0.0
-    while not windows[-1].broken and period_us > machine.t_on_us + SHORTEST_PAUSE_US:
-        plant.set_generator(machine.t_on_us, period_us)
-        windows = traverse.run(HOLD_S)
-        seconds = sum(w.duration_ns for w in windows) * 1e-9
-        if not windows[-1].broken:
-            charge = sum(w.energy_J for w in windows) / machine.material.burning_voltage_V.value
-            held_A = max(held_A, charge / seconds)
-        period_us *= SHORTENING
-    return held_A
+    servo = from_text(quick_counts(OPEN_SHARE))
+    held, _ = shorten_pauses(machine, seed, servo, hold_s=HOLD_S, approach_s=APPROACH_S)
+    return max((step.current_A for step in held), default=0.0)
 
 
 def _limits(machine: Machine, seeds: Sequence[int]) -> list[float]:

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from edmsim.machine.machine import Machine
-from edmsim.plant.gap.debris import bridged_probability, flush, nozzle_flow_per_slice_us
+from edmsim.plant.gap.debris import bridged_probability, flush, jets
 from edmsim.plant.resolution import resolution
 from edmsim.validation.rows import Check, Row, mean_and_interval
 from edmsim.validation.setups import STILL, altered, in_a_hole
@@ -67,11 +67,12 @@ def check_bridging(seeds: Sequence[int]) -> list[Row]:
 def residence_ms(pressure_Pa: float, height_mm: float, gap_um: float) -> float:
     """Time in which flushing carries off all but 1/e of the debris of a gap filled evenly."""
     slices = resolution("fine").slices
-    flow = nozzle_flow_per_slice_us(pressure_Pa, 1e-3, gap_um, height_mm, slices)
+    both = jets(pressure_Pa, pressure_Pa, 1e-3, gap_um, height_mm)
+    changes_us = both.lower_m_s / (height_mm * 1e-3 / slices) * 1e-6
     debris, step_us, left = np.ones(slices), 10.0, 1.0
     time_us = 0.0
     while left > np.exp(-1):
-        flush(debris, flow * step_us)
+        flush(debris, changes_us * step_us, changes_us * step_us, both.flow_share(slices))
         time_us, left = time_us + step_us, float(debris.mean())
     return time_us * 1e-3
 

@@ -14,8 +14,20 @@ import pytest
 from edmsim.errors import InputError
 from edmsim.machine.files import Kind, available
 from edmsim.machine.machine import Machine
-from edmsim.machine.setting import discharge_current_A, mean_current_A
+from edmsim.machine.setting import (
+    LIMITS,
+    discharge_current_A,
+    flushing_Pa,
+    ignition_wait_us,
+    least_period_us,
+    mean_current_A,
+    open_V,
+    resistance_ohm,
+    short_current_A,
+    wire_speed_m_s,
+)
 
+LABORATORY = ("iso-pulse", "iso-energetic", "ignition-pulse")
 OwnFile = Callable[..., str]
 KINDS = get_args(Kind)
 FILES = [(kind, name) for kind in KINDS for name in available(kind)]
@@ -56,7 +68,7 @@ def test_every_file_loads(kind: str, name: str) -> None:
 def test_the_wires_and_materials_asked_for_are_there() -> None:  # T-13
     assert {"copper", "brass", "molybdenum"} <= set(available("wires"))
     assert {"tool-steel", "cemented-carbide", "copper", "aluminium"} <= set(available("materials"))
-    assert {"iso-pulse", "iso-energetic", "ignition-pulse"} == set(available("generators"))
+    assert {*LABORATORY, "production"} == set(available("generators"))
 
 
 @pytest.mark.parametrize(("kind", "name"), FILES)
@@ -201,7 +213,7 @@ def test_pulse_times_of_the_field(t_on: float, t_period: float, named: str) -> N
     assert named in refusal(t_on_us=t_on, t_period_us=t_period)
 
 
-@pytest.mark.parametrize("generator", available("generators"))
+@pytest.mark.parametrize("generator", LABORATORY)
 def test_mean_current_stays_within_2_A(generator: str) -> None:  # T-34, T-35
     machine = Machine.load(generator=generator, t_on_us=30, t_period_us=1000)
     assert discharge_current_A(machine) == pytest.approx((100 - 22) / 11.8)
@@ -234,3 +246,176 @@ def test_with_refuses_what_it_does_not_know() -> None:
         Machine.load().with_(heigth_mm=40)
     with pytest.raises(ValueError, match="frozen"):
         Machine.load().height_mm = 3
+
+
+# --- choices in place of the files' constants ---
+
+
+def test_without_a_choice_the_files_hold() -> None:
+    machine = Machine.load(generator="iso-energetic")
+    generator, base = machine.generator, machine.base
+    assert open_V(machine) == generator.open_voltage_V.value
+    assert resistance_ohm(machine) == generator.resistance_ohm.value
+    assert generator.ignition_wait_us is not None
+    assert ignition_wait_us(machine) == generator.ignition_wait_us.value
+    assert wire_speed_m_s(machine) == base.guides.wire_speed_m_s.value
+    assert flushing_Pa(machine) == (base.dielectric.flushing_pressure_Pa.value,) * 2
+
+
+def test_a_choice_holds_in_place_of_the_constant_and_none_takes_it_back() -> None:
+    usual = Machine.load(generator="iso-energetic")
+    machine = Machine.load(
+        generator="iso-energetic", open_voltage_V=110.0, ignition_wait_us=33.0, wire_speed_m_s=0.25,
+        flushing_lower_Pa=0.0, flushing_upper_Pa=4e5, t_on_us=10.0,
+    )  # fmt: skip
+    assert (open_V(machine), ignition_wait_us(machine), wire_speed_m_s(machine)) == (110.0, 33.0, 0.25)
+    assert flushing_Pa(machine) == (0.0, 4e5)
+    assert machine.generator == usual.generator  # the files stay what they are
+    assert machine.base == usual.base
+    back = machine.with_(open_voltage_V=None, ignition_wait_us=None, wire_speed_m_s=None, flushing_lower_Pa=None,
+                         flushing_upper_Pa=None, t_on_us=usual.t_on_us)  # fmt: skip
+    assert back == usual
+
+
+def test_the_peak_current_is_chosen_by_resistance_and_shorts_follow() -> None:
+    machine = Machine.load(peak_current_A=3.0)
+    assert discharge_current_A(machine) == pytest.approx(3.0)
+    assert resistance_ohm(machine) == pytest.approx(78.0 / 3.0)
+    assert short_current_A(machine) == pytest.approx(3.0 * 100.0 / 78.0)
+    assert discharge_current_A(Machine.load(resistance_ohm=78.0 / 3.0)) == pytest.approx(3.0)
+
+
+def test_the_resistor_lets_more_through_at_a_higher_open_voltage() -> None:
+    assert Machine.load(open_voltage_V=120.0, peak_current_A=8.0, t_period_us=150.0).peak_current_A == 8.0
+    assert "8 A is above the 6.61 A that 100 V drive" in refusal(peak_current_A=8.0, t_period_us=150.0)
+
+
+def test_a_triangle_has_half_the_mean_current_and_so_half_the_shortest_period() -> None:
+    rectangle, triangle = (
+        Machine.load(generator="iso-energetic", pulse_shape=shape) for shape in ("rectangle", "triangle")
+    )
+    for of in (discharge_current_A, short_current_A, mean_current_A, lambda m: least_period_us(m, 20.0)):
+        assert of(triangle) == pytest.approx(of(rectangle) / 2)
+    assert triangle.with_(t_period_us=0.6 * least_period_us(rectangle, 20.0)).pulse_shape == "triangle"
+
+
+def test_a_choice_of_the_other_kind_takes_the_place_of_the_first() -> None:
+    machine = Machine.load(peak_current_A=3.0)
+    assert discharge_current_A(machine.with_(peak_current_A=None, resistance_ohm=39.0)) == pytest.approx(2.0)
+    with pytest.raises(InputError, match="both given"):
+        machine.with_(resistance_ohm=39.0)
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        ({"peak_current_A": 6.7}, "peak current 6.7 A is above the 6.61 A that 100 V drive through the generator's "
+                                  "11.8 ohm against 22 V; choose less, or a lower resistance"),
+        ({"peak_current_A": 3.0, "resistance_ohm": 20.0}, "peak current and resistance are both given"),
+        ({"resistance_ohm": 5.0}, "above the generator's 2 A"),
+        ({"open_voltage_V": 59.0}, "open voltage 59 V is not within 60..120 V"),
+        ({"open_voltage_V": 20.0, "generator": "ignition-pulse"}, "open voltage 20 V is not above the burning volt"),
+        ({"open_voltage_V": 501.0, "generator": "ignition-pulse"}, "open voltage 501 V is not within 10..500 V"),
+        ({"ignition_wait_us": 20.0}, "an iso-pulse generator has no ignition wait"),
+        ({"ignition_wait_us": 80.0, "generator": "ignition-pulse"}, "t_period 100 us leaves no pause after 100 us"),
+        ({"pulse_shape": "triangle"}, "an iso-pulse generator makes no triangles"),
+        ({"pulse_shape": "triangle", "generator": "iso-energetic", "t_on_us": 90.0},
+         "t_period 90 us leaves no pause after 90 us"),
+        ({"pulse_shape": "sine", "generator": "iso-energetic"}, "unknown pulse shape 'sine'; there are: rectangle"),
+        ({"flushing_lower_Pa": -1.0}, "pressure of the lower nozzle -1 Pa is not within 0..3e+06 Pa"),
+    ],
+)  # fmt: skip
+def test_a_choice_that_cannot_run_is_told_in_one_line(options: dict[str, Any], said: str) -> None:
+    assert said in refusal(**options)
+
+
+@pytest.mark.parametrize("name", LIMITS)
+def test_choices_have_limits(name: str) -> None:
+    limit = LIMITS[name]
+    for value in (limit.low - 1.0, 1.01 * limit.high, math.nan, math.inf, -math.inf):
+        text = refusal(**{name: value, "generator": "iso-energetic"})
+        assert f"{limit.what} {value:g} {limit.unit} is not within" in text
+
+
+def test_a_generator_s_own_ranges_hold_in_place_of_the_field_s(own_file: OwnFile) -> None:
+    file = own_file(
+        "generators", "iso-energetic", ("value = 20.0, range = [1.0, 1000.0]", "value = 20.0, range = [0.2, 25.0]"),
+        ("{ value = 60.0, source", "{ value = 60.0, range = [10.0, 80.0], source"),
+    )  # fmt: skip
+    assert Machine.load(generator=file, t_on_us=0.3).t_on_us == 0.3
+    assert "t_on 26 us is not within 0.2..25 us" in refusal(generator=file, t_on_us=26.0)
+    assert "ignition wait 81 us is not within 10..80 us" in refusal(generator=file, ignition_wait_us=81.0)
+
+
+def test_a_triangle_is_no_shape_of_an_own_iso_pulse_generator(own_file: OwnFile) -> None:
+    file = own_file("generators", "iso-pulse", ('mode = "iso-pulse"', 'mode = "iso-pulse"\npulse_shape = "triangle"'))
+    assert "makes no triangles" in refusal(generator=file)
+
+
+# --- files that are like another, and the production preset ---
+
+
+def test_a_file_like_another_has_its_constants_where_it_gives_none(own_file: OwnFile, tmp_path: Path) -> None:
+    file = tmp_path / "like.toml"
+    file.write_text(
+        'title = "Like"\nlike = "agiecut-dem15"\n[guides]\nclearance_mm = { value = 3.0, source = "measured" }\n'
+    )
+    own, usual = Machine.load(str(file)).base, Machine.load().base
+    assert (own.title, own.guides.clearance_mm.value, own.guides.clearance_mm.range) == ("Like", 3.0, None)
+    assert own.guides.model_copy(update={"clearance_mm": usual.guides.clearance_mm}) == usual.guides
+    assert (own.table, own.gap, own.model) == (usual.table, usual.gap, usual.model)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ('like = "lathe"', "unknown machine 'lathe'; there are: agiecut-dem15"),
+        ('like = "agiecut-dem15"\n[guides]\nclearence_mm = { value = 3.0, source = "own" }', "'guides.clearence_mm'"),
+        ('like = "agiecut-dem15"\n[guides]\nclearance_mm = { value = 3.0 }', "'guides.clearance_mm.source'"),
+        ('like = "agiecut-dem15"\nguides = 3', "'guides'"),
+    ],
+)  # fmt: skip
+def test_a_file_like_another_is_checked_as_any(tmp_path: Path, text: str, said: str) -> None:
+    file = tmp_path / "like.toml"
+    file.write_text(text + "\n")
+    told = refusal(name=str(file))
+    assert told.startswith(str(file))
+    assert said in told
+
+
+def test_the_production_preset_has_the_pulses_of_a_modern_rough_cut() -> None:
+    """Sato et al.: triangles of up to 1.4 us and 600..940 A, 0.49 mC, 9.8 mJ at 20 V; 60 kHz with 8 us of pause."""
+    machine = Machine.load("production", generator="production")
+    charge = discharge_current_A(machine) * machine.t_on_us * 1e-6
+    assert charge == pytest.approx(0.49e-3, rel=0.01)
+    assert 20.0 * charge == pytest.approx(9.8e-3, rel=0.01)
+    assert machine.t_period_us - machine.t_on_us == pytest.approx(8.0)
+    assert least_period_us(machine, machine.t_on_us) < machine.t_period_us < 1e6 / 60e3
+    finishing = machine.with_(t_on_us=0.5, peak_current_A=80.0, t_period_us=14.5, flushing_lower_Pa=0.0)
+    assert discharge_current_A(finishing) == pytest.approx(40.0)
+
+
+def test_the_production_machine_differs_from_the_laboratory_s_where_it_says_so() -> None:
+    lab, production = Machine.load().base, Machine.load("production").base
+    assert (production.gap, production.discharge, production.model) == (lab.gap, lab.discharge, lab.model)
+    assert production.table.rapid_um_s.value > lab.table.rapid_um_s.value
+    assert production.guides.clearance_mm.value < lab.guides.clearance_mm.value
+    assert production.dielectric.flushing_pressure_Pa.value > lab.dielectric.flushing_pressure_Pa.value
+    assert production.table.max_feed_um_s is not None
+    assert lab.table.max_feed_um_s is None
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        ({"t_on_us": 3.1}, "t_on 3.1 us is not within 0.2..3 us"),
+        ({"t_on_us": 0.1}, "t_on 0.1 us is not within 0.2..3 us"),
+        ({"t_on_us": 3.0}, "above the generator's 60 A; t_period must be at least"),
+        ({"t_period_us": 1.5}, "t_period 1.5 us is not within 2..1000 us"),
+        ({"t_on_us": 3.0, "t_period_us": 2.5}, "t_period 2.5 us leaves no pause after 3 us"),
+        ({"peak_current_A": 701.0}, "peak current 701 A is above the 700.3 A"),
+        ({"ignition_wait_us": 200.0}, "ignition wait 200 us is not within 1..100 us"),
+    ],
+)  # fmt: skip
+def test_the_production_generator_has_limits_of_its_own(options: dict[str, Any], said: str) -> None:
+    assert said in refusal(name="production", generator="production", **options)

@@ -16,6 +16,7 @@ from edmsim.errors import InputError
 from edmsim.machine.files import available
 from edmsim.machine.machine import Machine
 from edmsim.machine.ranges import LOG_FROM_RATIO, MOST_DRAWS, value_at
+from edmsim.machine.setting import discharge_current_A, flushing_Pa, wire_speed_m_s
 
 MACHINE = Machine.load()
 UNCERTAIN = MACHINE.uncertain()
@@ -151,3 +152,15 @@ def test_a_plant_runs_on_drawn_machines(seed: int) -> None:
             windows.append(plant.advance())
     assert sum(w.spark for w in windows) > 0
     assert plant.removed_mm3 == pytest.approx(plant.craters_mm3, rel=1e-9)
+
+
+def test_drawn_machines_keep_the_operator_s_choices() -> None:
+    """The constants are drawn, the choices made in their place hold all the same."""
+    chosen: dict[str, Any] = {"wire_speed_m_s": 0.2, "flushing_lower_Pa": 0.0, "peak_current_A": 4.0,
+                              "open_voltage_V": 90.0}  # fmt: skip
+    drawn = MACHINE.with_(**chosen).sample(np.random.default_rng(4))
+    assert {name: getattr(drawn, name) for name in chosen} == chosen
+    assert values(drawn) == values(MACHINE.sample(np.random.default_rng(4)))
+    assert wire_speed_m_s(drawn) == 0.2
+    assert discharge_current_A(drawn) == pytest.approx(4.0)  # whatever burning voltage was drawn
+    assert flushing_Pa(drawn) == (0.0, drawn.base.dielectric.flushing_pressure_Pa.value)

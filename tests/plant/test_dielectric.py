@@ -8,26 +8,38 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import edmsim
-from edmsim.plant.gap.debris import bridged_probability, flush, nozzle_flow_per_slice_us
+from edmsim.plant.constants import flow_m_s
+from edmsim.plant.gap.debris import Jets, bridged_probability, flow_speed_m_s, flush, jets
+from edmsim.plant.resolution import resolution
 
 SHARES = st.lists(st.floats(0.0, 1.0), min_size=1, max_size=15)
 SPARC = {"base": 0.3, "per_um": 0.02, "ceiling": 0.95, "steepness": 500.0}
 
 
-@given(SHARES, st.floats(0.0, 1e12))
-def test_flushing_adds_nothing_and_leaves_no_negative_share(start, changes):
+def flush_alike(debris, changes):
+    """Flush by two jets of one pressure, which meet at mid-height."""
+    flush(debris, changes, changes, shares(0.5, len(debris)))
+
+
+def shares(lower_share, slices):
+    """Flow shares of two jets that meet at a share of the height."""
+    return Jets(lower_share, 1.0, 1.0).flow_share(slices)
+
+
+@given(SHARES, st.floats(0.0, 1e12), st.floats(0.0, 1e12), st.floats(0.0, 1.0))
+def test_flushing_adds_nothing_and_leaves_no_negative_share(start, lower, upper, share):
     debris = np.array(start)
-    flush(debris, changes)
+    flush(debris, lower, upper, shares(share, len(debris)))
     assert debris.min() >= 0.0
     assert debris.sum() <= sum(start) * (1 + 1e-12)
 
 
 def test_no_time_changes_nothing_and_long_flushing_leaves_clean_water():
     debris = np.full(9, 0.4)
-    flush(debris, 0.0)
+    flush_alike(debris, 0.0)
     np.testing.assert_array_equal(debris, 0.4)
     for _ in range(30):
-        flush(debris, 1e6)
+        flush_alike(debris, 1e6)
     assert debris.max() < 1e-6
 
 
@@ -35,7 +47,7 @@ def test_no_time_changes_nothing_and_long_flushing_leaves_clean_water():
 def test_debris_gathers_at_mid_height(n_slices):
     debris = np.zeros(n_slices)
     for _ in range(5_000):
-        flush(debris, 0.05)
+        flush_alike(debris, 0.05)
         debris += 1e-4  # the same in every slice
     np.testing.assert_allclose(debris, debris[::-1], rtol=1e-9)
     assert (np.diff(debris[: n_slices // 2 + 1]) > 0).all()
@@ -45,7 +57,7 @@ def test_the_nozzle_renews_its_own_slice_at_the_rate_of_its_flow():
     debris = np.array([0.2, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.2])
     n = 1_000
     for _ in range(n):
-        flush(debris, 1.0 / n)
+        flush_alike(debris, 1.0 / n)
     assert debris[0] == pytest.approx(0.2 * np.exp(-1), rel=1e-3)
     assert debris[8] == debris[0]
     assert debris[1] > debris[2] > 0.0  # it went inwards
@@ -55,17 +67,69 @@ def test_the_middle_slice_takes_half_from_either_side():
     """The flow has fallen to a fifth there (1 - 2/2.5), half of it from above and half from below."""
     debris = np.array([0.0, 0.0, 0.2, 0.0, 0.0])
     for _ in range(1_000):
-        flush(debris, 1e-3)
+        flush_alike(debris, 1e-3)
     np.testing.assert_allclose(debris, [0.0, 0.0, 0.2 * np.exp(-0.2), 0.0, 0.0], rtol=1e-3)
 
 
 def test_slot_flow():
-    """Water in a slot: speed = dp g^2 / (12 eta (h/2))."""
-    at = nozzle_flow_per_slice_us(30_000.0, 1e-3, 45.0, 20.0, 5)
-    speed_um_us = 30_000.0 * 45e-6**2 / (12 * 1e-3 * 0.01)
-    assert at == pytest.approx(speed_um_us / 4_000.0)
-    assert nozzle_flow_per_slice_us(60_000.0, 1e-3, 45.0, 20.0, 5) == pytest.approx(2 * at)
-    assert nozzle_flow_per_slice_us(30_000.0, 1e-3, 45.0, 40.0, 5) == pytest.approx(at / 4)
+    """Water in a slot: speed = dp g^2 / (12 eta z) over the way z."""
+    at = flow_speed_m_s(30_000.0, 1e-3, 45.0, 10.0)
+    assert at == pytest.approx(30_000.0 * 45e-6**2 / (12 * 1e-3 * 0.01))
+    assert flow_speed_m_s(60_000.0, 1e-3, 45.0, 10.0) == pytest.approx(2 * at)
+    assert flow_speed_m_s(30_000.0, 1e-3, 45.0, 20.0) == pytest.approx(at / 2)
+
+
+def test_like_jets_meet_at_mid_height():
+    both = jets(30_000.0, 30_000.0, 1e-3, 45.0, 20.0)
+    assert both == (0.5, both.upper_m_s, both.lower_m_s)
+    assert both.lower_m_s == flow_speed_m_s(30_000.0, 1e-3, 45.0, 10.0)
+
+
+@given(st.floats(1.0, 3e6), st.floats(1.0, 3e6))
+def test_the_stronger_jet_reaches_further_and_both_come_to_rest_where_they_meet(lower, upper):
+    both = jets(lower, upper, 1e-3, 45.0, 20.0)
+    assert both.lower_share / (1 - both.lower_share) == pytest.approx(np.sqrt(lower / upper))
+    faces_and_meeting = both.past_m_s(np.array([0.0, both.lower_share, 1.0]))
+    np.testing.assert_allclose(faces_and_meeting, [both.lower_m_s, 0.0, both.upper_m_s], rtol=1e-9)
+    slopes = both.lower_m_s / both.lower_share, both.upper_m_s / (1 - both.lower_share)
+    assert slopes[0] == pytest.approx(slopes[1])  # as much leaves at every height
+
+
+@pytest.mark.parametrize(("lower", "upper", "share"), [(30_000.0, 0.0, 1.0), (0.0, 30_000.0, 0.0)])
+def test_a_nozzle_that_is_off_leaves_the_whole_height_to_the_other_jet(lower, upper, share):
+    """Its way is twice as long, so it is half as fast, and debris stays four times as long."""
+    one = jets(lower, upper, 1e-3, 45.0, 20.0)
+    both = jets(30_000.0, 30_000.0, 1e-3, 45.0, 20.0)
+    assert one.lower_share == share
+    assert (one.lower_m_s, one.upper_m_s) == (both.lower_m_s / 2 * share, both.upper_m_s / 2 * (1 - share))
+    debris = np.zeros(9)
+    for _ in range(5_000):
+        flush(debris, 0.05 * share, 0.05 * (1 - share), one.flow_share(9))
+        debris += 1e-4
+    assert (np.diff(debris if share else debris[::-1]) > 0).all()  # it gathers at the far end
+
+
+@pytest.mark.parametrize("pressures", [(3e6, 1e-30), (1e-30, 3e6)])
+def test_a_jet_next_to_nothing_is_as_one_that_is_off(pressures):
+    off = jets(*(pressure if pressure > 1.0 else 0.0 for pressure in pressures), 1e-3, 45.0, 20.0)
+    np.testing.assert_allclose(jets(*pressures, 1e-3, 45.0, 20.0), off, atol=1e-15)
+
+
+def test_without_flushing_the_water_stands_and_the_debris_stays():
+    still = jets(0.0, 0.0, 1e-3, 45.0, 20.0)
+    np.testing.assert_array_equal(still.past_m_s(np.linspace(0, 1, 5)), 0.0)
+    debris = np.full(5, 0.2)
+    flush(debris, still.lower_m_s, still.upper_m_s, still.flow_share(5))
+    np.testing.assert_array_equal(debris, 0.2)
+
+
+def test_the_jets_cross_a_slice_each_in_its_share():
+    """They meet at 1.2 slices of 3: the second is the lower jet's for a fifth, the upper one's for four fifths."""
+    debris = np.array([0.0, 0.2, 0.0])
+    for _ in range(1_000):
+        flush(debris, 1.2e-3, 1.8e-3, shares(0.4, 3))
+    changes = 1.2 * (1 - 1 / 1.2) * 0.2 + 1.8 * (1 - 1 / 1.8) * 0.8
+    np.testing.assert_allclose(debris, [0.0, 0.2 * np.exp(-changes), 0.0], rtol=2e-3, atol=1e-12)
 
 
 @given(st.floats(0.0, 1.0), st.floats(0.0, 1.0), st.floats(0.0, 80.0))
@@ -84,6 +148,21 @@ def test_half_of_the_pulses_find_a_bridge_at_the_critical_share(gap, critical):
 
 
 # --- in the plant ---
+
+
+def test_the_operator_s_nozzles_decide_on_flow_and_debris(machine, drive):
+    res = resolution("fast")
+    np.testing.assert_array_equal(
+        flow_m_s(machine.with_(flushing_lower_Pa=3e4, flushing_upper_Pa=3e4), res), flow_m_s(machine, res)
+    )
+    means, at_ends = {}, {}
+    for lower, upper in ((3e4, 3e4), (0.0, 3e4), (3e4, 0.0)):
+        plant = edmsim.Plant(machine.with_(flushing_lower_Pa=lower, flushing_upper_Pa=upper), 1, resolution="fast")
+        means[lower, upper] = np.mean([w.debris for w in drive(plant, 20.0, 4.0)[40:]])
+        at_ends[lower, upper] = plant.snapshot()["debris"][[0, -1]]
+    assert min(means[0.0, 3e4], means[3e4, 0.0]) > 1.5 * means[3e4, 3e4]
+    assert at_ends[0.0, 3e4][0] > 2 * at_ends[0.0, 3e4][1]
+    assert at_ends[3e4, 0.0][1] > 2 * at_ends[3e4, 0.0][0]
 
 
 def test_weak_flushing_leaves_more_debris_most_of_it_at_mid_height(machine, altered, drive):

@@ -199,3 +199,53 @@ def test_a_snapshot_remembers_that_the_generator_is_off(machine):
     plant.restore(state)
     assert not plant.generator_on
     assert plant.advance().mean_voltage_V < 0.01
+
+
+# --- triangular pulses and the operator's choices in the loop ---
+
+
+def test_a_triangle_has_the_charge_and_energy_of_half_its_peak(drive):
+    machine = load("iso-energetic", pulse_shape="triangle")
+    peak_A = (100.0 - 22.0) / 11.8
+    windows = drive(edmsim.Plant(machine, seed=2, resolution="fast"), 15.0, 2.0)
+    assert sum(w.spark for w in windows) > 1000
+    for w in windows:
+        lit = w.spark + w.arc
+        assert w.energy_J == pytest.approx(22.0 * peak_A / 2 * 20e-6 * lit, rel=1e-9)
+        charge = peak_A / 2 * 20e-6 * lit + 100.0 / 11.8 / 2 * 20e-6 * w.short
+        assert w.mean_current_A * w.duration_ns * 1e-9 == pytest.approx(charge, rel=1e-9)
+
+
+def test_a_triangle_heats_the_wire_by_its_current_a_third_more_than_a_rectangle_of_its_charge(in_a_hole, altered):
+    """The integral of i^2 is I^2 t/3 against (I/2)^2 t: seen where nothing but the current heats."""
+    only_current = {"base.discharge.wire_heat_share": 0.0, "base.discharge.convection_W_m2K": 1.0,
+                    "wire.resistivity_per_K": 0.0, "material.removal_mm3_J": 1e-15,
+                    "base.discharge.impulse_10mJ_Ns": 0.0}  # fmt: skip
+    rises = []
+    for choice in ({"pulse_shape": "triangle"}, {"peak_current_A": (100.0 - 22.0) / 11.8 / 2}):
+        plant = in_a_hole(altered(load("iso-energetic", **choice), only_current), 8.0)
+        windows = [plant.advance() for _ in range(40)]
+        lit = sum(w.spark + w.arc for w in windows)
+        assert lit > 5_000
+        rises.append((plant.snapshot()["temperature_K"].mean() - 293.0) / lit)
+    assert rises[0] / rises[1] == pytest.approx(4 / 3, rel=0.03)
+
+
+def test_the_longest_wait_is_the_operator_s(in_a_hole):
+    for wait_us in (20.0, 120.0):
+        plant = in_a_hole(load("iso-energetic", ignition_wait_us=wait_us), 300.0)
+        assert plant.advance().duration_ns == pytest.approx(255 * (wait_us + 70.0) * 1e3, abs=255 * 200)
+
+
+def test_the_open_voltage_is_the_operator_s(in_a_hole):
+    window = in_a_hole(load("iso-pulse", open_voltage_V=80.0), 300.0).advance()
+    assert window.mean_voltage_V == pytest.approx(80.0 * 0.3, rel=0.01)
+
+
+def test_a_faster_wire_is_cooler(drive):
+    hottest = {}
+    for speed in (0.03, 0.3):
+        machine = load(wire_speed_m_s=speed)
+        windows = drive(edmsim.Plant(machine, seed=2, resolution="fast"), 20.0, 4.0)
+        hottest[speed] = np.mean([w.wire_temperature_K for w in windows[40:]])
+    assert hottest[0.3] < hottest[0.03] - 0.5

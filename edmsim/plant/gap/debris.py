@@ -1,13 +1,14 @@
 """Debris in the gap, and how the flushing carries it off.
 
-Two jets push fresh water in from above and below. It travels towards mid-height, leaving backwards through
-the kerf on its way, so the flow past a slice falls linearly from the nozzle to the middle. Debris is a volume
-share of the gap's water, one number per slice.
+Two jets push fresh water in from below and above. It travels towards the place where they meet, leaving backwards
+through the kerf on its way, so the flow past a slice falls linearly from the nozzle to that place: mid-height, where
+both push alike. Debris is a volume share of the gap's water, one number per slice.
 """
 
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,47 +16,108 @@ from numpy.typing import NDArray
 from edmsim.compiled.jit import compiled
 
 
-def flow_speed_m_s(pressure_Pa: float, viscosity_Pa_s: float, side_gap_um: float, height_mm: float) -> float:
-    """Mean axial speed of the water at a nozzle.
+class Jets(NamedTuple):
+    """Water of two nozzles in the gap.
 
-    Slot Poiseuille flow over half the height: ``dp g^2 / (12 eta (h/2))``.
+    Attributes
+    ----------
+    lower_share : float
+        Height at which the jets meet, as a share of the workpiece's: 0 where the lower one is off, 1 where the upper.
+    lower_m_s, upper_m_s : float
+        Mean axial speed of the water at each nozzle.
+    """
+
+    lower_share: float
+    lower_m_s: float
+    upper_m_s: float
+
+    def past_m_s(self, height_share: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Speed at heights over the lower face, given as shares of the workpiece's."""
+        upper_share = 1.0 - self.lower_share
+        per_share = self.lower_m_s / self.lower_share if self.lower_share > 0.0 else self.upper_m_s / upper_share
+        return per_share * np.abs(height_share - self.lower_share)
+
+    def flow_share(self, slices: int) -> NDArray[np.float64]:
+        """Water that enters each slice from the lower and the upper nozzle, of what leaves that nozzle: (2, slices).
+
+        The slice in which the jets meet has of either as much as lies on its side.
+        """
+        share = np.zeros((2, slices))
+        for side, reach in enumerate((self.lower_share * slices, (1.0 - self.lower_share) * slices)):
+            k = np.arange(math.ceil(reach))
+            entering = (1.0 - k / reach) * np.minimum(1.0, reach - k) if len(k) else k
+            share[side, k if side == 0 else slices - 1 - k] = entering
+        return share
+
+
+def jets(
+    lower_Pa: float, upper_Pa: float, viscosity_Pa_s: float, side_gap_um: float, height_mm: float
+) -> Jets:
+    """Return what two nozzles drive through the gap.
+
+    As much water leaves through the kerf at every height, so the flows fall with one slope, the pressures go with the
+    squares of the ways, and the jets meet where ``(z / (h - z))^2`` is the ratio of the pressures.
 
     Parameters
     ----------
-    pressure_Pa : float
-        Pressure of the flushing jets over the surroundings.
+    lower_Pa, upper_Pa : float
+        Pressures of the jets over the surroundings, 0 for a nozzle that is off.
     viscosity_Pa_s : float
     side_gap_um : float
         Gap of the slot the water is pushed through.
     height_mm : float
         Workpiece height.
     """
-    return pressure_Pa * (side_gap_um * 1e-6) ** 2 / (12 * viscosity_Pa_s * height_mm * 1e-3 / 2)
+    lower, upper = math.sqrt(lower_Pa), math.sqrt(upper_Pa)
+    share = lower / (lower + upper) if lower + upper > 0.0 else 0.5
+    return Jets(
+        share,
+        flow_speed_m_s(lower_Pa, viscosity_Pa_s, side_gap_um, share * height_mm),
+        flow_speed_m_s(upper_Pa, viscosity_Pa_s, side_gap_um, (1.0 - share) * height_mm),
+    )
 
 
-def nozzle_flow_per_slice_us(
-    pressure_Pa: float, viscosity_Pa_s: float, side_gap_um: float, height_mm: float, n_slices: int
-) -> float:
-    """Water changes per us of the slice next to a nozzle, one of `n_slices`; see `flow_speed_m_s`."""
-    speed = flow_speed_m_s(pressure_Pa, viscosity_Pa_s, side_gap_um, height_mm)
-    return speed / (height_mm * 1e-3 / n_slices) * 1e-6
+def flow_speed_m_s(pressure_Pa: float, viscosity_Pa_s: float, side_gap_um: float, way_mm: float) -> float:
+    """Mean axial speed of the water at a nozzle: slot Poiseuille flow over its way, ``dp g^2 / (12 eta z)``.
+
+    Parameters
+    ----------
+    pressure_Pa : float
+        Pressure of the jet over the surroundings.
+    viscosity_Pa_s : float
+    side_gap_um : float
+        Gap of the slot the water is pushed through.
+    way_mm : float
+        Length of slot to where the flow has left it: half the workpiece's height between two like jets, 0 for a jet
+        that another one keeps out.
+    """
+    if way_mm == 0.0:
+        return 0.0
+    return pressure_Pa * (side_gap_um * 1e-6) ** 2 / (12 * viscosity_Pa_s * way_mm * 1e-3)
 
 
 @compiled
-def flush(debris: NDArray[np.float64], changes: float) -> None:
-    """Carry debris towards mid-height and out, for `changes` water changes of the slice at the nozzle.
+def flush(debris: NDArray[np.float64], lower: float, upper: float, share: NDArray[np.float64]) -> None:
+    """Carry debris to where the jets meet and out.
 
-    Implicit upwind, so that no interval is too long. The middle slice of an odd number takes from both sides.
+    Implicit upwind, so that no interval is too long. The slice in which the jets meet takes from both sides.
+
+    Parameters
+    ----------
+    debris : (slices,)
+        From the bottom.
+    lower, upper : float
+        Water changes of the slice at each nozzle.
+    share : (2, slices)
+        Of each nozzle's, see `Jets.flow_share`.
     """
     n = debris.shape[0]
-    half = n / 2.0
     for side in range(2):
+        changes = lower if side == 0 else upper
         upstream = 0.0
-        for k in range((n + 1) // 2):
+        for k in range(n):
             s = k if side == 0 else n - 1 - k
-            flow = changes * (1.0 - k / half)
-            if 2 * k + 1 == n:
-                flow *= 0.5
+            flow = changes * share[side, s]
             debris[s] = (debris[s] + flow * upstream) / (1.0 + flow)
             upstream = debris[s]
 

@@ -13,7 +13,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from edmsim.machine.setting import discharge_current_A, supply_V
+from edmsim.machine.setting import discharge_current_A, ignition_wait_us, open_V, pulse_form, short_current_A
 from edmsim.plant.kernel.state import GRID, IGNITION_PULSE, ISO_ENERGETIC, ISO_PULSE, Timing
 
 if TYPE_CHECKING:
@@ -33,20 +33,19 @@ def _removal_mm3_J(machine: Machine) -> float:
 
 def timing(machine: Machine) -> Timing:
     """Return the setting as the pulse loop wants it."""
-    generator = machine.generator
-    mode = _MODES[generator.mode]
-    on, period = machine.t_on_us, machine.t_period_us
-    wait = on if generator.ignition_wait_us is None else generator.ignition_wait_us.value
+    mode = _MODES[machine.generator.mode]
+    on, period, wait = machine.t_on_us, machine.t_period_us, ignition_wait_us(machine)
     pause = period - on
     varies = mode == ISO_ENERGETIC
     grid = math.ceil((wait + on + pause) * 1e3 / GRID) * 1e-3 if varies else period / GRID
     return Timing(
         mode=mode,
-        open_V=generator.open_voltage_V.value,
+        open_V=open_V(machine),
         burning_V=machine.material.burning_voltage_V.value,
         removal_um3_J=_removal_mm3_J(machine) * 1e9,
         current_A=discharge_current_A(machine),
-        short_A=supply_V(machine) / generator.resistance_ohm.value,
+        short_A=short_current_A(machine),
+        current_form=pulse_form(machine).square,
         on_us=on,
         wait_us=wait,
         pause_us=pause,

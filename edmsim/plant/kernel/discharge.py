@@ -84,7 +84,7 @@ def discharge(
     window[0].gap_um += gap
     window[0].energy_J += energy
     window[0].charge_A_us += t.current_A * burn_us
-    feed_current(a, s, t.current_A**2 * burn_us)
+    feed_current(a, s, t.current_form * t.current_A**2 * burn_us)
     _mark_spot(state, c, outcome)
     state[0].last_slice = s
     state[0].last_ray = ray_at(a, s, k)
@@ -103,10 +103,9 @@ def short_circuit(
     Returns the impulse of the metal that melts: a share of what the bubble of the same energy gives at 20 um.
     """
     window[0].charge_A_us += t.short_A * t.on_us
+    feed_current(a, s if s >= 0 else a.debris.shape[0] // 2, t.current_form * t.short_A**2 * t.on_us)
     if s < 0:
-        feed_current(a, a.debris.shape[0] // 2, t.short_A**2 * t.on_us)
         return 0.0
-    feed_current(a, s, t.short_A**2 * t.on_us)
     power = c.short_removal_share * t.burning_V * t.short_A
     energy = power * t.on_us * 1e-6
     warm(state, window, a, c, heat, s, energy)
@@ -152,7 +151,7 @@ def propagate_heat(state: NDArray[np.void], a: Arrays, c: Constants, heat: HeatL
     _magnetise(a, c, sums, dt)
     for s in range(a.debris.shape[0]):
         a.current2_us[0, s] = a.current2_us[1, s] = 0.0
-    flush(a.debris, c.nozzle_flow_us * dt)
+    flush(a.debris, c.lower_flow_us * dt, c.upper_flow_us * dt, a.flow_share)
     passed = 1.0 - math.exp(-heat.run_per_us / a.temperature_K.shape[0] * dt)
     worn = c.worn_share_per_um3_us * state[0].wear_wait_um3 / dt
     state[0].worn_share += (worn - state[0].worn_share) * passed

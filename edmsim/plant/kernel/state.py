@@ -147,7 +147,8 @@ class Constants(NamedTuple):
     spot_gain: float
     spot_us: float
     wire_heat_share: float
-    nozzle_flow_us: float
+    lower_flow_us: float
+    upper_flow_us: float
     cavity_um3: float
     tension_N: float
     strength_N: float
@@ -169,7 +170,9 @@ class Timing(NamedTuple):
     removal_um3_J : float
         Metal removed per joule by discharges of this length.
     current_A, short_A : float
-        Current of a discharge and of a short circuit.
+        Mean current of a discharge and of a short circuit.
+    current_form : float
+        Mean of their current's square over the square of that mean: 1 for a rectangle, 4/3 for a triangle.
     on_us : float
         t(i): on-time for iso-pulse, duration of the discharge otherwise.
     wait_us : float
@@ -188,6 +191,7 @@ class Timing(NamedTuple):
     removal_um3_J: float
     current_A: float
     short_A: float
+    current_form: float
     on_us: float
     wait_us: float
     pause_us: float
@@ -287,6 +291,8 @@ class Arrays(NamedTuple):
         Height of a slice above the lower guide, as a share of the distance of the guides.
     flow_factor, convection_W_m2K : (slices,)
         Share of the breakdown rate that the flow past a slice leaves, and its heat transfer without boiling.
+    flow_share : (2, slices)
+        Water that enters a slice from the lower and the upper nozzle, of what leaves that nozzle.
     table_shape, table_participation : (2, 2)
     """
 
@@ -322,6 +328,7 @@ class Arrays(NamedTuple):
     height_share: Annotated[Array, Kept("slices_filled")]
     flow_factor: Annotated[Array, Kept("slices")]
     convection_W_m2K: Annotated[Array, Kept("slices")]
+    flow_share: Annotated[Array, Kept(2, "slices")]
     table_shape: Annotated[Array, Kept(2, 2)]
     table_participation: Annotated[Array, Kept(2, 2)]
 

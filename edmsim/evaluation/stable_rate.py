@@ -1,0 +1,227 @@
+"""How fast a set-up cuts before its wire breaks: the pause is shortened step by step while the feed follows.
+
+This is the search by which Sato et al. found the mean current at which a wire breaks, and by which the validation
+looks for it in the plant; here the cutting rate is read at every step.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from functools import partial
+from statistics import fmean
+from typing import Literal, NamedTuple
+
+from edmsim.controllers import FeedController, from_text
+from edmsim.cosim.straight import Cut, Traverse, begin
+from edmsim.errors import InputError
+from edmsim.machine.machine import Machine
+from edmsim.machine.setting import busy_us, least_period_us, period_range_us
+from edmsim.plant.window import PlantError
+
+SHORTENING = 0.95
+"""Period from step to step of the search (ours: the limit is known to 5 %)."""
+SHORTEST_PAUSE_US = 1.0
+"""Pause the search ends with (ours: less than a fifth of the channels have deionised by then)."""
+LEAST_POWER = 0.1
+"""Share of the generator's greatest power at which the search begins, where it is not said (ours)."""
+JAMMED_SHARE = 0.5
+"""A step with this share of shorts is a jam (ours: as the shorted windows of the `counts` law)."""
+OPEN_SHARE = 0.1
+"""Share of open pulses at which the rate is looked for (ours: shorts stay few, and not many pulses are lost)."""
+
+Cause = Literal["break", "jam", "generator"]
+"""What ended a search: the wire broke, shorts stayed, or the generator gives no shorter period."""
+
+
+class Held(NamedTuple):
+    """A step of the search that the cut went through without a break or a jam.
+
+    Attributes
+    ----------
+    t_period_us : float
+        Its pulse period; the on-time stays.
+    feed_um_s, rate_mm2_min : float
+        Mean feed, and that times the height.
+    current_A, power_W : float
+        Mean current and power of sparks and arcs; short-circuit pulses are not in them.
+    windows : int
+        Windows run.
+    """
+
+    t_period_us: float
+    feed_um_s: float
+    rate_mm2_min: float
+    current_A: float
+    power_W: float
+    windows: int
+
+
+class StableRate(NamedTuple):
+    """The highest cutting rate that a set-up held.
+
+    Attributes
+    ----------
+    rate_mm2_min, feed_um_s, current_A, power_W : float
+        At that step, means over the seeds (see `Held`); 0 where not even the first step was held.
+    machine : Machine
+        The set-up with the period of that step.
+    limited_by : {"break", "jam", "generator"}
+        What ended the search, with the seed whose cut came least far.
+    windows : int
+        Windows run in all steps held, of all seeds.
+    """
+
+    rate_mm2_min: float
+    feed_um_s: float
+    current_A: float
+    power_W: float
+    machine: Machine
+    limited_by: Cause
+    windows: int
+
+
+def quick_counts(open_share: float) -> str:
+    """Return a count law quick enough for short steps, by the share of open pulses it holds (gains are ours)."""
+    return (
+        f"counts:open_target_share={open_share:g},start_feed_um_s=5,proportional_um_s=30,integral_um_s2=100,"
+        "filter_s=0.05,return_feed_um_s=5,retract_feed_um_s=100,max_tries=1000"
+    )
+
+
+def highest_stable_rate(
+    machine: Machine,
+    *,
+    seeds: Sequence[int] = (1, 2),
+    hold_s: float = 1.0,
+    approach_s: float = 3.0,
+    longest_period_us: float | None = None,
+    controller: str | None = None,
+    resolution: str = "fast",
+    watch: Callable[[int, Held], None] | None = None,
+) -> StableRate:
+    """Search the highest cutting rate that a set-up holds in a straight cut without a break and without a jam.
+
+    The power is raised at a fixed on-time: the period is shortened by a twentieth after every `hold_s` until the wire
+    breaks, the cut jams, or the generator gives no shorter one. Of the periods that the cuts of all seeds held, the
+    one with the highest mean rate counts.
+
+    Parameters
+    ----------
+    machine : Machine
+        The set-up; its own period is where the search begins only if `longest_period_us` says so.
+    seeds : sequence of int
+        Of the plants, one cut each.
+    hold_s : float
+        Machine time in s for which a period must be held, above 0.
+    approach_s : float
+        Machine time in s in which the feed finds its level first.
+    longest_period_us : float, optional
+        Period in us the search begins with; by default ten times the generator's shortest for this on-time, or its
+        longest.
+    controller : str, optional
+        Feed controller (see `edmsim.controllers.from_text`); by default a quick `counts` law that holds a tenth of
+        the pulses open.
+    resolution : {"fast", "default", "fine"}
+    watch : callable, optional
+        Called with the seed and the `Held` of every step.
+
+    Returns
+    -------
+    StableRate
+
+    Raises
+    ------
+    InputError
+        No seed, a time that is not above zero, or a period, controller or resolution that cannot be used.
+
+    Examples
+    --------
+    >>> import edmsim
+    >>> found = edmsim.highest_stable_rate(edmsim.Machine.load(height_mm=10), seeds=(1,), hold_s=0.5)
+    >>> found.limited_by
+    'generator'
+    """
+    if not seeds:
+        raise InputError("a search for the highest stable rate wants one seed or more")
+    for name, seconds in (("hold_s", hold_s), ("approach_s", approach_s)):
+        if not 0 < seconds < float("inf"):
+            raise InputError(f"{name} {seconds:g} must be finite and above zero")
+    if longest_period_us is None:
+        longest_period_us = min(shortest_period_us(machine) / LEAST_POWER, period_range_us(machine)[1])
+    first = machine.with_(t_period_us=longest_period_us)
+    feed = quick_counts(OPEN_SHARE) if controller is None else controller
+    runs = [
+        shorten_pauses(
+            first, seed, from_text(feed), hold_s=hold_s, approach_s=approach_s, resolution=resolution,
+            watch=None if watch is None else partial(watch, seed),
+        )
+        for seed in seeds
+    ]
+    cause: Cause = min(runs, key=lambda run: len(run[0]))[1]
+    held_by_all = [_mean(steps) for steps in zip(*(steps for steps, _ in runs), strict=False)]
+    nothing = Held(longest_period_us, 0.0, 0.0, 0.0, 0.0, 0)
+    best = max(held_by_all, key=lambda held: held.rate_mm2_min, default=nothing)
+    return StableRate(
+        best.rate_mm2_min, best.feed_um_s, best.current_A, best.power_W,
+        first.with_(t_period_us=best.t_period_us), cause, sum(held.windows for steps, _ in runs for held in steps),
+    )
+
+
+def shorten_pauses(
+    machine: Machine, seed: int, controller: FeedController, *, hold_s: float, approach_s: float,
+    resolution: str = "fast", watch: Callable[[Held], None] | None = None,
+) -> tuple[list[Held], Cause]:
+    """Cut straight, beginning at a machine's period, and shorten it step by step to the end.
+
+    Returns
+    -------
+    list of Held
+        The steps held; none where the wire broke while the feed found its level.
+    {"break", "jam", "generator"}
+        What ended it.
+    """
+    plant = begin(machine, seed, resolution=resolution)
+    traverse, held = Traverse(plant, controller), list[Held]()
+    period_us, shortest_us = machine.t_period_us, shortest_period_us(machine)
+    try:
+        windows = traverse.run(approach_s)
+        while not windows[-1].broken:
+            plant.set_generator(machine.t_on_us, period_us)
+            from_um, before_um = plant.commanded_um[0], traverse.path_um  # the path counts parts of motor steps
+            windows = traverse.run(hold_s)
+            cut = Cut(plant, windows, from_um, traverse.path_um - before_um)
+            if cut.broken:
+                break
+            if traverse.alarm is not None or cut.share("short") > JAMMED_SHARE:
+                return held, "jam"
+            held.append(_held(cut, period_us))
+            if watch is not None:
+                watch(held[-1])
+            if period_us <= shortest_us:
+                return held, "generator"
+            period_us = max(SHORTENING * period_us, shortest_us)
+    except PlantError:
+        return held, "jam"
+    return held, "break"
+
+
+def shortest_period_us(machine: Machine) -> float:
+    """Return the shortest period that the generator gives for a machine's on-time, with a pause."""
+    low, _ = period_range_us(machine)
+    return max(least_period_us(machine, machine.t_on_us), busy_us(machine) + SHORTEST_PAUSE_US, low)
+
+
+def _held(cut: Cut, period_us: float) -> Held:
+    rate_mm2_min = cut.feed_um_s * 0.06 * cut.plant.machine.height_mm
+    return Held(
+        period_us, cut.feed_um_s, rate_mm2_min, cut.working_current_A, cut.energy / cut.seconds, len(cut.windows)
+    )
+
+
+def _mean(steps: Sequence[Held]) -> Held:
+    """Return what the cuts of several seeds did at one period, in the mean; windows of all."""
+    return Held(
+        steps[0].t_period_us, fmean(step.feed_um_s for step in steps), fmean(step.rate_mm2_min for step in steps),
+        fmean(step.current_A for step in steps), fmean(step.power_W for step in steps),
+        sum(step.windows for step in steps),
+    )
