@@ -121,9 +121,9 @@ def validation_page(rows: Sequence[Row]) -> str:
         "lies in it; a sign, if the whole interval lies on its side of zero. Intervals are over seeds or draws.",
         "Rows that fail stay, with the reason behind the link.",
         "",
-        "Constants were fixed from derivations and sources and frozen before these rows were run. A row whose fact was",
-        "in view when a constant was chosen is a calibration; a row whose source is about something else, or that has",
-        "no published figure, is context. Neither counts; both are [listed](#rows-that-do-not-count) with the reason.",
+        "Constants were fixed from derivations and sources and frozen before these rows were run. A row whose fact",
+        "was in view when a constant was chosen is a calibration; a row whose source is about something else, or that",
+        "has no published figure, is context. Neither counts; both are [listed](#rows-that-do-not-count) with reasons.",
         "",
         f"{summary(rows)}.",
     ]
