@@ -34,8 +34,10 @@ def pulse_trains(seeds: Sequence[int]) -> list[Row]:
     machine = Machine.load()
     on, off = machine.t_on_us, machine.t_period_us - machine.t_on_us
     shorter, longer = (1 - CHANGE) * on, (1 + CHANGE) * off
-    brief, sparse = machine.with_(t_on_us=shorter, t_period_us=shorter + off), machine.with_(t_period_us=on + longer)
-    feed_um_s = min(feed_within(FEED_UM_S, brief, sparse), feed_within((1 + CHANGE) * FEED_UM_S, machine) / (1 + CHANGE))
+    brief = machine.with_(t_on_us=shorter, t_period_us=shorter + off)
+    sparse = machine.with_(t_period_us=on + longer)
+    largest = feed_within((1 + CHANGE) * FEED_UM_S, machine)
+    feed_um_s = min(feed_within(FEED_UM_S, brief, sparse), largest / (1 + CHANGE))
     base = each(seeds, lambda seed: _train(machine, feed_um_s, seed))
     changes = {
         "shorter on-time": (brief, feed_um_s),
