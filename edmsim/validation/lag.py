@@ -171,17 +171,17 @@ def trims(seeds: Sequence[int]) -> list[Row]:
     note = f"{PAGE}#trim-cuts"
     least, most = TRIM_MJ[0], TRIM_MJ[-1]
     return [
-        Row.band("lag", "short share of trim cuts, the largest", "trim cuts have next to no shorts", high=0.05,
+        Row.band("trim cuts", "short share of trim cuts, the largest", "trim cuts have next to no shorts", high=0.05,
                  simulated=shorts, note=note),
-        Row.sign("lag", f"deflection towards the wall, trim pulses of {least:g} mJ", TRIM, rises=True,
+        Row.sign("trim cuts", f"deflection towards the wall, trim pulses of {least:g} mJ", TRIM, rises=True,
                  simulated=smallest, uncertainty=half_smallest, unit="um", note=note),
-        Row.sign("lag", f"deflection towards the wall, {least:g} to {most:g} mJ", TRIM, rises=False, simulated=falls,
+        Row.sign("trim cuts", f"deflection towards the wall, {least:g} to {most:g} mJ", TRIM, rises=False, simulated=falls,
                  uncertainty=half_falls, unit="um", note=note),
-        Row.value("lag", f"deflection towards the wall, {HIGHER_V:g} over {TRIM_V:g} V, {least:g} mJ", TRIM,
+        Row.value("trim cuts", f"deflection towards the wall, {HIGHER_V:g} over {TRIM_V:g} V, {least:g} mJ", TRIM,
                   published=(HIGHER_V / TRIM_V) ** 2, simulated=ratio, within=0.25, uncertainty=half_ratio,
                   note=note),
-        _report("energy at which trim pulses neither draw nor push the wire", NO_NUMBER,
-                mean_and_interval([crossing_mJ([towards[e][k] for e in TRIM_MJ]) for k in range(len(seeds))]), "mJ"),
+        Row.report("trim cuts", "energy at which trim pulses neither draw nor push the wire", NO_NUMBER,
+                   simulated=crossing_mJ([float(np.mean(towards[energy])) for energy in TRIM_MJ]), unit="mJ"),
     ]
 
 
