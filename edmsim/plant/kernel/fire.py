@@ -16,8 +16,8 @@ from edmsim.plant.axes.advance import LOST, advance_axes
 from edmsim.plant.gap.breakdown import GapLaw
 from edmsim.plant.gap.bubble import BubbleLaw
 from edmsim.plant.gap.coverage import GasLaw, blow, fade, mean_covered, sum_up
-from edmsim.plant.gap.pulse_outcome import decide, deepest_contact, draw, leak_conductance, sum_rays, touch
 from edmsim.plant.gap.debris import mean_loading
+from edmsim.plant.gap.pulse_outcome import decide, deepest_contact, draw, leak_conductance, sum_rays, touch
 from edmsim.plant.gap.ray_trace import OVERLAP_UM, retrace
 from edmsim.plant.kernel.discharge import discharge, log_pulse, propagate_heat, short_circuit
 from edmsim.plant.kernel.state import (
