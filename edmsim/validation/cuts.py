@@ -45,7 +45,7 @@ def removal(seeds: Sequence[int]) -> list[Row]:
     note = f"{PAGE}#removal-and-cutting-rate"
     return [
         Row.value("removal", "energy per volume", TEXTBOOK, published=108.0, simulated=energy, within=0.1,
-                  uncertainty=half_energy, unit="J/mm3").calibration("the material's removal per joule is this figure"),
+                  uncertainty=half_energy, unit="J/mm3").calibration("the removal per joule is this figure"),
         Row.band("removal", "energy per volume, production", MASS_BALANCE, low=440.0, high=590.0,
                  simulated=spent, uncertainty=half_spent, unit="J/mm3", note=note).calibration(EXPONENT),
         Row.band("removal", "charge per volume, production", MASS_BALANCE, low=22.0, high=29.0,

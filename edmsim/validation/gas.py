@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from scipy.integrate import quad
 from scipy.optimize import brentq, minimize_scalar
 
-from edmsim.controllers import make
 from edmsim.cosim.straight import Cut, begin, cut_straight
 from edmsim.machine.machine import Machine
 from edmsim.plant.constants import constants, modal_model, wire_setup
@@ -23,10 +22,10 @@ from edmsim.plant.kernel.state import GRID, Arrays
 from edmsim.plant.mechanics.film import film_sums, suction_limited
 from edmsim.plant.mechanics.model import build_model, reduce_model
 from edmsim.plant.plant import Plant
-from edmsim.plant.resolution import resolution
+from edmsim.plant.resolution import Resolution, resolution
 from edmsim.plant.wire import VACUUM_PERMEABILITY_N_A2
 from edmsim.validation.rows import Check, Row, mean_and_interval
-from edmsim.validation.setups import STILL, altered, film_followed_from
+from edmsim.validation.setups import STILL, altered
 
 SHARE = "x / (1 + x), each bubble replacing the one before (closed form of the model)"
 REYNOLDS = "Reynolds' equation of a film with open sides, 6 pi eta (r / g)^3 in a uniform gap (closed form)"
@@ -229,17 +228,14 @@ SKIP_FEED_UM_S, ALL_FROM_UM = 24.0, 40.0
 def check_skip(seeds: Sequence[int]) -> list[Row]:
     """Lag and shorts with the film followed everywhere, less those with it followed in narrow gaps."""
 
-    def cuts(name: str) -> list[Cut]:
+    def cuts(res: Resolution) -> list[Cut]:
+        machine = Machine.load()
         return [
-            cut_straight(machine, make("fixed", feed_um_s=SKIP_FEED_UM_S), seed, settle_s=6.0, seconds=15.0,
-                         resolution=name)
-            for seed in seeds
+            cut_straight(machine, SKIP_FEED_UM_S, seed, settle_s=6.0, seconds=15.0, resolution=res) for seed in seeds
         ]
 
-    machine = Machine.load()
-    usual = cuts("fast")
-    with film_followed_from(ALL_FROM_UM) as name:
-        everywhere = cuts(name)
+    usual = cuts(resolution("fast"))
+    everywhere = cuts(replace(resolution("fast"), film_from_um=ALL_FROM_UM))
     lag, half_lag = mean_and_interval([b.lag_um - a.lag_um for a, b in zip(usual, everywhere, strict=True)])
     short, half_short = mean_and_interval(
         [b.share("short") - a.share("short") for a, b in zip(usual, everywhere, strict=True)]

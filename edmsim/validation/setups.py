@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
-from dataclasses import replace
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from edmsim.controllers import from_text
@@ -14,7 +12,6 @@ from edmsim.evaluation.stable_rate import OPEN_SHARE, quick_counts
 from edmsim.machine.machine import Machine
 from edmsim.machine.parts import Constant
 from edmsim.plant.plant import Plant
-from edmsim.plant.resolution import RESOLUTIONS
 from edmsim.plant.window import PulseWindow
 from edmsim.plant.workpiece.kerf_field import Stock
 from edmsim.validation.rows import mean_and_interval
@@ -131,17 +128,6 @@ def capacity_um_s(machine: Machine) -> float:
 def feed_within(feed_um_s: float, *machines: Machine) -> float:
     """Return a fixed feed, or `CAPACITY_SHARE` of the least capacity of the set-ups it is for if that is less."""
     return min(feed_um_s, *(CAPACITY_SHARE * capacity_um_s(machine) for machine in machines))
-
-
-@contextmanager
-def film_followed_from(gap_um: float) -> Iterator[str]:
-    """Offer the resolution `fast` with the film followed where the front gap is under `gap_um`; yields its name."""
-    name = f"fast, film from {gap_um:g} um"
-    RESOLUTIONS[name] = replace(RESOLUTIONS["fast"], film_from_um=gap_um)
-    try:
-        yield name
-    finally:
-        del RESOLUTIONS[name]
 
 
 def each(seeds: Sequence[int], cut: Callable[[int], Cut]) -> list[Cut]:
