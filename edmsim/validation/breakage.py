@@ -14,7 +14,7 @@ from edmsim.cosim.straight import cut_straight
 from edmsim.evaluation.stable_rate import quick_counts, shorten_pauses
 from edmsim.machine.machine import Machine
 from edmsim.validation.rows import Check, Row, mean_and_interval
-from edmsim.validation.setups import HELD_SHARE, UNBREAKABLE, altered
+from edmsim.validation.setups import UNBREAKABLE, altered
 
 SATO = "Sato et al., Wire-break Prevention on WEDM, J. Japan Soc. Electrical Machining Engineers (2013)"
 MORI = "Mori, Kitamura, Kunieda, Abe: wire breaking in WEDM seen through transparent electrodes"
@@ -36,6 +36,8 @@ HOLD_S = 0.3
 """Time at each step, several times the wire's thermal time constant of some 20 ms (ours)."""
 APPROACH_S = 2.0
 """Time the feed is given to find its level first (ours)."""
+HELD_SHARE = 0.3
+"""Share of open pulses that the feed holds, far from shorts (ours)."""
 
 
 def sato_rig(

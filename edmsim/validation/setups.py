@@ -106,12 +106,11 @@ def single_discharges(plant: Plant, count: int) -> list[PulseWindow]:
     return windows
 
 
-HELD_SHARE = 0.3
-"""Share of open pulses that the servo of a cut holds where the wire's place is measured, far from shorts (ours)."""
+def servo_cut(machine: Machine, seed: int, *, open_share: float = OPEN_SHARE, seconds: float = 3.0) -> Cut:
+    """Cut straight with a servo that holds a share of the pulses open: a count law quick enough for dense pulses.
 
-
-def servo_cut(machine: Machine, seed: int, *, open_share: float = HELD_SHARE, seconds: float = 3.0) -> Cut:
-    """Cut straight with a servo that holds a share of the pulses open: a count law quick enough for dense pulses."""
+    By default a tenth, as the search for the highest stable rate does: a rough cut is run for its rate.
+    """
     return cut_straight(machine, from_text(quick_counts(open_share)), seed, settle_s=seconds, seconds=seconds)
 
 
@@ -122,7 +121,7 @@ good, as without sparks nothing pushes it back and its tension holds it on the m
 
 def capacity_um_s(machine: Machine) -> float:
     """Return the feed that a servo reaches in a set-up with a tenth of the pulses open; one cut, seed 1."""
-    return servo_cut(machine, 1, open_share=OPEN_SHARE, seconds=6.0).feed_um_s
+    return servo_cut(machine, 1, seconds=6.0).feed_um_s
 
 
 def feed_within(feed_um_s: float, *machines: Machine) -> float:

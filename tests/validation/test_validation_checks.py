@@ -138,8 +138,8 @@ def test_a_fixed_feed_above_the_capacity_is_lowered_by_one_rule(monkeypatch):
 
 
 def test_the_crossing_lies_where_the_deflection_turns():
-    assert lag.crossing_mJ([2.0, 1.0, -1.0, -2.0]) == pytest.approx(math.sqrt(0.1 * 0.3))
-    assert math.isnan(lag.crossing_mJ([2.0, 1.0, 0.5, 0.1]))
+    assert lag.crossing_mJ([2.0, 1.0, -1.0, -2.0, -3.0]) == pytest.approx(math.sqrt(0.1 * 0.3))
+    assert math.isinf(lag.crossing_mJ([2.0, 1.0, 0.5, 0.2, 0.1]))
 
 
 def test_the_duration_fitted_to_a_crater_gives_its_volume():
