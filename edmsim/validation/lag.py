@@ -71,10 +71,10 @@ def rough_lag(seeds: Sequence[int]) -> list[Row]:
     return [
         Row.band("lag", "lag of a rough cut, 30 mm, 11 mJ per discharge", LAG, low=10.0, high=100.0, simulated=lag,
                  uncertainty=half, unit="um", note=note),
-        Row.value("lag", "deflection of a rough cut in austenitic steel, tension x1.4 over x1", STRING, published=1 / TAUTER,
-                  simulated=ratio, within=0.15, uncertainty=half_ratio, note=note),
-        Row.sign("lag", "lag of a rough cut in austenitic steel, 30 to 60 mm high", STRING, rises=True, simulated=higher,
-                 uncertainty=half_higher, unit="um", note=note),
+        Row.value("lag", "deflection of a rough cut in austenitic steel, tension x1.4 over x1", STRING,
+                  published=1 / TAUTER, simulated=ratio, within=0.15, uncertainty=half_ratio, note=note),
+        Row.sign("lag", "lag of a rough cut in austenitic steel, 30 to 60 mm high", STRING, rises=True,
+                 simulated=higher, uncertainty=half_higher, unit="um", note=note),
         _report("lag of that cut without the magnetic force", "no source separates the two forces", _lag(without)),
         *(
             _report(f"lag of that cut, impulse {impulse:g} N s at 10 mJ", RANGE,
@@ -182,8 +182,8 @@ def trims(seeds: Sequence[int]) -> list[Row]:
         Row.value("trim cuts", f"deflection towards the wall, {TRIM_V:g} over {LOWER_V:g} V, {least:g} mJ", TRIM,
                   published=(TRIM_V / LOWER_V) ** 2, simulated=ratio, within=0.25, uncertainty=half_ratio,
                   note=note),
-        Row.report("trim cuts", "energy at which trim pulses neither draw nor push the wire (infinite: above 3 mJ)", NO_NUMBER,
-                   simulated=crossing_mJ([float(np.mean(towards[energy])) for energy in TRIM_MJ]), unit="mJ"),
+        Row.report("trim cuts", f"energy of a pulse that neither draws nor pushes (infinite: above {most:g} mJ)",
+                   NO_NUMBER, simulated=crossing_mJ([float(np.mean(of)) for of in towards.values()]), unit="mJ"),
     ]
 
 

@@ -113,7 +113,8 @@ def _tall(machine: Machine, feed_um_s: float, seed: int) -> Cut:
 
 def _sign(name: str, source: str, rises: bool, found: tuple[float, float], unit: str = "") -> Row:
     mean, half = found
-    return Row.sign("debris", name, source, rises=rises, simulated=mean, uncertainty=half, unit=unit)
+    return Row.sign("debris", name, source, rises=rises, simulated=mean, uncertainty=half, unit=unit,
+                    note=f"{PAGE}#debris-and-flushing")
 
 
 def flushed_per_s(cut: Cut) -> float:
