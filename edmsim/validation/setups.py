@@ -106,6 +106,10 @@ def single_discharges(plant: Plant, count: int) -> list[PulseWindow]:
     return windows
 
 
+HELD_SHARE = 0.3
+"""Share of open pulses that the feed of a search for the break limit holds, far from shorts (ours)."""
+
+
 def servo_cut(machine: Machine, seed: int, *, open_share: float = OPEN_SHARE, seconds: float = 3.0) -> Cut:
     """Cut straight with a servo that holds a share of the pulses open: a count law quick enough for dense pulses.
 

@@ -11,9 +11,9 @@ from edmsim.cosim.straight import Cut, Traverse, begin, cut_straight
 from edmsim.evaluation.stable_rate import JAMMED_SHARE, quick_counts, shorten_pauses
 from edmsim.machine.machine import Machine
 from edmsim.plant.window import PlantError
-from edmsim.validation.breakage import APPROACH_S, HELD_SHARE, HOLD_S, MIDDLE_MM, rough_rig, sato_rig
+from edmsim.validation.breakage import APPROACH_S, HOLD_S, MIDDLE_MM, rough_rig, sato_rig
 from edmsim.validation.rows import Check, Row, mean_and_interval
-from edmsim.validation.setups import UNBREAKABLE, altered, capacity_um_s, feed_within, servo_cut
+from edmsim.validation.setups import HELD_SHARE, UNBREAKABLE, altered, capacity_um_s, feed_within, servo_cut
 
 LIAO_WOO = "Liao, Woo, J. Mater. Process. Technol. 71(3):433 (1997)"
 JAM = "a wire that only touches cuts nothing (derived)"
