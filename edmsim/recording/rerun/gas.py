@@ -1,7 +1,7 @@
 """Gas in the recording: the share of the wire's front that it covers over time, and bubbles that show it.
 
-The model knows a share per slice and no bubbles. So many are drawn that together they cover that share, in places that
-a generator of random numbers chooses for every moment.
+The model knows a share per slice and no bubbles. So many are drawn that together they cover that share, in random
+places.
 """
 
 from __future__ import annotations

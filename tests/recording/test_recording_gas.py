@@ -1,0 +1,171 @@
+"""Gas in what a cut leaves: share per slice, bubbles that show it and nothing else, figures of the report."""
+
+from __future__ import annotations
+
+import dataclasses
+import io
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from rich.console import Console
+
+from edmsim.controllers import WindowObservation
+from edmsim.machine.machine import Machine
+from edmsim.plant.plant import Plant
+from edmsim.recording import Closeups, Frames, Playback, WindowTable, render_table
+from edmsim.recording.figures import pulses_figure
+from edmsim.recording.film import Film
+from edmsim.recording.rerun.gas import IN_A_SLICE, ROUND_THE_FRONT, bubbles, travel_at
+from edmsim.recording.rerun.machine import Shapes, wire_strips
+from edmsim.recording.rerun.write import write_recording
+from edmsim.recording.windows import column
+
+RADIUS_UM, GAP_UM = 125.0, 15.0
+"""Of the made-up cut."""
+
+
+def recording(cut: SimpleNamespace, folder: Path, closeups: Closeups) -> Playback:
+    file = folder / "cut.rrd"
+    write_recording(file, cut.scene, cut.windows, cut.frames, closeups, cut.machine, cut.report, "punch.ngc")
+    return Playback(file)
+
+
+@pytest.fixture(scope="module")
+def play(cut: SimpleNamespace, tmp_path_factory: pytest.TempPathFactory) -> Playback:
+    return recording(cut, tmp_path_factory.mktemp("recording"), cut.closeups)
+
+
+def shapes_of(cut: SimpleNamespace) -> Shapes:
+    return Shapes(cut.frames, cut.closeups.table())
+
+
+@given(st.lists(st.floats(0, 1), min_size=1, max_size=30), st.integers(1, 20))
+def test_bubbles_cover_the_share_they_show(shares: list[float], places: int) -> None:
+    covered = np.array(shares)
+    sizes = bubbles(covered, places)
+    assert sizes.shape == (len(shares), places)
+    np.testing.assert_allclose(sizes.mean(axis=-1), covered, atol=1e-12)
+    assert np.all(((sizes > 0) & (sizes < 1)).sum(axis=-1) <= 1)  # at most one is no whole one
+    np.testing.assert_array_equal(bubbles(covered, places), sizes)
+
+
+def test_a_plant_tells_the_gas_in_every_slice_and_keeps_its_own() -> None:
+    plant = Plant(Machine.load(height_mm=10.0), seed=1, resolution="fast")
+    for _ in range(20):
+        window = plant.advance()
+        assert plant.coverage().shape == (5,)
+        assert plant.coverage().mean() == pytest.approx(window.coverage, abs=1e-12)
+    assert 0.0 < plant.coverage().max() < 1.0
+    plant.coverage()[:] = 1.0
+    assert plant.coverage().max() < 1.0
+
+
+def test_a_machine_does_not_observe_gas() -> None:
+    assert not {"coverage", "covered", "debris", "gap_um"} & set(WindowObservation._fields)
+
+
+def test_a_cut_records_the_same_gas_everywhere(small_cut: SimpleNamespace) -> None:
+    result = small_cut.result
+    t_s, covered = column(result.windows, "t_s"), column(result.windows, "coverage")
+    assert 0.0 <= covered.min() < covered.mean() < covered.max() <= 1.0
+    closeups = result.closeups.table()
+    for times, shares in ((result.frames.t_s, result.frames.coverage), (closeups["t_s"], closeups["coverage"])):
+        rows = np.searchsorted(t_s, times)
+        np.testing.assert_allclose(shares.mean(axis=1), covered[rows], atol=1e-6)
+    told = result.report["coverage"]
+    assert told["mean"] == pytest.approx(covered.mean())  # its period is the same in all windows
+    assert told["max"] == covered.max()
+
+
+def test_a_report_says_mean_and_largest_coverage(cut: SimpleNamespace) -> None:
+    written = io.StringIO()
+    report = cut.report | {"coverage": {"mean": 0.126, "max": 0.584}}
+    Console(width=200, file=written).print(render_table(report))
+    assert "covers 12.6 % of the wire's front in the mean, at most 58.4 %" in written.getvalue()
+    Console(width=200, file=written).print(render_table(report | {"coverage": {"mean": None, "max": None}}))
+    assert "covers – of the wire's front" in written.getvalue()
+
+
+def test_the_figure_of_the_pulses_has_a_panel_of_gas(cut: SimpleNamespace) -> None:
+    (panel,) = [axes for axes in pulses_figure(cut.windows).axes if axes.get_ylabel() == "gas, %"]
+    drawn = np.concatenate([line.get_ydata() for line in panel.get_lines()])
+    assert drawn.mean() == pytest.approx(100 * column(cut.windows, "coverage").mean(), rel=1e-3)
+
+
+def test_every_slice_has_its_curve(cut: SimpleNamespace, play: Playback) -> None:
+    shapes = shapes_of(cut)
+    rows = play.rows("/slices/coverage", "Scalars:scalars")
+    np.testing.assert_allclose(rows.t_s, shapes.t_s, atol=1e-9)
+    np.testing.assert_allclose(np.array(rows.values.to_pylist()), shapes.coverage)
+    names = play.rows("/slices/coverage", "SeriesLines:names").values[0].as_py()
+    assert (names[0], names[4], names[8]) == ("1.1 mm", "10.0 mm", "18.9 mm")
+
+
+def test_bubbles_stand_on_the_front_of_the_drawn_wire(cut: SimpleNamespace, play: Playback) -> None:
+    shapes, at = shapes_of(cut), 40
+    t_s, slice_mm = float(shapes.t_s[at]), 20.0 / 9
+    centres = play.points("/world/gas", "Ellipsoids3D:centers", t_s)
+    halves = play.points("/world/gas", "Ellipsoids3D:half_sizes", t_s)
+    long_mm = np.array([2 * halves[np.floor(centres[:, 2] / slice_mm) == s, 2].sum() for s in range(9)])
+    covered = shapes.coverage[at]
+    np.testing.assert_allclose(long_mm, covered * slice_mm, atol=0.1 * slice_mm / IN_A_SLICE + 1e-5)
+    assert long_mm[0] == 0.0  # no gas, no bubble
+    factor = float(play.sizes[7])
+    wire = wire_strips(cut.scene, shapes, factor)[at]
+    axis = np.column_stack([np.interp(centres[:, 2], wire[:, 2], wire[:, k]) for k in (0, 1)])
+    travel = travel_at(cut.windows, shapes.t_s[at : at + 1])
+    np.testing.assert_allclose(centres[:, :2] - axis, np.repeat(travel, len(centres), axis=0) * 0.125, atol=1e-3)
+    assert halves[:, :2].max() <= 0.25  # across no wider than two wires
+    np.testing.assert_array_equal(halves[:, 0], halves[:, 1])
+
+
+def test_at_mid_height_bubbles_bridge_the_gap_before_the_wire(cut: SimpleNamespace, play: Playback) -> None:
+    table, whole = cut.closeups.table(), 0
+    travel = travel_at(cut.windows, table["t_s"])
+    for at in range(0, len(table), 60):
+        t_s = float(table["t_s"][at])
+        centre = play.points("/top/gas", "Points2D:positions", t_s).reshape(-1, 2) * (1.0, -1.0)
+        radius = play.points("/top/gas", "Points2D:radii", t_s)
+        away = centre - (table["wire_um"][at] - table["guides_um"][at])
+        distance = np.hypot(*away.T)
+        np.testing.assert_allclose(distance - radius, RADIUS_UM, atol=1e-2)  # every one touches the wire
+        assert np.all(distance + radius <= RADIUS_UM + GAP_UM + 1e-2)
+        assert np.all(away @ travel[at] >= 0.0)
+        assert np.all(away[:, 1] > -2.0)  # the made-up cut has metal on this side only
+        assert len(centre) <= np.ceil(table["coverage"][at, 4] * ROUND_THE_FRONT)
+        whole += int((radius > 0.99 * GAP_UM / 2).sum())
+    assert whole > 20
+
+
+def test_a_film_shows_gas_where_there_is_some(cut: SimpleNamespace, tmp_path: Path) -> None:
+    dry = Closeups(9, 32, 4)
+    for row in cut.closeups.table():
+        dry.row[()] = row
+        dry.row["coverage"] = 0.0
+        dry.keep()
+    pictures, t_s = [], float(cut.closeups.table()["t_s"][50])
+    for name, closeups in (("gas", cut.closeups), ("dry", dry)):
+        (tmp_path / name).mkdir()
+        pictures.append(Film(recording(cut, tmp_path / name, closeups), 60).picture(t_s).astype(int))
+    rows, columns = np.nonzero(np.abs(pictures[0] - pictures[1]).max(axis=2) > 20)
+    assert len(rows) > 10
+    height, width, _ = pictures[0].shape
+    assert rows.max() < 0.7 * height  # in the picture of the gap only
+    assert columns.min() > 0.3 * width
+    assert columns.max() < 0.65 * width
+
+
+def test_a_cut_without_windows_has_no_gas(cut: SimpleNamespace, tmp_path: Path) -> None:
+    empty = SimpleNamespace(**vars(cut) | {
+        "windows": WindowTable().to_arrow(), "frames": Frames(9),
+        "scene": dataclasses.replace(cut.scene, cut_edges_mm=()),
+    })  # fmt: skip
+    play = recording(empty, tmp_path, Closeups(9, 32, 4))
+    for entity, component in (("/world/gas", "Ellipsoids3D:centers"), ("/top/gas", "Points2D:positions"),
+                              ("/slices/coverage", "Scalars:scalars")):  # fmt: skip
+        assert (entity, component) not in play
+
