@@ -126,7 +126,7 @@ def test_bubbles_stand_on_the_front_of_the_drawn_wire(cut: SimpleNamespace, play
 def test_at_mid_height_bubbles_bridge_the_gap_before_the_wire(cut: SimpleNamespace, play: Playback) -> None:
     table, whole = cut.closeups.table(), 0
     travel = travel_at(cut.windows, table["t_s"])
-    for at in range(0, len(table), 60):
+    for at in range(0, len(table), 20):
         t_s = float(table["t_s"][at])
         centre = play.points("/top/gas", "Points2D:positions", t_s).reshape(-1, 2) * (1.0, -1.0)
         radius = play.points("/top/gas", "Points2D:radii", t_s)
@@ -135,7 +135,7 @@ def test_at_mid_height_bubbles_bridge_the_gap_before_the_wire(cut: SimpleNamespa
         np.testing.assert_allclose(distance - radius, RADIUS_UM, atol=1e-2)  # every one touches the wire
         assert np.all(distance + radius <= RADIUS_UM + GAP_UM + 1e-2)
         assert np.all(away @ travel[at] >= 0.0)
-        assert np.all(away[:, 1] > -2.0)  # the made-up cut has metal on this side only
+        assert np.all(away[:, 1] > -15.0)  # the made-up cut has metal on this side only, from a ray along +x on
         assert len(centre) <= np.ceil(table["coverage"][at, 4] * ROUND_THE_FRONT)
         whole += int((radius > 0.99 * GAP_UM / 2).sum())
     assert whole > 20
@@ -144,8 +144,8 @@ def test_at_mid_height_bubbles_bridge_the_gap_before_the_wire(cut: SimpleNamespa
 def test_a_film_shows_gas_where_there_is_some(cut: SimpleNamespace, tmp_path: Path) -> None:
     dry = Closeups(9, 32, 4)
     for row in cut.closeups.table():
-        dry.row[()] = row
-        dry.row["coverage"] = 0.0
+        for name in row.dtype.names:
+            dry.row[name] = 0.0 if name == "coverage" else row[name]
         dry.keep()
     pictures, t_s = [], float(cut.closeups.table()["t_s"][50])
     for name, closeups in (("gas", cut.closeups), ("dry", dry)):
