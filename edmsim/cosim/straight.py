@@ -21,6 +21,7 @@ from edmsim.errors import InputError
 from edmsim.machine.machine import Machine
 from edmsim.metrology.edges import metal_at
 from edmsim.plant.plant import Plant
+from edmsim.plant.resolution import Resolution
 from edmsim.plant.window import PulseWindow
 from edmsim.plant.workpiece.start_slot import SLOT_GAP_UM, begun_slot
 
@@ -185,7 +186,9 @@ class Traverse(EvenSteps):
         self.feed_um_s, self.alarm = self._controller.update(seen)[:2]
 
 
-def begin(machine: Machine, seed: int, *, resolution: str = "fast", gap_um: float = SLOT_GAP_UM) -> Plant:
+def begin(
+    machine: Machine, seed: int, *, resolution: str | Resolution = "fast", gap_um: float = SLOT_GAP_UM
+) -> Plant:
     """Return a plant whose wire stands at the end of a slot, `gap_um` off the metal in front and on both sides."""
     centre_um = machine.base.table.centre_um
     stock = begun_slot(machine, centre_um, gap_um=gap_um)
@@ -199,7 +202,7 @@ def cut_straight(
     *,
     settle_s: float,
     seconds: float,
-    resolution: str = "fast",
+    resolution: str | Resolution = "fast",
 ) -> Cut:
     """Cut along +x from a begun slot.
 
@@ -211,7 +214,7 @@ def cut_straight(
     seed : int
     settle_s, seconds : float
         Machine time that is not measured, and time that is; shorter if the wire breaks.
-    resolution : str
+    resolution : str or Resolution
 
     Returns
     -------

@@ -32,6 +32,7 @@ from edmsim.plant.kernel.state import (
 from edmsim.plant.mechanics.model import ModalModel
 from edmsim.plant.mechanics.mujoco_model import N_NODES, FullMechanics
 from edmsim.plant.readings import PlantReadings
+from edmsim.plant.resolution import Resolution
 from edmsim.plant.resolution import resolution as named_resolution
 from edmsim.plant.window import PlantError, PulseWindow, left_validity, read_window, wrong_step
 from edmsim.plant.workpiece.kerf_field import KerfField, Stock
@@ -60,7 +61,7 @@ class Plant(PlantReadings):
         The workpiece; without one, a block with a straight edge just in front of the wire (towards +x).
     position_um : (float, float), optional
         Where the wire starts on the table; its middle, if not given.
-    resolution : {"fast", "default", "fine"}
+    resolution : {"fast", "default", "fine"} or Resolution
     mechanics : {"modal", "mujoco"}
         What moves table and wire: the exact propagation of their modes, or MuJoCo stepping the full model, whose
         motors can lose steps and whose ways rub.
@@ -89,7 +90,7 @@ class Plant(PlantReadings):
         *,
         stock: Stock | None = None,
         position_um: tuple[float, float] | None = None,
-        resolution: str = "default",
+        resolution: str | Resolution = "default",
         mechanics: str = "modal",
         drives: Mapping[str, AxisDrive] | None = None,
     ) -> None:
@@ -97,7 +98,6 @@ class Plant(PlantReadings):
             raise InputError(f"unknown mechanics '{mechanics}'; there are: {', '.join(MECHANICS)}")
         self.machine = self._first_machine = machine
         self.mechanics = mechanics
-        self._resolution_name = resolution
         self.resolution = res = named_resolution(resolution)
         self._constants = constants.constants(machine, res)
         self._along_wire = {of.__name__: of(machine, res) for of in constants.ALONG_WIRE}
@@ -359,7 +359,7 @@ class Plant(PlantReadings):
     def __getstate__(self) -> dict[str, Any]:
         """Return what a pickle or copy needs: the set-up and a snapshot, no addresses."""
         return {
-            "machine": self._first_machine, "mechanics": self.mechanics, "resolution": self._resolution_name,
+            "machine": self._first_machine, "mechanics": self.mechanics, "resolution": self.resolution,
             "stock": self.field.stock, "window": self._window.copy(), "snapshot": self.snapshot(),
             "pulses": self._pulses, "drives": self._drives.given,
         }

@@ -42,8 +42,10 @@ RESOLUTIONS: dict[str, Resolution] = {
 }
 
 
-def resolution(name: str) -> Resolution:
-    """Look up a resolution by name."""
+def resolution(name: str | Resolution) -> Resolution:
+    """Look up a resolution by name; an own one is returned as it is."""
+    if isinstance(name, Resolution):
+        return name
     if name not in RESOLUTIONS:
         raise InputError(f"unknown resolution '{name}'; there are: {', '.join(RESOLUTIONS)}")
     return RESOLUTIONS[name]

@@ -96,6 +96,19 @@ def flow_speed_m_s(pressure_Pa: float, viscosity_Pa_s: float, side_gap_um: float
     return pressure_Pa * (side_gap_um * 1e-6) ** 2 / (12 * viscosity_Pa_s * way_mm * 1e-3)
 
 
+EINSTEIN = 2.5
+"""Rise of a liquid's viscosity with its share of particles, relative to the clean liquid's (Einstein, 1906)."""
+
+
+@compiled
+def mean_loading(debris: NDArray[np.float64]) -> float:
+    """Mean share of debris over the height: the water has to pass all of it."""
+    sum_ = 0.0
+    for s in range(debris.shape[0]):
+        sum_ += debris[s]
+    return sum_ / debris.shape[0]
+
+
 @compiled
 def flush(debris: NDArray[np.float64], lower: float, upper: float, share: NDArray[np.float64]) -> None:
     """Carry debris to where the jets meet and out.

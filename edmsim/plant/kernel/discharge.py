@@ -11,7 +11,7 @@ from edmsim.compiled.elementary import exponential
 from edmsim.compiled.jit import compiled
 from edmsim.compiled.random import normal
 from edmsim.plant.gap.bubble import REFERENCE_GAP_UM, BubbleLaw, bubble_impulse_Ns
-from edmsim.plant.gap.debris import flush
+from edmsim.plant.gap.debris import EINSTEIN, flush, mean_loading
 from edmsim.plant.gap.pulse_outcome import draw
 from edmsim.plant.gap.ray_trace import gap_of, ray_at
 from edmsim.plant.kernel.state import ARC, OPEN, Array, Arrays, Constants, Timing
@@ -151,7 +151,8 @@ def propagate_heat(state: NDArray[np.void], a: Arrays, c: Constants, heat: HeatL
     _magnetise(a, c, sums, dt)
     for s in range(a.debris.shape[0]):
         a.current2_us[0, s] = a.current2_us[1, s] = 0.0
-    flush(a.debris, c.lower_flow_us * dt, c.upper_flow_us * dt, a.flow_share)
+    flowing = dt / (1.0 + EINSTEIN * mean_loading(a.debris))
+    flush(a.debris, c.lower_flow_us * flowing, c.upper_flow_us * flowing, a.flow_share)
     passed = 1.0 - math.exp(-heat.run_per_us / a.temperature_K.shape[0] * dt)
     worn = c.worn_share_per_um3_us * state[0].wear_wait_um3 / dt
     state[0].worn_share += (worn - state[0].worn_share) * passed

@@ -16,6 +16,7 @@ from edmsim.plant.axes.advance import LOST, advance_axes
 from edmsim.plant.gap.breakdown import GapLaw
 from edmsim.plant.gap.bubble import BubbleLaw
 from edmsim.plant.gap.coverage import GasLaw, blow, fade, mean_covered, sum_up
+from edmsim.plant.gap.debris import mean_loading
 from edmsim.plant.gap.pulse_outcome import decide, deepest_contact, draw, leak_conductance, sum_rays, touch
 from edmsim.plant.gap.ray_trace import OVERLAP_UM, retrace
 from edmsim.plant.kernel.discharge import discharge, log_pulse, propagate_heat, short_circuit
@@ -140,11 +141,10 @@ def _begin(state: NDArray[np.void], window: NDArray[np.void], a: Arrays) -> None
 def _end(state: NDArray[np.void], window: NDArray[np.void], a: Arrays, deepest_um: float) -> int:
     """Take the window's means, and see whether the model still holds."""
     w = window[0]
-    debris = warmth = 0.0
+    warmth = 0.0
     for s in range(a.debris.shape[0]):
-        debris += a.debris[s]
         warmth += a.temperature_K[s]
-    w.debris = debris / a.debris.shape[0]
+    w.debris = mean_loading(a.debris)
     w.coverage = mean_covered(a)
     w.broken = state[0].broken
     pulses = w.counts[0] + w.counts[1] + w.counts[2] + w.counts[3]
@@ -154,7 +154,7 @@ def _end(state: NDArray[np.void], window: NDArray[np.void], a: Arrays, deepest_u
     places = ringing(a, 0) + ringing(a, 1)
     for axis in range(N_AXES):
         places += state[0].axis_um[axis]
-    if not abs(x + y + places + warmth + debris + w.voltage_us) < FINITE:
+    if not abs(x + y + places + warmth + w.debris + w.voltage_us) < FINITE:
         return NOT_FINITE
     if math.hypot(x, y) > MOST_DEFLECTION_UM:
         return OUTSIDE

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from edmsim.compiled.jit import compiled
 from edmsim.compiled.vectors import COORDINATES, highest, load, spread, store, total
 from edmsim.plant.gap.breakdown import PULL_GAP_FLOOR_UM
+from edmsim.plant.gap.debris import EINSTEIN
 from edmsim.plant.gap.ray_trace import moved, rays_of
 from edmsim.plant.gap.rays import Rays, arc, gaps_of
 from edmsim.plant.kernel.state import Array, Arrays, Constants, Propagators
@@ -153,7 +154,7 @@ def damp(a: Arrays, c: Constants, film: float, period_us: float) -> None:
 @compiled
 def resistance(a: Arrays, c: Constants, s: int, film: float, mean: float) -> float:
     """What the film of a slice has more than the mean one, in kg/s, debris and gas in it considered."""
-    film = c.film_um3_kg_s * film * (1.0 + 2.5 * a.debris[s]) * (1.0 - a.covered[s])
+    film = c.film_um3_kg_s * film * (1.0 + EINSTEIN * a.debris[s]) * (1.0 - a.covered[s])
     return max(film - mean, 0.0)
 
 
