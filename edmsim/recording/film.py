@@ -31,8 +31,6 @@ _CURVES = (
     ("gas on the wire's front, share", (("/gas/coverage", "gas", palette.GAS),)),
 )  # fmt: skip
 """Title and curves of every plot: entity, name, colour."""
-_CIRCLE = np.column_stack([np.cos(np.linspace(0.0, 2 * np.pi, 24)), np.sin(np.linspace(0.0, 2 * np.pi, 24))])
-"""Points on the edge of a round bubble."""
 _MOST_POINTS = 1500
 """A curve is drawn with about as many points as it has pixels."""
 
@@ -147,23 +145,23 @@ class Film:
     # --- the gap -------------------------------------------------------------------------------------------
 
     def _gap(self, axes: Axes) -> None:
-        from matplotlib.collections import LineCollection, PolyCollection
+        from matplotlib.collections import LineCollection
         from matplotlib.patches import Circle
 
         radius = self._sizes.wire_diameter_um / 2
-        reach = radius + 120.0
+        reach = radius + 70.0
         axes.set_aspect("equal")
         axes.set_xlim(-reach, reach)
         axes.set_ylim(reach, -reach)  # recorded with y downwards
         for ring in np.arange(50.0, reach, 50.0):
             axes.add_patch(Circle((0.0, 0.0), ring, fill=False, color="#2d3742", linewidth=0.7))
         self._round = self._move(axes, axes.add_patch(Circle((0.0, 0.0), radius, color="#7c5c1e")))
-        self._rays = self._move(axes, axes.add_collection(LineCollection([], linewidths=1.4)))
-        side_points = min(axes.bbox.width, axes.bbox.height) * 72.0 / self._figure.dpi
-        width = 2 * WALL_UM * side_points / (2 * reach)
-        self._wall = self._move(axes, axes.add_collection(LineCollection([], colors=STEEL, linewidths=width)))
-        gas = PolyCollection([], facecolors=palette.GAS + "70", edgecolors=palette.GAS, linewidths=0.6)
+        gas = LineCollection([], colors=palette.GAS, alpha=0.7, capstyle="round")
         self._gas = self._move(axes, axes.add_collection(gas))
+        self._rays = self._move(axes, axes.add_collection(LineCollection([], linewidths=1.4)))
+        self._um_points = min(axes.bbox.width, axes.bbox.height) * 72.0 / self._figure.dpi / (2 * reach)
+        wall = LineCollection([], colors=STEEL, linewidths=2 * WALL_UM * self._um_points)
+        self._wall = self._move(axes, axes.add_collection(wall))
         self._sparks = self._move(axes, axes.scatter([], [], s=14, zorder=5))
 
     def _set_gap(self, t_s: float) -> None:
@@ -173,9 +171,8 @@ class Film:
         self._rays.set_segments(self._play.strips("/top/rays", "LineStrips2D:strips", t_s))
         self._rays.set_color(rgb01(self._play.points("/top/rays", "LineStrips2D:colors", t_s)))
         self._wall.set_segments(self._play.strips("/top/metal", "LineStrips2D:strips", t_s))
-        centres = self._play.points("/top/gas", "Points2D:positions", t_s).reshape(-1, 1, 2)
-        radii = self._play.points("/top/gas", "Points2D:radii", t_s).reshape(-1, 1, 1)
-        self._gas.set_verts(centres + radii * _CIRCLE)
+        self._gas.set_segments(self._play.strips("/top/gas", "LineStrips2D:strips", t_s))
+        self._gas.set_linewidths(2 * self._um_points * self._play.points("/top/gas", "LineStrips2D:radii", t_s))
         self._sparks.set_offsets(self._play.points("/top/discharges", "Points2D:positions", t_s).reshape(-1, 2))
         self._sparks.set_facecolor(rgb01(self._play.points("/top/discharges", "Points2D:colors", t_s)))
 

@@ -1,7 +1,6 @@
 """Gas in the recording: the share of the wire's front that it covers over time, and bubbles that show it.
 
-The model knows a share per slice and no bubbles. So many are drawn that together they cover that share, in random
-places.
+The model knows a share per slice and no bubbles. So many are drawn that together they cover that share.
 """
 
 from __future__ import annotations
@@ -12,7 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edmsim.plant.constants import RAY_RANGE_UM
+from edmsim.plant.kernel.state import ARC, SPARK
 from edmsim.recording.figures import palette
+from edmsim.recording.rerun.gap import discharges
 from edmsim.recording.rerun.machine import Shapes, wire_strips
 from edmsim.recording.rerun.stream import indexes, turned
 from edmsim.recording.scene import Scene
@@ -22,38 +23,38 @@ if TYPE_CHECKING:
     import pyarrow as pa
     import rerun as rr
 
-IN_A_SLICE = 4
+IN_A_SLICE = 2
 """Bubbles one above the other that are together as long as a slice is high (ours)."""
-ROUND_THE_FRONT = 20
-"""Bubbles side by side round the wire's front half: each as wide as a usual gap on a wire of 0.25 mm (ours)."""
-WIDEST = 2.0
-"""Most width of a bubble in wire diameters; at mid height in widths of its place on the front (ours)."""
+ROUND_THE_FRONT = 8
+"""Bubbles side by side that fill the wire's front half (ours)."""
+WIDEST = 3.0
+"""Most width of a bubble in the machine, in wire diameters (ours)."""
 SMALLEST = 0.1
 """Bubbles smaller than this share of a whole one are left out: they would not be seen (ours)."""
-_OPACITY = 110
+_OPACITY = 190
 """Of 255."""
 
 
-def bubbles(covered: NDArray[np.floating], places: int) -> NDArray[np.float64]:
+def bubbles(covered: NDArray[np.floating], rank: NDArray[np.int64], places: int) -> NDArray[np.float64]:
     """Return the size of the bubble in every place, as a share of a whole one.
 
-    Of 20 places, a share of 0.13 fills two with a whole bubble and a third with one of 0.6 of the size. Which places
-    these are is random for every share; equal arrays give equal bubbles.
+    Of 8 places, a share of 0.2 fills the two of the lowest ranks: one with a whole bubble, one with a bubble of 0.6 of
+    its size.
 
     Parameters
     ----------
     covered : float array (...)
         Shares of 0 to 1.
+    rank : int array (..., n)
+        In which order places are filled, from 0.
     places : int
-        How many places there are for each.
+        How many whole bubbles a share of 1 fills.
 
     Returns
     -------
-    float64 array (..., places)
-        Their mean over the places is the share.
+    float64 array (..., n)
+        Their sum is the share times the places, if every rank up to the number of places occurs once.
     """
-    order = np.broadcast_to(np.arange(places), (*covered.shape, places))
-    rank = np.random.default_rng(0).permuted(order, axis=-1)
     return np.clip(covered[..., None].astype(np.float64) * places - rank, 0.0, 1.0)
 
 
@@ -84,7 +85,8 @@ def log_bubbles(
 ) -> None:
     """Log bubbles on the front of the drawn wire in the machine, in mm.
 
-    Those of a slice are together as long as gas covers it; across, they are as wide as long, up to `WIDEST`.
+    Those of a slice are together as long as gas covers it, in random order; across, they are as wide as long, up to
+    `WIDEST`.
 
     Parameters
     ----------
@@ -107,7 +109,9 @@ def log_bubbles(
     z_mm = long_mm * (np.arange(slices * IN_A_SLICE) + 0.5)
     centre = make_interp_spline(wire[0, :, 2], wire, k=1, axis=1)(z_mm)
     centre[..., :2] += travel[:, None] * diameter_mm / 2
-    size = bubbles(shapes.coverage, IN_A_SLICE).reshape(n, -1)
+    order = np.broadcast_to(np.arange(IN_A_SLICE), (n, slices, IN_A_SLICE))
+    rank = np.random.default_rng(0).permuted(order, axis=-1)  # alike for equal cuts
+    size = bubbles(shapes.coverage, rank, IN_A_SLICE).reshape(n, -1)
     across_mm = size * min(long_mm, WIDEST * diameter_mm)
     shown = size >= SMALLEST
     halves = np.stack([across_mm, across_mm, size * long_mm], axis=-1) / 2
@@ -121,12 +125,11 @@ def log_bubbles(
     )  # fmt: skip
 
 
-def log_top_bubbles(
-    recording: rr.RecordingStream, scene: Scene, closeups: NDArray[np.void], travel: NDArray[np.float64]
-) -> None:
-    """Log bubbles between the front of the wire and the metal at mid height, in um in the top view.
+def log_top_bubbles(recording: rr.RecordingStream, scene: Scene, closeups: NDArray[np.void]) -> None:
+    """Log bubbles where the last discharges burned, in um in the top view.
 
-    A whole one is as wide as the gap there, up to `WIDEST`; where no metal is near there is none.
+    Together they are as wide as gas covers the front in the mean over the height, the latest first; they reach from
+    the wire to the metal at mid height.
 
     Parameters
     ----------
@@ -134,29 +137,29 @@ def log_top_bubbles(
     scene : Scene
     closeups : array (n,)
         Rows of `edmsim.recording.closeups.row_type`.
-    travel : float64 array (n, 2)
-        Direction of travel at every close-up.
     """
     import rerun as rr
 
     if len(closeups) == 0:
         return
-    radius, gaps = scene.wire_diameter_um / 2, closeups["walls_um"]
-    place = np.pi / ROUND_THE_FRONT
-    aside = place * (np.arange(ROUND_THE_FRONT) + 0.5) - np.pi / 2
-    angle = np.arctan2(travel[:, 1], travel[:, 0])[:, None] + aside
-    ray = np.round(angle / (2 * np.pi) * gaps.shape[1]).astype(np.int64) % gaps.shape[1]
-    gap = np.take_along_axis(gaps, ray, axis=1).astype(np.float64)
-    size = bubbles(closeups["coverage"][:, scene.middle_slice()], ROUND_THE_FRONT)
-    width = size * np.minimum(gap, WIDEST * radius * place)
-    way = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
-    wire = closeups["wire_um"] - closeups["guides_um"]
-    centre = turned(wire[:, None] + (radius + width / 2)[..., None] * way)
-    shown = (gap < RAY_RANGE_UM) & (size >= SMALLEST)
-    # below the rays, which shine through that way: points of this view are never translucent
-    look = rr.Points2D.from_fields(colors=[palette.rgb(palette.GAS_DARK)], draw_order=15.0)
+    radius, gaps, pulses = scene.wire_diameter_um / 2, closeups["walls_um"], closeups["pulses"]
+    burned = discharges(closeups, radius)[0] & np.isin(pulses["kind"], (SPARK, ARC))
+    latest = np.cumsum(burned[:, ::-1], axis=1)[:, ::-1] - 1
+    size = bubbles(closeups["coverage"].mean(axis=1), latest, ROUND_THE_FRONT)
+    gap = np.take_along_axis(gaps, pulses["ray"].astype(np.int64), axis=1)
+    shown = burned & (size >= SMALLEST) & (gap < RAY_RANGE_UM)
+    angle, gap = 2 * np.pi * pulses["ray"][shown] / gaps.shape[1], gap[shown].astype(np.float64)
+    long = size[shown] * (np.pi * radius / ROUND_THE_FRONT)
+    width = np.minimum(gap, long)
+    middle = radius + gap / 2
+    half = np.maximum(long - width, 0.1) / 2 / middle  # rounded ends add the width
+    arc = angle[:, None] + half[:, None] * np.linspace(-1.0, 1.0, 5)
+    wire = np.repeat(closeups["wire_um"] - closeups["guides_um"], shown.sum(axis=1), axis=0)
+    strips = wire[:, None] + middle[:, None, None] * np.stack([np.cos(arc), np.sin(arc)], axis=-1)
+    # below the rays, which shine through that way: lines of this view are never translucent
+    look = rr.LineStrips2D.from_fields(colors=[palette.rgb(palette.GAS_DARK)], draw_order=15.0)
     recording.log("top/gas", look, static=True)
-    columns = rr.Points2D.columns(positions=centre[shown], radii=width[shown] / 2)
+    columns = rr.LineStrips2D.columns(strips=turned(strips), radii=width / 2)
     recording.send_columns(
         "top/gas", indexes(closeups["t_s"], closeups["path_um"]), columns.partition(shown.sum(axis=1))
     )  # fmt: skip

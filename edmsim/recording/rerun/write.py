@@ -88,7 +88,7 @@ def write_recording(
         log_gap.log_scope(recording, kept)
         log_gas.log_coverage(recording, scene, shapes)
         log_gas.log_bubbles(recording, scene, shapes, log_gas.travel_at(windows, shapes.t_s), factor)
-        log_gas.log_top_bubbles(recording, scene, kept, log_gas.travel_at(windows, kept["t_s"]))
+        log_gas.log_top_bubbles(recording, scene, kept)
         told = events(windows, scene, report)
         group = _log_series(recording, windows, np.array([event.row for event in told], np.int64))
         _log_events(recording, windows, told)
@@ -155,8 +155,9 @@ def about(scene: Scene, report: Mapping[str, Any], title: str, factor: float, th
         "cross. Every ray that meets metal is drawn from the wire to it, the redder the narrower.",
         "- Discharges are drawn on the metal, in the middle of their slice of height, and fade: "
         "blue sparks, pink arcs, red contacts.",
-        "- Pale bubbles stand for gas on the wire's front: together they are as long as the share of it that gas "
-        "covers, in every slice, and at mid height as wide as the gap they bridge. Their places mean nothing.",
+        "- Pale bubbles show gas on the wire's front. Those of a slice are together as long as the share of it that "
+        "gas covers. In the view at the wire they lie where the last discharges burned, together as wide as the mean "
+        "of that share over the height.",
         "- The oscilloscope shows the model's pulses: voltage until ignition, then burning; no rise times.",
         *(f"- {line}" for line in thinning),
         "## Settings",
