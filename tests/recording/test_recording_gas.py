@@ -19,7 +19,7 @@ from edmsim.plant.plant import Plant
 from edmsim.recording import Closeups, Frames, Playback, WindowTable, render_table
 from edmsim.recording.figures import pulses_figure
 from edmsim.recording.film import Film
-from edmsim.recording.rerun.gas import IN_A_SLICE, ROUND_THE_FRONT, SMALLEST, bubbles, travel_at
+from edmsim.recording.rerun.gas import IN_A_SLICE, SMALLEST, bubbles, travel_at
 from edmsim.recording.rerun.machine import Shapes, wire_strips
 from edmsim.recording.rerun.write import write_recording
 from edmsim.recording.windows import column
@@ -46,7 +46,7 @@ def shapes_of(cut: SimpleNamespace) -> Shapes:
 @given(st.lists(st.floats(0, 1), min_size=1, max_size=30), st.integers(1, 20))
 def test_bubbles_cover_the_share_they_show(shares: list[float], places: int) -> None:
     covered, rank = np.array(shares), np.broadcast_to(np.arange(places), (len(shares), places))
-    sizes = bubbles(covered, rank, places)
+    sizes = bubbles(covered, rank)
     np.testing.assert_allclose(sizes.mean(axis=-1), covered, atol=1e-12)
     assert np.all(((sizes > 0) & (sizes < 1)).sum(axis=-1) <= 1)  # at most one is no whole one
     assert np.all(np.diff(sizes, axis=-1) <= 0)  # low ranks first
@@ -111,7 +111,7 @@ def test_bubbles_stand_on_the_front_of_the_drawn_wire(cut: SimpleNamespace, play
     halves = play.points("/world/gas", "Ellipsoids3D:half_sizes", t_s)
     long_mm = np.array([2 * halves[np.floor(centres[:, 2] / slice_mm) == s, 2].sum() for s in range(9)])
     covered = shapes.coverage[at]
-    np.testing.assert_allclose(long_mm, covered * slice_mm, atol=0.1 * slice_mm / IN_A_SLICE + 1e-5)
+    np.testing.assert_allclose(long_mm, covered * slice_mm, atol=SMALLEST * slice_mm / IN_A_SLICE + 1e-5)
     assert long_mm[0] == 0.0  # no gas, no bubble
     factor = float(play.sizes[7])
     wire = wire_strips(cut.scene, shapes, factor)[at]
@@ -122,36 +122,28 @@ def test_bubbles_stand_on_the_front_of_the_drawn_wire(cut: SimpleNamespace, play
     np.testing.assert_array_equal(halves[:, 0], halves[:, 1])
 
 
-def test_bubbles_in_the_top_view_lie_where_the_last_discharges_burned(
-    cut: SimpleNamespace, tmp_path: Path
-) -> None:
+def test_the_top_view_has_a_bubble_at_the_last_discharge_of_every_slice(cut: SimpleNamespace, tmp_path: Path) -> None:
     closeups = Closeups(9, 32, 4)
-    turn = 2 * np.pi / 32
-    for number, old in enumerate(cut.closeups.table()[:8]):
+    covered = np.array([0.0, 0.02, 0.06, 0.3, 0.5, 0.6, 0.1, 0.2, 0.9], np.float32)
+    for old in cut.closeups.table()[:8]:
         for name in old.dtype.names:
             closeups.row[name] = old[name]
+        closeups.row["coverage"] = covered
         closeups.row["pulses"]["ray"] = np.arange(96) % 16
-        closeups.row["coverage"] = number / 7
+        closeups.row["pulses"]["slice"] = np.where(np.arange(96) % 4 == 1, -1, np.arange(96) // 4 % 8)  # 8 has none
         closeups.keep()
-    play, table = recording(cut, tmp_path, closeups), closeups.table()
-    burned = [r % 16 for r in range(95, -1, -1) if r % 4 in (0, 3)]  # sparks and arcs, latest first
-    for row in table:
-        t_s = float(row["t_s"])
-        strips = [line * (1.0, -1.0) for line in play.strips("/top/gas", "LineStrips2D:strips", t_s)]
-        radii = play.points("/top/gas", "LineStrips2D:radii", t_s)
-        away = [line - (row["wire_um"] - row["guides_um"]) for line in strips]
-        for line in away:
-            np.testing.assert_allclose(np.hypot(*line.T), RADIUS_UM + GAP_UM / 2, atol=1e-2)
-        assert np.all(radii <= GAP_UM / 2 + 1e-6)
-        covered = float(row["coverage"].mean()) * ROUND_THE_FRONT
-        assert len(strips) == int(covered) + (covered % 1 >= SMALLEST)
-        found = [np.arctan2(*line[2][::-1]) / turn for line in away]  # middle of the bubble
-        np.testing.assert_allclose(sorted(found), sorted(burned[: len(found)]), atol=1e-3)
-        spans = [np.ptp(np.unwrap(np.arctan2(*line.T[::-1]))) * (RADIUS_UM + GAP_UM / 2) for line in away]
-        whole = sum(np.array(spans) + 2 * radii) / (np.pi * RADIUS_UM / ROUND_THE_FRONT)
-        assert whole == pytest.approx(covered, abs=SMALLEST + 0.02)
-    assert len(play.points("/top/gas", "LineStrips2D:radii", float(table["t_s"][0]))) == 0
-    assert len(play.points("/top/gas", "LineStrips2D:radii", float(table["t_s"][7]))) == 8
+    play, row = recording(cut, tmp_path, closeups), closeups.table()[5]
+    strips = [line * (1.0, -1.0) for line in play.strips("/top/gas", "LineStrips2D:strips", float(row["t_s"]))]
+    radii = play.points("/top/gas", "LineStrips2D:radii", float(row["t_s"]))
+    middle = RADIUS_UM + GAP_UM / 2
+    np.testing.assert_allclose(radii, [GAP_UM / 2] * 6)  # slices 2 to 7, from the wire to the metal
+    for number, (line, share) in enumerate(zip(strips, covered[2:8], strict=True), 2):
+        away = line - (row["wire_um"] - row["guides_um"])
+        np.testing.assert_allclose(np.hypot(*away.T), middle, atol=1e-2)
+        turned = np.unwrap(np.arctan2(away[:, 1], away[:, 0]))
+        assert np.ptp(turned) * middle + GAP_UM == pytest.approx(share * np.pi * RADIUS_UM, abs=0.1)
+        arc = max(p for p in range(96) if p % 4 in (0, 3) and p // 4 % 8 == number)  # the last spark or arc there
+        assert turned[4] == pytest.approx(2 * np.pi / 32 * (arc % 16), abs=1e-3)
 
 
 def test_a_film_shows_gas_where_there_is_some(cut: SimpleNamespace, tmp_path: Path) -> None:

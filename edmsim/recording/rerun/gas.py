@@ -25,37 +25,32 @@ if TYPE_CHECKING:
 
 IN_A_SLICE = 2
 """Bubbles one above the other that are together as long as a slice is high (ours)."""
-ROUND_THE_FRONT = 8
-"""Bubbles side by side that fill the wire's front half (ours)."""
 WIDEST = 3.0
 """Most width of a bubble in the machine, in wire diameters (ours)."""
-SMALLEST = 0.1
+SMALLEST = 0.05
 """Bubbles smaller than this share of a whole one are left out: they would not be seen (ours)."""
 _OPACITY = 190
 """Of 255."""
 
 
-def bubbles(covered: NDArray[np.floating], rank: NDArray[np.int64], places: int) -> NDArray[np.float64]:
+def bubbles(covered: NDArray[np.floating], rank: NDArray[np.int64]) -> NDArray[np.float64]:
     """Return the size of the bubble in every place, as a share of a whole one.
 
-    Of 8 places, a share of 0.2 fills the two of the lowest ranks: one with a whole bubble, one with a bubble of 0.6 of
-    its size.
+    Of two places, a share of 0.7 fills the one of rank 0 with a whole bubble, the other with one of 0.4 of its size.
 
     Parameters
     ----------
     covered : float array (...)
         Shares of 0 to 1.
-    rank : int array (..., n)
+    rank : int array (..., places)
         In which order places are filled, from 0.
-    places : int
-        How many whole bubbles a share of 1 fills.
 
     Returns
     -------
-    float64 array (..., n)
-        Their sum is the share times the places, if every rank up to the number of places occurs once.
+    float64 array (..., places)
+        Its mean over the places is the share.
     """
-    return np.clip(covered[..., None].astype(np.float64) * places - rank, 0.0, 1.0)
+    return np.clip(covered[..., None].astype(np.float64) * rank.shape[-1] - rank, 0.0, 1.0)
 
 
 def travel_at(windows: pa.Table, t_s: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -111,7 +106,7 @@ def log_bubbles(
     centre[..., :2] += travel[:, None] * diameter_mm / 2
     order = np.broadcast_to(np.arange(IN_A_SLICE), (n, slices, IN_A_SLICE))
     rank = np.random.default_rng(0).permuted(order, axis=-1)  # alike for equal cuts
-    size = bubbles(shapes.coverage, rank, IN_A_SLICE).reshape(n, -1)
+    size = bubbles(shapes.coverage, rank).reshape(n, -1)
     across_mm = size * min(long_mm, WIDEST * diameter_mm)
     shown = size >= SMALLEST
     halves = np.stack([across_mm, across_mm, size * long_mm], axis=-1) / 2
@@ -126,10 +121,10 @@ def log_bubbles(
 
 
 def log_top_bubbles(recording: rr.RecordingStream, scene: Scene, closeups: NDArray[np.void]) -> None:
-    """Log bubbles where the last discharges burned, in um in the top view.
+    """Log a bubble for every slice, at the last discharge that burned there, in um in the top view.
 
-    Together they are as wide as gas covers the front in the mean over the height, the latest first; they reach from
-    the wire to the metal at mid height.
+    It is as wide as the share of the wire's front half that gas covers in its slice, and reaches from the wire to the
+    metal at mid height.
 
     Parameters
     ----------
@@ -142,22 +137,22 @@ def log_top_bubbles(recording: rr.RecordingStream, scene: Scene, closeups: NDArr
 
     if len(closeups) == 0:
         return
-    radius, gaps, pulses = scene.wire_diameter_um / 2, closeups["walls_um"], closeups["pulses"]
+    radius, covered, pulses = scene.wire_diameter_um / 2, closeups["coverage"], closeups["pulses"]
     burned = discharges(closeups, radius)[0] & np.isin(pulses["kind"], (SPARK, ARC))
-    latest = np.cumsum(burned[:, ::-1], axis=1)[:, ::-1] - 1
-    size = bubbles(closeups["coverage"].mean(axis=1), latest, ROUND_THE_FRONT)
-    gap = np.take_along_axis(gaps, pulses["ray"].astype(np.int64), axis=1)
-    shown = burned & (size >= SMALLEST) & (gap < RAY_RANGE_UM)
-    angle, gap = 2 * np.pi * pulses["ray"][shown] / gaps.shape[1], gap[shown].astype(np.float64)
-    long = size[shown] * (np.pi * radius / ROUND_THE_FRONT)
-    width = np.minimum(gap, long)
-    middle = radius + gap / 2
-    half = np.maximum(long - width, 0.1) / 2 / middle  # rounded ends add the width
-    arc = angle[:, None] + half[:, None] * np.linspace(-1.0, 1.0, 5)
+    here = burned[..., None] & (pulses["slice"][..., None] == np.arange(covered.shape[1]))
+    last = burned.shape[1] - 1 - np.argmax(here[:, ::-1], axis=1)
+    ray = np.take_along_axis(pulses["ray"], last, axis=1).astype(np.int64)
+    gap = np.take_along_axis(closeups["walls_um"], ray, axis=1).astype(np.float64)
+    shown = here.any(axis=1) & (covered >= SMALLEST) & (gap < RAY_RANGE_UM)
+    angle, gap = 2 * np.pi * ray[shown] / closeups["walls_um"].shape[1], gap[shown]
+    long = covered[shown] * (np.pi * radius)
+    width, middle = np.minimum(gap, long), radius + gap / 2
+    half = np.maximum(long - width, 0.1) / 2 / middle  # its round ends add the width
+    arc = angle[:, None] + half[:, None] * np.linspace(-1.0, 1.0, 9)
     wire = np.repeat(closeups["wire_um"] - closeups["guides_um"], shown.sum(axis=1), axis=0)
     strips = wire[:, None] + middle[:, None, None] * np.stack([np.cos(arc), np.sin(arc)], axis=-1)
-    # below the rays, which shine through that way: lines of this view are never translucent
-    look = rr.LineStrips2D.from_fields(colors=[palette.rgb(palette.GAS_DARK)], draw_order=15.0)
+    # below the rays, which are seen on it: lines of this view are never translucent
+    look = rr.LineStrips2D.from_fields(colors=[palette.rgb(palette.GAS)], draw_order=15.0)
     recording.log("top/gas", look, static=True)
     columns = rr.LineStrips2D.columns(strips=turned(strips), radii=width / 2)
     recording.send_columns(

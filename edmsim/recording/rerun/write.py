@@ -156,8 +156,8 @@ def about(scene: Scene, report: Mapping[str, Any], title: str, factor: float, th
         "- Discharges are drawn on the metal, in the middle of their slice of height, and fade: "
         "blue sparks, pink arcs, red contacts.",
         "- Pale bubbles show gas on the wire's front. Those of a slice are together as long as the share of it that "
-        "gas covers. In the view at the wire they lie where the last discharges burned, together as wide as the mean "
-        "of that share over the height.",
+        "gas covers. In the view at the wire there is one for every slice, at the last discharge that burned there, "
+        "and as wide as that share of the wire's front half.",
         "- The oscilloscope shows the model's pulses: voltage until ignition, then burning; no rise times.",
         *(f"- {line}" for line in thinning),
         "## Settings",
