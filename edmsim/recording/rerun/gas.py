@@ -1,6 +1,6 @@
 """Gas in the recording: the share of the wire's front that it covers over time, and bubbles that show it.
 
-The model knows a share per slice and no bubbles. So many are drawn that together they cover that share.
+The model knows a share per slice and no bubbles: those drawn, one for a slice, only show it.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from edmsim.plant.kernel.state import ARC, SPARK
 from edmsim.recording.figures import palette
 from edmsim.recording.rerun.gap import discharges
 from edmsim.recording.rerun.machine import Shapes, wire_strips
-from edmsim.recording.rerun.stream import indexes, turned
+from edmsim.recording.rerun.stream import faded, indexes, turned
 from edmsim.recording.scene import Scene
 from edmsim.recording.windows import column, travel_direction
 
@@ -23,34 +23,10 @@ if TYPE_CHECKING:
     import pyarrow as pa
     import rerun as rr
 
-IN_A_SLICE = 2
-"""Bubbles one above the other that are together as long as a slice is high (ours)."""
-WIDEST = 3.0
-"""Most width of a bubble in the machine, in wire diameters (ours)."""
 SMALLEST = 0.05
-"""Bubbles smaller than this share of a whole one are left out: they would not be seen (ours)."""
-_OPACITY = 190
+"""Slices of which gas covers less than this have no bubble: it would not be seen (ours)."""
+_OPACITY = 150
 """Of 255."""
-
-
-def bubbles(covered: NDArray[np.floating], rank: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Return the size of the bubble in every place, as a share of a whole one.
-
-    Of two places, a share of 0.7 fills the one of rank 0 with a whole bubble, the other with one of 0.4 of its size.
-
-    Parameters
-    ----------
-    covered : float array (...)
-        Shares of 0 to 1.
-    rank : int array (..., places)
-        In which order places are filled, from 0.
-
-    Returns
-    -------
-    float64 array (..., places)
-        Its mean over the places is the share.
-    """
-    return np.clip(covered[..., None].astype(np.float64) * rank.shape[-1] - rank, 0.0, 1.0)
 
 
 def travel_at(windows: pa.Table, t_s: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -78,10 +54,9 @@ def log_coverage(recording: rr.RecordingStream, scene: Scene, shapes: Shapes) ->
 def log_bubbles(
     recording: rr.RecordingStream, scene: Scene, shapes: Shapes, travel: NDArray[np.float64], factor: float
 ) -> None:
-    """Log bubbles on the front of the drawn wire in the machine, in mm.
+    """Log a bubble for every slice on the front of the drawn wire, in mm.
 
-    Those of a slice are together as long as gas covers it, in random order; across, they are as wide as long, up to
-    `WIDEST`.
+    One of a slice that gas covers wholly is as wide as the slice is high; the area of others is that share of its.
 
     Parameters
     ----------
@@ -94,27 +69,19 @@ def log_bubbles(
         How many times larger the wire's deflection is drawn.
     """
     import rerun as rr
-    from scipy.interpolate import make_interp_spline
 
     n, slices = shapes.coverage.shape
     if n == 0:
         return
-    wire, diameter_mm = wire_strips(scene, shapes, factor), scene.wire_diameter_um / 1000.0
-    long_mm = scene.height_mm / (slices * IN_A_SLICE)
-    z_mm = long_mm * (np.arange(slices * IN_A_SLICE) + 0.5)
-    centre = make_interp_spline(wire[0, :, 2], wire, k=1, axis=1)(z_mm)
-    centre[..., :2] += travel[:, None] * diameter_mm / 2
-    order = np.broadcast_to(np.arange(IN_A_SLICE), (n, slices, IN_A_SLICE))
-    rank = np.random.default_rng(0).permuted(order, axis=-1)  # alike for equal cuts
-    size = bubbles(shapes.coverage, rank).reshape(n, -1)
-    across_mm = size * min(long_mm, WIDEST * diameter_mm)
-    shown = size >= SMALLEST
-    halves = np.stack([across_mm, across_mm, size * long_mm], axis=-1) / 2
+    centre = wire_strips(scene, shapes, factor)[:, 1:-1]
+    centre[..., :2] += travel[:, None] * (scene.wire_diameter_um / 2000.0)
+    shown = shapes.coverage >= SMALLEST
+    radius_mm = np.sqrt(shapes.coverage[shown]) * (scene.height_mm / slices / 2)
     look = rr.Ellipsoids3D.from_fields(
         colors=[(*palette.rgb(palette.GAS), _OPACITY)], fill_mode=rr.components.FillMode.Solid
     )  # fmt: skip
     recording.log("world/gas", look, static=True)
-    columns = rr.Ellipsoids3D.columns(half_sizes=halves[shown], centers=centre[shown])
+    columns = rr.Ellipsoids3D.columns(half_sizes=np.repeat(radius_mm[:, None], 3, axis=1), centers=centre[shown])
     recording.send_columns(
         "world/gas", indexes(shapes.t_s, shapes.path_um), columns.partition(shown.sum(axis=1))
     )  # fmt: skip
@@ -151,8 +118,9 @@ def log_top_bubbles(recording: rr.RecordingStream, scene: Scene, closeups: NDArr
     arc = angle[:, None] + half[:, None] * np.linspace(-1.0, 1.0, 9)
     wire = np.repeat(closeups["wire_um"] - closeups["guides_um"], shown.sum(axis=1), axis=0)
     strips = wire[:, None] + middle[:, None, None] * np.stack([np.cos(arc), np.sin(arc)], axis=-1)
-    # below the rays, which are seen on it: lines of this view are never translucent
-    look = rr.LineStrips2D.from_fields(colors=[palette.rgb(palette.GAS)], draw_order=15.0)
+    # sunk into the ground and below the rays: lines of this view are never translucent
+    pale = faded(np.array([palette.rgb(palette.GAS)], np.uint8), np.array([0.65]))
+    look = rr.LineStrips2D.from_fields(colors=pale, draw_order=15.0)
     recording.log("top/gas", look, static=True)
     columns = rr.LineStrips2D.columns(strips=turned(strips), radii=width / 2)
     recording.send_columns(

@@ -155,9 +155,9 @@ def about(scene: Scene, report: Mapping[str, Any], title: str, factor: float, th
         "cross. Every ray that meets metal is drawn from the wire to it, the redder the narrower.",
         "- Discharges are drawn on the metal, in the middle of their slice of height, and fade: "
         "blue sparks, pink arcs, red contacts.",
-        "- Pale bubbles show gas on the wire's front. Those of a slice are together as long as the share of it that "
-        "gas covers. In the view at the wire there is one for every slice, at the last discharge that burned there, "
-        "and as wide as that share of the wire's front half.",
+        "- Pale bubbles show gas on the wire's front, one for every slice: where gas covers a slice wholly, it is as "
+        "wide as the slice is high; its area grows with the share. In the view at the wire it lies at the slice's "
+        "last discharge and is as wide as that share of the wire's front half.",
         "- The oscilloscope shows the model's pulses: voltage until ignition, then burning; no rise times.",
         *(f"- {line}" for line in thinning),
         "## Settings",
