@@ -122,7 +122,7 @@ def log_top_bubbles(recording: rr.RecordingStream, scene: Scene, closeups: NDArr
     pale = faded(np.array([palette.rgb(palette.GAS)], np.uint8), np.array([0.65]))
     look = rr.LineStrips2D.from_fields(colors=pale, draw_order=15.0)
     recording.log("top/gas", look, static=True)
-    columns = rr.LineStrips2D.columns(strips=turned(strips), radii=width / 2)
+    columns = rr.LineStrips2D.columns(strips=turned(strips).astype(np.float32), radii=width / 2)
     recording.send_columns(
         "top/gas", indexes(closeups["t_s"], closeups["path_um"]), columns.partition(shown.sum(axis=1))
     )  # fmt: skip
