@@ -221,6 +221,7 @@ def test_broken_wire_leaves_a_full_report(
     hot = own_file(
         "machines", "agiecut-dem15",
         ("convection_W_m2K = { value = 14000.0, range = [5000.0, 30000.0],", "convection_W_m2K = { value = 300.0,"),
+        ("critical_W_m2 = { value = 4.0e6, range = [1.0e6, 1.0e7],", "critical_W_m2 = { value = 1.0e3,"),
     )  # fmt: skip
     result = cut_small(out=tmp_path / "out", machine=hot, tension=40.0, height_mm=20.0)
     report = result.report

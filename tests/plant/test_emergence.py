@@ -187,7 +187,7 @@ def test_the_running_wire_breaks_low():
 
 def test_favourable_constants_within_their_ranges_hold_satos_stable_cutting():
     """As set, the model's wire breaks at half of it; the ranges of heat share and convection span it."""
-    favourable = {"base.discharge.wire_heat_share": 0.1, "base.discharge.convection_W_m2K": 3e4}
+    favourable = {"base.cooling.wire_heat_share": 0.1, "base.cooling.convection_W_m2K": 3e4}
     stable_A = 0.49e-3 * STABLE_HZ
     assert break_limit_A(sato_rig(80.0), 1) < 0.7 * stable_A
     assert break_limit_A(sato_rig(80.0, favourable), 1) > stable_A
@@ -195,7 +195,7 @@ def test_favourable_constants_within_their_ranges_hold_satos_stable_cutting():
 
 def test_a_hotter_wire_breaks_at_less_current():
     limits = [
-        break_limit_A(sato_rig(20.0, {"base.discharge.wire_heat_share": share}), 1) for share in (0.1, 0.3, 0.5)
+        break_limit_A(sato_rig(20.0, {"base.cooling.wire_heat_share": share}), 1) for share in (0.1, 0.3, 0.5)
     ]
     assert sorted(limits, reverse=True) == limits
     assert all(math.isfinite(limit) and limit > 0 for limit in limits)

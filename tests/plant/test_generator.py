@@ -218,7 +218,7 @@ def test_a_triangle_has_the_charge_and_energy_of_half_its_peak(drive):
 
 def test_a_triangle_heats_the_wire_by_its_current_a_third_more_than_a_rectangle_of_its_charge(in_a_hole, altered):
     """The integral of i^2 is I^2 t/3 against (I/2)^2 t: seen where nothing but the current heats."""
-    only_current = {"base.discharge.wire_heat_share": 0.0, "base.discharge.convection_W_m2K": 1.0,
+    only_current = {"base.cooling.wire_heat_share": 0.0, "base.cooling.convection_W_m2K": 1.0,
                     "wire.resistivity_per_K": 0.0, "material.removal_mm3_J": 1e-15,
                     "base.discharge.impulse_10mJ_Ns": 0.0}  # fmt: skip
     rises = []

@@ -135,7 +135,7 @@ def test_the_default_wire_holds(machine, plant_at_work):
 def test_a_badly_cooled_wire_breaks_and_stays_broken(machine, altered, drive):
     from edmsim import Plant
 
-    dry = altered(machine, {"base.discharge.convection_W_m2K": 1.0, "base.guides.wire_speed_m_s": 1e-3})
+    dry = altered(machine, {"base.cooling.convection_W_m2K": 1.0, "base.guides.wire_speed_m_s": 1e-3})
     plant = Plant(dry, seed=1, resolution="fast")
     windows = drive(plant, 30.0, 4.0)
     first = next(k for k, w in enumerate(windows) if w.broken)
@@ -151,7 +151,7 @@ def test_a_worn_wire_breaks_cold(machine, altered, drive):
     from edmsim import Plant
 
     worn = altered(
-        machine, {"base.discharge.wear_ratio": 100.0, "base.discharge.wire_heat_share": 0.0}
+        machine, {"base.discharge.wear_ratio": 100.0, "base.cooling.wire_heat_share": 0.0}
     )
     windows = drive(Plant(worn, seed=1, resolution="fast"), 30.0, 4.0)
     assert windows[-1].broken
