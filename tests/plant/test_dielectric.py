@@ -8,8 +8,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import edmsim
-from edmsim.plant.constants import flow_m_s
+from edmsim.plant.constants import constants, flow_m_s
 from edmsim.plant.gap.debris import Jets, bridged_probability, flow_speed_m_s, flush, jets
+from edmsim.plant.gap.water import permittivity_ratio, surface_tension_N_m, viscosity_ratio
 from edmsim.plant.resolution import resolution
 
 SHARES = st.lists(st.floats(0.0, 1.0), min_size=1, max_size=15)
@@ -147,7 +148,49 @@ def test_half_of_the_pulses_find_a_bridge_at_the_critical_share(gap, critical):
     assert bridged_probability(critical + 0.1, gap, **SPARC) == 1.0
 
 
+# --- water by temperature ---
+
+
+@pytest.mark.parametrize(
+    ("celsius", "permittivity", "viscosity_mPa_s", "tension_mN_m"),
+    [
+        (20.0, 80.1, 1.0016, 72.75), (50.0, 69.9, 0.5465, 67.94),
+        (80.0, 60.9, 0.3544, 62.67), (100.0, 55.6, 0.2816, 58.91),
+    ],
+)
+def test_water_has_the_handbook_s_properties(celsius, permittivity, viscosity_mPa_s, tension_mN_m):
+    kelvin = celsius + 273.15
+    assert permittivity_ratio(kelvin) == pytest.approx(permittivity / 80.1, rel=5e-3)
+    assert viscosity_ratio(kelvin) == pytest.approx(viscosity_mPa_s / 1.0016, rel=0.03)
+    assert surface_tension_N_m(kelvin) == pytest.approx(tension_mN_m * 1e-3, rel=2e-3)
+
+
+def test_the_gap_has_the_water_of_its_temperature(machine, altered):
+    res = resolution("fast")
+    cold, warm = (altered(machine, {"base.dielectric.gap_temperature_K": t}) for t in (293.15, 323.15))
+    assert constants(cold, res).permittivity_F_m == pytest.approx(80.0 * 8.8541878e-12)
+    of_warm, of_cold = constants(warm, res), constants(cold, res)
+    eps = of_warm.permittivity_F_m / of_cold.permittivity_F_m
+    eta = of_warm.film_um3_kg_s / of_cold.film_um3_kg_s
+    assert (eps, eta) == (pytest.approx(0.873, abs=0.003), pytest.approx(0.546, abs=0.01))
+    np.testing.assert_allclose(flow_m_s(warm, res) * eta, flow_m_s(cold, res))
+
+
 # --- in the plant ---
+
+
+def test_a_loaded_slot_flows_more_slowly(in_a_hole, machine):
+    """By Einstein's viscosity, 1 + 2.5 times the share: what one interval carries off falls by so much."""
+    changes = []
+    for debris in (1e-6, 0.2):
+        plant = in_a_hole(machine, 200.0)
+        state = plant.snapshot()
+        state["debris"][:] = debris
+        plant.restore(state)
+        while (left := plant.snapshot()["debris"][0]) == debris:
+            plant.advance_pulse()
+        changes.append(debris / left - 1)
+    assert changes[0] / changes[1] == pytest.approx(1 + 2.5 * 0.2, rel=1e-3)
 
 
 def test_the_operator_s_nozzles_decide_on_flow_and_debris(machine, drive):
