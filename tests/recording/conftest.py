@@ -75,7 +75,6 @@ def windows(draw: np.random.Generator) -> WindowTable:
                 *(lag_um[i] * direction[i]),
                 330.0 + 20.0 * np.sin(i / 300),
                 0.01 + 0.001 * draw.standard_normal(),
-                0.2 + 0.02 * np.sin(i / 100),
                 30.0,
                 100.0,
                 path_um[i],
@@ -88,7 +87,7 @@ def frames(rows: np.ndarray) -> Frames:
     kept = Frames(N_SLICES)
     shape = np.sin(np.pi * (np.arange(N_SLICES) + 0.5) / N_SLICES)
     for row in rows:
-        kept.offer(row[0], row[1], row[2], row[19], -shape[:, None] * row[12:14])
+        kept.offer(row[0], row[1], row[2], row[18], -shape[:, None] * row[12:14])
     return kept
 
 
@@ -98,7 +97,7 @@ def closeups(rows: np.ndarray) -> Closeups:
     number = np.arange(96)
     for row in rows:
         r, p = kept.row, kept.row["pulses"]
-        r["t_s"], r["guides_um"], r["path_um"] = row[0], row[1:3], row[19]
+        r["t_s"], r["guides_um"], r["path_um"] = row[0], row[1:3], row[18]
         r["burning_V"], r["current_A"], r["short_A"] = 22.0, 6.6, 8.0
         r["wire_um"] = row[1:3] - row[12:14]
         r["walls_um"] = np.where(np.arange(N_RAYS) < N_RAYS // 2, 15.0, 1e6)
