@@ -162,7 +162,6 @@ def test_a_contact_takes_only_the_speed_of_its_slice_along_its_direction(machine
 
 PURE = {
     "base.dielectric.gap_temperature_K": 293.15, "base.dielectric.edge_loss": 0.0, "base.guides.damping_ratio": 1e-6,
-    "base.discharge.impulse_10mJ_Ns": 0.0,
 }  # fmt: skip
 """The film alone, at 1e-3 Pa s."""
 

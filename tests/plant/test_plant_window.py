@@ -92,6 +92,18 @@ def test_sparks_push_the_wire_back_as_a_string_under_their_impulses(machine, alt
     assert abs(np.mean([w.deflection_um[1] for w in windows])) < 0.5 * lag_um
 
 
+def test_a_short_that_melts_metal_pushes_the_wire_off(in_a_hole, machine):
+    """By a share of what the bubble of that energy does at 20 um; in a hole 1 um wide the wire touches all around."""
+    speeds = []
+    for share in (0.0, 0.3, 0.6):
+        pushed = {"base.discharge.impulse_10mJ_Ns": 4.3e-6, "base.discharge.bubble_share": 0.04}
+        plant = in_a_hole(machine, 1.0, **pushed, **{"base.discharge.short_push_share": share})
+        assert plant.advance_pulse().short == 1
+        speeds.append(float(np.abs(plant.snapshot()["wire_v"]).max()))
+    assert speeds[0] == 0.0
+    assert speeds[2] == pytest.approx(2 * speeds[1], rel=0.02)
+
+
 # --- nothing, everything, and water in between ---
 
 
@@ -201,7 +213,7 @@ def test_a_step_begins_where_the_table_was_and_settles(machine):
 
 def test_the_bare_wire_hangs_straight_and_leans_to_metal_nearby(machine, altered):
     """The open voltage pulls the wire towards the metal in front of it."""
-    quiet = altered(machine, {"base.discharge.impulse_10mJ_Ns": 0.0})
+    quiet = altered(machine, {"base.discharge.impulse_10mJ_Ns": 0.0, "base.discharge.bubble_share": 1e-12})
     plant = edmsim.Plant(quiet.with_(t_on_us=20.0, t_period_us=100.0), 1, resolution="fast")
     windows = [plant.advance() for _ in range(10)]
     lean = np.mean([w.deflection_um[0] for w in windows])
