@@ -111,9 +111,8 @@ def test_laws_of_the_string_hold():
     assert failing([*strings.check_static_lag(()), *strings.check_frequencies(())]) == []
 
 
-def test_the_pull_fails_only_where_rays_are_too_short():
-    names = failing(strings.check_electrostatic_pull(()))
-    assert [name.split(" (")[0] for name in names] == [f"electrostatic pull at {gap} um" for gap in (20, 30, 50)]
+def test_the_pull_agrees_at_every_gap():
+    assert failing(strings.check_electrostatic_pull(())) == []
 
 
 def test_a_heavier_wire_has_another_frequency():
