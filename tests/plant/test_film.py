@@ -245,7 +245,7 @@ def test_a_loaded_wire_creeps_through_a_narrow_film(front, side, period, mechani
     model = modal_model if mechanics == "modal" else full_mechanics
     shape = model(pure, FAST).wire_shape
     start = plant.deflections_um()[:, 0].mean()
-    crept, pulses = [], round(400.0 / period)
+    crept, pulses = [], round(200.0 / period)
     for _ in range(pulses):
         deflect(plant, steady=shape.T @ load_N * 1e6)
         plant.advance_pulse()
@@ -255,19 +255,6 @@ def test_a_loaded_wire_creeps_through_a_narrow_film(front, side, period, mechani
     expected = linear(pure, drag, load_N, np.zeros(FAST.modes), times).mean(axis=1)
     assert crept[-1] == pytest.approx(expected[-1], rel=0.2)
     assert expected[-1] < 0.02 / drag * times[-1] * 1e6
-
-
-def test_a_wire_leaves_a_narrow_film_quicker_than_it_enters_it(pure):
-    """The film gives way where the water would have to hold more than a vacuum."""
-    way = {}
-    for towards in (1.0, -1.0):
-        plant = led(pure, 8.0, 24.0, t_on_us=10.0, t_period_us=40.0)
-        shape = modal_model(pure, FAST).wire_shape
-        start = plant.deflections_um()[2, 0]
-        deflect(plant, wire_v=[towards * 3e6 / shape[2, 0]])
-        plant.advance_pulse()
-        way[towards] = towards * (plant.deflections_um()[2, 0] - start)
-    assert 0 < way[1.0] < 0.8 * way[-1.0]
 
 
 @pytest.mark.parametrize("mechanics", ["modal", "mujoco"])
@@ -299,7 +286,7 @@ UNLIT = {
 def equilibrium_um(compliance, pull_N_um2, gap_um):
     """Places of the slices under a pull of ``(1/g + 1/(2 r))^2``; None if there is none."""
     place = np.zeros(len(compliance))
-    for _ in range(20_000):
+    for _ in range(2_000):
         field = 1 / (gap_um - place) + 0.5 / R_UM
         new = compliance @ (pull_N_um2 * field**2) * 1e6
         if new.max() > gap_um - 1.0:
@@ -318,11 +305,11 @@ def test_the_pull_takes_the_wire_from_a_third_of_the_free_gap_on(of_critical, ho
     model = modal_model(quiet, FAST)
     compliance = model.wire_shape @ np.diag(model.wire_omega**-2.0) @ model.wire_shape.T
     low, high = 0.0, 1.0
-    for _ in range(50):  # newton times um^2 of a slice's ray at which nothing holds the wire
+    for _ in range(30):  # newton times um^2 of a slice's ray at which nothing holds the wire
         middle = 0.5 * (low + high)
         low, high = (middle, high) if equilibrium_um(compliance, middle, gap_um) is not None else (low, middle)
-    at_fold = equilibrium_um(compliance, 0.9999 * low, gap_um).max()
-    assert at_fold / (gap_um - at_fold) == pytest.approx(0.5, abs=0.12)
+    at_fold = equilibrium_um(compliance, 0.9999 * low, gap_um).mean()
+    assert at_fold / (gap_um - at_fold) == pytest.approx(0.5, abs=0.03)
     c = constants(quiet, FAST)
     per_permittivity = 0.5 * c.permittivity_F_m * 100.0**2 * c.patch_m2 * 1e12 * 0.99
     permittivity = of_critical * low / per_permittivity * quiet.base.dielectric.permittivity.value

@@ -279,6 +279,7 @@ def test_a_short_that_melts_metal_heats_the_wire_there(machine, altered, drive):
     for share in (0.0, 0.03):
         cold = altered(machine, {
             **DRY, "wire.resistivity_Ohm_m": 1e-20, "base.cooling.wire_heat_share": share,
+            "base.guides.wire_speed_m_s": 1e-4, "base.discharge.wear_ratio": 0.0,
         })  # fmt: skip
         plant = edmsim.Plant(cold, seed=1, resolution="fast")
         drive(plant, 300.0, 0.5)
