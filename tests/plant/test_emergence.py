@@ -134,7 +134,7 @@ def test_shorts_at_a_moderate_feed_come_from_the_electrostatic_pull(usual, witho
     assert usual.vibration_um > without_pull.vibration_um
 
 
-def test_the_pull_draws_the_wire_on_and_its_discharges_push_it_back(machine, usual, without_pull):  # T-14
+def test_the_wire_leads_by_its_pull_and_lags_by_its_discharges(machine, usual, without_pull):  # T-14
     """At the default setting they are of one size, so that the sign is that of the impulse within its range."""
     low, high = machine.base.discharge.impulse_10mJ_Ns.range
     lags = [
