@@ -186,7 +186,9 @@ class Traverse(EvenSteps):
         self.feed_um_s, self.alarm = self._controller.update(seen)[:2]
 
 
-def begin(machine: Machine, seed: int, *, resolution: str | Resolution = "fast", gap_um: float = SLOT_GAP_UM) -> Plant:
+def begin(
+    machine: Machine, seed: int, *, resolution: str | Resolution = "fast", gap_um: float = SLOT_GAP_UM
+) -> Plant:
     """Return a plant whose wire stands at the end of a slot, `gap_um` off the metal in front and on both sides."""
     centre_um = machine.base.table.centre_um
     stock = begun_slot(machine, centre_um, gap_um=gap_um)
