@@ -22,7 +22,7 @@ from edmsim.errors import InputError
 from edmsim.machine.files import available
 from edmsim.machine.machine import Machine
 from edmsim.machine.parts import Constant
-from edmsim.validation.report import markdown_cell, rows_table, summary
+from edmsim.validation.report import judged, markdown_cell, reasons_table, rows_table, summary
 from edmsim.validation.rows import Row
 
 DOCS = Path(__file__).parents[1]
@@ -121,10 +121,16 @@ def validation_page(rows: Sequence[Row]) -> str:
         "lies in it; a sign, if the whole interval lies on its side of zero. Intervals are over seeds or draws.",
         "Rows that fail stay, with the reason behind the link.",
         "",
+        "Constants were fixed from derivations and sources and frozen before these rows were run. A row whose fact",
+        "was in view when a constant was chosen is a calibration; a row whose source is about something else, or that",
+        "has no published figure, is context. Neither counts; both are listed at the end, with their reasons.",
+        "",
         f"{summary(rows)}.",
     ]
     for topic in dict.fromkeys(row.topic for row in rows):
         lines += ["", f"## {topic[0].upper()}{topic[1:]}", "", *rows_table([r for r in rows if r.topic == topic])]
+    if len(judged(rows)) < len(rows):
+        lines += ["", "## Rows that do not count", "", *reasons_table(rows)]
     return "\n".join(lines) + "\n"
 
 

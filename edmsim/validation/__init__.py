@@ -11,8 +11,8 @@ from edmsim.errors import InputError
 from edmsim.validation.rows import Check, Row
 
 MODULES = (
-    "ignition", "craters", "strings", "heat", "water", "corners", "pulse_ratios", "cuts", "breakage", "quality",
-    "ranges",
+    "ignition", "craters", "strings", "heat", "gas", "water", "corners", "pulse_ratios", "shorts", "cuts", "lag",
+    "breakage", "quality", "ranges",
 )
 """Modules of this package that have ``CHECKS``; topics come in the order in which these first name them."""
 SEEDS = (1, 2, 3, 4)

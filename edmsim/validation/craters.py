@@ -23,6 +23,7 @@ VOLUME = "docs/theory/workpiece.md#volume-against-current"
 
 FITTED_MODE = "I9"
 """The row whose volume fixes the pulse duration, which was not published: the middle one, 110 A."""
+NO_DURATION = "the source gives no duration of the pulses, on which volume and removal per joule depend"
 SLOPES = ((30.0, 425.0, 1.10), (30.0, 215.0, 0.69), (215.0, 425.0, 2.79))
 """Ranges of current and the exponents fitted to the published volumes over them."""
 GAP_UM = 10.0
@@ -92,8 +93,11 @@ def fitted_duration_us() -> float:
     """Duration at which the model removes the published volume at the fitted row's current."""
     machine = Machine.load()
     row = next(crater for crater in published() if crater.mode == FITTED_MODE)
-    energy_J = row.volume * 1e-9 / machine.material.removal_mm3_J.value
-    return energy_J / (machine.material.burning_voltage_V.value * row.current_A) * 1e6
+    spark = machine.base.discharge
+    energy_J = row.volume * 1e-9 / machine.material.removal_mm3_J.value  # of a discharge of the reference length
+    alike_us = energy_J / (machine.material.burning_voltage_V.value * row.current_A) * 1e6
+    reference_us, exponent = spark.removal_reference_us.value, spark.removal_exponent.value
+    return float((alike_us * reference_us**exponent) ** (1 / (1 + exponent)))
 
 
 def check_volume(seeds: Sequence[int]) -> list[Row]:
@@ -103,10 +107,12 @@ def check_volume(seeds: Sequence[int]) -> list[Row]:
     rows = []
     for crater, craters in zip(table, runs, strict=True):
         mean, half = mean_and_interval([values.mean() for values in craters])
-        rows.append(Row.value(
+        row = Row.value(
             "crater", f"volume at {crater.current_A:g} A, on for {duration:.3f} us", ESTEVES,
             published=crater.volume, simulated=mean, within=0.22, uncertainty=half, unit="um3", note=VOLUME,
-        ))
+        )
+        fitted = crater.mode == FITTED_MODE
+        rows.append(row.calibration("the duration is fitted to this volume") if fitted else row.context(NO_DURATION))
     rows += [_slope_row(table, runs, low, high, published) for low, high, published in SLOPES]
     scatter, half = mean_and_interval([np.mean([craters[k].std(ddof=1) / craters[k].mean() for craters in runs])
                                        for k in range(len(seeds))])
@@ -130,7 +136,7 @@ def _slope_row(
     return Row.value(
         "crater", f"slope of log volume over log current, {low_A:g}..{high_A:g} A", ESTEVES, published=published,
         simulated=slope, within=0.15, uncertainty=half, note=VOLUME,
-    )
+    ).context(NO_DURATION)
 
 
 def _slope(currents: Sequence[float], volumes: Sequence[float]) -> float:

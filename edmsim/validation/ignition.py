@@ -185,7 +185,8 @@ def pressure_Pa(machine: Machine, speed_m_s: float) -> float:
     The speed falls linearly from the nozzle to nothing at mid-height.
     """
     water = machine.base.dielectric
-    per_Pa = flow_speed_m_s(1.0, water.viscosity_Pa_s.value, water.side_gap_um.value, machine.height_mm / 2)
+    viscosity = water.viscosity_Pa_s.value  # the water of these checks has 20 C
+    per_Pa = flow_speed_m_s(1.0, viscosity, water.side_gap_um.value, machine.height_mm / 2)
     return 2 * speed_m_s / per_Pa
 
 

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from edmsim.cosim.straight import Cut, cut_straight
 from edmsim.machine.machine import Machine
 from edmsim.validation.rows import Check, Row, mean_and_interval
-from edmsim.validation.setups import altered, change, each
+from edmsim.validation.setups import altered, change, each, feed_within
 
 LIAO_WOO = "Liao, Woo, J. Mater. Process. Technol. 71(3):433 (1997)"
 FLUSHING_STUDY = "particle-resolved flushing study, Eng. Appl. Comput. Fluid Mech., doi:10.1080/19942060.2021.1877198"
@@ -19,7 +19,7 @@ SPARC_BALANCE = "debris balance of SPARC (ETH, MIT licence)"
 PAGE = "docs/theory/emergence.md"
 
 FEED_UM_S = 24.0
-"""Feed at which open, normal and short pulses all occur (ours: see the table of feeds in emergence.md)."""
+"""Feed at which open, normal and short pulses all occur, if it is within the capacity (ours)."""
 CHANGE = 0.2
 """Settings are changed by this share (ours: about the spacing of levels in such studies)."""
 
@@ -34,11 +34,15 @@ def pulse_trains(seeds: Sequence[int]) -> list[Row]:
     machine = Machine.load()
     on, off = machine.t_on_us, machine.t_period_us - machine.t_on_us
     shorter, longer = (1 - CHANGE) * on, (1 + CHANGE) * off
-    base = each(seeds, lambda seed: _train(machine, FEED_UM_S, seed))
+    brief = machine.with_(t_on_us=shorter, t_period_us=shorter + off)
+    sparse = machine.with_(t_period_us=on + longer)
+    largest = feed_within((1 + CHANGE) * FEED_UM_S, machine)
+    feed_um_s = min(feed_within(FEED_UM_S, brief, sparse), largest / (1 + CHANGE))
+    base = each(seeds, lambda seed: _train(machine, feed_um_s, seed))
     changes = {
-        "shorter on-time": (machine.with_(t_on_us=shorter, t_period_us=shorter + off), FEED_UM_S),
-        "longer off-time": (machine.with_(t_period_us=on + longer), FEED_UM_S),
-        "larger feed": (machine, (1 + CHANGE) * FEED_UM_S),
+        "shorter on-time": (brief, feed_um_s),
+        "longer off-time": (sparse, feed_um_s),
+        "larger feed": (machine, (1 + CHANGE) * feed_um_s),
     }
     rows = []
     for name, (changed, feed) in changes.items():
@@ -72,7 +76,7 @@ def _three_signs(name: str, base: Sequence[Cut], cuts: Sequence[Cut]) -> list[Ro
 DEBRIS_HEIGHT_MM = 40.0
 """Workpiece in which debris matters: its middle is far from both jets (ours)."""
 DEBRIS_FEED_UM_S = 12.0
-"""Feed at which debris bridges the middle when flushing is weak, and not when it is as usual (ours)."""
+"""Feed, if it is within the capacity, at which debris bridges the middle where flushing is weak (ours)."""
 LOADING_RATIO = 2.3
 """The flushing study raised the loading from 6 to 14 %; in the model it goes with the feed."""
 
@@ -82,9 +86,10 @@ def debris(seeds: Sequence[int]) -> list[Row]:
     machine = Machine.load(height_mm=DEBRIS_HEIGHT_MM)
     usual_Pa = machine.base.dielectric.flushing_pressure_Pa.value
     weak_machine = altered(machine, {"base.dielectric.flushing_pressure_Pa": usual_Pa / 3})
-    usual = each(seeds, lambda seed: _tall(machine, DEBRIS_FEED_UM_S, seed))
-    weak = each(seeds, lambda seed: _tall(weak_machine, DEBRIS_FEED_UM_S, seed))
-    slow = each(seeds, lambda seed: _tall(machine, DEBRIS_FEED_UM_S / LOADING_RATIO, seed))
+    feed_um_s = feed_within(DEBRIS_FEED_UM_S, machine, weak_machine)
+    usual = each(seeds, lambda seed: _tall(machine, feed_um_s, seed))
+    weak = each(seeds, lambda seed: _tall(weak_machine, feed_um_s, seed))
+    slow = each(seeds, lambda seed: _tall(machine, feed_um_s / LOADING_RATIO, seed))
     kept = [flushed_per_s(b) / flushed_per_s(a) for a, b in zip(slow, usual, strict=True)]
     flushed, half = mean_and_interval(kept)
     return [

@@ -10,7 +10,7 @@ from edmsim.controllers import make
 from edmsim.cosim.straight import Cut, cut_straight
 from edmsim.machine.machine import Machine
 from edmsim.validation.cuts import EARLY_MACHINES, FRONT_GAP, SIDE_GAP
-from edmsim.validation.quality import LAG
+from edmsim.validation.lag import LAG
 from edmsim.validation.rows import LEVEL, Check, Row
 
 MACHINES_PER_SEED = 6
@@ -46,7 +46,7 @@ def ranges(seeds: Sequence[int]) -> list[Row]:
         Row.band("ranges", "side gap of drawn machines", SIDE_GAP, low=30.0, high=60.0, simulated=side,
                  uncertainty=half_side, unit="um", note=PAGE),
         Row.band("ranges", "lag of drawn machines", LAG, low=10.0, high=100.0, simulated=lag, uncertainty=half_lag,
-                 unit="um", note=PAGE),
+                 unit="um").context("the source is about rough cuts; these machines cut with pulses of 3 mJ at most"),
     ]
 
 

@@ -25,14 +25,24 @@ def simulated(row: Row) -> str:
     return f"{row.simulated:.{decimals}f} ± {row.uncertainty:.{decimals}f} {row.unit}".strip()
 
 
+def judged(rows: Sequence[Row]) -> list[Row]:
+    """Return the rows that count."""
+    return [row for row in rows if row.kind == "judged"]
+
+
 def summary(rows: Sequence[Row]) -> str:
-    """Say how many rows agree, how many fail, and how many of those nobody explains."""
-    failing = [row for row in rows if not row.passed]
-    unexpected = sum(row.unexpected for row in failing)
-    return (
-        f"{len(rows)} rows: {len(rows) - len(failing)} agree, {len(failing)} fail, "
-        f"{unexpected} of them without an explanation"
+    """Say how many rows agree and fail, how many of these nobody explains, and how many rows do not count."""
+    counted = judged(rows)
+    failing = [row for row in counted if not row.passed]
+    told = (
+        f"{len(counted)} rows: {len(counted) - len(failing)} agree, {len(failing)} fail, "
+        f"{sum(row.unexpected for row in failing)} of them without an explanation"
     )
+    calibrations = sum(row.kind == "calibration" for row in rows)
+    context = len(rows) - len(counted) - calibrations
+    if len(counted) == len(rows):
+        return told
+    return f"{told}; {calibrations} of calibration and {context} of context do not count"
 
 
 def render(rows: Sequence[Row]) -> RenderableType:
@@ -46,8 +56,9 @@ def render(rows: Sequence[Row]) -> RenderableType:
             topic = row.topic
             table.add_section()
             table.add_row("", topic, "", "", style="bold")
-        result = "ok" if row.passed else "fails" if row.note else "FAILS"
-        table.add_row(result, row.name, row.published, simulated(row), style="" if row.passed else "red")
+        result = row.kind if row.kind != "judged" else "ok" if row.passed else "fails" if row.note else "FAILS"
+        style = "dim" if row.kind != "judged" else "" if row.passed else "red"
+        table.add_row(result, row.name, row.published, simulated(row), style=style)
     return table
 
 
@@ -60,7 +71,21 @@ def rows_table(rows: Sequence[Row], seen_from: str = "docs") -> list[str]:
     return lines
 
 
+def reasons_table(rows: Sequence[Row]) -> list[str]:
+    """Return a Markdown table of the rows that do not count, with the reason of each."""
+    lines = ["| fact | topic | kind | reason |", "|---|---|---|---|"]
+    for row in rows:
+        if row.kind != "judged":
+            cells = row.name, row.topic, row.kind, row.reason
+            lines.append("| " + " | ".join(markdown_cell(cell) for cell in cells) + " |")
+    return lines
+
+
 def _result(row: Row, seen_from: str) -> str:
+    if row.kind == "context":
+        return "context"
+    if row.kind == "calibration":
+        return f"calibration: {'agrees' if row.passed else 'fails'}"
     if row.passed:
         return "agrees"
     if not row.note:
@@ -75,10 +100,11 @@ def markdown_cell(text: str) -> str:
 
 def as_json(rows: Sequence[Row]) -> str:
     """Return the rows as JSON; what is not finite is null."""
+    counted = judged(rows)
     return json.dumps(
         {
-            "agree": sum(row.passed for row in rows),
-            "fail": sum(not row.passed for row in rows),
+            "agree": sum(row.passed for row in counted),
+            "fail": sum(not row.passed for row in counted),
             "unexpected": sum(row.unexpected for row in rows),
             "rows": [
                 {key: None if isinstance(value, float) and not math.isfinite(value) else value

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 from scipy.stats import t as student
@@ -12,12 +13,15 @@ from scipy.stats import t as student
 LEVEL = 0.95
 """Level of every interval in the table."""
 
+Kind = Literal["judged", "calibration", "context"]
+"""Whether a row counts: only a judged one does. See `Row.calibration` and `Row.context`."""
+
 
 @dataclass(frozen=True)
 class Row:
     """One published fact beside its simulated counterpart.
 
-    Build it with `Row.value`, `Row.band` or `Row.sign`, which decide `passed`.
+    Build it with `Row.value`, `Row.band` or `Row.sign`, which decide `passed`, or with `Row.report`.
 
     Attributes
     ----------
@@ -41,6 +45,10 @@ class Row:
     note : str
         Where the theory pages explain a failure: "docs/theory/breakdown.md#two-regimes". A row that fails
         without one is unexpected.
+    kind : {"judged", "calibration", "context"}
+        Whether it counts as agreement or failure: only a judged row does.
+    reason : str
+        Why a row that is not judged does not count.
     """
 
     topic: str
@@ -53,11 +61,31 @@ class Row:
     tolerance: str
     passed: bool
     note: str = ""
+    kind: Kind = "judged"
+    reason: str = ""
 
     @property
     def unexpected(self) -> bool:
-        """Whether the row fails and no page says why."""
-        return not self.passed and not self.note
+        """Whether the row counts, fails, and no page says why."""
+        return self.kind == "judged" and not self.passed and not self.note
+
+    def calibration(self, constant: str) -> Row:
+        """Return the row as one that does not count, since a constant was chosen with its fact in view."""
+        return replace(self, kind="calibration", reason=constant)
+
+    def context(self, reason: str) -> Row:
+        """Return the row as one that does not count, for a reason that lies in its source."""
+        return replace(self, kind="context", reason=reason)
+
+    @classmethod
+    def report(
+        cls, topic: str, name: str, reason: str, *, simulated: float, uncertainty: float = 0.0, unit: str = ""
+    ) -> Row:
+        """State what the model does where no published figure was found: context, with that as its reason."""
+        return cls(
+            topic, name, "", "nothing found in print", float(simulated), float(uncertainty), unit, "none asked for",
+            True, kind="context", reason=reason,
+        )
 
     @classmethod
     def value(

@@ -5,8 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
-from edmsim.cosim.straight import Cut
+from edmsim.controllers import from_text
+from edmsim.cosim.straight import Cut, cut_straight
 from edmsim.errors import InputError
+from edmsim.evaluation.stable_rate import OPEN_SHARE, quick_counts
 from edmsim.machine.machine import Machine
 from edmsim.machine.parts import Constant
 from edmsim.plant.plant import Plant
@@ -16,12 +18,20 @@ from edmsim.validation.rows import mean_and_interval
 
 STILL: Mapping[str, float] = {
     "material.removal_mm3_J": 1e-15,
+    "material.magnetic_share": 0.0,
     "base.discharge.impulse_10mJ_Ns": 0.0,
+    "base.discharge.bubble_share": 1e-12,
+    "base.gas.steam_share": 0.0,
+    "base.gas.permanent_share": 0.0,
     "base.cooling.wire_heat_share": 0.0,
     "base.dielectric.conductivity_uS_cm": 1e-9,
+    "base.dielectric.gap_temperature_K": 293.15,
     "base.dielectric.permittivity": 1e-6,
 }
-"""Constants with which pulses break down and do (nearly) nothing else: nothing is removed, moved or heated."""
+"""Constants with which pulses break down and do (nearly) nothing else: nothing is removed, moved or heated, no gas
+stays, and the water has 20 C."""
+UNBREAKABLE: Mapping[str, float] = {"wire.half_strength_K": 1e6}
+"""A wire whose strength heat does not take: for rows about its place."""
 
 
 def altered(machine: Machine, values: Mapping[str, float]) -> Machine:
@@ -94,6 +104,29 @@ def single_discharges(plant: Plant, count: int) -> list[PulseWindow]:
         plant.rethread(plant.commanded_um, 0)
         windows.append(plant.advance())
     return windows
+
+
+def servo_cut(machine: Machine, seed: int, *, open_share: float = OPEN_SHARE, seconds: float = 3.0) -> Cut:
+    """Cut straight with a servo that holds a share of the pulses open: a count law quick enough for dense pulses.
+
+    By default a tenth, as the search for the highest stable rate does: a rough cut is run for its rate.
+    """
+    return cut_straight(machine, from_text(quick_counts(open_share)), seed, settle_s=seconds, seconds=seconds)
+
+
+CAPACITY_SHARE = 0.85
+"""Fixed feeds are at most this share of what the set-up's servo reaches (ours): above it a wire that lags jams for
+good, as without sparks nothing pushes it back and its tension holds it on the metal."""
+
+
+def capacity_um_s(machine: Machine) -> float:
+    """Return the feed that a servo reaches in a set-up with a tenth of the pulses open; one cut, seed 1."""
+    return servo_cut(machine, 1, seconds=6.0).feed_um_s
+
+
+def feed_within(feed_um_s: float, *machines: Machine) -> float:
+    """Return a fixed feed, or `CAPACITY_SHARE` of the least capacity of the set-ups it is for if that is less."""
+    return min(feed_um_s, *(CAPACITY_SHARE * capacity_um_s(machine) for machine in machines))
 
 
 def each(seeds: Sequence[int], cut: Callable[[int], Cut]) -> list[Cut]:

@@ -17,7 +17,7 @@ from edmsim.metrology.edges import contour as kerf_polygons
 from edmsim.metrology.edges import cut_edges
 from edmsim.metrology.kerf import kerf_width
 from edmsim.metrology.profile import profile_error
-from edmsim.metrology.roughness import roughness_um
+from edmsim.metrology.roughness import ra_over_depth, roughness_um
 from edmsim.plant.workpiece.kerf_field import FULL, TILE, KerfField, Stock
 from edmsim.program.path import WireContour
 
@@ -377,13 +377,17 @@ def test_saddles_are_cut_apart_or_joined_by_their_mean():
 # --- roughness ---
 
 
-def test_roughness_returns_the_mean_deviation_of_the_crater_bowl():
-    """A half ellipsoid of ETH's 110 A row: its depth is found again, and Ra by numerical integration."""
+def test_roughness_is_that_of_overlapping_craters_of_the_measured_depth():
+    """ETH's 110 A row: its depth is found again, and Ra lies between craters side by side and bowls of that depth."""
     area_um2, depth_um = 2484.0, 3.7556  # crater_single_discharge_eth.csv, row I9
     ratio = depth_um / (2 * math.sqrt(area_um2 / math.pi))
-    height = depth_um * np.sqrt((np.arange(200_000) + 0.5) / 200_000)
-    expected = np.abs(height - height.mean()).mean()
-    assert roughness_um(2 / 3 * area_um2 * depth_um, ratio) == pytest.approx(expected, rel=1e-4)
+    ra_um = roughness_um(2 / 3 * area_um2 * depth_um, ratio)
+    assert ra_um == pytest.approx(ra_over_depth() * depth_um, rel=1e-4)
+    assert 16 / 81 * depth_um < ra_um < depth_um / 2
+
+
+def test_the_surface_of_craters_is_known_to_a_hundredth():
+    assert ra_over_depth(1) == pytest.approx(ra_over_depth(2), rel=0.01)
 
 
 @given(st.floats(0.0, 1e6), st.floats(1.01, 100.0))

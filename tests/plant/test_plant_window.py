@@ -93,16 +93,12 @@ def test_sparks_push_the_wire_back_as_a_string_under_their_impulses(machine, alt
 
 
 def test_a_short_that_melts_metal_pushes_the_wire_off(in_a_hole, machine):
-    """By a share of what the bubble of that energy does at 20 um; gas keeps the film from holding the wire here."""
+    """By a share of what the bubble of that energy does at 20 um; no film holds the wire here."""
     speeds = []
     for share in (0.0, 0.3, 0.6):
-        pushed = {"base.discharge.impulse_10mJ_Ns": 4.3e-6, "base.discharge.bubble_share": 0.04}
+        pushed = {"base.discharge.impulse_10mJ_Ns": 4.3e-6, "base.discharge.bubble_share": 0.04,
+                  "base.dielectric.viscosity_Pa_s": 1e-12, "base.dielectric.edge_loss": 0.0}  # fmt: skip
         plant = in_a_hole(machine, 1.0, **pushed, **{"base.discharge.short_push_share": share})
-        plant.advance_pulse()
-        state = plant.snapshot()
-        state["covered"][:] = 1.0
-        state["wire_q"][:] = state["wire_v"][:] = 0.0
-        plant.restore(state)
         assert plant.advance_pulse().short == 1
         speeds.append(float(np.abs(plant.snapshot()["wire_v"]).max()))
     assert speeds[0] < 1e-3 * speeds[1]

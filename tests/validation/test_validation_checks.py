@@ -13,7 +13,8 @@ from edmsim import models
 from edmsim.errors import InputError
 from edmsim.machine.machine import Machine
 from edmsim.plant.gap.debris import flow_speed_m_s
-from edmsim.validation import corners, craters, heat, ignition, strings, water
+from edmsim.plant.gap.generator import timing
+from edmsim.validation import corners, craters, gas, heat, ignition, lag, setups, strings, water
 from edmsim.validation.rows import Row
 from edmsim.validation.setups import FRAIL, STILL, altered, in_a_hole, single_discharges
 
@@ -111,7 +112,7 @@ def test_laws_of_the_string_hold():
     assert failing([*strings.check_static_lag(()), *strings.check_frequencies(())]) == []
 
 
-def test_the_pull_agrees_at_every_gap():
+def test_the_pull_is_that_of_a_cylinder_before_a_plane():
     assert failing(strings.check_electrostatic_pull(())) == []
 
 
@@ -120,9 +121,32 @@ def test_a_heavier_wire_has_another_frequency():
 
 
 def test_heat_agrees_with_its_closed_forms():
-    rows = [*heat.check_joule_heat(()), *heat.check_cooling(()), *heat.check_spark_heat(())]
-    assert failing(rows) == []
-    assert len(rows) == 4
+    assert failing([row for check in heat.CHECKS for row in check(())]) == []
+
+
+def test_gas_film_and_forces_agree_with_their_closed_forms():
+    closed = gas.check_gas_share, gas.check_film, gas.check_film_motion, gas.check_added_mass, gas.check_forces
+    assert failing([row for check in closed for row in check(())]) == []
+
+
+def test_a_fixed_feed_above_the_capacity_is_lowered_by_one_rule(monkeypatch):
+    monkeypatch.setattr(setups, "capacity_um_s", lambda machine: 1.5 * machine.height_mm)
+    low, high = Machine.load(height_mm=10.0), Machine.load(height_mm=20.0)
+    assert setups.feed_within(20.0, high) == 20.0
+    assert setups.feed_within(30.0, high) == pytest.approx(0.85 * 30.0)
+    assert setups.feed_within(30.0, high, low) == pytest.approx(0.85 * 15.0)
+
+
+def test_the_crossing_lies_where_the_deflection_turns():
+    assert lag.crossing_mJ([2.0, 1.0, -1.0, -2.0, -3.0]) == pytest.approx(math.sqrt(0.1 * 0.3))
+    assert math.isinf(lag.crossing_mJ([2.0, 1.0, 0.5, 0.2, 0.1]))
+
+
+def test_the_duration_fitted_to_a_crater_gives_its_volume():
+    duration = craters.fitted_duration_us()
+    machine = Machine.load(generator="iso-energetic", t_on_us=1.0).model_copy(update={"t_on_us": duration})
+    energy_J = machine.material.burning_voltage_V.value * 110.0 * duration * 1e-6
+    assert timing(machine).removal_um3_J * energy_J == pytest.approx(6219.27, rel=1e-3)
 
 
 def test_water_agrees():

@@ -61,6 +61,19 @@ def test_a_failure_is_unexpected_unless_a_page_explains_it():
     assert not value(-10.0).unexpected
 
 
+def test_only_judged_rows_count():
+    rows = [value(-10.0), value(0.0).calibration("fitted to it"), value(0.0).context("another pulse"),
+            Row.report("t", "r", "nothing in print", simulated=3.0)]
+    assert not any(row.unexpected for row in rows)
+    assert summary(rows) == (
+        "1 rows: 1 agree, 0 fail, 0 of them without an explanation; 1 of calibration and 2 of context do not count"
+    )
+    told = json.loads(as_json(rows))
+    assert (told["agree"], told["fail"]) == (1, 0)
+    assert [row["kind"] for row in told["rows"]] == ["judged", "calibration", "context", "context"]
+    assert told["rows"][2]["reason"] == "another pulse"
+
+
 @given(st.lists(st.floats(-1e6, 1e6), min_size=2, max_size=9), st.floats(-100.0, 100.0))
 def test_the_interval_moves_with_the_values_and_not_with_their_order(values, shift):
     mean, half = mean_and_interval(values)

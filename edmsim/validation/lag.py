@@ -1,0 +1,200 @@
+"""Rows on where the wire stands: lag of rough cuts, what would settle it, trim pulses along a wall."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from edmsim.cosim.straight import Cut, Traverse
+from edmsim.machine.machine import Machine
+from edmsim.plant.plant import Plant
+from edmsim.plant.workpiece.kerf_field import Stock
+from edmsim.validation.breakage import ROUGH_TENSION_N, rough_rig
+from edmsim.validation.rows import Check, Row, mean_and_interval
+from edmsim.validation.setups import altered, servo_cut
+
+LAG = "usual lag of rough cuts"
+STRING = "taut string: deflection = load / tension (derived; Sarkar et al., Precision Engineering 35:339 (2011))"
+TRIM = "push ~ root of the energy against pull ~ square of the voltage (derived; the sign is what practice knows)"
+PAGE = "docs/theory/emergence.md"
+NO_NUMBER = "no impulse, force or lag of a discharge is published in any unit"
+RANGE = f"{NO_NUMBER}: the constant's range is what is known"
+EXPERIMENT = "an experiment that would settle it, not made as far as is known"
+
+IMPULSE, MAGNETIC = "base.discharge.impulse_10mJ_Ns", "material.magnetic_share"
+NON_MAGNETIC = {MAGNETIC: -0.02}
+"""Austenitic steel (ours, derived: eddy currents of some 0.4 MHz in a metal of 1.4e6 S/m push a little)."""
+ROUGH_MM, TALL_MM = 30.0, 60.0
+"""Heights of the rough cuts (ours)."""
+TAUTER = 1.4
+"""Factor on the tension (ours: 10 to 14 N)."""
+ON_TIMES_US = (0.4, 1.6)
+"""On-times of one current, one four times the other (ours: as far as the generator's mean current allows)."""
+DEFAULT_S = 12.0
+"""Machine time in which the default set-up settles, and is measured."""
+
+
+def rough_cuts(seeds: Sequence[int], machine: Machine) -> list[Cut]:
+    """Cut with a servo, a cut per seed."""
+    return [servo_cut(machine, seed) for seed in seeds]
+
+
+def _lag(cuts: Sequence[Cut]) -> tuple[float, float]:
+    return mean_and_interval([cut.lag_um for cut in cuts])
+
+
+def _report(name: str, reason: str, found: tuple[float, float], unit: str = "um") -> Row:
+    return Row.report("lag", name, reason, simulated=found[0], uncertainty=found[1], unit=unit)
+
+
+def impulse_ends(machine: Machine) -> tuple[float, float]:
+    """Return the range of the impulse of a discharge of 10 mJ."""
+    bounds = machine.base.discharge.impulse_10mJ_Ns.range
+    assert bounds is not None
+    return bounds
+
+
+def rough_lag(seeds: Sequence[int]) -> list[Row]:
+    """Lag of a rough cut in tool steel, its range, and what magnetic force, tension and height do to it."""
+    base = rough_cuts(seeds, rough_rig(ROUGH_MM))
+    without = rough_cuts(seeds, rough_rig(ROUGH_MM, {MAGNETIC: 0.0}))
+    # in tool steel push, pull and magnetic force nearly cancel: what a string does shows where they do not
+    pushed = rough_cuts(seeds, rough_rig(ROUGH_MM, NON_MAGNETIC))
+    taut = rough_cuts(seeds, rough_rig(ROUGH_MM, NON_MAGNETIC, tension=TAUTER * ROUGH_TENSION_N))
+    tall = rough_cuts(seeds, rough_rig(TALL_MM, NON_MAGNETIC))
+    lag, half = _lag(base)
+    ratio, half_ratio = mean_and_interval([b.lag_um / a.lag_um for a, b in zip(pushed, taut, strict=True)])
+    higher, half_higher = mean_and_interval([b.lag_um - a.lag_um for a, b in zip(pushed, tall, strict=True)])
+    note = f"{PAGE}#lag"
+    return [
+        Row.band("lag", "lag of a rough cut, 30 mm, 11 mJ per discharge", LAG, low=10.0, high=100.0, simulated=lag,
+                 uncertainty=half, unit="um", note=note),
+        Row.value("lag", "deflection of a rough cut in austenitic steel, tension x1.4 over x1", STRING, published=1 / TAUTER,
+                  simulated=ratio, within=0.15, uncertainty=half_ratio, note=note),
+        Row.sign("lag", "lag of a rough cut in austenitic steel, 30 to 60 mm high", STRING, rises=True, simulated=higher,
+                 uncertainty=half_higher, unit="um", note=note),
+        _report("lag of that cut without the magnetic force", "no source separates the two forces", _lag(without)),
+        *(
+            _report(f"lag of that cut, impulse {impulse:g} N s at 10 mJ", RANGE,
+                    _lag(rough_cuts(seeds, rough_rig(ROUGH_MM, {IMPULSE: impulse}))))
+            for impulse in impulse_ends(rough_rig(ROUGH_MM))
+        ),
+    ]
+
+
+def default_lag(seeds: Sequence[int]) -> list[Row]:
+    """Lag of the default cut under the servo, whatever its sign, over the range of the impulse."""
+
+    def found(changes: Mapping[str, float]) -> tuple[float, float]:
+        machine = altered(Machine.load(), changes)
+        return _lag([servo_cut(machine, seed, seconds=DEFAULT_S) for seed in seeds])
+
+    return [
+        _report("lag of the default cut, 20 mm, at most 3 mJ per discharge", NO_NUMBER, found({})),
+        *(
+            _report(f"lag of the default cut, impulse {impulse:g} N s at 10 mJ", RANGE, found({IMPULSE: impulse}))
+            for impulse in impulse_ends(Machine.load())
+        ),
+    ]
+
+
+def experiments(seeds: Sequence[int]) -> list[Row]:
+    """The two experiments that would settle what the lag is made of, as the model foresees them."""
+    steel = rough_cuts(seeds, rough_rig(ROUGH_MM))
+    other = rough_cuts(seeds, rough_rig(ROUGH_MM, NON_MAGNETIC))
+    magnetic = mean_and_interval([b.lag_um - a.lag_um for a, b in zip(steel, other, strict=True)])
+    brief, long = (rough_cuts(seeds, _with_on_time(rough_rig(ROUGH_MM, NON_MAGNETIC), on)) for on in ON_TIMES_US)
+    ratio = mean_and_interval([b.lag_um / a.lag_um for a, b in zip(brief, long, strict=True)])
+    energy = mean_and_interval([
+        (b.energy / b.ignitions) / (a.energy / a.ignitions) for a, b in zip(brief, long, strict=True)
+    ])
+    names = "{1:g} over {0:g} us".format(*ON_TIMES_US)
+    return [
+        _report("lag of that cut in austenitic steel less that in tool steel", EXPERIMENT, magnetic),
+        _report(f"lag in austenitic steel at one current, on-time {names}", EXPERIMENT, ratio, ""),
+        _report(f"energy per discharge of these, on-time {names}", EXPERIMENT, energy, ""),
+    ]
+
+
+def _with_on_time(machine: Machine, t_on_us: float) -> Machine:
+    """Return a set-up with another on-time and the same pause."""
+    pause = machine.t_period_us - machine.t_on_us
+    return machine.with_(t_on_us=t_on_us, t_period_us=t_on_us + pause)
+
+
+# --- trim cuts ---
+
+TRIM_HEIGHT_MM, TRIM_ON_US, TRIM_PERIOD_US, TRIM_FEED_UM_S = 20.0, 0.5, 20.0, 40.0
+"""Trim cut: workpiece, on-time and least period, feed along the wall (ours: usual orders)."""
+TRIM_UM = 20.0
+"""From the wire's surface to the wall it comes to: near enough to trim it, too far for shorts (ours)."""
+TRIM_MJ = (0.03, 0.1, 0.3, 1.0, 3.0)
+"""Energies of trim and finishing pulses, and beyond (ours)."""
+LOWER_V, TRIM_V = 60.0, 80.0
+AHEAD_UM = 30.0
+"""From the wire to the wall's begin, and beyond the wire's own half before the measuring."""
+
+
+def trim_machine(energy_mJ: float, open_V: float = TRIM_V) -> Machine:
+    """Return a production machine set for trim pulses of an energy; its triangles keep their length."""
+    burning_V = Machine.load().material.burning_voltage_V.value
+    return Machine.load(
+        "production", generator="production", height_mm=TRIM_HEIGHT_MM, open_voltage_V=open_V, t_on_us=TRIM_ON_US,
+        t_period_us=TRIM_PERIOD_US, peak_current_A=2 * energy_mJ * 1e3 / (burning_V * TRIM_ON_US),
+    )
+
+
+def trim(machine: Machine, seed: int) -> tuple[float, float]:
+    """Cut along a wall that stands to the left of the feed: mean deflection towards it in um, and share of shorts."""
+    centre_um = x, y = machine.base.table.centre_um
+    radius, travel = machine.wire_diameter_um / 2, machine.base.table.travel_mm.value * 1e3
+    stock = Stock((x + radius + AHEAD_UM, y + radius + TRIM_UM, travel, travel))
+    plant = Plant(machine, seed, stock=stock, position_um=centre_um, resolution="fast")
+    traverse = Traverse(plant, TRIM_FEED_UM_S)
+    traverse.run(3 * radius / TRIM_FEED_UM_S)
+    windows = traverse.run(300.0 / TRIM_FEED_UM_S)
+    cut = Cut(plant, windows, x, 300.0)
+    return float(np.mean([w.deflection_um[1] for w in windows])), cut.share("short")
+
+
+def trims(seeds: Sequence[int]) -> list[Row]:
+    """Deflection towards the wall over energy and voltage, and the energy at which it turns."""
+    runs = {energy: [trim(trim_machine(energy), seed) for seed in seeds] for energy in TRIM_MJ}
+    towards = {energy: [run[0] for run in of] for energy, of in runs.items()}
+    lower = [trim(trim_machine(TRIM_MJ[0], LOWER_V), seed) for seed in seeds]
+    shorts = max(float(np.mean([run[1] for run in of])) for of in (*runs.values(), lower))
+    falls, half_falls = mean_and_interval(
+        [b - a for a, b in zip(towards[TRIM_MJ[0]], towards[TRIM_MJ[-1]], strict=True)]
+    )
+    ratio, half_ratio = mean_and_interval([a / b[0] for a, b in zip(towards[TRIM_MJ[0]], lower, strict=True)])
+    smallest, half_smallest = mean_and_interval(towards[TRIM_MJ[0]])
+    note = f"{PAGE}#trim-cuts"
+    least, most = TRIM_MJ[0], TRIM_MJ[-1]
+    return [
+        Row.band("trim cuts", "short share of trim cuts, the largest", "trim cuts have next to no shorts", high=0.05,
+                 simulated=shorts, note=note),
+        Row.sign("trim cuts", f"deflection towards the wall, trim pulses of {least:g} mJ", TRIM, rises=True,
+                 simulated=smallest, uncertainty=half_smallest, unit="um", note=note),
+        Row.sign("trim cuts", f"deflection towards the wall, {least:g} to {most:g} mJ", TRIM, rises=False,
+                 simulated=falls, uncertainty=half_falls, unit="um", note=note),
+        Row.value("trim cuts", f"deflection towards the wall, {TRIM_V:g} over {LOWER_V:g} V, {least:g} mJ", TRIM,
+                  published=(TRIM_V / LOWER_V) ** 2, simulated=ratio, within=0.25, uncertainty=half_ratio,
+                  note=note),
+        Row.report("trim cuts", "energy at which trim pulses neither draw nor push the wire (infinite: above 3 mJ)", NO_NUMBER,
+                   simulated=crossing_mJ([float(np.mean(towards[energy])) for energy in TRIM_MJ]), unit="mJ"),
+    ]
+
+
+def crossing_mJ(towards_um: Sequence[float]) -> float:
+    """Energy at which the deflection over `TRIM_MJ` falls through nothing; infinite where none of them does it."""
+    for k in range(len(TRIM_MJ) - 1):
+        before, after = towards_um[k], towards_um[k + 1]
+        if before > 0.0 >= after:
+            share = before / (before - after)
+            return float(TRIM_MJ[k] * math.exp(share * math.log(TRIM_MJ[k + 1] / TRIM_MJ[k])))
+    return math.inf
+
+
+CHECKS: tuple[Check, ...] = (rough_lag, default_lag, experiments, trims)

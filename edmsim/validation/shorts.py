@@ -1,0 +1,172 @@
+"""Rows on shorts: where they come from, what they cost, and how a cut ends in them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from edmsim.controllers import from_text
+from edmsim.cosim.straight import Cut, Traverse, begin, cut_straight
+from edmsim.evaluation.stable_rate import JAMMED_SHARE, quick_counts, shorten_pauses
+from edmsim.machine.machine import Machine
+from edmsim.plant.window import PlantError
+from edmsim.validation.breakage import APPROACH_S, HELD_SHARE, HOLD_S, MIDDLE_MM, rough_rig, sato_rig
+from edmsim.validation.rows import Check, Row, mean_and_interval
+from edmsim.validation.setups import UNBREAKABLE, altered, capacity_um_s, feed_within, servo_cut
+
+LIAO_WOO = "Liao, Woo, J. Mater. Process. Technol. 71(3):433 (1997)"
+JAM = "a wire that only touches cuts nothing (derived)"
+COST = "shorts melt little and heat the wire as discharges do (derived)"
+MEMORY = "from memory, no table was retrieved: below 10 % in stable cutting"
+PARTS = "no source separates the causes of shorts"
+PAGE = "docs/theory/emergence.md"
+
+FEEDS_UM_S = (10.0, 20.0, 28.0)
+"""Fixed feeds from three quarters of the pulses open to the first crowd of shorts (ours)."""
+NO_FILM: Mapping[str, float] = {
+    "base.dielectric.viscosity_Pa_s": 1e-9,
+    "base.dielectric.flushing_pressure_Pa": 0.03,
+    "base.dielectric.edge_loss": 0.0,
+}
+"""Water a million times as thin, and flushing a million times as weak: the same flow without a film."""
+NO_PULL: Mapping[str, float] = {"base.dielectric.permittivity": 1e-6}
+
+
+def _shorts(machine: Machine, feed_um_s: float, seeds: Sequence[int]) -> list[float]:
+    """Share of shorts at a fixed feed, a cut per seed; 1 if the wire was driven into the metal."""
+    shares = []
+    for seed in seeds:
+        try:
+            shares.append(cut_straight(machine, feed_um_s, seed, settle_s=6.0, seconds=15.0).share("short"))
+        except PlantError:
+            shares.append(1.0)
+    return shares
+
+
+def _shares(cuts: Sequence[Cut], kind: str = "short") -> list[float]:
+    return [cut.share(kind) for cut in cuts]
+
+
+def causes(seeds: Sequence[int]) -> list[Row]:
+    """Shorts over the feed, and what of them is the pull's, with the film of water and without it."""
+    machine = Machine.load()
+    feeds = [feed_within(feed, machine) for feed in FEEDS_UM_S]
+    by_feed = [_shorts(machine, feed, seeds) for feed in feeds]
+    top = feeds[-1]
+    rises, half = _change(by_feed[0], by_feed[-1])
+    middle, half_middle = mean_and_interval(by_feed[1])
+    rows = [
+        Row.sign("shorts", f"short share, feed {feeds[0]:.3g} to {top:.3g} um/s", LIAO_WOO, rises=True,
+                 simulated=rises, uncertainty=half, note=f"{PAGE}#classes-of-pulses"),
+        Row.band("shorts", f"short share at {feeds[1]:.3g} um/s", MEMORY, high=0.1, simulated=middle,
+                 uncertainty=half_middle).context("a working assumption from memory, no published table"),
+    ]
+    for name, film in (("with the film", {}), ("without a film", NO_FILM)):
+        free, pulled = (_shorts(altered(machine, {**film, **pull}), feeds[1], seeds) for pull in (NO_PULL, {}))
+        part, half_part = _change(free, pulled)
+        rows.append(Row.report("shorts", f"short share by the pull at {feeds[1]:.3g} um/s, {name}", PARTS,
+                               simulated=part, uncertainty=half_part))
+    return rows
+
+
+OPEN_SHARES = (0.02, 0.05, 0.1, 0.2, 0.35)
+"""Shares of open pulses that the servo is set to hold (ours: from next to the metal to far from it)."""
+
+
+def rate_over_shorts(seeds: Sequence[int]) -> list[Row]:
+    """Cutting rate of a servo over the shorts it lets happen."""
+    runs = {share: [servo_cut(rough_rig(30.0), seed, open_share=share) for seed in seeds] for share in OPEN_SHARES}
+    rates = [float(np.mean([cut.feed_um_s for cut in runs[share]])) for share in OPEN_SHARES]
+    best = OPEN_SHARES[int(np.argmax(rates))]
+    shorts, half = mean_and_interval(_shares(runs[best]))
+    wide, half_wide = mean_and_interval(
+        [b.feed_um_s - a.feed_um_s for a, b in zip(runs[best], runs[OPEN_SHARES[-1]], strict=True)]
+    )
+    return [
+        Row.band("shorts", f"short share at the highest cutting rate, {best:g} of the pulses open", JAM, low=0.0,
+                 high=JAMMED_SHARE, published="below the jam", simulated=shorts, uncertainty=half),
+        Row.sign("shorts", f"feed, {best:g} to {OPEN_SHARES[-1]:g} of the pulses open", JAM, rises=False,
+                 simulated=wide, uncertainty=half_wide, unit="um/s"),
+        *(
+            Row.report("shorts", f"feed at a short share of {np.mean(_shares(runs[share])):.2g}", PARTS,
+                       simulated=rate, unit="um/s")
+            for share, rate in zip(OPEN_SHARES, rates, strict=True)
+        ),
+    ]
+
+
+ON_SHORTS, ON_SPARKS = OPEN_SHARES[0], HELD_SHARE
+"""Shares of open pulses held by a servo that runs on shorts, and by one that stays off the metal."""
+
+
+def price(seeds: Sequence[int]) -> list[Row]:
+    """What a servo that runs on shorts pays: heat, arcs, and the power at which the wire breaks."""
+    dense = sato_rig(MIDDLE_MM, UNBREAKABLE)
+    careful, keen = (
+        [servo_cut(dense, seed, open_share=share) for seed in seeds] for share in (ON_SPARKS, ON_SHORTS)
+    )
+    heat = _change([_hottest_K(cut) / cut.working_current_A for cut in careful],
+                   [_hottest_K(cut) / cut.working_current_A for cut in keen])
+    arcs = _change(_shares(careful, "arc"), _shares(keen, "arc"))
+    limit = _change([_limit_mm2_min(ON_SPARKS, seed) for seed in seeds],
+                    [_limit_mm2_min(ON_SHORTS, seed) for seed in seeds])
+    note = f"{PAGE}#classes-of-pulses"
+    return [
+        Row.sign("shorts", "rise of the wire's temperature per working current, servo on shorts", COST, rises=True,
+                 simulated=heat[0], uncertainty=heat[1], unit="K/A", note=note),
+        Row.sign("shorts", "arc share, servo on shorts", COST, rises=True, simulated=arcs[0], uncertainty=arcs[1],
+                 note=note),
+        Row.sign("shorts", "cutting rate before the wire breaks, servo on shorts", COST, rises=False,
+                 simulated=limit[0], uncertainty=limit[1], unit="mm2/min", note=note),
+    ]
+
+
+def _change(before: Sequence[float], after: Sequence[float]) -> tuple[float, float]:
+    return mean_and_interval([b - a for a, b in zip(before, after, strict=True)])
+
+
+def _hottest_K(cut: Cut) -> float:
+    """Mean over the windows of the hottest slice's temperature above the water's."""
+    hottest = float(np.mean([window.wire_temperature_K for window in cut.windows]))
+    return hottest - cut.plant.machine.base.dielectric.temperature_K.value
+
+
+def _limit_mm2_min(open_share: float, seed: int) -> float:
+    """Highest cutting rate of a servo whose pauses are shortened until the wire breaks or the cut jams."""
+    servo = from_text(quick_counts(open_share))
+    held, _ = shorten_pauses(sato_rig(MIDDLE_MM), seed, servo, hold_s=HOLD_S, approach_s=APPROACH_S)
+    return max((step.rate_mm2_min for step in held), default=0.0)
+
+
+ABOVE = 1.3
+"""A fixed feed this much above the capacity: the wire must meet the metal (ours)."""
+JAM_S = 3.0
+PUSHES = (0.0, 0.3, 1.0)
+"""Shares of a bubble's push that metal melting in a short gives: the range's ends and the machine's own."""
+
+
+def jams(seeds: Sequence[int]) -> list[Row]:
+    """Shorts of a feed above capacity, by the push that a short gives."""
+    feed_um_s = ABOVE * capacity_um_s(rough_rig(30.0))
+    rows = []
+    for push in PUSHES:
+        machine = rough_rig(30.0, {"base.discharge.short_push_share": push})
+        mean, half = mean_and_interval([_jammed_share(machine, feed_um_s, seed) for seed in seeds])
+        rows.append(Row.report("shorts", f"short share above capacity, push of a short {push:g}",
+                               "no datum on the push of a short", simulated=mean, uncertainty=half))
+    return rows
+
+
+def _jammed_share(machine: Machine, feed_um_s: float, seed: int) -> float:
+    """Share of shorts in the last third of a cut that is driven too fast; 1 if the wire ends in the metal."""
+    traverse = Traverse(begin(machine, seed), feed_um_s)
+    try:
+        traverse.run(2 * JAM_S / 3)
+        windows = traverse.run(JAM_S / 3)
+    except PlantError:
+        return 1.0
+    return sum(w.short for w in windows) / sum(w.pulses for w in windows)
+
+
+CHECKS: tuple[Check, ...] = (causes, rate_over_shorts, price, jams)
