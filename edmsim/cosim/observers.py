@@ -57,6 +57,9 @@ class PlantView(Protocol):
     def deflections_um(self) -> NDArray[np.float64]:
         """Deflection of the wire, (slices, 2)."""
 
+    def coverage(self) -> NDArray[np.float64]:
+        """Share of the wire's front that gas covers, (slices,)."""
+
     def walls_um(self, slice_index: int) -> tuple[tuple[float, float], NDArray[np.float32]]:
         """Where a slice's wire was when its rays were last traced, and every ray's gap then."""
 

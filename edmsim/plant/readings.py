@@ -103,6 +103,10 @@ class PlantReadings:
         """Deflection of the wire now, (slices, 2): x and y from the line between the guides."""
         return self._arrays.shape @ self._arrays.wire_q.T
 
+    def coverage(self) -> NDArray[np.float64]:
+        """Share of the wire's front that gas covers now, (slices,) from the lowest: 0 to 1."""
+        return self._arrays.covered[: len(self._arrays.debris)].copy()
+
     def rays(self) -> Rays:
         """Every slice's rays as the loop sees them: as they were traced, less what craters took since."""
         return Rays(*(getattr(self._arrays, name).copy() for name in Rays._fields))

@@ -37,7 +37,8 @@ def row_type(slices: int, rays: int) -> np.dtype[np.void]:
 
     Fields: machine time, guides and place along the path as in `Frames`; what burning and short-circuited pulses
     are set to (V, A); the middle slice's wire when its rays were last traced, and their gaps from there; the
-    deflection per slice; the last pulses (`edmsim.plant.kernel.state.PULSE`) and how many there are.
+    deflection and the share of the front that gas covers, per slice; the last pulses
+    (`edmsim.plant.kernel.state.PULSE`) and how many there are.
     """
     return np.dtype(
         [
@@ -50,6 +51,7 @@ def row_type(slices: int, rays: int) -> np.dtype[np.void]:
             ("wire_um", "f8", 2),
             ("walls_um", "f4", rays),
             ("deflection_um", "f4", (slices, 2)),
+            ("coverage", "f4", (slices,)),
             ("pulses", PULSE, PULSES),
             ("count", "i4"),
         ]
@@ -158,7 +160,7 @@ class Closeups(Observer):
         row["t_s"], row["guides_um"], row["path_um"] = turn.time_ns * 1e-9, plant.commanded_um, turn.path_um
         row["burning_V"], row["current_A"], row["short_A"] = timing.burning_V, timing.current_A, timing.short_A
         row["wire_um"], row["walls_um"] = plant.walls_um(self.slice_index)
-        row["deflection_um"] = plant.deflections_um()
+        row["deflection_um"], row["coverage"] = plant.deflections_um(), plant.coverage()
         self._fill_pulses(plant.last_pulses())
         passed = bisect(self._turns_um, turn.path_um)
         runs_back = turn.feed_um_s < 0 <= self._feed_um_s

@@ -28,6 +28,7 @@ _CURVES = (
     ("feed, µm/s", (("/feed/feed_um_s", "feed", palette.SKY),)),
     ("gap, lag, error, µm", (("/gap/gap_um", "gap", palette.SKY), ("/gap/lag_um", "lag", palette.ORANGE),
             ("/gap/error_um", "error", palette.VERMILION))),
+    ("gas on the wire's front, share", (("/gas/coverage", "gas", palette.GAS),)),
 )  # fmt: skip
 """Title and curves of every plot: entity, name, colour."""
 _MOST_POINTS = 1500
@@ -59,12 +60,12 @@ class Film:
         self._canvas = cast("Any", FigureCanvasAgg(self._figure))  # its methods have no types
         self._moving: list[tuple[Axes, Artist]] = []
         grid = self._figure.add_gridspec(
-            6, 3, left=0.02, right=0.985, top=0.93, bottom=0.06, hspace=0.75, wspace=0.14, width_ratios=[1, 1, 1.15]
+            12, 3, left=0.02, right=0.985, top=0.93, bottom=0.06, hspace=1.6, wspace=0.14, width_ratios=[1, 1, 1.15]
         )
-        self._part(self._axes(grid[:4, 0], "part from above"))
-        self._gap(self._axes(grid[:4, 1], "at the wire, mid height; rings of 50 µm"))
-        self._scope(self._axes(grid[4:, :2], "gap voltage and current of the last pulses"))
-        self._cursors = [self._plot(grid[2 * i : 2 * i + 2, 2], *curves) for i, curves in enumerate(_CURVES)]
+        self._part(self._axes(grid[:8, 0], "part from above"))
+        self._gap(self._axes(grid[:8, 1], "at the wire, mid height; gas pale; rings of 50 µm"))
+        self._scope(self._axes(grid[8:, :2], "gap voltage and current of the last pulses"))
+        self._cursors = [self._plot(grid[3 * i : 3 * i + 3, 2], *curves) for i, curves in enumerate(_CURVES)]
         self._figure.text(0.02, 0.965, play.title, color=TEXT, fontsize=13, weight="bold", va="center")
         self._heading = self._figure.text(
             0.985, 0.965, "", color=TEXT, fontsize=12, va="center", ha="right", animated=True
@@ -148,17 +149,19 @@ class Film:
         from matplotlib.patches import Circle
 
         radius = self._sizes.wire_diameter_um / 2
-        reach = radius + 120.0
+        reach = radius + 70.0
         axes.set_aspect("equal")
         axes.set_xlim(-reach, reach)
         axes.set_ylim(reach, -reach)  # recorded with y downwards
         for ring in np.arange(50.0, reach, 50.0):
             axes.add_patch(Circle((0.0, 0.0), ring, fill=False, color="#2d3742", linewidth=0.7))
         self._round = self._move(axes, axes.add_patch(Circle((0.0, 0.0), radius, color="#7c5c1e")))
+        gas = LineCollection([], colors=palette.GAS, alpha=0.7, capstyle="round")
+        self._gas = self._move(axes, axes.add_collection(gas))
         self._rays = self._move(axes, axes.add_collection(LineCollection([], linewidths=1.4)))
-        side_points = min(axes.bbox.width, axes.bbox.height) * 72.0 / self._figure.dpi
-        width = 2 * WALL_UM * side_points / (2 * reach)
-        self._wall = self._move(axes, axes.add_collection(LineCollection([], colors=STEEL, linewidths=width)))
+        self._um_points = min(axes.bbox.width, axes.bbox.height) * 72.0 / self._figure.dpi / (2 * reach)
+        wall = LineCollection([], colors=STEEL, linewidths=2 * WALL_UM * self._um_points)
+        self._wall = self._move(axes, axes.add_collection(wall))
         self._sparks = self._move(axes, axes.scatter([], [], s=14, zorder=5))
 
     def _set_gap(self, t_s: float) -> None:
@@ -168,6 +171,8 @@ class Film:
         self._rays.set_segments(self._play.strips("/top/rays", "LineStrips2D:strips", t_s))
         self._rays.set_color(rgb01(self._play.points("/top/rays", "LineStrips2D:colors", t_s)))
         self._wall.set_segments(self._play.strips("/top/metal", "LineStrips2D:strips", t_s))
+        self._gas.set_segments(self._play.strips("/top/gas", "LineStrips2D:strips", t_s))
+        self._gas.set_linewidths(2 * self._um_points * self._play.points("/top/gas", "LineStrips2D:radii", t_s))
         self._sparks.set_offsets(self._play.points("/top/discharges", "Points2D:positions", t_s).reshape(-1, 2))
         self._sparks.set_facecolor(rgb01(self._play.points("/top/discharges", "Points2D:colors", t_s)))
 

@@ -1,4 +1,4 @@
-"""The wire's shape over the cut, thinned so that a cut of any length keeps only so many frames."""
+"""The wire's shape and the gas on it over the cut, thinned so that a cut of any length keeps only so many frames."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from edmsim.recording.thinned import Thinned, bytes_of
 
 
 class Frames(Observer):
-    """Every `stride`-th window's wire shape; the stride doubles whenever the store is full.
+    """Every `stride`-th window's wire shape and gas; the stride doubles whenever the store is full.
 
     What is kept depends only on the number of windows seen, so equal cuts keep equal frames.
 
@@ -33,7 +33,10 @@ class Frames(Observer):
 
     def __init__(self, n_slices: int, capacity: int = 2000) -> None:
         self.n_slices = n_slices
-        kind = [("t_s", "f8"), ("guides_um", "f8", 2), ("path_um", "f8"), ("deflection_um", "f8", (n_slices, 2))]
+        kind = [
+            ("t_s", "f8"), ("guides_um", "f8", 2), ("path_um", "f8"), ("deflection_um", "f8", (n_slices, 2)),
+            ("coverage", "f4", (n_slices,)),
+        ]  # fmt: skip
         self._row: NDArray[np.void] = np.zeros(1, np.dtype(kind))
         self._kept = Thinned(self._row.dtype, capacity)
 
@@ -50,13 +53,16 @@ class Frames(Observer):
         """See a window; it is kept if its turn has come."""
         if self._kept.wants_next:
             x_um, y_um = plant.commanded_um
-            self.offer(turn.time_ns * 1e-9, x_um, y_um, turn.path_um, plant.deflections_um())
+            self.offer(
+                turn.time_ns * 1e-9, x_um, y_um, turn.path_um, plant.deflections_um(), plant.coverage()
+            )  # fmt: skip
         else:
             self._kept.skip()
 
     def offer(
-        self, t_s: float, x_um: float, y_um: float, path_um: float, deflection_um: NDArray[np.float64]
-    ) -> None:
+        self, t_s: float, x_um: float, y_um: float, path_um: float, deflection_um: NDArray[np.float64],
+        coverage: NDArray[np.float64],
+    ) -> None:  # fmt: skip
         """Show one window; it is kept if its turn has come.
 
         Parameters
@@ -69,9 +75,12 @@ class Frames(Observer):
             Place along the wire path.
         deflection_um : float64 array (n_slices, 2)
             Wire minus guides, per slice from the bottom.
+        coverage : float64 array (n_slices,)
+            Share of the wire's front that gas covers, 0 to 1.
         """
         row = self._row[0]
         row["t_s"], row["guides_um"], row["path_um"], row["deflection_um"] = t_s, (x_um, y_um), path_um, deflection_um
+        row["coverage"] = coverage
         self._kept.offer(bytes_of(self._row)[0])
 
     @property
@@ -93,6 +102,11 @@ class Frames(Observer):
     def deflection_um(self) -> NDArray[np.float64]:
         """Wire minus guides in um, shape (n, n_slices, 2)."""
         return np.asarray(self._kept.rows["deflection_um"])
+
+    @property
+    def coverage(self) -> NDArray[np.float32]:
+        """Share of the wire's front that gas covers, shape (n, n_slices)."""
+        return np.asarray(self._kept.rows["coverage"])
 
     def snapshot(self) -> dict[str, NDArray[Any]]:
         """Everything that changes, as arrays; a copy."""

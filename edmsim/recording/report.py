@@ -149,6 +149,7 @@ def build_report(
         **_machining(windows, totals),
         **_part(quality),
         "wire": _wire(windows, totals),
+        "coverage": {"mean": _mean(windows, "coverage"), "max": _most(windows, "coverage")},
         "surface": {"ra_um": quality.ra_um},
         "energy_J": totals.energy,
         "removed_mm3": totals.removed_mm3,
@@ -165,14 +166,13 @@ def build_report(
 
 def _machining(windows: pa.Table, totals: Totals) -> dict[str, Any]:
     pulses = totals.short + totals.open + totals.spark + totals.arc
-    feed = column(windows, "feed_um_s")
     return {
         "machining_time_s": totals.machining_time_s,
         "wall_time_s": totals.wall_time_s,
         "realtime_factor": _ratio(totals.machining_time_s, totals.wall_time_s),
         "pulses": pulses,
         "path_length_mm": totals.path_length_mm,
-        "feed_um_s": {"mean": _mean(windows, "feed_um_s"), "max": float(feed.max()) if len(feed) else None},
+        "feed_um_s": {"mean": _mean(windows, "feed_um_s"), "max": _most(windows, "feed_um_s")},
         "cutting_rate_mm2_min": _ratio(totals.cut_area_mm2, totals.machining_time_s / 60.0),
         "pulse_share": {
             kind: _ratio(getattr(totals, kind), pulses) for kind in ("spark", "arc", "short", "open")
@@ -197,11 +197,10 @@ def _part(quality: Quality) -> dict[str, Any]:
 
 
 def _wire(windows: pa.Table, totals: Totals) -> dict[str, Any]:
-    temperature = column(windows, "wire_temperature_K")
     return {
         "lag_um": _weighted(lag_along_um(windows), column(windows, "t_period_us")),
         "vibration_um_rms": totals.vibration_um_rms,
-        "temperature_K_max": float(temperature.max()) if len(temperature) else None,
+        "temperature_K_max": _most(windows, "wire_temperature_K"),
     }
 
 
@@ -211,6 +210,10 @@ def _ratio(value: float, by: float) -> float | None:
 
 def _mean(windows: pa.Table, name: str) -> float | None:
     return _weighted(column(windows, name), column(windows, "t_period_us"))
+
+
+def _most(windows: pa.Table, name: str) -> float | None:
+    return float(column(windows, name).max()) if len(windows) else None
 
 
 def _weighted(
@@ -286,6 +289,7 @@ def summary(report: Mapping[str, Any]) -> list[tuple[str, str]]:
     least, largest = say(kerf["min"], "µm"), say(kerf["max"], "µm")
     error = [say(profile[k], "µm") for k in ("max", "rms", "p95")]
     lag, vibration = say(wire["lag_um"], "µm"), say(wire["vibration_um_rms"], "µm", 2)
+    covered = [say(_percent(report["coverage"][k]), "%") for k in ("mean", "max")]
     energy, removed = say(report["energy_J"], "J"), say(report["removed_mm3"], "mm³", 3)
     current, voltage = say(report["mean_current_A"], "A", 2), say(report["mean_voltage_V"], "V")
     return [
@@ -297,6 +301,7 @@ def summary(report: Mapping[str, Any]) -> list[tuple[str, str]]:
         ("profile error", f"{error[0]} max, {error[1]} rms, {error[2]} for 95 %"),
         ("corners", _corner_line(report["corners"])),
         ("wire", f"lag {lag}, vibration {vibration} rms, at most {say(wire['temperature_K_max'], 'K', 0)}"),
+        ("gas", f"covers {covered[0]} of the wire's front in the mean, at most {covered[1]}"),
         ("roughness", f"Ra {say(report['surface']['ra_um'], 'µm', 2)}"),
         ("energy", f"{energy}, {removed} removed, {current}, {voltage} mean"),
     ]

@@ -82,8 +82,7 @@ class WindowTable(Observer):
             turn.time_ns * 1e-9, *plant.commanded_um, turn.feed_um_s, window.short, window.open, window.spark,
             window.arc, window.mean_voltage_V, window.mean_current_A, window.mean_delay_us, window.gap_um,
             -window.deflection_um[0], -window.deflection_um[1], window.wire_temperature_K, window.debris,
-            window.coverage,
-            machine.t_on_us, machine.t_period_us, turn.path_um,
+            window.coverage, machine.t_on_us, machine.t_period_us, turn.path_um,
         ))  # fmt: skip
 
     def append(self, row: Sequence[float]) -> None:
@@ -91,7 +90,7 @@ class WindowTable(Observer):
 
         Parameters
         ----------
-        row : sequence of 19 float
+        row : sequence of 20 float
             The values of `ROW_NAMES`, in that order.
 
         Raises
@@ -106,7 +105,7 @@ class WindowTable(Observer):
         self._used += 1
 
     def values(self) -> NDArray[np.float64]:
-        """Return a copy of all rows, shape ``(len(self), 19)``, columns as in `ROW_NAMES`."""
+        """Return a copy of all rows, shape ``(len(self), 20)``, columns as in `ROW_NAMES`."""
         if not self._blocks:
             return np.empty((0, len(ROW_NAMES)))
         return np.concatenate([*self._blocks[:-1], self._blocks[-1][: self._used]])

@@ -29,6 +29,8 @@ N_RAYS = 32
 CORNERS_MM = np.array([(20.0, 20.0), (30.0, 20.0), (30.0, 26.0), (20.0, 26.0)])
 START_MM = np.array([19.0, 19.0])
 OFFSET_MM = 0.155
+GAS = np.linspace(0.0, 0.6, N_SLICES)
+"""Share of the wire's front under gas, per slice."""
 
 
 def wire_path() -> np.ndarray:
@@ -75,6 +77,7 @@ def windows(draw: np.random.Generator) -> WindowTable:
                 *(lag_um[i] * direction[i]),
                 330.0 + 20.0 * np.sin(i / 300),
                 0.01 + 0.001 * draw.standard_normal(),
+                0.3 + 0.02 * np.sin(i / 200),
                 30.0,
                 100.0,
                 path_um[i],
@@ -87,7 +90,7 @@ def frames(rows: np.ndarray) -> Frames:
     kept = Frames(N_SLICES)
     shape = np.sin(np.pi * (np.arange(N_SLICES) + 0.5) / N_SLICES)
     for row in rows:
-        kept.offer(row[0], row[1], row[2], row[18], -shape[:, None] * row[12:14])
+        kept.offer(row[0], row[1], row[2], row[-1], -shape[:, None] * row[12:14], GAS)
     return kept
 
 
@@ -97,11 +100,11 @@ def closeups(rows: np.ndarray) -> Closeups:
     number = np.arange(96)
     for row in rows:
         r, p = kept.row, kept.row["pulses"]
-        r["t_s"], r["guides_um"], r["path_um"] = row[0], row[1:3], row[18]
+        r["t_s"], r["guides_um"], r["path_um"] = row[0], row[1:3], row[-1]
         r["burning_V"], r["current_A"], r["short_A"] = 22.0, 6.6, 8.0
         r["wire_um"] = row[1:3] - row[12:14]
         r["walls_um"] = np.where(np.arange(N_RAYS) < N_RAYS // 2, 15.0, 1e6)
-        r["deflection_um"] = -row[12:14]
+        r["deflection_um"], r["coverage"] = -row[12:14], GAS
         p["kind"] = np.array([SPARK, OPEN, SHORT, ARC])[number % 4]
         p["start_us"], p["open_V"] = 100.0 * number, 100.0
         p["delay_us"] = np.array([10.0, 30.0, 0.0, 0.0])[number % 4]

@@ -12,7 +12,8 @@ from edmsim.recording import Frames
 
 def offer(frames: Frames, start: int, stop: int) -> None:
     for i in range(start, stop):
-        frames.offer(0.5 * i, 10.0 * i, -i, 3.0 * i, i + np.tile([0.0, 0.25], (frames.n_slices, 1)))
+        deflection, coverage = i + np.tile([0.0, 0.25], (frames.n_slices, 1)), np.full(frames.n_slices, 1 / (i + 1))
+        frames.offer(0.5 * i, 10.0 * i, -i, 3.0 * i, deflection, coverage)
 
 
 @given(capacity=st.integers(2, 40), windows=st.integers(0, 700))
@@ -26,6 +27,7 @@ def test_kept_windows_are_the_multiples_of_the_stride(capacity: int, windows: in
     np.testing.assert_array_equal(frames.path_um, 3.0 * kept)
     assert frames.deflection_um.shape == (len(kept), 3, 2)
     np.testing.assert_array_equal(frames.deflection_um[:, 1, 1], kept + 0.25)
+    np.testing.assert_allclose(frames.coverage[:, 2], 1 / (kept + 1), rtol=1e-6)
     assert windows < capacity or len(frames) >= capacity // 2
 
 

@@ -22,9 +22,9 @@ FIELDS: dict[str, Any] = {
     "pulses": None, "path_length_mm": None, "feed_um_s": {"mean", "max"}, "cutting_rate_mm2_min": None,
     "pulse_share": {"spark", "arc", "short", "open"}, "kerf_um": {"mean", "min", "max"}, "kerf_section": None,
     "profile_error_um": {"max", "rms", "p95"}, "corners": None,
-    "wire": {"lag_um", "vibration_um_rms", "temperature_K_max"}, "surface": {"ra_um"}, "energy_J": None,
-    "removed_mm3": None, "mean_current_A": None, "mean_voltage_V": None, "seed": None, "settings": None,
-    "notices": None, "edmsim_version": None,
+    "wire": {"lag_um", "vibration_um_rms", "temperature_K_max"}, "coverage": {"mean", "max"},
+    "surface": {"ra_um"}, "energy_J": None, "removed_mm3": None, "mean_current_A": None, "mean_voltage_V": None,
+    "seed": None, "settings": None, "notices": None, "edmsim_version": None,
 }  # fmt: skip
 
 NAN = math.nan
@@ -68,8 +68,8 @@ def test_derived_figures(cut: SimpleNamespace) -> None:
 def test_means_are_weighted_by_the_time_a_window_takes() -> None:
     table = WindowTable()
     for feed, period in ((10.0, 100.0), (40.0, 50.0)):
-        row = [0.0] * 19
-        row[3], row[9], row[17] = feed, feed / 10, period
+        row = [0.0] * 20
+        row[3], row[9], row[18] = feed, feed / 10, period
         table.append(row)
     totals = Totals(1.0, 1.0, 0, 0, 1, 0, 1.0, 1.0, 1.0, 1.0, 0.0)
     report = build_report(

@@ -18,7 +18,7 @@ from edmsim.recording.windows import NAMES, ROW_NAMES, column, lag_along_um, tra
 
 AGREED = (
     "t_s x_um y_um feed_um_s short open spark arc mean_voltage_V mean_current_A mean_delay_us gap_um "
-    "lag_x_um lag_y_um wire_temperature_K debris t_on_us t_period_us path_um error_um"
+    "lag_x_um lag_y_um wire_temperature_K debris coverage t_on_us t_period_us path_um error_um"
 )
 
 
@@ -78,7 +78,7 @@ def test_error_is_unknown_until_the_cut_is_measured() -> None:
 
 def test_a_row_of_the_wrong_length_is_refused() -> None:
     with pytest.raises(ValueError, match="broadcast"):
-        WindowTable().append([0.0] * 20)
+        WindowTable().append([0.0] * 21)
 
 
 @pytest.mark.parametrize("before", [0, 1, 4096, 5000])

@@ -55,7 +55,10 @@ def pictures(
             corner_figure(scene, windows),
         )  # fmt: skip
     yield Picture("kerf-section", "Cross-section of the kerf over the workpiece's height.", kerf_figure(report))
-    yield Picture("pulses", "What became of the pulses, over machine time.", pulses_figure(windows))
+    yield Picture(
+        "pulses", "What became of the pulses, and the share of the wire's front under gas, over machine time.",
+        pulses_figure(windows),
+    )  # fmt: skip
     yield Picture("short-open", "Short and open pulses, and the controller's path among them.", plane_figure(windows))
     if isinstance(sample, str):
         leave_out(f"ignition delays and the wire's spectrum are not drawn: {sample}")

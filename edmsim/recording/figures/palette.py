@@ -17,6 +17,8 @@ GREEN = "#009e73"
 VERMILION = "#d55e00"
 PURPLE = "#cc79a7"
 SKY = "#56b4e9"
+# Ours: gas is pale, so that its bubbles are told from sparks; on a dark ground seen through
+GAS, GAS_DARK = "#cfe8f4", "#5f7686"
 
 SHARE_COLOURS = {"spark": BLUE, "arc": PURPLE, "short": VERMILION, "open": "#c9d1d9"}
 """Classes of pulses, in the order they are stacked."""

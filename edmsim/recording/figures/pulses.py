@@ -8,7 +8,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edmsim.cosim.pulse_sample import KINDS, PulseSample
-from edmsim.recording.figures.palette import BLUE, GREEN, INK, LINE, MUTED, ORANGE, PURPLE, SHARE_COLOURS, VERMILION
+from edmsim.recording.figures.palette import (
+    BLUE,
+    GREEN,
+    INK,
+    LINE,
+    MUTED,
+    ORANGE,
+    PURPLE,
+    SHARE_COLOURS,
+    SKY,
+    VERMILION,
+)
 from edmsim.recording.figures.series import binned, time_unit
 from edmsim.recording.figures.style import LABEL_PT, colour_bar, column_figure, dress, legend, nothing_to_show
 from edmsim.recording.windows import column
@@ -31,7 +42,7 @@ LEAST_TAIL = 20
 
 
 def pulses_figure(windows: pa.Table) -> Figure:
-    """Draw what became of the pulses over machine time: classes, voltage and current, ignition delay, feed.
+    """Draw what became of the pulses over machine time: classes, voltage and current, ignition delay, gas, feed.
 
     Parameters
     ----------
@@ -43,13 +54,13 @@ def pulses_figure(windows: pa.Table) -> Figure:
     matplotlib.figure.Figure
         One column wide, with an Agg canvas.
     """
-    figure = column_figure(4.4, top_in=0.25, right_in=0.42)
+    figure = column_figure(5.1, top_in=0.25, right_in=0.42)
     if windows.num_rows == 0:
         return nothing_to_show(figure, "no pulses: the cut has no window")
     t_s = column(windows, "t_s")
     unit, seconds = time_unit(float(t_s[-1]))
     t = t_s / seconds
-    panels = figure.subplots(4, 1, sharex=True, height_ratios=[1.5, 1.0, 1.0, 1.0], gridspec_kw={"hspace": 0.12})
+    panels = figure.subplots(5, 1, sharex=True, height_ratios=[1.5, 1.0, 1.0, 1.0, 1.0], gridspec_kw={"hspace": 0.12})
     _draw_shares(panels[0], t, windows)
     _draw_band(panels[1], t, column(windows, "mean_voltage_V"), BLUE, "voltage, V")
     current = panels[1].twinx()
@@ -59,8 +70,9 @@ def pulses_figure(windows: pa.Table) -> Figure:
     for axes, colour in ((panels[1], BLUE), (current, VERMILION)):
         axes.yaxis.label.set_color(colour)
     _draw_band(panels[2], t, column(windows, "mean_delay_us"), PURPLE, "delay, µs")
-    _draw_band(panels[3], t, column(windows, "feed_um_s"), GREEN, "feed, µm/s")
-    panels[3].set_xlabel(f"machine time, {unit}", fontsize=LABEL_PT, color=MUTED)
+    _draw_band(panels[3], t, 100.0 * column(windows, "coverage"), SKY, "gas, %")
+    _draw_band(panels[4], t, column(windows, "feed_um_s"), GREEN, "feed, µm/s")
+    panels[4].set_xlabel(f"machine time, {unit}", fontsize=LABEL_PT, color=MUTED)
     panels[0].margins(x=0)
     figure.align_ylabels(panels)
     return figure

@@ -91,6 +91,7 @@ PROCESS: tuple[Plot, ...] = (
     ),
     Plot("wire", "wire temperature, K", (Series("wire_temperature_K", "hottest place", palette.VERMILION),)),
     Plot("fluid", "debris, volume share", (Series("debris", "debris", palette.GREEN),)),
+    Plot("gas", "gas on the wire's front, share", (Series("coverage", "mean over height", palette.SKY),)),
 )
 """Views of the first tab."""
 
@@ -138,7 +139,10 @@ def blueprint(sizes: Sizes) -> rrb.Blueprint:
         row_shares=[10, 9, 6],
     )  # fmt: skip
     right = rrb.Vertical(
-        rrb.Tabs(_plots(PROCESS, "process"), _plots(ELECTRICAL, "electrical, position")),
+        rrb.Tabs(
+            _plots(PROCESS, "process"), _plots(ELECTRICAL, "electrical, position"),
+            plot_view(["slices"], "gas on the wire's front by height, share"),
+        ),
         rrb.Tabs(events_view("", "events"), rrb.TextDocumentView(origin="about", name="about this recording")),
         row_shares=[4, 1],
     )

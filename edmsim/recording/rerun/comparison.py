@@ -30,6 +30,7 @@ CURVES = (
     ("gap/gap_um", "gap, µm"),
     ("gap/lag_um", "wire lag, µm"),
     ("gap/error_um", "profile error, µm"),
+    ("gas/coverage", "gas on the wire's front, share"),
 )
 """Curves in which the cuts are compared, and the titles of their views."""
 

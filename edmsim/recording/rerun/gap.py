@@ -1,7 +1,4 @@
-"""The gap in the recording: the wall round the wire in um, discharges in their places, gap voltage and current.
-
-In views of two dimensions rerun counts y downwards; what is logged for them has its y turned round.
-"""
+"""The gap in the recording: the wall round the wire in um, discharges in their places, gap voltage and current."""
 
 from __future__ import annotations
 
@@ -14,7 +11,7 @@ from numpy.typing import NDArray
 from edmsim.plant.constants import RAY_RANGE_UM
 from edmsim.plant.kernel.state import OPEN, SHORT
 from edmsim.recording.figures import palette
-from edmsim.recording.rerun.stream import class_rgb, faded, indexes, on_screen
+from edmsim.recording.rerun.stream import class_rgb, faded, indexes, on_screen, turned
 from edmsim.recording.scene import Scene
 
 if TYPE_CHECKING:
@@ -90,7 +87,7 @@ def log_gap(recording: rr.RecordingStream, scene: Scene, closeups: Closeups) -> 
     if len(closeups) == 0:
         return
     when = indexes(closeups["t_s"], closeups["path_um"])
-    wire = _turned(closeups["wire_um"] - closeups["guides_um"])
+    wire = turned(closeups["wire_um"] - closeups["guides_um"])
     recording.log(
         "top/wire",
         rr.Points2D.from_fields(colors=[_WIRE], radii=[scene.wire_diameter_um / 2], draw_order=10.0),
@@ -99,18 +96,14 @@ def log_gap(recording: rr.RecordingStream, scene: Scene, closeups: Closeups) -> 
     recording.send_columns("top/wire", when, rr.Points2D.columns(positions=wire))
     _log_walls(recording, scene, closeups, wire)
     known, place = discharges(closeups, scene.wire_diameter_um / 2)
-    shift = _turned(place - closeups["guides_um"][:, None, :])
+    shift = turned(place - closeups["guides_um"][:, None, :])
     left = np.linspace(0.25, 1.0, known.shape[1])
     colours = faded(class_rgb(closeups["pulses"]["kind"][known]), np.broadcast_to(left, known.shape)[known])
     columns = rr.Points2D.columns(positions=shift[known], colors=colours, radii=np.full(known.sum(), 4.0))
     recording.log("top/discharges", rr.Points2D.from_fields(draw_order=60.0), static=True)
     recording.send_columns("top/discharges", when, columns.partition(known.sum(axis=1)))
-    away = np.column_stack([-_turned(closeups["guides_um"]), np.zeros(len(closeups))])
+    away = np.column_stack([-turned(closeups["guides_um"]), np.zeros(len(closeups))])
     recording.send_columns("top/part", when, rr.Transform3D.columns(translation=away))
-
-
-def _turned(points: NDArray[np.float64]) -> NDArray[np.float64]:
-    return np.asarray(points * np.array([1.0, -1.0]), np.float64)
 
 
 def _log_gap_marks(recording: rr.RecordingStream, scene: Scene) -> None:
@@ -133,7 +126,7 @@ def _log_gap_marks(recording: rr.RecordingStream, scene: Scene) -> None:
         ),
         static=True,
     )  # fmt: skip
-    nominal = [_turned(edge.nominal_mm * 1000.0) for edge in scene.maps]
+    nominal = [turned(edge.nominal_mm * 1000.0) for edge in scene.maps]
     if nominal:
         lines = rr.LineStrips2D(nominal, colors=[palette.rgb(palette.GREEN)], radii=on_screen(0.8))
         recording.log("top/part/nominal", lines, static=True)

@@ -26,13 +26,14 @@ _PLACES = {BASE: "world/base", CROSS: "world/cross/carriage", TABLE: "world/tabl
 
 
 class Shapes:
-    """The wire over the cut: its frames and close-ups together, in order of time.
+    """The wire and the gas on it over the cut: frames and close-ups together, in order of time.
 
     Attributes
     ----------
     t_s, path_um : float64 arrays (n,)
     guides_um : float64 array (n, 2)
     deflection_um : float64 array (n, slices, 2)
+    coverage : float32 array (n, slices)
     """
 
     def __init__(self, frames: Frames, closeups: NDArray[np.void]) -> None:
@@ -41,6 +42,7 @@ class Shapes:
         self.path_um = np.concatenate([frames.path_um, closeups["path_um"]])[first]
         self.guides_um = np.concatenate([frames.guides_um, closeups["guides_um"]])[first]
         self.deflection_um = np.concatenate([frames.deflection_um, closeups["deflection_um"]])[first]
+        self.coverage = np.concatenate([frames.coverage, closeups["coverage"]])[first]
 
     def __len__(self) -> int:
         """Return how many there are."""

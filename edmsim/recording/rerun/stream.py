@@ -47,6 +47,11 @@ def indexes(t_s: NDArray[np.float64], path_um: NDArray[np.float64]) -> list[rr.T
     ]
 
 
+def turned(points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return points (..., 2) as a view of two dimensions needs them: rerun counts y downwards there."""
+    return np.asarray(points * np.array([1.0, -1.0]), np.float64)
+
+
 def on_screen(points: float) -> list[float]:
     """Return a radius in points of the screen, which rerun tells from a length by its sign."""
     return [-points]

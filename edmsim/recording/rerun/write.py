@@ -19,6 +19,7 @@ from edmsim.recording.figures import palette
 from edmsim.recording.frames import Frames
 from edmsim.recording.report import duration_text, figure_text
 from edmsim.recording.rerun import gap as log_gap
+from edmsim.recording.rerun import gas as log_gas
 from edmsim.recording.rerun import machine as log_machine
 from edmsim.recording.rerun.blueprint import ELECTRICAL, PROCESS, blueprint, sizes_of
 from edmsim.recording.rerun.bodies import bodies_of
@@ -85,6 +86,9 @@ def write_recording(
         log_gap.log_discharges(recording, scene, kept)
         log_gap.log_gap(recording, scene, kept)
         log_gap.log_scope(recording, kept)
+        log_gas.log_coverage(recording, scene, shapes)
+        log_gas.log_bubbles(recording, scene, shapes, log_gas.travel_at(windows, shapes.t_s), factor)
+        log_gas.log_top_bubbles(recording, scene, kept)
         told = events(windows, scene, report)
         group = _log_series(recording, windows, np.array([event.row for event in told], np.int64))
         _log_events(recording, windows, told)
@@ -119,7 +123,7 @@ def _log_machine(
 def _thinning(frames: Frames, closeups: Closeups, group: int, tolerance_mm: float) -> list[str]:
     """Say what of the cut is in the recording and what was left out."""
     return [
-        f"The wire's shape: one window of {frames.stride}. Discharges, top view and oscilloscope: one of "
+        f"The wire's shape and its gas: one window of {frames.stride}. Discharges, top view and oscilloscope: one of "
         f"{closeups.stride}; around retracts and corners, and at the end, all of them ({AROUND} before, {AROUND} "
         f"after; of many retracts, some). Of such a window its last {PULSES} pulses are kept.",
         "A point of a series is "
@@ -151,6 +155,9 @@ def about(scene: Scene, report: Mapping[str, Any], title: str, factor: float, th
         "cross. Every ray that meets metal is drawn from the wire to it, the redder the narrower.",
         "- Discharges are drawn on the metal, in the middle of their slice of height, and fade: "
         "blue sparks, pink arcs, red contacts.",
+        "- Pale bubbles show gas on the wire's front. Those of a slice are together as long as the share of it that "
+        "gas covers. In the view at the wire they lie where the last discharges burned, together as wide as the mean "
+        "of that share over the height.",
         "- The oscilloscope shows the model's pulses: voltage until ignition, then burning; no rise times.",
         *(f"- {line}" for line in thinning),
         "## Settings",

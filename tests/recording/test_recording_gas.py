@@ -1,0 +1,184 @@
+"""Gas in what a cut leaves: share per slice, bubbles that show it and nothing else, figures of the report."""
+
+from __future__ import annotations
+
+import dataclasses
+import io
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from rich.console import Console
+
+from edmsim.controllers import WindowObservation
+from edmsim.machine.machine import Machine
+from edmsim.plant.plant import Plant
+from edmsim.recording import Closeups, Frames, Playback, WindowTable, render_table
+from edmsim.recording.figures import pulses_figure
+from edmsim.recording.film import Film
+from edmsim.recording.rerun.gas import IN_A_SLICE, ROUND_THE_FRONT, SMALLEST, bubbles, travel_at
+from edmsim.recording.rerun.machine import Shapes, wire_strips
+from edmsim.recording.rerun.write import write_recording
+from edmsim.recording.windows import column
+
+RADIUS_UM, GAP_UM = 125.0, 15.0
+"""Of the made-up cut."""
+
+
+def recording(cut: SimpleNamespace, folder: Path, closeups: Closeups) -> Playback:
+    file = folder / "cut.rrd"
+    write_recording(file, cut.scene, cut.windows, cut.frames, closeups, cut.machine, cut.report, "punch.ngc")
+    return Playback(file)
+
+
+@pytest.fixture(scope="module")
+def play(cut: SimpleNamespace, tmp_path_factory: pytest.TempPathFactory) -> Playback:
+    return recording(cut, tmp_path_factory.mktemp("recording"), cut.closeups)
+
+
+def shapes_of(cut: SimpleNamespace) -> Shapes:
+    return Shapes(cut.frames, cut.closeups.table())
+
+
+@given(st.lists(st.floats(0, 1), min_size=1, max_size=30), st.integers(1, 20))
+def test_bubbles_cover_the_share_they_show(shares: list[float], places: int) -> None:
+    covered, rank = np.array(shares), np.broadcast_to(np.arange(places), (len(shares), places))
+    sizes = bubbles(covered, rank, places)
+    np.testing.assert_allclose(sizes.mean(axis=-1), covered, atol=1e-12)
+    assert np.all(((sizes > 0) & (sizes < 1)).sum(axis=-1) <= 1)  # at most one is no whole one
+    assert np.all(np.diff(sizes, axis=-1) <= 0)  # low ranks first
+
+
+def test_a_plant_tells_the_gas_in_every_slice_and_keeps_its_own() -> None:
+    plant = Plant(Machine.load(height_mm=10.0), seed=1, resolution="fast")
+    for _ in range(20):
+        window = plant.advance()
+        assert plant.coverage().shape == (5,)
+        assert plant.coverage().mean() == pytest.approx(window.coverage, abs=1e-12)
+    assert 0.0 < plant.coverage().max() < 1.0
+    plant.coverage()[:] = 1.0
+    assert plant.coverage().max() < 1.0
+
+
+def test_a_machine_does_not_observe_gas() -> None:
+    assert not {"coverage", "covered", "debris", "gap_um"} & set(WindowObservation._fields)
+
+
+def test_a_cut_records_the_same_gas_everywhere(small_cut: SimpleNamespace) -> None:
+    result = small_cut.result
+    t_s, covered = column(result.windows, "t_s"), column(result.windows, "coverage")
+    assert 0.0 <= covered.min() < covered.mean() < covered.max() <= 1.0
+    closeups = result.closeups.table()
+    for times, shares in ((result.frames.t_s, result.frames.coverage), (closeups["t_s"], closeups["coverage"])):
+        rows = np.searchsorted(t_s, times)
+        np.testing.assert_allclose(shares.mean(axis=1), covered[rows], atol=1e-6)
+    told = result.report["coverage"]
+    assert told["mean"] == pytest.approx(covered.mean())  # its period is the same in all windows
+    assert told["max"] == covered.max()
+
+
+def test_a_report_says_mean_and_largest_coverage(cut: SimpleNamespace) -> None:
+    written = io.StringIO()
+    report = cut.report | {"coverage": {"mean": 0.126, "max": 0.584}}
+    Console(width=200, file=written).print(render_table(report))
+    assert "covers 12.6 % of the wire's front in the mean, at most 58.4 %" in written.getvalue()
+    Console(width=200, file=written).print(render_table(report | {"coverage": {"mean": None, "max": None}}))
+    assert "covers – of the wire's front" in written.getvalue()
+
+
+def test_the_figure_of_the_pulses_has_a_panel_of_gas(cut: SimpleNamespace) -> None:
+    (panel,) = [axes for axes in pulses_figure(cut.windows).axes if axes.get_ylabel() == "gas, %"]
+    drawn = np.concatenate([line.get_ydata() for line in panel.get_lines()])
+    assert drawn.mean() == pytest.approx(100 * column(cut.windows, "coverage").mean(), rel=1e-3)
+
+
+def test_every_slice_has_its_curve(cut: SimpleNamespace, play: Playback) -> None:
+    shapes = shapes_of(cut)
+    rows = play.rows("/slices/coverage", "Scalars:scalars")
+    np.testing.assert_allclose(rows.t_s, shapes.t_s, atol=1e-9)
+    np.testing.assert_allclose(np.array(rows.values.to_pylist()), shapes.coverage)
+    names = play.rows("/slices/coverage", "SeriesLines:names").values[0].as_py()
+    assert (names[0], names[4], names[8]) == ("1.1 mm", "10.0 mm", "18.9 mm")
+
+
+def test_bubbles_stand_on_the_front_of_the_drawn_wire(cut: SimpleNamespace, play: Playback) -> None:
+    shapes, at = shapes_of(cut), 40
+    t_s, slice_mm = float(shapes.t_s[at]), 20.0 / 9
+    centres = play.points("/world/gas", "Ellipsoids3D:centers", t_s)
+    halves = play.points("/world/gas", "Ellipsoids3D:half_sizes", t_s)
+    long_mm = np.array([2 * halves[np.floor(centres[:, 2] / slice_mm) == s, 2].sum() for s in range(9)])
+    covered = shapes.coverage[at]
+    np.testing.assert_allclose(long_mm, covered * slice_mm, atol=0.1 * slice_mm / IN_A_SLICE + 1e-5)
+    assert long_mm[0] == 0.0  # no gas, no bubble
+    factor = float(play.sizes[7])
+    wire = wire_strips(cut.scene, shapes, factor)[at]
+    axis = np.column_stack([np.interp(centres[:, 2], wire[:, 2], wire[:, k]) for k in (0, 1)])
+    travel = travel_at(cut.windows, shapes.t_s[at : at + 1])
+    np.testing.assert_allclose(centres[:, :2] - axis, np.repeat(travel, len(centres), axis=0) * 0.125, atol=1e-3)
+    assert halves[:, :2].max() <= 1.5 * 0.25 + 1e-6  # across no wider than three wires
+    np.testing.assert_array_equal(halves[:, 0], halves[:, 1])
+
+
+def test_bubbles_in_the_top_view_lie_where_the_last_discharges_burned(
+    cut: SimpleNamespace, tmp_path: Path
+) -> None:
+    closeups = Closeups(9, 32, 4)
+    turn = 2 * np.pi / 32
+    for number, old in enumerate(cut.closeups.table()[:8]):
+        for name in old.dtype.names:
+            closeups.row[name] = old[name]
+        closeups.row["pulses"]["ray"] = np.arange(96) % 16
+        closeups.row["coverage"] = number / 7
+        closeups.keep()
+    play, table = recording(cut, tmp_path, closeups), closeups.table()
+    burned = [r % 16 for r in range(95, -1, -1) if r % 4 in (0, 3)]  # sparks and arcs, latest first
+    for row in table:
+        t_s = float(row["t_s"])
+        strips = [line * (1.0, -1.0) for line in play.strips("/top/gas", "LineStrips2D:strips", t_s)]
+        radii = play.points("/top/gas", "LineStrips2D:radii", t_s)
+        away = [line - (row["wire_um"] - row["guides_um"]) for line in strips]
+        for line in away:
+            np.testing.assert_allclose(np.hypot(*line.T), RADIUS_UM + GAP_UM / 2, atol=1e-2)
+        assert np.all(radii <= GAP_UM / 2 + 1e-6)
+        covered = float(row["coverage"].mean()) * ROUND_THE_FRONT
+        assert len(strips) == int(covered) + (covered % 1 >= SMALLEST)
+        found = [np.arctan2(*line[2][::-1]) / turn for line in away]  # middle of the bubble
+        np.testing.assert_allclose(sorted(found), sorted(burned[: len(found)]), atol=1e-3)
+        spans = [np.ptp(np.unwrap(np.arctan2(*line.T[::-1]))) * (RADIUS_UM + GAP_UM / 2) for line in away]
+        whole = sum(np.array(spans) + 2 * radii) / (np.pi * RADIUS_UM / ROUND_THE_FRONT)
+        assert whole == pytest.approx(covered, abs=SMALLEST + 0.02)
+    assert len(play.points("/top/gas", "LineStrips2D:radii", float(table["t_s"][0]))) == 0
+    assert len(play.points("/top/gas", "LineStrips2D:radii", float(table["t_s"][7]))) == 8
+
+
+def test_a_film_shows_gas_where_there_is_some(cut: SimpleNamespace, tmp_path: Path) -> None:
+    dry = Closeups(9, 32, 4)
+    for row in cut.closeups.table():
+        for name in row.dtype.names:
+            dry.row[name] = 0.0 if name == "coverage" else row[name]
+        dry.keep()
+    pictures, t_s = [], float(cut.closeups.table()["t_s"][50])
+    for name, closeups in (("gas", cut.closeups), ("dry", dry)):
+        (tmp_path / name).mkdir()
+        pictures.append(Film(recording(cut, tmp_path / name, closeups), 60).picture(t_s).astype(int))
+    rows, columns = np.nonzero(np.abs(pictures[0] - pictures[1]).max(axis=2) > 20)
+    assert len(rows) > 10
+    height, width, _ = pictures[0].shape
+    assert rows.max() < 0.7 * height  # in the picture of the gap only
+    assert columns.min() > 0.3 * width
+    assert columns.max() < 0.65 * width
+
+
+def test_a_cut_without_windows_has_no_gas(cut: SimpleNamespace, tmp_path: Path) -> None:
+    empty = SimpleNamespace(**vars(cut) | {
+        "windows": WindowTable().to_arrow(), "frames": Frames(9),
+        "scene": dataclasses.replace(cut.scene, cut_edges_mm=()),
+    })  # fmt: skip
+    play = recording(empty, tmp_path, Closeups(9, 32, 4))
+    for entity, component in (("/world/gas", "Ellipsoids3D:centers"), ("/top/gas", "LineStrips2D:strips"),
+                              ("/slices/coverage", "Scalars:scalars")):  # fmt: skip
+        assert (entity, component) not in play
+
