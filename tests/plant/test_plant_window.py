@@ -97,8 +97,9 @@ def test_a_short_that_melts_metal_pushes_the_wire_off(in_a_hole, machine):
     speeds = []
     for share in (0.0, 0.3, 0.6):
         pushed = {"base.discharge.impulse_10mJ_Ns": 4.3e-6, "base.discharge.bubble_share": 0.04,
-                  "base.dielectric.viscosity_Pa_s": 1e-12, "base.dielectric.edge_loss": 0.0}  # fmt: skip
-        plant = in_a_hole(machine, 1.0, **pushed, **{"base.discharge.short_push_share": share})
+                  "base.dielectric.viscosity_Pa_s": 1e-12, "base.dielectric.edge_loss": 0.0,
+                  "base.gap.contact_um": 8.0}  # fmt: skip
+        plant = in_a_hole(machine, 5.0, **pushed, **{"base.discharge.short_push_share": share})
         assert plant.advance_pulse().short == 1
         speeds.append(float(np.abs(plant.snapshot()["wire_v"]).max()))
     assert speeds[0] < 1e-3 * speeds[1]
