@@ -12,10 +12,10 @@ from edmsim.cosim.straight import Cut, Traverse, begin, cut_straight
 from edmsim.evaluation.stable_rate import quick_counts, shorten_pauses
 from edmsim.machine.machine import Machine
 from edmsim.plant.gap.water import BOILING_K
-from edmsim.validation.breakage import APPROACH_S, HOLD_S, break_limit_A, sato_rig
+from edmsim.validation.breakage import APPROACH_S, HELD_SHARE, HOLD_S, break_limit_A, sato_rig
 from edmsim.validation.pulse_ratios import drum_um
 from edmsim.validation.quality import AFTER_UM, BEFORE_UM, corner_rig, cut_corner
-from edmsim.validation.setups import HELD_SHARE, UNBREAKABLE, altered
+from edmsim.validation.setups import UNBREAKABLE, altered
 
 PULL = "base.dielectric.permittivity"
 GAIN = "base.gap.debris_gain"
@@ -190,7 +190,7 @@ def test_a_wire_that_leads_runs_on_beyond_the_corner():
 
 
 def test_the_wire_breaks_where_steam_keeps_the_water_off():
-    """Boiling holds every slice near the boiling point until one passes the critical flux; that one runs away."""
+    """Boiling holds a slice near the boiling point until it passes the critical flux and runs away."""
     broken = 0
     for seed in (1, 2, 3):
         plant = begin(sato_rig(60.0), seed)
@@ -201,7 +201,6 @@ def test_the_wire_breaks_where_steam_keeps_the_water_off():
             temperature = plant.snapshot()["temperature_K"]
             hottest = int(plant.broken_height_mm / 60.0 * len(temperature))
             assert temperature[hottest] == temperature.max() > BOILING_K + 30.0
-            assert np.median(temperature) < BOILING_K + 30.0
     assert broken
 
 
