@@ -14,6 +14,7 @@ from matplotlib.figure import Figure
 import edmsim
 from edmsim.cosim.pulse_sample import KINDS, PulseSample, cutting_feed_um_s, sample_pulses
 from edmsim.job.single_pulses import sample_like
+from edmsim.plant.constants import wire_setup
 from edmsim.recording import Scene, WindowTable
 from edmsim.recording.figures import (
     corner_figure,
@@ -144,16 +145,18 @@ def test_a_ringing_wire_has_its_line_in_the_spectrum() -> None:
 def test_modes_follow_the_string_and_fold_at_half_the_pulse_frequency() -> None:
     machine = edmsim.Machine.load(height_mm=20.0, tension=10.0)
     frequency = wire_frequencies_hz(machine, "fast")
-    per_length = np.pi / 4 * (250e-6) ** 2 * 8400.0
-    assert frequency[0] == pytest.approx(np.sqrt(10.0 / per_length) / 2 / 0.040, rel=5e-3)
-    np.testing.assert_allclose(frequency[:4] / frequency[0], [1, 2, 3, 4], rtol=0.02)
+    n = np.arange(1, 5)
+    in_slot = 0.5 - (-1.0) ** n * np.sin(n * np.pi / 2) / (n * np.pi)  # of a mode's motion, on half of its length
+    per_length = np.pi / 4 * (250e-6) ** 2 * 8400.0 + in_slot * wire_setup(machine).slot_mass_kg_m
+    np.testing.assert_allclose(frequency[:4], n * np.sqrt(10.0 / per_length) / 2 / 0.040, rtol=0.02)
     np.testing.assert_allclose(folded_hz(np.array([1e3, 4.9e3, 5.1e3, 10e3]), 10e3), [1e3, 4.9e3, 4.9e3, 0])
 
 
 def test_the_simulated_wire_vibrates_near_its_first_mode(sample: PulseSample) -> None:
     frequency, along, _ = spectrum(sample)
     first = wire_frequencies_hz(sample.machine, "fast")[0]
-    assert 0.6 * first < frequency[along.argmax()] < 1.2 * first  # the pull of the field softens it
+    # the pull of the field softens it, the film broadens it by the damping ratio, some 0.2 to either side
+    assert 0.6 * first < frequency[along.argmax()] < 1.3 * first
 
 
 def test_single_pulses_are_those_of_windows(sample: PulseSample) -> None:
