@@ -68,7 +68,7 @@ def answer(controller, window, gap_um=15.0):
         gap_um = gap_um if spark else math.nan
         controller.see(PulseWindow(
             0, 25_500_000, window.short, window.open, spark, 0, 40.0, 2.0, 9.0, gap_um, (0.0, 0.0), 0.0, 320.0, 0.0,
-            0.0, 0.0, False,
+            0.0, 0.0, 0.0, False,
         ))  # fmt: skip
     return controller.update(window)
 

@@ -29,7 +29,7 @@ def seen(short=0, open=0, voltage_V=15.0, delay_us=9.0, feed_um_s=10.0, current_
 def truth(gap_um=10.0, temperature_K=320.0, short=0, open=50):
     return PulseWindow(
         0, 25_500_000, short, open, 255 - short - open, 0, 15.0, 1.0, 9.0, gap_um, (0.0, 0.0), 0.0, temperature_K,
-        0.0, 0.0, 0.0, False,
+        0.0, 0.0, 0.0, 0.0, False,
     )  # fmt: skip
 
 

@@ -72,7 +72,7 @@ def test_no_mean_rate_of_a_step_is_higher(found: edmsim.StableRate, steps: list[
 def weak(machine: edmsim.Machine, newton: float) -> edmsim.Machine:
     """Return the machine with a wire that holds little more than its tension, and is heated strongly."""
     area_mm2 = math.pi / 4 * (machine.wire_diameter_um * 1e-3) ** 2
-    return altered(machine, {"wire.strength_MPa": newton / area_mm2, "base.discharge.wire_heat_share": 1.0})
+    return altered(machine, {"wire.strength_MPa": newton / area_mm2, "base.cooling.wire_heat_share": 1.0})
 
 
 def test_a_weaker_wire_breaks_and_holds_a_lower_rate(machine: edmsim.Machine, found: edmsim.StableRate) -> None:

@@ -50,7 +50,11 @@ def in_a_hole(altered):
     quiet = {
         "material.removal_mm3_J": 1e-15,
         "base.discharge.impulse_10mJ_Ns": 0.0,
-        "base.discharge.wire_heat_share": 0.0,
+        "base.discharge.bubble_share": 1e-12,
+        "base.gas.steam_share": 0.0,
+        "base.gas.permanent_share": 0.0,
+        "material.magnetic_share": 0.0,
+        "base.cooling.wire_heat_share": 0.0,
         "base.dielectric.conductivity_uS_cm": 1e-9,
         "base.dielectric.permittivity": 1e-6,
     }

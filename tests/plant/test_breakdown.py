@@ -11,9 +11,10 @@ from scipy import stats
 
 import edmsim
 from edmsim.compiled.random import key_of, uniform
-from edmsim.plant.constants import gap_law
+from edmsim.plant.constants import flow_factor, gap_law
 from edmsim.plant.gap.breakdown import GapLaw, choose_ray, slice_sums, weibull
 from edmsim.plant.gap.rays import rays_with
+from edmsim.plant.kernel.state import ARC, SHORT, SPARK
 from edmsim.plant.resolution import resolution
 
 FAST = resolution("fast")
@@ -65,6 +66,9 @@ def test_equal_field_gives_equal_delay(voltage, machine):
     at_80, law = gap_law(machine, FAST, 80.0), gap_law(machine, FAST, voltage)
     for gap in (8.0, 12.0, 20.0):
         assert front(gap * voltage / 80, law)[0] == pytest.approx(front(gap, at_80)[0], rel=1e-4)
+    for gap in (4.0, 8.0, 9.0, 11.5):
+        primed, at_reference = law.primed_per_um2 * front(gap * voltage / 80, law)[1], front(gap, at_80)[1]
+        assert primed == pytest.approx(at_80.primed_per_um2 * at_reference, rel=1e-4)
 
 
 def test_rate_never_falls_as_the_gap_closes(machine):
@@ -144,10 +148,11 @@ LONG = {"t_on_us": 300.0, "t_period_us": 2_000.0}
 )
 def test_share_of_open_pulses_is_the_exponential_of_rate_and_time(gap, height, voltage, in_a_hole, machine):
     setting = {"generator.open_voltage_V": float(voltage)}
-    plant = in_a_hole(machine.with_(**LONG, height_mm=height), gap, **setting)
+    set_up = machine.with_(**LONG, height_mm=height)
+    plant = in_a_hole(set_up, gap, **setting)
     windows = [plant.advance() for _ in range(40)]
     pulses = 40 * 255
-    rate = 2 * height / 10 * math.log(2) / parabola(gap * 80 / voltage)
+    rate = 2 * height / 10 * math.log(2) / parabola(gap * 80 / voltage) * flow_factor(set_up, FAST).mean()
     assert sum(w.short + w.arc for w in windows) == 0
     unlit = sum(w.open for w in windows) / pulses
     assert -math.log(unlit) / 300.0 == pytest.approx(rate, rel=0.06)
@@ -170,10 +175,10 @@ def test_a_narrow_gap_ignites_within_microseconds(in_a_hole, machine):
 
 def test_debris_hastens_ignition(in_a_hole, machine):  # T-9
     """Rate times 1 + gain x share: debris of 0.1 at gain 5 makes it half as much again."""
-    stagnant = {"base.dielectric.viscosity_Pa_s": 1e12}
+    stagnant = machine.with_(**LONG, height_mm=10, flushing_lower_Pa=0.0, flushing_upper_Pa=0.0)
     rates = []
     for debris in (0.0, 0.1):
-        plant = in_a_hole(machine.with_(**LONG, height_mm=10), 25.0, **stagnant)
+        plant = in_a_hole(stagnant, 25.0)
         state = plant.snapshot()
         state["debris"][:] = debris
         plant.restore(state)
@@ -185,3 +190,43 @@ def test_debris_hastens_ignition(in_a_hole, machine):  # T-9
 def test_unknown_resolution_is_refused():
     with pytest.raises(edmsim.InputError, match=r"'coarse'; there are: fast, default, fine"):
         resolution("coarse")
+
+
+# --- the place that burned last ---
+
+
+def arcs_by_chain(in_a_hole, pause_us, **constants):
+    """Share of arcs among the pulses after a spark, and after a spark and an arc, so long after they burned."""
+    machine = edmsim.Machine.load(
+        generator="iso-energetic", peak_current_A=0.5, t_on_us=10.0, t_period_us=10.0 + pause_us
+    )
+    plant = in_a_hole(machine, 6.0, **constants)
+    plant.watch_pulses()
+    kinds = []
+    for _ in range(60):
+        plant.advance()
+        kinds += plant.last_pulses()["kind"].tolist()
+    kinds = np.array(kinds)
+    assert not (kinds == SHORT).any()
+    after_spark = kinds[1:][kinds[:-1] == SPARK] == ARC
+    after_both = kinds[2:][(kinds[:-2] == SPARK) & (kinds[1:-1] == ARC)] == ARC
+    return after_spark.mean(), after_both.mean() if len(after_both) else math.nan
+
+
+@pytest.mark.parametrize("pause", [6.0, 10.0, 20.0])
+def test_arcs_return_the_more_the_shorter_the_pause_and_the_longer_their_chain(pause, in_a_hole):
+    """Ions leave in 5 us; the heat of a spark makes that twice as long, and fades itself within 40 us."""
+    hot = math.exp(-pause / 40.0)
+    once, twice = (math.exp(-pause / (5.0 * (1.0 + heat))) for heat in (hot, (1.0 + hot) * hot))
+    found = arcs_by_chain(in_a_hole, pause)
+    assert found == (pytest.approx(once, abs=0.03), pytest.approx(twice, abs=0.05))
+
+
+def test_without_memory_of_heat_arcs_follow_the_ions_alone(in_a_hole):
+    found = arcs_by_chain(in_a_hole, 6.0, **{"base.discharge.spot_gain": 0.0})
+    expected = math.exp(-6.0 / 5.0)
+    assert found == (pytest.approx(expected, abs=0.03), pytest.approx(expected, abs=0.05))
+
+
+def test_after_a_long_pause_no_spark_leaves_an_arc(in_a_hole):
+    assert arcs_by_chain(in_a_hole, 150.0)[0] == 0.0

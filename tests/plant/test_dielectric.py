@@ -8,8 +8,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import edmsim
-from edmsim.plant.constants import flow_m_s
+from edmsim.plant.constants import constants, flow_m_s
 from edmsim.plant.gap.debris import Jets, bridged_probability, flow_speed_m_s, flush, jets
+from edmsim.plant.gap.water import permittivity_ratio, surface_tension_N_m, viscosity_ratio
 from edmsim.plant.resolution import resolution
 
 SHARES = st.lists(st.floats(0.0, 1.0), min_size=1, max_size=15)
@@ -147,17 +148,59 @@ def test_half_of_the_pulses_find_a_bridge_at_the_critical_share(gap, critical):
     assert bridged_probability(critical + 0.1, gap, **SPARC) == 1.0
 
 
+# --- water by temperature ---
+
+
+@pytest.mark.parametrize(
+    ("celsius", "permittivity", "viscosity_mPa_s", "tension_mN_m"),
+    [
+        (20.0, 80.1, 1.0016, 72.75), (50.0, 69.9, 0.5465, 67.94),
+        (80.0, 60.9, 0.3544, 62.67), (100.0, 55.6, 0.2816, 58.91),
+    ],
+)
+def test_water_has_the_handbook_s_properties(celsius, permittivity, viscosity_mPa_s, tension_mN_m):
+    kelvin = celsius + 273.15
+    assert permittivity_ratio(kelvin) == pytest.approx(permittivity / 80.1, rel=5e-3)
+    assert viscosity_ratio(kelvin) == pytest.approx(viscosity_mPa_s / 1.0016, rel=0.03)
+    assert surface_tension_N_m(kelvin) == pytest.approx(tension_mN_m * 1e-3, rel=2e-3)
+
+
+def test_the_gap_has_the_water_of_its_temperature(machine, altered):
+    res = resolution("fast")
+    cold, warm = (altered(machine, {"base.dielectric.gap_temperature_K": t}) for t in (293.15, 323.15))
+    assert constants(cold, res).permittivity_F_m == pytest.approx(80.0 * 8.8541878e-12)
+    of_warm, of_cold = constants(warm, res), constants(cold, res)
+    eps = of_warm.permittivity_F_m / of_cold.permittivity_F_m
+    eta = of_warm.film_um3_kg_s / of_cold.film_um3_kg_s
+    assert (eps, eta) == (pytest.approx(0.873, abs=0.003), pytest.approx(0.546, abs=0.01))
+    np.testing.assert_allclose(flow_m_s(warm, res) * eta, flow_m_s(cold, res))
+
+
 # --- in the plant ---
 
 
-def test_the_operator_s_nozzles_decide_on_flow_and_debris(machine, drive):
+def test_a_loaded_slot_flows_more_slowly(in_a_hole, machine):
+    """By Einstein's viscosity, 1 + 2.5 times the share: what one interval carries off falls by so much."""
+    changes = []
+    for debris in (1e-6, 0.2):
+        plant = in_a_hole(machine, 200.0)
+        state = plant.snapshot()
+        state["debris"][:] = debris
+        plant.restore(state)
+        while (left := plant.snapshot()["debris"][0]) == debris:
+            plant.advance_pulse()
+        changes.append(debris / left - 1)
+    assert changes[0] / changes[1] == pytest.approx(1 + 2.5 * 0.2, rel=1e-3)
+
+
+def test_the_operator_s_nozzles_decide_on_flow_and_debris(machine, altered, drive):
     res = resolution("fast")
     np.testing.assert_array_equal(
         flow_m_s(machine.with_(flushing_lower_Pa=3e4, flushing_upper_Pa=3e4), res), flow_m_s(machine, res)
     )
-    means, at_ends = {}, {}
+    unpumped, means, at_ends = altered(machine, {"base.gas.pumping": 0.0}), {}, {}
     for lower, upper in ((3e4, 3e4), (0.0, 3e4), (3e4, 0.0)):
-        plant = edmsim.Plant(machine.with_(flushing_lower_Pa=lower, flushing_upper_Pa=upper), 1, resolution="fast")
+        plant = edmsim.Plant(unpumped.with_(flushing_lower_Pa=lower, flushing_upper_Pa=upper), 1, resolution="fast")
         means[lower, upper] = np.mean([w.debris for w in drive(plant, 20.0, 4.0)[40:]])
         at_ends[lower, upper] = plant.snapshot()["debris"][[0, -1]]
     assert min(means[0.0, 3e4], means[3e4, 0.0]) > 1.5 * means[3e4, 3e4]
@@ -168,7 +211,7 @@ def test_the_operator_s_nozzles_decide_on_flow_and_debris(machine, drive):
 def test_weak_flushing_leaves_more_debris_most_of_it_at_mid_height(machine, altered, drive):
     mean = {}
     for pressure in (5_000.0, 30_000.0):
-        weak = altered(machine, {"base.dielectric.flushing_pressure_Pa": pressure})
+        weak = altered(machine, {"base.dielectric.flushing_pressure_Pa": pressure, "base.gas.pumping": 0.0})
         plant = edmsim.Plant(weak, seed=1)
         windows = drive(plant, 20.0, 4.0)[40:]
         mean[pressure] = np.mean([w.debris for w in windows])
@@ -176,6 +219,14 @@ def test_weak_flushing_leaves_more_debris_most_of_it_at_mid_height(machine, alte
         assert end[4] > end[0]
         assert end[4] > end[8]
     assert mean[5_000.0] > 2 * mean[30_000.0]
+
+
+def test_bubbles_that_pump_leave_less_debris(machine, altered, drive):
+    left = []
+    for share in (0.0, 0.3, 1.0):
+        plant = edmsim.Plant(altered(machine, {"base.gas.pumping": share}), 1, resolution="fast")
+        left.append(np.mean([w.debris for w in drive(plant, 20.0, 4.0)[40:]]))
+    assert left[0] > 1.1 * left[1] > 1.2 * left[2]
 
 
 def test_a_gap_full_of_debris_shorts_until_it_is_flushed(in_a_hole, machine):

@@ -15,7 +15,7 @@ import pytest
 from edmsim.errors import InputError
 from edmsim.plant.constants import arrays
 from edmsim.plant.kernel.declare import allocate, sizes_of
-from edmsim.plant.kernel.state import ISO_PULSE, STATE, Axes, Propagators, Timing
+from edmsim.plant.kernel.state import ISO_PULSE, STATE, Axes, Constants, Propagators, Timing
 from edmsim.plant.mechanics.model import WireSetup, build_model, propagator_table, reduce_model
 from edmsim.plant.mechanics.mujoco_loop import LOST, move_full
 from edmsim.plant.mechanics.mujoco_model import N_NODES, DriveSetup, FullMechanics
@@ -30,6 +30,8 @@ WIRES = [
 SMOOTH = DriveSetup(step_m=2e-6, friction_N=0.0, presliding_m=5e-6, backlash_m=0.0)  # T-16
 ALL_MODES = 31  # nodes of the machine's file
 PERIOD_NS = 100_000  # 10 kHz
+DRY = Constants(*(0.0 for _ in Constants._fields))
+"""No water, so no film; its constants are all that the motion asks for."""
 START_UM = 32_500.0
 
 
@@ -39,14 +41,14 @@ def slice_heights(wire, height_m=0.020, n=9):
 
 @numba.njit
 def _pulses(
-    state, a, axes, link, p, t, load, sums, scales, ignite_us, period_ns, kicks, kick_slice, end_us, steps, wire,
-    table,
+    state, a, c, axes, link, p, t, load, films, sums, scales, ignite_us, period_ns, kicks, kick_slice, end_us, steps,
+    wire, table,
 ):
     """Move over many pulses; note every pulse's nodes, and place, rotor and command of the axes."""
     following = 0
     for i in range(kicks.shape[0]):
         following = move_full(
-            state, a, axes, link, p, t, load, sums, scales[0], scales[1], ignite_us, end_us[i], period_ns,
+            state, a, c, axes, link, p, t, load, films, sums, scales[0], scales[1], ignite_us, end_us[i], period_ns,
             kick_slice[i], kicks[i, 0], kicks[i, 1], steps, following,
         )
         if following == LOST:
@@ -68,10 +70,13 @@ class Rig:
         self.full = FullMechanics(wire, drive, slice_heights(wire) if heights is None else heights)
         n_slices, n_nodes = self.full.wire_shape.shape
         sizes = sizes_of(n_slices, 32, n_nodes)
-        self.arrays = arrays(self.full, sizes, 300.0, np.ones(n_slices), np.full(n_slices, 0.5))
+        self.arrays = arrays(self.full, sizes, 300.0, {"height_share": np.full(n_slices, 0.5)})
         self.axes = allocate(Axes, sizes, loops=0)
         self.propagators = allocate(Propagators, sizes)  # the full model does not use them
-        self.timing = Timing(ISO_PULSE, 80.0, 20.0, 1.0, 1.0, 1.0, 1.0, 1.0, PERIOD_NS, 0.1)
+        self.timing = Timing(
+            mode=ISO_PULSE, open_V=80.0, burning_V=20.0, removal_um3_J=1.0, current_A=1.0, short_A=1.0,
+            current_form=1.0, on_us=1.0, wait_us=1.0, pause_us=1.0, period_ns=PERIOD_NS, grid_us=0.1,
+        )  # fmt: skip
         self.state = np.zeros(1, STATE)
         self.state["commanded_um"][0, :2] = self.state["axis_um"][0, :2] = start_um
 
@@ -87,8 +92,8 @@ class Rig:
         due = [(time + int(self.state["time_ns"][0]), axis, way) for time, axis, way in steps]
         wire, table = np.zeros((n, 2, N_NODES)), np.zeros((n, 2, 3))
         done = _pulses(
-            self.state, a, self.axes, self.full.link, self.propagators, self.timing, np.zeros_like(a.wire_q), sums,
-            scales, ignite_us, period_ns,
+            self.state, a, DRY, self.axes, self.full.link, self.propagators, self.timing, np.zeros_like(a.wire_q),
+            np.zeros((len(a.shape), 3)), sums, scales, ignite_us, period_ns,
             np.zeros((n, 2)) if kicks is None else kicks,
             np.zeros(n, np.int64) if at is None else at,
             np.full(n, period_ns * 1e-3) if end_us is None else end_us,

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 import edmsim
 from edmsim.machine.setting import discharge_current_A, mean_current_A
+from edmsim.plant.gap.generator import timing
 
 MODES = ("iso-pulse", "iso-energetic", "ignition-pulse")
 
@@ -218,7 +219,7 @@ def test_a_triangle_has_the_charge_and_energy_of_half_its_peak(drive):
 
 def test_a_triangle_heats_the_wire_by_its_current_a_third_more_than_a_rectangle_of_its_charge(in_a_hole, altered):
     """The integral of i^2 is I^2 t/3 against (I/2)^2 t: seen where nothing but the current heats."""
-    only_current = {"base.discharge.wire_heat_share": 0.0, "base.discharge.convection_W_m2K": 1.0,
+    only_current = {"base.cooling.wire_heat_share": 0.0, "base.cooling.convection_W_m2K": 1.0,
                     "wire.resistivity_per_K": 0.0, "material.removal_mm3_J": 1e-15,
                     "base.discharge.impulse_10mJ_Ns": 0.0}  # fmt: skip
     rises = []
@@ -249,3 +250,21 @@ def test_a_faster_wire_is_cooler(drive):
         windows = drive(edmsim.Plant(machine, seed=2, resolution="fast"), 20.0, 4.0)
         hottest[speed] = np.mean([w.wire_temperature_K for w in windows[40:]])
     assert hottest[0.3] < hottest[0.03] - 0.5
+
+
+# --- removal ---
+
+
+@pytest.mark.parametrize(("on_us", "share"), [(1.4, 0.07**0.45), (5.0, 0.25**0.45), (20.0, 1.0), (100.0, 1.0)])
+def test_short_pulses_remove_less_per_joule(on_us, share):
+    machine = load(t_on_us=on_us, t_period_us=400.0)
+    assert timing(machine).removal_um3_J == pytest.approx(9.3e6 * share)
+
+
+def test_craters_follow_the_removal_of_their_length(in_a_hole):
+    for on_us in (2.0, 20.0):
+        machine = load("iso-energetic", t_on_us=on_us, t_period_us=on_us + 80.0)
+        plant = in_a_hole(machine, 8.0, **{"material.removal_mm3_J": 9.3e-3})
+        window = plant.advance()
+        assert window.spark + window.arc > 100
+        assert window.crater_um3 / window.energy_J == pytest.approx(timing(machine).removal_um3_J, rel=0.1)

@@ -9,7 +9,9 @@ import numpy as np
 import pytest
 
 import edmsim
-from edmsim.plant.constants import modal_model
+from edmsim.machine.setting import discharge_current_A
+from edmsim.plant.constants import modal_model, push_law
+from edmsim.plant.gap.bubble import bubble_impulse_Ns
 from edmsim.plant.mechanics.model import propagator_table
 from edmsim.plant.resolution import resolution
 from edmsim.plant.window import NotFiniteError, PlantError, WireInMetalError, WireLostError
@@ -59,6 +61,7 @@ def test_means_of_a_window_lie_between_their_bounds(settled):
             assert w.wire_temperature_K >= 293.0
             assert w.vibration2_um2 >= 0.0
             assert 0.0 <= w.debris < 1.0
+            assert 0.0 <= w.coverage < 1.0
             assert w.crater_um3 >= 0.0
             assert (w.spark + w.arc == 0) == math.isnan(w.mean_delay_us) == math.isnan(w.gap_um)
 
@@ -70,17 +73,37 @@ def test_windows_follow_each_other_without_a_break(settled):
 
 
 def test_sparks_push_the_wire_back_as_a_string_under_their_impulses(machine, altered, drive):
-    """Without electrostatic pull the wire lags: impulses per second over tension, ``F/T (c/2 + h/12)``."""
+    """Without electrostatic pull the wire lags: impulses per second over tension, ``F/T (c/2 + h/12)``.
+
+    The impulse is the bubble's where liquid fills the slit, times the share of the front that is wet.
+    """
     neutral = altered(machine, {"base.dielectric.permittivity": 1e-6})
     windows = drive(edmsim.Plant(neutral, seed=1, resolution="fast"), 25.0, 8.0)[-100:]
     seconds = sum(w.duration_ns for w in windows) * 1e-9
     sparks = sum(w.spark for w in windows)
-    energy_J = sum(w.energy_J for w in windows) / sparks
-    force_N = sparks / seconds * 3e-7 * (energy_J / 0.01) ** 0.75
+    power_W = 22.0 * discharge_current_A(neutral)
+    burn_us = sum(w.energy_J for w in windows) / sparks / power_W * 1e6
+    gap_um, covered = (np.nanmean([getattr(w, name) for w in windows]) for name in ("gap_um", "coverage"))
+    impulse_Ns = bubble_impulse_Ns(power_W, burn_us, gap_um, push_law(neutral)) * (1 - covered)
+    force_N = sparks / seconds * impulse_Ns
     straight_on_um = force_N / machine.tension * (10e-3 / 2 + 20e-3 / 12) * 1e6
     lag_um = -np.mean([w.deflection_um[0] for w in windows])
     assert 0.3 * straight_on_um < lag_um < straight_on_um  # sparks off the middle push sideways, too
     assert abs(np.mean([w.deflection_um[1] for w in windows])) < 0.5 * lag_um
+
+
+def test_a_short_that_melts_metal_pushes_the_wire_off(in_a_hole, machine):
+    """By a share of what the bubble of that energy does at 20 um; no film holds the wire here."""
+    speeds = []
+    for share in (0.0, 0.3, 0.6):
+        pushed = {"base.discharge.impulse_10mJ_Ns": 4.3e-6, "base.discharge.bubble_share": 0.04,
+                  "base.dielectric.viscosity_Pa_s": 1e-12, "base.dielectric.edge_loss": 0.0,
+                  "base.gap.contact_um": 8.0}  # fmt: skip
+        plant = in_a_hole(machine, 5.0, **pushed, **{"base.discharge.short_push_share": share})
+        assert plant.advance_pulse().short == 1
+        speeds.append(float(np.abs(plant.snapshot()["wire_v"]).max()))
+    assert speeds[0] < 1e-3 * speeds[1]
+    assert speeds[2] == pytest.approx(2 * speeds[1], rel=0.05)
 
 
 # --- nothing, everything, and water in between ---
@@ -101,10 +124,10 @@ def test_without_metal_every_pulse_is_open(in_a_hole, machine):  # T-7
 def test_a_wire_forced_into_the_metal_shorts_until_it_is_withdrawn(machine, drive, share):  # T-7
     plant = edmsim.Plant(machine, seed=1, resolution="fast")
     pressed = drive(plant, 300.0, 1.0)[-10:]
-    assert share(pressed, "short") == 1.0
+    assert share(pressed, "short") > 0.98  # the push of what melts may take it off for a pulse
     for w in pressed:
-        assert w.mean_voltage_V == 0.0
-        assert w.mean_current_A == pytest.approx(100.0 / 11.8 * 0.3)
+        assert w.mean_voltage_V < 0.2
+        assert w.mean_current_A == pytest.approx(100.0 / 11.8 * 0.3, rel=0.02)
         assert w.deflection_um[0] < -50.0  # it stays behind the table
     assert sum(w.crater_um3 for w in pressed) > 0.0  # the current melts what touches
     clear = drive(plant, -300.0, 1.2)[-5:]
@@ -192,7 +215,7 @@ def test_a_step_begins_where_the_table_was_and_settles(machine):
 
 def test_the_bare_wire_hangs_straight_and_leans_to_metal_nearby(machine, altered):
     """The open voltage pulls the wire towards the metal in front of it."""
-    quiet = altered(machine, {"base.discharge.impulse_10mJ_Ns": 0.0})
+    quiet = altered(machine, {"base.discharge.impulse_10mJ_Ns": 0.0, "base.discharge.bubble_share": 1e-12})
     plant = edmsim.Plant(quiet.with_(t_on_us=20.0, t_period_us=100.0), 1, resolution="fast")
     windows = [plant.advance() for _ in range(10)]
     lean = np.mean([w.deflection_um[0] for w in windows])
@@ -228,7 +251,7 @@ def test_a_wire_that_leaves_its_guides_is_told(machine):
     assert isinstance(error, PlantError)
 
 
-@pytest.mark.parametrize("name", ["wire_q", "wire_v", "debris", "temperature_K", "table_q"])
+@pytest.mark.parametrize("name", ["wire_q", "wire_v", "debris", "temperature_K", "table_q", "steam", "gas"])
 def test_a_number_that_is_none_is_told(machine, name):
     def spoil(state):
         state[name].flat[0] = np.nan

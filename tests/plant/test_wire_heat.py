@@ -9,21 +9,32 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from edmsim.plant.constants import gap_law, heat_law
+import edmsim
+from edmsim.plant.constants import RAY_RANGE_UM, constants, convection_W_m2K, flow_m_s, gap_law, heat_law, modal_model
 from edmsim.plant.gap.breakdown import slice_sums
 from edmsim.plant.gap.rays import rays_with
+from edmsim.plant.kernel.declare import allocate, sizes_of
+from edmsim.plant.kernel.discharge import feed_current
+from edmsim.plant.kernel.state import Arrays
 from edmsim.plant.resolution import resolution
 from edmsim.plant.wire import (
     VACUUM_PERMITTIVITY_F_M,
     HeatLaw,
-    discharge_impulse,
+    current2_at,
     electrostatic_pull_N_m,
     heat_step,
+    heat_transfer_W_m2K,
     strength_share,
 )
 
-WATER_K = 293.0
-STILL = HeatLaw(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, WATER_K)
+WATER_K, BOILING_K = 293.0, 373.15
+STILL = HeatLaw(
+    kelvin_per_J=0.0, cooling_m2K_J=0.0, conduction_per_us=0.0, run_per_us=0.0, joule_K_per_A2_us=0.0,
+    resistance_per_K=0.0, water_K=WATER_K, boiling_K=BOILING_K, superheat_K=30.0, critical_W_m2=4e6,
+    film_W_m2K=2e3, dry_share=0.5, melting_K=1173.0,
+)  # fmt: skip
+"""No heat goes anywhere."""
+VACUUM_PERMEABILITY_N_A2 = 4e-7 * math.pi
 
 
 def test_electrostatic_pull_is_the_published_table(published):
@@ -34,13 +45,13 @@ def test_electrostatic_pull_is_the_published_table(published):
         assert pull == pytest.approx(row["force_N_per_m"], rel=6e-5, abs=6e-5)  # four decimals
 
 
-@pytest.mark.parametrize("gap", [5.0, 10.0, 20.0])
+@pytest.mark.parametrize("gap", [5.0, 10.0, 20.0, 30.0])
 @pytest.mark.parametrize("name", ["fast", "default", "fine"])
 def test_rays_on_a_flat_wall_pull_as_the_closed_form(gap, name, machine):
     """Each ray pulls as coaxial cylinders its gap apart would; together they make a cylinder before a plane."""
     res = resolution(name)
     angle = 2 * math.pi * np.arange(res.rays) / res.rays
-    angle = angle[np.cos(angle) > 0.1]
+    angle = angle[np.cos(angle) > (125.0 + gap) / (125.0 + RAY_RANGE_UM)]  # those that meet the wall
     gaps = (125.0 + gap) / np.cos(angle) - 125.0
     sums = np.zeros((1, 4))
     slice_sums(rays_with(gaps, angle), 0, 0.0, 0.0, gap_law(machine, res, 100.0), 1.0, sums)
@@ -52,67 +63,166 @@ def test_rays_on_a_flat_wall_pull_as_the_closed_form(gap, name, machine):
     assert abs(sideways) < 1e-4 * inverse_squares
 
 
-def test_impulse_is_a_power_of_the_energy():
-    assert discharge_impulse(0.01, 3e-7, 0.75) == pytest.approx(3e-7)
-    assert discharge_impulse(0.16, 3e-7, 0.75) == pytest.approx(8 * 3e-7)
-
-
 # --- heat ---
 
 
+def wire(temperature_K, **arrays):
+    """Return slices of a wire at these temperatures, with what stands for every slice under its name."""
+    a = allocate(Arrays, sizes_of(len(temperature_K), 24, 4))
+    a.temperature_K[:] = temperature_K
+    for name, values in arrays.items():
+        getattr(a, name)[..., : len(temperature_K)] = values
+    return a
+
+
+def even_current(n, current2_us):
+    """Currents of discharges that flow alike in all of `n` slices."""
+    return np.full((2, n), current2_us / n)
+
+
 def test_water_cools_exponentially_whatever_the_step():
-    law = STILL._replace(cooling_per_us=1e-4)
+    law = STILL._replace(cooling_m2K_J=1e-8)
     for pieces in (1, 7, 100):
-        temperature = np.array([600.0, 400.0, 293.0])
+        a = wire([370.0, 320.0, 293.0], convection_W_m2K=1e4)
         for _ in range(pieces):
-            heat_step(temperature, law, 12_000.0 / pieces, 0.0)
-        left = np.array([307.0, 107.0, 0.0]) * math.exp(-1.2)
-        np.testing.assert_allclose(temperature - WATER_K, left, rtol=1e-9)
+            heat_step(a, law, 12_000.0 / pieces)
+        left = np.array([77.0, 27.0, 0.0]) * math.exp(-1.2)
+        np.testing.assert_allclose(a.temperature_K - WATER_K, left, rtol=1e-9)
 
 
 @pytest.mark.parametrize("per_kelvin", [0.0, 0.0039])
 def test_a_constant_current_settles_where_the_water_takes_it_up(per_kelvin):
-    law = STILL._replace(cooling_per_us=1e-4, joule_K_per_A2_us=1e-3, resistance_per_K=per_kelvin)
-    temperature = np.full(4, WATER_K)
-    for _ in range(20_000):
-        heat_step(temperature, law, 10.0, 4.0 * 10.0)  # 2 A
+    law = STILL._replace(cooling_m2K_J=1e-8, joule_K_per_A2_us=1e-3, resistance_per_K=per_kelvin)
+    a = wire(np.full(4, WATER_K), convection_W_m2K=1e4, current2_us=even_current(4, 4.0 * 50.0))  # 2 A
+    for _ in range(4_000):
+        heat_step(a, law, 50.0)
     rise = 4e-3 / (1e-4 - 4e-3 * per_kelvin)
-    np.testing.assert_allclose(temperature - WATER_K, rise, rtol=2e-3)
+    np.testing.assert_allclose(a.temperature_K - WATER_K, rise, rtol=5e-3)
 
 
 def test_a_running_wire_enters_cold_at_the_top_and_warms_on_its_way_down():
     law = STILL._replace(run_per_us=1e-4, joule_K_per_A2_us=1e-3)
-    temperature = np.full(5, 500.0)
-    heat_step(temperature, law, 2_000.0, 0.0)
-    assert (np.diff(temperature) < 0).all()  # the top, the last slice, is renewed first
+    a = wire(np.full(5, 500.0))
+    heat_step(a, law, 2_000.0)
+    assert (np.diff(a.temperature_K) < 0).all()  # the top, the last slice, is renewed first
+    a.current2_us[:] = even_current(5, 1.0 * 50.0)
     for _ in range(5_000):
-        heat_step(temperature, law, 50.0, 4.0 * 50.0)
-    np.testing.assert_allclose(temperature - WATER_K, 40.0 * np.arange(5, 0, -1), rtol=1e-6)
+        heat_step(a, law, 50.0)
+    np.testing.assert_allclose(a.temperature_K - WATER_K, 10.0 * np.arange(5, 0, -1), rtol=1e-6)
 
 
 def test_conduction_evens_out_and_loses_nothing():
-    law = STILL._replace(conduction_per_us=1e-3)
-    temperature = np.array([293.0, 293.0, 693.0, 293.0])
+    a = wire([293.0, 293.0, 693.0, 293.0])
     for _ in range(2_000):
-        heat_step(temperature, law, 100.0, 0.0)
-        assert temperature.sum() == pytest.approx(4 * 393.0)
-    np.testing.assert_allclose(temperature, 393.0, rtol=1e-6)
+        heat_step(a, STILL._replace(conduction_per_us=1e-3), 100.0)
+        assert a.temperature_K.sum() == pytest.approx(4 * 393.0)
+    np.testing.assert_allclose(a.temperature_K, 393.0, rtol=1e-6)
 
 
 @given(st.lists(st.floats(293.0, 1500.0), min_size=1, max_size=9), st.floats(1.0, 1e9))
 def test_no_interval_is_too_long_for_the_heat_balance(start, dt_us):
-    law = HeatLaw(1.0, 6e-5, 1e-5, 4e-5, 0.0, 0.0, WATER_K)
-    temperature = np.array(start)
-    heat_step(temperature, law, dt_us, 0.0)
-    assert WATER_K - 1e-6 <= temperature.min() <= temperature.max() <= max(start) + 1e-6
+    law = STILL._replace(cooling_m2K_J=6e-9, conduction_per_us=1e-5, run_per_us=4e-5)
+    a = wire(start, convection_W_m2K=1e4)
+    heat_step(a, law, dt_us)
+    assert WATER_K - 1e-6 <= a.temperature_K.min() <= a.temperature_K.max() <= max(start) + 1e-6
+
+
+def test_the_wire_gets_no_hotter_than_it_melts():
+    law = STILL._replace(joule_K_per_A2_us=1.0, resistance_per_K=0.0039)
+    a = wire(np.full(3, 900.0), current2_us=even_current(3, 1e4))
+    for _ in range(5):
+        heat_step(a, law, 1_000.0)
+    np.testing.assert_array_equal(a.temperature_K, 1173.0)
+
+
+# --- the current in every slice ---
+
+
+def of_piece(covered):
+    """Mean of i^2 over the piece, over that of the current; ``covered`` is its share of the way between contacts."""
+    return 0.25 - covered / 6 + covered**2 / 12
+
+
+@pytest.mark.parametrize("covered", [0.5, 0.8, 1.0])
+def test_discharges_spread_evenly_heat_the_wire_by_a_quarter_less_the_piece_s_square(covered):
+    """Piece h between contacts L apart: of the current's, the mean of i^2 over L is 1/4 - h^2 / (12 L^2).
+
+    The piece itself has less, as discharges above and below a place send it smaller shares.
+    """
+    n = 200
+    z = 0.5 + covered * ((np.arange(n) + 0.5) / n - 0.5)
+    a = wire(np.full(n, WATER_K), height_share=z)
+    for s in range(n):
+        feed_current(a, s, 1.0 / n)
+    squares = np.array([current2_at(a, s) for s in range(n)])
+    below, above = a.current2_us.sum(axis=1)
+    whole = covered * squares.mean() + (1 - covered) / 2 * (below + above)
+    assert whole == pytest.approx(0.25 - covered**2 / 12, rel=1e-3)
+    assert squares.mean() == pytest.approx(of_piece(covered), rel=1e-3)
+    end = (1 - covered) / 2
+    profile = ((1 - z) ** 3 + z**3 - 2 * end**3) / (3 * covered)
+    np.testing.assert_allclose(squares, profile, atol=5e-4)  # 1/3 at the ends, 1/12 midway where all is piece
+
+
+def test_one_discharge_divides_as_the_resistances_to_the_contacts():
+    a = wire(np.full(5, WATER_K), height_share=[0.3, 0.4, 0.5, 0.6, 0.7])
+    feed_current(a, 3, 100.0)
+    below, above = 0.4**2 * 100.0, 0.6**2 * 100.0
+    assert [current2_at(a, s) for s in range(5)] == pytest.approx([below] * 3 + [(below + above) / 2, above])
+
+
+# --- boiling ---
+
+
+def flux_W_m2(temperature_K, dry=0.0, convection=1e4, law=STILL):
+    return heat_transfer_W_m2K(temperature_K, law, convection, dry) * (temperature_K - WATER_K)
+
+
+def test_the_flux_rises_by_convection_then_by_boiling_to_the_critical_one_and_falls():
+    assert flux_W_m2(350.0) == pytest.approx(1e4 * 57.0)
+    assert flux_W_m2(BOILING_K) == pytest.approx(1e4 * (BOILING_K - WATER_K))
+    hottest = BOILING_K + 30.0
+    assert flux_W_m2(hottest - 1e-6) == pytest.approx(4e6, rel=1e-5)
+    assert flux_W_m2(hottest + 1e-6) == pytest.approx(2e3 * (hottest - WATER_K))  # a film of steam
+    temperatures = np.linspace(WATER_K + 1.0, hottest - 1e-6, 300)
+    fluxes = np.array([flux_W_m2(t) for t in temperatures])
+    assert (np.diff(fluxes) > 0).all()
+    assert np.diff(fluxes).max() < 0.05 * 4e6  # no jump on the way up
+
+
+def test_nucleate_boiling_adds_the_cube_of_the_superheat():
+    def boiled(superheat):
+        return flux_W_m2(BOILING_K + superheat) - 1e4 * (BOILING_K + superheat - WATER_K)
+
+    assert boiled(20.0) / boiled(10.0) == pytest.approx(8.0)
+
+
+def test_gas_takes_its_share_from_convection_and_from_the_critical_flux():
+    assert flux_W_m2(350.0, dry=0.6) == pytest.approx(0.7 * flux_W_m2(350.0))
+    assert flux_W_m2(BOILING_K + 30.0 - 1e-6, dry=0.6) == pytest.approx(0.7 * 4e6, rel=1e-5)
+
+
+def test_strong_convection_is_not_lessened_by_boiling_and_a_film_is_not_better_than_convection():
+    assert flux_W_m2(BOILING_K + 20.0, convection=1e5) == pytest.approx(1e5 * (BOILING_K + 20.0 - WATER_K))
+    assert flux_W_m2(BOILING_K + 50.0, convection=500.0) == pytest.approx(500.0 * (BOILING_K + 50.0 - WATER_K))
+
+
+def test_convection_follows_the_water_past_every_slice(machine):
+    res = resolution("fast")
+    for setting in ({}, {"flushing_upper_Pa": 0.0}):
+        set_up = machine.with_(**setting)
+        expected = 14_000.0 * (1 + 0.5 * flow_m_s(set_up, res))
+        np.testing.assert_allclose(convection_W_m2K(set_up, res), expected)
+    assert convection_W_m2K(machine, res)[-1] > convection_W_m2K(machine.with_(flushing_upper_Pa=0.0), res)[-1]
 
 
 def test_rates_of_the_default_wire_are_those_of_a_brass_cylinder(machine):
     law = heat_law(machine, resolution("default"))
     volumetric, section = 8400.0 * 377.0, math.pi / 4 * 0.25e-3**2
     assert 1 / law.kelvin_per_J == pytest.approx(volumetric * section * 20e-3 / 9)
-    assert law.cooling_per_us == pytest.approx(4 * 14_000.0 / (volumetric * 0.25e-3) * 1e-6)
+    assert law.cooling_m2K_J == pytest.approx(4 / (volumetric * 0.25e-3) * 1e-6)
     assert law.run_per_us * 20_000 / 9 == pytest.approx(0.1)  # slices per us times um per slice: 0.1 m/s
+    assert law.joule_K_per_A2_us == pytest.approx(6.4e-8 / section**2 / volumetric * 1e-6)
 
 
 def test_strength_falls_by_half_at_the_half_strength_temperature():
@@ -120,6 +230,35 @@ def test_strength_falls_by_half_at_the_half_strength_temperature():
     assert strength_share(600.0, 600.0, 293.0) == pytest.approx(0.5)
     assert strength_share(907.0, 600.0, 293.0) == 0.0
     assert strength_share(2000.0, 600.0, 293.0) == 0.0
+
+
+# --- the magnetic force ---
+
+
+@pytest.mark.parametrize(("material", "sign"), [("tool-steel", 1), ("cemented-carbide", 1), ("copper", -1)])
+def test_a_current_is_drawn_to_steel_and_pushed_off_copper_by_the_slot_s_formula(material, sign):
+    """mu0 i^2 / (2 w) per metre in an ideally permeable slot, times the metal's share."""
+    machine = edmsim.Machine.load(material=material)
+    share = machine.material.magnetic_share.value
+    kerf_m, slice_m = 312e-6, 20e-3 / 5
+    per_A2 = constants(machine, resolution("fast")).magnetic_N_A2 / slice_m
+    assert per_A2 == pytest.approx(share * VACUUM_PERMEABILITY_N_A2 / (2 * kerf_m), rel=1e-6)
+    assert math.copysign(1, per_A2) == sign
+
+
+def test_the_magnetic_load_is_that_of_the_mean_square_current_in_the_piece(machine, drive):
+    plant = edmsim.Plant(machine, 1, resolution="fast")
+    drive(plant, 18.0, 4.0)
+    shape = modal_model(machine, plant.resolution).wire_shape[:, 0]
+    loads, square_us, time_us = [], 0.0, 0.0
+    for _ in range(200):
+        for window in drive(plant, 18.0, 0.02):
+            square_us += plant.timing.current_A * window.energy_J / 22.0 * 1e6
+            square_us += plant.timing.short_A**2 * 30.0 * window.short
+            time_us += window.duration_ns * 1e-3
+        loads.append(plant.snapshot()["steady"][0, 0] / shape.sum())
+    force_N = constants(machine, plant.resolution).magnetic_N_A2 * square_us / time_us * of_piece(0.5)
+    assert np.mean(loads) == pytest.approx(force_N * 1e6, rel=0.15)
 
 
 # --- the wire in the plant ---
@@ -132,27 +271,54 @@ def test_the_default_wire_holds(machine, plant_at_work):
     assert plant.machine == machine
 
 
-def test_a_badly_cooled_wire_breaks_and_stays_broken(machine, altered, drive):
-    from edmsim import Plant
+DRY = {
+    "base.cooling.convection_W_m2K": 1.0, "base.cooling.critical_W_m2": 1.0, "base.guides.wire_speed_m_s": 1e-3,
+}  # fmt: skip
+"""The water takes next to no heat, boiling or not, and the wire stays."""
 
-    dry = altered(machine, {"base.discharge.convection_W_m2K": 1.0, "base.guides.wire_speed_m_s": 1e-3})
-    plant = Plant(dry, seed=1, resolution="fast")
+
+def test_no_temperature_runs_away_where_the_wire_cannot_break(machine, altered, drive):
+    endless = altered(machine, {**DRY, "wire.half_strength_K": 1e6})
+    windows = drive(edmsim.Plant(endless, seed=1, resolution="fast"), 30.0, 6.0)
+    assert not any(w.broken for w in windows)
+    assert 700.0 < max(w.wire_temperature_K for w in windows) <= machine.wire.melting_K.value
+
+
+def test_a_short_that_melts_metal_heats_the_wire_there(machine, altered, drive):
+    """Nothing else does: the wire has no resistance here, and no pulse ignites in a metal."""
+    rises = []
+    for share in (0.0, 0.03):
+        cold = altered(machine, {
+            **DRY, "wire.resistivity_Ohm_m": 1e-20, "base.cooling.wire_heat_share": share,
+            "base.guides.wire_speed_m_s": 1e-4, "base.discharge.wear_ratio": 0.0,
+        })  # fmt: skip
+        plant = edmsim.Plant(cold, seed=1, resolution="fast")
+        drive(plant, 300.0, 0.5)
+        before, pressed = plant.snapshot()["temperature_K"].mean(), drive(plant, 300.0, 0.1)
+        shorts = sum(w.short for w in pressed)
+        assert shorts > 0.98 * sum(w.pulses for w in pressed)
+        rises.append((plant.snapshot()["temperature_K"].mean() - before) / shorts)
+    joule = 0.03 * 0.1 * 22.0 * 100.0 / 11.8 * 30e-6
+    heated = 8400.0 * 377.0 * math.pi / 4 * 0.25e-3**2 * 20e-3
+    assert rises == pytest.approx([0.0, joule / heated], rel=0.05, abs=1e-6)
+
+
+def test_a_badly_cooled_wire_breaks_and_stays_broken(machine, altered, drive):
+    plant = edmsim.Plant(altered(machine, DRY), seed=1, resolution="fast")
     windows = drive(plant, 30.0, 4.0)
     first = next(k for k, w in enumerate(windows) if w.broken)
     assert windows[first].pulses < 255
     assert windows[first].wire_temperature_K > 600.0
     assert all(w.broken for w in windows[first:])
     assert all(w.pulses == 255 for w in windows[:first])
-    assert 0.0 < plant.broken_height_mm < dry.height_mm
+    assert 0.0 < plant.broken_height_mm < machine.height_mm
 
 
 def test_a_worn_wire_breaks_cold(machine, altered, drive):
     """Ten newton on a wire that holds 46 N: it breaks once some 80 % of it is gone."""
-    from edmsim import Plant
-
     worn = altered(
-        machine, {"base.discharge.wear_ratio": 100.0, "base.discharge.wire_heat_share": 0.0}
+        machine, {"base.discharge.wear_ratio": 100.0, "base.cooling.wire_heat_share": 0.0}
     )
-    windows = drive(Plant(worn, seed=1, resolution="fast"), 30.0, 4.0)
+    windows = drive(edmsim.Plant(worn, seed=1, resolution="fast"), 30.0, 4.0)
     assert windows[-1].broken
     assert max(w.wire_temperature_K for w in windows) < 400.0

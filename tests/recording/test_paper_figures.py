@@ -146,18 +146,18 @@ def test_modes_follow_the_string_and_fold_at_half_the_pulse_frequency() -> None:
     """By Rayleigh's quotient: water moves with the wire on the middle half of its length."""
     machine = edmsim.Machine.load(height_mm=20.0, tension=10.0)
     frequency = wire_frequencies_hz(machine, "fast")
-    per_length = np.pi / 4 * (250e-6) ** 2 * 8400.0
-    number = np.arange(1, 5)
-    wet = 0.5 - (np.sin(1.5 * np.pi * number) - np.sin(0.5 * np.pi * number)) / (2 * np.pi * number)
-    moved = per_length + wet * wire_setup(machine).slot_mass_kg_m
-    np.testing.assert_allclose(frequency[:4], number * np.sqrt(10.0 / moved) / 2 / 0.040, rtol=0.03)
+    n = np.arange(1, 5)
+    in_slot = 0.5 - (-1.0) ** n * np.sin(n * np.pi / 2) / (n * np.pi)  # of a mode's motion, on half of its length
+    per_length = np.pi / 4 * (250e-6) ** 2 * 8400.0 + in_slot * wire_setup(machine).slot_mass_kg_m
+    np.testing.assert_allclose(frequency[:4], n * np.sqrt(10.0 / per_length) / 2 / 0.040, rtol=0.02)
     np.testing.assert_allclose(folded_hz(np.array([1e3, 4.9e3, 5.1e3, 10e3]), 10e3), [1e3, 4.9e3, 4.9e3, 0])
 
 
 def test_the_simulated_wire_vibrates_near_its_first_mode(sample: PulseSample) -> None:
     frequency, along, _ = spectrum(sample)
     first = wire_frequencies_hz(sample.machine, "fast")[0]
-    assert 0.6 * first < frequency[along.argmax()] < 1.2 * first  # the pull of the field softens it
+    # the pull of the field softens it, the film broadens it by the damping ratio, some 0.2 to either side
+    assert 0.6 * first < frequency[along.argmax()] < 1.3 * first
 
 
 def test_single_pulses_are_those_of_windows(sample: PulseSample) -> None:

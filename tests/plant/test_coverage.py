@@ -1,0 +1,262 @@
+"""Gas on the wire's front: its closed forms, what it shields, and that its energy is there."""
+
+from __future__ import annotations
+
+import math
+
+import numba
+import numpy as np
+import pytest
+
+import edmsim
+from edmsim.controllers import WindowObservation
+from edmsim.plant.constants import constants, gap_law, gas_law
+from edmsim.plant.gap.coverage import (
+    AMBIENT_PA,
+    GasLaw,
+    blow,
+    cover_um2_J,
+    fade,
+    mean_covered,
+    refill_us,
+    steam_life_us,
+    sum_up,
+)
+from edmsim.plant.gap.generator import timing
+from edmsim.plant.gap.pulse_outcome import sum_rays
+from edmsim.plant.gap.water import surface_tension_N_m, viscosity_ratio
+from edmsim.plant.kernel.declare import allocate, sizes_of
+from edmsim.plant.kernel.state import GRID, Arrays
+from edmsim.plant.resolution import resolution
+
+FAST = resolution("fast")
+
+
+def lasting(steam, gas):
+    """Fading by e over so many grid steps."""
+    steps = np.arange(GRID + 1)[:, None]
+    return np.exp(-steps / np.array([steam, gas]))
+
+
+def front(slices):
+    return allocate(Arrays, sizes_of(slices, 24, 4))
+
+
+@pytest.fixture(scope="module")
+def slab(machine):
+    """Constants of slices 1000 um high."""
+    return constants(machine, FAST)._replace(slice_um=1_000.0)
+
+
+# --- closed forms ---
+
+
+@pytest.mark.parametrize(
+    ("share", "kerf_um", "joule"), [(0.02, 312.0, 3e-3), (8e-4, 330.0, 1e-2), (0.03, 162.0, 1e-4)]
+)
+def test_gas_of_a_discharge_is_a_disc_across_the_kerf(share, kerf_um, joule):
+    radius2_m2 = cover_um2_J(share, kerf_um) * joule * 1e-12
+    volume_m3 = math.pi * radius2_m2 * kerf_um * 1e-6
+    assert AMBIENT_PA * volume_m3 == pytest.approx(share * joule)
+
+
+def test_steam_lives_so_many_collapses():
+    rayleigh_us = 0.915 * 1e-3 * math.sqrt(998.0 / AMBIENT_PA) * 1e6
+    assert rayleigh_us == pytest.approx(90.8, abs=0.1)
+    assert steam_life_us(1_000.0, 2.0, 998.0) == pytest.approx(2 * rayleigh_us)
+
+
+def test_water_creeps_back_against_friction_and_its_own_mass():
+    """Over a quarter girth at 20 um and 20 C: 0.08 ms by Washburn, and 0.05 ms by inertia."""
+    filled = refill_us(200.0, 20.0, 1e-3, 998.0, 0.0728, 1.0)
+    assert filled == pytest.approx(82.4 + 52.4, abs=0.5)
+    slow = refill_us(200.0, 20.0, 1e-3, 998.0, 0.0728, 0.3) / filled
+    assert 1 / 0.3 > slow > 1 / math.sqrt(0.3)  # friction goes with the driving pressure, inertia with its root
+    assert refill_us(200.0, 5.0, 1e-3, 998.0, 0.0728, 1.0) > 2 * filled
+
+
+def test_the_law_of_a_setting_has_the_lives_of_its_longest_discharge(machine):
+    setting = timing(machine)
+    law = gas_law(machine, setting)
+    gas, kerf_um = machine.base.gas, 250.0 + 2 * 31.0
+    assert law.steam_um_J == pytest.approx(math.sqrt(cover_um2_J(gas.steam_share.value, kerf_um)))
+    assert law.gas_um_J == pytest.approx(math.sqrt(cover_um2_J(gas.permanent_share.value, kerf_um)))
+    half_um = law.steam_um_J * math.sqrt(22.0 * setting.current_A * 30e-6)
+    life_us = steam_life_us(half_um, gas.steam_periods.value, 998.0)
+    np.testing.assert_array_equal(law.fading[0], 1.0)
+    assert law.fading[GRID, 0] == pytest.approx(math.exp(-machine.t_period_us / life_us))
+    eta_Pa_s, tension_N_m = 1e-3 * viscosity_ratio(323.0), surface_tension_N_m(323.0)
+    filled_us = refill_us(math.pi / 4 * 250.0, 20.0, eta_Pa_s, 998.0, tension_N_m, gas.wetting.value)
+    assert law.fading[GRID, 1] == pytest.approx(math.exp(-machine.t_period_us / filled_us))
+
+
+# --- one front ---
+
+
+def test_a_discharge_covers_its_length_of_every_slice_it_reaches(slab):
+    a, law = front(4), GasLaw(300.0, 100.0, lasting(1e9, 1e9))
+    blow(a, slab, law, 1.9, 1.0, 0)
+    np.testing.assert_allclose(a.steam, [0.0, 0.4, 0.2, 0.0], atol=1e-12)
+    np.testing.assert_allclose(a.gas, [0.0, 0.2, 0.0, 0.0], atol=1e-12)
+    low = front(4)
+    blow(low, slab, law, 0.1, 4.0, 0)  # four times the energy reaches twice as far; part of it lies outside
+    np.testing.assert_allclose(low.steam, [0.7, 0.0, 0.0, 0.0], atol=1e-12)
+
+
+def test_gas_of_a_discharge_takes_the_place_of_what_was_there(slab):
+    a, law = front(1), GasLaw(250.0, 0.0, lasting(1e9, 1e9))
+    shares = []
+    for _ in range(3):
+        blow(a, slab, law, 0.5, 1.0, 0)
+        shares.append(a.steam[0])
+    np.testing.assert_allclose(shares, [0.5, 0.75, 0.875])
+
+
+def test_gas_fades_from_the_end_of_its_discharge_on(slab):
+    law = GasLaw(250.0, 250.0, lasting(200.0, 800.0))
+    a = front(1)
+    blow(a, slab, law, 0.5, 1.0, 100)
+    np.testing.assert_allclose([a.steam[0], a.gas[0]], 0.5 * np.exp([-100 / 200, -100 / 800]))
+    fade(a, law, 300)
+    np.testing.assert_allclose([a.steam[0], a.gas[0]], 0.5 * np.exp([-400 / 200, -400 / 800]))
+
+
+def test_steam_and_permanent_gas_lie_anywhere_on_the_front():
+    a = front(2)
+    a.steam[:2], a.gas[:2] = (0.5, 0.0), (0.4, 1.0)
+    sum_up(a)
+    np.testing.assert_allclose(a.covered[:2], [0.7, 1.0])
+    assert mean_covered(a) == pytest.approx(0.85)
+
+
+@numba.njit
+def _mean_share(a, c, law, fires):
+    sum_ = 0.0
+    for fire in fires:
+        fade(a, law, GRID)
+        sum_ += a.steam[0]
+        if fire:
+            blow(a, c, law, 0.5, 1.0, 0)
+    return sum_ / len(fires)
+
+
+@pytest.mark.parametrize("x", [0.3, 1.0, 3.0])
+def test_at_a_steady_rate_the_mean_share_is_x_over_one_and_x(x, slab):
+    """x is the rate times the life times the share of the slice that one discharge covers: a closed form."""
+    life, share = 100.0, 0.5  # in periods
+    law = GasLaw(250.0, 0.0, np.exp(-np.arange(GRID + 1)[:, None] / GRID / np.array([life, 1.0])))
+    fires = np.random.default_rng(4).random(400_000) < x / (life * share)
+    assert _mean_share(front(1), slab, law, fires) == pytest.approx(x / (1 + x), rel=0.03)
+
+
+def test_a_discharge_pumps_debris_out_of_the_length_it_covers(slab):
+    a, law = front(3), GasLaw(300.0, 0.0, lasting(1e9, 1e9))
+    a.debris[:] = 0.2
+    blow(a, slab, law, 1.1, 1.0, 0)
+    kept = [1 - slab.pumping * 0.2, 1 - slab.pumping * 0.4, 1.0]
+    np.testing.assert_allclose(a.debris, 0.2 * np.array(kept))
+
+
+# --- what it shields ---
+
+
+def covered_sums(machine, share):
+    """Rate, primed weight and pull of a slice at 9 um, of whose front gas covers a share."""
+    a, c = front(1), constants(machine, FAST)
+    a.distance[0, :8], a.cosine[0, :8] = 9.0, 1.0
+    a.blocks[0], a.unbroken[0], a.flow_factor[0], a.covered[0] = 1, 8, 1.0, share
+    sums = np.zeros((1, 4))
+    return np.array(sum_rays(a, c, gap_law(machine, FAST, 100.0), np.zeros((2, 4)), sums, np.zeros(1)))[[0, 1, 3]]
+
+
+def test_gas_takes_the_pull_and_a_part_of_the_ignition_from_the_share_it_covers(machine):
+    gas, bare = machine.base.gas, covered_sums(machine, 0.0)
+    assert (bare > 0).all()
+    for share in (0.4, 1.0):
+        lit, pulled = 1 - gas.dryness.value * share, 1 - gas.shielding.value * share
+        np.testing.assert_allclose(covered_sums(machine, share) / bare, [lit, lit, pulled], rtol=1e-6)
+
+
+def test_where_edges_of_bubbles_ignite_gas_hastens(machine, altered):
+    helped = altered(machine, {"base.gas.dryness": -1.0})
+    assert covered_sums(helped, 0.5)[0] == pytest.approx(1.5 * covered_sums(helped, 0.0)[0])
+
+
+def one_discharge(in_a_hole, machine, share):
+    """What a pulse does whose front gas covers so far: speed by a push that moves it little, crater, energy."""
+    plant = in_a_hole(machine.with_(t_on_us=400.0, t_period_us=2_000.0), 14.0, **{
+        "base.discharge.impulse_10mJ_Ns": 1e-9, "base.gas.dryness": 0.0, "material.removal_mm3_J": 9.3e-3,
+        "base.discharge.crater_cv": 0.0,
+    })  # fmt: skip
+    plant.advance_pulse()
+    state = plant.snapshot()
+    state["covered"][:] = share
+    state["wire_q"][:] = state["wire_v"][:] = 0.0
+    plant.restore(state)
+    window = plant.advance_pulse()
+    assert window.spark == 1
+    after = plant.snapshot()
+    return math.hypot(*np.linalg.norm(after["wire_v"], axis=1)), window.crater_um3, window.energy_J
+
+
+def test_a_discharge_in_gas_pushes_and_ejects_less(in_a_hole, machine):
+    speeds, craters, energies = np.array([one_discharge(in_a_hole, machine, share) for share in (0.0, 0.5, 1.0)]).T
+    np.testing.assert_allclose(energies, energies[0])  # the same draws, the same pulse
+    assert speeds[0] > 0
+    np.testing.assert_allclose(speeds / speeds[0], [1.0, 0.5, 0.0], atol=0.03)
+    np.testing.assert_allclose(craters / craters[0], [1.0, 0.75, 0.5], rtol=1e-6)
+
+
+# --- its energy ---
+
+
+def test_what_boils_and_what_heats_the_wire_is_never_more_than_the_discharge(machine):
+    """Steam at 100 C: 0.598 kg/m3, 2.257 MJ/kg. Water split at 25 C: 286 kJ and 1.5 mol of gas per mol."""
+    steam, permanent, wire = (
+        machine.base.gas.steam_share, machine.base.gas.permanent_share, machine.base.cooling.wire_heat_share,
+    )  # fmt: skip
+    boiling, splitting = 0.598 * 2.257e6 / AMBIENT_PA, 286e3 / (1.5 * 8.314 * 298.0)
+    assert boiling == pytest.approx(13.6, rel=0.03)
+    assert max(steam.range) * boiling + max(wire.range) < 1.0
+    assert permanent.value * splitting == pytest.approx(0.06, abs=0.005)  # as its source says
+    assert steam.value * boiling + permanent.value * splitting + wire.value < 1.0
+
+
+# --- in the plant ---
+
+
+def test_without_gas_shares_there_is_no_gas(machine, altered, drive):
+    without = altered(machine, {"base.gas.steam_share": 0.0, "base.gas.permanent_share": 0.0})
+    windows = drive(edmsim.Plant(without, 1, resolution="fast"), 20.0, 2.0)
+    assert sum(w.spark for w in windows) > 100
+    assert all(w.coverage == 0.0 for w in windows)
+
+
+def test_denser_discharges_cover_more(machine, drive):
+    means = []
+    for feed in (10.0, 20.0, 28.0):
+        windows = drive(edmsim.Plant(machine, 1, resolution="fast"), feed, 10.0)
+        assert all(0.0 <= w.coverage < 1.0 for w in windows)
+        means.append(np.mean([w.coverage for w in windows[-200:]]))
+    assert 0.0 < means[0] < means[1] < means[2] < 0.7
+
+
+def test_gas_is_part_of_a_snapshot_and_leaves_with_the_wire(machine, drive):
+    plant = edmsim.Plant(machine, 1, resolution="fast")
+    drive(plant, 20.0, 4.0)
+    while not plant.window().coverage:
+        plant.advance()
+    state = plant.snapshot()
+    assert state["gas"][: FAST.slices].any()
+    ahead = [repr(plant.advance()) for _ in range(20)]
+    other = edmsim.Plant(machine, 9, resolution="fast")
+    other.restore(state)
+    assert [repr(other.advance()) for _ in range(20)] == ahead
+    plant.restore(state)
+    plant.rethread((30_000.0, 31_000.0), 60 * 10**9)
+    fresh = plant.snapshot()
+    assert not any(fresh[name].any() for name in ("steam", "gas", "covered"))
+
+
+def test_a_machine_does_not_see_its_gas():
+    assert not {name for name in WindowObservation._fields if "cover" in name or "gas" in name}

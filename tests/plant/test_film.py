@@ -1,0 +1,339 @@
+"""The film of water between wire and metal: its closed forms, and the motion they allow in a plant."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from scipy.integrate import quad
+from scipy.linalg import expm
+from scipy.optimize import curve_fit
+
+import edmsim
+from edmsim.cosim.straight import begin
+from edmsim.plant.constants import arrays, constants, full_mechanics, gap_law, modal_model, wire_setup
+from edmsim.plant.gap.breakdown import slice_sums
+from edmsim.plant.gap.rays import rays_with
+from edmsim.plant.gap.water import DENSITY_KG_M3
+from edmsim.plant.kernel.declare import allocate, sizes_of
+from edmsim.plant.kernel.state import Arrays
+from edmsim.plant.mechanics.film import (
+    added_mass_kg_m,
+    drag_N_s_m2,
+    edge_loss_kg_m2,
+    pull_sum_um2,
+    suction_limited,
+)
+from edmsim.plant.mechanics.modal import push_out
+from edmsim.plant.mechanics.model import build_model, reduce_model
+from edmsim.plant.resolution import resolution
+from edmsim.plant.workpiece.kerf_field import Stock
+
+FAST = resolution("fast")
+CENTRE_UM = (32_500.0, 32_500.0)
+R_UM, ETA = 125.0, 1e-3
+BRASS_KG_M = 8400.0 * math.pi / 4 * 0.25e-3**2
+SIDE_UM, MEAN_UM = 31.0, 16.0
+"""Side gap of the default machine, and the front gap for which its mean film is set."""
+
+
+def beyond(gap_um, power):
+    """Integral over a quarter of what resists between a wire and straight walls, from 90 degrees on."""
+    return quad(lambda psi: math.cos(psi) ** 2 / (gap_um + R_UM * (1 - math.cos(psi))) ** power, 0, math.pi / 2)[0]
+
+
+# --- closed forms ---
+
+
+@pytest.mark.parametrize("gap", [3.0, 8.0, 20.0, 30.0])
+def test_a_uniform_gap_resists_as_reynolds_equation_says(gap):
+    front = 6 * math.pi * ETA * (R_UM / gap) ** 3
+    sides = 2 * 12 * ETA * R_UM**3 * beyond(gap, 3)
+    assert drag_N_s_m2(R_UM, gap, gap, ETA) == pytest.approx(front + sides, rel=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("front", "side", "published"),
+    [(20, 35, 1.78), (16, 32, 2.78), (14, 30, 3.71), (10, 26, 7.4), (8, 24, 11.4), (5, 21, 27.3)],
+)
+def test_a_leading_wire_meets_the_derived_resistance_and_that_of_its_sides(front, side, published):
+    sides = 2 * 12 * ETA * R_UM**3 * beyond(side, 3)
+    assert drag_N_s_m2(R_UM, front, side, ETA) - sides == pytest.approx(published, rel=6e-3)
+
+
+@pytest.mark.parametrize(("front", "side", "share"), [(20, 35, 0.24), (14, 30, 0.17), (5, 21, 0.06)])
+def test_what_passes_the_sides_adds_a_share_that_falls_with_the_front_gap(front, side, share):
+    sides = 2 * 12 * ETA * R_UM**3 * beyond(side, 3)
+    assert sides / (drag_N_s_m2(R_UM, front, side, ETA) - sides) == pytest.approx(share, abs=0.005)
+
+
+@pytest.mark.parametrize("gap", [8.0, 20.0, 31.0])
+def test_the_water_of_a_uniform_gap_weighs_as_the_closed_form(gap):
+    outer = gap + R_UM
+    root = math.sqrt(outer**2 - R_UM**2)
+    turn = 2 / root * math.atan(math.sqrt((outer + R_UM) / gap))
+    behind = outer**2 / R_UM**2 * turn - 1 / R_UM - outer * math.pi / (2 * R_UM**2)
+    expected = DENSITY_KG_M3 * (R_UM * 1e-6) ** 2 * R_UM * (math.pi / 2 / gap + 2 * behind)
+    assert added_mass_kg_m(R_UM, gap, gap, DENSITY_KG_M3) == pytest.approx(expected, rel=1e-4)
+
+
+def test_the_water_in_the_slot_weighs_about_half_of_the_wire():
+    shares = [added_mass_kg_m(R_UM, front, side, DENSITY_KG_M3) / BRASS_KG_M for front, side in ((20, 35), (8, 24))]
+    assert shares == pytest.approx([0.42, 0.67], abs=0.01)  # front 0.26 and 0.46, sides 0.16 and 0.21
+
+
+def test_the_water_slows_the_first_mode_as_its_mass_on_that_mode_says(machine):
+    wire = wire_setup(machine)
+    covered = wire.slot_m / wire.guide_distance_m
+    share = covered + math.sin(math.pi * covered) / math.pi  # of a load on the piece, on half a wave
+    omega = reduce_model(build_model(wire), 4, [0.02]).wire_omega[0]
+    free = math.pi / wire.guide_distance_m * math.sqrt(wire.tension / BRASS_KG_M)
+    assert omega == pytest.approx(free / math.sqrt(1 + share * wire.slot_mass_kg_m / BRASS_KG_M), rel=0.01)
+    assert 0.13 < 1 - omega / free < 0.2
+
+
+def test_random_motion_meets_the_linearised_loss_at_the_film_s_edges():
+    """<F v> of F = k rho r (r/g)^2 v |v| in normally distributed speeds is that of the linear force."""
+    spread, loss = 0.3, 1.5
+
+    def density(v):
+        return math.exp(-0.5 * (v / spread) ** 2) / (spread * math.sqrt(2 * math.pi))
+
+    quadratic = loss * 998.0 * R_UM * 1e-6 * (R_UM / SIDE_UM) ** 2
+    dissipated = 2 * quadratic * quad(lambda v: v**3 * density(v), 0, 10 * spread)[0]
+    linear = edge_loss_kg_m2(R_UM, SIDE_UM, loss, 998.0) * spread
+    assert linear * spread**2 == pytest.approx(dissipated, rel=1e-6)
+
+
+@pytest.mark.parametrize(("front", "side"), [(20.0, 35.0), (8.0, 24.0), (16.0, 31.0)])
+def test_the_pull_that_stands_for_the_film_is_that_of_the_rays(front, side, machine):
+    angle = 2 * math.pi * np.arange(64) / 64
+    angle = angle[np.cos(angle) > -1e-9]
+    gaps, row = side - (side - front) * np.cos(angle), np.zeros((1, 4))
+    slice_sums(rays_with(gaps, angle), 0, 0.0, 0.0, gap_law(machine, FAST, 100.0), 1.0, row)
+    assert row[0, 2] == pytest.approx(pull_sum_um2(R_UM, front, side, 64), rel=2e-3)
+
+
+@pytest.mark.parametrize(("front", "ratio"), [(3.0, 0.76), (10.0, 0.90), (14.0, 1.00), (20.0, 1.15)])
+def test_the_mean_film_follows_the_pull_within_a_quarter(front, ratio):
+    """Around a wire that leads its kerf's axis by 16 um, as those of the laboratory machine do."""
+
+    def over_pull(front_um, side_um):
+        return drag_N_s_m2(R_UM, front_um, side_um, ETA) / pull_sum_um2(R_UM, front_um, side_um, 24)
+
+    assert over_pull(MEAN_UM, SIDE_UM) / over_pull(front, front + 16.0) == pytest.approx(ratio, abs=0.02)
+
+
+# --- cavitation and contact ---
+
+
+def test_suction_is_limited_by_the_ambient_pressure_and_squeezing_is_not(machine):
+    c = constants(machine, FAST)
+    a = allocate(Arrays, sizes_of(5, 24, 4))
+    a.covered[1] = 0.4
+    most = 101_325.0 * 250e-6 * 20e-3 / 5 * 1e6  # on the wire's diameter, in um kg/s2
+    assert suction_limited(a, c, 0, 0.5 * most) == 0.5 * most
+    assert suction_limited(a, c, 0, 10 * most) == pytest.approx(most)
+    assert suction_limited(a, c, 1, 10 * most) == pytest.approx(0.6 * most)
+    assert suction_limited(a, c, 0, -10 * most) == -10 * most
+
+
+def test_a_contact_takes_only_the_speed_of_its_slice_along_its_direction(machine):
+    """An impulse there, no more: the other axis keeps all, and the energy lost is that of the slice's own mass."""
+    model = modal_model(machine, FAST)
+    a = arrays(model, sizes_of(FAST.slices, FAST.rays, FAST.modes), 293.0, {})
+    draw = np.random.default_rng(3)
+    a.wire_v[:] = draw.normal(0.0, 1e5, a.wire_v.shape)
+    into = math.copysign(1.0, float((a.shape @ a.wire_v[0])[2]))
+    before_q, before_v = a.wire_q.copy(), a.wire_v.copy()
+    push_out(a, 2, into, 0.0, 1.5)
+    moved, speed = a.shape @ (a.wire_q - before_q).T, a.shape @ a.wire_v.T
+    assert moved[2] == pytest.approx([-1.5 * into, 0.0])
+    assert speed[2, 0] == pytest.approx(0.0, abs=1e-6)
+    np.testing.assert_array_equal(a.wire_v[1], before_v[1])
+    lost = 0.5 * ((before_v**2).sum() - (a.wire_v**2).sum())
+    assert lost == pytest.approx(0.5 * model.slice_mass_kg[2] * float((a.shape @ before_v[0])[2]) ** 2)
+    push_out(a, 2, into, 0.0, 1.0)  # it leaves already: its speed stays
+    np.testing.assert_allclose(a.shape @ a.wire_v[0], speed[:, 0], atol=1e-6)
+
+
+# --- in a plant, the generator off ---
+
+PURE = {
+    "base.dielectric.gap_temperature_K": 293.15, "base.dielectric.edge_loss": 0.0, "base.guides.damping_ratio": 1e-6,
+}  # fmt: skip
+"""The film alone, at 1e-3 Pa s."""
+
+
+@pytest.fixture(scope="module")
+def pure(machine, altered):
+    return altered(machine, PURE)
+
+
+def off(plant):
+    plant.switch_generator(False)
+    plant.advance()
+    return plant
+
+
+def led(machine, front, side, *, mechanics="modal", **setting):
+    """A plant without voltage whose wire stands off the middle of a round hole, `front` um off the metal along +x."""
+    stock = Stock((29_500.0, 29_500.0, 35_500.0, 35_500.0), ((*CENTRE_UM, R_UM + side),))
+    place = CENTRE_UM[0] + side - front, CENTRE_UM[1]
+    machine = machine.with_(**setting) if setting else machine
+    return off(edmsim.Plant(machine, 1, stock=stock, position_um=place, resolution="fast", mechanics=mechanics))
+
+
+def deflect(plant, **arrays):
+    state = plant.snapshot()
+    for name, values in arrays.items():
+        state[name][0, : len(values)] = values
+    plant.restore(state)
+
+
+def pull_of(plant):
+    """Mean over the slices of the rays' summed pull along x, in 1/um^2, as `pull_sum_um2` has it."""
+    rays = plant.rays()
+    field = 1 / rays.distance.astype(float) + 0.5 / R_UM
+    return float((rays.cosine * field**2).sum(axis=1).mean())
+
+
+def linear(machine, drag, load_N, q0, times):
+    """Wire in a film of constant resistance (N s/m2 of piece): places of the slices (times, slices) in um."""
+    model = modal_model(machine, FAST)
+    shape, n = model.wire_shape, len(model.wire_omega)
+    slice_m = machine.height_mm * 1e-3 / FAST.slices
+    damping = drag * slice_m * shape.T @ shape + np.diag(2 * model.wire_zeta * model.wire_omega)
+    system = np.block([[np.zeros((n, n)), np.eye(n)], [-np.diag(model.wire_omega**2), -damping]])
+    rest = shape.T @ load_N * 1e6 / model.wire_omega**2
+    start = np.concatenate([q0 - rest, np.zeros(n)])
+    return np.array([shape @ ((expm(system * t) @ start)[:n] + rest) for t in times])
+
+
+@pytest.mark.parametrize(("period", "within"), [(20.0, 0.1), (100.0, 0.25)])
+@pytest.mark.parametrize("gap", [20.0, 30.0])
+def test_a_wire_in_a_slot_rings_with_the_damping_of_its_mean_film(gap, period, within, pure):
+    on = min(10.0, period / 3.5)
+    machine = pure.with_(t_on_us=on, t_period_us=period)
+    plant = off(begin(machine, 0, gap_um=gap))
+    model = modal_model(machine, FAST)
+    per_um = float(model.wire_shape[2, 0])
+    deflect(plant, wire_q=[0.5 / per_um], wire_v=[0.0])
+    times, places = np.arange(round(2e3 / period)) * period * 1e-6, []
+    for _ in times:
+        places.append(plant.deflections_um()[2, 0])
+        plant.advance_pulse()
+
+    def ringing(t, zeta, omega):
+        s = omega * math.sqrt(max(1 - zeta**2, 1e-6))
+        return 0.5 * np.exp(-zeta * omega * t) * (np.cos(s * t) + zeta * omega / s * np.sin(s * t))
+
+    omega = model.wire_omega[0]
+    (zeta, _), _ = curve_fit(ringing, times, places, p0=(0.2, omega), bounds=([0, 0.5 * omega], [0.95, 1.5 * omega]))
+    drag = drag_N_s_m2(R_UM, MEAN_UM, SIDE_UM, ETA) * pull_of(plant) / pull_sum_um2(R_UM, MEAN_UM, SIDE_UM, 24)
+    on_mode = float((model.wire_shape[:, 0] ** 2).sum()) * machine.height_mm * 1e-3 / FAST.slices
+    assert zeta == pytest.approx(drag * on_mode / (2 * omega), rel=within)
+
+
+@pytest.mark.parametrize(
+    ("front", "side", "period", "mechanics"),
+    [
+        (8.0, 24.0, 20.0, "modal"), (3.0, 19.0, 20.0, "modal"), (8.0, 24.0, 100.0, "modal"),
+        (8.0, 24.0, 20.0, "mujoco"),
+    ],
+)
+def test_a_loaded_wire_creeps_through_a_narrow_film(front, side, period, mechanics, pure):
+    """Far slower than a free one would start: its speed is the load over the film's resistance.
+
+    In the long period it creeps a fifth too fast, as the mean film acts at its end only.
+    """
+    plant = led(pure, front, side, mechanics=mechanics, t_on_us=period / 4, t_period_us=period)
+    load_N = np.full(FAST.slices, 0.02 * 20e-3 / FAST.slices)  # 20 mN/m: 0.3 um at rest
+    model = modal_model if mechanics == "modal" else full_mechanics
+    shape = model(pure, FAST).wire_shape
+    start = plant.deflections_um()[:, 0].mean()
+    crept, pulses = [], round(200.0 / period)
+    for _ in range(pulses):
+        deflect(plant, steady=shape.T @ load_N * 1e6)
+        plant.advance_pulse()
+        crept.append(plant.deflections_um()[:, 0].mean() - start)
+    times = (np.arange(pulses) + 1) * period * 1e-6
+    drag = drag_N_s_m2(R_UM, front, side, ETA)
+    expected = linear(pure, drag, load_N, np.zeros(FAST.modes), times).mean(axis=1)
+    assert crept[-1] == pytest.approx(expected[-1], rel=0.1 if period < 50 else 0.25)
+    assert expected[-1] < 0.02 / drag * times[-1] * 1e6
+
+
+@pytest.mark.parametrize("mechanics", ["modal", "mujoco"])
+@pytest.mark.parametrize("period", [20.0, 1_000.0])
+def test_no_period_is_too_long_and_no_gap_too_narrow_for_the_film(period, mechanics, pure):
+    plant = led(pure, 3.0, 19.0, mechanics=mechanics, t_on_us=5.0, t_period_us=period)
+    state = plant.snapshot()
+    nodes = state["wire_v"].shape[1]
+    state["wire_v"][0] = np.random.default_rng(2).normal(0.0, 2e5, nodes) * (1.0 if mechanics == "mujoco" else 0.01)
+    plant.restore(state)
+    furthest = 0.0
+    for _ in range(4):
+        plant.advance()
+        furthest = max(furthest, float(np.abs(plant.deflections_um()).max()))
+    assert furthest < 25.0
+    assert np.abs(plant.deflections_um()).max() < 3.0
+
+
+# --- pull-in ---
+
+
+UNLIT = {
+    "base.gap.median_c_us": 1e15, "base.gap.critical_um": 1e-3, "base.gap.critical_width_um": 1e-6,
+    "base.dielectric.conductivity_uS_cm": 1e-9, "generator.resistance_ohm": 1e4, "base.guides.damping_ratio": 1.5,
+}  # fmt: skip
+"""No pulse ignites, and the wire does not overshoot."""
+
+
+def equilibrium_um(compliance, pull_N_um2, gap_um):
+    """Places of the slices under a pull of ``(1/g + 1/(2 r))^2``; None if there is none."""
+    place = np.zeros(len(compliance))
+    for _ in range(2_000):
+        field = 1 / (gap_um - place) + 0.5 / R_UM
+        new = compliance @ (pull_N_um2 * field**2) * 1e6
+        if new.max() > gap_um - 1.0:
+            return None
+        if np.abs(new - place).max() < 1e-9:
+            break
+        place = new
+    return place
+
+
+@pytest.mark.parametrize(("of_critical", "holds"), [(0.96, True), (1.04, False)])
+def test_the_pull_takes_the_wire_from_a_third_of_the_free_gap_on(of_critical, holds, machine, altered):
+    """Half of the remaining gap: there ``1/g^2`` grows by what the string gives back. One ray faces the metal."""
+    gap_um = 20.0
+    quiet = altered(machine, UNLIT).with_(t_on_us=99.0, t_period_us=100.0)
+    model = modal_model(quiet, FAST)
+    compliance = model.wire_shape @ np.diag(model.wire_omega**-2.0) @ model.wire_shape.T
+    low, high = 0.0, 1.0
+    for _ in range(30):  # newton times um^2 of a slice's ray at which nothing holds the wire
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if equilibrium_um(compliance, middle, gap_um) is not None else (low, middle)
+    at_fold = equilibrium_um(compliance, 0.9999 * low, gap_um).mean()
+    assert at_fold / (gap_um - at_fold) == pytest.approx(0.5, abs=0.03)
+    c = constants(quiet, FAST)
+    per_permittivity = 0.5 * c.permittivity_F_m * 100.0**2 * c.patch_m2 * 1e12 * 0.99
+    permittivity = of_critical * low / per_permittivity * quiet.base.dielectric.permittivity.value
+    plant = edmsim.Plant(altered(quiet, {"base.dielectric.permittivity": permittivity}), 1, resolution="fast")
+    plant.advance_pulse()
+    state = plant.snapshot()
+    state["distance"][:] = 1e6
+    state["cosine"][:] = state["sine"][:] = 0.0
+    state["distance"][:, 0], state["cosine"][:, 0] = gap_um, 1.0
+    state["reference_um"][0, :] = CENTRE_UM[0]
+    state["reference_um"][1, :] = CENTRE_UM[1]
+    state["first"][:], state["blocks"][:], state["unbroken"][:] = 0, 1, 0
+    state["wire_q"][:] = state["wire_v"][:] = 0.0
+    plant.restore(state)
+    windows = [plant.advance() for _ in range(3)]
+    assert (sum(w.short for w in windows) == 0) == holds
+    if holds:
+        expected = equilibrium_um(compliance, of_critical * low, gap_um)
+        np.testing.assert_allclose(plant.deflections_um()[:, 0], expected, rtol=0.1)
