@@ -10,7 +10,7 @@ cut: $(VENV)/.installed
 	$(BIN)/edmsim cut examples/punch.ngc --out out/punch
 
 test: lint type docs
-	$(BIN)/python -m pytest -n 2
+	$(BIN)/python -m pytest -n 2 --dist worksteal
 
 fast: $(VENV)/.installed-test  ## the usual run while developing
 	$(BIN)/python -m pytest -m "not slow"
