@@ -68,7 +68,9 @@ class Rig:
         self.full = FullMechanics(wire, drive, slice_heights(wire) if heights is None else heights)
         n_slices, n_nodes = self.full.wire_shape.shape
         sizes = sizes_of(n_slices, 32, n_nodes)
-        self.arrays = arrays(self.full, sizes, 300.0, np.ones(n_slices), np.full(n_slices, 0.5))
+        self.arrays = arrays(
+            self.full, sizes, 300.0, np.ones(n_slices), np.zeros((2, n_slices)), np.full(n_slices, 0.5)
+        )
         self.axes = allocate(Axes, sizes, loops=0)
         self.propagators = allocate(Propagators, sizes)  # the full model does not use them
         self.timing = Timing(ISO_PULSE, 80.0, 20.0, 1.0, 1.0, 1.0, 1.0, 1.0, PERIOD_NS, 0.1)
