@@ -73,7 +73,7 @@ class Rig:
         )
         self.axes = allocate(Axes, sizes, loops=0)
         self.propagators = allocate(Propagators, sizes)  # the full model does not use them
-        self.timing = Timing(ISO_PULSE, 80.0, 20.0, 1.0, 1.0, 1.0, 1.0, 1.0, PERIOD_NS, 0.1)
+        self.timing = Timing(ISO_PULSE, 80.0, 20.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, PERIOD_NS, 0.1)
         self.state = np.zeros(1, STATE)
         self.state["commanded_um"][0, :2] = self.state["axis_um"][0, :2] = start_um
 
