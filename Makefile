@@ -1,4 +1,4 @@
-# Two commands: `make cut` simulates the example, `make test` checks everything. `make notebooks` makes them anew.
+# Two commands: `make cut` simulates the example, `make test` checks everything. `make notebooks` makes them again.
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin

@@ -21,7 +21,7 @@ class Resolution:
     cell_um : float
         Side of a cell of the kerf field: small against the gap, large enough for a few MB per 10 mm.
     trace_windows : int
-        Every so many windows what fell on the rays is carved from the field and they are traced anew.
+        Every so many windows what fell on the rays is carved from the field and they are traced again.
     """
 
     slices: int
