@@ -123,7 +123,9 @@ def render(fit: Fit) -> RenderableType:
             c.name, f"{c.before:g}", f"{c.value:.4g}", _between(c.interval), _between(c.range),
             Text(c.remark, "yellow"),
         )  # fmt: skip
-    undetermined = [Text(f"the log cannot tell {name}: {reason}", "yellow") for name, reason in fit.undetermined.items()]
+    undetermined = [
+        Text(f"the log does not determine {name}: {reason}", "yellow") for name, reason in fit.undetermined.items()
+    ]
     warnings = [Text(line, "yellow") for line in (*correlated(fit), *refusal(fit))]
     return Group(table, *undetermined, Text(_misfit_text(fit)), *warnings, _beside(fit))
 
