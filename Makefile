@@ -1,4 +1,4 @@
-# Two commands: `make cut` simulates the example, `make test` checks everything. `make notebooks` makes them anew.
+# Two commands: `make cut` simulates the example, `make test` checks everything. `make notebooks` makes them again.
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
@@ -10,7 +10,7 @@ cut: $(VENV)/.installed
 	$(BIN)/edmsim cut examples/punch.ngc --out out/punch
 
 test: lint type docs
-	$(BIN)/python -m pytest -n 2
+	$(BIN)/python -m pytest -n 2 --dist worksteal
 
 fast: $(VENV)/.installed-test  ## the usual run while developing
 	$(BIN)/python -m pytest -m "not slow"

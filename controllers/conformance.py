@@ -27,7 +27,7 @@ WINDOW_S = 0.0255
 """255 pulses of the standard setting."""
 WINDOWS = 300
 _PATH_UM = np.array([[0.0, 0.0], [400.0, 0.0], [400.0, 400.0]])
-"""A path with a corner, for controllers that are told one."""
+"""A path with a corner, for controllers that ask for one."""
 Counts = list[tuple[int, int]]
 
 
@@ -124,7 +124,7 @@ def _check_with(make: Callable[[], FeedController], counts: Counts) -> None:
     if fastest > MAX_FEED_UM_S:
         raise _wrong(controller, f"commands {fastest:g} um/s where the machine runs {MAX_FEED_UM_S:g}")
     if _Rehearsal(make()).run(counts) != commands:
-        raise _wrong(controller, "does not command the same again, when it is made anew and shown the same windows")
+        raise _wrong(controller, "does not command the same again, when it is made again and shown the same windows")
     if _Rehearsal(controller).run(counts) != commands:
         raise _wrong(controller, "remembers something across reset(): it does not command the same as before")
     half = len(commands) // 2

@@ -1,4 +1,4 @@
-"""Errors a user meets: bad input is told in one line that says what, where, and what would be right."""
+"""Errors a user meets: bad input gets one line that says what, where, and what would be right."""
 
 from __future__ import annotations
 

@@ -68,9 +68,9 @@ class Batch:
     def step(self, active: NDArray[np.int64], actions: NDArray[np.float32]) -> Floats:
         """Run a window in the active lanes; returns the rewards (n,), 0 in the others."""
         family, lanes = self.family, self.lanes
-        wanted = np.clip(actions.astype(np.float64), -1.0, 1.0)
+        wanted = np.minimum(np.maximum(actions.astype(np.float64), -1.0), 1.0)  # np.clip takes four times as long
         limit = family.greatest_feed_um_s
-        feed = np.clip(family.next_feed_um_s(self._feed_um_s, wanted[:, 0]), -limit, limit)
+        feed = np.minimum(np.maximum(family.next_feed_um_s(self._feed_um_s, wanted[:, 0]), -limit), limit)
         self._feed_um_s[active] = feed[active]
         if len(family.action_names) > 1:
             for lane in active:

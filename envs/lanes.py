@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from edmsim.controllers.planner.course import Course
 from edmsim.controllers.planner.record import PLANNER
 from edmsim.controllers.planner.registry import kind_of, position_unit
-from edmsim.envs.path_follower import DONE, LANE, OUT_OF_RANGE, RUNNING, follow, plan
+from edmsim.envs.path_follower import DONE, LANE, OUT_OF_RANGE, RUNNING, follow, plan, take_feeds
 from edmsim.envs.task import CORNER_DEG, Family, Scenario
 from edmsim.errors import InputError
 from edmsim.geometry import Polyline
@@ -169,10 +169,12 @@ class Lanes:
     def advance(self, lanes: Ints, feeds_um_s: Floats) -> None:
         """Fire 255 pulses in some lanes, each moving along its path at its feed (n,) in um/s, negative backwards.
 
-        A planner that counts takes the feed in its units, and no more than its greatest.
+        A planner that counts takes the feed in its units, and no more than its greatest; `exact` shows it as it was
+        given, finer than its 1 nm/s.
         """
         fleet, rows = self.fleet, self.rows
-        self._take_feeds(lanes, feeds_um_s[lanes])
+        kind = self._planner
+        take_feeds(lanes, rows, feeds_um_s, kind.max_feed_um_s, kind.speed_unit_nm_s, kind.counts)
         path = self._points, self._along, self._lengths
         while (
             most := plan(lanes, rows, self.planners, self._other_planner, *path, fleet.states, self._steps)
@@ -188,14 +190,6 @@ class Lanes:
             rows["cause"][lost] = OUT_OF_RANGE
         for lane in lanes[rows["cause"][lanes] == DONE]:
             self._end_leg(int(lane))
-
-    def _take_feeds(self, lanes: Ints, feeds_um_s: Floats) -> None:
-        """Command feeds (m,) in the planners' units; `exact` shows them as they were given, finer than its 1 nm/s."""
-        kind, rows = self._planner, self.rows
-        limit = kind.max_feed_um_s
-        units = np.rint(np.clip(feeds_um_s, -limit, limit) * 1e3 / kind.speed_unit_nm_s)
-        rows["units"][lanes] = units
-        rows["feed_um_s"][lanes] = units * kind.speed_unit_nm_s * 1e-3 if kind.counts else feeds_um_s
 
     def telling(self, lanes: Ints) -> list[int]:
         """Return those of some lanes whose info has texts: the episode ended, or a setting was refused."""

@@ -72,6 +72,31 @@ wait_us`` the generator's open voltage, limit of mean current, and longest wait 
 
 
 @exactly_compiled
+def take_feeds(
+    lanes: NDArray[np.int64], rows: NDArray[np.void], feeds_um_s: NDArray[np.float64], limit_um_s: float,
+    unit_nm_s: float, counts: bool,
+) -> None:
+    """Command feeds in the planners' units of so many nm/s, and no more than the limit either way.
+
+    Parameters
+    ----------
+    lanes : (m,)
+        Lanes that move; of the other arguments, row i belongs to lane i.
+    rows : (n,) `LANE`
+        ``units`` and ``feed_um_s`` are written.
+    feeds_um_s : (n,)
+        Negative backwards.
+    counts : bool
+        Whether the lane shows the feed it counts; it shows it as it was given if not.
+    """
+    for j in range(lanes.shape[0]):
+        i = lanes[j]
+        units = np.rint(min(max(feeds_um_s[i], -limit_um_s), limit_um_s) * 1e3 / unit_nm_s)
+        rows[i].units = int(units)
+        rows[i].feed_um_s = units * unit_nm_s * 1e-3 if counts else feeds_um_s[i]
+
+
+@exactly_compiled
 def plan(
     lanes: NDArray[np.int64], rows: NDArray[np.void], planners: NDArray[np.void], ahead: NDArray[np.void],
     points: NDArray[np.float64], along: NDArray[np.float64], lengths: NDArray[np.int64], states: NDArray[np.void],

@@ -224,7 +224,7 @@ class Family(ABC):
         if self.action == "speed":
             return wanted * self.max_feed_um_s
         limit = self.max_feed_um_s
-        return np.asarray(np.clip(before_um_s + wanted * self.max_change_um_s, -limit, limit))
+        return np.asarray(np.minimum(np.maximum(before_um_s + wanted * self.max_change_um_s, -limit), limit))
 
     def setting_us(self, first_us: Floats, wanted: Floats) -> tuple[float, float]:
         """Return on-time and period in us that the actions after the feed ask for.

@@ -101,7 +101,7 @@ def tell(fit):
         truth = f", truth {TRUTH[constant.name]:g}" if constant.name in TRUTH else ""
         print(f"{constant.name:27} files {constant.before:<7g} fitted {constant.value:.4g} ({low:.4g} to {high:.4g})"
               f"{truth}")
-    for name, reason in fit.untold.items():
+    for name, reason in fit.undetermined.items():
         print(f"{name:27} not told: {reason}")
 
 
@@ -173,12 +173,12 @@ figure.tight_layout()
 # constant keeps its value and is named with the reason, instead of getting a number that means nothing.
 
 # %%
-for name, reason in fit.untold.items():
+for name, reason in fit.undetermined.items():
     print(f"{name}: {reason}")
 for line in correlated(fit):
     print(line)
-assert "wire.strength_MPa" in fit.untold  # no wire broke: the log knows nothing of its strength
-assert not set(constants) & set(fit.untold)
+assert "wire.strength_MPa" in fit.undetermined  # no wire broke: the log knows nothing of its strength
+assert not set(constants) & set(fit.undetermined)
 
 # %% [markdown]
 # ## A log under a gap controller

@@ -344,7 +344,7 @@ def test_bench_prints_json_or_a_table(edmsim: Run, monkeypatch: pytest.MonkeyPat
     assert "realtime_factor" in table
 
 
-def test_report_is_made_anew_and_figures_are_written(small_cut: SimpleNamespace, tmp_path: Path, edmsim: Run) -> None:
+def test_report_is_made_again_and_figures_written(small_cut: SimpleNamespace, tmp_path: Path, edmsim: Run) -> None:
     told = edmsim("report", small_cut.folder, "--figures", tmp_path, "--format", "png")
     assert told.status == 0
     assert str(tmp_path / "corner.png") in told.out

@@ -1,6 +1,6 @@
 """docs/controller-1982.md: every row of the thesis once, with the tests that quote it; every name it gives exists.
 
-``python tests/test_controller_1982.py`` writes the tests anew into the page.
+``python tests/test_controller_1982.py`` writes the tests again into the page.
 """
 
 from __future__ import annotations

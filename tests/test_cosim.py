@@ -97,7 +97,7 @@ def test_position_is_start_and_2_um_for_every_step(generator: str, planner: str)
         assert [s[0] for s in steps] == sorted(s[0] for s in steps)
         for time_ns, axis, direction in steps:
             assert time_ns >= begin
-            if time_ns < sim.plant.time_ns:  # a longest window's later steps are planned anew
+            if time_ns < sim.plant.time_ns:  # a longest window's later steps are planned again
                 wanted[axis] += 2 * direction
         return window
 

@@ -35,7 +35,7 @@ CORNER_DEG = 20.0
 
 
 class _Setup(NamedTuple):
-    """What MAIN is told before a cut.
+    """What MAIN gets before a cut.
 
     Attributes
     ----------

@@ -98,7 +98,7 @@ def _punch(resolution: str, seed: int) -> tuple[float, float]:
 
 
 def page(watch: Callable[[str], None] | None = None) -> str:
-    """Return the page of the documentation; `watch` is told which resolution is at work."""
+    """Return the page of the documentation; `watch` is called with which resolution is at work."""
     columns, speeds = [], []
     for name in RESOLUTIONS:
         if watch is not None:

@@ -97,7 +97,7 @@ units of 262.5 nm/s, over {long} um and over {short} um.
 
 
 def measure(watch: Callable[[str], None] | None = None) -> dict[tuple[str, int, int], NDArray[np.float64]]:
-    """Run every move of the page; `watch` is told which planner is at work."""
+    """Run every move of the page; `watch` is called with which planner is at work."""
     errors = {}
     for planner in PLANNERS:
         for length in (LONG_UM, SHORT_UM):

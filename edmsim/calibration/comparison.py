@@ -47,7 +47,7 @@ class StretchComparison:
         The same draws for every machine: of two of them the difference is seen, not the noise.
     resolution : str
     watch : callable, optional
-        Is told of the `CalibrationProgress` after every cut.
+        Called with the `CalibrationProgress` after every cut.
 
     Attributes
     ----------

@@ -61,7 +61,7 @@ class Fit:
     machine : Machine
         With the fitted constants; its sources are still the old ones.
     constants : tuple of Fitted
-    untold : dict of str to str
+    undetermined : dict of str to str
         Constants the log cannot tell, with the reason; they keep their values.
     correlation : float64 array (p, p)
         Of the fitted constants' errors.
@@ -78,7 +78,7 @@ class Fit:
 
     machine: Machine
     constants: tuple[Fitted, ...]
-    untold: dict[str, str]
+    undetermined: dict[str, str]
     correlation: Array
     misfit: float
     stretches: list[Stretch]
@@ -105,7 +105,7 @@ def calibrate(
         Of the simulation; constants belong to it, as shares of short circuits depend on it. By default that of the
         cut the log is of, or "fast" if it is none of a simulated cut.
     watch : callable, optional
-        Is told of the `CalibrationProgress`.
+        Called with the `CalibrationProgress`.
 
     Raises
     ------
@@ -154,7 +154,7 @@ def _fit_what_is_told(comparison: StretchComparison, names: Sequence[str], log_n
         start = search.machine(search.shares)
         also = _told_alone(comparison, [name for name in names if name not in told], start)
         told = [name for name in names if name in told or name in also]
-    untold = {name: "the statistics do not depend on it" for name in names if name not in told}
+    undetermined = {name: "the statistics do not depend on it" for name in names if name not in told}
     while told:
         if search is None or search.names != told:
             begun = {name: constant.value for name, constant in choose(start, told).items()}
@@ -163,16 +163,16 @@ def _fit_what_is_told(comparison: StretchComparison, names: Sequence[str], log_n
         error = search.standard_errors()
         worst = int(error.argmax())
         if error[worst] < UNTOLD:
-            return _result(search, error, untold)
+            return _result(search, error, undetermined)
         name = told[worst]
         told = [other for other in told if other != name]
-        untold[name] = f"another value of {', '.join(told)} does the same" if told else "the noise hides it"
-    reasons = "; ".join(f"{name}: {reason}" for name, reason in untold.items())
+        undetermined[name] = f"another value of {', '.join(told)} does the same" if told else "the noise hides it"
+    reasons = "; ".join(f"{name}: {reason}" for name, reason in undetermined.items())
     raise InputError(f"the log tells none of the constants ({reasons})", log_name)
 
 
 def _told_alone(comparison: StretchComparison, names: Sequence[str], at: Machine) -> list[str]:
-    """Return those constants that would be told, at this machine, if each were the only one unknown."""
+    """Return those constants that the log would determine, at this machine, if each were the only one unknown."""
     search = _Search(comparison, names, at)
     alone = np.diag(search.information_at(search.shares))
     return [name for name, value in zip(names, alone, strict=True) if value * UNTOLD**2 > 1]
@@ -279,7 +279,7 @@ class _Search:
         return np.asarray(np.linalg.inv(self.information) * max(1.0, self.misfit))
 
     def standard_errors(self) -> Array:
-        """Return the standard errors in shares of the ranges; infinite for the one that is told least."""
+        """Return the standard errors in shares of the ranges; infinite for the one of which the log says least."""
         covariance = self.covariance()
         if covariance is not None:
             return np.asarray(np.sqrt(np.diag(covariance)))
@@ -289,7 +289,7 @@ class _Search:
         return error
 
 
-def _result(search: _Search, error: Array, untold: dict[str, str]) -> Fit:
+def _result(search: _Search, error: Array, undetermined: dict[str, str]) -> Fit:
     from scipy.stats import t as student
 
     covariance = search.covariance()
@@ -302,6 +302,6 @@ def _result(search: _Search, error: Array, untold: dict[str, str]) -> Fit:
         remark = "at the end of its range" if min(share, 1 - share) < AT_BOUND else ""
         constants.append(Fitted(name, search.before[place], value_at(bounds, share), (low, high), bounds, remark))
     return Fit(
-        search.machine(search.shares), tuple(constants), untold, covariance / np.outer(error, error), search.misfit,
-        search.comparison.picked, search.simulated, search.comparison.noise,
+        search.machine(search.shares), tuple(constants), undetermined, covariance / np.outer(error, error),
+        search.misfit, search.comparison.picked, search.simulated, search.comparison.noise,
     )

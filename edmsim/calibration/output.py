@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from edmsim.machine.machine import Machine
 
 STRONG = 0.95
-"""Errors correlated as strongly as this are told: the log knows a combination better than either (ours)."""
+"""Errors correlated as strongly as this are reported: the log knows a combination better than either (ours)."""
 
 
 def files_of(fit: Fit, out: Path) -> dict[str, Path]:
@@ -123,9 +123,11 @@ def render(fit: Fit) -> RenderableType:
             c.name, f"{c.before:g}", f"{c.value:.4g}", _between(c.interval), _between(c.range),
             Text(c.remark, "yellow"),
         )  # fmt: skip
-    untold = [Text(f"the log cannot tell {name}: {reason}", "yellow") for name, reason in fit.untold.items()]
+    undetermined = [
+        Text(f"the log does not determine {name}: {reason}", "yellow") for name, reason in fit.undetermined.items()
+    ]
     warnings = [Text(line, "yellow") for line in (*correlated(fit), *refusal(fit))]
-    return Group(table, *untold, Text(_misfit_text(fit)), *warnings, _beside(fit))
+    return Group(table, *undetermined, Text(_misfit_text(fit)), *warnings, _beside(fit))
 
 
 def _between(interval: tuple[float, float]) -> str:
@@ -183,7 +185,7 @@ def as_json(fit: Fit, files: Mapping[str, Path]) -> str:
     """Return the fit as JSON; what is unknown is null."""
     told = {
         "constants": [c._asdict() for c in fit.constants],
-        "untold": fit.untold,
+        "undetermined": fit.undetermined,
         "correlation": fit.correlation.tolist(),
         "misfit": fit.misfit,
         "stretches": [

@@ -234,7 +234,7 @@ class Simulation:
         self._set_generator(command.t_on_us, command.t_period_us)
 
     def _set_generator(self, t_on_us: float | None, t_period_us: float | None) -> None:
-        """Give the generator the setting wanted; one it refuses changes nothing and is told in `refused`."""
+        """Give the generator the setting wanted; one it refuses changes nothing; `refused` says why."""
         now = self.plant.machine.t_on_us, self.plant.machine.t_period_us
         wanted = now[0] if t_on_us is None else t_on_us, now[1] if t_period_us is None else t_period_us
         if wanted == now:

@@ -135,7 +135,7 @@ class Episode:
     task : Task
         Is reset with the seed.
     controller : FeedController
-        Is told the set-up and reset at the beginning of every leg.
+        Gets the set-up and is reset at the beginning of every leg.
     seed : int
     name : str
         What the controller is called in the result.

@@ -161,7 +161,7 @@ def _rounded(bounds: Ranges, values: NDArray[np.float64]) -> dict[str, float]:
 
 
 def as_toml(controller: str, seed: int, generations: int, found: Found) -> str:
-    """Return the file of found gains, with the command that makes it anew."""
+    """Return the file of found gains, with the command that makes it again."""
     longer = "" if generations == GENERATIONS else f" --generations {generations}"
     what = "cutting rate in mm2/min" if controller == ORACLE else "return"
     lines = [f"{name} = {value!r}" for name, value in found.gains.items()]

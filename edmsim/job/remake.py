@@ -19,7 +19,7 @@ FORMATS = ("pdf", "svg", "png")
 def remake(
     directory: str | Path, figures: str | Path | None, kind: str, leave_out: Callable[[str], None]
 ) -> list[Path]:
-    """Write a folder's ``report.html`` anew, or its figures as files of their own.
+    """Write a folder's ``report.html`` again, or its figures as files of their own.
 
     Parameters
     ----------
@@ -30,7 +30,7 @@ def remake(
     kind : {"pdf", "svg", "png"}
         Of the figures' files.
     leave_out : callable
-        Is told which figures cannot be made of this cut, and why.
+        Called with which figures cannot be made of this cut, and why.
 
     Returns
     -------

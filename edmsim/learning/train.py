@@ -218,7 +218,7 @@ def _checkpoint_of(run: TrainingRun, out: Path) -> Path:
         told = json.loads(found[-1].read_text(encoding="utf-8"))
         kept = TrainingRun(*(told[name] for name in ("env_id", "algo", "steps", "seed")))
     except (OSError, ValueError, LookupError, TypeError) as error:
-        raise InputError(f"the checkpoint is damaged ({error}); train anew without --resume", found[-1]) from None
+        raise InputError(f"the checkpoint is damaged ({error}); train again without --resume", found[-1]) from None
     for name in ("env_id", "algo", "seed"):
         if getattr(kept, name) != getattr(run, name):
             raise InputError(

@@ -24,7 +24,7 @@ class Resolution:
         Front gap below which the film between wire and metal is followed pulse by pulse; that of this gap damps the
         wire everywhere.
     trace_windows : int
-        Every so many windows what fell on the rays is carved from the field and they are traced anew.
+        Every so many windows what fell on the rays is carved from the field and they are traced again.
     """
 
     slices: int

@@ -37,7 +37,7 @@ beyond them and are 0.13 mm wide, the rest is for a wire that hangs behind)."""
 RING_MM = 0.035
 """How finely distances to the path are told apart (ours: a few of them fit between a kerf's middle and its wall)."""
 NOTICED_SHARE = 0.02
-"""A height that the slices change by more than this is told (ours)."""
+"""A notice says so if the slices change a height by more than this (ours)."""
 
 
 @dataclass(frozen=True)

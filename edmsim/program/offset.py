@@ -89,7 +89,7 @@ def check_reach(
     """Find places of the edge the wire cannot touch.
 
     The fillet that every round wire leaves in an inner corner is no such place: there the wire touches both
-    sides. A groove, a neck or a fillet narrower than the wire is one; how bad is told by the metal left,
+    sides. A groove, a neck or a fillet narrower than the wire is one; how bad, the metal left says,
     measured along the line from the edge to the wire.
 
     Parameters

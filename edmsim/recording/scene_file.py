@@ -1,4 +1,4 @@
-"""``part.npz``: the drawing of a cut, so that its figures can be made anew from the folder."""
+"""``part.npz``: the drawing of a cut, so that its figures can be made again from the folder."""
 
 from __future__ import annotations
 

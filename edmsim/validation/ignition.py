@@ -46,7 +46,7 @@ def isolated_gap(machine: Machine, gap_um: float, seed: int) -> Plant:
     """Return a plant in a hole whose rays see `gap_um` on average.
 
     The kerf field is made of cells of 4 um, so single rays see up to a um more or less, and their mean is
-    not the hole's gap: it is measured and the hole made anew.
+    not the hole's gap: it is measured and the hole made again.
     """
     first = in_a_hole(machine, gap_um, seed)
     first.advance()

@@ -57,7 +57,7 @@ def test_a_log_made_under_a_gap_controller_is_fitted(steered: SimpleNamespace) -
     The controller has a few shorts less than the fixed feed of the comparison, which bends the critical gap a little.
     """
     fit = calibrate(log_of(steered.table), steered.machine, list(steered.truth), seed=3)
-    assert not fit.untold
+    assert not fit.undetermined
     critical, removal = fit.constants
     assert removal.interval[0] <= steered.truth[removal.name] <= removal.interval[1]
     assert critical.value == pytest.approx(steered.truth[critical.name], abs=0.2)
@@ -68,7 +68,7 @@ def test_a_log_made_under_a_gap_controller_is_fitted(steered: SimpleNamespace) -
 
 @pytest.mark.slow
 def test_what_the_log_cannot_tell_keeps_its_value(known: SimpleNamespace, recovered: Fit) -> None:
-    assert recovered.untold == {"wire.strength_MPa": "the statistics do not depend on it"}
+    assert recovered.undetermined == {"wire.strength_MPa": "the statistics do not depend on it"}
     assert recovered.machine.wire == known.machine.wire
 
 

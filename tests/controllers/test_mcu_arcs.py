@@ -61,7 +61,7 @@ def test_chords_lie_within_1_um_of_the_circle_and_sweep_the_angle(radius, start,
 
 @pytest.mark.parametrize("radius", [1, 2, 3, 4, 7, 30, 255, 256, 1000, 32_767])
 def test_the_walk_is_the_nearest_lattice_circle_by_additions(radius):
-    """Its excess is carried along, never computed anew; half a um off from a radius of 4 um on."""
+    """Its excess is carried along, never computed again; half a um off from a radius of 4 um on."""
     points = list(islice(arcs._walk(radius, 0), 8 * radius))
     assert all(excess == x * x + y * y - radius * radius for x, y, excess in points)
     assert max(abs(excess) for *_, excess in points) <= (radius if radius >= 4 else 2 * radius)

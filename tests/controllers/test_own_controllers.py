@@ -147,7 +147,7 @@ def test_a_policy_conforms_and_so_may_an_own_one() -> None:
 
 
 @pytest.mark.parametrize(("kind", "told"), [
-    (Counting, "remembers something across reset"), (Restless, "made anew"), (Delayed, "feed of nan um/s"),
+    (Counting, "remembers something across reset"), (Restless, "made again"), (Delayed, "feed of nan um/s"),
     (Fast, "50 um/s where the machine runs 33.3375"), (Number, "answered 5.0: it must return a FeedCommand"),
     (Forgetful, "does not go on from its snapshot"), (Unwritable, "snapshot that JSON cannot hold"),
     (object, "is no feed controller: it has no name, reset, update, snapshot, restore"),
@@ -200,7 +200,7 @@ def test_a_file_that_cannot_be_run_is_one_line(law: Path, text: str, told: str) 
         from_text(f"{law.parent / 'none.py'}:Half")
 
 
-def test_a_changed_file_is_run_anew_and_a_resumed_cut_notices(
+def test_a_changed_file_is_run_again_and_a_resumed_cut_notices(
     law: Path, small_punch: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     step, out = Simulation.step, tmp_path / "out"

@@ -31,7 +31,7 @@ def score_rows(name, scores):
         yield f"| `{name}` | {resolution} | " + " | ".join([*returns, *cells]) + " |"
 
 
-if __name__ == "__main__":  # writes the table anew
+if __name__ == "__main__":  # writes the table again
     shipped = sorted((ROOT / "models" / "policies").glob("*.json"))
     lines = [row for file in shipped for row in score_rows(file.stem, json.loads(file.read_text())["scores"])]
     before, rest = PAGE.split("<!-- scores -->")

@@ -172,7 +172,7 @@ def test_removed_metal_balances_the_craters(machine, drive, resolution):
     assert plant.removed_mm3 == pytest.approx(told_mm3, rel=1e-4)  # less what is kept for the next part
 
 
-def test_craters_wait_on_the_rays_until_they_are_traced_anew(machine, drive):
+def test_craters_wait_on_the_rays_until_they_are_traced_again(machine, drive):
     """At `fast` that is every fourth window; what waits counts as removed, and outlasts the wire."""
     plant = edmsim.Plant(machine, seed=4, resolution="fast")
     assert plant.resolution.trace_windows == 4

@@ -125,7 +125,7 @@ def folder(small_cut: SimpleNamespace, tmp_path: Path) -> Path:
     return tmp_path
 
 
-def test_a_page_made_anew_is_the_one_the_cut_wrote(folder: Path, small_cut: SimpleNamespace) -> None:
+def test_a_page_made_again_is_the_one_the_cut_wrote(folder: Path, small_cut: SimpleNamespace) -> None:
     assert remake(folder, None, "pdf", print) == [folder / "report.html"]
     assert (folder / "report.html").read_bytes() == (small_cut.folder / "report.html").read_bytes()
 

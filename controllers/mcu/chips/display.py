@@ -115,7 +115,7 @@ class Kdc8279:
         self._scans = dict(zip(state[keys::2], state[keys + 1 :: 2], strict=True))
 
     def _place(self) -> int:
-        """Word the command points at, which then goes on where it is told to."""
+        """Word the command points at, which then goes on at the place the command names."""
         place = self._command & 0xF
         if self._command & _NEXT:
             self._command = self._command & 0xF0 | place + 1 & 0xF

@@ -130,6 +130,8 @@ def flush(debris: NDArray[np.float64], lower: float, upper: float, share: NDArra
         upstream = 0.0
         for k in range(n):
             s = k if side == 0 else n - 1 - k
+            if share[side, s] == 0.0:
+                break
             flow = changes * share[side, s]
             debris[s] = (debris[s] + flow * upstream) / (1.0 + flow)
             upstream = debris[s]

@@ -1,7 +1,7 @@
 """Craters: what a discharge takes from the metal.
 
 A crater's area in its slice is shared among the rays in its width, whose edges recede at once; the field itself
-is carved before they are traced anew, ray by ray, so that a cell is looked up once for all discharges since.
+is carved before they are traced again, ray by ray, so that a cell is looked up once for all discharges since.
 """
 
 from __future__ import annotations

@@ -42,7 +42,7 @@ def pictures(
         Single pulses of a straight cut with this cut's set-up, or why there are none
         (`edmsim.job.single_pulses.sample_or_reason`).
     leave_out : callable
-        Is told which figures cannot be made of this cut, and why.
+        Called with which figures cannot be made of this cut, and why.
 
     Yields
     ------

@@ -152,7 +152,7 @@ def growing_kerf(scene: Scene, places_um: NDArray[np.float64], path_um: NDArray[
         way = places_um[max(first - 1, 0) : last + 1] / 1000.0
         line = shapely.LineString(way) if len(way) > 1 else shapely.Point(way[0])
         swept = swept.union(line.simplify(0.002).buffer(reach, quad_segs=4)).simplify(0.001)
-        cut = kerf.intersection(swept)  # anew from the whole kerf: taken piece by piece it would leave slivers
+        cut = kerf.intersection(swept)  # again from the whole kerf: taken piece by piece it would leave slivers
         rows.append(last)
         solids.append(_solid([(face.difference(cut), height) for face, height in faces]))
     return Growth(np.array(rows), tuple(solids), tolerance)
