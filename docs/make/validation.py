@@ -122,8 +122,8 @@ def validation_page(rows: Sequence[Row]) -> str:
         "Rows that fail stay, with the reason behind the link.",
         "",
         "Constants were fixed from derivations and sources and frozen before these rows were run. A row whose fact",
-        "was in view when a constant was chosen is a calibration; a row whose source is about something else, or that",
-        "has no published figure, is context. Neither counts; both are listed at the end, with their reasons.",
+        "was in view when a constant was chosen is a calibration; a row whose source is about something else, or",
+        "that has no published figure, is context. Neither counts; both are listed at the end, with their reasons.",
         "",
         f"{summary(rows)}.",
     ]
