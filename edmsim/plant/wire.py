@@ -95,7 +95,7 @@ def current2_at(a: Arrays, s: int) -> float:
         sum_ += a.current2_us[0, k]
     for k in range(s):
         sum_ += a.current2_us[1, k]
-    return sum_
+    return float(sum_)
 
 
 @compiled

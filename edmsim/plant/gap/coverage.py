@@ -84,7 +84,7 @@ def mean_covered(a: Arrays) -> float:
     sum_ = 0.0
     for s in range(a.debris.shape[0]):
         sum_ += a.covered[s]
-    return sum_ / a.debris.shape[0]
+    return float(sum_ / a.debris.shape[0])
 
 
 @compiled

@@ -106,7 +106,7 @@ def mean_loading(debris: NDArray[np.float64]) -> float:
     sum_ = 0.0
     for s in range(debris.shape[0]):
         sum_ += debris[s]
-    return sum_ / debris.shape[0]
+    return float(sum_ / debris.shape[0])
 
 
 @compiled

@@ -161,7 +161,7 @@ def resistance(a: Arrays, c: Constants, s: int, film: float, mean: float) -> flo
 @compiled
 def suction_limited(a: Arrays, c: Constants, s: int, force: float) -> float:
     """A film's force (um kg/s2) towards the metal is at most the ambient pressure on the wire: then it cavitates."""
-    return min(force, c.suction_N * 1e6 * (1.0 - a.covered[s]))
+    return float(min(force, c.suction_N * 1e6 * (1.0 - a.covered[s])))
 
 
 @compiled
