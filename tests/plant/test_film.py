@@ -261,7 +261,7 @@ def test_a_loaded_wire_creeps_through_a_narrow_film(front, side, period, mechani
     times = (np.arange(pulses) + 1) * period * 1e-6
     drag = drag_N_s_m2(R_UM, front, side, ETA)
     expected = linear(pure, drag, load_N, np.zeros(FAST.modes), times).mean(axis=1)
-    assert crept[-1] == pytest.approx(expected[-1], rel=0.1 if period < 50 else 0.25)
+    assert crept[-1] == pytest.approx(expected[-1], rel=0.15 if period < 50 else 0.25)
     assert expected[-1] < 0.02 / drag * times[-1] * 1e6
 
 
