@@ -261,7 +261,7 @@ def fire_window(
                 state, a, c, axes, link, p, t, load, films, sums, open_scale, burn_scale, delay, delay + burn,
                 period_ns, at, kick_x, kick_y, events, next_event,
             )
-            damp(a, c, film, period_us)
+            damp(a, c, film, period_us, 0.5e6 * link.timestep[0])
             state[0].time_ns += period_ns
         else:
             k_ignite = min(int(delay * per_grid + 0.5), k_period)
@@ -270,7 +270,7 @@ def fire_window(
             pull_scale = (open_scale * delay + burn_scale * burn) / period_us
             pull_share = 0.5 * delay / period_us
             squeeze(a, c, p, position, sums, held, k_period, period_us, pull_scale, pull_share, film)
-            damp(a, c, film, period_us)
+            damp(a, c, film, period_us, 0.0)
             state[0].time_ns += period_ns
             next_event = advance_axes(
                 state, a, axes, p, t, k_period, c.step_um, events, next_event, state[0].time_ns, False

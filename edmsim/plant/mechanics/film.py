@@ -139,7 +139,7 @@ def _speed(a: Arrays) -> float:
 
 
 @compiled
-def damp(a: Arrays, c: Constants, film: float, period_us: float) -> None:
+def damp(a: Arrays, c: Constants, film: float, period_us: float, ahead_us: float) -> None:
     """Damp the wire's motion along both axes by the mean film, and by what the water loses at the film's edges.
 
     The loss grows with the square of the speed; it is linearised at the slices' mean square, as for random motion.
@@ -148,7 +148,9 @@ def damp(a: Arrays, c: Constants, film: float, period_us: float) -> None:
     for m in range(0, a.mobility.shape[0], COORDINATES):
         kept = spread(1.0) / (load(a.mobility, (m,)) * (resistance * period_us * 1e-6) + 1.0)
         for axis in range(2):
-            store(a.wire_v, (axis, m), load(a.wire_v, (axis, m)) * kept)
+            speed = load(a.wire_v, (axis, m))
+            store(a.wire_q, (axis, m), load(a.wire_q, (axis, m)) - (speed - speed * kept) * (ahead_us * 1e-6))
+            store(a.wire_v, (axis, m), speed * kept)
 
 
 @compiled
