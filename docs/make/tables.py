@@ -25,7 +25,7 @@ from edmsim.cli import app as cli
 from edmsim.controllers.feed.gap_servo import ServoController
 from edmsim.machine.files import available
 from edmsim.machine.machine import Machine
-from edmsim.machine.setting import most_current_A, open_V
+from edmsim.machine.setting import most_current_A, open_V, pulse_shape
 from edmsim.recording.windows import COLUMNS
 
 DOCS = Path(__file__).parents[1]
@@ -166,7 +166,7 @@ def _wire(m: Machine) -> tuple[str, ...]:
 
 
 def _generator(m: Machine) -> tuple[str, ...]:
-    shape, peak_A = m.generator.pulse_shape, most_current_A(m)
+    shape, peak_A = pulse_shape(m), most_current_A(m)
     return m.generator.title, f"{m.t_on_us:g}", f"{m.t_period_us:g}", f"{open_V(m):g}", f"{shape}, {peak_A:.3g}"
 
 

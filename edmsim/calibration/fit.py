@@ -129,7 +129,7 @@ def calibrate(
     if resolution is None:
         resolution = start_of(log).resolution
     comparison = StretchComparison(machine, picked, seed, resolution, watch)
-    return _fit_what_is_told(comparison, list(known), log.name)
+    return _fit_what_is_determined(comparison, list(known), log.name)
 
 
 def spread(steady: Sequence[Stretch], most: int) -> list[Stretch]:
@@ -139,7 +139,7 @@ def spread(steady: Sequence[Stretch], most: int) -> list[Stretch]:
     return sorted((ordered[k] for k in places), key=lambda s: s.first)
 
 
-def _fit_what_is_told(comparison: StretchComparison, names: Sequence[str], log_name: str) -> Fit:
+def _fit_what_is_determined(comparison: StretchComparison, names: Sequence[str], log_name: str) -> Fit:
     """Fit what the log tells: constants it knows nothing of are left out, and those it cannot part go one by one.
 
     Where the search begins a constant may do nothing that it does where the log was made, at another share of short
@@ -147,31 +147,32 @@ def _fit_what_is_told(comparison: StretchComparison, names: Sequence[str], log_n
     """
     start = comparison.machine
     search: _Search | None = None
-    told = _told_alone(comparison, names, start)
-    if 0 < len(told) < len(names):
-        search = _Search(comparison, told, start)
+    determined = _determined_alone(comparison, names, start)
+    if 0 < len(determined) < len(names):
+        search = _Search(comparison, determined, start)
         search.run()
         start = search.machine(search.shares)
-        also = _told_alone(comparison, [name for name in names if name not in told], start)
-        told = [name for name in names if name in told or name in also]
-    undetermined = {name: "the statistics do not depend on it" for name in names if name not in told}
-    while told:
-        if search is None or search.names != told:
-            begun = {name: constant.value for name, constant in choose(start, told).items()}
-            search = _Search(comparison, told, with_values(comparison.machine, begun))
+        also = _determined_alone(comparison, [name for name in names if name not in determined], start)
+        determined = [name for name in names if name in determined or name in also]
+    undetermined = {name: "the statistics do not depend on it" for name in names if name not in determined}
+    while determined:
+        if search is None or search.names != determined:
+            begun = {name: constant.value for name, constant in choose(start, determined).items()}
+            search = _Search(comparison, determined, with_values(comparison.machine, begun))
             search.run()
         error = search.standard_errors()
         worst = int(error.argmax())
         if error[worst] < UNTOLD:
             return _result(search, error, undetermined)
-        name = told[worst]
-        told = [other for other in told if other != name]
-        undetermined[name] = f"another value of {', '.join(told)} does the same" if told else "the noise hides it"
+        name = determined[worst]
+        determined = [other for other in determined if other != name]
+        others = ", ".join(determined)
+        undetermined[name] = f"another value of {others} does the same" if determined else "the noise hides it"
     reasons = "; ".join(f"{name}: {reason}" for name, reason in undetermined.items())
     raise InputError(f"the log tells none of the constants ({reasons})", log_name)
 
 
-def _told_alone(comparison: StretchComparison, names: Sequence[str], at: Machine) -> list[str]:
+def _determined_alone(comparison: StretchComparison, names: Sequence[str], at: Machine) -> list[str]:
     """Return those constants that the log would determine, at this machine, if each were the only one unknown."""
     search = _Search(comparison, names, at)
     alone = np.diag(search.information_at(search.shares))

@@ -178,9 +178,9 @@ class CutSettings(BaseModel):
 
         An option that a report of an earlier version does not have is at its default.
         """
-        told = {**report["settings"], "seed": report["seed"]}
-        told |= {"tension": told["tension_N"], "offset": told["offset_um"] * 1e-3}
-        return cls(**{name: told[name] for name in cls.model_fields if name in told})
+        settings = {**report["settings"], "seed": report["seed"]}
+        settings |= {"tension": settings["tension_N"], "offset": settings["offset_um"] * 1e-3}
+        return cls(**{name: settings[name] for name in cls.model_fields if name in settings})
 
     @property
     def workpiece(self) -> Heights:

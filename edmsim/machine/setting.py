@@ -55,9 +55,14 @@ def _in_force(chosen: float | None, constant: Constant) -> float:
     return constant.value if chosen is None else chosen
 
 
+def pulse_shape(machine: SetUp) -> str:
+    """Name of the shape of a discharge's current."""
+    return machine.pulse_shape or machine.generator.pulse_shape
+
+
 def pulse_form(machine: SetUp) -> PulseForm:
     """Form of a discharge's current."""
-    return PULSE_FORMS[machine.pulse_shape or machine.generator.pulse_shape]
+    return PULSE_FORMS[pulse_shape(machine)]
 
 
 def open_V(machine: SetUp) -> float:
@@ -71,22 +76,26 @@ def supply_V(machine: SetUp) -> float:
     return open_V(machine) if second is None else second.value
 
 
+def _driving_V(machine: SetUp) -> float:
+    """Voltage on the resistance in series with a burning gap."""
+    return supply_V(machine) - machine.material.burning_voltage_V.value
+
+
 def most_current_A(machine: SetUp) -> float:
     """Greatest peak current: what the supply drives through the generator's own resistor (row T-4)."""
-    return (supply_V(machine) - machine.material.burning_voltage_V.value) / machine.generator.resistance_ohm.value
+    return _driving_V(machine) / machine.generator.resistance_ohm.value
 
 
 def resistance_ohm(machine: SetUp) -> float:
     """Resistance in series with the gap; the peak current is chosen by switching more of it in."""
     if machine.peak_current_A is not None:
-        return (supply_V(machine) - machine.material.burning_voltage_V.value) / machine.peak_current_A
+        return _driving_V(machine) / machine.peak_current_A
     return _in_force(machine.resistance_ohm, machine.generator.resistance_ohm)
 
 
 def discharge_current_A(machine: SetUp) -> float:
     """Mean current of a discharge: (u(i) - u(e)) / R (row T-4) at its peak, times the share of the pulse's shape."""
-    peak = (supply_V(machine) - machine.material.burning_voltage_V.value) / resistance_ohm(machine)
-    return peak * pulse_form(machine).mean
+    return _driving_V(machine) / resistance_ohm(machine) * pulse_form(machine).mean
 
 
 def short_current_A(machine: SetUp) -> float:
@@ -169,7 +178,7 @@ def _check_choices(machine: SetUp) -> None:
         raise InputError("peak current and resistance are both given: choose one, as it decides on the other")
     if machine.ignition_wait_us is not None and mode == "iso-pulse":
         raise InputError("an iso-pulse generator has no ignition wait: its switch opens at t_on, ignited or not")
-    shape = machine.pulse_shape or machine.generator.pulse_shape
+    shape = pulse_shape(machine)
     if shape not in PULSE_FORMS:
         raise InputError(f"unknown pulse shape '{shape}'; there are: {', '.join(PULSE_FORMS)}")
     if shape == "triangle" and mode == "iso-pulse":

@@ -378,9 +378,9 @@ def test_a_file_like_another_has_its_constants_where_it_gives_none(own_file: Own
 def test_a_file_like_another_is_checked_as_any(tmp_path: Path, text: str, said: str) -> None:
     file = tmp_path / "like.toml"
     file.write_text(text + "\n")
-    told = refusal(name=str(file))
-    assert told.startswith(str(file))
-    assert said in told
+    message = refusal(name=str(file))
+    assert message.startswith(str(file))
+    assert said in message
 
 
 def test_the_production_preset_has_the_pulses_of_a_modern_rough_cut() -> None:
