@@ -43,7 +43,7 @@ from edmsim.plant.kernel.state import (
     Scratch,
     Timing,
 )
-from edmsim.plant.mechanics.film import damp, find_films, mean_film, squeeze
+from edmsim.plant.mechanics.film import find_films, mean_film, mean_resistance, squeeze
 from edmsim.plant.mechanics.modal import copy, mean_deflection, move, place_wire, ringing
 from edmsim.plant.mechanics.mujoco_loop import FullLink, move_full
 from edmsim.plant.wire import HeatLaw
@@ -255,22 +255,22 @@ def fire_window(
         period_us = period_ns * 1e-3
         copy(held, a.wire_q)
         film = mean_film(c, totals[3], totals[4], sums.shape[0])
+        resistance = mean_resistance(a, c, film)
         if full:
-            find_films(a, c, position, sums, film, films)
+            find_films(a, c, position, sums, held, 0.0, 0.0, film, films)
             next_event = move_full(
-                state, a, c, axes, link, p, t, load, films, sums, open_scale, burn_scale, delay, delay + burn,
-                period_ns, at, kick_x, kick_y, events, next_event,
+                state, a, c, axes, link, p, t, load, films, resistance, sums, open_scale, burn_scale, delay,
+                delay + burn, period_ns, at, kick_x, kick_y, events, next_event,
             )
-            damp(a, c, film, period_us, 0.5e6 * link.timestep[0])
             state[0].time_ns += period_ns
         else:
             k_ignite = min(int(delay * per_grid + 0.5), k_period)
             k_end = min(int((delay + burn) * per_grid + 0.5), k_period)
-            move(a, p, load, sums, open_scale, burn_scale, k_ignite, k_end, k_period, at, kick_x, kick_y)
+            braking = resistance * period_us * 1e-6
+            move(a, p, load, sums, open_scale, burn_scale, k_ignite, k_end, k_period, at, kick_x, kick_y, braking)
             pull_scale = (open_scale * delay + burn_scale * burn) / period_us
             pull_share = 0.5 * delay / period_us
-            squeeze(a, c, p, position, sums, held, k_period, period_us, pull_scale, pull_share, film)
-            damp(a, c, film, period_us, 0.0)
+            squeeze(a, c, p, position, sums, held, k_period, period_us, pull_scale, pull_share, film, films)
             state[0].time_ns += period_ns
             next_event = advance_axes(
                 state, a, axes, p, t, k_period, c.step_um, events, next_event, state[0].time_ns, False

@@ -343,7 +343,7 @@ class Scratch(NamedTuple):
     sums : (slices, 4)
         See `breakdown.slice_sums`.
     contact : (slices,)
-    films : (slices, 3)
+    films : (slices, 5)
         See `film.find_films`.
     """
 
@@ -352,7 +352,7 @@ class Scratch(NamedTuple):
     held: Annotated[Array, Kept(2, "modes")]
     sums: Annotated[Array, Kept("slices", 4)]
     contact: Annotated[Array, Kept("slices")]
-    films: Annotated[Array, Kept("slices", 3)]
+    films: Annotated[Array, Kept("slices", 5)]
 
 
 class Own(NamedTuple):

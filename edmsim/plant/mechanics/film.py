@@ -139,18 +139,12 @@ def _speed(a: Arrays) -> float:
 
 
 @compiled
-def damp(a: Arrays, c: Constants, film: float, period_us: float, ahead_us: float) -> None:
-    """Damp the wire's motion along both axes by the mean film, and by what the water loses at the film's edges.
+def mean_resistance(a: Arrays, c: Constants, film: float) -> float:
+    """Resistance of a slice in kg/s that damps all modes: the mean film, and what the water loses at its edges.
 
     The loss grows with the square of the speed; it is linearised at the slices' mean square, as for random motion.
     """
-    resistance = film + c.jet_kg_um * _speed(a)
-    for m in range(0, a.mobility.shape[0], COORDINATES):
-        kept = spread(1.0) / (load(a.mobility, (m,)) * (resistance * period_us * 1e-6) + 1.0)
-        for axis in range(2):
-            speed = load(a.wire_v, (axis, m))
-            store(a.wire_q, (axis, m), load(a.wire_q, (axis, m)) - (speed - speed * kept) * (ahead_us * 1e-6))
-            store(a.wire_v, (axis, m), speed * kept)
+    return film + c.jet_kg_um * _speed(a)
 
 
 @compiled
@@ -167,26 +161,56 @@ def suction_limited(a: Arrays, c: Constants, s: int, force: float) -> float:
 
 
 @compiled
-def find_films(a: Arrays, c: Constants, position: Array, sums: Array, mean: float, films: Array) -> None:
-    """Write every slice's film into `films` (slices, 3): direction to the metal, resistance in kg/s (0 if wide)."""
-    rays = rays_of(a)
+def find_films(
+    a: Arrays, c: Constants, position: Array, sums: Array, held: Array, pull_scale: float, pull_share: float,
+    mean: float, films: Array,
+) -> None:
+    """Write every slice's film into `films` (slices, 5).
+
+    Direction to the metal; resistance in kg/s, 0 if the gap is wide, in the middle of the way the wire has come since
+    `held`; by how much its pull has grown (um kg/s2) after the share `pull_share` of that way; room for a force.
+    """
+    rays, bare = rays_of(a), np.float32(0.5 / c.radius_um)
     for s in range(sums.shape[0]):
         pull = sums[s, 2] * sums[s, 2] + sums[s, 3] * sums[s, 3]
-        films[s, 2] = 0.0
+        films[s, 2] = films[s, 3] = films[s, 4] = 0.0
         if pull >= c.film_pull2_um4:
             per_pull = 1.0 / math.sqrt(pull)
             films[s, 0], films[s, 1] = sums[s, 2] * per_pull, sums[s, 3] * per_pull
+            nx, ny = np.float32(films[s, 0]), np.float32(films[s, 1])
+            travel = _motion(a, held, s, films[s, 0], films[s, 1])[0]
             sx, sy = moved(a, position, s)
-            nx, ny, still = np.float32(films[s, 0]), np.float32(films[s, 1]), np.float32(0.0)
-            films[s, 2] = resistance(a, c, s, film_sums(rays, s, sx, sy, nx, ny, still, still, still)[0], mean)
+            film_um, pull_um = np.float32(0.5 * travel), np.float32(pull_share * travel)
+            across, then = film_sums(rays, s, sx, sy, nx, ny, film_um, pull_um, bare)
+            films[s, 2] = resistance(a, c, s, across, mean)
+            films[s, 3] = (then * (1.0 - c.shielding * a.covered[s]) - math.sqrt(pull)) * pull_scale
+
+
+@compiled
+def _brake(
+    a: Arrays, c: Constants, p: Propagators, held: Array, s: int, k_period: int, period_us: float, last: bool,
+    films: Array,
+) -> None:
+    """Correct a slice's motion over a period for its film and its pull's change; at `last`, its speed, too."""
+    nx, ny, drag, growth = films[s, 0], films[s, 1], films[s, 2] * 1e6 / period_us, films[s, 3]
+    travel, speed = _motion(a, held, s, nx, ny)
+    yielding, throwing = p.yielding[k_period, s, 0], p.yielding[k_period, s, 1]
+    moves = (travel + yielding * (growth - films[s, 4])) / (1.0 + yielding * drag)
+    film = suction_limited(a, c, s, -drag * moves)
+    force, impulse = film + growth - films[s, 4], 0.0
+    films[s, 4] = film + growth
+    if last and film == -drag * moves:
+        stiff = yielding * drag / (1.0 + yielding * drag)
+        impulse = stiff * stiff * (moves * 1e6 / period_us - speed - throwing * force) * a.slice_mass_kg[s]
+    _apply(a, p, s, k_period, nx, ny, force, impulse)
 
 
 @compiled
 def squeeze(
     a: Arrays, c: Constants, p: Propagators, position: Array, sums: Array, held: Array, k_period: int,
-    period_us: float, pull_scale: float, pull_share: float, mean: float,
+    period_us: float, pull_scale: float, pull_share: float, mean: float, films: Array,
 ) -> None:
-    """Correct the wire's motion over a period for the film and for the pull's change, slice by slice.
+    """Correct the wire's motion over a period for the film and for the pull's change, slice by slice, up and down.
 
     The pull, which the motion took as it was at the period's begin, becomes that in the middle of its time, by when
     the share ``pull_share`` of the way is behind. With the resistance c and the yielding H, a slice that would have
@@ -194,24 +218,9 @@ def squeeze(
     speed then follows: a stiff film leaves it that of the way it came, or the force that stopped it would throw it
     back. ``pull_scale`` is the mean of the pull's scale over the period.
     """
-    rays, bare = rays_of(a), np.float32(0.5 / c.radius_um)
-    for s in range(sums.shape[0]):
-        pull = sums[s, 2] * sums[s, 2] + sums[s, 3] * sums[s, 3]
-        if pull < c.film_pull2_um4:
-            continue
-        per_pull = 1.0 / math.sqrt(pull)
-        nx, ny = sums[s, 2] * per_pull, sums[s, 3] * per_pull
-        travel, speed = _motion(a, held, s, nx, ny)
-        sx, sy = moved(a, position, s)
-        film_um, pull_um = np.float32(0.5 * travel), np.float32(pull_share * travel)
-        across, then = film_sums(rays, s, sx, sy, np.float32(nx), np.float32(ny), film_um, pull_um, bare)
-        growth = (then * (1.0 - c.shielding * a.covered[s]) - math.sqrt(pull)) * pull_scale
-        drag = resistance(a, c, s, across, mean) * 1e6 / period_us
-        yielding, throwing = p.yielding[k_period, s, 0], p.yielding[k_period, s, 1]
-        moves = (travel + yielding * growth) / (1.0 + yielding * drag)
-        film = suction_limited(a, c, s, -drag * moves)
-        force, impulse = film + growth, 0.0
-        if film == -drag * moves:
-            stiff = yielding * drag / (1.0 + yielding * drag)
-            impulse = stiff * stiff * (moves * 1e6 / period_us - speed - throwing * force) * a.slice_mass_kg[s]
-        _apply(a, p, s, k_period, nx, ny, force, impulse)
+    find_films(a, c, position, sums, held, pull_scale, pull_share, mean, films)
+    slices = sums.shape[0]
+    for at in range(2 * slices):
+        s = at if at < slices else 2 * slices - 1 - at
+        if films[s, 2] != 0.0 or films[s, 3] != 0.0:
+            _brake(a, c, p, held, s, k_period, period_us, at >= slices, films)

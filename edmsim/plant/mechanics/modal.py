@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edmsim.compiled.jit import compiled
-from edmsim.compiled.vectors import COORDINATES, load, spread, store, total
+from edmsim.compiled.vectors import COORDINATES, highest, load, spread, store, total
 from edmsim.plant.kernel.state import Array, Arrays, Propagators
 
 
@@ -100,12 +100,16 @@ def move(
     s: int,
     kick_x: float,
     kick_y: float,
+    braking: float,
 ) -> None:
     """Propagate every mode over a period of ``k_period`` grid steps.
 
     The pull acts until ignition, weaker while burning; the kick (N s) falls at the discharge's end on slice
     `s`. A constant force f switched on at t acts at the end T as ``f (1 - p11(T - t)) / omega^2`` on the
     deflection and as ``f p12(T - t)`` on the velocity, so no time step enters, only the grid of the tables.
+
+    `braking` is the mean resistance times the period, in kg. Half of it acts before, explicitly, half after, implicitly:
+    a creeping mode then has both the way and the speed of its load, however stiff the film, and no mode grows.
     """
     since_ignite, since_end = k_period - k_ignite, k_period - k_end
     project(a, sums, forces)
@@ -120,12 +124,17 @@ def move(
         jump = load(a.shape, (s, m)) * 1e6
         kicked, thrown = s2 * jump, load(p.wire, (since_end, 3, m)) * jump
         back, damped = load(p.wire, (k_period, 2, m)), load(p.wire, (k_period, 3, m))
+        brake = load(a.mobility, (m,)) * braking
+        early = highest(spread(1.0) - brake * 0.5, spread(0.0))
+        late, slow = spread(1.0) / (early + brake), spread(1.0) / (early + brake * 0.5)
         for axis in range(2):
             kick = kick_x if axis == 0 else kick_y
-            q, v, force = load(a.wire_q, (axis, m)), load(a.wire_v, (axis, m)), load(forces, (axis, m))
+            q, v, force = load(a.wire_q, (axis, m)), load(a.wire_v, (axis, m)) * early, load(forces, (axis, m))
             steady = load(a.steady, (axis, m))
-            store(a.wire_q, (axis, m), c0 * q + s0 * v + force * settled + steady * stays + kicked * kick)
-            store(a.wire_v, (axis, m), back * q + damped * v + force * moving + steady * s0 + thrown * kick)
+            way = c0 * q + s0 * v + force * settled + steady * stays + kicked * kick - q
+            store(a.wire_q, (axis, m), q + way * slow)
+            speed = back * q + damped * v + force * moving + steady * s0 + thrown * kick
+            store(a.wire_v, (axis, m), speed * late)
     q, v = load(a.table_q, (0, 0)), load(a.table_v, (0, 0))
     at = (k_period, 0, 0)
     store(a.table_q, (0, 0), load(p.table11, at) * q + load(p.table12, at) * v)

@@ -46,6 +46,8 @@ class FullLink(NamedTuple):
         Longest time step.
     reach_m : float
         A node further from the line between the guides is lost.
+    node_kg : (nodes,)
+        Mass of every node.
     most_force_N : float
         A node pulled harder is lost.
     rad_per_um : (2,)
@@ -76,6 +78,7 @@ class FullLink(NamedTuple):
     rotor: Annotated[NDArray[np.int64], Kept(2)]
     longest_us: float
     reach_m: float
+    node_kg: Annotated[Array, Kept("nodes")]
     most_force_N: float
     rad_per_um: Annotated[Array, Kept(2)]
     step_um: float
@@ -194,11 +197,32 @@ def _see_axes(state: NDArray[np.void], axes: Axes, link: FullLink) -> None:
 
 
 @compiled
-def _add_films(a: Arrays, c: Constants, link: FullLink, films: Array) -> None:
-    """Add to the forces what the films do at the wire's present speed.
+def _push(a: Arrays, link: FullLink, s: int, impulse_x: float, impulse_y: float) -> None:
+    """Let an impulse (N s) on a slice act over the last time step: on the speeds, and on the places by them."""
+    dt = link.timestep[0]
+    for m in range(link.wire.shape[1]):
+        share = a.shape[s, m] / link.node_kg[m]
+        x, y = link.wire[0, m], link.wire[1, m]
+        link.qvel[x] += share * impulse_x
+        link.qvel[y] += share * impulse_y
+        link.qpos[x] += share * impulse_x * dt
+        link.qpos[y] += share * impulse_y * dt
 
-    The speed a film resists is that after the time step: with the mass m a slice moves, ``c v / (1 + c dt / m)``.
+
+@compiled
+def _brake(a: Arrays, c: Constants, link: FullLink, films: Array, resistance: float) -> None:
+    """Let mean film and films resist the speed after a time step, which the step has moved the wire with.
+
+    With the mass m a slice moves, a speed v becomes ``v / (1 + c dt / m)``, slice by slice: no film is too stiff.
     """
+    dt = link.timestep[0]
+    for m in range(link.wire.shape[1]):
+        taken = 1.0 - 1.0 / (1.0 + a.mobility[m] * resistance * dt)
+        for axis in range(2):
+            dof = link.wire[axis, m]
+            change = link.qvel[dof] * taken
+            link.qvel[dof] -= change
+            link.qpos[dof] -= change * dt
     for s in range(films.shape[0]):
         nx, ny = films[s, 0], films[s, 1]
         if films[s, 2] == 0.0:
@@ -207,12 +231,9 @@ def _add_films(a: Arrays, c: Constants, link: FullLink, films: Array) -> None:
         for m in range(link.wire.shape[1]):
             x, y, shape = link.wire[0, m], link.wire[1, m], a.shape[s, m]
             speed += shape * (link.qvel[x] * nx + link.qvel[y] * ny)
-        drag = films[s, 2] / (1.0 + films[s, 2] * link.timestep[0] / a.slice_mass_kg[s])
-        force = suction_limited(a, c, s, -drag * speed * 1e6)
-        for m in range(link.wire.shape[1]):
-            share = a.shape[s, m] * force * 1e-6
-            link.force[link.wire[0, m]] += share * nx
-            link.force[link.wire[1, m]] += share * ny
+        drag = films[s, 2] / (1.0 + films[s, 2] * dt / a.slice_mass_kg[s])
+        impulse = suction_limited(a, c, s, -drag * speed * 1e6) * 1e-6 * dt
+        _push(a, link, s, impulse * nx, impulse * ny)
 
 
 @compiled
@@ -232,6 +253,7 @@ def move_full(
     t: Timing,
     load: Array,
     films: Array,
+    resistance: float,
     sums: Array,
     open_scale: float,
     burn_scale: float,
@@ -256,8 +278,10 @@ def move_full(
     ----------
     load : (2, nodes)
         Room for the pull on the nodes.
-    films : (slices, 3)
+    films : (slices, 5)
         See `film.find_films`.
+    resistance : float
+        See `film.mean_resistance`.
     events : int64 (n, 3)
         Time in ns, channel and value, in order of time (see `edmsim.Plant.advance`).
     next_event : int
@@ -296,10 +320,10 @@ def move_full(
             share = a.shape[s, m] * kick
             link.force[link.wire[0, m]] = (load[0, m] * scale + a.steady[0, m]) * 1e-6 + share * kick_x
             link.force[link.wire[1, m]] = (load[1, m] * scale + a.steady[1, m]) * 1e-6 + share * kick_y
-        _add_films(a, c, link, films)
         sound = _step(state, axes, link)
         if not sound:
             break
+        _brake(a, c, link, films, resistance)
         if axes.loops != 0:
             _see_axes(state, axes, link)
             step_motors(state, axes, dt_us)

@@ -149,6 +149,7 @@ class FullMechanics:
             rotor=_dofs(model, ["x_rotor", "y_rotor"]),
             longest_us=_STEP_SHARE * _stable_step(self.modes) * 1e6,
             reach_m=min(wire.guide_distance_m / 2, wildest),
+            node_kg=self._node_mass,
             most_force_N=_MOST_ACCELERATION * node_mass,
             rad_per_um=self.modes.rotor_rad_per_m * 1e-6,
             step_um=drive.step_m * 1e6,
