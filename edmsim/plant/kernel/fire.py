@@ -270,7 +270,8 @@ def fire_window(
             move(a, p, load, sums, open_scale, burn_scale, k_ignite, k_end, k_period, at, kick_x, kick_y, braking)
             pull_scale = (open_scale * delay + burn_scale * burn) / period_us
             pull_share = 0.5 * delay / period_us
-            squeeze(a, c, p, position, sums, held, k_period, period_us, pull_scale, pull_share, film, films)
+            slow = 1.0 / max(1.0, 0.5 * braking * a.mobility[0])
+            squeeze(a, c, p, position, sums, held, k_period, period_us, pull_scale, pull_share, film, slow, films)
             state[0].time_ns += period_ns
             next_event = advance_axes(
                 state, a, axes, p, t, k_period, c.step_um, events, next_event, state[0].time_ns, False

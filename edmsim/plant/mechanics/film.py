@@ -188,13 +188,16 @@ def find_films(
 
 @compiled
 def _brake(
-    a: Arrays, c: Constants, p: Propagators, held: Array, s: int, k_period: int, period_us: float, last: bool,
-    films: Array,
+    a: Arrays, c: Constants, p: Propagators, held: Array, s: int, k_period: int, period_us: float, slow: float,
+    last: bool, films: Array,
 ) -> None:
-    """Correct a slice's motion over a period for its film and its pull's change; at `last`, its speed, too."""
+    """Correct a slice's motion over a period for its film and its pull's change; at `last`, its speed, too.
+
+    ``slow`` is the share of a force's effect that the mean film leaves (see `modal.braked`).
+    """
     nx, ny, drag, growth = films[s, 0], films[s, 1], films[s, 2] * 1e6 / period_us, films[s, 3]
     travel, speed = _motion(a, held, s, nx, ny)
-    yielding, throwing = p.yielding[k_period, s, 0], p.yielding[k_period, s, 1]
+    yielding, throwing = p.yielding[k_period, s, 0] * slow, p.yielding[k_period, s, 1] * slow
     moves = (travel + yielding * (growth - films[s, 4])) / (1.0 + yielding * drag)
     film = suction_limited(a, c, s, -drag * moves)
     force, impulse = film + growth - films[s, 4], 0.0
@@ -202,13 +205,13 @@ def _brake(
     if last and film == -drag * moves:
         stiff = yielding * drag / (1.0 + yielding * drag)
         impulse = stiff * stiff * (moves * 1e6 / period_us - speed - throwing * force) * a.slice_mass_kg[s]
-    _apply(a, p, s, k_period, nx, ny, force, impulse)
+    _apply(a, p, s, k_period, nx, ny, force * slow, impulse)
 
 
 @compiled
 def squeeze(
     a: Arrays, c: Constants, p: Propagators, position: Array, sums: Array, held: Array, k_period: int,
-    period_us: float, pull_scale: float, pull_share: float, mean: float, films: Array,
+    period_us: float, pull_scale: float, pull_share: float, mean: float, slow: float, films: Array,
 ) -> None:
     """Correct the wire's motion over a period for the film and for the pull's change, slice by slice, up and down.
 
@@ -223,4 +226,4 @@ def squeeze(
     for at in range(2 * slices):
         s = at if at < slices else 2 * slices - 1 - at
         if films[s, 2] != 0.0 or films[s, 3] != 0.0:
-            _brake(a, c, p, held, s, k_period, period_us, at >= slices, films)
+            _brake(a, c, p, held, s, k_period, period_us, slow, at >= slices, films)
