@@ -195,6 +195,7 @@ class Generator(Part):
     open_voltage_V: Positive
     supply_voltage_V: Positive | None = None
     resistance_ohm: Positive
+    short_current_share: Positive | None = None
     t_on_us: Positive
     t_period_us: Positive
     ignition_wait_us: Positive | None = None

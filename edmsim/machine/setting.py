@@ -99,8 +99,10 @@ def discharge_current_A(machine: SetUp) -> float:
 
 
 def short_current_A(machine: SetUp) -> float:
-    """Mean current of a short circuit over the on-time: no burning voltage is left."""
-    return supply_V(machine) / resistance_ohm(machine) * pulse_form(machine).mean
+    """Mean current of a short circuit over the on-time: no burning voltage is left, but the generator may cut it."""
+    share = machine.generator.short_current_share
+    full = supply_V(machine) / resistance_ohm(machine) * pulse_form(machine).mean
+    return full if share is None else share.value * full
 
 
 def mean_current_A(machine: SetUp) -> float:

@@ -26,7 +26,7 @@ from edmsim.plant.gap.water import (
 )
 from edmsim.plant.kernel.declare import ArraySizes, allocate
 from edmsim.plant.kernel.state import GRID, NO_METAL_UM, PULSES_PER_WINDOW, Arrays, Constants, Propagators, Timing
-from edmsim.plant.mechanics.film import added_mass_kg_m, drag_N_s_m2, edge_loss_kg_m2, pull_sum_um2
+from edmsim.plant.mechanics.film import added_mass_kg_m, edge_loss_kg_m2, pull_sum_um2
 from edmsim.plant.mechanics.model import ModalModel, WireSetup, build_model, propagator_table, reduce_model
 from edmsim.plant.mechanics.mujoco_model import DriveSetup, FullMechanics
 from edmsim.plant.resolution import Resolution
@@ -40,8 +40,6 @@ RAY_RANGE_UM = 110.0
 CARVE_BEFORE_UM, CARVE_BEFORE_SPACINGS = 12.0, 0.75
 """How far before a ray's edge its wall is looked for, at least, and in ray spacings (ours): between rays it may stand
 nearer, the more the further they are apart, and what is not reached stays in the kerf."""
-FILM_GAP_UM = 16.0
-"""Front gap for which the mean film is set (ours: what the laboratory machine keeps)."""
 LEAST_ENERGY_J = 1e-9
 """Energy of a discharge below which its gas has no life to speak of (ours); a generator switched off has none."""
 PRIMED_SPAN = 3.0
@@ -89,14 +87,6 @@ def _kerf_um(machine: Machine) -> float:
     return machine.wire_diameter_um + 2 * machine.base.dielectric.side_gap_um.value
 
 
-def _film_per_pull(machine: Machine, res: Resolution) -> float:
-    """Resistance of the film in N s/m2 over the pull's sum in 1/um^2, at a usual gap."""
-    radius, side = machine.wire_diameter_um / 2, machine.base.dielectric.side_gap_um.value
-    front = min(FILM_GAP_UM, side)
-    drag = drag_N_s_m2(radius, front, side, _gap_viscosity_Pa_s(machine))
-    return drag / pull_sum_um2(radius, front, side, res.rays)
-
-
 def constants(machine: Machine, res: Resolution) -> Constants:
     """Numbers of the loop that do not depend on the generator's setting."""
     base, gap, water, spark, gas = (
@@ -140,11 +130,11 @@ def constants(machine: Machine, res: Resolution) -> Constants:
         pumping=gas.pumping.value,
         ejection=gas.ejection.value,
         film_um3_kg_s=12 * _gap_viscosity_Pa_s(machine) * radius**3 * 2 * math.pi / res.rays * slice_m,
-        film_per_pull_kg_s=_film_per_pull(machine, res) * slice_m,
+        film_from_um=front,
+        film_pull_um2=pull_sum_um2(radius, front, side, res.rays),
         jet_kg_um=1e-6
         * edge_loss_kg_m2(radius, water.side_gap_um.value, water.edge_loss.value, DENSITY_KG_M3)
         * slice_m,
-        film_pull2_um4=pull_sum_um2(radius, front, side, res.rays) ** 2,
         suction_N=AMBIENT_PA * machine.wire_diameter_um * 1e-6 * slice_m,
         magnetic_N_A2=machine.material.magnetic_share.value
         * VACUUM_PERMEABILITY_N_A2 / (2 * _kerf_um(machine) * 1e-6) * slice_m,

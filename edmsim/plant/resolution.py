@@ -21,8 +21,8 @@ class Resolution:
     cell_um : float
         Side of a cell of the kerf field: small against the gap, large enough for a few MB per 10 mm.
     film_from_um : float
-        Front gap below which the film between wire and metal is followed pulse by pulse; that of this gap damps the
-        wire everywhere.
+        Front gap in the kerf below which a slice's own film is followed pulse by pulse; the mean film of all slices
+        damps the wire at any gap.
     trace_windows : int
         Every so many windows what fell on the rays is carved from the field and they are traced again.
     """
@@ -31,7 +31,7 @@ class Resolution:
     rays: int
     modes: int
     cell_um: float = 4.0
-    film_from_um: float = 16.0
+    film_from_um: float = 12.0
     trace_windows: int = 1
 
 

@@ -105,24 +105,20 @@ def sum_up(a: Arrays) -> None:
 
 
 @compiled
-def _cover(share: Array, slices: int, per_um: float, place: float, half_um: float, kept: float) -> None:
-    """Cover the front half a length above and below a place (in slices), of which `kept` is left at the end."""
-    low, high = place - half_um * per_um, place + half_um * per_um
-    for s in range(max(0, int(low)), min(slices, int(high) + 1)):
-        share[s] += (1.0 - share[s]) * kept * (min(high, s + 1.0) - max(low, float(s)))
-
-
-@compiled
 def blow(a: Arrays, c: Constants, law: GasLaw, place: float, energy_J: float, k_left: int) -> None:
     """Let a discharge blow gas around a place (in slices from the lower face), so long before the period's end.
 
     It covers the front again where gas of former discharges lies, whose life ends with it: at one slice and a steady
     rate f the mean share is ``x / (1 + x)``, x = f times the life times the share of the slice one discharge covers.
+    The steam, which reaches further than the permanent gas, drives debris out.
     """
-    slices, per_um, root = a.debris.shape[0], 1.0 / c.slice_um, math.sqrt(energy_J)
-    steam_um = law.steam_um_J * root
-    _cover(a.steam, slices, per_um, place, steam_um, law.fading[k_left, 0])
-    _cover(a.gas, slices, per_um, place, law.gas_um_J * root, law.fading[k_left, 1])
-    low, high = place - steam_um * per_um, place + steam_um * per_um
-    for s in range(max(0, int(low)), min(slices, int(high) + 1)):
-        a.debris[s] *= 1.0 - c.pumping * (min(high, s + 1.0) - max(low, float(s)))
+    root = math.sqrt(energy_J) / c.slice_um
+    steam, gas = law.steam_um_J * root, law.gas_um_J * root
+    steam_left, gas_left = law.fading[k_left, 0], law.fading[k_left, 1]
+    reach = max(steam, gas)
+    for s in range(max(0, int(place - reach)), min(a.debris.shape[0], int(place + reach) + 1)):
+        under = max(0.0, min(place + steam, s + 1.0) - max(place - steam, float(s)))
+        a.steam[s] += (1.0 - a.steam[s]) * steam_left * under
+        a.debris[s] *= 1.0 - c.pumping * under
+        under = max(0.0, min(place + gas, s + 1.0) - max(place - gas, float(s)))
+        a.gas[s] += (1.0 - a.gas[s]) * gas_left * under

@@ -15,6 +15,8 @@ from edmsim.plant.gap.ray_trace import meets_metal, moved, narrowest_now, place_
 from edmsim.plant.kernel.state import ARC, NO_METAL_UM, OPEN, SHORT, SPARK, Array, Arrays, Constants, Timing
 from edmsim.plant.mechanics.modal import place_wire, push_out
 
+LEFT_UM = 0.1
+"""An overlap so small is left: the next contact is felt 2 um before the metal (ours)."""
 MOST_PUSHES = 2
 """So many pushes per slice take the wire out of the metal; what is left is judged at the window's end (ours)."""
 
@@ -91,7 +93,7 @@ def touch(
     deepest, slice_, place = deepest_contact(a, position, contact)
     s, k = slice_, place
     for _ in range(MOST_PUSHES * contact.shape[0]):
-        if deepest >= 0.0:
+        if deepest >= -LEFT_UM:
             break
         push_out(a, s, np.float64(a.cosine[s, k]), np.float64(a.sine[s, k]), -deepest)
         place_wire(state, a, position)

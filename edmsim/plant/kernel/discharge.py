@@ -15,6 +15,7 @@ from edmsim.plant.gap.debris import EINSTEIN, flush, mean_loading
 from edmsim.plant.gap.pulse_outcome import draw
 from edmsim.plant.gap.ray_trace import gap_of, ray_at
 from edmsim.plant.kernel.state import ARC, OPEN, Array, Arrays, Constants, Timing
+from edmsim.plant.mechanics.modal import project
 from edmsim.plant.wire import HeatLaw, current2_at, heat_step, strength_share
 from edmsim.plant.workpiece.craters import share_crater
 
@@ -129,26 +130,26 @@ def log_pulse(
 
 
 @compiled
-def _magnetise(a: Arrays, c: Constants, sums: Array, dt_us: float) -> None:
+def _magnetise(a: Arrays, c: Constants, sums: Array, dt_us: float, forces: Array) -> None:
     """Load the wire with the mean magnetic force of the currents since then, along the pull on every slice."""
-    n_slices, n_modes = a.shape.shape
-    for m in range(n_modes):
-        a.steady[0, m] = a.steady[1, m] = 0.0
-    for s in range(n_slices):
+    for s in range(sums.shape[0]):
         pull = math.sqrt(sums[s, 2] ** 2 + sums[s, 3] ** 2)
-        if pull > 0.0:
-            force = c.magnetic_N_A2 * current2_at(a, s) / dt_us * 1e6 / pull
-            for m in range(n_modes):
-                a.steady[0, m] += a.shape[s, m] * force * sums[s, 2]
-                a.steady[1, m] += a.shape[s, m] * force * sums[s, 3]
+        force = c.magnetic_N_A2 * current2_at(a, s) / dt_us * 1e6 / pull if pull > 0.0 else 0.0
+        forces[s, 2], forces[s, 3] = force * sums[s, 2], force * sums[s, 3]
+    project(a, forces, a.steady)
 
 
 @compiled
-def propagate_heat(state: NDArray[np.void], a: Arrays, c: Constants, heat: HeatLaw, sums: Array) -> None:
-    """Propagate heat and debris over the time that has gathered, wear the wire, and see whether it breaks."""
+def propagate_heat(
+    state: NDArray[np.void], a: Arrays, c: Constants, heat: HeatLaw, sums: Array, forces: Array
+) -> None:
+    """Propagate heat and debris over the time that has gathered, wear the wire, and see whether it breaks.
+
+    `forces` is room for the magnetic ones, in its third and fourth column.
+    """
     dt = state[0].heat_wait_us
     heat_step(a, heat, dt)
-    _magnetise(a, c, sums, dt)
+    _magnetise(a, c, sums, dt, forces)
     for s in range(a.debris.shape[0]):
         a.current2_us[0, s] = a.current2_us[1, s] = 0.0
     flowing = dt / (1.0 + EINSTEIN * mean_loading(a.debris))

@@ -43,7 +43,7 @@ from edmsim.plant.kernel.state import (
     Scratch,
     Timing,
 )
-from edmsim.plant.mechanics.film import find_films, mean_film, mean_resistance, squeeze
+from edmsim.plant.mechanics.film import find_films, mean_film, mean_resistance, scale_film, squeeze
 from edmsim.plant.mechanics.modal import copy, mean_deflection, move, place_wire, ringing
 from edmsim.plant.mechanics.mujoco_loop import FullLink, move_full
 from edmsim.plant.wire import HeatLaw
@@ -226,6 +226,8 @@ def fire_window(
     for n in range(PULSES_PER_WINDOW):
         place_wire(state, a, position)
         totals = sum_rays(a, c, law, position, sums, contact)
+        if state[0].traced_pulses == state[0].pulses:
+            scale_film(state, a, c, position, sums)
         _add_deflection(window, a)
         outcome, delay, s, k = decide(state, a, c, law, t, position, sums, contact, totals)
 
@@ -254,10 +256,10 @@ def fire_window(
             period_ns = int(k_period * t.grid_us * 1e3 + 0.5)
         period_us = period_ns * 1e-3
         copy(held, a.wire_q)
-        film = mean_film(c, totals[3], totals[4], sums.shape[0])
+        film = mean_film(state, totals[3], totals[4], sums.shape[0])
         resistance = mean_resistance(a, c, film)
         if full:
-            find_films(a, c, position, sums, held, 0.0, 0.0, film, films)
+            find_films(state, a, c, sums, held, 0.0, 0.0, film, films)
             next_event = move_full(
                 state, a, c, axes, link, p, t, load, films, resistance, sums, open_scale, burn_scale, delay,
                 delay + burn, period_ns, at, kick_x, kick_y, events, next_event,
@@ -271,7 +273,7 @@ def fire_window(
             pull_scale = (open_scale * delay + burn_scale * burn) / period_us
             pull_share = 0.5 * delay / period_us
             slow = 1.0 / max(1.0, 0.5 * braking * a.mobility[0])
-            squeeze(a, c, p, position, sums, held, k_period, period_us, pull_scale, pull_share, film, slow, films)
+            squeeze(state, a, c, p, sums, held, k_period, period_us, pull_scale, pull_share, film, slow, films)
             state[0].time_ns += period_ns
             next_event = advance_axes(
                 state, a, axes, p, t, k_period, c.step_um, events, next_event, state[0].time_ns, False
@@ -287,7 +289,7 @@ def fire_window(
         state[0].heat_wait_us += period_us
         window[0].duration_ns += period_ns
         if state[0].heat_wait_us >= HEAT_INTERVAL_US:
-            propagate_heat(state, a, c, heat, sums)
+            propagate_heat(state, a, c, heat, sums, films)
         if next_event == LOST:
             return _end(state, window, a, LOST_UM)
         if state[0].broken != 0 or n + 1 == count:

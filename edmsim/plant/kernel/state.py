@@ -48,6 +48,7 @@ STATE = np.dtype(
         ("traced_pulses", "i8"),
         ("carved_pulses", "i8"),
         ("traces", "i8"),
+        ("film_kg_um2_s", "f8"),
     ]
 )
 """Scalars of a plant's state. ``commanded_um`` are the axes' setpoints, their steps added up; ``axis_um`` is where
@@ -55,7 +56,7 @@ the axes are, less the ringing of those under a stepper, for which both are equa
 drawn, ``missed_um3`` what found no metal; ``deflection_um`` is the last window's mean, ``tiled_um`` the places (x, y)
 of the wire at the lower and the upper guide around which the field has tiles; ``traced_um`` and ``traced_pulses`` are
 the axes' places and the pulses fired when the rays were last traced, ``traces`` how often that was with this wire,
-``carved_pulses`` the pulses whose craters are carved."""
+``film_kg_um2_s`` the films' resistance over the pull then, ``carved_pulses`` the pulses whose craters are carved."""
 
 WINDOW = np.dtype(
     [
@@ -139,9 +140,9 @@ class Constants(NamedTuple):
     pumping: float
     ejection: float
     film_um3_kg_s: float
-    film_per_pull_kg_s: float
+    film_from_um: float
+    film_pull_um2: float
     jet_kg_um: float
-    film_pull2_um4: float
     suction_N: float
     magnetic_N_A2: float
     spot_gain: float

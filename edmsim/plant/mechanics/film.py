@@ -13,6 +13,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from edmsim.compiled.elementary import cube_root
 from edmsim.compiled.jit import compiled
 from edmsim.compiled.vectors import COORDINATES, highest, load, spread, store, total
 from edmsim.plant.gap.breakdown import PULL_GAP_FLOOR_UM
@@ -20,6 +21,9 @@ from edmsim.plant.gap.debris import EINSTEIN
 from edmsim.plant.gap.ray_trace import moved, rays_of
 from edmsim.plant.gap.rays import Rays, arc, gaps_of
 from edmsim.plant.kernel.state import Array, Arrays, Constants, Propagators
+
+LEAST_PULL = 0.2
+"""Pull under which the film is no longer scaled by it, over that of a front gap of `Resolution.film_from_um` (ours)."""
 
 _ANGLES = np.linspace(0.0, math.pi / 2, 721)
 
@@ -70,26 +74,33 @@ def pull_sum_um2(radius_um: float, front_um: float, side_um: float, rays: int) -
 
 
 @compiled
-def film_sums(
-    rays: Rays, s: int, sx: np.float32, sy: np.float32, nx: np.float32, ny: np.float32, film_um: np.float32,
-    pull_um: np.float32, bare: np.float32,
-) -> tuple[float, float]:
-    """Sums over a slice's rays of sin^2 / g^3 around a direction (1/um^3), and of the pull along it (1/um^2).
-
-    Each where the wire is `film_um` and `pull_um` further that way; ``bare`` is half the wire's curvature, for the
-    pull as `breakdown.slice_sums` has it.
-    """
-    film = pull = spread(np.float32(0.0))
-    floor, one = np.float32(PULL_GAP_FLOOR_UM), np.float32(1.0)
+def film_sum(rays: Rays, s: int, sx: np.float32, sy: np.float32, nx: np.float32, ny: np.float32) -> float:
+    """Sum over a slice's rays of sin^2 / g^3 around a direction, in 1/um^3."""
+    film, floor = spread(np.float32(0.0)), np.float32(PULL_GAP_FLOOR_UM)
     for at in arc(rays, s):
-        gap = gaps_of(rays, s, at, sx, sy)
-        cosine, sine = load(rays.cosine, (s, at)), load(rays.sine, (s, at))
-        along, across = cosine * nx + sine * ny, cosine * ny - sine * nx
-        narrow = highest(gap - along * film_um, floor)
-        film += across * across / (narrow * narrow * narrow)
-        field = spread(one) / highest(gap - along * pull_um, floor) + bare
-        pull += along * field * field
-    return float(total(film)), float(total(pull))
+        gap = highest(gaps_of(rays, s, at, sx, sy), floor)
+        across = load(rays.cosine, (s, at)) * ny - load(rays.sine, (s, at)) * nx
+        film += across * across / (gap * gap * gap)
+    return float(total(film))
+
+
+@compiled
+def scale_film(state: NDArray[np.void], a: Arrays, c: Constants, position: Array, sums: Array) -> None:
+    """Find the films' resistance over the pull, which they keep until the rays are traced again.
+
+    Both grow as the front comes nearer, the resistance a little faster: over the pull it is the same within a quarter
+    from 3 to 20 um in a kerf, six times less along a wall. Where the pulls cancel, a fifth of a kerf's is assumed.
+    """
+    rays = rays_of(a)
+    film = pulls = 0.0
+    for s in range(sums.shape[0]):
+        pull = math.sqrt(sums[s, 2] * sums[s, 2] + sums[s, 3] * sums[s, 3])
+        if pull > 0.0:
+            sx, sy = moved(a, position, s)
+            film += film_sum(rays, s, sx, sy, np.float32(sums[s, 2] / pull), np.float32(sums[s, 3] / pull))
+            pulls += pull / (1.0 - c.shielding * a.covered[s])
+    least = LEAST_PULL * c.film_pull_um2 * sums.shape[0]
+    state[0].film_kg_um2_s = c.film_um3_kg_s * film / max(pulls, least)
 
 
 @compiled
@@ -120,12 +131,9 @@ def _apply(
 
 
 @compiled
-def mean_film(c: Constants, pull_x: float, pull_y: float, slices: int) -> float:
-    """Viscous resistance of the film in kg/s, the mean of the slices, by their pull: it follows that in a quarter.
-
-    Their ratio, 1 at the gap it is set for, is 0.8 at a front gap of 3 um beside 31 um, and 0.6 at 40 beside 55 um.
-    """
-    return c.film_per_pull_kg_s * math.sqrt(pull_x * pull_x + pull_y * pull_y) / slices
+def mean_film(state: NDArray[np.void], pull_x: float, pull_y: float, slices: int) -> float:
+    """Viscous resistance of the film in kg/s, the mean of the slices, by their pull (see `scale_film`)."""
+    return float(state[0].film_kg_um2_s * math.sqrt(pull_x * pull_x + pull_y * pull_y) / slices)
 
 
 @compiled
@@ -148,13 +156,6 @@ def mean_resistance(a: Arrays, c: Constants, film: float) -> float:
 
 
 @compiled
-def resistance(a: Arrays, c: Constants, s: int, film: float, mean: float) -> float:
-    """What the film of a slice has more than the mean one, in kg/s, debris and gas in it considered."""
-    film = c.film_um3_kg_s * film * (1.0 + EINSTEIN * a.debris[s]) * (1.0 - a.covered[s])
-    return max(film - mean, 0.0)
-
-
-@compiled
 def suction_limited(a: Arrays, c: Constants, s: int, force: float) -> float:
     """A film's force (um kg/s2) towards the metal is at most the ambient pressure on the wire: then it cavitates."""
     return float(min(force, c.suction_N * 1e6 * (1.0 - a.covered[s])))
@@ -162,55 +163,61 @@ def suction_limited(a: Arrays, c: Constants, s: int, force: float) -> float:
 
 @compiled
 def find_films(
-    a: Arrays, c: Constants, position: Array, sums: Array, held: Array, pull_scale: float, pull_share: float,
+    state: NDArray[np.void], a: Arrays, c: Constants, sums: Array, held: Array, pull_scale: float, pull_share: float,
     mean: float, films: Array,
-) -> None:
-    """Write every slice's film into `films` (slices, 5).
+) -> int:
+    """Write every slice's film into `films` (slices, 5), and return how many there are.
 
-    Direction to the metal; resistance in kg/s, 0 if the gap is wide, in the middle of the way the wire has come since
-    `held`; by how much its pull has grown (um kg/s2) after the share `pull_share` of that way; room for a force.
+    Direction to the metal; resistance in kg/s that the film has more than the mean one, in the middle of the way the
+    wire has come since `held`, 0 if the gap is wide; by how much its pull has grown (um kg/s2) after the share
+    `pull_share` of that way; room for a force. The pull's own size tells the front gap: it grows as ``g^(-3/2)``.
     """
-    rays, bare = rays_of(a), np.float32(0.5 / c.radius_um)
+    found = 0
     for s in range(sums.shape[0]):
-        pull = sums[s, 2] * sums[s, 2] + sums[s, 3] * sums[s, 3]
+        pull2 = sums[s, 2] * sums[s, 2] + sums[s, 3] * sums[s, 3]
         films[s, 2] = films[s, 3] = films[s, 4] = 0.0
-        if pull >= c.film_pull2_um4:
-            per_pull = 1.0 / math.sqrt(pull)
+        if pull2 >= c.film_pull_um2 * c.film_pull_um2:
+            pull = math.sqrt(pull2)
+            per_pull = 1.0 / pull
             films[s, 0], films[s, 1] = sums[s, 2] * per_pull, sums[s, 3] * per_pull
-            nx, ny = np.float32(films[s, 0]), np.float32(films[s, 1])
+            root = cube_root(c.film_pull_um2 * per_pull * (1.0 - c.shielding * a.covered[s]))
+            gap = c.film_from_um * root * root
             travel = _motion(a, held, s, films[s, 0], films[s, 1])[0]
-            sx, sy = moved(a, position, s)
-            film_um, pull_um = np.float32(0.5 * travel), np.float32(pull_share * travel)
-            across, then = film_sums(rays, s, sx, sy, nx, ny, film_um, pull_um, bare)
-            films[s, 2] = resistance(a, c, s, across, mean)
-            films[s, 3] = (then * (1.0 - c.shielding * a.covered[s]) - math.sqrt(pull)) * pull_scale
+            nearer = gap / max(gap - 0.5 * travel, PULL_GAP_FLOOR_UM)
+            then = gap / max(gap - pull_share * travel, PULL_GAP_FLOOR_UM)
+            film = state[0].film_kg_um2_s * pull * nearer * nearer * (1.0 + EINSTEIN * a.debris[s])
+            films[s, 2] = max(film - mean, 0.0)
+            films[s, 3] = pull * (then * math.sqrt(then) - 1.0) * pull_scale
+            found += 1
+    return found
 
 
 @compiled
 def _brake(
-    a: Arrays, c: Constants, p: Propagators, held: Array, s: int, k_period: int, period_us: float, slow: float,
+    a: Arrays, c: Constants, p: Propagators, held: Array, s: int, k_period: int, per_s: float, slow: float,
     last: bool, films: Array,
 ) -> None:
-    """Correct a slice's motion over a period for its film and its pull's change; at `last`, its speed, too.
+    """Correct a slice's motion over a period, of which `per_s` fit into a second, for its film and its pull's change.
 
-    ``slow`` is the share of a force's effect that the mean film leaves (see `modal.braked`).
+    At `last`, its speed, too. ``slow`` is the share of a force's effect that the mean film leaves (see `modal.move`).
     """
-    nx, ny, drag, growth = films[s, 0], films[s, 1], films[s, 2] * 1e6 / period_us, films[s, 3]
+    nx, ny, drag, growth = films[s, 0], films[s, 1], films[s, 2] * per_s, films[s, 3]
     travel, speed = _motion(a, held, s, nx, ny)
     yielding, throwing = p.yielding[k_period, s, 0] * slow, p.yielding[k_period, s, 1] * slow
-    moves = (travel + yielding * (growth - films[s, 4])) / (1.0 + yielding * drag)
+    free = 1.0 / (1.0 + yielding * drag)
+    moves = (travel + yielding * (growth - films[s, 4])) * free
     film = suction_limited(a, c, s, -drag * moves)
     force, impulse = film + growth - films[s, 4], 0.0
     films[s, 4] = film + growth
     if last and film == -drag * moves:
-        stiff = yielding * drag / (1.0 + yielding * drag)
-        impulse = stiff * stiff * (moves * 1e6 / period_us - speed - throwing * force) * a.slice_mass_kg[s]
+        stiff = 1.0 - free
+        impulse = stiff * stiff * (moves * per_s - speed - throwing * force) * a.slice_mass_kg[s]
     _apply(a, p, s, k_period, nx, ny, force * slow, impulse)
 
 
 @compiled
 def squeeze(
-    a: Arrays, c: Constants, p: Propagators, position: Array, sums: Array, held: Array, k_period: int,
+    state: NDArray[np.void], a: Arrays, c: Constants, p: Propagators, sums: Array, held: Array, k_period: int,
     period_us: float, pull_scale: float, pull_share: float, mean: float, slow: float, films: Array,
 ) -> None:
     """Correct the wire's motion over a period for the film and for the pull's change, slice by slice, up and down.
@@ -221,9 +228,9 @@ def squeeze(
     speed then follows: a stiff film leaves it that of the way it came, or the force that stopped it would throw it
     back. ``pull_scale`` is the mean of the pull's scale over the period.
     """
-    find_films(a, c, position, sums, held, pull_scale, pull_share, mean, films)
-    slices = sums.shape[0]
-    for at in range(2 * slices):
+    slices, per_s = sums.shape[0], 1e6 / period_us
+    passes = min(2, find_films(state, a, c, sums, held, pull_scale, pull_share, mean, films))  # one needs one
+    for at in range(passes * slices):
         s = at if at < slices else 2 * slices - 1 - at
         if films[s, 2] != 0.0 or films[s, 3] != 0.0:
-            _brake(a, c, p, held, s, k_period, period_us, slow, at >= slices, films)
+            _brake(a, c, p, held, s, k_period, per_s, slow, at >= (passes - 1) * slices, films)
