@@ -23,7 +23,7 @@ from edmsim.plant.gap.rays import Rays, arc, gaps_of
 from edmsim.plant.kernel.state import Array, Arrays, Constants, Propagators
 
 LEAST_PULL = 0.2
-"""Pull under which the film is no longer scaled by it, over that of a front gap of `Resolution.film_from_um` (ours)."""
+"""Pull under which the film is no longer scaled by it, over that of a front at `Resolution.film_from_um` (ours)."""
 
 _ANGLES = np.linspace(0.0, math.pi / 2, 721)
 

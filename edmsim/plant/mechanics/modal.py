@@ -108,8 +108,8 @@ def move(
     `s`. A constant force f switched on at t acts at the end T as ``f (1 - p11(T - t)) / omega^2`` on the
     deflection and as ``f p12(T - t)`` on the velocity, so no time step enters, only the grid of the tables.
 
-    `braking` is the mean resistance times the period, in kg. Half of it acts before, explicitly, half after, implicitly:
-    a creeping mode then has both the way and the speed of its load, however stiff the film, and no mode grows.
+    `braking` is the mean resistance times the period, in kg. Half acts before, explicitly, half after, implicitly:
+    a creeping mode has then both the way and the speed of its load, however stiff the film, and no mode grows.
     """
     since_ignite, since_end = k_period - k_ignite, k_period - k_end
     project(a, sums, forces)
