@@ -13,12 +13,10 @@ from edmsim.plant.gap.breakdown import GapLaw, choose_ray, contact_depth, may_to
 from edmsim.plant.gap.debris import bridged_probability
 from edmsim.plant.gap.ray_trace import meets_metal, moved, narrowest_now, place_of, rays_of
 from edmsim.plant.kernel.state import ARC, NO_METAL_UM, OPEN, SHORT, SPARK, Array, Arrays, Constants, Timing
-from edmsim.plant.mechanics.modal import place_wire, push_out
+from edmsim.plant.mechanics.modal import place_slice, place_wire, push_out
 
 LEFT_UM = 0.1
 """An overlap so small is left: the next contact is felt 2 um before the metal (ours)."""
-MOST_PUSHES = 2
-"""So many pushes per slice take the wire out of the metal; what is left is judged at the window's end (ours)."""
 
 
 @compiled
@@ -88,16 +86,21 @@ def touch(
 ) -> tuple[int, int]:
     """Slice and place of the deepest contact; the wire is pushed out of the metal where it overlaps.
 
-    The deepest slice comes first, and with the wire's new shape the next.
+    The deepest slice comes first, and with the wire's new shape the others, up and down.
     """
     deepest, slice_, place = deepest_contact(a, position, contact)
-    s, k = slice_, place
-    for _ in range(MOST_PUSHES * contact.shape[0]):
-        if deepest >= -LEFT_UM:
-            break
-        push_out(a, s, np.float64(a.cosine[s, k]), np.float64(a.sine[s, k]), -deepest)
-        place_wire(state, a, position)
-        deepest, s, k = deepest_contact(a, position, contact)
+    if deepest >= -LEFT_UM:
+        return slice_, place
+    push_out(a, slice_, np.float64(a.cosine[slice_, place]), np.float64(a.sine[slice_, place]), -deepest)
+    slices = contact.shape[0]
+    for at in range(2 * slices):
+        s = at if at < slices else 2 * slices - 1 - at
+        if contact[s] > 0.0:
+            place_slice(state, a, position, s)
+            k, gap = narrowest_now(a, position, s)
+            if gap < -LEFT_UM:
+                push_out(a, s, np.float64(a.cosine[s, k]), np.float64(a.sine[s, k]), -gap)
+    place_wire(state, a, position)
     return slice_, place
 
 

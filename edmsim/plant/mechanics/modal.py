@@ -38,6 +38,17 @@ def place_wire(state: NDArray[np.void], a: Arrays, position: Array) -> None:
 
 
 @compiled
+def place_slice(state: NDArray[np.void], a: Arrays, position: Array, s: int) -> None:
+    """As `place_wire`, for one slice."""
+    for axis in range(2):
+        deflection = spread(0.0)
+        for m in range(0, a.shape.shape[1], COORDINATES):
+            deflection += load(a.shape, (s, m)) * load(a.wire_q, (axis, m))
+        lean = a.height_share[s] * state[0].axis_um[2 + axis]
+        position[axis, s] = state[0].axis_um[axis] + ringing(a, axis) + lean + total(deflection)
+
+
+@compiled
 def mean_deflection(a: Arrays, axis: int) -> float:
     """Mean over the height of the wire's deflection."""
     mean = spread(0.0)
