@@ -125,8 +125,8 @@ plane_figure(result.windows)
 #
 # Feed is what the law commands. The gap is the mean distance across which pulses ignited; the lag is how far the
 # wire is bent back against its direction of travel at the workpiece. A negative lag is a wire that runs *ahead* of
-# its guides: at this low energy the pull of the open voltage is stronger than the push of the discharges (more of
-# that in notebook 03).
+# its guides: the discharges push it back, the open voltage pulls it forward, and at this low energy both are of one
+# size, so that the lag is small and may have either sign (more of that in notebook 03).
 
 # %%
 def per_second(values: np.ndarray) -> np.ndarray:
@@ -167,7 +167,8 @@ corner_figure(result.scene, result.windows, 0)
 
 # %% [markdown]
 # Both walls over the height. Debris gathers at mid-height, where the water from both nozzles comes to rest; it
-# makes pulses ignite across wider gaps.
+# makes pulses ignite across wider gaps. The bubbles of the discharges drive most of it out of the gap, so that the
+# bulge is slight.
 
 # %%
 kerf_figure(report)

@@ -100,10 +100,12 @@ assert worst < 0.01
 # %% [markdown]
 # ## What bends it
 #
-# Two loads compete in a cut. Every discharge pushes the wire back, away from its place; as long as the open voltage
-# stands, the field pulls it forward, towards the metal. Lag is counted against the feed, so a negative lag is a
-# wire that *leads*. Straight cuts of 20 mm of tool steel with the default set-up, as they are and without the pull
-# (permittivity next to zero):
+# Three loads compete in a cut. The gas bubble of every discharge pushes the wire back, away from its place; as long
+# as the open voltage stands, the field pulls it forward, towards the metal; and in a magnetic metal the current of
+# the discharges draws it forward, too, which is nothing at the 7 A of the default set-up. Gas that lies on the wire's
+# front shields push and pull alike, and the film of water before it damps every motion, but bears no steady load. Lag
+# is counted against the feed, so a negative lag is a wire that *leads*. Straight cuts of 20 mm of tool steel with the
+# default set-up, as they are and without the pull (permittivity next to zero):
 
 # %%
 machine = edmsim.Machine.load(height_mm=20.0)
@@ -133,12 +135,13 @@ right.set(xlabel="feed, µm/s", ylabel="lag, µm")
 right.legend();
 
 # %% [markdown]
-# Deflection goes with 1 / tension, as the string says, where the gap does not change with it. Its sign does not fit
-# what is usually published: rough cuts are reported to lag by 10 to 100 µm, and here the push is next to nothing
-# beside the pull. The formula of the pull is not in doubt; no measured value of the impulse per discharge was
-# found, and its range here was derived from lags without counting the pull (`docs/theory/emergence.md#lag`). So
-# take the *sign* with care, and look at both: the default machine, which leads, and a set-up that lags: 60 mm of
-# steel, strong impulses, no pull.
+# Deflection goes with 1 / tension, as the string says, where the gap does not change with it. At this setting push
+# and pull are of one size: at a low feed there are few discharges and the pull wins, at a high one the push. (The
+# set-up cuts some 26 to 28 µm/s; a feed beyond that only presses the wire onto the metal.) The formula of the pull
+# is not in doubt; the impulse of a discharge was never measured, and what is derived here has a range of a factor of
+# six, which turns the sign (`docs/theory/emergence.md#lag`). Rough cuts are reported to lag by 10 to 100 µm. So look
+# at both: the default machine, and a set-up whose wire lags for certain: the rough cut of 11 mJ per discharge, 60 mm
+# high, at low tension, in a metal that is not magnetic.
 #
 # ## Round a corner
 #
@@ -225,7 +228,7 @@ def smooth(wire: np.ndarray, travel_um: float = 1.5) -> np.ndarray:
 
 
 lagging = corner_rig(tension=5.0)
-plain = {"a wire that lags": corners(lagging), "the default, which leads": corners(machine)}
+plain = {"a wire that lags": corners(lagging), "the default": corners(machine)}
 figure, panels = plt.subplots(1, 2, figsize=(10.0, 4.8))
 for axes, (name, (one, *_)) in zip(panels, plain.items(), strict=True):
     axes.plot([-100, 0, 0], [0, 0, 100], "--", color=INK, lw=1, label="guides")
@@ -240,8 +243,8 @@ for axes, (name, (one, *_)) in zip(panels, plain.items(), strict=True):
 
 # %% [markdown]
 # The lagging wire cuts the corner, and comes back to the line much later than pursuit says: the force does not turn
-# on the scale of the lag, but on that of the wire, for the outer wall has to recede first. The leading wire runs
-# past the corner by its lead, and it too comes back slowly.
+# on the scale of the lag, but on that of the wire, for the outer wall has to recede first. A wire that leads would
+# run past the corner by its lead, and come back slowly, too; the default one does neither by much.
 #
 # ## What is left of the metal
 #
@@ -281,10 +284,10 @@ if len(corner_tensions) > 2:
     print(f"outside, over tension: {offset:+.1f} µm and {slope:.2f} µm per µm of lag")
 
 # %% [markdown]
-# Outside, lag leaves metal standing, about half a µm for every µm of lag, and a lead takes as much away; so a
-# tauter wire helps the one and harms the other. But a large part of that error is there without any lag: the wall
-# of a straight goes on igniting while the whole wire passes, that of the corner only while the wire turns. Inside,
-# a sharp corner of metal is rounded by some 10 µm whatever the wire does, since it faces the wire from two sides.
+# Outside, lag leaves metal standing, by the slope above, so a tauter wire helps; a lead would take as much away. But
+# a large part of that error is there without any lag: the wall of a straight goes on igniting while the whole wire
+# passes, that of the corner only while the wire turns. Inside, a sharp corner of metal is rounded whatever the wire
+# does, since it faces the wire from two sides.
 #
 # ## Compensation
 #

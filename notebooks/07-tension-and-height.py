@@ -105,13 +105,12 @@ for axes in panels[1]:
 figure.tight_layout(rect=(0, 0, 1, 0.96))
 
 # %% [markdown]
-# The lag is negative: the wire does not trail its guides, it *leads* them. With the constants as they are known the
-# field between wire and workpiece pulls harder than the discharges push. Published rough cuts trail, so this sign
-# is one of the things the model misses (notebook 08); how the size goes with tension and height is the taut
-# string's law, whichever load bends it. A wire that leads runs on beyond the corner by about its lead, and that is
-# the corner error here.
+# The lag has either sign: the discharges push the wire back, the field between wire and workpiece pulls it forward,
+# and with the constants as they are known neither outweighs the other (notebook 03). How its size goes with tension
+# and height is the taut string's law, whichever load bends it. A wire that lags cuts the corner, one that leads runs
+# on beyond it, and that is the corner error here.
 #
-# A taut wire leads less, so it is drawn into shorts less often and cuts faster, and a narrower kerf. The bands
+# A taut wire is bent and shaken less, so it meets the metal less often. The bands
 # overlap nonetheless: machines of unknown constants differ by more than the tension does. On *one* machine the
 # effect is clear, as comparing each machine with itself says.
 

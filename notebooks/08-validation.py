@@ -148,8 +148,7 @@ for row in string:
 # - **Crater.** The model's volume goes with the energy. The durations of the measured pulses were not published;
 #   one duration for all, fitted at 110 A, cannot give the steep rise at the highest currents. Fitting one to each
 #   current would make the points agree and prove nothing.
-# - **Pull.** Summed over rays it follows the closed form of a cylinder before a plane within 2 % up to 10 µm, where
-#   it matters, and falls short beyond, as rays end 80 µm from the wire.
+# - **Pull.** Summed over rays it follows the closed form of a cylinder before a plane within 2 % from 5 to 50 µm.
 # - **Lag.** The modes of the wire give the taut string's sag within 1 %.
 #
 # ## What fails, and why
@@ -163,14 +162,17 @@ Markdown("\n".join(rows_table(failing, seen_from="notebooks")))
 # %% [markdown]
 # What weighs most for someone who wants to use the model:
 #
-# - **The sign of the lag.** The model's wire is pulled ahead of its guides, real ones trail by 10 to 100 µm in
-#   rough cuts. The pull is exact; the push per discharge was never measured and would have to be about three times
-#   the upper end of its range. Ratios (with tension, with height) are right, the absolute lag and with it the sign
-#   of corner errors is not to be trusted.
-# - **Production rates.** The material removes what a textbook says per joule; production cutting needs four to five
-#   times the energy. Cutting rates of early machines come out right, those of modern ones are too high.
-# - **Wire rupture.** The trends with thickness, pulse size, flushing, cooling and tension are there; the current at
-#   which the wire breaks is half of what was reported, and the breaking of very thin workpieces is missed.
+# - **The lag of rough cuts.** Real wires trail by 10 to 100 µm. In a metal that is not magnetic the model's does,
+#   too; in tool steel the magnetic force takes a large part of that lag or all of it. The push of a discharge was
+#   derived, never measured, and has a range of a factor of six; at the low energy of the default set-up it decides
+#   on the sign. Ratios (with tension, with height) are right, the absolute lag and the corner errors with it are not
+#   to be trusted.
+# - **Production rates.** Production cutting needs four to five times the energy per volume that a textbook says. The
+#   model holds both, as short pulses remove less per joule; that law was set with both in view, so the rows of
+#   production cutting are a calibration and prove nothing.
+# - **Wire rupture.** Every discharge kicks the wire further than practice reports. In production cutting it then
+#   swings between open pulses and shorts, and the gap takes less current than that of the machine the rows are from.
+# - **Debris** is driven out of the gap by bubbles so fast that it bridges nothing.
 # - **Roughness** is a lower bound, **vibration** knows nothing of the flow.
 #
 # ## All rows

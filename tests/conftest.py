@@ -35,14 +35,16 @@ M2
 
 @pytest.fixture(scope="session")
 def load_script() -> Callable[[Path], ModuleType]:
-    """Load a Python file that no package holds."""
+    """Load a Python file that no package holds, as if it were run."""
 
     def load(file: Path) -> ModuleType:
         spec = spec_from_file_location(f"script_{file.stem}", file)
         assert spec is not None
         assert spec.loader is not None
         module = module_from_spec(spec)
-        spec.loader.exec_module(module)
+        with pytest.MonkeyPatch.context() as patch:
+            patch.syspath_prepend(file.parent)  # a script imports what stands beside it
+            spec.loader.exec_module(module)
         return module
 
     return load

@@ -1,26 +1,19 @@
-"""The push of a bubble in the slit between wire and metal, integrated; writes the tables and figure of theory/gas.md.
+"""The push of a bubble in the slit between wire and metal; writes the tables and figure of theory/gas.md.
 
     python docs/make/bubble.py
 
-A gas bubble of radius R and pressure p drives the water out of the slit of width g between the wire's front half and
-the metal. Two shapes of the slit stand beside each other: a disc of radius W = pi d/4, a quarter of the girth, and
-the strip that the slit is, 2 W wide and endless along the wire, its pressure counted by the cosine of its place on
-the wire. Each becomes a few functions of x = R/W (`Slit`); the equations are the same.
+The equations stand in `slit`; here they are integrated for three pulses, and compared with the law of the loop.
 """
 
 from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.integrate import solve_ivp
-from scipy.interpolate import CubicSpline
-from scipy.special import j1
+from slit import DISC, GAP_UM, SHARE, WIRE_UM, Gas, Pulse, Push, Slit, grow, refill, strip
 
 from edmsim.plant.gap import bubble
 from edmsim.recording.figures.palette import BLUE, GREEN, GRID, INK, MUTED, ORANGE, VERMILION
@@ -30,277 +23,14 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 PAGE = Path(__file__).parents[1] / "theory" / "gas.md"
-GAP_UM, WIRE_UM, RHO, P0 = (
-    bubble.REFERENCE_GAP_UM, bubble.REFERENCE_DIAMETER_UM, bubble.WATER_KG_M3, bubble.AMBIENT_PA
-)  # fmt: skip
-VISCOSITY_PA_S = 1.0e-3
-"""Water at 20 C."""
-SEED_UM = 10.0
-"""Radius of the bubble at ignition (ours: a channel of some ten um)."""
-SHARE, LEAST_SHARE, GREATEST_SHARE = 0.04, 0.01, 0.1
-"""Share of the energy that goes into the gas, and its range (ours: `docs/theory/gas.md`)."""
+LEAST_SHARE, GREATEST_SHARE = 0.01, 0.1
+"""Range of the share of the energy that goes into the gas (ours: `docs/theory/gas.md`)."""
 HOT, WET, AT_ONCE = 480.0, 150.0, math.inf
 """Speeds of escape in m/s: of steam of 850 C, of steam that carries spray (ours); and as if nothing held it."""
 GAPS_UM = 13.0, 20.0, 30.0
 DIAMETERS_UM = 100.0, 150.0, 200.0, 250.0, 300.0
-
-
-class Slit(NamedTuple):
-    """What the shape of a slit makes of a bubble of radius x, in units of the slit's half width W.
-
-    The bubble's volume grows by 2 pi g K per time. The water has rho pi g K^2 L of kinetic energy (`inertia`; its
-    `slope` is dL/dx), carries rho (K / W)^2 e per volume out through the edges (`outflow`), could be started from
-    rest by an impulse of 2 pi rho K W^2 m (`momentum`), and pushes with the rate of that and rho pi K^2 b
-    (`bernoulli`). The gas reaches the edges when the circle is `full`; its projected area is then `gas_area` W^2, and
-    it escapes through edges of length `opening` W.
-    """
-
-    inertia: Callable[[float], float]
-    slope: Callable[[float], float]
-    outflow: Callable[[float], float]
-    momentum: Callable[[float], float]
-    bernoulli: Callable[[float], float]
-    full: float
-    gas_area: float
-    opening: float
-
-
-class Gas(NamedTuple):
-    """What becomes of the discharge's energy: the share that goes into the gas, and how fast the gas escapes."""
-
-    share: float = SHARE
-    escape_m_s: float = bubble.ESCAPE_M_S
-    heat_ratio: float = bubble.HEAT_RATIO
-
-
-class Pulse(NamedTuple):
-    """A discharge of constant power."""
-
-    power_W: float
-    burn_us: float
-
-
-class Push(NamedTuple):
-    """What a bubble did, and its history; ``energy`` in J is where that of the gas went.
-
-    ``given`` to the gas, with that of the seed: it is ``internal``, ``work`` done on the water, or ``vented``. The
-    work is ``kinetic`` when the gas reaches the edges, ``carried`` out, ``rubbed``, or ``displaced`` the ambient.
-    """
-
-    impulse_Ns: float
-    vent_us: float
-    fastest_m_s: float
-    energy: Mapping[str, float]
-    time_us: NDArray[np.float64]
-    pressure_Pa: NDArray[np.float64]
-    pushed_Ns: NDArray[np.float64]
-
-
-DISC = Slit(
-    inertia=lambda x: -math.log(x),
-    slope=lambda x: -1.0 / x,
-    outflow=lambda x: 0.5,
-    momentum=lambda x: (1.0 - x * x) / 4.0,
-    bernoulli=lambda x: 1.0 + math.log(x),
-    full=0.99,  # a thin ring of water bursts
-    gas_area=math.pi,
-    opening=2.0 * math.pi,
-)
 DEFAULT, ROUGH, TRIM = Pulse(145.0, 20.0), Pulse(7000.0, 1.4), Pulse(200.0, 0.5)
 PULSES = {"default, 2.9 mJ in 20 us": DEFAULT, "rough, 9.8 mJ in 1.4 us": ROUGH, "trim, 0.1 mJ in 0.5 us": TRIM}
-
-
-def strip(poles: int = 12) -> Slit:
-    """Return the functions of the strip in front of a wire, its bubble held to a circle."""
-    places = np.linspace(0.02, 0.94, 24)
-    found = np.array([_strip_at(x, poles) for x in places])
-
-    def smooth(values: NDArray[np.float64]) -> CubicSpline:
-        return CubicSpline(np.concatenate([[0.0], places]), np.concatenate([values[:1], values]))
-
-    # L + ln x and b - ln x have limits at x = 0
-    rest, bare = smooth(found[:, 0] + np.log(places)), smooth(found[:, 3] - np.log(places))
-    bend, outflow, momentum = rest.derivative(), smooth(found[:, 1]), smooth(found[:, 2])
-    return Slit(
-        inertia=lambda x: float(rest(x)) - math.log(x),
-        slope=lambda x: float(bend(x)) - 1.0 / x,
-        outflow=lambda x: float(outflow(x)),
-        momentum=lambda x: float(momentum(x)),
-        bernoulli=lambda x: float(bare(x)) + math.log(x),
-        # from here on a circle would need suction in the water, which has none between gas and edges under pressure:
-        # the bubble bulges instead, and its bulges are out
-        full=0.84,
-        gas_area=4.0 * float(j1(math.pi / 2)),
-        opening=4.0,  # two edges, each as long as the bubble is wide
-    )
-
-
-def _strip_at(x: float, poles: int) -> tuple[float, float, float, float]:
-    """Return L, e, m and b of a circle of radius x in the strip.
-
-    The potential is that of a source between two edges at which it is zero, and of even poles whose strengths make
-    it constant on the circle. The wire's axis lies along the real axis, its girth along the imaginary one.
-    """
-    images = np.arange(-6, 7)
-    signs = np.where(abs(images) < 6, 1.0, 0.5) * (-1.0) ** images  # half of the last: the rest alternates
-
-    def basis(at: NDArray[np.complex128], derived: bool) -> NDArray[np.complex128]:
-        """Even poles, or their derivatives, with their images beyond the edges."""
-        away = at[..., None] - 2j * images
-        square = (x / away) ** 2
-        terms, found = signs * (square / away if derived else square), []
-        for pole in range(1, poles + 1):
-            found.append((-2.0 * pole if derived else 1.0) * terms.sum(axis=-1))
-            terms = terms * square
-        return np.stack(found, axis=-1)
-
-    def speed(at: NDArray[np.complex128]) -> NDArray[np.float64]:
-        """Speed of the flow with K = 1."""
-        return np.abs(math.pi / 2 / np.sinh(math.pi / 2 * at) - basis(at, True) @ strengths)
-
-    angle = (np.arange(6 * poles) + 0.5) / (6 * poles) * math.pi / 2
-    circle = x * np.exp(1j * angle)
-    source = -np.log(np.abs(np.tanh(math.pi / 4 * circle)))
-    system = np.column_stack([basis(circle, False).real, -np.ones_like(angle)])
-    solved = np.linalg.lstsq(system, -source, rcond=None)[0]
-    strengths, inertia = solved[:-1], float(solved[-1])
-    wire = 2 / math.pi  # its radius in half widths
-    normal = speed(circle)
-    momentum = wire**2 * float((np.cos(circle.imag / wire) * normal).sum() / normal.sum())
-    node, weight = np.polynomial.legendre.leggauss(24)
-    edge = speed(3.0 * (node + 1.0) + 1j)  # beyond 6 half widths nothing moves
-    outflow = 12.0 * float(weight @ edge**3) / (4 * math.pi)
-    lifted = wire * 12.0 * float(weight @ edge**2) / 2
-    turn = math.pi / 4 * (node + 1.0)
-    spread = np.log(np.minimum(1.0 / np.sin(turn), 6.0) / x)[:, None]
-    field = x * np.exp(0.5 * spread * (node + 1.0) + 1j * turn[:, None])
-    squared = (speed(field) * np.abs(field)) ** 2 * np.cos(field.imag / wire) * spread
-    drawn = math.pi / 4 * float(weight @ squared @ weight)
-    inside = 2 * math.pi * x * wire * float(j1(x / wire))
-    risen = inside * float((normal**2).mean()) / 2  # the pressure on the circle by its growth: -dL/dx / 2x
-    return inertia, outflow, momentum, (lifted + risen - drawn) / math.pi
-
-
-def grow(
-    pulse: Pulse, gap_um: float, gas: Gas, slit: Slit, diameter_um: float = WIRE_UM, *,
-    seed_um: float = SEED_UM, drag: float = 1.0,
-) -> Push:
-    """Integrate a bubble until its gas has escaped and the discharge has ended, or until it grows no more.
-
-    `drag` multiplies the friction of laminar flow in the slit.
-    """
-    g, half = gap_um * 1e-6, math.pi / 4 * diameter_um * 1e-6
-    rub = drag * 12 * VISCOSITY_PA_S / g**2
-    burn_s, excess = pulse.burn_us * 1e-6, gas.heat_ratio - 1.0
-
-    def rates(_: float, state: NDArray[np.float64], heat_W: float) -> list[float]:
-        radius, k, internal = state[:3]
-        x = min(radius / half, 1 - 1e-6)
-        inertia, swept = slit.inertia(x), 2 * math.pi * g * k
-        p = excess * internal / (math.pi * radius**2 * g)
-        jet, friction = RHO * (k / half) ** 2 * slit.outflow(x), rub * k * inertia
-        driven = p - P0 - friction - jet - RHO * (k / half) ** 2 * slit.slope(x) / (2 * x)
-        push = RHO * math.pi * k**2 * slit.bernoulli(x) + rub * 2 * math.pi * k * half**2 * slit.momentum(x)
-        return [
-            k / radius, driven / (RHO * inertia), heat_W - p * swept, p * swept, jet * swept,
-            friction * swept, P0 * swept, push,
-        ]  # fmt: skip
-
-    def escapes(_: float, state: NDArray[np.float64], __: float) -> float:
-        return float(state[0] - slit.full * half)
-
-    def turns(_: float, state: NDArray[np.float64], __: float) -> float:
-        return float(state[1])
-
-    turns.direction = -1.0  # type: ignore[attr-defined]
-    escapes.terminal = turns.terminal = True  # type: ignore[attr-defined]
-    seed = P0 * math.pi * (seed_um * 1e-6) ** 2 * g / excess
-    begin, start, parts = 0.0, np.array([seed_um * 1e-6, 0.0, seed, 0.0, 0.0, 0.0, 0.0, 0.0]), []
-    for end, power_W in ((burn_s, pulse.power_W), (burn_s + 1e-3, 0.0)):
-        part = solve_ivp(
-            rates, (begin, end), start, method="LSODA", rtol=1e-8, events=(escapes, turns), first_step=1e-12,
-            atol=[1e-12, 1e-9, *[1e-13] * 6], args=(gas.share * power_W,),
-        )  # fmt: skip
-        parts.append(part)
-        begin, start = float(part.t[-1]), part.y[:, -1]
-        if part.status == 1:
-            break
-    state = np.concatenate([part.y for part in parts], axis=1)
-    radius, k, internal, work, carried, rubbed, displaced = (float(value) for value in state[:7, -1])
-    started = 2 * math.pi * RHO * half**2 * state[1] * [slit.momentum(r / half) for r in state[0]]
-    energy = {
-        "given": seed + gas.share * pulse.power_W * min(begin, burn_s), "internal": internal, "work": work,
-        "vented": 0.0, "kinetic": RHO * math.pi * g * k**2 * slit.inertia(radius / half), "carried": carried,
-        "rubbed": rubbed, "displaced": displaced,
-    }  # fmt: skip
-    push = Push(
-        impulse_Ns=float((started + state[7])[-1]), vent_us=begin * 1e6 if len(parts[-1].t_events[0]) else math.inf,
-        fastest_m_s=float((state[1] / state[0]).max()), energy=energy,
-        time_us=np.concatenate([part.t for part in parts]) * 1e6,
-        pressure_Pa=excess * state[2] / (math.pi * state[0] ** 2 * g), pushed_Ns=started + state[7],
-    )  # fmt: skip
-    return push if math.isinf(max(push.vent_us, gas.escape_m_s)) else _vent(push, pulse, gas, slit, g, half)
-
-
-def _vent(push: Push, pulse: Pulse, gas: Gas, slit: Slit, g: float, half: float) -> Push:
-    """Let the gas escape through the slit's edges while the discharge still heats it.
-
-    Gas below the ambient pressure does not draw the wire here: what follows then is the refill.
-    """
-    excess, edge_m2, area_m2 = gas.heat_ratio - 1.0, slit.opening * half * g, slit.gas_area * half**2
-    per_Pa = push.energy["internal"] / push.pressure_Pa[-1]
-    choked = 1.0 - ((gas.heat_ratio + 1.0) / 2.0) ** (-gas.heat_ratio / excess)
-
-    def rates(_: float, state: NDArray[np.float64], heat_W: float) -> list[float]:
-        p = state[0] / per_Pa
-        flow = edge_m2 * gas.escape_m_s * min(1.0, math.sqrt(max(0.0, 1.0 - P0 / p) / choked))
-        left = gas.heat_ratio / excess * p * flow
-        return [(heat_W - left) * 1e-6, left * 1e-6, max(0.0, p - P0) * area_m2 * 1e-6]
-
-    begin, start = push.vent_us, np.array([push.energy["internal"], 0.0, push.impulse_Ns])
-    times, states = [push.time_us], []
-    ends = max(pulse.burn_us, begin)
-    for end, power_W in ((ends, pulse.power_W), (ends + 60.0, 0.0)):
-        if end > begin:
-            part = solve_ivp(
-                rates, (begin, end), start, method="LSODA", rtol=1e-8, atol=1e-14, max_step=0.5,
-                args=(gas.share * power_W,),
-            )  # fmt: skip
-            times.append(part.t)
-            states.append(part.y)
-            begin, start = end, part.y[:, -1]
-    state = np.concatenate(states, axis=1)
-    later = gas.share * pulse.power_W * (ends - push.vent_us) * 1e-6
-    energy = {"given": push.energy["given"] + later, "internal": float(start[0]), "vented": float(start[1])}
-    return push._replace(
-        impulse_Ns=float(start[2]), energy={**push.energy, **energy}, time_us=np.concatenate(times),
-        pressure_Pa=np.concatenate([push.pressure_Pa, state[0] / per_Pa]),
-        pushed_Ns=np.concatenate([push.pushed_Ns, state[2]]),
-    )
-
-
-def refill() -> tuple[float, float, float]:
-    """Let the water come back into a disc of steam that condenses, out of a reservoir at ambient pressure.
-
-    Returns the time in us until its sides meet, the impulse until then (suction), and that of their meeting.
-    """
-    half, rub = math.pi / 4 * WIRE_UM * 1e-6, 12 * VISCOSITY_PA_S / (GAP_UM * 1e-6) ** 2
-
-    def rates(_: float, state: NDArray[np.float64]) -> list[float]:
-        radius, k, _ = state
-        inertia = math.log(half / radius)
-        driven = (-P0 - rub * k * inertia) / RHO + k**2 / (2 * radius**2)
-        push = RHO * math.pi * k**2 * (0.5 - inertia)
-        return [k / radius, driven / inertia, push + rub * 2 * math.pi * k * half**2 * DISC.momentum(radius / half)]
-
-    def meet(_: float, state: NDArray[np.float64]) -> float:
-        return float(state[0] - 0.01 * half)
-
-    meet.terminal = True  # type: ignore[attr-defined]
-    start = [0.9999 * half, 0.0, 0.0]
-    found = solve_ivp(rates, (0.0, 1e-3), start, method="LSODA", rtol=1e-9, atol=1e-15, events=meet)
-    moving = 2 * math.pi * RHO * found.y[1, -1] * half**2 * DISC.momentum(found.y[0, -1] / half)
-    return float(found.t[-1] * 1e6), float(found.y[2, -1] + moving), float(-moving)
 
 
 def impulse_10mJ_Ns(slit: Slit, share: float = SHARE, heat_ratio: float = bubble.HEAT_RATIO) -> float:
