@@ -2,9 +2,8 @@
 
 In a narrow gap that takes more force than anything else on the wire: the resistance grows as one over the square of
 the gap in a kerf. Its mean over the slices damps all modes; where a slice's gap is narrow, what its film has more is
-applied after every pulse, implicitly, so that no gap is too narrow for it, and with it the change of the electrostatic
-pull while the wire moves. How much a film resists is taken from the pull, in the ratio that the rays give when they
-are traced.
+applied after every pulse, implicitly, so that no gap is too narrow for it, and with it the change of the pull while
+the wire moves. How much a film resists is taken from the pull, in the ratio that the rays give when they are traced.
 """
 
 from __future__ import annotations
