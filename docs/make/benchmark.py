@@ -29,11 +29,10 @@ Written by `{command}` (edmsim {version}); do not edit.
 Every controller makes the same cuts: episodes of the environments in which every constant that has a published range
 is drawn (`Machine.sample`), and heights and tension, from one held-back seed each
 (`edmsim.evaluation.episode.ARGUMENTS`). The gains of the classic controllers were found on other seeds of GapFeed
-and HeightStep by `edmsim search-gains`, for the return, at resolution `fast`, when feeds up to 100 um/s were
-possible (now: planner `exact`); each file in `models/gains/` names its command. `counts` keeps its documented
-constants: those a search found for it then (1014 in place of 835 of return on the training seeds) hunt where windows
-last 0.25 s or the removal halves, which a machine's default must not (`tests/controllers/test_feed_controllers.py`).
-In parentheses: 95 % bootstrap intervals over the cuts; where no wire was lost, what that length of cut can exclude
+and HeightStep by `edmsim search-gains`, for the return, at resolution `fast`; each file in `models/gains/` names its
+command. `counts` keeps its documented constants: those a search finds for it (389 in place of 367 of return on the
+training seeds) hunt where windows last 0.25 s or the removal halves, which a machine's default must not
+(`tests/controllers/test_feed_controllers.py`). In parentheses: 95 % bootstrap intervals over the cuts; where no wire was lost, what that length of cut can exclude
 (Poisson). The planner `poscal` runs the path, so the feed is at most 33.3 um/s.
 
 - *Cutting rate*: length cut times local height over machine time; a lost wire costs the machine's time for

@@ -98,8 +98,8 @@ def check_film(seeds: Sequence[int]) -> list[Row]:
     """Drag of the film in uniform gaps and in a kerf, and the limit of suction."""
     rows = [
         Row.value("film", f"resistance of the film, uniform gap of {gap:g} um", REYNOLDS,
-                  published=6 * math.pi * 1e-3 * (125.0 / gap) ** 3, simulated=film_N_s_m2(*_half_kerf(gap, gap)), within=0.01,
-                  unit="N s/m2")
+                  published=6 * math.pi * 1e-3 * (125.0 / gap) ** 3,
+                  simulated=film_N_s_m2(*_half_kerf(gap, gap)), within=0.01, unit="N s/m2")
         for gap in (5.0, 15.0)
     ]
     rows.append(Row.value("film", "resistance of the film, 10 um in front and 26 um at the sides", REYNOLDS,
