@@ -32,8 +32,9 @@ is drawn (`Machine.sample`), and heights and tension, from one held-back seed ea
 and HeightStep by `edmsim search-gains`, for the return, at resolution `fast`; each file in `models/gains/` names its
 command. `counts` keeps its documented constants: those a search finds for it (389 in place of 367 of return on the
 training seeds) hunt where windows last 0.25 s or the removal halves, which a machine's default must not
-(`tests/controllers/test_feed_controllers.py`). In parentheses: 95 % bootstrap intervals over the cuts; where no wire was lost, what that length of cut can exclude
-(Poisson). The planner `poscal` runs the path, so the feed is at most 33.3 um/s.
+(`tests/controllers/test_feed_controllers.py`). In parentheses: 95 % bootstrap intervals over the cuts; where no
+wire was lost, what that length of cut can exclude (Poisson). The planner `poscal` runs the path, so the feed is at
+most 33.3 um/s.
 
 - *Cutting rate*: length cut times local height over machine time; a lost wire costs the machine's time for
   threading another, 60 s, and ends the cut.
