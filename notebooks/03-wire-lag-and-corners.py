@@ -50,7 +50,7 @@ plt.rcParams.update({"figure.dpi": 90, "figure.constrained_layout.use": True, "a
 # %% tags=["parameters"]
 seeds = [0, 1, 2, 3]
 tensions = [4.0, 6.0, 8.0, 10.0, 13.0, 16.0]  # N
-feeds_um_s = [8.0, 16.0, 24.0, 32.0]  # of the straight cuts
+feeds_um_s = [6.0, 12.0, 18.0, 24.0]  # of the straight cuts
 seconds = 6.0  # machine time every straight cut is looked at
 corner_seeds = [0, 1, 2]
 corner_tensions = [4.0, 5.0, 6.0, 8.0, 11.0, 16.0]  # of the wire that lags, N
