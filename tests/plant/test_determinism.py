@@ -180,7 +180,7 @@ def test_another_process_gives_the_same_bits(tmp_path):
 
 
 def test_an_empty_compile_cache_gives_the_same_bits(tmp_path):
-    """Slow on purpose (half a minute): compiles the pulse loop again."""
+    """Slow on purpose (one to three minutes): compiles the pulse loop again."""
     assert in_another_process(tmp_path, XDG_CACHE_HOME=str(tmp_path / "cache")) == in_this_process()
     assert any((tmp_path / "cache" / "edmsim" / "compiled").iterdir())
 

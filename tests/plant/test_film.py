@@ -34,8 +34,8 @@ FAST = resolution("fast")
 CENTRE_UM = (32_500.0, 32_500.0)
 R_UM, ETA = 125.0, 1e-3
 BRASS_KG_M = 8400.0 * math.pi / 4 * 0.25e-3**2
-SIDE_UM, MEAN_UM = 31.0, 16.0
-"""Side gap of the default machine, and the front gap for which its mean film is set."""
+SIDE_UM = 31.0
+"""Side gap of the default machine."""
 
 
 def beyond(gap_um, power):
@@ -115,14 +115,21 @@ def test_the_pull_that_stands_for_the_film_is_that_of_the_rays(front, side, mach
     assert row[0, 2] == pytest.approx(pull_sum_um2(R_UM, front, side, 64), rel=2e-3)
 
 
-@pytest.mark.parametrize(("front", "ratio"), [(3.0, 0.76), (10.0, 0.90), (14.0, 1.00), (20.0, 1.15)])
-def test_the_mean_film_follows_the_pull_within_a_quarter(front, ratio):
+@pytest.mark.parametrize(("front", "ratio"), [(3.0, 1.19), (6.0, 1.10), (14.0, 0.905), (20.0, 0.786)])
+def test_in_a_kerf_the_film_follows_the_pull_within_a_quarter(front, ratio):
     """Around a wire that leads its kerf's axis by 16 um, as those of the laboratory machine do."""
 
-    def over_pull(front_um, side_um):
-        return drag_N_s_m2(R_UM, front_um, side_um, ETA) / pull_sum_um2(R_UM, front_um, side_um, 24)
+    def over_pull(front_um):
+        return drag_N_s_m2(R_UM, front_um, front_um + 16, ETA) / pull_sum_um2(R_UM, front_um, front_um + 16, 24)
 
-    assert over_pull(MEAN_UM, SIDE_UM) / over_pull(front, front + 16.0) == pytest.approx(ratio, abs=0.02)
+    assert over_pull(front) / over_pull(10.0) == pytest.approx(ratio, abs=0.01)
+
+
+@pytest.mark.parametrize("front", [3.0, 6.0, 14.0, 20.0])
+def test_the_pull_tells_the_front_gap_by_its_root_of_the_third_power(front):
+    """In a kerf it grows as ``g^(-3/2)``: within a tenth of the gap."""
+    pulls = [pull_sum_um2(R_UM, gap, gap + 16.0, 24) for gap in (12.0, front)]
+    assert 12.0 * (pulls[0] / pulls[1]) ** (2 / 3) == pytest.approx(front, rel=0.1)
 
 
 # --- cavitation and contact ---
@@ -192,28 +199,22 @@ def deflect(plant, **arrays):
     plant.restore(state)
 
 
-def pull_of(plant):
-    """Mean over the slices of the rays' summed pull along x, in 1/um^2, as `pull_sum_um2` has it."""
-    rays = plant.rays()
-    field = 1 / rays.distance.astype(float) + 0.5 / R_UM
-    return float((rays.cosine * field**2).sum(axis=1).mean())
-
-
 def linear(machine, drag, load_N, q0, times):
-    """Wire in a film of constant resistance (N s/m2 of piece): places of the slices (times, slices) in um."""
+    """Wire in a film of constant resistance (N s/m2 of every slice): places (times, slices) in um."""
     model = modal_model(machine, FAST)
     shape, n = model.wire_shape, len(model.wire_omega)
     slice_m = machine.height_mm * 1e-3 / FAST.slices
-    damping = drag * slice_m * shape.T @ shape + np.diag(2 * model.wire_zeta * model.wire_omega)
+    films = np.broadcast_to(drag, len(shape)) * slice_m
+    damping = shape.T @ (films[:, None] * shape) + np.diag(2 * model.wire_zeta * model.wire_omega)
     system = np.block([[np.zeros((n, n)), np.eye(n)], [-np.diag(model.wire_omega**2), -damping]])
     rest = shape.T @ load_N * 1e6 / model.wire_omega**2
     start = np.concatenate([q0 - rest, np.zeros(n)])
     return np.array([shape @ ((expm(system * t) @ start)[:n] + rest) for t in times])
 
 
-@pytest.mark.parametrize(("period", "within"), [(20.0, 0.1), (100.0, 0.25)])
+@pytest.mark.parametrize("period", [20.0, 100.0])
 @pytest.mark.parametrize("gap", [20.0, 30.0])
-def test_a_wire_in_a_slot_rings_with_the_damping_of_its_mean_film(gap, period, within, pure):
+def test_a_wire_in_a_slot_rings_with_the_damping_of_its_mean_film(gap, period, pure):
     on = min(10.0, period / 3.5)
     machine = pure.with_(t_on_us=on, t_period_us=period)
     plant = off(begin(machine, 0, gap_um=gap))
@@ -231,38 +232,41 @@ def test_a_wire_in_a_slot_rings_with_the_damping_of_its_mean_film(gap, period, w
 
     omega = model.wire_omega[0]
     (zeta, _), _ = curve_fit(ringing, times, places, p0=(0.2, omega), bounds=([0, 0.5 * omega], [0.95, 1.5 * omega]))
-    drag = drag_N_s_m2(R_UM, MEAN_UM, SIDE_UM, ETA) * pull_of(plant) / pull_sum_um2(R_UM, MEAN_UM, SIDE_UM, 24)
     on_mode = float((model.wire_shape[:, 0] ** 2).sum()) * machine.height_mm * 1e-3 / FAST.slices
-    assert zeta == pytest.approx(drag * on_mode / (2 * omega), rel=within)
+    assert zeta == pytest.approx(drag_N_s_m2(R_UM, gap, gap, ETA) * on_mode / (2 * omega), rel=0.07)
 
 
+def film_of(plant, come_um):
+    """Resistance (N s/m2) towards +x of the film in the gaps the plant sees, once the wire has come so far."""
+    rays = plant.rays()
+    gaps = rays.distance.astype(float) - come_um * rays.cosine
+    return 12 * ETA * R_UM**3 * math.tau / FAST.rays * float((rays.sine**2 / gaps**3).sum(axis=1).mean())
+
+
+@pytest.mark.parametrize("mechanics", ["modal", "mujoco"])
 @pytest.mark.parametrize(
-    ("front", "side", "period", "mechanics"),
-    [
-        (8.0, 24.0, 20.0, "modal"), (3.0, 19.0, 20.0, "modal"), (8.0, 24.0, 100.0, "modal"),
-        (8.0, 24.0, 20.0, "mujoco"),
-    ],
+    ("front", "side", "period"), [(8.0, 24.0, 20.0), (8.0, 24.0, 100.0), (3.0, 19.0, 20.0), (3.0, 19.0, 100.0)]
 )
 def test_a_loaded_wire_creeps_through_a_narrow_film(front, side, period, mechanics, pure):
-    """Far slower than a free one would start: its speed is the load over the film's resistance.
+    """Far slower than it would go freely: its speed is the load over the film's resistance.
 
-    In the long period it creeps a fifth too fast, as the mean film acts at its end only.
+    By modes, a load that sets in moves the wire up to half a period early, and the film's own time is 50 us at 8 um;
+    MuJoCo steps within the period.
     """
     plant = led(pure, front, side, mechanics=mechanics, t_on_us=period / 4, t_period_us=period)
     load_N = np.full(FAST.slices, 0.02 * 20e-3 / FAST.slices)  # 20 mN/m: 0.3 um at rest
     model = modal_model if mechanics == "modal" else full_mechanics
-    shape = model(pure, FAST).wire_shape
-    start = plant.deflections_um()[:, 0].mean()
-    crept, pulses = [], round(200.0 / period)
+    shape, crept, pulses = model(pure, FAST).wire_shape, [], round(200.0 / period)
     for _ in range(pulses):
         deflect(plant, steady=shape.T @ load_N * 1e6)
         plant.advance_pulse()
-        crept.append(plant.deflections_um()[:, 0].mean() - start)
-    times = (np.arange(pulses) + 1) * period * 1e-6
-    drag = drag_N_s_m2(R_UM, front, side, ETA)
-    expected = linear(pure, drag, load_N, np.zeros(FAST.modes), times).mean(axis=1)
-    assert crept[-1] == pytest.approx(expected[-1], rel=0.15 if period < 50 else 0.25)
-    assert expected[-1] < 0.02 / drag * times[-1] * 1e6
+        crept.append(plant.deflections_um()[:, 0].mean())
+    film = film_of(plant, crept[-1] / 2)
+    early_us = period / 2 if mechanics == "modal" else 0.0
+    times = np.array([200.0, 200.0 + early_us]) * 1e-6
+    least, most = linear(pure, film, load_N, np.zeros(FAST.modes), times).mean(axis=1)
+    assert 0.98 * least < crept[-1] < 1.03 * most
+    assert most < 0.02 / film * times[-1] * 1e6
 
 
 @pytest.mark.parametrize("mechanics", ["modal", "mujoco"])
@@ -279,6 +283,29 @@ def test_no_period_is_too_long_and_no_gap_too_narrow_for_the_film(period, mechan
         furthest = max(furthest, float(np.abs(plant.deflections_um()).max()))
     assert furthest < 25.0
     assert np.abs(plant.deflections_um()).max() < 3.0
+
+
+def test_a_wire_torn_off_the_metal_leaves_no_slower_than_suction_lets_it(pure):
+    """The film alone would hold it longer: it cavitates at the ambient pressure on the wire's diameter.
+
+    The wire swings as its second mode, so that its halves stand before opposite walls and there is no mean film.
+    """
+    plant = led(pure, 14.0, 14.0, t_on_us=1.0, t_period_us=5.0)
+    plant.reset(1)  # its rays are traced where it is put now
+    plant.switch_generator(False)
+    shape = modal_model(pure, FAST).wire_shape
+    bow = 11.0 / np.abs(shape[:, 1]).max() * np.eye(FAST.modes)[1]
+    start = shape @ bow
+    torn_N, suction_N = -np.sign(start.round(3)), 101_325.0 * 250e-6 * 20e-3 / FAST.slices
+    deflect(plant, wire_q=bow, wire_v=np.zeros_like(bow), steady=shape.T @ torn_N * 1e6)
+    plant.advance_pulse()
+    left = (plant.deflections_um()[:, 0] - start) * torn_N
+    films = np.array([drag_N_s_m2(R_UM, 14.0 - abs(come), 14.0, ETA) for come in start])
+    capped, held = (
+        (linear(pure, drag, torn_N * share, bow, [5e-6])[0] - start) * torn_N
+        for drag, share in ((0.0, 1 - suction_N), (films, 1.0))
+    )
+    assert left[0] > capped[0] > held[0]
 
 
 # --- pull-in ---

@@ -75,10 +75,11 @@ def test_windows_follow_each_other_without_a_break(settled):
 def test_sparks_push_the_wire_back_as_a_string_under_their_impulses(machine, altered, drive):
     """Without electrostatic pull the wire lags: impulses per second over tension, ``F/T (c/2 + h/12)``.
 
-    The impulse is the bubble's where liquid fills the slit, times the share of the front that is wet.
+    The impulse is the bubble's where liquid fills the slit, times the share of the front that is wet. At the gaps'
+    mean it is a little under its mean, and sparks off the middle push sideways, too.
     """
     neutral = altered(machine, {"base.dielectric.permittivity": 1e-6})
-    windows = drive(edmsim.Plant(neutral, seed=1, resolution="fast"), 25.0, 8.0)[-100:]
+    windows = drive(edmsim.Plant(neutral, seed=1, resolution="fast"), 20.0, 8.0)[-100:]
     seconds = sum(w.duration_ns for w in windows) * 1e-9
     sparks = sum(w.spark for w in windows)
     power_W = 22.0 * discharge_current_A(neutral)
@@ -88,7 +89,7 @@ def test_sparks_push_the_wire_back_as_a_string_under_their_impulses(machine, alt
     force_N = sparks / seconds * impulse_Ns
     straight_on_um = force_N / machine.tension * (10e-3 / 2 + 20e-3 / 12) * 1e6
     lag_um = -np.mean([w.deflection_um[0] for w in windows])
-    assert 0.3 * straight_on_um < lag_um < straight_on_um  # sparks off the middle push sideways, too
+    assert lag_um == pytest.approx(straight_on_um, rel=0.15)
     assert abs(np.mean([w.deflection_um[1] for w in windows])) < 0.5 * lag_um
 
 
