@@ -146,6 +146,7 @@ def _draw_spectrum(axes: Axes, sample: PulseSample, sampling_hz: float, resoluti
             axes.axhline(hz / 1e3, color=GRID, linewidth=1.2, zorder=1)
     for power, colour, name in ((along, BLUE, "along feed"), (across, ORANGE, "across")):
         axes.semilogx(power[1:], frequency[1:] / 1e3, color=colour, linewidth=0.9, label=name, zorder=2)
+    axes.xaxis.set_minor_formatter("")  # a short span would label them, beyond the column
     axes.grid(axis="y", visible=False)
     axes.set_title(
         f"{sample.machine.tension:.3g} N, {sampling_hz / 1e3:.3g} kHz pulses", fontsize=TICK_PT, color=MUTED,
