@@ -17,6 +17,8 @@ from edmsim.plant.mechanics.modal import place_slice, place_wire, push_out
 
 LEFT_UM = 0.1
 """An overlap so small is left: the next contact is felt 2 um before the metal (ours)."""
+MOST_SWEEPS = 8
+"""So many sweeps over the slices push the wire out; what is left is judged at the window's end (ours)."""
 
 
 @compiled
@@ -92,14 +94,19 @@ def touch(
     if deepest >= -LEFT_UM:
         return slice_, place
     push_out(a, slice_, np.float64(a.cosine[slice_, place]), np.float64(a.sine[slice_, place]), -deepest)
-    slices = contact.shape[0]
-    for at in range(2 * slices):
-        s = at if at < slices else 2 * slices - 1 - at
-        if contact[s] > 0.0:
-            place_slice(state, a, position, s)
-            k, gap = narrowest_now(a, position, s)
-            if gap < -LEFT_UM:
-                push_out(a, s, np.float64(a.cosine[s, k]), np.float64(a.sine[s, k]), -gap)
+    slices, pushed = contact.shape[0], True
+    for sweep in range(MOST_SWEEPS):
+        if not pushed:
+            break
+        pushed = False
+        for at in range(slices):
+            s = at if sweep % 2 == 0 else slices - 1 - at
+            if contact[s] > 0.0:
+                place_slice(state, a, position, s)
+                k, gap = narrowest_now(a, position, s)
+                if gap < -LEFT_UM:
+                    push_out(a, s, np.float64(a.cosine[s, k]), np.float64(a.sine[s, k]), -gap)
+                    pushed = True
     place_wire(state, a, position)
     return slice_, place
 
