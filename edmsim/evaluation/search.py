@@ -25,7 +25,7 @@ from edmsim.evaluation.episode import ARGUMENTS, HELD_BACK, ORACLE, Episode, Res
 
 Ranges = dict[str, tuple[float, float]]
 BOUNDS: dict[str, Ranges] = {
-    "fixed": {"feed_um_s": (1.0, 40.0)},
+    "fixed": {"feed_um_s": (1.0, 33.0)},
     "counts": {
         "open_target_share": (0.0, 0.2), "short_weight": (0.25, 1.5), "proportional_um_s": (1.0, 15.0),
         "integral_um_s2": (5.0, 40.0),
@@ -47,7 +47,7 @@ BOUNDS: dict[str, Ranges] = {
         "normal_at_10mm": (300.0, 1000.0),
     },
     "oracle": {
-        "gap_target_um": (3.0, 10.0), "proportional_um_s_um": (0.3, 6.0), "integral_um_s2_um": (0.5, 20.0),
+        "gap_target_um": (3.0, 20.0), "proportional_um_s_um": (0.3, 6.0), "integral_um_s2_um": (0.5, 20.0),
         "short_um": (0.0, 15.0),
     },
 }  # fmt: skip
