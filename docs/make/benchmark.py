@@ -60,8 +60,8 @@ WHY_LEARNING = (
     "compare the return of the oracle, which sees the gap."
 )
 WHY_CORNER = (
-    " Why: the error is the lead of the wire, which the field pulls into the corner. Where the wire hardly leads, in "
-    "thin work cut fast, the policy's long pulses gain nothing."
+    " Why: the policy was trained in a gap without gas, where the wire led and the field pulled it into the corner. "
+    "With gas the wire hardly leads or lags at a corner of this cut, and there is little error to take away."
 )
 """Why a bar was missed by the policies that are shipped: other policies need other reasons."""
 
