@@ -124,10 +124,9 @@ def test_heat_agrees_with_its_closed_forms():
     assert failing([row for check in heat.CHECKS for row in check(())]) == []
 
 
-def test_gas_film_and_forces_fail_only_where_a_period_is_long_for_a_film_all_around():
+def test_gas_film_and_forces_are_what_their_closed_forms_say():
     closed = gas.check_gas_share, gas.check_film, gas.check_film_motion, gas.check_added_mass, gas.check_forces
-    names = failing([row for check in closed for row in check(())])
-    assert names == ["time in which a wire creeps back in a film of 10 um, periods of 100 us"]
+    assert failing([row for check in closed for row in check(())]) == []
 
 
 def test_a_fixed_feed_above_the_capacity_is_lowered_by_one_rule(monkeypatch):
