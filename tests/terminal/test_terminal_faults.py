@@ -76,7 +76,7 @@ def test_an_end_switch_stops_a_jog_and_can_only_be_left_backwards(rig):
 
 # T-46, T-47: wire break
 def test_a_wire_break_stops_all_and_the_cut_goes_on_with_a_new_wire(machine):
-    rig = Rig(machine.with_(tension=0.9 * machine.breaking_force), seed=1, resolution="fast")
+    rig = Rig(machine.with_(tension=0.98 * machine.breaking_force), seed=1, resolution="fast")
     cut = (SET, "NEW 32900 32500", "START", "WAIT")
     _, lines = operate(rig, *cut, "INIT", SET, "START", "GO", "WIRE", SET, "STATUS", "GO", "WAIT 2")
     broken = emergencies(lines)[0]
