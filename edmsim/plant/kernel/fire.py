@@ -261,8 +261,8 @@ def fire_window(
         if full:
             find_films(state, a, c, sums, held, 0.0, 0.0, film, films)
             next_event = move_full(
-                state, a, c, axes, link, p, t, load, films, resistance, sums, open_scale, burn_scale, delay,
-                delay + burn, period_ns, at, kick_x, kick_y, events, next_event,
+                state, a, c, axes, link, p, t, load, films, film, resistance, sums, open_scale, burn_scale,
+                delay, delay + burn, period_ns, at, kick_x, kick_y, events, next_event,
             )
             state[0].time_ns += period_ns
         else:

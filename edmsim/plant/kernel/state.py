@@ -344,7 +344,7 @@ class Scratch(NamedTuple):
     sums : (slices, 4)
         See `breakdown.slice_sums`.
     contact : (slices,)
-    films : (slices, 5)
+    films : (slices, 6)
         See `film.find_films`.
     """
 
@@ -353,7 +353,7 @@ class Scratch(NamedTuple):
     held: Annotated[Array, Kept(2, "modes")]
     sums: Annotated[Array, Kept("slices", 4)]
     contact: Annotated[Array, Kept("slices")]
-    films: Annotated[Array, Kept("slices", 5)]
+    films: Annotated[Array, Kept("slices", 6)]
 
 
 class Own(NamedTuple):

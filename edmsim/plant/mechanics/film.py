@@ -170,22 +170,23 @@ def find_films(
     state: NDArray[np.void], a: Arrays, c: Constants, sums: Array, held: Array, pull_scale: float, pull_share: float,
     mean: float, films: Array,
 ) -> int:
-    """Write every slice's film into `films` (slices, 5), and return how many there are.
+    """Write every slice's film into `films` (slices, 6), and return how many there are.
 
     Direction to the metal; resistance in kg/s that the film has more than the mean one, in the middle of the way the
     wire has come since `held`, 0 if the gap is wide; by how much its pull has grown (um kg/s2) after the share
-    `pull_share` of that way; room for a force. The pull's own size tells the front gap: it grows as ``g^(-3/2)``.
+    `pull_share` of that way; room for a force; the front gap in um, 0 if it is wide. The pull's own size tells that
+    gap, as it grows with ``g^(-3/2)``.
     """
     found = 0
     for s in range(sums.shape[0]):
         pull2 = sums[s, 2] * sums[s, 2] + sums[s, 3] * sums[s, 3]
-        films[s, 2] = films[s, 3] = films[s, 4] = 0.0
+        films[s, 2] = films[s, 3] = films[s, 4] = films[s, 5] = 0.0
         if pull2 >= c.film_pull_um2 * c.film_pull_um2:
             pull = math.sqrt(pull2)
             per_pull = 1.0 / pull
             films[s, 0], films[s, 1] = sums[s, 2] * per_pull, sums[s, 3] * per_pull
             root = cube_root(c.film_pull_um2 * per_pull * (1.0 - c.shielding * a.covered[s]))
-            gap = c.film_from_um * root * root
+            gap = films[s, 5] = c.film_from_um * root * root
             travel = _motion(a, held, s, films[s, 0], films[s, 1])[0]
             nearer = gap / max(gap - 0.5 * travel, PULL_GAP_FLOOR_UM)
             then = gap / max(gap - pull_share * travel, PULL_GAP_FLOOR_UM)

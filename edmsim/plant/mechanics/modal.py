@@ -119,10 +119,12 @@ def move(
     `s`. A constant force f switched on at t acts at the end T as ``f (1 - p11(T - t)) / omega^2`` on the
     deflection and as ``f p12(T - t)`` on the velocity, so no time step enters, only the grid of the tables.
 
-    `braking` is the mean resistance times the period, in kg. Half acts before, explicitly, half after, implicitly:
-    a creeping mode has then both the way and the speed of its load, however stiff the film, and no mode grows.
+    `braking` is the mean resistance times the period, in kg. Half acts before, explicitly, half after, implicitly: a
+    creeping mode has then both the way and the speed of its load, however stiff the film, and no mode grows. The kick
+    is braked from its moment on, so that discharges bend the wire in the mean as a load of their mean force does.
     """
     since_ignite, since_end = k_period - k_ignite, k_period - k_end
+    after_kick = since_end / k_period
     project(a, sums, forces)
     for m in range(0, a.shape.shape[1], COORDINATES):
         c0, s0 = load(p.wire, (k_period, 0, m)), load(p.wire, (k_period, 1, m))
@@ -138,14 +140,16 @@ def move(
         brake = load(a.mobility, (m,)) * braking
         early = highest(spread(1.0) - brake * 0.5, spread(0.0))
         late, slow = spread(1.0) / (early + brake), spread(1.0) / (early + brake * 0.5)
+        further = spread(1.0) / (brake * after_kick + 1.0)
+        on = further / highest(early * (brake * 0.5 + 1.0), spread(0.5))
         for axis in range(2):
             kick = kick_x if axis == 0 else kick_y
             q, v, force = load(a.wire_q, (axis, m)), load(a.wire_v, (axis, m)) * early, load(forces, (axis, m))
             steady = load(a.steady, (axis, m))
-            way = c0 * q + s0 * v + force * settled + steady * stays + kicked * kick - q
-            store(a.wire_q, (axis, m), q + way * slow)
-            speed = back * q + damped * v + force * moving + steady * s0 + thrown * kick
-            store(a.wire_v, (axis, m), speed * late)
+            way = c0 * q + s0 * v + force * settled + steady * stays - q
+            store(a.wire_q, (axis, m), q + way * slow + kicked * kick * further)
+            speed = back * q + damped * v + force * moving + steady * s0
+            store(a.wire_v, (axis, m), speed * late + thrown * kick * on)
     q, v = load(a.table_q, (0, 0)), load(a.table_v, (0, 0))
     at = (k_period, 0, 0)
     store(a.table_q, (0, 0), load(p.table11, at) * q + load(p.table12, at) * v)

@@ -18,6 +18,7 @@ from edmsim.compiled.calls import call_with_two
 from edmsim.compiled.jit import compiled
 from edmsim.plant.axes.advance import LOST, advance_axes
 from edmsim.plant.axes.motor import step_motors
+from edmsim.plant.gap.breakdown import PULL_GAP_FLOOR_UM
 from edmsim.plant.kernel.declare import CHANGING, Kept
 from edmsim.plant.kernel.state import Array, Arrays, Axes, Constants, Propagators, Timing
 from edmsim.plant.mechanics.film import suction_limited
@@ -210,10 +211,34 @@ def _push(a: Arrays, link: FullLink, s: int, impulse_x: float, impulse_y: float)
 
 
 @compiled
-def _brake(a: Arrays, c: Constants, link: FullLink, films: Array, resistance: float) -> None:
+def _nearer(a: Arrays, link: FullLink, films: Array, s: int) -> float:
+    """Front gap of a slice at the pulse's begin, whose places `Arrays.wire_q` still has, over that now."""
+    way = 0.0
+    for m in range(link.wire.shape[1]):
+        x, y = link.qpos[link.wire[0, m]] * 1e6, link.qpos[link.wire[1, m]] * 1e6
+        way += a.shape[s, m] * ((x - a.wire_q[0, m]) * films[s, 0] + (y - a.wire_q[1, m]) * films[s, 1])
+    return float(films[s, 5] / max(films[s, 5] - way, PULL_GAP_FLOOR_UM))
+
+
+@compiled
+def _add_growth(a: Arrays, link: FullLink, films: Array, sums: Array, scale: float) -> None:
+    """Add to the forces by what the pull on slices near the metal has grown since the pulse's begin."""
+    for s in range(films.shape[0]):
+        if films[s, 5] == 0.0:
+            continue
+        then = _nearer(a, link, films, s)
+        growth = (then * math.sqrt(then) - 1.0) * scale * 1e-6
+        for m in range(link.wire.shape[1]):
+            link.force[link.wire[0, m]] += a.shape[s, m] * growth * sums[s, 2]
+            link.force[link.wire[1, m]] += a.shape[s, m] * growth * sums[s, 3]
+
+
+@compiled
+def _brake(a: Arrays, c: Constants, link: FullLink, films: Array, mean: float, resistance: float) -> None:
     """Let mean film and films resist the speed after a time step, which the step has moved the wire with.
 
-    With the mass m a slice moves, a speed v becomes ``v / (1 + c dt / m)``, slice by slice: no film is too stiff.
+    With the mass m a slice moves, a speed v becomes ``v / (1 + c dt / m)``, slice by slice: no film is too stiff. A
+    slice's film is that of its gap now.
     """
     dt = link.timestep[0]
     for m in range(link.wire.shape[1]):
@@ -224,14 +249,15 @@ def _brake(a: Arrays, c: Constants, link: FullLink, films: Array, resistance: fl
             link.qvel[dof] -= change
             link.qpos[dof] -= change * dt
     for s in range(films.shape[0]):
-        nx, ny = films[s, 0], films[s, 1]
         if films[s, 2] == 0.0:
             continue
-        speed = 0.0
+        nx, ny, speed = films[s, 0], films[s, 1], 0.0
         for m in range(link.wire.shape[1]):
             x, y, shape = link.wire[0, m], link.wire[1, m], a.shape[s, m]
             speed += shape * (link.qvel[x] * nx + link.qvel[y] * ny)
-        drag = films[s, 2] / (1.0 + films[s, 2] * dt / a.slice_mass_kg[s])
+        nearer = _nearer(a, link, films, s)
+        film = max((films[s, 2] + mean) * nearer * nearer - mean, 0.0)
+        drag = film / (1.0 + film * dt / a.slice_mass_kg[s])
         impulse = suction_limited(a, c, s, -drag * speed * 1e6) * 1e-6 * dt
         _push(a, link, s, impulse * nx, impulse * ny)
 
@@ -253,6 +279,7 @@ def move_full(
     t: Timing,
     load: Array,
     films: Array,
+    mean: float,
     resistance: float,
     sums: Array,
     open_scale: float,
@@ -278,10 +305,10 @@ def move_full(
     ----------
     load : (2, nodes)
         Room for the pull on the nodes.
-    films : (slices, 5)
+    films : (slices, 6)
         See `film.find_films`.
-    resistance : float
-        See `film.mean_resistance`.
+    mean, resistance : float
+        See `film.mean_film` and `film.mean_resistance`.
     events : int64 (n, 3)
         Time in ns, channel and value, in order of time (see `edmsim.Plant.advance`).
     next_event : int
@@ -320,10 +347,11 @@ def move_full(
             share = a.shape[s, m] * kick
             link.force[link.wire[0, m]] = (load[0, m] * scale + a.steady[0, m]) * 1e-6 + share * kick_x
             link.force[link.wire[1, m]] = (load[1, m] * scale + a.steady[1, m]) * 1e-6 + share * kick_y
+        _add_growth(a, link, films, sums, scale)
         sound = _step(state, axes, link)
         if not sound:
             break
-        _brake(a, c, link, films, resistance)
+        _brake(a, c, link, films, mean, resistance)
         if axes.loops != 0:
             _see_axes(state, axes, link)
             step_motors(state, axes, dt_us)
