@@ -120,11 +120,12 @@ def move(
     deflection and as ``f p12(T - t)`` on the velocity, so no time step enters, only the grid of the tables.
 
     `braking` is the mean resistance times the period, in kg. Half acts before, explicitly, half after, implicitly: a
-    creeping mode has then both the way and the speed of its load, however stiff the film, and no mode grows. The kick
-    is braked from its moment on, so that discharges bend the wire in the mean as a load of their mean force does.
+    creeping mode has then both the way and the speed of its load, however stiff the film, and no mode grows. Kick and
+    pull, which act in a part of the period, are braked from their moment on, that of the pull being the middle of the
+    delay: in the mean they then bend the wire as a load of their mean force does.
     """
     since_ignite, since_end = k_period - k_ignite, k_period - k_end
-    after_kick = since_end / k_period
+    after_kick, after_pull = since_end / k_period, 1.0 - 0.5 * k_ignite / k_period
     project(a, sums, forces)
     for m in range(0, a.shape.shape[1], COORDINATES):
         c0, s0 = load(p.wire, (k_period, 0, m)), load(p.wire, (k_period, 1, m))
@@ -140,16 +141,21 @@ def move(
         brake = load(a.mobility, (m,)) * braking
         early = highest(spread(1.0) - brake * 0.5, spread(0.0))
         late, slow = spread(1.0) / (early + brake), spread(1.0) / (early + brake * 0.5)
-        further = spread(1.0) / (brake * after_kick + 1.0)
-        on = further / highest(early * (brake * 0.5 + 1.0), spread(0.5))
+        again = highest(early * (brake * 0.5 + 1.0), spread(0.5))  # the next period's first half brakes this one's speed
+        kick_way = spread(1.0) / (brake * (0.5 * after_kick) + 1.0)
+        kick_speed = spread(1.0) / ((brake * after_kick + 1.0) * again)
+        pull_way = spread(1.0) / (brake * (0.5 * after_pull) + 1.0)
+        pull_speed = spread(1.0) / ((brake * after_pull + 1.0) * again)
         for axis in range(2):
             kick = kick_x if axis == 0 else kick_y
             q, v, force = load(a.wire_q, (axis, m)), load(a.wire_v, (axis, m)) * early, load(forces, (axis, m))
             steady = load(a.steady, (axis, m))
-            way = c0 * q + s0 * v + force * settled + steady * stays - q
-            store(a.wire_q, (axis, m), q + way * slow + kicked * kick * further)
-            speed = back * q + damped * v + force * moving + steady * s0
-            store(a.wire_v, (axis, m), speed * late + thrown * kick * on)
+            way = c0 * q + s0 * v + steady * stays - q
+            came = kicked * kick * kick_way + force * settled * pull_way
+            store(a.wire_q, (axis, m), q + way * slow + came)
+            speed = back * q + damped * v + steady * s0
+            gained = thrown * kick * kick_speed + force * moving * pull_speed
+            store(a.wire_v, (axis, m), speed * late + gained)
     q, v = load(a.table_q, (0, 0)), load(a.table_v, (0, 0))
     at = (k_period, 0, 0)
     store(a.table_q, (0, 0), load(p.table11, at) * q + load(p.table12, at) * v)
