@@ -141,7 +141,7 @@ def move(
         brake = load(a.mobility, (m,)) * braking
         early = highest(spread(1.0) - brake * 0.5, spread(0.0))
         late, slow = spread(1.0) / (early + brake), spread(1.0) / (early + brake * 0.5)
-        again = highest(early * (brake * 0.5 + 1.0), spread(0.5))  # the next period's first half brakes this one's speed
+        again = highest(early * (brake * 0.5 + 1.0), spread(0.5))  # what the next period's begin takes of the speed
         kick_way = spread(1.0) / (brake * (0.5 * after_kick) + 1.0)
         kick_speed = spread(1.0) / ((brake * after_kick + 1.0) * again)
         pull_way = spread(1.0) / (brake * (0.5 * after_pull) + 1.0)
