@@ -48,7 +48,7 @@ def _pulses(
     following = 0
     for i in range(kicks.shape[0]):
         following = move_full(
-            state, a, c, axes, link, p, t, load, films, 0.0, sums, scales[0], scales[1], ignite_us, end_us[i],
+            state, a, c, axes, link, p, t, load, films, 0.0, 0.0, sums, scales[0], scales[1], ignite_us, end_us[i],
             period_ns, kick_slice[i], kicks[i, 0], kicks[i, 1], steps, following,
         )
         if following == LOST:
@@ -93,7 +93,7 @@ class Rig:
         wire, table = np.zeros((n, 2, N_NODES)), np.zeros((n, 2, 3))
         done = _pulses(
             self.state, a, DRY, self.axes, self.full.link, self.propagators, self.timing, np.zeros_like(a.wire_q),
-            np.zeros((len(a.shape), 5)), sums, scales, ignite_us, period_ns,
+            np.zeros((len(a.shape), 6)), sums, scales, ignite_us, period_ns,
             np.zeros((n, 2)) if kicks is None else kicks,
             np.zeros(n, np.int64) if at is None else at,
             np.full(n, period_ns * 1e-3) if end_us is None else end_us,
