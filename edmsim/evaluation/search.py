@@ -25,7 +25,7 @@ from edmsim.evaluation.episode import ARGUMENTS, HELD_BACK, ORACLE, Episode, Res
 
 Ranges = dict[str, tuple[float, float]]
 BOUNDS: dict[str, Ranges] = {
-    "fixed": {"feed_um_s": (1.0, 40.0)},
+    "fixed": {"feed_um_s": (1.0, 33.0)},
     "counts": {
         "open_target_share": (0.0, 0.2), "short_weight": (0.25, 1.5), "proportional_um_s": (1.0, 15.0),
         "integral_um_s2": (5.0, 40.0),
