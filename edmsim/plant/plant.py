@@ -266,7 +266,7 @@ class Plant(PlantReadings):
             status = self._fire_once(place, len(rows), pulses)
         if status in (STEP_WRONG, STEP_EARLY):
             raise InputError(wrong_step(rows, self.time_ns, self._drives.axes.loops > 0))
-        window = self.window()
+        window = read_window(self._window_bytes)
         if status != FINE:
             raise self.left_validity(status, window)
         return window
@@ -322,7 +322,15 @@ class Plant(PlantReadings):
         self._state["tiled_um"] = (x, y, x + u, y + v)
 
     def window(self) -> PulseWindow:
-        """Return what happened in the last window."""
+        """Return what happened in the last window.
+
+        Raises
+        ------
+        InputError
+            If there was none yet.
+        """
+        if not any(self._window_bytes):
+            raise InputError("the plant has had no window yet: advance it first")
         return read_window(self._window_bytes)
 
     def left_validity(self, status: int, window: PulseWindow) -> PlantError:

@@ -51,6 +51,12 @@ def test_gains_are_scored_on_real_cuts_the_same_every_time() -> None:
     assert search.score(made[0]) > 0
 
 
+@pytest.mark.parametrize("end", [0, 1])
+def test_every_feed_that_is_searched_can_be_run(end: int) -> None:
+    made = search.run_all(training_seeds(3, 1), lambda: make("fixed", feed_um_s=BOUNDS["fixed"]["feed_um_s"][end]))
+    assert len(made) == len(search.ENV_IDS)
+
+
 def test_the_oracle_is_scored_by_its_rate_the_others_by_their_return() -> None:
     assert search.score([result("oracle", 10.0, 1.0), result("oracle", 20.0, 1.0)]) == 15.0
     assert search.score([result("counts", 10.0, 1.0), result("counts", 20.0, 2.0)]) == 1.5

@@ -268,3 +268,8 @@ def test_a_wire_inside_the_metal_is_told(machine):
     plant.restore(state)
     with pytest.raises(WireInMetalError, match="deeper into the metal"):
         plant.advance()
+
+
+def test_a_plant_without_a_window_yet_says_so(machine):
+    with pytest.raises(edmsim.InputError, match="no window yet: advance it first"):
+        edmsim.Plant(machine, resolution="fast").window()
