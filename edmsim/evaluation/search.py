@@ -19,13 +19,14 @@ from numpy.typing import NDArray
 
 from edmsim import __version__
 from edmsim.controllers import FeedController, make
+from edmsim.controllers.mcu.firmware.timers import MAX_FEED_UM_S
 from edmsim.envs.episode import Task
 from edmsim.errors import InputError
 from edmsim.evaluation.episode import ARGUMENTS, HELD_BACK, ORACLE, Episode, Result
 
 Ranges = dict[str, tuple[float, float]]
 BOUNDS: dict[str, Ranges] = {
-    "fixed": {"feed_um_s": (1.0, 33.0)},
+    "fixed": {"feed_um_s": (1.0, MAX_FEED_UM_S)},
     "counts": {
         "open_target_share": (0.0, 0.2), "short_weight": (0.25, 1.5), "proportional_um_s": (1.0, 15.0),
         "integral_um_s2": (5.0, 40.0),

@@ -176,6 +176,7 @@ class Plant(PlantReadings):
         )
         self._memory.put_own(tiles=self.field.tiles, tile_index=self.field.index)
         self._state[:] = 0
+        self._window[:] = 0
         self._state["key"] = key_of(seed)
         self._state["commanded_um"][0, :2] = position_um
         self._state["axis_um"] = self._state["commanded_um"]
@@ -266,7 +267,7 @@ class Plant(PlantReadings):
             status = self._fire_once(place, len(rows), pulses)
         if status in (STEP_WRONG, STEP_EARLY):
             raise InputError(wrong_step(rows, self.time_ns, self._drives.axes.loops > 0))
-        window = read_window(self._window_bytes)
+        window = self.window()
         if status != FINE:
             raise self.left_validity(status, window)
         return window
@@ -327,10 +328,8 @@ class Plant(PlantReadings):
         Raises
         ------
         InputError
-            If there was none yet.
+            If there was none since the plant was made or reset.
         """
-        if not any(self._window_bytes):
-            raise InputError("the plant has had no window yet: advance it first")
         return read_window(self._window_bytes)
 
     def left_validity(self, status: int, window: PulseWindow) -> PlantError:

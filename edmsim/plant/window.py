@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edmsim.compiled.axis_rows import N_AXES, N_CHANNELS
-from edmsim.errors import EdmsimError
+from edmsim.errors import EdmsimError, InputError
 from edmsim.plant.kernel.state import INSIDE, NOT_FINITE, OUTSIDE, WINDOW
 
 _KINDS = [WINDOW[name] for name in WINDOW.names or ()]
@@ -122,12 +122,14 @@ _LEFT: dict[int, tuple[type[PlantError], str]] = {
 
 
 def read_window(row: memoryview) -> PulseWindow:
-    """Return a window from the bytes of its `state.WINDOW`."""
+    """Return a window from the bytes of its `state.WINDOW`; raises `InputError` if they are those of none."""
     (
         start, duration, open_, spark, arc, short, voltage, charge, energy, delay, ignitions, gap, crater,
         x, y, xx, yy, hottest, debris, coverage, broken,
     ) = _FORMAT.unpack_from(row)
     pulses = open_ + spark + arc + short
+    if pulses == 0:
+        raise InputError("the plant has had no window yet: advance it first")
     mean_x, mean_y = x / pulses, y / pulses
     return PulseWindow(
         start, duration, short, open_, spark, arc,

@@ -271,5 +271,10 @@ def test_a_wire_inside_the_metal_is_told(machine):
 
 
 def test_a_plant_without_a_window_yet_says_so(machine):
+    plant = edmsim.Plant(machine, resolution="fast")
     with pytest.raises(edmsim.InputError, match="no window yet: advance it first"):
-        edmsim.Plant(machine, resolution="fast").window()
+        plant.window()
+    assert plant.advance() == plant.window()
+    plant.reset(2)
+    with pytest.raises(edmsim.InputError, match="no window yet: advance it first"):
+        plant.window()
