@@ -45,10 +45,11 @@ def _recalculate(drive_at: Any, axis_at: Any) -> None:
         if reg[law.RESTART] != 0:
             law.restart(reg, drive.setpoint, axis.count, axis.illegal)
         law.take_steps(reg, drive.setpoint)
-        law.judge(reg, axis.count, axis.illegal, axis.lines & FAULT_IN != 0)
+        law.measure(reg, axis.count)
+        law.judge(reg, axis.illegal, axis.lines & FAULT_IN != 0)
         if reg[law.LATCHED] == 0:
-            wanted = law.control(reg, axis.count)
-        sent = law.stream_byte(reg, axis.count)
+            wanted = law.control(reg)
+        sent = law.stream_byte(reg)
         if sent != 0:
             put_byte(drive, sent)
     drive.command = drive.real[_SWING] * wanted / reg[law.CONTROL_FULL]
