@@ -31,28 +31,26 @@ class Registers(MutableMapping[str, int]):
     ----------
     owner : object with a record
         The drive: asked for its record at every access.
-    places : mapping of str to int
-        Register of each name.
-    low, high : int
-        What a register takes.
+    places : mapping of str to (int, int, int)
+        Register of each name, and the least and largest value that it takes.
 
     Raises
     ------
     InputError
-        A name is unknown, or a value is no whole number from `low` to `high`.
+        A name is unknown, or a value is no whole number within its bounds.
     """
 
-    def __init__(self, owner: HasRecord, places: Mapping[str, int], low: int = 0, high: int = 65535) -> None:
-        self._owner, self._places, self._low, self._high = owner, dict(places), low, high
+    def __init__(self, owner: HasRecord, places: Mapping[str, tuple[int, int, int]]) -> None:
+        self._owner, self._places = owner, dict(places)
 
     def __getitem__(self, name: str) -> int:
-        return int(self._owner.record["reg"][0, self._place(name)])
+        return int(self._reg[self._place(name)[0]])
 
     def __setitem__(self, name: str, value: int) -> None:
-        place = self._place(name)
-        if value != int(value) or not self._low <= value <= self._high:
-            raise InputError(f"the drive's {name} is {value}; it must be a whole number {self._low} to {self._high}")
-        self._owner.record["reg"][0, place] = int(value)
+        place, low, high = self._place(name)
+        if value != int(value) or not low <= value <= high:
+            raise InputError(f"the drive's {name} is {value}; it must be a whole number {low} to {high}")
+        self._reg[place] = int(value)
 
     def __delitem__(self, name: str) -> None:
         raise InputError(f"the drive's {name} cannot be taken away; set it to another value")
@@ -63,7 +61,12 @@ class Registers(MutableMapping[str, int]):
     def __len__(self) -> int:
         return len(self._places)
 
-    def _place(self, name: str) -> int:
+    @property
+    def _reg(self) -> NDArray[np.int64]:
+        registers: NDArray[np.int64] = self._owner.record["reg"][0]
+        return registers
+
+    def _place(self, name: str) -> tuple[int, int, int]:
         if name not in self._places:
             raise InputError(f"the drive has no {name!r}; it has {', '.join(self._places)}")
         return self._places[name]

@@ -15,17 +15,28 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edmsim.compiled.axis_rows import (
-    ERROR_LED, FAULT, FAULT_IN, FAULT_OUT, FREEWHEEL, LED, WATCHDOG, SampleFunction, carray, put_byte, sample,
+    ERROR_LED,
+    FAULT,
+    FAULT_IN,
+    FAULT_OUT,
+    FREEWHEEL,
+    LED,
+    WATCHDOG,
+    SampleFunction,
+    carray,
+    put_byte,
+    sample,
 )
 from edmsim.controllers.axis import eeprom
 from edmsim.controllers.axis import uhu_law as law
 from edmsim.controllers.axis.drive import axis_row, data_of, new_record, restart, set_period
+from edmsim.controllers.axis.extensions import SETTINGS, Extensions, record_sample, start_command
 from edmsim.controllers.axis.parameters import Registers
 from edmsim.controllers.axis.uhu_dialogue import Dialogue
 
 _SWING = 0
 """Place in ``real``: the share of the supply that is the full swing of duty, in locked antiphase."""
-_N_BANKS = 3
+_N_BANKS, _LARGEST = 3, 65535
 _NOT_STORED = "overruns"
 
 
@@ -44,11 +55,14 @@ def _recalculate(drive_at: Any, axis_at: Any) -> None:
         drive.busy_ns = reg[law.CALCULATION_NS] + interrupts * reg[law.INTERRUPT_NS]
         if reg[law.RESTART] != 0:
             law.restart(reg, drive.setpoint, axis.count, axis.illegal)
+            start_command(reg, reg[law.TARGET])
         law.take_steps(reg, drive.setpoint)
         law.measure(reg, axis.count)
         law.judge(reg, axis.illegal, axis.lines & FAULT_IN != 0)
         if reg[law.LATCHED] == 0:
-            wanted = law.control(reg)
+            wanted = law.control(reg, drive.now_ns)
+        error = reg[law.TARGET] - reg[law.POSITION]
+        record_sample(reg, drive.memory, error, reg[law.SPEED], wanted, reg[law.LATCHED] != 0)
         sent = law.stream_byte(reg)
         if sent != 0:
             put_byte(drive, sent)
@@ -98,7 +112,7 @@ def _fresh() -> NDArray[np.void]:
 
 
 class Uhu:
-    """A UHU servo controller.
+    r"""A UHU servo controller.
 
     Parameters
     ----------
@@ -113,12 +127,14 @@ class Uhu:
     parameters : mapping of str to int
         What the letters at the terminal set, by name; words 0 to 65535. A new ``cycle`` acts from `enter`, ``R`` or a
         load on.
+    extensions : Extensions
+        What it can do beyond its manual, see `edmsim.controllers.axis.extensions`.
 
     Examples
     --------
     >>> drive = Uhu()
-    >>> drive.line(b"R\\r")
-    b'R\\r\\nOK\\r\\n>'
+    >>> drive.line(b"R\r")
+    b'R\r\nOK\r\n>'
     """
 
     name = "uhu"
@@ -130,7 +146,8 @@ class Uhu:
         self.baud = data["clock"]["crystal_Hz"] / 16 / data["serial"]["baud_divisor"]
         table = data["parameter"]
         self._letters = {row["letter"]: row["name"] for row in table}
-        self.parameters = Registers(self, {row["name"]: place for place, row in enumerate(table)})
+        self.parameters = Registers(self, {row["name"]: (place, 0, _LARGEST) for place, row in enumerate(table)})
+        self.extensions = Extensions(self, wraps=False)
         self._stored = [row["name"] for row in table if row["name"] != _NOT_STORED]
         self._dialogue = Dialogue(
             {row["letter"]: row["label"] for row in table}, data["identity"]["serial_number"]
@@ -156,8 +173,10 @@ class Uhu:
         self._dialogue.receive_error()
 
     def power_up(self) -> bytes:
-        """Start as after power-up, a low reset pin or ``+``: bank 0 is loaded; return the start-up text (row U-39)."""
-        restart(self.record, _fresh())
+        """Start as after power-up, a low reset pin or ``+``: load bank 0 and return the start-up text (row U-39)."""
+        fresh = _fresh()
+        fresh["reg"][0, SETTINGS] = self._reg[SETTINGS]
+        restart(self.record, fresh)
         stored = self._read(0)
         if stored.words is not None:
             self._use(stored.words)

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edmsim.compiled.jit import exactly_compiled
+from edmsim.controllers.axis.extensions import derive_command, feed_forward, holds_integrator, note_limit
 
 P, I, D, H, X, T, N, E, M, O, C = range(11)  # noqa: E741
 """Registers of the parameters, in the order of the help text."""
@@ -18,11 +19,13 @@ SPEED_DIVISOR, INTEGRAL_DIVISOR, FILTER_OFFSET, CONTROL_FULL, STREAM_EVERY, STRE
 CALCULATION_NS, INTERRUPT_NS = 17, 18
 """Registers of the settings that the manual leaves open, see ``models/drives/uhu.toml``."""
 (
-    TARGET, EDGES_SEEN, REFERENCE, POSITION, SPEED, CHANGE, INTEGRAL, CONTROL, ILLEGAL_SEEN, INTERRUPTS_SEEN, ZERO_COUNT,
+    TARGET, EDGES_SEEN, REFERENCE, POSITION, SPEED, CHANGE, INTEGRAL, CONTROL, ILLEGAL_SEEN, INTERRUPTS_SEEN,
+    ZERO_COUNT,
 ) = range(19, 30)  # fmt: skip
 """What the loop remembers: setpoint in counts and the step edges in it, the reference that X holds back (counts times
-SPEED_DIVISOR), position, speed and its change at the last sample, the integrator and the control variable (both times
-256), the illegal transitions counted in O, the encoder's edges that took time, and its count where the chip counts 0."""
+SPEED_DIVISOR), position, speed and its change at the last sample, the integrator and the control variable (both
+times 256), the illegal transitions counted in O, the encoder's edges that took time, and its count where the chip
+counts 0."""
 LATCHED, RESTART = 30, 31
 """Why the output is off, bits of what follows; and the reset that the next sample carries out."""
 TRACKING, ERROR_INPUT, WATCHDOG, BAD_BANK = 1, 2, 4, 8
@@ -79,7 +82,7 @@ def measure(reg: NDArray[np.int64], count: int) -> None:
 
 
 @exactly_compiled
-def control(reg: NDArray[np.int64]) -> int:
+def control(reg: NDArray[np.int64], now_ns: int) -> int:
     """Return the control variable in units of T, -T to T.
 
     The reference follows the setpoint by X at most (row U-A29). The error counts proportionally and summed up, speed
@@ -87,13 +90,17 @@ def control(reg: NDArray[np.int64]) -> int:
     """
     behind = reg[TARGET] * reg[SPEED_DIVISOR] - reg[REFERENCE]
     reg[REFERENCE] += min(max(behind, -reg[X]), reg[X])
-    error = reg[REFERENCE] // reg[SPEED_DIVISOR] - reg[POSITION]
+    reference = reg[REFERENCE] // reg[SPEED_DIVISOR]
+    derive_command(reg, reference)
+    error = reference - reg[POSITION]
     error = min(max(error, -_LARGEST_ERROR), _LARGEST_ERROR)
     most = min(reg[T], reg[CONTROL_FULL])
     limit = most * _ONE
-    grown = reg[INTEGRAL] + reg[I] * error * _ONE // reg[INTEGRAL_DIVISOR]
-    reg[INTEGRAL] = min(max(grown, -limit), limit)
-    wanted = reg[P] * error + reg[INTEGRAL] - reg[D] * reg[SPEED] - reg[H] * reg[CHANGE]
+    if not holds_integrator(reg, error):
+        grown = reg[INTEGRAL] + reg[I] * error * _ONE // reg[INTEGRAL_DIVISOR]
+        reg[INTEGRAL] = min(max(grown, -limit), limit)
+    wanted = reg[P] * error + reg[INTEGRAL] - reg[D] * reg[SPEED] - reg[H] * reg[CHANGE] + feed_forward(reg)
+    note_limit(reg, now_ns, 1 if wanted >= limit else -1 if wanted <= -limit else 0)
     wanted = min(max(wanted, -limit), limit)
     reg[CONTROL] += (wanted - reg[CONTROL]) * reg[N] // (reg[N] + reg[FILTER_OFFSET])
     return int(min(max((reg[CONTROL] + _ONE // 2) // _ONE, -most), most))
@@ -101,7 +108,7 @@ def control(reg: NDArray[np.int64]) -> int:
 
 @exactly_compiled
 def stream_byte(reg: NDArray[np.int64]) -> int:
-    """Return the tracking error as a byte with bit 7 set every fifth interval of analyse mode, else 0 (rows U-34 to U-36)."""
+    """Return the tracking error as a byte with bit 7 set, 0 when none is due (rows U-34 to U-36)."""
     if reg[STREAM_ON] == 0:
         return 0
     reg[STREAM_WAIT] += 1
