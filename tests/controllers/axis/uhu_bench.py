@@ -84,3 +84,9 @@ def traced(bench: AxisBench, seconds: float, axis: str = "x") -> NDArray[Any]:
     bench.samples(axis)
     bench.run(seconds)
     return np.array(bench.samples(axis))
+
+
+def start_stream(bench: AxisBench, axis: str = "x") -> None:
+    """Start analyse mode; the line is never quiet from then on."""
+    bench.send(b"A\r", axis=axis)
+    bench.run(0.02)
