@@ -30,7 +30,7 @@ from edmsim.compiled.axis_rows import (
 from edmsim.controllers.axis import eeprom
 from edmsim.controllers.axis import uhu_law as law
 from edmsim.controllers.axis.drive import axis_row, data_of, new_record, restart, set_period
-from edmsim.controllers.axis.extensions import SETTINGS, Extensions, record_sample, start_command
+from edmsim.controllers.axis.extensions import SETTINGS, Extensions, note_limit, record_sample, start_command
 from edmsim.controllers.axis.parameters import Registers
 from edmsim.controllers.axis.uhu_dialogue import Dialogue
 from edmsim.errors import InputError
@@ -64,6 +64,8 @@ def _recalculate(drive_at: Any, axis_at: Any) -> None:
         law.judge(reg, axis.illegal, low)
         if reg[law.LATCHED] == 0:
             wanted = law.control(reg, drive.now_ns)
+        else:
+            note_limit(reg, drive.now_ns, 0)
         error = reg[law.TARGET] - reg[law.POSITION]
         record_sample(reg, drive.memory, error, reg[law.SPEED], wanted, reg[law.LATCHED] != 0)
         sent = law.stream_byte(reg)
@@ -128,8 +130,8 @@ class Uhu:
     Attributes
     ----------
     parameters : mapping of str to int
-        What the letters at the terminal set, by name; words 0 to 65535. A new ``cycle`` acts from a reset on, one that
-        is typed from the next interval on.
+        What the letters at the terminal set, by name; words 0 to 65535. A ``cycle`` that is typed acts from the next
+        interval on, one that is set here from a reset on.
     extensions : Extensions
         What it can do beyond its manual, see `edmsim.controllers.axis.extensions`.
 
