@@ -11,11 +11,14 @@ from edmsim.controllers.axis.conformance import check_drive
 from edmsim.controllers.axis.drive import Drive
 from edmsim.controllers.axis.servo import PositionServo
 from edmsim.controllers.axis.stepper import Stepper
+from edmsim.controllers.axis.uhu import Uhu
 from edmsim.errors import InputError
 
 __all__ = ["Drive", "check_drive", "make", "names"]
 
-_DRIVES: dict[str, type[Stepper] | type[PositionServo]] = {kind.name: kind for kind in (Stepper, PositionServo)}
+_DRIVES: dict[str, type[Stepper] | type[PositionServo] | type[Uhu]] = {
+    kind.name: kind for kind in (Stepper, PositionServo, Uhu)
+}
 
 
 def names() -> tuple[str, ...]:
