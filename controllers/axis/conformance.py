@@ -14,7 +14,10 @@ from edmsim.controllers.axis.drive import Drive
 from edmsim.errors import InputError
 
 _SAMPLES = 400
-_OWN = ("command", "lines", "reg", "real")
+_OWN = (
+    "command", "lines", "busy_ns", "delay_ns", "pwm_ns", "watchdog_ns", "count_rate_Hz", "n_sent", "sent", "reg", "real",
+    "memory", "eeprom",
+)
 """What a sample may write of its record."""
 
 
@@ -86,13 +89,13 @@ def _run(drive: Drive, pace: int, first: int, last: int) -> NDArray[np.float64]:
     commands = np.zeros(last)
     for k in range(first, last):
         record["index"], record["setpoint"] = k + 1, edges[k]
-        record["due_ns"] = (k + 1) * int(record["num"][0]) // int(record["den"][0])
+        record["due_ns"] = record["now_ns"] = (k + 1) * int(record["num"][0]) // int(record["den"][0])
         axis["time_ns"], axis["count"] = record["due_ns"], pace * k if pace else edges[max(k - 1, 0)]
         before, seen = record.copy(), axis.tobytes()
         call(record.ctypes.data, axis.ctypes.data)
         if axis.tobytes() != seen:
             raise _wrong(drive, "writes into its axis' row")
-        if any(record[name] != before[name] for name in DRIVE.names or () if name not in _OWN):
+        if any(record[name].tobytes() != before[name].tobytes() for name in DRIVE.names or () if name not in _OWN):
             raise _wrong(drive, "writes what is the plant's in its record")
         commands[k] = record["command"][0]
         if not abs(commands[k]) <= 1.0:

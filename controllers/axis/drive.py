@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tomllib
+from collections.abc import Mapping
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
@@ -10,6 +11,7 @@ from numpy.typing import NDArray
 
 from edmsim import models
 from edmsim.compiled.axis_rows import DRIVE, MOTOR, SampleFunction
+from edmsim.errors import InputError
 
 
 @runtime_checkable
@@ -49,6 +51,54 @@ class Drive(Protocol):
         ...
 
 
+@runtime_checkable
+class SerialDrive(Drive, Protocol):
+    """A drive with a serial line and a memory that outlasts the power: a chip on a board.
+
+    Attributes
+    ----------
+    baud : float
+        Bits per second of its serial line, 8 data bits, no parity, 1 stop bit.
+    """
+
+    baud: float
+
+    def power_up(self) -> bytes:
+        """Start as after the release of the reset pin: all of the record but ``eeprom`` as in a new drive.
+
+        Returns
+        -------
+        bytes
+            What it sends over the serial line.
+        """
+        ...
+
+    def receive_error(self) -> None:
+        """Take note that a byte came without a stop bit, or before the last one was read."""
+        ...
+
+
+_OWN = (
+    "command", "lines", "num", "den", "busy_ns", "delay_ns", "pwm_ns", "watchdog_ns", "stalled_until_ns",
+    "count_rate_Hz", "reg", "real", "memory",
+)
+"""What of a record is the drive's own and lost with the power."""
+
+
+def restart(record: NDArray[np.void], fresh: NDArray[np.void]) -> None:
+    """Give a drive's record what a new one has: all that is its own but the EEPROM, its clock starting now."""
+    for name in _OWN:
+        record[name] = fresh[name]
+    set_period(record, int(fresh["num"][0]), int(fresh["den"][0]))
+
+
+def set_period(record: NDArray[np.void], num: int, den: int) -> None:
+    """Let a drive sample with another period, ``num / den`` ns, from its last sample or power-up on."""
+    record["epoch_ns"], record["index"] = record["now_ns"], 1
+    record["num"], record["den"] = num, den
+    record["due_ns"] = record["now_ns"] + num // den
+
+
 def new_record(period_ns: tuple[int, int] = (1, 1)) -> NDArray[np.void]:
     """Return a record of nought with a sampling period in ns, as a fraction."""
     record = np.zeros(1, DRIVE)
@@ -61,9 +111,35 @@ def data_of(name: str) -> dict[str, Any]:
     return tomllib.loads(models.path(f"drives/{name}.toml").read_text(encoding="utf-8"))
 
 
-def motor_row(values: dict[str, float]) -> NDArray[np.void]:
-    """Return a motor's row of its constants by name, all of `MOTOR`."""
+def motor_row(values: Mapping[str, float], **changes: float) -> NDArray[np.void]:
+    """Return a motor's row of its constants by name, all of `MOTOR`, some of them changed.
+
+    Raises
+    ------
+    InputError
+        A change has a name that is none of `MOTOR`, or a constant is missing.
+    """
+    names = MOTOR.names or ()
+    merged = {**values, **changes}
+    wrong = sorted(set(names) ^ merged.keys())
+    if wrong:
+        raise InputError(f"a motor's constants are {', '.join(names)}; missing or none of them: {', '.join(wrong)}")
     row = np.zeros(1, MOTOR)
-    for name in MOTOR.names or ():
-        row[name] = values[name]
+    for name in names:
+        row[name] = merged[name]
     return row
+
+
+def axis_row(name: str = "table", **changes: float) -> NDArray[np.void]:
+    """Return the row of an axis: motor, supply, bridge, encoder and screw of ``models/drives/axis-NAME.toml``.
+
+    Parameters
+    ----------
+    name : str
+        ``table`` (a small servo motor on the screw of the DEM-15), ``bench`` (a motor with a ball screw and a
+        resonance within the reach of a drive), ``fast`` (a million counts a second) or ``low-impedance``.
+    **changes : float
+        Constants of `MOTOR` to be other than in the file, for example ``backlash_um=20.0``.
+    """
+    parts = (part for part in data_of(f"axis-{name}").values() if isinstance(part, dict))
+    return motor_row({key: value for part in parts for key, value in part.items()}, **changes)

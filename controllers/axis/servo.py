@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edmsim.compiled.axis_rows import FAULT, SampleFunction, carray, sample
-from edmsim.controllers.axis.drive import data_of, motor_row, new_record
+from edmsim.controllers.axis.drive import axis_row, data_of, new_record
 
 COUNTS_PER_EDGE, KP, KD, LAST_ERROR, LARGEST_ERROR = range(5)
 """Registers."""
@@ -46,7 +46,7 @@ class PositionServo:
         self.record["reg"][0, : LARGEST_ERROR + 1] = (
             loop["counts_per_edge"], loop["kp"], loop["kd"], 0, loop["largest_error"],
         )
-        self.motor: NDArray[np.void] | None = motor_row(data["motor"])
+        self.motor: NDArray[np.void] | None = axis_row("table", **data["motor"])
 
     @property
     def sample(self) -> SampleFunction:

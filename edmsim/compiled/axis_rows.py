@@ -18,20 +18,34 @@ from typing import Any, Protocol
 import numpy as np
 from numba import carray, cfunc, from_dtype, types  # type: ignore[attr-defined]
 
-from edmsim.compiled.jit import in_cache
+from edmsim.compiled.jit import compiled, in_cache
 
-__all__ = ["AXIS", "DRIVE", "MOTOR", "N_AXES", "SampleFunction", "carray", "sample"]
+__all__ = ["AXIS", "DRIVE", "MOTOR", "N_AXES", "SampleFunction", "carray", "put_byte", "sample"]
 
 N_AXES = 4
 """Axes of the machine: x, y, u, v."""
 STOP_LINE, FAULT_LINE, ENABLE_LINE = range(N_AXES, N_AXES + 3)
-"""Channels of `Plant.advance`'s events behind those of the axes' steps: input lines of the drives, whose value is
-their level, 0 or 1. Line `c` is bit ``c - N_AXES`` of ``AXIS.lines``."""
+"""Channels of `Plant.advance`'s events behind those of the axes' steps: input lines of the drives, whose value is 1
+while they are active, which for the fault line means pulled low. Line `c` is bit ``c - N_AXES`` of ``AXIS.lines``."""
 N_CHANNELS = N_AXES + 3
+STOP_IN, FAULT_IN, ENABLE_IN = (1 << (line - N_AXES) for line in (STOP_LINE, FAULT_LINE, ENABLE_LINE))
+"""Bits of ``AXIS.lines``."""
 LOW_END, HIGH_END = 1, 2
 """Bits of ``AXIS.ends``: the end switches that are open."""
-FAULT = 1
-"""Bit of ``DRIVE.lines``: the drive reports a fault."""
+FAULT, FREEWHEEL, FAULT_OUT, LED = 1, 2, 4, 8
+"""Bits of ``DRIVE.lines``: the drive reports a fault to the machine; its enable output is low, so that the bridge is
+off and the motor freewheels; its fault output is pulled low; its status LED is lit."""
+NET_IN, NET_OUT = 1, 2
+"""Bits of ``AXIS.wiring``: the drive's fault input hangs on the machine's fault net; its fault output pulls that net
+low through a diode. An input without the net is held high."""
+SAMPLE, WATCHDOG = 0, 1
+"""``DRIVE.event``: why the sample is called. For `WATCHDOG` no sample has run for ``watchdog_ns``."""
+BRIDGE_DAMAGED, MAGNETS_DAMAGED, WINDING_DAMAGED = 1, 2, 4
+"""Bits of ``AXIS.damage``: a current over ``bridge_A``, one over ``peak_A``, a winding warmer than ``rated_K``."""
+PHASE_A, PHASE_B = 1, 2
+"""Bits of ``AXIS.unplugged`` and of the encoder's state."""
+SENT = 256
+"""Bytes of ``DRIVE.sent`` before the first is written over."""
 
 DRIVE = np.dtype(
     [
@@ -41,63 +55,145 @@ DRIVE = np.dtype(
         ("num", "i8"),
         ("den", "i8"),
         ("due_ns", "i8"),
+        ("now_ns", "i8"),
+        ("event", "i8"),
         ("setpoint", "i8"),
+        ("alarm_ns", "i8"),
+        ("output_ns", "i8"),
         ("command", "f8"),
         ("lines", "i8"),
-        ("reg", "i8", 48),
-        ("real", "f8", 16),
+        ("busy_ns", "i8"),
+        ("delay_ns", "i8"),
+        ("pwm_ns", "i8"),
+        ("watchdog_ns", "i8"),
+        ("stalled_until_ns", "i8"),
+        ("count_rate_Hz", "f8"),
+        ("n_sent", "i8"),
+        ("sent", "i8", SENT),
+        ("reg", "i8", 128),
+        ("real", "f8", 32),
+        ("memory", "i8", 128),
+        ("eeprom", "u1", 128),
     ]
 )
-"""A drive. The plant writes ``sample`` (address of the compiled function, 0 for a drive without a loop), the due time
-of the next sample (its number is ``index``, the period ``num / den`` ns), and ``setpoint``, the step edges up less
-those down. The drive writes ``command``, the share of the motor's supply voltage (-1 to 1, held until the next
-sample), and its output ``lines``. ``reg`` and ``real`` are its own: parameters, ramps, what it remembers. All of
-it is part of the plant's snapshot."""
+"""A drive. The plant writes ``sample`` (address of the compiled function, 0 for a drive without a loop), the due
+time of the next sample (its number is ``index``, the period ``num / den`` ns), ``now_ns`` and ``event`` at every
+call, ``setpoint``, the step edges up less those down, ``alarm_ns``, when the watchdog is due, and ``output_ns``,
+when the last sample's outputs take effect.
+
+The drive writes ``command``, the share of the motor's supply voltage (-1 to 1, held until the next sample), and its
+output ``lines``; both take effect ``delay_ns`` later (its time to compute), the command at the next period of
+``pwm_ns`` if that is not 0. A sample that is ``busy_ns`` long leaves the grid where that is longer than the period:
+the next one follows at once. ``watchdog_ns`` (0 for none) is the longest time without a sample. No sample is taken
+before ``stalled_until_ns``. ``count_rate_Hz`` is the fastest encoder edges its input takes, 0 for the encoder's own
+limit. ``sent`` has the last bytes for the serial line and their times (see `put_byte`), ``n_sent`` counts them.
+``reg``, ``real``, ``memory`` and ``eeprom`` are its own: parameters, ramps, what it records, what outlasts the
+power. All of it is part of the plant's snapshot."""
 
 AXIS = np.dtype(
     [
         ("time_ns", "i8"),
         ("count", "i8"),
+        ("illegal", "i8"),
+        ("edges", "i8"),
         ("index_at", "i8"),
         ("indexes", "i8"),
-        ("mark", "i8"),
         ("ends", "i8"),
         ("lines", "i8"),
+        ("hand_lines", "i8"),
+        ("wiring", "i8"),
+        ("in_reset", "i8"),
+        ("mark", "i8"),
         ("missed", "i8"),
+        ("moved_ns", "i8"),
+        ("true_count", "i8"),
+        ("state", "i8"),
+        ("seen_state", "i8"),
+        ("state_ns", "f8"),
+        ("unplugged", "i8"),
+        ("swapped", "i8"),
+        ("locked", "i8"),
+        ("damage", "i8"),
+        ("pins", "i8"),
+        ("duty", "f8"),
         ("zero_um", "f8"),
         ("low_um", "f8"),
         ("high_um", "f8"),
         ("place_um", "f8"),
+        ("speed_um_s", "f8"),
+        ("rotor_um", "f8"),
         ("speed_rad_s", "f8"),
         ("current_A", "f8"),
-        ("voltage_V", "f8"),
+        ("link_V", "f8"),
+        ("peak_A", "f8"),
+        ("winding_K", "f8"),
+        ("hand_Nm", "f8"),
+        ("hand_N", "f8"),
     ]
 )
-"""An axis under a drive with a loop. Read for the drive at its sample, at ``time_ns``: the encoder's ``count``, since
-the place ``zero_um`` where the drive was switched on; ``index_at``, the count at the last index mark passed, and how
-many marks were passed (``indexes``); ``ends``, the open end switches; ``lines``, its input lines. The rest no
-drive sees: ``missed`` counts the edges that came faster than the encoder's input takes them, which are lost; ``mark``
-is the last index mark below the axis; the switches open below ``low_um`` and above ``high_um``; place, speed of the
-rotor, and the motor's current and voltage now."""
+"""An axis under a drive with a loop. Read for the drive at its sample, at ``time_ns``: the encoder's ``count``, four
+to a line, since the place ``zero_um`` where the drive was switched on; ``illegal``, how often both phases changed at
+once, which moves no count; ``edges``, all that were counted; ``index_at``, the count at the last index mark passed,
+and how many marks were passed (``indexes``); ``ends``, the open end switches; ``lines``, its input lines.
+
+The rest no drive sees. Wires: ``hand_lines`` are input lines held active from outside, ``wiring`` how the drive
+hangs on the fault net, ``in_reset`` whether its logic is held in reset. Encoder: ``true_count`` by the place,
+``missed`` what ``count`` is behind that, ``state`` the phases as they are since ``state_ns``, ``seen_state`` as they
+were last counted, ``unplugged`` phases (which read 1) and whether they are ``swapped``; ``mark`` is the last index
+mark below. The switches open below ``low_um`` and above ``high_um``. Motor, moved to ``moved_ns``: ``pins`` and
+``duty`` are the outputs in effect, ``place_um`` and ``speed_um_s`` of the table, ``rotor_um`` the travel that the
+rotor's angle stands for, its speed and current, ``link_V`` the supply's voltage at the bridge, ``peak_A`` the
+largest current so far, ``winding_K`` the winding's temperature over the surroundings, ``damage`` what was too much.
+``locked`` holds the rotor; ``hand_Nm`` and ``hand_N`` are a torque on its shaft and a force on the table from
+outside."""
 
 MOTOR = np.dtype(
     [
         ("supply_V", "f8"),
+        ("supply_ohm", "f8"),
+        ("supply_A", "f8"),
+        ("link_F", "f8"),
+        ("bridge_A", "f8"),
+        ("diode_V", "f8"),
         ("resistance_ohm", "f8"),
         ("inductance_H", "f8"),
         ("torque_Nm_A", "f8"),
+        ("peak_A", "f8"),
+        ("rated_K", "f8"),
+        ("winding_J_K", "f8"),
+        ("winding_K_W", "f8"),
         ("inertia_kg_m2", "f8"),
         ("damping_Nm_s", "f8"),
+        ("friction_Nm", "f8"),
+        ("stiction_Nm", "f8"),
         ("um_per_rad", "f8"),
-        ("counts_per_um", "f8"),
+        ("screw_N_m", "f8"),
+        ("screw_N_s_m", "f8"),
+        ("backlash_um", "f8"),
+        ("table_kg", "f8"),
+        ("way_N_s_m", "f8"),
+        ("way_friction_N", "f8"),
+        ("way_stiction_N", "f8"),
+        ("load_N", "f8"),
+        ("counts_per_rad", "f8"),
+        ("on_table", "f8"),
+        ("phase_error", "f8"),
         ("index_um", "f8"),
         ("edge_rate_Hz", "f8"),
     ]
 )
-"""Constants of a direct-current motor with what it moves, and of its encoder. ``torque_Nm_A`` is the back-EMF in V s
-per rad, too; ``inertia_kg_m2`` is that of rotor, screw and table together (MuJoCo takes the inertia of rotor and
-carriage from the machine's MJCF instead); ``um_per_rad`` the travel per turn of the rotor in rad; ``index_um`` the
-travel from one index mark to the next; ``edge_rate_Hz`` the fastest edges the encoder's input counts."""
+"""Constants of a direct-current motor with its supply, what it moves, and its encoder.
+
+Supply and bridge: ``supply_V`` behind ``supply_ohm``, at most ``supply_A``, into a capacitor ``link_F`` at the
+bridge; ``bridge_A`` is what its transistors survive, ``diode_V`` the drop of a diode. Winding: ``torque_Nm_A`` is
+the back-EMF in V s per rad, too; ``peak_A`` demagnetises the motor; the winding of heat capacity ``winding_J_K`` and
+thermal resistance ``winding_K_W`` may be ``rated_K`` over its surroundings. Rotor: ``inertia_kg_m2`` with what turns
+with it, ``friction_Nm`` while it turns, ``stiction_Nm`` before it does. Screw: ``um_per_rad`` of travel, its spring
+and damper between nut and table, its backlash. Table: mass, oil film, friction and stiction of the ways, and
+``load_N``, which pulls steadily (gravity of a vertical axis). On x and y of a machine, screw and table are the
+machine's own. Encoder: ``counts_per_rad`` of the rotor (4 times its lines over 2 pi), of the table's travel where
+``on_table`` is 1; ``phase_error``, by how much of a count every other edge is off; ``index_um`` from one index mark
+to the next; ``edge_rate_Hz`` the fastest edges it makes."""
 
 
 class SampleFunction(Protocol):
@@ -122,3 +218,10 @@ def sample(function: Callable[[Any, Any], None]) -> SampleFunction:
     signature = types.void(pointer(from_dtype(DRIVE)), pointer(from_dtype(AXIS)))
     made: SampleFunction = in_cache(cfunc(signature, cache=True, error_model="numpy"), function)
     return made
+
+
+@compiled
+def put_byte(drive: Any, byte: int) -> None:
+    """Let a sample send a byte: it stands with its time in ``sent``, as ``time_ns * 256 + byte``."""
+    drive.sent[drive.n_sent % SENT] = drive.now_ns * 256 + byte
+    drive.n_sent += 1
