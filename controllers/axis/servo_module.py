@@ -1,0 +1,188 @@
+"""The servo processor module, revision A, of 2010: a replacement for the UHU servo chip with faster inputs.
+
+Its loop is `edmsim.controllers.axis.servo_module_law`, its serial dialogue `servo_module_dialogue`, its recorder
+`servo_module_recorder`; parameters, and what its guide leaves open, stand in ``models/drives/servo_module.toml``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from edmsim.compiled.axis_rows import FAULT, FAULT_IN, FAULT_OUT, FREEWHEEL, LED, SampleFunction, carray, sample
+from edmsim.compiled.jit import compiled
+from edmsim.controllers.axis import servo_module_registers as at
+from edmsim.controllers.axis.drive import axis_row, new_record, restart, set_period
+from edmsim.controllers.axis.eeprom import WORD, decode, encode
+from edmsim.controllers.axis.serial_line import NEW_LINE, LineEditor
+from edmsim.controllers.axis.servo_module_dialogue import DATA, answer, lowest, takes
+from edmsim.controllers.axis.servo_module_law import Registers, cycle, put_duty, wrapped
+from edmsim.controllers.axis.servo_module_recorder import dump, note
+from edmsim.errors import InputError
+
+_BITS_OF_A_BYTE = 10
+"""Start bit, eight, stop bit."""
+_CHIP = DATA["chip"]
+
+
+@compiled
+def _lamp(reg: Registers) -> int:
+    """Return whether the status LED is lit: flashes name the reason of a stop, a running loop blinks evenly."""
+    status, now_ns, flash_ns = reg[at.STATUS], reg[at.NOW_NS], reg[at.LED_FLASH_NS]
+    if status & at.FAULT_BIT != 0:
+        flashes = 3 if status & at.EXTERNAL_BIT != 0 else 2 if status & at.FOLLOWING_BIT != 0 else 1
+        since_ns = now_ns % reg[at.LED_REPEAT_NS]
+        lit = since_ns < 2 * flashes * flash_ns and since_ns % (2 * flash_ns) < flash_ns
+    else:
+        period_ns = reg[at.LED_RECORDER_NS] if status & at.RECORDER_BIT != 0 else reg[at.LED_RUN_NS]
+        lit = 2 * (now_ns % period_ns) < period_ns
+    return LED if lit else 0
+
+
+@compiled
+def _lines(reg: Registers) -> int:
+    """Return the output lines; only the module's own fault pulls the fault output (row M-A15)."""
+    status = reg[at.STATUS]
+    lines = _lamp(reg)
+    if status & at.FAULT_BIT != 0:
+        lines |= FREEWHEEL
+    if status & at.FOLLOWING_BIT != 0:
+        lines |= FAULT_OUT
+    if status & (at.FOLLOWING_BIT | at.EXTERNAL_BIT) != 0:
+        lines |= FAULT
+    return lines
+
+
+@compiled
+def _write(reg: Registers, eeprom: NDArray[np.uint8], now_ns: int) -> None:
+    """Write what a save's time has been enough for: power that fails meanwhile leaves the rest as it was."""
+    if reg[at.SAVING] != 0:
+        for k in range(min(at.N_IMAGE * (now_ns - reg[at.SAVED_FROM_NS]) // reg[at.SAVE_NS], at.N_IMAGE)):
+            eeprom[k] = reg[at.IMAGE + k]
+
+
+@sample
+def _servo_module(drive_at: Any, axis_at: Any) -> None:
+    drive, axis = carray(drive_at, 1)[0], carray(axis_at, 1)[0]
+    reg = drive.reg
+    _write(reg, drive.eeprom, drive.now_ns)
+    ran, turned = cycle(reg, axis.count, drive.setpoint, axis.lines & FAULT_IN != 0, drive.now_ns)
+    if ran:
+        note(reg, drive.memory, turned)
+    dump(drive)
+    drive.command = (reg[at.DUTY] - reg[at.DUTY_CENTRE]) / reg[at.DUTY_CENTRE]
+    drive.lines = _lines(reg)
+
+
+class ServoModule:
+    """The servo processor module on an axis.
+
+    Parameters
+    ----------
+    motor : record array (1,), optional
+        Motor, supply and encoder (`edmsim.controllers.axis.drive.axis_row`); the machine's table if none is given.
+    stored : mapping, optional
+        Parameters by field that the EEPROM has instead of the defaults, for example ``{"proportional_gain": 900}``.
+
+    Raises
+    ------
+    InputError
+        `stored` has a name that is none, or a number that the serial line would refuse.
+    """
+
+    name = "servo-module"
+    sample: SampleFunction = _servo_module
+    baud: float = _CHIP["baud"]
+
+    def __init__(self, motor: NDArray[np.void] | None = None, stored: Mapping[str, int] | None = None) -> None:
+        self.motor: NDArray[np.void] | None = axis_row() if motor is None else motor
+        words = _words(stored or {})
+        self.record: NDArray[np.void] = _fresh(words)
+        self.record["eeprom"][0, : at.N_IMAGE] = np.frombuffer(encode(words), np.uint8)
+        self._editor = LineEditor(echo=False)
+
+    def line(self, text: bytes) -> bytes:
+        """Take what was sent over the serial line, and return the answer."""
+        reg = self.record["reg"][0]
+        sent = []
+        for byte in text:
+            _, typed = self._editor.take(byte)
+            if typed is not None:
+                reg[at.NOW_NS] = self.record["now_ns"][0]
+                sent += answer(reg, typed)
+                _obey(self.record)
+        return b"".join(line.encode("ascii") + NEW_LINE for line in sent)
+
+    def power_up(self) -> bytes:
+        """Start with the parameters in the EEPROM; if they cannot be read, with the defaults and the motor off."""
+        stored = decode(self.record["eeprom"][0, : at.N_IMAGE].tobytes())
+        words = stored.words if stored.valid and stored.words is not None else None
+        fresh = _fresh(_words({}) if words is None else words)
+        reg = fresh["reg"][0]
+        reg[at.FRESH], reg[at.EDGES], reg[at.NOW_NS] = 1, self.record["setpoint"][0], self.record["now_ns"][0]
+        reg[at.MOVED_NS] = reg[at.NOW_NS] - reg[at.REST_NS]
+        if words is None:
+            reg[at.STATUS] = at.FAULT_BIT
+            fresh["lines"] = FREEWHEEL
+        restart(self.record, fresh)
+        self._editor.clear()
+        said = [_CHIP["message"]] if words is not None else [_CHIP["message"], _CHIP["bad_memory"]]
+        return b"".join(line.encode("ascii") + NEW_LINE for line in said)
+
+    def receive_error(self) -> None:
+        """Note an error of the receiver in the status; the line it falls in is then none the module knows."""
+        self.record["reg"][0, at.STATUS] |= at.RECEIVE_BIT
+        self._editor.take(0)
+
+
+def _words(stored: Mapping[str, int]) -> list[int]:
+    """Return the parameters as the EEPROM keeps them: the defaults, but for some."""
+    values = {entry["field"]: entry["value"] for entry in DATA["parameter"]}
+    unknown = sorted(stored.keys() - values.keys())
+    if unknown:
+        raise InputError(f"the servo module has no parameter {unknown[0]!r}; it has {', '.join(values)}")
+    for register, (name, value) in enumerate({**values, **stored}.items()):
+        if not isinstance(value, int) or not takes(register, value):
+            raise InputError(f"the servo module's {name} is {value}; it must be {lowest(register)} to {WORD - 1}")
+    return [value % WORD for value in {**values, **stored}.values()]
+
+
+def _fresh(words: Sequence[int]) -> NDArray[np.void]:
+    """Return the record of a module that starts with some parameters."""
+    record = new_record((1, 1))
+    reg = record["reg"][0]
+    reg[list(at.PARAMETERS)] = words
+    reg[at.OFFSET] = wrapped(words[at.OFFSET], 16)
+    reg[list(at.SETTINGS)] = list(DATA["law"].values())
+    byte_ns = round(_BITS_OF_A_BYTE * 1e9 / _CHIP["baud"])
+    reg[list(at.CHIP)] = _CHIP["duty_centre"], _CHIP["greatest_clamp"], byte_ns
+    reg[at.MOVED_NS] = -reg[at.REST_NS]
+    put_duty(reg, 0)
+    record["delay_ns"], record["pwm_ns"] = _CHIP["calculation_ns"], _CHIP["duty_period_ns"]
+    record["num"], record["den"] = _period(reg)
+    record["count_rate_Hz"] = _count_rate(reg)
+    return record
+
+
+def _period(reg: Registers) -> tuple[int, int]:
+    """Return the time of a cycle in ns, as a fraction (guide 4.10)."""
+    divider = min(int(reg[at.DIVIDER]), _CHIP["greatest_loop_divider"]) + _CHIP["loop_divider_offset"]
+    return _CHIP["duty_period_ns"] * divider, 1
+
+
+def _count_rate(reg: Registers) -> float:
+    """Return the fastest encoder edges that pass the filter (guide 4.19)."""
+    rates: list[float] = _CHIP["filter_Hz"]
+    return rates[min(int(reg[at.FILTER]), len(rates) - 1)]
+
+
+def _obey(record: NDArray[np.void]) -> None:
+    """Let a new loop rate and a new filter act."""
+    reg = record["reg"][0]
+    record["count_rate_Hz"] = _count_rate(reg)
+    num, den = _period(reg)
+    if num != record["num"][0]:
+        set_period(record, num, den)

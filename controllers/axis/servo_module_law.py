@@ -1,0 +1,172 @@
+"""The servo processor module's loop in whole numbers: PID with antidither and feed-forwards, trip and clamp.
+
+With proportional gain 1250, an error of 10 counts makes 48 duty counts of 1024, 4.7 % of the supply.
+The guide leaves the scale of gains open; here it is 1/256, as that of its other scales (row M-A9). The integral
+gathers its gain times the error, so that a change of gain, as the antidither region makes, does not shift the output;
+it is held within the clamp (ours: more can never act).
+"""
+
+from __future__ import annotations
+
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from edmsim.compiled.jit import compiled
+from edmsim.controllers.axis import servo_module_registers as at
+
+Registers: TypeAlias = NDArray[np.int64]
+SCALE_ONE = 256
+"""K, F and the antidither bracket are in 1/256 (guide 4.5, 4.9)."""
+
+
+@compiled
+def wrapped(value: int, bits: int) -> int:
+    """Return the lowest bits of a number, in two's complement."""
+    half = 1 << (bits - 1)
+    return ((value + half) & ((1 << bits) - 1)) - half
+
+
+@compiled
+def _report_saturation(reg: Registers) -> None:
+    """Set the flag that stays until R; a stopped loop has no output that could be saturated."""
+    if reg[at.STATUS] & at.FAULT_BIT == 0:
+        reg[at.STATUS] |= at.SATURATED_BIT
+
+
+@compiled
+def narrowed(reg: Registers, value: int, bits: int) -> int:
+    """Fit a number into a word: held at its limit and reported as saturated, or wrapped (row M-35)."""
+    fits = wrapped(value, bits)
+    if fits == value or reg[at.SATURATING] == 0:
+        return fits
+    _report_saturation(reg)
+    limit = (1 << (bits - 1)) - 1
+    return limit if value > 0 else -limit
+
+
+@compiled
+def towards_zero(value: int, divisor: int) -> int:
+    """Divide, dropping what is less than one either way."""
+    return value // divisor if value >= 0 else -(-value // divisor)
+
+
+@compiled
+def clamp_of(reg: Registers) -> int:
+    """Duty counts to either side that C allows; above the greatest it has no effect (guide 4.2)."""
+    return int(min(reg[at.CLAMP], reg[at.GREATEST_CLAMP]))
+
+
+@compiled
+def put_duty(reg: Registers, output: int) -> None:
+    """Set output and duty: the offset comes behind the loop, the clamp behind the offset (row M-40)."""
+    wanted = output + reg[at.OFFSET]
+    held = min(max(wanted, -clamp_of(reg)), clamp_of(reg))
+    if held != wanted:
+        _report_saturation(reg)
+    reg[at.OUTPUT] = output
+    reg[at.DUTY] = reg[at.DUTY_CENTRE] + held
+
+
+@compiled
+def stop(reg: Registers, cause: int) -> None:
+    """Stop the loop; the cause is a bit of the status, or 0 (Q)."""
+    reg[at.STATUS] |= at.FAULT_BIT | cause
+    put_duty(reg, 0)
+
+
+@compiled
+def restart(reg: Registers) -> None:
+    """Start the loop where the motor is (guide 4.14), without memory of before."""
+    reg[at.STATUS] &= ~at.CLEARED_BY_RESET
+    reg[at.SETPOINT] = reg[at.POSITION]
+    reg[at.LAST_SETPOINT] = reg[at.SETPOINT]
+    reg[at.ERROR] = reg[at.LAST_ERROR] = reg[at.COMMANDED] = reg[at.ACCUMULATED] = reg[at.TICK] = reg[at.PEAK] = 0
+    put_duty(reg, 0)
+
+
+@compiled
+def _control(reg: Registers, acceleration: int) -> int:
+    """Return the output of a cycle in duty counts."""
+    error = reg[at.ERROR]
+    scale = reg[at.SCALE] if abs(error) <= reg[at.REGION] else SCALE_ONE
+    reg[at.TICK] += 1
+    if reg[at.TICK] >= reg[at.INTERVAL]:
+        reg[at.TICK] = 0
+        most = clamp_of(reg) * reg[at.GAIN_SCALE]
+        reg[at.ACCUMULATED] += reg[at.INTEGRAL] * scale // SCALE_ONE * error
+        reg[at.ACCUMULATED] = min(max(reg[at.ACCUMULATED], -most), most)
+    total = reg[at.PROPORTIONAL] * scale // SCALE_ONE * error + reg[at.ACCUMULATED]
+    total += reg[at.DERIVATIVE] * scale // SCALE_ONE * (error - reg[at.LAST_ERROR])
+    total += reg[at.VELOCITY_FF] * reg[at.COMMANDED] + reg[at.ACCELERATION_FF] * acceleration
+    reg[at.LAST_ERROR] = error
+    return narrowed(reg, towards_zero(narrowed(reg, total, 32), reg[at.GAIN_SCALE]), 16)
+
+
+@compiled
+def _measure(reg: Registers) -> tuple[int, bool]:
+    """Take error, velocities and limit; return the commanded acceleration, and whether the direction changed."""
+    commanded = narrowed(reg, wrapped(reg[at.SETPOINT] - reg[at.LAST_SETPOINT], 32), 16)
+    acceleration = commanded - reg[at.COMMANDED]
+    reg[at.COMMANDED], reg[at.LAST_SETPOINT] = commanded, reg[at.SETPOINT]
+    reg[at.VELOCITY] = wrapped(reg[at.POSITION] - reg[at.LAST_POSITION], 16)
+    reg[at.LAST_POSITION] = reg[at.POSITION]
+    reg[at.ERROR] = narrowed(reg, wrapped(reg[at.SETPOINT] - reg[at.POSITION], 32), 16)
+    reg[at.LIMIT] = reg[at.ERROR_LIMIT] + abs(commanded) * reg[at.ERROR_SCALE] // SCALE_ONE
+    before = reg[at.STATUS] & at.NEGATIVE_BIT
+    if commanded != 0:
+        reg[at.STATUS] = reg[at.STATUS] | at.NEGATIVE_BIT if commanded < 0 else reg[at.STATUS] & ~at.NEGATIVE_BIT
+        reg[at.MOVED_NS] = reg[at.NOW_NS]
+    return acceleration, bool(reg[at.STATUS] & at.NEGATIVE_BIT != before)
+
+
+@compiled
+def _count(reg: Registers, count: int, edges: int) -> None:
+    """Take over the counters: of the encoder, which is 0 at power-up, and of the steps."""
+    if reg[at.FRESH] != 0:
+        reg[at.ORIGIN], reg[at.FRESH] = count, 0
+    reg[at.SETPOINT] = wrapped(reg[at.SETPOINT] + (edges - reg[at.EDGES]) * (1 + reg[at.MULTIPLIER]), 32)
+    reg[at.EDGES] = edges
+    reg[at.POSITION] = wrapped(count - reg[at.ORIGIN], 32)
+
+
+@compiled
+def cycle(reg: Registers, count: int, edges: int, fault: bool, time_ns: int) -> tuple[bool, bool]:
+    """Run the loop once.
+
+    Parameters
+    ----------
+    reg : int64 array
+        As `edmsim.controllers.axis.servo_module_registers` lays it out.
+    count : int
+        The encoder's counter.
+    edges : int
+        Steps up less steps down since the machine was switched on.
+    fault : bool
+        Whether the fault input is low.
+    time_ns : int
+        Time of the plant's clock.
+
+    Returns
+    -------
+    (bool, bool)
+        Whether the loop ran, and whether the commanded direction changed.
+    """
+    reg[at.NOW_NS] = time_ns
+    _count(reg, count, edges)
+    if reg[at.SAVING] != 0:
+        if time_ns - reg[at.SAVED_FROM_NS] < reg[at.SAVE_NS]:
+            return False, False
+        reg[at.SAVING] = 0
+    acceleration, turned = _measure(reg)
+    if reg[at.STATUS] & at.FAULT_BIT != 0:
+        return False, turned
+    reg[at.PEAK] = max(reg[at.PEAK], abs(reg[at.ERROR]))
+    if fault:
+        stop(reg, at.EXTERNAL_BIT)
+    elif reg[at.ERROR_LIMIT] <= at.NO_ERROR_LIMIT and abs(reg[at.ERROR]) > reg[at.LIMIT]:
+        stop(reg, at.FOLLOWING_BIT)
+    else:
+        put_duty(reg, _control(reg, acceleration))
+    return reg[at.STATUS] & at.FAULT_BIT == 0, turned
