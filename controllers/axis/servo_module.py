@@ -61,7 +61,7 @@ def _write(reg: Registers, eeprom: NDArray[np.uint8], now_ns: int) -> None:
     """Write what a save's time has been enough for: power that fails meanwhile leaves the rest as it was."""
     if reg[at.SAVING] != 0:
         for k in range(min(at.N_IMAGE * (now_ns - reg[at.SAVED_FROM_NS]) // reg[at.SAVE_NS], at.N_IMAGE)):
-            eeprom[k] = reg[at.IMAGE + k]
+            eeprom[k] = reg[at.IMAGE + k // 8] >> 8 * (k % 8) & 255
 
 
 @sample
@@ -86,21 +86,28 @@ class ServoModule:
         Motor, supply and encoder (`edmsim.controllers.axis.drive.axis_row`); the machine's table if none is given.
     stored : mapping, optional
         Parameters by field that the EEPROM has instead of the defaults, for example ``{"proportional_gain": 900}``.
+    law : mapping, optional
+        What the guide leaves open, other than in the table ``law`` of ``models/drives/servo_module.toml``, as
+        ``{"saturating": 0}``.
 
     Raises
     ------
     InputError
-        `stored` has a name that is none, or a number that the serial line would refuse.
+        `stored` or `law` has a name that is none, or `stored` a number that the serial line would refuse.
     """
 
     name = "servo-module"
     sample: SampleFunction = _servo_module
     baud: float = _CHIP["baud"]
 
-    def __init__(self, motor: NDArray[np.void] | None = None, stored: Mapping[str, int] | None = None) -> None:
+    def __init__(
+        self, motor: NDArray[np.void] | None = None, stored: Mapping[str, int] | None = None,
+        law: Mapping[str, int] | None = None,
+    ) -> None:  # fmt: skip
         self.motor: NDArray[np.void] | None = axis_row() if motor is None else motor
+        self._law = _changed("settings", DATA["law"], law or {})
         words = _words(stored or {})
-        self.record: NDArray[np.void] = _fresh(words)
+        self.record: NDArray[np.void] = _fresh(words, self._law)
         self.record["eeprom"][0, : at.N_IMAGE] = np.frombuffer(encode(words), np.uint8)
         self._editor = LineEditor(echo=False)
 
@@ -120,7 +127,7 @@ class ServoModule:
         """Start with the parameters in the EEPROM; if they cannot be read, with the defaults and the motor off."""
         stored = decode(self.record["eeprom"][0, : at.N_IMAGE].tobytes())
         words = stored.words if stored.valid and stored.words is not None else None
-        fresh = _fresh(_words({}) if words is None else words)
+        fresh = _fresh(_words({}) if words is None else words, self._law)
         reg = fresh["reg"][0]
         reg[at.FRESH], reg[at.EDGES], reg[at.NOW_NS] = 1, self.record["setpoint"][0], self.record["now_ns"][0]
         reg[at.MOVED_NS] = reg[at.NOW_NS] - reg[at.REST_NS]
@@ -140,23 +147,27 @@ class ServoModule:
 
 def _words(stored: Mapping[str, int]) -> list[int]:
     """Return the parameters as the EEPROM keeps them: the defaults, but for some."""
-    values = {entry["field"]: entry["value"] for entry in DATA["parameter"]}
-    unknown = sorted(stored.keys() - values.keys())
-    if unknown:
-        raise InputError(f"the servo module has no parameter {unknown[0]!r}; it has {', '.join(values)}")
-    for register, (name, value) in enumerate({**values, **stored}.items()):
+    values = _changed("parameters", {entry["field"]: entry["value"] for entry in DATA["parameter"]}, stored)
+    for register, (name, value) in enumerate(values.items()):
         if not isinstance(value, int) or not takes(register, value):
             raise InputError(f"the servo module's {name} is {value}; it must be {lowest(register)} to {WORD - 1}")
-    return [value % WORD for value in {**values, **stored}.values()]
+    return [value % WORD for value in values.values()]
 
 
-def _fresh(words: Sequence[int]) -> NDArray[np.void]:
+def _changed(kind: str, values: dict[str, int], changes: Mapping[str, int]) -> dict[str, int]:
+    unknown = sorted(changes.keys() - values.keys())
+    if unknown:
+        raise InputError(f"{unknown[0]!r} is none of the servo module's {kind} {', '.join(values)}")
+    return {**values, **changes}
+
+
+def _fresh(words: Sequence[int], law: Mapping[str, int]) -> NDArray[np.void]:
     """Return the record of a module that starts with some parameters."""
     record = new_record((1, 1))
     reg = record["reg"][0]
     reg[list(at.PARAMETERS)] = words
     reg[at.OFFSET] = wrapped(words[at.OFFSET], 16)
-    reg[list(at.SETTINGS)] = list(DATA["law"].values())
+    reg[list(at.SETTINGS)] = list(law.values())
     byte_ns = round(_BITS_OF_A_BYTE * 1e9 / _CHIP["baud"])
     reg[list(at.CHIP)] = _CHIP["duty_centre"], _CHIP["greatest_clamp"], byte_ns
     reg[at.MOVED_NS] = -reg[at.REST_NS]

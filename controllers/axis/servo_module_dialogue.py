@@ -123,7 +123,7 @@ def _save(reg: NDArray[np.int64]) -> list[str]:
     if reg[at.NOW_NS] - reg[at.MOVED_NS] < reg[at.REST_NS]:
         return ["Motor moving, not saved"]
     words = [int(value) % WORD for value in reg[list(at.PARAMETERS)]]
-    reg[at.IMAGE : at.IMAGE + at.N_IMAGE] = np.frombuffer(encode(words), np.uint8)
+    reg.view(np.uint8)[8 * at.IMAGE :][: at.N_IMAGE] = np.frombuffer(encode(words), np.uint8)
     reg[at.SAVED_FROM_NS], reg[at.SAVING] = reg[at.NOW_NS], 1
     return ["Parameters saved"]
 

@@ -124,9 +124,11 @@ def _measure(reg: Registers) -> tuple[int, bool]:
 @compiled
 def _count(reg: Registers, count: int, edges: int) -> None:
     """Take over the counters: of the encoder, which is 0 at power-up, and of the steps."""
+    count *= reg[at.ENCODER_SENSE]
     if reg[at.FRESH] != 0:
         reg[at.ORIGIN], reg[at.FRESH] = count, 0
-    reg[at.SETPOINT] = wrapped(reg[at.SETPOINT] + (edges - reg[at.EDGES]) * (1 + reg[at.MULTIPLIER]), 32)
+    steps = (edges - reg[at.EDGES]) * reg[at.STEP_SENSE]
+    reg[at.SETPOINT] = wrapped(reg[at.SETPOINT] + steps * (1 + reg[at.MULTIPLIER]), 32)
     reg[at.EDGES] = edges
     reg[at.POSITION] = wrapped(count - reg[at.ORIGIN], 32)
 
