@@ -12,11 +12,12 @@ from edmsim.controllers.axis.drive import Drive
 from edmsim.controllers.axis.servo import PositionServo
 from edmsim.controllers.axis.servo_module import ServoModule
 from edmsim.controllers.axis.stepper import Stepper
+from edmsim.controllers.axis.uhu import Uhu
 from edmsim.errors import InputError
 
-__all__ = ["Drive", "ServoModule", "check_drive", "make", "names"]
+__all__ = ["Drive", "ServoModule", "Uhu", "check_drive", "make", "names"]
 
-_DRIVES: dict[str, type[Drive]] = {kind.name: kind for kind in (Stepper, PositionServo, ServoModule)}
+_DRIVES: dict[str, type[Drive]] = {kind.name: kind for kind in (Stepper, PositionServo, ServoModule, Uhu)}
 
 
 def names() -> tuple[str, ...]:

@@ -63,10 +63,14 @@ class LineEditor:
             del self._typed[-1:]
             return self._sent(rubbed), None
         if not 0x20 <= byte < DELETE or len(self._typed) == LONGEST:
-            self._spoilt = True
+            self.spoil()
             return b"", None
         self._typed.append(byte)
         return self._sent(bytes([byte])), None
+
+    def spoil(self) -> None:
+        """Let the line count for nothing, as when a byte of it was not received well."""
+        self._spoilt = True
 
     def clear(self) -> None:
         """Forget what was typed, as a reset does."""

@@ -32,7 +32,7 @@ STOP_IN, FAULT_IN, ENABLE_IN = (1 << (line - N_AXES) for line in (STOP_LINE, FAU
 """Bits of ``AXIS.lines``."""
 LOW_END, HIGH_END = 1, 2
 """Bits of ``AXIS.ends``: the end switches that are open."""
-FAULT, FREEWHEEL, FAULT_OUT, LED = 1, 2, 4, 8
+FAULT, FREEWHEEL, FAULT_OUT, LED, ERROR_LED = 1, 2, 4, 8, 16
 """Bits of ``DRIVE.lines``: the drive reports a fault to the machine; its enable output is low, so that the bridge is
 off and the motor freewheels; its fault output is pulled low; its status LED is lit."""
 NET_IN, NET_OUT = 1, 2

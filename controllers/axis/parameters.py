@@ -1,0 +1,72 @@
+"""A drive's parameters by the names of their fields, kept in the registers of its record.
+
+>>> from edmsim.controllers.axis import make
+>>> drive = make("uhu")
+>>> drive.parameters["proportional_gain"] = 900
+>>> drive.parameters["proportional_gain"]
+900
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, MutableMapping
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from edmsim.errors import InputError
+
+
+class HasRecord(Protocol):
+    """What has a drive's record; a plant puts its own row in place of the first one."""
+
+    record: NDArray[np.void]
+
+
+class Registers(MutableMapping[str, int]):
+    """Some registers of a drive's record, by name.
+
+    Parameters
+    ----------
+    owner : object with a record
+        The drive: asked for its record at every access.
+    places : mapping of str to (int, int, int)
+        Register of each name, and the least and largest value that it takes.
+
+    Raises
+    ------
+    InputError
+        A name is unknown, or a value is no whole number within its bounds.
+    """
+
+    def __init__(self, owner: HasRecord, places: Mapping[str, tuple[int, int, int]]) -> None:
+        self._owner, self._places = owner, dict(places)
+
+    def __getitem__(self, name: str) -> int:
+        return int(self._reg[self._place(name)[0]])
+
+    def __setitem__(self, name: str, value: int) -> None:
+        place, low, high = self._place(name)
+        if value != int(value) or not low <= value <= high:
+            raise InputError(f"the drive's {name} is {value}; it must be a whole number {low} to {high}")
+        self._reg[place] = int(value)
+
+    def __delitem__(self, name: str) -> None:
+        raise InputError(f"the drive's {name} cannot be taken away; set it to another value")
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._places)
+
+    def __len__(self) -> int:
+        return len(self._places)
+
+    @property
+    def _reg(self) -> NDArray[np.int64]:
+        registers: NDArray[np.int64] = self._owner.record["reg"][0]
+        return registers
+
+    def _place(self, name: str) -> tuple[int, int, int]:
+        if name not in self._places:
+            raise InputError(f"the drive has no {name!r}; it has {', '.join(self._places)}")
+        return self._places[name]

@@ -1,0 +1,251 @@
+"""The UHU Servo Controller 3.00: a position servo on an ATtiny2313, tuned over a serial line.
+
+Rows U-1 to U-70; its manual is that of 25.9.05. The recalculation is `edmsim.controllers.axis.uhu_law`, what the
+operator reads `edmsim.controllers.axis.uhu_dialogue`, and every constant stands in ``models/drives/uhu.toml``.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from functools import cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from edmsim.compiled.axis_rows import (
+    ERROR_LED,
+    FAULT,
+    FAULT_IN,
+    FAULT_OUT,
+    FREEWHEEL,
+    LED,
+    WATCHDOG,
+    SampleFunction,
+    carray,
+    put_byte,
+    sample,
+)
+from edmsim.controllers.axis import eeprom
+from edmsim.controllers.axis import uhu_law as law
+from edmsim.controllers.axis.drive import axis_row, data_of, new_record, restart, set_period
+from edmsim.controllers.axis.extensions import SETTINGS, Extensions, record_sample, start_command
+from edmsim.controllers.axis.parameters import Registers
+from edmsim.controllers.axis.uhu_dialogue import Dialogue
+
+_SWING = 0
+"""Place in ``real``: the share of the supply that is the full swing of duty, in locked antiphase."""
+_N_BANKS, _LARGEST = 3, 65535
+_NOT_STORED = "overruns"
+
+
+@sample
+def _recalculate(drive_at: Any, axis_at: Any) -> None:
+    drive, axis = carray(drive_at, 1)[0], carray(axis_at, 1)[0]
+    reg = drive.reg
+    wanted = 0
+    if drive.event == WATCHDOG:
+        reg[law.LATCHED] |= law.WATCHDOG
+        drive.delay_ns = 0
+    else:
+        interrupts = axis.edges - reg[law.INTERRUPTS_SEEN] + abs(drive.setpoint - reg[law.EDGES_SEEN])
+        reg[law.INTERRUPTS_SEEN] = axis.edges
+        drive.delay_ns = reg[law.CALCULATION_NS]
+        drive.busy_ns = reg[law.CALCULATION_NS] + interrupts * reg[law.INTERRUPT_NS]
+        if reg[law.RESTART] != 0:
+            law.restart(reg, drive.setpoint, axis.count, axis.illegal)
+            start_command(reg, reg[law.TARGET])
+        law.take_steps(reg, drive.setpoint)
+        law.measure(reg, axis.count)
+        law.judge(reg, axis.illegal, axis.lines & FAULT_IN != 0)
+        if reg[law.LATCHED] == 0:
+            wanted = law.control(reg, drive.now_ns)
+        error = reg[law.TARGET] - reg[law.POSITION]
+        record_sample(reg, drive.memory, error, reg[law.SPEED], wanted, reg[law.LATCHED] != 0)
+        sent = law.stream_byte(reg)
+        if sent != 0:
+            put_byte(drive, sent)
+    drive.command = drive.real[_SWING] * wanted / reg[law.CONTROL_FULL]
+    if reg[law.LATCHED] == 0:
+        drive.lines = LED
+    else:
+        own = FAULT_OUT if reg[law.LATCHED] & law.OWN_FAULTS else 0
+        drive.lines = FAULT | FREEWHEEL | ERROR_LED | own
+
+
+@cache
+def _data() -> dict[str, Any]:
+    return data_of("uhu")
+
+
+def _period_ns(cycle: int) -> tuple[int, int]:
+    """Return the recalculation interval as a fraction: C = 50 is 533 333.3 ns; 0 acts as 1 (rows U-4, U-A23)."""
+    clock = _data()["clock"]
+    num, den = max(cycle, 1) * clock["prescaler"] * 1_000_000_000, clock["crystal_Hz"]
+    common = math.gcd(num, den)
+    return num // common, den // common
+
+
+def _fresh() -> NDArray[np.void]:
+    """Return the record of a chip that was just reset, with the preset parameters, before its EEPROM was read."""
+    data = _data()
+    clock, pins, settings = data["clock"], data["pins"], data["law"]
+    values = [parameter["value"] for parameter in data["parameter"]]
+    record = new_record(_period_ns(values[law.C]))
+    reg = record["reg"][0]
+    reg[: len(values)] = values
+    reg[law.SPEED_DIVISOR] = settings["speed_divisor"]
+    reg[law.INTEGRAL_DIVISOR] = settings["integral_divisor"]
+    reg[law.FILTER_OFFSET] = settings["filter_offset"]
+    reg[law.CONTROL_FULL] = settings["control_full"]
+    reg[law.STREAM_EVERY], reg[law.STREAM_ZERO] = settings["stream_every"], settings["stream_zero"]
+    reg[law.CALCULATION_NS] = round(clock["calculation_us"] * 1e3)
+    reg[law.INTERRUPT_NS] = round(clock["interrupt_us"] * 1e3)
+    reg[law.RESTART] = law.HARD
+    record["real"][0, _SWING] = pins["duty_high"] - pins["duty_low"]
+    record["lines"] = FREEWHEEL
+    record["watchdog_ns"] = clock["watchdog_ms"] * 1_000_000
+    record["pwm_ns"] = 1_000_000_000 // pins["pwm_Hz"]
+    record["count_rate_Hz"] = pins["edge_rate_Hz"]
+    return record
+
+
+class Uhu:
+    r"""A UHU servo controller.
+
+    Parameters
+    ----------
+    motor : record array (1,), optional
+        Its motor, supply and encoder, a row of `edmsim.compiled.axis_rows.MOTOR`; by default those of the table.
+    stored : mapping of str to int, optional
+        Parameters by name to be found in bank 0 at power-up, the others as preset. Without it the drive is in its
+        condition upon delivery: no bank is valid, and the output stays off until a reset by ``R``.
+
+    Attributes
+    ----------
+    parameters : mapping of str to int
+        What the letters at the terminal set, by name; words 0 to 65535. A new ``cycle`` acts from `enter`, ``R`` or a
+        load on.
+    extensions : Extensions
+        What it can do beyond its manual, see `edmsim.controllers.axis.extensions`.
+
+    Examples
+    --------
+    >>> drive = Uhu()
+    >>> drive.line(b"R\r")
+    b'R\r\nOK\r\n>'
+    """
+
+    name = "uhu"
+
+    def __init__(self, motor: NDArray[np.void] | None = None, stored: Mapping[str, int] | None = None) -> None:
+        data = _data()
+        self.record = _fresh()
+        self.motor: NDArray[np.void] | None = axis_row() if motor is None else motor
+        self.baud = data["clock"]["crystal_Hz"] / 16 / data["serial"]["baud_divisor"]
+        table = data["parameter"]
+        self._letters = {row["letter"]: row["name"] for row in table}
+        self.parameters = Registers(self, {row["name"]: (place, 0, _LARGEST) for place, row in enumerate(table)})
+        self.extensions = Extensions(self, wraps=False)
+        self._stored = [row["name"] for row in table if row["name"] != _NOT_STORED]
+        self._dialogue = Dialogue(
+            {row["letter"]: row["label"] for row in table}, data["identity"]["serial_number"]
+        )
+        for bank in range(_N_BANKS):
+            self.save(bank, false_checksum=True)
+        if stored is not None:
+            self.parameters.update(stored)
+            self.save(0)
+        self.power_up()
+
+    @property
+    def sample(self) -> SampleFunction:
+        """The recalculation, the same for all of them."""
+        return _recalculate
+
+    def line(self, text: bytes) -> bytes:
+        """Take what was typed at the terminal; return its echo and the answers."""
+        return b"".join(self._dialogue.take(self, byte) for byte in text)
+
+    def receive_error(self) -> None:
+        """Take note that a byte came without a stop bit: the line it belongs to counts for nothing."""
+        self._dialogue.receive_error()
+
+    def power_up(self) -> bytes:
+        """Start as after power-up, a low reset pin or ``+``: load bank 0 and return the start-up text (row U-39)."""
+        fresh = _fresh()
+        fresh["reg"][0, SETTINGS] = self._reg[SETTINGS]
+        restart(self.record, fresh)
+        stored = self._read(0)
+        if stored.words is not None:
+            self._use(stored.words)
+        self._reg[law.LATCHED] = 0 if stored.valid else law.BAD_BANK
+        return self._dialogue.start(stored.valid)
+
+    def value(self, letter: str) -> int:
+        """Return the parameter of a letter."""
+        return self.parameters[self._letters[letter]]
+
+    def enter(self, letter: str, value: int) -> None:
+        """Set the parameter of a letter, at once."""
+        law.take_steps(self._reg, int(self.record["setpoint"][0]))
+        self.parameters[self._letters[letter]] = value
+        self._keep_time()
+
+    def load(self, bank: int) -> bool:
+        """Load a bank; if it cannot be read, keep the parameters and shut the output off (rows U-69, U-A21)."""
+        stored = self._read(bank)
+        if stored.words is None or not stored.valid:
+            self._reg[law.LATCHED] |= law.BAD_BANK
+            return False
+        law.take_steps(self._reg, int(self.record["setpoint"][0]))
+        self._use(stored.words)
+        return True
+
+    def save(self, bank: int, *, false_checksum: bool = False) -> None:
+        """Store the parameters in a bank as they are, sensible or not (row U-47)."""
+        words = [self.parameters[name] for name in self._stored]
+        self.record["eeprom"][0, self._place(bank)] = list(eeprom.encode(words, false_checksum=false_checksum))
+
+    def go(self, counts: int) -> None:
+        """Move the setpoint; X limits the speed (row U-30)."""
+        self._reg[law.TARGET] += counts
+
+    def soft_reset(self) -> None:
+        """Switch the output on with the present parameters, the setpoint where the axis is (rows U-31, U-A25)."""
+        self._reg[law.LATCHED] = 0
+        self._reg[law.RESTART] = max(int(self._reg[law.RESTART]), law.SOFT)
+        self.stream(False)
+        self._keep_time()
+
+    def hard_reset(self) -> bytes:
+        """Do what `power_up` does."""
+        return self.power_up()
+
+    def stream(self, on: bool) -> None:
+        """Start or end the stream of tracking errors (row U-33)."""
+        self._reg[law.STREAM_ON], self._reg[law.STREAM_WAIT] = int(on), 0
+
+    @property
+    def _reg(self) -> NDArray[np.int64]:
+        registers: NDArray[np.int64] = self.record["reg"][0]
+        return registers
+
+    def _place(self, bank: int) -> slice:
+        size = eeprom.size_of(len(self._stored))
+        return slice(bank * size, (bank + 1) * size)
+
+    def _read(self, bank: int) -> eeprom.Stored:
+        return eeprom.decode(self.record["eeprom"][0, self._place(bank)].tobytes())
+
+    def _use(self, words: tuple[int, ...]) -> None:
+        self.parameters.update(zip(self._stored, words, strict=True))
+        self._keep_time()
+
+    def _keep_time(self) -> None:
+        """Sample at the interval that C says, if it does not do so yet."""
+        period = _period_ns(self.parameters["cycle"])
+        if period != (int(self.record["num"][0]), int(self.record["den"][0])):
+            set_period(self.record, *period)
+
