@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from edmsim.controllers.axis import extensions
 from edmsim.controllers.axis import servo_module_registers as at
 from edmsim.controllers.axis.drive import data_of
 from edmsim.controllers.axis.eeprom import WORD, encode
@@ -62,6 +63,11 @@ def answer(reg: NDArray[np.int64], text: str) -> list[str]:
     return [UNKNOWN]
 
 
+def words_of(reg: NDArray[np.int64]) -> list[int]:
+    """Return the parameters as the EEPROM keeps them."""
+    return [int(value) % WORD for value in reg[list(at.PARAMETERS)]]
+
+
 def parameter_line(reg: NDArray[np.int64], register: int) -> str:
     """Return the line by which the module confirms and shows a parameter."""
     value, letter = int(reg[register]), DATA["parameter"][register]["letter"]
@@ -71,19 +77,9 @@ def parameter_line(reg: NDArray[np.int64], register: int) -> str:
     return shown
 
 
-def lowest(register: int) -> int:
-    """Return the least value of a parameter: only the offset is signed (row M-46)."""
-    return _LOWEST if register == at.OFFSET else 0
-
-
-def takes(register: int, number: int) -> bool:
-    """Whether a parameter may be set to a number; what is above its useful range acts as that (row M-47)."""
-    return lowest(register) <= number <= _HIGHEST
-
-
 def _set(reg: NDArray[np.int64], register: int, number: int | None) -> list[str]:
     if number is not None:
-        if not takes(register, number):
+        if not (_LOWEST if register == at.OFFSET else 0) <= number <= _HIGHEST:  # row M-46: no other is signed
             return [UNKNOWN]
         reg[register] = wrapped(number, 16) if register == at.OFFSET else number
     return [parameter_line(reg, register)]
@@ -115,6 +111,7 @@ def _record(reg: NDArray[np.int64], code: int | None) -> list[str]:
     if not 0 <= code < N_SOURCES << FIRST_SOURCE or code & TRIGGER == UNUSED:
         return [UNKNOWN]
     reg[at.CODE] = code
+    reg[extensions.TRIGGER] = extensions.NEVER  # both recorders have one memory
     reg[at.STATUS] = (reg[at.STATUS] & ~at.TRIGGERED_BIT) | at.RECORDER_BIT
     return ["Recorder ON"]
 
@@ -122,8 +119,7 @@ def _record(reg: NDArray[np.int64], code: int | None) -> list[str]:
 def _save(reg: NDArray[np.int64]) -> list[str]:
     if reg[at.NOW_NS] - reg[at.MOVED_NS] < reg[at.REST_NS]:
         return ["Motor moving, not saved"]
-    words = [int(value) % WORD for value in reg[list(at.PARAMETERS)]]
-    reg.view(np.uint8)[8 * at.IMAGE :][: at.N_IMAGE] = np.frombuffer(encode(words), np.uint8)
+    reg.view(np.uint8)[8 * at.IMAGE :][: at.N_IMAGE] = list(encode(words_of(reg)))
     reg[at.SAVED_FROM_NS], reg[at.SAVING] = reg[at.NOW_NS], 1
     return ["Parameters saved"]
 

@@ -13,86 +13,97 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from edmsim.compiled.jit import compiled
+from edmsim.compiled.jit import exactly_compiled
 from edmsim.controllers.axis import servo_module_registers as at
+from edmsim.controllers.axis.extensions import (
+    COMMAND,
+    SATURATING,
+    derive_command,
+    feed_forward,
+    holds_integrator,
+    note_limit,
+    start_command,
+)  # fmt: skip
 
-Registers: TypeAlias = NDArray[np.int64]
+Words: TypeAlias = NDArray[np.int64]
 SCALE_ONE = 256
 """K, F and the antidither bracket are in 1/256 (guide 4.5, 4.9)."""
 
 
-@compiled
+@exactly_compiled
 def wrapped(value: int, bits: int) -> int:
     """Return the lowest bits of a number, in two's complement."""
     half = 1 << (bits - 1)
     return ((value + half) & ((1 << bits) - 1)) - half
 
 
-@compiled
-def _report_saturation(reg: Registers) -> None:
+@exactly_compiled
+def _report_saturation(reg: Words) -> None:
     """Set the flag that stays until R; a stopped loop has no output that could be saturated."""
     if reg[at.STATUS] & at.FAULT_BIT == 0:
         reg[at.STATUS] |= at.SATURATED_BIT
 
 
-@compiled
-def narrowed(reg: Registers, value: int, bits: int) -> int:
+@exactly_compiled
+def narrowed(reg: Words, value: int, bits: int) -> int:
     """Fit a number into a word: held at its limit and reported as saturated, or wrapped (row M-35)."""
     fits = wrapped(value, bits)
-    if fits == value or reg[at.SATURATING] == 0:
+    if fits == value or reg[SATURATING] == 0:
         return fits
     _report_saturation(reg)
     limit = (1 << (bits - 1)) - 1
     return limit if value > 0 else -limit
 
 
-@compiled
+@exactly_compiled
 def towards_zero(value: int, divisor: int) -> int:
     """Divide, dropping what is less than one either way."""
     return value // divisor if value >= 0 else -(-value // divisor)
 
 
-@compiled
-def clamp_of(reg: Registers) -> int:
+@exactly_compiled
+def clamp_of(reg: Words) -> int:
     """Duty counts to either side that C allows; above the greatest it has no effect (guide 4.2)."""
     return int(min(reg[at.CLAMP], reg[at.GREATEST_CLAMP]))
 
 
-@compiled
-def put_duty(reg: Registers, output: int) -> None:
+@exactly_compiled
+def put_duty(reg: Words, output: int) -> None:
     """Set output and duty: the offset comes behind the loop, the clamp behind the offset (row M-40)."""
     wanted = output + reg[at.OFFSET]
     held = min(max(wanted, -clamp_of(reg)), clamp_of(reg))
     if held != wanted:
         _report_saturation(reg)
+    note_limit(reg, reg[at.NOW_NS], (wanted > held) - (wanted < held))
     reg[at.OUTPUT] = output
     reg[at.DUTY] = reg[at.DUTY_CENTRE] + held
 
 
-@compiled
-def stop(reg: Registers, cause: int) -> None:
+@exactly_compiled
+def stop(reg: Words, cause: int) -> None:
     """Stop the loop; the cause is a bit of the status, or 0 (Q)."""
     reg[at.STATUS] |= at.FAULT_BIT | cause
     put_duty(reg, 0)
 
 
-@compiled
-def restart(reg: Registers) -> None:
+@exactly_compiled
+def restart(reg: Words) -> None:
     """Start the loop where the motor is (guide 4.14), without memory of before."""
     reg[at.STATUS] &= ~at.CLEARED_BY_RESET
     reg[at.SETPOINT] = reg[at.POSITION]
     reg[at.LAST_SETPOINT] = reg[at.SETPOINT]
     reg[at.ERROR] = reg[at.LAST_ERROR] = reg[at.COMMANDED] = reg[at.ACCUMULATED] = reg[at.TICK] = reg[at.PEAK] = 0
+    start_command(reg, reg[at.SETPOINT])
     put_duty(reg, 0)
 
 
-@compiled
-def _control(reg: Registers, acceleration: int) -> int:
+@exactly_compiled
+def _control(reg: Words, acceleration: int) -> int:
     """Return the output of a cycle in duty counts."""
     error = reg[at.ERROR]
     scale = reg[at.SCALE] if abs(error) <= reg[at.REGION] else SCALE_ONE
     reg[at.TICK] += 1
-    if reg[at.TICK] >= reg[at.INTERVAL]:
+    if reg[at.TICK] >= reg[at.INTERVAL] and not holds_integrator(reg, error):
         reg[at.TICK] = 0
         most = clamp_of(reg) * reg[at.GAIN_SCALE]
         reg[at.ACCUMULATED] += reg[at.INTEGRAL] * scale // SCALE_ONE * error
@@ -100,12 +111,14 @@ def _control(reg: Registers, acceleration: int) -> int:
     total = reg[at.PROPORTIONAL] * scale // SCALE_ONE * error + reg[at.ACCUMULATED]
     total += reg[at.DERIVATIVE] * scale // SCALE_ONE * (error - reg[at.LAST_ERROR])
     total += reg[at.VELOCITY_FF] * reg[at.COMMANDED] + reg[at.ACCELERATION_FF] * acceleration
+    derive_command(reg, reg[COMMAND] + reg[at.COMMANDED])
+    total += towards_zero(feed_forward(reg) * reg[at.GAIN_SCALE], SCALE_ONE)
     reg[at.LAST_ERROR] = error
     return narrowed(reg, towards_zero(narrowed(reg, total, 32), reg[at.GAIN_SCALE]), 16)
 
 
-@compiled
-def _measure(reg: Registers) -> tuple[int, bool]:
+@exactly_compiled
+def _measure(reg: Words) -> tuple[int, bool]:
     """Take error, velocities and limit; return the commanded acceleration, and whether the direction changed."""
     commanded = narrowed(reg, wrapped(reg[at.SETPOINT] - reg[at.LAST_SETPOINT], 32), 16)
     acceleration = commanded - reg[at.COMMANDED]
@@ -121,20 +134,25 @@ def _measure(reg: Registers) -> tuple[int, bool]:
     return acceleration, bool(reg[at.STATUS] & at.NEGATIVE_BIT != before)
 
 
-@compiled
-def _count(reg: Registers, count: int, edges: int) -> None:
-    """Take over the counters: of the encoder, which is 0 at power-up, and of the steps."""
-    count *= reg[at.ENCODER_SENSE]
-    if reg[at.FRESH] != 0:
-        reg[at.ORIGIN], reg[at.FRESH] = count, 0
+@exactly_compiled
+def take_steps(reg: Words, edges: int) -> None:
+    """Move the setpoint by the steps since the last call, each 1 + X counts (guide 4.18)."""
     steps = (edges - reg[at.EDGES]) * reg[at.STEP_SENSE]
     reg[at.SETPOINT] = wrapped(reg[at.SETPOINT] + steps * (1 + reg[at.MULTIPLIER]), 32)
     reg[at.EDGES] = edges
+
+
+@exactly_compiled
+def _take_count(reg: Words, count: int) -> None:
+    """Read the encoder's counter, which is 0 at power-up."""
+    count *= reg[at.ENCODER_SENSE]
+    if reg[at.FRESH] != 0:
+        reg[at.ORIGIN], reg[at.FRESH] = count, 0
     reg[at.POSITION] = wrapped(count - reg[at.ORIGIN], 32)
 
 
-@compiled
-def cycle(reg: Registers, count: int, edges: int, fault: bool, time_ns: int) -> tuple[bool, bool]:
+@exactly_compiled
+def cycle(reg: Words, count: int, edges: int, fault: bool, time_ns: int) -> tuple[bool, bool]:
     """Run the loop once.
 
     Parameters
@@ -156,7 +174,8 @@ def cycle(reg: Registers, count: int, edges: int, fault: bool, time_ns: int) -> 
         Whether the loop ran, and whether the commanded direction changed.
     """
     reg[at.NOW_NS] = time_ns
-    _count(reg, count, edges)
+    take_steps(reg, edges)
+    _take_count(reg, count)
     if reg[at.SAVING] != 0:
         if time_ns - reg[at.SAVED_FROM_NS] < reg[at.SAVE_NS]:
             return False, False

@@ -10,9 +10,9 @@ from __future__ import annotations
 from typing import Any
 
 from edmsim.compiled.axis_rows import put_byte
-from edmsim.compiled.jit import compiled
+from edmsim.compiled.jit import exactly_compiled
 from edmsim.controllers.axis import servo_module_registers as at
-from edmsim.controllers.axis.servo_module_law import Registers
+from edmsim.controllers.axis.servo_module_law import Words
 
 RATE, TRIGGER, FIRST_SOURCE = 0b111, 0b11 << 3, 5
 """Parts of a code: cycles of an entry as a power of 2, when to start, and from which bit on what to note."""
@@ -23,8 +23,8 @@ _RETURN, _LINE_FEED, _MINUS, _ZERO = 13, 10, 45, 48
 """Characters."""
 
 
-@compiled
-def _source(reg: Registers) -> int:
+@exactly_compiled
+def _source(reg: Words) -> int:
     source = reg[at.CODE] >> FIRST_SOURCE
     if source == 0:
         return int(reg[at.ERROR])
@@ -37,16 +37,16 @@ def _source(reg: Registers) -> int:
     return int(reg[at.DUTY] if source == 4 else reg[at.LIMIT])
 
 
-@compiled
-def _triggered(reg: Registers, turned: bool) -> bool:
+@exactly_compiled
+def _triggered(reg: Words, turned: bool) -> bool:
     trigger = reg[at.CODE] & TRIGGER
     if trigger == ON_TURN:
         return turned
     return bool(trigger == AT_ONCE or reg[at.COMMANDED] != 0)
 
 
-@compiled
-def note(reg: Registers, memory: Registers, turned: bool) -> None:
+@exactly_compiled
+def note(reg: Words, memory: Words, turned: bool) -> None:
     """Wait for the trigger, then note every so many cycles until the memory is full; called when the loop has run."""
     if reg[at.STATUS] & at.RECORDER_BIT == 0:
         return
@@ -64,7 +64,7 @@ def note(reg: Registers, memory: Registers, turned: bool) -> None:
         reg[at.DUMPING], reg[at.DUMPED], reg[at.LINE_FREE_NS] = 1, 0, reg[at.NOW_NS]
 
 
-@compiled
+@exactly_compiled
 def character_of(value: int, place: int) -> int:
     """Return a character of a number's line: sign, digits, CR, LF."""
     size, digits = abs(value), 1
@@ -78,7 +78,7 @@ def character_of(value: int, place: int) -> int:
     return _RETURN if place == first + digits else _LINE_FEED
 
 
-@compiled
+@exactly_compiled
 def dump(drive: Any) -> None:
     """Send what the serial line takes until now of a full memory."""
     reg = drive.reg
