@@ -34,7 +34,7 @@ LOW_END, HIGH_END = 1, 2
 """Bits of ``AXIS.ends``: the end switches that are open."""
 FAULT, FREEWHEEL, FAULT_OUT, LED, ERROR_LED = 1, 2, 4, 8, 16
 """Bits of ``DRIVE.lines``: the drive reports a fault to the machine; its enable output is low, so that the bridge is
-off and the motor freewheels; its fault output is pulled low; its status LED is lit."""
+off and the motor freewheels; its fault output is pulled low; its status LED, and its error LED, is lit."""
 NET_IN, NET_OUT = 1, 2
 """Bits of ``AXIS.wiring``: the drive's fault input hangs on the machine's fault net; its fault output pulls that net
 low through a diode. An input without the net is held high."""
@@ -60,6 +60,7 @@ DRIVE = np.dtype(
         ("setpoint", "i8"),
         ("alarm_ns", "i8"),
         ("output_ns", "i8"),
+        ("duty_ns", "i8"),
         ("command", "f8"),
         ("lines", "i8"),
         ("busy_ns", "i8"),
@@ -70,16 +71,16 @@ DRIVE = np.dtype(
         ("count_rate_Hz", "f8"),
         ("n_sent", "i8"),
         ("sent", "i8", SENT),
-        ("reg", "i8", 128),
+        ("reg", "i8", 256),
         ("real", "f8", 32),
-        ("memory", "i8", 128),
+        ("memory", "i8", 512),
         ("eeprom", "u1", 128),
     ]
 )
 """A drive. The plant writes ``sample`` (address of the compiled function, 0 for a drive without a loop), the due
 time of the next sample (its number is ``index``, the period ``num / den`` ns), ``now_ns`` and ``event`` at every
-call, ``setpoint``, the step edges up less those down, ``alarm_ns``, when the watchdog is due, and ``output_ns``,
-when the last sample's outputs take effect.
+call, ``setpoint``, the step edges up less those down, ``alarm_ns``, when the watchdog is due, ``output_ns`` and
+``duty_ns``, when the last sample's lines and command take effect.
 
 The drive writes ``command``, the share of the motor's supply voltage (-1 to 1, held until the next sample), and its
 output ``lines``; both take effect ``delay_ns`` later (its time to compute), the command at the next period of
@@ -109,7 +110,7 @@ AXIS = np.dtype(
         ("true_count", "i8"),
         ("state", "i8"),
         ("seen_state", "i8"),
-        ("state_ns", "f8"),
+        ("ready_ns", "f8"),
         ("unplugged", "i8"),
         ("swapped", "i8"),
         ("locked", "i8"),
@@ -138,14 +139,14 @@ and how many marks were passed (``indexes``); ``ends``, the open end switches; `
 
 The rest no drive sees. Wires: ``hand_lines`` are input lines held active from outside, ``wiring`` how the drive
 hangs on the fault net, ``in_reset`` whether its logic is held in reset. Encoder: ``true_count`` by the place,
-``missed`` what ``count`` is behind that, ``state`` the phases as they are since ``state_ns``, ``seen_state`` as they
-were last counted, ``unplugged`` phases (which read 1) and whether they are ``swapped``; ``mark`` is the last index
-mark below. The switches open below ``low_um`` and above ``high_um``. Motor, moved to ``moved_ns``: ``pins`` and
-``duty`` are the outputs in effect, ``place_um`` and ``speed_um_s`` of the table, ``rotor_um`` the travel that the
-rotor's angle stands for, its speed and current, ``link_V`` the supply's voltage at the bridge, ``peak_A`` the
-largest current so far, ``winding_K`` the winding's temperature over the surroundings, ``damage`` what was too much.
-``locked`` holds the rotor; ``hand_Nm`` and ``hand_N`` are a torque on its shaft and a force on the table from
-outside."""
+``missed`` what ``count`` is behind that, ``state`` the phases as they are, ``seen_state`` as they were last counted,
+``ready_ns`` when the input takes the next edge, ``unplugged`` phases (which read 1) and whether they are
+``swapped``; ``mark`` is the last index mark below. The switches open below ``low_um`` and above ``high_um``. Motor,
+moved to ``moved_ns``: ``pins`` and ``duty`` are the outputs in effect, ``place_um`` and ``speed_um_s`` of the table,
+``rotor_um`` the travel that the rotor's angle stands for, its speed and current, ``link_V`` the supply's voltage at
+the bridge, ``peak_A`` the largest current so far, ``winding_K`` the winding's temperature over the surroundings,
+``damage`` what was too much. ``locked`` holds the rotor; ``hand_Nm`` and ``hand_N`` are a torque on its shaft and a
+force on the table from outside."""
 
 MOTOR = np.dtype(
     [

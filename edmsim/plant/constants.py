@@ -27,7 +27,14 @@ from edmsim.plant.gap.water import (
 from edmsim.plant.kernel.declare import ArraySizes, allocate
 from edmsim.plant.kernel.state import GRID, NO_METAL_UM, PULSES_PER_WINDOW, Arrays, Constants, Propagators, Timing
 from edmsim.plant.mechanics.film import added_mass_kg_m, edge_loss_kg_m2, pull_sum_um2
-from edmsim.plant.mechanics.model import ModalModel, WireSetup, build_model, propagator_table, reduce_model
+from edmsim.plant.mechanics.model import (
+    ModalModel,
+    WireSetup,
+    build_model,
+    propagator_table,
+    reduce_model,
+    screw_constants,
+)
 from edmsim.plant.mechanics.mujoco_model import DriveSetup, FullMechanics
 from edmsim.plant.resolution import Resolution
 from edmsim.plant.wire import VACUUM_PERMEABILITY_N_A2, VACUUM_PERMITTIVITY_F_M, HeatLaw, area_m2
@@ -232,6 +239,19 @@ def _modes(
 ) -> ModalModel:
     """Modes by set-up: plants of one machine share them, as nothing writes to them."""
     return reduce_model(build_model(wire, model_file), n_modes, slice_heights_m)
+
+
+def screws(machine: Machine) -> dict[int, dict[str, float]]:
+    """Return what of a direct-current motor's constants is the machine's own, for its axes x (0) and y (1)."""
+    table, file = machine.base.table, machine.base.model
+    friction_N, backlash_um = table.friction_N.value, table.backlash_um.value
+    dry = {"way_friction_N": friction_N, "way_stiction_N": friction_N, "backlash_um": backlash_um}
+    return {k: {**dry, **screw} for k, screw in enumerate(_screws(wire_setup(machine), file, mjcf_version(file)))}
+
+
+@functools.lru_cache(maxsize=64)
+def _screws(wire: WireSetup, model_file: str, _version: int) -> tuple[dict[str, float], ...]:
+    return screw_constants(build_model(wire, model_file))
 
 
 def full_mechanics(machine: Machine, res: Resolution) -> FullMechanics:

@@ -117,12 +117,14 @@ class Plant(PlantReadings):
         self._memory.put(constants.heat_law(machine, res))
         self._memory.put(constants.push_law(machine))
         self._memory.put(allocate(Scratch, self._sizes))
-        self._drives = Drives(drives or {}, machine.base.table.travel_mm.value * 1e3, self._sizes)
+        screws = constants.screws(machine) if drives else {}
+        self._drives = Drives(drives or {}, machine.base.table.travel_mm.value * 1e3, self._sizes, screws)
+        self._memory.put(self._drives.axes)
         self.drives = self._drives.by_axis
         if isinstance(self._model, FullMechanics):
             for axis in (0, 1):
                 if self._drives.has_loop(axis):
-                    self._model.set_motor(axis, float(self._drives.axes.motors["damping_Nm_s"][axis]))
+                    self._model.set_motor(axis, self._drives.axes.motors[axis : axis + 1])
         self._generator_on = True
         self._pulses: NDArray[np.void] = np.zeros(0, PULSE)
         self._memory.put_own(pulses=self._pulses)
@@ -149,7 +151,6 @@ class Plant(PlantReadings):
         self._memory.put(self._timing)
         self._memory.put(constants.gap_law(machine, self.resolution, self._timing.open_V))
         self._memory.put(constants.gas_law(machine, self._timing))
-        self._memory.put(self._drives.set_grid(self._timing.grid_us))
         if isinstance(self._model, ModalModel):
             self._memory.put(constants.propagators(self._model, self._timing))
 

@@ -10,17 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edmsim.compiled.axis_rows import N_AXES
-from edmsim.compiled.calls import call_with_two
 from edmsim.compiled.jit import compiled, compiled_apart
-from edmsim.plant.axes.encoder import read_axis
-from edmsim.plant.axes.motor import coast
+from edmsim.plant.axes.board import NOBODY, first_due, serve
+from edmsim.plant.axes.shaft import coast_all
 from edmsim.plant.kernel.state import TILED_UM, Arrays, Axes, Propagators, Timing
 from edmsim.plant.mechanics.modal import step_table
 
 LOST = -1
 """What is returned instead of the next event if a wire or an axis has left every reason."""
-_NOBODY, _EVENT = -2, -1
-"""Who is due next, besides the number of a drive."""
 
 
 @compiled
@@ -39,39 +36,12 @@ def _take_step(
 
 
 @compiled
-def _first_due(axes: Axes, events: NDArray[np.int64], next_event: int, until_ns: int) -> tuple[int, int]:
-    """Who is due first before a time, and when: of several at once events, then drives in the order of the axes."""
-    who, due_ns = _NOBODY, until_ns
-    if next_event < events.shape[0] and events[next_event, 0] < until_ns:
-        who, due_ns = _EVENT, events[next_event, 0]
-    for axis in range(N_AXES):
-        if axes.drives[axis].sample != 0 and axes.drives[axis].due_ns < due_ns:
-            who, due_ns = axis, axes.drives[axis].due_ns
-    return who, due_ns
-
-
-@compiled
 def _take_line(axes: Axes, channel: int, level: int) -> None:
     """Set an input line of the drives."""
     bit = 1 << (channel - N_AXES)
     for axis in range(N_AXES):
-        lines = axes.rows[axis].lines
-        axes.rows[axis].lines = lines | bit if level != 0 else lines & ~bit
-
-
-@compiled
-def _sample(axes: Axes, axis: int) -> bool:
-    """Let a drive take its sample; say whether what it commands is a share of its supply."""
-    drive, row = axes.drives[axis], axes.rows[axis]
-    read_axis(axes, axis, drive.due_ns)
-    size_of_drive, size_of_row = axes.drives.itemsize, axes.rows.itemsize
-    call_with_two(
-        drive.sample, axes.drives.ctypes.data + axis * size_of_drive, axes.rows.ctypes.data + axis * size_of_row
-    )
-    drive.index += 1
-    drive.due_ns = drive.epoch_ns + drive.index * drive.num // drive.den
-    row.voltage_V = drive.command * axes.motors[axis].supply_V
-    return bool(abs(drive.command) <= 1.0)
+        lines = axes.rows[axis].hand_lines
+        axes.rows[axis].hand_lines = lines | bit if level != 0 else lines & ~bit
 
 
 @compiled
@@ -86,24 +56,30 @@ def in_reach(state: NDArray[np.void]) -> bool:
     return fine
 
 
+@compiled
+def _place_axes(state: NDArray[np.void], axes: Axes) -> None:
+    """Put the axes whose drives have a loop where their tables are."""
+    for axis in range(N_AXES):
+        if axes.drives[axis].sample != 0:
+            state[0].axis_um[axis] = axes.rows[axis].place_um
+
+
 @compiled_apart
 def _run_drives(
     state: NDArray[np.void], a: Arrays, axes: Axes, p: Propagators, t: Timing, k_period: int, step_um: float,
     events: NDArray[np.int64], next_event: int, until_ns: int, full: bool,
 ) -> int:
     """Take events and samples in order of time, where a drive has a loop; see `advance_axes`."""
-    passed = 0
     while True:
-        who, due_ns = _first_due(axes, events, next_event, until_ns)
-        if not full:
-            k = k_period - min(int((until_ns - due_ns) * 1e-3 / t.grid_us + 0.5), k_period)
-            coast(state, axes, max(k - passed, 0))
-            passed = max(k, passed)
+        who, due_ns = first_due(axes, until_ns)
+        event = next_event < events.shape[0] and events[next_event, 0] <= due_ns and events[next_event, 0] < until_ns
+        if event:
+            due_ns = events[next_event, 0]
+        coast_all(axes, 2 if full else 0, due_ns)
+        _place_axes(state, axes)
         if not in_reach(state):
             return LOST
-        if who == _NOBODY:
-            return next_event
-        if who == _EVENT:
+        if event:
             channel, value = events[next_event, 1], events[next_event, 2]
             if channel >= N_AXES:
                 _take_line(axes, channel, value)
@@ -113,7 +89,9 @@ def _run_drives(
                 axes.drives[channel].setpoint += value
                 state[0].commanded_um[channel] += value * step_um
             next_event += 1
-        elif not _sample(axes, who):
+        elif who == NOBODY:
+            return next_event
+        elif not serve(axes, who, due_ns):
             return LOST
 
 
@@ -127,8 +105,7 @@ def advance_axes(
     Parameters
     ----------
     k_period : int
-        Steps of the pulse's grid since the axes were here last, for the modal model. Samples are taken at the
-        nearest of them; their due times stay what they are.
+        Steps of the pulse's grid since the axes were here last, for the steppers of the modal model.
     step_um : float
         Travel of a step of a motor.
     events : int64 (n, 3)

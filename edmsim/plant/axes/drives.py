@@ -9,14 +9,19 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from edmsim.compiled.axis_rows import DRIVE, FAULT, N_AXES, SampleFunction
+from edmsim.compiled.axis_rows import DRIVE, FAULT, FREEWHEEL, N_AXES, NET_IN, NET_OUT, SampleFunction
 from edmsim.errors import InputError
-from edmsim.plant.axes.motor import check_motor, transitions
+from edmsim.plant.axes.board import NEVER
+from edmsim.plant.axes.motor import check_motor
+from edmsim.plant.axes.shaft import longest_step_ns
 from edmsim.plant.kernel.declare import ArraySizes, allocate
 from edmsim.plant.kernel.state import Axes
 
 AXIS_NAMES = ("x", "y", "u", "v")
 """The machine's axes: x and y of the lower guide, u and v of the upper guide relative to it."""
+
+
+_TIMERS = "output_ns", "duty_ns", "alarm_ns"
 
 
 class AxisDrive(Protocol):
@@ -41,6 +46,8 @@ class Drives:
         given to several plants; ``record`` of a copy is its row in the plant.
     travel_um : float
         Travel of x and y, behind whose ends the switches open.
+    screws : mapping of int to constants of `MOTOR`, optional
+        Of axes, by number, whose screw and table are the machine's and not the drive's.
 
     Attributes
     ----------
@@ -55,14 +62,17 @@ class Drives:
         If there is no such axis, or a drive's record, period or motor is none.
     """
 
-    def __init__(self, drives: Mapping[str, AxisDrive], travel_um: float, sizes: ArraySizes) -> None:
+    def __init__(
+        self, drives: Mapping[str, AxisDrive], travel_um: float, sizes: ArraySizes,
+        screws: Mapping[int, Mapping[str, float]] | None = None,
+    ) -> None:
         for name in drives:
             if name not in AXIS_NAMES:
                 raise InputError(f"there is no axis {name!r} to drive; there are: {', '.join(AXIS_NAMES)}")
         self.given = dict(drives)
         self.by_axis: dict[str, AxisDrive] = {name: copy.deepcopy(drive) for name, drive in drives.items()}
         made = allocate(Axes, sizes, loops=0)
-        self._motors: list[bytes | None] = [None] * N_AXES
+        self._looped: list[int] = []
         for k, name in enumerate(AXIS_NAMES):
             drive = self.by_axis.get(name)
             if drive is None:
@@ -74,17 +84,16 @@ class Drives:
             if drive.sample is None or drive.motor is None:
                 continue
             _check_period(name, drive.record)
-            check_motor(drive.motor)
-            made.motors[k] = drive.motor[0]
-            self._motors[k] = drive.motor.tobytes()
+            motor = made.motors[k : k + 1]
+            motor[:] = drive.motor
+            for constant, value in (screws or {}).get(k, {}).items():
+                motor[constant] = value
+            check_motor(motor)
+            made.step_ns[k] = longest_step_ns(motor)
+            self._looped.append(k)
         self._first = made.drives.copy()
         self._travel_um = travel_um
-        self.axes = made._replace(loops=sum(row is not None for row in self._motors))
-
-    def set_grid(self, grid_us: float) -> Axes:
-        """Return the axes with their tables on a setting's time grid."""
-        self.axes = self.axes._replace(transition=transitions(tuple(self._motors), grid_us))
-        return self.axes
+        self.axes = made._replace(loops=len(self._looped))
 
     def reset(self, axis_um: NDArray[np.float64]) -> None:
         """Switch the drives on at time 0, with the axes at rest at some places."""
@@ -93,24 +102,32 @@ class Drives:
         rows["place_um"] = rows["zero_um"] = axis_um
         rows["low_um"], rows["high_um"] = (0.0, 0.0, -np.inf, -np.inf), (*[self._travel_um] * 2, np.inf, np.inf)
         drives[:] = self._first
+        rows["rotor_um"], rows["link_V"] = axis_um, self.axes.motors["supply_V"]
+        rows["pins"], rows["wiring"] = FREEWHEEL, NET_IN | NET_OUT
+        for name in _TIMERS:
+            drives[name] = NEVER
         self._connect()
-        for k in self._looped():
+        for k in self._looped:
             drives["index"][k] = 1
             drives["due_ns"][k] = int(drives["num"][k]) // int(drives["den"][k])
         self._find_marks()
 
     def pass_by(self, moved_um: NDArray[np.float64], duration_ns: int) -> None:
         """Let a move happen that is not simulated: the drives sleep, and hold the same counts afterwards."""
-        for name in ("place_um", "zero_um"):
-            self.axes.rows[name] += moved_um
-        self.axes.rows["time_ns"] += duration_ns
-        for name in ("epoch_ns", "due_ns"):
-            self.axes.drives[name] += duration_ns
+        rows, drives = self.axes.rows, self.axes.drives
+        for name in ("place_um", "rotor_um", "zero_um"):
+            rows[name] += moved_um
+        for name in ("time_ns", "moved_ns", "ready_ns"):
+            rows[name] += duration_ns
+        for name in ("epoch_ns", "due_ns", "now_ns"):
+            drives[name] += duration_ns
+        for name in _TIMERS:
+            drives[name] += np.where(drives[name] < NEVER, duration_ns, 0)
         self._find_marks()
 
     def has_loop(self, axis: int) -> bool:
         """Return whether the drive of an axis, by its number, has a loop."""
-        return self._motors[axis] is not None
+        return axis in self._looped
 
     def faults(self) -> int:
         """Return which drives report a fault: bit k for axis k."""
@@ -130,16 +147,14 @@ class Drives:
         self._connect()
 
     def _find_marks(self) -> None:
-        for k in self._looped():
-            self.axes.rows["mark"][k] = self.axes.rows["place_um"][k] // self.axes.motors["index_um"][k]
-
-    def _looped(self) -> list[int]:
-        return [k for k, motor in enumerate(self._motors) if motor is not None]
+        for k in self._looped:
+            place_um = self.axes.rows["place_um" if self.axes.motors["on_table"][k] else "rotor_um"][k]
+            self.axes.rows["mark"][k] = place_um // self.axes.motors["index_um"][k]
 
     def _connect(self) -> None:
         """Put the addresses of the samples, which differ from process to process."""
         self.axes.drives["sample"] = 0
-        for k in self._looped():
+        for k in self._looped:
             sample = self.by_axis[AXIS_NAMES[k]].sample
             assert sample is not None
             self.axes.drives["sample"][k] = sample.address

@@ -1,99 +1,100 @@
-"""Direct-current motors: current, speed and place of an axis under the voltage its drive commands.
+"""Direct-current motors: what bridge and supply do to a winding's current, and what a current does to them.
 
-``L di/dt = V - R i - k w``, ``J dw/dt = k i - b w``, ``dx/dt = g w``: winding, rotor with everything it moves, and
-travel. Rigid: the screw's spring is not in it. In the modal model it is propagated exactly over the steps of the
-pulse's grid; in the full model MuJoCo moves x and y, and here only the current is, and the axes u and v.
+``L di/dt = V - R i - k w``. The bridge is a locked antiphase one: over a period of its pulses the winding has the
+mean ``(2 duty - 1)`` of the voltage at the bridge, in either direction of the current, so that a duty of one half
+brakes. Off, its diodes lead a current that still flows back to the supply until it is gone, and the motor
+freewheels.
 """
 
 from __future__ import annotations
 
-import functools
 import math
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from edmsim.compiled.axis_rows import MOTOR, N_AXES
+from edmsim.compiled.axis_rows import BRIDGE_DAMAGED, FREEWHEEL, MAGNETS_DAMAGED, MOTOR, WINDING_DAMAGED
 from edmsim.compiled.jit import compiled
 from edmsim.errors import InputError
-from edmsim.plant.kernel.state import GRID, Axes
 
-Array = NDArray[np.float64]
+_POSITIVE = frozenset(
+    (
+        "supply_ohm", "supply_A", "link_F", "bridge_A", "resistance_ohm", "inductance_H", "torque_Nm_A", "peak_A",
+        "rated_K", "winding_J_K", "winding_K_W", "inertia_kg_m2", "um_per_rad", "screw_N_m", "table_kg",
+        "counts_per_rad", "index_um", "edge_rate_Hz",
+    )
+)
+_EITHER = frozenset(("load_N", "phase_error"))
 
 
 def check_motor(motor: NDArray[np.void]) -> None:
     """Raise `InputError` for a row of `MOTOR` with a value that no motor can have."""
     if motor.dtype != MOTOR or motor.shape != (1,):
         raise InputError("a drive's motor is one row of edmsim.compiled.axis_rows.MOTOR")
-    assert MOTOR.names is not None
-    for name in MOTOR.names:
+    for name in MOTOR.names or ():
         value = float(motor[name][0])
-        fine = math.isfinite(value) and (value >= 0 if name == "damping_Nm_s" else value > 0)
+        fine = math.isfinite(value) and (value > 0 if name in _POSITIVE else value >= 0 or name in _EITHER)
         if not fine:
-            least = "0 or more" if name == "damping_Nm_s" else "above 0"
-            raise InputError(f"the motor's {name} is {value:g}; it must be finite and {least}")
-
-
-@functools.lru_cache(maxsize=64)
-def transitions(motors: tuple[bytes | None, ...], grid_us: float) -> Array:
-    """Return the transition tables of some motors on a time grid; plants of one machine share them.
-
-    Parameters
-    ----------
-    motors : tuple of bytes or None
-        Row of `MOTOR` of every axis, None for one under a stepper.
-    grid_us : float
-        Step of the grid.
-
-    Returns
-    -------
-    (axes, GRID + 1, 3, 3)
-        See `edmsim.plant.kernel.state.Axes`.
-    """
-    from scipy.linalg import expm
-
-    tables = np.zeros((N_AXES, GRID + 1, 3, 3))
-    spans = np.arange(GRID + 1) * grid_us * 1e-6
-    for axis, row in enumerate(motors):
-        if row is None:
-            continue
-        m = np.frombuffer(row, MOTOR)[0]
-        inductance, inertia, constant = m["inductance_H"], m["inertia_kg_m2"], m["torque_Nm_A"]
-        rates = np.zeros((4, 4))  # of current, speed, travel and voltage
-        rates[0] = -m["resistance_ohm"] / inductance, -constant / inductance, 0.0, 1.0 / inductance
-        rates[1] = constant / inertia, -m["damping_Nm_s"] / inertia, 0.0, 0.0
-        rates[2, 1] = m["um_per_rad"]
-        tables[axis] = expm(rates * spans[:, None, None])[:, :3, [0, 1, 3]]
-    return tables
+            least = "" if name in _EITHER else " and above 0" if name in _POSITIVE else " and 0 or more"
+            raise InputError(f"the motor's {name} is {value:g}; it must be finite{least}")
+    if not abs(float(motor["phase_error"][0])) < 1.0:
+        raise InputError(f"the encoder's phase_error is {motor['phase_error'][0]:g}; it must be -1 to 1 count")
 
 
 @compiled
-def coast(state: NDArray[np.void], axes: Axes, k: int) -> None:
-    """Move the axes whose drives have a loop over `k` steps of the pulse's grid, their voltages held."""
-    for axis in range(N_AXES):
-        if axes.drives[axis].sample == 0:
-            continue
-        row, by = axes.rows[axis], axes.transition[axis, k]
-        current, speed, voltage = row.current_A, row.speed_rad_s, row.voltage_V
-        row.current_A = by[0, 0] * current + by[0, 1] * speed + by[0, 2] * voltage
-        row.speed_rad_s = by[1, 0] * current + by[1, 1] * speed + by[1, 2] * voltage
-        row.place_um += by[2, 0] * current + by[2, 1] * speed + by[2, 2] * voltage
-        state[0].axis_um[axis] = row.place_um
+def _settle(current: float, voltage: float, emf: float, motor: Any, dt: float) -> float:
+    """Current after a time at constant voltage and speed: exact."""
+    settled = (voltage - emf) / motor.resistance_ohm
+    left = math.exp(-dt * motor.resistance_ohm / motor.inductance_H)
+    return float(settled + (current - settled) * left)
 
 
 @compiled
-def step_motors(state: NDArray[np.void], axes: Axes, dt_us: float) -> None:
-    """Move the motors' currents over a time step of MuJoCo, and the axes u and v, of which it knows nothing."""
-    dt = dt_us * 1e-6
-    for axis in range(N_AXES):
-        if axes.drives[axis].sample == 0:
-            continue
-        row, motor = axes.rows[axis], axes.motors[axis]
-        settled = (row.voltage_V - motor.torque_Nm_A * row.speed_rad_s) / motor.resistance_ohm
-        left = math.exp(-dt * motor.resistance_ohm / motor.inductance_H)
-        row.current_A = settled + (row.current_A - settled) * left
-        if axis >= 2:
-            torque = motor.torque_Nm_A * row.current_A - motor.damping_Nm_s * row.speed_rad_s
-            row.speed_rad_s += torque / motor.inertia_kg_m2 * dt
-            row.place_um += motor.um_per_rad * row.speed_rad_s * dt
-            state[0].axis_um[axis] = row.place_um
+def _freewheel(row: Any, motor: Any, emf: float, dt: float) -> float:
+    """Current of a motor whose bridge is off: through the diodes against the supply, until there is none."""
+    drop = row.link_V + 2.0 * motor.diode_V
+    if row.current_A == 0.0:
+        return _settle(0.0, math.copysign(drop, emf), emf, motor, dt) if abs(emf) > drop else 0.0
+    after = _settle(row.current_A, -math.copysign(drop, row.current_A), emf, motor, dt)
+    return after if after * row.current_A > 0.0 else 0.0
+
+
+@compiled
+def _feed(row: Any, motor: Any, drawn_A: float, dt: float) -> None:
+    """Voltage at the bridge: a capacitor behind a supply with a resistance, a limit of current, and no way back."""
+    charge = dt / motor.link_F
+    fed = row.link_V + charge * (motor.supply_V / motor.supply_ohm - drawn_A)
+    link_V = fed / (1.0 + charge / motor.supply_ohm)
+    supplied_A = (motor.supply_V - link_V) / motor.supply_ohm
+    if supplied_A < 0.0:
+        link_V = row.link_V - charge * drawn_A
+    elif supplied_A > motor.supply_A:
+        link_V = row.link_V + charge * (motor.supply_A - drawn_A)
+    row.link_V = max(link_V, 0.0)
+
+
+@compiled
+def energise(row: Any, motor: Any, dt: float) -> float:
+    """Carry current, supply and the winding's heat on over a time (s); return the mean torque (Nm)."""
+    emf, before = motor.torque_Nm_A * row.speed_rad_s, row.current_A
+    if row.pins & FREEWHEEL:
+        row.current_A = _freewheel(row, motor, emf, dt)
+        mean = 0.5 * (before + row.current_A)
+        drawn_A = -abs(mean)
+    else:
+        row.current_A = _settle(before, row.duty * row.link_V, emf, motor, dt)
+        mean = 0.5 * (before + row.current_A)
+        drawn_A = row.duty * mean
+    _feed(row, motor, drawn_A, dt)
+    current = abs(row.current_A)
+    row.peak_A = max(row.peak_A, current)
+    heat_W = motor.resistance_ohm * mean * mean
+    row.winding_K += dt * (heat_W - row.winding_K / motor.winding_K_W) / motor.winding_J_K
+    if current > motor.bridge_A:
+        row.damage |= BRIDGE_DAMAGED
+    if current > motor.peak_A:
+        row.damage |= MAGNETS_DAMAGED
+    if row.winding_K > motor.rated_K:
+        row.damage |= WINDING_DAMAGED
+    return float(motor.torque_Nm_A * mean)

@@ -231,9 +231,8 @@ class Axes(NamedTuple):
     ----------
     rows, drives, motors
         See `edmsim.compiled.axis_rows`; without meaning for an axis under a stepper.
-    transition : (axes, GRID + 1, 3, 3)
-        Over ``k * grid_us`` of the modal model: current (A), speed (rad/s) and travel (um) afterwards, of current,
-        speed and voltage (V) before.
+    step_ns : int64 (axes,)
+        Longest time step of an axis.
     loops : int
         How many drives have a loop.
     """
@@ -241,7 +240,7 @@ class Axes(NamedTuple):
     rows: Annotated[NDArray[np.void], Kept(N_AXES, life=CHANGING, record=AXIS)]
     drives: Annotated[NDArray[np.void], Kept(N_AXES, life=CHANGING, record=DRIVE)]
     motors: Annotated[NDArray[np.void], Kept(N_AXES, record=MOTOR)]
-    transition: Annotated[Array, Kept(N_AXES, GRID + 1, 3, 3)]
+    step_ns: Annotated[NDArray[np.int64], Kept(N_AXES)]
     loops: int
 
 

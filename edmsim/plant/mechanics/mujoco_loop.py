@@ -17,7 +17,9 @@ from numpy.typing import NDArray
 from edmsim.compiled.calls import call_with_two
 from edmsim.compiled.jit import compiled
 from edmsim.plant.axes.advance import LOST, advance_axes
-from edmsim.plant.axes.motor import step_motors
+from edmsim.plant.axes.encoder import position, see_edges
+from edmsim.plant.axes.motor import energise
+from edmsim.plant.axes.shaft import rubbed_rotor, rubbed_table, screw_damping
 from edmsim.plant.gap.breakdown import PULL_GAP_FLOOR_UM
 from edmsim.plant.kernel.declare import CHANGING, Kept
 from edmsim.plant.kernel.state import Array, Arrays, Axes, Constants, Propagators, Timing
@@ -147,20 +149,20 @@ def _sound(link: FullLink) -> bool:
 def _drive(state: NDArray[np.void], axes: Axes, link: FullLink) -> None:
     """Apply the motors' torques and the friction of the ways.
 
-    The torque of a direct-current motor follows its current. A hybrid stepper holds its rotor by a torque that is
-    sinusoidal over the angle and repeats with every tooth: an angle of a tooth and it rests, four full steps off,
-    without anyone noticing.
+    The torque of a direct-current motor follows its current. Its screw's damper stands here, as it does nothing
+    within the backlash. A hybrid stepper holds its rotor by a torque that is sinusoidal over the angle and repeats
+    with every tooth: an angle of a tooth and it rests, four full steps off, without anyone noticing.
     """
     for axis in range(2):
         rotor = link.rotor[axis]
-        link.force[link.carriage[axis]] = -link.friction_N * link.friction_share[axis]
         if axes.drives[axis].sample != 0:
-            motor = axes.motors[axis]
-            speed = link.qvel[rotor] / (link.rad_per_um[axis] * motor.um_per_rad)  # of a rotor on this motor's screw
-            axes.rows[axis].speed_rad_s = speed
-            torque = motor.torque_Nm_A * axes.rows[axis].current_A
-            link.force[rotor] = torque / (link.rad_per_um[axis] * motor.um_per_rad)
+            row, motor = axes.rows[axis], axes.motors[axis]
+            damping = screw_damping(row, motor)
+            link.force[link.carriage[axis]] = damping + motor.load_N + row.hand_N
+            torque = energise(row, motor, link.timestep[0])
+            link.force[rotor] = torque + row.hand_Nm - damping * motor.um_per_rad * 1e-6
             continue
+        link.force[link.carriage[axis]] = -link.friction_N * link.friction_share[axis]
         lead = link.qpos[rotor] - state[0].commanded_um[axis] * link.rad_per_um[axis]
         link.force[rotor] = -link.holding_Nm[axis] * math.sin(link.teeth * lead)
 
@@ -177,24 +179,53 @@ def _rub(link: FullLink, axis: int, travel_m: float) -> None:
 
 
 @compiled
+def _brake_axis(axes: Axes, link: FullLink, axis: int, rotor_rad_s: float, carriage_m_s: float) -> None:
+    """Let dry friction take its share of the speeds that a time step has given rotor and carriage."""
+    motor, dt = axes.motors[axis], link.timestep[0]
+    rotor, carriage = link.rotor[axis], link.carriage[axis]
+    change = rubbed_rotor(axes.rows[axis], motor, rotor_rad_s, link.qvel[rotor], dt) - link.qvel[rotor]
+    link.qvel[rotor] += change
+    link.qpos[rotor] += change * dt
+    change = rubbed_table(motor, carriage_m_s * 1e6, link.qvel[carriage] * 1e6, dt) * 1e-6 - link.qvel[carriage]
+    link.qvel[carriage] += change
+    link.qpos[carriage] += change * dt
+
+
+@compiled
 def _step(state: NDArray[np.void], axes: Axes, link: FullLink) -> bool:
     """One time step of MuJoCo under the forces on the wire; false if they or what they move have no meaning."""
     _drive(state, axes, link)
     if not _sound(link):
         return False
     x, y = link.qpos[link.carriage[0]], link.qpos[link.carriage[1]]
+    x_speed, y_speed = link.qvel[link.carriage[0]], link.qvel[link.carriage[1]]
+    x_rotor, y_rotor = link.qvel[link.rotor[0]], link.qvel[link.rotor[1]]
     call_with_two(link.mj_step, link.model, link.data)
-    _rub(link, 0, link.qpos[link.carriage[0]] - x)
-    _rub(link, 1, link.qpos[link.carriage[1]] - y)
+    if axes.drives[0].sample != 0:
+        _brake_axis(axes, link, 0, x_rotor, x_speed)
+    else:
+        _rub(link, 0, link.qpos[link.carriage[0]] - x)
+    if axes.drives[1].sample != 0:
+        _brake_axis(axes, link, 1, y_rotor, y_speed)
+    else:
+        _rub(link, 1, link.qpos[link.carriage[1]] - y)
     return True
 
 
 @compiled
-def _see_axes(state: NDArray[np.void], axes: Axes, link: FullLink) -> None:
-    """Tell the axes whose drives have a loop where MuJoCo has moved them."""
+def _see_axes(state: NDArray[np.void], axes: Axes, link: FullLink, until_ns: int) -> None:
+    """Tell the axes whose drives have a loop where MuJoCo has moved them, and their encoders."""
     for axis in range(2):
-        if axes.drives[axis].sample != 0:
-            axes.rows[axis].place_um = state[0].axis_um[axis] = link.qpos[link.carriage[axis]] * 1e6
+        if axes.drives[axis].sample == 0:
+            continue
+        drive, row, motor = axes.drives[axis], axes.rows[axis], axes.motors[axis]
+        before = position(row, motor)
+        row.place_um = state[0].axis_um[axis] = link.qpos[link.carriage[axis]] * 1e6
+        row.speed_um_s = link.qvel[link.carriage[axis]] * 1e6
+        row.rotor_um = link.qpos[link.rotor[axis]] * motor.um_per_rad
+        row.speed_rad_s = link.qvel[link.rotor[axis]]
+        see_edges(drive, row, motor, before, float(row.moved_ns), float(until_ns))
+        row.moved_ns = until_ns
 
 
 @compiled
@@ -353,7 +384,6 @@ def move_full(
             break
         _brake(a, c, link, films, mean, resistance)
         if axes.loops != 0:
-            _see_axes(state, axes, link)
-            step_motors(state, axes, dt_us)
+            _see_axes(state, axes, link, until_ns)
     _take_back(state, a, axes, link)
     return next_event if sound and _sound(link) else LOST

@@ -166,9 +166,14 @@ class FullMechanics:
             stops = self.model.joint(axis).range
             stops[1] = travel_m - stops[0]
 
-    def set_motor(self, axis: int, damping_Nm_s: float) -> None:
-        """Put a direct-current motor in the place of the stepper of x (0) or y (1): its damping, the same inertia."""
-        self.model.dof_damping[self.link.rotor[axis]] = damping_Nm_s
+    def set_motor(self, axis: int, motor: NDArray[np.void]) -> None:
+        """Put a direct-current motor, a row of `MOTOR`, in the place of the stepper of x (0) or y (1)."""
+        name = "xy"[axis]
+        self.model.dof_damping[self.link.rotor[axis]] = motor["damping_Nm_s"][0]
+        self.model.body(f"{name}_rotor").inertia[:] = motor["inertia_kg_m2"][0]
+        tendon, play_m = self.model.tendon(f"{name}_screw").id, motor["backlash_um"][0] * 1e-6
+        self.model.tendon_lengthspring[tendon] = -play_m / 2, play_m / 2
+        self.model.tendon_damping[tendon] = 0.0  # the loop has the damper, which does nothing within the backlash
 
     def reset(self) -> None:
         """Let the ways' friction go; positions and velocities come from the plant's arrays."""

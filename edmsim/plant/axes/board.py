@@ -1,0 +1,119 @@
+"""The boards that the drives sit on: when a drive is due, what it is shown, and when its outputs take effect."""
+
+from __future__ import annotations
+
+from edmsim.compiled.axis_rows import (
+    FAULT_IN,
+    FAULT_OUT,
+    FREEWHEEL,
+    N_AXES,
+    NET_IN,
+    NET_OUT,
+    SAMPLE,
+    WATCHDOG,
+)
+from edmsim.compiled.calls import call_with_two
+from edmsim.compiled.jit import compiled
+from edmsim.plant.axes.encoder import read_axis
+from edmsim.plant.kernel.state import Axes
+
+NEVER = 1 << 62
+"""A time (ns) after all others."""
+NOBODY = -1
+"""Nobody is due."""
+_OUTPUT, _DUTY, _SAMPLE, _ALARM = (kind * N_AXES for kind in range(4))
+"""Who is due: one of these and the number of the axis."""
+
+
+@compiled
+def first_due(axes: Axes, until_ns: int) -> tuple[int, int]:
+    """Who is due first before a time, and when: of several at once in the order of the axes, outputs first."""
+    who, due_ns = NOBODY, until_ns
+    for axis in range(N_AXES):
+        drive = axes.drives[axis]
+        if drive.sample == 0:
+            continue
+        if drive.output_ns < due_ns:
+            who, due_ns = _OUTPUT + axis, drive.output_ns
+        if drive.duty_ns < due_ns:
+            who, due_ns = _DUTY + axis, drive.duty_ns
+        if drive.due_ns < due_ns:
+            who, due_ns = _SAMPLE + axis, drive.due_ns
+        if drive.alarm_ns < due_ns:
+            who, due_ns = _ALARM + axis, drive.alarm_ns
+    return who, due_ns
+
+
+@compiled
+def fault_net_low(axes: Axes) -> bool:
+    """Whether a drive pulls the fault net low through its diode."""
+    for axis in range(N_AXES):
+        row = axes.rows[axis]
+        if axes.drives[axis].sample != 0 and row.wiring & NET_OUT and row.pins & FAULT_OUT:
+            return True
+    return False
+
+
+@compiled
+def _call(axes: Axes, axis: int, event: int, now_ns: int) -> bool:
+    """Call a drive; say whether what it commands is a share of its supply."""
+    drive, row = axes.drives[axis], axes.rows[axis]
+    row.lines = row.hand_lines
+    if row.wiring & NET_IN and fault_net_low(axes):
+        row.lines |= FAULT_IN
+    read_axis(axes, axis, now_ns)
+    drive.now_ns, drive.event = now_ns, event
+    size_of_drive, size_of_row = axes.drives.itemsize, axes.rows.itemsize
+    call_with_two(
+        drive.sample, axes.drives.ctypes.data + axis * size_of_drive, axes.rows.ctypes.data + axis * size_of_row
+    )
+    drive.output_ns = now_ns + drive.delay_ns
+    return bool(abs(drive.command) <= 1.0)
+
+
+@compiled
+def _take_sample(axes: Axes, axis: int) -> bool:
+    """Let a drive take its sample, and say when the next one is due."""
+    drive, row = axes.drives[axis], axes.rows[axis]
+    now_ns, fine, ready_ns = drive.due_ns, True, drive.due_ns
+    if row.in_reset == 0 and now_ns >= drive.stalled_until_ns:
+        fine = _call(axes, axis, SAMPLE, now_ns)
+        drive.alarm_ns = now_ns + drive.watchdog_ns if drive.watchdog_ns > 0 else NEVER
+        ready_ns = now_ns + drive.busy_ns
+    drive.index += 1
+    drive.due_ns = drive.epoch_ns + drive.index * drive.num // drive.den
+    if drive.due_ns < ready_ns:
+        drive.epoch_ns, drive.index = ready_ns, 0
+        drive.due_ns = ready_ns
+    return fine
+
+
+@compiled
+def serve(axes: Axes, who: int, now_ns: int) -> bool:
+    """Let happen what `first_due` found; false if a drive commands what is no share of its supply."""
+    axis = who % N_AXES
+    drive, row = axes.drives[axis], axes.rows[axis]
+    if who >= _ALARM:
+        drive.alarm_ns = NEVER
+        return row.in_reset != 0 or _call(axes, axis, WATCHDOG, now_ns)
+    if who >= _SAMPLE:
+        return _take_sample(axes, axis)
+    if who >= _DUTY:
+        drive.duty_ns = NEVER
+        row.duty = drive.command
+        return True
+    drive.output_ns = NEVER
+    row.pins = drive.lines
+    if drive.pwm_ns > 0:
+        drive.duty_ns = -(-now_ns // drive.pwm_ns) * drive.pwm_ns
+    else:
+        row.duty = drive.command
+    return True
+
+
+@compiled
+def hold_in_reset(axes: Axes, axis: int) -> None:
+    """Let go of all of a drive's pins: the board pulls the bridge's enable low."""
+    axes.rows[axis].in_reset = 1
+    axes.rows[axis].pins = FREEWHEEL
+    axes.drives[axis].output_ns = axes.drives[axis].duty_ns = NEVER
