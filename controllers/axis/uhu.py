@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from functools import cache
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,6 +33,7 @@ from edmsim.controllers.axis.drive import axis_row, data_of, new_record, restart
 from edmsim.controllers.axis.extensions import SETTINGS, Extensions, record_sample, start_command
 from edmsim.controllers.axis.parameters import Registers
 from edmsim.controllers.axis.uhu_dialogue import Dialogue
+from edmsim.errors import InputError
 
 _SWING = 0
 """Place in ``real``: the share of the supply that is the full swing of duty, in locked antiphase."""
@@ -147,7 +148,7 @@ class Uhu:
         table = data["parameter"]
         self._letters = {row["letter"]: row["name"] for row in table}
         self.parameters = Registers(self, {row["name"]: (place, 0, _LARGEST) for place, row in enumerate(table)})
-        self.extensions = Extensions(self, wraps=False)
+        self.extensions = Extensions(self)
         self._stored = [row["name"] for row in table if row["name"] != _NOT_STORED]
         self._dialogue = Dialogue(
             {row["letter"]: row["label"] for row in table}, data["identity"]["serial_number"]
@@ -158,6 +159,20 @@ class Uhu:
             self.parameters.update(stored)
             self.save(0)
         self.power_up()
+
+    @classmethod
+    def tuned(cls, axis: str = "table") -> Self:
+        """Return a drive that is tuned for an axis of `axis_row` and has its parameters in bank 0.
+
+        Raises
+        ------
+        InputError
+            Nobody has tuned one for that axis.
+        """
+        tuned = _data()["tuned"]
+        if axis not in tuned:
+            raise InputError(f"no UHU is tuned for an axis {axis!r}; there are: {', '.join(tuned)}")
+        return cls(axis_row(axis), stored=tuned[axis])
 
     @property
     def sample(self) -> SampleFunction:

@@ -1,0 +1,290 @@
+"""What shuts a UHU off on the bench, what it shows then, and what brings it back."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from edmsim.axis_bench import AxisBench
+from edmsim.controllers.axis.drive import axis_row
+from edmsim.controllers.axis.uhu import Uhu
+from edmsim.controllers.axis.uhu_law import ERROR_INPUT, LATCHED, TARGET, TRACKING, WATCHDOG
+from edmsim.controllers.axis.uhu_law import O as OVERRUNS
+
+from .uhu_bench import BANNER, SAMPLE_SET, ask, bench_with, count, error, register, start_stream, traced, tuned
+
+
+def test_start_up_is_in_order_and_without_a_jerk() -> None:  # U-38, U-51
+    bench = AxisBench({"x": Uhu(axis_row("bench"), stored={})})
+    bench.trace = True
+    bench.run(0.05)
+    samples = bench.samples("x")
+    assert bench.received("x") == BANNER
+    times = bench.sent_at("x")
+    assert times[0] >= samples["time_ns"][0] * 1e-9
+    changes = bench.changes("x")
+    assert bench.pins("x").enabled
+    assert changes["time_ns"][0] * 1e-9 <= times[-1]
+    assert np.abs(samples["count"]).max() == 0
+    assert not samples["command"].any()
+
+
+def test_a_hard_reset_of_a_moved_axis_does_not_jerk() -> None:  # U-32, U-39, U-A25
+    bench = tuned()
+    bench.steps("x", 500, 2000.0, 20_000.0)
+    bench.run(0.5)
+    bench.talk(b"+\r")
+    samples = traced(bench, 0.2)
+    assert np.ptp(samples["count"]) <= 1
+    assert abs(count(bench)) <= 1  # it counts from 0 again
+
+
+def test_the_error_input_shuts_off_within_an_interval_and_latches() -> None:  # U-6, U-31, U-46, U-66
+    for cycle, at_most_s in ((63, 972e-6), (200, 2434e-6)):
+        bench = tuned(cycle=cycle)
+        bench.wire("x", fault_in=True, fault_out=True)
+        bench.received("x")
+        bench.changes("x")
+        pulled_ns = bench.time_s * 1e9
+        bench.pull_fault_net(True)
+        bench.run(0.01)
+        off_ns = bench.changes("x")["time_ns"][0]
+        assert 0 < (off_ns - pulled_ns) * 1e-9 <= at_most_s + 1e-6
+        bench.pull_fault_net(False)
+        bench.run(0.1)
+        pins = bench.pins("x")
+        assert (pins.enabled, pins.error_led, pins.fault_out_low) == (False, True, False)  # U-A19
+        assert register(bench, LATCHED) == ERROR_INPUT
+        assert bench.received("x") == b""  # a fault says nothing
+        ask(bench, "R")
+        assert bench.pins("x").enabled
+
+
+def test_a_reset_under_a_low_error_input_does_not_last() -> None:  # U-A19
+    bench = tuned()
+    bench.wire("x", fault_in=True, fault_out=True)
+    bench.pull_fault_net(True)
+    bench.run(0.01)
+    assert ask(bench, "R") == "OK"
+    bench.run(0.01)
+    assert not bench.pins("x").enabled
+
+
+def test_drives_on_one_net_stop_each_other_through_their_diodes() -> None:  # U-42, U-21, U-A19
+    for diode in (True, False):
+        bench = bench_with(*(Uhu(axis_row("bench"), stored={"error_limit": 50}) for _ in range(2)))
+        bench.wire("x", fault_in=True, fault_out=diode)
+        bench.wire("y", fault_in=True, fault_out=True)
+        bench.hold("x", True)
+        bench.changes("y")
+        bench.drive("x").go(60)
+        bench.run(0.02)
+        assert not bench.pins("x").enabled
+        assert bench.fault_net_low == diode
+        assert bench.pins("y").enabled != diode
+        ask(bench, "R", axis="x")  # releases the net, for y does not pull it
+        bench.run(0.01)
+        assert bench.pins("x").enabled
+        assert not bench.fault_net_low
+
+
+def test_an_input_without_the_net_is_held_high() -> None:  # U-42, U-43
+    bench = tuned()
+    bench.wire("x", fault_in=False, fault_out=False)
+    bench.pull_fault_net(True)
+    bench.run(0.1)
+    assert bench.pins("x").enabled
+    bench.wire("x", fault_in=True, fault_out=True)
+    bench.unplug("x", "fault")
+    bench.run(0.1)
+    assert bench.pins("x").enabled
+
+
+def test_the_watchdog_shuts_off_after_125_ms_and_keeps_the_parameters() -> None:  # U-5, U-44
+    bench = tuned(**SAMPLE_SET)
+    ask(bench, "P777")
+    bench.stall("x", 0.120)
+    bench.run(0.3)
+    assert bench.pins("x").enabled
+    bench.changes("x")
+    bench.received("x")
+    stalled_at = bench.time_s
+    bench.stall("x", 0.130)
+    bench.run(0.2)
+    off_s = bench.changes("x")["time_ns"][0] * 1e-9 - stalled_at
+    assert 0.124 <= off_s <= 0.126
+    assert register(bench, LATCHED) == WATCHDOG
+    assert bench.received("x") == b""
+    assert "(P)rop.      777" in ask(bench, "#")
+    assert bench.pins("x").fault_out_low
+    ask(bench, "R")
+    assert bench.pins("x").enabled
+    assert "(P)rop.      777" in ask(bench, "#")
+
+
+@pytest.mark.parametrize(("cycle", "trips"), [(11_718, False), (11_719, True)])
+def test_a_cycle_longer_than_the_watchdog_trips_it(cycle: int, trips: bool) -> None:  # U-45, U-A23
+    bench = tuned(torque_limit=0)
+    assert ask(bench, f"C{cycle}") == "OK"
+    bench.run(0.4)
+    assert (register(bench, LATCHED) == WATCHDOG) == trips
+    assert bench.pins("x").enabled != trips
+
+
+def test_a_tracking_trip_says_nothing_and_r_starts_where_the_axis_is() -> None:  # U-31, U-46, U-A21, U-A25
+    bench = tuned(error_limit=100)
+    bench.hold("x", True)
+    bench.received("x")
+    bench.drive("x").go(150)
+    bench.run(0.1)
+    assert register(bench, LATCHED) == TRACKING
+    assert bench.received("x") == b""
+    bench.hold("x", False)
+    assert ask(bench, "G5000") == "OK"  # a move while off
+    bench.run(0.1)
+    assert abs(count(bench)) <= 1
+    assert ask(bench, "R") == "OK"
+    bench.run(0.3)
+    assert bench.pins("x").enabled
+    assert abs(count(bench)) <= 1
+    assert abs(error(bench)) <= 1
+
+
+def test_the_ready_led_is_lit_in_operation_only() -> None:  # U-41, U-A1
+    bench = tuned()
+    assert (bench.pins("x").led, bench.pins("x").error_led) == (True, False)
+    ask(bench, "L2")
+    assert ask(bench, "R") == "OK"
+    assert (bench.pins("x").led, bench.pins("x").error_led) == (True, False)
+    bench = bench_with(Uhu(axis_row("bench")))
+    assert (bench.pins("x").led, bench.pins("x").error_led) == (False, True)
+
+
+def test_an_open_step_or_dir_input_reads_1() -> None:  # U-43
+    bench = tuned()
+    bench.unplug("x", "step")
+    bench.steps("x", 50, 1000.0)
+    bench.run(0.2)
+    assert register(bench, TARGET) == 0
+    bench.plug("x", "step")
+    bench.unplug("x", "dir")
+    bench.steps("x", -50, 1000.0)
+    bench.run(0.2)
+    assert register(bench, TARGET) == 50  # dir open is dir 1
+
+
+def test_an_unplugged_encoder_trips_at_the_first_move() -> None:  # U-43, U-21
+    bench = tuned(error_limit=100)
+    bench.unplug("x", "A")
+    bench.unplug("x", "B")
+    bench.run(0.1)
+    assert bench.pins("x").enabled
+    bench.steps("x", 300, 2000.0)
+    bench.run(0.3)
+    assert register(bench, LATCHED) == TRACKING
+
+
+def test_swapped_phases_run_away_into_the_trip() -> None:  # U-A26, U-21
+    bench = tuned(error_limit=200)
+    bench.swap_phases("x")
+    bench.steps("x", 50, 1000.0)
+    bench.run(1.0)
+    assert register(bench, LATCHED) == TRACKING
+
+
+def test_noise_on_one_phase_moves_nothing_for_good() -> None:  # U-24, U-50
+    bench = tuned(torque_limit=0)
+    for _ in range(5):
+        bench.pulse_encoder("x", "A", 20e-6)
+        bench.run(0.01)
+    assert (count(bench), register(bench, OVERRUNS)) == (0, 0)
+    bench.pulse_encoder("x", "AB", 20e-6)
+    bench.run(0.01)
+    assert count(bench) == 0
+    assert register(bench, OVERRUNS) > 0
+
+
+def test_a_dip_of_the_rail_is_a_reset() -> None:  # U-48, U-55
+    bench = tuned(**SAMPLE_SET)
+    ask(bench, "P600")
+    bench.received("x")
+    bench.rail("x", 4.4)
+    bench.run(0.0002)
+    assert not bench.pins("x").enabled
+    bench.run(0.01)
+    assert bench.received("x") == b""
+    bench.rail("x", 5.0)
+    bench.run(0.05)
+    assert bench.received("x") == BANNER
+    assert bench.pins("x").enabled
+    assert "(P)rop.      900" in ask(bench, "#")
+
+
+def test_power_up_discards_what_was_not_saved() -> None:  # U-55
+    bench = tuned(**SAMPLE_SET)
+    ask(bench, "P600")
+    ask(bench, "R")
+    assert "(P)rop.      600" in ask(bench, "#")
+    bench.power_cycle("x", 0.1)
+    bench.run(0.05)
+    assert "(P)rop.      900" in ask(bench, "#")
+
+
+def test_without_motor_supply_the_dialogue_works_and_steps_trip() -> None:  # U-64
+    bench = tuned(error_limit=100)
+    bench.supply("x", 0.0)
+    bench.run(0.5)
+    assert "(E)rror      100" in ask(bench, "#")
+    bench.steps("x", 99, 1000.0)
+    bench.run(0.3)
+    assert bench.pins("x").enabled
+    bench.steps("x", 1, 1000.0)
+    bench.run(0.1)
+    assert register(bench, LATCHED) == TRACKING
+
+
+def test_enable_low_lets_the_motor_run_out() -> None:  # U-6, U-21
+    bench = tuned()
+    bench.steps("x", 20_000, 6000.0, 50_000.0)
+    bench.run(0.5)
+    ask(bench, "L2")
+    samples = traced(bench, 0.05)
+    assert not bench.pins("x").enabled
+    assert samples["count"][-1] - samples["count"][0] > 10
+    assert np.abs(samples["current_A"][5:]).max() < 0.1
+
+
+def test_too_much_torque_for_the_motor_is_damage() -> None:  # U-63
+    peaks, damage = [], []
+    for limit in (50, 120, 255):
+        bench = tuned("low-impedance", torque_limit=limit, error_limit=30_000)
+        bench.drive("x").go(5000)
+        bench.run(0.2)
+        peaks.append(float(bench.axis("x")["peak_A"]))
+        damage.append(int(bench.axis("x")["damage"]))
+    assert peaks == sorted(peaks)
+    assert damage[0] == 0
+    assert damage[-1] != 0
+
+
+def test_a_jerk_by_hand_shows_in_the_stream() -> None:  # U-61
+    bench = tuned()
+    start_stream(bench)
+    bench.received("x")
+    bench.torque("x", 1.5)
+    bench.run(0.05)
+    bench.torque("x", 0.0)
+    bench.run(0.3)
+    seen = np.frombuffer(bench.received("x"), np.uint8).astype(int) - 128 - 63
+    assert np.abs(seen).max() >= 3
+    assert np.abs(seen[-10:]).max() <= 1
+
+
+def test_a_snapshot_continues_bit_for_bit() -> None:
+    bench = tuned()
+    bench.steps("x", 500, 3000.0, 20_000.0)
+    bench.run(0.1)
+    kept = bench.snapshot()
+    first = traced(bench, 0.2)
+    bench.restore(kept)
+    assert traced(bench, 0.2).tobytes() == first.tobytes()

@@ -1,0 +1,331 @@
+"""The UHU's recalculation on the bench: interval, gains, limits, steps, and what its letters do to the motion."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from edmsim.controllers.axis.uhu_law import LATCHED, REFERENCE, SPEED_DIVISOR, TARGET, TRACKING
+from edmsim.controllers.axis.uhu_law import O as OVERRUNS
+
+from .uhu_bench import ask, count, error, register, start_stream, traced, tuned
+
+P_ONLY = {"integral_gain": 0, "speed_gain": 0, "acceleration_gain": 0, "output_filter": 65535, "error_limit": 30000}
+"""One gain at a time, and hardly any smoothing."""
+FAST = {
+    "proportional_gain": 50, "integral_gain": 1, "speed_gain": 0, "acceleration_gain": 200, "speed_limit": 5000,
+    "error_limit": 5000,
+}  # fmt: skip
+"""For the axis "fast" on 6 V, whose 140 000 counts/s are no more than an UHU can follow."""
+
+
+def control_in(command: np.ndarray) -> np.ndarray:
+    """The control variable in units of T."""
+    return np.asarray(command) / 0.74 * 255
+
+
+@pytest.mark.parametrize("cycle", [30, 50, 63, 200])
+def test_the_interval_is_c_times_256_clocks(cycle: int) -> None:  # U-4, U-23
+    times = traced(tuned(cycle=cycle), 0.2)["time_ns"]
+    assert np.ptp(np.diff(times)) <= 1
+    assert np.mean(np.diff(times)) == pytest.approx(cycle * 256e9 / 24e6, abs=0.01)
+
+
+def test_a_new_c_acts_at_once_and_changes_what_gains_mean() -> None:  # U-23, U-65
+    bench = tuned()
+    assert ask(bench, "C50") == "OK"
+    assert np.mean(np.diff(traced(bench, 0.1)["time_ns"])) == pytest.approx(533_333.3, abs=1)
+    assert ask(bench, "C0") == "OK"  # U-A23: as 1, and then the calculation takes its time
+    assert np.mean(np.diff(traced(bench, 0.1)["time_ns"])) >= 300_000
+
+
+def test_below_30_timing_is_lost() -> None:  # U-52, U-51
+    for cycle, exact in ((20, False), (30, True)):
+        bench = tuned(cycle=cycle, error_limit=30000)
+        bench.steps("x", 2000, 4000.0)
+        intervals = np.diff(traced(bench, 0.3)["time_ns"])
+        assert intervals.min() >= 300_000  # never begun before the last one has ended
+        assert (np.ptp(intervals) <= 1) == exact
+        assert (intervals.mean() == pytest.approx(320_000.0, abs=0.1)) == exact
+
+
+def test_the_output_is_proportional_to_the_error() -> None:  # U-12, U-14
+    bench = tuned(**P_ONLY, proportional_gain=640)
+    bench.hold("x", True)
+    for counts in (1, 3, -13, 40):
+        ask(bench, "R")
+        ask(bench, f"G{counts}")
+        command = traced(bench, 0.05)["command"][-1]
+        assert control_in(command) == pytest.approx(640 / 256 * counts, abs=0.51)
+
+
+def test_an_error_of_one_count_grows_the_output_by_i_over_256_and_is_removed() -> None:  # U-15, U-A17
+    bench = tuned(**{**P_ONLY, "integral_gain": 64}, proportional_gain=256)
+    bench.hold("x", True)
+    ask(bench, "G1")
+    control = control_in(traced(bench, 0.3)["command"])
+    grown = np.diff(control[[10, 410]])[0]
+    assert grown == pytest.approx(400 * 64 / 256, abs=1.1)
+    bench.hold("x", False)
+    ask(bench, "N100")
+    ask(bench, "R")
+    ask(bench, "G1")
+    bench.run(1.0)
+    assert error(bench) == 0
+
+
+def test_integration_stops_at_the_torque_limit() -> None:  # U-A32
+    bench = tuned(**{**P_ONLY, "integral_gain": 100}, proportional_gain=256, torque_limit=80)
+    bench.hold("x", True)
+    ask(bench, "G50")
+    bench.run(2.0)
+    ask(bench, "G-50")
+    assert control_in(traced(bench, 0.01)["command"]).max() <= 80.01
+
+
+def steady_error(rate_Hz: float = 2000.0, **parameters: int) -> float:
+    bench = tuned(**{**P_ONLY, "output_filter": 100, "proportional_gain": 1000, **parameters})
+    bench.steps("x", int(rate_Hz), rate_Hz, 20_000.0)
+    bench.run(0.5)
+    samples = traced(bench, 0.3)
+    return float(np.mean(samples["setpoint"] - samples["count"]))
+
+
+def test_d_makes_an_error_that_grows_with_speed_and_h_does_not() -> None:  # U-16, U-17
+    plain, damped, higher = steady_error(), steady_error(speed_gain=8000), steady_error(acceleration_gain=8000)
+    intervals_per_s = 24e6 / 256 / 63
+    assert damped - plain == pytest.approx(8.0 * 2000 / intervals_per_s, rel=0.1)
+    assert higher == pytest.approx(plain, abs=0.3)
+    assert steady_error(1000.0, speed_gain=8000) == pytest.approx(damped / 2, rel=0.25)
+
+
+def test_more_cycle_means_more_damping_per_speed_and_less_integral_per_second() -> None:  # U-65
+    def growth(cycle: int) -> float:
+        bench = tuned(**{**P_ONLY, "integral_gain": 32}, proportional_gain=256, cycle=cycle)
+        bench.hold("x", True)
+        ask(bench, "G2")
+        samples = traced(bench, 0.3)
+        control, time_s = control_in(samples["command"]), samples["time_ns"] * 1e-9
+        return float(np.polyfit(time_s[20:], control[20:], 1)[0])
+
+    by_speed = [steady_error(speed_gain=8000, cycle=c) - steady_error(cycle=c) for c in (50, 100)]
+    assert by_speed[1] / by_speed[0] == pytest.approx(2.0, rel=0.1)
+    assert growth(100) / growth(50) == pytest.approx(0.5, rel=0.05)
+
+
+def test_h_resists_a_change_of_speed_by_the_square_of_the_cycle() -> None:  # U-17, U-65
+    def behind(acceleration_gain: int, cycle: int) -> float:
+        bench = tuned(
+            **{**P_ONLY, "output_filter": 1000, "proportional_gain": 1000, "acceleration_gain": acceleration_gain},
+            cycle=cycle,
+        )
+        bench.steps("x", 4500, 6000.0, 12_000.0)
+        samples = traced(bench, 0.45)
+        later = samples[samples["time_ns"] > samples["time_ns"][0] + 200_000_000]
+        return float(np.mean(later["setpoint"] - later["count"]))
+
+    extra = [behind(20_000, cycle) - behind(0, cycle) for cycle in (50, 100)]
+    assert extra[1] / extra[0] == pytest.approx(4.0, rel=0.3)
+
+
+def test_t_limits_the_duty() -> None:  # U-2, U-19, U-49
+    bench = tuned(**P_ONLY, proportional_gain=5000)
+    bench.hold("x", True)
+    for limit, percent in ((50, 57.25), (128, 68.57), (255, 87.0), (65535, 87.0)):
+        for sign in (1, -1):
+            ask(bench, f"T{limit}")
+            ask(bench, "R")
+            ask(bench, f"G{1000 * sign}")
+            bench.run(0.05)
+            assert bench.pins("x").duty * 100 == pytest.approx(50 + sign * (percent - 50), abs=0.01)
+
+
+def test_a_duty_begins_with_a_period_of_20_khz() -> None:  # U-2
+    bench = tuned()
+    assert int(bench.drive("x").record["pwm_ns"][0]) == 50_000
+
+
+def test_the_higher_n_the_sharper() -> None:  # U-20
+    taken = []
+    for n in (50, 100, 150, 300, 600, 1000):
+        bench = tuned(**{**P_ONLY, "output_filter": n}, proportional_gain=500)
+        bench.hold("x", True)
+        ask(bench, "R")
+        bench.drive("x").go(100)
+        control = control_in(traced(bench, 0.1)["command"])
+        first = float(control[np.argmax(control > 0)])
+        assert first == pytest.approx(500 / 256 * 100 * n / (n + 256), abs=1)
+        taken.append(int(np.argmax(control >= 0.9 * 500 / 256 * 100)) - int(np.argmax(control > 0)))
+    assert taken == sorted(taken, reverse=True)
+    assert taken[0] > taken[-1]
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+def test_the_output_goes_off_when_the_error_reaches_e(sign: int) -> None:  # U-21, U-30, U-40
+    bench = tuned(error_limit=200, torque_limit=10)
+    bench.hold("x", True)
+    bench.drive("x").go(199 * sign)
+    bench.run(0.5)
+    pins = bench.pins("x")
+    assert (pins.enabled, pins.error_led, pins.fault_out_low, pins.led) == (True, False, False, True)
+    bench.drive("x").go(sign)
+    bench.run(0.01)
+    pins = bench.pins("x")
+    assert (pins.enabled, pins.error_led, pins.fault_out_low, pins.led) == (False, True, True, False)
+    bench.drive("x").go(-150 * sign)
+    bench.run(0.5)
+    assert not bench.pins("x").enabled  # latched
+
+
+@pytest.mark.parametrize("multiplier", [0, 2, 20])
+def test_a_step_moves_m_plus_one_counts(multiplier: int) -> None:  # U-22
+    bench = tuned(step_multiplier=multiplier)
+    bench.steps("x", 50, 200.0)
+    bench.steps("x", -20, 200.0)
+    bench.run(1.0)
+    assert register(bench, TARGET) == 30 * (multiplier + 1)
+    assert abs(error(bench)) <= 1
+
+
+def test_a_new_m_counts_for_new_steps_only() -> None:  # U-22
+    bench = tuned()
+    bench.steps("x", 10, 1000.0)
+    bench.run(0.1)
+    ask(bench, "M2")
+    bench.steps("x", 10, 1000.0)
+    bench.run(0.3)
+    assert register(bench, TARGET) == 10 + 30
+
+
+def test_e_not_above_m_plus_one_trips_at_the_first_step() -> None:  # U-68
+    for limit, stays in ((21, False), (22, True)):
+        bench = tuned(step_multiplier=20, error_limit=limit)
+        bench.hold("x", True)
+        bench.steps("x", 1, 100.0)
+        bench.run(0.05)
+        assert (register(bench, LATCHED) == 0) == stays
+
+
+def test_short_step_pulses_count() -> None:  # U-70
+    bench = tuned()
+    now_ns = round(bench.time_s * 1e9)
+    bench.step_times("x", [now_ns + 1000 + 500 * k for k in range(20)], 1)
+    bench.run(0.2)
+    assert register(bench, TARGET) == 20
+
+
+def test_g_moves_at_the_speed_of_x() -> None:  # U-18, U-30
+    bench = tuned(speed_limit=64, error_limit=5000)
+    bench.drive("x").go(1000)
+    samples = traced(bench, 0.15)
+    speed = np.polyfit(np.arange(100), samples["count"][100:200], 1)[0]
+    assert speed == pytest.approx(64 / 16, rel=0.05)
+    bench.run(0.5)
+    assert abs(error(bench)) <= 1
+    assert ask(bench, "G-32000") == "OK"  # E is smaller
+    bench.run(0.01)
+    assert register(bench, LATCHED) == TRACKING
+
+
+def test_x_below_the_step_rate_trips() -> None:  # U-18
+    for limit, trips in ((16, True), (5000, False)):
+        bench = tuned(speed_limit=limit, error_limit=500)
+        bench.steps("x", 4000, 4000.0, 20_000.0)
+        bench.run(1.2)
+        assert (register(bench, LATCHED) == TRACKING) == trips
+
+
+@pytest.mark.parametrize("cycle", [30, 63, 200])
+def test_x_5000_lets_100_000_steps_per_second_pass(cycle: int) -> None:  # U-3, U-18, U-A11
+    bench = tuned("fast", **FAST, cycle=cycle)
+    bench.supply("x", 6.0)
+    bench.steps("x", 60_000, 100_000.0, 400_000.0)
+    bench.run(0.5)
+    reference = register(bench, REFERENCE) // register(bench, SPEED_DIVISOR)
+    assert register(bench, TARGET) - reference == 0
+    assert register(bench, LATCHED) == 0
+
+
+def test_no_edge_is_lost_at_100_000_steps_per_second() -> None:  # U-3, U-54
+    bench = tuned("fast", **FAST)
+    bench.supply("x", 6.0)
+    start_stream(bench)
+    bench.steps("x", 60_000, 100_000.0, 400_000.0)
+    for _ in range(10):
+        bench.send(b"#\r", axis="x")
+        bench.run(0.15)
+    assert abs(count(bench) - 60_000) <= 2
+    assert register(bench, OVERRUNS) == 0
+
+
+def test_a_false_transition_counts_in_o_and_moves_nothing() -> None:  # U-24, U-50, U-62
+    bench = tuned(torque_limit=0)
+    before = count(bench)
+    bench.slip_encoder("x", 2)
+    bench.run(0.05)
+    assert (register(bench, OVERRUNS), count(bench)) == (1, before)
+    assert ask(bench, "O500") == "OK"
+    bench.slip_encoder("x", 2)
+    bench.run(0.05)
+    assert "(O)verrun    501" in ask(bench, "#")
+    assert ask(bench, "O0") == "OK"
+    bench.run(0.05)
+    assert "(O)verrun    0" in ask(bench, "#")
+
+
+def test_faster_edges_than_the_input_takes_are_overruns() -> None:  # U-A30
+    bench = tuned("fast", **{**FAST, "speed_limit": 65535, "error_limit": 65535, "proportional_gain": 500})
+    bench.steps("x", 400_000, 400_000.0, 4_000_000.0)
+    bench.run(0.6)
+    assert register(bench, OVERRUNS) > 0
+
+
+@pytest.mark.parametrize(("cycle", "period_ms"), [(63, 3.36), (30, 1.6)])
+def test_the_stream_sends_a_byte_every_five_intervals(cycle: int, period_ms: float) -> None:  # U-33, U-34, GU-8
+    bench = tuned(cycle=cycle)
+    bench.received("x")
+    bench.send(b"A\r", axis="x")
+    bench.run(0.5)
+    sent, times = bench.received("x"), np.array(bench.sent_at("x"))[-20:]
+    assert sent.startswith(b"A\r\n>")
+    assert min(sent[4:]) >= 128
+    assert np.diff(times) * 1e3 == pytest.approx(np.full(19, period_ms), abs=0.01)
+    bench.send(b"Z\r", axis="x")
+    bench.run(0.05)
+    assert bytes(byte for byte in bench.received("x") if byte < 128) == b"Z\r\nOK\r\n>"
+    bench.run(0.1)
+    assert bench.received("x") == b""
+
+
+def test_the_stream_is_63_for_no_error_and_limited() -> None:  # U-35, U-36, U-A8, U-A27
+    bench = tuned(torque_limit=0, error_limit=30000)
+    bench.hold("x", True)
+    start_stream(bench)
+    for counts, byte in zip((0, 1, -1, -63, -64, 64, 65, -999), b"\xbf\xc0\xbe\x80\x80\xff\xff\x80", strict=True):
+        bench.drive("x").go(counts - error(bench))
+        bench.run(0.02)
+        bench.received("x")
+        bench.run(0.02)
+        assert set(bench.received("x")) == {byte}
+
+
+@pytest.mark.parametrize("reset", [b"R\r", b"+\r"])
+def test_resets_end_the_stream(reset: bytes) -> None:  # U-31, U-32
+    bench = tuned()
+    start_stream(bench)
+    bench.talk(reset)
+    bench.received("x")
+    bench.run(0.1)
+    assert bench.received("x") == b""
+
+
+def test_the_stream_goes_on_in_a_fault() -> None:  # U-A27
+    bench = tuned(error_limit=20)
+    bench.hold("x", True)
+    start_stream(bench)
+    bench.drive("x").go(30)
+    bench.run(0.05)
+    assert not bench.pins("x").enabled
+    bench.received("x")
+    bench.run(0.05)
+    assert set(bench.received("x")) == {0x80 + 63 + 30}
