@@ -126,9 +126,8 @@ def test_a_limit_above_32767_never_trips(limit, tripped):  # M-9
 
 
 def _duty_against(error, saturating):
-    drive = ServoModule(axis_row("table"), {"proportional_gain": 1000, "derivative_gain": 0, "error_limit": NO_TRIP})
-    drive.extensions["saturating_arithmetic"] = saturating
-    bench = AxisBench({"x": drive})
+    stored = {"proportional_gain": 1000, "derivative_gain": 0, "error_limit": NO_TRIP}
+    bench = AxisBench({"x": ServoModule(axis_row("table"), stored, {"saturating": saturating})})
     bench.run(0.02)
     bench.received("x")
     locked(bench, error)

@@ -146,7 +146,8 @@ def test_no_input_crashes_the_parser_and_only_moves_move(lines):
 
 
 @pytest.mark.parametrize("script", [
-    b"P600\rI24\rD260\rH400\rX300\rT255\rN150\rE2000\rM0\rC50\rL0\rL1\rG100\rG-100\rZ\rA\r#\rR\r", b"+\r", b"?\rO0\rC\r",
+    b"P600\rI24\rD260\rH400\rX300\rT255\rN150\rE2000\rM0\rC50\rL0\rL1\rG100\rG-100\rZ\rA\r#\rR\r", b"+\r",
+    b"?\rO0\rC\r",
 ])  # fmt: skip
 def test_the_script_of_a_uhu_does_not_move_the_motor(script):  # M-51
     bench = on_bench()

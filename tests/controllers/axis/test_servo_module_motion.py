@@ -12,6 +12,8 @@ from .module_bench import NO_TRIP, get, locked, on_bench, say, status, words
 
 CYCLE_NS = 51_200 * 13
 ONE_STEP_HZ = 1e9 / CYCLE_NS
+FAST = {"proportional_gain": 100, "derivative_gain": 800, "integral_gain": 2, "velocity_feed_forward": 210}
+"""Gains for the axis ``fast``."""
 
 
 def steady_error(rate_Hz, **stored):
@@ -27,10 +29,10 @@ def steady_error(rate_Hz, **stored):
 
 def test_velocity_feed_forward_takes_the_error_at_speed_away():  # M-27, M-37
     without = steady_error(20_000.0)
-    tuned = steady_error(20_000.0, velocity_feed_forward=2400)
+    tuned = steady_error(20_000.0, velocity_feed_forward=2600)
     assert without > 30
     assert abs(tuned) < 0.2 * without
-    assert steady_error(20_000.0, velocity_feed_forward=4800) < -0.5 * without
+    assert steady_error(20_000.0, velocity_feed_forward=5200) < -0.5 * without
 
 
 def test_the_derivative_acts_on_the_error_and_does_not_drag():  # M-36
@@ -40,7 +42,7 @@ def test_the_derivative_acts_on_the_error_and_does_not_drag():  # M-36
 
 def errors_on_a_ramp(**stored):
     """Mean errors while speeding up, at speed, and while slowing down."""
-    bench = on_bench(error_limit=NO_TRIP, velocity_feed_forward=2400, **stored)
+    bench = on_bench(error_limit=NO_TRIP, velocity_feed_forward=2600, **stored)
     bench.trace = True
     rate, accel = 40_000.0, 200_000.0
     bench.steps("x", 16_000, rate, accel)  # 0.2 s up, 0.2 s at speed, 0.2 s down
@@ -62,8 +64,7 @@ def test_acceleration_feed_forward_pushes_when_speeding_up_and_pulls_when_slowin
 
 @pytest.mark.parametrize(("velocity", "limit"), [(0, 10), (68, 29), (137, 50), (90, 36)])
 def test_the_limit_grows_with_the_commanded_velocity(velocity, limit):  # M-10, M-15, M-58, appendix B
-    gains = {"proportional_gain": 200, "derivative_gain": 1500, "integral_gain": 5, "velocity_feed_forward": 230}
-    bench = on_bench("fast", error_limit=NO_TRIP, step_multiplier=velocity - 1 if velocity else 0, loop_divider=9, **gains)
+    bench = on_bench("fast", error_limit=NO_TRIP, step_multiplier=max(velocity - 1, 0), loop_divider=9, **FAST)
     if velocity:
         rate_Hz = 1e9 / (51_200 * 16)
         bench.steps("x", 1500, rate_Hz, 4 * rate_Hz)
@@ -74,8 +75,7 @@ def test_the_limit_grows_with_the_commanded_velocity(velocity, limit):  # M-10, 
 
 
 def test_the_velocity_is_that_of_the_motor_in_counts_per_cycle():  # M-11
-    gains = {"proportional_gain": 200, "derivative_gain": 1500, "integral_gain": 5, "velocity_feed_forward": 230}
-    bench = on_bench("fast", step_multiplier=62, error_limit=NO_TRIP, **gains)
+    bench = on_bench("fast", step_multiplier=62, error_limit=NO_TRIP, **FAST)
     bench.steps("x", -2000, ONE_STEP_HZ, 4 * ONE_STEP_HZ)
     bench.run(0.7)
     assert np.mean([get(bench, "GV") for _ in range(10)]) == pytest.approx(-63, abs=1)
@@ -138,8 +138,7 @@ def test_a_finer_encoder_with_a_multiplier_rests_nearer_to_its_place():  # M-60
 
 @pytest.mark.parametrize(("divider", "lost"), [(0, False), (3, False), (5, True), (6, True), (9, True)])
 def test_the_encoder_filter_loses_what_is_faster_than_it(divider, lost):  # M-29, M-47
-    gains = {"proportional_gain": 200, "derivative_gain": 1500, "integral_gain": 5, "velocity_feed_forward": 230}
-    bench = on_bench("fast", encoder_filter=divider, error_limit=NO_TRIP, step_multiplier=9, **gains)
+    bench = on_bench("fast", encoder_filter=divider, error_limit=NO_TRIP, step_multiplier=9, **FAST)
     bench.steps("x", 6000, 6000.0, 24_000.0)
     bench.run(2.0)
     axis = bench.axis("x")
@@ -147,8 +146,7 @@ def test_the_encoder_filter_loses_what_is_faster_than_it(divider, lost):  # M-29
 
 
 def test_a_million_counts_a_second_are_followed_where_the_chip_loses_them():  # M-50, M-28
-    gains = {"proportional_gain": 200, "derivative_gain": 1500, "integral_gain": 5, "velocity_feed_forward": 230}
-    bench = on_bench("fast", error_limit=NO_TRIP, step_multiplier=9, **gains)
+    bench = on_bench("fast", error_limit=NO_TRIP, step_multiplier=9, **FAST)
     bench.steps("x", 200_000, 100_000.0, 50_000.0)
     bench.trace = True
     bench.run(5.0)
