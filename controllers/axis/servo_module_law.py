@@ -93,6 +93,7 @@ def restart(reg: Words) -> None:
     reg[at.LAST_SETPOINT] = reg[at.SETPOINT]
     reg[at.ERROR] = reg[at.LAST_ERROR] = reg[at.COMMANDED] = reg[at.ACCUMULATED] = reg[at.TICK] = reg[at.PEAK] = 0
     start_command(reg, reg[at.SETPOINT])
+    reg[at.RELEASING] = 1
     put_duty(reg, 0)
 
 
@@ -183,10 +184,11 @@ def cycle(reg: Words, count: int, edges: int, fault: bool, time_ns: int) -> tupl
     if reg[at.STATUS] & at.FAULT_BIT != 0:
         return False, turned
     reg[at.PEAK] = max(reg[at.PEAK], abs(reg[at.ERROR]))
-    if fault:
+    if fault and reg[at.RELEASING] == 0:
         stop(reg, at.EXTERNAL_BIT)
     elif reg[at.ERROR_LIMIT] <= at.NO_ERROR_LIMIT and abs(reg[at.ERROR]) > reg[at.LIMIT]:
         stop(reg, at.FOLLOWING_BIT)
     else:
         put_duty(reg, _control(reg, acceleration))
+    reg[at.RELEASING] = 0
     return reg[at.STATUS] & at.FAULT_BIT == 0, turned

@@ -23,13 +23,14 @@ CHIP = DUTY_CENTRE, GREATEST_CLAMP, BYTE_NS = tuple(range(25, 28))
 (
     STATUS, FRESH, SETPOINT, POSITION, ORIGIN, EDGES, ERROR, VELOCITY, COMMANDED, LAST_SETPOINT, LAST_POSITION,
     LAST_ERROR, ACCUMULATED, TICK, OUTPUT, DUTY, LIMIT, PEAK, NOW_NS, MOVED_NS, SAVED_FROM_NS, SAVING, CODE, RECORDED,
-    DUMPING, DUMPED, LINE_FREE_NS,
-) = range(28, 55)  # fmt: skip
+    DUMPING, DUMPED, LINE_FREE_NS, RELEASING,
+) = range(28, 56)  # fmt: skip
 """State of the loop: counts, counts per cycle, duty counts, and times of the plant's clock. ``FRESH`` lasts from
 power-up to the first cycle; ``ORIGIN`` is what the encoder's counter showed where the position is 0, ``ACCUMULATED``
 the integral times ``GAIN_SCALE``, ``SAVING`` whether the EEPROM is being written, ``CODE`` that of the recorder,
 ``RECORDED`` the cycles since its trigger; ``DUMPING`` the line of its memory being sent, counted from 1, 0 for none,
-``DUMPED`` the characters sent of it, and ``LINE_FREE_NS`` when the serial line takes the next."""
+``DUMPED`` the characters sent of it, and ``LINE_FREE_NS`` when the serial line takes the next; ``RELEASING`` whether the
+fault output is just let go, which may be what holds the fault input low."""
 
 IMAGE, N_IMAGE = 64, 62
 """The bytes that a save writes, eight to a word: 15 parameters and a checksum in their code

@@ -46,8 +46,9 @@ def test_nothing_is_echoed_and_there_is_no_prompt():  # M-2
 
 def test_the_answer_comes_at_57600_baud():  # M-2
     bench = on_bench()
-    bench.talk(b"?\r", axis="x")
-    times = bench.sent_at("x")
+    bench.send(b"?\r")
+    bench.run(0.2)
+    times = [at_s for _, at_s in bench.received_at("x")]
     assert (times[-1] - times[0]) / (len(times) - 1) == pytest.approx(10 / 57600, rel=1e-3)
 
 
@@ -92,7 +93,7 @@ def test_the_greatest_numbers_are_taken_and_shown_as_entered():  # M-46, M-47, M
 
 @pytest.mark.parametrize("typed", ["O-25", "O65511"])
 def test_an_offset_above_32767_is_a_negative_one(typed):  # M-22
-    bench = on_bench()
+    bench = locked(on_bench())
     assert say(bench, typed) == "(O) - Output Offset: -25"
     bench.run(0.01)
     assert say(bench, "GD") == "PWM Dutycyle: 999"

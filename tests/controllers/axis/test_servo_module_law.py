@@ -125,8 +125,8 @@ def test_a_limit_above_32767_never_trips(limit, tripped):  # M-9
     assert (1 in status(bench)) == tripped
 
 
-def _duty_against(error, saturating):
-    stored = {"proportional_gain": 1000, "derivative_gain": 0, "error_limit": NO_TRIP}
+def _duty_against(gain, error, saturating):
+    stored = {"proportional_gain": gain, "derivative_gain": 0, "error_limit": NO_TRIP}
     bench = AxisBench({"x": ServoModule(axis_row("table"), stored, {"saturating": saturating})})
     bench.run(0.02)
     bench.received("x")
@@ -135,10 +135,10 @@ def _duty_against(error, saturating):
     return get(bench, "GD"), status(bench)
 
 
-@pytest.mark.parametrize("error", [10_000, 40_000])
-def test_arithmetic_saturates_and_says_so_and_wraps_in_compatible_mode(error):  # M-35
-    assert _duty_against(error, 1) == (1784, {10})
-    duty, _ = _duty_against(error, 0)
+@pytest.mark.parametrize(("gain", "error"), [(1000, 10_000), (100, 40_000)])
+def test_arithmetic_saturates_and_says_so_and_wraps_in_compatible_mode(gain, error):  # M-35
+    assert _duty_against(gain, error, 1) == (1784, {10})
+    duty, _ = _duty_against(gain, error, 0)
     assert duty < 1024
 
 

@@ -101,11 +101,11 @@ def test_power_that_fails_in_a_save_leaves_old_and_new_bytes():  # M-25, M-A16
 
 def test_a_wrong_baud_rate_sets_the_receive_bit_and_moves_nothing():  # M-48, M-18
     bench = on_bench()
-    bench.host_baud = 38_400.0
     before = words(bench, "GP"), words(bench, "GT")
+    bench.host_baud(38_400.0)
     for typed in (b"P600\r", b"G100\r", b"+\r", b"R\r", b"A\r", b"?\r"):
         bench.talk(typed, axis="x")
-    bench.host_baud = 57_600.0
+    bench.host_baud(57_600.0)
     bench.talk(b"\r", axis="x")
     assert 14 in status(bench)
     assert (words(bench, "GP"), words(bench, "GT")) == before
@@ -115,11 +115,11 @@ def test_a_wrong_baud_rate_sets_the_receive_bit_and_moves_nothing():  # M-48, M-
 
 def test_a_closed_terminal_does_not_stop_the_drive():
     bench = on_bench(error_limit=NO_TRIP)
-    bench.terminal_open = False
+    bench.open_terminal(False)
     bench.send(b"?\r" * 20, axis="x")
     bench.steps("x", 1000, 5000.0, 50_000.0)
     bench.run(0.6)
-    bench.terminal_open = True
+    bench.open_terminal(True)
     assert abs(get(bench, "GE")) < 10
     assert words(bench, "GT") == 1000
 

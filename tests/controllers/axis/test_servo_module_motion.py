@@ -160,7 +160,7 @@ def test_a_million_counts_a_second_are_followed_where_the_chip_loses_them():  # 
 def test_the_clamp_of_760_gives_the_uhu_s_force():  # M-39
     module = locked(on_bench(proportional_gain=5000, error_limit=NO_TRIP), 500)
     module.run(0.05)
-    chip = AxisBench({"x": Uhu(stored={"error": 5000, "proportional_gain": 30_000})})
+    chip = AxisBench({"x": Uhu(stored={"error_limit": 5000, "proportional_gain": 30_000})})
     chip.run(0.05)
     chip.hold("x", True)
     chip.steps("x", 4000, 10_000.0)

@@ -28,7 +28,8 @@ def test_z_alone_aborts_and_z0_starts():  # M-30, M-A7, M-57
 
 
 def test_the_printed_example_records_the_duty_at_once():  # M-30: Z157 = 5 + 24 + 128
-    bench = on_bench(loop_divider=9, output_offset=100, proportional_gain=0)
+    bench = locked(on_bench(loop_divider=9))
+    say(bench, "O100")
     say(bench, "Z157")
     assert status(bench) & {7, 8} == {7, 8}
     assert dumped(bench, 128 * 32 / 1220.7 + 0.2) == [1124] * 128
@@ -38,14 +39,12 @@ def test_the_printed_example_records_the_duty_at_once():  # M-30: Z157 = 5 + 24 
 @pytest.mark.parametrize(("divider", "rate"), [(6, 0), (4, 4), (0, 2)])
 def test_the_memory_is_full_after_128_entries_of_2_to_the_n_cycles(divider, rate):  # M-31, M-57, M-A4
     bench = on_bench(loop_divider=divider)
-    bench.received("x")
-    bench.sent_at("x")
     asked = bench.time_s
     bench.send(f"Z{24 + rate}\r".encode(), axis="x")
     full_s = 128 * 2**rate * (divider + 7) / 19531.25
     bench.run(full_s + 0.3)
-    text = bench.received("x")
-    times = np.array(bench.sent_at("x"))
+    heard = bench.received_at("x")
+    text, times = bytes(byte for byte, _ in heard), [at_s for _, at_s in heard]
     answer = b"Recorder ON\r\n"
     assert text.startswith(answer)
     begins = times[len(answer)] - asked
