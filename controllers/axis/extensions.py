@@ -17,9 +17,12 @@ from edmsim.compiled.jit import exactly_compiled
 from edmsim.controllers.axis.parameters import HasRecord, Registers
 from edmsim.errors import InputError
 
-SETTINGS = slice(96, 105)
+SETTINGS = slice(96, 106)
 """Registers of both chips' records that hold the settings."""
-ANTI_WINDUP, COMMAND_FILTER, VELOCITY_GAIN, ACCELERATION_GAIN, JERK_GAIN, TRIGGER, LEVEL, BEFORE, EVERY = range(96, 105)
+(
+    ANTI_WINDUP, COMMAND_FILTER, VELOCITY_GAIN, ACCELERATION_GAIN, JERK_GAIN, SATURATING, TRIGGER, LEVEL, BEFORE,
+    EVERY,
+) = range(96, 106)  # fmt: skip
 COMMAND, VELOCITY, ACCELERATION, JERK, AT_LIMIT, LIMITED_SINCE_NS, LIMITED_NS, LONGEST_LIMITED_NS = range(106, 114)
 """The last command; its filtered derivatives per interval, times 256; on which side the output is limited (-1, 0, 1),
 since when, for how long, and the longest of these times."""
@@ -34,17 +37,21 @@ TRIGGERS = {
 }  # fmt: skip
 """What starts a recording: nothing, an error of `level` counts, the first commanded move, a change of its direction,
 an output at its limit, a fault."""
-SAMPLES, CHANNELS = 512, 4
-"""Samples of a recording: the words of the record's memory, each of four channels of 16 bits."""
+SAMPLES, CHANNELS = 384, 4
+"""Samples of a recording, each a word of the record's memory with four channels of 16 bits."""
+MEMORY = 128
+"""First of these words; those before it are the servo processor module's own recorder's."""
 
 _ONE = 256
 _LARGEST = 32767
+_WRAPS = "saturating_arithmetic"
 _PLACES = {
     "anti_windup": (ANTI_WINDUP, 0, 1),
     "command_filter": (COMMAND_FILTER, 0, 15),
     "velocity_feed_forward": (VELOCITY_GAIN, -_LARGEST, _LARGEST),
     "acceleration_feed_forward": (ACCELERATION_GAIN, -_LARGEST, _LARGEST),
     "jerk_feed_forward": (JERK_GAIN, -_LARGEST, _LARGEST),
+    _WRAPS: (SATURATING, 0, 1),
 }
 
 
@@ -123,7 +130,7 @@ def record_sample(
         return
     reg[WAITED] = 0
     low = _channel(error, 0) | _channel(velocity, 1)
-    memory[reg[RECORDED] % SAMPLES] = low | _channel(reg[VELOCITY] // _ONE, 2) | _channel(output, 3)
+    memory[MEMORY + reg[RECORDED] % SAMPLES] = low | _channel(reg[VELOCITY] // _ONE, 2) | _channel(output, 3)
     reg[RECORDED] += 1
     if reg[STATE] == TRIGGERED and reg[RECORDED] - reg[TRIGGERED_AT] == SAMPLES - reg[BEFORE]:
         reg[STATE] = FULL
@@ -157,16 +164,19 @@ class Extensions(Registers):
     ``velocity_feed_forward``     output per count per interval of the command's velocity, times 256
     ``acceleration_feed_forward`` the same of its change in an interval
     ``jerk_feed_forward``         the same of that one's change
+    ``saturating_arithmetic``     1: products and sums stop at their largest value where the chip's would wrap
     ============================= ======================================================================
 
     Parameters
     ----------
     owner : object with a record
         The drive.
+    wraps : bool
+        Whether the chip's arithmetic wraps, so that it has the last of these settings.
     """
 
-    def __init__(self, owner: HasRecord) -> None:
-        super().__init__(owner, _PLACES)
+    def __init__(self, owner: HasRecord, *, wraps: bool) -> None:
+        super().__init__(owner, {name: place for name, place in _PLACES.items() if wraps or name != _WRAPS})
 
     @property
     def limited_s(self) -> float:
@@ -188,7 +198,7 @@ class Extensions(Registers):
         level : int
             Following error in counts that triggers, for ``error``.
         before : int
-            Samples kept from before the trigger, 0 to 511; only after so many does it count.
+            Samples kept from before the trigger, 0 to 383; only after so many does it count.
         every : int
             Intervals from sample to sample, 1 or more.
 
@@ -213,7 +223,7 @@ class Extensions(Registers):
         reg, record = self._reg, self._owner.record
         if reg[STATE] != FULL:
             return None
-        words = np.roll(record["memory"][0], -int(reg[RECORDED] % SAMPLES))
+        words = np.roll(record["memory"][0, MEMORY : MEMORY + SAMPLES], -int(reg[RECORDED] % SAMPLES))
         values = np.ascontiguousarray(words).view(np.int16).reshape(SAMPLES, CHANNELS)
         interval_s = int(record["num"][0]) / int(record["den"][0]) * 1e-9
         time_s = (np.arange(SAMPLES, dtype=np.float64) - int(reg[BEFORE])) * (interval_s * int(reg[EVERY]))

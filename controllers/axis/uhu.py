@@ -148,7 +148,7 @@ class Uhu:
         table = data["parameter"]
         self._letters = {row["letter"]: row["name"] for row in table}
         self.parameters = Registers(self, {row["name"]: (place, 0, _LARGEST) for place, row in enumerate(table)})
-        self.extensions = Extensions(self)
+        self.extensions = Extensions(self, wraps=False)
         self._stored = [row["name"] for row in table if row["name"] != _NOT_STORED]
         self._dialogue = Dialogue(
             {row["letter"]: row["label"] for row in table}, data["identity"]["serial_number"]
