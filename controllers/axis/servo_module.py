@@ -94,7 +94,7 @@ class ServoModule:
         Parameters by name that the EEPROM has instead of the defaults, for example ``{"proportional_gain": 900}``.
     law : mapping of str to int, optional
         What the guide leaves open, other than in the table ``law`` of ``models/drives/servo_module.toml``, for
-        example ``{"saturating": 0}``.
+        example ``{"save_ns": 5_000_000}``.
 
     Attributes
     ----------
@@ -102,7 +102,8 @@ class ServoModule:
         What the letters at the terminal set, by name; a new loop rate or encoder filter acts from the next call of
         `line` on, and `stored` in the EEPROM only by ``S``.
     extensions : Extensions
-        What it can do beyond its guide, see `edmsim.controllers.axis.extensions`.
+        What it can do beyond its guide. ``saturating_arithmetic`` is 1 at first (row M-35); in compatible mode, where
+        16 and 32 bits wrap as the guide warns in 4.4, all of them are 0.
 
     Raises
     ------
@@ -132,7 +133,8 @@ class ServoModule:
         names = [entry["name"] for entry in DATA["parameter"]]
         bounds = [LARGEST_OFFSET if register == at.OFFSET else (0, WORD - 1) for register in at.PARAMETERS]
         self.parameters = Registers(self, {name: (k, *bounds[k]) for k, name in enumerate(names)})
-        self.extensions = Extensions(self)
+        self.extensions = Extensions(self, wraps=True)
+        self.extensions["saturating_arithmetic"] = 1
         self._editor = LineEditor(echo=False)
         self.parameters.update(stored or {})
         self.record["eeprom"][0, : at.N_IMAGE] = list(encode(words_of(self.record["reg"][0])))

@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from edmsim.controllers.axis import extensions
 from edmsim.controllers.axis import servo_module_registers as at
 from edmsim.controllers.axis.drive import data_of
 from edmsim.controllers.axis.eeprom import WORD, encode
@@ -111,7 +110,6 @@ def _record(reg: NDArray[np.int64], code: int | None) -> list[str]:
     if not 0 <= code < N_SOURCES << FIRST_SOURCE or code & TRIGGER == UNUSED:
         return [UNKNOWN]
     reg[at.CODE] = code
-    reg[extensions.TRIGGER] = extensions.NEVER  # both recorders have one memory
     reg[at.STATUS] = (reg[at.STATUS] & ~at.TRIGGERED_BIT) | at.RECORDER_BIT
     return ["Recorder ON"]
 

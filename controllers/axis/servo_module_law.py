@@ -17,6 +17,7 @@ from edmsim.compiled.jit import exactly_compiled
 from edmsim.controllers.axis import servo_module_registers as at
 from edmsim.controllers.axis.extensions import (
     COMMAND,
+    SATURATING,
     derive_command,
     feed_forward,
     holds_integrator,
@@ -47,7 +48,7 @@ def _report_saturation(reg: Words) -> None:
 def narrowed(reg: Words, value: int, bits: int) -> int:
     """Fit a number into a word: held at its limit and reported as saturated, or wrapped (row M-35)."""
     fits = wrapped(value, bits)
-    if fits == value or reg[at.SATURATING] == 0:
+    if fits == value or reg[SATURATING] == 0:
         return fits
     _report_saturation(reg)
     limit = (1 << (bits - 1)) - 1

@@ -12,25 +12,24 @@ PARAMETERS = (
 """A C D E F I J K L O P T V X Y: what S saves, as it was entered."""
 
 SETTINGS = (
-    GAIN_SCALE, SATURATING, STEP_SENSE, ENCODER_SENSE, REST_NS, SAVE_NS, LED_RUN_NS, LED_RECORDER_NS, LED_REPEAT_NS,
-    LED_FLASH_NS,
-) = tuple(range(15, 25))  # fmt: skip
+    GAIN_SCALE, STEP_SENSE, ENCODER_SENSE, REST_NS, SAVE_NS, LED_RUN_NS, LED_RECORDER_NS, LED_REPEAT_NS, LED_FLASH_NS,
+) = tuple(range(15, 24))  # fmt: skip
 """The table ``law`` of ``models/drives/servo_module.toml``, in its order."""
 
-CHIP = DUTY_CENTRE, GREATEST_CLAMP, BYTE_NS = tuple(range(25, 28))
+CHIP = DUTY_CENTRE, GREATEST_CLAMP, BYTE_NS = tuple(range(24, 27))
 """Of its table ``chip``; the last is the time that a byte takes on the serial line."""
 
 (
     STATUS, FRESH, SETPOINT, POSITION, ORIGIN, EDGES, ERROR, VELOCITY, COMMANDED, LAST_SETPOINT, LAST_POSITION,
     LAST_ERROR, ACCUMULATED, TICK, OUTPUT, DUTY, LIMIT, PEAK, NOW_NS, MOVED_NS, SAVED_FROM_NS, SAVING, CODE, RECORDED,
     DUMPING, DUMPED, LINE_FREE_NS, RELEASING,
-) = range(28, 56)  # fmt: skip
+) = range(27, 55)  # fmt: skip
 """State of the loop: counts, counts per cycle, duty counts, and times of the plant's clock. ``FRESH`` lasts from
 power-up to the first cycle; ``ORIGIN`` is what the encoder's counter showed where the position is 0, ``ACCUMULATED``
 the integral times ``GAIN_SCALE``, ``SAVING`` whether the EEPROM is being written, ``CODE`` that of the recorder,
 ``RECORDED`` the cycles since its trigger; ``DUMPING`` the line of its memory being sent, counted from 1, 0 for none,
-``DUMPED`` the characters sent of it, and ``LINE_FREE_NS`` when the serial line takes the next; ``RELEASING`` whether the
-fault output is just let go, which may be what holds the fault input low."""
+``DUMPED`` the characters sent of it, and ``LINE_FREE_NS`` when the serial line takes the next. ``RELEASING`` is set
+for the cycle in which the fault output is let go, which may be what holds the fault input low."""
 
 IMAGE, N_IMAGE = 64, 62
 """The bytes that a save writes, eight to a word: 15 parameters and a checksum in their code

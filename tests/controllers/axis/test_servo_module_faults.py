@@ -42,6 +42,49 @@ def test_the_pins_of_a_running_module():  # M-1
     assert (pins.enabled, pins.fault_out_low, pins.duty) == (True, False, 0.5)
 
 
+def test_a_low_reset_pin_stops_the_module_and_its_release_starts_it_anew():  # M-1, M-38
+    bench = on_bench()
+    say(bench, "P555")
+    bench.reset_pin("x", low=True)
+    bench.run(0.05)
+    assert not bench.pins("x").enabled
+    assert bench.talk(b"P\r") == b""
+    bench.reset_pin("x", low=False)
+    bench.run(0.05)
+    assert bench.received("x") == b"Servo processor module, rev. A\r\n"
+    assert bench.pins("x").enabled
+    assert say(bench, "P") == "(P) - Kp: 600"
+
+
+@pytest.mark.parametrize("wires", [("A", "B"), ("A",)])
+def test_without_its_encoder_the_axis_trips_on_its_first_move(wires):  # M-1, M-43
+    bench = on_bench()
+    for wire in wires:
+        bench.unplug("x", wire)
+    bench.steps("x", 200, 2000.0)
+    bench.run(0.3)
+    assert {0, 1} <= status(bench)
+
+
+def test_swapped_phases_run_away_to_the_trip_unless_the_law_turns_them():  # M-1
+    for sense, tripped_ in ((1, True), (-1, False)):
+        bench = AxisBench({"x": ServoModule(axis_row("table"), law={"encoder_sense": sense})})
+        bench.swap_phases("x")
+        bench.run(0.02)
+        bench.received("x")
+        say(bench, "+20")
+        bench.run(0.5)
+        assert (1 in status(bench)) == tripped_
+
+
+def test_an_open_direction_input_reads_positive():  # M-1
+    bench = on_bench()
+    bench.unplug("x", "dir")
+    bench.steps("x", -30, 1000.0)
+    bench.run(0.3)
+    assert words(bench, "GT") == 30
+
+
 def test_a_trip_stops_the_loop_and_pulls_the_fault_output():  # M-43, M-18
     bench = tripped(wired())
     pins = bench.pins("x")

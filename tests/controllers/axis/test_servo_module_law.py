@@ -127,7 +127,9 @@ def test_a_limit_above_32767_never_trips(limit, tripped):  # M-9
 
 def _duty_against(gain, error, saturating):
     stored = {"proportional_gain": gain, "derivative_gain": 0, "error_limit": NO_TRIP}
-    bench = AxisBench({"x": ServoModule(axis_row("table"), stored, {"saturating": saturating})})
+    drive = ServoModule(axis_row("table"), stored)
+    drive.extensions["saturating_arithmetic"] = saturating
+    bench = AxisBench({"x": drive})
     bench.run(0.02)
     bench.received("x")
     locked(bench, error)
