@@ -30,7 +30,7 @@ from edmsim.compiled.axis_rows import (
 from edmsim.controllers.axis import eeprom
 from edmsim.controllers.axis import uhu_law as law
 from edmsim.controllers.axis.drive import axis_row, data_of, new_record, restart, set_period
-from edmsim.controllers.axis.extensions import SETTINGS, Extensions, record_sample, start_command
+from edmsim.controllers.axis.extensions import SETTINGS, Extensions, note_limit, record_sample, start_command
 from edmsim.controllers.axis.parameters import Registers
 from edmsim.controllers.axis.uhu_dialogue import Dialogue
 from edmsim.errors import InputError
@@ -54,14 +54,18 @@ def _recalculate(drive_at: Any, axis_at: Any) -> None:
         reg[law.INTERRUPTS_SEEN] = axis.edges
         drive.delay_ns = reg[law.CALCULATION_NS]
         drive.busy_ns = reg[law.CALCULATION_NS] + interrupts * reg[law.INTERRUPT_NS]
+        low = axis.lines & FAULT_IN != 0
         if reg[law.RESTART] != 0:
+            low = False  # its own error output, let go only now, may hold the net low
             law.restart(reg, drive.setpoint, axis.count, axis.illegal)
             start_command(reg, reg[law.TARGET])
         law.take_steps(reg, drive.setpoint)
         law.measure(reg, axis.count)
-        law.judge(reg, axis.illegal, axis.lines & FAULT_IN != 0)
+        law.judge(reg, axis.illegal, low)
         if reg[law.LATCHED] == 0:
             wanted = law.control(reg, drive.now_ns)
+        else:
+            note_limit(reg, drive.now_ns, 0)
         error = reg[law.TARGET] - reg[law.POSITION]
         record_sample(reg, drive.memory, error, reg[law.SPEED], wanted, reg[law.LATCHED] != 0)
         sent = law.stream_byte(reg)
@@ -126,8 +130,8 @@ class Uhu:
     Attributes
     ----------
     parameters : mapping of str to int
-        What the letters at the terminal set, by name; words 0 to 65535. A new ``cycle`` acts from `enter`, ``R`` or a
-        load on.
+        What the letters at the terminal set, by name; words 0 to 65535. A ``cycle`` that is typed acts from the next
+        interval on, one that is set here from a reset on.
     extensions : Extensions
         What it can do beyond its manual, see `edmsim.controllers.axis.extensions`.
 
@@ -195,6 +199,7 @@ class Uhu:
         stored = self._read(0)
         if stored.words is not None:
             self._use(stored.words)
+        set_period(self.record, *_period_ns(self.parameters["cycle"]))
         self._reg[law.LATCHED] = 0 if stored.valid else law.BAD_BANK
         return self._dialogue.start(stored.valid)
 
@@ -206,7 +211,7 @@ class Uhu:
         """Set the parameter of a letter, at once."""
         law.take_steps(self._reg, int(self.record["setpoint"][0]))
         self.parameters[self._letters[letter]] = value
-        self._keep_time()
+        self._time_next()
 
     def load(self, bank: int) -> bool:
         """Load a bank; if it cannot be read, keep the parameters and shut the output off (rows U-69, U-A21)."""
@@ -216,6 +221,7 @@ class Uhu:
             return False
         law.take_steps(self._reg, int(self.record["setpoint"][0]))
         self._use(stored.words)
+        self._time_next()
         return True
 
     def save(self, bank: int, *, false_checksum: bool = False) -> None:
@@ -228,11 +234,14 @@ class Uhu:
         self._reg[law.TARGET] += counts
 
     def soft_reset(self) -> None:
-        """Switch the output on with the present parameters, the setpoint where the axis is (rows U-31, U-A25)."""
+        """Switch the output on with the present parameters, the setpoint where the axis is (rows U-31, U-A25).
+
+        The timer of the recalculation starts anew (log 2.16).
+        """
         self._reg[law.LATCHED] = 0
         self._reg[law.RESTART] = max(int(self._reg[law.RESTART]), law.SOFT)
         self.stream(False)
-        self._keep_time()
+        set_period(self.record, *_period_ns(self.parameters["cycle"]))
 
     def hard_reset(self) -> bytes:
         """Do what `power_up` does."""
@@ -256,11 +265,10 @@ class Uhu:
 
     def _use(self, words: tuple[int, ...]) -> None:
         self.parameters.update(zip(self._stored, words, strict=True))
-        self._keep_time()
 
-    def _keep_time(self) -> None:
-        """Sample at the interval that C says, if it does not do so yet."""
-        period = _period_ns(self.parameters["cycle"])
-        if period != (int(self.record["num"][0]), int(self.record["den"][0])):
-            set_period(self.record, *period)
+    def _time_next(self) -> None:
+        """Let C be the length of the intervals after the present one."""
+        record = self.record
+        record["num"], record["den"] = _period_ns(self.parameters["cycle"])
+        record["epoch_ns"], record["index"] = record["due_ns"], 0
 

@@ -109,10 +109,10 @@ def test_the_serial_line_runs_at_a_divisor_of_the_crystal() -> None:  # U-7, U-6
     assert bench.drive("x").baud == pytest.approx(38461.5, abs=0.1)
     assert bench.drive("x").baud / 38400 - 1 == pytest.approx(0.0016, abs=1e-4)
     bench.received("x")
-    bench.host_baud = 38400.0
+    bench.host_baud(38400.0)
     bench.send(b"#\r", axis="x")
     bench.run(0.5)
-    times = bench.sent_at("x")
+    times = [time_s for _, time_s in bench.received_at("x")]
     assert min(b - a for a, b in itertools.pairwise(times)) >= 10 / 38461.6
 
 
@@ -220,9 +220,9 @@ def test_garbage_moves_no_motor(text: bytes) -> None:  # U-53
 
 def test_the_wrong_baud_rate_and_long_lines_set_nothing() -> None:  # U-13, U-53
     bench = tuned(**SAMPLE_SET)
-    bench.host_baud = 57600.0
+    bench.host_baud(57600.0)
     bench.talk(b"G500\rP1\r+\r")
-    bench.host_baud = 38400.0
+    bench.host_baud(38400.0)
     bench.talk(b"\r")
     assert bench.talk(b"P" + b"0" * 40 + b"5\r").endswith(b"?\r\n>")
     assert ask(bench, "#").replace("\r", "") == HELP.strip()
@@ -231,9 +231,8 @@ def test_the_wrong_baud_rate_and_long_lines_set_nothing() -> None:  # U-13, U-53
 
 def test_a_closed_terminal_stops_nothing() -> None:  # U-53
     bench = tuned()
-    bench.terminal_open = False
-    ask_and_forget = b"A\r"
-    bench.send(ask_and_forget, axis="x")
+    bench.open_terminal(False)
+    bench.send(b"A\r", axis="x")
     bench.steps("x", 400, 4000.0)
     bench.run(0.5)
     assert abs(count(bench) - 400) <= 2

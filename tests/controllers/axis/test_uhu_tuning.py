@@ -86,11 +86,11 @@ def test_the_recipe_ends_in_a_stiffer_loop() -> None:  # U-58, U-25
 
 
 def test_a_senseless_set_is_stored_and_activated() -> None:  # U-47
-    bench = tuned(**{**START, "error_limit": 100})
+    bench = tuned(**{**START, "error_limit": 30})
     assert ask(bench, "P20000") == "OK"
     assert ask(bench, "S0") == "OK"
     bench.talk(b"+\r")
-    bench.drive("x").go(60)
+    bench.drive("x").go(20)
     bench.run(1.0)
     assert register(bench, LATCHED) != 0
 

@@ -37,18 +37,16 @@ I(N)ertance  150
 """
 
 
-def bench_with(*drives: Uhu, mechanics: str = "modal") -> AxisBench:
+def bench_with(*drives: Uhu) -> AxisBench:
     """Some UHUs on the axes x, y, ..., just powered up, their start-up text sent."""
-    bench = AxisBench(dict(zip("xyuv", drives, strict=False)), mechanics=mechanics)
+    bench = AxisBench(dict(zip("xyuv", drives, strict=False)))
     bench.run(0.03)
     return bench
 
 
-def tuned(
-    axis: str = "bench", *, mechanics: str = "modal", changes: dict[str, float] | None = None, **parameters: int
-) -> AxisBench:
+def tuned(axis: str = "bench", *, changes: dict[str, float] | None = None, **parameters: int) -> AxisBench:
     """A UHU with good banks on an axis, running."""
-    return bench_with(Uhu(axis_row(axis, **(changes or {})), stored=parameters), mechanics=mechanics)
+    return bench_with(Uhu(axis_row(axis, **(changes or {})), stored=parameters))
 
 
 def delivered() -> AxisBench:
