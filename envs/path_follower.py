@@ -229,4 +229,4 @@ def follow(
         limit_um, slack_um = rows[i].table_um, rows[i].step_um
         switch = switches_open(x, limit_um, slack_um) != 0 or switches_open(y, limit_um, slack_um) != 0
         shorted, at_end = rows[i].shorted_s > SHORTED_S, done(planner, points[i], along[i], lengths[i])
-        rows[i].cause = judge(windows[i].broken != 0, False, switch or made == LIMIT, shorted, False, at_end)
+        rows[i].cause = judge(windows[i].broken != 0, False, switch or made == LIMIT, False, shorted, False, at_end)

@@ -11,6 +11,7 @@ from edmsim.bench import controllers as mcu_speed
 from edmsim.bench import envs as speed
 from edmsim.bench import figures as table
 from edmsim.bench import plant as bench
+from edmsim.bench import servo as servo_speed
 
 
 @pytest.fixture
@@ -25,6 +26,8 @@ def short(monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setattr(speed, name, value)
     for name, value in (("WINDOWS", 2), ("SETTLE_WINDOWS", 1), ("CALLS", 10), ("REPEATS", 1)):
         monkeypatch.setattr(mcu_speed, name, value)
+    for name, value in (("SPAN_S", 0.05), ("REPEATS", 1)):
+        monkeypatch.setattr(servo_speed, name, value)
     monkeypatch.setattr(table, "cold_start_s", lambda: 0.5)
 
 

@@ -61,7 +61,8 @@ def test_help_names_every_command_on_one_line(edmsim: Run) -> None:
                              ("calibrate", "Fit the model's constants to a machine's log."),
                              ("validate", "Compare the model with what was published, row by row."),
                              ("bench", "Measure the speed of this machine."),
-                             ("terminal", "Sit at the 1982 controller's terminal.")):  # fmt: skip
+                             ("terminal", "Sit at the 1982 controller's terminal."),
+                             ("servo", "Sit at the serial terminal of a servo drive.")):  # fmt: skip
         assert any(command in line and purpose in line for line in told.out.splitlines())
 
 
@@ -76,7 +77,7 @@ def test_cut_has_the_agreed_options(edmsim: Run) -> None:
     assert told.status == 0
     for option in ("machine", "material", "height", "height-at", "wire", "tension", "generator", "t-on", "t-period",
                    "open-voltage", "peak-current", "resistance", "ignition-wait", "pulse-shape", "wire-speed",
-                   "flushing-lower", "flushing-upper", "controller", "planner", "mechanics", "resolution", "offset",
+                   "flushing-lower", "flushing-upper", "controller", "planner", "drive", "mechanics", "resolution", "offset",
                    "seed", "max-time", "resume", "quiet", "out"):  # fmt: skip
         assert f"--{option} " in told.out
 

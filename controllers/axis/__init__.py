@@ -8,14 +8,17 @@ whether it can be used.
 from __future__ import annotations
 
 from edmsim.controllers.axis.conformance import check_drive
-from edmsim.controllers.axis.drive import Drive
+from edmsim.controllers.axis.drive import Drive, axis_row
 from edmsim.controllers.axis.servo import PositionServo
 from edmsim.controllers.axis.servo_module import ServoModule
 from edmsim.controllers.axis.stepper import Stepper
 from edmsim.controllers.axis.uhu import Uhu
 from edmsim.errors import InputError
 
-__all__ = ["Drive", "ServoModule", "Uhu", "check_drive", "make", "names"]
+__all__ = ["CHIPS", "Drive", "ServoModule", "Uhu", "check_drive", "make", "names", "tuned"]
+
+CHIPS: dict[str, type[Uhu] | type[ServoModule]] = {kind.name: kind for kind in (Uhu, ServoModule)}
+"""Drives with a serial line, by name."""
 
 _DRIVES: dict[str, type[Drive]] = {kind.name: kind for kind in (Stepper, PositionServo, ServoModule, Uhu)}
 
@@ -46,3 +49,24 @@ def make(name: str) -> Drive:
     if name not in _DRIVES:
         raise InputError(f"there is no drive {name!r}; choose one of {', '.join(names())}")
     return _DRIVES[name]()
+
+
+def tuned(name: str, axis: str = "table") -> Uhu | ServoModule:
+    """Make a drive that is commissioned: its parameters for an axis of `axis_row` are in its EEPROM.
+
+    Parameters
+    ----------
+    name : str
+        One of `CHIPS`.
+    axis : str
+        Motor, screw and table; ``table`` is that of the DEM-15.
+
+    Raises
+    ------
+    InputError
+        If there is no such drive, no such axis, or nobody has tuned the drive for it.
+    """
+    if name not in CHIPS:
+        raise InputError(f"there is no drive {name!r} with a serial line; choose one of {', '.join(CHIPS)}")
+    axis_row(axis)
+    return CHIPS[name].tuned(axis)

@@ -142,7 +142,15 @@ class ServoModule:
 
     @classmethod
     def tuned(cls, axis: str = "table") -> Self:
-        """Return a module commissioned on an axis: its parameters are those of the table ``tuned``."""
+        """Return a module commissioned on an axis: its parameters are those of the table ``tuned``.
+
+        Raises
+        ------
+        InputError
+            Nobody has tuned one for that axis.
+        """
+        if axis not in DATA["tuned"]:
+            raise InputError(f"no servo module is tuned for an axis {axis!r}; there are: {', '.join(DATA['tuned'])}")
         return cls(axis_row(axis), DATA["tuned"][axis])
 
     def line(self, text: bytes) -> bytes:

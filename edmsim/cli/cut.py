@@ -45,6 +45,7 @@ def cut(
         str, typer.Option(help="Feed controller, with parameters if wanted: fixed:feed_um_s=20, own.py:Own.")
     ] = "counts",
     planner: Annotated[str, typer.Option(help="poscal, poscal-literal, dda, sine-table or exact.")] = "poscal",
+    drive: Annotated[str, typer.Option(help="Drive of x and y: stepper, uhu or servo-module.")] = "stepper",
     mechanics: Annotated[str, typer.Option(help="Integrator of table and wire.")] = "modal",
     resolution: Resolution = "default",
     offset: Annotated[str, typer.Option(help="Wire offset: auto, none, or mm.")] = "auto",
@@ -68,9 +69,9 @@ def cut(
                 generator=generator, t_on_us=t_on, t_period_us=t_period, open_voltage_V=open_voltage,
                 peak_current_A=peak_current, resistance_ohm=resistance, ignition_wait_us=ignition_wait,
                 pulse_shape=pulse_shape, wire_speed_m_s=wire_speed, flushing_lower_Pa=flushing_lower,
-                flushing_upper_Pa=flushing_upper, controller=controller, planner=planner, mechanics=mechanics,
-                resolution=resolution, offset=offset, seed=seed, max_time_s=max_time, resume=resume,
-                watch=watcher.show,
+                flushing_upper_Pa=flushing_upper, controller=controller, planner=planner, drive=drive,
+                mechanics=mechanics, resolution=resolution, offset=offset, seed=seed, max_time_s=max_time,
+                resume=resume, watch=watcher.show,
             )
     except KeyboardInterrupt:
         say("interrupted; take an interrupted cut up again with --resume")

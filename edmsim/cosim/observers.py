@@ -54,6 +54,10 @@ class PlantView(Protocol):
     def commanded_um(self) -> tuple[float, float]:
         """Position the motor steps add up to."""
 
+    @property
+    def following_error_um(self) -> tuple[float, float]:
+        """How far x and y are behind it."""
+
     def deflections_um(self) -> NDArray[np.float64]:
         """Deflection of the wire, (slices, 2)."""
 

@@ -25,6 +25,7 @@ from edmsim.cosim.observers import Observer
 from edmsim.cosim.stops import WORDS, StopCause, judge, switches_open
 from edmsim.errors import InputError
 from edmsim.machine.machine import Machine
+from edmsim.plant.axes.drives import AxisDrive
 from edmsim.plant.plant import Plant
 from edmsim.plant.window import PulseWindow
 from edmsim.plant.workpiece.height_steps import LowerRegion
@@ -107,6 +108,8 @@ class Simulation:
     max_feed_um_s : float, optional
         Greatest feed a controller may command, by default the machine's own, or that of the 1982 controller where its
         file has none; the planner's, where that is less.
+    drives : mapping of str to drive, optional
+        Drives of the axes by name; see `Plant`.
 
     Attributes
     ----------
@@ -140,6 +143,7 @@ class Simulation:
         mechanics: str = "modal",
         observers: Sequence[Observer] = (),
         max_feed_um_s: float | None = None,
+        drives: Mapping[str, AxisDrive] | None = None,
     ) -> None:
         self.machine = machine
         self.path = path
@@ -159,7 +163,7 @@ class Simulation:
         x, y = (int(v) for v in path.contours[0].points_um[0])
         self.plant = Plant(
             machine, seed, stock=Stock((x0, y0, x1, y1), holes, steps, machine.height_mm),
-            position_um=(float(x), float(y)), resolution=resolution, mechanics=mechanics,
+            position_um=(float(x), float(y)), resolution=resolution, mechanics=mechanics, drives=drives,
         )
         self.sums = Sums()
         self.cause = StopCause.RUNNING
@@ -251,11 +255,18 @@ class Simulation:
         travel_um, slack_um = table.travel_mm.value * 1e3, table.step_um.value
         switch = switches_open(x, travel_um, slack_um) != 0 or switches_open(y, travel_um, slack_um) != 0
         alarm, late = self._motion.command.alarm, self.plant.time_ns >= self._max_time_ns
-        cause = StopCause(judge(window.broken, False, switch, alarm is not None, late, self._motion.planner.done))
+        tripped, done = self.plant.drive_faults, self._motion.planner.done
+        cause = StopCause(judge(window.broken, False, switch, tripped != 0, alarm is not None, late, done))
         if cause is StopCause.WIRE_BREAK:
             self.reason = f"the wire broke {self.plant.broken_height_mm:.1f} mm above the workpiece's lower face"
         elif cause is StopCause.LIMIT_SWITCH:
             self.reason = f"an end switch of the table opened at x {x / 1e3:.3f} y {y / 1e3:.3f} mm"
+        elif cause is StopCause.DRIVE_TRIP:
+            behind = " and ".join(
+                f"{name} ({error:+.1f} um behind)"
+                for name, bit, error in zip("xy", (1, 2), self.plant.following_error_um, strict=True) if tripped & bit
+            )
+            self.reason = f"the drive of {behind} has shut off its motor"
         elif cause is StopCause.PERSISTENT_SHORT:
             self.reason = alarm
         elif cause is StopCause.TIME_LIMIT:

@@ -24,6 +24,8 @@ class StopCause(IntEnum):
     OUT_OF_RANGE = 5
     """The wire was pushed further than the plant's model holds for."""
     TIME_LIMIT = 6
+    DRIVE_TRIP = 7
+    """The drive of an axis reports a fault, most often a following error over its limit."""
 
 
 class Words(NamedTuple):
@@ -55,9 +57,12 @@ WORDS = MappingProxyType({
     StopCause.PERSISTENT_SHORT: Words("persistent-short", "persistent-short", "jammed", "ERROR"),
     StopCause.OUT_OF_RANGE: Words("out-of-range", "out-of-range", "jammed", "ERROR"),
     StopCause.TIME_LIMIT: Words("time-limit", "time-limit", "time", "WARN"),
+    StopCause.DRIVE_TRIP: Words("drive-trip", "drive-trip", "jammed", "ERROR"),
 })  # fmt: skip
 
-_RUNNING, _FINISHED, _WIRE_BREAK, _LIMIT_SWITCH, _PERSISTENT_SHORT, _OUT_OF_RANGE, _TIME_LIMIT = map(int, StopCause)
+(
+    _RUNNING, _FINISHED, _WIRE_BREAK, _LIMIT_SWITCH, _PERSISTENT_SHORT, _OUT_OF_RANGE, _TIME_LIMIT, _DRIVE_TRIP,
+) = map(int, StopCause)  # fmt: skip
 
 
 @compiled
@@ -84,7 +89,9 @@ def switches_open(place_um: float, travel_um: float, slack_um: float) -> int:
 
 
 @compiled
-def judge(broken: bool, out_of_range: bool, switch: bool, shorted: bool, late: bool, leg_done: bool) -> int:
+def judge(
+    broken: bool, out_of_range: bool, switch: bool, tripped: bool, shorted: bool, late: bool, leg_done: bool
+) -> int:
     """Tell why the machine stops after a window; of several causes, the first of this list.
 
     Parameters
@@ -95,6 +102,8 @@ def judge(broken: bool, out_of_range: bool, switch: bool, shorted: bool, late: b
         The plant's model does not hold any more.
     switch : bool
         An end switch is open.
+    tripped : bool
+        A drive reports a fault.
     shorted : bool
         A short counts as persistent: by a controller's alarm, or by the time it has lasted.
     late : bool
@@ -113,6 +122,8 @@ def judge(broken: bool, out_of_range: bool, switch: bool, shorted: bool, late: b
         return _OUT_OF_RANGE
     if switch:
         return _LIMIT_SWITCH
+    if tripped:
+        return _DRIVE_TRIP
     if shorted:
         return _PERSISTENT_SHORT
     if late:

@@ -183,7 +183,7 @@ class Episode:
         if result.over:
             return WORDS[result.cause].episode
         alarm = self._command.alarm is not None
-        cause = StopCause(judge(False, False, False, alarm, self._windows_left == 0, False))
+        cause = StopCause(judge(False, False, False, False, alarm, self._windows_left == 0, False))
         if cause is StopCause.PERSISTENT_SHORT:
             self._return -= self.task.family.reward_weights.limit
             return STOPPED

@@ -20,6 +20,7 @@ from pydantic import (
 from shapely.geometry import mapping
 
 from edmsim.controllers import FeedController
+from edmsim.controllers.axis import CHIPS
 from edmsim.controllers.own import check_is_controller, text_of
 from edmsim.errors import InputError
 from edmsim.machine.machine import Machine
@@ -29,6 +30,8 @@ from edmsim.plant.plant import MECHANICS
 from edmsim.plant.resolution import resolution as check_resolution
 from edmsim.program.heights import Area, Height, Heights, checked_areas, checked_changes
 
+DRIVES = ("stepper", *CHIPS)
+"""Drives of x and y in a cut."""
 METADATA_KEY = b"edmsim"
 """Under which the metadata of ``windows.parquet`` hold a cut's settings, as JSON."""
 
@@ -92,6 +95,8 @@ class CutSettings(BaseModel):
     planner: str = "poscal"
     """What makes motor steps of path and speed: poscal, poscal-literal, dda, sine-table or exact;
     ``docs/planners.md`` has their errors."""
+    drive: str = "stepper"
+    """What drives x and y: stepper, or a servo drive commissioned for the table: uhu, servo-module."""
     mechanics: str = "modal"
     """Integrator of table and wire: modal or mujoco (see `Plant`)."""
     resolution: str = "default"
@@ -143,6 +148,13 @@ class CutSettings(BaseModel):
     @field_serializer("controller")
     def _text(self, controller: str | FeedController) -> str:
         return controller if isinstance(controller, str) else text_of(controller)
+
+    @field_validator("drive")
+    @classmethod
+    def _check_drive(cls, name: str) -> str:
+        if name not in DRIVES:
+            raise InputError(f"there is no drive {name!r}; choose one of {', '.join(DRIVES)}")
+        return name
 
     @field_validator("mechanics")
     @classmethod
@@ -225,6 +237,7 @@ class CutOptions(TypedDict, total=False):
     flushing_upper_Pa: float | None
     controller: str | FeedController
     planner: str
+    drive: str
     mechanics: str
     resolution: str
     offset: str | float

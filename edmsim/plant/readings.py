@@ -66,6 +66,13 @@ class PlantReadings:
         return self._generator_on
 
     @property
+    def following_error_um(self) -> tuple[float, float]:
+        """How far x and y are behind their commanded position; nil under a stepper, which nobody looks after."""
+        s = self._state[0]
+        x, y = s["commanded_um"][:2] - s["axis_um"][:2]
+        return float(x), float(y)
+
+    @property
     def drive_faults(self) -> int:
         """Which drives report a fault: bit 0 for x, 1 for y, 2 for u, 3 for v."""
         return self._drives.faults()

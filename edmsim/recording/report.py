@@ -149,6 +149,7 @@ def build_report(
         **_machining(windows, totals),
         **_part(quality),
         "wire": _wire(windows, totals),
+        "following_error_um": _following(windows),
         "coverage": {"mean": _mean(windows, "coverage"), "max": _most(windows, "coverage")},
         "surface": {"ra_um": quality.ra_um},
         "energy_J": totals.energy,
@@ -201,6 +202,16 @@ def _wire(windows: pa.Table, totals: Totals) -> dict[str, Any]:
         "lag_um": _weighted(lag_along_um(windows), column(windows, "t_period_us")),
         "vibration_um_rms": totals.vibration_um_rms,
         "temperature_K_max": _most(windows, "wire_temperature_K"),
+    }
+
+
+def _following(windows: pa.Table) -> dict[str, float | None]:
+    """Following error of the axes, both together: greatest and root mean square."""
+    error2 = column(windows, "following_x_um") ** 2 + column(windows, "following_y_um") ** 2
+    mean2 = _weighted(error2, column(windows, "t_period_us"))
+    return {
+        "max": math.sqrt(float(error2.max())) if len(error2) else None,
+        "rms": None if mean2 is None else math.sqrt(mean2),
     }
 
 
@@ -289,6 +300,7 @@ def summary(report: Mapping[str, Any]) -> list[tuple[str, str]]:
     least, largest = say(kerf["min"], "µm"), say(kerf["max"], "µm")
     error = [say(profile[k], "µm") for k in ("max", "rms", "p95")]
     lag, vibration = say(wire["lag_um"], "µm"), say(wire["vibration_um_rms"], "µm", 2)
+    follow = report["following_error_um"]
     covered = [say(_percent(report["coverage"][k]), "%") for k in ("mean", "max")]
     energy, removed = say(report["energy_J"], "J"), say(report["removed_mm3"], "mm³", 3)
     current, voltage = say(report["mean_current_A"], "A", 2), say(report["mean_voltage_V"], "V")
@@ -301,6 +313,7 @@ def summary(report: Mapping[str, Any]) -> list[tuple[str, str]]:
         ("profile error", f"{error[0]} max, {error[1]} rms, {error[2]} for 95 %"),
         ("corners", _corner_line(report["corners"])),
         ("wire", f"lag {lag}, vibration {vibration} rms, at most {say(wire['temperature_K_max'], 'K', 0)}"),
+        ("axes", f"{say(follow['max'], 'µm')} behind at most, {say(follow['rms'], 'µm')} rms"),
         ("gas", f"covers {covered[0]} of the wire's front in the mean, at most {covered[1]}"),
         ("roughness", f"Ra {say(report['surface']['ra_um'], 'µm', 2)}"),
         ("energy", f"{energy}, {removed} removed, {current}, {voltage} mean"),

@@ -28,8 +28,8 @@ class Column(NamedTuple):
 
 COLUMNS: tuple[Column, ...] = (
     Column("t_s", "s", "machine time at the end of the window"),
-    Column("x_um", "um", "wire guides on the table, X"),
-    Column("y_um", "um", "wire guides on the table, Y"),
+    Column("x_um", "um", "commanded position of the wire guides on the table, X"),
+    Column("y_um", "um", "commanded position of the wire guides on the table, Y"),
     Column("feed_um_s", "um/s", "mean feed along the path; negative while retracting"),
     Column("short", "1", "pulses counted as short circuit: no removal", is_count=True),
     Column("open", "1", "pulses that never ignited: no removal", is_count=True),
@@ -41,6 +41,8 @@ COLUMNS: tuple[Column, ...] = (
     Column("gap_um", "um", "mean gap where the pulses ignited"),
     Column("lag_x_um", "um", "guides minus wire at the workpiece, X: positive behind a feed along +X"),
     Column("lag_y_um", "um", "guides minus wire at the workpiece, Y: positive behind a feed along +Y"),
+    Column("following_x_um", "um", "commanded position minus guides, X: the drive's following error"),
+    Column("following_y_um", "um", "commanded position minus guides, Y"),
     Column("wire_temperature_K", "K", "hottest place of the wire"),
     Column("debris", "1", "volume share of debris in the gap's fluid"),
     Column("coverage", "1", "share of the wire's front that gas covers, at the window's end"),
@@ -81,8 +83,9 @@ class WindowTable(Observer):
         self.append((
             turn.time_ns * 1e-9, *plant.commanded_um, turn.feed_um_s, window.short, window.open, window.spark,
             window.arc, window.mean_voltage_V, window.mean_current_A, window.mean_delay_us, window.gap_um,
-            -window.deflection_um[0], -window.deflection_um[1], window.wire_temperature_K, window.debris,
-            window.coverage, machine.t_on_us, machine.t_period_us, turn.path_um,
+            -window.deflection_um[0], -window.deflection_um[1], *plant.following_error_um,
+            window.wire_temperature_K, window.debris, window.coverage, machine.t_on_us, machine.t_period_us,
+            turn.path_um,
         ))  # fmt: skip
 
     def append(self, row: Sequence[float]) -> None:
@@ -90,7 +93,7 @@ class WindowTable(Observer):
 
         Parameters
         ----------
-        row : sequence of 20 float
+        row : sequence of 22 float
             The values of `ROW_NAMES`, in that order.
 
         Raises
@@ -105,7 +108,7 @@ class WindowTable(Observer):
         self._used += 1
 
     def values(self) -> NDArray[np.float64]:
-        """Return a copy of all rows, shape ``(len(self), 20)``, columns as in `ROW_NAMES`."""
+        """Return a copy of all rows, shape ``(len(self), 22)``, columns as in `ROW_NAMES`."""
         if not self._blocks:
             return np.empty((0, len(ROW_NAMES)))
         return np.concatenate([*self._blocks[:-1], self._blocks[-1][: self._used]])

@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 from edmsim.axis_bench import AxisBench
+from edmsim.controllers.axis import CHIPS
+from edmsim.controllers.axis import tuned as tuned_drive
 from edmsim.controllers.axis.drive import axis_row
-from edmsim.controllers.axis.servo_module import ServoModule
-from edmsim.controllers.axis.uhu import Uhu
 from edmsim.errors import InputError
-
-CHIPS: dict[str, type[Uhu] | type[ServoModule]] = {kind.name: kind for kind in (Uhu, ServoModule)}
-"""Drives with a serial line, by name."""
 
 
 def bench_for(name: str, axis: str, tuned: bool) -> AxisBench:
@@ -31,5 +28,4 @@ def bench_for(name: str, axis: str, tuned: bool) -> AxisBench:
     """
     if name not in CHIPS:
         raise InputError(f"there is no drive {name!r} with a serial line; choose one of {', '.join(CHIPS)}")
-    row = axis_row(axis)
-    return AxisBench({"x": CHIPS[name].tuned(axis) if tuned else CHIPS[name](row)})
+    return AxisBench({"x": tuned_drive(name, axis) if tuned else CHIPS[name](axis_row(axis))})

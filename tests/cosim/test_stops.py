@@ -9,12 +9,12 @@ import pytest
 from edmsim.cosim.stops import WORDS, StopCause, judge, switches_open
 
 ORDER = (
-    StopCause.WIRE_BREAK, StopCause.OUT_OF_RANGE, StopCause.LIMIT_SWITCH, StopCause.PERSISTENT_SHORT,
-    StopCause.TIME_LIMIT, StopCause.FINISHED,
+    StopCause.WIRE_BREAK, StopCause.OUT_OF_RANGE, StopCause.LIMIT_SWITCH, StopCause.DRIVE_TRIP,
+    StopCause.PERSISTENT_SHORT, StopCause.TIME_LIMIT, StopCause.FINISHED,
 )  # fmt: skip
 
 
-@pytest.mark.parametrize("flags", list(itertools.product([False, True], repeat=6)))
+@pytest.mark.parametrize("flags", list(itertools.product([False, True], repeat=7)))
 def test_of_several_causes_the_first_in_order_counts(flags: tuple[bool, ...]) -> None:
     causes = [cause for cause, flag in zip(ORDER, flags, strict=True) if flag]
     assert judge(*flags) == (causes[0] if causes else StopCause.RUNNING)

@@ -36,6 +36,7 @@ SHORT: dict[str, tuple[str, ...]] = {
     "validate": (),
     "bench": (),
     "terminal": ("--resolution", "fast"),
+    "servo": (),
 }
 """What is added to a command so that it is short; `replaced` says what of its work is left away."""
 LENGTHS: dict[str, dict[str, Any]] = {

@@ -23,6 +23,7 @@ FIELDS: dict[str, Any] = {
     "pulse_share": {"spark", "arc", "short", "open"}, "kerf_um": {"mean", "min", "max"}, "kerf_section": None,
     "profile_error_um": {"max", "rms", "p95"}, "corners": None,
     "wire": {"lag_um", "vibration_um_rms", "temperature_K_max"}, "coverage": {"mean", "max"},
+    "following_error_um": {"max", "rms"},
     "surface": {"ra_um"}, "energy_J": None, "removed_mm3": None, "mean_current_A": None, "mean_voltage_V": None,
     "seed": None, "settings": None, "notices": None, "edmsim_version": None,
 }  # fmt: skip

@@ -1,0 +1,31 @@
+"""Speed of a servo drive on its bench: its figure in ``edmsim bench``."""
+
+from __future__ import annotations
+
+import time
+
+from edmsim.axis_bench import AxisBench
+from edmsim.controllers.axis import CHIPS, tuned
+
+SPAN_S = 1.0
+"""Simulated time of a run."""
+REPEATS = 6
+"""The figure is the best of so many runs, as others use the machine too."""
+
+
+def servo_realtime_factor() -> float:
+    """Simulated seconds per second of a drive that moves its axis to and fro, of the slower of the two drives."""
+    return min(_factor(name) for name in CHIPS)
+
+
+def _factor(name: str) -> float:
+    bench = AxisBench({"x": tuned(name)})
+    bench.run(0.1)
+    best_s = float("inf")
+    for _ in range(REPEATS):
+        bench.steps("x", 100, 300.0, 3_000.0)
+        bench.steps("x", -100, 300.0, 3_000.0)
+        started = time.perf_counter()
+        bench.run(SPAN_S)
+        best_s = min(best_s, time.perf_counter() - started)
+    return SPAN_S / best_s

@@ -1,0 +1,53 @@
+"""``edmsim.cut(drive=...)``: servo drives under the table, following errors in table and report, a trip that stops."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import edmsim
+from edmsim.cli import app as cli
+from edmsim.controllers.axis import uhu
+from edmsim.errors import InputError
+from edmsim.recording.windows import column
+
+SLOT = Path(__file__).parents[1] / "examples" / "slot.iso"
+
+
+@pytest.mark.parametrize("drive", ["uhu", "servo-module"])
+def test_a_cut_under_a_servo_drive_follows_its_steps(drive):
+    result = edmsim.cut(SLOT, height_mm=10, resolution="fast", drive=drive, max_time_s=6)
+    report = result.report
+    assert report["outcome"] == "time-limit"
+    assert report["settings"]["drive"] == drive
+    error = np.hypot(column(result.windows, "following_x_um"), column(result.windows, "following_y_um"))
+    assert report["following_error_um"]["max"] == pytest.approx(error.max())
+    assert 0.1 < report["following_error_um"]["rms"] < 8.0
+    assert report["path_length_mm"] > 0.02
+
+
+def test_a_stepper_has_no_following_error():
+    result = edmsim.cut(SLOT, height_mm=10, resolution="fast", max_time_s=2)
+    assert result.report["following_error_um"] == {"max": 0.0, "rms": 0.0}
+
+
+def test_a_following_error_stops_the_machine_and_leaves_with_3(monkeypatch, tmp_path, capsys):
+    tuned = dict(uhu._data()["tuned"]["table"], error_limit=10)
+    monkeypatch.setitem(uhu._data()["tuned"], "table", tuned)
+    words = ["edmsim", "cut", str(SLOT), "--drive", "uhu", "--height", "10", "--resolution", "fast", "--max-time", "10"]
+    monkeypatch.setattr(sys, "argv", [*words, "--out", str(tmp_path / "cut"), "--quiet"])
+    with pytest.raises(SystemExit) as left:
+        cli.main()
+    assert left.value.code == 3
+    report = json.loads((tmp_path / "cut" / "report.json").read_text(encoding="utf-8"))
+    assert report["outcome"] == "drive-trip"
+    assert "has shut off its motor" in report["reason"]
+
+
+def test_an_unknown_drive_is_refused():
+    with pytest.raises(InputError, match="no drive 'steam'; choose one of stepper, uhu, servo-module"):
+        edmsim.cut(SLOT, drive="steam")
