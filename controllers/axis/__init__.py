@@ -10,15 +10,14 @@ from __future__ import annotations
 from edmsim.controllers.axis.conformance import check_drive
 from edmsim.controllers.axis.drive import Drive
 from edmsim.controllers.axis.servo import PositionServo
+from edmsim.controllers.axis.servo_module import ServoModule
 from edmsim.controllers.axis.stepper import Stepper
 from edmsim.controllers.axis.uhu import Uhu
 from edmsim.errors import InputError
 
-__all__ = ["Drive", "check_drive", "make", "names"]
+__all__ = ["Drive", "ServoModule", "Uhu", "check_drive", "make", "names"]
 
-_DRIVES: dict[str, type[Stepper] | type[PositionServo] | type[Uhu]] = {
-    kind.name: kind for kind in (Stepper, PositionServo, Uhu)
-}
+_DRIVES: dict[str, type[Drive]] = {kind.name: kind for kind in (Stepper, PositionServo, ServoModule, Uhu)}
 
 
 def names() -> tuple[str, ...]:

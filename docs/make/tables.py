@@ -22,6 +22,8 @@ from typer.models import ArgumentInfo
 
 from edmsim import controllers
 from edmsim.cli import app as cli
+from edmsim.controllers.axis import ServoModule, Uhu
+from edmsim.controllers.axis.drive import data_of
 from edmsim.controllers.feed.gap_servo import ServoController
 from edmsim.machine.files import available
 from edmsim.machine.machine import Machine
@@ -30,9 +32,15 @@ from edmsim.recording.windows import COLUMNS
 
 DOCS = Path(__file__).parents[1]
 MARK = re.compile(
-    r"(?P<begin><!-- begin table: (?P<kind>commands|columns|parameters|set-ups) ?(?P<words>.*?) -->\n).*?"
+    r"(?P<begin><!-- begin table: (?P<kind>commands|columns|letters|parameters|set-ups) ?(?P<words>.*?) -->\n).*?"
     r"(?P<end><!-- end table -->)", re.DOTALL,
 )
+LINUXCNC = {
+    "proportional_gain": "Pgain", "integral_gain": "Igain", "derivative_gain": "Dgain", "clamp": "maxoutput",
+    "output_offset": "bias", "velocity_feed_forward": "FF1", "acceleration_feed_forward": "FF2",
+    "jerk_feed_forward": "FF3",
+}  # fmt: skip
+"""Pins of LinuxCNC's component ``pid`` (its manual page) that do the same."""
 VALUES = {str: "TEXT", int: "INTEGER", float: "NUMBER", Path: "PATH"}
 
 
@@ -118,6 +126,19 @@ def columns() -> list[str]:
     return rows(("column", "unit", "meaning"), ((f"`{c.name}`", c.unit, c.meaning) for c in COLUMNS))
 
 
+def letters() -> list[str]:
+    """The settings of the servo drives by name, with each one's letter, and what LinuxCNC's ``pid`` calls them."""
+    chips = [
+        {row["name"]: row["letter"] for row in data_of(file)["parameter"]} for file in ("uhu", "servo_module")
+    ]
+    names = {**chips[0], **chips[1], **dict.fromkeys(Uhu().extensions), **dict.fromkeys(ServoModule().extensions)}
+    return rows(("name in Python", "UHU", "servo module", "LinuxCNC `pid`"), (
+        (f"`{name}`", *(f"`{chip[name]}`" if name in chip else "" for chip in chips),
+         f"`{LINUXCNC[name]}`" if name in LINUXCNC else "")
+        for name in names
+    ))  # fmt: skip
+
+
 def parameters(name: str) -> list[str]:
     """Parameters of a feed controller: default, value found by the search of gains, meaning.
 
@@ -177,7 +198,7 @@ SET_UPS: dict[str, tuple[tuple[str, ...], Callable[[Machine], tuple[str, ...]]]]
     "generators": (("on-time, us", "period, us", "open voltage, V", "pulse, peak current in A"), _generator),
 }
 TABLES: dict[str, Callable[..., list[str]]] = {
-    "commands": commands, "columns": columns, "parameters": parameters, "set-ups": set_ups,
+    "commands": commands, "columns": columns, "letters": letters, "parameters": parameters, "set-ups": set_ups,
 }
 
 

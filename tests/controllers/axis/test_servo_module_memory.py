@@ -1,0 +1,178 @@
+"""The servo module's EEPROM, its save, its serial line under faults, and garbage at its parser."""
+
+from __future__ import annotations
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from edmsim.axis_bench import AxisBench
+from edmsim.controllers.axis import ServoModule
+from edmsim.controllers.axis import servo_module_registers as at
+from edmsim.controllers.axis.drive import axis_row
+
+from .module_bench import NO_TRIP, get, on_bench, say, status, words
+
+
+def restarted(bench):
+    """What the module says after its power was off."""
+    bench.received("x")
+    bench.power_cycle("x", 0.05)
+    bench.run(0.1)
+    return bench.received("x")
+
+
+def test_what_was_saved_is_there_after_power_up():  # M-25, M-45, M-5
+    bench = on_bench()
+    say(bench, "P1234")
+    say(bench, "O-25")
+    assert say(bench, "S") == "Parameters saved"
+    bench.run(0.05)
+    say(bench, "P1")
+    assert restarted(bench) == b"Servo processor module, rev. A\r\n"
+    assert say(bench, "P") == "(P) - Kp: 1234"
+    assert say(bench, "O") == "(O) - Output Offset: -25"
+    say(bench, "O0")
+
+
+def test_a_save_is_refused_while_the_motor_is_commanded_to_move():  # M-25, M-A16
+    bench = on_bench(step_multiplier=9)
+    bench.steps("x", 600, 2000.0, 50_000.0)
+    bench.run(0.1)
+    assert say(bench, "S") == "Motor moving, not saved"
+    bench.run(0.25)
+    assert say(bench, "S") == "Motor moving, not saved"  # less than 100 ms ago
+    bench.run(0.12)
+    assert say(bench, "S") == "Parameters saved"
+
+
+def test_the_duty_is_frozen_while_a_save_lasts_and_the_encoder_counts():  # M-52, M-25
+    bench = on_bench()
+    bench.send(b"S\r", axis="x")
+    bench.run(0.002)
+    bench.trace = True
+    bench.torque("x", 0.05)
+    bench.run(0.015)
+    rows = bench.samples("x")
+    assert set(rows["command"]) == {0.0}
+    assert rows["count"][-1] - rows["count"][0] > 5
+    bench.torque("x", 0.0)
+    bench.run(0.02)
+    assert bench.samples("x")["command"].min() < 0.0
+    assert status(bench) & {0} == set()
+
+
+@pytest.mark.parametrize("bit", [0, 3, 77, 495])
+def test_one_flipped_bit_is_corrected(bit):  # M-A16
+    bench = on_bench(proportional_gain=1234)
+    bench.flip_bits("x", (bit,))
+    assert restarted(bench) == b"Servo processor module, rev. A\r\n"
+    assert say(bench, "P") == "(P) - Kp: 1234"
+
+
+def test_two_flipped_bits_in_a_byte_are_noticed():  # M-A16
+    bench = on_bench(proportional_gain=1234)
+    bench.flip_bits("x", (160, 163))
+    assert restarted(bench) == b"Servo processor module, rev. A\r\nEEPROM error, defaults loaded\r\n"
+    assert say(bench, "P") == "(P) - Kp: 600"
+    assert not bench.pins("x").enabled
+    assert status(bench) == {0}
+    say(bench, "R")
+    bench.run(0.01)
+    assert bench.pins("x").enabled
+
+
+def test_an_erased_memory_is_noticed():
+    for value in (0, 255):
+        bench = on_bench()
+        bench.drive("x").record["eeprom"] = value
+        assert b"EEPROM error" in restarted(bench)
+
+
+def test_power_that_fails_in_a_save_leaves_old_and_new_bytes():  # M-25, M-A16
+    bench = on_bench()
+    for letter in "ADIPV":
+        say(bench, f"{letter}43690")
+    bench.send(b"S\r", axis="x")
+    bench.run(0.010)
+    assert restarted(bench).endswith(b"EEPROM error, defaults loaded\r\n")
+    assert say(bench, "P") == "(P) - Kp: 600"
+
+
+def test_a_wrong_baud_rate_sets_the_receive_bit_and_moves_nothing():  # M-48, M-18
+    bench = on_bench()
+    before = words(bench, "GP"), words(bench, "GT")
+    bench.host_baud(38_400.0)
+    for typed in (b"P600\r", b"G100\r", b"+\r", b"R\r", b"A\r", b"?\r"):
+        bench.talk(typed, axis="x")
+    bench.host_baud(57_600.0)
+    bench.talk(b"\r", axis="x")
+    assert 14 in status(bench)
+    assert (words(bench, "GP"), words(bench, "GT")) == before
+    say(bench, "R")
+    assert 14 not in status(bench)
+
+
+def test_a_closed_terminal_does_not_stop_the_drive():
+    bench = on_bench(error_limit=NO_TRIP)
+    bench.open_terminal(False)
+    bench.send(b"?\r" * 20, axis="x")
+    bench.steps("x", 1000, 5000.0, 50_000.0)
+    bench.run(0.6)
+    bench.open_terminal(True)
+    assert abs(get(bench, "GE")) < 10
+    assert words(bench, "GT") == 1000
+
+
+COMMANDS = st.one_of(
+    st.binary(max_size=40),
+    st.text("ACDEFGIJKLOPQRSTVXYZ?+-.0123456789 \b\r\n", max_size=24).map(str.encode),
+)
+
+
+@given(st.lists(COMMANDS, max_size=6))
+@settings(max_examples=300, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+def test_no_input_crashes_the_parser_and_only_moves_move(lines):
+    drive = ServoModule(axis_row("table"))
+    reg = drive.record["reg"][0]
+    for line in lines:
+        before = reg.copy()
+        answer = drive.line(line + b"\r")
+        assert answer == b"" or answer.endswith(b"\r\n")
+        if b"+" not in line and b"-" not in line:
+            assert reg[at.SETPOINT] == before[at.SETPOINT]
+        assert all(0 <= reg[k] <= 65535 for k in at.PARAMETERS if k != at.OFFSET)
+        assert -32768 <= reg[at.OFFSET] <= 32767
+
+
+@pytest.mark.parametrize("script", [
+    b"P600\rI24\rD260\rH400\rX300\rT255\rN150\rE2000\rM0\rC50\rL0\rL1\rG100\rG-100\rZ\rA\r#\rR\r", b"+\r",
+    b"?\rO0\rC\r",
+])  # fmt: skip
+def test_the_script_of_a_uhu_does_not_move_the_motor(script):  # M-51
+    bench = on_bench()
+    before = words(bench, "GP")
+    for line in script.split(b"\r")[:-1]:
+        bench.talk(line + b"\r", axis="x")
+        bench.run(0.02)
+        assert abs(words(bench, "GP") - before) <= 75
+
+
+def test_a_running_drive_goes_on_from_a_snapshot_to_the_bit():
+    ends = []
+    bench = on_bench()
+    say(bench, "Z0")
+    say(bench, "+50")
+    state = bench.snapshot()
+    for _ in range(2):
+        bench.run(0.05)
+        ends.append((bench.drive("x").record.tobytes(), bench.axis("x").tobytes()))
+        bench.restore(state)
+    assert ends[0] == ends[1]
+
+
+def test_two_modules_keep_their_own_parameters():
+    bench = AxisBench({"x": ServoModule(axis_row("table")), "y": ServoModule(axis_row("table"))})
+    bench.run(0.02)
+    bench.talk(b"P1\r", axis="x")
+    assert bench.talk(b"P\r", axis="y") == b"(P) - Kp: 600\r\n"
