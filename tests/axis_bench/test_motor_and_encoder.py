@@ -17,7 +17,7 @@ from .puppet import Puppet, bench_of, command, put_out
 def test_a_motor_runs_up_to_its_no_load_speed_with_its_time_constant():
     bench = bench_of(
         friction_Nm=0.0, stiction_Nm=0.0, way_friction_N=0.0, way_stiction_N=0.0, damping_Nm_s=0.0, way_N_s_m=0.0,
-        table_kg=1e-3, screw_N_s_m=0.0, supply_ohm=1e-3,
+        table_kg=1e-3, screw_N_s_m=0.0, supply_ohm=1e-3, link_F=10.0,
     )
     motor = bench.motor("x")
     command(bench, 0.5)
