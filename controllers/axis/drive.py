@@ -130,6 +130,12 @@ def motor_row(values: Mapping[str, float], **changes: float) -> NDArray[np.void]
     return row
 
 
+def axis_names() -> tuple[str, ...]:
+    """Names of the axes that `axis_row` knows."""
+    folder = models.path("drives/board.toml").parent
+    return tuple(sorted(file.stem.removeprefix("axis-") for file in folder.glob("axis-*.toml")))
+
+
 def axis_row(name: str = "table", **changes: float) -> NDArray[np.void]:
     """Return the row of an axis: motor, supply, bridge, encoder and screw of ``models/drives/axis-NAME.toml``.
 
@@ -140,6 +146,13 @@ def axis_row(name: str = "table", **changes: float) -> NDArray[np.void]:
         resonance within the reach of a drive), ``fast`` (a million counts a second) or ``low-impedance``.
     **changes : float
         Constants of `MOTOR` to be other than in the file, for example ``backlash_um=20.0``.
+
+    Raises
+    ------
+    InputError
+        There is no such axis, or no such constant.
     """
+    if name not in axis_names():
+        raise InputError(f"there is no axis {name!r}; choose one of {', '.join(axis_names())}")
     parts = (part for part in data_of(f"axis-{name}").values() if isinstance(part, dict))
     return motor_row({key: value for part in parts for key, value in part.items()}, **changes)

@@ -133,6 +133,10 @@ class AxisBench:
         """Send some bytes to a drive at the terminal's baud, behind those still on their way."""
         self._lines[axis].send(data, self._now_ns)
 
+    def sending(self, axis: str = "x") -> bool:
+        """Return whether bytes for a drive are still on their way."""
+        return self._lines[axis].next_ns is not None
+
     def received(self, axis: str = "x") -> bytes:
         """Return what a drive has sent since the last call."""
         return bytes(value for value, _ in self.received_at(axis))

@@ -12,6 +12,7 @@ from edmsim.cli.cut import cut
 from edmsim.cli.evaluate import evaluate, search_gains
 from edmsim.cli.learn import score, train
 from edmsim.cli.playback import render, report, view
+from edmsim.cli.servo import servo
 from edmsim.cli.studies import bench, calibrate, validate
 from edmsim.cli.terminal import terminal
 from edmsim.errors import run_command
@@ -22,6 +23,7 @@ app = typer.Typer(
 )
 _COMMANDS = (
     cut, view, render, report, train, score, evaluate, search_gains, calibrate, validate, bench, terminal,
+    servo,
 )  # fmt: skip
 for _command in _COMMANDS:
     app.command()(_command)
