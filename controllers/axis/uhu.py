@@ -28,7 +28,7 @@ from edmsim.compiled.axis_rows import (
     sample,
 )
 from edmsim.controllers.axis import eeprom
-from edmsim.controllers.axis import uhu_law as law
+from edmsim.controllers.axis import uhu_law as at
 from edmsim.controllers.axis.drive import axis_row, data_of, new_record, restart, set_period
 from edmsim.controllers.axis.extensions import SETTINGS, Extensions, note_limit, record_sample, start_command
 from edmsim.controllers.axis.parameters import Registers
@@ -47,35 +47,35 @@ def _recalculate(drive_at: Any, axis_at: Any) -> None:
     reg = drive.reg
     wanted = 0
     if drive.event == WATCHDOG:
-        reg[law.LATCHED] |= law.WATCHDOG
+        reg[at.LATCHED] |= at.WATCHDOG
         drive.delay_ns = 0
     else:
-        interrupts = axis.edges - reg[law.INTERRUPTS_SEEN] + abs(drive.setpoint - reg[law.EDGES_SEEN])
-        reg[law.INTERRUPTS_SEEN] = axis.edges
-        drive.delay_ns = reg[law.CALCULATION_NS]
-        drive.busy_ns = reg[law.CALCULATION_NS] + interrupts * reg[law.INTERRUPT_NS]
+        interrupts = axis.edges - reg[at.INTERRUPTS_SEEN] + abs(drive.setpoint - reg[at.EDGES_SEEN])
+        reg[at.INTERRUPTS_SEEN] = axis.edges
+        drive.delay_ns = reg[at.CALCULATION_NS]
+        drive.busy_ns = reg[at.CALCULATION_NS] + interrupts * reg[at.INTERRUPT_NS]
         low = axis.lines & FAULT_IN != 0
-        if reg[law.RESTART] != 0:
+        if reg[at.RESTART] != 0:
             low = False  # its own error output, let go only now, may hold the net low
-            law.restart(reg, drive.setpoint, axis.count, axis.illegal)
-            start_command(reg, reg[law.TARGET])
-        law.take_steps(reg, drive.setpoint)
-        law.measure(reg, axis.count)
-        law.judge(reg, axis.illegal, low)
-        if reg[law.LATCHED] == 0:
-            wanted = law.control(reg, drive.now_ns)
+            at.restart(reg, drive.setpoint, axis.count, axis.illegal)
+            start_command(reg, reg[at.TARGET])
+        at.take_steps(reg, drive.setpoint)
+        at.measure(reg, axis.count)
+        at.judge(reg, axis.illegal, low)
+        if reg[at.LATCHED] == 0:
+            wanted = at.control(reg, drive.now_ns)
         else:
             note_limit(reg, drive.now_ns, 0)
-        error = reg[law.TARGET] - reg[law.POSITION]
-        record_sample(reg, drive.memory, error, reg[law.SPEED], wanted, reg[law.LATCHED] != 0)
-        sent = law.stream_byte(reg)
+        error = reg[at.TARGET] - reg[at.POSITION]
+        record_sample(reg, drive.memory, error, reg[at.SPEED], wanted, reg[at.LATCHED] != 0)
+        sent = at.stream_byte(reg)
         if sent != 0:
             put_byte(drive, sent)
-    drive.command = drive.real[_SWING] * wanted / reg[law.CONTROL_FULL]
-    if reg[law.LATCHED] == 0:
+    drive.command = drive.real[_SWING] * wanted / reg[at.CONTROL_FULL]
+    if reg[at.LATCHED] == 0:
         drive.lines = LED
     else:
-        own = FAULT_OUT if reg[law.LATCHED] & law.OWN_FAULTS else 0
+        own = FAULT_OUT if reg[at.LATCHED] & at.OWN_FAULTS else 0
         drive.lines = FAULT | FREEWHEEL | ERROR_LED | own
 
 
@@ -92,27 +92,21 @@ def _period_ns(cycle: int) -> tuple[int, int]:
     return num // common, den // common
 
 
-def _fresh() -> NDArray[np.void]:
+def _fresh(law: Mapping[str, int]) -> NDArray[np.void]:
     """Return the record of a chip that was just reset, with the preset parameters, before its EEPROM was read."""
     data = _data()
-    clock, pins, settings = data["clock"], data["pins"], data["law"]
+    pins = data["pins"]
     values = [parameter["value"] for parameter in data["parameter"]]
-    record = new_record(_period_ns(values[law.C]))
+    record = new_record(_period_ns(values[at.C]))
     reg = record["reg"][0]
     reg[: len(values)] = values
-    reg[law.SPEED_DIVISOR] = settings["speed_divisor"]
-    reg[law.INTEGRAL_DIVISOR] = settings["integral_divisor"]
-    reg[law.FILTER_OFFSET] = settings["filter_offset"]
-    reg[law.CONTROL_FULL] = settings["control_full"]
-    reg[law.STREAM_EVERY], reg[law.STREAM_ZERO] = settings["stream_every"], settings["stream_zero"]
-    reg[law.CALCULATION_NS] = round(clock["calculation_us"] * 1e3)
-    reg[law.INTERRUPT_NS] = round(clock["interrupt_us"] * 1e3)
-    reg[law.RESTART] = law.HARD
+    reg[list(at.SETTINGS)] = list(law.values())[: len(at.SETTINGS)]
+    reg[at.RESTART] = at.HARD
     record["real"][0, _SWING] = pins["duty_high"] - pins["duty_low"]
     record["lines"] = FREEWHEEL
-    record["watchdog_ns"] = clock["watchdog_ms"] * 1_000_000
-    record["pwm_ns"] = 1_000_000_000 // pins["pwm_Hz"]
-    record["count_rate_Hz"] = pins["edge_rate_Hz"]
+    record["watchdog_ns"] = data["clock"]["watchdog_ms"] * 1_000_000
+    record["pwm_ns"] = 1_000_000_000 // law["pwm_Hz"]
+    record["count_rate_Hz"] = law["edge_rate_Hz"]
     return record
 
 
@@ -126,6 +120,9 @@ class Uhu:
     stored : mapping of str to int, optional
         Parameters by name to be found in bank 0 at power-up, the others as preset. Without it the drive is in its
         condition upon delivery: no bank is valid, and the output stays off until a reset by ``R``.
+    law : mapping of str to int, optional
+        What the manual leaves open, other than in the table ``law`` of ``models/drives/uhu.toml``, for example
+        ``{"encoder_sense": -1}``.
 
     Attributes
     ----------
@@ -134,6 +131,11 @@ class Uhu:
         interval on, one that is set here from a reset on.
     extensions : Extensions
         What it can do beyond its manual, see `edmsim.controllers.axis.extensions`.
+
+    Raises
+    ------
+    InputError
+        `stored` or `law` has a name that is none, or `stored` a number out of range.
 
     Examples
     --------
@@ -144,9 +146,18 @@ class Uhu:
 
     name = "uhu"
 
-    def __init__(self, motor: NDArray[np.void] | None = None, stored: Mapping[str, int] | None = None) -> None:
+    def __init__(
+        self,
+        motor: NDArray[np.void] | None = None,
+        stored: Mapping[str, int] | None = None,
+        law: Mapping[str, int] | None = None,
+    ) -> None:
         data = _data()
-        self.record = _fresh()
+        unknown = sorted((law or {}).keys() - data["law"].keys())
+        if unknown:
+            raise InputError(f"the law of the UHU has no {unknown[0]!r}; it has {', '.join(data['law'])}")
+        self._law = {**data["law"], **(law or {})}
+        self.record = _fresh(self._law)
         self.motor: NDArray[np.void] | None = axis_row() if motor is None else motor
         self.baud = data["clock"]["crystal_Hz"] / 16 / data["serial"]["baud_divisor"]
         table = data["parameter"]
@@ -193,14 +204,14 @@ class Uhu:
 
     def power_up(self) -> bytes:
         """Start as after power-up, a low reset pin or ``+``: load bank 0 and return the start-up text (row U-39)."""
-        fresh = _fresh()
+        fresh = _fresh(self._law)
         fresh["reg"][0, SETTINGS] = self._reg[SETTINGS]
         restart(self.record, fresh)
         stored = self._read(0)
         if stored.words is not None:
             self._use(stored.words)
         set_period(self.record, *_period_ns(self.parameters["cycle"]))
-        self._reg[law.LATCHED] = 0 if stored.valid else law.BAD_BANK
+        self._reg[at.LATCHED] = 0 if stored.valid else at.BAD_BANK
         return self._dialogue.start(stored.valid)
 
     def value(self, letter: str) -> int:
@@ -209,7 +220,7 @@ class Uhu:
 
     def enter(self, letter: str, value: int) -> None:
         """Set the parameter of a letter, at once."""
-        law.take_steps(self._reg, int(self.record["setpoint"][0]))
+        at.take_steps(self._reg, int(self.record["setpoint"][0]))
         self.parameters[self._letters[letter]] = value
         self._time_next()
 
@@ -217,9 +228,9 @@ class Uhu:
         """Load a bank; if it cannot be read, keep the parameters and shut the output off (rows U-69, U-A21)."""
         stored = self._read(bank)
         if stored.words is None or not stored.valid:
-            self._reg[law.LATCHED] |= law.BAD_BANK
+            self._reg[at.LATCHED] |= at.BAD_BANK
             return False
-        law.take_steps(self._reg, int(self.record["setpoint"][0]))
+        at.take_steps(self._reg, int(self.record["setpoint"][0]))
         self._use(stored.words)
         self._time_next()
         return True
@@ -231,15 +242,15 @@ class Uhu:
 
     def go(self, counts: int) -> None:
         """Move the setpoint; X limits the speed (row U-30)."""
-        self._reg[law.TARGET] += counts
+        self._reg[at.TARGET] += counts
 
     def soft_reset(self) -> None:
         """Switch the output on with the present parameters, the setpoint where the axis is (rows U-31, U-A25).
 
         The timer of the recalculation starts anew (log 2.16).
         """
-        self._reg[law.LATCHED] = 0
-        self._reg[law.RESTART] = max(int(self._reg[law.RESTART]), law.SOFT)
+        self._reg[at.LATCHED] = 0
+        self._reg[at.RESTART] = max(int(self._reg[at.RESTART]), at.SOFT)
         self.stream(False)
         set_period(self.record, *_period_ns(self.parameters["cycle"]))
 
@@ -249,7 +260,7 @@ class Uhu:
 
     def stream(self, on: bool) -> None:
         """Start or end the stream of tracking errors (row U-33)."""
-        self._reg[law.STREAM_ON], self._reg[law.STREAM_WAIT] = int(on), 0
+        self._reg[at.STREAM_ON], self._reg[at.STREAM_WAIT] = int(on), 0
 
     @property
     def _reg(self) -> NDArray[np.int64]:

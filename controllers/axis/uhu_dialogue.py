@@ -26,7 +26,7 @@ _BANKS = range(3)
 _WORDS = range(1 << 16)
 
 
-class Chip(Protocol):
+class UhuActions(Protocol):
     """What the dialogue acts on."""
 
     def value(self, letter: str) -> int:
@@ -87,7 +87,7 @@ class Dialogue:
         lines = f"UHU Servo Controller 3.00 (c) Snr: {self._serial_number}", f"EEPROM: {state}", "Help by (?)"
         return _text(*lines) + PROMPT
 
-    def take(self, chip: Chip, byte: int) -> bytes:
+    def take(self, chip: UhuActions, byte: int) -> bytes:
         """Take a byte from the terminal, act on it if it ends a line, and return what is sent back."""
         echo, line = self._editor.take(byte)
         return echo if line is None else echo + self._answer(chip, line)
@@ -96,7 +96,7 @@ class Dialogue:
         """Let the line that is being typed count for nothing: a byte of it was not received well."""
         self._editor.spoil()
 
-    def _answer(self, chip: Chip, line: str) -> bytes:
+    def _answer(self, chip: UhuActions, line: str) -> bytes:
         asked, self._asked = self._asked, ""
         if not line:
             return PROMPT
@@ -110,14 +110,14 @@ class Dialogue:
             return self._ask(chip, letter) if number is None else self._set(chip, letter, number)
         return self._act(chip, letter) if number is None else _reply(_UNKNOWN)
 
-    def _ask(self, chip: Chip, letter: str) -> bytes:
+    def _ask(self, chip: UhuActions, letter: str) -> bytes:
         self._asked = letter
         return f"{self._line(chip, letter)}: ".encode("ascii")
 
-    def _line(self, chip: Chip, letter: str) -> str:
+    def _line(self, chip: UhuActions, letter: str) -> str:
         return _COMMAND_LINES.get(letter) or f"{self._labels[letter]}{chip.value(letter)}"
 
-    def _set(self, chip: Chip, letter: str, number: int | None) -> bytes:
+    def _set(self, chip: UhuActions, letter: str, number: int | None) -> bytes:
         if letter == _GO:
             known = number is not None and abs(number) <= _LARGEST_GO
         else:
@@ -134,7 +134,7 @@ class Dialogue:
             chip.enter(letter, number)
         return _reply(_OK)
 
-    def _act(self, chip: Chip, letter: str) -> bytes:
+    def _act(self, chip: UhuActions, letter: str) -> bytes:
         if letter == "+":
             return chip.hard_reset()
         if letter == "A":

@@ -15,23 +15,25 @@ from edmsim.controllers.axis.extensions import derive_command, feed_forward, hol
 
 P, I, D, H, X, T, N, E, M, O, C = range(11)  # noqa: E741
 """Registers of the parameters, in the order of the help text."""
-SPEED_DIVISOR, INTEGRAL_DIVISOR, FILTER_OFFSET, CONTROL_FULL, STREAM_EVERY, STREAM_ZERO = range(11, 17)
-CALCULATION_NS, INTERRUPT_NS = 17, 18
-"""Registers of the settings that the manual leaves open, see ``models/drives/uhu.toml``."""
+SETTINGS = (
+    CONTROL_FULL, INTEGRAL_DIVISOR, SPEED_DIVISOR, FILTER_OFFSET, STREAM_EVERY, STREAM_ZERO, CALCULATION_NS,
+    INTERRUPT_NS, STEP_SENSE, ENCODER_SENSE,
+) = tuple(range(11, 21))  # fmt: skip
+"""Registers of what the manual leaves open, in the order of the table ``law`` in ``models/drives/uhu.toml``."""
 (
     TARGET, EDGES_SEEN, REFERENCE, POSITION, SPEED, CHANGE, INTEGRAL, CONTROL, ILLEGAL_SEEN, INTERRUPTS_SEEN,
     ZERO_COUNT,
-) = range(19, 30)  # fmt: skip
+) = range(21, 32)  # fmt: skip
 """What the loop remembers: setpoint in counts and the step edges in it, the reference that X holds back (counts times
 SPEED_DIVISOR), position, speed and its change at the last sample, the integrator and the control variable (both
 times 256), the illegal transitions counted in O, the encoder's edges that took time, and its count where the chip
 counts 0."""
-LATCHED, RESTART = 30, 31
+LATCHED, RESTART = 32, 33
 """Why the output is off, bits of what follows; and the reset that the next sample carries out."""
 TRACKING, ERROR_INPUT, WATCHDOG, BAD_BANK = 1, 2, 4, 8
 OWN_FAULTS = TRACKING | WATCHDOG | BAD_BANK
 SOFT, HARD = 1, 2
-STREAM_ON, STREAM_WAIT = 32, 33
+STREAM_ON, STREAM_WAIT = 34, 35
 """Whether the stream of tracking errors is on, and intervals since its last byte."""
 
 _ONE = 256
@@ -42,7 +44,7 @@ _LARGEST_WORD = 65535
 @exactly_compiled
 def take_steps(reg: NDArray[np.int64], edges: int) -> None:
     """Let the step edges since the last call move the setpoint, each by M + 1 counts (row U-22)."""
-    reg[TARGET] += (edges - reg[EDGES_SEEN]) * (reg[M] + 1)
+    reg[TARGET] += reg[STEP_SENSE] * (edges - reg[EDGES_SEEN]) * (reg[M] + 1)
     reg[EDGES_SEEN] = edges
 
 
@@ -53,10 +55,10 @@ def restart(reg: NDArray[np.int64], edges: int, count: int, illegal: int) -> Non
     A hard reset counts from 0 again.
     """
     if reg[RESTART] == HARD:
-        reg[ZERO_COUNT] = count
+        reg[ZERO_COUNT] = reg[ENCODER_SENSE] * count
         reg[ILLEGAL_SEEN] = illegal
     reg[RESTART] = 0
-    reg[TARGET] = reg[POSITION] = count - reg[ZERO_COUNT]
+    reg[TARGET] = reg[POSITION] = reg[ENCODER_SENSE] * count - reg[ZERO_COUNT]
     reg[REFERENCE] = reg[TARGET] * reg[SPEED_DIVISOR]
     reg[EDGES_SEEN] = edges
     reg[SPEED] = reg[CHANGE] = reg[INTEGRAL] = reg[CONTROL] = 0
@@ -79,7 +81,7 @@ def judge(reg: NDArray[np.int64], illegal: int, error_input_low: bool) -> None:
 @exactly_compiled
 def measure(reg: NDArray[np.int64], count: int) -> None:
     """Take position, speed and speed's change, the first and second differences."""
-    position = count - reg[ZERO_COUNT]
+    position = reg[ENCODER_SENSE] * count - reg[ZERO_COUNT]
     speed = position - reg[POSITION]
     reg[CHANGE], reg[SPEED], reg[POSITION] = speed - reg[SPEED], speed, position
 

@@ -5,10 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from edmsim.controllers.axis.drive import axis_row
+from edmsim.controllers.axis.uhu import Uhu
 from edmsim.controllers.axis.uhu_law import LATCHED, REFERENCE, SPEED_DIVISOR, TARGET, TRACKING
 from edmsim.controllers.axis.uhu_law import O as OVERRUNS
+from edmsim.errors import InputError
 
-from .uhu_bench import ask, count, error, register, start_stream, traced, tuned
+from .uhu_bench import ask, bench_with, count, error, register, start_stream, traced, tuned
 
 P_ONLY = {"integral_gain": 0, "speed_gain": 0, "acceleration_gain": 0, "output_filter": 65535, "error_limit": 30000}
 """One gain at a time, and hardly any smoothing."""
@@ -330,3 +333,26 @@ def test_the_stream_goes_on_in_a_fault() -> None:  # U-A27
     bench.received("x")
     bench.run(0.05)
     assert set(bench.received("x")) == {0x80 + 63 + 30}
+
+
+def test_what_the_manual_leaves_open_can_be_set_otherwise() -> None:  # U-A2, U-A5, U-A8, U-A26
+    def growth(**law: int) -> float:
+        drive = Uhu(axis_row("bench"), stored={**P_ONLY, "integral_gain": 8, "proportional_gain": 0}, law=law)
+        bench = bench_with(drive)
+        bench.hold("x", True)
+        bench.drive("x").go(10)
+        return float(np.diff(control_in(traced(bench, 0.2)["command"])[[10, 110]])[0])
+
+    assert growth(integral_divisor=64) == pytest.approx(4 * growth(), rel=0.05)
+    law = {"encoder_sense": -1, "step_sense": -1, "stream_zero": 64}
+    turned = bench_with(Uhu(axis_row("bench"), stored={}, law=law))
+    turned.swap_phases("x")
+    turned.steps("x", 200, 2000.0)
+    start_stream(turned)
+    turned.run(0.5)
+    assert register(turned, TARGET) == -200
+    assert abs(error(turned)) <= 1
+    assert turned.received("x")[-1] in (0xBF, 0xC0, 0xC1)
+    assert turned.axis("x")["place_um"] < -1000
+    with pytest.raises(InputError, match="the law of the UHU has no 'sense'; it has control_full"):
+        Uhu(law={"sense": -1})
