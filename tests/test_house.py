@@ -29,8 +29,8 @@ LAYERS: dict[str, set[str]] = {
 }
 """Rooms that may import only some others."""
 ORDER = (
-    "models", "compiled", "errors", "files", "user_code", "geometry", "machine", "plant", "controllers", "program",
-    "metrology", "cosim", "recording", "job", "envs", "terminal", "evaluation", "learning", "calibration",
+    "models", "compiled", "errors", "files", "user_code", "geometry", "machine", "plant", "controllers", "axis_bench",
+    "program", "metrology", "cosim", "recording", "job", "envs", "terminal", "evaluation", "learning", "calibration",
     "validation", "bench", "cli", "", "__main__",
 )  # fmt: skip
 """Rooms from the bottom up: each imports only from those before it."""

@@ -27,14 +27,8 @@ from edmsim.plant.gap.water import (
 from edmsim.plant.kernel.declare import ArraySizes, allocate
 from edmsim.plant.kernel.state import GRID, NO_METAL_UM, PULSES_PER_WINDOW, Arrays, Constants, Propagators, Timing
 from edmsim.plant.mechanics.film import added_mass_kg_m, edge_loss_kg_m2, pull_sum_um2
-from edmsim.plant.mechanics.model import (
-    ModalModel,
-    WireSetup,
-    build_model,
-    propagator_table,
-    reduce_model,
-    screw_constants,
-)
+from edmsim.plant.mechanics.mjcf import screw_constants
+from edmsim.plant.mechanics.model import ModalModel, WireSetup, build_model, propagator_table, reduce_model
 from edmsim.plant.mechanics.mujoco_model import DriveSetup, FullMechanics
 from edmsim.plant.resolution import Resolution
 from edmsim.plant.wire import VACUUM_PERMEABILITY_N_A2, VACUUM_PERMITTIVITY_F_M, HeatLaw, area_m2

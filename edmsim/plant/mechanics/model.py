@@ -289,23 +289,6 @@ def reduce_model(model: mujoco.MjModel, n_modes: int, slice_heights_m: ArrayLike
     )
 
 
-def screw_constants(model: mujoco.MjModel) -> tuple[dict[str, float], dict[str, float]]:
-    """Return screws and tables of x and y as constants of `edmsim.compiled.axis_rows.MOTOR`."""
-    found = []
-    for axis in "xy":
-        carriage, screw = model.joint(axis), model.tendon(f"{axis}_screw").id
-        first = int(model.tendon_adr[screw])
-        coefficients = model.wrap_prm[first : first + int(model.tendon_num[screw])]
-        found.append({
-            "um_per_rad": float(-coefficients.min() / coefficients.max()) * 1e6,
-            "screw_N_m": float(model.tendon_stiffness[screw].flat[0]),
-            "screw_N_s_m": float(model.tendon_damping[screw].flat[0]),
-            "table_kg": float(model.body_subtreemass[carriage.bodyid[0]]),
-            "way_N_s_m": float(model.dof_damping[carriage.dofadr[0]]),
-        })
-    return found[0], found[1]
-
-
 def _wire_heights(model: mujoco.MjModel) -> tuple[Array, float]:
     """Return the nodes' heights above the lower guide and the distance of the guides, in m."""
     import mujoco

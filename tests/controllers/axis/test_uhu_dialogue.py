@@ -229,6 +229,17 @@ def test_the_wrong_baud_rate_and_long_lines_set_nothing() -> None:  # U-13, U-53
     assert register(bench, LATCHED) == 0
 
 
+def test_what_is_meant_for_the_servo_module_moves_no_motor() -> None:  # M-51
+    bench = tuned()
+    script = "P1234 D1234 I105 A100 C500 E75 F256 L7 O-25 T3 V750 GV GP GT GE GF GO GD GS Q R S +125 -75 Z157 Z ? J2"
+    places = []
+    for line in script.split():
+        bench.send(line.encode() + b"\r", axis="x")
+        bench.run(0.05)
+        places.append(count(bench))
+    assert max(map(abs, places)) <= 1
+
+
 def test_a_closed_terminal_stops_nothing() -> None:  # U-53
     bench = tuned()
     bench.open_terminal(False)

@@ -47,6 +47,27 @@ def test_too_much_p_or_i_and_too_little_d_or_h_oscillate(good: dict[str, int], b
     assert swing_with(**{**good, **bad}) > 10
 
 
+def frequency_Hz(**parameters: int) -> float:
+    """Of what a loop with these parameters does two seconds after a jump."""
+    bench = tuned(**{**START, **parameters})
+    bench.drive("x").go(40)
+    bench.run(0.5)
+    samples = traced(bench, 4.0)
+    places = samples["count"] - samples["count"].mean()
+    assert np.ptp(places) > 10
+    spectrum = np.abs(np.fft.rfft(places * np.hanning(len(places))))
+    interval_s = np.diff(samples["time_ns"]).mean() * 1e-9
+    return float(np.fft.rfftfreq(len(places), interval_s)[spectrum.argmax()])
+
+
+def test_too_much_p_oscillates_slower_than_too_much_i_or_too_little_d_or_h() -> None:  # U-57
+    tight = {"proportional_gain": 5000, "speed_gain": 4000, "acceleration_gain": 20_000}
+    assert swing_with(**tight) <= 2
+    slow = frequency_Hz(**{**tight, "proportional_gain": 20_000})
+    for wrong in ({"integral_gain": 120}, {"speed_gain": 0}, {"acceleration_gain": 0}):
+        assert frequency_Hz(**{**tight, **wrong}) > slow
+
+
 def test_the_recipe_ends_in_a_stiffer_loop() -> None:  # U-58, U-25
     bench = tuned(**START)
     values = {"P": 1000, "H": 1000, "I": 25}

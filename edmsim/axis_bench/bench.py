@@ -1,0 +1,365 @@
+"""The bench itself: axes under drives, run in compiled code, with hands on every wire and shaft."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from edmsim.axis_bench.loop import CHANGE_ROW, DONE, LOST, SAMPLE_ROW, run
+from edmsim.axis_bench.serial_link import SerialLink
+from edmsim.axis_bench.steps import DIR_OPEN, MOVE, STEP_OPEN, move
+from edmsim.compiled.axis_rows import (
+    ERROR_LED,
+    FAULT_IN,
+    FAULT_OUT,
+    FREEWHEEL,
+    LED,
+    N_AXES,
+    NET_IN,
+    NET_OUT,
+    PHASE_A,
+    PHASE_B,
+)
+from edmsim.controllers.axis.drive import Drive, SerialDrive, data_of
+from edmsim.errors import EdmsimError, InputError
+from edmsim.plant.axes.board import fault_net_low, hold_in_reset
+from edmsim.plant.axes.drives import AXIS_NAMES, Drives
+from edmsim.plant.axes.encoder import read_phases
+from edmsim.plant.kernel.declare import sizes_of
+
+_TURN_NS = 10_000_000
+"""A drive is asked for what it sends unasked so often (ours)."""
+_CHANGES, _SAMPLES = 64, 4096
+"""Room for notes of one compiled run (ours)."""
+_QUIET_NS, _LONGEST_TALK_NS = 20_000_000, 1_000_000_000
+"""A talk is over after so long without a byte, or so long at all (ours)."""
+_PHASES = {"A": PHASE_A, "B": PHASE_B, "AB": PHASE_A | PHASE_B}
+_STEP_INPUTS = {"step": STEP_OPEN, "dir": DIR_OPEN}
+
+
+class Pins(NamedTuple):
+    """A drive's pins as they are: levels, or whether a LED is lit; ``duty`` is 0 to 1, 0.5 for no voltage."""
+
+    enabled: bool
+    fault_out_low: bool
+    led: bool
+    error_led: bool
+    duty: float
+    fault_in_low: bool
+
+
+class AxisBench:
+    """Axes with drives on a bench.
+
+    Parameters
+    ----------
+    drives : mapping of str to drive
+        By axis, of ``x y u v``; they are copied and switched on at time 0. Motor, screw and table are each drive's.
+
+    Attributes
+    ----------
+    trace : bool
+        Whether samples are noted (`samples`).
+
+    Raises
+    ------
+    InputError
+        There is no such axis, or a drive's record, period or motor is none, or it has no loop.
+    """
+
+    def __init__(self, drives: Mapping[str, Drive]) -> None:
+        self._drives = Drives(drives, np.inf, sizes_of(1, 8, 1))
+        if not drives or self._drives.axes.loops != len(drives):
+            raise InputError("a bench needs drives with a loop: a motor and a sample")
+        self._axes = self._drives.axes
+        self._drives.reset(np.zeros(N_AXES))
+        self.names = tuple(name for name in AXIS_NAMES if name in drives)
+        self.trace = False
+        self._now_ns = 0
+        self._moves: NDArray[np.void] = np.zeros(0, MOVE)
+        self._unplugged = np.zeros(N_AXES, np.int64)
+        self._notes = np.zeros(_SAMPLES, SAMPLE_ROW), np.zeros(_CHANGES, CHANGE_ROW), np.zeros(2, np.int64)
+        self._samples: list[NDArray[np.void]] = []
+        self._changes: list[NDArray[np.void]] = []
+        self._lines = {name: SerialLink(self.drive(name)) for name in self.names}
+        for name in self.names:
+            self._power_up(name)
+
+    @property
+    def time_s(self) -> float:
+        """Simulated time in s."""
+        return self._now_ns * 1e-9
+
+    def run(self, seconds: float) -> None:
+        """Let some time pass.
+
+        Raises
+        ------
+        EdmsimError
+            A drive commands what is no share of its supply, or an axis has run out of every reason.
+        """
+        self.run_to(self._now_ns + round(seconds * 1e9))
+
+    def run_to(self, end_ns: int) -> None:
+        """Let time pass until then; see `run`."""
+        while self._now_ns < end_ns:
+            coming = [ns for line in self._lines.values() if (ns := line.next_ns) is not None]
+            stop_ns = min(end_ns, (self._now_ns // _TURN_NS + 1) * _TURN_NS, *coming)
+            self._run_compiled(max(stop_ns, self._now_ns))
+            for name in self.names:
+                running = not self._row(name)["in_reset"]
+                self._lines[name].exchange(self._now_ns, running, self._now_ns % _TURN_NS == 0)
+
+    def _run_compiled(self, until_ns: int) -> None:
+        samples, changes, noted = self._notes
+        wanted = samples if self.trace else samples[:0]
+        end = None
+        while end != DONE:
+            end = run(self._axes, self._moves, self._unplugged, until_ns, wanted, changes, noted)
+            if self.trace:
+                self._samples.append(samples[: noted[0]].copy())
+            if noted[1]:
+                self._changes.append(changes[: noted[1]].copy())
+            if end == LOST:
+                raise EdmsimError("a drive commands what is no share of its supply, or its axis has run away")
+        self._now_ns = until_ns
+        if len(self._moves):
+            self._moves = self._moves[self._moves["made"] < np.abs(self._moves["count"])]
+
+    def send(self, data: bytes, axis: str = "x") -> None:
+        """Send some bytes to a drive at the terminal's baud, behind those still on their way."""
+        self._lines[axis].send(data, self._now_ns)
+
+    def received(self, axis: str = "x") -> bytes:
+        """Return what a drive has sent since the last call."""
+        return bytes(value for value, _ in self.received_at(axis))
+
+    def received_at(self, axis: str = "x") -> list[tuple[int, float]]:
+        """Return what a drive has sent since the last call, each byte with the time (s) at which it had come."""
+        return self._lines[axis].received_at()
+
+    def talk(self, data: bytes, axis: str = "x") -> bytes:
+        """Send some bytes and return what the drive sends until it is quiet, for 1 s at most."""
+        line = self._lines[axis]
+        line.received_at()
+        self.send(data, axis)
+        quiet_ns, end_ns, heard = self._now_ns, self._now_ns + _LONGEST_TALK_NS, 0
+        while self._now_ns < min(end_ns, quiet_ns + _QUIET_NS):
+            self.run_to(self._now_ns + _TURN_NS // 2)
+            if line.busy or line.heard != heard:
+                quiet_ns, heard = self._now_ns, line.heard
+        return self.received(axis)
+
+    def host_baud(self, baud: float, axis: str = "x") -> None:
+        """Set the terminal's baud, which at first is the drive's."""
+        self._lines[axis].set_host_baud(baud)
+
+    def open_terminal(self, is_open: bool, axis: str = "x") -> None:
+        """Open or close the terminal; what a drive sends to a closed one is lost."""
+        self._lines[axis].open_terminal(is_open)
+
+    def steps(self, axis: str, count: int, rate_Hz: float = 0.0, accel_Hz_s: float = 0.0) -> None:
+        """Send step pulses behind those still to come.
+
+        Parameters
+        ----------
+        axis : str
+        count : int
+            How many; its sign is the direction.
+        rate_Hz : float
+            Their rate; all at once at 0.
+        accel_Hz_s : float
+            Slope of the ramps at both ends; none at 0.
+        """
+        k = AXIS_NAMES.index(axis)
+        ends = self._moves["end_ns"][self._moves["axis"] == k]
+        start_ns = max(self._now_ns, int(ends.max(initial=0)))
+        self._moves = np.concatenate([self._moves, move(k, start_ns, count, rate_Hz, accel_Hz_s)])
+
+    def stop_steps(self, axis: str) -> None:
+        """Forget the step pulses still to come."""
+        self._moves = self._moves[self._moves["axis"] != AXIS_NAMES.index(axis)]
+
+    def step_times(self, axis: str, times_ns: Sequence[int], direction: int) -> None:
+        """Send single step pulses at some times."""
+        k = AXIS_NAMES.index(axis)
+        rows = [move(k, at_ns, direction, 0.0, 0.0) for at_ns in times_ns]
+        self._moves = np.concatenate([self._moves, *rows])
+
+    def unplug(self, axis: str, wire: str, plugged: bool = False) -> None:
+        """Unplug a wire, or with `plugged` plug it in again: A, B, step, dir or fault (the fault input's net)."""
+        row = self._row(axis)
+        if wire in _STEP_INPUTS:
+            k, bit = AXIS_NAMES.index(axis), _STEP_INPUTS[wire]
+            self._unplugged[k] = self._unplugged[k] & ~bit if plugged else self._unplugged[k] | bit
+        elif wire == "fault":
+            row["wiring"] = row["wiring"] | NET_IN if plugged else row["wiring"] & ~NET_IN
+            row["hand_lines"] &= ~FAULT_IN if not plugged else -1
+        elif wire in _PHASES:
+            row["unplugged"] = row["unplugged"] & ~_PHASES[wire] if plugged else row["unplugged"] | _PHASES[wire]
+        else:
+            raise InputError(f"there is no wire {wire!r} to unplug; there are: A, B, step, dir, fault")
+
+    def plug(self, axis: str, wire: str) -> None:
+        """Plug a wire in again."""
+        self.unplug(axis, wire, plugged=True)
+
+    def swap_phases(self, axis: str) -> None:
+        """Exchange the encoder's wires A and B."""
+        self._row(axis)["swapped"] ^= 1
+
+    def pulse_encoder(self, axis: str, phases: str, width_s: float) -> None:
+        """Disturb A, B or AB by a pulse; one shorter than the drive's input needs for an edge is not seen."""
+        drive, motor = self.drive(axis).record[0], self.motor(axis)
+        rate_Hz = min(rate for rate in (float(motor["edge_rate_Hz"]), float(drive["count_rate_Hz"])) if rate > 0)
+        if width_s * rate_Hz >= 1.0:
+            read_phases(self._row(axis), _PHASES[phases])
+            read_phases(self._row(axis), 0)
+
+    def slip_encoder(self, axis: str, counts: int) -> None:
+        """Let the encoder's disc slip by some counts at once; by 2 both phases change together."""
+        row, motor = self._row(axis), self.motor(axis)
+        row["zero_um"] -= counts * motor["um_per_rad"] / motor["counts_per_rad"]
+        row["true_count"] += counts
+        row["state"] = row["true_count"] & 3 ^ (row["true_count"] & 3) >> 1
+        read_phases(row, 0)
+
+    def wire(self, axis: str, *, fault_in: bool = True, fault_out: bool = True) -> None:
+        """Say how a drive hangs on the fault net: its input, and its output's diode."""
+        self._row(axis)["wiring"] = (NET_IN if fault_in else 0) | (NET_OUT if fault_out else 0)
+
+    def pull_fault_net(self, low: bool) -> None:
+        """Pull the fault net low by hand, or let it go."""
+        for name in self.names:
+            row = self._row(name)
+            if row["wiring"] & NET_IN:
+                row["hand_lines"] = row["hand_lines"] | FAULT_IN if low else row["hand_lines"] & ~FAULT_IN
+
+    @property
+    def fault_net_low(self) -> bool:
+        """Whether the fault net is low."""
+        by_hand = any(self._row(name)["hand_lines"] & FAULT_IN for name in self.names)
+        return bool(by_hand or fault_net_low(self._axes))
+
+    def supply(self, axis: str, volts: float) -> None:
+        """Set the motor supply's voltage, 0 or more."""
+        self.motor(axis)["supply_V"] = volts
+
+    def rail(self, axis: str, volts: float) -> None:
+        """Set the logic supply; below the reset controller's voltage the drive is in reset, above it starts anew."""
+        self.reset_pin(axis, volts < data_of("board")["logic"]["reset_V"])
+
+    def reset_pin(self, axis: str, low: bool) -> None:
+        """Pull a drive's reset pin low, or let it go: it starts anew then."""
+        held = bool(self._row(axis)["in_reset"])
+        if low and not held:
+            pins = int(self._row(axis)["pins"])
+            hold_in_reset(self._axes, AXIS_NAMES.index(axis))
+            self._note_pins(axis, pins)
+        elif held and not low:
+            self._power_up(axis)
+
+    def power_cycle(self, axis: str, off_s: float = 0.1) -> None:
+        """Switch the logic supply off for a while."""
+        self.rail(axis, 0.0)
+        self.run(off_s)
+        self.rail(axis, data_of("board")["logic"]["rail_V"])
+
+    def _power_up(self, name: str) -> None:
+        drive, row = self.drive(name), self._row(name)
+        record = drive.record
+        record["now_ns"] = self._now_ns
+        row["in_reset"] = 0
+        text = drive.power_up() if isinstance(drive, SerialDrive) else b""
+        if record["watchdog_ns"][0] > 0:
+            record["alarm_ns"] = self._now_ns + record["watchdog_ns"]
+        self._lines[name].reply(text, int(record["due_ns"][0]))
+
+    def _note_pins(self, axis: str, before: int) -> None:
+        row = self._row(axis)
+        if row["pins"] != before:
+            self._changes.append(np.array([(AXIS_NAMES.index(axis), self._now_ns, row["pins"])], CHANGE_ROW))
+
+    def hold(self, axis: str, held: bool) -> None:
+        """Lock the rotor, or let it go."""
+        self._row(axis)["locked"] = held
+
+    def torque(self, axis: str, torque_Nm: float) -> None:
+        """Turn the shaft by hand with a torque, until another is set."""
+        self._row(axis)["hand_Nm"] = torque_Nm
+
+    def force(self, axis: str, force_N: float) -> None:
+        """Push the table with a force, until another is set."""
+        self._row(axis)["hand_N"] = force_N
+
+    def stall(self, axis: str, seconds: float) -> None:
+        """Keep a drive from computing for a while; its interrupts still count."""
+        self.drive(axis).record["stalled_until_ns"] = self._now_ns + round(seconds * 1e9)
+
+    def flip_bits(self, axis: str, bits: Sequence[int]) -> None:
+        """Flip bits of a drive's EEPROM: bit `b` of byte `k` is number ``8 k + b``."""
+        eeprom = self.drive(axis).record["eeprom"][0]
+        for bit in bits:
+            eeprom[bit // 8] ^= 1 << bit % 8
+
+    def drive(self, axis: str = "x") -> Drive:
+        """Return the bench's copy of a drive."""
+        found: Any = self._drives.by_axis[axis]
+        drive: Drive = found
+        return drive
+
+    def axis(self, axis: str = "x") -> np.void:
+        """Return an axis' row (`edmsim.compiled.axis_rows.AXIS`), which can be written."""
+        return self._row(axis)
+
+    def motor(self, axis: str = "x") -> np.void:
+        """Return the row of an axis' motor (`edmsim.compiled.axis_rows.MOTOR`), which can be written."""
+        row: np.void = self._axes.motors[AXIS_NAMES.index(axis)]
+        return row
+
+    def _row(self, name: str) -> np.void:
+        row: np.void = self._axes.rows[AXIS_NAMES.index(name)]
+        return row
+
+    def pins(self, axis: str = "x") -> Pins:
+        """Return a drive's pins as they are."""
+        row = self._row(axis)
+        pins, net = int(row["pins"]), bool(row["wiring"] & NET_IN) and self.fault_net_low
+        return Pins(
+            not pins & FREEWHEEL, bool(pins & FAULT_OUT), bool(pins & LED), bool(pins & ERROR_LED),
+            (1 + float(row["duty"])) / 2, bool(net or row["hand_lines"] & FAULT_IN),
+        )
+
+    def samples(self, axis: str = "x") -> NDArray[np.void]:
+        """Return an axis' samples noted since the last call (`SAMPLE_ROW`)."""
+        return _taken(self._samples, SAMPLE_ROW, axis)
+
+    def changes(self, axis: str = "x") -> NDArray[np.void]:
+        """Return the changes of an axis' pins since the last call (`CHANGE_ROW`)."""
+        return _taken(self._changes, CHANGE_ROW, axis)
+
+    def snapshot(self) -> dict[str, Any]:
+        """Return what moves: drives, axes, steps to come, and the time; nothing may be on the serial lines."""
+        return {
+            **self._drives.snapshot(), "motors": self._axes.motors.copy(), "moves": self._moves.copy(),
+            "time_ns": self._now_ns,
+        }
+
+    def restore(self, state: dict[str, Any]) -> None:
+        """Take back a `snapshot` of the same drives; it continues bit for bit."""
+        self._drives.restore(state)
+        self._axes.motors[:], self._moves, self._now_ns = state["motors"], state["moves"].copy(), state["time_ns"]
+        for line in self._lines.values():
+            line.forget()
+
+
+def _taken(parts: list[NDArray[np.void]], kind: np.dtype[np.void], axis: str) -> NDArray[np.void]:
+    """Take an axis' rows out of notes, and leave the others'."""
+    rows = np.concatenate(parts) if parts else np.zeros(0, kind)
+    own: NDArray[np.bool_] = rows["axis"] == AXIS_NAMES.index(axis)
+    parts[:] = [rows[~own]]
+    found: NDArray[np.void] = rows[own]
+    return found

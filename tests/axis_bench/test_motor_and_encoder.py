@@ -1,0 +1,227 @@
+"""What the bench's axes do: motor, supply, bridge, friction, backlash, encoder."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from edmsim.axis_bench import AxisBench
+from edmsim.compiled.axis_rows import BRIDGE_DAMAGED, FREEWHEEL, WINDING_DAMAGED
+from edmsim.controllers.axis.drive import axis_row
+
+from .puppet import Puppet, bench_of, command, put_out
+
+
+def test_a_motor_runs_up_to_its_no_load_speed_with_its_time_constant():
+    bench = bench_of(
+        friction_Nm=0.0, stiction_Nm=0.0, way_friction_N=0.0, way_stiction_N=0.0, damping_Nm_s=0.0, way_N_s_m=0.0,
+        table_kg=1e-3, screw_N_s_m=0.0, supply_ohm=1e-3, link_F=10.0,
+    )
+    motor = bench.motor("x")
+    command(bench, 0.5)
+    bench.run(0.0005 + 0.009)  # the first sample comes after 0.5 ms
+    last = 0.5 * motor["supply_V"] / motor["torque_Nm_A"]
+    per_s2 = motor["inertia_kg_m2"] * motor["inductance_H"]
+    poles = np.roots([per_s2, motor["inertia_kg_m2"] * motor["resistance_ohm"], motor["torque_Nm_A"] ** 2])
+    fast, slow = poles
+    reached = (1 - (fast * np.exp(slow * 0.009) - slow * np.exp(fast * 0.009)) / (fast - slow)).real
+    assert bench.axis("x")["speed_rad_s"] == pytest.approx(last * reached, rel=0.01)
+    bench.run(0.2)
+    assert bench.axis("x")["speed_rad_s"] == pytest.approx(last, rel=1e-3)
+    assert bench.axis("x")["current_A"] == pytest.approx(0.0, abs=0.01)
+
+
+def test_a_locked_rotor_draws_what_its_resistance_lets_through():
+    bench = bench_of(supply_ohm=1e-3)
+    bench.hold("x", True)
+    command(bench, 0.4)
+    bench.run(0.05)
+    assert bench.axis("x")["current_A"] == pytest.approx(0.4 * 30.0 / 0.5, rel=1e-3)
+    assert bench.axis("x")["speed_rad_s"] == 0.0
+
+
+def run_out_s(how):
+    bench = bench_of()
+    command(bench, 0.5)
+    bench.run(0.3)
+    if how == "freewheel":
+        put_out(bench, FREEWHEEL)
+    command(bench, 0.0)
+    began = bench.time_s
+    while abs(bench.axis("x")["speed_rad_s"]) > 10.0:
+        bench.run(0.001)
+    return bench.time_s - began
+
+
+def test_a_bridge_that_is_off_lets_the_motor_run_out_and_one_at_half_duty_brakes_it():
+    assert run_out_s("freewheel") > 2.0 * run_out_s("short")
+
+
+def test_a_freewheeling_motor_has_no_current_left_after_its_diodes():
+    bench = bench_of()
+    command(bench, 0.7)
+    bench.run(0.05)
+    assert bench.axis("x")["current_A"] > 1.0
+    put_out(bench, FREEWHEEL)
+    bench.run(0.005)
+    assert bench.axis("x")["current_A"] == 0.0
+    assert bench.axis("x")["speed_rad_s"] > 10.0
+
+
+def test_a_supply_sags_under_load_and_gives_no_more_than_its_limit():
+    bench = bench_of(supply_ohm=0.5, supply_A=5.0)
+    bench.hold("x", True)
+    command(bench, 0.3)
+    bench.run(0.1)
+    drawn_A = 0.3 * bench.axis("x")["current_A"]
+    assert bench.axis("x")["link_V"] == pytest.approx(30.0 - 0.5 * drawn_A, rel=0.01)
+    command(bench, 0.9)
+    bench.run(0.2)
+    assert 0.9 * bench.axis("x")["current_A"] == pytest.approx(5.0, rel=0.01)
+    bench.supply("x", 0.0)
+    bench.run(0.5)
+    assert bench.axis("x")["link_V"] < 0.1
+
+
+def test_too_much_current_and_heat_are_reported_as_damage():
+    bench = AxisBench({"x": Puppet(axis_row("low-impedance"))})
+    bench.hold("x", True)
+    command(bench, 0.1)
+    bench.run(0.1)
+    assert bench.axis("x")["damage"] == 0
+    command(bench, 0.74)
+    bench.run(0.1)
+    assert bench.axis("x")["damage"] & BRIDGE_DAMAGED
+    warm = bench_of(winding_J_K=1.0)
+    warm.hold("x", True)
+    command(warm, 0.5)
+    warm.run(2.0)
+    assert warm.axis("x")["damage"] & WINDING_DAMAGED
+
+
+def test_a_rotor_sticks_until_the_torque_breaks_it_away():
+    bench = bench_of(way_friction_N=0.0, way_stiction_N=0.0)
+    bench.torque("x", 0.029)
+    bench.run(0.1)
+    assert bench.axis("x")["rotor_um"] == 0.0
+    bench.torque("x", 0.031)
+    bench.run(0.1)
+    assert bench.axis("x")["rotor_um"] > 1.0
+
+
+def test_backlash_is_lost_at_a_reversal():
+    bench = bench_of(backlash_um=100.0)
+    for torque in (0.3, -0.3):
+        bench.torque("x", torque)
+        bench.run(1.0)
+        row = bench.axis("x")
+        pulls_N = 20.0 + 200.0 * abs(row["speed_um_s"]) * 1e-6
+        assert (row["rotor_um"] - row["place_um"]) * np.sign(torque) == pytest.approx(50.0 + pulls_N / 8.5, abs=0.5)
+
+
+def test_a_hanging_load_pulls_an_axis_down():
+    bench = bench_of(load_N=-400.0)
+    put_out(bench, FREEWHEEL)
+    bench.run(0.3)
+    assert bench.axis("x")["place_um"] < -1000.0
+
+
+def test_rotor_and_table_swing_at_the_frequency_of_the_coupling():
+    bench = bench_of(
+        friction_Nm=0.0, stiction_Nm=0.0, way_friction_N=0.0, way_stiction_N=0.0, damping_Nm_s=0.0, way_N_s_m=0.0,
+        screw_N_s_m=50.0,
+    )
+    put_out(bench, FREEWHEEL)
+    bench.trace = True
+    bench.force("x", 100.0)
+    bench.run(0.002)
+    bench.force("x", 0.0)
+    bench.run(0.5)
+    rows = bench.samples("x")
+    twist = rows["rotor_um"] - rows["place_um"]
+    spectrum = np.abs(np.fft.rfft(twist - twist.mean(), 1 << 14))
+    frequency = np.fft.rfftfreq(1 << 14, 500e-6)[spectrum.argmax()]
+    motor = bench.motor("x")
+    load = motor["table_kg"] * (motor["um_per_rad"] * 1e-6) ** 2
+    spring = motor["screw_N_m"] * (motor["um_per_rad"] * 1e-6) ** 2
+    expected = math.sqrt(spring * (1 / load + 1 / motor["inertia_kg_m2"])) / (2 * math.pi)
+    assert frequency == pytest.approx(expected, rel=0.03)
+    assert 60.0 < expected < 120.0
+
+
+def turn_to(bench, turns_um, torque=0.5):
+    """Turn the shaft by hand past a travel and let it come to rest."""
+    bench.torque("x", math.copysign(torque, turns_um))
+    while abs(bench.axis("x")["rotor_um"]) < abs(turns_um):
+        bench.run(0.001)
+    bench.torque("x", 0.0)
+    bench.run(0.3)
+
+
+def test_the_encoder_counts_four_to_a_line_both_ways():
+    bench = bench_of()
+    put_out(bench, FREEWHEEL)
+    for way in (10_000.0, -10_000.0):
+        turn_to(bench, way)
+        row = bench.axis("x")
+        assert row["count"] == math.floor(row["rotor_um"] / 10.0 + 0.5)
+    assert row["illegal"] == row["missed"] == 0
+
+
+@pytest.mark.parametrize("error", [0.4, -0.4])
+def test_uneven_phases_shift_every_other_edge(error):
+    counts = {}
+    for phase_error in (0.0, error):
+        bench = bench_of(phase_error=phase_error)
+        put_out(bench, FREEWHEEL)
+        bench.trace = True
+        turn_to(bench, 500.0, 0.15)
+        rows = bench.samples("x")
+        counts[phase_error] = rows["count"] - rows["rotor_um"] / 10.0
+        assert bench.axis("x")["illegal"] == 0
+    assert np.abs(counts[0.0]).max() <= 0.5 + 1e-9
+    assert 0.5 < np.abs(counts[error]).max() <= 0.5 + abs(error) + 1e-9
+
+
+def test_a_missing_phase_leaves_the_count_standing_and_a_swapped_one_turns_it_round():
+    bench = bench_of()
+    put_out(bench, FREEWHEEL)
+    bench.unplug("x", "A")
+    turn_to(bench, 5_000.0)
+    assert abs(bench.axis("x")["count"]) <= 2
+    other = bench_of()
+    put_out(other, FREEWHEEL)
+    other.swap_phases("x")
+    turn_to(other, 5_000.0)
+    assert other.axis("x")["count"] == -other.axis("x")["true_count"] < -400
+
+
+def test_both_phases_at_once_are_illegal_and_move_no_count():
+    bench = bench_of()
+    bench.slip_encoder("x", 2)
+    assert (bench.axis("x")["illegal"], bench.axis("x")["count"]) == (1, 0)
+    bench.slip_encoder("x", 1)
+    assert (bench.axis("x")["illegal"], bench.axis("x")["count"]) == (1, 1)
+
+
+@pytest.mark.parametrize(("width_s", "edges"), [(1e-6, 0), (1e-5, 2)])
+def test_a_pulse_shorter_than_the_input_needs_is_not_seen(width_s, edges):
+    bench = bench_of()
+    bench.drive("x").record["count_rate_Hz"] = 250e3
+    bench.pulse_encoder("x", "A", width_s)
+    assert bench.axis("x")["edges"] == edges
+    assert bench.axis("x")["count"] == 0
+
+
+@pytest.mark.parametrize(("rate_Hz", "keeps"), [(250e3, False), (4e6, True)])
+def test_edges_faster_than_the_input_are_overruns(rate_Hz, keeps):
+    bench = AxisBench({"x": Puppet(axis_row("fast"))})
+    bench.drive("x").record["count_rate_Hz"] = rate_Hz
+    command(bench, 0.7)
+    bench.run(0.5)
+    row = bench.axis("x")
+    assert row["speed_rad_s"] * bench.motor("x")["counts_per_rad"] > 1e6
+    assert (row["illegal"] == 0) == keeps
+    assert (row["missed"] == 0) == keeps
