@@ -7,7 +7,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from edmsim.axis_bench import AxisBench
-from edmsim.controllers.axis import ServoModule
+from edmsim.controllers.axis import ServoModule, Uhu
 from edmsim.controllers.axis import servo_module_registers as at
 from edmsim.controllers.axis.drive import axis_row
 
@@ -156,6 +156,16 @@ def test_the_script_of_a_uhu_does_not_move_the_motor(script):  # M-51
         bench.talk(line + b"\r", axis="x")
         bench.run(0.02)
         assert abs(words(bench, "GP") - before) <= 75
+
+
+def test_the_script_of_a_module_does_not_move_a_uhu_further_than_its_limit():  # M-51
+    bench = AxisBench({"x": Uhu.tuned()})
+    bench.run(0.1)
+    script = "+125 -75 Z157 Z ? GV GP GT GE GF GO GD GS P1250 D1100 A100 F256 J2 K205 L7 O-25 V750 X3 Y3 E75 Q R S +"
+    for typed in script.split():
+        bench.talk(typed.encode() + b"\r")
+        bench.run(0.05)
+        assert abs(int(bench.axis("x")["true_count"])) <= 75
 
 
 def test_a_running_drive_goes_on_from_a_snapshot_to_the_bit():

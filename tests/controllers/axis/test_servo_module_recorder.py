@@ -36,7 +36,7 @@ def test_the_printed_example_records_the_duty_at_once():  # M-30: Z157 = 5 + 24 
     assert status(bench) & {7, 8} == set()
 
 
-@pytest.mark.parametrize(("divider", "rate"), [(6, 0), (4, 4), (0, 2)])
+@pytest.mark.parametrize(("divider", "rate"), [(6, 0), (4, 4), (0, 2), (9, 7)])
 def test_the_memory_is_full_after_128_entries_of_2_to_the_n_cycles(divider, rate):  # M-31, M-57, M-A4
     bench = on_bench(loop_divider=divider)
     asked = bench.time_s
