@@ -77,8 +77,8 @@ def test_cut_has_the_agreed_options(edmsim: Run) -> None:
     assert told.status == 0
     for option in ("machine", "material", "height", "height-at", "wire", "tension", "generator", "t-on", "t-period",
                    "open-voltage", "peak-current", "resistance", "ignition-wait", "pulse-shape", "wire-speed",
-                   "flushing-lower", "flushing-upper", "controller", "planner", "drive", "mechanics", "resolution", "offset",
-                   "seed", "max-time", "resume", "quiet", "out"):  # fmt: skip
+                   "flushing-lower", "flushing-upper", "controller", "planner", "drive", "mechanics", "resolution",
+                   "offset", "seed", "max-time", "resume", "quiet", "out"):  # fmt: skip
         assert f"--{option} " in told.out
 
 

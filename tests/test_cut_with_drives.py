@@ -1,4 +1,4 @@
-"""``edmsim.cut(drive=...)``: servo drives under the table, following errors in table and report, a trip that stops."""
+"""``edmsim.cut(drive=...)``: servo drives under the table, following errors reported, a trip that stops."""
 
 from __future__ import annotations
 
@@ -38,8 +38,8 @@ def test_a_stepper_has_no_following_error():
 def test_a_following_error_stops_the_machine_and_leaves_with_3(monkeypatch, tmp_path, capsys):
     tuned = dict(uhu._data()["tuned"]["table"], error_limit=10)
     monkeypatch.setitem(uhu._data()["tuned"], "table", tuned)
-    words = ["edmsim", "cut", str(SLOT), "--drive", "uhu", "--height", "10", "--resolution", "fast", "--max-time", "10"]
-    monkeypatch.setattr(sys, "argv", [*words, "--out", str(tmp_path / "cut"), "--quiet"])
+    words = ["edmsim", "cut", str(SLOT), "--drive", "uhu", "--height", "10", "--resolution", "fast", "--quiet"]
+    monkeypatch.setattr(sys, "argv", [*words, "--max-time", "10", "--out", str(tmp_path / "cut")])
     with pytest.raises(SystemExit) as left:
         cli.main()
     assert left.value.code == 3
