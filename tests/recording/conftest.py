@@ -75,6 +75,8 @@ def windows(draw: np.random.Generator) -> WindowTable:
                 np.nan if i % 500 == 0 else 12.0 + draw.standard_normal(),
                 16.0 + draw.standard_normal(),
                 *(lag_um[i] * direction[i]),
+                0.0,
+                0.0,
                 330.0 + 20.0 * np.sin(i / 300),
                 0.01 + 0.001 * draw.standard_normal(),
                 0.3 + 0.02 * np.sin(i / 200),

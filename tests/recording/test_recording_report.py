@@ -69,8 +69,8 @@ def test_derived_figures(cut: SimpleNamespace) -> None:
 def test_means_are_weighted_by_the_time_a_window_takes() -> None:
     table = WindowTable()
     for feed, period in ((10.0, 100.0), (40.0, 50.0)):
-        row = [0.0] * 20
-        row[3], row[9], row[18] = feed, feed / 10, period
+        row = [0.0] * 22
+        row[3], row[9], row[20] = feed, feed / 10, period
         table.append(row)
     totals = Totals(1.0, 1.0, 0, 0, 1, 0, 1.0, 1.0, 1.0, 1.0, 0.0)
     report = build_report(
