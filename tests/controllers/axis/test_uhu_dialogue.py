@@ -40,7 +40,7 @@ def test_reset_pin_power_and_plus_say_the_same() -> None:  # U-32, U-39, GU-1
 
 
 @pytest.mark.parametrize("key", ["#", "?"])
-def test_the_help_is_that_of_the_manual(key: str) -> None:  # U-10, U-11, GU-3
+def test_the_help_is_that_of_the_manual(key: str) -> None:  # U-10, U-11, U-A4, U-A16, GU-3
     bench = tuned(**SAMPLE_SET)
     assert bench.talk(key.encode() + b"\r") == f"{key}\n{HELP}>".replace("\n", "\r\n").encode()
 

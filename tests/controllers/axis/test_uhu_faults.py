@@ -160,6 +160,27 @@ def test_the_ready_led_is_lit_in_operation_only() -> None:  # U-41, U-A1
     assert (bench.pins("x").led, bench.pins("x").error_led) == (False, True)
 
 
+def test_each_pin_does_what_the_manual_says() -> None:  # U-1
+    bench = tuned()
+    bench.wire("x", fault_in=True, fault_out=True)
+    bench.steps("x", 30, 1000.0)
+    samples = traced(bench, 0.2)
+    assert (register(bench, TARGET), samples["setpoint"][-1]) == (30, 30)  # step 6 and dir 7
+    assert abs(samples["count"][-1] - 30) <= 1  # encoder A 12 and B 13
+    assert samples["duty"].max() > 0  # PWM 15
+    bench.reset_pin("x", low=True)  # reset 1
+    assert not bench.pins("x").enabled  # power enable 16
+    bench.reset_pin("x", low=False)
+    bench.run(0.01)
+    assert bench.pins("x").led  # ready LED 18
+    bench.pull_fault_net(True)  # error input 14
+    bench.run(0.01)
+    assert not bench.pins("x").enabled
+    bench.pull_fault_net(False)
+    bench.talk(b"L2\r")
+    assert bench.pins("x").fault_out_low  # error output 17
+
+
 def test_an_open_step_or_dir_input_reads_1() -> None:  # U-43
     bench = tuned()
     bench.unplug("x", "step")

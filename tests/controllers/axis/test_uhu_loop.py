@@ -97,6 +97,8 @@ def test_d_makes_an_error_that_grows_with_speed_and_h_does_not() -> None:  # U-1
     intervals_per_s = 24e6 / 256 / 63
     assert damped - plain == pytest.approx(8.0 * 2000 / intervals_per_s, rel=0.1)
     assert higher == pytest.approx(plain, abs=0.3)
+    at_255 = steady_error(10_000.0, speed_gain=255) - steady_error(10_000.0)
+    assert at_255 == pytest.approx(255 / 1000 * 10_000 / intervals_per_s, rel=0.2)  # U-A6: no special case
     assert steady_error(1000.0, speed_gain=8000) == pytest.approx(damped / 2, rel=0.25)
 
 
@@ -285,7 +287,7 @@ def test_faster_edges_than_the_input_takes_are_overruns() -> None:  # U-A30
 
 
 @pytest.mark.parametrize(("cycle", "period_ms"), [(63, 3.36), (30, 1.6)])
-def test_the_stream_sends_a_byte_every_five_intervals(cycle: int, period_ms: float) -> None:  # U-33, U-34, GU-8
+def test_the_stream_sends_a_byte_every_five_intervals(cycle: int, period_ms: float) -> None:  # U-33, U-34, U-A31
     bench = tuned(cycle=cycle)
     bench.received("x")
     bench.send(b"A\r", axis="x")

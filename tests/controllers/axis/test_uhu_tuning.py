@@ -131,7 +131,7 @@ def test_a_lower_torque_limit_calms_an_unsuitable_motor() -> None:  # U-58
     assert calm < wild
 
 
-def test_the_bridge_needs_more_than_the_motor_s_voltage() -> None:  # U-49
+def test_the_bridge_needs_more_than_the_motor_s_voltage() -> None:  # U-49, U-A20
     bench = tuned(**{**START, "error_limit": 65535, "speed_limit": 65535})
     bench.drive("x").go(32_000)
     bench.run(0.3)
