@@ -12,8 +12,17 @@ from scipy.optimize import curve_fit
 
 import edmsim
 from edmsim.cosim.straight import begin
-from edmsim.plant.constants import arrays, constants, full_mechanics, gap_law, modal_model, wire_setup
+from edmsim.plant.constants import (
+    arrays,
+    constants,
+    full_mechanics,
+    gap_law,
+    modal_model,
+    propagators,
+    wire_setup,
+)
 from edmsim.plant.gap.breakdown import slice_sums
+from edmsim.plant.gap.generator import timing
 from edmsim.plant.gap.rays import rays_with
 from edmsim.plant.gap.water import DENSITY_KG_M3
 from edmsim.plant.kernel.declare import allocate, sizes_of
@@ -25,7 +34,7 @@ from edmsim.plant.mechanics.film import (
     pull_sum_um2,
     suction_limited,
 )
-from edmsim.plant.mechanics.modal import push_out
+from edmsim.plant.mechanics.modal import kick, move, push_out
 from edmsim.plant.mechanics.model import build_model, reduce_model
 from edmsim.plant.resolution import resolution
 from edmsim.plant.workpiece.kerf_field import Stock
@@ -165,6 +174,47 @@ def test_a_contact_takes_only_the_speed_of_its_slice_along_its_direction(machine
     np.testing.assert_allclose(a.shape @ a.wire_v[0], speed[:, 0], atol=1e-6)
 
 
+# --- a mode in a mean film ---
+
+
+def per_span(omega, zeta, drag, span_s):
+    """Exact propagator of a mode with its own damping and the film's (1/s), and what a load of 1 does in the span."""
+    system = np.array([[0.0, 1.0, 0.0], [-(omega**2), -2 * zeta * omega - drag, 1.0], [0.0, 0.0, 0.0]])
+    moved = expm(system * span_s)
+    return moved[:2, :2], moved[:2, 2]
+
+
+@pytest.mark.parametrize("braking", [0.05, 0.8, 1.5])
+@pytest.mark.parametrize("k_first", [50, 350, 800])
+def test_a_mode_in_a_film_answers_pull_and_kick_as_its_exact_propagator(k_first, braking, machine):
+    """A pull before the kick, none behind it; the wire is at rest, and then swings freely."""
+    machine = machine.with_(t_period_us=100.0)
+    model = modal_model(machine, FAST)
+    p = propagators(model, timing(machine))
+    a = arrays(model, sizes_of(FAST.slices, FAST.rays, FAST.modes), 293.0, {})
+    a.mobility[:] = 1.0
+    spans = np.array([k_first, 1_000 - k_first])
+    omega, zeta, drag = model.wire_omega[0], model.wire_zeta[0], braking / 100e-6
+    exact = [per_span(omega, zeta, drag, k * 1e-7) for k in spans]
+    pull = np.zeros_like(a.wire_q)
+    pull[0, 0] = 1e7
+    expected = exact[0][1] * 1e7 + [0.0, float(a.shape[2, 0]) * 1e-6 * 1e6]
+    expected = exact[1][0] @ expected
+    move(a, p, pull, 1.0, int(spans[0]), braking * spans[0] * 1e-3)
+    kick(a, 2, 1e-6, 0.0)
+    move(a, p, pull, 0.0, int(spans[1]), braking * spans[1] * 1e-3)
+    assert [a.wire_q[0, 0], a.wire_v[0, 0]] == pytest.approx(expected, rel=0.02)
+    both = exact[1][0] @ exact[0][0]
+    for _ in range(3):
+        expected = both @ expected
+        for k in spans:
+            move(a, p, pull, 0.0, int(k), braking * k * 1e-3)
+        size = abs(expected[0]) + abs(expected[1]) / omega
+        assert [a.wire_q[0, 0] / size, a.wire_v[0, 0] / size / omega] == pytest.approx(
+            [expected[0] / size, expected[1] / size / omega], abs=0.03
+        )
+
+
 # --- in a plant, the generator off ---
 
 PURE = {
@@ -248,11 +298,7 @@ def film_of(plant, come_um):
     ("front", "side", "period"), [(8.0, 24.0, 20.0), (8.0, 24.0, 100.0), (3.0, 19.0, 20.0), (3.0, 19.0, 100.0)]
 )
 def test_a_loaded_wire_creeps_through_a_narrow_film(front, side, period, mechanics, pure):
-    """Far slower than it would go freely: its speed is the load over the film's resistance.
-
-    By modes, a load that sets in moves the wire up to half a period early, and the film's own time is 50 us at 8 um;
-    MuJoCo steps within the period.
-    """
+    """Far slower than it would go freely: its speed is the load over the film's resistance."""
     plant = led(pure, front, side, mechanics=mechanics, t_on_us=period / 4, t_period_us=period)
     load_N = np.full(FAST.slices, 0.02 * 20e-3 / FAST.slices)  # 20 mN/m: 0.3 um at rest
     model = modal_model if mechanics == "modal" else full_mechanics

@@ -290,7 +290,12 @@ def fire_window(
             _swing(a, c, t, p, load, held, k_end, pulled, film, resistance, found > 0, upward, films)
             if impulse != 0.0:
                 kick(a, at, kick_x, kick_y)
-            _swing(a, c, t, p, load, held, k_period - k_end, 0.0, film, resistance, found > 0, not upward, films)
+            spans, begun = c.film_spans if found > 0 else 1, k_end
+            for n_span in range(1, spans + 1):
+                k_now = k_end + (k_period - k_end) * n_span // spans
+                upward = not upward
+                _swing(a, c, t, p, load, held, k_now - begun, 0.0, film, resistance, found > 0, upward, films)
+                begun = k_now
             ring(a, p, k_period)
             state[0].time_ns += period_ns
             next_event = advance_axes(
