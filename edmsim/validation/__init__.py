@@ -16,7 +16,7 @@ MODULES = (
 )
 """Modules of this package that have ``CHECKS``; topics come in the order in which these first name them."""
 SEEDS = tuple(range(1, 9))
-"""Seeds every check gets (ours: shorts come in bursts, so half as many leave an interval as large as many an effect)."""
+"""Seeds every check gets (ours: shorts come in bursts, and half as many leave intervals as large as many effects)."""
 
 Watch = Callable[[int, int], None]
 
