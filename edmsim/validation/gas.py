@@ -262,7 +262,8 @@ def check_skip(seeds: Sequence[int]) -> list[Row]:
     )
     return [
         Row.band("film", f"lag, film followed under {ALL_FROM_UM:g} um less under 12 um", SKIP, low=-0.5, high=0.5,
-                 published="no difference", simulated=lag, uncertainty=half_lag, unit="um"),
+                 published="no difference", simulated=lag, uncertainty=half_lag, unit="um",
+                 note=f"{PAGE}#the-film-of-water"),
         Row.band("film", f"short share, film followed under {ALL_FROM_UM:g} um less under 12 um", SKIP, low=-0.02,
                  high=0.02, published="no difference", simulated=short, uncertainty=half_short,
                  note=f"{PAGE}#the-film-of-water"),
