@@ -91,7 +91,7 @@ def film_N_s_m2(angle: Array, gaps: Array) -> float:
     """Resistance of the film before the default wire in water of 20 C, by the sum over rays that the loop takes."""
     zero, one = np.float32(0.0), np.float32(1.0)
     across = film_sum(rays_with(gaps, angle), 0, zero, zero, one, zero)
-    return 12 * 1e-3 * 125.0**3 * abs(angle[1] - angle[0]) * across
+    return float(12 * 1e-3 * 125.0**3 * abs(angle[1] - angle[0]) * across)
 
 
 def check_film(seeds: Sequence[int]) -> list[Row]:
