@@ -6,7 +6,7 @@
 #       seeds: [0]
 #       window_seeds: [0]
 #       gaps_um: [8.0, 10.0, 12.0, 20.0]
-#       feeds_um_s: [10.0, 18.0, 26.0]
+#       feeds_um_s: [10.0, 20.0, 32.0]
 #       seconds: 1.0
 #   jupytext:
 #     formats: ipynb,py:percent
@@ -49,7 +49,7 @@ draws = 2000  # delays per gap and seed
 seeds = [0, 1, 2, 3]
 gaps_um = [6.0, 7.0, 8.0, 9.0, 10.0, 11.0, 12.0, 13.0, 15.0, 20.0, 25.0, 30.0]  # of the isolated gap
 window_seeds = [0, 1, 2, 3]  # of figure 2-9 and of the cuts
-feeds_um_s = [6.0, 9.0, 12.0, 15.0, 18.0, 20.0, 22.0, 24.0, 26.0]  # of the straight cuts
+feeds_um_s = [6.0, 10.0, 14.0, 18.0, 22.0, 26.0, 28.0, 30.0, 32.0, 34.0]  # of the straight cuts
 seconds = 8.0  # machine time every straight cut is looked at
 
 # %% [markdown]

@@ -50,7 +50,7 @@ plt.rcParams.update({"figure.dpi": 90, "figure.constrained_layout.use": True, "a
 # %% tags=["parameters"]
 seeds = [0, 1, 2, 3]
 tensions = [4.0, 6.0, 8.0, 10.0, 13.0, 16.0]  # N
-feeds_um_s = [6.0, 12.0, 18.0, 24.0]  # of the straight cuts
+feeds_um_s = [8.0, 16.0, 24.0, 32.0]  # of the straight cuts
 seconds = 6.0  # machine time every straight cut is looked at
 corner_seeds = [0, 1, 2]
 corner_tensions = [4.0, 5.0, 6.0, 8.0, 11.0, 16.0]  # of the wire that lags, N
@@ -137,7 +137,7 @@ right.legend();
 # %% [markdown]
 # Deflection goes with 1 / tension, as the string says, where the gap does not change with it. At this setting push
 # and pull are of one size: at a low feed there are few discharges and the pull wins, at a high one the push. (The
-# set-up cuts some 26 to 28 µm/s; a feed beyond that only presses the wire onto the metal.) The formula of the pull
+# set-up cuts some 36 µm/s; a feed beyond that only presses the wire onto the metal.) The formula of the pull
 # is not in doubt; the impulse of a discharge was never measured, and what is derived here has a range of a factor of
 # six, which turns the sign (`docs/theory/emergence.md#lag`). Rough cuts are reported to lag by 10 to 100 µm. So look
 # at both: the default machine, and a set-up whose wire lags for certain: the rough cut of 11 mJ per discharge, 60 mm

@@ -60,8 +60,8 @@ WHY_LEARNING = (
     "compare the return of the oracle, which sees the gap."
 )
 WHY_CORNER = (
-    " Why: the policy was trained in a gap without gas, where the wire led and the field pulled it into the corner. "
-    "With gas the wire hardly leads or lags at a corner of this cut, and there is little error to take away."
+    " Why: with gas the wire hardly leads or lags at a corner of this cut, so there is little error to take away; "
+    "and the policy was trained for less than half of the steps that its learning file names."
 )
 """Why a bar was missed by the policies that are shipped: other policies need other reasons."""
 

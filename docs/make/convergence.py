@@ -22,7 +22,7 @@ from edmsim.plant.resolution import RESOLUTIONS
 from edmsim.validation.rows import mean_and_interval
 
 SEEDS = (0, 1, 2, 3)
-FEED_UM_S = 20.0
+FEED_UM_S = 28.0
 """Fixed feed at which the shares are compared: three quarters of what the gap takes."""
 SETTLE_S, CUT_S = 8.0, 20.0
 CORNER_HEIGHT_MM = 10.0

@@ -10,7 +10,7 @@ import numpy as np
 
 from edmsim.envs.task import MAX_FEED_UM_S
 
-FEED_UM_S = 20.0
+FEED_UM_S = 28.0
 """Feed of the straight cut that is timed: most pulses spark."""
 LANES = 64
 SETTLE_STEPS = 400

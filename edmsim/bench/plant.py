@@ -22,7 +22,7 @@ from edmsim.plant.gap.rays import Rays
 from edmsim.plant.kernel.state import PULSES_PER_WINDOW
 from edmsim.plant.plant import Plant
 
-FEED_UM_S = 20.0
+FEED_UM_S = 28.0
 """Feed of the straight cut that is timed: well into the metal, most pulses spark."""
 SETTLE_WINDOWS = 400
 """Windows before timing, so that the wire cuts a full kerf."""

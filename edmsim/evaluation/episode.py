@@ -39,7 +39,7 @@ STOPPED = "stopped"
 """How an episode can end, beside its time. Jammed: a short stayed, or the wire was driven into the metal beyond what
 the model holds for. Stopped: the controller gave up."""
 ORACLE = "oracle"
-ORACLE_GAPS_UM = (5.0, 6.0, 7.0, 9.0, 11.0, 14.0)
+ORACLE_GAPS_UM = (4.0, 5.0, 6.0, 7.0, 9.0, 12.0)
 """Gaps the oracle rehearses a cut with (ours: from shorts all the time to a wide gap)."""
 
 

@@ -132,6 +132,7 @@ def constants(machine: Machine, res: Resolution) -> Constants:
         ejection=gas.ejection.value,
         film_um3_kg_s=12 * _gap_viscosity_Pa_s(machine) * radius**3 * 2 * math.pi / res.rays * slice_m,
         film_from_um=front,
+        film_spans=res.film_spans,
         film_pull_um2=pull_sum_um2(radius, front, side, res.rays),
         jet_kg_um=1e-6
         * edge_loss_kg_m2(radius, water.side_gap_um.value, water.edge_loss.value, DENSITY_KG_M3)

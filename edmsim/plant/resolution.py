@@ -23,6 +23,8 @@ class Resolution:
     film_from_um : float
         Front gap in the kerf below which a slice's own film is followed pulse by pulse; the mean film of all slices
         damps the wire at any gap.
+    film_spans : int
+        Spans into which the time from a discharge to the period's end is cut where a slice's own film is followed.
     trace_windows : int
         Every so many windows what fell on the rays is carved from the field and they are traced again.
     """
@@ -32,13 +34,14 @@ class Resolution:
     modes: int
     cell_um: float = 4.0
     film_from_um: float = 12.0
+    film_spans: int = 1
     trace_windows: int = 1
 
 
 RESOLUTIONS: dict[str, Resolution] = {
     "fast": Resolution(5, 24, 4, cell_um=6.0, trace_windows=4),
     "default": Resolution(9, 64, 8),
-    "fine": Resolution(15, 128, 16),
+    "fine": Resolution(15, 128, 16, film_spans=2),
 }
 
 

@@ -91,7 +91,7 @@ def film_N_s_m2(angle: Array, gaps: Array) -> float:
     """Resistance of the film before the default wire in water of 20 C, by the sum over rays that the loop takes."""
     zero, one = np.float32(0.0), np.float32(1.0)
     across = film_sum(rays_with(gaps, angle), 0, zero, zero, one, zero)
-    return 12 * 1e-3 * 125.0**3 * abs(angle[1] - angle[0]) * across
+    return float(12 * 1e-3 * 125.0**3 * abs(angle[1] - angle[0]) * across)
 
 
 def check_film(seeds: Sequence[int]) -> list[Row]:
@@ -262,7 +262,8 @@ def check_skip(seeds: Sequence[int]) -> list[Row]:
     )
     return [
         Row.band("film", f"lag, film followed under {ALL_FROM_UM:g} um less under 12 um", SKIP, low=-0.5, high=0.5,
-                 published="no difference", simulated=lag, uncertainty=half_lag, unit="um"),
+                 published="no difference", simulated=lag, uncertainty=half_lag, unit="um",
+                 note=f"{PAGE}#the-film-of-water"),
         Row.band("film", f"short share, film followed under {ALL_FROM_UM:g} um less under 12 um", SKIP, low=-0.02,
                  high=0.02, published="no difference", simulated=short, uncertainty=half_short,
                  note=f"{PAGE}#the-film-of-water"),

@@ -67,7 +67,7 @@ def _three_signs(name: str, base: Sequence[Cut], cuts: Sequence[Cut]) -> list[Ro
         rows.append(
             Row.sign(
                 "pulse ratios", f"{figure}, {name}", LIAO_WOO, rises=rises, simulated=mean, uncertainty=half,
-                unit=unit,
+                unit=unit, note=f"{PAGE}#classes-of-pulses",
             )
         )
     return rows

@@ -48,6 +48,6 @@ def steered() -> SimpleNamespace:
     With the files' constants a cut at the feed of that log has next to none.
     """
     machine = edmsim.Machine.load(height_mm=10.0)
-    truth = {"gap.critical_um": 8.4, "material.removal_mm3_J": 3.3e-3}
+    truth = {"gap.critical_um": 8.2, "material.removal_mm3_J": 3.3e-3}
     table = simulated_log(with_values(machine, truth), [make("counts")], 300, 2400)
     return SimpleNamespace(machine=machine, truth=truth, table=table)

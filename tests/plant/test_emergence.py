@@ -133,7 +133,7 @@ def test_the_kerf_does_not_taper(tall):
 def test_shorts_at_a_moderate_feed_come_from_what_moves_the_wire(machine, usual, without_pull):
     """The pull draws it to the wall between discharges, and they throw it about; without both it has next to none."""
     still = cut_straight(altered(machine, {PULL: 1e-6, **NO_PUSH}), 20.0, 1, settle_s=6.0, seconds=15.0)
-    assert usual.share("short") > 1.5 * without_pull.share("short") > 0.01
+    assert usual.share("short") > 1.5 * without_pull.share("short") > 3 * still.share("short")
     assert still.share("short") < 0.1 * usual.share("short")
     assert usual.vibration_um > without_pull.vibration_um > 5 * still.vibration_um
 
@@ -180,10 +180,12 @@ def test_the_force_turns_with_the_place_of_the_discharges():
 
 
 def test_a_wire_that_leads_runs_on_beyond_the_corner():
-    corner = cut_corner(altered(Machine.load(height_mm=15.0), NO_PUSH), 1, feed=make("counts"))
-    assert corner.lag_um < -3.0
-    assert corner.farthest_um == pytest.approx(-corner.lag_um, rel=0.2)
-    assert corner.nearest_um < 1.0  # it passes through the corner itself
+    machine = altered(Machine.load(height_mm=15.0), NO_PUSH)
+    corners = [cut_corner(machine, seed, feed=make("counts")) for seed in (1, 2, 3)]
+    lag, farthest, nearest = np.mean([(c.lag_um, c.farthest_um, c.nearest_um) for c in corners], axis=0)
+    assert lag < -3.0
+    assert farthest == pytest.approx(-lag, rel=0.2)
+    assert nearest < 1.0  # it passes through the corner itself
 
 
 # --- rupture ---

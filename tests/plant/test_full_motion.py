@@ -16,6 +16,7 @@ from edmsim.errors import InputError
 from edmsim.plant.constants import arrays
 from edmsim.plant.kernel.declare import allocate, sizes_of
 from edmsim.plant.kernel.state import ISO_PULSE, STATE, Axes, Constants, Propagators, Timing
+from edmsim.plant.mechanics.modal import project
 from edmsim.plant.mechanics.model import WireSetup, build_model, propagator_table, reduce_model
 from edmsim.plant.mechanics.mujoco_loop import LOST, move_full
 from edmsim.plant.mechanics.mujoco_model import N_NODES, DriveSetup, FullMechanics
@@ -41,14 +42,14 @@ def slice_heights(wire, height_m=0.020, n=9):
 
 @numba.njit
 def _pulses(
-    state, a, c, axes, link, p, t, load, films, sums, scales, ignite_us, period_ns, kicks, kick_slice, end_us, steps,
+    state, a, c, axes, link, p, t, load, films, scales, ignite_us, period_ns, kicks, kick_slice, end_us, steps,
     wire, table,
 ):
     """Move over many pulses; note every pulse's nodes, and place, rotor and command of the axes."""
     following = 0
     for i in range(kicks.shape[0]):
         following = move_full(
-            state, a, c, axes, link, p, t, load, films, 0.0, 0.0, sums, scales[0], scales[1], ignite_us, end_us[i],
+            state, a, c, axes, link, p, t, load, films, 0.0, 0.0, scales[0], scales[1], ignite_us, end_us[i],
             period_ns, kick_slice[i], kicks[i, 0], kicks[i, 1], steps, following,
         )
         if following == LOST:
@@ -86,14 +87,15 @@ class Rig:
     ):
         """Move on over `n` pulses; `steps` count their time from now."""
         a = self.arrays
-        sums = np.zeros((len(a.shape), 4))
+        sums, load = np.zeros((len(a.shape), 4)), np.zeros_like(a.wire_q)
         if pull is not None:
             sums[:, 2:] = pull
+        project(a, sums, load)
         due = [(time + int(self.state["time_ns"][0]), axis, way) for time, axis, way in steps]
         wire, table = np.zeros((n, 2, N_NODES)), np.zeros((n, 2, 3))
         done = _pulses(
-            self.state, a, DRY, self.axes, self.full.link, self.propagators, self.timing, np.zeros_like(a.wire_q),
-            np.zeros((len(a.shape), 6)), sums, scales, ignite_us, period_ns,
+            self.state, a, DRY, self.axes, self.full.link, self.propagators, self.timing, load,
+            np.zeros((len(a.shape), 6)), scales, ignite_us, period_ns,
             np.zeros((n, 2)) if kicks is None else kicks,
             np.zeros(n, np.int64) if at is None else at,
             np.full(n, period_ns * 1e-3) if end_us is None else end_us,

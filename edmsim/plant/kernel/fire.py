@@ -44,7 +44,7 @@ from edmsim.plant.kernel.state import (
     Timing,
 )
 from edmsim.plant.mechanics.film import find_films, mean_film, mean_resistance, scale_film, squeeze
-from edmsim.plant.mechanics.modal import copy, mean_deflection, move, place_wire, ringing
+from edmsim.plant.mechanics.modal import copy, kick, mean_deflection, move, place_wire, project, ring, ringing
 from edmsim.plant.mechanics.mujoco_loop import FullLink, move_full
 from edmsim.plant.wire import HeatLaw
 from edmsim.plant.workpiece.craters import carve
@@ -180,6 +180,24 @@ def _check_events(events: NDArray[np.int64], now_ns: int, drives: bool) -> int:
 
 
 @compiled
+def _swing(
+    a: Arrays, c: Constants, t: Timing, p: Propagators, loads: Array, held: Array, k: int, scale: float, film: float,
+    resistance: float, narrow: bool, upward: bool, films: Array,
+) -> None:
+    """Move the wire over `k` grid steps under the pull times a scale, through the films where the metal is near."""
+    if k == 0:
+        return
+    span_us = k * t.grid_us
+    braking = resistance * span_us * 1e-6
+    if narrow:
+        copy(held, a.wire_q)
+    move(a, p, loads, scale, k, braking)
+    if narrow:
+        slow = 1.0 / (1.0 + braking * a.mobility[0] / 3.0)
+        squeeze(a, c, p, held, k, span_us, scale, film, slow, upward, films)
+
+
+@compiled
 def fire_window(
     state: NDArray[np.void],
     window: NDArray[np.void],
@@ -255,25 +273,30 @@ def fire_window(
             k_period = int((delay + conducting + t.pause_us) * per_grid + 0.5)
             period_ns = int(k_period * t.grid_us * 1e3 + 0.5)
         period_us = period_ns * 1e-3
-        copy(held, a.wire_q)
         film = mean_film(state, totals[3], totals[4], sums.shape[0])
         resistance = mean_resistance(a, c, film)
+        found = find_films(state, a, c, sums, film, films)
+        project(a, sums, load)
         if full:
-            find_films(state, a, c, sums, held, 0.0, 0.0, film, films)
             next_event = move_full(
-                state, a, c, axes, link, p, t, load, films, film, resistance, sums, open_scale, burn_scale,
+                state, a, c, axes, link, p, t, load, films, film, resistance, open_scale, burn_scale,
                 delay, delay + burn, period_ns, at, kick_x, kick_y, events, next_event,
             )
             state[0].time_ns += period_ns
         else:
-            k_ignite = min(int(delay * per_grid + 0.5), k_period)
             k_end = min(int((delay + burn) * per_grid + 0.5), k_period)
-            braking = resistance * period_us * 1e-6
-            move(a, p, load, sums, open_scale, burn_scale, k_ignite, k_end, k_period, at, kick_x, kick_y, braking)
-            pull_scale = (open_scale * delay + burn_scale * burn) / period_us
-            pull_share = 0.5 * delay / period_us
-            slow = 1.0 / max(1.0, 0.5 * braking * a.mobility[0])
-            squeeze(state, a, c, p, sums, held, k_period, period_us, pull_scale, pull_share, film, slow, films)
+            pulled = (open_scale * delay + burn_scale * burn) / max(delay + burn, t.grid_us)
+            upward = state[0].pulses % 2 == 0
+            _swing(a, c, t, p, load, held, k_end, pulled, film, resistance, found > 0, upward, films)
+            if impulse != 0.0:
+                kick(a, at, kick_x, kick_y)
+            spans, begun = c.film_spans if found > 0 else 1, k_end
+            for n_span in range(1, spans + 1):
+                k_now = k_end + (k_period - k_end) * n_span // spans
+                upward = not upward
+                _swing(a, c, t, p, load, held, k_now - begun, 0.0, film, resistance, found > 0, upward, films)
+                begun = k_now
+            ring(a, p, k_period)
             state[0].time_ns += period_ns
             next_event = advance_axes(
                 state, a, axes, p, t, k_period, c.step_um, events, next_event, state[0].time_ns, False

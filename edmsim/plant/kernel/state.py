@@ -141,6 +141,7 @@ class Constants(NamedTuple):
     ejection: float
     film_um3_kg_s: float
     film_from_um: float
+    film_spans: int
     film_pull_um2: float
     jet_kg_um: float
     suction_N: float

@@ -166,16 +166,12 @@ def suction_limited(a: Arrays, c: Constants, s: int, force: float) -> float:
 
 
 @compiled
-def find_films(
-    state: NDArray[np.void], a: Arrays, c: Constants, sums: Array, held: Array, pull_scale: float, pull_share: float,
-    mean: float, films: Array,
-) -> int:
+def find_films(state: NDArray[np.void], a: Arrays, c: Constants, sums: Array, mean: float, films: Array) -> int:
     """Write every slice's film into `films` (slices, 6), and return how many there are.
 
-    Direction to the metal; resistance in kg/s that the film has more than the mean one, in the middle of the way the
-    wire has come since `held`, 0 if the gap is wide; by how much its pull has grown (um kg/s2) after the share
-    `pull_share` of that way; room for a force; the front gap in um, 0 if it is wide. The pull's own size tells that
-    gap, as it grows with ``g^(-3/2)``.
+    Direction to the metal; resistance in kg/s that the film has more than the mean one; the front gap in um; the pull
+    in 1/um^2; the way the wire has come since, 0 here. All are 0 where the gap is wide. The pull's own size tells
+    that gap, as it grows with ``g^(-3/2)``.
     """
     found = 0
     for s in range(sums.shape[0]):
@@ -184,58 +180,60 @@ def find_films(
         if pull2 >= c.film_pull_um2 * c.film_pull_um2:
             pull = math.sqrt(pull2)
             per_pull = 1.0 / pull
-            films[s, 0], films[s, 1] = sums[s, 2] * per_pull, sums[s, 3] * per_pull
+            films[s, 0], films[s, 1], films[s, 4] = sums[s, 2] * per_pull, sums[s, 3] * per_pull, pull
             root = cube_root(c.film_pull_um2 * per_pull * (1.0 - c.shielding * a.covered[s]))
-            gap = films[s, 5] = c.film_from_um * root * root
-            travel = _motion(a, held, s, films[s, 0], films[s, 1])[0]
-            nearer = gap / max(gap - 0.5 * travel, PULL_GAP_FLOOR_UM)
-            then = gap / max(gap - pull_share * travel, PULL_GAP_FLOOR_UM)
-            film = state[0].film_kg_um2_s * pull * nearer * nearer * (1.0 + EINSTEIN * a.debris[s])
+            films[s, 3] = c.film_from_um * root * root
+            film = state[0].film_kg_um2_s * pull * (1.0 + EINSTEIN * a.debris[s])
             films[s, 2] = max(film - mean, 0.0)
-            films[s, 3] = pull * (then * math.sqrt(then) - 1.0) * pull_scale
             found += 1
     return found
 
 
 @compiled
-def _brake(
-    a: Arrays, c: Constants, p: Propagators, held: Array, s: int, k_period: int, per_s: float, slow: float,
-    last: bool, films: Array,
-) -> None:
-    """Correct a slice's motion over a period, of which `per_s` fit into a second, for its film and its pull's change.
+def film_now(films: Array, s: int, mean: float, way: float) -> tuple[float, float]:
+    """Resistance of a slice's film over the mean one when the wire has come `way` nearer, and its pull's growth."""
+    gap = films[s, 3]
+    nearer = gap / max(gap - way, PULL_GAP_FLOOR_UM)
+    film = (films[s, 2] + mean) * nearer * nearer - mean
+    return max(film, 0.0), films[s, 4] * (nearer * math.sqrt(nearer) - 1.0)
 
-    At `last`, its speed, too. ``slow`` is the share of a force's effect that the mean film leaves (see `modal.move`).
-    """
-    nx, ny, drag, growth = films[s, 0], films[s, 1], films[s, 2] * per_s, films[s, 3]
+
+@compiled
+def _brake(
+    a: Arrays, c: Constants, p: Propagators, held: Array, s: int, k: int, per_s: float, scale: float, mean: float,
+    slow: float, films: Array,
+) -> None:
+    """Correct a slice's motion over a span, of which `per_s` fit into a second, for film and change of the pull."""
+    nx, ny = films[s, 0], films[s, 1]
     travel, speed = _motion(a, held, s, nx, ny)
-    yielding, throwing = p.yielding[k_period, s, 0] * slow, p.yielding[k_period, s, 1] * slow
+    film, growth = film_now(films, s, mean, films[s, 5] + 0.5 * travel)
+    drag, growth = film * per_s, growth * scale
+    yielding, throwing = p.yielding[k, s, 0] * slow, p.yielding[k, s, 1] * slow
     free = 1.0 / (1.0 + yielding * drag)
-    moves = (travel + yielding * (growth - films[s, 4])) * free
-    film = suction_limited(a, c, s, -drag * moves)
-    force, impulse = film + growth - films[s, 4], 0.0
-    films[s, 4] = film + growth
-    if last and film == -drag * moves:
+    moves = (travel + yielding * growth) * free
+    resists = suction_limited(a, c, s, -drag * moves)
+    force, impulse = resists + growth, 0.0
+    if resists == -drag * moves:
         stiff = 1.0 - free
         impulse = stiff * stiff * (moves * per_s - speed - throwing * force) * a.slice_mass_kg[s]
-    _apply(a, p, s, k_period, nx, ny, force * slow, impulse)
+    _apply(a, p, s, k, nx, ny, force * slow, impulse)
+    films[s, 5] += travel + yielding * force
 
 
 @compiled
 def squeeze(
-    state: NDArray[np.void], a: Arrays, c: Constants, p: Propagators, sums: Array, held: Array, k_period: int,
-    period_us: float, pull_scale: float, pull_share: float, mean: float, slow: float, films: Array,
+    a: Arrays, c: Constants, p: Propagators, held: Array, k: int, span_us: float, scale: float, mean: float,
+    slow: float, upward: bool, films: Array,
 ) -> None:
-    """Correct the wire's motion over a period for the film and for the pull's change, slice by slice, up and down.
+    """Correct the wire's motion over a span for the films and for the pull's change, slice after slice.
 
-    The pull, which the motion took as it was at the period's begin, becomes that in the middle of its time, by when
-    the share ``pull_share`` of the way is behind. With the resistance c and the yielding H, a slice that would have
-    moved by x moves by ``x / (1 + H c / T)``: all the way where there is no film, not at all where it is stiff. Its
-    speed then follows: a stiff film leaves it that of the way it came, or the force that stopped it would throw it
-    back. ``pull_scale`` is the mean of the pull's scale over the period.
+    With the resistance c and the yielding H, a slice that would have moved by x moves by ``x / (1 + H c / T)``: all
+    the way where there is no film, not at all where it is stiff. Its speed then follows: a stiff film leaves it that
+    of the way it came, or the force that stopped it would throw it back. The pull, which the motion took as it was
+    when the films were found, is that in the middle of the way; ``scale`` is that of the pull over the span.
     """
-    slices, per_s = sums.shape[0], 1e6 / period_us
-    passes = min(2, find_films(state, a, c, sums, held, pull_scale, pull_share, mean, films))  # one needs one
-    for at in range(passes * slices):
-        s = at if at < slices else 2 * slices - 1 - at
-        if films[s, 2] != 0.0 or films[s, 3] != 0.0:
-            _brake(a, c, p, held, s, k_period, per_s, slow, at >= (passes - 1) * slices, films)
+    slices = films.shape[0]
+    for at in range(slices):
+        s = at if upward else slices - 1 - at
+        if films[s, 3] != 0.0:
+            _brake(a, c, p, held, s, k, 1e6 / span_us, scale, mean, slow, films)

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edmsim.compiled.jit import compiled
-from edmsim.compiled.vectors import COORDINATES, highest, load, spread, store, total
+from edmsim.compiled.vectors import COORDINATES, load, spread, store, total
 from edmsim.plant.kernel.state import Array, Arrays, Propagators
 
 
@@ -98,66 +98,44 @@ def project(a: Arrays, sums: Array, onto: Array) -> None:
 
 
 @compiled
-def move(
-    a: Arrays,
-    p: Propagators,
-    forces: Array,
-    sums: Array,
-    open_scale: float,
-    burn_scale: float,
-    k_ignite: int,
-    k_end: int,
-    k_period: int,
-    s: int,
-    kick_x: float,
-    kick_y: float,
-    braking: float,
-) -> None:
-    """Propagate every mode over a period of ``k_period`` grid steps.
+def move(a: Arrays, p: Propagators, loads: Array, scale: float, k: int, braking: float) -> None:
+    """Propagate every mode over `k` grid steps, under loads that are constant over them.
 
-    The pull acts until ignition, weaker while burning; the kick (N s) falls at the discharge's end on slice
-    `s`. A constant force f switched on at t acts at the end T as ``f (1 - p11(T - t)) / omega^2`` on the
-    deflection and as ``f p12(T - t)`` on the velocity, so no time step enters, only the grid of the tables.
-
-    `braking` is the mean resistance times the period, in kg. Half acts before, explicitly, half after, implicitly: a
-    creeping mode has then both the way and the speed of its load, however stiff the film, and no mode grows. Kick and
-    pull, which act in a part of the period, are braked from their moment on, that of the pull being the middle of the
-    delay: in the mean they then bend the wire as a load of their mean force does.
+    A constant force f acts at the end T as ``f (1 - p11(T)) / omega^2`` on the deflection and as ``f p12(T)`` on the
+    speed, so no time step enters, only the grid of the tables. `braking` is the mean resistance times the span, in
+    kg. With B, its ratio to a mode's mass, a free mass keeps ``E = exp(-B)`` of its speed, goes ``P = (1 - E) / B``
+    of its way; a force moves it by ``2 (1 - P) / B`` of the way it would, and gives it P of the speed; the string's
+    answer to a mass that goes is ``2 (P - E) / B`` of what it would be. With E in Pade's form that is exact in the
+    limits of a mass, of a string and of creep, and no mode grows, however stiff the film.
     """
-    since_ignite, since_end = k_period - k_ignite, k_period - k_end
-    after_kick, after_pull = since_end / k_period, 1.0 - 0.5 * k_ignite / k_period
-    project(a, sums, forces)
     for m in range(0, a.shape.shape[1], COORDINATES):
-        c0, s0 = load(p.wire, (k_period, 0, m)), load(p.wire, (k_period, 1, m))
-        c1, s1 = load(p.wire, (since_ignite, 0, m)), load(p.wire, (since_ignite, 1, m))
-        c2, s2 = load(p.wire, (since_end, 0, m)), load(p.wire, (since_end, 1, m))
-        # response of deflection and velocity to the pull, and to a kick of 1 N s (in um)
-        settled = ((c1 - c0) * open_scale + (c2 - c1) * burn_scale) * load(p.wire_compliance, (m,))
-        moving = (s0 - s1) * open_scale + (s1 - s2) * burn_scale
-        stays = (spread(1.0) - c0) * load(p.wire_compliance, (m,))
-        jump = load(a.shape, (s, m)) * 1e6
-        kicked, thrown = s2 * jump, load(p.wire, (since_end, 3, m)) * jump
-        back, damped = load(p.wire, (k_period, 2, m)), load(p.wire, (k_period, 3, m))
-        brake = load(a.mobility, (m,)) * braking
-        early = highest(spread(1.0) - brake * 0.5, spread(0.0))
-        late, slow = spread(1.0) / (early + brake), spread(1.0) / (early + brake * 0.5)
-        again = highest(early * (brake * 0.5 + 1.0), spread(0.5))  # what the next period's begin takes of the speed
-        kick_way = spread(1.0) / (brake * (0.5 * after_kick) + 1.0)
-        kick_speed = spread(1.0) / ((brake * after_kick + 1.0) * again)
-        pull_way = spread(1.0) / (brake * (0.5 * after_pull) + 1.0)
-        pull_speed = spread(1.0) / ((brake * after_pull + 1.0) * again)
+        c, s = load(p.wire, (k, 0, m)), load(p.wire, (k, 1, m))
+        back, damped = load(p.wire, (k, 2, m)), load(p.wire, (k, 3, m))
+        stays = (spread(1.0) - c) * load(p.wire_compliance, (m,))
+        brake = load(a.mobility, (m,)) * (braking / 3.0)
+        per = spread(1.0) / (brake * (brake * 1.5 + 2.0) + 1.0)
+        goes, yields, keeps = (brake * 0.5 + 1.0) * per, (brake + 1.0) * per, (damped - brake) * per
         for axis in range(2):
-            kick = kick_x if axis == 0 else kick_y
-            q, v, force = load(a.wire_q, (axis, m)), load(a.wire_v, (axis, m)) * early, load(forces, (axis, m))
-            steady = load(a.steady, (axis, m))
-            way = c0 * q + s0 * v + steady * stays - q
-            came = kicked * kick * kick_way + force * settled * pull_way
-            store(a.wire_q, (axis, m), q + way * slow + came)
-            speed = back * q + damped * v + steady * s0
-            gained = thrown * kick * kick_speed + force * moving * pull_speed
-            store(a.wire_v, (axis, m), speed * late + gained)
+            q, v = load(a.wire_q, (axis, m)), load(a.wire_v, (axis, m))
+            force = load(loads, (axis, m)) * scale + load(a.steady, (axis, m))
+            store(a.wire_q, (axis, m), q + (force * stays + c * q - q) * yields + s * v * goes)
+            store(a.wire_v, (axis, m), (force * s + back * q) * goes + v * keeps)
+
+
+@compiled
+def kick(a: Arrays, s: int, kick_x: float, kick_y: float) -> None:
+    """Give a slice an impulse (N s)."""
+    for m in range(0, a.shape.shape[1], COORDINATES):
+        jump = load(a.shape, (s, m)) * 1e6
+        store(a.wire_v, (0, m), load(a.wire_v, (0, m)) + jump * kick_x)
+        store(a.wire_v, (1, m), load(a.wire_v, (1, m)) + jump * kick_y)
+
+
+@compiled
+def ring(a: Arrays, p: Propagators, k: int) -> None:
+    """Propagate the table's ringing over `k` grid steps."""
     q, v = load(a.table_q, (0, 0)), load(a.table_v, (0, 0))
-    at = (k_period, 0, 0)
+    at = (k, 0, 0)
     store(a.table_q, (0, 0), load(p.table11, at) * q + load(p.table12, at) * v)
     store(a.table_v, (0, 0), load(p.table21, at) * q + load(p.table22, at) * v)
 

@@ -20,11 +20,9 @@ from edmsim.plant.axes.advance import LOST, advance_axes
 from edmsim.plant.axes.encoder import position, see_edges
 from edmsim.plant.axes.motor import energise
 from edmsim.plant.axes.shaft import rubbed_rotor, rubbed_table, screw_damping
-from edmsim.plant.gap.breakdown import PULL_GAP_FLOOR_UM
 from edmsim.plant.kernel.declare import CHANGING, Kept
 from edmsim.plant.kernel.state import Array, Arrays, Axes, Constants, Propagators, Timing
-from edmsim.plant.mechanics.film import suction_limited
-from edmsim.plant.mechanics.modal import project
+from edmsim.plant.mechanics.film import film_now, suction_limited
 
 
 class FullLink(NamedTuple):
@@ -242,26 +240,25 @@ def _push(a: Arrays, link: FullLink, s: int, impulse_x: float, impulse_y: float)
 
 
 @compiled
-def _nearer(a: Arrays, link: FullLink, films: Array, s: int) -> float:
-    """Front gap of a slice at the pulse's begin, whose places `Arrays.wire_q` still has, over that now."""
+def _way(a: Arrays, link: FullLink, films: Array, s: int) -> float:
+    """How far (um) a slice has come nearer since the pulse's begin, whose places `Arrays.wire_q` still has."""
     way = 0.0
     for m in range(link.wire.shape[1]):
         x, y = link.qpos[link.wire[0, m]] * 1e6, link.qpos[link.wire[1, m]] * 1e6
         way += a.shape[s, m] * ((x - a.wire_q[0, m]) * films[s, 0] + (y - a.wire_q[1, m]) * films[s, 1])
-    return float(films[s, 5] / max(films[s, 5] - way, PULL_GAP_FLOOR_UM))
+    return float(way)
 
 
 @compiled
-def _add_growth(a: Arrays, link: FullLink, films: Array, sums: Array, scale: float) -> None:
+def _add_growth(a: Arrays, link: FullLink, films: Array, scale: float) -> None:
     """Add to the forces by what the pull on slices near the metal has grown since the pulse's begin."""
     for s in range(films.shape[0]):
-        if films[s, 5] == 0.0:
+        if films[s, 3] == 0.0:
             continue
-        then = _nearer(a, link, films, s)
-        growth = (then * math.sqrt(then) - 1.0) * scale * 1e-6
+        growth = film_now(films, s, 0.0, _way(a, link, films, s))[1] * scale * 1e-6
         for m in range(link.wire.shape[1]):
-            link.force[link.wire[0, m]] += a.shape[s, m] * growth * sums[s, 2]
-            link.force[link.wire[1, m]] += a.shape[s, m] * growth * sums[s, 3]
+            link.force[link.wire[0, m]] += a.shape[s, m] * growth * films[s, 0]
+            link.force[link.wire[1, m]] += a.shape[s, m] * growth * films[s, 1]
 
 
 @compiled
@@ -280,14 +277,13 @@ def _brake(a: Arrays, c: Constants, link: FullLink, films: Array, mean: float, r
             link.qvel[dof] -= change
             link.qpos[dof] -= change * dt
     for s in range(films.shape[0]):
-        if films[s, 2] == 0.0:
+        if films[s, 3] == 0.0:
             continue
         nx, ny, speed = films[s, 0], films[s, 1], 0.0
         for m in range(link.wire.shape[1]):
             x, y, shape = link.wire[0, m], link.wire[1, m], a.shape[s, m]
             speed += shape * (link.qvel[x] * nx + link.qvel[y] * ny)
-        nearer = _nearer(a, link, films, s)
-        film = max((films[s, 2] + mean) * nearer * nearer - mean, 0.0)
+        film = film_now(films, s, mean, _way(a, link, films, s))[0]
         drag = film / (1.0 + film * dt / a.slice_mass_kg[s])
         impulse = suction_limited(a, c, s, -drag * speed * 1e6) * 1e-6 * dt
         _push(a, link, s, impulse * nx, impulse * ny)
@@ -312,7 +308,6 @@ def move_full(
     films: Array,
     mean: float,
     resistance: float,
-    sums: Array,
     open_scale: float,
     burn_scale: float,
     ignite_us: float,
@@ -335,7 +330,7 @@ def move_full(
     Parameters
     ----------
     load : (2, nodes)
-        Room for the pull on the nodes.
+        The pull on the nodes.
     films : (slices, 6)
         See `film.find_films`.
     mean, resistance : float
@@ -355,7 +350,6 @@ def move_full(
     n_steps = math.ceil(period_us / link.longest_us)
     dt_us = period_us / n_steps
     link.timestep[0] = dt_us * 1e-6
-    project(a, sums, load)
     _lay_out(state, a, link)
     kicked = min(int(end_us / dt_us), n_steps - 1)
     second = end_us / dt_us - kicked if kicked < n_steps - 1 else 0.0
@@ -378,7 +372,7 @@ def move_full(
             share = a.shape[s, m] * kick
             link.force[link.wire[0, m]] = (load[0, m] * scale + a.steady[0, m]) * 1e-6 + share * kick_x
             link.force[link.wire[1, m]] = (load[1, m] * scale + a.steady[1, m]) * 1e-6 + share * kick_y
-        _add_growth(a, link, films, sums, scale)
+        _add_growth(a, link, films, scale)
         sound = _step(state, axes, link)
         if not sound:
             break
