@@ -112,7 +112,7 @@ def move(a: Arrays, p: Propagators, loads: Array, scale: float, k: int, braking:
         c, s = load(p.wire, (k, 0, m)), load(p.wire, (k, 1, m))
         back, damped = load(p.wire, (k, 2, m)), load(p.wire, (k, 3, m))
         stays = (spread(1.0) - c) * load(p.wire_compliance, (m,))
-        brake = load(a.mobility, (m,)) * (braking / 3.0)
+        brake = load(a.mobility, (m,)) * (braking / 3.0)  # B / 3
         per = spread(1.0) / (brake * (brake * 1.5 + 2.0) + 1.0)
         goes, yields, keeps = (brake * 0.5 + 1.0) * per, (brake + 1.0) * per, (damped - brake) * per
         for axis in range(2):
