@@ -75,7 +75,7 @@ class AxisBench:
         if not drives or self._drives.axes.loops != len(drives):
             raise InputError("a bench needs drives with a loop: a motor and a sample")
         self._axes = self._drives.axes
-        self._drives.reset(np.zeros(N_AXES))
+        self._drives.switch_on(np.zeros(N_AXES))
         self.names = tuple(name for name in AXIS_NAMES if name in drives)
         self.trace = False
         self._now_ns = 0

@@ -61,6 +61,36 @@ class Table(Part):
         return (self.travel_mm.value * 500.0, self.travel_mm.value * 500.0)
 
 
+class Geometry(Part):
+    """Errors of the table's screws and ways, none where nothing is given: see `edmsim.plant.axes.ways`."""
+
+    x_pitch_um_m: Constant | None = None  # cumulative error of the screw
+    y_pitch_um_m: Constant | None = None
+    x_periodic_um: Constant | None = None  # amplitude of the error within a turn of the screw
+    y_periodic_um: Constant | None = None
+    lead_mm: Positive | None = None  # of both screws: travel of a turn
+    squareness_um_m: Constant | None = None  # error of y per travel of x
+    x_straightness_um: Constant | None = None  # how far the way of x bends towards y at its ends
+    y_straightness_um: Constant | None = None
+    change_per_mm: Constant | None = None  # share by which squareness and straightness change per mm of u
+
+    def value(self, name: str) -> float:
+        """Return a constant's value, 0 where it is not given."""
+        constant: Constant | None = getattr(self, name)
+        return 0.0 if constant is None else constant.value
+
+    @property
+    def has_errors(self) -> bool:
+        """Whether there is any."""
+        return any(self.value(name) for name in type(self).model_fields if name not in ("lead_mm", "change_per_mm"))
+
+    @model_validator(mode="after")
+    def _lead_where_needed(self) -> Geometry:
+        if self.lead_mm is None and (self.value("x_periodic_um") or self.value("y_periodic_um")):
+            raise ValueError("a periodic error needs lead_mm, the travel of a turn of the screw")
+        return self
+
+
 class Guides(Part):
     """Wire guides, damping and running of the wire."""
 
@@ -154,6 +184,7 @@ class Base(Part):
     title: str
     model: str  # a file of `models/`, or the absolute path of a user's
     table: Table
+    geometry: Geometry = Geometry()
     guides: Guides
     dielectric: Dielectric
     gap: Gap

@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from edmsim.compiled.axis_rows import N_AXES
 from edmsim.compiled.random import key_of
 from edmsim.errors import InputError
 from edmsim.plant import constants
 from edmsim.plant.axes.drives import AxisDrive, Drives
+from edmsim.plant.axes.ways import ways_of
 from edmsim.plant.gap.generator import switched_off, timing
 from edmsim.plant.kernel.declare import CHANGING, WALL, allocate, lasting, sizes_of
 from edmsim.plant.kernel.memory import CALL, Memory, window_function
@@ -118,7 +118,10 @@ class Plant(PlantReadings):
         self._memory.put(constants.push_law(machine))
         self._memory.put(allocate(Scratch, self._sizes))
         screws = constants.screws(machine) if drives else {}
-        self._drives = Drives(drives or {}, machine.base.table.travel_mm.value * 1e3, self._sizes, screws)
+        self._drives = Drives(
+            drives or {}, machine.base.table.travel_mm.value * 1e3, self._sizes, screws,
+            ways_of(machine, nuts=mechanics == "modal"),
+        )
         self._memory.put(self._drives.axes)
         self.drives = self._drives.by_axis
         if isinstance(self._model, FullMechanics):
@@ -181,7 +184,7 @@ class Plant(PlantReadings):
         self._state["key"] = key_of(seed)
         self._state["commanded_um"][0, :2] = position_um
         self._state["axis_um"] = self._state["commanded_um"]
-        self._drives.reset(self._state["axis_um"][0])
+        self._drives.reset(self._state)
         if isinstance(self._model, FullMechanics):
             self._model.reset()
         self._at_rest()
@@ -210,14 +213,7 @@ class Plant(PlantReadings):
     def rethread(self, position_um: tuple[float, float], duration_ns: int) -> None:
         """Cut the wire, move to another place with the generator off, and thread a fresh wire there."""
         before = self._arrays
-        moved_um = np.zeros(N_AXES)
-        moved_um[:2] = position_um - self._state["commanded_um"][0, :2]
-        self._state["axis_um"] += moved_um
-        self._state["commanded_um"][0, :2] = position_um
-        for axis in range(N_AXES):
-            if not self._drives.has_loop(axis):
-                self._state["axis_um"][0, axis] = self._state["commanded_um"][0, axis]
-        self._drives.pass_by(moved_um, duration_ns)
+        self._drives.carry(self._state, position_um, duration_ns)
         self._state["time_ns"] += duration_ns
         for name in ("heat_wait_us", "spot", "wear_wait_um3", "worn_share", "broken", "traces"):
             self._state[name] = 0

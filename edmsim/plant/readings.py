@@ -69,7 +69,7 @@ class PlantReadings:
     def following_error_um(self) -> tuple[float, float]:
         """How far x and y are behind their commanded position; nil under a stepper, which nobody looks after."""
         s = self._state[0]
-        x, y = s["commanded_um"][:2] - s["axis_um"][:2]
+        x, y = s["commanded_um"][:2] - s["indicated_um" if self._drives.axes.errs else "axis_um"][:2]
         return float(x), float(y)
 
     @property

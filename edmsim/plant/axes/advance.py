@@ -1,7 +1,8 @@
 """The axes over a span of time: step edges and input lines in order of time, drives at their sampling instants.
 
-Both integrators call `advance_axes`: the modal one after every pulse for the pulse's period, the full one before
-every time step of MuJoCo for that step. Where no drive has a loop, an axis is where its steps lead it, and rings.
+Both integrators call `advance_axes`, with x and y where they indicate they are: the modal one after every pulse for
+the pulse's period, the full one before every time step of MuJoCo for that step. Where no drive has a loop, an axis is
+where its steps lead it, and rings.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ from edmsim.compiled.axis_rows import N_AXES
 from edmsim.compiled.jit import compiled, compiled_apart
 from edmsim.plant.axes.board import NOBODY, first_due, serve
 from edmsim.plant.axes.shaft import coast_all
+from edmsim.plant.axes.ways import errors_um, taken_up
 from edmsim.plant.kernel.state import TILED_UM, Arrays, Axes, Propagators, Timing
 from edmsim.plant.mechanics.modal import step_table
 
@@ -22,17 +24,41 @@ LOST = -1
 
 @compiled
 def _take_step(
-    state: NDArray[np.void], a: Arrays, p: Propagators, t: Timing, k_period: int, step_um: float, time_ns: int,
-    axis: int, direction: int, until_ns: int, full: bool,
+    state: NDArray[np.void], a: Arrays, axes: Axes, p: Propagators, t: Timing, k_period: int, step_um: float,
+    time_ns: int, axis: int, direction: int, until_ns: int, full: bool,
 ) -> None:
     """One step of a stepper: MuJoCo's magnets pull the rotor there; in the modal model the axis rings around it."""
     travel = direction * step_um
+    state[0].commanded_um[axis] += travel
     if full or axis >= 2:
-        state[0].commanded_um[axis] += travel
         state[0].axis_um[axis] += travel
         return
+    if axes.errs != 0:
+        slack = state[0].slack_um[axis]
+        state[0].slack_um[axis] = taken_up(slack, travel, axes.ways[axis].backlash_um)
+        travel -= state[0].slack_um[axis] - slack
+        if travel == 0.0:
+            return
     since = (until_ns - time_ns) * 1e-3 / t.grid_us
     step_table(state, a, p, axis, travel, min(int(since + 0.5), k_period))
+
+
+@compiled
+def indicate(state: NDArray[np.void]) -> None:
+    """Put x and y where they would be without the errors of screws and ways."""
+    for axis in range(2):
+        state[0].axis_um[axis] = state[0].indicated_um[axis]
+
+
+@compiled
+def go_astray(state: NDArray[np.void], axes: Axes) -> None:
+    """Put x and y where the errors of screws and ways lead them."""
+    places = state[0].axis_um
+    x, y = errors_um(axes.ways, places[0], places[1], places[2])
+    for axis in range(2):
+        state[0].indicated_um[axis] = state[0].axis_um[axis]
+    state[0].axis_um[0] -= x
+    state[0].axis_um[1] -= y
 
 
 @compiled
@@ -84,7 +110,7 @@ def _run_drives(
             if channel >= N_AXES:
                 _take_line(axes, channel, value)
             elif axes.drives[channel].sample == 0:
-                _take_step(state, a, p, t, k_period, step_um, due_ns, channel, value, until_ns, full)
+                _take_step(state, a, axes, p, t, k_period, step_um, due_ns, channel, value, until_ns, full)
             else:
                 axes.drives[channel].setpoint += value
                 state[0].commanded_um[channel] += value * step_um
@@ -125,7 +151,7 @@ def advance_axes(
     if axes.loops == 0:
         while next_event < events.shape[0] and events[next_event, 0] < until_ns:
             time_ns, axis, direction = events[next_event, 0], events[next_event, 1], events[next_event, 2]
-            _take_step(state, a, p, t, k_period, step_um, time_ns, axis, direction, until_ns, full)
+            _take_step(state, a, axes, p, t, k_period, step_um, time_ns, axis, direction, until_ns, full)
             next_event += 1
         return next_event
     return _run_drives(state, a, axes, p, t, k_period, step_um, events, next_event, until_ns, full)

@@ -11,9 +11,11 @@ from numpy.typing import NDArray
 
 from edmsim.compiled.axis_rows import DRIVE, FAULT, FREEWHEEL, N_AXES, NET_IN, NET_OUT, SampleFunction
 from edmsim.errors import InputError
+from edmsim.plant.axes.advance import go_astray, indicate
 from edmsim.plant.axes.board import NEVER
 from edmsim.plant.axes.motor import check_motor
 from edmsim.plant.axes.shaft import longest_step_ns
+from edmsim.plant.axes.ways import no_ways
 from edmsim.plant.kernel.declare import ArraySizes, allocate
 from edmsim.plant.kernel.state import Axes
 
@@ -48,6 +50,8 @@ class Drives:
         Travel of x and y, behind whose ends the switches open.
     screws : mapping of int to constants of `MOTOR`, optional
         Of axes, by number, whose screw and table are the machine's and not the drive's.
+    ways : records of `WAY` (2,), optional
+        Errors of screws and ways of x and y; none if not given.
 
     Attributes
     ----------
@@ -64,14 +68,15 @@ class Drives:
 
     def __init__(
         self, drives: Mapping[str, AxisDrive], travel_um: float, sizes: ArraySizes,
-        screws: Mapping[int, Mapping[str, float]] | None = None,
+        screws: Mapping[int, Mapping[str, float]] | None = None, ways: NDArray[np.void] | None = None,
     ) -> None:
         for name in drives:
             if name not in AXIS_NAMES:
                 raise InputError(f"there is no axis {name!r} to drive; there are: {', '.join(AXIS_NAMES)}")
         self.given = dict(drives)
         self.by_axis: dict[str, AxisDrive] = {name: copy.deepcopy(drive) for name, drive in drives.items()}
-        made = allocate(Axes, sizes, loops=0)
+        made = allocate(Axes, sizes, loops=0, errs=0)
+        made.ways[:] = no_ways() if ways is None else ways
         self._looped: list[int] = []
         for k, name in enumerate(AXIS_NAMES):
             drive = self.by_axis.get(name)
@@ -93,9 +98,15 @@ class Drives:
             self._looped.append(k)
         self._first = made.drives.copy()
         self._travel_um = travel_um
-        self.axes = made._replace(loops=len(self._looped))
+        errs = made.ways.tobytes() != no_ways().tobytes()
+        self.axes = made._replace(loops=len(self._looped), errs=int(errs))
 
-    def reset(self, axis_um: NDArray[np.float64]) -> None:
+    def reset(self, state: NDArray[np.void]) -> None:
+        """Switch the drives on at time 0, with the axes at rest where the scalars of a plant (`STATE`) say."""
+        self.switch_on(state["axis_um"][0])
+        self._stray(state)
+
+    def switch_on(self, axis_um: NDArray[np.float64]) -> None:
         """Switch the drives on at time 0, with the axes at rest at some places."""
         rows, drives = self.axes.rows, self.axes.drives
         rows[:] = 0
@@ -111,6 +122,27 @@ class Drives:
             drives["index"][k] = 1
             drives["due_ns"][k] = int(drives["num"][k]) // int(drives["den"][k])
         self._find_marks()
+
+    def carry(self, state: NDArray[np.void], position_um: tuple[float, float], duration_ns: int) -> None:
+        """Let x and y go to a place without simulating it; `state` are the scalars of a plant (`STATE`)."""
+        moved_um = np.zeros(N_AXES)
+        moved_um[:2] = position_um - state["commanded_um"][0, :2]
+        if self.axes.errs:
+            indicate(state)
+            play_um = 0.5 * self.axes.ways["backlash_um"]
+            state["slack_um"] = np.clip(state["slack_um"] + moved_um[:2], -play_um, play_um)
+        state["axis_um"] += moved_um
+        state["commanded_um"][0, :2] = position_um
+        for axis in range(N_AXES):
+            if not self.has_loop(axis):
+                slack_um = state["slack_um"][0, axis] if axis < 2 else 0.0
+                state["axis_um"][0, axis] = state["commanded_um"][0, axis] - slack_um
+        self.pass_by(moved_um, duration_ns)
+        self._stray(state)
+
+    def _stray(self, state: NDArray[np.void]) -> None:
+        if self.axes.errs:
+            go_astray(state, self.axes)
 
     def pass_by(self, moved_um: NDArray[np.float64], duration_ns: int) -> None:
         """Let a move happen that is not simulated: the drives sleep, and hold the same counts afterwards."""

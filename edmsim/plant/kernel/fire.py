@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from edmsim.compiled.axis_rows import N_AXES, N_CHANNELS
 from edmsim.compiled.jit import compiled
-from edmsim.plant.axes.advance import LOST, advance_axes
+from edmsim.plant.axes.advance import LOST, advance_axes, go_astray, indicate
 from edmsim.plant.gap.breakdown import GapLaw
 from edmsim.plant.gap.bubble import BubbleLaw
 from edmsim.plant.gap.coverage import GasLaw, blow, fade, mean_covered, sum_up
@@ -277,6 +277,8 @@ def fire_window(
         resistance = mean_resistance(a, c, film)
         found = find_films(state, a, c, sums, film, films)
         project(a, sums, load)
+        if axes.errs != 0:
+            indicate(state)
         if full:
             next_event = move_full(
                 state, a, c, axes, link, p, t, load, films, film, resistance, open_scale, burn_scale,
@@ -301,6 +303,8 @@ def fire_window(
             next_event = advance_axes(
                 state, a, axes, p, t, k_period, c.step_um, events, next_event, state[0].time_ns, False
             )
+        if axes.errs != 0:
+            go_astray(state, axes)
         quiet = period_us - delay - conducting
         fade(a, gas, k_period)
         if energy > 0.0:

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edmsim.compiled.axis_rows import AXIS, DRIVE, MOTOR, N_AXES
+from edmsim.plant.axes.ways import WAY
 from edmsim.plant.kernel.declare import CHANGING, WALL, Kept
 
 Array = NDArray[np.float64]
@@ -31,6 +32,8 @@ STATE = np.dtype(
         ("draws", "u8"),
         ("commanded_um", "f8", N_AXES),
         ("axis_um", "f8", N_AXES),
+        ("indicated_um", "f8", 2),
+        ("slack_um", "f8", 2),
         ("since_discharge_us", "f8"),
         ("last_slice", "i8"),
         ("last_ray", "i8"),
@@ -52,7 +55,9 @@ STATE = np.dtype(
     ]
 )
 """Scalars of a plant's state. ``commanded_um`` are the axes' setpoints, their steps added up; ``axis_um`` is where
-the axes are, less the ringing of those under a stepper, for which both are equal. ``crater_um3`` sums the craters
+the axes are, less the ringing of those under a stepper, for which both are equal. Where screws and ways have errors,
+``indicated_um`` is where x and y would be without them, less than the setpoint of a stepper by ``slack_um`` in its
+nut, and ``axis_um`` is where they truly are. ``crater_um3`` sums the craters
 drawn, ``missed_um3`` what found no metal; ``deflection_um`` is the last window's mean, ``tiled_um`` the places (x, y)
 of the wire at the lower and the upper guide around which the field has tiles; ``traced_um`` and ``traced_pulses`` are
 the axes' places and the pulses fired when the rays were last traced, ``traces`` how often that was with this wire,
@@ -232,17 +237,23 @@ class Axes(NamedTuple):
     ----------
     rows, drives, motors
         See `edmsim.compiled.axis_rows`; without meaning for an axis under a stepper.
+    ways : record (2,)
+        Errors of screws and ways of x and y, see `edmsim.plant.axes.ways`.
     step_ns : int64 (axes,)
         Longest time step of an axis.
     loops : int
         How many drives have a loop.
+    errs : int
+        Whether ``ways`` has any.
     """
 
     rows: Annotated[NDArray[np.void], Kept(N_AXES, life=CHANGING, record=AXIS)]
     drives: Annotated[NDArray[np.void], Kept(N_AXES, life=CHANGING, record=DRIVE)]
     motors: Annotated[NDArray[np.void], Kept(N_AXES, record=MOTOR)]
+    ways: Annotated[NDArray[np.void], Kept(2, record=WAY)]
     step_ns: Annotated[NDArray[np.int64], Kept(N_AXES)]
     loops: int
+    errs: int
 
 
 class Arrays(NamedTuple):

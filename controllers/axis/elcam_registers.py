@@ -1,0 +1,171 @@
+"""Numbers of the ELCAM module: functions of its object interface, bits of its registers, answers, versions.
+
+Source: "G3-ElCam Interface" of the MCU-G3, tables 1 to 4 and chapter 2.7.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntEnum, IntFlag
+from typing import Any, NamedTuple
+
+from edmsim.controllers.axis.drive import data_of
+
+DATA: dict[str, Any] = data_of("mcu_g3")
+"""Tables of ``models/drives/mcu_g3.toml``."""
+
+
+@dataclass(frozen=True)
+class Descriptor:
+    """An object's address.
+
+    Attributes
+    ----------
+    bus : int
+        1200 for ELCAM.
+    device : int
+        1 for a table; 0 with ``index`` 30 for the switch of the compensation of all tables.
+    index : int
+        Number of the table, 0 or more, chosen by the user.
+    sub_index : int
+        A `Function`.
+    """
+
+    bus: int
+    device: int
+    index: int
+    sub_index: int
+
+
+class Function(IntEnum):
+    """What a table's object has under ``sub_index`` (table 2); in brackets the document's name."""
+
+    ERROR = 1
+    RESET = 2
+    BUFFER_SIZE = 3
+    """Greatest number of points, those of all rows (BUFSIZE)."""
+    AXIS = 4
+    """Number of the axis that follows, or is compensated."""
+    MASTER = 5
+    GAIN = 6
+    PHASE = 7
+    """Shift of the points along the master (PHASE)."""
+    SHIFT = 8
+    """Shift of the points along the follower (SHIFT)."""
+    MODE = 10
+    ADD_MASTER = 11
+    ADD_FOLLOW = 12
+    SIZE_MASTER = 13
+    SIZE_FOLLOW = 14
+    ROW_AXIS = 15
+    """Number of the axis that chooses the row (MLAXIS)."""
+    ROW_START = 16
+    """Its place at row 0 (MLSTART, MasterLineStart)."""
+    ROW_END = 17
+    """Its place at the last row (MLEND, MasterLineEnd)."""
+    ROW_COUNT = 18
+    """Number of rows; 0 for a table without (MLCOUNT, MasterLineCount)."""
+    TARGET_POSITION = 19
+    """Where the follower ought to be now (CALC TARGET POSITION)."""
+    MEMORY_ADDRESS = 20
+    TABLE_SIZE = 21
+    """Points of a table in the computer's memory (SetTabSize)."""
+    COMPENSATION = 30
+    """Whether the table is one of errors to compensate (AxisCompensationMode)."""
+    INTERPOLATE_ROWS = 31
+    PHYSICAL_ADDRESS = 300
+
+
+ACCESS: dict[Function, tuple[type[int] | type[float], str]] = {
+    Function.ERROR: (int, "rw"), Function.RESET: (int, "rw"), Function.BUFFER_SIZE: (int, "rw"),
+    Function.AXIS: (int, "rw"), Function.MASTER: (int, "rw"), Function.GAIN: (float, "rw"),
+    Function.PHASE: (float, "rw"), Function.SHIFT: (float, "rw"), Function.MODE: (int, "rw"),
+    Function.ADD_MASTER: (float, "w"), Function.ADD_FOLLOW: (float, "w"), Function.SIZE_MASTER: (int, "r"),
+    Function.SIZE_FOLLOW: (int, "r"), Function.ROW_AXIS: (int, "rw"), Function.ROW_START: (float, "rw"),
+    Function.ROW_END: (float, "rw"), Function.ROW_COUNT: (int, "rw"), Function.TARGET_POSITION: (float, "r"),
+    Function.MEMORY_ADDRESS: (int, "r"), Function.TABLE_SIZE: (int, "w"), Function.COMPENSATION: (int, "rw"),
+    Function.INTERPOLATE_ROWS: (int, "rw"), Function.PHYSICAL_ADDRESS: (int, "rw"),
+}  # fmt: skip
+"""Kind of number and rights of every function."""
+
+NEEDS: dict[Function, str] = {
+    Function.TARGET_POSITION: "target_position", Function.TABLE_SIZE: "computer_memory",
+    Function.PHYSICAL_ADDRESS: "computer_memory", Function.COMPENSATION: "compensation",
+}  # fmt: skip
+"""Functions that the firmware has only from some version on: the key of that version in the data."""
+
+
+class Error(IntFlag):
+    """Bits of the register ERROR (table 3)."""
+
+    MEMORY = 1 << 8
+    SIZE = 1 << 9
+    SIZE_MASTER = 1 << 10
+    SIZE_FOLLOW = 1 << 11
+    MASTER = 1 << 12
+    NOT_ASCENDING = 1 << 13
+    ROW_TABLE = 1 << 14
+    ROW_AXIS = 1 << 15
+    ROW_SIZE = 1 << 16
+    ROW_START = 1 << 17
+    ROW_END = 1 << 18
+
+
+class Mode(IntFlag):
+    """Bits of the register MODE (table 4)."""
+
+    RUN = 1
+    ACTUAL = 1 << 1
+    """The master's actual value is looked up, not its setpoint (RpModeTable)."""
+    ACTUAL_ROW = 1 << 2
+    """The same of the axis that chooses the row (RpModeLine)."""
+    ROWS = 1 << 3
+    """Set by the system: the table has rows (MultiDimTable)."""
+    SINGLE = 1 << 4
+    """Points are numbers of 32 bits (SinglePrecision)."""
+    COMPENSATION = 1 << 5
+    INTERPOLATE_ROWS = 1 << 6
+    AUXILIARY = 1 << 7
+    """With ACTUAL: a stepper's own encoder is its actual value (AuxModeTable)."""
+    AUXILIARY_ROW = 1 << 8
+
+
+KNOWN = Mode(0x1FF)
+"""All bits of MODE."""
+
+
+class CallStatus(IntEnum):
+    """What a call of the object interface returns; all but BUSY and LOCKED are ours."""
+
+    OK = 0
+    REFUSED = 1
+    """No such object or right, a number that is none, or what its register forbids; nothing has changed."""
+    BUSY = 2
+    """Not while the table runs."""
+    LOCKED = 16
+    """"Error 10 hex": the precision cannot change any more."""
+
+
+class LoadStatus(IntEnum):
+    """What loading a whole table returns (chapter 2.7)."""
+
+    OK = 0
+    NO_ACCESS = 1
+    SIZE = 2
+    REBOOTED = 3
+    NO_ADDRESS = 4
+    NO_MEMORY = 5
+    SYSTEM = 6
+    NOT_WHOLE = 7
+
+
+class Answer(NamedTuple):
+    """What a reading call returns; the value counts only with `CallStatus.OK`."""
+
+    status: CallStatus
+    value: float
+
+
+def version_of(text: str) -> tuple[int, ...]:
+    """Return a version as numbers that compare."""
+    return tuple(int(part) for part in text.split("."))

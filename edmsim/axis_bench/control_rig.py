@@ -1,0 +1,112 @@
+"""A control of several axes on the bench: every cycle it reads the encoders, and its loops get new targets."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from edmsim.axis_bench.bench import AxisBench
+from edmsim.controllers.axis.drive import Drive
+from edmsim.controllers.axis.mcu_g3 import CYCLE_S, Control, ControlAxis
+from edmsim.controllers.axis.mcu_g3_servo import COMPENSATION, FEED_FORWARD, TARGET, AxisLoop
+from edmsim.controllers.axis.servo import PositionServo
+
+_CYCLE_NS = round(CYCLE_S * 1e9)
+
+
+class Traces(NamedTuple):
+    """What a run has noted, a row per cycle and a column per axis: times in s, places in the axes' units."""
+
+    time_s: NDArray[np.float64]
+    setpoint: NDArray[np.float64]
+    actual: NDArray[np.float64]
+    compensation: NDArray[np.float64]
+    table_um: NDArray[np.float64]
+
+
+class ControlRig:
+    """Axes of a control with their motors, screws and tables on a bench.
+
+    A servo axis is an `AxisLoop`; a stepper's motor takes steps, and the encoder beside it counts what it makes of
+    them.
+
+    Parameters
+    ----------
+    axes : mapping of str to ControlAxis
+        By the bench's axis, of ``x y u v``; the control numbers them in this order.
+    drives : mapping of str to drive, optional
+        In place of the usual ones.
+    **options
+        As `Control` takes them.
+
+    Attributes
+    ----------
+    control : Control
+    bench : AxisBench
+    names : tuple of str
+        The axes in the control's order.
+    """
+
+    def __init__(self, axes: Mapping[str, ControlAxis], drives: Mapping[str, Drive] | None = None, **options: object):
+        self.names = tuple(axes)
+        usual: dict[str, Drive] = {n: PositionServo() if axis.stepper else AxisLoop() for n, axis in axes.items()}
+        self.bench = AxisBench({**usual, **(drives or {})})
+        self.control = Control(list(axes.values()), **options)
+        self._sent = [0] * len(self.names)
+        self._notes: list[tuple[float, NDArray[np.float64]]] = []
+
+    def run(self, seconds: float) -> None:
+        """Let some time pass, in whole cycles."""
+        for _ in range(round(seconds / CYCLE_S)):
+            self._turn()
+            self.bench.run_to(round(self.bench.time_s * 1e9) + _CYCLE_NS)
+
+    def count(self, axis: str) -> int:
+        """Return what an axis' encoder has counted."""
+        return int(self.bench.axis(axis)["count"])
+
+    def table_um(self, axis: str) -> float:
+        """Return where an axis' table is by its screw, in um."""
+        return float(self.bench.axis(axis)["place_um"])
+
+    def traces(self) -> Traces:
+        """Return what was noted since the last call."""
+        times, rows = [at for at, _ in self._notes], [row for _, row in self._notes]
+        self._notes = []
+        columns = np.array(rows).reshape(len(rows), 4, len(self.names))
+        return Traces(np.array(times), *(columns[:, k] for k in range(4)))
+
+    def _turn(self) -> None:
+        axes = self.control.axes
+        counts = [
+            self._sent[k] if axis.stepper else self.count(name)
+            for k, (name, axis) in enumerate(zip(self.names, axes, strict=True))
+        ]
+        self.control.turn(counts, [self.count(name) for name in self.names])
+        for k, (name, axis) in enumerate(zip(self.names, axes, strict=True)):
+            self._command(k, name, axis)
+        self._notes.append((self.bench.time_s, self._note(axes)))
+
+    def _command(self, k: int, name: str, axis: ControlAxis) -> None:
+        """Give a servo axis target and compensation, and a stepper the steps to the sum of both."""
+        record = self.bench.drive(name).record
+        if axis.stepper:
+            steps = round((axis.setpoint + axis.compensation) * axis.counts_per_unit) - self._sent[k]
+            record["setpoint"] += steps
+            self._sent[k] += steps
+            return
+        motor, real = self.bench.motor(name), record["real"][0]
+        real[TARGET] = axis.setpoint * axis.counts_per_unit
+        real[COMPENSATION] = axis.compensation * axis.counts_per_unit
+        rad_s = axis.velocity * axis.counts_per_unit / float(motor["counts_per_rad"])
+        real[FEED_FORWARD] = rad_s * float(motor["torque_Nm_A"]) / float(motor["supply_V"])
+
+    def _note(self, axes: Sequence[ControlAxis]) -> NDArray[np.float64]:
+        places = [self.table_um(name) for name in self.names]
+        return np.array([
+            *(axis.setpoint for axis in axes), *(axis.actual for axis in axes),
+            *(axis.compensation for axis in axes), *places,
+        ])  # fmt: skip

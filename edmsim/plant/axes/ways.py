@@ -1,0 +1,90 @@
+"""Errors of screws and ways: how far the table is off where its axes say, periodic, cumulative, askew and bent.
+
+An error is what an axis indicates less where it truly is, the value that a compensation table holds. It is nought in
+the middle of the table. Of x: the screw's, cumulative and periodic, and the bend of the way of y. Of y: its screw's,
+the bend of the way of x, and what x is askew. Bends and skew may change with the third axis, u, whose slide hangs on
+the same column.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from edmsim.compiled.jit import compiled, compiled_apart
+
+if TYPE_CHECKING:
+    from edmsim.machine.machine import Machine
+
+WAY = np.dtype(
+    [
+        ("middle_um", "f8"),
+        ("pitch", "f8"),
+        ("wave_um", "f8"),
+        ("wave_per_um", "f8"),
+        ("skew", "f8"),
+        ("skew_per_um", "f8"),
+        ("bend_per_um", "f8"),
+        ("bend_per_um2", "f8"),
+        ("backlash_um", "f8"),
+    ]
+)
+"""Errors of x or of y: ``middle_um`` of its travel; ``pitch``, cumulative per um of travel; ``wave_um`` times the
+sine of ``wave_per_um`` times the travel from the middle; ``skew`` per um of the other axis and ``bend_per_um`` per
+its square, both with their change per um of u; ``backlash_um`` is what a stepper loses at a reversal."""
+
+
+def no_ways() -> NDArray[np.void]:
+    """Return the rows (2,) of perfect screws and ways."""
+    return np.zeros(2, WAY)
+
+
+def ways_of(machine: Machine, nuts: bool = True) -> NDArray[np.void]:
+    """Return the rows (2,) of a machine's x and y, from its file's section ``geometry``.
+
+    Parameters
+    ----------
+    machine : Machine
+    nuts : bool
+        With the backlash of the nuts, which MuJoCo's own model has already.
+    """
+    rows = no_ways()
+    found, table = machine.base.geometry, machine.base.table
+    if not found.has_errors:
+        return rows
+    half_um = 0.5e3 * table.travel_mm.value
+    change_um = 1e-3 * found.value("change_per_mm")
+    rows["middle_um"], rows["backlash_um"] = half_um, table.backlash_um.value if nuts else 0.0
+    for k, (own, other) in enumerate((("x", "y"), ("y", "x"))):
+        rows["pitch"][k] = found.value(f"{own}_pitch_um_m") * 1e-6
+        rows["wave_um"][k] = found.value(f"{own}_periodic_um")
+        rows["bend_per_um"][k] = found.value(f"{other}_straightness_um") / half_um**2
+    rows["wave_per_um"] = 2e-3 * math.pi / found.value("lead_mm") if rows["wave_um"].any() else 0.0
+    rows["skew"][1] = found.value("squareness_um_m") * 1e-6
+    rows["skew_per_um"], rows["bend_per_um2"] = rows["skew"] * change_um, rows["bend_per_um"] * change_um
+    return rows
+
+
+@compiled
+def _error_um(way: Any, own_um: float, other_um: float, third_um: float) -> float:
+    """Error of an axis: its place and the other's from their middles, and that of u."""
+    skew = way.skew + way.skew_per_um * third_um
+    bend = way.bend_per_um + way.bend_per_um2 * third_um
+    screw = way.pitch * own_um + way.wave_um * math.sin(way.wave_per_um * own_um)
+    return float(screw + skew * other_um + bend * other_um * other_um)
+
+
+@compiled_apart
+def errors_um(ways: NDArray[np.void], x_um: float, y_um: float, u_um: float) -> tuple[float, float]:
+    """Return the errors of x and y where the axes indicate some places."""
+    x_um, y_um = x_um - ways[0].middle_um, y_um - ways[1].middle_um
+    return _error_um(ways[0], x_um, y_um, u_um), _error_um(ways[1], y_um, x_um, u_um)
+
+
+@compiled
+def taken_up(slack_um: float, travel_um: float, backlash_um: float) -> float:
+    """Slack in a nut after a travel of its screw: within half the backlash either way."""
+    return min(max(slack_um + travel_um, -0.5 * backlash_um), 0.5 * backlash_um)

@@ -1,0 +1,273 @@
+"""Axes on the bench follow cam tables: interpolation, repetition, gain, master sources, rows, several tables."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from edmsim.controllers.axis.elcam_registers import CallStatus, Function, Mode
+
+from .cam_bench import (
+    COUNTS,
+    HAT,
+    STAIR,
+    U,
+    X,
+    Y,
+    go,
+    jumps,
+    read,
+    rig_of,
+    run,
+    settle,
+    stop,
+    table,
+    watch,
+    write,
+)
+
+
+def place_mm(rig, axis):
+    return rig.count("xyuv"[axis]) / COUNTS
+
+
+def start(rig, index, points=HAT, at=0.0, **values):
+    """Put the master somewhere, run a table, and let its follower rest."""
+    go(rig, X, at)
+    table(rig, index, points, **values)
+    assert run(rig, index) is CallStatus.OK
+    settle(rig)
+
+
+@pytest.mark.parametrize(
+    ("values", "place"), [({}, 2.5), ({"gain": 2.0}, 5.0), ({"shift": 1.0}, 3.5), ({"phase": 5.0}, 0.0),
+                          ({"gain": 2.0, "shift": 1.0}, 6.0)],
+)  # fmt: skip
+def test_the_follower_is_between_the_points(values, place):
+    # E-20, E-7, E-A8
+    rig = rig_of()
+    start(rig, 0, at=5.0, **values)
+    assert rig.control.axes[Y].setpoint == pytest.approx(place)
+    assert place_mm(rig, Y) == pytest.approx(place, abs=0.002)
+
+
+@pytest.mark.parametrize(("master", "place"), [(25.0, 2.5), (-5.0, 2.5), (-15.0, 2.5), (40.0, 0.0)])
+def test_a_table_repeats_both_ways(master, place):
+    # E-21, E-37
+    rig = rig_of()
+    start(rig, 0)
+    go(rig, X, master, 100.0)
+    assert place_mm(rig, Y) == pytest.approx(place, abs=0.002)
+
+
+def test_a_point_beyond_the_travel_defeats_repetition():
+    # E-21, E-37
+    rig = rig_of()
+    start(rig, 0, (*HAT, (1000.0, 0.0)))
+    go(rig, X, 25.0, 100.0)
+    assert place_mm(rig, Y) == pytest.approx(0.0, abs=0.002)
+
+
+def test_each_pass_adds_what_the_ends_differ_by():
+    # E-22, E-38
+    rig = rig_of()
+    start(rig, 0, STAIR)
+    for master, place in ((5.0, 2.0), (15.0, 7.0), (25.0, 12.0), (45.0, 22.0), (-5.0, -3.0)):
+        go(rig, X, master, 200.0)
+        assert place_mm(rig, Y) == pytest.approx(place, abs=0.002), master
+
+
+def test_a_new_gain_acts_from_the_place_on_where_passes_add_up():
+    # E-22, E-38
+    rig = rig_of()
+    start(rig, 0, STAIR, at=25.0)
+    watch(rig)
+    write(rig, 0, gain=2.0)
+    settle(rig)
+    assert jumps(rig.traces(), Y) == 0.0
+    for master, place in ((30.0, 16.0), (40.0, 28.0)):
+        go(rig, X, master)
+        assert rig.control.axes[Y].setpoint == pytest.approx(place)
+
+
+def test_a_new_gain_acts_at_once_where_both_ends_are_equal():
+    # E-38
+    rig = rig_of()
+    start(rig, 0, at=5.0)
+    watch(rig)
+    write(rig, 0, gain=2.0)
+    settle(rig)
+    assert jumps(rig.traces(), Y) == pytest.approx(2.5)
+    assert place_mm(rig, Y) == pytest.approx(5.0, abs=0.002)
+
+
+@pytest.mark.parametrize("end", ["run", "reset"])
+def test_a_follower_in_motion_keeps_its_speed_until_it_is_stopped(end):
+    # E-24, E-39, E-4
+    rig = rig_of()
+    start(rig, 0)
+    rig.control.move_velocity(X, 20.0)
+    rig.run(0.2)
+    if end == "run":
+        stop(rig, 0)
+    else:
+        write(rig, 0, reset=1)
+        assert (read(rig, 0, Function.SIZE_MASTER), read(rig, 0, Function.BUFFER_SIZE)) == (0, 0)
+    rig.control.halt(X)
+    rig.run(0.1)
+    at = place_mm(rig, Y)
+    rig.run(0.2)
+    assert place_mm(rig, Y) - at == pytest.approx(0.2 * 10.0, abs=0.02)  # half the master's speed
+    rig.control.halt(Y)
+    rig.run(0.1)
+    at = place_mm(rig, Y)
+    rig.run(0.2)
+    assert place_mm(rig, Y) == pytest.approx(at, abs=0.002)
+
+
+def test_a_follower_takes_no_travel_commands():
+    # E-26
+    rig = rig_of()
+    start(rig, 0)
+    assert not rig.control.move_absolute(Y, 3.0, 10.0)
+    assert not rig.control.halt(Y)
+    settle(rig)
+    assert place_mm(rig, Y) == pytest.approx(0.0, abs=0.002)
+    stop(rig, 0)
+    go(rig, Y, 3.0)
+    assert place_mm(rig, Y) == pytest.approx(3.0, abs=0.002)
+
+
+def test_the_start_is_approached_by_the_computed_position():
+    # E-12, E-44, E-28
+    rig = rig_of()
+    go(rig, X, 5.0)
+    table(rig, 0, HAT)
+    assert read(rig, 0, Function.ERROR) == 0
+    go(rig, Y, read(rig, 0, Function.TARGET_POSITION))
+    watch(rig)
+    run(rig, 0)
+    settle(rig)
+    assert jumps(rig.traces(), Y) == 0.0
+    answer = rig.control.elcam.at(0).read_double(Function.TARGET_POSITION)
+    assert answer.status is CallStatus.BUSY == 2
+    go(rig, X, 15.0)
+    assert place_mm(rig, Y) == pytest.approx(2.5, abs=0.002)
+
+
+def test_without_the_approach_the_follower_jumps_by_the_difference():
+    # E-44
+    rig = rig_of()
+    go(rig, X, 5.0)
+    table(rig, 0, HAT)
+    watch(rig)
+    run(rig, 0)
+    settle(rig)
+    assert jumps(rig.traces(), Y) == pytest.approx(2.5)
+
+
+def test_a_position_of_two_is_no_busy():
+    # E-12
+    rig = rig_of()
+    go(rig, X, 4.0)
+    table(rig, 0, HAT)
+    assert rig.control.elcam.at(0).read_double(Function.TARGET_POSITION) == (CallStatus.OK, 2.0)
+
+
+def test_the_master_is_its_setpoint_or_its_actual_value():
+    # E-23, E-17
+    rig = rig_of()
+    rig.bench.hold("x", True)  # setpoint and actual value part
+    table(rig, 0, HAT)
+    run(rig, 0)
+    rig.control.move_absolute(X, 5.0, 20.0)
+    rig.run(0.5)
+    assert rig.control.axes[Y].setpoint == pytest.approx(2.5)
+    run(rig, 0, Mode.ACTUAL)
+    rig.run(0.01)
+    assert rig.control.axes[Y].setpoint == pytest.approx(0.0, abs=0.002)
+
+
+@pytest.mark.parametrize(
+    ("bits", "use", "reads"),
+    [(Mode.ACTUAL | Mode.AUXILIARY, True, True), (Mode.ACTUAL | Mode.AUXILIARY, False, False),
+     (Mode.ACTUAL, True, False), (Mode.AUXILIARY, True, False)],
+)  # fmt: skip
+def test_a_stepper_master_is_read_by_its_own_encoder(bits, use, reads):
+    # E-40, E-17, E-23
+    rig = rig_of("xy", steppers="x")
+    master = rig.control.axes[X]
+    master.use_encoder, master.auxiliary_factor = use, 5000.0  # ten counts to a step of 2 um
+    table(rig, 0, ((0.0, 0.0), (4.0, 4.0), (8.0, 0.0)), mode=bits)
+    run(rig, 0)
+    go(rig, X, 1.0, 1.0)
+    assert rig.control.axes[Y].setpoint == pytest.approx(1.0, abs=0.002)
+    master.auxiliary_factor = 2500.0
+    rig.run(0.002)
+    assert rig.control.axes[Y].setpoint == pytest.approx(2.0 if reads else 1.0, abs=0.004)
+
+
+def test_the_encoder_of_a_stepper_sees_the_steps_it_lost():
+    # E-40, E-23
+    rig = rig_of("xy", steppers="x")
+    rig.control.axes[X].use_encoder, rig.control.axes[X].auxiliary_factor = True, 5000.0
+    table(rig, 0, HAT, mode=Mode.ACTUAL | Mode.AUXILIARY)
+    run(rig, 0)
+    rig.bench.hold("x", True)
+    rig.control.move_absolute(X, 0.2, 1.0)
+    rig.run(0.5)
+    assert rig.control.axes[X].actual == pytest.approx(0.2)  # it counts its own steps
+    assert rig.control.axes[Y].setpoint == pytest.approx(0.0, abs=0.001)
+
+
+def test_tables_move_their_own_followers_only():
+    # E-35, E-6
+    rig = rig_of("xyuv")
+    table(rig, 0, HAT, axis=Y, master=X)
+    table(rig, 7, STAIR, axis=3, master=U)
+    assert run(rig, 0) is run(rig, 7) is CallStatus.OK
+    go(rig, X, 5.0)
+    assert [place_mm(rig, k) for k in (Y, 3)] == pytest.approx([2.5, 0.0], abs=0.002)
+    go(rig, U, 10.0)
+    assert [place_mm(rig, k) for k in (Y, 3)] == pytest.approx([2.5, 4.0], abs=0.002)
+
+
+def test_running_one_table_ends_the_others_of_its_follower():
+    # E-25, E-47
+    rig = rig_of("xyuv")
+    table(rig, 0, HAT)
+    table(rig, 1, ((0.0, 0.0), (5.0, 2.5), (20.0, 9.0)))  # one place in common, at 5
+    table(rig, 2, STAIR, axis=3, master=U)
+    assert [run(rig, k) for k in (0, 2)] == [0, 0]
+    go(rig, X, 5.0)
+    watch(rig)
+    assert run(rig, 1) is CallStatus.OK
+    settle(rig)
+    assert jumps(rig.traces(), Y) == pytest.approx(0.0, abs=1e-12)
+    assert [read(rig, k, Function.MODE) & Mode.RUN for k in range(3)] == [0, 1, 1]
+    go(rig, X, 20.0 - 1e-6)
+    assert place_mm(rig, Y) == pytest.approx(9.0, abs=0.003)
+    write(rig, 0, shift=1.0)  # with a shift, no place is common any more
+    go(rig, X, 5.0)
+    watch(rig)
+    run(rig, 0)
+    settle(rig)
+    assert jumps(rig.traces(), Y) == pytest.approx(1.0)
+
+
+def test_a_phase_past_the_table_comes_round():
+    # E-7, E-21
+    rig = rig_of()
+    start(rig, 0, at=5.0, phase=-1000.0)
+    assert place_mm(rig, Y) == pytest.approx(2.5, abs=0.002)
+
+
+def test_followers_do_what_was_computed_beforehand():
+    # E-20: over the whole way, not only where it rests
+    rig = rig_of()
+    start(rig, 0)
+    watch(rig)
+    go(rig, X, 20.0, 40.0)
+    traces = rig.traces()
+    assert traces.setpoint[:, Y] == pytest.approx(np.interp(traces.setpoint[:, X], *np.transpose(HAT)))
+    assert np.abs(traces.actual[:, Y] - traces.setpoint[:, Y]).max() < 0.3
