@@ -164,6 +164,10 @@ class CamTable:
             self._last_master = master
         return self.follow(master, row_place) + 0.5 * self.direction * self.extensions.reversal
 
+    def go_on(self, direction: int, master: float) -> None:
+        """Let the master of a compensation table have come to its place in some direction, as before a restart."""
+        self.direction, self._last_master = direction, master
+
     def change_gain(self, gain: float, master: float, row_place: float) -> None:
         """Change the gain; where each pass adds something, it acts from the present place on, without a jump."""
         if self.runs and self._adds_up():

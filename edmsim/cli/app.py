@@ -11,6 +11,7 @@ from edmsim.cli.console import OUT
 from edmsim.cli.cut import cut
 from edmsim.cli.evaluate import evaluate, search_gains
 from edmsim.cli.learn import score, train
+from edmsim.cli.measure_table import measure_table
 from edmsim.cli.playback import render, report, view
 from edmsim.cli.servo import servo
 from edmsim.cli.studies import bench, calibrate, validate
@@ -23,7 +24,7 @@ app = typer.Typer(
 )
 _COMMANDS = (
     cut, view, render, report, train, score, evaluate, search_gains, calibrate, validate, bench, terminal,
-    servo,
+    servo, measure_table,
 )  # fmt: skip
 for _command in _COMMANDS:
     app.command()(_command)

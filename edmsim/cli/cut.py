@@ -46,6 +46,9 @@ def cut(
     ] = "counts",
     planner: Annotated[str, typer.Option(help="poscal, poscal-literal, dda, sine-table or exact.")] = "poscal",
     drive: Annotated[str, typer.Option(help="Drive of x and y: stepper, uhu or servo-module.")] = "stepper",
+    compensation: Annotated[
+        Path | None, typer.Option(help="File of tables with the errors of the machine's table, to compensate them.")
+    ] = None,
     mechanics: Annotated[str, typer.Option(help="Integrator of table and wire.")] = "modal",
     resolution: Resolution = "default",
     offset: Annotated[str, typer.Option(help="Wire offset: auto, none, or mm.")] = "auto",
@@ -70,8 +73,9 @@ def cut(
                 peak_current_A=peak_current, resistance_ohm=resistance, ignition_wait_us=ignition_wait,
                 pulse_shape=pulse_shape, wire_speed_m_s=wire_speed, flushing_lower_Pa=flushing_lower,
                 flushing_upper_Pa=flushing_upper, controller=controller, planner=planner, drive=drive,
-                mechanics=mechanics, resolution=resolution, offset=offset, seed=seed, max_time_s=max_time,
-                resume=resume, watch=watcher.show,
+                compensation=None if compensation is None else str(compensation), mechanics=mechanics,
+                resolution=resolution, offset=offset, seed=seed, max_time_s=max_time, resume=resume,
+                watch=watcher.show,
             )
     except KeyboardInterrupt:
         say("interrupted; take an interrupted cut up again with --resume")

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any, NamedTuple, Protocol
 
+from edmsim.controllers.axis.step_compensation import StepCompensation
 from edmsim.controllers.planner.registry import Planner
 from edmsim.controllers.protocols import DrivesSteps, FeedCommand, Step
 
@@ -64,6 +65,8 @@ class PlannerMotion:
         For the first window.
     max_feed_um_s : float
         Greatest feed, either way.
+    compensation : StepCompensation, optional
+        What adds steps on the way to the motors.
 
     Attributes
     ----------
@@ -73,7 +76,7 @@ class PlannerMotion:
 
     def __init__(
         self, planner: Planner, drives: DrivesSteps | None, start_um: float, rest_until_ns: int, command: FeedCommand,
-        max_feed_um_s: float,
+        max_feed_um_s: float, compensation: StepCompensation | None = None,
     ) -> None:
         self.planner = planner
         self.start_um = start_um
@@ -84,6 +87,7 @@ class PlannerMotion:
         self._units = 0
         self._speeds = _Speeds(0, 0, 0)
         self._before: Any = None
+        self._compensation = compensation
 
     @property
     def feed_um_s(self) -> float:
@@ -99,16 +103,19 @@ class PlannerMotion:
         """Return the planner's steps; where the end is not certain, nothing has been driven yet."""
         self._speeds = self._speeds_from(start_ns)
         if certain:
-            return self._drive(self._steps(start_ns, end_ns))
-        self._before = self.planner.snapshot()
-        return self._steps(start_ns, end_ns)
+            return self._to_motors(self._drive(self._steps(start_ns, end_ns)))
+        self._before = self.planner.snapshot(), self._compensation and self._compensation.snapshot()
+        return self._to_motors(self._steps(start_ns, end_ns))
 
     def keep(self, start_ns: int, end_ns: int) -> None:
         """Take note of the window's end; a planner that went further goes back there."""
         if self._before is not None:
-            self.planner.restore(self._before)
+            planner, compensation = self._before
+            self.planner.restore(planner)
+            if self._compensation is not None:
+                self._compensation.restore(compensation)
             self._before = None
-            self._drive(self._steps(start_ns, end_ns))
+            self._to_motors(self._drive(self._steps(start_ns, end_ns)))
         self._units = self._speeds.at(end_ns)
 
     def snapshot(self) -> dict[str, Any]:
@@ -143,6 +150,10 @@ class PlannerMotion:
     def _drive(self, steps: list[Step]) -> list[Step]:
         """Return the steps the motors are to make: a controller that has lines to them makes them itself."""
         return self._drives.drive(steps) if self._drives and steps else steps
+
+    def _to_motors(self, steps: list[Step]) -> list[Step]:
+        """Return the steps the motors get."""
+        return steps if self._compensation is None else self._compensation.motor_steps(steps)
 
 
 class EvenSteps:

@@ -15,6 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edmsim.controllers import FeedController, WindowObservation
+from edmsim.controllers.axis.elcam import Elcam
+from edmsim.controllers.axis.step_compensation import StepCompensation
 from edmsim.controllers.mcu.firmware.timers import MAX_FEED_UM_S
 from edmsim.controllers.planner.registry import make_planner, position_unit
 from edmsim.controllers.protocols import DrivesSteps, MissesWindows, check_command, tell
@@ -110,6 +112,8 @@ class Simulation:
         file has none; the planner's, where that is less.
     drives : mapping of str to drive, optional
         Drives of the axes by name; see `Plant`.
+    compensation : Elcam, optional
+        Tables of the table's errors, of `edmsim.controllers.axis.elcam_file.load_tables`.
 
     Attributes
     ----------
@@ -117,6 +121,8 @@ class Simulation:
         Why the cut ended; `StopCause.RUNNING` while it has not.
     outcome, reason : str or None
         How the cut ended, as a report says it, and why.
+    elcam : Elcam or None
+        The tables of the table's errors.
     missed_windows : int
         Windows whose counts the controller did not read in time (row T-44).
     refused : str or None
@@ -144,6 +150,7 @@ class Simulation:
         observers: Sequence[Observer] = (),
         max_feed_um_s: float | None = None,
         drives: Mapping[str, AxisDrive] | None = None,
+        compensation: Elcam | None = None,
     ) -> None:
         self.machine = machine
         self.path = path
@@ -161,9 +168,13 @@ class Simulation:
         radius = path.start_hole_radius_mm * 1e3
         holes = tuple((float(c.points_um[0, 0]), float(c.points_um[0, 1]), radius) for c in path.contours)
         x, y = (int(v) for v in path.contours[0].points_um[0])
+        self.elcam = compensation
+        step_um = table.step_um.value
+        self._compensation = None if compensation is None else StepCompensation(compensation, step_um)
         self.plant = Plant(
             machine, seed, stock=Stock((x0, y0, x1, y1), holes, steps, machine.height_mm),
-            position_um=(float(x), float(y)), resolution=resolution, mechanics=mechanics, drives=drives,
+            position_um=self._motors_um(float(x), float(y)), resolution=resolution, mechanics=mechanics,
+            drives=drives,
         )
         self.sums = Sums()
         self.cause = StopCause.RUNNING
@@ -192,7 +203,20 @@ class Simulation:
         self._set_generator(command.t_on_us, command.t_period_us)
         drives = self.controller if isinstance(self.controller, DrivesSteps) else None
         rest_until_ns = self.plant.time_ns + round(leg.rest_s * 1e9)
-        return PlannerMotion(planner, drives, at.start_um, rest_until_ns, command, limit_um_s)
+        return PlannerMotion(
+            planner, drives, at.start_um, rest_until_ns, command, limit_um_s, self._compensation
+        )
+
+    def _motors_um(self, x_um: float, y_um: float) -> tuple[float, float]:
+        """Return where the motors stand at a place of the program that is reached without steps."""
+        return (x_um, y_um) if self._compensation is None else self._compensation.begin((x_um, y_um))
+
+    @property
+    def commanded_um(self) -> tuple[float, float]:
+        """Where the program has come to: what the motors stand at, less their compensation."""
+        x, y = self.plant.commanded_um
+        off_x, off_y = (0.0, 0.0) if self._compensation is None else self._compensation.offset_um
+        return x - off_x, y - off_y
 
     @property
     def outcome(self) -> str | None:
@@ -285,16 +309,16 @@ class Simulation:
             return StopCause.FINISHED
         if self.legs[at.leg + 1].threads:
             self._thread_at(self.legs[at.leg + 1].points_um[0])
-        self._at = _Place(at.leg + 1, self.plant.commanded_um, self.path_um, False, self.missed_windows)
+        self._at = _Place(at.leg + 1, self.commanded_um, self.path_um, False, self.missed_windows)
         self._cycle.motion = self._motion = self._begin_leg()
         return StopCause.RUNNING
 
     def _thread_at(self, point_um: NDArray[np.int64]) -> None:
         table = self.machine.base.table
-        x, y = self.plant.commanded_um
+        x, y = self.commanded_um
         way = math.hypot(point_um[0] - x, point_um[1] - y)
         seconds = way / table.rapid_um_s.value + table.threading_s.value
-        self.plant.rethread((float(point_um[0]), float(point_um[1])), round(seconds * 1e9))
+        self.plant.rethread(self._motors_um(float(point_um[0]), float(point_um[1])), round(seconds * 1e9))
 
     def run(self, watch: Callable[[Progress], None] | None = None) -> str:
         """Run until the cut is over; returns the outcome. `watch` is called after every window."""
@@ -312,6 +336,7 @@ class Simulation:
         values = {
             "at": asdict(self._at), "motion": self._motion.snapshot(), "controller": self.controller.snapshot(),
             "sums": asdict(self.sums), "refused": self.refused,
+            "compensation": self._compensation and self._compensation.snapshot(),
         }
         return arrays, values
 
@@ -321,6 +346,8 @@ class Simulation:
         self._cycle.motion = self._motion = self._begin_leg()
         self._motion.restore(values["motion"])
         self.controller.restore(values["controller"])
+        if self._compensation is not None:
+            self._compensation.restore(values["compensation"])
         self.sums, self.refused = Sums(**values["sums"]), values["refused"]
         self.plant.restore(_part(arrays, "plant."))
         for observer in self.observers:

@@ -17,7 +17,7 @@ from edmsim.files import replacing
 
 NAME = "checkpoint.npz"
 """File in the output folder; gone when the cut is over."""
-FORMAT = 2
+FORMAT = 3
 """Raised when what a checkpoint holds changes: one of another format is refused."""
 
 

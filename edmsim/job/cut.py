@@ -11,6 +11,7 @@ from typing import Any, Unpack
 from edmsim import user_code
 from edmsim.controllers import FeedController, SeesTruth, from_text
 from edmsim.controllers.axis import CHIPS, tuned
+from edmsim.controllers.axis.elcam_file import load_tables, read_tables
 from edmsim.controllers.mcu.firmware.poscal import unit_um
 from edmsim.controllers.own import check_is_controller
 from edmsim.controllers.planner.registry import position_unit
@@ -87,7 +88,7 @@ def make_controller(given: str | FeedController) -> FeedController:
 
 def _begin(program: str | Path, settings: CutSettings) -> tuple[Simulation, Recorders]:
     """Read the program; set up machine, path, controller and recorders."""
-    machine = settings.load_machine()
+    machine, file = settings.load_machine(), settings.compensation
     controller = make_controller(settings.controller)
     step_um, travel_um = machine.base.table.step_um.value, round(machine.base.table.travel_mm.value * 1e3)
     unit = position_unit(settings.planner, travel_um, step_um)
@@ -101,6 +102,7 @@ def _begin(program: str | Path, settings: CutSettings) -> tuple[Simulation, Reco
         machine, path, controller, planner=settings.planner, seed=settings.seed, resolution=settings.resolution,
         max_time_s=settings.max_time_s, steps=steps, mechanics=settings.mechanics, observers=recorders,
         drives={name: tuned(settings.drive) for name in "xy"} if settings.drive in CHIPS else None,
+        compensation=None if file is None else load_tables(read_tables(file), file),
     )
     return simulation, recorders
 
@@ -111,10 +113,12 @@ def _made_with(program: str | Path, settings: CutSettings, simulation: Simulatio
     table = machine.base.table
     unit = position_unit(settings.planner, table.travel_mm.value * 1e3, table.step_um.value)
     file = user_code.named(settings.controller) if isinstance(settings.controller, str) else None
+    tables = settings.compensation
     return {
         "program": Path(program).name, "program_sha256": _digest(Path(program).read_bytes()),
         **settings.model_dump(mode="json", exclude={"seed", "tension", "offset"}),
         **({} if file is None else {"controller_sha256": user_code.digest(file.file)}),
+        **({} if tables is None else {"compensation_sha256": _digest(Path(tables).read_bytes())}),
         "wire_diameter_um": machine.wire_diameter_um, "tension_N": machine.tension, "t_on_us": machine.t_on_us,
         "t_period_us": machine.t_period_us, "position_unit": unit,
         "offset_um": path.offset_um,

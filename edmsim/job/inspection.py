@@ -17,7 +17,8 @@ from edmsim.metrology.edges import cut_edges
 from edmsim.metrology.kerf import KerfWidth, kerf_width, width_stats
 from edmsim.metrology.profile import ProfileError, error_stats, profile_error
 from edmsim.metrology.roughness import roughness_um
-from edmsim.recording.report import KerfSlice, Quality, Totals, Wall
+from edmsim.metrology.table_error import table_error
+from edmsim.recording.report import KerfSlice, Quality, TableShare, Totals, Wall
 from edmsim.recording.scene import ErrorMap, Scene, SceneCorner, Terrace, polylines
 
 _NEAR_MM = 0.5
@@ -91,9 +92,10 @@ def inspect(simulation: Simulation, guides_um: NDArray[np.float64]) -> Inspectio
     field, machine = simulation.plant.field, simulation.machine
     contours = simulation.path.contours
     profiles = [profile_error(field, contour) for contour in contours]
+    table = _table(simulation, profiles)
     found = [SceneCorner(**c) for k, p in zip(contours, profiles, strict=True) for c in corners(k, p)]
     guides = machine.base.guides.clearance_mm.value
-    x, y = simulation.plant.commanded_um
+    x, y = simulation.commanded_um
     scene = Scene(
         maps=tuple(
             ErrorMap(k.nominal_mm, k.part_side, p.points_mm, p.mean_um)
@@ -110,7 +112,8 @@ def inspect(simulation: Simulation, guides_um: NDArray[np.float64]) -> Inspectio
         hole_radius_mm=simulation.path.start_hole_radius_mm,
         stop_mm=None if simulation.cause is StopCause.FINISHED else (x * 1e-3, y * 1e-3),
     )
-    return Inspection(_quality(simulation, profiles, tuple(found)), scene, _error_per_window(guides_um, profiles))
+    quality = _quality(simulation, profiles, tuple(found), table)
+    return Inspection(quality, scene, _error_per_window(guides_um, profiles))
 
 
 def _terraces(simulation: Simulation) -> tuple[Terrace, ...]:
@@ -127,7 +130,26 @@ def _terraces(simulation: Simulation) -> tuple[Terrace, ...]:
     )
 
 
-def _quality(simulation: Simulation, profiles: list[ProfileError], found: tuple[SceneCorner, ...]) -> Quality:
+def _table(simulation: Simulation, profiles: list[ProfileError]) -> TableShare | None:
+    """Return what the table's errors do to the part; None for a perfect table that nothing compensates."""
+    machine, contours, elcam = simulation.machine, simulation.path.contours, simulation.elcam
+    if elcam is None and not machine.base.geometry.has_errors:
+        return None
+    found = [table_error(machine, k, p, elcam) for k, p in zip(contours, profiles, strict=True)]
+    # only where there is an edge that was cut
+    cut = [np.isfinite(p.mean_um) for p in profiles]
+    bare = [p.error_um + (t.without_um - t.left_um) for p, t in zip(profiles, found, strict=True)]
+    return TableShare(
+        without_um=error_stats(np.concatenate([t.without_um[k] for t, k in zip(found, cut, strict=True)])),
+        left_um=error_stats(np.concatenate([t.left_um[k] for t, k in zip(found, cut, strict=True)])),
+        profile_without_um=error_stats(np.concatenate([b.ravel() for b in bare])),
+        compensated=elcam is not None,
+    )
+
+
+def _quality(
+    simulation: Simulation, profiles: list[ProfileError], found: tuple[SceneCorner, ...], table: TableShare | None
+) -> Quality:
     field, machine, sums = simulation.plant.field, simulation.machine, simulation.sums
     error = error_stats(np.concatenate([p.error_um.ravel() for p in profiles]))
     widths = [kerf_width(field, k, machine.wire_diameter_um) for k in simulation.path.contours]
@@ -144,6 +166,7 @@ def _quality(simulation: Simulation, profiles: list[ProfileError], found: tuple[
         corners=found,
         ra_um=roughness_um(sums.crater_um3 / ignited, flatness) if ignited else math.nan,
         section=_section(widths, machine.height_mm),
+        table=table,
     )
 
 

@@ -97,6 +97,8 @@ class CutSettings(BaseModel):
     ``docs/planners.md`` has their errors."""
     drive: str = "stepper"
     """What drives x and y: stepper, or a servo drive commissioned for the table: uhu, servo-module."""
+    compensation: str | None = None
+    """File of cam tables with the errors of the table's screws and ways, as ``edmsim measure-table`` writes it."""
     mechanics: str = "modal"
     """Integrator of table and wire: modal or mujoco (see `Plant`)."""
     resolution: str = "default"
@@ -238,6 +240,7 @@ class CutOptions(TypedDict, total=False):
     controller: str | FeedController
     planner: str
     drive: str
+    compensation: str | None
     mechanics: str
     resolution: str
     offset: str | float

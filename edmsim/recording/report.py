@@ -78,6 +78,28 @@ class KerfSlice:
 
 
 @dataclass(frozen=True)
+class TableShare:
+    """What the errors of the table's screws and ways do to the part: ``max``, ``rms`` and ``p95`` in um each.
+
+    Attributes
+    ----------
+    without_um : mapping
+        Displacement of the wall by the table alone.
+    left_um : mapping
+        What of that the compensation leaves.
+    profile_without_um : mapping
+        The profile error there would be without compensation: as measured, with what it has taken out added again.
+    compensated : bool
+        Whether there was a compensation.
+    """
+
+    without_um: Mapping[str, float]
+    left_um: Mapping[str, float]
+    profile_without_um: Mapping[str, float]
+    compensated: bool
+
+
+@dataclass(frozen=True)
 class Quality:
     """What was measured on the part; NaN where it could not be.
 
@@ -91,6 +113,8 @@ class Quality:
         Roughness of the wall.
     section : tuple of KerfSlice
         The kerf slice by slice, from the bottom.
+    table : TableShare or None
+        None for a perfect table.
     """
 
     kerf_mean_um: float
@@ -102,6 +126,7 @@ class Quality:
     corners: tuple[SceneCorner, ...]
     ra_um: float
     section: tuple[KerfSlice, ...] = ()
+    table: TableShare | None = None
 
 
 def build_report(
@@ -190,6 +215,7 @@ def _part(quality: Quality) -> dict[str, Any]:
             "rms": quality.profile_rms_um,
             "p95": quality.profile_p95_um,
         },
+        "table_error_um": None if quality.table is None else asdict(quality.table),
         "corners": [
             {"x_mm": c.x_mm, "y_mm": c.y_mm, "turn_deg": c.turn_deg, "error_um": c.error_um}
             for c in quality.corners
@@ -311,6 +337,7 @@ def summary(report: Mapping[str, Any]) -> list[tuple[str, str]]:
         ("pulses", "  ".join([f"{report['pulses']:,}", *shares])),
         ("kerf", f"{say(kerf['mean'], 'µm')} mean, {least} to {largest}"),
         ("profile error", f"{error[0]} max, {error[1]} rms, {error[2]} for 95 %"),
+        *_table_lines(report),
         ("corners", _corner_line(report["corners"])),
         ("wire", f"lag {lag}, vibration {vibration} rms, at most {say(wire['temperature_K_max'], 'K', 0)}"),
         ("axes", f"{say(follow['max'], 'µm')} behind at most, {say(follow['rms'], 'µm')} rms"),
@@ -318,6 +345,20 @@ def summary(report: Mapping[str, Any]) -> list[tuple[str, str]]:
         ("roughness", f"Ra {say(report['surface']['ra_um'], 'µm', 2)}"),
         ("energy", f"{energy}, {removed} removed, {current}, {voltage} mean"),
     ]
+
+
+def _table_lines(report: Mapping[str, Any]) -> list[tuple[str, str]]:
+    """Say what the table's errors do, if it has any; reports of earlier versions do not know."""
+    found, say = report.get("table_error_um"), figure_text
+    if found is None:
+        return []
+    bare, left, profile = found["without_um"], found["left_um"], found["profile_without_um"]
+    text = f"moves the wall by {say(bare['max'], 'µm')} max, {say(bare['rms'], 'µm')} rms"
+    if not found["compensated"]:
+        return [("table", text)]
+    rest = f"{say(left['max'], 'µm')} max, {say(left['rms'], 'µm')} rms"
+    without = f"{say(profile['max'], 'µm')} max, {say(profile['rms'], 'µm')} rms"
+    return [("table", f"{text}; compensated to {rest}"), ("profile error without compensation", without)]
 
 
 def _percent(share: float | None) -> float | None:

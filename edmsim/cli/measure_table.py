@@ -1,0 +1,54 @@
+"""``edmsim measure-table``."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from edmsim.cli.console import OUT, Seed
+
+
+def measure_table(
+    out: Annotated[Path | None, typer.Option(help="File for the compensation tables, .toml.")] = None,
+    machine: Annotated[str, typer.Option(help="Machine, a name or an own TOML file.")] = "agiecut-dem15",
+    interval: Annotated[float | None, typer.Option(help="Distance of the targets in mm, by default 0.5.")] = None,
+    runs: Annotated[int | None, typer.Option(help="Runs to every target, either way; by default 5.")] = None,
+    compensation: Annotated[
+        Path | None, typer.Option(help="Measure with these tables in force; what is written is then what they left.")
+    ] = None,
+    cubic: Annotated[bool, typer.Option("--cubic", help="Let curves join the points of the tables.")] = False,
+    plot: Annotated[Path | None, typer.Option(help="File for the figure, .png .svg or .pdf.")] = None,
+    seed: Seed = 0,
+    json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+) -> None:
+    """Measure a machine's table as a laser interferometer does."""
+    from edmsim.controllers.axis.elcam_file import load_tables, read_tables, text_of
+    from edmsim.errors import InputError
+    from edmsim.files import replacing
+    from edmsim.machine.machine import Machine
+    from edmsim.metrology.table_run import measure_table as measure
+    from edmsim.recording.table_report import as_json, headline, render
+
+    for file in (out, plot):
+        if file is not None and not file.absolute().parent.is_dir():
+            raise InputError("cannot be written: there is no such folder", file)
+    loaded = None if compensation is None else load_tables(read_tables(compensation), compensation)
+    found = measure(Machine.load(machine), interval_mm=interval, runs=runs, seed=seed, compensation=loaded)
+    if out is not None:
+        about = f"Errors of the table of {machine}: what an axis indicates less where it truly is."
+        with replacing(out) as partial:
+            partial.write_text(text_of(found.tables(cubic), [about, *headline(found)]), encoding="utf-8")
+    if plot is not None:
+        from edmsim.recording.figures.table import table_figure
+
+        with replacing(plot) as partial:
+            table_figure({"measured": found}).savefig(partial, format=plot.suffix.removeprefix(".") or "png")
+    if json:
+        sys.stdout.write(as_json(found) + "\n")
+        return
+    OUT.print(render(found))
+    if out is not None:
+        OUT.print(f"Cut with it: edmsim cut PROGRAM --compensation {out} --out DIR", highlight=False, soft_wrap=True)

@@ -1,0 +1,199 @@
+"""``edmsim.cut(compensation=...)`` and ``edmsim measure-table``: errors are measured, compensated, and reported."""
+
+from __future__ import annotations
+
+import json
+import re
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import edmsim
+from edmsim.cli import app as cli
+from edmsim.controllers import axis, from_text
+from edmsim.controllers.axis.elcam_file import ErrorTable, load_tables, read_tables, text_of
+from edmsim.controllers.axis.step_compensation import StepCompensation
+from edmsim.controllers.protocols import Step
+from edmsim.cosim.simulation import Simulation
+from edmsim.errors import InputError
+from edmsim.machine.machine import Machine
+from edmsim.metrology.table_run import measure_table
+from edmsim.program.path import plan_path
+
+ROOT = Path(__file__).parents[1]
+SMALL = ROOT / "envs" / "small_punch.ngc"
+FAST = {"height_mm": 5.0, "resolution": "fast", "controller": "fixed:feed_um_s=30"}
+BAD = """
+like = "agiecut-dem15"
+title = "a table so bad that a part of 1.5 mm shows it"
+[geometry]
+x_pitch_um_m = { value = 9000.0, source = "ours" }
+y_pitch_um_m = { value = 9000.0, source = "ours" }
+squareness_um_m = { value = 12000.0, source = "ours" }
+"""
+
+
+@pytest.fixture(scope="module")
+def bad(tmp_path_factory):
+    file = tmp_path_factory.mktemp("machines") / "bad.toml"
+    file.write_text(BAD, encoding="utf-8")
+    return str(file)
+
+
+@pytest.fixture(scope="module")
+def tables(bad):
+    return measure_table(Machine.load(bad), seed=1).tables()
+
+
+@pytest.fixture
+def file(tables, tmp_path):
+    target = tmp_path / "table.toml"
+    target.write_text(text_of(tables, ["as measured"]), encoding="utf-8")
+    return target
+
+
+def simulation_of(tables, machine, **options):
+    machine = Machine.load(machine, height_mm=5.0)
+    path = plan_path(SMALL, "auto", auto_offset_mm=machine.auto_offset_mm, table_um=65_000, grid_um=1)
+    return Simulation(
+        machine, path, from_text("fixed:feed_um_s=30"), resolution="fast", max_time_s=4.0,
+        compensation=None if tables is None else load_tables(tables), **options,
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("options", [{}, {"drives": {name: axis.tuned("uhu") for name in "xy"}}])
+def test_the_wire_is_where_the_program_wants_it(tables, bad, options):
+    # E-31, E-32, E-33, E-A1: on the machine's table, under steppers and under drives
+    for given, off in ((tables, 2.5), (None, 30.0)):
+        simulation = simulation_of(given, bad, **options)
+        errors = []
+        while simulation.outcome is None:
+            simulation.step()
+            errors.append(np.hypot(*(np.array(simulation.plant.place_um) - simulation.position_um)))
+        assert simulation.outcome == "time-limit"
+        if given is None:
+            assert np.mean(errors) > 5.0
+        assert max(errors) < off
+        assert np.array(simulation.commanded_um) == pytest.approx(simulation.position_um, abs=2.0)
+
+
+def test_the_report_has_the_profile_error_with_and_without(file, bad):
+    bare = edmsim.cut(SMALL, max_time_s=40, machine=bad, **FAST).report
+    cut = edmsim.cut(SMALL, max_time_s=40, machine=bad, compensation=str(file), **FAST).report
+    table = cut["table_error_um"]
+    assert not bare["table_error_um"]["compensated"]
+    assert table["compensated"]
+    assert table["left_um"]["max"] < 0.2 * table["without_um"]["max"]
+    assert table["profile_without_um"]["rms"] > cut["profile_error_um"]["rms"] + 1.0
+    assert table["profile_without_um"]["rms"] == pytest.approx(bare["profile_error_um"]["rms"], rel=0.25)
+    assert cut["settings"]["compensation"] == str(file)
+    assert len(cut["settings"]["compensation_sha256"]) == 16
+
+
+def test_a_perfect_table_has_no_share_in_the_report():
+    report = edmsim.cut(SMALL, max_time_s=2, **FAST).report
+    assert report["table_error_um"] is None
+
+
+def test_a_compensated_cut_goes_on_from_a_snapshot_bit_for_bit(tables, bad):
+    one = simulation_of(tables, bad)
+    for _ in range(60):
+        one.step()
+    arrays, values = one.snapshot()
+    two = simulation_of(tables, bad)
+    two.restore(arrays, json.loads(json.dumps(values)))
+    for each in (one, two):
+        each.run()
+    assert one.plant.place_um == two.plant.place_um
+    assert one.commanded_um == two.commanded_um
+    assert one.plant.removed_mm3 == two.plant.removed_mm3
+
+
+def test_steps_are_added_where_the_error_grows_and_left_out_where_it_falls():
+    # E-A1: (0 mm, 0 um) to (1 mm, 100 um): a step more for every ten
+    points = np.array([(0.0, 0.0), (1.0, 100.0), (2.0, 0.0)])
+    compensation = StepCompensation(load_tables([ErrorTable("y", "x", points)]), 2.0)
+    assert compensation.begin((0.0, 0.0)) == (0.0, 0.0)
+    up = compensation.motor_steps([Step(k, 0, 1) for k in range(500)])
+    assert sum(d for _, k, d in up if k == 0) == 500
+    assert sum(d for _, k, d in up if k == 1) == 50
+    assert compensation.offset_um == (0.0, 100.0)
+    down = compensation.motor_steps([Step(k, 0, 1) for k in range(500)])
+    assert sum(d for _, k, d in down if k == 1) == -50
+    assert compensation.begin((1000.0, 500.0)) == (1000.0, 600.0)
+    own = StepCompensation(load_tables([ErrorTable("x", "x", points)]), 2.0)
+    own.begin((1000.0, 0.0))
+    assert sum(d for _, _, d in own.motor_steps([Step(k, 0, 1) for k in range(500)])) == 450
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [("", "a compensation file has one section"), ("table = 3", "a compensation file has one section"),
+     ("[[table]", "not valid TOML"),
+     ('[[table]]\naxis = "q"\nmaster = "x"\npoints = [[0, 0], [1, 1]]',
+      "table 1: axis is 'q'; it must be one of x, y, u, v"),
+     ('[[table]]\naxis = "x"\npoints = [[0, 0], [1, 1]]', "table 1: master is None"),
+     ('[[table]]\naxis = "x"\nmaster = "x"\npoints = [[0, 0], [1, 1], [1, 2]]',
+      "places must rise, but 1 mm follows 1 mm"),
+     ('[[table]]\naxis = "x"\nmaster = "x"\npoints = [[0, 0], [1]]', "two or more pairs of numbers"),
+     ('[[table]]\naxis = "x"\nmaster = "x"\npoints = [[0, 0]]', "two or more pairs of numbers"),
+     ('[[table]]\naxis = "x"\nmaster = "x"\npoints = [[0, nan], [1, 1]]', "points must be finite"),
+     ('[[table]]\naxis = "x"\nmaster = "x"\nunit = 3\npoints = [[0, 0], [1, 1]]', "unknown key 'unit'"),
+     ('[[table]]\naxis = "x"\nmaster = "x"\nreversal_um = "a"\npoints = [[0, 0], [1, 1]]', "reversal_um is 'a'"),
+     ('[[table]]\naxis = "x"\nmaster = "x"\ncubic = 1\npoints = [[0, 0], [1, 1]]', "cubic is 1"),
+     ('[[table]]\naxis = "x"\nmaster = "x"\npoints = [[0, 0], [1, 1]]\n' * 2,
+      "table 2: there is a table of x along x already")],
+)  # fmt: skip
+def test_a_bad_file_gets_one_line(text, message, tmp_path):
+    file = tmp_path / "bad.toml"
+    file.write_text(text, encoding="utf-8")
+    with pytest.raises(InputError, match=re.escape(message)) as told:
+        edmsim.cut(SMALL, compensation=str(file), max_time_s=1, **FAST)
+    assert str(told.value).startswith(str(file))
+
+
+def test_too_many_points_are_refused(tmp_path):
+    many = ErrorTable("x", "x", np.column_stack([np.arange(5_000_000.0), np.zeros(5_000_000)]))
+    with pytest.raises(InputError, match="5000000 points are more than the control has room for"):
+        load_tables([many])
+
+
+def test_a_file_that_is_not_there_is_named(tmp_path):
+    with pytest.raises(InputError, match="cannot be read"):
+        read_tables(tmp_path / "none.toml")
+
+
+def run(monkeypatch, *words):
+    monkeypatch.setattr(sys, "argv", ["edmsim", *map(str, words)])
+    try:
+        cli.main()
+    except SystemExit as left:
+        return left.code
+    return 0
+
+
+def test_measure_table_writes_what_cut_reads(monkeypatch, tmp_path, capsys):
+    made, left, picture = tmp_path / "made.toml", tmp_path / "left.toml", tmp_path / "table.png"
+    words = ["measure-table", "--machine", "worn-table", "--runs", 2]
+    assert run(monkeypatch, *words, "--out", made, "--plot", picture) == 0
+    assert "out of square" in capsys.readouterr().out
+    assert picture.stat().st_size > 10_000
+    assert {(t.axis, t.master) for t in read_tables(made)} == {("x", "x"), ("y", "y"), ("x", "y"), ("y", "x")}
+    assert run(monkeypatch, *words, "--compensation", made, "--out", left, "--json") == 0
+    told = json.loads(capsys.readouterr().out)
+    assert abs(told["squareness_um_m"]) < 40.0  # of 400
+    assert told["x"]["accuracy"] < 4.0  # of 21, most of it the motor's steps
+    assert told["circle"]["circular_deviation"] < 6.0  # of 21
+    assert run(monkeypatch, *words, "--out", tmp_path / "nowhere" / "a.toml") == 2
+    assert run(monkeypatch, "measure-table", "--runs", 1) == 2
+    assert "1 runs are not within 2..100: a spread needs two" in capsys.readouterr().err
+    assert run(monkeypatch, "measure-table", "--interval", 0.001) == 2
+
+
+def test_the_command_line_cuts_with_tables(monkeypatch, file, tmp_path):
+    words = ["cut", SMALL, "--machine", "worn-table", "--compensation", file, "--resolution", "fast", "--quiet"]
+    assert run(monkeypatch, *words, "--max-time", 1, "--out", tmp_path / "cut") == 3
+    report = json.loads((tmp_path / "cut" / "report.json").read_text(encoding="utf-8"))
+    assert report["settings"]["compensation"] == str(file)
