@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from edmsim.bench.controllers import controller_overhead, poscal_calls_per_s
+from edmsim.bench.elcam import elcam_figures
 from edmsim.bench.envs import env_steps_per_s, half_cheetah_steps_per_s, vector_env_steps_per_s
 from edmsim.bench.plant import (
     cold_start_s,
@@ -26,7 +27,8 @@ def measure() -> dict[str, float]:
 
     ``ray_sums_per_s`` is the bound the first is to be compared with, ``ray_sum_share`` the part of its time that
     goes there; ``controller_overhead`` is the share of time that the registers of 1982 add to a cut;
-    ``servo_realtime_factor`` is that of a servo drive with its motor and table;
+    ``servo_realtime_factor`` is that of a servo drive with its motor and table; ``elcam_load_s`` and
+    ``elcam_lookup_us`` are those of a cam table of a million points;
     ``thread_efficiency`` is the gain of two plants in two threads over that of two compute loops;
     ``half_cheetah_steps_per_s`` is there if Gymnasium's MuJoCo environments are.
     """
@@ -43,6 +45,7 @@ def measure() -> dict[str, float]:
         "ray_sum_share": default / bound,
         "mujoco_realtime_factor": mujoco_realtime_factor(),
         "servo_realtime_factor": servo_realtime_factor(),
+        **elcam_figures(),
         "env_steps_per_s": env_steps_per_s(),
         "vector_env_steps_per_s": vector_env_steps_per_s(),
         "vector_env_steps_per_s_fast": vector_env_steps_per_s("fast"),
