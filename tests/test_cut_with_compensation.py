@@ -109,6 +109,11 @@ def test_a_compensated_cut_goes_on_from_a_snapshot_bit_for_bit(tables, bad):
     assert one.plant.removed_mm3 == two.plant.removed_mm3
 
 
+def test_a_drive_tuned_for_other_steps_is_refused():
+    with pytest.raises(InputError, match="the drive uhu moves 2 um at a step; this machine's steps are 1 um"):
+        edmsim.cut(SMALL, machine="worn-table", drive="uhu", height_mm=5.0, resolution="fast", max_time_s=1)
+
+
 def test_steps_are_added_where_the_error_grows_and_left_out_where_it_falls():
     # E-A1: (0 mm, 0 um) to (1 mm, 100 um): a step more for every ten
     points = np.array([(0.0, 0.0), (1.0, 100.0), (2.0, 0.0)])

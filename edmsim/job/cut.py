@@ -10,7 +10,7 @@ from typing import Any, Unpack
 
 from edmsim import user_code
 from edmsim.controllers import FeedController, SeesTruth, from_text
-from edmsim.controllers.axis import CHIPS, tuned
+from edmsim.controllers.axis import CHIPS, Drive, tuned
 from edmsim.controllers.axis.elcam_file import load_tables, read_tables
 from edmsim.controllers.mcu.firmware.poscal import unit_um
 from edmsim.controllers.own import check_is_controller
@@ -101,10 +101,24 @@ def _begin(program: str | Path, settings: CutSettings) -> tuple[Simulation, Reco
     simulation = Simulation(
         machine, path, controller, planner=settings.planner, seed=settings.seed, resolution=settings.resolution,
         max_time_s=settings.max_time_s, steps=steps, mechanics=settings.mechanics, observers=recorders,
-        drives={name: tuned(settings.drive) for name in "xy"} if settings.drive in CHIPS else None,
+        drives=_drives(settings.drive, step_um),
         compensation=None if file is None else load_tables(read_tables(file), file),
     )
     return simulation, recorders
+
+
+def _drives(name: str, step_um: float) -> dict[str, Drive] | None:
+    """Return the drives of x and y; refuse those that are tuned for another motor step."""
+    if name not in CHIPS:
+        return None
+    drives = {axis: tuned(name) for axis in "xy"}
+    drive = drives["x"]
+    assert drive.motor is not None
+    motor, counts = drive.motor[0], drive.parameters["step_multiplier"] + 1
+    own_um = float(counts * motor["um_per_rad"] / motor["counts_per_rad"])
+    if abs(own_um / step_um - 1) > 1e-6:
+        raise InputError(f"the drive {name} moves {own_um:g} um at a step; this machine's steps are {step_um:g} um")
+    return {**drives}
 
 
 def _made_with(program: str | Path, settings: CutSettings, simulation: Simulation) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""Figures of a machine's table: positioning along its axes, before and after compensation, and the circular test."""
+"""Figures of a machine's table: positioning and circular test, before and after compensation, and of a part."""
 
 from __future__ import annotations
 
@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib.figure import Figure
+from numpy.typing import NDArray
 
-from edmsim.recording.figures.palette import BLUE, GRID, MUTED, ORANGE
+from edmsim.recording.figures.palette import BLUE, GRID, MUTED, VERMILION
 
 if TYPE_CHECKING:
     from matplotlib.projections.polar import PolarAxes
@@ -16,8 +17,12 @@ if TYPE_CHECKING:
     from edmsim.metrology.circular_test import CircularTest
     from edmsim.metrology.positioning import Positioning
     from edmsim.metrology.table_run import TableMeasurement
+    from edmsim.recording.scene import ErrorMap
 
-_COLOURS = BLUE, ORANGE
+_COLOURS = VERMILION, BLUE
+_SMOOTHED_MM = 1.0
+"""Length along the edge over which the wall is averaged: its roughness is several um (ours)."""
+_STEP_MM = 0.02
 
 
 def table_figure(measured: Mapping[str, TableMeasurement]) -> Figure:
@@ -34,7 +39,7 @@ def table_figure(measured: Mapping[str, TableMeasurement]) -> Figure:
         Deviation of x and of y along their own ways, both ways as thin lines and their mean; of y along x; and the
         circular test.
     """
-    figure = Figure(figsize=(9.0, 5.6), layout="constrained")
+    figure = Figure(figsize=(9.0, 6.4), layout="constrained")
     for place, (pair, title) in enumerate(
         {("x", "x"): "x along x", ("y", "y"): "y along y", ("y", "x"): "y along x"}.items(), 1
     ):
@@ -67,3 +72,43 @@ def _draw_circles(axes: PolarAxes, circles: Mapping[str, CircularTest]) -> None:
     axes.set_ylim(-3 * most, 1.5 * most)
     radius = next(iter(circles.values())).radius_mm
     axes.set_title(f"radius on a circle of {radius:g} mm, um (clockwise dotted)", fontsize=9)
+
+
+def part_figure(measured: Mapping[str, TableMeasurement], cuts: Mapping[str, ErrorMap]) -> Figure:
+    """Draw a table's pitch error before and after compensation, and what both do to the wall of a part.
+
+    Parameters
+    ----------
+    measured : mapping of str to TableMeasurement
+        By name, two at most.
+    cuts : mapping of str to ErrorMap
+        The same contour cut under both, and by a perfect table (``"perfect table"``), from which the others are
+        subtracted: wire and process are the same in all.
+    """
+    figure = Figure(figsize=(9.0, 5.0), layout="constrained")
+    for place, pair in enumerate((("x", "x"), ("y", "x")), 1):
+        axes = figure.add_subplot(2, 2, place)
+        for colour, (name, found) in zip(_COLOURS, measured.items(), strict=False):
+            _draw(axes, found.along[pair], name, colour)
+        axes.set(title=f"{pair[0]} along {pair[1]}", xlabel="target, mm", ylabel="deviation, um")
+        axes.grid(color=GRID)
+    axes = figure.add_subplot(2, 1, 2)
+    perfect = cuts["perfect table"].error_um
+    names = [name for name in cuts if name != "perfect table"]
+    for colour, name in zip(_COLOURS, names, strict=False):
+        cut = cuts[name]
+        along_mm = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(cut.points_mm, axis=0).T))])
+        axes.plot(along_mm, _smoothed(cut.error_um - perfect), color=colour, lw=1.3, label=name)
+    axes.set(title="the part's wall, less that of a perfect table", xlabel="along the edge, mm", ylabel="error, um")
+    axes.grid(color=GRID)
+    axes.legend(fontsize=8)
+    return figure
+
+
+def _smoothed(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return running means of what is finite."""
+    window = np.ones(round(_SMOOTHED_MM / _STEP_MM))
+    known = np.isfinite(values)
+    count = np.convolve(known, window, "same")
+    total = np.convolve(np.where(known, values, 0.0), window, "same")
+    return np.asarray(np.divide(total, count, out=np.full(len(values), np.nan), where=count > 0))
