@@ -193,7 +193,7 @@ def test_an_axis_has_one_pitch_table():
 
 
 def test_a_cam_and_a_compensation_share_an_axis():
-    # E-47
+    # E-47, E-A9
     rig = rig_of("xyu")
     table(rig, 0, ((-10.0, 0.005), (500.0, 0.005)), axis=Y, master=Y, mode=Mode.COMPENSATION)
     table(rig, 1, ((0.0, 0.0), (10.0, 5.0), (20.0, 0.0)))

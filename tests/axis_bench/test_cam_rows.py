@@ -88,7 +88,7 @@ def test_the_row_is_chosen_by_a_steppers_encoder():
 
 
 def test_interpolation_of_rows_is_lost_with_its_bit():
-    # E-15, E-8, E-51
+    # E-15, E-8, E-51, E-A12: in cam mode as well
     rig = rows_rig()
     write(rig, 0, interpolate_rows=1)
     assert read(rig, 0, Function.MODE) & Mode.INTERPOLATE_ROWS

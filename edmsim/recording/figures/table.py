@@ -86,13 +86,14 @@ def part_figure(measured: Mapping[str, TableMeasurement], cuts: Mapping[str, Err
         subtracted: wire and process are the same in all.
     """
     figure = Figure(figsize=(9.0, 5.0), layout="constrained")
-    for place, pair in enumerate((("x", "x"), ("y", "x")), 1):
-        axes = figure.add_subplot(2, 2, place)
+    drawn = figure.subplot_mosaic([["x", "y"], ["part", "part"]])
+    for pair in (("x", "x"), ("y", "x")):
+        axes = drawn[pair[0]]
         for colour, (name, found) in zip(_COLOURS, measured.items(), strict=False):
             _draw(axes, found.along[pair], name, colour)
         axes.set(title=f"{pair[0]} along {pair[1]}", xlabel="target, mm", ylabel="deviation, um")
         axes.grid(color=GRID)
-    axes = figure.add_subplot(2, 1, 2)
+    axes = drawn["part"]
     perfect = cuts["perfect table"].error_um
     names = [name for name in cuts if name != "perfect table"]
     for colour, name in zip(_COLOURS, names, strict=False):
