@@ -49,7 +49,7 @@ class Pins(NamedTuple):
 
 
 class AxisBench:
-    """Axes with drives on a bench.
+    """Axes with drives on a bench. Where a method's axis can be left out, it is the first one.
 
     Parameters
     ----------
@@ -113,25 +113,25 @@ class AxisBench:
                 running = not self._row(name)["in_reset"]
                 self._lines[name].exchange(self._motion.now_ns, running, self._motion.now_ns % _TURN_NS == 0)
 
-    def send(self, data: bytes, axis: str = "x") -> None:
+    def send(self, data: bytes, axis: str = "") -> None:
         """Send some bytes to a drive at the terminal's baud, behind those still on their way."""
-        self._lines[axis].send(data, self._motion.now_ns)
+        self._line(axis).send(data, self._motion.now_ns)
 
-    def sending(self, axis: str = "x") -> bool:
+    def sending(self, axis: str = "") -> bool:
         """Return whether bytes for a drive are still on their way."""
-        return self._lines[axis].next_ns is not None
+        return self._line(axis).next_ns is not None
 
-    def received(self, axis: str = "x") -> bytes:
+    def received(self, axis: str = "") -> bytes:
         """Return what a drive has sent since the last call."""
         return bytes(value for value, _ in self.received_at(axis))
 
-    def received_at(self, axis: str = "x") -> list[tuple[int, float]]:
+    def received_at(self, axis: str = "") -> list[tuple[int, float]]:
         """Return what a drive has sent since the last call, each byte with the time (s) at which it had come."""
-        return self._lines[axis].received_at()
+        return self._line(axis).received_at()
 
-    def talk(self, data: bytes, axis: str = "x") -> bytes:
+    def talk(self, data: bytes, axis: str = "") -> bytes:
         """Send some bytes and return what the drive sends until it is quiet, for 1 s at most."""
-        line = self._lines[axis]
+        line = self._line(axis)
         line.received_at()
         self.send(data, axis)
         quiet_ns, end_ns, heard = self._motion.now_ns, self._motion.now_ns + _LONGEST_TALK_NS, 0
@@ -141,13 +141,13 @@ class AxisBench:
                 quiet_ns, heard = self._motion.now_ns, line.heard
         return self.received(axis)
 
-    def host_baud(self, baud: float, axis: str = "x") -> None:
+    def host_baud(self, baud: float, axis: str = "") -> None:
         """Set the terminal's baud, which at first is the drive's."""
-        self._lines[axis].set_host_baud(baud)
+        self._line(axis).set_host_baud(baud)
 
-    def open_terminal(self, is_open: bool, axis: str = "x") -> None:
+    def open_terminal(self, is_open: bool, axis: str = "") -> None:
         """Open or close the terminal; what a drive sends to a closed one is lost."""
-        self._lines[axis].open_terminal(is_open)
+        self._line(axis).open_terminal(is_open)
 
     def steps(self, axis: str, count: int, rate_Hz: float = 0.0, accel_Hz_s: float = 0.0) -> None:
         """Send step pulses behind those still to come.
@@ -289,26 +289,29 @@ class AxisBench:
         for bit in bits:
             eeprom[bit // 8] ^= 1 << bit % 8
 
-    def drive(self, axis: str = "x") -> Drive:
+    def drive(self, axis: str = "") -> Drive:
         """Return the bench's copy of a drive."""
-        found: Any = self._motion.drives.by_axis[axis]
+        found: Any = self._motion.drives.by_axis[axis or self.names[0]]
         drive: Drive = found
         return drive
 
-    def axis(self, axis: str = "x") -> np.void:
+    def axis(self, axis: str = "") -> np.void:
         """Return an axis' row (`edmsim.compiled.axis_rows.AXIS`), which can be written."""
         return self._row(axis)
 
-    def motor(self, axis: str = "x") -> np.void:
+    def motor(self, axis: str = "") -> np.void:
         """Return the row of an axis' motor (`edmsim.compiled.axis_rows.MOTOR`), which can be written."""
-        row: np.void = self._motion.drives.axes.motors[AXIS_NAMES.index(axis)]
+        row: np.void = self._motion.drives.axes.motors[AXIS_NAMES.index(axis or self.names[0])]
         return row
 
     def _row(self, name: str) -> np.void:
-        row: np.void = self._motion.drives.axes.rows[AXIS_NAMES.index(name)]
+        row: np.void = self._motion.drives.axes.rows[AXIS_NAMES.index(name or self.names[0])]
         return row
 
-    def pins(self, axis: str = "x") -> Pins:
+    def _line(self, name: str) -> SerialLink:
+        return self._lines[name or self.names[0]]
+
+    def pins(self, axis: str = "") -> Pins:
         """Return a drive's pins as they are."""
         row = self._row(axis)
         pins, net = int(row["pins"]), bool(row["wiring"] & NET_IN) and self.fault_net_low
@@ -317,13 +320,13 @@ class AxisBench:
             (1 + float(row["duty"])) / 2, bool(net or row["hand_lines"] & FAULT_IN),
         )
 
-    def samples(self, axis: str = "x") -> NDArray[np.void]:
+    def samples(self, axis: str = "") -> NDArray[np.void]:
         """Return an axis' samples noted since the last call (`edmsim.axis_bench.loop.SAMPLE_ROW`)."""
-        return self._motion.samples(axis)
+        return self._motion.samples(axis or self.names[0])
 
-    def changes(self, axis: str = "x") -> NDArray[np.void]:
+    def changes(self, axis: str = "") -> NDArray[np.void]:
         """Return the changes of an axis' pins since the last call (`edmsim.axis_bench.loop.CHANGE_ROW`)."""
-        return self._motion.changes(axis)
+        return self._motion.changes(axis or self.names[0])
 
     def snapshot(self) -> dict[str, Any]:
         """Return what moves: drives, axes, steps to come, and the time; nothing may be on the serial lines."""

@@ -14,6 +14,7 @@ from pathlib import Path
 
 import pytest
 
+import edmsim
 from edmsim.errors import InputError
 from edmsim.servo.command import bench_for
 from edmsim.servo.keys import sent_for
@@ -40,6 +41,26 @@ def test_the_module_does_not_echo():
     told = piped(b"P1234\nGV\n", "servo-module", "--axis", "table", "--tuned")
     assert told.stdout.endswith(b"(P) - Kp: 1234\r\nVelocity: 0\r\n")
     assert b"P1234\r" not in told.stdout
+
+
+@pytest.mark.parametrize("axis", ["x", "y"])
+def test_the_machine_s_own_axis_has_its_screw_its_mass_and_the_ends_of_its_travel(axis):
+    table = edmsim.Machine.load().base.table
+    bench = bench_for("uhu", axis, True)
+    bench.run(0.1)
+    assert bench.motor()["table_kg"] == pytest.approx({"x": 45.3, "y": 20.0}[axis])
+    middle_um = 500.0 * table.travel_mm.value
+    assert bench.axis()["place_um"] == pytest.approx(middle_um, abs=1.0)
+    assert bench.talk(b"G100\r").endswith(b"OK\r\n>")
+    bench.run(1.0)
+    assert bench.axis()["place_um"] == pytest.approx(middle_um + 20.0, abs=1.0)  # 500 lines, 0.4 mm a turn
+    bench.steps(axis, 15_000, 2_500.0, 10_000.0)  # 2 um each
+    bench.run(7.0)
+    assert bench.pins().enabled
+    bench.steps(axis, 2_000, 2_500.0, 10_000.0)  # 1.5 mm beyond the travel
+    bench.run(2.0)
+    assert not bench.pins().enabled  # it met the end, tripped, and springs back
+    assert bench.axis()["place_um"] < 1e3 * table.travel_mm.value + 1_000.0
 
 
 @pytest.mark.parametrize(
