@@ -1,4 +1,4 @@
-"""``edmsim servo``: scripts in a pipe, an ordinary terminal program on a pseudo-terminal, keys, scope, refusals."""
+"""``edmsim servo``: scripts in a pipe, an ordinary terminal program on a pseudo-terminal, keys, axes, refusals."""
 
 from __future__ import annotations
 
@@ -10,16 +10,12 @@ import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from pathlib import Path
 
 import pytest
 
 import edmsim
-from edmsim.errors import InputError
 from edmsim.servo.command import bench_for
 from edmsim.servo.keys import sent_for
-from edmsim.servo.scope import Scope
-from edmsim.servo.session import run_script
 
 COMMAND = [sys.executable, "-m", "edmsim", "servo"]
 
@@ -135,28 +131,3 @@ def test_cursor_keys_move_the_axis(keys, counts):  # U-60
     module = bench_for("servo-module", "table", True)
     module.run(0.1)
     assert module.talk(sent_for(keys, False, False)[0]) == b"Move %+d\r\n" % counts
-
-
-def test_the_scope_writes_the_tracking_error_stream(tmp_path: Path, capfdbinary: pytest.CaptureFixture[bytes]):
-    from rerun.chunk import RrdReader
-
-    file = tmp_path / "scope.rrd"
-    scope = Scope(False, file)
-    bench = bench_for("uhu", "bench", True)
-    bench.trace = True
-    run_script(bench, b"A\nG60\n", scope)
-    scope.close()
-    streamed = [byte - 128 - 63 for byte in capfdbinary.readouterr().out if byte >= 128]
-    assert max(streamed) > 40
-    drawn: list[float] = []
-    for chunk in RrdReader(str(file)).stream().to_chunks():
-        if chunk.entity_path == "/tracking_error":
-            batch = chunk.to_record_batch()
-            drawn += [value for row in batch.column("Scalars:scalars").to_pylist() for value in row]
-    assert drawn == streamed
-
-
-def test_a_scope_s_file_that_cannot_be_written_is_told(tmp_path: Path):
-    (tmp_path / "file").touch()
-    with pytest.raises(InputError):
-        Scope(False, tmp_path / "file" / "scope.rrd")
