@@ -19,7 +19,8 @@ _TIME = "simulated_time"
 _CURVES = "duty", "current_A", "place_um", "speed_rad_s"
 """Curves besides the stream: columns of the bench's notes."""
 _BATCH_S = 0.1
-"""Simulated time of what is drawn at once (ours): every piece has a head; at 100 a second files were four times larger."""
+"""Simulated time of what is drawn at once (ours); every piece has a head: with 100 a second files were four times
+as large."""
 
 
 class Scope:

@@ -72,7 +72,7 @@ def serve(
             with keyboard.in_character_mode():
                 _run(bench, keyboard, interrupts, speed or 1.0, scope)
         else:
-            run_script(bench, sys.stdin.buffer.read(), scope)
+            run_script(bench, sys.stdin.buffer.read() if sys.stdin else b"", scope)
 
 
 def _run(bench: AxisBench, device: _Device, interrupts: Interrupts, speed: float, scope: Scope | None) -> None:

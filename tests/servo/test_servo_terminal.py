@@ -39,6 +39,22 @@ def test_the_module_does_not_echo():
     assert b"P1234\r" not in told.stdout
 
 
+@pytest.mark.parametrize("drive", ["uhu", "servo-module"])
+def test_garbage_from_a_pipe_and_an_overlong_line_are_answered_and_nothing_moves(drive):
+    told = piped(bytes(range(1, 256)) + b"\n" + b"P" * 5000 + b"\n", drive)
+    assert (told.returncode, told.stderr) == (0, b"")
+    assert told.stdout.count(b"?\r\n") >= 2
+
+
+def test_a_closed_input_is_an_empty_script_and_a_reader_that_leaves_ends_it_quietly():
+    closed = subprocess.run(["sh", "-c", '"$0" "$@" <&-', *COMMAND, "uhu"], capture_output=True, check=False)
+    assert (closed.returncode, closed.stderr) == (0, b"")
+    assert closed.stdout.endswith(b"Help by (?)\r\n>")
+    script = '{ yes "#" | head -500; } | "$0" "$@" | head -c 5'
+    left = subprocess.run(["sh", "-c", script, *COMMAND, "uhu"], capture_output=True, check=False)
+    assert (left.stdout, left.stderr) == (b"UHU S", b"")
+
+
 @pytest.mark.parametrize("axis", ["x", "y"])
 def test_the_machine_s_own_axis_has_its_screw_its_mass_and_the_ends_of_its_travel(axis):
     table = edmsim.Machine.load().base.table

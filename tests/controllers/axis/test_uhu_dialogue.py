@@ -229,6 +229,16 @@ def test_the_wrong_baud_rate_and_long_lines_set_nothing() -> None:  # U-13, U-53
     assert register(bench, LATCHED) == 0
 
 
+def test_34800_baud_is_a_misprint_of_38400() -> None:  # M-A6, U-7
+    bench = tuned()
+    bench.host_baud(34800.0)
+    assert b"OK" not in bench.talk(b"P600\r")
+    bench.talk(b"\r")
+    bench.host_baud(38400.0)
+    bench.talk(b"\r")
+    assert bench.talk(b"P600\r") == b"P600\r\nOK\r\n>"
+
+
 def test_what_is_meant_for_the_servo_module_moves_no_motor() -> None:  # M-51
     bench = tuned()
     script = "P1234 D1234 I105 A100 C500 E75 F256 L7 O-25 T3 V750 GV GP GT GE GF GO GD GS Q R S +125 -75 Z157 Z ? J2"
