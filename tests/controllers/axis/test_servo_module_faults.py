@@ -37,7 +37,7 @@ def stop(bench):
     return bench
 
 
-def test_the_pins_of_a_running_module():  # M-1
+def test_the_pins_of_a_running_module():  # M-1, M-A5
     pins = on_bench().pins("x")
     assert (pins.enabled, pins.fault_out_low, pins.duty) == (True, False, 0.5)
 

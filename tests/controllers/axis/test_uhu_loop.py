@@ -221,7 +221,7 @@ def test_short_step_pulses_count() -> None:  # U-70
     assert register(bench, TARGET) == 20
 
 
-def test_g_moves_at_the_speed_of_x() -> None:  # U-18, U-30, U-A10
+def test_g_moves_at_the_speed_of_x() -> None:  # U-18, U-30
     bench = tuned(speed_limit=64, error_limit=5000)
     bench.drive("x").go(1000)
     samples = traced(bench, 0.15)
@@ -234,7 +234,7 @@ def test_g_moves_at_the_speed_of_x() -> None:  # U-18, U-30, U-A10
     assert register(bench, LATCHED) == TRACKING
 
 
-def test_x_below_the_step_rate_trips() -> None:  # U-18, U-A29
+def test_x_below_the_step_rate_trips() -> None:  # U-18, U-A10, U-A29
     for limit, trips in ((16, True), (5000, False)):
         bench = tuned(speed_limit=limit, error_limit=500)
         bench.steps("x", 4000, 4000.0, 20_000.0)
@@ -287,7 +287,7 @@ def test_faster_edges_than_the_input_takes_are_overruns() -> None:  # U-A30
 
 
 @pytest.mark.parametrize(("cycle", "period_ms"), [(63, 3.36), (30, 1.6)])
-def test_the_stream_sends_a_byte_every_five_intervals(cycle: int, period_ms: float) -> None:  # U-33, U-34, U-A31
+def test_the_stream_sends_a_byte_every_five_intervals(cycle, period_ms) -> None:  # U-33, U-34, U-A9, U-A31
     bench = tuned(cycle=cycle)
     bench.received("x")
     bench.send(b"A\r", axis="x")
