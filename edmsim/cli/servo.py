@@ -13,7 +13,7 @@ from edmsim.cli.console import INTERRUPTED, say
 def servo(
     drive: Annotated[str, typer.Argument(help="Drive: uhu or servo-module.", show_default=False)],
     axis: Annotated[
-        str, typer.Option(help="x or y of the machine; or one of its own: bench, table, fast, low-impedance.")
+        str, typer.Option(help="Of the machine: x, y; others: bench, table, fast, low-impedance.")
     ] = "bench",
     tuned: Annotated[bool, typer.Option("--tuned", help="Tuned for the axis, not as delivered.")] = False,
     pty: Annotated[bool, typer.Option("--pty", help="Open a serial port for a terminal program.")] = False,

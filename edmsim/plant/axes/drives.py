@@ -113,7 +113,7 @@ class Drives:
         for k in self._looped:
             drives["index"][k] = 1
             drives["due_ns"][k] = int(drives["num"][k]) // int(drives["den"][k])
-            rows["noise_key"][k] = key_of(-1 - N_AXES * seed - k)  # other keys than the plants' own
+            rows["noise_key"][k] = key_of(-1 - N_AXES * int(seed) - k)  # other keys than the plants' own
             if self.axes.motors["spike_rate_Hz"][k] > 0:
                 rows["spike_ns"][k] = draw_pause(rows[k], self.axes.motors[k])
         self._find_marks()
