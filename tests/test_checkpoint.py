@@ -68,6 +68,15 @@ def test_resumed_cut_equals_the_uninterrupted_one(cut_small: Cut, tmp_path: Path
     assert (tmp_path / "report.json").exists()
 
 
+@pytest.fixture
+def interruptible() -> Iterator[None]:
+    """Ctrl-C as Python has it, where the test runner has turned it off."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
+@pytest.mark.usefixtures("interruptible")
 def test_ctrl_c_within_a_window_waits_for_its_end(cut_small: Cut, tmp_path: Path) -> None:
     whole = cut_small(**SHORT)
     for again in range(4):
