@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from edmsim.cli.console import INTERRUPTED, say
+from edmsim.cli.console import INTERRUPTED, OUT, say
 
 
 def servo(
@@ -20,8 +20,15 @@ def servo(
     ] = None,
     scope: Annotated[bool, typer.Option("--scope", help="Draw the tracking error live, in rerun.")] = False,
     record: Annotated[Path | None, typer.Option(help="Write these curves as a recording, .rrd.")] = None,
+    autotune: Annotated[bool, typer.Option("--autotune", help="Tune it instead, and print what to type.")] = False,
+    out: Annotated[Path | None, typer.Option(help="With --autotune: picture of before and after, .png.")] = None,
 ) -> None:
-    """Sit at the serial terminal of a servo drive."""
+    """Sit at the serial terminal of a servo drive, or have it tuned."""
+    if autotune:
+        from edmsim.servo.command import tune
+
+        OUT.print("\n".join(tune(drive, axis, out, say)), highlight=False)
+        return
     from edmsim.servo.command import bench_for
     from edmsim.servo.scope import Scope
     from edmsim.servo.session import serve

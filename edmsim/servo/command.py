@@ -1,12 +1,16 @@
-"""What ``edmsim servo`` puts together: a drive by name on an axis by name."""
+"""What ``edmsim servo`` puts together: a drive by name on an axis by name, to sit at or to tune."""
 
 from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
 
 from edmsim.axis_bench import AxisBench
 from edmsim.controllers.axis import CHIPS
 from edmsim.controllers.axis import tuned as tuned_drive
 from edmsim.controllers.axis.drive import axis_row
 from edmsim.errors import InputError
+from edmsim.files import make_writable
 
 
 def bench_for(name: str, axis: str, tuned: bool) -> AxisBench:
@@ -29,3 +33,36 @@ def bench_for(name: str, axis: str, tuned: bool) -> AxisBench:
     if name not in CHIPS:
         raise InputError(f"there is no drive {name!r} with a serial line; choose one of {', '.join(CHIPS)}")
     return AxisBench({"x": tuned_drive(name, axis) if tuned else CHIPS[name](axis_row(axis))})
+
+
+def tune(name: str, axis: str, out: Path | None, say: Callable[[str], None]) -> tuple[str, ...]:
+    """Tune a drive for an axis and return what to type.
+
+    Parameters
+    ----------
+    name, axis : str
+        See `bench_for`.
+    out : path or None
+        Where to draw steps and a move before and after.
+    say : callable
+        Told what is being done, a line at a time.
+
+    Raises
+    ------
+    InputError
+        There is no such drive or axis, it cannot be tuned, or the picture cannot be written.
+    """
+    from edmsim.recording.figures import write_figure
+    from edmsim.servo.autotune import autotune, draw
+
+    if out is not None:
+        make_writable(out.parent)
+    tuning = autotune(name, axis_row(axis), say)
+    for title, one in (("as delivered", tuning.before.figures), ("tuned", tuning.after.figures)):
+        say(
+            f"{title}: overshoot {100 * one.overshoot:.0f} %, settled after {1e3 * one.settling_s:.0f} ms, "
+            f"following error of a move {one.rms:.1f} counts rms"
+        )
+    if out is not None:
+        write_figure(draw(tuning), out)
+    return tuning.lines
