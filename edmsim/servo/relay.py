@@ -36,7 +36,7 @@ def swing_of(operator: Operator) -> Swing:
     Raises
     ------
     InputError
-        If the axis does not swing.
+        If the axis does not swing, or so widely that the drive shows no swing.
     """
     heights = {_HEIGHT}
     height = _HEIGHT
@@ -55,5 +55,8 @@ def swing_of(operator: Operator) -> Swing:
     high = error > error.mean()
     rises = time_s[1:][high[1:] & ~high[:-1]]
     if len(rises) < _FEWEST_SWINGS:
-        raise InputError(f"the axis does not swing under a relay of {operator.height}{height}: it is held fast, or runs away")
+        raise InputError(
+            f"the axis does not swing steadily under a relay of {operator.height}{height}: it is held fast, runs away, "
+            "or has play before its encoder"
+        )
     return Swing(4 * height / (math.pi * amplitude), float(np.diff(rises).mean()), amplitude)
