@@ -21,14 +21,16 @@ from edmsim.servo.answer import Answer
 
 _START_S = 0.05
 """Time for the start-up text (ours)."""
-_WATCHED_S, _REST_S = 0.5, 0.2
-"""Time for which an answer is watched, that of a full recorder at `MOVE_RATE` and its dump, and a pause (ours)."""
+_REST_S = 0.2
+"""Time for an axis to come to rest (ours)."""
 _BITS = 10
 """Of a byte on the line: start bit, eight, stop bit."""
 _DATA = 0x80
 """Bytes from here on are the stream's (row U-35)."""
 STEP_RATE, MOVE_RATE, _AT_ONCE, _OUTPUT = 1, 2, 24, 96
 """Parts of a recorder's code (guide 4.20): rates, no trigger, the output instead of the error."""
+_WATCHED_S = {STEP_RATE: 0.3, MOVE_RATE: 0.5}
+"""Time for which an answer is watched (ours): as a full recorder and its dump take."""
 _SPEED_SHARE, _MOST_HZ, _RAMP_S = 0.2, 20_000.0, 0.05
 """A move's speed as a share of the motor's without load, in counts/s at most, and the time of its ramps (ours)."""
 
@@ -40,6 +42,11 @@ class Operator(ABC):
     ----------
     motor : record array (1,)
         The axis, see `edmsim.controllers.axis.drive.axis_row`.
+
+    Attributes
+    ----------
+    rate_Hz : float
+        Steps per second of a move.
     """
 
     chip: ClassVar[str]
@@ -55,6 +62,8 @@ class Operator(ABC):
     """Letter of the relay's height."""
     no_trip: ClassVar[int]
     """An error limit that nothing reaches."""
+    shown: ClassVar[int]
+    """The largest error that the drive shows, in counts."""
     saving: ClassVar[tuple[str, ...]]
     """Lines that save what was typed."""
 
@@ -64,8 +73,10 @@ class Operator(ABC):
         self.bench = AxisBench({"x": drive})
         self.bench.run(_START_S)
         free_rad_s = float(motor["supply_V"][0] / motor["torque_Nm_A"][0])
-        self._rate_Hz = min(_SPEED_SHARE * free_rad_s * float(motor["counts_per_rad"][0]), _MOST_HZ)
-        self.delivered = {row["letter"]: int(row["value"]) for row in data_of(self.file)["parameter"]}
+        self.rate_Hz = min(_SPEED_SHARE * free_rad_s * float(motor["counts_per_rad"][0]), _MOST_HZ)
+        self._data = data_of(self.file)
+        self.delivered = {row["letter"]: int(row["value"]) for row in self._data["parameter"]}
+        self._typed: dict[str, int] = {}
 
     @property
     def interval_s(self) -> float:
@@ -74,9 +85,11 @@ class Operator(ABC):
         return float(record["num"][0] / record["den"][0]) * 1e-9
 
     def enter(self, values: Mapping[str, int]) -> None:
-        """Type some values, restart the loop, and let the axis come to rest."""
+        """Type what of some values is new, restart the loop, and let the axis come to rest."""
         for letter, value in values.items():
-            self.bench.talk(f"{letter}{value}\r".encode("ascii"))
+            if self._typed.get(letter) != value:
+                self.bench.talk(f"{letter}{value}\r".encode("ascii"))
+        self._typed.update(values)
         self.restart()
         self.bench.run(_REST_S)
 
@@ -88,14 +101,14 @@ class Operator(ABC):
         """Step the setpoint and watch; the error is positive where the axis is short of it."""
         self.restart()
         self._watch(code)
-        answer = self._seen(self.send_step(counts))
+        answer = self._seen(self.send_step(counts), _WATCHED_S[code])
         return answer._replace(error=answer.error if counts > 0 else -answer.error)
 
     def move(self, direction: int) -> Answer:
         """Send the step pulses of a move with ramps, as the computer of the machine would, and watch."""
         self.restart()
         self._watch(MOVE_RATE)
-        return self._seen(self.send_steps(direction))
+        return self._seen(self.send_steps(direction), _WATCHED_S[MOVE_RATE])
 
     def send_step(self, counts: int) -> float:
         """Send the line that steps the setpoint; return the time in s at which it has come."""
@@ -105,8 +118,8 @@ class Operator(ABC):
 
     def send_steps(self, direction: int) -> float:
         """Send the step pulses of the move, 0.25 s of them, there or back; return the time in s of the first."""
-        accel_Hz_s = self._rate_Hz / _RAMP_S
-        self.bench.steps("x", direction * round(4 * _RAMP_S * self._rate_Hz), self._rate_Hz, accel_Hz_s)
+        accel_Hz_s = self.rate_Hz / _RAMP_S
+        self.bench.steps("x", direction * round(4 * _RAMP_S * self.rate_Hz), self.rate_Hz, accel_Hz_s)
         return self.bench.time_s
 
     @abstractmethod
@@ -118,8 +131,8 @@ class Operator(ABC):
         """Have the drive show what comes, a recorder by its code."""
 
     @abstractmethod
-    def _seen(self, since_s: float) -> Answer:
-        """Wait, and return what it has shown of what happened since then."""
+    def _seen(self, since_s: float, seconds: float) -> Answer:
+        """Wait some seconds, and return what it has shown of what happened since then."""
 
 
 class UhuOperator(Operator):
@@ -129,7 +142,7 @@ class UhuOperator(Operator):
     gains = "P", "H", "D", "I"
     kept: ClassVar = {"X": 5000, "T": 255, "N": 1000, "C": 63}
     relay: ClassVar = {"P": 65535, "I": 0, "D": 0, "H": 0, "X": 65535, "N": 65535}
-    height, no_trip = "T", 30_000
+    height, no_trip, shown = "T", 30_000, 62
     saving = "S0", "S2"
 
     def _step_line(self, counts: int) -> bytes:
@@ -140,14 +153,14 @@ class UhuOperator(Operator):
         self.bench.run(0.02)
         self.bench.received()
 
-    def _seen(self, since_s: float) -> Answer:
-        self.bench.run(_WATCHED_S)
+    def _seen(self, since_s: float, seconds: float) -> Answer:
+        self.bench.run(seconds)
         since_s += _BITS / self.baud  # which a byte is on its way
         data = [(at_s - since_s, byte) for byte, at_s in self.bench.received_at() if byte >= _DATA]
         heard = [(at_s, byte) for at_s, byte in data if at_s >= 0]
         self.bench.send(b"Z\r")
         self.bench.run(0.02)
-        zero = _DATA + int(data_of("uhu")["law"]["stream_zero"])
+        zero = _DATA + int(self._data["law"]["stream_zero"])
         return Answer(np.array([at_s for at_s, _ in heard]), np.array([byte - zero for _, byte in heard]))
 
 
@@ -158,7 +171,7 @@ class ModuleOperator(Operator):
     gains = "P", "D", "I"
     kept: ClassVar = {"C": 760, "L": 6}
     relay: ClassVar = {"P": 65535, "I": 0, "D": 0}
-    height, no_trip = "C", 40_000
+    height, no_trip, shown = "C", 40_000, 32_767
     saving = ("S",)
 
     def _step_line(self, counts: int) -> bytes:
@@ -169,8 +182,8 @@ class ModuleOperator(Operator):
         self.bench.received()
         self.bench.send(b"Z%d\r" % code)
 
-    def _seen(self, since_s: float) -> Answer:
-        self.bench.run(_WATCHED_S)
+    def _seen(self, since_s: float, seconds: float) -> Answer:
+        self.bench.run(seconds)
         lines = self.bench.received().decode("ascii")
         shown = np.array([int(number) for number in re.findall(r"^(-?\d+)\r$", lines, re.MULTILINE)])
         return Answer(self._every * self.interval_s * np.arange(len(shown), dtype=np.float64), shown)
@@ -180,7 +193,7 @@ class ModuleOperator(Operator):
         self.send_steps(direction)
         self.bench.run(_RAMP_S)
         self._watch(MOVE_RATE + _AT_ONCE + _OUTPUT)
-        shown = self._seen(self.bench.time_s).error
-        steady = self._rate_Hz * self.interval_s * direction
+        shown = self._seen(self.bench.time_s, _WATCHED_S[MOVE_RATE]).error
+        steady = self.rate_Hz * self.interval_s * direction
         n = round(2 * _RAMP_S / (self._every * self.interval_s))
         return float(shown[:n].mean()), steady

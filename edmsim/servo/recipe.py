@@ -14,7 +14,7 @@ from edmsim.errors import InputError
 from edmsim.servo.operator import ModuleOperator, Operator
 from edmsim.servo.relay import Swing
 
-_SMALL_STEPS, _STEPS = (10, -10), (50, -50)
+_STEPS = 10, -10, 50, -50
 """Steps of a trial in counts (ours): within friction's reach, and as many as the UHU's stream shows."""
 _OVERSHOOT, _I_ADDS = 0.15, 0.15
 """Overshoots that are no oscillation (ours): while P is raised, and what I may add."""
@@ -23,9 +23,9 @@ _SHARE_OF_ULTIMATE, _LEAD = 0.3, 0.125
 their gain, as what follows raises it."""
 _RAISE, _LOWER, _BACK_OFF = 1.12, 0.8, 0.9
 """A gain over that of the trial before (ours); the manual's "about 10 % to give a safety margin"."""
-_MORE, _FIRST, _STOPPED, _SWEEPS = 1.4, 50, 0.7, 2
+_MORE, _FIRST, _STOPPED, _IN_VAIN, _SWEEPS = 1.4, 50, 0.8, 3, 2
 """Factor between two values of what compensates, the first value, the share of the highest P below which it stops no
-oscillation any more, and how often each letter is gone through (ours)."""
+oscillation any more, how many such values end it, and how often each letter is gone through (ours)."""
 _MARGIN = 1.25
 """All gains may be so many times larger without oscillation (ours): motors warm up and tables are loaded."""
 _FINE = 1.6, 0.6, 1.3, 0.75, 1.3, 0.75, 1.1, 0.9, 1.1, 0.9
@@ -105,15 +105,13 @@ class Recipe:
         operator = self._operator
         operator.enter(values)
         beyond = settling_s = 0.0
-        for counts in _SMALL_STEPS:
-            if operator.step(counts).oscillates(abs(counts), math.inf):
-                return None
         for counts in _STEPS:
-            answer = operator.step(counts)
-            if answer.oscillates(abs(counts), most_overshoot):
+            answer, large = operator.step(counts), abs(counts) == max(_STEPS)
+            if answer.oscillates(abs(counts), most_overshoot if large else math.inf):
                 return None
-            settling_s += answer.settling_s / len(_STEPS)
-            beyond = max(beyond, answer.overshoot(abs(counts)))
+            if large:
+                settling_s += answer.settling_s / 2
+                beyond = max(beyond, answer.overshoot(abs(counts)))
         there, back = operator.move(1).rms, operator.move(-1).rms
         return Figures(beyond, settling_s, math.hypot(there, back) / math.sqrt(2))
 
@@ -141,6 +139,8 @@ class Recipe:
             if values["P"] <= 1:
                 raise InputError("no values bring this axis to rest: it swings even with P1")
             values["P"] = int(values["P"] * _LOWER)
+        while max(abs(operator.move(1).error)) > operator.shown:
+            operator.rate_Hz /= 2
         self._say("begins with " + " ".join(f"{letter}{values[letter]}" for letter in operator.gains))
         return values
 
@@ -157,11 +157,13 @@ class Recipe:
     def _compensated(self, values: Values, letter: str) -> Values:
         """Raise what compensates, P to its limit each time, while that stops oscillation; keep the best (step 3)."""
         best, least, highest = values, self._cost(values), values["P"]
-        while values["P"] > _STOPPED * highest:
+        in_vain = 0
+        while in_vain < _IN_VAIN:
             raised = min(math.ceil(max(values[letter], _FIRST) * _MORE), _LARGEST.get(letter, _WORD))
             if raised == values[letter]:
                 break
             values = self._raised_p({**values, letter: raised})
+            in_vain = in_vain + 1 if values["P"] < _STOPPED * highest else 0
             highest = max(highest, values["P"])
             cost = self._cost(values)
             if cost < least and self._has_margin(values):

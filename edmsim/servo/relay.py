@@ -56,7 +56,7 @@ def swing_of(operator: Operator) -> Swing:
     rises = time_s[1:][high[1:] & ~high[:-1]]
     if len(rises) < _FEWEST_SWINGS:
         raise InputError(
-            f"the axis does not swing steadily under a relay of {operator.height}{height}: it is held fast, runs away, "
-            "or has play before its encoder"
+            f"the axis does not swing steadily under a relay of {operator.height}{height}: it is held fast, runs "
+            "away, or has play before its encoder"
         )
     return Swing(4 * height / (math.pi * amplitude), float(np.diff(rises).mean()), amplitude)

@@ -47,7 +47,7 @@ def test_the_module_does_not_echo():
     [
         (["servo"], "choose one of uhu, servo-module"),
         (["uhu", "--axis", "z"], "there is no axis 'z'"),
-        (["uhu", "--axis", "low-impedance", "--tuned"], "no UHU is tuned"),
+        (["uhu", "--axis", "fast", "--tuned"], "no UHU is tuned"),
         (["uhu", "--axis", "z", "--autotune"], "there is no axis 'z'"),
         (["steam", "--autotune"], "choose one of uhu, servo-module"),
         (["uhu", "--autotune", "--out", "/dev/null/before.png"], "/dev/null"),
