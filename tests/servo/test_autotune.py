@@ -41,7 +41,7 @@ def test_a_tuned_drive_follows_better_than_as_delivered(drive, axis):  # U-25, U
     before, after = tuning(drive, axis).before.figures, tuning(drive, axis).after.figures
     assert after.rms < 0.7 * before.rms
     assert after.settling_s < 0.8 * before.settling_s
-    assert after.overshoot < max(0.7 * before.overshoot, 1.5 * ONE_COUNT)  # the module begins without any
+    assert after.overshoot < max(0.85 * before.overshoot, 1.5 * ONE_COUNT)  # the module begins without any
 
 
 def test_what_is_found_can_be_typed_in_and_is_there_after_power_up():  # U-58 step 5
@@ -85,7 +85,7 @@ def test_both_drives_make_an_axis_swing_alike(axis):
     assert 8 <= uhu.amplitude < 50
     duty = data_of("uhu")["pins"]["duty_high"] - data_of("uhu")["pins"]["duty_low"]
     full = data_of("servo_module")["chip"]["duty_centre"]
-    assert module.gain / full == pytest.approx(uhu.gain * duty / 255, rel=0.5)
+    assert module.gain / full == pytest.approx(uhu.gain * duty / 255, rel=0.6)
 
 
 @pytest.mark.parametrize(
