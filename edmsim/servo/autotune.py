@@ -37,7 +37,7 @@ _OPERATORS: dict[str, type[Operator]] = {kind.chip: kind for kind in (UhuOperato
 
 
 @dataclass(frozen=True)
-class Measured:
+class AxisResponse:
     """An axis under a drive: its answers to a step up, a step down and a move, at every sample."""
 
     up: Answer
@@ -65,15 +65,15 @@ class Tuning:
         Letters and values.
     swing : Swing
         The axis under a relay.
-    before, after : Measured
+    before, after : AxisResponse
         The drive as delivered, though with an error limit out of reach, and tuned.
     """
 
     lines: tuple[str, ...]
     values: dict[str, int]
     swing: Swing
-    before: Measured
-    after: Measured
+    before: AxisResponse
+    after: AxisResponse
 
 
 def autotune(name: str, motor: NDArray[np.void], say: Callable[[str], None]) -> Tuning:
@@ -112,13 +112,13 @@ def autotune(name: str, motor: NDArray[np.void], say: Callable[[str], None]) -> 
     return Tuning((*lines, "R", *kind.saving), values, swing, before, after)
 
 
-def measured(operator: Operator, values: dict[str, int]) -> Measured:
+def measured(operator: Operator, values: dict[str, int]) -> AxisResponse:
     """Type some values in, and measure two steps and a move on the bench."""
     operator.enter(values)
     up, down = _answer_to_step(operator, 1), _answer_to_step(operator, -1)
     rows, begun_s = _traced(operator, lambda: operator.send_steps(1))
     error = rows["setpoint"] - rows["count"]
-    return Measured(up, down, Answer(rows["time_ns"] * 1e-9 - begun_s, error - error[0]))
+    return AxisResponse(up, down, Answer(rows["time_ns"] * 1e-9 - begun_s, error - error[0]))
 
 
 def _answer_to_step(operator: Operator, way: int) -> Answer:
