@@ -154,8 +154,8 @@ right.set(xlabel="machine time, ms", ylabel="following error of the restless dri
 right.legend(fontsize=8);
 
 # %% [markdown]
-# - The tuned drive leaves no trace: following errors are of the size of a step, and profile, corners and shorts are those
-#   of the steppers.
+# - Under the tuned drive following errors are of the size of a step, and profile, corners and shorts are those of the
+#   steppers.
 # - The soft drive cuts, too, but friction holds it some 6 µm behind: profile and corners are worse by 1 and 3 µm, and
 #   shorts are none the more, as the gap controller does not notice.
 # - The restless drive swings before the first spark and trips at its error limit. A limit far wider would
@@ -163,5 +163,4 @@ right.legend(fontsize=8);
 #
 # ## Limits
 #
-# One motor, one drive, and a feed of some 30 µm/s, slow for any servo. The drives' noise in the gap is not judged here;
-# the error of a whole part under each drive stands in its report.
+# One motor, one drive, and a feed of some 30 µm/s, which is slow for any servo.
