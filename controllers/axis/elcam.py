@@ -29,13 +29,13 @@ from edmsim.controllers.axis.elcam_registers import (
     DATA,
     KNOWN,
     NEEDS,
-    Answer,
     CallStatus,
     Descriptor,
     Error,
     Function,
     LoadStatus,
     Mode,
+    ObjectAnswer,
     version_of,
 )
 from edmsim.controllers.axis.elcam_table import CamTable
@@ -76,11 +76,11 @@ class TableAccess:
         """As `Elcam.write_double`."""
         return self.elcam.write_double(self._descriptor(function), value)
 
-    def read_int(self, function: int) -> Answer:
+    def read_int(self, function: int) -> ObjectAnswer:
         """As `Elcam.read_int`."""
         return self.elcam.read_int(self._descriptor(function))
 
-    def read_double(self, function: int) -> Answer:
+    def read_double(self, function: int) -> ObjectAnswer:
         """As `Elcam.read_double`."""
         return self.elcam.read_double(self._descriptor(function))
 
@@ -137,15 +137,15 @@ class Elcam:
         self.faults = ControlFaults()
         self._firmware = version_of(firmware or data["firmware"])
         self._library = version_of(library or data["library"])
-        self._readers: dict[Function, Callable[[CamTable], Answer]] = {
-            Function.ERROR: lambda table: Answer(CallStatus.OK, self._error(table)),
-            Function.RESET: lambda table: Answer(CallStatus.OK, 0),
-            Function.BUFFER_SIZE: lambda table: Answer(CallStatus.OK, len(table.points)),
-            Function.MODE: lambda table: Answer(CallStatus.OK, int(table.mode)),
+        self._readers: dict[Function, Callable[[CamTable], ObjectAnswer]] = {
+            Function.ERROR: lambda table: ObjectAnswer(CallStatus.OK, self._error(table)),
+            Function.RESET: lambda table: ObjectAnswer(CallStatus.OK, 0),
+            Function.BUFFER_SIZE: lambda table: ObjectAnswer(CallStatus.OK, len(table.points)),
+            Function.MODE: lambda table: ObjectAnswer(CallStatus.OK, int(table.mode)),
             Function.TARGET_POSITION: self._target_position,
-            Function.MEMORY_ADDRESS: lambda table: Answer(CallStatus.OK, table.physical_address),
-            Function.COMPENSATION: lambda table: Answer(CallStatus.OK, int(table.compensates)),
-            Function.INTERPOLATE_ROWS: lambda table: Answer(CallStatus.OK, int(Mode.INTERPOLATE_ROWS in table.mode)),
+            Function.MEMORY_ADDRESS: lambda table: ObjectAnswer(CallStatus.OK, table.physical_address),
+            Function.COMPENSATION: lambda table: ObjectAnswer(CallStatus.OK, int(table.compensates)),
+            Function.INTERPOLATE_ROWS: lambda table: ObjectAnswer(CallStatus.OK, int(Mode.INTERPOLATE_ROWS in table.mode)),
         }
         self._writers: dict[Function, Callable[[CamTable, Any], CallStatus]] = {
             Function.ERROR: self._clear_error, Function.RESET: self._reset, Function.BUFFER_SIZE: self._reserve,
@@ -178,13 +178,13 @@ class Elcam:
         """Write a number (wrOptionDbl)."""
         return self._write(to, float(value), float)
 
-    def read_int(self, of: Descriptor) -> Answer:
+    def read_int(self, of: Descriptor) -> ObjectAnswer:
         """Read a whole number (rdOptionInt)."""
         if self._is_switch(of):
-            return Answer(CallStatus.OK, int(self.compensating))
+            return ObjectAnswer(CallStatus.OK, int(self.compensating))
         return self._read(of, int)
 
-    def read_double(self, of: Descriptor) -> Answer:
+    def read_double(self, of: Descriptor) -> ObjectAnswer:
         """Read a number (rdOptionDbl)."""
         return self._read(of, float)
 
@@ -263,13 +263,13 @@ class Elcam:
         setattr(table, _PLAIN[function], value)
         return CallStatus.OK
 
-    def _read(self, of: Descriptor, kind: type) -> Answer:
+    def _read(self, of: Descriptor, kind: type) -> ObjectAnswer:
         function = self._function(of, kind, "r")
         if function is None:
-            return Answer(CallStatus.REFUSED, 0)
+            return ObjectAnswer(CallStatus.REFUSED, 0)
         table = self.tables.setdefault(of.index, CamTable())
         if function in _PLAIN:
-            return Answer(CallStatus.OK, getattr(table, _PLAIN[function]))
+            return ObjectAnswer(CallStatus.OK, getattr(table, _PLAIN[function]))
         return self._readers[function](table)
 
     def _error(self, table: CamTable) -> int:
@@ -361,12 +361,12 @@ class Elcam:
         table.base, table.was_started, table.held, table.direction = table.shift, True, False, 0
         return CallStatus.OK
 
-    def _target_position(self, table: CamTable) -> Answer:
+    def _target_position(self, table: CamTable) -> ObjectAnswer:
         if table.runs:
-            return Answer(CallStatus.BUSY, 0.0)
+            return ObjectAnswer(CallStatus.BUSY, 0.0)
         if table.error or table.faults(len(self.axes)):
-            return Answer(CallStatus.REFUSED, 0.0)
-        return Answer(CallStatus.OK, table.follow(*self._places(table)))
+            return ObjectAnswer(CallStatus.REFUSED, 0.0)
+        return ObjectAnswer(CallStatus.OK, table.follow(*self._places(table)))
 
     def _memory_lost(self, table: CamTable) -> bool:
         return table.in_computer and self.memory.at(table.physical_address) is None

@@ -159,7 +159,7 @@ class LoadStatus(IntEnum):
     NOT_WHOLE = 7
 
 
-class Answer(NamedTuple):
+class ObjectAnswer(NamedTuple):
     """What a reading call returns; the value counts only with `CallStatus.OK`."""
 
     status: CallStatus

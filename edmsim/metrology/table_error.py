@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -63,3 +64,29 @@ def _displaced_um(machine: Machine, points_um: Floats, elcam: Elcam | None) -> F
         motors = (x, y) if compensation is None else compensation.begin((x, y))
         found.append(table.move(motors))
     return np.array(found).reshape(-1, 2) - points_um
+
+
+class MotorOffsets(NamedTuple):
+    """What the motors' places are off others, in um, (n, 2): the program's, by the compensation, and the wire's."""
+
+    program: Floats
+    table: Floats
+
+
+def motor_offsets_um(machine: Machine, motors_um: Floats, elcam: Elcam | None) -> MotorOffsets:
+    """Return by how much motors at some places (n, 2) stand off the program and off where the table truly is.
+
+    The compensation is that of the motors' places, which differ from the program's by itself only.
+    """
+    table = StillTable(machine, nuts=False)
+    places, which = np.unique(motors_um, axis=0, return_inverse=True)
+    program, astray = np.zeros_like(places), np.zeros_like(places)
+    compensation = None
+    if elcam is not None:
+        compensation = StepCompensation(copy.deepcopy(elcam), machine.base.table.step_um.value)
+    for k, (x, y) in enumerate(places.tolist()):
+        if compensation is not None:
+            compensation.begin((x, y))
+            program[k] = compensation.offset_um
+        astray[k] = places[k] - table.move((x, y))
+    return MotorOffsets(program[which.reshape(-1)], astray[which.reshape(-1)])

@@ -184,7 +184,7 @@ class Plant(PlantReadings):
         self._state["key"] = key_of(seed)
         self._state["commanded_um"][0, :2] = position_um
         self._state["axis_um"] = self._state["commanded_um"]
-        self._drives.reset(self._state)
+        self._drives.reset(self._state, seed)
         if isinstance(self._model, FullMechanics):
             self._model.reset()
         self._at_rest()

@@ -115,6 +115,8 @@ class Quality:
         The kerf slice by slice, from the bottom.
     table : TableShare or None
         None for a perfect table.
+    profile_shares : mapping, optional
+        What made the profile error (`edmsim.metrology.shares.share_stats`); None if it was not split.
     """
 
     kerf_mean_um: float
@@ -127,6 +129,7 @@ class Quality:
     ra_um: float
     section: tuple[KerfSlice, ...] = ()
     table: TableShare | None = None
+    profile_shares: Mapping[str, Mapping[str, float]] | None = None
 
 
 def build_report(
@@ -214,6 +217,7 @@ def _part(quality: Quality) -> dict[str, Any]:
             "max": quality.profile_max_um,
             "rms": quality.profile_rms_um,
             "p95": quality.profile_p95_um,
+            "shares": quality.profile_shares,
         },
         "table_error_um": None if quality.table is None else asdict(quality.table),
         "corners": [
@@ -337,6 +341,7 @@ def summary(report: Mapping[str, Any]) -> list[tuple[str, str]]:
         ("pulses", "  ".join([f"{report['pulses']:,}", *shares])),
         ("kerf", f"{say(kerf['mean'], 'µm')} mean, {least} to {largest}"),
         ("profile error", f"{error[0]} max, {error[1]} rms, {error[2]} for 95 %"),
+        ("made by", _shares_line(profile["shares"])),
         *_table_lines(report),
         ("corners", _corner_line(report["corners"])),
         ("wire", f"lag {lag}, vibration {vibration} rms, at most {say(wire['temperature_K_max'], 'K', 0)}"),
@@ -363,6 +368,12 @@ def _table_lines(report: Mapping[str, Any]) -> list[tuple[str, str]]:
 
 def _percent(share: float | None) -> float | None:
     return None if share is None else 100.0 * share
+
+
+def _shares_line(shares: Mapping[str, Mapping[str, float | None]] | None) -> str:
+    if shares is None:
+        return "not split: the wire's centre was to run on the edge"
+    return ", ".join(f"{name} {figure_text(share['rms'], 'µm')}" for name, share in shares.items()) + " rms"
 
 
 def _corner_line(corners: Sequence[Mapping[str, float | None]]) -> str:
