@@ -21,6 +21,7 @@ from edmsim.errors import InputError
 from edmsim.machine.machine import Machine
 from edmsim.metrology.table_run import measure_table
 from edmsim.program.path import plan_path
+from edmsim.recording.report import summary
 
 ROOT = Path(__file__).parents[1]
 SMALL = ROOT / "envs" / "small_punch.ngc"
@@ -88,6 +89,20 @@ def test_the_report_has_the_profile_error_with_and_without(file, bad):
     assert table["profile_without_um"]["rms"] == pytest.approx(bare["profile_error_um"]["rms"], rel=0.25)
     assert cut["settings"]["compensation"] == str(file)
     assert len(cut["settings"]["compensation_sha256"]) == 16
+    shares = [report["profile_error_um"]["shares"]["drive"]["rms"] for report in (bare, cut)]
+    assert shares[1] < 0.3 * shares[0]  # what the table does stands with the drives
+    assert cut["notices"] == bare["notices"]
+    assert re.search(r"max, .* rms; compensated to .* max", dict(summary(cut))["table"])
+    assert "profile error without compensation" in dict(summary(cut))
+    assert re.fullmatch(r"moves the wall by [\d.]+ µm max, [\d.]+ µm rms", dict(summary(bare))["table"])
+
+
+def test_a_table_that_is_too_short_is_told(tmp_path):
+    # E-A14
+    short = tmp_path / "short.toml"
+    short.write_text(text_of([ErrorTable("x", "x", np.array([(0.0, 1.0), (10.0, 2.0)]))]), encoding="utf-8")
+    notices = edmsim.cut(SMALL, max_time_s=1, compensation=str(short), **FAST).report["notices"]
+    assert any("beyond the compensation table of x along x" in notice for notice in notices)
 
 
 def test_a_perfect_table_has_no_share_in_the_report():

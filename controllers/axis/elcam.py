@@ -145,7 +145,9 @@ class Elcam:
             Function.TARGET_POSITION: self._target_position,
             Function.MEMORY_ADDRESS: lambda table: ObjectAnswer(CallStatus.OK, table.physical_address),
             Function.COMPENSATION: lambda table: ObjectAnswer(CallStatus.OK, int(table.compensates)),
-            Function.INTERPOLATE_ROWS: lambda table: ObjectAnswer(CallStatus.OK, int(Mode.INTERPOLATE_ROWS in table.mode)),
+            Function.INTERPOLATE_ROWS: lambda table: ObjectAnswer(
+                CallStatus.OK, int(Mode.INTERPOLATE_ROWS in table.mode)
+            ),
         }
         self._writers: dict[Function, Callable[[CamTable, Any], CallStatus]] = {
             Function.ERROR: self._clear_error, Function.RESET: self._reset, Function.BUFFER_SIZE: self._reserve,

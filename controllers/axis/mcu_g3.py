@@ -78,7 +78,7 @@ class ControlAxis:
         self.setpoint += self.velocity * dt
 
 
-class Control:
+class MotionControl:
     """Axes under one control.
 
     Parameters

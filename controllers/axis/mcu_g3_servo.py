@@ -29,7 +29,7 @@ def _hold(drive_at: Any, axis_at: Any) -> None:
 
 
 class AxisLoop:
-    """A motor in a control's position loop: what `edmsim.controllers.axis.mcu_g3.Control` drives a servo axis with.
+    """A motor in a control's position loop, for a servo axis of `edmsim.controllers.axis.mcu_g3.MotionControl`.
 
     Parameters
     ----------

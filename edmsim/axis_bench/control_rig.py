@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from edmsim.axis_bench.bench import AxisBench
 from edmsim.controllers.axis.drive import Drive
-from edmsim.controllers.axis.mcu_g3 import CYCLE_S, Control, ControlAxis
+from edmsim.controllers.axis.mcu_g3 import CYCLE_S, ControlAxis, MotionControl
 from edmsim.controllers.axis.mcu_g3_servo import COMPENSATION, FEED_FORWARD, TARGET, AxisLoop
 from edmsim.controllers.axis.servo import PositionServo
 
@@ -40,11 +40,11 @@ class ControlRig:
     drives : mapping of str to drive, optional
         In place of the usual ones.
     **options
-        As `Control` takes them.
+        As `MotionControl` takes them.
 
     Attributes
     ----------
-    control : Control
+    control : MotionControl
     bench : AxisBench
     names : tuple of str
         The axes in the control's order.
@@ -54,7 +54,7 @@ class ControlRig:
         self.names = tuple(axes)
         usual: dict[str, Drive] = {n: PositionServo() if axis.stepper else AxisLoop() for n, axis in axes.items()}
         self.bench = AxisBench({**usual, **(drives or {})})
-        self.control = Control(list(axes.values()), **options)
+        self.control = MotionControl(list(axes.values()), **options)
         self._sent = [0] * len(self.names)
         self._notes: list[tuple[float, NDArray[np.float64]]] = []
 

@@ -15,7 +15,7 @@ from typing import Any, Unpack
 from edmsim import user_code
 from edmsim.controllers import FeedController, SeesTruth, from_text
 from edmsim.controllers.axis import CHIPS, Drive, tuned
-from edmsim.controllers.axis.elcam_file import load_tables, read_tables
+from edmsim.controllers.axis.elcam_file import NAMES, load_tables, read_tables
 from edmsim.controllers.mcu.firmware.poscal import unit_um
 from edmsim.controllers.own import check_is_controller
 from edmsim.controllers.planner.registry import position_unit
@@ -149,6 +149,12 @@ def _notices(simulation: Simulation, settings: CutSettings) -> list[str]:
     notices = [*simulation.path.notices, *settings.workpiece.notices(simulation.plant.resolution.slices)]
     if simulation.refused is not None:
         notices.append(f"the generator refused a setting the controller wanted: {simulation.refused}")
+    held = [] if simulation.elcam is None else [t for t in simulation.elcam.tables.values() if t.held]
+    for table in held:
+        notices.append(
+            f"the cut went beyond the compensation table of {NAMES[table.axis]} along {NAMES[table.master]}: "
+            "there it holds its end value"
+        )
     if simulation.missed_windows:
         notices.append(
             f"the counts of {simulation.missed_windows} windows were missed: the controller's routine takes longer "
