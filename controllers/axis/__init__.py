@@ -7,15 +7,19 @@ whether it can be used.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from types import MappingProxyType
+
 from edmsim.controllers.axis.conformance import check_drive
 from edmsim.controllers.axis.drive import Drive, axis_row
 from edmsim.controllers.axis.servo import PositionServo
 from edmsim.controllers.axis.servo_module import ServoModule
 from edmsim.controllers.axis.stepper import Stepper
 from edmsim.controllers.axis.uhu import Uhu
+from edmsim.controllers.named_numbers import named_numbers
 from edmsim.errors import InputError
 
-__all__ = ["CHIPS", "Drive", "ServoModule", "Uhu", "check_drive", "make", "names", "tuned"]
+__all__ = ["CHIPS", "Drive", "ServoModule", "Uhu", "check_drive", "from_text", "make", "names", "tuned"]
 
 CHIPS: dict[str, type[Uhu] | type[ServoModule]] = {kind.name: kind for kind in (Uhu, ServoModule)}
 """Drives with a serial line, by name."""
@@ -51,7 +55,36 @@ def make(name: str) -> Drive:
     return _DRIVES[name]()
 
 
-def tuned(name: str, axis: str = "table") -> Uhu | ServoModule:
+def from_text(text: str) -> Drive:
+    """Make the drive of an axis of the machine as it is named on the command line.
+
+    Parameters
+    ----------
+    text : str
+        ``stepper``, or one of `CHIPS`, tuned for ``table``; with parameters that differ from that if wanted, by their
+        names in Python or the manual's letters: ``uhu:proportional_gain=600,E=400``.
+
+    Raises
+    ------
+    InputError
+        There is no such drive or parameter, or a parameter is no number or out of range.
+
+    Examples
+    --------
+    >>> from_text("uhu:P=600").parameters["proportional_gain"]
+    600
+    """
+    name, _, rest = text.partition(":")
+    if name == Stepper.name and not rest:
+        return Stepper()
+    if name not in CHIPS:
+        raise InputError(f"there is no drive {text!r}; choose one of {', '.join((Stepper.name, *CHIPS))}")
+    return tuned(name, changes=named_numbers(rest, name))
+
+
+def tuned(
+    name: str, axis: str = "table", changes: Mapping[str, float] = MappingProxyType({})
+) -> Uhu | ServoModule:
     """Make a drive that is commissioned: its parameters for an axis of `axis_row` are in its EEPROM.
 
     Parameters
@@ -60,13 +93,15 @@ def tuned(name: str, axis: str = "table") -> Uhu | ServoModule:
         One of `CHIPS`.
     axis : str
         Motor, screw and table; ``table`` is that of the DEM-15.
+    changes : mapping of str to int
+        Parameters that differ, by their names in Python or the manual's letters.
 
     Raises
     ------
     InputError
-        If there is no such drive, no such axis, or nobody has tuned the drive for it.
+        If there is no such drive, no such axis, nobody has tuned the drive for it, or a parameter is none.
     """
     if name not in CHIPS:
         raise InputError(f"there is no drive {name!r} with a serial line; choose one of {', '.join(CHIPS)}")
     axis_row(axis)
-    return CHIPS[name].tuned(axis)
+    return CHIPS[name].tuned(axis, changes)

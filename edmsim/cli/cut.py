@@ -45,7 +45,9 @@ def cut(
         str, typer.Option(help="Feed controller, with parameters if wanted: fixed:feed_um_s=20, own.py:Own.")
     ] = "counts",
     planner: Annotated[str, typer.Option(help="poscal, poscal-literal, dda, sine-table or exact.")] = "poscal",
-    drive: Annotated[str, typer.Option(help="Drive of x and y: stepper, uhu or servo-module.")] = "stepper",
+    drive: Annotated[
+        str, typer.Option(help="Drive of x and y: stepper, uhu, servo-module, with parameters if wanted: uhu:P=600.")
+    ] = "stepper",
     compensation: Annotated[
         Path | None, typer.Option(help="File of tables with the errors of the machine's table, to compensate them.")
     ] = None,

@@ -13,8 +13,8 @@ from types import FrameType
 from typing import Any, Unpack
 
 from edmsim import user_code
-from edmsim.controllers import FeedController, SeesTruth, from_text
-from edmsim.controllers.axis import CHIPS, Drive, tuned
+from edmsim.controllers import FeedController, SeesTruth, axis, from_text
+from edmsim.controllers.axis.drive import Drive
 from edmsim.controllers.axis.elcam_file import NAMES, load_tables, read_tables
 from edmsim.controllers.mcu.firmware.poscal import unit_um
 from edmsim.controllers.own import check_is_controller
@@ -111,18 +111,16 @@ def _begin(program: str | Path, settings: CutSettings) -> tuple[Simulation, Reco
     return simulation, recorders
 
 
-def _drives(name: str, step_um: float) -> dict[str, Drive] | None:
-    """Return the drives of x and y; refuse those that are tuned for another motor step."""
-    if name not in CHIPS:
-        return None
-    drives = {axis: tuned(name) for axis in "xy"}
+def _drives(text: str, step_um: float) -> dict[str, Drive]:
+    """Return the drives of x and y; refuse those that move otherwise at a motor step."""
+    drives = {name: axis.from_text(text) for name in "xy"}
     drive = drives["x"]
-    assert drive.motor is not None
-    motor, counts = drive.motor[0], drive.parameters["step_multiplier"] + 1
-    own_um = float(counts * motor["um_per_rad"] / motor["counts_per_rad"])
-    if abs(own_um / step_um - 1) > 1e-6:
-        raise InputError(f"the drive {name} moves {own_um:g} um at a step; this machine's steps are {step_um:g} um")
-    return {**drives}
+    if isinstance(drive, axis.Uhu | axis.ServoModule) and drive.motor is not None:
+        motor, counts = drive.motor[0], drive.parameters["step_multiplier"] + 1
+        own_um = float(counts * motor["um_per_rad"] / motor["counts_per_rad"])
+        if abs(own_um / step_um - 1) > 1e-6:
+            raise InputError(f"the drive {text} moves {own_um:g} um at a step; this machine's steps are {step_um:g}")
+    return drives
 
 
 def _made_with(program: str | Path, settings: CutSettings, simulation: Simulation) -> dict[str, Any]:
