@@ -80,7 +80,7 @@ class SerialDrive(Drive, Protocol):
 
 _OWN = (
     "command", "lines", "num", "den", "busy_ns", "delay_ns", "pwm_ns", "watchdog_ns", "stalled_until_ns",
-    "count_rate_Hz", "reg", "real", "memory",
+    "count_rate_Hz", "index_ns", "reg", "real", "memory",
 )
 """What of a record is the drive's own and lost with the power."""
 
@@ -139,11 +139,14 @@ def axis_names() -> tuple[str, ...]:
 def axis_row(name: str = "table", **changes: float) -> NDArray[np.void]:
     """Return the row of an axis: motor, supply, bridge, encoder and screw of ``models/drives/axis-NAME.toml``.
 
+    What that file does not name is as in ``plain.toml``: no velocity amplifier and no home cam.
+
     Parameters
     ----------
     name : str
         ``table`` (a small servo motor on the screw of the DEM-15), ``bench`` (a motor with a ball screw and a
-        resonance within the reach of a drive), ``fast`` (a million counts a second) or ``low-impedance``.
+        resonance within the reach of a drive), ``fast`` (a million counts a second), ``low-impedance``, ``analogue`` (a
+        geared motor behind a velocity amplifier) or ``analogue-table`` (such an amplifier on the table of the DEM-15).
     **changes : float
         Constants of `MOTOR` to be other than in the file, for example ``backlash_um=20.0``.
 
@@ -154,5 +157,6 @@ def axis_row(name: str = "table", **changes: float) -> NDArray[np.void]:
     """
     if name not in axis_names():
         raise InputError(f"there is no axis {name!r}; choose one of {', '.join(axis_names())}")
-    parts = (part for part in data_of(f"axis-{name}").values() if isinstance(part, dict))
+    tables = (*data_of("plain").values(), *data_of(f"axis-{name}").values())
+    parts = [part for part in tables if isinstance(part, dict)]
     return motor_row({key: value for part in parts for key, value in part.items()}, **changes)
