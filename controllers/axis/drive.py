@@ -52,7 +52,22 @@ class Drive(Protocol):
 
 
 @runtime_checkable
-class SerialDrive(Drive, Protocol):
+class StartsAnew(Drive, Protocol):
+    """A drive that starts anew when its logic is switched on, with what its memory has kept."""
+
+    def power_up(self) -> bytes:
+        """Start as after the release of the reset pin: what no memory keeps is as in a new drive.
+
+        Returns
+        -------
+        bytes
+            What it sends over its serial line, if it has one.
+        """
+        ...
+
+
+@runtime_checkable
+class SerialDrive(StartsAnew, Protocol):
     """A drive with a serial line and a memory that outlasts the power: a chip on a board.
 
     Attributes
@@ -62,16 +77,6 @@ class SerialDrive(Drive, Protocol):
     """
 
     baud: float
-
-    def power_up(self) -> bytes:
-        """Start as after the release of the reset pin: all of the record but ``eeprom`` as in a new drive.
-
-        Returns
-        -------
-        bytes
-            What it sends over the serial line.
-        """
-        ...
 
     def receive_error(self) -> None:
         """Take note that a byte came without a stop bit, or before the last one was read."""
