@@ -45,6 +45,19 @@ class Positioner:
         now_ns = round(self.bench.time_s * 1e9)
         self.bench.run_to((now_ns // period_ns + count) * period_ns + 1000)
 
+    def slip(self, edges):
+        """Let the encoder count some edges at once, as if the axis had been pushed."""
+        for _ in range(abs(edges)):
+            self.bench.slip_encoder("x", 1 if edges > 0 else -1)
+        self.sample()
+
+    def push(self, seconds=0.1):
+        """Turn the shaft by a torque that is more than the amplifier holds, and let it come to rest."""
+        self.bench.torque("x", 1.0)
+        self.run(seconds)
+        self.bench.torque("x", 0.0)
+        self.run(0.3)
+
     def run(self, seconds):
         self.bench.run(seconds)
 
