@@ -9,18 +9,21 @@ from __future__ import annotations
 
 from edmsim.controllers.axis.conformance import check_drive
 from edmsim.controllers.axis.drive import Drive, axis_row
+from edmsim.controllers.axis.eanpos import Eanpos
 from edmsim.controllers.axis.servo import PositionServo
 from edmsim.controllers.axis.servo_module import ServoModule
 from edmsim.controllers.axis.stepper import Stepper
 from edmsim.controllers.axis.uhu import Uhu
 from edmsim.errors import InputError
 
-__all__ = ["CHIPS", "Drive", "ServoModule", "Uhu", "check_drive", "make", "names", "tuned"]
+__all__ = ["CHIPS", "COMMISSIONED", "Drive", "Eanpos", "ServoModule", "Uhu", "check_drive", "make", "names", "tuned"]
 
 CHIPS: dict[str, type[Uhu] | type[ServoModule]] = {kind.name: kind for kind in (Uhu, ServoModule)}
 """Drives with a serial line, by name."""
+COMMISSIONED = (*CHIPS, Eanpos.name)
+"""Drives that `tuned` makes ready for an axis."""
 
-_DRIVES: dict[str, type[Drive]] = {kind.name: kind for kind in (Stepper, PositionServo, ServoModule, Uhu)}
+_DRIVES: dict[str, type[Drive]] = {kind.name: kind for kind in (Stepper, PositionServo, ServoModule, Uhu, Eanpos)}
 
 
 def names() -> tuple[str, ...]:
@@ -51,22 +54,24 @@ def make(name: str) -> Drive:
     return _DRIVES[name]()
 
 
-def tuned(name: str, axis: str = "table") -> Uhu | ServoModule:
-    """Make a drive that is commissioned: its parameters for an axis of `axis_row` are in its EEPROM.
+def tuned(name: str, axis: str = "table") -> Uhu | ServoModule | Eanpos:
+    """Make a drive that is commissioned: its parameters for an axis of `axis_row` are in its memory.
 
     Parameters
     ----------
     name : str
-        One of `CHIPS`.
+        One of `COMMISSIONED`.
     axis : str
-        Motor, screw and table; ``table`` is that of the DEM-15.
+        Motor, screw and table; ``table`` is that of the DEM-15, for ``eanpos`` with its velocity amplifier.
 
     Raises
     ------
     InputError
         If there is no such drive, no such axis, or nobody has tuned the drive for it.
     """
+    if name == Eanpos.name:
+        return Eanpos.tuned("analogue-table" if axis == "table" else axis)
     if name not in CHIPS:
-        raise InputError(f"there is no drive {name!r} with a serial line; choose one of {', '.join(CHIPS)}")
+        raise InputError(f"there is no drive {name!r} to tune; choose one of {', '.join(COMMISSIONED)}")
     axis_row(axis)
     return CHIPS[name].tuned(axis)
