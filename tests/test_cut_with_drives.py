@@ -18,7 +18,7 @@ from edmsim.recording.windows import column
 SLOT = Path(__file__).parents[1] / "examples" / "slot.iso"
 
 
-@pytest.mark.parametrize("drive", ["uhu", "servo-module"])
+@pytest.mark.parametrize("drive", ["uhu", "servo-module", "eanpos"])
 def test_a_cut_under_a_servo_drive_follows_its_steps(drive):
     result = edmsim.cut(SLOT, height_mm=10, resolution="fast", drive=drive, max_time_s=6)
     report = result.report
@@ -49,5 +49,5 @@ def test_a_following_error_stops_the_machine_and_leaves_with_3(monkeypatch, tmp_
 
 
 def test_an_unknown_drive_is_refused():
-    with pytest.raises(InputError, match="no drive 'steam'; choose one of stepper, uhu, servo-module"):
+    with pytest.raises(InputError, match="no drive 'steam'; choose one of stepper, uhu, servo-module, eanpos"):
         edmsim.cut(SLOT, drive="steam")

@@ -33,6 +33,7 @@ from edmsim.controllers.axis.eanpos_registers import (
     DERREG,
     DEVICE,
     EDGES,
+    EMRG,
     ENCODER,
     EXCEEDED,
     EXCESS_NS,
@@ -273,5 +274,7 @@ def eanpos_sample(drive_at: Any, axis_at: Any) -> None:
         _run(reg, real, cam_before, axis.indexes, axis.index_at)
     held = reg[ST_INIT] == 0 or reg[ST_REGOFF] == 1 or reg[RESOURCES] & HAS_OUTPUT == 0
     drive.command = reg[CODE] / FULL_SCALE if reg[RESOURCES] & HAS_OUTPUT else 0.0
-    follows = reg[FOLLOW_STEP] != 0 and reg[ST_FOLLER] == 1
-    drive.lines = (HOLDS_OUTPUT if held else 0) | (FAULT if follows or reg[ST_ERROR] == 1 else 0)
+    lost = reg[FOLLOW_STEP] != 0 and reg[ST_FOLLER] == 1
+    if lost:
+        reg[MAILBOX] |= 1 << EMRG
+    drive.lines = (HOLDS_OUTPUT if held else 0) | (FAULT if lost or reg[ST_ERROR] == 1 else 0)

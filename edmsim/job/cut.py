@@ -10,7 +10,7 @@ from typing import Any, Unpack
 
 from edmsim import user_code
 from edmsim.controllers import FeedController, SeesTruth, from_text
-from edmsim.controllers.axis import CHIPS, tuned
+from edmsim.controllers.axis import COMMISSIONED, tuned
 from edmsim.controllers.mcu.firmware.poscal import unit_um
 from edmsim.controllers.own import check_is_controller
 from edmsim.controllers.planner.registry import position_unit
@@ -100,7 +100,7 @@ def _begin(program: str | Path, settings: CutSettings) -> tuple[Simulation, Reco
     simulation = Simulation(
         machine, path, controller, planner=settings.planner, seed=settings.seed, resolution=settings.resolution,
         max_time_s=settings.max_time_s, steps=steps, mechanics=settings.mechanics, observers=recorders,
-        drives={name: tuned(settings.drive) for name in "xy"} if settings.drive in CHIPS else None,
+        drives={name: tuned(settings.drive) for name in "xy"} if settings.drive in COMMISSIONED else None,
     )
     return simulation, recorders
 

@@ -20,7 +20,7 @@ from pydantic import (
 from shapely.geometry import mapping
 
 from edmsim.controllers import FeedController
-from edmsim.controllers.axis import CHIPS
+from edmsim.controllers.axis import COMMISSIONED
 from edmsim.controllers.own import check_is_controller, text_of
 from edmsim.errors import InputError
 from edmsim.machine.machine import Machine
@@ -30,7 +30,7 @@ from edmsim.plant.plant import MECHANICS
 from edmsim.plant.resolution import resolution as check_resolution
 from edmsim.program.heights import Area, Height, Heights, checked_areas, checked_changes
 
-DRIVES = ("stepper", *CHIPS)
+DRIVES = ("stepper", *COMMISSIONED)
 """Drives of x and y in a cut."""
 METADATA_KEY = b"edmsim"
 """Under which the metadata of ``windows.parquet`` hold a cut's settings, as JSON."""
@@ -96,7 +96,8 @@ class CutSettings(BaseModel):
     """What makes motor steps of path and speed: poscal, poscal-literal, dda, sine-table or exact;
     ``docs/planners.md`` has their errors."""
     drive: str = "stepper"
-    """What drives x and y: stepper, or a servo drive commissioned for the table: uhu, servo-module."""
+    """What drives x and y: stepper, or a drive commissioned for the table: uhu, servo-module,
+    eanpos."""
     mechanics: str = "modal"
     """Integrator of table and wire: modal or mujoco (see `Plant`)."""
     resolution: str = "default"
