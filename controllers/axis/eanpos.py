@@ -95,6 +95,9 @@ class Parameters(MutableMapping[str, int]):
     def __delitem__(self, name: str) -> None:
         raise InputError(f"the device's {name} cannot be taken away; set it to another value")
 
+    def __contains__(self, name: object) -> bool:
+        return isinstance(name, str) and _plain(name) in at.PARAMETERS
+
     def __iter__(self) -> Iterator[str]:
         return iter(at.PARAMETERS)
 
@@ -110,6 +113,9 @@ class States(Mapping[str, bool]):
 
     def __getitem__(self, name: str) -> bool:
         return bool(self._owner.record["reg"][0, at.FIRST_STATE + at.STATES.index(state_name(name))])
+
+    def __contains__(self, name: object) -> bool:
+        return isinstance(name, str) and _plain(name) in at.STATES
 
     def __iter__(self) -> Iterator[str]:
         return iter(at.STATES)
@@ -128,8 +134,12 @@ def state_name(name: str) -> str:
     return _known(name, at.STATES, "state")
 
 
+def _plain(name: str) -> str:
+    return ALIASES.get(name.lower(), name.lower())
+
+
 def _known(name: str, names: tuple[str, ...], what: str) -> str:
-    found = ALIASES.get(name.lower(), name.lower())
+    found = _plain(name)
     if found not in names:
         raise InputError(f"the device has no {what} {name!r}; it has {', '.join(names)}")
     return found

@@ -312,6 +312,11 @@ class AxisBench:
         motor["cam_bounce_ns"], motor["cam_filter_ns"] = bounce_s * 1e9, filter_s * 1e9
         row["cam"], row["cam_ns"] = low_um <= row["place_um"] <= high_um, LONG_AGO_NS
 
+    def press_home(self, axis: str, closed: bool) -> None:
+        """Close or open the home input by hand, where no cam stands."""
+        row = self._row(axis)
+        row["cam"], row["cam_ns"] = closed, self._now_ns
+
     def share_output(self, axes: Sequence[str], connected: str | None = None) -> None:
         """Let drives write to one analogue output, and a contactor lead it to the motor of one axis, or of none."""
         for name in axes:

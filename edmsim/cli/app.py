@@ -12,6 +12,7 @@ from edmsim.cli.cut import cut
 from edmsim.cli.evaluate import evaluate, search_gains
 from edmsim.cli.learn import score, train
 from edmsim.cli.playback import render, report, view
+from edmsim.cli.positioner import positioner
 from edmsim.cli.servo import servo
 from edmsim.cli.studies import bench, calibrate, validate
 from edmsim.cli.terminal import terminal
@@ -23,7 +24,7 @@ app = typer.Typer(
 )
 _COMMANDS = (
     cut, view, render, report, train, score, evaluate, search_gains, calibrate, validate, bench, terminal,
-    servo,
+    servo, positioner,
 )  # fmt: skip
 for _command in _COMMANDS:
     app.command()(_command)
