@@ -150,8 +150,8 @@ def axis_row(name: str = "table", **changes: float) -> NDArray[np.void]:
     ----------
     name : str
         ``table`` (a small servo motor on the screw of the DEM-15), ``bench`` (a motor with a ball screw and a
-        resonance within the reach of a drive), ``fast`` (a million counts a second), ``low-impedance``, ``analogue`` (a
-        geared motor behind a velocity amplifier) or ``analogue-table`` (such an amplifier on the table of the DEM-15).
+        resonance within the reach of a drive), ``fast`` (a million counts a second), ``low-impedance``, ``analogue``
+        (a geared motor behind a velocity amplifier) or ``analogue-table`` (such an amplifier on the DEM-15's table).
     **changes : float
         Constants of `MOTOR` to be other than in the file, for example ``backlash_um=20.0``.
 

@@ -1,8 +1,8 @@
 """QEM EANPOS, an analogue positioner: ramps, a loop over an encoder, a reference voltage of 16 bits, homing.
 
 Its registers, commands and states are the manual's (`eanpos_registers`). `eanpos_sample` is what happens at a sample;
-`eanpos_commands`, `eanpos_moves`, `eanpos_profile` and `eanpos_homing` are what that calls. Its constants, and what the
-manual leaves open, stand in ``models/drives/eanpos.toml``.
+`eanpos_commands`, `eanpos_moves`, `eanpos_profile` and `eanpos_homing` are what that calls. Its constants, and what
+the manual leaves open, stand in ``models/drives/eanpos.toml``.
 """
 
 from __future__ import annotations
@@ -167,8 +167,8 @@ class Eanpos:
         Axis with its velocity amplifier (`edmsim.controllers.axis.drive.axis_row`); ``analogue`` if none is given.
     tcamp_ms : int, optional
         Sample time, 1 to 255 ms; the manual's example's if none is given.
-    resources : Resources
-        What the configuration gives it.
+    resources : Resources, optional
+        What the configuration gives it; all if it is not given.
     parameters : mapping of str to int, optional
         What its retentive memory holds, by the manual's names.
     settings : mapping of str to int, optional
@@ -196,7 +196,7 @@ class Eanpos:
     sample: SampleFunction = eanpos_sample
 
     def __init__(
-        self, motor: NDArray[np.void] | None = None, tcamp_ms: int | None = None, resources: Resources = Resources(),
+        self, motor: NDArray[np.void] | None = None, tcamp_ms: int | None = None, resources: Resources | None = None,
         parameters: Mapping[str, int] | None = None, settings: Mapping[str, int] | None = None,
     ) -> None:  # fmt: skip
         self.motor: NDArray[np.void] | None = axis_row("analogue") if motor is None else motor
@@ -208,7 +208,7 @@ class Eanpos:
         reg = self.record["reg"][0]
         reg[: len(at.PARAMETERS)] = [entry["value"] for entry in at.DATA["parameter"]]
         reg[at.TCAMP_NS] = self.record["num"][0]
-        reg[at.RESOURCES] = sum(bit for bit, given in zip(_BITS, resources, strict=True) if given)
+        reg[at.RESOURCES] = sum(bit for bit, given in zip(_BITS, resources or Resources(), strict=True) if given)
         reg[at.FRESH] = reg[at.ST_STILL] = 1
         first = at.FIRST_SETTING
         self.settings = Registers(self, {name: (first + k, 0, 2**31) for k, name in enumerate(at.SETTINGS)})

@@ -2,8 +2,9 @@
 
 From 0 to 2000 units at 833 units/s with 1667 units/s^2 an axis moves for 2.9 s: 0.5 s up, 1.9 s at constant speed,
 0.5 s down. A ramp is a trapezoid's, an epicycloidal one (the manual's name for the cycloidal law of speed, row Q-40),
-or beyond the manual one of limited jerk. All are symmetrical about their middle: their mean speed is that of begin and
-end, so that one formula has the way of each. A change in motion makes a new profile from the present place and speed.
+or beyond the manual one of limited jerk. All are symmetrical about their middle: their mean speed is that of begin
+and end, so that one formula has the way of each. A change in motion makes a new profile from the present place and
+speed.
 """
 
 from __future__ import annotations
@@ -11,42 +12,8 @@ from __future__ import annotations
 import math
 
 from edmsim.compiled.jit import exactly_compiled
-from edmsim.controllers.axis.eanpos_registers import (
-    DIRECTION,
-    DOWN_LAW,
-    DOWN_SLOPE,
-    ENDING,
-    EVEN_S,
-    FIRST_S,
-    FIRST_SPEED,
-    FROM,
-    GOAL,
-    GRADIENT,
-    JERK_LIMIT,
-    LAST_S,
-    MOVE,
-    NOW_NS,
-    PLACING,
-    RAMPTYPE,
-    RESTING,
-    RTYPE,
-    SPEED,
-    ST_ACC,
-    ST_DEC,
-    ST_MOVDIR,
-    ST_STILL,
-    ST_VCONST,
-    START_NS,
-    STOPPED_NS,
-    STOPT,
-    THEORY,
-    TINVT,
-    TOP_SPEED,
-    UP_LAW,
-    UP_SLOPE,
-    Reals,
-    Words,
-)
+from edmsim.controllers.axis import eanpos_registers as at
+from edmsim.controllers.axis.eanpos_registers import Reals, Words
 
 STRAIGHT, EPICYCLOID, STEEP_EPICYCLOID, JERK = range(4)
 """Laws of a ramp; a steep one has the time of the straight one, and twice its slope in the middle."""
@@ -65,11 +32,11 @@ def slope_of(seconds: float, speed: float) -> float:
 @exactly_compiled
 def law_of(reg: Words, up: bool) -> int:
     """Return the law that the parameters ask for: ramptype 1 is epicycloidal, 2 and 3 on one side only."""
-    if reg[JERK_LIMIT] > 0:
+    if reg[at.JERK_LIMIT] > 0:
         return JERK
-    kind = reg[RAMPTYPE]
+    kind = reg[at.RAMPTYPE]
     if kind == 1 or kind == (3 if up else 2):
-        return EPICYCLOID if reg[GRADIENT] != 0 else STEEP_EPICYCLOID
+        return EPICYCLOID if reg[at.GRADIENT] != 0 else STEEP_EPICYCLOID
     return STRAIGHT
 
 
@@ -85,12 +52,12 @@ def _ramp_s(change: float, slope: float, law: int, jerk: float) -> float:
 
 @exactly_compiled
 def _up_s(reg: Words, real: Reals, change: float) -> float:
-    return float(_ramp_s(change, real[UP_SLOPE], reg[UP_LAW], float(reg[JERK_LIMIT])))
+    return float(_ramp_s(change, real[at.UP_SLOPE], reg[at.UP_LAW], float(reg[at.JERK_LIMIT])))
 
 
 @exactly_compiled
 def _down_s(reg: Words, real: Reals, change: float) -> float:
-    return float(_ramp_s(change, real[DOWN_SLOPE], reg[DOWN_LAW], float(reg[JERK_LIMIT])))
+    return float(_ramp_s(change, real[at.DOWN_SLOPE], reg[at.DOWN_LAW], float(reg[at.JERK_LIMIT])))
 
 
 @exactly_compiled
@@ -108,9 +75,9 @@ def _way_by(reg: Words, real: Reals, speed: float, peak: float) -> float:
 @exactly_compiled
 def _peak(reg: Words, real: Reals, speed: float, top: float, way: float) -> float:
     """Speed that ramps of the full slope reach on a way too short for `top`."""
-    if reg[UP_LAW] != JERK:
-        up = real[UP_SLOPE] * (2.0 if reg[UP_LAW] == EPICYCLOID else 1.0)
-        down = real[DOWN_SLOPE] * (2.0 if reg[DOWN_LAW] == EPICYCLOID else 1.0)
+    if reg[at.UP_LAW] != JERK:
+        up = real[at.UP_SLOPE] * (2.0 if reg[at.UP_LAW] == EPICYCLOID else 1.0)
+        down = real[at.DOWN_SLOPE] * (2.0 if reg[at.DOWN_LAW] == EPICYCLOID else 1.0)
         return min(max(math.sqrt((2.0 * way + speed * speed * up) / (up + down)), speed), top)
     low, high = speed, top
     for _ in range(_HALVINGS):
@@ -124,9 +91,9 @@ def _peak(reg: Words, real: Reals, speed: float, top: float, way: float) -> floa
 
 @exactly_compiled
 def _put(real: Reals, top: float, first_s: float, even_s: float, last_s: float, way: float, direction: int) -> None:
-    real[FROM], real[FIRST_SPEED], real[TOP_SPEED] = real[THEORY], real[SPEED], top
-    real[FIRST_S], real[EVEN_S], real[LAST_S] = first_s, even_s, last_s
-    real[GOAL] = real[THEORY] + direction * way
+    real[at.FROM], real[at.FIRST_SPEED], real[at.TOP_SPEED] = real[at.THEORY], real[at.SPEED], top
+    real[at.FIRST_S], real[at.EVEN_S], real[at.LAST_S] = first_s, even_s, last_s
+    real[at.GOAL] = real[at.THEORY] + direction * way
 
 
 @exactly_compiled
@@ -145,10 +112,10 @@ def plan(reg: Words, real: Reals, way: float, top: float) -> bool:
     bool
         False if the axis cannot stop within that way; nothing is changed then.
     """
-    speed, direction = real[SPEED], reg[DIRECTION]
+    speed, direction = real[at.SPEED], reg[at.DIRECTION]
     if way < stopping_way(reg, real, speed) - _CLOSE:
         return False
-    reg[START_NS] = max(reg[NOW_NS], reg[START_NS])
+    reg[at.START_NS] = max(reg[at.NOW_NS], reg[at.START_NS])
     if speed > top:
         first_s, last_s = _down_s(reg, real, speed - top), _down_s(reg, real, top)
         even = way - 0.5 * (speed + top) * first_s - 0.5 * top * last_s
@@ -161,8 +128,8 @@ def plan(reg: Words, real: Reals, way: float, top: float) -> bool:
     if even >= 0.0:
         _put(real, top, first_s, even / top, last_s, way, direction)
         return True
-    keeps_time = reg[MOVE] == PLACING and reg[RAMPTYPE] == 1 and reg[RTYPE] == 0 and reg[UP_LAW] != JERK
-    if keeps_time and 2.0 * way - speed * first_s > speed * (first_s + last_s):
+    keeps_time = reg[at.RAMPTYPE] == 1 and reg[at.RTYPE] == 0 and reg[at.UP_LAW] != JERK
+    if reg[at.MOVE] == at.PLACING and keeps_time and 2.0 * way - speed * first_s > speed * (first_s + last_s):
         _put(real, (2.0 * way - speed * first_s) / (first_s + last_s), first_s, 0.0, last_s, way, direction)
         return True
     peak = _peak(reg, real, speed, top, way)
@@ -173,25 +140,25 @@ def plan(reg: Words, real: Reals, way: float, top: float) -> bool:
 @exactly_compiled
 def since_s(reg: Words) -> float:
     """Time since the profile's begin, below 0 in a pause before it."""
-    return float((reg[NOW_NS] - reg[START_NS]) * 1e-9)
+    return float((reg[at.NOW_NS] - reg[at.START_NS]) * 1e-9)
 
 
 @exactly_compiled
 def in_first_ramp(reg: Words, real: Reals) -> bool:
     """Say whether the axis is in the profile's first ramp."""
-    return bool(reg[MOVE] != RESTING and since_s(reg) < real[FIRST_S])
+    return bool(reg[at.MOVE] != at.RESTING and since_s(reg) < real[at.FIRST_S])
 
 
 @exactly_compiled
 def in_last_ramp(reg: Words, real: Reals) -> bool:
     """Say whether the axis is in the ramp that ends at rest."""
-    return bool(reg[MOVE] != RESTING and since_s(reg) >= real[FIRST_S] + real[EVEN_S])
+    return bool(reg[at.MOVE] != at.RESTING and since_s(reg) >= real[at.FIRST_S] + real[at.EVEN_S])
 
 
 @exactly_compiled
 def keeps_first_ramp(reg: Words, real: Reals) -> bool:
     """Say whether the axis is in a first ramp that is not broken off: any but a straight one."""
-    law = reg[UP_LAW] if real[TOP_SPEED] >= real[FIRST_SPEED] else reg[DOWN_LAW]
+    law = reg[at.UP_LAW] if real[at.TOP_SPEED] >= real[at.FIRST_SPEED] else reg[at.DOWN_LAW]
     return in_first_ramp(reg, real) and law != STRAIGHT
 
 
@@ -204,40 +171,41 @@ def lengthen(reg: Words, real: Reals, way: float) -> bool:
     way : float
         From the profile's begin.
     """
-    top = real[TOP_SPEED]
+    top = real[at.TOP_SPEED]
     last_s = _down_s(reg, real, top)
-    even = way - 0.5 * (real[FIRST_SPEED] + top) * real[FIRST_S] - 0.5 * top * last_s
+    even = way - 0.5 * (real[at.FIRST_SPEED] + top) * real[at.FIRST_S] - 0.5 * top * last_s
     if even < -_CLOSE:
         return False
-    real[EVEN_S], real[LAST_S] = max(even, 0.0) / top, last_s
-    real[GOAL] = real[FROM] + reg[DIRECTION] * way
+    real[at.EVEN_S], real[at.LAST_S] = max(even, 0.0) / top, last_s
+    real[at.GOAL] = real[at.FROM] + reg[at.DIRECTION] * way
     return True
 
 
 @exactly_compiled
 def brake(reg: Words, real: Reals) -> None:
-    """Let the axis come to rest on its ramp; with ramptype 1 and stopt 0 a placement's first ramp is finished before."""
-    if reg[MOVE] == RESTING:
+    """Let the axis come to rest on its ramp; with ramptype 1, stopt 0 a placement's first ramp is finished before."""
+    if reg[at.MOVE] == at.RESTING:
         return
-    rises = in_first_ramp(reg, real) and real[TOP_SPEED] > real[FIRST_SPEED]
-    if rises and reg[MOVE] == PLACING and reg[RAMPTYPE] == 1 and reg[STOPT] == 0:
-        way = 0.5 * (real[FIRST_SPEED] + real[TOP_SPEED]) * real[FIRST_S]
-        lengthen(reg, real, way + stopping_way(reg, real, real[TOP_SPEED]))
+    rises = in_first_ramp(reg, real) and real[at.TOP_SPEED] > real[at.FIRST_SPEED]
+    if rises and reg[at.MOVE] == at.PLACING and reg[at.RAMPTYPE] == 1 and reg[at.STOPT] == 0:
+        way = 0.5 * (real[at.FIRST_SPEED] + real[at.TOP_SPEED]) * real[at.FIRST_S]
+        lengthen(reg, real, way + stopping_way(reg, real, real[at.TOP_SPEED]))
     elif not in_last_ramp(reg, real):
-        speed = real[SPEED]
-        reg[START_NS] = reg[NOW_NS]
-        _put(real, speed, 0.0, 0.0, _down_s(reg, real, speed), stopping_way(reg, real, speed), reg[DIRECTION])
-    reg[MOVE] = ENDING
+        speed = real[at.SPEED]
+        reg[at.START_NS] = reg[at.NOW_NS]
+        _put(real, speed, 0.0, 0.0, _down_s(reg, real, speed), stopping_way(reg, real, speed), reg[at.DIRECTION])
+    reg[at.MOVE] = at.ENDING
 
 
 @exactly_compiled
 def begin(reg: Words, real: Reals, direction: int, slopes: tuple[float, float]) -> None:
     """Get ready for a move from rest: its direction, a pause if that is a new one, and the ramps as they are set."""
-    reverses = direction != reg[DIRECTION] and reg[DIRECTION] != 0
-    reg[DIRECTION], reg[ST_MOVDIR] = direction, 1 if direction < 0 else 0
-    reg[START_NS] = max(reg[NOW_NS], reg[STOPPED_NS] + reg[TINVT] * 10_000_000) if reverses else reg[NOW_NS]
-    real[UP_SLOPE], real[DOWN_SLOPE] = slopes
-    reg[UP_LAW], reg[DOWN_LAW] = law_of(reg, True), law_of(reg, False)
+    reverses = direction != reg[at.DIRECTION] and reg[at.DIRECTION] != 0
+    reg[at.DIRECTION], reg[at.ST_MOVDIR] = direction, 1 if direction < 0 else 0
+    pause_ns = reg[at.TINVT] * 10_000_000 if reverses else 0
+    reg[at.START_NS] = max(reg[at.NOW_NS], reg[at.STOPPED_NS] + pause_ns)
+    real[at.UP_SLOPE], real[at.DOWN_SLOPE] = slopes
+    reg[at.UP_LAW], reg[at.DOWN_LAW] = law_of(reg, True), law_of(reg, False)
 
 
 @exactly_compiled
@@ -266,49 +234,49 @@ def _ramp(t: float, span: float, change: float, law: int, slope: float, jerk: fl
 
 @exactly_compiled
 def _rest(reg: Words, real: Reals) -> None:
-    real[SPEED] = 0.0
-    reg[MOVE] = RESTING
-    reg[ST_STILL] = 1
-    reg[STOPPED_NS] = reg[NOW_NS]
+    real[at.SPEED] = 0.0
+    reg[at.MOVE] = at.RESTING
+    reg[at.ST_STILL] = 1
+    reg[at.STOPPED_NS] = reg[at.NOW_NS]
 
 
 @exactly_compiled
 def follow(reg: Words, real: Reals) -> None:
     """Put theoretical place and speed, and the states of the motion, as the profile has them now."""
-    reg[ST_ACC] = reg[ST_DEC] = reg[ST_VCONST] = 0
-    if reg[MOVE] == RESTING:
+    reg[at.ST_ACC] = reg[at.ST_DEC] = reg[at.ST_VCONST] = 0
+    if reg[at.MOVE] == at.RESTING:
         return
-    t, jerk = since_s(reg), float(reg[JERK_LIMIT])
-    first, top, first_s, even_s = real[FIRST_SPEED], real[TOP_SPEED], real[FIRST_S], real[EVEN_S]
+    t, jerk = since_s(reg), float(reg[at.JERK_LIMIT])
+    first, top, first_s, even_s = real[at.FIRST_SPEED], real[at.TOP_SPEED], real[at.FIRST_S], real[at.EVEN_S]
     way = 0.0
     if t < 0.0:
-        real[SPEED] = 0.0
+        real[at.SPEED] = 0.0
     elif t < first_s:
         rises = top >= first
-        law, slope = (reg[UP_LAW], real[UP_SLOPE]) if rises else (reg[DOWN_LAW], real[DOWN_SLOPE])
+        law, slope = (reg[at.UP_LAW], real[at.UP_SLOPE]) if rises else (reg[at.DOWN_LAW], real[at.DOWN_SLOPE])
         change, more = _ramp(t, first_s, top - first, law, slope, jerk)
-        real[SPEED], way = first + change, first * t + more
-        reg[ST_ACC if rises else ST_DEC] = 1
+        real[at.SPEED], way = first + change, first * t + more
+        reg[at.ST_ACC if rises else at.ST_DEC] = 1
     elif t < first_s + even_s:
-        real[SPEED] = top
+        real[at.SPEED] = top
         way = 0.5 * (first + top) * first_s + top * (t - first_s)
-        reg[ST_VCONST] = 1
-    elif t < first_s + even_s + real[LAST_S]:
+        reg[at.ST_VCONST] = 1
+    elif t < first_s + even_s + real[at.LAST_S]:
         since = t - first_s - even_s
-        change, more = _ramp(since, real[LAST_S], -top, reg[DOWN_LAW], real[DOWN_SLOPE], jerk)
-        real[SPEED] = top + change
+        change, more = _ramp(since, real[at.LAST_S], -top, reg[at.DOWN_LAW], real[at.DOWN_SLOPE], jerk)
+        real[at.SPEED] = top + change
         way = 0.5 * (first + top) * first_s + top * (even_s + since) + more
-        reg[ST_DEC] = 1
+        reg[at.ST_DEC] = 1
     else:
-        real[THEORY] = real[GOAL]
+        real[at.THEORY] = real[at.GOAL]
         _rest(reg, real)
         return
-    real[THEORY] = real[FROM] + reg[DIRECTION] * way
+    real[at.THEORY] = real[at.FROM] + reg[at.DIRECTION] * way
 
 
 @exactly_compiled
 def break_off(reg: Words, real: Reals) -> None:
     """End the motion at once, without a ramp."""
-    reg[ST_ACC] = reg[ST_DEC] = reg[ST_VCONST] = 0
-    if reg[MOVE] != RESTING:
+    reg[at.ST_ACC] = reg[at.ST_DEC] = reg[at.ST_VCONST] = 0
+    if reg[at.MOVE] != at.RESTING:
         _rest(reg, real)

@@ -1,4 +1,4 @@
-"""Where a QEM EANPOS keeps its parameters, states and whatever else it knows: places in its record's ``reg``, ``real``.
+"""Where a QEM EANPOS keeps parameters, states and all else it knows: places in its record's ``reg`` and ``real``.
 
 Parameters and states stand in the order of the manual's tables (1.7.3, 1.7.4), commands in that of their priority.
 """
@@ -47,14 +47,15 @@ COMMANDS = (
     MANFW, MANBW, REGOFF, REGON, DELCNT, RSERR, RSWRN, RSPRSOK,
 ) = range(22)  # fmt: skip
 
-MAILBOX, WRITTEN = 64, 65
+MAILBOX, WRITTEN = 77, 78
 """Commands and writes that the next sample takes, a bit each."""
 NEW_SETPOS, NEW_SETVEL, NEW_POSIT, NEW_RAMPS, NEW_RESOLUTION = 1, 2, 4, 8, 16
 """Bits of `WRITTEN`."""
 SETTINGS: tuple[str, ...] = tuple(DATA["settings"])
 FIRST_SETTING = 66
 (
-    GRADIENT, IDEAL_PID, DELAYS_FOLLOWING, ALREADY_SO, JERK_LIMIT, HOME_LIMIT, SINGLE_HOMING, FOLLOW_STEP, STARTS_IN_LOOP,
+    GRADIENT, IDEAL_PID, DELAYS_FOLLOWING, ALREADY_SO, JERK_LIMIT, HOME_LIMIT, SINGLE_HOMING, FOLLOW_STEP,
+    STARTS_IN_LOOP,
 ) = range(66, 75)  # fmt: skip
 TCAMP_NS, RESOURCES = 75, 76
 """Sample time, and what the declaration gives the device: bits `HAS_COUNTER` to `HAS_OUTPUT`."""
@@ -65,8 +66,8 @@ HAS_COUNTER, HAS_INDEX, HAS_HOME, HAS_OUTPUT = 1, 2, 4, 8
     LAST_ERROR, OLD_SETPOS, OLD_SETVEL, MODE2_ARMED, FOLLOWED,
 ) = range(80, 108)  # fmt: skip
 """Whether the first sample is to come; the counter at the last one; the position, in 1 / pulse of a unit of measure;
-time; what moves (`RESTING` to `ENDING`), which way, since when, and when it last came to rest; place that START put in
-execution, if any, and since when the axis is in tolerance; code in the DAC; homing (see `eanpos_homing`); when the
+time; what moves (`RESTING` to `ENDING`), which way, since when, and when it last came to rest; place that START put
+in execution, if any, and since when the axis is in tolerance; code in the DAC; homing (see `eanpos_homing`); when the
 following error was last over its limit, or since when; speed gate; laws of the ramps in execution; step edges taken;
 values in execution, which a refused write goes back to; whether mode 2 may load, or has; place that steps lead to."""
 RESTING, PLACING, JOGGING, SEARCHING, ENDING = range(5)

@@ -1,4 +1,4 @@
-"""QCL, the language of QEM's QMOVE controls, as far as the EANPOS manual uses it: configuration, program, interpreter.
+r"""QCL, the language of QEM's QMOVE controls, as far as the EANPOS manual uses it: configuration and program.
 
 >>> from edmsim.controllers.qcl import Control, read_configuration, read_program
 >>> plant = read_configuration("GLOBAL\\ncount L\\nEND")
@@ -12,9 +12,16 @@ from __future__ import annotations
 
 from edmsim.controllers.qcl.configuration import Configuration, Declaration, read_configuration
 from edmsim.controllers.qcl.control import Control
-from edmsim.controllers.qcl.program import Program, read_program
+from edmsim.controllers.qcl.program import QclProgram, read_program
 from edmsim.controllers.qcl.text import Problem, QclError
 
 __all__ = [
-    "Configuration", "Control", "Declaration", "Problem", "Program", "QclError", "read_configuration", "read_program",
+    "Configuration",
+    "Control",
+    "Declaration",
+    "Problem",
+    "QclError",
+    "QclProgram",
+    "read_configuration",
+    "read_program",
 ]  # fmt: skip

@@ -10,7 +10,7 @@ from collections.abc import Mapping, MutableMapping
 from typing import Protocol
 
 from edmsim.controllers.qcl.configuration import Configuration
-from edmsim.controllers.qcl.program import Expression, Program
+from edmsim.controllers.qcl.program import Expression, QclProgram
 from edmsim.errors import InputError
 
 LONGEST_PASS = 10_000
@@ -46,7 +46,7 @@ class Control:
     Parameters
     ----------
     configuration : Configuration
-    program : Program
+    program : QclProgram
         Read with this configuration.
     devices : mapping of str to Device
         By the names of the configuration, in lower case.
@@ -62,7 +62,7 @@ class Control:
     """
 
     def __init__(
-        self, configuration: Configuration, program: Program, devices: Mapping[str, Device] | None = None
+        self, configuration: Configuration, program: QclProgram, devices: Mapping[str, Device] | None = None
     ) -> None:
         self._configuration, self._program = configuration, program
         self._devices = dict(devices or {})

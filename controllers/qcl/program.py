@@ -38,13 +38,13 @@ class Statement(NamedTuple):
     to: int = 0
 
 
-class Program(NamedTuple):
+class QclProgram(NamedTuple):
     """A program: its statements."""
 
     statements: tuple[Statement, ...]
 
 
-def read_program(text: str, configuration: Configuration, file: str | None = None) -> Program:
+def read_program(text: str, configuration: Configuration, file: str | None = None) -> QclProgram:
     """Read a program whose names a configuration declares; `file` is its name in an error.
 
     Raises
@@ -112,7 +112,7 @@ class _Reader:
             self._add(number, "jump")
         self._statements[begin] = self._statements[begin]._replace(to=len(self._statements))
 
-    def finish(self, file: str | None) -> Program:
+    def finish(self, file: str | None) -> QclProgram:
         """Return the program, its jumps resolved."""
         problems = self.problems + [Problem(number, "IF without ENDIF") for _, number in self._open]
         for place, label in self._jumps.items():
@@ -122,7 +122,7 @@ class _Reader:
                 problems.append(Problem(self._statements[place].line, f"there is no label {label!r} to jump to"))
         if problems:
             raise QclError(problems, file)
-        return Program(tuple(self._statements))
+        return QclProgram(tuple(self._statements))
 
     def _device(self, name: str) -> str:
         if name.lower() not in self._configuration.devices:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
@@ -14,7 +15,7 @@ def positioner(
     configuration: Annotated[Path, typer.Argument(help="Configuration, .CNF.", show_default=False)],
     program: Annotated[Path, typer.Argument(help="Program in QCL, .MOD.", show_default=False)],
     seconds: Annotated[float, typer.Option(help="Simulated time in s.")] = 10.0,
-    press: Annotated[list[str] | None, typer.Option(help="Close an input: NAME=FROM:TO in s; may be given again.")] = None,
+    press: Annotated[list[str] | None, typer.Option(help="Close an input, NAME=FROM:TO in s; repeatable.")] = None,
     axis: Annotated[str, typer.Option(help="Motor, screw and table: analogue or analogue-table.")] = "analogue",
 ) -> None:
     """Run a QCL program on EANPOS positioners and their axes."""
@@ -31,4 +32,5 @@ def positioner(
         for problem in error.problems[1:]:
             say(f"{error.file}:{problem.line}: {problem.what}")
         raise
-    run_and_tell(station, seconds, presses, lambda text: OUT.print(text, highlight=False, soft_wrap=True, markup=False))
+    tell = partial(OUT.print, highlight=False, soft_wrap=True, markup=False)
+    run_and_tell(station, seconds, presses, tell)

@@ -91,13 +91,14 @@ call, ``setpoint``, the step edges up less those down, ``alarm_ns``, when the wa
 ``duty_ns``, when the last sample's lines and command take effect.
 
 The drive writes ``command``, the share of the motor's supply voltage, or of `REFERENCE_V` where a velocity amplifier
-stands between (-1 to 1, held until the next sample), and its output ``lines``; both take effect ``delay_ns`` later (its time to compute), the command at the next period of
-``pwm_ns`` if that is not 0. A sample that is ``busy_ns`` long leaves the grid where that is longer than the period:
-the next one follows at once. ``watchdog_ns`` (0 for none) is the longest time without a sample. No sample is taken
-before ``stalled_until_ns``. ``count_rate_Hz`` is the fastest encoder edges its input takes, 0 for the encoder's own
-limit; an index mark shorter than ``index_ns`` is not seen. ``sent`` has the last bytes for the serial line and their times (see `put_byte`), ``n_sent`` counts them.
-``reg``, ``real``, ``memory`` and ``eeprom`` are its own: parameters, ramps, what it records, what outlasts the
-power. All of it is part of the plant's snapshot."""
+stands between (-1 to 1, held until the next sample), and its output ``lines``; both take effect ``delay_ns`` later
+(its time to compute), the command at the next period of ``pwm_ns`` if that is not 0. A sample that is ``busy_ns``
+long leaves the grid where that is longer than the period: the next one follows at once. ``watchdog_ns`` (0 for none)
+is the longest time without a sample. No sample is taken before ``stalled_until_ns``. ``count_rate_Hz`` is the fastest
+encoder edges its input takes, 0 for the encoder's own limit; an index mark shorter than ``index_ns`` is not seen.
+``sent`` has the last bytes for the serial line and their times (see `put_byte`), ``n_sent`` counts them. ``reg``,
+``real``, ``memory`` and ``eeprom`` are its own: parameters, ramps, what it records, what outlasts the power. All of
+it is part of the plant's snapshot."""
 
 AXIS = np.dtype(
     [
@@ -158,12 +159,12 @@ hangs on the fault net, ``in_reset`` whether its logic is held in reset. Encoder
 ``missed`` what ``count`` is behind that, ``state`` the phases as they are, ``seen_state`` as they were last counted,
 ``ready_ns`` when the input takes the next edge, ``unplugged`` phases (which read 1) and whether they are
 ``swapped``; ``mark`` is the last index mark below. ``cam`` is the home switch itself and ``cam_ns`` when it last
-changed. Axes of equal ``shares`` other than 0 hang on one output, which the drives write in turn; ``apart`` is an axis
-whose contactor is open, so that its motor freewheels. The switches open below ``low_um`` and above ``high_um``. Motor,
-moved to ``moved_ns``: ``pins`` and ``duty`` are the outputs in effect, ``place_um`` and ``speed_um_s`` of the table,
-``rotor_um`` the travel that the rotor's angle stands for, its speed and current, ``integral_A`` the integral part of
-the current that a velocity amplifier asks for, ``link_V`` the supply's voltage at
-the bridge, ``peak_A`` the largest current so far, ``winding_K`` the winding's temperature over the surroundings,
+changed. Axes of equal ``shares`` other than 0 hang on one output, which the drives write in turn; ``apart`` is an
+axis whose contactor is open, so that its motor freewheels. The switches open below ``low_um`` and above ``high_um``.
+Motor, moved to ``moved_ns``: ``pins`` and ``duty`` are the outputs in effect, ``place_um`` and ``speed_um_s`` of the
+table, ``rotor_um`` the travel that the rotor's angle stands for, its speed and current, ``integral_A`` the integral
+part of the current that a velocity amplifier asks for, ``link_V`` the supply's voltage at the bridge, ``peak_A`` the
+largest current so far, ``winding_K`` the winding's temperature over the surroundings,
 ``damage`` what was too much. ``locked`` holds the rotor; ``hand_Nm`` and ``hand_N`` are a torque on its shaft and a
 force on the table from outside."""
 
@@ -234,8 +235,8 @@ this way and is ``index_width_um`` long.
 
 Velocity amplifier, none where ``amplifier_rad_s_V`` is 0: the rotor's speed per volt of its reference; it turns an
 error of speed into a current with ``amplifier_A_s`` (A per rad/s) and ``amplifier_A`` (A per rad), ``limit_A`` at
-most. It is off by ``gain_error``, a share, faster forward and slower backward by half of ``asymmetry``, a share, each,
-and by ``offset_V`` at its input, which drifts by ``drift_V`` with a time constant ``warm_s`` (0 for none) after
+most. It is off by ``gain_error``, a share, faster forward and slower backward by half of ``asymmetry``, a share,
+each, and by ``offset_V`` at its input, which drifts by ``drift_V`` with a time constant ``warm_s`` (0 for none) after
 switching on.
 
 Home cam: the switch closes between ``cam_low_um`` and ``cam_high_um`` of the table's place and opens

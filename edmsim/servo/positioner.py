@@ -144,13 +144,16 @@ def _text(file: Path) -> str:
         raise InputError(f"it cannot be read: {error.strerror}", file) from None
 
 
+_TOLD = ("posit", "setpos", "vel", "follerr", "errcode", "wrncode")
+"""Parameters told at the end."""
 _FAST = ("st_acc", "st_dec", "st_vconst", "st_int")
 """States that every move changes several times."""
 
 
 def run_and_tell(station: Station, seconds: float, presses: list[Press], say: Callable[[str], None]) -> None:
     """Run a station, press its inputs when they are due, and say what changes."""
-    events = sorted([(one.from_s, one.name, True) for one in presses] + [(one.to_s, one.name, False) for one in presses])
+    begins = [(one.from_s, one.name, True) for one in presses]
+    events = sorted(begins + [(one.to_s, one.name, False) for one in presses])
     before = station.shown()
     while station.bench.time_s < seconds - 1e-9:
         while events and events[0][0] <= station.bench.time_s + 1e-9:
@@ -165,7 +168,7 @@ def run_and_tell(station: Station, seconds: float, presses: list[Press], say: Ca
         before = now
     for name in station.axes:
         read = station.device(name).parameters
-        values = ", ".join(f"{key} {read[key]}" for key in ("posit", "setpos", "vel", "follerr", "errcode", "wrncode"))
+        values = ", ".join(f"{key} {read[key]}" for key in _TOLD)
         say(f"{station.bench.time_s:8.3f} s  {name}: {values}")
     line = station.control.line
     say("the program is at its end" if line == 0 else f"the program is at line {line}")

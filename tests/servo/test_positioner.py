@@ -28,13 +28,15 @@ def test_the_example_homes_and_places():
     one.press("ifHome", False)
     one.run(5.0)
     device = one.device("Axis")
-    assert device.states["st_prsok"] and float(one.bench.axis()["place_um"]) == pytest.approx(300, abs=2)
+    assert device.states["st_prsok"]
+    assert float(one.bench.axis()["place_um"]) == pytest.approx(300, abs=2)
     one.press("ifStart")
     one.run(0.05)
     one.press("ifStart", False)
     one.run(4.0)
     assert float(one.bench.axis()["place_um"]) == pytest.approx(2300, abs=3)
-    assert one.control.outputs["2.OUT01"] and device.parameters["wrncode"] == 0
+    assert one.control.outputs["2.OUT01"]
+    assert device.parameters["wrncode"] == 0
 
 
 def test_it_tells_what_changes():
@@ -45,7 +47,8 @@ def test_it_tells_what_changes():
         "axis:st_init 1", "axis:st_loopon 1", "ofstill 1", "ifForward on", "axis:st_still 0", "ofstill 0",
         "ifForward off",
     ]  # fmt: skip
-    assert told[-1].startswith("axis: posit 66, setpos 0") and said[-1].startswith("the program is at line")
+    assert told[-1].startswith("axis: posit 66, setpos 0")
+    assert said[-1].startswith("the program is at line")
 
 
 def test_two_devices_on_one_output_take_turns():
@@ -82,7 +85,8 @@ def test_the_command_lists_what_cannot_be_read(monkeypatch, capsys, tmp_path):
         cli.main()
     assert left.value.code == 2
     said = capsys.readouterr().err
-    assert "a.mod:2: speed is no variable" in said and "a.mod:3: 'GO Axis' is no statement" in said
+    assert "a.mod:2: speed is no variable" in said
+    assert "a.mod:3: 'GO Axis' is no statement" in said
 
 
 def test_bad_words_are_refused(tmp_path):

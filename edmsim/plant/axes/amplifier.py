@@ -27,7 +27,7 @@ def _wanted_rad_s(row: Any, motor: Any) -> float:
 
 @compiled
 def share_of_supply(row: Any, motor: Any, dt: float) -> float:
-    """Share of the voltage at the bridge (-1 to 1) for the current asked for; carry the integral on over a time (s)."""
+    """Share of the bridge's voltage (-1 to 1) for the current asked for; carry the integral on over a time (s)."""
     error = _wanted_rad_s(row, motor) - row.speed_rad_s
     wanted_A = motor.amplifier_A_s * error + row.integral_A
     held_A = min(max(wanted_A, -motor.limit_A), motor.limit_A)

@@ -20,7 +20,8 @@ LONG_AGO_NS = -(1 << 61)
 def mark_below(row: Any, motor: Any) -> int:
     """Number of the index mark that begins at or below the encoder's place."""
     place_um = row.place_um if motor.on_table != 0.0 else row.rotor_um
-    return math.floor((place_um - motor.index_phase_um) / motor.index_um)
+    mark: int = math.floor((place_um - motor.index_phase_um) / motor.index_um)
+    return mark
 
 
 @compiled

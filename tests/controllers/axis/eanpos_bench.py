@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from edmsim.axis_bench import AxisBench
 from edmsim.controllers.axis.drive import axis_row
-from edmsim.controllers.axis.eanpos import Eanpos, Resources
+from edmsim.controllers.axis.eanpos import Eanpos
 from edmsim.controllers.axis.eanpos_registers import PARAMETERS
 
 STANDARD = {
@@ -21,7 +21,7 @@ TOP = 100000 / 60
 class Positioner:
     """A bench with a device on x, or several by axis."""
 
-    def __init__(self, *, tcamp_ms=4, resources=Resources(), settings=None, axes="x", ready=True, **changes):
+    def __init__(self, *, tcamp_ms=4, resources=None, settings=None, axes="x", ready=True, **changes):
         names = {key: changes.pop(key) for key in list(changes) if key in PARAMETERS}
         motor = axis_row("analogue", **changes)
         make = lambda: Eanpos(motor, tcamp_ms, resources, {**STANDARD, **names}, settings)  # noqa: E731

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import pytest
-from tests.controllers.axis.eanpos_bench import Positioner
 
 from edmsim.controllers.axis.eanpos_registers import COMMANDS
 from edmsim.errors import InputError
+from tests.controllers.axis.eanpos_bench import Positioner
 
 
 def moving(**changes):
@@ -40,9 +40,12 @@ def test_nothing_but_init_and_resets_before_init():  # Q-8, Q-58
         if command != "INIT":
             assert refused(p, command) != command.startswith("RS")
     p.push()
-    assert p.true_um > 10.0 and p["posit"] == p["encoder"] == p["vel"] == 0 and p.device.output_V == 0.0
+    assert p.true_um > 10.0
+    assert p["posit"] == p["encoder"] == p["vel"] == 0
+    assert p.device.output_V == 0.0
     p.do("INIT")
-    assert p["st_init"] and p["posit"] == 0
+    assert p["st_init"]
+    assert p["posit"] == 0
     assert refused(p, "INIT")  # st_init = 0
 
 
@@ -59,12 +62,14 @@ def test_a_refused_command_does_nothing_but_warn():  # Q-23
 def test_emergency_stops_without_a_ramp_and_locks_the_axis():  # Q-9, Q-A17, Q-A25
     p = moving(offset=200)
     p.do("EMRG")
-    assert p.on >= {"st_emrg", "st_still", "st_loopon"} and p.device.output_V == 0.0
+    assert p.on >= {"st_emrg", "st_still", "st_loopon"}
+    assert p.device.output_V == 0.0
     speed = p.bench.axis()["speed_um_s"]
     assert speed > 100.0  # the axis coasts
     place = p["posit"]
     p.run(0.5)
-    assert p["posit"] > place and p.bench.axis()["speed_um_s"] == pytest.approx(0.0, abs=0.1)
+    assert p["posit"] > place
+    assert p.bench.axis()["speed_um_s"] == pytest.approx(0.0, abs=0.1)
     for command in ("START", "STOP", "PRESET", "MANFW", "MANBW"):  # Q-A3
         assert refused(p, command)
 
@@ -75,9 +80,11 @@ def test_resume_closes_the_loop_and_stays():  # Q-10, Q-A2, Q-A16, Q-62
     p.run(0.5)
     p.do("RESUME")
     place = p.true_um
-    assert p["st_loopon"] and not p["st_emrg"]
+    assert p["st_loopon"]
+    assert not p["st_emrg"]
     p.run(1.0)
-    assert p.true_um == pytest.approx(place, abs=1.0) and p["st_still"]
+    assert p.true_um == pytest.approx(place, abs=1.0)
+    assert p["st_still"]
     assert refused(p, "RESUME")
     p.do("START")
     p.until("st_still")
@@ -106,7 +113,8 @@ def test_start_needs_a_still_axis_that_may_move():  # Q-11, Q-A3
     assert refused(p, "START")
     p.do("REGON")
     p.do("CALON")
-    assert refused(p, "START") and refused(p, "MANFW")
+    assert refused(p, "START")
+    assert refused(p, "MANFW")
     p.do("CALOFF")
     p["setvel"] = 0
     assert refused(p, "START")  # Q-A31
@@ -118,7 +126,9 @@ def test_loopoff_keeps_the_motion_without_the_loop():  # Q-13
     p = moving(pgain=200, gain_error=-0.03)
     assert p["propreg"] > 0
     p.do("LOOPOFF")
-    assert not p["st_loopon"] and not p["st_still"] and p["propreg"] == 0
+    assert not p["st_loopon"]
+    assert not p["st_still"]
+    assert p["propreg"] == 0
     assert p.device.output_V == pytest.approx(5.0, abs=0.001)
     p.until("st_still")
     assert p.true_um < 1990.0
@@ -130,14 +140,16 @@ def test_loopon_neither_stops_nor_jumps():  # Q-13, Q-62
     p.slip(400)
     assert p["follerr"] < -390
     p.do("LOOPON")
-    assert abs(p["follerr"]) <= 30 and not p["st_still"]
+    assert abs(p["follerr"]) <= 30
+    assert not p["st_still"]
     p.until("st_still")
     p.run(1.0)
     assert p["posit"] == pytest.approx(2000, abs=1)
     p.do("LOOPOFF")
     p.slip(2000)  # pushed by 500 Um
     p.do("LOOPON")
-    assert p["follerr"] == 0 and p.device.output_V == 0.0
+    assert p["follerr"] == 0
+    assert p.device.output_V == 0.0
 
 
 def test_cntlock_loses_what_the_axis_moves():
@@ -146,10 +158,13 @@ def test_cntlock_loses_what_the_axis_moves():  # Q-15, Q-78
     p.do("CNTLOCK")
     p.push()
     moved = p.true_um
-    assert moved > 100.0 and p["posit"] == 0 and p["st_cntlock"]
+    assert moved > 100.0
+    assert p["posit"] == 0
+    assert p["st_cntlock"]
     p.do("CNTUNLOCK")
     p.run(0.1)
-    assert p["posit"] == 0 and p.true_um == pytest.approx(moved)
+    assert p["posit"] == 0
+    assert p.true_um == pytest.approx(moved)
     p.do("CNTLOCK", "CNTUNLOCK")
     assert not p["st_cntlock"]
 
@@ -160,7 +175,8 @@ def test_cntrev_turns_later_counts_about():  # Q-16, Q-78
     p.slip(400)
     assert p["posit"] == 100
     p.do("CNTREV")
-    assert p["posit"] == 100 and p["st_cntrev"]
+    assert p["posit"] == 100
+    assert p["st_cntrev"]
     p.slip(400)
     assert p["posit"] == 0
     p.do("CNTDIR")
@@ -178,21 +194,26 @@ def test_a_wrong_sign_runs_away_until_cntrev():  # Q-16, Q-A14
     p.do("CNTREV", "RESUME")
     p["posit"] = 0
     p.run(1.0)
-    assert p.move() == pytest.approx(2.9, abs=0.01) and p["posit"] == pytest.approx(2000, abs=5)
+    assert p.move() == pytest.approx(2.9, abs=0.01)
+    assert p["posit"] == pytest.approx(2000, abs=5)
 
 
 def test_calibration_makes_the_output_a_source():  # Q-A29
     p = moving()
     p.do("CALON")
-    assert p["st_still"] and p["st_cal"] and p.device.output_V == 0.0
+    assert p["st_still"]
+    assert p["st_cal"]
+    assert p.device.output_V == 0.0
     p["vout"] = 15
     p.sample()
     assert p.device.output_V == pytest.approx(1.5, abs=2e-4)
     p.run(1.0)
-    assert p["vel"] == pytest.approx(15000, rel=0.01) and p["frq"] == pytest.approx(250, abs=3)
+    assert p["vel"] == pytest.approx(15000, rel=0.01)
+    assert p["frq"] == pytest.approx(250, abs=3)
     assert refused(p, "START")
     p.do("CALOFF")
-    assert not p["st_cal"] and p["vout"] == 0
+    assert not p["st_cal"]
+    assert p["vout"] == 0
     assert refused(p, "CALOFF")
     p["vout"] = 5
     p.sample()
@@ -207,7 +228,8 @@ def test_jog_stops_at_the_limit_on_its_ramp(command, limit):  # Q-19, Q-77
     while not p["st_still"]:
         speeds.append(p.theory[1])
         p.sample()
-    assert p.theory == (limit, 0.0) and speeds[-1] < 20.0
+    assert p.theory == (limit, 0.0)
+    assert speeds[-1] < 20.0
     p.run(1.0)
     assert p["posit"] == pytest.approx(limit, abs=1)
     p["posit"] = limit + 10 if limit > 0 else limit - 10
@@ -227,22 +249,26 @@ def test_a_placement_ends_at_the_software_limit():
     p = Positioner(maxpos=500)
     p["setpos"] = 2000
     p.move()
-    assert p.theory[0] == 500.0 and not p["st_toll"]
+    assert p.theory[0] == 500.0
+    assert not p["st_toll"]
 
 
 def test_regoff_keeps_the_voltage_and_refuses_motion():
     p = Positioner(offset=300)
     p.sample()
     held = p.device.output_V
-    assert held == pytest.approx(300 * 20 / 65536, abs=0.01) and held != 0.0
+    assert held == pytest.approx(300 * 20 / 65536, abs=0.01)
+    assert held != 0.0
     p.do("REGOFF")
     p["offset"] = 0
     p.slip(4000)
-    assert p.device.output_V == held and p["st_regoff"]
+    assert p.device.output_V == held
+    assert p["st_regoff"]
     for command in ("START", "STOP", "PRESET", "MANFW", "MANBW"):
         assert refused(p, command)
     p.do("REGON")
-    assert not p["st_regoff"] and abs(p["follerr"]) < 10
+    assert not p["st_regoff"]
+    assert abs(p["follerr"]) < 10
     assert refused(p, "REGON")
     p.do("START")
     assert refused(p, "REGOFF")
@@ -281,7 +307,8 @@ def test_delcnt_in_motion_unless_it_would_turn_about():  # Q-21, Q-A4
     q.do("START")
     q.run(2.6)
     q["delta"] = -10
-    assert q["st_dec"] and refused(q, "DELCNT")
+    assert q["st_dec"]
+    assert refused(q, "DELCNT")
 
 
 def test_delcnt_twice_in_a_sample_counts_once():
@@ -305,7 +332,8 @@ def test_resets_need_no_condition():  # Q-22, Q-61
     assert p.error == 4  # Q-A1, Q-A36
     p["measure"], p["pulse"] = 10000, 40000
     p.sample()
-    assert p.error == 4 and refused(p, "START")
+    assert p.error == 4
+    assert refused(p, "START")
     assert p["st_warning"]
     p.do("RSERR", "RSWRN")
     assert (p.error, p.warning, p["errcode"], p["wrncode"]) == (0, 0, 0, 0)
@@ -317,7 +345,8 @@ def test_an_error_stops_the_axis_on_its_ramp():  # Q-61
     p = moving(resources=(True, False, False, True))
     p.do("PRESET")
     assert p.error == 5
-    assert p["st_dec"] and not p["st_still"]
+    assert p["st_dec"]
+    assert not p["st_still"]
     p.until("st_still")
     assert p["posit"] == pytest.approx(833, abs=10)
     p.do("RSERR")
@@ -365,25 +394,32 @@ def test_commands_of_one_sample_go_by_priority(before, commands, on, off, warned
     if before:
         p.do(*before)
     in_one_sample(p, *(reversed(commands) if backwards else commands))
-    assert on <= p.on and not off & p.on
+    assert on <= p.on
+    assert not off & p.on
     assert (p["wrnvalue"] if p["st_warning"] else 0) == (COMMANDS.index(warned) + 1 if warned else 0)
 
 
 def test_init_and_start_in_the_first_sample():
     p = in_one_sample(Positioner(ready=False), "START", "INIT")
-    assert p["st_init"] and not p["st_still"] and p.warning == 0
+    assert p["st_init"]
+    assert not p["st_still"]
+    assert p.warning == 0
 
 
 def test_emergency_and_resume_break_a_move_off():
     p = in_one_sample(moving(), "RESUME", "EMRG")
-    assert p["st_still"] and not p["st_emrg"] and p.warning == 0
+    assert p["st_still"]
+    assert not p["st_emrg"]
+    assert p.warning == 0
 
 
 def test_a_command_that_is_fulfilled_already_warns_unless_set_otherwise():  # Q-A20
     p = Positioner()
-    assert refused(p, "RESUME") and refused(p, "REGON")
+    assert refused(p, "RESUME")
+    assert refused(p, "REGON")
     p.device.settings["already_so_is_fine"] = 1
-    assert not refused(p, "RESUME") and not refused(p, "REGON")
+    assert not refused(p, "RESUME")
+    assert not refused(p, "REGON")
 
 
 def test_names_of_plcopen():
@@ -393,7 +429,8 @@ def test_names_of_plcopen():
     p.sample()
     p.device.move_absolute(900, 50000)
     p.until("st_still")
-    assert p.theory[0] == 900.0 and p["setvel"] == 50000
+    assert p.theory[0] == 900.0
+    assert p["setvel"] == 50000
     p.device.move_velocity(50000, forward=False)
     p.run(0.5)
     assert p["st_movdir"]
@@ -402,14 +439,17 @@ def test_names_of_plcopen():
     p.device.set_position(0)
     p.device.stop()
     p.sample()
-    assert p["st_emrg"] and p["posit"] == 0
+    assert p["st_emrg"]
+    assert p["posit"] == 0
     p.device.power()
     p.sample()
-    assert not p["st_emrg"] and p["st_loopon"]
+    assert not p["st_emrg"]
+    assert p["st_loopon"]
     p.device.power(on=False)
     p.device.home()
     p.sample()
-    assert p["st_prson"] and not p["st_loopon"]
+    assert p["st_prson"]
+    assert not p["st_loopon"]
     p.device.reset()
     p.sample()
     assert p.warning == 0

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pytest
+
 from tests.controllers.axis.eanpos_bench import Positioner
 
 SLOW = 10000 / 60
@@ -19,7 +20,8 @@ def at_cam(low=500.0, high=5000.0, *, cam=None, **changes):
 def homed(p, limit_s=60.0):
     """Home, and return the true place of the axis where its count is 0."""
     p.do("PRESET")
-    assert p["st_prson"] and not p["st_prsok"]
+    assert p["st_prson"]
+    assert not p["st_prsok"]
     p.until("st_prson", False, limit_s)
     p.run(1.0)
     return p.true_um - p["posit"]
@@ -38,9 +40,12 @@ def test_mode_0_step_by_step():  # Q-17, Q-50, 4.4
     times = [row[0] for row in seen]
     want = [0.0, 0.2, 1.6, 1.8, 1.9, 2.05, 2.15, 2.22, 2.291]
     assert times == pytest.approx(want, abs=0.012)
-    assert p["st_prsok"] and p["setpos"] == 40 and p["setvel"] == 10000  # Q-36, Q-A33
+    assert p["st_prsok"]
+    assert p["setpos"] == 40
+    assert p["setvel"] == 10000
     p.run(1.0)
-    assert p["posit"] == pytest.approx(40, abs=1) and p.true_um == pytest.approx(500, abs=2)
+    assert p["posit"] == pytest.approx(40, abs=1)
+    assert p.true_um == pytest.approx(500, abs=2)
 
 
 @pytest.mark.parametrize("speed", [10000, 40000])
@@ -69,7 +74,8 @@ def test_st_int_shows_the_line():  # Q-80
         p.sample()
         if p["st_int"]:
             seen.append(p.true_um)
-    assert min(seen) == pytest.approx(2500, abs=5) and max(seen) == pytest.approx(2550, abs=5)
+    assert min(seen) == pytest.approx(2500, abs=5)
+    assert max(seen) == pytest.approx(2550, abs=5)
 
 
 def test_a_zero_pulse_may_be_too_short():  # Q-74, Q-A36
@@ -86,7 +92,8 @@ def test_a_zero_pulse_may_be_missing():  # Q-74
     p.bench.unplug("x", "index")
     p.do("PRESET")
     p.until("st_error", limit_s=60.0)
-    assert p.error == 2 and not p["st_prson"]
+    assert p.error == 2
+    assert not p["st_prson"]
     p.bench.plug("x", "index")
     p.device.settings["home_limit"] = 0
     p.do("RSERR")
@@ -114,7 +121,8 @@ def test_an_axis_on_the_cam_leaves_it_slowly():  # Q-53
     p = at_cam(-100.0, 5000.0)
     p.do("PRESET")
     p.run(0.3)
-    assert p["st_movdir"] and p.theory[1] == pytest.approx(SLOW)
+    assert p["st_movdir"]
+    assert p.theory[1] == pytest.approx(SLOW)
     p.until("st_prson", False)
     p.run(1.0)
     assert p.true_um == pytest.approx(-100.0, abs=2.0)
@@ -152,12 +160,14 @@ def test_a_stuck_switch_ends_a_bounded_search(low, high):
     p = at_cam(low, high, settings={"home_limit": 1000})
     p.do("PRESET")
     p.until("st_error")
-    assert p.error == 1 and not p["st_prson"]
+    assert p.error == 1
+    assert not p["st_prson"]
     p.until("st_still")
     free = at_cam(low, high)  # the manual knows no bound
     free.do("PRESET")
     free.run(12.0)
-    assert free["st_prson"] and abs(free.true_um) > 1800
+    assert free["st_prson"]
+    assert abs(free.true_um) > 1800
 
 
 def test_a_second_preset_turns_about():  # Q-17, Q-A28
@@ -166,7 +176,8 @@ def test_a_second_preset_turns_about():  # Q-17, Q-A28
     p.run(0.5)
     p.do("PRESET")
     p.run(0.5)
-    assert p["st_prson"] and p["st_movdir"]
+    assert p["st_prson"]
+    assert p["st_movdir"]
     p.until("st_prson", False)
     p.run(1.0)
     assert p.true_um == pytest.approx(-300.0, abs=2.0)
@@ -174,7 +185,8 @@ def test_a_second_preset_turns_about():  # Q-17, Q-A28
     strict.do("PRESET")
     strict.run(0.5)
     strict.do("PRESET")
-    assert strict.warning == 1 and not strict["st_movdir"]
+    assert strict.warning == 1
+    assert not strict["st_movdir"]
 
 
 def test_stop_ends_the_search():  # Q-A28
@@ -182,7 +194,8 @@ def test_stop_ends_the_search():  # Q-A28
     p.do("PRESET")
     p.run(0.5)
     p.do("STOP")
-    assert not p["st_prson"] and not p["st_prsok"]
+    assert not p["st_prson"]
+    assert not p["st_prsok"]
     p.until("st_still")
     p.run(1.0)
     assert p["st_still"]
@@ -206,13 +219,15 @@ def test_a_locked_count_is_not_loaded():  # Q-15, Q-78
     p.do("CNTLOCK")
     p.do("LOOPOFF")
     p.until("st_prson", False)
-    assert not p["st_prsok"] and p["posit"] not in (0,)
+    assert not p["st_prsok"]
+    assert p["posit"] not in (0,)
 
 
 def test_mode_2_loads_at_the_edge_and_holds():  # Q-52, Q-A27
     p = at_cam(300.0, 700.0, prsmode=2, prspos=5000, setpos=200)
     p.do("PRESET")
-    assert not p["st_prson"] and p["st_still"]
+    assert not p["st_prson"]
+    assert p["st_still"]
     p.do("LOOPOFF")
     p.move()
     assert not p["st_prsok"]
@@ -223,7 +238,8 @@ def test_mode_2_loads_at_the_edge_and_holds():  # Q-52, Q-A27
     assert p["posit"] == 5000
     moved = p.true_um
     p.run(0.2)
-    assert p.true_um > moved and p["posit"] == 5000  # held loaded
+    assert p.true_um > moved
+    assert p["posit"] == 5000
     p.do("STOP")
 
 
@@ -232,7 +248,8 @@ def test_mode_2_ignores_a_switch_that_was_closed_at_power_up():  # Q-52
     p.bench.power_cycle("x")
     p.do("INIT", "LOOPON")
     p.move()
-    assert p["posit"] == pytest.approx(150, abs=3) and not p["st_prsok"]
+    assert p["posit"] == pytest.approx(150, abs=3)
+    assert not p["st_prsok"]
     p["setpos"] = 400
     p.move()
     assert not p["st_prsok"]

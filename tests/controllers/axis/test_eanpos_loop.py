@@ -1,4 +1,4 @@
-"""The EANPOS' output: feed-forward, PID, offset, converter, speed and following error, on a drive that is not ideal."""
+"""The EANPOS' output: feed-forward, PID, offset, converter, speed, following error, on drives that are not ideal."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 import pytest
+
 from tests.controllers.axis.eanpos_bench import TOP, Positioner
 
 NO_FRICTION = {"friction_Nm": 0.0, "stiction_Nm": 0.0, "way_friction_N": 0.0, "way_stiction_N": 0.0}
@@ -28,7 +29,8 @@ def test_proportional_part_by_sample_time(tcamp_ms):  # Q-45, Q-68, 4.3
 
 
 @pytest.mark.parametrize(
-    ("speed", "feed", "volts", "register"), [(50000, 1000, 5.0, 16384), (100000, 985, 9.85, 32276), (10000, 0, 0.0, 0)]
+    ("speed", "feed", "volts", "register"),
+    [(50000, 1000, 5.0, 16384), (100000, 985, 9.85, 32276), (10000, 0, 0.0, 0)],
 )
 def test_feed_forward_is_a_share_of_the_speed(speed, feed, volts, register):  # Q-33, Q-44, Q-69
     p = Positioner(setpos=9000, setvel=speed, feedfw=feed, taccdec=10)
@@ -117,7 +119,8 @@ def test_a_move_with_the_loop_open_misses_and_the_loop_closes_in():  # Q-13, Q-6
     p["setpos"] = 0
     p.move()
     p.run(2.0)
-    assert abs(p["posit"]) <= 5 and p["st_toll"]
+    assert abs(p["posit"]) <= 5
+    assert p["st_toll"]
 
 
 def test_an_asymmetric_drive_errs_by_direction():  # Q-73
@@ -160,7 +163,8 @@ def test_a_drive_warms_up():  # Q-66
     p.run(1.0)
     cold = float(p.bench.axis()["rotor_um"])
     p.run(60.0)
-    assert cold < 0.5 and p.bench.axis()["rotor_um"] == pytest.approx(3.2, abs=0.2)
+    assert cold < 0.5
+    assert p.bench.axis()["rotor_um"] == pytest.approx(3.2, abs=0.2)
 
 
 def test_maxvel_from_a_known_voltage():  # Q-47, Q-72
@@ -176,7 +180,8 @@ def test_speed_and_frequency_every_250_ms():  # Q-37, Q-70, Q-A34
     p = Positioner(setpos=-9000)
     p.do("START")
     p.run(2.0)
-    assert p["frq"] == pytest.approx(833, abs=2) and p["vel"] == pytest.approx(-49980, abs=120)
+    assert p["frq"] == pytest.approx(833, abs=2)
+    assert p["vel"] == pytest.approx(-49980, abs=120)
     values, times = [], []
     for _ in range(250):
         p["vel"] = 7
@@ -189,7 +194,8 @@ def test_speed_and_frequency_every_250_ms():  # Q-37, Q-70, Q-A34
 
 def test_a_rotary_table_in_tenths_of_a_degree():  # Q-4, Q-5, Q-70, Q-A9
     p = Positioner(
-        measure=3600, pulse=4096, decpt=1, unitvel=1, setvel=10, setpos=46, maxvel=100, taccdec=10, prsvel=0, sprsvel=0,
+        measure=3600, pulse=4096, decpt=1, unitvel=1, setvel=10, setpos=46, maxvel=100, taccdec=10,
+        prsvel=0, sprsvel=0,
         amplifier_rad_s_V=1137.78 / 63.66197723675814 / 10, index_width_um=0.0,
     )  # fmt: skip
     p.move()
@@ -199,7 +205,8 @@ def test_a_rotary_table_in_tenths_of_a_degree():  # Q-4, Q-5, Q-70, Q-A9
     p["setpos"] = 1000
     p.do("START")
     p.run(2.0)
-    assert p["frq"] == pytest.approx(28, abs=1) and p["vel"] == pytest.approx(10, abs=1)
+    assert p["frq"] == pytest.approx(28, abs=1)
+    assert p["vel"] == pytest.approx(10, abs=1)
 
 
 @pytest.mark.parametrize(("digits", "per_s"), [(0, 10.0), (1, 100.0), (2, 1000.0), (3, 10000.0)])
@@ -214,9 +221,11 @@ def test_decpt_is_for_speeds(digits, per_s):  # Q-84
 def test_following_error_is_reported_and_held():  # Q-28, Q-A26
     p = Positioner(maxfollerr=400, pgain=100)
     p.slip(-401)
-    assert p["st_foller"] and p["follerr"] > 390
+    assert p["st_foller"]
+    assert p["follerr"] > 390
     p.run(0.4)
-    assert p["follerr"] < 400 and p["st_foller"]
+    assert p["follerr"] < 400
+    assert p["st_foller"]
     p.run(0.6)
     assert not p["st_foller"]
     late = Positioner(maxfollerr=400, settings={"delays_following": 1})
@@ -233,11 +242,14 @@ def test_a_stalled_axis_is_in_following_error_and_goes_on():  # Q-28
     p.bench.hold("x", True)
     p.do("START")
     p.run(1.0)
-    assert p["st_foller"] and not p["st_still"] and p.error == 0
+    assert p["st_foller"]
+    assert not p["st_still"]
+    assert p.error == 0
     p.bench.hold("x", False)
     p.until("st_still")
     p.run(4.0)
-    assert p["posit"] == pytest.approx(2000, abs=5) and not p["st_foller"]
+    assert p["posit"] == pytest.approx(2000, abs=5)
+    assert not p["st_foller"]
 
 
 def test_a_limit_of_no_following_error_is_one():  # Q-A26
@@ -254,7 +266,8 @@ def test_tolerance_after_its_delay():  # Q-27, Q-A32
     p.until("st_toll")
     assert p.since_s == pytest.approx(2.9225, abs=0.012)
     p.do("START")  # no way to go: neither motion nor a flicker
-    assert p["st_toll"] and p["st_still"]
+    assert p["st_toll"]
+    assert p["st_still"]
     p.bench.hold("x", True)
     p.slip(40)
     assert not p["st_toll"]
@@ -281,14 +294,17 @@ def test_an_axis_without_friction_or_speed_is_not_driven():  # Q-A31
     p.slip(-400)
     assert p.device.output_V == 0.0
     p.do("START")
-    assert p.warning == 1 and p["st_still"]
+    assert p.warning == 1
+    assert p["st_still"]
 
 
 def test_without_counter_or_output():  # Q-A21
     p = Positioner(resources=(False, False, False, True))
     p.move()
-    assert p["posit"] == 2000 and p["follerr"] == 0
+    assert p["posit"] == 2000
+    assert p["follerr"] == 0
     assert p.true_um == pytest.approx(2000, abs=5)
     p = Positioner(resources=(True, False, False, False))
     p.move()
-    assert p.true_um == 0.0 and p.device.output_V == 0.0
+    assert p.true_um == 0.0
+    assert p.device.output_V == 0.0

@@ -5,31 +5,35 @@ from __future__ import annotations
 import math
 
 import pytest
-from tests.controllers.axis.eanpos_bench import Positioner
 
 from edmsim.axis_bench import AxisBench
 from edmsim.controllers import axis
 from edmsim.controllers.axis import eanpos_registers as at
 from edmsim.controllers.axis.eanpos import Eanpos
 from edmsim.errors import InputError
+from tests.controllers.axis.eanpos_bench import Positioner
 
-RETENTIVE = (
-    "measure pulse maxpos minpos prspos maxvel prsvel sprsvel toll maxfollerr rampmode ramptype taccdec tacc tdec rtype "
-    "stopt tinvt toldly pgain feedfw integt derivt prsmode prmdir unitvel decpt offset setpos setvel posit encoder"
-).split()
-ZERO_AT_INIT = (
-    "vout vel frq follerr ffwdreg propreg integ derreg delta errcode errvalue wrncode wrnvalue"
-).split()
+RETENTIVE = [
+    "measure", "pulse", "maxpos", "minpos", "prspos", "maxvel", "prsvel", "sprsvel", "toll", "maxfollerr", "rampmode",
+    "ramptype", "taccdec", "tacc", "tdec", "rtype", "stopt", "tinvt", "toldly", "pgain", "feedfw", "integt", "derivt",
+    "prsmode", "prmdir", "unitvel", "decpt", "offset", "setpos", "setvel", "posit", "encoder",
+]  # fmt: skip
+ZERO_AT_INIT = [
+    "vout", "vel", "frq", "follerr", "ffwdreg", "propreg", "integ", "derreg", "delta", "errcode", "errvalue",
+    "wrncode", "wrnvalue",
+]  # fmt: skip
 
 
 def test_registers_stand_in_the_order_of_the_manuals_table():
-    assert len(at.PARAMETERS) == 45 and len(at.STATES) == 19
+    assert len(at.PARAMETERS) == 45
+    assert len(at.STATES) == 19
     assert all(getattr(at, name.upper()) == k for k, name in enumerate(at.PARAMETERS))
     assert all(getattr(at, name.upper()) == at.FIRST_STATE + k for k, name in enumerate(at.STATES))
     assert all(getattr(at, name) == k for k, name in enumerate(at.COMMANDS))
     assert all(getattr(at, name.upper(), None) is not None for name in ("gradient", "jerk_limit", "follow_step"))
     retained = {entry["name"] for entry in at.DATA["parameter"] if entry["retained"]}
-    assert retained == {*RETENTIVE} and {*at.PARAMETERS} == {*RETENTIVE, *ZERO_AT_INIT}
+    assert retained == {*RETENTIVE}
+    assert {*at.PARAMETERS} == {*RETENTIVE, *ZERO_AT_INIT}
 
 
 def test_names_as_the_manual_prints_them_elsewhere():  # Q-A8, Q-A35
@@ -72,7 +76,8 @@ def test_what_moves_while_the_power_is_off_is_lost():  # Q-56, Q-58
     p.bench.rail("x", 5.0)
     p.sample()
     p.do("INIT")
-    assert p["posit"] == count and p.true_um > place + 100
+    assert p["posit"] == count
+    assert p.true_um > place + 100
 
 
 @pytest.mark.parametrize(
@@ -174,7 +179,8 @@ def test_full_travel_at_the_finest_resolution():  # Q-71
 
 def test_the_device_of_the_house():
     device = axis.make("eanpos")
-    assert isinstance(device, Eanpos) and device.line(b"?") == b""
+    assert isinstance(device, Eanpos)
+    assert device.line(b"?") == b""
     for tcamp_ms in (0, 256):
         with pytest.raises(InputError, match="it must be 1 to 255"):
             Eanpos(tcamp_ms=tcamp_ms)
@@ -192,7 +198,8 @@ def test_it_goes_on_from_a_snapshot_bit_for_bit():
     p.bench.restore(state)
     p.run(1.0)
     again = p.bench.snapshot()
-    assert ahead["drives"].tobytes() == again["drives"].tobytes() and ahead["axes"].tobytes() == again["axes"].tobytes()
+    assert ahead["drives"].tobytes() == again["drives"].tobytes()
+    assert ahead["axes"].tobytes() == again["axes"].tobytes()
 
 
 def shared(connected="x"):
@@ -210,14 +217,16 @@ def test_one_drive_for_two_axes():  # Q-48, Q-79
     p.do("REGON")
     p.move()
     p.run(1.0)
-    assert p["posit"] == pytest.approx(2000, abs=2) and y.parameters["posit"] == 0
+    assert p["posit"] == pytest.approx(2000, abs=2)
+    assert y.parameters["posit"] == 0
     assert p.bench.axis("y")["place_um"] == 0.0
     p.do("REGOFF")
     p.bench.share_output("xy", "y")
     p.do("REGON", axis="y")
     p.do("START", axis="y")
     p.run(4.0)
-    assert y.parameters["posit"] == pytest.approx(2000, abs=2) and p.true_um == pytest.approx(2000, abs=2)
+    assert y.parameters["posit"] == pytest.approx(2000, abs=2)
+    assert p.true_um == pytest.approx(2000, abs=2)
     p.bench.torque("x", 0.5)
     p.run(0.05)
     assert p["posit"] > 2010  # its transducer stays bound to it
@@ -230,7 +239,8 @@ def test_two_owners_of_an_output_are_an_error():  # Q-48, Q-A36
     p.do("START")
     p.do("REGON", axis="y")
     p.sample()
-    assert p.error == 3 and p.bench.drive("y").parameters["errcode"] == 3
+    assert p.error == 3
+    assert p.bench.drive("y").parameters["errcode"] == 3
     p.until("st_still")
     assert p.true_um < 100
 
@@ -240,5 +250,7 @@ def test_a_bench_without_sharing_has_two_outputs():
     p.do("INIT", axis="y")
     p.do("START", axis="y")
     p.run(1.0)
-    assert p.error == 0 and p.bench.axis("y")["place_um"] > 500 and p.true_um < 1.0
+    assert p.error == 0
+    assert p.bench.axis("y")["place_um"] > 500
+    assert p.true_um < 1.0
     assert isinstance(p.bench, AxisBench)

@@ -6,7 +6,9 @@ import math
 
 import numpy as np
 import pytest
+
 from tests.controllers.axis.eanpos_bench import TOP, Positioner
+
 
 def seconds(positioner: Positioner, value: float) -> object:
     """A time to within the sample at which it shows, and the one at which a command is taken."""
@@ -89,10 +91,12 @@ def at_1_s(name, value, **changes):
 )
 def test_a_new_speed_is_taken_in_motion(speed, total_s):  # Q-42
     p = at_1_s("setvel", speed)
-    assert p["st_acc"] == (speed > 50000) and p["st_dec"] == (speed < 50000)  # Q-A22
+    assert p["st_acc"] == (speed > 50000)
+    assert p["st_dec"] == (speed < 50000)
     p.until("st_still")
     assert p.since_s == seconds(p, total_s)
-    assert p.theory[0] == 2000.0 and p.warning == 0
+    assert p.theory[0] == 2000.0
+    assert p.warning == 0
 
 
 def test_no_new_speed_is_taken_while_it_slows_down():  # Q-42, Q-A22
@@ -141,7 +145,8 @@ def test_an_epicycloidal_start_is_not_broken_off():  # Q-64
     p.run(0.25)
     p["setvel"], p["setpos"] = 100000, 3000
     p.run(0.24)
-    assert p.theory[1] < 0.5 * TOP and p["st_acc"]
+    assert p.theory[1] < 0.5 * TOP
+    assert p["st_acc"]
     p.run(0.8)
     assert p.theory[1] > 0.5 * TOP
     p.until("st_still")
@@ -166,7 +171,8 @@ def test_stop_takes_the_ramp_in_use(at_s, changes, place, total_s):
     p.until("st_still")
     assert p.since_s == seconds(p, total_s)
     assert p.theory[0] == pytest.approx(place, abs=1.0)
-    assert p["st_loopon"] and not p["st_toll"]
+    assert p["st_loopon"]
+    assert not p["st_toll"]
 
 
 def test_stopt_is_for_placements_only():  # Q-31
@@ -192,7 +198,8 @@ def test_ramp_times_change_in_motion():  # Q-64, Q-29
     late["taccdec"] = 999  # no longer possible: stored, not executed
     late.until("st_still")
     assert late.since_s == seconds(late, 2.9)
-    assert late["taccdec"] == 999 and late.theory[0] == 2000.0
+    assert late["taccdec"] == 999
+    assert late.theory[0] == 2000.0
 
 
 def test_posit_rewritten_in_motion_lengthens_the_way():  # Q-65, Q-42
@@ -202,7 +209,8 @@ def test_posit_rewritten_in_motion_lengthens_the_way():  # Q-65, Q-42
     assert p["posit"] == pytest.approx(2000, abs=1)
     assert p.true_um == pytest.approx(3000, abs=6)
     p = at_1_s("posit", 1900)  # the axis could not stop at 2000 any more (Q-A24)
-    assert p.warning == 2 and p["posit"] < 700
+    assert p.warning == 2
+    assert p["posit"] < 700
 
 
 def test_the_way_back_waits_for_tinvt():  # Q-32
@@ -213,7 +221,9 @@ def test_the_way_back_waits_for_tinvt():  # Q-32
     began = p.bench.time_s
     for _ in range(123):
         p.sample()
-        assert p.theory[1] == 0.0 and not p["st_still"] and not p.on & {"st_acc", "st_dec", "st_vconst"}
+        assert p.theory[1] == 0.0
+        assert not p["st_still"]
+        assert not p.on & {"st_acc", "st_dec", "st_vconst"}
     p.until("st_still")
     assert p.bench.time_s - began == seconds(p, 0.5 + 2 * math.sqrt(200 / TOP))
 
@@ -238,7 +248,8 @@ def test_states_say_what_the_axis_does():  # Q-80
     p.do("START")
     while not p["st_still"]:
         now = p.on & {"st_acc", "st_vconst", "st_dec"}
-        assert len(now) == 1 and not p["st_movdir"]
+        assert len(now) == 1
+        assert not p["st_movdir"]
         phases += [] if phases and now == phases[-1] else [now]
         p.sample()
     assert phases == [{"st_acc"}, {"st_vconst"}, {"st_dec"}]

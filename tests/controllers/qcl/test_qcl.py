@@ -19,7 +19,8 @@ def test_the_second_declaration_of_the_manual():  # Q-83, Q-2
     assert device == ("axis_x", 2, "2.CNT02", 3, "3.INP01", "3.AN01")
     assert device.resources == (True, True, True, True)
     bare = declared("A EANPOS 0255 X.X X X.X X.X").devices["a"]
-    assert bare.tcamp_ms == 255 and bare.resources == (False, False, False, False)
+    assert bare.tcamp_ms == 255
+    assert bare.resources == (False, False, False, False)
 
 
 @pytest.mark.parametrize(
@@ -46,7 +47,8 @@ def test_a_wrong_declaration_is_refused(line, reason):  # Q-1, Q-83
     ("text", "reason"),
     [
         ("GLOBAL\na L\nA F", "A is declared twice"), ("SYSTEM\na X", "a has size 'X'; it must be F, B, W, L or S"),
-        ("CONST\na 1.5", "it must be a whole number"), ("TIMER\nt", "not supported"), ("DATAGROUP\nx", "not supported"),
+        ("CONST\na 1.5", "it must be a whole number"), ("TIMER\nt", "not supported"),
+        ("DATAGROUP\nx", "not supported"),
         ("BUS\n1 card", "must be SLOT CARD VERSION"), ("BUS\n1 a 0\n1 b 0", "slot 1 is declared twice"),
         ("BUS\n1 a 0\nINPUT\ni L 1.INP01", "is a flag, F"), ("stray", "stands before the first section"),
     ],
@@ -90,13 +92,15 @@ def test_if_else_and_jump():  # Q-82
 
 def test_wait_gives_up_the_pass():
     control = run("a = 1", "WAIT 1", "a = 2", "WAIT b EQ 1", "a = 3", passes=2)
-    assert control.variables["a"] == 2 and control.line == 4
+    assert control.variables["a"] == 2
+    assert control.line == 4
     control.run_pass()
     assert control.line == 4
     control.variables["b"] = 1
     control.run_pass()
     control.run_pass()
-    assert control.variables["a"] == 3 and control.line == 0
+    assert control.variables["a"] == 3
+    assert control.line == 0
 
 
 def test_a_loop_without_wait_ends_its_pass():
@@ -111,8 +115,10 @@ def test_a_loop_without_wait_ends_its_pass():
         ("seven = 8", "seven is no variable"), ("a = Axis", "Axis is no name"), ("START a", "a is no device"),
         ("GO Axis", "'GO Axis' is no statement"), ("Axis:speed = 1", "no parameter 'speed'"),
         ("Axis:st_still = 1", "no parameter 'st_still'"), ("a = Axis:st_moving", "no state 'st_moving'"),
-        ("Bxis:setpos = 1", "Bxis is no device"), ("a = (1", "a bracket is not closed"), ("a = 1)", "')' is left over"),
-        ("a = 1 +", "an expression ends early"), ("a = * 2", "'*' is no value"), ("a = 1.5", "is none of QCL's words"),
+        ("Bxis:setpos = 1", "Bxis is no device"), ("a = (1", "a bracket is not closed"),
+        ("a = 1)", "')' is left over"),
+        ("a = 1 +", "an expression ends early"), ("a = * 2", "'*' is no value"),
+        ("a = 1.5", "is none of QCL's words"),
         ("IF a", "IF without ENDIF"), ("ENDIF", "ENDIF without IF"), ("ELSE", "ELSE without IF"),
         ("JUMP AWAY", "no label 'away'"), ("M:\nM:", "stands twice"), ("WAIT", "an expression ends early"),
     ],
@@ -120,7 +126,8 @@ def test_a_loop_without_wait_ends_its_pass():
 def test_a_wrong_statement_is_refused(line, reason):
     with pytest.raises(QclError) as refused:
         read_program(line, DECLARED, "task.mod")
-    assert reason in str(refused.value) and str(refused.value).startswith("task.mod:")
+    assert reason in str(refused.value)
+    assert str(refused.value).startswith("task.mod:")
 
 
 @pytest.mark.parametrize(

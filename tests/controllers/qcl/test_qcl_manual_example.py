@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import pytest
-from tests.controllers.qcl.manual_example import CONFIGURATION, PROGRAM, in_second_half, readable, repaired
 
 from edmsim.controllers.qcl import QclError, read_configuration, read_program
 from edmsim.servo.positioner import Station
+from tests.controllers.qcl.manual_example import CONFIGURATION, PROGRAM, in_second_half, readable, repaired
 
 
 def problems(read):
@@ -17,7 +17,8 @@ def problems(read):
 
 def test_the_printed_texts_are_refused_by_line_and_name():  # Q-82, 4.6
     found = problems(lambda: read_configuration(CONFIGURATION))
-    assert {*found} == {1, 8} and all("'*****'" in what for what in found.values())
+    assert {*found} == {1, 8}
+    assert all("'*****'" in what for what in found.values())
     stars = "\n".join(f";{line}" if line.startswith("*") else line for line in CONFIGURATION.splitlines())
     found = problems(lambda: read_program(PROGRAM, read_configuration(stars)))
     names = {1: "***", 5: "***", in_second_half(42): "ofAxeStopped"}
@@ -34,10 +35,13 @@ def test_what_the_configuration_declares():  # Q-1, Q-55, Q-82, Q-A11
     assert {name: one.retained for name, one in found.variables.items()} == {
         "slquotapos": True, "slvelaxis": True, "gfmovman": False, "gfmovauto": False,
     }  # fmt: skip
-    assert found.inputs["ifstop"] == "2.INP04" and found.outputs["ofaxestopped"] == "2.OUT02"
-    assert found.shared == [] and read_configuration(readable()[0]).shared == ["2.INP01"]
+    assert found.inputs["ifstop"] == "2.INP04"
+    assert found.outputs["ofaxestopped"] == "2.OUT02"
+    assert found.shared == []
+    assert read_configuration(readable()[0]).shared == ["2.INP01"]
     verbs = [statement.verb for statement in read_program(repaired()[1], found).statements]
-    assert verbs.count("if") == 17 and len(verbs) == len(read_program(readable()[1], found).statements) + 1
+    assert verbs.count("if") == 17
+    assert len(verbs) == len(read_program(readable()[1], found).statements) + 1
 
 
 class Example:
@@ -83,13 +87,15 @@ def test_it_loads_and_starts_the_device():  # Q-55, lines A9 to B20
     assert {name: e[name] for name in want} == want
     assert {name for name, on in e.device.states.items() if on} == {"st_init", "st_loopon", "st_still", "st_warning"}
     assert (e["wrncode"], e["wrnvalue"]) == (1, 3)  # RESUME without need, after REGON (Q-A20)
-    assert e["slVelAxis"] == 50 and e["slQuotaPos"] == 2000
+    assert e["slVelAxis"] == 50
+    assert e["slQuotaPos"] == 2000
     assert e.outputs == ["2.OUT02"]
 
 
 def test_values_that_outlasted_the_power_stay():  # B9 to B20, Q-82
     e = Example(slquotapos=700)
-    assert e["slQuotaPos"] == 700 and e["slVelAxis"] == 50
+    assert e["slQuotaPos"] == 700
+    assert e["slVelAxis"] == 50
     e.control.variables["gfmovman"] = 1
     e.control.restart()
     assert (e["slQuotaPos"], e["gfMovMan"]) == (700, 0)
@@ -98,13 +104,15 @@ def test_values_that_outlasted_the_power_stay():  # B9 to B20, Q-82
 def test_start_positions():  # B40 to B68
     e = Example()
     e.press("ifStart", 0.1)
-    assert (e["setvel"], e["setpos"], e["gfMovAuto"]) == (50000, 2000, 1) and e.outputs == []
+    assert (e["setvel"], e["setpos"], e["gfMovAuto"]) == (50000, 2000, 1)
+    assert e.outputs == []
     began = e.station.bench.time_s - 0.1
     while e["gfMovAuto"]:
         e.run(0.001)
     assert e.station.bench.time_s - began == pytest.approx(2.9, abs=0.012)
     e.run(1.0)
-    assert e["posit"] == pytest.approx(2000, abs=5) and e.outputs == ["2.OUT01", "2.OUT02"]
+    assert e["posit"] == pytest.approx(2000, abs=5)
+    assert e.outputs == ["2.OUT01", "2.OUT02"]
 
 
 def test_the_pass_of_start_reads_that_the_axis_moves():  # Q-60, B63 to B68
@@ -135,7 +143,9 @@ def test_stop_only_while_it_moves():  # B58 to B62
     e.press("ifStart", 0.5)
     e.press("ifStop", 0.2)
     e.run(1.0)
-    assert e["st_still"] and 0 < e["posit"] < 500 and not e["gfMovAuto"]
+    assert e["st_still"]
+    assert 0 < e["posit"] < 500
+    assert not e["gfMovAuto"]
 
 
 @pytest.mark.parametrize(("button", "sign"), [("ifAvMan", 1), ("ifInMan", -1)])
@@ -144,10 +154,12 @@ def test_jog_while_a_button_is_pressed(button, sign):  # B73 to B100
     e.device.command("RSWRN")
     e.press(button, 1.0)
     e.run(0.01)
-    assert e["gfMovMan"] == 0 and not e["st_still"]
+    assert e["gfMovMan"] == 0
+    assert not e["st_still"]
     at = e["posit"]
     e.run(1.0)
-    assert e["st_still"] and sign * (e["posit"] - at) == pytest.approx(208, abs=12)
+    assert e["st_still"]
+    assert sign * (e["posit"] - at) == pytest.approx(208, abs=12)
     assert not e["st_warning"]
 
 
@@ -156,10 +168,12 @@ def test_forward_wins_and_hands_do_not_change():  # B73 to B92
     e.press("ifAvMan")
     e.press("ifInMan")
     e.run(1.0)
-    assert e["posit"] > 100 and not e["st_movdir"]
+    assert e["posit"] > 100
+    assert not e["st_movdir"]
     e.station.press("ifAvMan", False)
     e.run(1.0)
-    assert not e["st_movdir"] and e["gfMovMan"]
+    assert not e["st_movdir"]
+    assert e["gfMovMan"]
     e.press("ifStart", 0.1)
     assert not e["gfMovAuto"]
 
@@ -172,7 +186,8 @@ def test_stop_of_a_jog_that_stands_already_is_refused():  # B93 to B100
     e.run(1.0)
     e.device.command("RSWRN")
     e.run(0.01)
-    assert e["st_still"] and e["gfMovMan"]
+    assert e["st_still"]
+    assert e["gfMovMan"]
     e.station.press("ifAvMan", False)
     e.run(0.01)
     assert (e["wrncode"], e["wrnvalue"], e["gfMovMan"]) == (1, 5, 0)
@@ -191,7 +206,8 @@ def test_printed_with_one_input_for_two_every_jog_would_load_the_count():  # 4.6
         configuration, program = texts
         e = Example((configuration, program.replace("Axis:prsmode = 0", "Axis:prsmode = 2")))
         e.press("ifAvMan", 0.5)
-        assert e["st_prsok"] == loads and (e["posit"] == 0) == loads
+        assert e["st_prsok"] == loads
+        assert (e["posit"] == 0) == loads
 
 
 def test_a_program_never_reaches_its_end():  # B105, B106
