@@ -77,11 +77,8 @@ class Parameters(MutableMapping[str, int]):
         return int(self._owner.record["reg"][0, at.PARAMETERS.index(parameter_name(name))])
 
     def __setitem__(self, name: str, value: int) -> None:
-        name = parameter_name(name)
+        name, value = parameter_name(name), _fitting(name, value)
         entry, reg = _TABLE[name], self._owner.record["reg"][0]
-        low, high = _SIZES[entry["size"]]
-        if not (value == value and abs(value) < np.inf and value == int(value) and low <= value <= high):
-            raise InputError(f"{name} is {value}; it must be a whole number {low} to {high}")
         place = at.PARAMETERS.index(name)
         if not all(_holds(reg, condition) for condition in entry["write"]):
             _warn(reg, at.NOT_WRITTEN, place)
@@ -89,7 +86,7 @@ class Parameters(MutableMapping[str, int]):
         least, greatest = (self[limit] if isinstance(limit, str) else limit for limit in entry["limits"])
         if not least <= value <= greatest:
             _warn(reg, at.OUT_OF_LIMITS, place)
-        reg[place] = int(value)
+        reg[place] = value
         reg[at.WRITTEN] |= _SIGNALS.get(name, 0)
 
     def __delitem__(self, name: str) -> None:
@@ -143,6 +140,14 @@ def _known(name: str, names: tuple[str, ...], what: str) -> str:
     if found not in names:
         raise InputError(f"the device has no {what} {name!r}; it has {', '.join(names)}")
     return found
+
+
+def _fitting(name: str, value: int) -> int:
+    """Return a value as a whole number that fits into its parameter's size."""
+    low, high = _SIZES[_TABLE[parameter_name(name)]["size"]]
+    if not (abs(value) < np.inf and value == int(value) and low <= value <= high):
+        raise InputError(f"{name} is {value}; it must be a whole number {low} to {high}")
+    return int(value)
 
 
 def _holds(reg: NDArray[np.int64], condition: str) -> bool:
@@ -215,8 +220,8 @@ class Eanpos:
         self.settings.update({**at.DATA["settings"], **(settings or {})})
         self.parameters = Parameters(self)
         self.states = States(self)
-        self.parameters.update(parameters or {})
-        reg[[at.WRITTEN, at.ST_WARNING, at.WRNCODE, at.WRNVALUE]] = 0
+        for name, value in (parameters or {}).items():
+            reg[at.PARAMETERS.index(parameter_name(name))] = _fitting(name, value)
         self._switch_on()
 
     def _switch_on(self) -> None:
@@ -259,6 +264,12 @@ class Eanpos:
     def output_V(self) -> float:
         """Voltage at the analogue output after the last sample."""
         return float(self.record["command"][0]) * 10.0
+
+    @property
+    def theoretical(self) -> tuple[float, float]:
+        """Theoretical place in units of measure, and speed in units per s, at the last sample."""
+        real = self.record["real"][0]
+        return float(real[at.THEORY]), float(real[at.SPEED])
 
     def home(self) -> None:
         """Search the reference place (PLCopen MC_Home): PRESET."""

@@ -98,8 +98,7 @@ class Positioner:
     @property
     def theory(self):
         """Theoretical place and speed."""
-        real = self.device.record["real"][0]
-        return float(real[0]), float(real[1])
+        return self.device.theoretical
 
     @property
     def warning(self):
