@@ -199,7 +199,7 @@ def eanpos_sample(drive_at: Any, axis_at: Any) -> None:
         _run(reg, real, cam_before, axis.indexes, axis.index_at)
     held = reg[at.ST_INIT] == 0 or reg[at.ST_REGOFF] == 1 or reg[at.RESOURCES] & at.HAS_OUTPUT == 0
     drive.command = reg[at.CODE] / FULL_SCALE if reg[at.RESOURCES] & at.HAS_OUTPUT else 0.0
-    lost = reg[at.FOLLOW_STEP] != 0 and reg[at.ST_FOLLER] == 1
-    if lost:
+    lost = reg[at.FOLLOW_STEP] != 0 and reg[at.ST_FOLLER] + reg[at.ST_EMRG] > 0
+    if lost and reg[at.ST_EMRG] == 0:
         reg[at.MAILBOX] |= 1 << at.EMRG
     drive.lines = (HOLDS_OUTPUT if held else 0) | (FAULT if lost or reg[at.ST_ERROR] == 1 else 0)

@@ -37,6 +37,7 @@ SHORT: dict[str, tuple[str, ...]] = {
     "bench": (),
     "terminal": ("--resolution", "fast"),
     "servo": (),
+    "positioner": (),
 }
 """What is added to a command so that it is short; `replaced` says what of its work is left away."""
 LENGTHS: dict[str, dict[str, Any]] = {

@@ -7,6 +7,7 @@ import math
 import pytest
 
 from edmsim.axis_bench import AxisBench
+from edmsim.compiled.axis_rows import FAULT
 from edmsim.controllers import axis
 from edmsim.controllers.axis import eanpos_registers as at
 from edmsim.controllers.axis.eanpos import Eanpos
@@ -254,3 +255,30 @@ def test_a_bench_without_sharing_has_two_outputs():
     assert p.bench.axis("y")["place_um"] > 500
     assert p.true_um < 1.0
     assert isinstance(p.bench, AxisBench)
+
+
+def test_commissioned_it_follows_steps_and_stops_the_machine_when_it_is_lost():
+    bench = AxisBench({"x": Eanpos.tuned()})
+    bench.run(0.01)
+    device = bench.drive("x")
+    bench.steps("x", 50, rate_Hz=100.0)
+    bench.steps("x", -20, rate_Hz=100.0)
+    bench.run(1.0)
+    assert bench.axis()["place_um"] == pytest.approx(60.0, abs=0.5)
+    assert device.parameters["posit"] == device.parameters["setpos"] == 60
+    assert not device.states["st_warning"]
+    bench.hold("x", True)
+    bench.steps("x", 500, rate_Hz=1000.0)
+    bench.run(1.0)
+    assert device.record["lines"][0] & FAULT
+    assert device.states["st_emrg"]
+    assert device.output_V == 0.0
+
+
+def test_commissioned_it_starts_in_loop_whenever_it_is_switched_on():
+    bench = AxisBench({"x": Eanpos.tuned()})
+    bench.power_cycle("x")
+    bench.run(0.01)
+    device = bench.drive("x")
+    assert device.states["st_loopon"]
+    assert device.parameters["pgain"] == 40
