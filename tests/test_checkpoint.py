@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+import signal
+import threading
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -52,7 +54,7 @@ def assert_same(a: edmsim.CutResult, b: edmsim.CutResult) -> None:
 
 @pytest.mark.parametrize(
     "options",
-    [{}, {"planner": "dda"}, {"planner": "poscal-literal"}, {"generator": "iso-energetic"},
+    [{}, {"planner": "dda"}, {"planner": "poscal-literal"}, {"drive": "uhu"}, {"generator": "iso-energetic"},
      {"generator": "ignition-pulse", "controller": "fixed:feed_um_s=12"},
      {"generator": "iso-energetic", "pulse_shape": "triangle", "peak_current_A": 5.0, "flushing_lower_Pa": 0.0}],
 )  # fmt: skip
@@ -64,6 +66,27 @@ def test_resumed_cut_equals_the_uninterrupted_one(cut_small: Cut, tmp_path: Path
     assert_same(resumed, whole)
     assert not (tmp_path / NAME).exists()
     assert (tmp_path / "report.json").exists()
+
+
+@pytest.fixture
+def interruptible() -> Iterator[None]:
+    """Ctrl-C as Python has it, where the test runner has turned it off."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
+@pytest.mark.usefixtures("interruptible")
+def test_ctrl_c_within_a_window_waits_for_its_end(cut_small: Cut, tmp_path: Path) -> None:
+    whole = cut_small(**SHORT)
+    for again in range(4):
+        hand = threading.Timer(0.02, signal.raise_signal, (signal.SIGINT,))
+        begin: Iterator[Callable[[], None]] = iter([hand.start])
+        with pytest.raises(KeyboardInterrupt):
+            cut_small(out=tmp_path, resume=again > 0, watch=lambda _, b=begin: next(b, int)(), **SHORT)
+        hand.join()
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+    assert_same(cut_small(out=tmp_path, resume=True, **SHORT), whole)
 
 
 def test_twice_interrupted_and_in_a_dwell(tmp_path: Path) -> None:

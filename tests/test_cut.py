@@ -21,13 +21,14 @@ from edmsim.errors import InputError
 
 COLUMNS = (
     "t_s x_um y_um feed_um_s short open spark arc mean_voltage_V mean_current_A mean_delay_us gap_um "
-    "lag_x_um lag_y_um wire_temperature_K debris coverage t_on_us t_period_us path_um error_um"
+    "lag_x_um lag_y_um following_x_um following_y_um wire_temperature_K debris coverage t_on_us t_period_us path_um "
+    "error_um"
 )
 REPORT = {
     "outcome", "reason", "machining_time_s", "wall_time_s", "realtime_factor", "pulses", "path_length_mm",
     "feed_um_s", "cutting_rate_mm2_min", "pulse_share", "kerf_um", "kerf_section", "profile_error_um", "corners",
-    "wire", "coverage", "surface", "energy_J", "removed_mm3", "mean_current_A", "mean_voltage_V", "seed", "settings",
-    "notices", "edmsim_version",
+    "wire", "following_error_um", "coverage", "surface", "energy_J", "removed_mm3", "mean_current_A",
+    "mean_voltage_V", "seed", "settings", "notices", "edmsim_version",
 }  # fmt: skip
 
 FILES = ["cut.rrd", "part.npz", "profile.png", "report.html", "report.json", "windows.parquet"]
@@ -126,6 +127,18 @@ def test_kerf_lag_and_rates_lie_where_wire_machines_lie(small_cut: SimpleNamespa
     assert 5 < report["feed_um_s"]["mean"] <= report["feed_um_s"]["max"] <= 33.3375  # T-76
     assert report["pulse_share"]["short"] < 0.2
     assert report["mean_current_A"] < 2  # T-34
+
+
+def test_the_profile_error_is_split(small_cut: SimpleNamespace) -> None:
+    (edge,) = small_cut.result.scene.maps
+    known = np.isfinite(edge.error_um)
+    np.testing.assert_allclose(edge.shares_um.sum(axis=0)[known], edge.error_um[known], atol=1e-9)
+    shares = small_cut.result.report["profile_error_um"]["shares"]
+    assert sum(share["of_mean_square"] for share in shares.values()) == pytest.approx(1.0)
+    assert shares["drive"]["max"] == 0  # nobody looks after a stepper
+    assert shares["path"]["max"] < 1  # whole um of the programmed path
+    assert shares["planner"]["max"] < 3  # whole steps of 2 um, at corners on both axes
+    assert shares["wire"]["rms"] > 0.1
 
 
 def test_the_four_corners_are_found(small_cut: SimpleNamespace) -> None:
@@ -270,7 +283,8 @@ BAD = [
     ({"controller": "fixed:feed_um_s=34"}, "33.3375"),
     ({"planner": "straight"}, "poscal, poscal-literal, dda"),
     ({"mechanics": "steam"}, "modal"),
-    ({"drive": "stepper"}, "a cut has no option 'drive'; there are: machine, material"),
+    ({"engine": "diesel"}, "a cut has no option 'engine'; there are: machine, material"),
+    ({"drive": "steam"}, "no drive 'steam'; choose one of stepper, uhu, servo-module"),
     ({"height_mm": "tall"}, "height_mm cannot be 'tall'"),
     ({"resolution": "superb"}, "fast, default, fine"),
     ({"tension": 60.0}, "breaks"),

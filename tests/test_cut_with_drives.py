@@ -12,7 +12,6 @@ import pytest
 import edmsim
 from edmsim.cli import app as cli
 from edmsim.controllers.axis import uhu
-from edmsim.errors import InputError
 from edmsim.recording.windows import column
 
 SLOT = Path(__file__).parents[1] / "examples" / "slot.iso"
@@ -46,8 +45,3 @@ def test_a_following_error_stops_the_machine_and_leaves_with_3(monkeypatch, tmp_
     report = json.loads((tmp_path / "cut" / "report.json").read_text(encoding="utf-8"))
     assert report["outcome"] == "drive-trip"
     assert "has shut off its motor" in report["reason"]
-
-
-def test_an_unknown_drive_is_refused():
-    with pytest.raises(InputError, match="no drive 'steam'; choose one of stepper, uhu, servo-module, eanpos"):
-        edmsim.cut(SLOT, drive="steam")

@@ -8,9 +8,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from edmsim.axis_bench.loop import CHANGE_ROW, DONE, LOST, SAMPLE_ROW, run
+from edmsim.axis_bench.motion import BenchAxes
 from edmsim.axis_bench.serial_link import SerialLink
-from edmsim.axis_bench.steps import DIR_OPEN, MOVE, STEP_OPEN, move
+from edmsim.axis_bench.steps import DIR_OPEN, STEP_OPEN, move
 from edmsim.compiled.axis_rows import (
     ERROR_LED,
     FAULT_IN,
@@ -18,24 +18,21 @@ from edmsim.compiled.axis_rows import (
     FREEWHEEL,
     INDEX_WIRE,
     LED,
-    N_AXES,
     NET_IN,
     NET_OUT,
     PHASE_A,
     PHASE_B,
 )
 from edmsim.controllers.axis.drive import Drive, StartsAnew, data_of
-from edmsim.errors import EdmsimError, InputError
+from edmsim.errors import InputError
+from edmsim.machine.machine import Machine
 from edmsim.plant.axes.board import fault_net_low, hold_in_reset
-from edmsim.plant.axes.drives import AXIS_NAMES, Drives
+from edmsim.plant.axes.drives import AXIS_NAMES
 from edmsim.plant.axes.encoder import read_phases
 from edmsim.plant.axes.marks import LONG_AGO_NS
-from edmsim.plant.kernel.declare import sizes_of
 
 _TURN_NS = 10_000_000
 """A drive is asked for what it sends unasked so often (ours)."""
-_CHANGES, _SAMPLES = 64, 4096
-"""Room for notes of one compiled run (ours)."""
 _QUIET_NS, _LONGEST_TALK_NS = 20_000_000, 1_000_000_000
 """A talk is over after so long without a byte, or so long at all (ours)."""
 _PHASES = {"A": PHASE_A, "B": PHASE_B, "AB": PHASE_A | PHASE_B}
@@ -55,46 +52,49 @@ class Pins(NamedTuple):
 
 
 class AxisBench:
-    """Axes with drives on a bench.
+    """Axes with drives on a bench. Where a method's axis can be left out, it is the first one.
 
     Parameters
     ----------
     drives : mapping of str to drive
         By axis, of ``x y u v``; they are copied and switched on at time 0. Motor, screw and table are each drive's.
-
-    Attributes
-    ----------
-    trace : bool
-        Whether samples are noted (`samples`).
+    mechanics : {"modal", "mujoco"}
+        What moves rotors and tables: edmsim's own integrator, or, for x and y, MuJoCo, which steps a machine's MJCF.
+    machine : Machine, optional
+        Puts the motors of x and y on its screws and under its table, in the middle of its travel, as a plant does.
+        MuJoCo takes the DEM-15 if none is given; only there do the ends of the travel stop the table.
+    seed : int
+        Of the spikes on the encoders' wires, where a motor has some (`edmsim.compiled.axis_rows.MOTOR`).
 
     Raises
     ------
     InputError
-        There is no such axis, or a drive's record, period or motor is none, or it has no loop.
+        There is no such axis, or a drive's record, period or motor is none, or it has no loop, or there are no such
+        mechanics.
     """
 
-    def __init__(self, drives: Mapping[str, Drive]) -> None:
-        self._drives = Drives(drives, np.inf, sizes_of(1, 8, 1))
-        if not drives or self._drives.axes.loops != len(drives):
-            raise InputError("a bench needs drives with a loop: a motor and a sample")
-        self._axes = self._drives.axes
-        self._drives.reset(np.zeros(N_AXES))
+    def __init__(
+        self, drives: Mapping[str, Drive], *, mechanics: str = "modal", machine: Machine | None = None, seed: int = 0
+    ) -> None:
+        self._motion = BenchAxes(drives, mechanics, machine, seed)
         self.names = tuple(name for name in AXIS_NAMES if name in drives)
-        self.trace = False
-        self._now_ns = 0
-        self._moves: NDArray[np.void] = np.zeros(0, MOVE)
-        self._unplugged = np.zeros(N_AXES, np.int64)
-        self._notes = np.zeros(_SAMPLES, SAMPLE_ROW), np.zeros(_CHANGES, CHANGE_ROW), np.zeros(2, np.int64)
-        self._samples: list[NDArray[np.void]] = []
-        self._changes: list[NDArray[np.void]] = []
         self._lines = {name: SerialLink(self.drive(name)) for name in self.names}
         for name in self.names:
             self._power_up(name)
 
     @property
+    def trace(self) -> bool:
+        """Whether samples are noted (`samples`)."""
+        return self._motion.trace
+
+    @trace.setter
+    def trace(self, wanted: bool) -> None:
+        self._motion.trace = wanted
+
+    @property
     def time_s(self) -> float:
         """Simulated time in s."""
-        return self._now_ns * 1e-9
+        return self._motion.now_ns * 1e-9
 
     def run(self, seconds: float) -> None:
         """Let some time pass.
@@ -104,69 +104,53 @@ class AxisBench:
         EdmsimError
             A drive commands what is no share of its supply, or an axis has run out of every reason.
         """
-        self.run_to(self._now_ns + round(seconds * 1e9))
+        self.run_to(self._motion.now_ns + round(seconds * 1e9))
 
     def run_to(self, end_ns: int) -> None:
         """Let time pass until then; see `run`."""
-        while self._now_ns < end_ns:
+        while self._motion.now_ns < end_ns:
             coming = [ns for line in self._lines.values() if (ns := line.next_ns) is not None]
-            stop_ns = min(end_ns, (self._now_ns // _TURN_NS + 1) * _TURN_NS, *coming)
-            self._run_compiled(max(stop_ns, self._now_ns))
+            stop_ns = min(end_ns, (self._motion.now_ns // _TURN_NS + 1) * _TURN_NS, *coming)
+            self._motion.run_to(max(stop_ns, self._motion.now_ns))
             for name in self.names:
                 running = not self._row(name)["in_reset"]
-                self._lines[name].exchange(self._now_ns, running, self._now_ns % _TURN_NS == 0)
+                self._lines[name].exchange(self._motion.now_ns, running, self._motion.now_ns % _TURN_NS == 0)
 
-    def _run_compiled(self, until_ns: int) -> None:
-        samples, changes, noted = self._notes
-        wanted = samples if self.trace else samples[:0]
-        end = None
-        while end != DONE:
-            end = run(self._axes, self._moves, self._unplugged, until_ns, wanted, changes, noted)
-            if self.trace:
-                self._samples.append(samples[: noted[0]].copy())
-            if noted[1]:
-                self._changes.append(changes[: noted[1]].copy())
-            if end == LOST:
-                raise EdmsimError("a drive commands what is no share of its supply, or its axis has run away")
-        self._now_ns = until_ns
-        if len(self._moves):
-            self._moves = self._moves[self._moves["made"] < np.abs(self._moves["count"])]
-
-    def send(self, data: bytes, axis: str = "x") -> None:
+    def send(self, data: bytes, axis: str = "") -> None:
         """Send some bytes to a drive at the terminal's baud, behind those still on their way."""
-        self._lines[axis].send(data, self._now_ns)
+        self._line(axis).send(data, self._motion.now_ns)
 
-    def sending(self, axis: str = "x") -> bool:
+    def sending(self, axis: str = "") -> bool:
         """Return whether bytes for a drive are still on their way."""
-        return self._lines[axis].next_ns is not None
+        return self._line(axis).next_ns is not None
 
-    def received(self, axis: str = "x") -> bytes:
+    def received(self, axis: str = "") -> bytes:
         """Return what a drive has sent since the last call."""
         return bytes(value for value, _ in self.received_at(axis))
 
-    def received_at(self, axis: str = "x") -> list[tuple[int, float]]:
+    def received_at(self, axis: str = "") -> list[tuple[int, float]]:
         """Return what a drive has sent since the last call, each byte with the time (s) at which it had come."""
-        return self._lines[axis].received_at()
+        return self._line(axis).received_at()
 
-    def talk(self, data: bytes, axis: str = "x") -> bytes:
+    def talk(self, data: bytes, axis: str = "") -> bytes:
         """Send some bytes and return what the drive sends until it is quiet, for 1 s at most."""
-        line = self._lines[axis]
+        line = self._line(axis)
         line.received_at()
         self.send(data, axis)
-        quiet_ns, end_ns, heard = self._now_ns, self._now_ns + _LONGEST_TALK_NS, 0
-        while self._now_ns < min(end_ns, quiet_ns + _QUIET_NS):
-            self.run_to(self._now_ns + _TURN_NS // 2)
+        quiet_ns, end_ns, heard = self._motion.now_ns, self._motion.now_ns + _LONGEST_TALK_NS, 0
+        while self._motion.now_ns < min(end_ns, quiet_ns + _QUIET_NS):
+            self.run_to(self._motion.now_ns + _TURN_NS // 2)
             if line.busy or line.heard != heard:
-                quiet_ns, heard = self._now_ns, line.heard
+                quiet_ns, heard = self._motion.now_ns, line.heard
         return self.received(axis)
 
-    def host_baud(self, baud: float, axis: str = "x") -> None:
+    def host_baud(self, baud: float, axis: str = "") -> None:
         """Set the terminal's baud, which at first is the drive's."""
-        self._lines[axis].set_host_baud(baud)
+        self._line(axis).set_host_baud(baud)
 
-    def open_terminal(self, is_open: bool, axis: str = "x") -> None:
+    def open_terminal(self, is_open: bool, axis: str = "") -> None:
         """Open or close the terminal; what a drive sends to a closed one is lost."""
-        self._lines[axis].open_terminal(is_open)
+        self._line(axis).open_terminal(is_open)
 
     def steps(self, axis: str, count: int, rate_Hz: float = 0.0, accel_Hz_s: float = 0.0) -> None:
         """Send step pulses behind those still to come.
@@ -182,26 +166,26 @@ class AxisBench:
             Slope of the ramps at both ends; none at 0.
         """
         k = AXIS_NAMES.index(axis)
-        ends = self._moves["end_ns"][self._moves["axis"] == k]
-        start_ns = max(self._now_ns, int(ends.max(initial=0)))
-        self._moves = np.concatenate([self._moves, move(k, start_ns, count, rate_Hz, accel_Hz_s)])
+        ends = self._motion.moves["end_ns"][self._motion.moves["axis"] == k]
+        start_ns = max(self._motion.now_ns, int(ends.max(initial=0)))
+        self._motion.moves = np.concatenate([self._motion.moves, move(k, start_ns, count, rate_Hz, accel_Hz_s)])
 
     def stop_steps(self, axis: str) -> None:
         """Forget the step pulses still to come."""
-        self._moves = self._moves[self._moves["axis"] != AXIS_NAMES.index(axis)]
+        self._motion.moves = self._motion.moves[self._motion.moves["axis"] != AXIS_NAMES.index(axis)]
 
     def step_times(self, axis: str, times_ns: Sequence[int], direction: int) -> None:
         """Send single step pulses at some times."""
         k = AXIS_NAMES.index(axis)
         rows = [move(k, at_ns, direction, 0.0, 0.0) for at_ns in times_ns]
-        self._moves = np.concatenate([self._moves, *rows])
+        self._motion.moves = np.concatenate([self._motion.moves, *rows])
 
     def unplug(self, axis: str, wire: str, plugged: bool = False) -> None:
         """Unplug a wire, or with `plugged` plug it in again: A, B, index, step, dir or fault (the input's net)."""
         row = self._row(axis)
         if wire in _STEP_INPUTS:
-            k, bit = AXIS_NAMES.index(axis), _STEP_INPUTS[wire]
-            self._unplugged[k] = self._unplugged[k] & ~bit if plugged else self._unplugged[k] | bit
+            k, bit, open_ = AXIS_NAMES.index(axis), _STEP_INPUTS[wire], self._motion.unplugged
+            open_[k] = open_[k] & ~bit if plugged else open_[k] | bit
         elif wire == "fault":
             row["wiring"] = row["wiring"] | NET_IN if plugged else row["wiring"] & ~NET_IN
             row["hand_lines"] &= ~FAULT_IN if not plugged else -1
@@ -223,8 +207,9 @@ class AxisBench:
         drive, motor = self.drive(axis).record[0], self.motor(axis)
         rate_Hz = min(rate for rate in (float(motor["edge_rate_Hz"]), float(drive["count_rate_Hz"])) if rate > 0)
         if width_s * rate_Hz >= 1.0:
-            read_phases(self._row(axis), _PHASES[phases])
-            read_phases(self._row(axis), 0)
+            row = self._row(axis)
+            for row["disturbed"] in (_PHASES[phases], 0):
+                read_phases(row)
 
     def slip_encoder(self, axis: str, counts: int) -> None:
         """Let the encoder's disc slip by some counts at once; by 2 both phases change together."""
@@ -232,7 +217,7 @@ class AxisBench:
         row["zero_um"] -= counts * motor["um_per_rad"] / motor["counts_per_rad"]
         row["true_count"] += counts
         row["state"] = row["true_count"] & 3 ^ (row["true_count"] & 3) >> 1
-        read_phases(row, 0)
+        read_phases(row)
 
     def wire(self, axis: str, *, fault_in: bool = True, fault_out: bool = True) -> None:
         """Say how a drive hangs on the fault net: its input, and its output's diode."""
@@ -249,7 +234,7 @@ class AxisBench:
     def fault_net_low(self) -> bool:
         """Whether the fault net is low."""
         by_hand = any(self._row(name)["hand_lines"] & FAULT_IN for name in self.names)
-        return bool(by_hand or fault_net_low(self._axes))
+        return bool(by_hand or fault_net_low(self._motion.drives.axes))
 
     def supply(self, axis: str, volts: float) -> None:
         """Set the motor supply's voltage, 0 or more."""
@@ -263,9 +248,9 @@ class AxisBench:
         """Pull a drive's reset pin low, or let it go: it starts anew then."""
         held = bool(self._row(axis)["in_reset"])
         if low and not held:
-            pins = int(self._row(axis)["pins"])
-            hold_in_reset(self._axes, AXIS_NAMES.index(axis))
-            self._note_pins(axis, pins)
+            k, pins = AXIS_NAMES.index(axis), int(self._row(axis)["pins"])
+            hold_in_reset(self._motion.drives.axes, k)
+            self._motion.note_pins(k, pins)
         elif held and not low:
             self._power_up(axis)
 
@@ -278,17 +263,12 @@ class AxisBench:
     def _power_up(self, name: str) -> None:
         drive, row = self.drive(name), self._row(name)
         record = drive.record
-        record["now_ns"] = self._now_ns
+        record["now_ns"] = self._motion.now_ns
         row["in_reset"] = 0
         text = drive.power_up() if isinstance(drive, StartsAnew) else b""
         if record["watchdog_ns"][0] > 0:
-            record["alarm_ns"] = self._now_ns + record["watchdog_ns"]
+            record["alarm_ns"] = self._motion.now_ns + record["watchdog_ns"]
         self._lines[name].reply(text, int(record["due_ns"][0]))
-
-    def _note_pins(self, axis: str, before: int) -> None:
-        row = self._row(axis)
-        if row["pins"] != before:
-            self._changes.append(np.array([(AXIS_NAMES.index(axis), self._now_ns, row["pins"])], CHANGE_ROW))
 
     def hold(self, axis: str, held: bool) -> None:
         """Lock the rotor, or let it go."""
@@ -315,7 +295,7 @@ class AxisBench:
     def press_home(self, axis: str, closed: bool) -> None:
         """Close or open the home input by hand, where no cam stands."""
         row = self._row(axis)
-        row["cam"], row["cam_ns"] = closed, self._now_ns
+        row["cam"], row["cam_ns"] = closed, self._motion.now_ns
 
     def share_output(self, axes: Sequence[str], connected: str | None = None) -> None:
         """Let drives write to one analogue output, and a contactor lead it to the motor of one axis, or of none."""
@@ -326,7 +306,7 @@ class AxisBench:
 
     def stall(self, axis: str, seconds: float) -> None:
         """Keep a drive from computing for a while; its interrupts still count."""
-        self.drive(axis).record["stalled_until_ns"] = self._now_ns + round(seconds * 1e9)
+        self.drive(axis).record["stalled_until_ns"] = self._motion.now_ns + round(seconds * 1e9)
 
     def flip_bits(self, axis: str, bits: Sequence[int]) -> None:
         """Flip bits of a drive's EEPROM: bit `b` of byte `k` is number ``8 k + b``."""
@@ -334,26 +314,29 @@ class AxisBench:
         for bit in bits:
             eeprom[bit // 8] ^= 1 << bit % 8
 
-    def drive(self, axis: str = "x") -> Drive:
+    def drive(self, axis: str = "") -> Drive:
         """Return the bench's copy of a drive."""
-        found: Any = self._drives.by_axis[axis]
+        found: Any = self._motion.drives.by_axis[axis or self.names[0]]
         drive: Drive = found
         return drive
 
-    def axis(self, axis: str = "x") -> np.void:
+    def axis(self, axis: str = "") -> np.void:
         """Return an axis' row (`edmsim.compiled.axis_rows.AXIS`), which can be written."""
         return self._row(axis)
 
-    def motor(self, axis: str = "x") -> np.void:
+    def motor(self, axis: str = "") -> np.void:
         """Return the row of an axis' motor (`edmsim.compiled.axis_rows.MOTOR`), which can be written."""
-        row: np.void = self._axes.motors[AXIS_NAMES.index(axis)]
+        row: np.void = self._motion.drives.axes.motors[AXIS_NAMES.index(axis or self.names[0])]
         return row
 
     def _row(self, name: str) -> np.void:
-        row: np.void = self._axes.rows[AXIS_NAMES.index(name)]
+        row: np.void = self._motion.drives.axes.rows[AXIS_NAMES.index(name or self.names[0])]
         return row
 
-    def pins(self, axis: str = "x") -> Pins:
+    def _line(self, name: str) -> SerialLink:
+        return self._lines[name or self.names[0]]
+
+    def pins(self, axis: str = "") -> Pins:
         """Return a drive's pins as they are."""
         row = self._row(axis)
         pins, net = int(row["pins"]), bool(row["wiring"] & NET_IN) and self.fault_net_low
@@ -362,33 +345,20 @@ class AxisBench:
             (1 + float(row["duty"])) / 2, bool(net or row["hand_lines"] & FAULT_IN),
         )
 
-    def samples(self, axis: str = "x") -> NDArray[np.void]:
-        """Return an axis' samples noted since the last call (`SAMPLE_ROW`)."""
-        return _taken(self._samples, SAMPLE_ROW, axis)
+    def samples(self, axis: str = "") -> NDArray[np.void]:
+        """Return an axis' samples noted since the last call (`edmsim.axis_bench.loop.SAMPLE_ROW`)."""
+        return self._motion.samples(axis or self.names[0])
 
-    def changes(self, axis: str = "x") -> NDArray[np.void]:
-        """Return the changes of an axis' pins since the last call (`CHANGE_ROW`)."""
-        return _taken(self._changes, CHANGE_ROW, axis)
+    def changes(self, axis: str = "") -> NDArray[np.void]:
+        """Return the changes of an axis' pins since the last call (`edmsim.axis_bench.loop.CHANGE_ROW`)."""
+        return self._motion.changes(axis or self.names[0])
 
     def snapshot(self) -> dict[str, Any]:
         """Return what moves: drives, axes, steps to come, and the time; nothing may be on the serial lines."""
-        return {
-            **self._drives.snapshot(), "motors": self._axes.motors.copy(), "moves": self._moves.copy(),
-            "time_ns": self._now_ns,
-        }
+        return self._motion.snapshot()
 
     def restore(self, state: dict[str, Any]) -> None:
         """Take back a `snapshot` of the same drives; it continues bit for bit."""
-        self._drives.restore(state)
-        self._axes.motors[:], self._moves, self._now_ns = state["motors"], state["moves"].copy(), state["time_ns"]
+        self._motion.restore(state)
         for line in self._lines.values():
             line.forget()
-
-
-def _taken(parts: list[NDArray[np.void]], kind: np.dtype[np.void], axis: str) -> NDArray[np.void]:
-    """Take an axis' rows out of notes, and leave the others'."""
-    rows = np.concatenate(parts) if parts else np.zeros(0, kind)
-    own: NDArray[np.bool_] = rows["axis"] == AXIS_NAMES.index(axis)
-    parts[:] = [rows[~own]]
-    found: NDArray[np.void] = rows[own]
-    return found

@@ -11,6 +11,7 @@ from edmsim.compiled.jit import compiled
 from edmsim.plant.axes.board import NOBODY, first_due, serve
 from edmsim.plant.axes.shaft import coast_all
 from edmsim.plant.kernel.state import Axes
+from edmsim.plant.mechanics.mujoco_axes import FullLink, coast_table, lay_out_axes
 
 SAMPLE_ROW = np.dtype(
     [
@@ -43,13 +44,18 @@ def _note(axes: Axes, axis: int, row: NDArray[np.void]) -> None:
 
 @compiled
 def run(
-    axes: Axes, moves: NDArray[np.void], unplugged: NDArray[np.int64], until_ns: int, samples: NDArray[np.void],
-    changes: NDArray[np.void], noted: NDArray[np.int64],
+    state: NDArray[np.void], axes: Axes, link: FullLink | None, moves: NDArray[np.void],
+    unplugged: NDArray[np.int64], until_ns: int, samples: NDArray[np.void], changes: NDArray[np.void],
+    noted: NDArray[np.int64],
 ) -> int:
     """Run drives and axes to a time.
 
     Parameters
     ----------
+    state : records of `STATE` (1,)
+        Of the table that MuJoCo moves: its time.
+    link : FullLink or None
+        That table; None where edmsim's own integrator moves all axes.
     moves : records of `MOVE` (n,)
     unplugged : int64 (axes,)
         Bits of `steps`.
@@ -64,11 +70,18 @@ def run(
         `DONE`, `FULL` or `LOST`.
     """
     noted[:] = 0
+    if link is not None:
+        lay_out_axes(axes, link)
     while True:
         if noted[1] == changes.shape[0] or (samples.shape[0] > 0 and noted[0] == samples.shape[0]):
             return FULL
         who, due_ns = first_due(axes, until_ns)
-        coast_all(axes, 0, due_ns)
+        if link is not None:
+            if not coast_table(state, axes, link, due_ns):
+                return LOST
+            coast_all(axes, 2, due_ns)
+        else:
+            coast_all(axes, 0, due_ns)
         axis = who % N_AXES
         if who != NOBODY:
             axes.drives[axis].setpoint += make_steps(moves, axis, unplugged[axis], due_ns)

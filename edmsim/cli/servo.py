@@ -12,23 +12,31 @@ from edmsim.cli.console import INTERRUPTED, say
 
 def servo(
     drive: Annotated[str, typer.Argument(help="Drive: uhu or servo-module.", show_default=False)],
-    axis: Annotated[str, typer.Option(help="Motor, screw and table: bench, table, fast or low-impedance.")] = "bench",
+    axis: Annotated[
+        str, typer.Option(help="Of the machine: x, y; others: bench, table, fast, low-impedance.")
+    ] = "bench",
     tuned: Annotated[bool, typer.Option("--tuned", help="Tuned for the axis, not as delivered.")] = False,
     pty: Annotated[bool, typer.Option("--pty", help="Open a serial port for a terminal program.")] = False,
     speed: Annotated[
         float | None, typer.Option(help="Simulated seconds per second, by default 1; scripts take none.")
     ] = None,
-    scope: Annotated[bool, typer.Option("--scope", help="Draw the tracking error live, in rerun.")] = False,
+    scope: Annotated[
+        bool, typer.Option("--scope", help="Draw tracking error, duty, current, place, speed live, in rerun.")
+    ] = False,
     record: Annotated[Path | None, typer.Option(help="Write these curves as a recording, .rrd.")] = None,
 ) -> None:
     """Sit at the serial terminal of a servo drive."""
+    from edmsim.controllers.axis import Uhu
     from edmsim.servo.command import bench_for
     from edmsim.servo.scope import Scope
     from edmsim.servo.session import serve
 
     bench = bench_for(drive, axis, tuned)
-    screen = Scope(scope, record) if scope or record is not None else None
+    streams = isinstance(bench.drive(), Uhu)
+    screen = Scope(scope, record, streams) if scope or record is not None else None
     bench.trace = screen is not None
+    if screen is not None and screen.notice:
+        say(screen.notice)
     try:
         serve(bench, pty=pty, speed=speed, scope=screen, say=say)
     except KeyboardInterrupt:

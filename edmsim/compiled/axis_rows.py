@@ -128,6 +128,10 @@ AXIS = np.dtype(
         ("ready_ns", "f8"),
         ("unplugged", "i8"),
         ("swapped", "i8"),
+        ("disturbed", "i8"),
+        ("spike_ns", "f8"),
+        ("noise_key", "u8"),
+        ("noise_draws", "i8"),
         ("locked", "i8"),
         ("damage", "i8"),
         ("pins", "i8"),
@@ -158,15 +162,16 @@ The rest no drive sees. Wires: ``hand_lines`` are input lines held active from o
 hangs on the fault net, ``in_reset`` whether its logic is held in reset. Encoder: ``true_count`` by the place,
 ``missed`` what ``count`` is behind that, ``state`` the phases as they are, ``seen_state`` as they were last counted,
 ``ready_ns`` when the input takes the next edge, ``unplugged`` phases (which read 1) and whether they are
-``swapped``; ``mark`` is the last index mark below. ``cam`` is the home switch itself and ``cam_ns`` when it last
-changed. Axes of equal ``shares`` other than 0 hang on one output, which the drives write in turn; ``apart`` is an
-axis whose contactor is open, so that its motor freewheels. The switches open below ``low_um`` and above ``high_um``.
-Motor, moved to ``moved_ns``: ``pins`` and ``duty`` are the outputs in effect, ``place_um`` and ``speed_um_s`` of the
-table, ``rotor_um`` the travel that the rotor's angle stands for, its speed and current, ``integral_A`` the integral
-part of the current that a velocity amplifier asks for, ``link_V`` the supply's voltage at the bridge, ``peak_A`` the
-largest current so far, ``winding_K`` the winding's temperature over the surroundings,
-``damage`` what was too much. ``locked`` holds the rotor; ``hand_Nm`` and ``hand_N`` are a torque on its shaft and a
-force on the table from outside."""
+``swapped``; ``disturbed`` phases, which a spike turns over until ``spike_ns`` (without one, the next begins then),
+``noise_key`` and ``noise_draws`` number its draws; ``mark`` is the last index mark below. ``cam`` is the home switch
+itself and ``cam_ns`` when it last changed. Axes of equal ``shares`` other than 0 hang on one output, which the drives
+write in turn; ``apart`` is an axis whose contactor is open, so that its motor freewheels. The switches open below
+``low_um`` and above ``high_um``. Motor, moved to ``moved_ns``: ``pins`` and ``duty`` are the outputs in effect,
+``place_um`` and ``speed_um_s`` of the table, ``rotor_um`` the travel that the rotor's angle stands for, its speed and
+current, ``integral_A`` the integral part of the current that a velocity amplifier asks for, ``link_V`` the supply's
+voltage at the bridge, ``peak_A`` the largest current so far, ``winding_K`` the winding's temperature over the
+surroundings, ``damage`` what was too much. ``locked`` holds the rotor; ``hand_Nm`` and ``hand_N`` are a torque on its
+shaft and a force on the table from outside."""
 
 MOTOR = np.dtype(
     [
@@ -201,6 +206,8 @@ MOTOR = np.dtype(
         ("phase_error", "f8"),
         ("index_um", "f8"),
         ("edge_rate_Hz", "f8"),
+        ("spike_rate_Hz", "f8"),
+        ("spike_s", "f8"),
         ("index_phase_um", "f8"),
         ("index_width_um", "f8"),
         ("amplifier_rad_s_V", "f8"),
@@ -230,8 +237,9 @@ and damper between nut and table, its backlash. Table: mass, oil film, friction 
 ``load_N``, which pulls steadily (gravity of a vertical axis). On x and y of a machine, screw and table are the
 machine's own. Encoder: ``counts_per_rad`` of the rotor (4 times its lines over 2 pi), of the table's travel where
 ``on_table`` is 1; ``phase_error``, by how much of a count every other edge is off; ``index_um`` from one index mark
-to the next; ``edge_rate_Hz`` the fastest edges it makes. An index mark begins ``index_phase_um`` after a multiple of
-this way and is ``index_width_um`` long.
+to the next; ``edge_rate_Hz`` the fastest edges it makes; ``spike_rate_Hz`` how often on average a spike disturbs its
+wires, at random, and ``spike_s`` how long one lasts on average. An index mark begins ``index_phase_um`` after a
+multiple of the way between two and is ``index_width_um`` long.
 
 Velocity amplifier, none where ``amplifier_rad_s_V`` is 0: the rotor's speed per volt of its reference; it turns an
 error of speed into a current with ``amplifier_A_s`` (A per rad/s) and ``amplifier_A`` (A per rad), ``limit_A`` at

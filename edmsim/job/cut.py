@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 import hashlib
+import signal
+import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from types import FrameType
 from typing import Any, Unpack
 
 from edmsim import user_code
@@ -149,22 +153,46 @@ def _run(
         make_writable(folder)
     started = saved = time.monotonic()
 
-    def turn(progress: Progress) -> None:
-        nonlocal saved
-        if watch is not None:
-            watch(progress)
-        now = time.monotonic()
-        if folder is not None and now - saved > CHECKPOINT_EVERY_S and simulation.outcome is None:
-            checkpoint.save(simulation, folder, made_with, before_s + now - started)
-            saved = now
+    with _ctrl_c_between_windows() as pressed:
 
-    try:
-        simulation.run(turn)
-    except KeyboardInterrupt:
-        if folder is not None:
-            checkpoint.save(simulation, folder, made_with, before_s + time.monotonic() - started)
-        raise
+        def turn(progress: Progress) -> None:
+            nonlocal saved
+            if watch is not None:
+                watch(progress)
+            now = time.monotonic()
+            if folder is not None and now - saved > CHECKPOINT_EVERY_S and simulation.outcome is None:
+                checkpoint.save(simulation, folder, made_with, before_s + now - started)
+                saved = now
+            if pressed.is_set():
+                raise KeyboardInterrupt
+
+        try:
+            simulation.run(turn)
+        except KeyboardInterrupt:
+            if folder is not None:
+                checkpoint.save(simulation, folder, made_with, before_s + time.monotonic() - started)
+            raise
     return before_s + time.monotonic() - started
+
+
+@contextmanager
+def _ctrl_c_between_windows() -> Iterator[threading.Event]:
+    """Note Ctrl-C in an event: raised within a window, it would leave plant, sums and table at different windows."""
+    pressed = threading.Event()
+
+    def press(number: int, frame: FrameType | None) -> None:
+        pressed.set()
+
+    # a handler that is not Python's own is the caller's affair, and only the main thread may set one
+    ours = threading.current_thread() is threading.main_thread()
+    ours = ours and signal.getsignal(signal.SIGINT) is signal.default_int_handler
+    if ours:
+        signal.signal(signal.SIGINT, press)
+    try:
+        yield pressed
+    finally:
+        if ours:
+            signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 def _digest(content: bytes) -> str:

@@ -17,8 +17,10 @@ from edmsim.metrology.edges import cut_edges
 from edmsim.metrology.kerf import KerfWidth, kerf_width, width_stats
 from edmsim.metrology.profile import ProfileError, error_stats, profile_error
 from edmsim.metrology.roughness import roughness_um
+from edmsim.metrology.shares import error_shares, share_stats
 from edmsim.recording.report import KerfSlice, Quality, Totals, Wall
 from edmsim.recording.scene import ErrorMap, Scene, SceneCorner, Terrace, polylines
+from edmsim.recording.windows import WindowTable
 
 _NEAR_MM = 0.5
 """A window belongs to a place of the profile only within this distance of the wire."""
@@ -79,25 +81,27 @@ def cut_area_mm2(simulation: Simulation) -> float:
     return float(relief.heights_mm(np.column_stack([x, y])).mean()) * length * 1e-3
 
 
-def inspect(simulation: Simulation, guides_um: NDArray[np.float64]) -> Inspection:
+def inspect(simulation: Simulation, windows: WindowTable) -> Inspection:
     """Measure the part as it is now, finished or not.
 
     Parameters
     ----------
     simulation : Simulation
-    guides_um : float64 array (windows, 2)
-        Where the wire guides were at the end of every window.
+    windows : WindowTable
+        What was recorded of every window.
     """
     field, machine = simulation.plant.field, simulation.machine
     contours = simulation.path.contours
     profiles = [profile_error(field, contour) for contour in contours]
+    ways_um = _ways_um(simulation, windows)
+    shares = _shares(simulation, profiles, ways_um)
     found = [SceneCorner(**c) for k, p in zip(contours, profiles, strict=True) for c in corners(k, p)]
     guides = machine.base.guides.clearance_mm.value
     x, y = simulation.plant.commanded_um
     scene = Scene(
         maps=tuple(
-            ErrorMap(k.nominal_mm, k.part_side, p.points_mm, p.mean_um)
-            for k, p in zip(contours, profiles, strict=True)
+            ErrorMap(k.nominal_mm, k.part_side, p.points_mm, p.mean_um, split)
+            for k, p, split in zip(contours, profiles, shares, strict=True)
         ),
         cut_edges_mm=tuple(polylines(cut_edges(field, s)) for s in range(field.n_slices)),
         corners=tuple(found),
@@ -110,7 +114,29 @@ def inspect(simulation: Simulation, guides_um: NDArray[np.float64]) -> Inspectio
         hole_radius_mm=simulation.path.start_hole_radius_mm,
         stop_mm=None if simulation.cause is StopCause.FINISHED else (x * 1e-3, y * 1e-3),
     )
-    return Inspection(_quality(simulation, profiles, tuple(found)), scene, _error_per_window(guides_um, profiles))
+    commanded_um = np.concatenate([commanded for commanded, _, _ in ways_um])
+    return Inspection(_quality(simulation, profiles, scene), scene, _error_per_window(commanded_um, profiles))
+
+
+def _ways_um(simulation: Simulation, windows: WindowTable) -> list[tuple[NDArray[np.float64], ...]]:
+    """Return the ways of commanded position, guides and wire, (n, 2) each, contour by contour."""
+    commanded, following, lag, path_um = windows.ways_um()
+    guides = commanded - following
+    pieces = [np.hypot(*np.diff(contour.points_um, axis=0).T).sum() for contour in simulation.path.contours]
+    begins = np.searchsorted(np.maximum.accumulate(path_um), np.cumsum(pieces)[:-1], side="right")
+    ways = (np.split(way, begins) for way in (commanded, guides, guides - lag))
+    return list(zip(*ways, strict=True))
+
+
+def _shares(
+    simulation: Simulation, profiles: list[ProfileError], ways_um: list[tuple[NDArray[np.float64], ...]]
+) -> list[NDArray[np.float64] | None]:
+    """Split the profile error; not where the wire's centre runs on the edge itself."""
+    offset_um = simulation.path.offset_um
+    if offset_um == 0:
+        return [None] * len(profiles)
+    split = zip(profiles, simulation.path.contours, ways_um, strict=True)
+    return [error_shares(profile, contour, offset_um, ways) for profile, contour, ways in split]
 
 
 def _terraces(simulation: Simulation) -> tuple[Terrace, ...]:
@@ -127,7 +153,7 @@ def _terraces(simulation: Simulation) -> tuple[Terrace, ...]:
     )
 
 
-def _quality(simulation: Simulation, profiles: list[ProfileError], found: tuple[SceneCorner, ...]) -> Quality:
+def _quality(simulation: Simulation, profiles: list[ProfileError], scene: Scene) -> Quality:
     field, machine, sums = simulation.plant.field, simulation.machine, simulation.sums
     error = error_stats(np.concatenate([p.error_um.ravel() for p in profiles]))
     widths = [kerf_width(field, k, machine.wire_diameter_um) for k in simulation.path.contours]
@@ -141,10 +167,18 @@ def _quality(simulation: Simulation, profiles: list[ProfileError], found: tuple[
         profile_max_um=error["max"],
         profile_rms_um=error["rms"],
         profile_p95_um=error["p95"],
-        corners=found,
+        profile_shares=_share_stats(scene),
+        corners=scene.corners,
         ra_um=roughness_um(sums.crater_um3 / ignited, flatness) if ignited else math.nan,
         section=_section(widths, machine.height_mm),
     )
+
+
+def _share_stats(scene: Scene) -> dict[str, dict[str, float]] | None:
+    split = [(edge.shares_um, edge.error_um) for edge in scene.maps if edge.shares_um is not None]
+    if not split:
+        return None
+    return share_stats(np.concatenate([s for s, _ in split], axis=1), np.concatenate([e for _, e in split]))
 
 
 def _section(widths: list[KerfWidth], height_mm: float) -> tuple[KerfSlice, ...]:

@@ -111,7 +111,7 @@ def result_of(
     wall_time_s : float
         Time of the computer.
     """
-    found = inspect(simulation, recorders.windows.values()[:, 1:3])
+    found = inspect(simulation, recorders.windows)
     windows = recorders.windows.to_arrow(found.error_um)
     assert simulation.outcome is not None
     report = build_report(

@@ -29,7 +29,8 @@ from edmsim.plant.kernel.state import GRID, NO_METAL_UM, PULSES_PER_WINDOW, Arra
 from edmsim.plant.mechanics.film import added_mass_kg_m, edge_loss_kg_m2, pull_sum_um2
 from edmsim.plant.mechanics.mjcf import screw_constants
 from edmsim.plant.mechanics.model import ModalModel, WireSetup, build_model, propagator_table, reduce_model
-from edmsim.plant.mechanics.mujoco_model import DriveSetup, FullMechanics
+from edmsim.plant.mechanics.mujoco_model import FullMechanics
+from edmsim.plant.mechanics.mujoco_table import DriveSetup, TableMechanics
 from edmsim.plant.resolution import Resolution
 from edmsim.plant.wire import VACUUM_PERMEABILITY_N_A2, VACUUM_PERMITTIVITY_F_M, HeatLaw, area_m2
 
@@ -249,18 +250,29 @@ def _screws(wire: WireSetup, model_file: str, _version: int) -> tuple[dict[str, 
     return screw_constants(build_model(wire, model_file))
 
 
-def full_mechanics(machine: Machine, res: Resolution) -> FullMechanics:
-    """MuJoCo's own model of this set-up, to be stepped in the loop."""
+def _drive_setup(machine: Machine) -> DriveSetup:
     table = machine.base.table
-    drive = DriveSetup(
+    return DriveSetup(
         step_m=table.step_um.value * 1e-6,
         friction_N=table.friction_N.value,
         presliding_m=table.presliding_um.value * 1e-6,
         backlash_m=table.backlash_um.value * 1e-6,
     )
-    full = FullMechanics(wire_setup(machine), drive, _slice_heights_m(machine, res), machine.base.model)
-    full.set_travel(table.travel_mm.value * 1e-3)
+
+
+def full_mechanics(machine: Machine, res: Resolution) -> FullMechanics:
+    """MuJoCo's own model of this set-up, to be stepped in the loop."""
+    heights = _slice_heights_m(machine, res)
+    full = FullMechanics(wire_setup(machine), _drive_setup(machine), heights, machine.base.model)
+    full.set_travel(machine.base.table.travel_mm.value * 1e-3)
     return full
+
+
+def table_mechanics(machine: Machine, longest_us: float) -> TableMechanics:
+    """MuJoCo's own model of this machine's table, without the wire, in time steps up to a longest one."""
+    table = TableMechanics(_drive_setup(machine), longest_us, machine.base.model)
+    table.set_travel(machine.base.table.travel_mm.value * 1e-3)
+    return table
 
 
 def propagators(modes: ModalModel, timing: Timing) -> Propagators:

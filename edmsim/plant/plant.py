@@ -181,7 +181,7 @@ class Plant(PlantReadings):
         self._state["key"] = key_of(seed)
         self._state["commanded_um"][0, :2] = position_um
         self._state["axis_um"] = self._state["commanded_um"]
-        self._drives.reset(self._state["axis_um"][0])
+        self._drives.reset(self._state["axis_um"][0], seed)
         if isinstance(self._model, FullMechanics):
             self._model.reset()
         self._at_rest()

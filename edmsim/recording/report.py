@@ -91,6 +91,8 @@ class Quality:
         Roughness of the wall.
     section : tuple of KerfSlice
         The kerf slice by slice, from the bottom.
+    profile_shares : mapping, optional
+        What made the profile error (`edmsim.metrology.shares.share_stats`); None if it was not split.
     """
 
     kerf_mean_um: float
@@ -102,6 +104,7 @@ class Quality:
     corners: tuple[SceneCorner, ...]
     ra_um: float
     section: tuple[KerfSlice, ...] = ()
+    profile_shares: Mapping[str, Mapping[str, float]] | None = None
 
 
 def build_report(
@@ -189,6 +192,7 @@ def _part(quality: Quality) -> dict[str, Any]:
             "max": quality.profile_max_um,
             "rms": quality.profile_rms_um,
             "p95": quality.profile_p95_um,
+            "shares": quality.profile_shares,
         },
         "corners": [
             {"x_mm": c.x_mm, "y_mm": c.y_mm, "turn_deg": c.turn_deg, "error_um": c.error_um}
@@ -311,6 +315,7 @@ def summary(report: Mapping[str, Any]) -> list[tuple[str, str]]:
         ("pulses", "  ".join([f"{report['pulses']:,}", *shares])),
         ("kerf", f"{say(kerf['mean'], 'µm')} mean, {least} to {largest}"),
         ("profile error", f"{error[0]} max, {error[1]} rms, {error[2]} for 95 %"),
+        ("made by", _shares_line(profile["shares"])),
         ("corners", _corner_line(report["corners"])),
         ("wire", f"lag {lag}, vibration {vibration} rms, at most {say(wire['temperature_K_max'], 'K', 0)}"),
         ("axes", f"{say(follow['max'], 'µm')} behind at most, {say(follow['rms'], 'µm')} rms"),
@@ -322,6 +327,12 @@ def summary(report: Mapping[str, Any]) -> list[tuple[str, str]]:
 
 def _percent(share: float | None) -> float | None:
     return None if share is None else 100.0 * share
+
+
+def _shares_line(shares: Mapping[str, Mapping[str, float | None]] | None) -> str:
+    if shares is None:
+        return "not split: the wire's centre was to run on the edge"
+    return ", ".join(f"{name} {figure_text(share['rms'], 'µm')}" for name, share in shares.items()) + " rms"
 
 
 def _corner_line(corners: Sequence[Mapping[str, float | None]]) -> str:

@@ -29,12 +29,15 @@ class ErrorMap:
         Places where the error was measured; n may be 0.
     error_um : float64 array (n,)
         Profile error there, mean over the height: positive is metal left on the part; NaN where unknown.
+    shares_um : float64 array (5, n), optional
+        What made it (`edmsim.metrology.shares.error_shares`); None if it was not split.
     """
 
     nominal_mm: NDArray[np.float64]
     part_side: Literal["left", "right"]
     points_mm: NDArray[np.float64]
     error_um: NDArray[np.float64]
+    shares_um: NDArray[np.float64] | None = None
 
     def outward(self) -> NDArray[np.float64]:
         """Return unit vectors (n, 2) away from the part at `points_mm`, smooth across corners."""

@@ -16,7 +16,7 @@ from edmsim.errors import InputError
 from edmsim.files import replacing
 from edmsim.recording.scene import ErrorMap, Polylines, Scene, SceneCorner, Terrace
 
-VERSION = 1
+VERSION = 2
 """Of the file's layout."""
 
 
@@ -32,7 +32,7 @@ def write_scene(scene: Scene, file: str | Path) -> None:
     corners = [(c.x_mm, c.y_mm, c.turn_deg, c.error_um) for c in scene.corners]
     arrays = {
         **_flat("nominal", [[edge.nominal_mm] for edge in scene.maps]),
-        **_flat("measured", [[np.column_stack([edge.points_mm, edge.error_um])] for edge in scene.maps]),
+        **_flat("measured", [[_columns(edge)] for edge in scene.maps]),
         **_flat("edges", scene.cut_edges_mm),
         **_flat("terraces", [terrace.outlines_mm for terrace in scene.terraces]),
         "corners": np.reshape(np.array(corners, float), (-1, 4)),
@@ -41,6 +41,12 @@ def write_scene(scene: Scene, file: str | Path) -> None:
     }
     with replacing(file) as partial, partial.open("wb") as opened:
         np.savez_compressed(opened, allow_pickle=False, **arrays)
+
+
+def _columns(edge: ErrorMap) -> NDArray[np.float64]:
+    """Places, error and what made it, side by side."""
+    shares = () if edge.shares_um is None else edge.shares_um
+    return np.column_stack([edge.points_mm, edge.error_um, *shares])
 
 
 def read_scene(file: str | Path) -> Scene:
@@ -69,7 +75,7 @@ def _scene(arrays: Mapping[str, NDArray[Any]], told: Mapping[str, Any]) -> Scene
     nominal = [lines[0] for lines in _groups(arrays, "nominal")]
     return Scene(
         maps=tuple(
-            ErrorMap(line, side, rows[:, :2], rows[:, 2])
+            ErrorMap(line, side, rows[:, :2], rows[:, 2], rows[:, 3:].T if rows.shape[1] > 3 else None)
             for line, side, rows in zip(nominal, told["part_sides"], measured, strict=True)
         ),
         cut_edges_mm=_groups(arrays, "edges"),

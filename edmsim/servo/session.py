@@ -20,6 +20,7 @@ FRAME_S = 0.01
 """Simulated time between two looks at the terminal (ours): far below what a person notices."""
 _START_S, _LAST_S = 0.1, 0.1
 """Time for the start-up text, and for the last answer, of a script (ours)."""
+_STDIN = 0
 _DATA = 0x80
 """Bytes from here on are the analyser's (row U-35)."""
 
@@ -72,7 +73,7 @@ def serve(
             with keyboard.in_character_mode():
                 _run(bench, keyboard, interrupts, speed or 1.0, scope)
         else:
-            run_script(bench, sys.stdin.buffer.read(), scope)
+            run_script(bench, _read_script(), scope)
 
 
 def _run(bench: AxisBench, device: _Device, interrupts: Interrupts, speed: float, scope: Scope | None) -> None:
@@ -91,6 +92,14 @@ def _advance(bench: AxisBench, scope: Scope | None) -> bytes:
     heard = bench.received_at()
     scope.draw(heard, bench.samples())
     return bytes(value for value, _ in heard)
+
+
+def _read_script() -> bytes:
+    """Read standard input to its end; one that is closed has nothing."""
+    if sys.stdin is None:
+        return b""
+    with open(_STDIN, "rb", closefd=False) as opened:
+        return opened.read()
 
 
 def run_script(bench: AxisBench, script: bytes, scope: Scope | None) -> None:

@@ -149,5 +149,5 @@ class Keyboard(Pipe):
 
 
 def is_terminal() -> bool:
-    """Whether a person sits at both standard input and output."""
-    return sys.stdin.isatty() and sys.stdout.isatty()
+    """Whether a person sits at both standard input and output; either may be closed."""
+    return all(stream is not None and stream.isatty() for stream in (sys.stdin, sys.stdout))

@@ -50,7 +50,7 @@ def error_map(draw: np.random.Generator) -> ErrorMap:
     s = np.arange(0.0, 32.0, 0.02)
     to_corner = np.abs(s[:, None] - np.array([0.0, 10.0, 16.0, 26.0, 32.0])).min(axis=1)
     error = 2.0 * np.sin(s) - 9.0 * np.exp(-to_corner / 0.15) + 0.4 * draw.standard_normal(len(s))
-    return ErrorMap(nominal, "left", along(nominal, s), error)
+    return ErrorMap(nominal, "left", along(nominal, s), error, np.outer([0.1, 0.1, 0.2, 0.4, 0.2], error))
 
 
 def windows(draw: np.random.Generator) -> WindowTable:

@@ -19,7 +19,8 @@ from edmsim.recording.cut_folder import read_cut
 from edmsim.recording.html_report import page
 
 NAMES = [
-    "profile-error", "corner", "kerf-section", "pulses", "short-open", "ignition-delay", "wire-spectrum",
+    "profile-error", "error-shares", "corner", "kerf-section", "pulses", "short-open", "ignition-delay",
+    "wire-spectrum",
 ]
 
 

@@ -23,6 +23,7 @@ from edmsim.recording.figures import (
     kerf_figure,
     plane_figure,
     pulses_figure,
+    shares_figure,
     spectrum_figure,
 )
 from edmsim.recording.figures.style import WIDTH_IN
@@ -56,7 +57,8 @@ def test_every_figure_is_one_column_wide_and_needs_no_pyplot(
 ) -> None:
     monkeypatch.setitem(sys.modules, "matplotlib.pyplot", None)  # importing it would raise
     for figure in (
-        error_figure(cut.scene), corner_figure(cut.scene, cut.windows), kerf_figure(cut.report),
+        error_figure(cut.scene), shares_figure(cut.scene), corner_figure(cut.scene, cut.windows),
+        kerf_figure(cut.report),
         pulses_figure(cut.windows), plane_figure(cut.windows), delay_figure(sample, cut.windows),
         spectrum_figure([sample], "fast"),
     ):  # fmt: skip
@@ -199,6 +201,7 @@ def test_a_cut_that_left_nothing_says_so(cut: SimpleNamespace) -> None:
     empty = [{"height_mm": 10.0, "places": 0, "part": wall(np.nan), "rest": wall(np.nan)}]
     for figure, said in (
         (error_figure(scene), "no profile error"),
+        (shares_figure(scene), "no shares"),
         (corner_figure(scene, nothing), "no corner"),
         (kerf_figure(cut.report | {"kerf_section": empty}), "no kerf"),
         (pulses_figure(nothing), "no pulses"),

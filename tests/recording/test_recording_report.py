@@ -21,7 +21,7 @@ FIELDS: dict[str, Any] = {
     "outcome": None, "reason": None, "machining_time_s": None, "wall_time_s": None, "realtime_factor": None,
     "pulses": None, "path_length_mm": None, "feed_um_s": {"mean", "max"}, "cutting_rate_mm2_min": None,
     "pulse_share": {"spark", "arc", "short", "open"}, "kerf_um": {"mean", "min", "max"}, "kerf_section": None,
-    "profile_error_um": {"max", "rms", "p95"}, "corners": None,
+    "profile_error_um": {"max", "rms", "p95", "shares"}, "corners": None,
     "wire": {"lag_um", "vibration_um_rms", "temperature_K_max"}, "coverage": {"mean", "max"},
     "following_error_um": {"max", "rms"},
     "surface": {"ra_um"}, "energy_J": None, "removed_mm3": None, "mean_current_A": None, "mean_voltage_V": None,

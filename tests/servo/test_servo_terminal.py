@@ -1,4 +1,4 @@
-"""``edmsim servo``: scripts in a pipe, an ordinary terminal program on a pseudo-terminal, keys, scope, refusals."""
+"""``edmsim servo``: scripts in a pipe, an ordinary terminal program on a pseudo-terminal, keys, axes, refusals."""
 
 from __future__ import annotations
 
@@ -10,15 +10,12 @@ import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from pathlib import Path
 
 import pytest
 
-from edmsim.errors import InputError
+import edmsim
 from edmsim.servo.command import bench_for
 from edmsim.servo.keys import sent_for
-from edmsim.servo.scope import Scope
-from edmsim.servo.session import run_script
 
 COMMAND = [sys.executable, "-m", "edmsim", "servo"]
 
@@ -40,6 +37,42 @@ def test_the_module_does_not_echo():
     told = piped(b"P1234\nGV\n", "servo-module", "--axis", "table", "--tuned")
     assert told.stdout.endswith(b"(P) - Kp: 1234\r\nVelocity: 0\r\n")
     assert b"P1234\r" not in told.stdout
+
+
+@pytest.mark.parametrize("drive", ["uhu", "servo-module"])
+def test_garbage_from_a_pipe_and_an_overlong_line_are_answered_and_nothing_moves(drive):
+    told = piped(bytes(range(1, 256)) + b"\n" + b"P" * 5000 + b"\n", drive)
+    assert (told.returncode, told.stderr) == (0, b"")
+    assert told.stdout.count(b"?\r\n") >= 2
+
+
+def test_a_closed_input_is_an_empty_script_and_a_reader_that_leaves_ends_it_quietly():
+    closed = subprocess.run(["sh", "-c", '"$0" "$@" <&-', *COMMAND, "uhu"], capture_output=True, check=False)
+    assert (closed.returncode, closed.stderr) == (0, b"")
+    assert closed.stdout.endswith(b"Help by (?)\r\n>")
+    script = '{ yes "#" | head -500; } | "$0" "$@" | head -c 5'
+    left = subprocess.run(["sh", "-c", script, *COMMAND, "uhu"], capture_output=True, check=False)
+    assert (left.stdout, left.stderr) == (b"UHU S", b"")
+
+
+@pytest.mark.parametrize("axis", ["x", "y"])
+def test_the_machine_s_own_axis_has_its_screw_its_mass_and_the_ends_of_its_travel(axis):
+    table = edmsim.Machine.load().base.table
+    bench = bench_for("uhu", axis, True)
+    bench.run(0.1)
+    assert bench.motor()["table_kg"] == pytest.approx({"x": 45.3, "y": 20.0}[axis])
+    middle_um = 500.0 * table.travel_mm.value
+    assert bench.axis()["place_um"] == pytest.approx(middle_um, abs=1.0)
+    assert bench.talk(b"G100\r").endswith(b"OK\r\n>")
+    bench.run(1.0)
+    assert bench.axis()["place_um"] == pytest.approx(middle_um + 20.0, abs=1.0)  # 500 lines, 0.4 mm a turn
+    bench.steps(axis, 15_000, 2_500.0, 10_000.0)  # 2 um each
+    bench.run(7.0)
+    assert bench.pins().enabled
+    bench.steps(axis, 2_000, 2_500.0, 10_000.0)  # 1.5 mm beyond the travel
+    bench.run(2.0)
+    assert not bench.pins().enabled  # it met the end, tripped, and springs back
+    assert bench.axis()["place_um"] < 1e3 * table.travel_mm.value + 1_000.0
 
 
 @pytest.mark.parametrize(
@@ -114,28 +147,3 @@ def test_cursor_keys_move_the_axis(keys, counts):  # U-60
     module = bench_for("servo-module", "table", True)
     module.run(0.1)
     assert module.talk(sent_for(keys, False, False)[0]) == b"Move %+d\r\n" % counts
-
-
-def test_the_scope_writes_the_tracking_error_stream(tmp_path: Path, capfdbinary: pytest.CaptureFixture[bytes]):
-    from rerun.chunk import RrdReader
-
-    file = tmp_path / "scope.rrd"
-    scope = Scope(False, file)
-    bench = bench_for("uhu", "bench", True)
-    bench.trace = True
-    run_script(bench, b"A\nG60\n", scope)
-    scope.close()
-    streamed = [byte - 128 - 63 for byte in capfdbinary.readouterr().out if byte >= 128]
-    assert max(streamed) > 40
-    drawn: list[float] = []
-    for chunk in RrdReader(str(file)).stream().to_chunks():
-        if chunk.entity_path == "/tracking_error":
-            batch = chunk.to_record_batch()
-            drawn += [value for row in batch.column("Scalars:scalars").to_pylist() for value in row]
-    assert drawn == streamed
-
-
-def test_a_scope_s_file_that_cannot_be_written_is_told(tmp_path: Path):
-    (tmp_path / "file").touch()
-    with pytest.raises(InputError):
-        Scope(False, tmp_path / "file" / "scope.rrd")

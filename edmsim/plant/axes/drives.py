@@ -10,8 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edmsim.compiled.axis_rows import DRIVE, FAULT, FREEWHEEL, N_AXES, NET_IN, NET_OUT, SampleFunction
+from edmsim.compiled.random import key_of
 from edmsim.errors import InputError
 from edmsim.plant.axes.board import NEVER
+from edmsim.plant.axes.encoder import draw_pause
 from edmsim.plant.axes.marks import LONG_AGO_NS, mark_below, watch_cam
 from edmsim.plant.axes.motor import check_motor
 from edmsim.plant.axes.shaft import longest_step_ns
@@ -96,10 +98,11 @@ class Drives:
         self._travel_um = travel_um
         self.axes = made._replace(loops=len(self._looped))
 
-    def reset(self, axis_um: NDArray[np.float64]) -> None:
-        """Switch the drives on at time 0, with the axes at rest at some places."""
+    def reset(self, axis_um: NDArray[np.float64], seed: int) -> None:
+        """Switch the drives on at time 0, with the axes at rest at some places; the seed is the encoders' noise's."""
         rows, drives = self.axes.rows, self.axes.drives
         rows[:] = 0
+        rows["spike_ns"] = np.inf
         rows["place_um"] = rows["zero_um"] = axis_um
         rows["low_um"], rows["high_um"] = (0.0, 0.0, -np.inf, -np.inf), (*[self._travel_um] * 2, np.inf, np.inf)
         drives[:] = self._first
@@ -111,6 +114,9 @@ class Drives:
         for k in self._looped:
             drives["index"][k] = 1
             drives["due_ns"][k] = int(drives["num"][k]) // int(drives["den"][k])
+            rows["noise_key"][k] = key_of(-1 - N_AXES * int(seed) - k)  # other keys than the plants' own
+            if self.axes.motors["spike_rate_Hz"][k] > 0:
+                rows["spike_ns"][k] = draw_pause(rows[k], self.axes.motors[k])
         self._find_marks()
 
     def pass_by(self, moved_um: NDArray[np.float64], duration_ns: int) -> None:
@@ -118,7 +124,7 @@ class Drives:
         rows, drives = self.axes.rows, self.axes.drives
         for name in ("place_um", "rotor_um", "zero_um"):
             rows[name] += moved_um
-        for name in ("time_ns", "moved_ns", "ready_ns"):
+        for name in ("time_ns", "moved_ns", "ready_ns", "spike_ns"):
             rows[name] += duration_ns
         for name in ("epoch_ns", "due_ns", "now_ns"):
             drives[name] += duration_ns

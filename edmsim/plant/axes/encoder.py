@@ -3,6 +3,10 @@
 The phases follow the place of rotor or table edge by edge. An input is not read again for ``1 / rate`` after it was
 read: of edges that come faster it sees what the phases are by then. One step of the four states is a count, two at
 once are illegal and move none, three look like one back.
+
+Spikes come at random on A, on B or on both wires, one as often as the other, at exponential intervals and with
+exponential lengths (ours: nothing is known of them). One shorter than ``1 / rate`` does not pass the input; a longer
+one turns phases over while it lasts.
 """
 
 from __future__ import annotations
@@ -10,8 +14,11 @@ from __future__ import annotations
 import math
 from typing import Any
 
+import numpy as np
+
 from edmsim.compiled.axis_rows import HIGH_END, LOW_END, PHASE_A, PHASE_B
 from edmsim.compiled.jit import compiled
+from edmsim.compiled.random import uniform
 from edmsim.plant.axes.marks import home_level, pass_marks
 from edmsim.plant.kernel.state import Axes
 
@@ -36,12 +43,17 @@ def _count_at(position: float, phase_error: float) -> int:
 
 
 @compiled
-def read_phases(row: Any, disturbed: int) -> None:
-    """Let the input count what it sees now, some phases turned over by a disturbance."""
-    phases = row.state ^ disturbed
+def _phases_at_input(row: Any) -> Any:
+    phases = row.state ^ row.disturbed
     if row.swapped != 0:
         phases = (phases & PHASE_A) << 1 | (phases & PHASE_B) >> 1
-    phases |= row.unplugged & (PHASE_A | PHASE_B)
+    return phases | row.unplugged & (PHASE_A | PHASE_B)
+
+
+@compiled
+def read_phases(row: Any) -> None:
+    """Let the input count what it sees now."""
+    phases = _phases_at_input(row)
     step = ((phases ^ phases >> 1) - (row.seen_state ^ row.seen_state >> 1)) & 3
     row.seen_state = phases
     if step == 2:
@@ -54,9 +66,17 @@ def read_phases(row: Any, disturbed: int) -> None:
 @compiled
 def _catch_up(row: Any, now_ns: float, hold_ns: float) -> None:
     """Read the phases if an edge has waited for the input to be ready."""
-    if row.ready_ns <= now_ns:
-        read_phases(row, 0)
+    if row.ready_ns <= now_ns and row.seen_state != _phases_at_input(row):
+        read_phases(row)
         row.ready_ns += hold_ns
+
+
+@compiled
+def _look(row: Any, now_ns: float, hold_ns: float) -> None:
+    """Read the phases, which have just changed, if the input is ready."""
+    if row.ready_ns <= now_ns:
+        read_phases(row)
+        row.ready_ns = now_ns + hold_ns
 
 
 @compiled
@@ -65,6 +85,37 @@ def _hold_ns(drive: Any, motor: Any) -> float:
     if drive.count_rate_Hz > 0.0:
         rate_Hz = min(rate_Hz, drive.count_rate_Hz)
     return float(1e9 / rate_Hz)
+
+
+@compiled
+def _draw(row: Any) -> float:
+    row.noise_draws += 1
+    return float(uniform(row.noise_key, np.uint64(row.noise_draws)))
+
+
+@compiled
+def draw_pause(row: Any, motor: Any) -> float:
+    """Return the time (ns) from one spike to the next."""
+    return -1e9 * math.log(_draw(row)) / float(motor.spike_rate_Hz)
+
+
+@compiled
+def _take_spikes(row: Any, motor: Any, hold_ns: float, until_ns: float) -> None:
+    """Let spikes on the encoder's wires begin and end before a time."""
+    while row.spike_ns < until_ns:
+        at_ns = row.spike_ns
+        _catch_up(row, at_ns, hold_ns)
+        if row.disturbed != 0:
+            row.disturbed = 0
+            row.spike_ns += draw_pause(row, motor)
+        else:
+            width_ns = -1e9 * math.log(_draw(row)) * motor.spike_s
+            if width_ns < hold_ns:
+                row.spike_ns += draw_pause(row, motor)
+                continue
+            row.disturbed = 1 + int(3.0 * _draw(row))
+            row.spike_ns += width_ns
+        _look(row, at_ns, hold_ns)
 
 
 @compiled
@@ -80,20 +131,19 @@ def see_edges(drive: Any, row: Any, motor: Any, before: float, from_ns: float, t
     """
     after = position(row, motor)
     count = _count_at(after, motor.phase_error)
-    if count == row.true_count:
+    if count == row.true_count and row.spike_ns >= to_ns:
         return
-    way = 1 if count > row.true_count else -1
     hold_ns, span = _hold_ns(drive, motor), after - before
+    way = 1 if count > row.true_count else -1
     while row.true_count != count:
         share = 1.0 if span == 0.0 else min(max((row.true_count + 0.5 * way - before) / span, 0.0), 1.0)
         at_ns = from_ns + share * (to_ns - from_ns)
-        if row.seen_state != row.state:
-            _catch_up(row, at_ns, hold_ns)
+        _take_spikes(row, motor, hold_ns, at_ns)
+        _catch_up(row, at_ns, hold_ns)
         row.true_count += way
         row.state = row.true_count & 3 ^ (row.true_count & 3) >> 1
-        if row.ready_ns <= at_ns:
-            read_phases(row, 0)
-            row.ready_ns = at_ns + hold_ns
+        _look(row, at_ns, hold_ns)
+    _take_spikes(row, motor, hold_ns, to_ns)
 
 
 @compiled

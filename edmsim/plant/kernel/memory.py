@@ -26,7 +26,7 @@ from edmsim.plant.gap.coverage import GasLaw
 from edmsim.plant.kernel.declare import ArraySizes, check, entries_of, fields_of, numbers_of
 from edmsim.plant.kernel.fire import fire_window
 from edmsim.plant.kernel.state import Arrays, Axes, Constants, Own, Propagators, Scratch, Timing
-from edmsim.plant.mechanics.mujoco_loop import FullLink
+from edmsim.plant.mechanics.mujoco_axes import FullLink
 from edmsim.plant.wire import HeatLaw
 
 _GROUPS: dict[str, Any] = {

@@ -2,21 +2,12 @@
 
 from __future__ import annotations
 
-import ctypes
-from dataclasses import dataclass, fields
-from typing import TYPE_CHECKING, cast
-
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from edmsim.errors import EdmsimError, InputError
 from edmsim.plant.mechanics.model import MODEL_FILE, ModalModel, WireSetup, at_heights, machine_spec, reduce_model
-from edmsim.plant.mechanics.mujoco_loop import FullLink
-
-if TYPE_CHECKING:
-    import mujoco
-
-Array = NDArray[np.float64]
+from edmsim.plant.mechanics.mujoco_axes import FullLink
+from edmsim.plant.mechanics.mujoco_table import DriveSetup, TableMechanics, compile_without_geoms, dofs_of
 
 N_NODES = 25
 """Nodes of the wire, the fewest whose first four modes are within 1 % of the string's: a time step costs what
@@ -27,50 +18,8 @@ the limit itself waves run along the chain as along the string."""
 _MOST_ACCELERATION = 5e9
 """m/s2; MuJoCo takes 1e10 for a number gone wild."""
 
-_ALLOWED: dict[str, tuple[float, float, str]] = {
-    "step_m": (1e-8, 1e-3, "m (0.01 um to 1 mm)"),
-    "friction_N": (0.0, 1e3, "N"),
-    "presliding_m": (1e-7, 1e-4, "m (0.1 to 100 um)"),
-    "backlash_m": (0.0, 1e-3, "m (0 to 1 mm)"),
-}
 
-
-@dataclass(frozen=True)
-class DriveSetup:
-    """What the drives of the table have that its linear model has not.
-
-    Attributes
-    ----------
-    step_m : float
-        Travel of one full step of a motor, in m.
-    friction_N : float
-        Coulomb friction of an axis' ways in N; 0 for none.
-    presliding_m : float
-        Travel in m over which friction builds up to 63 % after a reversal.
-    backlash_m : float
-        Play of a nut on its screw in m; 0 for a preloaded one.
-
-    Raises
-    ------
-    InputError
-        If a value is not finite or outside what such a machine can have.
-    """
-
-    step_m: float
-    friction_N: float
-    presliding_m: float
-    backlash_m: float
-
-    def __post_init__(self) -> None:
-        """Refuse values no drive can have; most often a wrong unit."""
-        for field in fields(self):
-            value = getattr(self, field.name)
-            low, high, unit = _ALLOWED[field.name]
-            if not low <= value <= high:  # also refuses nan
-                raise InputError(f"drive {field.name} is {value!r}; it must be {low:g} to {high:g} {unit}")
-
-
-class FullMechanics:
+class FullMechanics(TableMechanics):
     """MuJoCo's model and data for one plant, and what compiled code needs of them.
 
     Keep it as long as the link is used: the link holds addresses of its memory. One plant, one of these.
@@ -110,15 +59,9 @@ class FullMechanics:
     def __init__(
         self, wire: WireSetup, drive: DriveSetup, slice_heights_m: ArrayLike, model_file: str = MODEL_FILE
     ) -> None:
-        import mujoco
-
-        spec = machine_spec(wire, model_file, N_NODES)
-        for geom in list(spec.geoms):
-            spec.delete(geom)  # drawn only, and yet a time step would pay for them
-        self.model = cast("mujoco.MjModel", spec.compile())
+        self.model = compile_without_geoms(machine_spec(wire, model_file, N_NODES))
         self.modes = reduce_model(self.model, N_NODES, slice_heights_m)
-        _free_motors(self.model, drive)
-        self.data = mujoco.MjData(self.model)
+        self._make_ready(drive)
         heights = np.asarray(slice_heights_m, float)
         nodes = at_heights(np.eye(N_NODES), self.modes.node_heights_m, wire.guide_distance_m, heights)
         self.wire_shape = np.ascontiguousarray(nodes)
@@ -128,80 +71,16 @@ class FullMechanics:
         self.slice_mass_kg = 1 / (nodes**2 / self._node_mass).sum(axis=1)
         self.table_slide_shape = np.array([[1.0, 0.0], [1.0, 0.0]])
         self.table_participation = np.zeros((2, 2))
-        self.link = self._link(wire, drive)
+        self.link = self._link_with_wire(wire, drive)
 
-    def _link(self, wire: WireSetup, drive: DriveSetup) -> FullLink:
-        model, data = self.model, self.data
-        motors = [model.actuator(f"{axis}_stepper") for axis in "xy"]
-        teeth = float(model.numeric("rotor_teeth").data[0])
-        node_mass = float(model.body("wire_00").mass[0])
+    def _link_with_wire(self, wire: WireSetup, drive: DriveSetup) -> FullLink:
         wildest = _MOST_ACCELERATION / float(self.modes.wire_omega[-1]) ** 2
-        return FullLink(
-            mj_step=_address_of_step(),
-            model=model._address,
-            data=data._address,
-            timestep=_timestep(model),
-            qpos=data.qpos,
-            qvel=data.qvel,
-            force=data.qfrc_applied,
-            wire=np.array([_dofs(model, [f"wire_{axis}{i:02d}" for i in range(N_NODES)]) for axis in "xy"]),
-            carriage=_dofs(model, ["x", "y"]),
-            rotor=_dofs(model, ["x_rotor", "y_rotor"]),
-            longest_us=_STEP_SHARE * _stable_step(self.modes) * 1e6,
+        return self._link_of_table(drive, _STEP_SHARE * _stable_step(self.modes) * 1e6)._replace(
+            wire=np.array([dofs_of(self.model, [f"wire_{axis}{i:02d}" for i in range(N_NODES)]) for axis in "xy"]),
             reach_m=min(wire.guide_distance_m / 2, wildest),
             node_kg=self._node_mass,
-            most_force_N=_MOST_ACCELERATION * node_mass,
-            rad_per_um=self.modes.rotor_rad_per_m * 1e-6,
-            step_um=drive.step_m * 1e6,
-            holding_Nm=np.array([motor.gainprm[0] / teeth for motor in motors]),
-            teeth=teeth,
-            friction_N=drive.friction_N,
-            presliding_m=drive.presliding_m,
-            friction_share=np.zeros(2),
+            most_force_N=_MOST_ACCELERATION * float(self.model.body("wire_00").mass[0]),
         )
-
-    def set_travel(self, travel_m: float) -> None:
-        """Put the far stops of both axes as far behind a travel as the near ones stand before zero."""
-        for axis in "xy":
-            stops = self.model.joint(axis).range
-            stops[1] = travel_m - stops[0]
-
-    def set_motor(self, axis: int, motor: NDArray[np.void]) -> None:
-        """Put a direct-current motor, a row of `MOTOR`, in the place of the stepper of x (0) or y (1)."""
-        name = "xy"[axis]
-        self.model.dof_damping[self.link.rotor[axis]] = motor["damping_Nm_s"][0]
-        self.model.body(f"{name}_rotor").inertia[:] = motor["inertia_kg_m2"][0]
-        tendon, play_m = self.model.tendon(f"{name}_screw").id, motor["backlash_um"][0] * 1e-6
-        self.model.tendon_lengthspring[tendon] = -play_m / 2, play_m / 2
-        self.model.tendon_damping[tendon] = 0.0  # the loop has the damper, which does nothing within the backlash
-
-    def reset(self) -> None:
-        """Let the ways' friction go; positions and velocities come from the plant's arrays."""
-        self.link.friction_share[:] = 0.0
-
-    def snapshot(self) -> dict[str, Array]:
-        """Return what changes and is not in the plant's arrays; with them, `restore` continues bit for bit."""
-        return {"friction_share": self.link.friction_share.copy()}
-
-    def restore(self, state: dict[str, Array]) -> None:
-        """Take back a `snapshot`."""
-        self.link.friction_share[:] = state["friction_share"]
-
-
-def _free_motors(model: mujoco.MjModel, drive: DriveSetup) -> None:
-    """Take the linear motors off, give the nuts their play, and leave the integration to plain Euler steps.
-
-    Without warm start nothing but positions, velocities and forces goes into a step. Damping is explicit, which
-    costs least; `_stable_step` allows for it.
-    """
-    import mujoco
-
-    for axis in "xy":
-        model.tendon_lengthspring[model.tendon(f"{axis}_screw").id] = -drive.backlash_m / 2, drive.backlash_m / 2
-    model.opt.integrator = mujoco.mjtIntegrator.mjINT_EULER
-    off = mujoco.mjtDisableBit
-    for flag in (off.mjDSBL_ACTUATION, off.mjDSBL_EULERDAMP, off.mjDSBL_WARMSTART, off.mjDSBL_AUTORESET):
-        model.opt.disableflags |= flag
 
 
 def _stable_step(modes: ModalModel) -> float:
@@ -213,36 +92,3 @@ def _stable_step(modes: ModalModel) -> float:
     omega = np.concatenate([modes.wire_omega, modes.table_omega.ravel()])
     damping = 2 * np.concatenate([modes.wire_zeta, modes.table_zeta.ravel()]) * omega
     return float(np.min((np.sqrt(damping**2 + 4 * omega**2) - damping) / omega**2))
-
-
-def _dofs(model: mujoco.MjModel, joints: list[str]) -> NDArray[np.int64]:
-    """Degrees of freedom of slides and hinges; they stand at the same place in qpos and in qvel."""
-    return np.array([int(model.joint(name).dofadr[0]) for name in joints], np.int64)
-
-
-def _address_of_step() -> int:
-    """Return where ``mj_step`` is; looked up through the bindings, so it is the library they have loaded."""
-    import mujoco
-
-    function = ctypes.CDLL(mujoco._functions.__file__).mj_step
-    return cast("int", ctypes.cast(function, ctypes.c_void_p).value)
-
-
-def _timestep(model: mujoco.MjModel) -> Array:
-    """Return a view of the model's time step, which the bindings give as a copy only.
-
-    Gravity stands in the same C struct a few numbers behind it, and of gravity there is a view. The place is
-    taken only if it follows two changes of the time step.
-    """
-    gravity = model.opt.gravity.__array_interface__["data"][0]
-    before = model.opt.timestep
-    for back in range(1, 17):
-        place = np.ctypeslib.as_array((ctypes.c_double * 1).from_address(gravity - 8 * back))
-        follows = []
-        for value in (1.2345678e-5, 7.6543210e-6):
-            model.opt.timestep = value
-            follows.append(place[0] == value)
-        if all(follows):
-            model.opt.timestep = before
-            return place
-    raise EdmsimError("MuJoCo's time step is not where this version of edmsim looks for it")

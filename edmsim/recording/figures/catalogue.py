@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from edmsim.cosim.pulse_sample import PulseSample
 from edmsim.recording.figures.cut import corner_figure, error_figure, kerf_figure
 from edmsim.recording.figures.pulses import delay_figure, plane_figure, pulses_figure
+from edmsim.recording.figures.shares import shares_figure
 from edmsim.recording.figures.wire import spectrum_figure
 from edmsim.recording.scene import Scene
 
@@ -49,6 +50,10 @@ def pictures(
     Picture
     """
     yield Picture("profile-error", "Profile error along the nominal edge.", error_figure(scene))
+    yield Picture(
+        "error-shares", "The profile error, and what path, planner, drive, wire and gap have of it, along the edge.",
+        shares_figure(scene),
+    )  # fmt: skip
     if scene.corners:
         yield Picture(
             "corner", "The corner with the largest error: paths and metal to scale, deviations below.",

@@ -112,6 +112,11 @@ ELECTRICAL: tuple[Plot, ...] = (
         "guides on the table, µm",
         (Series("x_um", "X", palette.SKY), Series("y_um", "Y", palette.VERMILION)),
     ),
+    Plot(
+        "following",
+        "following error of the drives, µm",
+        (Series("following_x_um", "X", palette.SKY), Series("following_y_um", "Y", palette.VERMILION)),
+    ),
 )
 """Views of the second tab."""
 

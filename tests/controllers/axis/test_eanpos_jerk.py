@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+
 from tests.controllers.axis.eanpos_bench import TOP, Positioner
 
 ruckig = pytest.importorskip("ruckig", reason="an extra of the tests")

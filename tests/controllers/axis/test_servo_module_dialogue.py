@@ -69,7 +69,7 @@ def test_the_menu_shows_all_settings_and_the_peak_error_last():  # M-33, M-A13, 
     "P1.5", "P-1", "P+1", "P65536", "O-32769", "O65536", "M1", "B", "G", "GX", "GV1", "S1", "Q1", "R0", "?1", "P12x",
     "+", "-", "+-5", "--5", "-32769", "+65536", "+1.0", "Z16", "Z192", "Z224", "Z256", "Z-1", "L-3", "1234",
 ])  # fmt: skip
-def test_what_the_module_does_not_know_is_answered_by_a_question_mark(typed):  # M-4, M-5, M-46, M-A14
+def test_what_the_module_does_not_know_is_answered_by_a_question_mark(typed):  # M-4, M-5, M-46, M-A14, M-A18
     bench = on_bench()
     before = say(bench, "?")
     setpoint = words(bench, "GT")

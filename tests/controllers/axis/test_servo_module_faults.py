@@ -37,7 +37,7 @@ def stop(bench):
     return bench
 
 
-def test_the_pins_of_a_running_module():  # M-1
+def test_the_pins_of_a_running_module():  # M-1, M-A5
     pins = on_bench().pins("x")
     assert (pins.enabled, pins.fault_out_low, pins.duty) == (True, False, 0.5)
 
@@ -241,13 +241,34 @@ def test_a_stopped_module_flashes_its_reason(name, flashes):  # M-3, M-A10
     assert len(lit_times) == pytest.approx(4 * flashes, abs=flashes)
 
 
-def test_a_running_module_blinks_evenly_and_faster_in_recorder_mode():  # M-3, M-A10
+def test_a_running_module_blinks_evenly_and_faster_in_recorder_mode():  # M-3, M-A10, M-A5, M-A23: pin 18
     bench = on_bench()
     assert set(lamp(bench, 4.0)[0]) == {5}
     say(bench, "Z0")
     lengths, _ = lamp(bench, 2.0)
     assert lengths.size >= 14
     assert set(lengths) == {1}
+
+
+def test_no_watchdog_stops_a_module_whose_loop_stands():  # M-A22
+    bench = on_bench()
+    bench.changes("x")
+    bench.stall("x", 0.5)
+    bench.run(0.4)
+    bench.steps("x", 20, 1000.0)
+    bench.run(0.4)
+    assert bench.pins("x").enabled
+    assert status(bench) & {0, 1, 2} == set()
+    assert words(bench, "GP") == pytest.approx(20, abs=1)
+
+
+def test_a_stalled_motor_trips_under_its_steps():  # M-43
+    bench = on_bench(step_multiplier=9)
+    bench.hold("x", True)
+    bench.steps("x", 20, 500.0)
+    bench.run(0.2)
+    assert {0, 1} <= status(bench)
+    assert not bench.pins("x").enabled
 
 
 def test_a_fault_of_one_axis_stops_the_other():  # M-44, M-43

@@ -39,6 +39,16 @@ def test_the_clamp_holds_behind_the_offset():  # M-40, M-23
     assert get(bench, "GD") == 999
 
 
+@pytest.mark.parametrize(("scale", "output"), [(256, 12), (128, 24)])
+def test_gains_are_in_256ths_of_a_duty_count_unless_the_law_says_otherwise(scale, output):  # M-A9
+    bench = AxisBench({"x": ServoModule(axis_row("table"), {"proportional_gain": 384}, law={"gain_scale": scale})})
+    bench.run(0.02)
+    bench.received("x")
+    locked(bench, 8)
+    bench.run(0.01)
+    assert get(bench, "GO") == output
+
+
 def test_the_loop_runs_at_the_duty_s_rate_by_l_plus_7():  # M-21, M-47, M-A2
     listed = (2800, 2450, 2200, 1950, 1800, 1650, 1500, 1400, 1300, 1220, 1220)
     bench = on_bench()

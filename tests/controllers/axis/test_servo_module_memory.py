@@ -22,7 +22,7 @@ def restarted(bench):
     return bench.received("x")
 
 
-def test_what_was_saved_is_there_after_power_up():  # M-25, M-45, M-5
+def test_what_was_saved_is_there_after_power_up():  # M-25, M-45, M-5, M-A3
     bench = on_bench()
     say(bench, "P1234")
     say(bench, "O-25")
@@ -143,6 +143,15 @@ def test_no_input_crashes_the_parser_and_only_moves_move(lines):
             assert reg[at.SETPOINT] == before[at.SETPOINT]
         assert all(0 <= reg[k] <= 65535 for k in at.PARAMETERS if k != at.OFFSET)
         assert -32768 <= reg[at.OFFSET] <= 32767
+
+
+@given(st.binary(max_size=60).filter(lambda line: not set(line) & set(b"+-Oo")))
+@settings(max_examples=25, deadline=None)
+def test_no_bytes_but_moves_and_the_offset_move_a_running_motor(line):
+    bench = on_bench()
+    bench.send(line + b"\r")
+    bench.run(0.05)
+    assert abs(int(bench.axis("x")["true_count"])) <= 1
 
 
 @pytest.mark.parametrize("script", [

@@ -75,7 +75,7 @@ def test_the_limit_grows_with_the_commanded_velocity(velocity, limit):  # M-10, 
     assert say(bench, "GF") == f"Scaled limit: {limit}"
 
 
-def test_the_velocity_is_that_of_the_motor_in_counts_per_cycle():  # M-11
+def test_the_velocity_is_that_of_the_motor_in_counts_per_cycle():  # M-11, M-A8
     bench = on_bench("fast", step_multiplier=62, error_limit=NO_TRIP, **FAST)
     bench.steps("x", -2000, ONE_STEP_HZ, 4 * ONE_STEP_HZ)
     bench.run(0.7)

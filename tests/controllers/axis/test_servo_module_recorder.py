@@ -27,7 +27,7 @@ def test_z_alone_aborts_and_z0_starts():  # M-30, M-A7, M-57
     assert status(bench) & {7, 8} == set()
 
 
-def test_the_printed_example_records_the_duty_at_once():  # M-30: Z157 = 5 + 24 + 128
+def test_the_printed_example_records_the_duty_at_once():  # M-31, M-A18, M-30: Z157 = 5 + 24 + 128
     bench = locked(on_bench(loop_divider=9))
     say(bench, "O100")
     say(bench, "Z157")

@@ -94,7 +94,7 @@ def test_load_save_and_go_alone_ask_as_well() -> None:  # U-A18
     assert register(bench, TARGET) == -20
 
 
-def test_keys_are_echoed_one_by_one_and_blanks_case_and_line_feeds_do_not_count() -> None:  # U-7, U-A13 to U-A15
+def test_keys_are_echoed_one_by_one_and_blanks_case_and_line_feeds_do_not_count() -> None:  # U-7, U-A13, U-A14, U-A15
     bench = tuned(**SAMPLE_SET)
     assert [bench.talk(bytes([key])) for key in b"p 6 "] == [b"p", b" ", b"6", b" "]
     assert bench.talk(b"00\r\n") == b"00\r\nOK\r\n>"
@@ -142,7 +142,7 @@ def test_the_three_banks_are_independent() -> None:  # U-26, U-27, U-54, U-55, U
     assert "(P)rop.      1000" in ask(bench, "#")
 
 
-def test_any_flipped_bit_of_a_bank_is_corrected() -> None:  # U-29
+def test_any_flipped_bit_of_a_bank_is_corrected() -> None:  # U-29, U-A24
     bench = tuned(**SAMPLE_SET)
     for bit in range(0, 42 * 8, 5):
         bench.flip_bits("x", (bit,))
@@ -227,6 +227,16 @@ def test_the_wrong_baud_rate_and_long_lines_set_nothing() -> None:  # U-13, U-53
     assert bench.talk(b"P" + b"0" * 40 + b"5\r").endswith(b"?\r\n>")
     assert ask(bench, "#").replace("\r", "") == HELP.strip()
     assert register(bench, LATCHED) == 0
+
+
+def test_34800_baud_is_a_misprint_of_38400() -> None:  # M-A6, U-7
+    bench = tuned()
+    bench.host_baud(34800.0)
+    assert b"OK" not in bench.talk(b"P600\r")
+    bench.talk(b"\r")
+    bench.host_baud(38400.0)
+    bench.talk(b"\r")
+    assert bench.talk(b"P600\r") == b"P600\r\nOK\r\n>"
 
 
 def test_what_is_meant_for_the_servo_module_moves_no_motor() -> None:  # M-51

@@ -131,6 +131,15 @@ def test_a_cycle_longer_than_the_watchdog_trips_it(cycle: int, trips: bool) -> N
     assert bench.pins("x").enabled != trips
 
 
+def test_a_stalled_motor_trips_under_its_steps() -> None:  # U-21
+    bench = tuned(error_limit=100)
+    bench.hold("x", True)
+    bench.steps("x", 150, 2000.0)
+    bench.run(0.2)
+    assert register(bench, LATCHED) == TRACKING
+    assert not bench.pins("x").enabled
+
+
 def test_a_tracking_trip_says_nothing_and_r_starts_where_the_axis_is() -> None:  # U-31, U-46, U-A21, U-A25
     bench = tuned(error_limit=100)
     bench.hold("x", True)

@@ -28,13 +28,13 @@ def control_in(command: np.ndarray) -> np.ndarray:
 
 
 @pytest.mark.parametrize("cycle", [30, 50, 63, 200])
-def test_the_interval_is_c_times_256_clocks(cycle: int) -> None:  # U-4, U-23
+def test_the_interval_is_c_times_256_clocks(cycle: int) -> None:  # U-4, U-23, U-A3
     times = traced(tuned(cycle=cycle), 0.2)["time_ns"]
     assert np.ptp(np.diff(times)) <= 1
     assert np.mean(np.diff(times)) == pytest.approx(cycle * 256e9 / 24e6, abs=0.01)
 
 
-def test_a_new_c_acts_at_once_and_changes_what_gains_mean() -> None:  # U-23, U-65
+def test_a_new_c_acts_at_once_and_changes_what_gains_mean() -> None:  # U-23, U-65, U-A9
     bench = tuned()
     assert ask(bench, "C50") == "OK"
     assert np.mean(np.diff(traced(bench, 0.1)["time_ns"])) == pytest.approx(533_333.3, abs=1)
@@ -52,7 +52,7 @@ def test_below_30_timing_is_lost() -> None:  # U-52, U-51
         assert (intervals.mean() == pytest.approx(320_000.0, abs=0.1)) == exact
 
 
-def test_the_output_is_proportional_to_the_error() -> None:  # U-12, U-14
+def test_the_output_is_proportional_to_the_error() -> None:  # U-12, U-14, U-A12
     bench = tuned(**P_ONLY, proportional_gain=640)
     bench.hold("x", True)
     for counts in (1, 3, -13, 40):
@@ -152,7 +152,7 @@ def test_a_duty_begins_with_a_period_of_20_khz() -> None:  # U-2
     assert int(bench.drive("x").record["pwm_ns"][0]) == 50_000
 
 
-def test_the_higher_n_the_sharper() -> None:  # U-20
+def test_the_higher_n_the_sharper() -> None:  # U-20, U-A7, U-A28
     taken = []
     for n in (50, 100, 150, 300, 600, 1000):
         bench = tuned(**{**P_ONLY, "output_filter": n}, proportional_gain=500)
@@ -234,7 +234,7 @@ def test_g_moves_at_the_speed_of_x() -> None:  # U-18, U-30
     assert register(bench, LATCHED) == TRACKING
 
 
-def test_x_below_the_step_rate_trips() -> None:  # U-18
+def test_x_below_the_step_rate_trips() -> None:  # U-18, U-A10, U-A29
     for limit, trips in ((16, True), (5000, False)):
         bench = tuned(speed_limit=limit, error_limit=500)
         bench.steps("x", 4000, 4000.0, 20_000.0)
@@ -287,7 +287,7 @@ def test_faster_edges_than_the_input_takes_are_overruns() -> None:  # U-A30
 
 
 @pytest.mark.parametrize(("cycle", "period_ms"), [(63, 3.36), (30, 1.6)])
-def test_the_stream_sends_a_byte_every_five_intervals(cycle: int, period_ms: float) -> None:  # U-33, U-34, U-A31
+def test_the_stream_sends_a_byte_every_five_intervals(cycle, period_ms) -> None:  # U-33, U-34, U-A9, U-A31
     bench = tuned(cycle=cycle)
     bench.received("x")
     bench.send(b"A\r", axis="x")

@@ -1,0 +1,226 @@
+"""Rotors and carriages of x and y under MuJoCo: a time step from compiled code, with all that a drive needs of it.
+
+`edmsim.plant.mechanics.mujoco_loop` steps the machine with its wire, pulse by pulse; the drives' bench its table.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from edmsim.compiled.calls import call_with_two
+from edmsim.compiled.jit import compiled
+from edmsim.plant.axes.encoder import position, see_edges
+from edmsim.plant.axes.marks import watch_cam
+from edmsim.plant.axes.motor import energise
+from edmsim.plant.axes.shaft import rubbed_rotor, rubbed_table, screw_damping
+from edmsim.plant.kernel.declare import CHANGING, Kept
+from edmsim.plant.kernel.state import Array, Axes
+
+
+class FullLink(NamedTuple):
+    """What compiled code needs of a MuJoCo model: addresses, views into MuJoCo's memory, and constants.
+
+    Valid as long as the model and data it was made from;
+    `edmsim.plant.mechanics.mujoco_model.FullMechanics` keeps them.
+
+    Attributes
+    ----------
+    mj_step, model, data : int
+        Addresses of the function and of its two arguments.
+    timestep : (1,)
+        The model's time step in s.
+    qpos, qvel, force : (degrees of freedom,)
+        Positions, velocities and applied forces, SI.
+    wire : int64 (2, nodes)
+        Degree of freedom of every node along x and y, from the lower guide up.
+    carriage, rotor : int64 (2,)
+        Degrees of freedom of the axes' carriages and rotors.
+    longest_us : float
+        Longest time step.
+    reach_m : float
+        A node further from the line between the guides is lost.
+    node_kg : (nodes,)
+        Mass of every node.
+    most_force_N : float
+        A node pulled harder is lost.
+    rad_per_um : (2,)
+        Rotor angle per um of travel.
+    step_um : float
+        Travel of a full step of a motor.
+    holding_Nm : (2,)
+        Largest torque of a motor.
+    teeth : float
+        Periods of that torque in a turn.
+    friction_N : float
+        Coulomb friction of an axis' ways.
+    presliding_m : float
+        Travel over which friction builds up.
+    friction_share : (2,)
+        Friction on each axis as a share of `friction_N`, -1 to 1: the only state besides the plant's arrays.
+    """
+
+    mj_step: int
+    model: int
+    data: int
+    timestep: Annotated[Array, Kept(1)]
+    qpos: Annotated[Array, Kept("dofs")]
+    qvel: Annotated[Array, Kept("dofs")]
+    force: Annotated[Array, Kept("dofs")]
+    wire: Annotated[NDArray[np.int64], Kept(2, "nodes")]
+    carriage: Annotated[NDArray[np.int64], Kept(2)]
+    rotor: Annotated[NDArray[np.int64], Kept(2)]
+    longest_us: float
+    reach_m: float
+    node_kg: Annotated[Array, Kept("nodes")]
+    most_force_N: float
+    rad_per_um: Annotated[Array, Kept(2)]
+    step_um: float
+    holding_Nm: Annotated[Array, Kept(2)]
+    teeth: float
+    friction_N: float
+    presliding_m: float
+    friction_share: Annotated[Array, Kept(2, life=CHANGING)]
+
+
+@compiled
+def sound(link: FullLink) -> bool:
+    """Whether every number MuJoCo is about to step from is finite and has a meaning.
+
+    MuJoCo itself would write a warning into a file for what is refused here.
+    """
+    for axis in range(2):
+        for m in range(link.wire.shape[1]):
+            dof = link.wire[axis, m]
+            if not (
+                abs(link.qpos[dof]) < link.reach_m
+                and abs(link.qvel[dof]) * link.timestep[0] < link.reach_m
+                and abs(link.force[dof]) < link.most_force_N
+            ):
+                return False
+        for dof in (link.carriage[axis], link.rotor[axis]):
+            if not (abs(link.qpos[dof]) < 1e6 and abs(link.qvel[dof]) < 1e6 and abs(link.force[dof]) < 1e6):
+                return False
+    return True
+
+
+@compiled
+def _drive(state: NDArray[np.void], axes: Axes, link: FullLink) -> None:
+    """Apply the motors' torques and the friction of the ways.
+
+    The torque of a direct-current motor follows its current. Its screw's damper stands here, as it does nothing
+    within the backlash. A hybrid stepper holds its rotor by a torque that is sinusoidal over the angle and repeats
+    with every tooth: an angle of a tooth and it rests, four full steps off, without anyone noticing.
+    """
+    for axis in range(2):
+        rotor = link.rotor[axis]
+        if axes.drives[axis].sample != 0:
+            row, motor = axes.rows[axis], axes.motors[axis]
+            damping = screw_damping(row, motor)
+            link.force[link.carriage[axis]] = damping + motor.load_N + row.hand_N
+            torque = energise(row, motor, link.timestep[0])
+            link.force[rotor] = torque + row.hand_Nm - damping * motor.um_per_rad * 1e-6
+            continue
+        link.force[link.carriage[axis]] = -link.friction_N * link.friction_share[axis]
+        lead = link.qpos[rotor] - state[0].commanded_um[axis] * link.rad_per_um[axis]
+        link.force[rotor] = -link.holding_Nm[axis] * math.sin(link.teeth * lead)
+
+
+@compiled
+def _rub(link: FullLink, axis: int, travel_m: float) -> None:
+    """Carry friction on over a travel: Dahl's law, exact for a travel in one direction.
+
+    ``dz/dx = 1 - z sign(dx) / presliding`` for the bristles' bending z, here as a share of the largest.
+    """
+    left = math.exp(-abs(travel_m) / link.presliding_m)
+    toward = 1.0 if travel_m > 0.0 else -1.0
+    link.friction_share[axis] = toward + (link.friction_share[axis] - toward) * left
+
+
+@compiled
+def _brake_axis(axes: Axes, link: FullLink, axis: int, rotor_rad_s: float, carriage_m_s: float) -> None:
+    """Let dry friction take its share of the speeds that a time step has given rotor and carriage."""
+    motor, dt = axes.motors[axis], link.timestep[0]
+    rotor, carriage = link.rotor[axis], link.carriage[axis]
+    change = rubbed_rotor(axes.rows[axis], motor, rotor_rad_s, link.qvel[rotor], dt) - link.qvel[rotor]
+    link.qvel[rotor] += change
+    link.qpos[rotor] += change * dt
+    change = rubbed_table(motor, carriage_m_s * 1e6, link.qvel[carriage] * 1e6, dt) * 1e-6 - link.qvel[carriage]
+    link.qvel[carriage] += change
+    link.qpos[carriage] += change * dt
+
+
+@compiled
+def step(state: NDArray[np.void], axes: Axes, link: FullLink) -> bool:
+    """One time step of MuJoCo under the forces on the wire; false if they or what they move have no meaning."""
+    _drive(state, axes, link)
+    if not sound(link):
+        return False
+    x, y = link.qpos[link.carriage[0]], link.qpos[link.carriage[1]]
+    x_speed, y_speed = link.qvel[link.carriage[0]], link.qvel[link.carriage[1]]
+    x_rotor, y_rotor = link.qvel[link.rotor[0]], link.qvel[link.rotor[1]]
+    call_with_two(link.mj_step, link.model, link.data)
+    if axes.drives[0].sample != 0:
+        _brake_axis(axes, link, 0, x_rotor, x_speed)
+    else:
+        _rub(link, 0, link.qpos[link.carriage[0]] - x)
+    if axes.drives[1].sample != 0:
+        _brake_axis(axes, link, 1, y_rotor, y_speed)
+    else:
+        _rub(link, 1, link.qpos[link.carriage[1]] - y)
+    return True
+
+
+@compiled
+def see_axes(state: NDArray[np.void], axes: Axes, link: FullLink, until_ns: int) -> None:
+    """Tell the axes whose drives have a loop where MuJoCo has moved them, and their encoders."""
+    for axis in range(2):
+        if axes.drives[axis].sample == 0:
+            continue
+        drive, row, motor = axes.drives[axis], axes.rows[axis], axes.motors[axis]
+        before = position(row, motor)
+        row.place_um = state[0].axis_um[axis] = link.qpos[link.carriage[axis]] * 1e6
+        row.speed_um_s = link.qvel[link.carriage[axis]] * 1e6
+        row.rotor_um = link.qpos[link.rotor[axis]] * motor.um_per_rad
+        row.speed_rad_s = link.qvel[link.rotor[axis]]
+        see_edges(drive, row, motor, before, float(row.moved_ns), float(until_ns))
+        watch_cam(row, motor, float(until_ns))
+        row.moved_ns = until_ns
+
+
+@compiled
+def lay_out_axes(axes: Axes, link: FullLink) -> None:
+    """Give MuJoCo the places and speeds of the axes whose drives have a loop."""
+    for axis in range(2):
+        if axes.drives[axis].sample != 0:
+            row, motor = axes.rows[axis], axes.motors[axis]
+            link.qpos[link.carriage[axis]] = row.place_um * 1e-6
+            link.qvel[link.carriage[axis]] = row.speed_um_s * 1e-6
+            link.qpos[link.rotor[axis]] = row.rotor_um / motor.um_per_rad
+            link.qvel[link.rotor[axis]] = row.speed_rad_s
+
+
+@compiled
+def coast_table(state: NDArray[np.void], axes: Axes, link: FullLink, until_ns: int) -> bool:
+    """Step a table without a wire to a time, in equal time steps, the drives' outputs held.
+
+    Returns
+    -------
+    bool
+        False if a number is none, or beyond every reason; nothing is stepped any more then.
+    """
+    start_ns = state[0].time_ns
+    span_ns = until_ns - start_ns
+    if span_ns <= 0:
+        return True
+    steps = math.ceil(span_ns * 1e-3 / link.longest_us)
+    link.timestep[0] = span_ns * 1e-9 / steps
+    for k in range(steps):
+        if not step(state, axes, link):
+            return False
+        see_axes(state, axes, link, start_ns + span_ns * (k + 1) // steps)
+    state[0].time_ns = until_ns
+    return True

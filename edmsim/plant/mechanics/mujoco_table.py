@@ -1,0 +1,216 @@
+"""MuJoCo's model of a machine's table, made ready to be stepped by compiled code."""
+
+from __future__ import annotations
+
+import ctypes
+import math
+from dataclasses import dataclass, fields
+from typing import TYPE_CHECKING, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from edmsim.errors import EdmsimError, InputError
+from edmsim.plant.mechanics import mjcf
+from edmsim.plant.mechanics.model import MODEL_FILE
+from edmsim.plant.mechanics.mujoco_axes import FullLink
+
+if TYPE_CHECKING:
+    import mujoco
+
+Array = NDArray[np.float64]
+
+_ALLOWED: dict[str, tuple[float, float, str]] = {
+    "step_m": (1e-8, 1e-3, "m (0.01 um to 1 mm)"),
+    "friction_N": (0.0, 1e3, "N"),
+    "presliding_m": (1e-7, 1e-4, "m (0.1 to 100 um)"),
+    "backlash_m": (0.0, 1e-3, "m (0 to 1 mm)"),
+}
+
+
+@dataclass(frozen=True)
+class DriveSetup:
+    """What the drives of the table have that its linear model has not.
+
+    Attributes
+    ----------
+    step_m : float
+        Travel of one full step of a motor, in m.
+    friction_N : float
+        Coulomb friction of an axis' ways in N; 0 for none.
+    presliding_m : float
+        Travel in m over which friction builds up to 63 % after a reversal.
+    backlash_m : float
+        Play of a nut on its screw in m; 0 for a preloaded one.
+
+    Raises
+    ------
+    InputError
+        If a value is not finite or outside what such a machine can have.
+    """
+
+    step_m: float
+    friction_N: float
+    presliding_m: float
+    backlash_m: float
+
+    def __post_init__(self) -> None:
+        """Refuse values no drive can have; most often a wrong unit."""
+        for field in fields(self):
+            value = getattr(self, field.name)
+            low, high, unit = _ALLOWED[field.name]
+            if not low <= value <= high:  # also refuses nan
+                raise InputError(f"drive {field.name} is {value!r}; it must be {low:g} to {high:g} {unit}")
+
+
+class TableMechanics:
+    """MuJoCo's model and data of a table, and what compiled code needs of them.
+
+    Keep it as long as the link is used: the link holds addresses of its memory. One plant or bench, one of these.
+
+    Parameters
+    ----------
+    drive : DriveSetup
+        Steps, friction and backlash of the table.
+    longest_us : float
+        Longest time step.
+    model_file : str
+        The machine's MJCF: a file of `edmsim.models`. Its wire is left out.
+
+    Attributes
+    ----------
+    model, data : mujoco.MjModel, mujoco.MjData
+        The table, its motors driven by compiled code instead of actuators.
+    link : FullLink
+        For `edmsim.plant.mechanics.mujoco_axes.coast_table`.
+    """
+
+    def __init__(self, drive: DriveSetup, longest_us: float, model_file: str = MODEL_FILE) -> None:
+        spec = mjcf.read(model_file).copy()
+        for part in (list(spec.tendons), list(spec.bodies)):
+            for item in part:
+                if item.name.partition("_")[0] in ("wire", "segment"):
+                    spec.delete(item)
+        for item in (*spec.lights, *spec.cameras, *spec.sites):
+            spec.delete(item)
+        self.model = compile_without_geoms(spec)
+        self._make_ready(drive)
+        self.link = self._link_of_table(drive, longest_us)
+
+    def _make_ready(self, drive: DriveSetup) -> None:
+        import mujoco
+
+        _free_motors(self.model, drive)
+        self.data = mujoco.MjData(self.model)
+
+    def _link_of_table(self, drive: DriveSetup, longest_us: float) -> FullLink:
+        """Return the link of a model without a wire."""
+        model, data = self.model, self.data
+        motors = [model.actuator(f"{axis}_stepper") for axis in "xy"]
+        teeth = float(model.numeric("rotor_teeth").data[0])
+        return FullLink(
+            mj_step=_address_of_step(),
+            model=model._address,
+            data=data._address,
+            timestep=_timestep(model),
+            qpos=data.qpos,
+            qvel=data.qvel,
+            force=data.qfrc_applied,
+            wire=np.zeros((2, 0), np.int64),
+            carriage=dofs_of(model, ["x", "y"]),
+            rotor=dofs_of(model, ["x_rotor", "y_rotor"]),
+            longest_us=longest_us,
+            reach_m=math.inf,
+            node_kg=np.zeros(0),
+            most_force_N=math.inf,
+            rad_per_um=np.array([1 / screw["um_per_rad"] for screw in mjcf.screw_constants(model)]),
+            step_um=drive.step_m * 1e6,
+            holding_Nm=np.array([motor.gainprm[0] / teeth for motor in motors]),
+            teeth=teeth,
+            friction_N=drive.friction_N,
+            presliding_m=drive.presliding_m,
+            friction_share=np.zeros(2),
+        )
+
+    def set_travel(self, travel_m: float) -> None:
+        """Put the far stops of both axes as far behind a travel as the near ones stand before zero."""
+        for axis in "xy":
+            stops = self.model.joint(axis).range
+            stops[1] = travel_m - stops[0]
+
+    def set_motor(self, axis: int, motor: NDArray[np.void]) -> None:
+        """Put a direct-current motor, a row of `MOTOR`, in the place of the stepper of x (0) or y (1)."""
+        name = "xy"[axis]
+        self.model.dof_damping[self.link.rotor[axis]] = motor["damping_Nm_s"][0]
+        self.model.body(f"{name}_rotor").inertia[:] = motor["inertia_kg_m2"][0]
+        tendon, play_m = self.model.tendon(f"{name}_screw").id, motor["backlash_um"][0] * 1e-6
+        self.model.tendon_lengthspring[tendon] = -play_m / 2, play_m / 2
+        self.model.tendon_damping[tendon] = 0.0  # the loop has the damper, which does nothing within the backlash
+
+    def reset(self) -> None:
+        """Let the ways' friction go; positions and velocities come from the plant's arrays."""
+        self.link.friction_share[:] = 0.0
+
+    def snapshot(self) -> dict[str, Array]:
+        """Return what changes and is not in the plant's arrays; with them, `restore` continues bit for bit."""
+        return {"friction_share": self.link.friction_share.copy()}
+
+    def restore(self, state: dict[str, Array]) -> None:
+        """Take back a `snapshot`."""
+        self.link.friction_share[:] = state["friction_share"]
+
+
+def compile_without_geoms(spec: mujoco.MjSpec) -> mujoco.MjModel:
+    """Compile a model without its geoms: they are drawn only, and yet a time step would pay for them."""
+    for geom in list(spec.geoms):
+        spec.delete(geom)
+    return cast("mujoco.MjModel", spec.compile())
+
+
+def _free_motors(model: mujoco.MjModel, drive: DriveSetup) -> None:
+    """Take the linear motors off, give the nuts their play, and leave the integration to plain Euler steps.
+
+    Without warm start nothing but positions, velocities and forces goes into a step. Damping is explicit, which
+    costs least; the time step must allow for it.
+    """
+    import mujoco
+
+    for axis in "xy":
+        model.tendon_lengthspring[model.tendon(f"{axis}_screw").id] = -drive.backlash_m / 2, drive.backlash_m / 2
+    model.opt.integrator = mujoco.mjtIntegrator.mjINT_EULER
+    off = mujoco.mjtDisableBit
+    for flag in (off.mjDSBL_ACTUATION, off.mjDSBL_EULERDAMP, off.mjDSBL_WARMSTART, off.mjDSBL_AUTORESET):
+        model.opt.disableflags |= flag
+
+
+def dofs_of(model: mujoco.MjModel, joints: list[str]) -> NDArray[np.int64]:
+    """Degrees of freedom of slides and hinges; they stand at the same place in qpos and in qvel."""
+    return np.array([int(model.joint(name).dofadr[0]) for name in joints], np.int64)
+
+
+def _address_of_step() -> int:
+    """Return where ``mj_step`` is; looked up through the bindings, so it is the library they have loaded."""
+    import mujoco
+
+    function = ctypes.CDLL(mujoco._functions.__file__).mj_step
+    return cast("int", ctypes.cast(function, ctypes.c_void_p).value)
+
+
+def _timestep(model: mujoco.MjModel) -> Array:
+    """Return a view of the model's time step, which the bindings give as a copy only.
+
+    Gravity stands in the same C struct a few numbers behind it, and of gravity there is a view. The place is
+    taken only if it follows two changes of the time step.
+    """
+    gravity = model.opt.gravity.__array_interface__["data"][0]
+    before = model.opt.timestep
+    for back in range(1, 17):
+        place = np.ctypeslib.as_array((ctypes.c_double * 1).from_address(gravity - 8 * back))
+        follows = []
+        for value in (1.2345678e-5, 7.6543210e-6):
+            model.opt.timestep = value
+            follows.append(place[0] == value)
+        if all(follows):
+            model.opt.timestep = before
+            return place
+    raise EdmsimError("MuJoCo's time step is not where this version of edmsim looks for it")
