@@ -153,6 +153,6 @@ def read_axis(axes: Axes, axis: int, now_ns: int) -> None:
     _catch_up(row, float(now_ns), 0.0)
     row.missed = row.true_count - row.count
     pass_marks(row, motor, axes.drives[axis].index_ns)
-    row.home = home_level(row, motor, now_ns)
+    row.home = home_level(row, motor, float(now_ns))
     row.ends = (LOW_END if row.place_um < row.low_um else 0) | (HIGH_END if row.place_um > row.high_um else 0)
     row.time_ns = now_ns

@@ -47,23 +47,28 @@ def pass_marks(row: Any, motor: Any, least_ns: int) -> None:
 
 
 @compiled
-def watch_cam(row: Any, motor: Any, now_ns: float) -> None:
-    """Let the home switch close or open where the table stands at a time."""
-    place_um, slack_um = row.place_um, motor.cam_hysteresis_um if row.cam != 0 else 0.0
-    on = 1 if motor.cam_low_um - slack_um <= place_um <= motor.cam_high_um + slack_um else 0
-    if on != row.cam and motor.cam_low_um != motor.cam_high_um:
-        row.cam = on
-        row.cam_ns = np.int64(now_ns)
+def home_level(row: Any, motor: Any, now_ns: float) -> int:
+    """Level of the home input at a time: the switch behind its bouncing contact and the input's filter.
 
-
-@compiled
-def home_level(row: Any, motor: Any, now_ns: int) -> int:
-    """Level of the home input at a time: the switch behind its bouncing contact and the input's filter."""
-    since_ns, pulse_ns = float(now_ns - row.cam_ns), motor.cam_bounce_ns / BOUNCES
+    Until a change has settled the input keeps what it had, ``AXIS.home``.
+    """
+    since_ns, pulse_ns = now_ns - row.cam_ns, motor.cam_bounce_ns / BOUNCES
     new: int = row.cam
+    before: int = row.home
     settled_ns = motor.cam_filter_ns
     if motor.cam_filter_ns >= pulse_ns:
         settled_ns += motor.cam_bounce_ns
     elif since_ns < motor.cam_bounce_ns and since_ns >= motor.cam_filter_ns:
         return new if math.floor((since_ns - motor.cam_filter_ns) / pulse_ns) % 2 == 0 else 1 - new
-    return new if since_ns >= settled_ns else 1 - new
+    return new if since_ns >= settled_ns else before
+
+
+@compiled
+def watch_cam(row: Any, motor: Any, now_ns: float) -> None:
+    """Let the home switch close or open where the table stands at a time."""
+    place_um, slack_um = row.place_um, motor.cam_hysteresis_um if row.cam != 0 else 0.0
+    on = 1 if motor.cam_low_um - slack_um <= place_um <= motor.cam_high_um + slack_um else 0
+    if on != row.cam and motor.cam_low_um != motor.cam_high_um:
+        row.home = home_level(row, motor, now_ns)
+        row.cam = on
+        row.cam_ns = np.int64(now_ns)
