@@ -16,7 +16,6 @@ from edmsim.controllers.axis.eanpos_profile import (
     lengthen,
     plan,
     slope_of,
-    stopping_way,
 )
 from edmsim.controllers.axis.eanpos_registers import Reals, Words
 
@@ -102,8 +101,14 @@ def catch_up(reg: Words, real: Reals) -> None:
     ahead = real[at.THEORY] - place(reg)
     real[at.INTEGRAL], reg[at.LAST_ERROR] = 0.0, 0
     _slide(real, -ahead)
-    if reg[at.MOVE] == at.PLACING and not _aim(reg, real, float(_end(reg))):
+    if _is_bound(reg) and not _aim(reg, real, _goal(reg, real)):
         brake(reg, real)
+
+
+@exactly_compiled
+def _is_bound(reg: Words) -> bool:
+    """Say whether the axis moves to a goal that it has to stop at: a target or a limit."""
+    return bool(reg[at.MOVE] == at.PLACING or reg[at.MOVE] == at.JOGGING)
 
 
 @exactly_compiled
@@ -192,16 +197,15 @@ def shift(reg: Words, real: Reals, numerator: int, always: bool) -> bool:
         False, and nothing is changed, where a move in motion could not end at its target any more.
     """
     by = (numerator - reg[at.NUMERATOR]) / reg[at.PULSE]
-    moving = reg[at.MOVE] == at.PLACING or reg[at.MOVE] == at.JOGGING
-    if moving and not always:
-        way = reg[at.DIRECTION] * (_goal(reg, real) - real[at.THEORY] - by)
-        if _epicycloid_ends(reg) or way < stopping_way(reg, real, real[at.SPEED]):
-            return False
+    bound = _is_bound(reg)
+    if bound and not always and _epicycloid_ends(reg):
+        return False
+    _slide(real, by)
+    if bound and not _aim(reg, real, _goal(reg, real)) and not always:
+        _slide(real, -by)
+        return False
     reg[at.NUMERATOR] = numerator
     reg[at.POSIT] = numerator // reg[at.PULSE]
-    _slide(real, by)
-    if moving:
-        _aim(reg, real, _goal(reg, real))
     return True
 
 
@@ -226,7 +230,7 @@ def _take_setpos(reg: Words, real: Reals) -> None:
 
 @exactly_compiled
 def _take_setvel(reg: Words, real: Reals) -> None:
-    if reg[at.MOVE] == at.PLACING or reg[at.MOVE] == at.JOGGING:
+    if _is_bound(reg):
         before = reg[at.OLD_SETVEL]
         reg[at.OLD_SETVEL] = reg[at.SETVEL]
         if reg[at.ST_DEC] != 0 or not can_move(reg, reg[at.SETVEL]) or not _aim(reg, real, _goal(reg, real)):
@@ -238,7 +242,7 @@ def _take_setvel(reg: Words, real: Reals) -> None:
 @exactly_compiled
 def _take_ramps(reg: Words, real: Reals) -> None:
     """Put new ramp times into execution if the axis can still stop at its target with them."""
-    if (reg[at.MOVE] == at.PLACING or reg[at.MOVE] == at.JOGGING) and not in_last_ramp(reg, real):
+    if _is_bound(reg) and not in_last_ramp(reg, real):
         up, down = real[at.UP_SLOPE], real[at.DOWN_SLOPE]
         real[at.UP_SLOPE], real[at.DOWN_SLOPE] = slopes(reg)
         if not _aim(reg, real, _goal(reg, real)):
@@ -264,8 +268,7 @@ def take_writes(reg: Words, real: Reals) -> None:
             warn(reg, at.NOT_WRITTEN, at.POSIT)
     if written & at.NEW_SETPOS:
         _take_setpos(reg, real)
-    waits = keeps_first_ramp(reg, real) and (reg[at.MOVE] == at.PLACING or reg[at.MOVE] == at.JOGGING)
-    if waits:
+    if _is_bound(reg) and keeps_first_ramp(reg, real):
         reg[at.WRITTEN] = written & (at.NEW_SETVEL | at.NEW_RAMPS)
         return
     if written & at.NEW_SETVEL:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from tests.axis_bench.puppet import Puppet, command, put_out
 
 from edmsim.axis_bench import AxisBench
 from edmsim.compiled.axis_rows import HOLDS_OUTPUT
@@ -13,6 +12,7 @@ from edmsim.errors import InputError
 from edmsim.plant.axes.drives import Drives
 from edmsim.plant.axes.marks import BOUNCES
 from edmsim.plant.kernel.declare import sizes_of
+from tests.axis_bench.puppet import Puppet, command, put_out
 
 VOLT = 2 * np.pi * 1000 / 60 / 10
 """Speed of the rotor for a volt, rad/s."""
@@ -132,7 +132,7 @@ def test_a_mark_is_on_for_its_width():
 
 
 def edges_of(way=1.0, seconds=1.0, **cam):
-    """Times (s) and levels at which the home input changes as the table goes at 167 um/s past a cam at 50 to 100 um."""
+    """Times (s) and levels at which the home input changes as the table passes a cam (50 to 100 um) at 167 um/s."""
     bench = bench_of()
     bench.home_cam("x", 50.0, 100.0, **cam)
     command(bench, 0.1 * way)

@@ -453,3 +453,24 @@ def test_names_of_plcopen():
     p.device.reset()
     p.sample()
     assert p.warning == 0
+
+
+def test_delcnt_in_an_epicycloidal_start_that_could_not_end_at_its_target():  # Q-21, Q-A4, Q-A24
+    p = Positioner(ramptype=1)
+    p.do("START")
+    p.run(0.25)
+    p["delta"] = 1700  # 269 um are left, and 178 + 208 still needed
+    assert refused(p, "DELCNT")
+    p.until("st_still")
+    assert p.theory[0] == 2000.0
+
+
+def test_loopon_in_a_jog_keeps_its_limit():
+    p = Positioner(maxpos=1000, pgain=50)
+    p.do("LOOPOFF")
+    p.do("MANFW")
+    p.run(0.5)
+    p.slip(-200)
+    p.do("LOOPON")
+    p.until("st_still")
+    assert p.theory[0] == 1000.0
