@@ -1,8 +1,8 @@
 r"""QCL, the language of QEM's QMOVE controls, as far as the EANPOS manual uses it: configuration and program.
 
 >>> from edmsim.controllers.qcl import Control, read_configuration, read_program
->>> plant = read_configuration("GLOBAL\\ncount L\\nEND")
->>> control = Control(plant, read_program("count = 10 * 99999 / 100\\nEND", plant))
+>>> plant = read_configuration("GLOBAL\ncount L\nEND")
+>>> control = Control(plant, read_program("count = 10 * 99999 / 100\nEND", plant))
 >>> control.run_pass()
 >>> control.variables["count"]
 9999
