@@ -22,6 +22,7 @@ from edmsim.controllers.feed.fuzzy import FuzzyController
 from edmsim.controllers.feed.mcu import McuController
 from edmsim.controllers.feed.oracle import OracleController
 from edmsim.controllers.feed.voltage import VoltageController
+from edmsim.controllers.named_numbers import named_numbers
 from edmsim.controllers.own import from_file
 from edmsim.controllers.protocols import FeedCommand, FeedController, SeesTruth, WindowObservation
 from edmsim.errors import InputError
@@ -112,22 +113,8 @@ def from_text(text: str) -> FeedController:
     """
     own = user_code.named(text)
     if own is not None:
-        return from_file(own, _parameters(own.rest))
+        return from_file(own, named_numbers(own.rest, "controller"))
     name, _, rest = text.partition(":")
     if name in user_code.MAKERS:
         return cast(FeedController, user_code.make(name, rest))
-    return make(name, **_parameters(rest))
-
-
-def _parameters(text: str) -> dict[str, float]:
-    """Read ``name=number,...``."""
-    parameters = {}
-    for pair in filter(None, text.split(",")):
-        key, equals, value = pair.partition("=")
-        try:
-            parameters[key.strip()] = float(value)
-        except ValueError:
-            equals = ""
-        if not equals:
-            raise InputError(f"controller parameter '{pair}' must read name=number")
-    return parameters
+    return make(name, **named_numbers(rest, "controller"))

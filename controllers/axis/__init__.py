@@ -7,6 +7,9 @@ whether it can be used.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from types import MappingProxyType
+
 from edmsim.controllers.axis.conformance import check_drive
 from edmsim.controllers.axis.drive import Drive, axis_row
 from edmsim.controllers.axis.eanpos import Eanpos
@@ -14,9 +17,13 @@ from edmsim.controllers.axis.servo import PositionServo
 from edmsim.controllers.axis.servo_module import ServoModule
 from edmsim.controllers.axis.stepper import Stepper
 from edmsim.controllers.axis.uhu import Uhu
+from edmsim.controllers.named_numbers import named_numbers
 from edmsim.errors import InputError
 
-__all__ = ["CHIPS", "COMMISSIONED", "Drive", "Eanpos", "ServoModule", "Uhu", "check_drive", "make", "names", "tuned"]
+__all__ = [
+    "CHIPS", "COMMISSIONED", "Drive", "Eanpos", "ServoModule", "Uhu", "check_drive", "from_text", "make", "names",
+    "tuned",
+]  # fmt: skip
 
 CHIPS: dict[str, type[Uhu] | type[ServoModule]] = {kind.name: kind for kind in (Uhu, ServoModule)}
 """Drives with a serial line, by name."""
@@ -54,7 +61,36 @@ def make(name: str) -> Drive:
     return _DRIVES[name]()
 
 
-def tuned(name: str, axis: str = "table") -> Uhu | ServoModule | Eanpos:
+def from_text(text: str) -> Drive:
+    """Make the drive of an axis of the machine as it is named on the command line.
+
+    Parameters
+    ----------
+    text : str
+        ``stepper``, or one of `COMMISSIONED`, tuned for ``table``; with parameters that differ from that if wanted,
+        by their names in Python or the manual's letters: ``uhu:proportional_gain=600,E=400``.
+
+    Raises
+    ------
+    InputError
+        There is no such drive or parameter, or a parameter is no number or out of range.
+
+    Examples
+    --------
+    >>> from_text("uhu:P=600").parameters["proportional_gain"]
+    600
+    """
+    name, _, rest = text.partition(":")
+    if name == Stepper.name and not rest:
+        return Stepper()
+    if name not in COMMISSIONED:
+        raise InputError(f"there is no drive {text!r}; choose one of {', '.join((Stepper.name, *COMMISSIONED))}")
+    return tuned(name, changes=named_numbers(rest, name))
+
+
+def tuned(
+    name: str, axis: str = "table", changes: Mapping[str, float] = MappingProxyType({})
+) -> Uhu | ServoModule | Eanpos:
     """Make a drive that is commissioned: its parameters for an axis of `axis_row` are in its memory.
 
     Parameters
@@ -63,15 +99,17 @@ def tuned(name: str, axis: str = "table") -> Uhu | ServoModule | Eanpos:
         One of `COMMISSIONED`.
     axis : str
         Motor, screw and table; ``table`` is that of the DEM-15, for ``eanpos`` with its velocity amplifier.
+    changes : mapping of str to int
+        Parameters that differ, by their names in Python or the manual's letters and names.
 
     Raises
     ------
     InputError
-        If there is no such drive, no such axis, or nobody has tuned the drive for it.
+        If there is no such drive, no such axis, nobody has tuned the drive for it, or a parameter is none.
     """
     if name == Eanpos.name:
-        return Eanpos.tuned("analogue-table" if axis == "table" else axis)
+        return Eanpos.tuned("analogue-table" if axis == "table" else axis, changes)
     if name not in CHIPS:
         raise InputError(f"there is no drive {name!r} to tune; choose one of {', '.join(COMMISSIONED)}")
     axis_row(axis)
-    return CHIPS[name].tuned(axis)
+    return CHIPS[name].tuned(axis, changes)

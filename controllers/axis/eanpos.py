@@ -8,6 +8,7 @@ the manual leaves open, stand in ``models/drives/eanpos.toml``.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, MutableMapping
+from types import MappingProxyType
 from typing import Any, NamedTuple, Self
 
 import numpy as np
@@ -142,7 +143,7 @@ def _known(name: str, names: tuple[str, ...], what: str) -> str:
     return found
 
 
-def _fitting(name: str, value: int) -> int:
+def _fitting(name: str, value: float) -> int:
     """Return a value as a whole number that fits into its parameter's size."""
     low, high = _SIZES[_TABLE[parameter_name(name)]["size"]]
     if not (abs(value) < np.inf and value == int(value) and low <= value <= high):
@@ -202,7 +203,7 @@ class Eanpos:
 
     def __init__(
         self, motor: NDArray[np.void] | None = None, tcamp_ms: int | None = None, resources: Resources | None = None,
-        parameters: Mapping[str, int] | None = None, settings: Mapping[str, int] | None = None,
+        parameters: Mapping[str, float] | None = None, settings: Mapping[str, int] | None = None,
     ) -> None:  # fmt: skip
         self.motor: NDArray[np.void] | None = axis_row("analogue") if motor is None else motor
         tcamp = at.DEVICE["tcamp_ms"] if tcamp_ms is None else tcamp_ms
@@ -230,18 +231,24 @@ class Eanpos:
             self.command("LOOPON")
 
     @classmethod
-    def tuned(cls, axis: str = "analogue-table") -> Self:
+    def tuned(cls, axis: str = "analogue-table", changes: Mapping[str, float] = MappingProxyType({})) -> Self:
         """Return a device commissioned on an axis for steps of 2 um: initialised and in loop at its first samples.
+
+        Parameters
+        ----------
+        axis : str
+        changes : mapping of str to int
+            Parameters that differ.
 
         Raises
         ------
         InputError
-            Nobody has tuned one for that axis.
+            Nobody has tuned one for that axis, or a parameter is none.
         """
         if axis not in at.DATA["tuned"]:
             raise InputError(f"no EANPOS is tuned for an axis {axis!r}; there are: {', '.join(at.DATA['tuned'])}")
         settings = {"follow_step": 2, "starts_in_loop": 1}
-        return cls(axis_row(axis), 1, parameters=at.DATA["tuned"][axis], settings=settings)
+        return cls(axis_row(axis), 1, parameters={**at.DATA["tuned"][axis], **changes}, settings=settings)
 
     def command(self, name: str) -> None:
         """Put a command into the mailbox, which the next sample executes.

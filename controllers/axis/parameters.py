@@ -9,13 +9,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, MutableMapping
-from typing import Protocol
+from collections.abc import Iterator, Mapping, MutableMapping, Sequence
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from edmsim.errors import InputError
+
+
+def by_name(values: Mapping[str, float], table: Sequence[Mapping[str, Any]]) -> dict[str, int]:
+    """Return values that are given by name or letter by their names; a name that is none stays what it is.
+
+    Parameters
+    ----------
+    values : mapping of str to number
+    table : sequence of mappings
+        ``letter`` and ``name`` of each parameter.
+    """
+    names = {row["letter"]: row["name"] for row in table}
+    found: dict[str, Any] = {names.get(key.upper(), key): value for key, value in values.items()}
+    return found
 
 
 class HasRecord(Protocol):
@@ -48,7 +62,7 @@ class Registers(MutableMapping[str, int]):
 
     def __setitem__(self, name: str, value: int) -> None:
         place, low, high = self._place(name)
-        if value != int(value) or not low <= value <= high:
+        if not low <= value <= high or value != int(value):
             raise InputError(f"the drive's {name} is {value}; it must be a whole number {low} to {high}")
         self._reg[place] = int(value)
 

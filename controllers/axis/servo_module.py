@@ -7,6 +7,7 @@ Its loop is `edmsim.controllers.axis.servo_module_law`, its serial dialogue `ser
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 from typing import Any, Self
 
 import numpy as np
@@ -18,7 +19,7 @@ from edmsim.controllers.axis import servo_module_registers as at
 from edmsim.controllers.axis.drive import axis_row, new_record, restart, set_period
 from edmsim.controllers.axis.eeprom import WORD, decode, encode
 from edmsim.controllers.axis.extensions import SETTINGS, Extensions, record_sample
-from edmsim.controllers.axis.parameters import Registers
+from edmsim.controllers.axis.parameters import Registers, by_name
 from edmsim.controllers.axis.serial_line import NEW_LINE, LineEditor
 from edmsim.controllers.axis.servo_module_dialogue import DATA, answer, words_of
 from edmsim.controllers.axis.servo_module_law import Words, cycle, put_duty, take_steps, wrapped
@@ -141,17 +142,17 @@ class ServoModule:
         self.power_up()
 
     @classmethod
-    def tuned(cls, axis: str = "table") -> Self:
-        """Return a module commissioned on an axis: its parameters are those of the table ``tuned``.
+    def tuned(cls, axis: str = "table", changes: Mapping[str, float] = MappingProxyType({})) -> Self:
+        """Return a module tuned for an axis: its parameters are those of the table ``tuned``, but for `changes`.
 
         Raises
         ------
         InputError
-            Nobody has tuned one for that axis.
+            Nobody has tuned one for that axis, or a parameter is none.
         """
         if axis not in DATA["tuned"]:
             raise InputError(f"no servo module is tuned for an axis {axis!r}; there are: {', '.join(DATA['tuned'])}")
-        return cls(axis_row(axis), DATA["tuned"][axis])
+        return cls(axis_row(axis), {**DATA["tuned"][axis], **by_name(changes, DATA["parameter"])})
 
     def line(self, text: bytes) -> bytes:
         """Take what was sent over the serial line, and return the answer."""

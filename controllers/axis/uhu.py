@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from functools import cache
+from types import MappingProxyType
 from typing import Any, Self
 
 import numpy as np
@@ -31,7 +32,7 @@ from edmsim.controllers.axis import eeprom
 from edmsim.controllers.axis import uhu_law as at
 from edmsim.controllers.axis.drive import axis_row, data_of, new_record, restart, set_period
 from edmsim.controllers.axis.extensions import SETTINGS, Extensions, note_limit, record_sample, start_command
-from edmsim.controllers.axis.parameters import Registers
+from edmsim.controllers.axis.parameters import Registers, by_name
 from edmsim.controllers.axis.uhu_dialogue import Dialogue
 from edmsim.errors import InputError
 
@@ -176,18 +177,18 @@ class Uhu:
         self.power_up()
 
     @classmethod
-    def tuned(cls, axis: str = "table") -> Self:
-        """Return a drive that is tuned for an axis of `axis_row` and has its parameters in bank 0.
+    def tuned(cls, axis: str = "table", changes: Mapping[str, float] = MappingProxyType({})) -> Self:
+        """Return a drive that is tuned for an axis of `axis_row`, but for `changes`, its parameters in bank 0.
 
         Raises
         ------
         InputError
-            Nobody has tuned one for that axis.
+            Nobody has tuned one for that axis, or a parameter is none.
         """
         tuned = _data()["tuned"]
         if axis not in tuned:
             raise InputError(f"no UHU is tuned for an axis {axis!r}; there are: {', '.join(tuned)}")
-        return cls(axis_row(axis), stored=tuned[axis])
+        return cls(axis_row(axis), stored={**tuned[axis], **by_name(changes, _data()["parameter"])})
 
     @property
     def sample(self) -> SampleFunction:

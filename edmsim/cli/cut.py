@@ -45,7 +45,10 @@ def cut(
         str, typer.Option(help="Feed controller, with parameters if wanted: fixed:feed_um_s=20, own.py:Own.")
     ] = "counts",
     planner: Annotated[str, typer.Option(help="poscal, poscal-literal, dda, sine-table or exact.")] = "poscal",
-    drive: Annotated[str, typer.Option(help="Drive of x and y: stepper, uhu, servo-module or eanpos.")] = "stepper",
+    drive: Annotated[
+        str,
+        typer.Option(help="Drive of x and y: stepper, uhu, servo-module, eanpos; or uhu:P=600."),
+    ] = "stepper",
     mechanics: Annotated[str, typer.Option(help="Integrator of table and wire.")] = "modal",
     resolution: Resolution = "default",
     offset: Annotated[str, typer.Option(help="Wire offset: auto, none, or mm.")] = "auto",

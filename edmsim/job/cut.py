@@ -13,8 +13,7 @@ from types import FrameType
 from typing import Any, Unpack
 
 from edmsim import user_code
-from edmsim.controllers import FeedController, SeesTruth, from_text
-from edmsim.controllers.axis import COMMISSIONED, tuned
+from edmsim.controllers import FeedController, SeesTruth, axis, from_text
 from edmsim.controllers.mcu.firmware.poscal import unit_um
 from edmsim.controllers.own import check_is_controller
 from edmsim.controllers.planner.registry import position_unit
@@ -104,7 +103,7 @@ def _begin(program: str | Path, settings: CutSettings) -> tuple[Simulation, Reco
     simulation = Simulation(
         machine, path, controller, planner=settings.planner, seed=settings.seed, resolution=settings.resolution,
         max_time_s=settings.max_time_s, steps=steps, mechanics=settings.mechanics, observers=recorders,
-        drives={name: tuned(settings.drive) for name in "xy"} if settings.drive in COMMISSIONED else None,
+        drives={name: axis.from_text(settings.drive) for name in "xy"},
     )
     return simulation, recorders
 

@@ -19,8 +19,7 @@ from pydantic import (
 )
 from shapely.geometry import mapping
 
-from edmsim.controllers import FeedController
-from edmsim.controllers.axis import COMMISSIONED
+from edmsim.controllers import FeedController, axis
 from edmsim.controllers.own import check_is_controller, text_of
 from edmsim.errors import InputError
 from edmsim.machine.machine import Machine
@@ -30,8 +29,6 @@ from edmsim.plant.plant import MECHANICS
 from edmsim.plant.resolution import resolution as check_resolution
 from edmsim.program.heights import Area, Height, Heights, checked_areas, checked_changes
 
-DRIVES = ("stepper", *COMMISSIONED)
-"""Drives of x and y in a cut."""
 METADATA_KEY = b"edmsim"
 """Under which the metadata of ``windows.parquet`` hold a cut's settings, as JSON."""
 
@@ -96,8 +93,8 @@ class CutSettings(BaseModel):
     """What makes motor steps of path and speed: poscal, poscal-literal, dda, sine-table or exact;
     ``docs/planners.md`` has their errors."""
     drive: str = "stepper"
-    """What drives x and y: stepper, or a drive commissioned for the table: uhu, servo-module,
-    eanpos."""
+    """What drives x and y: stepper, or a drive tuned for the table, uhu, servo-module or eanpos, with parameters that
+    differ if wanted: ``uhu:proportional_gain=600``."""
     mechanics: str = "modal"
     """Integrator of table and wire: modal or mujoco (see `Plant`)."""
     resolution: str = "default"
@@ -152,10 +149,9 @@ class CutSettings(BaseModel):
 
     @field_validator("drive")
     @classmethod
-    def _check_drive(cls, name: str) -> str:
-        if name not in DRIVES:
-            raise InputError(f"there is no drive {name!r}; choose one of {', '.join(DRIVES)}")
-        return name
+    def _check_drive(cls, text: str) -> str:
+        axis.from_text(text)
+        return text
 
     @field_validator("mechanics")
     @classmethod

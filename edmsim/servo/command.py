@@ -1,12 +1,18 @@
-"""What ``edmsim servo`` puts together: a drive by name on an axis by name."""
+"""What ``edmsim servo`` puts together: a drive by name on an axis by name, to sit at or to tune."""
 
 from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
 
 from edmsim.axis_bench import AxisBench
 from edmsim.controllers.axis import CHIPS
 from edmsim.controllers.axis import tuned as tuned_drive
 from edmsim.controllers.axis.drive import axis_names, axis_row
 from edmsim.errors import InputError
+from edmsim.files import make_writable
 
 _MACHINE_AXES = ("x", "y")
 _MACHINE_MOTOR = "table"
@@ -39,3 +45,37 @@ def bench_for(name: str, axis: str, tuned: bool) -> AxisBench:
     motor = _MACHINE_MOTOR if machine_axis else axis
     drive = tuned_drive(name, motor) if tuned else CHIPS[name](axis_row(motor))
     return AxisBench({axis: drive}, mechanics="mujoco") if machine_axis else AxisBench({"x": drive})
+
+
+def tune(name: str, axis: str, out: Path | None, say: Callable[[str], None]) -> tuple[str, ...]:
+    """Tune a drive for an axis and return what to type.
+
+    Parameters
+    ----------
+    name, axis : str
+        See `bench_for`.
+    out : path or None
+        Where to draw steps and a move before and after.
+    say : callable
+        Told what is being done, a line at a time.
+
+    Raises
+    ------
+    InputError
+        There is no such drive or axis, it cannot be tuned, or the picture cannot be written.
+    """
+    from edmsim.recording.figures import write_figure
+    from edmsim.servo.autotune import autotune, draw
+
+    if out is not None:
+        make_writable(out.parent)
+    motor = np.array([bench_for(name, axis, tuned=False).motor()])  # of x and y with the machine's screw and table
+    tuning = autotune(name, motor, say)
+    for title, one in (("as delivered", tuning.before.figures), ("tuned", tuning.after.figures)):
+        say(
+            f"{title}: overshoot {100 * one.overshoot:.0f} %, settled after {1e3 * one.settling_s:.0f} ms, "
+            f"following error of a move {one.rms:.1f} counts rms"
+        )
+    if out is not None:
+        write_figure(draw(tuning), out)
+    return tuning.lines

@@ -81,6 +81,9 @@ def test_the_machine_s_own_axis_has_its_screw_its_mass_and_the_ends_of_its_trave
         (["servo"], "choose one of uhu, servo-module"),
         (["uhu", "--axis", "z"], "there is no axis 'z'"),
         (["uhu", "--axis", "fast", "--tuned"], "no UHU is tuned"),
+        (["uhu", "--axis", "z", "--autotune"], "there is no axis 'z'"),
+        (["steam", "--autotune"], "choose one of uhu, servo-module"),
+        (["uhu", "--autotune", "--out", "/dev/null/before.png"], "/dev/null"),
         (["uhu", "--speed", "0"], "--speed is above 0"),
     ],
 )

@@ -282,3 +282,13 @@ def test_commissioned_it_starts_in_loop_whenever_it_is_switched_on():
     device = bench.drive("x")
     assert device.states["st_loopon"]
     assert device.parameters["pgain"] == 40
+
+
+def test_it_is_named_with_parameters_that_differ():
+    device = axis.from_text("eanpos:pgain=60,taccdec=5")
+    assert isinstance(device, Eanpos)
+    assert (device.parameters["pgain"], device.parameters["taccdec"], device.parameters["maxvel"]) == (60, 5, 4000)
+    with pytest.raises(InputError, match="no parameter 'gain'"):
+        axis.from_text("eanpos:gain=60")
+    with pytest.raises(InputError, match=r"pgain is 0\.5; it must be a whole number"):
+        axis.from_text("eanpos:pgain=0.5")

@@ -1,0 +1,25 @@
+"""The picture of docs/servo-drives.md is made by the code as it is."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from edmsim.servo.answer import Answer
+from edmsim.servo.autotune import STEP_COUNTS, AxisResponse, Tuning
+from edmsim.servo.relay import Swing
+
+DOCS = Path(__file__).parents[2] / "docs"
+
+
+def test_the_picture_has_a_column_for_each_drive(load_script):
+    steps = load_script(DOCS / "make" / "servo_steps.py")
+    answer = Answer(np.array([0.0, 0.01, 0.02]), np.array([STEP_COUNTS, 5, 0]))
+    one = Tuning(("P1",), {"P": 1}, Swing(1.0, 0.01, 10.0), AxisResponse(*[answer] * 3), AxisResponse(*[answer] * 3))
+    figure = steps.figure(dict.fromkeys(steps.DRIVES, one))
+    assert [axes.get_title() for axes in figure.axes if axes.get_title()] == list(steps.DRIVES.values())
+    drawn = figure.axes[0].get_lines()[-1].get_ydata()
+    assert list(drawn) == [0, STEP_COUNTS - 5, STEP_COUNTS]
+    assert steps.PICTURE.is_file()
+    assert f"]({steps.PICTURE.relative_to(DOCS)})" in (DOCS / "servo-drives.md").read_text(encoding="utf-8")
