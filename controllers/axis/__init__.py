@@ -12,6 +12,7 @@ from types import MappingProxyType
 
 from edmsim.controllers.axis.conformance import check_drive
 from edmsim.controllers.axis.drive import Drive, axis_row
+from edmsim.controllers.axis.eanpos import Eanpos
 from edmsim.controllers.axis.servo import PositionServo
 from edmsim.controllers.axis.servo_module import ServoModule
 from edmsim.controllers.axis.stepper import Stepper
@@ -19,12 +20,17 @@ from edmsim.controllers.axis.uhu import Uhu
 from edmsim.controllers.named_numbers import named_numbers
 from edmsim.errors import InputError
 
-__all__ = ["CHIPS", "Drive", "ServoModule", "Uhu", "check_drive", "from_text", "make", "names", "tuned"]
+__all__ = [
+    "CHIPS", "COMMISSIONED", "Drive", "Eanpos", "ServoModule", "Uhu", "check_drive", "from_text", "make", "names",
+    "tuned",
+]  # fmt: skip
 
 CHIPS: dict[str, type[Uhu] | type[ServoModule]] = {kind.name: kind for kind in (Uhu, ServoModule)}
 """Drives with a serial line, by name."""
+COMMISSIONED = (*CHIPS, Eanpos.name)
+"""Drives that `tuned` makes ready for an axis."""
 
-_DRIVES: dict[str, type[Drive]] = {kind.name: kind for kind in (Stepper, PositionServo, ServoModule, Uhu)}
+_DRIVES: dict[str, type[Drive]] = {kind.name: kind for kind in (Stepper, PositionServo, ServoModule, Uhu, Eanpos)}
 
 
 def names() -> tuple[str, ...]:
@@ -61,8 +67,8 @@ def from_text(text: str) -> Drive:
     Parameters
     ----------
     text : str
-        ``stepper``, or one of `CHIPS`, tuned for ``table``; with parameters that differ from that if wanted, by their
-        names in Python or the manual's letters: ``uhu:proportional_gain=600,E=400``.
+        ``stepper``, or one of `COMMISSIONED`, tuned for ``table``; with parameters that differ from that if wanted,
+        by their names in Python or the manual's letters: ``uhu:proportional_gain=600,E=400``.
 
     Raises
     ------
@@ -77,31 +83,33 @@ def from_text(text: str) -> Drive:
     name, _, rest = text.partition(":")
     if name == Stepper.name and not rest:
         return Stepper()
-    if name not in CHIPS:
-        raise InputError(f"there is no drive {text!r}; choose one of {', '.join((Stepper.name, *CHIPS))}")
+    if name not in COMMISSIONED:
+        raise InputError(f"there is no drive {text!r}; choose one of {', '.join((Stepper.name, *COMMISSIONED))}")
     return tuned(name, changes=named_numbers(rest, name))
 
 
 def tuned(
     name: str, axis: str = "table", changes: Mapping[str, float] = MappingProxyType({})
-) -> Uhu | ServoModule:
-    """Make a drive that is commissioned: its parameters for an axis of `axis_row` are in its EEPROM.
+) -> Uhu | ServoModule | Eanpos:
+    """Make a drive that is commissioned: its parameters for an axis of `axis_row` are in its memory.
 
     Parameters
     ----------
     name : str
-        One of `CHIPS`.
+        One of `COMMISSIONED`.
     axis : str
-        Motor, screw and table; ``table`` is that of the DEM-15.
+        Motor, screw and table; ``table`` is that of the DEM-15, for ``eanpos`` with its velocity amplifier.
     changes : mapping of str to int
-        Parameters that differ, by their names in Python or the manual's letters.
+        Parameters that differ, by their names in Python or the manual's letters and names.
 
     Raises
     ------
     InputError
         If there is no such drive, no such axis, nobody has tuned the drive for it, or a parameter is none.
     """
+    if name == Eanpos.name:
+        return Eanpos.tuned("analogue-table" if axis == "table" else axis, changes)
     if name not in CHIPS:
-        raise InputError(f"there is no drive {name!r} with a serial line; choose one of {', '.join(CHIPS)}")
+        raise InputError(f"there is no drive {name!r} to tune; choose one of {', '.join(COMMISSIONED)}")
     axis_row(axis)
     return CHIPS[name].tuned(axis, changes)

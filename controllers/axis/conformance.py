@@ -15,8 +15,8 @@ from edmsim.errors import InputError
 
 _SAMPLES = 400
 _OWN = (
-    "command", "lines", "busy_ns", "delay_ns", "pwm_ns", "watchdog_ns", "count_rate_Hz", "n_sent", "sent", "reg",
-    "real", "memory", "eeprom",
+    "command", "lines", "busy_ns", "delay_ns", "pwm_ns", "watchdog_ns", "count_rate_Hz", "index_ns", "n_sent",
+    "sent", "reg", "real", "memory", "eeprom",
 )
 """What a sample may write of its record."""
 

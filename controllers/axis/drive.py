@@ -52,7 +52,22 @@ class Drive(Protocol):
 
 
 @runtime_checkable
-class SerialDrive(Drive, Protocol):
+class StartsAnew(Drive, Protocol):
+    """A drive that starts anew when its logic is switched on, with what its memory has kept."""
+
+    def power_up(self) -> bytes:
+        """Start as after the release of the reset pin: what no memory keeps is as in a new drive.
+
+        Returns
+        -------
+        bytes
+            What it sends over its serial line, if it has one.
+        """
+        ...
+
+
+@runtime_checkable
+class SerialDrive(StartsAnew, Protocol):
     """A drive with a serial line and a memory that outlasts the power: a chip on a board.
 
     Attributes
@@ -63,16 +78,6 @@ class SerialDrive(Drive, Protocol):
 
     baud: float
 
-    def power_up(self) -> bytes:
-        """Start as after the release of the reset pin: all of the record but ``eeprom`` as in a new drive.
-
-        Returns
-        -------
-        bytes
-            What it sends over the serial line.
-        """
-        ...
-
     def receive_error(self) -> None:
         """Take note that a byte came without a stop bit, or before the last one was read."""
         ...
@@ -80,7 +85,7 @@ class SerialDrive(Drive, Protocol):
 
 _OWN = (
     "command", "lines", "num", "den", "busy_ns", "delay_ns", "pwm_ns", "watchdog_ns", "stalled_until_ns",
-    "count_rate_Hz", "reg", "real", "memory",
+    "count_rate_Hz", "index_ns", "reg", "real", "memory",
 )
 """What of a record is the drive's own and lost with the power."""
 
@@ -139,11 +144,14 @@ def axis_names() -> tuple[str, ...]:
 def axis_row(name: str = "table", **changes: float) -> NDArray[np.void]:
     """Return the row of an axis: motor, supply, bridge, encoder and screw of ``models/drives/axis-NAME.toml``.
 
+    What that file does not name is as in ``plain.toml``: no velocity amplifier and no home cam.
+
     Parameters
     ----------
     name : str
         ``table`` (a small servo motor on the screw of the DEM-15), ``bench`` (a motor with a ball screw and a
-        resonance within the reach of a drive), ``fast`` (a million counts a second) or ``low-impedance``.
+        resonance within the reach of a drive), ``fast`` (a million counts a second), ``low-impedance``, ``analogue``
+        (a geared motor behind a velocity amplifier) or ``analogue-table`` (such an amplifier on the DEM-15's table).
     **changes : float
         Constants of `MOTOR` to be other than in the file, for example ``backlash_um=20.0``.
 
@@ -154,5 +162,6 @@ def axis_row(name: str = "table", **changes: float) -> NDArray[np.void]:
     """
     if name not in axis_names():
         raise InputError(f"there is no axis {name!r}; choose one of {', '.join(axis_names())}")
-    parts = (part for part in data_of(f"axis-{name}").values() if isinstance(part, dict))
+    tables = (*data_of("plain").values(), *data_of(f"axis-{name}").values())
+    parts = [part for part in tables if isinstance(part, dict)]
     return motor_row({key: value for part in parts for key, value in part.items()}, **changes)

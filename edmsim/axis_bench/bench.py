@@ -16,24 +16,27 @@ from edmsim.compiled.axis_rows import (
     FAULT_IN,
     FAULT_OUT,
     FREEWHEEL,
+    INDEX_WIRE,
     LED,
     NET_IN,
     NET_OUT,
     PHASE_A,
     PHASE_B,
 )
-from edmsim.controllers.axis.drive import Drive, SerialDrive, data_of
+from edmsim.controllers.axis.drive import Drive, StartsAnew, data_of
 from edmsim.errors import InputError
 from edmsim.machine.machine import Machine
 from edmsim.plant.axes.board import fault_net_low, hold_in_reset
 from edmsim.plant.axes.drives import AXIS_NAMES
 from edmsim.plant.axes.encoder import read_phases
+from edmsim.plant.axes.marks import LONG_AGO_NS
 
 _TURN_NS = 10_000_000
 """A drive is asked for what it sends unasked so often (ours)."""
 _QUIET_NS, _LONGEST_TALK_NS = 20_000_000, 1_000_000_000
 """A talk is over after so long without a byte, or so long at all (ours)."""
 _PHASES = {"A": PHASE_A, "B": PHASE_B, "AB": PHASE_A | PHASE_B}
+_WIRES = {**_PHASES, "index": INDEX_WIRE}
 _STEP_INPUTS = {"step": STEP_OPEN, "dir": DIR_OPEN}
 
 
@@ -178,7 +181,7 @@ class AxisBench:
         self._motion.moves = np.concatenate([self._motion.moves, *rows])
 
     def unplug(self, axis: str, wire: str, plugged: bool = False) -> None:
-        """Unplug a wire, or with `plugged` plug it in again: A, B, step, dir or fault (the fault input's net)."""
+        """Unplug a wire, or with `plugged` plug it in again: A, B, index, step, dir or fault (the input's net)."""
         row = self._row(axis)
         if wire in _STEP_INPUTS:
             k, bit, open_ = AXIS_NAMES.index(axis), _STEP_INPUTS[wire], self._motion.unplugged
@@ -186,10 +189,10 @@ class AxisBench:
         elif wire == "fault":
             row["wiring"] = row["wiring"] | NET_IN if plugged else row["wiring"] & ~NET_IN
             row["hand_lines"] &= ~FAULT_IN if not plugged else -1
-        elif wire in _PHASES:
-            row["unplugged"] = row["unplugged"] & ~_PHASES[wire] if plugged else row["unplugged"] | _PHASES[wire]
+        elif wire in _WIRES:
+            row["unplugged"] = row["unplugged"] & ~_WIRES[wire] if plugged else row["unplugged"] | _WIRES[wire]
         else:
-            raise InputError(f"there is no wire {wire!r} to unplug; there are: A, B, step, dir, fault")
+            raise InputError(f"there is no wire {wire!r} to unplug; there are: A, B, index, step, dir, fault")
 
     def plug(self, axis: str, wire: str) -> None:
         """Plug a wire in again."""
@@ -262,7 +265,7 @@ class AxisBench:
         record = drive.record
         record["now_ns"] = self._motion.now_ns
         row["in_reset"] = 0
-        text = drive.power_up() if isinstance(drive, SerialDrive) else b""
+        text = drive.power_up() if isinstance(drive, StartsAnew) else b""
         if record["watchdog_ns"][0] > 0:
             record["alarm_ns"] = self._motion.now_ns + record["watchdog_ns"]
         self._lines[name].reply(text, int(record["due_ns"][0]))
@@ -278,6 +281,28 @@ class AxisBench:
     def force(self, axis: str, force_N: float) -> None:
         """Push the table with a force, until another is set."""
         self._row(axis)["hand_N"] = force_N
+
+    def home_cam(
+        self, axis: str, low_um: float, high_um: float, *, hysteresis_um: float = 0.0, bounce_s: float = 0.0,
+        filter_s: float = 0.0,
+    ) -> None:
+        """Put a home cam under the table, from one place to another; see `edmsim.compiled.axis_rows.MOTOR`."""
+        motor, row = self.motor(axis), self._row(axis)
+        motor["cam_low_um"], motor["cam_high_um"], motor["cam_hysteresis_um"] = low_um, high_um, hysteresis_um
+        motor["cam_bounce_ns"], motor["cam_filter_ns"] = bounce_s * 1e9, filter_s * 1e9
+        row["cam"], row["cam_ns"] = low_um <= row["place_um"] <= high_um, LONG_AGO_NS
+
+    def press_home(self, axis: str, closed: bool) -> None:
+        """Close or open the home input by hand, where no cam stands."""
+        row = self._row(axis)
+        row["cam"], row["cam_ns"] = closed, self._motion.now_ns
+
+    def share_output(self, axes: Sequence[str], connected: str | None = None) -> None:
+        """Let drives write to one analogue output, and a contactor lead it to the motor of one axis, or of none."""
+        for name in axes:
+            row = self._row(name)
+            row["shares"], row["apart"] = 1 + AXIS_NAMES.index(axes[0]), name != connected
+            row["pins"] = row["pins"] & ~FREEWHEEL if name == connected else row["pins"] | FREEWHEEL
 
     def stall(self, axis: str, seconds: float) -> None:
         """Keep a drive from computing for a while; its interrupts still count."""

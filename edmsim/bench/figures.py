@@ -15,7 +15,7 @@ from edmsim.bench.plant import (
     ray_sums_per_s,
     thread_scaling,
 )
-from edmsim.bench.servo import servo_realtime_factor
+from edmsim.bench.servo import positioner_realtime_factor, servo_realtime_factor
 from edmsim.machine.machine import Machine
 
 if TYPE_CHECKING:
@@ -27,7 +27,8 @@ def measure() -> dict[str, float]:
 
     ``ray_sums_per_s`` is the bound the first is to be compared with, ``ray_sum_share`` the part of its time that
     goes there; ``controller_overhead`` is the share of time that the registers of 1982 add to a cut;
-    ``servo_realtime_factor`` is that of a servo drive with its motor and table; ``elcam_load_s`` and
+    ``servo_realtime_factor`` is that of a servo drive with its motor and table,
+    ``positioner_realtime_factor`` that of an analogue positioner at a sample of 1 ms; ``elcam_load_s`` and
     ``elcam_lookup_us`` are those of a cam table of a million points;
     ``thread_efficiency`` is the gain of two plants in two threads over that of two compute loops;
     ``half_cheetah_steps_per_s`` is there if Gymnasium's MuJoCo environments are.
@@ -45,6 +46,7 @@ def measure() -> dict[str, float]:
         "ray_sum_share": default / bound,
         "mujoco_realtime_factor": mujoco_realtime_factor(),
         "servo_realtime_factor": servo_realtime_factor(),
+        "positioner_realtime_factor": positioner_realtime_factor(),
         **elcam_figures(),
         "env_steps_per_s": env_steps_per_s(),
         "vector_env_steps_per_s": vector_env_steps_per_s(),

@@ -1,4 +1,4 @@
-"""Speed of a servo drive on its bench: its figure in ``edmsim bench``."""
+"""Speed of servo drives and of the positioner on their bench: their figures in ``edmsim bench``."""
 
 from __future__ import annotations
 
@@ -16,6 +16,11 @@ REPEATS = 6
 def servo_realtime_factor() -> float:
     """Simulated seconds per second of a drive that moves its axis to and fro, of the slower of the two drives."""
     return min(_factor(name) for name in CHIPS)
+
+
+def positioner_realtime_factor() -> float:
+    """Simulated seconds per second of an EANPOS at a sample of 1 ms that moves its axis to and fro."""
+    return _factor("eanpos")
 
 
 def _factor(name: str) -> float:

@@ -13,6 +13,7 @@ from edmsim.cli.evaluate import evaluate, search_gains
 from edmsim.cli.learn import score, train
 from edmsim.cli.measure_table import measure_table
 from edmsim.cli.playback import render, report, view
+from edmsim.cli.positioner import positioner
 from edmsim.cli.servo import servo
 from edmsim.cli.studies import bench, calibrate, validate
 from edmsim.cli.terminal import terminal
@@ -24,7 +25,7 @@ app = typer.Typer(
 )
 _COMMANDS = (
     cut, view, render, report, train, score, evaluate, search_gains, calibrate, validate, bench, terminal,
-    servo, measure_table,
+    servo, positioner, measure_table,
 )  # fmt: skip
 for _command in _COMMANDS:
     app.command()(_command)

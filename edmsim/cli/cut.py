@@ -46,7 +46,8 @@ def cut(
     ] = "counts",
     planner: Annotated[str, typer.Option(help="poscal, poscal-literal, dda, sine-table or exact.")] = "poscal",
     drive: Annotated[
-        str, typer.Option(help="Drive of x and y: stepper, uhu, servo-module, with parameters if wanted: uhu:P=600.")
+        str,
+        typer.Option(help="Drive of x and y: stepper, uhu, servo-module, eanpos; or uhu:P=600."),
     ] = "stepper",
     compensation: Annotated[
         Path | None, typer.Option(help="File of tables with the errors of the machine's table, to compensate them.")

@@ -93,7 +93,7 @@ class CutSettings(BaseModel):
     """What makes motor steps of path and speed: poscal, poscal-literal, dda, sine-table or exact;
     ``docs/planners.md`` has their errors."""
     drive: str = "stepper"
-    """What drives x and y: stepper, or a servo drive tuned for the table, uhu or servo-module, with parameters that
+    """What drives x and y: stepper, or a drive tuned for the table, uhu, servo-module or eanpos, with parameters that
     differ if wanted: ``uhu:proportional_gain=600``."""
     compensation: str | None = None
     """File of cam tables with the errors of the table's screws and ways, as ``edmsim measure-table`` writes it."""

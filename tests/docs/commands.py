@@ -38,6 +38,7 @@ SHORT: dict[str, tuple[str, ...]] = {
     "terminal": ("--resolution", "fast"),
     "servo": (),
     "measure-table": ("--runs", "2"),
+    "positioner": (),
 }
 """What is added to a command so that it is short; `replaced` says what of its work is left away."""
 LENGTHS: dict[str, dict[str, Any]] = {

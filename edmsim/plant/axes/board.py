@@ -6,10 +6,12 @@ from edmsim.compiled.axis_rows import (
     FAULT_IN,
     FAULT_OUT,
     FREEWHEEL,
+    HOLDS_OUTPUT,
     N_AXES,
     NET_IN,
     NET_OUT,
     SAMPLE,
+    SHARED_IN,
     WATCHDOG,
 )
 from edmsim.compiled.calls import call_with_two
@@ -55,12 +57,36 @@ def fault_net_low(axes: Axes) -> bool:
 
 
 @compiled
+def _is_shared(axes: Axes, axis: int) -> bool:
+    """Whether another drive is writing to the output that one shares with it."""
+    for other in range(N_AXES):
+        writes = axes.drives[other].sample != 0 and not axes.drives[other].lines & HOLDS_OUTPUT
+        if other != axis and writes and axes.rows[other].shares == axes.rows[axis].shares:
+            return True
+    return False
+
+
+@compiled
+def _put_command(axes: Axes, axis: int) -> None:
+    """Let a command take effect, on all axes of an output that is shared."""
+    group = axes.rows[axis].shares
+    if group == 0:
+        axes.rows[axis].duty = axes.drives[axis].command
+    elif not axes.drives[axis].lines & HOLDS_OUTPUT:
+        for other in range(N_AXES):
+            if axes.rows[other].shares == group:
+                axes.rows[other].duty = axes.drives[axis].command
+
+
+@compiled
 def _call(axes: Axes, axis: int, event: int, now_ns: int) -> bool:
     """Call a drive; say whether what it commands is a share of its supply."""
     drive, row = axes.drives[axis], axes.rows[axis]
     row.lines = row.hand_lines
     if row.wiring & NET_IN and fault_net_low(axes):
         row.lines |= FAULT_IN
+    if row.shares != 0 and _is_shared(axes, axis):
+        row.lines |= SHARED_IN
     read_axis(axes, axis, now_ns)
     drive.now_ns, drive.event = now_ns, event
     size_of_drive, size_of_row = axes.drives.itemsize, axes.rows.itemsize
@@ -100,14 +126,14 @@ def serve(axes: Axes, who: int, now_ns: int) -> bool:
         return _take_sample(axes, axis)
     if who >= _DUTY:
         drive.duty_ns = NEVER
-        row.duty = drive.command
+        _put_command(axes, axis)
         return True
     drive.output_ns = NEVER
-    row.pins = drive.lines
+    row.pins = drive.lines if row.apart == 0 else drive.lines | FREEWHEEL
     if drive.pwm_ns > 0:
         drive.duty_ns = -(-now_ns // drive.pwm_ns) * drive.pwm_ns
     else:
-        row.duty = drive.command
+        _put_command(axes, axis)
     return True
 
 

@@ -15,6 +15,7 @@ from edmsim.errors import InputError
 from edmsim.plant.axes.advance import go_astray, indicate
 from edmsim.plant.axes.board import NEVER
 from edmsim.plant.axes.encoder import draw_pause
+from edmsim.plant.axes.marks import LONG_AGO_NS, mark_below, watch_cam
 from edmsim.plant.axes.motor import check_motor
 from edmsim.plant.axes.shaft import longest_step_ns
 from edmsim.plant.axes.ways import no_ways
@@ -185,9 +186,12 @@ class Drives:
         self._connect()
 
     def _find_marks(self) -> None:
+        """Take index marks and home cams as they are where the axes stand."""
         for k in self._looped:
-            place_um = self.axes.rows["place_um" if self.axes.motors["on_table"][k] else "rotor_um"][k]
-            self.axes.rows["mark"][k] = place_um // self.axes.motors["index_um"][k]
+            row, motor = self.axes.rows[k], self.axes.motors[k]
+            row["mark"] = mark_below(row, motor)
+            watch_cam(row, motor, 0.0)
+            row["cam_ns"] = LONG_AGO_NS
 
     def _connect(self) -> None:
         """Put the addresses of the samples, which differ from process to process."""

@@ -19,6 +19,7 @@ import numpy as np
 from edmsim.compiled.axis_rows import HIGH_END, LOW_END, PHASE_A, PHASE_B
 from edmsim.compiled.jit import compiled
 from edmsim.compiled.random import uniform
+from edmsim.plant.axes.marks import home_level, pass_marks
 from edmsim.plant.kernel.state import Axes
 
 
@@ -46,7 +47,7 @@ def _phases_at_input(row: Any) -> Any:
     phases = row.state ^ row.disturbed
     if row.swapped != 0:
         phases = (phases & PHASE_A) << 1 | (phases & PHASE_B) >> 1
-    return phases | row.unplugged
+    return phases | row.unplugged & (PHASE_A | PHASE_B)
 
 
 @compiled
@@ -147,17 +148,11 @@ def see_edges(drive: Any, row: Any, motor: Any, before: float, from_ns: float, t
 
 @compiled
 def read_axis(axes: Axes, axis: int, now_ns: int) -> None:
-    """Read encoder, index mark and end switches of an axis at a time."""
+    """Read encoder, index mark, end switches and home cam of an axis at a time."""
     row, motor = axes.rows[axis], axes.motors[axis]
     _catch_up(row, float(now_ns), 0.0)
     row.missed = row.true_count - row.count
-    place_um = row.place_um if motor.on_table != 0.0 else row.rotor_um
-    mark = math.floor(place_um / motor.index_um)
-    if mark != row.mark:
-        row.indexes += abs(mark - row.mark)
-        passed_um = (mark if mark > row.mark else mark + 1) * motor.index_um
-        per_um = motor.counts_per_rad / motor.um_per_rad
-        row.index_at = row.count - np.int64(math.floor((place_um - passed_um) * per_um + 0.5))
-        row.mark = mark
+    pass_marks(row, motor, axes.drives[axis].index_ns)
+    row.home = home_level(row, motor, float(now_ns))
     row.ends = (LOW_END if row.place_um < row.low_um else 0) | (HIGH_END if row.place_um > row.high_um else 0)
     row.time_ns = now_ns

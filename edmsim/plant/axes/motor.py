@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from edmsim.compiled.axis_rows import BRIDGE_DAMAGED, FREEWHEEL, MAGNETS_DAMAGED, MOTOR, WINDING_DAMAGED
 from edmsim.compiled.jit import compiled
 from edmsim.errors import InputError
+from edmsim.plant.axes.amplifier import share_of_supply
 
 _POSITIVE = frozenset(
     (
@@ -25,7 +26,12 @@ _POSITIVE = frozenset(
         "counts_per_rad", "index_um", "edge_rate_Hz",
     )
 )
-_EITHER = frozenset(("load_N", "phase_error"))
+_EITHER = frozenset(
+    (
+        "load_N", "phase_error", "index_phase_um", "gain_error", "asymmetry", "offset_V", "drift_V", "cam_low_um",
+        "cam_high_um",
+    )
+)
 
 
 def check_motor(motor: NDArray[np.void]) -> None:
@@ -79,13 +85,15 @@ def energise(row: Any, motor: Any, dt: float) -> float:
     """Carry current, supply and the winding's heat on over a time (s); return the mean torque (Nm)."""
     emf, before = motor.torque_Nm_A * row.speed_rad_s, row.current_A
     if row.pins & FREEWHEEL:
+        row.integral_A = 0.0
         row.current_A = _freewheel(row, motor, emf, dt)
         mean = 0.5 * (before + row.current_A)
         drawn_A = -abs(mean)
     else:
-        row.current_A = _settle(before, row.duty * row.link_V, emf, motor, dt)
+        duty = row.duty if motor.amplifier_rad_s_V == 0.0 else share_of_supply(row, motor, dt)
+        row.current_A = _settle(before, duty * row.link_V, emf, motor, dt)
         mean = 0.5 * (before + row.current_A)
-        drawn_A = row.duty * mean
+        drawn_A = duty * mean
     _feed(row, motor, drawn_A, dt)
     current = abs(row.current_A)
     row.peak_A = max(row.peak_A, current)

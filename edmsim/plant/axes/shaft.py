@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from edmsim.compiled.axis_rows import N_AXES
 from edmsim.compiled.jit import compiled
 from edmsim.plant.axes.encoder import position, see_edges
+from edmsim.plant.axes.marks import watch_cam
 from edmsim.plant.axes.motor import energise
 from edmsim.plant.kernel.state import Axes
 
@@ -109,6 +110,7 @@ def coast(axes: Axes, axis: int, until_ns: int) -> None:
         before = position(row, motor)
         _turn(row, motor, dt)
         see_edges(drive, row, motor, before, start_ns + k * dt * 1e9, start_ns + (k + 1) * dt * 1e9)
+        watch_cam(row, motor, start_ns + (k + 1) * dt * 1e9)
     row.moved_ns = until_ns
 
 

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from edmsim.compiled.calls import call_with_two
 from edmsim.compiled.jit import compiled
 from edmsim.plant.axes.encoder import position, see_edges
+from edmsim.plant.axes.marks import watch_cam
 from edmsim.plant.axes.motor import energise
 from edmsim.plant.axes.shaft import rubbed_rotor, rubbed_table, screw_damping
 from edmsim.plant.kernel.declare import CHANGING, Kept
@@ -186,6 +187,7 @@ def see_axes(state: NDArray[np.void], axes: Axes, link: FullLink, until_ns: int)
         row.rotor_um = link.qpos[link.rotor[axis]] * motor.um_per_rad
         row.speed_rad_s = link.qvel[link.rotor[axis]]
         see_edges(drive, row, motor, before, float(row.moved_ns), float(until_ns))
+        watch_cam(row, motor, float(until_ns))
         row.moved_ns = until_ns
 
 

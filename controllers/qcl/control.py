@@ -1,0 +1,175 @@
+"""The control: it executes a program pass by pass, on devices, inputs and outputs.
+
+A pass lasts until the next WAIT, whose condition is looked at once a pass (ours: the manual does not say how tasks
+take turns). A read of a device that has a command waiting lets the device execute it first (manual 1.4.4).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, MutableMapping
+from typing import Protocol
+
+from edmsim.controllers.qcl.configuration import Configuration
+from edmsim.controllers.qcl.program import Expression, QclProgram
+from edmsim.errors import InputError
+
+LONGEST_PASS = 10_000
+"""Statements of a pass at most (ours): a loop without WAIT gives the others their turn, too."""
+
+
+class Device(Protocol):
+    """What the control needs of a device."""
+
+    @property
+    def parameters(self) -> MutableMapping[str, int]:
+        """Parameters by name."""
+
+    @property
+    def states(self) -> Mapping[str, bool]:
+        """States by name."""
+
+    @property
+    def pending(self) -> bool:
+        """Whether a command waits for the next sample."""
+
+    def command(self, name: str) -> None:
+        """Give a command."""
+
+
+class _WaitsFor(Exception):
+    """A device has to take its sample before it can be read."""
+
+
+class Control:
+    """A control with a program.
+
+    Parameters
+    ----------
+    configuration : Configuration
+    program : QclProgram
+        Read with this configuration.
+    devices : mapping of str to Device
+        By the names of the configuration, in lower case.
+
+    Attributes
+    ----------
+    variables : dict of str to int
+        Values by name, in lower case.
+    inputs, outputs : dict of str to bool
+        By slot address.
+    line : int
+        Line of the next statement, 0 after the end.
+    """
+
+    def __init__(
+        self, configuration: Configuration, program: QclProgram, devices: Mapping[str, Device] | None = None
+    ) -> None:
+        self._configuration, self._program = configuration, program
+        self._devices = dict(devices or {})
+        self.variables = dict.fromkeys(configuration.variables, 0)
+        self.inputs = dict.fromkeys(configuration.inputs.values(), False)
+        self.outputs = dict.fromkeys(configuration.outputs.values(), False)
+        self._next = 0
+
+    @property
+    def line(self) -> int:
+        """Line of the next statement, 0 after the end."""
+        statements = self._program.statements
+        return statements[self._next].line if self._next < len(statements) else 0
+
+    def restart(self) -> None:
+        """Begin anew, as after the power was off: variables but those of SYSTEM and outputs are nought."""
+        for name, variable in self._configuration.variables.items():
+            if not variable.retained:
+                self.variables[name] = 0
+        self.outputs = dict.fromkeys(self.outputs, False)
+        self._next = 0
+
+    def run_pass(self) -> str | None:
+        """Execute statements until the pass ends.
+
+        Returns
+        -------
+        str or None
+            Name of a device that has to take its sample before this pass can go on; None at the end of the pass.
+
+        Raises
+        ------
+        InputError
+            A division by nought, or a value that does not fit into its variable; it names the line.
+        """
+        statements = self._program.statements
+        for _ in range(LONGEST_PASS):
+            if self._next >= len(statements) or statements[self._next].verb == "end":
+                self._next = len(statements)
+                return None
+            line, verb, target, value, to = statements[self._next]
+            try:
+                if verb == "wait":
+                    self._next += 1 if self._value(value) else 0
+                    return None
+                if verb == "assign":
+                    self._assign(target, self._value(value))
+                elif verb == "command":
+                    self._devices[target[0]].command(target[1])
+                leads = verb == "jump" or (verb == "if" and not self._value(value))
+                self._next = to if leads else self._next + 1
+            except _WaitsFor as device:
+                return str(device)
+            except InputError as error:
+                raise InputError(f"line {line}: {error}") from None
+        return None
+
+    def _assign(self, target: tuple[str, ...], value: int) -> None:
+        if len(target) == 2:
+            self._devices[target[0]].parameters[target[1]] = value
+        elif target[0] in self._configuration.outputs:
+            self.outputs[self._configuration.outputs[target[0]]] = value != 0
+        else:
+            least, greatest = self._configuration.variables[target[0]].limits
+            if not least <= value <= greatest:
+                raise InputError(f"{target[0]} cannot hold {value}; it must be {least} to {greatest}")
+            self.variables[target[0]] = value
+
+    def _value(self, expression: Expression) -> int:
+        kind = str(expression[0])
+        if kind == "number":
+            return int(expression[1])  # type: ignore[arg-type]
+        if kind == "name":
+            return self._named(str(expression[1]))
+        if kind == "member":
+            return self._member(str(expression[1]), str(expression[2]))
+        values = [self._value(part) for part in expression[1:]]  # type: ignore[arg-type]
+        if kind == "NOT":
+            return int(not values[0])
+        return _operate(kind, *values)
+
+    def _named(self, name: str) -> int:
+        found = self._configuration
+        if name in found.constants:
+            return found.constants[name]
+        if name in found.inputs:
+            return int(self.inputs[found.inputs[name]])
+        if name in found.outputs:
+            return int(self.outputs[found.outputs[name]])
+        return self.variables[name]
+
+    def _member(self, device: str, member: str) -> int:
+        if self._devices[device].pending:
+            raise _WaitsFor(device)
+        found = self._devices[device]
+        return int(found.states[member] if member.startswith("st_") else found.parameters[member])
+
+
+def _operate(kind: str, left: int, right: int) -> int:
+    """Apply an operator to two whole numbers; a quotient is truncated (row Q-82)."""
+    if kind == "/":
+        if right == 0:
+            raise InputError(f"{left} is divided by nought")
+        return abs(left) // abs(right) * (1 if (left < 0) == (right < 0) else -1)
+    results = {
+        "+": left + right, "-": left - right, "*": left * right, "AND": int(bool(left and right)),
+        "OR": int(bool(left or right)), "EQ": int(left == right), "NE": int(left != right), "LT": int(left < right),
+        "GT": int(left > right), "LE": int(left <= right), "GE": int(left >= right),
+    }  # fmt: skip
+    return results[kind]

@@ -1,0 +1,64 @@
+"""QCL text: lines without their comments, the words of a line, and what is wrong with a text."""
+
+from __future__ import annotations
+
+import re
+from typing import NamedTuple
+
+from edmsim.errors import InputError
+
+_WORD = re.compile(r"\s*(\d+|[A-Za-z_]\w*(?::[A-Za-z_]\w*)?|[=*/+()<>-])")
+
+
+class Problem(NamedTuple):
+    """What is wrong in a line: its number, from 1, and why."""
+
+    line: int
+    what: str
+
+    def __str__(self) -> str:
+        return f"line {self.line}: {self.what}"
+
+
+class QclError(InputError):
+    """A text that QCL cannot read.
+
+    Attributes
+    ----------
+    problems : list of Problem
+        All of them, in order of their lines.
+    """
+
+    def __init__(self, problems: list[Problem], file: str | None) -> None:
+        self.problems = sorted(problems)
+        first, more = self.problems[0], len(problems) - 1
+        super().__init__(first.what + (f" (and {more} more)" if more else ""), file or "QCL", first.line)
+
+
+def code_lines(text: str) -> list[tuple[int, str]]:
+    """Return the lines that have more than a comment, which begins with a semicolon, with their numbers."""
+    numbered = ((k, line.split(";")[0].strip()) for k, line in enumerate(text.splitlines(), 1))
+    return [(k, line) for k, line in numbered if line]
+
+
+def words_of(line: str) -> list[str]:
+    """Split a line of a program into numbers, names, names of a device's member, and operators.
+
+    Raises
+    ------
+    InputError
+        It has a character that belongs to none.
+
+    Examples
+    --------
+    >>> words_of("Axis:setvel=(speed*Axis:maxvel)/100")
+    ['Axis:setvel', '=', '(', 'speed', '*', 'Axis:maxvel', ')', '/', '100']
+    """
+    words, at = [], 0
+    while at < len(line):
+        found = _WORD.match(line, at)
+        if found is None:
+            raise InputError(f"{line[at:]!r} is none of QCL's words")
+        words.append(found[1])
+        at = found.end()
+    return words

@@ -1,0 +1,192 @@
+"""A QMOVE control with its positioners on a bench: what ``edmsim positioner`` runs.
+
+Inputs and outputs are known by their slot addresses, so that one input may feed the program and a device's homing
+alike. The program's passes follow one another every millisecond (ours).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import NamedTuple, Self
+
+from edmsim.axis_bench import AxisBench
+from edmsim.controllers.axis.drive import axis_row
+from edmsim.controllers.axis.eanpos import Eanpos
+from edmsim.controllers.qcl import Control, read_configuration, read_program
+from edmsim.errors import InputError
+from edmsim.plant.axes.drives import AXIS_NAMES
+
+PASS_NS = 1_000_000
+"""From one pass of the program to the next (ours)."""
+
+
+class Press(NamedTuple):
+    """An input that is closed for a while: its name, and from when to when in s."""
+
+    name: str
+    from_s: float
+    to_s: float
+
+
+class Station:
+    """A control, its program, and its devices, each on an axis of its own.
+
+    Parameters
+    ----------
+    configuration, program : str
+        Texts of QCL.
+    axis : str
+        Motor, screw and table of every device (`edmsim.controllers.axis.drive.axis_row`).
+    files : pair of str, optional
+        Names of both texts in an error.
+
+    Attributes
+    ----------
+    bench : AxisBench
+    control : Control
+    axes : dict of str to str
+        The bench's axis of every device by its name, in lower case.
+
+    Raises
+    ------
+    QclError
+        A text cannot be read.
+    InputError
+        There are no devices, or more than axes.
+    """
+
+    def __init__(
+        self, configuration: str, program: str, axis: str = "analogue",
+        files: tuple[str | None, str | None] = (None, None),
+    ) -> None:  # fmt: skip
+        self.configuration = read_configuration(configuration, files[0])
+        declared = self.configuration.devices
+        if not 1 <= len(declared) <= len(AXIS_NAMES):
+            raise InputError(f"the configuration declares {len(declared)} devices; it must be 1 to {len(AXIS_NAMES)}")
+        self.axes = dict(zip(declared, AXIS_NAMES, strict=False))
+        self.bench = AxisBench(
+            {self.axes[name]: Eanpos(axis_row(axis), one.tcamp_ms, one.resources) for name, one in declared.items()}
+        )
+        for output in {one.output for one in declared.values()} - {None}:
+            users = [self.axes[name] for name, one in declared.items() if one.output == output]
+            if len(users) > 1:
+                self.bench.share_output(users, users[0])
+        devices = {name: self.device(name) for name in declared}
+        self.control = Control(self.configuration, read_program(program, self.configuration, files[1]), devices)
+
+    @classmethod
+    def of_files(cls, configuration: Path, program: Path, axis: str) -> Self:
+        """Return the station of two files."""
+        return cls(_text(configuration), _text(program), axis, (str(configuration), str(program)))
+
+    def device(self, name: str) -> Eanpos:
+        """Return a device by its name.
+
+        Raises
+        ------
+        InputError
+            The configuration has none of this name.
+        """
+        if name.lower() not in self.axes:
+            raise InputError(f"there is no device {name!r}; there are: {', '.join(self.axes)}")
+        found = self.bench.drive(self.axes[name.lower()])
+        assert isinstance(found, Eanpos)
+        return found
+
+    def press(self, name: str, closed: bool = True) -> None:
+        """Close or open an input, for the program and for the devices that have it as their homing input.
+
+        Raises
+        ------
+        InputError
+            The configuration has no input of this name.
+        """
+        inputs = self.configuration.inputs
+        if name.lower() not in inputs:
+            raise InputError(f"there is no input {name!r}; there are: {', '.join(inputs)}")
+        address = inputs[name.lower()]
+        self.control.inputs[address] = closed
+        for device, declaration in self.configuration.devices.items():
+            if declaration.home_input == address:
+                self.bench.press_home(self.axes[device], closed)
+
+    def run(self, seconds: float) -> None:
+        """Let the program and the axes run.
+
+        Raises
+        ------
+        InputError
+            The program divides by nought, or assigns what does not fit.
+        """
+        end_ns = round((self.bench.time_s + seconds) * 1e9)
+        while (now_ns := round(self.bench.time_s * 1e9)) < end_ns:
+            waits_for = self.control.run_pass()
+            if waits_for is None:
+                self.bench.run_to(min((now_ns // PASS_NS + 1) * PASS_NS, end_ns))
+            else:
+                self.bench.run_to(int(self.device(waits_for).record["due_ns"][0]) + 1)
+
+    def shown(self) -> dict[str, int]:
+        """Return outputs, and states of the devices, by name."""
+        outputs = {name: int(self.control.outputs[at]) for name, at in self.configuration.outputs.items()}
+        states = {
+            f"{device}:{name}": int(value)
+            for device in self.axes for name, value in self.device(device).states.items() if name not in _FAST
+        }  # fmt: skip
+        return {**outputs, **states}
+
+
+def _text(file: Path) -> str:
+    try:
+        return file.read_text(encoding="latin-1")
+    except OSError as error:
+        raise InputError(f"it cannot be read: {error.strerror}", file) from None
+
+
+_TOLD = ("posit", "setpos", "vel", "follerr", "errcode", "wrncode")
+"""Parameters told at the end."""
+_FAST = ("st_acc", "st_dec", "st_vconst", "st_int")
+"""States that every move changes several times."""
+
+
+def run_and_tell(station: Station, seconds: float, presses: list[Press], say: Callable[[str], None]) -> None:
+    """Run a station, press its inputs when they are due, and say what changes."""
+    begins = [(one.from_s, one.name, True) for one in presses]
+    events = sorted(begins + [(one.to_s, one.name, False) for one in presses])
+    before = station.shown()
+    while station.bench.time_s < seconds - 1e-9:
+        while events and events[0][0] <= station.bench.time_s + 1e-9:
+            _, name, closed = events.pop(0)
+            station.press(name, closed)
+            say(f"{station.bench.time_s:8.3f} s  {name} {'on' if closed else 'off'}")
+        station.run(PASS_NS * 1e-9)
+        now = station.shown()
+        for name, value in now.items():
+            if value != before[name]:
+                say(f"{station.bench.time_s:8.3f} s  {name} {value}")
+        before = now
+    for name in station.axes:
+        read = station.device(name).parameters
+        values = ", ".join(f"{key} {read[key]}" for key in _TOLD)
+        say(f"{station.bench.time_s:8.3f} s  {name}: {values}")
+    line = station.control.line
+    say("the program is at its end" if line == 0 else f"the program is at line {line}")
+
+
+def press_of(text: str) -> Press:
+    """Read ``NAME=FROM:TO``, times in s.
+
+    Raises
+    ------
+    InputError
+        It is something else.
+    """
+    name, _, times = text.partition("=")
+    try:
+        start, stop = (float(part) for part in times.split(":"))
+    except ValueError:
+        start, stop = 0.0, 0.0
+    if not (name and 0 <= start < stop):
+        raise InputError(f"--press is NAME=FROM:TO in s, as ifStart=0.5:0.6, not {text!r}")
+    return Press(name, start, stop)

@@ -1,0 +1,138 @@
+"""QCL texts that cannot be read, expressions, statements, and what a program does at run time."""
+
+from __future__ import annotations
+
+import pytest
+
+from edmsim.controllers.qcl import Control, QclError, read_configuration, read_program
+from edmsim.errors import InputError
+
+HEAD = "BUS\n1 1CPUD 01\n2 1MIXA 00\n3 2MIXA 01\n"
+
+
+def declared(line):
+    return read_configuration(f"{HEAD}INTDEVICE\n{line}\nEND")
+
+
+def test_the_second_declaration_of_the_manual():  # Q-83, Q-2
+    device = declared("Axis_X EANPOS 2 2.CNT02 3 3.INP01 3.AN01").devices["axis_x"]
+    assert device == ("axis_x", 2, "2.CNT02", 3, "3.INP01", "3.AN01")
+    assert device.resources == (True, True, True, True)
+    bare = declared("A EANPOS 0255 X.X X X.X X.X").devices["a"]
+    assert bare.tcamp_ms == 255
+    assert bare.resources == (False, False, False, False)
+
+
+@pytest.mark.parametrize(
+    ("line", "reason"),
+    [
+        ("A EANPOS 0 2.CNT02 3 3.INP01 3.AN01", "TCamp of A is '0'; it must be 1 to 255 ms"),
+        ("A EANPOS 256 2.CNT02 3 3.INP01 3.AN01", "TCamp of A is '256'"),
+        ("A EANPOS 2 2.CNT02 0 3.INP01 3.AN01", "IntL of A is '0'; it must be 1 to 8, or X"),
+        ("A EANPOS 2 2.CNT02 9 3.INP01 3.AN01", "IntL of A is '9'"),
+        ("A EANPOS 2 2.CNT02 3\n3.INP01 3.AN01", "all on one line"),
+        ("A EANPOS 2 2.INP02 3 3.INP01 3.AN01", "'2.INP02' is no address; it must be SLOT.CNTNN"),
+        ("A EANPOS 2 4.CNT02 3 3.INP01 3.AN01", "slot 4, which has no card"),
+        ("A CAMMING 2 2.CNT02 3 3.INP01 3.AN01", "A is a CAMMING"),
+        ("2A EANPOS 2 2.CNT02 3 3.INP01 3.AN01", "'2A' is no name"),
+    ],
+)
+def test_a_wrong_declaration_is_refused(line, reason):  # Q-1, Q-83
+    with pytest.raises(QclError, match=r"QCL:\d+: .*") as refused:
+        declared(line)
+    assert reason in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    ("text", "reason"),
+    [
+        ("GLOBAL\na L\nA F", "A is declared twice"), ("SYSTEM\na X", "a has size 'X'; it must be F, B, W, L or S"),
+        ("CONST\na 1.5", "it must be a whole number"), ("TIMER\nt", "not supported"),
+        ("DATAGROUP\nx", "not supported"),
+        ("BUS\n1 card", "must be SLOT CARD VERSION"), ("BUS\n1 a 0\n1 b 0", "slot 1 is declared twice"),
+        ("BUS\n1 a 0\nINPUT\ni L 1.INP01", "is a flag, F"), ("stray", "stands before the first section"),
+    ],
+)
+def test_a_wrong_configuration_is_refused(text, reason):  # Q-82
+    with pytest.raises(QclError) as refused:
+        read_configuration(text)
+    assert reason in str(refused.value)
+
+
+DECLARED = read_configuration(
+    f"CONST\nseven 7\nGLOBAL\na L\nb L\nf F\nw B\n{HEAD}INTDEVICE\nAxis EANPOS 4 2.CNT01 1 2.INP01 2.AN01\nEND"
+)
+
+
+def run(*lines, passes=1):
+    control = Control(DECLARED, read_program("\n".join(lines), DECLARED))
+    for _ in range(passes):
+        control.run_pass()
+    return control
+
+
+@pytest.mark.parametrize(
+    ("text", "value"),
+    [
+        ("(10*99999)/100", 9999), ("-(7)/2", -3), ("7/-2", -3), ("2+3*4-6/3", 12), ("-5+seven", 2),
+        ("1 EQ 1", 1), ("2 NE 2", 0), ("3 GT 2 AND 2 GE 2", 1), ("1 LT 1 OR 1 LE 1", 1), ("NOT 0", 1),
+        ("NOT (1 OR 0)", 0), ("NOT NOT 5", 1), ("NOT 1 EQ 2", 1), ("1 or 0 And 0", 1), ("((4))", 4),
+    ],
+)
+def test_expressions(text, value):  # Q-82
+    assert run(f"a = {text}").variables["a"] == value
+
+
+def test_if_else_and_jump():  # Q-82
+    lines = ["a = 0", "AGAIN:", "IF a LT 3 ;nested", " IF b EQ 2", "  b = 0", " ELSE", "  b = b + 1", " ENDIF",
+             " a = a + 1", " JUMP AGAIN", "ELSE", " f = 1", "ENDIF", "END", "a = 99"]  # fmt: skip
+    control = run(*lines)
+    assert (control.variables, control.line) == ({"a": 3, "b": 0, "f": 1, "w": 0}, 0)
+
+
+def test_wait_gives_up_the_pass():  # Q-82
+    control = run("a = 1", "WAIT 1", "a = 2", "WAIT b EQ 1", "a = 3", passes=2)
+    assert control.variables["a"] == 2
+    assert control.line == 4
+    control.run_pass()
+    assert control.line == 4
+    control.variables["b"] = 1
+    control.run_pass()
+    control.run_pass()
+    assert control.variables["a"] == 3
+    assert control.line == 0
+
+
+def test_a_loop_without_wait_ends_its_pass():
+    control = run("ON:", "a = a + 1", "JUMP ON")
+    assert 1000 < control.variables["a"] < 10_000
+
+
+@pytest.mark.parametrize(
+    ("line", "reason"),
+    [
+        ("c = 1", "c is no variable or output"), ("a = c", "c is no name"), ("Axis = 1", "Axis is no variable"),
+        ("seven = 8", "seven is no variable"), ("a = Axis", "Axis is no name"), ("START a", "a is no device"),
+        ("GO Axis", "'GO Axis' is no statement"), ("Axis:speed = 1", "no parameter 'speed'"),
+        ("Axis:st_still = 1", "no parameter 'st_still'"), ("a = Axis:st_moving", "no state 'st_moving'"),
+        ("Bxis:setpos = 1", "Bxis is no device"), ("a = (1", "a bracket is not closed"),
+        ("a = 1)", "')' is left over"),
+        ("a = 1 +", "an expression ends early"), ("a = * 2", "'*' is no value"),
+        ("a = 1.5", "is none of QCL's words"),
+        ("IF a", "IF without ENDIF"), ("ENDIF", "ENDIF without IF"), ("ELSE", "ELSE without IF"),
+        ("JUMP AWAY", "no label 'away'"), ("M:\nM:", "stands twice"), ("WAIT", "an expression ends early"),
+    ],
+)  # fmt: skip
+def test_a_wrong_statement_is_refused(line, reason):  # Q-82
+    with pytest.raises(QclError) as refused:
+        read_program(line, DECLARED, "task.mod")
+    assert reason in str(refused.value)
+    assert str(refused.value).startswith("task.mod:")
+
+
+@pytest.mark.parametrize(
+    ("line", "reason"), [("a = 1/b", "line 1: 1 is divided by nought"), ("w = 128", "line 1: w cannot hold 128")]
+)
+def test_what_goes_wrong_at_run_time_names_its_line(line, reason):
+    with pytest.raises(InputError, match=reason):
+        run(line)
