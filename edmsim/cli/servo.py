@@ -28,7 +28,7 @@ def servo(
     autotune: Annotated[bool, typer.Option("--autotune", help="Tune it instead, and print what to type.")] = False,
     out: Annotated[Path | None, typer.Option(help="With --autotune: picture of before and after, .png.")] = None,
 ) -> None:
-    """Sit at the serial terminal of a servo drive, or have it tuned."""
+    """Sit at a servo drive's serial terminal, or tune it."""
     if out is not None and not autotune:
         raise InputError("--out is the picture of --autotune; curves of a session are written with --record")
     if autotune:
