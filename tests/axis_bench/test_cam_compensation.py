@@ -100,7 +100,7 @@ def test_errors_between_the_points_are_interpolated():
 
 
 def test_a_table_compensates_only_if_every_switch_is_on():
-    # E-41, E-14, E-31, E-A13
+    # E-41, E-14, E-31, E-A5, E-A13
     for flag, everywhere, runs in itertools.product((0, 1), repeat=3):
         rig = rig_of("xyu")
         go(rig, X, 10.0, FAST)

@@ -122,7 +122,7 @@ def test_the_number_of_rows_is_fixed_once_the_table_has_run():
      ([(0, 0), (100, 0), (0, 0), (90, 0), (0, 0), (100, 0)], Error.ROW_END)],
 )  # fmt: skip
 def test_bad_rows_do_not_run(points, error):
-    # E-27, E-16
+    # E-27, E-16, E-A4
     rig = rig_of("xyu")
     write(rig, 0, row_count=4 if len(points) == 6 and error == Error.ROW_SIZE else 3)
     table(rig, 0, points, row_axis=U, row_start=0.0, row_end=100.0)

@@ -27,12 +27,13 @@ def homed(p, limit_s=60.0):
     return p.true_um - p["posit"]
 
 
-def test_mode_0_step_by_step():  # 4.4
+def test_mode_0_step_by_step():  # Q-A12, Q-A33, 4.4
     p = at_cam(tcamp_ms=1, prspos=40, maxpos=1000, minpos=0)
     p.do("PRESET")
     began = p.bench.time_s
     seen = []
     while p["st_prson"]:
+        assert not p["st_prsok"]
         p.sample()
         state = (p["st_movdir"], tuple(sorted(p.on & {"st_acc", "st_vconst", "st_dec"})))
         if not seen or seen[-1][1:] != state:
@@ -78,7 +79,7 @@ def test_st_int_shows_the_line():  # Q-80
     assert max(seen) == pytest.approx(2550, abs=5)
 
 
-def test_a_zero_pulse_may_be_too_short():  # Q-74, Q-A36
+def test_a_zero_pulse_may_be_too_short():  # Q-74, Q-A13, Q-A36
     fast = {"prsmode": 1, "sprsvel": 90000, "prsvel": 90000, "settings": {"home_limit": 9000}}
     p = at_cam(4000.0, 9000.0, index_width_um=0.05, **fast)  # 33 us at this speed; the card wants 50 us
     p.do("PRESET")
