@@ -27,16 +27,20 @@ def measure_table(
     """Measure a machine's table as a laser interferometer does."""
     from edmsim.controllers.axis.elcam_file import load_tables, read_tables, text_of
     from edmsim.errors import InputError
-    from edmsim.files import replacing
+    from edmsim.files import make_writable, replacing
+    from edmsim.job.remake import FORMATS
     from edmsim.machine.machine import Machine
     from edmsim.metrology.table_run import measure_table as measure
     from edmsim.recording.table_report import as_json, headline, render
 
-    for file in (out, plot):
-        if file is not None and not file.absolute().parent.is_dir():
-            raise InputError("cannot be written: there is no such folder", file)
+    if plot is not None and plot.suffix.removeprefix(".") not in FORMATS:
+        raise InputError(f"a figure is written as one of {', '.join(FORMATS)}", plot)
     loaded = None if compensation is None else load_tables(read_tables(compensation), compensation)
-    found = measure(Machine.load(machine), interval_mm=interval, runs=runs, seed=seed, compensation=loaded)
+    worn = Machine.load(machine)
+    for file in (out, plot):
+        if file is not None:
+            make_writable(file.parent)
+    found = measure(worn, interval_mm=interval, runs=runs, seed=seed, compensation=loaded)
     if out is not None:
         about = f"Errors of the table of {machine}: what an axis indicates less where it truly is."
         with replacing(out) as partial:
@@ -45,7 +49,7 @@ def measure_table(
         from edmsim.recording.figures.table import table_figure
 
         with replacing(plot) as partial:
-            table_figure({"measured": found}).savefig(partial, format=plot.suffix.removeprefix(".") or "png")
+            table_figure({"measured": found}).savefig(partial, format=plot.suffix.removeprefix("."))
     if json:
         sys.stdout.write(as_json(found) + "\n")
         return

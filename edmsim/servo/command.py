@@ -68,6 +68,8 @@ def tune(name: str, axis: str, out: Path | None, say: Callable[[str], None]) -> 
     from edmsim.servo.autotune import autotune, draw
 
     if out is not None:
+        if out.suffix != ".png":
+            raise InputError("the picture is written as .png", out)
         make_writable(out.parent)
     motor = np.array([bench_for(name, axis, tuned=False).motor()])  # of x and y with the machine's screw and table
     tuning = autotune(name, motor, say)
