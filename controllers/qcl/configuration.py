@@ -97,11 +97,10 @@ def read_configuration(text: str, file: str | None = None) -> Configuration:
             section = line.upper()
         elif line.upper() == "END":
             break
-        elif not section:  # no configuration at all, most often: what follows is none either
-            told = f"{line!r} stands before the first section; a comment begins with ;"
-            raise QclError([Problem(number, told)], file)
         else:
             try:
+                if not section:
+                    raise InputError(f"{line!r} stands before the first section; a comment begins with ;")
                 _SECTIONS[section](found, line.split())
             except InputError as error:
                 problems.append(Problem(number, str(error)))

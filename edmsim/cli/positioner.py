@@ -10,6 +10,9 @@ import typer
 
 from edmsim.cli.console import OUT, say
 
+_SHOWN = 10
+"""Problems of a text that are told (ours): the manual's example has fewer."""
+
 
 def positioner(
     configuration: Annotated[Path, typer.Argument(help="Configuration, .CNF.", show_default=False)],
@@ -29,7 +32,7 @@ def positioner(
     try:
         station = Station.of_files(configuration, program, axis)
     except QclError as error:
-        for problem in error.problems[1:]:
+        for problem in error.problems[1:_SHOWN]:
             say(f"{error.file}:{problem.line}: {problem.what}")
         raise
     tell = partial(OUT.print, highlight=False, soft_wrap=True, markup=False)
