@@ -73,7 +73,7 @@ class Rig:
         n_slices, n_nodes = self.full.wire_shape.shape
         sizes = sizes_of(n_slices, 32, n_nodes)
         self.arrays = arrays(self.full, sizes, 300.0, {"height_share": np.full(n_slices, 0.5)})
-        self.axes = allocate(Axes, sizes, loops=0)
+        self.axes = allocate(Axes, sizes, loops=0, errs=0)
         self.propagators = allocate(Propagators, sizes)  # the full model does not use them
         self.timing = Timing(
             mode=ISO_PULSE, open_V=80.0, burning_V=20.0, removal_um3_J=1.0, current_A=1.0, short_A=1.0,
