@@ -32,6 +32,30 @@ def by_name(values: Mapping[str, float], table: Sequence[Mapping[str, Any]]) -> 
     return found
 
 
+def tuned_values(data: Mapping[str, Any], what: str, axis: str, changes: Mapping[str, float]) -> dict[str, int]:
+    """Return the parameters of a drive that is tuned for an axis, by name, some of them changed.
+
+    Parameters
+    ----------
+    data : mapping
+        The drive's file, with its tables ``tuned`` and ``parameter``.
+    what : str
+        The drive, for a message.
+    axis : str
+    changes : mapping of str to number
+        By name or letter.
+
+    Raises
+    ------
+    InputError
+        Nobody has tuned one for that axis.
+    """
+    tuned = data["tuned"]
+    if axis not in tuned:
+        raise InputError(f"no {what} is tuned for an axis {axis!r}; there are: {', '.join(tuned)}")
+    return {**tuned[axis], **by_name(changes, data["parameter"])}
+
+
 class HasRecord(Protocol):
     """What has a drive's record; a plant puts its own row in place of the first one."""
 

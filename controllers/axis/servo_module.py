@@ -19,7 +19,7 @@ from edmsim.controllers.axis import servo_module_registers as at
 from edmsim.controllers.axis.drive import axis_row, new_record, restart, set_period
 from edmsim.controllers.axis.eeprom import WORD, decode, encode
 from edmsim.controllers.axis.extensions import SETTINGS, Extensions, record_sample
-from edmsim.controllers.axis.parameters import Registers, by_name
+from edmsim.controllers.axis.parameters import Registers, tuned_values
 from edmsim.controllers.axis.serial_line import NEW_LINE, LineEditor
 from edmsim.controllers.axis.servo_module_dialogue import DATA, answer, words_of
 from edmsim.controllers.axis.servo_module_law import Words, cycle, put_duty, take_steps, wrapped
@@ -150,9 +150,8 @@ class ServoModule:
         InputError
             Nobody has tuned one for that axis, or a parameter is none.
         """
-        if axis not in DATA["tuned"]:
-            raise InputError(f"no servo module is tuned for an axis {axis!r}; there are: {', '.join(DATA['tuned'])}")
-        return cls(axis_row(axis), {**DATA["tuned"][axis], **by_name(changes, DATA["parameter"])})
+        values = tuned_values(DATA, "servo module", axis, changes)
+        return cls(axis_row(axis), values)
 
     def line(self, text: bytes) -> bytes:
         """Take what was sent over the serial line, and return the answer."""

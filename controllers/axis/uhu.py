@@ -32,7 +32,7 @@ from edmsim.controllers.axis import eeprom
 from edmsim.controllers.axis import uhu_law as at
 from edmsim.controllers.axis.drive import axis_row, data_of, new_record, restart, set_period
 from edmsim.controllers.axis.extensions import SETTINGS, Extensions, note_limit, record_sample, start_command
-from edmsim.controllers.axis.parameters import Registers, by_name
+from edmsim.controllers.axis.parameters import Registers, tuned_values
 from edmsim.controllers.axis.uhu_dialogue import Dialogue
 from edmsim.errors import InputError
 
@@ -185,10 +185,8 @@ class Uhu:
         InputError
             Nobody has tuned one for that axis, or a parameter is none.
         """
-        tuned = _data()["tuned"]
-        if axis not in tuned:
-            raise InputError(f"no UHU is tuned for an axis {axis!r}; there are: {', '.join(tuned)}")
-        return cls(axis_row(axis), stored={**tuned[axis], **by_name(changes, _data()["parameter"])})
+        values = tuned_values(_data(), "UHU", axis, changes)
+        return cls(axis_row(axis), values)
 
     @property
     def sample(self) -> SampleFunction:
