@@ -31,6 +31,8 @@ class Drive(Protocol):
         n falls on ``epoch_ns + n * num // den``, so that a period of no whole number of ns never drifts.
     motor : record array (1,) or None
         One row of `edmsim.compiled.axis_rows.MOTOR`; None for a stepper.
+    makes_ramps : bool, optional
+        Whether it places its axis by ramps of its own, so that the steps of a rapid come at once.
     """
 
     name: str

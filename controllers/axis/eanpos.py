@@ -199,6 +199,7 @@ class Eanpos:
     """
 
     name = "eanpos"
+    makes_ramps = True
     sample: SampleFunction = eanpos_sample
 
     def __init__(

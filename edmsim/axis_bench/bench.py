@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from edmsim.axis_bench.motion import BenchAxes
 from edmsim.axis_bench.serial_link import SerialLink
-from edmsim.axis_bench.steps import DIR_OPEN, STEP_OPEN, move
 from edmsim.compiled.axis_rows import (
     ERROR_LED,
     FAULT_IN,
@@ -30,6 +29,7 @@ from edmsim.plant.axes.board import fault_net_low, hold_in_reset
 from edmsim.plant.axes.drives import AXIS_NAMES
 from edmsim.plant.axes.encoder import read_phases
 from edmsim.plant.axes.marks import LONG_AGO_NS
+from edmsim.plant.axes.steps import DIR_OPEN, STEP_OPEN, move
 
 _TURN_NS = 10_000_000
 """A drive is asked for what it sends unasked so often (ours)."""

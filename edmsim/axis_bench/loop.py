@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from edmsim.axis_bench.steps import make_steps
 from edmsim.compiled.axis_rows import N_AXES
 from edmsim.compiled.jit import compiled
 from edmsim.plant.axes.board import NOBODY, first_due, serve
 from edmsim.plant.axes.shaft import coast_all
+from edmsim.plant.axes.steps import make_steps
 from edmsim.plant.kernel.state import Axes
 from edmsim.plant.mechanics.mujoco_axes import FullLink, coast_table, lay_out_axes
 

@@ -9,12 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edmsim.axis_bench.loop import CHANGE_ROW, DONE, LOST, SAMPLE_ROW, run
-from edmsim.axis_bench.steps import MOVE
 from edmsim.compiled.axis_rows import N_AXES
 from edmsim.controllers.axis.drive import Drive
 from edmsim.errors import EdmsimError, InputError
 from edmsim.machine.machine import Machine
 from edmsim.plant.axes.drives import AXIS_NAMES, Drives
+from edmsim.plant.axes.steps import MOVE
 from edmsim.plant.constants import screws, table_mechanics
 from edmsim.plant.kernel.declare import sizes_of
 from edmsim.plant.kernel.state import STATE

@@ -286,16 +286,19 @@ class Simulation:
         elif cause is StopCause.LIMIT_SWITCH:
             self.reason = f"an end switch of the table opened at x {x / 1e3:.3f} y {y / 1e3:.3f} mm"
         elif cause is StopCause.DRIVE_TRIP:
-            behind = " and ".join(
-                f"{name} ({error:+.1f} um behind)"
-                for name, bit, error in zip("xy", (1, 2), self.plant.following_error_um, strict=True) if tripped & bit
-            )
-            self.reason = f"the drive of {behind} has shut off its motor"
+            self.reason = self._trip_of(tripped)
         elif cause is StopCause.PERSISTENT_SHORT:
             self.reason = alarm
         elif cause is StopCause.TIME_LIMIT:
             self.reason = f"the time limit of {self._max_time_ns * 1e-9:g} s of machine time was reached"
         return cause
+
+    def _trip_of(self, tripped: int) -> str:
+        behind = " and ".join(
+            f"{name} ({error:+.1f} um behind)"
+            for name, bit, error in zip("xy", (1, 2), self.plant.following_error_um, strict=True) if tripped & bit
+        )
+        return f"the drive of {behind} has shut off its motor"
 
     def _end_of_leg(self) -> StopCause:
         """Wait for the dwell, then go on with the next leg; `StopCause.FINISHED` if there is none."""
@@ -309,6 +312,9 @@ class Simulation:
             return StopCause.FINISHED
         if self.legs[at.leg + 1].threads:
             self._thread_at(self.legs[at.leg + 1].points_um[0])
+            if tripped := self.plant.drive_faults:
+                self.reason = f"between two contours {self._trip_of(tripped)}"
+                return StopCause.DRIVE_TRIP
         self._at = _Place(at.leg + 1, self.commanded_um, self.path_um, False, self.missed_windows)
         self._cycle.motion = self._motion = self._begin_leg()
         return StopCause.RUNNING

@@ -211,10 +211,24 @@ class Plant(PlantReadings):
         self._set_timing(self.machine)
 
     def rethread(self, position_um: tuple[float, float], duration_ns: int) -> None:
-        """Cut the wire, move to another place with the generator off, and thread a fresh wire there."""
-        before = self._arrays
-        self._drives.carry(self._state, position_um, duration_ns)
-        self._state["time_ns"] += duration_ns
+        """Cut the wire, move to another place with the generator off, and thread a fresh wire there.
+
+        Parameters
+        ----------
+        position_um : (float, float)
+            An axis whose drive has a loop goes to the nearest whole step, at the table's rapid speed.
+        duration_ns : int
+            For moving and threading. If such an axis is not in place by then, the time goes on until it is.
+
+        Raises
+        ------
+        EdmsimError
+            A drive commands what is no share of its supply, or its axis has run away.
+        """
+        before, table = self._arrays, self.machine.base.table
+        self._state["time_ns"] += self._drives.carry(
+            self._state, position_um, duration_ns, table.step_um.value, table.rapid_um_s.value
+        )
         for name in ("heat_wait_us", "spot", "wear_wait_um3", "worn_share", "broken", "traces"):
             self._state[name] = 0
         self._at_rest()

@@ -146,17 +146,6 @@ def test_reset_switches_the_drives_on_again(machine):
     assert again["axes"].tobytes() == fresh["axes"].tobytes()
 
 
-def test_a_move_to_another_hole_keeps_counts_and_setpoint(machine):
-    plant = plant_with(machine, {"x": axes.make("servo")})
-    plant.advance(steps(3))
-    before = plant.snapshot()["axes"]["count"][0]
-    plant.rethread((12_000.0, 20_000.0), 60_000_000_000)
-    for _ in range(3):
-        plant.advance()
-    assert plant.place_um[0] == pytest.approx(12_000.0, abs=0.3)
-    assert abs(plant.snapshot()["axes"]["count"][0] - before) < 30
-
-
 @pytest.mark.parametrize("mechanics", ["modal", "mujoco"])
 def test_a_command_that_is_no_number_ends_the_window(machine, mechanics):
     plant = plant_with(machine, {"x": NanDrive()}, mechanics)

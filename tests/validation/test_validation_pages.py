@@ -19,7 +19,7 @@ ROOT = Path(__file__).parents[2]
 THEORY = ROOT / "docs" / "theory"
 PAGES = sorted(THEORY.glob("*.md"))
 NO_PHYSICS = {
-    "axes/drives", "constants", "fleet", "gap/rays", "kernel/declare", "kernel/memory", "kernel/state",
+    "axes/drives", "axes/rapid", "axes/steps", "constants", "fleet", "gap/rays", "kernel/declare", "kernel/memory", "kernel/state",
     "mechanics/mjcf", "plant", "readings", "resolution", "window", "workpiece/start_slot",
 }
 ROWS = [

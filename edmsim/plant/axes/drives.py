@@ -11,12 +11,13 @@ from numpy.typing import NDArray
 
 from edmsim.compiled.axis_rows import DRIVE, FAULT, FREEWHEEL, N_AXES, NET_IN, NET_OUT, SampleFunction
 from edmsim.compiled.random import key_of
-from edmsim.errors import InputError
+from edmsim.errors import EdmsimError, InputError
 from edmsim.plant.axes.advance import go_astray, indicate
 from edmsim.plant.axes.board import NEVER
 from edmsim.plant.axes.encoder import draw_pause
 from edmsim.plant.axes.marks import LONG_AGO_NS, mark_below, watch_cam
 from edmsim.plant.axes.motor import check_motor
+from edmsim.plant.axes.rapid import constants, run_moves, straight_moves
 from edmsim.plant.axes.shaft import longest_step_ns
 from edmsim.plant.axes.ways import no_ways
 from edmsim.plant.kernel.declare import ArraySizes, allocate
@@ -27,6 +28,8 @@ AXIS_NAMES = ("x", "y", "u", "v")
 
 
 _TIMERS = "output_ns", "duty_ns", "alarm_ns"
+_LOOK_NS = 10_000_000
+"""How often it is looked whether a rapid is over (ours)."""
 
 
 class AxisDrive(Protocol):
@@ -130,39 +133,75 @@ class Drives:
                 rows["spike_ns"][k] = draw_pause(rows[k], self.axes.motors[k])
         self._find_marks()
 
-    def carry(self, state: NDArray[np.void], position_um: tuple[float, float], duration_ns: int) -> None:
-        """Let x and y go to a place without simulating it; `state` are the scalars of a plant (`STATE`)."""
+    def carry(
+        self, state: NDArray[np.void], position_um: tuple[float, float], duration_ns: int, step_um: float,
+        rapid_um_s: float,
+    ) -> int:
+        """Let x and y go to a place without the wire.
+
+        An axis under a drive with a loop is given whole steps, at once where the drive makes ramps of its own, and is
+        moved by it; the others are there.
+
+        Parameters
+        ----------
+        state : record array (1,)
+            Scalars of a plant (`STATE`); their time is left as it is.
+        position_um : (float, float)
+        duration_ns : int
+            What the move is given, with all that is done meanwhile.
+        step_um, rapid_um_s : float
+            Travel of a step, and the rapid's speed along the straight line.
+
+        Returns
+        -------
+        int
+            How long it took (ns): axes that are not yet within a step of their place are waited for.
+
+        Raises
+        ------
+        EdmsimError
+            A drive commands what is no share of its supply, or its axis has run away.
+        """
         moved_um = np.zeros(N_AXES)
         moved_um[:2] = position_um - state["commanded_um"][0, :2]
+        counts = [round(float(um) / step_um) if self.has_loop(k) else 0 for k, um in enumerate(moved_um)]
+        for k in self._looped:
+            moved_um[k] = counts[k] * step_um
         if self.axes.errs:
             indicate(state)
             play_um = 0.5 * self.axes.ways["backlash_um"]
             state["slack_um"] = np.clip(state["slack_um"] + moved_um[:2], -play_um, play_um)
-        state["axis_um"] += moved_um
-        state["commanded_um"][0, :2] = position_um
+        state["commanded_um"] += moved_um
         for axis in range(N_AXES):
             if not self.has_loop(axis):
                 slack_um = state["slack_um"][0, axis] if axis < 2 else 0.0
                 state["axis_um"][0, axis] = state["commanded_um"][0, axis] - slack_um
-        self.pass_by(moved_um, duration_ns)
+        if self._looped:
+            duration_ns = self._travel(state, counts, duration_ns, step_um, rapid_um_s)
         self._stray(state)
+        return duration_ns
+
+    def _travel(
+        self, state: NDArray[np.void], counts: list[int], duration_ns: int, step_um: float, rapid_um_s: float
+    ) -> int:
+        """Move the axes whose drives have a loop by some steps; return how long (ns) it took."""
+        rows, start_ns = self.axes.rows, int(state["time_ns"][0])
+        at_once = [getattr(self.by_axis.get(name), "makes_ramps", False) for name in AXIS_NAMES]
+        moves = straight_moves(counts, start_ns, rapid_um_s / step_um, at_once)
+        until_ns = start_ns + duration_ns
+        last_ns = until_ns + round(constants()["settled_s"] * 1e9)
+        while True:
+            if not run_moves(self.axes, moves, until_ns):
+                raise EdmsimError("a drive commands what is no share of its supply, or its axis has run away")
+            state["axis_um"][0, self._looped] = rows["place_um"][self._looped]
+            away_um = np.abs(state["axis_um"] - state["commanded_um"])[0, self._looped]
+            if until_ns >= last_ns or self.faults() or np.all(away_um <= step_um):
+                return until_ns - start_ns
+            until_ns += _LOOK_NS
 
     def _stray(self, state: NDArray[np.void]) -> None:
         if self.axes.errs:
             go_astray(state, self.axes)
-
-    def pass_by(self, moved_um: NDArray[np.float64], duration_ns: int) -> None:
-        """Let a move happen that is not simulated: the drives sleep, and hold the same counts afterwards."""
-        rows, drives = self.axes.rows, self.axes.drives
-        for name in ("place_um", "rotor_um", "zero_um"):
-            rows[name] += moved_um
-        for name in ("time_ns", "moved_ns", "ready_ns", "spike_ns"):
-            rows[name] += duration_ns
-        for name in ("epoch_ns", "due_ns", "now_ns"):
-            drives[name] += duration_ns
-        for name in _TIMERS:
-            drives[name] += np.where(drives[name] < NEVER, duration_ns, 0)
-        self._find_marks()
 
     def has_loop(self, axis: int) -> bool:
         """Return whether the drive of an axis, by its number, has a loop."""

@@ -1,4 +1,4 @@
-"""The bench's source of step pulses: moves of an exact number of steps, at once, at a rate, or with ramps."""
+"""A source of step pulses: moves of an exact number of steps, at once, at a rate, or with ramps."""
 
 from __future__ import annotations
 

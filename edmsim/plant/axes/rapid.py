@@ -1,0 +1,68 @@
+"""A rapid: x and y go to another place under their drives, the wire cut and the generator off.
+
+The axes are stepped by edmsim's own integrator, whatever moves the table while it cuts: without the wire, rotor,
+screw and table are all there is, and MuJoCo moves them alike.
+"""
+
+from __future__ import annotations
+
+import math
+import tomllib
+from collections.abc import Sequence
+from functools import cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from edmsim import models
+from edmsim.compiled.axis_rows import N_AXES
+from edmsim.compiled.jit import compiled
+from edmsim.plant.axes.board import NOBODY, first_due, serve
+from edmsim.plant.axes.shaft import coast_all
+from edmsim.plant.axes.steps import MOVE, make_steps, move
+from edmsim.plant.kernel.state import Axes
+
+
+@cache
+def constants() -> dict[str, float]:
+    """Return the constants of a rapid by name."""
+    found: dict[str, float] = tomllib.loads(models.path("drives/board.toml").read_text(encoding="utf-8"))["rapid"]
+    return found
+
+
+def straight_moves(counts: Sequence[int], start_ns: int, rate_Hz: float, at_once: Sequence[bool]) -> NDArray[np.void]:
+    """Return moves of some axes that lead along a straight line.
+
+    Parameters
+    ----------
+    counts : sequence of int
+        Steps of every axis.
+    start_ns : int
+    rate_Hz : float
+        Steps per second along the line, reached within ``ramp_s``.
+    at_once : sequence of bool
+        Whose drive makes ramps of its own: it is given its steps at once.
+    """
+    way = math.hypot(*counts)
+    rows = [np.zeros(0, MOVE)]
+    for axis, count in enumerate(counts):
+        if count:
+            rate = 0.0 if at_once[axis] else rate_Hz * abs(count) / way
+            rows.append(move(axis, start_ns, count, rate, rate / constants()["ramp_s"]))
+    return np.concatenate(rows)
+
+
+@compiled
+def run_moves(axes: Axes, moves: NDArray[np.void], until_ns: int) -> bool:
+    """Run the drives and their axes to a time; false if a command is none, or an axis has run away."""
+    while True:
+        who, due_ns = first_due(axes, until_ns)
+        coast_all(axes, 0, due_ns)
+        for axis in range(N_AXES):
+            axes.drives[axis].setpoint += make_steps(moves, axis, 0, due_ns)
+            if not abs(axes.rows[axis].place_um) < 1e9:
+                return False
+        if who == NOBODY:
+            return True
+        if not serve(axes, who, due_ns):
+            return False
