@@ -45,3 +45,34 @@ def test_a_following_error_stops_the_machine_and_leaves_with_3(monkeypatch, tmp_
     report = json.loads((tmp_path / "cut" / "report.json").read_text(encoding="utf-8"))
     assert report["outcome"] == "drive-trip"
     assert "has shut off its motor" in report["reason"]
+
+
+TWO_SQUARES = """G21 G90
+G0 X-0.4 Y0.1
+G41
+G1 X0 Y0.1
+Y0.21
+X0.21
+Y0
+X0
+Y0.1
+G40
+G0 X3.6 Y2.1
+G41
+G1 X4 Y2.1
+Y2.2
+X4.2
+Y2
+X4
+Y2.1
+G40
+M2
+"""
+
+
+def test_the_shares_of_the_error_do_not_take_a_rapid_for_a_cut(tmp_path):
+    """The way between two contours is no way of the wire through the metal."""
+    (tmp_path / "two.ngc").write_text(TWO_SQUARES)
+    result = edmsim.cut(tmp_path / "two.ngc", height_mm=1, resolution="fast")
+    assert result.report["outcome"] == "finished"
+    assert result.report["profile_error_um"]["shares"]["planner"]["max"] < 5.0

@@ -122,14 +122,19 @@ def inspect(simulation: Simulation, windows: WindowTable) -> Inspection:
 
 
 def _ways_um(simulation: Simulation, windows: WindowTable) -> list[tuple[NDArray[np.float64], ...]]:
-    """Return the ways of commanded position, guides and wire, (n, 2) each, contour by contour."""
-    commanded, following, lag, path_um = windows.ways_um()
+    """Return the ways of commanded position, guides and wire, (n, 2) each, contour by contour.
+
+    A contour begins where a wire was threaded: the longest times between two windows.
+    """
+    commanded, following, lag, time_s = windows.ways_um()
     guides = commanded - following
     if simulation.elcam is not None or simulation.machine.base.geometry.has_errors:
         off = motor_offsets_um(simulation.machine, commanded, simulation.elcam)
         commanded, guides = commanded - off.program, guides - off.table
-    pieces = [np.hypot(*np.diff(contour.points_um, axis=0).T).sum() for contour in simulation.path.contours]
-    begins = np.searchsorted(np.maximum.accumulate(path_um), np.cumsum(pieces)[:-1], side="right")
+    threaded = sum(leg.threads for leg in simulation.legs[1 : simulation.leg + 1])
+    longest = np.argsort(np.diff(time_s), kind="stable")[::-1][:threaded]
+    begins = np.full(len(simulation.path.contours) - 1, len(time_s))
+    begins[:threaded] = np.sort(longest) + 1
     ways = (np.split(way, begins) for way in (commanded, guides, guides - lag))
     return list(zip(*ways, strict=True))
 

@@ -114,12 +114,10 @@ class WindowTable(Observer):
         return np.concatenate([*self._blocks[:-1], self._blocks[-1][: self._used]])
 
     def ways_um(self) -> tuple[NDArray[np.float64], ...]:
-        """Return commanded position, following error and wire lag, (len(self), 2) each, and the place on the path."""
+        """Return commanded position, following error and wire lag, (len(self), 2) each, and the time in s."""
         values = self.values()
-        x, following, lag, path = (
-            ROW_NAMES.index(name) for name in ("x_um", "following_x_um", "lag_x_um", "path_um")
-        )
-        return *(values[:, k : k + 2] for k in (x, following, lag)), values[:, path]
+        x, following, lag, time = (ROW_NAMES.index(name) for name in ("x_um", "following_x_um", "lag_x_um", "t_s"))
+        return *(values[:, k : k + 2] for k in (x, following, lag)), values[:, time]
 
     def to_arrow(self, error_um: NDArray[np.float64] | None = None) -> pa.Table:
         """Return the table as `windows.parquet` holds it.
