@@ -1,7 +1,7 @@
 # ---
 # jupyter:
 #   edmsim:
-#     small: {modules: [craters, strings, corners]}
+#     small: {modules: [craters, strings]}
 #   jupytext:
 #     formats: ipynb,py:percent
 #     notebook_metadata_filter: edmsim,kernelspec,jupytext,-all

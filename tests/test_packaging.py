@@ -15,6 +15,7 @@ from pathlib import Path
 import pytest
 
 from edmsim.cli.console import STOPPED
+from tests.plant.test_determinism import HASH, in_this_process
 
 ROOT = Path(__file__).parents[1]
 LINKS = ("controllers", "envs", "models")
@@ -103,8 +104,11 @@ def test_the_source_archive_holds_every_file_once(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("wheel", [True], indirect=True)
-def test_an_installed_wheel_cuts(wheel: Path, tmp_path: Path) -> None:
-    """In an environment outside the tree that has the dependencies of this one, but not its edmsim."""
+def test_an_installed_wheel_cuts_the_same_bits(wheel: Path, tmp_path: Path) -> None:
+    """In an environment outside the tree that has the dependencies of this one, but not its edmsim.
+
+    Slow on purpose (one to three minutes): its cache of compiled code is empty, so the pulse loop is compiled again.
+    """
     venv.create(tmp_path / "clean", symlinks=True)
     programs = tmp_path / "clean" / "bin"
     run(sys.executable, "-m", "pip", "--python", programs / "python", "install", "--quiet", "--no-index", "--no-deps",
@@ -118,3 +122,5 @@ def test_an_installed_wheel_cuts(wheel: Path, tmp_path: Path) -> None:
     run(programs / "edmsim", "cut", "punch.ngc", "--out", "out", "--height", "5", "--resolution", "fast",
         "--max-time", "0.2", "--quiet", at=tmp_path, status=STOPPED)  # fmt: skip
     assert (tmp_path / "out" / "windows.parquet").is_file()
+    assert any((tmp_path / "cache" / "edmsim" / "compiled").iterdir())
+    assert run(programs / "python", "-c", HASH, at=tmp_path) == in_this_process()

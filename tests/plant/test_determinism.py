@@ -179,12 +179,6 @@ def test_another_process_gives_the_same_bits(tmp_path):
     assert in_another_process(tmp_path, PYTHONHASHSEED="7") == in_this_process()
 
 
-def test_an_empty_compile_cache_gives_the_same_bits(tmp_path):
-    """Slow on purpose (one to three minutes): compiles the pulse loop again."""
-    assert in_another_process(tmp_path, XDG_CACHE_HOME=str(tmp_path / "cache")) == in_this_process()
-    assert any((tmp_path / "cache" / "edmsim" / "compiled").iterdir())
-
-
 def test_plants_in_two_threads_do_what_they_do_alone(machine, drive):
     """The pulse loop holds no lock and shares nothing: the same bits, whoever runs beside it."""
 
