@@ -172,6 +172,7 @@ class McuController(CountsController):
 
     def update(self, window: WindowObservation) -> FeedCommand:
         """Feed for the next window; the routines of the steps put off what the program computes."""
+        self._computer.serve()
         if self._run is not None:
             computer, cpu = self._computer, self._cpu
             late_ns = max(computer.steppers.free_ns - computer.board.now_ns, 0)
@@ -212,9 +213,9 @@ class McuController(CountsController):
     def _command(self, path_um: float) -> FeedCommand:
         command = super()._command(path_um)
         setup = self._setup
-        if command.alarm is not None and self._computer.state != EMERGENCY:
+        if command.alarm is not None:
             self._computer.emergency()
-        if command.alarm is not None or not (self.corner_um and setup.points):
+        if self._computer.state == EMERGENCY or not (self.corner_um and setup.points):
             return command
         ahead = bisect_right(setup.corners_um, path_um)
         left = setup.corners_um[ahead] - path_um if ahead < len(setup.corners_um) else math.inf
