@@ -98,7 +98,8 @@ class Simulation:
         Fresh; it is reset at the start of every leg.
     planner : str
         ``poscal``, ``poscal-literal``, ``dda`` or ``sine-table``. It counts steps in place of um where the table
-        travels further than 16 bits of um (row T-61).
+        travels further than 16 bits of um (row T-61). A controller that makes the steps of one itself (`RunsPath`)
+        takes its place.
     seed : int
     resolution : str
     max_time_s : float, optional

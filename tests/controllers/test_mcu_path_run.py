@@ -1,4 +1,4 @@
-"""The machine of 1982 itself: with `poscal-literal` its own timers make the steps of a cut, and its switches stop it."""
+"""The machine of 1982 itself: its own timers make the steps of a cut with `poscal-literal`, its switches stop it."""
 
 import json
 from itertools import pairwise
@@ -107,7 +107,7 @@ def test_it_runs_as_the_literal_algorithm_but_as_late_as_its_routines(moves, spe
     points = [START]
     for dx, dy in moves:
         points.append((points[-1][0] + 14 * dx, points[-1][1] + 14 * dy))
-    if len({*points}) < 2 or any(a == b for a, b in zip(points, points[1:], strict=False)):
+    if len({*points}) < 2 or any(a == b for a, b in pairwise(points)):
         return
     literal, (real, computer) = make_planner("poscal-literal", np.array(points)), machine(*points)
     ideal, made = (follow(who, [speed] * 40, 20 * SECOND) for who in (literal, real))
@@ -187,7 +187,7 @@ def test_a_path_that_is_none_is_refused():
         with pytest.raises(InputError, match=words):
             machine(*points)
     real, _ = machine(START, (30_100, 30_000))
-    with pytest.raises(InputError, match="must be -127..127 units, not 128"):
+    with pytest.raises(InputError, match=r"must be -127\.\.127 units, not 128"):
         real.advance(0, WINDOW, 128)
     with pytest.raises(InputError, match="must not end before it starts"):
         real.advance(WINDOW, 0, 1)
