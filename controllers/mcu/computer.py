@@ -267,11 +267,6 @@ class Computer:
         """Whether a move of the program's own is under way."""
         return self.steppers.moving
 
-    def aim(self, x: int, y: int) -> None:
-        """Note where the wire is to go next: XVELOC and YVELOC lead there, and a planner makes the steps."""
-        self.steppers.aim(x, y)
-        self.steppers.set_speed(self.signed(at.CUTVEL))
-
     def move_to(self, x: int, y: int) -> None:
         """Move straight to a position at the speed set, aimed once by POSCAL as in 1982; `run_until` makes the steps.
 

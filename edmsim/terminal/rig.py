@@ -294,7 +294,7 @@ class Rig:
         path_um = self._planner.path_um
         law = self._law._replace(limit=computer.speed, slow=min(self._law.slow, computer.speed))
         if not self._literal:
-            computer.aim(*self._route.corner_ahead(path_um))
+            computer.steppers.look_to(*self._route.corner_ahead(path_um))
         units, t_states = computer.optimise(law, self._state, now_ns // TICK_NS & WORD, int(path_um) & WORD)
         self.windows += 1
         self._next_units, self._busy_until_ns = units, now_ns + round(seconds(t_states) * 1e9)

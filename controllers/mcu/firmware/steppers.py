@@ -124,6 +124,11 @@ class Steppers:
         for area, target in zip(at.AREAS, (x, y), strict=True):
             self.board.bus.store(area + at.TARGET, target)
 
+    def look_to(self, x: int, y: int) -> None:
+        """Note where a planner leads the wire: XVELOC and YVELOC point there, and it makes the steps."""
+        self.aim(x, y)
+        self.set_speed(self.signed(at.CUTVEL))
+
     def set_speed(self, units: int) -> None:
         """VELOCM with the way resolved before; XVELOC and YVELOC are read by the next interrupts.
 
