@@ -229,6 +229,18 @@ class DrivesSteps(Protocol):
         """Make a planner's steps, in order of time; return those that the motors made."""
 
 
+@runtime_checkable
+class HasSwitches(Protocol):
+    """A controller with inputs for the machine's safety switches (row T-46)."""
+
+    @property
+    def emergency(self) -> str | None:
+        """What its emergency routine did, for the report; None while it has not run since the leg began."""
+
+    def open_switch(self, name: str) -> None:
+        """Take in that a switch of the machine opened: a name of `edmsim.controllers.mcu.chips.switches.NAMES`."""
+
+
 def check_parameter(controller: str, name: str, value: float) -> None:
     """Refuse a parameter that is no finite number of 0 or more, or a ``*_share`` above 1."""
     number = isinstance(value, int | float) and not isinstance(value, bool)

@@ -1,8 +1,10 @@
 """The 1982 controller as a feed controller: its law behind registers, its steps through interrupts.
 
 The counts reach the program as on the machine: 255 clocks of SYNC, strobes, the latches at 4030H and 4031H, polled
-through the handshake at 4032H. The planner's steps leave it as on the machine: a timer runs out, the 8259 interrupts,
-the routine raises a line of 4022H. What it decides, and when, is what `CountsController` decides, bit for bit.
+through the handshake at 4032H. With the planner `poscal-literal` the controller is the machine itself: it aims every
+move once, and its timers decide when a step comes (`edmsim.controllers.mcu.path_run`). Any other planner decides that
+itself, and its steps leave as on the machine: a timer runs out, the 8259 interrupts, the routine raises a line of
+4022H. What the controller decides is then what `CountsController` decides, bit for bit.
 """
 
 from __future__ import annotations
@@ -19,13 +21,17 @@ from numpy.typing import NDArray
 from edmsim.controllers.feed.counts import CountsController
 from edmsim.controllers.mcu.board import Board
 from edmsim.controllers.mcu.chips.dac import LIMIT_A, PulseSettings
-from edmsim.controllers.mcu.computer import Computer
+from edmsim.controllers.mcu.computer import EMERGENCY, Computer
 from edmsim.controllers.mcu.firmware.arithmetic import WORD
 from edmsim.controllers.mcu.firmware.generator_control import before_corner
 from edmsim.controllers.mcu.firmware.optimise import Settings
 from edmsim.controllers.mcu.firmware.poscal import Unit, check_1982, unit_for, unit_um
 from edmsim.controllers.mcu.firmware.timers import MAX_SPEED
-from edmsim.controllers.protocols import ControllerState, FeedCommand, Step
+from edmsim.controllers.mcu.path_run import PathRun
+from edmsim.controllers.planner.protocol import Planner
+from edmsim.controllers.planner.record import LITERAL
+from edmsim.controllers.planner.registry import kind_of
+from edmsim.controllers.protocols import ControllerState, FeedCommand, Step, WindowObservation
 from edmsim.geometry import Polyline
 from edmsim.machine.machine import Machine
 from edmsim.machine.setting import discharge_current_A
@@ -105,6 +111,7 @@ class McuController(CountsController):
     _computer: Computer = field(default_factory=Computer, init=False, repr=False)
     _setup: _Setup = field(default_factory=lambda: _Setup(), init=False, repr=False)
     _move: int = field(default=-1, init=False, repr=False)
+    _run: PathRun | None = field(default=None, init=False, repr=False)
 
     @property
     def computer(self) -> Computer:
@@ -123,16 +130,54 @@ class McuController(CountsController):
     def reset(self, max_feed_um_s: float) -> FeedCommand:
         """Begin a new cut: INIT, position and settings as MAIN gets them, start."""
         command = super().reset(max_feed_um_s)
+        self._start(wrap=False)
+        return command
+
+    def path_run(self, planner: str) -> Planner | None:
+        """Return the computer's own motion where it is to make the steps as in 1982: for `poscal-literal`."""
+        if kind_of(planner).number != LITERAL:
+            return None
+        self._start(wrap=True)
+        self._run = PathRun(self._computer, self._setup.points)
+        return self._run
+
+    def _start(self, wrap: bool) -> None:
+        """INIT, position and settings, start."""
         setup = self._setup
-        self._computer = Computer(Board(setup.pulses), unit=setup.unit)
+        self._computer = Computer(Board(setup.pulses), unit=setup.unit, wrap=wrap)
         self._computer.init()
         if setup.points:
             self._computer.set_position(*setup.points[0])
         self._computer.set_pulse_codes(*setup.codes)
         self._computer.set_speed(min(self._law().limit, MAX_SPEED))
         self._computer.start()
-        self._move = -1
-        return command
+        self._move, self._run = -1, None
+
+    @property
+    def emergency(self) -> str | None:
+        """What the emergency routine did, and where; None while it has not run since the leg began."""
+        computer = self._computer
+        if computer.state != EMERGENCY:
+            return None
+        size_um = unit_um(self._setup.unit)
+        x_mm, y_mm = (place * size_um / 1e3 for place in computer.position)
+        switches = " and ".join(computer.cause)
+        why = f" ({switches})" if switches else ""
+        return f"the controller's emergency routine{why} stopped the machine at x {x_mm:.3f} y {y_mm:.3f} mm"
+
+    def open_switch(self, name: str) -> None:
+        """Let a switch of the machine open: its line interrupts, and the emergency routine runs."""
+        self._computer.board.switches.trip(name)
+        self._computer.serve()
+
+    def update(self, window: WindowObservation) -> FeedCommand:
+        """Feed for the next window; the routines of the steps put off what the program computes."""
+        self._computer.serve()
+        if self._run is not None:
+            computer, cpu = self._computer, self._cpu
+            late_ns = max(computer.steppers.free_ns - computer.board.now_ns, 0)
+            cpu.busy_until_ns = cpu.clock_ns + round(window.duration_s * 1e9) + late_ns
+        return super().update(window)
 
     def drive(self, steps: list[Step]) -> list[Step]:
         """Make a planner's steps through timers, interrupts and port."""
@@ -153,7 +198,7 @@ class McuController(CountsController):
 
     def _decide(self, tick: int, path_um: float) -> tuple[int, int]:
         setup = self._setup
-        if setup.points:
+        if setup.points and self._run is None:
             here = self._move
             if here < 0 or not setup.starts_um[here] <= path_um <= setup.starts_um[here + 1]:
                 self._aim(path_um)
@@ -163,12 +208,14 @@ class McuController(CountsController):
         """Tell the program where the present move of the path ends."""
         setup = self._setup
         self._move = min(max(bisect_right(setup.starts_um, path_um) - 1, 0), len(setup.points) - 2)
-        self._computer.aim(*setup.points[self._move + 1])
+        self._computer.steppers.look_to(*setup.points[self._move + 1])
 
     def _command(self, path_um: float) -> FeedCommand:
         command = super()._command(path_um)
         setup = self._setup
-        if not (self.corner_um and setup.points):
+        if command.alarm is not None:
+            self._computer.emergency()
+        if self._computer.state == EMERGENCY or not (self.corner_um and setup.points):
             return command
         ahead = bisect_right(setup.corners_um, path_um)
         left = setup.corners_um[ahead] - path_um if ahead < len(setup.corners_um) else math.inf

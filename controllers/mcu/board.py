@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 from edmsim.controllers.mcu.chips import bus, ppi
@@ -66,6 +67,8 @@ class Board:
         Present time.
     steps : list of Step
         Rising edges that the steppers saw and obeyed, since someone emptied the list.
+    on_step : callable
+        Called with each of them: the machine's side, where an end switch may open.
     codes : list of int
         What the DACs of t(i) and t(p) hold.
     open_V, mean_current_A : float
@@ -82,6 +85,7 @@ class Board:
         self.faults = faults or Faults()
         self.now_ns = 0
         self.steps: list[Step] = []
+        self.on_step: Callable[[Step], None] = lambda step: None
         self.codes = [0, 0]
         self.open_V = 0.0
         self.mean_current_A = 0.0
@@ -131,6 +135,7 @@ class Board:
         faults = {name: fault.snapshot() for name, fault in self.faults._asdict().items() if fault is not None}
         return {
             "now_ns": self.now_ns, "codes": list(self.codes), "levels": self._levels,
+            "steps": [list(step) for step in self.steps],
             "open_V": self.open_V, "mean_current_A": self.mean_current_A, "ram": self.bus.ram.hex(),
             "counters": [self.counters.pulses, self.counters.short, self.counters.open, self.counters.missed],
             "faults": faults, **{name: chip.snapshot() for name, chip in self._chips().items()},
@@ -147,7 +152,7 @@ class Board:
             chip.restore(state[name])
         for name, kept in state["faults"].items():
             getattr(self.faults, name).restore(kept)
-        self.steps.clear()
+        self.steps = [Step(*step) for step in state["steps"]]
 
     def _chips(self) -> dict[str, Any]:
         return {
@@ -172,7 +177,9 @@ class Board:
             return
         for axis, pulse, direction in ((0, lines.x_pulse, lines.x_direction), (1, lines.y_pulse, lines.y_direction)):
             if risen >> pulse & 1:
-                self.steps.append(Step(self.now_ns, axis, 1 if byte >> direction & 1 else -1))
+                step = Step(self.now_ns, axis, 1 if byte >> direction & 1 else -1)
+                self.steps.append(step)
+                self.on_step(step)
 
     def _reset_counters(self, port: int, byte: int) -> None:
         """Line C7 of the 8255 that reads the counters."""

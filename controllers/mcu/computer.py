@@ -42,7 +42,8 @@ class Computer:
     unit : {"um", "step"}
         What the position counters count (row T-61).
     wrap : bool
-        Whether a counter that leaves its sixteen bits wraps, as in 1982; else that is a soft limit (row T-A11).
+        Whether what leaves its sixteen bits wraps, as in 1982: the position counters, for which it is a soft limit
+        else (row T-A11), and the sum of squares in POSCAL, which is halved once more else (row T-G6).
 
     Attributes
     ----------
@@ -52,6 +53,8 @@ class Computer:
         Switches that were open at the last emergency; empty where it was called.
     keys : list of int
         Keys that the KBD routine has taken and nobody has looked at.
+    steppers : Steppers
+        The stepper routines; `PathRun` leads them along a path.
     streams : Streams
         Characters in and out, by CIADR and COADR.
 
@@ -73,13 +76,13 @@ class Computer:
         self.cause: tuple[str, ...] = ()
         self.keys: list[int] = []
         self.streams = Streams(self.board.bus)
-        self._steppers = Steppers(self.board, self.serve, unit, wrap)
+        self.steppers = Steppers(self.board, self.serve, unit, wrap)
         self._t_states = 0
         self._enabled = False
         self._routines: dict[int, Callable[[], None]] = {
             at.EMERGENCY_ROUTINE: self.emergency,
-            at.X_ENTRY: lambda: self._steppers.interrupt(0),
-            at.Y_ENTRY: lambda: self._steppers.interrupt(1),
+            at.X_ENTRY: lambda: self.steppers.interrupt(0),
+            at.Y_ENTRY: lambda: self.steppers.interrupt(1),
             at.KBD_ROUTINE: self._keyboard,
             at.NO_ROUTINE: lambda: None,
         }
@@ -102,12 +105,12 @@ class Computer:
 
     def signed(self, address: int) -> int:
         """Word in RAM as a signed number."""
-        return self._steppers.signed(address)
+        return self.steppers.signed(address)
 
     @property
     def t_states(self) -> int:
         """What the routines have cost since the computer was made, in T-states."""
-        return self._t_states + self._steppers.t_states
+        return self._t_states + self.steppers.t_states
 
     def init(self) -> None:
         """INIT: make the machine safe and ready; the position stays (rows T-50, T-51).
@@ -151,7 +154,7 @@ class Computer:
 
         The mode word clears the port, and OEV with it, for the microseconds until that is written.
         """
-        self._steppers.stop()
+        self.steppers.stop()
         self.write(bus.CPORT2, ppi.BASIC_OUTPUTS)
         self.write(bus.PORT2C, 1 << self.board.lines.oev)
         self.write(bus.PORT2A, 0)
@@ -232,7 +235,7 @@ class Computer:
             raise InputError(f"the cutting speed is 0..{MAX_SPEED} units of 262.5 nm/s, not {units!r}")
         self.store(at.MAXVEL, units)
         if self.moving and units:
-            self._steppers.set_speed(units)
+            self.steppers.set_speed(units)
 
     def start(self, generator: bool = True) -> None:
         """Start the machine: interrupts on, and the generator if wanted.
@@ -253,7 +256,7 @@ class Computer:
     def stop(self) -> None:
         """Stop table and generator; codes, speed and position stay, and `start` goes on."""
         self.write(bus.CPORT2, self.board.lines.oev << 1 | 1)
-        self._steppers.stop()
+        self.steppers.stop()
         self.store(at.CUTVEL, 0)
         self._enabled = False
         if self.state == RUNNING:
@@ -262,12 +265,7 @@ class Computer:
     @property
     def moving(self) -> bool:
         """Whether a move of the program's own is under way."""
-        return self._steppers.moving
-
-    def aim(self, x: int, y: int) -> None:
-        """Note where the wire is to go next: XVELOC and YVELOC lead there; a planner makes the steps."""
-        self._steppers.aim(x, y)
-        self._steppers.set_speed(self.signed(at.CUTVEL))
+        return self.steppers.moving
 
     def move_to(self, x: int, y: int) -> None:
         """Move straight to a position at the speed set, aimed once by POSCAL as in 1982; `run_until` makes the steps.
@@ -284,13 +282,16 @@ class Computer:
         if not self.speed:
             raise InputError(f"the cutting speed is 0: set 1..{MAX_SPEED} units")
         check_place(x, y)
-        self._steppers.move_to(x, y, self.speed)
+        self.steppers.begin(x, y)
+        self.steppers.set_speed(self.speed)
 
-    def run_until(self, end_ns: int) -> list[Step]:
-        """Let the timers run up to a time and serve the interrupts; return the steps the motors made."""
-        self.serve()
-        self._steppers.run_until(end_ns)
-        return self._take_steps()
+    def run_until(self, end_ns: int, to_the_end: bool = True) -> list[Step]:
+        """Let the timers run up to a time and serve the interrupts; return the steps the motors made before it.
+
+        With `to_the_end` False it returns as soon as the move under way is over.
+        """
+        self.steppers.run_until(end_ns, to_the_end)
+        return self._take_steps(end_ns)
 
     def drive(self, steps: Iterable[Step]) -> list[Step]:
         """Make a planner's steps through timers, interrupts and port; return those the motors made.
@@ -298,12 +299,14 @@ class Computer:
         The planner is POSCAL re-aimed at every step. Without `start`, or after an emergency, nothing moves.
         """
         if self.serve():
-            self._steppers.drive(steps)
-        return self._take_steps()
+            self.steppers.drive(steps)
+        return self._take_steps(self.board.now_ns + 1)
 
-    def _take_steps(self) -> list[Step]:
-        steps, self.board.steps = self.board.steps, []
-        return steps
+    def _take_steps(self, end_ns: int) -> list[Step]:
+        """Take the steps before a time; a routine that was under way then has made its step later."""
+        steps = self.board.steps
+        self.board.steps = [step for step in steps if step.time_ns >= end_ns]
+        return steps[: len(steps) - len(self.board.steps)]
 
     def serve(self) -> bool:
         """Serve the interrupts that wait, by their priority; return whether interrupts are enabled."""
@@ -335,9 +338,10 @@ class Computer:
         return self.read(bus.PORT3C) & full == full
 
     def optimise(self, settings: Settings, state: State, clock: int, path: int) -> tuple[int, int]:
-        """Read the counts and run the optimising routine; the speed goes to CUTVEL, XVELOC and YVELOC.
+        """Read the counts and run the optimising routine.
 
-        While no result waits, nothing changes.
+        While no result waits, nothing changes. The speed goes to CUTVEL, XVELOC and YVELOC; in a move of the
+        program's own `PathRun` sees to that when the routine's time is over.
 
         Parameters
         ----------
@@ -355,8 +359,10 @@ class Computer:
         self.store(at.SHORTS, short)
         self.store(at.OPENS, open)
         units, t_states = optimise(settings, state, short, open, clock, path)
-        if units & WORD != self.word(at.CUTVEL):
-            self._steppers.set_speed(units)
+        if self.steppers.own:
+            self.steppers.busy(t_states)
+        elif units & WORD != self.word(at.CUTVEL):
+            self.steppers.set_speed(units)
         self._t_states += t_states
         return units, t_states
 
@@ -364,14 +370,14 @@ class Computer:
         """Everything that changes, fit for JSON."""
         return {
             "state": self.state, "cause": list(self.cause), "keys": list(self.keys), "t_states": self._t_states,
-            "enabled": int(self._enabled), "steppers": self._steppers.snapshot(), "board": self.board.snapshot(),
+            "enabled": int(self._enabled), "steppers": self.steppers.snapshot(), "board": self.board.snapshot(),
         }  # fmt: skip
 
     def restore(self, state: dict[str, Any]) -> None:
         """Continue where `snapshot` was taken; the computer must be made alike."""
         self.state, self.cause, self.keys = state["state"], tuple(state["cause"]), list(state["keys"])
         self._t_states, self._enabled = state["t_states"], bool(state["enabled"])
-        self._steppers.restore(state["steppers"])
+        self.steppers.restore(state["steppers"])
         self.board.restore(state["board"])
 
 

@@ -1,4 +1,7 @@
-"""How far each planner strays: path, speed and end of straight moves in every direction and at many speeds."""
+"""How far each planner strays: path, speed and end of straight moves in every direction and at many speeds.
+
+The computer of 1982 itself is among them.
+"""
 
 from __future__ import annotations
 
@@ -9,10 +12,16 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from edmsim.controllers.mcu.computer import Computer
 from edmsim.controllers.mcu.firmware.poscal import STEP_UM
-from edmsim.controllers.mcu.firmware.timers import SPEED_UNIT_NM_S
-from edmsim.controllers.planner.registry import make_planner
+from edmsim.controllers.mcu.firmware.timers import MAX_SPEED, SPEED_UNIT_NM_S
+from edmsim.controllers.mcu.path_run import PathRun
+from edmsim.controllers.planner.protocol import Planner
+from edmsim.controllers.planner.registry import PLANNERS, make_planner
 
+MACHINE = "mcu"
+"""Name of the computer that makes its own steps, in place of a planner's."""
+COMPARED = (*PLANNERS, MACHINE)
 SPEEDS = (1, 2, 4, 8, 16, 32, 64, 127)
 """Speeds in units at which the planners are compared: those of row T-G9."""
 DIRECTIONS_DEG = range(360)
@@ -54,7 +63,7 @@ def move(planner: str, run_um: tuple[int, int], speed: int, start_um: tuple[int,
     Parameters
     ----------
     planner : str
-        A name of `edmsim.controllers.planner.registry.PLANNERS`.
+        A name of `edmsim.controllers.planner.registry.PLANNERS`, or `MACHINE`.
     run_um : (int, int)
         The displacement.
     speed : int
@@ -67,7 +76,7 @@ def move(planner: str, run_um: tuple[int, int], speed: int, start_um: tuple[int,
     length = math.hypot(*run_um)
     commanded = speed * SPEED_UNIT_NM_S * 1e-3
     until_ns = round((_MARGIN * (length + 2 * STEP_UM) / commanded) * 1e9)
-    follower = make_planner(planner, np.array([start, start + run]))
+    follower = _follower(planner, np.array([start, start + run]))
     steps = follower.advance(0, until_ns, round(commanded * 1e3 / follower.speed_unit_nm_s))
     moved = np.zeros((len(steps), 2))
     moved[np.arange(len(steps)), [step.axis for step in steps]] = [STEP_UM * step.direction for step in steps]
@@ -82,6 +91,18 @@ def move(planner: str, run_um: tuple[int, int], speed: int, start_um: tuple[int,
         100.0 * _ripple(along, times) / commanded,
         float(np.hypot(*(positions[-1] - run))),
     )
+
+
+def _follower(planner: str, points_um: NDArray[np.int64]) -> Planner:
+    if planner != MACHINE:
+        return make_planner(planner, points_um)
+    computer = Computer(wrap=True)
+    computer.init()
+    start, end = ((int(x), int(y)) for x, y in points_um)
+    computer.set_position(*start)
+    computer.set_speed(MAX_SPEED)
+    computer.start()
+    return PathRun(computer, (start, end))
 
 
 def _ripple(along_um: NDArray[np.float64], times: NDArray[np.float64]) -> float:

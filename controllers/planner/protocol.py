@@ -1,13 +1,13 @@
-"""What every planner offers."""
+"""What every planner offers, and what a controller that makes a planner's steps itself."""
 
 from __future__ import annotations
 
-from typing import Protocol
+from typing import Any, Protocol, runtime_checkable
 
 from edmsim.controllers.protocols import Step
 
-PlannerState = dict[str, int | list[int]]
-"""A planner's snapshot: whole numbers only, fit for JSON."""
+PlannerState = dict[str, Any]
+"""A planner's snapshot, fit for JSON."""
 
 
 class Planner(Protocol):
@@ -63,3 +63,14 @@ class Planner(Protocol):
 
     def restore(self, state: PlannerState) -> None:
         """Continue exactly where `snapshot` was taken; the planner must have been made for the same path."""
+
+
+@runtime_checkable
+class RunsPath(Protocol):
+    """A controller that is the machine's own computer: with some planners no planner runs, as it makes the steps."""
+
+    def path_run(self, planner: str) -> Planner | None:
+        """Return what follows the leg in place of the planner of that name; None if the planner itself does.
+
+        Called after every `FeedController.reset`.
+        """

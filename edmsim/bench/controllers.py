@@ -21,12 +21,12 @@ REPEATS = 12
 _FROM_UM, _TO_UM = (30_000, 30_000), (36_000, 33_000)
 
 
-def _cut(controller: str) -> Simulation:
+def _cut(controller: str, planner: str = "poscal") -> Simulation:
     """Return a cut in progress, along an oblique line: both motors step."""
     points_um = np.array([_FROM_UM, _TO_UM], np.int64)
     contour = WireContour(points_um, 0, points_um.astype(np.float64) * 1e-3, False, "left", (), (1,))
     path = CutPath((contour,), (25.0, 25.0, 40.0, 40.0), 0.13, 0.0, (30.0, 30.0), (), "bench")
-    cut = Simulation(Machine.load(), path, make(controller), seed=0)
+    cut = Simulation(Machine.load(), path, make(controller), seed=0, planner=planner)
     _run_s(cut, SETTLE_WINDOWS)
     return cut
 
@@ -46,6 +46,13 @@ def controller_overhead() -> float:
     law, whole = _cut("counts"), _cut("mcu")
     times = [(_run_s(law, WINDOWS), _run_s(whole, WINDOWS)) for _ in range(REPEATS)]
     return min(t for _, t in times) / min(t for t, _ in times) - 1
+
+
+def literal_realtime_factor() -> float:
+    """Simulated seconds per second of a cut in which the timers of 1982 make the steps, at the default resolution."""
+    cut = _cut("mcu", "poscal-literal")
+    best_s = min(_run_s(cut, WINDOWS) for _ in range(REPEATS))
+    return WINDOWS * cut.plant.window_ns * 1e-9 / best_s
 
 
 def poscal_calls_per_s() -> float:

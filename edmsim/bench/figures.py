@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from edmsim.bench.controllers import controller_overhead, poscal_calls_per_s
+from edmsim.bench.controllers import controller_overhead, literal_realtime_factor, poscal_calls_per_s
 from edmsim.bench.elcam import elcam_figures
 from edmsim.bench.envs import env_steps_per_s, half_cheetah_steps_per_s, vector_env_steps_per_s
 from edmsim.bench.plant import (
@@ -27,6 +27,7 @@ def measure() -> dict[str, float]:
 
     ``ray_sums_per_s`` is the bound the first is to be compared with, ``ray_sum_share`` the part of its time that
     goes there; ``controller_overhead`` is the share of time that the registers of 1982 add to a cut;
+    ``literal_realtime_factor`` is that of a cut in which the timers of 1982 make the steps;
     ``servo_realtime_factor`` is that of a servo drive with its motor and table,
     ``positioner_realtime_factor`` that of an analogue positioner at a sample of 1 ms; ``elcam_load_s`` and
     ``elcam_lookup_us`` are those of a cam table of a million points;
@@ -53,6 +54,7 @@ def measure() -> dict[str, float]:
         "vector_env_steps_per_s_fast": vector_env_steps_per_s("fast"),
         **({} if cheetah is None else {"half_cheetah_steps_per_s": cheetah}),
         "controller_overhead": controller_overhead(),
+        "literal_realtime_factor": literal_realtime_factor(),
         "poscal_calls_per_s": poscal_calls_per_s(),
         "threads_plants": plants,
         "threads_compute": loops,

@@ -17,9 +17,11 @@ from numpy.typing import NDArray
 from edmsim.controllers import FeedController, WindowObservation
 from edmsim.controllers.axis.elcam import Elcam
 from edmsim.controllers.axis.step_compensation import StepCompensation
+from edmsim.controllers.mcu.chips.switches import STOP_BUTTON, WIRE_BREAK, X_END, Y_END
 from edmsim.controllers.mcu.firmware.timers import MAX_FEED_UM_S
+from edmsim.controllers.planner.protocol import RunsPath
 from edmsim.controllers.planner.registry import make_planner, position_unit
-from edmsim.controllers.protocols import DrivesSteps, MissesWindows, check_command, tell
+from edmsim.controllers.protocols import DrivesSteps, HasSwitches, MissesWindows, check_command, tell
 from edmsim.cosim.cycle import Cycle
 from edmsim.cosim.legs import legs_of
 from edmsim.cosim.motion import PlannerMotion
@@ -96,7 +98,8 @@ class Simulation:
         Fresh; it is reset at the start of every leg.
     planner : str
         ``poscal``, ``poscal-literal``, ``dda`` or ``sine-table``. It counts steps in place of um where the table
-        travels further than 16 bits of um (row T-61).
+        travels further than 16 bits of um (row T-61). A controller that makes the steps of one itself (`RunsPath`)
+        takes its place.
     seed : int
     resolution : str
     max_time_s : float, optional
@@ -199,12 +202,13 @@ class Simulation:
         planner = make_planner(self._planner_name, points, unit=self._unit, step_um=step_um)
         limit_um_s = min(self._max_feed_um_s, planner.max_feed_um_s)
         command = check_command(self.controller.name, self.controller.reset(limit_um_s))
+        own = self.controller.path_run(self._planner_name) if isinstance(self.controller, RunsPath) else None
         self._set_generator(self.machine.t_on_us, self.machine.t_period_us)  # every leg begins as set up
         self._set_generator(command.t_on_us, command.t_period_us)
-        drives = self.controller if isinstance(self.controller, DrivesSteps) else None
+        drives = self.controller if isinstance(self.controller, DrivesSteps) and own is None else None
         rest_until_ns = self.plant.time_ns + round(leg.rest_s * 1e9)
         return PlannerMotion(
-            planner, drives, at.start_um, rest_until_ns, command, limit_um_s, self._compensation
+            own or planner, drives, at.start_um, rest_until_ns, command, limit_um_s, self._compensation
         )
 
     def _motors_um(self, x_um: float, y_um: float) -> tuple[float, float]:
@@ -248,12 +252,39 @@ class Simulation:
         """Run one window; afterwards `outcome` tells whether the cut is over."""
         turn = self._cycle.turn()
         self.sums.add(turn.window)
-        cause = self._judge(turn.window)
+        opened = self._switches(turn.window)
+        cause = self._judge(turn.window, opened)
+        if self._stopped_by_controller(opened) and cause in (StopCause.RUNNING, StopCause.FINISHED):
+            cause = StopCause.EMERGENCY_STOP
         if cause is StopCause.FINISHED:
             cause = self._end_of_leg()
         self.cause = cause
         time_s, short, open_ = self.plant.time_ns * 1e-9, turn.window.short, turn.window.open
         return Progress(self.path_um, self.total_um, time_s, turn.feed_um_s, short, open_)
+
+    def emergency_stop(self) -> None:
+        """Press the machine's emergency button: the cut ends here."""
+        self.cause, self.reason = StopCause.EMERGENCY_STOP, "the emergency stop was pressed"
+        self._stopped_by_controller([STOP_BUTTON])
+
+    def _switches(self, window: PulseWindow) -> list[str]:
+        """Return the switches that are open; the end switches feel the carriage, not the position counter."""
+        table = self.machine.base.table
+        travel_um, slack_um = table.travel_mm.value * 1e3, table.step_um.value
+        ends = zip((X_END, Y_END), self.plant.place_um, strict=True)
+        opened = [name for name, place_um in ends if switches_open(place_um, travel_um, slack_um)]
+        return [*opened, WIRE_BREAK] if window.broken else opened
+
+    def _stopped_by_controller(self, opened: Sequence[str]) -> bool:
+        """Lead open switches to the controller's inputs, if it has some; tell whether it has stopped the machine."""
+        if not isinstance(self.controller, HasSwitches):
+            return False
+        for name in opened:
+            self.controller.open_switch(name)
+        stopped = self.controller.emergency
+        if stopped is not None:
+            self.reason = stopped if self.reason is None else f"{self.reason}; {stopped}"
+        return stopped is not None
 
     def _decide(self, seen: WindowObservation) -> None:
         """Let the controller decide on the next window."""
@@ -272,18 +303,16 @@ class Simulation:
         except InputError as error:
             self.refused = error.reason
 
-    def _judge(self, window: PulseWindow) -> StopCause:
+    def _judge(self, window: PulseWindow, opened: Sequence[str]) -> StopCause:
         """Tell whether the leg or the cut ends here, and why."""
-        x, y = self.plant.place_um  # the switches feel the carriage, not the position counter
-        table = self.machine.base.table
-        travel_um, slack_um = table.travel_mm.value * 1e3, table.step_um.value
-        switch = switches_open(x, travel_um, slack_um) != 0 or switches_open(y, travel_um, slack_um) != 0
+        switch = X_END in opened or Y_END in opened
         alarm, late = self._motion.command.alarm, self.plant.time_ns >= self._max_time_ns
         tripped, done = self.plant.drive_faults, self._motion.planner.done
         cause = StopCause(judge(window.broken, False, switch, tripped != 0, alarm is not None, late, done))
         if cause is StopCause.WIRE_BREAK:
             self.reason = f"the wire broke {self.plant.broken_height_mm:.1f} mm above the workpiece's lower face"
         elif cause is StopCause.LIMIT_SWITCH:
+            x, y = self.plant.place_um
             self.reason = f"an end switch of the table opened at x {x / 1e3:.3f} y {y / 1e3:.3f} mm"
         elif cause is StopCause.DRIVE_TRIP:
             self.reason = self._trip_of(tripped)

@@ -26,6 +26,8 @@ class StopCause(IntEnum):
     TIME_LIMIT = 6
     DRIVE_TRIP = 7
     """The drive of an axis reports a fault, most often a following error over its limit."""
+    EMERGENCY_STOP = 8
+    """Somebody pressed the button; `judge` is not asked."""
 
 
 class Words(NamedTuple):
@@ -58,11 +60,12 @@ WORDS = MappingProxyType({
     StopCause.OUT_OF_RANGE: Words("out-of-range", "out-of-range", "jammed", "ERROR"),
     StopCause.TIME_LIMIT: Words("time-limit", "time-limit", "time", "WARN"),
     StopCause.DRIVE_TRIP: Words("drive-trip", "drive-trip", "jammed", "ERROR"),
+    StopCause.EMERGENCY_STOP: Words("emergency-stop", "emergency-stop", "stopped", "ERROR"),
 })  # fmt: skip
 
 (
     _RUNNING, _FINISHED, _WIRE_BREAK, _LIMIT_SWITCH, _PERSISTENT_SHORT, _OUT_OF_RANGE, _TIME_LIMIT, _DRIVE_TRIP,
-) = map(int, StopCause)  # fmt: skip
+) = list(map(int, StopCause))[:8]  # fmt: skip
 
 
 @compiled

@@ -91,7 +91,7 @@ class CutSettings(BaseModel):
     (see `edmsim.controllers.from_text`); or an object that is one."""
     planner: str = "poscal"
     """What makes motor steps of path and speed: poscal, poscal-literal, dda, sine-table or exact;
-    ``docs/planners.md`` has their errors."""
+    ``docs/planners.md`` has their errors. With the controller ``mcu`` its timers make the steps of poscal-literal."""
     drive: str = "stepper"
     """What drives x and y: stepper, or a drive tuned for the table, uhu, servo-module or eanpos, with parameters that
     differ if wanted: ``uhu:proportional_gain=600``."""

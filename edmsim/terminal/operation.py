@@ -99,9 +99,8 @@ class Operation:
         self._check_still()
         if self.rig.held is None:
             raise InputError("no cut was stopped; START or RUN begins one")
-        planner, route = self.rig.held
-        if planner.position_um != self.rig.computer.position:
-            x, y = planner.position_um
+        planner, route, (x, y) = self.rig.held
+        if (x, y) != self.rig.computer.position:
             raise InputError(f"the cut stopped at X {x} Y {y}; bring the wire back there first")
         self._check_pulses()
         self.rig.resume_cut(planner, route)

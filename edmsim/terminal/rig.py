@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from typing import cast
 
 import numpy as np
@@ -22,6 +22,8 @@ from edmsim.controllers.mcu.firmware.optimise import ALARM, TICK_NS, State
 from edmsim.controllers.mcu.firmware.poscal import STEP_UM, check_1982
 from edmsim.controllers.mcu.firmware.timers import MAX_FEED_UM_S, MAX_SPEED
 from edmsim.controllers.mcu.firmware.tstates import seconds
+from edmsim.controllers.mcu.path_run import PathRun
+from edmsim.controllers.planner.record import LITERAL
 from edmsim.controllers.planner.registry import PLANNERS, Planner, kind_of, make_planner
 from edmsim.controllers.protocols import Step
 from edmsim.controllers.pulse_counters import WINDOW_PULSES
@@ -52,7 +54,8 @@ class Rig:
     seed : int
     resolution : str
     planner : str
-        Name of the planner that cuts; one that counts as the computer does, so not ``exact``.
+        Name of the planner that cuts; one that counts as the computer does, so not ``exact``. ``poscal-literal`` is
+        the computer's own motion, by its timers; so are all jogs.
     faults : Faults
         Faults of 1982 to be injected.
 
@@ -65,8 +68,8 @@ class Rig:
         ``STAND-BY``, ``CUTTING`` or ``JOGGING``.
     cause : str
         Of the last emergency.
-    held : (Planner, Route) or None
-        An unfinished cut.
+    held : (Planner, Route, Point) or None
+        An unfinished cut, and where it stopped.
     wire : bool
         Whether there is one.
     windows : int
@@ -81,16 +84,19 @@ class Rig:
         self.plant = Plant(machine, seed, resolution=resolution)
         self.board = Board(PulseSettings(pulse_A=discharge_current_A(machine)), faults=faults)
         self.board.open_V = open_V(machine)
-        self.computer = Computer(self.board)
+        self.board.on_step = self._carry
+        self._planner_name = _checked(planner)
+        self._literal = kind_of(planner).number == LITERAL
+        self.computer = Computer(self.board, wrap=self._literal)
         self.way, self.cause = STAND_BY, ""
-        self.held: tuple[Planner, Route] | None = None
+        self.held: tuple[Planner, Route, Point] | None = None
         self.wire = True
         self.windows = 0
-        self._planner_name = _checked(planner)
         self._law = cast(CountsController, make("counts")).settings(MAX_FEED_UM_S)
         self._events: list[str] = []
         self._planner: Planner | None = None
         self._bare_um, self._bare_ns = self.plant.commanded_um, 0
+        self._carriage = [*self._bare_um]
         self._window: PulseWindow | None = None
         self.computer.init()
         self.computer.set_speed(MAX_SPEED)
@@ -160,7 +166,8 @@ class Rig:
 
     def begin_cut(self, route: Route) -> None:
         """Start timers and generator along a route that begins where the wire is."""
-        self.resume_cut(make_planner(self._planner_name, np.array(route.corners)), route)
+        own = PathRun(self.computer, route.corners) if self._literal else None
+        self.resume_cut(own or make_planner(self._planner_name, np.array(route.corners)), route)
 
     def resume_cut(self, planner: Planner, route: Route) -> None:
         """Start timers and generator where a planner is on its route."""
@@ -173,7 +180,7 @@ class Rig:
     def begin_jog(self, target: Point) -> None:
         """Start the timers towards a place, with the generator off."""
         self.computer.start(generator=False)
-        self._planner, self.way = make_planner("poscal", np.array([self.computer.position, target])), JOGGING
+        self._planner, self.way = PathRun(self.computer, [self.computer.position, target]), JOGGING
         self._run_at(MAX_SPEED)
 
     def _run_at(self, units: int) -> None:
@@ -190,7 +197,7 @@ class Rig:
     def put_down(self) -> None:
         """Keep an unfinished cut for later; nothing is under way any more."""
         if self.way == CUTTING and self._planner is not None:
-            self.held = self._planner, self._route
+            self.held = self._planner, self._route, self.computer.position
         self._planner, self.way = None, STAND_BY
         self.board.mean_current_A = 0.0
 
@@ -233,28 +240,26 @@ class Rig:
 
     def _make_steps(self, start_ns: int, end_ns: int) -> list[Step]:
         """Motor steps of a window: planned, and made by the computer as far as no end switch opens."""
+        self._carriage = [*_after(self.place_um, self.board.steps)]
         if self._planner is None:
-            return []
+            return self.computer.run_until(end_ns)
         change_ns = min(max(self._busy_until_ns, start_ns), end_ns)
         planned = self._planner.advance(start_ns, change_ns, self._units)
         planned += self._planner.advance(change_ns, end_ns, self._next_units)
         if change_ns < end_ns:
             self._units = self._next_units
-        made = self.computer.drive(self._watched(planned))
+        made = planned if isinstance(self._planner, PathRun) else self.computer.drive(planned)
         self.computer.serve()
         if self.in_emergency:
             self._planner = None  # off the table there is nothing to go on with
             self._stopped(" AND ".join(f"{name} SWITCH" for name in self.computer.cause).upper())
         return made
 
-    def _watched(self, planned: Iterable[Step]) -> Iterator[Step]:
-        """Hand out steps one by one; where one leads the carriage beyond its travel, the end switch opens."""
-        place = [*self.place_um]
-        for step in planned:
-            yield step
-            place[step.axis] += STEP_UM * step.direction
-            if self.beyond(step.direction, place[step.axis]):
-                self.board.switches.trip(END_SWITCHES[step.axis])
+    def _carry(self, step: Step) -> None:
+        """Carry the wire by a step; where that leads the carriage beyond its travel, the end switch opens."""
+        self._carriage[step.axis] += STEP_UM * step.direction
+        if self.beyond(step.direction, self._carriage[step.axis]):
+            self.board.switches.trip(END_SWITCHES[step.axis])
 
     def _fire(self, steps: list[Step], place_um: tuple[float, float]) -> None:
         """Let the plant pass a window that ends at a place, and the computer see it."""
@@ -284,11 +289,12 @@ class Rig:
             computer.store(at.SHORTS, computer.read(PORT3A))
             computer.store(at.OPENS, computer.read(PORT3B))
             return
-        if now_ns < self._busy_until_ns or not computer.result_waits():
+        if now_ns < max(self._busy_until_ns, computer.steppers.free_ns) or not computer.result_waits():
             return
         path_um = self._planner.path_um
         law = self._law._replace(limit=computer.speed, slow=min(self._law.slow, computer.speed))
-        computer.aim(*self._route.corner_ahead(path_um))
+        if not self._literal:
+            computer.steppers.look_to(*self._route.corner_ahead(path_um))
         units, t_states = computer.optimise(law, self._state, now_ns // TICK_NS & WORD, int(path_um) & WORD)
         self.windows += 1
         self._next_units, self._busy_until_ns = units, now_ns + round(seconds(t_states) * 1e9)

@@ -10,8 +10,7 @@ from types import ModuleType
 import numpy as np
 import pytest
 
-from edmsim.controllers.planner.errors import LONG_UM, SHORT_UM, SPEEDS, Strayed, around, move
-from edmsim.controllers.planner.registry import PLANNERS
+from edmsim.controllers.planner.errors import COMPARED, LONG_UM, SHORT_UM, SPEEDS, Strayed, around, move
 
 DOCS = Path(__file__).parents[2] / "docs"
 PAGE = (DOCS / "planners.md").read_text(encoding="utf-8")
@@ -31,11 +30,11 @@ def test_the_page_has_every_planner_at_every_speed(planners: ModuleType, heading
     lines = [line for line in section(heading) if line.startswith("|")]
     assert [cell.strip() for cell in lines[0].strip("|").split("|")] == list(planners.HEADS)
     told = [tuple(cell.strip() for cell in line.strip("|").split("|"))[:2] for line in lines[2:]]
-    assert told == [(f"`{planner}`", str(speed)) for planner in PLANNERS for speed in SPEEDS]
+    assert told == [(f"`{planner}`", str(speed)) for planner in COMPARED for speed in SPEEDS]
     assert (DOCS / "planners.png").is_file()
 
 
-@pytest.mark.parametrize("planner", PLANNERS)
+@pytest.mark.parametrize("planner", COMPARED)
 def test_its_short_moves_are_those_of_the_present_code(planners: ModuleType, planner: str) -> None:
     lines = section(f"Short moves, {SHORT_UM} um")
     for speed in (2, 127):
@@ -54,7 +53,7 @@ def test_page_and_picture_are_written(
 ) -> None:
     moves = {
         (planner, length, speed): np.tile([1.0, 0.5, 0.1, 0.2, 1.0], (360, 1))
-        for planner in PLANNERS for length in (LONG_UM, SHORT_UM) for speed in SPEEDS
+        for planner in COMPARED for length in (LONG_UM, SHORT_UM) for speed in SPEEDS
     }  # fmt: skip
     monkeypatch.setattr(planners, "measure", lambda watch: moves)
     planners.write(tmp_path / "planners.md")

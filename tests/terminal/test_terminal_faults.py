@@ -9,6 +9,7 @@ import pytest
 import edmsim
 from edmsim.controllers.mcu.board import Faults
 from edmsim.controllers.mcu.chips.faults import DropOut, SerialNoise
+from edmsim.controllers.mcu.firmware import memory_map as at
 from edmsim.terminal.devices import Interrupts
 from edmsim.terminal.rig import Rig
 from edmsim.terminal.session import Session
@@ -51,6 +52,23 @@ def test_a_stopped_cut_goes_on_after_init(rig):
 def test_a_stopped_cut_does_not_go_on_from_elsewhere(rig):
     _, lines = operate(rig, SET, "NEW 32560 32500", "START", "WAIT 1", "STOP", "Y 20", "WAIT", "GO")
     assert any(line.startswith("? the cut stopped at X ") for line in lines)
+
+
+# T-87: the timers' own cut, stopped and gone on with
+def test_the_timers_cut_stop_and_go_on_from_the_same_place_only(machine):
+    rig = Rig(machine, seed=1, resolution="fast", planner="poscal-literal")
+    _, lines = operate(
+        rig, SET, "NEW 32560 32540", "START", "WAIT 1", "STOP", "Y 20", "WAIT", "GO", "Y -20", "WAIT", "GO", "WAIT"
+    )
+    assert len([line for line in lines if line.startswith("? the cut stopped at X ")]) == 1
+    assert "READY   X 32560 Y 32540 um" in lines
+    assert rig.place_um == (32_560.0, 32_540.0)
+    spoilt = Rig(machine, seed=1, resolution="fast", planner="poscal-literal")
+    store = spoilt.board.bus.store
+    spoilt.board.bus.store = lambda address, word: store(address, 3 if word and address == at.YVELOC else word)
+    _, lines = operate(spoilt, SET, "NEW 32560 32540", "START", "WAIT 1", "STOP")
+    ((x, y),) = re.findall(r"STOPPED   X (\d+) Y (\d+)", "\n".join(lines))
+    assert int(x) - 32_500 > 4 * (int(y) - 32_500)
 
 
 def test_ctrl_c_in_a_script_is_the_emergency_stop(rig):

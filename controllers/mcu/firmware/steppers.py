@@ -1,12 +1,14 @@
 """The stepper routines: one interrupt routine with two entries, POSITI, and the counts the timers are loaded with.
 
-Two ways of moving share them: a move of the program's own, aimed once by POSCAL as in 1982, and the steps of a
-planner that re-aims at every step.
+Two ways of moving share them. A move of the program's own is aimed once by POSCAL, as in 1982: the counts that follow
+from XVELOC and YVELOC run down in the timers, and every routine takes its time. The steps of a planner pass the same
+timers, interrupts and lines, but at the planner's times.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
+from typing import Any, cast
 
 from edmsim.controllers.mcu.board import Board
 from edmsim.controllers.mcu.chips import pic, pit
@@ -15,7 +17,15 @@ from edmsim.controllers.mcu.firmware import memory_map as at
 from edmsim.controllers.mcu.firmware.arithmetic import BYTE, WORD, subsgn
 from edmsim.controllers.mcu.firmware.poscal import STEP_UM, Displacement, Unit, positi, resolve, unit_um, velocm
 from edmsim.controllers.mcu.firmware.timers import TIMER_COUNT, TickClock, reload_count
-from edmsim.controllers.mcu.firmware.tstates import POSITI_T, STEPPER_T, poscal_t_states
+from edmsim.controllers.mcu.firmware.tstates import (
+    CPU_HZ,
+    ENTRY_T,
+    LOAD_T,
+    POSITI_T,
+    PULSE_T,
+    RETURN_T,
+    poscal_t_states,
+)
 from edmsim.controllers.protocols import Step
 
 SIGN = 0x8000
@@ -35,25 +45,39 @@ class Steppers:
 
     Attributes
     ----------
-    moving : bool
-        Whether a move of the program's own is under way.
+    own : bool
+        Whether the timers make the steps, of a move of the program's own.
     t_states : int
         What the routines have cost.
+    free_ns : int
+        When the main program has done what it computes; interrupts put that off.
     """
 
     def __init__(self, board: Board, serve: Callable[[], bool], unit: Unit, wrap: bool) -> None:
         self.board = board
-        self.moving = False
+        self.own = False
         self.t_states = 0
+        self.free_ns = 0
+        self.unit: Unit = unit
         self._serve = serve
-        self._unit: Unit = unit
         self._half_step = STEP_UM // unit_um(unit) // 2
         self._wrap = wrap
         self._aim: Displacement | None = None
         self._clock = TickClock()
+        self._tick = -1  # that of time 0 is to come
         self._last_tick = [0, 0]
         lines = board.lines
         self._bits = ((lines.x_direction, lines.x_pulse), (lines.y_direction, lines.y_pulse))
+
+    @property
+    def aimed(self) -> bool:
+        """Whether POSCAL has found a way that still counts."""
+        return self._aim is not None
+
+    @property
+    def moving(self) -> bool:
+        """Whether an axis is under way in a move of the program's own: XVELOC or YVELOC is not 0."""
+        return self.own and any(self.board.bus.word(area + at.VELOCITY) for area in at.AREAS)
 
     def signed(self, address: int) -> int:
         """Word in RAM as a signed number."""
@@ -62,7 +86,7 @@ class Steppers:
 
     def stop(self) -> None:
         """Unload both timers, and forget the move; the counters stay."""
-        self.moving, self._aim = False, None
+        self.own, self._aim = False, None
         bus = self.board.bus
         for axis, area in enumerate(at.AREAS):
             bus.write(TIMERS + pit.CONTROL, pit.control_word(axis, pit.TERMINAL_COUNT))
@@ -70,51 +94,101 @@ class Steppers:
             bus.store(area + at.TARGET, bus.word(area + at.POSITION))
             bus.store(area + at.ROUNDS, 0)
 
-    def aim(self, x: int, y: int) -> None:
-        """Note where the wire is to go, and resolve the way there: the first part of POSCAL (row T-69)."""
+    def aim(self, x: int, y: int, heading: int = 1) -> int:
+        """Note where the wire is to go, and resolve the way there: the first part of POSCAL (row T-69).
+
+        Parameters
+        ----------
+        x, y : int
+            The target.
+        heading : {1, -1}
+            -1 for a place that negative speeds lead to.
+
+        Returns
+        -------
+        int
+            The cost in T-states, with VELOCM.
+        """
         bus, distances = self.board.bus, []
+        self.lead_to(x, y)
         for area, target in zip(at.AREAS, (x, y), strict=True):
-            bus.store(area + at.TARGET, target)
             distances.append(subsgn(target, bus.word(area + at.POSITION)))
         (dx, x_direction), (dy, y_direction) = distances
-        self._aim = resolve(dx, dy, x_direction, y_direction)
-        self.t_states += poscal_t_states(dx, dy, bus.word(at.MAXVEL))
+        self._aim = resolve(dx, dy, x_direction * heading, y_direction * heading, self._wrap)
+        cost = poscal_t_states(dx, dy, bus.word(at.MAXVEL))
+        self.t_states += cost
+        return cost
+
+    def lead_to(self, x: int, y: int) -> None:
+        """Note the target alone: the way stays the one resolved before."""
+        for area, target in zip(at.AREAS, (x, y), strict=True):
+            self.board.bus.store(area + at.TARGET, target)
+
+    def look_to(self, x: int, y: int) -> None:
+        """Note where a planner leads the wire: XVELOC and YVELOC point there, and it makes the steps."""
+        self.aim(x, y)
+        self.set_speed(self.signed(at.CUTVEL))
 
     def set_speed(self, units: int) -> None:
-        """VELOCM with the way resolved before; XVELOC and YVELOC are read by the next interrupts."""
+        """VELOCM with the way resolved before; XVELOC and YVELOC are read by the next interrupts.
+
+        In a move of the program's own the timer of an axis that stood is loaded, and an axis at its target stays.
+        """
         bus = self.board.bus
         bus.store(at.CUTVEL, units)
         if self._aim is None:
             return
-        for area, speed in zip(at.AREAS, velocm(self._aim, min(abs(units), BYTE)), strict=True):
-            arrived = self.moving and not self._to_go(area, speed)
-            bus.store(area + at.VELOCITY, 0 if arrived else speed if units > 0 else -speed)
+        for axis, speed in enumerate(velocm(self._aim, min(abs(units), BYTE))):
+            area, velocity = at.AREAS[axis], speed if units > 0 else -speed
+            if self.own and velocity:
+                if not self._to_go(area, velocity):
+                    velocity = 0
+                elif not bus.word(area + at.VELOCITY):
+                    self._load(axis, reload_count(abs(velocity)))
+            bus.store(area + at.VELOCITY, velocity)
 
-    def move_to(self, x: int, y: int, units: int) -> None:
-        """Begin a move of the program's own: POSCAL once, both timers loaded."""
-        self.aim(x, y)
-        self.moving = True
-        self.set_speed(units)
-        for axis, area in enumerate(at.AREAS):
-            self._load_next(axis, area)
+    def begin(self, x: int, y: int, heading: int = 1) -> int:
+        """Begin a move of the program's own with POSCAL, from a stand; `set_speed` starts the timers.
 
-    def run_until(self, end_ns: int) -> None:
-        """Let the timers run up to a time and serve their interrupts."""
-        clock, counters = self._clock, self.board.timers.counters
-        tick, last = clock.before(self.board.now_ns), clock.before(end_ns)
-        while tick < last and self.moving:
-            due = min(counters[0].ticks_to_rise, counters[1].ticks_to_rise, last - tick)
-            tick += due
-            self.board.now_ns = clock.time_ns(tick)
-            for axis in (pit.X, pit.Y):
-                if counters[axis].run(due):
-                    self.board.interrupts.request(pic.X_STEPPER + axis)
+        Parameters and return value: see `aim`.
+        """
+        for area in at.AREAS:
+            self.board.bus.store(area + at.VELOCITY, 0)
+        self.own = True
+        self._tick = max(self._tick, self._clock.before(self.board.now_ns))
+        return self.aim(x, y, heading)
+
+    def busy(self, t_states: int) -> None:
+        """Let the main program compute for so long."""
+        self.free_ns = self.board.now_ns + nanoseconds(t_states)
+
+    def run_until(self, end_ns: int, to_the_end: bool = True) -> None:
+        """Let the timers run up to a time and serve their interrupts; a routine that has begun is finished.
+
+        Parameters
+        ----------
+        end_ns : int
+        to_the_end : bool
+            False returns as soon as the move under way is over.
+        """
+        board, clock = self.board, self._clock
+        x, y, _ = board.timers.counters
+        was = not to_the_end and self.moving
+        last = clock.before(end_ns)
+        while True:
             self._serve()
-        self.board.now_ns = max(self.board.now_ns, end_ns)
+            if board.now_ns >= end_ns or (was and not self.moving):
+                return
+            due = self._tick + min(x.ticks_to_rise, y.ticks_to_rise)
+            if due <= last:
+                self._pass(max(clock.time_ns(due), board.now_ns), due)
+            else:
+                self._pass(end_ns, last)
 
     def drive(self, steps: Iterable[Step]) -> None:
         """Make a planner's steps: it says into which counter what time is loaded, and which way."""
         board, bus = self.board, self.board.bus
+        self.own = False
         for time_ns, axis, direction in steps:
             board.now_ns = time_ns
             area = at.AREAS[axis]
@@ -125,46 +199,70 @@ class Steppers:
             self._last_tick[axis] = tick
             # whole rounds of the counter are waited before the rest is loaded
             bus.store(area + at.ROUNDS, (waited - 1) // TIMER_COUNT)
-            self._load(axis, waited & WORD)
+            self._load(axis, waited)
             if board.timers.counters[axis].run(waited & WORD or TIMER_COUNT):
                 board.interrupts.request(pic.X_STEPPER + axis)
             if not self._serve():
                 return
 
     def interrupt(self, axis: int) -> None:
-        """The stepper interrupt routine, entered for x or for y (row T-71): one step, POSITI, the next count."""
+        """The stepper interrupt routine, entered for x or for y (row T-71): the next count, one step, POSITI.
+
+        The count comes first, so that the time between two steps is the count's however long the routine takes. In a
+        move of the program's own an axis at its target gets the speed 0, and its next interrupt does nothing.
+        """
         area = at.AREAS[axis]
-        velocity = self.board.bus.word(area + at.VELOCITY)
+        self._spend(ENTRY_T)
+        velocity = self.signed(area + at.VELOCITY)
         if not velocity:
             return
-        forward = velocity < SIGN
+        if self.own:
+            self._load(axis, reload_count(abs(velocity)))
+        self._spend(LOAD_T + PULSE_T)
         direction, pulse = self._bits[axis]
         write = self.board.bus.write
-        write(CPORT2, direction << 1 | forward)
+        write(CPORT2, direction << 1 | (velocity > 0))
         write(CPORT2, pulse << 1 | 1)
         write(CPORT2, pulse << 1)
-        self._positi(area, forward)
-        self.t_states += STEPPER_T + POSITI_T
-        if self.moving:
-            self._load_next(axis, area)
+        self._positi(area, velocity > 0)
+        self._spend(POSITI_T + RETURN_T)
+        if self.own and not self._to_go(area, velocity):
+            self.board.bus.store(area + at.VELOCITY, 0)
 
     def snapshot(self) -> list[int | list[int] | None]:
         """Everything that changes, but for what lies in RAM."""
         aim = None if self._aim is None else list(self._aim)
-        return [int(self.moving), self.t_states, list(self._last_tick), aim]
+        return [int(self.own), self.t_states, self.free_ns, self._tick, list(self._last_tick), aim]
 
     def restore(self, state: list[int | list[int] | None]) -> None:
         """Continue where `snapshot` was taken."""
-        moving, t_states, ticks, aim = state
-        assert isinstance(t_states, int)
-        assert isinstance(ticks, list)
-        self.moving, self.t_states, self._last_tick = bool(moving), t_states, list(ticks)
-        self._aim = Displacement(*aim) if isinstance(aim, list) else None
+        own, t_states, free_ns, tick, ticks, aim = cast(Any, state)
+        self.own, self.t_states, self.free_ns, self._tick = bool(own), t_states, free_ns, tick
+        self._last_tick = list(ticks)
+        self._aim = None if aim is None else Displacement(*aim)
+
+    def _spend(self, t_states: int) -> None:
+        """Let a routine take its time: the timers run on, and the main program waits."""
+        self.t_states += t_states
+        if not self.own:
+            return  # a planner's times are those of the edges
+        before_ns, spent_ns = self.board.now_ns, nanoseconds(t_states)
+        if self.free_ns > before_ns:
+            self.free_ns += spent_ns
+        self._pass(before_ns + spent_ns, self._clock.before(before_ns + spent_ns + 1))
+
+    def _pass(self, time_ns: int, tick: int) -> None:
+        """Let time pass, and the timers count up to a tick."""
+        board = self.board
+        for axis in (pit.X, pit.Y):
+            if board.timers.counters[axis].run(tick - self._tick):
+                board.interrupts.request(pic.X_STEPPER + axis)
+        board.now_ns, self._tick = time_ns, tick
 
     def _positi(self, area: int, forward: bool) -> None:
         """POSITI: the counter follows the pulse (row T-70)."""
         bus = self.board.bus
-        bus.store(area, positi(bus.word(area), 1 if forward else -1, self._wrap, self._unit))
+        bus.store(area, positi(bus.word(area), 1 if forward else -1, self._wrap, self.unit))
 
     def _to_go(self, area: int, velocity: int) -> bool:
         """Whether an axis is more than half a step from its target."""
@@ -172,15 +270,11 @@ class Steppers:
         left = bus.word(area + at.TARGET) - bus.word(area)
         return (left if velocity > 0 else -left) > self._half_step
 
-    def _load_next(self, axis: int, area: int) -> None:
-        """Load the count to the next step; at its target an axis stops."""
-        velocity = self.signed(area + at.VELOCITY)
-        if velocity and self._to_go(area, velocity):
-            self._load(axis, reload_count(abs(velocity)) & WORD)
-            return
-        self.board.bus.store(area + at.VELOCITY, 0)
-        self.moving = any(self.board.bus.word(other + at.VELOCITY) for other in at.AREAS)
-
     def _load(self, axis: int, count: int) -> None:
         self.board.bus.write(TIMERS + axis, count & BYTE)
-        self.board.bus.write(TIMERS + axis, count >> 8)
+        self.board.bus.write(TIMERS + axis, count >> 8 & BYTE)
+
+
+def nanoseconds(t_states: int) -> int:
+    """Time that a number of T-states takes, in whole ns."""
+    return t_states * 1_000_000_000 // CPU_HZ

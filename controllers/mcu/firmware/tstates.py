@@ -35,8 +35,9 @@ POSCAL_FRAME_T = 250
 READ_OUT_T = 150
 """Polling port 3C, reading both counters at 4030H and 4031H, reading the clock."""
 POSITI_T = 130
-STEPPER_T = 300
-"""The stepper interrupt routine without POSITI: acknowledge, save, direction and pulse to port 2C, reload."""
+ENTRY_T, LOAD_T, PULSE_T, RETURN_T = 100, 80, 70, 50
+"""The stepper interrupt routine without POSITI, in its order: acknowledge, save and read the speed; its count from a
+table of 127 words to the timer; direction and pulse to port 2C; compare with the target, restore and return."""
 INIT_T = 1500
 EMERGENCY_T = 900
 KEYBOARD_T = 250
