@@ -4,13 +4,14 @@ V(t(i)), 0..5 V, sets the pulse duration, V(t(p)), 0..15 V, the repetition (row 
 and the curve of pairs that draw 2 A (figure 4-3), are lost; ours are straight lines, the mean current is that of
 pulses that all ignite at once, and all constants can be given (row T-35).
 
-Eight bits over the whole range of 1000 us would be steps of 4 us. So the pulse generator has two ranges for either time
-(row T-A15): a ninth bit of a code, `COARSE`, chooses.
+Eight bits over the whole range of 1000 us would be steps of 4 us. So the pulse generator has two ranges for either
+time (row T-A15): a ninth bit of a code, `COARSE`, chooses.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
 
@@ -21,8 +22,8 @@ T_I_FULL_V, T_P_FULL_V = 5.0, 15.0
 """Voltages of code 255 with untouched trims (row T-32)."""
 LIMIT_A = 2.0
 """Largest mean current of the generator (row T-34)."""
-SHORTEST_T_P_US = 2.0
-"""500 kHz (row T-36)."""
+SHORTEST_T_I_US, SHORTEST_T_P_US = 1.0, 2.0
+"""The shortest pulse (row T-1), and 500 kHz (row T-36)."""
 LONGEST_T_I_US, LONGEST_T_P_US = 1000.0, 10_000.0
 """Ends of the coarse ranges: the longest pulse and period the document has (rows T-1, T-2)."""
 COARSE = 0x100
@@ -51,10 +52,6 @@ class Dac:
     def volts(self, code: int) -> float:
         """Voltage of a code, in V; the amplifier gives none below 0."""
         return max(self.gain * self.full_V * code / BYTE + self.offset_V, 0.0)
-
-    def code(self, volts: float) -> int:
-        """Return the code whose voltage is nearest, of 0..255."""
-        return min(max(round((volts - self.offset_V) / (self.gain * self.full_V) * BYTE), 0), BYTE)
 
 
 @dataclass(frozen=True)
@@ -107,9 +104,10 @@ class PulseSettings:
         current = self.mean_current_A(t_i_code, t_p_code)
         if current > LIMIT_A:
             t_i_us, t_p_us = self.times_us(t_i_code, t_p_code)
+            enough = [us for us in map(self._t_p_us, range(MOST_CODE + 1)) if self.pulse_A * t_i_us <= LIMIT_A * us]
             raise InputError(
-                f"t(i) {t_i_us:.4g} us in t(p) {t_p_us:.4g} us draws {current:.2f} A, above the generator's "
-                f"{LIMIT_A:g} A: t(p) must be at least {math.ceil(self.pulse_A * t_i_us / LIMIT_A)} us"
+                f"t(i) {time_text(t_i_us)} us in t(p) {time_text(t_p_us)} us draws {current:.2f} A, above the "
+                f"generator's {LIMIT_A:g} A: t(p) must be at least {math.ceil(min(enough))} us"
             )
 
     def code_of_t_i(self, us: float) -> int:
@@ -120,11 +118,11 @@ class PulseSettings:
         InputError
             If it lies outside both ranges.
         """
-        return _nearest("t(i)", us, [[self._t_i_us(first + k) for k in range(BYTE + 1)] for first in (0, COARSE)])
+        return _nearest("t(i)", us, self._t_i_us, min(us, SHORTEST_T_I_US))
 
     def code_of_t_p(self, us: float) -> int:
         """Code nearest to a period; see `code_of_t_i`."""
-        return _nearest("t(p)", us, [[self._t_p_us(first + k) for k in range(BYTE + 1)] for first in (0, COARSE)])
+        return _nearest("t(p)", us, self._t_p_us, 0.0)
 
     def _t_i_us(self, code: int) -> float:
         us_V = self.t_i_coarse_us_V if code & COARSE else self.t_i_us_V
@@ -139,13 +137,19 @@ class PulseSettings:
         return max(round(volts * us_V, 6), SHORTEST_T_P_US)
 
 
-def _nearest(name: str, us: float, ranges: list[list[float]]) -> int:
-    """Code whose time is nearest, in the first range that reaches so far."""
-    longest = [max(time for time in times if time < math.inf) for times in ranges]
-    for number, times in enumerate(ranges):
-        if 0 <= us <= longest[number]:
-            return COARSE * number | min(range(BYTE, -1, -1), key=lambda code: abs(times[code] - us))
-    raise InputError(f"{name} is {us:g} us, but the voltage reaches from 0 to {longest[-1]:g} us only")
+def time_text(us: float) -> str:
+    """Return a time in us as the terminal shows it, to four figures or whole us."""
+    return f"{us:.4g}" if us < LONGEST_T_I_US else f"{us:.0f}"
+
+
+def _nearest(name: str, us: float, us_of: Callable[[int], float], least_us: float) -> int:
+    """Code whose time is nearest and no less than the least, in the first range that reaches so far."""
+    for first in (0, COARSE):
+        times = {code: us_of(code) for code in range(first + BYTE, first - 1, -1)}
+        longest = max(time for time in times.values() if time < math.inf)
+        if 0 <= us <= longest:
+            return min((code for code in times if times[code] >= least_us), key=lambda code: abs(times[code] - us))
+    raise InputError(f"{name} is {us:g} us, but the voltage reaches from 0 to {longest:g} us only")
 
 
 class PulseGeneratorLine:

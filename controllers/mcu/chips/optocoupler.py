@@ -21,10 +21,10 @@ class Optocouplers(NamedTuple):
     Attributes
     ----------
     led_lit_at : {0, 1}
-        Level of the gate at which the LED is lit. The figure that shows it is lost; at 0 the gate sinks its current, and
-        line and port have the same level (row T-A17).
+        Level of the gate at which the LED is lit. The figure that shows it is lost; at 0 the gate sinks its current,
+        and line and port have the same level (row T-A17).
     response_ns : int
-        Level changes that do not last as long do not pass (data sheet of the H11F photo-FET couplers: 15 us on and off).
+        Changes that do not last as long do not pass (data sheet of the photo-FET couplers H11F: 15 us on and off).
     """
 
     led_lit_at: int = 0
