@@ -60,7 +60,8 @@ def test_keys_set_up_and_run_a_cut_and_the_digits_show_it(operate, rig):
 
     rig.advance = watch
     told = operate(
-        "KEY 1000 SHIFT X 2000 SHIFT Y", "KEY 100 T(P) 30 T(I) 110 SPEED 1080 X START", "KEY 42", "STATUS", "WAIT", "WAIT 1"
+        "KEY 1000 SHIFT X 2000 SHIFT Y", "KEY 100 T(P) 30 T(I) 110 SPEED 1080 X START", "KEY 42", "STATUS", "WAIT",
+        "WAIT 1",
     )
     assert not told.refusals
     assert "READY   X 1080 Y 2000 um" in told.lines
