@@ -124,6 +124,8 @@ def test_kerf_lag_and_rates_lie_where_wire_machines_lie(small_cut: SimpleNamespa
     assert 0 < report["wire"]["vibration_um_rms"] < 10
     assert 293 < report["wire"]["temperature_K_max"] < 600
     assert 0.2 < report["surface"]["ra_um"] < 5
+    assert 3 < report["surface"]["heat_affected_um"] < 20  # T-86
+    assert 0.1 < report["surface"]["electrolysed_um"] < 3
     assert 5 < report["feed_um_s"]["mean"] <= report["feed_um_s"]["max"] <= 33.3375  # T-76
     assert report["pulse_share"]["short"] < 0.2
     assert report["mean_current_A"] < 2  # T-34
