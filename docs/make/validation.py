@@ -78,7 +78,7 @@ def constants_table(words: Sequence[str], page: Path | None = None) -> list[str]
     Parameters
     ----------
     words : sequence of str
-        Sections of the machine file, plain or as ``machine.gap``; ``wire``, ``material``, ``surface`` or ``generator``.
+        Sections of the machine file, plain or as ``machine.gap``, or what `_sections` names else.
     """
     lines = ["| constant | value | range | source |", "|---|---|---|---|"]
     for word in words:
