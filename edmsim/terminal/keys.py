@@ -1,4 +1,4 @@
-"""The operator's fingers on the 64 keys: what is typed becomes keys, held for a while and scanned by the 8279."""
+"""The operator's presses of the 64 keys: each key is held for a while in machine time, and scanned by the 8279."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def typed_keys(data: bytes) -> list[int]:
     return codes
 
 
-class Fingers:
+class KeyPresses:
     """Keys of a board that are pressed one after the other, in machine time.
 
     Parameters

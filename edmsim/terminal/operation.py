@@ -13,7 +13,7 @@ from edmsim.controllers.mcu.firmware.arithmetic import WORD
 from edmsim.controllers.mcu.firmware.generator_control import set_tension
 from edmsim.controllers.mcu.firmware.poscal import STEP_UM
 from edmsim.errors import InputError
-from edmsim.terminal.keys import Fingers, typed_keys
+from edmsim.terminal.keys import KeyPresses, typed_keys
 from edmsim.terminal.rig import END_SWITCHES, Rig
 from edmsim.terminal.route import Point, lay_out
 
@@ -34,7 +34,7 @@ class Operation:
     def __init__(self, rig: Rig) -> None:
         self.rig = rig
         self._panel = FrontPanel(rig.computer, self)
-        self._fingers = Fingers(rig.board)
+        self._presses = KeyPresses(rig.board)
         self.at_panel = False
 
     @property
@@ -81,7 +81,7 @@ class Operation:
         """Let a window pass, with keys scanned, obeyed, and digits written; return why keys did nothing."""
         self.rig.advance()
         refused = []
-        for _ in self._fingers.scan_until(self.rig.time_ns):
+        for _ in self._presses.scan_until(self.rig.time_ns):
             self.rig.computer.serve()
             refused += self._panel.serve()
         self._panel.show()
@@ -90,15 +90,15 @@ class Operation:
     @property
     def pressing(self) -> bool:
         """Whether keys are still to be pressed."""
-        return self._fingers.busy
+        return self._presses.busy
 
     def press(self, names: str) -> None:
         """Press keys of the front panel by their names."""
-        self._fingers.press(read_keys(names), self.rig.time_ns)
+        self._presses.press(read_keys(names), self.rig.time_ns)
 
     def press_typed(self, data: bytes) -> None:
         """Press the keys of the front panel that a person's keyboard stands for."""
-        self._fingers.press(typed_keys(data), self.rig.time_ns)
+        self._presses.press(typed_keys(data), self.rig.time_ns)
 
     def digits(self) -> list[int]:
         """Write the display, and return what its 32 digits show."""
