@@ -117,13 +117,15 @@ def test_energy_and_removed_metal_belong_together(small_cut: SimpleNamespace) ->
 def test_kerf_lag_and_rates_lie_where_wire_machines_lie(small_cut: SimpleNamespace) -> None:
     report = small_cut.result.report
     kerf = report["kerf_um"]
-    assert 250 + 2 * 10 < kerf["min"] <= kerf["mean"] <= kerf["max"] < 250 + 2 * 80
+    assert 250 + 2 * 10 < kerf["min"] <= kerf["mean"] <= kerf["max"] < 250 + 2 * 80  # T-14
     profile = report["profile_error_um"]
     assert 0 < profile["rms"] <= profile["p95"] <= profile["max"] < 150
     assert abs(report["wire"]["lag_um"]) < 60
     assert 0 < report["wire"]["vibration_um_rms"] < 10
     assert 293 < report["wire"]["temperature_K_max"] < 600
     assert 0.2 < report["surface"]["ra_um"] < 5
+    assert 3 < report["surface"]["heat_affected_um"] < 20  # T-86
+    assert 0.1 < report["surface"]["electrolysed_um"] < 3
     assert 5 < report["feed_um_s"]["mean"] <= report["feed_um_s"]["max"] <= 33.3375  # T-76
     assert report["pulse_share"]["short"] < 0.2
     assert report["mean_current_A"] < 2  # T-34
@@ -148,6 +150,10 @@ def test_the_four_corners_are_found(small_cut: SimpleNamespace) -> None:
     x0, y0 = small_cut.result.path.origin_mm
     places = {(round(c["x_mm"] - x0, 3), round(c["y_mm"] - y0, 3)) for c in corners}
     assert places == {(0, 0), (0, 1), (1, 1), (1, 0)}
+    errors = [abs(c["error_um"]) for c in corners if c["error_um"] is not None]
+    profile = small_cut.result.report["profile_error_um"]
+    assert 2 * profile["rms"] < max(errors)  # T-14: worst where the direction changes, some tens of um at most
+    assert 3 < profile["max"] < 80
 
 
 def test_contour_is_a_ring_around_the_part(small_cut: SimpleNamespace) -> None:

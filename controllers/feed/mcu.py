@@ -12,7 +12,7 @@ from __future__ import annotations
 import json
 import math
 from bisect import bisect_right
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any, ClassVar, NamedTuple, cast
 
 import numpy as np
@@ -46,7 +46,7 @@ class _Setup(NamedTuple):
     Attributes
     ----------
     pulses : PulseSettings
-        Potentiometers trimmed so that the codes reach the operator's setting.
+        What the codes mean.
     codes : (int, int)
         Codes nearest to it.
     t_on_us : float
@@ -69,13 +69,7 @@ class _Setup(NamedTuple):
     @classmethod
     def of(cls, machine: Machine, points_um: NDArray[Any], start_um: float) -> _Setup:
         """Read the dials and the drawing."""
-        usual = PulseSettings()
-        pulses = replace(
-            usual,
-            t_i_us_V=max(usual.t_i_us_V, machine.t_on_us / usual.t_i.full_V),
-            t_p_us_V=max(usual.t_p_us_V, machine.t_period_us / usual.t_p.full_V),
-            pulse_A=discharge_current_A(machine),
-        )
+        pulses = PulseSettings(pulse_A=discharge_current_A(machine))
         t_i, t_p = pulses.code_of_t_i(machine.t_on_us), pulses.code_of_t_p(machine.t_period_us)
         while t_i and pulses.mean_current_A(t_i, t_p) > LIMIT_A:
             t_i -= 1  # a setting at the limit, rounded over it

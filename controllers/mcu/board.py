@@ -7,26 +7,36 @@ from typing import Any, NamedTuple
 
 from edmsim.controllers.mcu.chips import bus, ppi
 from edmsim.controllers.mcu.chips.bus import Bus
-from edmsim.controllers.mcu.chips.dac import PulseGeneratorLine, PulseSettings
+from edmsim.controllers.mcu.chips.dac import COARSE, PulseGeneratorLine, PulseSettings
 from edmsim.controllers.mcu.chips.display import Kdc8279
 from edmsim.controllers.mcu.chips.faults import DropOut, SerialNoise
+from edmsim.controllers.mcu.chips.optocoupler import SPARK_IMPULSE_NS, STEP_PULSE_NS, Optocouplers
 from edmsim.controllers.mcu.chips.pic import EMERGENCY, KEYBOARD, Pic8259
 from edmsim.controllers.mcu.chips.pit import Pit8253
 from edmsim.controllers.mcu.chips.ppi import Ppi8255
 from edmsim.controllers.mcu.chips.switches import SafetySwitches
 from edmsim.controllers.mcu.chips.uart import Usart8251
+from edmsim.controllers.mcu.firmware.arithmetic import BYTE
 from edmsim.controllers.protocols import Step
 from edmsim.controllers.pulse_counters import PulseCounters
+from edmsim.errors import InputError
 
 
 class LineOrder(NamedTuple):
-    """Bits of port 4022H; the document gives their order of print only (row T-A9)."""
+    """Bits of port 4022H; the document gives the order of print of the first five only (row T-A9).
+
+    Three of the four outputs it leaves spare have a use here: the coarse ranges of t(i) and t(p), and the wire's
+    tension (row T-85). The fourth is bit 6 of port 4032H.
+    """
 
     oev: int = 0
     x_direction: int = 1
     x_pulse: int = 2
     y_direction: int = 3
     y_pulse: int = 4
+    t_i_coarse: int = 5
+    t_p_coarse: int = 6
+    low_tension: int = 7
 
 
 class Faults(NamedTuple):
@@ -60,6 +70,7 @@ class Board:
         Trims of the DACs and what their voltages mean.
     lines : LineOrder
     faults : Faults
+    couplers : Optocouplers
 
     Attributes
     ----------
@@ -70,7 +81,7 @@ class Board:
     on_step : callable
         Called with each of them: the machine's side, where an end switch may open.
     codes : list of int
-        What the DACs of t(i) and t(p) hold.
+        What the DACs of t(i) and t(p) hold, with `COARSE` where that range is chosen.
     open_V, mean_current_A : float
         The generator's open voltage, and its present mean current, as the machine's side tells them.
     sent, sent_to_host : bytearray
@@ -78,11 +89,15 @@ class Board:
     """
 
     def __init__(
-        self, settings: PulseSettings | None = None, lines: LineOrder | None = None, faults: Faults | None = None
+        self, settings: PulseSettings | None = None, lines: LineOrder | None = None, faults: Faults | None = None,
+        couplers: Optocouplers | None = None,
     ) -> None:
         self.settings = settings or PulseSettings()
         self.lines = lines or LineOrder()
+        if sorted(self.lines) != list(range(8)):
+            raise InputError(f"the lines of port 4022H are its bits 0 to 7, each once, not {self.lines}")
         self.faults = faults or Faults()
+        self.couplers = couplers or Optocouplers()
         self.now_ns = 0
         self.steps: list[Step] = []
         self.on_step: Callable[[Step], None] = lambda step: None
@@ -100,7 +115,7 @@ class Board:
         self.display = Kdc8279()
         self.terminal, self.host = Usart8251(self.sent.append), Usart8251(self.sent_to_host.append)
         self.switches = SafetySwitches(lambda: self.interrupts.request(EMERGENCY))
-        self.generator_line = PulseGeneratorLine()
+        self.generator_line = PulseGeneratorLine(self.couplers.response_ns)
         for first, size, chip in (
             (bus.PORT2A, 4, self.machine_port), (bus.PORT3A, 4, self.counter_port), (bus.TIMERS, 4, self.timers),
             (bus.INTERRUPTS, 2, self.interrupts), (bus.DISPLAY, 2, self.display), (bus.TERMINAL, 2, self.terminal),
@@ -118,6 +133,16 @@ class Board:
     def times_us(self) -> tuple[float, float]:
         """T(i) and t(p) that the codes mean."""
         return self.settings.times_us(*self.codes)
+
+    @property
+    def low_tension(self) -> bool:
+        """Whether the spare line that lowers the wire's tension is up."""
+        return bool(self._levels >> self.lines.low_tension & 1)
+
+    def spark(self) -> None:
+        """Let the impulses of sparks come in over the switches' line: couplers that are fast enough interrupt."""
+        if self.couplers.passes(SPARK_IMPULSE_NS):
+            self.interrupts.request(EMERGENCY)
 
     def receive(self, byte: int, from_host: bool = False) -> None:
         """Let a character come in over a serial line, disturbed where that fault is injected."""
@@ -164,20 +189,22 @@ class Board:
     def _drive(self, port: int, byte: int) -> None:
         """Outputs of the 8255 that drives DACs, generator and steppers."""
         if port != ppi.C:
-            self.codes[port] = byte
+            self.codes[port] = byte | self.codes[port] & COARSE
             if port == ppi.B and self.faults.drop_out is not None:
                 self.faults.drop_out.set(self.settings.t_p.volts(byte))
             return
-        lines, risen = self.lines, byte & ~self._levels
-        changed = byte ^ self._levels
-        self._levels = byte
+        lines, levels = self.lines, self.couplers.lines(byte)
+        risen, changed = levels & ~self._levels, levels ^ self._levels
+        self._levels = levels
+        for which, line in ((ppi.A, lines.t_i_coarse), (ppi.B, lines.t_p_coarse)):
+            self.codes[which] = self.codes[which] & BYTE | COARSE * (levels >> line & 1)
         if changed >> lines.oev & 1:
-            self.generator_line.switch(bool(byte >> lines.oev & 1), self.now_ns, self.open_V)
-        if not self.switches.steppers_supplied:
+            self.generator_line.switch(bool(levels >> lines.oev & 1), self.now_ns, self.open_V)
+        if not (self.switches.steppers_supplied and self.couplers.passes(STEP_PULSE_NS)):
             return
         for axis, pulse, direction in ((0, lines.x_pulse, lines.x_direction), (1, lines.y_pulse, lines.y_direction)):
             if risen >> pulse & 1:
-                step = Step(self.now_ns, axis, 1 if byte >> direction & 1 else -1)
+                step = Step(self.now_ns, axis, 1 if levels >> direction & 1 else -1)
                 self.steps.append(step)
                 self.on_step(step)
 

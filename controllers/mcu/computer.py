@@ -9,6 +9,7 @@ from edmsim.controllers.mcu.board import Board
 from edmsim.controllers.mcu.chips import bus, pic, pit, ppi, uart
 from edmsim.controllers.mcu.firmware import memory_map as at
 from edmsim.controllers.mcu.firmware.arithmetic import BYTE, WORD
+from edmsim.controllers.mcu.firmware.generator_control import write_codes
 from edmsim.controllers.mcu.firmware.optimise import Settings, State, optimise
 from edmsim.controllers.mcu.firmware.poscal import Unit
 from edmsim.controllers.mcu.firmware.steppers import Steppers
@@ -198,13 +199,11 @@ class Computer:
 
     @property
     def pulse_codes(self) -> tuple[int, int]:
-        """Codes of V(t(i)) and V(t(p)) in force."""
+        """Codes of V(t(i)) and V(t(p)) in force, with `COARSE` where that range is."""
         return self.board.codes[0], self.board.codes[1]
 
     def set_pulse_codes(self, t_i: int, t_p: int) -> None:
         """Set both voltages; a pair that draws more than 2 A is refused and the old pair stays (row T-34).
-
-        The one that lowers the current is written first, so that the pair on the way draws no more than both.
 
         Raises
         ------
@@ -214,9 +213,7 @@ class Computer:
         if self.state in (OFF, EMERGENCY):
             raise InputError("the machine is stopped: INIT first")
         self.board.settings.check(t_i, t_p)
-        order = [(bus.PORT2A, t_i), (bus.PORT2B, t_p)]
-        for address, code in order if t_i < self.board.codes[0] else reversed(order):
-            self.write(address, code)
+        write_codes(self.board, t_i, t_p)
 
     @property
     def speed(self) -> int:

@@ -78,7 +78,7 @@ def constants_table(words: Sequence[str], page: Path | None = None) -> list[str]
     Parameters
     ----------
     words : sequence of str
-        Sections of the machine file, plain or as ``machine.gap``; ``wire``, ``material`` or ``generator``.
+        Sections of the machine file, plain or as ``machine.gap``, or what `_sections` names else.
     """
     lines = ["| constant | value | range | source |", "|---|---|---|---|"]
     for word in words:
@@ -99,6 +99,9 @@ def _sections(word: str, page: Path | None) -> Iterator[tuple[str, Iterable[tupl
     elif word == "material":
         for name in available("materials"):
             yield f"{name} ", Machine.load(material=name).material
+    elif word == "surface":
+        for name in available("materials"):
+            yield f"{name} ", Machine.load(material=name).material.surface or ()
     elif word == "generator":
         for name in available("generators"):
             yield f"{name} ", Machine.load(generator=name).generator
@@ -107,7 +110,8 @@ def _sections(word: str, page: Path | None) -> Iterator[tuple[str, Iterable[tupl
         section = base.get(word)
         if not isinstance(section, Iterable) or isinstance(section, str):
             sections = ", ".join(name for name, part in base.items() if not isinstance(part, str))
-            raise InputError(f"no constants '{word}'; there are: {sections}, wire, material, generator", page)
+            files = "wire, material, surface, generator"
+            raise InputError(f"no constants '{word}'; there are: {sections}, {files}", page)
         yield "", section
 
 

@@ -46,6 +46,7 @@ class Sums:
     spark: int = 0
     arc: int = 0
     energy: float = 0.0
+    voltage_s: float = 0.0
     crater_um3: float = 0.0
     vibration2_pulses: float = 0.0
 
@@ -56,6 +57,7 @@ class Sums:
         self.spark += window.spark
         self.arc += window.arc
         self.energy += window.energy_J
+        self.voltage_s += window.mean_voltage_V * window.duration_ns * 1e-9
         self.crater_um3 += window.crater_um3
         self.vibration2_pulses += window.vibration2_um2 * window.pulses
 

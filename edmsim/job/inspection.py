@@ -12,9 +12,11 @@ from numpy.typing import NDArray
 
 from edmsim.cosim.simulation import Simulation
 from edmsim.cosim.stops import StopCause
+from edmsim.machine.setting import discharge_current_A
 from edmsim.metrology.corners import corners
 from edmsim.metrology.edges import cut_edges
 from edmsim.metrology.kerf import KerfWidth, kerf_width, width_stats
+from edmsim.metrology.layers import electrolysed_um, heat_affected_um
 from edmsim.metrology.profile import ProfileError, error_stats, profile_error
 from edmsim.metrology.roughness import roughness_um
 from edmsim.metrology.shares import error_shares, share_stats
@@ -189,6 +191,9 @@ def _quality(
     kerf = width_stats(np.concatenate([w.width_um.ravel() for w in widths]))
     ignited = sums.spark + sums.arc
     flatness = machine.base.discharge.crater_flatness.value
+    power_W = machine.material.burning_voltage_V.value * discharge_current_A(machine)
+    discharge_us = sums.energy / (max(ignited, 1) * power_W) * 1e6
+    gap_um, length_mm = (kerf["mean"] - machine.wire_diameter_um) / 2, simulation.path_um * 1e-3
     return Quality(
         kerf_mean_um=kerf["mean"],
         kerf_min_um=kerf["min"],
@@ -199,6 +204,8 @@ def _quality(
         profile_shares=_share_stats(scene),
         corners=scene.corners,
         ra_um=roughness_um(sums.crater_um3 / ignited, flatness) if ignited else math.nan,
+        heat_affected_um=heat_affected_um(machine, discharge_us) if ignited else math.nan,
+        electrolysed_um=electrolysed_um(machine, sums.voltage_s / length_mm, gap_um) if length_mm else math.nan,
         section=_section(widths, machine.height_mm),
         table=table,
     )

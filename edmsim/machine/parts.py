@@ -209,13 +209,29 @@ class Wire(Part):
     stress_MPa: Positive
 
 
+class Surface(Part):
+    """What makes the layers of a cut face: see `edmsim.metrology.layers`."""
+
+    diffusivity_mm2_s: Positive
+    melting_K: Positive
+    affected_K: Positive
+    dissolved_mm3_C: Positive
+
+    @model_validator(mode="after")
+    def _affected_before_it_melts(self) -> Surface:
+        if not self.affected_K.value < self.melting_K.value:
+            raise ValueError("affected_K lies below melting_K")
+        return self
+
+
 class Material(Part):
-    """A workpiece material."""
+    """A workpiece material; without `surface` nothing is said of the layers of its cut face."""
 
     title: str
     removal_mm3_J: Positive
     burning_voltage_V: Positive
     magnetic_share: Constant
+    surface: Surface | None = None
 
 
 class Generator(Part):
@@ -232,6 +248,7 @@ class Generator(Part):
     ignition_wait_us: Positive | None = None
     mean_current_limit_A: Positive
     pulse_shape: Literal["rectangle", "triangle"] = "rectangle"
+    equalising: bool = False
 
     @model_validator(mode="after")
     def _wait_where_needed(self) -> Generator:

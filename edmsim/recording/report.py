@@ -111,6 +111,8 @@ class Quality:
     corners : tuple of SceneCorner
     ra_um : float
         Roughness of the wall.
+    heat_affected_um, electrolysed_um : float
+        Layers of the wall that heat has changed and that the water has dissolved.
     section : tuple of KerfSlice
         The kerf slice by slice, from the bottom.
     table : TableShare or None
@@ -127,6 +129,8 @@ class Quality:
     profile_p95_um: float
     corners: tuple[SceneCorner, ...]
     ra_um: float
+    heat_affected_um: float = math.nan
+    electrolysed_um: float = math.nan
     section: tuple[KerfSlice, ...] = ()
     table: TableShare | None = None
     profile_shares: Mapping[str, Mapping[str, float]] | None = None
@@ -179,7 +183,7 @@ def build_report(
         "wire": _wire(windows, totals),
         "following_error_um": _following(windows),
         "coverage": {"mean": _mean(windows, "coverage"), "max": _most(windows, "coverage")},
-        "surface": {"ra_um": quality.ra_um},
+        "surface": {name: getattr(quality, name) for name in ("ra_um", "heat_affected_um", "electrolysed_um")},
         "energy_J": totals.energy,
         "removed_mm3": totals.removed_mm3,
         "mean_current_A": _mean(windows, "mean_current_A"),
@@ -347,7 +351,7 @@ def summary(report: Mapping[str, Any]) -> list[tuple[str, str]]:
         ("wire", f"lag {lag}, vibration {vibration} rms, at most {say(wire['temperature_K_max'], 'K', 0)}"),
         ("axes", f"{say(follow['max'], 'µm')} behind at most, {say(follow['rms'], 'µm')} rms"),
         ("gas", f"covers {covered[0]} of the wire's front in the mean, at most {covered[1]}"),
-        ("roughness", f"Ra {say(report['surface']['ra_um'], 'µm', 2)}"),
+        ("surface", _surface_line(report["surface"])),
         ("energy", f"{energy}, {removed} removed, {current}, {voltage} mean"),
     ]
 
@@ -374,6 +378,12 @@ def _shares_line(shares: Mapping[str, Mapping[str, float | None]] | None) -> str
     if shares is None:
         return "not split: the wire's centre was to run on the edge"
     return ", ".join(f"{name} {figure_text(share['rms'], 'µm')}" for name, share in shares.items()) + " rms"
+
+
+def _surface_line(surface: Mapping[str, float | None]) -> str:
+    """Say what the cut face is like; reports of earlier versions do not know its layers."""
+    say, heat, water = figure_text, surface.get("heat_affected_um"), surface.get("electrolysed_um")
+    return f"Ra {say(surface['ra_um'], 'µm', 2)}, heat-affected {say(heat, 'µm')}, electrolysed {say(water, 'µm', 2)}"
 
 
 def _corner_line(corners: Sequence[Mapping[str, float | None]]) -> str:

@@ -5,13 +5,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from edmsim.controllers.mcu.chips.switches import STOP_BUTTON
-from edmsim.controllers.mcu.dialogue.front_panel import FrontPanel
+from edmsim.controllers.mcu.dialogue.front_panel import FrontPanel, read_keys
 from edmsim.controllers.mcu.dialogue.main_program import Status
 from edmsim.controllers.mcu.dialogue.part_program import Codes, Entry, Setting
 from edmsim.controllers.mcu.firmware import memory_map as at
 from edmsim.controllers.mcu.firmware.arithmetic import WORD
+from edmsim.controllers.mcu.firmware.generator_control import set_tension
 from edmsim.controllers.mcu.firmware.poscal import STEP_UM
 from edmsim.errors import InputError
+from edmsim.terminal.keys import KeyPresses, typed_keys
 from edmsim.terminal.rig import END_SWITCHES, Rig
 from edmsim.terminal.route import Point, lay_out
 
@@ -22,11 +24,18 @@ class Operation:
     Parameters
     ----------
     rig : Rig
+
+    Attributes
+    ----------
+    at_panel : bool
+        Whether what a person types goes to the keys of the front panel.
     """
 
     def __init__(self, rig: Rig) -> None:
         self.rig = rig
-        self._panel = FrontPanel(rig.computer)
+        self._panel = FrontPanel(rig.computer, self)
+        self._presses = KeyPresses(rig.board)
+        self.at_panel = False
 
     @property
     def greeting(self) -> str:
@@ -67,6 +76,29 @@ class Operation:
             current_A=current,
             time_s=rig.time_ns * 1e-9,
         )
+
+    def advance(self) -> list[str]:
+        """Let a window pass, with keys scanned, obeyed, and digits written; return why keys did nothing."""
+        self.rig.advance()
+        refused = []
+        for _ in self._presses.scan_until(self.rig.time_ns):
+            self.rig.computer.serve()
+            refused += self._panel.serve()
+        self._panel.show()
+        return refused
+
+    @property
+    def pressing(self) -> bool:
+        """Whether keys are still to be pressed."""
+        return self._presses.busy
+
+    def press(self, names: str) -> None:
+        """Press keys of the front panel by their names."""
+        self._presses.press(read_keys(names), self.rig.time_ns)
+
+    def press_typed(self, data: bytes) -> None:
+        """Press the keys of the front panel that a person's keyboard stands for."""
+        self._presses.press(typed_keys(data), self.rig.time_ns)
 
     def digits(self) -> list[int]:
         """Write the display, and return what its 32 digits show."""
@@ -161,6 +193,11 @@ class Operation:
             raise InputError("the wire is whole")
         self.rig.thread()
         self.rig.say("NEW WIRE")
+
+    def tension(self, low: bool) -> None:
+        """Lower the wire's tension, or give it back in full."""
+        self._check_alive()
+        set_tension(self.rig.board, low)
 
     def _check_alive(self) -> None:
         if self.rig.in_emergency:

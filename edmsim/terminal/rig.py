@@ -38,6 +38,8 @@ from edmsim.terminal.route import Point, Route
 STAND_BY, CUTTING, JOGGING = "STAND-BY", "CUTTING", "JOGGING"
 BARE_WINDOW_NS = 25_500_000
 """Time that passes at once while no wire is there: a window of the usual period."""
+LOW_TENSION = 0.5
+"""Share of the wire's tension that is left while its spare line is up (ours: half)."""
 END_SWITCHES = (X_END, Y_END)
 BENT_SHARE = 0.01
 """A wire bent by more than this share of its free length breaks (ours: the model's wire is a taut string, and that
@@ -82,6 +84,7 @@ class Rig:
     ) -> None:
         check_1982(machine.base.table.step_um.value)
         self.plant = Plant(machine, seed, resolution=resolution)
+        self._tensions = machine, machine.with_(tension=LOW_TENSION * machine.tension)
         self.board = Board(PulseSettings(pulse_A=discharge_current_A(machine)), faults=faults)
         self.board.open_V = open_V(machine)
         self.board.on_step = self._carry
@@ -225,6 +228,7 @@ class Rig:
         """Let one window pass."""
         if self.plant.generator_on != self.board.generator_on:
             self.plant.switch_generator(self.board.generator_on)
+        self._follow_tension()
         start_ns = self.time_ns
         end_ns = start_ns + (self.plant.window_ns if self.wire else BARE_WINDOW_NS)
         steps = self._make_steps(start_ns, end_ns)
@@ -237,6 +241,14 @@ class Rig:
         if self._planner is not None and self._planner.done:
             self._planner = None
             self.stand("READY")
+
+    def _follow_tension(self) -> None:
+        """Give the wire the tension that the spare line asks for; its shape and all else stay."""
+        wanted = self._tensions[self.board.low_tension]
+        if self.plant.machine.tension != wanted.tension:
+            before, resolution = self.plant.snapshot(), self.plant.resolution
+            self.plant = Plant(wanted, stock=self.plant.field.stock, resolution=resolution)
+            self.plant.restore(before)
 
     def _make_steps(self, start_ns: int, end_ns: int) -> list[Step]:
         """Motor steps of a window: planned, and made by the computer as far as no end switch opens."""
@@ -252,7 +264,8 @@ class Rig:
         self.computer.serve()
         if self.in_emergency:
             self._planner = None  # off the table there is nothing to go on with
-            self._stopped(" AND ".join(f"{name} SWITCH" for name in self.computer.cause).upper())
+            switches = " AND ".join(f"{name} SWITCH" for name in self.computer.cause)
+            self._stopped(switches.upper() or "A SPARK'S IMPULSE ON THE LINE OF THE SWITCHES")
         return made
 
     def _carry(self, step: Step) -> None:
@@ -271,6 +284,8 @@ class Rig:
             return
         self._window = window
         self.board.mean_current_A = window.mean_current_A
+        if window.spark or window.arc:
+            self.board.spark()
         if window.broken:
             height = self.plant.broken_height_mm
             self._lose_wire(f"WIRE BREAK {height:.1f} mm ABOVE THE WORKPIECE'S LOWER FACE", place_um)

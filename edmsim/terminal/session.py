@@ -15,6 +15,7 @@ from edmsim.controllers.mcu.dialogue.line_input import CANCEL, DELETE, LINE_FEED
 from edmsim.controllers.mcu.dialogue.main_program import MainProgram
 from edmsim.errors import InputError
 from edmsim.terminal.devices import Interrupts
+from edmsim.terminal.keys import TOGGLE
 from edmsim.terminal.operation import Operation
 from edmsim.terminal.rig import Rig
 from edmsim.terminal.serial_lines import SerialLines
@@ -141,7 +142,8 @@ class Session:
 
     def _receive(self, timeout_s: float) -> None:
         """Take in what was typed; Ctrl-C acts at once, and what was typed before it is forgotten."""
-        data = self._lines.heard(self._screen.read(timeout_s))
+        data = self._to_panel(self._screen.read(timeout_s))
+        data = self._lines.heard(data)
         if ETX in data:
             self._interrupts.press()
             data = data[data.rindex(ETX) + 1 :]
@@ -149,6 +151,18 @@ class Session:
             self._end_wait()
             data = data[data.rindex(CANCEL) + 1 :]
         self._pending += data
+
+    def _to_panel(self, data: bytes) -> bytes:
+        """Give what is typed between two Ctrl-K to the keys of the front panel; return the rest."""
+        rest = b""
+        for number, part in enumerate(data.split(bytes([TOGGLE]))):
+            if number:
+                self._operation.at_panel = not self._operation.at_panel
+            if self._operation.at_panel and ETX not in part:
+                self._operation.press_typed(part)
+            else:
+                rest += part
+        return rest
 
     def _hear_interrupts(self) -> None:
         if self._interrupts.take():
@@ -177,13 +191,13 @@ class Session:
                 self._main.obey(self._buffer)
         except InputError as error:
             self._prompted = False
-            self.refused += 1
-            self._say(f"? {error.reason}")
+            self._refuse(error.reason)
         self._tell()
 
     def _advance(self) -> None:
         """Let a window of machine time pass."""
-        self._rig.advance()
+        for reason in self._operation.advance():
+            self._refuse(reason)
         self._tell()
         over = self._wait_until_ns is not None and self._rig.time_ns >= self._wait_until_ns
         if over or (self._waits_for_rest and not self._rig.moving):
@@ -198,9 +212,15 @@ class Session:
         if self._rig.in_emergency:
             self._end_wait()
 
+    def _refuse(self, reason: str) -> None:
+        """Say why a line or a key did nothing."""
+        self._clear_line()
+        self.refused += 1
+        self._say(f"? {reason}")
+
     @property
     def _waiting(self) -> bool:
-        return self._waits_for_rest or self._wait_until_ns is not None
+        return self._waits_for_rest or self._wait_until_ns is not None or self._operation.pressing
 
     def _end_wait(self) -> None:
         self._waits_for_rest, self._wait_until_ns = False, None

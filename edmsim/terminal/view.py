@@ -16,6 +16,7 @@ from edmsim.controllers.mcu.dialogue.front_panel import FIELDS
 from edmsim.controllers.mcu.dialogue.main_program import Status
 from edmsim.controllers.pulse_counters import WINDOW_PULSES
 from edmsim.terminal.devices import Interrupts, Keyboard
+from edmsim.terminal.keys import LEGEND
 from edmsim.terminal.operation import Operation
 
 _EVERY_S = 0.1
@@ -38,7 +39,7 @@ class View(Keyboard):
         self._partial = ""
         self._next_s = 0.0
         self._panel: Panel | None = None
-        self._seen: tuple[list[int], Status] | None = None
+        self._seen: tuple[list[int], Status, bool] | None = None
 
     def __enter__(self) -> Self:
         self._live.start()
@@ -67,7 +68,8 @@ class View(Keyboard):
         if time.monotonic() < self._next_s:
             return
         self._next_s = time.monotonic() + _EVERY_S
-        seen = operation.digits(), operation.status()._replace(time_s=0.0, voltage_V=0.0, current_A=0.0)
+        status = operation.status()._replace(time_s=0.0, voltage_V=0.0, current_A=0.0)
+        seen = operation.digits(), status, operation.at_panel
         if seen != self._seen:
             self._seen = seen
             self._panel = panel(*seen)
@@ -78,11 +80,11 @@ class View(Keyboard):
             self._live.update(Group(self._panel, Text(self._partial + "_")), refresh=True)
 
 
-def panel(digits: list[int], status: Status) -> Panel:
-    """Return the digits with their names, and the pulses of the last window in percent."""
-    return Panel(
-        Group(_digits(digits), Text(), _bars(status)), title=status.state, title_align="left", expand=False
-    )
+def panel(digits: list[int], status: Status, at_panel: bool) -> Panel:
+    """Return the digits with their names, the keys where they are pressed, and the pulses of the last window."""
+    keys = [Text(LEGEND, style="yellow")] if at_panel else []
+    shown = Group(_digits(digits), *keys, Text(), _bars(status))
+    return Panel(shown, title=status.state, title_align="left", expand=False)
 
 
 def _digits(shown: list[int]) -> Table:

@@ -9,7 +9,6 @@ from hypothesis import strategies as st
 
 from edmsim.controllers.mcu.board import Board, Faults
 from edmsim.controllers.mcu.chips import bus, pic, pit, ppi, uart
-from edmsim.controllers.mcu.chips.dac import Dac, PulseGeneratorLine, PulseSettings
 from edmsim.controllers.mcu.chips.display import CLEAR, CTRL, READ_KEYS, SHIFT, Kdc8279, write_digit
 from edmsim.controllers.mcu.chips.faults import DropOut, SerialNoise
 from edmsim.controllers.mcu.chips.switches import NAMES, WIRE_BREAK, X_END, Y_END, SafetySwitches
@@ -47,12 +46,38 @@ def test_ports_lie_where_the_document_has_them():  # T-23
     assert (board.bus.read(0x4030), board.bus.read(0x4031)) == (12, 34)
 
 
-def test_48_lines_of_which_9_are_outputs_of_port_2c():  # T-21
-    outputs = Board().lines
-    handshake = {ppi.INTR_A, ppi.IBF_A, ppi.INTE_A, ppi.INTR_B, ppi.IBF_B, ppi.INTE_B, 1 << ppi.RESET_BIT}
-    assert (len(outputs), len(handshake)) == (5, 7)
-    assert sorted(outputs) == [0, 1, 2, 3, 4]  # T-24, T-A9
-    assert 16 + 16 + len(handshake) + len(outputs) + 4 == 48
+def test_48_lines_and_what_each_drives():  # T-21
+    """16 to the converters, 16 from the counters, 7 for their handshake, and 9 more, of which 1982 used 5."""
+    board = Board()
+    read, write = board.bus.read, board.bus.write
+    write(bus.CPORT2, ppi.BASIC_OUTPUTS)
+    write(bus.CPORT3, ppi.STROBED_INPUTS)
+    converters = counters = handshake = 0
+    for address, which in ((bus.PORT2A, 0), (bus.PORT2B, 1)):
+        for bit in range(8):
+            write(address, 1 << bit)
+            converters += board.codes[which] == 1 << bit
+    for bit in range(8):
+        board.counters.hand_over(1 << bit, 1 << bit)
+        counters += (read(bus.PORT3A) == 1 << bit) + (read(bus.PORT3B) == 1 << bit)
+    quiet = read(bus.PORT3C)
+    for bit in (ppi.INTE_A_BIT, ppi.INTE_B_BIT):
+        write(bus.CPORT3, bit << 1 | 1)
+    board.counters.hand_over(1, 1)
+    handshake = (quiet ^ read(bus.PORT3C)).bit_count() + 1  # and the reset of the counters
+    used = spare = 0
+    for bit, name in enumerate(board.lines._fields):  # T-24, T-A9: the order in which 4022H is printed
+        before = len(board.steps), board.generator_line.running, list(board.codes), board.low_tension
+        write(bus.CPORT2, bit << 1 | 1)
+        after = len(board.steps), board.generator_line.running, list(board.codes), board.low_tension
+        changed = [a != b for a, b in zip(after, before, strict=True)]
+        assert changed == [name.endswith("pulse"), name == "oev", name.endswith("coarse"), name == "low_tension"]
+        used, spare = used + (bit < 5), spare + (bit >= 5)
+    write(bus.CPORT3, 6 << 1 | 1)  # bit 6 of port 3C is free in mode 1
+    spare += read(bus.PORT3C) >> 6 & 1
+    assert board.lines._fields[:5] == ("oev", "x_direction", "x_pulse", "y_direction", "y_pulse")
+    assert (converters, counters, handshake, used, spare) == (16, 16, 7, 5, 4)
+    assert sum((converters, counters, handshake, used, spare)) == 48
 
 
 @given(BYTES, BYTES, st.integers(0, 7), st.booleans())
@@ -224,52 +249,6 @@ def test_masks_spurious_requests_and_words_it_does_not_know():
             chip.write(0, word)
 
 
-def test_dac_steps_are_the_documents():  # T-31, T-32, T-37
-    t_i, t_p = PulseSettings().t_i, PulseSettings().t_p
-    assert t_i.volts(1) == pytest.approx(0.01961, abs=5e-6)
-    assert t_p.volts(1) == pytest.approx(0.05882, abs=5e-6)
-    assert (t_i.volts(255), t_p.volts(255)) == (5.0, 15.0)
-    assert t_p.code(7.0) == 119
-    assert t_p.volts(110) < 6.5 < t_p.volts(111)
-
-
-@given(BYTES, st.floats(0.5, 1.5), st.floats(-0.3, 0.3))
-def test_trims_turn_gain_and_zero(code, gain, offset_V):  # T-33
-    dac = Dac(5.0, gain, offset_V)
-    assert dac.volts(code) == max(gain * 5.0 * code / 255 + offset_V, 0.0)
-    if dac.volts(code):
-        assert dac.code(dac.volts(code)) == code
-
-
-@given(BYTES, BYTES, BYTES, BYTES)
-def test_mean_current_is_monotonic(t_i, t_p, longer_i, longer_p):  # T-35
-    pulses = PulseSettings()
-    assert pulses.mean_current_A(max(t_i, longer_i), t_p) >= pulses.mean_current_A(t_i, t_p)
-    assert pulses.mean_current_A(t_i, max(t_p, longer_p)) <= pulses.mean_current_A(t_i, t_p)
-
-
-def test_codes_of_times_and_what_cannot_be_reached():  # T-32, T-36
-    pulses = PulseSettings()
-    assert (pulses.code_of_t_i(20), pulses.code_of_t_p(100)) == (102, 170)
-    assert pulses.times_us(102, 170) == (20.0, 100.0)
-    assert pulses.times_us(0, 0) == (0.0, 2.0)
-    with pytest.raises(InputError, match=r"t\(i\) is 51 us, but the voltage reaches from 0 to 50 us only"):
-        pulses.code_of_t_i(51)
-    with pytest.raises(InputError, match=r"the code of t\(p\) is 0\.\.255, not 256"):
-        pulses.check(1, 256)
-
-
-def test_a_stopped_generator_keeps_its_voltage_for_a_while():  # T-27
-    line = PulseGeneratorLine(decay_s=5.0)
-    assert line.voltage_V(0) == 0
-    line.switch(False, 1_000_000_000, 100.0)
-    assert (line.running, line.voltage_V(9_000_000_000)) == (True, 100.0)
-    line.switch(True, 10_000_000_000, 100.0)
-    volts = [line.voltage_V(round((10 + s) * 1e9)) for s in (0, 1, 5, 25)]
-    assert not line.running
-    assert volts == pytest.approx([100.0, 81.87, 36.79, 0.674], abs=0.01)
-
-
 @given(st.lists(st.tuples(st.integers(0, 31), st.integers(0, 9)), max_size=60))
 def test_a_digit_is_written_without_its_neighbour(writes):  # T-28
     chip, wanted = Kdc8279(), [15] * 32
@@ -386,21 +365,6 @@ def test_noise_comes_above_1_5_ampere_only_and_is_seeded():  # T-29
         board.mean_current_A = current_A
         board.receive(0x41)
         assert (board.bus.read(bus.TERMINAL) == 0x41) == right
-
-
-def test_drop_out_has_two_voltages():  # T-30, T-A5, T-37
-    volts = PulseSettings().t_p.volts
-    certain = DropOut(0)
-    out = [certain.set(volts(code)) for code in (170, 110, 115, 118, 119, 120)]
-    assert out == [False, True, True, True, False, False]
-    between = [DropOut(seed).set(volts(111)) for seed in range(200)]
-    assert 60 < sum(between) < 140
-    assert between == [DropOut(seed).set(volts(111)) for seed in range(200)]
-    board = Board(faults=Faults(drop_out=DropOut(0)))
-    board.bus.write(bus.CPORT2, ppi.BASIC_OUTPUTS)  # clears OEV: the generator runs
-    for code, on in ((170, True), (110, False), (118, False), (119, True)):
-        board.bus.write(bus.PORT2B, code)
-        assert board.generator_on == on
 
 
 def test_a_board_continues_from_its_snapshot():

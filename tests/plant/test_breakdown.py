@@ -11,7 +11,8 @@ from scipy import stats
 
 import edmsim
 from edmsim.compiled.random import key_of, uniform
-from edmsim.plant.constants import flow_factor, gap_law
+from edmsim.machine.setting import discharge_current_A
+from edmsim.plant.constants import flow_factor, flow_m_s, gap_law
 from edmsim.plant.gap.breakdown import GapLaw, choose_ray, slice_sums, weibull
 from edmsim.plant.gap.rays import rays_with
 from edmsim.plant.kernel.state import ARC, SHORT, SPARK
@@ -185,6 +186,32 @@ def test_debris_hastens_ignition(in_a_hole, machine):  # T-9
         unlit = sum(plant.advance().open for _ in range(20)) / (20 * 255)
         rates.append(-math.log(unlit) / 300.0)
     assert rates[1] / rates[0] == pytest.approx(1.5, rel=0.08)
+
+
+def test_at_the_point_of_figure_2_9_delays_rise_with_gap_and_flow(in_a_hole, own_file):  # T-9, T-10
+    """A pulse of 600 W, 300 V open, 50 us in 100 us, flows of 0 to 4 m/s, gaps of 10, 20 and 30 um."""
+    strong = own_file(
+        "generators", "iso-pulse", ("{ value = 100.0, range = [60.0, 120.0],", "{ value = 300.0,"),
+        ("{ value = 11.8,", "{ value = 10.19,"), ("{ value = 30.0,", "{ value = 50.0,"),
+        ("{ value = 2.0,", "{ value = 14.0,"),
+    )  # fmt: skip
+    machine = edmsim.Machine.load(generator=strong, height_mm=20.0)
+    assert machine.material.burning_voltage_V.value * discharge_current_A(machine) == pytest.approx(600.0, rel=1e-3)
+    gaps, flows, delays = (10.0, 20.0, 30.0), (0.0, 1.0, 2.0, 4.0), {}
+    for gap in gaps:
+        for flow in flows:
+            flushed = machine.with_(flushing_lower_Pa=flow * 272_000.0, flushing_upper_Pa=0.0)
+            assert flow_m_s(flushed, FAST).mean() == pytest.approx(flow, rel=0.01)
+            plant = in_a_hole(flushed, gap)
+            windows = [plant.advance() for _ in range(4)]
+            pulses = [w.mean_delay_us * (w.spark + w.arc) + machine.t_on_us * w.open for w in windows]
+            delays[gap, flow] = sum(pulses) / (4 * 255)
+    assert all(delays[gap, one] <= delays[gap, more] for gap in gaps for one, more in pairwise(flows))
+    assert all(delays[one, flow] <= delays[wider, flow] for flow in flows for one, wider in pairwise(gaps))
+    assert delays[30.0, 4.0] > 3 * delays[30.0, 0.0]
+    assert delays[30.0, 4.0] > 2 * delays[20.0, 4.0] > 2 * delays[10.0, 4.0]
+    with pytest.raises(edmsim.InputError, match="above the generator's 2 A"):  # this machine's own cannot
+        edmsim.Machine.load(peak_current_A=6.6, t_on_us=50.0, t_period_us=100.0)
 
 
 def test_unknown_resolution_is_refused():

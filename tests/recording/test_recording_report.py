@@ -24,7 +24,8 @@ FIELDS: dict[str, Any] = {
     "profile_error_um": {"max", "rms", "p95", "shares"}, "table_error_um": None, "corners": None,
     "wire": {"lag_um", "vibration_um_rms", "temperature_K_max"}, "coverage": {"mean", "max"},
     "following_error_um": {"max", "rms"},
-    "surface": {"ra_um"}, "energy_J": None, "removed_mm3": None, "mean_current_A": None, "mean_voltage_V": None,
+    "surface": {"ra_um", "heat_affected_um", "electrolysed_um"},
+    "energy_J": None, "removed_mm3": None, "mean_current_A": None, "mean_voltage_V": None,
     "seed": None, "settings": None, "notices": None, "edmsim_version": None,
 }  # fmt: skip
 

@@ -136,7 +136,11 @@ def test_a_real_terminal_shows_digits_and_pulses(sit_down):
     shown += operator.see("READY")
     assert "short" in shown
     assert "erosion" in shown
-    operator.type(b"BYE\r")
+    operator.type(b"\x0b")  # T-28: Ctrl-K gives the keyboard to the front panel, whose arrows jog
+    operator.see("Ctrl-K ends")
+    operator.type(b"20\x1b[D")
+    operator.see("READY   X 32680 Y 32500 um")
+    operator.type(b"\x0bBYE\r")
     assert operator.leave() == 0
 
 

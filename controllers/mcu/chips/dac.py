@@ -3,12 +3,17 @@
 V(t(i)), 0..5 V, sets the pulse duration, V(t(p)), 0..15 V, the repetition (row T-32). What times the voltages mean,
 and the curve of pairs that draw 2 A (figure 4-3), are lost; ours are straight lines, the mean current is that of
 pulses that all ignite at once, and all constants can be given (row T-35).
+
+Eight bits over the whole range of 1000 us would be steps of 4 us. So the pulse generator has two ranges for either
+time (row T-A15): a ninth bit of a code, `COARSE`, chooses.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Literal
 
 from edmsim.controllers.mcu.firmware.arithmetic import BYTE
 from edmsim.errors import InputError
@@ -17,8 +22,13 @@ T_I_FULL_V, T_P_FULL_V = 5.0, 15.0
 """Voltages of code 255 with untouched trims (row T-32)."""
 LIMIT_A = 2.0
 """Largest mean current of the generator (row T-34)."""
-SHORTEST_T_P_US = 2.0
-"""500 kHz (row T-36)."""
+SHORTEST_T_I_US, SHORTEST_T_P_US = 1.0, 2.0
+"""The shortest pulse (row T-1), and 500 kHz (row T-36)."""
+LONGEST_T_I_US, LONGEST_T_P_US = 1000.0, 10_000.0
+"""Ends of the coarse ranges: the longest pulse and period the document has (rows T-1, T-2)."""
+COARSE = 0x100
+"""Bit of a code that chooses the coarse range; the lower eight are the converter's."""
+MOST_CODE = COARSE | BYTE
 
 
 @dataclass(frozen=True)
@@ -43,10 +53,6 @@ class Dac:
         """Voltage of a code, in V; the amplifier gives none below 0."""
         return max(self.gain * self.full_V * code / BYTE + self.offset_V, 0.0)
 
-    def code(self, volts: float) -> int:
-        """Return the code whose voltage is nearest, of 0..255."""
-        return min(max(round((volts - self.offset_V) / (self.gain * self.full_V) * BYTE), 0), BYTE)
-
 
 @dataclass(frozen=True)
 class PulseSettings:
@@ -56,24 +62,29 @@ class PulseSettings:
     ----------
     t_i, t_p : Dac
     t_i_us_V, t_p_us_V : float
-        us per volt (ours: with 10, 2 V and 10 V are the 20 us and 100 us of a usual cut, and below 7 V, where the
-        generator drops out, lie the short periods in which its supply must give most).
+        us per volt in the fine range (ours: with 10, 2 V and 10 V are the 20 us and 100 us of a usual cut, and below
+        7 V, where the generator drops out, lie the short periods in which its supply must give most).
+    t_i_coarse_us_V, t_p_coarse_us_V : float
+        us per volt in the coarse range; by default the full voltages are 1000 us and 10 ms.
     pulse_A : float
         Current of a pulse (ours: 6.6 A, that of the default machine).
+    law : {"period", "frequency"}
+        What rises with V(t(p)), see row T-A16. By the law of frequency code 1 is the longest period, that of code 255
+        by the other, and 0 V are no pulses.
     """
 
     t_i: Dac = Dac(T_I_FULL_V)
     t_p: Dac = Dac(T_P_FULL_V)
     t_i_us_V: float = 10.0
     t_p_us_V: float = 10.0
+    t_i_coarse_us_V: float = LONGEST_T_I_US / T_I_FULL_V
+    t_p_coarse_us_V: float = LONGEST_T_P_US / T_P_FULL_V
     pulse_A: float = 6.61
+    law: Literal["period", "frequency"] = "period"
 
     def times_us(self, t_i_code: int, t_p_code: int) -> tuple[float, float]:
         """Return t(i) and t(p) in us that two codes mean; t(p) is never below 2 us."""
-        return (
-            round(self.t_i.volts(t_i_code) * self.t_i_us_V, 6),
-            max(round(self.t_p.volts(t_p_code) * self.t_p_us_V, 6), SHORTEST_T_P_US),
-        )
+        return self._t_i_us(t_i_code), self._t_p_us(t_p_code)
 
     def mean_current_A(self, t_i_code: int, t_p_code: int) -> float:
         """Return the modelled mean current, ``pulse_A * t(i) / t(p)``; t(i) fills at most all of t(p)."""
@@ -88,36 +99,57 @@ class PulseSettings:
         InputError
         """
         for name, code in (("t(i)", t_i_code), ("t(p)", t_p_code)):
-            if not (isinstance(code, int) and 0 <= code <= BYTE):
-                raise InputError(f"the code of {name} is 0..255, not {code!r}")
+            if not (isinstance(code, int) and 0 <= code <= MOST_CODE):
+                raise InputError(f"the code of {name} is 0..{MOST_CODE}, not {code!r}")
         current = self.mean_current_A(t_i_code, t_p_code)
         if current > LIMIT_A:
             t_i_us, t_p_us = self.times_us(t_i_code, t_p_code)
+            enough = [us for us in map(self._t_p_us, range(MOST_CODE + 1)) if self.pulse_A * t_i_us <= LIMIT_A * us]
             raise InputError(
-                f"t(i) {t_i_us:.4g} us in t(p) {t_p_us:.4g} us draws {current:.2f} A, above the generator's "
-                f"{LIMIT_A:g} A: t(p) must be at least {math.ceil(self.pulse_A * t_i_us / LIMIT_A)} us"
+                f"t(i) {time_text(t_i_us)} us in t(p) {time_text(t_p_us)} us draws {current:.2f} A, above the "
+                f"generator's {LIMIT_A:g} A: t(p) must be at least {math.ceil(min(enough))} us"
             )
 
     def code_of_t_i(self, us: float) -> int:
-        """Nearest code of a pulse duration.
+        """Code nearest to a pulse duration, in the finest range that reaches it.
 
         Raises
         ------
         InputError
-            If it lies outside the range.
+            If it lies outside both ranges.
         """
-        return self._code("t(i)", self.t_i, self.t_i_us_V, us)
+        return _nearest("t(i)", us, self._t_i_us, min(us, SHORTEST_T_I_US))
 
     def code_of_t_p(self, us: float) -> int:
-        """Nearest code of a period; see `code_of_t_i`."""
-        return self._code("t(p)", self.t_p, self.t_p_us_V, us)
+        """Code nearest to a period; see `code_of_t_i`."""
+        return _nearest("t(p)", us, self._t_p_us, 0.0)
 
-    def _code(self, name: str, dac: Dac, us_V: float, us: float) -> int:
-        code = dac.code(us / us_V)
-        if not abs(dac.volts(code) * us_V - us) <= 0.5 * dac.gain * dac.full_V / BYTE * us_V + 1e-9:
-            most = dac.volts(BYTE) * us_V
-            raise InputError(f"{name} is {us:g} us, but the voltage reaches from 0 to {most:g} us only")
-        return code
+    def _t_i_us(self, code: int) -> float:
+        us_V = self.t_i_coarse_us_V if code & COARSE else self.t_i_us_V
+        return round(self.t_i.volts(code & BYTE) * us_V, 6)
+
+    def _t_p_us(self, code: int) -> float:
+        us_V = self.t_p_coarse_us_V if code & COARSE else self.t_p_us_V
+        volts = self.t_p.volts(code & BYTE)
+        if self.law == "frequency":
+            longest_us = self.t_p.volts(BYTE) * us_V
+            return max(round(longest_us * self.t_p.volts(1) / volts, 6), SHORTEST_T_P_US) if volts else math.inf
+        return max(round(volts * us_V, 6), SHORTEST_T_P_US)
+
+
+def time_text(us: float) -> str:
+    """Return a time in us as the terminal shows it, to four figures or whole us."""
+    return f"{us:.4g}" if us < LONGEST_T_I_US else f"{us:.0f}"
+
+
+def _nearest(name: str, us: float, us_of: Callable[[int], float], least_us: float) -> int:
+    """Code whose time is nearest and no less than the least, in the first range that reaches so far."""
+    for first in (0, COARSE):
+        times = {code: us_of(code) for code in range(first + BYTE, first - 1, -1)}
+        longest = max(time for time in times.values() if time < math.inf)
+        if 0 <= us <= longest:
+            return min((code for code in times if times[code] >= least_us), key=lambda code: abs(times[code] - us))
+    raise InputError(f"{name} is {us:g} us, but the voltage reaches from 0 to {longest:g} us only")
 
 
 class PulseGeneratorLine:
@@ -125,6 +157,8 @@ class PulseGeneratorLine:
 
     Parameters
     ----------
+    response_ns : int
+        What a level must last to reach the generator through its optocoupler.
     decay_s : float
         Time constant with which the stored voltage goes (ours: the document gives none, only the warning).
 
@@ -133,7 +167,8 @@ class PulseGeneratorLine:
     running : bool
     """
 
-    def __init__(self, decay_s: float = 5.0) -> None:
+    def __init__(self, response_ns: int = 0, decay_s: float = 5.0) -> None:
+        self.response_ns = response_ns
         self.decay_s = decay_s
         self.running = False
         self._stored_V = 0.0
@@ -143,14 +178,14 @@ class PulseGeneratorLine:
     def switch(self, oev: bool, now_ns: int, open_V: float) -> None:
         """Take the line's level; `open_V` is the open voltage while it runs.
 
-        The instruction during which INIT lets the line fall is no time to charge anything.
+        The instruction during which INIT lets the line fall does not get through the optocoupler.
         """
         if not oev and not self.running:
             self._before_V, self._began_ns = self.voltage_V(now_ns), now_ns
             self.running, self._stored_V = True, open_V
         elif oev and self.running:
             self.running, self._since_ns = False, now_ns
-            if now_ns == self._began_ns:
+            if now_ns - self._began_ns <= self.response_ns:
                 self._stored_V = self._before_V
 
     def voltage_V(self, now_ns: int) -> float:

@@ -1,7 +1,8 @@
 """The front panel on the 8279: what its keys do and its digits show; the document left both open.
 
 Bank A shows x, y and the cutting speed in force; bank B the number being entered, and the percentages of short and
-open pulses. A number is entered digit by digit and then given its meaning by a key (ours).
+open pulses. A number is entered digit by digit and then given its meaning by a key (ours). A key does what the word
+of the terminal with its name does.
 """
 
 from __future__ import annotations
@@ -10,20 +11,49 @@ from collections.abc import Callable
 
 from edmsim.controllers.mcu.chips.display import BANK, BLANK, SHIFT, write_digit
 from edmsim.controllers.mcu.computer import Computer
+from edmsim.controllers.mcu.dialogue.main_program import MachinePort
+from edmsim.controllers.mcu.dialogue.part_program import Move, Setting, check_speed
 from edmsim.controllers.mcu.firmware import memory_map as at
 from edmsim.controllers.mcu.firmware.arithmetic import WORD
+from edmsim.controllers.mcu.firmware.poscal import STEP_UM
 from edmsim.controllers.pulse_counters import WINDOW_PULSES
 from edmsim.errors import InputError
 
 KEYS = {
     name: 10 + k
-    for k, name in enumerate(("CLEAR", "X", "Y", "T(I)", "T(P)", "SPEED", "GO", "START", "STOP", "INIT"))
+    for k, name in enumerate(
+        ("CLEAR", "X", "Y", "T(I)", "T(P)", "SPEED", "START", "STOP", "GO", "INIT", "X+", "X-", "Y+", "Y-")
+    )
 }
 """Keys by name; 0..9 are the digits. SHIFT with X or Y sets the position counter, without it the new position."""
 FIELDS = {
     "x": (0, 5), "y": (6, 5), "speed": (12, 4), "entry": (BANK, 5), "short": (BANK + 6, 3), "open": (BANK + 10, 3),
 }  # fmt: skip
 """First digit and number of digits."""
+_SHIFT = "SHIFT"
+
+
+def read_keys(text: str) -> list[int]:
+    """Return the codes of keys by their names, ``300 X SHIFT Y``; SHIFT belongs to the key after it.
+
+    Raises
+    ------
+    InputError
+        For a name that no key has, a SHIFT without a key, and where there is none at all.
+    """
+    codes: list[int] = []
+    shift = 0
+    for name in text.split():
+        if name == _SHIFT:
+            shift = SHIFT
+            continue
+        if not (name in KEYS or (name.isascii() and name.isdigit())):
+            raise InputError(f"there is no key {name}; there are 0 to 9, SHIFT, {', '.join(KEYS)}")
+        codes += [shift | key for key in ([KEYS[name]] if name in KEYS else map(int, name))]
+        shift = 0
+    if shift or not codes:
+        raise InputError(f"a key is wanted: 0 to 9, SHIFT, {', '.join(KEYS)}")
+    return codes
 
 
 class FrontPanel:
@@ -32,43 +62,45 @@ class FrontPanel:
     Parameters
     ----------
     computer : Computer
-
-    Attributes
-    ----------
-    refused : str or None
-        Why the last key did nothing.
+    machine : MachinePort
+        What the keys work on, as the words of MAIN do.
     """
 
-    def __init__(self, computer: Computer) -> None:
-        self._computer = computer
-        self.refused: str | None = None
-        self._new = list(computer.position)
+    def __init__(self, computer: Computer, machine: MachinePort) -> None:
+        self._computer, self._machine = computer, machine
+        self._new: dict[int, int] = {}
         self._shown: dict[int, int] = {}
+        set_ = machine.set
         commands: dict[str, Callable[[int], None]] = {
             "CLEAR": lambda n: None,
-            "X": lambda n: self._set_new(0, n),
-            "Y": lambda n: self._set_new(1, n),
-            "T(I)": lambda n: computer.set_pulse_codes(n, computer.pulse_codes[1]),
-            "T(P)": lambda n: computer.set_pulse_codes(computer.pulse_codes[0], n),
-            "SPEED": computer.set_speed,
-            "GO": lambda n: computer.move_to(*self._new),
-            "START": lambda n: computer.start(),
-            "STOP": lambda n: computer.stop(),
-            "INIT": lambda n: computer.init(),
+            "X": lambda n: self._new.update({0: n}),
+            "Y": lambda n: self._new.update({1: n}),
+            "T(I)": lambda n: set_(Setting(t_i=machine.codes.of_t_i(n))),
+            "T(P)": lambda n: set_(Setting(t_p=machine.codes.of_t_p(n))),
+            "SPEED": lambda n: set_(Setting(speed=check_speed(n))),
+            "START": lambda n: self._start(),
+            "STOP": lambda n: machine.stop(),
+            "GO": lambda n: machine.go_on(),
+            "INIT": lambda n: machine.init(),
+            "X+": lambda n: machine.jog(0, n or STEP_UM),
+            "X-": lambda n: machine.jog(0, -(n or STEP_UM)),
+            "Y+": lambda n: machine.jog(1, n or STEP_UM),
+            "Y-": lambda n: machine.jog(1, -(n or STEP_UM)),
         }
         self._commands = {KEYS[name]: do for name, do in commands.items()}
-        self._commands[KEYS["X"] | SHIFT] = lambda n: computer.set_position(n, computer.position[1])
-        self._commands[KEYS["Y"] | SHIFT] = lambda n: computer.set_position(computer.position[0], n)
+        self._commands[KEYS["X"] | SHIFT] = lambda n: machine.set_position((n, computer.position[1]))
+        self._commands[KEYS["Y"] | SHIFT] = lambda n: machine.set_position((computer.position[0], n))
 
-    def serve(self) -> None:
-        """Obey the keys pressed since the last call, and show what there is to show."""
+    def serve(self) -> list[str]:
+        """Obey the keys pressed since the last call, and show what there is to show; return why some did nothing."""
+        refused = []
         for key in self._computer.take_keys():
-            self.refused = None
             try:
                 self._press(key)
             except InputError as error:
-                self.refused = error.reason
+                refused.append(error.reason)
         self.show()
+        return refused
 
     def _press(self, key: int) -> None:
         entry = self._computer.word(at.ENTRY)
@@ -79,11 +111,16 @@ class FrontPanel:
             return
         self._computer.store(at.ENTRY, 0)
         if key not in self._commands:
-            raise InputError(f"key {key & 0x3F} has no meaning here")
+            raise InputError(f"key {key & 0x3F} has no meaning {'with SHIFT or CTRL' if key > 0x3F else 'here'}")
         self._commands[key](entry)
 
-    def _set_new(self, axis: int, value: int) -> None:
-        self._new[axis] = value
+    def _start(self) -> None:
+        """Cut to the new position; an axis that was given none stays where it is."""
+        if not self._new:
+            raise InputError("no new position was given; the keys X and Y give one")
+        x, y = self._computer.position
+        self._machine.cut([Move((self._new.get(0, x), self._new.get(1, y)))])
+        self._new.clear()
 
     def show(self) -> None:
         """Write the digits that have changed, each without touching its neighbour in the other bank."""

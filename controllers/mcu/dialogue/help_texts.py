@@ -15,7 +15,8 @@ A JOB, STEP BY STEP                        HELP and a word tells more of it
  9  BYE                 leaves, the machine made safe
 MAIN asks for 3 to 7 one after the other.
 LOAD takes a program from the host, LIST shows it, RUN cuts it.
-GEN ON and GEN OFF run and stop the generator without a move.
+GEN ON and GEN OFF run and stop the generator without a move. KEY presses
+keys of the front panel; TENSION LOW and FULL set that of the wire.
 EM or Ctrl-C is the emergency stop. After it nothing moves until INIT; then
 WIRE threads a new wire if it broke, and GO goes on with the cut.
 BS or DEL takes a character back, Ctrl-X the line; Ctrl-R types it again."""
@@ -37,13 +38,15 @@ NEW x y         new position, um, along a straight line; START cuts to it""",
 CW x y xc yc    new position x y, um, clockwise about the centre xc yc
 CCW x y xc yc   the other way round; START cuts to it""",
     "TI": """\
-TI us           pulse duration t(i) in whole us
-TI 4DH          the code of V(t(i)) itself, 0H to FFH
+TI us           pulse duration t(i) in whole us, to 1000
+TI 4DH          the code of V(t(i)) itself, 0H to FFH; 100H to 1FFH are the
+                coarse range, chosen by itself for more than 50 us
                 TI 30 TP 100 SPEED 90 on one line are taken over together.
                 A pair that draws more than 2 A is refused; the old one stays.""",
     "TP": """\
-TP us           pulse period t(p) in whole us
-TP 80H          the code of V(t(p)) itself, 0H to FFH; see TI""",
+TP us           pulse period t(p) in whole us, to 10000
+TP 80H          the code of V(t(p)) itself, 0H to FFH; 100H to 1FFH are the
+                coarse range, chosen by itself for more than 150 us; see TI""",
     "SPEED": """\
 SPEED n         greatest cutting speed, 1 to 127 units of 0.2625 um/s; below
                 it the counts of short and open pulses decide""",
@@ -88,6 +91,14 @@ INIT            makes the machine safe and ready: generator off, codes 0,
                 end switch, jog back.""",
     "WIRE": """\
 WIRE            threads a new wire where the old one was; takes a minute""",
+    "TENSION": """\
+TENSION LOW     halves the wire's tension
+TENSION FULL    gives it back; so does INIT""",
+    "KEY": """\
+KEY names       presses keys of the front panel one after the other: digits,
+                CLEAR X Y T(I) T(P) SPEED START STOP GO INIT X+ X- Y+ Y-, SHIFT
+                before one. KEY 300 X+ jogs by 300 um. Before a live view
+                Ctrl-K gives your keyboard to the panel, and takes it back.""",
     "BYE": """\
 BYE             makes the machine safe and leaves""",
 }

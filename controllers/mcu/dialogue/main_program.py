@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from typing import NamedTuple, Protocol
 
+from edmsim.controllers.mcu.chips.dac import time_text
 from edmsim.controllers.mcu.dialogue.help_texts import ALIASES, JOB, WORDS
 from edmsim.controllers.mcu.dialogue.line_input import InputBuffer, getnum, skip
 from edmsim.controllers.mcu.dialogue.part_program import (
@@ -75,7 +76,7 @@ class Status(NamedTuple):
     @property
     def erosion(self) -> int:
         """Pulses of the last window that eroded."""
-        return WINDOW_PULSES - self.short - self.open if self.windows else 0
+        return WINDOW_PULSES - self.short - self.open if self.windows and self.generator_on else 0
 
 
 class MachinePort(Protocol):
@@ -117,6 +118,12 @@ class MachinePort(Protocol):
 
     def thread_wire(self) -> None:
         """Thread a new wire."""
+
+    def tension(self, low: bool) -> None:
+        """Lower the wire's tension, or give it back in full."""
+
+    def press(self, names: str) -> None:
+        """Press keys of the front panel, one after the other."""
 
 
 class Desk(Protocol):
@@ -167,6 +174,7 @@ class MainProgram:
             "CW": self._new, "CCW": self._new, "TI": self._set, "TP": self._set, "SPEED": self._set,
             "START": self._start, "X": self._jog, "Y": self._jog, "GEN": self._gen, "WAIT": self._wait,
             "MAIN": self._main, "LOAD": self._load, "LIST": self._list, "RUN": self._run,
+            "TENSION": self._tension, "KEY": lambda buffer: machine.press(buffer.rest.decode("ascii")),
             "STOP": self._plain(machine.stop), "GO": self._plain(machine.go_on), "EM": self._plain(machine.emergency),
             "INIT": self._plain(machine.init), "WIRE": self._plain(machine.thread_wire),
             "BYE": self._plain(desk.leave),
@@ -266,6 +274,13 @@ class MainProgram:
             raise InputError("GEN ON or GEN OFF is wanted")
         self._machine.generator(word == "ON")
 
+    def _tension(self, buffer: InputBuffer) -> None:
+        word = read_word(buffer)
+        at_end(buffer)
+        if word not in ("LOW", "FULL"):
+            raise InputError("TENSION LOW or TENSION FULL is wanted")
+        self._machine.tension(word == "LOW")
+
     def _wait(self, buffer: InputBuffer) -> None:
         seconds = getnum(buffer) if skip(buffer) else None
         at_end(buffer)
@@ -298,8 +313,8 @@ class MainProgram:
             return "" if self.target is None else str(self.target).removeprefix("NEW ")
         return {
             _POSITION: "{} {}".format(*now.position_um),
-            _T_I: f"{now.t_i_us:.4g}" if now.t_i else "",
-            _T_P: f"{now.t_p_us:.4g}" if now.t_p else "",
+            _T_I: time_text(now.t_i_us) if now.t_i else "",
+            _T_P: time_text(now.t_p_us) if now.t_p else "",
             _SPEED: str(now.speed),
             _START: "",
         }[question]
@@ -370,6 +385,6 @@ def _pulses(status: Status) -> str:
     """Both times and their codes."""
 
     def show(code: int, us: float) -> str:
-        return f"{us:.4g} us ({code:02X}H)" if code else "NOT SET (00H)"
+        return f"{time_text(us)} us ({code:02X}H)" if code else "NOT SET (00H)"
 
     return f"t(i) {show(status.t_i, status.t_i_us)}   t(p) {show(status.t_p, status.t_p_us)}"

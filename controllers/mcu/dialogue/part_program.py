@@ -15,6 +15,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from typing import NamedTuple
 
+from edmsim.controllers.mcu.chips.dac import MOST_CODE
 from edmsim.controllers.mcu.dialogue.line_input import InputBuffer, getnum, gnumhx, skip
 from edmsim.controllers.mcu.firmware.timers import MAX_SPEED
 from edmsim.errors import InputError
@@ -50,7 +51,7 @@ class Move(NamedTuple):
 
 
 class Setting(NamedTuple):
-    """Codes of V(t(i)) and V(t(p)), 0..255, and the cutting speed in units, 1..127; None leaves one as it is."""
+    """Codes of V(t(i)) and V(t(p)), 0..511, and the cutting speed in units, 1..127; None leaves one as it is."""
 
     t_i: int | None = None
     t_p: int | None = None
@@ -135,18 +136,23 @@ def read_setting(word: str, buffer: InputBuffer, codes: Codes) -> Setting:
     found: dict[str, int] = {}
     while word:
         if word == "SPEED":
-            found["speed"] = read_numbers(buffer, 1, f"SPEED 1 to {MAX_SPEED} in units")[0]
-            if not 1 <= found["speed"] <= MAX_SPEED:
-                raise InputError(f"SPEED is 1 to {MAX_SPEED} units, not {found['speed']}")
+            found["speed"] = check_speed(read_numbers(buffer, 1, f"SPEED 1 to {MAX_SPEED} in units")[0])
         elif word == "TI":
-            found["t_i"] = read_code(buffer, codes.of_t_i, "TI in us or as a code 0H to FFH")
+            found["t_i"] = read_code(buffer, codes.of_t_i, "TI in us or as a code 0H to 1FFH")
         elif word == "TP":
-            found["t_p"] = read_code(buffer, codes.of_t_p, "TP in us or as a code 0H to FFH")
+            found["t_p"] = read_code(buffer, codes.of_t_p, "TP in us or as a code 0H to 1FFH")
         else:
             raise InputError(f"{word} cannot stand beside settings; TI, TP and SPEED can")
         word = read_word(buffer)
     at_end(buffer)
     return Setting(**found)
+
+
+def check_speed(units: int) -> int:
+    """Return a cutting speed; raises `InputError` if it is none."""
+    if not 1 <= units <= MAX_SPEED:
+        raise InputError(f"SPEED is 1 to {MAX_SPEED} units, not {units}")
+    return units
 
 
 def read_code(buffer: InputBuffer, code_of: Callable[[int], int], what: str) -> int:
@@ -158,8 +164,8 @@ def read_code(buffer: InputBuffer, code_of: Callable[[int], int], what: str) -> 
         return code_of(getnum(buffer))
     code = gnumhx(buffer)
     buffer.advance()  # the H
-    if code > 0xFF:
-        raise InputError(f"a code is 0H to FFH, not {code:X}H")
+    if code > MOST_CODE:
+        raise InputError(f"a code is 0H to {MOST_CODE:X}H, not {code:X}H")
     return code
 
 

@@ -1,13 +1,42 @@
-"""Path-dependent generator control: less energy before a corner.
+"""The program's hand on generator and wire: codes of the converters, less energy before a corner, the wire's tension.
 
-The document leaves it for later. Before a corner the wire, bent back by its sparks, cuts the corner off; sparks of
-less energy bend it less. So t(i) is shortened there and t(p) kept: the mean current falls with it, and no pair of
-codes is met that the generator refuses. What the program itself wants is set by `Computer.set_pulse_codes`.
+Path-dependent generator control the document leaves for later. Before a corner the wire, bent back by its sparks,
+cuts the corner off; sparks of less energy bend it less. So t(i) is shortened there and t(p) kept: the mean current
+falls with it, and no pair of codes is met that the generator refuses.
 """
 
 from __future__ import annotations
 
+from edmsim.controllers.mcu.board import Board
+from edmsim.controllers.mcu.chips.bus import CPORT2, PORT2A, PORT2B
+from edmsim.controllers.mcu.chips.dac import COARSE
 from edmsim.controllers.mcu.firmware.arithmetic import BYTE
+
+
+def write_codes(board: Board, t_i: int, t_p: int) -> None:
+    """Write both codes; no pair on the way draws more current than both the old and the new (row T-34).
+
+    The one that lowers the current goes first. While a range changes, t(i) is 0.
+
+    Parameters
+    ----------
+    board : Board
+    t_i, t_p : int
+        0..1FFH: the byte of the converter, and `COARSE`.
+    """
+    bus, lines = board.bus, board.lines
+    if (t_i ^ board.codes[0] | t_p ^ board.codes[1]) & COARSE:
+        bus.write(PORT2A, 0)
+        for line, code in ((lines.t_i_coarse, t_i), (lines.t_p_coarse, t_p)):
+            bus.write(CPORT2, line << 1 | bool(code & COARSE))
+    order = [(PORT2A, t_i & BYTE), (PORT2B, t_p & BYTE)]
+    for address, code in order if (t_i & BYTE) < board.codes[0] & BYTE else reversed(order):
+        bus.write(address, code)
+
+
+def set_tension(board: Board, low: bool) -> None:
+    """Lower the wire's tension by a spare line, or give it back in full (row T-85)."""
+    board.bus.write(CPORT2, board.lines.low_tension << 1 | low)
 
 
 def before_corner(t_i: int, to_corner_um: int, reach_um: int, share: int) -> int:
@@ -16,7 +45,7 @@ def before_corner(t_i: int, to_corner_um: int, reach_um: int, share: int) -> int
     Parameters
     ----------
     t_i : int
-        The program's code.
+        The program's code, with its range.
     to_corner_um : int
         Distance to the corner ahead, a word.
     reach_um : int
@@ -31,4 +60,5 @@ def before_corner(t_i: int, to_corner_um: int, reach_um: int, share: int) -> int
     """
     if to_corner_um >= reach_um:
         return t_i
-    return max(t_i * min(share, BYTE + 1) >> 8, min(t_i, 1))
+    byte = t_i & BYTE
+    return t_i & COARSE | max(byte * min(share, BYTE + 1) >> 8, min(byte, 1))

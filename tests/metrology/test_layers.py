@@ -1,0 +1,70 @@
+"""Layers of the cut face: what heat changed, what the water dissolved, and what equalising pulses leave of that."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from scipy.integrate import quad
+
+import edmsim
+from edmsim.metrology.layers import electrolysed_um, heat_affected_um
+
+MATERIALS = ("tool-steel", "cemented-carbide", "copper", "aluminium")
+
+
+# T-86
+@pytest.mark.parametrize("material", MATERIALS)
+def test_at_the_affected_depth_the_metal_just_reaches_the_temperature_at_which_it_changes(material):
+    machine = edmsim.Machine.load(material=material)
+    surface = machine.material.surface
+    depth_mm, a, begin = heat_affected_um(machine, 20.0) * 1e-3, surface.diffusivity_mm2_s.value, 293.0
+    assert 3.0 < depth_mm * 1e3 < 120.0
+    # heat conduction by finite differences, on a grid of 1 % of that depth
+    cells, spacing = 600, depth_mm / 100
+    metal = np.full(cells, begin)
+    step_s = 0.25 * spacing**2 / a
+    for _ in range(round(20e-6 / step_s)):
+        metal[0] = surface.melting_K.value
+        metal[1:-1] += 0.25 * (metal[2:] - 2 * metal[1:-1] + metal[:-2])
+    assert metal[100] == pytest.approx(surface.affected_K.value, rel=0.01)
+    assert heat_affected_um(machine, 80.0) == pytest.approx(2 * heat_affected_um(machine, 20.0))
+
+
+# T-86, T-12
+def test_the_water_dissolves_what_faraday_says_of_half_a_passing_field():
+    machine = edmsim.Machine.load()
+    radius, gap, volts, speed_mm_s = 0.125, 0.025, 26.0, 0.01
+    axis = radius + gap  # a cylinder of this axis before a plane: the field of two line charges
+    line = math.sqrt(axis**2 - radius**2)
+    strength = volts / math.acosh(axis / radius)
+    charge = quad(lambda x: 2 * strength * line / (x * x + line * line) / speed_mm_s, 0, math.inf)[0] * 15e-7
+    found = electrolysed_um(machine, volts / speed_mm_s, gap * 1e3)
+    iron_mm3_C = 55.85 / (2 * 96485) / 7.86e-3
+    assert found == pytest.approx(charge * iron_mm3_C * 1e3, rel=0.01)
+    assert 0.3 < found < 1.5
+    assert electrolysed_um(machine, 0.0, 25.0) == 0.0
+
+
+# T-86, T-12
+def test_equalising_pulses_keep_the_metal_and_change_no_spark():
+    plain, equalised = (edmsim.Machine.load(generator=name) for name in ("iso-pulse", "equalising"))
+    plants = [edmsim.Plant(machine, seed=3, resolution="fast") for machine in (plain, equalised)]
+    for _ in range(5):
+        assert plants[0].advance() == plants[1].advance()
+    assert electrolysed_um(plain, 2600.0, 25.0) > 0.3
+    assert electrolysed_um(equalised, 2600.0, 25.0) == 0.0
+    long = equalised.with_(t_on_us=30.0, t_period_us=40.0, resistance_ohm=60.0)  # no room in the pauses
+    all_of_it = electrolysed_um(plain, 2600.0, 25.0)
+    assert electrolysed_um(long, 2600.0, 25.0) == pytest.approx(all_of_it * 2 / 3)
+
+
+def test_what_is_not_known_is_not_said():
+    machine = edmsim.Machine.load()
+    bare = machine.model_copy(update={"material": machine.material.model_copy(update={"surface": None})})
+    assert math.isnan(heat_affected_um(bare, 20.0))
+    assert math.isnan(electrolysed_um(bare, 2600.0, 25.0))
+    assert math.isnan(electrolysed_um(machine, 2600.0, math.nan))
+    with pytest.raises(edmsim.InputError, match="it lasts 0 us or more"):
+        heat_affected_um(machine, -1.0)
