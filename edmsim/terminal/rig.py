@@ -11,15 +11,15 @@ import numpy as np
 from edmsim.controllers import make
 from edmsim.controllers.feed.counts import CountsController
 from edmsim.controllers.mcu.board import Board, Faults
-from edmsim.controllers.mcu.chips.bus import PORT3A, PORT3B
 from edmsim.controllers.mcu.chips.dac import PulseSettings
 from edmsim.controllers.mcu.chips.switches import STOP_BUTTON, WIRE_BREAK, X_END, Y_END
 from edmsim.controllers.mcu.computer import EMERGENCY, Computer
 from edmsim.controllers.mcu.dialogue.part_program import Setting
 from edmsim.controllers.mcu.firmware import memory_map as at
+from edmsim.controllers.mcu.firmware import optimiser_words
 from edmsim.controllers.mcu.firmware.arithmetic import WORD
 from edmsim.controllers.mcu.firmware.optimise import ALARM, TICK_NS, State
-from edmsim.controllers.mcu.firmware.poscal import STEP_UM, check_1982
+from edmsim.controllers.mcu.firmware.poscal import STEP_UM, check_1982, unit_for, unit_um
 from edmsim.controllers.mcu.firmware.timers import MAX_FEED_UM_S, MAX_SPEED
 from edmsim.controllers.mcu.firmware.tstates import seconds
 from edmsim.controllers.planner.registry import PLANNERS, Planner, kind_of, make_planner
@@ -71,6 +71,10 @@ class Rig:
         Whether there is one.
     windows : int
         Windows read while cutting.
+    unit : {"um", "step"}
+        What the position counters count, by the table's travel (row T-61).
+    unit_um : int
+        Its length in um.
     """
 
     def __init__(
@@ -81,21 +85,24 @@ class Rig:
         self.plant = Plant(machine, seed, resolution=resolution)
         self.board = Board(PulseSettings(pulse_A=discharge_current_A(machine)), faults=faults)
         self.board.open_V = open_V(machine)
-        self.computer = Computer(self.board)
+        self.unit = unit_for(machine.base.table.travel_mm.value * 1e3)
+        self.unit_um = unit_um(self.unit)
+        self.computer = Computer(self.board, unit=self.unit)
         self.way, self.cause = STAND_BY, ""
         self.held: tuple[Planner, Route] | None = None
         self.wire = True
         self.windows = 0
         self._planner_name = _checked(planner)
-        self._law = cast(CountsController, make("counts")).settings(MAX_FEED_UM_S)
+        law = cast(CountsController, make("counts")).settings(MAX_FEED_UM_S)
+        optimiser_words.set_constants(self.board.bus, law._replace(limit=MAX_SPEED))
         self._events: list[str] = []
         self._planner: Planner | None = None
         self._bare_um, self._bare_ns = self.plant.commanded_um, 0
         self._window: PulseWindow | None = None
+        self._codes = (0, 0)
         self.computer.init()
-        self.computer.set_speed(MAX_SPEED)
         x, y = self.plant.commanded_um
-        self.computer.set_position(round(x), round(y))
+        self.computer.set_position(round(x / self.unit_um), round(y / self.unit_um))
 
     def warm_up(self) -> None:
         """Have the pulse loop compiled, so that nobody waits for it later; nothing else changes."""
@@ -130,6 +137,11 @@ class Rig:
             return self._window.mean_voltage_V, self._window.mean_current_A
         return self.board.generator_line.voltage_V(self.time_ns), 0.0
 
+    @property
+    def unit_name(self) -> str:
+        """What the position counters count, as the terminal prints it."""
+        return "um" if self.unit == "um" else "STEPS"
+
     def take_events(self) -> list[str]:
         """What the machine has to say since the last call."""
         events, self._events = self._events, []
@@ -138,7 +150,11 @@ class Rig:
     def say(self, text: str) -> None:
         """Add an event, with the place at which it happened."""
         x, y = self.computer.position
-        self._events.append(f"{text}   X {x} Y {y} um")
+        self._events.append(f"{text}   X {x} Y {y} {self.unit_name}")
+
+    def refuse(self, reason: str) -> None:
+        """Add an event: what could not be done."""
+        self._events.append(f"? {reason}")
 
     def set(self, setting: Setting) -> None:
         """Take over codes and speed.
@@ -155,29 +171,34 @@ class Rig:
         if t_i and t_p:
             self.plant.set_generator(*self.board.settings.times_us(t_i, t_p))
         self.computer.set_pulse_codes(t_i, t_p)
+        self._codes = self.computer.pulse_codes
         if setting.speed is not None:
             self.computer.set_speed(setting.speed)
 
     def begin_cut(self, route: Route) -> None:
         """Start timers and generator along a route that begins where the wire is."""
-        self.resume_cut(make_planner(self._planner_name, np.array(route.corners)), route)
+        self.resume_cut(self._plan(self._planner_name, route.corners), route)
 
     def resume_cut(self, planner: Planner, route: Route) -> None:
         """Start timers and generator where a planner is on its route."""
         self.computer.start()
         self._planner, self._route, self.held, self.way = planner, route, None, CUTTING
-        start = min(self._law.start, self.computer.speed)
-        self._state = State(clock=self.time_ns // TICK_NS & WORD, speed=start)
+        start = min(optimiser_words.constants(self.board.bus).start, self.computer.speed, MAX_SPEED)
+        optimiser_words.set_variables(self.board.bus, State(clock=self.time_ns // TICK_NS & WORD, speed=start))
         self._run_at(start)
 
     def begin_jog(self, target: Point) -> None:
         """Start the timers towards a place, with the generator off."""
         self.computer.start(generator=False)
-        self._planner, self.way = make_planner("poscal", np.array([self.computer.position, target])), JOGGING
+        self._planner, self.way = self._plan("poscal", [self.computer.position, target]), JOGGING
         self._run_at(MAX_SPEED)
 
+    def _plan(self, name: str, corners: list[Point]) -> Planner:
+        """Make a planner from corner points by the counters."""
+        return make_planner(name, np.array(corners) * self.unit_um, unit=self.unit)
+
     def _run_at(self, units: int) -> None:
-        self._units = self._next_units = units
+        self._units = units
         self._busy_until_ns = self.time_ns
         self.computer.store(at.CUTVEL, units)
 
@@ -216,8 +237,7 @@ class Rig:
 
     def advance(self) -> None:
         """Let one window pass."""
-        if self.plant.generator_on != self.board.generator_on:
-            self.plant.switch_generator(self.board.generator_on)
+        self._obey_lines()
         start_ns = self.time_ns
         end_ns = start_ns + (self.plant.window_ns if self.wire else BARE_WINDOW_NS)
         steps = self._make_steps(start_ns, end_ns)
@@ -231,26 +251,45 @@ class Rig:
             self._planner = None
             self.stand("READY")
 
-    def _make_steps(self, start_ns: int, end_ns: int) -> list[Step]:
-        """Motor steps of a window: planned, and made by the computer as far as no end switch opens."""
-        if self._planner is None:
-            return []
-        change_ns = min(max(self._busy_until_ns, start_ns), end_ns)
-        planned = self._planner.advance(start_ns, change_ns, self._units)
-        planned += self._planner.advance(change_ns, end_ns, self._next_units)
-        if change_ns < end_ns:
-            self._units = self._next_units
-        made = self.computer.drive(self._watched(planned))
-        self.computer.serve()
-        if self.in_emergency:
-            self._planner = None  # off the table there is nothing to go on with
-            self._stopped(" AND ".join(f"{name} SWITCH" for name in self.computer.cause).upper())
-        return made
+    def _obey_lines(self) -> None:
+        """Let the generator be what ports 4020H to 4022H say, whoever wrote them; it makes no pulses of no length."""
+        on = self.board.generator_on and all(self.board.codes)
+        if on and self.computer.pulse_codes != self._codes:
+            self._codes = self.computer.pulse_codes
+            try:
+                self.plant.set_generator(*self.board.times_us)
+            except InputError as error:
+                self.refuse(f"{error.reason}; the generator keeps its old setting")
+        if self.plant.generator_on != on:
+            self.plant.switch_generator(on)
 
-    def _watched(self, planned: Iterable[Step]) -> Iterator[Step]:
+    def _make_steps(self, start_ns: int, end_ns: int) -> list[Step]:
+        """Motor steps of a window, by hand, program and planner, as far as no end switch opens."""
+        stopped = self.in_emergency
+        try:
+            self.computer.code.run_until(end_ns)
+        except InputError as error:
+            self.refuse(error.reason)
+        by_hand = [step._replace(time_ns=max(step.time_ns, start_ns)) for step in self.computer.take_steps()]
+        made = list(self._watched(by_hand, self.place_um))
+        if self._planner is not None:
+            change_ns = min(max(self._busy_until_ns, start_ns), end_ns)
+            planned = self._planner.advance(start_ns, change_ns, self._units)
+            next_units = max(-MAX_SPEED, min(self.computer.signed(at.CUTVEL), MAX_SPEED))
+            planned += self._planner.advance(change_ns, end_ns, next_units)
+            if change_ns < end_ns:
+                self._units = next_units
+            made += self.computer.drive(self._watched(planned, _after(self.place_um, made)))
+        self.computer.serve()
+        if self.in_emergency and not stopped:
+            self._planner = None  # off the table there is nothing to go on with
+            self._stopped(" AND ".join(map(_named, self.computer.cause)).upper() or "CALLED BY A PROGRAM")
+        return sorted(made)
+
+    def _watched(self, steps: Iterable[Step], place_um: tuple[float, float]) -> Iterator[Step]:
         """Hand out steps one by one; where one leads the carriage beyond its travel, the end switch opens."""
-        place = [*self.place_um]
-        for step in planned:
+        place = [*place_um]
+        for step in steps:
             yield step
             place[step.axis] += STEP_UM * step.direction
             if self.beyond(step.direction, place[step.axis]):
@@ -281,18 +320,16 @@ class Rig:
         """Poll the latches once the last counts are dealt with; while cutting, decide on the speed."""
         computer, now_ns = self.computer, self.plant.time_ns
         if self.way != CUTTING or self._planner is None:
-            computer.store(at.SHORTS, computer.read(PORT3A))
-            computer.store(at.OPENS, computer.read(PORT3B))
+            computer.read_counts()
             return
         if now_ns < self._busy_until_ns or not computer.result_waits():
             return
         path_um = self._planner.path_um
-        law = self._law._replace(limit=computer.speed, slow=min(self._law.slow, computer.speed))
         computer.aim(*self._route.corner_ahead(path_um))
-        units, t_states = computer.optimise(law, self._state, now_ns // TICK_NS & WORD, int(path_um) & WORD)
+        _, t_states = computer.optimise(now_ns // TICK_NS & WORD, int(path_um) & WORD)
         self.windows += 1
-        self._next_units, self._busy_until_ns = units, now_ns + round(seconds(t_states) * 1e9)
-        if self._state.phase == ALARM:
+        self._busy_until_ns = now_ns + round(seconds(t_states) * 1e9)
+        if optimiser_words.variables(self.board.bus).phase == ALARM:
             self.trip(STOP_BUTTON, "PERSISTENT SHORT")
             return
         self._take_over(path_um)
@@ -304,7 +341,7 @@ class Rig:
             try:
                 self.set(dues.pop(0).setting)
             except InputError as error:
-                self._events.append(f"? {error.reason}; the old setting stays")
+                self.refuse(f"{error.reason}; the old setting stays")
 
     def _lose_wire(self, cause: str, place_um: tuple[float, float]) -> None:
         """The wire is gone; the carriage made the window's steps, as the counters have it."""
@@ -323,6 +360,11 @@ def _checked(planner: str) -> str:
         counting = ", ".join(name for name, kind in PLANNERS.items() if kind.counts)
         raise InputError(f"the terminal's computer cannot count along with the planner {planner}: choose {counting}")
     return planner
+
+
+def _named(cause: str) -> str:
+    """A switch, or what led to an emergency else."""
+    return cause if ":" in cause else f"{cause} SWITCH"
 
 
 def _after(place_um: tuple[float, float], steps: Iterable[Step]) -> tuple[float, float]:
