@@ -102,6 +102,7 @@ class Session:
         self._monitor = Monitor(bench, self._transmit, self._say)
         self._begins_in_monitor = self._in_monitor = monitor
         self._main_waits = False
+        self._character = LINE_FEED
         self._passes_line = False
         self._prompted = False
 
@@ -168,6 +169,8 @@ class Session:
             for byte in typed:
                 self._rig.board.receive(byte)
             return
+        if RESET in typed:
+            self._pending.clear()
         data = self._heard(typed)
         if ETX in data:
             self._interrupts.press()
@@ -181,19 +184,23 @@ class Session:
         """Return what the program fetches of what was typed; the reset button needs no program."""
         if RESET in data:
             data = data[data.rindex(RESET) + 1 :]
-            self._clear_line()
             self._press_reset()
         try:
             return self._lines.heard(data)
         except InputError as error:
-            self._refuse(error)
-            self._press_reset()
+            self._lose(error, data[-1])
             return b""
 
+    def _lose(self, error: InputError, character: int) -> None:
+        """A stream leads nowhere: only the reset button helps; what a script's line still has is no command."""
+        self._press_reset()
+        self._passes_line = not self._person and character not in (RETURN, LINE_FEED)
+        self._refuse(error)
+
     def _press_reset(self) -> None:
-        self._pending.clear()
         self._forget_line()
         self._operation.reset()
+        self._clear_line()
         self._program_until_ns = None
         self._in_monitor, self._main_waits = True, False
         self._say("MONITOR 8085   8 K EPROM   8 K RAM   ? SHOWS THE COMMANDS, G 0400 STARTS MAIN")
@@ -214,6 +221,7 @@ class Session:
 
     def _take(self, character: int) -> None:
         """Give a character to LINE, which gives a finished line to MAIN, or to the monitor at once."""
+        self._character = character
         if character == ETX:
             self._stop_everything()
         elif character == EOT:
@@ -227,7 +235,8 @@ class Session:
     def _obey(self, character: int) -> None:
         try:
             if self._in_monitor:
-                self._prompted = not self._monitor.take(character)
+                if self._monitor.take(character):
+                    self._prompted = False
             elif self._line.take(character):
                 self._prompted = False
                 self._main.obey(self._buffer)
@@ -250,10 +259,18 @@ class Session:
         if over or (self._waits_for_rest and not self._rig.moving):
             self._end_wait()
         if self._program_until_ns is not None:
+            self._show_program()
             if not self._rig.computer.code.running:
                 self._program_until_ns = None
+                self._clear_line()
             elif self._rig.time_ns >= self._program_until_ns and not self._person:
                 self._end_wait()
+
+    def _show_program(self) -> None:
+        """Print what a program has sent; the line it began is left when it ends."""
+        if sent := bytes(self._rig.board.sent):
+            self._transmit(b"")
+            self._prompted = not sent.endswith(b"\n")
 
     def _tell(self) -> None:
         """Print what the machine has to say; an emergency ends every wait."""
@@ -312,8 +329,8 @@ class Session:
         try:
             shown = self._lines.spoken(data)
         except InputError as error:
-            self._press_reset()
-            shown = self._lines.spoken(f"? {error.reason}\r\n".encode("ascii"))
+            self._lose(error, self._character)
+            return
         self._screen.write(shown)
 
     def wait(self, seconds: int | None) -> None:

@@ -12,11 +12,9 @@ from contextlib import contextmanager
 from edmsim.controllers.mcu.chips.bus import Bus
 from edmsim.controllers.mcu.firmware import memory_map as at
 from edmsim.controllers.mcu.firmware.arithmetic import WORD
+from edmsim.controllers.mcu.firmware.memory_map import LINE_LENGTH
 from edmsim.controllers.mcu.firmware.streams import Streams
 from edmsim.errors import InputError
-
-LINE_LENGTH = 64
-"""Characters of a line (row T-53)."""
 
 BACKSPACE, DELETE, CANCEL, RETYPE = 0x08, 0x7F, 0x18, 0x12
 """The four correction characters BS, DEL, CAN (Ctrl-X) and Ctrl-R; the text counts them only (row T-A10)."""

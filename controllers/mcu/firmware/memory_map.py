@@ -1,6 +1,6 @@
 """Where everything lies in the 8 K of EPROM and the 8 K of RAM: names of the document where it has them.
 
-The addresses are ours but for the jump table (row T-48). CIADR and COADR stand before it, at the end of RAM, in the
+The addresses are ours but for the jump table (row T-48). CIADR and COADR stand before it at the end of RAM, in the
 segment STACK. In the test phase of 1982 the EPROM held the monitor, and the control program stood in RAM (4.1): so the
 start values of INIT stand in RAM as well, where the monitor can alter them.
 """
@@ -34,8 +34,10 @@ CONSTANT_WORDS = Settings._fields
 VARIABLE_WORDS = tuple(State.__dataclass_fields__)
 MAXVEL = CONSTANTS + 2 * CONSTANT_WORDS.index("limit")
 """Greatest cutting speed the operator allows, in units: the optimising routine's limit."""
-BPTR, BPTR_DATA, BPTR_BYTES = 0x20A0, 0x20A2, 65
-"""The pointer into the operator's line, the line, and the most it takes with the 00H behind it (rows T-53, T-55)."""
+LINE_LENGTH = 64
+"""Characters of a line (row T-53)."""
+BPTR, BPTR_DATA = 0x20A0, 0x20A2
+"""The pointer into the operator's line, and the line with the 00H behind it (row T-55)."""
 NEW = 0x20F0
 """The new position that START runs to, as an entry of a program."""
 START_VALUES = 0x2100
@@ -80,7 +82,7 @@ MAP = (
     Area(CONSTANTS, 2 * len(CONSTANT_WORDS), "OPTIMISER: WHAT IT IS SET TO"),
     Area(MAXVEL, 2, "MAXVEL, GREATEST SPEED"),
     Area(VARIABLES, 2 * len(VARIABLE_WORDS), "OPTIMISER: ITS VARIABLES"),
-    Area(BPTR, 2 + BPTR_BYTES, "BPTR AND THE OPERATOR'S LINE"),
+    Area(BPTR, 2 + LINE_LENGTH + 1, "BPTR AND THE OPERATOR'S LINE"),
     Area(NEW, ENTRY_MOST_BYTES + 1, "NEW POSITION"),
     Area(START_VALUES, sum(size for _, size in START_AREAS), "INIT'S TABLE OF START VALUES"),
     Area(PROGRAM, PROGRAM_ENTRIES * ENTRY_MOST_BYTES + 1, "PROGRAM FROM THE HOST"),
