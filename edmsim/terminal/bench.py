@@ -75,7 +75,7 @@ class MonitorBench:
         elif address == at.INIT:
             self._operation.init()
         elif address == at.EMERGENCY_ROUTINE:
-            self._operation.emergency()
+            self._operation.rig.stop_all("CALLED FROM THE MONITOR")
         elif address in STARTS:
             code.call(address)
         elif address in bus.RAM:

@@ -14,6 +14,7 @@ from edmsim.controllers.mcu.board import Board, Faults
 from edmsim.controllers.mcu.chips.dac import PulseSettings
 from edmsim.controllers.mcu.chips.switches import STOP_BUTTON, WIRE_BREAK, X_END, Y_END
 from edmsim.controllers.mcu.computer import EMERGENCY, Computer
+from edmsim.controllers.mcu.computer import STAND_BY as COMPUTER_STAND_BY
 from edmsim.controllers.mcu.dialogue.part_program import Setting
 from edmsim.controllers.mcu.firmware import memory_map as at
 from edmsim.controllers.mcu.firmware import optimiser_words
@@ -31,7 +32,7 @@ from edmsim.machine.machine import Machine
 from edmsim.machine.setting import discharge_current_A, open_V
 from edmsim.plant.plant import Plant
 from edmsim.plant.window import PlantError, PulseWindow
-from edmsim.terminal.route import Point, Route
+from edmsim.terminal.route import Point, Route, moved
 
 STAND_BY, CUTTING, JOGGING = "STAND-BY", "CUTTING", "JOGGING"
 BARE_WINDOW_NS = 25_500_000
@@ -223,6 +224,11 @@ class Rig:
             self.computer.emergency()
         self._stopped(cause)
 
+    def stop_all(self, cause: str) -> None:
+        """Call the emergency routine, with no switch open."""
+        self.computer.emergency()
+        self._stopped(cause)
+
     def thread(self) -> None:
         """Thread a new wire where the carriage stands, by hand."""
         by_hand_ns = round(self.plant.machine.base.table.threading_s.value * 1e9)
@@ -241,7 +247,7 @@ class Rig:
         start_ns = self.time_ns
         end_ns = start_ns + (self.plant.window_ns if self.wire else BARE_WINDOW_NS)
         steps = self._make_steps(start_ns, end_ns)
-        place_um = _after(self.place_um, steps)
+        place_um = moved(self.place_um, steps)
         if self.wire:
             self._fire(steps, place_um)
         else:
@@ -270,6 +276,8 @@ class Rig:
             self.computer.code.run_until(end_ns)
         except InputError as error:
             self.refuse(error.reason)
+        if self._planner is not None and self.computer.state == COMPUTER_STAND_BY:
+            self.stand("STOPPED BY A PROGRAM")
         by_hand = [step._replace(time_ns=max(step.time_ns, start_ns)) for step in self.computer.take_steps()]
         made = list(self._watched(by_hand, self.place_um))
         if self._planner is not None:
@@ -279,7 +287,12 @@ class Rig:
             planned += self._planner.advance(change_ns, end_ns, next_units)
             if change_ns < end_ns:
                 self._units = next_units
-            made += self.computer.drive(self._watched(planned, _after(self.place_um, made)))
+            try:
+                made += self.computer.drive(self._watched(planned, moved(self.place_um, made)))
+            except InputError as error:  # a counter that was altered runs off the table
+                made += self.computer.take_steps()
+                self.computer.emergency()
+                self.computer.cause = (error.reason,)
         self.computer.serve()
         if self.in_emergency and not stopped:
             self._planner = None  # off the table there is nothing to go on with
@@ -310,6 +323,8 @@ class Rig:
             self._lose_wire(f"WIRE BREAK {height:.1f} mm ABOVE THE WORKPIECE'S LOWER FACE", place_um)
         elif math.hypot(*window.deflection_um) > BENT_SHARE * 1e3 * self.plant.machine.guide_distance_mm:
             self._lose_wire(pressed, place_um)
+        elif self.in_emergency:
+            return  # its counters are reset, and the generator stands from now on
         elif self.plant.generator_on and window.pulses == WINDOW_PULSES:
             self.board.counters.count_window(window.short, window.open)
             self._read_counts()
@@ -365,11 +380,3 @@ def _checked(planner: str) -> str:
 def _named(cause: str) -> str:
     """A switch, or what led to an emergency else."""
     return cause if ":" in cause else f"{cause} SWITCH"
-
-
-def _after(place_um: tuple[float, float], steps: Iterable[Step]) -> tuple[float, float]:
-    """Return a place after some steps."""
-    place = [*place_um]
-    for step in steps:
-        place[step.axis] += STEP_UM * step.direction
-    return place[0], place[1]

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from bisect import bisect_right
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from edmsim.controllers.mcu.dialogue.part_program import Entry, Move, Setting
 from edmsim.controllers.mcu.firmware.arcs import arc_points
+from edmsim.controllers.mcu.firmware.poscal import STEP_UM
+from edmsim.controllers.protocols import Step
 from edmsim.errors import InputError
 
 Point = tuple[int, int]
@@ -71,3 +73,11 @@ def _corners_of(start: Point, move: Move) -> list[Point]:
     if move.centre_um is None:
         return [move.end_um]
     return [(int(x), int(y)) for x, y in arc_points(start, move.centre_um, move.end_um, move.clockwise)][1:]
+
+
+def moved(place_um: tuple[float, float], steps: Iterable[Step]) -> tuple[float, float]:
+    """Return a place after some steps."""
+    place = [*place_um]
+    for step in steps:
+        place[step.axis] += STEP_UM * step.direction
+    return place[0], place[1]

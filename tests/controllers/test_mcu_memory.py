@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from edmsim.controllers.mcu.chips import bus, pic, uart
-from edmsim.controllers.mcu.chips.cpu import A, B, CARRY, D, E, SIGN, ZERO, Cpu8085, NoCodeError
+from edmsim.controllers.mcu.chips.cpu import CARRY, SIGN, ZERO, A, B, Cpu8085, D, E, NoCodeError
 from edmsim.controllers.mcu.computer import Computer
 from edmsim.controllers.mcu.dialogue.hex_tape import punch, read_tape
 from edmsim.controllers.mcu.dialogue.line_input import InputBuffer, getnum
@@ -78,14 +78,15 @@ def test_the_jump_table_decides_what_an_interrupt_runs():  # T-82
     computer = started()
     entry, place = 0x3FE0 + 4 * pic.X_STEPPER, computer.position
     assert [computer.read(entry + k) for k in range(4)] == [0xC3, at.X_ENTRY & 0xFF, at.X_ENTRY >> 8, 0]
-    assert 0x3FE0 + 32 == bus.RAM[-1] + 1
+    assert bus.RAM[-1] + 1 == 0x3FE0 + 32
     computer.store(entry + 1, at.NO_ROUTINE)  # I1AD leads elsewhere: x stands, y goes on
     computer.run_until(2_000_000_000)
     assert computer.position[0] == place[0]
     assert computer.position[1] > place[1]
     computer.write(0x3FE0 + 4 * pic.Y_STEPPER, 0x08)
     computer.run_until(3_000_000_000)
-    assert (computer.state, computer.cause) == ("emergency", ("interrupt: 08H at 3FE8H is no instruction of the 8085",))
+    assert computer.state == "emergency"
+    assert computer.cause == ("interrupt: 08H at 3FE8H is no instruction of the 8085",)
     computer.init()  # the jump table comes from the start values again
     assert computer.read(0x3FE0 + 4 * pic.Y_STEPPER) == 0xC3
 

@@ -44,10 +44,10 @@ def test_nothing_moves_after_an_emergency_stop_until_init(rig):
 
 # T-49, T-A14: at rest as well, twice, before INIT and after it
 def test_an_emergency_at_rest_stops_what_stands_and_keeps_the_place(rig):
-    status, lines = operate(
-        rig, SET, "NEW 32560 32500", "EM", "STATUS", "EM", "X 20", "INIT", "STATUS", SET, "START", "WAIT", "EM", "STATUS"
-    )
-    assert [line.split(";")[0] for line in emergencies(lines) if ";" in line] == 3 * ["EMERGENCY: STOP BY THE OPERATOR"]
+    cut = (SET, "START", "WAIT", "EM", "STATUS")
+    status, lines = operate(rig, SET, "NEW 32560 32500", "EM", "STATUS", "EM", "X 20", "INIT", "STATUS", *cut)
+    told = [line.split(";")[0] for line in emergencies(lines) if ";" in line]
+    assert told == 3 * ["EMERGENCY: STOP BY THE OPERATOR"]
     assert "EMERGENCY: STOP BY THE OPERATOR   POSITION X 32500 Y 32500 um   NEW 32560 32500" in lines
     assert "STAND-BY   POSITION X 32500 Y 32500 um   NEW 32560 32500" in lines
     assert "EMERGENCY: STOP BY THE OPERATOR   POSITION X 32560 Y 32500 um   NEW 32560 32500" in lines

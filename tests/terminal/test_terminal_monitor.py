@@ -9,6 +9,7 @@ import pytest
 from edmsim.controllers.mcu.dialogue.hex_tape import punch
 from edmsim.controllers.mcu.firmware import memory_map as at
 from edmsim.terminal.devices import Interrupts
+from edmsim.terminal.operation import Operation
 from edmsim.terminal.rig import Rig
 from edmsim.terminal.session import Session
 
@@ -74,6 +75,24 @@ def test_a_step_and_a_pulse_by_hand(sit, rig):  # T-78, T-16
     assert rig.computer.position == (32_500, 32_500)  # no routine counted
 
 
+def test_a_counter_altered_in_a_cut_ends_at_the_soft_limit(sit, rig):  # T-A11
+    _, lines = sit("G 0400", SET, "NEW 32700 32500", "START", "WAIT 1", "MON", "S 2000 FE FF", "G", "WAIT 1", "X 20")
+    (told,) = [line for line in lines if line.startswith("EMERGENCY")]
+    assert told.startswith("EMERGENCY: SOFT LIMIT: A STEP TO 65536 UM WOULD LEAVE THE TABLE'S 0..65535 UM;")
+    assert "only INIT helps" in after(lines, "> X 20")
+    status = Operation(rig).status()
+    assert (status.short, status.open, status.erosion) == (0, 0, 0)
+
+
+def test_routines_are_started_at_their_addresses_in_a_cut(sit, rig):  # T-78, T-49
+    cut = (SET, "START", "WAIT 1", "MON")
+    _, lines = sit("G 0400", "NEW 32700 32500", *cut, "G 0200", "G 0300", "G", *cut, "S 3400 CD 00 03 C9", "G 3400",
+                   "G", "STATUS", *cut, "G 0210", "D 2000,2001")  # fmt: skip
+    assert any(line.startswith("EMERGENCY: CALLED FROM THE MONITOR; NOTHING MOVES UNTIL INIT") for line in lines)
+    assert any(line.startswith("STOPPED BY A PROGRAM   X 325") for line in lines)
+    assert lines[lines.index("> STATUS") + 1].startswith("STAND-BY")
+
+
 def test_a_setting_beyond_the_generator_is_told_and_the_old_one_stays(sit, rig):  # T-34
     _, lines = sit("G 0400", SET, "GEN ON", "MON", "S 4020 FF", "G", "WAIT 1", "STATUS")
     assert any(line.startswith("? ") and "the generator keeps its old setting" in line for line in lines)
@@ -136,7 +155,7 @@ def test_every_character_is_handled_at_once(rig):  # T-83
     screen = Script(b"")
     session = Session(rig, screen, Interrupts(), person=True, monitor=True)
     session._press_reset()
-    for typed, shown in ((b"D", "D"), (b"2", "2"), (b"X", "X\r\n? a hexadecimal number of up to 4 figures is wanted")):
+    for typed, shown in ((b"D", "D"), (b"2", "2"), (b"X", "X\r\n? a hexadecimal number of up to 4 figures")):
         screen.printed.clear()
         session._take(typed[0])
         assert shown in screen.printed.decode()
