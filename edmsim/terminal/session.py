@@ -165,7 +165,7 @@ class Session:
         A program that the monitor started fetches for itself what is typed.
         """
         typed = self._screen.read(timeout_s)
-        if self._rig.computer.code.running and not {ETX, CANCEL, RESET} & set(typed):
+        if typed and self._rig.computer.code.running and not {ETX, CANCEL, RESET} & set(typed):
             for byte in typed:
                 self._rig.board.receive(byte)
             return
@@ -175,10 +175,10 @@ class Session:
         if ETX in data:
             self._interrupts.press()
             data = data[data.rindex(ETX) + 1 :]
-        if self._waiting and CANCEL in data:
-            self._end_wait()
-            data = data[data.rindex(CANCEL) + 1 :]
         self._pending += data
+        if self._waiting and CANCEL in self._pending:
+            self._end_wait()
+            del self._pending[: self._pending.rindex(CANCEL) + 1]
 
     def _heard(self, data: bytes) -> bytes:
         """Return what the program fetches of what was typed; the reset button needs no program."""
