@@ -53,8 +53,9 @@ class Operation:
         t_i, t_p = computer.pulse_codes
         t_i_us, t_p_us = rig.board.times_us
         voltage, current = rig.gap
+        way = "NOT INITIALISED" if computer.state == OFF else rig.way
         return Status(
-            state=f"EMERGENCY: {rig.cause}" if rig.in_emergency else rig.way,
+            state=f"EMERGENCY: {rig.cause}" if rig.in_emergency else way,
             position=computer.position,
             unit=rig.unit_name,
             speed=computer.speed,

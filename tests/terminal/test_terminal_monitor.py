@@ -93,6 +93,17 @@ def test_routines_are_started_at_their_addresses_in_a_cut(sit, rig):  # T-78, T-
     assert lines[lines.index("> STATUS") + 1].startswith("STAND-BY")
 
 
+def test_altered_bytes_of_path_and_line_are_told_or_passed_over(sit, rig):  # T-20
+    _, lines = sit("G 0400", "NEW 1 2", "MON", "D 20F0,20F5", "S 20F0 33", "D 20A0,20A7", "G", "STATUS", "MAIN", "",
+                   "3 4", "HELP MON", "MON", "D 20F0,20F5", "S 2180 33", "G", "LIST", "RUN")  # fmt: skip
+    assert after(lines, ". D 20F0,20F5") == "20F0  01 01 00 02 00 00"
+    assert after(lines, ". D 20A0,20A7") == "20A0  A5 20 4D 4F 4E 00 31 20"  # MON, and what NEW 1 2 left
+    assert "STAND-BY   POSITION X 32500 Y 32500 um   NO NEW POSITION" in lines
+    assert "20F0  01 03 00 04 00 00" in lines
+    for line in ("> LIST", "> RUN"):
+        assert after(lines, line) == "? the program's byte at 2180H is 33H, which begins no entry"
+
+
 def test_a_setting_beyond_the_generator_is_told_and_the_old_one_stays(sit, rig):  # T-34
     _, lines = sit("G 0400", SET, "GEN ON", "MON", "S 4020 FF", "G", "WAIT 1", "STATUS")
     assert any(line.startswith("? ") and "the generator keeps its old setting" in line for line in lines)

@@ -134,8 +134,11 @@ class MainProgram:
 
     @property
     def target(self) -> Move | None:
-        """The new position, where one was given."""
-        found = self._new_place.read()
+        """The new position; None while none was given, or what stands there was altered to none."""
+        try:
+            found = self._new_place.read()
+        except InputError:
+            return None
         return found[0] if found and isinstance(found[0], Move) else None
 
     @property
