@@ -118,6 +118,7 @@ def test_a_whole_job_in_a_pipe(host):
     ("options", "reason"),
     [
         (["--host", "no-such-file"], "no-such-file: cannot be read; --host takes a file with the host's program"),
+        (["--tapes", "no-such"], "no-such: is no folder; --tapes takes the one in which tapes lie"),
         (["--speed", "0"], "--speed is above 0, in machine seconds per second, not 0"),
         (["--fault", "rust"], "there is no fault 'rust'; there are serial-noise, drop-out"),
         (["--planner", "spline"], "planner"),
