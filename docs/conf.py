@@ -205,7 +205,7 @@ def setup(app: Sphinx) -> None:
     """Hook the above into the build."""
     copy_notebooks(DOCS / "notebooks")
     know_types()
-    for language in ("session", "program", "output"):
+    for language in ("session", "program", "tape", "output"):
         app.add_lexer(language, TextLexer)
     app.connect("source-read", read_page)
     app.connect("include-read", read_included)

@@ -22,11 +22,11 @@ from edmsim.controllers.feed.counts import CountsController
 from edmsim.controllers.mcu.board import Board
 from edmsim.controllers.mcu.chips.dac import LIMIT_A, PulseSettings
 from edmsim.controllers.mcu.computer import EMERGENCY, Computer
+from edmsim.controllers.mcu.firmware import optimiser_words
 from edmsim.controllers.mcu.firmware.arithmetic import WORD
 from edmsim.controllers.mcu.firmware.generator_control import before_corner
 from edmsim.controllers.mcu.firmware.optimise import Settings
 from edmsim.controllers.mcu.firmware.poscal import Unit, check_1982, unit_for, unit_um
-from edmsim.controllers.mcu.firmware.timers import MAX_SPEED
 from edmsim.controllers.mcu.path_run import PathRun
 from edmsim.controllers.planner.protocol import Planner
 from edmsim.controllers.planner.record import LITERAL
@@ -143,7 +143,9 @@ class McuController(CountsController):
         if setup.points:
             self._computer.set_position(*setup.points[0])
         self._computer.set_pulse_codes(*setup.codes)
-        self._computer.set_speed(min(self._law().limit, MAX_SPEED))
+        memory = self._computer.board.bus
+        optimiser_words.set_constants(memory, self._law())
+        optimiser_words.set_variables(memory, self._state)
         self._computer.start()
         self._move, self._run = -1, None
 
@@ -196,7 +198,9 @@ class McuController(CountsController):
             here = self._move
             if here < 0 or not setup.starts_um[here] <= path_um <= setup.starts_um[here + 1]:
                 self._aim(path_um)
-        return self._computer.optimise(self._law(), self._state, tick, math.floor(path_um) & WORD)
+        speed, t_states = self._computer.optimise(tick, math.floor(path_um) & WORD)
+        self._state = optimiser_words.variables(self._computer.board.bus)
+        return speed, t_states
 
     def _aim(self, path_um: float) -> None:
         """Tell the program where the present move of the path ends."""

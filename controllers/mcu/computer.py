@@ -6,29 +6,31 @@ from collections.abc import Callable, Iterable
 from typing import Any
 
 from edmsim.controllers.mcu.board import Board
-from edmsim.controllers.mcu.chips import bus, pic, pit, ppi, uart
+from edmsim.controllers.mcu.chips import bus, pic, ppi
+from edmsim.controllers.mcu.chips.cpu import NoCodeError
 from edmsim.controllers.mcu.firmware import memory_map as at
-from edmsim.controllers.mcu.firmware.arithmetic import BYTE, WORD
+from edmsim.controllers.mcu.firmware import optimiser_words
+from edmsim.controllers.mcu.firmware.arithmetic import WORD
 from edmsim.controllers.mcu.firmware.generator_control import write_codes
-from edmsim.controllers.mcu.firmware.optimise import Settings, State, optimise
+from edmsim.controllers.mcu.firmware.initialise import (
+    copy_start_values,
+    load_start_values,
+    make_outputs_safe,
+    set_up_monitor,
+)
+from edmsim.controllers.mcu.firmware.optimise import optimise
 from edmsim.controllers.mcu.firmware.poscal import Unit
 from edmsim.controllers.mcu.firmware.steppers import Steppers
 from edmsim.controllers.mcu.firmware.streams import Streams
 from edmsim.controllers.mcu.firmware.timers import MAX_SPEED
 from edmsim.controllers.mcu.firmware.tstates import EMERGENCY_T, INIT_T, KEYBOARD_T, READ_OUT_T
+from edmsim.controllers.mcu.machine_code import MachineCode
 from edmsim.controllers.protocols import Step
+from edmsim.controllers.pulse_counters import WINDOW_PULSES
 from edmsim.errors import InputError
 
 OFF, STAND_BY, RUNNING, EMERGENCY = "off", "stand-by", "running", "emergency"
 """States of the machine: not initialised yet; safe; timers and interrupts on; stopped until INIT."""
-JUMP = 0xC3
-"""JMP of the 8085."""
-BIT_RATE_COUNT = 20
-"""Count of counter 2 (ours): 9600 bit/s times 16 from 3.072 MHz."""
-_ROUTINES = {
-    pic.EMERGENCY: at.EMERGENCY_ROUTINE, pic.X_STEPPER: at.X_ENTRY, pic.Y_STEPPER: at.Y_ENTRY,
-    pic.KEYBOARD: at.KBD_ROUTINE,
-}  # fmt: skip
 
 
 class Computer:
@@ -51,13 +53,15 @@ class Computer:
     board : Board
     state : {"off", "stand-by", "running", "emergency"}
     cause : tuple of str
-        Switches that were open at the last emergency; empty where it was called.
+        Switches that were open at the last emergency, or where an interrupt was lost; empty where it was called.
     keys : list of int
         Keys that the KBD routine has taken and nobody has looked at.
     steppers : Steppers
         The stepper routines; `PathRun` leads them along a path.
     streams : Streams
         Characters in and out, by CIADR and COADR.
+    code : MachineCode
+        The 8085 on code in RAM.
 
     Examples
     --------
@@ -80,13 +84,17 @@ class Computer:
         self.steppers = Steppers(self.board, self.serve, unit, wrap)
         self._t_states = 0
         self._enabled = False
-        self._routines: dict[int, Callable[[], None]] = {
+        routines: dict[int, Callable[[], None]] = {
             at.EMERGENCY_ROUTINE: self.emergency,
             at.X_ENTRY: lambda: self.steppers.interrupt(0),
             at.Y_ENTRY: lambda: self.steppers.interrupt(1),
             at.KBD_ROUTINE: self._keyboard,
             at.NO_ROUTINE: lambda: None,
+            at.INIT: self.init,
         }
+        self.code = MachineCode(self.board, self.streams, routines)
+        load_start_values(self.board.bus)
+        set_up_monitor(self.board.bus)
 
     def read(self, address: int) -> int:
         """Byte at an address: memory or port."""
@@ -113,70 +121,42 @@ class Computer:
         """What the routines have cost since the computer was made, in T-states."""
         return self._t_states + self.steppers.t_states
 
+    def reset(self) -> None:
+        """What the reset button does: the machine is made safe, and the monitor sets up what it needs (row T-81)."""
+        self.init()
+        set_up_monitor(self.board.bus)
+        self.code.running, self.state = False, OFF
+
     def init(self) -> None:
         """INIT: make the machine safe and ready; the position stays (rows T-50, T-51).
 
         After an emergency it is the only way on.
         """
-        self._enabled = False
-        self._set_up_data()
-        for level in range(8):
-            routine = _ROUTINES.get(level, at.NO_ROUTINE)
-            for offset, byte in enumerate((JUMP, routine & BYTE, routine >> 8, 0)):
-                self.write(pic.JUMP_TABLE + pic.ENTRY_BYTES * level + offset, byte)
-        self._safe_outputs()
-        self.write(bus.INTERRUPTS, pic.ICW1)
-        self.write(bus.INTERRUPTS + 1, pic.ICW2)
-        self._monitor()
+        self._initialise()
         self.state, self.cause = STAND_BY, ()
         self._t_states += INIT_T
 
     def emergency(self) -> None:
-        """Stop everything: data areas are copied first, outputs changed afterwards (row T-49).
+        """INIT in its use as the emergency routine (5.1.1, 5.3.2): a copy is kept, and nothing moves before `init`.
 
-        The position stays, ports go to their safe values, interrupts are off, and nothing moves again before `init`.
+        Data areas are copied first, outputs changed afterwards (row T-49); interrupts stay off.
         """
         for k, address in enumerate(at.SAVED_WORDS):
             self.store(at.SAVED + 2 * k, self.word(address))
-        self._enabled = False
-        self._set_up_data()
-        self._safe_outputs()
+        self._initialise()
+        self.code.running = False
         self.state, self.cause = EMERGENCY, self.board.switches.open
         self._t_states += EMERGENCY_T
 
-    def _set_up_data(self) -> None:
-        """Start values of the variables; positions and the greatest speed stay."""
-        for address in (at.XVELOC, at.YVELOC, at.CUTVEL, at.SHORTS, at.OPENS, at.ENTRY):
-            self.store(address, 0)
+    def _initialise(self) -> None:
+        """Both uses of INIT: start values by a copy, STOP, safe outputs, the 8259 (rows T-50, T-80, T-A14)."""
+        self._enabled = False
+        copy_start_values(self.board.bus)
         self.keys.clear()
-
-    def _safe_outputs(self) -> None:
-        """STOP, directions of the ports, safe values: both voltages 0, generator off, handshake off.
-
-        The mode word clears the port, and OEV with it, for the microseconds until that is written.
-        """
         self.steppers.stop()
-        self.write(bus.CPORT2, ppi.BASIC_OUTPUTS)
-        self.write(bus.PORT2C, 1 << self.board.lines.oev)
-        self.write(bus.PORT2A, 0)
-        self.write(bus.PORT2B, 0)
-        self.write(bus.CPORT3, ppi.STROBED_INPUTS)
-        for bit in (ppi.INTE_A_BIT, ppi.INTE_B_BIT):
-            self.write(bus.CPORT3, bit << 1)
-        self.write(bus.CPORT3, ppi.RESET_BIT << 1 | 1)  # a pulse resets the counters
-        self.write(bus.CPORT3, ppi.RESET_BIT << 1)
-
-    def _monitor(self) -> None:
-        """What the monitor program sets up: bit rate, serial channels, streams (5.1.1)."""
-        self.write(bus.TIMERS + pit.CONTROL, pit.control_word(pit.BIT_RATE, pit.SQUARE_WAVE))
-        self.write(bus.TIMERS + pit.BIT_RATE, BIT_RATE_COUNT & BYTE)
-        self.write(bus.TIMERS + pit.BIT_RATE, BIT_RATE_COUNT >> 8)
-        for channel in (bus.TERMINAL, bus.HOST):
-            self.write(channel + 1, uart.COMMAND_RESET)
-            self.write(channel + 1, uart.MODE_8_BITS)
-            self.write(channel + 1, uart.COMMAND_RUN | uart.COMMAND_RESET_ERRORS)
-        self.store(at.CIADR, at.TERMINAL_IN)
-        self.store(at.COADR, at.TERMINAL_OUT)
+        make_outputs_safe(self.board.bus, self.board.lines.oev)
+        self.write(bus.INTERRUPTS, pic.ICW1)
+        self.write(bus.INTERRUPTS + 1, pic.ICW2)
 
     @property
     def position(self) -> tuple[int, int]:
@@ -288,7 +268,7 @@ class Computer:
         With `to_the_end` False it returns as soon as the move under way is over.
         """
         self.steppers.run_until(end_ns, to_the_end)
-        return self._take_steps(end_ns)
+        return self.take_steps(end_ns)
 
     def drive(self, steps: Iterable[Step]) -> list[Step]:
         """Make a planner's steps through timers, interrupts and port; return those the motors made.
@@ -297,9 +277,9 @@ class Computer:
         """
         if self.serve():
             self.steppers.drive(steps)
-        return self._take_steps(self.board.now_ns + 1)
+        return self.take_steps(self.board.now_ns + 1)
 
-    def _take_steps(self, end_ns: int) -> list[Step]:
+    def take_steps(self, end_ns: int) -> list[Step]:
         """Take the steps before a time; a routine that was under way then has made its step later."""
         steps = self.board.steps
         self.board.steps = [step for step in steps if step.time_ns >= end_ns]
@@ -311,7 +291,11 @@ class Computer:
         while self._enabled and interrupts.interrupting:
             self._enabled = False  # the 8085 does so when it acknowledges
             entry = interrupts.acknowledge()
-            self._routines[self.word(entry + 1)]()
+            try:
+                self.code.call(entry)
+            except NoCodeError as error:
+                self.emergency()
+                self.cause = (f"interrupt: {error.reason}",)
             self.write(bus.INTERRUPTS, pic.END_OF_INTERRUPT)
             self._enabled = self.state == RUNNING
         return self._enabled
@@ -334,15 +318,15 @@ class Computer:
         full = ppi.IBF_A | ppi.IBF_B
         return self.read(bus.PORT3C) & full == full
 
-    def optimise(self, settings: Settings, state: State, clock: int, path: int) -> tuple[int, int]:
-        """Read the counts and run the optimising routine.
+    def optimise(self, clock: int, path: int) -> tuple[int, int]:
+        """Read the counts and run the optimising routine on its words in RAM.
 
-        While no result waits, nothing changes. The speed goes to CUTVEL, XVELOC and YVELOC; in a move of the
-        program's own `PathRun` sees to that when the routine's time is over.
+        The speed goes to CUTVEL, XVELOC and YVELOC; in a move of the program's own `PathRun` hands it to the timers
+        when the routine's time is over. While no result waits, nothing changes.
 
         Parameters
         ----------
-        settings, state, clock, path
+        clock, path
             See `optimise.optimise`.
 
         Returns
@@ -352,16 +336,25 @@ class Computer:
         """
         if not self.result_waits():
             return self.signed(at.CUTVEL), READ_OUT_T
-        short, open = self.read(bus.PORT3A), self.read(bus.PORT3B)
-        self.store(at.SHORTS, short)
-        self.store(at.OPENS, open)
-        units, t_states = optimise(settings, state, short, open, clock, path)
+        short, open = self.read_counts()
+        memory = self.board.bus
+        variables = optimiser_words.variables(memory)
+        units, t_states = optimise(optimiser_words.constants(memory), variables, short, open, clock, path)
+        optimiser_words.set_variables(memory, variables)
         if self.steppers.own:
+            self.store(at.CUTVEL, units)
             self.steppers.busy(t_states)
         elif units & WORD != self.word(at.CUTVEL):
             self.steppers.set_speed(units)
         self._t_states += t_states
         return units, t_states
+
+    def read_counts(self) -> tuple[int, int]:
+        """Read the latches of short and open pulses, and keep the counts."""
+        short, open = self.read(bus.PORT3A), self.read(bus.PORT3B)
+        for address, count in ((at.SHORTS, short), (at.OPENS, open), (at.COUNTED, WINDOW_PULSES)):
+            self.store(address, count)
+        return short, open
 
     def snapshot(self) -> dict[str, Any]:
         """Everything that changes, fit for JSON."""

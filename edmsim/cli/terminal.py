@@ -27,6 +27,8 @@ def terminal(
         list[str] | None,
         typer.Option(help="A fault of 1982 to inject: serial-noise, drop-out; may be given again."),
     ] = None,
+    monitor: Annotated[bool, typer.Option("--monitor", help="Begin in the monitor; G 0400 starts MAIN.")] = False,
+    tapes: Annotated[Path | None, typer.Option(help="Folder of tapes, Intel HEX; default here.")] = None,
     view: Annotated[bool, typer.Option(help="Live view of digits and pulses at a real terminal.")] = True,
 ) -> None:
     """Sit at the 1982 controller's terminal."""
@@ -40,6 +42,6 @@ def terminal(
         with ERR.status("starting; the first time, the pulse loop is compiled"):
             rig = Rig(set_up, seed, resolution=resolution, planner=planner, faults=faults)
             rig.warm_up()
-        raise typer.Exit(run(rig, host, speed, view))
+        raise typer.Exit(run(rig, host, speed, view, monitor, tapes))
     except KeyboardInterrupt:
         raise typer.Exit(INTERRUPTED) from None

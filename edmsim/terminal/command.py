@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 
 from edmsim.controllers.mcu.board import Faults
@@ -19,7 +20,9 @@ FAULTS = SERIAL_NOISE, DROP_OUT = "serial-noise", "drop-out"
 """Rows T-29 and T-30."""
 
 
-def run(rig: Rig, host: Path | None, speed: float | None, view: bool) -> int:
+def run(
+    rig: Rig, host: Path | None, speed: float | None, view: bool, monitor: bool = False, tapes: Path | None = None
+) -> int:
     """Serve the operator at standard input and output; return the exit status.
 
     Parameters
@@ -31,17 +34,24 @@ def run(rig: Rig, host: Path | None, speed: float | None, view: bool) -> int:
         Machine seconds per second; by default 1 for a person, and as fast as it goes for a script.
     view : bool
         Whether a person gets the live view.
+    monitor : bool
+        Whether the session begins in the monitor.
+    tapes : path or None
+        Folder of the monitor's tapes.
     """
     if speed is not None and not speed > 0:
         raise InputError(f"--speed is above 0, in machine seconds per second, not {speed:g}")
     if host is not None and not os.access(host, os.R_OK):
         raise InputError("cannot be read; --host takes a file with the host's program", host)
+    if tapes is not None and not tapes.is_dir():
+        raise InputError("is no folder; --tapes takes the one in which tapes lie", tapes)
+    begin = partial(Session, rig, host=host, monitor=monitor, tapes=tapes)
     interrupts = Interrupts()
     with interrupts.caught():
         if not is_terminal():
-            return Session(rig, Pipe(interrupts), interrupts, speed=speed, host=host).run()
+            return begin(Pipe(interrupts), interrupts, speed=speed).run()
         keyboard = _screen(interrupts, view)
-        session = Session(rig, keyboard, interrupts, speed=speed or REAL_TIME, host=host, person=True)
+        session = begin(keyboard, interrupts, speed=speed or REAL_TIME, person=True)
         with keyboard.in_character_mode(), keyboard:
             return session.run()
 

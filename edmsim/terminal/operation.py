@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from edmsim.controllers.mcu.chips.switches import STOP_BUTTON
+from edmsim.controllers.mcu.computer import OFF
 from edmsim.controllers.mcu.dialogue.front_panel import FrontPanel, read_keys
-from edmsim.controllers.mcu.dialogue.main_program import Status
 from edmsim.controllers.mcu.dialogue.part_program import Codes, Entry, Setting
+from edmsim.controllers.mcu.dialogue.status import Status
 from edmsim.controllers.mcu.firmware import memory_map as at
 from edmsim.controllers.mcu.firmware.arithmetic import WORD
 from edmsim.controllers.mcu.firmware.generator_control import set_tension
@@ -41,11 +42,14 @@ class Operation:
     def greeting(self) -> str:
         """What the terminal prints first."""
         machine = self.rig.plant.machine
-        return (
-            f"{machine.name.upper()}   WIRE SPARK EROSION   8085 CONTROLLER\n"
-            f"{machine.material_name.upper()} {machine.height_mm:g} mm HIGH, ITS EDGE 30 um AHEAD OF THE WIRE IN +X\n"
-            "HELP LEADS THROUGH A JOB; BYE LEAVES"
-        )
+        lines = [
+            f"{machine.name.upper()}   WIRE SPARK EROSION   8085 CONTROLLER",
+            f"{machine.material_name.upper()} {machine.height_mm:g} mm HIGH, ITS EDGE 30 um AHEAD OF THE WIRE IN +X",
+        ]
+        if self.rig.unit == "step":
+            travel = machine.base.table.travel_mm.value
+            lines.append(f"THE TABLE HAS {travel:g} mm: PLACES AND WAYS ARE STEPS OF {STEP_UM} um HERE, NOT um")
+        return "\n".join([*lines, "HELP LEADS THROUGH A JOB; BYE LEAVES"])
 
     @property
     def codes(self) -> Codes:
@@ -58,13 +62,16 @@ class Operation:
         t_i, t_p = computer.pulse_codes
         t_i_us, t_p_us = rig.board.times_us
         voltage, current = rig.gap
+        way = "NOT INITIALISED" if computer.state == OFF else rig.way
         return Status(
-            state=f"EMERGENCY: {rig.cause}" if rig.in_emergency else rig.way,
-            position_um=computer.position,
+            state=f"EMERGENCY: {rig.cause}" if rig.in_emergency else way,
+            position=computer.position,
+            unit=rig.unit_name,
             speed=computer.speed,
             running=computer.signed(at.CUTVEL),
             short=computer.word(at.SHORTS),
             open=computer.word(at.OPENS),
+            counted=computer.word(at.COUNTED),
             windows=rig.windows,
             missed=rig.board.counters.missed,
             t_i=t_i,
@@ -105,10 +112,10 @@ class Operation:
         self._panel.show()
         return self.rig.board.display.digits
 
-    def set_position(self, position_um: Point) -> None:
+    def set_position(self, position: Point) -> None:
         """Set the position counters; they count on from there."""
         self._check_still()
-        self.rig.computer.set_position(*position_um)
+        self.rig.computer.set_position(*position)
 
     def set(self, setting: Setting) -> None:
         """Take over codes and speed, also while cutting."""
@@ -120,7 +127,7 @@ class Operation:
     def cut(self, program: Sequence[Entry]) -> None:
         """Start timers and generator along a path; settings that stand before its first move are taken over first."""
         self._check_still()
-        route = lay_out(self.rig.computer.position, program)
+        route = lay_out(self.rig.computer.position, program, self.rig.unit_um)
         while route.dues and not route.dues[0].path_um:
             self.rig.set(route.dues.pop(0).setting)
         self._check_pulses()
@@ -137,19 +144,19 @@ class Operation:
         self._check_pulses()
         self.rig.resume_cut(planner, route)
 
-    def jog(self, axis: int, way_um: int) -> None:
-        """Move one axis with the generator off, as fast as the timers run.
+    def jog(self, axis: int, way: int) -> None:
+        """Move one axis with the generator off, as fast as the timers run; the way is counted as positions are.
 
         The operator's hand on the keys bridges a switch that is open: an end switch only to lead back from it.
         """
         self._check_still()
-        if abs(way_um) < STEP_UM:
+        if abs(way) * self.rig.unit_um < STEP_UM:
             raise InputError(f"a motor step is {STEP_UM} um; jog by at least that")
         x, y = self.rig.computer.position
-        target = (x, y + way_um) if axis else (x + way_um, y)
+        target = (x, y + way) if axis else (x + way, y)
         if not 0 <= target[axis] <= WORD:
-            raise InputError(f"soft limit: the counters hold 0 to {WORD} um, not {target[axis]}")
-        direction = 1 if way_um > 0 else -1
+            raise InputError(f"soft limit: the counters hold 0 to {WORD} {self.rig.unit_name}, not {target[axis]}")
+        direction = 1 if way > 0 else -1
         if self.rig.beyond(direction, self.rig.place_um[axis]):
             raise InputError(f"the {END_SWITCHES[axis]} switch is open; jog back from it")
         self.rig.board.switches.release()
@@ -186,6 +193,11 @@ class Operation:
         self.rig.put_down()
         self.rig.computer.init()
 
+    def reset(self) -> None:
+        """The reset button, which power-up presses as well: the machine safe, and the monitor listening."""
+        self.init()
+        self.rig.computer.reset()
+
     def thread_wire(self) -> None:
         """Thread a new wire where the carriage stands."""
         self._check_still()
@@ -200,6 +212,8 @@ class Operation:
         set_tension(self.rig.board, low)
 
     def _check_alive(self) -> None:
+        if self.rig.computer.state == OFF:
+            raise InputError("the machine is not initialised: INIT first")
         if self.rig.in_emergency:
             raise InputError(f"emergency ({self.rig.cause}): only INIT helps")
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
 from typing import cast
 
 import numpy as np
@@ -11,20 +10,21 @@ import numpy as np
 from edmsim.controllers import make
 from edmsim.controllers.feed.counts import CountsController
 from edmsim.controllers.mcu.board import Board, Faults
-from edmsim.controllers.mcu.chips.bus import PORT3A, PORT3B
 from edmsim.controllers.mcu.chips.dac import PulseSettings
 from edmsim.controllers.mcu.chips.switches import STOP_BUTTON, WIRE_BREAK, X_END, Y_END
 from edmsim.controllers.mcu.computer import EMERGENCY, Computer
+from edmsim.controllers.mcu.computer import STAND_BY as COMPUTER_STAND_BY
 from edmsim.controllers.mcu.dialogue.part_program import Setting
 from edmsim.controllers.mcu.firmware import memory_map as at
+from edmsim.controllers.mcu.firmware import optimiser_words
 from edmsim.controllers.mcu.firmware.arithmetic import WORD
 from edmsim.controllers.mcu.firmware.optimise import ALARM, TICK_NS, State
-from edmsim.controllers.mcu.firmware.poscal import STEP_UM, check_1982
+from edmsim.controllers.mcu.firmware.poscal import STEP_UM, check_1982, unit_for, unit_um
 from edmsim.controllers.mcu.firmware.timers import MAX_FEED_UM_S, MAX_SPEED
 from edmsim.controllers.mcu.firmware.tstates import seconds
 from edmsim.controllers.mcu.path_run import PathRun
 from edmsim.controllers.planner.record import LITERAL
-from edmsim.controllers.planner.registry import PLANNERS, Planner, kind_of, make_planner
+from edmsim.controllers.planner.registry import Planner, kind_of, make_planner
 from edmsim.controllers.protocols import Step
 from edmsim.controllers.pulse_counters import WINDOW_PULSES
 from edmsim.cosim.stops import switches_open
@@ -33,7 +33,7 @@ from edmsim.machine.machine import Machine
 from edmsim.machine.setting import discharge_current_A, open_V
 from edmsim.plant.plant import Plant
 from edmsim.plant.window import PlantError, PulseWindow
-from edmsim.terminal.route import Point, Route
+from edmsim.terminal.route import Point, Route, check_counts, moved
 
 STAND_BY, CUTTING, JOGGING = "STAND-BY", "CUTTING", "JOGGING"
 BARE_WINDOW_NS = 25_500_000
@@ -44,6 +44,7 @@ END_SWITCHES = (X_END, Y_END)
 BENT_SHARE = 0.01
 """A wire bent by more than this share of its free length breaks (ours: the model's wire is a taut string, and that
 far it is none any more; cuts bend it ten times less)."""
+UNKNOWN_CAUSE = "NO SWITCH IS OPEN: CALLED BY A PROGRAM, OR BY A SPARK ON THE SWITCHES' LINE"
 
 
 class Rig:
@@ -76,6 +77,10 @@ class Rig:
         Whether there is one.
     windows : int
         Windows read while cutting.
+    unit : {"um", "step"}
+        What the position counters count, by the table's travel (row T-61).
+    unit_um : int
+        Its length in um.
     """
 
     def __init__(
@@ -88,23 +93,26 @@ class Rig:
         self.board = Board(PulseSettings(pulse_A=discharge_current_A(machine)), faults=faults)
         self.board.open_V = open_V(machine)
         self.board.on_step = self._carry
-        self._planner_name = _checked(planner)
+        self.unit = unit_for(machine.base.table.travel_mm.value * 1e3)
+        self.unit_um = unit_um(self.unit)
+        self._planner_name = check_counts(planner)
         self._literal = kind_of(planner).number == LITERAL
-        self.computer = Computer(self.board, wrap=self._literal)
+        self.computer = Computer(self.board, unit=self.unit, wrap=self._literal)
         self.way, self.cause = STAND_BY, ""
         self.held: tuple[Planner, Route, Point] | None = None
         self.wire = True
         self.windows = 0
-        self._law = cast(CountsController, make("counts")).settings(MAX_FEED_UM_S)
+        law = cast(CountsController, make("counts")).settings(MAX_FEED_UM_S)
+        optimiser_words.set_constants(self.board.bus, law._replace(limit=MAX_SPEED))
         self._events: list[str] = []
         self._planner: Planner | None = None
         self._bare_um, self._bare_ns = self.plant.commanded_um, 0
         self._carriage = [*self._bare_um]
         self._window: PulseWindow | None = None
+        self._codes = (0, 0)
         self.computer.init()
-        self.computer.set_speed(MAX_SPEED)
         x, y = self.plant.commanded_um
-        self.computer.set_position(round(x), round(y))
+        self.computer.set_position(round(x / self.unit_um), round(y / self.unit_um))
 
     def warm_up(self) -> None:
         """Have the pulse loop compiled, so that nobody waits for it later; nothing else changes."""
@@ -139,6 +147,11 @@ class Rig:
             return self._window.mean_voltage_V, self._window.mean_current_A
         return self.board.generator_line.voltage_V(self.time_ns), 0.0
 
+    @property
+    def unit_name(self) -> str:
+        """What the position counters count, as the terminal prints it."""
+        return "um" if self.unit == "um" else "STEPS"
+
     def take_events(self) -> list[str]:
         """What the machine has to say since the last call."""
         events, self._events = self._events, []
@@ -147,7 +160,11 @@ class Rig:
     def say(self, text: str) -> None:
         """Add an event, with the place at which it happened."""
         x, y = self.computer.position
-        self._events.append(f"{text}   X {x} Y {y} um")
+        self._events.append(f"{text}   X {x} Y {y} {self.unit_name}")
+
+    def refuse(self, reason: str) -> None:
+        """Add an event: what could not be done."""
+        self._events.append(f"? {reason}")
 
     def set(self, setting: Setting) -> None:
         """Take over codes and speed.
@@ -164,20 +181,21 @@ class Rig:
         if t_i and t_p:
             self.plant.set_generator(*self.board.settings.times_us(t_i, t_p))
         self.computer.set_pulse_codes(t_i, t_p)
+        self._codes = self.computer.pulse_codes
         if setting.speed is not None:
             self.computer.set_speed(setting.speed)
 
     def begin_cut(self, route: Route) -> None:
         """Start timers and generator along a route that begins where the wire is."""
         own = PathRun(self.computer, route.corners) if self._literal else None
-        self.resume_cut(own or make_planner(self._planner_name, np.array(route.corners)), route)
+        self.resume_cut(own or self._plan(self._planner_name, route.corners), route)
 
     def resume_cut(self, planner: Planner, route: Route) -> None:
         """Start timers and generator where a planner is on its route."""
         self.computer.start()
         self._planner, self._route, self.held, self.way = planner, route, None, CUTTING
-        start = min(self._law.start, self.computer.speed)
-        self._state = State(clock=self.time_ns // TICK_NS & WORD, speed=start)
+        start = min(optimiser_words.constants(self.board.bus).start, self.computer.speed, MAX_SPEED)
+        optimiser_words.set_variables(self.board.bus, State(clock=self.time_ns // TICK_NS & WORD, speed=start))
         self._run_at(start)
 
     def begin_jog(self, target: Point) -> None:
@@ -186,8 +204,12 @@ class Rig:
         self._planner, self.way = PathRun(self.computer, [self.computer.position, target]), JOGGING
         self._run_at(MAX_SPEED)
 
+    def _plan(self, name: str, corners: list[Point]) -> Planner:
+        """Make a planner from corner points by the counters."""
+        return make_planner(name, np.array(corners) * self.unit_um, unit=self.unit)
+
     def _run_at(self, units: int) -> None:
-        self._units = self._next_units = units
+        self._units = units
         self._busy_until_ns = self.time_ns
         self.computer.store(at.CUTVEL, units)
 
@@ -212,6 +234,11 @@ class Rig:
             self.computer.emergency()
         self._stopped(cause)
 
+    def stop_all(self, cause: str) -> None:
+        """Call the emergency routine, with no switch open."""
+        self.computer.emergency()
+        self._stopped(cause)
+
     def thread(self) -> None:
         """Thread a new wire where the carriage stands, by hand."""
         by_hand_ns = round(self.plant.machine.base.table.threading_s.value * 1e9)
@@ -226,13 +253,12 @@ class Rig:
 
     def advance(self) -> None:
         """Let one window pass."""
-        if self.plant.generator_on != self.board.generator_on:
-            self.plant.switch_generator(self.board.generator_on)
+        self._obey_lines()
         self._follow_tension()
         start_ns = self.time_ns
         end_ns = start_ns + (self.plant.window_ns if self.wire else BARE_WINDOW_NS)
         steps = self._make_steps(start_ns, end_ns)
-        place_um = _after(self.place_um, steps)
+        place_um = moved(self.place_um, steps)
         if self.wire:
             self._fire(steps, place_um)
         else:
@@ -250,23 +276,51 @@ class Rig:
             self.plant = Plant(wanted, stock=self.plant.field.stock, resolution=resolution)
             self.plant.restore(before)
 
+    def _obey_lines(self) -> None:
+        """Let the generator be what ports 4020H to 4022H say, whoever wrote them; it makes no pulses of no length."""
+        on = self.board.generator_on and all(self.board.codes)
+        if on and self.computer.pulse_codes != self._codes:
+            self._codes = self.computer.pulse_codes
+            try:
+                self.plant.set_generator(*self.board.times_us)
+            except InputError as error:
+                self.refuse(f"{error.reason}; the generator keeps its old setting")
+        if self.plant.generator_on != on:
+            self.plant.switch_generator(on)
+
     def _make_steps(self, start_ns: int, end_ns: int) -> list[Step]:
-        """Motor steps of a window: planned, and made by the computer as far as no end switch opens."""
-        self._carriage = [*_after(self.place_um, self.board.steps)]
+        """Motor steps of a window, by hand, program, timers and planner, as far as no end switch opens."""
+        stopped = self.in_emergency
+        self._carriage = [*moved(self.place_um, self.board.steps)]
+        try:
+            self.computer.code.run_until(end_ns)
+        except InputError as error:
+            self.refuse(error.reason)
+        if self._planner is not None and self.computer.state == COMPUTER_STAND_BY:
+            self.stand("STOPPED BY A PROGRAM")
+        try:
+            made = self._motion(start_ns, end_ns)
+        except InputError as error:  # a counter that was altered runs off the table
+            made = self.computer.take_steps(end_ns)
+            self.computer.emergency()
+            self.computer.cause = (error.reason,)
+        self.computer.serve()
+        if self.in_emergency and not stopped:
+            self._planner = None  # off the table there is nothing to go on with
+            self._stopped(" AND ".join(map(_named, self.computer.cause)).upper() or UNKNOWN_CAUSE)
+        return sorted(step._replace(time_ns=max(step.time_ns, start_ns)) for step in made)
+
+    def _motion(self, start_ns: int, end_ns: int) -> list[Step]:
+        """What timers and planner make of a window; a new speed counts from when the optimising routine is done."""
         if self._planner is None:
             return self.computer.run_until(end_ns)
         change_ns = min(max(self._busy_until_ns, start_ns), end_ns)
         planned = self._planner.advance(start_ns, change_ns, self._units)
-        planned += self._planner.advance(change_ns, end_ns, self._next_units)
+        next_units = max(-MAX_SPEED, min(self.computer.signed(at.CUTVEL), MAX_SPEED))
+        planned += self._planner.advance(change_ns, end_ns, next_units)
         if change_ns < end_ns:
-            self._units = self._next_units
-        made = planned if isinstance(self._planner, PathRun) else self.computer.drive(planned)
-        self.computer.serve()
-        if self.in_emergency:
-            self._planner = None  # off the table there is nothing to go on with
-            switches = " AND ".join(f"{name} SWITCH" for name in self.computer.cause)
-            self._stopped(switches.upper() or "A SPARK'S IMPULSE ON THE LINE OF THE SWITCHES")
-        return made
+            self._units = next_units
+        return planned if isinstance(self._planner, PathRun) else self.computer.drive(planned)
 
     def _carry(self, step: Step) -> None:
         """Carry the wire by a step; where that leads the carriage beyond its travel, the end switch opens."""
@@ -291,6 +345,8 @@ class Rig:
             self._lose_wire(f"WIRE BREAK {height:.1f} mm ABOVE THE WORKPIECE'S LOWER FACE", place_um)
         elif math.hypot(*window.deflection_um) > BENT_SHARE * 1e3 * self.plant.machine.guide_distance_mm:
             self._lose_wire(pressed, place_um)
+        elif self.in_emergency:
+            return  # its counters are reset, and the generator stands from now on
         elif self.plant.generator_on and window.pulses == WINDOW_PULSES:
             self.board.counters.count_window(window.short, window.open)
             self._read_counts()
@@ -301,19 +357,17 @@ class Rig:
         """Poll the latches once the last counts are dealt with; while cutting, decide on the speed."""
         computer, now_ns = self.computer, self.plant.time_ns
         if self.way != CUTTING or self._planner is None:
-            computer.store(at.SHORTS, computer.read(PORT3A))
-            computer.store(at.OPENS, computer.read(PORT3B))
+            computer.read_counts()
             return
         if now_ns < max(self._busy_until_ns, computer.steppers.free_ns) or not computer.result_waits():
             return
         path_um = self._planner.path_um
-        law = self._law._replace(limit=computer.speed, slow=min(self._law.slow, computer.speed))
         if not self._literal:
             computer.steppers.look_to(*self._route.corner_ahead(path_um))
-        units, t_states = computer.optimise(law, self._state, now_ns // TICK_NS & WORD, int(path_um) & WORD)
+        _, t_states = computer.optimise(now_ns // TICK_NS & WORD, int(path_um) & WORD)
         self.windows += 1
-        self._next_units, self._busy_until_ns = units, now_ns + round(seconds(t_states) * 1e9)
-        if self._state.phase == ALARM:
+        self._busy_until_ns = now_ns + round(seconds(t_states) * 1e9)
+        if optimiser_words.variables(self.board.bus).phase == ALARM:
             self.trip(STOP_BUTTON, "PERSISTENT SHORT")
             return
         self._take_over(path_um)
@@ -325,7 +379,7 @@ class Rig:
             try:
                 self.set(dues.pop(0).setting)
             except InputError as error:
-                self._events.append(f"? {error.reason}; the old setting stays")
+                self.refuse(f"{error.reason}; the old setting stays")
 
     def _lose_wire(self, cause: str, place_um: tuple[float, float]) -> None:
         """The wire is gone; the carriage made the window's steps, as the counters have it."""
@@ -338,17 +392,6 @@ class Rig:
         self.say(f"EMERGENCY: {cause}; NOTHING MOVES UNTIL INIT")
 
 
-def _checked(planner: str) -> str:
-    """Refuse a planner that is none, or has no position counters, before anything moves."""
-    if not kind_of(planner).counts:
-        counting = ", ".join(name for name, kind in PLANNERS.items() if kind.counts)
-        raise InputError(f"the terminal's computer cannot count along with the planner {planner}: choose {counting}")
-    return planner
-
-
-def _after(place_um: tuple[float, float], steps: Iterable[Step]) -> tuple[float, float]:
-    """Return a place after some steps."""
-    place = [*place_um]
-    for step in steps:
-        place[step.axis] += STEP_UM * step.direction
-    return place[0], place[1]
+def _named(cause: str) -> str:
+    """A switch, or what led to an emergency else."""
+    return cause if ":" in cause else f"{cause} SWITCH"

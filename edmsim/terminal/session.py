@@ -11,21 +11,27 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Protocol
 
-from edmsim.controllers.mcu.dialogue.line_input import CANCEL, DELETE, LINE_FEED, SPACE, TAB, InputBuffer, Line
+from edmsim.controllers.mcu.dialogue.line_input import CANCEL, LINE_FEED, RETURN, InputBuffer, Line
 from edmsim.controllers.mcu.dialogue.main_program import MainProgram
+from edmsim.controllers.mcu.dialogue.monitor import Monitor
+from edmsim.controllers.mcu.firmware import memory_map as at
 from edmsim.errors import InputError
+from edmsim.terminal.bench import MonitorBench
 from edmsim.terminal.devices import Interrupts
+from edmsim.terminal.host import bytes_of, read_host
 from edmsim.terminal.keys import TOGGLE
 from edmsim.terminal.operation import Operation
 from edmsim.terminal.rig import Rig
 from edmsim.terminal.serial_lines import SerialLines
 
-ETX, EOT = 0x03, 0x04
-"""Ctrl-C as a character is the emergency stop, Ctrl-D on an empty line leaves."""
+ETX, EOT, RESET = 0x03, 0x04, 0x1C
+"""Ctrl-C as a character is the emergency stop, Ctrl-D on an empty line leaves, Ctrl-\\ is the reset button."""
 FINE, REFUSED, STOPPED = 0, 2, 3
 """Exit statuses: all was done; a line of a script was refused; the machine was left in an emergency."""
 _BEHIND_S = 0.5
 """A machine that cannot keep up with the clock on the wall catches up by no more than this."""
+PROGRAM_NS = 60_000_000_000
+"""A script waits no longer for a program that the monitor started."""
 _IDLE_S = 0.05
 """Longest wait between two looks at the machine."""
 
@@ -61,6 +67,10 @@ class Session:
         File that the host minicomputer sends.
     person : bool
         A person types: refused lines are part of the work and do not count for the exit status.
+    monitor : bool
+        The session begins where power-up leads, in the monitor, and MAIN is started from it; else in MAIN.
+    tapes : path, optional
+        Folder of the monitor's tapes; the current one, if not given.
 
     Attributes
     ----------
@@ -70,7 +80,7 @@ class Session:
 
     def __init__(
         self, rig: Rig, screen: Screen, interrupts: Interrupts, *, speed: float | None = None,
-        host: Path | None = None, person: bool = False,
+        host: Path | None = None, person: bool = False, monitor: bool = False, tapes: Path | None = None,
     ) -> None:
         self.refused = 0
         self._rig = rig
@@ -85,14 +95,24 @@ class Session:
         self._leaving = False
         self._wait_until_ns: int | None = None
         self._waits_for_rest = False
-        self._buffer = InputBuffer()
+        self._program_until_ns: int | None = None
+        self._buffer = InputBuffer(streams=rig.computer.streams)
         self._line = Line(self._buffer, self._transmit)
-        self._main = MainProgram(self._operation, self, self._say)
+        self._main = MainProgram(self._operation, self, self._say, rig.board.bus)
+        bench = MonitorBench(self._operation, tapes or Path(), self._sent_by_host, self._press_reset, self._to_main)
+        self._monitor = Monitor(bench, self._transmit, self._say)
+        self._begins_in_monitor = self._in_monitor = monitor
+        self._main_waits = False
+        self._character = LINE_FEED
+        self._passes_line = False
         self._prompted = False
 
     def run(self) -> int:
         """Serve the operator until he leaves; return the exit status."""
-        self._say(self._operation.greeting)
+        if self._begins_in_monitor:
+            self._press_reset()
+        else:
+            self._say(self._operation.greeting)
         if self._speed is None:
             self._run_script()
         else:
@@ -111,7 +131,7 @@ class Session:
             elif self._waiting:
                 self._advance()
             elif self._pending:
-                for character in self._lines.heard(bytes([self._pending.pop(0)])):
+                for character in self._heard(bytes([self._pending.pop(0)])):
                     self._take(character)
             elif self._screen.at_end:
                 self._waits_for_rest = self._rig.moving
@@ -141,16 +161,54 @@ class Session:
         self._end_line()
 
     def _receive(self, timeout_s: float) -> None:
-        """Take in what was typed; Ctrl-C acts at once, and what was typed before it is forgotten."""
-        data = self._to_panel(self._screen.read(timeout_s))
-        data = self._lines.heard(data)
+        """Take in what was typed; Ctrl-C acts at once, and what was typed before it is forgotten.
+
+        A program that the monitor started fetches for itself what is typed.
+        """
+        typed = self._to_panel(self._screen.read(timeout_s))
+        if typed and self._rig.computer.code.running and not {ETX, CANCEL, RESET} & set(typed):
+            for byte in typed:
+                self._rig.board.receive(byte)
+            return
+        if RESET in typed:
+            self._pending.clear()
+        data = self._heard(typed)
         if ETX in data:
             self._interrupts.press()
             data = data[data.rindex(ETX) + 1 :]
-        if self._waiting and CANCEL in data:
-            self._end_wait()
-            data = data[data.rindex(CANCEL) + 1 :]
         self._pending += data
+        if self._waiting and CANCEL in self._pending:
+            self._end_wait()
+            del self._pending[: self._pending.rindex(CANCEL) + 1]
+
+    def _heard(self, data: bytes) -> bytes:
+        """Return what the program fetches of what was typed; the reset button needs no program."""
+        if RESET in data:
+            data = data[data.rindex(RESET) + 1 :]
+            self._press_reset()
+        try:
+            return self._lines.heard(data)
+        except InputError as error:
+            self._lose(error, data[-1])
+            return b""
+
+    def _lose(self, error: InputError, character: int) -> None:
+        """A stream leads nowhere: only the reset button helps; what a script's line still has is no command."""
+        self._press_reset()
+        self._passes_line = not self._person and character not in (RETURN, LINE_FEED)
+        self._refuse(error.reason)
+
+    def _press_reset(self) -> None:
+        self._forget_line()
+        self._operation.reset()
+        self._clear_line()
+        self._program_until_ns = None
+        self._in_monitor, self._main_waits = True, False
+        self._say("MONITOR 8085   8 K EPROM   8 K RAM   ? SHOWS THE COMMANDS, G 0400 STARTS MAIN")
+
+    def _forget_line(self) -> None:
+        self._line.clear()
+        self._monitor.clear()
 
     def _to_panel(self, data: bytes) -> bytes:
         """Give what is typed between two Ctrl-K to the keys of the front panel; return the rest."""
@@ -167,7 +225,7 @@ class Session:
     def _hear_interrupts(self) -> None:
         if self._interrupts.take():
             self._pending.clear()
-            self._line.clear()
+            self._forget_line()
             self._stop_everything()
 
     def _stop_everything(self) -> None:
@@ -175,21 +233,29 @@ class Session:
         self._tell()
 
     def _take(self, character: int) -> None:
-        """Give LINE a character; a finished line goes to MAIN."""
+        """Give a character to LINE, which gives a finished line to MAIN, or to the monitor at once."""
+        self._character = character
         if character == ETX:
             self._stop_everything()
         elif character == EOT:
-            self._leaving |= not self._line.typed
+            self._leaving |= not self._typed
+        elif self._passes_line:
+            self._passes_line = character not in (RETURN, LINE_FEED)
         else:
             self._prompt()
             self._obey(character)
 
     def _obey(self, character: int) -> None:
         try:
-            if self._line.take(character):
+            if self._in_monitor:
+                if self._monitor.take(character):
+                    self._prompted = False
+            elif self._line.take(character):
                 self._prompted = False
                 self._main.obey(self._buffer)
         except InputError as error:
+            # what a script has behind a mistake is no command of its own
+            self._passes_line = self._in_monitor and not self._person and character not in (RETURN, LINE_FEED)
             self._prompted = False
             self._refuse(error.reason)
         self._tell()
@@ -202,6 +268,19 @@ class Session:
         over = self._wait_until_ns is not None and self._rig.time_ns >= self._wait_until_ns
         if over or (self._waits_for_rest and not self._rig.moving):
             self._end_wait()
+        if self._program_until_ns is not None:
+            self._show_program()
+            if not self._rig.computer.code.running:
+                self._program_until_ns = None
+                self._clear_line()
+            elif self._rig.time_ns >= self._program_until_ns and not self._person:
+                self._end_wait()
+
+    def _show_program(self) -> None:
+        """Print what a program has sent; the line it began is left when it ends."""
+        if sent := bytes(self._rig.board.sent):
+            self._transmit(b"")
+            self._prompted = not sent.endswith(b"\n")
 
     def _tell(self) -> None:
         """Print what the machine has to say; an emergency ends every wait."""
@@ -220,16 +299,31 @@ class Session:
 
     @property
     def _waiting(self) -> bool:
-        return self._waits_for_rest or self._wait_until_ns is not None or self._operation.pressing
+        code = self._rig.computer.code
+        if code.running and self._program_until_ns is None:
+            self._program_until_ns = self._rig.time_ns + PROGRAM_NS
+        waits = self._waits_for_rest or self._wait_until_ns is not None or self._program_until_ns is not None
+        return waits or self._operation.pressing
 
     def _end_wait(self) -> None:
-        self._waits_for_rest, self._wait_until_ns = False, None
+        """Take lines again; a program that runs is broken off."""
+        self._waits_for_rest, self._wait_until_ns, self._program_until_ns = False, None, None
+        code = self._rig.computer.code
+        if code.running:
+            code.running = False
+            self._refuse(f"the program was broken off at {code.cpu.pc:04X}H")
 
     def _prompt(self) -> None:
         """Print the prompt and what was typed after it, if they are not on the screen."""
         if not self._prompted and not self._leaving:
-            self._transmit(self._main.prompt.encode("ascii") + self._line.typed)
+            prompt = self._monitor.prompt if self._in_monitor else self._main.prompt
+            self._transmit(prompt.encode("ascii") + self._typed)
             self._prompted = True
+
+    @property
+    def _typed(self) -> bytes:
+        """What stands behind the prompt."""
+        return self._monitor.typed if self._in_monitor else self._line.typed
 
     def _clear_line(self) -> None:
         """Leave a line that is begun on the screen."""
@@ -240,7 +334,7 @@ class Session:
     def _end_line(self) -> None:
         """Close the dialogue; a line without its end is not executed (row T-53)."""
         self._clear_line()
-        if self._line.typed:
+        if self._typed:
             self.refused += 1
             self._say("? the last line has no end; nothing was done")
 
@@ -249,7 +343,12 @@ class Session:
             self._transmit(line.encode("ascii", "replace") + b"\r\n")
 
     def _transmit(self, data: bytes) -> None:
-        self._screen.write(self._lines.spoken(data))
+        try:
+            shown = self._lines.spoken(data)
+        except InputError as error:
+            self._lose(error, self._character)
+            return
+        self._screen.write(shown)
 
     def wait(self, seconds: int | None) -> None:
         """Take no further line until some machine time has passed, or the machine stands still."""
@@ -268,33 +367,25 @@ class Session:
             raise InputError("the machine moves; a program is loaded while it stands still")
         return read_host(self._host, self._lines)
 
+    def _sent_by_host(self) -> bytes:
+        """What the host sends, for the monitor."""
+        if self._host is None:
+            raise InputError("no host is connected; edmsim terminal --host FILE connects one")
+        return self._lines.heard_from_host(bytes_of(self._host))
+
+    def monitor(self) -> None:
+        """Let the monitor take what is typed next; the machine goes on."""
+        self._in_monitor = self._main_waits = True
+
+    def _to_main(self, from_its_beginning: bool) -> None:
+        """Give the terminal to MAIN, which begins with INIT (row T-52)."""
+        if not from_its_beginning and not self._main_waits:
+            raise InputError(f"MAIN was not started yet; G {at.MAIN:04X} starts it")
+        self._in_monitor = False
+        if from_its_beginning:
+            self._operation.init()
+            self._say(self._operation.greeting)
+
     def leave(self) -> None:
         """End the session."""
         self._leaving = True
-
-
-def read_host(file: Path, lines: SerialLines) -> list[bytes]:
-    """Lines of the host's file as LINE takes them from the second channel: 64 characters, in capitals, no echo.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be read, or a line is too long or holds what no line can.
-    """
-    try:
-        data = file.read_bytes()
-    except OSError as error:
-        raise InputError(f"the host's file cannot be read: {error.strerror}", file) from None
-    buffer, taken = InputBuffer(), []
-    line = Line(buffer, lambda echo: None)
-    for number, text in enumerate(lines.heard_from_host(data).splitlines(), 1):
-        try:
-            for character in text:
-                if not (SPACE <= character < DELETE or character == TAB):
-                    raise InputError(f"{character:02X}H is no character of a line")
-                line.take(character)
-            line.take(LINE_FEED)
-        except InputError as error:
-            raise InputError(f"line {number} of the host's program: {error.reason}") from None
-        taken.append(buffer.text)
-    return taken

@@ -7,7 +7,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from edmsim.controllers.mcu.dialogue.line_input import (
-    LINE_LENGTH,
     InputBuffer,
     Line,
     getnum,
@@ -16,6 +15,7 @@ from edmsim.controllers.mcu.dialogue.line_input import (
     normal,
     skip,
 )
+from edmsim.controllers.mcu.firmware.memory_map import LINE_LENGTH
 from edmsim.errors import InputError
 
 

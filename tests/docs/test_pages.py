@@ -30,6 +30,7 @@ NOT_RUN = {
 ELSEWHERE = {
     "session": "tests/terminal/test_terminal_docs.py",
     "program": "tests/terminal/test_terminal_docs.py",
+    "tape": "tests/terminal/test_terminal_docs.py",
 }
 """Kinds of blocks that other tests run."""
 BEFORE: dict[str, tuple[str, ...]] = {

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import io
+
 import pytest
+from rich.console import Console
 
 from edmsim.controllers.mcu.dialogue.help_texts import ALIASES, JOB, WORDS
 from edmsim.controllers.mcu.dialogue.main_program import MainProgram
 from edmsim.terminal.devices import Interrupts
 from edmsim.terminal.operation import Operation
 from edmsim.terminal.session import Session
+from edmsim.terminal.view import panel
 
 from .conftest import Script
 
@@ -116,9 +120,11 @@ def test_codes_may_be_given_in_hexadecimal(operate):
         ("%", "% is no word of this machine; HELP shows them"),
         ("STAT US", "STAT is no word of this machine; HELP shows them"),
         ("START NOW", "NOW is more than is wanted here"),
-        ("NEW 1", "NEW x y in um is wanted"),
-        ("CW 1 2 3", "CW x y and the centre's x y in um is wanted"),
-        ("X", "X um is wanted"),
+        ("NEW 1", "NEW x y is wanted"),
+        ("CW 1 2 3", "CW x y and the centre's x y is wanted"),
+        ("X", "X and a way are wanted, as in X 50 or X -200"),
+        ("X 3O", "a decimal number must stand at column 3, not 3O"),
+        ("NEW 1 2OO,3", "a decimal number must stand at column 7, not 2OO"),
         ("X A", "a decimal number must stand at column 3, not A"),
         ("X 1", "a motor step is 2 um; jog by at least that"),
         ("X 40000", "soft limit: the counters hold 0 to 65535 um, not 72500"),
@@ -195,8 +201,12 @@ def test_the_end_of_a_script_waits_for_the_machine(operate):
 
 
 def test_help_knows_every_word_and_fits_the_screen(operate, rig):
-    main = MainProgram(Operation(rig), Session(rig, Script(b""), Interrupts()), print)
-    assert {ALIASES.get(word, word) for word in main.words} == set(WORDS)
+    main = MainProgram(Operation(rig), Session(rig, Script(b""), Interrupts()), print, rig.board.bus)
+    assert {ALIASES.get(word, word) for word in main.words} == set(WORDS) - {"MORE"}
     told = operate("HELP", "?", *(f"HELP {word}" for word in main.words))
     assert not told.refusals
     assert all(len(line) <= 80 for text in (JOB, *WORDS.values()) for line in text.splitlines())
+    shown = Console(width=80, record=True, file=io.StringIO())
+    shown.print(panel([0] * 32, Operation(rig).status()))
+    below = len(shown.export_text().splitlines()) + 2  # the operator's line, and the one that asked
+    assert max(len(text.splitlines()) for text in (JOB, *WORDS.values())) + below <= 24

@@ -11,6 +11,7 @@ from edmsim.controllers.mcu.board import Faults
 from edmsim.controllers.mcu.chips.faults import DropOut, SerialNoise
 from edmsim.controllers.mcu.firmware import memory_map as at
 from edmsim.terminal.devices import Interrupts
+from edmsim.terminal.operation import Operation
 from edmsim.terminal.rig import Rig
 from edmsim.terminal.session import Session
 
@@ -39,6 +40,22 @@ def test_nothing_moves_after_an_emergency_stop_until_init(rig):
     assert f"EMERGENCY: STOP BY THE OPERATOR   POSITION {place} um   NEW 33000 32500" in lines
     assert len([line for line in lines if "only INIT helps" in line]) == len(MOVING_WORDS)
     assert rig.place_um[0] == int(place.split()[1])
+    assert status == 3
+
+
+# T-49, T-A14: at rest as well, twice, before INIT and after it
+def test_an_emergency_at_rest_stops_what_stands_and_keeps_the_place(rig):
+    cut = (SET, "START", "WAIT", "EM", "STATUS")
+    status, lines = operate(rig, SET, "NEW 32560 32500", "EM", "STATUS", "EM", "X 20", "INIT", "STATUS", *cut)
+    told = [line.split(";")[0] for line in emergencies(lines) if ";" in line]
+    assert told == 3 * ["EMERGENCY: STOP BY THE OPERATOR"]
+    assert "EMERGENCY: STOP BY THE OPERATOR   POSITION X 32500 Y 32500 um   NEW 32560 32500" in lines
+    assert "STAND-BY   POSITION X 32500 Y 32500 um   NEW 32560 32500" in lines
+    assert "EMERGENCY: STOP BY THE OPERATOR   POSITION X 32560 Y 32500 um   NEW 32560 32500" in lines
+    assert rig.place_um == (32_560.0, 32_500.0)
+    shown = Operation(rig).status()
+    assert (shown.short, shown.open, shown.erosion) == (0, 0, 0)  # no pulses, so none that eroded
+    assert not shown.generator_on
     assert status == 3
 
 

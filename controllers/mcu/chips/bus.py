@@ -85,6 +85,19 @@ class Bus:
         if address in RAM:
             self.ram[address - RAM.start] = byte
 
+    def check_writable(self, address: int) -> None:
+        """Refuse an address at which a write changes nothing.
+
+        Raises
+        ------
+        InputError
+            For EPROM, and where nothing answers.
+        """
+        if address in EPROM:
+            raise InputError(f"{address:04X}H is EPROM, which cannot be written")
+        if address not in RAM and address not in self._chips:
+            raise InputError(f"nothing answers at {address:04X}H")
+
     def word(self, address: int) -> int:
         """Word in RAM: low byte first (LHLD)."""
         at = address - RAM.start

@@ -1,4 +1,7 @@
-"""What HELP prints: a whole job first, then word by word. No line is longer than the terminal's 80 columns."""
+"""What HELP prints: a whole job first, then word by word.
+
+No line is longer than the terminal's 80 columns, and no text than what 24 lines leave above the live view.
+"""
 
 from __future__ import annotations
 
@@ -13,17 +16,22 @@ A JOB, STEP BY STEP                        HELP and a word tells more of it
  7  START               generator and timers on: cuts to the new position
  8  STATUS  STOP  WAIT  meanwhile: look, stop, or wait for the end
  9  BYE                 leaves, the machine made safe
+HELP MORE tells of programs, emergencies, typing and the monitor."""
+
+MORE = """\
 MAIN asks for 3 to 7 one after the other.
 LOAD takes a program from the host, LIST shows it, RUN cuts it.
 GEN ON and GEN OFF run and stop the generator without a move. KEY presses
 keys of the front panel; TENSION LOW and FULL set that of the wire.
 EM or Ctrl-C is the emergency stop. After it nothing moves until INIT; then
 WIRE threads a new wire if it broke, and GO goes on with the cut.
-BS or DEL takes a character back, Ctrl-X the line; Ctrl-R types it again."""
+BS or DEL takes a character back, Ctrl-X the line; Ctrl-R types it again.
+MON leads to the monitor: memory, registers, tapes. Ctrl-\\ is the reset button."""
 
 WORDS = {
     "HELP": """\
 HELP            a job, step by step
+HELP MORE       the rest
 HELP word       what the word does; also ?""",
     "STATUS": """\
 STATUS          state, position, speed, counts of the last 255 pulses in
@@ -89,6 +97,11 @@ EM              emergency stop: the steppers stand, the generator is off, both
 INIT            makes the machine safe and ready: generator off, codes 0,
                 position kept. Give t(i) and t(p) again before START. From an
                 end switch, jog back.""",
+    "MON": """\
+MON             leads to the monitor, which shows and alters memory and the
+                registers of the chips; G there leads back. The machine goes
+                on meanwhile.""",
+    "MORE": MORE,
     "WIRE": """\
 WIRE            threads a new wire where the old one was; takes a minute""",
     "TENSION": """\

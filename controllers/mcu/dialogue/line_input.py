@@ -6,13 +6,15 @@ into the input buffer, the others read it from there. Characters are bytes, as t
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 
+from edmsim.controllers.mcu.chips.bus import Bus
+from edmsim.controllers.mcu.firmware import memory_map as at
 from edmsim.controllers.mcu.firmware.arithmetic import WORD
+from edmsim.controllers.mcu.firmware.memory_map import LINE_LENGTH
+from edmsim.controllers.mcu.firmware.streams import Streams
 from edmsim.errors import InputError
-
-LINE_LENGTH = 64
-"""Characters of a line (row T-53)."""
 
 BACKSPACE, DELETE, CANCEL, RETYPE = 0x08, 0x7F, 0x18, 0x12
 """The four correction characters BS, DEL, CAN (Ctrl-X) and Ctrl-R; the text counts them only (row T-A10)."""
@@ -31,40 +33,72 @@ _NEW_LINE = b"\r\n"
 
 
 class InputBuffer:
-    """The input buffer (BPTR.DATA): up to 64 characters, closed by 00H, and the pointer BPTR into them.
+    """The input buffer (BPTR.DATA): up to 64 characters, closed by 00H, and the pointer BPTR to one of them; in RAM.
 
-    Attributes
+    Parameters
     ----------
-    pointer : int
-        Index of the next character.
+    text : bytes
+        A line to begin with.
+    streams : Streams, optional
+        Those of the computer in whose memory the buffer lies; by default it has a memory of its own.
     """
 
-    def __init__(self, text: bytes = b"") -> None:
+    def __init__(self, text: bytes = b"", streams: Streams | None = None) -> None:
+        self._streams = streams or Streams(Bus())
+        self._memory = self._streams.memory
+        self._streams.inputs[at.BUFFER_IN] = lambda: gnumci(self)
         self.fill(text)
 
     def fill(self, text: bytes) -> None:
         """Take in a line and set the pointer to its first character."""
-        self._data = text + bytes([END])
-        self.pointer = 0
+        for offset, character in enumerate(text + bytes([END])):
+            self._memory.write(at.BPTR_DATA + offset, character)
+        self._memory.store(at.BPTR, at.BPTR_DATA)
 
     @property
     def text(self) -> bytes:
         """The whole line."""
-        return self._data[:-1]
+        return self._from(at.BPTR_DATA)
 
     @property
     def rest(self) -> bytes:
         """The line from the pointer on."""
-        return self._data[self.pointer : -1]
+        return self._from(self._memory.word(at.BPTR))
+
+    @property
+    def column(self) -> int:
+        """Place of the pointer in the line, from 1."""
+        return self._memory.word(at.BPTR) - at.BPTR_DATA + 1
 
     @property
     def waiting(self) -> int:
         """Character at the pointer, 00H at the end; the pointer stays."""
-        return self._data[self.pointer]
+        return self._memory.read(self._memory.word(at.BPTR))
 
     def advance(self) -> None:
         """Set the pointer to the next character; at the end it stays."""
-        self.pointer = min(self.pointer + 1, len(self._data) - 1)
+        if self.waiting != END:
+            self._memory.store(at.BPTR, self._memory.word(at.BPTR) + 1)
+
+    def step_back(self) -> None:
+        """Set the pointer to the character before."""
+        self._memory.store(at.BPTR, self._memory.word(at.BPTR) - 1)
+
+    @contextmanager
+    def as_input(self) -> Iterator[Callable[[], int | None]]:
+        """Redirect the input stream to the buffer, and give the routine that fetches from the stream (row T-83)."""
+        before = self._memory.word(at.CIADR)
+        self._memory.store(at.CIADR, at.BUFFER_IN)
+        try:
+            yield self._streams.ci
+        finally:
+            self._memory.store(at.CIADR, before)
+
+    def _from(self, address: int) -> bytes:
+        found = bytearray()
+        while len(found) < LINE_LENGTH and (character := self._memory.read(address + len(found) & WORD)) != END:
+            found.append(character)
+        return bytes(found)
 
 
 class Line:
@@ -184,14 +218,18 @@ def gnumhx(buffer: InputBuffer) -> int:
 
 
 def _number(buffer: InputBuffer, base: int, digits: bytes, kind: str) -> int:
-    start, value = buffer.pointer, 0
-    while buffer.waiting in digits:
-        value = value * base + digits.index(gnumci(buffer))
-    if buffer.pointer == start:
-        found = buffer.text[start : start + 1].decode("ascii") or "the end of the line"
-        raise InputError(f"a {kind} number must stand at column {start + 1}, not {found}")
+    """What GETDEC and GETHX of the monitor do with the characters of the input stream."""
+    column, written, value = buffer.column, bytearray(), 0
+    with buffer.as_input() as ci:
+        while (passed := buffer.waiting) and (character := ci()) is not None and character in digits:
+            written.append(character)
+            value = value * base + digits.index(character)
+    if passed:
+        buffer.step_back()
+    if not written:
+        found = buffer.rest[:1].decode("ascii") or "the end of the line"
+        raise InputError(f"a {kind} number must stand at column {column}, not {found}")
     if value > WORD:
         top = f"{WORD:X}" if base == 16 else str(WORD)
-        number = buffer.text[start : buffer.pointer].decode("ascii")
-        raise InputError(f"a number has 16 bits, 0..{top}, not {number}")
+        raise InputError(f"a number has 16 bits, 0..{top}, not {written.decode('ascii')}")
     return value

@@ -8,11 +8,12 @@ word of its own as well.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from typing import NamedTuple, Protocol
+from typing import Protocol
 
+from edmsim.controllers.mcu.chips.bus import Bus
 from edmsim.controllers.mcu.chips.dac import time_text
 from edmsim.controllers.mcu.dialogue.help_texts import ALIASES, JOB, WORDS
-from edmsim.controllers.mcu.dialogue.line_input import InputBuffer, getnum, skip
+from edmsim.controllers.mcu.dialogue.line_input import InputBuffer, skip
 from edmsim.controllers.mcu.dialogue.part_program import (
     Codes,
     Entry,
@@ -21,62 +22,16 @@ from edmsim.controllers.mcu.dialogue.part_program import (
     at_end,
     read_code,
     read_move,
+    read_number,
     read_numbers,
     read_program,
     read_setting,
     read_word,
 )
-from edmsim.controllers.pulse_counters import WINDOW_PULSES
+from edmsim.controllers.mcu.dialogue.program_store import ProgramStore
+from edmsim.controllers.mcu.dialogue.status import Status, describe, pulses
+from edmsim.controllers.mcu.firmware import memory_map as at
 from edmsim.errors import InputError
-
-
-class Status(NamedTuple):
-    """What the machine shows its operator.
-
-    Attributes
-    ----------
-    state : str
-        ``STAND-BY``, ``CUTTING``, ``JOGGING`` or ``EMERGENCY: ...`` with its cause.
-    position_um : (int, int)
-        Position counters.
-    speed, running : int
-        Greatest cutting speed set, and the speed now, in units; negative while running back.
-    short, open : int
-        Counts of the last 255 pulses.
-    windows, missed : int
-        Windows read since the start, and those that were not read in time (row T-44).
-    t_i, t_p : int
-        Codes of V(t(i)) and V(t(p)).
-    t_i_us, t_p_us : float
-        The times they mean.
-    generator_on : bool
-    voltage_V, current_A : float
-        Means over the gap.
-    time_s : float
-        Machine time.
-    """
-
-    state: str
-    position_um: tuple[int, int]
-    speed: int
-    running: int
-    short: int
-    open: int
-    windows: int
-    missed: int
-    t_i: int
-    t_p: int
-    t_i_us: float
-    t_p_us: float
-    generator_on: bool
-    voltage_V: float
-    current_A: float
-    time_s: float
-
-    @property
-    def erosion(self) -> int:
-        """Pulses of the last window that eroded."""
-        return WINDOW_PULSES - self.short - self.open if self.windows and self.generator_on else 0
 
 
 class MachinePort(Protocol):
@@ -89,7 +44,7 @@ class MachinePort(Protocol):
     def status(self) -> Status:
         """What the machine shows."""
 
-    def set_position(self, position_um: tuple[int, int]) -> None:
+    def set_position(self, position: tuple[int, int]) -> None:
         """Set the position counters."""
 
     def set(self, setting: Setting) -> None:
@@ -101,7 +56,7 @@ class MachinePort(Protocol):
     def go_on(self) -> None:
         """Go on with the cut that was stopped."""
 
-    def jog(self, axis: int, way_um: int) -> None:
+    def jog(self, axis: int, way: int) -> None:
         """Move an axis with the generator off."""
 
     def stop(self) -> None:
@@ -135,6 +90,9 @@ class Desk(Protocol):
     def host_lines(self) -> Iterable[bytes]:
         """Lines the host sends, in capitals."""
 
+    def monitor(self) -> None:
+        """Let the monitor take what is typed next; the machine goes on."""
+
     def leave(self) -> None:
         """End the session."""
 
@@ -152,23 +110,18 @@ class MainProgram:
     desk : Desk
     say : callable
         Prints a text of one or more lines.
-
-    Attributes
-    ----------
-    target : Move or None
-        The new position.
-    program : list of Entry
-        What was loaded from the host.
+    memory : Bus
+        Where the new position and the program from the host lie.
     """
 
-    def __init__(self, machine: MachinePort, desk: Desk, say: Callable[[str], None]) -> None:
+    def __init__(self, machine: MachinePort, desk: Desk, say: Callable[[str], None], memory: Bus) -> None:
         self._machine = machine
         self._desk = desk
         self._say = say
         self._question: int | None = None
         self._t_i: int | None = None
-        self.target: Move | None = None
-        self.program: list[Entry] = []
+        self._new_place = ProgramStore(memory, at.NEW, 1)
+        self._program = ProgramStore(memory, at.PROGRAM, at.PROGRAM_ENTRIES)
         self._words: dict[str, Callable[[InputBuffer], None]] = {
             "HELP": self._help, "?": self._help, "STATUS": self._status, "POS": self._pos, "NEW": self._new,
             "CW": self._new, "CCW": self._new, "TI": self._set, "TP": self._set, "SPEED": self._set,
@@ -177,6 +130,7 @@ class MainProgram:
             "TENSION": self._tension, "KEY": lambda buffer: machine.press(buffer.rest.decode("ascii")),
             "STOP": self._plain(machine.stop), "GO": self._plain(machine.go_on), "EM": self._plain(machine.emergency),
             "INIT": self._plain(machine.init), "WIRE": self._plain(machine.thread_wire),
+            "MON": self._plain(desk.monitor),
             "BYE": self._plain(desk.leave),
         }  # fmt: skip
         self._word = ""
@@ -185,6 +139,15 @@ class MainProgram:
     def words(self) -> tuple[str, ...]:
         """Every word there is."""
         return tuple(self._words)
+
+    @property
+    def target(self) -> Move | None:
+        """The new position; None while none was given, or what stands there was altered to none."""
+        try:
+            found = self._new_place.read()
+        except InputError:
+            return None
+        return found[0] if found and isinstance(found[0], Move) else None
 
     @property
     def prompt(self) -> str:
@@ -235,35 +198,36 @@ class MainProgram:
 
     def _pos(self, buffer: InputBuffer) -> None:
         if not skip(buffer):
-            x, y = self._machine.status().position_um
-            self._say(f"POSITION X {x} Y {y} um")
+            now = self._machine.status()
+            self._say("POSITION X {} Y {} {}".format(*now.position, now.unit))
             return
-        x, y = read_numbers(buffer, 2, "POS x y in um")
+        x, y = read_numbers(buffer, 2, "POS x y")
         at_end(buffer)
         self._machine.set_position((x, y))
 
     def _new(self, buffer: InputBuffer) -> None:
-        self.target = read_move(self._word, buffer)
+        self._new_place.write([read_move(self._word, buffer)])
 
     def _set(self, buffer: InputBuffer) -> None:
         self._machine.set(read_setting(self._word, buffer, self._machine.codes))
         now = self._machine.status()
-        self._say(f"{_pulses(now)}   SPEED {now.speed}")
+        self._say(f"{pulses(now)}   SPEED {now.speed}")
 
     def _start(self, buffer: InputBuffer) -> None:
         at_end(buffer)
-        if self.target is None:
+        target = self.target
+        if target is None:
             raise InputError("no new position was given; NEW x y gives one")
-        self._machine.cut([self.target])
+        self._machine.cut([target])
 
     def _jog(self, buffer: InputBuffer) -> None:
         axis = "XY".index(self._word)
         if not skip(buffer):
-            raise InputError(f"{self._word} um is wanted")
+            raise InputError(f"{self._word} and a way are wanted, as in {self._word} 50 or {self._word} -200")
         sign = -1 if buffer.waiting == ord("-") else 1
         if buffer.waiting in b"+-":
             buffer.advance()
-        way = sign * getnum(buffer)
+        way = sign * read_number(buffer)
         at_end(buffer)
         self._machine.jog(axis, way)
 
@@ -282,25 +246,28 @@ class MainProgram:
         self._machine.tension(word == "LOW")
 
     def _wait(self, buffer: InputBuffer) -> None:
-        seconds = getnum(buffer) if skip(buffer) else None
+        seconds = read_number(buffer) if skip(buffer) else None
         at_end(buffer)
         self._desk.wait(seconds)
 
     def _load(self, buffer: InputBuffer) -> None:
         at_end(buffer)
-        self.program = read_program(self._desk.host_lines(), self._machine.codes)
-        moves = sum(isinstance(entry, Move) for entry in self.program)
-        self._say(f"LOADED: {moves} MOVES, {len(self.program) - moves} SETTINGS")
+        program = read_program(self._desk.host_lines(), self._machine.codes)
+        self._program.write(program)
+        moves = sum(isinstance(entry, Move) for entry in program)
+        self._say(f"LOADED: {moves} MOVES, {len(program) - moves} SETTINGS")
 
     def _list(self, buffer: InputBuffer) -> None:
         at_end(buffer)
-        self._say("\n".join(map(str, self.program)) if self.program else "NO PROGRAM")
+        program = self._program.read()
+        self._say("\n".join(map(str, program)) if program else "NO PROGRAM")
 
     def _run(self, buffer: InputBuffer) -> None:
         at_end(buffer)
-        if not self.program:
+        program = self._program.read()
+        if not program:
             raise InputError("there is no program; LOAD takes one from the host")
-        self._machine.cut(self.program)
+        self._machine.cut(program)
 
     def _main(self, buffer: InputBuffer) -> None:
         at_end(buffer)
@@ -312,7 +279,7 @@ class MainProgram:
         if question == _NEW:
             return "" if self.target is None else str(self.target).removeprefix("NEW ")
         return {
-            _POSITION: "{} {}".format(*now.position_um),
+            _POSITION: "{} {}".format(*now.position),
             _T_I: time_text(now.t_i_us) if now.t_i else "",
             _T_P: time_text(now.t_p_us) if now.t_p else "",
             _SPEED: str(now.speed),
@@ -353,7 +320,7 @@ class MainProgram:
         elif question == _SPEED:
             self._machine.set(read_setting("SPEED", buffer, codes))
         elif question == _NEW:
-            self.target = read_move("NEW", buffer)
+            self._new_place.write([read_move("NEW", buffer)])
         else:
             self._pos(buffer)
 
@@ -364,27 +331,3 @@ class MainProgram:
         except InputError:
             self._question = _T_I
             raise
-
-
-def describe(status: Status, target: Move | None) -> str:
-    """What STATUS prints."""
-    x, y = status.position_um
-    return "\n".join(
-        (
-            f"{status.state}   POSITION X {x} Y {y} um   {target or 'NO NEW POSITION'}",
-            f"SPEED {status.running} OF {status.speed} UNITS   SHORT {status.short / 2.55:.1f} %   "
-            f"OPEN {status.open / 2.55:.1f} %   WINDOWS {status.windows}, MISSED {status.missed}",
-            _pulses(status),
-            f"GENERATOR {'ON' if status.generator_on else 'OFF'}   GAP {status.voltage_V:.0f} V "
-            f"{status.current_A:.2f} A   TIME {status.time_s:.1f} s",
-        )
-    )
-
-
-def _pulses(status: Status) -> str:
-    """Both times and their codes."""
-
-    def show(code: int, us: float) -> str:
-        return f"{time_text(us)} us ({code:02X}H)" if code else "NOT SET (00H)"
-
-    return f"t(i) {show(status.t_i, status.t_i_us)}   t(p) {show(status.t_p, status.t_p_us)}"

@@ -12,16 +12,16 @@ are ours. They are the terminal's own words, so that whatever can be typed can b
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterable
 from typing import NamedTuple
 
 from edmsim.controllers.mcu.chips.dac import MOST_CODE
-from edmsim.controllers.mcu.dialogue.line_input import InputBuffer, getnum, gnumhx, skip
+from edmsim.controllers.mcu.dialogue.line_input import SEPARATORS, InputBuffer, getnum, gnumhx, skip
+from edmsim.controllers.mcu.firmware.memory_map import PROGRAM_ENTRIES
 from edmsim.controllers.mcu.firmware.timers import MAX_SPEED
 from edmsim.errors import InputError
 
-PROGRAM_ENTRIES = 500
-"""Moves and settings the store holds (ours: at most 9 bytes each, some half of the 8 K of RAM, row T-20)."""
 LAST_WORD, COMMENT = b"END", b"*"
 
 
@@ -89,6 +89,22 @@ def read_word(buffer: InputBuffer) -> str:
     return word
 
 
+def read_number(buffer: InputBuffer) -> int:
+    """Read a decimal number of 16 bits that ends where it should: at a separator or the end of the line.
+
+    Raises
+    ------
+    InputError
+        If it is none.
+    """
+    column, written = buffer.column, buffer.rest.decode("ascii")
+    number = getnum(buffer)
+    if buffer.waiting and buffer.waiting not in SEPARATORS:
+        found = re.split("[ ,;=]", written)[0]
+        raise InputError(f"a decimal number must stand at column {column}, not {found}")
+    return number
+
+
 def read_numbers(buffer: InputBuffer, count: int, what: str) -> list[int]:
     """Read decimal numbers of 16 bits, separated.
 
@@ -101,7 +117,7 @@ def read_numbers(buffer: InputBuffer, count: int, what: str) -> list[int]:
     while len(numbers) < count:
         if not skip(buffer):
             raise InputError(f"{what} is wanted")
-        numbers.append(getnum(buffer))
+        numbers.append(read_number(buffer))
     return numbers
 
 
@@ -120,10 +136,10 @@ def at_end(buffer: InputBuffer) -> None:
 def read_move(word: str, buffer: InputBuffer) -> Move:
     """Read the numbers of NEW, CW or CCW and the end of the line."""
     if word == "NEW":
-        x, y = read_numbers(buffer, 2, "NEW x y in um")
+        x, y = read_numbers(buffer, 2, "NEW x y")
         at_end(buffer)
         return Move((x, y))
-    x, y, xc, yc = read_numbers(buffer, 4, f"{word} x y and the centre's x y in um")
+    x, y, xc, yc = read_numbers(buffer, 4, f"{word} x y and the centre's x y")
     at_end(buffer)
     return Move((x, y), (xc, yc), word == "CW")
 
@@ -161,7 +177,7 @@ def read_code(buffer: InputBuffer, code_of: Callable[[int], int], what: str) -> 
         raise InputError(f"{what} is wanted")
     number = buffer.rest.replace(b",", b" ").split()[0]
     if not number.endswith(b"H"):
-        return code_of(getnum(buffer))
+        return code_of(read_number(buffer))
     code = gnumhx(buffer)
     buffer.advance()  # the H
     if code > MOST_CODE:

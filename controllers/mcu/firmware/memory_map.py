@@ -1,6 +1,16 @@
-"""Where the variables lie in RAM: names of the document where it has them, addresses of ours."""
+"""Where everything lies in the 8 K of EPROM and the 8 K of RAM: names of the document where it has them.
+
+The addresses are ours but for the jump table (row T-48). CIADR and COADR stand before it at the end of RAM, in the
+segment STACK. In the test phase of 1982 the EPROM held the monitor, and the control program stood in RAM (4.1). So
+the start values of INIT stand in RAM, where the monitor can alter them.
+"""
 
 from __future__ import annotations
+
+from typing import NamedTuple
+
+from edmsim.controllers.mcu.chips.pic import ENTRY_BYTES, JUMP_TABLE
+from edmsim.controllers.mcu.firmware.optimise import Settings, State
 
 # one area of variables for either stepper (row T-71), the same offsets in both
 X_AREA, Y_AREA = 0x2000, 0x2010
@@ -11,18 +21,73 @@ XPOS, XVELOC, NEWX = (X_AREA + offset for offset in (POSITION, VELOCITY, TARGET)
 YPOS, YVELOC, NEWY = (Y_AREA + offset for offset in (POSITION, VELOCITY, TARGET))
 CUTVEL = 0x2020
 """Cutting speed in force, signed, in units."""
-MAXVEL = 0x2022
-"""Greatest cutting speed the operator allows, in units."""
-SHORTS, OPENS = 0x2024, 0x2026
-"""Counts read last."""
+SHORTS, OPENS, COUNTED = 0x2022, 0x2024, 0x2026
+"""Counts read last, and of how many pulses: 255, or 0 while none have been read."""
 ENTRY = 0x2028
 """Number being entered at the keys."""
 SAVED = 0x2030
 """Copy of both areas and the speed, made first thing in an emergency (row T-49)."""
 SAVED_WORDS = (XPOS, XVELOC, YPOS, YVELOC, CUTVEL)
+CONSTANTS, VARIABLES = 0x2040, 0x2070
+"""What the optimising routine is set to, and what it keeps: the words of `Settings` and `State` in their order."""
+CONSTANT_WORDS = Settings._fields
+VARIABLE_WORDS = tuple(State.__dataclass_fields__)
+MAXVEL = CONSTANTS + 2 * CONSTANT_WORDS.index("limit")
+"""Greatest cutting speed the operator allows, in units: the optimising routine's limit."""
+LINE_LENGTH = 64
+"""Characters of a line (row T-53)."""
+BPTR, BPTR_DATA = 0x20A0, 0x20A2
+"""The pointer into the operator's line, and the line with the 00H behind it (row T-55)."""
+NEW = 0x20F0
+"""The new position that START runs to, as an entry of a program."""
+START_VALUES = 0x2100
+START_AREAS = (
+    (XVELOC, 2), (X_AREA + ROUNDS, 2), (YVELOC, 2), (Y_AREA + ROUNDS, 2), (CUTVEL, 2), (SHORTS, 6), (ENTRY, 2),
+    (VARIABLES, 2 * len(VARIABLE_WORDS)), (JUMP_TABLE, 8 * ENTRY_BYTES),
+)  # fmt: skip
+"""The table of start values, and the data areas that INIT copies it into one after the other (row T-80).
+
+Position counters, targets and what the operator set are none of them: they outlive INIT (row T-A14).
+"""
+PROGRAM, PROGRAM_ENTRIES, ENTRY_MOST_BYTES = 0x2180, 500, 9
+"""The program from the host: so many entries (ours) of up to so many bytes each, and 00H behind the last."""
+FREE = 0x3320
+"""From here to the stack nothing is used: room for tapes."""
+STACK = 0x3FD0
+"""The stack of a program begins below."""
 CIADR, COADR = 0x3FD0, 0x3FD2
 """Addresses of the routines that fetch and send characters (row T-58)."""
 
 # addresses of routines in EPROM: what the jump table and the two words above point at
+MONITOR, TERMINAL_IN, HOST_IN, BUFFER_IN, TERMINAL_OUT, HOST_OUT = 0x0000, 0x0100, 0x0108, 0x0120, 0x0110, 0x0118
 EMERGENCY_ROUTINE, X_ENTRY, Y_ENTRY, KBD_ROUTINE, NO_ROUTINE = 0x0200, 0x0210, 0x0218, 0x0220, 0x0228
-TERMINAL_IN, HOST_IN, TERMINAL_OUT, HOST_OUT = 0x0100, 0x0108, 0x0110, 0x0118
+INIT, MAIN = 0x0300, 0x0400
+
+
+class Area(NamedTuple):
+    """A stretch of memory and what it holds."""
+
+    first: int
+    bytes: int
+    holds: str
+
+
+MAP = (
+    Area(XPOS, 8, "X: XPOS, XVELOC, NEWX, ROUNDS OF THE TIMER"),
+    Area(YPOS, 8, "Y: YPOS, YVELOC, NEWY, ROUNDS OF THE TIMER"),
+    Area(CUTVEL, 2, "CUTVEL, CUTTING SPEED NOW"),
+    Area(SHORTS, 6, "SHORTS, OPENS, PULSES COUNTED"),
+    Area(ENTRY, 2, "NUMBER BEING ENTERED AT THE KEYS"),
+    Area(SAVED, 2 * len(SAVED_WORDS), "COPY OF THE LAST EMERGENCY"),
+    Area(CONSTANTS, 2 * len(CONSTANT_WORDS), "OPTIMISER: WHAT IT IS SET TO"),
+    Area(MAXVEL, 2, "MAXVEL, GREATEST SPEED"),
+    Area(VARIABLES, 2 * len(VARIABLE_WORDS), "OPTIMISER: ITS VARIABLES"),
+    Area(BPTR, 2 + LINE_LENGTH + 1, "BPTR AND THE OPERATOR'S LINE"),
+    Area(NEW, ENTRY_MOST_BYTES + 1, "NEW POSITION"),
+    Area(START_VALUES, sum(size for _, size in START_AREAS), "INIT'S TABLE OF START VALUES"),
+    Area(PROGRAM, PROGRAM_ENTRIES * ENTRY_MOST_BYTES + 1, "PROGRAM FROM THE HOST"),
+    Area(FREE, STACK - FREE, "FREE, FOR TAPES; THE STACK FROM ITS END DOWN"),
+    Area(CIADR, 4, "CIADR, COADR"),
+    Area(JUMP_TABLE, 8 * ENTRY_BYTES, "I0AD TO I7AD, THE JUMP TABLE"),
+)
+"""RAM, area by area."""

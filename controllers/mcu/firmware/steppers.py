@@ -85,13 +85,12 @@ class Steppers:
         return word - 0x10000 if word & SIGN else word
 
     def stop(self) -> None:
-        """Unload both timers, and forget the move; the counters stay."""
+        """Unload both timers, and forget the move; the counters and the targets stay."""
         self.own, self._aim = False, None
         bus = self.board.bus
         for axis, area in enumerate(at.AREAS):
             bus.write(TIMERS + pit.CONTROL, pit.control_word(axis, pit.TERMINAL_COUNT))
             bus.store(area + at.VELOCITY, 0)
-            bus.store(area + at.TARGET, bus.word(area + at.POSITION))
             bus.store(area + at.ROUNDS, 0)
 
     def aim(self, x: int, y: int, heading: int = 1) -> int:

@@ -15,12 +15,14 @@ class Streams:
 
     Attributes
     ----------
+    memory : Bus
+        Holds the two addresses.
     inputs, outputs : dict
         Routines by address; an input routine returns None while nothing has come.
     """
 
     def __init__(self, memory: Bus) -> None:
-        self._memory = memory
+        self.memory = memory
         self.inputs: dict[int, Callable[[], int | None]] = {
             at.TERMINAL_IN: lambda: self._fetch(bus.TERMINAL),
             at.HOST_IN: lambda: self._fetch(bus.HOST),
@@ -38,17 +40,17 @@ class Streams:
         InputError
             If there is no input routine at that address.
         """
-        address = self._memory.word(at.CIADR)
+        address = self.memory.word(at.CIADR)
         if address not in self.inputs:
             raise InputError(f"CIADR holds {address:04X}H: there is no input routine")
         return self.inputs[address]()
 
     def co(self, character: int) -> None:
         """Send a character down the stream that COADR names; see `ci`."""
-        address = self._memory.word(at.COADR)
+        address = self.memory.word(at.COADR)
         if address not in self.outputs:
             raise InputError(f"COADR holds {address:04X}H: there is no output routine")
         self.outputs[address](character)
 
     def _fetch(self, channel: int) -> int | None:
-        return self._memory.read(channel) if self._memory.read(channel + 1) & uart.RX_READY else None
+        return self.memory.read(channel) if self.memory.read(channel + 1) & uart.RX_READY else None

@@ -1,0 +1,300 @@
+"""The monitor: the program in EPROM that an operator of May 1982 had (4.1, row T-78).
+
+It reads and alters memory and the chips' registers, loads programs from tape and from the host, punches memory to
+tape, and starts programs. Every character is handled at once (row T-83): there is no line to be corrected, and what
+is wrong ends the command. The thesis names what it does and not its commands: the letters are ours, after the manner
+of the monitors of the time.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Generator
+from textwrap import fill
+from typing import NamedTuple, Protocol
+
+from edmsim.controllers.mcu.chips import bus
+from edmsim.controllers.mcu.dialogue.hex_tape import punch, read_tape
+from edmsim.controllers.mcu.dialogue.line_input import CANCEL, LINE_FEED, RETURN, SPACE, normal
+from edmsim.controllers.mcu.firmware import memory_map as at
+from edmsim.controllers.mcu.firmware.arithmetic import BYTE, WORD
+from edmsim.errors import InputError
+
+ESCAPE = 0x1B
+"""Ends a command, as Ctrl-X does."""
+BYTES_A_LINE, COLUMNS = 16, 80
+_HEX = b"0123456789ABCDEF"
+_ENDS = (RETURN, LINE_FEED)
+_SEPARATORS = (SPACE, ord(","))
+_NAME_MOST = 32
+
+HELP = """\
+D 2000,201F      display memory, or registers of the chips, 4000H and up
+S 2044 1E 00     substitute: shows a byte and takes a new one; a space goes on
+                 to the next, with nothing typed unchanged; RETURN ends
+R NAME           read a tape into RAM          H    the same from the host
+P 2000,20FF,NAME punch memory to a tape
+G 0400           go: starts at an address; 0400 is MAIN, with INIT before it
+G                goes back to MAIN where it was left
+M                map of RAM, and the addresses that can be started
+ESC or Ctrl-X ends a command; Ctrl-C is the emergency stop."""
+
+STARTS = {
+    at.MONITOR: "MONITOR, AFTER A RESET", at.EMERGENCY_ROUTINE: "EMERGENCY ROUTINE",
+    at.X_ENTRY: "STEPPER ROUTINE, X", at.Y_ENTRY: "STEPPER ROUTINE, Y", at.KBD_ROUTINE: "KBD", at.INIT: "INIT",
+    at.MAIN: "MAIN",
+}  # fmt: skip
+"""Routines in EPROM that G starts."""
+
+_Typing = Generator[None, int, None]
+
+
+class _Number(NamedTuple):
+    """A number typed, None where there was no figure, and the character that ended it."""
+
+    value: int | None
+    end: int
+
+
+class Bench(Protocol):
+    """What the monitor works on."""
+
+    def read(self, address: int) -> int:
+        """Byte at an address."""
+
+    def write(self, address: int, byte: int) -> None:
+        """Put a byte at an address; raises `InputError` where none can be written."""
+
+    def tape(self, name: str) -> bytes:
+        """What stands on a tape."""
+
+    def put_away(self, name: str, text: str) -> None:
+        """Keep a tape that was punched."""
+
+    def from_host(self) -> bytes:
+        """What the host sends."""
+
+    def go(self, address: int | None) -> None:
+        """Start at an address, or go back to MAIN."""
+
+
+class Monitor:
+    """The monitor's commands, a character at a time.
+
+    Parameters
+    ----------
+    bench : Bench
+    out : callable
+        Takes the bytes shown to the operator.
+    say : callable
+        Prints a text of one or more lines.
+    """
+
+    prompt = ". "
+
+    def __init__(self, bench: Bench, out: Callable[[bytes], None], say: Callable[[str], None]) -> None:
+        self._bench = bench
+        self._out = out
+        self._say = say
+        self._commands: dict[str, Callable[[], _Typing]] = {
+            "D": self._display, "S": self._substitute, "R": self._read, "H": self._host, "P": self._punch,
+            "G": self._go, "M": self._map, "?": self._help,
+        }  # fmt: skip
+        self._typed = bytearray()
+        self._typing: _Typing | None = None
+
+    @property
+    def typed(self) -> bytes:
+        """What stands on the screen behind the prompt."""
+        return bytes(self._typed)
+
+    def clear(self) -> None:
+        """Forget the command that was begun."""
+        self._typed.clear()
+        self._typing = None
+
+    def take(self, character: int) -> bool:
+        """Handle a character; True if it ended a command.
+
+        Raises
+        ------
+        InputError
+            If it is wrong here or the command cannot be done; the command is at its end.
+        """
+        try:
+            if self._typing is None:
+                return self._begin(character)
+            if character in (CANCEL, ESCAPE):
+                raise InputError("ended by the operator")
+            self._typing.send(character)
+        except StopIteration:
+            self.clear()
+            return True
+        except InputError:
+            if self._typed:
+                self._new_line()
+            self.clear()
+            raise
+        return False
+
+    def _begin(self, character: int) -> bool:
+        if character in _ENDS:
+            self._new_line()
+            return True
+        if character == SPACE:
+            return False
+        letter = normal(bytes([character])).decode("ascii", "replace")
+        self._echo(ord(letter) & BYTE)
+        if letter not in self._commands:
+            raise InputError(f"{letter if letter.isprintable() else f'{character:02X}H'} is no command; ? shows them")
+        self._typing = self._commands[letter]()
+        next(self._typing)
+        return False
+
+    def _echo(self, character: int) -> None:
+        if SPACE <= character < 0x7F:
+            self._show(bytes([character]))
+
+    def _new_line(self) -> None:
+        self._typed.clear()
+        self._out(b"\r\n")
+
+    def _show(self, data: bytes) -> None:
+        self._typed += data
+        self._out(data)
+
+    def _number(self, figures: int) -> Generator[None, int, _Number]:
+        """Read a hexadecimal number up to a separator or the end of the line (GETHX)."""
+        value, count = 0, 0
+        while True:
+            character = normal(bytes([(yield)]))[0]
+            self._echo(character)
+            if character in _ENDS or (character in _SEPARATORS and count):
+                return _Number(value if count else None, character)
+            if character == SPACE:
+                continue
+            if character not in _HEX or count == figures:
+                found = chr(character) if SPACE < character < 0x7F else f"{character:02X}H"
+                raise InputError(f"a hexadecimal number of up to {figures} figures is wanted, not {found}")
+            value, count = value << 4 | _HEX.index(character), count + 1
+
+    def _address(self) -> Generator[None, int, _Number]:
+        return (yield from self._number(4))
+
+    def _end(self) -> _Typing:
+        """Let nothing but the end of the line follow."""
+        while (character := (yield)) not in _ENDS:
+            self._echo(character)
+            if character != SPACE:
+                raise InputError("RETURN was wanted here")
+
+    def _name(self) -> Generator[None, int, str]:
+        name = bytearray()
+        while (character := (yield)) not in _ENDS:
+            self._echo(character)
+            if not (chr(character).isascii() and (chr(character).isalnum() or character in b"-_. ")):
+                raise InputError("a tape's name has letters, figures, points and dashes")
+            name += bytes([character])
+        found = name.decode("ascii").strip()
+        if not found or found.startswith(".") or " " in found or len(found) > _NAME_MOST:
+            raise InputError(f"a tape's name of up to {_NAME_MOST} letters, figures, points and dashes is wanted")
+        return found
+
+    def _range(self, end_wanted: bool) -> Generator[None, int, tuple[int, int]]:
+        """Read two addresses; the second may be left away where the line may end."""
+        first = yield from self._address()
+        if first.value is None:
+            raise InputError("an address is wanted")
+        if first.end in _ENDS and not end_wanted:
+            return first.value, first.value | BYTES_A_LINE - 1
+        last = first if first.end in _ENDS else (yield from self._address())
+        if last.value is None or last is first or (last.end in _ENDS) == end_wanted:
+            raise InputError("a first and a last address are wanted" + (", and a name" if end_wanted else ""))
+        if last.value < first.value:
+            raise InputError(f"the last address, {last.value:04X}H, lies before the first, {first.value:04X}H")
+        return first.value, last.value
+
+    def _display(self) -> _Typing:
+        first, last = yield from self._range(end_wanted=False)
+        self._new_line()
+        for begin in range(first & -BYTES_A_LINE, last + 1, BYTES_A_LINE):
+            addresses = range(max(begin, first), min(begin + BYTES_A_LINE, last + 1))
+            self._say(f"{addresses[0]:04X}  " + " ".join(f"{self._bench.read(a):02X}" for a in addresses))
+
+    def _substitute(self) -> _Typing:
+        address = yield from self._address()
+        if address.value is None:
+            raise InputError("an address is wanted")
+        place = address.value
+        if address.end in _ENDS:
+            self._new_line()
+            self._show(b"%04X " % place)
+        while True:
+            self._show(b"%02X-" % self._bench.read(place))
+            new = yield from self._byte()
+            if new.value is not None:
+                self._bench.write(place, new.value)
+            if new.end in _ENDS:
+                break
+            place = place + 1 & WORD
+        self._new_line()
+
+    def _byte(self) -> Generator[None, int, _Number]:
+        """Read a byte; a separator alone leaves the old one."""
+        value: int | None = None
+        for _ in range(3):
+            character = normal(bytes([(yield)]))[0]
+            self._echo(character)
+            if character in _ENDS or character in _SEPARATORS:
+                return _Number(value, character)
+            if character not in _HEX:
+                break
+            value = (value or 0) << 4 | _HEX.index(character)
+        raise InputError("a byte is two hexadecimal figures")
+
+    def _read(self) -> _Typing:
+        name = yield from self._name()
+        self._new_line()
+        self._load(self._bench.tape(name))
+
+    def _host(self) -> _Typing:
+        yield from self._end()
+        self._new_line()
+        self._load(self._bench.from_host())
+
+    def _load(self, text: bytes) -> None:
+        tape = read_tape(text)
+        outside = [address for address in tape.bytes if address not in bus.RAM]
+        if outside:
+            raise InputError(f"the tape is for {outside[0]:04X}H, which is no RAM; nothing was loaded")
+        for address, byte in tape.bytes.items():
+            self._bench.write(address, byte)
+        where = f", {min(tape.bytes):04X}H TO {max(tape.bytes):04X}H" if tape.bytes else ""
+        self._say(f"{len(tape.bytes)} BYTES{where}" + (f", TO BE STARTED AT {tape.start:04X}H" if tape.start else ""))
+
+    def _punch(self) -> _Typing:
+        first, last = yield from self._range(end_wanted=True)
+        name = yield from self._name()
+        self._new_line()
+        if last not in bus.RAM and last not in bus.EPROM:
+            raise InputError(f"{last:04X}H is no memory; {bus.EPROM[0]:04X}H to {bus.RAM[-1]:04X}H are punched")
+        self._bench.put_away(name, punch(bytes(map(self._bench.read, range(first, last + 1))), first))
+        self._say(f"{last - first + 1} BYTES ON TAPE {name}")
+
+    def _go(self) -> _Typing:
+        address = yield from self._address()
+        if address.end not in _ENDS:
+            yield from self._end()
+        self._new_line()
+        self._bench.go(address.value)
+
+    def _map(self) -> _Typing:
+        yield from self._end()
+        self._new_line()
+        areas = [f"{area.first:04X}-{area.first + area.bytes - 1:04X}  {area.holds}" for area in at.MAP]
+        self._say("\n".join(areas))
+        self._say(fill("G STARTS " + ", ".join(f"{a:04X} {name}" for a, name in STARTS.items()), COLUMNS))
+
+    def _help(self) -> _Typing:
+        yield from self._end()
+        self._new_line()
+        self._say(HELP)
