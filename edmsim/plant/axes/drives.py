@@ -202,6 +202,24 @@ class Drives:
             self.axes.drives["sample"][k] = sample.address
 
 
+def check_clock(drives: NDArray[np.void], now_ns: int) -> None:
+    """Refuse rows of `DRIVE` by whose clock samples would never come, or never end.
+
+    Raises
+    ------
+    InputError
+        A period or a due time is none, or was due long before `now_ns`.
+    """
+    for name, drive in zip(AXIS_NAMES, drives, strict=True):
+        if drive["index"] == 0 and drive["due_ns"] == 0:
+            continue  # a stepper's
+        _check_period(name, drive[None])
+        num, den = int(drive["num"]), int(drive["den"])
+        due_ns = int(drive["epoch_ns"]) + int(drive["index"]) * num // den
+        if due_ns != drive["due_ns"] or due_ns < now_ns - num // den:
+            raise InputError(f"the {name} drive's next sample is due at {drive['due_ns']} ns, which cannot be")
+
+
 def _check_period(name: str, record: NDArray[np.void]) -> None:
     num, den = int(record["num"][0]), int(record["den"][0])
     if den < 1 or num < 1000 * den:
