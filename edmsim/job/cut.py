@@ -188,12 +188,12 @@ class _Run:
         Where nobody else works.
     made_with : mapping
         What the checkpoint belongs to.
-    signals : Interrupts
+    signals : NotedSignals
     """
 
     def __init__(
         self, simulation: Simulation, folder: Path | None, made_with: Mapping[str, Any],
-        signals: interrupts.Interrupts,
+        signals: interrupts.NotedSignals,
     ) -> None:
         self._simulation, self._folder, self._made_with, self._signals = simulation, folder, made_with, signals
         self._before_s = self.wall_time_s = 0.0

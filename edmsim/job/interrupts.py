@@ -15,7 +15,7 @@ _ENDING = {
 """Signals that ask a process to end, and what handles them where nobody else does."""
 
 
-class Interrupts:
+class NotedSignals:
     """Signals that came: noted first, for whoever is at work to raise where nothing is left half done."""
 
     def __init__(self) -> None:
@@ -41,12 +41,12 @@ class Interrupts:
 
 
 @contextmanager
-def noted() -> Iterator[Interrupts]:
+def noted() -> Iterator[NotedSignals]:
     """Note these signals in place of what they do otherwise.
 
     Only the main thread may, and a handler that is not Python's own is the caller's affair.
     """
-    interrupts = Interrupts()
+    interrupts = NotedSignals()
     taken = {}
     if threading.current_thread() is threading.main_thread():
         taken = {number: usual for number, usual in _ENDING.items() if signal.getsignal(number) is usual}
