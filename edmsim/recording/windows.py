@@ -196,7 +196,8 @@ def read_windows(file: str | Path) -> pa.Table:
     import pyarrow.parquet as pq
 
     try:
-        table = pq.read_table(file)
+        with Path(file).open("rb") as opened:
+            table = pq.read_table(opened)
     except FileNotFoundError:
         raise InputError("no such file, a windows.parquet written by a cut is needed", file) from None
     except (pa.ArrowException, OSError):
