@@ -158,6 +158,13 @@ class Gap(Part):
     bridge_ceiling: Annotated[Positive, _within(0.001, 10)]
     bridge_steepness: Annotated[Positive, _within(1, 100000)]
 
+    @model_validator(mode="after")
+    def _waits_at_every_gap(self) -> Gap:
+        a, b, c = self.median_a_us_um2.value, self.median_b_us_um.value, self.median_c_us.value
+        if b < 0 and c <= b * b / (4 * a):
+            raise ValueError("the median delay a g^2 + b g + c must be above zero at every gap g: raise median_c_us")
+        return self
+
 
 class Discharge(Part):
     """What a discharge does to workpiece and wire."""
