@@ -94,7 +94,7 @@ def _document(path: Path) -> Drawing:
     if not path.exists():
         raise InputError("no such file: give the path of a DXF drawing")
     check_size(path)
-    with _read("this is not a DXF drawing that"):
+    with _read("this is not a DXF drawing that can be read"):
         return readfile(path)
 
 
@@ -107,11 +107,11 @@ def _read(what: str) -> Iterator[None]:
         raise
     except Exception as error:
         told = " ".join(ascii(str(error))[1:-1].split())[:200] or type(error).__name__
-        raise InputError(f"{what} can be read ({told}): export it as DXF again") from None
+        raise InputError(f"{what} ({told}): export it as DXF again") from None
 
 
 def _outlines_of(document: Drawing) -> tuple[list[Outline], list[str]]:
-    with _read("this drawing has nothing that"):
+    with _read("its contents cannot be read"):
         unit_mm, notices = _unit(document)
         chains = list(_chains(document, unit_mm, notices))
     if not chains:
@@ -147,7 +147,8 @@ def _chains(document: Drawing, unit_mm: float, notices: list[str]) -> Iterator[_
         if not _is_shown(document, entity):
             kind += " on a layer that is off"
         elif kind not in _HARMLESS:
-            points = _points(entity, unit_mm)
+            with _read(f"a {kind} in it cannot be read"):
+                points = _points(entity, unit_mm)
             if len(points) > 1 and np.ptp(points, axis=0).max() > 0:
                 yield _Chain(points)
                 continue

@@ -15,10 +15,10 @@ MOST_POINTS = 500_000
 """Points of all outlines, curves as chords (ours: a week of cutting in steps of 40 um)."""
 MOST_CONTOURS = 1000
 """Contours of a drawing (ours: the wire is threaded at each)."""
-MOST_EXTENT_MM = 1000.0
-"""Extent along x or y (ours: twice the travel of the largest table there may be)."""
-LONGEST_MM = 20_000.0
-"""Length of an entity, or of the polygon that controls it (ours: a week of cutting)."""
+MOST_EXTENT_MM = 10_000.0
+"""Extent along x or y of what is read at all (ours: twenty times the travel of the largest table there may be)."""
+LONGEST_MM = 50_000.0
+"""Length of an entity, or of the polygon that controls it (ours: weeks of cutting)."""
 FARTHEST_MM = 1e6
 """Coordinates and radii (ours: doubles tell 0.1 nm apart there)."""
 GREATEST_NUMBER = 1e9
