@@ -355,6 +355,7 @@ class Plant(PlantReadings):
             If it is none: compiled code works on these arrays, and would go wherever a damaged one leads.
         """
         check_snapshot(state, self.snapshot(), self._sizes)
+        self._drives.check(state, int(state["state"]["time_ns"][0]))
         t_on, t_period, on = (float(v) for v in state["setting"])
         if bool(on) != self._generator_on:
             self.switch_generator(bool(on))

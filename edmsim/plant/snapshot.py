@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from edmsim.compiled.vectors import GAPS
 from edmsim.errors import InputError
-from edmsim.plant.axes.drives import check_clock
 from edmsim.plant.kernel.declare import ArraySizes
 from edmsim.plant.workpiece.kerf_field import FULL
 
@@ -46,7 +45,6 @@ def check_snapshot(state: _Snapshot, like: _Snapshot, sizes: ArraySizes) -> None
             raise InputError(f"the snapshot's {name} holds something that is no number")
     _check_places(state, sizes)
     _check_field(state)
-    check_clock(state["drives"], int(state["state"]["time_ns"][0]))
 
 
 def _all_numbers(array: NDArray[Any]) -> bool:

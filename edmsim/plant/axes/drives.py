@@ -179,6 +179,22 @@ class Drives:
         drives["sample"] = 0
         return {"drives": drives, "axes": self.axes.rows.copy()}
 
+    def check(self, state: Mapping[str, NDArray[Any]], now_ns: int) -> None:
+        """Refuse a snapshot by whose clocks samples would never come, or never end.
+
+        Raises
+        ------
+        InputError
+            A period or a due time is none, or was due long before `now_ns`.
+        """
+        for k in self._looped:
+            name, drive = AXIS_NAMES[k], state["drives"][k : k + 1]
+            _check_period(name, drive)
+            num, den = int(drive["num"][0]), int(drive["den"][0])
+            due_ns = int(drive["epoch_ns"][0]) + int(drive["index"][0]) * num // den
+            if due_ns != drive["due_ns"][0] or due_ns < now_ns - num // den:
+                raise InputError(f"the {name} drive's next sample is due at {drive['due_ns'][0]} ns, which cannot be")
+
     def restore(self, state: dict[str, NDArray[Any]]) -> None:
         """Take back a `snapshot` of drives of the same kinds."""
         self.axes.rows[:] = state["axes"]
@@ -200,24 +216,6 @@ class Drives:
             sample = self.by_axis[AXIS_NAMES[k]].sample
             assert sample is not None
             self.axes.drives["sample"][k] = sample.address
-
-
-def check_clock(drives: NDArray[np.void], now_ns: int) -> None:
-    """Refuse rows of `DRIVE` by whose clock samples would never come, or never end.
-
-    Raises
-    ------
-    InputError
-        A period or a due time is none, or was due long before `now_ns`.
-    """
-    for name, drive in zip(AXIS_NAMES, drives, strict=True):
-        if drive["index"] == 0 and drive["due_ns"] == 0:
-            continue  # a stepper's
-        _check_period(name, drive[None])
-        num, den = int(drive["num"]), int(drive["den"])
-        due_ns = int(drive["epoch_ns"]) + int(drive["index"]) * num // den
-        if due_ns != drive["due_ns"] or due_ns < now_ns - num // den:
-            raise InputError(f"the {name} drive's next sample is due at {drive['due_ns']} ns, which cannot be")
 
 
 def _check_period(name: str, record: NDArray[np.void]) -> None:
