@@ -13,6 +13,7 @@ import hashlib
 import io
 import os
 import re
+import secrets
 import shutil
 import tempfile
 import time
@@ -107,6 +108,10 @@ class _CheckedFiles(caching.IndexDataCacheFile):
     def save(self, key: Any, data: Any) -> None:
         with suppress(OSError):  # what cannot be kept, on a full disk say, is compiled again the next time
             super().save(key, data)  # type: ignore[no-untyped-call]
+
+    def _data_name(self, _: int) -> Any:
+        # numbered in turn, two processes that compile at once would take the same name for different code
+        return super()._data_name(secrets.randbits(48))  # type: ignore[no-untyped-call]
 
     def _load_index(self) -> Any:
         return super()._load_index() if _is_whole(self._index_path) else {}  # type: ignore[no-untyped-call]

@@ -44,8 +44,8 @@ def test_damaged_files_are_compiled_anew(tmp_path: Path) -> None:
     """A truncated one aborted the interpreter."""
     cache = tmp_path / "cache"
     assert run(tmp_path, XDG_CACHE_HOME=str(cache))[:1] == ["42.0"]
-    index, code = (next(cache.rglob(f"script.twice*{suffix}")) for suffix in (".nbi", ".nbc"))
-    for file, damage in ((index, truncated), (code, flipped), (code, truncated)):
+    for suffix, damage in ((".nbi", truncated), (".nbc", flipped), (".nbc", truncated)):
+        file = max(cache.rglob(f"script.twice*{suffix}"), key=lambda file: file.stat().st_mtime_ns)
         damaged = damage(file.read_bytes())
         file.write_bytes(damaged)
         assert run(tmp_path, XDG_CACHE_HOME=str(cache))[:2] == ["42.0", "0"]
@@ -80,3 +80,15 @@ def test_a_cache_that_cannot_be_written_to_does_not_stop_the_work(tmp_path: Path
         "os.replace = replace\n"
     )
     assert run(tmp_path, full, XDG_CACHE_HOME=str(tmp_path / "cache"))[0] == "42.0"
+
+
+def test_two_kinds_kept_at_once_are_not_mixed_up(tmp_path: Path) -> None:
+    """Two processes that know of no code take names for theirs: never the same one, for different code."""
+    from edmsim.compiled.jit import _CheckedFiles
+
+    first, second = (_CheckedFiles(str(tmp_path), "twice", "stamp") for _ in range(2))
+    assert first._data_name(1) != second._data_name(1)
+    first.save("floats", "code for floats")
+    second.save("whole numbers", "code for whole numbers")
+    assert first.load("floats") == "code for floats"
+    assert first.load("whole numbers") == "code for whole numbers"
