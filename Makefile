@@ -15,6 +15,10 @@ test: lint type docs
 fast: $(VENV)/.installed-test  ## the usual run while developing
 	$(BIN)/python -m pytest -m "not slow"
 
+.PHONY: bounds
+bounds: $(VENV)/.installed-test  ## where compiled code would leave an array, a test fails; in a cache of its own
+	NUMBA_BOUNDSCHECK=1 $(BIN)/python -m pytest -m "not slow" tests/plant tests/axes tests/axis_bench tests/controllers/axis
+
 lint: $(VENV)/.installed-test
 	$(BIN)/ruff check .
 

@@ -18,7 +18,7 @@ from edmsim.controllers import make
 from edmsim.job.settings import METADATA_KEY, CutOptions, CutSettings
 from edmsim.machine.parts import Choices
 
-OF_RUNNING = {"program", "out", "resume", "watch"}
+OF_RUNNING = {"program", "out", "resume", "overwrite", "watch", "enter"}
 """Arguments of `edmsim.cut` that say how it is run, not what is cut."""
 CHECKED = {"heights", "height_areas"}
 """Options given more freely than they are kept."""
@@ -50,7 +50,7 @@ def test_the_command_line_has_every_option_with_its_default() -> None:
     options = inspect.signature(cli.cut).parameters
     asked = {option(name): field.default for name, field in CutSettings.model_fields.items()
              if name != "height_areas"}  # fmt: skip  # a polygon is no option
-    assert options.keys() == asked.keys() | {"program", "out", "resume", "quiet"}
+    assert options.keys() == asked.keys() | {"program", "out", "resume", "overwrite", "quiet"}
     assert {name: options[name].default or None for name in asked} == {
         name: default or None for name, default in asked.items()
     }

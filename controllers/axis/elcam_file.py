@@ -66,7 +66,7 @@ def read_tables(file: str | Path) -> list[ErrorTable]:
         data = tomllib.loads(Path(file).read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(f"cannot be read: {error}", file) from None
-    except tomllib.TOMLDecodeError as error:
+    except (ValueError, RecursionError) as error:
         raise InputError(f"not valid TOML: {error}", file) from None
     tables = data.get("table")
     if not isinstance(tables, list) or not tables:

@@ -36,6 +36,8 @@ FEED_SPREAD = 0.15
 """A stretch is steady if its feed's standard deviation is at most this share of its mean (ours)."""
 LEAST_FEED_UM_S = 0.5
 """A stretch with less feed does not cut (ours)."""
+_MOST = 1e6
+"""No figure of a log is as large (ours): times of a second, feeds of a metre per second."""
 
 
 @dataclass(frozen=True)
@@ -129,14 +131,14 @@ def _read_table(file: Path) -> pa.Table:
     import pyarrow.parquet
 
     try:
-        if file.suffix == ".parquet":
-            return pa.parquet.read_table(file)
-        return pa.csv.read_csv(file)
+        table = pa.parquet.read_table(file) if file.suffix == ".parquet" else pa.csv.read_csv(file)
+        assert table.column_names is not None  # which are decoded only here
+        return table
     except FileNotFoundError:
         raise InputError("no such file, a machine's log is needed", file) from None
-    except (pa.ArrowInvalid, OSError) as error:
+    except (pa.ArrowException, OSError, UnicodeError) as error:
         what = "Parquet" if file.suffix == ".parquet" else "CSV"
-        raise InputError(f"cannot be read as {what}: {str(error).splitlines()[0]}", file) from None
+        raise InputError(f"cannot be read as {what}: {[*str(error).splitlines(), 'damaged'][0]}", file) from None
 
 
 def _numbers(table: pa.Table, name: str, file: str | Path) -> Array:
@@ -144,7 +146,7 @@ def _numbers(table: pa.Table, name: str, file: str | Path) -> Array:
 
     try:
         values = table.column(name).cast(pa.float64()).to_numpy()
-    except (pa.ArrowInvalid, pa.ArrowNotImplementedError):
+    except pa.ArrowException:
         raise InputError(f"column {name} holds something that is no number", file) from None
     return np.asarray(values, np.float64)
 
@@ -155,9 +157,9 @@ def _check(columns: Mapping[str, Array], file: str | Path) -> None:
         "short": ~((columns["short"] >= 0) & (pulses <= WINDOW_PULSES)),
         "open": ~(columns["open"] >= 0),
         "t_on_us": ~(columns["t_on_us"] > 0),
-        "t_period_us": ~(columns["t_period_us"] > columns["t_on_us"]),
-        "mean_delay_us": columns["mean_delay_us"] < 0,
-        **{name: ~np.isfinite(columns[name]) for name in ("feed_um_s", "mean_voltage_V", "mean_current_A")},
+        "t_period_us": ~((columns["t_period_us"] > columns["t_on_us"]) & (columns["t_period_us"] < _MOST)),
+        "mean_delay_us": (columns["mean_delay_us"] < 0) | (columns["mean_delay_us"] > _MOST),
+        **{name: ~(np.abs(columns[name]) < _MOST) for name in ("feed_um_s", "mean_voltage_V", "mean_current_A")},
     }
     for name, rows in wrong.items():
         if rows.any():

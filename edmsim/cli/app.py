@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from edmsim import __version__
-from edmsim.cli.console import OUT
+from edmsim.cli.console import OUT, take_any_terminal
 from edmsim.cli.cut import cut
 from edmsim.cli.evaluate import evaluate, search_gains
 from edmsim.cli.learn import score, train
@@ -42,4 +42,5 @@ def _version(
 
 def main() -> None:
     """Run the command line; bad input is one line on standard error and exit status 2."""
+    take_any_terminal()
     run_command(app)

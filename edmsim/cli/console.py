@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import codecs
+import sys
 from typing import Annotated
 
 import typer
@@ -19,6 +21,24 @@ Wire = Annotated[str, typer.Option(help="Wire, with a diameter in um if wanted: 
 Tension = Annotated[float | None, typer.Option(help="Wire tension in N; default by wire.")]
 Resolution = Annotated[str, typer.Option(help="fast, default or fine.")]
 Seed = Annotated[int, typer.Option(help="Seed of every draw.")]
+
+
+_PLAIN = str.maketrans({"µ": "u", "²": "2", "³": "3", "–": "-", "±": "+-", "°": " deg"})
+
+
+def take_any_terminal() -> None:
+    """Print on terminals of any encoding: what they lack, a figure's unit or a file's name, is spelt plainly."""
+    codecs.register_error("edmsim-plain", _spelt_plainly)
+    for stream in (sys.stdout, sys.stderr):
+        if hasattr(stream, "reconfigure"):
+            stream.reconfigure(errors="edmsim-plain")
+
+
+def _spelt_plainly(error: UnicodeError) -> tuple[str, int]:
+    if not isinstance(error, UnicodeEncodeError):
+        raise error
+    text = error.object[error.start : error.end].translate(_PLAIN)
+    return text.encode("ascii", "backslashreplace").decode(), error.end
 
 
 def say(text: str) -> None:

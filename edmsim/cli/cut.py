@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import shlex
+import signal
+import warnings
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from edmsim.cli.console import ERR, INTERRUPTED, OUT, STOPPED, Height, Material, Resolution, Seed, Tension, Wire, say
+from edmsim.cli.console import ERR, OUT, STOPPED, Height, Material, Resolution, Seed, Tension, Wire, say
 
 
 def cut(
@@ -58,17 +61,20 @@ def cut(
     seed: Seed = 0,
     max_time: Annotated[float | None, typer.Option(help="Machine time in s after which to stop.")] = None,
     resume: Annotated[bool, typer.Option("--resume", help="Take up the interrupted cut of the folder.")] = False,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Give up the folder's interrupted cut.")] = False,
     quiet: Annotated[bool, typer.Option("--quiet", help="Print nothing but errors.")] = False,
 ) -> None:
     """Simulate a part program."""
     from edmsim.cli.progress import ProgressBar
     from edmsim.cosim.stops import WORDS, StopCause
+    from edmsim.job.checkpoint import NAME
     from edmsim.job.cut import cut as run_cut
     from edmsim.program.heights import parse_height
 
     watcher = ProgressBar(quiet, ERR)
     try:
-        with watcher:
+        with watcher, warnings.catch_warnings():
+            warnings.showwarning = lambda message, *_, **__: say(str(message))
             result = run_cut(
                 program, out=out, machine=machine, material=material, height_mm=height,
                 heights=[parse_height(text) for text in height_at or ()], wire=wire, tension=tension,
@@ -78,15 +84,18 @@ def cut(
                 flushing_upper_Pa=flushing_upper, controller=controller, planner=planner, drive=drive,
                 compensation=None if compensation is None else str(compensation), mechanics=mechanics,
                 resolution=resolution, offset=offset, seed=seed, max_time_s=max_time, resume=resume,
-                watch=watcher.show,
+                overwrite=overwrite, watch=watcher.show, enter=watcher.enter,
             )
-    except KeyboardInterrupt:
-        say("interrupted; take an interrupted cut up again with --resume")
-        raise typer.Exit(INTERRUPTED) from None
+    except KeyboardInterrupt as interrupt:
+        kept = (out / NAME).exists()
+        say("interrupted; take the cut up again with --resume" if kept else "interrupted before the cut began")
+        number = next(iter(interrupt.args), signal.SIGINT)
+        raise typer.Exit(128 + number) from None  # as shells have it
     if not quiet:
         from edmsim.recording.report import render_table
 
         OUT.print(render_table(result.report))
-        OUT.print(f"Written to {out}; play it back with: edmsim view {out}", highlight=False, soft_wrap=True)
+        told = f"Written to {out}; play it back with: edmsim view {shlex.quote(str(out))}"
+        OUT.print(told, highlight=False, soft_wrap=True, markup=False)
     if result.report["outcome"] != WORDS[StopCause.FINISHED].report:
         raise typer.Exit(STOPPED)

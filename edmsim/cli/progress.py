@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
+import math
+import time
+
 from rich.console import Console
-from rich.progress import BarColumn, TextColumn, TimeElapsedColumn
+from rich.progress import BarColumn, ProgressColumn, Task, TextColumn
 from rich.progress import Progress as Bar
+from rich.text import Text
 
 from edmsim.cosim.simulation import Progress
 
+_CUTTING = "cutting"
+
 
 class ProgressBar:
-    """Share of the path, simulated and wall time, feed, shorts and opens.
+    """Share of the path, simulated and wall time, and the phase: with feed, shorts and opens, or for how long.
 
     Parameters
     ----------
@@ -26,13 +32,17 @@ class ProgressBar:
             TextColumn("{task.percentage:5.1f} %"),
             BarColumn(bar_width=24),
             TextColumn("{task.fields[machine]} simulated in"),
-            TimeElapsedColumn(),
+            _WallTime(),
+            _Phase(),
             TextColumn("{task.fields[process]}"),
             console=console,
             disable=quiet,
         )
-        self._task = self._bar.add_task("cut", total=1.0, machine="0:00:00", process="")
-        self._next_s = 0.0
+        now = time.monotonic()
+        self._task = self._bar.add_task(
+            "cut", total=1.0, machine=_clock(0), process="", phase=_CUTTING, since=now, wall_time_s=0.0, seen=now
+        )
+        self._next_s = -math.inf
         self._started = False
 
     def __enter__(self) -> ProgressBar:
@@ -42,21 +52,48 @@ class ProgressBar:
         if self._started:
             self._bar.stop()
 
-    def show(self, progress: Progress) -> None:
-        """Take in a window; draw only every tenth of a second."""
-        now = self._bar.get_time()
-        at_end = progress.path_um >= progress.total_um - 2.0
-        if now < self._next_s and not at_end:
-            return
-        self._next_s = now + self._EVERY_S
-        if not self._started:  # not before the first window: bad input shall print its one line only
+    def enter(self, phase: str) -> None:
+        """Name what is being done from now on."""
+        if not self._started:  # not before the cut begins: bad input shall print its one line only
             self._started = True
             self._bar.start()
-        minutes, seconds = divmod(int(progress.time_s), 60)
+        self._bar.update(self._task, phase=phase, since=time.monotonic(), process="", refresh=True)
+
+    def show(self, progress: Progress) -> None:
+        """Take in a window; draw only every tenth of a second."""
+        now = time.monotonic()
+        at_end = progress.path_um >= progress.total_um - 2.0
+        if now < self._next_s and not at_end:
+            self._bar.tasks[0].fields.update(wall_time_s=progress.wall_time_s, seen=now)
+            return
+        self._next_s = now + self._EVERY_S
         self._bar.update(
             self._task,
             completed=min(1.0, progress.path_um / progress.total_um),
-            machine=f"{minutes // 60}:{minutes % 60:02d}:{seconds:02d}",
+            machine=_clock(progress.time_s),
+            wall_time_s=progress.wall_time_s,
+            seen=now,
             process=f"{progress.feed_um_s:5.1f} um/s  short {progress.short / 2.55:3.0f} %  "
             f"open {progress.open / 2.55:3.0f} %",
         )
+
+
+class _WallTime(ProgressColumn):
+    """The computer's time for the cut, as its report will say it: it runs while the cut does."""
+
+    def render(self, task: Task) -> Text:
+        running_s = time.monotonic() - task.fields["seen"] if task.fields["phase"] == _CUTTING else 0.0
+        return Text(_clock(task.fields["wall_time_s"] + running_s), style="progress.elapsed")
+
+
+class _Phase(ProgressColumn):
+    """What is being done; behind the cut also for how long."""
+
+    def render(self, task: Task) -> Text:
+        phase, since = task.fields["phase"], task.fields["since"]
+        return Text(phase if phase == _CUTTING else f"{phase} {_clock(time.monotonic() - since)}")
+
+
+def _clock(seconds: float) -> str:
+    minutes, rest = divmod(int(seconds), 60)
+    return f"{minutes // 60}:{minutes % 60:02d}:{rest:02d}"

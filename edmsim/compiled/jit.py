@@ -2,23 +2,28 @@
 
 numba's own cache looks only at the file in which a function stands. Compiled code calls functions of several files,
 so a change in one of them would go unnoticed and old machine code would run. Here the cache folder is named after a
-digest of every file that compiles something, of all they import, and of numba and the processor.
+digest of every file that compiles something, of all they import, and of numba and the processor. Each file in it ends
+with a digest of itself: damaged machine code is compiled anew and never run.
 """
 
 from __future__ import annotations
 
-import getpass
+import atexit
 import hashlib
+import io
 import os
 import re
+import secrets
 import shutil
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, ParamSpec, TypeVar, cast
 
 import numba
+from numba.core import caching
 
 _P = ParamSpec("_P")
 _R = TypeVar("_R")
@@ -27,6 +32,7 @@ _BESIDE = "controllers", "envs"
 _COMPILES = b"edmsim.compiled.jit import"
 _IMPORT = re.compile(r"^ *from (edmsim[\w.]*) import (?:\(([\w,\s]*)\)|([\w, ]*))", re.M)
 _KEPT_S = 30 * 24 * 3600.0
+_BOUNDS_CHECKED = bool(numba.config.BOUNDSCHECK)  # type: ignore[attr-defined]
 # NaN and infinity keep their meaning: the loop tests for them. The rest lets sums be vectorised.
 FAST = {"reassoc", "contract", "arcp", "nsz", "afn"}
 # Everything is inlined into one function, and arrays are not reference-counted: their owner, the plant, outlives
@@ -63,24 +69,26 @@ def _sources() -> list[bytes]:
 
 
 def _source_digest() -> str:
-    digest = hashlib.sha256(numba.__version__.encode())
+    digest = hashlib.sha256(f"{numba.__version__} {_BOUNDS_CHECKED}".encode())
     for text in _sources():
         digest.update(text)
     return digest.hexdigest()[:16]
 
 
 def _cache_folder() -> Path:
+    """Return the folder of these sources: under the user's own, or else, where that cannot be, one of this run."""
     base = os.environ.get("XDG_CACHE_HOME")
-    root = (Path(base) if base else Path.home() / ".cache") / "edmsim" / "compiled"
-    folder = root / _source_digest()
     try:
+        root = (Path(base) if base else Path.home() / ".cache") / "edmsim" / "compiled"
+        folder = root / _source_digest()
         folder.mkdir(parents=True, exist_ok=True)
         folder.touch()
         if not os.access(folder, os.W_OK):
             raise PermissionError(folder)
         _drop_unused(root)
-    except OSError:
-        return Path(tempfile.gettempdir()) / f"edmsim-compiled-{getpass.getuser()}" / folder.name
+    except (OSError, RuntimeError):  # the latter where the user has no home
+        folder = Path(tempfile.mkdtemp(prefix="edmsim-compiled-"))
+        atexit.register(shutil.rmtree, folder, ignore_errors=True)
     return folder
 
 
@@ -94,15 +102,54 @@ def _drop_unused(root: Path) -> None:
 _FOLDER = _cache_folder()
 
 
+class _CheckedFiles(caching.IndexDataCacheFile):
+    """Files of a function's machine code, each with its digest at its end; a damaged one is as if there were none."""
+
+    def save(self, key: Any, data: Any) -> None:
+        with suppress(OSError):  # what cannot be kept, on a full disk say, is compiled again the next time
+            super().save(key, data)  # type: ignore[no-untyped-call]
+
+    def _data_name(self, _: int) -> Any:
+        # numbered in turn, two processes that compile at once would take the same name for different code
+        return super()._data_name(secrets.randbits(48))  # type: ignore[no-untyped-call]
+
+    def _load_index(self) -> Any:
+        return super()._load_index() if _is_whole(self._index_path) else {}  # type: ignore[no-untyped-call]
+
+    def _load_data(self, name: str) -> Any:
+        path = self._data_path(name)  # type: ignore[no-untyped-call]
+        if not _is_whole(path):
+            raise FileNotFoundError(path)
+        return super()._load_data(name)  # type: ignore[no-untyped-call]
+
+    @contextmanager
+    def _open_for_write(self, filepath: str) -> Iterator[io.BytesIO]:
+        content = io.BytesIO()
+        yield content
+        with super()._open_for_write(filepath) as file:
+            file.write(content.getvalue() + hashlib.sha256(content.getvalue()).digest())
+
+
+def _is_whole(path: str) -> bool:
+    """Whether a file is there and ends with the digest of what comes before."""
+    try:
+        content = Path(path).read_bytes()
+    except OSError:
+        return False
+    size = hashlib.sha256().digest_size
+    return hashlib.sha256(content[:-size]).digest() == content[-size:]
+
+
 def in_cache(make: Callable[[Any], Any], function: Callable[..., Any]) -> Any:
     """Apply one of numba's decorators to a function, its machine code kept in the folder of these sources."""
     config: Any = numba.config
-    before = config.CACHE_DIR
+    before = config.CACHE_DIR, caching.IndexDataCacheFile
     config.CACHE_DIR = str(_FOLDER)
+    caching.IndexDataCacheFile = _CheckedFiles  # type: ignore[misc]
     try:
         return make(function)
     finally:
-        config.CACHE_DIR = before
+        config.CACHE_DIR, caching.IndexDataCacheFile = before  # type: ignore[misc]
 
 
 def compiled(function: Callable[_P, _R]) -> Callable[_P, _R]:

@@ -79,7 +79,7 @@ class _Place:
 
 
 class Progress(NamedTuple):
-    """How far a cut is, for whoever watches."""
+    """How far a cut is, for whoever watches; `wall_time_s` is the computer's time that went into it so far."""
 
     path_um: float
     total_um: float
@@ -87,6 +87,7 @@ class Progress(NamedTuple):
     feed_um_s: float
     short: int
     open: int
+    wall_time_s: float = 0.0
 
 
 class Simulation:
@@ -372,7 +373,7 @@ class Simulation:
             arrays.update({f"{observer.name}.{k}": v for k, v in observer.snapshot().items()})
         values = {
             "at": asdict(self._at), "motion": self._motion.snapshot(), "controller": self.controller.snapshot(),
-            "sums": asdict(self.sums), "refused": self.refused,
+            "sums": asdict(self.sums), "refused": self.refused, "cause": int(self.cause), "reason": self.reason,
             "compensation": self._compensation and self._compensation.snapshot(),
         }
         return arrays, values
@@ -386,6 +387,7 @@ class Simulation:
         if self._compensation is not None:
             self._compensation.restore(values["compensation"])
         self.sums, self.refused = Sums(**values["sums"]), values["refused"]
+        self.cause, self.reason = StopCause(values["cause"]), values["reason"]
         self.plant.restore(_part(arrays, "plant."))
         for observer in self.observers:
             observer.restore(_part(arrays, f"{observer.name}."))

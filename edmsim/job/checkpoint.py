@@ -16,8 +16,8 @@ from edmsim.errors import InputError
 from edmsim.files import replacing
 
 NAME = "checkpoint.npz"
-"""File in the output folder; gone when the cut is over."""
-FORMAT = 3
+"""File in the output folder; gone when the results are there."""
+FORMAT = 4
 """Raised when what a checkpoint holds changes: one of another format is refused."""
 
 
@@ -29,17 +29,23 @@ def save(simulation: Simulation, folder: Path, settings: Mapping[str, Any], wall
         np.savez(file, allow_pickle=False, __json__=np.frombuffer(text.encode(), np.uint8), **arrays)
 
 
+def see(folder: Path | None) -> None:
+    """Raise `InputError` where there is no interrupted cut to resume."""
+    if folder is None:
+        raise InputError("to resume a cut, name its folder")
+    if not (folder / NAME).exists():
+        raise InputError("there is no interrupted cut to resume in this folder", folder)
+
+
 def load(simulation: Simulation, folder: Path, settings: Mapping[str, Any]) -> float:
     """Take up the cut of a folder's checkpoint; returns the wall time spent so far.
 
     Raises
     ------
     InputError
-        There is none, it is damaged or of another version, or it belongs to a cut with other settings.
+        It is damaged or of another version, or it belongs to a cut with other settings.
     """
     file = folder / NAME
-    if not file.exists():
-        raise InputError("there is no interrupted cut to resume in this folder", folder)
     try:
         with file.open("rb") as opened, np.load(opened, allow_pickle=False) as stored:
             arrays = {name: stored[name] for name in stored.files if name != "__json__"}
@@ -47,7 +53,10 @@ def load(simulation: Simulation, folder: Path, settings: Mapping[str, Any]) -> f
         if told.get("format") != FORMAT:
             raise InputError("another version of edmsim wrote the checkpoint; cut again without --resume", file)
         _compare(told["settings"], settings, file)
-        simulation.restore(arrays, told["values"])
+        try:
+            simulation.restore(arrays, told["values"])
+        except InputError as error:
+            raise ValueError(error.reason) from None
         return float(told["wall_time_s"])
     except (OSError, EOFError, ValueError, LookupError, TypeError, BadZipFile, zlib.error) as error:
         raise InputError(f"the checkpoint is damaged ({error}); cut again without --resume", file) from None

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import hashlib
-import signal
-import threading
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+import warnings
+from collections.abc import Callable, Mapping
+from contextlib import nullcontext
 from pathlib import Path
-from types import FrameType
 from typing import Any, Unpack
 
 from edmsim import user_code
@@ -20,9 +18,9 @@ from edmsim.controllers.mcu.firmware.poscal import unit_um
 from edmsim.controllers.own import check_is_controller
 from edmsim.controllers.planner.registry import position_unit
 from edmsim.cosim.simulation import Progress, Simulation
-from edmsim.errors import InputError
-from edmsim.files import make_writable
-from edmsim.job import checkpoint
+from edmsim.errors import EdmsimError, InputError
+from edmsim.files import locked
+from edmsim.job import checkpoint, interrupts
 from edmsim.job.recorders import Recorders, recorders_for
 from edmsim.job.result import CutResult, result_of
 from edmsim.job.settings import CutOptions, CutSettings, takes_settings
@@ -39,7 +37,9 @@ def cut(
     *,
     out: str | Path | None = None,
     resume: bool = False,
+    overwrite: bool = False,
     watch: Callable[[Progress], None] | None = None,
+    enter: Callable[[str], None] | None = None,
     **options: Unpack[CutOptions],
 ) -> CutResult:
     """Simulate a part program.
@@ -49,11 +49,15 @@ def cut(
     program : path
         G-code (.ngc .nc .gcode .iso) or DXF.
     out : path, optional
-        Folder for the outputs; without one nothing is written.
+        Folder for the outputs, which appear in it together; without one nothing is written.
     resume : bool
         Take up the interrupted cut of `out`.
+    overwrite : bool
+        Give up the interrupted cut of `out` for this one.
     watch : callable, optional
         Called with a `Progress` after every window.
+    enter : callable, optional
+        Called with the name of a phase when it begins: cutting, measuring, figures, recording.
     {options}
 
     Returns
@@ -64,18 +68,30 @@ def cut(
     ------
     InputError
         Anything that cannot be used; nothing has been written then.
+    EdmsimError
+        The results could not be written, on a full disk say; the checkpoint then holds the cut.
     KeyboardInterrupt
-        After the checkpoint was written, if there is a folder for it.
+        Ctrl-C, SIGTERM or SIGHUP, at any time; the checkpoint in the folder, if there is one, then holds the cut.
     """
     settings = CutSettings.model_validate(options)
     simulation, recorders = _begin(program, settings)
     made_with = _made_with(program, settings, simulation)
+    tell = enter or (lambda _: None)
     folder = None if out is None else Path(out)
-    spent_s = _run(simulation, folder, {**made_with, "seed": settings.seed}, resume, watch)
-    result = result_of(simulation, recorders, settings, made_with, _notices(simulation, settings), spent_s)
-    if folder is not None:
-        result.write(folder)
-        (folder / checkpoint.NAME).unlink(missing_ok=True)
+    if resume and overwrite:
+        raise InputError("an interrupted cut is taken up or given up: choose --resume or --overwrite")
+    if resume:
+        checkpoint.see(folder)
+    with nullcontext() if folder is None else locked(folder), interrupts.noted() as signals:
+        run = _Run(simulation, folder, {**made_with, "seed": settings.seed}, signals)
+        run.begin(resume, overwrite)
+        tell("cutting")
+        run.to_the_end(watch)
+        tell("measuring")
+        notices = _notices(simulation, settings)
+        result = result_of(simulation, recorders, settings, made_with, notices, run.wall_time_s)
+        if folder is not None:
+            run.leave(result, tell)
     return result
 
 
@@ -131,7 +147,8 @@ def _made_with(program: str | Path, settings: CutSettings, simulation: Simulatio
     file = user_code.named(settings.controller) if isinstance(settings.controller, str) else None
     tables = settings.compensation
     return {
-        "program": Path(program).name, "program_sha256": _digest(Path(program).read_bytes()),
+        "program": Path(program).name.encode("utf-8", "replace").decode(),
+        "program_sha256": _digest(Path(program).read_bytes()),
         **settings.model_dump(mode="json", exclude={"seed", "tension", "offset"}),
         **({} if file is None else {"controller_sha256": user_code.digest(file.file)}),
         **({} if tables is None else {"compensation_sha256": _digest(Path(tables).read_bytes())}),
@@ -161,60 +178,84 @@ def _notices(simulation: Simulation, settings: CutSettings) -> list[str]:
     return notices
 
 
-def _run(
-    simulation: Simulation, folder: Path | None, made_with: dict[str, Any], resume: bool,
-    watch: Callable[[Progress], None] | None,
-) -> float:
-    """Run to the end with checkpoints; returns the wall time spent."""
-    before_s = 0.0
-    if resume:
-        if folder is None:
-            raise InputError("to resume a cut, name its folder")
-        before_s = checkpoint.load(simulation, folder, made_with)
-    if folder is not None:
-        make_writable(folder)
-    started = saved = time.monotonic()
+class _Run:
+    """A cut under way, and what its folder keeps of it: a checkpoint until the results are there.
 
-    with _ctrl_c_between_windows() as pressed:
+    Parameters
+    ----------
+    simulation : Simulation
+    folder : Path or None
+        Where nobody else works.
+    made_with : mapping
+        What the checkpoint belongs to.
+    signals : NotedSignals
+    """
+
+    def __init__(
+        self, simulation: Simulation, folder: Path | None, made_with: Mapping[str, Any],
+        signals: interrupts.NotedSignals,
+    ) -> None:
+        self._simulation, self._folder, self._made_with, self._signals = simulation, folder, made_with, signals
+        self._before_s = self.wall_time_s = 0.0
+        self._saved = time.monotonic()
+
+    def begin(self, resume: bool, overwrite: bool) -> None:
+        """Take up the folder's interrupted cut, or see that there is none to lose."""
+        if self._folder is None:
+            return
+        if resume:
+            self._before_s = self.wall_time_s = checkpoint.load(self._simulation, self._folder, self._made_with)
+        elif not overwrite and (self._folder / checkpoint.NAME).exists():
+            raise InputError(
+                "an interrupted cut lies in this folder: take it up with --resume, or give it up with --overwrite",
+                self._folder,
+            )
+
+    def to_the_end(self, watch: Callable[[Progress], None] | None) -> None:
+        """Cut; Ctrl-C and SIGTERM end it between two windows, behind a checkpoint."""
+        started = time.monotonic()
 
         def turn(progress: Progress) -> None:
-            nonlocal saved
+            self.wall_time_s = self._before_s + time.monotonic() - started
             if watch is not None:
-                watch(progress)
-            now = time.monotonic()
-            if folder is not None and now - saved > CHECKPOINT_EVERY_S and simulation.outcome is None:
-                checkpoint.save(simulation, folder, made_with, before_s + now - started)
-                saved = now
-            if pressed.is_set():
-                raise KeyboardInterrupt
+                watch(progress._replace(wall_time_s=self.wall_time_s))
+            if time.monotonic() - self._saved > CHECKPOINT_EVERY_S and self._simulation.outcome is None:
+                self._save()
+            self._signals.raise_noted()
 
         try:
-            simulation.run(turn)
+            self._simulation.run(turn)
         except KeyboardInterrupt:
-            if folder is not None:
-                checkpoint.save(simulation, folder, made_with, before_s + time.monotonic() - started)
+            self._save()
             raise
-    return before_s + time.monotonic() - started
+        self._save()
+        self._signals.at_once()
 
+    def leave(self, result: CutResult, tell: Callable[[str], None]) -> None:
+        """Write the results; only then the checkpoint has done its work."""
+        assert self._folder is not None
+        try:
+            result.write(self._folder, tell)
+        except OSError as error:
+            self._save()
+            raise EdmsimError(
+                f"{self._folder}: the results could not be written: {error.strerror or error}; the checkpoint holds "
+                "the cut: make room and take it up with --resume"
+            ) from None
+        (self._folder / checkpoint.NAME).unlink(missing_ok=True)
 
-@contextmanager
-def _ctrl_c_between_windows() -> Iterator[threading.Event]:
-    """Note Ctrl-C in an event: raised within a window, it would leave plant, sums and table at different windows."""
-    pressed = threading.Event()
-
-    def press(number: int, frame: FrameType | None) -> None:
-        pressed.set()
-
-    # a handler that is not Python's own is the caller's affair, and only the main thread may set one
-    ours = threading.current_thread() is threading.main_thread()
-    ours = ours and signal.getsignal(signal.SIGINT) is signal.default_int_handler
-    if ours:
-        signal.signal(signal.SIGINT, press)
-    try:
-        yield pressed
-    finally:
-        if ours:
-            signal.signal(signal.SIGINT, signal.default_int_handler)
+    def _save(self) -> None:
+        """Write a checkpoint; where that fails, the last one stays and the cut goes on."""
+        if self._folder is None:
+            return
+        self._saved = time.monotonic()
+        try:
+            checkpoint.save(self._simulation, self._folder, self._made_with, self.wall_time_s)
+        except OSError as error:
+            warnings.warn(
+                f"{self._folder}: no checkpoint could be written: {error.strerror or error}; the cut goes on",
+                stacklevel=2,
+            )
 
 
 def _digest(content: bytes) -> str:

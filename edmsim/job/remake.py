@@ -6,7 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from edmsim.errors import InputError
-from edmsim.files import make_writable
+from edmsim.files import locked, make_writable
 from edmsim.job.single_pulses import sample_or_reason
 from edmsim.recording.cut_folder import read_cut
 from edmsim.recording.figures.catalogue import pictures
@@ -40,17 +40,18 @@ def remake(
     Raises
     ------
     InputError
-        As `read_cut`; or an unknown kind, or a folder that cannot be written to.
+        As `read_cut`; or an unknown kind, or a folder that cannot be written to or is at work.
     """
     if kind not in FORMATS:
         raise InputError(f"figures cannot be written as '{kind}'; there are: {', '.join(FORMATS)}")
     cut = read_cut(directory)
     sample = sample_or_reason(cut.report, cut.windows)
     target = Path(directory if figures is None else figures)
-    make_writable(target)
     if figures is None:
-        write_html(*cut, sample, cut.title, target / "report.html")
+        with locked(target):
+            write_html(*cut, sample, cut.title, target / "report.html")
         return [target / "report.html"]
+    make_writable(target)
     written = []
     for picture in pictures(*cut, sample, leave_out):
         file = target / f"{picture.name}.{kind}"

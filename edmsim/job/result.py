@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from edmsim import __version__
 from edmsim.cosim.simulation import Simulation
-from edmsim.files import make_writable
+from edmsim.files import make_writable, together
 from edmsim.job.inspection import inspect, totals
 from edmsim.job.recorders import Recorders
 from edmsim.job.settings import METADATA_KEY, CutSettings
@@ -20,8 +20,9 @@ from edmsim.plant.workpiece.kerf_field import KerfField
 from edmsim.program.path import CutPath
 from edmsim.recording.closeups import Closeups
 from edmsim.recording.frames import Frames
-from edmsim.recording.report import build_report
+from edmsim.recording.report import build_report, cut_id
 from edmsim.recording.scene import Scene
+from edmsim.recording.windows import CUT_KEY
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -65,8 +66,24 @@ class CutResult:
         """Metal removed from one slice (0 is the bottom) as shapely polygons in mm; holes are what stays."""
         return contour(self.field, slice_index)
 
-    def write(self, folder: str | Path) -> None:
-        """Write ``report.json`` and ``.html``, ``windows.parquet``, ``profile.png``, ``part.npz`` and ``cut.rrd``."""
+    def write(self, folder: str | Path, enter: Callable[[str], None] | None = None) -> None:
+        """Write ``report.json`` and ``.html``, ``windows.parquet``, ``profile.png``, ``part.npz`` and ``cut.rrd``.
+
+        They appear together, when all are written, and replace those of a former cut.
+
+        Parameters
+        ----------
+        folder : path
+        enter : callable, optional
+            Called with the name of a phase when it begins: figures, recording.
+
+        Raises
+        ------
+        InputError
+            The folder cannot be written to.
+        OSError
+            It could be, and then no more: the disk is full, say.
+        """
         from edmsim.recording import (
             profile_figure,
             write_figure,
@@ -77,18 +94,21 @@ class CutResult:
             write_windows,
         )
 
-        target = Path(folder)
-        make_writable(target)
-        title = Path(self.path.source).name
-        write_windows(self.windows, target / "windows.parquet")
-        write_figure(profile_figure(self.scene, self.windows, self.report, title), target / "profile.png")
-        write_scene(self.scene, target / "part.npz")
-        sample = sample_or_reason(self.report, self.windows)
-        write_html(self.report, self.windows, self.scene, sample, title, target / "report.html")
-        write_recording(
-            target / "cut.rrd", self.scene, self.windows, self.frames, self.closeups, self.machine, self.report, title
-        )
-        write_json(self.report, target / "report.json")
+        make_writable(Path(folder))
+        tell, title = enter or (lambda _: None), str(self.report["settings"]["program"])
+        with together(Path(folder), "report.json") as target:
+            tell("figures")
+            write_windows(self.windows, target / "windows.parquet")
+            write_figure(profile_figure(self.scene, self.windows, self.report, title), target / "profile.png")
+            write_scene(self.scene, target / "part.npz")
+            sample = sample_or_reason(self.report, self.windows)
+            write_html(self.report, self.windows, self.scene, sample, title, target / "report.html")
+            tell("recording")
+            write_recording(
+                target / "cut.rrd", self.scene, self.windows, self.frames, self.closeups, self.machine, self.report,
+                title,
+            )
+            write_json(self.report, target / "report.json")
 
 
 def result_of(
@@ -125,7 +145,9 @@ def result_of(
         settings=made_with,
         version=__version__,
     )
+    whose = cut_id(report)
     return CutResult(
-        report, windows.replace_schema_metadata({METADATA_KEY: settings.model_dump_json()}), simulation.path,
-        simulation.plant.field, recorders.frames, found.scene, recorders.closeups, simulation.machine,
-    )
+        report, windows.replace_schema_metadata({METADATA_KEY: settings.model_dump_json(), CUT_KEY: whose}),
+        simulation.path, simulation.plant.field, recorders.frames, replace(found.scene, cut=whose),
+        recorders.closeups, simulation.machine,
+    )  # fmt: skip

@@ -14,6 +14,7 @@ from edmsim.errors import InputError
 from edmsim.machine.parts import Base, Part
 
 Kind = Literal["machines", "wires", "materials", "generators"]
+_MOST_BYTES = 1_000_000
 _Part = TypeVar("_Part", bound=Part)
 
 
@@ -43,12 +44,12 @@ def read(part: type[_Part], kind: Kind, name: str) -> _Part:
         if like is not None:
             data = _overlaid(tomllib.loads(_our_file(kind, str(like), file)), data)
         return part.model_validate(data)
-    except tomllib.TOMLDecodeError as error:
-        raise InputError(f"not valid TOML: {error}", file) from None
     except ValidationError as error:
         first = error.errors()[0]
         key = ".".join(str(part) for part in first["loc"]) or "file"
         raise InputError(f"key '{key}': {first['msg']}", file) from None
+    except (ValueError, RecursionError) as error:  # numbers of thousands of digits, and brackets within brackets, too
+        raise InputError(f"not valid TOML: {error}", file) from None
 
 
 def _our_file(kind: Kind, name: str, asked_by: str | None = None) -> str:
@@ -102,6 +103,10 @@ def mjcf_version(model_file: str) -> int:
 
 def _own_file(name: str) -> str:
     try:
-        return Path(name).read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
+        if Path(name).stat().st_size > _MOST_BYTES:
+            raise InputError(f"this is no file of constants: it is larger than {_MOST_BYTES / 1e6:g} MB", name)
+        return Path(name).read_text(encoding="utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise InputError(f"byte {error.start} is not UTF-8: save the file as UTF-8", name) from None
+    except (OSError, ValueError) as error:
         raise InputError(f"cannot be read: {error}", name) from None

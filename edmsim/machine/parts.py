@@ -1,11 +1,15 @@
-"""The parts of a set-up as the files under `models/` have them: every constant a number with its source."""
+"""The parts of a set-up as the files under `models/` have them: every constant a number with its source.
+
+A constant has bounds here, an order or more beyond what the field knows, so that a slip of the pen is refused before
+a cut begins and not met in the pulse loop.
+"""
 
 from __future__ import annotations
 
 import math
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
 
 
 class Part(BaseModel):
@@ -43,17 +47,29 @@ class Positive(Constant):
     value: Annotated[float, Field(gt=0, allow_inf_nan=False)]
 
 
+def _within(low: float, high: float) -> AfterValidator:
+    """Refuse a constant that lies, or may be drawn, beyond what any machine has, by an order or more (ours)."""
+
+    def check(constant: Constant) -> Constant:
+        for number in (constant.value, *(constant.range or ())):
+            if not low <= number <= high:
+                raise ValueError(f"{number:g} is beyond all reason: it must be within {low:g}..{high:g}")
+        return constant
+
+    return AfterValidator(check)
+
+
 class Table(Part):
     """Cross table, its drives (friction and backlash count in the full model only) and its rapid moves."""
 
-    travel_mm: Positive
-    step_um: Positive
-    max_feed_um_s: Positive | None = None  # without it that of the 1982 controller
-    rapid_um_s: Positive
-    threading_s: Constant
-    friction_N: Constant
-    presliding_um: Positive
-    backlash_um: Constant
+    travel_mm: Annotated[Positive, _within(1, 500)]
+    step_um: Annotated[Positive, _within(0.01, 100)]
+    max_feed_um_s: Annotated[Positive, _within(0.1, 100000)] | None = None  # without it that of the 1982 controller
+    rapid_um_s: Annotated[Positive, _within(1, 1e6)]
+    threading_s: Annotated[Constant, _within(0, 10000)]
+    friction_N: Annotated[Constant, _within(0, 100000)]
+    presliding_um: Annotated[Positive, _within(0.01, 1000)]
+    backlash_um: Annotated[Constant, _within(0, 1000)]
 
     @property
     def centre_um(self) -> tuple[float, float]:
@@ -64,15 +80,21 @@ class Table(Part):
 class Geometry(Part):
     """Errors of the table's screws and ways, none where nothing is given: see `edmsim.plant.axes.ways`."""
 
-    x_pitch_um_m: Constant | None = None  # cumulative error of the screw
-    y_pitch_um_m: Constant | None = None
-    x_periodic_um: Constant | None = None  # amplitude of the error within a turn of the screw
-    y_periodic_um: Constant | None = None
-    lead_mm: Positive | None = None  # of both screws: travel of a turn
-    squareness_um_m: Constant | None = None  # error of y per travel of x
-    x_straightness_um: Constant | None = None  # how far the way of x bends towards y at its ends
-    y_straightness_um: Constant | None = None
-    change_per_mm: Constant | None = None  # share by which squareness and straightness change per mm of u
+    # cumulative error of the screw
+    x_pitch_um_m: Annotated[Constant, _within(-10000, 10000)] | None = None
+    y_pitch_um_m: Annotated[Constant, _within(-10000, 10000)] | None = None
+    # amplitude of the error within a turn of the screw
+    x_periodic_um: Annotated[Constant, _within(-1000, 1000)] | None = None
+    y_periodic_um: Annotated[Constant, _within(-1000, 1000)] | None = None
+    # of both screws: travel of a turn
+    lead_mm: Annotated[Positive, _within(0.1, 100)] | None = None
+    # error of y per travel of x
+    squareness_um_m: Annotated[Constant, _within(-10000, 10000)] | None = None
+    # how far the way of x bends towards y at its ends
+    x_straightness_um: Annotated[Constant, _within(-1000, 1000)] | None = None
+    y_straightness_um: Annotated[Constant, _within(-1000, 1000)] | None = None
+    # share by which squareness and straightness change per mm of u
+    change_per_mm: Annotated[Constant, _within(-1, 1)] | None = None
 
     def value(self, name: str) -> float:
         """Return a constant's value, 0 where it is not given."""
@@ -94,88 +116,95 @@ class Geometry(Part):
 class Guides(Part):
     """Wire guides, damping and running of the wire."""
 
-    clearance_mm: Positive
-    damping_ratio: Positive
-    wire_speed_m_s: Positive
+    clearance_mm: Annotated[Positive, _within(0.1, 200)]
+    damping_ratio: Annotated[Positive, _within(0.0001, 0.9)]
+    wire_speed_m_s: Annotated[Positive, _within(0.001, 15)]
 
 
 class Dielectric(Part):
     """The water and its flushing; permittivity and viscosity are those at 20 C (see `edmsim.plant.gap.water`)."""
 
-    permittivity: Positive
-    conductivity_uS_cm: Positive
-    temperature_K: Positive
-    gap_temperature_K: Positive
-    viscosity_Pa_s: Positive
-    edge_loss: Constant
-    flushing_pressure_Pa: Positive
-    side_gap_um: Positive
+    permittivity: Annotated[Positive, _within(1, 200)]
+    conductivity_uS_cm: Annotated[Positive, _within(0.001, 100000)]
+    temperature_K: Annotated[Positive, _within(273, 373)]
+    gap_temperature_K: Annotated[Positive, _within(273, 373.15)]
+    viscosity_Pa_s: Annotated[Positive, _within(0.0001, 1)]
+    edge_loss: Annotated[Constant, _within(0, 10)]
+    flushing_pressure_Pa: Annotated[Positive, _within(1, 3e6)]
+    side_gap_um: Annotated[Positive, _within(1, 100)]
 
 
 class Gap(Part):
     """When and where a pulse breaks down: see `edmsim.plant.gap.breakdown`."""
 
-    median_a_us_um2: Positive
-    median_b_us_um: Constant
-    median_c_us: Positive
-    reference_voltage_V: Positive
-    reference_height_mm: Positive
-    reference_wire_um: Positive
-    critical_um: Positive
-    critical_width_um: Positive
-    primed_scale_us: Positive
-    primed_shape: Positive
-    formative_us: Positive
-    formative_sd_us: Constant
-    contact_um: Positive
-    deionisation_us: Positive
-    debris_gain: Constant
-    flow_quench_m_s: Positive
-    bridge_base: Positive
-    bridge_per_um: Constant
-    bridge_ceiling: Positive
-    bridge_steepness: Positive
+    median_a_us_um2: Annotated[Positive, _within(0.001, 100)]
+    median_b_us_um: Annotated[Constant, _within(-1000, 1000)]
+    median_c_us: Annotated[Positive, _within(0.001, 10000)]
+    reference_voltage_V: Annotated[Positive, _within(1, 1000)]
+    reference_height_mm: Annotated[Positive, _within(0.1, 1000)]
+    reference_wire_um: Annotated[Positive, _within(10, 1000)]
+    critical_um: Annotated[Positive, _within(0.1, 100)]
+    critical_width_um: Annotated[Positive, _within(0.01, 50)]
+    primed_scale_us: Annotated[Positive, _within(0.001, 1000)]
+    primed_shape: Annotated[Positive, _within(0.1, 10)]
+    formative_us: Annotated[Positive, _within(0.001, 100)]
+    formative_sd_us: Annotated[Constant, _within(0, 100)]
+    contact_um: Annotated[Positive, _within(0.1, 20)]
+    deionisation_us: Annotated[Positive, _within(0.01, 10000)]
+    debris_gain: Annotated[Constant, _within(0, 10000)]
+    flow_quench_m_s: Annotated[Positive, _within(0.01, 1000)]
+    bridge_base: Annotated[Positive, _within(0.001, 10)]
+    bridge_per_um: Annotated[Constant, _within(0, 1)]
+    bridge_ceiling: Annotated[Positive, _within(0.001, 10)]
+    bridge_steepness: Annotated[Positive, _within(1, 100000)]
+
+    @model_validator(mode="after")
+    def _waits_at_every_gap(self) -> Gap:
+        a, b, c = self.median_a_us_um2.value, self.median_b_us_um.value, self.median_c_us.value
+        if b < 0 and c <= b * b / (4 * a):
+            raise ValueError("the median delay a g^2 + b g + c must be above zero at every gap g: raise median_c_us")
+        return self
 
 
 class Discharge(Part):
     """What a discharge does to workpiece and wire."""
 
-    crater_cv: Constant
-    crater_flatness: Positive
-    removal_reference_us: Positive
-    removal_exponent: Constant
-    impulse_10mJ_Ns: Constant
-    bubble_share: Positive
-    short_removal_share: Positive
-    short_push_share: Constant
-    spot_gain: Constant
-    spot_us: Positive
-    wear_ratio: Constant
+    crater_cv: Annotated[Constant, _within(0, 2)]
+    crater_flatness: Annotated[Positive, _within(0.001, 1)]
+    removal_reference_us: Annotated[Positive, _within(0.1, 10000)]
+    removal_exponent: Annotated[Constant, _within(-2, 2)]
+    impulse_10mJ_Ns: Annotated[Constant, _within(0, 0.001)]
+    bubble_share: Annotated[Positive, _within(0.0001, 1)]
+    short_removal_share: Annotated[Positive, _within(0.0001, 1)]
+    short_push_share: Annotated[Constant, _within(0, 10)]
+    spot_gain: Annotated[Constant, _within(0, 100)]
+    spot_us: Annotated[Positive, _within(0.1, 10000)]
+    wear_ratio: Annotated[Constant, _within(0, 10)]
 
 
 class Gas(Part):
     """The gas of the discharges in the gap: see `edmsim.plant.gap.coverage`."""
 
-    steam_share: Constant
-    permanent_share: Constant
-    steam_periods: Positive
-    wetting: Positive
-    shielding: Constant
-    dryness: Constant
-    pumping: Constant
-    ejection: Constant
+    steam_share: Annotated[Constant, _within(0, 1)]
+    permanent_share: Annotated[Constant, _within(0, 1)]
+    steam_periods: Annotated[Positive, _within(0.01, 1000)]
+    wetting: Annotated[Positive, _within(0.01, 1)]
+    shielding: Annotated[Constant, _within(0, 1)]
+    dryness: Annotated[Constant, _within(-10, 1)]
+    pumping: Annotated[Constant, _within(0, 1)]
+    ejection: Annotated[Constant, _within(0, 1)]
 
 
 class Cooling(Part):
     """Heat into the wire and out of it: see `edmsim.plant.wire`."""
 
-    wire_heat_share: Constant
-    convection_W_m2K: Positive
-    convection_per_m_s: Constant
-    superheat_K: Positive
-    critical_W_m2: Positive
-    film_W_m2K: Positive
-    dry_share: Constant
+    wire_heat_share: Annotated[Constant, _within(0, 1)]
+    convection_W_m2K: Annotated[Positive, _within(1, 1e6)]
+    convection_per_m_s: Annotated[Constant, _within(0, 100)]
+    superheat_K: Annotated[Positive, _within(1, 200)]
+    critical_W_m2: Annotated[Positive, _within(100, 1e9)]
+    film_W_m2K: Annotated[Positive, _within(1, 1e6)]
+    dry_share: Annotated[Constant, _within(0, 1)]
 
 
 class Base(Part):
@@ -197,16 +226,16 @@ class Wire(Part):
     """A wire material."""
 
     title: str
-    default_diameter_um: Positive
-    density_kg_m3: Positive
-    heat_capacity_J_kgK: Positive
-    conductivity_W_mK: Positive
-    resistivity_Ohm_m: Positive
-    resistivity_per_K: Constant
-    strength_MPa: Positive
-    half_strength_K: Positive
-    melting_K: Positive
-    stress_MPa: Positive
+    default_diameter_um: Annotated[Positive, _within(1, 1000)]
+    density_kg_m3: Annotated[Positive, _within(500, 25000)]
+    heat_capacity_J_kgK: Annotated[Positive, _within(50, 5000)]
+    conductivity_W_mK: Annotated[Positive, _within(1, 5000)]
+    resistivity_Ohm_m: Annotated[Positive, _within(1e-9, 0.001)]
+    resistivity_per_K: Annotated[Constant, _within(0, 0.1)]
+    strength_MPa: Annotated[Positive, _within(1, 20000)]
+    half_strength_K: Annotated[Positive, _within(400, 5000)]
+    melting_K: Annotated[Positive, _within(400, 5000)]
+    stress_MPa: Annotated[Positive, _within(0.1, 20000)]
 
 
 class Surface(Part):
@@ -228,10 +257,16 @@ class Material(Part):
     """A workpiece material; without `surface` nothing is said of the layers of its cut face."""
 
     title: str
+<<<<<<< HEAD
     removal_mm3_J: Positive
     burning_voltage_V: Positive
     magnetic_share: Constant
     surface: Surface | None = None
+=======
+    removal_mm3_J: Annotated[Positive, _within(1e-15, 1)]
+    burning_voltage_V: Annotated[Positive, _within(1, 200)]
+    magnetic_share: Annotated[Constant, _within(-1, 1)]
+>>>>>>> w20a
 
 
 class Generator(Part):
@@ -239,14 +274,14 @@ class Generator(Part):
 
     title: str
     mode: Literal["iso-pulse", "iso-energetic", "ignition-pulse"]
-    open_voltage_V: Positive
-    supply_voltage_V: Positive | None = None
-    resistance_ohm: Positive
-    short_current_share: Positive | None = None
-    t_on_us: Positive
-    t_period_us: Positive
-    ignition_wait_us: Positive | None = None
-    mean_current_limit_A: Positive
+    open_voltage_V: Annotated[Positive, _within(1, 1000)]
+    supply_voltage_V: Annotated[Positive, _within(1, 1000)] | None = None
+    resistance_ohm: Annotated[Positive, _within(0.001, 100000)]
+    short_current_share: Annotated[Positive, _within(0.001, 10)] | None = None
+    t_on_us: Annotated[Positive, _within(0.01, 100000)]
+    t_period_us: Annotated[Positive, _within(0.1, 1e6)]
+    ignition_wait_us: Annotated[Positive, _within(0.01, 100000)] | None = None
+    mean_current_limit_A: Annotated[Positive, _within(0.001, 10000)]
     pulse_shape: Literal["rectangle", "triangle"] = "rectangle"
     equalising: bool = False
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from edmsim.errors import InputError
 from edmsim.plant.kernel.memory import CALL
-from edmsim.plant.kernel.state import NO_TILES, PULSES_PER_WINDOW, STATE, STEP_EARLY, STEP_WRONG, WINDOW
+from edmsim.plant.kernel.state import BROKEN, NO_TILES, PULSES_PER_WINDOW, STATE, STEP_EARLY, STEP_WRONG, WINDOW
 from edmsim.plant.plant import Plant
 
 _SHARE = 4
@@ -85,6 +85,8 @@ class Fleet:
         ------
         InputError
             If a step is none, or out of order.
+        WireBrokenError
+            If the wire of one of them broke in a window before.
         """
         calls = np.empty((len(lanes), CALL), np.int64)
         calls[:, 0] = self._addresses[lanes]
@@ -104,6 +106,9 @@ class Fleet:
             calls[lacking] = again
         if np.any((status == STEP_WRONG) | (status == STEP_EARLY)):
             raise InputError("a motor step has a wrong axis or direction, or is out of order")
+        for k in np.flatnonzero(status == BROKEN):
+            plant = self.plants[lanes[k]]
+            raise plant.left_validity(BROKEN, plant.window())
         return status
 
     def _fire(self, calls: NDArray[np.int64]) -> None:

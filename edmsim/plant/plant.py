@@ -34,6 +34,7 @@ from edmsim.plant.mechanics.mujoco_model import N_NODES, FullMechanics
 from edmsim.plant.readings import PlantReadings
 from edmsim.plant.resolution import Resolution
 from edmsim.plant.resolution import resolution as named_resolution
+from edmsim.plant.snapshot import check_snapshot
 from edmsim.plant.window import PlantError, PulseWindow, left_validity, read_window, wrong_step
 from edmsim.plant.workpiece.kerf_field import KerfField, Stock
 
@@ -261,7 +262,8 @@ class Plant(PlantReadings):
         InputError
             If a step has another axis or direction, or lies in the past or out of order.
         PlantError
-            If the model left the range it holds for: `WireLostError`, `WireInMetalError`, `NotFiniteError`.
+            If the wire broke in a window before (`WireBrokenError`), or the model left the range it holds for
+            (`WireLostError`, `WireInMetalError`, `NotFiniteError`).
         """
         return self._advance(steps, PULSES_PER_WINDOW)
 
@@ -359,7 +361,15 @@ class Plant(PlantReadings):
         return state
 
     def restore(self, state: dict[str, NDArray[Any]]) -> None:
-        """Take back a `snapshot` of a plant of the same set-up and resolution."""
+        """Take back a `snapshot` of a plant of the same set-up and resolution.
+
+        Raises
+        ------
+        InputError
+            If it is none: compiled code works on these arrays, and would go wherever a damaged one leads.
+        """
+        check_snapshot(state, self.snapshot(), self._sizes)
+        self._drives.check(state, int(state["state"]["time_ns"][0]))
         t_on, t_period, on = (float(v) for v in state["setting"])
         if bool(on) != self._generator_on:
             self.switch_generator(bool(on))

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from edmsim.compiled.axis_rows import N_AXES, N_CHANNELS
 from edmsim.errors import EdmsimError, InputError
-from edmsim.plant.kernel.state import INSIDE, NOT_FINITE, OUTSIDE, WINDOW
+from edmsim.plant.kernel.state import BROKEN, INSIDE, NOT_FINITE, OUTSIDE, WINDOW
 
 _KINDS = [WINDOW[name] for name in WINDOW.names or ()]
 _FORMAT = struct.Struct("=" + "".join(f"{math.prod(of.shape)}{'q' if of.base.kind == 'i' else 'd'}" for of in _KINDS))
@@ -102,6 +102,10 @@ class PlantError(EdmsimError):
         self.window = window
 
 
+class WireBrokenError(PlantError):
+    """The wire broke in a window before: there is none to go on with."""
+
+
 class WireLostError(PlantError):
     """The wire was bent further than a wire between guides can be."""
 
@@ -146,7 +150,10 @@ def read_window(row: memoryview) -> PulseWindow:
 def left_validity(
     status: int, window: PulseWindow, time_s: float, commanded_um: tuple[float, float]
 ) -> PlantError:
-    """Return the error that tells how a window left the model's range, when and where."""
+    """Return the error that tells why a window did not begin, or how, when and where it left the model's range."""
+    if status == BROKEN:
+        reason = "the wire is broken: thread a new one (Plant.rethread), or begin again (Plant.reset)"
+        return WireBrokenError(reason, time_s, commanded_um, window)
     kind, what = _LEFT[status]
     (x, y), (bent_x, bent_y) = commanded_um, window.deflection_um
     return kind(

@@ -5,6 +5,9 @@ from __future__ import annotations
 import cmath
 import math
 
+from edmsim.errors import InputError
+from edmsim.program.limits import FARTHEST_MM
+
 CHORD_TOLERANCE_UM = 1.0
 """Largest distance in um between a curve and its chords (ours: below the 2 um step of the axes, row T-16)."""
 
@@ -57,11 +60,19 @@ def arc_points(start: complex, end: complex, centre: complex, turn: int) -> list
         Centre in mm. If the two radii differ a little the radius changes evenly along the arc.
     turn : int
         +1 counter-clockwise, -1 clockwise.
+
+    Raises
+    ------
+    InputError
+        The centre is too far away for chords to be told apart.
     """
     first, last = start - centre, end - centre
     full = abs(start - end) < _SAME_POINT_MM
     sweep = math.tau if full else (turn * cmath.phase(last / first)) % math.tau
-    count = max(math.ceil(sweep / _chord_angle(max(abs(first), abs(last)))), 8 if full else 1)
+    radius = max(abs(first), abs(last))
+    if radius > FARTHEST_MM:
+        raise InputError(f"the arc's radius of {radius:.3g} mm is beyond {FARTHEST_MM:g} mm: draw a line")
+    count = max(math.ceil(sweep / _chord_angle(radius)), 8 if full else 1)
     points = []
     for share in (i / count for i in range(1, count)):
         radius = abs(first) + share * (abs(last) - abs(first))

@@ -7,10 +7,12 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from edmsim.errors import InputError
+from edmsim.program.limits import GREATEST_NUMBER, check_size
 
 _WORD = re.compile(r"([A-Z])([+-]?(?:\d+\.?\d*|\.\d+))")
 _COMMENT = re.compile(r"\([^()]*\)|;.*")
 _KNOWN = frozenset("GMNFDXYIJRP")
+_LONGEST_CODE = 4
 _END_CODES = frozenset({("M", 2), ("M", 30)})
 
 
@@ -52,6 +54,7 @@ def read_text(file: Path) -> str:
     InputError
         No such file, a directory, not readable, or not text.
     """
+    check_size(file)
     try:
         data = file.read_bytes()
     except FileNotFoundError:
@@ -136,13 +139,21 @@ def _read_block(raw: str, line: int, file: str) -> Block | None:
         elif letter != "N":
             if letter in values:
                 raise InputError(f"the word {letter} stands twice in one block: write it once", file, line)
-            values[letter] = float(number)
+            values[letter] = _value(letter, number, file, line)
             pointed |= letter in "XYIJR" and "." in number
         at = word.end()
     return Block(line, tuple(codes), values, pointed, deletable) if codes or values else None
 
 
+def _value(letter: str, number: str, file: str, line: int) -> float:
+    value = float(number)
+    if abs(value) > GREATEST_NUMBER:
+        told = f"{letter}{number[:12]}{'...' if len(number) > 12 else ''}"
+        raise InputError(f"the number of {told} is beyond all reason: at most {GREATEST_NUMBER:g}", file, line)
+    return value
+
+
 def _code(letter: str, number: str, file: str, line: int) -> int:
-    if not number.isdigit():
-        raise InputError(f"unknown code {letter}{number}: {letter} takes a whole number", file, line)
+    if not number.isdigit() or len(number) > _LONGEST_CODE:
+        raise InputError(f"unknown code {letter}{number[:12]}: {letter} takes a whole number", file, line)
     return int(number)

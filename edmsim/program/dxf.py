@@ -9,7 +9,8 @@ contours come first.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from itertools import combinations
 from pathlib import Path
@@ -22,6 +23,7 @@ from numpy.typing import NDArray
 from edmsim.errors import InputError
 from edmsim.program.arcs import CHORD_TOLERANCE_UM
 from edmsim.program.crossing import refuse_self_crossing
+from edmsim.program.limits import FARTHEST_MM, MOST_CONTOURS, check_count, check_points, check_size
 from edmsim.program.outline import JOIN_TOLERANCE_MM, Outline, Program, signed_area
 
 if TYPE_CHECKING:
@@ -35,6 +37,14 @@ _HARMLESS = frozenset({
     "TEXT", "MTEXT", "ATTDEF", "DIMENSION", "ARC_DIMENSION", "LEADER", "MULTILEADER", "TOLERANCE", "POINT",
     "HATCH", "IMAGE", "WIPEOUT", "VIEWPORT", "XLINE", "RAY", "PDFUNDERLAY", "OLE2FRAME",
 })  # fmt: skip
+_OUTERMOST: dict[str, Callable[[Any], Iterable[Any]]] = {
+    "LINE": lambda entity: (entity.dxf.start, entity.dxf.end),
+    "CIRCLE": lambda entity: _box(entity.dxf.center, entity.dxf.radius),
+    "ARC": lambda entity: (entity.start_point, entity.end_point),
+    "ELLIPSE": lambda entity: _box(entity.dxf.center, entity.dxf.major_axis.magnitude),
+    "SPLINE": lambda entity: (*entity.control_points, *entity.fit_points),
+}
+"""Points between which an entity lies, or that its length follows from."""
 _SHAPES = "lines, arcs, circles, polylines, splines or ellipses"
 _FLAT = 0.9999
 
@@ -83,20 +93,36 @@ def _document(path: Path) -> Drawing:
         raise InputError("this is a directory: give the path of a DXF drawing")
     if not path.exists():
         raise InputError("no such file: give the path of a DXF drawing")
-    try:
+    check_size(path)
+    with _read("this is not a DXF drawing that can be read"):
         return readfile(path)
-    except Exception as error:  # on damaged files the library lets errors of any kind through
-        told = " ".join(ascii(str(error))[1:-1].split()) or type(error).__name__
-        reason = f"this is not a DXF drawing that can be read ({told}): export it as DXF again"
-        raise InputError(reason) from None
+
+
+@contextmanager
+def _read(what: str) -> Iterator[None]:
+    """Say in one line what cannot be read: on damaged drawings the library lets errors of any kind through."""
+    try:
+        yield
+    except InputError:
+        raise
+    except Exception as error:
+        told = " ".join(ascii(str(error))[1:-1].split())[:200] or type(error).__name__
+        raise InputError(f"{what} ({told}): export it as DXF again") from None
 
 
 def _outlines_of(document: Drawing) -> tuple[list[Outline], list[str]]:
-    unit_mm, notices = _unit(document)
-    chains = list(_chains(document, unit_mm, notices))
+    with _read("its contents cannot be read"):
+        unit_mm, notices = _unit(document)
+        chains = list(_chains(document, unit_mm, notices))
     if not chains:
         raise InputError(f"nothing to cut: draw {_SHAPES} in model space")
+    check_count(sum(len(chain.points) for chain in chains))
+    hint = f"; the drawing's unit is {unit_mm:g} mm: is that what was meant?"
+    low, high = (np.array([end(chain.points, axis=0) for chain in chains]) for end in (np.min, np.max))
+    check_points(np.array([low.min(axis=0), high.max(axis=0)]), "the drawing", hint)
     contours = _join(_without_duplicates(chains, notices))
+    if len(contours) > MOST_CONTOURS:
+        raise InputError(f"{len(contours)} contours are too many: at most {MOST_CONTOURS} can be cut")
     for number, points in enumerate(contours, 1):
         refuse_self_crossing(points, (0,) * (len(points) - 1))
         if abs(signed_area(points)) < JOIN_TOLERANCE_MM**2:
@@ -121,7 +147,8 @@ def _chains(document: Drawing, unit_mm: float, notices: list[str]) -> Iterator[_
         if not _is_shown(document, entity):
             kind += " on a layer that is off"
         elif kind not in _HARMLESS:
-            points = _points(entity, unit_mm)
+            with _read(f"a {kind} in it cannot be read"):
+                points = _points(entity, unit_mm)
             if len(points) > 1 and np.ptp(points, axis=0).max() > 0:
                 yield _Chain(points)
                 continue
@@ -146,10 +173,15 @@ def _points(entity: Any, unit_mm: float) -> NDArray[np.float64]:
     extrusion = np.array(tuple(entity.dxf.get("extrusion", (0, 0, 1))), np.float64)
     if abs(extrusion[2]) < _FLAT * np.linalg.norm(extrusion):
         raise InputError(f"a {kind} is drawn out of the XY plane: project the drawing to XY")
+    if kind in _OUTERMOST:
+        outermost = np.array([(p[0], p[1]) for p in _OUTERMOST[kind](entity)], np.float64).reshape(-1, 2)
+        check_points(outermost * unit_mm, f"a {kind}", f"; a drawing unit is {unit_mm:g} mm here")
     points: Iterable[Any]
     if kind == "LINE":
         points = [entity.dxf.start, entity.dxf.end]
     elif kind in ("ARC", "CIRCLE"):
+        if not entity.dxf.radius * unit_mm <= FARTHEST_MM:
+            raise InputError(f"a {kind} has a radius beyond {FARTHEST_MM:g} mm: draw a line")
         points = entity.flattening(min(tolerance, entity.dxf.radius / 4))
     elif kind == "ELLIPSE":
         points = entity.flattening(tolerance, segments=16)
@@ -160,6 +192,10 @@ def _points(entity: Any, unit_mm: float) -> NDArray[np.float64]:
     else:
         raise InputError(f"a {kind} cannot be cut: draw {_SHAPES}, explode blocks")
     return np.array([(p[0], p[1]) for p in points], np.float64).reshape(-1, 2) * unit_mm
+
+
+def _box(centre: Any, reach: float) -> list[tuple[float, float]]:
+    return [(centre[0] - reach, centre[1] - reach), (centre[0] + reach, centre[1] + reach)]
 
 
 def _polyline_points(entity: Any, unit_mm: float) -> NDArray[np.float64]:
@@ -234,10 +270,14 @@ def _partners(loose: dict[int, NDArray[np.float64]]) -> dict[tuple[int, int], tu
 
 
 def _open_reason(places: NDArray[np.float64], open_ends: list[int]) -> str:
-    distances = {(a, b): float(np.hypot(*(places[a] - places[b]))) for a, b in combinations(open_ends, 2)}
-    a, b = min(distances, key=lambda pair: distances[pair])
-    return (f"a contour is open: a gap of {distances[a, b]:.3f} mm between {_place(places[a])} and "
-            f"{_place(places[b])}; close it within {JOIN_TOLERANCE_MM} mm")
+    from scipy.spatial import KDTree
+
+    ends = places[open_ends]
+    distances, nearest = (np.atleast_2d(found) for found in KDTree(ends).query(ends, k=2))
+    k = int(np.argmin(distances[:, 1]))
+    first, second = sorted(nearest[k].tolist())
+    return (f"a contour is open: a gap of {distances[k, 1]:.3f} mm between {_place(ends[first])} and "
+            f"{_place(ends[second])}; close it within {JOIN_TOLERANCE_MM} mm")
 
 
 def _follow(

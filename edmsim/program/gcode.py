@@ -10,10 +10,14 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
+from numpy.typing import NDArray
+
 from edmsim.errors import InputError
 from edmsim.program.arcs import centre_from_radius
 from edmsim.program.blocks import Block, read_blocks, read_text
 from edmsim.program.centres import Arc, CuttingMotion, prefer_absolute
+from edmsim.program.limits import LONGEST_DWELL_S, check_count, check_points
 from edmsim.program.outline import CutMove, Outline, Program, Run, Side, outline_of
 
 TABLE_MM = 65.0
@@ -123,6 +127,8 @@ class _Interpreter:
         times = [block.values[letter] for letter in "PX" if letter in block.values]
         if len(times) != 1 or times[0] < 0 or not block.values.keys() <= {"P", "X", "F", "D"}:
             raise self.error("G4 wants its time in seconds, 0 or more, as P or X and nothing else", block)
+        if times[0] > LONGEST_DWELL_S:
+            raise self.error(f"a dwell of {times[0]:g} s is beyond all reason: at most {LONGEST_DWELL_S:g} s", block)
         _, motions, dwells = self.runs[-1]
         dwells.append((len(motions), times[0]))
 
@@ -264,13 +270,30 @@ def _outlines(control: _Interpreter, notices: list[str]) -> list[Outline]:
     absolute, arc_notices = prefer_absolute([motion for _, motions, _ in control.runs for motion in motions])
     for text, line in arc_notices:
         control.notices.add(text, line)
-    outlines = []
+    outlines, count = [], 0
     for side_at_start, motions, dwells in control.runs:
         if motions:
-            moves = tuple(CutMove(motion.points(absolute), motion.side, motion.line) for motion in motions)
+            moves = tuple(_cut_move(motion, absolute) for motion in motions)
+            count += sum(len(move.points) for move in moves)
+            check_count(count)
             outline, new = outline_of(Run(motions[0].start, side_at_start is not None, moves, tuple(dwells)))
             outlines.append(outline)
             notices.extend(new)
     if not outlines:
         raise InputError("the program cuts nothing: no G1, G2 or G3 with coordinates in it")
     return outlines
+
+
+def _cut_move(motion: CuttingMotion, absolute: bool) -> CutMove:
+    """Return a motion's points, an arc as chords, unless it leads beyond every table."""
+    try:
+        check_points(_array((motion.start, motion.end)), "the move")
+        points = motion.points(absolute)
+        check_points(_array((motion.start, *points)), "the arc")
+    except InputError as error:
+        raise InputError(error.reason, line=motion.line) from None
+    return CutMove(points, motion.side, motion.line)
+
+
+def _array(points: tuple[complex, ...]) -> NDArray[np.float64]:
+    return np.array([(point.real, point.imag) for point in points])

@@ -7,9 +7,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from edmsim.errors import InputError
+from edmsim.recording.report import cut_id
 from edmsim.recording.scene import Scene
 from edmsim.recording.scene_file import read_scene
-from edmsim.recording.windows import read_windows
+from edmsim.recording.windows import CUT_KEY, read_windows
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -33,13 +34,18 @@ def read_cut(directory: str | Path) -> RecordedCut:
     Raises
     ------
     InputError
-        If a file is missing, damaged, or of another version.
+        If a file is missing, damaged, or of another version, or they are not of one cut.
     """
     folder = Path(directory)
-    return RecordedCut(
+    cut = RecordedCut(
         _read_report(folder / "report.json"), read_windows(folder / "windows.parquet"),
         read_scene(folder / "part.npz"),
     )  # fmt: skip
+    in_windows = (cut.windows.schema.metadata or {}).get(CUT_KEY)
+    whose = None if in_windows is None else in_windows.decode("ascii", "replace")
+    if (whose or cut.scene.cut) and {whose, cut.scene.cut} != {cut_id(cut.report)}:
+        raise InputError("report.json, windows.parquet and part.npz in it are not of one cut: cut again", folder)
+    return cut
 
 
 def _read_report(file: Path) -> dict[str, Any]:

@@ -68,7 +68,7 @@ def write_html(
     left_out: list[str] = []
     drawn = list(pictures(report, windows, scene, sample, left_out.append))
     with replacing(file) as partial:
-        partial.write_text(page(report, title, drawn, left_out), encoding="utf-8")
+        partial.write_bytes(page(report, title, drawn, left_out).encode("utf-8", "replace"))
 
 
 def page(report: Mapping[str, Any], title: str, drawn: Iterable[Picture], left_out: Iterable[str] = ()) -> str:

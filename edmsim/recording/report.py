@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import math
 from collections.abc import Iterable, Mapping, Sequence
@@ -281,11 +282,18 @@ def _jsonable(value: Any) -> Any:
     return str(value) if isinstance(value, Path) else value
 
 
+def cut_id(report: Mapping[str, Any]) -> str:
+    """Return which cut a report is of: a digest of all it says but the computer's time."""
+    told = {name: value for name, value in report.items() if name not in ("wall_time_s", "realtime_factor")}
+    return hashlib.sha256(json.dumps(told, sort_keys=True).encode()).hexdigest()[:16]
+
+
 def write_json(report: Mapping[str, Any], file: str | Path) -> None:
     """Write a report; a file of that name is replaced whole or not at all."""
     text = json.dumps(report, indent=2, allow_nan=False, ensure_ascii=False)
     with replacing(file) as partial:
-        partial.write_text(text + "\n", encoding="utf-8")
+        # what no encoding has, of a file name that is not UTF-8, stands in JSON behind a backslash
+        partial.write_bytes((text + "\n").encode("utf-8", "backslashreplace"))
 
 
 def duration_text(seconds: float | None) -> str:

@@ -104,6 +104,8 @@ class Scene:
         The levels of a stepped workpiece from the lowest up; none if it is as high everywhere.
     hole_radius_mm : float
         Radius of the start holes.
+    cut : str or None
+        Which cut it is of: `edmsim.recording.report.cut_id`.
     """
 
     maps: tuple[ErrorMap, ...]
@@ -117,6 +119,7 @@ class Scene:
     stop_mm: tuple[float, float] | None = None
     terraces: tuple[Terrace, ...] = ()
     hole_radius_mm: float = 0.0
+    cut: str | None = None
 
     def extent_mm(self) -> tuple[float, float, float, float]:
         """Return the box (x_min, y_min, x_max, y_max) around nominal edges, start holes and stop place."""

@@ -26,7 +26,7 @@ def write_scene(scene: Scene, file: str | Path) -> None:
         "version": VERSION, "stock_mm": scene.stock_mm, "height_mm": scene.height_mm,
         "guides_z_mm": scene.guides_z_mm, "wire_diameter_um": scene.wire_diameter_um, "stop_mm": scene.stop_mm,
         "hole_radius_mm": scene.hole_radius_mm,
-        "part_sides": [edge.part_side for edge in scene.maps],
+        "cut": scene.cut, "part_sides": [edge.part_side for edge in scene.maps],
         "terrace_heights_mm": [terrace.height_mm for terrace in scene.terraces],
     }
     corners = [(c.x_mm, c.y_mm, c.turn_deg, c.error_um) for c in scene.corners]
@@ -91,6 +91,7 @@ def _scene(arrays: Mapping[str, NDArray[Any]], told: Mapping[str, Any]) -> Scene
             for lines, height in zip(_groups(arrays, "terraces"), told["terrace_heights_mm"], strict=True)
         ),
         hole_radius_mm=told["hole_radius_mm"],
+        cut=told.get("cut"),
     )
 
 

@@ -55,6 +55,9 @@ COLUMNS: tuple[Column, ...] = (
 )
 """Columns of ``windows.parquet``, in order."""
 
+CUT_KEY = b"edmsim_cut"
+"""Under which the metadata of ``windows.parquet`` say which cut they are of: `edmsim.recording.report.cut_id`."""
+
 NAMES: tuple[str, ...] = tuple(column.name for column in COLUMNS)
 """Names of all columns, in order."""
 
@@ -174,8 +177,9 @@ def write_windows(table: pa.Table, file: str | Path) -> None:
     """Write a table of windows as Parquet; a file of that name is replaced whole or not at all."""
     import pyarrow.parquet as pq
 
-    with replacing(file) as partial:
-        pq.write_table(table, partial)
+    # by a name, only folders whose names are UTF-8 could be written to
+    with replacing(file) as partial, partial.open("wb") as opened:
+        pq.write_table(table, opened)
 
 
 def read_windows(file: str | Path) -> pa.Table:
@@ -190,10 +194,11 @@ def read_windows(file: str | Path) -> pa.Table:
     import pyarrow.parquet as pq
 
     try:
-        table = pq.read_table(file)
+        with Path(file).open("rb") as opened:
+            table = pq.read_table(opened)
     except FileNotFoundError:
         raise InputError("no such file, a windows.parquet written by a cut is needed", file) from None
-    except (pa.ArrowInvalid, OSError):
+    except (pa.ArrowException, OSError):
         raise InputError("not a Parquet file, a windows.parquet written by a cut is needed", file) from None
     missing = [name for name in NAMES if name not in table.column_names]
     if missing:

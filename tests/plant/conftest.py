@@ -71,14 +71,14 @@ def in_a_hole(altered):
 
 @pytest.fixture(scope="session")
 def drive():
-    """Advance a plant for some seconds with steps along an axis at a fixed speed; returns the windows."""
+    """Advance a plant for some seconds, or until its wire breaks, with steps along an axis at a fixed speed."""
 
     def run(plant, speed_um_s, seconds, axis=0):
         direction = 1 if speed_um_s > 0 else -1
         windows, end = [], plant.time_ns + round(seconds * 1e9)
         interval = round(plant.machine.base.table.step_um.value / abs(speed_um_s) * 1e9)
         due = plant.time_ns + interval
-        while plant.time_ns < end:
+        while plant.time_ns < end and not (windows and windows[-1].broken):
             until = plant.time_ns + plant.longest_window_ns
             windows.append(plant.advance([(t, axis, direction) for t in range(due, until, interval)]))
             while due < plant.time_ns:

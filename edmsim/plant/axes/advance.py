@@ -40,7 +40,7 @@ def _take_step(
         if travel == 0.0:
             return
     since = (until_ns - time_ns) * 1e-3 / t.grid_us
-    step_table(state, a, p, axis, travel, min(int(since + 0.5), k_period))
+    step_table(state, a, p, axis, travel, max(min(int(since + 0.5), k_period), 0))
 
 
 @compiled

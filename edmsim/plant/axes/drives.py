@@ -218,6 +218,22 @@ class Drives:
         drives["sample"] = 0
         return {"drives": drives, "axes": self.axes.rows.copy()}
 
+    def check(self, state: Mapping[str, NDArray[Any]], now_ns: int) -> None:
+        """Refuse a snapshot by whose clocks samples would never come, or never end.
+
+        Raises
+        ------
+        InputError
+            A period or a due time is none, or was due long before `now_ns`.
+        """
+        for k in self._looped:
+            name, drive = AXIS_NAMES[k], state["drives"][k : k + 1]
+            _check_period(name, drive)
+            num, den = int(drive["num"][0]), int(drive["den"][0])
+            due_ns = int(drive["epoch_ns"][0]) + int(drive["index"][0]) * num // den
+            if due_ns != drive["due_ns"][0] or due_ns < now_ns - num // den:
+                raise InputError(f"the {name} drive's next sample is due at {drive['due_ns'][0]} ns, which cannot be")
+
     def restore(self, state: dict[str, NDArray[Any]]) -> None:
         """Take back a `snapshot` of drives of the same kinds."""
         self.axes.rows[:] = state["axes"]

@@ -21,6 +21,7 @@ from edmsim.plant.gap.pulse_outcome import decide, deepest_contact, draw, leak_c
 from edmsim.plant.gap.ray_trace import OVERLAP_UM, retrace
 from edmsim.plant.kernel.discharge import discharge, log_pulse, propagate_heat, short_circuit
 from edmsim.plant.kernel.state import (
+    BROKEN,
     FINE,
     GRID,
     INSIDE,
@@ -181,6 +182,12 @@ def _check_events(events: NDArray[np.int64], now_ns: int, drives: bool) -> int:
 
 
 @compiled
+def _grid_steps(spans: float, most: int) -> int:
+    """Whole steps of the time grid, from none to the most there are: they are places in tables."""
+    return max(min(int(spans + 0.5), most), 0)
+
+
+@compiled
 def _swing(
     a: Arrays, c: Constants, t: Timing, p: Propagators, loads: Array, held: Array, k: int, scale: float, film: float,
     resistance: float, narrow: bool, upward: bool, films: Array,
@@ -226,6 +233,8 @@ def fire_window(
     MuJoCo moves wire and table through `link`, otherwise the modes move by `p`. Returns how the window ended (`FINE`
     and its neighbours in `state`).
     """
+    if state[0].broken != 0:
+        return BROKEN
     if _lacks_tiles(state):
         return NO_TILES
     status = _check_events(events, state[0].time_ns, axes.loops != 0)
@@ -271,7 +280,7 @@ def fire_window(
             log[n].conducting_us = conducting
         period_ns, k_period = t.period_ns, GRID
         if t.mode == ISO_ENERGETIC:
-            k_period = int((delay + conducting + t.pause_us) * per_grid + 0.5)
+            k_period = _grid_steps((delay + conducting + t.pause_us) * per_grid, GRID)
             period_ns = int(k_period * t.grid_us * 1e3 + 0.5)
         period_us = period_ns * 1e-3
         film = mean_film(state, totals[3], totals[4], sums.shape[0])
@@ -287,7 +296,7 @@ def fire_window(
             )
             state[0].time_ns += period_ns
         else:
-            k_end = min(int((delay + burn) * per_grid + 0.5), k_period)
+            k_end = _grid_steps((delay + burn) * per_grid, k_period)
             pulled = (open_scale * delay + burn_scale * burn) / max(delay + burn, t.grid_us)
             upward = state[0].pulses % 2 == 0
             _swing(a, c, t, p, load, held, k_end, pulled, film, resistance, found > 0, upward, films)
@@ -309,7 +318,7 @@ def fire_window(
         quiet = period_us - delay - conducting
         fade(a, gas, k_period)
         if energy > 0.0:
-            k_quiet = min(int(quiet * per_grid + 0.5), k_period)
+            k_quiet = _grid_steps(quiet * per_grid, k_period)
             blow(a, c, gas, s + draw(state), energy, k_quiet)
         sum_up(a)
         state[0].since_discharge_us = state[0].since_discharge_us + period_us if outcome == OPEN else quiet

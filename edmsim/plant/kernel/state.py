@@ -105,10 +105,10 @@ wire's place and ray where it discharged or touched; its class; its slice, -1 wh
 
 NO_METAL_UM = 1.0e6
 """Distance of a ray that meets no metal: so far that it takes no part in anything."""
-FINE, NO_TILES, STEP_WRONG, STEP_EARLY, NOT_FINITE, OUTSIDE, INSIDE = range(7)
-"""How a window ended: as it should; not begun, for want of tiles of the field, or because of a step that no motor
-makes or that is out of order; a number that is none; the wire beyond its guides; the wire deeper in the metal than
-its rays see."""
+FINE, NO_TILES, STEP_WRONG, STEP_EARLY, BROKEN, NOT_FINITE, OUTSIDE, INSIDE = range(8)
+"""How a window ended: as it should; not begun, for want of tiles of the field, because of a step that no motor makes
+or that is out of order, or because the wire broke before; a number that is none; the wire beyond its guides; the wire
+deeper in the metal than its rays see."""
 TILED_UM = 64.0
 """The field has all the tiles a window may need as long as the wire is within this of where they were made."""
 

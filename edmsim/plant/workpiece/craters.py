@@ -22,6 +22,8 @@ CARVE_BEYOND_UM = 48.0
 """How far behind a ray's edge its wall is looked for."""
 BARE_UM = np.float32(0.5 * NO_METAL_UM)
 """A gap beyond this is that of a ray that meets no metal."""
+MOST_PARTS = 1e12
+"""More parts than a wall has, and a number that multiplies without overflow."""
 PROUD_UM = 6.0
 """Metal this far before the edge stands out: no ray may see it, but discharges do."""
 
@@ -63,6 +65,8 @@ def share_crater(a: Arrays, c: Constants, position: Array, s: int, middle: int, 
     spacing = (c.radius_um + gap_of(a, position, s, middle)) * (2.0 * math.pi / n_rays)
     diameter = crater_diameter(volume, c)
     reach = min(0.5 * diameter / spacing, 0.25 * n_rays - 1.0)
+    if not reach > 0.0:  # the wire is nowhere, and so are its rays
+        return False
     span = int(reach) + 1
     covered = _metal_covered(a, s, middle, span, jitter, reach)
     if covered <= 0.0:
@@ -110,7 +114,7 @@ def carve(
             if a.pending_um2[s, place] > 0.0:
                 area = a.pending_um2[s, place] + a.carry_um2[s]
                 a.pending_um2[s, place] = 0.0
-                parts = max(0, int(area / part))
+                parts = max(0, int(min(area / part, MOST_PARTS)))
                 a.carry_um2[s] = area - parts * part
                 if parts == 0:
                     continue

@@ -238,9 +238,9 @@ _TILE_BITS, _TILE_MASK = np.uint64(5), np.uint64(TILE - 1)
 
 @compiled
 def _inside(px: float, py: float, index: NDArray[np.int32]) -> bool:
-    """Whether a point, in cells, lies on the grid."""
-    limit = np.float64(index.shape[0] * TILE)
-    return bool(0.0 <= px < limit) and bool(0.0 <= py < limit)
+    """Whether a point, in cells, lies on the grid, less its outermost cells: rounding may lead a cell beyond."""
+    limit = np.float64(index.shape[0] * TILE - 1)
+    return bool(1.0 <= px < limit) and bool(1.0 <= py < limit)
 
 
 @compiled

@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Mapping
+import shutil
+import tempfile
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -77,7 +80,7 @@ def write_recording(
         batcher_config=rr.ChunkBatcherConfig.NEVER(),
     )  # fmt: skip
     sizes = sizes_of(scene, factor, float(shapes.t_s[-1]) if len(shapes) else 0.0)
-    with replacing(file) as partial:
+    with _by_any_name(file) as partial:
         recording.save(partial, default_blueprint=blueprint(sizes))
         recording.send_recording_name(title)
         made = {"format": FORMAT, "version": report["edmsim_version"], "sizes": list(sizes)}
@@ -102,6 +105,20 @@ def write_recording(
         )
         recording.flush()
         recording.disconnect()
+
+
+@contextmanager
+def _by_any_name(file: str | Path) -> Iterator[Path]:
+    """As `replacing`; by way of another folder if the name is not UTF-8, which is all that rerun takes."""
+    with replacing(file) as partial:
+        try:
+            str(partial).encode()
+        except UnicodeEncodeError:
+            with tempfile.TemporaryDirectory(prefix="edmsim-") as folder:
+                yield Path(folder) / "recording"
+                shutil.copyfile(Path(folder) / "recording", partial)
+        else:
+            yield partial
 
 
 def _log_machine(

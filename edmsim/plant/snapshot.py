@@ -1,0 +1,80 @@
+"""Snapshots of a plant looked at before they are taken back: compiled code trusts every number in its arrays."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from edmsim.compiled.vectors import GAPS
+from edmsim.errors import InputError
+from edmsim.plant.kernel.declare import ArraySizes
+from edmsim.plant.workpiece.kerf_field import FULL
+
+_Snapshot = Mapping[str, NDArray[Any]]
+
+_MOST = 1 << 62
+"""Counts and times (ns) stay below this: a hundred years."""
+
+
+def check_snapshot(state: _Snapshot, like: _Snapshot, sizes: ArraySizes) -> None:
+    """Refuse what is no snapshot of a plant.
+
+    Parameters
+    ----------
+    state : mapping of str to array
+        What claims to be one.
+    like : mapping of str to array
+        One of the same plant.
+    sizes : ArraySizes
+        Of that plant.
+
+    Raises
+    ------
+    InputError
+        An array is missing or of another shape or type, holds what is no number, or leads beyond another array.
+    """
+    for name, own in like.items():
+        given = state.get(name)
+        rows = slice(1, None) if name == "field.tiles" else slice(None)
+        if given is None or given.dtype != own.dtype or given.shape[rows] != own.shape[rows]:
+            raise InputError(f"this is no snapshot of this plant: its {name} is missing or of another kind")
+        if not _all_numbers(given):
+            raise InputError(f"the snapshot's {name} holds something that is no number")
+    _check_places(state, sizes)
+    _check_field(state)
+
+
+def _all_numbers(array: NDArray[Any]) -> bool:
+    """Whether all floats of an array or record are finite, or in records infinite: a switch that never opens is."""
+    kinds = array.dtype.fields
+    if kinds is not None:
+        return not any(np.isnan(array[name]).any() for name in kinds if kinds[name][0].base.kind == "f")
+    return array.dtype.kind != "f" or bool(np.isfinite(array).all())
+
+
+def _check_places(state: _Snapshot, sizes: ArraySizes) -> None:
+    """Refuse places beyond arrays, and counts that are none."""
+    scalars = state["state"][0]
+    counts = "time_ns", "pulses", "traced_pulses", "carved_pulses", "traces"
+    within = {
+        "last_slice": (scalars["last_slice"], sizes.slices), "last_ray": (scalars["last_ray"], sizes.rays),
+        "broken_slice": (scalars["broken_slice"], sizes.slices), "broken": (scalars["broken"], 2),
+        "first": (state["first"], sizes.rays), "blocks": (state["blocks"], sizes.places // GAPS + 1),
+        "unbroken": (state["unbroken"], sizes.rays + 1),
+        **{name: (scalars[name], _MOST) for name in counts},
+    }  # fmt: skip
+    for name, (value, count) in within.items():
+        if np.any(value < 0) or np.any(value >= count):
+            raise InputError(f"the snapshot's {name} is not within 0..{count - 1}")
+
+
+def _check_field(state: _Snapshot) -> None:
+    """Refuse a kerf field whose index leads beyond its tiles, or twice to one."""
+    tiles, index = state["field.tiles"], state["field.index"]
+    if not np.array_equal(np.sort(index[index != -1]), np.arange(len(tiles))):
+        raise InputError("the snapshot's kerf field is damaged: its index and its tiles do not fit")
+    if tiles.size and int(tiles.max()) > FULL:
+        raise InputError(f"the snapshot's kerf field is damaged: a cell holds more than {FULL} parts")

@@ -1,0 +1,66 @@
+"""How much a program may hold: what no machine could cut is refused by size and count, before work on it begins."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from edmsim.errors import InputError
+
+MOST_BYTES = 64_000_000
+"""Size of a file (ours: a million moves take some 20 MB)."""
+MOST_POINTS = 500_000
+"""Points of all outlines, curves as chords (ours: a week of cutting in steps of 40 um)."""
+MOST_CONTOURS = 1000
+"""Contours of a drawing (ours: the wire is threaded at each)."""
+MOST_EXTENT_MM = 10_000.0
+"""Extent along x or y of what is read at all (ours: twenty times the travel of the largest table there may be)."""
+LONGEST_MM = 50_000.0
+"""Length of an entity, or of the polygon that controls it (ours: weeks of cutting)."""
+FARTHEST_MM = 1e6
+"""Coordinates and radii (ours: doubles tell 0.1 nm apart there)."""
+GREATEST_NUMBER = 1e9
+"""A number in G-code: `FARTHEST_MM` in whole um."""
+LONGEST_DWELL_S = 86_400.0
+"""A dwell: a day (ours)."""
+
+
+def check_size(file: Path) -> None:
+    """Refuse a file that is larger than any program; one that cannot be looked at is left to whoever reads it."""
+    try:
+        size = file.stat().st_size
+    except (OSError, ValueError):
+        return
+    if size > MOST_BYTES:
+        raise InputError(f"{size / 1e6:.0f} MB are more than a program has: at most {MOST_BYTES / 1e6:.0f} MB", file)
+
+
+def check_points(points_mm: NDArray[np.float64], what: str, hint: str = "") -> None:
+    """Refuse points (n, 2) in mm that are none, lie too far out, span too much or make too long a line.
+
+    Parameters
+    ----------
+    points_mm : float64 array (n, 2)
+    what : str
+        Whose points they are, to begin the message with.
+    hint : str
+        What may be wrong, to end it with.
+    """
+    if len(points_mm) == 0:
+        return
+    if not bool((np.abs(points_mm) <= FARTHEST_MM).all()):
+        raise InputError(f"{what} has a coordinate beyond {FARTHEST_MM:g} mm, or none: no table is so large{hint}")
+    extent = float(np.ptp(points_mm, axis=0).max())
+    if extent > MOST_EXTENT_MM:
+        raise InputError(f"{what} spans {extent:.0f} mm: no table takes more than {MOST_EXTENT_MM:.0f} mm{hint}")
+    length = float(np.hypot(*np.diff(points_mm, axis=0).T).sum())
+    if length > LONGEST_MM:
+        raise InputError(f"{what} is {length / 1e3:.0f} m long: at most {LONGEST_MM / 1e3:.0f} m can be cut{hint}")
+
+
+def check_count(points: int) -> None:
+    """Refuse more points than a program has."""
+    if points > MOST_POINTS:
+        raise InputError(f"{points} points, curves as chords, are too many: at most {MOST_POINTS} can be cut")

@@ -1,0 +1,179 @@
+"""Programs no machine could cut are refused in one line, by size and count, before work on them begins."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import ezdxf
+import numpy as np
+import pytest
+
+from edmsim.calibration import read_log
+from edmsim.errors import InputError
+from edmsim.machine.machine import Machine
+from edmsim.program import limits
+from edmsim.program.path import load_program, plan_path
+
+AUTO = {"auto_offset_mm": 0.15}
+
+
+@contextmanager
+def refused(match: str, within_s: float = 10.0) -> Iterator[None]:
+    """Expect a line that says so, soon: these took minutes and gigabytes, or ended in a traceback."""
+    started = time.perf_counter()
+    with pytest.raises(InputError, match=match) as caught:
+        yield
+    assert time.perf_counter() - started < within_s
+    assert "\n" not in str(caught.value)
+    assert len(str(caught.value)) < 600
+
+
+@pytest.mark.parametrize(
+    ("lines", "match"),
+    [
+        ("G0 X0 Y0\nG1 X1e5", "unknown word"),
+        (f"G0 X0 Y0\nG1 X{'9' * 300}", r":2: the number of X9{12}\.\.\. is beyond all reason: at most 1e\+09"),
+        (f"G0 X0 Y0\nG1 X0.{'1' * 300} Y5.\nG{'1' * 5000} X3", ":3: unknown code G1{12}: G takes a whole number"),
+        ("G0 X0 Y0\nG2 X1.5 Y0. I100000000000000000000. J0", "the number of I"),
+        ("G0 X0 Y0\nG2 X0.001 Y0.0 I999999999. J0.", "radius of 1e.09 mm is beyond 1e.06 mm: draw a line"),
+        ("G0 X0 Y0\nG1 X500000.5\nG1 Y1.", ":2: the move spans 500000 mm: no table takes more than 10000 mm"),
+        ("G0 X0 Y0\nG2 X0. Y0. I9000. J0.", ":2: the arc spans 18000 mm"),
+        ("G0 X0 Y0\nG1 X1.5\nG4 P1000000.\nG1 Y1.5", ":3: a dwell of 1e.06 s is beyond all reason: at most 86400 s"),
+    ],
+)  # fmt: skip
+def test_numbers_beyond_reason_are_refused(tmp_path: Path, lines: str, match: str) -> None:
+    program = tmp_path / "a.ngc"
+    program.write_text(lines + "\nM2\n")
+    with refused(match):
+        plan_path(program, "none", **AUTO)
+
+
+def test_too_many_points_and_bytes_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    program = tmp_path / "a.ngc"
+    program.write_text("G0 X0 Y0\nG2 X0. Y0. I5. J0.\nM2\n")
+    assert len(plan_path(program, "none", **AUTO).contours) == 1
+    monkeypatch.setattr(limits, "MOST_POINTS", 100)
+    with refused("points, curves as chords, are too many: at most 100 can be cut"):
+        plan_path(program, "none", **AUTO)
+    monkeypatch.setattr(limits, "MOST_BYTES", 20)
+    for name in ("a.ngc", "a.dxf"):
+        (tmp_path / name).write_text("G0 X0 Y0\nG1 X1.5 Y0\nM2\n")
+        with refused("0 MB are more than a program has"):
+            load_program(tmp_path / name)
+
+
+def drawing(tmp_path: Path, draw: Callable[[Any], object], unit: int = 4) -> Path:
+    document = ezdxf.new("R2010", units=unit)  # type: ignore[attr-defined]
+    draw(document.modelspace())
+    document.saveas(tmp_path / "a.dxf")
+    return tmp_path / "a.dxf"
+
+
+WAVE = [(float(x), float(x % 2)) for x in range(30)]
+
+
+@pytest.mark.parametrize(
+    ("draw", "unit", "match"),
+    [
+        (lambda m: m.add_open_spline([(x * 1e5, y * 1e5) for x, y in WAVE]), 4, "a SPLINE .*: no table"),
+        (lambda m: m.add_open_spline(WAVE), 6, "a SPLINE spans 29000 mm: .* a drawing unit is 1000 mm here"),
+        (lambda m: m.add_circle((0, 0), 12), 6, "a CIRCLE spans 24000 mm"),
+        (lambda m: m.add_circle((1e20, 0), 5), 4, "a CIRCLE has a coordinate beyond 1e.06 mm"),
+        (lambda m: m.add_arc((1e20, 0), 1e20, 179.9, 180.1), 4, "an? ARC has a coordinate beyond"),
+        (lambda m: m.add_ellipse((0, 0), (1e7, 0), 0.1), 4, "an? ELLIPSE has a coordinate beyond"),
+        (lambda m: m.add_lwpolyline([(0, 0, 1e-14), (10, 0, 0), (5, 5, 0)], format="xyb", close=True), 4, "ARC"),
+        (lambda m: m.add_lwpolyline([(0, 0), (float("nan"), 0), (5, 5)], close=True), 4, "LINE has a coordinate"),
+        (lambda m: m.add_open_spline([(k % 2 * 900.0, 0.001 * k) for k in range(3000)]), 4, "SPLINE is 2699 m long"),
+        (lambda m: [m.add_circle((c, 0), 20) for c in (0, 20000)], 4, "the drawing spans 20040 mm: .* is that what"),
+        (lambda m: [m.add_line((3 * k, 0), (3 * k + 1, 0)) for k in range(300)], 4, "a contour is open: a gap of"),
+        (lambda m: m.add_spline(), 4, "a SPLINE in it cannot be read"),
+    ],
+)  # fmt: skip
+def test_drawings_beyond_reason_are_refused(
+    tmp_path: Path, draw: Callable[[Any], object], unit: int, match: str
+) -> None:
+    file = drawing(tmp_path, draw, unit)
+    with refused(match):
+        load_program(file)
+
+
+def test_what_the_library_fails_on_is_told_by_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    file = drawing(tmp_path, lambda m: m.add_open_spline([(0, 0), (1, 1), (2, 0), (3, 1)]))
+
+    def fail(*_: object, **__: object) -> None:
+        raise ZeroDivisionError("float\ndivision")
+
+    monkeypatch.setattr("ezdxf.entities.spline.Spline.flattening", fail)
+    with refused("a SPLINE in it cannot be read"):
+        load_program(file)
+
+
+def test_a_drawing_with_many_contours_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    file = drawing(tmp_path, lambda m: [m.add_circle((c, 0), 0.4) for c in range(20)])
+    assert len(load_program(file).outlines) == 20
+    monkeypatch.setattr("edmsim.program.dxf.MOST_CONTOURS", 10)
+    with refused("20 contours are too many: at most 10 can be cut"):
+        load_program(file)
+
+
+@pytest.mark.parametrize(
+    ("content", "match"),
+    [
+        ("title = 'Stahl für Messer'".encode("latin-1"), "byte 16 is not UTF-8: save the file as UTF-8"),
+        ("title = 'x'\n".encode("utf-16"), "byte 0 is not UTF-8"),
+        (b"title = " + b"9" * 5000, "not valid TOML"),
+        (b"a = " + b"[" * 20_000, "not valid TOML"),
+        (b"#" * 1_500_000, "this is no file of constants: it is larger than 1 MB"),
+        (b'title = "x"\nremoval_mm3_J = { value = nan, source = "own" }\n', "removal_mm3_J"),
+        (b'title = "x"\nremoval_mm3_J = { value = 1' + b"0" * 400 + b', source = "own" }\n', "removal_mm3_J"),
+    ],
+)
+def test_constants_of_wrong_encoding_or_size_are_refused(tmp_path: Path, content: bytes, match: str) -> None:
+    file = tmp_path / "own.toml"
+    file.write_bytes(content)
+    with refused(match):
+        Machine.load(material=str(file))
+
+
+ROW = {"feed_um_s": 12.0, "short": 3, "open": 100, "mean_voltage_V": 40.0, "mean_current_A": 1.0,
+       "mean_delay_us": 8.0, "t_on_us": 30.0, "t_period_us": 100.0}  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("changed", "match"),
+    [
+        ({"t_period_us": "inf"}, "t_period_us inf cannot be"), ({"t_period_us": 1e300}, "t_period_us 1e.300"),
+        ({"mean_delay_us": 1e300}, "mean_delay_us"), ({"mean_voltage_V": -1e300}, "mean_voltage_V"),
+        ({"feed_um_s": "zwölf"}, "no number"), ({"short": 10**30}, "short"),
+    ],
+)  # fmt: skip
+def test_logs_with_absurd_values_are_refused(tmp_path: Path, changed: dict[str, Any], match: str) -> None:
+    row = {**ROW, **changed}
+    file = tmp_path / "log.csv"
+    file.write_text(",".join(row) + "\n" + ",".join(map(str, row.values())) + "\n", encoding="utf-8")
+    with refused(match):
+        read_log(file)
+
+
+def test_logs_of_wrong_encoding_are_refused(tmp_path: Path) -> None:
+    heading = ",".join(ROW)
+    for number, content in enumerate((
+        f"{heading},höhe\n".encode("latin-1"), heading.encode("utf-16"), b"\x00\xff" * 500,
+        f"{heading}\n{'ü,' * 7}1\n".encode("latin-1"),
+    )):  # fmt: skip
+        for suffix in ("csv", "parquet"):
+            file = tmp_path / f"{number}.{suffix}"
+            file.write_bytes(content)
+            with refused("cannot be read|missing|no number|no windows"):
+                read_log(file)
+
+
+def test_an_arc_about_a_far_centre_within_reason_is_cut(tmp_path: Path) -> None:
+    program = tmp_path / "a.ngc"
+    program.write_text("G0 X0 Y0\nG2 X10. Y0. I5. J-4999.\nM2\n")
+    points = plan_path(program, "none", **AUTO).contours[0].points_um
+    assert np.ptp(points[:, 1]) <= 3

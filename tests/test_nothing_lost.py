@@ -1,0 +1,226 @@
+"""Nothing of a cut is lost: however it is interrupted, its folder holds it whole, or what `--resume` finishes."""
+
+from __future__ import annotations
+
+import errno
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import edmsim
+from edmsim.errors import EdmsimError, InputError
+from edmsim.files import locked, together
+from edmsim.job import checkpoint, remake
+from edmsim.recording import cut_folder, scene_file
+
+Cut = Callable[..., edmsim.CutResult]
+SHORT = {"max_time_s": 3.0}
+FILES = ["cut.rrd", "part.npz", "profile.png", "report.html", "report.json", "windows.parquet"]
+PHASES = ["cutting", "measuring", "figures", "recording"]
+
+
+def names(folder: Path) -> list[str]:
+    return sorted(file.name for file in folder.iterdir())
+
+
+def timeless(report: dict[str, Any]) -> dict[str, Any]:
+    return {k: v for k, v in report.items() if k not in ("wall_time_s", "realtime_factor")}
+
+
+@pytest.fixture
+def signals() -> Iterator[None]:
+    """Signals as Python has them, where the test runner has changed them."""
+    usual = {signal.SIGINT: signal.default_int_handler, signal.SIGTERM: signal.SIG_DFL}
+    before = {number: signal.signal(number, handler) for number, handler in usual.items()}
+    yield
+    for number, handler in before.items():
+        signal.signal(number, handler)
+
+
+@pytest.fixture
+def without_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let page, picture and recording be empty: they take most of a short cut's time."""
+
+    def empty(*given: object) -> None:
+        next(file for file in given if isinstance(file, Path)).touch()
+
+    for name in ("write_html", "write_figure", "write_recording"):
+        monkeypatch.setattr(f"edmsim.recording.{name}", empty)
+
+
+@pytest.mark.usefixtures("signals")
+def test_a_cut_interrupted_in_any_phase_is_finished_by_resuming(cut_small: Cut, tmp_path: Path) -> None:
+    whole = cut_small(**SHORT)
+    for phase, number in zip(PHASES, [signal.SIGINT, signal.SIGTERM] * 2, strict=True):
+        entered: list[str] = []
+
+        def enter(
+            name: str, entered: list[str] = entered, stop: str = phase, number: signal.Signals = number
+        ) -> None:
+            entered.append(name)
+            if name == stop:
+                signal.raise_signal(number)
+
+        with pytest.raises(KeyboardInterrupt) as caught:
+            cut_small(out=tmp_path, resume=phase != PHASES[0], enter=enter, **SHORT)
+        assert caught.value.args == (number,)
+        assert entered == PHASES[: PHASES.index(phase) + 1]
+        assert names(tmp_path) == [checkpoint.NAME]
+        assert signal.getsignal(number) in (signal.default_int_handler, signal.SIG_DFL)
+    resumed = cut_small(out=tmp_path, resume=True, **SHORT)
+    assert timeless(resumed.report) == timeless(whole.report)
+    assert names(tmp_path) == FILES
+
+
+def test_the_progress_tells_the_wall_time_of_the_report(cut_small: Cut) -> None:
+    seen: list[float] = []
+    report = cut_small(watch=lambda progress: seen.append(progress.wall_time_s), **SHORT).report
+    assert 0 < seen[0] < seen[-1] == report["wall_time_s"]
+
+
+@pytest.mark.usefixtures("without_pictures")
+def test_an_interrupted_cut_is_not_lost_to_the_next_one(cut_small: Cut, tmp_path: Path) -> None:
+    def stop(_: object) -> None:
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        cut_small(out=tmp_path, watch=stop, **SHORT)
+    kept = (tmp_path / checkpoint.NAME).read_bytes()
+    with pytest.raises(InputError, match="an interrupted cut lies in this folder: take it up with") as caught:
+        cut_small(out=tmp_path, seed=2, **SHORT)
+    assert caught.value.file == str(tmp_path)
+    assert (tmp_path / checkpoint.NAME).read_bytes() == kept
+    with pytest.raises(InputError, match="choose --resume or --overwrite"):
+        cut_small(out=tmp_path, resume=True, overwrite=True, **SHORT)
+    cut_small(out=tmp_path, seed=2, overwrite=True, max_time_s=0.1)
+    assert names(tmp_path) == FILES
+    with pytest.raises(InputError, match="there is no interrupted cut to resume"):
+        cut_small(out=tmp_path / "none", resume=True)
+    assert not (tmp_path / "none").exists()
+
+
+@pytest.mark.usefixtures("without_pictures")
+def test_one_cut_at_a_time_works_in_a_folder(cut_small: Cut, tmp_path: Path) -> None:
+    with locked(tmp_path), pytest.raises(InputError, match="another edmsim is at work in this folder"):
+        cut_small(out=tmp_path, **SHORT)
+    cut_small(out=tmp_path, max_time_s=0.1)
+    with locked(tmp_path), pytest.raises(InputError, match="another edmsim is at work"):
+        remake.remake(tmp_path, None, "pdf", print)
+    assert names(tmp_path) == FILES
+
+
+def test_many_want_a_folder_and_one_after_the_other_has_it(tmp_path: Path) -> None:
+    """The lock's file comes and goes: nobody may hold one that is no longer there."""
+    inside, most, refused = 0, 0, 0
+
+    def work() -> None:
+        nonlocal inside, most, refused
+        for _ in range(300):
+            try:
+                with locked(tmp_path):
+                    inside += 1
+                    most = max(most, inside)
+                    inside -= 1
+            except InputError:
+                refused += 1
+
+    threads = [threading.Thread(target=work) for _ in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert most == 1
+    assert refused < 1200
+    assert names(tmp_path) == []
+
+
+def test_files_appear_together_or_not_at_all(tmp_path: Path) -> None:
+    (tmp_path / "report.json").write_text("old")
+    (tmp_path / "notes.txt").write_text("the user's")
+    with suppress(RuntimeError), together(tmp_path, "report.json") as folder:
+        (folder / "report.json").write_text("new")
+        (folder / "a.npz").write_text("new")
+        raise RuntimeError
+    assert names(tmp_path) == ["notes.txt", "report.json"]
+    assert (tmp_path / "report.json").read_text() == "old"
+    (tmp_path / ".edmsim-new-left").mkdir()  # by a process that was killed
+    with together(tmp_path, "report.json") as folder:
+        (folder / "report.json").write_text("new")
+        (folder / "a.npz").write_text("new")
+    assert names(tmp_path) == ["a.npz", "notes.txt", "report.json"]
+    assert (tmp_path / "report.json").read_text() == "new"
+
+
+@pytest.mark.usefixtures("without_pictures")
+def test_a_folder_of_two_cuts_is_refused(cut_small: Cut, tmp_path: Path) -> None:
+    for seed in (1, 2):
+        cut_small(out=tmp_path / str(seed), seed=seed, max_time_s=0.1)
+    assert cut_folder.read_cut(tmp_path / "1").report["seed"] == 1
+    for file in ("report.json", "windows.parquet", "part.npz"):
+        mixed = tmp_path / file
+        shutil.copytree(tmp_path / "1", mixed)
+        shutil.copy(tmp_path / "2" / file, mixed)
+        with pytest.raises(InputError, match="are not of one cut: cut again") as caught:
+            remake.remake(mixed, None, "pdf", print)
+        assert caught.value.file == str(mixed)
+
+
+def full(*_: object, **__: object) -> None:
+    raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+
+@pytest.mark.usefixtures("without_pictures")
+def test_a_full_disk_warns_and_the_cut_goes_on(
+    cut_small: Cut, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("edmsim.job.cut.CHECKPOINT_EVERY_S", 0.0)
+    with monkeypatch.context() as patch:
+        patch.setattr(np, "savez", full)
+        with pytest.warns(UserWarning, match="no checkpoint could be written: No space left on device"):
+            cut_small(out=tmp_path, max_time_s=0.1)
+    assert names(tmp_path) == FILES
+
+
+@pytest.mark.usefixtures("without_pictures")
+def test_a_disk_full_at_the_end_leaves_the_checkpoint(
+    cut_small: Cut, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with monkeypatch.context() as patch:
+        patch.setattr(scene_file.np, "savez_compressed", full)
+        with pytest.raises(EdmsimError, match="No space left on device; the checkpoint holds the cut") as caught:
+            cut_small(out=tmp_path, **SHORT)
+    assert "\n" not in str(caught.value)
+    assert names(tmp_path) == [checkpoint.NAME]
+    cut_small(out=tmp_path, resume=True, **SHORT)
+    assert names(tmp_path) == FILES
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="elsewhere names of files are UTF-8")
+def test_odd_names_and_plain_terminals_do_not_crash_a_finished_cut(small_punch: Path, tmp_path: Path) -> None:
+    folder = os.path.join(os.fsencode(tmp_path), b"o[/b]\xff\xc3 \xb5m")
+    program = os.path.join(os.fsencode(tmp_path), b"pun[red]ch\xff.ngc")
+    shutil.copy(small_punch, program)
+    options = ["--height", "5", "--resolution", "fast", "--max-time", "0.1"]
+    command = [sys.executable, "-m", "edmsim", "cut", program, "--out", folder, *options]
+    plain = {**os.environ, "PYTHONIOENCODING": "ascii", "PYTHONUTF8": "0"}
+    done = subprocess.run(command, env=plain, capture_output=True, check=False)
+    assert done.returncode == 3, done.stderr.decode()
+    told = done.stdout.decode("ascii")
+    assert "mm2/min" in told
+    assert "o[/b]" in told
+    assert b"recording" in done.stderr  # the last phase
+    assert sorted(os.listdir(folder)) == [name.encode() for name in FILES]
+    odd = Path(os.fsdecode(folder))
+    report, windows, _ = cut_folder.read_cut(odd)
+    assert report["settings"]["program"] == "pun[red]ch?.ngc"
+    assert windows.num_rows == report["pulses"] // 255
