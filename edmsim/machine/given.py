@@ -3,16 +3,32 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from typing import get_args
 
-from pydantic import BaseModel, ValidationError
+from pydantic import ValidationError
 
 from edmsim.errors import InputError
 from edmsim.machine.machine import Machine
-from edmsim.machine.parts import Constant
+from edmsim.machine.parts import Base, Constant, Material, Part, Wire
 from edmsim.machine.ranges import with_constants
 
 OPTIONS = {"wire.stress_MPa": "tension", "wire.default_diameter_um": "wire, as brass-200"}
 """Constants that only say what an option is by default, and that option."""
+
+
+def _kinds() -> dict[str, type[Constant]]:
+    """Return every constant of machine, wire and material, also those that a file need not give, and its kind."""
+    tables = {name: field.annotation for name, field in Base.model_fields.items()}
+    parts = {**tables, "wire": Wire, "material": Material}
+    return {
+        f"{section}.{key}": kind
+        for section, part in parts.items() if isinstance(part, type) and issubclass(part, Part)
+        for key, field in part.model_fields.items() for kind in (field.annotation, *get_args(field.annotation))
+        if isinstance(kind, type) and issubclass(kind, Constant)
+    }  # fmt: skip
+
+
+KINDS = _kinds()
 
 
 def checked_constants(given: Mapping[str, float] | Iterable[tuple[str, float]]) -> tuple[tuple[str, float], ...]:
@@ -42,6 +58,16 @@ def parse_constant(text: str) -> tuple[str, float]:
         raise InputError(f"a constant is given as NAME=NUMBER, as gap.critical_um=5, not '{text}'") from None
 
 
+def check_names(names: Iterable[str]) -> None:
+    """Raise `InputError` for what is no constant; those of the section it names are told."""
+    for name in names:
+        if name not in KINDS:
+            section = name.partition(".")[0]
+            near = [other for other in KINDS if other.startswith(f"{section}.")]
+            there = near or dict.fromkeys(other.partition(".")[0] + ".*" for other in KINDS)
+            raise InputError(f"there is no constant '{name}'; there are: {', '.join(there)}")
+
+
 def with_given(machine: Machine, constants: Iterable[tuple[str, float]]) -> Machine:
     """Return the set-up with other values of some constants, checked as those of a file are.
 
@@ -52,23 +78,19 @@ def with_given(machine: Machine, constants: Iterable[tuple[str, float]]) -> Mach
     InputError
         A name that is no constant, or a value that it cannot have.
     """
-    parts: dict[str, BaseModel] = {name: part for name, part in machine.base if isinstance(part, BaseModel)}
-    parts |= {"wire": machine.wire, "material": machine.material}
-    known = {
-        f"{section}.{key}": type(constant)
-        for section, part in parts.items() for key, constant in part if isinstance(constant, Constant)
-    }  # fmt: skip
     changed: dict[str, Constant] = {}
     for name, value in constants:
-        if name not in known:
-            section = name.partition(".")[0]
-            near = [other for other in known if other.startswith(f"{section}.")] or sorted(parts)
-            raise InputError(f"there is no constant '{name}'; there are: {', '.join(near)}")
+        check_names([name])
         try:
-            changed[name] = known[name](value=value, source="given as an option")
+            changed[name] = KINDS[name](value=value, source="given as an option")
         except ValidationError as error:
             reason = error.errors()[0]["msg"].lower()
             raise InputError(f"the constant {name} cannot be {value:g}: {reason}") from None
     given = with_constants(machine, changed)
+    try:
+        Base.model_validate(given.base.model_dump())
+    except ValidationError as error:
+        first = error.errors()[0]
+        raise InputError(f"constants of {first['loc'][0]} do not go together: {first['msg']}") from None
     given.check()
     return given

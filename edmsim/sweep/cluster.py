@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import os
 from collections.abc import Iterable, Iterator
 from typing import Any
@@ -46,8 +47,8 @@ class Cluster:
             try:
                 host = address.rpartition(":")[0]
                 # of a cluster within one computer Ray would ask at the address other computers know it by
-                here = {"_node_ip_address": host} if host.startswith("127.") else {}
-                ray.init(address=address, log_to_driver=False, logging_level="ERROR", **here)
+                here: dict[str, Any] = {"_node_ip_address": host} if host.startswith("127.") else {}
+                ray.init(address=address, log_to_driver=False, logging_level=logging.ERROR, **here)
             except (ConnectionError, ValueError, RuntimeError) as error:
                 reason = str(error).split(". ")[0]
                 raise InputError(f"there is no Ray cluster at '{address}' ({reason}); start one: ray start") from None

@@ -10,7 +10,7 @@ if TYPE_CHECKING:
     from edmsim.evaluation.episode import Result
 
 
-class Measured(NamedTuple):
+class RunFigure(NamedTuple):
     """A figure: what it is called, and where a cut's report and an episode's result have it, if they do."""
 
     name: str
@@ -20,31 +20,31 @@ class Measured(NamedTuple):
 
 
 FIGURES = (
-    Measured("machining_time_s", "machining_time_s", "time_s", "machine time"),
-    Measured("path_length_mm", "path_length_mm", "length_mm", "length cut"),
-    Measured("cutting_rate_mm2_min", "cutting_rate_mm2_min", "rate_mm2_min", "cutting rate"),
-    Measured("feed_um_s", "feed_um_s.mean", "", "mean feed"),
-    Measured("pulses", "pulses", "", "pulses of the generator"),
-    Measured("spark_share", "pulse_share.spark", "", "sparks of all pulses"),
-    Measured("arc_share", "pulse_share.arc", "", "arcs"),
-    Measured("short_share", "pulse_share.short", "short_share", "shorts"),
-    Measured("open_share", "pulse_share.open", "open_share", "open pulses"),
-    Measured("kerf_um", "kerf_um.mean", "", "mean width of the kerf"),
-    Measured("error_max_um", "profile_error_um.max", "", "greatest profile error"),
-    Measured("error_rms_um", "profile_error_um.rms", "edge_error_um", "profile error, root mean square"),
-    Measured("error_p95_um", "profile_error_um.p95", "", "profile error that 95 % stay below"),
-    Measured("path_error_um", "", "error_um", "distance of the wire from its path, root mean square"),
-    Measured("ra_um", "surface.ra_um", "", "roughness Ra"),
-    Measured("lag_um", "wire.lag_um", "", "lag of the wire"),
-    Measured("vibration_um", "wire.vibration_um_rms", "", "vibration of the wire, root mean square"),
-    Measured("wire_temperature_K", "wire.temperature_K_max", "hottest_K", "highest temperature of the wire"),
-    Measured("following_um", "following_error_um.max", "", "greatest following error of the axes"),
-    Measured("coverage", "coverage.mean", "", "share of the wire's front covered by gas"),
-    Measured("energy_J", "energy_J", "", "energy of all discharges"),
-    Measured("removed_mm3", "removed_mm3", "", "metal removed"),
-    Measured("mean_current_A", "mean_current_A", "", "mean current"),
-    Measured("mean_voltage_V", "mean_voltage_V", "", "mean voltage"),
-    Measured("total_return", "", "total_return", "return of the episode"),
+    RunFigure("machining_time_s", "machining_time_s", "time_s", "machine time"),
+    RunFigure("path_length_mm", "path_length_mm", "length_mm", "length cut"),
+    RunFigure("cutting_rate_mm2_min", "cutting_rate_mm2_min", "rate_mm2_min", "cutting rate"),
+    RunFigure("feed_um_s", "feed_um_s.mean", "", "mean feed"),
+    RunFigure("pulses", "pulses", "", "pulses of the generator"),
+    RunFigure("spark_share", "pulse_share.spark", "", "sparks of all pulses"),
+    RunFigure("arc_share", "pulse_share.arc", "", "arcs"),
+    RunFigure("short_share", "pulse_share.short", "short_share", "shorts"),
+    RunFigure("open_share", "pulse_share.open", "open_share", "open pulses"),
+    RunFigure("kerf_um", "kerf_um.mean", "", "mean width of the kerf"),
+    RunFigure("error_max_um", "profile_error_um.max", "", "greatest profile error"),
+    RunFigure("error_rms_um", "profile_error_um.rms", "edge_error_um", "profile error, root mean square"),
+    RunFigure("error_p95_um", "profile_error_um.p95", "", "profile error that 95 % stay below"),
+    RunFigure("path_error_um", "", "error_um", "distance of the wire from its path, root mean square"),
+    RunFigure("ra_um", "surface.ra_um", "", "roughness Ra"),
+    RunFigure("lag_um", "wire.lag_um", "", "lag of the wire"),
+    RunFigure("vibration_um", "wire.vibration_um_rms", "", "vibration of the wire, root mean square"),
+    RunFigure("wire_temperature_K", "wire.temperature_K_max", "hottest_K", "highest temperature of the wire"),
+    RunFigure("following_um", "following_error_um.max", "", "greatest following error of the axes"),
+    RunFigure("coverage", "coverage.mean", "", "share of the wire's front covered by gas"),
+    RunFigure("energy_J", "energy_J", "", "energy of all discharges"),
+    RunFigure("removed_mm3", "removed_mm3", "", "metal removed"),
+    RunFigure("mean_current_A", "mean_current_A", "", "mean current"),
+    RunFigure("mean_voltage_V", "mean_voltage_V", "", "mean voltage"),
+    RunFigure("total_return", "", "total_return", "return of the episode"),
 )
 """Figures of a run, in order; one that could not be measured, or is not of this kind of run, is null."""
 NAMES = tuple(figure.name for figure in FIGURES)

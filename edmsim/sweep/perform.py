@@ -15,7 +15,7 @@ import numpy as np
 from edmsim import __version__
 from edmsim.errors import EdmsimError, InputError
 from edmsim.sweep import figures
-from edmsim.sweep.runs import Run, fingerprint
+from edmsim.sweep.runs import SweepRun, digest
 
 
 class Outcome(NamedTuple):
@@ -33,7 +33,7 @@ class Outcome(NamedTuple):
     files: dict[str, bytes]
 
 
-def perform(run: Run) -> Outcome:
+def perform(run: SweepRun) -> Outcome:
     """Make a run; whatever goes wrong in it becomes its error, and no other run suffers.
 
     A result depends on the run alone, not on computer, process, or what ran before; but for ``wall_time_s``
@@ -50,12 +50,12 @@ def perform(run: Run) -> Outcome:
     }, files)  # fmt: skip
 
 
-def lost(run: Run, why: str) -> Outcome:
+def lost(run: SweepRun, why: str) -> Outcome:
     """Return the outcome of a run that took its process with it."""
     return Outcome({**blank(run), "error": why}, {})
 
 
-def blank(run: Run) -> dict[str, Any]:
+def blank(run: SweepRun) -> dict[str, Any]:
     """Return the row of a run of which nothing is known but what it is."""
     settings = dict(run.settings)
     constants = dict(settings.pop("constants", ()))
@@ -76,13 +76,13 @@ def said(error: Exception) -> str:
     return " ".join(f"{type(error).__name__}: {error}{where}".split())
 
 
-def _same_files(run: Run) -> None:
+def _same_files(run: SweepRun) -> None:
     for file, expected in run.files.items():
-        if fingerprint(file) != expected:
+        if digest(file) != expected:
             raise InputError("is not there, or not the file the sweep began with", file)
 
 
-def _cut(run: Run) -> tuple[dict[str, Any], dict[str, bytes]]:
+def _cut(run: SweepRun) -> tuple[dict[str, Any], dict[str, bytes]]:
     import edmsim
 
     settings = dict(run.settings)
@@ -94,7 +94,7 @@ def _cut(run: Run) -> tuple[dict[str, Any], dict[str, bytes]]:
     return row, _recorded(run, result) if run.recordings else {}
 
 
-def _drawn(run: Run, sample: int) -> dict[str, float]:
+def _drawn(run: SweepRun, sample: int) -> dict[str, float]:
     """Return the constants of a drawn machine; the same draw for every setting, so that settings compare."""
     from edmsim.job.settings import CutSettings
     from edmsim.machine.ranges import choose
@@ -106,7 +106,7 @@ def _drawn(run: Run, sample: int) -> dict[str, float]:
     return {name: known[name].value for name in chosen}
 
 
-def _recorded(run: Run, result: Any) -> dict[str, bytes]:
+def _recorded(run: SweepRun, result: Any) -> dict[str, bytes]:
     from edmsim.recording import write_json, write_windows
 
     with tempfile.TemporaryDirectory() as name:
@@ -121,7 +121,7 @@ def _recorded(run: Run, result: Any) -> dict[str, bytes]:
         return {file.name: file.read_bytes() for file in sorted(folder.iterdir()) if file.is_file()}
 
 
-def _episode(run: Run) -> dict[str, Any]:
+def _episode(run: SweepRun) -> dict[str, Any]:
     from edmsim.envs.registry import resolve
     from edmsim.evaluation.episode import cut
 

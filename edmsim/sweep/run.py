@@ -10,7 +10,7 @@ from edmsim.errors import InputError
 from edmsim.files import replacing
 from edmsim.sweep.engine import Engine, Lost, Processes
 from edmsim.sweep.perform import Outcome, lost, perform
-from edmsim.sweep.runs import Run, runs_of
+from edmsim.sweep.runs import SweepRun, runs_of
 from edmsim.sweep.specification import Specification
 from edmsim.sweep.store import Store
 
@@ -111,7 +111,7 @@ class _Counts:
         self.tell()
 
 
-def _missing(specification: Specification, store: Store, counts: _Counts) -> Iterator[Run]:
+def _missing(specification: Specification, store: Store, counts: _Counts) -> Iterator[SweepRun]:
     """Yield the runs that are still to be made, as they are asked for."""
     for run in runs_of(specification):
         if store.misses(run):

@@ -18,6 +18,7 @@ from edmsim.controllers import from_text
 from edmsim.errors import InputError
 from edmsim.evaluation.episode import arguments
 from edmsim.job.settings import CutSettings
+from edmsim.machine.given import check_names
 from edmsim.machine.machine import Machine
 from edmsim.machine.ranges import value_at
 from edmsim.sweep.specification import SobolSample, Specification
@@ -27,7 +28,7 @@ UNITS = "_mm", "_us", "_V", "_A", "_ohm", "_m_s", "_Pa", "_s"
 
 
 @dataclass(frozen=True)
-class Run:
+class SweepRun:
     """One run of a sweep: plain data that any computer can be sent.
 
     Attributes
@@ -61,7 +62,7 @@ class Run:
     files: Mapping[str, str]
 
 
-def runs_of(specification: Specification) -> Iterator[Run]:
+def runs_of(specification: Specification) -> Iterator[SweepRun]:
     """Yield the runs one by one, so that a large sweep needs no memory for all; see `Specification`.
 
     Machines drawn and seeds vary fastest, so that what is compared with each other is cut at about the same time.
@@ -106,7 +107,7 @@ def _published(name: str, chosen: Mapping[str, Any]) -> tuple[float, float]:
     known = Machine.load(chosen.get("machine", "agiecut-dem15"), **parts).uncertain()
     bounds = known[name].range if name in known else None
     if bounds is None:
-        raise InputError(f"'{name}' is no constant with a published range; there are: {', '.join(known)}")
+        raise InputError(f"'{name}' is no constant with a published range; give one, as [low, high]")
     return bounds
 
 
@@ -130,6 +131,7 @@ def _checked(task: str, given: Mapping[str, Any], is_cut: bool) -> dict[str, Any
     options = {name: value for name, value in given.items() if "." not in name}
     constants = {name: value for name, value in given.items() if "." in name}
     if is_cut:
+        check_names(constants)
         settings = CutSettings.model_validate({**options, "constants": constants})
         from_text(str(settings.controller))
         return settings.model_dump(mode="json", exclude={"seed"})
@@ -153,7 +155,7 @@ def _arguments(env_id: str, options: dict[str, Any]) -> dict[str, Any]:
     return full
 
 
-def _run(task: str, settings: dict[str, Any], seed: int, sample: int | None, spec: Specification) -> Run:
+def _run(task: str, settings: dict[str, Any], seed: int, sample: int | None, spec: Specification) -> SweepRun:
     files = _files(task, settings)
     only = None if spec.sample_only is None or sample is None else tuple(sorted(spec.sample_only))
     content = {
@@ -162,7 +164,7 @@ def _run(task: str, settings: dict[str, Any], seed: int, sample: int | None, spe
     }  # fmt: skip
     text = json.dumps(content, sort_keys=True)
     identity = hashlib.sha256(text.encode()).hexdigest()[:20]
-    return Run(identity, task, bool(spec.program), settings, seed, sample, only, tuple(spec.recordings), files)
+    return SweepRun(identity, task, bool(spec.program), settings, seed, sample, only, tuple(spec.recordings), files)
 
 
 def _files(task: str, settings: Mapping[str, Any]) -> dict[str, str]:
@@ -177,18 +179,18 @@ def _files(task: str, settings: Mapping[str, Any]) -> dict[str, str]:
     return named
 
 
-@lru_cache(maxsize=1024)
 def digest(file: str) -> str | None:
-    """Return a fingerprint of a file as it was when first asked for; None if there is none."""
-    return fingerprint(file)
-
-
-def fingerprint(file: str) -> str | None:
     """Return a fingerprint of a file as it is now; None if there is none."""
     try:
-        return hashlib.sha256(Path(file).read_bytes()).hexdigest()[:16]
+        status = Path(file).stat()
+        return _digest(file, status.st_mtime_ns, status.st_size)
     except OSError:
         return None
+
+
+@lru_cache(maxsize=1024)
+def _digest(file: str, _time_ns: int, _size: int) -> str:
+    return hashlib.sha256(Path(file).read_bytes()).hexdigest()[:16]
 
 
 def _plain(given: Mapping[str, Any]) -> dict[str, Any]:

@@ -14,7 +14,7 @@ from typing import Any
 from edmsim.errors import InputError
 from edmsim.files import make_writable, replacing
 from edmsim.sweep.perform import Outcome
-from edmsim.sweep.runs import Run
+from edmsim.sweep.runs import SweepRun
 from edmsim.sweep.table import JOURNAL, RESULTS, as_table, journal_rows
 
 ROWS_PER_PART = 1000
@@ -63,12 +63,12 @@ class Store:
         self._journal.close()
         os.close(self._lock)
 
-    def misses(self, run: Run) -> bool:
+    def misses(self, run: SweepRun) -> bool:
         """Say whether a run is still to be made: it has no row, or not the recordings that are wanted of it."""
         failed = self.failed.get(run.id)
         return failed is None or (not failed and bool(run.recordings) and not self._recording(run).is_dir())
 
-    def add(self, run: Run, outcome: Outcome) -> None:
+    def add(self, run: SweepRun, outcome: Outcome) -> None:
         """Keep what a run left; its recordings first, so that a row never promises files that are not there."""
         if outcome.files:
             self._record(run, outcome.files)
@@ -118,10 +118,10 @@ class Store:
     def _parts(self) -> list[Path]:
         return sorted((self.folder / RESULTS).glob("*/*.parquet"))
 
-    def _recording(self, run: Run) -> Path:
+    def _recording(self, run: SweepRun) -> Path:
         return self.folder / RECORDINGS / run.id
 
-    def _record(self, run: Run, files: Mapping[str, bytes]) -> None:
+    def _record(self, run: SweepRun, files: Mapping[str, bytes]) -> None:
         """Write a run's files; they appear together or not at all."""
         target = self._recording(run)
         partial = target.with_name(target.name + ".part")

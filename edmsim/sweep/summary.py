@@ -131,9 +131,9 @@ def effect(setting: list[Any], figure: NDArray[np.float64]) -> Effect:
     if number and kinds > MOST_VALUES:
         levels = np.minimum((ranks - 0.5) * BINS // len(ranks), BINS - 1).astype(int)
         kinds = len(set(levels))
-    total = float(((values - values.mean()) ** 2).sum()) if len(values) else 0.0
-    if total <= 0 or len(values) <= kinds:
+    if len(values) <= kinds or np.ptp(values) == 0:
         return Effect(math.nan, math.nan)
+    total = float(((values - values.mean()) ** 2).sum())
     within = sum(float(((part - part.mean()) ** 2).sum()) for k in set(levels) for part in [values[levels == k]])
     share = 1.0 - within / (len(values) - kinds) * (len(values) - 1) / total
     ordered = number and kinds > 1

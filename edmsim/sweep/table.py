@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any, get_args
 
 from edmsim.errors import InputError
 from edmsim.job.settings import CutSettings
-from edmsim.sweep import figures
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -20,7 +19,6 @@ RESULTS = "results"
 JOURNAL = "journal.jsonl"
 _WHOLE = {"seed", "machine_sample"}
 _KINDS = {name: {field.annotation, *get_args(field.annotation)} for name, field in CutSettings.model_fields.items()}
-_NUMBERS = {*figures.NAMES, "wall_time_s", *(name for name, kinds in _KINDS.items() if kinds <= {float, type(None)})}
 _TEXTS = {
     "id", "task", "error", "outcome", "report", "edmsim_version", "host",
     *(name for name, kinds in _KINDS.items() if str in kinds),
@@ -44,7 +42,7 @@ def _typed(name: str, values: list[Any]) -> tuple[list[Any], Any]:
     if name in _WHOLE:
         return values, pa.int64()
     are_numbers = all(value is None or type(value) in (int, float) for value in values)
-    if name in _NUMBERS or (name not in _TEXTS and are_numbers):  # constants, arguments of environments
+    if are_numbers and name not in _TEXTS:
         return [None if value is None else float(value) for value in values], pa.float64()
     return [value if value is None or isinstance(value, str) else json.dumps(value) for value in values], pa.string()
 
