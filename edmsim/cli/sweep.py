@@ -73,6 +73,49 @@ def sweep(
         raise typer.Exit(STOPPED)
 
 
+def tune(
+    name: Annotated[str, typer.Argument(help="Feed controller, or environment to train in.", show_default=False)],
+    out: Annotated[Path, typer.Option(help="Folder of the study; one that is there goes on.")],
+    trials: Annotated[int, typer.Option(help="Trials in all.")] = 40,
+    seed: Annotated[int, typer.Option(help="First training seed, and seed of the search.")] = 0,
+    seeds: Annotated[int, typer.Option(help="Training seeds a trial is judged by.")] = 5,
+    algo: Annotated[str, typer.Option(help="Of a training: ppo or sac.")] = "ppo",
+    steps: Annotated[int | None, typer.Option(help="Windows of each training; default by environment.")] = None,
+    ray: Ray = None,
+    processes: ProcessCount = None,
+) -> None:
+    """Search gains or training settings (needs the extra tune)."""
+    from rich.progress import Progress as Bar
+
+    from edmsim.sweep.tune import BEST, Tuned
+    from edmsim.sweep.tune import tune as search
+
+    engine = _engine(ray, processes)
+    bar = Bar(console=ERR, transient=True)
+    task = bar.add_task(name, total=trials)
+
+    def watch(found: Tuned) -> None:
+        bar.start()  # not before the first trial: bad input shall print its one line only
+        bar.update(task, completed=found.trials, description=f"{name}: {found.value:.4g}")
+
+    try:
+        found = search(
+            name, out, trials=trials, seed=seed, seeds=seeds, algo=algo, steps=steps, engine=engine, watch=watch
+        )
+    except KeyboardInterrupt:
+        say("interrupted; the same command goes on with the study")
+        raise typer.Exit(INTERRUPTED) from None
+    finally:
+        if bar.live.is_started:
+            bar.stop()
+    values = ",".join(f"{key}={value:g}" for key, value in found.values.items())
+    told = f"{name}:{values}\nworth {found.value:.4g} (before {found.first_value:.4g}); {found.trials} trials, "
+    OUT.print(f"{told}{found.failed} failed. Written: {out / BEST}", highlight=False, soft_wrap=True, markup=False)
+    if (out / "policy.json").is_file():
+        OUT.print(f"Cut with the best policy: edmsim cut PROGRAM --controller policy:{out / 'policy.json'} --out DIR",
+                  highlight=False, soft_wrap=True, markup=False)  # fmt: skip
+
+
 def _specification(
     what: str, words: list[str], seeds: int | None, machine_samples: int | None, record: list[str] | None
 ) -> Specification:
