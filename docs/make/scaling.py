@@ -5,17 +5,18 @@ python docs/make/scaling.py
 
 from __future__ import annotations
 
-import math
 import re
 import tempfile
 import time
 import tracemalloc
 from collections.abc import Iterable, Iterator
 from pathlib import Path
+from posixpath import basename  # any function that does nothing, and every process has
 from typing import Any
 
 import numpy as np
 
+from edmsim.sweep.cluster import Cluster
 from edmsim.sweep.engine import Processes
 from edmsim.sweep.perform import Outcome, blank, perform
 from edmsim.sweep.run import sweep
@@ -77,12 +78,14 @@ def measure(folder: Path) -> list[tuple[str, str]]:
     plan_s = (time.perf_counter() - started) / ROWS
 
     started = time.perf_counter()
-    handed = sum(1 for _ in Processes(1).done(math.floor, range(1)))
+    handed = sum(1 for _ in Processes(1).done(basename, ["job"]))
     start_s = (time.perf_counter() - started) / handed
     started = time.perf_counter()
-    for _ in Processes(1).done(math.floor, range(JOBS)):
+    for _ in Processes(1).done(basename, ["job"] * JOBS):
         pass
     hand_s = (time.perf_counter() - started - start_s) / JOBS
+
+    ray_s = handed_by_ray()
 
     started = time.perf_counter()
     sweep(many, folder / "out", engine=Instant(outcome))
@@ -100,6 +103,7 @@ def measure(folder: Path) -> list[tuple[str, str]]:
         ("one more process, from its start to its first answer", f"{start_s:.1f} s"),
         ("a run planned: values combined, checked, named by its id", f"{1e6 * plan_s:.0f} us of the driver"),
         ("a job handed to a process, and its answer taken", f"{1e6 * hand_s:.0f} us"),
+        ("the same by Ray, on a node of this computer", f"{1e6 * ray_s:.0f} us"),
         ("a run from plan to disk, with no cut in between", f"{1e6 * driver_s:.0f} us of the driver"),
         ("a row of the dataset", f"{parquet:.0f} bytes"),
         ("`windows.parquet` of that cut, if recorded", f"{1e-3 * windows:.0f} kB"),
@@ -107,6 +111,26 @@ def measure(folder: Path) -> list[tuple[str, str]]:
         ("a row read again", f"{1e6 * read_s:.0f} us"),
         ("**so the driver keeps busy, with cuts of that length**", f"**{cut_s / driver_s:,.0f} processors**"),
     ]  # fmt: skip
+
+
+def handed_by_ray() -> float:
+    """Return what it costs to hand a job that does nothing to a Ray cluster of one node, and to take its answer."""
+    import ray
+    from ray.cluster_utils import Cluster as Nodes
+
+    node = {"num_cpus": 1, "include_dashboard": False, "node_ip_address": "127.0.0.2"}
+    nodes = Nodes(initialize_head=True, head_node_args=node)
+    try:
+        cluster = Cluster(nodes.address)
+        for _ in cluster.done(basename, ["job"] * 10):
+            pass
+        started = time.perf_counter()
+        for _ in cluster.done(basename, ["job"] * JOBS):
+            pass
+        return (time.perf_counter() - started) / JOBS
+    finally:
+        ray.shutdown()
+        nodes.shutdown()
 
 
 def main() -> None:
