@@ -44,9 +44,10 @@ def sweep(
         Path | None, typer.Option(metavar="DIR", help="Show the results of a sweep, and draw DIR/pareto.png.")
     ] = None,
 ) -> None:
-    """Make many cuts: every combination of settings, seeds and machines.
+    """Make many cuts from one specification.
 
-    Any option of a cut or an environment takes values: --height 5,10,20 --t-on 10:40:5 --gap.critical_um 4,5.
+    Every combination of settings, seeds and machines is cut. Any option of a cut or an environment takes values:
+    --height 5,10,20 --t-on 10:40:5 --gap.critical_um 4,5.
     Interrupted and started again, a sweep makes only what is missing.
     """
     if show is not None:
