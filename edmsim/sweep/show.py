@@ -81,7 +81,7 @@ def _errors(table: pa.Table) -> list[RenderableType]:
 
 def pareto_figure(table: pa.Table) -> Drawing:
     """Draw the groups of a sweep by rate, roughness and error, and mark those that no other surpasses."""
-    from edmsim.recording.figures.palette import LINE, VERMILION
+    from edmsim.recording.figures.palette import BLUE, LINE, VERMILION
     from edmsim.recording.figures.style import colour_bar, column_figure, dress, legend, nothing_to_show
 
     goals = goals_of(table)
@@ -94,7 +94,7 @@ def pareto_figure(table: pa.Table) -> Drawing:
     axes = figure.subplots()
     order = np.argsort(values[x][front])
     axes.plot(values[x][front][order], values[y][front][order], color=LINE, lw=1.0, zorder=1)
-    colour: dict[str, Any] = {"c": values[goals[2]], "cmap": "viridis_r"} if len(goals) > 2 else {"c": LINE}
+    colour: dict[str, Any] = {"c": values[goals[2]], "cmap": "viridis_r"} if len(goals) > 2 else {"c": BLUE}
     dots = axes.scatter(values[x], values[y], s=14, lw=0, zorder=2, **colour)
     axes.scatter(
         values[x][front], values[y][front], s=34, facecolors="none", edgecolors=VERMILION, lw=1.0, zorder=3,
