@@ -62,6 +62,8 @@ def test_help_names_every_command_on_one_line(edmsim: Run) -> None:
                              ("validate", "Compare the model with what was published, row by row."),
                              ("bench", "Measure the speed of this machine."),
                              ("terminal", "Sit at the 1982 controller's terminal."),
+                             ("sweep", "Make many cuts from one specification."),
+                             ("tune", "Search gains or training settings (needs the extra tune)."),
                              ("servo", "Sit at a servo drive's serial terminal, or tune it.")):  # fmt: skip
         assert any(command in line and purpose in line for line in told.out.splitlines())
 

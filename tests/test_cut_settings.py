@@ -20,7 +20,7 @@ from edmsim.machine.parts import Choices
 
 OF_RUNNING = {"program", "out", "resume", "overwrite", "watch", "enter"}
 """Arguments of `edmsim.cut` that say how it is run, not what is cut."""
-CHECKED = {"heights", "height_areas"}
+CHECKED = {"heights", "height_areas", "constants"}
 """Options given more freely than they are kept."""
 
 
@@ -45,7 +45,8 @@ def test_the_function_shows_every_option_with_default_and_meaning() -> None:
 
 def test_the_command_line_has_every_option_with_its_default() -> None:
     def option(name: str) -> str:  # without its unit
-        return "height_at" if name == "heights" else re.sub("_(mm|us|s|V|A|ohm|m_s|Pa)$", "", name)
+        bare = re.sub("_(mm|us|s|V|A|ohm|m_s|Pa)$", "", name)
+        return {"heights": "height_at", "constants": "constant"}.get(name, bare)
 
     options = inspect.signature(cli.cut).parameters
     asked = {option(name): field.default for name, field in CutSettings.model_fields.items()

@@ -71,7 +71,7 @@ def commands() -> list[str]:
     for command in cli.app.registered_commands:
         assert command.callback is not None
         told = inspect.signature(command.callback, eval_str=True).parameters.values()
-        given = [(parameter, parameter.annotation.__metadata__[0]) for parameter in told]
+        given = [(p, p.annotation.__metadata__[0]) for p in told if hasattr(p.annotation, "__metadata__")]
         lines += [f"## edmsim {command_name(command.callback)}", "", inspect.getdoc(command.callback) or "", ""]
         lines += rows(("argument or option", "default", "what"), (described(p, info) for p, info in given))
         lines.append("")

@@ -16,6 +16,7 @@ from edmsim.cli.playback import render, report, view
 from edmsim.cli.positioner import positioner
 from edmsim.cli.servo import servo
 from edmsim.cli.studies import bench, calibrate, validate
+from edmsim.cli.sweep import SHORT_FORM, sweep, tune
 from edmsim.cli.terminal import terminal
 from edmsim.errors import run_command
 
@@ -25,10 +26,11 @@ app = typer.Typer(
 )
 _COMMANDS = (
     cut, view, render, report, train, score, evaluate, search_gains, calibrate, validate, bench, terminal,
-    servo, positioner, measure_table,
+    servo, positioner, measure_table, tune,
 )  # fmt: skip
 for _command in _COMMANDS:
     app.command()(_command)
+app.command(context_settings=SHORT_FORM)(sweep)
 
 
 @app.callback(invoke_without_command=True)

@@ -44,6 +44,9 @@ def cut(
     flushing_upper: Annotated[
         float | None, typer.Option(help="Pressure of the upper nozzle in Pa, 0 is off; default by machine.")
     ] = None,
+    constant: Annotated[
+        list[str] | None, typer.Option(metavar="NAME=NUMBER", help="A constant's value; may be given again.")
+    ] = None,
     controller: Annotated[
         str, typer.Option(help="Feed controller, with parameters if wanted: fixed:feed_um_s=20, own.py:Own.")
     ] = "counts",
@@ -69,6 +72,7 @@ def cut(
     from edmsim.cosim.stops import WORDS, StopCause
     from edmsim.job.checkpoint import NAME
     from edmsim.job.cut import cut as run_cut
+    from edmsim.machine.given import parse_constant
     from edmsim.program.heights import parse_height
 
     watcher = ProgressBar(quiet, ERR)
@@ -81,7 +85,8 @@ def cut(
                 generator=generator, t_on_us=t_on, t_period_us=t_period, open_voltage_V=open_voltage,
                 peak_current_A=peak_current, resistance_ohm=resistance, ignition_wait_us=ignition_wait,
                 pulse_shape=pulse_shape, wire_speed_m_s=wire_speed, flushing_lower_Pa=flushing_lower,
-                flushing_upper_Pa=flushing_upper, controller=controller, planner=planner, drive=drive,
+                flushing_upper_Pa=flushing_upper, constants=dict(map(parse_constant, constant or ())),
+                controller=controller, planner=planner, drive=drive,
                 compensation=None if compensation is None else str(compensation), mechanics=mechanics,
                 resolution=resolution, offset=offset, seed=seed, max_time_s=max_time, resume=resume,
                 overwrite=overwrite, watch=watcher.show, enter=watcher.enter,

@@ -107,7 +107,7 @@ def arguments(env_id: str) -> Mapping[str, Any]:
     return {name: value for name, value in ours.items() if name not in registered}
 
 
-def cut(env_id: str, seed: int, controller: str, resolution: str) -> Result:
+def cut(env_id: str, seed: int, controller: str, resolution: str, **options: Any) -> Result:
     """Make one cut; the oracle rehearses it with several gaps, and its fastest cut counts.
 
     Parameters
@@ -119,8 +119,10 @@ def cut(env_id: str, seed: int, controller: str, resolution: str) -> Result:
     controller : str
         See `edmsim.controllers.from_text`; gains not named are those found by the search.
     resolution : {"fast", "default", "fine"}
+    **options
+        Arguments of the environment in place of those it is compared with (`arguments`).
     """
-    task = Task(env_id, resolution=resolution, **arguments(env_id))
+    task = Task(env_id, resolution=resolution, **{**arguments(env_id), **options})
     if controller != ORACLE:
         return Episode(task, from_text(controller), seed, controller).run()
     tried = [Episode(task, make(ORACLE, gap_target_um=gap), seed, ORACLE).run() for gap in ORACLE_GAPS_UM]

@@ -82,14 +82,16 @@ def training_seeds(seed: int, seeds: int = SEEDS) -> range:
     return range(seed, seed + seeds)
 
 
-def run_all(seeds: Sequence[int], controller: Callable[[], FeedController]) -> list[Result]:
-    """Make all cuts, each with a fresh controller, as many at a time as there are cores."""
+def run_all(
+    seeds: Sequence[int], controller: Callable[[], FeedController], threads: int | None = None
+) -> list[Result]:
+    """Make all cuts, each with a fresh controller, as many at a time as there are cores, or threads are given."""
 
     def run(env_id: str, seed: int) -> Result:
         law = controller()
         return Episode(Task(env_id, resolution="fast", **ARGUMENTS[env_id]), law, seed, law.name).run()
 
-    with ThreadPoolExecutor(os.cpu_count()) as pool:
+    with ThreadPoolExecutor(threads or os.cpu_count()) as pool:
         jobs = [pool.submit(run, env_id, seed) for env_id in ENV_IDS for seed in seeds]
         return [job.result() for job in jobs]
 

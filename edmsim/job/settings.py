@@ -22,6 +22,7 @@ from shapely.geometry import mapping
 from edmsim.controllers import FeedController, axis
 from edmsim.controllers.own import check_is_controller, text_of
 from edmsim.errors import InputError
+from edmsim.machine.given import checked_constants, with_given
 from edmsim.machine.machine import Machine
 from edmsim.machine.parts import Choices
 from edmsim.machine.setting import check_height
@@ -86,6 +87,9 @@ class CutSettings(BaseModel):
     """Pressure of the lower nozzle in Pa over the surroundings, 0 where it is off; by default the machine's own."""
     flushing_upper_Pa: float | None = None
     """Pressure of the upper nozzle in Pa; by default the machine's own."""
+    constants: tuple[tuple[str, float], ...] = ()
+    """Constants of machine, wire and material with values other than those of their files:
+    ``{"gap.critical_um": 5.0}``."""
     controller: str | FeedController = "counts"
     """Feed controller, with parameters if wanted: ``"fixed:feed_um_s=20"``; a class in an own file, ``"own.py:Own"``
     (see `edmsim.controllers.from_text`); or an object that is one."""
@@ -131,6 +135,11 @@ class CutSettings(BaseModel):
     @classmethod
     def _check_areas(cls, given: Sequence[Area] | None) -> tuple[tuple[shapely.Polygon, float], ...]:
         return checked_areas(given or ())
+
+    @field_validator("constants", mode="before")
+    @classmethod
+    def _check_constants(cls, given: Mapping[str, float] | None) -> tuple[tuple[str, float], ...]:
+        return checked_constants(given or {})
 
     @field_serializer("height_areas")
     def _corners(self, areas: tuple[tuple[shapely.Polygon, float], ...]) -> list[list[object]]:
@@ -206,11 +215,12 @@ class CutSettings(BaseModel):
         InputError
             As `Machine.load`.
         """
-        return Machine.load(
+        machine = Machine.load(
             self.machine, material=self.material, wire=self.wire, generator=self.generator,
             height_mm=self.workpiece.greatest_mm, tension=self.tension, t_on_us=self.t_on_us,
             t_period_us=self.t_period_us, **{name: getattr(self, name) for name in Choices.model_fields},
         )
+        return with_given(machine, self.constants) if self.constants else machine
 
 
 class CutOptions(TypedDict, total=False):
@@ -234,6 +244,7 @@ class CutOptions(TypedDict, total=False):
     wire_speed_m_s: float | None
     flushing_lower_Pa: float | None
     flushing_upper_Pa: float | None
+    constants: Mapping[str, float] | None
     controller: str | FeedController
     planner: str
     drive: str

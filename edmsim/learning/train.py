@@ -86,7 +86,7 @@ class Trained(NamedTuple):
 
 def train(
     env_id: str, algo: str, out: Path, *, steps: int | None = None, seed: int = 0, resume: bool = False,
-    watch: Callable[[TrainingProgress], None] | None = None,
+    watch: Callable[[TrainingProgress], None] | None = None, given: Hyperparameters | None = None,
 ) -> Trained:
     """Train a policy.
 
@@ -107,6 +107,8 @@ def train(
         Go on from the folder's last checkpoint.
     watch : callable, optional
         Called with a `TrainingProgress` after every step of all lanes.
+    given : Hyperparameters, optional
+        What to train with; that of ``models/training`` by default.
 
     Raises
     ------
@@ -115,7 +117,7 @@ def train(
     KeyboardInterrupt
         After a checkpoint was written.
     """
-    given = hyperparameters.load(env_id, algo)
+    given = given or hyperparameters.load(env_id, algo)
     stand_in(*find(env_id))  # refuses an environment of which no policy file could be written
     total = given.steps if steps is None else steps
     if total < 1:

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 ROOT = Path(__file__).parents[2]
 BIN = ".venv/bin/"
-COMMANDS = ("edmsim", "python", "python3", "pip", "make", "source", ".", "rerun", "tensorboard")
+COMMANDS = ("edmsim", "python", "python3", "pip", "make", "source", ".", "rerun", "tensorboard", "ray")
 """Words that a line of a command begins with, perhaps behind the folder of a virtual environment."""
 _FENCE = re.compile(r"(?P<indent> *)(?P<ticks>`{3,}|~{3,})\s*(?P<info>.*)")
 _FILE = re.compile(r"(?:#|//|<!--) (?P<name>[\w.-]+\.\w+)(?: -->)?\s*")

@@ -24,6 +24,11 @@ NOT_RUN = {
     ". .venv/bin/activate": "a test has its environment already",
     "python3 -m venv .venv": "the Makefile makes the environment the test runs in",
     ".venv/bin/pip install -c constraints.txt .[rl]": "the Makefile installs it",
+    "pip install edmsim[cluster]": "the Makefile installs it",
+    "pip install edmsim[tune]": "the Makefile installs it",
+    "ray start --head": "tests/sweep/test_sweep_cluster.py starts one",
+    "edmsim sweep sweep.toml --out out/sweep --ray auto": "tests/sweep/test_sweep_cluster.py",
+    "edmsim tune edmsim/GapFeed-v0 --steps 20000 --out out/tune-ppo": "tests/sweep/test_tune.py trains",
     "edmsim render out/punch --screenshots shots": "tests/recording/test_recording_video.py, where there is Vulkan",
 }
 """Commands of blocks that are checked but not run, and why."""

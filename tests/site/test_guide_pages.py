@@ -58,7 +58,7 @@ def test_every_option_of_every_command_is_told(tables: ModuleType) -> None:
         told = {name.split()[0].strip(",") for name in cells(section)}
         asked = set(inspect.signature(command.callback).parameters)
         assert {name.lstrip("-").lower().replace("-", "_").rstrip(".") for name in told} - {"env_id"} == asked - {
-            "env_id", "env_ids",
+            "env_id", "env_ids", "context",
         }
 
 

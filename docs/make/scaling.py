@@ -1,0 +1,149 @@
+"""The measured table of ``docs/scaling.md``: what a run costs the driver, in time, in memory and on the disk.
+
+python docs/make/scaling.py
+"""
+
+from __future__ import annotations
+
+import re
+import tempfile
+import time
+import tracemalloc
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from posixpath import basename  # any function that does nothing, and every process has
+from typing import Any
+
+import numpy as np
+
+from edmsim.sweep.cluster import Cluster
+from edmsim.sweep.engine import Processes
+from edmsim.sweep.perform import Outcome, blank, perform
+from edmsim.sweep.run import sweep
+from edmsim.sweep.runs import runs_of
+from edmsim.sweep.specification import Specification
+from edmsim.sweep.store import ROWS_PER_PART, Store
+from edmsim.sweep.table import RESULTS, read
+
+PAGE = Path(__file__).parents[1] / "scaling.md"
+PUNCH = "G21 G90\nG0 X-2.5 Y0.5\nG41 D1\nG1 X0 Y0.5\nY1\nX1\nY0\nX0\nY0.5\nG40\nM2\n"
+"""A punch of 1 x 1 mm, some two minutes of machine time."""
+ROWS = 20_000
+"""Runs of the simulated cluster."""
+JOBS = 2000
+
+
+class Instant:
+    """A cluster without end: every run is done at once, as if there were always a node free."""
+
+    def __init__(self, outcome: Outcome) -> None:
+        # digits differ from cut to cut: equal ones would be packed into nothing
+        rng = np.random.default_rng(0)
+        self._rows = [
+            {name: self._varied(value, rng) for name, value in outcome.row.items()} for _ in range(ROWS_PER_PART)
+        ]
+
+    def _varied(self, value: Any, rng: np.random.Generator) -> Any:
+        if isinstance(value, float) and not value.is_integer():
+            return value * rng.uniform(0.999, 1.001)
+        if isinstance(value, str) and value.startswith("{"):
+            return re.sub(r"\d+\.\d{6,}", lambda found: repr(float(found[0]) * rng.uniform(0.999, 1.001)), value)
+        return value
+
+    def done(self, function: Any, jobs: Iterable[Any]) -> Iterator[tuple[Any, Any]]:
+        """Answer each job with the outcome of a cut that was made once, its digits changed."""
+        for run in jobs:
+            known = {name: value for name, value in blank(run).items() if value is not None}
+            yield run, Outcome({**self._rows[run.seed % ROWS_PER_PART], **known}, {})
+
+
+def measure(folder: Path) -> list[tuple[str, str]]:
+    """Return what was measured: names and texts."""
+    program = folder / "punch.ngc"
+    program.write_text(PUNCH, encoding="utf-8")
+    given = {"program": [str(program)], "settings": {"resolution": "fast", "height_mm": 5.0}}
+    one = Specification(**given, recordings=["windows"])
+    (run,) = runs_of(one)
+    perform(run)  # compiles
+    started = time.perf_counter()
+    outcome = perform(run)
+    cut_s = time.perf_counter() - started
+    machine_s = float(outcome.row["machining_time_s"])
+    windows = len(outcome.files["windows.parquet"])
+
+    many = Specification(**given, seeds=list(range(ROWS)))
+    started = time.perf_counter()
+    for _ in runs_of(many):
+        pass
+    plan_s = (time.perf_counter() - started) / ROWS
+
+    started = time.perf_counter()
+    handed = sum(1 for _ in Processes(1).done(basename, ["job"]))
+    start_s = (time.perf_counter() - started) / handed
+    started = time.perf_counter()
+    for _ in Processes(1).done(basename, ["job"] * JOBS):
+        pass
+    hand_s = (time.perf_counter() - started - start_s) / JOBS
+
+    ray_s = handed_by_ray()
+
+    started = time.perf_counter()
+    sweep(many, folder / "out", engine=Instant(outcome))
+    driver_s = (time.perf_counter() - started) / ROWS
+    parquet = sum(file.stat().st_size for file in (folder / "out" / RESULTS).rglob("*.parquet")) / ROWS
+    tracemalloc.start()
+    with Store(folder / "out") as store:
+        memory = tracemalloc.get_traced_memory()[0] / len(store.failed)
+    tracemalloc.stop()
+    started = time.perf_counter()
+    table = read(folder / "out")
+    read_s = (time.perf_counter() - started) / len(table)
+    return [
+        ("a cut of " + f"{machine_s:.0f} s of machine time, `fast`", f"{cut_s:.1f} s of a processor"),
+        ("one more process, from its start to its first answer", f"{start_s:.1f} s"),
+        ("a run planned: values combined, checked, named by its id", f"{1e6 * plan_s:.0f} us of the driver"),
+        ("a job handed to a process, and its answer taken", f"{1e6 * hand_s:.0f} us"),
+        ("the same by Ray, on a node of this computer", f"{1e6 * ray_s:.0f} us"),
+        ("a run from plan to disk, with no cut in between", f"{1e6 * driver_s:.0f} us of the driver"),
+        ("a row of the dataset", f"{parquet:.0f} bytes"),
+        ("`windows.parquet` of that cut, if recorded", f"{1e-3 * windows:.0f} kB"),
+        ("memory of the driver for a run that is done", f"{memory:.0f} bytes"),
+        ("a row read again", f"{1e6 * read_s:.0f} us"),
+        ("runs that one driver gets done with Ray, at most", f"{1 / (driver_s + ray_s):.0f} a second"),
+        ("**processors it keeps busy with cuts of that length**", f"**{cut_s / (driver_s + ray_s):,.0f}**"),
+    ]  # fmt: skip
+
+
+def handed_by_ray() -> float:
+    """Return what it costs to hand a job that does nothing to a Ray cluster of one node, and to take its answer."""
+    import ray
+    from ray.cluster_utils import Cluster as Nodes
+
+    node = {"num_cpus": 1, "include_dashboard": False, "node_ip_address": "127.0.0.2"}
+    nodes = Nodes(initialize_head=True, head_node_args=node)
+    try:
+        cluster = Cluster(nodes.address)
+        for _ in cluster.done(basename, ["job"] * 10):
+            pass
+        started = time.perf_counter()
+        for _ in cluster.done(basename, ["job"] * JOBS):
+            pass
+        return (time.perf_counter() - started) / JOBS
+    finally:
+        ray.shutdown()
+        nodes.shutdown()
+
+
+def main() -> None:
+    """Measure, and write the table into the page."""
+    with tempfile.TemporaryDirectory() as name:
+        rows = measure(Path(name))
+    table = "\n".join(["| what | measured here |", "|---|---|", *(f"| {what} | {figure} |" for what, figure in rows)])
+    text = PAGE.read_text(encoding="utf-8")
+    mark = r"(<!-- begin measured -->\n).*?(\n<!-- end measured -->)"
+    PAGE.write_text(re.sub(mark, lambda m: f"{m[1]}\n{table}\n{m[2]}", text, flags=re.DOTALL), encoding="utf-8")
+    print(table)
+
+
+if __name__ == "__main__":
+    main()

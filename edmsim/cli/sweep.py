@@ -1,0 +1,201 @@
+"""``edmsim sweep`` and ``tune``: many cuts, and the search of gains and training settings."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from edmsim.cli.console import ERR, INTERRUPTED, OUT, STOPPED, say
+from edmsim.errors import InputError
+
+if TYPE_CHECKING:
+    from edmsim.sweep.engine import Engine
+    from edmsim.sweep.run import SweepProgress
+    from edmsim.sweep.specification import Specification
+
+Ray = Annotated[
+    str | None, typer.Option(metavar="ADDRESS", help="Ray cluster: auto, or HOST:PORT (extra cluster).")
+]
+ProcessCount = Annotated[
+    int | None, typer.Option("--processes", help="Processes on this computer; one a processor by default.")
+]
+SHORT_FORM = {"ignore_unknown_options": True, "allow_extra_args": True}
+
+
+def sweep(
+    context: typer.Context,
+    what: Annotated[
+        str, typer.Argument(help="Specification (.toml), part program, or environment; none with --show.")
+    ] = "",
+    out: Annotated[Path | None, typer.Option(help="Folder for the results.")] = None,
+    seeds: Annotated[int | None, typer.Option(help="Seeds of every combination; 1 by default.")] = None,
+    machine_samples: Annotated[
+        int | None, typer.Option(help="Machines drawn within the ranges of their constants, for every combination.")
+    ] = None,
+    record: Annotated[
+        list[str] | None, typer.Option(help="Keep of each cut: report, windows or all; may be given again.")
+    ] = None,
+    ray: Ray = None,
+    processes: ProcessCount = None,
+    retry_failed: Annotated[bool, typer.Option("--retry-failed", help="Make again what failed.")] = False,
+    show: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="Show the results of a sweep, and draw DIR/pareto.png.")
+    ] = None,
+) -> None:
+    """Make many cuts from one specification.
+
+    Every combination of settings, seeds and machines is cut. Any option of a cut or an environment takes values:
+    --height 5,10,20 --t-on 10:40:5 --gap.critical_um 4,5.
+    Interrupted and started again, a sweep makes only what is missing.
+    """
+    if show is not None:
+        if what or context.args:
+            raise InputError("--show DIR shows results; it takes no specification")
+        _show(show)
+        return
+    if not what or out is None:
+        raise InputError("give what to sweep, and a folder: edmsim sweep SPEC.toml --out DIR")
+    from edmsim.sweep.run import sweep as run
+
+    specification = _specification(what, context.args, seeds, machine_samples, record)
+    engine = _engine(ray, processes)
+    bar = _SweepBar()
+    try:
+        with bar:
+            last = run(specification, out, engine=engine, retry_failed=retry_failed, watch=bar.show)
+    except KeyboardInterrupt:
+        say("interrupted; the same command goes on with what is missing")
+        raise typer.Exit(INTERRUPTED) from None
+    OUT.print(f"{last.done} runs, {last.made} made now, {last.failed} failed.", highlight=False)
+    OUT.print(f"Look at them with: edmsim sweep --show {out}", highlight=False, soft_wrap=True, markup=False)
+    if last.failed:
+        raise typer.Exit(STOPPED)
+
+
+def tune(
+    name: Annotated[str, typer.Argument(help="Feed controller, or environment to train in.", show_default=False)],
+    out: Annotated[Path, typer.Option(help="Folder of the study; one that is there goes on.")],
+    trials: Annotated[int, typer.Option(help="Trials in all.")] = 40,
+    seed: Annotated[int, typer.Option(help="First training seed, and seed of the search.")] = 0,
+    seeds: Annotated[int, typer.Option(help="Training seeds a trial is judged by.")] = 5,
+    algo: Annotated[str, typer.Option(help="Of a training: ppo or sac.")] = "ppo",
+    steps: Annotated[int | None, typer.Option(help="Windows of each training; default by environment.")] = None,
+    ray: Ray = None,
+    processes: ProcessCount = None,
+) -> None:
+    """Search gains or training settings (needs the extra tune)."""
+    from rich.progress import Progress as Bar
+
+    from edmsim.sweep.tune import BEST, Tuned
+    from edmsim.sweep.tune import tune as search
+
+    engine = _engine(ray, processes)
+    bar = Bar(console=ERR, transient=True)
+    task = bar.add_task(name, total=trials)
+
+    def watch(found: Tuned) -> None:
+        bar.start()  # not before the first trial: bad input shall print its one line only
+        bar.update(task, completed=found.trials, description=f"{name}: {found.value:.4g}")
+
+    try:
+        found = search(
+            name, out, trials=trials, seed=seed, seeds=seeds, algo=algo, steps=steps, engine=engine, watch=watch
+        )
+    except KeyboardInterrupt:
+        say("interrupted; the same command goes on with the study")
+        raise typer.Exit(INTERRUPTED) from None
+    finally:
+        if bar.live.is_started:
+            bar.stop()
+    values = ",".join(f"{key}={value:g}" for key, value in found.values.items())
+    told = f"{name}:{values}\nworth {found.value:.4g} (before {found.first_value:.4g}); {found.trials} trials, "
+    OUT.print(f"{told}{found.failed} failed. Written: {out / BEST}", highlight=False, soft_wrap=True, markup=False)
+    if (out / "policy.json").is_file():
+        OUT.print(f"Cut with the best policy: edmsim cut PROGRAM --controller policy:{out / 'policy.json'} --out DIR",
+                  highlight=False, soft_wrap=True, markup=False)  # fmt: skip
+
+
+def _specification(
+    what: str, words: list[str], seeds: int | None, machine_samples: int | None, record: list[str] | None
+) -> Specification:
+    """Return the specification of a file, or of the short form."""
+    from edmsim.sweep.specification import Specification, read_specification
+
+    over = {"seeds": seeds, "machine_samples": machine_samples, "recordings": record or None}
+    chosen = {name: value for name, value in over.items() if value is not None}
+    if what.endswith(".toml"):
+        if words or chosen:
+            raise InputError(f"a specification says all itself: leave out {' '.join(words) or ', '.join(chosen)}")
+        return read_specification(what)
+    kind = "program" if Path(what).is_file() or Path(what).suffix not in ("", ".py") else "environment"
+    return Specification.model_validate({kind: what, "grid": _options(words), **chosen})
+
+
+def _options(words: list[str]) -> dict[str, Any]:
+    """Take ``--height 5,10 --t-on=10:40:5`` apart."""
+    found: dict[str, Any] = {}
+    left = list(words)
+    while left:
+        name, joined, value = left.pop(0).partition("=")
+        if not name.startswith("--"):
+            raise InputError(f"'{name}' belongs to no option; values are given as --height 5,10,20")
+        if not joined:
+            if not left:
+                raise InputError(f"{name} has no values: give some, as {name} 5,10,20")
+            value = left.pop(0)
+        key = name.removeprefix("--")
+        found[key] = f"{found[key]},{value}" if key in found else value
+    return found
+
+
+def _engine(ray: str | None, processes: int | None) -> Engine:
+    if ray is None:
+        from edmsim.sweep.engine import Processes
+
+        return Processes(processes)
+    if processes is not None:
+        raise InputError("--processes are those of this computer: leave them out with --ray")
+    from edmsim.sweep.cluster import Cluster
+
+    return Cluster(ray)
+
+
+def _show(folder: Path) -> None:
+    from edmsim.recording.figures import write_figure
+    from edmsim.sweep.show import pareto_figure, render
+    from edmsim.sweep.table import read
+
+    table = read(folder)
+    OUT.print(render(table))
+    write_figure(pareto_figure(table), folder / "pareto.png")
+    OUT.print(f"Written: {folder / 'pareto.png'}", highlight=False, soft_wrap=True, markup=False)
+
+
+class _SweepBar:
+    """Runs done, time left, failures."""
+
+    def __init__(self) -> None:
+        from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+        from rich.progress import Progress as Bar
+
+        self._bar = Bar(
+            MofNCompleteColumn(), BarColumn(bar_width=24), TextColumn("{task.percentage:5.1f} %"),
+            TimeElapsedColumn(), TextColumn("left"), TimeRemainingColumn(), TextColumn("{task.fields[failed]}"),
+            console=ERR,
+        )  # fmt: skip
+        self._task = self._bar.add_task("sweep", total=None, failed="")
+
+    def __enter__(self) -> _SweepBar:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._bar.live.is_started:
+            self._bar.stop()
+
+    def show(self, progress: SweepProgress) -> None:
+        """Take in a run."""
+        self._bar.start()  # not before the first: bad input shall print its one line only
+        failed = f"{progress.failed} failed" if progress.failed else ""
+        self._bar.update(self._task, completed=progress.done, total=progress.total, failed=failed)

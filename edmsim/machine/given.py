@@ -1,0 +1,96 @@
+"""Constants that a user gives other values, by name: what the option ``constants`` of a cut does."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import get_args
+
+from pydantic import ValidationError
+
+from edmsim.errors import InputError
+from edmsim.machine.machine import Machine
+from edmsim.machine.parts import Base, Constant, Material, Part, Wire
+from edmsim.machine.ranges import with_constants
+
+OPTIONS = {"wire.stress_MPa": "tension", "wire.default_diameter_um": "wire, as brass-200"}
+"""Constants that only say what an option is by default, and that option."""
+
+
+def _kinds() -> dict[str, type[Constant]]:
+    """Return every constant of machine, wire and material, also those that a file need not give, and its kind."""
+    tables = {name: field.annotation for name, field in Base.model_fields.items()}
+    parts = {**tables, "wire": Wire, "material": Material}
+    return {
+        f"{section}.{key}": kind
+        for section, part in parts.items() if isinstance(part, type) and issubclass(part, Part)
+        for key, field in part.model_fields.items() for kind in (field.annotation, *get_args(field.annotation))
+        if isinstance(kind, type) and issubclass(kind, Constant)
+    }  # fmt: skip
+
+
+KINDS = _kinds()
+
+
+def checked_constants(given: Mapping[str, float] | Iterable[tuple[str, float]]) -> tuple[tuple[str, float], ...]:
+    """Return values of constants as pairs, by name; raises `InputError` where they are none.
+
+    Parameters
+    ----------
+    given : mapping of str to float, or pairs
+        ``{"gap.critical_um": 5.0}``: section, or wire or material, and key; in the unit that the key ends in.
+    """
+    try:
+        pairs = sorted((str(name), float(value)) for name, value in dict(given).items())
+    except (TypeError, ValueError):
+        raise InputError(f"constants are names with numbers, as {{'gap.critical_um': 5.0}}, not {given!r}") from None
+    for name, _ in pairs:
+        if name in OPTIONS:
+            raise InputError(f"the constant {name} is a default: give the option {OPTIONS[name]}, instead")
+    return tuple(pairs)
+
+
+def parse_constant(text: str) -> tuple[str, float]:
+    """Take ``gap.critical_um=5`` apart."""
+    name, _, value = text.partition("=")
+    try:
+        return name.strip(), float(value)
+    except ValueError:
+        raise InputError(f"a constant is given as NAME=NUMBER, as gap.critical_um=5, not '{text}'") from None
+
+
+def check_names(names: Iterable[str]) -> None:
+    """Raise `InputError` for what is no constant; those of the section it names are told."""
+    for name in names:
+        if name not in KINDS:
+            section = name.partition(".")[0]
+            near = [other for other in KINDS if other.startswith(f"{section}.")]
+            there = near or dict.fromkeys(other.partition(".")[0] + ".*" for other in KINDS)
+            raise InputError(f"there is no constant '{name}'; there are: {', '.join(there)}")
+
+
+def with_given(machine: Machine, constants: Iterable[tuple[str, float]]) -> Machine:
+    """Return the set-up with other values of some constants, checked as those of a file are.
+
+    A constant that was given has no range: it is not drawn, and may lie beyond what was published.
+
+    Raises
+    ------
+    InputError
+        A name that is no constant, or a value that it cannot have.
+    """
+    changed: dict[str, Constant] = {}
+    for name, value in constants:
+        check_names([name])
+        try:
+            changed[name] = KINDS[name](value=value, source="given as an option")
+        except ValidationError as error:
+            reason = error.errors()[0]["msg"].lower()
+            raise InputError(f"the constant {name} cannot be {value:g}: {reason}") from None
+    given = with_constants(machine, changed)
+    try:
+        Base.model_validate(given.base.model_dump())
+    except ValidationError as error:
+        first = error.errors()[0]
+        raise InputError(f"constants of {first['loc'][0]} do not go together: {first['msg']}") from None
+    given.check()
+    return given

@@ -1,0 +1,197 @@
+"""The table of runs that a specification stands for; a run's id is a digest of all that decides its result."""
+
+from __future__ import annotations
+
+import hashlib
+import itertools
+import json
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from edmsim import __version__, user_code
+from edmsim.controllers import from_text
+from edmsim.errors import InputError
+from edmsim.evaluation.episode import arguments
+from edmsim.job.settings import CutSettings
+from edmsim.machine.given import check_names
+from edmsim.machine.machine import Machine
+from edmsim.machine.ranges import value_at
+from edmsim.sweep.specification import SobolSample, Specification
+
+UNITS = "_mm", "_us", "_V", "_A", "_ohm", "_m_s", "_Pa", "_s"
+"""Ends of names that may be left out, as the options of the command line do: ``height`` for ``height_mm``."""
+
+
+@dataclass(frozen=True)
+class SweepRun:
+    """One run of a sweep: plain data that any computer can be sent.
+
+    Attributes
+    ----------
+    id : str
+        Digest of all that follows but recordings and paths: program and files by their text.
+    task : str
+        Program or environment, as it was given.
+    is_cut : bool
+        Whether it is a program.
+    settings : dict
+        Options of the cut, constants among them; or the environment's arguments, controller and resolution.
+    seed : int
+    machine_sample : int or None
+        Which draw of a machine; None for the machine as it is.
+    sample_only : tuple of str or None
+        What is drawn of it.
+    recordings : tuple of str
+    files : dict
+        Digests of the files the run reads, by their path.
+    """
+
+    id: str
+    task: str
+    is_cut: bool
+    settings: Mapping[str, Any]
+    seed: int
+    machine_sample: int | None
+    sample_only: tuple[str, ...] | None
+    recordings: tuple[str, ...]
+    files: Mapping[str, str]
+
+
+def runs_of(specification: Specification) -> Iterator[SweepRun]:
+    """Yield the runs one by one, so that a large sweep needs no memory for all; see `Specification`.
+
+    Machines drawn and seeds vary fastest, so that what is compared with each other is cut at about the same time.
+
+    Raises
+    ------
+    InputError
+        A name that is no option, or a value that no run can be made with.
+    """
+    spec = specification
+    names = [_option(name, spec) for name in spec.grid]
+    fixed = {_option(name, spec): value for name, value in spec.settings.items()}
+    for combination in itertools.product(*spec.grid.values()):
+        chosen = {**fixed, **dict(zip(names, combination, strict=True))}
+        points = [{}] if spec.sobol is None else sobol_points(spec.sobol, spec, chosen)
+        for point, task in itertools.product(points, spec.tasks):
+            settings = _checked(task, {**chosen, **point}, bool(spec.program))
+            for sample, seed in itertools.product(_samples(spec), spec.seeds):
+                yield _run(task, settings, seed, sample, spec)
+
+
+def sobol_points(sobol: SobolSample, spec: Specification, chosen: Mapping[str, Any]) -> list[dict[str, float]]:
+    """Return the points of a sample, each with a value for every name in its ranges."""
+    from scipy.stats import qmc
+
+    shares = qmc.Sobol(len(sobol.ranges), rng=np.random.default_rng(sobol.seed)).random(sobol.samples)
+    columns = {}
+    for (name, given), share in zip(sobol.ranges.items(), shares.T, strict=True):
+        if given == "range":
+            low, high = _published(name, chosen)
+            columns[name] = [value_at((low, high), float(s)) for s in share]
+        elif len(given) == 3:
+            columns[_option(name, spec)] = [float(given[0] * (given[1] / given[0]) ** s) for s in share]
+        else:
+            columns[_option(name, spec)] = [float(given[0] + (given[1] - given[0]) * s) for s in share]
+    return [dict(zip(columns, point, strict=True)) for point in zip(*columns.values(), strict=True)]
+
+
+def _published(name: str, chosen: Mapping[str, Any]) -> tuple[float, float]:
+    """Return the range of a constant of the machine that is cut on."""
+    parts = {part: chosen[part] for part in ("material", "wire") if part in chosen}
+    known = Machine.load(chosen.get("machine", "agiecut-dem15"), **parts).uncertain()
+    bounds = known[name].range if name in known else None
+    if bounds is None:
+        raise InputError(f"'{name}' is no constant with a published range; give one, as [low, high]")
+    return bounds
+
+
+def _samples(spec: Specification) -> list[int | None]:
+    return list(range(spec.machine_samples)) if spec.machine_samples else [None]
+
+
+def _option(name: str, spec: Specification) -> str:
+    """Return an option's full name; ``section.key`` is a constant."""
+    wanted = name.replace("-", "_")
+    if "." in name or spec.environment:
+        return name if "." in name else wanted
+    found = [option for option in CutSettings.model_fields if option in (wanted, *(wanted + u for u in UNITS))]
+    if not found or found[0] == "constants":
+        raise InputError(f"a cut has no option '{name}'; there are: {', '.join(CutSettings.model_fields)}")
+    return found[0]
+
+
+def _checked(task: str, given: Mapping[str, Any], is_cut: bool) -> dict[str, Any]:
+    """Return all settings of a run, those left out at their defaults."""
+    options = {name: value for name, value in given.items() if "." not in name}
+    constants = {name: value for name, value in given.items() if "." in name}
+    if is_cut:
+        check_names(constants)
+        settings = CutSettings.model_validate({**options, "constants": constants})
+        from_text(str(settings.controller))
+        return settings.model_dump(mode="json", exclude={"seed"})
+    if constants:
+        named = ", ".join(constants)
+        raise InputError(f"an environment draws its constants itself (randomise): {named} cannot be set")
+    return _arguments(task, options)
+
+
+def _arguments(env_id: str, options: dict[str, Any]) -> dict[str, Any]:
+    """Return an environment's arguments, with the controller and the resolution among them."""
+    from edmsim.envs.registry import make_family, resolve
+
+    name = resolve(env_id)
+    full = {"controller": "counts", "resolution": "default", **_plain(arguments(name)), **options}
+    try:
+        make_family(name, **{key: value for key, value in full.items() if key != "controller"})
+    except TypeError as error:
+        raise InputError(f"{env_id} cannot take these arguments: {error}") from None
+    from_text(str(full["controller"]))
+    return full
+
+
+def _run(task: str, settings: dict[str, Any], seed: int, sample: int | None, spec: Specification) -> SweepRun:
+    files = _files(task, settings)
+    only = None if spec.sample_only is None or sample is None else tuple(sorted(spec.sample_only))
+    content = {
+        "edmsim": __version__, "task": Path(task).name if spec.program else task, "files": sorted(files.values()),
+        "settings": settings, "seed": seed, "machine_sample": sample, "sample_only": only,
+    }  # fmt: skip
+    text = json.dumps(content, sort_keys=True)
+    identity = hashlib.sha256(text.encode()).hexdigest()[:20]
+    return SweepRun(identity, task, bool(spec.program), settings, seed, sample, only, tuple(spec.recordings), files)
+
+
+def _files(task: str, settings: Mapping[str, Any]) -> dict[str, str]:
+    """Return the digests of program, constants, controller and tables, wherever a setting names a file."""
+    named = {}
+    for value in (task, *settings.values()):
+        if isinstance(value, str):
+            own = user_code.named(value)
+            file = value.removeprefix("policy:") if own is None else own.file
+            if (found := digest(file)) is not None:
+                named[file] = found
+    return named
+
+
+def digest(file: str) -> str | None:
+    """Return a fingerprint of a file as it is now; None if there is none."""
+    try:
+        status = Path(file).stat()
+        return _digest(file, status.st_mtime_ns, status.st_size)
+    except OSError:
+        return None
+
+
+@lru_cache(maxsize=1024)
+def _digest(file: str, _time_ns: int, _size: int) -> str:
+    return hashlib.sha256(Path(file).read_bytes()).hexdigest()[:16]
+
+
+def _plain(given: Mapping[str, Any]) -> dict[str, Any]:
+    return {name: list(value) if isinstance(value, tuple) else value for name, value in given.items()}

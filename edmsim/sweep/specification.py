@@ -1,0 +1,199 @@
+"""What a sweep is of: programs or environments, settings, a grid, a Sobol sample, seeds, machines drawn."""
+
+from __future__ import annotations
+
+import math
+import tomllib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, ModelWrapValidatorHandler, ValidationError, model_validator
+
+from edmsim.errors import InputError
+from edmsim.sweep.values import flattened, values_of
+
+Recorded = Literal["report", "windows", "all"]
+"""What is kept of each cut: ``report.json``, ``windows.parquet``, or all that ``edmsim cut`` writes."""
+
+
+class _Strict(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class SobolSample(_Strict):
+    """Points that fill a space evenly: Sobol's sequence, scrambled (`scipy.stats.qmc.Sobol`).
+
+    Attributes
+    ----------
+    samples : int
+        Points, a power of 2: only then is every part of the space met equally often.
+    seed : int
+        Of the scrambling.
+    ranges : dict
+        Of each setting or constant ``[low, high]``, ``[low, high, "log"]`` for a number of which the order is asked,
+        or ``"range"`` for the published range of a constant.
+    """
+
+    samples: Annotated[int, Field(ge=1)]
+    seed: Annotated[int, Field(ge=0)] = 0
+    ranges: Annotated[dict[str, Any], Field(min_length=1)]
+
+    @model_validator(mode="after")
+    def _check(self) -> SobolSample:
+        if self.samples & (self.samples - 1):
+            below = 2 ** (self.samples.bit_length() - 1)
+            raise InputError(f"a Sobol sample has a power of 2 of points: {below} or {2 * below}, not {self.samples}")
+        for name, given in self.ranges.items():
+            if given != "range":
+                _check_range(name, given)
+        return self
+
+
+class Specification(_Strict):
+    """A sweep; every run follows from it.
+
+    Attributes
+    ----------
+    program, environment : list of str
+        Part programs, or ids of environments (``FILE.py:ID`` for an own one); one kind of both.
+    seeds : list of int
+        A number stands for so many: from 0 on for programs, held-back ones for environments, where gains and
+        policies may have been found on others.
+    machine_samples : int
+        Machines drawn within the ranges of their constants (`Machine.sample`); 0 for the one of the files. The
+        environments draw theirs themselves.
+    sample_only : list of str, optional
+        Sections and constants to draw; all by default.
+    recordings : list of {"report", "windows", "all"}
+    settings : dict
+        Options of a cut, or arguments of the environment and ``controller``, the same in every run; constants by
+        ``section.key``.
+    grid : dict
+        Values of some more: every combination of them is run.
+    sobol : SobolSample, optional
+        With every combination of the grid.
+
+    Raises
+    ------
+    InputError
+        What is no specification, in one line.
+    """
+
+    program: list[str] = []
+    environment: list[str] = []
+    seeds: list[int] = [0]
+    machine_samples: Annotated[int, Field(ge=0)] = 0
+    sample_only: list[str] | None = None
+    recordings: list[Recorded] = []
+    settings: dict[str, Any] = {}
+    grid: dict[str, list[Any]] = {}
+    sobol: SobolSample | None = None
+
+    @model_validator(mode="wrap")
+    @classmethod
+    def _refuse_in_one_line(
+        cls, given: Any, handler: ModelWrapValidatorHandler[Specification]
+    ) -> Specification:
+        try:
+            return handler(given)
+        except ValidationError as error:
+            first = error.errors()[0]
+            name = ".".join(str(part) for part in first["loc"])
+            if first["type"] == "extra_forbidden":
+                known = ", ".join(cls.model_fields)
+                raise InputError(f"a sweep has no '{name}'; it has {known}; options stand under [settings]") from None
+            raise InputError(f"{name} cannot be {first['input']!r}: {first['msg']}") from None
+
+    @model_validator(mode="before")
+    @classmethod
+    def _short_forms(cls, given: Any) -> Any:
+        """Take a text for a list of one, a number of seeds for seeds, ranges for their values."""
+        if not isinstance(given, Mapping):
+            return given
+        full = dict(given)
+        for name in ("program", "environment", "recordings"):
+            if isinstance(full.get(name), str):
+                full[name] = [full[name]]
+        if isinstance(full.get("seeds"), int) and not isinstance(full["seeds"], bool):
+            full["seeds"] = _first_seeds(full["seeds"], bool(full.get("environment")))
+        for name in ("settings", "grid"):
+            if isinstance(full.get(name), Mapping):
+                full[name] = flattened(full[name])
+        if isinstance(full.get("grid"), dict):
+            full["grid"] = {name: values_of(values, name) for name, values in full["grid"].items()}
+        sobol = full.get("sobol")
+        if isinstance(sobol, Mapping) and isinstance(sobol.get("ranges"), Mapping):
+            full["sobol"] = {**sobol, "ranges": flattened(sobol["ranges"])}
+        return full
+
+    @model_validator(mode="after")
+    def _check(self) -> Specification:
+        if bool(self.program) == bool(self.environment):
+            raise InputError("a sweep is of programs or of environments: give either program or environment")
+        if not self.seeds:
+            raise InputError("a sweep without seeds has no run: give a number of them, or a list")
+        for file in self.program:
+            if not Path(file).is_file():
+                raise InputError("there is no such program", file)
+        ranges = () if self.sobol is None else self.sobol.ranges
+        names = [*self.settings, *self.grid, *ranges]
+        for name in names:
+            if names.count(name) > 1:
+                raise InputError(f"{name} is given twice: in one of settings, grid and sobol")
+            if name == "seed":
+                raise InputError("seed is no setting of a sweep: give seeds, a number of them or a list")
+        if self.environment and (self.machine_samples or self.sample_only):
+            raise InputError("an environment draws its machines itself (randomise): machine_samples is for programs")
+        if self.environment and self.recordings:
+            raise InputError("an environment leaves no recordings: recordings is for programs")
+        return self
+
+    @property
+    def tasks(self) -> list[str]:
+        """Programs or environments."""
+        return self.program or self.environment
+
+    @property
+    def runs(self) -> int:
+        """How many runs there are."""
+        combinations = math.prod(len(values) for values in self.grid.values())
+        points = 1 if self.sobol is None else self.sobol.samples
+        return len(self.tasks) * combinations * points * len(self.seeds) * max(self.machine_samples, 1)
+
+
+def read_specification(file: str | Path) -> Specification:
+    """Read a specification; paths in it are those of the folder a command is run in.
+
+    Raises
+    ------
+    InputError
+        A file that cannot be read, no TOML, or none of a sweep.
+    """
+    try:
+        data = tomllib.loads(Path(file).read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"cannot be read: {error}", file) from None
+    except tomllib.TOMLDecodeError as error:
+        raise InputError(f"is no TOML: {error}", file) from None
+    try:
+        return Specification.model_validate(data)
+    except InputError as error:
+        raise error if error.file else InputError(error.reason, file) from None
+
+
+def _first_seeds(count: int, held_back: bool) -> list[int]:
+    from edmsim.evaluation.episode import HELD_BACK
+
+    first = HELD_BACK if held_back else 0
+    return list(range(first, first + count))
+
+
+def _check_range(name: str, given: Any) -> None:
+    """Raise `InputError` for what is no range of a Sobol sample."""
+    low, high, scale = (*given, "linear")[:3] if isinstance(given, list) and len(given) in (2, 3) else (None,) * 3
+    numbers = all(type(end) in (int, float) and math.isfinite(end) for end in (low, high))
+    if not numbers or scale not in ("linear", "log") or not low < high or (scale == "log" and low <= 0):
+        raise InputError(
+            f"{name} of a Sobol sample is [low, high], [low, high, 'log'] above zero, or 'range', not {given!r}"
+        )

@@ -1,0 +1,121 @@
+"""A specification: values as a person writes them, the runs they stand for, and what is refused in one line."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from edmsim.errors import InputError
+from edmsim.evaluation.episode import HELD_BACK
+from edmsim.machine.machine import Machine
+from edmsim.sweep.runs import runs_of
+from edmsim.sweep.specification import Specification, read_specification
+from edmsim.sweep.values import values_of
+
+
+@pytest.mark.parametrize(("written", "meant"), [
+    ("5,10,20", [5, 10, 20]), ("10:40:5", [10, 15, 20, 25, 30, 35, 40]), ("0.1:0.3:0.1", [0.1, 0.2, 0.3]),
+    ("40:10:-15,3", [40, 25, 10, 3]), (7, [7]), ("counts,policy:gap-feed", ["counts", "policy:gap-feed"]),
+    ("counts:short_weight=1,integral_um_s2=9,delay", ["counts:short_weight=1,integral_um_s2=9", "delay"]),
+    ("true,false", [True, False]), ("1e5", [1e5]), (["a,b"], ["a,b"]),
+])  # fmt: skip
+def test_values_are_what_a_person_means(written: Any, meant: list[Any]) -> None:
+    found = values_of(written, "x")
+    assert found == meant
+    assert [type(value) for value in found] == [type(value) for value in meant]
+
+
+def test_a_run_is_known_by_what_decides_its_result(line: Path, short: dict[str, Any]) -> None:
+    def ids(**changes: Any) -> list[str]:
+        return [run.id for run in runs_of(Specification(**{"program": str(line), "settings": short, **changes}))]
+
+    same = ids()
+    assert ids(settings={**short, "controller": "counts"}) == same  # its default
+    assert ids(recordings="windows") == same  # they change nothing in a result
+    different = [
+        ids(seeds=[1]), ids(settings={**short, "height_mm": 6}), ids(machine_samples=1),
+        ids(settings={**short, "gap.critical_um": 5}),
+    ]  # fmt: skip
+    line.write_text("G21 G90\nG0 X0 Y0\nG1 X0.4\nM2\n")
+    assert len({same[0], *(found for (found,) in different)}) == 5
+    moved = line.with_name("elsewhere") / line.name
+    moved.parent.mkdir()
+    moved.write_text("G21 G90\nG0 X0 Y0\nG1 X0.3\nM2\n")
+    assert ids(program=str(moved)) == same
+
+
+def test_everything_is_combined_with_everything(line: Path, short: dict[str, Any]) -> None:
+    spec = Specification(
+        program=[str(line)], seeds=2, machine_samples=3, settings=short,
+        grid={"t_on": "20:40:10", "gap": {"critical_um": [4, 5]}},
+        sobol={"samples": 4, "ranges": {"tension": [8, 12], "gap.deionisation_us": "range",
+                                        "wire_speed_m_s": [0.1, 10, "log"]}},
+    )  # fmt: skip
+    runs = list(runs_of(spec))
+    assert len(runs) == len({run.id for run in runs}) == spec.runs == 3 * 2 * 4 * 2 * 3
+    assert {run.settings["t_on_us"] for run in runs} == {20.0, 30.0, 40.0}
+    points = {(run.settings["tension"], run.settings["wire_speed_m_s"], tuple(run.settings["constants"][1]))
+              for run in runs}  # fmt: skip
+    assert len(points) == 4
+    bounds = Machine.load().uncertain()["gap.deionisation_us"].range
+    assert bounds is not None
+    for tension, speed, (name, value) in points:
+        assert name == "gap.deionisation_us"
+        assert 8 <= tension <= 12
+        assert bounds[0] <= value <= bounds[1]
+        assert 0.1 <= speed <= 10
+    # each quarter of a range, in its logarithm where that was asked, is met once
+    assert sorted(int(4 * (tension - 8) / 4) for tension, _, _ in points) == [0, 1, 2, 3]
+    assert sorted(int(2 * np.log10(speed / 0.1)) for _, speed, _ in points) == [0, 1, 2, 3]
+
+
+def test_seeds_of_environments_are_those_held_back() -> None:
+    spec = Specification(environment="edmsim/GapFeed-v0", seeds=3)
+    assert [run.seed for run in runs_of(spec)] == [HELD_BACK, HELD_BACK + 1, HELD_BACK + 2]
+
+
+@pytest.mark.parametrize(("given", "named"), [
+    ({}, "either program or environment"),
+    ({"program": "none.ngc"}, "none.ngc"),
+    ({"colour": "red"}, "colour"),
+    ({"grid": {"colour": "red"}}, "no option 'colour'"),
+    ({"grid": {"seed": [1, 2]}}, "give seeds"),
+    ({"grid": {"height_mm": []}}, "no value"),
+    ({"grid": {"t_on": "10:40:-5"}}, "FIRST:LAST:STEP"),
+    ({"grid": {"height_mm": 5}, "settings": {"height_mm": 5}}, "given twice"),
+    ({"settings": {"height_mm": 900}}, "900"),
+    ({"settings": {"controller": "genius"}}, "genius"),
+    ({"settings": {"gap.colour": 5}}, "gap.critical_um"),
+    ({"settings": {"wire.stress_MPa": 5}}, "tension"),
+    ({"settings": {"gap.critical_um": "wide"}}, "wide"),
+    ({"sobol": {"samples": 6, "ranges": {"tension": [8, 12]}}}, "4 or 8"),
+    ({"sobol": {"samples": 4, "ranges": {"tension": [12, 8]}}}, "[low, high]"),
+    ({"sobol": {"samples": 4, "ranges": {"tension": "range"}}}, "published range"),
+    ({"recordings": "video"}, "video"),
+])  # fmt: skip
+def test_what_is_no_sweep_is_refused_in_one_line(line: Path, given: dict[str, Any], named: str) -> None:
+    start = {} if given in ({}, {"program": "none.ngc"}) else {"program": str(line)}
+    with pytest.raises(InputError) as refused:
+        next(runs_of(Specification.model_validate({**start, **given})))
+    assert named in str(refused.value)
+    assert "\n" not in str(refused.value)
+
+
+@pytest.mark.parametrize(("given", "named"), [
+    ({"machine_samples": 2}, "randomise"), ({"recordings": "all"}, "no recordings"),
+    ({"settings": {"colour": 1}}, "colour"), ({"settings": {"gap.critical_um": 5}}, "randomise"),
+])  # fmt: skip
+def test_what_an_environment_cannot_do_is_refused(given: dict[str, Any], named: str) -> None:
+    with pytest.raises(InputError, match=named):
+        next(runs_of(Specification.model_validate({"environment": "edmsim/GapFeed-v0", **given})))
+
+
+def test_a_file_that_is_none_says_where(tmp_path: Path) -> None:
+    file = tmp_path / "sweep.toml"
+    for text in ("seeds = [", "seeds = 0.5", "\udcff"):
+        file.write_bytes(text.encode("utf-8", "surrogateescape"))
+        with pytest.raises(InputError, match=r"sweep.toml: "):
+            read_specification(file)

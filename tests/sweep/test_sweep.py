@@ -1,0 +1,212 @@
+"""A sweep loses nothing and does nothing twice: engines, failures, interruptions, and what is read afterwards."""
+
+from __future__ import annotations
+
+import importlib
+import json
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+import pyarrow.dataset
+import pytest
+
+from edmsim.errors import InputError
+from edmsim.sweep import store as stores
+from edmsim.sweep.engine import Lost, Processes
+from edmsim.sweep.perform import Outcome, blank, perform
+from edmsim.sweep.run import SweepProgress, sweep
+from edmsim.sweep.runs import runs_of
+from edmsim.sweep.specification import Specification
+from edmsim.sweep.store import Store
+from edmsim.sweep.table import JOURNAL, read
+
+CLOCKS = ["wall_time_s", "host"]
+
+
+class Here:
+    """An engine in this process that stops, as by Ctrl-C, after so many jobs."""
+
+    def __init__(self, stop_after: int = 10**9) -> None:
+        self.left, self.made = stop_after, list[str]()
+
+    def done(self, function: Any, jobs: Any) -> Iterator[Any]:
+        for job in jobs:
+            if not self.left:
+                raise KeyboardInterrupt
+            self.left -= 1
+            self.made.append(job.id)
+            yield job, function(job)
+
+
+@pytest.fixture
+def dying(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
+    """Jobs that kill their process, in a file that other processes can import."""
+    monkeypatch.syspath_prepend(Path(__file__).parent)
+    return importlib.import_module("dying_jobs")
+
+
+def test_a_process_that_dies_costs_a_retry_and_no_other_run(dying: ModuleType, tmp_path: Path) -> None:
+    jobs = [tmp_path / name for name in "abc"]
+    assert sorted(answer for _, answer in Processes(2).done(dying.dies_once, jobs)) == ["a", "b", "c"]
+    found = dict(Processes(2).done(dying.dies, [1, 3]))
+    assert found[3] == 3
+    assert isinstance(found[1], Lost)
+    assert "status -9; given up after 3 attempts" in found[1].why
+
+
+def test_processes_find_the_same_bits_as_this_one(two_controllers: Specification, tmp_path: Path) -> None:
+    seen: list[SweepProgress] = []
+    sweep(two_controllers, tmp_path / "here", engine=Here())
+    last = sweep(two_controllers, tmp_path / "there", engine=Processes(2), watch=seen.append)
+    here, there = (read(tmp_path / name).drop_columns(CLOCKS) for name in ("here", "there"))
+    assert here.equals(there)
+    assert last == SweepProgress(4, 4, 4, 0)
+    assert [progress.done for progress in seen] == [0, 1, 2, 3, 4]
+    assert here["controller"].to_pylist().count("counts") == 2
+    assert json.loads(here["report"][0].as_py())["settings"]["resolution"] == "fast"
+
+
+def test_a_run_that_fails_is_a_row_with_its_error(line: Path, short: dict[str, Any], tmp_path: Path) -> None:
+    spec = Specification(program=[str(line)], settings=short, grid={"t_on_us": [30, 60]})  # of a period of 100 us
+    assert sweep(spec, tmp_path, engine=Here()).failed == 1
+    by_time = {row["t_on_us"]: row for row in read(tmp_path).to_pylist()}
+    assert by_time[30.0]["error"] is None
+    assert by_time[30.0]["outcome"] == "time-limit"
+    assert "t_on 60 us" in by_time[60.0]["error"]
+    assert by_time[60.0]["machining_time_s"] is None
+    again = Here()
+    assert sweep(spec, tmp_path, engine=again).failed == 1
+    assert again.made == []  # it is done
+    sweep(spec, tmp_path, engine=again, retry_failed=True)
+    assert again.made == [by_time[60.0]["id"]]
+    assert len(read(tmp_path)) == 2
+    line.write_text("G0 X0 Y0\nG1 X0.2\nM2\n")
+    changed = sweep(spec, tmp_path, engine=Here())
+    assert changed.made == 2  # another program: other runs, and those of the first stay
+    assert len(read(tmp_path)) == 4
+
+
+def test_an_interrupted_sweep_makes_only_what_is_missing(two_controllers: Specification, tmp_path: Path) -> None:
+    with pytest.raises(KeyboardInterrupt):
+        sweep(two_controllers, tmp_path, engine=Here(3))
+    assert len(read(tmp_path)) == 3
+    rest = Here()
+    assert sweep(two_controllers, tmp_path, engine=rest) == SweepProgress(4, 4, 1, 0)
+    assert len(rest.made) == 1
+    more = two_controllers.model_copy(update={"seeds": [0, 1, 2]})
+    assert sweep(more, tmp_path, engine=rest) == SweepProgress(6, 6, 2, 0)
+
+
+def outcomes(count: int) -> list[tuple[Any, Outcome]]:
+    spec = Specification(environment="edmsim/GapFeed-v0", seeds=list(range(count)))
+    return [(run, Outcome({**blank(run), "machining_time_s": 0.1 + run.seed}, {})) for run in runs_of(spec)]
+
+
+def test_what_was_kept_is_there_once_whenever_the_driver_dies(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(stores, "ROWS_PER_PART", 4)
+    store = Store(tmp_path)
+    made = outcomes(11)
+    for run, outcome in made:
+        store.add(run, outcome)
+        store.add(run, outcome)  # twice is once
+    with pytest.raises(InputError, match="another sweep"):
+        Store(tmp_path)
+    os.close(store._lock)  # the process is gone: nothing was flushed
+    store._journal.close()
+    journal = tmp_path / JOURNAL
+    # and died between a part and the journal it was made of, with a line half written
+    journal.write_bytes(b"".join(json.dumps(o.row).encode() + b"\n" for _, o in made[4:]) + b'{"id": "cut o')
+    with Store(tmp_path) as again:
+        assert not any(again.misses(run) for run, _ in made)
+    table = read(tmp_path)
+    assert sorted(table["seed"].to_pylist()) == list(range(11))
+    assert sorted(table["machining_time_s"].to_pylist()) == [0.1 + k for k in range(11)]
+    assert journal.read_bytes() == b""
+    # others read the dataset, too: the folders name the task
+    seen = pyarrow.dataset.dataset(tmp_path / "results", partitioning="hive").to_table()
+    assert set(seen["task"].to_pylist()) == {"edmsim/GapFeed-v0"}
+    assert len(seen) == 11
+
+
+def test_recordings_are_whole_and_play(line: Path, short: dict[str, Any], tmp_path: Path) -> None:
+    spec = Specification(program=[str(line)], settings=short, recordings=["windows", "report"])
+    sweep(spec.model_copy(update={"recordings": []}), tmp_path, engine=Here())
+    again = Here()
+    sweep(spec, tmp_path, engine=again)  # of a run that is done its recording is still wanted
+    (run,) = runs_of(spec)
+    folder = tmp_path / "recordings" / run.id
+    assert again.made == [run.id]
+    assert sorted(file.name for file in folder.iterdir()) == ["report.json", "windows.parquet"]
+    assert json.loads((folder / "report.json").read_text())["outcome"] == "time-limit"
+    assert len(read(tmp_path)) == 1
+
+
+def test_machines_are_drawn_the_same_for_every_setting(line: Path, short: dict[str, Any]) -> None:
+    spec = Specification(
+        program=[str(line)], settings=short, grid={"controller": ["counts", "voltage"]}, machine_samples=2,
+        sample_only=["gap.critical_um", "discharge"],
+    )  # fmt: skip
+    rows = [perform(run).row for run in runs_of(spec)]
+    drawn = [(row["machine_sample"], row["gap.critical_um"], row["discharge.wear_ratio"]) for row in rows]
+    assert drawn[:2] == drawn[2:]
+    assert drawn[0][1:] != drawn[1][1:]
+    assert "gas.wetting" not in rows[0]
+    assert json.loads(rows[0]["report"])["settings"]["constants"][0][0].startswith("discharge.")
+
+
+def test_a_file_that_changed_under_way_fails_its_runs(line: Path, short: dict[str, Any]) -> None:
+    (run,) = runs_of(Specification(program=[str(line)], settings=short))
+    line.write_text("G0 X0 Y0\nG1 X0.1\nM2\n")
+    assert "not the file" in perform(run).row["error"]
+
+
+def test_controllers_are_swept_in_environments() -> None:
+    spec = Specification(
+        environment="edmsim/GapFeed-v0", settings={"resolution": "fast", "length_mm": 0.05},
+        grid={"controller": ["fixed", "oracle:gap_target_um=6"], "height_mm": [5.0, 8.0]},
+    )  # fmt: skip
+    rows = [perform(run).row for run in runs_of(spec)]
+    assert [row["error"] for row in rows] == [None] * 4
+    assert all(np.isfinite(row["total_return"]) and row["cutting_rate_mm2_min"] > 0 for row in rows)
+    assert rows[0]["total_return"] != rows[1]["total_return"]
+
+
+@pytest.mark.slow
+def test_a_killed_driver_leaves_no_process_and_nothing_is_done_twice(
+    two_controllers: Specification, tmp_path: Path
+) -> None:
+    spec = two_controllers.model_copy(update={"seeds": list(range(15))})
+    file = tmp_path / "sweep.json"
+    file.write_text(spec.model_dump_json())
+    code = (
+        "import sys; from edmsim.sweep.run import sweep; from edmsim.sweep.specification import Specification\n"
+        "from edmsim.sweep.engine import Processes\n"
+        "from pathlib import Path\n"
+        "sweep(Specification.model_validate_json(Path(sys.argv[1]).read_text()), sys.argv[2], engine=Processes(1))"
+    )
+    driver = subprocess.Popen([sys.executable, "-c", code, str(file), str(tmp_path / "out")])
+    journal = tmp_path / "out" / JOURNAL
+    until = time.monotonic() + 120
+    while time.monotonic() < until and (not journal.exists() or journal.read_bytes().count(b"\n") < 3):
+        time.sleep(0.05)
+    threads = Path(f"/proc/{driver.pid}/task").iterdir()
+    worker = next(int(pid) for thread in threads for pid in (thread / "children").read_text().split())
+    driver.kill()
+    driver.wait()
+    kept = {row["id"] for row in read(tmp_path / "out").to_pylist()}
+    assert 3 <= len(kept) < 30
+    while Path(f"/proc/{worker}").exists() and time.monotonic() < until:
+        time.sleep(0.05)
+    assert not Path(f"/proc/{worker}").exists()
+    rest = Here()
+    assert sweep(spec, tmp_path / "out", engine=rest) == SweepProgress(30, 30, 30 - len(kept), 0)
+    assert not kept & set(rest.made)

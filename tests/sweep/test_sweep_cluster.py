@@ -1,0 +1,68 @@
+"""A sweep on a real Ray cluster of two nodes, one of which is lost in the middle."""
+
+from __future__ import annotations
+
+import os
+import warnings
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from edmsim.errors import InputError
+from edmsim.sweep.run import SweepProgress, sweep
+from edmsim.sweep.specification import Specification
+from edmsim.sweep.table import read
+
+ray = pytest.importorskip("ray")
+
+
+@pytest.fixture
+def nodes(monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
+    """Two nodes, each with a processor and a loopback address of its own."""
+    monkeypatch.setenv("RAY_USAGE_STATS_ENABLED", "0")
+    monkeypatch.setenv("RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO", "0")
+    monkeypatch.setenv("PYTHONPATH", f"{Path(__file__).parents[2]}{os.pathsep}{os.environ.get('PYTHONPATH', '')}")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # Ray's, of files it leaves to the collector
+        from ray.cluster_utils import Cluster as Nodes
+
+        node = {"num_cpus": 1, "object_store_memory": 80 * 2**20, "include_dashboard": False}
+        cluster = Nodes(initialize_head=True, head_node_args={**node, "node_ip_address": "127.0.0.2"})
+        cluster.second = cluster.add_node(**node, node_ip_address="127.0.0.3")
+        yield cluster
+        ray.shutdown()
+        cluster.shutdown()
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore")
+def test_a_lost_node_loses_nothing(nodes: Any, line: Path, short: dict[str, Any], tmp_path: Path) -> None:
+    from edmsim.sweep.cluster import Cluster
+
+    spec = Specification(program=[str(line)], seeds=10, settings={**short, "max_time_s": 3.0})
+    spec = Specification.model_validate({**spec.model_dump(), "grid": {"t_on_us": [30.0, 60.0]}})
+    engine = Cluster(nodes.address)
+    assert engine.count == 2
+
+    def watch(progress: SweepProgress) -> None:
+        if progress.made == 3:
+            nodes.remove_node(nodes.second, allow_graceful=False)
+
+    assert sweep(spec, tmp_path / "ray", engine=engine, watch=watch) == SweepProgress(20, 20, 20, 10)
+    sweep(spec, tmp_path / "here")
+    there, here = (read(tmp_path / name).drop_columns(["wall_time_s", "host"]) for name in ("ray", "here"))
+    assert there.equals(here)
+    assert len(set(there["id"].to_pylist())) == 20
+
+
+def test_without_a_cluster_it_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    from edmsim.sweep.cluster import Cluster
+
+    def refuse(**_: object) -> None:
+        raise ConnectionError("Could not find any running Ray instance. Start one")
+
+    monkeypatch.setattr(ray, "init", refuse)
+    with pytest.raises(InputError, match="no Ray cluster at 'auto'"):
+        Cluster()

@@ -1,0 +1,105 @@
+"""A search of gains and training settings: it goes on, is shared, is never worse, and tells what failed."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from edmsim.controllers import from_text
+from edmsim.errors import InputError
+from edmsim.sweep.engine import Lost
+from edmsim.sweep.trial import Trial, Worth, judge_trial
+from edmsim.sweep.tune import Tuned, tune
+
+
+class Peak:
+    """An engine that takes a feed of 20 um/s for the best, loses the third job, and may do something in between."""
+
+    def __init__(self, then: Any = None, stop_after: int = 10**9) -> None:
+        self.seen, self.then, self.left = list[Trial](), then, stop_after
+
+    def done(self, function: Any, jobs: Any) -> Iterator[Any]:
+        assert function is judge_trial
+        for job in jobs:
+            if not self.left:
+                raise KeyboardInterrupt
+            self.left -= 1
+            self.seen.append(job)
+            if self.then is not None:
+                self.then, then = None, self.then
+                then()
+            lost = job.number == 2
+            yield job, Lost("the computer was lost") if lost else Worth(-(job.values["feed_um_s"] - 20.0) ** 2)
+
+
+def test_a_search_finds_what_is_best_and_goes_on(tmp_path: Path) -> None:
+    seen: list[Tuned] = []
+    first = Peak(stop_after=10)
+    with pytest.raises(KeyboardInterrupt):
+        tune("fixed", tmp_path, trials=30, engine=first, watch=seen.append)
+    again = Peak()
+    found = tune("fixed", tmp_path, trials=30, engine=again, watch=seen.append)
+    # the eleventh was asked for when the search was interrupted; nothing of it is left under way
+    assert (found.trials, found.failed, len(again.seen)) == (30, 2, 19)
+    assert found.values["feed_um_s"] == pytest.approx(20.0, abs=0.5)
+    assert found.value >= max(found.first_value, seen[0].value)
+    usual = from_text("fixed").feed_um_s  # type: ignore[attr-defined]
+    assert first.seen[0].values["feed_um_s"] == pytest.approx(usual, rel=0.01)
+    best = tomllib.loads((tmp_path / "best.toml").read_text())["gains"]
+    assert best == found.values
+    assert from_text(f"fixed:feed_um_s={best['feed_um_s']}").name == "fixed"
+
+
+def test_processes_share_a_study(tmp_path: Path) -> None:
+    other = Peak()
+    one = Peak(then=lambda: tune("fixed", tmp_path, trials=8, engine=other))
+    found = tune("fixed", tmp_path, trials=16, engine=one)
+    assert found.trials == 16
+    assert (len(other.seen), len(one.seen)) == (8, 8)
+    numbers = [trial.number for trial in (*one.seen, *other.seen)]
+    assert sorted(numbers) == list(range(16))
+    feeds = {trial.values["feed_um_s"] for trial in (*one.seen, *other.seen)}
+    assert len(feeds) > 12
+
+
+def test_gains_are_judged_by_training_seeds() -> None:
+    told = judge_trial(Trial(0, "gains", "fixed", {"feed_um_s": 400.0}, (3,)))
+    assert "feed_um_s" in str(told.error)
+    with pytest.raises(InputError, match="training seeds"):
+        tune("fixed", "nowhere", seed=1_000_000)
+    assert not Path("nowhere").exists()
+
+
+@pytest.mark.parametrize(("given", "named"), [
+    ({"name": "genius"}, "counts"), ({"name": "fixed", "trials": 0}, "1 or more"),
+    ({"name": "edmsim/GapFeed-v0", "algo": "dqn"}, "ppo, sac"),
+])  # fmt: skip
+def test_what_cannot_be_searched_is_refused(given: dict[str, Any], named: str, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=named):
+        tune(**given, out=tmp_path / "new")
+    assert not (tmp_path / "new").exists()
+
+
+def test_a_folder_has_one_study(tmp_path: Path) -> None:
+    tune("fixed", tmp_path, trials=1, engine=Peak())
+    with pytest.raises(InputError, match="of fixed, not of counts"):
+        tune("counts", tmp_path, trials=1, engine=Peak())
+
+
+@pytest.mark.slow
+def test_a_training_leaves_its_policy(short_training: None, tmp_path: Path) -> None:
+    pytest.importorskip("stable_baselines3")
+
+    class Here:
+        def done(self, function: Any, jobs: Any) -> Iterator[Any]:
+            for job in jobs:
+                yield job, function(job)
+
+    found = tune("edmsim/GapFeed-v0", tmp_path, trials=2, seeds=1, steps=64, engine=Here())
+    assert (found.trials, found.failed) == (2, 0)
+    assert set(found.values) == {"learning_rate", "gamma", "gae_lambda", "clip_range"}
+    assert from_text(f"policy:{tmp_path / 'policy.json'}").name == "policy"
