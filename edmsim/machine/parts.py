@@ -241,10 +241,10 @@ class Wire(Part):
 class Surface(Part):
     """What makes the layers of a cut face: see `edmsim.metrology.layers`."""
 
-    diffusivity_mm2_s: Positive
-    melting_K: Positive
-    affected_K: Positive
-    dissolved_mm3_C: Positive
+    diffusivity_mm2_s: Annotated[Positive, _within(0.01, 1000)]
+    melting_K: Annotated[Positive, _within(300, 6000)]
+    affected_K: Annotated[Positive, _within(300, 6000)]
+    dissolved_mm3_C: Annotated[Positive, _within(1e-7, 1)]
 
     @model_validator(mode="after")
     def _affected_before_it_melts(self) -> Surface:
@@ -257,16 +257,10 @@ class Material(Part):
     """A workpiece material; without `surface` nothing is said of the layers of its cut face."""
 
     title: str
-<<<<<<< HEAD
-    removal_mm3_J: Positive
-    burning_voltage_V: Positive
-    magnetic_share: Constant
-    surface: Surface | None = None
-=======
     removal_mm3_J: Annotated[Positive, _within(1e-15, 1)]
     burning_voltage_V: Annotated[Positive, _within(1, 200)]
     magnetic_share: Annotated[Constant, _within(-1, 1)]
->>>>>>> w20a
+    surface: Surface | None = None
 
 
 class Generator(Part):
