@@ -21,7 +21,7 @@ from edmsim.metrology.profile import ProfileError, error_stats, profile_error
 from edmsim.metrology.roughness import roughness_um
 from edmsim.metrology.shares import error_shares, share_stats
 from edmsim.metrology.table_error import motor_offsets_um, table_error
-from edmsim.recording.report import KerfSlice, Quality, TableShare, Totals, Wall
+from edmsim.recording.quality import KerfSlice, Quality, TableShare, Totals, Wall
 from edmsim.recording.scene import ErrorMap, Scene, SceneCorner, Terrace, polylines
 from edmsim.recording.windows import WindowTable
 

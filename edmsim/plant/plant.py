@@ -220,11 +220,6 @@ class Plant(PlantReadings):
             An axis whose drive has a loop goes to the nearest whole step, at the table's rapid speed.
         duration_ns : int
             For moving and threading. If such an axis is not in place by then, the time goes on until it is.
-
-        Raises
-        ------
-        EdmsimError
-            A drive commands what is no share of its supply, or its axis has run away.
         """
         before, table = self._arrays, self.machine.base.table
         self._state["time_ns"] += self._drives.carry(
@@ -361,13 +356,7 @@ class Plant(PlantReadings):
         return state
 
     def restore(self, state: dict[str, NDArray[Any]]) -> None:
-        """Take back a `snapshot` of a plant of the same set-up and resolution.
-
-        Raises
-        ------
-        InputError
-            If it is none: compiled code works on these arrays, and would go wherever a damaged one leads.
-        """
+        """Take back a `snapshot` of a plant of the same set-up and resolution; a damaged one is an `InputError`."""
         check_snapshot(state, self.snapshot(), self._sizes)
         self._drives.check(state, int(state["state"]["time_ns"][0]))
         t_on, t_period, on = (float(v) for v in state["setting"])

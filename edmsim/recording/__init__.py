@@ -4,7 +4,8 @@ from edmsim.recording.closeups import Closeups
 from edmsim.recording.figures import profile_figure, write_figure
 from edmsim.recording.frames import Frames
 from edmsim.recording.html_report import write_html
-from edmsim.recording.report import Quality, Totals, build_report, render_table, write_json
+from edmsim.recording.quality import Quality, Totals
+from edmsim.recording.report import build_report, render_table, write_json
 from edmsim.recording.rerun.playback import Playback, find_recording
 from edmsim.recording.rerun.screenshots import take_screenshots
 from edmsim.recording.rerun.viewer import compare, view
