@@ -1,0 +1,125 @@
+"""What a report is made of: sums over the cut, and what was measured on the part."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from edmsim.recording.scene import SceneCorner
+
+
+@dataclass(frozen=True)
+class Totals:
+    """What was counted and summed over the whole cut.
+
+    Attributes
+    ----------
+    machining_time_s, wall_time_s : float
+        Time of the machine, and of the computer.
+    short, open, spark, arc : int
+        Pulses by how they ended, all pulses of the generator, also those the analyser did not count.
+    path_length_mm : float
+        Length of wire path cut.
+    cut_area_mm2 : float
+        Path length times the local height of the workpiece, for the cutting rate.
+    energy : float
+        Energy of all discharges in J.
+    removed_mm3 : float
+        Metal removed.
+    vibration_um_rms : float
+        Root mean square of the wire's motion about its mean deflection; NaN if unknown.
+    """
+
+    machining_time_s: float
+    wall_time_s: float
+    short: int
+    open: int
+    spark: int
+    arc: int
+    path_length_mm: float
+    cut_area_mm2: float
+    energy: float
+    removed_mm3: float
+    vibration_um_rms: float
+
+
+@dataclass(frozen=True)
+class Wall:
+    """A wall of the kerf in one slice: mean, 5 % and 95 % of its distances from the wire's path, in um."""
+
+    mean_um: float
+    p5_um: float
+    p95_um: float
+
+
+@dataclass(frozen=True)
+class KerfSlice:
+    """The kerf at one height: the middle of a slice over the lower face in mm, places measured, both walls.
+
+    ``part`` is the wall on the part's side of the wire's path, ``rest`` the one across; NaN if there are no places.
+    """
+
+    height_mm: float
+    places: int
+    part: Wall
+    rest: Wall
+
+
+@dataclass(frozen=True)
+class TableShare:
+    """What the errors of the table's screws and ways do to the part: ``max``, ``rms`` and ``p95`` in um each.
+
+    Attributes
+    ----------
+    without_um : mapping
+        Displacement of the wall by the table alone.
+    left_um : mapping
+        What of that the compensation leaves.
+    profile_without_um : mapping
+        The profile error there would be without compensation: as measured, with what it has taken out added again.
+    compensated : bool
+        Whether there was a compensation.
+    """
+
+    without_um: Mapping[str, float]
+    left_um: Mapping[str, float]
+    profile_without_um: Mapping[str, float]
+    compensated: bool
+
+
+@dataclass(frozen=True)
+class Quality:
+    """What was measured on the part; NaN where it could not be.
+
+    Attributes
+    ----------
+    kerf_mean_um, kerf_min_um, kerf_max_um : float
+    profile_max_um, profile_rms_um, profile_p95_um : float
+        Of the profile error's magnitude.
+    corners : tuple of SceneCorner
+    ra_um : float
+        Roughness of the wall.
+    heat_affected_um, electrolysed_um : float
+        Layers of the wall that heat has changed and that the water has dissolved.
+    section : tuple of KerfSlice
+        The kerf slice by slice, from the bottom.
+    table : TableShare or None
+        None for a perfect table.
+    profile_shares : mapping, optional
+        What made the profile error (`edmsim.metrology.shares.share_stats`); None if it was not split.
+    """
+
+    kerf_mean_um: float
+    kerf_min_um: float
+    kerf_max_um: float
+    profile_max_um: float
+    profile_rms_um: float
+    profile_p95_um: float
+    corners: tuple[SceneCorner, ...]
+    ra_um: float
+    heat_affected_um: float = math.nan
+    electrolysed_um: float = math.nan
+    section: tuple[KerfSlice, ...] = ()
+    table: TableShare | None = None
+    profile_shares: Mapping[str, Mapping[str, float]] | None = None
