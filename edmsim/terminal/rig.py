@@ -305,7 +305,7 @@ class Rig:
             self.computer.emergency()
             self.computer.cause = (error.reason,)
         self.computer.serve()
-        if self.in_emergency and not stopped:
+        if self.in_emergency and (self.moving or not stopped):
             self._planner = None  # off the table there is nothing to go on with
             self._stopped(" AND ".join(map(_named, self.computer.cause)).upper() or UNKNOWN_CAUSE)
         return sorted(step._replace(time_ns=max(step.time_ns, start_ns)) for step in made)

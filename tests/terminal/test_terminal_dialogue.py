@@ -207,6 +207,6 @@ def test_help_knows_every_word_and_fits_the_screen(operate, rig):
     assert not told.refusals
     assert all(len(line) <= 80 for text in (JOB, *WORDS.values()) for line in text.splitlines())
     shown = Console(width=80, record=True, file=io.StringIO())
-    shown.print(panel([0] * 32, Operation(rig).status()))
+    shown.print(panel([0] * 32, Operation(rig).status(), False))
     below = len(shown.export_text().splitlines()) + 2  # the operator's line, and the one that asked
     assert max(len(text.splitlines()) for text in (JOB, *WORDS.values())) + below <= 24

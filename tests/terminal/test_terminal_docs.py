@@ -49,7 +49,7 @@ def test_every_session_of_the_page_runs_as_shown(session, tmp_path):
 
 
 def test_the_page_shows_a_whole_job_and_what_goes_wrong():
-    assert len(SESSIONS) == 6
+    assert len(SESSIONS) == 7
     assert len(WALKS) == 1
     assert JOB in SESSIONS[0]
     for word in ("START", "WAIT", "BYE", "MAIN", "EM", "INIT", "GO", "LOAD", "RUN", "KEY 1100 X START"):
