@@ -257,9 +257,9 @@ def test_the_command_line_takes_an_own_controller(
     assert command(*cut, "--controller", f"{law}:Half:share=0.3") == (3, "", "")
     status, out, err = command(*cut, "--controller", f"{law}:Whole")
     assert (status, out, err.count("\n")) == (2, "", 1)
-    short = {"edmsim/GapFeed-v0": {**episode.ARGUMENTS["edmsim/GapFeed-v0"], "length_mm": 0.05}}
+    short = {"edmsim/GapFeed-v1": {**episode.ARGUMENTS["edmsim/GapFeed-v1"], "length_mm": 0.05}}
     monkeypatch.setattr(episode, "ARGUMENTS", short)
-    status, out, _ = command("evaluate", "edmsim/GapFeed-v0", "--controllers", f"fixed,{law}:Half", "--seeds", 2,
+    status, out, _ = command("evaluate", "edmsim/GapFeed-v1", "--controllers", f"fixed,{law}:Half", "--seeds", 2,
                              "--resolution", "fast", "--json")  # fmt: skip
     assert status in (0, None)
     found = json.loads(out)[0]["controllers"]

@@ -42,9 +42,9 @@ SHORT: dict[str, tuple[str, ...]] = {
 }
 """What is added to a command so that it is short; `replaced` says what of its work is left away."""
 LENGTHS: dict[str, dict[str, Any]] = {
-    "edmsim/GapFeed-v0": {"length_mm": 0.08},
-    "edmsim/HeightStep-v0": {"length_mm": 0.08, "band_mm": (0.02, 0.04)},
-    "edmsim/Corner-v0": {"leg_mm": 0.04},
+    "edmsim/GapFeed-v1": {"length_mm": 0.08},
+    "edmsim/HeightStep-v1": {"length_mm": 0.08, "band_mm": (0.02, 0.04)},
+    "edmsim/Corner-v1": {"leg_mm": 0.04},
 }
 """Arguments of the environments in which controllers are compared here."""
 

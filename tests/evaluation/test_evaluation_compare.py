@@ -22,9 +22,9 @@ from edmsim.evaluation.episode import HELD_BACK, Episode, Result
 from edmsim.evaluation.table import as_json, shown
 from edmsim.learning import hyperparameters
 
-GAP_FEED, CORNER, CONTOUR = "edmsim/GapFeed-v0", "edmsim/Corner-v0", "edmsim/Contour-v0"
+GAP_FEED, CORNER, CONTOUR = "edmsim/GapFeed-v1", "edmsim/Corner-v1", "edmsim/Contour-v1"
 SHORT = {
-    GAP_FEED: {"length_mm": 0.08}, "edmsim/HeightStep-v0": {"length_mm": 0.08, "band_mm": (0.02, 0.04)},
+    GAP_FEED: {"length_mm": 0.08}, "edmsim/HeightStep-v1": {"length_mm": 0.08, "band_mm": (0.02, 0.04)},
     CORNER: {"leg_mm": 0.04}, CONTOUR: {"height_mm": (4.0, 6.0)},
 }  # fmt: skip
 
@@ -186,7 +186,7 @@ def test_figures_are_shown_with_their_intervals() -> None:
 @pytest.mark.parametrize(
     ("env_id", "controllers", "seeds", "resolution", "words"),
     [
-        ("edmsim/Gap-v0", ["fixed"], 3, "fast", "no environment 'edmsim/Gap-v0'; choose one of edmsim/GapFeed-v0"),
+        ("edmsim/Gap-v1", ["fixed"], 3, "fast", "no environment 'edmsim/Gap-v1'; choose one of edmsim/GapFeed-v1"),
         (GAP_FEED, ["pid"], 3, "fast", "no feed controller 'pid'"),
         (GAP_FEED, [], 3, "fast", "no controller is named"),
         (GAP_FEED, ["fixed"], 1, "fast", "1 seeds give no interval"),

@@ -40,7 +40,7 @@ def make_policy(tmp_path):
         biases = [rng.normal(0, 0.1, size) for size in sizes[1:]]
         packed = policy_file.pack(weights, biases)
         card = policy_file.Card.model_validate({
-            "format": policy_file.FORMAT, "env_id": f"edmsim/{name}-v0", "environment": environment,
+            "format": policy_file.FORMAT, "env_id": f"edmsim/{name}-v1", "environment": environment,
             "observation": [
                 {"name": e.name, "meaning": e.meaning, "mean": rng.uniform(0, 0.2), "variance": rng.uniform(0.1, 1)}
                 for e in seen
@@ -62,7 +62,7 @@ def make_policy(tmp_path):
 )
 def test_the_controller_does_what_the_policy_does_in_its_environment(make_policy, name, options):
     policy = policy_file.load(str(make_policy(name, **options)))
-    env = gym.make(f"edmsim/{name}-v0", resolution="fast", **options)
+    env = gym.make(f"edmsim/{name}-v1", resolution="fast", **options)
     task, controller = Task(name, resolution="fast", **options), PolicyController(policy)
     seen, _ = env.reset(seed=5)
     task.reset(5)
@@ -144,7 +144,7 @@ def test_it_cuts_a_program(make_policy, small_punch, tmp_path):
 def test_what_is_shipped_loads_by_name_and_says_how_it_was_made(file):
     policy = policy_file.load(file.stem)
     card = policy.card
-    assert file.stem == f"{card.env_id.removeprefix('edmsim/').removesuffix('-v0')}-{card.algorithm}"
+    assert file.stem == f"{card.env_id.removeprefix('edmsim/').removesuffix('-v1')}-{card.algorithm}"
     assert card.command.startswith(f"edmsim train {card.env_id} --algo {card.algorithm} ")
     assert {(s["controller"], s["resolution"]) for s in card.scores} == {
         (c, r) for c in ("policy", *RIVALS) for r in RESOLUTIONS
@@ -186,7 +186,7 @@ DAMAGES = {
     "not finite": (edit(lambda t: t["observation"][3].update(mean=float("inf"))), "mean"),
     "foreign environment": (edit(lambda t: t.update(env_id="CartPole-v1")), "CartPole-v1"),
     "other observations": (edit(lambda t: t["environment"].update(history=2)), "entries"),
-    "other environment": (edit(lambda t: t.update(env_id="edmsim/Corner-v0")), "entries"),
+    "other environment": (edit(lambda t: t.update(env_id="edmsim/Corner-v1")), "entries"),
     "other argument": (edit(lambda t: t["environment"].update(colour="red")), "colour"),
     "other actions": (edit(lambda t: t["action"].append("more")), "commands feed"),
     "other layers": (edit(lambda t: t.update(widths=[9])), "layer 0"),
@@ -209,9 +209,9 @@ def test_a_damaged_policy_is_refused_in_one_line(make_policy, damage, named):
 
 def test_a_policy_of_another_environment_is_refused_where_one_is_named(make_policy):
     file = make_policy("GapFeed")
-    assert policy_file.load(str(file), "edmsim/GapFeed-v0").card.env_id == "edmsim/GapFeed-v0"
-    with pytest.raises(InputError, match="trained in edmsim/GapFeed-v0, not in edmsim/Corner-v0"):
-        policy_file.load(str(file), "edmsim/Corner-v0")
+    assert policy_file.load(str(file), "edmsim/GapFeed-v1").card.env_id == "edmsim/GapFeed-v1"
+    with pytest.raises(InputError, match="trained in edmsim/GapFeed-v1, not in edmsim/Corner-v1"):
+        policy_file.load(str(file), "edmsim/Corner-v1")
 
 
 def test_an_unknown_name_tells_those_there_are():

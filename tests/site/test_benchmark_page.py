@@ -15,7 +15,7 @@ from edmsim.evaluation.compare import Comparison, figures_of
 from edmsim.evaluation.episode import Result
 
 SCRIPT = Path(__file__).parents[2] / "docs" / "make" / "benchmark.py"
-GAP_FEED, CORNER = "edmsim/GapFeed-v0", "edmsim/Corner-v0"
+GAP_FEED, CORNER = "edmsim/GapFeed-v1", "edmsim/Corner-v1"
 
 
 @pytest.fixture(scope="module")
