@@ -70,7 +70,7 @@ def program(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def options(program: Path, planner: str) -> dict[str, Any]:
     return {"program": program, "machine": MACHINE, "planner": planner, "resolution": "fast",
-            "max_feed_um_s": MAX_FEED_UM_S}
+            "max_feed_um_s": MAX_FEED_UM_S, "randomise": None, "height_mm": None, "tension": None}
 
 
 def cut(program: Path, planner: str, law: Law) -> Law:

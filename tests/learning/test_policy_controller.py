@@ -45,7 +45,7 @@ def make_policy(tmp_path):
                 {"name": e.name, "meaning": e.meaning, "mean": rng.uniform(0, 0.2), "variance": rng.uniform(0.1, 1)}
                 for e in seen
             ],
-            "epsilon": 1e-8, "clip": 10.0, "action": list(policy_file.ACTION_MEANINGS[: sizes[-1]]), "widths": [8],
+            "epsilon": 1e-8, "clip": 10.0, "action": policy_file.meanings(family), "widths": [8],
             "activation": "tanh", "output": output, "arrays_sha256": policy_file.digest(packed), "algorithm": "ppo",
             "command": "none: random", "seed": 0, "steps": 0, "versions": {},
         })  # fmt: skip
@@ -58,7 +58,8 @@ def make_policy(tmp_path):
 
 @pytest.mark.parametrize(
     ("name", "options"),
-    [("GapFeed", {}), ("HeightStep", {"action": "speed"}), ("Corner", {"leg_mm": 0.05}), ("Contour", {"history": 2})],
+    [("GapFeed", {}), ("HeightStep", {"action": "speed"}), ("Corner", {"leg_mm": 0.05}), ("Contour", {"history": 2}),
+     ("GapFeed", {"action": "servo", "knobs": ["period"]})],
 )
 def test_the_controller_does_what_the_policy_does_in_its_environment(make_policy, name, options):
     policy = policy_file.load(str(make_policy(name, **options)))
@@ -80,7 +81,25 @@ def test_the_controller_does_what_the_policy_does_in_its_environment(make_policy
         if terminated:
             break
         command = controller.update(result.seen)
-    assert (len(settings) > 1) == (name == "Corner")
+    assert (len(settings) > 1) == (name == "Corner" or "knobs" in options)
+
+
+def test_a_policy_that_decides_more_seldom_than_windows_come_sees_what_its_environment_shows(make_policy):
+    options = {"action": "servo", "decision_s": 0.1}
+    policy = policy_file.load(str(make_policy("GapFeed", **options)))
+    env, task = gym.make("edmsim/GapFeed-v1", **options), Task("GapFeed")
+    seen, _ = env.reset(seed=5)
+    task.reset(5)
+    controller = PolicyController(policy)
+    tell(controller, task.machine, task.scenario.legs_um[0], 0.0)
+    command = controller.reset(task.max_feed_um_s)
+    for _ in range(30):
+        seen, *_, info = env.step(policy.action(seen).astype(np.float32))
+        assert info["dt_s"] == pytest.approx(4 * 0.0255)
+        for _ in range(4):
+            result = task.advance(command.feed_um_s)
+            command = controller.update(result.seen)
+        assert result.seen.path_um == info["path_um"]
 
 
 def test_a_snapshot_goes_on_bit_for_bit(make_policy):

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from edmsim.envs.batch import action_space_of
-from edmsim.envs.registry import EPISODE_STEPS, make_family
+from edmsim.envs.registry import make_family, registered_ids
 from edmsim.learning import hyperparameters, policy_file
 
 needs_rl = pytest.mark.skipif(
@@ -24,18 +24,19 @@ pytestmark = [
 
 
 @pytest.mark.parametrize("algo", hyperparameters.ALGORITHMS)
-@pytest.mark.parametrize("name", EPISODE_STEPS)
-def test_every_environment_has_hyperparameters(name, algo):
-    given = hyperparameters.load(f"edmsim/{name}-v1", algo)
-    family = make_family(name, **given.environment)
-    assert given.environment["resolution"] == "fast"
+@pytest.mark.parametrize("env_id", registered_ids())
+def test_every_environment_has_hyperparameters(env_id, algo):
+    given = hyperparameters.load(env_id, algo)
+    family = make_family(env_id, **given.environment)
+    assert family.resolution == "fast"
     first = given.network.first_action
     assert first is None or (algo == "ppo" and len(first) == action_space_of(family).shape[0])
 
 
 def test_there_are_no_others():
     there = {f.name for f in (resources.files("edmsim.models") / "training").iterdir()}
-    assert there == {f"{name}-{algo}.toml" for name in EPISODE_STEPS for algo in hyperparameters.ALGORITHMS}
+    names = [env_id.removeprefix("edmsim/").removesuffix("-v1") for env_id in registered_ids()]
+    assert there == {f"{name}-{algo}.toml" for name in names for algo in hyperparameters.ALGORITHMS}
 
 
 @needs_rl
@@ -132,11 +133,7 @@ def test_bad_input_is_one_line_and_leaves_nothing(tmp_path, edmsim, arguments, n
 
 
 @needs_rl
-def test_the_command_leaves_a_policy_with_its_scores(short_training, tmp_path, edmsim, monkeypatch):
-    from edmsim.evaluation import episode
-
-    short = {"edmsim/GapFeed-v1": {**episode.ARGUMENTS["edmsim/GapFeed-v1"], "length_mm": 0.05}}
-    monkeypatch.setattr(episode, "ARGUMENTS", short)
+def test_the_command_leaves_a_policy_with_its_scores(short_training, short_episodes, tmp_path, edmsim, monkeypatch):
     monkeypatch.setattr("edmsim.learning.score.RESOLUTIONS", ("fast",))
     status, out, err = edmsim("train", "edmsim/GapFeed-v1", "--steps", 64, "--score", 2, "--out", tmp_path)
     assert status == 0, err
@@ -153,12 +150,9 @@ def test_without_the_extra_it_is_one_line(tmp_path, edmsim, monkeypatch):
     assert "pip install 'edmsim[rl]'" in err
 
 
-def test_a_policy_is_scored_beside_its_rivals_on_the_same_episodes(monkeypatch):
-    from edmsim.evaluation import episode
+def test_a_policy_is_scored_beside_its_rivals_on_the_same_episodes(monkeypatch, short_episodes):
     from edmsim.learning.score import RIVALS, measure
 
-    short = {"edmsim/GapFeed-v1": {**episode.ARGUMENTS["edmsim/GapFeed-v1"], "length_mm": 0.05}}
-    monkeypatch.setattr(episode, "ARGUMENTS", short)
     monkeypatch.setattr("edmsim.learning.score.RESOLUTIONS", ("fast",))
     found = [measure("edmsim/GapFeed-v1", "GapFeed-ppo", 2) for _ in range(2)]
     assert found[0] == found[1]
