@@ -167,6 +167,7 @@ def test_a_machine_that_is_given_is_written_out(make_env):
     assert again.unwrapped.family.base == machine
 
 
+@pytest.mark.filterwarnings("ignore::UserWarning", "ignore::pytest.PytestUnraisableExceptionWarning")
 def test_minari_records_and_recovers_every_id(env_name, tmp_path, monkeypatch):
     minari = pytest.importorskip("minari")
     for needed in ("h5py", "jax"):
@@ -177,7 +178,9 @@ def test_minari_records_and_recovers_every_id(env_name, tmp_path, monkeypatch):
     for _ in range(5):
         env.step(env.action_space.sample())
     kept = env.create_dataset(dataset_id=f"edmsim/{env_name.lower()}/test-v0")
+    assert kept.total_steps == 5
     assert kept.recover_environment().unwrapped.family == env.unwrapped.family
+    env.close()
 
 
 def test_mo_gymnasium_runs_on_objectives():
