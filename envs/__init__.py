@@ -1,7 +1,7 @@
 """Gymnasium environments: cuts to be controlled window by window, alone or many at once.
 
-``import edmsim`` registers ``edmsim/GapFeed-v0``, ``edmsim/HeightStep-v0``, ``edmsim/Corner-v0`` and
-``edmsim/Contour-v0``; each has a file whose environment class describes action, observation and reward.
+``import edmsim`` registers ``edmsim/GapFeed-v1``, ``edmsim/HeightStep-v1``, ``edmsim/Corner-v1`` and
+``edmsim/Contour-v1``; each has a file whose environment class describes action, observation and reward.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from edmsim.envs.registry import register
     from edmsim.envs.reward import Weights
     from edmsim.envs.sb3 import make_sb3_vec_env
+    from edmsim.envs.sensors import Sensors
     from edmsim.envs.single import EdmEnv
     from edmsim.envs.task import Family, Scenario
     from edmsim.envs.vector import EdmVectorEnv
@@ -34,6 +35,7 @@ _HOMES = {
     "GapFeed": "gap_feed",
     "HeightStep": "height_step",
     "Scenario": "task",
+    "Sensors": "sensors",
     "StepResult": "episode",
     "Task": "episode",
     "Weights": "reward",
@@ -42,7 +44,7 @@ _HOMES = {
 }
 __all__ = [
     "Contour", "Corner", "DiscreteFeed", "DiscreteFeedVector", "EdmEnv", "EdmVectorEnv", "Family", "GapFeed",
-    "HeightStep", "Scenario", "StepResult", "Task", "Weights", "make_sb3_vec_env", "register",
+    "HeightStep", "Scenario", "Sensors", "StepResult", "Task", "Weights", "make_sb3_vec_env", "register",
 ]
 
 

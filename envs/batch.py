@@ -8,16 +8,19 @@ import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
+from edmsim.compiled.random import key_of
 from edmsim.cosim.stops import WORDS, StopCause
-from edmsim.envs import observation
-from edmsim.envs.lanes import Lanes, least_setting_us
+from edmsim.envs import observation, servo
+from edmsim.envs.knobs import least_setting_us
+from edmsim.envs.lanes import Lanes
 from edmsim.envs.path_follower import RUNNING
-from edmsim.envs.reward import TERMS, rewards
+from edmsim.envs.reward import TERMS, Earned
 from edmsim.envs.task import Family
 from edmsim.machine.machine import Machine
-from edmsim.plant.kernel.state import ARC, OPEN, SHORT, SPARK
+from edmsim.plant.kernel.state import OPEN, SHORT
 
 Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
 
 
 def action_space_of(family: Family) -> gym.spaces.Box[np.float32]:
@@ -32,6 +35,11 @@ def observation_space_of(family: Family) -> gym.spaces.Box[np.float32]:
     return gym.spaces.Box(low, high, dtype=np.float32)
 
 
+def reward_space_of(family: Family) -> gym.spaces.Box[np.float32]:
+    """Return the space of rewards: as many as objectives, or one."""
+    return gym.spaces.Box(-np.inf, np.inf, (len(family.objectives) or 1,), np.float32)
+
+
 class Batch:
     """Parallel episodes of one family, with what Gymnasium's environments show of them.
 
@@ -44,43 +52,125 @@ class Batch:
     Attributes
     ----------
     lanes : Lanes
+    earned : Earned
+        Rewards, their terms and costs of the last step.
     """
 
     def __init__(self, family: Family, count: int, threads: int = 1) -> None:
         self.family = family
         self.lanes = Lanes(family, count, threads)
-        self._seen = np.zeros((count, family.history, len(observation.MEASURED)), np.float32)
+        kept = family.history + family.measured_by.delay_steps
+        self._seen = np.zeros((count, kept, len(observation.MEASURED)), np.float32)
+        self._dials = np.zeros((count, len(observation.DIALS)), np.float32)
+        self._shown: NDArray[np.void] = np.zeros(count, observation.SHOWN)
+        self._scales: NDArray[np.void] = np.zeros(count, observation.SCALE)
+        self._servos: NDArray[np.void] = np.zeros(count, servo.SERVO)
         self._feed_um_s = np.zeros(count)
-        self._weights = family.reward_weights.array()
-        self._terms = np.zeros((len(TERMS), count))
+        self._episodes = np.zeros(count, np.int64)
+        self._constants: list[dict[str, float | str]] = [{} for _ in range(count)]
+        self._terms = [TERMS.index(name) for name in family.objectives]
+        self.earned = self._fresh_account()
 
-    def begin(self, lane: int, rng: np.random.Generator, machine: Machine | None) -> dict[str, Any]:
-        """Draw an episode and begin it; returns the info of the reset."""
-        scenario = self.family.draw(rng, machine)
+    def _fresh_account(self) -> Earned:
+        family = self.family
+        return Earned(family.reward_weights, family.error_bound_um, family.energy_bound_mJ, self.lanes.count)
+
+    def change(self, family: Family) -> None:
+        """Let episodes begun from now on be of another family, with the same spaces and plants of the same kind."""
+        self.family = self.lanes.family = family
+        self._episodes[:] = 0
+        self.earned = self._fresh_account()
+
+    def begin(
+        self, lane: int, rng: np.random.Generator, machine: Machine | None, *, anew: bool
+    ) -> dict[str, Any]:
+        """Begin an episode; returns the info of the reset.
+
+        Parameters
+        ----------
+        lane : int
+        rng : numpy.random.Generator
+            The episode is drawn from it.
+        machine : Machine or None
+            Cut with this one.
+        anew : bool
+            Whether a machine is drawn whatever `Family.machine_episodes` says.
+        """
+        family, before = self.family, self.lanes.scenarios[lane]
+        kept = machine
+        if kept is None and before is not None and not anew and 0 < self._episodes[lane] < family.machine_episodes:
+            kept = before.machine
+        scenario = family.draw(rng, kept)
+        if kept is None:
+            self._constants[lane] = {name: scenario.drawn[name] for name in family.drawn_constants}
+        self._episodes[lane] = 0 if machine is not None else (self._episodes[lane] if kept is not None else 0) + 1
         self.lanes.begin(lane, scenario)
         self._seen[lane] = 0.0
-        self._feed_um_s[lane] = self.family.first_feed_um_s
+        self._shown[lane] = np.zeros((), observation.SHOWN)
+        self._dials[lane] = observation.dials(scenario.machine)
+        self._take_scale(lane)
+        self._scales[lane]["key"], self._scales[lane]["draws"] = key_of(scenario.plant_seed + 1), 0
+        self._feed_um_s[lane] = family.first_feed_um_s
+        servo.begin(self._servos[lane], family.first_feed_um_s)
+        constants = self._constants[lane] if machine is None else {}
         return {
-            "drawn": dict(scenario.drawn), "plant_seed": scenario.plant_seed,
+            "drawn": {**constants, **scenario.drawn}, "plant_seed": scenario.plant_seed,
             "total_um": float(self.lanes.rows[lane]["total_um"]),
         }
 
-    def step(self, active: NDArray[np.int64], actions: NDArray[np.float32]) -> Floats:
-        """Run a window in the active lanes; returns the rewards (n,), 0 in the others."""
-        family, lanes = self.family, self.lanes
+    def _take_scale(self, lane: int) -> None:
+        scale, row, sensors = self._scales[lane], self.lanes.rows[lane], self.family.measured_by
+        for name in ("open_V", "limit_A", "wait_us"):
+            scale[name] = row[name]
+        scale["noise_share"], scale["step"] = sensors.noise_share, sensors.step
+
+    def step(self, active: Ints, actions: NDArray[np.float32]) -> Floats:
+        """Run a step in the active lanes; returns the rewards (n,), or (n, objectives), 0 in the others."""
+        lanes = self.lanes
         wanted = np.minimum(np.maximum(actions.astype(np.float64), -1.0), 1.0)  # np.clip takes four times as long
-        limit = family.greatest_feed_um_s
-        feed = np.minimum(np.maximum(family.next_feed_um_s(self._feed_um_s, wanted[:, 0]), -limit), limit)
-        self._feed_um_s[active] = feed[active]
-        if len(family.action_names) > 1:
+        self.earned.begin()
+        self._shown[active] = np.zeros((), observation.SHOWN)
+        lanes.rows["step_ns"][active] = 0
+        self._command(active, wanted)
+        wait_ns = round(self.family.decision_s * 1e9) if self.family.decision_s is not None else 0
+        left = active
+        while len(left):
+            self._window(left)
+            left = left[(lanes.rows["step_ns"][left] < wait_ns) & (lanes.rows["cause"][left] == RUNNING)]
+        observation.show(active, self._shown, self._scales, self.family.max_feed_um_s, self._seen)
+        return self.earned.terms[self._terms].T.copy() if self._terms else self.earned.total.copy()
+
+    def _command(self, active: Ints, wanted: Floats) -> None:
+        """Turn the knobs, and set the feed or the servos' targets."""
+        family, lanes = self.family, self.lanes
+        if family.knobs:
             for lane in active:
                 first_us = lanes.rows[lane]["first_setting_us"]
                 self._set_generator(int(lane), *family.setting_us(first_us, wanted[lane, 1:]))
-        lanes.advance(active, self._feed_um_s)
+        if family.action == "servo":
+            self._servos["target"][active] = servo.target_of(wanted[active, 0], family.servo_target_share)
+            return
+        limit = family.greatest_feed_um_s
+        feed = np.minimum(np.maximum(family.next_feed_um_s(self._feed_um_s, wanted[:, 0]), -limit), limit)
+        self._feed_um_s[active] = feed[active]
+
+    def _window(self, left: Ints) -> None:
+        """Run a window in some lanes."""
+        family, lanes, lost = self.family, self.lanes, self.lanes.rows["wires_lost"].copy()
+        by_servo = family.action == "servo"
+        lanes.advance(left, self._servos["feed_um_s"].copy() if by_servo else self._feed_um_s)
         windows = lanes.fleet.windows
-        observation.see(active, lanes.rows, windows, family.max_feed_um_s, self._seen)
-        reward, self._terms = rewards(active, lanes.rows, windows, self._weights)
-        return reward
+        observation.gather(left, lanes.rows, windows, self._shown)
+        self.earned.add(left, lanes.rows, windows)
+        if by_servo:
+            shares = windows["counts"] / np.maximum(windows["counts"].sum(axis=1), 1)[:, None]
+            servo.respond(
+                left, self._servos, shares[:, SHORT], shares[:, OPEN], windows["duration_ns"] * 1e-9,
+                family.greatest_feed_um_s, *family.servo_gains,
+            )
+        for lane in np.flatnonzero(lanes.rows["wires_lost"] != lost):
+            self._feed_um_s[lane] = family.first_feed_um_s
+            servo.begin(self._servos[lane], family.first_feed_um_s)
 
     def _set_generator(self, lane: int, t_on_us: float, t_period_us: float) -> None:
         """Set the generator; in place of a period that it refuses, the shortest that it accepts for the on-time."""
@@ -88,58 +178,58 @@ class Batch:
         lanes.set_generator(lane, t_on_us, t_period_us)
         refused = lanes.refused[lane]
         if refused is not None:
-            lanes.set_generator(lane, *least_setting_us(lanes.fleet.plants[lane].machine, t_on_us))
+            machine = lanes.fleet.plants[lane].machine
+            lanes.set_generator(lane, *least_setting_us(machine, t_on_us, self.family.detents_us))
             lanes.refused[lane] = refused
+        self._take_scale(lane)
 
     def observations(self) -> NDArray[np.float32]:
         """Return every lane's observation, in a fresh array."""
-        flat = self._seen.reshape(len(self._seen), -1)
-        if not self.family.knows_corners:
-            return flat.copy()
-        lanes = self.lanes
-        place_um = lanes.rows["path_um"]
-        return np.concatenate([flat, observation.corners(place_um, lanes.corner_um, lanes.corner_deg)], axis=1)
+        count, lanes = len(self._seen), self.lanes
+        parts = [self._seen[:, self.family.measured_by.delay_steps :].reshape(count, -1), self._dials]
+        if self.family.knows_corners:
+            parts.append(observation.corners(lanes.rows["path_um"], lanes.corner_um, lanes.corner_deg))
+        return np.concatenate(parts, axis=1)
 
     def infos(self) -> dict[str, NDArray[Any]]:
-        """Return the numbers of `info`, in fresh arrays; no real machine knows gap, temperature, debris and error.
+        """Return what `info` tells at every step, in fresh arrays; much of it no real machine knows.
 
-        ``gap_um`` has a meaning only where something ignited (see `ignited`).
+        Counts and area are of the step, gap, temperature, debris and error of its last window; ``gap_um`` is -1
+        where nothing ignited, as checkers take no NaN for another.
         """
-        lanes, rows = self.lanes, self.lanes.rows
+        lanes, rows, shown = self.lanes, self.lanes.rows, self._shown
         states, windows = lanes.fleet.states, lanes.fleet.windows
-        counts, ignitions = windows["counts"], windows["ignitions"]
+        ignitions = windows["ignitions"]
         return {
             "time_s": states["time_ns"] * 1e-9,
+            "dt_s": rows["step_ns"] * 1e-9,
             "path_um": lanes.path_um,
             "feed_um_s": rows["feed_um_s"].copy(),
             "t_on_us": rows["setting_us"][:, 0].copy(),
             "t_period_us": rows["setting_us"][:, 1].copy(),
-            "short": counts[:, SHORT].copy(),
-            "open": counts[:, OPEN].copy(),
-            "spark": counts[:, SPARK].copy(),
-            "arc": counts[:, ARC].copy(),
-            "gap_um": windows["gap_um"] / np.maximum(ignitions, 1),
+            "energy_mJ": rows["energy_mJ"].copy(),
+            "short": shown["short"].copy(),
+            "open": shown["open"].copy(),
+            "spark": shown["ignited"] - shown["arc"],
+            "arc": shown["arc"].copy(),
+            "gap_um": np.where(ignitions > 0, windows["gap_um"] / np.maximum(ignitions, 1), -1.0),
             "wire_temperature_K": windows["temperature_max_K"].copy(),
             "debris": windows["debris"].copy(),
             "error_um": rows["error_um"].copy(),
-            "area_mm2": rows["area_mm2"].copy(),
+            "area_mm2": self.earned.area_mm2.copy(),
+            "wires_lost": rows["wires_lost"].copy(),
+            "cost": self.earned.cost.copy(),
         }
 
     def reward_terms(self) -> dict[str, Floats]:
         """Return the terms of the last rewards by name, in fresh arrays (n,)."""
-        return dict(zip(TERMS, self._terms.copy(), strict=True))
+        return dict(zip(TERMS, self.earned.terms.copy(), strict=True))
 
-    def ignited(self) -> NDArray[np.bool_]:
-        """Return for every lane (n,) whether a pulse of its last window ignited."""
-        return np.asarray(self.lanes.fleet.windows["ignitions"] > 0)
-
-    def words(self, lane: int) -> dict[str, str]:
-        """Return the texts of one lane's `info`: why its episode ended, and what the generator refused."""
-        words: dict[str, str] = {}
-        cause = int(self.lanes.rows[lane]["cause"])
-        if cause != RUNNING:
-            words["cause"] = WORDS[StopCause(cause)].info
-        refused = self.lanes.refused[lane]
-        if refused is not None:
-            words["refused"] = refused
-        return words
+    def words(self) -> dict[str, NDArray[Any]]:
+        """Return the texts of `info` (n,): why the episode ended, what the generator refused; empty where nothing."""
+        causes = [int(cause) for cause in self.lanes.rows["cause"]]
+        told = {
+            "cause": ["" if cause == RUNNING else WORDS[StopCause(cause)].info for cause in causes],
+            "refused": [refused or "" for refused in self.lanes.refused],
+        }
+        return {name: np.array(texts, object) for name, texts in told.items()}

@@ -12,8 +12,8 @@ from edmsim.controllers import WindowObservation
 from edmsim.cosim.stops import WORDS, StopCause
 from edmsim.envs.checks import checked_options
 from edmsim.envs.lanes import Lanes
-from edmsim.envs.registry import episode_steps, make_family
-from edmsim.envs.reward import rewards
+from edmsim.envs.registry import make_family
+from edmsim.envs.reward import Earned
 from edmsim.envs.task import Family, Scenario
 from edmsim.errors import InputError
 from edmsim.machine.machine import Machine
@@ -42,8 +42,10 @@ class StepResult(NamedTuple):
         Why the episode ended; `StopCause.RUNNING` if it did not.
     refused : str or None
         Why the generator refused the setting asked for.
-    reward : float
-        The environment's reward of the window.
+    reward, cost : float
+        The environment's of the window.
+    late : bool
+        Whether the episode's time is over.
     """
 
     seen: WindowObservation
@@ -54,6 +56,8 @@ class StepResult(NamedTuple):
     cause: StopCause
     refused: str | None
     reward: float
+    cost: float
+    late: bool
 
     @property
     def done(self) -> bool:
@@ -83,9 +87,10 @@ class Task:
     Parameters
     ----------
     name : str or type
-        ``"GapFeed"`` or ``"edmsim/GapFeed-v0"``, and so on; or an own family.
+        ``"GapFeed"`` or ``"edmsim/GapFeed-v1"``, and so on; or an own family.
     **options
-        Arguments of the environment (see `Family`); those of action and observation have no effect.
+        Arguments of the environment (see `Family`); those of action, decision and observation have no effect: a
+        controller decides window by window, and sees what the machine shows.
 
     Raises
     ------
@@ -104,10 +109,10 @@ class Task:
 
     def __init__(self, name: str | type[Family], **options: Any) -> None:
         self.family = make_family(name, **options)
-        self.episode_steps = episode_steps(name)
         self.max_feed_um_s = self.family.greatest_feed_um_s
-        self._weights = self.family.reward_weights.array()
         self._lanes = Lanes(self.family, 1)
+        family = self.family
+        self._earned = Earned(family.reward_weights, family.error_bound_um, family.energy_bound_mJ, 1)
         self._random = np.random.Generator(np.random.PCG64())
 
     def reset(self, seed: int | None = None, options: Mapping[str, Any] | None = None) -> WindowObservation:
@@ -139,6 +144,11 @@ class Task:
         if scenario is None:
             raise InputError("the task has no episode yet: call reset() first")
         return scenario
+
+    @property
+    def wires_lost(self) -> int:
+        """How many wires broke in the present episode."""
+        return int(self._lanes.rows[0]["wires_lost"])
 
     @property
     def machine(self) -> Machine:
@@ -206,8 +216,10 @@ class Task:
         row = lanes.rows[0]
         end_ns = window.start_ns + window.duration_ns  # a fresh wire may have been threaded since
         seen = WindowObservation.of(window, end_ns, float(row["feed_um_s"]), self.path_um)
+        self._earned.begin()
+        self._earned.add(_LANE, lanes.rows, lanes.fleet.windows)
         return StepResult(
             seen, window, float(row["progress_um"]), float(row["area_mm2"]), float(row["error_um"]),
             StopCause(row["cause"]), lanes.refused[0],
-            float(rewards(_LANE, lanes.rows, lanes.fleet.windows, self._weights)[0][0]),
+            float(self._earned.total[0]), float(self._earned.cost[0]), bool(lanes.out_of_time[0]),
         )

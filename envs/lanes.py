@@ -7,7 +7,7 @@ arrays. A lane's bits depend on nothing but its own scenario and commands.
 from __future__ import annotations
 
 import math
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,12 +15,23 @@ from numpy.typing import NDArray
 from edmsim.controllers.planner.course import Course
 from edmsim.controllers.planner.record import PLANNER
 from edmsim.controllers.planner.registry import kind_of, position_unit
-from edmsim.envs.path_follower import DONE, LANE, OUT_OF_RANGE, RUNNING, follow, plan, take_feeds
+from edmsim.envs.knobs import to_detents
+from edmsim.envs.path_follower import (
+    DONE,
+    LANE,
+    OUT_OF_RANGE,
+    RUNNING,
+    SETTLING_NS,
+    WIRE_BREAK,
+    follow,
+    plan,
+    take_feeds,
+)
 from edmsim.envs.task import CORNER_DEG, Family, Scenario
 from edmsim.errors import InputError
 from edmsim.geometry import Polyline
 from edmsim.machine.machine import Machine
-from edmsim.machine.setting import ignition_wait_us, least_period_us, open_V
+from edmsim.machine.setting import discharge_current_A, ignition_wait_us, open_V
 from edmsim.plant.fleet import Fleet
 from edmsim.plant.kernel.state import FINE
 from edmsim.plant.plant import Plant
@@ -29,10 +40,6 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 _Number = TypeVar("_Number", np.float64, np.int64)
 _NO_STEPS: Ints = np.zeros((0, 3), np.int64)
-
-ON_US, PERIOD_US = 1.0, 5.0
-"""Detents of the generator's knobs (ours: fine against what they change; propagators are kept by period)."""
-
 
 class Lanes:
     """Episodes of one family.
@@ -66,9 +73,7 @@ class Lanes:
         self.family = family
         self.count = count
         centre_um = family.base.base.table.centre_um
-        self.fleet = Fleet(
-            [Plant(family.base, position_um=centre_um, resolution=family.resolution) for _ in range(count)], threads
-        )
+        self.fleet = Fleet([self._plant(family.base, 0, position_um=centre_um) for _ in range(count)], threads)
         self.rows: NDArray[np.void] = np.zeros(count, LANE)
         self.planners: NDArray[np.void] = np.zeros(count, PLANNER)
         self._planner = kind_of(family.planner)
@@ -85,6 +90,9 @@ class Lanes:
         self._heights: Floats = np.zeros((count, 1))
         self._steps: Ints = np.zeros((count, 8, 3), np.int64)
 
+    def _plant(self, machine: Machine, seed: int, **more: Any) -> Plant:
+        return Plant(machine, seed, resolution=self.family.resolution, mechanics=self.family.mechanics, **more)
+
     # --- beginning ---
 
     def begin(self, lane: int, scenario: Scenario) -> None:
@@ -96,10 +104,7 @@ class Lanes:
         if before is not None and before.machine is machine:
             plant.reset(scenario.plant_seed, stock=scenario.stock, position_um=position)
         else:
-            plant = Plant(
-                machine, scenario.plant_seed, stock=scenario.stock, position_um=position,
-                resolution=self.family.resolution,
-            )
+            plant = self._plant(machine, scenario.plant_seed, stock=scenario.stock, position_um=position)
             self.fleet.replace(lane, plant)
         self.fleet.windows[lane] = np.zeros((), self.fleet.windows.dtype)
         self.scenarios[lane] = scenario
@@ -118,12 +123,16 @@ class Lanes:
         row["limit_A"] = generator.mean_current_limit_A.value
         row["step_um"] = table.step_um.value
         row["table_um"] = table.travel_mm.value * 1e3
+        row["threading_s"] = table.threading_s.value
+        row["latency_ns"] = round(self.family.latency_s * 1e9)
         row["first_setting_us"] = machine.t_on_us, machine.t_period_us
         self._take_setting(lane)
 
     def _take_setting(self, lane: int) -> None:
         row, plant = self.rows[lane], self.fleet.plants[lane]
         row["wait_us"] = ignition_wait_us(plant.machine)
+        burning_V = plant.machine.material.burning_voltage_V.value
+        row["energy_mJ"] = discharge_current_A(plant.machine) * burning_V * plant.machine.t_on_us * 1e-3
         row["setting_us"] = plant.machine.t_on_us, plant.machine.t_period_us
         row["longest_ns"] = plant.longest_window_ns
 
@@ -136,6 +145,7 @@ class Lanes:
         row, kind = self.rows[lane], self._planner
         for name in ("path_um", "reached_um", "cut_um"):
             row[name] = 0.0
+        row["settling_ns"] = SETTLING_NS
         step_um = float(row["step_um"])
         unit = position_unit(self.family.planner, float(row["table_um"]), step_um)
         course = Course.of(kind.number, scenario.legs_um[leg], kind.speed_unit_nm_s, unit, step_um)
@@ -155,7 +165,7 @@ class Lanes:
 
     def set_generator(self, lane: int, t_on_us: float, t_period_us: float) -> None:
         """Set the generator to the nearest detents; a setting that it refuses is not made, and `refused` says why."""
-        wanted = to_detents(t_on_us, t_period_us)
+        wanted = to_detents(t_on_us, t_period_us, self.family.detents_us)
         self.refused[lane] = None
         if wanted == tuple(self.rows[lane]["setting_us"]):
             return
@@ -190,11 +200,25 @@ class Lanes:
             rows["cause"][lost] = OUT_OF_RANGE
         for lane in lanes[rows["cause"][lanes] == DONE]:
             self._end_leg(int(lane))
+        for lane in lanes[rows["cause"][lanes] == WIRE_BREAK]:
+            self._lose_wire(int(lane))
 
-    def telling(self, lanes: Ints) -> list[int]:
-        """Return those of some lanes whose info has texts: the episode ended, or a setting was refused."""
-        ended = set(lanes[self.rows["cause"][lanes] != RUNNING].tolist())
-        return [lane for lane in lanes.tolist() if lane in ended or self.refused[lane] is not None]
+    @property
+    def out_of_time(self) -> NDArray[np.bool_]:
+        """Which lanes (n,) have cut for as long as an episode lasts."""
+        if self.family.episode_s is None:
+            return np.zeros(self.count, np.bool_)
+        return np.asarray(self.rows["elapsed_ns"] >= round(self.family.episode_s * 1e9))
+
+    def _lose_wire(self, lane: int) -> None:
+        """Thread the next wire where the last one broke, if the episode has one."""
+        row, plant = self.rows[lane], self.fleet.plants[lane]
+        row["wires_lost"] += 1
+        if row["wires_lost"] >= self.family.wires:
+            return
+        row["cause"] = RUNNING
+        row["settling_ns"], row["shorted_s"] = SETTLING_NS, 0.0
+        plant.rethread(plant.commanded_um, round(float(row["threading_s"]) * 1e9))
 
     def _end_leg(self, lane: int) -> None:
         """Go on with the path's next piece, if there is one."""
@@ -213,17 +237,6 @@ class Lanes:
             plant.set_generator(scenario.machine.t_on_us, scenario.machine.t_period_us)
             self._take_setting(lane)
         self._begin_leg(lane, following)
-
-
-def to_detents(t_on_us: float, t_period_us: float) -> tuple[float, float]:
-    """Return the nearest setting that the generator's knobs have."""
-    return round(t_on_us / ON_US) * ON_US, round(t_period_us / PERIOD_US) * PERIOD_US
-
-
-def least_setting_us(machine: Machine, t_on_us: float) -> tuple[float, float]:
-    """Return an on-time with the shortest period at which the supply gives it, both in detents."""
-    on = round(t_on_us / ON_US) * ON_US
-    return on, math.ceil(least_period_us(machine, on) / PERIOD_US - 1e-9) * PERIOD_US
 
 
 def _with_row(table: NDArray[_Number], lane: int, row: NDArray[_Number], filling: float) -> NDArray[_Number]:

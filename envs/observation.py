@@ -1,13 +1,17 @@
-"""The observation: only what a machine can measure, normalised, with a fixed place for every entry."""
+"""The observation: only what a machine can measure and its operator knows, with a fixed place for every entry."""
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from edmsim.compiled.jit import exactly_compiled
+from edmsim.compiled.random import normal, uniform
+from edmsim.machine.machine import Machine
+from edmsim.machine.setting import flushing_Pa, wire_speed_m_s
 from edmsim.plant.kernel.state import ARC, OPEN, SHORT, SPARK
 
 Floats = NDArray[np.float64]
@@ -39,119 +43,71 @@ MEASURED = (
     Entry("mean_current", 0.0, 4.0, "mean gap current / the generator's limit of mean current"),
     Entry("mean_delay", 0.0, 1.0, "mean ignition delay / longest wait for ignition; 1 if nothing ignited"),
     Entry("commanded_feed", -1.0, 1.0, "commanded feed / max_feed_um_s"),
-    Entry("actual_feed", -1.0, 1.0, "travel along the path / duration of the window / max_feed_um_s"),
-    Entry("t_on", 0.0, 8.0, "on-time / that at the episode's start"),
-    Entry("t_period", 0.0, 16.0, "pulse period / that at the episode's start"),
+    Entry("actual_feed", -1.0, 1.0, "travel along the path / duration / max_feed_um_s"),
+    Entry("t_on", 0.0, 1.0, "log10 of the on-time in us / 3"),
+    Entry("t_period", 0.0, 1.0, "log10 of the pulse period in us / 4"),
 )
-"""Entries of every window; `history` windows stand one behind the other, the last one first. All are 0 where no
+"""Entries of every step; `history` steps stand one behind the other, the last one first. All are 0 where no
 window has been fired yet."""
+DIALS = (
+    Entry("tension", 0.0, 10.0, "wire tension / 10 N"),
+    Entry("wire_diameter", 0.0, 4.0, "wire diameter / 100 um"),
+    Entry("height", 0.0, 8.0, "workpiece height, the greatest one / 50 mm"),
+    Entry("flushing_lower", 0.0, 30.0, "pressure of the lower nozzle / 1 bar"),
+    Entry("flushing_upper", 0.0, 30.0, "pressure of the upper nozzle / 1 bar"),
+    Entry("wire_speed", 0.0, 15.0, "speed of the running wire / 1 m/s"),
+)
+"""Entries behind all steps: what the operator has set up and knows."""
 CORNERS = (
     Entry("corner_ahead", 0.0, 1.0, "length of path to the next corner / 1 mm; 1 if there is none within"),
     Entry("corner_turn", -1.0, 1.0, "its turn / 180 degrees, left positive; 0 if there is none within 1 mm"),
     Entry("corner_behind", 0.0, 1.0, "length of path from the last corner / 1 mm; 1 if there is none within"),
 )
-"""Entries behind all windows, where the program is known."""
+"""Entries behind the dials, where the program is known."""
 LOOK_UM = 1000.0
 """How far along the path corners are shown (ours: well beyond the wire's lag and the distance to slow down in)."""
 
 
 def entries(history: int, knows_corners: bool) -> list[Entry]:
     """Every entry of an observation, in order."""
-    windows = [
+    steps = [
         entry._replace(name=f"{entry.name}[{-age}]" if age else entry.name)
         for age in range(history)
         for entry in MEASURED
     ]
-    return windows + (list(CORNERS) if knows_corners else [])
+    return [*steps, *DIALS, *(CORNERS if knows_corners else ())]
 
 
 _LOW = tuple(entry.low for entry in MEASURED)
 _HIGH = tuple(entry.high for entry in MEASURED)
+_VOLTAGE, _CURRENT, _DELAY = 3, 4, 5
 
+SHOWN = np.dtype(
+    [
+        ("short", "i8"), ("open", "i8"), ("ignited", "i8"), ("arc", "i8"), ("ignitions", "i8"), ("duration_ns", "i8"),
+        ("voltage_V_us", "f8"), ("charge_A_us", "f8"), ("delay_us", "f8"), ("travel_um", "f8"), ("feed_um_s", "f8"),
+        ("t_on_us", "f8"), ("t_period_us", "f8"),
+    ]
+)  # fmt: skip
+"""What the windows of a step showed.
 
-class Shown(NamedTuple):
-    """What one window showed.
-
-    Attributes
-    ----------
-    short, open, ignited : int
-        Pulses of each kind.
-    duration_us : float
-    voltage_V_us, charge_A_us : float
-        Gap voltage and current, each summed over the window's time.
-    ignitions : int
-    delay_us : float
-        Sum of their delays.
-    feed_um_s : float
-        Commanded.
-    travel_um : float
-        Along the path, by the counters.
-    t_on_us, t_period_us : float
-        Setting of the generator.
-    """
-
-    short: int
-    open: int
-    ignited: int
-    duration_us: float
-    voltage_V_us: float
-    charge_A_us: float
-    ignitions: int
-    delay_us: float
-    feed_um_s: float
-    travel_um: float
-    t_on_us: float
-    t_period_us: float
-
-
-class Scale(NamedTuple):
-    """By what the entries are divided: see `MEASURED`."""
-
-    open_V: float
-    limit_A: float
-    wait_us: float
-    max_feed_um_s: float
-    first_on_us: float
-    first_period_us: float
+Pulses of each kind, arcs among those that ignited (which no machine tells apart), ignitions, and sums over the time:
+of gap voltage and current, of the ignitions' delays, and the travel along the path by the counters. The feed
+commanded and the generator's setting are the last window's.
+"""
+SCALE = np.dtype(
+    [("open_V", "f8"), ("limit_A", "f8"), ("wait_us", "f8"), ("noise_share", "f8"), ("step", "f8"), ("key", "u8"),
+     ("draws", "u8")]
+)
+"""By what voltage, current and delay are divided, and how they are measured: noise and converters' steps as shares of
+that (see `sensors.Sensors`), key and number of the noise's draws."""
 
 
 @exactly_compiled
-def show(shown: Shown, scale: Scale, seen: NDArray[np.float32]) -> None:
-    """Put a window's entries before those of the windows before, and forget the oldest.
-
-    Parameters
-    ----------
-    shown : Shown
-    scale : Scale
-    seen : (history, len(MEASURED))
-        Written.
-    """
-    pulses = shown.short + shown.open + shown.ignited
-    values = (
-        shown.short / pulses,
-        shown.open / pulses,
-        shown.ignited / pulses,
-        shown.voltage_V_us / shown.duration_us / scale.open_V,
-        shown.charge_A_us / shown.duration_us / scale.limit_A,
-        shown.delay_us / shown.ignitions / scale.wait_us if shown.ignitions > 0 else 1.0,
-        shown.feed_um_s / scale.max_feed_um_s,
-        shown.travel_um / (shown.duration_us * 1e-6) / scale.max_feed_um_s,
-        shown.t_on_us / scale.first_on_us,
-        shown.t_period_us / scale.first_period_us,
-    )
-    for age in range(seen.shape[0] - 1, 0, -1):
-        for k in range(seen.shape[1]):
-            seen[age, k] = seen[age - 1, k]
-    for k in range(len(values)):
-        seen[0, k] = min(max(values[k], _LOW[k]), _HIGH[k])
-
-
-@exactly_compiled
-def see(
-    lanes: NDArray[np.int64], rows: NDArray[np.void], windows: NDArray[np.void], max_feed_um_s: float,
-    seen: NDArray[np.float32],
+def gather(
+    lanes: NDArray[np.int64], rows: NDArray[np.void], windows: NDArray[np.void], shown: NDArray[np.void]
 ) -> None:
-    """`show` the last window of some lanes.
+    """Add the last window of some lanes to what their step showed.
 
     Parameters
     ----------
@@ -159,22 +115,87 @@ def see(
         Lanes that had a window; of the other arguments, row i belongs to lane i.
     rows : (n,) `path_follower.LANE`
     windows : (n,) `edmsim.plant.kernel.state.WINDOW`
+    shown : (n,) `SHOWN`
+        Added to.
+    """
+    for j in range(lanes.shape[0]):
+        i = lanes[j]
+        w = windows[i]
+        shown[i].short += w.counts[SHORT]
+        shown[i].open += w.counts[OPEN]
+        shown[i].ignited += w.counts[SPARK] + w.counts[ARC]
+        shown[i].arc += w.counts[ARC]
+        shown[i].ignitions += w.ignitions
+        shown[i].duration_ns += w.duration_ns
+        shown[i].voltage_V_us += w.voltage_us
+        shown[i].charge_A_us += w.charge_A_us
+        shown[i].delay_us += w.delay_us
+        shown[i].travel_um += rows[i].travel_um
+        shown[i].feed_um_s = rows[i].feed_um_s
+        shown[i].t_on_us, shown[i].t_period_us = rows[i].setting_us[0], rows[i].setting_us[1]
+
+
+@exactly_compiled
+def show(
+    lanes: NDArray[np.int64], shown: NDArray[np.void], scales: NDArray[np.void], max_feed_um_s: float,
+    seen: NDArray[np.float32],
+) -> None:
+    """Put what some lanes' steps showed before what the steps before did, and forget the oldest.
+
+    Parameters
+    ----------
+    lanes : (m,)
+        Lanes that had a step; of the other arguments, row i belongs to lane i.
+    shown : (n,) `SHOWN`
+    scales : (n,) `SCALE`
+        ``draws`` is counted up where there is noise.
     max_feed_um_s : float
-    seen : (n, history, len(MEASURED))
+    seen : (n, steps, len(MEASURED))
         Written.
     """
     for j in range(lanes.shape[0]):
         i = lanes[j]
-        w, row = windows[i], rows[i]
-        shown = Shown(
-            w.counts[SHORT], w.counts[OPEN], w.counts[SPARK] + w.counts[ARC], w.duration_ns * 1e-3,
-            w.voltage_us, w.charge_A_us, w.ignitions, w.delay_us,
-            row.feed_um_s, row.travel_um, row.setting_us[0], row.setting_us[1],
+        s, scale = shown[i], scales[i]
+        pulses, duration_us = s.short + s.open + s.ignited, s.duration_ns * 1e-3
+        for age in range(seen.shape[1] - 1, 0, -1):
+            for k in range(seen.shape[2]):
+                seen[i, age, k] = seen[i, age - 1, k]
+        values = (
+            s.short / pulses,
+            s.open / pulses,
+            s.ignited / pulses,
+            s.voltage_V_us / duration_us / scale.open_V,
+            s.charge_A_us / duration_us / scale.limit_A,
+            s.delay_us / s.ignitions / scale.wait_us if s.ignitions > 0 else 1.0,
+            s.feed_um_s / max_feed_um_s,
+            s.travel_um / (duration_us * 1e-6) / max_feed_um_s,
+            math.log10(s.t_on_us) / 3.0,
+            math.log10(s.t_period_us) / 4.0,
         )
-        scale = Scale(
-            row.open_V, row.limit_A, row.wait_us, max_feed_um_s, row.first_setting_us[0], row.first_setting_us[1]
-        )
-        show(shown, scale, seen[i])
+        for k in range(len(values)):
+            value = values[k]
+            if _VOLTAGE <= k <= _DELAY:
+                value = _measured(scales, i, value)
+            seen[i, 0, k] = min(max(value, _LOW[k]), _HIGH[k])
+
+
+@exactly_compiled
+def _measured(scales: NDArray[np.void], i: int, value: float) -> float:
+    """Return what a lane's sensor and its converter make of a value."""
+    if scales[i].noise_share > 0.0:
+        value += scales[i].noise_share * normal(uniform(scales[i].key, scales[i].draws))
+        scales[i].draws += np.uint64(1)
+    return float(np.rint(value / scales[i].step) * scales[i].step) if scales[i].step > 0.0 else value
+
+
+def dials(machine: Machine) -> NDArray[np.float32]:
+    """Return the entries about a set-up, (len(DIALS),)."""
+    lower, upper = flushing_Pa(machine)
+    values = [
+        machine.tension / 10.0, machine.wire_diameter_um / 100.0, machine.height_mm / 50.0, lower * 1e-5,
+        upper * 1e-5, wire_speed_m_s(machine),
+    ]
+    return np.clip(values, [e.low for e in DIALS], [e.high for e in DIALS]).astype(np.float32)
 
 
 def corners(places_um: Floats, along_um: Floats, turns_deg: Floats) -> NDArray[np.float32]:

@@ -1,13 +1,12 @@
 """Lanes along their paths, compiled: steps by the lanes' planners, and where each wire has come, no Python per lane.
 
 Nothing here knows the plant; lanes do not touch each other, so that their order and number do not matter.
-
-A window has one feed here: a controller's latency (`FeedCommand.latency_s`) is simulated by `edmsim cut` alone.
 """
 
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +25,10 @@ SHORTED_S = 2.0
 """Time of nothing but shorted windows after which the machine stops (ours: a retract at 10 um/s has led 20 um away by
 then, more than a gap)."""
 
+SETTLING_NS = 250_000_000
+"""Time after threading for which nothing counts as cut (ours): the field pulls a wire 6 to 9 um towards the metal in
+its first windows, whatever is commanded."""
+
 RUNNING, DONE, WIRE_BREAK, OUT_OF_RANGE = (
     int(cause) for cause in (StopCause.RUNNING, StopCause.FINISHED, StopCause.WIRE_BREAK, StopCause.OUT_OF_RANGE)
 )
@@ -34,9 +37,16 @@ RUNNING, DONE, WIRE_BREAK, OUT_OF_RANGE = (
 LANE = np.dtype(
     [
         ("units", "i8"),
+        ("units_before", "i8"),
+        ("latency_ns", "i8"),
         ("longest_ns", "i8"),
+        ("elapsed_ns", "i8"),
+        ("step_ns", "i8"),
+        ("settling_ns", "i8"),
         ("steps", "i8"),
         ("cause", "i8"),
+        ("broke", "i8"),
+        ("wires_lost", "i8"),
         ("step_um", "f8"),
         ("table_um", "f8"),
         ("feed_um_s", "f8"),
@@ -55,20 +65,26 @@ LANE = np.dtype(
         ("open_V", "f8"),
         ("limit_A", "f8"),
         ("wait_us", "f8"),
+        ("energy_mJ", "f8"),
+        ("threading_s", "f8"),
     ]
 )
 """Numbers of one lane.
 
-``units`` is the feed in the planner's units, negative backwards; ``longest_ns`` the longest window; ``steps`` how
-many motor steps are planned; ``cause`` why the episode ended. ``step_um, table_um`` are the motor step and the
-table's travel. ``feed_um_s`` is the feed commanded, ``path_um`` the length of the leg behind the lane by its planner.
+``units`` is the feed in the planner's units, negative backwards; it counts ``latency_ns`` after the window's begin,
+till then ``units_before``. ``longest_ns`` is the longest window; ``elapsed_ns`` the time of cutting in the episode,
+``step_ns`` since the last action, ``settling_ns`` for how long a fresh wire settles yet; ``steps`` how many motor
+steps are planned; ``cause`` why the episode ended; ``broke`` whether the wire broke in the window, ``wires_lost`` how
+many have. ``step_um, table_um`` are the motor step and the table's travel. ``feed_um_s`` is the feed commanded,
+``path_um`` the length of the leg behind the lane by its planner.
 Of the last window: ``travel_um`` along the path, ``progress_um`` of the cut and ``area_mm2``, that times the local
 height. ``reached_um`` is the length of the leg up to where the wire really is, ``error_um`` its distance from there:
 a wire pushed against metal bends and stays behind its counters. ``cut_um`` is the length of the leg that was cut: it
 follows the wire by the share of pulses that ignite, so that a wire pushed into metal, or led through air, cuts
 nothing until it sparks. ``before_um`` is the length of the legs before, ``total_um`` of all; ``shorted_s`` for how
 long there have been nothing but shorts; ``setting_us`` on-time and period, now and at first; ``open_V, limit_A,
-wait_us`` the generator's open voltage, limit of mean current, and longest wait for an ignition."""
+wait_us`` the generator's open voltage, limit of mean current, and longest wait for an ignition; ``energy_mJ`` that of
+a discharge of the setting, ``threading_s`` what a lost wire costs the machine."""
 
 
 @exactly_compiled
@@ -92,8 +108,26 @@ def take_feeds(
     for j in range(lanes.shape[0]):
         i = lanes[j]
         units = np.rint(min(max(feeds_um_s[i], -limit_um_s), limit_um_s) * 1e3 / unit_nm_s)
+        rows[i].units_before = rows[i].units
         rows[i].units = int(units)
         rows[i].feed_um_s = units * unit_nm_s * 1e-3 if counts else feeds_um_s[i]
+
+
+@exactly_compiled
+def _run(
+    planner: Any, points: NDArray[np.float64], along: NDArray[np.float64], lengths: NDArray[np.int64],
+    start_ns: int, end_ns: int, row: Any, out: NDArray[np.int64],
+) -> int:
+    """Run a planner through a window: at the feed before until the new one counts; see `run.advance`."""
+    if row.latency_ns == 0:
+        return advance(planner, points, along, lengths, start_ns, end_ns, row.units, out)
+    turn_ns = min(start_ns + row.latency_ns, end_ns)
+    made = advance(planner, points, along, lengths, start_ns, turn_ns, row.units_before, out)
+    if made == LIMIT or turn_ns == end_ns:
+        return int(made)
+    room = out[min(made, out.shape[0]):]
+    more = advance(planner, points, along, lengths, turn_ns, end_ns, row.units, room)
+    return LIMIT if more == LIMIT else made + more
 
 
 @exactly_compiled
@@ -129,9 +163,7 @@ def plan(
         i = lanes[j]
         ahead[0] = planners[i]
         now = states[i].time_ns
-        made = advance(
-            ahead[0], points[i], along[i], lengths[i], now, now + rows[i].longest_ns, rows[i].units, out[i]
-        )
+        made = _run(ahead[0], points[i], along[i], lengths[i], now, now + rows[i].longest_ns, rows[i], out[i])
         rows[i].steps = max(made, 0)
         most = max(most, made)
     return most
@@ -204,9 +236,8 @@ def follow(
         i = lanes[j]
         before[0] = planners[i]
         now, planner = states[i].time_ns, planners[i]
-        made = advance(
-            planner, points[i], along[i], lengths[i], now - windows[i].duration_ns, now, rows[i].units, nowhere
-        )
+        spent_ns = windows[i].duration_ns
+        made = _run(planner, points[i], along[i], lengths[i], now - spent_ns, now, rows[i], nowhere)
         rows[i].path_um = path_um(planner, points[i], along[i])
         rows[i].travel_um = travel_um(before[0], planner, points[i], along[i])
         pulses = 0
@@ -215,15 +246,22 @@ def follow(
         x, y = states[i].commanded_um[0], states[i].commanded_um[1]
         _look(
             rows, i, planner.move, planner.last_move, points[i], along[i],
-            x + windows[i].deflection_um[0] / pulses, y + windows[i].deflection_um[1] / pulses,
+            states[i].axis_um[0] + windows[i].deflection_um[0] / pulses,
+            states[i].axis_um[1] + windows[i].deflection_um[1] / pulses,
         )
+        if rows[i].settling_ns > 0:
+            rows[i].cut_um = max(rows[i].cut_um, rows[i].reached_um)
         ignited = (windows[i].counts[1] + windows[i].counts[2]) / pulses
         rows[i].progress_um = ignited * max(rows[i].reached_um - rows[i].cut_um, 0.0)
         height = _height_mm(height_from[i], heights[i], rows[i].before_um + rows[i].cut_um)
         rows[i].cut_um += rows[i].progress_um
         rows[i].area_mm2 = rows[i].progress_um * 1e-3 * height
+        rows[i].elapsed_ns += spent_ns
+        rows[i].step_ns += spent_ns
+        rows[i].settling_ns = max(rows[i].settling_ns - spent_ns, 0)
+        rows[i].broke = windows[i].broken != 0
         if windows[i].counts[3] >= SHORTED_SHARE * pulses:
-            rows[i].shorted_s += windows[i].duration_ns * 1e-9
+            rows[i].shorted_s += spent_ns * 1e-9
         else:
             rows[i].shorted_s = 0.0
         limit_um, slack_um = rows[i].table_um, rows[i].step_um

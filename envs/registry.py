@@ -15,21 +15,34 @@ from edmsim.errors import InputError
 if TYPE_CHECKING:
     from edmsim.envs.task import Family
 
-EPISODE_STEPS = {"GapFeed": 1000, "HeightStep": 1000, "Corner": 3000, "Contour": 20_000}
-"""Windows after which an episode is truncated: 25 s of machine time, where time is to end it; else about twice what a
-cut takes at the reference rate (ours)."""
 _FILES = {"GapFeed": "gap_feed", "HeightStep": "height_step", "Corner": "corner", "Contour": "contour"}
 _GENERAL = "edmsim.envs.single:EdmEnv", "edmsim.envs.vector:EdmVectorEnv"
+_WITHDRAWN = "edmsim.envs.registry:withdrawn"
 _OWN: dict[str, type[Family]] = {}  # users' families, by the ids they are registered under
 
 
 def register_all() -> None:
-    """Register ``edmsim/GapFeed-v0`` and the others."""
-    for name, steps in EPISODE_STEPS.items():
-        _register_classes(env_id_of(name), _classes_of(name), steps, {})
+    """Register ``edmsim/GapFeed-v1`` and the others, and say of their first versions that they are withdrawn."""
+    for name in _FILES:
+        _register_classes(env_id_of(name), _classes_of(name), {})
+        _register_classes(f"edmsim/{name}-v0", (_WITHDRAWN, _WITHDRAWN), {"env_id": env_id_of(name)})
 
 
-def register(env_id: str, family: type[Family], *, max_episode_steps: int | None = None, **arguments: Any) -> None:
+def withdrawn(env_id: str, **_: Any) -> None:
+    """Stand where a version was that is withdrawn, and say which replaces it.
+
+    Raises
+    ------
+    InputError
+        Always.
+    """
+    raise InputError(
+        f"{env_id.removesuffix('1')}0 is withdrawn (a broken wire cost too little, time could be stretched, dials "
+        f"were hidden): use {env_id}"
+    )
+
+
+def register(env_id: str, family: type[Family], **arguments: Any) -> None:
     """Register an own environment, single and vector, with Gymnasium.
 
     Parameters
@@ -38,8 +51,6 @@ def register(env_id: str, family: type[Family], *, max_episode_steps: int | None
         ``"lab/Bend-v0"``; what is there under this id is replaced.
     family : type
         `GapFeed`, `HeightStep`, `Corner` or `Contour`, or a subclass of one.
-    max_episode_steps : int, optional
-        Windows after which an episode is truncated; those of the family it derives from if not given.
     **arguments
         Arguments of the family that differ from its own.
 
@@ -52,13 +63,12 @@ def register(env_id: str, family: type[Family], *, max_episode_steps: int | None
     """
     base = base_of(family)
     family.of(**arguments)
-    steps = EPISODE_STEPS[base] if max_episode_steps is None else max_episode_steps
     registry.pop(env_id, None)
     if family is family_of(base):
-        _register_classes(env_id, _classes_of(base), steps, {**arguments, "task": base})
+        _register_classes(env_id, _classes_of(base), {**arguments, "task": base})
     else:
         _OWN[env_id] = family
-        _register_classes(env_id, _GENERAL, steps, {**arguments, "task": env_id})
+        _register_classes(env_id, _GENERAL, {**arguments, "task": env_id})
 
 
 def resolve(text: str) -> str:
@@ -96,16 +106,18 @@ def find(name: str | type[Family]) -> tuple[type[Family], dict[str, Any]]:
     Raises
     ------
     InputError
-        There is none.
+        There is none, or it is withdrawn.
     """
     if isinstance(name, type):
         return name, {}
-    short = str(name).removeprefix("edmsim/").removesuffix("-v0")
+    short = str(name).removeprefix("edmsim/").removesuffix("-v1")
+    if short.removesuffix("-v0") in _FILES and short.endswith("-v0"):
+        withdrawn(env_id_of(short.removesuffix("-v0")))
     if short in _FILES:
         return family_of(short), {}
     spec = registry.get(str(name))
     if spec is None or "task" not in spec.kwargs:
-        raise InputError(f"there is no environment {name!r}; choose one of {', '.join(map(env_id_of, _FILES))}")
+        raise InputError(f"there is no environment {name!r}; choose one of {', '.join(registered_ids())}")
     arguments = dict(spec.kwargs)
     task = arguments.pop("task")
     family, more = (_OWN[task], {}) if task in _OWN else find(task)
@@ -161,25 +173,27 @@ def stand_in(family: type[Family], arguments: dict[str, Any]) -> tuple[str, dict
     """
     base = base_of(family)
     known = family_of(base)
-    if (family.knows_corners, family.action_names) != (known.knows_corners, known.action_names):
+    names = {field.name for field in fields(known)} - {"weights", "machine"}
+    kept = {name: value for name, value in arguments.items() if name in names}
+    own = family.of(**kept)
+    if own.knobs != known.of().knobs:
+        kept["knobs"] = own.knobs
+    if (family.knows_corners, family.setting_us) != (known.knows_corners, known.setting_us):
         raise InputError(
             f"the family {family.__name__} has other observations or actions than {base}, from which it derives: no "
             "policy file can describe them; train in it with a learner of your own (edmsim.envs.make_sb3_vec_env)"
         )
-    names = {field.name for field in fields(known)} - {"weights", "machine"}
-    return env_id_of(base), {name: value for name, value in arguments.items() if name in names}
+    return env_id_of(base), kept
+
+
+def registered_ids() -> tuple[str, ...]:
+    """Return the ids of edmsim's own environments."""
+    return tuple(map(env_id_of, _FILES))
 
 
 def env_id_of(name: str) -> str:
-    """Return the whole id of an environment: ``"edmsim/GapFeed-v0"`` of ``"GapFeed"``."""
-    return f"edmsim/{name}-v0" if name in _FILES else name
-
-
-def episode_steps(name: str | type[Family]) -> int:
-    """Return after how many windows an episode is truncated; edmsim's number where a registration has none."""
-    spec = registry.get(env_id_of(name)) if isinstance(name, str) else None
-    steps = None if spec is None else spec.max_episode_steps
-    return EPISODE_STEPS[base_of(find(name)[0])] if steps is None else steps
+    """Return the whole id of an environment: ``"edmsim/GapFeed-v1"`` of ``"GapFeed"``."""
+    return f"edmsim/{name}-v1" if name in _FILES else name
 
 
 def _classes_of(name: str) -> tuple[str, str]:
@@ -188,7 +202,5 @@ def _classes_of(name: str) -> tuple[str, str]:
     return f"{place}Env", f"{place}VectorEnv"
 
 
-def _register_classes(env_id: str, classes: tuple[str, str], steps: int, kwargs: dict[str, Any]) -> None:
-    _register(
-        id=env_id, entry_point=classes[0], vector_entry_point=classes[1], max_episode_steps=steps, kwargs=kwargs
-    )
+def _register_classes(env_id: str, classes: tuple[str, str], kwargs: dict[str, Any]) -> None:
+    _register(id=env_id, entry_point=classes[0], vector_entry_point=classes[1], kwargs=kwargs)

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edmsim.compiled.jit import exactly_compiled
-from edmsim.envs.path_follower import DONE, RUNNING, WIRE_BREAK
+from edmsim.envs.path_follower import DONE, RUNNING
 from edmsim.errors import InputError
 from edmsim.plant.kernel.state import ARC, OPEN, SHORT, SPARK
 
@@ -42,7 +42,9 @@ class Weights:
     time : float
         Cost per reference window (`REFERENCE_S`) of machine time.
     wire_break, limit : float
-        Cost of an episode's end by a broken wire, or by a limit.
+        Cost of a broken wire, and of an episode's end by a limit: what the machine loses at the reference rate
+        (`REFERENCE_MM2_MIN`) while another wire is threaded. 1 is right for a task whose machines cut at that rate, 2
+        for one at twice the rate.
     done : float
         Gain of reaching the path's end.
     """
@@ -52,8 +54,8 @@ class Weights:
     open: float = 0.1
     profile: float = 0.0
     time: float = 0.0
-    wire_break: float = 100.0
-    limit: float = 100.0
+    wire_break: float = 1.0
+    limit: float = 1.0
     done: float = 0.0
 
     def __post_init__(self) -> None:
@@ -73,32 +75,58 @@ TERMS = tuple(f.name for f in fields(Weights))
 _PROGRESS, _SHORT, _OPEN, _PROFILE, _TIME, _WIRE_BREAK, _LIMIT, _DONE = range(len(TERMS))
 
 
-def rewards(
-    lanes: NDArray[np.int64], rows: NDArray[np.void], windows: NDArray[np.void], weights: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the reward of one window of every lane (n,) and its terms (len(TERMS), n), 0 in lanes that had none.
+class Earned:
+    """What the lanes' steps earned and cost, window by window.
 
     Parameters
     ----------
-    lanes : (m,)
-        Lanes that had a window; of the other arguments, row i belongs to lane i.
-    rows : (n,) `path_follower.LANE`
-    windows : (n,) `edmsim.plant.kernel.state.WINDOW`
-    weights : (len(TERMS),)
-        `Weights.array`.
+    weights : Weights
+    error_bound_um, energy_bound_mJ : float or None
+        Path error, and energy of a discharge, beyond which time costs.
+    count : int
+        Number of lanes.
+
+    Attributes
+    ----------
+    total : (n,)
+        Rewards.
+    terms : (len(TERMS), n)
+        Their terms.
+    cost : (n,)
+        A lost wire and an end by a limit count 1 each, and so does every second beyond a bound.
+    area_mm2 : (n,)
+        Area cut.
     """
-    terms = np.zeros((len(TERMS), rows.shape[0]))
-    total = np.zeros(rows.shape[0])
-    _fill(lanes, rows, windows, weights, terms, total)
-    return total, terms
+
+    def __init__(
+        self, weights: Weights, error_bound_um: float | None, energy_bound_mJ: float | None, count: int
+    ) -> None:
+        self._weights = weights.array()
+        self._bounds = np.array([np.inf if b is None else b for b in (error_bound_um, energy_bound_mJ)])
+        self.total = np.zeros(count)
+        self.terms = np.zeros((len(TERMS), count))
+        self.cost = np.zeros(count)
+        self.area_mm2 = np.zeros(count)
+
+    def begin(self) -> None:
+        """Begin a step of all lanes."""
+        self.total[:] = 0.0
+        self.terms[:] = 0.0
+        self.cost[:] = 0.0
+        self.area_mm2[:] = 0.0
+
+    def add(self, lanes: NDArray[np.int64], rows: NDArray[np.void], windows: NDArray[np.void]) -> None:
+        """Add a window of some lanes (m,), given rows of `path_follower.LANE` and of the plants' windows (n,)."""
+        self.area_mm2[lanes] += rows["area_mm2"][lanes]
+        _add(lanes, rows, windows, self._weights, self._bounds, self.terms, self.total, self.cost)
 
 
 @exactly_compiled
-def _fill(
+def _add(
     lanes: NDArray[np.int64], rows: NDArray[np.void], windows: NDArray[np.void], weights: NDArray[np.float64],
-    terms: NDArray[np.float64], total: NDArray[np.float64],
+    bounds: NDArray[np.float64], terms: NDArray[np.float64], total: NDArray[np.float64], cost: NDArray[np.float64],
 ) -> None:
-    """Work out terms and their sum, both given as zeros."""
+    """Add a window's terms, their sum and its cost."""
     for j in range(lanes.shape[0]):
         i = lanes[j]
         counts, cause = windows[i].counts, rows[i].cause
@@ -106,14 +134,24 @@ def _fill(
         passed = rows[i].area_mm2 / REFERENCE_MM2
         spent = windows[i].duration_ns / (REFERENCE_S * 1e9)
         short, open_ = weights[_SHORT] * counts[SHORT] / pulses, weights[_OPEN] * counts[OPEN] / pulses
-        terms[_PROGRESS, i] = weights[_PROGRESS] * passed
-        terms[_SHORT, i] = -short * spent
-        terms[_OPEN, i] = -open_ * spent
-        terms[_PROFILE, i] = -weights[_PROFILE] * (rows[i].error_um / ERROR_UM) * passed
-        terms[_TIME, i] = -weights[_TIME] * spent
-        total[i] = terms[_PROGRESS, i] - (short + open_) * spent + terms[_PROFILE, i] + terms[_TIME, i]
-        if cause == RUNNING:
-            continue
-        end = _DONE if cause == DONE else _WIRE_BREAK if cause == WIRE_BREAK else _LIMIT
-        terms[end, i] = weights[end] if cause == DONE else -weights[end]
-        total[i] += terms[end, i]
+        profile = weights[_PROFILE] * (rows[i].error_um / ERROR_UM) * passed
+        terms[_PROGRESS, i] += weights[_PROGRESS] * passed
+        terms[_SHORT, i] -= short * spent
+        terms[_OPEN, i] -= open_ * spent
+        terms[_PROFILE, i] -= profile
+        terms[_TIME, i] -= weights[_TIME] * spent
+        total[i] += weights[_PROGRESS] * passed - (short + open_) * spent - profile - weights[_TIME] * spent
+        beyond = (1.0 if rows[i].error_um > bounds[0] else 0.0) + (1.0 if rows[i].energy_mJ > bounds[1] else 0.0)
+        cost[i] += beyond * windows[i].duration_ns * 1e-9
+        lost = rows[i].threading_s / REFERENCE_S
+        if rows[i].broke:
+            terms[_WIRE_BREAK, i] -= weights[_WIRE_BREAK] * lost
+            total[i] -= weights[_WIRE_BREAK] * lost
+            cost[i] += 1.0
+        elif cause == DONE:
+            terms[_DONE, i] += weights[_DONE]
+            total[i] += weights[_DONE]
+        elif cause != RUNNING:
+            terms[_LIMIT, i] -= weights[_LIMIT] * lost
+            total[i] -= weights[_LIMIT] * lost
+            cost[i] += 1.0

@@ -51,15 +51,16 @@ class EdmVecEnv(VecEnv):  # type: ignore[misc, unused-ignore]
         self._actions = actions
 
     def step_wait(self) -> Any:
-        """Run a window; infos tell only of lanes whose episode ended."""
+        """Run a step; every lane's info tells all that `EdmVectorEnv` tells of it."""
         observations, rewards, terminated, truncated, infos = self.env.step(self._actions)
         done = terminated | truncated
-        told: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
+        told = lane_infos(infos, self.num_envs)
         for lane in np.flatnonzero(done):
-            told[lane] = lane_info(infos["final_info"], int(lane))
-            told[lane]["terminal_observation"] = infos["final_obs"][lane]
-            told[lane]["TimeLimit.truncated"] = bool(truncated[lane] and not terminated[lane])
-            self.reset_infos[lane] = lane_info(infos, int(lane))
+            self.reset_infos[lane] = told[lane]
+            last = lane_info(infos["final_info"], int(lane))
+            last["terminal_observation"] = infos["final_obs"][lane]
+            last["TimeLimit.truncated"] = bool(truncated[lane] and not terminated[lane])
+            told[lane] = last
         return observations, rewards.astype(np.float32), done, told
 
     def close(self) -> None:
@@ -76,11 +77,23 @@ class EdmVecEnv(VecEnv):  # type: ignore[misc, unused-ignore]
 
     def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
         """Refuse: the lanes share one environment."""
-        raise InputError(f"{attr_name} cannot be set: the lanes share one environment; give it when making it")
+        raise InputError(
+            f"{attr_name} cannot be set: the lanes share one environment; give it when making it, or change it for "
+            f"the next episodes by env_method('change', {attr_name}=...)"
+        )
 
     def env_method(self, method_name: str, *args: Any, indices: Any = None, **kwargs: Any) -> list[Any]:
-        """Refuse: the lanes share one environment."""
-        raise InputError(f"{method_name} cannot be called lane by lane: the lanes share one environment")
+        """Call a method of the environment that all lanes share, once; returns what it returned for every lane.
+
+        Raises
+        ------
+        InputError
+            Only some lanes are named.
+        """
+        lanes = list(self._get_indices(indices))
+        if set(lanes) != set(range(self.num_envs)):
+            raise InputError(f"{method_name} is called for all lanes or none: they share one environment")
+        return [getattr(self.env, method_name)(*args, **kwargs)] * len(lanes)
 
     def env_is_wrapped(self, wrapper_class: Any, indices: Any = None) -> list[bool]:
         """No lane has a wrapper of its own."""
@@ -92,17 +105,30 @@ class EdmVecEnv(VecEnv):  # type: ignore[misc, unused-ignore]
         return [indices] if isinstance(indices, int) else indices
 
 
+def lane_infos(infos: dict[str, Any], count: int) -> list[dict[str, Any]]:
+    """Return the infos of all lanes out of a vector environment's, each with what is told of it."""
+    told: list[dict[str, Any]] = [{} for _ in range(count)]
+    for name, values in infos.items():
+        if name.startswith("_") or name in ("final_obs", "final_info"):
+            continue
+        inner = lane_infos(values, count) if isinstance(values, dict) else values.tolist()
+        for info, value, there in zip(told, inner, infos[f"_{name}"].tolist(), strict=True):
+            if there:
+                info[name] = value
+    return told
+
+
 def lane_info(infos: dict[str, Any], lane: int) -> dict[str, Any]:
     """Return the info of one lane out of a vector environment's."""
-    info: dict[str, Any] = {}
-    for name, values in infos.items():
-        if name.startswith("_") or name in ("final_obs", "final_info") or not infos[f"_{name}"][lane]:
-            continue
-        if isinstance(values, dict):
-            info[name] = lane_info(values, lane)
-        else:
-            info[name] = values[lane].item() if isinstance(values[lane], np.generic) else values[lane]
-    return info
+    told = {name: values for name, values in infos.items() if not name.endswith(("final_obs", "final_info"))}
+    return lane_infos(lane_slice(told, lane), 1)[0]
+
+
+def lane_slice(values: Any, lane: int) -> Any:
+    """Return a vector environment's values of one lane, as those of a vector of one."""
+    if isinstance(values, dict):
+        return {name: lane_slice(inner, lane) for name, inner in values.items()}
+    return values[lane : lane + 1]
 
 
 def make_sb3_vec_env(env_id: str, num_envs: int = 1, seed: int | None = None, **options: Any) -> EdmVecEnv:
@@ -111,7 +137,7 @@ def make_sb3_vec_env(env_id: str, num_envs: int = 1, seed: int | None = None, **
     Parameters
     ----------
     env_id : str
-        ``"edmsim/GapFeed-v0"`` and so on.
+        ``"edmsim/GapFeed-v1"`` and so on.
     num_envs : int
     seed : int, optional
         Of the first reset; lane i gets seed + i.
@@ -130,7 +156,7 @@ def make_sb3_vec_env(env_id: str, num_envs: int = 1, seed: int | None = None, **
     Examples
     --------
     >>> from edmsim.envs import make_sb3_vec_env
-    >>> env = make_sb3_vec_env("edmsim/GapFeed-v0", 2, seed=0, resolution="fast")
+    >>> env = make_sb3_vec_env("edmsim/GapFeed-v1", 2, seed=0, resolution="fast")
     >>> env.reset().shape
     (2, 40)
     """

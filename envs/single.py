@@ -9,7 +9,8 @@ import numpy as np
 from gymnasium.error import ResetNeeded
 from numpy.typing import NDArray
 
-from edmsim.envs.batch import Batch, action_space_of, observation_space_of
+from edmsim.envs.arguments import plain
+from edmsim.envs.batch import Batch, action_space_of, observation_space_of, reward_space_of
 from edmsim.envs.checks import checked_actions, checked_options
 from edmsim.envs.path_follower import RUNNING
 from edmsim.envs.registry import make_family
@@ -20,9 +21,9 @@ _LANE = np.zeros(1, np.int64)
 
 
 class EdmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
-    """Cut metal, one window of 255 pulses per step.
+    """Cut metal, one window of 255 pulses per step, or as many as begin within `Family.decision_s`.
 
-    Use ``gymnasium.make("edmsim/GapFeed-v0", ...)``, which makes the subclass `GapFeedEnv`: its description, and that
+    Use ``gymnasium.make("edmsim/GapFeed-v1", ...)``, which makes the subclass `GapFeedEnv`: its description, and that
     of each of the others, has every entry of action, observation and reward.
 
     Parameters
@@ -37,6 +38,8 @@ class EdmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     ----------
     family : Family
         The arguments in force.
+    reward_space : gymnasium.spaces.Box
+        Of the reward: as long as there are objectives, as MO-Gymnasium wants it.
 
     Raises
     ------
@@ -59,6 +62,7 @@ class EdmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         self.render_mode = check_render_mode(render_mode)
         self.action_space = action_space_of(self.family)
         self.observation_space = observation_space_of(self.family)
+        self.reward_space = reward_space_of(self.family)
         self._batch = Batch(self.family, 1)
         self._running = False
         self._begun = False
@@ -78,7 +82,7 @@ class EdmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         """
         given = checked_options(options, ("machine",))
         super().reset(seed=seed)
-        info = self._batch.begin(0, self.np_random, given.get("machine"))
+        info = self._batch.begin(0, self.np_random, given.get("machine"), anew=seed is not None)
         self._running = self._begun = True
         if self.render_mode == "human":
             self.render()
@@ -86,8 +90,13 @@ class EdmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
 
     def step(
         self, action: NDArray[np.float32]
-    ) -> tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]:
-        """Run one window; truncation is the wrapper's, see ``max_episode_steps`` of `gymnasium.make`.
+    ) -> tuple[NDArray[np.float32], Any, bool, bool, dict[str, Any]]:
+        """Run a step: the windows until the next action.
+
+        Returns
+        -------
+        observation, reward, terminated, truncated, info
+            The reward is a float, or with objectives an array float32 of one for each.
 
         Raises
         ------
@@ -99,18 +108,30 @@ class EdmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         if not self._running:
             why = "the episode has ended" if self._begun else "no episode has begun"
             raise ResetNeeded(f"{why}: call reset() before step()")
+        batch = self._batch
         actions = checked_actions(action, self.action_space.shape or ())[None]
-        reward = self._batch.step(_LANE, actions)
-        terminated = bool(self._batch.lanes.rows[0]["cause"] != RUNNING)
-        self._running = not terminated
-        info: dict[str, Any] = {name: value[0].item() for name, value in self._batch.infos().items()}
-        if not self._batch.ignited()[0]:
-            del info["gap_um"]
-        info["reward_terms"] = {name: value.item() for name, value in self._batch.reward_terms().items()}
-        info |= self._batch.words(0)
+        reward = batch.step(_LANE, actions)[0]
+        terminated = bool(batch.lanes.rows[0]["cause"] != RUNNING)
+        truncated = not terminated and bool(batch.lanes.out_of_time[0])
+        self._running = not (terminated or truncated)
+        info: dict[str, Any] = {name: value[0].item() for name, value in batch.infos().items()}
+        info["reward_terms"] = {name: value.item() for name, value in batch.reward_terms().items()}
+        info |= {name: value[0] for name, value in batch.words().items()}
         if self.render_mode == "human":
             self.render()
-        return self._batch.observations()[0], float(reward[0]), terminated, False, info
+        told = reward.astype(np.float32) if self.family.objectives else float(reward)
+        return batch.observations()[0], told, terminated, truncated, info
+
+    def change(self, **options: Any) -> None:
+        """Let the next episodes have other arguments, for a curriculum.
+
+        Parameters
+        ----------
+        **options
+            Fields of the `Family`; those that make spaces or plants stay (see `Family.changed`).
+        """
+        self.family = self.family.changed(**options)
+        self._batch.change(self.family)
 
     def render(self) -> NDArray[np.uint8] | None:
         """Return a picture (height, width, 3), or show it; None without a render mode.
@@ -134,3 +155,9 @@ class EdmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     def close(self) -> None:
         """Close the window of ``render_mode="human"``, if there is one."""
         self._renderer.close()
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        """Keep the specification that Gymnasium notes in a form that JSON can write."""
+        if name == "spec" and value is not None:
+            value.kwargs = plain(value.kwargs)
+        super().__setattr__(name, value)

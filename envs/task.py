@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import math
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
 from functools import cached_property
-from inspect import signature
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple, Self
 
 import numpy as np
@@ -16,10 +13,16 @@ from numpy.typing import NDArray
 
 from edmsim.controllers.mcu.firmware.poscal import unit_um
 from edmsim.controllers.planner.registry import kind_of, position_unit
-from edmsim.envs.reward import Weights
+from edmsim.envs import knobs as generator
+from edmsim.envs import servo
+from edmsim.envs.arguments import Range, above_zero, ends_of, machine_of, one_of, record_of, whole_from, within
+from edmsim.envs.draws import draw_machine, names_of
+from edmsim.envs.reward import TERMS, Weights
+from edmsim.envs.sensors import EXACT, Sensors
 from edmsim.errors import InputError
 from edmsim.machine.machine import Machine
 from edmsim.machine.setting import check_height
+from edmsim.plant.plant import MECHANICS
 from edmsim.plant.resolution import resolution
 from edmsim.plant.workpiece.kerf_field import Stock
 
@@ -27,7 +30,6 @@ if TYPE_CHECKING:
     from edmsim.program.path import WireContour
 
 Floats = NDArray[np.float64]
-Range = float | tuple[float, float]
 
 CORNER_DEG = 20.0
 """A path has a corner where it turns by at least this (ours: chords of arcs turn by less)."""
@@ -35,7 +37,9 @@ MAX_FEED_UM_S = 100.0
 """Feed an action of 1 may ask for (ours: about twice the cutting rate of the standard set-up 10 mm high)."""
 ROOM_MM = 2.5
 """Length of table that a cut leaves free before the end switches (ours)."""
-_ACTIONS = ("change", "speed")
+ACTIONS = ("change", "speed", "servo")
+LASTING = ("resolution", "mechanics", "planner", "action", "knobs", "sensors", "history", "objectives")
+"""Arguments that decide on spaces and plants: they stay as long as the environment does."""
 
 
 class Scenario(NamedTuple):
@@ -69,42 +73,73 @@ class Scenario(NamedTuple):
 class Family(ABC):
     """Episodes of one kind: limits, what is drawn, what actions mean. Every field is an argument of the environment.
 
-    A subclass says in `draw_cut` what is cut. With `action_names` and `setting_us` it may let actions set the pulse
-    generator, with `knows_corners` it shows the corners of the path, and `own_weights` are its weights of the reward.
+    A subclass says in `draw_cut` what is cut. With `knows_corners` it shows the corners of the path, and
+    `own_weights` are its weights of the reward. The defaults are the benchmark: an id says what is cut, on which
+    machines, how long and for which reward.
 
     Parameters
     ----------
     resolution : {"fast", "default", "fine"}
         Resolution of the plant.
-    machine : Machine, optional
-        The set-up; the standard one if not given. What is drawn replaces its values.
-    materials : sequence of str
-        Workpiece materials, one of which is drawn per episode; the machine's own if empty.
-    height_mm, tension : float or (low, high), optional
-        Workpiece height in mm (the greatest one) and wire tension in newton, or the range each is drawn from,
-        uniformly, per episode; the machine's own if not given.
-    randomise : sequence of str, optional
-        Constants drawn per episode within their published ranges: sections or names of `Machine.sample`.
-        ``()`` for all that have a range.
-    action : {"change", "speed"}
-        Whether an action changes the feed or is the feed.
-    max_feed_um_s : float
-        Largest feed either way.
-    max_change_um_s : float
-        Largest change of the feed per window, with ``action="change"`` (ours: from the cutting rate to a
-        retract within ten windows, a quarter of a second).
-    start_feed_um_s : float
-        Feed before the first action, with ``action="change"`` (ours: well below every cutting rate).
-    history : int
-        Windows in an observation, 1 or more.
-    weights : Weights, optional
-        Of the reward's terms; the family's own if not given.
+    mechanics : {"modal", "mujoco"}
+        What moves table and wire; with MuJoCo friction, lost steps and backlash of the table count.
     planner : str
         What makes motor steps of path and feed (see `edmsim.controllers.planner.registry.make_planner`). Those that
         count in integers take the feed in units of 262.5 nm/s and no more than 127 of them, 33.3375 um/s, whatever
         ``max_feed_um_s`` scales actions and observations by; corners of the path are rounded to what they count,
         whole um or steps, and what is drawn for it (turns, heights) stays as it was drawn. ``exact`` takes any feed
         and any corner.
+    machine : Machine, optional
+        The set-up; the standard one if not given. What is drawn replaces its values.
+    materials : sequence of str
+        Workpiece materials, one of which is drawn per episode; the machine's own if empty.
+    height_mm, tension : float or (low, high), optional
+        Workpiece height in mm (the greatest one) and wire tension in newton, or the range each is drawn from,
+        uniformly, per episode; the machine's own if None (ours: thin sheet to a die plate, what wires of 0.25 mm
+        bear).
+    randomise : sequence of str, optional
+        Constants drawn per episode within their published ranges: sections or names of `Machine.sample`.
+        ``()`` for all that have a range and an effect and are no dial of the operator (see `draws`), None for none.
+    machine_episodes : int
+        Episodes that a lane cuts with a machine before it draws another; a reset with a seed always draws.
+    action : {"change", "speed", "servo"}
+        Whether an action changes the feed, is the feed, or sets the target of a servo that makes the feed.
+    knobs : sequence of str
+        Knobs of the generator that further actions turn: see `knobs.KNOBS`.
+    setting_octaves : float
+        How far knobs turn either way: an action of 1 multiplies by 2 to the power of this.
+    detents_us : (float, float)
+        Steps of the knobs, on-time and period (ours: fine against what they change).
+    decision_s : float, optional
+        Machine time between two actions: as many windows as begin within it, one at the least. One window if None.
+    episode_s : float, optional
+        Time of cutting after which an episode is truncated; none if None.
+    wires : int
+        Wires of an episode: after a break the next one is threaded where the last one broke, until none is left.
+    max_feed_um_s : float
+        Largest feed either way.
+    max_change_um_s : float
+        Largest change of the feed per step, with ``action="change"`` (ours: from the cutting rate to a
+        retract within ten windows, a quarter of a second).
+    start_feed_um_s : float
+        Feed before the first action, with ``action="change"``, and that a servo begins with (ours: well below every
+        cutting rate).
+    servo_target_share, servo_gains : (float, float)
+        What actions of -1 and 1 ask a servo for, and how it answers: see `servo`.
+    latency_s : float
+        How long a new feed takes to count after a window's end, as a processor does in `edmsim cut`.
+    sensors : Sensors, optional
+        Noise, steps and delay of what is observed; none if None.
+    history : int
+        Steps in an observation, 1 or more.
+    weights : Weights, optional
+        Of the reward's terms; the family's own if not given.
+    objectives : sequence of str
+        Terms that a vector reward has, in order; a scalar reward, the sum of all terms, if empty.
+    error_bound_um, energy_bound_mJ : float, optional
+        Path error and energy of a discharge (which makes the roughness) beyond which a step has a cost.
+    cost_limit : float
+        Sum of ``info["cost"]`` over an episode that a safe learner keeps to in the mean (ours: a break in ten cuts).
 
     Raises
     ------
@@ -112,21 +147,36 @@ class Family(ABC):
         If a value cannot be used.
     """
 
-    resolution: str = "default"
+    resolution: str = "fast"
+    mechanics: str = "modal"
+    planner: str = "poscal"
     machine: Machine | None = None
     materials: Sequence[str] = ()
-    height_mm: Range | None = None
-    tension: Range | None = None
-    randomise: Sequence[str] | None = None
-    action: Literal["change", "speed"] = "change"
+    height_mm: Range | None = (4.0, 40.0)
+    tension: Range | None = (8.0, 20.0)
+    randomise: Sequence[str] | None = ()
+    machine_episodes: int = 1
+    action: Literal["change", "speed", "servo"] = "change"
+    knobs: Sequence[str] = ()
+    setting_octaves: float = 2.0
+    detents_us: tuple[float, float] = (1.0, 5.0)
+    decision_s: float | None = None
+    episode_s: float | None = 25.0
+    wires: int = 1
     max_feed_um_s: float = MAX_FEED_UM_S
     max_change_um_s: float = 4.0
     start_feed_um_s: float = 5.0
+    servo_target_share: tuple[float, float] = servo.TARGET_SHARE
+    servo_gains: tuple[float, float] = servo.GAINS
+    latency_s: float = 0.0
+    sensors: Sensors | None = None
     history: int = 4
     weights: Weights | None = None
-    planner: str = "poscal"
+    objectives: Sequence[str] = ()
+    error_bound_um: float | None = None
+    energy_bound_mJ: float | None = None
+    cost_limit: float = 0.1
 
-    action_names: ClassVar[tuple[str, ...]] = ("feed",)
     knows_corners: ClassVar[bool] = False
     own_weights: ClassVar[Weights] = Weights()
 
@@ -137,9 +187,9 @@ class Family(ABC):
         Parameters
         ----------
         **arguments
-            Its fields. ``machine`` may be a name under ``models/machines``, the path of an own TOML file, or a
-            mapping of arguments of `Machine.load`; ``weights`` a mapping, which replaces those it names of the
-            environment's own; tuples may be lists.
+            Its fields. ``machine`` may be a name under ``models/machines``, the path of an own TOML file, a
+            mapping of arguments of `Machine.load`, or one that `plain` made of a machine; ``weights`` and ``sensors``
+            mappings, which replace those they name of the environment's own; tuples may be lists.
 
         Raises
         ------
@@ -155,35 +205,69 @@ class Family(ABC):
             if isinstance(value, list):
                 arguments[name] = tuple(value)
         if "machine" in arguments:
-            arguments["machine"] = _machine_of(arguments["machine"])
-        weights = arguments.get("weights")
-        if isinstance(weights, Mapping):
-            _only_known("weights", weights, [f.name for f in fields(Weights)])
-            arguments["weights"] = replace(cls.own_weights, **weights)
+            arguments["machine"] = machine_of(arguments["machine"])
+        for name, own in (("weights", cls.own_weights), ("sensors", Sensors())):
+            if name in arguments:
+                arguments[name] = record_of(name, arguments[name], own)
         return cls(**arguments)
+
+    def changed(self, **arguments: Any) -> Self:
+        """Return it with other arguments, in the forms of `of`.
+
+        Raises
+        ------
+        InputError
+            One of those that decide on spaces and plants: `LASTING`.
+        TypeError
+            An unknown argument.
+        """
+        for name in arguments:
+            if name in LASTING:
+                raise InputError(f"{name} cannot change between episodes: make another environment with it")
+        now = {f.name: getattr(self, f.name) for f in fields(self)}
+        return self.of(**{**now, **arguments})
 
     def __post_init__(self) -> None:
         """Refuse what cannot be used, before anything is built."""
         resolution(self.resolution)
-        if self.action not in _ACTIONS:
-            raise InputError(f"unknown action {self.action!r}; there are: {', '.join(_ACTIONS)}")
-        if not isinstance(self.history, int) or self.history < 1:
-            raise InputError(f"history is {self.history!r}: give a whole number of windows, 1 or more")
-        for name in ("max_feed_um_s", "max_change_um_s"):
-            above_zero(name, getattr(self, name))
-        if not abs(self.start_feed_um_s) <= self.max_feed_um_s:
-            raise InputError(f"start_feed_um_s is {self.start_feed_um_s!r}: give at most max_feed_um_s either way")
-        for name in ("height_mm", "tension"):
-            if getattr(self, name) is not None:
-                ends_of(name, getattr(self, name))
+        one_of("action", self.action, ACTIONS)
+        one_of("mechanics", self.mechanics, MECHANICS)
+        self._check_numbers()
         if self.height_mm is not None:
             for height in ends_of("height_mm", self.height_mm):
                 check_height(height)
-        if isinstance(self.materials, str):
-            raise InputError(f"materials is the text {self.materials!r}: give a list, as [{self.materials!r}]")
-        if self.randomise is not None:
-            self.base.sample(np.random.default_rng(0), self.randomise or None)
+        if self.tension is not None:
+            ends_of("tension", self.tension)
+        for name in ("materials", "knobs", "objectives"):
+            if isinstance(getattr(self, name), str):
+                text = getattr(self, name)
+                raise InputError(f"{name} is the text {text!r}: give a list, as [{text!r}]")
+        generator.check_knobs(self.knobs)
+        for term in self.objectives:
+            one_of("objective", term, TERMS)
         self._grid_um(self.base)
+        if self.drawn_constants:
+            self.base.sample(np.random.default_rng(0), self.drawn_constants)
+
+    def _check_numbers(self) -> None:
+        for name in ("history", "wires", "machine_episodes"):
+            whole_from(name, getattr(self, name), 1)
+        for name in ("max_feed_um_s", "max_change_um_s"):
+            above_zero(name, getattr(self, name))
+        above_zero("setting_octaves", self.setting_octaves, generator.MOST_OCTAVES)
+        for name in ("decision_s", "episode_s", "error_bound_um", "energy_bound_mJ"):
+            if getattr(self, name) is not None:
+                above_zero(name, getattr(self, name))
+        for value in self.detents_us:
+            above_zero("detents_us", value)
+        if not abs(self.start_feed_um_s) <= self.max_feed_um_s:
+            raise InputError(f"start_feed_um_s is {self.start_feed_um_s!r}: give at most max_feed_um_s either way")
+        for share in self.servo_target_share:
+            within("servo_target_share", share, 0.0, 1.0)
+        for gain in self.servo_gains:
+            above_zero("servo_gains", gain)
+        within("latency_s", self.latency_s, 0.0, 1.0)
+        within("cost_limit", self.cost_limit, 0.0, 1e9)
 
     @cached_property
     def base(self) -> Machine:
@@ -204,6 +288,16 @@ class Family(ABC):
             machine.check()
         return tuple(changed)
 
+    @cached_property
+    def drawn_constants(self) -> tuple[str, ...]:
+        """Names of the constants that an episode draws."""
+        return names_of(self.base, self.randomise, self.mechanics)
+
+    @property
+    def action_names(self) -> tuple[str, ...]:
+        """What each entry of an action is called."""
+        return ("target" if self.action == "servo" else "feed", *self.knobs)
+
     @property
     def reach_mm(self) -> float:
         """Greatest distance from the table's centre that a cut may lead to."""
@@ -214,10 +308,15 @@ class Family(ABC):
         """Weights in force."""
         return self.own_weights if self.weights is None else self.weights
 
+    @cached_property
+    def measured_by(self) -> Sensors:
+        """Sensors in force."""
+        return self.sensors or EXACT
+
     @property
     def first_feed_um_s(self) -> float:
         """Feed before the first action."""
-        return self.start_feed_um_s if self.action == "change" else 0.0
+        return 0.0 if self.action == "speed" else self.start_feed_um_s
 
     def next_feed_um_s(self, before_um_s: Floats, wanted: Floats) -> Floats:
         """Return the feeds (n,) that actions (n,) within -1..1 ask for after others (n,)."""
@@ -227,19 +326,17 @@ class Family(ABC):
         return np.asarray(np.minimum(np.maximum(before_um_s + wanted * self.max_change_um_s, -limit), limit))
 
     def setting_us(self, first_us: Floats, wanted: Floats) -> tuple[float, float]:
-        """Return on-time and period in us that the actions after the feed ask for.
-
-        It is called where `action_names` has further names than the feed; the generator stays at its first setting
-        unless a subclass says otherwise.
+        """Return on-time and period in us that the actions on the knobs ask for.
 
         Parameters
         ----------
         first_us : (2,)
             On-time and period at the episode's start.
-        wanted : (len(action_names) - 1,)
+        wanted : (len(knobs),)
             Actions within -1..1.
         """
-        return float(first_us[0]), float(first_us[1])
+        first = float(first_us[0]), float(first_us[1])
+        return generator.turned_us(self.knobs, self.setting_octaves, first, wanted.tolist())
 
     @cached_property
     def greatest_feed_um_s(self) -> float:
@@ -264,7 +361,8 @@ class Family(ABC):
         """
         drawn: dict[str, float | str] = {}
         if machine is None:
-            machine = self._draw_machine(rng, drawn)
+            ranges = {"height_mm": self.height_mm, "tension": self.tension}
+            machine = draw_machine(rng, self._bases, ranges, self.drawn_constants, drawn)
         drawn |= {"material": machine.material_name, "height_mm": machine.height_mm, "tension": machine.tension}
         seed = int(rng.integers(2**62))
         scenario = self.draw_cut(rng, machine, seed, drawn)
@@ -272,23 +370,6 @@ class Family(ABC):
         if not grid:
             return scenario
         return scenario._replace(legs_um=tuple(np.rint(leg / grid) * grid for leg in scenario.legs_um))
-
-    def _draw_machine(self, rng: np.random.Generator, drawn: dict[str, float | str]) -> Machine:
-        machine = self._bases[int(rng.integers(len(self._bases)))]
-        ranges = {name: ends_of(name, getattr(self, name)) for name in ("height_mm", "tension")
-                  if getattr(self, name) is not None}
-        if ranges:
-            values = {name: float(rng.uniform(*bounds)) for name, bounds in ranges.items()}
-            if any(values[name] != getattr(machine, name) for name in values):
-                machine = machine.with_(**values)
-        if self.randomise is not None:
-            before = machine.uncertain()
-            machine = machine.sample(rng, self.randomise or None)
-            drawn |= {
-                name: constant.value for name, constant in machine.uncertain().items()
-                if constant.value != before[name].value
-            }
-        return machine
 
     @abstractmethod
     def draw_cut(
@@ -311,34 +392,3 @@ class Family(ABC):
 def even_height(machine: Machine) -> tuple[Floats, Floats]:
     """Return `Scenario.heights` of a workpiece of one height."""
     return np.zeros(1), np.array([machine.height_mm])
-
-
-def above_zero(name: str, value: float, most: float = math.inf) -> None:
-    """Refuse an argument that is no number above 0 and at most `most`."""
-    if not (isinstance(value, int | float) and 0 < value <= most and math.isfinite(value)):
-        up_to = f" and at most {most:g}" if math.isfinite(most) else ""
-        raise InputError(f"{name} is {value!r}: give a number above 0{up_to}")
-
-
-def ends_of(name: str, value: Range) -> tuple[float, float]:
-    """Return the ends of a range given as an argument; a number is a range of its own."""
-    low, high = value if isinstance(value, Sequence) and len(value) == 2 else (value, value)
-    if not (isinstance(low, int | float) and isinstance(high, int | float) and 0 < low <= high < math.inf):
-        raise InputError(f"{name} is {value!r}: give a number above 0, or the ends of a range, the lower first")
-    return float(low), float(high)
-
-
-def _machine_of(given: Any) -> Any:
-    """Return the machine of a name, a file, or a mapping of arguments of `Machine.load`."""
-    if isinstance(given, str | Path):
-        return Machine.load(str(given))
-    if not isinstance(given, Mapping):
-        return given
-    _only_known("machine", given, list(signature(Machine.load).parameters))
-    return Machine.load(**given)
-
-
-def _only_known(name: str, given: Mapping[str, Any], known: list[str]) -> None:
-    for key in given:
-        if key not in known:
-            raise InputError(f"{name} has no entry {key!r}; it has {', '.join(known)}")

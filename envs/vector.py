@@ -14,7 +14,8 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
-from edmsim.envs.batch import Batch, action_space_of, observation_space_of
+from edmsim.envs.arguments import plain
+from edmsim.envs.batch import Batch, action_space_of, observation_space_of, reward_space_of
 from edmsim.envs.checks import checked_actions, checked_options
 from edmsim.envs.path_follower import RUNNING
 from edmsim.envs.registry import make_family
@@ -26,9 +27,9 @@ Flags = NDArray[np.bool_]
 
 
 class EdmVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDArray[Any]]):
-    """Many cuts at once, one window of 255 pulses per step in each.
+    """Many cuts at once, one window of 255 pulses per step in each, or as many as begin within `Family.decision_s`.
 
-    Use ``gymnasium.make_vec("edmsim/GapFeed-v0", num_envs=64, vectorization_mode="vector_entry_point", ...)``. Lane
+    Use ``gymnasium.make_vec("edmsim/GapFeed-v1", num_envs=64, vectorization_mode="vector_entry_point", ...)``. Lane
     i, reset with seed s, is bit for bit the single environment reset with seed s + i.
 
     Parameters
@@ -37,7 +38,7 @@ class EdmVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDArray[A
         A `Family`, its short name or the id of an environment; the class's own if not given.
     num_envs : int
     max_episode_steps : int, optional
-        Windows after which an episode is truncated; never, if not given.
+        Steps after which an episode is truncated, beside its time; never, if not given.
     render_mode : {"rgb_array", "human"}, optional
         ``"human"`` shows lane 0.
     autoreset_mode : AutoresetMode
@@ -83,6 +84,7 @@ class EdmVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDArray[A
         self.max_episode_steps = max_episode_steps
         self.single_action_space = action_space_of(self.family)
         self.single_observation_space = observation_space_of(self.family)
+        self.reward_space = reward_space_of(self.family)
         self._action_shape = (num_envs, *(self.single_action_space.shape or ()))
         self.action_space = batch_space(self.single_action_space, num_envs)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
@@ -114,12 +116,13 @@ class EdmVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDArray[A
         given = checked_options(options, ("machine", "reset_mask"))
         seeds = self._seeds(seed)
         mask = self._mask(given.get("reset_mask"))
-        if isinstance(seed, int):
-            super().reset(seed=seed)
+        first = seeds[0]
+        if first is not None:
+            super().reset(seed=first)
         for lane in np.flatnonzero(mask):
             if seeds[lane] is not None:
                 self._random[lane] = seeding.np_random(seeds[lane])[0]
-        infos = self._begin(mask, given.get("machine"))
+        infos = self._begin(mask, given.get("machine"), np.array([s is not None for s in seeds]))
         return self._batch.observations(), infos
 
     def _seeds(self, seed: int | Sequence[int | None] | None) -> list[int | None]:
@@ -139,13 +142,14 @@ class EdmVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDArray[A
             raise InputError(f"reset_mask must be {self.num_envs} truth values, at least one of them true")
         return array
 
-    def _begin(self, mask: Flags, machine: Any = None) -> dict[str, Any]:
+    def _begin(self, mask: Flags, machine: Any = None, anew: Flags | None = None) -> dict[str, Any]:
         infos: dict[str, Any] = {}
         for lane in np.flatnonzero(mask):
             random = self._random[lane]
             if random is None:
                 random = self._random[lane] = seeding.np_random()[0]
-            infos = self._add_info(infos, self._batch.begin(int(lane), random, machine), int(lane))
+            info = self._batch.begin(int(lane), random, machine, anew=anew is not None and bool(anew[lane]))
+            infos = self._add_info(infos, info, int(lane))
         self._elapsed[mask] = 0
         self._begun[mask] = True
         self._ended[mask] = False
@@ -153,8 +157,13 @@ class EdmVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDArray[A
 
     def step(
         self, actions: NDArray[np.float32]
-    ) -> tuple[NDArray[np.float32], NDArray[np.float64], Flags, Flags, dict[str, Any]]:
-        """Run one window in every lane.
+    ) -> tuple[NDArray[np.float32], Any, Flags, Flags, dict[str, Any]]:
+        """Run a step in every lane.
+
+        Returns
+        -------
+        observations, rewards, terminated, truncated, infos
+            Rewards are float64 (num_envs,), or with objectives float32 (num_envs, objectives).
 
         Raises
         ------
@@ -171,13 +180,13 @@ class EdmVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDArray[A
             lanes = np.flatnonzero(again).tolist()
             raise ResetNeeded(f"the episodes of lanes {lanes} have ended: reset them with options['reset_mask']")
         active = np.flatnonzero(~again)
-        reward = self._batch.step(active, actions) if len(active) else np.zeros(self.num_envs)
+        reward = self._batch.step(active, actions)
         self._elapsed[active] += 1
         terminated = (self._batch.lanes.rows["cause"] != RUNNING) & ~again
-        truncated = np.zeros(self.num_envs, np.bool_)
+        truncated = self._batch.lanes.out_of_time & ~again & ~terminated
         if self.max_episode_steps is not None:
-            truncated[active] = self._elapsed[active] >= self.max_episode_steps
-        infos = self._infos(active, ~again)
+            truncated[active] |= self._elapsed[active] >= self.max_episode_steps
+        infos = self._infos(~again)
         self._ended = terminated | truncated
         if again.any():
             self._merge(infos, self._begin(again))
@@ -185,20 +194,32 @@ class EdmVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDArray[A
             infos = self._begin_at_once(infos, self._ended.copy())
         if self.render_mode == "human":
             self.render()
-        return self._batch.observations(), reward, terminated, truncated, infos
+        told = reward.astype(np.float32) if self.family.objectives else reward
+        return self._batch.observations(), told, terminated, truncated, infos
 
-    def _infos(self, active: NDArray[np.int64], mask: Flags) -> dict[str, Any]:
+    def _infos(self, mask: Flags) -> dict[str, Any]:
         infos: dict[str, Any] = {}
         everywhere = mask.all()
         for name, values in self._batch.infos().items():
             infos[name], infos[f"_{name}"] = values, mask
             if not everywhere:
                 values[~mask] = 0
-        infos["_gap_um"] = mask & self._batch.ignited()
         infos["reward_terms"], infos["_reward_terms"] = self._terms(mask), mask
-        for lane in self._batch.lanes.telling(active):
-            infos = self._add_info(infos, self._batch.words(lane), lane)
+        for name, texts in self._batch.words().items():
+            texts[~mask] = None
+            infos[name], infos[f"_{name}"] = texts, mask
         return infos
+
+    def change(self, **options: Any) -> None:
+        """Let the next episodes of all lanes have other arguments, for a curriculum; see `EdmEnv.change`."""
+        self.family = self.family.changed(**options)
+        self._batch.change(self.family)
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        """Keep the specification that Gymnasium notes in a form that JSON can write."""
+        if name == "spec" and value is not None:
+            value.kwargs = plain(value.kwargs)
+        super().__setattr__(name, value)
 
     def _terms(self, mask: Flags) -> dict[str, Any]:
         terms: dict[str, Any] = {}

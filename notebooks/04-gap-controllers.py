@@ -40,7 +40,7 @@ from IPython.display import Markdown
 from edmsim.controllers import from_text
 from edmsim.envs.episode import Task
 from edmsim.evaluation.compare import evaluate
-from edmsim.evaluation.episode import ARGUMENTS, ORACLE_GAPS_UM, Episode
+from edmsim.evaluation.episode import ORACLE_GAPS_UM, Episode
 from edmsim.evaluation.table import markdown_table
 from edmsim.recording.figures.palette import BLUE, GREEN, MUTED, ORANGE, PURPLE, VERMILION
 
@@ -62,8 +62,8 @@ COLOURS = {"fixed": MUTED, "counts": BLUE, "voltage": ORANGE, "delay": PURPLE, "
 # a short that stayed or a wire driven into the metal; like a lost wire, it costs the time of threading a new one.
 
 # %%
-straight = evaluate("edmsim/GapFeed-v0", controllers, machines, resolution=resolution)
-stepped = evaluate("edmsim/HeightStep-v0", controllers, machines, resolution=resolution)
+straight = evaluate("edmsim/GapFeed-v1", controllers, machines, resolution=resolution)
+stepped = evaluate("edmsim/HeightStep-v1", controllers, machines, resolution=resolution)
 Markdown("\n".join([
     "**Straight cut**", "", *markdown_table(straight), "", "**Jumping height**", "", *markdown_table(stepped)
 ]))
@@ -111,13 +111,13 @@ assert share > straight.figures["counts"]["oracle_share"].value > straight.figur
 
 # %%
 NAMES = ("fixed", "counts", "voltage", "oracle")
-ENV = "edmsim/HeightStep-v0"
+ENV = "edmsim/HeightStep-v1"
 
 
 def watch(name, seed, **gains):
     """Cut one episode; returns its result, the height's profile and a row per window."""
     text = name + (":" + ",".join(f"{key}={value}" for key, value in gains.items()) if gains else "")
-    task = Task(ENV, resolution=resolution, **ARGUMENTS[ENV])
+    task = Task(ENV, resolution=resolution)
     episode = Episode(task, from_text(text), seed, name)
     rows, outcome = [], None
     while outcome is None:

@@ -18,7 +18,7 @@
 # **Question.** Can a feed controller be learned instead of designed, and is it any better?
 #
 # **What is done.** A policy is trained for a few minutes by proximal policy optimisation (Schulman et al. 2017,
-# [arXiv:1707.06347](https://arxiv.org/abs/1707.06347)) in `edmsim/GapFeed-v0`: a straight cut on a machine drawn
+# [arXiv:1707.06347](https://arxiv.org/abs/1707.06347)) in `edmsim/GapFeed-v1`: a straight cut on a machine drawn
 # anew for every episode, rewarded for length cut, punished for shorts and for a lost wire. It is then measured on
 # machines it never met, beside the policy that is shipped and two classic controllers; and it cuts a part. This
 # notebook needs the extra: `pip install "edmsim[rl]"`. From a shell it is `edmsim train`; the page "training" says
@@ -48,7 +48,7 @@ from edmsim.learning.train import train
 from edmsim.recording.figures.palette import BLUE, ORANGE, PURPLE, VERMILION
 
 plt.rcParams.update({"figure.dpi": 90, "axes.spines.top": False, "axes.spines.right": False, "font.size": 9})
-ENV = "edmsim/GapFeed-v0"
+ENV = "edmsim/GapFeed-v1"
 folder = tempfile.TemporaryDirectory()
 os.chdir(folder.name)  # all files go where they are thrown away
 
@@ -124,7 +124,7 @@ for label in ("trained here", "shipped policy"):
 # return that was set before anything was trained. A feed is all there is to choose here, and the servo on the mean
 # voltage, whose gains were found by a search on the same reward, comes within one or two percent of a controller
 # that sees the gap: there is next to nothing left to learn. What a policy could gain has to come from elsewhere,
-# from the generator's knobs or from corners it knows of beforehand (`edmsim/Corner-v0`).
+# from the generator's knobs or from corners it knows of beforehand (`edmsim/Corner-v1`).
 #
 # ## Cutting a part
 #

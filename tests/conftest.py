@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from functools import partialmethod
 from importlib import resources
 from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
@@ -13,6 +14,7 @@ import pytest
 from hypothesis import settings
 
 import edmsim
+from edmsim.envs.episode import Task
 from edmsim.learning import hyperparameters
 
 settings.register_profile("untimed", deadline=None)  # a busy machine is no fault of ours
@@ -64,6 +66,14 @@ def own_file(tmp_path: Path) -> Callable[..., str]:
         return str(file)
 
     return write
+
+
+@pytest.fixture(scope="module")
+def short_episodes() -> Iterator[None]:
+    """Let controllers cut for four seconds where they are compared."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Task, "__init__", partialmethod(Task.__init__, episode_s=4.0))
+        yield
 
 
 @pytest.fixture(scope="session")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from typing import Any
 
 import gymnasium as gym
 import numpy as np
@@ -12,6 +13,10 @@ from edmsim.envs.task import MAX_FEED_UM_S
 
 FEED_UM_S = 28.0
 """Feed of the straight cut that is timed: most pulses spark."""
+STANDARD: dict[str, Any] = {
+    "action": "speed", "randomise": None, "height_mm": None, "tension": None, "episode_s": None, "length_mm": 30.0,
+}
+"""The standard set-up, cut for as long as it takes to time it."""
 LANES = 64
 SETTLE_STEPS = 400
 """Steps before timing, so that the wire cuts a full kerf."""
@@ -22,7 +27,7 @@ of the machine more easily than a long one."""
 
 def env_steps_per_s(resolution: str = "default") -> float:
     """Steps per second of one environment of `gymnasium.make`, in a straight cut."""
-    env = gym.make("edmsim/GapFeed-v0", max_episode_steps=-1, resolution=resolution, action="speed")
+    env = gym.make("edmsim/GapFeed-v1", resolution=resolution, **STANDARD)
     env.reset(seed=0)
     action = np.array([FEED_UM_S / MAX_FEED_UM_S], np.float32)
     rate = _best_rate(lambda: env.step(action))
@@ -33,8 +38,8 @@ def env_steps_per_s(resolution: str = "default") -> float:
 def vector_env_steps_per_s(resolution: str = "default", lanes: int = LANES) -> float:
     """Steps per second of all lanes of the native vector environment together, in straight cuts."""
     env = gym.make_vec(
-        "edmsim/GapFeed-v0", num_envs=lanes, vectorization_mode="vector_entry_point", max_episode_steps=10**9,
-        resolution=resolution, action="speed",
+        "edmsim/GapFeed-v1", num_envs=lanes, vectorization_mode="vector_entry_point", resolution=resolution,
+        **STANDARD,
     )
     env.reset(seed=0)
     actions = np.full((lanes, 1), FEED_UM_S / MAX_FEED_UM_S, np.float32)

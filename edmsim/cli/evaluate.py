@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from edmsim.cli.console import ERR, OUT, Resolution
+from edmsim.cli.console import ERR, OUT
 from edmsim.errors import InputError
 
 if TYPE_CHECKING:
@@ -18,13 +18,15 @@ if TYPE_CHECKING:
 def evaluate(
     env_ids: Annotated[
         list[str],
-        typer.Argument(metavar="ENV_ID...", help="Environments: edmsim/GapFeed-v0 ..., FILE.py:ID, or all."),
+        typer.Argument(metavar="ENV_ID...", help="Environments: edmsim/GapFeed-v1 ..., FILE.py:ID, or all."),
     ],
     controllers: Annotated[
         str | None, typer.Option(metavar="A,B", help="Feed controllers, as edmsim cut takes them; all by default.")
     ] = None,
-    seeds: Annotated[int, typer.Option(help="Cuts of each controller.")] = 20,
-    resolution: Resolution = "default",
+    seeds: Annotated[int | None, typer.Option(help="Cuts of each controller; default by environment.")] = None,
+    resolution: Annotated[
+        str | None, typer.Option(help="fast, default or fine; the environment's by default.")
+    ] = None,
     json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
     """Compare feed controllers on the same randomised machines."""
@@ -33,6 +35,7 @@ def evaluate(
     from edmsim.envs.registry import resolve
     from edmsim.evaluation.compare import check, evaluate, usual
     from edmsim.evaluation.compare import env_ids as all_ids
+    from edmsim.evaluation.episode import episodes
     from edmsim.evaluation.table import as_json, render
 
     chosen = {
@@ -40,7 +43,7 @@ def evaluate(
         for env_id in (all_ids() if env_ids == ["all"] else map(resolve, env_ids))
     }
     for env_id, named in chosen.items():
-        check(env_id, named, seeds, resolution)
+        check(env_id, named, episodes(env_id) if seeds is None else seeds, resolution)
     found = []
     with Bar(console=ERR, transient=True) as bar:
         for env_id, named in chosen.items():

@@ -8,13 +8,13 @@ from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import dataclass
 
 import numpy as np
-from gymnasium.envs.registration import registry
 from numpy.typing import NDArray
 
 from edmsim import models
 from edmsim.controllers import SAME_LAW, from_text, names
+from edmsim.envs.registry import base_of, find, make_family, registered_ids
 from edmsim.errors import InputError
-from edmsim.evaluation.episode import ARGUMENTS, FINISHED, HELD_BACK, ORACLE, Result, arguments, cut
+from edmsim.evaluation.episode import BLIND, FINISHED, HELD_BACK, ORACLE, Result, cut, episodes
 from edmsim.plant.resolution import resolution as check_resolution
 
 CONFIDENCE = 0.95
@@ -32,6 +32,7 @@ class Figure:
 
 
 FIGURES = {
+    "score": "score",
     "rate_mm2_min": "cutting rate, mm2/min",
     "oracle_share": "share of the oracle's rate",
     "short_share": "short pulses",
@@ -42,6 +43,7 @@ FIGURES = {
     "time_s": "time of finished cuts, s",
     "breaks_per_m": "wire breaks per m",
     "jams_per_m": "jams per m",
+    "cost": "cost",
 }
 """Figures of a controller, and what they are called."""
 
@@ -69,7 +71,7 @@ class Comparison:
 
 
 def evaluate(
-    env_id: str, controllers: Sequence[str], seeds: int, *, resolution: str = "default",
+    env_id: str, controllers: Sequence[str] | None = None, seeds: int | None = None, *, resolution: str | None = None,
     watch: Callable[[int, int], None] | None = None,
 ) -> Comparison:
     """Compare controllers on the same cuts, on all cores.
@@ -78,11 +80,14 @@ def evaluate(
     ----------
     env_id : str
         One of `env_ids`, or of an own environment (see `edmsim.envs.register`).
-    controllers : sequence of str
-        See `edmsim.controllers.from_text`. The oracle is run whether named or not, as the others are scaled by it.
-    seeds : int
-        Cuts of each controller, 2 or more, with held-back seeds.
-    resolution : {"fast", "default", "fine"}
+    controllers : sequence of str, optional
+        See `edmsim.controllers.from_text`; `usual` if not given. `fixed` and the oracle are run whether named or not,
+        as the others are scaled by them.
+    seeds : int, optional
+        Cuts of each controller, 2 or more, with held-back seeds; as many as the environment's benchmark has if not
+        given.
+    resolution : {"fast", "default", "fine"}, optional
+        The environment's if not given.
     watch : callable, optional
         Called with the cuts done and the cuts to do.
 
@@ -96,15 +101,18 @@ def evaluate(
     InputError
         An unknown environment, controller or resolution, or fewer than 2 seeds.
     """
+    controllers = usual(env_id) if controllers is None else controllers
+    seeds = episodes(env_id) if seeds is None else seeds
     check(env_id, controllers, seeds, resolution)
-    results = run(env_id, list(dict.fromkeys([*controllers, ORACLE])), seeds, resolution, watch)
-    return Comparison(env_id, resolution, held_back(seeds), results, {
-        name: figures_of(made, results[ORACLE]) for name, made in results.items()
+    results = run(env_id, list(dict.fromkeys([*controllers, BLIND, ORACLE])), seeds, resolution, watch)
+    used = make_family(env_id).resolution if resolution is None else resolution
+    return Comparison(env_id, used, held_back(seeds), results, {
+        name: figures_of(made, results[ORACLE], results[BLIND]) for name, made in results.items()
     })  # fmt: skip
 
 
 def run(
-    env_id: str, controllers: Sequence[str], seeds: int, resolution: str,
+    env_id: str, controllers: Sequence[str], seeds: int, resolution: str | None,
     watch: Callable[[int, int], None] | None = None,
 ) -> dict[str, list[Result]]:
     """Make every controller's cuts; see `evaluate` for the arguments."""
@@ -137,15 +145,14 @@ def usual(env_id: str) -> list[str]:
 
 def env_ids() -> tuple[str, ...]:
     """Names of the environments controllers are compared in."""
-    return tuple(ARGUMENTS)
+    return registered_ids()
 
 
-def check(env_id: str, controllers: Sequence[str], seeds: int, resolution: str) -> None:
+def check(env_id: str, controllers: Sequence[str], seeds: int, resolution: str | None) -> None:
     """Raise `InputError` for what `evaluate` cannot do."""
-    check_resolution(resolution)
-    if env_id not in ARGUMENTS and env_id not in registry:
-        raise InputError(f"there is no environment '{env_id}'; choose one of {', '.join(ARGUMENTS)}")
-    arguments(env_id)
+    if resolution is not None:
+        check_resolution(resolution)
+    base_of(find(env_id)[0])
     for name in controllers:
         from_text(name)
     if not controllers:
@@ -154,11 +161,14 @@ def check(env_id: str, controllers: Sequence[str], seeds: int, resolution: str) 
         raise InputError(f"{seeds} seeds give no interval; it takes 2 or more")
 
 
-def figures_of(results: Sequence[Result], oracle: Sequence[Result]) -> dict[str, Figure]:
-    """Return a controller's figures from its cuts and the oracle's, seed by seed.
+def figures_of(
+    results: Sequence[Result], oracle: Sequence[Result], blind: Sequence[Result]
+) -> dict[str, Figure]:
+    """Return a controller's figures from its cuts and those of the oracle and of `BLIND`, seed by seed.
 
     Rates, shares and errors are means over the cuts; breaks and jams are all of them over all the length cut; the
-    share of the oracle's rate is the mean rate over the oracle's mean rate.
+    share of the oracle's rate is the mean rate over the oracle's mean rate. The score is the interquartile mean of
+    `scores`.
     """
 
     def measured(name: str) -> NDArray[np.float64]:
@@ -169,6 +179,7 @@ def figures_of(results: Sequence[Result], oracle: Sequence[Result]) -> dict[str,
     bound = np.array([r.rate_mm2_min for r in oracle])
     metres = np.array([r.length_mm for r in results]) * 1e-3
     return {
+        "score": interquartile_mean(scores(results, oracle, blind)),
         "rate_mm2_min": mean(rate),
         "oracle_share": ratio(rate, bound),
         "short_share": mean(np.array([r.short_share for r in results])),
@@ -177,9 +188,44 @@ def figures_of(results: Sequence[Result], oracle: Sequence[Result]) -> dict[str,
         "error_um": mean(measured("error_um")),
         "edge_error_um": mean(measured("edge_error_um")),
         "time_s": mean(np.array([r.time_s for r in results if r.outcome == FINISHED])),
-        "breaks_per_m": per_metre(np.array([float(r.broke) for r in results]), metres),
+        "breaks_per_m": per_metre(np.array([float(r.wires_lost) for r in results]), metres),
         "jams_per_m": per_metre(np.array([float(r.jammed) for r in results]), metres),
+        "cost": mean(np.array([r.cost for r in results])),
     }
+
+
+def scores(
+    results: Sequence[Result], oracle: Sequence[Result], blind: Sequence[Result]
+) -> NDArray[np.float64]:
+    """Return the score of every cut: 0 for what `BLIND` earns on the same machine, 1 for what the oracle does.
+
+    A machine on which the oracle earns no more than `BLIND` tells nothing, and is left out.
+    """
+    made, most, least = (np.array([r.total_return for r in of]) for of in (results, oracle, blind))
+    tells = most > least
+    return np.asarray((made - least)[tells] / (most - least)[tells])
+
+
+def interquartile_mean(values: NDArray[np.float64]) -> Figure:
+    """Mean of the middle half of values, with its bootstrap interval, as Agarwal et al. (NeurIPS 2021) recommend."""
+    from scipy.stats import bootstrap
+
+    if len(values) == 0:
+        return Figure(np.nan, np.nan, np.nan)
+    value = float(_of_middle(values))
+    if len(values) < 2 or np.ptp(values) == 0.0:
+        return Figure(value, value, value) if len(values) > 1 else Figure(value, np.nan, np.nan)
+    interval = bootstrap(
+        (values,), _of_middle, vectorized=True, n_resamples=RESAMPLES,
+        confidence_level=CONFIDENCE, method="percentile", rng=np.random.default_rng(0),
+    ).confidence_interval
+    return Figure(value, float(interval.low), float(interval.high))
+
+
+def _of_middle(values: NDArray[np.float64], axis: int = -1) -> NDArray[np.float64]:
+    from scipy.stats import trim_mean
+
+    return np.asarray(trim_mean(values, 0.25, axis=axis))
 
 
 def mean(values: NDArray[np.float64]) -> Figure:

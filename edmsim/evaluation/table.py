@@ -7,6 +7,8 @@ import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from edmsim import __version__
 from edmsim.evaluation.compare import FIGURES, Comparison, Figure
 
@@ -16,11 +18,15 @@ if TYPE_CHECKING:
 WIDE = 170
 """Columns of a terminal from which on the table shows intervals."""
 _SHORT = {
-    "rate_mm2_min": "mm2/min", "oracle_share": "of oracle", "short_share": "short", "open_share": "open",
+    "score": "score", "rate_mm2_min": "mm2/min",
+    "oracle_share": "of oracle", "short_share": "short", "open_share": "open",
     "total_return": "return", "error_um": "path um", "edge_error_um": "edge um", "time_s": "s",
     "breaks_per_m": "breaks/m", "jams_per_m": "jams/m",
+    "cost": "cost",
 }
 """Heads of the table on the screen."""
+_SMALL = ("score", "cost")
+"""Figures shown with two decimals."""
 _PERCENT = ("oracle_share", "short_share", "open_share")
 
 
@@ -30,14 +36,15 @@ def shown(name: str, figure: Figure) -> str:
         return ""
     values = [100 * v if name in _PERCENT else v for v in (figure.value, figure.low, figure.high)]
     unit = " %" if name in _PERCENT else ""
-    texts = [f"{v:.0f}" if abs(v) >= 99.5 else f"{v:.1f}" for v in values]
+    fine = 2 if name in _SMALL else 1
+    texts = [f"{v:.0f}" if abs(v) >= 99.5 else f"{v:.{fine}f}" for v in values]
     between = "" if math.isnan(figure.low) else f" ({texts[1]} to {texts[2]})"
     return f"{texts[0]}{unit}{between}"
 
 
-def ranked(comparison: Comparison, by: str = "rate_mm2_min") -> list[str]:
+def ranked(comparison: Comparison, by: str = "score") -> list[str]:
     """Return the controllers, that with most of a figure first."""
-    return sorted(comparison.figures, key=lambda name: -comparison.figures[name][by].value)
+    return sorted(comparison.figures, key=lambda name: -np.nan_to_num(comparison.figures[name][by].value))
 
 
 def columns(comparison: Comparison) -> list[str]:
@@ -48,7 +55,7 @@ def columns(comparison: Comparison) -> list[str]:
 
 
 def render(comparison: Comparison, width: int) -> RenderableType:
-    """Return the table for the screen, the fastest controller first; intervals where there is room for them."""
+    """Return the table for the screen, the best controller first; intervals where there is room for them."""
     from rich.table import Table
 
     table = Table(title=_title(comparison))
@@ -94,7 +101,7 @@ def _title(comparison: Comparison) -> str:
 
 
 def markdown_table(comparison: Comparison) -> list[str]:
-    """Return the lines of the table in Markdown, the fastest controller first, with all intervals."""
+    """Return the lines of the table in Markdown, the best controller first, with all intervals."""
     used = columns(comparison)
     lines = ["| controller | " + " | ".join(FIGURES[name] for name in used) + " |", "|---" * (len(used) + 1) + "|"]
     for controller in ranked(comparison):

@@ -11,7 +11,7 @@ import torch
 
 from edmsim.envs.observation import entries
 from edmsim.envs.registry import find, make_family, stand_in
-from edmsim.learning.policy_file import ACTION_MEANINGS, FORMAT, Card, digest, pack
+from edmsim.learning.policy_file import FORMAT, Card, digest, meanings, pack
 from edmsim.learning.train import Trained
 
 PACKAGES = ("edmsim", "stable-baselines3", "torch", "gymnasium", "numpy")
@@ -49,7 +49,7 @@ def export(trained: Trained, command: str) -> tuple[Card, bytes]:
     card = Card.model_validate({
         "format": FORMAT, "env_id": env_id, "environment": environment, "observation": observation,
         "epsilon": normalise.epsilon, "clip": normalise.clip_obs,
-        "action": list(ACTION_MEANINGS[: linear[-1].out_features]),
+        "action": meanings(family),
         "widths": [layer.out_features for layer in linear[:-1]],
         "activation": trained.hyperparameters.network.activation, "output": output,
         "arrays_sha256": digest(packed), "algorithm": run.algo, "command": command, "seed": run.seed,

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from edmsim.controllers.mcu.firmware.timers import SPEED_UNIT_NM_S
 from edmsim.controllers.protocols import ControllerState, FeedCommand, WindowObservation
-from edmsim.envs import observation
-from edmsim.envs.lanes import least_setting_us, to_detents
+from edmsim.envs import observation, servo
+from edmsim.envs.knobs import least_setting_us, to_detents
 from edmsim.envs.path_follower import SHORTED_S, SHORTED_SHARE
 from edmsim.envs.task import CORNER_DEG
 from edmsim.errors import InputError
@@ -22,6 +22,8 @@ from edmsim.machine.setting import ignition_wait_us, open_V
 from edmsim.plant.kernel.state import PULSES_PER_WINDOW
 
 Floats = NDArray[np.float64]
+_LANE = np.zeros(1, np.int64)
+_ARRAYS = "seen", "shown", "servo"
 
 
 class PolicyController:
@@ -40,7 +42,10 @@ class PolicyController:
     def __init__(self, policy: Policy) -> None:
         self.policy = policy
         self._family = policy.family()
-        self._seen = np.zeros((self._family.history, len(observation.MEASURED)), np.float32)
+        self._seen = np.zeros((1, self._family.history, len(observation.MEASURED)), np.float32)
+        self._shown: NDArray[np.void] = np.zeros(1, observation.SHOWN)
+        self._scale: NDArray[np.void] = np.zeros(1, observation.SCALE)
+        self._servo: NDArray[np.void] = np.zeros(1, servo.SERVO)
         self._first_us: Floats = np.zeros(2)
         self._machine: Machine | None = None
         self._corner_um: Floats = np.full((1, 1), np.inf)
@@ -73,6 +78,9 @@ class PolicyController:
         self._feed_um_s = self._family.first_feed_um_s
         self._path_um, self._shorted_s = self._start_um, 0.0
         self._seen[:] = 0.0
+        self._shown[:] = np.zeros((), observation.SHOWN)
+        servo.begin(self._servo[0], self._feed_um_s)
+        self._decide()
         return self._command()
 
     def update(self, window: WindowObservation) -> FeedCommand:
@@ -84,6 +92,12 @@ class PolicyController:
         self._shorted_s = self._shorted_s + window.duration_s if shorted else 0.0
         if self._shorted_s > SHORTED_S:
             return FeedCommand(0.0, "persistent short")
+        if self._family.action == "servo":
+            self._respond(window)
+        if self._shown[0]["duration_ns"] >= round((self._family.decision_s or 0.0) * 1e9):
+            observation.show(_LANE, self._shown, self._scale, self._family.max_feed_um_s, self._seen)
+            self._shown[:] = np.zeros((), observation.SHOWN)
+            self._decide()
         return self._command()
 
     def snapshot(self) -> ControllerState:
@@ -92,7 +106,7 @@ class PolicyController:
         return {
             "feed_um_s": self._feed_um_s, "limit_um_s": self._limit_um_s, "path_um": self._path_um,
             "shorted_s": self._shorted_s, "t_on_us": t_on_us, "t_period_us": t_period_us,
-            "seen": self._seen.tobytes().hex(),
+            **{name: getattr(self, f"_{name}").tobytes().hex() for name in _ARRAYS},
         }
 
     def restore(self, state: ControllerState) -> None:
@@ -103,8 +117,9 @@ class PolicyController:
             for name in ("feed_um_s", "limit_um_s", "path_um", "shorted_s", "t_on_us", "t_period_us")
         )
         self._set(t_on_us, t_period_us)
-        seen = np.frombuffer(bytes.fromhex(cast(str, state["seen"])), np.float32)
-        self._seen[:] = seen.reshape(self._seen.shape)
+        for name in _ARRAYS:
+            array = getattr(self, f"_{name}")
+            array[:] = np.frombuffer(bytes.fromhex(cast(str, state[name])), array.dtype).reshape(array.shape)
 
     @property
     def _setting_us(self) -> tuple[float, float]:
@@ -117,44 +132,62 @@ class PolicyController:
         self._machine = self._machine.with_(t_on_us=t_on_us, t_period_us=t_period_us)
 
     def _look(self, window: WindowObservation) -> None:
-        """Add a window to the observation, as the environment does."""
+        """Add a window to what the step showed, as the environment does."""
         assert self._machine is not None
-        us = window.duration_s * 1e6
+        us, shown = window.duration_s * 1e6, self._shown[0]
         ignited = PULSES_PER_WINDOW - window.short - window.open
-        shown = observation.Shown(
-            short=window.short, open=window.open, ignited=ignited,
-            duration_us=round(window.duration_s * 1e9) * 1e-3,  # the plant counts whole nanoseconds
-            voltage_V_us=window.mean_voltage_V * us, charge_A_us=window.mean_current_A * us,
-            ignitions=ignited, delay_us=window.mean_delay_us * ignited if ignited else 0.0,
-            feed_um_s=window.feed_um_s, travel_um=window.path_um - self._path_um,
-            t_on_us=self._machine.t_on_us, t_period_us=self._machine.t_period_us,
-        )  # fmt: skip
-        scale = observation.Scale(
-            open_V(self._machine), self._machine.generator.mean_current_limit_A.value,
-            ignition_wait_us(self._machine), self._family.max_feed_um_s, *self._first_us.tolist(),
-        )
-        observation.show(shown, scale, self._seen)
+        for name, value in (
+            ("short", window.short), ("open", window.open), ("ignited", ignited), ("ignitions", ignited),
+            ("duration_ns", round(window.duration_s * 1e9)),  # the plant counts whole nanoseconds
+            ("voltage_V_us", window.mean_voltage_V * us), ("charge_A_us", window.mean_current_A * us),
+            ("delay_us", window.mean_delay_us * ignited if ignited else 0.0),
+            ("travel_um", window.path_um - self._path_um),
+        ):
+            shown[name] += value
+        shown["feed_um_s"], shown["t_on_us"], shown["t_period_us"] = window.feed_um_s, *self._setting_us
+        scale = self._scale[0]
+        scale["open_V"], scale["wait_us"] = open_V(self._machine), ignition_wait_us(self._machine)
+        scale["limit_A"] = self._machine.generator.mean_current_limit_A.value
         self._path_um = window.path_um
 
-    def _command(self) -> FeedCommand:
-        """Ask the policy."""
-        seen = self._seen.reshape(-1)
+    def _respond(self, window: WindowObservation) -> None:
+        """Let the servo answer a window."""
+        short, open_ = (np.array([count / PULSES_PER_WINDOW]) for count in (window.short, window.open))
+        servo.respond(
+            _LANE, self._servo, short, open_, np.array([window.duration_s]), self._limit_um_s,
+            *self._family.servo_gains,
+        )
+
+    def _decide(self) -> None:
+        """Ask the policy, and take up what it wants."""
+        assert self._machine is not None
+        seen = np.concatenate([self._seen.reshape(-1), observation.dials(self._machine)])
         if self._family.knows_corners:
             place = np.array([self._path_um - self._start_um])
             seen = np.append(seen, observation.corners(place, self._corner_um, self._corner_deg)[0])
         action = self.policy.action(seen)
-        feed = float(self._family.next_feed_um_s(np.array([self._feed_um_s]), action[:1])[0])
-        self._feed_um_s = min(max(feed, -self._limit_um_s), self._limit_um_s)
-        if len(action) == 1:
+        if self._family.action == "servo":
+            self._servo["target"] = servo.target_of(action[0], self._family.servo_target_share)
+        else:
+            feed = float(self._family.next_feed_um_s(np.array([self._feed_um_s]), action[:1])[0])
+            self._feed_um_s = min(max(feed, -self._limit_um_s), self._limit_um_s)
+        if self._family.knobs:
+            self._turn(self._family.setting_us(self._first_us, action[1:]))
+
+    def _command(self) -> FeedCommand:
+        """Return the feed in force, and the setting where the policy turns knobs."""
+        if self._family.action == "servo":
+            self._feed_um_s = float(self._servo["feed_um_s"][0])
+        if not self._family.knobs:
             return FeedCommand(self._feed_um_s)
-        self._turn(self._family.setting_us(self._first_us, action[1:]))
         return FeedCommand(self._feed_um_s, None, *self._setting_us)
 
     def _turn(self, wanted_us: tuple[float, float]) -> None:
         """Take the setting that the environment would take; what the generator refuses is not even asked for."""
         assert self._machine is not None
-        asked = to_detents(*wanted_us)
-        for setting_us in (asked, least_setting_us(self._machine, asked[0])):
+        detents = self._family.detents_us
+        asked = to_detents(*wanted_us, detents)
+        for setting_us in (asked, least_setting_us(self._machine, asked[0], detents)):
             if setting_us == self._setting_us:
                 break
             with suppress(InputError):

@@ -19,14 +19,17 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError
 
 from edmsim import models
-from edmsim.envs.batch import action_space_of
+from edmsim.envs.knobs import KNOBS
 from edmsim.envs.observation import entries
 from edmsim.envs.registry import make_family
 from edmsim.envs.task import Family
 from edmsim.errors import InputError
 
 FORMAT = "edmsim-policy-1"
-ACTION_MEANINGS = ("feed, or its change: see docs/environments.md", "on-time", "period over on-time")
+ACTION_MEANINGS = {
+    "feed": "feed, or its change: see docs/environments.md", "target": "open share that the servo holds", **KNOBS,
+}
+"""What an entry of an action is, by its name (`Family.action_names`)."""
 Floats = NDArray[np.float64]
 
 
@@ -141,6 +144,11 @@ class Policy:
         return make_family(self.card.env_id, **self.card.environment)
 
 
+def meanings(family: Family) -> list[str]:
+    """Return what the entries of a family's actions are."""
+    return [ACTION_MEANINGS[name] for name in family.action_names]
+
+
 def pack(weights: list[Floats], biases: list[Floats]) -> bytes:
     """Return the contents of ``NAME.npz``: float32 arrays ``weight_0, bias_0, weight_1`` and so on."""
     arrays = {}
@@ -228,7 +236,7 @@ def _check_environment(card: Card, file: Path) -> None:
             f"the policy sees {len(told)} entries that are not the {len(wanted)} of {card.env_id}: it was trained in "
             "another version of it", file,
         )
-    commands = list(ACTION_MEANINGS[: action_space_of(family).shape[0]])
+    commands = meanings(family)
     if card.action != commands:
         raise InputError(
             f"the policy commands {', '.join(card.action)}; {card.env_id} takes {', '.join(commands)}: it was "

@@ -93,7 +93,7 @@ def train(
     Parameters
     ----------
     env_id : str
-        ``"edmsim/GapFeed-v0"`` and so on, or of an own environment (see `edmsim.envs.register`).
+        ``"edmsim/GapFeed-v1"`` and so on, or of an own environment (see `edmsim.envs.register`).
     algo : {"ppo", "sac"}
     out : Path
         Folder for ``tensorboard/`` and the checkpoint. Checkpoints are stable-baselines3's own, pickles among them:

@@ -16,7 +16,6 @@ import numpy as np
 from edmsim import __version__, user_code
 from edmsim.controllers import from_text
 from edmsim.errors import InputError
-from edmsim.evaluation.episode import arguments
 from edmsim.job.settings import CutSettings
 from edmsim.machine.given import check_names
 from edmsim.machine.machine import Machine
@@ -146,11 +145,11 @@ def _arguments(env_id: str, options: dict[str, Any]) -> dict[str, Any]:
     from edmsim.envs.registry import make_family, resolve
 
     name = resolve(env_id)
-    full = {"controller": "counts", "resolution": "default", **_plain(arguments(name)), **options}
     try:
-        make_family(name, **{key: value for key, value in full.items() if key != "controller"})
+        family = make_family(name, **{key: value for key, value in options.items() if key != "controller"})
     except TypeError as error:
         raise InputError(f"{env_id} cannot take these arguments: {error}") from None
+    full = {"controller": "counts", "resolution": str(family.resolution), **options}
     from_text(str(full["controller"]))
     return full
 

@@ -142,7 +142,7 @@ def test_every_controller_of_ours_conforms(name: str) -> None:
 
 
 def test_a_policy_conforms_and_so_may_an_own_one() -> None:
-    check_controller(lambda: from_text("policy:Corner-ppo"))
+    check_controller(lambda: from_text("policy:GapFeed-ppo"))
     check_controller(Law)
 
 
@@ -245,7 +245,6 @@ def test_a_wrong_command_ends_cut_and_episode_in_one_line(small_punch: Path, kin
 def test_the_command_line_takes_an_own_controller(
     law: Path, small_punch: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    from edmsim.evaluation import episode
 
     def command(*words: object) -> tuple[object, str, str]:
         monkeypatch.setattr("sys.argv", ["edmsim", *map(str, words)])
@@ -257,9 +256,7 @@ def test_the_command_line_takes_an_own_controller(
     assert command(*cut, "--controller", f"{law}:Half:share=0.3") == (3, "", "")
     status, out, err = command(*cut, "--controller", f"{law}:Whole")
     assert (status, out, err.count("\n")) == (2, "", 1)
-    short = {"edmsim/GapFeed-v0": {**episode.ARGUMENTS["edmsim/GapFeed-v0"], "length_mm": 0.05}}
-    monkeypatch.setattr(episode, "ARGUMENTS", short)
-    status, out, _ = command("evaluate", "edmsim/GapFeed-v0", "--controllers", f"fixed,{law}:Half", "--seeds", 2,
+    status, out, _ = command("evaluate", "edmsim/GapFeed-v1", "--controllers", f"fixed,{law}:Half", "--seeds", 2,
                              "--resolution", "fast", "--json")  # fmt: skip
     assert status in (0, None)
     found = json.loads(out)[0]["controllers"]

@@ -70,7 +70,7 @@ def program(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def options(program: Path, planner: str) -> dict[str, Any]:
     return {"program": program, "machine": MACHINE, "planner": planner, "resolution": "fast",
-            "max_feed_um_s": MAX_FEED_UM_S}
+            "max_feed_um_s": MAX_FEED_UM_S, "randomise": None, "height_mm": None, "tension": None}
 
 
 def cut(program: Path, planner: str, law: Law) -> Law:
@@ -124,7 +124,7 @@ def test_an_environment_driven_by_the_same_feeds_shows_the_same(program: Path, p
     feeds = [command.feed_um_s for command in law.asked]
     later = law.legs[1][-1]
     del feeds[later]  # wanted after a leg's last window, and replaced by the next leg's first command
-    env = gym.make("edmsim/Contour-v0", action="speed", history=1, **options(program, planner))
+    env = gym.make("edmsim/Contour-v1", action="speed", history=1, **options(program, planner))
     env.reset(seed=SEED)
     generator = MACHINE.generator
     scale = np.array([

@@ -8,7 +8,7 @@ import sys
 import tomllib
 from collections.abc import Iterator
 from contextlib import contextmanager
-from functools import partial
+from functools import partial, partialmethod
 from importlib.metadata import entry_points
 from importlib.util import find_spec
 from pathlib import Path
@@ -22,8 +22,9 @@ from edmsim.cli import app as cli
 
 from .pages import BIN, ROOT
 
-CUT_S, LOG_S = 5.0, 40.0
-"""Machine time of a cut, where the page does not want less, and of one whose log is fitted afterwards."""
+CUT_S, LOG_S, EPISODE_S = 5.0, 40.0, 2.0
+"""Machine time of a cut, where the page does not want less, of one whose log is fitted afterwards, and of an episode
+in which controllers are compared."""
 SHORT: dict[str, tuple[str, ...]] = {
     "cut": ("--resolution", "fast", "--quiet"),
     "view": (),
@@ -43,12 +44,6 @@ SHORT: dict[str, tuple[str, ...]] = {
     "tune": ("--trials", "1", "--seeds", "1"),
 }
 """What is added to a command so that it is short; `replaced` says what of its work is left away."""
-LENGTHS: dict[str, dict[str, Any]] = {
-    "edmsim/GapFeed-v0": {"length_mm": 0.08},
-    "edmsim/HeightStep-v0": {"length_mm": 0.08, "band_mm": (0.02, 0.04)},
-    "edmsim/Corner-v0": {"leg_mm": 0.04},
-}
-"""Arguments of the environments in which controllers are compared here."""
 
 
 def parse(words: list[str]) -> None:
@@ -138,7 +133,7 @@ def replaced(patch: pytest.MonkeyPatch) -> None:
     """Leave away what takes a screen, or minutes; tests of their own run each of these."""
     from edmsim import validation
     from edmsim.bench import figures as bench
-    from edmsim.evaluation import episode
+    from edmsim.envs.episode import Task
     from edmsim.recording.rerun import viewer
 
     def shown(command: list[str]) -> int:
@@ -151,5 +146,4 @@ def replaced(patch: pytest.MonkeyPatch) -> None:
     patch.setattr(bench, "measure", lambda: {"pulses_per_s": 1e6, "realtime_factor": 100.0})
     patch.setattr(validation, "run", partial(validation.run, modules=("strings",)))
     # tests/evaluation, and the pages of the benchmark, have whole episodes
-    shorter = {name: {**given, **LENGTHS.get(name, {})} for name, given in episode.ARGUMENTS.items()}
-    patch.setattr(episode, "ARGUMENTS", shorter)
+    patch.setattr(Task, "__init__", partialmethod(Task.__init__, episode_s=EPISODE_S))

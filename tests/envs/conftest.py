@@ -7,8 +7,11 @@ import numpy as np
 import pytest
 
 import edmsim  # noqa: F401 - registers the environments
+from edmsim.envs import Task
 
 NAMES = ("GapFeed", "HeightStep", "Corner", "Contour")
+STANDARD = {"resolution": "fast", "randomise": None, "height_mm": None, "tension": None}
+"""Arguments with which nothing of the standard machine is drawn."""
 
 
 @pytest.fixture(params=NAMES)
@@ -18,23 +21,33 @@ def env_name(request):
 
 @pytest.fixture(scope="session")
 def make_env():
-    """Make a single environment at the coarsest resolution."""
+    """Make a single environment of the standard machine."""
 
     def make(name, **options):
-        return gym.make(f"edmsim/{name}-v0", **{"resolution": "fast", **options})
+        return gym.make(f"edmsim/{name}-v1", **{**STANDARD, **options})
 
     return make
 
 
 @pytest.fixture(scope="session")
 def make_lanes():
-    """Make a native vector environment at the coarsest resolution."""
+    """Make a native vector environment of the standard machine."""
 
     def make(name, num_envs, **options):
         return gym.make_vec(
-            f"edmsim/{name}-v0", num_envs=num_envs, vectorization_mode="vector_entry_point",
-            **{"resolution": "fast", **options},
+            f"edmsim/{name}-v1", num_envs=num_envs, vectorization_mode="vector_entry_point",
+            **{**STANDARD, **options},
         )
+
+    return make
+
+
+@pytest.fixture(scope="session")
+def make_task():
+    """Make a task of the standard machine."""
+
+    def make(name, **options):
+        return Task(name, **{**STANDARD, **options})
 
     return make
 

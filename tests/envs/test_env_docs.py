@@ -12,8 +12,10 @@ import gymnasium as gym
 import pytest
 
 from edmsim.cosim.stops import WORDS, StopCause
-from edmsim.envs.observation import entries
-from edmsim.envs.registry import EPISODE_STEPS, env_id_of
+from edmsim.envs.observation import MEASURED, entries
+from edmsim.envs.registry import env_id_of
+
+from .conftest import NAMES
 
 DOCS = Path(__file__).parents[2] / "docs"
 GUIDE = (DOCS / "environments.md").read_text(encoding="utf-8")
@@ -24,8 +26,8 @@ SECTIONS = (
 
 
 @pytest.fixture
-def env(make_env, env_name):
-    return make_env(env_name).unwrapped
+def env(env_name):
+    return gym.make(env_id_of(env_name)).unwrapped
 
 
 def section(env, title):
@@ -77,9 +79,9 @@ def test_observations(env):
         k = int(index)
         assert name == listed[k].name
         assert bounds == f"{env.observation_space.low[k]:g}..{env.observation_space.high[k]:g}"
-    per_window = len(entries(1, False))
+    per_window = len(MEASURED)
     assert f"Entries 0 to {per_window - 1} " in text
-    assert f"{per_window} to {per_window * env.family.history - 1} are the same of the three windows before" in text
+    assert f"{per_window} to {per_window * env.family.history - 1} are the same of the three steps before" in text
 
 
 def test_reward(env):
@@ -90,7 +92,7 @@ def test_reward(env):
     ]
 
 
-def test_ends(env, env_name):
+def test_ends(env):
     text = section(env, "End of the episode")
     # an episode's time is a truncation, and no environment has drives that trip or a button
     none = {StopCause.RUNNING, StopCause.TIME_LIMIT, StopCause.DRIVE_TRIP, StopCause.EMERGENCY_STOP}
@@ -98,7 +100,7 @@ def test_ends(env, env_name):
     for cause in (WORDS[cause].info for cause in causes):
         assert f"``{cause}``" in text
         assert f"`{cause}`" in GUIDE
-    assert f"Truncated after {EPISODE_STEPS[env_name]:,} windows" in text
+    assert f"Truncated after {env.family.episode_s:g} s of cutting" in text
 
 
 def test_arguments(env):
@@ -110,22 +112,20 @@ def test_arguments(env):
     assert len(rows) == len(told)
 
 
-@pytest.mark.parametrize("name", EPISODE_STEPS)
-def test_spaces_and_lengths_of_the_guide(make_env, name):
-    env = make_env(name)
-    (line,) = (line for line in GUIDE.splitlines() if line.startswith(f"| `edmsim/{name}-v0`"))
-    _, _, actions, observations, steps = (cell.strip() for cell in line.strip("| ").split(" | "))
+def test_spaces_and_lengths_of_the_guide(env, env_name):
+    (line,) = (line for line in GUIDE.splitlines() if line.startswith(f"| `edmsim/{env_name}-v1`"))
+    _, _, actions, observations, seconds = (cell.strip() for cell in line.strip("| ").split(" | "))
     assert actions == f"`Box(-1, 1, {env.action_space.shape})`"
     assert observations == f"`Box({env.observation_space.shape})`"
-    assert int(steps.split()[0].replace(",", "")) == EPISODE_STEPS[name]
+    assert seconds == f"{env.family.episode_s:g} s"
 
 
 def test_the_site_has_every_page_and_the_guide_every_word_of_info(make_env):
     page = (DOCS / "api" / "envs.rst").read_text(encoding="utf-8")
-    for name in EPISODE_STEPS:
-        assert f"``edmsim/{name}-v0``" in page
+    for name in NAMES:
+        assert f"``edmsim/{name}-v1``" in page
         assert f".{name}Env\n" in page
     env = make_env("GapFeed", length_mm=0.005)
-    env.reset(seed=1)
-    for key in env.step(env.action_space.high)[4]:
+    _, info = env.reset(seed=1)
+    for key in (*info, *env.step(env.action_space.high)[4]):
         assert f"`{key}`" in GUIDE

@@ -9,15 +9,14 @@ import pytest
 
 import edmsim
 from edmsim.controllers.planner.registry import PLANNERS, make_planner
-from edmsim.envs import Task
 from edmsim.errors import InputError
 
 COUNTING = tuple(name for name, kind in PLANNERS.items() if kind.counts)
 
 
 @pytest.mark.parametrize("planner", PLANNERS)
-def test_a_lane_goes_where_its_planner_goes_alone(planner):
-    task = Task("Corner", resolution="fast", planner=planner, leg_mm=0.05)
+def test_a_lane_goes_where_its_planner_goes_alone(planner, make_task):
+    task = make_task("Corner", planner=planner, leg_mm=0.05)
     task.reset(seed=3)
     alone = make_planner(planner, task.scenario.legs_um[0])
     unit, start_ns = alone.speed_unit_nm_s, 0
@@ -66,10 +65,10 @@ def test_changes_of_feed_do_not_pile_up_beyond_the_greatest(make_env):
     assert feeds == pytest.approx([33.3375, 33.3375, 33.3375, 31.2375])
 
 
-def test_corners_are_whole_um_where_the_planner_counts():
+def test_corners_are_whole_um_where_the_planner_counts(make_task):
     legs = {}
     for planner in ("poscal", "exact"):
-        task = Task("Corner", resolution="fast", planner=planner)
+        task = make_task("Corner", planner=planner)
         task.reset(seed=3)
         legs[planner] = task.scenario.legs_um[0]
         assert task.scenario.drawn["turn_deg"] % 1.0
@@ -77,13 +76,13 @@ def test_corners_are_whole_um_where_the_planner_counts():
     assert (legs["exact"] != np.rint(legs["exact"])).any()
 
 
-def test_a_machine_whose_steps_the_planner_cannot_count_is_refused(tmp_path):
+def test_a_machine_whose_steps_the_planner_cannot_count_is_refused(tmp_path, make_task):
     text = edmsim.models.path("machines/agiecut-dem15.toml").read_text(encoding="utf-8")
     (tmp_path / "own.toml").write_text(text.replace("step_um = { value = 2.0", "step_um = { value = 2.5"))
     machine = edmsim.Machine.load(str(tmp_path / "own.toml"))
     with pytest.raises(InputError, match=r"table.step_um is 2.5"):
-        Task("GapFeed", resolution="fast", machine=machine)
-    task = Task("GapFeed", resolution="fast", machine=machine, planner="exact")
+        make_task("GapFeed", machine=machine)
+    task = make_task("GapFeed", machine=machine, planner="exact")
     task.reset(seed=1)
     for _ in range(40):
         result = task.advance(20.0)

@@ -26,7 +26,7 @@ def test_single(make_env, env_name, feed, end):
         assert list(terms) == NAMES
         assert all(type(term) is float for term in terms.values())
         assert sum(terms.values()) == pytest.approx(reward, abs=ROUNDING, rel=ROUNDING)
-        assert (terms["limit"], terms["wire_break"], terms["done"]) == (-100.0 if over else 0.0, 0.0, 0.0)
+        assert (terms["limit"], terms["wire_break"], terms["done"]) == (-60 / 0.0255 if over else 0.0, 0.0, 0.0)
         if over:
             break
     assert over == (end is not None)

@@ -45,9 +45,9 @@ def test_stable_baselines3_finds_nothing_wrong(make_env, env_name):
 
 
 def test_name_with_its_module_needs_no_import():
-    code = "import gymnasium; print(gymnasium.make('edmsim:edmsim/GapFeed-v0', resolution='fast').spec.id)"
+    code = "import gymnasium; print(gymnasium.make('edmsim:edmsim/GapFeed-v1', resolution='fast').spec.id)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == "edmsim/GapFeed-v0"
+    assert done.stdout.strip() == "edmsim/GapFeed-v1"
 
 
 def test_registering_loads_no_environment():
@@ -76,7 +76,7 @@ def test_draws_go_on_without_a_seed(make_env):
 def test_observation_is_finite_and_within_its_space(make_env, env_name, actions_of):
     env = make_env(env_name)
     observation, _ = env.reset(seed=1)
-    assert not observation[: 4 * 10].any()  # nothing has been seen yet
+    assert not observation[:40].any()  # nothing has been seen yet
     for action in actions_of(env.action_space, 100, 1, seed=2)[:, 0]:
         observation, *_, terminated, _, _ = env.step(action)
         assert env.observation_space.contains(observation)
@@ -98,7 +98,8 @@ def test_observation_is_what_its_entries_say(make_env):
     assert seen["spark"] == pytest.approx((info["spark"] + info["arc"]) / 255)
     assert (seen["commanded_feed"], seen["commanded_feed[-1]"]) == pytest.approx((0.2, 0.28))
     assert seen["actual_feed"] == pytest.approx(0.2)
-    assert (seen["t_on"], seen["t_period"]) == (1, 1)
+    assert (seen["t_on"], seen["t_period"]) == pytest.approx((np.log10(30) / 3, 0.5))
+    assert (seen["tension"], seen["height"], seen["flushing_lower"]) == pytest.approx((1.0, 0.4, 0.3), abs=0.02)
     assert seen["short[-1]"] == before[0][0]
     assert 0.05 < seen["mean_voltage"] < 0.3  # pulses of 30 us in 100
     assert 0.1 < seen["mean_current"] < 1
@@ -147,7 +148,7 @@ def test_pushing_against_metal_gains_nothing_and_ends_the_episode(make_env):
     assert info["cause"] in ("persistent-short", "out-of-range")
     assert len(rewards) > 10
     assert set(rewards[:-1]) == {-0.5}
-    assert rewards[-1] == -100.5
+    assert rewards[-1] == pytest.approx(-0.5 - 60 / 0.0255)  # another wire has to be threaded
 
 
 def test_end_of_the_path_is_done(make_env):
@@ -174,7 +175,8 @@ def test_hot_wire_breaks(make_env):
         if terminated:
             break
     assert info["cause"] == "wire-break"
-    assert reward < -90
+    assert (info["wires_lost"], info["cost"]) == (1, 1.0)
+    assert reward == pytest.approx(-60 / 0.0255, abs=5)
 
 
 def test_time_truncates(make_env):
@@ -195,7 +197,7 @@ def test_refused_setting_is_told_and_not_done(make_env):
     assert (info["t_on_us"], info["t_period_us"]) == (60.0, 200.0)
     for knobs, setting in (((0.0, 0.5), (30.0, 200.0)), ((0.5, 0.0), (60.0, 200.0)), ((1.0, 1.0), (120.0, 1600.0))):
         *_, info = env.step(np.array([0.1, *knobs], np.float32))
-        assert "refused" not in info
+        assert info["refused"] == ""
         assert (info["t_on_us"], info["t_period_us"]) == setting
 
 
@@ -208,6 +210,7 @@ def test_what_is_drawn_is_told(make_env):
     assert all(10 <= d["height_mm"] <= 40 and 8 <= d["tension"] <= 12 for d in drawn)
     assert len({d["dielectric.conductivity_uS_cm"] for d in drawn}) == 6
     assert not any(key.startswith("gap.") for d in drawn for key in d)
+    assert len({tuple(d) for d in drawn}) == 1
 
 
 def test_machine_may_be_given(make_env):
@@ -269,6 +272,14 @@ def test_bad_action(make_env, action, message):
         ("GapFeed", {"resolution": "finest"}, "unknown resolution 'finest'"),
         ("GapFeed", {"action": "thrust"}, "unknown action 'thrust'"),
         ("GapFeed", {"history": 0}, "history is 0"),
+        ("GapFeed", {"mechanics": "clay"}, "unknown mechanics 'clay'"),
+        ("GapFeed", {"knobs": ["period", "duty_factor"]}, "period or duty_factor, not both"),
+        ("GapFeed", {"knobs": ["volume"]}, "no knob 'volume'"),
+        ("GapFeed", {"objectives": ["beauty"]}, "unknown objective 'beauty'"),
+        ("GapFeed", {"randomise": ["table"]}, "'table', which has no effect here"),
+        ("GapFeed", {"wires": 0}, "wires is 0"),
+        ("GapFeed", {"decision_s": -1.0}, "decision_s is -1.0"),
+        ("GapFeed", {"sensors": {"bits": 20}}, "bits is 20"),
         ("GapFeed", {"height_mm": (30, 10)}, "height_mm"),
         ("GapFeed", {"height_mm": 1000.0}, "1000"),
         ("GapFeed", {"materials": "copper"}, "give a list"),
@@ -334,5 +345,9 @@ def test_picture_needs_an_episode(make_env):
         make_env("GapFeed", render_mode="rgb_array").unwrapped.render()
 
 
-def test_ids_are_registered():
-    assert {f"edmsim/{name}-v0" for name in ("GapFeed", "HeightStep", "Corner", "Contour")} <= set(gym.registry)
+@pytest.mark.filterwarnings("ignore:.*out of date.*")
+@pytest.mark.parametrize("make", [gym.make, gym.make_vec, edmsim.envs.Task])
+def test_ids_are_registered_and_first_versions_withdrawn(env_name, make):
+    assert f"edmsim/{env_name}-v1" in gym.registry
+    with pytest.raises(InputError, match=f"edmsim/{env_name}-v0 is withdrawn .*: use edmsim/{env_name}-v1$"):
+        make(f"edmsim/{env_name}-v0")

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 import edmsim
-from edmsim.envs import Task
 from edmsim.errors import InputError
 
 
@@ -30,16 +29,16 @@ def test_a_small_table_is_not_left(make_env, env_name, small_table):
     assert not over, info["cause"]
 
 
-def test_where_the_cut_begins(small_table):
+def test_where_the_cut_begins(small_table, make_task):
     for machine, centre_um in ((edmsim.Machine.load(small_table), 15_000.0), (edmsim.Machine.load(), 32_500.0)):
-        task = Task("Corner", resolution="fast", machine=machine)
+        task = make_task("Corner", machine=machine)
         task.reset(1)
         assert task.scenario.legs_um[0][0].tolist() == [centre_um, centre_um]
         assert machine.base.table.centre_um == (centre_um, centre_um)
 
 
-def test_a_cut_beyond_the_table_is_refused(small_table):
+def test_a_cut_beyond_the_table_is_refused(small_table, make_task):
     with pytest.raises(InputError, match=r"length_mm is 20\.0: give a number above 0 and at most 12\.5"):
-        Task("GapFeed", resolution="fast", machine=small_table, length_mm=20.0)
+        make_task("GapFeed", machine=small_table, length_mm=20.0)
     with pytest.raises(InputError, match="at most 30"):
-        Task("GapFeed", resolution="fast", length_mm=31.0)
+        make_task("GapFeed", length_mm=31.0)

@@ -10,8 +10,8 @@ from edmsim.envs import Task
 from edmsim.errors import InputError
 
 
-def test_a_task_is_its_environment(make_env, env_name):
-    env, task = make_env(env_name, action="speed"), Task(env_name, resolution="fast")
+def test_a_task_is_its_environment(make_env, env_name, make_task):
+    env, task = make_env(env_name, action="speed"), make_task(env_name)
     _, info = env.reset(seed=3)
     seen = task.reset(seed=3)
     assert (seen.short, seen.open, seen.path_um) == (0, 0, 0.0)
@@ -30,8 +30,8 @@ def test_a_task_is_its_environment(make_env, env_name):
 
 
 @pytest.mark.parametrize("name", ["counts", "fixed"])
-def test_controllers_drive_it(name):
-    task, controller = Task("GapFeed", resolution="fast"), edmsim.controllers.make(name)
+def test_controllers_drive_it(name, make_task):
+    task, controller = make_task("GapFeed"), edmsim.controllers.make(name)
     task.reset(seed=1)
     command = controller.reset(task.max_feed_um_s)
     for _ in range(400):
@@ -41,8 +41,8 @@ def test_controllers_drive_it(name):
     assert task.path_um > 30
 
 
-def test_setting_is_rounded_refused_or_done():
-    task = Task("Corner", resolution="fast")
+def test_setting_is_rounded_refused_or_done(make_task):
+    task = make_task("Corner")
     task.reset(seed=1)
     result = task.advance(10.0, t_on_us=40.0)
     assert "2 A" in result.refused
@@ -54,14 +54,14 @@ def test_setting_is_rounded_refused_or_done():
     assert task.machine.t_on_us == 30.0
 
 
-def test_program_of_two_contours_threads_between(tmp_path):
+def test_program_of_two_contours_threads_between(tmp_path, make_task):
     square = "G1 X{0} Y0.05\nY0.1\nX{1}\nY0\nX{0}\nY0.05\nG40\n"
     file = tmp_path / "two.ngc"
     file.write_text(
         "G21 G90\nG0 X-0.5 Y0.05\nG41 D1\n" + square.format(0, 0.1) + "G0 X3 Y0.05\nG41 D1\n"
         + square.format(3.5, 3.6) + "M2\n"
     )
-    task = Task("Contour", resolution="fast", program=file, height_mm=0.5)
+    task = make_task("Contour", program=file, height_mm=0.5)
     task.reset(seed=1)
     assert len(task.scenario.legs_um) == 2
     first, x = np.hypot(*np.diff(task.scenario.legs_um[0], axis=0).T).sum(), []
@@ -74,8 +74,8 @@ def test_program_of_two_contours_threads_between(tmp_path):
     assert np.diff(x).max() > 1000  # a jump to the other contour's start
 
 
-def test_it_refuses_what_it_cannot_do():
-    task = Task("GapFeed", resolution="fast", length_mm=0.001)
+def test_it_refuses_what_it_cannot_do(make_task):
+    task = make_task("GapFeed", length_mm=0.001)
     with pytest.raises(InputError, match="call reset"):
         task.advance(10.0)
     task.reset(seed=1)

@@ -86,7 +86,7 @@ def test_order_of_resets_does_not_matter(make_lanes):
         assert infos["_plant_seed"].tolist() == mask.tolist()
     actions = np.full((3, 3), 0.1, np.float32)
     assert (one.step(actions)[0] == other.step(actions)[0]).all()
-    assert observations.shape == (3, 43)
+    assert observations.shape == (3, 49)
 
 
 def test_randomised_machines_agree_with_the_single_environment(make_env, make_lanes):

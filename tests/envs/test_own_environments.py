@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
@@ -17,7 +17,7 @@ from gymnasium.utils.env_checker import check_env
 import edmsim
 from edmsim.cli import app as cli
 from edmsim.envs import Corner, Family, GapFeed, Task, Weights, register
-from edmsim.envs.registry import EPISODE_STEPS, make_family, resolve, stand_in
+from edmsim.envs.registry import make_family, resolve, stand_in
 from edmsim.errors import InputError
 from edmsim.evaluation import compare, episode
 from edmsim.learning import hyperparameters, policy_file
@@ -45,7 +45,7 @@ class Bend(GapFeed):
         return cut._replace(legs_um=(cut.legs_um[0][0] + points,))
 
 
-register("lab/Bend-v0", Bend, resolution="fast", height_mm=(5.0, 6.0), max_episode_steps=400)
+register("lab/Bend-v0", Bend, height_mm=(5.0, 6.0), episode_s=10.0)
 '''
 BEND_ID = "lab/Bend-v0"
 
@@ -70,8 +70,7 @@ def test_an_own_family_is_a_whole_environment(bend: str) -> None:
     assert resolve(bend) == BEND_ID
     env = gym.make(BEND_ID)
     check_env(env.unwrapped)
-    assert env.spec is not None
-    assert env.spec.max_episode_steps == 400
+    assert make_family(BEND_ID).episode_s == 10.0
     _, info = env.reset(seed=3)
     assert 5 <= info["drawn"]["height_mm"] <= 6
     assert 250 < info["drawn"]["radius_um"] < 500
@@ -85,24 +84,21 @@ def test_an_own_family_is_a_whole_environment(bend: str) -> None:
     task.reset(3)
     assert task.scenario.legs_um[0].shape == (20, 2)
     assert tuple(task.scenario.legs_um[0][0]) == task.machine.base.table.centre_um
-    assert task.episode_steps == 400
 
 
 def test_one_of_ours_with_other_arguments() -> None:
     register("lab/Careful-v0", GapFeed, weights=Weights(short=2.0), resolution="fast")
     family = make_family("lab/Careful-v0", history=2)
     assert (family.weights, family.history) == (Weights(short=2.0), 2)
-    assert Task("lab/Careful-v0").episode_steps == EPISODE_STEPS["GapFeed"]
     gym.register("lab/Plain-v0", entry_point="edmsim.envs.single:EdmEnv", kwargs={"task": "GapFeed", "history": 3})
     assert make_family("lab/Plain-v0").history == 3
-    assert Task(GapFeed, resolution="fast").episode_steps == EPISODE_STEPS["GapFeed"]
 
 
 @dataclass(frozen=True, kw_only=True)
 class Pulsing(GapFeed):
     """A straight cut in which a second action sets the pulse period, and the corners are shown."""
 
-    action_names: ClassVar[tuple[str, ...]] = ("feed", "period")
+    knobs: Sequence[str] = ("period",)
     knows_corners: ClassVar[bool] = True
 
     def setting_us(self, first_us: Any, wanted: Any) -> tuple[float, float]:
@@ -115,7 +111,7 @@ def test_an_own_family_may_set_the_generator_and_show_corners() -> None:
     env = gym.make("lab/Pulsing-v0")
     check_env(env.unwrapped)
     assert env.action_space.shape == (2,)
-    assert env.observation_space.shape == (43,)
+    assert env.observation_space.shape == (49,)
     lanes = gym.make_vec("lab/Pulsing-v0", num_envs=2, vectorization_mode="vector_entry_point")
     env.reset(seed=1)
     lanes.reset(seed=1)
@@ -162,8 +158,7 @@ def test_what_a_file_does_not_register_is_told(bend: str) -> None:
 
 def test_registered_arguments_stay_where_controllers_are_compared_and_policies_trained(bend: str) -> None:
     resolve(bend)
-    assert episode.arguments(BEND_ID) == {"randomise": (), "tension": (8.0, 20.0)}
-    assert set(hyperparameters.load(BEND_ID, "ppo").environment) == {"randomise", "tension"}
+    assert episode.episodes(BEND_ID) == episode.episodes("edmsim/GapFeed-v1")
     assert hyperparameters.load(BEND_ID, "ppo").num_envs == hyperparameters.load("GapFeed", "ppo").num_envs
 
 
@@ -193,9 +188,9 @@ def test_a_policy_trained_in_it_cuts_where_nobody_knows_it(
     command(monkeypatch, "train", bend, "--steps", 64, "--score", 2, "--out", tmp_path / "bend")
     gym.registry.pop(BEND_ID)
     card = policy_file.load(str(tmp_path / "bend" / "policy.json")).card
-    assert card.env_id == "edmsim/GapFeed-v0"
+    assert card.env_id == "edmsim/GapFeed-v1"
     assert card.command.startswith(f"edmsim train {bend} --algo ppo")
-    assert card.environment == {"resolution": "fast", "height_mm": [5.0, 6.0]}
+    assert card.environment == {"resolution": "fast", "height_mm": [5.0, 6.0], "episode_s": 10.0}
     assert len(card.scores) == 3
     cut = edmsim.cut(small_punch, controller=f"policy:{tmp_path / 'bend' / 'policy.json'}", height_mm=5.0,
                      resolution="fast", max_time_s=1.0)  # fmt: skip

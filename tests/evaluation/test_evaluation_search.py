@@ -16,14 +16,14 @@ from edmsim.evaluation.search import BOUNDS, as_toml, training_seeds
 
 
 @pytest.fixture(autouse=True)
-def short_cuts(monkeypatch: pytest.MonkeyPatch) -> None:
-    short = {"length_mm": 0.06}
-    shortened = {name: {**search.ARGUMENTS[name], **short} for name in search.ENV_IDS}
-    monkeypatch.setattr(search, "ARGUMENTS", shortened)
+def short(short_episodes: None) -> None:
+    """Cut a fraction as long."""
 
 
 def result(controller: str, rate: float, earned: float) -> Result:
-    return Result(0, controller, "finished", 60.0, 1.0, 10.0, rate, earned, 0.1, 0.2, math.nan, math.nan, 320.0)
+    return Result(
+        0, controller, "finished", 60.0, 1.0, 10.0, rate, earned, 0, 0.0, 0.1, 0.2, math.nan, math.nan, 320.0
+    )
 
 
 def of_reference(seeds, controller):

@@ -40,12 +40,12 @@ def make_policy(tmp_path):
         biases = [rng.normal(0, 0.1, size) for size in sizes[1:]]
         packed = policy_file.pack(weights, biases)
         card = policy_file.Card.model_validate({
-            "format": policy_file.FORMAT, "env_id": f"edmsim/{name}-v0", "environment": environment,
+            "format": policy_file.FORMAT, "env_id": f"edmsim/{name}-v1", "environment": environment,
             "observation": [
                 {"name": e.name, "meaning": e.meaning, "mean": rng.uniform(0, 0.2), "variance": rng.uniform(0.1, 1)}
                 for e in seen
             ],
-            "epsilon": 1e-8, "clip": 10.0, "action": list(policy_file.ACTION_MEANINGS[: sizes[-1]]), "widths": [8],
+            "epsilon": 1e-8, "clip": 10.0, "action": policy_file.meanings(family), "widths": [8],
             "activation": "tanh", "output": output, "arrays_sha256": policy_file.digest(packed), "algorithm": "ppo",
             "command": "none: random", "seed": 0, "steps": 0, "versions": {},
         })  # fmt: skip
@@ -58,11 +58,12 @@ def make_policy(tmp_path):
 
 @pytest.mark.parametrize(
     ("name", "options"),
-    [("GapFeed", {}), ("HeightStep", {"action": "speed"}), ("Corner", {"leg_mm": 0.05}), ("Contour", {"history": 2})],
+    [("GapFeed", {}), ("HeightStep", {"action": "speed"}), ("Corner", {"leg_mm": 0.05}), ("Contour", {"history": 2}),
+     ("GapFeed", {"action": "servo", "knobs": ["period"]})],
 )
 def test_the_controller_does_what_the_policy_does_in_its_environment(make_policy, name, options):
     policy = policy_file.load(str(make_policy(name, **options)))
-    env = gym.make(f"edmsim/{name}-v0", resolution="fast", **options)
+    env = gym.make(f"edmsim/{name}-v1", resolution="fast", **options)
     task, controller = Task(name, resolution="fast", **options), PolicyController(policy)
     seen, _ = env.reset(seed=5)
     task.reset(5)
@@ -80,7 +81,25 @@ def test_the_controller_does_what_the_policy_does_in_its_environment(make_policy
         if terminated:
             break
         command = controller.update(result.seen)
-    assert (len(settings) > 1) == (name == "Corner")
+    assert (len(settings) > 1) == (name == "Corner" or "knobs" in options)
+
+
+def test_a_policy_that_decides_more_seldom_than_windows_come_sees_what_its_environment_shows(make_policy):
+    options = {"action": "servo", "decision_s": 0.1}
+    policy = policy_file.load(str(make_policy("GapFeed", **options)))
+    env, task = gym.make("edmsim/GapFeed-v1", **options), Task("GapFeed")
+    seen, _ = env.reset(seed=5)
+    task.reset(5)
+    controller = PolicyController(policy)
+    tell(controller, task.machine, task.scenario.legs_um[0], 0.0)
+    command = controller.reset(task.max_feed_um_s)
+    for _ in range(30):
+        seen, *_, info = env.step(policy.action(seen).astype(np.float32))
+        assert info["dt_s"] == pytest.approx(4 * 0.0255)
+        for _ in range(4):
+            result = task.advance(command.feed_um_s)
+            command = controller.update(result.seen)
+        assert result.seen.path_um == info["path_um"]
 
 
 def test_a_snapshot_goes_on_bit_for_bit(make_policy):
@@ -144,7 +163,7 @@ def test_it_cuts_a_program(make_policy, small_punch, tmp_path):
 def test_what_is_shipped_loads_by_name_and_says_how_it_was_made(file):
     policy = policy_file.load(file.stem)
     card = policy.card
-    assert file.stem == f"{card.env_id.removeprefix('edmsim/').removesuffix('-v0')}-{card.algorithm}"
+    assert file.stem == f"{card.env_id.removeprefix('edmsim/').removesuffix('-v1')}-{card.algorithm}"
     assert card.command.startswith(f"edmsim train {card.env_id} --algo {card.algorithm} ")
     assert {(s["controller"], s["resolution"]) for s in card.scores} == {
         (c, r) for c in ("policy", *RIVALS) for r in RESOLUTIONS
@@ -186,7 +205,7 @@ DAMAGES = {
     "not finite": (edit(lambda t: t["observation"][3].update(mean=float("inf"))), "mean"),
     "foreign environment": (edit(lambda t: t.update(env_id="CartPole-v1")), "CartPole-v1"),
     "other observations": (edit(lambda t: t["environment"].update(history=2)), "entries"),
-    "other environment": (edit(lambda t: t.update(env_id="edmsim/Corner-v0")), "entries"),
+    "other environment": (edit(lambda t: t.update(env_id="edmsim/Corner-v1")), "entries"),
     "other argument": (edit(lambda t: t["environment"].update(colour="red")), "colour"),
     "other actions": (edit(lambda t: t["action"].append("more")), "commands feed"),
     "other layers": (edit(lambda t: t.update(widths=[9])), "layer 0"),
@@ -209,9 +228,9 @@ def test_a_damaged_policy_is_refused_in_one_line(make_policy, damage, named):
 
 def test_a_policy_of_another_environment_is_refused_where_one_is_named(make_policy):
     file = make_policy("GapFeed")
-    assert policy_file.load(str(file), "edmsim/GapFeed-v0").card.env_id == "edmsim/GapFeed-v0"
-    with pytest.raises(InputError, match="trained in edmsim/GapFeed-v0, not in edmsim/Corner-v0"):
-        policy_file.load(str(file), "edmsim/Corner-v0")
+    assert policy_file.load(str(file), "edmsim/GapFeed-v1").card.env_id == "edmsim/GapFeed-v1"
+    with pytest.raises(InputError, match="trained in edmsim/GapFeed-v1, not in edmsim/Corner-v1"):
+        policy_file.load(str(file), "edmsim/Corner-v1")
 
 
 def test_an_unknown_name_tells_those_there_are():

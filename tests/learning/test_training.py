@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from edmsim.envs.batch import action_space_of
-from edmsim.envs.registry import EPISODE_STEPS, make_family
+from edmsim.envs.registry import make_family, registered_ids
 from edmsim.learning import hyperparameters, policy_file
 
 needs_rl = pytest.mark.skipif(
@@ -24,25 +24,26 @@ pytestmark = [
 
 
 @pytest.mark.parametrize("algo", hyperparameters.ALGORITHMS)
-@pytest.mark.parametrize("name", EPISODE_STEPS)
-def test_every_environment_has_hyperparameters(name, algo):
-    given = hyperparameters.load(f"edmsim/{name}-v0", algo)
-    family = make_family(name, **given.environment)
-    assert given.environment["resolution"] == "fast"
+@pytest.mark.parametrize("env_id", registered_ids())
+def test_every_environment_has_hyperparameters(env_id, algo):
+    given = hyperparameters.load(env_id, algo)
+    family = make_family(env_id, **given.environment)
+    assert family.resolution == "fast"
     first = given.network.first_action
     assert first is None or (algo == "ppo" and len(first) == action_space_of(family).shape[0])
 
 
 def test_there_are_no_others():
     there = {f.name for f in (resources.files("edmsim.models") / "training").iterdir()}
-    assert there == {f"{name}-{algo}.toml" for name in EPISODE_STEPS for algo in hyperparameters.ALGORITHMS}
+    names = [env_id.removeprefix("edmsim/").removesuffix("-v1") for env_id in registered_ids()]
+    assert there == {f"{name}-{algo}.toml" for name in names for algo in hyperparameters.ALGORITHMS}
 
 
 @needs_rl
 def test_exploring_begins_around_the_first_action(short_training, tmp_path):
     from edmsim.learning.train import train
 
-    trained = train("edmsim/Corner-v0", "ppo", tmp_path, steps=64, seed=3)
+    trained = train("edmsim/Corner-v1", "ppo", tmp_path, steps=64, seed=3)
     middle = trained.normalise.normalize_obs(np.zeros(trained.model.observation_space.shape, np.float32))
     found = trained.model.predict(middle, deterministic=True)[0]
     assert found == pytest.approx(trained.hyperparameters.network.first_action, abs=0.15)
@@ -55,7 +56,7 @@ def test_what_is_exported_does_what_was_trained(short_training, tmp_path, algo):
     from edmsim.learning.train import train
 
     told = []
-    trained = train("edmsim/Corner-v0", algo, tmp_path, steps=256, seed=3, watch=told.append)
+    trained = train("edmsim/Corner-v1", algo, tmp_path, steps=256, seed=3, watch=told.append)
     file = tmp_path / "policy.json"
     policy_file.write(*export(trained, "a test"), file)
     policy = policy_file.load(str(file))
@@ -74,7 +75,7 @@ def test_what_is_exported_does_what_was_trained(short_training, tmp_path, algo):
 def test_a_training_stopped_goes_on_from_its_checkpoint(short_training, tmp_path, edmsim, monkeypatch, algo):
     from edmsim.learning import train as training
 
-    command = ("train", "edmsim/GapFeed-v0", "--algo", algo, "--steps", 256, "--score", 0, "--out", tmp_path)
+    command = ("train", "edmsim/GapFeed-v1", "--algo", algo, "--steps", 256, "--score", 0, "--out", tmp_path)
     step = training._Keeper._on_step
 
     def interrupted(self):
@@ -95,7 +96,7 @@ def test_a_training_stopped_goes_on_from_its_checkpoint(short_training, tmp_path
     assert "policy:" in out
     card = policy_file.load(str(tmp_path / "policy.json")).card
     assert (card.steps, card.seed) == (256, 0)
-    assert card.command == f"edmsim train edmsim/GapFeed-v0 --algo {algo} --steps 256 --seed 0"
+    assert card.command == f"edmsim train edmsim/GapFeed-v1 --algo {algo} --steps 256 --seed 0"
 
 
 @needs_rl
@@ -104,7 +105,7 @@ def test_same_seed_same_policy(short_training, tmp_path):
     from edmsim.learning.train import train
 
     def packed(folder, seed):
-        return export(train("edmsim/GapFeed-v0", "ppo", tmp_path / folder, steps=128, seed=seed), "a test")[1]
+        return export(train("edmsim/GapFeed-v1", "ppo", tmp_path / folder, steps=128, seed=seed), "a test")[1]
 
     first = packed("a", 1)
     assert packed("b", 1) == first
@@ -115,12 +116,12 @@ def test_same_seed_same_policy(short_training, tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "named"),
     [
-        (("edmsim/Lathe-v0",), "edmsim/GapFeed-v0"),
-        (("edmsim/GapFeed-v0", "--algo", "dqn"), "ppo, sac"),
-        (("edmsim/GapFeed-v0", "--steps", 0), "1 or more"),
-        (("edmsim/GapFeed-v0", "--seed", -1), "-1"),
-        (("edmsim/GapFeed-v0", "--score", 1), "2 or more"),
-        (("edmsim/GapFeed-v0", "--resume"), "no training to resume"),
+        (("edmsim/Lathe-v1",), "edmsim/GapFeed-v1"),
+        (("edmsim/GapFeed-v1", "--algo", "dqn"), "ppo, sac"),
+        (("edmsim/GapFeed-v1", "--steps", 0), "1 or more"),
+        (("edmsim/GapFeed-v1", "--seed", -1), "-1"),
+        (("edmsim/GapFeed-v1", "--score", 1), "2 or more"),
+        (("edmsim/GapFeed-v1", "--resume"), "no training to resume"),
     ],
 )
 def test_bad_input_is_one_line_and_leaves_nothing(tmp_path, edmsim, arguments, named):
@@ -132,13 +133,9 @@ def test_bad_input_is_one_line_and_leaves_nothing(tmp_path, edmsim, arguments, n
 
 
 @needs_rl
-def test_the_command_leaves_a_policy_with_its_scores(short_training, tmp_path, edmsim, monkeypatch):
-    from edmsim.evaluation import episode
-
-    short = {"edmsim/GapFeed-v0": {**episode.ARGUMENTS["edmsim/GapFeed-v0"], "length_mm": 0.05}}
-    monkeypatch.setattr(episode, "ARGUMENTS", short)
+def test_the_command_leaves_a_policy_with_its_scores(short_training, short_episodes, tmp_path, edmsim, monkeypatch):
     monkeypatch.setattr("edmsim.learning.score.RESOLUTIONS", ("fast",))
-    status, out, err = edmsim("train", "edmsim/GapFeed-v0", "--steps", 64, "--score", 2, "--out", tmp_path)
+    status, out, err = edmsim("train", "edmsim/GapFeed-v1", "--steps", 64, "--score", 2, "--out", tmp_path)
     assert status == 0, err
     assert "voltage" in out
     assert len(policy_file.load(str(tmp_path / "policy.json")).card.scores) == 3
@@ -147,20 +144,17 @@ def test_the_command_leaves_a_policy_with_its_scores(short_training, tmp_path, e
 def test_without_the_extra_it_is_one_line(tmp_path, edmsim, monkeypatch):
     monkeypatch.setitem(sys.modules, "stable_baselines3", None)
     monkeypatch.delitem(sys.modules, "edmsim.learning.train", raising=False)
-    status, out, err = edmsim("train", "edmsim/GapFeed-v0", "--out", tmp_path / "out")
+    status, out, err = edmsim("train", "edmsim/GapFeed-v1", "--out", tmp_path / "out")
     assert (status, out) == (2, "")
     assert err.count("\n") == 1
     assert "pip install 'edmsim[rl]'" in err
 
 
-def test_a_policy_is_scored_beside_its_rivals_on_the_same_episodes(monkeypatch):
-    from edmsim.evaluation import episode
+def test_a_policy_is_scored_beside_its_rivals_on_the_same_episodes(monkeypatch, short_episodes):
     from edmsim.learning.score import RIVALS, measure
 
-    short = {"edmsim/GapFeed-v0": {**episode.ARGUMENTS["edmsim/GapFeed-v0"], "length_mm": 0.05}}
-    monkeypatch.setattr(episode, "ARGUMENTS", short)
     monkeypatch.setattr("edmsim.learning.score.RESOLUTIONS", ("fast",))
-    found = [measure("edmsim/GapFeed-v0", "GapFeed-ppo", 2) for _ in range(2)]
+    found = [measure("edmsim/GapFeed-v1", "GapFeed-ppo", 2) for _ in range(2)]
     assert found[0] == found[1]
     assert [row.controller for row in found[0]] == ["policy", *RIVALS]
     for row in found[0]:

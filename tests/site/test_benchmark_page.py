@@ -1,4 +1,4 @@
-"""docs/benchmark.md: by how much the bars are reached or missed, under the command that found it."""
+"""docs/benchmark.md: what each controller scores, under the command that found it."""
 
 from __future__ import annotations
 
@@ -10,12 +10,11 @@ from types import ModuleType
 
 import pytest
 
-from edmsim.evaluation import episode
 from edmsim.evaluation.compare import Comparison, figures_of
 from edmsim.evaluation.episode import Result
 
 SCRIPT = Path(__file__).parents[2] / "docs" / "make" / "benchmark.py"
-GAP_FEED, CORNER = "edmsim/GapFeed-v0", "edmsim/Corner-v0"
+GAP_FEED = "edmsim/GapFeed-v1"
 
 
 @pytest.fixture(scope="module")
@@ -24,49 +23,40 @@ def benchmark(load_script: Callable[[Path], ModuleType]) -> ModuleType:
 
 
 def result(rate=10.0, outcome="finished", error=math.nan, earned=100.0, time_s=60.0) -> Result:
-    return Result(0, "any", outcome, time_s, 1.0, 10.0, rate, earned, 0.1, 0.2, error, math.nan, 320.0)
+    lost = int(outcome == "wire break")
+    return Result(0, "any", outcome, time_s, 1.0, 10.0, rate, earned, lost, 0.0, 0.1, 0.2, error, math.nan, 320.0)
 
 
 def comparison(env_id: str = GAP_FEED, **results: Result) -> Comparison:
     made = {name.replace("_", ":"): [one, one] for name, one in results.items()}
-    figures = {name: figures_of(found, made["oracle"]) for name, found in made.items()}
+    figures = {name: figures_of(found, made["oracle"], made["fixed"]) for name, found in made.items()}
     return Comparison(env_id, "fast", (1, 2), made, figures)
 
 
-def test_the_classic_bar_is_told_whether_reached_or_missed(benchmark: ModuleType) -> None:
-    (text,) = benchmark.bars(comparison(oracle=result(20.0), counts=result(17.0), fixed=result(8.0, "wire break")))
-    assert "`counts` has 85% (reached)" in text
-    assert "against 1000.0 (reached)" in text
-    (text,) = benchmark.bars(comparison(oracle=result(20.0), counts=result(14.0, "wire break"), fixed=result(8.0)))
-    assert "70% (missed by 10%)" in text
-    assert "against 0.0 (missed)" in text
-    (text,) = benchmark.bars(comparison(oracle=result(20.0), counts=result(17.0), fixed=result(8.0, "jammed")))
-    assert "cannot tell them apart" in text
-    assert "with jams 0.0 against 1000.0" in text
+def test_it_is_told_where_a_constant_set_point_reaches_the_reference(benchmark: ModuleType) -> None:
+    made = {"oracle": result(earned=100.0), "fixed": result(earned=0.0), "counts": result(earned=60.0)}
+    (text,) = benchmark.verdicts(comparison(**made))
+    assert text == "The best classic controller, `counts`, scores 0.60 (0.60 to 0.60)."
+    (text,) = benchmark.verdicts(comparison(**made, voltage=result(earned=97.0)))
+    assert "`voltage`, scores 0.97" in text
+    assert "A constant set-point under a servo reaches the reference here" in text
 
 
-def test_the_learning_bar_is_against_the_classic_that_earns_most(benchmark: ModuleType) -> None:
-    made = comparison(
-        oracle=result(20.0, earned=300.0), counts=result(17.0, earned=90.0), fixed=result(8.0, earned=100.0),
-        policy_mine=result(9.0, earned=105.0),
-    )  # fmt: skip
-    assert "`policy:mine` has 105% (105% to 105%) of the return of `fixed` (missed by 5%)" in benchmark.bars(made)[1]
-
-
-def test_the_corner_bar_is_of_error_and_time(benchmark: ModuleType) -> None:
-    made = comparison(
-        CORNER, oracle=result(20.0, error=1.0), counts=result(10.0, error=2.0, time_s=50.0), fixed=result(8.0),
-        policy_mine=result(9.0, error=0.9, time_s=60.0),
-    )  # fmt: skip
-    text = benchmark.bars(made)[1]
-    assert "45% (45% to 45%) of the error (reached) in 120% (120% to 120%) of the time (missed by 10%)" in text
+@pytest.mark.parametrize(
+    ("earned", "verdict"), [(80.0, "more than"), (40.0, "less than"), (60.0, "no more and no less")]
+)
+def test_a_policy_is_judged_beside_the_best_classic_controller(
+    benchmark: ModuleType, earned: float, verdict: str
+) -> None:
+    made = {"oracle": result(earned=100.0), "fixed": result(earned=0.0), "counts": result(earned=60.0)}
+    text = benchmark.verdicts(comparison(**made, policy_mine=result(earned=earned)))[1]
+    assert text.startswith(f"`policy:mine` scores 0.{earned:.0f}")
+    assert verdict in text
 
 
 def test_the_page_names_its_command_and_all_controllers(
-    benchmark: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    benchmark: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, short_episodes: None
 ) -> None:
-    short = {**episode.ARGUMENTS[GAP_FEED], "length_mm": 0.08}
-    monkeypatch.setattr(episode, "ARGUMENTS", {**episode.ARGUMENTS, GAP_FEED: short})
     file = tmp_path / "benchmark.md"
     words = [str(file), GAP_FEED, "--controllers", "fixed,voltage", "--seeds", "2", "--resolution", "fast"]
     monkeypatch.setattr(sys, "argv", [str(SCRIPT), *words])

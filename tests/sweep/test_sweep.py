@@ -105,7 +105,7 @@ def test_an_interrupted_sweep_makes_only_what_is_missing(two_controllers: Specif
 
 
 def outcomes(count: int) -> list[tuple[Any, Outcome]]:
-    spec = Specification(environment="edmsim/GapFeed-v0", seeds=list(range(count)))
+    spec = Specification(environment="edmsim/GapFeed-v1", seeds=list(range(count)))
     return [(run, Outcome({**blank(run), "machining_time_s": 0.1 + run.seed}, {})) for run in runs_of(spec)]
 
 
@@ -133,7 +133,7 @@ def test_what_was_kept_is_there_once_whenever_the_driver_dies(
     assert journal.read_bytes() == b""
     # others read the dataset, too: the folders name the task
     seen = pyarrow.dataset.dataset(tmp_path / "results", partitioning="hive").to_table()
-    assert set(seen["task"].to_pylist()) == {"edmsim/GapFeed-v0"}
+    assert set(seen["task"].to_pylist()) == {"edmsim/GapFeed-v1"}
     assert len(seen) == 11
 
 
@@ -171,7 +171,7 @@ def test_a_file_that_changed_under_way_fails_its_runs(line: Path, short: dict[st
 
 def test_controllers_are_swept_in_environments() -> None:
     spec = Specification(
-        environment="edmsim/GapFeed-v0", settings={"resolution": "fast", "length_mm": 0.05},
+        environment="edmsim/GapFeed-v1", settings={"resolution": "fast", "length_mm": 0.05},
         grid={"controller": ["fixed", "oracle:gap_target_um=6"], "height_mm": [5.0, 8.0]},
     )  # fmt: skip
     rows = [perform(run).row for run in runs_of(spec)]

@@ -1,0 +1,91 @@
+"""Arguments of the environments: what JSON may write of them, and what is refused."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import fields
+from inspect import signature
+from pathlib import Path
+from typing import Any, TypeVar
+
+from edmsim.errors import InputError
+from edmsim.machine.machine import Machine
+
+Range = float | tuple[float, float]
+_Record = TypeVar("_Record")
+
+
+def above_zero(name: str, value: float, most: float = math.inf) -> None:
+    """Refuse an argument that is no number above 0 and at most `most`."""
+    if not (isinstance(value, int | float) and 0 < value <= most and math.isfinite(value)):
+        up_to = f" and at most {most:g}" if math.isfinite(most) else ""
+        raise InputError(f"{name} is {value!r}: give a number above 0{up_to}")
+
+
+def whole_from(name: str, value: int, least: int) -> None:
+    """Refuse an argument that is no whole number of `least` or more."""
+    if not isinstance(value, int) or isinstance(value, bool) or value < least:
+        raise InputError(f"{name} is {value!r}: give a whole number, {least} or more")
+
+
+def within(name: str, value: float, low: float, high: float) -> None:
+    """Refuse an argument that is no number from `low` to `high`."""
+    if not (isinstance(value, int | float) and low <= value <= high):
+        raise InputError(f"{name} is {value!r}: give a number from {low:g} to {high:g}")
+
+
+def one_of(name: str, value: str, known: Sequence[str]) -> None:
+    """Refuse an argument that is not among those there are."""
+    if value not in known:
+        raise InputError(f"unknown {name} {value!r}; there are: {', '.join(known)}")
+
+
+def ends_of(name: str, value: Range) -> tuple[float, float]:
+    """Return the ends of a range given as an argument; a number is a range of its own."""
+    low, high = value if isinstance(value, Sequence) and len(value) == 2 else (value, value)
+    if not (isinstance(low, int | float) and isinstance(high, int | float) and 0 < low <= high < math.inf):
+        raise InputError(f"{name} is {value!r}: give a number above 0, or the ends of a range, the lower first")
+    return float(low), float(high)
+
+
+def machine_of(given: Any) -> Any:
+    """Return the machine of a name, a file, a mapping of arguments of `Machine.load`, or `plain` of one."""
+    if isinstance(given, str | Path):
+        return Machine.load(str(given))
+    if not isinstance(given, Mapping):
+        return given
+    if "base" in given:
+        machine = Machine.model_validate(given)
+        machine.check()
+        return machine
+    _only_known("machine", given, list(signature(Machine.load).parameters))
+    return Machine.load(**given)
+
+
+def record_of(name: str, given: Any, own: _Record) -> Any:
+    """Return a record of a mapping, which replaces what it names of `own`; anything else as it is."""
+    if not isinstance(given, Mapping):
+        return given
+    kept = {f.name: getattr(own, f.name) for f in fields(own)}  # type: ignore[arg-type]
+    _only_known(name, given, list(kept))
+    return type(own)(**{**kept, **given})
+
+
+def plain(given: Any) -> Any:
+    """Return an argument as JSON writes it: machines and records as mappings, tuples as lists, paths as text."""
+    if isinstance(given, Machine):
+        return given.model_dump(mode="json")
+    if hasattr(given, "__dataclass_fields__") and not isinstance(given, type):
+        return {f.name: plain(getattr(given, f.name)) for f in fields(given)}
+    if isinstance(given, Mapping):
+        return {name: plain(value) for name, value in given.items()}
+    if isinstance(given, tuple | list):
+        return [plain(value) for value in given]
+    return str(given) if isinstance(given, Path) else given
+
+
+def _only_known(name: str, given: Mapping[str, Any], known: list[str]) -> None:
+    for key in given:
+        if key not in known:
+            raise InputError(f"{name} has no entry {key!r}; it has {', '.join(known)}")

@@ -1,0 +1,83 @@
+"""What is drawn of an episode's machine: constants nobody can know, and none that an operator sets.
+
+A dial of the operator, the pressure of the flushing say, is no uncertainty: it stays where it stands and is shown in
+the observation. Constants without effect are not drawn either: friction and backlash of the table act where MuJoCo
+steps the machine, and only there; the rapid rate and the time for threading pay nothing but time that is not cut.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from edmsim.envs.arguments import Range, ends_of
+from edmsim.errors import InputError
+from edmsim.machine.machine import Machine
+from edmsim.machine.ranges import choose
+
+DIALS = ("dielectric.flushing_pressure_Pa", "guides.wire_speed_m_s")
+"""Constants with a range that an operator sets."""
+DRY = ("table.friction_N", "table.presliding_um", "table.backlash_um")
+"""Constants of the table that count with ``mechanics="mujoco"`` only."""
+_TIMES = ("table.rapid_um_s", "table.threading_s")
+
+
+def names_of(machine: Machine, randomise: Sequence[str] | None, mechanics: str) -> tuple[str, ...]:
+    """Return the constants of a machine that an episode draws.
+
+    Parameters
+    ----------
+    machine : Machine
+    randomise : sequence of str or None
+        Sections and names; empty for all that are drawn by themselves, None for none.
+    mechanics : {"modal", "mujoco"}
+
+    Raises
+    ------
+    InputError
+        A name that is none, or that has no effect with these mechanics.
+    """
+    if randomise is None:
+        return ()
+    without = _TIMES + (() if mechanics == "mujoco" else DRY)
+    if not randomise:
+        return tuple(name for name in machine.uncertain() if name not in (*without, *DIALS))
+    dead = [name for name in randomise if name in without or (name == "table" and mechanics != "mujoco")]
+    if dead:
+        raise InputError(
+            f"randomise names {dead[0]!r}, which has no effect here: friction and backlash count with "
+            'mechanics="mujoco" only, times of the table never'
+        )
+    return tuple(name for name in choose(machine, randomise) if name not in without)
+
+
+def draw_machine(
+    rng: np.random.Generator, bases: Sequence[Machine], ranges: Mapping[str, Range | None], names: Sequence[str],
+    drawn: dict[str, float | str],
+) -> Machine:
+    """Draw a machine.
+
+    Parameters
+    ----------
+    rng : numpy.random.Generator
+        Same state, same machine.
+    bases : sequence of Machine
+        One for every material.
+    ranges : mapping
+        Ranges of the operator's choices, drawn uniformly, by name; None for those of the machine.
+    names : sequence of str
+        Constants to draw within their ranges (see `Machine.sample`).
+    drawn : dict
+        What was drawn of these is added by name.
+    """
+    machine = bases[int(rng.integers(len(bases)))]
+    bounds = {name: ends_of(name, value) for name, value in ranges.items() if value is not None}
+    values = {name: float(rng.uniform(*ends)) for name, ends in bounds.items()}
+    if any(values[name] != getattr(machine, name) for name in values):
+        machine = machine.with_(**values)
+    if names:
+        machine = machine.sample(rng, names)
+        constants = machine.uncertain()
+        drawn |= {name: constants[name].value for name in names}
+    return machine

@@ -1,0 +1,55 @@
+"""Knobs of the pulse generator: what actions behind the feed's turn, by which law, and in which steps."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from edmsim.errors import InputError
+from edmsim.machine.machine import Machine
+from edmsim.machine.setting import least_period_us
+
+KNOBS = {
+    "on_time": "on-time over the first one",
+    "period": "pulse period over the first one",
+    "duty_factor": "period per on-time over the first ratio",
+}
+"""Knobs there are, and what an action turns; each by a power of 2 within `Family.setting_octaves`. Of period and duty
+factor there can be one: the other follows."""
+MOST_OCTAVES = 4.0
+"""Greatest reach of the knobs either way that may be asked for (ours)."""
+Detents = tuple[float, float]
+
+
+def check_knobs(names: Sequence[str]) -> None:
+    """Refuse knobs there are not, and two that turn the same."""
+    for name in names:
+        if name not in KNOBS:
+            raise InputError(f"there is no knob {name!r}; there are: {', '.join(KNOBS)}")
+    if len(set(names)) != len(names) or {"period", "duty_factor"} <= set(names):
+        raise InputError(f"knobs are {', '.join(names)}: name each once, and period or duty_factor, not both")
+
+
+def turned_us(
+    names: Sequence[str], octaves: float, first_us: tuple[float, float], wanted: Sequence[float]
+) -> tuple[float, float]:
+    """Return on-time and period that actions -1..1 on some knobs ask for, given the setting of the start."""
+    factor = {name: 2.0 ** (octaves * float(action)) for name, action in zip(names, wanted, strict=True)}
+    on_us, period_us = first_us
+    on_us *= factor.get("on_time", 1.0)
+    if "duty_factor" in factor:
+        return on_us, period_us * factor.get("on_time", 1.0) * factor["duty_factor"]
+    return on_us, period_us * factor.get("period", 1.0)
+
+
+def to_detents(t_on_us: float, t_period_us: float, detents_us: Detents) -> tuple[float, float]:
+    """Return the nearest setting that knobs with these steps have."""
+    on_step, period_step = detents_us
+    return round(t_on_us / on_step) * on_step, round(t_period_us / period_step) * period_step
+
+
+def least_setting_us(machine: Machine, t_on_us: float, detents_us: Detents) -> tuple[float, float]:
+    """Return an on-time with the shortest period at which the supply gives it, both in detents."""
+    on_step, period_step = detents_us
+    on = round(t_on_us / on_step) * on_step
+    return on, math.ceil(least_period_us(machine, on) / period_step - 1e-9) * period_step

@@ -1,0 +1,86 @@
+"""The servo under supervisory actions: it holds what they set, window by window, and retracts from shorts.
+
+It is the law of the controller `counts` without its processor: the error is the share of open pulses less that of
+short ones less the target; a low-passed error, a proportional and an integral part make the feed.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from edmsim.compiled.jit import exactly_compiled
+
+GAINS = (10.0, 30.0)
+"""Feed in um/s per unit of the error, and its growth in um/s per s: those of `counts`."""
+TARGET_SHARE = (0.0, 0.3)
+"""Shares of open pulses that actions of -1 and 1 ask for (ours: from a gap at its narrowest to a wide one)."""
+FILTER_S = 0.1
+SHORTED_SHARE, PATIENCE_S = 0.5, 0.15
+"""From which share of short pulses on a window is shorted, and for how long before the wire retracts: as `counts`."""
+RETRACT_UM_S = 20.0
+"""Greatest speed backwards, as `counts` has it."""
+KEPT_SHARE = 0.5
+"""What is left of the integral after a retract, as the classic servos have it (`controllers.feed.gap_servo`)."""
+
+SERVO = np.dtype(
+    [("target", "f8"), ("error", "f8"), ("integral_um_s", "f8"), ("shorted_s", "f8"), ("retracting", "i8"),
+     ("feed_um_s", "f8")]
+)
+"""What changes of a servo: target as a share, filtered error, integral part, time shorted, and the feed asked for."""
+
+
+def begin(row: Any, feed_um_s: float) -> None:
+    """Begin with a feed; `row` is a record of `SERVO`."""
+    row["error"] = row["shorted_s"] = row["retracting"] = 0
+    row["integral_um_s"] = row["feed_um_s"] = feed_um_s
+
+
+def target_of(wanted: Any, bounds: tuple[float, float]) -> Any:
+    """Return the targets that actions -1..1 ask for: the ends of the range at -1 and 1."""
+    low, high = bounds
+    return low + (high - low) * (wanted + 1.0) / 2.0
+
+
+@exactly_compiled
+def respond(
+    lanes: NDArray[np.int64], servos: NDArray[np.void], short: NDArray[np.float64], open_: NDArray[np.float64],
+    duration_s: NDArray[np.float64], limit_um_s: float, proportional: float, integral: float,
+) -> None:
+    """Let servos answer a window each.
+
+    Parameters
+    ----------
+    lanes : (m,)
+        Those that had a window; of the other arguments, row i belongs to lane i.
+    servos : (n,) `SERVO`
+        Brought up to date.
+    short, open_ : (n,)
+        Shares of the pulses.
+    duration_s : (n,)
+    limit_um_s : float
+        Greatest feed.
+    proportional, integral : float
+        See `GAINS`.
+    """
+    for j in range(lanes.shape[0]):
+        i = lanes[j]
+        error = open_[i] - short[i] - servos[i].target
+        shorted = short[i] >= SHORTED_SHARE
+        servos[i].shorted_s = servos[i].shorted_s + duration_s[i] if shorted else 0.0
+        if shorted and servos[i].shorted_s >= PATIENCE_S:
+            servos[i].retracting = 1
+            servos[i].feed_um_s = -min(RETRACT_UM_S, limit_um_s)
+            continue
+        if servos[i].retracting:
+            servos[i].retracting = 0
+            servos[i].error = error
+            servos[i].integral_um_s *= KEPT_SHARE
+        servos[i].error -= math.expm1(-duration_s[i] / FILTER_S) * (error - servos[i].error)
+        grown = servos[i].integral_um_s + integral * servos[i].error * duration_s[i]
+        servos[i].integral_um_s = min(max(grown, 0.0), limit_um_s)
+        feed = servos[i].integral_um_s + proportional * servos[i].error
+        servos[i].feed_um_s = min(max(feed, -min(RETRACT_UM_S, limit_um_s)), limit_um_s)

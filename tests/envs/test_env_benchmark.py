@@ -1,0 +1,192 @@
+"""What an id says: distribution, time, reward; and what else of a task is an argument."""
+
+from __future__ import annotations
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+import edmsim
+from edmsim.envs import Task
+from edmsim.envs.registry import family_of
+from edmsim.errors import InputError
+
+FROZEN = {
+    "GapFeed": ((4.0, 40.0), 25.0, (0.0, 0.0)), "HeightStep": ((4.0, 40.0), 25.0, (0.0, 0.0)),
+    "Corner": ((4.0, 40.0), 75.0, (4.0, 0.1)), "Contour": ((4.0, 20.0), 300.0, (1.0, 0.1)),
+}  # fmt: skip
+"""Heights, seconds, weights of profile and time: another value needs another version."""
+STILL = np.zeros(1, np.float32)
+
+
+def test_an_id_is_the_benchmark(env_name):
+    family = gym.make(f"edmsim/{env_name}-v1").unwrapped.family
+    heights_mm, seconds, (profile, time) = FROZEN[env_name]
+    weights = family.reward_weights
+    assert (family.height_mm, family.tension, family.randomise) == (heights_mm, (8.0, 20.0), ())
+    assert (family.resolution, family.mechanics, family.planner, family.history) == ("fast", "modal", "poscal", 4)
+    assert (family.episode_s, family.wires, family.decision_s, family.latency_s) == (seconds, 1, None, 0.0)
+    assert (weights.progress, weights.short, weights.open) == (1, 0.5, 0.1)
+    assert (weights.profile, weights.time) == (profile, time)
+    assert (weights.wire_break, weights.limit, weights.done) == (1, 1, 0)
+    task = Task(env_name)
+    task.reset(1_000_000)
+    assert task.scenario.drawn["tension"] == pytest.approx(10.5024, abs=1e-3)
+
+
+def test_dials_and_what_has_no_effect_are_not_drawn(make_env):
+    drawn = gym.make("edmsim/GapFeed-v1").reset(seed=1)[1]["drawn"]
+    assert "gap.critical_um" in drawn
+    assert not {"dielectric.flushing_pressure_Pa", "guides.wire_speed_m_s", "table.friction_N"} & set(drawn)
+    family = family_of("GapFeed").of(mechanics="mujoco")
+    assert {"table.friction_N", "table.backlash_um"} < set(family.drawn_constants)
+
+
+def test_a_settling_wire_earns_nothing(make_env):
+    env = make_env("GapFeed", action="speed")
+    env.reset(seed=1)
+    assert sum(env.step(STILL)[4]["area_mm2"] for _ in range(60)) < 0.002  # 0.1 um of path
+
+
+def test_a_longer_period_buys_no_time(make_env):
+    windows = {}
+    for knob in (0.0, 1.0):
+        env = make_env("GapFeed", knobs=["period"], episode_s=2.0)
+        env.reset(seed=1)
+        over, windows[knob], seconds = False, 0, 0.0
+        while not over:
+            *_, over, info = env.step(np.array([0.0, knob], np.float32))
+            windows[knob], seconds = windows[knob] + 1, seconds + info["dt_s"]
+        assert 2.0 <= seconds < 2.0 + info["dt_s"]
+    assert windows == {0.0: 79, 1.0: 20}
+
+
+def test_the_next_wire_is_threaded_where_the_last_one_broke(make_env):
+    strained = edmsim.Machine.load(wire="brass-100", tension=2.0, height_mm=5.0)
+    half = strained.wire.half_strength_K.model_copy(update={"value": 300.0, "range": None})
+    weak = strained.model_copy(update={"wire": strained.wire.model_copy(update={"half_strength_K": half})})
+    env = make_env("GapFeed", action="speed", machine=weak, wires=2)
+    env.reset(seed=1)
+    over, total, cost, places = False, 0.0, 0.0, []
+    while not over:
+        _, _, over, _, info = env.step(np.array([0.3], np.float32))
+        total, cost = total + info["reward_terms"]["wire_break"], cost + info["cost"]
+        places.append(info["path_um"])
+    assert (info["cause"], info["wires_lost"], cost) == ("wire-break", 2, 2.0)
+    assert total == pytest.approx(-2 * 60 / 0.0255)
+    assert info["time_s"] > 60
+    assert (np.diff(places) >= 0).all()
+
+
+def test_a_servo_holds_what_is_asked_of_it(make_env):
+    """Row of the study: raw feeds jam nearly every first episode, targets none."""
+    shares = {}
+    for wanted in (-1.0, 1.0):
+        env = make_env("GapFeed", action="servo", decision_s=0.2)
+        env.reset(seed=1)
+        infos = [env.step(np.array([wanted], np.float32))[-1] for _ in range(60)]
+        assert infos[-1]["cause"] == ""
+        shares[wanted] = np.mean([(i["open"] - i["short"]) / 2040 for i in infos[30:]])
+    assert shares[-1.0] == pytest.approx(0.0, abs=0.06)
+    assert shares[1.0] == pytest.approx(0.3, abs=0.06)
+
+
+def test_bounds_cost_by_the_second(make_env):
+    env = make_env("Corner", action="speed", energy_bound_mJ=8.0)
+    env.reset(seed=1)
+    costs = [env.step(np.array([0.1, knob, 0.0], np.float32))[4] for knob in (0.0, 0.5)]
+    assert [info["energy_mJ"] > 8.0 for info in costs] == [False, True]
+    assert [info["cost"] for info in costs] == pytest.approx([0.0, costs[1]["dt_s"]])
+
+
+def test_objectives_make_a_vector(make_env, make_lanes):
+    options = {"action": "speed", "objectives": ["progress", "short", "profile"]}
+    env, lanes = make_env("GapFeed", **options).unwrapped, make_lanes("GapFeed", 2, **options)
+    env.reset(seed=1)
+    lanes.reset(seed=1)
+    for _ in range(30):
+        _, one, *_, info = env.step(np.array([0.3], np.float32))
+        many = lanes.step(np.full((2, 1), 0.3, np.float32))[1]
+    assert env.reward_space.contains(one)
+    assert one.tolist() == pytest.approx([info["reward_terms"][name] for name in options["objectives"]])
+    assert (many[0] == one).all()
+
+
+def test_a_late_feed_moves_the_table_later(make_env):
+    places = {}
+    for latency_s in (0.0, 0.0125, 1.0):
+        env = make_env("GapFeed", action="speed", latency_s=latency_s, planner="exact")
+        env.reset(seed=1)
+        places[latency_s] = [env.step(np.array([0.4], np.float32))[4]["path_um"] for _ in range(3)]
+    assert places[0.0] == pytest.approx([1.02, 2.04, 3.06])
+    assert places[0.0125] == pytest.approx([0.52, 1.54, 2.56])
+    assert places[1.0] == pytest.approx([0.0, 1.02, 2.04])  # a window late at most
+
+
+def test_sensors_have_noise_steps_and_delay(make_env):
+    measured = None, {"noise_share": 0.05, "bits": 4}, {"noise_share": 0.0, "bits": 0, "delay_steps": 1}
+    exact, noisy, late = (make_env("GapFeed", sensors=sensors) for sensors in measured)
+    seen = []
+    for env in (exact, noisy, late):
+        env.reset(seed=1)
+        seen.append(np.array([env.step(STILL)[0] for _ in range(20)]))
+    assert (seen[0][:, :3] == seen[1][:, :3]).all()
+    assert 0.01 < np.std(seen[0][:, 3] - seen[1][:, 3]) < 0.1
+    np.testing.assert_allclose(seen[1][:, 3] * 15, np.rint(seen[1][:, 3] * 15), atol=1e-5)
+    assert (seen[2][1:, :40] == seen[0][:-1, :40]).all()
+
+
+def test_mujoco_steps_the_table(make_env):
+    env = make_env("GapFeed", mechanics="mujoco", action="speed")
+    env.reset(seed=1)
+    infos = [env.step(np.array([0.2], np.float32))[4] for _ in range(5)]
+    assert env.unwrapped._batch.lanes.fleet.plants[0].mechanics == "mujoco"
+    assert infos[-1]["path_um"] > 1
+
+
+def test_a_lane_may_keep_its_machine(make_lanes):
+    lanes = make_lanes("GapFeed", 1, height_mm=(4.0, 40.0), machine_episodes=2, max_episode_steps=1)
+    heights = [lanes.reset(seed=1)[1]["drawn"]["height_mm"][0]]
+    heights += [lanes.reset()[1]["drawn"]["height_mm"][0] for _ in range(3)]
+    assert heights[0] == heights[1] != heights[2] == heights[3]
+
+
+def test_what_comes_next_may_be_changed(make_env):
+    env = make_env("GapFeed").unwrapped
+    env.change(height_mm=[7.0, 7.0], weights={"short": 2.0})
+    assert env.reset(seed=1)[1]["drawn"]["height_mm"] == 7.0
+    with pytest.raises(InputError, match="history cannot change between episodes"):
+        env.change(history=1)
+
+
+def test_a_machine_that_is_given_is_written_out(make_env):
+    machine = edmsim.Machine.load(height_mm=7.0).sample(np.random.default_rng(1), ["gap"])
+    env = make_env("GapFeed", machine=machine, weights=edmsim.envs.Weights(short=2.0))
+    again = gym.make(gym.envs.registration.EnvSpec.from_json(env.spec.to_json()))
+    assert again.unwrapped.family == env.unwrapped.family
+    assert again.unwrapped.family.base == machine
+
+
+@pytest.mark.filterwarnings("ignore::UserWarning", "ignore::pytest.PytestUnraisableExceptionWarning")
+def test_minari_records_and_recovers_every_id(env_name, tmp_path, monkeypatch):
+    minari = pytest.importorskip("minari")
+    for needed in ("h5py", "jax"):
+        pytest.importorskip(needed)
+    monkeypatch.setenv("MINARI_DATASETS_PATH", str(tmp_path))
+    env = minari.DataCollector(gym.make(f"edmsim/{env_name}-v1", machine=edmsim.Machine.load()), record_infos=False)
+    env.reset(seed=1)
+    for _ in range(5):
+        env.step(env.action_space.sample())
+    kept = env.create_dataset(dataset_id=f"edmsim/{env_name.lower()}/test-v0")
+    assert kept.total_steps == 5
+    assert kept.recover_environment().unwrapped.family == env.unwrapped.family
+    env.close()
+
+
+def test_mo_gymnasium_runs_on_objectives():
+    mo = pytest.importorskip("mo_gymnasium")
+    made = mo.make("edmsim/GapFeed-v1", objectives=["progress", "short"])
+    env = mo.wrappers.LinearReward(made, np.array([1.0, 2.0]))
+    env.reset(seed=1)
+    *_, info = env.step(STILL)
+    assert info["vector_reward"].shape == (2,)
