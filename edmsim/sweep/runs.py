@@ -190,7 +190,3 @@ def digest(file: str) -> str | None:
 @lru_cache(maxsize=1024)
 def _digest(file: str, _time_ns: int, _size: int) -> str:
     return hashlib.sha256(Path(file).read_bytes()).hexdigest()[:16]
-
-
-def _plain(given: Mapping[str, Any]) -> dict[str, Any]:
-    return {name: list(value) if isinstance(value, tuple) else value for name, value in given.items()}
