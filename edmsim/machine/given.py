@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
-from typing import get_args
+from collections.abc import Iterable, Iterator, Mapping
+from typing import Any, get_args
 
 from pydantic import ValidationError
 
@@ -23,9 +23,16 @@ def _kinds() -> dict[str, type[Constant]]:
     return {
         f"{section}.{key}": kind
         for section, part in parts.items() if isinstance(part, type) and issubclass(part, Part)
-        for key, field in part.model_fields.items() for kind in (field.annotation, *get_args(field.annotation))
+        for key, field in part.model_fields.items() for kind in _parts_of(field.annotation)
         if isinstance(kind, type) and issubclass(kind, Constant)
     }  # fmt: skip
+
+
+def _parts_of(annotation: Any) -> Iterator[Any]:
+    """Hand out an annotation and what it is made of: a constant may be left out, and has bounds."""
+    yield annotation
+    for part in get_args(annotation):
+        yield from _parts_of(part)
 
 
 KINDS = _kinds()

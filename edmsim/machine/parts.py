@@ -89,7 +89,7 @@ class Geometry(Part):
     # of both screws: travel of a turn
     lead_mm: Annotated[Positive, _within(0.1, 100)] | None = None
     # error of y per travel of x
-    squareness_um_m: Annotated[Constant, _within(-10000, 10000)] | None = None
+    squareness_um_m: Annotated[Constant, _within(-50000, 50000)] | None = None
     # how far the way of x bends towards y at its ends
     x_straightness_um: Annotated[Constant, _within(-1000, 1000)] | None = None
     y_straightness_um: Annotated[Constant, _within(-1000, 1000)] | None = None

@@ -20,7 +20,8 @@ THEORY = ROOT / "docs" / "theory"
 PAGES = sorted(THEORY.glob("*.md"))
 NO_PHYSICS = {
     "axes/drives", "axes/rapid", "axes/steps", "constants", "fleet", "gap/rays", "kernel/declare", "kernel/memory",
-    "kernel/state", "mechanics/mjcf", "plant", "readings", "resolution", "window", "workpiece/start_slot",
+    "kernel/state", "mechanics/mjcf", "plant", "readings", "resolution", "snapshot",
+    "window", "workpiece/start_slot",
 }
 ROWS = [
     Row.band("gap", "agrees", "Someone | 1982", low=1, simulated=2.0, unit="um"),
