@@ -11,7 +11,9 @@ from numpy.typing import NDArray
 
 from edmsim.cosim.observers import Turn
 from edmsim.cosim.stops import WORDS, StopCause
+from edmsim.envs.path_follower import LANE, RUNNING
 from edmsim.envs.reward import TERMS
+from edmsim.plant.window import read_window
 from edmsim.recording.closeups import PULSES, Closeups
 from edmsim.recording.frames import Frames
 from edmsim.recording.windows import WindowTable
@@ -21,7 +23,7 @@ if TYPE_CHECKING:
     from edmsim.recording.rerun.steps import Steps
     from edmsim.recording.scene import Scene
 
-EVERY = 4
+EVERY = 6
 """Of so many windows one is kept pulse by pulse, with the wire's shape (ours: it keeps recording below a tenth of a
 step; a window more is seldom seen in a viewer)."""
 
@@ -42,7 +44,7 @@ class EpisodeRecorder:
         plant = lanes.fleet.plants[lane]
         size = plant.resolution
         self._lanes, self._lane, self._actions = lanes, lane, list(actions)
-        self._windows = WindowTable()
+        self._kept: list[tuple[bytes, bytes, tuple[float, float], tuple[float, float]]] = []
         self._closeups = Closeups(size.slices, size.rays, _scene_slice(lanes, lane))
         self._steps: list[tuple[float, ...]] = []
         self._rows: list[int] = []
@@ -52,7 +54,7 @@ class EpisodeRecorder:
 
     def __len__(self) -> int:
         """Return the number of windows recorded."""
-        return len(self._windows)
+        return len(self._kept)
 
     def stop(self) -> None:
         """Watch no more."""
@@ -62,17 +64,30 @@ class EpisodeRecorder:
         """See a window of some lanes."""
         if self._lane not in lanes:
             return
-        here, plant = self._lane, self._lanes.fleet.plants[self._lane]
-        row, window = self._lanes.rows[here], plant.window()
-        path_um = float(row["before_um"] + row["path_um"])
-        turn = Turn(window, window.start_ns + window.duration_ns, float(row["feed_um_s"]), path_um)
-        if self._leg != self._lanes.leg[here]:
-            self._leg, scenario = self._lanes.leg[here], self._lanes.scenarios[here]
+        here, plant, rows = self._lane, self._lanes.fleet.plants[self._lane], self._lanes.rows
+        leg = self._lanes.leg[here]
+        # as bytes: to read the records takes a tenth of a step, and can wait until the recording is written
+        kept = self._lanes.fleet.windows[here].tobytes(), rows[here].tobytes()
+        self._kept.append((*kept, plant.commanded_um, plant.following_error_um))
+        if self._leg != leg:
+            self._leg, scenario = leg, self._lanes.scenarios[here]
             assert scenario is not None
-            self._closeups.leg(np.rint(scenario.legs_um[self._leg]).astype(np.int64), float(row["before_um"]))
-        self._windows.window(turn, plant)
-        if len(self._windows) % EVERY == 1 or row["cause"] != StopCause.RUNNING:
-            self._closeups.window(turn, plant)
+            self._closeups.leg(np.rint(scenario.legs_um[leg]).astype(np.int64), float(rows[here]["before_um"]))
+        if len(self._kept) % EVERY == 1 or rows[here]["cause"] != RUNNING:
+            self._closeups.window(_turn(*kept)[0], plant)
+
+    def _table(self) -> WindowTable:
+        """Return the table of the windows, as of a cut."""
+        table = WindowTable()
+        for window_bytes, row_bytes, commanded_um, following_um in self._kept:
+            (window, time_ns, feed_um_s, path_um), setting_us = _turn(window_bytes, row_bytes)
+            table.append((
+                time_ns * 1e-9, *commanded_um, feed_um_s, window.short, window.open, window.spark, window.arc,
+                window.mean_voltage_V, window.mean_current_A, window.mean_delay_us, window.gap_um,
+                -window.deflection_um[0], -window.deflection_um[1], *following_um, window.wire_temperature_K,
+                window.debris, window.coverage, *setting_us, path_um,
+            ))  # fmt: skip
+        return table
 
     def step(
         self, action: Sequence[float], terms: Mapping[str, float], cost: float, error_um: float, area_mm2: float
@@ -89,7 +104,7 @@ class EpisodeRecorder:
             As in ``info``.
         """
         self._steps.append((*action, *(terms[name] for name in TERMS), cost, error_um, area_mm2))
-        self._rows.append(len(self._windows) - 1)
+        self._rows.append(len(self._kept) - 1)
 
     def write(self, file: Path, title: str, settings: Mapping[str, Any], outcome: str | None = None) -> None:
         """Write the recording of the episode so far, before the lane begins another.
@@ -110,10 +125,11 @@ class EpisodeRecorder:
         file.parent.mkdir(parents=True, exist_ok=True)
         scenario, plant = self._lanes.scenarios[self._lane], self._lanes.fleet.plants[self._lane]
         assert scenario is not None
-        scene = scene_of(self._lanes, self._lane)
+        scene, windows = scene_of(self._lanes, self._lane), self._table()
+        values = windows.values()
         write_recording(
-            file, scene, self._windows.to_arrow(), Frames(plant.resolution.slices), self._closeups, scenario.machine,
-            self._report(settings, outcome or self._outcome(), scene), title, self._told(),
+            file, scene, windows.to_arrow(), Frames(plant.resolution.slices), self._closeups, scenario.machine,
+            self._report(settings, outcome or self._outcome(), scene, values), title, self._told(values),
         )
 
     def _outcome(self) -> str:
@@ -121,11 +137,12 @@ class EpisodeRecorder:
         late = cause is StopCause.RUNNING and bool(self._lanes.out_of_time[self._lane])
         return WORDS[StopCause.TIME_LIMIT if late else cause].report
 
-    def _report(self, settings: Mapping[str, Any], outcome: str, scene: Scene) -> dict[str, Any]:
+    def _report(
+        self, settings: Mapping[str, Any], outcome: str, scene: Scene, values: NDArray[np.float64]
+    ) -> dict[str, Any]:
         """Return of a cut's report what its recording tells."""
         from edmsim import __version__
 
-        values = self._windows.values()
         lane, scenario = self._lanes.rows[self._lane], self._lanes.scenarios[self._lane]
         assert scenario is not None
         cutting_s, known = float(lane["elapsed_ns"]) * 1e-9, scene.known_errors()
@@ -142,11 +159,11 @@ class EpisodeRecorder:
             "settings": {**settings, **{f"drawn {name}": value for name, value in scenario.drawn.items()}},
         }  # fmt: skip
 
-    def _told(self) -> Steps:
+    def _told(self, windows: NDArray[np.float64]) -> Steps:
         """Lay out what the steps commanded, earned and cost."""
         from edmsim.recording.rerun.steps import COST, EARNED, TOTAL, steps_of
 
-        windows, actions, terms = self._windows.values(), len(self._actions), len(TERMS)
+        actions, terms = len(self._actions), len(TERMS)
         values = np.array(self._steps, np.float64).reshape(len(self._steps), actions + terms + 3)
         earned, cost = values[:, actions : actions + terms], values[:, actions + terms]
         total, costs = np.cumsum(earned.sum(axis=1)), np.column_stack([cost, np.cumsum(cost)])
@@ -163,6 +180,14 @@ class EpisodeRecorder:
             f"window its last {PULSES} pulses are kept.",
         ]
         return steps_of(groups, windows[self._rows, 0], windows[self._rows, -1], notes)
+
+
+def _turn(window_bytes: bytes, row_bytes: bytes) -> tuple[Turn, tuple[float, float]]:
+    """Return the turn that was kept of a window, and the generator's on-time and period in us."""
+    window, row = read_window(memoryview(window_bytes)), np.frombuffer(row_bytes, LANE)[0]
+    on_us, period_us = row["setting_us"].tolist()
+    path_um = float(row["before_um"] + row["path_um"])
+    return Turn(window, window.start_ns + window.duration_ns, float(row["feed_um_s"]), path_um), (on_us, period_us)
 
 
 def _scene_slice(lanes: Lanes, lane: int) -> int:
