@@ -24,8 +24,8 @@ if TYPE_CHECKING:
     from edmsim.recording.scene import Scene
 
 EVERY = 6
-"""Of so many windows one is kept pulse by pulse, with the wire's shape (ours: six or seven a second, as many as an eye
-follows, and a sixth of the time they take)."""
+"""Of so many windows one is kept pulse by pulse, with the wire's shape (ours: six or seven a second, as many as an
+eye follows, and a sixth of the time they take)."""
 
 
 class EpisodeRecorder:
