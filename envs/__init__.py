@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from edmsim.envs.episode import StepResult, Task
     from edmsim.envs.gap_feed import GapFeed
     from edmsim.envs.height_step import HeightStep
+    from edmsim.envs.record import RecordRerun
     from edmsim.envs.registry import register
     from edmsim.envs.reward import Weights
     from edmsim.envs.sb3 import make_sb3_vec_env
@@ -34,6 +35,7 @@ _HOMES = {
     "Family": "task",
     "GapFeed": "gap_feed",
     "HeightStep": "height_step",
+    "RecordRerun": "record",
     "Scenario": "task",
     "Sensors": "sensors",
     "StepResult": "episode",
@@ -44,7 +46,8 @@ _HOMES = {
 }
 __all__ = [
     "Contour", "Corner", "DiscreteFeed", "DiscreteFeedVector", "EdmEnv", "EdmVectorEnv", "Family", "GapFeed",
-    "HeightStep", "Scenario", "Sensors", "StepResult", "Task", "Weights", "make_sb3_vec_env", "register",
+    "HeightStep", "RecordRerun", "Scenario", "Sensors", "StepResult", "Task", "Weights", "make_sb3_vec_env",
+    "register",
 ]
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -13,12 +13,15 @@ from edmsim.cosim.stops import WORDS, StopCause
 from edmsim.envs.checks import checked_options
 from edmsim.envs.lanes import Lanes
 from edmsim.envs.registry import make_family
-from edmsim.envs.reward import Earned
+from edmsim.envs.reward import TERMS, Earned
 from edmsim.envs.task import Family, Scenario
 from edmsim.errors import InputError
 from edmsim.machine.machine import Machine
 from edmsim.plant.plant import Plant
 from edmsim.plant.window import PulseWindow
+
+if TYPE_CHECKING:
+    from edmsim.envs.recorder import EpisodeRecorder
 
 _LANE = np.zeros(1, np.int64)
 
@@ -174,6 +177,17 @@ class Task:
     def leg(self) -> tuple[int, float]:
         """Number of the leg the wire is on, from 0, and the length of the legs before it."""
         return self._lanes.leg[0], float(self._lanes.rows[0]["before_um"])
+
+    @property
+    def reward_terms(self) -> dict[str, float]:
+        """Terms of the last window's reward by name."""
+        return dict(zip(TERMS, self._earned.terms[:, 0].tolist(), strict=True))
+
+    def recorder(self) -> EpisodeRecorder:
+        """Return a recorder of the episode that has just begun; actions are feed, on-time and period as commanded."""
+        from edmsim.envs.recorder import EpisodeRecorder
+
+        return EpisodeRecorder(self._lanes, 0, ("feed_um_s", "t_on_us", "t_period_us"))
 
     def advance(
         self, feed_um_s: float, t_on_us: float | None = None, t_period_us: float | None = None

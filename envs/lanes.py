@@ -7,6 +7,7 @@ arrays. A lane's bits depend on nothing but its own scenario and commands.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import Any, TypeVar
 
 import numpy as np
@@ -67,6 +68,8 @@ class Lanes:
         Why the generator refused the setting last asked for.
     corner_um, corner_deg : (n, most)
         Length of the present leg up to each corner, infinite for the filling, and its turn.
+    watch : callable or None
+        Called with the lanes that had a window, before a fresh wire is threaded in any; a copy has none.
     """
 
     def __init__(self, family: Family, count: int, threads: int = 1) -> None:
@@ -76,6 +79,7 @@ class Lanes:
         self.fleet = Fleet([self._plant(family.base, 0, position_um=centre_um) for _ in range(count)], threads)
         self.rows: NDArray[np.void] = np.zeros(count, LANE)
         self.planners: NDArray[np.void] = np.zeros(count, PLANNER)
+        self.watch: Callable[[Ints], None] | None = None
         self._planner = kind_of(family.planner)
         self._other_planner: NDArray[np.void] = np.zeros(1, PLANNER)
         self.scenarios: list[Scenario | None] = [None] * count
@@ -198,6 +202,8 @@ class Lanes:
         if (status != FINE).any():
             lost = lanes[(status != FINE) & (fleet.windows["broken"][lanes] == 0)]
             rows["cause"][lost] = OUT_OF_RANGE
+        if self.watch is not None:
+            self.watch(lanes)
         for lane in lanes[rows["cause"][lanes] == DONE]:
             self._end_leg(int(lane))
         for lane in lanes[rows["cause"][lanes] == WIRE_BREAK]:
@@ -237,6 +243,10 @@ class Lanes:
             plant.set_generator(scenario.machine.t_on_us, scenario.machine.t_period_us)
             self._take_setting(lane)
         self._begin_leg(lane, following)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return what a copy needs: whoever watches stays with the lanes watched."""
+        return {**self.__dict__, "watch": None}
 
 
 def _with_row(table: NDArray[_Number], lane: int, row: NDArray[_Number], filling: float) -> NDArray[_Number]:

@@ -16,7 +16,6 @@ if TYPE_CHECKING:
 
     from edmsim.envs.lanes import Lanes
     from edmsim.plant.plant import Plant
-    from edmsim.recording.scene import Scene
 
 RENDER_MODES = ("rgb_array", "human")
 RENDER_FPS = 39
@@ -129,10 +128,11 @@ def _drawing(lanes: Lanes, lane: int) -> NDArray[np.uint8]:
     from matplotlib.figure import Figure
     from matplotlib.patches import Circle
 
+    from edmsim.envs.scene import path_scene
     from edmsim.recording.figures.map import draw_map
     from edmsim.recording.figures.palette import VERMILION
 
-    scene = _scene(lanes, lane)
+    scene = path_scene(lanes, lane)
     plant = lanes.fleet.plants[lane]
     figure = Figure(figsize=(WIDTH / _DPI, HEIGHT / _DPI), dpi=_DPI, facecolor="white")
     canvas = FigureCanvasAgg(figure)
@@ -146,25 +146,3 @@ def _drawing(lanes: Lanes, lane: int) -> NDArray[np.uint8]:
     axes.add_patch(Circle(tuple(wire), scene.wire_diameter_um * 0.5e-3, color=VERMILION, zorder=9))
     canvas.draw()  # type: ignore[no-untyped-call]
     return np.array(canvas.buffer_rgba())[..., :3].copy()  # type: ignore[no-untyped-call]
-
-
-def _scene(lanes: Lanes, lane: int) -> Scene:
-    from edmsim.metrology.edges import cut_edges
-    from edmsim.recording.scene import ErrorMap, Polylines, Scene, polylines
-
-    scenario, plant = lanes.scenarios[lane], lanes.fleet.plants[lane]
-    assert scenario is not None
-    machine = scenario.machine
-    middle = plant.resolution.slices // 2
-    edges: list[Polylines] = [() for _ in range(plant.resolution.slices)]
-    edges[middle] = polylines(cut_edges(plant.field, middle))
-    none = np.zeros((0, 2))
-    maps = tuple(ErrorMap(leg * 1e-3, "left", none, none[:, 0]) for leg in scenario.legs_um)
-    clearance = machine.base.guides.clearance_mm.value
-    x0, y0, x1, y1 = (v * 1e-3 for v in scenario.stock.rectangle_um)
-    return Scene(
-        maps=maps, cut_edges_mm=tuple(edges), corners=(),
-        starts_mm=np.array([leg[0] * 1e-3 for leg in scenario.legs_um]),
-        stock_mm=(x0, y0, x1, y1), height_mm=machine.height_mm,
-        guides_z_mm=(-clearance, machine.height_mm + clearance), wire_diameter_um=machine.wire_diameter_um,
-    )

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Any, ClassVar
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import gymnasium as gym
 import numpy as np
@@ -16,6 +17,9 @@ from edmsim.envs.path_follower import RUNNING
 from edmsim.envs.registry import make_family
 from edmsim.envs.render import RENDER_FPS, RENDER_MODES, Renderer, check_render_mode
 from edmsim.envs.task import Family
+
+if TYPE_CHECKING:
+    from edmsim.envs.recorder import EpisodeRecorder
 
 _LANE = np.zeros(1, np.int64)
 
@@ -121,6 +125,18 @@ class EdmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
             self.render()
         told = reward.astype(np.float32) if self.family.objectives else float(reward)
         return batch.observations()[0], told, terminated, truncated, info
+
+    def recorder(self, actions: Sequence[str] | None = None) -> EpisodeRecorder:
+        """Return a recorder of the episode that has just begun; `RecordRerun` records with it.
+
+        Parameters
+        ----------
+        actions : sequence of str, optional
+            What the entries of the actions are called that it will be told of; those of the family if not given.
+        """
+        from edmsim.envs.recorder import EpisodeRecorder
+
+        return EpisodeRecorder(self._batch.lanes, 0, self.family.action_names if actions is None else actions)
 
     def change(self, **options: Any) -> None:
         """Let the next episodes have other arguments, for a curriculum.

@@ -27,6 +27,9 @@ def evaluate(
     resolution: Annotated[
         str | None, typer.Option(help="fast, default or fine; the environment's by default.")
     ] = None,
+    record: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="Folder for a recording of every cut, for edmsim view.")
+    ] = None,
     json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
     """Compare feed controllers on the same randomised machines."""
@@ -52,7 +55,7 @@ def evaluate(
             def watch(done: int, total: int, task: TaskID = task) -> None:
                 bar.update(task, completed=done, total=total)
 
-            found.append(evaluate(env_id, named, seeds, resolution=resolution, watch=watch))
+            found.append(evaluate(env_id, named, seeds, resolution=resolution, record=record, watch=watch))
     if json:
         sys.stdout.write(as_json(found) + "\n")
     else:

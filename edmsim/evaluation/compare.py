@@ -6,6 +6,7 @@ import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +16,7 @@ from edmsim.controllers import SAME_LAW, from_text, names
 from edmsim.envs.registry import base_of, find, make_family, registered_ids
 from edmsim.errors import InputError
 from edmsim.evaluation.episode import BLIND, FINISHED, HELD_BACK, ORACLE, Result, cut, episodes
+from edmsim.files import make_writable
 from edmsim.plant.resolution import resolution as check_resolution
 
 CONFIDENCE = 0.95
@@ -72,7 +74,7 @@ class Comparison:
 
 def evaluate(
     env_id: str, controllers: Sequence[str] | None = None, seeds: int | None = None, *, resolution: str | None = None,
-    watch: Callable[[int, int], None] | None = None,
+    record: Path | None = None, watch: Callable[[int, int], None] | None = None,
 ) -> Comparison:
     """Compare controllers on the same cuts, on all cores.
 
@@ -88,6 +90,8 @@ def evaluate(
         given.
     resolution : {"fast", "default", "fine"}, optional
         The environment's if not given.
+    record : path, optional
+        Folder for a recording of every cut, in a folder of its own (`edmsim.evaluation.episode.recording_folder`).
     watch : callable, optional
         Called with the cuts done and the cuts to do.
 
@@ -99,12 +103,14 @@ def evaluate(
     Raises
     ------
     InputError
-        An unknown environment, controller or resolution, or fewer than 2 seeds.
+        An unknown environment, controller or resolution, fewer than 2 seeds, or a folder that cannot be written to.
     """
     controllers = usual(env_id) if controllers is None else controllers
     seeds = episodes(env_id) if seeds is None else seeds
     check(env_id, controllers, seeds, resolution)
-    results = run(env_id, list(dict.fromkeys([*controllers, BLIND, ORACLE])), seeds, resolution, watch)
+    if record is not None:
+        make_writable(record)
+    results = run(env_id, list(dict.fromkeys([*controllers, BLIND, ORACLE])), seeds, resolution, watch, record)
     used = make_family(env_id).resolution if resolution is None else resolution
     return Comparison(env_id, used, held_back(seeds), results, {
         name: figures_of(made, results[ORACLE], results[BLIND]) for name, made in results.items()
@@ -113,13 +119,13 @@ def evaluate(
 
 def run(
     env_id: str, controllers: Sequence[str], seeds: int, resolution: str | None,
-    watch: Callable[[int, int], None] | None = None,
+    watch: Callable[[int, int], None] | None = None, record: Path | None = None,
 ) -> dict[str, list[Result]]:
     """Make every controller's cuts; see `evaluate` for the arguments."""
     # the oracle's cuts take longest, as it rehearses: first, so that no core waits for them in the end
     jobs = [(name, seed) for name in reversed(controllers) for seed in held_back(seeds)]
     with ThreadPoolExecutor(os.cpu_count()) as pool:
-        futures = {pool.submit(cut, env_id, seed, name, resolution): (name, seed) for name, seed in jobs}
+        futures = {pool.submit(cut, env_id, seed, name, resolution, record): (name, seed) for name, seed in jobs}
         try:
             for done, future in enumerate(as_completed(futures), 1):
                 future.result()

@@ -7,7 +7,9 @@ Whatever is random of an episode follows from its seed, so that every controller
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+import re
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -19,6 +21,10 @@ from edmsim.envs.episode import StepResult, Task
 from edmsim.envs.registry import base_of, find
 from edmsim.envs.reward import REFERENCE_S
 from edmsim.metrology.profile import profile_error
+from edmsim.recording.rerun.playback import RECORDING
+
+if TYPE_CHECKING:
+    from edmsim.envs.recorder import EpisodeRecorder
 
 HELD_BACK = 1_000_000
 """First seed of the comparisons. No gain is ever looked for at or above it; training draws its seeds from 32 bits and
@@ -103,7 +109,9 @@ def episodes(env_id: str) -> int:
     return EPISODES.get(base_of(find(env_id)[0]), USUAL_EPISODES)
 
 
-def cut(env_id: str, seed: int, controller: str, resolution: str | None = None, **options: Any) -> Result:
+def cut(
+    env_id: str, seed: int, controller: str, resolution: str | None = None, record: Path | None = None, **options: Any
+) -> Result:
     """Make one cut; the oracle rehearses it with several gaps, and the cut that earns most counts.
 
     Parameters
@@ -116,16 +124,28 @@ def cut(env_id: str, seed: int, controller: str, resolution: str | None = None, 
         See `edmsim.controllers.from_text`; gains not named are those found by the search.
     resolution : {"fast", "default", "fine"}, optional
         Of the plant; the environment's if not given.
+    record : path, optional
+        Where the recordings go: this one's has the folder that `recording_folder` names.
     **options
         Arguments of the environment in place of its own.
     """
     if resolution is not None:
         options["resolution"] = resolution
     task = Task(env_id, **options)
+    where = None if record is None else recording_folder(record, env_id, seed, controller)
     if controller != ORACLE:
-        return Episode(task, from_text(controller), seed, controller).run()
-    tried = [Episode(task, make(ORACLE, gap_target_um=gap), seed, ORACLE).run() for gap in ORACLE_GAPS_UM]
-    return max(tried, key=lambda result: result.total_return)
+        return Episode(task, from_text(controller), seed, controller, where).run()
+    tried = {gap: Episode(task, make(ORACLE, gap_target_um=gap), seed, ORACLE).run() for gap in ORACLE_GAPS_UM}
+    best = max(tried, key=lambda gap: tried[gap].total_return)
+    return tried[best] if where is None else (
+        Episode(task, make(ORACLE, gap_target_um=best), seed, ORACLE, where).run()  # the same cut again
+    )
+
+
+def recording_folder(record: Path, env_id: str, seed: int, controller: str) -> Path:
+    """Return the folder of a recorded cut: environment, seed and controller under the folder of all recordings."""
+    names = (re.sub(r"[^\w.=,-]+", "-", text) for text in (find(env_id)[0].__name__, f"seed-{seed}", controller))
+    return record.joinpath(*names)
 
 
 class Episode:
@@ -140,6 +160,8 @@ class Episode:
     seed : int
     name : str
         What the controller is called in the result.
+    record : path, optional
+        Folder for a recording of the cut; none is made if not given.
 
     Attributes
     ----------
@@ -147,15 +169,19 @@ class Episode:
         What the last window brought; None before the first.
     """
 
-    def __init__(self, task: Task, controller: FeedController, seed: int, name: str) -> None:
+    def __init__(
+        self, task: Task, controller: FeedController, seed: int, name: str, record: Path | None = None
+    ) -> None:
         self.task = task
         self.controller = controller
         self.last: StepResult | None = None
         self._seed, self._name = seed, name
         self._short = self._open = self._pulses = 0
         self._time_s = self._cut_um = self._area_mm2 = self._error2_um3 = self._return = self._hottest_K = 0.0
-        self._cost = 0.0
+        self._cost, self._given_up = 0.0, False
         task.reset(seed)
+        self._record = record
+        self._recorder = None if record is None else task.recorder()
         self._leg = 0
         self._command = self._begin_leg()
 
@@ -170,7 +196,18 @@ class Episode:
         outcome = None
         while outcome is None:
             outcome = self.step()
+        if self._recorder is not None:
+            self._write(self._recorder)
         return self._result(outcome)
+
+    def _write(self, recorder: EpisodeRecorder) -> None:
+        """Write the recording of the cut, which is over."""
+        assert self._record is not None
+        recorder.stop()
+        task = type(self.task.family).__name__
+        settings = {"environment": task, "controller": self._name, "seed of the reset": self._seed}
+        given_up = WORDS[StopCause.PERSISTENT_SHORT].report if self._given_up else None
+        recorder.write(self._record / RECORDING, f"{task} by {self._name}, seed {self._seed}", settings, given_up)
 
     def step(self) -> str | None:
         """Run one window; returns the outcome if that was the last."""
@@ -178,6 +215,10 @@ class Episode:
         result = self.task.advance(command.feed_um_s, command.t_on_us, command.t_period_us)
         self.last = result
         self._add(result)
+        if self._recorder is not None:
+            given = [math.nan if v is None else v for v in (command.feed_um_s, command.t_on_us, command.t_period_us)]
+            terms = self.task.reward_terms
+            self._recorder.step(given, terms, result.cost, result.error_um, result.area_mm2)
         if result.truth.pulses == WINDOW_PULSES:
             self._command = self._decide(result)
         if result.over:
@@ -185,6 +226,7 @@ class Episode:
         alarm = self._command.alarm is not None
         cause = StopCause(judge(False, False, False, False, alarm, result.late, False))
         if cause is StopCause.PERSISTENT_SHORT:
+            self._given_up = True
             self._return -= self.task.family.reward_weights.limit * self._threading_s / REFERENCE_S
             self._cost += 1.0
             return STOPPED

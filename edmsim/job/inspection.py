@@ -21,6 +21,7 @@ from edmsim.metrology.profile import ProfileError, error_stats, profile_error
 from edmsim.metrology.roughness import roughness_um
 from edmsim.metrology.shares import error_shares, share_stats
 from edmsim.metrology.table_error import motor_offsets_um, table_error
+from edmsim.plant.workpiece.height_steps import Relief
 from edmsim.recording.quality import KerfSlice, Quality, TableShare, Totals, Wall
 from edmsim.recording.scene import ErrorMap, Scene, SceneCorner, Terrace, polylines
 from edmsim.recording.windows import WindowTable
@@ -112,7 +113,7 @@ def inspect(simulation: Simulation, windows: WindowTable) -> Inspection:
         starts_mm=np.array([contour.points_um[0] * 1e-3 for contour in contours]),
         stock_mm=simulation.path.stock_mm,
         height_mm=machine.height_mm,
-        terraces=_terraces(simulation),
+        terraces=terraces(field.relief, simulation.path.stock_mm),
         guides_z_mm=(-guides, machine.height_mm + guides),
         wire_diameter_um=machine.wire_diameter_um,
         hole_radius_mm=simulation.path.start_hole_radius_mm,
@@ -152,11 +153,11 @@ def _shares(
     return [error_shares(profile, contour, offset_um, ways) for profile, contour, ways in split]
 
 
-def _terraces(simulation: Simulation) -> tuple[Terrace, ...]:
+def terraces(relief: Relief | None, stock_mm: tuple[float, float, float, float]) -> tuple[Terrace, ...]:
     """Return the levels of a stepped workpiece from the lowest up; none if it is as high everywhere."""
-    relief, blank = simulation.plant.field.relief, shapely.box(*simulation.path.stock_mm)
     if relief is None:
         return ()
+    blank = shapely.box(*stock_mm)
     void = [shapely.transform(region, lambda um: um * 1e-3) for region in relief.voids_um]
     faces = [above.difference(below) for below, above in pairwise(void)] + [blank.difference(void[-1])]
     return tuple(

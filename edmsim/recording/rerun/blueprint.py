@@ -121,7 +121,7 @@ ELECTRICAL: tuple[Plot, ...] = (
 """Views of the second tab."""
 
 
-def blueprint(sizes: Sizes) -> rrb.Blueprint:
+def blueprint(sizes: Sizes, steps: tuple[Plot, ...] = ()) -> rrb.Blueprint:
     """Return the layout of one cut.
 
     Left the workpiece and the machine, below them the gap from above and the whole part, at the foot the
@@ -130,6 +130,8 @@ def blueprint(sizes: Sizes) -> rrb.Blueprint:
     Parameters
     ----------
     sizes : Sizes
+    steps : tuple of Plot
+        Views of what an environment adds, in a tab of their own that is shown first.
     """
     import rerun.blueprint as rrb
 
@@ -145,6 +147,7 @@ def blueprint(sizes: Sizes) -> rrb.Blueprint:
     )  # fmt: skip
     right = rrb.Vertical(
         rrb.Tabs(
+            *([_plots(steps, "actions, rewards, costs")] if steps else []),
             _plots(PROCESS, "process"), _plots(ELECTRICAL, "electrical, position"),
             plot_view(["slices"], "gas on the wire's front by height, share"),
         ),

@@ -24,12 +24,13 @@ from edmsim.recording.report import duration_text, figure_text
 from edmsim.recording.rerun import gap as log_gap
 from edmsim.recording.rerun import gas as log_gas
 from edmsim.recording.rerun import machine as log_machine
-from edmsim.recording.rerun.blueprint import ELECTRICAL, PROCESS, blueprint, sizes_of
+from edmsim.recording.rerun.blueprint import ELECTRICAL, PROCESS, Series, blueprint, sizes_of
 from edmsim.recording.rerun.bodies import bodies_of
 from edmsim.recording.rerun.events import Event, events
 from edmsim.recording.rerun.machine import Shapes
 from edmsim.recording.rerun.playback import APPLICATION, FORMAT, MADE_BY
 from edmsim.recording.rerun.solid import KERF_FRAMES, growing_kerf
+from edmsim.recording.rerun.steps import Steps
 from edmsim.recording.rerun.stream import indexes
 from edmsim.recording.scene import Scene, round_factor
 from edmsim.recording.windows import column, lag_along_um
@@ -46,7 +47,7 @@ MAX_ROWS = 20_000
 
 def write_recording(
     file: str | Path, scene: Scene, windows: pa.Table, frames: Frames, closeups: Closeups, machine: Machine,
-    report: Mapping[str, Any], title: str,
+    report: Mapping[str, Any], title: str, steps: Steps | None = None,
 ) -> None:  # fmt: skip
     """Write the recording; equal cuts give equal recordings, whatever the computer took for them.
 
@@ -65,9 +66,11 @@ def write_recording(
     machine : Machine
         The set-up, whose MJCF is drawn.
     report : mapping
-        Of `edmsim.recording.report.build_report`.
+        Of `edmsim.recording.report.build_report`; the outcome, times and settings of it are told.
     title : str
         What was cut, usually the program's name.
+    steps : Steps, optional
+        What an environment adds: actions, rewards, costs.
     """
     import rerun as rr
 
@@ -81,7 +84,7 @@ def write_recording(
     )  # fmt: skip
     sizes = sizes_of(scene, factor, float(shapes.t_s[-1]) if len(shapes) else 0.0)
     with _by_any_name(file) as partial:
-        recording.save(partial, default_blueprint=blueprint(sizes))
+        recording.save(partial, default_blueprint=blueprint(sizes, steps.plots if steps else ()))
         recording.send_recording_name(title)
         made = {"format": FORMAT, "version": report["edmsim_version"], "sizes": list(sizes)}
         recording.log(MADE_BY, rr.TextDocument(json.dumps(made)), static=True)
@@ -95,10 +98,14 @@ def write_recording(
         told = events(windows, scene, report)
         group = _log_series(recording, windows, np.array([event.row for event in told], np.int64))
         _log_events(recording, windows, told)
+        if steps is not None:
+            _log_steps(recording, steps)
         recording.log(
             "about",
             rr.TextDocument(
-                about(scene, report, title, factor, _thinning(frames, closeups, group, tolerance_mm)),
+                about(scene, report, title, factor, [
+                    *(_kept_of(frames, closeups) if steps is None else steps.notes), _drawn(group, tolerance_mm),
+                ]),
                 media_type=rr.MediaType.MARKDOWN,
             ),
             static=True,
@@ -137,16 +144,22 @@ def _log_machine(
     return growth.tolerance_mm
 
 
-def _thinning(frames: Frames, closeups: Closeups, group: int, tolerance_mm: float) -> list[str]:
-    """Say what of the cut is in the recording and what was left out."""
+def _kept_of(frames: Frames, closeups: Closeups) -> list[str]:
+    """Say what of the cut's windows is in the recording and what was left out."""
     return [
         f"The wire's shape and its gas: one window of {frames.stride}. Discharges, top view and oscilloscope: one of "
         f"{closeups.stride}; around retracts and corners, and at the end, all of them ({AROUND} before, {AROUND} "
         f"after; of many retracts, some). Of such a window its last {PULSES} pulses are kept.",
+    ]  # fmt: skip
+
+
+def _drawn(group: int, tolerance_mm: float) -> str:
+    """Say how finely series and kerf are drawn."""
+    return (
         "A point of a series is "
         + ("one window." if group == 1 else f"the mean of {group} windows, around events one window.")
-        + f" The kerf grows in at most {KERF_FRAMES} steps, its edge drawn within {tolerance_mm * 1000:g} µm.",
-    ]  # fmt: skip
+        + f" The kerf grows in at most {KERF_FRAMES} steps, its edge drawn within {tolerance_mm * 1000:g} µm."
+    )
 
 
 def recording_id(report: Mapping[str, Any]) -> str:
@@ -198,8 +211,6 @@ def _log_events(recording: rr.RecordingStream, windows: pa.Table, told: list[Eve
 
 def _log_series(recording: rr.RecordingStream, windows: pa.Table, event_rows: NDArray[np.int64]) -> int:
     """Log every series; return how many windows each of its points is the mean of, away from events."""
-    import rerun as rr
-
     rows = len(windows)
     group = max(1, -(-rows // MAX_ROWS))
     if rows == 0:
@@ -208,15 +219,34 @@ def _log_series(recording: rr.RecordingStream, windows: pa.Table, event_rows: ND
     t_s, path_um = (grouped(column(windows, name), starts) for name in ("t_s", "path_um"))
     for plot in PROCESS + ELECTRICAL:
         for series in plot.series:
-            entity = f"{plot.origin}/{series.entity}"
-            line = rr.SeriesLines(names=[series.name], colors=[palette.rgb(series.colour)], widths=[1.3])
-            recording.log(entity, line, static=True)
             values = grouped(_values(windows, series.entity), starts)
-            known = np.isfinite(values)
-            recording.send_columns(
-                entity, indexes(t_s[known], path_um[known]), rr.Scalars.columns(scalars=values[known])
-            )
+            _log_curve(recording, f"{plot.origin}/{series.entity}", series, (t_s, path_um, values))
     return group
+
+
+def _log_steps(recording: rr.RecordingStream, steps: Steps) -> None:
+    """Log what an environment adds; a long episode as the means of neighbouring steps."""
+    starts = np.arange(0, len(steps.t_s), max(1, -(-len(steps.t_s) // MAX_ROWS)))
+    if len(starts) == 0:
+        return
+    for plot in steps.plots:
+        for series in plot.series:
+            entity = f"{plot.origin}/{series.entity}"
+            rows = (steps.t_s, steps.path_um, steps.values[entity])
+            _log_curve(recording, entity, series, tuple(grouped(values, starts) for values in rows))
+
+
+def _log_curve(
+    recording: rr.RecordingStream, entity: str, series: Series, rows: tuple[NDArray[np.float64], ...]
+) -> None:
+    """Log a curve: time, place along the path and value of its points; NaN is left out."""
+    import rerun as rr
+
+    line = rr.SeriesLines(names=[series.name], colors=[palette.rgb(series.colour)], widths=[1.3])
+    recording.log(entity, line, static=True)
+    known = np.isfinite(rows[2])
+    t_s, path_um, values = (row[known] for row in rows)
+    recording.send_columns(entity, indexes(t_s, path_um), rr.Scalars.columns(scalars=values))
 
 
 def _values(windows: pa.Table, name: str) -> NDArray[np.float64]:

@@ -1,0 +1,115 @@
+"""`RecordRerun`: every n-th episode of an environment as a recording for `edmsim view`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+
+from edmsim.cosim.stops import WORDS, StopCause
+from edmsim.envs.recorder import EpisodeRecorder
+from edmsim.envs.single import EdmEnv
+from edmsim.errors import InputError
+from edmsim.files import make_writable
+from edmsim.recording.rerun.playback import RECORDING
+
+
+class RecordRerun(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorArgs):
+    """Record every n-th episode: wire, gap and kerf as of a cut, with actions, terms of the reward, costs and counts.
+
+    The first episode is recorded, then every `every`-th. Each has a folder ``episode-000000`` and so on with a
+    ``cut.rrd``, which `edmsim view` plays back. It is written at the episode's end; one that a reset or `close` ends
+    before says that it was running. No episode is changed by being recorded. Others are run as without the wrapper.
+
+    Parameters
+    ----------
+    env : gymnasium.Env
+        One of edmsim, with any wrappers around it; actions are recorded as this wrapper is given them.
+    folder : path
+        Is made if it is missing; recordings in it are replaced.
+    every : int
+        1 records all.
+
+    Attributes
+    ----------
+    recordings : list of pathlib.Path
+        Folders written so far.
+
+    Raises
+    ------
+    InputError
+        Another environment, a folder that cannot be written to, or ``every`` below 1.
+
+    Examples
+    --------
+    >>> import gymnasium, edmsim
+    >>> env = edmsim.envs.RecordRerun(gymnasium.make("edmsim/GapFeed-v1"), "runs/gap", every=100)  # doctest: +SKIP
+    """
+
+    def __init__(self, env: gym.Env[Any, Any], folder: str | Path, every: int = 100) -> None:
+        gym.utils.RecordConstructorArgs.__init__(self, folder=str(folder), every=every)
+        gym.Wrapper.__init__(self, env)
+        if not isinstance(env.unwrapped, EdmEnv):
+            raise InputError(f"RecordRerun records environments of edmsim, and this is {env.unwrapped!r}")
+        if isinstance(every, bool) or not isinstance(every, int) or every < 1:
+            raise InputError(f"every is {every!r}: give a whole number from 1")
+        make_writable(Path(folder))
+        self.recordings: list[Path] = []
+        self._edm: EdmEnv = env.unwrapped
+        self._folder, self._every = Path(folder), every
+        self._episode = -1
+        self._recorder: EpisodeRecorder | None = None
+        self._made_with: dict[str, Any] = {}
+
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
+        """Begin an episode, and its recording if its turn has come."""
+        self._end(WORDS[StopCause.RUNNING].report)
+        seen, info = self.env.reset(seed=seed, options=options)
+        self._episode += 1
+        if self._episode % self._every == 0:
+            self._recorder = self._edm.recorder(self._action_names())
+            spec = self._edm.spec
+            self._made_with = {"environment": "own" if spec is None else spec.id, "episode": self._episode}
+            self._made_with |= {} if seed is None else {"seed of the reset": seed}
+        return seen, info
+
+    def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
+        """Run a step, and note it."""
+        seen, reward, terminated, truncated, info = self.env.step(action)
+        if self._recorder is not None:
+            given = np.ravel(action).tolist()
+            self._recorder.step(given, info["reward_terms"], info["cost"], info["error_um"], info["area_mm2"])
+            if terminated or truncated:
+                self._end(None)
+        return seen, reward, terminated, truncated, info
+
+    def close(self) -> None:
+        """Write what was recorded of an episode that still runs, and close the environment."""
+        self._end(WORDS[StopCause.RUNNING].report)
+        self.env.close()
+
+    def _action_names(self) -> list[str]:
+        space, names = self.env.action_space, list(self._edm.family.action_names)
+        width = int(np.prod(space.shape or ()))
+        return names if width == len(names) and space == self._edm.action_space else (
+            [f"action_{k}" for k in range(width)]
+        )
+
+    def _end(self, outcome: str | None) -> None:
+        """Write the recording, if there is one, and watch no more."""
+        recorder, self._recorder = self._recorder, None
+        if recorder is None:
+            return
+        recorder.stop()
+        if len(recorder) == 0:
+            return
+        folder = self._folder / f"episode-{self._episode:06d}"
+        name = self._made_with["environment"]
+        recorder.write(folder / RECORDING, f"{name}, episode {self._episode}", self._made_with, outcome)
+        self.recordings.append(folder)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return what a copy needs; the recording under way stays with the original."""
+        return {**self.__dict__, "_recorder": None}

@@ -1,0 +1,199 @@
+"""An episode's recording: what a cut's recorders see of a lane, and what its steps commanded, earned and cost."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from edmsim.cosim.observers import Turn
+from edmsim.cosim.stops import WORDS, StopCause
+from edmsim.envs.path_follower import LANE, RUNNING
+from edmsim.envs.reward import TERMS
+from edmsim.plant.window import read_window
+from edmsim.recording.closeups import PULSES, Closeups
+from edmsim.recording.frames import Frames
+from edmsim.recording.windows import WindowTable
+
+if TYPE_CHECKING:
+    from edmsim.envs.lanes import Lanes
+    from edmsim.recording.rerun.steps import Steps
+    from edmsim.recording.scene import Scene
+
+EVERY = 6
+"""Of so many windows one is kept pulse by pulse, with the wire's shape (ours: six or seven a second, as many as an
+eye follows, and a sixth of the time they take)."""
+
+
+class EpisodeRecorder:
+    """Records the episode that a lane has just begun; nothing it does changes the episode.
+
+    Parameters
+    ----------
+    lanes : Lanes
+        Watched from now on, until `stop`.
+    lane : int
+    actions : sequence of str
+        What the entries of an action are called.
+    """
+
+    def __init__(self, lanes: Lanes, lane: int, actions: Sequence[str]) -> None:
+        plant = lanes.fleet.plants[lane]
+        size = plant.resolution
+        self._lanes, self._lane, self._actions = lanes, lane, list(actions)
+        self._kept: list[tuple[bytes, bytes, tuple[float, float], tuple[float, float]]] = []
+        self._closeups = Closeups(size.slices, size.rays, _scene_slice(lanes, lane))
+        self._steps: list[tuple[float, ...]] = []
+        self._rows: list[int] = []
+        self._leg = -1
+        self._closeups.begin(plant)
+        lanes.watch = self._window
+
+    def __len__(self) -> int:
+        """Return the number of windows recorded."""
+        return len(self._kept)
+
+    def stop(self) -> None:
+        """Watch no more."""
+        self._lanes.watch = None
+
+    def _window(self, lanes: NDArray[np.int64]) -> None:
+        """See a window of some lanes."""
+        if self._lane not in lanes:
+            return
+        here, plant, rows = self._lane, self._lanes.fleet.plants[self._lane], self._lanes.rows
+        leg = self._lanes.leg[here]
+        # as bytes: to read the records takes a tenth of a step, and can wait until the recording is written
+        kept = self._lanes.fleet.windows[here].tobytes(), rows[here].tobytes()
+        self._kept.append((*kept, plant.commanded_um, plant.following_error_um))
+        if self._leg != leg:
+            self._leg, scenario = leg, self._lanes.scenarios[here]
+            assert scenario is not None
+            self._closeups.leg(np.rint(scenario.legs_um[leg]).astype(np.int64), float(rows[here]["before_um"]))
+        if len(self._kept) % EVERY == 1 or rows[here]["cause"] != RUNNING:
+            self._closeups.window(_turn(*kept)[0], plant)
+
+    def _table(self) -> WindowTable:
+        """Return the table of the windows, as of a cut."""
+        table = WindowTable()
+        for window_bytes, row_bytes, commanded_um, following_um in self._kept:
+            (window, time_ns, feed_um_s, path_um), setting_us = _turn(window_bytes, row_bytes)
+            table.append((
+                time_ns * 1e-9, *commanded_um, feed_um_s, window.short, window.open, window.spark, window.arc,
+                window.mean_voltage_V, window.mean_current_A, window.mean_delay_us, window.gap_um,
+                -window.deflection_um[0], -window.deflection_um[1], *following_um, window.wire_temperature_K,
+                window.debris, window.coverage, *setting_us, path_um,
+            ))  # fmt: skip
+        return table
+
+    def step(
+        self, action: Sequence[float], terms: Mapping[str, float], cost: float, error_um: float, area_mm2: float
+    ) -> None:
+        """Note a step that is just over.
+
+        Parameters
+        ----------
+        action : sequence of float
+            As it was given.
+        terms : mapping
+            Terms of the reward.
+        cost, error_um, area_mm2 : float
+            As in ``info``.
+        """
+        self._steps.append((*action, *(terms[name] for name in TERMS), cost, error_um, area_mm2))
+        self._rows.append(len(self._kept) - 1)
+
+    def write(self, file: Path, title: str, settings: Mapping[str, Any], outcome: str | None = None) -> None:
+        """Write the recording of the episode so far, before the lane begins another.
+
+        Parameters
+        ----------
+        file : path
+            Its folder is made if it is missing.
+        title : str
+        settings : mapping
+            What the episode was made with, for the text about the recording.
+        outcome : str, optional
+            One of `edmsim.cosim.stops.Words.report`; that of the lane if not given.
+        """
+        from edmsim.envs.scene import scene_of
+        from edmsim.recording.rerun.write import write_recording
+
+        file.parent.mkdir(parents=True, exist_ok=True)
+        scenario, plant = self._lanes.scenarios[self._lane], self._lanes.fleet.plants[self._lane]
+        assert scenario is not None
+        scene, windows = scene_of(self._lanes, self._lane), self._table()
+        values = windows.values()
+        write_recording(
+            file, scene, windows.to_arrow(), Frames(plant.resolution.slices), self._closeups, scenario.machine,
+            self._report(settings, outcome or self._outcome(), scene, values), title, self._told(values),
+        )
+
+    def _outcome(self) -> str:
+        cause = StopCause(int(self._lanes.rows[self._lane]["cause"]))
+        late = cause is StopCause.RUNNING and bool(self._lanes.out_of_time[self._lane])
+        return WORDS[StopCause.TIME_LIMIT if late else cause].report
+
+    def _report(
+        self, settings: Mapping[str, Any], outcome: str, scene: Scene, values: NDArray[np.float64]
+    ) -> dict[str, Any]:
+        """Return of a cut's report what its recording tells."""
+        from edmsim import __version__
+
+        lane, scenario = self._lanes.rows[self._lane], self._lanes.scenarios[self._lane]
+        assert scenario is not None
+        cutting_s, known = float(lane["elapsed_ns"]) * 1e-9, scene.known_errors()
+        area_mm2 = sum(step[-1] for step in self._steps)
+        return {
+            "outcome": outcome, "reason": None, "machining_time_s": float(values[-1, 0]) if len(values) else 0.0,
+            "path_length_mm": float(values[:, -1].max()) * 1e-3 if len(values) else 0.0,
+            "cutting_rate_mm2_min": 60.0 * area_mm2 / cutting_s if cutting_s else None,
+            "profile_error_um": {
+                "max": float(np.abs(known).max()) if len(known) else None,
+                "rms": float(np.sqrt(np.mean(known**2))) if len(known) else None,
+            },
+            "seed": scenario.plant_seed, "edmsim_version": __version__,
+            "settings": {**settings, **{f"drawn {name}": value for name, value in scenario.drawn.items()}},
+        }  # fmt: skip
+
+    def _told(self, windows: NDArray[np.float64]) -> Steps:
+        """Lay out what the steps commanded, earned and cost."""
+        from edmsim.recording.rerun.steps import COST, EARNED, TOTAL, steps_of
+
+        actions, terms = len(self._actions), len(TERMS)
+        values = np.array(self._steps, np.float64).reshape(len(self._steps), actions + terms + 3)
+        earned, cost = values[:, actions : actions + terms], values[:, actions + terms]
+        total, costs = np.cumsum(earned.sum(axis=1)), np.column_stack([cost, np.cumsum(cost)])
+        groups = [
+            ("action", "actions, as given", self._actions, values[:, :actions]),
+            ("reward", "terms of the reward, per step", TERMS, earned),
+            (EARNED, "return so far", (TOTAL,), total[:, None]),
+            (COST, "cost per step, and so far", ("step", TOTAL), costs),
+            ("way", "distance of the wire from the path, um", ("error_um",), values[:, -2:-1]),
+        ]
+        notes = [
+            f"Discharges, top view, oscilloscope, the wire's shape and its gas: one window of "
+            f"{EVERY * self._closeups.stride}, around retracts and corners one of {EVERY}, and the last. Of such a "
+            f"window its last {PULSES} pulses are kept.",
+        ]
+        return steps_of(groups, windows[self._rows, 0], windows[self._rows, -1], notes)
+
+
+def _turn(window_bytes: bytes, row_bytes: bytes) -> tuple[Turn, tuple[float, float]]:
+    """Return the turn that was kept of a window, and the generator's on-time and period in us."""
+    window, row = read_window(memoryview(window_bytes)), np.frombuffer(row_bytes, LANE)[0]
+    on_us, period_us = row["setting_us"].tolist()
+    path_um = float(row["before_um"] + row["path_um"])
+    return Turn(window, window.start_ns + window.duration_ns, float(row["feed_um_s"]), path_um), (on_us, period_us)
+
+
+def _scene_slice(lanes: Lanes, lane: int) -> int:
+    """Return the slice at mid height of the lowest place, as `Scene.middle_slice`: it has metal everywhere."""
+    scenario = lanes.scenarios[lane]
+    assert scenario is not None
+    machine, slices = scenario.machine, lanes.fleet.plants[lane].resolution.slices
+    lowest_mm = min([step.height_mm for step in scenario.stock.steps], default=machine.height_mm)
+    return max(round(slices * lowest_mm / machine.height_mm), 1) // 2

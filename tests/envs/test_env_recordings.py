@@ -1,0 +1,100 @@
+"""Episodes as recordings: the same episode, its wire and gap as of a cut, and what steps commanded and earned."""
+
+from __future__ import annotations
+
+import copy
+
+import gymnasium
+import numpy as np
+import pytest
+
+from edmsim.envs import RecordRerun
+from edmsim.errors import InputError
+from edmsim.evaluation.episode import cut
+from edmsim.recording import Playback
+
+
+def played(env, steps, seed=5):
+    """Rewards, and the infos of the steps, up to the episode's end."""
+    env.reset(seed=seed)
+    made = []
+    for k in range(steps):
+        action = np.full(env.action_space.shape, 0.2 * (-1) ** k, np.float32)
+        _, reward, terminated, truncated, info = env.step(action)
+        made.append((reward, info))
+        if terminated or truncated:
+            break
+    return made
+
+
+@pytest.fixture(scope="module")
+def recorded(make_env, tmp_path_factory):
+    """An episode of 1.5 s of decisions of 60 ms, recorded and not."""
+    options = {"episode_s": 1.5, "decision_s": 0.06, "knobs": ["period"]}
+    env = RecordRerun(make_env("HeightStep", **options), tmp_path_factory.mktemp("recorded"), every=1)
+    made = played(env, 100)
+    env.close()
+    return made, played(make_env("HeightStep", **options), 100), env.recordings
+
+
+def test_recording_changes_nothing(recorded) -> None:
+    made, plain, folders = recorded
+    assert made == plain
+    assert len(made) > 15
+    assert [folder.name for folder in folders] == ["episode-000000"]
+
+
+def test_a_recording_shows_actions_rewards_and_costs_beside_the_cut(recorded) -> None:
+    made, _, (folder,) = recorded
+    play = Playback(folder / "cut.rrd")
+    times, total = play.series("/earned/total")
+    np.testing.assert_allclose(times, [info["time_s"] for _, info in made], atol=1e-9)
+    np.testing.assert_allclose(total, np.cumsum([reward for reward, _ in made]))
+    np.testing.assert_allclose(play.series("/action/feed")[1], 0.2 * (-1.0) ** np.arange(len(made)), rtol=1e-6)
+    np.testing.assert_allclose(play.series("/action/period")[1], play.series("/action/feed")[1])
+    shorts = [info["reward_terms"]["short"] for _, info in made]
+    np.testing.assert_allclose(play.series("/reward/short")[1], shorts)
+    assert len(play.series("/cost/total")[0]) == len(made)
+    # every window of a decision is there, and the gap with its pulses
+    windows = sum(info[kind] for _, info in made for kind in ("short", "open", "spark", "arc")) / 255
+    assert len(play.series("/feed/feed_um_s")[0]) == windows > 2 * len(made)
+    discharges, rays = (("/top/discharges", "Points2D:positions"), ("/top/rays", "LineStrips2D:strips"))
+    assert all(len(play.points(*discharges, t)) > 0 for t in times[1:])
+    assert rays in play
+    assert len(play.points("/world/table/workpiece", "Mesh3D:vertex_positions", times[-1])) > 50
+
+
+def test_every_third_episode_is_recorded_also_one_left_before_its_end(make_env, tmp_path) -> None:
+    env = RecordRerun(make_env("Corner", episode_s=0.1), tmp_path / "new", every=3)
+    for _ in range(4):
+        played(env, 2)
+    other = copy.deepcopy(env)
+    assert env.recordings == [tmp_path / "new" / "episode-000000"]
+    other.step(env.action_space.sample())
+    other.close()
+    assert len(other.recordings) == 1  # what was under way stays with the original
+    env.close()
+    assert [folder.name for folder in env.recordings] == ["episode-000000", "episode-000003"]
+    events = Playback(env.recordings[1] / "cut.rrd").rows("/events", "TextLog:text").values.to_pylist()
+    assert events[-1] == ["running"]
+
+
+@pytest.mark.parametrize("every", [0, 1.5, True])
+def test_other_environments_and_counts_are_refused(make_env, tmp_path, every) -> None:
+    with pytest.raises(InputError, match="records environments of edmsim"):
+        RecordRerun(gymnasium.make("CartPole-v1"), tmp_path)
+    with pytest.raises(InputError, match=r"every is .*: give a whole number from 1"):
+        RecordRerun(make_env("GapFeed"), tmp_path, every=every)
+
+
+def test_a_cut_of_an_evaluation_is_recorded_and_stays_the_same(tmp_path) -> None:
+    options = {"resolution": "fast", "episode_s": 0.6}
+    made = cut("edmsim/Contour-v1", 1_000_000, "voltage:reference_V=9", record=tmp_path, **options)
+    again = cut("edmsim/Contour-v1", 1_000_000, "voltage:reference_V=9", **options)
+    assert repr(made) == repr(again)  # some are NaN
+    (file,) = tmp_path.rglob("cut.rrd")
+    assert file.relative_to(tmp_path).parts == ("Contour", "seed-1000000", "voltage-reference_V=9", "cut.rrd")
+    play = Playback(file)
+    assert play.series("/earned/total")[1][-1] == pytest.approx(made.total_return)
+    assert play.title == "Contour by voltage:reference_V=9, seed 1000000"
+    assert len(play.series("/action/feed_um_s")[1]) > 20
