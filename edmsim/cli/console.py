@@ -20,6 +20,14 @@ Height = Annotated[float, typer.Option(help="Workpiece height in mm.")]
 Wire = Annotated[str, typer.Option(help="Wire, with a diameter in um if wanted: brass, copper-100.")]
 Tension = Annotated[float | None, typer.Option(help="Wire tension in N; default by wire.")]
 Resolution = Annotated[str, typer.Option(help="fast, default or fine.")]
+Offset = Annotated[str, typer.Option(help="Wire offset: auto, none, or mm.")]
+Ignore = Annotated[
+    str, typer.Option(metavar="WORDS", help="Words of the program to leave out: M77,U", show_default=False)
+]
+Layers = Annotated[
+    str, typer.Option(metavar="NAMES", help="Layers of a drawing to cut; default all shown.", show_default=False)
+]
+Unit = Annotated[str | None, typer.Option(help="Unit of a drawing: mm, um, cm, m, in, ft, mil; default by drawing.")]
 Seed = Annotated[int, typer.Option(help="Seed of every draw.")]
 
 
@@ -44,3 +52,8 @@ def _spelt_plainly(error: UnicodeError) -> tuple[str, int]:
 def say(text: str) -> None:
     """Print one line on standard error, however long."""
     ERR.print("edmsim: " + " ".join(text.splitlines()), highlight=False, soft_wrap=True, markup=False)
+
+
+def named(text: str) -> list[str]:
+    """Return the names of a list with commas, none if it is empty."""
+    return [name.strip() for name in text.split(",") if name.strip()]

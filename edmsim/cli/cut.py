@@ -10,11 +10,27 @@ from typing import Annotated
 
 import typer
 
-from edmsim.cli.console import ERR, OUT, STOPPED, Height, Material, Resolution, Seed, Tension, Wire, say
+from edmsim.cli.console import (
+    ERR,
+    OUT,
+    STOPPED,
+    Height,
+    Ignore,
+    Layers,
+    Material,
+    Offset,
+    Resolution,
+    Seed,
+    Tension,
+    Unit,
+    Wire,
+    named,
+    say,
+)
 
 
 def cut(
-    program: Annotated[Path, typer.Argument(help="Part program: .ngc .nc .gcode .iso .dxf", show_default=False)],
+    program: Annotated[Path, typer.Argument(help="Part program: .ngc .nc .gcode .iso .txt .dxf", show_default=False)],
     out: Annotated[Path, typer.Option(help="Folder for report, windows, picture and recording.")],
     machine: Annotated[str, typer.Option(help="Machine, a name or an own TOML file.")] = "agiecut-dem15",
     material: Material = "tool-steel",
@@ -60,7 +76,10 @@ def cut(
     ] = None,
     mechanics: Annotated[str, typer.Option(help="Integrator of table and wire.")] = "modal",
     resolution: Resolution = "default",
-    offset: Annotated[str, typer.Option(help="Wire offset: auto, none, or mm.")] = "auto",
+    offset: Offset = "auto",
+    ignore: Ignore = "",
+    layers: Layers = "",
+    unit: Unit = None,
     seed: Seed = 0,
     max_time: Annotated[float | None, typer.Option(help="Machine time in s after which to stop.")] = None,
     resume: Annotated[bool, typer.Option("--resume", help="Take up the interrupted cut of the folder.")] = False,
@@ -88,8 +107,9 @@ def cut(
                 flushing_upper_Pa=flushing_upper, constants=dict(map(parse_constant, constant or ())),
                 controller=controller, planner=planner, drive=drive,
                 compensation=None if compensation is None else str(compensation), mechanics=mechanics,
-                resolution=resolution, offset=offset, seed=seed, max_time_s=max_time, resume=resume,
-                overwrite=overwrite, watch=watcher.show, enter=watcher.enter,
+                resolution=resolution, offset=offset, ignore=named(ignore), layers=named(layers), unit=unit,
+                seed=seed, max_time_s=max_time, resume=resume, overwrite=overwrite,
+                watch=watcher.show, enter=watcher.enter,
             )
     except KeyboardInterrupt as interrupt:
         kept = (out / NAME).exists()

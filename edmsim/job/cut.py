@@ -47,7 +47,7 @@ def cut(
     Parameters
     ----------
     program : path
-        G-code (.ngc .nc .gcode .iso) or DXF.
+        G-code (.ngc .nc .gcode .iso .txt) or DXF.
     out : path, optional
         Folder for the outputs, which appear in it together; without one nothing is written.
     resume : bool
@@ -114,7 +114,7 @@ def _begin(program: str | Path, settings: CutSettings) -> tuple[Simulation, Reco
     unit = position_unit(settings.planner, travel_um, step_um)
     path = plan_path(
         program, settings.offset, auto_offset_mm=machine.auto_offset_mm, table_um=travel_um,
-        grid_um=unit_um(unit, round(step_um)),
+        grid_um=unit_um(unit, round(step_um)), ignore=settings.ignore, layers=settings.layers, unit=settings.unit,
     )
     steps = settings.workpiece.steps(path, machine.wire_diameter_um)
     recorders = recorders_for(machine, steps, settings.resolution)

@@ -107,6 +107,12 @@ class CutSettings(BaseModel):
     """How finely the gap is computed: fast, default or fine."""
     offset: str | float = "auto"
     """Wire offset in mm, or auto (the wire's radius and the expected side gap), or none."""
+    ignore: tuple[str, ...] = ()
+    """Words of a G-code program to leave out, ``M77``, or letters, ``U``."""
+    layers: tuple[str, ...] = ()
+    """Layers of a drawing to cut; by default all that are shown."""
+    unit: str | None = None
+    """Unit of a drawing, mm, um, cm, m, in, ft or mil; by default what the drawing says."""
     seed: int = 0
     """Seed of every draw: same seed, same cut."""
     max_time_s: float | None = None
@@ -252,6 +258,9 @@ class CutOptions(TypedDict, total=False):
     mechanics: str
     resolution: str
     offset: str | float
+    ignore: Sequence[str]
+    layers: Sequence[str]
+    unit: str | None
     seed: int
     max_time_s: float | None
 

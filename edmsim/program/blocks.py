@@ -8,11 +8,11 @@ from pathlib import Path
 
 from edmsim.errors import InputError
 from edmsim.program.limits import GREATEST_NUMBER, check_size
+from edmsim.program.words import IDLE, VALUES, Ignored, UnknownWordsError, code_of
 
 _WORD = re.compile(r"([A-Z])([+-]?(?:\d+\.?\d*|\.\d+))")
 _COMMENT = re.compile(r"\([^()]*\)|;.*")
-_KNOWN = frozenset("GMNFDXYIJRP")
-_LONGEST_CODE = 4
+_LONGEST_TOLD = 12
 _END_CODES = frozenset({("M", 2), ("M", 30)})
 
 
@@ -32,6 +32,10 @@ class Block:
         Whether any coordinate (X Y I J R) has a decimal point.
     deletable : bool
         Whether the line begins with the block delete sign ``/``.
+    idle : tuple of str
+        Words that cannot change a contour, as they stand.
+    ignored : tuple of str
+        Words the user leaves out.
     """
 
     line: int
@@ -39,6 +43,8 @@ class Block:
     values: dict[str, float]
     pointed: bool
     deletable: bool
+    idle: tuple[str, ...] = ()
+    ignored: tuple[str, ...] = ()
 
     @property
     def ends_program(self) -> bool:
@@ -72,7 +78,7 @@ def read_text(file: Path) -> str:
         raise InputError(f"{byte}: the text is not UTF-8, save it as UTF-8", file) from None
 
 
-def read_blocks(text: str, file: str) -> tuple[list[Block], list[str]]:
+def read_blocks(text: str, file: str, ignored: Ignored) -> tuple[list[Block], list[str]]:
     """Split a program into blocks.
 
     Comments, N words, lower case, blanks and empty lines leave no trace. The program ends at M2 or M30, at a
@@ -84,6 +90,8 @@ def read_blocks(text: str, file: str) -> tuple[list[Block], list[str]]:
         The program.
     file : str
         Name for error messages.
+    ignored : Ignored
+        Words to leave out.
 
     Returns
     -------
@@ -94,24 +102,32 @@ def read_blocks(text: str, file: str) -> tuple[list[Block], list[str]]:
 
     Raises
     ------
+    UnknownWordsError
+        Words that are not known, all of them.
     InputError
-        A word that cannot be read, or no block at all.
+        A number beyond reason, a word twice in a block, or no block at all.
     """
     blocks: list[Block] = []
+    unknown: list[tuple[str, int]] = []
     lines = re.split(r"\r\n|\r|\n", text)
+    last = len(lines)
     for number, raw in enumerate(lines, 1):
         if raw.lstrip().startswith("%"):
             if blocks:
-                return blocks, _left_out(lines, number)
+                last = number
+                break
             continue
-        block = _read_block(raw, number, file)
+        block = _read_block(raw, number, file, ignored, unknown)
         if block is not None:
             blocks.append(block)
             if block.ends_program:
-                return blocks, _left_out(lines, number)
+                last = number
+                break
+    if unknown:
+        raise UnknownWordsError(unknown, file)
     if not blocks:
         raise InputError("the program is empty: no word of G-code in it", file)
-    return blocks, []
+    return blocks, _left_out(lines, last)
 
 
 def _left_out(lines: list[str], last: int) -> list[str]:
@@ -121,28 +137,39 @@ def _left_out(lines: list[str], last: int) -> list[str]:
     return []
 
 
-def _read_block(raw: str, line: int, file: str) -> Block | None:
+def _read_block(
+    raw: str, line: int, file: str, ignored: Ignored, unknown: list[tuple[str, int]]
+) -> Block | None:
+    """Return what a line holds, None if nothing; unknown words are added to those of the file."""
     bare = "".join(_COMMENT.sub("", raw).split()).upper()
     deletable = bare.startswith("/")
     codes: list[tuple[str, int]] = []
     values: dict[str, float] = {}
+    idle: list[str] = []
+    dropped: list[str] = []
     pointed = False
     at = int(deletable)
     while at < len(bare) and _END_CODES.isdisjoint(codes):
         word = _WORD.match(bare, at)
-        if word is None or word[1] not in _KNOWN:
-            known = "known are G M N F D X Y I J R P with a number"
-            raise InputError(f"unknown word '{bare[at:at + 12]}': {known}", file, line)
-        letter, number = word[1], word[2]
-        if letter in "GM":
-            codes.append((letter, _code(letter, number, file, line)))
+        if word is None:
+            unknown.append((bare[at : at + _LONGEST_TOLD], line))
+            break
+        at, letter, number = word.end(), word[1], word[2]
+        if ignored.has(letter, number):
+            dropped.append(word[0])
+        elif letter in IDLE and (letter != "O" or not values):  # X1O5 has a letter in place of a zero
+            idle.append(word[0])
+        elif letter in "GM" and (code := code_of(letter, number)) is not None:
+            codes.append((letter, code))
+        elif letter not in VALUES:
+            unknown.append((word[0][:_LONGEST_TOLD], line))
         elif letter != "N":
             if letter in values:
                 raise InputError(f"the word {letter} stands twice in one block: write it once", file, line)
             values[letter] = _value(letter, number, file, line)
             pointed |= letter in "XYIJR" and "." in number
-        at = word.end()
-    return Block(line, tuple(codes), values, pointed, deletable) if codes or values else None
+    block = Block(line, tuple(codes), values, pointed, deletable, tuple(idle), tuple(dropped))
+    return block if codes or values or idle or dropped else None
 
 
 def _value(letter: str, number: str, file: str, line: int) -> float:
@@ -151,9 +178,3 @@ def _value(letter: str, number: str, file: str, line: int) -> float:
         told = f"{letter}{number[:12]}{'...' if len(number) > 12 else ''}"
         raise InputError(f"the number of {told} is beyond all reason: at most {GREATEST_NUMBER:g}", file, line)
     return value
-
-
-def _code(letter: str, number: str, file: str, line: int) -> int:
-    if not number.isdigit() or len(number) > _LONGEST_CODE:
-        raise InputError(f"unknown code {letter}{number[:12]}: {letter} takes a whole number", file, line)
-    return int(number)

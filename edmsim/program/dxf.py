@@ -1,15 +1,15 @@
 """DXF drawings read into closed outlines.
 
-Read are LINE, ARC, CIRCLE, LWPOLYLINE, POLYLINE (2D), SPLINE and ELLIPSE in model space, in any layer that is
-on. Loose ends within 5 um are joined. A closed contour that lies in no other, or in an even number of others,
-is an outside (the part is within); in an odd number, a hole. The cut runs with the part on its left: outsides
-counter-clockwise, holes clockwise. It begins where the contour's first entity in the file begins. Inner
+Read are LINE, ARC, CIRCLE, LWPOLYLINE, POLYLINE (2D), SPLINE and ELLIPSE in model space and in blocks (INSERT), on
+any layer that is on. Loose ends within 5 um are joined. A closed contour that lies in no other, or in an even number
+of others, is an outside (the part is within); in an odd number, a hole. The cut runs with the part on its left:
+outsides counter-clockwise, holes clockwise. It begins where the contour's first entity in the file begins. Inner
 contours come first.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from itertools import combinations
@@ -23,19 +23,26 @@ from numpy.typing import NDArray
 from edmsim.errors import InputError
 from edmsim.program.arcs import CHORD_TOLERANCE_UM
 from edmsim.program.crossing import refuse_self_crossing
+from edmsim.program.drawn import Drawn
 from edmsim.program.limits import FARTHEST_MM, MOST_CONTOURS, check_count, check_points, check_size
 from edmsim.program.outline import JOIN_TOLERANCE_MM, Outline, Program, signed_area
+from edmsim.program.splines import spline_points
 
 if TYPE_CHECKING:
     from ezdxf.document import Drawing
-    from ezdxf.entities.dxfgfx import DXFGraphic
 
 UNIT_MM = {1: 25.4, 2: 304.8, 4: 1.0, 5: 10.0, 6: 1000.0, 9: 0.0254, 13: 0.001, 14: 100.0}
 """Millimetres per drawing unit by the header's $INSUNITS (DXF reference, code 70)."""
 
+UNITS = {"in": 1, "ft": 2, "mm": 4, "cm": 5, "m": 6, "mil": 9, "um": 13}
+"""Names of units, with their codes in the header."""
+
+LEAST_EXTENT_MM = 0.5
+"""A drawing that spans less has another unit than it says (ours: nothing smaller is cut with a wire)."""
+
 _HARMLESS = frozenset({
     "TEXT", "MTEXT", "ATTDEF", "DIMENSION", "ARC_DIMENSION", "LEADER", "MULTILEADER", "TOLERANCE", "POINT",
-    "HATCH", "IMAGE", "WIPEOUT", "VIEWPORT", "XLINE", "RAY", "PDFUNDERLAY", "OLE2FRAME",
+    "HATCH", "IMAGE", "WIPEOUT", "VIEWPORT", "XLINE", "RAY", "PDFUNDERLAY", "OLE2FRAME", "ATTRIB",
 })  # fmt: skip
 _OUTERMOST: dict[str, Callable[[Any], Iterable[Any]]] = {
     "LINE": lambda entity: (entity.dxf.start, entity.dxf.end),
@@ -60,13 +67,17 @@ class _Chain:
         return float(np.hypot(*(self.points[0] - self.points[-1]))) <= JOIN_TOLERANCE_MM
 
 
-def read_dxf(file: str | Path) -> Program:
+def read_dxf(file: str | Path, layers: Sequence[str] = (), unit: str | None = None) -> Program:
     """Read a drawing.
 
     Parameters
     ----------
     file : path
         The drawing, any DXF version.
+    layers : sequence of str
+        Only these are cut; by default all that are on and not frozen.
+    unit : {"mm", "um", "cm", "m", "in", "ft", "mil"}, optional
+        Unit of the drawing; by default what its header says.
 
     Returns
     -------
@@ -76,11 +87,12 @@ def read_dxf(file: str | Path) -> Program:
     Raises
     ------
     InputError
-        Not a DXF drawing, an entity that cannot be cut, a contour that is open, branches, or meets another.
+        Not a DXF drawing, a layer or unit that there is not,
+        an entity that cannot be cut, a contour that is open, branches, or meets another.
     """
     path = Path(file)
     try:
-        outlines, notices = _outlines_of(_document(path))
+        outlines, notices = _outlines_of(_document(path), layers, unit)
     except InputError as error:
         raise InputError(error.reason, path) from None
     return Program(tuple(outlines), tuple(notices), str(path))
@@ -110,16 +122,21 @@ def _read(what: str) -> Iterator[None]:
         raise InputError(f"{what} ({told}): export it as DXF again") from None
 
 
-def _outlines_of(document: Drawing) -> tuple[list[Outline], list[str]]:
+def _outlines_of(
+    document: Drawing, layers: Sequence[str], unit: str | None
+) -> tuple[list[Outline], list[str]]:
     with _read("its contents cannot be read"):
-        unit_mm, notices = _unit(document)
-        chains = list(_chains(document, unit_mm, notices))
+        unit_mm, notices = _unit(document, unit)
+        chains = list(_chains(Drawn(document, layers), unit_mm, notices))
     if not chains:
         raise InputError(f"nothing to cut: draw {_SHAPES} in model space")
     check_count(sum(len(chain.points) for chain in chains))
-    hint = f"; the drawing's unit is {unit_mm:g} mm: is that what was meant?"
+    hint = f"; the drawing's unit is {unit_mm:g} mm: is that what was meant? If not, give --unit"
     low, high = (np.array([end(chain.points, axis=0) for chain in chains]) for end in (np.min, np.max))
     check_points(np.array([low.min(axis=0), high.max(axis=0)]), "the drawing", hint)
+    extent = float((high.max(axis=0) - low.min(axis=0)).max())
+    if extent < LEAST_EXTENT_MM:
+        raise InputError(f"the drawing spans {extent:.3g} mm: a wire cuts nothing under {LEAST_EXTENT_MM:g} mm{hint}")
     contours = _join(_without_duplicates(chains, notices))
     if len(contours) > MOST_CONTOURS:
         raise InputError(f"{len(contours)} contours are too many: at most {MOST_CONTOURS} can be cut")
@@ -130,41 +147,33 @@ def _outlines_of(document: Drawing) -> tuple[list[Outline], list[str]]:
     return _nested(contours), notices
 
 
-def _unit(document: Drawing) -> tuple[float, list[str]]:
+def _unit(document: Drawing, given: str | None) -> tuple[float, list[str]]:
     code = int(document.header.get("$INSUNITS", 0))
+    if given is not None:
+        if given not in UNITS:
+            raise InputError(f"the unit is {given!r}: give one of {', '.join(UNITS)}")
+        said = f", though the drawing says {UNIT_MM[code]:g} mm" if code in UNIT_MM and code != UNITS[given] else ""
+        return UNIT_MM[UNITS[given]], [f"the drawing is read in {given}, as asked{said}"]
     if code == 0:
         return 1.0, ["the drawing sets no unit ($INSUNITS): it is read as mm"]
     if code not in UNIT_MM:
-        raise InputError(f"drawing unit $INSUNITS = {code} is not known here: save the drawing in mm (4)")
+        raise InputError(f"drawing unit $INSUNITS = {code} is not known here: give --unit, or save it in mm (4)")
     told = [f"the drawing's unit is {UNIT_MM[code]:g} mm ($INSUNITS = {code})"]
     return UNIT_MM[code], [] if code == 4 else told
 
 
-def _chains(document: Drawing, unit_mm: float, notices: list[str]) -> Iterator[_Chain]:
-    skipped: dict[str, int] = {}
-    for entity in document.modelspace():
+def _chains(drawn: Drawn, unit_mm: float, notices: list[str]) -> Iterator[_Chain]:
+    for entity in drawn:
         kind = entity.dxftype()
-        if not _is_shown(document, entity):
-            kind += " on a layer that is off"
-        elif kind not in _HARMLESS:
+        if kind not in _HARMLESS:
             with _read(f"a {kind} in it cannot be read"):
                 points = _points(entity, unit_mm)
             if len(points) > 1 and np.ptp(points, axis=0).max() > 0:
                 yield _Chain(points)
                 continue
             kind += " of no length"
-        skipped[kind] = skipped.get(kind, 0) + 1
-    notices += [f"{count} {kind} left out" for kind, count in sorted(skipped.items())]
-
-
-def _is_shown(document: Drawing, entity: DXFGraphic) -> bool:
-    name = entity.dxf.layer
-    if name.lower() == "defpoints" or entity.dxf.get("invisible", 0):
-        return False
-    if not document.layers.has_entry(name):
-        return True
-    layer = document.layers.get(name)
-    return bool(layer.is_on() and not layer.is_frozen())
+        drawn.leave_out(kind)
+    notices += [f"{count} {kind} left out" for kind, count in sorted(drawn.left_out.items())]
 
 
 def _points(entity: Any, unit_mm: float) -> NDArray[np.float64]:
@@ -175,7 +184,7 @@ def _points(entity: Any, unit_mm: float) -> NDArray[np.float64]:
         raise InputError(f"a {kind} is drawn out of the XY plane: project the drawing to XY")
     if kind in _OUTERMOST:
         outermost = np.array([(p[0], p[1]) for p in _OUTERMOST[kind](entity)], np.float64).reshape(-1, 2)
-        check_points(outermost * unit_mm, f"a {kind}", f"; a drawing unit is {unit_mm:g} mm here")
+        check_points(outermost * unit_mm, f"a {kind}", f"; a drawing unit is {unit_mm:g} mm here; or give --unit")
     points: Iterable[Any]
     if kind == "LINE":
         points = [entity.dxf.start, entity.dxf.end]
@@ -186,11 +195,11 @@ def _points(entity: Any, unit_mm: float) -> NDArray[np.float64]:
     elif kind == "ELLIPSE":
         points = entity.flattening(tolerance, segments=16)
     elif kind == "SPLINE":
-        points = entity.flattening(tolerance / 2, segments=16)
+        points = spline_points(entity, tolerance / 2)
     elif kind == "LWPOLYLINE" or (kind == "POLYLINE" and entity.is_2d_polyline):
         return _polyline_points(entity, unit_mm)
     else:
-        raise InputError(f"a {kind} cannot be cut: draw {_SHAPES}, explode blocks")
+        raise InputError(f"a {kind} cannot be cut: draw {_SHAPES}")
     return np.array([(p[0], p[1]) for p in points], np.float64).reshape(-1, 2) * unit_mm
 
 

@@ -1,13 +1,15 @@
 """G-code (RS-274 and the Robofil dialect) read into outlines.
 
-The words understood are G0 to G4, G17, G20, G21, G40 to G42, G90 to G92, M0, M1, M2, M30, F, D, N, X, Y, I,
-J, R and P. G38, G39, G60 and M28 are accepted without effect. Dwells (G4 with P or X) are in seconds. A ``/``
+The words understood are G0 to G4, G20, G21, G40 to G42, G90 to G92, M0, M1, M2, M30, F, D, H, N, X, Y, I, J, R
+and P. Those that cannot change a contour in two axes (`edmsim.program.words`) are read with a notice. Dwells
+(G4 with P or X) are in seconds. A ``/``
 at the head of a line does not delete it. A G92 before any move says where the wire stands; later ones shift
 the coordinates.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +21,7 @@ from edmsim.program.blocks import Block, read_blocks, read_text
 from edmsim.program.centres import Arc, CuttingMotion, prefer_absolute
 from edmsim.program.limits import LONGEST_DWELL_S, check_count, check_points
 from edmsim.program.outline import CutMove, Outline, Program, Run, Side, outline_of
+from edmsim.program.words import IDLE_CODES, UNITS, Ignored
 
 TABLE_MM = 65.0
 """Coordinates without a decimal point that span more than this many mm are whole um (row T-61)."""
@@ -26,16 +29,19 @@ TABLE_MM = 65.0
 LEAST_WHOLE_UM = 500
 """They must then span at least this many um (ours: nothing smaller is cut with a wire)."""
 
-_NO_EFFECT = frozenset({("G", 38), ("G", 39), ("G", 60), ("M", 28)})
+_INCHES = frozenset({("G", 20), ("G", 70)})
+_UNIT_NAMES = {70: "inch", 71: "mm"}
 _STOPS = frozenset({("M", 0), ("M", 1)})
 _GROUPS = (
-    ({0, 1, 2, 3}, "G0 G1 G2 G3"), ({20, 21}, "G20 G21"), ({40, 41, 42}, "G40 G41 G42"),
+    ({0, 1, 2, 3}, "G0 G1 G2 G3"), ({20, 21, *UNITS}, "G20 G21 G70 G71"), ({40, 41, 42}, "G40 G41 G42"),
     ({90, 91}, "G90 G91"), ({4, 92}, "G4 G92"),
 )
-_KNOWN_G = frozenset({0, 1, 2, 3, 4, 17, 20, 21, 38, 39, 40, 41, 42, 60, 90, 91, 92})
-_KNOWN_M = frozenset({0, 1, 2, 28, 30})
+_WORK_OFFSETS = frozenset(range(54, 60))
+_SAID_OTHERWISE = frozenset({("G", 17), ("M", 50), ("M", 60), *(("G", code) for code in _WORK_OFFSETS)})
 _SIDES: dict[int, Side | None] = {40: None, 41: "left", 42: "right"}
+_BESIDE = frozenset("FDH")
 _INCH_MM = 25.4
+_FEED_UNITS = {1.0: "mm/min", 0.001: "um/min", _INCH_MM: "in/min"}
 
 
 class _Notices:
@@ -66,6 +72,9 @@ class _Interpreter:
         self.shift = 0j
         self.moved = False
         self.start_known = False
+        self.work_offset: int | None = None
+        self.cut_off: int | None = None
+        self.feed_per_minute = True
         self.notices = _Notices()
         self.runs: list[tuple[Side | None, list[CuttingMotion], list[tuple[int, float]]]] = []
         self._open_run()
@@ -81,7 +90,9 @@ class _Interpreter:
             self.notices.add("'/' (block delete) is switched off: the block is carried out", block.line)
         g_codes = self._checked_codes(block)
         for code in g_codes:
-            self._set_mode(code)
+            if code in UNITS:
+                self.notices.add(f"G{code} is read as G{UNITS[code]} ({_UNIT_NAMES[code]})", block.line)
+            self._set_mode(UNITS.get(code, code))
         self._note_words(block)
         if 4 in g_codes:
             self._dwell(block)
@@ -92,18 +103,32 @@ class _Interpreter:
 
     def _checked_codes(self, block: Block) -> set[int]:
         for letter, number in block.codes:
-            if number not in (_KNOWN_G if letter == "G" else _KNOWN_M):
-                known = "G0-4 17 20 21 38-42 60 90-92, M0 1 2 28 30"
-                raise self.error(f"unknown code {letter}{number}: known are {known}", block)
-            if (letter, number) in _NO_EFFECT:
-                self.notices.add(f"{letter}{number} has no effect on the geometry", block.line)
+            if (letter, number) in IDLE_CODES - _SAID_OTHERWISE:
+                self.notices.add(f"{letter}{number} has no effect on the contour", block.line)
             elif (letter, number) in _STOPS:
                 self.notices.add(f"M{number} (stop) is not waited for", block.line)
+        self._thread(block)
         codes = {number for letter, number in block.codes if letter == "G"}
         for group, names in _GROUPS:
             if len(codes & group) > 1:
                 raise self.error(f"two of {names} stand in one block: they exclude each other", block)
+        for code in codes & _WORK_OFFSETS:
+            self._take_work_offset(code, block)
         return codes
+
+    def _thread(self, block: Block) -> None:
+        """Note M50 and M60: a wire that is cut off cuts nothing until it is threaded."""
+        for code in (number for letter, number in block.codes if letter == "M" and number in (50, 60)):
+            done = "cuts the wire off" if code == 50 else "threads the wire"
+            self.notices.add(f"M{code} ({done}) is not waited for: G0 does both", block.line)
+            self.cut_off = block.line if code == 50 else None
+
+    def _take_work_offset(self, code: int, block: Block) -> None:
+        if self.work_offset not in (None, code):
+            told = f"G{self.work_offset} and G{code}"
+            raise self.error(f"work offsets {told}: how far they are apart is not in the program, use one", block)
+        self.work_offset = code
+        self.notices.add(f"the zero of G{code} is taken as the program's zero", block.line)
 
     def _set_mode(self, code: int) -> None:
         if code in (0, 1, 2, 3):
@@ -114,18 +139,26 @@ class _Interpreter:
             self.side = _SIDES[code]
         elif code in (90, 91):
             self.absolute = code == 90
+        elif code in (93, 94, 95):
+            self.feed_per_minute = code == 94
 
     def _note_words(self, block: Block) -> None:
+        for word in block.ignored:
+            self.notices.add(f"{word} is left out, as asked", block.line)
+        for word in block.idle:
+            self.notices.add(f"the word {word[0]} has no effect on the contour", block.line)
         if "F" in block.values:
-            feed = f"feed F{block.values['F']:g} mm/min"
+            unit = f" {_FEED_UNITS[self.unit_mm]}" if self.feed_per_minute else ""
+            feed = f"feed F{block.values['F']:g}{unit}"
             self.notices.add(f"{feed} is not used: the gap controller sets the speed", block.line)
-        if "D" in block.values:
-            self.notices.add(f"offset register D{block.values['D']:g} is not in the program: "
-                             "the offset is the one given for the cut", block.line)
+        for letter in "DH":
+            if letter in block.values:
+                self.notices.add(f"offset register {letter}{block.values[letter]:g} is not in the program: "
+                                 "the offset is the one given for the cut", block.line)
 
     def _dwell(self, block: Block) -> None:
         times = [block.values[letter] for letter in "PX" if letter in block.values]
-        if len(times) != 1 or times[0] < 0 or not block.values.keys() <= {"P", "X", "F", "D"}:
+        if len(times) != 1 or times[0] < 0 or not block.values.keys() <= {"P", "X", *_BESIDE}:
             raise self.error("G4 wants its time in seconds, 0 or more, as P or X and nothing else", block)
         if times[0] > LONGEST_DWELL_S:
             raise self.error(f"a dwell of {times[0]:g} s is beyond all reason: at most {LONGEST_DWELL_S:g} s", block)
@@ -133,7 +166,7 @@ class _Interpreter:
         dwells.append((len(motions), times[0]))
 
     def _set_position(self, block: Block) -> None:
-        if not block.values.keys() <= {"X", "Y", "F", "D"}:
+        if not block.values.keys() <= {"X", "Y", *_BESIDE}:
             raise self.error("G92 takes X and Y only", block)
         bare = not block.values.keys() & {"X", "Y"}
         programmed = 0j if bare else self._target(block.values, self.position - self.shift, absolute=True)
@@ -169,11 +202,14 @@ class _Interpreter:
         words = block.values.keys()
         if "P" in words:
             raise self.error("P stands without G4: only a dwell takes it", block)
+        if "L" in words:
+            raise self.error("L stands without M98: only the call of a subprogram takes it", block)
         if self.motion not in (2, 3) and words & {"I", "J", "R"}:
             raise self.error("I, J or R stands without G2 or G3: only an arc takes them", block)
 
     def _rapid(self, end: complex) -> None:
         self.start_known = True
+        self.cut_off = None
         if not self.runs[-1][1]:
             self.runs.pop()
             self._open_run()
@@ -181,6 +217,9 @@ class _Interpreter:
             self._open_run()
 
     def _cut(self, block: Block, end: complex) -> None:
+        if self.cut_off is not None:
+            reason = f"the wire is cut off since M50 on line {self.cut_off}: go on with G0, or thread it with M60"
+            raise self.error(reason, block)
         if not self.start_known:
             self.notices.add("neither G92 nor G0 before the first cut: the wire starts at X0 Y0", block.line)
             self.start_known = True
@@ -203,13 +242,15 @@ class _Interpreter:
         return Arc(turn, start + centre, centre + self.shift if {"I", "J"} <= values.keys() else None)
 
 
-def read_gcode(file: str | Path) -> Program:
+def read_gcode(file: str | Path, ignore: Sequence[str] = ()) -> Program:
     """Read a G-code program.
 
     Parameters
     ----------
     file : path
         The program, UTF-8 text.
+    ignore : sequence of str
+        Words to leave out, as ``M77``, or letters, as ``U``.
 
     Returns
     -------
@@ -219,11 +260,13 @@ def read_gcode(file: str | Path) -> Program:
 
     Raises
     ------
+    UnknownWordsError
+        All words of the file that are not known.
     InputError
-        With file and line: unknown word or code, an arc that fits neither way, a contour that makes no sense.
+        With file and line: an arc that fits neither way, a contour that makes no sense.
     """
     path = Path(file)
-    blocks, notices = read_blocks(read_text(path), str(path))
+    blocks, notices = read_blocks(read_text(path), str(path), Ignored.of(ignore))
     metric_mm, unit_notices = _metric_unit(blocks, str(path))
     control = _Interpreter(metric_mm, str(path))
     for block in blocks:
@@ -237,7 +280,9 @@ def read_gcode(file: str | Path) -> Program:
 
 def _metric_unit(blocks: list[Block], file: str) -> tuple[float, list[str]]:
     """Decide between mm and whole um: um if no coordinate has a point and the table is too small for mm."""
-    pointed = any(block.pointed for block in blocks) or any(("G", 20) in block.codes for block in blocks)
+    pointed = any(block.pointed for block in blocks) or any(
+        not _INCHES.isdisjoint(block.codes) for block in blocks
+    )
     extent = 0.0 if pointed else _extent(blocks)
     if extent == 0:
         return 1.0, []

@@ -160,11 +160,21 @@ def outline_of(run: Run) -> tuple[Outline, list[str]]:
         begin, end = loop
     rest = run.moves[end:]
     if len(rest) > _LONGEST_LEAD_OUT:
-        reason = (f"{len(rest)} moves follow after the contour is closed or compensation is off: "
-                  "bring the wire to the next contour with G0, and let no contour touch itself")
-        raise InputError(reason, line=rest[0].line)
+        raise InputError(_rest_reason(run, loop, last), line=rest[0].line)
     notices = [f"line {move.line}: the lead-out after the contour is left out" for move in rest[:1]]
     return _assemble(run, first, begin, end, loop is not None), notices
+
+
+def _rest_reason(run: Run, loop: tuple[int, int] | None, last: int) -> str:
+    """Say why moves after an edge cannot be a lead-out: the contour meets itself and goes on, or is over."""
+    begin, end = loop or (0, last)
+    told = f"{len(run.moves) - end} moves follow after"
+    if loop is None or end == last < len(run.moves):
+        return f"{told} compensation is off: bring the wire to the next contour with G0"
+    place = run.moves[end - 1].points[-1]
+    lines = f"lines {run.moves[begin].line} and {run.moves[end - 1].line}"
+    return (f"{told} the contour has met itself at X{place.real:.3f} Y{place.imag:.3f} ({lines}), "
+            "where it is closed: draw it without touching itself, or bring the wire to the next contour with G0")
 
 
 def _vertices(run: Run) -> list[complex]:
@@ -214,6 +224,9 @@ def _refuse_unclear_gap(run: Run, begin: int, end: int) -> None:
     vertices = _vertices(run)
     stop = vertices[end]
     gap = min(abs(vertices[begin] - stop), abs(run.start - stop))
+    if gap <= JOIN_TOLERANCE_MM:  # it is closed, and encloses as much to its left as to its right
+        points, lines = _polyline(vertices[begin], run.moves[begin:end])
+        refuse_self_crossing(_array(points), lines)
     if gap < UNCLEAR_GAP_MM:
         reason = (f"the contour ends at X{stop.real:.3f} Y{stop.imag:.3f}, {gap:.3f} mm from where it began: "
                   f"close it within {JOIN_TOLERANCE_MM} mm")

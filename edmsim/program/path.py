@@ -16,14 +16,12 @@ from shapely.geometry.base import BaseGeometry
 from edmsim.errors import InputError
 from edmsim.machine.machine import Machine
 from edmsim.program.lead_in import LEAD_IN_MM, START_HOLE_RADIUS_MM, check_approach, own_lead_in
+from edmsim.program.load import load_program
 from edmsim.program.offset import check_reach, nearest_chords, normal, offset_closed, offset_open
 from edmsim.program.outline import Outline, Program, Side, signed_area
 
 STOCK_MARGIN_MM = 3.0
 """Blank left around the job in mm, clipped to the table (ours)."""
-
-GCODE_SUFFIXES = (".ngc", ".nc", ".gcode", ".iso")
-"""File suffixes read as G-code; ``.dxf`` is read as a drawing."""
 
 _KEPT_APART_MM = 0.002
 
@@ -111,37 +109,6 @@ class _Lead:
     lines: tuple[int, ...]
 
 
-def load_program(file: str | Path) -> Program:
-    """Read a part program or drawing, by its suffix.
-
-    Parameters
-    ----------
-    file : path
-        ``.ngc .nc .gcode .iso`` are G-code, ``.dxf`` is a drawing; upper or lower case.
-
-    Returns
-    -------
-    Program
-
-    Raises
-    ------
-    InputError
-        Another suffix, or whatever `read_gcode` and `read_dxf` refuse.
-    """
-    path = Path(file)
-    suffix = path.suffix.lower()
-    if suffix == ".dxf":
-        from edmsim.program.dxf import read_dxf
-
-        return read_dxf(path)
-    if suffix in GCODE_SUFFIXES:
-        from edmsim.program.gcode import read_gcode
-
-        return read_gcode(path)
-    known = " ".join(GCODE_SUFFIXES)
-    raise InputError(f"unknown suffix '{path.suffix}': give G-code ({known}) or a drawing (.dxf)", path)
-
-
 def plan_path(
     file: str | Path,
     offset: float | str = "auto",
@@ -151,6 +118,9 @@ def plan_path(
     grid_um: int = 1,
     lead_in_mm: float = LEAD_IN_MM,
     start_hole_radius_mm: float = START_HOLE_RADIUS_MM,
+    ignore: Sequence[str] = (),
+    layers: Sequence[str] = (),
+    unit: str | None = None,
 ) -> CutPath:
     """Plan the whole cut of a part program.
 
@@ -179,6 +149,8 @@ def plan_path(
         Length of our own lead-ins in mm; shortened, with a notice, where there is no room.
     start_hole_radius_mm : float
         Radius of the hole at every thread point, in mm.
+    ignore, layers, unit
+        See `load_program`.
 
     Returns
     -------
@@ -196,7 +168,7 @@ def plan_path(
             raise InputError(f"{name} is {value}: give a length above 0 mm")
     if table_um is None:
         table_um = round(Machine.load().base.table.travel_mm.value * 1e3)
-    program = load_program(file)
+    program = load_program(file, ignore=ignore, layers=layers, unit=unit)
     notices = list(program.notices)
     legs = [_leg(program, outline, offset_mm, notices) for outline in program.outlines]
     _keep_apart(legs, program.source)
@@ -361,8 +333,12 @@ def _shift_um(contours: Sequence[WireContour], table_um: int, grid_um: int, sour
     if extent.max() > table_um:
         x, y = extent / 1000
         raise InputError(f"the wire's path spans {x:.3f} x {y:.3f} mm with its lead-ins: the table has "
-                         f"{table_um / 1000:g} x {table_um / 1000:g} mm", source)
+                         f"{table_um / 1000:g} x {table_um / 1000:g} mm{_unit_hint(source)}", source)
     return np.asarray((table_um - low - high) // (2 * grid_um) * grid_um, np.int64)
+
+
+def _unit_hint(source: str) -> str:
+    return "; if the drawing's unit is another, give --unit" if Path(source).suffix.lower() == ".dxf" else ""
 
 
 def _placed(contour: WireContour, shift: NDArray[np.int64]) -> WireContour:

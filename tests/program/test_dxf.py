@@ -202,9 +202,9 @@ def tilted(space):
     space.add_circle((0, 0), 5, dxfattribs={"extrusion": (0, 1, 1)})
 
 
-def block(space):
-    space.doc.blocks.new("gear").add_circle((0, 0), 3)
-    space.add_blockref("gear", (0, 0))
+def block_in_itself(space):
+    space.doc.blocks.new("A").add_blockref("A", (1, 1))
+    space.add_blockref("A", (0, 0))
 
 
 @pytest.mark.parametrize(("draw", "words"), [
@@ -213,7 +213,7 @@ def block(space):
     (crossed_circles, ("cross or touch at X3.000",)),
     (bow_tie, ("crosses or retraces itself at X5.000 Y5.000",)),
     (tilted, ("CIRCLE", "out of the XY plane")),
-    (block, ("INSERT", "explode")),
+    (block_in_itself, ("the block A lies in itself",)),
     (lambda space: space.add_text("nothing else"), ("nothing to cut",)),
     (lambda space: space.add_lwpolyline([(0, 0), (5, 0)], close=True), ("retraces itself",)),
 ])  # fmt: skip
@@ -244,3 +244,76 @@ def test_missing_files_and_directories_are_refused(tmp_path):
         read_dxf(tmp_path / "none.dxf")
     with pytest.raises(InputError, match="directory"):
         read_dxf(tmp_path)
+
+
+def plate(space):
+    """A plate with holes in blocks within a block, turned, stretched and as a grid."""
+    hole = space.doc.blocks.new("HOLE")
+    hole.add_circle((0, 0), 1)
+    hole.add_text("H")
+    pair = space.doc.blocks.new("PAIR")
+    pair.add_blockref("HOLE", (0, 0))
+    pair.add_blockref("HOLE", (5, 0), dxfattribs={"xscale": 2, "layer": "slots"})
+    space.add_circle((5, 5), 20)
+    space.add_blockref("PAIR", (0, 0), dxfattribs={"rotation": 90})
+    grid = {"column_count": 2, "column_spacing": 4, "row_count": 2, "row_spacing": 4, "layer": "grid"}
+    space.add_blockref("HOLE", (10, 0), dxfattribs=grid)
+
+
+def read_plate(tmp_path, **asked):
+    document = ezdxf.new("R2010", units=4)
+    plate(document.modelspace())
+    document.saveas(tmp_path / "plate.dxf")
+    return read_dxf(tmp_path / "plate.dxf", **asked)
+
+
+def test_blocks_are_cut_where_they_are_inserted(tmp_path):
+    program = read_plate(tmp_path)
+    boxes = sorted(tuple(np.round(outline.points_mm.max(axis=0), 2)) for outline in program.outlines)
+    assert boxes == [(1, 1), (1, 7), (11, 1), (11, 5), (15, 1), (15, 5), (25, 25)]
+    assert program.notices == ("6 TEXT left out",)
+
+
+def test_only_the_layers_asked_for_are_cut_also_within_blocks(tmp_path):
+    grid, rest = (read_plate(tmp_path, layers=layers) for layers in (["GRID"], ["0", "slots"]))
+    assert [len(program.outlines) for program in (grid, rest)] == [4, 3]
+    assert "1 ELLIPSE on a layer not asked for left out" in grid.notices
+    with pytest.raises(InputError, match="no layer nix; there are: 0, Defpoints, grid, slots"):
+        read_plate(tmp_path, layers=["nix"])
+
+
+def test_a_unit_that_makes_no_sense_is_asked_for(tmp_path):
+    program = read_plate(tmp_path, unit="in")
+    assert np.ptp(program.outlines[-1].points_mm, axis=0) == pytest.approx([1016, 1016], rel=1e-3)
+    assert "the drawing is read in in, as asked, though the drawing says 1 mm" in program.notices
+    refused = {"um": "spans 0.04 mm.*give --unit", "m": "spans 40000 mm.*--unit", "mile": "give one of"}
+    for unit, words in refused.items():
+        with pytest.raises(InputError, match=words):
+            read_plate(tmp_path, unit=unit)
+
+
+RING = [(10 * math.cos(a), 10 * math.sin(a), 0.0) for a in np.linspace(0, math.tau, 13)[:-1]]
+
+
+def wrapped(spline):  # control points repeated, knots that go on beyond the ends
+    spline.set_closed(RING)
+
+
+def written_once(spline):
+    spline.control_points, spline.knots = RING, range(len(RING) + 7)
+
+
+def through_points(spline):
+    spline.fit_points = RING
+
+
+@pytest.mark.parametrize(("write", "reach"), [(wrapped, 9.56), (written_once, 9.56), (through_points, 10.0)])
+def test_closed_splines_as_cad_systems_write_them(drawing, write, reach):
+    def draw(space):
+        spline = space.add_spline()
+        spline.dxf.flags, spline.dxf.degree = 11, 3  # closed, periodic, planar
+        write(spline)
+
+    (outline,) = drawing(draw).outlines
+    assert np.hypot(*outline.points_mm.T) == pytest.approx(reach, abs=0.01)  # round, without a nick at its start
+    assert outline.closed

@@ -16,10 +16,10 @@ SQUARE = "G92 X5 Y-2\nG41 D0 G1 X5 Y0\nX0\nY8\nX10\nY0\nX5\nG40 Y-2\nM02\n"
 
 @pytest.fixture
 def read(tmp_path):
-    def read_text(text, name="part.ngc"):
+    def read_text(text, name="part.ngc", **asked):
         file = tmp_path / name
         file.write_bytes(text if isinstance(text, bytes) else text.encode())
-        return read_gcode(file)
+        return read_gcode(file, **asked)
 
     return read_text
 
@@ -267,6 +267,12 @@ BAD = [
     ("G41 D0\nG0 X0 Y0\nG1 X9.5\nY9\nX0\nY0.02\n", 6, "0.020 mm"),
     (SQUARE.replace("X10\n", "G42 X10\n"), 5, "compensation"),
     (SQUARE.replace("M02", "X30\nY30\n"), 8, "3 moves"),
+    ("G0 X0 Y0\nM50\nG1 X5.5\n", 3, "cut off since M50 on line 2"),
+    ("G54 G0 X0 Y0\nG1 X5.5\nG55 G0 X9\n", 3, "G54 and G55"),
+    ("G0 X0 Y0\nG1 X1O5\n", 2, "'O5'"),
+    ("G0 X0 Y0\nG1 X1E2\n", 2, "'E2'"),
+    ("G0 X0 Y-5.\nG41 G1 X0 Y0\nX10 Y10\nY0\nX0 Y10\nY0\n", 5, "crosses or retraces itself at X5.000 Y5.000"),
+    ("G0 X0 Y0\nG1 X5.5 Y5\nX10\nY10\nX5.5 Y5\nX0 Y10\nX-3\nY0\n", 6, "met itself at X5.500 Y5.000 (lines 3 and 5)"),
     ("G0 X0 Y0\nG1 X9.5\nX4\nY3\n", 3, "lines 2 and 3"),
     ("G42\nG0 X0 Y0\nG1 X9.5 Y9\nX9\nX0\nX3.5 Y0\nY20\nX0.5\n", None, "crosses"),
     ("G0 X0 Y0\nG1 X100\n", None, "too much in mm"),
@@ -299,3 +305,36 @@ def test_missing_files_and_directories_are_refused(tmp_path):
         read_gcode(tmp_path / "none.ngc")
     with pytest.raises(InputError, match="directory"):
         read_gcode(Path(tmp_path))
+
+
+def test_words_that_cannot_change_a_contour_are_read_and_told(read):
+    idle = "O1234\nT84 T85\nG54 G71 G80 G90\nM60\nS1 C003 H0 Z20.\nM80 M82 M84\n"
+    program = read(idle + SQUARE.replace("M02", "M50\nM02"))
+    assert np.array_equal(only(program).points_mm, only(read(SQUARE)).points_mm)
+    for what in ("G54", "G71", "G80", "M60", "M50", "M80", "M82", "M84", "register H0", *(
+        f"word {letter} " for letter in "OTSCZ"
+    )):  # fmt: skip
+        assert sum(what in notice for notice in program.notices) == 1, what
+
+
+def test_all_unknown_words_of_a_file_stand_in_one_list(read):
+    text = "G0 X0 Y0\nG51 A2\nG1 X5.5 U1. V2\nM77\nX9 U2\n"
+    found = refusal(read, text, 2, "words 'G51' (line 2), 'A2'", "'U1.' (line 3)", "'M77'", "'U2'", "--ignore")
+    assert found.words == {"G51": [2], "A2": [2], "U1.": [3], "V2": [3], "M77": [4], "U2": [5]}
+    program = read(text, ignore=["g51", "A", "u", "V", "M77"])
+    assert only(program).points_mm.tolist() == [[0, 0], [5.5, 0], [9, 0]]
+    assert "line 2: G51 is left out, as asked" in program.notices
+
+
+@pytest.mark.parametrize(("asked", "what"), [("X", "X: the contour"), ("G1", "G1: the"), ("$", "letters or words")])
+def test_what_makes_the_contour_is_not_ignored(read, asked, what):
+    with pytest.raises(InputError, match=what):
+        read(SQUARE, ignore=[asked])
+
+
+@pytest.mark.parametrize(("text", "feed"), [
+    ("G20 G0 X0 Y0\nF0.1 G1 X1. Y.5\n", "F0.1 in/min"), ("G0 X0 Y0\nF9 G1 X1. Y.5\n", "F9 mm/min"),
+    ("G0 X0 Y0\nF9 G1 X1000 Y500\n", "F9 um/min"), ("G93 G0 X0 Y0\nF9 G1 X1. Y.5\n", "F9 is"),
+])  # fmt: skip
+def test_feeds_are_told_in_the_units_of_the_program(read, text, feed):
+    assert sum(f"feed {feed}" in notice for notice in read(text).notices) == 1

@@ -314,11 +314,23 @@ def test_bad_settings_are_refused(plan, settings, word):
 
 
 def test_other_suffixes_are_refused(plan):
-    with pytest.raises(InputError, match=r"unknown suffix '\.txt'"):
-        plan(PUNCH, name="part.txt")
+    with pytest.raises(InputError, match=r"unknown suffix '\.step'"):
+        plan(PUNCH, name="part.step")
 
 
-@pytest.mark.parametrize("suffix", [".ngc", ".NC", ".gcode", ".ISO"])
+def test_a_text_that_does_not_read_as_a_program_is_refused(plan):
+    with pytest.raises(InputError, match="unknown words"):
+        plan("Dear reader,\nthis is a letter.\n", name="part.txt")
+
+
+def test_layers_and_ignored_words_have_their_kind_of_file(plan, plan_drawing):
+    with pytest.raises(InputError, match="those of a drawing"):
+        plan(PUNCH, layers=["0"])
+    with pytest.raises(InputError, match="ignored in G-code"):
+        plan_drawing(lambda space: space.add_circle((0, 0), 3), ignore=["M77"])
+
+
+@pytest.mark.parametrize("suffix", [".ngc", ".NC", ".gcode", ".ISO", ".txt"])
 def test_the_suffix_chooses_the_reader(tmp_path, suffix):
     file = tmp_path / f"part{suffix}"
     file.write_text(PUNCH)

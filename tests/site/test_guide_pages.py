@@ -127,11 +127,11 @@ def test_the_error_shown_is_the_one_a_user_sees(
 
 
 def test_the_words_of_programs() -> None:
-    from edmsim.program import gcode
+    from edmsim.program import words
 
     table = page("guide/programs").split("## Drawings")[0]
     told = set(re.findall(r"[GM]\d+", "\n".join(line for line in table.splitlines() if line.startswith("| "))))
-    assert told == {f"G{n}" for n in gcode._KNOWN_G} | {f"M{n}" for n in gcode._KNOWN_M}
+    assert told == {f"G{n}" for n in words.KNOWN_G} | {f"M{n}" for n in words.KNOWN_M}
 
 
 def test_the_lengths_of_programs() -> None:

@@ -1,0 +1,104 @@
+"""Which words of G-code a program may have, which of them cannot change a contour, and which a user leaves out."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from edmsim.errors import InputError
+
+VALUES = frozenset("NFDHXYIJRPL")
+"""Letters whose numbers are used or told of."""
+IDLE = frozenset("OTSCZ")
+"""Letters that cannot change a contour in two axes: program and technology numbers, the height of the upper guide. E
+is none of them: ``X1E2`` may be meant as a number."""
+IDLE_CODES = frozenset(
+    [("G", number) for number in (9, 15, 17, 38, 39, 43, 44, 49, 50, *range(54, 62), 64, 69, 80, *range(93, 100))]
+    + [("M", number) for number in (*range(3, 12), 28, 40, 50, 60, *range(78, 90))]
+)
+"""Codes without effect on a contour in two axes: exact stop, plane XY, cancelled offsets, tapers, turns and cycles,
+the work offset, the mode of the feed; spindle, water, tank, wire and generator; threading, which G0 does here."""
+UNITS = {70: 20, 71: 21}
+"""Codes of some controls for inch and mm, and what they are elsewhere."""
+KNOWN_G = frozenset({0, 1, 2, 3, 4, 20, 21, 40, 41, 42, 90, 91, 92, *UNITS}) | {n for g, n in IDLE_CODES if g == "G"}
+KNOWN_M = frozenset({0, 1, 2, 30}) | {n for m, n in IDLE_CODES if m == "M"}
+
+_LONGEST_CODE = 4
+_MOST_TOLD = 12
+_NEEDED = frozenset({*"GNXYIJR", "G0", "G1", "G2", "G3"})
+_ASKED = re.compile(r"([A-Z])(\d+\.?\d*)?")
+
+
+@dataclass(frozen=True)
+class Ignored:
+    """Words that a user leaves out of a program.
+
+    Attributes
+    ----------
+    letters : frozenset of str
+        Left out with any number.
+    words : frozenset of (str, float)
+    """
+
+    letters: frozenset[str] = frozenset()
+    words: frozenset[tuple[str, float]] = frozenset()
+
+    @classmethod
+    def of(cls, asked: Sequence[str]) -> Ignored:
+        """Read words as ``G51``, or letters as ``U``; raises `InputError` at others, and at what makes a contour."""
+        letters, words = set(), set()
+        for text in asked:
+            word = _ASKED.fullmatch(text.strip().upper())
+            if word is None:
+                raise InputError(f"ignore has {text!r}: give letters or words as a program has them: U,M77")
+            plain = word[1] if word[2] is None else f"{word[1]}{float(word[2]):g}"
+            if plain in _NEEDED:
+                raise InputError(f"ignore has {plain}: the contour cannot be read without it")
+            if word[2] is None:
+                letters.add(word[1])
+            else:
+                words.add((word[1], float(word[2])))
+        return cls(frozenset(letters), frozenset(words))
+
+    def has(self, letter: str, number: str) -> bool:
+        """Say whether a word is left out."""
+        return letter in self.letters or (letter, float(number)) in self.words
+
+
+class UnknownWordsError(InputError):
+    """A program has words that are not known here.
+
+    Parameters
+    ----------
+    found : sequence of (str, int)
+        Every one, with its line.
+    file : path
+
+    Attributes
+    ----------
+    words : dict of str to list of int
+        Each word with its lines.
+    """
+
+    def __init__(self, found: Sequence[tuple[str, int]], file: str | Path) -> None:
+        self.words: dict[str, list[int]] = {}
+        for word, line in found:
+            self.words.setdefault(word, []).append(line)
+        told = [
+            f"{word!r} (line {lines[0]}" + (f", {len(lines)} times)" if len(lines) > 1 else ")")
+            for word, lines in self.words.items()
+        ]
+        more = f" and {len(told) - _MOST_TOLD} more" if len(told) > _MOST_TOLD else ""
+        count = "word" if len(told) == 1 else "words"
+        reason = (f"unknown {count} {', '.join(told[:_MOST_TOLD])}{more}: correct them, or leave out with --ignore "
+                  "what cannot change the contour")
+        super().__init__(reason, file, found[0][1])
+
+
+def code_of(letter: str, number: str) -> int | None:
+    """Return the number of a G or M code, None if no such code is known."""
+    if not number.isdigit() or len(number) > _LONGEST_CODE:
+        return None
+    return int(number) if int(number) in (KNOWN_G if letter == "G" else KNOWN_M) else None
