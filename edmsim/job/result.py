@@ -9,23 +9,26 @@ from typing import TYPE_CHECKING, Any
 
 from edmsim import __version__
 from edmsim.cosim.simulation import Simulation
+from edmsim.errors import InputError
 from edmsim.files import make_writable, together
 from edmsim.job.inspection import inspect, totals
 from edmsim.job.recorders import Recorders
 from edmsim.job.settings import METADATA_KEY, CutSettings
-from edmsim.job.single_pulses import sample_or_reason
+from edmsim.job.single_pulses import sample_like, sample_or_reason
 from edmsim.machine.machine import Machine
 from edmsim.metrology.edges import contour
 from edmsim.plant.workpiece.kerf_field import KerfField
 from edmsim.program.path import CutPath
 from edmsim.recording.closeups import Closeups
 from edmsim.recording.frames import Frames
-from edmsim.recording.report import build_report, cut_id
+from edmsim.recording.html_report import card
+from edmsim.recording.report import build_report, cut_id, outcome_text, summary
 from edmsim.recording.scene import Scene
 from edmsim.recording.windows import CUT_KEY
 
 if TYPE_CHECKING:
     import pyarrow as pa
+    from matplotlib.figure import Figure
     from shapely.geometry import MultiPolygon
 
 
@@ -62,6 +65,53 @@ class CutResult:
     closeups: Closeups
     machine: Machine
 
+    def __repr__(self) -> str:
+        """Say how it ended and the key figures: the fields of the report hold the rest."""
+        shown = ("machining time", "path", "kerf", "profile error", "corners")
+        lines = [f"  {name:14} {text}" for name, text in summary(self.report) if name in shown]
+        return "\n".join([f"<CutResult of {self._title}: {outcome_text(self.report)}", *lines]) + ">"
+
+    def _repr_html_(self) -> str:
+        """Show table and picture in a notebook."""
+        return card(self.report, self._title, self.plot())
+
+    @property
+    def _title(self) -> str:
+        return str(self.report["settings"]["program"])
+
+    def plot(self, figure: str = "profile") -> Figure:
+        """Draw a figure of the cut; as the last line of a notebook's cell it shows by itself.
+
+        Parameters
+        ----------
+        figure : str
+            ``"profile"``, the picture of ``profile.png``: part, error and process; or one of those that
+            ``edmsim report`` writes: ``"profile-error"``, ``"error-shares"``, ``"corner"``, ``"kerf-section"``,
+            ``"pulses"``, ``"short-open"``, ``"ignition-delay"``, ``"wire-spectrum"``. The last two simulate single
+            pulses of a straight cut with the same set-up, which takes some seconds.
+
+        Returns
+        -------
+        matplotlib.figure.Figure
+            With an Agg canvas; ``plot().savefig("cut.pdf")`` writes it.
+
+        Raises
+        ------
+        InputError
+            There is no such figure, or this cut has no single pulses to show.
+        """
+        from edmsim.recording.figures import profile_figure
+        from edmsim.recording.figures.catalogue import OF_CUT, OF_SAMPLE
+
+        if figure in OF_SAMPLE:
+            return OF_SAMPLE[figure](sample_like(self.report, self.windows), self.windows, self.report)
+        if figure in OF_CUT:
+            return OF_CUT[figure](self.report, self.windows, self.scene)
+        if figure != "profile":
+            known = ", ".join(["profile", *OF_CUT, *OF_SAMPLE])
+            raise InputError(f"there is no figure '{figure}'; there are: {known}")
+        return profile_figure(self.scene, self.windows, self.report, self._title)
+
     def contour(self, slice_index: int) -> MultiPolygon:
         """Metal removed from one slice (0 is the bottom) as shapely polygons in mm; holes are what stays."""
         return contour(self.field, slice_index)
@@ -95,7 +145,7 @@ class CutResult:
         )
 
         make_writable(Path(folder))
-        tell, title = enter or (lambda _: None), str(self.report["settings"]["program"])
+        tell, title = enter or (lambda _: None), self._title
         with together(Path(folder), "report.json") as target:
             tell("figures")
             write_windows(self.windows, target / "windows.parquet")

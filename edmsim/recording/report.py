@@ -215,6 +215,12 @@ def render_table(report: Mapping[str, Any]) -> RenderableType:
     return Group(head, table, *(Text(f"note: {notice}", style="yellow") for notice in report["notices"]))
 
 
+def outcome_text(report: Mapping[str, Any]) -> str:
+    """Return how a cut ended, and why if the machine stopped."""
+    reason = report["reason"]
+    return str(report["outcome"]) + ("" if reason is None else f": {reason}")
+
+
 def summary(report: Mapping[str, Any]) -> list[tuple[str, str]]:
     """Return the key figures of a report as a person reads them: names and texts."""
     say = figure_text

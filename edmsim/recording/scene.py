@@ -121,6 +121,14 @@ class Scene:
     hole_radius_mm: float = 0.0
     cut: str | None = None
 
+    def __repr__(self) -> str:
+        """Say how much there is of everything, not all its points."""
+        x0, y0, x1, y1 = self.stock_mm
+        return (
+            f"<Scene: {len(self.maps)} contours, {len(self.corners)} corners, {len(self.cut_edges_mm)} slices, "
+            f"blank {x1 - x0:.1f} x {y1 - y0:.1f} x {self.height_mm:g} mm>"
+        )
+
     def extent_mm(self) -> tuple[float, float, float, float]:
         """Return the box (x_min, y_min, x_max, y_max) around nominal edges, start holes and stop place."""
         points = np.concatenate(
