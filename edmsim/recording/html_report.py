@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Literal
 from edmsim.cosim.pulse_sample import PulseSample
 from edmsim.files import replacing
 from edmsim.recording.figures.catalogue import Picture, pictures
-from edmsim.recording.report import duration_text, figure_text, outcome_text, summary
+from edmsim.recording.report import corner_mm, duration_text, figure_text, outcome_text, summary
 from edmsim.recording.scene import Scene
 
 if TYPE_CHECKING:
@@ -163,7 +163,7 @@ def _png(figure: Figure, dpi: float | Literal["figure"] = "figure") -> str:
 def _corners(report: Mapping[str, Any]) -> str:
     head = "<tr><th>X, mm</th><th>Y, mm</th><th>turn, °</th><th>error, µm</th></tr>"
     rows = (
-        f"<tr><td>{c['x_mm']:.3f}</td><td>{c['y_mm']:.3f}</td><td>{c['turn_deg']:+.0f}</td>"
+        f"<tr><td>{corner_mm(c)[0]:.3f}</td><td>{corner_mm(c)[1]:.3f}</td><td>{c['turn_deg']:+.0f}</td>"
         f"<td>{'–' if c['error_um'] is None else format(c['error_um'], '+.1f')}</td></tr>"
         for c in report["corners"]
     )
