@@ -57,8 +57,8 @@ def _register() -> None:
 
 
 def __dir__() -> list[str]:
-    """Name what there is, loaded or not."""
-    return sorted({*globals(), *__all__})
+    """Name the public names, loaded or not, and nothing of the machinery."""
+    return sorted([*__all__, "__version__", "__doc__"])
 
 
 def __getattr__(name: str) -> Any:

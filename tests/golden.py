@@ -35,6 +35,7 @@ import edmsim
 from edmsim import Machine, Plant, PulseWindow, controllers, envs, validation
 from edmsim.cli import app as cli
 from edmsim.controllers.planner.registry import PLANNERS, make_planner
+from edmsim.metrology.edges import contour
 from edmsim.plant.workpiece.start_slot import begun_slot
 from edmsim.validation.setups import FRAIL, altered
 
@@ -212,8 +213,9 @@ def cut(program: str, **options: Any) -> dict[str, Any]:
     seen: list[Any] = []
     given: Any = {"resolution": "fast", "seed": 1, "max_time_s": 30.0, "watch": seen.append, **options}
     result = edmsim.cut(program, **given)
-    contours = {str(k): np.frombuffer(result.contour(k).wkb, np.uint8) for k in (0, result.frames.n_slices // 2)}
-    path = {str(k): contour.points_um for k, contour in enumerate(result.path.contours)}
+    slices = 0, result.frames.n_slices // 2
+    contours = {str(k): np.frombuffer(contour(result.field, k).wkb, np.uint8) for k in slices}
+    path = {str(k): leg.points_um for k, leg in enumerate(result.path.contours)}
     frames = {name: getattr(result.frames, name) for name in ("t_s", "guides_um", "path_um", "deflection_um")}
     return {"report": result.report, "windows": result.windows, "frames": frames, "path": path,
             "closeups": result.closeups.table(), "contours": contours, "progress": seen}  # fmt: skip

@@ -27,7 +27,7 @@ COLUMNS = (
 REPORT = {
     "outcome", "reason", "machining_time_s", "wall_time_s", "realtime_factor", "pulses", "path_length_mm",
     "feed_um_s", "cutting_rate_mm2_min", "pulse_share", "kerf_um", "kerf_section", "profile_error_um", "corners",
-    "wire", "following_error_um", "table_error_um", "coverage", "surface", "energy_J", "removed_mm3",
+    "origin_mm", "wire", "following_error_um", "table_error_um", "coverage", "surface", "energy_J", "removed_mm3",
     "mean_current_A", "mean_voltage_V", "seed", "settings", "notices", "edmsim_version",
 }  # fmt: skip
 
@@ -160,11 +160,23 @@ def test_contour_is_a_ring_around_the_part(small_cut: SimpleNamespace) -> None:
     result = small_cut.result
     part = shapely.Polygon(result.path.contours[0].nominal_mm)
     for i in (0, result.field.n_slices - 1):
-        removed = result.contour(i)
+        removed = result.contour(i, coordinates="table")
         assert removed.is_valid
         assert not removed.contains(part.centroid)
         assert removed.convex_hull.contains(part)
         assert removed.intersection(part).area < 0.05 * part.area
+
+
+def test_contour_lies_at_mid_height_on_the_drawing_without_specks(small_cut: SimpleNamespace) -> None:
+    result = small_cut.result
+    removed = result.contour()
+    assert removed.equals(result.contour(result.field.n_slices // 2))
+    assert len(removed.geoms) == len(removed.geoms[0].interiors) == 1  # the kerf around the part, and nothing else
+    assert shapely.Polygon(removed.geoms[0].interiors[0]).bounds == pytest.approx((0, 0, 1, 1), abs=0.05)
+    whole = result.contour(specks=True, coordinates="table")
+    assert 0 <= whole.area - removed.area < 0.01
+    with pytest.raises(InputError, match="no coordinates 'drawing'; there are: program, table"):
+        result.contour(coordinates="drawing")
 
 
 def test_contour_of_a_slice_that_is_not_there(small_cut: SimpleNamespace) -> None:

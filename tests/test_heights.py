@@ -217,7 +217,7 @@ def test_upper_slices_are_cut_on_the_ridge_only(ridge: SimpleNamespace) -> None:
     start = result.path.contours[0].points_um[0, 0] / 1000
     areas = []
     for number in range(5):
-        removed = result.contour(number)
+        removed = result.contour(number, coordinates="table")
         areas.append(removed.area)
         x0, _, x1, _ = removed.bounds
         low = start + (0.0 if number < 2 else UP_MM), start + (LENGTH_MM + 0.2 if number < 2 else DOWN_MM)

@@ -40,6 +40,10 @@ def test_public_name_resolves_and_is_documented(name: str) -> None:
     assert inspect.getdoc(getattr(edmsim, name))
 
 
+def test_a_list_of_names_holds_the_public_ones_and_nothing_else() -> None:
+    assert {name for name in dir(edmsim) if not name.startswith("__")} == set(edmsim.__all__)
+
+
 def test_the_agreed_names_are_public() -> None:
     assert {"cut", "Machine", "Plant", "controllers"} <= set(edmsim.__all__)
 

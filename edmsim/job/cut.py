@@ -21,11 +21,13 @@ from edmsim.cosim.simulation import Progress, Simulation
 from edmsim.errors import EdmsimError, InputError
 from edmsim.files import locked
 from edmsim.job import checkpoint, interrupts
+from edmsim.job.notebook import notebook_progress
 from edmsim.job.recorders import Recorders, recorders_for
 from edmsim.job.result import CutResult, result_of
 from edmsim.job.settings import CutOptions, CutSettings, takes_settings
 from edmsim.machine.files import own_mjcf_text
 from edmsim.program.path import plan_path
+from edmsim.recording.report import outcome_text
 
 CHECKPOINT_EVERY_S = 60.0
 """Wall time between checkpoints of a long cut."""
@@ -55,7 +57,8 @@ def cut(
     overwrite : bool
         Give up the interrupted cut of `out` for this one.
     watch : callable, optional
-        Called with a `Progress` after every window.
+        Called with a `Progress` after every window. In a notebook a bar is shown if there is none; with
+        ``EDMSIM_PROGRESS=0`` in the environment there is no bar.
     enter : callable, optional
         Called with the name of a phase when it begins: cutting, measuring, figures, recording.
     {options}
@@ -76,6 +79,9 @@ def cut(
     settings = CutSettings.model_validate(options)
     simulation, recorders = _begin(program, settings)
     made_with = _made_with(program, settings, simulation)
+    bar = None if watch or enter else notebook_progress(made_with["program"])
+    if bar is not None:
+        watch, enter = bar.show, bar.enter
     tell = enter or (lambda _: None)
     folder = None if out is None else Path(out)
     if resume and overwrite:
@@ -92,6 +98,8 @@ def cut(
         result = result_of(simulation, recorders, settings, made_with, notices, run.wall_time_s)
         if folder is not None:
             run.leave(result, tell)
+    if bar is not None:
+        bar.end(outcome_text(result.report))
     return result
 
 

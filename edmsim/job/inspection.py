@@ -117,6 +117,7 @@ def inspect(simulation: Simulation, windows: WindowTable) -> Inspection:
         guides_z_mm=(-guides, machine.height_mm + guides),
         wire_diameter_um=machine.wire_diameter_um,
         hole_radius_mm=simulation.path.start_hole_radius_mm,
+        origin_mm=simulation.path.origin_mm,
         stop_mm=None if simulation.cause is StopCause.FINISHED else (x * 1e-3, y * 1e-3),
     )
     commanded_um = np.concatenate([commanded for commanded, _, _ in ways_um])

@@ -2,31 +2,40 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
+
+import shapely
 
 from edmsim import __version__
 from edmsim.cosim.simulation import Simulation
+from edmsim.errors import InputError
 from edmsim.files import make_writable, together
 from edmsim.job.inspection import inspect, totals
 from edmsim.job.recorders import Recorders
 from edmsim.job.settings import METADATA_KEY, CutSettings
-from edmsim.job.single_pulses import sample_or_reason
+from edmsim.job.single_pulses import sample_like, sample_or_reason
 from edmsim.machine.machine import Machine
-from edmsim.metrology.edges import contour
+from edmsim.metrology.edges import contour, without_specks
 from edmsim.plant.workpiece.kerf_field import KerfField
 from edmsim.program.path import CutPath
 from edmsim.recording.closeups import Closeups
 from edmsim.recording.frames import Frames
-from edmsim.recording.report import build_report, cut_id
+from edmsim.recording.html_report import card
+from edmsim.recording.report import build_report, cut_id, outcome_text, summary
 from edmsim.recording.scene import Scene
 from edmsim.recording.windows import CUT_KEY
 
 if TYPE_CHECKING:
     import pyarrow as pa
+    from matplotlib.figure import Figure
     from shapely.geometry import MultiPolygon
+
+_SPECK_SHARE = 0.01
+"""Share of the wire's cross-section below which an area is a speck (ours: a crater or two; any kerf is larger)."""
 
 
 @dataclass(frozen=True)
@@ -62,9 +71,114 @@ class CutResult:
     closeups: Closeups
     machine: Machine
 
-    def contour(self, slice_index: int) -> MultiPolygon:
-        """Metal removed from one slice (0 is the bottom) as shapely polygons in mm; holes are what stays."""
-        return contour(self.field, slice_index)
+    def __repr__(self) -> str:
+        """Say how it ended and the key figures: the fields of the report hold the rest."""
+        shown = ("machining time", "path", "kerf", "profile error", "corners")
+        lines = [f"  {name:14} {text}" for name, text in summary(self.report) if name in shown]
+        return "\n".join([f"<CutResult of {self._title}: {outcome_text(self.report)}", *lines]) + ">"
+
+    def _repr_html_(self) -> str:
+        """Show table and picture in a notebook."""
+        return card(self.report, self._title, self.plot())
+
+    @property
+    def _title(self) -> str:
+        return str(self.report["settings"]["program"])
+
+    def plot(self, figure: str = "profile") -> Figure:
+        """Draw a figure of the cut; as the last line of a notebook's cell it shows by itself.
+
+        Parameters
+        ----------
+        figure : str
+            ``"profile"``, the picture of ``profile.png``: part, error and process; or one of those that
+            ``edmsim report`` writes: ``"profile-error"``, ``"error-shares"``, ``"corner"``, ``"kerf-section"``,
+            ``"pulses"``, ``"short-open"``, ``"ignition-delay"``, ``"wire-spectrum"``. The last two simulate single
+            pulses of a straight cut with the same set-up, which takes some seconds.
+
+        Returns
+        -------
+        matplotlib.figure.Figure
+            With an Agg canvas; ``plot().savefig("cut.pdf")`` writes it.
+
+        Raises
+        ------
+        InputError
+            There is no such figure, or this cut has no single pulses to show.
+        """
+        from edmsim.recording.figures import profile_figure
+        from edmsim.recording.figures.catalogue import OF_CUT, OF_SAMPLE
+
+        if figure in OF_SAMPLE:
+            return OF_SAMPLE[figure](sample_like(self.report, self.windows), self.windows, self.report)
+        if figure in OF_CUT:
+            return OF_CUT[figure](self.report, self.windows, self.scene)
+        if figure != "profile":
+            known = ", ".join(["profile", *OF_CUT, *OF_SAMPLE])
+            raise InputError(f"there is no figure '{figure}'; there are: {known}")
+        return profile_figure(self.scene, self.windows, self.report, self._title)
+
+    def contour(
+        self, slice_index: int | None = None, *, coordinates: Literal["program", "table"] = "program",
+        specks: bool = False,
+    ) -> MultiPolygon:
+        """Return the metal removed from one slice as shapely polygons in mm; holes in them are what stays.
+
+        Parameters
+        ----------
+        slice_index : int, optional
+            0 is the bottom; the slice at mid height if not given, of a stepped workpiece at that of its lowest place.
+        coordinates : {"program", "table"}
+            Those of the program or drawing, so that the contour lies on it; or the table's, which `windows`, `path`
+            and `field` have. They differ by ``path.origin_mm``.
+        specks : bool
+            Keep single craters beside the kerf and crumbs of metal in it as well: what is smaller than a hundredth
+            of the wire's cross-section.
+
+        Raises
+        ------
+        InputError
+            There is no such slice, or there are no such coordinates.
+        """
+        if coordinates not in ("program", "table"):
+            raise InputError(f"there are no coordinates '{coordinates}'; there are: program, table")
+        removed = contour(self.field, self.scene.middle_slice() if slice_index is None else slice_index)
+        if not specks:
+            wire_mm2 = math.pi / 4 * (self.machine.wire_diameter_um * 1e-3) ** 2
+            removed = without_specks(removed, _SPECK_SHARE * wire_mm2)
+        if coordinates == "table":
+            return removed
+        return shapely.transform(removed, lambda mm: mm - self.path.origin_mm)
+
+    def write_traces(
+        self, file: str | Path, *, every_us: float = 0.5, begin_s: float = 0.0, end_s: float = math.inf
+    ) -> None:
+        """Write gap voltage and current as an oscilloscope would sample them to a Parquet file.
+
+        Kept are the last 96 pulses of some windows: a thinned run over the whole cut, and every window around
+        retracts and corners (`closeups`). Each sample says which class its pulse was, as the model knows it: what a
+        discriminator has to find out.
+
+        Parameters
+        ----------
+        file : path
+            Columns ``window_t_s`` (s, the ``t_s`` of the row of `windows`), ``time_us`` (since that window's
+            begin), ``voltage_V``, ``current_A``, ``pulse`` (counts the pulses kept of a window) and ``kind``
+            (``open``, ``spark``, ``arc`` or ``short``).
+        every_us : float
+            Time between samples, above 0. Edges are upright: the model has no rise times, lines or noise.
+        begin_s, end_s : float
+            Windows that end within this span of machine time.
+
+        Raises
+        ------
+        InputError
+            The time between samples is not above 0, or the file cannot be written.
+        """
+        from edmsim.recording.traces import write_traces
+
+        rows = self.closeups.table()
+        write_traces(rows[(rows["t_s"] >= begin_s) & (rows["t_s"] <= end_s)], file, every_us)
 
     def write(self, folder: str | Path, enter: Callable[[str], None] | None = None) -> None:
         """Write ``report.json`` and ``.html``, ``windows.parquet``, ``profile.png``, ``part.npz`` and ``cut.rrd``.
@@ -95,7 +209,7 @@ class CutResult:
         )
 
         make_writable(Path(folder))
-        tell, title = enter or (lambda _: None), str(self.report["settings"]["program"])
+        tell, title = enter or (lambda _: None), self._title
         with together(Path(folder), "report.json") as target:
             tell("figures")
             write_windows(self.windows, target / "windows.parquet")
@@ -144,6 +258,7 @@ def result_of(
         seed=settings.seed,
         settings=made_with,
         version=__version__,
+        origin_mm=simulation.path.origin_mm,
     )
     whose = cut_id(report)
     return CutResult(

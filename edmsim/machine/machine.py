@@ -7,7 +7,7 @@ word "ours"; the range, where one is known, is what `value` may be drawn from.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from typing import TYPE_CHECKING
 
 from edmsim.errors import InputError
@@ -172,6 +172,16 @@ class Machine(SetUp):
             A name that is none, or a constant without a range; or no set-up that can run was drawn.
         """
         return sample(self, rng, only)
+
+    def __repr_args__(self) -> Iterator[tuple[str | None, object]]:
+        """Say the arguments of `load` that are in force, in place of every constant: a machine has hundreds."""
+        yield None, self.name
+        yield "material", self.material_name
+        yield "wire", self.wire_name
+        yield "generator", self.generator_name
+        for name in ("wire_diameter_um", "height_mm", "tension", "t_on_us", "t_period_us"):
+            yield name, float(f"{getattr(self, name):.6g}")
+        yield from ((name, value) for name in Choices.model_fields if (value := getattr(self, name)) is not None)
 
     def check(self) -> None:
         """Raise `InputError` for a set-up that cannot run."""

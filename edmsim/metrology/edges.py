@@ -88,6 +88,22 @@ def contour(field: KerfField, slice_index: int) -> MultiPolygon:
     return MultiPolygon(list(shapely.get_parts(area)))
 
 
+def without_specks(area: MultiPolygon, least_mm2: float) -> MultiPolygon:
+    """Return polygons and holes of at least an area: craters beside the kerf and crumbs of metal in it are left out.
+
+    Parameters
+    ----------
+    area : MultiPolygon
+        In mm, as `contour` returns it.
+    least_mm2 : float
+        What is smaller goes.
+    """
+    return MultiPolygon([
+        Polygon(part.exterior, [hole for hole in part.interiors if Polygon(hole).area >= least_mm2])
+        for part in area.geoms if Polygon(part.exterior).area >= least_mm2
+    ])  # fmt: skip
+
+
 def edge_segments(field: KerfField, slices: Sequence[int]) -> Iterator[NDArray[np.float64]]:
     """Yield, for each of `slices`, the edges as loose segments: array (m, 2, 2) of ``[end, (x, y)]`` in mm.
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,7 +11,11 @@ from numpy.typing import NDArray
 from edmsim.plant.axes.drives import Drives
 from edmsim.plant.gap.rays import Rays
 from edmsim.plant.kernel.state import GRID, PULSE, PULSES_PER_WINDOW, Arrays, Constants, Timing
+from edmsim.plant.resolution import Resolution
 from edmsim.plant.workpiece.kerf_field import KerfField
+
+if TYPE_CHECKING:
+    from edmsim.machine.machine import Machine
 
 
 class PlantReadings:
@@ -20,9 +25,18 @@ class PlantReadings:
     ----------
     field : KerfField
         The metal left in every slice.
+    machine : Machine
+        The set-up, with the pulse setting in force.
+    mechanics : str
+        What moves table and wire.
+    resolution : Resolution
+        Slices, rays and modes.
     """
 
     field: KerfField
+    machine: Machine
+    mechanics: str
+    resolution: Resolution
     _state: NDArray[np.void]
     _window: NDArray[np.void]
     _arrays: Arrays
@@ -31,6 +45,17 @@ class PlantReadings:
     _drives: Drives
     _pulses: NDArray[np.void]
     _generator_on: bool
+
+    def __repr__(self) -> str:
+        """Say what is set up, and where and when it is."""
+        res, (x, y) = self.resolution, self.commanded_um
+        generator = "on" if self.generator_on else "off"
+        return (
+            f"<Plant of {self.machine!r}\n"
+            f"  {self.mechanics}, {res.slices} slices x {res.rays} rays x {res.modes} modes\n"
+            f"  at X {x / 1e3:.3f} Y {y / 1e3:.3f} mm on the table after {self.time_ns * 1e-9:.3f} s and "
+            f"{self.pulses} pulses, generator {generator}>"
+        )
 
     @property
     def time_ns(self) -> int:

@@ -56,6 +56,16 @@ class WireContour:
     dwells: tuple[tuple[int, float], ...] = ()
     line_numbers: tuple[int, ...] = ()
 
+    def __repr__(self) -> str:
+        """Say what it is in a line."""
+        (x, y), moves = self.points_um[0] / 1e3, len(self.points_um) - 1
+        length_mm = float(np.hypot(*np.diff(self.points_um, axis=0).T).sum()) / 1e3
+        return (
+            f"<WireContour: {length_mm:.3f} mm in {moves} moves, the first {self.lead_in_moves} lead in; "
+            f"{'closed' if self.closed else 'open'}, part on the {self.part_side}; "
+            f"threaded at X {x:.3f} Y {y:.3f} mm on the table>"
+        )
+
 
 @dataclass(frozen=True)
 class CutPath:
@@ -85,6 +95,12 @@ class CutPath:
     origin_mm: tuple[float, float]
     notices: tuple[str, ...]
     source: str
+
+    def __repr__(self) -> str:
+        """Say what there is, a line per contour."""
+        x, y = self.origin_mm
+        head = f"<CutPath of {self.source}: offset {self.offset_um:g} um, program's zero at X {x:.3f} Y {y:.3f} mm"
+        return "\n  ".join([f"{head} on the table", *map(repr, self.contours)]) + ">"
 
 
 @dataclass(frozen=True)

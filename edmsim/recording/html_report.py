@@ -7,17 +7,20 @@ import io
 from collections.abc import Iterable, Mapping
 from html import escape
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 from edmsim.cosim.pulse_sample import PulseSample
 from edmsim.files import replacing
 from edmsim.recording.figures.catalogue import Picture, pictures
-from edmsim.recording.report import duration_text, figure_text, summary
+from edmsim.recording.report import corner_mm, duration_text, figure_text, outcome_text, summary
 from edmsim.recording.scene import Scene
 
 if TYPE_CHECKING:
     import pyarrow as pa
+    from matplotlib.figure import Figure
 
+CARD_DPI = 80
+"""Dots per inch of the picture in a notebook (ours: as wide as a notebook's column, a tenth of a megabyte)."""
 _STYLE = """
 :root { color-scheme: light dark; --ink: #1f2933; --muted: #5b6773; --line: #d9dde2; --card: #ffffff; --page: #f5f6f8;
   --good: #00735a; --bad: #b34700; }
@@ -83,15 +86,13 @@ def page(report: Mapping[str, Any], title: str, drawn: Iterable[Picture], left_o
     left_out : iterable of str
         Further notices.
     """
-    stopped = report["reason"] is not None
-    outcome = report["outcome"] + (f": {report['reason']}" if stopped else "")
     notices = [*report["notices"], *left_out]
     return "\n".join([
         '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">',
         '<meta name="viewport" content="width=device-width, initial-scale=1">',
         f"<title>{escape(title)} – edmsim</title>\n<style>{_STYLE}</style>\n</head>\n<body>",
         f"<h1>{escape(title)}</h1>",
-        f'<p class="outcome {"bad" if stopped else "good"}">{escape(outcome)}</p>',
+        f'<p class="outcome {"good" if report["reason"] is None else "bad"}">{escape(outcome_text(report))}</p>',
         _tiles(report),
         _section("Result", _pairs(summary(report))),
         _section("Notices", _notices(notices)) if notices else "",
@@ -100,6 +101,25 @@ def page(report: Mapping[str, Any], title: str, drawn: Iterable[Picture], left_o
         _section("Settings", _pairs([*_settings(report["settings"]), ("seed", str(report["seed"]))])),
         f"<footer>edmsim {escape(report['edmsim_version'])}</footer>\n</body>\n</html>\n",
     ])  # fmt: skip
+
+
+def card(report: Mapping[str, Any], title: str, figure: Figure) -> str:
+    """Return what a notebook shows of a cut: outcome, table, notices and one picture, in the notebook's own style.
+
+    Parameters
+    ----------
+    report : mapping
+    title : str
+    figure : matplotlib.figure.Figure
+    """
+    rows = "".join(
+        f'<tr><th style="text-align: left">{escape(name)}</th><td style="text-align: left">{escape(text)}</td></tr>'
+        for name, text in summary(report)
+    )
+    notices = "".join(f"<p>note: {escape(notice)}</p>" for notice in report["notices"])
+    image = f'<img src="{_png(figure, CARD_DPI)}" alt="{escape(title)} from above, and the process over time">'
+    heading = f"<p><b>{escape(title)}: {escape(outcome_text(report))}</b></p>"
+    return f"<div>{heading}<table>{rows}</table>{notices}{image}</div>"
 
 
 def _tiles(report: Mapping[str, Any]) -> str:
@@ -127,19 +147,23 @@ def _notices(notices: Iterable[str]) -> str:
 
 
 def _picture(picture: Picture) -> str:
-    held = io.BytesIO()
-    picture.figure.savefig(held, format="png", metadata={"Software": "edmsim"})
-    data = base64.b64encode(held.getvalue()).decode("ascii")
     caption = escape(picture.caption)
     width, height = picture.figure.canvas.get_width_height()
-    image = f'<img src="data:image/png;base64,{data}" alt="{caption}" width="{width}" height="{height}">'
+    image = f'<img src="{_png(picture.figure)}" alt="{caption}" width="{width}" height="{height}">'
     return f'<figure id="{picture.name}">{image}<figcaption>{caption}</figcaption></figure>'
+
+
+def _png(figure: Figure, dpi: float | Literal["figure"] = "figure") -> str:
+    """Return a figure as the address of an image that holds it."""
+    held = io.BytesIO()
+    figure.savefig(held, format="png", dpi=dpi, metadata={"Software": "edmsim"})
+    return "data:image/png;base64," + base64.b64encode(held.getvalue()).decode("ascii")
 
 
 def _corners(report: Mapping[str, Any]) -> str:
     head = "<tr><th>X, mm</th><th>Y, mm</th><th>turn, °</th><th>error, µm</th></tr>"
     rows = (
-        f"<tr><td>{c['x_mm']:.3f}</td><td>{c['y_mm']:.3f}</td><td>{c['turn_deg']:+.0f}</td>"
+        f"<tr><td>{corner_mm(c)[0]:.3f}</td><td>{corner_mm(c)[1]:.3f}</td><td>{c['turn_deg']:+.0f}</td>"
         f"<td>{'–' if c['error_um'] is None else format(c['error_um'], '+.1f')}</td></tr>"
         for c in report["corners"]
     )

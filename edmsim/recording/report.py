@@ -32,6 +32,7 @@ def build_report(
     seed: int,
     settings: Mapping[str, Any],
     version: str,
+    origin_mm: tuple[float, float],
 ) -> dict[str, Any]:
     """Return the report of a cut, ready for JSON.
 
@@ -53,6 +54,8 @@ def build_report(
         The options the cut was made with.
     version : str
         Version of edmsim.
+    origin_mm : (x, y)
+        Where the program's zero lies on the table.
 
     Returns
     -------
@@ -64,7 +67,8 @@ def build_report(
         "outcome": outcome,
         "reason": reason,
         **_machining(windows, totals),
-        **_part(quality),
+        "origin_mm": dict(zip("xy", origin_mm, strict=True)),
+        **_part(quality, origin_mm),
         "wire": _wire(windows, totals),
         "following_error_um": _following(windows),
         "coverage": {"mean": _mean(windows, "coverage"), "max": _most(windows, "coverage")},
@@ -98,7 +102,7 @@ def _machining(windows: pa.Table, totals: Totals) -> dict[str, Any]:
     }
 
 
-def _part(quality: Quality) -> dict[str, Any]:
+def _part(quality: Quality, origin_mm: tuple[float, float]) -> dict[str, Any]:
     return {
         "kerf_um": {"mean": quality.kerf_mean_um, "min": quality.kerf_min_um, "max": quality.kerf_max_um},
         "kerf_section": [asdict(row) for row in quality.section],
@@ -110,7 +114,10 @@ def _part(quality: Quality) -> dict[str, Any]:
         },
         "table_error_um": None if quality.table is None else asdict(quality.table),
         "corners": [
-            {"x_mm": c.x_mm, "y_mm": c.y_mm, "turn_deg": c.turn_deg, "error_um": c.error_um}
+            {
+                "program_x_mm": c.x_mm - origin_mm[0], "program_y_mm": c.y_mm - origin_mm[1],
+                "x_mm": c.x_mm, "y_mm": c.y_mm, "turn_deg": c.turn_deg, "error_um": c.error_um,
+            }
             for c in quality.corners
         ],
     }
@@ -215,6 +222,12 @@ def render_table(report: Mapping[str, Any]) -> RenderableType:
     return Group(head, table, *(Text(f"note: {notice}", style="yellow") for notice in report["notices"]))
 
 
+def outcome_text(report: Mapping[str, Any]) -> str:
+    """Return how a cut ended, and why if the machine stopped."""
+    reason = report["reason"]
+    return str(report["outcome"]) + ("" if reason is None else f": {reason}")
+
+
 def summary(report: Mapping[str, Any]) -> list[tuple[str, str]]:
     """Return the key figures of a report as a person reads them: names and texts."""
     say = figure_text
@@ -283,7 +296,13 @@ def _corner_line(corners: Sequence[Mapping[str, float | None]]) -> str:
     if not known:
         return f"{len(corners)}, none measured" if corners else "none"
     worst = max(known, key=lambda c: abs(c["error_um"] or 0.0))
-    return (
-        f"{len(corners)}, worst {worst['error_um']:+.1f} µm"
-        f" at X {worst['x_mm']:.3f} Y {worst['y_mm']:.3f} mm ({worst['turn_deg']:+.0f}°)"
-    )
+    x_mm, y_mm = corner_mm(worst)
+    place = f"X {x_mm:.3f} Y {y_mm:.3f} mm ({worst['turn_deg']:+.0f}°)"
+    return f"{len(corners)}, worst {worst['error_um']:+.1f} µm at {place}"
+
+
+def corner_mm(corner: Mapping[str, Any]) -> tuple[float, float]:
+    """Return where a corner is in the program, in mm; reports of earlier versions only know where on the table."""
+    # 0.0 +: a hair below zero would read -0.000
+    x, y = (corner.get(f"program_{axis}_mm", corner[f"{axis}_mm"]) for axis in "xy")
+    return round(x, 6) + 0.0, round(y, 6) + 0.0

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -106,6 +106,8 @@ class Scene:
         Radius of the start holes.
     cut : str or None
         Which cut it is of: `edmsim.recording.report.cut_id`.
+    origin_mm : (x, y) or None
+        Where the program's zero lies on the table; None where there is no program.
     """
 
     maps: tuple[ErrorMap, ...]
@@ -120,6 +122,38 @@ class Scene:
     terraces: tuple[Terrace, ...] = ()
     hole_radius_mm: float = 0.0
     cut: str | None = None
+    origin_mm: tuple[float, float] | None = None
+
+    def __repr__(self) -> str:
+        """Say how much there is of everything, not all its points."""
+        x0, y0, x1, y1 = self.stock_mm
+        return (
+            f"<Scene: {len(self.maps)} contours, {len(self.corners)} corners, {len(self.cut_edges_mm)} slices, "
+            f"blank {x1 - x0:.1f} x {y1 - y0:.1f} x {self.height_mm:g} mm>"
+        )
+
+    def in_program(self) -> Scene:
+        """Return the scene in the program's coordinates, its origin at zero; unchanged where there is no program."""
+        if self.origin_mm is None:
+            return self
+        by = np.array(self.origin_mm)
+        (dx, dy), (x0, y0, x1, y1) = self.origin_mm, self.stock_mm
+        return replace(
+            self,
+            maps=tuple(replace(m, nominal_mm=m.nominal_mm - by, points_mm=m.points_mm - by) for m in self.maps),
+            cut_edges_mm=tuple(tuple(line - by for line in lines) for lines in self.cut_edges_mm),
+            corners=tuple(replace(c, x_mm=c.x_mm - dx, y_mm=c.y_mm - dy) for c in self.corners),
+            starts_mm=self.starts_mm.reshape(-1, 2) - by,
+            stock_mm=(x0 - dx, y0 - dy, x1 - dx, y1 - dy),
+            stop_mm=None if self.stop_mm is None else (self.stop_mm[0] - dx, self.stop_mm[1] - dy),
+            terraces=tuple(replace(t, outlines_mm=tuple(p - by for p in t.outlines_mm)) for t in self.terraces),
+            origin_mm=(0.0, 0.0),
+        )
+
+    def axis_labels(self) -> tuple[str, str]:
+        """Return what figures write at their axes."""
+        whose = "on the table" if self.origin_mm is None else "of the program"
+        return f"X {whose}, mm", f"Y {whose}, mm"
 
     def extent_mm(self) -> tuple[float, float, float, float]:
         """Return the box (x_min, y_min, x_max, y_max) around nominal edges, start holes and stop place."""

@@ -25,7 +25,7 @@ def write_scene(scene: Scene, file: str | Path) -> None:
     told = {
         "version": VERSION, "stock_mm": scene.stock_mm, "height_mm": scene.height_mm,
         "guides_z_mm": scene.guides_z_mm, "wire_diameter_um": scene.wire_diameter_um, "stop_mm": scene.stop_mm,
-        "hole_radius_mm": scene.hole_radius_mm,
+        "hole_radius_mm": scene.hole_radius_mm, "origin_mm": scene.origin_mm,
         "cut": scene.cut, "part_sides": [edge.part_side for edge in scene.maps],
         "terrace_heights_mm": [terrace.height_mm for terrace in scene.terraces],
     }
@@ -92,6 +92,7 @@ def _scene(arrays: Mapping[str, NDArray[Any]], told: Mapping[str, Any]) -> Scene
         ),
         hole_radius_mm=told["hole_radius_mm"],
         cut=told.get("cut"),
+        origin_mm=None if told.get("origin_mm") is None else tuple(told["origin_mm"]),  # earlier files have none
     )
 
 

@@ -148,6 +148,7 @@ def cut() -> SimpleNamespace:
         guides_z_mm=(-15.0, 35.0),
         wire_diameter_um=250.0,
         hole_radius_mm=0.5,
+        origin_mm=(20.0, 20.0),
     )
     arrow = table.to_arrow(4.0 * np.sin(np.arange(N_WINDOWS) / 200))
     totals = Totals(
@@ -183,6 +184,7 @@ def cut() -> SimpleNamespace:
         seed=7,
         settings={"program": "rectangle.ngc", "controller": "counts"},
         version="0.0.0",
+        origin_mm=(20.0, 20.0),
     )
     return SimpleNamespace(
         table=table,

@@ -23,9 +23,9 @@ def told(cut: SimpleNamespace, windows: pa.Table, **report: object) -> list[tupl
 
 def test_begin_corners_and_end(cut: SimpleNamespace) -> None:
     found = told(cut, cut.windows)
-    assert found[0] == (0, "INFO", "begins at X 19.000 Y 19.000 mm")
+    assert found[0] == (0, "INFO", "begins at X -1.000 Y -1.000 mm")
     corners = [text for _, _, text in found if text.startswith("corner")]
-    assert corners[0] == "corner of +90° at X 20.000 Y 20.000 mm, error -9.1 µm"
+    assert corners[0] == "corner of +90° at X 0.000 Y 0.000 mm, error -9.1 µm"
     assert len(corners) == 4
     assert found[-1] == (2999, "INFO", "finished")
     assert [row for row, *_ in found] == sorted(row for row, *_ in found)

@@ -10,8 +10,9 @@ import pytest
 
 from edmsim.plant.kernel.state import OPEN
 from edmsim.recording import Playback
-from edmsim.recording.rerun.gap import AGES, SCOPE_PULSES, discharges, faded, traces
+from edmsim.recording.rerun.gap import AGES, SCOPE_PULSES, discharges, faded
 from edmsim.recording.rerun.write import write_recording
+from edmsim.recording.traces import traces
 
 
 @pytest.fixture(scope="module")
@@ -23,7 +24,7 @@ def play(cut: SimpleNamespace, tmp_path_factory: pytest.TempPathFactory) -> Play
 
 def test_traces_show_delay_burning_and_short(cut: SimpleNamespace) -> None:
     table = cut.closeups.table()
-    time, voltage, current = traces(table)
+    time, voltage, current = traces(table, SCOPE_PULSES)
     assert time.shape == (len(table), SCOPE_PULSES, 7)
     # by turns: 10 us of 100 V and 20 us of burning, 30 us open, 30 us short, an arc burning at once
     for number, (peak_V, volt_us, ampere_us) in enumerate(

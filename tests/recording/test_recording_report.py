@@ -22,6 +22,7 @@ FIELDS: dict[str, Any] = {
     "pulses": None, "path_length_mm": None, "feed_um_s": {"mean", "max"}, "cutting_rate_mm2_min": None,
     "pulse_share": {"spark", "arc", "short", "open"}, "kerf_um": {"mean", "min", "max"}, "kerf_section": None,
     "profile_error_um": {"max", "rms", "p95", "shares"}, "table_error_um": None, "corners": None,
+    "origin_mm": {"x", "y"},
     "wire": {"lag_um", "vibration_um_rms", "temperature_K_max"}, "coverage": {"mean", "max"},
     "following_error_um": {"max", "rms"},
     "surface": {"ra_um", "heat_affected_um", "electrolysed_um"},
@@ -43,7 +44,7 @@ def nothing_known() -> dict[str, Any]:
     quality = Quality(NAN, NAN, NAN, NAN, NAN, NAN, (), NAN)
     return build_report(
         outcome="stopped", reason="persistent short", windows=WindowTable().to_arrow(), totals=totals,
-        quality=quality, notices=(), seed=1, settings={"out": Path("x"), "t": NAN}, version="0",
+        quality=quality, notices=(), seed=1, settings={"out": Path("x"), "t": NAN}, version="0", origin_mm=(0.0, 0.0),
     )  # fmt: skip
 
 
@@ -52,7 +53,9 @@ def test_fields_are_the_agreed_ones(cut: SimpleNamespace) -> None:
     for name, inner in FIELDS.items():
         if inner is not None:
             assert set(cut.report[name]) == inner
-    assert [set(corner) for corner in cut.report["corners"]] == [{"x_mm", "y_mm", "turn_deg", "error_um"}] * 4
+    assert [set(corner) for corner in cut.report["corners"]] == [
+        {"program_x_mm", "program_y_mm", "x_mm", "y_mm", "turn_deg", "error_um"}
+    ] * 4
 
 
 def test_derived_figures(cut: SimpleNamespace) -> None:
@@ -76,7 +79,7 @@ def test_means_are_weighted_by_the_time_a_window_takes() -> None:
     totals = Totals(1.0, 1.0, 0, 0, 1, 0, 1.0, 1.0, 1.0, 1.0, 0.0)
     report = build_report(
         outcome="finished", reason=None, windows=table.to_arrow(), totals=totals,
-        quality=Quality(1, 1, 1, 1, 1, 1, (), 1), notices=(), seed=0, settings={}, version="0",
+        quality=Quality(1, 1, 1, 1, 1, 1, (), 1), notices=(), seed=0, settings={}, version="0", origin_mm=(0.0, 0.0),
     )  # fmt: skip
     assert report["feed_um_s"] == {"mean": pytest.approx(20.0), "max": 40.0}
     assert report["mean_current_A"] == pytest.approx(2.0)
@@ -100,7 +103,7 @@ def test_numpy_values_become_plain_json(cut: SimpleNamespace, tmp_path: Path) ->
     totals = dataclasses.replace(cut.totals, energy=np.float64(3.5), spark=np.int64(10))
     report = build_report(
         outcome="finished", reason=None, windows=cut.windows, totals=totals, quality=cut.quality, notices=(),
-        seed=7, settings={"sizes": np.array([1.0, np.nan])}, version="0",
+        seed=7, settings={"sizes": np.array([1.0, np.nan])}, version="0", origin_mm=(0.0, 0.0),
     )  # fmt: skip
     write_json(report, tmp_path / "report.json")
     back = json.loads((tmp_path / "report.json").read_text(encoding="utf-8"))
@@ -111,7 +114,7 @@ def test_numpy_values_become_plain_json(cut: SimpleNamespace, tmp_path: Path) ->
 
 def test_terminal_shows_the_figures(cut: SimpleNamespace) -> None:
     text = text_of(cut.report)
-    for piece in ("finished", "27 min 30 s", "24.1 mm²/min", "10.2 µm max", "X 30.000 Y 26.000", "made up"):
+    for piece in ("finished", "27 min 30 s", "24.1 mm²/min", "10.2 µm max", "X 10.000 Y 6.000", "made up"):
         assert piece in text
     stopped = text_of(nothing_known())
     assert "persistent short" in stopped

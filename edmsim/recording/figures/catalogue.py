@@ -25,6 +25,33 @@ class Picture(NamedTuple):
     figure: Figure
 
 
+OF_CUT: dict[str, Callable[[Mapping[str, Any], pa.Table, Scene], Figure]] = {
+    "profile-error": lambda report, windows, scene: error_figure(scene),
+    "error-shares": lambda report, windows, scene: shares_figure(scene),
+    "corner": lambda report, windows, scene: corner_figure(scene, windows),
+    "kerf-section": lambda report, windows, scene: kerf_figure(report),
+    "pulses": lambda report, windows, scene: pulses_figure(windows),
+    "short-open": lambda report, windows, scene: plane_figure(windows),
+}
+"""Figures of a cut by name: functions of report, windows and scene."""
+OF_SAMPLE: dict[str, Callable[[PulseSample, pa.Table, Mapping[str, Any]], Figure]] = {
+    "ignition-delay": lambda sample, windows, report: delay_figure(sample, windows),
+    "wire-spectrum": lambda sample, windows, report: spectrum_figure([sample], report["settings"]["resolution"]),
+}
+"""Figures of single pulses by name: functions of the sample, windows and report."""
+_CAPTIONS = {
+    "profile-error": "Profile error along the nominal edge.",
+    "error-shares":
+        "The profile error, and what path, planner, drive, wire and gap have of it, along the edge.",
+    "corner": "The corner with the largest error: paths and metal to scale, deviations below.",
+    "kerf-section": "Cross-section of the kerf over the workpiece's height.",
+    "pulses": "What became of the pulses, and the share of the wire's front under gas, over machine time.",
+    "short-open": "Short and open pulses, and the controller's path among them.",
+    "ignition-delay": "Ignition delays: {made}.",
+    "wire-spectrum": "Wire vibration: frequencies of its modes over tension, and the spectrum of {made}.",
+}
+
+
 def pictures(
     report: Mapping[str, Any], windows: pa.Table, scene: Scene, sample: PulseSample | str,
     leave_out: Callable[[str], None],
@@ -49,32 +76,12 @@ def pictures(
     ------
     Picture
     """
-    yield Picture("profile-error", "Profile error along the nominal edge.", error_figure(scene))
-    yield Picture(
-        "error-shares", "The profile error, and what path, planner, drive, wire and gap have of it, along the edge.",
-        shares_figure(scene),
-    )  # fmt: skip
-    if scene.corners:
-        yield Picture(
-            "corner", "The corner with the largest error: paths and metal to scale, deviations below.",
-            corner_figure(scene, windows),
-        )  # fmt: skip
-    yield Picture("kerf-section", "Cross-section of the kerf over the workpiece's height.", kerf_figure(report))
-    yield Picture(
-        "pulses", "What became of the pulses, and the share of the wire's front under gas, over machine time.",
-        pulses_figure(windows),
-    )  # fmt: skip
-    yield Picture("short-open", "Short and open pulses, and the controller's path among them.", plane_figure(windows))
+    for name, draw in OF_CUT.items():
+        if name != "corner" or scene.corners:
+            yield Picture(name, _CAPTIONS[name], draw(report, windows, scene))
     if isinstance(sample, str):
         leave_out(f"ignition delays and the wire's spectrum are not drawn: {sample}")
         return
-    yield from _of_single_pulses(sample, windows, report["settings"]["resolution"])
-
-
-def _of_single_pulses(sample: PulseSample, windows: pa.Table, resolution: str) -> Iterator[Picture]:
     made = f"single pulses of a straight cut of the same set-up, simulated at {sample.feed_um_s:.1f} µm/s"
-    yield Picture("ignition-delay", f"Ignition delays: {made}.", delay_figure(sample, windows))
-    yield Picture(
-        "wire-spectrum", f"Wire vibration: frequencies of its modes over tension, and the spectrum of {made}.",
-        spectrum_figure([sample], resolution),
-    )  # fmt: skip
+    for name, draw_sample in OF_SAMPLE.items():
+        yield Picture(name, _CAPTIONS[name].format(made=made), draw_sample(sample, windows, report))

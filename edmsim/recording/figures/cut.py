@@ -59,13 +59,14 @@ def error_figure(scene: Scene) -> Figure:
     """
     if not len(scene.known_errors()):
         return nothing_to_show(column_figure(2.0), "no profile error: no edge of the part was measured")
+    scene = scene.in_program()
     points = np.concatenate([edge.nominal_mm for edge in scene.maps])
     (x0, y0), (x1, y1) = points.min(axis=0), points.max(axis=0)
     margin = 0.08 * max(x1 - x0, y1 - y0)
     across, high = x1 - x0 + 2 * margin, y1 - y0 + 2 * margin
     figure = column_figure(float(np.clip(2.9 * high / across, 1.0, 4.2)) + 0.85, top_in=0.49)
     axes = figure.add_subplot()
-    dress(axes, "X on the table, mm", "Y on the table, mm")
+    dress(axes, *scene.axis_labels())
     axes.grid(visible=False)
     factor = scene.error_factor()
     lines = _error_lines(axes, scene, factor)
@@ -146,9 +147,10 @@ def corner_figure(scene: Scene, windows: pa.Table, corner: int | None = None) ->
     place = np.array([chosen.x_mm, chosen.y_mm])
     _draw_detail(detail, scene, windows, place)
     _draw_deviation(below, scene, windows, place)
+    x, y = np.round(place - (scene.origin_mm or (0.0, 0.0)), 6) + 0.0  # not -0.000
     error = "not measured" if np.isnan(chosen.error_um) else f"{chosen.error_um:+.1f} µm".replace("-", "−")
     detail.set_title(
-        f"corner at X {place[0]:.3f} Y {place[1]:.3f} mm, {chosen.turn_deg:+.0f}°: {error}".replace("-", "−"),
+        f"corner at X {x:.3f} Y {y:.3f} mm, {chosen.turn_deg:+.0f}°: {error}".replace("-", "−"),
         fontsize=LABEL_PT, color=INK, loc="left", pad=28,
     )  # fmt: skip
     return figure

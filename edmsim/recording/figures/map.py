@@ -1,4 +1,4 @@
-"""The upper part of ``profile.png``: drawing, cut edge and profile error on the table."""
+"""The upper part of ``profile.png``: drawing, cut edge and profile error."""
 
 from __future__ import annotations
 
@@ -21,7 +21,8 @@ LABELLED_CORNERS = 12
 
 
 def draw_map(axes: Axes, scene: Scene) -> None:
-    """Draw the part, what was cut of it, and the error between on `axes`, in mm on the table."""
+    """Draw the part, what was cut of it, and the error between on `axes`, in the program's coordinates."""
+    scene = scene.in_program()
     factor = scene.error_factor()
     _frame_map(axes, scene)
     _draw_metal(axes, scene)
@@ -55,8 +56,9 @@ def _frame_map(axes: Axes, scene: Scene) -> None:
     )
     axes.set_aspect("equal", adjustable="box")
     axes.autoscale(enable=False)
-    axes.set_xlabel("X on the table, mm", color=MUTED, fontsize=9)
-    axes.set_ylabel("Y on the table, mm", color=MUTED, fontsize=9)
+    x, y = scene.axis_labels()
+    axes.set_xlabel(x, color=MUTED, fontsize=9)
+    axes.set_ylabel(y, color=MUTED, fontsize=9)
     quiet(axes)
     axes.set_axisbelow(False)
     axes.grid(visible=False)

@@ -37,11 +37,9 @@ def profile_figure(scene: Scene, windows: pa.Table, report: Mapping[str, Any], t
     matplotlib.figure.Figure
         With an Agg canvas; no global state of matplotlib is touched.
     """
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
+    from edmsim.recording.figures.canvas import NotebookFigure
 
-    figure = Figure(figsize=(10.0, 12.0), dpi=160, facecolor="white")
-    FigureCanvasAgg(figure)
+    figure = NotebookFigure(figsize=(10.0, 12.0), dpi=160, facecolor="white")
     outer = figure.add_gridspec(
         2, 1, height_ratios=[1.32, 1.0], hspace=0.13, left=0.085, right=0.915, top=0.908, bottom=0.05
     )

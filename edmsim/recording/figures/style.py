@@ -25,15 +25,10 @@ def column_figure(
 
     The margins are given: to have them found by matplotlib takes as long as to draw the figure.
     """
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
+    from edmsim.recording.figures.canvas import NotebookFigure
 
     # a layout engine of the user's own rcParams would move the margins
-    figure = Figure(
-        figsize=(WIDTH_IN, height_in), dpi=DPI, facecolor="white",
-        layout="none",  # type: ignore[arg-type]  # matplotlib's types do not know "none", its documentation does
-    )
-    FigureCanvasAgg(figure)
+    figure = NotebookFigure(figsize=(WIDTH_IN, height_in), dpi=DPI, facecolor="white", layout="none")
     figure.subplots_adjust(
         left_in / WIDTH_IN, bottom_in / height_in, 1 - right_in / WIDTH_IN, 1 - top_in / height_in
     )

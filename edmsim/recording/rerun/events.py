@@ -46,11 +46,14 @@ def events(windows: pa.Table, scene: Scene, report: Mapping[str, Any]) -> list[E
     Returns
     -------
     list of Event
+        Places are in the program's coordinates.
         Levels as rerun shows them: INFO, WARN, ERROR, CRITICAL.
     """
     if len(windows) == 0:
         return []
-    t_s, place = column(windows, "t_s"), np.column_stack([column(windows, n) for n in ("x_um", "y_um")])
+    scene, origin_um = scene.in_program(), 1e3 * np.array(scene.origin_mm or (0.0, 0.0))
+    t_s = column(windows, "t_s")
+    place = np.column_stack([column(windows, n) for n in ("x_um", "y_um")]) - origin_um
     last = len(windows) - 1
     reason = f": {report['reason']}" if report["reason"] else ""
     found = [Event(0, "INFO", f"begins at {_at(place[0])}")]
@@ -64,7 +67,8 @@ def events(windows: pa.Table, scene: Scene, report: Mapping[str, Any]) -> list[E
 
 
 def _at(place_um: NDArray[np.float64]) -> str:
-    return f"X {place_um[0] / 1000.0:.3f} Y {place_um[1] / 1000.0:.3f} mm"
+    x_mm, y_mm = np.round(place_um * 1e-3, 6) + 0.0  # not -0.000
+    return f"X {x_mm:.3f} Y {y_mm:.3f} mm"
 
 
 def _thinned(found: list[Event]) -> list[Event]:

@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edmsim.plant.constants import RAY_RANGE_UM
-from edmsim.plant.kernel.state import OPEN, SHORT
 from edmsim.recording.figures import palette
 from edmsim.recording.rerun.stream import class_rgb, faded, indexes, on_screen, turned
 from edmsim.recording.scene import Scene
+from edmsim.recording.traces import traces
 
 if TYPE_CHECKING:
     import rerun as rr
@@ -167,41 +167,13 @@ def _log_walls(recording: rr.RecordingStream, scene: Scene, closeups: Closeups, 
 # --- the oscilloscope ---------------------------------------------------------------------------------------
 
 
-def traces(closeups: Closeups) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Return time, voltage and current of the last pulses of every close-up, as the model has them.
-
-    Voltage stands open until ignition, then burns; a pulse without ignition shows the open voltage for as long as
-    it was waited, a short circuit none. Edges are upright: the model has no rise times.
-
-    Returns
-    -------
-    time_us, voltage_V, current_A : float64 arrays (n, SCOPE_PULSES, 7)
-        Corners of the traces, pulse by pulse; time counts from the first pulse shown.
-    """
-    last = np.maximum(closeups["count"][:, None] - SCOPE_PULSES + np.arange(SCOPE_PULSES), 0)
-    pulses = np.take_along_axis(closeups["pulses"], last, axis=1)
-    start, delay, on = (pulses[name].astype(np.float64) for name in ("start_us", "delay_us", "conducting_us"))
-    start = start - start[:, :1]
-    step = np.diff(start, axis=1)
-    stop = start + np.concatenate([step, np.maximum(step[:, -1:], (delay + on)[:, -1:])], axis=1)
-    is_open, is_short = pulses["kind"] == OPEN, pulses["kind"] == SHORT
-    up = np.where(is_short, 0.0, pulses["open_V"])
-    burning = np.where(is_open | is_short, 0.0, closeups["burning_V"][:, None])
-    flowing = np.where(is_open, 0.0, np.where(is_short, closeups["short_A"][:, None], closeups["current_A"][:, None]))
-    ignition, end, nought = start + delay, start + delay + on, np.zeros_like(start)
-    time = np.stack([start, start, ignition, ignition, end, end, np.maximum(stop, end)], axis=-1)
-    voltage = np.stack([nought, up, up, burning, burning, nought, nought], axis=-1)
-    current = np.stack([nought, nought, nought, flowing, flowing, nought, nought], axis=-1)
-    return time, voltage, current
-
-
 def log_scope(recording: rr.RecordingStream, closeups: Closeups) -> None:
     """Log gap voltage and current of the last pulses, coloured by class, and the oscilloscope's scales."""
     import rerun as rr
 
     if len(closeups) == 0:
         return
-    time, voltage, current = traces(closeups)
+    time, voltage, current = traces(closeups, SCOPE_PULSES)
     span_us, most_V, most_A = float(time.max()), float(voltage.max()), float(current.max())
     last = np.maximum(closeups["count"][:, None] - SCOPE_PULSES + np.arange(SCOPE_PULSES), 0)
     kinds = np.take_along_axis(closeups["pulses"], last, axis=1)["kind"]

@@ -1,0 +1,146 @@
+"""What a notebook shows of a cut: a few lines, a card with table and picture, figures that show by themselves."""
+
+from __future__ import annotations
+
+import base64
+import io
+import re
+import sys
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+from PIL import Image
+
+import edmsim
+from edmsim.cosim.simulation import Progress
+from edmsim.errors import InputError
+from edmsim.job import notebook
+from edmsim.program.path import CutPath, WireContour
+from edmsim.recording.traces import traces
+
+PNG = b"\x89PNG"
+
+
+@pytest.fixture(scope="module")
+def result(cut: SimpleNamespace) -> edmsim.CutResult:
+    """The made-up cut as `edmsim.cut` returns one."""
+    points = np.array([[0, 0], [3000, 0], [3000, 4000]])
+    contour = WireContour(points, 1, points / 1e3, closed=False, part_side="left")
+    path = CutPath((contour,), cut.scene.stock_mm, 0.5, 150.0, (20.0, 20.0), (), "rectangle.ngc")
+    field = None
+    return edmsim.CutResult(
+        cut.report, cut.windows, path, field, cut.frames, cut.scene, cut.closeups, cut.machine  # type: ignore[arg-type]
+    )
+
+
+def test_what_is_worked_with_is_said_in_a_few_lines(result: edmsim.CutResult) -> None:
+    plant = edmsim.Plant(result.machine, resolution="fast")
+    for shown in (result, result.machine, plant, result.path, result.scene):
+        lines = repr(shown).splitlines()
+        assert len(lines) <= 6
+        assert max(map(len, lines)) < 240
+    assert repr(result).startswith("<CutResult of rectangle.ngc: finished\n")
+    assert "10.2 µm max, 2.1 µm rms" in repr(result)
+    assert "height_mm=20.0" in repr(result.machine)
+    assert "5 slices x 24 rays" in repr(plant)
+    assert "7.000 mm in 2 moves" in repr(result.path)
+
+
+def test_a_result_shows_its_table_and_its_picture(result: edmsim.CutResult) -> None:
+    html = result._repr_html_()
+    assert "<b>rectangle.ngc: finished</b>" in html
+    assert "10.2 µm max, 2.1 µm rms" in html
+    assert "note: made up" in html
+    (picture,) = re.findall(r'src="data:image/png;base64,([^"]+)"', html)
+    assert Image.open(io.BytesIO(base64.b64decode(picture))).width == 800
+    assert len(html) < 400_000  # a notebook keeps it
+
+
+@pytest.mark.parametrize("name", ["profile", "corner", "kerf-section"])
+def test_a_figure_shows_by_itself(result: edmsim.CutResult, name: str) -> None:
+    figure = result.plot() if name == "profile" else result.plot(name)
+    assert figure._repr_png_().startswith(PNG)  # type: ignore[attr-defined]
+
+
+def test_a_figure_that_is_not_there_is_told(result: edmsim.CutResult) -> None:
+    with pytest.raises(InputError, match=r"no figure 'kerf'; there are: profile, profile-error, .*wire-spectrum$"):
+        result.plot("kerf")
+
+
+class FakeDisplay:
+    """IPython's display: the first picture, and what is drawn over it."""
+
+    def __init__(self) -> None:
+        self.shown: list[dict[str, str]] = []
+
+    def __call__(self, data: dict[str, str], *, raw: bool, display_id: bool = True) -> FakeDisplay:
+        self.shown.append(data)
+        return self
+
+    def update(self, data: dict[str, str], *, raw: bool) -> None:
+        self.shown.append(data)
+
+
+def test_a_cut_shows_its_progress_in_a_notebook_only(monkeypatch: pytest.MonkeyPatch) -> None:
+    display = FakeDisplay()
+    shell = SimpleNamespace(kernel=object())
+    session = SimpleNamespace(get_ipython=lambda: shell)
+    monkeypatch.setitem(sys.modules, "IPython", session)  # type: ignore[arg-type]
+    monkeypatch.setitem(sys.modules, "IPython.display", SimpleNamespace(display=display))  # type: ignore[arg-type]
+    monkeypatch.delenv("EDMSIM_PROGRESS", raising=False)
+    bar = notebook.notebook_progress("<punch>.ngc")
+    assert bar is not None
+    bar.enter("cutting")
+    bar.show(Progress(500.0, 2000.0, 65.0, 12.5, 51, 102, 4.0))
+    bar.end("finished")
+    first, middle, last = display.shown
+    assert first["text/plain"] == "<punch>.ngc: 0.0 %, cutting"
+    assert middle["text/plain"] == (
+        "<punch>.ngc: 25.0 %, 1 min 05 s simulated in 4.0 s, 12.5 µm/s, short 20 %, open 40 %"
+    )
+    assert 'value="0.2500"' in middle["text/html"]
+    assert "&lt;punch&gt;" in middle["text/html"]
+    assert last["text/plain"].endswith("4.0 s, finished")
+    monkeypatch.setenv("EDMSIM_PROGRESS", "0")
+    assert notebook.notebook_progress("punch.ngc") is None
+    monkeypatch.delenv("EDMSIM_PROGRESS")
+    shell.kernel = None  # IPython at a terminal
+    assert notebook.notebook_progress("punch.ngc") is None
+
+
+def test_a_file_of_samples_has_every_pulse_as_the_model_had_it(result: edmsim.CutResult, tmp_path: Path) -> None:
+    kept = result.closeups.table()
+    result.write_traces(tmp_path / "traces.parquet", every_us=0.1, end_s=float(kept["t_s"][2]))
+    table = pq.read_table(tmp_path / "traces.parquet")
+    assert table.column_names == ["window_t_s", "time_us", "voltage_V", "current_A", "pulse", "kind"]
+    at, t, u, i, pulse = (table.column(name).to_numpy() for name in table.column_names[:5])
+    assert np.unique(at).tolist() == kept["t_s"][:3].tolist()
+    first = at == at[0]
+    assert np.allclose(np.diff(t[first]), 0.1)
+    count = int(kept["count"][0])
+    time, voltage, current = (corners[0].reshape(count, 7) for corners in traces(kept[:1], count))
+    for number in range(8):
+        mine = first & (pulse == number)
+        assert 0.1 * u[mine].sum() == pytest.approx(np.trapezoid(voltage[number], time[number]), abs=0.2 * 100)
+        assert 0.1 * i[mine].sum() == pytest.approx(np.trapezoid(current[number], time[number]), abs=0.2 * 8)
+    kinds = np.array(table.column("kind").to_pylist())
+    assert not u[kinds == "short"].any()
+    assert not i[kinds == "open"].any()
+    assert u[kinds == "spark"].max() == 100.0
+
+
+@pytest.mark.parametrize("every_us", [0.0, -1.0, float("nan")])
+def test_samples_need_a_time_between_them(result: edmsim.CutResult, tmp_path: Path, every_us: float) -> None:
+    with pytest.raises(InputError, match="must be above 0 us"):
+        result.write_traces(tmp_path / "traces.parquet", every_us=every_us)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_pictures_are_in_the_coordinates_of_the_program(result: edmsim.CutResult) -> None:
+    assert result.scene.in_program().extent_mm()[:2] == (-1.0, -1.0)  # the start hole, a millimetre off the corner
+    assert result.plot("profile-error").axes[0].get_xlabel() == "X of the program, mm"
+    assert result.report["corners"][0]["program_x_mm"] == 0.0
+    assert result.report["corners"][0]["x_mm"] == 20.0
