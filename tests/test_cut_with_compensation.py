@@ -24,7 +24,7 @@ from edmsim.program.path import plan_path
 from edmsim.recording.report import summary
 
 ROOT = Path(__file__).parents[1]
-SMALL = ROOT / "envs" / "small_punch.ngc"
+SMALL = Path(__file__).with_name("punch_1500_um.ngc")
 FAST = {"height_mm": 5.0, "resolution": "fast", "controller": "fixed:feed_um_s=30"}
 BAD = """
 like = "agiecut-dem15"
