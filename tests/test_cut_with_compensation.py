@@ -23,7 +23,6 @@ from edmsim.metrology.table_run import measure_table
 from edmsim.program.path import plan_path
 from edmsim.recording.report import summary
 
-ROOT = Path(__file__).parents[1]
 SMALL = Path(__file__).with_name("punch_1500_um.ngc")
 FAST = {"height_mm": 5.0, "resolution": "fast", "controller": "fixed:feed_um_s=30"}
 BAD = """
