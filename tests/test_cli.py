@@ -159,7 +159,7 @@ PROGRAMS: list[tuple[str, str | bytes | None, tuple[str, ...]]] = [
     ("binary.ngc", b"\x7fELF\x02\x01\x00\xff\xfe\x00\x90", ()),
     ("binary.dxf", b"\x7fELF\x02\x01\x00\xff\xfe\x00\x90", ()),
     ("empty.ngc", "", ("empty",)),
-    ("part.txt", "G1 X3\n", ("'.txt'", ".ngc")),
+    ("part.doc", "G1 X3\n", ("'.doc'", ".ngc")),
     ("word.ngc", "G0 X0 Y0\nG1 X5\nG1 X6 V3\n", (":3: ", "V")),
     ("code.ngc", "G0 X0 Y0\nG1 X5\nG77 X6\n", (":3: ", "G77")),
     ("arc.ngc", "G0 X0 Y0\nG1 X5\nG2 X7 Y3 I2 J2\n", (":3: ",)),

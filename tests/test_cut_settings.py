@@ -20,7 +20,7 @@ from edmsim.machine.parts import Choices
 
 OF_RUNNING = {"program", "out", "resume", "overwrite", "watch", "enter"}
 """Arguments of `edmsim.cut` that say how it is run, not what is cut."""
-CHECKED = {"heights", "height_areas", "constants"}
+CHECKED = {"heights", "height_areas", "constants", "ignore", "layers"}
 """Options given more freely than they are kept."""
 
 
