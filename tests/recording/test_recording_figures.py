@@ -59,7 +59,8 @@ def test_the_map_is_to_scale(cut: SimpleNamespace) -> None:
     (x0, y0), (x1, y1) = axes.transData.transform([(20.0, 20.0), (21.0, 21.0)])
     assert x1 - x0 == pytest.approx(y1 - y0, rel=1e-3)
     low, high = axes.get_xlim()
-    assert low < 19.0 < 30.0 < high
+    left, _ = cut.scene.origin_mm
+    assert low < 19.0 - left < 30.0 - left < high
 
 
 def test_a_stopped_cut_says_why_and_where(cut: SimpleNamespace) -> None:
