@@ -44,8 +44,14 @@ def make_writable(folder: Path) -> None:
 
 
 @contextmanager
-def locked(folder: Path) -> Iterator[None]:
+def locked(folder: Path, who: str = "edmsim") -> Iterator[None]:
     """Keep a folder, which is made, to this process; the lock goes with it, however it ends.
+
+    Parameters
+    ----------
+    folder : path
+    who : str
+        Who works there, for those who come too late.
 
     Raises
     ------
@@ -54,7 +60,7 @@ def locked(folder: Path) -> Iterator[None]:
     """
     make_writable(folder)
     file = folder / _LOCK
-    descriptor = _lock(file)
+    descriptor = _lock(file, who)
     try:
         yield
     finally:
@@ -63,7 +69,7 @@ def locked(folder: Path) -> Iterator[None]:
         os.close(descriptor)
 
 
-def _lock(file: Path) -> int:
+def _lock(file: Path, who: str) -> int:
     while True:
         descriptor = os.open(file, os.O_RDWR | os.O_CREAT | getattr(os, "O_CLOEXEC", 0), 0o666)
         try:
@@ -74,7 +80,7 @@ def _lock(file: Path) -> int:
                     return descriptor
         except BlockingIOError:
             os.close(descriptor)
-            raise InputError("another edmsim is at work in this folder: wait, or give another", file.parent) from None
+            raise InputError(f"another {who} is at work in this folder: wait, or give another", file.parent) from None
         except OSError:  # a file system without locks
             return descriptor
         os.close(descriptor)  # its last owner removed the file meanwhile

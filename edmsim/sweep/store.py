@@ -8,11 +8,11 @@ import shutil
 import urllib.parse
 from collections import defaultdict
 from collections.abc import Mapping
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
-from edmsim.errors import InputError
-from edmsim.files import make_writable, replacing
+from edmsim.files import locked, replacing
 from edmsim.sweep.perform import Outcome
 from edmsim.sweep.runs import SweepRun
 from edmsim.sweep.table import JOURNAL, RESULTS, as_table, journal_rows
@@ -44,8 +44,8 @@ class Store:
         import pyarrow.parquet as pq
 
         self.folder = Path(out)
-        make_writable(self.folder)
-        self._lock = _locked(self.folder)
+        self._held = ExitStack()
+        self._held.enter_context(locked(self.folder, "sweep"))
         self.failed: dict[str, bool] = {}  # of every run that is done, whether it failed
         for part in self._parts():
             kept = pq.read_table(part, columns=["id", "error"], partitioning=None).to_pydict()
@@ -61,7 +61,7 @@ class Store:
     def __exit__(self, *_: object) -> None:
         self.flush()
         self._journal.close()
-        os.close(self._lock)
+        self._held.close()
 
     def misses(self, run: SweepRun) -> bool:
         """Say whether a run is still to be made: it has no row, or not the recordings that are wanted of it."""
@@ -135,18 +135,3 @@ class Store:
     def _write_journal(self, rows: list[dict[str, Any]]) -> None:
         with replacing(self.folder / JOURNAL) as partial:
             partial.write_text("".join(json.dumps(row) + "\n" for row in rows), encoding="utf-8")
-
-
-def _locked(folder: Path) -> int:
-    """Take the folder for this process; the lock goes with the process, however that ends."""
-    lock = os.open(folder / "lock", os.O_RDWR | os.O_CREAT, 0o644)
-    try:
-        import fcntl
-    except ImportError:  # a system without such locks: nothing is refused there
-        return lock
-    try:
-        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except OSError:
-        os.close(lock)
-        raise InputError("another sweep is running in this folder", folder) from None
-    return lock

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import importlib
 import json
-import os
 import subprocess
 import sys
 import time
@@ -120,7 +119,7 @@ def test_what_was_kept_is_there_once_whenever_the_driver_dies(
         store.add(run, outcome)  # twice is once
     with pytest.raises(InputError, match="another sweep"):
         Store(tmp_path)
-    os.close(store._lock)  # the process is gone: nothing was flushed
+    store._held.close()  # the process is gone: nothing was flushed
     store._journal.close()
     journal = tmp_path / JOURNAL
     # and died between a part and the journal it was made of, with a line half written
