@@ -99,13 +99,33 @@ def _drop_unused(root: Path) -> None:
             shutil.rmtree(folder, ignore_errors=True)
 
 
-_FOLDER = _cache_folder()
+_folder = _cache_folder()
+
+
+def folder() -> Path:
+    """Return where machine code is kept."""
+    return _folder
+
+
+def use_folder(path: Path) -> None:
+    """Keep the machine code of functions that are decorated from now on in another folder."""
+    global _folder
+    _folder = path
+
+
+_kept_alone: _CheckedFiles | None = None
+"""In a process that compiles for one function only, that function's files; nothing else is loaded or saved."""
 
 
 class _CheckedFiles(caching.IndexDataCacheFile):
     """Files of a function's machine code, each with its digest at its end; a damaged one is as if there were none."""
 
+    def load(self, key: Any) -> Any:
+        return super().load(key) if _kept_alone is None else None  # type: ignore[no-untyped-call]
+
     def save(self, key: Any, data: Any) -> None:
+        if _kept_alone not in (None, self):
+            return
         with suppress(OSError):  # what cannot be kept, on a full disk say, is compiled again the next time
             super().save(key, data)  # type: ignore[no-untyped-call]
 
@@ -140,11 +160,24 @@ def _is_whole(path: str) -> bool:
     return hashlib.sha256(content[:-size]).digest() == content[-size:]
 
 
+def is_kept(function: Any, signature: tuple[Any, ...]) -> bool:
+    """Whether the cache has a compiled function's machine code for arguments of these types."""
+    cache = function._cache
+    key = cache._index_key(signature, function.targetdescr.target_context.codegen())
+    return cache._cache_file.load(key) is not None
+
+
+def keep_alone(function: Any) -> None:
+    """From now on load nothing from the cache, and save only this function's machine code."""
+    global _kept_alone
+    _kept_alone = function._cache._cache_file
+
+
 def in_cache(make: Callable[[Any], Any], function: Callable[..., Any]) -> Any:
     """Apply one of numba's decorators to a function, its machine code kept in the folder of these sources."""
     config: Any = numba.config
     before = config.CACHE_DIR, caching.IndexDataCacheFile
-    config.CACHE_DIR = str(_FOLDER)
+    config.CACHE_DIR = str(_folder)
     caching.IndexDataCacheFile = _CheckedFiles  # type: ignore[misc]
     try:
         return make(function)

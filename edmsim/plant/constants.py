@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from edmsim.compiled.vectors import filled
 from edmsim.machine.files import mjcf_version
 from edmsim.machine.setting import flushing_Pa, resistance_ohm, wire_speed_m_s
 from edmsim.plant.gap.breakdown import GapLaw
@@ -25,12 +24,13 @@ from edmsim.plant.gap.water import (
     viscosity_ratio,
 )
 from edmsim.plant.kernel.declare import ArraySizes, allocate
-from edmsim.plant.kernel.state import GRID, NO_METAL_UM, PULSES_PER_WINDOW, Arrays, Constants, Propagators, Timing
+from edmsim.plant.kernel.state import GRID, NO_METAL_UM, PULSES_PER_WINDOW, Arrays, Constants, Timing
 from edmsim.plant.mechanics.film import added_mass_kg_m, edge_loss_kg_m2, pull_sum_um2
 from edmsim.plant.mechanics.mjcf import screw_constants
-from edmsim.plant.mechanics.model import ModalModel, WireSetup, build_model, propagator_table, reduce_model
+from edmsim.plant.mechanics.model import ModalModel, WireSetup, build_model
 from edmsim.plant.mechanics.mujoco_model import FullMechanics
 from edmsim.plant.mechanics.mujoco_table import DriveSetup, TableMechanics
+from edmsim.plant.mechanics.strung import strung
 from edmsim.plant.resolution import Resolution
 from edmsim.plant.wire import VACUUM_PERMEABILITY_N_A2, VACUUM_PERMITTIVITY_F_M, HeatLaw, area_m2
 
@@ -234,7 +234,7 @@ def _modes(
     wire: WireSetup, model_file: str, _version: int, n_modes: int, slice_heights_m: tuple[float, ...]
 ) -> ModalModel:
     """Modes by set-up: plants of one machine share them, as nothing writes to them."""
-    return reduce_model(build_model(wire, model_file), n_modes, slice_heights_m)
+    return strung(wire, model_file, n_modes, slice_heights_m)
 
 
 def screws(machine: Machine) -> dict[int, dict[str, float]]:
@@ -273,26 +273,6 @@ def table_mechanics(machine: Machine, longest_us: float) -> TableMechanics:
     table = TableMechanics(_drive_setup(machine), longest_us, machine.base.model)
     table.set_travel(machine.base.table.travel_mm.value * 1e-3)
     return table
-
-
-def propagators(modes: ModalModel, timing: Timing) -> Propagators:
-    """Tables of exact propagators on the setting's time grid; plants of one machine share them, too."""
-    return _propagators(modes, timing.grid_us)
-
-
-@functools.lru_cache(maxsize=64)
-def _propagators(modes: ModalModel, grid_us: float) -> Propagators:
-    grid = np.arange(GRID + 1) * grid_us * 1e-6
-    wire = propagator_table(modes.wire_omega, modes.wire_zeta, grid)
-    x, y = (propagator_table(modes.table_omega[k], modes.table_zeta[k], grid) for k in range(2))
-    table = [np.stack(pair, axis=1) for pair in zip(x, y, strict=True)]
-    t11, t12, t21, t22 = (np.ascontiguousarray(part) for part in table)
-    filling = filled(len(modes.wire_omega)) - len(modes.wire_omega)
-    of_wire = np.pad(np.stack(wire, axis=1), ((0, 0), (0, 0), (0, filling)))
-    own = (modes.wire_shape**2).T
-    yielding = np.stack([((1 - wire[0]) * modes.wire_omega**-2.0) @ own, wire[1] @ own], axis=-1)
-    compliance = np.pad(modes.wire_omega**-2.0, (0, filling))
-    return Propagators(of_wire, compliance, np.ascontiguousarray(yielding), t11, t12, t21, t22)
 
 
 def flushing(machine: Machine) -> Jets:

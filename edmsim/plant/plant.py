@@ -13,7 +13,6 @@ from edmsim.errors import InputError
 from edmsim.plant import constants
 from edmsim.plant.axes.drives import AxisDrive, Drives
 from edmsim.plant.axes.ways import ways_of
-from edmsim.plant.gap.generator import switched_off, timing
 from edmsim.plant.kernel.declare import CHANGING, WALL, allocate, lasting, sizes_of
 from edmsim.plant.kernel.memory import CALL, Memory, window_function
 from edmsim.plant.kernel.state import (
@@ -27,13 +26,16 @@ from edmsim.plant.kernel.state import (
     TILED_UM,
     WINDOW,
     Arrays,
+    Propagators,
     Scratch,
 )
 from edmsim.plant.mechanics.model import ModalModel
 from edmsim.plant.mechanics.mujoco_model import N_NODES, FullMechanics
+from edmsim.plant.mechanics.propagators import fill_propagators
 from edmsim.plant.readings import PlantReadings
 from edmsim.plant.resolution import Resolution
 from edmsim.plant.resolution import resolution as named_resolution
+from edmsim.plant.settings import Settings
 from edmsim.plant.snapshot import check_snapshot
 from edmsim.plant.window import PlantError, PulseWindow, left_validity, read_window, wrong_step
 from edmsim.plant.workpiece.kerf_field import KerfField, Stock
@@ -97,7 +99,7 @@ class Plant(PlantReadings):
     ) -> None:
         if mechanics not in MECHANICS:
             raise InputError(f"unknown mechanics '{mechanics}'; there are: {', '.join(MECHANICS)}")
-        self.machine = self._first_machine = machine
+        self._first_machine = machine
         self.mechanics = mechanics
         self.resolution = res = named_resolution(resolution)
         self._constants = constants.constants(machine, res)
@@ -129,10 +131,11 @@ class Plant(PlantReadings):
             for axis in (0, 1):
                 if self._drives.has_loop(axis):
                     self._model.set_motor(axis, self._drives.axes.motors[axis : axis + 1])
-        self._generator_on = True
+        self._propagators, self._grid_us = allocate(Propagators, self._sizes), 0.0
+        self._memory.put(self._propagators)
+        self._settings = Settings(machine, res)
         self._pulses: NDArray[np.void] = np.zeros(0, PULSE)
         self._memory.put_own(pulses=self._pulses)
-        self._set_timing(machine)
         self.reset(seed, stock=stock, position_um=position_um)
 
     def move_rows(self, state: NDArray[np.void], window: NDArray[np.void]) -> None:
@@ -145,26 +148,24 @@ class Plant(PlantReadings):
     def _make_model(self) -> ModalModel | FullMechanics:
         """Return the model of table and wire; it stays alive with the plant, whose loop has its addresses."""
         if self.mechanics == "modal":
-            return constants.modal_model(self.machine, self.resolution)
-        full = constants.full_mechanics(self.machine, self.resolution)
+            return constants.modal_model(self._first_machine, self.resolution)
+        full = constants.full_mechanics(self._first_machine, self.resolution)
         self._memory.put(full.link)
         return full
 
-    def _set_timing(self, machine: Machine) -> None:
-        self._timing = timing(machine) if self._generator_on else switched_off(timing(machine))
-        self._memory.put(self._timing)
-        self._memory.put(constants.gap_law(machine, self.resolution, self._timing.open_V))
-        self._memory.put(constants.gas_law(machine, self._timing))
-        if isinstance(self._model, ModalModel):
-            self._memory.put(constants.propagators(self._model, self._timing))
+    def _set(self, t_on_us: float, t_period_us: float, on: bool) -> None:
+        self._setting = setting = self._settings.get(t_on_us, t_period_us, on)
+        for group in setting[:3]:
+            self._memory.put(group)
+        if isinstance(self._model, ModalModel) and self._grid_us != setting.timing.grid_us:
+            self._grid_us = setting.timing.grid_us
+            fill_propagators(self._propagators, self._model, self._grid_us)
 
     def reset(
         self, seed: int, *, stock: Stock | None = None, position_um: tuple[float, float] | None = None
     ) -> None:
         """Start again at rest: fresh workpiece and wire, the generator on, at the setting of the first machine."""
-        if self.machine is not self._first_machine or not self._generator_on:
-            self.machine, self._generator_on = self._first_machine, True
-            self._set_timing(self.machine)
+        self._set(self._first_machine.t_on_us, self._first_machine.t_period_us, on=True)
         position_um = position_um or self.machine.base.table.centre_um
         if stock is None:
             edge = position_um[0] + self._constants.radius_um + _FRONT_GAP_UM
@@ -199,8 +200,7 @@ class Plant(PlantReadings):
 
     def set_generator(self, t_on_us: float, t_period_us: float) -> None:
         """Change the pulse setting from the next window on; raises `InputError` if the generator refuses it."""
-        self.machine = self.machine.with_(t_on_us=t_on_us, t_period_us=t_period_us)
-        self._set_timing(self.machine)
+        self._set(t_on_us, t_period_us, self._setting.on)
 
     def switch_generator(self, on: bool) -> None:
         """Run or stop the generator from the next window on.
@@ -208,8 +208,7 @@ class Plant(PlantReadings):
         Stopped, windows keep their length and table and wire move, but there is neither voltage nor current: what a
         window then counts are moments without a pulse, shorts where the wire touches.
         """
-        self._generator_on = on
-        self._set_timing(self.machine)
+        self._set(self.machine.t_on_us, self.machine.t_period_us, on)
 
     def rethread(self, position_um: tuple[float, float], duration_ns: int) -> None:
         """Cut the wire, move to another place with the generator off, and thread a fresh wire there.
@@ -352,7 +351,7 @@ class Plant(PlantReadings):
         if isinstance(self._model, FullMechanics):
             state.update(self._model.snapshot())
         state["state"] = self._state.copy()
-        state["setting"] = np.array([self.machine.t_on_us, self.machine.t_period_us, self._generator_on])
+        state["setting"] = np.array([self.machine.t_on_us, self.machine.t_period_us, self._setting.on])
         return state
 
     def restore(self, state: dict[str, NDArray[Any]]) -> None:
@@ -360,7 +359,7 @@ class Plant(PlantReadings):
         check_snapshot(state, self.snapshot(), self._sizes)
         self._drives.check(state, int(state["state"]["time_ns"][0]))
         t_on, t_period, on = (float(v) for v in state["setting"])
-        if bool(on) != self._generator_on:
+        if bool(on) != self._setting.on:
             self.switch_generator(bool(on))
         if (t_on, t_period) != (self.machine.t_on_us, self.machine.t_period_us):
             self.set_generator(t_on, t_period)

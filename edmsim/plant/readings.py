@@ -12,6 +12,7 @@ from edmsim.plant.axes.drives import Drives
 from edmsim.plant.gap.rays import Rays
 from edmsim.plant.kernel.state import GRID, PULSE, PULSES_PER_WINDOW, Arrays, Constants, Timing
 from edmsim.plant.resolution import Resolution
+from edmsim.plant.settings import Setting
 from edmsim.plant.workpiece.kerf_field import KerfField
 
 if TYPE_CHECKING:
@@ -25,8 +26,6 @@ class PlantReadings:
     ----------
     field : KerfField
         The metal left in every slice.
-    machine : Machine
-        The set-up, with the pulse setting in force.
     mechanics : str
         What moves table and wire.
     resolution : Resolution
@@ -34,17 +33,15 @@ class PlantReadings:
     """
 
     field: KerfField
-    machine: Machine
     mechanics: str
     resolution: Resolution
     _state: NDArray[np.void]
     _window: NDArray[np.void]
     _arrays: Arrays
     _constants: Constants
-    _timing: Timing
+    _setting: Setting
     _drives: Drives
     _pulses: NDArray[np.void]
-    _generator_on: bool
 
     def __repr__(self) -> str:
         """Say what is set up, and where and when it is."""
@@ -86,9 +83,14 @@ class PlantReadings:
         return float(x), float(y)
 
     @property
+    def machine(self) -> Machine:
+        """The set-up, with the pulse setting in force."""
+        return self._setting.machine
+
+    @property
     def generator_on(self) -> bool:
         """Whether the generator runs; a fresh plant's does."""
-        return self._generator_on
+        return self._setting.on
 
     @property
     def following_error_um(self) -> tuple[float, float]:
@@ -105,12 +107,12 @@ class PlantReadings:
     @property
     def window_ns(self) -> int:
         """Duration of a window at the present setting; 0 where the period varies (row T-42)."""
-        return PULSES_PER_WINDOW * self._timing.period_ns
+        return PULSES_PER_WINDOW * self._setting.timing.period_ns
 
     @property
     def longest_window_ns(self) -> int:
         """Upper bound of a window's duration at the present setting."""
-        return self.window_ns or PULSES_PER_WINDOW * math.ceil(self._timing.grid_us * GRID * 1e3)
+        return self.window_ns or PULSES_PER_WINDOW * math.ceil(self._setting.timing.grid_us * GRID * 1e3)
 
     @property
     def removed_mm3(self) -> float:
@@ -146,7 +148,7 @@ class PlantReadings:
     @property
     def timing(self) -> Timing:
         """The generator's present setting as the loop has it: voltages, currents, times."""
-        return self._timing
+        return self._setting.timing
 
     def last_pulses(self) -> NDArray[np.void]:
         """Return the pulses of the last window as rows of `state.PULSE`, (n,); none if they are not watched."""

@@ -8,13 +8,13 @@ import sys
 from pathlib import Path
 
 SCRIPT = """\
-from edmsim.compiled.jit import compiled, _FOLDER
+from edmsim.compiled.jit import compiled, _folder
 
 @compiled
 def twice(x):
     return 2.0 * x
 
-print(twice(21.0), sum(twice.stats.cache_hits.values()), _FOLDER, oct(_FOLDER.stat().st_mode & 0o777))
+print(twice(21.0), sum(twice.stats.cache_hits.values()), _folder, oct(_folder.stat().st_mode & 0o777))
 """
 
 
@@ -92,3 +92,45 @@ def test_two_kinds_kept_at_once_are_not_mixed_up(tmp_path: Path) -> None:
     second.save("whole numbers", "code for whole numbers")
     assert first.load("floats") == "code for floats"
     assert first.load("whole numbers") == "code for whole numbers"
+
+
+ADDERS = """\
+from edmsim.compiled.jit import compiled
+
+@compiled
+def times(factor, x):
+    return factor * x
+
+def adder(factor):
+    @compiled
+    def add(a, b):
+        return a + times(factor, b)
+    return add
+"""
+AFRESH = """\
+from edmsim.compiled.afresh import made_afresh
+import adders
+
+add = made_afresh(adders.adder, 3)
+print(add(1, 2), sum(add.stats.cache_hits.values()))
+"""
+
+
+def afresh(folder: Path, before: str = "") -> list[str]:
+    (folder / "adders.py").write_text(ADDERS)
+    environment = {**os.environ, "XDG_CACHE_HOME": str(folder / "cache"), "PYTHONDONTWRITEBYTECODE": "1"}
+    code = f"import sys\nsys.path.insert(0, {str(folder)!r})\n{before}\n{AFRESH}"
+    done = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    return done.stdout.split()
+
+
+def test_what_is_made_afresh_is_compiled_alone_in_a_process_of_its_own(tmp_path: Path) -> None:
+    """So its bits do not depend on what else a process compiled before, nor is that kept."""
+    assert afresh(tmp_path, "import adders; adders.times(2, 2)") == ["7", "1"]
+    kept = {file.name.split("-")[0] for file in (tmp_path / "cache").rglob("*.nbi")}
+    assert kept == {"adders.times", "adders.adder.locals.add"}
+
+
+def test_without_another_process_this_one_compiles(tmp_path: Path) -> None:
+    assert afresh(tmp_path, "sys.executable = '/nowhere/python'") == ["7", "0"]

@@ -17,10 +17,11 @@ from edmsim.plant.constants import arrays
 from edmsim.plant.kernel.declare import allocate, sizes_of
 from edmsim.plant.kernel.state import ISO_PULSE, STATE, Axes, Constants, Propagators, Timing
 from edmsim.plant.mechanics.modal import project
-from edmsim.plant.mechanics.model import WireSetup, build_model, propagator_table, reduce_model
+from edmsim.plant.mechanics.model import WireSetup, build_model, reduce_model
 from edmsim.plant.mechanics.mujoco_loop import LOST, move_full
 from edmsim.plant.mechanics.mujoco_model import N_NODES, FullMechanics
 from edmsim.plant.mechanics.mujoco_table import DriveSetup
+from edmsim.plant.mechanics.propagators import propagator_table
 
 BRASS = WireSetup(0.25e-3, 8400.0, 10.0, 0.040, 0.2)
 WIRES = [

@@ -1,3 +1,4 @@
+import dataclasses
 import math
 import subprocess
 import sys
@@ -18,10 +19,11 @@ from edmsim.plant.mechanics.model import (
     ModalModel,
     WireSetup,
     build_model,
-    propagator_table,
     reduce_model,
 )
 from edmsim.plant.mechanics.modes import linearise
+from edmsim.plant.mechanics.propagators import propagator_table
+from edmsim.plant.mechanics.strung import strung
 
 Array = NDArray[np.float64]
 
@@ -104,6 +106,18 @@ def test_first_mode_has_the_asked_damping_and_none_is_neglected(wire: WireSetup)
     drag = system.damping[np.ix_(dofs, dofs)]
     mass = system.mass[np.ix_(dofs, dofs)]
     np.testing.assert_allclose(drag, drag[0, 0] / mass[0, 0] * mass, atol=1e-9 * drag[0, 0])
+
+
+@pytest.mark.parametrize("wire", [*WIRES, dataclasses.replace(BRASS, slot_m=0.02, slot_mass_kg_m=1e-3)])
+def test_a_wire_strung_by_formula_has_the_modes_of_its_own_model(wire: WireSetup) -> None:
+    heights = slice_heights(wire.guide_distance_m / 2, wire.guide_distance_m, 9)
+    built, by_formula = reduce_model(build_model(wire), 8, heights), strung(wire, MODEL_FILE, 8, heights)
+    for field in dataclasses.fields(ModalModel):
+        expected = np.asarray(getattr(built, field.name))
+        scale = np.abs(expected).max()
+        np.testing.assert_allclose(
+            getattr(by_formula, field.name), expected, rtol=1e-6, atol=1e-6 * scale, err_msg=field.name
+        )
 
 
 def nodal_load(node_heights: Array, low: float, high: float) -> Array:

@@ -12,7 +12,7 @@ import edmsim
 from edmsim.machine.setting import discharge_current_A
 from edmsim.plant.constants import modal_model, push_law
 from edmsim.plant.gap.bubble import bubble_impulse_Ns
-from edmsim.plant.mechanics.model import propagator_table
+from edmsim.plant.mechanics.propagators import propagator_table
 from edmsim.plant.resolution import resolution
 from edmsim.plant.window import NotFiniteError, PlantError, WireInMetalError, WireLostError
 

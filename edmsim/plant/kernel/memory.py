@@ -18,6 +18,7 @@ from numba.extending import intrinsic
 from numba.np.arrayobj import populate_array
 from numpy.typing import NDArray
 
+from edmsim.compiled.afresh import made_afresh
 from edmsim.compiled.jit import compiled
 from edmsim.compiled.vectors import GAPS, filled
 from edmsim.plant.gap.breakdown import GapLaw
@@ -253,7 +254,10 @@ def window_function(slices: int, rays: int, coordinates: int, full: bool) -> Cal
     It takes the address of rows of `CALL` numbers and how many rows there are: one window for one plant each. One
     plant and a thousand run the same machine code, so that a plant's bits do not depend on its company.
     """
+    return cast("Callable[[int, int], None]", made_afresh(_window, slices, rays, coordinates, full))
 
+
+def _window(slices: int, rays: int, coordinates: int, full: bool) -> Callable[[int, int], None]:
     @compiled
     def advance(calls: int, count: int) -> None:
         rows = _rows(calls, (count, CALL))

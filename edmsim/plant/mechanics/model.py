@@ -22,6 +22,8 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
+_ALIKE = 1e-8
+"""By how much of its greatest entry a matrix of the wire may differ between x and y: the noise of differences."""
 MODEL_FILE = "agiecut_dem15.xml"
 """The machine in `edmsim.models`."""
 
@@ -203,20 +205,32 @@ def _thin_out(spec: mujoco.MjSpec, n_nodes: int) -> None:
 def _string_wire(wire: WireSetup, nodes: list[Any], segments: list[Any]) -> None:
     """Give the chain's nodes and segments the wire's mass, damping and tension."""
     spacing = wire.guide_distance_m / (len(nodes) + 1)
-    mass = wire.line_density * spacing
-    omega_1 = 2 / spacing * wire.wave_speed * math.sin(math.pi / (2 * (len(nodes) + 1)))
-    low, high = (wire.guide_distance_m - wire.slot_m) / 2, (wire.guide_distance_m + wire.slot_m) / 2
-    for i, node in enumerate(nodes):
-        height = (i + 1) * spacing
-        slot = max(0.0, min(height + spacing / 2, high) - max(height - spacing / 2, low))
+    heights = np.asarray(spacing * np.arange(1, len(nodes) + 1), np.float64)
+    masses_kg = node_mass_kg(wire, heights, spacing)
+    dampings_N_s_m = node_damping_N_s_m(wire, masses_kg)
+    for node, height, mass_kg, damping in zip(nodes, heights, masses_kg, dampings_N_s_m, strict=True):
         node.frame.pos = [0.0, 0.0, 0.0]
         node.pos = [0.0, 0.0, height]
-        node.mass = mass + slot * wire.slot_mass_kg_m
+        node.mass = mass_kg
         for joint in node.joints:
-            joint.damping = [2 * wire.damping_ratio * omega_1 * node.mass, 0.0, 0.0]
+            joint.damping = [damping, 0.0, 0.0]
     for segment in segments:
         segment.stiffness = [wire.tension / spacing, 0.0, 0.0]  # its rest length is 0
         segment.width = wire.diameter_m / 2
+
+
+def node_mass_kg(wire: WireSetup, heights_m: Array, spacing_m: float) -> Array:
+    """Mass of every node: of its length of wire, and of the water that moves with what of it is in the slot."""
+    low, high = (wire.guide_distance_m - wire.slot_m) / 2, (wire.guide_distance_m + wire.slot_m) / 2
+    slot_m = np.minimum(heights_m + spacing_m / 2, high) - np.maximum(heights_m - spacing_m / 2, low)
+    return np.asarray(wire.line_density * spacing_m + np.maximum(slot_m, 0.0) * wire.slot_mass_kg_m)
+
+
+def node_damping_N_s_m(wire: WireSetup, masses_kg: Array) -> Array:
+    """Damping of every node, in proportion to its mass: the wire's first mode has the ratio asked for."""
+    n, spacing_m = len(masses_kg), wire.guide_distance_m / (len(masses_kg) + 1)
+    omega_1 = 2 / spacing_m * wire.wave_speed * math.sin(math.pi / (2 * (n + 1)))
+    return np.asarray(2 * wire.damping_ratio * omega_1 * masses_kg)
 
 
 def _draw_workpiece(spec: mujoco.MjSpec, guide_distance_m: float) -> None:
@@ -257,16 +271,28 @@ def reduce_model(model: mujoco.MjModel, n_modes: int, slice_heights_m: ArrayLike
         If `n_modes` or a height is out of range, or the model at rest is not four independent blocks without
         active constraints, the wire alike along x and y.
     """
-    node_heights, guide_distance = _wire_heights(model)
+    node_heights, guide_distance = wire_heights(model)
+    linear, blocks = machine_at_rest(model, len(node_heights))
+    return reduced(linear, blocks, node_heights, guide_distance, n_modes, slice_heights_m)
+
+
+def machine_at_rest(model: mujoco.MjModel, n_nodes: int) -> tuple[Linear, list[list[int]]]:
+    """Return a model as a linear system, and the degrees of freedom of its four blocks, which must be independent."""
+    linear, blocks = linearise(model), _blocks(model, n_nodes)
+    check_independent(linear, blocks)
+    return linear, blocks
+
+
+def reduced(
+    linear: Linear, blocks: list[list[int]], node_heights: Array, guide_distance: float, n_modes: int,
+    slice_heights_m: ArrayLike,
+) -> ModalModel:
+    """Modes of a machine at rest; see `reduce_model`."""
     if not 1 <= n_modes <= len(node_heights):
         raise InputError(f"n_modes is {n_modes}; this wire has 1 to {len(node_heights)} modes")
     slices = _checked_heights(slice_heights_m, guide_distance)
-    linear = linearise(model)
-    blocks = _blocks(model, len(node_heights))
-    check_independent(linear, blocks)
-    wire_x, wire_y, table_x, table_y = (block_modes(linear, block) for block in blocks)
-    if not np.allclose(wire_x.omega, wire_y.omega, rtol=1e-9):
-        raise InputError("the wire's stiffness differs between x and y; one set of modes must serve both")
+    wire_x, table_x, table_y = (block_modes(linear, blocks[k]) for k in (0, 2, 3))
+    _check_alike(linear, *blocks[:2])
     tables = (table_x, table_y)
     travels = [_unit_travel(linear, block, axis) for axis, block in enumerate(blocks[2:])]
     rests = [table.momenta @ travel for table, (travel, _) in zip(tables, travels, strict=True)]
@@ -285,11 +311,19 @@ def reduce_model(model: mujoco.MjModel, n_modes: int, slice_heights_m: ArrayLike
         slice_mass_kg=1 / (shape**2).sum(axis=1),
         mobility=(shape**2).sum(axis=0),
         inertia=(shape**2).mean(axis=0),
-        neglected_damping=max(modes.neglected_damping for modes in (wire_x, wire_y, *tables)),
+        neglected_damping=max(modes.neglected_damping for modes in (wire_x, *tables)),
     )
 
 
-def _wire_heights(model: mujoco.MjModel) -> tuple[Array, float]:
+def _check_alike(linear: Linear, wire_x: list[int], wire_y: list[int]) -> None:
+    """Refuse a wire that is not the same along x and y."""
+    for name in ("mass", "damping", "stiffness"):
+        x, y = (getattr(linear, name)[np.ix_(block, block)] for block in (wire_x, wire_y))
+        if np.abs(x - y).max() > _ALIKE * np.abs(x).max():
+            raise InputError(f"the wire's {name} differs between x and y; one set of modes must serve both")
+
+
+def wire_heights(model: mujoco.MjModel) -> tuple[Array, float]:
     """Return the nodes' heights above the lower guide and the distance of the guides, in m."""
     import mujoco
 
@@ -328,69 +362,3 @@ def at_heights(shape: Array, node_heights: Array, guide_distance: float, heights
     """Return deflections at `heights` of wires bent as `shape` (n_nodes, n): straight from node to node."""
     known = np.concatenate([[0.0], node_heights, [guide_distance]])
     return np.stack([np.interp(heights, known, np.pad(mode, 1)) for mode in shape.T], axis=1)
-
-
-def propagator_table(
-    omega: ArrayLike, zeta: ArrayLike, dt_grid: ArrayLike
-) -> tuple[Array, Array, Array, Array]:
-    """Return the exact propagators of free damped oscillators over given times.
-
-    ``q(t+dt) = p11 q + p12 v`` and ``v(t+dt) = p21 q + p22 v`` for ``q'' + 2 zeta omega q' + omega^2 q = 0``,
-    q counted from its equilibrium: the 2x2 matrix exponential, for under-, critically and overdamped modes.
-
-    Parameters
-    ----------
-    omega : array (n_modes,)
-        Undamped angular frequencies in rad/s, above 0.
-    zeta : array (n_modes,)
-        Damping ratios, 0 or more.
-    dt_grid : array (n_grid,)
-        Time spans in s, 0 or more.
-
-    Returns
-    -------
-    p11, p12, p21, p22 : float64 arrays (n_grid, n_modes)
-
-    Raises
-    ------
-    InputError
-        If a value is out of range or the modes' shapes differ.
-    """
-    w, z = np.asarray(omega, float), np.asarray(zeta, float)
-    spans = np.asarray(dt_grid, float)
-    if w.ndim != 1 or w.shape != z.shape or not (np.all(w > 0) and np.all(z >= 0)):
-        raise InputError(
-            f"modes have omega {w.tolist()} and zeta {z.tolist()}; "
-            "there must be equally many, omega above 0 and zeta 0 or more"
-        )
-    if spans.ndim != 1 or not np.all(spans >= 0):
-        raise InputError(f"time spans are {spans.tolist()} s; they must be a list of times of 0 or more")
-    cosine, sine = _damped_pair(w, z, spans[:, None])
-    return cosine + z * w * sine, sine, -(w**2) * sine, cosine - z * w * sine
-
-
-def _damped_pair(w: Array, z: Array, t: Array) -> tuple[Array, Array]:
-    """Return ``e^(-z w t) cos(s t)`` and ``e^(-z w t) sin(s t) / s`` with s = w sqrt(1 - z^2), real or not."""
-    under = z <= 1
-    if under.all():  # the usual case, met at every change of the generator's period
-        return _underdamped(w, z, t)
-    if not under.any():
-        return _overdamped(w, z, t)
-    pairs = zip(_underdamped(w, z, t), _overdamped(w, z, t), strict=True)
-    cosine, sine = (np.where(under, below, above) for below, above in pairs)
-    return cosine, sine
-
-
-def _underdamped(w: Array, z: Array, t: Array) -> tuple[Array, Array]:
-    st = w * np.sqrt(np.abs(1 - z**2)) * t
-    decay = np.exp(-z * w * t)
-    return decay * np.cos(st), decay * t * np.sinc(st / np.pi)
-
-
-def _overdamped(w: Array, z: Array, t: Array) -> tuple[Array, Array]:
-    """Summed from the two decaying exponentials: cosh alone would overflow."""
-    s = w * np.sqrt(np.abs(1 - z**2))
-    slow = np.exp(-(w**2) / (z * w + s) * t)  # e^(-(z w - s) t) without the cancellation
-    safe = np.where(s > 0, s, 1.0)
-    spread = np.where(s > 0, -np.expm1(-2 * s * t) / (2 * safe), t)
-    return slow * (1 + np.exp(-2 * s * t)) / 2, slow * spread

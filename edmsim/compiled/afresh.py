@@ -1,0 +1,71 @@
+"""Machine code whose bits do not depend on what a process compiled before.
+
+The liberties of `jit.FAST` let the compiler order sums, and the order it chooses depends on what it has compiled so
+far in the same process. Code that decides the bits of a cut is therefore compiled in a process of its own, which does
+nothing else, and loaded from the cache.
+"""
+
+from __future__ import annotations
+
+import importlib
+import os
+import subprocess
+import sys
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+from numba import types
+
+from edmsim.compiled import jit
+
+_PROGRAM = """
+import signal, sys
+signal.signal(signal.SIGINT, signal.SIG_IGN)
+sys.path[:] = {path!r}
+from edmsim.compiled.afresh import compile_alone
+compile_alone({folder!r}, {module!r}, {name!r}, {arguments!r})
+"""
+"""An interrupt is for whoever waits for this, and stops it."""
+
+_NOTICE = "edmsim compiles its pulse loop for this processor: a minute or two, once for every resolution"
+
+
+def made_afresh(make: Callable[..., Any], *arguments: int) -> Any:
+    """Return ``make(*arguments)``, a compiled function of whole numbers, its machine code in the cache.
+
+    What is not there is compiled by a process of its own, which takes a minute or so. Where no process can be
+    started or nothing can be kept, this one compiles at the first call, and the last bits may be others.
+
+    Parameters
+    ----------
+    make : callable
+        A function of a module that returns a function made with `jit.compiled`.
+    *arguments : int or bool
+        What it is called with.
+    """
+    function = make(*arguments)
+    if not jit.is_kept(function, _signature(function)):
+        program = _PROGRAM.format(
+            path=sys.path, folder=str(jit.folder()), module=make.__module__, name=make.__name__, arguments=arguments
+        )
+        if sys.stderr.isatty() or "ipykernel" in sys.modules:
+            print(_NOTICE, file=sys.stderr)
+        # strings' hashes decide the order of the compiler's own sets
+        environment = {**os.environ, "PYTHONHASHSEED": "0"}
+        with suppress(OSError):
+            subprocess.run([sys.executable, "-c", program], env=environment, capture_output=True, check=False)
+    return function
+
+
+def compile_alone(folder: str, module: str, name: str, arguments: tuple[int, ...]) -> None:
+    """Compile one function with all it calls, and keep only it; for a process that does nothing else."""
+    jit.use_folder(Path(folder))
+    function = getattr(importlib.import_module(module), name)(*arguments)
+    jit.keep_alone(function)
+    function.compile(_signature(function))
+
+
+def _signature(function: Any) -> tuple[Any, ...]:
+    return (types.int64,) * int(function.py_func.__code__.co_argcount)
