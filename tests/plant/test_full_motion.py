@@ -21,7 +21,7 @@ from edmsim.plant.mechanics.model import WireSetup, build_model, reduce_model
 from edmsim.plant.mechanics.mujoco_loop import LOST, move_full
 from edmsim.plant.mechanics.mujoco_model import N_NODES, FullMechanics
 from edmsim.plant.mechanics.mujoco_table import DriveSetup
-from edmsim.plant.mechanics.propagators import propagator_table
+from tests.plant.oscillators import propagator_table
 
 BRASS = WireSetup(0.25e-3, 8400.0, 10.0, 0.040, 0.2)
 WIRES = [

@@ -7,10 +7,7 @@ import tomllib
 import mujoco
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 from numpy.typing import NDArray
-from scipy.linalg import expm
 
 from edmsim import models
 from edmsim.errors import InputError
@@ -22,8 +19,8 @@ from edmsim.plant.mechanics.model import (
     reduce_model,
 )
 from edmsim.plant.mechanics.modes import linearise
-from edmsim.plant.mechanics.propagators import propagator_table
 from edmsim.plant.mechanics.strung import strung
+from tests.plant.oscillators import propagator_table
 
 Array = NDArray[np.float64]
 
@@ -298,33 +295,6 @@ def test_upper_arm_and_workpiece_stand_where_the_guides_are() -> None:
     np.testing.assert_allclose(np.diff([0.0, *heights, 0.100]), 0.100 / 32)
 
 
-@given(
-    omega=st.floats(1.0, 3e5),
-    zeta=st.one_of(st.floats(0.0, 30.0), st.just(1.0), st.floats(1 - 1e-9, 1 + 1e-9)),
-    phase=st.floats(0.0, 20.0),
-)
-def test_propagator_is_the_matrix_exponential(omega: float, zeta: float, phase: float) -> None:
-    dt = phase / omega
-    p11, p12, p21, p22 = (p[0, 0] for p in propagator_table([omega], [zeta], [dt]))
-    scaled = np.array([[p11, p12 * omega], [p21 / omega, p22]])  # in radians of the mode
-    exact = expm(phase * np.array([[0.0, 1.0], [-1.0, -2 * zeta]]))
-    np.testing.assert_allclose(scaled, exact, rtol=0, atol=1e-9)
-
-
-@given(zeta=st.floats(0.0, 5.0), first=st.floats(0.0, 1e-3), second=st.floats(0.0, 1e-3))
-def test_two_spans_are_one(zeta: float, first: float, second: float) -> None:
-    table = np.array(propagator_table([12e3], [zeta], [first, second, first + second]))[:, :, 0]
-    one, two, both = (np.array([[a, b * 12e3], [c / 12e3, d]]) for a, b, c, d in table.T)
-    np.testing.assert_allclose(two @ one, both, rtol=0, atol=1e-10)
-
-
-def test_propagator_of_no_time_changes_nothing_and_of_long_decays() -> None:
-    p11, p12, p21, p22 = propagator_table([1e3, 1e3, 1e3], [0.2, 1.0, 40.0], [0.0, 1e3])
-    at_once = np.array([p11[0], p12[0], p21[0], p22[0]])
-    np.testing.assert_array_equal(at_once, np.outer([1, 0, 0, 1], [1, 1, 1]))
-    assert max(np.abs(p[1]).max() for p in (p11, p12, p21, p22)) < 1e-12
-
-
 @pytest.mark.parametrize(
     ("name", "value"),
     [
@@ -375,23 +345,6 @@ def test_machines_that_are_not_four_free_blocks_are_refused() -> None:
     flat.jnt_stiffness[flat.joint("wire_x03").id] = 100.0
     with pytest.raises(InputError, match="differs between x and y"):
         reduce_model(flat, 8, [0.02])
-
-
-@pytest.mark.parametrize(
-    ("omega", "zeta", "dt", "reason"),
-    [
-        ([0.0], [0.1], [1e-6], "omega above 0"),
-        ([1.0], [-0.1], [1e-6], "zeta 0 or more"),
-        ([1.0, 2.0], [0.1], [1e-6], "equally many"),
-        ([1.0], [0.1], [-1e-6], "times of 0 or more"),
-        ([1.0], [0.1], [math.nan], "times of 0 or more"),
-    ],
-)
-def test_impossible_oscillators_are_refused(
-    omega: list[float], zeta: list[float], dt: list[float], reason: str
-) -> None:
-    with pytest.raises(InputError, match=reason):
-        propagator_table(omega, zeta, dt)
 
 
 def test_an_unknown_data_file_is_named() -> None:

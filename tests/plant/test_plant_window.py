@@ -12,9 +12,9 @@ import edmsim
 from edmsim.machine.setting import discharge_current_A
 from edmsim.plant.constants import modal_model, push_law
 from edmsim.plant.gap.bubble import bubble_impulse_Ns
-from edmsim.plant.mechanics.propagators import propagator_table
 from edmsim.plant.resolution import resolution
 from edmsim.plant.window import NotFiniteError, PlantError, WireInMetalError, WireLostError
+from tests.plant.oscillators import propagator_table
 
 FEEDS_UM_S = (10.0, 20.0, 28.0, 34.0)
 

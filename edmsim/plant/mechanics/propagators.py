@@ -1,102 +1,101 @@
-"""Exact propagators of free damped oscillators, and a plant's tables of them on the time grid of its generator."""
+"""Exact propagators of free damped oscillators, and tables of their powers on a time grid, compiled."""
 
 from __future__ import annotations
 
-import numpy as np
-from numpy.typing import ArrayLike
+import math
 
-from edmsim.errors import InputError
-from edmsim.plant.kernel.state import Array, Propagators
-from edmsim.plant.mechanics.model import ModalModel
-from edmsim.plant.mechanics.powers import fill_table, fill_wire, fill_yielding
+from edmsim.compiled.jit import exactly_compiled
+from edmsim.plant.kernel.state import Array
 
 
-def fill_propagators(p: Propagators, modes: ModalModel, grid_us: float) -> None:
-    """Fill a plant's tables for a time grid: every row follows from the one before by one more step.
+@exactly_compiled
+def one_step(omega: float, zeta: float, dt: float) -> tuple[float, float, float, float]:
+    """Propagators of ``q'' + 2 zeta omega q' + omega^2 q = 0`` over a time, q counted from its equilibrium.
 
-    Rounding errors add up over the rows, to some 1e-14. In return a knob of the generator that turns costs tens of
-    us, where a table of exponentials would cost hundreds.
+    ``q(t+dt) = p11 q + p12 v`` and ``v(t+dt) = p21 q + p22 v``: the 2x2 matrix exponential.
 
     Parameters
     ----------
-    p : Propagators
-        The tables to fill.
-    modes : ModalModel
-    grid_us : float
-        Step of the grid.
-    """
-    n = len(modes.wire_omega)
-    omega = np.concatenate([modes.wire_omega, modes.table_omega.ravel()])
-    zeta = np.concatenate([modes.wire_zeta, modes.table_zeta.ravel()])
-    step = np.concatenate(propagator_table(omega, zeta, [grid_us * 1e-6]))
-    compliance = modes.wire_omega**-2.0
-    p.wire_compliance[:n] = compliance
-    fill_wire(p.wire, step[:, :n])
-    fill_yielding(p.yielding, p.wire, compliance, modes.wire_shape)
-    fill_table(p.table11, p.table12, p.table21, p.table22, step[:, n:].reshape(4, 2, 2))
-
-
-def propagator_table(
-    omega: ArrayLike, zeta: ArrayLike, dt_grid: ArrayLike
-) -> tuple[Array, Array, Array, Array]:
-    """Return the exact propagators of free damped oscillators over given times.
-
-    ``q(t+dt) = p11 q + p12 v`` and ``v(t+dt) = p21 q + p22 v`` for ``q'' + 2 zeta omega q' + omega^2 q = 0``,
-    q counted from its equilibrium: the 2x2 matrix exponential, for under-, critically and overdamped modes.
-
-    Parameters
-    ----------
-    omega : array (n_modes,)
-        Undamped angular frequencies in rad/s, above 0.
-    zeta : array (n_modes,)
-        Damping ratios, 0 or more.
-    dt_grid : array (n_grid,)
-        Time spans in s, 0 or more.
+    omega : float
+        Undamped angular frequency in rad/s, above 0.
+    zeta : float
+        Damping ratio, 0 or more.
+    dt : float
+        Time in s, 0 or more.
 
     Returns
     -------
-    p11, p12, p21, p22 : float64 arrays (n_grid, n_modes)
-
-    Raises
-    ------
-    InputError
-        If a value is out of range or the modes' shapes differ.
+    p11, p12, p21, p22 : float
     """
-    w, z = np.asarray(omega, float), np.asarray(zeta, float)
-    spans = np.asarray(dt_grid, float)
-    if w.ndim != 1 or w.shape != z.shape or not (np.all(w > 0) and np.all(z >= 0)):
-        raise InputError(
-            f"modes have omega {w.tolist()} and zeta {z.tolist()}; "
-            "there must be equally many, omega above 0 and zeta 0 or more"
-        )
-    if spans.ndim != 1 or not np.all(spans >= 0):
-        raise InputError(f"time spans are {spans.tolist()} s; they must be a list of times of 0 or more")
-    cosine, sine = _damped_pair(w, z, spans[:, None])
-    return cosine + z * w * sine, sine, -(w**2) * sine, cosine - z * w * sine
+    s = omega * math.sqrt(abs(1.0 - zeta * zeta))
+    if s == 0.0:
+        cosine = math.exp(-omega * dt)
+        sine = cosine * dt
+    elif zeta < 1.0:
+        decay = math.exp(-zeta * omega * dt)
+        cosine, sine = decay * math.cos(s * dt), decay * math.sin(s * dt) / s
+    else:  # summed from the two decaying exponentials: cosh alone would overflow
+        slow = math.exp(-omega * omega / (zeta * omega + s) * dt)  # e^(-(z w - s) t) without the cancellation
+        cosine = slow * (1.0 + math.exp(-2.0 * s * dt)) / 2.0
+        sine = slow * -math.expm1(-2.0 * s * dt) / (2.0 * s)
+    return cosine + zeta * omega * sine, sine, -omega * omega * sine, cosine - zeta * omega * sine
 
 
-def _damped_pair(w: Array, z: Array, t: Array) -> tuple[Array, Array]:
-    """Return ``e^(-z w t) cos(s t)`` and ``e^(-z w t) sin(s t) / s`` with s = w sqrt(1 - z^2), real or not."""
-    under = z <= 1
-    if under.all():  # the usual case, met at every change of the generator's period
-        return _underdamped(w, z, t)
-    if not under.any():
-        return _overdamped(w, z, t)
-    pairs = zip(_underdamped(w, z, t), _overdamped(w, z, t), strict=True)
-    cosine, sine = (np.where(under, below, above) for below, above in pairs)
-    return cosine, sine
+@exactly_compiled
+def fill_wire(
+    wire: Array, yielding: Array, compliance: Array, omega: Array, zeta: Array, shape: Array, dt: float
+) -> None:
+    """Fill the tables of the wire's modes (see `state.Propagators`); what is filled up to whole vectors stays 0.
+
+    Every row is the one before over one more step: rounding errors add up to some 1e-13 over a thousand rows, and a
+    knob of the generator that turns costs tens of us, where exponentials for every row would cost hundreds.
+    """
+    n_slices, n_modes = shape.shape
+    for m in range(n_modes):
+        compliance[m] = 1.0 / (omega[m] * omega[m])
+        wire[0, 0, m] = wire[0, 3, m] = 1.0
+        wire[0, 1, m] = wire[0, 2, m] = 0.0
+        wire[1, 0, m], wire[1, 1, m], wire[1, 2, m], wire[1, 3, m] = one_step(omega[m], zeta[m], dt)
+    for k in range(2, wire.shape[0]):
+        for m in range(n_modes):
+            p11, p12, p21, p22 = wire[k - 1, 0, m], wire[k - 1, 1, m], wire[k - 1, 2, m], wire[k - 1, 3, m]
+            wire[k, 0, m] = wire[1, 0, m] * p11 + wire[1, 1, m] * p21
+            wire[k, 1, m] = wire[1, 0, m] * p12 + wire[1, 1, m] * p22
+            wire[k, 2, m] = wire[1, 2, m] * p11 + wire[1, 3, m] * p21
+            wire[k, 3, m] = wire[1, 2, m] * p12 + wire[1, 3, m] * p22
+    for k in range(wire.shape[0]):
+        for s in range(n_slices):
+            rests = moves = 0.0
+            for m in range(n_modes):
+                own = shape[s, m] * shape[s, m]
+                rests += (1.0 - wire[k, 0, m]) * compliance[m] * own
+                moves += wire[k, 1, m] * own
+            yielding[k, s, 0], yielding[k, s, 1] = rests, moves
 
 
-def _underdamped(w: Array, z: Array, t: Array) -> tuple[Array, Array]:
-    st = w * np.sqrt(np.abs(1 - z**2)) * t
-    decay = np.exp(-z * w * t)
-    return decay * np.cos(st), decay * t * np.sinc(st / np.pi)
+@exactly_compiled
+def fill_table(t11: Array, t12: Array, t21: Array, t22: Array, omega: Array, zeta: Array, dt: float) -> None:
+    """Fill the tables of the two modes of either axis of the table, as those of the wire."""
+    t11[0], t12[0], t21[0], t22[0] = 1.0, 0.0, 0.0, 1.0
+    for axis in range(2):
+        for m in range(2):
+            t11[1, axis, m], t12[1, axis, m], t21[1, axis, m], t22[1, axis, m] = one_step(
+                omega[axis, m], zeta[axis, m], dt
+            )
+    for k in range(2, t11.shape[0]):
+        j = k - 1
+        for axis in range(2):
+            for m in range(2):
+                a, b, c, d = t11[1, axis, m], t12[1, axis, m], t21[1, axis, m], t22[1, axis, m]
+                p11, p12, p21, p22 = t11[j, axis, m], t12[j, axis, m], t21[j, axis, m], t22[j, axis, m]
+                t11[k, axis, m], t12[k, axis, m] = a * p11 + b * p21, a * p12 + b * p22
+                t21[k, axis, m], t22[k, axis, m] = c * p11 + d * p21, c * p12 + d * p22
 
 
-def _overdamped(w: Array, z: Array, t: Array) -> tuple[Array, Array]:
-    """Summed from the two decaying exponentials: cosh alone would overflow."""
-    s = w * np.sqrt(np.abs(1 - z**2))
-    slow = np.exp(-(w**2) / (z * w + s) * t)  # e^(-(z w - s) t) without the cancellation
-    safe = np.where(s > 0, s, 1.0)
-    spread = np.where(s > 0, -np.expm1(-2 * s * t) / (2 * safe), t)
-    return slow * (1 + np.exp(-2 * s * t)) / 2, slow * spread
+@exactly_compiled
+def fill_fading(fading: Array, life_us: float, filled_us: float, grid_us: float) -> None:
+    """Fill `coverage.GasLaw.fading` for the lives of steam and of permanent gas."""
+    steam, gas = math.exp(-grid_us / life_us), math.exp(-grid_us / filled_us)
+    fading[0, 0] = fading[0, 1] = 1.0
+    for k in range(1, fading.shape[0]):
+        fading[k, 0], fading[k, 1] = fading[k - 1, 0] * steam, fading[k - 1, 1] * gas
