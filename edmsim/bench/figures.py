@@ -6,7 +6,13 @@ from typing import TYPE_CHECKING
 
 from edmsim.bench.controllers import controller_overhead, literal_realtime_factor, poscal_calls_per_s
 from edmsim.bench.elcam import elcam_figures
-from edmsim.bench.envs import env_steps_per_s, half_cheetah_steps_per_s, vector_env_steps_per_s
+from edmsim.bench.envs import (
+    drawn_reset_ms,
+    env_steps_per_s,
+    half_cheetah_steps_per_s,
+    turned_knobs_cost,
+    vector_env_steps_per_s,
+)
 from edmsim.bench.plant import (
     cold_start_s,
     memory_growth_MB,
@@ -31,6 +37,8 @@ def measure() -> dict[str, float]:
     ``servo_realtime_factor`` is that of a servo drive with its motor and table,
     ``positioner_realtime_factor`` that of an analogue positioner at a sample of 1 ms; ``elcam_load_s`` and
     ``elcam_lookup_us`` are those of a cam table of a million points;
+    ``turned_knobs_cost`` is the time of an environment's step in which knobs of the generator turn over that of one
+    at rest, ``drawn_reset_ms`` that of a reset which draws a machine;
     ``thread_efficiency`` is the gain of two plants in two threads over that of two compute loops;
     ``half_cheetah_steps_per_s`` is there if Gymnasium's MuJoCo environments are.
     """
@@ -52,6 +60,8 @@ def measure() -> dict[str, float]:
         "env_steps_per_s": env_steps_per_s(),
         "vector_env_steps_per_s": vector_env_steps_per_s(),
         "vector_env_steps_per_s_fast": vector_env_steps_per_s("fast"),
+        "turned_knobs_cost": turned_knobs_cost(),
+        "drawn_reset_ms": drawn_reset_ms(),
         **({} if cheetah is None else {"half_cheetah_steps_per_s": cheetah}),
         "controller_overhead": controller_overhead(),
         "literal_realtime_factor": literal_realtime_factor(),

@@ -24,7 +24,7 @@ from edmsim.compiled.vectors import GAPS, filled
 from edmsim.plant.gap.breakdown import GapLaw
 from edmsim.plant.gap.bubble import BubbleLaw
 from edmsim.plant.gap.coverage import GasLaw
-from edmsim.plant.kernel.declare import ArraySizes, check, entries_of, fields_of, numbers_of
+from edmsim.plant.kernel.declare import ArraySizes, Field, check, entries_of, fields_of, numbers_of
 from edmsim.plant.kernel.fire import fire_window
 from edmsim.plant.kernel.state import Arrays, Axes, Constants, Own, Propagators, Scratch, Timing
 from edmsim.plant.mechanics.mujoco_axes import FullLink
@@ -69,12 +69,15 @@ class Memory:
 
     def put(self, group: NamedTuple) -> None:
         """Put a group: its numbers, and the addresses of its arrays, which must be as they were declared."""
-        name = _NAMES[type(group)]
+        kind = type(group)
+        name = _NAMES[kind]
         if name in _RECORDS:
-            record = np.array([tuple(group)], numbers_of(type(group)))
+            record = np.array([tuple(group)], numbers_of(kind))
             self._table[name], self._kept[name, ""] = record.ctypes.data, record
-            return
-        self._put(name, type(group), group._asdict())
+        else:
+            self._table[name] = tuple(
+                self._entry(name, field, value) for field, value in zip(fields_of(kind), group, strict=True)
+            )
 
     def put_own(self, **arrays: NDArray[Any]) -> None:
         """Put some arrays of `Own`: the scalars' rows, the kerf field, whose tiles move, or the log of pulses."""
@@ -84,20 +87,18 @@ class Memory:
             self._sizes = self._sizes._replace(pulses=len(arrays["pulses"]))
         for length in _COUNTED:
             self._table[length] = getattr(self._sizes, length)
-        self._put("own", Own, arrays)
+        entries = self._table["own"]
+        for field in fields_of(Own):
+            if field.name in arrays:
+                entries[field.name] = self._entry("own", field, arrays[field.name])
 
-    def _put(self, name: str, group: Any, values: dict[str, Any]) -> None:
-        entries = self._table[name]
-        for field in fields_of(group):
-            if field.name not in values:
-                continue
-            value = values[field.name]
-            if field.kept is None:
-                entries[field.name] = value
-                continue
-            check(field, value, self._sizes)
-            entries[field.name] = value.ctypes.data
-            self._kept[name, field.name] = value
+    def _entry(self, name: str, field: Field, value: Any) -> Any:
+        """Return what the table has for a field: the number, or the address of the array, which is kept alive."""
+        if field.kept is None:
+            return value
+        check(field, value, self._sizes)
+        self._kept[name, field.name] = value
+        return value.__array_interface__["data"][0]
 
 
 def _array(context: Any, builder: Any, kind: Any, address: Any, lengths: list[Any]) -> Any:
