@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
-from edmsim.plant.constants import arrays, modal_model, propagators
+from edmsim.plant.constants import arrays, fill_propagators, modal_model
 from edmsim.plant.gap.generator import timing
-from edmsim.plant.kernel.declare import sizes_of
+from edmsim.plant.kernel.declare import allocate, sizes_of
+from edmsim.plant.kernel.state import Propagators
 from edmsim.plant.mechanics.modal import kick, move
 from edmsim.plant.resolution import resolution
 
@@ -28,8 +29,10 @@ def first_mode(machine):
     """Frequency and damping of the first mode, and its map over a pulse as the loop moves it."""
     machine = machine.with_(t_period_us=100.0)
     model = modal_model(machine, FAST)
-    p = propagators(model, timing(machine))
-    a = arrays(model, sizes_of(FAST.slices, FAST.rays, FAST.modes), 293.0, {})
+    sizes = sizes_of(FAST.slices, FAST.rays, FAST.modes)
+    p = allocate(Propagators, sizes)
+    fill_propagators(p, model, timing(machine))
+    a = arrays(model, sizes, 293.0, {})
     a.mobility[:] = 1.0
     loads = np.zeros_like(a.wire_q)
 
