@@ -119,7 +119,7 @@ def _sharp(edge: NDArray[np.float64], elements: Sequence[int]) -> NDArray[np.boo
 
 
 def _runs(missed: NDArray[np.bool_], edge: NDArray[np.float64]) -> list[NDArray[np.intp]]:
-    """Return the chords in a row that the wire does not touch, run by run; a run may go on past a closed edge's end."""
+    """Return the chords in a row that the wire does not touch, run by run, also past a closed edge's end."""
     numbers = np.flatnonzero(missed)
     if not len(numbers):
         return []
