@@ -51,6 +51,7 @@ def test_help_names_every_command_on_one_line(edmsim: Run) -> None:
     told = edmsim("--help")
     assert told.status == 0
     for command, purpose in (("cut", "Simulate a part program."),
+                             ("check", "Look at a program before the cut: path, notices, time."),
                              ("view", "Play a cut back in rerun, or two side by side."),
                              ("render", "Make a film of a cut, or screenshots of its recording"),
                              ("report", "Make report.html of a cut again, or its figures as files."),
