@@ -102,7 +102,7 @@ def unreachable(
         x, y = edge[worst].tolist()
         line = line_numbers[min(worst, len(line_numbers) - 1)]
         found.append(Unreachable((x, y), float(left[worst]), _radius_mm(edge, vertices, sharp), line))
-    for vertex in np.flatnonzero(sharp & ~in_run & (left > REACH_TOLERANCE_MM)):
+    for vertex in np.flatnonzero(sharp & ~in_run & (left > REACH_TOLERANCE_MM)).tolist():
         x, y = edge[vertex].tolist()
         found.append(Unreachable((x, y), float(left[vertex]), 0.0, line_numbers[vertex]))
     return sorted(found, key=lambda place: -place.left_mm)
