@@ -65,8 +65,17 @@ class ErrorMap:
         return np.asarray(np.einsum("ij,ij->i", normal[:-1], normal[1:]) > np.cos(np.radians(turn_deg)))
 
     def exaggerated_mm(self, factor: float) -> NDArray[np.float64]:
-        """Return the measured edge (n, 2) in mm with its error drawn `factor` times as large."""
-        return np.asarray(self.points_mm + self.outward() * (self.error_um * factor / 1000.0)[:, None])
+        """Return the edge (n, 2) in mm with its error drawn `factor` times as large; NaN out of the wire's reach."""
+        return np.asarray(self.points_mm + self.outward() * (self.reached_um() * factor / 1000.0)[:, None])
+
+    def out_of_reach_mm(self) -> Polylines:
+        """Return the stretches of the edge in mm that the round wire cannot reach."""
+        if self.unreachable_um is None:
+            return ()
+        away = self.unreachable_um > 0
+        edges = np.flatnonzero(np.diff(away)) + 1
+        runs = np.split(np.arange(len(away)), edges)
+        return tuple(self.points_mm[run] for run in runs if len(run) > 1 and away[run[0]])
 
 
 @dataclass(frozen=True)
