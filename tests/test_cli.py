@@ -51,9 +51,10 @@ def test_help_names_every_command_on_one_line(edmsim: Run) -> None:
     told = edmsim("--help")
     assert told.status == 0
     for command, purpose in (("cut", "Simulate a part program."),
+                             ("check", "Look at a program before the cut: path, notices, time."),
                              ("view", "Play a cut back in rerun, or two side by side."),
                              ("render", "Make a film of a cut, or screenshots of its recording"),
-                             ("report", "Make report.html of a cut again, or its figures as files."),
+                             ("report", "Make report.html of a cut again, or its figures or contour"),
                              ("train", "Train a feed controller (needs the extra rl)."),
                              ("evaluate", "Compare feed controllers on the same randomised machines."),
                              ("score", "Measure policies again and write the scores into their cards."),

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+import sys
+from typing import Annotated, Any
 
 import typer
 
 from edmsim import __version__
+from edmsim.cli.check import check
 from edmsim.cli.console import OUT, take_any_terminal
 from edmsim.cli.cut import cut
 from edmsim.cli.evaluate import evaluate, search_gains
@@ -18,16 +20,19 @@ from edmsim.cli.servo import servo
 from edmsim.cli.studies import bench, calibrate, validate
 from edmsim.cli.sweep import SHORT_FORM, sweep, tune
 from edmsim.cli.terminal import terminal
-from edmsim.errors import run_command
+from edmsim.errors import BAD_INPUT, FAILED, InputError, run_command
 
 app = typer.Typer(
     add_completion=False, no_args_is_help=True, pretty_exceptions_enable=False,
     help="A wire-EDM machine, simulated discharge by discharge.",
 )
 _COMMANDS = (
-    cut, view, render, report, train, score, evaluate, search_gains, calibrate, validate, bench, terminal,
+    cut, check, view, render, report, train, score, evaluate, search_gains, calibrate, validate, bench, terminal,
     servo, positioner, measure_table, tune,
 )  # fmt: skip
+_UsageError: Any = typer.BadParameter.__base__
+"""Of click, which newer releases of typer hold inside themselves."""
+
 for _command in _COMMANDS:
     app.command()(_command)
 app.command(context_settings=SHORT_FORM)(sweep)
@@ -45,4 +50,19 @@ def _version(
 def main() -> None:
     """Run the command line; bad input is one line on standard error and exit status 2."""
     take_any_terminal()
-    run_command(app)
+    run_command(_run)
+
+
+def _run() -> None:
+    try:
+        status = app(prog_name="edmsim", standalone_mode=False)
+    except _UsageError as error:
+        if not sys.argv[1:]:
+            error.show()
+            sys.exit(BAD_INPUT)
+        command = error.ctx.command_path if error.ctx is not None else "edmsim"
+        reason = error.format_message().strip().rstrip(".")
+        raise InputError(f"{reason[:1].lower()}{reason[1:]}; see {command} --help") from None
+    except typer.Abort:
+        sys.exit(FAILED)
+    sys.exit(status if isinstance(status, int) else 0)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import codecs
 import sys
+from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -15,9 +16,19 @@ ERR = Console(stderr=True)
 STOPPED, INTERRUPTED = 3, 130
 """Exit statuses besides those of `edmsim.errors`: the machine stopped before the end; interrupted by the user."""
 
-Material = Annotated[str, typer.Option(help="Workpiece material.")]
+Material = Annotated[
+    str, typer.Option(help="Workpiece material: aluminium, cemented-carbide, copper, tool-steel, or an own file.")
+]
 Height = Annotated[float, typer.Option(help="Workpiece height in mm.")]
-Wire = Annotated[str, typer.Option(help="Wire, with a diameter in um if wanted: brass, copper-100.")]
+Wire = Annotated[
+    str, typer.Option(help="Wire: brass, copper, molybdenum, with a diameter in um if wanted, copper-100.")
+]
+Machine = Annotated[
+    str, typer.Option(help="Machine: agiecut-dem15, production, worn-table, or an own file.")
+]
+Generator = Annotated[
+    str, typer.Option(help="Generator: equalising, ignition-pulse, iso-energetic, iso-pulse, production, or a file.")
+]
 Tension = Annotated[float | None, typer.Option(help="Wire tension in N; default by wire.")]
 Resolution = Annotated[str, typer.Option(help="fast, default or fine.")]
 Offset = Annotated[str, typer.Option(help="Wire offset: auto, none, or mm.")]
@@ -57,3 +68,8 @@ def say(text: str) -> None:
 def named(text: str) -> list[str]:
     """Return the names of a list with commas, none if it is empty."""
     return [name.strip() for name in text.split(",") if name.strip()]
+
+
+def default_folder(program: Path) -> Path:
+    """Return the folder for the outputs of a program that was given none."""
+    return Path("out") / program.stem

@@ -14,9 +14,11 @@ from edmsim.cli.console import (
     ERR,
     OUT,
     STOPPED,
+    Generator,
     Height,
     Ignore,
     Layers,
+    Machine,
     Material,
     Offset,
     Resolution,
@@ -24,15 +26,19 @@ from edmsim.cli.console import (
     Tension,
     Unit,
     Wire,
+    default_folder,
     named,
     say,
 )
+from edmsim.errors import InputError
 
 
 def cut(
     program: Annotated[Path, typer.Argument(help="Part program: .ngc .nc .gcode .iso .txt .dxf", show_default=False)],
-    out: Annotated[Path, typer.Option(help="Folder for report, windows, picture and recording.")],
-    machine: Annotated[str, typer.Option(help="Machine, a name or an own TOML file.")] = "agiecut-dem15",
+    out: Annotated[
+        Path | None, typer.Option(help="Folder for report, windows, picture and recording; default out/PROGRAM.")
+    ] = None,
+    machine: Machine = "agiecut-dem15",
     material: Material = "tool-steel",
     height: Height = 20.0,
     height_at: Annotated[
@@ -41,7 +47,7 @@ def cut(
     ] = None,
     wire: Wire = "brass",
     tension: Tension = None,
-    generator: Annotated[str, typer.Option(help="Pulse generator.")] = "iso-pulse",
+    generator: Generator = "iso-pulse",
     t_on: Annotated[float | None, typer.Option(help="On-time in us; default by generator.")] = None,
     t_period: Annotated[float | None, typer.Option(help="Period in us; default by generator.")] = None,
     open_voltage: Annotated[float | None, typer.Option(help="Voltage until ignition; default by generator.")] = None,
@@ -64,7 +70,9 @@ def cut(
         list[str] | None, typer.Option(metavar="NAME=NUMBER", help="A constant's value; may be given again.")
     ] = None,
     controller: Annotated[
-        str, typer.Option(help="Feed controller, with parameters if wanted: fixed:feed_um_s=20, own.py:Own.")
+        str,
+        typer.Option(help="Feed controller: counts, fixed, voltage, delay, fuzzy, adaptive-off-time, mcu, policy, or "
+                          "own.py:Own; with parameters if wanted, fixed:feed_um_s=20."),
     ] = "counts",
     planner: Annotated[str, typer.Option(help="poscal, poscal-literal, dda, sine-table or exact.")] = "poscal",
     drive: Annotated[
@@ -84,22 +92,31 @@ def cut(
     max_time: Annotated[float | None, typer.Option(help="Machine time in s after which to stop.")] = None,
     resume: Annotated[bool, typer.Option("--resume", help="Take up the interrupted cut of the folder.")] = False,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Give up the folder's interrupted cut.")] = False,
+    traces: Annotated[
+        Path | None, typer.Option(help="File for gap voltage and current as an oscilloscope samples them, .parquet.")
+    ] = None,
     quiet: Annotated[bool, typer.Option("--quiet", help="Print nothing but errors.")] = False,
 ) -> None:
     """Simulate a part program."""
     from edmsim.cli.progress import ProgressBar
     from edmsim.cosim.stops import WORDS, StopCause
+    from edmsim.files import make_writable
     from edmsim.job.checkpoint import NAME
     from edmsim.job.cut import cut as run_cut
     from edmsim.machine.given import parse_constant
     from edmsim.program.heights import parse_height
 
+    folder = default_folder(program) if out is None else out
+    if traces is not None:
+        if traces.suffix != ".parquet":
+            raise InputError("the file for traces must end in .parquet", traces)
+        make_writable(traces.parent)
     watcher = ProgressBar(quiet, ERR)
     try:
         with watcher, warnings.catch_warnings():
             warnings.showwarning = lambda message, *_, **__: say(str(message))
             result = run_cut(
-                program, out=out, machine=machine, material=material, height_mm=height,
+                program, out=folder, machine=machine, material=material, height_mm=height,
                 heights=[parse_height(text) for text in height_at or ()], wire=wire, tension=tension,
                 generator=generator, t_on_us=t_on, t_period_us=t_period, open_voltage_V=open_voltage,
                 peak_current_A=peak_current, resistance_ohm=resistance, ignition_wait_us=ignition_wait,
@@ -112,15 +129,17 @@ def cut(
                 watch=watcher.show, enter=watcher.enter,
             )
     except KeyboardInterrupt as interrupt:
-        kept = (out / NAME).exists()
+        kept = (folder / NAME).exists()
         say("interrupted; take the cut up again with --resume" if kept else "interrupted before the cut began")
         number = next(iter(interrupt.args), signal.SIGINT)
         raise typer.Exit(128 + number) from None  # as shells have it
+    if traces is not None:
+        result.write_traces(traces)
     if not quiet:
         from edmsim.recording.report import render_table
 
         OUT.print(render_table(result.report))
-        told = f"Written to {out}; play it back with: edmsim view {shlex.quote(str(out))}"
+        told = f"Written to {folder}; play it back with: edmsim view {shlex.quote(str(folder))}"
         OUT.print(told, highlight=False, soft_wrap=True, markup=False)
     if result.report["outcome"] != WORDS[StopCause.FINISHED].report:
         raise typer.Exit(STOPPED)

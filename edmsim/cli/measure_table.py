@@ -8,12 +8,12 @@ from typing import Annotated
 
 import typer
 
-from edmsim.cli.console import OUT, Seed
+from edmsim.cli.console import OUT, Machine, Seed
 
 
 def measure_table(
     out: Annotated[Path | None, typer.Option(help="File for the compensation tables, .toml.")] = None,
-    machine: Annotated[str, typer.Option(help="Machine, a name or an own TOML file.")] = "agiecut-dem15",
+    machine: Machine = "agiecut-dem15",
     interval: Annotated[float | None, typer.Option(help="Distance of the targets in mm, by default 0.5.")] = None,
     runs: Annotated[int | None, typer.Option(help="Runs to every target, either way; by default 5.")] = None,
     compensation: Annotated[

@@ -62,9 +62,19 @@ def report(
         Path | None, typer.Option(help="Write the figures for a paper into this folder instead.")
     ] = None,
     format: Annotated[str, typer.Option(help="Of these figures: pdf, svg or png.")] = "pdf",
+    contour: Annotated[
+        Path | None, typer.Option(help="Write the contour as cut into this file instead: .dxf .csv or .svg.")
+    ] = None,
 ) -> None:
-    """Make report.html of a cut again, or its figures as files."""
+    """Make report.html of a cut again, or its figures or contour as files."""
     from edmsim.job.remake import remake
+    from edmsim.recording.contour_file import write_contour
+    from edmsim.recording.cut_folder import read_cut
 
+    if contour is not None:
+        write_contour(read_cut(directory).scene, contour)
+        OUT.print(str(contour), highlight=False, soft_wrap=True, markup=False)
+        if figures is None:
+            return
     for file in remake(directory, figures, format, say):
         OUT.print(str(file), highlight=False, soft_wrap=True, markup=False)

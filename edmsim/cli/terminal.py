@@ -7,11 +7,11 @@ from typing import Annotated
 
 import typer
 
-from edmsim.cli.console import ERR, INTERRUPTED, Height, Material, Resolution, Seed, Tension, Wire
+from edmsim.cli.console import ERR, INTERRUPTED, Height, Machine, Material, Resolution, Seed, Tension, Wire
 
 
 def terminal(
-    machine: Annotated[str, typer.Option(help="Machine, a name or an own TOML file.")] = "agiecut-dem15",
+    machine: Machine = "agiecut-dem15",
     material: Material = "tool-steel",
     height: Height = 20.0,
     wire: Wire = "brass",

@@ -129,6 +129,8 @@ class Simulation:
         How the cut ended, as a report says it, and why.
     elcam : Elcam or None
         The tables of the table's errors.
+    max_feed_um_s : float
+        Greatest feed in force.
     missed_windows : int
         Windows whose counts the controller did not read in time (row T-44).
     refused : str or None
@@ -166,7 +168,7 @@ class Simulation:
         table = machine.base.table
         self._unit = position_unit(planner, table.travel_mm.value * 1e3, table.step_um.value)
         own_um_s = MAX_FEED_UM_S if table.max_feed_um_s is None else table.max_feed_um_s.value
-        self._max_feed_um_s = own_um_s if max_feed_um_s is None else max_feed_um_s
+        self.max_feed_um_s = own_um_s if max_feed_um_s is None else max_feed_um_s
         self._max_time_ns = math.inf if max_time_s is None else round(max_time_s * 1e9)
         self.legs = [leg for contour in path.contours for leg in legs_of(contour)]
         self.total_um = sum(float(np.hypot(*np.diff(leg.points_um, axis=0).T).sum()) for leg in self.legs)
@@ -203,7 +205,7 @@ class Simulation:
         tell(self.controller, self.machine, points, at.start_um)
         step_um = self.machine.base.table.step_um.value
         planner = make_planner(self._planner_name, points, unit=self._unit, step_um=step_um)
-        limit_um_s = min(self._max_feed_um_s, planner.max_feed_um_s)
+        limit_um_s = self.max_feed_um_s = min(self.max_feed_um_s, planner.max_feed_um_s)
         command = check_command(self.controller.name, self.controller.reset(limit_um_s))
         own = self.controller.path_run(self._planner_name) if isinstance(self.controller, RunsPath) else None
         self._set_generator(self.machine.t_on_us, self.machine.t_period_us)  # every leg begins as set up

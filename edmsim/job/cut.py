@@ -26,7 +26,8 @@ from edmsim.job.recorders import Recorders, recorders_for
 from edmsim.job.result import CutResult, result_of
 from edmsim.job.settings import CutOptions, CutSettings, takes_settings
 from edmsim.machine.files import own_mjcf_text
-from edmsim.program.path import plan_path
+from edmsim.machine.machine import Machine
+from edmsim.program.path import CutPath, plan_path
 from edmsim.recording.report import outcome_text
 
 CHECKPOINT_EVERY_S = 60.0
@@ -114,22 +115,28 @@ def make_controller(given: str | FeedController) -> FeedController:
     return controller
 
 
+def planned(program: str | Path, settings: CutSettings, machine: Machine) -> CutPath:
+    """Plan the wire's path of a cut with these settings on a machine; raises as `plan_path`."""
+    table = machine.base.table
+    step_um, travel_um = table.step_um.value, round(table.travel_mm.value * 1e3)
+    unit = position_unit(settings.planner, travel_um, step_um)
+    return plan_path(
+        program, settings.offset, auto_offset_mm=machine.auto_offset_mm, table_um=travel_um,
+        grid_um=unit_um(unit, round(step_um)), ignore=settings.ignore, layers=settings.layers, unit=settings.unit,
+    )
+
+
 def _begin(program: str | Path, settings: CutSettings) -> tuple[Simulation, Recorders]:
     """Read the program; set up machine, path, controller and recorders."""
     machine, file = settings.load_machine(), settings.compensation
     controller = make_controller(settings.controller)
-    step_um, travel_um = machine.base.table.step_um.value, round(machine.base.table.travel_mm.value * 1e3)
-    unit = position_unit(settings.planner, travel_um, step_um)
-    path = plan_path(
-        program, settings.offset, auto_offset_mm=machine.auto_offset_mm, table_um=travel_um,
-        grid_um=unit_um(unit, round(step_um)), ignore=settings.ignore, layers=settings.layers, unit=settings.unit,
-    )
+    path = planned(program, settings, machine)
     steps = settings.workpiece.steps(path, machine.wire_diameter_um)
     recorders = recorders_for(machine, steps, settings.resolution)
     simulation = Simulation(
         machine, path, controller, planner=settings.planner, seed=settings.seed, resolution=settings.resolution,
         max_time_s=settings.max_time_s, steps=steps, mechanics=settings.mechanics, observers=recorders,
-        drives=_drives(settings.drive, step_um),
+        drives=_drives(settings.drive, machine.base.table.step_um.value),
         compensation=None if file is None else load_tables(read_tables(file), file),
     )
     return simulation, recorders

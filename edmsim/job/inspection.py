@@ -15,14 +15,17 @@ from edmsim.cosim.stops import StopCause
 from edmsim.machine.setting import discharge_current_A
 from edmsim.metrology.corners import corners
 from edmsim.metrology.edges import cut_edges
+from edmsim.metrology.elements import element_errors
 from edmsim.metrology.kerf import KerfWidth, kerf_width, width_stats
 from edmsim.metrology.layers import electrolysed_um, heat_affected_um
 from edmsim.metrology.profile import ProfileError, error_stats, profile_error
+from edmsim.metrology.reach import mean_error_um, unreachable_um, worst_place
 from edmsim.metrology.roughness import roughness_um
 from edmsim.metrology.shares import error_shares, share_stats
 from edmsim.metrology.table_error import motor_offsets_um, table_error
 from edmsim.plant.workpiece.height_steps import Relief
-from edmsim.recording.quality import KerfSlice, Quality, TableShare, Totals, Wall
+from edmsim.program.path import WireContour
+from edmsim.recording.quality import KerfSlice, Quality, Reach, TableShare, Totals, Wall
 from edmsim.recording.scene import ErrorMap, Scene, SceneCorner, Terrace, polylines
 from edmsim.recording.windows import WindowTable
 
@@ -67,6 +70,7 @@ def totals(simulation: Simulation, wall_time_s: float) -> Totals:
         energy=sums.energy,
         removed_mm3=simulation.plant.removed_mm3,
         vibration_um_rms=math.sqrt(sums.vibration2_pulses / sums.pulses) if sums.pulses else math.nan,
+        feed_limit_um_s=simulation.max_feed_um_s,
     )
 
 
@@ -100,13 +104,15 @@ def inspect(simulation: Simulation, windows: WindowTable) -> Inspection:
     table = _table(simulation, profiles)
     ways_um = _ways_um(simulation, windows)
     shares = _shares(simulation, profiles, ways_um)
+    offset_um = simulation.path.offset_um
+    left_um = [unreachable_um(p, k, offset_um) for k, p in zip(contours, profiles, strict=True)]
     found = [SceneCorner(**c) for k, p in zip(contours, profiles, strict=True) for c in corners(k, p)]
     guides = machine.base.guides.clearance_mm.value
     x, y = simulation.commanded_um
     scene = Scene(
         maps=tuple(
-            ErrorMap(k.nominal_mm, k.part_side, p.points_mm, p.mean_um, split)
-            for k, p, split in zip(contours, profiles, shares, strict=True)
+            ErrorMap(k.nominal_mm, k.part_side, p.points_mm, p.mean_um, split, left)
+            for k, p, split, left in zip(contours, profiles, shares, left_um, strict=True)
         ),
         cut_edges_mm=tuple(polylines(cut_edges(field, s)) for s in range(field.n_slices)),
         corners=tuple(found),
@@ -121,8 +127,27 @@ def inspect(simulation: Simulation, windows: WindowTable) -> Inspection:
         stop_mm=None if simulation.cause is StopCause.FINISHED else (x * 1e-3, y * 1e-3),
     )
     commanded_um = np.concatenate([commanded for commanded, _, _ in ways_um])
-    quality = _quality(simulation, profiles, scene, table)
+    quality = _quality(simulation, profiles, scene, table, _reach(contours, profiles, left_um, shares))
     return Inspection(quality, scene, _error_per_window(commanded_um, profiles))
+
+
+def _reach(
+    contours: tuple[WireContour, ...], profiles: list[ProfileError], left_um: list[NDArray[np.float64]],
+    shares: list[NDArray[np.float64] | None],
+) -> Reach:
+    """Set the profile error beside what the wire can reach."""
+    reached = [p.error_um - left for p, left in zip(profiles, left_um, strict=True)]
+    elements = [
+        element_errors(number, *of_contour)
+        for number, of_contour in enumerate(zip(contours, profiles, left_um, strict=True), 1)
+    ]
+    return Reach(
+        reachable_um=error_stats(np.concatenate([error.ravel() for error in reached])),
+        mean_um=mean_error_um(contours, profiles, left_um),
+        worst=worst_place(contours, profiles, left_um, shares, reachable=False),
+        worst_reachable=worst_place(contours, profiles, left_um, shares, reachable=True),
+        elements=tuple(element for of_contour in elements for element in of_contour),
+    )
 
 
 def _ways_um(simulation: Simulation, windows: WindowTable) -> list[tuple[NDArray[np.float64], ...]]:
@@ -185,7 +210,7 @@ def _table(simulation: Simulation, profiles: list[ProfileError]) -> TableShare |
 
 
 def _quality(
-    simulation: Simulation, profiles: list[ProfileError], scene: Scene, table: TableShare | None
+    simulation: Simulation, profiles: list[ProfileError], scene: Scene, table: TableShare | None, reach: Reach
 ) -> Quality:
     field, machine, sums = simulation.plant.field, simulation.machine, simulation.sums
     error = error_stats(np.concatenate([p.error_um.ravel() for p in profiles]))
@@ -210,6 +235,8 @@ def _quality(
         electrolysed_um=electrolysed_um(machine, sums.voltage_s / length_mm, gap_um) if length_mm else math.nan,
         section=_section(widths, machine.height_mm),
         table=table,
+        reach=reach,
+        offset_um=simulation.path.offset_um,
     )
 
 

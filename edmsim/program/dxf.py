@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -58,9 +58,22 @@ _FLAT = 0.9999
 
 @dataclass(frozen=True)
 class _Chain:
-    """Points in mm of one entity or of several joined."""
+    """Points (n, 2) in mm of one entity or of several joined, and which line or arc each of the chords belongs to."""
 
     points: NDArray[np.float64]
+    elements: NDArray[np.int64]
+
+    @classmethod
+    def of(cls, pieces: Sequence[NDArray[np.float64]]) -> _Chain:
+        """Join the lines and arcs of an entity, which follow each other."""
+        if not pieces:
+            return cls(np.empty((0, 2)), np.empty(0, np.int64))
+        points = np.concatenate([pieces[0], *(piece[1:] for piece in pieces[1:])])
+        return cls(points, np.repeat(np.arange(len(pieces)), [len(piece) - 1 for piece in pieces]))
+
+    def reversed(self) -> _Chain:
+        """Return it run through from its end."""
+        return _Chain(self.points[::-1], self.elements[::-1])
 
     @property
     def closed(self) -> bool:
@@ -140,7 +153,7 @@ def _outlines_of(
     contours = _join(_without_duplicates(chains, notices))
     if len(contours) > MOST_CONTOURS:
         raise InputError(f"{len(contours)} contours are too many: at most {MOST_CONTOURS} can be cut")
-    for number, points in enumerate(contours, 1):
+    for number, points in enumerate((contour.points for contour in contours), 1):
         refuse_self_crossing(points, (0,) * (len(points) - 1))
         if abs(signed_area(points)) < JOIN_TOLERANCE_MM**2:
             raise InputError(f"contour {number} at {_place(points[0])} encloses nothing: draw it closed")
@@ -167,21 +180,34 @@ def _chains(drawn: Drawn, unit_mm: float, notices: list[str]) -> Iterator[_Chain
         kind = entity.dxftype()
         if kind not in _HARMLESS:
             with _read(f"a {kind} in it cannot be read"):
-                points = _points(entity, unit_mm)
-            if len(points) > 1 and np.ptp(points, axis=0).max() > 0:
-                yield _Chain(points)
+                chain = _Chain.of(_pieces(entity, unit_mm))
+            if len(chain.points) > 1 and np.ptp(chain.points, axis=0).max() > 0:
+                yield chain
                 continue
             kind += " of no length"
         drawn.leave_out(kind)
     notices += [f"{count} {kind} left out" for kind, count in sorted(drawn.left_out.items())]
 
 
+def _pieces(entity: Any, unit_mm: float) -> list[NDArray[np.float64]]:
+    """Return the lines and arcs of an entity, points (n, 2) in mm each."""
+    kind = entity.dxftype()
+    if kind == "LWPOLYLINE" or (kind == "POLYLINE" and entity.is_2d_polyline):
+        _refuse_tilted(entity)
+        return _polyline_pieces(entity, unit_mm)
+    return [_points(entity, unit_mm)]
+
+
+def _refuse_tilted(entity: Any) -> None:
+    extrusion = np.array(tuple(entity.dxf.get("extrusion", (0, 0, 1))), np.float64)
+    if abs(extrusion[2]) < _FLAT * np.linalg.norm(extrusion):
+        raise InputError(f"a {entity.dxftype()} is drawn out of the XY plane: project the drawing to XY")
+
+
 def _points(entity: Any, unit_mm: float) -> NDArray[np.float64]:
     """Return the points (n, 2) of an entity in mm, curves as chords within the tolerance."""
     kind, tolerance = entity.dxftype(), CHORD_TOLERANCE_UM / 1000 / unit_mm
-    extrusion = np.array(tuple(entity.dxf.get("extrusion", (0, 0, 1))), np.float64)
-    if abs(extrusion[2]) < _FLAT * np.linalg.norm(extrusion):
-        raise InputError(f"a {kind} is drawn out of the XY plane: project the drawing to XY")
+    _refuse_tilted(entity)
     if kind in _OUTERMOST:
         outermost = np.array([(p[0], p[1]) for p in _OUTERMOST[kind](entity)], np.float64).reshape(-1, 2)
         check_points(outermost * unit_mm, f"a {kind}", f"; a drawing unit is {unit_mm:g} mm here; or give --unit")
@@ -196,8 +222,6 @@ def _points(entity: Any, unit_mm: float) -> NDArray[np.float64]:
         points = entity.flattening(tolerance, segments=16)
     elif kind == "SPLINE":
         points = spline_points(entity, tolerance / 2)
-    elif kind == "LWPOLYLINE" or (kind == "POLYLINE" and entity.is_2d_polyline):
-        return _polyline_points(entity, unit_mm)
     else:
         raise InputError(f"a {kind} cannot be cut: draw {_SHAPES}")
     return np.array([(p[0], p[1]) for p in points], np.float64).reshape(-1, 2) * unit_mm
@@ -207,19 +231,17 @@ def _box(centre: Any, reach: float) -> list[tuple[float, float]]:
     return [(centre[0] - reach, centre[1] - reach), (centre[0] + reach, centre[1] + reach)]
 
 
-def _polyline_points(entity: Any, unit_mm: float) -> NDArray[np.float64]:
+def _polyline_pieces(entity: Any, unit_mm: float) -> list[NDArray[np.float64]]:
     """Chain the lines and arcs of a polyline, each turned to begin where the last ended."""
     pieces = [_points(part, unit_mm) for part in entity.virtual_entities()]
-    if not pieces:
-        return np.empty((0, 2))
     if len(pieces) > 1 and _gap(pieces[0][0], pieces[1]) < _gap(pieces[0][-1], pieces[1]):
         pieces[0] = pieces[0][::-1]
-    chained = [pieces[0]]
+    chained = pieces[:1]
     for piece in pieces[1:]:
         end = chained[-1][-1]
         turned = np.hypot(*(piece[0] - end)) > np.hypot(*(piece[-1] - end))
         chained.append(piece[::-1] if turned else piece)
-    return np.concatenate([chained[0], *(piece[1:] for piece in chained[1:])])
+    return chained
 
 
 def _gap(point: NDArray[np.float64], piece: NDArray[np.float64]) -> float:
@@ -245,16 +267,18 @@ def _fingerprint(chain: _Chain) -> tuple[Any, ...]:
     return (spot,) if chain.closed else (*sorted(cells), spot)
 
 
-def _join(chains: list[_Chain]) -> list[NDArray[np.float64]]:
+def _join(chains: list[_Chain]) -> list[_Chain]:
     """Join loose chains into closed contours, in the order of their first entities."""
-    contours = [(i, chain.points) for i, chain in enumerate(chains) if chain.closed]
-    loose = {i: chain.points for i, chain in enumerate(chains) if not chain.closed}
-    partner = _partners(loose)
+    contours = [(i, chain) for i, chain in enumerate(chains) if chain.closed]
+    loose = {i: chain for i, chain in enumerate(chains) if not chain.closed}
+    partner = _partners({i: chain.points for i, chain in loose.items()})
     while loose:
         first = next(iter(loose))
         contours.append((first, _follow(first, loose, partner)))
     contours.sort(key=lambda contour: contour[0])
-    return [np.concatenate([points[:-1], points[:1]]) for _, points in contours]
+    return [
+        replace(chain, points=np.concatenate([chain.points[:-1], chain.points[:1]])) for _, chain in contours
+    ]
 
 
 def _partners(loose: dict[int, NDArray[np.float64]]) -> dict[tuple[int, int], tuple[int, int]]:
@@ -290,35 +314,41 @@ def _open_reason(places: NDArray[np.float64], open_ends: list[int]) -> str:
 
 
 def _follow(
-    first: int, loose: dict[int, NDArray[np.float64]], partner: dict[tuple[int, int], tuple[int, int]]
-) -> NDArray[np.float64]:
+    first: int, loose: dict[int, _Chain], partner: dict[tuple[int, int], tuple[int, int]]
+) -> _Chain:
     pieces = [loose.pop(first)]
-    chain, begin = partner[first, -1]
-    while chain != first:
-        points = loose.pop(chain)
-        pieces.append(points if begin == 0 else points[::-1])
-        chain, begin = partner[chain, -1 - begin]
-    return np.concatenate([pieces[0], *(piece[1:] for piece in pieces[1:])])
+    number, begin = partner[first, -1]
+    while number != first:
+        piece = loose.pop(number)
+        pieces.append(piece if begin == 0 else piece.reversed())
+        number, begin = partner[number, -1 - begin]
+    points = np.concatenate([pieces[0].points, *(piece.points[1:] for piece in pieces[1:])])
+    counts = np.cumsum([0, *(int(piece.elements.max()) + 1 for piece in pieces[:-1])])
+    own = [piece.elements + count for piece, count in zip(pieces, counts, strict=True)]
+    return _Chain(points, np.concatenate(own))
 
 
-def _nested(contours: list[NDArray[np.float64]]) -> list[Outline]:
+def _nested(contours: list[_Chain]) -> list[Outline]:
     """Find out which contours lie in which, and turn and sort them accordingly."""
-    polygons = [shapely.Polygon(points) for points in contours]
+    polygons = [shapely.Polygon(contour.points) for contour in contours]
     lines = [polygon.exterior for polygon in polygons]
     for a, b in combinations(range(len(lines)), 2):
         if lines[a].intersects(lines[b]):
             spot = shapely.get_coordinates(lines[a].intersection(lines[b]))[0]
             raise InputError(f"two contours cross or touch at {_place(spot)}: keep them apart")
     # contains is false for a contour's own corner, which lies on its boundary
-    depths = [sum(p.contains(shapely.Point(points[0])) for p in polygons) for points in contours]
+    depths = [sum(p.contains(shapely.Point(points[0])) for p in polygons) for points in (c.points for c in contours)]
     order = sorted(range(len(contours)), key=lambda i: -depths[i])
     return [_outline(contours[i], is_hole=depths[i] % 2 == 1) for i in order]
 
 
-def _outline(points: NDArray[np.float64], is_hole: bool) -> Outline:
-    turned = points[::-1] if (signed_area(points) < 0) != is_hole else points
-    lines = (0,) * (len(points) - 1)
-    return Outline(np.ascontiguousarray(turned), lines, True, "right", "left", np.empty((0, 2)))
+def _outline(contour: _Chain, is_hole: bool) -> Outline:
+    turned = contour.reversed() if (signed_area(contour.points) < 0) != is_hole else contour
+    elements = np.cumsum(np.diff(turned.elements, prepend=turned.elements[0]) != 0) + 1
+    return Outline(
+        np.ascontiguousarray(turned.points), (0,) * len(elements), True, "right", "left", np.empty((0, 2)),
+        elements=tuple(elements.tolist()),
+    )
 
 
 def _place(point: NDArray[np.float64]) -> str:

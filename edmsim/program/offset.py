@@ -8,8 +8,6 @@ wire leaves.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 import shapely
 from numpy.typing import NDArray
@@ -60,12 +58,12 @@ def offset_closed(
     inward = counter_clockwise == (side == "left")
     grown = shapely.Polygon(edge).buffer(-distance_mm if inward else distance_mm, quad_segs=QUAD_SEGMENTS)
     if grown.is_empty:
-        raise InputError(_too_narrow(distance_mm, "no path is left"))
+        raise InputError(too_narrow(distance_mm, "no path is left"))
     pieces = _pieces(grown)
     if pieces:
         spot = min(pieces, key=lambda piece: piece.area).representative_point()
         what = f"the path falls into pieces, one about X{spot.x:.3f} Y{spot.y:.3f}"
-        raise InputError(_too_narrow(distance_mm, what))
+        raise InputError(too_narrow(distance_mm, what))
     ring = shapely.get_coordinates(grown)
     if (signed_area(ring) > 0) != counter_clockwise:
         ring = ring[::-1]
@@ -79,49 +77,8 @@ def offset_open(edge: NDArray[np.float64], side: Side, distance_mm: float) -> ND
     signed = distance_mm if side == "left" else -distance_mm
     curve = shapely.LineString(edge).offset_curve(signed, quad_segs=QUAD_SEGMENTS, join_style="round")
     if curve.is_empty or not isinstance(curve, shapely.LineString):
-        raise InputError(_too_narrow(distance_mm, "the path vanishes or falls into pieces"))
+        raise InputError(too_narrow(distance_mm, "the path vanishes or falls into pieces"))
     return _simplified(shapely.get_coordinates(curve))
-
-
-def check_reach(
-    edge: NDArray[np.float64], path: NDArray[np.float64], distance_mm: float, line_numbers: Sequence[int]
-) -> list[str]:
-    """Find places of the edge the wire cannot touch.
-
-    The fillet that every round wire leaves in an inner corner is no such place: there the wire touches both
-    sides. A groove, a neck or a fillet narrower than the wire is one; how bad, the metal left says,
-    measured along the line from the edge to the wire.
-
-    Parameters
-    ----------
-    edge, path : float64 array (n, 2)
-        Nominal edge and wire path in mm.
-    distance_mm : float
-        The offset between them.
-    line_numbers : sequence of int
-        Per chord of the edge.
-
-    Returns
-    -------
-    notices : list of str
-        Whether more metal stays anywhere than half the offset (a square corner leaves 0.41 of it).
-
-    Raises
-    ------
-    InputError
-        More than the offset stays somewhere.
-    """
-    missed = np.flatnonzero(~_touched(edge, path, distance_mm))
-    if distance_mm == 0 or len(missed) == 0:
-        return []
-    middles = shapely.points((edge[missed] + edge[missed + 1]) / 2)
-    left = np.atleast_1d(shapely.distance(shapely.LineString(path), middles)) - distance_mm
-    worst = int(left.argmax())
-    x, y = edge[missed[worst] : missed[worst] + 2].mean(axis=0)
-    place = f"{left[worst]:.3f} mm of metal would stay at X{x:.3f} Y{y:.3f}"
-    if left[worst] > distance_mm:
-        raise InputError(_too_narrow(distance_mm, place), line=line_numbers[missed[worst]] or None)
-    return [f"the wire is too thick for the contour: {place}"] if left[worst] > distance_mm / 2 else []
 
 
 def nearest_chords(edge: NDArray[np.float64], points: NDArray[np.float64]) -> NDArray[np.intp]:
@@ -140,16 +97,8 @@ def normal(chord: NDArray[np.float64], side: Side) -> NDArray[np.float64]:
     return left if side == "left" else -left
 
 
-def _touched(edge: NDArray[np.float64], path: NDArray[np.float64], distance_mm: float) -> NDArray[np.bool_]:
-    """Say for each chord whether the wire touches its middle four fifths."""
-    steps = np.diff(edge, axis=0)
-    middles = shapely.linestrings(np.stack([edge[:-1] + 0.1 * steps, edge[1:] - 0.1 * steps], axis=1))
-    line = shapely.LineString(path)
-    shapely.prepare(line)
-    return np.asarray(shapely.dwithin(line, middles, distance_mm + REACH_TOLERANCE_MM), np.bool_)
-
-
-def _too_narrow(distance_mm: float, what: str) -> str:
+def too_narrow(distance_mm: float, what: str) -> str:
+    """Say of a contour that the wire does not fit it, and what to do."""
     remedy = "take a thinner wire or a smaller offset"
     return f"the contour is too narrow for an offset of {distance_mm:.4f} mm: {what}; {remedy}"
 

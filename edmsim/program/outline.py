@@ -52,6 +52,8 @@ class Outline:
         ``(i, seconds)`` of every G4, ``i`` counted through ``approach_mm`` and then ``points_mm``.
     needs_lead_in : bool
         Whether the wire would be threaded on the contour and wants a lead-in that the program does not have.
+    elements : tuple of int
+        For each of the ``n - 1`` chords the line or arc it belongs to, counted along the edge from 1.
     """
 
     points_mm: NDArray[np.float64]
@@ -64,6 +66,7 @@ class Outline:
     compensated_from: int = 0
     dwells: tuple[tuple[int, float], ...] = ()
     needs_lead_in: bool = True
+    elements: tuple[int, ...] = ()
 
     @property
     def line(self) -> int | None:
@@ -264,6 +267,7 @@ def _assemble(run: Run, first: int, begin: int, end: int, closed: bool) -> Outli
         compensated_from=len(approach) - 1 if side is None else ramp_end,
         dwells=_dwells(run, end),
         needs_lead_in=len(approach) == 1 and (closed or side is not None),
+        elements=tuple(k for k, move in enumerate(moves[begin:end], 1) for _ in move.points),
     )
 
 

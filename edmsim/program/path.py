@@ -17,8 +17,9 @@ from edmsim.errors import InputError
 from edmsim.machine.machine import Machine
 from edmsim.program.lead_in import LEAD_IN_MM, START_HOLE_RADIUS_MM, check_approach, own_lead_in
 from edmsim.program.load import load_program
-from edmsim.program.offset import check_reach, nearest_chords, normal, offset_closed, offset_open
+from edmsim.program.offset import nearest_chords, normal, offset_closed, offset_open
 from edmsim.program.outline import Outline, Program, Side, signed_area
+from edmsim.program.reach import check_reach
 
 STOCK_MARGIN_MM = 3.0
 """Blank left around the job in mm, clipped to the table (ours)."""
@@ -46,6 +47,9 @@ class WireContour:
         ``(i, seconds)``: the wire waits at ``points_um[i]`` (G4).
     line_numbers : tuple of int
         For every move the line of the program it came from; 0 where there is none (DXF, lead-in).
+    elements : tuple of (int, int)
+        For every chord of `nominal_mm` the line or arc it belongs to, counted along the contour from 1, and the
+        program's line, 0 where there is none (DXF).
     """
 
     points_um: NDArray[np.int64]
@@ -55,6 +59,7 @@ class WireContour:
     part_side: Literal["left", "right"]
     dwells: tuple[tuple[int, float], ...] = ()
     line_numbers: tuple[int, ...] = ()
+    elements: tuple[tuple[int, int], ...] = ()
 
     def __repr__(self) -> str:
         """Say what it is in a line."""
@@ -218,7 +223,7 @@ def _leg(program: Program, outline: Outline, offset_mm: float, notices: list[str
         if outline.wire_side is None:
             return _Leg(outline, points, beside(points, outline.part_side, offset_mm), offset_mm)
         path = beside(points, outline.wire_side, offset_mm)
-        notices += check_reach(points, path, offset_mm, outline.line_numbers)
+        notices += check_reach(points, path, offset_mm, outline.line_numbers, outline.elements)
     except InputError as error:
         raise _located(error, program, outline) from None
     return _Leg(outline, path, points, offset_mm)
@@ -310,7 +315,17 @@ def _contour(leg: _Leg, lead: _Lead, grid_um: int) -> WireContour:
         part_side=outline.part_side,
         dwells=tuple((int(place[i]), seconds) for i, seconds in stops),
         line_numbers=tuple(lines[moves].tolist()),
+        elements=_elements(leg),
     )
+
+
+def _elements(leg: _Leg) -> tuple[tuple[int, int], ...]:
+    """Return line or arc and program line of every chord of the edge, which may lie beside what was drawn."""
+    outline = leg.outline
+    drawn = list(zip(outline.elements, outline.line_numbers, strict=True))
+    if leg.nominal is outline.points_mm:
+        return tuple(drawn)
+    return tuple(drawn[i] for i in nearest_chords(outline.points_mm, (leg.nominal[1:] + leg.nominal[:-1]) / 2))
 
 
 def _with_dwells(leg: _Leg, lead: _Lead) -> tuple[NDArray[np.float64], list[tuple[int, float]]]:

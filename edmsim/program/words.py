@@ -67,6 +67,15 @@ class Ignored:
         return letter in self.letters or (letter, float(number)) in self.words
 
 
+def can_be_ignored(word: str) -> bool:
+    """Say whether a user may leave a word out: it is a letter with a number, and no part of a contour."""
+    try:
+        Ignored.of([word])
+    except InputError:
+        return False
+    return True
+
+
 class UnknownWordsError(InputError):
     """A program has words that are not known here.
 

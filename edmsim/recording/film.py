@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edmsim.recording.figures import palette
+from edmsim.recording.pauses import broken, jump_rows
 from edmsim.recording.report import duration_text
 from edmsim.recording.rerun.blueprint import Sizes
 from edmsim.recording.rerun.gap import CURRENT_HEIGHT, SCOPE_SPACE, SCOPE_WIDTH, VOLTAGE_HEIGHT, WALL_UM
@@ -25,12 +26,13 @@ STEEL = "#8e98ac"
 _CURVES = (
     ("pulses, %", (("/pulses/spark", "spark", CLASS_COLOURS["spark"]), ("/pulses/open", "open", "#9aa5b1"),
                    ("/pulses/short", "short", CLASS_COLOURS["short"]))),
-    ("feed, µm/s", (("/feed/feed_um_s", "feed", palette.SKY),)),
-    ("gap, lag, error, µm", (("/gap/gap_um", "gap", palette.SKY), ("/gap/lag_um", "lag", palette.ORANGE),
-            ("/gap/error_um", "error", palette.VERMILION))),
+    ("feed, µm/s", (("/feed/feed_um_s", "feed", palette.YELLOW),)),
+    ("gap, lag, error, µm", (("/gap/gap_um", "gap", palette.GREEN), ("/gap/lag_um", "lag", palette.ORANGE),
+            ("/gap/error_um", "error", palette.PURPLE))),
     ("gas on the wire's front, share", (("/gas/coverage", "gas", palette.GAS),)),
 )  # fmt: skip
-"""Title and curves of every plot: entity, name, colour."""
+"""Title and curves of every plot: entity, name, colour. No two curves beside each other share a colour.
+Feed has that of the path cut, lag that of the wire."""
 _MOST_POINTS = 1500
 """A curve is drawn with about as many points as it has pixels."""
 
@@ -119,15 +121,18 @@ class Film:
         axes.set_ylim(middle[1] - reach, middle[1] + reach)
         self._metal = self._move(axes, axes.add_collection(PolyCollection([], facecolors=STEEL, antialiased=False)))
         nominal = [line[:, :2] for line in self._play.strips("/world/table/nominal/top", "LineStrips3D:strips", 0.0)]
-        self._move(axes, axes.add_collection(LineCollection(nominal, colors=palette.GREEN, linewidths=1.0)))
-        (self._done,) = axes.plot([], [], color=palette.VERMILION, linewidth=1.3)
+        self._move(axes, axes.add_collection(LineCollection(nominal, colors=TEXT, linewidths=1.0)))
+        (self._done,) = axes.plot([], [], color=palette.YELLOW, linewidth=1.3)
         (self._wire,) = axes.plot([], [], "o", color=palette.ORANGE, markersize=5)
         self._move(axes, self._done)
         self._move(axes, self._wire)
         x, y = self._play.series("/position/x_um"), self._play.series("/position/y_um")
-        self._way = (x[0], np.column_stack([x[1], y[1]]) / 1000.0)
         rows = self._play.rows("/position/x_um", "Scalars:scalars")
         self._path = (rows.t_s, rows.path_um)
+        place_um = np.column_stack([x[1], y[1]])
+        jumps = jump_rows(place_um, rows.path_um)
+        self._pauses_s = np.column_stack([x[0][jumps - 1], x[0][jumps]])
+        self._way = (np.insert(x[0], jumps, self._pauses_s.mean(axis=1)), broken(place_um / 1000.0, jumps))
 
     def _set_part(self, t_s: float) -> None:
         entity = "/world/table/workpiece"
@@ -139,8 +144,8 @@ class Film:
             self._metal.set_verts(corners[faces[up]][:, :, :2])
         at = int(np.searchsorted(self._way[0], t_s, side="right"))
         done = self._way[1][:at]
-        self._done.set_data(*done[:: max(1, len(done) // _MOST_POINTS)].T)
-        self._wire.set_data(*done[-1:].T)
+        self._done.set_data(*_thinned(done).T)
+        self._wire.set_data(*done[np.isfinite(done[:, 0])][-1:].T)
 
     # --- the gap -------------------------------------------------------------------------------------------
 
@@ -208,17 +213,27 @@ class Film:
         axes.tick_params(colors=TEXT, labelsize=7, length=2)
         axes.yaxis.set_major_locator(_few_ticks())
         axes.xaxis.set_major_locator(_few_ticks())
+        for begin, end in self._pauses_s:
+            axes.axvspan(begin, end, facecolor="none", edgecolor="#3a444f", hatch="////", linewidth=0)
         shown = [np.zeros(1)]
         for entity, name, colour in curves:
             t_s, values = self._play.series(entity)
-            step = max(1, len(t_s) // _MOST_POINTS)
-            axes.plot(t_s[::step], values[::step], color=colour, linewidth=0.9, label=name)
+            curve = broken(np.column_stack([t_s, values]), np.searchsorted(t_s, self._pauses_s.mean(axis=1)))
+            axes.plot(*_thinned(curve).T, color=colour, linewidth=0.9, label=name)
             shown.append(np.percentile(values, (0.5, 99.5)) if len(values) else np.zeros(0))
         low, high = np.concatenate(shown).min(), np.concatenate(shown).max()
         axes.set_ylim(low - 0.08 * (high - low + 1e-9), high + 0.08 * (high - low + 1e-9))
         axes.set_xlim(0.0, self._play.end_s)
         axes.legend(loc="upper right", fontsize=7, ncols=3, frameon=False, labelcolor=TEXT, borderaxespad=0.1)
         return self._move(axes, axes.axvline(0.0, color=TEXT, linewidth=0.9))
+
+
+def _thinned(line: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return about as many points (n, 2) of a line as it has pixels, and the NaN at which it breaks."""
+    step = max(1, len(line) // _MOST_POINTS)
+    kept = np.isnan(line[:, 1])
+    kept[::step] = True
+    return line[kept]
 
 
 def rgb01(colours: NDArray[Any]) -> NDArray[np.float64]:

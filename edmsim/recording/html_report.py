@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, Literal
 from edmsim.cosim.pulse_sample import PulseSample
 from edmsim.files import replacing
 from edmsim.recording.figures.catalogue import Picture, pictures
+from edmsim.recording.html_elements import elements_table
 from edmsim.recording.report import corner_mm, duration_text, figure_text, outcome_text, summary
 from edmsim.recording.scene import Scene
 
@@ -98,6 +99,7 @@ def page(report: Mapping[str, Any], title: str, drawn: Iterable[Picture], left_o
         _section("Notices", _notices(notices)) if notices else "",
         _section("Figures", f'<div class="figures">{"".join(_picture(p) for p in drawn)}</div>'),
         _section("Corners", _corners(report)) if report["corners"] else "",
+        _section("Lines and arcs", elements_table(report["elements"])) if report.get("elements") else "",
         _section("Settings", _pairs([*_settings(report["settings"]), ("seed", str(report["seed"]))])),
         f"<footer>edmsim {escape(report['edmsim_version'])}</footer>\n</body>\n</html>\n",
     ])  # fmt: skip

@@ -6,6 +6,8 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from edmsim.metrology.elements import ElementError
+from edmsim.metrology.reach import WorstPlace
 from edmsim.recording.scene import SceneCorner
 
 
@@ -29,6 +31,8 @@ class Totals:
         Metal removed.
     vibration_um_rms : float
         Root mean square of the wire's motion about its mean deflection; NaN if unknown.
+    feed_limit_um_s : float
+        Greatest feed of machine and planner; NaN if unknown.
     """
 
     machining_time_s: float
@@ -42,6 +46,7 @@ class Totals:
     energy: float
     removed_mm3: float
     vibration_um_rms: float
+    feed_limit_um_s: float = math.nan
 
 
 @dataclass(frozen=True)
@@ -89,6 +94,33 @@ class TableShare:
 
 
 @dataclass(frozen=True)
+class Reach:
+    """The profile error beside what a wire can reach.
+
+    Attributes
+    ----------
+    reachable_um : mapping
+        ``max``, ``rms`` and ``p95`` of the profile error without what the round wire leaves in inner corners.
+    mean_um : float
+        Mean error of the walls between corners; NaN if there are none.
+    worst, worst_reachable : WorstPlace or None
+        Where either error is largest; None if nothing was measured.
+    elements : tuple of ElementError
+        Line by line and arc by arc of the program.
+    """
+
+    reachable_um: Mapping[str, float]
+    mean_um: float
+    worst: WorstPlace | None
+    worst_reachable: WorstPlace | None
+    elements: tuple[ElementError, ...]
+
+
+NOTHING_REACHED = Reach(dict.fromkeys(("max", "rms", "p95"), math.nan), math.nan, None, None, ())
+"""Of a cut of which nothing was measured."""
+
+
+@dataclass(frozen=True)
 class Quality:
     """What was measured on the part; NaN where it could not be.
 
@@ -108,6 +140,9 @@ class Quality:
         None for a perfect table.
     profile_shares : mapping, optional
         What made the profile error (`edmsim.metrology.shares.share_stats`); None if it was not split.
+    reach : Reach
+    offset_um : float
+        Offset that the path was made with; NaN if unknown.
     """
 
     kerf_mean_um: float
@@ -123,3 +158,5 @@ class Quality:
     section: tuple[KerfSlice, ...] = ()
     table: TableShare | None = None
     profile_shares: Mapping[str, Mapping[str, float]] | None = None
+    reach: Reach = NOTHING_REACHED
+    offset_um: float = math.nan

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from edmsim.files import replacing
+from edmsim.recording.deviation import deviation, deviation_lines
 from edmsim.recording.quality import Quality, Totals
 from edmsim.recording.windows import column, lag_along_um
 
@@ -94,7 +95,10 @@ def _machining(windows: pa.Table, totals: Totals) -> dict[str, Any]:
         "realtime_factor": _ratio(totals.machining_time_s, totals.wall_time_s),
         "pulses": pulses,
         "path_length_mm": totals.path_length_mm,
-        "feed_um_s": {"mean": _mean(windows, "feed_um_s"), "max": _most(windows, "feed_um_s")},
+        "feed_um_s": {
+            "mean": _mean(windows, "feed_um_s"), "max": _most(windows, "feed_um_s"), "limit": totals.feed_limit_um_s,
+            "share_at_limit": _at_limit(windows, totals.feed_limit_um_s),
+        },
         "cutting_rate_mm2_min": _ratio(totals.cut_area_mm2, totals.machining_time_s / 60.0),
         "pulse_share": {
             kind: _ratio(getattr(totals, kind), pulses) for kind in ("spark", "arc", "short", "open")
@@ -106,12 +110,7 @@ def _part(quality: Quality, origin_mm: tuple[float, float]) -> dict[str, Any]:
     return {
         "kerf_um": {"mean": quality.kerf_mean_um, "min": quality.kerf_min_um, "max": quality.kerf_max_um},
         "kerf_section": [asdict(row) for row in quality.section],
-        "profile_error_um": {
-            "max": quality.profile_max_um,
-            "rms": quality.profile_rms_um,
-            "p95": quality.profile_p95_um,
-            "shares": quality.profile_shares,
-        },
+        **deviation(quality, origin_mm),
         "table_error_um": None if quality.table is None else asdict(quality.table),
         "corners": [
             {
@@ -143,6 +142,13 @@ def _following(windows: pa.Table) -> dict[str, float | None]:
 
 def _ratio(value: float, by: float) -> float | None:
     return value / by if by > 0 else None
+
+
+def _at_limit(windows: pa.Table, limit_um_s: float) -> float | None:
+    """Return the share of time at the greatest feed; feeds are whole speed units of the planner, so 1 % below it."""
+    if not math.isfinite(limit_um_s):
+        return None
+    return _weighted(1.0 * (column(windows, "feed_um_s") > 0.99 * limit_um_s), column(windows, "t_period_us"))
 
 
 def _mean(windows: pa.Table, name: str) -> float | None:
@@ -246,11 +252,12 @@ def summary(report: Mapping[str, Any]) -> list[tuple[str, str]]:
     return [
         ("machining time", f"{times[0]}  (computed in {times[1]}, {speed})"),
         ("path", f"{say(report['path_length_mm'], 'mm', 2)}, {rate}"),
-        ("feed", f"{say(feed['mean'], 'µm/s')} mean, {say(feed['max'], 'µm/s')} max"),
+        ("feed", f"{say(feed['mean'], 'µm/s')} mean, {say(feed['max'], 'µm/s')} max{_limit_text(feed)}"),
         ("pulses", "  ".join([f"{report['pulses']:,}", *shares])),
         ("kerf", f"{say(kerf['mean'], 'µm')} mean, {least} to {largest}"),
         ("profile error", f"{error[0]} max, {error[1]} rms, {error[2]} for 95 %"),
         ("made by", _shares_line(profile["shares"])),
+        *deviation_lines(report),
         *_table_lines(report),
         ("corners", _corner_line(report["corners"])),
         ("wire", f"lag {lag}, vibration {vibration} rms, at most {say(wire['temperature_K_max'], 'K', 0)}"),
@@ -259,6 +266,14 @@ def summary(report: Mapping[str, Any]) -> list[tuple[str, str]]:
         ("surface", _surface_line(report["surface"])),
         ("energy", f"{energy}, {removed} removed, {current}, {voltage} mean"),
     ]
+
+
+def _limit_text(feed: Mapping[str, float | None]) -> str:
+    """Say for how long the machine's greatest feed held the cut back, if for a tenth of the time or more."""
+    share, limit = feed.get("share_at_limit"), feed.get("limit")
+    if share is None or limit is None or share < 0.1:
+        return ""
+    return f"; limited by the machine's greatest feed, {limit:.1f} µm/s, for {100 * share:.0f} % of the time"
 
 
 def _table_lines(report: Mapping[str, Any]) -> list[tuple[str, str]]:

@@ -31,6 +31,8 @@ class ErrorMap:
         Profile error there, mean over the height: positive is metal left on the part; NaN where unknown.
     shares_um : float64 array (5, n), optional
         What made it (`edmsim.metrology.shares.error_shares`); None if it was not split.
+    unreachable_um : float64 array (n,), optional
+        Metal that the round wire leaves there at best; None if that is not known.
     """
 
     nominal_mm: NDArray[np.float64]
@@ -38,6 +40,13 @@ class ErrorMap:
     points_mm: NDArray[np.float64]
     error_um: NDArray[np.float64]
     shares_um: NDArray[np.float64] | None = None
+    unreachable_um: NDArray[np.float64] | None = None
+
+    def reached_um(self) -> NDArray[np.float64]:
+        """Return the error (n,) where the wire can reach the edge; NaN elsewhere."""
+        if self.unreachable_um is None:
+            return self.error_um
+        return np.where(self.unreachable_um == 0, self.error_um, np.nan)
 
     def outward(self) -> NDArray[np.float64]:
         """Return unit vectors (n, 2) away from the part at `points_mm`, smooth across corners."""
@@ -56,8 +65,17 @@ class ErrorMap:
         return np.asarray(np.einsum("ij,ij->i", normal[:-1], normal[1:]) > np.cos(np.radians(turn_deg)))
 
     def exaggerated_mm(self, factor: float) -> NDArray[np.float64]:
-        """Return the measured edge (n, 2) in mm with its error drawn `factor` times as large."""
-        return np.asarray(self.points_mm + self.outward() * (self.error_um * factor / 1000.0)[:, None])
+        """Return the edge (n, 2) in mm with its error drawn `factor` times as large; NaN out of the wire's reach."""
+        return np.asarray(self.points_mm + self.outward() * (self.reached_um() * factor / 1000.0)[:, None])
+
+    def out_of_reach_mm(self) -> Polylines:
+        """Return the stretches of the edge in mm that the round wire cannot reach."""
+        if self.unreachable_um is None:
+            return ()
+        away = self.unreachable_um > 0
+        edges = np.flatnonzero(np.diff(away)) + 1
+        runs = np.split(np.arange(len(away)), edges)
+        return tuple(self.points_mm[run] for run in runs if len(run) > 1 and away[run[0]])
 
 
 @dataclass(frozen=True)
@@ -184,8 +202,9 @@ class Scene:
         return (self.middle_slice() + 0.5) * self.height_mm / max(len(self.cut_edges_mm), 1)
 
     def known_errors(self) -> NDArray[np.float64]:
-        """Return every measured profile error in um, contour after contour."""
-        return np.concatenate([np.zeros(0), *(m.error_um[np.isfinite(m.error_um)] for m in self.maps)])
+        """Return every profile error in um measured where the wire can reach, contour after contour."""
+        known = [m.reached_um() for m in self.maps]
+        return np.concatenate([np.zeros(0), *(error[np.isfinite(error)] for error in known)])
 
     def error_limit_um(self) -> float:
         """Return the profile error at the ends of the colour scale: the 99th percentile, at least 0.1 um."""

@@ -37,6 +37,10 @@ def write_scene(scene: Scene, file: str | Path) -> None:
         **_flat("terraces", [terrace.outlines_mm for terrace in scene.terraces]),
         "corners": np.reshape(np.array(corners, float), (-1, 4)),
         "starts_mm": scene.starts_mm,
+        **{
+            f"unreachable.{number}": edge.unreachable_um
+            for number, edge in enumerate(scene.maps) if edge.unreachable_um is not None
+        },
         "told": np.frombuffer(json.dumps(told).encode(), np.uint8),
     }
     with replacing(file) as partial, partial.open("wb") as opened:
@@ -75,8 +79,11 @@ def _scene(arrays: Mapping[str, NDArray[Any]], told: Mapping[str, Any]) -> Scene
     nominal = [lines[0] for lines in _groups(arrays, "nominal")]
     return Scene(
         maps=tuple(
-            ErrorMap(line, side, rows[:, :2], rows[:, 2], rows[:, 3:].T if rows.shape[1] > 3 else None)
-            for line, side, rows in zip(nominal, told["part_sides"], measured, strict=True)
+            ErrorMap(
+                line, side, rows[:, :2], rows[:, 2], rows[:, 3:].T if rows.shape[1] > 3 else None,
+                arrays.get(f"unreachable.{number}"),  # earlier files have none
+            )
+            for number, (line, side, rows) in enumerate(zip(nominal, told["part_sides"], measured, strict=True))
         ),
         cut_edges_mm=_groups(arrays, "edges"),
         corners=tuple(SceneCorner(*(float(v) for v in row)) for row in arrays["corners"]),

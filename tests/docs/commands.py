@@ -27,6 +27,7 @@ CUT_S, LOG_S, EPISODE_S = 5.0, 40.0, 2.0
 in which controllers are compared."""
 SHORT: dict[str, tuple[str, ...]] = {
     "cut": ("--resolution", "fast", "--quiet"),
+    "check": (),
     "view": (),
     "render": ("--seconds", "0.5"),
     "report": (),

@@ -19,9 +19,11 @@ from edmsim.recording.report import duration_text
 
 FIELDS: dict[str, Any] = {
     "outcome": None, "reason": None, "machining_time_s": None, "wall_time_s": None, "realtime_factor": None,
-    "pulses": None, "path_length_mm": None, "feed_um_s": {"mean", "max"}, "cutting_rate_mm2_min": None,
+    "pulses": None, "path_length_mm": None, "feed_um_s": {"mean", "max", "limit", "share_at_limit"},
+    "cutting_rate_mm2_min": None,
     "pulse_share": {"spark", "arc", "short", "open"}, "kerf_um": {"mean", "min", "max"}, "kerf_section": None,
-    "profile_error_um": {"max", "rms", "p95", "shares"}, "table_error_um": None, "corners": None,
+    "profile_error_um": {"max", "rms", "p95", "at", "reachable", "shares"}, "table_error_um": None, "corners": None,
+    "offset": {"applied_mm", "mean_error_um", "to_use_mm"}, "elements": None,
     "origin_mm": {"x", "y"},
     "wire": {"lag_um", "vibration_um_rms", "temperature_K_max"}, "coverage": {"mean", "max"},
     "following_error_um": {"max", "rms"},
@@ -76,12 +78,14 @@ def test_means_are_weighted_by_the_time_a_window_takes() -> None:
         row = [0.0] * 22
         row[3], row[9], row[20] = feed, feed / 10, period
         table.append(row)
-    totals = Totals(1.0, 1.0, 0, 0, 1, 0, 1.0, 1.0, 1.0, 1.0, 0.0)
+    totals = Totals(1.0, 1.0, 0, 0, 1, 0, 1.0, 1.0, 1.0, 1.0, 0.0, feed_limit_um_s=40.0)
     report = build_report(
         outcome="finished", reason=None, windows=table.to_arrow(), totals=totals,
         quality=Quality(1, 1, 1, 1, 1, 1, (), 1), notices=(), seed=0, settings={}, version="0", origin_mm=(0.0, 0.0),
     )  # fmt: skip
-    assert report["feed_um_s"] == {"mean": pytest.approx(20.0), "max": 40.0}
+    assert report["feed_um_s"] == {
+        "mean": pytest.approx(20.0), "max": 40.0, "limit": 40.0, "share_at_limit": pytest.approx(1 / 3)
+    }
     assert report["mean_current_A"] == pytest.approx(2.0)
 
 
@@ -93,7 +97,9 @@ def test_what_could_not_be_obtained_is_null(tmp_path: Path) -> None:
     back = json.loads(text)
     assert back == report
     assert back["kerf_um"] == {"mean": None, "min": None, "max": None}
-    assert back["feed_um_s"] == {"mean": None, "max": None}
+    assert set(back["feed_um_s"].values()) == {None}
+    assert back["profile_error_um"]["reachable"] == {"max": None, "rms": None, "p95": None, "at": None}
+    assert set(back["offset"].values()) == {None}
     assert back["pulse_share"] == dict.fromkeys(("spark", "arc", "short", "open"))
     assert back["settings"] == {"out": "x", "t": None}
     assert back["wire"] == {"lag_um": None, "vibration_um_rms": None, "temperature_K_max": None}

@@ -2,19 +2,24 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import shapely
+from numpy.typing import NDArray
 
 from edmsim.metrology.edges import filled
-from edmsim.recording.figures.palette import ERROR_STOPS, GREEN, GRID, INK, METAL, MUTED, VERMILION
+from edmsim.recording.figures.palette import ERROR_STOPS, GREEN, GRID, INK, METAL, MUTED, PURPLE, VERMILION
 from edmsim.recording.figures.series import quiet
-from edmsim.recording.scene import Scene, round_number
+from edmsim.recording.scene import Scene, SceneCorner, round_number
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.collections import LineCollection
+
+_LABEL_PT = (36.0, 15.0)
+"""Width and height of a label with some room around it, in points."""
 
 LABELLED_CORNERS = 12
 """Corners whose error is written beside them: the worst ones."""
@@ -27,17 +32,18 @@ def draw_map(axes: Axes, scene: Scene) -> None:
     _frame_map(axes, scene)
     _draw_metal(axes, scene)
     _draw_errors(axes, scene, factor)
+    _draw_out_of_reach(axes, scene)
     _mark_corners(axes, scene)
     _mark_places(axes, scene)
     _scale_bars(axes, factor if len(scene.known_errors()) else None)
     axes.legend(
         loc="lower left",
         bbox_to_anchor=(0.0, 1.0),
-        ncols=6,
+        ncols=7,
         frameon=False,
         fontsize=8.5,
         handlelength=1.6,
-        columnspacing=1.4,
+        columnspacing=1.2,
         borderpad=0.0,
         borderaxespad=0.3,
         labelcolor=INK,
@@ -119,9 +125,10 @@ def _draw_errors(axes: Axes, scene: Scene, factor: float) -> None:
         smooth = edge.smooth()
         pieces = np.stack([shown[:-1], shown[1:]], axis=1)[smooth]
         fans = np.stack([edge.points_mm, shown], axis=1)
-        mean = ((edge.error_um[:-1] + edge.error_um[1:]) / 2)[smooth]
+        error = edge.reached_um()
+        mean = ((error[:-1] + error[1:]) / 2)[smooth]
         axes.add_collection(
-            _lines(fans, array=edge.error_um, cmap=colours, norm=norm, linewidth=0.5, alpha=0.35, zorder=5),
+            _lines(fans, array=error, cmap=colours, norm=norm, linewidth=0.5, alpha=0.35, zorder=5),
             autolim=False,
         )
         lines = _lines(pieces, array=mean, cmap=colours, norm=norm, linewidth=1.7, capstyle="round", zorder=6)
@@ -129,6 +136,15 @@ def _draw_errors(axes: Axes, scene: Scene, factor: float) -> None:
         if index == 0:
             axes.plot([], [], color=colours(0.85), linewidth=1.7, label=f"profile error drawn × {factor:g}")
             _colour_bar(axes, lines)
+
+
+def _draw_out_of_reach(axes: Axes, scene: Scene) -> None:
+    """Mark where the round wire leaves metal even on its exact path: no error is drawn there."""
+    runs = [run for edge in scene.maps for run in edge.out_of_reach_mm()]
+    if runs:
+        lines = _lines(runs, color=PURPLE, linewidth=2.2, capstyle="round", zorder=5)
+        lines.set_label("out of the wire's reach")
+        axes.add_collection(lines, autolim=False)
 
 
 def _colour_bar(axes: Axes, lines: LineCollection) -> None:
@@ -157,14 +173,11 @@ def _mark_corners(axes: Axes, scene: Scene) -> None:
         zorder=7,
         label="corner, its error in µm",
     )
-    for corner in worst:
-        away = np.array([corner.x_mm, corner.y_mm]) - middle
-        # Toward the middle of the part: outside, the exaggerated error is drawn.
-        direction = -away / max(float(np.hypot(*away)), 1e-9)
+    for corner, offset_pt in _label_places(axes, worst, middle):
         axes.annotate(
             f"{corner.error_um:+.1f}".replace("-", "−"),
             (corner.x_mm, corner.y_mm),
-            xytext=tuple(22 * direction),
+            xytext=offset_pt,
             textcoords="offset points",
             ha="center",
             va="center",
@@ -173,6 +186,32 @@ def _mark_corners(axes: Axes, scene: Scene) -> None:
             zorder=8,
             bbox={"boxstyle": "round,pad=0.18", "facecolor": "white", "edgecolor": GRID, "linewidth": 0.6},
         )
+
+
+def _label_places(
+    axes: Axes, corners: Sequence[SceneCorner], middle: NDArray[np.float64]
+) -> Iterator[tuple[SceneCorner, tuple[float, float]]]:
+    """Choose places of labels, in points from their corners, that cover neither each other nor a corner.
+
+    Best toward the middle of the part: outside, the exaggerated error is drawn. One without room has no label.
+    """
+    point = axes.figure.dpi / 72.0
+    at = axes.transData.transform([(c.x_mm, c.y_mm) for c in corners]) / point
+    centre = axes.transData.transform(middle) / point
+    taken = [*at]
+    for corner, place in zip(corners, at, strict=True):
+        inward = centre - place
+        angle = np.arctan2(inward[1], inward[0])
+        tries = [
+            radius * np.array([np.cos(angle + turn), np.sin(angle + turn)])
+            for radius in (22.0, 32.0, 44.0) for turn in np.radians((0, 40, -40, 80, -80, 120, -120, 180))
+        ]  # fmt: skip
+        for offset in tries:
+            apart = np.abs(np.array(taken) - (place + offset))
+            if not ((apart[:, 0] < _LABEL_PT[0]) & (apart[:, 1] < _LABEL_PT[1])).any():
+                taken.append(place + offset)
+                yield corner, (float(offset[0]), float(offset[1]))
+                break
 
 
 def _mark_places(axes: Axes, scene: Scene) -> None:

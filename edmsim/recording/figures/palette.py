@@ -17,6 +17,7 @@ GREEN = "#009e73"
 VERMILION = "#d55e00"
 PURPLE = "#cc79a7"
 SKY = "#56b4e9"
+YELLOW = "#f0e442"
 # Ours: gas is pale, so that its bubbles are told from sparks
 GAS = "#cfe8f4"
 

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edmsim.recording.figures.palette import BLUE, GRID, INK, LINE, MUTED, ORANGE, SHARE_COLOURS, VERMILION
+from edmsim.recording.pauses import pause_rows, stretches
 from edmsim.recording.windows import column, lag_along_um
 
 if TYPE_CHECKING:
@@ -72,8 +73,12 @@ def draw_series(panels: list[Axes], windows: pa.Table) -> None:
     """Draw the main series of the windows over machine time, one of `PANELS` on each of the axes."""
     t_s = column(windows, "t_s")
     unit, seconds = time_unit(float(t_s[-1]) if len(t_s) else 0.0)
+    pauses = [(t_s[row - 1] / seconds, t_s[row] / seconds) for row in pause_rows(t_s)]
     for axes, draw in zip(panels, PANELS, strict=True):
         quiet(axes)
+        for number, (begin, end) in enumerate(pauses):
+            label = "threading" if number == 0 and axes is panels[0] else None
+            axes.axvspan(begin, end, facecolor="none", edgecolor=LINE, hatch="////", linewidth=0, label=label)
         draw(axes, t_s / seconds, windows)
         axes.margins(x=0.005)
         axes.yaxis.set_label_coords(-0.052, 0.5)
@@ -94,10 +99,22 @@ def time_unit(longest_s: float) -> tuple[str, float]:
     return ("min", 60.0) if longest_s < 3 * 3600 else ("h", 3600.0)
 
 
-def _band(axes: Axes, t: NDArray[np.float64], values: NDArray[np.float64], colour: str, label: str) -> None:
-    band = binned(t, values)
-    axes.fill_between(band.x, band.low, band.high, color=colour, alpha=0.18, linewidth=0)
-    axes.plot(band.x, band.mean, color=colour, linewidth=1.1, label=label)
+def _band(
+    axes: Axes, t: NDArray[np.float64], values: NDArray[np.float64], windows: pa.Table, colour: str, label: str
+) -> None:
+    for number, rows in enumerate(_stretches(windows)):
+        band = binned(t[rows], values[rows], _bins(t[rows], t))
+        axes.fill_between(band.x, band.low, band.high, color=colour, alpha=0.18, linewidth=0)
+        axes.plot(band.x, band.mean, color=colour, linewidth=1.1, label=None if number else label)
+
+
+def _stretches(windows: pa.Table) -> list[slice]:
+    t_s = column(windows, "t_s")
+    return stretches(len(t_s), pause_rows(t_s))
+
+
+def _bins(some: NDArray[np.float64], every: NDArray[np.float64]) -> int:
+    return max(1, round(BINS * len(some) / max(len(every), 1)))
 
 
 def _finish(axes: Axes, label: str) -> None:
@@ -117,40 +134,41 @@ def _finish(axes: Axes, label: str) -> None:
 
 
 def _panel_feed(axes: Axes, t: NDArray[np.float64], windows: pa.Table) -> None:
-    _band(axes, t, column(windows, "feed_um_s"), BLUE, "feed")
+    _band(axes, t, column(windows, "feed_um_s"), windows, BLUE, "feed")
     _finish(axes, "feed\nµm/s")
 
 
 def _panel_pulses(axes: Axes, t: NDArray[np.float64], windows: pa.Table) -> None:
     counts = np.array([column(windows, kind) for kind in SHARE_COLOURS])
     shares = 100.0 * counts / np.maximum(counts.sum(axis=0), 1.0)
-    bands = [binned(t, share) for share in shares]
-    axes.stackplot(
-        bands[0].x,
-        [band.mean for band in bands],
-        colors=list(SHARE_COLOURS.values()),
-        linewidth=0,
-        labels=list(SHARE_COLOURS),
-    )
+    for number, rows in enumerate(_stretches(windows)):
+        bands = [binned(t[rows], share[rows], _bins(t[rows], t)) for share in shares]
+        axes.stackplot(
+            bands[0].x,
+            [band.mean for band in bands],
+            colors=list(SHARE_COLOURS.values()),
+            linewidth=0,
+            labels=() if number else list(SHARE_COLOURS),
+        )
     axes.set_ylim(0, 100)
     _finish(axes, "pulses\n%")
 
 
 def _panel_gap(axes: Axes, t: NDArray[np.float64], windows: pa.Table) -> None:
-    _band(axes, t, column(windows, "gap_um"), BLUE, "gap")
-    _band(axes, t, lag_along_um(windows), ORANGE, "wire lag")
+    _band(axes, t, column(windows, "gap_um"), windows, BLUE, "gap")
+    _band(axes, t, lag_along_um(windows), windows, ORANGE, "wire lag")
     axes.axhline(0.0, color=MUTED, linewidth=0.6)
     _finish(axes, "gap, lag\nµm")
 
 
 def _panel_error(axes: Axes, t: NDArray[np.float64], windows: pa.Table) -> None:
-    _band(axes, t, column(windows, "error_um"), VERMILION, "error")
+    _band(axes, t, column(windows, "error_um"), windows, VERMILION, "error")
     axes.axhline(0.0, color=MUTED, linewidth=0.6)
     _finish(axes, "profile error\nµm")
 
 
 def _panel_wire(axes: Axes, t: NDArray[np.float64], windows: pa.Table) -> None:
-    _band(axes, t, column(windows, "wire_temperature_K"), VERMILION, "wire")
+    _band(axes, t, column(windows, "wire_temperature_K"), windows, VERMILION, "wire")
     _finish(axes, "wire temp.\nK")
 
 

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edmsim.cosim.stops import WORDS, StopCause
+from edmsim.recording.pauses import pause_rows
 from edmsim.recording.scene import Scene
 from edmsim.recording.windows import column
 
@@ -19,8 +20,6 @@ MOST = 300
 """Most events of a kind that are told; of more, evenly spaced ones."""
 _NEAR_MM = 0.5
 """The wire passes a corner of the drawing at most this far away."""
-_THREADING_S = 1.0
-"""Windows that far apart in time have had a new wire threaded between them."""
 _LEVELS = {words.report: words.level for words in WORDS.values()}
 _ALARM = WORDS[StopCause.PERSISTENT_SHORT].report
 
@@ -91,7 +90,7 @@ def _retracts(windows: pa.Table, place: NDArray[np.float64]) -> list[Event]:
 
 
 def _threadings(t_s: NDArray[np.float64], place: NDArray[np.float64]) -> list[Event]:
-    gone = np.flatnonzero(np.diff(t_s) > _THREADING_S) + 1
+    gone = pause_rows(t_s)
     return _thinned(
         [Event(int(i), "INFO", f"wire threaded at {_at(place[i])} after {t_s[i] - t_s[i - 1]:.0f} s") for i in gone]
     )

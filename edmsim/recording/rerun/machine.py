@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from edmsim.recording.figures import palette
 from edmsim.recording.frames import Frames
+from edmsim.recording.pauses import jump_rows
 from edmsim.recording.rerun.bodies import BASE, CROSS, TABLE, Bodies
 from edmsim.recording.rerun.solid import Growth
 from edmsim.recording.rerun.stream import at_height, indexes, log_lines, log_points, on_screen
@@ -176,6 +177,8 @@ def log_motion(recording: rr.RecordingStream, scene: Scene, shapes: Shapes, fact
     )
     top = at + np.array([0.0, 0.0, scene.height_mm])
     steps = np.stack([np.vstack([top[:1], top[:-1]]), top], axis=1)
+    threaded = jump_rows(shapes.guides_um, shapes.path_um)  # nothing is cut on the way to the next contour
+    steps[threaded, 0] = top[threaded]
     recording.send_columns("world/table/done", when, rr.LineStrips3D.columns(strips=steps))
 
 

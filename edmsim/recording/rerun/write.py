@@ -20,6 +20,7 @@ from edmsim.plant.mechanics.model import build_model
 from edmsim.recording.closeups import AROUND, PULSES, Closeups
 from edmsim.recording.figures import palette
 from edmsim.recording.frames import Frames
+from edmsim.recording.pauses import THREADING_S, pause_rows
 from edmsim.recording.report import duration_text, figure_text
 from edmsim.recording.rerun import gap as log_gap
 from edmsim.recording.rerun import gas as log_gas
@@ -220,8 +221,21 @@ def _log_series(recording: rr.RecordingStream, windows: pa.Table, event_rows: ND
     for plot in PROCESS + ELECTRICAL:
         for series in plot.series:
             values = grouped(_values(windows, series.entity), starts)
-            _log_curve(recording, f"{plot.origin}/{series.entity}", series, (t_s, path_um, values))
+            entity = f"{plot.origin}/{series.entity}"
+            _log_curve(recording, entity, series, (t_s, path_um, values))
+            _log_breaks(recording, entity, windows)
     return group
+
+
+def _log_breaks(recording: rr.RecordingStream, entity: str, windows: pa.Table) -> None:
+    """End a curve where a wire is threaded: a viewer draws no line over what is cleared."""
+    import rerun as rr
+
+    t_s, path_um = column(windows, "t_s"), column(windows, "path_um")
+    before = pause_rows(t_s) - 1
+    if len(before):
+        when = indexes(t_s[before] + THREADING_S / 2, path_um[before])
+        recording.send_columns(entity, when, rr.Clear.columns(is_recursive=[False] * len(before)))
 
 
 def _log_steps(recording: rr.RecordingStream, steps: Steps) -> None:

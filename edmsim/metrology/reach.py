@@ -1,0 +1,135 @@
+"""The profile error without what no wire of this radius and gap can do better, and where the largest one lies."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from edmsim.geometry import Polyline
+from edmsim.metrology.corners import CORNER_REACH_MM
+from edmsim.metrology.profile import ProfileError
+from edmsim.metrology.shares import SHARES
+from edmsim.metrology.surroundings import wire_line
+from edmsim.program.offset import REACH_TOLERANCE_MM
+from edmsim.program.path import WireContour
+
+Floats = NDArray[np.float64]
+
+CORNER_DEG = 15.0
+"""Vertices that turn by less are chords of an arc."""
+
+
+@dataclass(frozen=True)
+class WorstPlace:
+    """Where an error is largest.
+
+    Attributes
+    ----------
+    x_mm, y_mm : float
+        Place of the edge on the table.
+    error_um : float
+        Signed: positive is metal left.
+    why : str
+        What lies there: ``start mark`` (where the lead-in meets the contour), ``out of reach`` (the round wire leaves
+        most of it), ``inner corner``, ``outer corner`` or ``edge``.
+    made_by : str or None
+        Name of the largest of the error's shares there (`edmsim.metrology.shares`); None if it was not split.
+    """
+
+    x_mm: float
+    y_mm: float
+    error_um: float
+    why: str
+    made_by: str | None
+
+
+def unreachable_um(profile: ProfileError, contour: WireContour, offset_um: float) -> Floats:
+    """Return how much metal the wire leaves at every point of the edge if it runs exactly on its path.
+
+    Parameters
+    ----------
+    profile : ProfileError
+    contour : WireContour
+    offset_um : float
+        Distance between wire centre and edge that was programmed.
+
+    Returns
+    -------
+    array (n,)
+        At ``profile.points_mm``, 0 or more. Less than 2 um is the path's own rounding and counts as 0.
+    """
+    path = shapely.LineString(wire_line(contour).points)
+    left_um = shapely.distance(path, shapely.points(profile.points_mm)) * 1e3 - offset_um
+    return np.where(left_um > REACH_TOLERANCE_MM * 1e3, left_um, 0.0)
+
+
+def mean_error_um(
+    contours: Sequence[WireContour], profiles: Sequence[ProfileError], unreachable: Sequence[Floats]
+) -> float:
+    """Return the mean error in um of straight and round walls: without corners, start marks and what is out of reach.
+
+    It is by how much the offset was too large. NaN if nothing was measured.
+    """
+    known = []
+    for contour, profile, left_um in zip(contours, profiles, unreachable, strict=True):
+        line = Polyline(contour.nominal_mm, contour.closed)
+        corner = line.distance_along(profile.s_mm, line.s[line.corners(CORNER_DEG)]) <= CORNER_REACH_MM
+        error = profile.error_um[:, ~corner & ~profile.at_lead_in & (left_um == 0)]
+        known.append(error[np.isfinite(error)])
+    every = np.concatenate(known)
+    return float(every.mean()) if len(every) else math.nan
+
+
+def worst_place(
+    contours: Sequence[WireContour], profiles: Sequence[ProfileError], unreachable: Sequence[Floats],
+    shares: Sequence[Floats | None], reachable: bool,
+) -> WorstPlace | None:
+    """Find the place of the largest error, over all contours and slices.
+
+    Parameters
+    ----------
+    contours, profiles
+    unreachable : sequence of array
+        By `unreachable_um`.
+    shares : sequence of array (5, n) or None
+        By `edmsim.metrology.shares.error_shares`.
+    reachable : bool
+        Look for the largest error without what is out of reach.
+
+    Returns
+    -------
+    WorstPlace or None
+        None if nothing was measured.
+    """
+    worst: WorstPlace | None = None
+    for contour, profile, left_um, split in zip(contours, profiles, unreachable, shares, strict=True):
+        error = profile.error_um - left_um if reachable else profile.error_um
+        if not np.isfinite(error).any():
+            continue
+        row, place = np.unravel_index(np.nanargmax(np.abs(error)), error.shape)
+        largest = float(error[row, place])
+        if worst is None or abs(largest) > abs(worst.error_um):
+            x, y = profile.points_mm[place].tolist()
+            out_of_reach = not reachable and left_um[place] > abs(largest) / 2
+            why = "out of reach" if out_of_reach else _what_lies_at(contour, profile, int(place))
+            known = split is not None and bool(np.isfinite(split[:, place]).all())
+            made_by = SHARES[int(np.abs(split[:, place]).argmax())] if split is not None and known else None
+            worst = WorstPlace(x, y, largest, why, made_by)
+    return worst
+
+
+def _what_lies_at(contour: WireContour, profile: ProfileError, place: int) -> str:
+    if profile.at_lead_in[place]:
+        return "start mark"
+    line = Polyline(contour.nominal_mm, contour.closed)
+    vertices = line.corners(CORNER_DEG)
+    away = np.array([line.distance_along(profile.s_mm[[place]], line.s[[k]])[0] for k in vertices])
+    if not len(away) or away.min() > CORNER_REACH_MM:
+        return "edge"
+    left_turn = line.turn_deg[vertices[away.argmin()]] > 0
+    return "outer corner" if left_turn == (contour.part_side == "left") else "inner corner"

@@ -1,0 +1,90 @@
+"""The wire's path before the cut: edges as drawn, the kerf it is to make, start holes and blank."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import shapely
+
+from edmsim.program.path import CutPath
+from edmsim.recording.figures.palette import BLUE, GREEN, INK, METAL, MUTED
+from edmsim.recording.figures.series import quiet
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+_ARROWS = 4
+"""Arrows on a contour: enough to see which way it is cut."""
+
+
+def path_figure(path: CutPath, title: str, kerf_um: float) -> Figure:
+    """Draw a path in the program's coordinates.
+
+    Parameters
+    ----------
+    path : CutPath
+    title : str
+    kerf_um : float
+        Expected width of the kerf: wire and twice the gap.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        With an Agg canvas.
+    """
+    from edmsim.recording.figures.canvas import NotebookFigure
+
+    figure = NotebookFigure(figsize=(9.0, 8.0), dpi=130, facecolor="white", layout="none")
+    axes = figure.add_axes((0.09, 0.08, 0.88, 0.82))
+    quiet(axes)
+    axes.grid(visible=False)
+    axes.set_aspect("equal", adjustable="datalim")
+    _draw_blank(axes, path, kerf_um)
+    for number, contour in enumerate(path.contours):
+        edge = contour.nominal_mm - path.origin_mm
+        axes.plot(*edge.T, color=INK, linewidth=0.9, zorder=4, label="edge as drawn" if number == 0 else None)
+        way = contour.points_um / 1e3 - path.origin_mm
+        axes.plot(*way.T, color=BLUE, linewidth=0.9, zorder=3, label="wire's centre" if number == 0 else None)
+        _draw_arrows(axes, way)
+        axes.annotate(
+            str(number + 1), way[0], xytext=(8, 8), textcoords="offset points", fontsize=9, color=GREEN, zorder=6
+        )
+    starts = np.array([contour.points_um[0] for contour in path.contours]) / 1e3 - path.origin_mm
+    axes.plot(*starts.T, "^", color=GREEN, markeredgecolor="white", zorder=6, label="start hole")
+    axes.set_xlabel("X of the program, mm", fontsize=9, color=MUTED)
+    axes.set_ylabel("Y of the program, mm", fontsize=9, color=MUTED)
+    axes.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=5, frameon=False, fontsize=8.5, labelcolor=INK)
+    figure.text(0.09, 0.955, title, fontsize=14, fontweight="bold", color=INK)
+    return figure
+
+
+def _draw_blank(axes: Axes, path: CutPath, kerf_um: float) -> None:
+    """Draw the blank with its holes and the kerf in it."""
+    from matplotlib.patches import Circle, PathPatch, Rectangle
+    from matplotlib.path import Path as MplPath
+
+    (x0, y0, x1, y1), (dx, dy) = path.stock_mm, path.origin_mm
+    blank = Rectangle((x0 - dx, y0 - dy), x1 - x0, y1 - y0, facecolor=METAL, edgecolor=MUTED, linewidth=0.8, zorder=0)
+    axes.add_patch(blank)
+    ways = [shapely.LineString(contour.points_um / 1e3 - path.origin_mm) for contour in path.contours]
+    kerf = shapely.union_all([way.buffer(kerf_um / 2e3) for way in ways])
+    for number, polygon in enumerate(shapely.get_parts(kerf)):
+        rings = [MplPath(shapely.get_coordinates(ring), closed=True) for ring in shapely.get_rings(polygon)]
+        axes.add_patch(PathPatch(
+            MplPath.make_compound_path(*rings), facecolor="#cfe3f1", edgecolor="none", zorder=1,
+            label="kerf" if number == 0 else None,
+        ))  # fmt: skip
+    for way in ways:
+        hole = Circle(way.coords[0], path.start_hole_radius_mm, facecolor="white", edgecolor=MUTED, zorder=2)
+        axes.add_patch(hole)
+
+
+def _draw_arrows(axes: Axes, way: np.ndarray) -> None:
+    """Point along the cut."""
+    line = shapely.LineString(way)
+    for share in (np.arange(_ARROWS) + 0.5) / _ARROWS:
+        at = share * line.length
+        tail, head = (shapely.get_coordinates(line.interpolate(s))[0] for s in (at, at + 1e-3 * line.length))
+        axes.annotate("", head, tail, arrowprops={"arrowstyle": "-|>", "color": BLUE, "linewidth": 0.9}, zorder=5)

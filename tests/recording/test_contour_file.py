@@ -1,0 +1,88 @@
+"""The contour of a cut in files for other programs, and its deviation table."""
+
+from __future__ import annotations
+
+import csv
+import dataclasses
+import re
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+import shapely
+from ezdxf.filemanagement import readfile
+
+from edmsim.errors import InputError
+from edmsim.recording.contour_file import write_contour
+from edmsim.recording.html_elements import elements_table
+
+
+def expected(cut: SimpleNamespace) -> list[np.ndarray]:
+    scene = cut.scene.in_program()
+    return list(scene.cut_edges_mm[scene.middle_slice()])
+
+
+def as_drawn(cut: SimpleNamespace) -> np.ndarray:
+    return cut.scene.in_program().maps[0].nominal_mm
+
+
+def test_a_drawing_has_the_cut_and_the_nominal_edge_in_the_programs_coordinates(
+    cut: SimpleNamespace, tmp_path: Path
+) -> None:
+    write_contour(cut.scene, tmp_path / "new" / "cut.dxf")
+    document = readfile(tmp_path / "new" / "cut.dxf")
+    assert document.units == 4
+    lines = {layer: document.modelspace().query(f'LWPOLYLINE[layer=="{layer}"]') for layer in ("CUT", "NOMINAL")}
+    for line, edge in zip(lines["CUT"], expected(cut), strict=True):
+        assert line.closed
+        assert shapely.LinearRing(line.get_points("xy")).hausdorff_distance(shapely.LinearRing(edge)) < 1e-9
+    (nominal,) = lines["NOMINAL"]
+    assert np.array(nominal.get_points("xy")) == pytest.approx(as_drawn(cut)[:-1])
+
+
+def test_a_table_and_a_picture_hold_the_same(cut: SimpleNamespace, tmp_path: Path) -> None:
+    write_contour(cut.scene, tmp_path / "cut.csv")
+    write_contour(cut.scene, tmp_path / "cut.svg")
+    with (tmp_path / "cut.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    nominal = np.array([(float(r["x_mm"]), float(r["y_mm"])) for r in rows if r["layer"] == "NOMINAL"])
+    assert nominal == pytest.approx(as_drawn(cut), abs=1e-5)
+    assert {r["line"] for r in rows if r["layer"] == "CUT"} == {str(k + 1) for k in range(len(expected(cut)))}
+    paths = re.findall(r'class="nominal".* d="M([^"]*) Z"', (tmp_path / "cut.svg").read_text())
+    drawn = np.array([[float(v) for v in point.split(",")] for point in paths[0].split(" L")])
+    assert drawn * (1, -1) == pytest.approx(nominal)
+
+
+def test_specks_are_left_out(cut: SimpleNamespace, tmp_path: Path) -> None:
+    speck = shapely.get_coordinates(shapely.Point(25, 24).buffer(0.005))
+    edges = tuple((*lines, speck) for lines in cut.scene.cut_edges_mm)
+    write_contour(dataclasses.replace(cut.scene, cut_edges_mm=edges), tmp_path / "cut.dxf")
+    assert len(readfile(tmp_path / "cut.dxf").modelspace().query('LWPOLYLINE[layer=="CUT"]')) == len(expected(cut))
+
+
+def test_another_suffix_is_refused(cut: SimpleNamespace, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"\.dxf \.csv \.svg"):
+        write_contour(cut.scene, tmp_path / "cut.step")
+
+
+def row(number: int, high_um: float | None) -> dict[str, Any]:
+    return {
+        "contour": 1, "element": number, "line": None, "kind": "arc", "radius_mm": 0.5, "program_x_mm": -1e-9,
+        "program_y_mm": -2.0, "program_end_x_mm": 1.0, "program_end_y_mm": 2.0, "length_mm": float(number),
+        "mean_um": high_um, "rms_um": high_um, "low_um": high_um, "high_um": high_um,
+    }  # fmt: skip
+
+
+def test_the_table_shows_every_element_or_the_worst_of_very_many() -> None:
+    text = elements_table([row(1, 3.0), row(2, None)])
+    cells = re.findall(r"<td>([^<]*)</td>", text)
+    assert cells[:8] == ["1", "–", "arc R 0.500", "0.000", "−2.000", "1.000", "2.000", "1.000"]
+    assert cells[8:11] == ["+3.0"] * 3
+    assert cells[19:] == ["–", "–", "–"]
+    many = elements_table([row(number, float(number)) for number in range(1, 301)])
+    assert "The 200 of 300" in many
+    assert many.count("<tr>") == 201
+    assert "<td>101.000</td>" in many
+    assert "<td>100.000</td>" not in many
