@@ -12,7 +12,8 @@ from edmsim import validation
 from edmsim.errors import InputError
 from edmsim.machine.machine import Machine
 from edmsim.machine.parts import Constant
-from edmsim.validation.report import rows_table
+from edmsim.validation.reasons import REASONS
+from edmsim.validation.report import as_json, failed, render_failed, rows_table
 from edmsim.validation.rows import Row
 
 ROOT = Path(__file__).parents[2]
@@ -159,3 +160,26 @@ def test_only_a_failure_nobody_explains_fails_the_command(rows, status, json, mo
     assert '"agree": 1' in told if json else "explained" in told
 
 
+
+
+def test_every_row_that_fails_has_a_reason_in_a_sentence():
+    table = (ROOT / "docs" / "validation.md").read_text(encoding="utf-8")
+    failing = set()
+    for section in re.split(r"^## ", table, flags=re.MULTILINE)[1:]:
+        topic = section.splitlines()[0].lower()
+        failing |= {(topic, anchor) for anchor in re.findall(r"\*\*fails\*\*, \[why\]\([^#]*#([\w-]+)\)", section)}
+    assert failing and failing == set(REASONS)
+
+
+def test_what_fails_fits_a_terminal_of_eighty_columns():
+    from rich.console import Console
+
+    long = Row.band("lag", "a row with a long name, " * 6, "s", low=1, simulated=0.0, note="docs/theory/emergence.md#lag")
+    console = Console(width=80, record=True)
+    with console.capture() as shown:
+        console.print(render_failed([*ROWS, long]))
+    text = shown.get()
+    assert max(map(len, text.splitlines())) <= 80
+    assert "agrees\n" not in text and "why: unknown" in text and "why: In tool steel" in text
+    assert "4 rows: 1 agree, 3 fail" in text
+    assert '"agree": 1' in as_json(ROWS, failed(ROWS)) and '"agrees"' not in as_json(ROWS, failed(ROWS))
