@@ -61,7 +61,7 @@ def calibrate(
     if json:
         sys.stdout.write(as_json(found, files) + "\n")
         return
-    OUT.print(render(found))
+    OUT.print(render(found, settings.resolution))
     options = " ".join(f"--{part} {file}" for part, file in files.items())
     OUT.print(f"Cut with it: edmsim cut PROGRAM {options} --out DIR", highlight=False, soft_wrap=True, markup=False)
 
@@ -73,8 +73,7 @@ def validate(
     """Compare the model with what was published, row by row."""
     from rich.progress import Progress as Bar
 
-    from edmsim.validation import run
-    from edmsim.validation import report
+    from edmsim.validation import report, run
 
     with Bar(console=ERR, transient=True) as bar:
         task = bar.add_task("validate", total=None)
