@@ -29,7 +29,8 @@ found on other seeds, and for the return of the first versions of GapFeed and He
 each file in `models/gains/` names its command. `counts` keeps its documented constants: those a search
 finds for it hunt where windows last 0.25 s or the removal halves, which a machine's default must not
 (`tests/controllers/test_feed_controllers.py`). In parentheses: 95 % bootstrap intervals over the cuts. "None (at
-most 419)" means that no wire broke, in so short a length of cut that up to 419 breaks per m cannot be excluded (Poisson).
+most 419)" means that no wire broke, in so short a length of cut that up to 419 breaks per m cannot be excluded
+(Poisson).
 
 - *Score*: (return - return of `fixed`) / (return of the oracle - return of `fixed`), machine by machine; the
   interquartile mean of these. 0 is a feed that knows nothing, 1 the reference. It leaves out the best and the worst
@@ -77,8 +78,8 @@ def verdicts(comparison: Comparison) -> list[str]:
         text += " So few cuts of so different machines tell little."
     elif score.value >= NEARLY_ALL:
         text += (
-            " A servo with a constant set-point already comes as far as the reference here, which chooses nothing but "
-            "the feed, so little can be gained by a better feed law."
+            " A servo with a constant set-point already comes as far as the reference here, which chooses nothing "
+            "but the feed, so little can be gained by a better feed law."
         )
     return [text, *(_of_policy(comparison, name, best) for name in figures if _is_policy(name))]
 
