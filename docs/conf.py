@@ -8,6 +8,7 @@ from __future__ import annotations
 import ast
 import inspect
 import re
+import subprocess
 import sys
 from importlib import import_module
 from pathlib import Path
@@ -40,7 +41,25 @@ extensions = ["myst_nb", "sphinx.ext.autodoc", "sphinx.ext.autosummary", "sphinx
 highlight_language = "none"
 smartquotes_action = "De"  # dashes, not quotation marks: what is quoted may be copied
 
+
+
+def repository() -> str:
+    """Return the address of the repository that this checkout was cloned from; empty where a browser finds none."""
+    asked = ["git", "-C", str(ROOT), "remote", "get-url", "origin"]
+    try:
+        address = subprocess.run(asked, capture_output=True, text=True, check=False).stdout.strip()
+    except OSError:
+        return ""
+    address = re.sub(r"^(?:ssh://)?git@([\w.-]+)[:/]", r"https://\1/", address).removesuffix(".git")
+    return re.sub(r"^https://[^/]*@", "https://", address) if address.startswith("https://") else ""
+
+
 html_theme = "furo"
+html_theme_options = {
+    "footer_icons": [
+        {"name": "repository", "url": url, "html": "repository", "class": ""} for url in [repository()] if url
+    ],
+}
 html_title = f"edmsim {release}"
 html_static_path = ["_static"]
 html_css_files = ["site.css"]

@@ -1,4 +1,7 @@
-"""Pictures of a lane: the machine by MuJoCo where there is a GL backend, else the cut drawn as in ``profile.png``."""
+"""Pictures of a lane: the machine by MuJoCo where there is a GL backend, else the cut drawn as in ``profile.png``.
+
+Below either, a strip says what the last step did: feed, shares of pulses, reward.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +16,9 @@ from edmsim.errors import InputError
 
 if TYPE_CHECKING:
     import mujoco
+    from matplotlib.figure import Figure
 
+    from edmsim.envs.batch import Batch
     from edmsim.envs.lanes import Lanes
     from edmsim.plant.plant import Plant
 
@@ -21,6 +26,8 @@ RENDER_MODES = ("rgb_array", "human")
 RENDER_FPS = 39
 """Pictures per second at the machine's own pace: a window of the standard setting takes 25.5 ms."""
 HEIGHT, WIDTH = 480, 640
+STRIP = 64
+"""Height of the strip below, part of the picture's."""
 _DPI = 80
 _SWITCHED_OFF = ("disable", "disabled", "off", "0", "false")
 """What MuJoCo takes MUJOCO_GL to mean when nothing is to be drawn."""
@@ -52,8 +59,11 @@ class Renderer:
         self._of: Any = None
         self._drawn_only = False
 
-    def picture(self, lanes: Lanes, lane: int) -> NDArray[np.uint8]:
+    def picture(self, batch: Batch, lane: int) -> NDArray[np.uint8]:
         """Return a lane's picture, uint8 (480, 640, 3)."""
+        return np.vstack([self._view(batch.lanes, lane), _strip(batch, lane)])
+
+    def _view(self, lanes: Lanes, lane: int) -> NDArray[np.uint8]:
         if not self._drawn_only and has_gl():
             try:
                 return self._machine(lanes.fleet.plants[lane])
@@ -70,7 +80,7 @@ class Renderer:
         setup = wire_setup(plant.machine)
         if self._gl is None or self._of != setup:
             self._close_gl()
-            self._gl = mujoco.Renderer(build_model(setup, plant.machine.base.model), HEIGHT, WIDTH)
+            self._gl = mujoco.Renderer(build_model(setup, plant.machine.base.model), HEIGHT - STRIP, WIDTH)
             self._of = setup
         model = self._gl.model
         data = mujoco.MjData(model)
@@ -123,26 +133,68 @@ class Renderer:
 
 
 def _drawing(lanes: Lanes, lane: int) -> NDArray[np.uint8]:
-    """Draw what was cut of a lane's workpiece, its path and its wire, on an Agg canvas."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
+    """Draw what was cut of a lane's workpiece, its path and its wire."""
+    from matplotlib.lines import Line2D
     from matplotlib.patches import Circle
 
     from edmsim.envs.scene import path_scene
     from edmsim.recording.figures.map import draw_map
-    from edmsim.recording.figures.palette import VERMILION
+    from edmsim.recording.figures.palette import INK, VERMILION
 
     scene = path_scene(lanes, lane)
     plant = lanes.fleet.plants[lane]
-    figure = Figure(figsize=(WIDTH / _DPI, HEIGHT / _DPI), dpi=_DPI, facecolor="white")
-    canvas = FigureCanvasAgg(figure)
-    axes = figure.add_subplot(position=(0.12, 0.11, 0.84, 0.8))
+    figure = _canvas(HEIGHT - STRIP)
+    axes = figure.add_subplot(position=(0.12, 0.13, 0.84, 0.77))
     draw_map(axes, scene)
-    legend = axes.get_legend()
-    for text in legend.get_texts() if legend else ():
-        if text.get_text() == "nominal edge":  # what a lane has is the path beside it
-            text.set_text("path of the wire")
-    wire = (np.array(plant.place_um) + plant.deflections_um().mean(axis=0)) * 1e-3
-    axes.add_patch(Circle(tuple(wire), scene.wire_diameter_um * 0.5e-3, color=VERMILION, zorder=9))
-    canvas.draw()  # type: ignore[no-untyped-call]
-    return np.array(canvas.buffer_rgba())[..., :3].copy()  # type: ignore[no-untyped-call]
+    place = (np.array(plant.place_um) + plant.deflections_um().mean(axis=0)) * 1e-3
+    axes.add_patch(Circle(tuple(place), scene.wire_diameter_um * 0.5e-3, color=VERMILION, zorder=9))
+    handles, labels = axes.get_legend_handles_labels()
+    # what a lane has of a drawing is the path of its wire
+    shown = ["path of the wire" if label == "nominal edge" else label for label in labels]
+    axes.legend(
+        [*handles, Line2D([], [], marker="o", linestyle="", color=VERMILION)], [*shown, "wire"],
+        loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=5, frameon=False, fontsize=8, handlelength=1.6,
+        columnspacing=1.2, borderpad=0.0, borderaxespad=0.3, labelcolor=INK,
+    )  # fmt: skip
+    return _pixels(figure)
+
+
+def _strip(batch: Batch, lane: int) -> NDArray[np.uint8]:
+    """Draw what a lane's last step did: feed, what became of the pulses, reward, machine time."""
+    from edmsim.recording.figures.palette import INK, SHARE_COLOURS
+
+    figure = _canvas(STRIP)
+    info = batch.infos()
+    counts = {name: int(info[name][lane]) for name in SHARE_COLOURS}
+    pulses = sum(counts.values())
+    facts = [f"{float(info['time_s'][lane]):.2f} s", f"feed {float(info['feed_um_s'][lane]):.1f} µm/s"]
+    if pulses:
+        facts += [f"{name} {count}" for name, count in counts.items()]
+        facts.append(f"reward {float(batch.earned.total[lane]):+.3f}")
+    else:
+        facts.append("no pulse yet")
+    figure.text(0.02, 0.68, "   ".join(facts).replace("-", "−"), fontsize=9, color=INK, va="center")
+    axes = figure.add_axes((0.02, 0.14, 0.96, 0.24))
+    axes.set_axis_off()
+    axes.set_xlim(0, max(pulses, 1))
+    left = 0
+    for name, count in counts.items():
+        axes.barh(0.0, count, left=left, color=SHARE_COLOURS[name])
+        left += count
+    return _pixels(figure)
+
+
+def _canvas(height: int) -> Figure:
+    """Return an empty figure as wide as a picture, with an Agg canvas."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(WIDTH / _DPI, height / _DPI), dpi=_DPI, facecolor="white")
+    FigureCanvasAgg(figure)
+    return figure
+
+
+def _pixels(figure: Figure) -> NDArray[np.uint8]:
+    canvas: Any = figure.canvas
+    canvas.draw()
+    return np.array(canvas.buffer_rgba())[..., :3].copy()

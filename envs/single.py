@@ -162,7 +162,7 @@ class EdmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
             return None
         if not self._begun:
             raise ResetNeeded("no episode has begun: call reset() before render()")
-        picture = self._renderer.picture(self._batch.lanes, 0)
+        picture = self._renderer.picture(self._batch, 0)
         if self.render_mode == "human":
             self._renderer.show(picture)
             return None

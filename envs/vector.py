@@ -252,9 +252,9 @@ class EdmVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDArray[A
         if not self._begun.all():
             raise ResetNeeded("not every environment has begun an episode: call reset() before render()")
         if self.render_mode == "human":
-            self._renderer.show(self._renderer.picture(self._batch.lanes, 0))
+            self._renderer.show(self._renderer.picture(self._batch, 0))
             return None
-        return tuple(self._renderer.picture(self._batch.lanes, lane) for lane in range(self.num_envs))
+        return tuple(self._renderer.picture(self._batch, lane) for lane in range(self.num_envs))
 
     def close_extras(self, **_: Any) -> None:
         """Shut down the threads and close the window."""

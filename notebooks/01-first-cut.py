@@ -11,7 +11,7 @@
 # %% [markdown]
 # # A first cut
 #
-# **Question.** What does one simulated cut tell, and where does it stand?
+# **Question.** What does one simulated cut say, and how far can it be trusted?
 #
 # A punch of 10 x 6 mm is cut from 20 mm of tool steel, discharge by discharge, with the settings that hold when
 # nothing else is said: a brass wire of 0.25 mm, the feed law `counts`, the generator of a laboratory machine of
@@ -192,4 +192,4 @@ folder.cleanup()
 #
 # One cut is one draw. Most constants of such machines are known within a range only (`Machine.sample`, notebook
 # 07), and some of what the model says is contradicted by publications (notebook 08). The slug does not fall, the
-# wire stands vertical, and roughness is a lower bound.
+# wire is vertical, and roughness is a lower bound.

@@ -76,7 +76,7 @@ panels[0].legend(["claimed mixture", "median", "drawn"]);
 
 # %% [markdown]
 # Across 20 µm the delay is exponential: nothing ages while the pulse waits. Across 8 µm nearly all delays are a few
-# µs: particles and asperities that bridge most of the gap already. Across 10 µm both kinds stand side by side. The
+# µs: particles and asperities that bridge most of the gap already. Across 10 µm both kinds occur side by side. The
 # black line is the distribution the theory page claims (`docs/theory/breakdown.md`), computed without the loop.
 #
 # ## Median against gap
@@ -139,7 +139,7 @@ right.set(xlabel="speed of the water, m/s (mean over the height)", ylabel="open 
 
 # %% [markdown]
 # The signs agree. "Hardly any sparks" does not: the model has two jets that meet at mid-height, where the water
-# stands still and pulses ignite as before, so a part of them always does. A single flow through the gap, which the
+# does not move and pulses ignite as before, so a part of them always does. A single flow through the gap, which the
 # thesis may have measured, has no such place. The factor for the flow, `exp(-(v / v_q)^2)`, is ours.
 #
 # ## From delays to shares

@@ -101,7 +101,7 @@ assert worst < 0.01
 # ## What bends it
 #
 # Three loads compete in a cut. The gas bubble of every discharge pushes the wire back, away from its place; as long
-# as the open voltage stands, the field pulls it forward, towards the metal; and in a magnetic metal the current of
+# as the open voltage is on, the field pulls it forward, towards the metal; and in a magnetic metal the current of
 # the discharges draws it forward, too, which is nothing at the 7 A of the default set-up. Gas that lies on the wire's
 # front shields push and pull alike, and the film of water before it damps every motion, but bears no steady load. Lag
 # is counted against the feed, so a negative lag is a wire that *leads*. Straight cuts of 20 mm of tool steel with the

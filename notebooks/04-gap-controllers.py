@@ -54,7 +54,7 @@ COLOURS = {"fixed": MUTED, "counts": BLUE, "voltage": ORANGE, "delay": PURPLE, "
 # - `counts` is the law of 1982: from the counts of short and open pulses, with its documented constants.
 # - `voltage` and `delay` are servos on the mean gap voltage and the mean ignition delay, with gains found by a
 #   search.
-# - `oracle` is told the true gap and rehearses every cut with several gaps. No machine could have it; it says how
+# - `oracle` knows the true gap and rehearses every cut with several gaps. No machine could have it; it says how
 #   fast a cut could have been.
 #
 # In parentheses are 95 % bootstrap intervals over the cuts. They are wide, because the machines differ more than

@@ -19,7 +19,7 @@
 #
 # **What is done.** A policy is trained for a few minutes by proximal policy optimisation (Schulman et al. 2017,
 # [arXiv:1707.06347](https://arxiv.org/abs/1707.06347)) in `edmsim/GapFeed-v1`: a straight cut on a machine drawn
-# anew for every episode, rewarded for length cut, punished for shorts and for a lost wire. It is then measured on
+# again for every episode, rewarded for length cut, punished for shorts and for a lost wire. It is then measured on
 # machines it never met, beside the policy that is shipped and two classic controllers; and it cuts a part. This
 # notebook needs the extra: `pip install "edmsim[rl]"`. From a shell it is `edmsim train`; the page "training" says
 # more.
@@ -56,7 +56,7 @@ os.chdir(folder.name)  # all files go where they are thrown away
 # ## What the policy sees and does
 #
 # Every 255 pulses it sees what the machine shows, now and in the last windows, and turns one knob: by how much the
-# feed changes. The network is small, two layers of 64; what the learner is made with stands in `models/training`.
+# feed changes. The network is small, two layers of 64; what the learner is made with is in `models/training`.
 
 # %%
 shipped = policy_file.load("GapFeed-ppo").card

@@ -28,12 +28,13 @@ Written by `{command}` (edmsim {version}); do not edit.
 found on other seeds, and for the return of the first versions of GapFeed and HeightStep, by `edmsim search-gains`;
 each file in `models/gains/` names its command. `counts` keeps its documented constants: those a search
 finds for it hunt where windows last 0.25 s or the removal halves, which a machine's default must not
-(`tests/controllers/test_feed_controllers.py`). In parentheses: 95 % bootstrap intervals over the cuts; where no wire
-was lost, what that length of cut can exclude (Poisson).
+(`tests/controllers/test_feed_controllers.py`). In parentheses: 95 % bootstrap intervals over the cuts. "None (at
+most 419)" means that no wire broke, in so short a length of cut that up to 419 breaks per m cannot be excluded
+(Poisson).
 
 - *Score*: (return - return of `fixed`) / (return of the oracle - return of `fixed`), machine by machine; the
   interquartile mean of these. 0 is a feed that knows nothing, 1 the reference. It leaves out the best and the worst
-  quarter, and with them single lost wires: these stand in the mean return, the cost and the breaks beside it.
+  quarter, and with them single lost wires: these count in the mean return, the cost and the breaks beside it.
 - *Oracle*, the reference: sees the true gap and wire temperature and rehearses each cut with gaps of {gaps} um, of
   which the one that earns most counts. It chooses nothing but the feed.
 - *Cutting rate*: length cut times local height over machine time; a lost wire costs the machine's time for
@@ -45,7 +46,7 @@ was lost, what that length of cut can exclude (Poisson).
   *Edge error*: of the cut edge from the contour, with whatever the offset is wrong for the drawn machine.
 """
 NEARLY_ALL = 0.95
-"""Score of a constant set-point from which on nothing worth the while is left to be learned."""
+"""Score of a constant set-point from which on little can be gained by a better law."""
 
 
 def page(comparisons: Sequence[Comparison], command: str) -> str:
@@ -77,8 +78,8 @@ def verdicts(comparison: Comparison) -> list[str]:
         text += " So few cuts of so different machines tell little."
     elif score.value >= NEARLY_ALL:
         text += (
-            " A constant set-point under a servo reaches the reference here, which chooses nothing but the feed: of "
-            "the feed nothing worth the while is left to be learned."
+            " A servo with a constant set-point already comes as far as the reference here, which chooses nothing "
+            "but the feed, so little can be gained by a better feed law."
         )
     return [text, *(_of_policy(comparison, name, best) for name in figures if _is_policy(name))]
 

@@ -117,7 +117,7 @@ def calibrate(
     steady = stretches(log, settle_um(machine))
     if not steady:
         raise InputError(
-            f"no steady stretch of {STRETCH_WINDOWS} windows in it, with metal near, one setting and one feed",
+            f"no steady stretch of {STRETCH_WINDOWS} windows in it, with metal near, one setting, one feed, no turn",
             log.name,
         )
     picked = spread(steady, MOST_STRETCHES)

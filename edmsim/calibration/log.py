@@ -23,7 +23,9 @@ Array = NDArray[np.float64]
 COLUMNS = (
     "feed_um_s", "short", "open", "mean_voltage_V", "mean_current_A", "mean_delay_us", "t_on_us", "t_period_us",
 )
-"""Columns a log must have, with the meanings and units of ``windows.parquet``; others are not looked at."""
+"""Columns a log must have, with the meanings and units of ``windows.parquet``."""
+PLACES = ("x_um", "y_um")
+"""Columns a log may have: where the guides are. With them, stretches in which the path turns are left out."""
 STATISTICS = ("short", "open", "mean_voltage_V", "mean_current_A", "mean_delay_us")
 """What of a stretch is compared: shares of short and open, and means; see `statistics`."""
 STRETCH_WINDOWS = 400
@@ -36,6 +38,13 @@ FEED_SPREAD = 0.15
 """A stretch is steady if its feed's standard deviation is at most this share of its mean (ours)."""
 LEAST_FEED_UM_S = 0.5
 """A stretch with less feed does not cut (ours)."""
+TURN_DEG = 45.0
+"""A stretch is straight if its directions, from where it settles on, lie within this (ours: past a corner other metal
+faces the wire, and on an arc of less than a millimetre the front is bent)."""
+PLACE_UM = 50.0
+"""Travel between two places of which directions are taken (ours: many motor steps, so that these do not count)."""
+_SIGNED = ("feed_um_s", "mean_voltage_V", "mean_current_A", *PLACES)
+"""Columns of which negative numbers are taken."""
 _MOST = 1e6
 """No figure of a log is as large (ours): times of a second, feeds of a metre per second."""
 
@@ -49,7 +58,7 @@ class Log:
     name : str
         Of its file.
     columns : mapping of str to float64 array (n,)
-        `COLUMNS`; ``mean_delay_us`` is NaN where no pulse ignited.
+        `COLUMNS`, and `PLACES` if the file has both; ``mean_delay_us`` is NaN where no pulse ignited.
     settings : CutSettings or None
         What a simulated cut was made with; None if the file does not say.
     """
@@ -111,7 +120,8 @@ def read_log(file: str | Path) -> Log:
         raise InputError(f"column {missing[0]} is missing; a log needs {' '.join(COLUMNS)}", file)
     if table.num_rows == 0:
         raise InputError("no windows in it", file)
-    columns = {name: _numbers(table, name, file) for name in COLUMNS}
+    places = PLACES if set(PLACES) <= set(table.column_names) else ()
+    columns = {name: _numbers(table, name, file) for name in (*COLUMNS, *places)}
     _check(columns, file)
     return Log(Path(file).name, columns, _settings(table, file))
 
@@ -159,7 +169,7 @@ def _check(columns: Mapping[str, Array], file: str | Path) -> None:
         "t_on_us": ~(columns["t_on_us"] > 0),
         "t_period_us": ~((columns["t_period_us"] > columns["t_on_us"]) & (columns["t_period_us"] < _MOST)),
         "mean_delay_us": (columns["mean_delay_us"] < 0) | (columns["mean_delay_us"] > _MOST),
-        **{name: ~(np.abs(columns[name]) < _MOST) for name in ("feed_um_s", "mean_voltage_V", "mean_current_A")},
+        **{name: ~(np.abs(columns[name]) < _MOST) for name in _SIGNED if name in columns},
     }
     for name, rows in wrong.items():
         if rows.any():
@@ -174,7 +184,8 @@ def stretches(log: Log, settle_um: float) -> list[Stretch]:
     """Cut a log into its steady stretches.
 
     A new run begins where the setting changes or the feed jumps; after a travel of `settle_um` it is cut into
-    stretches of `STRETCH_WINDOWS`. Stretches in air, at rest, or with an unsteady feed are left out.
+    stretches of `STRETCH_WINDOWS`. Stretches in air, at rest, or with an unsteady feed are left out, and those
+    along a path that turns, if the log says where it was.
     """
     found = []
     for begin, end in _runs(log):
@@ -183,7 +194,7 @@ def stretches(log: Log, settle_um: float) -> list[Stretch]:
         settled = begin + int(np.searchsorted(travel_um, settle_um))
         for first in range(settled, end - STRETCH_WINDOWS + 1, STRETCH_WINDOWS):
             stretch = _stretch(log, first)
-            if stretch is not None:
+            if stretch is not None and _turn_deg(log, first, settle_um) <= TURN_DEG:
                 found.append(stretch)
     return found
 
@@ -218,6 +229,19 @@ def _stretch(log: Log, first: int) -> Stretch | None:
         first, mean, float(rows["t_on_us"][0]), float(rows["t_period_us"][0]),
         statistics(*(rows[name] for name in STATISTICS)),
     )  # fmt: skip
+
+
+def _turn_deg(log: Log, first: int, settle_um: float) -> float:
+    """How far apart the path's directions are in a stretch and where it settles before; 0 if unknown."""
+    if PLACES[0] not in log.columns:
+        return 0.0
+    end = first + STRETCH_WINDOWS
+    places = np.column_stack([log.columns[name][:end] for name in PLACES])
+    travel_um = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(places, axis=0).T))])
+    begin_um = max(travel_um[first] - settle_um, 0.0)
+    chosen = np.searchsorted(travel_um, np.arange(begin_um, travel_um[-1], PLACE_UM))
+    ways = np.diff(places[chosen], axis=0)
+    return float(np.degrees(np.ptp(np.unwrap(np.arctan2(ways[:, 1], ways[:, 0])))))
 
 
 def statistics(short: Array, open_: Array, voltage_V: Array, current_A: Array, delay_us: Array) -> Array:

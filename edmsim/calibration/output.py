@@ -16,6 +16,7 @@ from edmsim.calibration.log import STATISTICS
 from edmsim.errors import InputError
 from edmsim.files import replacing
 from edmsim.machine.ranges import choose, with_constants
+from edmsim.plant.resolution import RESOLUTIONS
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
@@ -111,13 +112,21 @@ def check_writable(out: Path) -> None:
         raise InputError(f"cannot be written: {error.strerror}", out) from None
 
 
-def render(fit: Fit) -> RenderableType:
-    """Return the fit for the terminal: constants, what the log cannot tell, correlations, log beside model."""
+def render(fit: Fit, resolution: str) -> RenderableType:
+    """Return the fit for the terminal: constants, what the log cannot tell, correlations, log beside model.
+
+    Parameters
+    ----------
+    fit : Fit
+    resolution : str
+        At which log and model were compared.
+    """
     from rich.console import Group
     from rich.table import Table
     from rich.text import Text
 
-    table = Table("constant", "before", "fitted", "95 % interval", "range", "", box=None, pad_edge=False)
+    heads = ("constant", "before", "fitted", "95 % interval", "range", "")
+    table = Table(*heads, box=None, pad_edge=False, padding=(0, 1, 0, 0))
     for c in fit.constants:
         table.add_row(
             c.name, f"{c.before:g}", f"{c.value:.4g}", _between(c.interval), _between(c.range),
@@ -126,7 +135,7 @@ def render(fit: Fit) -> RenderableType:
     undetermined = [
         Text(f"the log does not determine {name}: {reason}", "yellow") for name, reason in fit.undetermined.items()
     ]
-    warnings = [Text(line, "yellow") for line in (*correlated(fit), *refusal(fit))]
+    warnings = [Text(line, "yellow") for line in (*causes(fit, resolution), *correlated(fit), *refusal(fit))]
     return Group(table, *undetermined, Text(_misfit_text(fit)), *warnings, _beside(fit))
 
 
@@ -135,14 +144,26 @@ def _between(interval: tuple[float, float]) -> str:
 
 
 def _misfit_text(fit: Fit) -> str:
-    text = f"misfit {fit.misfit:.2f} per degree of freedom over {len(fit.stretches)} stretches"
-    if fit.misfit <= MUCH:
-        return text
-    return text + ": the model does not do what the machine did, whatever the constants; do not trust the intervals"
+    count = len(fit.stretches)
+    return f"misfit {fit.misfit:.2f} per degree of freedom over {count} stretches; noise alone makes about 1"
 
 
 MUCH = 4.0
 """A misfit above this is no noise: residuals are twice as large as it (ours)."""
+
+
+def causes(fit: Fit, resolution: str) -> list[str]:
+    """Return what most likely makes a large misfit, the likeliest first; nothing where the misfit is small."""
+    if fit.misfit <= MUCH:
+        return []
+    others = " or ".join(f"--resolution {name}" for name in RESOLUTIONS if name != resolution)
+    return [
+        "The model does not do what the machine did: do not trust the intervals. Likely causes, the likeliest first:",
+        f"1. The log was made at another resolution than {resolution}: try {others}.",
+        "2. Material, height, wire, tension or generator are not those of the log: give them as for edmsim cut.",
+        "3. A constant that was not fitted is wrong: fit more of them with --fit.",
+        "4. The log has arcs or corners but no columns x_um and y_um, by which they would be left out.",
+    ]
 
 
 def correlated(fit: Fit) -> list[str]:
@@ -169,11 +190,11 @@ def _beside(fit: Fit) -> RenderableType:
     """Statistics of the log beside the fitted model's, stretch by stretch."""
     from rich.table import Table
 
-    heads = ("short %", "open %", "voltage V", "current A", "delay us")
-    table = Table("feed um/s", "t_on/t_period us", *heads, title="log / fitted model", box=None, pad_edge=False)
+    heads = ("feed um/s", "pulse us", "short %", "open %", "V", "A", "delay us")
+    table = Table(*heads, title="log/fitted model", box=None, pad_edge=False)
     for stretch, simulated in zip(fit.stretches, fit.simulated, strict=True):
         pairs = zip(stretch.mean * _PERCENT, simulated * _PERCENT, strict=True)
-        cells = (f"{logged:.3g} / {model:.3g}" for logged, model in pairs)
+        cells = (f"{logged:.3g}/{model:.3g}" for logged, model in pairs)
         table.add_row(f"{stretch.feed_um_s:.1f}", f"{stretch.t_on_us:g}/{stretch.t_period_us:g}", *cells)
     return table
 

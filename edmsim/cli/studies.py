@@ -61,27 +61,27 @@ def calibrate(
     if json:
         sys.stdout.write(as_json(found, files) + "\n")
         return
-    OUT.print(render(found))
+    OUT.print(render(found, settings.resolution))
     options = " ".join(f"--{part} {file}" for part, file in files.items())
     OUT.print(f"Cut with it: edmsim cut PROGRAM {options} --out DIR", highlight=False, soft_wrap=True, markup=False)
 
 
 def validate(
+    failed: Annotated[bool, typer.Option("--failed", help="Show only what fails, with the reasons.")] = False,
     json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
     """Compare the model with what was published, row by row."""
     from rich.progress import Progress as Bar
 
-    from edmsim.validation import run
-    from edmsim.validation.report import as_json, render
+    from edmsim.validation import report, run
 
     with Bar(console=ERR, transient=True) as bar:
         task = bar.add_task("validate", total=None)
         rows = run(lambda done, total: bar.update(task, completed=done, total=total))
     if json:
-        sys.stdout.write(as_json(rows) + "\n")
+        sys.stdout.write(report.as_json(rows, report.failed(rows) if failed else None) + "\n")
     else:
-        OUT.print(render(rows))
+        OUT.print(report.render_failed(rows) if failed else report.render(rows))
     if any(row.unexpected for row in rows):
         raise typer.Exit(FAILED)
 

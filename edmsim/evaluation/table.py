@@ -11,6 +11,7 @@ import numpy as np
 
 from edmsim import __version__
 from edmsim.evaluation.compare import FIGURES, Comparison, Figure
+from edmsim.evaluation.episode import BLIND, ORACLE
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
@@ -25,6 +26,10 @@ _SHORT = {
     "cost": "cost",
 }
 """Heads of the table on the screen."""
+_NARROW = ("score", "rate_mm2_min", "short_share", "open_share", "edge_error_um", "time_s")
+"""Figures of a table that is narrower than `WIDE`, where events are counted."""
+_RARE = ("breaks_per_m", "jams_per_m")
+"""Figures of which 0 is common, and its interval hard to read."""
 _SMALL = ("score", "cost")
 """Figures shown with two decimals."""
 _PERCENT = ("oracle_share", "short_share", "open_share")
@@ -38,6 +43,8 @@ def shown(name: str, figure: Figure) -> str:
     unit = " %" if name in _PERCENT else ""
     fine = 2 if name in _SMALL else 1
     texts = [f"{v:.0f}" if abs(v) >= 99.5 else f"{v:.{fine}f}" for v in values]
+    if name in _RARE and figure.value == 0.0:
+        return f"none (at most {texts[2]})"
     between = "" if math.isnan(figure.low) else f" ({texts[1]} to {texts[2]})"
     return f"{texts[0]}{unit}{between}"
 
@@ -55,19 +62,46 @@ def columns(comparison: Comparison) -> list[str]:
 
 
 def render(comparison: Comparison, width: int) -> RenderableType:
-    """Return the table for the screen, the best controller first; intervals where there is room for them."""
-    from rich.table import Table
+    """Return the table for the screen, the best controller first, and what its columns mean.
 
-    table = Table(title=_title(comparison))
+    A wide terminal gets every figure with its interval, another one the most important figures.
+    """
+    from rich.console import Group
+    from rich.table import Table
+    from rich.text import Text
+
+    wide = width >= WIDE
+    used = [name for name in columns(comparison) if wide or name in _NARROW]
+    table = Table(title=_title(comparison), box=None, padding=(0, 2, 0, 0), title_justify="left")
     table.add_column("controller", no_wrap=True)
-    used = columns(comparison)
-    for name in used:
-        table.add_column(_SHORT[name], justify="right")
+    for head in [_SHORT[name] for name in used] + ([] if wide else ["breaks", "jams"]):
+        table.add_column(head, justify="right")
     for controller in ranked(comparison):
-        cells = (shown(name, comparison.figures[controller][name]) for name in used)
-        short = controller.removeprefix("policy:")
-        table.add_row(short, *(cell.replace(" (", "\n(") if width >= WIDE else cell.split(" (")[0] for cell in cells))
-    return table
+        figures = comparison.figures[controller]
+        cells = [shown(name, figures[name]) for name in used]
+        if wide:
+            cells = [cell.replace(" (", "\n(") for cell in cells]
+        else:
+            cells = [cell.split(" (")[0] for cell in cells] + _events(comparison, controller)
+        table.add_row(controller.removeprefix("policy:"), *cells)
+    return Group(table, Text(f"\n{_meaning(comparison, wide)}"))
+
+
+def _events(comparison: Comparison, controller: str) -> list[str]:
+    """Return how many wires a controller lost, and how many of its cuts jammed."""
+    cuts = comparison.results[controller]
+    return [str(sum(cut.wires_lost for cut in cuts)), str(sum(cut.jammed for cut in cuts))]
+
+
+def _meaning(comparison: Comparison, wide: bool) -> str:
+    text = (
+        f"score: 0 is what {BLIND} earns, a constant feed, and 1 what {ORACLE} earns, which sees the true gap. "
+        "short, open: shares of the pulses that are shorts or do not ignite."
+    )
+    if wide:
+        return text + " In parentheses: 95 % intervals over the cuts."
+    cuts = len(comparison.seeds)
+    return f"{text} breaks, jams: of all {cuts} cuts together. --json prints more figures, with 95 % intervals."
 
 
 def as_json(comparisons: Sequence[Comparison]) -> str:

@@ -7,11 +7,12 @@ import io
 from collections.abc import Iterable, Mapping
 from html import escape
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 from edmsim.cosim.pulse_sample import PulseSample
 from edmsim.files import replacing
 from edmsim.recording.figures.catalogue import Picture, pictures
+from edmsim.recording.figures.profile import profile_figure
 from edmsim.recording.html_elements import elements_table
 from edmsim.recording.report import corner_mm, duration_text, figure_text, outcome_text, summary
 from edmsim.recording.scene import Scene
@@ -22,6 +23,9 @@ if TYPE_CHECKING:
 
 CARD_DPI = 80
 """Dots per inch of the picture in a notebook (ours: as wide as a notebook's column, a tenth of a megabyte)."""
+PROFILE_DPI, COLUMN_DPI = 150, 320
+"""Dots per inch of the pictures on the page, as they are when enlarged (ours: 1500 and 1120 dots wide)."""
+PROFILE_CAPTION = "The cut from above, the error along its edge drawn large, and the process over machine time."
 _STYLE = """
 :root { color-scheme: light dark; --ink: #1f2933; --muted: #5b6773; --line: #d9dde2; --card: #ffffff; --page: #f5f6f8;
   --good: #00735a; --bad: #b34700; }
@@ -37,16 +41,20 @@ h2 { font-size: 1.1rem; margin: 2rem 0 .6rem; }
 .tiles { display: grid; grid-template-columns: repeat(auto-fit, minmax(9rem, 1fr)); gap: .7rem; }
 .tile, table, .notices { background: var(--card); border: 1px solid var(--line); border-radius: .5rem; }
 .tile { padding: .6rem .8rem; } .tile b { display: block; font-size: 1.2rem; font-weight: 600; }
-.tile span, th, figcaption, footer { color: var(--muted); font-size: .9rem; }
+.tile span, th, figcaption, .hint, footer { color: var(--muted); font-size: .9rem; }
 table { border-collapse: separate; border-spacing: 0; width: 100%; }
 td, th { padding: .35rem .8rem; text-align: left; vertical-align: top; font-weight: 400; }
 tr + tr > * { border-top: 1px solid var(--line); }
 td { font-variant-numeric: tabular-nums; overflow-wrap: anywhere; white-space: pre-wrap; }
 .pairs th { width: 11rem; }
 .notices { margin: 0; padding: .6rem .8rem .6rem 1.8rem; }
-.figures { display: grid; grid-template-columns: repeat(auto-fill, minmax(min(100%, 22rem), 1fr)); gap: 1rem;
-  align-items: start; }
-figure { margin: 0; } figcaption { margin-top: .3rem; }
+.figures { columns: 22rem; column-gap: 1rem; }
+figure { margin: 0 0 1rem; break-inside: avoid; } figcaption { margin-top: .3rem; }
+.enlarge { display: block; cursor: zoom-in; } .enlarge input { position: absolute; opacity: 0; }
+.enlarge input:focus-visible + span img { outline: 3px solid var(--good); }
+.enlarge input:checked + span { position: fixed; inset: 0; z-index: 1; overflow: auto; background: #fff;
+  cursor: zoom-out; display: flex; }
+.enlarge input:checked + span img { width: auto; max-width: none; margin: auto; border: 0; }
 img { display: block; width: 100%; height: auto; background: #fff; border: 1px solid var(--line);
   border-radius: .5rem; padding: .4rem; }
 footer { margin: 2rem 0 1rem; }
@@ -70,24 +78,28 @@ def write_html(
     file : path
     """
     left_out: list[str] = []
-    drawn = list(pictures(report, windows, scene, sample, left_out.append))
+    whole = Picture("profile", PROFILE_CAPTION, profile_figure(scene, windows, report, title))
+    drawn = [whole, *pictures(report, windows, scene, sample, left_out.append)]
     with replacing(file) as partial:
         partial.write_bytes(page(report, title, drawn, left_out).encode("utf-8", "replace"))
 
 
 def page(report: Mapping[str, Any], title: str, drawn: Iterable[Picture], left_out: Iterable[str] = ()) -> str:
-    """Return the page: heading, key figures, table, notices, figures, corners, settings.
+    """Return the page: heading, key figures, first picture, table, notices, other figures, corners, settings.
 
     Parameters
     ----------
     report : mapping
     title : str
     drawn : iterable of Picture
-        Are put into the page as PNG.
+        Are put into the page as PNG, the first one as wide as the page; a click enlarges each, without a script.
     left_out : iterable of str
         Further notices.
     """
     notices = [*report["notices"], *left_out]
+    shown = [*drawn]
+    first = "".join(_picture(picture, PROFILE_DPI) for picture in shown[:1])
+    others = "".join(_picture(picture, COLUMN_DPI) for picture in shown[1:])
     return "\n".join([
         '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">',
         '<meta name="viewport" content="width=device-width, initial-scale=1">',
@@ -95,9 +107,10 @@ def page(report: Mapping[str, Any], title: str, drawn: Iterable[Picture], left_o
         f"<h1>{escape(title)}</h1>",
         f'<p class="outcome {"good" if report["reason"] is None else "bad"}">{escape(outcome_text(report))}</p>',
         _tiles(report),
+        _section("The cut", first + _HINT) if shown else "",
         _section("Result", _pairs(summary(report))),
         _section("Notices", _notices(notices)) if notices else "",
-        _section("Figures", f'<div class="figures">{"".join(_picture(p) for p in drawn)}</div>'),
+        _section("Figures", f'<div class="figures">{others}</div>') if others else "",
         _section("Corners", _corners(report)) if report["corners"] else "",
         _section("Lines and arcs", elements_table(report["elements"])) if report.get("elements") else "",
         _section("Settings", _pairs([*_settings(report["settings"]), ("seed", str(report["seed"]))])),
@@ -148,14 +161,19 @@ def _notices(notices: Iterable[str]) -> str:
     return f'<ul class="notices">{"".join(f"<li>{escape(notice)}</li>" for notice in notices)}</ul>'
 
 
-def _picture(picture: Picture) -> str:
+_HINT = '<p class="hint">Click a figure to enlarge it, and click it again to close it.</p>'
+
+
+def _picture(picture: Picture, dpi: int) -> str:
     caption = escape(picture.caption)
-    width, height = picture.figure.canvas.get_width_height()
-    image = f'<img src="{_png(picture.figure)}" alt="{caption}" width="{width}" height="{height}">'
-    return f'<figure id="{picture.name}">{image}<figcaption>{caption}</figcaption></figure>'
+    width, height = (round(inches * dpi) for inches in picture.figure.get_size_inches())
+    image = f'<img src="{_png(picture.figure, dpi)}" alt="{caption}" width="{width}" height="{height}">'
+    switch = f'<input type="checkbox" aria-label="enlarge: {caption}">'
+    enlarged = f'<label class="enlarge">{switch}<span>{image}</span></label>'
+    return f'<figure id="{picture.name}">{enlarged}<figcaption>{caption}</figcaption></figure>'
 
 
-def _png(figure: Figure, dpi: float | Literal["figure"] = "figure") -> str:
+def _png(figure: Figure, dpi: float) -> str:
     """Return a figure as the address of an image that holds it."""
     held = io.BytesIO()
     figure.savefig(held, format="png", dpi=dpi, metadata={"Software": "edmsim"})

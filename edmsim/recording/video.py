@@ -25,6 +25,8 @@ DPI = {MP4: 100, GIF: 60}
 SECONDS = 12.0
 """How long a whole cut takes in the film."""
 _GIF_COLOURS = 96
+_SAME = 255
+"""Colour of a pixel that is as in the picture before; none of `_GIF_COLOURS`."""
 
 
 def render(recording: Path, out: str | Path, seconds: float = SECONDS) -> None:
@@ -102,15 +104,26 @@ def _write_gif(file: Path, pictures: Iterator[NDArray[np.uint8]], size: tuple[in
     from PIL import Image
 
     frames: list[Picture] = []
+    colours: Picture | None = None
+    before: NDArray[np.uint8] | None = None
     for picture in pictures:
         image = Image.fromarray(picture)
         # the first picture's colours serve all, or grey areas would flicker
-        frames.append(
-            image.quantize(palette=frames[0], dither=Image.Dither.NONE)
-            if frames
+        shown = (
+            image.quantize(palette=colours, dither=Image.Dither.NONE)
+            if colours is not None
             else image.quantize(_GIF_COLOURS, method=Image.Quantize.MEDIANCUT, dither=Image.Dither.NONE)
         )
+        colours = colours or shown
+        pixels = np.asarray(shown, np.uint8)
+        # what is as in the picture before is left transparent: less than half the bytes
+        new = pixels if before is None else np.where(pixels == before, _SAME, pixels).astype(np.uint8)
+        kept = Image.fromarray(new)
+        kept.putpalette(colours.getpalette() or [])
+        frames.append(kept)
+        before = pixels
     duration_ms = round(1000 / FRAMES_PER_S[GIF])
     frames[0].save(
-        file, format="GIF", save_all=True, append_images=frames[1:], duration=duration_ms, loop=0, optimize=False
+        file, format="GIF", save_all=True, append_images=frames[1:], duration=duration_ms, loop=0, optimize=False,
+        transparency=_SAME, disposal=1,
     )

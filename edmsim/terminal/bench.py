@@ -81,4 +81,4 @@ class MonitorBench:
         elif address in bus.RAM:
             code.begin(address)
         else:
-            raise InputError(f"no 8085 code stands at {address:04X}H: the listings are lost; M shows what starts")
+            raise InputError(f"there is no 8085 code at {address:04X}H: the listings are lost; M shows what starts")

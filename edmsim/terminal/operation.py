@@ -167,7 +167,7 @@ class Operation:
         """Stop timers and generator."""
         self._check_alive()
         if not self.rig.moving and not self.rig.board.generator_line.running:
-            raise InputError("the machine stands still already")
+            raise InputError("the machine is not moving")
         self.rig.stand("STOPPED")
 
     def generator(self, on: bool) -> None:

@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from dataclasses import asdict
 from typing import TYPE_CHECKING
 
+from edmsim.validation.reasons import reason
 from edmsim.validation.rows import Row
 
 if TYPE_CHECKING:
@@ -34,15 +35,15 @@ def summary(rows: Sequence[Row]) -> str:
     """Say how many rows agree and fail, how many of these nobody explains, and how many rows do not count."""
     counted = judged(rows)
     failing = [row for row in counted if not row.passed]
-    told = (
+    counts = (
         f"{len(counted)} rows: {len(counted) - len(failing)} agree, {len(failing)} fail, "
         f"{sum(row.unexpected for row in failing)} of them without an explanation"
     )
     calibrations = sum(row.kind == "calibration" for row in rows)
     context = len(rows) - len(counted) - calibrations
     if len(counted) == len(rows):
-        return told
-    return f"{told}; {calibrations} of calibration and {context} of context do not count"
+        return counts
+    return f"{counts}; {calibrations} of calibration and {context} of context do not count"
 
 
 def render(rows: Sequence[Row]) -> RenderableType:
@@ -60,6 +61,31 @@ def render(rows: Sequence[Row]) -> RenderableType:
         style = "dim" if row.kind != "judged" else "" if row.passed else "red"
         table.add_row(result, row.name, row.published, simulated(row), style=style)
     return table
+
+
+def failed(rows: Sequence[Row]) -> list[Row]:
+    """Return the rows that count and fail."""
+    return [row for row in judged(rows) if not row.passed]
+
+
+def render_failed(rows: Sequence[Row]) -> RenderableType:
+    """Return the rows that count and fail for the terminal, each with the reason; fits any width."""
+    from rich.console import Group
+    from rich.padding import Padding
+    from rich.text import Text
+
+    shown: list[RenderableType] = []
+    topic = ""
+    for row in failed(rows):
+        if row.topic != topic:
+            topic = row.topic
+            shown.append(Text(f"{'' if len(shown) == 0 else chr(10)}{topic}", "bold"))
+        lines = [f"published: {row.published}", f"model: {simulated(row)}", f"why: {reason(row) or 'unknown'}"]
+        if row.note:
+            lines.append(f"more: {row.note}")
+        shown.append(Padding(Text(row.name, "red"), (0, 0, 0, 2)))
+        shown.append(Padding(Text("\n".join(lines)), (0, 0, 0, 4)))
+    return Group(*shown, Text(f"\n{summary(rows)}"))
 
 
 def rows_table(rows: Sequence[Row], seen_from: str = "docs") -> list[str]:
@@ -98,8 +124,8 @@ def markdown_cell(text: str) -> str:
     return text.replace("|", "\\|")
 
 
-def as_json(rows: Sequence[Row]) -> str:
-    """Return the rows as JSON; what is not finite is null."""
+def as_json(rows: Sequence[Row], shown: Sequence[Row] | None = None) -> str:
+    """Return the rows as JSON, or of all that were judged only those `shown`; what is not finite is null."""
     counted = judged(rows)
     return json.dumps(
         {
@@ -109,7 +135,7 @@ def as_json(rows: Sequence[Row]) -> str:
             "rows": [
                 {key: None if isinstance(value, float) and not math.isfinite(value) else value
                  for key, value in asdict(row).items()}
-                for row in rows
+                for row in (rows if shown is None else shown)
             ],
         },
         indent=2, allow_nan=False,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pyarrow as pa
@@ -14,6 +15,7 @@ from edmsim import InputError
 from edmsim.calibration import Log, read_log
 from edmsim.calibration.fit import spread
 from edmsim.calibration.log import BATCH_WINDOWS, COLUMNS, STRETCH_WINDOWS, Stretch, statistics, stretches
+from edmsim.calibration.output import causes
 
 SETTLE = 100
 """Windows of 25.5 ms at 20 um/s in a travel of 51 um."""
@@ -33,7 +35,7 @@ def log_of(*parts: dict[str, np.ndarray]) -> Log:
 
 def test_parquet_and_csv_are_read_alike(tmp_path: Path) -> None:
     table = pa.table(rows(5, mean_delay_us=np.array([1.0, np.nan, 3.0, 4.0, 5.0]), short=np.arange(5.0)))
-    table = table.append_column("x_um", pa.array(range(5)))  # what is not needed is not looked at
+    table = table.append_column("z_um", pa.array(range(5)))  # what is not needed is not looked at
     pa.parquet.write_table(table, tmp_path / "log.parquet")
     pa.csv.write_csv(table, tmp_path / "log.csv")
     for name in ("log.parquet", "log.csv"):
@@ -125,3 +127,32 @@ def test_of_many_stretches_those_that_differ_are_compared() -> None:
     steady = [Stretch(n, feed, 30.0, 100.0, np.zeros((10, 5))) for n, feed in enumerate([20.0] * 6 + [30.0, 10.0])]
     assert [s.feed_um_s for s in spread(steady, 3)] == [20.0, 30.0, 10.0]
     assert spread(steady, 99) == steady
+
+
+@pytest.mark.parametrize(
+    ("turn_deg", "radius_um", "wanted"),
+    [(0, 1, [0, 1, 2]), (90, 1, [0, 2]), (30, 1, [0, 1, 2]), (90, 100, [0, 2]), (30, 20_000, [0, 1, 2])],
+)
+def test_stretches_in_which_the_path_turns_are_left_out(turn_deg: int, radius_um: float, wanted: list[int]) -> None:
+    """The turn begins in window 600; a wire settles over 50 um, so the stretch after a corner counts again."""
+    count = SETTLE + 3 * STRETCH_WINDOWS
+    log = log_of(rows(count))
+    travel = np.arange(count) * 20.0 * 0.0255
+    turned = np.clip((travel - travel[600]) / radius_um, 0.0, np.radians(turn_deg))
+    steps = np.exp(1j * turned[:-1]) * np.diff(travel)
+    places = np.concatenate([[0.0], np.cumsum(steps)])
+    with_places = Log("made up", {**log.columns, "x_um": 2 * np.round(places.real / 2), "y_um": places.imag.round()})
+    everywhere = [s.first for s in stretches(log, SETTLE_UM)]
+    assert len(everywhere) == 3
+    assert [s.first for s in stretches(with_places, SETTLE_UM)] == [everywhere[k] for k in wanted]
+
+
+@pytest.mark.parametrize(
+    ("misfit", "resolution", "named"), [(9.0, "fast", "default or --resolution fine"), (2.0, "fast", "")]
+)
+def test_a_large_misfit_names_its_likely_causes_another_resolution_first(
+    misfit: float, resolution: str, named: str
+) -> None:
+    found = causes(SimpleNamespace(misfit=misfit), resolution)
+    assert bool(found) == bool(named)
+    assert not found or (named in found[1] and "--fit" in found[3])

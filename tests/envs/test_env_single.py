@@ -16,9 +16,10 @@ from gymnasium.error import InvalidAction, ResetNeeded
 from gymnasium.utils.env_checker import check_env
 
 import edmsim
-from edmsim.envs import DiscreteFeed
+from edmsim.envs import DiscreteFeed, render
 from edmsim.envs.observation import entries
 from edmsim.errors import InputError
+from edmsim.recording.figures.palette import VERMILION, rgb
 
 
 def run(env, actions, seed=None):
@@ -337,6 +338,12 @@ def test_pictures(make_env, env_name, monkeypatch, gl):
     assert picture.shape == (480, 640, 3)
     assert picture.dtype == np.uint8
     assert picture.std() > 5
+    env.step(env.action_space.sample())
+    strip = render.STRIP
+    after = env.render()
+    assert (after[-strip:] != picture[-strip:]).any()  # feed, pulses, reward
+    vermilion = (np.abs(after[:-strip].astype(int) - rgb(VERMILION)).max(axis=2) < 4).sum()
+    assert gl or vermilion > 20  # the wire and its sign in the legend
     env.close()
 
 

@@ -29,7 +29,7 @@ from edmsim.evaluation.compare import (
     usual,
 )
 from edmsim.evaluation.episode import HELD_BACK, Episode, Result
-from edmsim.evaluation.table import as_json, shown
+from edmsim.evaluation.table import as_json, render, shown
 from edmsim.learning import hyperparameters
 
 GAP_FEED, CORNER, CONTOUR = "edmsim/GapFeed-v1", "edmsim/Corner-v1", "edmsim/Contour-v1"
@@ -183,6 +183,35 @@ def test_figures_are_shown_with_their_intervals() -> None:
     assert shown("rate_mm2_min", Figure(12.34, 10.0, 123.4)) == "12.3 (10.0 to 123)"
     assert shown("short_share", Figure(0.125, 0.1, 0.2)) == "12.5 % (10.0 to 20.0)"
     assert shown("error_um", Figure(math.nan, math.nan, math.nan)) == ""
+    assert shown("breaks_per_m", Figure(0.0, 0.0, 419.0)) == "none (at most 419)"
+    assert shown("breaks_per_m", Figure(153.0, 0.0, 536.0)) == "153 (0.0 to 536)"
+
+
+def test_the_table_fits_a_terminal_of_eighty_columns_and_says_what_it_means() -> None:
+    from rich.console import Console
+
+    made = {
+        "oracle": [result(earned=100.0, error=1.0)] * 12, "fixed": [result(earned=0.0)] * 12,
+        "adaptive-off-time": [result(earned=50.0), *[result(earned=60.0, outcome="wire break")] * 11],
+    }
+    figures = {name: figures_of(cuts, made["oracle"], made["fixed"]) for name, cuts in made.items()}
+    comparison = Comparison(CONTOUR, "fast", tuple(range(12)), made, figures)
+    texts = []
+    for width in (80, 200):
+        console = Console(width=width)
+        with console.capture() as shown_there:
+            console.print(render(comparison, width))
+        texts.append(shown_there.get())
+    narrow, wide = texts
+    assert max(map(len, narrow.splitlines())) <= 80
+    assert narrow.splitlines()[1].split() == [
+        "controller", "score", "mm2/min", "short", "open", "s", "breaks", "jams",
+    ]  # fmt: skip
+    row = next(line for line in narrow.splitlines() if line.startswith("adaptive-off-time"))
+    assert row.split()[-2:] == ["11", "0"]
+    assert "1 what oracle earns" in " ".join(narrow.split())
+    for said in ("breaks/m", "none", "(at most"):
+        assert said in wide
 
 
 @pytest.mark.parametrize(

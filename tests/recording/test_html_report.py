@@ -19,7 +19,7 @@ from edmsim.recording.cut_folder import read_cut
 from edmsim.recording.html_report import page
 
 NAMES = [
-    "profile-error", "error-shares", "corner", "kerf-section", "pulses", "short-open", "ignition-delay",
+    "profile", "profile-error", "error-shares", "corner", "kerf-section", "pulses", "short-open", "ignition-delay",
     "wire-spectrum",
 ]
 
@@ -37,7 +37,7 @@ class Page(HTMLParser):
 
     def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
         told = dict(attrs)
-        if tag not in ("meta", "img"):
+        if tag not in ("meta", "img", "input"):
             self.open.append(tag)
         self.addresses += [told[key] or "" for key in ("src", "href") if key in told]
         if tag == "figure":
@@ -67,6 +67,7 @@ def test_every_cut_writes_a_page_that_needs_no_other_file(written: Page, small_c
     text = (small_cut.folder / "report.html").read_text(encoding="utf-8")
     assert not {"<script", "http://", "https://", "url(", "@import"} & set(text.split('"'))
     assert 'name="viewport"' in text
+    assert text.count('<label class="enlarge"><input type="checkbox"') == len(NAMES)
     assert "prefers-color-scheme: dark" in text
 
 
@@ -133,7 +134,7 @@ def test_a_page_made_again_is_the_one_the_cut_wrote(folder: Path, small_cut: Sim
 
 def test_figures_are_written_as_files(folder: Path) -> None:
     files = remake(folder, folder / "figures", "svg", print)
-    assert [file.stem for file in files] == NAMES
+    assert [file.stem for file in files] == NAMES[1:]  # the whole cut is profile.png
     assert all("</svg>" in file.read_text(encoding="utf-8") for file in files)
 
 

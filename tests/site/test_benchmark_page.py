@@ -39,7 +39,7 @@ def test_it_is_told_where_a_constant_set_point_reaches_the_reference(benchmark: 
     assert text == "The best classic controller, `counts`, scores 0.60 (0.60 to 0.60)."
     (text,) = benchmark.verdicts(comparison(**made, voltage=result(earned=97.0)))
     assert "`voltage`, scores 0.97" in text
-    assert "A constant set-point under a servo reaches the reference here" in text
+    assert "A servo with a constant set-point already comes as far as the reference here" in text
 
 
 @pytest.mark.parametrize(

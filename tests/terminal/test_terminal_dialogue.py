@@ -147,7 +147,7 @@ def test_codes_may_be_given_in_hexadecimal(operate):
         ("RUN", "there is no program; LOAD takes one from the host"),
         ("LOAD", "no host is connected; edmsim terminal --host FILE connects one"),
         ("GO", "no cut was stopped; START or RUN begins one"),
-        ("STOP", "the machine stands still already"),
+        ("STOP", "the machine is not moving"),
         ("WIRE", "the wire is whole"),
         ("HELP FOO", "there is no help on FOO; there is on"),
     ],

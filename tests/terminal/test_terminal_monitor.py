@@ -196,8 +196,8 @@ def test_every_character_is_handled_at_once(rig):  # T-83
         ("R ../X", "a tape's name has letters, figures, points and dashes"),
         ("H", "no host is connected; edmsim terminal --host FILE connects one"),
         ("M 1", "RETURN was wanted here"),
-        ("G 0108", "no 8085 code stands at 0108H: the listings are lost; M shows what starts"),
-        ("G 4020", "no 8085 code stands at 4020H"),
+        ("G 0108", "there is no 8085 code at 0108H: the listings are lost; M shows what starts"),
+        ("G 4020", "there is no 8085 code at 4020H"),
         ("D 20\x1b", "ended by the operator"),
     ],
 )

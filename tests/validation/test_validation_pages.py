@@ -12,7 +12,8 @@ from edmsim import validation
 from edmsim.errors import InputError
 from edmsim.machine.machine import Machine
 from edmsim.machine.parts import Constant
-from edmsim.validation.report import rows_table
+from edmsim.validation.reasons import REASONS
+from edmsim.validation.report import as_json, failed, render_failed, rows_table
 from edmsim.validation.rows import Row
 
 ROOT = Path(__file__).parents[2]
@@ -159,3 +160,30 @@ def test_only_a_failure_nobody_explains_fails_the_command(rows, status, json, mo
     assert '"agree": 1' in told if json else "explained" in told
 
 
+
+
+def test_every_row_that_fails_has_a_reason_in_a_sentence():
+    table = (ROOT / "docs" / "validation.md").read_text(encoding="utf-8")
+    failing = set()
+    for section in re.split(r"^## ", table, flags=re.MULTILINE)[1:]:
+        topic = section.splitlines()[0].lower()
+        failing |= {(topic, anchor) for anchor in re.findall(r"\*\*fails\*\*, \[why\]\([^#]*#([\w-]+)\)", section)}
+    assert failing == set(REASONS)
+
+
+def test_what_fails_fits_a_terminal_of_eighty_columns():
+    from rich.console import Console
+
+    name, note = "a row with a long name, " * 6, "docs/theory/emergence.md#lag"
+    long = Row.band("lag", name, "s", low=1, simulated=0.0, note=note)
+    console = Console(width=80, record=True)
+    with console.capture() as shown:
+        console.print(render_failed([*ROWS, long]))
+    text = shown.get()
+    assert max(map(len, text.splitlines())) <= 80
+    for said in ("why: unknown", "why: In tool steel", "4 rows: 1 agree, 3 fail"):
+        assert said in text
+    assert "agrees\n" not in text
+    kept = as_json(ROWS, failed(ROWS))
+    assert '"agree": 1' in kept
+    assert '"agrees"' not in kept

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 JOB = """\
 A JOB, STEP BY STEP                        HELP and a word tells more of it
- 1  STATUS              how the machine stands
+ 1  STATUS              what the machine is doing
  2  X 50   Y -200       jog an axis by so many um, with the generator off
  3  POS 1000 2000       call this place X 1000 Y 2000 um
  4  NEW 1300 2000       new position, straight; CW or CCW: on an arc
@@ -16,7 +16,7 @@ A JOB, STEP BY STEP                        HELP and a word tells more of it
  7  START               generator and timers on: cuts to the new position
  8  STATUS  STOP  WAIT  meanwhile: look, stop, or wait for the end
  9  BYE                 leaves, the machine made safe
-HELP MORE tells of programs, emergencies, typing and the monitor."""
+HELP MORE is about programs, emergencies, typing and the monitor."""
 
 MORE = """\
 MAIN asks for 3 to 7 one after the other.
