@@ -1,4 +1,4 @@
-"""Settings of a plant's generator as the pulse loop wants them, each worked out once."""
+"""PulseSettings of a plant's generator as the pulse loop wants them, each worked out once."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ if TYPE_CHECKING:
     from edmsim.machine.machine import Machine
 
 _MOST = 128
-"""Settings that are kept, some 10 kB each; a knob with detents comes back to them."""
+"""PulseSettings that are kept, some 10 kB each; a knob with detents comes back to them."""
 
 
-class Setting(NamedTuple):
+class PulseSetting(NamedTuple):
     """Times and currents of a setting, what follows for breakdown and gas; the machine with it; whether it is on."""
 
     timing: Timing
@@ -28,7 +28,7 @@ class Setting(NamedTuple):
     on: bool
 
 
-class Settings:
+class PulseSettings:
     """The settings of one machine.
 
     Parameters
@@ -40,9 +40,9 @@ class Settings:
 
     def __init__(self, machine: Machine, resolution: Resolution) -> None:
         self._machine, self._resolution = machine, resolution
-        self._known: dict[tuple[float, float, bool], Setting] = {}
+        self._known: dict[tuple[float, float, bool], PulseSetting] = {}
 
-    def get(self, t_on_us: float, t_period_us: float, on: bool) -> Setting:
+    def get(self, t_on_us: float, t_period_us: float, on: bool) -> PulseSetting:
         """Return a setting, with the generator on or off; raises `InputError` if the generator refuses it."""
         key = t_on_us, t_period_us, on
         if key not in self._known:
@@ -51,10 +51,10 @@ class Settings:
             self._known[key] = self._make(*key)
         return self._known[key]
 
-    def _make(self, t_on_us: float, t_period_us: float, on: bool) -> Setting:
+    def _make(self, t_on_us: float, t_period_us: float, on: bool) -> PulseSetting:
         machine = self._machine
         if (t_on_us, t_period_us) != (machine.t_on_us, machine.t_period_us):
             machine = machine.with_pulses(t_on_us, t_period_us)
         times = timing(machine) if on else switched_off(timing(machine))
         law = constants.gap_law(machine, self._resolution, times.open_V)
-        return Setting(times, law, constants.gas_law(machine, times), machine, on)
+        return PulseSetting(times, law, constants.gas_law(machine, times), machine, on)
