@@ -113,7 +113,7 @@ def cut(
             )
     except KeyboardInterrupt as interrupt:
         kept = (out / NAME).exists()
-        say("interrupted; the same command with --resume continues it" if kept else "interrupted before the cut began")
+        say("interrupted; the same command with --resume goes on" if kept else "interrupted before the cut began")
         number = next(iter(interrupt.args), signal.SIGINT)
         raise typer.Exit(128 + number) from None  # as shells have it
     if not quiet:
