@@ -68,6 +68,7 @@ def main() -> None:
     photograph(CUT / "report.html", INTO / "1-report-phone.png", PHONE)
     take_screenshots(find_recording(CUT), INTO, (0.5,))
     photograph(SITE / "index.html", INTO / "0-site.png", WIDE)
+    photograph(SITE / "guide" / "set-up.html", INTO / "0-site-phone.png", PHONE)
     for number, step in enumerate(STEPS, 2):
         photograph(SITE / f"{step}.html", INTO / f"{number}-{Path(step).name}.png", WIDE)
     print(*sorted(file.name for file in INTO.glob("*.png")), sep="\n")

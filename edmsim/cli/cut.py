@@ -90,7 +90,7 @@ def cut(
     unit: Unit = None,
     seed: Seed = 0,
     max_time: Annotated[float | None, typer.Option(help="Machine time in s after which to stop.")] = None,
-    resume: Annotated[bool, typer.Option("--resume", help="Take up the interrupted cut of the folder.")] = False,
+    resume: Annotated[bool, typer.Option("--resume", help="Continue the interrupted cut of the folder.")] = False,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Give up the folder's interrupted cut.")] = False,
     traces: Annotated[
         Path | None, typer.Option(help="File for gap voltage and current as an oscilloscope samples them, .parquet.")
@@ -130,7 +130,7 @@ def cut(
             )
     except KeyboardInterrupt as interrupt:
         kept = (folder / NAME).exists()
-        say("interrupted; take the cut up again with --resume" if kept else "interrupted before the cut began")
+        say("interrupted; the same command with --resume goes on" if kept else "interrupted before the cut began")
         number = next(iter(interrupt.args), signal.SIGINT)
         raise typer.Exit(128 + number) from None  # as shells have it
     if traces is not None:

@@ -29,7 +29,7 @@ def train(
     try:
         table = run(env_id, algo, out, steps, seed, resume, score, ERR)
     except KeyboardInterrupt:
-        say("interrupted; take an interrupted training up again with --resume")
+        say("interrupted; the same command with --resume continues the training")
         raise typer.Exit(INTERRUPTED) from None
     if table is not None:
         OUT.print(table)

@@ -165,7 +165,7 @@ def _read_block(
             unknown.append((word[0][:_LONGEST_TOLD], line))
         elif letter != "N":
             if letter in values:
-                raise InputError(f"the word {letter} stands twice in one block: write it once", file, line)
+                raise InputError(f"the word {letter} occurs twice in one block: write it once", file, line)
             values[letter] = _value(letter, number, file, line)
             pointed |= letter in "XYIJR" and "." in number
     block = Block(line, tuple(codes), values, pointed, deletable, tuple(idle), tuple(dropped))

@@ -201,11 +201,11 @@ class _Interpreter:
     def _refuse_stray_words(self, block: Block) -> None:
         words = block.values.keys()
         if "P" in words:
-            raise self.error("P stands without G4: only a dwell takes it", block)
+            raise self.error("P is given without G4: only a dwell takes it", block)
         if "L" in words:
-            raise self.error("L stands without M98: only the call of a subprogram takes it", block)
+            raise self.error("L is given without M98: only the call of a subprogram takes it", block)
         if self.motion not in (2, 3) and words & {"I", "J", "R"}:
-            raise self.error("I, J or R stands without G2 or G3: only an arc takes them", block)
+            raise self.error("I, J or R is given without G2 or G3: only an arc takes them", block)
 
     def _rapid(self, end: complex) -> None:
         self.start_known = True
