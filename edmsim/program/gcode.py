@@ -21,7 +21,7 @@ from edmsim.program.blocks import Block, read_blocks, read_text
 from edmsim.program.centres import Arc, CuttingMotion, prefer_absolute
 from edmsim.program.limits import LONGEST_DWELL_S, check_count, check_points
 from edmsim.program.outline import CutMove, Outline, Program, Run, Side, outline_of
-from edmsim.program.registers import Registers, register
+from edmsim.program.registers import OffsetRegisters, register
 from edmsim.program.subprograms import expanded
 from edmsim.program.words import IDLE_CODES, UNITS, Ignored
 
@@ -65,7 +65,7 @@ class _Interpreter:
 
     def __init__(self, metric_mm: float, file: str, offsets: Mapping[str, float]) -> None:
         self.file = file
-        self.registers = Registers(offsets, file)
+        self.registers = OffsetRegisters(offsets, file)
         self.metric_mm = metric_mm
         self.unit_mm = metric_mm
         self.absolute = True

@@ -58,7 +58,7 @@ def checked_offsets(offsets: Mapping[str, object], file: str | Path | None = Non
     return table
 
 
-class Registers:
+class OffsetRegisters:
     """The registers of a program while it is read, and which of them its contours use.
 
     Parameters
