@@ -16,10 +16,12 @@ from edmsim.cli.console import (
     Machine,
     Material,
     Offset,
+    Offsets,
     Unit,
     Wire,
     default_folder,
     named,
+    path_text,
     say,
 )
 from edmsim.errors import BAD_INPUT, InputError
@@ -37,6 +39,7 @@ def check(
     generator: Generator = "iso-pulse",
     offset: Offset = "auto",
     ignore: Ignore = "",
+    offsets: Offsets = None,
     layers: Layers = "",
     unit: Unit = None,
 ) -> None:
@@ -53,11 +56,11 @@ def check(
         raise InputError("the picture must end in .png, .svg or .pdf", picture)
     options = {
         "machine": machine, "material": material, "height_mm": height, "wire": wire, "generator": generator,
-        "offset": offset, "layers": named(layers), "unit": unit,
+        "offset": offset, "offsets": path_text(offsets), "layers": named(layers), "unit": unit,
     }
     unknown: dict[str, list[int]] = {}
     try:
-        found = look_at(program, CutSettings(**options, ignore=named(ignore)))
+        found = look_at(program, CutSettings.model_validate({**options, "ignore": named(ignore)}))
     except UnknownWordsError as error:
         unknown = error.words
         for word, lines in unknown.items():
@@ -66,7 +69,7 @@ def check(
         if not all(map(can_be_ignored, unknown)):
             raise typer.Exit(BAD_INPUT) from None
         say("what follows leaves them out, as --ignore " + ",".join(unknown))
-        found = look_at(program, CutSettings(**options, ignore=[*named(ignore), *unknown]))
+        found = look_at(program, CutSettings.model_validate({**options, "ignore": [*named(ignore), *unknown]}))
     for name, text in lines_of(found):
         OUT.print(f"{name:<12}{text}", highlight=False, soft_wrap=True, markup=False)
     for notice in found.path.notices:

@@ -32,6 +32,9 @@ Generator = Annotated[
 Tension = Annotated[float | None, typer.Option(help="Wire tension in N; default by wire.")]
 Resolution = Annotated[str, typer.Option(help="fast, default or fine.")]
 Offset = Annotated[str, typer.Option(help="Wire offset: auto, none, or mm.")]
+Offsets = Annotated[
+    Path | None, typer.Option(help="File with offset registers, lines as D1 = 0.155; by default the program's own.")
+]
 Ignore = Annotated[
     str, typer.Option(metavar="WORDS", help="Words of the program to leave out: M77,U", show_default=False)
 ]
@@ -68,6 +71,11 @@ def say(text: str) -> None:
 def named(text: str) -> list[str]:
     """Return the names of a list with commas, none if it is empty."""
     return [name.strip() for name in text.split(",") if name.strip()]
+
+
+def path_text(file: Path | None) -> str | None:
+    """Return a file as settings hold it."""
+    return None if file is None else str(file)
 
 
 def default_folder(program: Path) -> Path:

@@ -21,6 +21,7 @@ from edmsim.cli.console import (
     Machine,
     Material,
     Offset,
+    Offsets,
     Resolution,
     Seed,
     Tension,
@@ -28,6 +29,7 @@ from edmsim.cli.console import (
     Wire,
     default_folder,
     named,
+    path_text,
     say,
 )
 from edmsim.errors import InputError
@@ -86,6 +88,7 @@ def cut(
     resolution: Resolution = "default",
     offset: Offset = "auto",
     ignore: Ignore = "",
+    offsets: Offsets = None,
     layers: Layers = "",
     unit: Unit = None,
     seed: Seed = 0,
@@ -123,9 +126,9 @@ def cut(
                 pulse_shape=pulse_shape, wire_speed_m_s=wire_speed, flushing_lower_Pa=flushing_lower,
                 flushing_upper_Pa=flushing_upper, constants=dict(map(parse_constant, constant or ())),
                 controller=controller, planner=planner, drive=drive,
-                compensation=None if compensation is None else str(compensation), mechanics=mechanics,
-                resolution=resolution, offset=offset, ignore=named(ignore), layers=named(layers), unit=unit,
-                seed=seed, max_time_s=max_time, resume=resume, overwrite=overwrite,
+                compensation=path_text(compensation), mechanics=mechanics,
+                resolution=resolution, offset=offset, offsets=path_text(offsets), ignore=named(ignore),
+                layers=named(layers), unit=unit, seed=seed, max_time_s=max_time, resume=resume, overwrite=overwrite,
                 watch=watcher.show, enter=watcher.enter,
             )
     except KeyboardInterrupt as interrupt:

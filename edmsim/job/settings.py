@@ -111,6 +111,8 @@ class CutSettings(BaseModel):
     """Words of a G-code program to leave out, ``M77``, or letters, ``U``."""
     layers: tuple[str, ...] = ()
     """Layers of a drawing to cut; by default all that are shown."""
+    offsets: str | None = None
+    """File with a G-code program's offset registers, lines as ``D1 = 0.155`` in mm, for the offset auto."""
     unit: str | None = None
     """Unit of a drawing, mm, um, cm, m, in, ft or mil; by default what the drawing says."""
     seed: int = 0
@@ -260,6 +262,7 @@ class CutOptions(TypedDict, total=False):
     offset: str | float
     ignore: Sequence[str]
     layers: Sequence[str]
+    offsets: str | None
     unit: str | None
     seed: int
     max_time_s: float | None

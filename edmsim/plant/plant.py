@@ -34,7 +34,7 @@ from edmsim.plant.mechanics.mujoco_model import N_NODES, FullMechanics
 from edmsim.plant.readings import PlantReadings
 from edmsim.plant.resolution import Resolution
 from edmsim.plant.resolution import resolution as named_resolution
-from edmsim.plant.settings import PulseSettings
+from edmsim.plant.settings import GeneratorSettings
 from edmsim.plant.snapshot import check_snapshot
 from edmsim.plant.window import PlantError, PulseWindow, left_validity, read_window, wrong_step
 from edmsim.plant.workpiece.kerf_field import KerfField, Stock
@@ -132,7 +132,7 @@ class Plant(PlantReadings):
                     self._model.set_motor(axis, self._drives.axes.motors[axis : axis + 1])
         self._propagators, self._grid_us = allocate(Propagators, self._sizes), 0.0
         self._memory.put(self._propagators)
-        self._settings = PulseSettings(machine, res)
+        self._settings = GeneratorSettings(machine, res)
         self._pulses: NDArray[np.void] = np.zeros(0, PULSE)
         self._memory.put_own(pulses=self._pulses)
         self.reset(seed, stock=stock, position_um=position_um)

@@ -12,7 +12,7 @@ from edmsim.plant.axes.drives import Drives
 from edmsim.plant.gap.rays import Rays
 from edmsim.plant.kernel.state import GRID, PULSE, PULSES_PER_WINDOW, Arrays, Constants, Timing
 from edmsim.plant.resolution import Resolution
-from edmsim.plant.settings import PulseSetting
+from edmsim.plant.settings import GeneratorSetting
 from edmsim.plant.workpiece.kerf_field import KerfField
 
 if TYPE_CHECKING:
@@ -39,7 +39,7 @@ class PlantReadings:
     _window: NDArray[np.void]
     _arrays: Arrays
     _constants: Constants
-    _setting: PulseSetting
+    _setting: GeneratorSetting
     _drives: Drives
     _pulses: NDArray[np.void]
 

@@ -1,4 +1,4 @@
-"""PulseSettings of a plant's generator as the pulse loop wants them, each worked out once."""
+"""Settings of a plant's generator as the pulse loop wants them, each worked out once."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ if TYPE_CHECKING:
     from edmsim.machine.machine import Machine
 
 _MOST = 128
-"""PulseSettings that are kept, some 10 kB each; a knob with detents comes back to them."""
+"""Settings that are kept, some 10 kB each; a knob with detents comes back to them."""
 
 
-class PulseSetting(NamedTuple):
+class GeneratorSetting(NamedTuple):
     """Times and currents of a setting, what follows for breakdown and gas; the machine with it; whether it is on."""
 
     timing: Timing
@@ -28,7 +28,7 @@ class PulseSetting(NamedTuple):
     on: bool
 
 
-class PulseSettings:
+class GeneratorSettings:
     """The settings of one machine.
 
     Parameters
@@ -40,9 +40,9 @@ class PulseSettings:
 
     def __init__(self, machine: Machine, resolution: Resolution) -> None:
         self._machine, self._resolution = machine, resolution
-        self._known: dict[tuple[float, float, bool], PulseSetting] = {}
+        self._known: dict[tuple[float, float, bool], GeneratorSetting] = {}
 
-    def get(self, t_on_us: float, t_period_us: float, on: bool) -> PulseSetting:
+    def get(self, t_on_us: float, t_period_us: float, on: bool) -> GeneratorSetting:
         """Return a setting, with the generator on or off; raises `InputError` if the generator refuses it."""
         key = t_on_us, t_period_us, on
         if key not in self._known:
@@ -51,10 +51,10 @@ class PulseSettings:
             self._known[key] = self._make(*key)
         return self._known[key]
 
-    def _make(self, t_on_us: float, t_period_us: float, on: bool) -> PulseSetting:
+    def _make(self, t_on_us: float, t_period_us: float, on: bool) -> GeneratorSetting:
         machine = self._machine
         if (t_on_us, t_period_us) != (machine.t_on_us, machine.t_period_us):
             machine = machine.with_pulses(t_on_us, t_period_us)
         times = timing(machine) if on else switched_off(timing(machine))
         law = constants.gap_law(machine, self._resolution, times.open_V)
-        return PulseSetting(times, law, constants.gas_law(machine, times), machine, on)
+        return GeneratorSetting(times, law, constants.gas_law(machine, times), machine, on)

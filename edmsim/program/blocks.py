@@ -8,11 +8,14 @@ from pathlib import Path
 
 from edmsim.errors import InputError
 from edmsim.program.limits import GREATEST_NUMBER, check_size
+from edmsim.program.registers import register
 from edmsim.program.words import IDLE, VALUES, Ignored, UnknownWordsError, code_of
 
 _WORD = re.compile(r"([A-Z])([+-]?(?:\d+\.?\d*|\.\d+))")
 _COMMENT = re.compile(r"\([^()]*\)|;.*")
+_OFFSET = re.compile(r"([DH])(\d{1,4})=([+-]?(?:\d+\.?\d*|\.\d+))")
 _LONGEST_TOLD = 12
+_CALL = ("M", 98)
 _END_CODES = frozenset({("M", 2), ("M", 30)})
 
 
@@ -36,6 +39,8 @@ class Block:
         Words that cannot change a contour, as they stand.
     ignored : tuple of str
         Words the user leaves out.
+    offsets : tuple of (str, float)
+        Registers that the block gives a value, ``D1=0.155``, as written.
     """
 
     line: int
@@ -45,6 +50,7 @@ class Block:
     deletable: bool
     idle: tuple[str, ...] = ()
     ignored: tuple[str, ...] = ()
+    offsets: tuple[tuple[str, float], ...] = ()
 
     @property
     def ends_program(self) -> bool:
@@ -78,11 +84,11 @@ def read_text(file: Path) -> str:
         raise InputError(f"{byte}: the text is not UTF-8, save it as UTF-8", file) from None
 
 
-def read_blocks(text: str, file: str, ignored: Ignored) -> tuple[list[Block], list[str]]:
+def read_blocks(text: str, file: str, ignored: Ignored) -> tuple[list[Block], list[Block], list[str]]:
     """Split a program into blocks.
 
     Comments, N words, lower case, blanks and empty lines leave no trace. The program ends at M2 or M30, at a
-    second ``%``, or with the text.
+    second ``%``, or with the text. What stands behind M2 or M30 is read where the program calls subprograms.
 
     Parameters
     ----------
@@ -97,6 +103,8 @@ def read_blocks(text: str, file: str, ignored: Ignored) -> tuple[list[Block], li
     -------
     blocks : list of Block
         Every line that holds a word.
+    behind : list of Block
+        Those of subprograms.
     notices : list of str
         What was left out.
 
@@ -123,11 +131,17 @@ def read_blocks(text: str, file: str, ignored: Ignored) -> tuple[list[Block], li
             if block.ends_program:
                 last = number
                 break
+    behind: list[Block] = []
+    if any(_CALL in block.codes for block in blocks):
+        while last < len(lines) and not lines[last].lstrip().startswith("%"):
+            block = _read_block(lines[last], last + 1, file, ignored, unknown)
+            behind += [] if block is None else [block]
+            last += 1
     if unknown:
         raise UnknownWordsError(unknown, file)
     if not blocks:
         raise InputError("the program is empty: no word of G-code in it", file)
-    return blocks, _left_out(lines, last)
+    return blocks, behind, _left_out(lines, last)
 
 
 def _left_out(lines: list[str], last: int) -> list[str]:
@@ -147,9 +161,16 @@ def _read_block(
     values: dict[str, float] = {}
     idle: list[str] = []
     dropped: list[str] = []
+    offsets: list[tuple[str, float]] = []
     pointed = False
     at = int(deletable)
     while at < len(bare) and _END_CODES.isdisjoint(codes):
+        given = _OFFSET.match(bare, at)
+        if given is not None:
+            at = given.end()
+            offsets.append((register(given[1], given[2]), _value(given[1], given[3], file, line)))
+            pointed |= "." in given[3]
+            continue
         word = _WORD.match(bare, at)
         if word is None:
             unknown.append((bare[at : at + _LONGEST_TOLD], line))
@@ -168,8 +189,8 @@ def _read_block(
                 raise InputError(f"the word {letter} occurs twice in one block: write it once", file, line)
             values[letter] = _value(letter, number, file, line)
             pointed |= letter in "XYIJR" and "." in number
-    block = Block(line, tuple(codes), values, pointed, deletable, tuple(idle), tuple(dropped))
-    return block if codes or values or idle or dropped else None
+    block = Block(line, tuple(codes), values, pointed, deletable, tuple(idle), tuple(dropped), tuple(offsets))
+    return block if codes or values or idle or dropped or offsets else None
 
 
 def _value(letter: str, number: str, file: str, line: int) -> float:

@@ -9,7 +9,7 @@ the coordinates.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -21,6 +21,8 @@ from edmsim.program.blocks import Block, read_blocks, read_text
 from edmsim.program.centres import Arc, CuttingMotion, prefer_absolute
 from edmsim.program.limits import LONGEST_DWELL_S, check_count, check_points
 from edmsim.program.outline import CutMove, Outline, Program, Run, Side, outline_of
+from edmsim.program.registers import OffsetRegisters, register
+from edmsim.program.subprograms import expanded
 from edmsim.program.words import IDLE_CODES, UNITS, Ignored
 
 TABLE_MM = 65.0
@@ -61,8 +63,9 @@ class _Notices:
 class _Interpreter:
     """The modal state of a control, and the runs it leaves behind."""
 
-    def __init__(self, metric_mm: float, file: str) -> None:
+    def __init__(self, metric_mm: float, file: str, offsets: Mapping[str, float]) -> None:
         self.file = file
+        self.registers = OffsetRegisters(offsets, file)
         self.metric_mm = metric_mm
         self.unit_mm = metric_mm
         self.absolute = True
@@ -151,10 +154,11 @@ class _Interpreter:
             unit = f" {_FEED_UNITS[self.unit_mm]}" if self.feed_per_minute else ""
             feed = f"feed F{block.values['F']:g}{unit}"
             self.notices.add(f"{feed} is not used: the gap controller sets the speed", block.line)
-        for letter in "DH":
-            if letter in block.values:
-                self.notices.add(f"offset register {letter}{block.values[letter]:g} is not in the program: "
-                                 "the offset is the one given for the cut", block.line)
+        for name, value in block.offsets:
+            self.registers.define(name, value * self.unit_mm, block.line)
+        called = [register(letter, block.values[letter]) for letter in "DH" if letter in block.values]
+        for told in self.registers.call(called, block.line):
+            self.notices.add(told, block.line)
 
     def _dwell(self, block: Block) -> None:
         times = [block.values[letter] for letter in "PX" if letter in block.values]
@@ -224,6 +228,8 @@ class _Interpreter:
             self.notices.add("neither G92 nor G0 before the first cut: the wire starts at X0 Y0", block.line)
             self.start_known = True
         arc = self._arc(block, end) if self.motion in (2, 3) else None
+        if self.side is not None:
+            self.registers.use(block.line)
         self.runs[-1][1].append(CuttingMotion(self.position, end, self.side, block.line, arc))
 
     def _arc(self, block: Block, end: complex) -> Arc:
@@ -242,7 +248,9 @@ class _Interpreter:
         return Arc(turn, start + centre, centre + self.shift if {"I", "J"} <= values.keys() else None)
 
 
-def read_gcode(file: str | Path, ignore: Sequence[str] = ()) -> Program:
+def read_gcode(
+    file: str | Path, ignore: Sequence[str] = (), offsets: Mapping[str, float] | None = None
+) -> Program:
     """Read a G-code program.
 
     Parameters
@@ -251,6 +259,8 @@ def read_gcode(file: str | Path, ignore: Sequence[str] = ()) -> Program:
         The program, UTF-8 text.
     ignore : sequence of str
         Words to leave out, as ``M77``, or letters, as ``U``.
+    offsets : mapping of str to float, optional
+        Offsets in mm by register, ``{"D1": 0.155}``; what the program says of one comes before it.
 
     Returns
     -------
@@ -266,16 +276,19 @@ def read_gcode(file: str | Path, ignore: Sequence[str] = ()) -> Program:
         With file and line: an arc that fits neither way, a contour that makes no sense.
     """
     path = Path(file)
-    blocks, notices = read_blocks(read_text(path), str(path), Ignored.of(ignore))
+    blocks, behind, notices = read_blocks(read_text(path), str(path), Ignored.of(ignore))
+    blocks, told = expanded(blocks, behind, str(path))
+    notices += told
     metric_mm, unit_notices = _metric_unit(blocks, str(path))
-    control = _Interpreter(metric_mm, str(path))
+    control = _Interpreter(metric_mm, str(path), offsets or {})
     for block in blocks:
         control.run_block(block)
     try:
         outlines = _outlines(control, notices)
     except InputError as error:
         raise InputError(error.reason, path, error.line) from None
-    return Program(tuple(outlines), (*unit_notices, *control.notices.texts(), *notices), str(path))
+    notices = [*unit_notices, *control.notices.texts(), *notices]
+    return Program(tuple(outlines), tuple(notices), str(path), control.registers.offset_mm)
 
 
 def _metric_unit(blocks: list[Block], file: str) -> tuple[float, list[str]]:

@@ -13,7 +13,8 @@ GCODE_SUFFIXES = (".ngc", ".nc", ".gcode", ".iso", ".txt")
 
 
 def load_program(
-    file: str | Path, *, ignore: Sequence[str] = (), layers: Sequence[str] = (), unit: str | None = None
+    file: str | Path, *, ignore: Sequence[str] = (), layers: Sequence[str] = (), unit: str | None = None,
+    offsets: str | Path | None = None,
 ) -> Program:
     """Read a part program or drawing, by its suffix.
 
@@ -25,6 +26,8 @@ def load_program(
         Words of G-code to leave out: `read_gcode`.
     layers, unit
         Of a drawing: `read_dxf`.
+    offsets : path, optional
+        Table of the offset registers of G-code: `edmsim.program.registers.read_offsets`.
 
     Returns
     -------
@@ -40,6 +43,8 @@ def load_program(
     if suffix == ".dxf":
         if ignore:
             raise InputError("words are ignored in G-code: a drawing has none", path)
+        if offsets is not None:
+            raise InputError("offset registers are those of G-code: a drawing has none", path)
         from edmsim.program.dxf import read_dxf
 
         return read_dxf(path, layers, unit)
@@ -47,7 +52,8 @@ def load_program(
         if layers or unit is not None:
             raise InputError("layers and unit are those of a drawing: G-code has none", path)
         from edmsim.program.gcode import read_gcode
+        from edmsim.program.registers import read_offsets
 
-        return read_gcode(path, ignore)
+        return read_gcode(path, ignore, {} if offsets is None else read_offsets(offsets))
     known = " ".join(GCODE_SUFFIXES)
     raise InputError(f"unknown suffix '{path.suffix}': give G-code ({known}) or a drawing (.dxf)", path)

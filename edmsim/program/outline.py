@@ -92,11 +92,14 @@ class Program:
         What a user should know about how it was read.
     source : str
         The file.
+    offset_mm : float, optional
+        Offset of its registers, in mm; None if it has none.
     """
 
     outlines: tuple[Outline, ...]
     notices: tuple[str, ...]
     source: str
+    offset_mm: float | None = None
 
 
 @dataclass(frozen=True)
@@ -163,7 +166,7 @@ def outline_of(run: Run) -> tuple[Outline, list[str]]:
     else:
         begin, end = loop
     rest = run.moves[end:]
-    if len(rest) > _LONGEST_LEAD_OUT:
+    if len(rest) > _LONGEST_LEAD_OUT or (loop is not None and _goes_on(run, first, loop, last)):
         raise InputError(_rest_reason(run, loop, last), line=rest[0].line)
     notices = [f"line {move.line}: the lead-out after the contour is left out" for move in rest[:1]]
     return _assemble(run, first, begin, end, loop is not None), notices
@@ -172,13 +175,24 @@ def outline_of(run: Run) -> tuple[Outline, list[str]]:
 def _rest_reason(run: Run, loop: tuple[int, int] | None, last: int) -> str:
     """Say why moves after an edge cannot be a lead-out: the contour meets itself and goes on, or is over."""
     begin, end = loop or (0, last)
-    told = f"{len(run.moves) - end} moves follow after"
+    count = len(run.moves) - end
+    told = "1 move follows after" if count == 1 else f"{count} moves follow after"
     if loop is None or end == last < len(run.moves):
         return f"{told} compensation is off: bring the wire to the next contour with G0"
     place = run.moves[end - 1].points[-1]
     lines = f"lines {run.moves[begin].line} and {run.moves[end - 1].line}"
     return (f"{told} the contour has met itself at X{place.real:.3f} Y{place.imag:.3f} ({lines}), "
             "where it is closed: draw it without touching itself, or bring the wire to the next contour with G0")
+
+
+def _goes_on(run: Run, first: int, loop: tuple[int, int], last: int) -> bool:
+    """Say whether what is before and after a loop makes another one: the contour only touches itself there."""
+    vertices, (begin, end) = _vertices(run), loop
+    return any(
+        abs(vertices[k] - vertices[m]) <= JOIN_TOLERANCE_MM
+        and _encloses(vertices[k], (*run.moves[k:begin], *run.moves[end:m]))
+        for k in range(first + 1, begin) for m in range(end + 1, last + 1)
+    )
 
 
 def _vertices(run: Run) -> list[complex]:

@@ -142,6 +142,7 @@ def plan_path(
     ignore: Sequence[str] = (),
     layers: Sequence[str] = (),
     unit: str | None = None,
+    offsets: str | Path | None = None,
 ) -> CutPath:
     """Plan the whole cut of a part program.
 
@@ -158,8 +159,8 @@ def plan_path(
     file : path
         See `load_program`.
     offset : "auto", "none" or float
-        "auto": `auto_offset_mm`; "none": 0, the wire's centre follows everything as drawn; else an offset in
-        mm, also as text.
+        "auto": that of the program's offset register, else `auto_offset_mm`; "none": 0, the wire's centre follows
+        everything as drawn; else an offset in mm, also as text.
     auto_offset_mm : float
         Wire radius and expected side gap together, in mm.
     table_um : int, optional
@@ -170,7 +171,7 @@ def plan_path(
         Length of our own lead-ins in mm; shortened, with a notice, where there is no room.
     start_hole_radius_mm : float
         Radius of the hole at every thread point, in mm.
-    ignore, layers, unit
+    ignore, layers, unit, offsets
         See `load_program`.
 
     Returns
@@ -183,14 +184,17 @@ def plan_path(
     InputError
         A bad setting or program, a wire that does not fit, an approach through the part, a job too large.
     """
-    offset_mm = _offset_mm(offset, auto_offset_mm)
+    _offset_mm(offset, auto_offset_mm)
     for name, value in (("lead_in_mm", lead_in_mm), ("start_hole_radius_mm", start_hole_radius_mm)):
         if not (math.isfinite(value) and value > 0):
             raise InputError(f"{name} is {value}: give a length above 0 mm")
     if table_um is None:
         table_um = round(Machine.load().base.table.travel_mm.value * 1e3)
-    program = load_program(file, ignore=ignore, layers=layers, unit=unit)
+    program = load_program(file, ignore=ignore, layers=layers, unit=unit, offsets=offsets)
     notices = list(program.notices)
+    offset_mm = _offset_mm(offset, auto_offset_mm if program.offset_mm is None else program.offset_mm)
+    if program.offset_mm not in (None, offset_mm):
+        notices.append(f"the offset is {offset_mm:g} mm, as asked, not the {program.offset_mm:g} mm of the register")
     legs = [_leg(program, outline, offset_mm, notices) for outline in program.outlines]
     _keep_apart(legs, program.source)
     edges = shapely.MultiLineString([leg.edge for leg in legs])

@@ -98,10 +98,14 @@ def unreachable(
     for chords in _runs(~_touched(edge, path, distance_mm), edge):
         vertices = np.append(chords, chords[-1] + 1)
         in_run[vertices] = True
-        worst = int(vertices[left[vertices].argmax()])
-        x, y = edge[worst].tolist()
-        line = line_numbers[min(worst, len(line_numbers) - 1)]
-        found.append(Unreachable((x, y), float(left[worst]), _radius_mm(edge, vertices, sharp), line))
+        radius_mm = _radius_mm(edge, vertices, sharp)
+        # a corner lies at its vertex, all else in the middle of a chord
+        spots = edge[vertices[sharp[vertices]]] if radius_mm == 0 else (edge[chords] + edge[chords + 1]) / 2
+        stays = np.atleast_1d(shapely.distance(shapely.LineString(path), shapely.points(spots))) - distance_mm
+        worst = int(stays.argmax())
+        x, y = spots[worst].tolist()
+        most = max(float(stays[worst]), float(left[vertices].max()))
+        found.append(Unreachable((x, y), most, radius_mm, line_numbers[int(chords[min(worst, len(chords) - 1)])]))
     for vertex in np.flatnonzero(sharp & ~in_run & (left > REACH_TOLERANCE_MM)).tolist():
         x, y = edge[vertex].tolist()
         found.append(Unreachable((x, y), float(left[vertex]), 0.0, line_numbers[vertex]))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -61,7 +61,7 @@ def _is_closed(line: NDArray[np.float64]) -> bool:
     return len(line) > 2 and bool(np.allclose(line[0], line[-1], atol=1e-6))
 
 
-def _write_dxf(layers: dict[str, Sequence[NDArray[np.float64]]], file: Path) -> None:
+def _write_dxf(layers: Mapping[str, Sequence[NDArray[np.float64]]], file: Path) -> None:
     from ezdxf.filemanagement import new
 
     document = new("R2010", units=4)
@@ -74,7 +74,7 @@ def _write_dxf(layers: dict[str, Sequence[NDArray[np.float64]]], file: Path) -> 
     document.saveas(file)
 
 
-def _write_csv(layers: dict[str, Sequence[NDArray[np.float64]]], file: Path) -> None:
+def _write_csv(layers: Mapping[str, Sequence[NDArray[np.float64]]], file: Path) -> None:
     with file.open("w", newline="", encoding="utf-8") as opened:
         rows = csv.writer(opened)
         rows.writerow(["layer", "line", "x_mm", "y_mm"])
@@ -83,7 +83,7 @@ def _write_csv(layers: dict[str, Sequence[NDArray[np.float64]]], file: Path) -> 
                 rows.writerows([layer, number, f"{x:.5f}", f"{y:.5f}"] for x, y in line)
 
 
-def _write_svg(layers: dict[str, Sequence[NDArray[np.float64]]], file: Path) -> None:
+def _write_svg(layers: Mapping[str, Sequence[NDArray[np.float64]]], file: Path) -> None:
     points = np.concatenate([line for lines in layers.values() for line in lines])
     (x0, y0), (x1, y1) = points.min(axis=0) - 0.5, points.max(axis=0) + 0.5
     width, height = x1 - x0, y1 - y0

@@ -49,9 +49,9 @@ def deviation(quality: Quality, origin_mm: tuple[float, float]) -> dict[str, Any
     }
 
 
-def _place(worst: WorstPlace | None, origin_mm: tuple[float, float]) -> dict[str, Any] | None:
+def _place(worst: WorstPlace | None, origin_mm: tuple[float, float]) -> dict[str, Any]:
     if worst is None:
-        return None
+        return dict.fromkeys(("program_x_mm", "program_y_mm", "error_um", "why", "made_by"))
     return {
         "program_x_mm": worst.x_mm - origin_mm[0], "program_y_mm": worst.y_mm - origin_mm[1],
         "error_um": worst.error_um, "why": worst.why, "made_by": worst.made_by,
@@ -65,9 +65,9 @@ def _element(row: dict[str, Any], origin_mm: tuple[float, float]) -> dict[str, A
     return row
 
 
-def worst_line(at: Mapping[str, Any] | None) -> str:
+def worst_line(at: Mapping[str, Any]) -> str:
     """Say where an error is largest and why."""
-    if at is None:
+    if at["why"] is None:
         return "not measured"
     # 0.0 +: a hair below zero would read -0.000
     x, y = (round(at[f"program_{axis}_mm"], 6) + 0.0 for axis in "xy")
@@ -83,7 +83,7 @@ def deviation_lines(report: Mapping[str, Any]) -> list[tuple[str, str]]:
         return []
     reachable = profile["reachable"]
     lines = [("largest error", worst_line(profile["at"]))]
-    if profile["at"] is not None and profile["at"]["why"] == "out of reach":
+    if profile["at"]["why"] == "out of reach":
         figures = f"{reachable['max']:.1f} µm max, {reachable['rms']:.1f} µm rms, {reachable['p95']:.1f} µm for 95 %"
         lines += [("within the wire's reach", figures), ("largest error there", worst_line(reachable["at"]))]
     return [*lines, ("offset", offset_line(offset))]

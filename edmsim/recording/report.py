@@ -148,7 +148,8 @@ def _at_limit(windows: pa.Table, limit_um_s: float) -> float | None:
     """Return the share of time at the greatest feed; feeds are whole speed units of the planner, so 1 % below it."""
     if not math.isfinite(limit_um_s):
         return None
-    return _weighted(1.0 * (column(windows, "feed_um_s") > 0.99 * limit_um_s), column(windows, "t_period_us"))
+    at_limit = np.where(column(windows, "feed_um_s") > 0.99 * limit_um_s, 1.0, 0.0)
+    return _weighted(at_limit, column(windows, "t_period_us"))
 
 
 def _mean(windows: pa.Table, name: str) -> float | None:

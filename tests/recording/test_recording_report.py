@@ -98,7 +98,9 @@ def test_what_could_not_be_obtained_is_null(tmp_path: Path) -> None:
     assert back == report
     assert back["kerf_um"] == {"mean": None, "min": None, "max": None}
     assert set(back["feed_um_s"].values()) == {None}
-    assert back["profile_error_um"]["reachable"] == {"max": None, "rms": None, "p95": None, "at": None}
+    at = dict.fromkeys(("program_x_mm", "program_y_mm", "error_um", "why", "made_by"))
+    assert back["profile_error_um"]["at"] == at
+    assert back["profile_error_um"]["reachable"] == {"max": None, "rms": None, "p95": None, "at": at}
     assert set(back["offset"].values()) == {None}
     assert back["pulse_share"] == dict.fromkeys(("spark", "arc", "short", "open"))
     assert back["settings"] == {"out": "x", "t": None}

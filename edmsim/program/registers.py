@@ -1,0 +1,117 @@
+"""Offset registers: what D1 or H1 of a program mean, from the program itself or from a file."""
+
+from __future__ import annotations
+
+import math
+import re
+import tomllib
+from collections.abc import Mapping
+from pathlib import Path
+
+from edmsim.errors import InputError
+
+_NAME = re.compile(r"([DH])0*(\d{1,4})")
+GREATEST_MM = 10.0
+"""Of an offset (ours: no wire is thicker)."""
+
+
+def register(letter: str, number: str | float) -> str:
+    """Return a register's name as tables have it, ``D1`` for ``D01`` or ``D1.``."""
+    return f"{letter}{int(number)}"
+
+
+def read_offsets(file: str | Path) -> dict[str, float]:
+    """Read a table of offsets: lines as ``D1 = 0.155``, in mm, with ``#`` before a comment.
+
+    Returns
+    -------
+    dict of str to float
+        By register, in mm.
+
+    Raises
+    ------
+    InputError
+        No such file, or a line that is none of these.
+    """
+    path = Path(file)
+    try:
+        told = tomllib.loads(path.read_text(encoding="utf-8-sig"))
+    except FileNotFoundError:
+        raise InputError("no such file: give a table of offsets with lines as D1 = 0.155", path) from None
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"cannot be read: {error}", path) from None
+    except tomllib.TOMLDecodeError as error:
+        raise InputError(f"not a table of offsets with lines as D1 = 0.155: {error}", path) from None
+    return checked_offsets(told, path)
+
+
+def checked_offsets(offsets: Mapping[str, object], file: str | Path | None = None) -> dict[str, float]:
+    """Return offsets in mm by register; raises `InputError` at names and values that are none."""
+    table: dict[str, float] = {}
+    for name, value in offsets.items():
+        found = _NAME.fullmatch(name.strip().upper())
+        if found is None:
+            raise InputError(f"there is no offset register {name!r}: name them D1, D2 or H1, H2", file)
+        if isinstance(value, bool) or not isinstance(value, int | float) or not 0 <= value <= GREATEST_MM:
+            raise InputError(f"the offset {name} is {value!r}: give 0 to {GREATEST_MM:g} mm", file)
+        table[register(found[1], found[2])] = float(value)
+    return table
+
+
+class OffsetRegisters:
+    """The registers of a program while it is read, and which of them its contours use.
+
+    Parameters
+    ----------
+    offsets : mapping of str to float
+        In mm, of a file; what the program itself says comes before it.
+    file : str
+        The program, for error messages.
+    """
+
+    def __init__(self, offsets: Mapping[str, float], file: str) -> None:
+        self._table = dict(offsets)
+        self._file = file
+        self._used: dict[str, int] = {}
+        self.in_force: str | None = None
+
+    def define(self, name: str, offset_mm: float, line: int) -> None:
+        """Take over what the program says of a register."""
+        if not (math.isfinite(offset_mm) and 0 <= offset_mm <= GREATEST_MM):
+            raise InputError(f"the offset {name} is {offset_mm:g} mm: give 0 to {GREATEST_MM:g} mm", self._file, line)
+        self._table[name] = offset_mm
+
+    def call(self, names: list[str], line: int) -> list[str]:
+        """Take D and H words of a block, and return what to tell of them."""
+        known = [name for name in names if name in self._table]
+        if len(known) > 1:
+            raise InputError(f"{' and '.join(known)} are both offsets: call one in a block", self._file, line)
+        if known:
+            self.in_force = known[0]
+        elif names and self._table:
+            there = ", ".join(sorted(self._table))
+            reason = f"the offset register {names[0]} is not in the table: there are {there}"
+            raise InputError(reason, self._file, line)
+        return [
+            f"offset register {name} is {self._table[name]:g} mm" if name in known
+            else f"offset register {name} is not in the program: the offset is the one given for the cut"
+            for name in names if name in known or not known
+        ]  # fmt: skip
+
+    def use(self, line: int) -> None:
+        """Note that a move is compensated by the register in force."""
+        if self.in_force is not None:
+            self._used.setdefault(self.in_force, line)
+
+    @property
+    def offset_mm(self) -> float | None:
+        """The one offset of all contours; None if no register is used."""
+        first, *others = self._used or (None,)
+        for other in others:
+            if self._table[other] != self._table[str(first)]:
+                told = " and ".join(f"{name} {self._table[name]:g} mm" for name in (str(first), other))
+                raise InputError(
+                    f"contours with different offsets, {told}, are in one program: cut them as two programs",
+                    self._file, self._used[other],
+                )  # fmt: skip
+        return None if first is None else self._table[first]

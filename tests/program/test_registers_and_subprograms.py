@@ -1,0 +1,175 @@
+"""Offsets by register, from the program or a file; subprograms in place of their calls."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import shapely
+from hypothesis import given
+from hypothesis import strategies as st
+
+from edmsim.errors import InputError
+from edmsim.program import load_program, plan_path
+from edmsim.program.outline import Program
+from edmsim.program.path import CutPath
+from edmsim.program.registers import checked_offsets, read_offsets
+
+SQUARE = "G92 X5 Y-2.\n{}\nG41 {} G1 X5 Y0\nX0\nY8\nX10\nY0\nX5\nG40 Y-2\nM02\n"
+
+
+def plan(folder: Path, text: str, offset: str | float = "auto", table: str | None = None) -> CutPath:
+    (folder / "a.ngc").write_text(text)
+    if table is not None:
+        (folder / "table.toml").write_text(table)
+    return plan_path(
+        folder / "a.ngc", offset, auto_offset_mm=0.2, offsets=None if table is None else folder / "table.toml"
+    )
+
+
+def read(folder: Path, text: str) -> Program:
+    (folder / "a.ngc").write_text(text)
+    return load_program(folder / "a.ngc")
+
+
+@pytest.mark.parametrize(
+    ("define", "call", "table", "offset_um"),
+    [
+        ("D1=0.155", "D1", None, 155.0),
+        ("H001 = +000000.1450 (as some controls write it)", "H1", None, 145.0),
+        ("", "D01", "D1 = 0.16  # rough cut\nD2 = 0.13\n", 160.0),
+        ("D1=0.15", "D1", "D1 = 0.16\n", 150.0),
+        ("G20\nD1=0.01\nG21", "D1", None, 254.0),
+        ("", "D1", None, 200.0),
+        ("D1=0.155", "", None, 200.0),
+    ],
+)
+def test_the_register_is_the_offset(
+    tmp_path: Path, define: str, call: str, table: str | None, offset_um: float
+) -> None:
+
+
+    path = plan(tmp_path, SQUARE.format(define, call), table=table)
+    assert path.offset_um == pytest.approx(offset_um)
+    (contour,) = path.contours
+    wire = shapely.LineString(contour.points_um[contour.lead_in_moves :])
+    edge = shapely.LineString(contour.nominal_mm * 1e3)
+    assert wire.distance(edge) == pytest.approx(offset_um, abs=1.0)
+
+
+def test_whole_um_count_for_registers_as_well(tmp_path: Path) -> None:
+    text = SQUARE.replace("-2.", "-2000").replace("Y-2\n", "Y-2000\n").format("D1=155", "D1")
+    for short, long in (("X5", "X5000"), ("Y8", "Y8000"), ("X10", "X10000")):
+        text = text.replace(f"{short}\n", f"{long}\n").replace(f"{short} ", f"{long} ")
+    assert plan(tmp_path, text).offset_um == pytest.approx(155.0)
+
+
+def test_an_offset_that_was_asked_for_wins_with_a_notice(tmp_path: Path) -> None:
+    path = plan(tmp_path, SQUARE.format("D1=0.155", "D1"), offset=0.16)
+    assert path.offset_um == 160.0
+    assert "the offset is 0.16 mm, as asked, not the 0.155 mm of the register" in path.notices
+
+
+@pytest.mark.parametrize(
+    ("text", "line", "named"),
+    [
+        (SQUARE.format("D1=0.155", "D2"), 3, "D2 is not in the table: there are D1"),
+        (SQUARE.format("D1=0.155 H2=0.1", "D1 H2"), 3, "D1 and H2 are both offsets"),
+        (SQUARE.format("D1=-0.155", "D1"), 2, "the offset D1 is -0.155 mm"),
+        (SQUARE.format("D1=0.155 D2=0.15", "D1").replace("\nX0\n", "\nX0 D2\n"), 4, "D1 0.155 mm and D2 0.15 mm"),
+    ],
+)
+def test_registers_that_make_no_sense(tmp_path: Path, text: str, line: int, named: str) -> None:
+    with pytest.raises(InputError, match=named) as refused:
+        plan(tmp_path, text)
+    assert refused.value.line == line
+
+
+@pytest.mark.parametrize(
+    ("text", "named"),
+    [("D1 is 0.1", "lines as D1 = 0.155"), ("X1 = 0.1", "'X1'"), ("D1 = 'thick'", "'thick'"), ("D1 = -1", "-1"),
+     ("D1 = true", "True"), ("D1 = nan", "nan")],
+)  # fmt: skip
+def test_tables_that_make_no_sense(tmp_path: Path, text: str, named: str) -> None:
+    (tmp_path / "table.toml").write_text(text)
+    with pytest.raises(InputError, match=named):
+        read_offsets(tmp_path / "table.toml")
+    with pytest.raises(InputError, match="no such file"):
+        read_offsets(tmp_path / "no.toml")
+
+
+@given(st.dictionaries(st.integers(0, 9999), st.floats(0, 10), max_size=20))
+def test_a_table_is_read_as_it_is_written(tmp_path_factory: pytest.TempPathFactory, table: dict[int, float]) -> None:
+    file = tmp_path_factory.mktemp("table") / "table.toml"
+    file.write_text("".join(f"h{number:04} = {value!r}\n" for number, value in table.items()))
+    assert read_offsets(file) == checked_offsets({f"H{number}": value for number, value in table.items()})
+
+
+def test_a_drawing_has_no_registers(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="a drawing has none"):
+        load_program(tmp_path / "a.dxf", offsets=tmp_path / "table.toml")
+
+
+HOLE = "G91 G1 X1.5\nG3 X0 Y0 I-1.5 J0\nG0 X3.5\n"
+
+
+def test_a_subprogram_is_cut_where_and_as_often_as_it_is_called(tmp_path: Path) -> None:
+    called = read(tmp_path, f"%\nO1\nG92 X0 Y0\nG42 D1\nM98 P100 L3\nM30\nO0100\n{HOLE}M99\n%\n")
+    spelt = read(tmp_path, "G92 X0 Y0\nG42 D1\n" + 3 * HOLE + "M30\n")
+    assert len(called.outlines) == 3
+    for one, other in zip(called.outlines, spelt.outlines, strict=True):
+        assert np.array_equal(one.points_mm, other.points_mm)
+        assert one.wire_side == other.wire_side
+    assert not any("left out" in notice or "M98" in notice for notice in called.notices)
+    assert called.outlines[2].line_numbers[0] == 9
+
+
+def test_subprograms_call_others_and_idle_ones_are_named(tmp_path: Path) -> None:
+    text = f"G92 X0 Y0\nM98 P1\nM2\nO1\nM98 P2\nM98 P2\nM99\nO2\n{HOLE}M99\nO3\nG4 P1\nM99\n"
+    program = read(tmp_path, text)
+    assert len(program.outlines) == 2
+    assert "line 13: nobody calls subprogram O3" in program.notices
+
+
+@pytest.mark.parametrize(
+    ("text", "line", "named"),
+    [
+        ("M98 P7\nM2\nO8\nG4 P1\nM99\n", 1, "no subprogram O7 behind the end of the program; there are: O8"),
+        ("M98 P7\nM2\n", 1, "there are: none"),
+        ("M98\nM2\n", 1, "M98 wants the number"),
+        ("M98 P1 X3\nM2\n", 1, "M98 wants the number"),
+        ("M98 P1 L0\nM2\nO1\nM99\n", 1, "L0"),
+        ("M98 P1\nM2\nO1\nM98 P1\nM99\n", 4, "O1 calls itself"),
+        ("M98 P1\nM2\nO1\nG1 X1\n", 3, "O1 has no M99 at its end"),
+        ("M98 P1\nM2\nO1\nG1 X1\nO2\nM99\n", 5, "O1 has no M99 before O2 begins"),
+        ("M98 P1\nM2\nO1\nM99\nO1\nM99\n", 5, "O1 stands twice"),
+        ("M98 P1\nM2\nG1 X1\n", 3, "begin them with their O number"),
+        ("G1 X1\nM99\n", 2, "M99 ends a subprogram"),
+        ("G1 X1 L2\nM2\n", 1, "L stands without M98"),
+        ("M98 P1\nM2\nO1\nV3\nM99\n", 4, "unknown word 'V3'"),
+    ],
+)
+def test_calls_that_make_no_sense(tmp_path: Path, text: str, line: int, named: str) -> None:
+    with pytest.raises(InputError, match=named) as refused:
+        read(tmp_path, text)
+    assert refused.value.line == line
+
+
+def test_calls_of_calls_do_not_grow_without_end(tmp_path: Path) -> None:
+    text = "M98 P1 L999\nM2\n" + "".join(f"O{k}\nM98 P{k + 1} L999\nM99\n" for k in range(1, 9)) + "O9\nG4 P1\nM99\n"
+    with pytest.raises(InputError, match="too many"):
+        read(tmp_path, text)
+
+
+def test_without_calls_what_stands_behind_the_end_is_left_out_as_ever(tmp_path: Path) -> None:
+    program = read(tmp_path, "G92 X0 Y0\nG1 X5\nM2\nO1\nanything\n")
+    assert any("text after the end of the program" in notice for notice in program.notices)
+
+
+def test_a_contour_that_crosses_itself_says_so_and_where(tmp_path: Path) -> None:
+    eight = "G92 X0. Y-2\nG41 D1 G1 X0 Y0\nX4 Y4\nX0 Y8\nX-4 Y12\nX0 Y16\nX4 Y12\nX0 Y8\nX-4 Y4\nX0 Y0\nG40\nM2\n"
+    with pytest.raises(InputError, match=r"has met itself at X0\.000 Y8\.000 \(lines 5 and 8\)"):
+        read(tmp_path, eight)
+    with pytest.raises(InputError, match=r"crosses or retraces itself at X2\.000 Y2\.000 \(lines 3 and 5\)"):
+        read(tmp_path, "G92 X0. Y-2\nG41 D1 G1 X0 Y0\nX4 Y4\nX4 Y0\nX0 Y4\nX-3 Y4\nX0 Y0\nG40\nM2\n")
