@@ -73,8 +73,9 @@ class Scenario(NamedTuple):
 class Family(ABC):
     """Episodes of one kind: limits, what is drawn, what actions mean. Every field is an argument of the environment.
 
-    A subclass says in `draw_cut` what is cut. With `knows_corners` it shows the corners of the path, and
-    `own_weights` are its weights of the reward. The defaults are the benchmark: an id says what is cut, on which
+    A subclass says in `draw_cut` what is cut. With `knows_corners` it shows the corners of the path, with
+    `locates_discharges` in which fifths of the height the pulses ignite; `own_weights` are its weights of the reward,
+    `own_machine` is its set-up. The defaults are the benchmark: an id says what is cut, on which
     machines, how long and for which reward.
 
     Parameters
@@ -178,6 +179,7 @@ class Family(ABC):
     cost_limit: float = 0.1
 
     knows_corners: ClassVar[bool] = False
+    locates_discharges: ClassVar[bool] = False
     own_weights: ClassVar[Weights] = Weights()
 
     @classmethod
@@ -274,10 +276,20 @@ class Family(ABC):
         """The set-up before anything is drawn."""
         return self._bases[0]
 
+    @staticmethod
+    def own_machine() -> Machine:
+        """Return the set-up where no other is given: the standard one."""
+        return Machine.load()
+
+    @property
+    def drawn_settings(self) -> dict[str, Range | None]:
+        """The operator's choices that an episode draws, by their names in `Machine.with_`; None for the machine's."""
+        return {"height_mm": self.height_mm, "tension": self.tension}
+
     @cached_property
     def _bases(self) -> tuple[Machine, ...]:
         """The set-up with each of the materials."""
-        own = self.machine or Machine.load()
+        own = self.machine or self.own_machine()
         if not self.materials:
             return (own,)
         loaded = [Machine.load(material=name) for name in self.materials]
@@ -361,8 +373,7 @@ class Family(ABC):
         """
         drawn: dict[str, float | str] = {}
         if machine is None:
-            ranges = {"height_mm": self.height_mm, "tension": self.tension}
-            machine = draw_machine(rng, self._bases, ranges, self.drawn_constants, drawn)
+            machine = draw_machine(rng, self._bases, self.drawn_settings, self.drawn_constants, drawn)
         drawn |= {"material": machine.material_name, "height_mm": machine.height_mm, "tension": machine.tension}
         seed = int(rng.integers(2**62))
         scenario = self.draw_cut(rng, machine, seed, drawn)
