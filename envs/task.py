@@ -50,9 +50,9 @@ class Scenario(NamedTuple):
     machine : Machine
     stock : Stock
     legs_um : tuple of float64 arrays (k, 2)
-        The wire's path, piece by piece; a fresh wire is threaded between two pieces.
+        The wire's path, piece by piece; a wire is threaded between two.
     heights : (float64 array (m,), float64 array (m,))
-        Lengths of path in um from which on the workpiece has another height, the first 0, and those heights in mm.
+        Lengths of path in um from which on the height is another, the first 0, and those heights in mm.
     plant_seed : int
     drawn : dict
         What was drawn for it, by name, for `info`.
@@ -73,10 +73,8 @@ class Scenario(NamedTuple):
 class Family(ABC):
     """Episodes of one kind: limits, what is drawn, what actions mean. Every field is an argument of the environment.
 
-    A subclass says in `draw_cut` what is cut. With `knows_corners` it shows the corners of the path, with
-    `locates_discharges` in which fifths of the height the pulses ignite; `own_weights` are its weights of the reward,
-    `own_machine` is its set-up. The defaults are the benchmark: an id says what is cut, on which
-    machines, how long and for which reward.
+    A subclass says in `draw_cut` what is cut, and has `own_weights` and `own_machine`. With `knows_corners` it shows
+    corners, with `locates_discharges` where pulses ignite. The defaults are the benchmark, which an id names.
 
     Parameters
     ----------
@@ -96,8 +94,7 @@ class Family(ABC):
         Workpiece materials, one of which is drawn per episode; the machine's own if empty.
     height_mm, tension : float or (low, high), optional
         Workpiece height in mm (the greatest one) and wire tension in newton, or the range each is drawn from,
-        uniformly, per episode; the machine's own if None (ours: thin sheet to a die plate, what wires of 0.25 mm
-        bear).
+        uniformly, per episode; the machine's own if None (ours: sheet to die plate; what wires of 0.25 mm bear).
     randomise : sequence of str, optional
         Constants drawn per episode within their published ranges: sections or names of `Machine.sample`.
         ``()`` for all that have a range and an effect and are no dial of the operator (see `draws`), None for none.
@@ -120,11 +117,9 @@ class Family(ABC):
     max_feed_um_s : float
         Largest feed either way.
     max_change_um_s : float
-        Largest change of the feed per step, with ``action="change"`` (ours: from the cutting rate to a
-        retract within ten windows, a quarter of a second).
+        Largest change of the feed per step, with ``action="change"`` (ours: ten windows from cutting to a retract).
     start_feed_um_s : float
-        Feed before the first action, with ``action="change"``, and that a servo begins with (ours: well below every
-        cutting rate).
+        Feed before the first action, with ``action="change"``, and that a servo begins with (ours: below all rates).
     servo_target_share, servo_gains : (float, float)
         What actions of -1 and 1 ask a servo for, and how it answers: see `servo`.
     latency_s : float
@@ -278,12 +273,12 @@ class Family(ABC):
 
     @staticmethod
     def own_machine() -> Machine:
-        """Return the set-up where no other is given: the standard one."""
+        """Return the set-up where no other is given."""
         return Machine.load()
 
     @property
     def drawn_settings(self) -> dict[str, Range | None]:
-        """The operator's choices that an episode draws, by their names in `Machine.with_`; None for the machine's."""
+        """Ranges of the operator's choices that an episode draws, by name."""
         return {"height_mm": self.height_mm, "tension": self.tension}
 
     @cached_property

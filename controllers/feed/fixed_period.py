@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import asdict, dataclass, field
 from typing import Any, ClassVar, cast
 
@@ -10,8 +9,8 @@ from edmsim.controllers.feed.gap_servo import Gains, ServoController
 from edmsim.controllers.protocols import ControllerState, FeedCommand, WindowObservation
 from edmsim.controllers.pulse_counters import WINDOW_PULSES
 
-_THREADED_S = 1.0
-"""A window that begins so long after the last one's end is the first of another wire: threading takes longer."""
+THREADING_S = 1.0
+"""A window that begins so long after the last one's end is the first of another wire (ours; threading takes more)."""
 
 
 @dataclass
@@ -45,6 +44,8 @@ class FixedPeriodController(ServoController):
         Share of open pulses less that of short ones that is held.
     proportional_um_s, integral_um_s2 : float
         Feed, and its growth per second, per unit of the difference from the target.
+    short_weight : float
+        How many open pulses one short pulse outweighs.
     period_us : float
         Pulse period; 0 for the one that the operator has set.
     rise_s : float
@@ -57,10 +58,11 @@ class FixedPeriodController(ServoController):
 
     filter_s: float = 0.05
     start_feed_um_s: float = 5.0
-    open_target_share: float = 0.1
+    open_target_share: float = 0.0
+    short_weight: float = 1.0
     proportional_um_s: float = 30.0
     integral_um_s2: float = 100.0
-    period_us: float = 0.0
+    period_us: float = 110.0
     rise_s: float = 1.5
     slow_factor: float = 2.0
 
@@ -71,8 +73,8 @@ class FixedPeriodController(ServoController):
         return Gains(self.proportional_um_s, self.integral_um_s2, self.filter_s)
 
     def error(self, window: WindowObservation) -> float:
-        """Share of opens less shorts above the target."""
-        return (window.open - window.short) / WINDOW_PULSES - self.open_target_share
+        """Share of opens less weighted shorts above the target."""
+        return (window.open - self.short_weight * window.short) / WINDOW_PULSES - self.open_target_share
 
     def reset(self, max_feed_um_s: float) -> FeedCommand:
         """Begin a new cut."""
@@ -82,7 +84,7 @@ class FixedPeriodController(ServoController):
     def update(self, window: WindowObservation) -> FeedCommand:
         """Feed and period for the next window."""
         rise = self._rise
-        if window.time_s - window.duration_s > rise.end_s + _THREADED_S:
+        if window.time_s - window.duration_s > rise.end_s + THREADING_S:
             rise.cutting_s = 0.0
             self.threaded()
         rise.end_s = window.time_s
