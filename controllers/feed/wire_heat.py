@@ -122,8 +122,8 @@ class HeatFluxController(PeriodFromHeat):
     _flux: NDArray[np.float64] = field(default_factory=lambda: np.zeros(5), init=False, repr=False)
 
     def set_up(self, machine: Machine, points_um: NDArray[Any], start_um: float) -> None:
-        """Take in the dials: see `_critical_s`."""
-        self._per_ignition = _critical_s(machine)
+        """Take in the dials: see `heat_per_ignition_s`."""
+        self._per_ignition = heat_per_ignition_s(machine)
 
     def reset(self, max_feed_um_s: float) -> FeedCommand:
         """Begin a new cut."""
@@ -153,7 +153,7 @@ class HeatFluxController(PeriodFromHeat):
         self._flux = np.array([float(state[f"flux.{k}"]) for k in range(5)])
 
 
-def _critical_s(machine: Machine) -> NDArray[np.float64]:
+def heat_per_ignition_s(machine: Machine) -> NDArray[np.float64]:
     """Return what an ignition in each fifth adds to each fifth's heat flux, over the critical one: (5, 5), in s.
 
     A spark heats its own fifth; its current, which comes from both guides and divides as the wire's resistances do,
