@@ -25,6 +25,11 @@ SECTIONS = (
 )  # fmt: skip
 
 
+@pytest.fixture(params=(*NAMES, "MaxRate"))
+def env_name(request):
+    return request.param
+
+
 @pytest.fixture
 def env(env_name):
     return gym.make(env_id_of(env_name)).unwrapped
