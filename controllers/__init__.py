@@ -18,10 +18,13 @@ from edmsim.controllers.feed.adaptive_off_time import AdaptiveOffTimeController
 from edmsim.controllers.feed.counts import CountsController
 from edmsim.controllers.feed.delay import DelayController
 from edmsim.controllers.feed.fixed import FixedController
+from edmsim.controllers.feed.fixed_period import FixedPeriodController
 from edmsim.controllers.feed.fuzzy import FuzzyController
 from edmsim.controllers.feed.mcu import McuController
 from edmsim.controllers.feed.oracle import OracleController
+from edmsim.controllers.feed.sato import SatoController
 from edmsim.controllers.feed.voltage import VoltageController
+from edmsim.controllers.feed.wire_heat import HeatFluxController, HeatOracleController
 from edmsim.controllers.named_numbers import named_numbers
 from edmsim.controllers.own import from_file
 from edmsim.controllers.protocols import FeedCommand, FeedController, SeesTruth, WindowObservation
@@ -35,12 +38,14 @@ __all__ = [
 _Kind: TypeAlias = (
     "type[CountsController] | type[FixedController] | type[VoltageController] | type[DelayController] "
     "| type[FuzzyController] | type[AdaptiveOffTimeController] | type[OracleController] | type[McuController]"
+    "| type[FixedPeriodController] | type[SatoController] | type[HeatFluxController] | type[HeatOracleController]"
 )
 _CONTROLLERS: dict[str, _Kind] = {
     kind.name: kind
     for kind in (
         CountsController, FixedController, VoltageController, DelayController, FuzzyController,
-        AdaptiveOffTimeController, OracleController, McuController,
+        AdaptiveOffTimeController, OracleController, McuController, FixedPeriodController, SatoController,
+        HeatFluxController, HeatOracleController,
     )
 }
 

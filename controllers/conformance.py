@@ -71,6 +71,7 @@ class _Shown(NamedTuple):
     mean_current_A: float
     mean_delay_us: float
     gap_um: float
+    fifths: tuple[int, ...]
     start_ns: int = 0
     duration_ns: int = round(WINDOW_S * 1e9)
     arc: int = 0
@@ -109,7 +110,8 @@ class _Rehearsal:
         ignited = WINDOW_PULSES - short - open_
         voltage_V, current_A = (30.0 * open_ + 6.0 * ignited) / WINDOW_PULSES, 2.0 * (1 - open_ / WINDOW_PULSES)
         delay_us, gap_um = (9.0, 8.0) if ignited else (math.nan, math.nan)
-        window = _Shown(short, open_, ignited, voltage_V, current_A, delay_us, gap_um)
+        fifths = tuple(len(range(k, ignited, 5)) for k in range(5))
+        window = _Shown(short, open_, ignited, voltage_V, current_A, delay_us, gap_um, fifths)
         if isinstance(self.controller, SeesTruth):
             self.controller.see(window)
         time_ns = self.windows * window.duration_ns

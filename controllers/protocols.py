@@ -68,6 +68,10 @@ class GapWindow(Protocol):
     def wire_temperature_K(self) -> float:
         """Highest temperature of the wire."""
 
+    @property
+    def fifths(self) -> tuple[int, ...]:
+        """Ignitions located in each fifth of the height, from below."""
+
 
 class WindowObservation(NamedTuple):
     """One window of 255 pulses as a real machine would let its controller see it.
@@ -91,6 +95,9 @@ class WindowObservation(NamedTuple):
     path_um : float
         Length travelled along the path by the position counters at the end of the window, in um, over all legs of
         the program (see `KnowsSetup.set_up`).
+    fifths : tuple of 5 int
+        Ignitions in each fifth of the workpiece's (greatest) height, from below, as the currents of the two contacts
+        locate them: see `edmsim.plant.window.PulseWindow`.
     """
 
     time_s: float
@@ -102,6 +109,7 @@ class WindowObservation(NamedTuple):
     mean_delay_us: float
     feed_um_s: float
     path_um: float
+    fifths: tuple[int, ...] = (0, 0, 0, 0, 0)
 
     @classmethod
     def of(cls, window: GapWindow, time_ns: int, feed_um_s: float, path_um: float) -> WindowObservation:
@@ -117,7 +125,7 @@ class WindowObservation(NamedTuple):
         """
         return cls(
             time_ns * 1e-9, window.duration_ns * 1e-9, window.short, window.open, window.mean_voltage_V,
-            window.mean_current_A, window.mean_delay_us, feed_um_s, path_um,
+            window.mean_current_A, window.mean_delay_us, feed_um_s, path_um, window.fifths,
         )
 
 

@@ -1,7 +1,8 @@
 """Gymnasium environments: cuts to be controlled window by window, alone or many at once.
 
-``import edmsim`` registers ``edmsim/GapFeed-v1``, ``edmsim/HeightStep-v1``, ``edmsim/Corner-v1`` and
-``edmsim/Contour-v1``; each has a file whose environment class describes action, observation and reward.
+``import edmsim`` registers ``edmsim/GapFeed-v1``, ``edmsim/HeightStep-v1``, ``edmsim/Corner-v1``,
+``edmsim/Contour-v1`` and ``edmsim/MaxRate-v0``; each has a file whose environment class describes action, observation
+and reward.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ if TYPE_CHECKING:
     from edmsim.envs.episode import StepResult, Task
     from edmsim.envs.gap_feed import GapFeed
     from edmsim.envs.height_step import HeightStep
+    from edmsim.envs.max_rate import MaxRate
     from edmsim.envs.record import RecordRerun
     from edmsim.envs.registry import register
     from edmsim.envs.reward import Weights
@@ -35,6 +37,7 @@ _HOMES = {
     "Family": "task",
     "GapFeed": "gap_feed",
     "HeightStep": "height_step",
+    "MaxRate": "max_rate",
     "RecordRerun": "record",
     "Scenario": "task",
     "Sensors": "sensors",
@@ -46,8 +49,8 @@ _HOMES = {
 }
 __all__ = [
     "Contour", "Corner", "DiscreteFeed", "DiscreteFeedVector", "EdmEnv", "EdmVectorEnv", "Family", "GapFeed",
-    "HeightStep", "RecordRerun", "Scenario", "Sensors", "StepResult", "Task", "Weights", "make_sb3_vec_env",
-    "register",
+    "HeightStep", "MaxRate", "RecordRerun", "Scenario", "Sensors", "StepResult", "Task", "Weights",
+    "make_sb3_vec_env", "register",
 ]
 
 

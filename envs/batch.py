@@ -30,7 +30,7 @@ def action_space_of(family: Family) -> gym.spaces.Box[np.float32]:
 
 def observation_space_of(family: Family) -> gym.spaces.Box[np.float32]:
     """Return the observation space."""
-    entries = observation.entries(family.history, family.knows_corners)
+    entries = observation.entries(family.history, family.knows_corners, family.locates_discharges)
     low, high = (np.array([getattr(e, end) for e in entries], np.float32) for end in ("low", "high"))
     return gym.spaces.Box(low, high, dtype=np.float32)
 
@@ -60,7 +60,7 @@ class Batch:
         self.family = family
         self.lanes = Lanes(family, count, threads)
         kept = family.history + family.measured_by.delay_steps
-        self._seen = np.zeros((count, kept, len(observation.MEASURED)), np.float32)
+        self._seen = np.zeros((count, kept, len(observation.of_a_step(family.locates_discharges))), np.float32)
         self._dials = np.zeros((count, len(observation.DIALS)), np.float32)
         self._shown: NDArray[np.void] = np.zeros(count, observation.SHOWN)
         self._scales: NDArray[np.void] = np.zeros(count, observation.SCALE)

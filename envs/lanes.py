@@ -225,6 +225,7 @@ class Lanes:
         row["cause"] = RUNNING
         row["settling_ns"], row["shorted_s"] = SETTLING_NS, 0.0
         plant.rethread(plant.commanded_um, round(float(row["threading_s"]) * 1e9))
+        self._set_as_begun(lane)
 
     def _end_leg(self, lane: int) -> None:
         """Go on with the path's next piece, if there is one."""
@@ -239,10 +240,16 @@ class Lanes:
         table = plant.machine.base.table
         way = math.dist((x, y), plant.commanded_um)
         plant.rethread((x, y), round((way / table.rapid_um_s.value + table.threading_s.value) * 1e9))
-        if plant.machine is not scenario.machine:  # every leg begins as set up
+        self._set_as_begun(lane)
+        self._begin_leg(lane, following)
+
+    def _set_as_begun(self, lane: int) -> None:
+        """Set the generator as it was set up: so every leg begins, and every wire."""
+        scenario, plant = self.scenarios[lane], self.fleet.plants[lane]
+        assert scenario is not None
+        if plant.machine is not scenario.machine:
             plant.set_generator(scenario.machine.t_on_us, scenario.machine.t_period_us)
             self._take_setting(lane)
-        self._begin_leg(lane, following)
 
     def __getstate__(self) -> dict[str, Any]:
         """Return what a copy needs: whoever watches stays with the lanes watched."""

@@ -49,6 +49,11 @@ MEASURED = (
 )
 """Entries of every step; `history` steps stand one behind the other, the last one first. All are 0 where no
 window has been fired yet."""
+FIFTHS = tuple(
+    Entry(f"fifth_{k}", 0.0, 1.0, f"share of the ignitions in fifth {k} of the height from below, as located")
+    for k in range(1, 6)
+)
+"""Entries behind those of a step, where discharges are located (`Family.locates_discharges`)."""
 DIALS = (
     Entry("tension", 0.0, 10.0, "wire tension / 10 N"),
     Entry("wire_diameter", 0.0, 4.0, "wire diameter / 100 um"),
@@ -68,12 +73,17 @@ LOOK_UM = 1000.0
 """How far along the path corners are shown (ours: well beyond the wire's lag and the distance to slow down in)."""
 
 
-def entries(history: int, knows_corners: bool) -> list[Entry]:
+def of_a_step(locates_discharges: bool) -> tuple[Entry, ...]:
+    """Entries of a step: `MEASURED`, and `FIFTHS` where discharges are located."""
+    return MEASURED + FIFTHS if locates_discharges else MEASURED
+
+
+def entries(history: int, knows_corners: bool, locates_discharges: bool = False) -> list[Entry]:
     """Every entry of an observation, in order."""
     steps = [
         entry._replace(name=f"{entry.name}[{-age}]" if age else entry.name)
         for age in range(history)
-        for entry in MEASURED
+        for entry in of_a_step(locates_discharges)
     ]
     return [*steps, *DIALS, *(CORNERS if knows_corners else ())]
 
@@ -86,13 +96,14 @@ SHOWN = np.dtype(
     [
         ("short", "i8"), ("open", "i8"), ("ignited", "i8"), ("arc", "i8"), ("ignitions", "i8"), ("duration_ns", "i8"),
         ("voltage_V_us", "f8"), ("charge_A_us", "f8"), ("delay_us", "f8"), ("travel_um", "f8"), ("feed_um_s", "f8"),
-        ("t_on_us", "f8"), ("t_period_us", "f8"),
+        ("t_on_us", "f8"), ("t_period_us", "f8"), ("fifths", "i8", 5),
     ]
 )  # fmt: skip
 """What the windows of a step showed.
 
 Pulses of each kind, arcs among those that ignited (which no machine tells apart), ignitions, and sums over the time:
-of gap voltage and current, of the ignitions' delays, and the travel along the path by the counters. The feed
+of gap voltage and current, of the ignitions' delays, and the travel along the path by the counters; ``fifths`` are
+the ignitions by where they were located (see `edmsim.plant.kernel.discharge.locate`). The feed
 commanded and the generator's setting are the last window's.
 """
 SCALE = np.dtype(
@@ -133,6 +144,8 @@ def gather(
         shown[i].travel_um += rows[i].travel_um
         shown[i].feed_um_s = rows[i].feed_um_s
         shown[i].t_on_us, shown[i].t_period_us = rows[i].setting_us[0], rows[i].setting_us[1]
+        for k in range(5):
+            shown[i].fifths[k] += w.fifths[k]
 
 
 @exactly_compiled
@@ -150,7 +163,7 @@ def show(
     scales : (n,) `SCALE`
         ``draws`` is counted up where there is noise.
     max_feed_um_s : float
-    seen : (n, steps, len(MEASURED))
+    seen : (n, steps, entries of a step)
         Written.
     """
     for j in range(lanes.shape[0]):
@@ -177,6 +190,8 @@ def show(
             if _VOLTAGE <= k <= _DELAY:
                 value = _measured(scales, i, value)
             seen[i, 0, k] = min(max(value, _LOW[k]), _HIGH[k])
+        for k in range(len(values), seen.shape[2]):
+            seen[i, 0, k] = s.fifths[k - len(values)] / max(s.ignitions, 1)
 
 
 @exactly_compiled

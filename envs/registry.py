@@ -15,7 +15,12 @@ from edmsim.errors import InputError
 if TYPE_CHECKING:
     from edmsim.envs.task import Family
 
-_FILES = {"GapFeed": "gap_feed", "HeightStep": "height_step", "Corner": "corner", "Contour": "contour"}
+_FILES = {
+    "GapFeed": "gap_feed", "HeightStep": "height_step", "Corner": "corner", "Contour": "contour",
+    "MaxRate": "max_rate",
+}  # fmt: skip
+_FIRST = ("MaxRate",)
+"""Those whose present version is their first, v0."""
 _GENERAL = "edmsim.envs.single:EdmEnv", "edmsim.envs.vector:EdmVectorEnv"
 _WITHDRAWN = "edmsim.envs.registry:withdrawn"
 _OWN: dict[str, type[Family]] = {}  # users' families, by the ids they are registered under
@@ -25,7 +30,8 @@ def register_all() -> None:
     """Register ``edmsim/GapFeed-v1`` and the others, and say of their first versions that they are withdrawn."""
     for name in _FILES:
         _register_classes(env_id_of(name), _classes_of(name), {})
-        _register_classes(f"edmsim/{name}-v0", (_WITHDRAWN, _WITHDRAWN), {"env_id": env_id_of(name)})
+        if name not in _FIRST:
+            _register_classes(f"edmsim/{name}-v0", (_WITHDRAWN, _WITHDRAWN), {"env_id": env_id_of(name)})
 
 
 def withdrawn(env_id: str, **_: Any) -> None:
@@ -110,11 +116,11 @@ def find(name: str | type[Family]) -> tuple[type[Family], dict[str, Any]]:
     """
     if isinstance(name, type):
         return name, {}
-    short = str(name).removeprefix("edmsim/").removesuffix("-v1")
-    if short.removesuffix("-v0") in _FILES and short.endswith("-v0"):
-        withdrawn(env_id_of(short.removesuffix("-v0")))
-    if short in _FILES:
+    short, _, version = str(name).removeprefix("edmsim/").partition("-v")
+    if short in _FILES and version in ("", _version_of(short)):
         return family_of(short), {}
+    if short in _FILES and version == "0":
+        withdrawn(env_id_of(short))
     spec = registry.get(str(name))
     if spec is None or "task" not in spec.kwargs:
         raise InputError(f"there is no environment {name!r}; choose one of {', '.join(registered_ids())}")
@@ -193,7 +199,11 @@ def registered_ids() -> tuple[str, ...]:
 
 def env_id_of(name: str) -> str:
     """Return the whole id of an environment: ``"edmsim/GapFeed-v1"`` of ``"GapFeed"``."""
-    return f"edmsim/{name}-v1" if name in _FILES else name
+    return f"edmsim/{name}-v{_version_of(name)}" if name in _FILES else name
+
+
+def _version_of(name: str) -> str:
+    return "0" if name in _FIRST else "1"
 
 
 def _classes_of(name: str) -> tuple[str, str]:

@@ -50,9 +50,9 @@ class Scenario(NamedTuple):
     machine : Machine
     stock : Stock
     legs_um : tuple of float64 arrays (k, 2)
-        The wire's path, piece by piece; a fresh wire is threaded between two pieces.
+        The wire's path, piece by piece; a wire is threaded between two.
     heights : (float64 array (m,), float64 array (m,))
-        Lengths of path in um from which on the workpiece has another height, the first 0, and those heights in mm.
+        Lengths of path in um from which on the height is another, the first 0, and those heights in mm.
     plant_seed : int
     drawn : dict
         What was drawn for it, by name, for `info`.
@@ -73,9 +73,8 @@ class Scenario(NamedTuple):
 class Family(ABC):
     """Episodes of one kind: limits, what is drawn, what actions mean. Every field is an argument of the environment.
 
-    A subclass says in `draw_cut` what is cut. With `knows_corners` it shows the corners of the path, and
-    `own_weights` are its weights of the reward. The defaults are the benchmark: an id says what is cut, on which
-    machines, how long and for which reward.
+    A subclass says in `draw_cut` what is cut, and has `own_weights` and `own_machine`. With `knows_corners` it shows
+    corners, with `locates_discharges` where pulses ignite. The defaults are the benchmark, which an id names.
 
     Parameters
     ----------
@@ -95,8 +94,7 @@ class Family(ABC):
         Workpiece materials, one of which is drawn per episode; the machine's own if empty.
     height_mm, tension : float or (low, high), optional
         Workpiece height in mm (the greatest one) and wire tension in newton, or the range each is drawn from,
-        uniformly, per episode; the machine's own if None (ours: thin sheet to a die plate, what wires of 0.25 mm
-        bear).
+        uniformly, per episode; the machine's own if None (ours: sheet to die plate; what wires of 0.25 mm bear).
     randomise : sequence of str, optional
         Constants drawn per episode within their published ranges: sections or names of `Machine.sample`.
         ``()`` for all that have a range and an effect and are no dial of the operator (see `draws`), None for none.
@@ -119,11 +117,9 @@ class Family(ABC):
     max_feed_um_s : float
         Largest feed either way.
     max_change_um_s : float
-        Largest change of the feed per step, with ``action="change"`` (ours: from the cutting rate to a
-        retract within ten windows, a quarter of a second).
+        Largest change of the feed per step, with ``action="change"`` (ours: ten windows from cutting to a retract).
     start_feed_um_s : float
-        Feed before the first action, with ``action="change"``, and that a servo begins with (ours: well below every
-        cutting rate).
+        Feed before the first action, with ``action="change"``, and that a servo begins with (ours: below all rates).
     servo_target_share, servo_gains : (float, float)
         What actions of -1 and 1 ask a servo for, and how it answers: see `servo`.
     latency_s : float
@@ -178,6 +174,7 @@ class Family(ABC):
     cost_limit: float = 0.1
 
     knows_corners: ClassVar[bool] = False
+    locates_discharges: ClassVar[bool] = False
     own_weights: ClassVar[Weights] = Weights()
 
     @classmethod
@@ -274,10 +271,20 @@ class Family(ABC):
         """The set-up before anything is drawn."""
         return self._bases[0]
 
+    @staticmethod
+    def own_machine() -> Machine:
+        """Return the set-up where no other is given."""
+        return Machine.load()
+
+    @property
+    def drawn_settings(self) -> dict[str, Range | None]:
+        """Ranges of the operator's choices that an episode draws, by name."""
+        return {"height_mm": self.height_mm, "tension": self.tension}
+
     @cached_property
     def _bases(self) -> tuple[Machine, ...]:
         """The set-up with each of the materials."""
-        own = self.machine or Machine.load()
+        own = self.machine or self.own_machine()
         if not self.materials:
             return (own,)
         loaded = [Machine.load(material=name) for name in self.materials]
@@ -361,8 +368,7 @@ class Family(ABC):
         """
         drawn: dict[str, float | str] = {}
         if machine is None:
-            ranges = {"height_mm": self.height_mm, "tension": self.tension}
-            machine = draw_machine(rng, self._bases, ranges, self.drawn_constants, drawn)
+            machine = draw_machine(rng, self._bases, self.drawn_settings, self.drawn_constants, drawn)
         drawn |= {"material": machine.material_name, "height_mm": machine.height_mm, "tension": machine.tension}
         seed = int(rng.integers(2**62))
         scenario = self.draw_cut(rng, machine, seed, drawn)

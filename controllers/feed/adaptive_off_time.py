@@ -3,9 +3,9 @@
 Source: Sato et al. (physics notes of the project, sections 5 and 6): normal pulses are counted per 100 ms and held
 below a threshold curve over the workpiece's thickness by the off-time; the thickness is known on-line from mean
 current over speed, for removal goes with the mean current; the threshold rises less than proportionally with
-thickness. Reported: 24 % more speed. There the off-time is also shortened below the operator's; here the operator's
-period is the shortest, because this generator's limit of 2 A leaves no shorter one. The curve's numbers were not
-published for a machine like this one: they come from the search of gains.
+thickness. Reported: 24 % more speed. There the off-time is also shortened below the operator's; at the laboratory
+machine the operator's period is the shortest, because its generator's limit of 2 A leaves no shorter one. The curve's
+numbers were not published: they come from a search.
 """
 
 from __future__ import annotations
@@ -60,8 +60,8 @@ class AdaptiveOffTimeController(ServoController):
         and 1.22 A with the default set-up.
     height_filter_s : float
         Time constant of the low-pass filter on the thickness.
-    longest_factor : float
-        Longest period, in periods as the operator set it.
+    shortest_factor, longest_factor : float
+        Shortest and longest period, in periods as the operator set it.
     """
 
     name: ClassVar[str] = "adaptive-off-time"
@@ -74,6 +74,7 @@ class AdaptiveOffTimeController(ServoController):
     exponent_share: float = 0.5
     height_factor: float = 508.0
     height_filter_s: float = 0.5
+    shortest_factor: float = 1.0
     longest_factor: float = 5.0
 
     _counter: _Counter = field(default_factory=_Counter, init=False, repr=False)
@@ -126,10 +127,10 @@ class AdaptiveOffTimeController(ServoController):
         # before the wire has moved nothing is known of the thickness: the period stays
         excess = counter.normal / counter.seconds * COUNT_S / threshold if threshold else 1.0
         change = min(max(excess, 1.0 - STEP_SHARE), 1.0 + STEP_SHARE)
-        longest = self.longest_factor * counter.base_us
+        shortest = min(self.shortest_factor, 1.0) * counter.base_us
+        longest = max(self.longest_factor, 1.0) * counter.base_us
         # whole us, as timers count them
-        period = float(round(min(max(counter.period_us * change, counter.base_us), max(longest, counter.base_us))))
-        counter.period_us = max(period, counter.base_us)
+        counter.period_us = max(float(round(min(max(counter.period_us * change, shortest), longest))), shortest)
         counter.seconds = counter.normal = counter.charge = counter.travel_um = 0.0
 
     def _estimate_height(self) -> None:

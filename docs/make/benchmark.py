@@ -15,7 +15,7 @@ from edmsim import __version__
 from edmsim.envs.registry import resolve
 from edmsim.errors import EdmsimError
 from edmsim.evaluation.compare import Comparison, check, evaluate, usual
-from edmsim.evaluation.episode import BLIND, ORACLE, ORACLE_GAPS_UM, episodes
+from edmsim.evaluation.episode import ORACLE_GAPS_UM, episodes
 from edmsim.evaluation.table import markdown_table, ranked, shown
 
 INTRODUCTION = """\
@@ -69,7 +69,7 @@ def page(comparisons: Sequence[Comparison], command: str) -> str:
 def verdicts(comparison: Comparison) -> list[str]:
     """Return a paragraph on the best classic controller, and one for every policy."""
     figures = comparison.figures
-    best = next((name for name in ranked(comparison) if name not in (ORACLE, BLIND) and not _is_policy(name)), None)
+    best = next((name for name in ranked(comparison) if name not in comparison.scale and not _is_policy(name)), None)
     if best is None:
         return []
     score = figures[best]["score"]

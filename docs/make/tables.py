@@ -148,7 +148,8 @@ def parameters(name: str) -> list[str]:
     found = {} if name == "servo" else controllers.found_gains(name)
     defaults = {field.name: field.default for field in fields(kind) if field.init}
     shared = [] if name == "servo" else [told for told in meanings(ServoController) if told[0][0] in found]
-    own = meanings(kind) + shared
+    inherited = [base for base in reversed(kind.__mro__[1:]) if issubclass(base, ServoController)][1:]
+    own = [told for base in (*inherited, kind) for told in meanings(base)] + shared
     return rows(("parameter", "default", "found", "meaning"), (
         (", ".join(f"`{key}`" for key in keys), ", ".join(f"{defaults[key]:g}" for key in keys),
          ", ".join(f"{found[key]:g}" if key in found else "–" for key in keys) if found.keys() & set(keys) else "",

@@ -7,15 +7,16 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from edmsim import models
-from edmsim.controllers import SAME_LAW, from_text, names
+from edmsim.controllers import from_text, names
 from edmsim.envs.registry import base_of, find, make_family, registered_ids
 from edmsim.errors import InputError
-from edmsim.evaluation.episode import BLIND, FINISHED, HELD_BACK, ORACLE, Result, cut, episodes
+from edmsim.evaluation.episode import FINISHED, HELD_BACK, Result, cut, episodes
 from edmsim.files import make_writable
 from edmsim.plant.resolution import resolution as check_resolution
 
@@ -50,6 +51,22 @@ FIGURES = {
 """Figures of a controller, and what they are called."""
 
 
+class Scale(NamedTuple):
+    """Controllers whose returns are a score of 0 and of 1: one that knows nothing of the cut, and the reference."""
+
+    nought: str
+    one: str
+
+
+GAP_LAWS = ("counts", "fixed", "voltage", "delay", "fuzzy", "adaptive-off-time", "oracle")
+"""Controllers compared where nothing else is said: those of the gap, and the bound."""
+GAP_SCALE = Scale("fixed", "oracle")
+LAWS = {"MaxRate": ("fixed-period", "sato", "heat-flux", "heat-oracle")}
+"""Controllers compared in an environment whose benchmark has others than `GAP_LAWS`."""
+SCALES = {"MaxRate": Scale("fixed-period", "heat-oracle")}
+"""Those of them that others are scaled by."""
+
+
 @dataclass(frozen=True)
 class Comparison:
     """What an evaluation found in one environment.
@@ -63,6 +80,8 @@ class Comparison:
         Of each controller its cuts, in order of `seeds`.
     figures : dict
         Of each controller its figures, by the names in `FIGURES`.
+    scale : Scale
+        The controllers whose returns are scores of 0 and 1.
     """
 
     env_id: str
@@ -70,6 +89,7 @@ class Comparison:
     seeds: tuple[int, ...]
     results: dict[str, list[Result]]
     figures: dict[str, dict[str, Figure]]
+    scale: Scale = GAP_SCALE
 
 
 def evaluate(
@@ -83,8 +103,8 @@ def evaluate(
     env_id : str
         One of `env_ids`, or of an own environment (see `edmsim.envs.register`).
     controllers : sequence of str, optional
-        See `edmsim.controllers.from_text`; `usual` if not given. `fixed` and the oracle are run whether named or not,
-        as the others are scaled by them.
+        See `edmsim.controllers.from_text`; `usual` if not given. The two of `scale` are run whether named or not, as
+        the others are scaled by them.
     seeds : int, optional
         Cuts of each controller, 2 or more, with held-back seeds; as many as the environment's benchmark has if not
         given.
@@ -110,11 +130,12 @@ def evaluate(
     check(env_id, controllers, seeds, resolution)
     if record is not None:
         make_writable(record)
-    results = run(env_id, list(dict.fromkeys([*controllers, BLIND, ORACLE])), seeds, resolution, watch, record)
+    scaled = scale(env_id)
+    results = run(env_id, list(dict.fromkeys([*controllers, *scaled])), seeds, resolution, watch, record)
     used = make_family(env_id).resolution if resolution is None else resolution
     return Comparison(env_id, used, held_back(seeds), results, {
-        name: figures_of(made, results[ORACLE], results[BLIND]) for name, made in results.items()
-    })  # fmt: skip
+        name: figures_of(made, results[scaled.one], results[scaled.nought]) for name, made in results.items()
+    }, scaled)  # fmt: skip
 
 
 def run(
@@ -144,9 +165,13 @@ def held_back(seeds: int) -> tuple[int, ...]:
 
 
 def usual(env_id: str) -> list[str]:
-    """Return what is compared where nothing is named: every classic controller, and the policies shipped for it."""
-    classic = [name for name in names() if name not in SAME_LAW]
-    return classic + [f"policy:{name}" for name in models.policies(env_id)]
+    """Return what is compared where nothing is named: the classic controllers for it, and the policies shipped."""
+    return [*LAWS.get(base_of(find(env_id)[0]), GAP_LAWS), *(f"policy:{name}" for name in models.policies(env_id))]
+
+
+def scale(env_id: str) -> Scale:
+    """Return the controllers whose returns are a score of 0 and of 1 in an environment."""
+    return SCALES.get(base_of(find(env_id)[0]), GAP_SCALE)
 
 
 def env_ids() -> tuple[str, ...]:
@@ -170,7 +195,7 @@ def check(env_id: str, controllers: Sequence[str], seeds: int, resolution: str |
 def figures_of(
     results: Sequence[Result], oracle: Sequence[Result], blind: Sequence[Result]
 ) -> dict[str, Figure]:
-    """Return a controller's figures from its cuts and those of the oracle and of `BLIND`, seed by seed.
+    """Return a controller's figures from its cuts and those of the two of `scale`, seed by seed.
 
     Rates, shares and errors are means over the cuts; breaks and jams are all of them over all the length cut; the
     share of the oracle's rate is the mean rate over the oracle's mean rate. The score is the interquartile mean of
@@ -203,9 +228,9 @@ def figures_of(
 def scores(
     results: Sequence[Result], oracle: Sequence[Result], blind: Sequence[Result]
 ) -> NDArray[np.float64]:
-    """Return the score of every cut: 0 for what `BLIND` earns on the same machine, 1 for what the oracle does.
+    """Return the score of every cut: 0 for what `Scale.nought` earns on its machine, 1 for what `Scale.one` does.
 
-    A machine on which the oracle earns no more than `BLIND` tells nothing, and is left out.
+    A machine on which the reference earns no more than the other tells nothing, and is left out.
     """
     made, most, least = (np.array([r.total_return for r in of]) for of in (results, oracle, blind))
     tells = most > least

@@ -42,7 +42,8 @@ class PolicyController:
     def __init__(self, policy: Policy) -> None:
         self.policy = policy
         self._family = policy.family()
-        self._seen = np.zeros((1, self._family.history, len(observation.MEASURED)), np.float32)
+        width = len(observation.of_a_step(self._family.locates_discharges))
+        self._seen = np.zeros((1, self._family.history, width), np.float32)
         self._shown: NDArray[np.void] = np.zeros(1, observation.SHOWN)
         self._scale: NDArray[np.void] = np.zeros(1, observation.SCALE)
         self._servo: NDArray[np.void] = np.zeros(1, servo.SERVO)
@@ -141,7 +142,7 @@ class PolicyController:
             ("duration_ns", round(window.duration_s * 1e9)),  # the plant counts whole nanoseconds
             ("voltage_V_us", window.mean_voltage_V * us), ("charge_A_us", window.mean_current_A * us),
             ("delay_us", window.mean_delay_us * ignited if ignited else 0.0),
-            ("travel_um", window.path_um - self._path_um),
+            ("travel_um", window.path_um - self._path_um), ("fifths", window.fifths),
         ):
             shown[name] += value
         shown["feed_um_s"], shown["t_on_us"], shown["t_period_us"] = window.feed_um_s, *self._setting_us

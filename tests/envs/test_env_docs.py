@@ -12,7 +12,7 @@ import gymnasium as gym
 import pytest
 
 from edmsim.cosim.stops import WORDS, StopCause
-from edmsim.envs.observation import MEASURED, entries
+from edmsim.envs.observation import entries, of_a_step
 from edmsim.envs.registry import env_id_of
 
 from .conftest import NAMES
@@ -23,6 +23,11 @@ SECTIONS = (
     "Description", "Action space", "Observation space", "Reward", "Starting state", "End of the episode", "Arguments",
     "Versions",
 )  # fmt: skip
+
+
+@pytest.fixture(params=(*NAMES, "MaxRate"))
+def env_name(request):
+    return request.param
 
 
 @pytest.fixture
@@ -72,14 +77,15 @@ def test_actions(env):
 def test_observations(env):
     text = section(env, "Observation space")
     assert f"``Box({env.observation_space.shape}, float32)``" in text
-    listed = entries(env.family.history, env.family.knows_corners)
+    shown = env.family.knows_corners, env.family.locates_discharges
+    listed = entries(env.family.history, *shown)
     rows = table(text, 5)
-    assert len(rows) == len(entries(1, env.family.knows_corners))
+    assert len(rows) == len(entries(1, *shown))
     for index, name, bounds, *_ in rows:
         k = int(index)
         assert name == listed[k].name
         assert bounds == f"{env.observation_space.low[k]:g}..{env.observation_space.high[k]:g}"
-    per_window = len(MEASURED)
+    per_window = len(of_a_step(env.family.locates_discharges))
     assert f"Entries 0 to {per_window - 1} " in text
     assert f"{per_window} to {per_window * env.family.history - 1} are the same of the three steps before" in text
 
@@ -113,7 +119,7 @@ def test_arguments(env):
 
 
 def test_spaces_and_lengths_of_the_guide(env, env_name):
-    (line,) = (line for line in GUIDE.splitlines() if line.startswith(f"| `edmsim/{env_name}-v1`"))
+    (line,) = (line for line in GUIDE.splitlines() if line.startswith(f"| `{env_id_of(env_name)}`"))
     _, _, actions, observations, seconds = (cell.strip() for cell in line.strip("| ").split(" | "))
     assert actions == f"`Box(-1, 1, {env.action_space.shape})`"
     assert observations == f"`Box({env.observation_space.shape})`"

@@ -33,7 +33,7 @@ def make_policy(tmp_path):
     def make(name, output="clip", **environment):
         environment = {"resolution": "fast", **environment}
         family = make_family(name, **environment)
-        seen = entries(family.history, family.knows_corners)
+        seen = entries(family.history, family.knows_corners, family.locates_discharges)
         rng = np.random.default_rng(4)
         sizes = [len(seen), 8, action_space_of(family).shape[0]]
         weights = [rng.normal(0, 0.4, shape) for shape in pairwise(sizes)]

@@ -131,6 +131,8 @@ def _begin(state: NDArray[np.void], window: NDArray[np.void], a: Arrays) -> None
     w.start_ns, w.duration_ns, w.ignitions = state[0].time_ns, 0, 0
     for k in range(4):
         w.counts[k] = 0
+    for k in range(5):
+        w.fifths[k] = 0
     w.voltage_us = w.charge_A_us = w.energy_J = w.delay_us = w.gap_um = w.crater_um3 = 0.0
     w.temperature_max_K = 0.0
     for axis in range(2):

@@ -81,9 +81,11 @@ WINDOW = np.dtype(
         ("debris", "f8"),
         ("coverage", "f8"),
         ("broken", "i8"),
+        ("fifths", "i8", 5),
     ]
 )
-"""Sums over one window of pulses; debris and coverage are means over the slices at its end."""
+"""Sums over one window of pulses; debris and coverage are means over the slices at its end. ``fifths`` are the
+ignitions by where the currents of the two contacts put them (see `discharge.locate`)."""
 
 PULSE = np.dtype(
     [

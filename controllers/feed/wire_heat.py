@@ -1,0 +1,206 @@
+"""Period from how near the wire is to boiling dry: by a measured heat flux, or by its true temperature.
+
+Water cools a wire the better the hotter it is, until the heat flux is critical: then steam covers it, and it grows
+hot and breaks within some 20 ms. No law is quick enough for that; so the period is set by how far the hottest place
+of the wire is from it.
+"""
+
+from __future__ import annotations
+
+import math
+from abc import abstractmethod
+from dataclasses import asdict, dataclass, field
+from typing import Any, ClassVar, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from edmsim.controllers.feed.fixed_period import FixedPeriodController
+from edmsim.controllers.protocols import ControllerState, FeedCommand, GapWindow, WindowObservation
+from edmsim.machine.machine import Machine
+from edmsim.machine.setting import discharge_current_A, pulse_form
+
+MOST_ERROR = 1.0
+"""No larger deviation from what is held counts (ours: one window of few sparks tells little)."""
+_BOILING_K = 373.15
+
+
+@dataclass
+class _Held:
+    """What changes: the period's regulated part, and what was last seen of how near the wire is."""
+
+    log_us: float = 0.0
+    near: float = 0.0
+
+
+@dataclass
+class PeriodFromHeat(FixedPeriodController):
+    """Holds a measure of how near the wire is to boiling dry by the period.
+
+    Further parameters: see `FixedPeriodController`; ``period_us`` is the one a cut begins with.
+
+    Parameters
+    ----------
+    hold_share : float
+        Of that measure, 1 where the wire boils dry.
+    proportional_share, integral_per_s : float
+        Change of the period's logarithm, and its growth per second, per unit of the difference from it.
+    shortest_us, longest_us : float
+        Periods there are.
+    """
+
+    period_us: float = 90.0
+    hold_share: float = 0.6
+    proportional_share: float = 0.3
+    integral_per_s: float = 1.0
+    shortest_us: float = 13.0
+    longest_us: float = 150.0
+
+    _held: _Held = field(default_factory=_Held, init=False, repr=False)
+
+    @abstractmethod
+    def near(self, window: WindowObservation) -> float:
+        """How near the wire is to boiling dry: 1 where it does."""
+
+    def reset(self, max_feed_um_s: float) -> FeedCommand:
+        """Begin a new cut."""
+        self._held = _Held(math.log(max(self.period_us, 1.0)))
+        return super().reset(max_feed_um_s)
+
+    def threaded(self) -> None:
+        """Begin with a fresh wire, more carefully than the one that broke."""
+        super().threaded()
+        self._held.log_us = min(self._held.log_us + math.log(max(self.slow_factor, 1.0)), self._longest)
+        self._held.near = 0.0
+
+    @property
+    def _longest(self) -> float:
+        return math.log(max(self.longest_us, self.shortest_us, 1.0))
+
+    def wanted_us(self, window: WindowObservation) -> float:
+        """Period that brings the measure to what is held."""
+        held = self._held
+        error = min(max(self.near(window) - self.hold_share, -MOST_ERROR), MOST_ERROR)
+        grown = held.log_us + self.integral_per_s * error * window.duration_s
+        held.log_us = min(max(grown, math.log(max(self.shortest_us, 1.0))), self._longest)
+        return max(math.exp(held.log_us + self.proportional_share * error), self.shortest_us)
+
+    def snapshot(self) -> ControllerState:
+        """Everything that changes while cutting."""
+        return {**super().snapshot(), **{f"held.{name}": value for name, value in asdict(self._held).items()}}
+
+    def restore(self, state: ControllerState) -> None:
+        """Continue where `snapshot` was taken."""
+        values = cast(dict[str, Any], state)
+        super().restore({k: v for k, v in values.items() if not k.startswith("held.")})
+        self._held = _Held(**{k.removeprefix("held."): v for k, v in values.items() if k.startswith("held.")})
+
+
+@dataclass
+class HeatFluxController(PeriodFromHeat):
+    """Holds the greatest local heat flux, as located sparks and the files' constants give it, by the period.
+
+    It knows what an operator does: names of the set-up's files, wire, height and pulse. It takes the constants of the
+    files, as it cannot know those of the machine at work. The measure is the flux over the critical one.
+
+    Further parameters: see `PeriodFromHeat`.
+
+    Parameters
+    ----------
+    flux_filter_s : float
+        Time constant of the low-pass filter on the flux of each fifth of the height.
+    """
+
+    name: ClassVar[str] = "heat-flux"
+
+    hold_share: float = 0.25
+    proportional_share: float = 0.6
+    integral_per_s: float = 4.0
+    flux_filter_s: float = 0.05
+
+    _per_ignition: NDArray[np.float64] = field(default_factory=lambda: np.zeros((5, 5)), init=False, repr=False)
+    _flux: NDArray[np.float64] = field(default_factory=lambda: np.zeros(5), init=False, repr=False)
+
+    def set_up(self, machine: Machine, points_um: NDArray[Any], start_um: float) -> None:
+        """Take in the dials: see `heat_per_ignition_s`."""
+        self._per_ignition = heat_per_ignition_s(machine)
+
+    def reset(self, max_feed_um_s: float) -> FeedCommand:
+        """Begin a new cut."""
+        self._flux = np.zeros(5)
+        return super().reset(max_feed_um_s)
+
+    def near(self, window: WindowObservation) -> float:
+        """Return the greatest flux of a fifth over the critical one."""
+        flux = self._per_ignition @ np.array(window.fifths, np.float64) / window.duration_s
+        weight = -math.expm1(-window.duration_s / self.flux_filter_s) if self.flux_filter_s else 1.0
+        self._flux += weight * (flux - self._flux)
+        self._held.near = float(self._flux.max())
+        return self._held.near
+
+    def threaded(self) -> None:
+        """Begin with a fresh wire."""
+        super().threaded()
+        self._flux[:] = 0.0
+
+    def snapshot(self) -> ControllerState:
+        """Everything that changes while cutting."""
+        return {**super().snapshot(), **{f"flux.{k}": float(value) for k, value in enumerate(self._flux)}}
+
+    def restore(self, state: ControllerState) -> None:
+        """Continue where `snapshot` was taken; the set-up must have been told."""
+        super().restore({k: v for k, v in state.items() if not k.startswith("flux.")})
+        self._flux = np.array([float(state[f"flux.{k}"]) for k in range(5)])
+
+
+def heat_per_ignition_s(machine: Machine) -> NDArray[np.float64]:
+    """Return what an ignition in each fifth adds to each fifth's heat flux, over the critical one: (5, 5), in s.
+
+    A spark heats its own fifth; its current, which comes from both guides and divides as the wire's resistances do,
+    heats all of them.
+    """
+    files = Machine.load(
+        machine.name, material=machine.material_name, wire=machine.wire_name, generator=machine.generator_name
+    )
+    cooling, wire, burning_V = files.base.cooling, files.wire, files.material.burning_voltage_V.value
+    on_s, height_m = machine.t_on_us * 1e-6, machine.height_mm * 1e-3
+    pulse = ("t_on_us", "t_period_us", "peak_current_A", "resistance_ohm", "pulse_shape")
+    current_A = discharge_current_A(files.with_(**{name: getattr(machine, name) for name in pulse}))
+    diameter_m = machine.wire_diameter_um * 1e-6
+    clearance_m = files.base.guides.clearance_mm.value * 1e-3
+    ohm_m = wire.resistivity_Ohm_m.value / (math.pi / 4 * diameter_m**2)
+    place = (clearance_m + (np.arange(5) + 0.5) / 5 * height_m) / (height_m + 2 * clearance_m)
+    below = np.arange(5)[:, None] < np.arange(5)  # the place heated below the spark
+    share = np.where(below, (1 - place) ** 2, np.where(below.T, place**2, ((1 - place) ** 2 + place**2) / 2))
+    joule_J = share * pulse_form(machine).square * current_A**2 * on_s * ohm_m * height_m / 5
+    spark_J = np.eye(5) * cooling.wire_heat_share.value * current_A * burning_V * on_s
+    return np.asarray((joule_J + spark_J) / (math.pi * diameter_m * height_m / 5 * cooling.critical_W_m2.value))
+
+
+@dataclass
+class HeatOracleController(PeriodFromHeat):
+    """Holds the wire's true highest temperature by the period: the bound that `heat-flux` is compared with.
+
+    The measure is the superheat, 0 at the boiling point and 1 where the wire of this very machine boils dry; it is
+    negative below the boiling point.
+    """
+
+    name: ClassVar[str] = "heat-oracle"
+
+    hold_share: float = 0.4
+    proportional_share: float = 0.8
+    integral_per_s: float = 2.0
+    shortest_us: float = 18.0
+    _superheat_K: float = field(default=30.0, init=False, repr=False)
+
+    def set_up(self, machine: Machine, points_um: NDArray[Any], start_um: float) -> None:
+        """Take in where this machine's wire boils dry."""
+        self._superheat_K = machine.base.cooling.superheat_K.value
+
+    def see(self, truth: GapWindow) -> None:
+        """Take in the true temperature."""
+        self._held.near = (truth.wire_temperature_K - _BOILING_K) / self._superheat_K
+
+    def near(self, window: WindowObservation) -> float:
+        """Return the superheat over the one at which the wire boils dry."""
+        return self._held.near
