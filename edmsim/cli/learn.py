@@ -15,19 +15,33 @@ def train(
         str, typer.Argument(help="Environment: edmsim/GapFeed-v1 ..., or FILE.py:ID.", show_default=False)
     ],
     out: Annotated[Path, typer.Option(help="Folder for policy, checkpoint and tensorboard logs.")],
-    algo: Annotated[str, typer.Option(help="ppo or sac.")] = "ppo",
+    algo: Annotated[str, typer.Option(help="ppo, recurrent-ppo, ppo-lag, sac or tqc.")] = "ppo",
     steps: Annotated[int | None, typer.Option(help="Windows in all; default by environment.")] = None,
     seed: Seed = 0,
     resume: Annotated[bool, typer.Option("--resume", help="Go on from the folder's checkpoint.")] = False,
     score: Annotated[
         int, typer.Option(metavar="EPISODES", help="Held-back episodes to compare the policy with counts on.")
     ] = 20,
+    settings: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Hyperparameters that differ, as best.toml of edmsim tune.")
+    ] = None,
+    residual: Annotated[
+        str | None, typer.Option(metavar="LAW", help="Let the policy add to the feed of this controller.")
+    ] = None,
+    privileged_critic: Annotated[
+        bool, typer.Option("--privileged-critic", help="Show the value network gap, heat and constants.")
+    ] = False,
+    record_every: Annotated[
+        int | None, typer.Option(metavar="N", help="Record every N-th episode of the first lane.")
+    ] = None,
+    live: Annotated[bool, typer.Option("--live", help="Show these episodes in rerun's viewer as they end.")] = False,
 ) -> None:
     """Train a feed controller (needs the extra rl)."""
-    from edmsim.learning.command import run
+    from edmsim.learning.command import Asked, run
 
+    asked = Asked(settings, residual, privileged_critic, record_every, live)
     try:
-        table = run(env_id, algo, out, steps, seed, resume, score, ERR)
+        table = run(env_id, algo, out, steps, seed, resume, score, ERR, asked)
     except KeyboardInterrupt:
         say("interrupted; take an interrupted training up again with --resume")
         raise typer.Exit(INTERRUPTED) from None
