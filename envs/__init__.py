@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from edmsim.envs.gap_feed import GapFeed
     from edmsim.envs.height_step import HeightStep
     from edmsim.envs.record import RecordRerun
+    from edmsim.envs.record_episodes import RecordEpisodes
     from edmsim.envs.registry import register
     from edmsim.envs.reward import Weights
     from edmsim.envs.sb3 import make_sb3_vec_env
@@ -35,6 +36,7 @@ _HOMES = {
     "Family": "task",
     "GapFeed": "gap_feed",
     "HeightStep": "height_step",
+    "RecordEpisodes": "record_episodes",
     "RecordRerun": "record",
     "Scenario": "task",
     "Sensors": "sensors",
@@ -46,7 +48,7 @@ _HOMES = {
 }
 __all__ = [
     "Contour", "Corner", "DiscreteFeed", "DiscreteFeedVector", "EdmEnv", "EdmVectorEnv", "Family", "GapFeed",
-    "HeightStep", "RecordRerun", "Scenario", "Sensors", "StepResult", "Task", "Weights", "make_sb3_vec_env",
+    "HeightStep", "RecordEpisodes", "RecordRerun", "Scenario", "Sensors", "StepResult", "Task", "Weights", "make_sb3_vec_env",
     "register",
 ]
 

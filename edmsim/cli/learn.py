@@ -51,6 +51,41 @@ def train(
                highlight=False, soft_wrap=True, markup=False)
 
 
+def dataset(
+    env_id: Annotated[
+        str, typer.Argument(help="Environment: edmsim/GapFeed-v1 ..., or FILE.py:ID.", show_default=False)
+    ],
+    out: Annotated[Path, typer.Option(help="Folder for the data sets; an interrupted recording goes on.")],
+    controllers: Annotated[
+        str, typer.Option(metavar="A,B", help="Feed controllers, as edmsim cut takes them.")
+    ] = "fixed,counts,voltage",
+    steps: Annotated[int, typer.Option(help="Windows of each controller; its last episode is whole.")] = 100_000,
+    seed: Annotated[int, typer.Option(help="Of the first episode; the others count from there.")] = 0,
+) -> None:
+    """Record feed controllers for offline learning, as data sets of Minari (needs the extra offline)."""
+    from rich.progress import Progress as Bar
+
+    from edmsim.envs.registry import resolve
+    from edmsim.learning.dataset import record
+
+    with Bar(console=ERR, transient=True) as bar:
+        tasks = {name: bar.add_task(name, total=steps) for name in controllers.split(",")}
+
+        def watch(name: str, done: int, total: int) -> None:
+            bar.update(tasks[name], completed=done, total=total)
+
+        try:
+            made = record(resolve(env_id), controllers.split(","), steps, out, seed=seed, watch=watch)
+        except KeyboardInterrupt:
+            say("interrupted; the same command goes on where it was")
+            raise typer.Exit(INTERRUPTED) from None
+    for row in made:
+        OUT.print(f"{row.dataset_id}: {row.episodes} episodes, {row.steps} steps, {row.breaks} with a broken wire, "
+                  f"mean return {row.mean_return:.1f}", highlight=False, soft_wrap=True, markup=False)
+    OUT.print(f"Load them: MINARI_DATASETS_PATH={out} python -c 'import minari; "
+              f"print(minari.load_dataset(\"{made[0].dataset_id}\"))'", highlight=False, soft_wrap=True, markup=False)
+
+
 def score(
     name: Annotated[
         list[str], typer.Argument(metavar="NAME...", help="Policies: files, or names under models/policies.")

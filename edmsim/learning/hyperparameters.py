@@ -1,4 +1,4 @@
-"""Hyperparameters: ``models/training/ALGO.toml``, and where a task wants others ``models/training/NAME-ALGO.toml``."""
+"""Hyperparameters: ``models/training/ALGO.toml``, and ``NAME-ALGO.toml`` there where a task wants others."""
 
 from __future__ import annotations
 

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError
 
 from edmsim import models, user_code
-from edmsim.controllers import FeedController, from_text, names
+from edmsim.controllers import FeedController, SeesTruth, from_text, names
 from edmsim.envs.knobs import KNOBS
 from edmsim.envs.observation import entries
 from edmsim.envs.registry import make_family
@@ -77,10 +77,11 @@ class Residual(_Strict):
         InputError
             It is none of them, or sees what no machine shows.
         """
-        name = self.law.partition(":")[0]
-        if name not in names() or user_code.named(self.law) is not None:
-            raise InputError(f"a policy adds to a law of edmsim ({', '.join(names())}), not to '{self.law}'")
-        return from_text(self.law)
+        known = self.law.partition(":")[0] in names() and user_code.named(self.law) is None
+        law = from_text(self.law) if known else None
+        if law is None or isinstance(law, SeesTruth):
+            raise InputError(f"a policy adds to a law of edmsim that a machine could have, not to '{self.law}'")
+        return law
 
     def action(self, family: Family, law_um_s: float, wanted: float) -> np.float32:
         """Return what an environment with ``action="speed"`` is given: the law's feed, and what is added to it."""

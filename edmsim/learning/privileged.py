@@ -1,7 +1,7 @@
-"""A critic that knows what no machine shows: gap, wire temperature, debris and the constants drawn (extra ``rl``).
+"""A critic that knows what no machine shows: gap, wire temperature, debris and constants drawn (extra ``rl``).
 
-Only the value network is shown it. The policy's features are the same vector with these entries replaced by 0, so that
-its actions cannot depend on them, and what is exported has no weights for them (Pinto et al., RSS 2018).
+Only the value network is shown it. The policy's features are the same vector with these entries replaced by 0: its
+actions cannot depend on them, and what is exported has no weights for them (Pinto et al., RSS 2018).
 """
 
 from __future__ import annotations

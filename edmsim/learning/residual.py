@@ -62,5 +62,6 @@ class ResidualVecEnv(VecEnvWrapper):  # type: ignore[misc, unused-ignore]
 
     def _take(self, lane: int, command: FeedCommand) -> None:
         if command.t_on_us is not None or command.t_period_us is not None:
-            raise InputError(f"'{self._residual.law}' turns the generator's knobs: a residual is of a law that only feeds")
+            law = self._residual.law
+            raise InputError(f"'{law}' turns the generator's knobs: a policy adds to a law that only feeds")
         self._feed_um_s[lane] = command.feed_um_s

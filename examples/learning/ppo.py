@@ -4,7 +4,7 @@ python examples/learning/ppo.py --seed 1 --out ppo.csv
 
 Proximal policy optimisation (Schulman et al. 2017, arXiv:1707.06347) with generalised advantages (arXiv:1506.02438).
 An episode is 8 s long here instead of 25 s, so that a learning curve takes a minute; every row of the table that is
-written has the windows so far, and the mean return and cost of the last hundred episodes.
+written has the windows so far, and the mean return and cost of the last twenty episodes.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from torch import nn
 
 import edmsim  # noqa: F401 - registers the environments
 
-LANES, STEPS, EPOCHS, BATCH = 32, 64, 5, 512
+LANES, STEPS, EPOCHS, BATCH = 8, 128, 5, 256
 GAMMA, LAMBDA, CLIP = 0.99, 0.95, 0.2
 LEARNING_RATE, GREATEST_GRADIENT = 1e-3, 0.5
 
@@ -98,20 +98,20 @@ def main() -> None:
     """Train, and write the learning curve."""
     parser = argparse.ArgumentParser(description="PPO in edmsim/GapFeed-v1.")
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--steps", type=int, default=60_000, help="windows, all lanes together")
+    parser.add_argument("--steps", type=int, default=20_480, help="windows, all lanes together")
     parser.add_argument("--out", type=Path, required=True, help="table of the learning curve, .csv")
     asked = parser.parse_args()
     torch.set_num_threads(1)  # networks this small only wait for further threads
     torch.manual_seed(asked.seed)
     envs = gymnasium.make_vec(
         "edmsim/GapFeed-v1", num_envs=LANES, vectorization_mode="vector_entry_point",
-        autoreset_mode=AutoresetMode.SAME_STEP, action="servo", episode_s=8.0,
+        autoreset_mode=AutoresetMode.SAME_STEP, action="servo", servo_target_share=[0.0, 0.9], episode_s=8.0,
     )
     agent = Agent(envs.single_observation_space.shape[0], envs.single_action_space.shape[0])
     optimiser = torch.optim.Adam(agent.parameters(), lr=LEARNING_RATE, eps=1e-5)
     seen_so_far, returns_so_far = Running(envs.single_observation_space.shape[0]), Running(1)
     observation, _ = envs.reset(seed=asked.seed)
-    last_hundred: deque[tuple[float, float]] = deque(maxlen=100)
+    last_twenty: deque[tuple[float, float]] = deque(maxlen=20)
     discounted, episode, cost = np.zeros(LANES), np.zeros(LANES), np.zeros(LANES)
     curve = [("windows", "return", "cost")]
     for done in range(LANES * STEPS, asked.steps + 1, LANES * STEPS):
@@ -148,9 +148,9 @@ def main() -> None:
             torch.as_tensor(values.reshape(-1), dtype=torch.float32) for values in (gain, gain + np.array(values))
         )
         update(agent, optimiser, rows)
-        last_hundred += over
-        if last_hundred:
-            curve.append((done, *np.mean(last_hundred, axis=0).round(3).tolist()))
+        last_twenty += over
+        if last_twenty:
+            curve.append((done, *np.mean(last_twenty, axis=0).round(3).tolist()))
             print(f"{done:8} windows, return {curve[-1][1]:8.1f}, cost {curve[-1][2]:.2f}", flush=True)
     with asked.out.open("w", newline="") as file:
         csv.writer(file, lineterminator="\n").writerows(curve)

@@ -25,13 +25,13 @@ from torch import nn
 
 import edmsim  # noqa: F401 - registers the environments
 
-LANES, STEPS, EPOCHS, BATCH = 32, 64, 5, 512
+LANES, STEPS, EPOCHS, BATCH = 8, 128, 5, 256
 GAMMA, LAMBDA, CLIP = 0.99, 0.95, 0.2
 LEARNING_RATE, GREATEST_GRADIENT = 1e-3, 0.5
 MULTIPLIER_RATE = 0.5  # of the multiplier, per cost beyond the limit and rollout
 THIN_WIRE = {
     "machine": {"wire": "brass-100"}, "tension": [1.2, 3.2], "height_mm": [4.0, 20.0], "knobs": ["on_time"],
-    "weights": {"wire_break": 0.0}, "action": "servo", "episode_s": 8.0,
+    "weights": {"wire_break": 0.0}, "action": "servo", "servo_target_share": [0.0, 0.9], "episode_s": 8.0,
 }
 
 
@@ -109,7 +109,7 @@ def main() -> None:
     """Train, and write the learning curve."""
     parser = argparse.ArgumentParser(description="Lagrangian PPO in edmsim/GapFeed-v1 with a thin wire.")
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--steps", type=int, default=60_000, help="windows, all lanes together")
+    parser.add_argument("--steps", type=int, default=20_480, help="windows, all lanes together")
     parser.add_argument("--limit", type=float, default=0.1, help="cost of an episode, in the mean")
     parser.add_argument("--out", type=Path, required=True, help="table of the learning curve, .csv")
     asked = parser.parse_args()
@@ -123,7 +123,7 @@ def main() -> None:
     optimiser = torch.optim.Adam(agent.parameters(), lr=LEARNING_RATE, eps=1e-5)
     seen_so_far, returns_so_far = Running(envs.single_observation_space.shape[0]), Running(1)
     observation, _ = envs.reset(seed=asked.seed)
-    last_hundred: deque[tuple[float, float]] = deque(maxlen=100)
+    last_twenty: deque[tuple[float, float]] = deque(maxlen=20)
     discounted, episode, cost = np.zeros(LANES), np.zeros(LANES), np.zeros(LANES)
     multiplier, curve = 1.0, [("windows", "return", "cost")]
     for done in range(LANES * STEPS, asked.steps + 1, LANES * STEPS):
@@ -164,9 +164,9 @@ def main() -> None:
         if over:
             beyond = np.mean([spent for _, spent in over]) - asked.limit
             multiplier = max(0.0, multiplier + MULTIPLIER_RATE * beyond)
-        last_hundred += over
-        if last_hundred:
-            curve.append((done, *np.mean(last_hundred, axis=0).round(3).tolist()))
+        last_twenty += over
+        if last_twenty:
+            curve.append((done, *np.mean(last_twenty, axis=0).round(3).tolist()))
             print(f"{done:8} windows, return {curve[-1][1]:8.1f}, cost {curve[-1][2]:.2f}", flush=True)
     with asked.out.open("w", newline="") as file:
         csv.writer(file, lineterminator="\n").writerows(curve)

@@ -22,17 +22,17 @@ from stable_baselines3.common.vec_env import VecNormalize
 
 from edmsim.envs import make_sb3_vec_env
 
-LANES, STEPS = 32, 64
+LANES, STEPS = 8, 128
 
 
 class Curve(BaseCallback):
-    """Mean return and cost of the last hundred episodes, after every rollout."""
+    """Mean return and cost of the last twenty episodes, after every rollout."""
 
     def __init__(self) -> None:
         super().__init__()
         self.rows: list[tuple] = [("windows", "return", "cost")]
         self._costs = [0.0] * LANES
-        self._last: deque[tuple[float, float]] = deque(maxlen=100)
+        self._last: deque[tuple[float, float]] = deque(maxlen=20)
 
     def _on_step(self) -> bool:
         for lane, info in enumerate(self.locals["infos"]):
@@ -54,14 +54,16 @@ def main() -> None:
     """Train, and write the learning curve."""
     parser = argparse.ArgumentParser(description="Recurrent PPO in edmsim/GapFeed-v1.")
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--steps", type=int, default=60_000, help="windows, all lanes together")
+    parser.add_argument("--steps", type=int, default=20_480, help="windows, all lanes together")
     parser.add_argument("--out", type=Path, required=True, help="table of the learning curve, .csv")
     asked = parser.parse_args()
     torch.set_num_threads(1)  # networks this small only wait for further threads
-    lanes = make_sb3_vec_env("edmsim/GapFeed-v1", LANES, action="servo", episode_s=8.0, history=1)
+    lanes = make_sb3_vec_env(
+        "edmsim/GapFeed-v1", LANES, action="servo", servo_target_share=[0.0, 0.9], episode_s=8.0, history=1,
+    )
     model = RecurrentPPO(
         "MlpLstmPolicy", VecNormalize(lanes, gamma=0.99), seed=asked.seed, device="cpu", n_steps=STEPS,
-        batch_size=512, n_epochs=5, gamma=0.99, learning_rate=1e-3,
+        batch_size=256, n_epochs=5, gamma=0.99, learning_rate=1e-3,
         policy_kwargs={"lstm_hidden_size": 32, "net_arch": [32], "log_std_init": -0.5},
     )
     curve = Curve()

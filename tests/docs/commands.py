@@ -32,6 +32,7 @@ SHORT: dict[str, tuple[str, ...]] = {
     "report": (),
     "train": ("--steps", "64", "--score", "2"),
     "score": ("--episodes", "2"),
+    "dataset": ("--steps", "20"),
     "evaluate": ("--seeds", "2", "--resolution", "fast"),
     "calibrate": ("--json",),
     "validate": (),
