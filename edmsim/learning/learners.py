@@ -37,7 +37,7 @@ _DEVICE = "cpu"  # a network this small waits for a GPU more than it gains; and 
 
 
 @dataclass(frozen=True)
-class Lanes:
+class TrainingLanes:
     """The environments of a training.
 
     Attributes
@@ -79,7 +79,7 @@ def residual_of(given: Hyperparameters) -> Residual | None:
     return residual
 
 
-def lanes_of(env_id: str, given: Hyperparameters, seed: int, multiplier: float | None = None) -> Lanes:
+def lanes_of(env_id: str, given: Hyperparameters, seed: int, multiplier: float | None = None) -> TrainingLanes:
     """Make the lanes of a training.
 
     Parameters
@@ -100,10 +100,10 @@ def lanes_of(env_id: str, given: Hyperparameters, seed: int, multiplier: float |
         lanes = PrivilegedVecEnv(lanes)
     if given.lagrangian is not None:
         lanes = costs = CostVecEnv(lanes, given.lagrangian.multiplier if multiplier is None else multiplier)
-    return Lanes(edm, costs, lanes)
+    return TrainingLanes(edm, costs, lanes)
 
 
-def new(algo: str, lanes: Lanes, given: Hyperparameters, seed: int) -> tuple[Any, VecNormalize]:
+def new(algo: str, lanes: TrainingLanes, given: Hyperparameters, seed: int) -> tuple[Any, VecNormalize]:
     """Return a learner that knows nothing yet, and its normalised lanes."""
     normalise = VecNormalize(lanes.learned_on, gamma=given.algorithm["gamma"])
     network, policy = given.network, "MlpLstmPolicy" if given.network.lstm else "MlpPolicy"
@@ -121,7 +121,7 @@ def new(algo: str, lanes: Lanes, given: Hyperparameters, seed: int) -> tuple[Any
     return model, normalise
 
 
-def load(algo: str, lanes: Lanes, checkpoint: Path) -> tuple[Any, VecNormalize]:
+def load(algo: str, lanes: TrainingLanes, checkpoint: Path) -> tuple[Any, VecNormalize]:
     """Return the learner of a checkpoint, and its normalised lanes."""
     normalise = VecNormalize.load(str(checkpoint / "normalise.pkl"), lanes.learned_on)
     model = KINDS[algo].load(checkpoint / "model.zip", env=normalise, device=_DEVICE)
@@ -130,7 +130,7 @@ def load(algo: str, lanes: Lanes, checkpoint: Path) -> tuple[Any, VecNormalize]:
     return model, normalise
 
 
-def callbacks(lanes: Lanes, given: Hyperparameters) -> list[BaseCallback]:
+def callbacks(lanes: TrainingLanes, given: Hyperparameters) -> list[BaseCallback]:
     """Return what the algorithm wants done between its steps."""
     if lanes.costs is None or given.lagrangian is None:
         return []

@@ -73,14 +73,14 @@ class Trained(NamedTuple):
     model : learner of stable_baselines3 or sb3_contrib
     normalise : stable_baselines3 VecNormalize
         With the statistics the policy's observations are normalised with.
-    lanes : edmsim.learning.learners.Lanes
+    lanes : edmsim.learning.learners.TrainingLanes
     """
 
     run: TrainingRun
     hyperparameters: Hyperparameters
     model: Any
     normalise: Any
-    lanes: learners.Lanes
+    lanes: learners.TrainingLanes
 
 
 def train(
