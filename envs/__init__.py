@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from edmsim.envs.height_step import HeightStep
     from edmsim.envs.max_rate import MaxRate
     from edmsim.envs.record import RecordRerun
+    from edmsim.envs.record_episodes import RecordEpisodes
     from edmsim.envs.registry import register
     from edmsim.envs.reward import Weights
     from edmsim.envs.sb3 import make_sb3_vec_env
@@ -38,6 +39,7 @@ _HOMES = {
     "GapFeed": "gap_feed",
     "HeightStep": "height_step",
     "MaxRate": "max_rate",
+    "RecordEpisodes": "record_episodes",
     "RecordRerun": "record",
     "Scenario": "task",
     "Sensors": "sensors",
@@ -49,7 +51,7 @@ _HOMES = {
 }
 __all__ = [
     "Contour", "Corner", "DiscreteFeed", "DiscreteFeedVector", "EdmEnv", "EdmVectorEnv", "Family", "GapFeed",
-    "HeightStep", "MaxRate", "RecordRerun", "Scenario", "Sensors", "StepResult", "Task", "Weights",
+    "HeightStep", "MaxRate", "RecordEpisodes", "RecordRerun", "Scenario", "Sensors", "StepResult", "Task", "Weights",
     "make_sb3_vec_env", "register",
 ]
 

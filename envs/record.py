@@ -13,6 +13,7 @@ from edmsim.envs.recorder import EpisodeRecorder
 from edmsim.envs.single import EdmEnv
 from edmsim.errors import InputError
 from edmsim.files import make_writable
+from edmsim.recording.rerun.live_viewer import LiveViewer, show
 from edmsim.recording.rerun.playback import RECORDING
 
 
@@ -31,6 +32,8 @@ class RecordRerun(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorAr
         Is made if it is missing; recordings in it are replaced.
     every : int
         1 records all.
+    live : bool
+        Whether each is shown in rerun's viewer as it ends.
 
     Attributes
     ----------
@@ -48,8 +51,8 @@ class RecordRerun(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorAr
     >>> env = edmsim.envs.RecordRerun(gymnasium.make("edmsim/GapFeed-v1"), "runs/gap", every=100)  # doctest: +SKIP
     """
 
-    def __init__(self, env: gym.Env[Any, Any], folder: str | Path, every: int = 100) -> None:
-        gym.utils.RecordConstructorArgs.__init__(self, folder=str(folder), every=every)
+    def __init__(self, env: gym.Env[Any, Any], folder: str | Path, every: int = 100, live: bool = False) -> None:
+        gym.utils.RecordConstructorArgs.__init__(self, folder=str(folder), every=every, live=live)
         gym.Wrapper.__init__(self, env)
         if not isinstance(env.unwrapped, EdmEnv):
             raise InputError(f"RecordRerun records environments of edmsim, and this is {env.unwrapped!r}")
@@ -62,6 +65,7 @@ class RecordRerun(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorAr
         self._episode = -1
         self._recorder: EpisodeRecorder | None = None
         self._made_with: dict[str, Any] = {}
+        self._viewer = LiveViewer("the episodes", "without live they are recorded all the same") if live else None
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
         """Begin an episode, and its recording if its turn has come."""
@@ -88,6 +92,8 @@ class RecordRerun(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorAr
     def close(self) -> None:
         """Write what was recorded of an episode that still runs, and close the environment."""
         self._end(WORDS[StopCause.RUNNING].report)
+        if self._viewer is not None:
+            self._viewer.close()
         self.env.close()
 
     def _action_names(self) -> list[str]:
@@ -109,7 +115,9 @@ class RecordRerun(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorAr
         name = self._made_with["environment"]
         recorder.write(folder / RECORDING, f"{name}, episode {self._episode}", self._made_with, outcome)
         self.recordings.append(folder)
+        if self._viewer is not None:
+            show(folder / RECORDING, self._viewer)
 
     def __getstate__(self) -> dict[str, Any]:
-        """Return what a copy needs; the recording under way stays with the original."""
-        return {**self.__dict__, "_recorder": None}
+        """Return what a copy needs; the recording under way and the viewer stay with the original."""
+        return {**self.__dict__, "_recorder": None, "_viewer": None}

@@ -23,9 +23,9 @@ if TYPE_CHECKING:
     from edmsim.recording.rerun.steps import Steps
     from edmsim.recording.scene import Scene
 
-EVERY = 6
-"""Of so many windows one is kept pulse by pulse, with the wire's shape (ours: six or seven a second, as many as an
-eye follows, and a sixth of the time they take)."""
+EVERY = 12
+"""Of so many windows one is kept pulse by pulse, with the wire's shape (ours: three a second of machine time, as
+playback shows a cut some times faster than it was; and a twelfth of the time they take)."""
 
 
 class EpisodeRecorder:
@@ -44,7 +44,7 @@ class EpisodeRecorder:
         plant = lanes.fleet.plants[lane]
         size = plant.resolution
         self._lanes, self._lane, self._actions = lanes, lane, list(actions)
-        self._kept: list[tuple[bytes, bytes, tuple[float, float], tuple[float, float]]] = []
+        self._kept: list[tuple[bytes, bytes, bytes, tuple[float, float]]] = []
         self._closeups = Closeups(size.slices, size.rays, _scene_slice(lanes, lane))
         self._steps: list[tuple[float, ...]] = []
         self._rows: list[int] = []
@@ -62,13 +62,13 @@ class EpisodeRecorder:
 
     def _window(self, lanes: NDArray[np.int64]) -> None:
         """See a window of some lanes."""
-        if self._lane not in lanes:
+        here, fleet, rows = self._lane, self._lanes.fleet, self._lanes.rows
+        if here not in lanes.tolist():
             return
-        here, plant, rows = self._lane, self._lanes.fleet.plants[self._lane], self._lanes.rows
-        leg = self._lanes.leg[here]
+        leg, plant = self._lanes.leg[here], fleet.plants[here]
         # as bytes: to read the records takes a tenth of a step, and can wait until the recording is written
-        kept = self._lanes.fleet.windows[here].tobytes(), rows[here].tobytes()
-        self._kept.append((*kept, plant.commanded_um, plant.following_error_um))
+        kept = fleet.windows[here].tobytes(), rows[here].tobytes()
+        self._kept.append((*kept, fleet.states[here]["commanded_um"].tobytes(), plant.following_error_um))
         if self._leg != leg:
             self._leg, scenario = leg, self._lanes.scenarios[here]
             assert scenario is not None
@@ -79,7 +79,8 @@ class EpisodeRecorder:
     def _table(self) -> WindowTable:
         """Return the table of the windows, as of a cut."""
         table = WindowTable()
-        for window_bytes, row_bytes, commanded_um, following_um in self._kept:
+        for window_bytes, row_bytes, commanded_bytes, following_um in self._kept:
+            commanded_um = np.frombuffer(commanded_bytes)[:2].tolist()
             (window, time_ns, feed_um_s, path_um), setting_us = _turn(window_bytes, row_bytes)
             table.append((
                 time_ns * 1e-9, *commanded_um, feed_um_s, window.short, window.open, window.spark, window.arc,

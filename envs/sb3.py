@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterable, Sequence
 from typing import Any
 
@@ -13,6 +14,7 @@ from edmsim.envs.vector import EdmVectorEnv
 from edmsim.errors import InputError
 
 try:
+    from stable_baselines3.common.monitor import Monitor
     from stable_baselines3.common.vec_env import VecEnv
 except ImportError as error:
     raise InputError("stable-baselines3 is not installed: pip install 'edmsim[rl]'") from error
@@ -22,13 +24,18 @@ except ImportError as error:
 class EdmVecEnv(VecEnv):  # type: ignore[misc, unused-ignore]
     """An `EdmVectorEnv` in mode ``SAME_STEP`` for the learners of stable-baselines3.
 
-    Normalise with stable-baselines3's own `VecNormalize`; Gymnasium's refuses this mode.
+    Normalise with stable-baselines3's own `VecNormalize`; Gymnasium's refuses this mode. The last info of an episode
+    has its return, length and time as ``episode``, as of a `VecMonitor`, from which learners tell the mean return.
     """
 
     def __init__(self, env: EdmVectorEnv) -> None:
         if env.autoreset_mode is not AutoresetMode.SAME_STEP:
             raise InputError("stable-baselines3 wants a vector environment with autoreset_mode SAME_STEP")
+        if env.family.objectives:
+            raise InputError("stable-baselines3 learns from one reward: make the environment without objectives")
         self.env = env
+        self._returns, self._lengths = np.zeros(env.num_envs), np.zeros(env.num_envs, np.int64)
+        self._begun_s = time.perf_counter()
         self.render_mode = env.render_mode
         self._seed: int | None = None
         self._actions: Any = None
@@ -43,6 +50,7 @@ class EdmVecEnv(VecEnv):  # type: ignore[misc, unused-ignore]
         """Begin an episode in every lane."""
         observations, infos = self.env.reset(seed=self._seed)
         self._seed = None
+        self._returns[:], self._lengths[:] = 0.0, 0
         self.reset_infos = [lane_info(infos, lane) for lane in range(self.num_envs)]
         return observations
 
@@ -54,13 +62,20 @@ class EdmVecEnv(VecEnv):  # type: ignore[misc, unused-ignore]
         """Run a step; every lane's info tells all that `EdmVectorEnv` tells of it."""
         observations, rewards, terminated, truncated, infos = self.env.step(self._actions)
         done = terminated | truncated
+        self._returns += rewards
+        self._lengths += 1
         told = lane_infos(infos, self.num_envs)
         for lane in np.flatnonzero(done):
             self.reset_infos[lane] = told[lane]
             last = lane_info(infos["final_info"], int(lane))
             last["terminal_observation"] = infos["final_obs"][lane]
             last["TimeLimit.truncated"] = bool(truncated[lane] and not terminated[lane])
+            last["episode"] = {
+                "r": float(self._returns[lane]), "l": int(self._lengths[lane]),
+                "t": round(time.perf_counter() - self._begun_s, 6),
+            }
             told[lane] = last
+        self._returns[done], self._lengths[done] = 0.0, 0
         return observations, rewards.astype(np.float32), done, told
 
     def close(self) -> None:
@@ -96,8 +111,8 @@ class EdmVecEnv(VecEnv):  # type: ignore[misc, unused-ignore]
         return [getattr(self.env, method_name)(*args, **kwargs)] * len(lanes)
 
     def env_is_wrapped(self, wrapper_class: Any, indices: Any = None) -> list[bool]:
-        """No lane has a wrapper of its own."""
-        return [False for _ in self._get_indices(indices)]
+        """No lane has a wrapper of its own; what a `Monitor` tells is told."""
+        return [wrapper_class is Monitor for _ in self._get_indices(indices)]
 
     def _get_indices(self, indices: int | Iterable[int] | None) -> Iterable[int]:
         if indices is None:
@@ -132,7 +147,7 @@ def lane_slice(values: Any, lane: int) -> Any:
 
 
 def make_sb3_vec_env(env_id: str, num_envs: int = 1, seed: int | None = None, **options: Any) -> EdmVecEnv:
-    """Make a vector environment for stable-baselines3.
+    """Make a vector environment for stable-baselines3, which learners show the returns of.
 
     Parameters
     ----------

@@ -19,6 +19,8 @@ from edmsim.envs.render import RENDER_FPS, RENDER_MODES, Renderer, check_render_
 from edmsim.envs.task import Family
 
 if TYPE_CHECKING:
+    from edmsim.controllers import FeedController
+    from edmsim.envs.lane_law import LaneLaw
     from edmsim.envs.recorder import EpisodeRecorder
 
 _LANE = np.zeros(1, np.int64)
@@ -68,6 +70,7 @@ class EdmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         self.observation_space = observation_space_of(self.family)
         self.reward_space = reward_space_of(self.family)
         self._batch = Batch(self.family, 1)
+        self._of_episode: dict[str, Any] = {}
         self._running = False
         self._begun = False
         self._renderer = Renderer()
@@ -88,9 +91,11 @@ class EdmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         super().reset(seed=seed)
         info = self._batch.begin(0, self.np_random, given.get("machine"), anew=seed is not None)
         self._running = self._begun = True
+        self._batch.earned.begin()
+        self._of_episode = info
         if self.render_mode == "human":
             self.render()
-        return self._batch.observations()[0], info
+        return self._batch.observations()[0], self._info()
 
     def step(
         self, action: NDArray[np.float32]
@@ -118,13 +123,24 @@ class EdmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         terminated = bool(batch.lanes.rows[0]["cause"] != RUNNING)
         truncated = not terminated and bool(batch.lanes.out_of_time[0])
         self._running = not (terminated or truncated)
-        info: dict[str, Any] = {name: value[0].item() for name, value in batch.infos().items()}
-        info["reward_terms"] = {name: value.item() for name, value in batch.reward_terms().items()}
-        info |= {name: value[0] for name, value in batch.words().items()}
         if self.render_mode == "human":
             self.render()
         told = reward.astype(np.float32) if self.family.objectives else float(reward)
-        return batch.observations()[0], told, terminated, truncated, info
+        return batch.observations()[0], told, terminated, truncated, self._info()
+
+    def _info(self) -> dict[str, Any]:
+        """Return the info of a step or a reset, which have the same keys: records of Minari want that."""
+        batch = self._batch
+        info: dict[str, Any] = {name: value[0].item() for name, value in batch.infos().items()}
+        info["reward_terms"] = {name: value.item() for name, value in batch.reward_terms().items()}
+        info |= {name: value[0] for name, value in batch.words().items()}
+        return info | self._of_episode | {"drawn": dict(self._of_episode["drawn"])}
+
+    def lane_law(self, controller: FeedController) -> LaneLaw:
+        """Return a feed controller's place at this environment: see `LaneLaw`."""
+        from edmsim.envs.lane_law import LaneLaw
+
+        return LaneLaw(self._batch.lanes, 0, controller)
 
     def recorder(self, actions: Sequence[str] | None = None) -> EpisodeRecorder:
         """Return a recorder of the episode that has just begun; `RecordRerun` records with it.

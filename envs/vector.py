@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import gymnasium as gym
 import numpy as np
@@ -22,6 +22,13 @@ from edmsim.envs.registry import make_family
 from edmsim.envs.render import RENDER_FPS, RENDER_MODES, Renderer, check_render_mode
 from edmsim.envs.task import Family
 from edmsim.errors import InputError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from edmsim.controllers import FeedController
+    from edmsim.envs.lane_law import LaneLaw
+    from edmsim.envs.recorder import EpisodeRecorder
 
 Flags = NDArray[np.bool_]
 
@@ -47,6 +54,11 @@ class EdmVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDArray[A
         Threads that share a step; as many as processors, if not given. They change no bit.
     **options
         Fields of the `Family`, in the forms of `Family.of`.
+
+    Attributes
+    ----------
+    watch : callable or None
+        Called after every step with actions, infos and which episodes ended, before another begins in any lane.
 
     Raises
     ------
@@ -94,6 +106,7 @@ class EdmVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDArray[A
         self._begun: Flags = np.zeros(num_envs, np.bool_)
         self._ended: Flags = np.zeros(num_envs, np.bool_)
         self._renderer = Renderer()
+        self.watch: Callable[[NDArray[np.float32], dict[str, Any], Flags], None] | None = None
 
     def reset(
         self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
@@ -188,6 +201,8 @@ class EdmVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDArray[A
             truncated[active] |= self._elapsed[active] >= self.max_episode_steps
         infos = self._infos(~again)
         self._ended = terminated | truncated
+        if self.watch is not None:
+            self.watch(actions, infos, self._ended)
         if again.any():
             self._merge(infos, self._begin(again))
         elif self._ended.any() and self.autoreset_mode is AutoresetMode.SAME_STEP:
@@ -209,6 +224,18 @@ class EdmVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDArray[A
             texts[~mask] = None
             infos[name], infos[f"_{name}"] = texts, mask
         return infos
+
+    def lane_law(self, lane: int, controller: FeedController) -> LaneLaw:
+        """Return a feed controller's place at a lane: see `LaneLaw`."""
+        from edmsim.envs.lane_law import LaneLaw
+
+        return LaneLaw(self._batch.lanes, lane, controller)
+
+    def recorder(self, lane: int) -> EpisodeRecorder:
+        """Return a recorder of the episode that a lane has just begun."""
+        from edmsim.envs.recorder import EpisodeRecorder
+
+        return EpisodeRecorder(self._batch.lanes, lane, self.family.action_names)
 
     def change(self, **options: Any) -> None:
         """Let the next episodes of all lanes have other arguments, for a curriculum; see `EdmEnv.change`."""

@@ -109,11 +109,10 @@ def short_training(monkeypatch: pytest.MonkeyPatch) -> None:
     """Let trainings be short: few lanes, few windows between updates."""
     load = hyperparameters.load
 
-    def shorter(env_id: str, algo: str) -> hyperparameters.Hyperparameters:
-        given = load(env_id, algo)
-        change = {"n_steps": 32, "batch_size": 32} if algo == "ppo" else {"learning_starts": 40, "buffer_size": 500}
-        return given.model_copy(update={
-            "num_envs": 2, "environment": {"resolution": "fast"}, "algorithm": {**given.algorithm, **change},
-        })  # fmt: skip
+    def shorter(env_id: str, algo: str, settings: Path | None = None) -> hyperparameters.Hyperparameters:
+        given = load(env_id, algo, settings)
+        replays = {"learning_starts": 40, "buffer_size": 500}
+        change = {"n_steps": 32, "batch_size": 32} if algo in hyperparameters.ON_POLICY else replays
+        return given.model_copy(update={"num_envs": 2, "algorithm": {**given.algorithm, **change}})
 
     monkeypatch.setattr(hyperparameters, "load", shorter)

@@ -1,27 +1,28 @@
 """``docs/benchmark.md``: controllers and policies compared, and whether anything is left to be learned.
 
-python docs/make/benchmark.py docs/benchmark.md edmsim/GapFeed-v1 edmsim/HeightStep-v1 edmsim/Corner-v1 ...
+python docs/make/benchmark.py                     # the page of docs/leaderboard.json
+python docs/make/benchmark.py all                 # cuts everything anew, writes the leaderboard, then the page
+python docs/make/benchmark.py edmsim/Corner-v1    # cuts one environment again
 """
 
 from __future__ import annotations
 
 import argparse
-import shlex
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from edmsim import __version__
-from edmsim.envs.registry import resolve
 from edmsim.errors import EdmsimError
-from edmsim.evaluation.compare import Comparison, check, evaluate, usual
-from edmsim.evaluation.episode import ORACLE_GAPS_UM, episodes
+from edmsim.evaluation import leaderboard
+from edmsim.evaluation.compare import Comparison, env_ids, evaluate, usual
+from edmsim.evaluation.episode import ORACLE_GAPS_UM
 from edmsim.evaluation.table import markdown_table, ranked, shown
 
+BOARD, PAGE = (Path(__file__).parents[1] / name for name in ("leaderboard.json", "benchmark.md"))
 INTRODUCTION = """\
 # Benchmark of feed controllers
 
-Written by `{command}` (edmsim {version}); do not edit.
+Written by `python docs/make/benchmark.py` from `docs/leaderboard.json`, which has every cut; do not edit.
+`python docs/make/benchmark.py all` makes both again.
 
 `edmsim evaluate ID` without options makes the same cuts: every controller those of the id's held-back seeds, from
 1,000,000 on, on machines drawn as the [environment](environments.md) says. Gains of the classic controllers were
@@ -49,17 +50,10 @@ NEARLY_ALL = 0.95
 """Score of a constant set-point from which on little can be gained by a better law."""
 
 
-def page(comparisons: Sequence[Comparison], command: str) -> str:
-    """Return the page of the documentation.
-
-    Parameters
-    ----------
-    comparisons : sequence of Comparison
-    command : str
-        The command that made it.
-    """
+def page(comparisons: Sequence[Comparison]) -> str:
+    """Return the page of the documentation."""
     gaps = ", ".join(f"{gap:g}" for gap in ORACLE_GAPS_UM)
-    parts = [INTRODUCTION.format(command=command, version=__version__, gaps=gaps)]
+    parts = [INTRODUCTION.format(gaps=gaps)]
     for comparison in comparisons:
         parts += [f"## {comparison.env_id}", "", *markdown_table(comparison), ""]
         parts += [line for text in verdicts(comparison) for line in (text, "")]
@@ -99,25 +93,15 @@ def _of_policy(comparison: Comparison, policy: str, best: str) -> str:
 def main() -> None:
     """Compare, and write the page."""
     parser = argparse.ArgumentParser(description="Write a page of the benchmark.")
-    parser.add_argument("page", type=Path, help="file to write")
-    parser.add_argument("env_ids", nargs="+", metavar="ENV_ID", help="environments")
-    parser.add_argument("--controllers", metavar="A,B", help="feed controllers; all by default")
-    parser.add_argument("--seeds", type=int, help="cuts of each controller; those of the benchmark by default")
-    parser.add_argument("--resolution", help="fast, default or fine; the environment's by default")
-    asked = parser.parse_args()
+    parser.add_argument("env_ids", nargs="*", metavar="ENV_ID", help="environments to cut again, or all")
+    given = parser.parse_args().env_ids
     try:
-        chosen = {
-            env_id: usual(env_id) if asked.controllers is None else asked.controllers.split(",")
-            for env_id in map(resolve, asked.env_ids)
-        }
-        for env_id, named in chosen.items():
-            check(env_id, named, episodes(env_id) if asked.seeds is None else asked.seeds, asked.resolution)
+        for env_id in env_ids() if given == ["all"] else given:
+            leaderboard.write(BOARD, [evaluate(env_id)])
+        board = leaderboard.read(BOARD)
     except EdmsimError as error:
         parser.error(str(error))
-    asked.page.touch()
-    found = [evaluate(env_id, named, asked.seeds, resolution=asked.resolution) for env_id, named in chosen.items()]
-    command = shlex.join(["python", "docs/make/benchmark.py", *sys.argv[1:]])
-    asked.page.write_text(page(found, command), encoding="utf-8")
+    PAGE.write_text(page([board[env_id] for env_id in env_ids() if env_id in board]), encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -12,7 +12,7 @@ from edmsim.cli.check import check
 from edmsim.cli.console import OUT, take_any_terminal
 from edmsim.cli.cut import cut
 from edmsim.cli.evaluate import evaluate, search_gains
-from edmsim.cli.learn import score, train
+from edmsim.cli.learn import dataset, score, train
 from edmsim.cli.measure_table import measure_table
 from edmsim.cli.playback import render, report, view
 from edmsim.cli.positioner import positioner
@@ -27,7 +27,8 @@ app = typer.Typer(
     help="A wire-EDM machine, simulated discharge by discharge.",
 )
 _COMMANDS = (
-    cut, check, view, render, report, train, score, evaluate, search_gains, calibrate, validate, bench, terminal,
+    cut, check, view, render, report, train, score, dataset, evaluate, search_gains, calibrate, validate, bench,
+    terminal,
     servo, positioner, measure_table, tune,
 )  # fmt: skip
 _UsageError: Any = typer.BadParameter.__base__

@@ -30,12 +30,19 @@ def evaluate(
     record: Annotated[
         Path | None, typer.Option(metavar="DIR", help="Folder for a recording of every cut, for edmsim view.")
     ] = None,
+    leaderboard: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Write every cut into this leaderboard, .json.")
+    ] = None,
+    transfer: Annotated[
+        bool, typer.Option("--transfer", help="Compare at finer resolutions and beyond the ranges instead.")
+    ] = False,
     json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
     """Compare feed controllers on the same randomised machines."""
     from rich.progress import Progress as Bar
 
     from edmsim.envs.registry import resolve
+    from edmsim.evaluation import leaderboard as boards
     from edmsim.evaluation.compare import check, evaluate, usual
     from edmsim.evaluation.compare import env_ids as all_ids
     from edmsim.evaluation.episode import episodes
@@ -47,6 +54,13 @@ def evaluate(
     }
     for env_id, named in chosen.items():
         check(env_id, named, episodes(env_id) if seeds is None else seeds, resolution)
+    if transfer:
+        if leaderboard or record or json or resolution:
+            raise InputError("--transfer takes an environment, --controllers and --seeds only")
+        _move(chosen, seeds)
+        return
+    if leaderboard is not None:
+        boards.read(leaderboard)  # a file that is none is refused before hours of cuts
     found = []
     with Bar(console=ERR, transient=True) as bar:
         for env_id, named in chosen.items():
@@ -56,11 +70,31 @@ def evaluate(
                 bar.update(task, completed=done, total=total)
 
             found.append(evaluate(env_id, named, seeds, resolution=resolution, record=record, watch=watch))
+            if leaderboard is not None:
+                boards.write(leaderboard, found[-1:])
     if json:
         sys.stdout.write(as_json(found) + "\n")
     else:
         for comparison in found:
             OUT.print(render(comparison, OUT.width))
+
+
+def _move(chosen: dict[str, list[str]], seeds: int | None) -> None:
+    """Show what controllers are worth elsewhere."""
+    from rich.progress import Progress as Bar
+
+    from edmsim.evaluation.transfer import USUAL_CUTS, render, transfer
+
+    cuts = USUAL_CUTS if seeds is None else seeds
+    for env_id, named in chosen.items():
+        with Bar(console=ERR, transient=True) as bar:
+            task = bar.add_task(env_id, total=None)
+
+            def watch(done: int, total: int, bar: Bar = bar, task: TaskID = task) -> None:
+                bar.update(task, completed=done, total=total)
+
+            moved = transfer(env_id, named, cuts, watch=watch)
+        OUT.print(render(env_id, moved, cuts))
 
 
 def search_gains(

@@ -15,19 +15,33 @@ def train(
         str, typer.Argument(help="Environment: edmsim/GapFeed-v1 ..., or FILE.py:ID.", show_default=False)
     ],
     out: Annotated[Path, typer.Option(help="Folder for policy, checkpoint and tensorboard logs.")],
-    algo: Annotated[str, typer.Option(help="ppo or sac.")] = "ppo",
+    algo: Annotated[str, typer.Option(help="ppo, recurrent-ppo, ppo-lag, sac or tqc.")] = "ppo",
     steps: Annotated[int | None, typer.Option(help="Windows in all; default by environment.")] = None,
     seed: Seed = 0,
     resume: Annotated[bool, typer.Option("--resume", help="Go on from the folder's checkpoint.")] = False,
     score: Annotated[
         int, typer.Option(metavar="EPISODES", help="Held-back episodes to compare the policy with counts on.")
     ] = 20,
+    settings: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Hyperparameters that differ, as best.toml of edmsim tune.")
+    ] = None,
+    residual: Annotated[
+        str | None, typer.Option(metavar="LAW", help="Let the policy add to the feed of this controller.")
+    ] = None,
+    privileged_critic: Annotated[
+        bool, typer.Option("--privileged-critic", help="Show the value network gap, heat and constants.")
+    ] = False,
+    record_every: Annotated[
+        int | None, typer.Option(metavar="N", help="Record every N-th episode of the first lane.")
+    ] = None,
+    live: Annotated[bool, typer.Option("--live", help="Show these episodes in rerun's viewer as they end.")] = False,
 ) -> None:
     """Train a feed controller (needs the extra rl)."""
-    from edmsim.learning.command import run
+    from edmsim.learning.command import Asked, run
 
+    asked = Asked(settings, residual, privileged_critic, record_every, live)
     try:
-        table = run(env_id, algo, out, steps, seed, resume, score, ERR)
+        table = run(env_id, algo, out, steps, seed, resume, score, ERR, asked)
     except KeyboardInterrupt:
         say("interrupted; the same command with --resume continues the training")
         raise typer.Exit(INTERRUPTED) from None
@@ -35,6 +49,41 @@ def train(
         OUT.print(table)
     OUT.print(f"Cut with it: edmsim cut PROGRAM --controller policy:{out / 'policy.json'} --out DIR",
                highlight=False, soft_wrap=True, markup=False)
+
+
+def dataset(
+    env_id: Annotated[
+        str, typer.Argument(help="Environment: edmsim/GapFeed-v1 ..., or FILE.py:ID.", show_default=False)
+    ],
+    out: Annotated[Path, typer.Option(help="Folder for the data sets; an interrupted recording goes on.")],
+    controllers: Annotated[
+        str, typer.Option(metavar="A,B", help="Feed controllers, as edmsim cut takes them.")
+    ] = "fixed,counts,voltage",
+    steps: Annotated[int, typer.Option(help="Windows of each controller; its last episode is whole.")] = 100_000,
+    seed: Annotated[int, typer.Option(help="Of the first episode; the others count from there.")] = 0,
+) -> None:
+    """Record feed controllers for offline learning, as data sets of Minari (needs the extra offline)."""
+    from rich.progress import Progress as Bar
+
+    from edmsim.envs.registry import resolve
+    from edmsim.learning.dataset import record
+
+    with Bar(console=ERR, transient=True) as bar:
+        tasks = {name: bar.add_task(name, total=steps) for name in controllers.split(",")}
+
+        def watch(name: str, done: int, total: int) -> None:
+            bar.update(tasks[name], completed=done, total=total)
+
+        try:
+            made = record(resolve(env_id), controllers.split(","), steps, out, seed=seed, watch=watch)
+        except KeyboardInterrupt:
+            say("interrupted; the same command goes on where it was")
+            raise typer.Exit(INTERRUPTED) from None
+    for row in made:
+        OUT.print(f"{row.dataset_id}: {row.episodes} episodes, {row.steps} steps, {row.breaks} with a broken wire, "
+                  f"mean return {row.mean_return:.1f}", highlight=False, soft_wrap=True, markup=False)
+    OUT.print(f"Load them: MINARI_DATASETS_PATH={out} python -c 'import minari; "
+              f"print(minari.load_dataset(\"{made[0].dataset_id}\"))'", highlight=False, soft_wrap=True, markup=False)
 
 
 def score(

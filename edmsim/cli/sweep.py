@@ -80,7 +80,7 @@ def tune(
     trials: Annotated[int, typer.Option(help="Trials in all.")] = 40,
     seed: Annotated[int, typer.Option(help="First training seed, and seed of the search.")] = 0,
     seeds: Annotated[int, typer.Option(help="Training seeds a trial is judged by.")] = 5,
-    algo: Annotated[str, typer.Option(help="Of a training: ppo or sac.")] = "ppo",
+    algo: Annotated[str, typer.Option(help="Of a training: as in edmsim train.")] = "ppo",
     steps: Annotated[int | None, typer.Option(help="Windows of each training; default by environment.")] = None,
     ray: Ray = None,
     processes: ProcessCount = None,

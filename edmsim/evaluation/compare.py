@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -140,13 +140,15 @@ def evaluate(
 
 def run(
     env_id: str, controllers: Sequence[str], seeds: int, resolution: str | None,
-    watch: Callable[[int, int], None] | None = None, record: Path | None = None,
+    watch: Callable[[int, int], None] | None = None, record: Path | None = None, **options: Any,
 ) -> dict[str, list[Result]]:
-    """Make every controller's cuts; see `evaluate` for the arguments."""
+    """Make every controller's cuts; see `evaluate` for the arguments, `options` are those of the environment."""
     # the oracle's cuts take longest, as it rehearses: first, so that no core waits for them in the end
     jobs = [(name, seed) for name in reversed(controllers) for seed in held_back(seeds)]
     with ThreadPoolExecutor(os.cpu_count()) as pool:
-        futures = {pool.submit(cut, env_id, seed, name, resolution, record): (name, seed) for name, seed in jobs}
+        futures = {
+            pool.submit(cut, env_id, seed, name, resolution, record, **options): (name, seed) for name, seed in jobs
+        }
         try:
             for done, future in enumerate(as_completed(futures), 1):
                 future.result()

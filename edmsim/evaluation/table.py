@@ -11,7 +11,6 @@ import numpy as np
 
 from edmsim import __version__
 from edmsim.evaluation.compare import FIGURES, Comparison, Figure
-from edmsim.evaluation.episode import BLIND, ORACLE
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
@@ -95,7 +94,7 @@ def _events(comparison: Comparison, controller: str) -> list[str]:
 
 def _meaning(comparison: Comparison, wide: bool) -> str:
     text = (
-        f"score: 0 is what {BLIND} earns, a constant feed, and 1 what {ORACLE} earns, which sees the true gap. "
+        f"score: 0 is what {comparison.scale.nought} earns and 1 what {comparison.scale.one} earns, which sees the truth. "
         "short, open: shares of the pulses that are shorts or do not ignite."
     )
     if wide:

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
+import shlex
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from edmsim.envs.registry import resolve
 from edmsim.errors import InputError
-from edmsim.learning import policy_file
+from edmsim.learning import hyperparameters, policy_file
+from edmsim.learning.hyperparameters import Hyperparameters
 from edmsim.learning.score import RESOLUTIONS, RIVALS, measure, render
 
 if TYPE_CHECKING:
@@ -17,8 +19,50 @@ if TYPE_CHECKING:
 
     from edmsim.learning.train import TrainingProgress
 
+class Asked(NamedTuple):
+    """What was asked for beside the algorithm.
+
+    Attributes
+    ----------
+    settings : path or None
+        File of hyperparameters that differ (see `edmsim.learning.hyperparameters.load`).
+    residual : str or None
+        Law that the policy adds to.
+    privileged_critic : bool
+    record_every : int or None
+        Every so many of the first lane's episodes one is recorded into the folder ``episodes``.
+    live : bool
+        Whether these are shown in rerun's viewer as they end.
+    """
+
+    settings: Path | None = None
+    residual: str | None = None
+    privileged_critic: bool = False
+    record_every: int | None = None
+    live: bool = False
+
+    def words(self) -> str:
+        """Return the options of the command line that change what is learned."""
+        words = [] if self.settings is None else ["--settings", str(self.settings)]
+        words += [] if self.residual is None else ["--residual", self.residual]
+        words += ["--privileged-critic"] if self.privileged_critic else []
+        return "".join(f" {shlex.quote(word)}" for word in words)
+
+    def hyperparameters(self, env_id: str, algo: str) -> Hyperparameters:
+        """Return what to train with."""
+        given = hyperparameters.load(env_id, algo, self.settings)
+        more: dict[str, Any] = {}
+        if self.residual is not None:
+            environment = {**given.environment, "action": "speed", "decision_s": None}
+            more = {"residual": self.residual, "environment": environment}
+        if self.privileged_critic:
+            more["privileged_critic"] = True
+        return given.model_copy(update=more)
+
+
 def run(
-    env_id: str, algo: str, out: Path, steps: int | None, seed: int, resume: bool, episodes: int, console: Console
+    env_id: str, algo: str, out: Path, steps: int | None, seed: int, resume: bool, episodes: int, console: Console,
+    asked: Asked = Asked(),  # noqa: B008 - it cannot be changed
 ) -> Table | None:
     """Train a policy, write it as ``policy.json`` and ``policy.npz`` into the folder, and measure it.
 
@@ -30,6 +74,7 @@ def run(
         Held-back episodes at every resolution, 2 or more, or 0 not to measure.
     console : rich.console.Console
         For the progress bar.
+    asked : Asked
 
     Returns
     -------
@@ -48,6 +93,10 @@ def run(
         raise InputError(f"{episodes} episodes give no mean with an error: give 2 or more, or 0 for none")
     from edmsim.learning.train import train  # refuses, in one line, where the extra is missing
 
+    if resume and asked.words():
+        raise InputError(f"--resume goes on with what the training began with: leave out{asked.words()}")
+    named = resolve(env_id)
+    given = None if resume else asked.hyperparameters(named, algo)
     file = out / "policy.json"
     bar = Bar(
         TextColumn("{task.percentage:5.1f} %"), BarColumn(bar_width=24), TimeRemainingColumn(),
@@ -61,12 +110,15 @@ def run(
         bar.update(task, completed=progress.steps, total=progress.total, told=told)
 
     try:
-        trained = train(resolve(env_id), algo, out, steps=steps, seed=seed, resume=resume, watch=watch)
+        trained = train(
+            named, algo, out, steps=steps, seed=seed, resume=resume, watch=watch, given=given,
+            callbacks=_recorders(asked, out),
+        )
         from edmsim.learning.export import export
 
         done = trained.run
-        named = done.env_id if resolve(env_id) == env_id else env_id
-        card, packed = export(trained, f"edmsim train {named} --algo {algo} --steps {done.steps} --seed {seed}")
+        words = f"{done.env_id if named == env_id else env_id} --algo {algo} --steps {done.steps} --seed {seed}"
+        card, packed = export(trained, f"edmsim train {words}{asked.words()}")
         policy_file.write(card, packed, file)
         if not episodes:
             return None
@@ -78,3 +130,12 @@ def run(
             bar.stop()
     policy_file.write(card.model_copy(update={"scores": [row._asdict() for row in scores]}), packed, file)
     return render(scores)
+
+
+def _recorders(asked: Asked, out: Path) -> list[Any]:
+    """Return what records episodes of the first lane, if that is wanted."""
+    if asked.record_every is None and not asked.live:
+        return []
+    from edmsim.envs.record_episodes import EVERY, RecordEpisodes
+
+    return [RecordEpisodes(out / "episodes", EVERY if asked.record_every is None else asked.record_every, asked.live)]

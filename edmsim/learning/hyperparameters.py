@@ -1,18 +1,20 @@
-"""Hyperparameters: one file per environment and algorithm, ``models/training/NAME-ALGO.toml``."""
+"""Hyperparameters: ``models/training/ALGO.toml``, and ``NAME-ALGO.toml`` there where a task wants others."""
 
 from __future__ import annotations
 
 import tomllib
 from importlib import resources
+from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from edmsim.envs.registry import base_of, find
 from edmsim.errors import InputError
 
-ALGORITHMS = ("ppo", "sac")
+ALGORITHMS = ("ppo", "sac", "tqc", "ppo-lag", "recurrent-ppo")
 """Algorithms there are hyperparameters for."""
+ON_POLICY = ("ppo", "ppo-lag", "recurrent-ppo")
 
 
 class _Strict(BaseModel):
@@ -31,12 +33,30 @@ class Network(_Strict):
         PPO: natural logarithm of the noise on the first actions; stable-baselines3's own if not given.
     first_action : list of float, optional
         PPO: the actions (-1..1) around which exploring begins, one per entry; around 0 if not given.
+    lstm : int, optional
+        Recurrent PPO: cells of the LSTM before the hidden layers.
     """
 
     widths: Annotated[list[Annotated[int, Field(gt=0)]], Field(min_length=1)]
     activation: Literal["tanh", "relu"]
     log_std_init: float | None = None
     first_action: list[Annotated[float, Field(ge=-1.0, le=1.0)]] | None = None
+    lstm: Annotated[int, Field(gt=0)] | None = None
+
+
+class Lagrangian(_Strict):
+    """Lagrangian PPO: how costs become part of the reward (see `edmsim.learning.lagrangian`).
+
+    Attributes
+    ----------
+    multiplier : float
+        Reward that a cost of 1 takes at first.
+    rate : float
+        Change of the multiplier per cost beyond the limit, and rollout.
+    """
+
+    multiplier: Annotated[float, Field(ge=0)]
+    rate: Annotated[float, Field(gt=0)]
 
 
 class Hyperparameters(_Strict):
@@ -53,6 +73,14 @@ class Hyperparameters(_Strict):
     algorithm : dict
         Arguments of stable-baselines3's class.
     network : Network
+    lagrangian : Lagrangian, optional
+        Of Lagrangian PPO.
+    residual : str, optional
+        The classic law that the policy adds to (see `edmsim.learning.residual`).
+    residual_um_s : float
+        What an action of 1 adds to that law's feed (ours: a fifth of what cuts, so that the law still cuts with it).
+    privileged_critic : bool
+        PPO: whether the value network sees the truth (see `edmsim.learning.privileged`).
     """
 
     steps: Annotated[int, Field(gt=0)]
@@ -60,22 +88,59 @@ class Hyperparameters(_Strict):
     environment: dict[str, Any]
     algorithm: dict[str, Any]
     network: Network
+    lagrangian: Lagrangian | None = None
+    residual: str | None = None
+    residual_um_s: Annotated[float, Field(gt=0)] = 5.0
+    privileged_critic: bool = False
 
 
-def load(env_id: str, algo: str) -> Hyperparameters:
+def load(env_id: str, algo: str, settings: Path | None = None) -> Hyperparameters:
     """Return the hyperparameters of an environment and an algorithm.
 
     A user's environment has those of the one of ours it derives from; arguments it was registered with stay.
 
+    Parameters
+    ----------
+    env_id, algo : str
+    settings : path, optional
+        A TOML file with what differs: ``steps``, ``num_envs`` and so on, and entries of the tables ``algorithm``,
+        ``environment``, ``network`` and ``lagrangian``. The ``best.toml`` of `edmsim tune` is one.
+
     Raises
     ------
     InputError
-        If there is no such environment or algorithm.
+        If there is no such environment or algorithm, or the settings cannot be used.
     """
     family, registered = find(env_id)
     if algo not in ALGORITHMS:
         raise InputError(f"unknown algorithm '{algo}'; there are: {', '.join(ALGORITHMS)}")
-    file = resources.files("edmsim.models") / "training" / f"{base_of(family)}-{algo}.toml"
-    found = Hyperparameters.model_validate(tomllib.loads(file.read_text(encoding="utf-8")))
-    left = {name: value for name, value in found.environment.items() if name not in registered}
-    return found.model_copy(update={"environment": left})
+    folder = resources.files("edmsim.models") / "training"
+    own = folder / f"{base_of(family)}-{algo}.toml"
+    file = own if own.is_file() else folder / f"{algo}.toml"
+    found = tomllib.loads(file.read_text(encoding="utf-8"))
+    left = {name: value for name, value in found["environment"].items() if name not in registered}
+    usual = Hyperparameters.model_validate({**found, "environment": left})
+    return usual if settings is None else _changed(usual, settings)
+
+
+def _changed(usual: Hyperparameters, file: Path) -> Hyperparameters:
+    """Return hyperparameters with what a file says in place of theirs."""
+    try:
+        told = tomllib.loads(file.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        raise InputError(f"the settings cannot be read: {error}", file) from None
+    if "gains" in told:
+        raise InputError("these are gains of a controller, not settings of a training", file)
+    before = usual.model_dump()
+    for name, value in told.items():
+        inner = before.get(name)
+        before[name] = {**inner, **value} if isinstance(inner, dict) and isinstance(value, dict) else value
+    unknown = set(told.get("algorithm", {})) - set(usual.algorithm)
+    if unknown:
+        known = ", ".join(usual.algorithm)
+        raise InputError(f"algorithm has no entry {', '.join(sorted(unknown))!r}; it has {known}", file)
+    try:
+        return Hyperparameters.model_validate(before)
+    except ValidationError as error:
+        first = error.errors()[0]
+        raise InputError(f"{'.'.join(map(str, first['loc']))}: {first['msg']}", file) from None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from contextlib import suppress
 from typing import ClassVar, cast
 
@@ -9,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edmsim.controllers.mcu.firmware.timers import SPEED_UNIT_NM_S
-from edmsim.controllers.protocols import ControllerState, FeedCommand, WindowObservation
+from edmsim.controllers.protocols import ControllerState, FeedCommand, WindowObservation, tell
 from edmsim.envs import observation, servo
 from edmsim.envs.knobs import least_setting_us, to_detents
 from edmsim.envs.path_follower import SHORTED_S, SHORTED_SHARE
@@ -23,7 +24,7 @@ from edmsim.plant.kernel.state import PULSES_PER_WINDOW
 
 Floats = NDArray[np.float64]
 _LANE = np.zeros(1, np.int64)
-_ARRAYS = "seen", "shown", "servo"
+_ARRAYS = "seen", "shown", "servo", "memory"
 
 
 class PolicyController:
@@ -47,6 +48,10 @@ class PolicyController:
         self._shown: NDArray[np.void] = np.zeros(1, observation.SHOWN)
         self._scale: NDArray[np.void] = np.zeros(1, observation.SCALE)
         self._servo: NDArray[np.void] = np.zeros(1, servo.SERVO)
+        self._memory: Floats = policy.fresh_memory()
+        residual = policy.card.residual
+        self._law = None if residual is None else residual.make()
+        self._law_um_s = 0.0
         self._first_us: Floats = np.zeros(2)
         self._machine: Machine | None = None
         self._corner_um: Floats = np.full((1, 1), np.inf)
@@ -63,6 +68,8 @@ class PolicyController:
         self._corner_deg = np.append(line.turn_deg[corners], 0.0)[None]
         self._first_us = np.array([machine.t_on_us, machine.t_period_us])
         self._machine = machine
+        if self._law is not None:
+            tell(self._law, machine, points_um, start_um)
 
     def reset(self, max_feed_um_s: float) -> FeedCommand:
         """Begin a leg; of it nothing has been seen yet.
@@ -81,6 +88,9 @@ class PolicyController:
         self._seen[:] = 0.0
         self._shown[:] = np.zeros((), observation.SHOWN)
         servo.begin(self._servo[0], self._feed_um_s)
+        self._memory = self.policy.fresh_memory()
+        if self._law is not None:
+            self._law_um_s = self._law.reset(max_feed_um_s).feed_um_s
         self._decide()
         return self._command()
 
@@ -95,6 +105,8 @@ class PolicyController:
             return FeedCommand(0.0, "persistent short")
         if self._family.action == "servo":
             self._respond(window)
+        if self._law is not None:
+            self._law_um_s = self._law.update(window).feed_um_s
         if self._shown[0]["duration_ns"] >= round((self._family.decision_s or 0.0) * 1e9):
             observation.show(_LANE, self._shown, self._scale, self._family.max_feed_um_s, self._seen)
             self._shown[:] = np.zeros((), observation.SHOWN)
@@ -104,7 +116,9 @@ class PolicyController:
     def snapshot(self) -> ControllerState:
         """Everything that changes while cutting."""
         t_on_us, t_period_us = self._setting_us
+        law = {} if self._law is None else {"law_um_s": self._law_um_s, "law": json.dumps(self._law.snapshot())}
         return {
+            **law,
             "feed_um_s": self._feed_um_s, "limit_um_s": self._limit_um_s, "path_um": self._path_um,
             "shorted_s": self._shorted_s, "t_on_us": t_on_us, "t_period_us": t_period_us,
             **{name: getattr(self, f"_{name}").tobytes().hex() for name in _ARRAYS},
@@ -118,9 +132,12 @@ class PolicyController:
             for name in ("feed_um_s", "limit_um_s", "path_um", "shorted_s", "t_on_us", "t_period_us")
         )
         self._set(t_on_us, t_period_us)
+        if self._law is not None:
+            self._law_um_s = float(state["law_um_s"])
+            self._law.restore(json.loads(cast(str, state["law"])))
         for name in _ARRAYS:
             array = getattr(self, f"_{name}")
-            array[:] = np.frombuffer(bytes.fromhex(cast(str, state[name])), array.dtype).reshape(array.shape)
+            array[...] = np.frombuffer(bytes.fromhex(cast(str, state[name])), array.dtype).reshape(array.shape)
 
     @property
     def _setting_us(self) -> tuple[float, float]:
@@ -166,7 +183,9 @@ class PolicyController:
         if self._family.knows_corners:
             place = np.array([self._path_um - self._start_um])
             seen = np.append(seen, observation.corners(place, self._corner_um, self._corner_deg)[0])
-        action = self.policy.action(seen)
+        action, self._memory = self.policy.act(seen, self._memory)
+        if self.policy.card.residual is not None:
+            action[0] = self.policy.card.residual.action(self._family, self._law_um_s, float(np.float32(action[0])))
         if self._family.action == "servo":
             self._servo["target"] = servo.target_of(action[0], self._family.servo_target_share)
         else:

@@ -10,13 +10,14 @@ import io
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError
 
-from edmsim import models
+from edmsim import models, user_code
+from edmsim.controllers import FeedController, SeesTruth, from_text, names
 from edmsim.envs.knobs import KNOBS
 from edmsim.envs.observation import entries
 from edmsim.envs.registry import make_family
@@ -53,6 +54,40 @@ class Seen(_Strict):
     variance: Annotated[FiniteFloat, Field(ge=0)]
 
 
+class Residual(_Strict):
+    """A classic law to whose feed a policy's first action is added.
+
+    Attributes
+    ----------
+    law : str
+        See `edmsim.controllers.from_text`.
+    range_um_s : float
+        What an action of 1 adds, um/s.
+    """
+
+    law: str
+    range_um_s: Annotated[FiniteFloat, Field(gt=0)]
+
+    def make(self) -> FeedController:
+        """Return the law, which must be one of edmsim's own: a policy file runs nobody's code.
+
+        Raises
+        ------
+        InputError
+            It is none of them, or sees what no machine shows.
+        """
+        known = self.law.partition(":")[0] in names() and user_code.named(self.law) is None
+        law = from_text(self.law) if known else None
+        if law is None or isinstance(law, SeesTruth):
+            raise InputError(f"a policy adds to a law of edmsim that a machine could have, not to '{self.law}'")
+        return law
+
+    def action(self, family: Family, law_um_s: float, wanted: float) -> np.float32:
+        """Return what an environment with ``action="speed"`` is given: the law's feed, and what is added to it."""
+        added_um_s = min(max(float(wanted), -1.0), 1.0) * self.range_um_s
+        return np.float32(min(max((law_um_s + added_um_s) / family.max_feed_um_s, -1.0), 1.0))
+
+
 class Card(_Strict):
     """What a policy is: the contents of ``NAME.json``.
 
@@ -73,6 +108,10 @@ class Card(_Strict):
         Neurons of the hidden layers.
     activation : {"tanh", "relu"}
         Of the hidden layers.
+    lstm : int, optional
+        Cells of an LSTM before the hidden layers; none where there is no number.
+    residual : Residual, optional
+        The law that the first action is added to; none where the action is the environment's.
     output : {"clip", "tanh"}
         What brings the outputs into -1..1.
     arrays_sha256 : str
@@ -95,6 +134,8 @@ class Card(_Strict):
     action: Annotated[list[str], Field(min_length=1)]
     widths: Annotated[list[Annotated[int, Field(gt=0)]], Field(min_length=1)]
     activation: Literal["tanh", "relu"]
+    lstm: Annotated[int, Field(gt=0)] | None = None
+    residual: Residual | None = None
     output: Literal["clip", "tanh"]
     arrays_sha256: str
     algorithm: str
@@ -103,6 +144,32 @@ class Card(_Strict):
     steps: int
     versions: dict[str, str]
     scores: list[dict[str, Any]] = []
+
+
+class Lstm(NamedTuple):
+    """Weights of an LSTM, its four gates side by side: input, forget, cell, output (Hochreiter and Schmidhuber 1997).
+
+    Attributes
+    ----------
+    seen : float array (inputs, 4 cells)
+    kept : float array (cells, 4 cells)
+    bias : float array (4 cells,)
+    """
+
+    seen: Floats
+    kept: Floats
+    bias: Floats
+
+    def after(self, observation: Floats, memory: Floats) -> Floats:
+        """Return the memory (2, cells), what it puts out and what it keeps, after an observation (inputs,)."""
+        gates = observation @ self.seen + memory[0] @ self.kept + self.bias
+        let_in, forget, cell, put_out = np.split(gates, 4)
+        kept = _sigmoid(forget) * memory[1] + _sigmoid(let_in) * np.tanh(cell)
+        return np.stack([_sigmoid(put_out) * np.tanh(kept), kept])
+
+
+def _sigmoid(values: Floats) -> Floats:
+    return np.asarray(0.5 * (1.0 + np.tanh(0.5 * values)))  # does not overflow
 
 
 @dataclass(frozen=True)
@@ -114,11 +181,14 @@ class Policy:
     card : Card
     weights : tuple of float array (inputs, outputs)
     biases : tuple of float array (outputs,)
+    lstm : Lstm or None
+        What comes before the layers; None where the policy has no memory.
     """
 
     card: Card
     weights: tuple[Floats, ...]
     biases: tuple[Floats, ...]
+    lstm: Lstm | None = None
 
     @cached_property
     def _normal(self) -> tuple[Floats, Floats]:
@@ -126,17 +196,35 @@ class Policy:
         seen = self.card.observation
         return np.array([e.mean for e in seen]), np.sqrt([e.variance + self.card.epsilon for e in seen])
 
+    def fresh_memory(self) -> Floats:
+        """Return the memory (2, cells) that an episode begins with; without cells where there is no LSTM."""
+        return np.zeros((2, self.card.lstm or 0))
+
     def action(self, observation: NDArray[Any]) -> Floats:
-        """Return the action (k,) within -1..1 for an observation (n,) of the environment, the same for the same."""
+        """Return the action (k,) within -1..1 for the first observation (n,) of an episode, the same for the same."""
+        return self.act(observation, self.fresh_memory())[0]
+
+    def act(self, observation: NDArray[Any], memory: Floats) -> tuple[Floats, Floats]:
+        """Return the action (k,) within -1..1 for an observation (n,) of the environment, and the memory after it.
+
+        Parameters
+        ----------
+        observation : (n,)
+        memory : float array (2, cells)
+            What the last call returned; `fresh_memory` at an episode's begin.
+        """
         card = self.card
         mean, scale = self._normal
         layer: Floats = np.clip((observation - mean) / scale, -card.clip, card.clip)
+        if self.lstm is not None:
+            memory = self.lstm.after(layer, memory)
+            layer = memory[0]
         last = len(self.weights) - 1
         for i, (weight, bias) in enumerate(zip(self.weights, self.biases, strict=True)):
             layer = layer @ weight + bias
             if i < last:
                 layer = np.tanh(layer) if card.activation == "tanh" else np.maximum(layer, 0.0)
-        return np.tanh(layer) if card.output == "tanh" else np.clip(layer, -1.0, 1.0)
+        return (np.tanh(layer) if card.output == "tanh" else np.clip(layer, -1.0, 1.0)), memory
 
     def family(self) -> Family:
         """Return what the environment was made with; its observations and actions are the policy's."""
@@ -148,9 +236,9 @@ def meanings(family: Family) -> list[str]:
     return [ACTION_MEANINGS[name] for name in family.action_names]
 
 
-def pack(weights: list[Floats], biases: list[Floats]) -> bytes:
-    """Return the contents of ``NAME.npz``: float32 arrays ``weight_0, bias_0, weight_1`` and so on."""
-    arrays = {}
+def pack(weights: list[Floats], biases: list[Floats], lstm: Lstm | None = None) -> bytes:
+    """Return the contents of ``NAME.npz``: float32 arrays ``weight_0, bias_0, weight_1`` and so on, and an LSTM's."""
+    arrays = {} if lstm is None else {f"lstm_{k}": v.astype(np.float32) for k, v in lstm._asdict().items()}
     for i, (weight, bias) in enumerate(zip(weights, biases, strict=True)):
         arrays[f"weight_{i}"], arrays[f"bias_{i}"] = weight.astype(np.float32), bias.astype(np.float32)
     packed = io.BytesIO()
@@ -218,8 +306,8 @@ def load(name: str, env_id: str | None = None) -> Policy:
     if env_id is not None and card.env_id != env_id:
         raise InputError(f"the policy was trained in {card.env_id}, not in {env_id}", file)
     _check_environment(card, file)
-    weights, biases = _unpack(card, file.with_suffix(".npz"))
-    return Policy(card, weights, biases)
+    weights, biases, lstm = _unpack(card, file.with_suffix(".npz"))
+    return Policy(card, weights, biases, lstm)
 
 
 def _check_environment(card: Card, file: Path) -> None:
@@ -235,6 +323,8 @@ def _check_environment(card: Card, file: Path) -> None:
             f"the policy sees {len(told)} entries that are not the {len(wanted)} of {card.env_id}: it was trained in "
             "another version of it", file,
         )
+    if card.residual is not None:
+        _check_residual(card.residual, family, file)
     commands = meanings(family)
     if card.action != commands:
         raise InputError(
@@ -243,9 +333,19 @@ def _check_environment(card: Card, file: Path) -> None:
         )
 
 
-def _unpack(card: Card, file: Path) -> tuple[tuple[Floats, ...], tuple[Floats, ...]]:
-    """Return weights and biases, checked against the card."""
-    sizes = [len(card.observation), *card.widths, len(card.action)]
+def _check_residual(residual: Residual, family: Family, file: Path) -> None:
+    """Refuse a law there is not, and an environment whose actions are no feeds of a window."""
+    try:
+        residual.make()
+    except InputError as error:
+        raise InputError(f"the law that the policy adds to: {error}", file) from None
+    if family.action != "speed" or family.decision_s is not None:
+        raise InputError("a policy that adds to a law commands a speed every window; its environment does not", file)
+
+
+def _unpack(card: Card, file: Path) -> tuple[tuple[Floats, ...], tuple[Floats, ...], Lstm | None]:
+    """Return weights, biases and LSTM, checked against the card."""
+    sizes = [card.lstm or len(card.observation), *card.widths, len(card.action)]
     try:
         packed = file.read_bytes()
         if digest(packed) != card.arrays_sha256:
@@ -253,6 +353,7 @@ def _unpack(card: Card, file: Path) -> tuple[tuple[Floats, ...], tuple[Floats, .
         stored = read_arrays(packed)
         weights = tuple(_plain(stored[f"weight_{i}"]) for i in range(len(sizes) - 1))
         biases = tuple(_plain(stored[f"bias_{i}"]) for i in range(len(sizes) - 1))
+        gates = {name: _plain(stored[f"lstm_{name}"]) for name in Lstm._fields} if card.lstm else {}
     except (OSError, ValueError, LookupError) as error:
         raise InputError(f"the policy's arrays are damaged: {error}", file) from None
     for i, (weight, bias) in enumerate(zip(weights, biases, strict=True)):
@@ -262,7 +363,7 @@ def _unpack(card: Card, file: Path) -> tuple[tuple[Floats, ...], tuple[Floats, .
             )
         if not (np.isfinite(weight).all() and np.isfinite(bias).all()):
             raise InputError(f"the policy's layer {i} holds numbers that are not finite", file)
-    return weights, biases
+    return weights, biases, _checked_lstm(card, gates, file)
 
 
 def _plain(array: NDArray[Any]) -> Floats:
@@ -270,3 +371,14 @@ def _plain(array: NDArray[Any]) -> Floats:
     if array.dtype.kind != "f":
         raise ValueError(f"an array of {array.dtype} in place of floats")
     return array.astype(np.float64)
+
+
+def _checked_lstm(card: Card, gates: dict[str, Floats], file: Path) -> Lstm | None:
+    if card.lstm is None:
+        return None
+    four = 4 * card.lstm
+    wanted = {"seen": (len(card.observation), four), "kept": (card.lstm, four), "bias": (four,)}
+    for name, shape in wanted.items():
+        if gates[name].shape != shape or not np.isfinite(gates[name]).all():
+            raise InputError(f"the policy's lstm_{name} is not {shape} finite numbers", file)
+    return Lstm(**gates)

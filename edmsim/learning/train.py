@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -20,18 +20,15 @@ from edmsim.learning.hyperparameters import Hyperparameters
 try:
     import tensorboard  # noqa: F401 - stable-baselines3 writes its logs with it
     import torch
-    from stable_baselines3 import PPO, SAC
     from stable_baselines3.common.callbacks import BaseCallback
     from stable_baselines3.common.logger import configure
-    from stable_baselines3.common.vec_env import VecMonitor, VecNormalize
+
+    from edmsim.learning import learners
 except ImportError as error:
     raise InputError(f"training needs {error.name}: pip install 'edmsim[rl]'") from error
 
-KINDS: dict[str, Any] = {"ppo": PPO, "sac": SAC}
-ACTIVATIONS = {"tanh": torch.nn.Tanh, "relu": torch.nn.ReLU}
 CHECKPOINTS = 20
 """Checkpoints over a whole training (ours: at most a twentieth of it is lost)."""
-_DEVICE = "cpu"  # a network this small waits for a GPU more than it gains; and the same seed gives the same policy
 
 
 class TrainingProgress(NamedTuple):
@@ -73,20 +70,23 @@ class Trained(NamedTuple):
     ----------
     run : TrainingRun
     hyperparameters : Hyperparameters
-    model : stable_baselines3 PPO or SAC
+    model : learner of stable_baselines3 or sb3_contrib
     normalise : stable_baselines3 VecNormalize
         With the statistics the policy's observations are normalised with.
+    lanes : edmsim.learning.learners.TrainingLanes
     """
 
     run: TrainingRun
     hyperparameters: Hyperparameters
     model: Any
     normalise: Any
+    lanes: learners.TrainingLanes
 
 
 def train(
     env_id: str, algo: str, out: Path, *, steps: int | None = None, seed: int = 0, resume: bool = False,
     watch: Callable[[TrainingProgress], None] | None = None, given: Hyperparameters | None = None,
+    callbacks: Sequence[BaseCallback] = (),
 ) -> Trained:
     """Train a policy.
 
@@ -94,7 +94,7 @@ def train(
     ----------
     env_id : str
         ``"edmsim/GapFeed-v1"`` and so on, or of an own environment (see `edmsim.envs.register`).
-    algo : {"ppo", "sac"}
+    algo : {"ppo", "sac", "tqc", "ppo-lag", "recurrent-ppo"}
     out : Path
         Folder for ``tensorboard/`` and the checkpoint. Checkpoints are stable-baselines3's own, pickles among them:
         resume only folders you trust.
@@ -104,11 +104,13 @@ def train(
         Same seed, same policy on the same kind of processor, if the training was not interrupted: where it was,
         the lanes begin new episodes.
     resume : bool
-        Go on from the folder's last checkpoint.
+        Go on from the folder's last checkpoint, with its hyperparameters.
     watch : callable, optional
         Called with a `TrainingProgress` after every step of all lanes.
     given : Hyperparameters, optional
         What to train with; that of ``models/training`` by default.
+    callbacks : sequence of BaseCallback
+        What else stable-baselines3 calls, as `edmsim.envs.RecordEpisodes`.
 
     Raises
     ------
@@ -126,6 +128,9 @@ def train(
         raise InputError(f"the seed {seed} must be from 0 to {2**32 - 1}")
     run = TrainingRun(env_id_of(env_id), algo, total, seed)
     last = _checkpoint_of(run, out) if resume else None
+    if last is not None:
+        given = _given_of(last)
+    learners.check(env_id, algo, given)
     make_writable(out)
     if last is None:
         for old in out.glob("checkpoint-*"):
@@ -137,7 +142,8 @@ def train(
     left = total - trained.model.num_timesteps
     try:
         if left > 0:
-            trained.model.learn(left, callback=keeper, reset_num_timesteps=last is None)
+            more = [*learners.callbacks(trained.lanes, given), *callbacks]
+            trained.model.learn(left, callback=[keeper, *more], reset_num_timesteps=last is None)
     finally:
         keeper.save()
         trained.normalise.close()
@@ -146,30 +152,19 @@ def train(
 
 def _begin(run: TrainingRun, given: Hyperparameters, last: Path | None) -> Trained:
     """Make environment and learner, as new or as a checkpoint has them."""
-    from edmsim.envs import make_sb3_vec_env
+    before = {"done": 0, "multiplier": None} if last is None else _told(last)
+    # other episodes after a break
+    first = int(np.random.SeedSequence((run.seed, before["done"])).generate_state(1)[0])
+    lanes = learners.lanes_of(run.env_id, given, first, before["multiplier"])
+    made = learners.new(run.algo, lanes, given, run.seed) if last is None else learners.load(run.algo, lanes, last)
+    lanes.edm.seed(first)  # the learner seeds them with its own seed, that a break would repeat
+    return Trained(run, given, *made, lanes)
 
-    kind = KINDS[run.algo]
-    done = 0 if last is None else json.loads((last / "run.json").read_text(encoding="utf-8"))["done"]
-    first = int(np.random.SeedSequence((run.seed, done)).generate_state(1)[0])  # other episodes after a break
-    lanes = VecMonitor(make_sb3_vec_env(run.env_id, given.num_envs, seed=first, **given.environment))
-    if last is not None:
-        normalise = VecNormalize.load(str(last / "normalise.pkl"), lanes)
-        model = kind.load(last / "model.zip", env=normalise, device=_DEVICE)
-        if (last / "replay.pkl").exists():
-            model.load_replay_buffer(last / "replay.pkl")
-    else:
-        normalise = VecNormalize(lanes, gamma=given.algorithm["gamma"])
-        network = given.network
-        policy: dict[str, Any] = {"net_arch": network.widths, "activation_fn": ACTIVATIONS[network.activation]}
-        if network.log_std_init is not None:
-            policy["log_std_init"] = network.log_std_init
-        model = kind(
-            "MlpPolicy", normalise, policy_kwargs=policy, seed=run.seed, device=_DEVICE, **given.algorithm
-        )
-        if network.first_action is not None:
-            model.policy.action_net.bias.data = torch.tensor(network.first_action)
-    lanes.seed(first)  # the learner seeds them with its own seed, that a break would repeat
-    return Trained(run, given, model, normalise)
+
+def _told(checkpoint: Path) -> dict[str, Any]:
+    """Return what a checkpoint says of itself."""
+    told: dict[str, Any] = json.loads((checkpoint / "run.json").read_text(encoding="utf-8"))
+    return told
 
 
 # untyped where the extra is missing
@@ -201,9 +196,14 @@ class _Keeper(BaseCallback):  # type: ignore[misc, unused-ignore]
         partial.mkdir()
         model.save(partial / "model.zip")
         self._trained.normalise.save(str(partial / "normalise.pkl"))
-        if self._trained.run.algo == "sac":
+        if self._trained.run.algo in learners.REPLAYS:
             model.save_replay_buffer(partial / "replay.pkl")
-        (partial / "run.json").write_text(json.dumps({**asdict(self._trained.run), "done": done}), encoding="utf-8")
+        costs = self._trained.lanes.costs
+        told = {
+            **asdict(self._trained.run), "done": done, "multiplier": None if costs is None else costs.multiplier,
+            "hyperparameters": self._trained.hyperparameters.model_dump(mode="json"),
+        }
+        (partial / "run.json").write_text(json.dumps(told), encoding="utf-8")
         partial.rename(folder)
         for old in self._out.glob("checkpoint-*"):
             if old != folder:
@@ -227,3 +227,11 @@ def _checkpoint_of(run: TrainingRun, out: Path) -> Path:
                 f"the training there was made with {name} {getattr(kept, name)}, not {getattr(run, name)}", out
             )
     return found[-1].parent
+
+
+def _given_of(checkpoint: Path) -> Hyperparameters:
+    """Return the hyperparameters of the training that a checkpoint is of."""
+    try:
+        return Hyperparameters.model_validate(_told(checkpoint)["hyperparameters"])
+    except (ValueError, LookupError) as error:
+        raise InputError(f"the checkpoint is damaged ({error}); train again without --resume", checkpoint) from None

@@ -12,7 +12,7 @@ from edmsim.axis_bench.loop import SAMPLE_ROW
 from edmsim.controllers.axis.drive import data_of
 from edmsim.errors import InputError
 from edmsim.files import make_writable
-from edmsim.servo.live_viewer import LiveViewer
+from edmsim.recording.rerun.live_viewer import LiveViewer
 
 _DATA = 0x80
 _TIME = "simulated_time"
@@ -64,7 +64,7 @@ class Scope:
         self._heard: list[tuple[int, float]] = []
         self._samples: list[NDArray[np.void]] = []
         self._drawn_s = 0.0
-        self._viewer = LiveViewer() if live else None
+        self._viewer = LiveViewer("the scope", "--record FILE.rrd keeps the curves") if live else None
         self.notice = self._viewer.notice if self._viewer else ""
         sinks: list[rr.GrpcSink | rr.FileSink] = [rr.GrpcSink(self._viewer.source)] if self._viewer else []
         sinks += [rr.FileSink(str(file))] if file is not None else []

@@ -36,6 +36,7 @@ TRAINING: dict[str, dict[str, Bound]] = {
         "learning_rate": Bound(1e-5, 3e-3, "log"), "gamma": Bound(0.95, 0.9995), "tau": Bound(0.002, 0.05, "log"),
     },
 }
+TRAINING |= {"tqc": TRAINING["sac"], "ppo-lag": TRAINING["ppo"], "recurrent-ppo": TRAINING["ppo"]}
 """What is searched of a training, and where (ours: a factor of ten to both sides of what stable-baselines3 gives)."""
 
 

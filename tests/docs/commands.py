@@ -33,6 +33,7 @@ SHORT: dict[str, tuple[str, ...]] = {
     "report": (),
     "train": ("--steps", "64", "--score", "2"),
     "score": ("--episodes", "2"),
+    "dataset": ("--steps", "20"),
     "evaluate": ("--seeds", "2", "--resolution", "fast"),
     "calibrate": ("--json",),
     "validate": (),
@@ -148,3 +149,12 @@ def replaced(patch: pytest.MonkeyPatch) -> None:
     patch.setattr(validation, "run", partial(validation.run, modules=("strings",)))
     # tests/evaluation, and the pages of the benchmark, have whole episodes
     patch.setattr(Task, "__init__", partialmethod(Task.__init__, episode_s=EPISODE_S))
+    if find_spec("stable_baselines3"):
+        from stable_baselines3 import PPO
+
+        learn = PPO.learn
+
+        def learned(self: PPO, total_timesteps: int, *more: Any, **options: Any) -> PPO:
+            return learn(self, min(total_timesteps, self.n_steps * self.n_envs), *more, **options)
+
+        patch.setattr(PPO, "learn", learned)  # one rollout

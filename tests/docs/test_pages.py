@@ -50,7 +50,7 @@ NEEDS = {
     "docs/environments.md": ("stable_baselines3",),
     "docs/how-to/environment.md": ("stable_baselines3", "tensorboard"),
     "docs/playback.md": ("imageio_ffmpeg",),
-    "docs/training.md": ("stable_baselines3", "tensorboard"),
+    "docs/training.md": ("minari", "sb3_contrib", "stable_baselines3", "tensorboard"),
 }
 """Modules of extras that a page uses; `make test` installs them all."""
 FINISHED, BAD_INPUT, TIME_LIMIT = 0, 2, 3

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import copy
+from types import SimpleNamespace
 
 import gymnasium
 import numpy as np
 import pytest
+from rerun.chunk import RrdReader
 
 from edmsim.envs import RecordRerun
 from edmsim.errors import InputError
 from edmsim.evaluation.episode import cut
 from edmsim.recording import Playback
+from edmsim.recording.rerun.comparison import write_comparison
 
 
 def played(env, steps, seed=5):
@@ -85,6 +88,48 @@ def test_other_environments_and_counts_are_refused(make_env, tmp_path, every) ->
         RecordRerun(gymnasium.make("CartPole-v1"), tmp_path)
     with pytest.raises(InputError, match=r"every is .*: give a whole number from 1"):
         RecordRerun(make_env("GapFeed"), tmp_path, every=every)
+
+
+@pytest.mark.filterwarnings("ignore::UserWarning")
+def test_a_training_is_recorded_and_stays_the_same(tmp_path) -> None:
+    ppo = pytest.importorskip("stable_baselines3").PPO
+    from edmsim.envs import RecordEpisodes, make_sb3_vec_env
+
+    def trained(callback):
+        lanes = make_sb3_vec_env("edmsim/GapFeed-v1", 2, seed=3, episode_s=0.2)
+        return ppo("MlpPolicy", lanes, n_steps=32, batch_size=32, seed=1, device="cpu").learn(64, callback=callback)
+
+    recorder = RecordEpisodes(tmp_path, every=2)
+    weights = [model.policy.action_net.weight.tolist() for model in (trained(recorder), trained(None))]
+    assert weights[0] == weights[1]
+    assert [folder.name for folder in recorder.recordings] == [f"episode-{k:06d}" for k in (0, 2)]
+    play = Playback(recorder.recordings[0] / "cut.rrd")
+    assert len(play.series("/feed/feed_um_s")[0]) == len(play.series("/action/feed")[0]) == 8
+    assert play.title == "edmsim/GapFeed-v1, episode 0"
+
+
+def test_a_recording_is_shown_as_it_ends(make_env, tmp_path, monkeypatch) -> None:
+    shown = []
+    monkeypatch.setattr("edmsim.envs.record.LiveViewer", lambda *words: SimpleNamespace(close=lambda: None))
+    monkeypatch.setattr("edmsim.envs.record.show", lambda file, viewer: shown.append(file.is_file()))
+    env = RecordRerun(make_env("GapFeed", episode_s=0.1), tmp_path, every=1, live=True)
+    for _ in range(2):
+        played(env, 9)
+    assert shown == [True, True]
+    env.close()
+
+
+def test_a_policy_is_laid_beside_a_law(tmp_path) -> None:
+    for name in ("policy:GapFeed-ppo", "voltage"):
+        cut("edmsim/GapFeed-v1", 1_000_000, name, record=tmp_path, episode_s=0.4)
+    folders = [tmp_path / "GapFeed" / "seed-1000000" / name for name in ("policy-GapFeed-ppo", "voltage")]
+    file = tmp_path / "both.rrd"
+    write_comparison(file, *(folder / "cut.rrd" for folder in folders))
+    found = {}
+    for chunk in RrdReader(str(file)).stream().to_chunks():
+        found[str(chunk.entity_path)] = max(chunk.num_rows, found.get(str(chunk.entity_path), 0))
+    for letter in "ab":
+        assert found[f"/{letter}/feed/feed_um_s"] == found[f"/{letter}/earned/total"] == 16
 
 
 def test_a_cut_of_an_evaluation_is_recorded_and_stays_the_same(tmp_path) -> None:

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from edmsim.errors import InputError
-from edmsim.servo import live_viewer
+from edmsim.recording.rerun import live_viewer
 from edmsim.servo.command import bench_for
 from edmsim.servo.scope import Scope
 from edmsim.servo.session import run_script
@@ -85,7 +85,7 @@ def test_without_a_screen_the_scope_is_a_page_and_the_drive_runs():
 def test_a_window_is_left_to_its_user_and_a_page_ends_with_the_drive(screen, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(live_viewer, "RERUN", (sys.executable, "-c", LISTENS))
     monkeypatch.setattr(live_viewer, "has_screen", lambda environment, platform: screen)
-    viewer = live_viewer.LiveViewer()
+    viewer = live_viewer.LiveViewer("the scope", "wait")
     viewer.close()
     process = viewer._process
     if screen:

@@ -54,27 +54,32 @@ def test_a_policy_is_judged_beside_the_best_classic_controller(
     assert verdict in text
 
 
-def test_the_page_names_its_command_and_all_controllers(
-    benchmark: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, short_episodes: None
+def test_one_command_makes_leaderboard_and_page(
+    benchmark: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    file = tmp_path / "benchmark.md"
-    words = [str(file), GAP_FEED, "--controllers", "fixed,voltage", "--seeds", "2", "--resolution", "fast"]
-    monkeypatch.setattr(sys, "argv", [str(SCRIPT), *words])
+    for name, file in (("BOARD", "board.json"), ("PAGE", "page.md")):
+        monkeypatch.setattr(benchmark, name, tmp_path / file)
+    made = comparison(oracle=result(earned=120.0), fixed=result(earned=10.0), voltage=result())
+    monkeypatch.setattr(benchmark, "evaluate", lambda env_id: made)
+    monkeypatch.setattr(sys, "argv", [str(SCRIPT), GAP_FEED])
     benchmark.main()
-    text = file.read_text(encoding="utf-8")
-    assert f"`python docs/make/benchmark.py {' '.join(words)}`" in text
+    text = (tmp_path / "page.md").read_text(encoding="utf-8")
     for name in ("fixed", "voltage", "oracle"):
         assert f"| `{name}` |" in text
     assert "nan" not in text
+    (tmp_path / "page.md").unlink()
+    monkeypatch.setattr(sys, "argv", [str(SCRIPT)])
+    benchmark.main()
+    assert (tmp_path / "page.md").read_text(encoding="utf-8") == text  # of the leaderboard alone
 
 
-def test_what_cannot_be_compared_is_refused_before_anything_is_written(
+def test_an_environment_there_is_not_is_refused(
     benchmark: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    file = tmp_path / "benchmark.md"
-    monkeypatch.setattr(sys, "argv", [str(SCRIPT), str(file), GAP_FEED, "--controllers", "pid"])
+    monkeypatch.setattr(benchmark, "PAGE", tmp_path / "page.md")
+    monkeypatch.setattr(sys, "argv", [str(SCRIPT), "edmsim/Lathe-v1"])
     with pytest.raises(SystemExit) as left:
         benchmark.main()
     assert left.value.code == 2
-    assert "no feed controller 'pid'" in capsys.readouterr().err
-    assert not file.exists()
+    assert "edmsim/Lathe-v1" in capsys.readouterr().err
+    assert not (tmp_path / "page.md").exists()

@@ -33,6 +33,8 @@ CURVES = (
     ("gas/coverage", "gas on the wire's front, share"),
 )
 """Curves in which the cuts are compared, and the titles of their views."""
+OF_EPISODES = (("earned/total", "return so far"), ("cost/total", "cost so far"))
+"""Those that episodes of environments have besides; without them where neither is one."""
 
 
 def write_comparison(file: Path, a: Path, b: Path) -> None:
@@ -56,7 +58,8 @@ def write_comparison(file: Path, a: Path, b: Path) -> None:
     folders = [play.recording.resolve().parent.name for play in plays]
     names = [f"{letter}: {folder}" for (_, letter, _), folder in zip(SIDES, folders, strict=True)]
     recording = rr.RecordingStream(APPLICATION, recording_id="comparison", send_properties=False)
-    recording.save(file, default_blueprint=_blueprint([Sizes(*play.sizes) for play in plays], names))
+    curves = CURVES + tuple(curve for curve in OF_EPISODES if any(f"/{curve[0]}" in _entities(p) for p in plays))
+    recording.save(file, default_blueprint=_blueprint([Sizes(*play.sizes) for play in plays], names, curves))
     recording.send_recording_name(" and ".join(names))
     for (place, letter, colour), play in zip(SIDES, plays, strict=True):
         chunks = read_chunks(play.recording)
@@ -64,14 +67,18 @@ def write_comparison(file: Path, a: Path, b: Path) -> None:
             [chunk.with_entity_path(f"/{place}{chunk.entity_path}") for chunk in chunks
              if not chunk.entity_path.startswith("/__")]
         )  # fmt: skip
-        for entity, _ in CURVES:
+        for entity, _ in curves:
             line = rr.SeriesLines(names=[letter], colors=[palette.rgb(colour)], widths=[1.3])
             recording.log(f"{place}/{entity}", line, static=True)
     recording.flush()
     recording.disconnect()
 
 
-def _blueprint(sizes: list[Sizes], names: list[str]) -> rrb.Blueprint:
+def _entities(play: Playback) -> set[str]:
+    return {str(chunk.entity_path) for chunk in read_chunks(play.recording)}
+
+
+def _blueprint(sizes: list[Sizes], names: list[str], curves: tuple[tuple[str, str], ...]) -> rrb.Blueprint:
     import rerun.blueprint as rrb
 
     columns = [
@@ -83,7 +90,7 @@ def _blueprint(sizes: list[Sizes], names: list[str]) -> rrb.Blueprint:
         )
         for (place, letter, _), size, name in zip(SIDES, sizes, names, strict=True)
     ]  # fmt: skip
-    plots = [plot_view([f"{place}/{entity}" for place, *_ in SIDES], title) for entity, title in CURVES]
+    plots = [plot_view([f"{place}/{entity}" for place, *_ in SIDES], title) for entity, title in curves]
     told = rrb.Horizontal(*(events_view(f"/{place}", f"{letter}, events") for place, letter, _ in SIDES))
     return rrb.Blueprint(
         rrb.Horizontal(*columns, rrb.Vertical(*plots, told), column_shares=[3, 3, 4]),

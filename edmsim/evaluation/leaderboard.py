@@ -1,0 +1,105 @@
+"""The leaderboard: a file with every cut of every comparison, from which tables are made again to the digit."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from edmsim import __version__
+from edmsim.errors import InputError
+from edmsim.evaluation.compare import Comparison, figures_of, scale
+from edmsim.evaluation.episode import Result
+from edmsim.files import replacing
+
+FORMAT = "edmsim-leaderboard-1"
+
+
+def read(file: Path) -> dict[str, Comparison]:
+    """Return the comparisons of a leaderboard by the ids of their environments; none if there is no file yet.
+
+    Raises
+    ------
+    InputError
+        The file is no leaderboard, or a damaged one.
+    """
+    if not file.exists():
+        return {}
+    try:
+        told = json.loads(file.read_text(encoding="utf-8"))
+        if told["format"] != FORMAT:
+            raise ValueError(f"its format is {told['format']!r}, not {FORMAT!r}")
+        return {env_id: _comparison(env_id, entry) for env_id, entry in told["environments"].items()}
+    except (OSError, ValueError, LookupError, TypeError, AttributeError) as error:
+        raise InputError(f"this is no leaderboard, or a damaged one: {error!r}", file) from None
+
+
+def write(file: Path, comparisons: Sequence[Comparison]) -> None:
+    """Write comparisons into a leaderboard; of an environment that is there already, the controllers are replaced.
+
+    A comparison of other seeds or another resolution replaces what is there of its environment.
+    """
+    board = read(file)
+    for made in comparisons:
+        before = board.get(made.env_id)
+        if before is not None and (before.seeds, before.resolution) == (made.seeds, made.resolution):
+            made = _of(made.env_id, made.resolution, made.seeds, {**before.results, **made.results})
+        board[made.env_id] = made
+    environments = {env_id: _entry(board[env_id]) for env_id in sorted(board)}
+    told = {"format": FORMAT, "edmsim_version": __version__, "environments": environments}
+    with replacing(file) as partial:
+        partial.write_text(_laid_out(told), encoding="utf-8")
+
+
+def _of(
+    env_id: str, resolution: str, seeds: tuple[int, ...], results: dict[str, list[Result]]
+) -> Comparison:
+    scaled = scale(env_id)
+    return Comparison(env_id, resolution, seeds, results, {
+        name: figures_of(cuts, results[scaled.one], results[scaled.nought]) for name, cuts in results.items()
+    }, scaled)  # fmt: skip
+
+
+def _comparison(env_id: str, entry: dict[str, Any]) -> Comparison:
+    columns, seeds = entry["columns"], tuple(entry["seeds"])
+    results = {
+        name: [
+            Result(seed=seed, controller=name, **{
+                key: math.nan if value is None else value for key, value in zip(columns, cut, strict=True)
+            })
+            for seed, cut in zip(seeds, cuts, strict=True)
+        ]
+        for name, cuts in entry["controllers"].items()
+    }  # fmt: skip
+    return _of(env_id, entry["resolution"], seeds, results)
+
+
+def _entry(comparison: Comparison) -> dict[str, Any]:
+    columns = [name for name in Result._fields if name not in ("seed", "controller")]
+    rows = {
+        name: [[_number(getattr(cut, column)) for column in columns] for cut in cuts]
+        for name, cuts in comparison.results.items()
+    }
+    return {
+        "resolution": comparison.resolution, "seeds": list(comparison.seeds), "columns": columns, "controllers": rows,
+    }
+
+
+def _number(value: Any) -> Any:
+    return None if isinstance(value, float) and math.isnan(value) else value
+
+
+def _laid_out(told: dict[str, Any]) -> str:
+    """Return JSON with a line per cut, so that differences can be read."""
+    marks: dict[str, str] = {}
+    for env_id, entry in told["environments"].items():
+        for name, cuts in entry["controllers"].items():
+            for k, cut in enumerate(cuts):
+                mark = f"@{env_id} {name} {k}@"
+                marks[json.dumps(mark)], cuts[k] = json.dumps(cut, allow_nan=False), mark
+    text = json.dumps(told, indent=1)
+    for mark, row in marks.items():
+        text = text.replace(mark, row)
+    return text + "\n"

@@ -1,0 +1,241 @@
+"""Records of controllers for offline learning, as data sets of Minari (extra ``offline``), for `edmsim dataset`.
+
+Every controller cuts whole episodes of the environment, whose action is the feed, with a decision every window. An
+episode is a file of its own while they are made, so that an interrupted recording goes on where it was; the data sets
+are put together from them in the end.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import re
+import shutil
+from collections.abc import Callable, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import gymnasium as gym
+import numpy as np
+from numpy.typing import NDArray
+
+from edmsim import __version__
+from edmsim.controllers import from_text
+from edmsim.controllers.protocols import FeedCommand
+from edmsim.envs.registry import env_id_of, find
+from edmsim.envs.single import EdmEnv
+from edmsim.errors import InputError
+from edmsim.evaluation.episode import HELD_BACK
+from edmsim.files import locked, replacing
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from edmsim.envs.task import Family
+
+KEPT = ("time_s", "dt_s", "path_um", "area_mm2", "cost", "error_um", "wires_lost")
+"""Entries of ``info`` that a data set has, as float64."""
+UNFINISHED = "unfinished"
+
+
+class Recorded(NamedTuple):
+    """A data set that was written.
+
+    Attributes
+    ----------
+    dataset_id : str
+    episodes, steps : int
+    breaks : int
+        Episodes in which a wire broke.
+    mean_return : float
+    """
+
+    dataset_id: str
+    episodes: int
+    steps: int
+    breaks: int
+    mean_return: float
+
+
+def record(
+    env_id: str, controllers: Sequence[str], steps: int, out: Path, *, seed: int = 0,
+    watch: Callable[[str, int, int], None] | None = None,
+) -> list[Recorded]:
+    """Record controllers until each has made a number of steps, episodes to their end.
+
+    Parameters
+    ----------
+    env_id : str
+    controllers : sequence of str
+        See `edmsim.controllers.from_text`; each makes a data set ``edmsim/NAME/CONTROLLER-v0``.
+    steps : int
+        Of each controller; the last episode goes beyond it.
+    out : path
+        Folder of the data sets, ``MINARI_DATASETS_PATH`` for whoever loads them. What an interrupted recording of the
+        same left there is used.
+    seed : int
+        Of the first episode; the following ones count from there, below those held back.
+    watch : callable, optional
+        Called with controller, steps and all steps after every episode.
+
+    Returns
+    -------
+    list of Recorded
+
+    Raises
+    ------
+    InputError
+        An unknown environment or controller, no steps, a folder of another recording, or Minari is not installed.
+    """
+    minari = _minari()
+    if steps < 1:
+        raise InputError(f"{steps} steps record nothing: give 1 or more")
+    if not 0 <= seed < HELD_BACK // 2:
+        raise InputError(f"the seed {seed} must be from 0 to {HELD_BACK // 2 - 1}: those above are held back")
+    family, _ = find(env_id)
+    for name in controllers:
+        from_text(name)
+    env: Any = gym.make(env_id_of(env_id), action="speed", decision_s=None, disable_env_checker=True)
+    if not isinstance(env.unwrapped, EdmEnv):
+        raise InputError(f"{env_id} is no environment of edmsim")
+    with locked(out, "edmsim dataset"):
+        _keep_to(out / UNFINISHED, {"env_id": env_id, "seed": seed, "edmsim_version": __version__})
+        made = []
+        for name in controllers:
+            files = _episodes(env, name, steps, seed, out / UNFINISHED / _plain(name), watch)
+            made.append(_assemble(minari, env, family.__name__, name, files, out))
+        shutil.rmtree(out / UNFINISHED)
+    return made
+
+
+def _minari() -> Any:
+    try:
+        import h5py  # noqa: F401 - Minari keeps its records with it
+        import minari
+    except ImportError as error:
+        raise InputError(f"data sets need {error.name}: pip install 'edmsim[offline]'") from None
+    return minari
+
+
+def _keep_to(folder: Path, made_with: dict[str, Any]) -> None:
+    """Refuse to go on with episodes of something else."""
+    file = folder / "made_with.json"
+    if file.is_file():
+        if json.loads(file.read_text(encoding="utf-8")) != made_with:
+            raise InputError("an interrupted recording of something else is in this folder: give another", folder)
+        return
+    folder.mkdir(parents=True, exist_ok=True)
+    with replacing(file) as partial:
+        partial.write_text(json.dumps(made_with), encoding="utf-8")
+
+
+def _episodes(
+    env: Any, name: str, steps: int, seed: int, folder: Path, watch: Callable[[str, int, int], None] | None
+) -> list[Path]:
+    """Return the files of a controller's episodes; makes those that are missing."""
+    folder.mkdir(exist_ok=True)
+    files: list[Path] = []
+    done = 0
+    while done < steps:
+        file = folder / f"{len(files):06d}.npz"
+        if not file.is_file():
+            with replacing(file) as partial, partial.open("wb") as opened:
+                np.savez(opened, allow_pickle=False, **_episode(env, name, seed + len(files)))
+        files.append(file)
+        with np.load(file, allow_pickle=False) as kept:
+            done += len(kept["rewards"])
+        if watch is not None:
+            watch(name, min(done, steps), steps)
+    return files
+
+
+def _episode(env: Any, name: str, seed: int) -> dict[str, NDArray[Any]]:
+    """Return an episode, an array per entry; observations and infos have one row more than steps."""
+    controller = from_text(name)
+    edm: EdmEnv = env.unwrapped
+    observation, info = env.reset(seed=seed)
+    law = edm.lane_law(controller)
+    command = law.begin()
+    first_us = info["t_on_us"], info["t_period_us"]
+    seen, told, actions, rewards = [observation], [info], [], []
+    terminated = truncated = False
+    while not (terminated or truncated):
+        action = _action(edm.family, first_us, (info["t_on_us"], info["t_period_us"]), command)
+        observation, reward, terminated, truncated, info = env.step(action)
+        seen.append(observation)
+        told.append(info)
+        actions.append(action)
+        rewards.append(reward)
+        command = law.after_window()
+        truncated = truncated or (command.alarm is not None and not terminated)
+    ends = np.zeros((2, len(rewards)), np.bool_)
+    ends[:, -1] = terminated, truncated
+    infos = {f"info_{key}": np.array([info[key] for info in told], np.float64) for key in KEPT}
+    return {
+        "observations": np.array(seen), "actions": np.array(actions), "rewards": np.array(rewards),
+        "terminations": ends[0], "truncations": ends[1], "seed": np.array(seed), **infos,
+    }
+
+
+def _action(
+    family: Family, first_us: tuple[float, float], now_us: tuple[float, float], command: FeedCommand
+) -> NDArray[np.float32]:
+    """Return the action that commands what a controller wants."""
+    feed = min(max(command.feed_um_s / family.max_feed_um_s, -1.0), 1.0)
+    on_us, period_us = (
+        now if wanted is None else wanted
+        for wanted, now in zip((command.t_on_us, command.t_period_us), now_us, strict=True)
+    )
+    octaves = {"on_time": math.log2(on_us / first_us[0]), "period": math.log2(period_us / first_us[1])}
+    octaves["duty_factor"] = octaves["period"] - octaves["on_time"]
+    if not family.knobs and any(octaves.values()):
+        raise InputError("a controller turns the generator's knobs, and this environment has none: leave it out")
+    turned = (octaves[name] / family.setting_octaves for name in family.knobs)
+    return np.array([feed, *(min(max(action, -1.0), 1.0) for action in turned)], np.float32)
+
+
+def _assemble(minari: Any, env: Any, task: str, name: str, files: list[Path], out: Path) -> Recorded:
+    """Write a controller's data set; one that is there is replaced."""
+    buffers, returns, breaks = [], [], 0
+    for k, file in enumerate(files):
+        with np.load(file, allow_pickle=False) as kept:
+            infos = {key: kept[f"info_{key}"] for key in KEPT}
+            returns.append(float(kept["rewards"].sum()))
+            breaks += bool(infos["wires_lost"][-1] > 0)
+            buffers.append(minari.data_collector.EpisodeBuffer(
+                id=k, seed=int(kept["seed"]), observations=list(kept["observations"]), actions=list(kept["actions"]),
+                rewards=kept["rewards"].tolist(), terminations=kept["terminations"].tolist(),
+                truncations=kept["truncations"].tolist(), infos=infos,
+            ))  # fmt: skip
+    dataset_id = f"edmsim/{task.lower()}/{_plain(name)}-v0"
+    shutil.rmtree(out / dataset_id, ignore_errors=True)
+    with _datasets_in(out):
+        minari.create_dataset_from_buffers(
+            dataset_id=dataset_id, buffer=buffers, env=env, algorithm_name=name,
+            requirements=[f"edmsim=={__version__}"],
+            description=f"{len(files)} episodes of {env.unwrapped.spec.id} cut by the feed controller {name}.",
+        )
+    return Recorded(dataset_id, len(files), sum(map(len, buffers)), breaks, math.fsum(returns) / len(returns))
+
+
+@contextmanager
+def _datasets_in(folder: Path) -> Iterator[None]:
+    """Have Minari keep its data sets in a folder meanwhile."""
+    before = os.environ.get("MINARI_DATASETS_PATH")
+    os.environ["MINARI_DATASETS_PATH"] = str(folder)
+    try:
+        yield
+    finally:
+        if before is None:
+            del os.environ["MINARI_DATASETS_PATH"]
+        else:
+            os.environ["MINARI_DATASETS_PATH"] = before
+
+
+def _plain(name: str) -> str:
+    """Return a controller's name as one of a folder and a data set."""
+    short = name.removeprefix("policy:")
+    short = Path(short).stem if short.endswith((".json", ".npz")) else short
+    return re.sub(r"[^a-zA-Z0-9]+", "-", short).strip("-").lower()

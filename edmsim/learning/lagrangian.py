@@ -1,0 +1,78 @@
+"""Lagrangian PPO: the reward less a multiple of ``info["cost"]``, as much as keeps costs to a limit (extra ``rl``).
+
+The multiplier is what a mean cost beyond the limit makes it grow to, and shrinks again below the limit (Tessler,
+Mankowitz and Mannor, "Reward constrained policy optimization", ICLR 2019, arXiv:1805.11074).
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from stable_baselines3.common.callbacks import BaseCallback
+from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper
+
+
+# untyped where the extra is missing
+class CostVecEnv(VecEnvWrapper):  # type: ignore[misc, unused-ignore]
+    """Lanes whose rewards are less a multiple of their costs.
+
+    Parameters
+    ----------
+    venv : VecEnv
+    multiplier : float
+        Reward that a cost of 1 takes.
+
+    Attributes
+    ----------
+    ended : list of float
+        Costs of the episodes that ended since `Multiplier` looked last.
+    """
+
+    def __init__(self, venv: VecEnv, multiplier: float) -> None:
+        super().__init__(venv)
+        self.multiplier = multiplier
+        self.ended: list[float] = []
+        self._cost = np.zeros(self.num_envs)
+
+    def reset(self) -> Any:
+        """Begin episodes, without a cost so far."""
+        self._cost[:] = 0.0
+        return self.venv.reset()
+
+    def step_wait(self) -> Any:
+        """Run a step."""
+        observations, rewards, done, infos = self.venv.step_wait()
+        cost = np.array([info["cost"] for info in infos])
+        self._cost += cost
+        self.ended += self._cost[done].tolist()
+        self._cost[done] = 0.0
+        return observations, (rewards - self.multiplier * cost).astype(np.float32), done, infos
+
+
+class Multiplier(BaseCallback):  # type: ignore[misc, unused-ignore]
+    """Raises the multiplier after a rollout whose episodes cost more than the limit, and lowers it otherwise.
+
+    Parameters
+    ----------
+    lanes : CostVecEnv
+    limit : float
+        Mean cost of an episode.
+    rate : float
+        Change of the multiplier per cost beyond the limit, and rollout.
+    """
+
+    def __init__(self, lanes: CostVecEnv, limit: float, rate: float) -> None:
+        super().__init__()
+        self._lanes, self._limit, self._rate = lanes, limit, rate
+
+    def _on_step(self) -> bool:
+        return True
+
+    def _on_rollout_end(self) -> None:
+        if self._lanes.ended:
+            beyond = float(np.mean(self._lanes.ended)) - self._limit
+            self._lanes.multiplier = max(0.0, self._lanes.multiplier + self._rate * beyond)
+            self.logger.record("cost/mean_of_episodes", beyond + self._limit)
+            self.logger.record("cost/multiplier", self._lanes.multiplier)
+            self._lanes.ended = []

@@ -1,0 +1,137 @@
+"""Learners of stable-baselines3 and sb3-contrib with the lanes they learn on (extra ``rl``)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from edmsim.envs.registry import make_family
+from edmsim.errors import InputError
+from edmsim.learning.hyperparameters import Hyperparameters
+from edmsim.learning.policy_file import Residual
+
+try:
+    import torch
+    from sb3_contrib import TQC, RecurrentPPO
+    from stable_baselines3 import PPO, SAC
+    from stable_baselines3.common.callbacks import BaseCallback
+    from stable_baselines3.common.vec_env import VecNormalize
+
+    from edmsim.envs.sb3 import make_sb3_vec_env
+    from edmsim.learning.lagrangian import CostVecEnv, Multiplier
+    from edmsim.learning.privileged import AsymmetricPolicy, PrivilegedVecEnv
+    from edmsim.learning.residual import ResidualVecEnv
+except ImportError as error:
+    raise InputError(f"training needs {error.name}: pip install 'edmsim[rl]'") from error
+
+KINDS: dict[str, Any] = {"ppo": PPO, "ppo-lag": PPO, "recurrent-ppo": RecurrentPPO, "sac": SAC, "tqc": TQC}
+REPLAYS = ("sac", "tqc")
+"""Algorithms with a replay buffer."""
+CRITICS = ("ppo", "ppo-lag")
+"""Algorithms whose critic may be privileged."""
+ACTIVATIONS = {"tanh": torch.nn.Tanh, "relu": torch.nn.ReLU}
+_DEVICE = "cpu"  # a network this small waits for a GPU more than it gains; and the same seed gives the same policy
+
+
+@dataclass(frozen=True)
+class TrainingLanes:
+    """The environments of a training.
+
+    Attributes
+    ----------
+    edm : EdmVecEnv
+        The lanes themselves.
+    costs : CostVecEnv or None
+        With Lagrangian PPO.
+    learned_on : VecEnv
+        With all wrappers but the normalisation.
+    """
+
+    edm: Any
+    costs: CostVecEnv | None
+    learned_on: Any
+
+
+def check(env_id: str, algo: str, given: Hyperparameters) -> None:
+    """Refuse what an algorithm cannot do, before anything is made."""
+    if given.privileged_critic and algo not in CRITICS:
+        raise InputError(f"{algo} has no critic of its own to be privileged; choose one of {', '.join(CRITICS)}")
+    if (given.network.lstm is not None) != (algo == "recurrent-ppo"):
+        raise InputError(f"network.lstm is for recurrent-ppo, and needed there; the algorithm is {algo}")
+    if (given.lagrangian is not None) != (algo == "ppo-lag"):
+        raise InputError(f"the table lagrangian is for ppo-lag, and needed there; the algorithm is {algo}")
+    family = make_family(env_id, **given.environment)
+    if given.residual is not None:
+        residual_of(given)
+        if family.action != "speed" or family.decision_s is not None:
+            raise InputError("a residual policy commands a speed every window: the environment has another action")
+
+
+def residual_of(given: Hyperparameters) -> Residual | None:
+    """Return the law that a policy adds to, checked."""
+    if given.residual is None:
+        return None
+    residual = Residual(law=given.residual, range_um_s=given.residual_um_s)
+    residual.make()
+    return residual
+
+
+def lanes_of(env_id: str, given: Hyperparameters, seed: int, multiplier: float | None = None) -> TrainingLanes:
+    """Make the lanes of a training.
+
+    Parameters
+    ----------
+    env_id : str
+    given : Hyperparameters
+    seed : int
+        Of the first reset.
+    multiplier : float, optional
+        Lagrangian PPO: that of a checkpoint.
+    """
+    edm = make_sb3_vec_env(env_id, given.num_envs, seed=seed, **given.environment)
+    lanes: Any = edm
+    residual, costs = residual_of(given), None
+    if residual is not None:
+        lanes = ResidualVecEnv(edm, residual)
+    if given.privileged_critic:
+        lanes = PrivilegedVecEnv(lanes)
+    if given.lagrangian is not None:
+        lanes = costs = CostVecEnv(lanes, given.lagrangian.multiplier if multiplier is None else multiplier)
+    return TrainingLanes(edm, costs, lanes)
+
+
+def new(algo: str, lanes: TrainingLanes, given: Hyperparameters, seed: int) -> tuple[Any, VecNormalize]:
+    """Return a learner that knows nothing yet, and its normalised lanes."""
+    normalise = VecNormalize(lanes.learned_on, gamma=given.algorithm["gamma"])
+    network, policy = given.network, "MlpLstmPolicy" if given.network.lstm else "MlpPolicy"
+    wanted: dict[str, Any] = {"net_arch": network.widths, "activation_fn": ACTIVATIONS[network.activation]}
+    if network.log_std_init is not None:
+        wanted["log_std_init"] = network.log_std_init
+    if network.lstm is not None:
+        wanted["lstm_hidden_size"] = network.lstm
+    if given.privileged_critic:
+        policy = AsymmetricPolicy
+        wanted["shown_entries"] = int(np.prod(lanes.edm.observation_space.shape))
+    model = KINDS[algo](policy, normalise, policy_kwargs=wanted, seed=seed, device=_DEVICE, **given.algorithm)
+    if network.first_action is not None:
+        model.policy.action_net.bias.data = torch.tensor(network.first_action)
+    return model, normalise
+
+
+def load(algo: str, lanes: TrainingLanes, checkpoint: Path) -> tuple[Any, VecNormalize]:
+    """Return the learner of a checkpoint, and its normalised lanes."""
+    normalise = VecNormalize.load(str(checkpoint / "normalise.pkl"), lanes.learned_on)
+    model = KINDS[algo].load(checkpoint / "model.zip", env=normalise, device=_DEVICE)
+    if (checkpoint / "replay.pkl").exists():
+        model.load_replay_buffer(checkpoint / "replay.pkl")
+    return model, normalise
+
+
+def callbacks(lanes: TrainingLanes, given: Hyperparameters) -> list[BaseCallback]:
+    """Return what the algorithm wants done between its steps."""
+    if lanes.costs is None or given.lagrangian is None:
+        return []
+    return [Multiplier(lanes.costs, lanes.edm.env.family.cost_limit, given.lagrangian.rate)]

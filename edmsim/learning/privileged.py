@@ -1,0 +1,101 @@
+"""A critic that knows what no machine shows: gap, wire temperature, debris and constants drawn (extra ``rl``).
+
+Only the value network is shown it. The policy's features are the same vector with these entries replaced by 0: its
+actions cannot depend on them, and what is exported has no weights for them (Pinto et al., RSS 2018).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from stable_baselines3.common.policies import ActorCriticPolicy
+from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
+from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper
+
+TRUTHS = ("gap_um", "wire_temperature_K", "debris", "error_um")
+"""Entries of ``info`` that the critic sees, of the last window; the constants that an episode draws come behind."""
+
+
+# untyped where the extra is missing
+class PrivilegedVecEnv(VecEnvWrapper):  # type: ignore[misc, unused-ignore]
+    """Lanes whose observations have the truth behind what a machine shows.
+
+    Parameters
+    ----------
+    venv : VecEnv
+        An `EdmVecEnv`, with any wrappers around it.
+    """
+
+    def __init__(self, venv: VecEnv) -> None:
+        self._names = tuple(venv.unwrapped.env.family.drawn_constants)
+        shown = venv.observation_space
+        assert isinstance(shown, gym.spaces.Box)
+        more = np.full(len(TRUTHS) + len(self._names), np.inf, np.float32)
+        space = gym.spaces.Box(np.append(shown.low, -more), np.append(shown.high, more), dtype=np.float32)
+        super().__init__(venv, observation_space=space)
+        self._constants = np.zeros((self.num_envs, len(self._names)), np.float32)
+
+    def reset(self) -> Any:
+        """Begin episodes; of the gap nothing is known yet."""
+        observations = self.venv.reset()
+        self._draw(range(self.num_envs))
+        return self._with(observations, np.zeros((self.num_envs, len(TRUTHS)), np.float32))
+
+    def step_wait(self) -> Any:
+        """Run a step."""
+        observations, rewards, done, infos = self.venv.step_wait()
+        truths = np.array([[info[name] for name in TRUTHS] for info in infos], np.float32)
+        ended = np.flatnonzero(done)
+        for lane in ended:
+            last = infos[lane]["terminal_observation"]
+            infos[lane]["terminal_observation"] = np.concatenate([last, truths[lane], self._constants[lane]])
+        truths[ended] = 0.0
+        self._draw(ended)
+        return self._with(observations, truths), rewards, done, infos
+
+    def _draw(self, lanes: Sequence[int] | NDArray[np.int64] | range) -> None:
+        told = self.unwrapped.reset_infos
+        for lane in lanes:
+            self._constants[lane] = [told[lane]["drawn"][name] for name in self._names]
+
+    def _with(self, observations: NDArray[np.float32], truths: NDArray[np.float32]) -> NDArray[np.float32]:
+        return np.concatenate([observations, truths, self._constants], axis=1)
+
+
+class Shown(BaseFeaturesExtractor):  # type: ignore[misc, unused-ignore]
+    """The first entries of an observation as they are, and 0 in place of the others."""
+
+    def __init__(self, observation_space: gym.spaces.Box, entries: int) -> None:
+        width = int(np.prod(observation_space.shape))
+        super().__init__(observation_space, width)
+        self.register_buffer("shown", (torch.arange(width) < entries).float())
+
+    def forward(self, observations: torch.Tensor) -> torch.Tensor:
+        """Return features as wide as the observations."""
+        return observations * self.shown
+
+
+class AsymmetricPolicy(ActorCriticPolicy):  # type: ignore[misc, unused-ignore]
+    """An actor-critic whose actor sees the first entries of an observation only.
+
+    Parameters
+    ----------
+    *args, **kwargs
+        Of stable-baselines3's `ActorCriticPolicy`.
+    shown_entries : int
+        Entries that the actor sees; the critic sees all.
+    """
+
+    def __init__(self, *args: Any, shown_entries: int, **kwargs: Any) -> None:
+        self._shown_entries = shown_entries
+        super().__init__(*args, **{**kwargs, "share_features_extractor": False})
+        self.pi_features_extractor = Shown(self.observation_space, shown_entries)
+        self.features_extractor = self.pi_features_extractor
+
+    def _get_constructor_parameters(self) -> dict[str, Any]:
+        return {**super()._get_constructor_parameters(), "shown_entries": self._shown_entries}

@@ -1,0 +1,67 @@
+"""Residual policies: a classic law decides the feed, and the policy what is added to it (extra ``rl``)."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from stable_baselines3.common.vec_env import VecEnvWrapper
+
+from edmsim.controllers.protocols import FeedCommand
+from edmsim.envs.sb3 import EdmVecEnv
+from edmsim.errors import InputError
+from edmsim.learning.policy_file import Residual
+
+
+# untyped where the extra is missing
+class ResidualVecEnv(VecEnvWrapper):  # type: ignore[misc, unused-ignore]
+    """Lanes whose first action is added to what a classic law commands in each (Johannink et al., ICRA 2019).
+
+    Parameters
+    ----------
+    venv : EdmVecEnv
+        With ``action="speed"`` and a decision every window.
+    residual : Residual
+        The law, which must leave the generator alone, and what an action of 1 adds to its feed.
+
+    Raises
+    ------
+    InputError
+        The law turns the generator's knobs, or there is none of this name.
+    """
+
+    def __init__(self, venv: EdmVecEnv, residual: Residual) -> None:
+        super().__init__(venv)
+        self._residual = residual
+        lanes = venv.env
+        self._family = lanes.family
+        self._laws = [lanes.lane_law(lane, residual.make()) for lane in range(self.num_envs)]
+        self._feed_um_s = np.zeros(self.num_envs)
+
+    def reset(self) -> Any:
+        """Begin an episode, and the law, in every lane."""
+        observations = self.venv.reset()
+        for lane, law in enumerate(self._laws):
+            self._take(lane, law.begin())
+        return observations
+
+    def step_async(self, actions: NDArray[Any]) -> None:
+        """Add the actions to what the laws command."""
+        given = np.array(actions, np.float32)
+        for lane, feed_um_s in enumerate(self._feed_um_s):
+            given[lane, 0] = self._residual.action(self._family, feed_um_s, given[lane, 0])
+        self.venv.step_async(given)
+
+    def step_wait(self) -> Any:
+        """Run a step, and show the laws what the machines showed."""
+        observations, rewards, done, infos = self.venv.step_wait()
+        for lane, law in enumerate(self._laws):
+            self._take(lane, law.begin() if done[lane] else law.after_window())
+        return observations, rewards, done, infos
+
+    def _take(self, lane: int, command: FeedCommand) -> None:
+        if command.t_on_us is not None or command.t_period_us is not None:
+            law = self._residual.law
+            raise InputError(f"'{law}' turns the generator's knobs: a policy adds to a law that only feeds")
+        self._feed_um_s[lane] = command.feed_um_s

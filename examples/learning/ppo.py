@@ -1,0 +1,160 @@
+"""PPO in one file, with torch and Gymnasium only: a servo's target is learned in edmsim/GapFeed-v1.
+
+python examples/learning/ppo.py --seed 1 --out ppo.csv
+
+Proximal policy optimisation (Schulman et al. 2017, arXiv:1707.06347) with generalised advantages (arXiv:1506.02438).
+An episode is 8 s long here instead of 25 s, so that a learning curve takes a minute; every row of the table that is
+written has the windows so far, and the mean return and cost of the last twenty episodes.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+from collections import deque
+from pathlib import Path
+
+import gymnasium
+import numpy as np
+import torch
+from gymnasium.vector import AutoresetMode
+from torch import nn
+
+import edmsim  # noqa: F401 - registers the environments
+
+LANES, STEPS, EPOCHS, BATCH = 8, 128, 5, 256
+GAMMA, LAMBDA, CLIP = 0.99, 0.95, 0.2
+LEARNING_RATE, GREATEST_GRADIENT = 1e-3, 0.5
+
+
+class Running:
+    """Mean and variance of all that was seen, merged batch by batch (Chan et al. 1979)."""
+
+    def __init__(self, width: int) -> None:
+        self.mean, self.variance, self.count = np.zeros(width), np.ones(width), 1e-4
+
+    def see(self, values: np.ndarray) -> None:
+        """Take in rows (n, width)."""
+        count, mean, variance = len(values), values.mean(axis=0), values.var(axis=0)
+        total, delta = self.count + count, mean - self.mean
+        self.variance = (
+            self.variance * self.count + variance * count + delta**2 * self.count * count / total
+        ) / total
+        self.mean, self.count = self.mean + delta * count / total, total
+
+    def scaled(self, values: np.ndarray) -> torch.Tensor:
+        """Return rows with mean 0 and variance 1, within 10 either way."""
+        scaled = (values - self.mean) / np.sqrt(self.variance + 1e-8)
+        return torch.as_tensor(np.clip(scaled, -10, 10), dtype=torch.float32)
+
+
+def _network(inputs: int, outputs: int) -> nn.Sequential:
+    return nn.Sequential(nn.Linear(inputs, 64), nn.Tanh(), nn.Linear(64, 64), nn.Tanh(), nn.Linear(64, outputs))
+
+
+class Agent(nn.Module):
+    """Two networks: the mean of the actions, and the value; the noise on actions is learned beside them."""
+
+    def __init__(self, seen: int, actions: int) -> None:
+        super().__init__()
+        self.mean = _network(seen, actions)
+        self.value = _network(seen, 1)
+        self.log_std = nn.Parameter(torch.full((actions,), -0.5))
+        with torch.no_grad():
+            self.mean[-1].weight.mul_(0.01)  # the first actions are those around 0
+
+    def chosen(self, seen: torch.Tensor) -> torch.distributions.Normal:
+        """Return the distribution that actions are drawn from."""
+        return torch.distributions.Normal(self.mean(seen), self.log_std.exp())
+
+
+def advantages(rewards: np.ndarray, values: np.ndarray, ended: np.ndarray, last: np.ndarray) -> np.ndarray:
+    """Return generalised advantages (steps, lanes); `ended` is 1 where an episode ended with the step."""
+    found, ahead, following = np.zeros_like(rewards), np.zeros(rewards.shape[1]), last
+    for step in reversed(range(len(rewards))):
+        on = 1.0 - ended[step]
+        ahead = rewards[step] + GAMMA * following * on - values[step] + GAMMA * LAMBDA * on * ahead
+        found[step], following = ahead, values[step]
+    return found
+
+
+def update(agent: Agent, optimiser: torch.optim.Optimizer, rows: tuple[torch.Tensor, ...]) -> None:
+    """Improve the networks on what was seen: observations, actions, log probabilities, advantages, returns."""
+    for _ in range(EPOCHS):
+        for chosen in torch.randperm(len(rows[0])).split(BATCH):
+            seen, actions, before, gain, returns = (row[chosen] for row in rows)
+            distribution = agent.chosen(seen)
+            ratio = (distribution.log_prob(actions).sum(1) - before).exp()
+            gain = (gain - gain.mean()) / (gain.std() + 1e-8)
+            policy_loss = -torch.min(ratio * gain, ratio.clamp(1 - CLIP, 1 + CLIP) * gain).mean()
+            value_loss = (agent.value(seen).squeeze(1) - returns).square().mean()
+            optimiser.zero_grad()
+            (policy_loss + 0.5 * value_loss).backward()
+            nn.utils.clip_grad_norm_(agent.parameters(), GREATEST_GRADIENT)
+            optimiser.step()
+
+
+def main() -> None:
+    """Train, and write the learning curve."""
+    parser = argparse.ArgumentParser(description="PPO in edmsim/GapFeed-v1.")
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--steps", type=int, default=20_480, help="windows, all lanes together")
+    parser.add_argument("--out", type=Path, required=True, help="table of the learning curve, .csv")
+    asked = parser.parse_args()
+    torch.set_num_threads(1)  # networks this small only wait for further threads
+    torch.manual_seed(asked.seed)
+    envs = gymnasium.make_vec(
+        "edmsim/GapFeed-v1", num_envs=LANES, vectorization_mode="vector_entry_point",
+        autoreset_mode=AutoresetMode.SAME_STEP, action="servo", servo_target_share=[0.0, 0.9], episode_s=8.0,
+    )
+    agent = Agent(envs.single_observation_space.shape[0], envs.single_action_space.shape[0])
+    optimiser = torch.optim.Adam(agent.parameters(), lr=LEARNING_RATE, eps=1e-5)
+    seen_so_far, returns_so_far = Running(envs.single_observation_space.shape[0]), Running(1)
+    observation, _ = envs.reset(seed=asked.seed)
+    last_twenty: deque[tuple[float, float]] = deque(maxlen=20)
+    discounted, episode, cost = np.zeros(LANES), np.zeros(LANES), np.zeros(LANES)
+    curve = [("windows", "return", "cost")]
+    for done in range(LANES * STEPS, asked.steps + 1, LANES * STEPS):
+        kept: list[tuple] = []
+        over: list[tuple[float, float]] = []
+        for _ in range(STEPS):
+            seen_so_far.see(observation)
+            seen = seen_so_far.scaled(observation)
+            with torch.no_grad():
+                distribution = agent.chosen(seen)
+                action = distribution.sample()
+                kept_now = seen, action, distribution.log_prob(action).sum(1), agent.value(seen).squeeze(1).numpy()
+            observation, reward, terminated, truncated, info = envs.step(action.numpy())
+            ended = terminated | truncated
+            step_cost = info["cost"].copy()
+            if ended.any():
+                step_cost[ended] = info["final_info"]["cost"][ended]
+            episode, cost = episode + reward, cost + step_cost
+            over += [(episode[lane], cost[lane]) for lane in np.flatnonzero(ended)]
+            discounted = discounted * GAMMA + reward
+            returns_so_far.see(discounted[:, None])
+            scaled = np.clip(reward / np.sqrt(returns_so_far.variance[0] + 1e-8), -10, 10)
+            if truncated.any():  # what comes after a time limit counts: add what the episode was still worth
+                last = np.stack([info["final_obs"][lane] for lane in np.flatnonzero(truncated)])
+                with torch.no_grad():
+                    scaled[truncated] += GAMMA * agent.value(seen_so_far.scaled(last)).squeeze(1).numpy()
+            episode[ended] = cost[ended] = discounted[ended] = 0.0
+            kept.append((*kept_now, scaled, ended.astype(float)))
+        seen, action, log_probability, values, rewards, ended = zip(*kept, strict=True)
+        with torch.no_grad():
+            last = agent.value(seen_so_far.scaled(observation)).squeeze(1).numpy()
+        gain = advantages(np.array(rewards), np.array(values), np.array(ended), last)
+        rows = torch.cat(seen), torch.cat(action), torch.cat(log_probability), *(
+            torch.as_tensor(values.reshape(-1), dtype=torch.float32) for values in (gain, gain + np.array(values))
+        )
+        update(agent, optimiser, rows)
+        last_twenty += over
+        if last_twenty:
+            curve.append((done, *np.mean(last_twenty, axis=0).round(3).tolist()))
+            print(f"{done:8} windows, return {curve[-1][1]:8.1f}, cost {curve[-1][2]:.2f}", flush=True)
+    with asked.out.open("w", newline="") as file:
+        csv.writer(file, lineterminator="\n").writerows(curve)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,76 @@
+"""Recurrent PPO of sb3-contrib: a policy with memory sees one window at a time.
+
+python examples/learning/recurrent_ppo.py --seed 1 --out recurrent.csv
+
+With ``history=1`` an observation tells of the last window only; what machine it is, and whether shorts become more,
+an LSTM (Hochreiter and Schmidhuber 1997) has to remember. The task is that of ppo.py, and so is the table that is
+written. Needs the extra `rl`.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+from collections import deque
+from pathlib import Path
+
+import numpy as np
+import torch
+from sb3_contrib import RecurrentPPO
+from stable_baselines3.common.callbacks import BaseCallback
+from stable_baselines3.common.vec_env import VecNormalize
+
+from edmsim.envs import make_sb3_vec_env
+
+LANES, STEPS = 8, 128
+
+
+class Curve(BaseCallback):
+    """Mean return and cost of the last twenty episodes, after every rollout."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.rows: list[tuple] = [("windows", "return", "cost")]
+        self._costs = [0.0] * LANES
+        self._last: deque[tuple[float, float]] = deque(maxlen=20)
+
+    def _on_step(self) -> bool:
+        for lane, info in enumerate(self.locals["infos"]):
+            self._costs[lane] += info["cost"]
+            if "episode" in info:  # told by the monitor within make_sb3_vec_env
+                self._last.append((info["episode"]["r"], self._costs[lane]))
+                self._costs[lane] = 0.0
+        return True
+
+    def _on_rollout_end(self) -> None:
+        if not self._last:
+            return
+        told = np.mean(self._last, axis=0).round(3).tolist()
+        self.rows.append((self.num_timesteps, *told))
+        print("{:8} windows, return {:8.1f}, cost {:.2f}".format(*self.rows[-1]), flush=True)
+
+
+def main() -> None:
+    """Train, and write the learning curve."""
+    parser = argparse.ArgumentParser(description="Recurrent PPO in edmsim/GapFeed-v1.")
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--steps", type=int, default=20_480, help="windows, all lanes together")
+    parser.add_argument("--out", type=Path, required=True, help="table of the learning curve, .csv")
+    asked = parser.parse_args()
+    torch.set_num_threads(1)  # networks this small only wait for further threads
+    lanes = make_sb3_vec_env(
+        "edmsim/GapFeed-v1", LANES, action="servo", servo_target_share=[0.0, 0.9], episode_s=8.0, history=1,
+    )
+    model = RecurrentPPO(
+        "MlpLstmPolicy", VecNormalize(lanes, gamma=0.99), seed=asked.seed, device="cpu", n_steps=STEPS,
+        batch_size=256, n_epochs=5, gamma=0.99, learning_rate=1e-3,
+        policy_kwargs={"lstm_hidden_size": 32, "net_arch": [32], "log_std_init": -0.5},
+    )
+    curve = Curve()
+    model.learn(asked.steps // (LANES * STEPS) * LANES * STEPS, callback=curve)
+    with asked.out.open("w", newline="") as file:
+        csv.writer(file, lineterminator="\n").writerows(curve.rows)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,76 @@
+"""The leaderboard gives comparisons back to the digit, and its cuts are those that are made today."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import gymnasium
+import pytest
+
+from edmsim.envs.registry import registered_ids
+from edmsim.errors import InputError
+from edmsim.evaluation import leaderboard
+from edmsim.evaluation.compare import evaluate
+from edmsim.evaluation.episode import Result, cut
+from edmsim.evaluation.table import as_json
+from edmsim.evaluation.transfer import PLACES, render, rows_of, transfer
+
+DOCS = Path(__file__).parents[2] / "docs"
+GAP_FEED = "edmsim/GapFeed-v1"
+
+
+def test_a_comparison_comes_back_to_the_digit_and_another_controller_joins_it(short_episodes, tmp_path):
+    file = tmp_path / "board.json"
+    made = evaluate(GAP_FEED, ["counts"], 2)
+    leaderboard.write(file, [made])
+    assert as_json([leaderboard.read(file)[GAP_FEED]]) == as_json([made])
+    leaderboard.write(file, [evaluate(GAP_FEED, ["voltage"], 2)])
+    joined = leaderboard.read(file)[GAP_FEED]
+    assert set(joined.results) == {"counts", "voltage", "fixed", "oracle"}
+    assert joined.figures["counts"] == made.figures["counts"]
+    assert file.read_text().count("\n") < 80  # a line per cut
+    leaderboard.write(file, [evaluate(GAP_FEED, ["voltage"], 3)])
+    assert "counts" not in leaderboard.read(file)[GAP_FEED].results  # of other seeds
+
+
+@pytest.mark.parametrize("text", ["", "[]", '{"format": "other"}', '{"format": "edmsim-leaderboard-1"}'])
+def test_what_is_no_leaderboard_is_refused(tmp_path, text):
+    file = tmp_path / "board.json"
+    file.write_text(text)
+    with pytest.raises(InputError, match="no leaderboard, or a damaged one"):
+        leaderboard.read(file)
+
+
+def test_places_differ_from_where_policies_are_trained(short_episodes):
+    seen = []
+    moved = transfer(GAP_FEED, ["fixed", "policy:GapFeed-ppo"], 2, watch=lambda *done: seen.append(done))
+    assert len(seen) == seen[-1][0] == seen[-1][1] == 4 * len(PLACES)
+    assert [cells[0] for cells in rows_of(moved)] == [place.name for place in PLACES]
+    rates = [row.rate_mm2_min.value for row in moved if row.controller == "fixed"]
+    assert len(set(rates)) == len(PLACES)
+    assert render(GAP_FEED, moved, 2).row_count == len(PLACES)
+
+
+@pytest.mark.parametrize("env_id", registered_ids())
+def test_the_threshold_of_an_id_is_what_its_reference_earns(env_id):
+    page = (DOCS / "benchmark.md").read_text(encoding="utf-8")
+    table = page.partition(f"## {env_id}\n")[2].partition("\n## ")[0].splitlines()
+    heads, oracle = ([cell.strip() for cell in line.split("|")] for line in table if line.startswith(
+        ("| controller", "| `oracle`")
+    ))
+    earned = float(oracle[heads.index("return")].split()[0])
+    assert gymnasium.spec(env_id).reward_threshold == earned
+
+
+def test_the_first_cuts_of_the_board_are_made_again():
+    """In short: one cut of a classic law and one of a policy, of every environment that the board has."""
+    board = json.loads((DOCS / "leaderboard.json").read_text(encoding="utf-8"))
+    for env_id, made in leaderboard.read(DOCS / "leaderboard.json").items():
+        assert board["environments"][env_id]["seeds"] == list(made.seeds)
+        for name in [name for name in made.results if name == "voltage" or name.startswith("policy:")]:
+            again, kept = cut(env_id, made.seeds[0], name), made.results[name][0]
+            for key in Result._fields:
+                one, other = getattr(again, key), getattr(kept, key)
+                if isinstance(one, float):  # another processor may order its sums otherwise
+                    assert one == pytest.approx(other, rel=0.05, abs=0.05, nan_ok=True), (env_id, name, key)

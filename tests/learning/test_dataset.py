@@ -1,0 +1,77 @@
+"""Data sets: what a controller did, as Minari keeps it, whole after an interruption."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from edmsim.envs.gap_feed import GapFeed
+from edmsim.envs.registry import register
+from edmsim.errors import InputError
+from edmsim.evaluation.episode import cut
+
+minari = pytest.importorskip("minari")
+pytest.importorskip("h5py")
+from edmsim.learning import dataset  # noqa: E402 - reads Minari, which may be missing
+
+pytestmark = pytest.mark.filterwarnings("ignore")
+ENV = "test/Short-v0"
+
+
+@pytest.fixture(autouse=True)
+def short_cuts():
+    register(ENV, GapFeed, episode_s=0.4)
+
+
+def loaded(folder, monkeypatch, name):
+    monkeypatch.setenv("MINARI_DATASETS_PATH", str(folder))
+    return minari.load_dataset(name)
+
+
+def test_a_data_set_has_what_the_controller_did(tmp_path, monkeypatch):
+    made = dataset.record(ENV, ["fixed", "voltage:reference_V=9"], 30, tmp_path)
+    assert [row.dataset_id for row in made] == ["edmsim/gapfeed/fixed-v0", "edmsim/gapfeed/voltage-reference-v-9-v0"]
+    kept = loaded(tmp_path, monkeypatch, made[1].dataset_id)
+    assert (kept.total_episodes, kept.total_steps) == (made[1].episodes, made[1].steps) == (2, 32)
+    assert kept.recover_environment().unwrapped.family.action == "speed"
+    for seed, episode in enumerate(kept.iterate_episodes()):
+        result = cut(ENV, seed, "voltage:reference_V=9")  # the same without Gymnasium
+        assert episode.rewards.sum() == pytest.approx(result.total_return, abs=1e-3)
+        assert episode.infos["time_s"][-1] == pytest.approx(result.time_s)
+        assert len(episode.observations) == len(episode.rewards) + 1 == len(episode.infos["cost"])
+        assert episode.truncations.tolist() == [False] * 15 + [True]
+    assert not (tmp_path / dataset.UNFINISHED).exists()
+
+
+def test_an_interrupted_recording_goes_on_to_the_same(tmp_path, monkeypatch):
+    def stop(name, done, steps):
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        dataset.record(ENV, ["counts"], 30, tmp_path / "a", seed=3, watch=stop)
+    with pytest.raises(InputError, match="recording of something else"):
+        dataset.record(ENV, ["counts"], 30, tmp_path / "a", seed=4)
+    seeds = []
+    made = dataset._episode
+    monkeypatch.setattr(dataset, "_episode", lambda env, name, seed: seeds.append(seed) or made(env, name, seed))
+    first = dataset.record(ENV, ["counts"], 30, tmp_path / "a", seed=3)
+    assert seeds == [4]  # the other one was there
+    assert dataset.record(ENV, ["counts"], 30, tmp_path / "b", seed=3) == first
+    a, b = (loaded(tmp_path / name, monkeypatch, first[0].dataset_id) for name in "ab")
+    for one, other in zip(a.iterate_episodes(), b.iterate_episodes(), strict=True):
+        np.testing.assert_array_equal(one.actions, other.actions)
+        np.testing.assert_array_equal(one.observations, other.observations)
+
+
+@pytest.mark.parametrize(
+    ("given", "named"),
+    [
+        ({"steps": 0}, "1 or more"),
+        ({"seed": 1_000_000}, "held back"),
+        ({"controllers": ["genius"]}, "genius"),
+        ({"controllers": ["adaptive-off-time"]}, "turns the generator's knobs"),
+    ],
+)
+def test_bad_input_is_refused(tmp_path, given, named):
+    with pytest.raises(InputError, match=named):
+        dataset.record(**{"env_id": ENV, "controllers": ["fixed"], "steps": 20, "out": tmp_path, **given})

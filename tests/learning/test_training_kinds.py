@@ -1,0 +1,197 @@
+"""Policies with memory, beside a law, under a bound on costs, and with a critic that knows more."""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+from edmsim.controllers.protocols import tell
+from edmsim.envs.episode import Task
+from edmsim.errors import InputError
+from edmsim.learning import hyperparameters, policy_file
+from edmsim.learning.command import Asked
+from edmsim.learning.policy_controller import PolicyController
+
+pytestmark = [
+    pytest.mark.skipif(
+        not all(map(importlib.util.find_spec, ("sb3_contrib", "stable_baselines3", "torch", "tensorboard"))),
+        reason="the extra rl is not installed",
+    ),
+    pytest.mark.filterwarnings("ignore::DeprecationWarning"),
+    pytest.mark.filterwarnings("ignore::UserWarning"),
+]
+
+
+def exported(tmp_path, env_id, algo, steps=64, **asked):
+    """Train for some windows; return what was trained, and the policy as it is read from its files."""
+    from edmsim.learning.export import export
+    from edmsim.learning.train import train
+
+    given = Asked(**asked).hyperparameters(env_id, algo)
+    trained = train(env_id, algo, tmp_path, steps=steps, seed=3, given=given)
+    policy_file.write(*export(trained, "a test"), tmp_path / "policy.json")
+    return trained, policy_file.load(str(tmp_path / "policy.json"))
+
+
+def test_a_recurrent_policy_remembers_as_it_was_trained(short_training, tmp_path):
+    trained, policy = exported(tmp_path, "edmsim/GapFeed-v1", "recurrent-ppo")
+    space = trained.model.observation_space
+    seen = np.random.default_rng(0).uniform(0, 1, (20, *space.shape)).astype(np.float32)
+    state, memory, found, wanted = None, policy.fresh_memory(), [], []
+    for k, observation in enumerate(seen):
+        normal = trained.normalise.normalize_obs(observation)
+        action, state = trained.model.predict(normal, state, np.array([k == 0]), deterministic=True)
+        wanted.append(action)
+        action, memory = policy.act(observation, memory)
+        found.append(action)
+    assert np.abs(np.array(found) - wanted).max() < 1e-5
+    assert np.abs(policy.action(seen[-1]) - found[-1]).max() > 1e-6  # what it saw before counts
+    assert policy.card.lstm == 64
+
+
+def test_a_recurrent_policy_forgets_at_a_leg_and_goes_on_from_a_snapshot(short_training, tmp_path):
+    _, policy = exported(tmp_path, "edmsim/GapFeed-v1", "recurrent-ppo")
+    first, second = PolicyController(policy), PolicyController(policy)
+    task = Task("GapFeed")
+    task.reset(5)
+    for controller in (first, second):
+        tell(controller, task.machine, task.scenario.legs_um[0], 0.0)
+    command = begun = first.reset(task.max_feed_um_s)
+    for _ in range(12):
+        seen = task.advance(command.feed_um_s).seen
+        command = first.update(seen)
+    second.reset(task.max_feed_um_s)
+    second.restore(json.loads(json.dumps(first.snapshot())))
+    assert second.update(seen) == first.update(seen)
+    assert first.reset(task.max_feed_um_s) == begun
+
+
+def test_a_residual_policy_adds_to_its_law_in_a_cut_what_it_added_in_training(short_training, tmp_path):
+    from edmsim.learning.learners import lanes_of
+
+    trained, policy = exported(tmp_path, "edmsim/GapFeed-v1", "ppo", residual="voltage:reference_V=9")
+    assert policy.card.residual.law == "voltage:reference_V=9"
+    lanes = lanes_of("edmsim/GapFeed-v1", trained.hyperparameters, 5).learned_on
+    seen = lanes.reset()
+    task, controller = Task("GapFeed"), PolicyController(policy)
+    task.reset(5)
+    tell(controller, task.machine, task.scenario.legs_um[0], 0.0)
+    command = controller.reset(task.max_feed_um_s)
+    feeds = set()
+    for _ in range(60):
+        seen, _, done, infos = lanes.step(np.array([policy.action(row) for row in seen], np.float32))
+        result = task.advance(command.feed_um_s)
+        assert result.seen.feed_um_s == infos[0]["feed_um_s"]
+        feeds.add(infos[0]["feed_um_s"])
+        if done[0]:
+            break
+        command = controller.update(result.seen)
+    assert len(feeds) > 5
+
+
+@pytest.mark.parametrize(
+    ("algo", "asked", "named"),
+    [
+        ("sac", {"privileged_critic": True}, "ppo, ppo-lag"),
+        ("ppo", {"residual": "own.py:Law"}, "own.py"),
+        ("ppo", {"residual": "oracle"}, "oracle"),
+    ],
+)
+def test_what_cannot_be_learned_is_refused(short_training, tmp_path, algo, asked, named):
+    with pytest.raises(InputError, match=named):
+        exported(tmp_path / "out", "edmsim/GapFeed-v1", algo, **asked)
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_law_that_turns_knobs_is_refused(short_training, tmp_path):
+    with pytest.raises(InputError, match="a law that only feeds"):
+        exported(tmp_path, "edmsim/GapFeed-v1", "ppo", residual="adaptive-off-time")
+
+
+def test_a_policy_does_not_depend_on_what_only_its_critic_sees(short_training, tmp_path):
+    import torch
+
+    trained, policy = exported(tmp_path, "edmsim/GapFeed-v1", "ppo", steps=128, privileged_critic=True)
+    shown = trained.lanes.edm.observation_space.shape[0]
+    wide = trained.model.observation_space.shape[0]
+    assert wide > shown == len(policy.card.observation)
+    rng = np.random.default_rng(0)
+    seen = rng.uniform(0, 1, (50, wide)).astype(np.float32)
+    other = seen.copy()
+    other[:, shown:] += 1.0
+    normal, changed = (trained.normalise.normalize_obs(rows) for rows in (seen, other))
+    wanted = trained.model.predict(normal, deterministic=True)[0]
+    np.testing.assert_array_equal(trained.model.predict(changed, deterministic=True)[0], wanted)
+    values = [trained.model.policy.predict_values(torch.as_tensor(rows)) for rows in (normal, changed)]
+    assert (values[0] - values[1]).abs().min() > 1e-6
+    assert np.abs(np.array([policy.action(row[:shown]) for row in seen]) - wanted).max() < 1e-5
+
+
+def test_costs_beyond_the_limit_raise_their_price():
+    from stable_baselines3.common.logger import Logger
+
+    from edmsim.envs import make_sb3_vec_env
+    from edmsim.learning.lagrangian import CostVecEnv, Multiplier
+
+    lanes = CostVecEnv(make_sb3_vec_env("edmsim/GapFeed-v1", 2, seed=1, max_episode_steps=2), 10.0)
+    plain = make_sb3_vec_env("edmsim/GapFeed-v1", 2, seed=1, max_episode_steps=2)
+    assert (lanes.reset() == plain.reset()).all()
+    for _ in range(2):
+        rewards = [env.step(np.zeros((2, 1), np.float32))[1] for env in (lanes, plain)]
+        np.testing.assert_array_equal(*rewards)  # nothing broke
+    assert lanes.ended == [0.0, 0.0]
+    told = Multiplier(lanes, 0.1, 20.0)
+    told.model = type("Learner", (), {"logger": Logger(None, [])})()
+    for ended, price in (([1.0, 0.2], 20.0), ([0.0], 18.0), ([], 18.0)):
+        lanes.ended = ended
+        told._on_rollout_end()
+        assert lanes.multiplier == pytest.approx(price)
+
+
+def test_the_bound_of_a_checkpoint_is_taken_up(short_training, tmp_path):
+    from edmsim.learning.train import train
+
+    trained = train("edmsim/GapFeed-v1", "ppo-lag", tmp_path, steps=64, seed=1)
+    assert trained.lanes.costs.multiplier != 7.0
+    (run,) = tmp_path.glob("checkpoint-*/run.json")
+    told = json.loads(run.read_text())
+    run.write_text(json.dumps({**told, "multiplier": 7.0}))
+    again = train("edmsim/GapFeed-v1", "ppo-lag", tmp_path, steps=64, seed=1, resume=True)
+    assert again.lanes.costs.multiplier == 7.0
+
+
+def test_settings_of_a_search_are_those_of_a_training(tmp_path):
+    file = tmp_path / "best.toml"
+    file.write_text("[algorithm]\nlearning_rate = 0.002\n[network]\nwidths = [8]\n")
+    usual, found = (hyperparameters.load("edmsim/GapFeed-v1", "ppo", given) for given in (None, file))
+    assert found.algorithm == {**usual.algorithm, "learning_rate": 0.002}
+    assert found.network.widths == [8]
+    for text, named in (("[gains]\nk = 1", "gains"), ("[algorithm]\nspeed = 1", "speed"), ("steps = 0", "steps")):
+        file.write_text(text)
+        with pytest.raises(InputError, match=named):
+            hyperparameters.load("edmsim/GapFeed-v1", "ppo", file)
+
+
+def test_a_policy_file_names_no_code_to_run(short_training, tmp_path):
+    exported(tmp_path, "edmsim/GapFeed-v1", "ppo", residual="voltage")
+    file = tmp_path / "policy.json"
+    told = json.loads(file.read_text())
+    told["residual"]["law"] = "evil.py:Law"
+    file.write_text(json.dumps(told))
+    with pytest.raises(InputError, match="a law of edmsim"):
+        policy_file.load(str(file))
+
+
+def test_infos_of_resets_and_steps_have_the_same_keys():
+    env = gym.make("edmsim/Corner-v1")
+    _, begun = env.reset(seed=1)
+    *_, stepped = env.step(env.action_space.sample())
+    _, again = env.reset(seed=1)
+    assert begun == again
+    assert list(begun) == list(stepped)
+    assert begun["drawn"] == stepped["drawn"]
+    assert begun["cost"] == begun["area_mm2"] == sum(begun["reward_terms"].values()) == 0.0
