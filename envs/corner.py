@@ -38,9 +38,11 @@ class Corner(Family):
     turn_deg: tuple[float, float] = (45.0, 135.0)
     knobs: Sequence[str] = ("on_time", "duty_factor")
     episode_s: float | None = 75.0
+    near_corner_um: float | None = 100.0
+    energy_bound_mJ: float | None = 5.5
 
     knows_corners: ClassVar[bool] = True
-    own_weights: ClassVar[Weights] = Weights(profile=4.0, time=0.1)  # accuracy first
+    own_weights: ClassVar[Weights] = Weights(profile=4.0, roughness=4.0, time=0.1)  # accuracy first
 
     def __post_init__(self) -> None:
         super().__post_init__()

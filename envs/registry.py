@@ -15,7 +15,11 @@ from edmsim.errors import InputError
 if TYPE_CHECKING:
     from edmsim.envs.task import Family
 
-_FILES = {"GapFeed": "gap_feed", "HeightStep": "height_step", "Corner": "corner", "Contour": "contour"}
+_FILES = {
+    "GapFeed": "gap_feed", "HeightStep": "height_step", "Corner": "corner", "Contour": "contour",
+    "ThinWire": "thin_wire",
+}
+_FIRST = ("ThinWire",)  # those whose first version is in force
 _GENERAL = "edmsim.envs.single:EdmEnv", "edmsim.envs.vector:EdmVectorEnv"
 _WITHDRAWN = "edmsim.envs.registry:withdrawn"
 _OWN: dict[str, type[Family]] = {}  # users' families, by the ids they are registered under
@@ -25,6 +29,8 @@ def register_all() -> None:
     """Register ``edmsim/GapFeed-v1`` and the others, and say of their first versions that they are withdrawn."""
     for name in _FILES:
         _register_classes(env_id_of(name), _classes_of(name), {})
+        if name in _FIRST:
+            continue
         _register_classes(f"edmsim/{name}-v0", (_WITHDRAWN, _WITHDRAWN), {"env_id": env_id_of(name)})
 
 
@@ -110,11 +116,12 @@ def find(name: str | type[Family]) -> tuple[type[Family], dict[str, Any]]:
     """
     if isinstance(name, type):
         return name, {}
-    short = str(name).removeprefix("edmsim/").removesuffix("-v1")
-    if short.removesuffix("-v0") in _FILES and short.endswith("-v0"):
-        withdrawn(env_id_of(short.removesuffix("-v0")))
-    if short in _FILES:
-        return family_of(short), {}
+    short = str(name).removeprefix("edmsim/")
+    known = next((known for known in _FILES if short in (known, f"{known}-v0", f"{known}-v1")), None)
+    if known is not None and short.endswith("-v0") and known not in _FIRST:
+        withdrawn(env_id_of(known))
+    if known is not None and short in (known, env_id_of(known).removeprefix("edmsim/")):
+        return family_of(known), {}
     spec = registry.get(str(name))
     if spec is None or "task" not in spec.kwargs:
         raise InputError(f"there is no environment {name!r}; choose one of {', '.join(registered_ids())}")
@@ -178,7 +185,8 @@ def stand_in(family: type[Family], arguments: dict[str, Any]) -> tuple[str, dict
     own = family.of(**kept)
     if own.knobs != known.of().knobs:
         kept["knobs"] = own.knobs
-    if (family.knows_corners, family.setting_us) != (known.knows_corners, known.setting_us):
+    same = (family.knows_corners, family.knows_wires, family.setting_us)
+    if same != (known.knows_corners, known.knows_wires, known.setting_us):
         raise InputError(
             f"the family {family.__name__} has other observations or actions than {base}, from which it derives: no "
             "policy file can describe them; train in it with a learner of your own (edmsim.envs.make_sb3_vec_env)"
@@ -193,7 +201,7 @@ def registered_ids() -> tuple[str, ...]:
 
 def env_id_of(name: str) -> str:
     """Return the whole id of an environment: ``"edmsim/GapFeed-v1"`` of ``"GapFeed"``."""
-    return f"edmsim/{name}-v1" if name in _FILES else name
+    return f"edmsim/{name}-v{0 if name in _FIRST else 1}" if name in _FILES else name
 
 
 def _classes_of(name: str) -> tuple[str, str]:

@@ -73,8 +73,9 @@ class Scenario(NamedTuple):
 class Family(ABC):
     """Episodes of one kind: limits, what is drawn, what actions mean. Every field is an argument of the environment.
 
-    A subclass says in `draw_cut` what is cut. With `knows_corners` it shows the corners of the path, and
-    `own_weights` are its weights of the reward. The defaults are the benchmark: an id says what is cut, on which
+    A subclass says in `draw_cut` what is cut. With `knows_corners` it shows the corners of the path, with
+    `knows_wires` what the operator remembers of the wires; `own_weights` are its weights of the reward, `own_setup`
+    arguments of `Machine.load` that make its set-up. The defaults are the benchmark: an id says what is cut, on which
     machines, how long and for which reward.
 
     Parameters
@@ -90,7 +91,7 @@ class Family(ABC):
         whole um or steps, and what is drawn for it (turns, heights) stays as it was drawn. ``exact`` takes any feed
         and any corner.
     machine : Machine, optional
-        The set-up; the standard one if not given. What is drawn replaces its values.
+        The set-up; the environment's own if not given. What is drawn replaces its values.
     materials : sequence of str
         Workpiece materials, one of which is drawn per episode; the machine's own if empty.
     height_mm, tension : float or (low, high), optional
@@ -136,6 +137,8 @@ class Family(ABC):
         Of the reward's terms; the family's own if not given.
     objectives : sequence of str
         Terms that a vector reward has, in order; a scalar reward, the sum of all terms, if empty.
+    near_corner_um : float, optional
+        Path errors count within this length of path before and behind a corner; everywhere if None.
     error_bound_um, energy_bound_mJ : float, optional
         Path error and energy of a discharge (which makes the roughness) beyond which a step has a cost.
     cost_limit : float
@@ -173,12 +176,15 @@ class Family(ABC):
     history: int = 4
     weights: Weights | None = None
     objectives: Sequence[str] = ()
+    near_corner_um: float | None = None
     error_bound_um: float | None = None
     energy_bound_mJ: float | None = None
     cost_limit: float = 0.1
 
     knows_corners: ClassVar[bool] = False
+    knows_wires: ClassVar[bool] = False
     own_weights: ClassVar[Weights] = Weights()
+    own_setup: ClassVar[dict[str, Any]] = {}
 
     @classmethod
     def of(cls, **arguments: Any) -> Self:
@@ -255,7 +261,7 @@ class Family(ABC):
         for name in ("max_feed_um_s", "max_change_um_s"):
             above_zero(name, getattr(self, name))
         above_zero("setting_octaves", self.setting_octaves, generator.MOST_OCTAVES)
-        for name in ("decision_s", "episode_s", "error_bound_um", "energy_bound_mJ"):
+        for name in ("decision_s", "episode_s", "near_corner_um", "error_bound_um", "energy_bound_mJ"):
             if getattr(self, name) is not None:
                 above_zero(name, getattr(self, name))
         for value in self.detents_us:
@@ -277,7 +283,7 @@ class Family(ABC):
     @cached_property
     def _bases(self) -> tuple[Machine, ...]:
         """The set-up with each of the materials."""
-        own = self.machine or Machine.load()
+        own = self.machine or Machine.load(**self.own_setup)
         if not self.materials:
             return (own,)
         loaded = [Machine.load(material=name) for name in self.materials]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import re
 from pathlib import Path
 
 from edmsim.errors import InputError
@@ -35,7 +36,7 @@ def policies(env_id: str = "") -> list[str]:
     env_id : str, optional
         For example ``"edmsim/GapFeed-v1"``.
     """
-    prefix = f"{env_id.removeprefix('edmsim/').removesuffix('-v1')}-" if env_id else ""
+    prefix = f"{re.sub('-v[0-9]+$', '', env_id.removeprefix('edmsim/'))}-" if env_id else ""
     names = sorted(found.stem for found in (Path(__file__).parent / "policies").glob("*.json"))
     return [name for name in names if name.startswith(prefix)]
 

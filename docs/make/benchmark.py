@@ -15,7 +15,8 @@ from edmsim import __version__
 from edmsim.envs.registry import resolve
 from edmsim.errors import EdmsimError
 from edmsim.evaluation.compare import Comparison, check, evaluate, usual
-from edmsim.evaluation.episode import BLIND, ORACLE, ORACLE_GAPS_UM, episodes
+from edmsim.evaluation.episode import ORACLE, episodes
+from edmsim.evaluation.lines import ORACLE_GAPS_UM, lines_of
 from edmsim.evaluation.table import markdown_table, ranked, shown
 
 INTRODUCTION = """\
@@ -67,8 +68,8 @@ def page(comparisons: Sequence[Comparison], command: str) -> str:
 
 def verdicts(comparison: Comparison) -> list[str]:
     """Return a paragraph on the best classic controller, and one for every policy."""
-    figures = comparison.figures
-    best = next((name for name in ranked(comparison) if name not in (ORACLE, BLIND) and not _is_policy(name)), None)
+    figures, blind = comparison.figures, lines_of(comparison.env_id).blind
+    best = next((name for name in ranked(comparison) if name not in (ORACLE, blind) and not _is_policy(name)), None)
     if best is None:
         return []
     score = figures[best]["score"]

@@ -12,10 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edmsim import models
-from edmsim.controllers import SAME_LAW, from_text, names
+from edmsim.controllers import from_text, names
 from edmsim.envs.registry import base_of, find, make_family, registered_ids
 from edmsim.errors import InputError
-from edmsim.evaluation.episode import BLIND, FINISHED, HELD_BACK, ORACLE, Result, cut, episodes
+from edmsim.evaluation.episode import FINISHED, HELD_BACK, ORACLE, Result, cut, episodes
+from edmsim.evaluation.lines import lines_of
 from edmsim.files import make_writable
 from edmsim.plant.resolution import resolution as check_resolution
 
@@ -83,8 +84,8 @@ def evaluate(
     env_id : str
         One of `env_ids`, or of an own environment (see `edmsim.envs.register`).
     controllers : sequence of str, optional
-        See `edmsim.controllers.from_text`; `usual` if not given. `fixed` and the oracle are run whether named or not,
-        as the others are scaled by them.
+        See `edmsim.controllers.from_text`; `usual` if not given. The task's lines of score 0
+        and 1 (`edmsim.evaluation.lines`) are run whether named or not, as the others are scaled by them.
     seeds : int, optional
         Cuts of each controller, 2 or more, with held-back seeds; as many as the environment's benchmark has if not
         given.
@@ -110,10 +111,11 @@ def evaluate(
     check(env_id, controllers, seeds, resolution)
     if record is not None:
         make_writable(record)
-    results = run(env_id, list(dict.fromkeys([*controllers, BLIND, ORACLE])), seeds, resolution, watch, record)
+    blind = lines_of(env_id).blind
+    results = run(env_id, list(dict.fromkeys([*controllers, blind, ORACLE])), seeds, resolution, watch, record)
     used = make_family(env_id).resolution if resolution is None else resolution
     return Comparison(env_id, used, held_back(seeds), results, {
-        name: figures_of(made, results[ORACLE], results[BLIND]) for name, made in results.items()
+        name: figures_of(made, results[ORACLE], results[blind]) for name, made in results.items()
     })  # fmt: skip
 
 
@@ -144,9 +146,8 @@ def held_back(seeds: int) -> tuple[int, ...]:
 
 
 def usual(env_id: str) -> list[str]:
-    """Return what is compared where nothing is named: every classic controller, and the policies shipped for it."""
-    classic = [name for name in names() if name not in SAME_LAW]
-    return classic + [f"policy:{name}" for name in models.policies(env_id)]
+    """Return what is compared where nothing is named: the task's classic controllers, and its shipped policies."""
+    return [*lines_of(env_id).compared, *(f"policy:{name}" for name in models.policies(env_id))]
 
 
 def env_ids() -> tuple[str, ...]:
@@ -170,7 +171,7 @@ def check(env_id: str, controllers: Sequence[str], seeds: int, resolution: str |
 def figures_of(
     results: Sequence[Result], oracle: Sequence[Result], blind: Sequence[Result]
 ) -> dict[str, Figure]:
-    """Return a controller's figures from its cuts and those of the oracle and of `BLIND`, seed by seed.
+    """Return a controller's figures from its cuts and those of the reference and of the blind one, seed by seed.
 
     Rates, shares and errors are means over the cuts; breaks and jams are all of them over all the length cut; the
     share of the oracle's rate is the mean rate over the oracle's mean rate. The score is the interquartile mean of
@@ -203,9 +204,9 @@ def figures_of(
 def scores(
     results: Sequence[Result], oracle: Sequence[Result], blind: Sequence[Result]
 ) -> NDArray[np.float64]:
-    """Return the score of every cut: 0 for what `BLIND` earns on the same machine, 1 for what the oracle does.
+    """Return the score of every cut: 0 for what the blind one earns on the same machine, 1 for the reference.
 
-    A machine on which the oracle earns no more than `BLIND` tells nothing, and is left out.
+    A machine on which the reference earns no more tells nothing, and is left out.
     """
     made, most, least = (np.array([r.total_return for r in of]) for of in (results, oracle, blind))
     tells = most > least

@@ -43,7 +43,8 @@ def export(trained: Trained, command: str) -> tuple[Card, bytes]:
     observation = [
         {"name": entry.name, "meaning": entry.meaning, "mean": float(mean), "variance": float(variance)}
         for entry, mean, variance in zip(
-            entries(family.history, family.knows_corners), statistics.mean, statistics.var, strict=True
+            entries(family.history, family.knows_corners, family.knows_wires), statistics.mean, statistics.var,
+            strict=True,
         )
     ]
     card = Card.model_validate({

@@ -229,7 +229,7 @@ def _check_environment(card: Card, file: Path) -> None:
         family = make_family(card.env_id, **card.environment)
     except (InputError, TypeError, ValueError) as error:
         raise InputError(f"the policy's environment cannot be made: {error}", file) from None
-    wanted = [entry.name for entry in entries(family.history, family.knows_corners)]
+    wanted = [entry.name for entry in entries(family.history, family.knows_corners, family.knows_wires)]
     told = [entry.name for entry in card.observation]
     if told != wanted:
         raise InputError(

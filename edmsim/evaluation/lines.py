@@ -1,0 +1,49 @@
+"""What a task's scores are measured by: the controller of score 0, and what the reference rehearses.
+
+Controllers are named as on the command line (`edmsim.controllers.from_text`). Constants of a task's lines were chosen
+on seeds below those held back; the tasks' pages say how.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from edmsim.controllers import OF_A_TASK, SAME_LAW, names
+from edmsim.envs.registry import base_of, find
+
+ORACLE_GAPS_UM = (4.0, 5.0, 6.0, 7.0, 9.0, 12.0)
+"""Gaps the oracle rehearses a cut with (ours: from shorts all the time to a wide gap)."""
+
+
+class Lines(NamedTuple):
+    """Reference lines of a task.
+
+    Attributes
+    ----------
+    blind : str
+        The controller whose return is a score of 0.
+    rehearsed : tuple of str
+        The reference, `oracle` in a comparison, makes every cut with each of these; the one that earns most counts.
+    compared : tuple of str
+        Controllers compared where none is named.
+    """
+
+    blind: str
+    rehearsed: tuple[str, ...]
+    compared: tuple[str, ...]
+
+
+USUAL = Lines(
+    "fixed", tuple(f"oracle:gap_target_um={gap:g}" for gap in ORACLE_GAPS_UM),
+    tuple(name for name in names() if name not in (*SAME_LAW, *OF_A_TASK)),
+)  # fmt: skip
+THIN_WIRE = tuple(f"set-point:period_factor={factor:g}" for factor in (0.34, 0.5, 0.7, 1, 1.4, 2, 2.8, 4))
+OF_TASK = {
+    "ThinWire": Lines("set-point:period_factor=1", THIN_WIRE, ("climb",)),
+}
+"""Lines of the tasks that have other ones than `USUAL`."""
+
+
+def lines_of(env_id: str) -> Lines:
+    """Return the lines of an environment; a user's has those of the one of edmsim that it derives from."""
+    return OF_TASK.get(base_of(find(env_id)[0]), USUAL)
