@@ -30,8 +30,8 @@ from edmsim.controllers.protocols import FeedCommand, FeedController, SeesTruth,
 from edmsim.errors import InputError
 
 __all__ = [
-    "OF_A_TASK", "SAME_LAW", "FeedCommand", "FeedController", "SeesTruth", "WindowObservation", "check_controller", "found_gains",
-    "from_text", "make", "names",
+    "OF_A_TASK", "SAME_LAW", "FeedCommand", "FeedController", "SeesTruth", "WindowObservation", "check_controller",
+    "found_gains", "from_text", "make", "names",
 ]
 
 _Kind: TypeAlias = (

@@ -1,8 +1,8 @@
 """Gymnasium environments: cuts to be controlled window by window, alone or many at once.
 
 ``import edmsim`` registers ``edmsim/GapFeed-v1``, ``edmsim/HeightStep-v1``, ``edmsim/Corner-v1``,
-``edmsim/Contour-v1`` and ``edmsim/ThinWire-v0``; each has a file whose environment class describes action, observation
-and reward.
+``edmsim/Contour-v1`` and ``edmsim/ThinWire-v0``; each has a file whose environment class describes action,
+observation and reward.
 """
 
 from __future__ import annotations

@@ -72,9 +72,9 @@ def test_actions(env):
 def test_observations(env):
     text = section(env, "Observation space")
     assert f"``Box({env.observation_space.shape}, float32)``" in text
-    listed = entries(env.family.history, env.family.knows_corners)
+    listed = entries(env.family.history, env.family.knows_corners, env.family.knows_wires)
     rows = table(text, 5)
-    assert len(rows) == len(entries(1, env.family.knows_corners))
+    assert len(rows) == len(entries(1, env.family.knows_corners, env.family.knows_wires))
     for index, name, bounds, *_ in rows:
         k = int(index)
         assert name == listed[k].name
@@ -113,7 +113,7 @@ def test_arguments(env):
 
 
 def test_spaces_and_lengths_of_the_guide(env, env_name):
-    (line,) = (line for line in GUIDE.splitlines() if line.startswith(f"| `edmsim/{env_name}-v1`"))
+    (line,) = (line for line in GUIDE.splitlines() if line.startswith(f"| `{env_id_of(env_name)}`"))
     _, _, actions, observations, seconds = (cell.strip() for cell in line.strip("| ").split(" | "))
     assert actions == f"`Box(-1, 1, {env.action_space.shape})`"
     assert observations == f"`Box({env.observation_space.shape})`"
@@ -123,7 +123,7 @@ def test_spaces_and_lengths_of_the_guide(env, env_name):
 def test_the_site_has_every_page_and_the_guide_every_word_of_info(make_env):
     page = (DOCS / "api" / "envs.rst").read_text(encoding="utf-8")
     for name in NAMES:
-        assert f"``edmsim/{name}-v1``" in page
+        assert f"``{env_id_of(name)}``" in page
         assert f".{name}Env\n" in page
     env = make_env("GapFeed", length_mm=0.005)
     _, info = env.reset(seed=1)

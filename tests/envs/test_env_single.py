@@ -18,6 +18,7 @@ from gymnasium.utils.env_checker import check_env
 import edmsim
 from edmsim.envs import DiscreteFeed
 from edmsim.envs.observation import entries
+from edmsim.envs.registry import env_id_of
 from edmsim.errors import InputError
 
 
@@ -348,6 +349,8 @@ def test_picture_needs_an_episode(make_env):
 @pytest.mark.filterwarnings("ignore:.*out of date.*")
 @pytest.mark.parametrize("make", [gym.make, gym.make_vec, edmsim.envs.Task])
 def test_ids_are_registered_and_first_versions_withdrawn(env_name, make):
-    assert f"edmsim/{env_name}-v1" in gym.registry
+    assert env_id_of(env_name) in gym.registry
+    if env_id_of(env_name).endswith("-v0"):
+        return
     with pytest.raises(InputError, match=f"edmsim/{env_name}-v0 is withdrawn .*: use edmsim/{env_name}-v1$"):
         make(f"edmsim/{env_name}-v0")
