@@ -5,7 +5,7 @@ It is how an operator finds the setting for a wire and a height that no table ha
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from typing import Any, ClassVar, cast
 
 from edmsim.controllers.feed.set_point import SetPointController
@@ -31,9 +31,9 @@ class ClimbController(SetPointController):
 
     name: ClassVar[str] = "climb"
 
-    climb_s: float = 2.0
-    step_share: float = 0.1
-    back_factor: float = 1.3
+    climb_s: float = 3.0
+    step_share: float = 0.25
+    back_factor: float = 1.5
 
     _climb: dict[str, float] = field(default_factory=dict, init=False, repr=False)
 
@@ -49,7 +49,7 @@ class ClimbController(SetPointController):
             climb["held_s"] += window.duration_s
         if climb["held_s"] >= self.climb_s:
             climb["held_s"] = 0.0
-            climb["factor"] *= 1.0 - self.step_share
+            climb["factor"] = max(climb["factor"] * (1.0 - self.step_share), self.least_factor)
         return super().update(window)
 
     def wire_lost(self) -> FeedCommand:
@@ -58,13 +58,13 @@ class ClimbController(SetPointController):
         climb |= {"factor": climb["factor"] * self.back_factor, "held_s": 0.0, "broken": 1.0}
         return SetPointController.reset(self, limit_um_s)
 
-    def factor(self, path_um: float) -> float:
-        """Return the period in the operator's; the shortest that the supply gives bounds it, too."""
-        return super().factor(path_um) / self.period_factor * self._climb["factor"]
+    def _wanted(self) -> float:
+        """Period away from corners, in the operator's."""
+        return self._climb["factor"]
 
     def snapshot(self) -> ControllerState:
         """Everything that changes while cutting."""
-        return {**asdict(self._servo), **{f"climb.{name}": value for name, value in self._climb.items()}}
+        return {**super().snapshot(), **{f"climb.{name}": value for name, value in self._climb.items()}}
 
     def restore(self, state: ControllerState) -> None:
         """Continue where `snapshot` was taken."""

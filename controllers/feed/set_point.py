@@ -7,6 +7,7 @@ there, because the wire bends with it. The numbers are ours; those of a task's r
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
@@ -14,12 +15,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edmsim.controllers.feed.gap_servo import Gains, ServoController
-from edmsim.controllers.protocols import FeedCommand, WindowObservation
+from edmsim.controllers.protocols import ControllerState, FeedCommand, WindowObservation
 from edmsim.controllers.pulse_counters import WINDOW_PULSES
 from edmsim.geometry import Polyline
 from edmsim.machine.machine import Machine
 from edmsim.machine.setting import least_period_us
 
+STEP_US = 5
+"""The shortest period is rounded up to whole multiples of this (ours: knobs have steps)."""
 CORNER_DEG = 20.0
 """A corner is where the path turns by at least this (ours: chords of arcs turn by less)."""
 
@@ -27,6 +30,9 @@ CORNER_DEG = 20.0
 @dataclass
 class SetPointController(ServoController):
     """Holds the share of opens less shorts by the feed, at a setting in proportion to the operator's.
+
+    Where the period changes, the feed changes with it at once, as the metal does that is removed: a servo alone would
+    run into the metal for a second.
 
     Further parameters: see `ServoController`.
 
@@ -57,6 +63,9 @@ class SetPointController(ServoController):
     _machine: Machine | None = field(default=None, init=False, repr=False)
     _corners_um: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0), init=False, repr=False)
     _start_um: float = field(default=0.0, init=False, repr=False)
+    _on_us: float = field(default=1.0, init=False, repr=False)
+    _least_us: float = field(default=0.0, init=False, repr=False)
+    _factor: float = field(default=1.0, init=False, repr=False)
 
     def gains(self) -> Gains:
         """How the servo answers."""
@@ -67,30 +76,53 @@ class SetPointController(ServoController):
         return (window.open - window.short) / WINDOW_PULSES - self.open_target_share
 
     def set_up(self, machine: Machine, points_um: NDArray[Any], start_um: float) -> None:
-        """Take in the operator's setting and where the leg has corners."""
+        """Take in the operator's setting, what the supply gives, and where the leg has corners."""
         line = Polyline(points_um * 1e-3, closed=False)
         self._machine = machine
+        self._on_us = float(max(round(machine.t_on_us * self.on_factor), 1))
+        self._least_us = float(math.ceil(least_period_us(machine, self._on_us) / STEP_US) * STEP_US)
         self._corners_um = line.s[line.corners(CORNER_DEG)] * 1e3 + start_um
         self._start_um = start_um
 
     def reset(self, max_feed_um_s: float) -> FeedCommand:
         """Begin a new cut."""
-        return self._with_setting(super().reset(max_feed_um_s), self._start_um)
+        command = super().reset(max_feed_um_s)
+        self._factor = self.factor(self._start_um)
+        return self._with_setting(command)
 
     def update(self, window: WindowObservation) -> FeedCommand:
         """Feed and setting for the next window."""
-        return self._with_setting(super().update(window), window.path_um)
+        factor = self.factor(window.path_um)
+        self._servo.integral_um_s *= self._factor / factor
+        self._factor = factor
+        return self._with_setting(super().update(window))
+
+    def snapshot(self) -> ControllerState:
+        """Everything that changes while cutting."""
+        return {**super().snapshot(), "factor": self._factor}
+
+    def restore(self, state: ControllerState) -> None:
+        """Continue where `snapshot` was taken."""
+        self._factor = float(state["factor"])
+        super().restore({name: value for name, value in state.items() if name != "factor"})
 
     def factor(self, path_um: float) -> float:
-        """Return the period at a place of the path, in the operator's."""
+        """Return the period at a place of the path, in the operator's, and not shorter than the supply gives."""
         near = self.corner_um > 0 and bool((np.abs(self._corners_um - path_um) <= self.corner_um).any())
-        return self.period_factor * (self.corner_factor if near else 1.0)
+        return max(self._wanted() * (self.corner_factor if near else 1.0), self.least_factor)
 
-    def _with_setting(self, command: FeedCommand, path_um: float) -> FeedCommand:
-        """Add the setting to a command: whole us, and no period shorter than the supply gives."""
+    @property
+    def least_factor(self) -> float:
+        """Shortest period that the supply gives, in the operator's; 0 where no set-up is known."""
+        return 0.0 if self._machine is None else self._least_us / self._machine.t_period_us
+
+    def _wanted(self) -> float:
+        """Period away from corners, in the operator's."""
+        return self.period_factor
+
+    def _with_setting(self, command: FeedCommand) -> FeedCommand:
+        """Add the setting to a command, in whole us."""
         if self._machine is None:
             return command
-        on_us = max(round(self._machine.t_on_us * self.on_factor), 1)
-        period_us = round(self._machine.t_period_us * self.factor(path_um))
-        least_us = -(-least_period_us(self._machine, on_us) // 5) * 5
-        return command._replace(t_on_us=float(on_us), t_period_us=float(max(period_us, least_us)))
+        period_us = float(round(self._machine.t_period_us * self._factor))
+        return command._replace(t_on_us=self._on_us, t_period_us=period_us)
