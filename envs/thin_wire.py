@@ -26,7 +26,7 @@ class ThinWire(GapFeed):
     action: Literal["change", "speed", "servo"] = "servo"
     knobs: Sequence[str] = ("duty_factor",)
     decision_s: float | None = 0.5
-    episode_s: float | None = 60.0
+    episode_s: float | None = 120.0
     wires: int = 4
 
     knows_wires: ClassVar[bool] = True
@@ -151,7 +151,7 @@ class ThinWireEnv(EdmEnv):
     (``wire-break``); an end switch of the table opens (``limit-switch``); 2 s of windows with 90 % shorts and more
     (``persistent-short``); the wire is pushed further than the plant's model holds for (``out-of-range``).
 
-    Truncated after 60 s of cutting (``episode_s``); ``info["dt_s"]`` is the machine time of a step.
+    Truncated after 120 s of cutting (``episode_s``); ``info["dt_s"]`` is the machine time of a step.
 
     Arguments
     ---------
@@ -173,7 +173,7 @@ class ThinWireEnv(EdmEnv):
     setting_octaves     ``2.0``               octaves  reach of the knobs either way, at most 4
     detents_us          ``(1.0, 5.0)``        us       steps of the knobs: on-time, period
     decision_s          ``0.5``               s        machine time between actions; a window if None
-    episode_s           ``60.0``              s        time of cutting that truncates an episode
+    episode_s           ``120.0``             s        time of cutting that truncates an episode
     wires               ``4``                          wires before a break ends the episode
     max_feed_um_s       ``100.0``             um/s     largest feed either way
     max_change_um_s     ``4.0``               um/s     largest change of the feed per step

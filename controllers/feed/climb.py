@@ -31,9 +31,9 @@ class ClimbController(SetPointController):
 
     name: ClassVar[str] = "climb"
 
-    climb_s: float = 3.0
-    step_share: float = 0.25
-    back_factor: float = 1.5
+    climb_s: float = 6.0
+    step_share: float = 0.3
+    back_factor: float = 1.45
 
     _climb: dict[str, float] = field(default_factory=dict, init=False, repr=False)
 

@@ -42,8 +42,8 @@ _GAP = "set-point:open_target_share=0.05"
 OF_TASK = {
     "ThinWire": Lines(
         f"{_GAP},period_factor=2",
-        tuple(f"{_GAP},period_factor={factor:g}" for factor in (0.35, 0.5, 0.7, 1.0, 1.4, 2.0)),
-        (f"{_GAP},period_factor=1", "climb:open_target_share=0.05,period_factor=2"),
+        tuple(f"{_GAP},period_factor={factor:g}" for factor in (0.35, 0.5, 0.7, 1.0, 2.0)),
+        (f"{_GAP},period_factor=1", "climb:open_target_share=0.05"),
     ),
     "Corner": Lines(
         _GAP,

@@ -14,7 +14,7 @@ from edmsim.errors import InputError
 FROZEN = {
     "GapFeed": ((4.0, 40.0), 25.0, (0.0, 0.0)), "HeightStep": ((4.0, 40.0), 25.0, (0.0, 0.0)),
     "Corner": ((4.0, 40.0), 150.0, (4.0, 0.1)), "Contour": ((4.0, 20.0), 300.0, (1.0, 0.1)),
-    "ThinWire": ((4.0, 20.0), 60.0, (0.0, 0.0)),
+    "ThinWire": ((4.0, 20.0), 120.0, (0.0, 0.0)),
 }  # fmt: skip
 """Heights, seconds, weights of profile and time: another value needs another version."""
 OTHERS = {"wires": 1, "decision_s": None, "tension": (8.0, 20.0), "near_corner_um": None, "energy_bound_mJ": None}
@@ -113,7 +113,7 @@ def test_bounds_cost_by_the_second(make_env):
 
 
 def test_errors_of_a_corner_count_near_it(make_env):
-    env = make_env("Corner", action="speed", leg_mm=0.12, turn_deg=(90.0, 90.0), near_corner_um=60.0)
+    env = make_env("Corner", action="speed", decision_s=None, leg_mm=0.12, turn_deg=(90.0, 90.0), near_corner_um=60.0)
     env.reset(seed=1)
     places, costs, errors = [], [], []
     for _ in range(500):
