@@ -48,8 +48,10 @@ OF_TASK = {
     "Corner": Lines(
         _GAP,
         tuple(f"{_GAP},corner_um=100,corner_factor={factor:g}" for factor in (1.0, 1.4, 2.0, 3.0)),
-        ("voltage", f"{_GAP},period_factor=1.4", f"{_GAP},period_factor=2", f"{_GAP},corner_um=60,corner_factor=2",
-         f"{_GAP},corner_um=60,corner_factor=4"),
+        ("voltage", *(f"{_GAP},{more}" for more in (
+            "on_factor=4,period_factor=4", "period_factor=1.4", "period_factor=2", "corner_um=60,corner_factor=2",
+            "corner_um=60,corner_factor=4",
+        ))),
     ),
 }
 """Lines of the tasks that have other ones than `USUAL`."""

@@ -58,8 +58,9 @@ def make_policy(tmp_path):
 
 @pytest.mark.parametrize(
     ("name", "options"),
-    [("GapFeed", {}), ("HeightStep", {"action": "speed"}), ("Corner", {"leg_mm": 0.05, "decision_s": None}), ("Contour", {"history": 2}),
-     ("GapFeed", {"action": "servo", "knobs": ["period"]}), ("ThinWire", {"decision_s": None})],
+    [("GapFeed", {}), ("HeightStep", {"action": "speed"}), ("Corner", {"leg_mm": 0.05, "decision_s": None}),
+     ("Contour", {"history": 2}), ("GapFeed", {"action": "servo", "knobs": ["period"]}),
+     ("ThinWire", {"decision_s": None})],
 )
 def test_the_controller_does_what_the_policy_does_in_its_environment(make_policy, name, options):
     policy = policy_file.load(str(make_policy(name, **options)))
