@@ -108,7 +108,7 @@ def test_observation_is_what_its_entries_say(make_env):
 
 def test_reward_is_the_sum_of_its_terms(make_env):
     weights = edmsim.envs.Weights(progress=0.7, short=0.3, open=0.2, profile=0.5, time=0.1)
-    env = make_env("Corner", action="speed", weights=weights)
+    env = make_env("Corner", action="speed", decision_s=None, weights=weights)
     env.reset(seed=1)
     for _ in range(80):
         _, reward, *_, info = env.step(np.array([0.25, 0, 0.4], np.float32))
@@ -188,7 +188,7 @@ def test_time_truncates(make_env):
 
 
 def test_refused_setting_is_told_and_not_done(make_env):
-    env = make_env("Corner", action="speed")
+    env = make_env("Corner", action="speed", decision_s=None)
     env.reset(seed=1)
     *_, info = env.step(np.array([0.1, 0.0, -0.5], np.float32))
     assert "above the generator's 2 A" in info["refused"]
