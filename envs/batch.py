@@ -178,7 +178,7 @@ class Batch:
         for lane in np.flatnonzero(lanes.rows["wires_lost"] != lost):
             on_us, period_us = lanes.rows["setting_us"][lane]
             self._broke_at[lane] = max(self._broke_at[lane], period_us / on_us)
-            self._begin_wire(lane)
+            self._begin_wire(int(lane))
 
     def _set_generator(self, lane: int, t_on_us: float, t_period_us: float) -> None:
         """Set the generator; in place of a period that it refuses, the shortest that it accepts for the on-time."""
@@ -199,8 +199,8 @@ class Batch:
             parts.append(observation.corners(lanes.rows["path_um"], lanes.corner_um, lanes.corner_deg))
         if self.family.knows_wires:
             spent_s, age_s = lanes.rows["elapsed_ns"] * 1e-9, (lanes.rows["elapsed_ns"] - self._threaded_ns) * 1e-9
-            lost_share = lanes.rows["wires_lost"] / self.family.wires
-            share = spent_s / (self.family.episode_s or np.inf)
+            lost_share = np.asarray(lanes.rows["wires_lost"] / self.family.wires, np.float64)
+            share = np.asarray(spent_s / (self.family.episode_s or np.inf), np.float64)
             parts.append(observation.wires(lost_share, age_s, share, self._broke_at))
         return np.concatenate(parts, axis=1)
 

@@ -108,7 +108,7 @@ def test_observation_is_what_its_entries_say(make_env):
 
 def test_reward_is_the_sum_of_its_terms(make_env):
     weights = edmsim.envs.Weights(progress=0.7, short=0.3, open=0.2, profile=0.5, time=0.1)
-    env = make_env("Corner", action="speed", decision_s=None, weights=weights)
+    env = make_env("Corner", action="speed", decision_s=None, near_corner_um=None, weights=weights)
     env.reset(seed=1)
     for _ in range(80):
         _, reward, *_, info = env.step(np.array([0.25, 0, 0.4], np.float32))
