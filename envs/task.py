@@ -74,8 +74,8 @@ class Family(ABC):
     """Episodes of one kind: limits, what is drawn, what actions mean. Every field is an argument of the environment.
 
     A subclass says in `draw_cut` what is cut; `knows_corners` and `knows_wires` show the path's corners and what is
-    known of the wires, `own_weights` weigh its reward, `own_setup` are arguments of `Machine.load`. The defaults are the benchmark: an id says what is cut, on which
-    machines, how long and for which reward.
+    known of the wires, `own_weights` weigh its reward, `own_setup` are arguments of `Machine.load`. The
+    defaults are the benchmark: an id says what is cut, on which machines, how long and for which reward.
 
     Parameters
     ----------

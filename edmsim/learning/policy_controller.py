@@ -117,7 +117,8 @@ class PolicyController:
         """Entries about the wires, as the environment has them."""
         family = self._family
         lost, spent = self._lost / family.wires, self._spent_s / (family.episode_s or np.inf)
-        return observation.wires(*(np.array([v]) for v in (lost, self._age_s, spent, self._broke_at)))[0]
+        rows = observation.wires(*(np.array([v]) for v in (lost, self._age_s, spent, self._broke_at)))
+        return np.asarray(rows[0], np.float32)
 
     def snapshot(self) -> ControllerState:
         """Everything that changes while cutting."""
