@@ -198,10 +198,12 @@ class Batch:
         if self.family.knows_corners:
             parts.append(observation.corners(lanes.rows["path_um"], lanes.corner_um, lanes.corner_deg))
         if self.family.knows_wires:
-            spent_s, age_s = lanes.rows["elapsed_ns"] * 1e-9, (lanes.rows["elapsed_ns"] - self._threaded_ns) * 1e-9
-            lost_share = np.asarray(lanes.rows["wires_lost"] / self.family.wires, np.float64)
-            share = np.asarray(spent_s / (self.family.episode_s or np.inf), np.float64)
-            parts.append(observation.wires(lost_share, age_s, share, self._broke_at))
+            spent_ns, whole_s = lanes.rows["elapsed_ns"], self.family.episode_s or np.inf
+            parts.append(observation.wires(
+                np.asarray(lanes.rows["wires_lost"] / self.family.wires, np.float64),
+                np.asarray((spent_ns - self._threaded_ns) * 1e-9, np.float64),
+                np.asarray(spent_ns * 1e-9 / whole_s, np.float64), self._broke_at,
+            ))  # fmt: skip
         return np.concatenate(parts, axis=1)
 
     def infos(self) -> dict[str, NDArray[Any]]:
