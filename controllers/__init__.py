@@ -15,6 +15,7 @@ from typing import Any, TypeAlias, cast
 from edmsim import user_code
 from edmsim.controllers.conformance import check_controller
 from edmsim.controllers.feed.adaptive_off_time import AdaptiveOffTimeController
+from edmsim.controllers.feed.climb import ClimbController
 from edmsim.controllers.feed.counts import CountsController
 from edmsim.controllers.feed.delay import DelayController
 from edmsim.controllers.feed.fixed import FixedController
@@ -23,6 +24,7 @@ from edmsim.controllers.feed.fuzzy import FuzzyController
 from edmsim.controllers.feed.mcu import McuController
 from edmsim.controllers.feed.oracle import OracleController
 from edmsim.controllers.feed.sato import SatoController
+from edmsim.controllers.feed.set_point import SetPointController
 from edmsim.controllers.feed.voltage import VoltageController
 from edmsim.controllers.feed.wire_heat import HeatFluxController, HeatOracleController
 from edmsim.controllers.named_numbers import named_numbers
@@ -31,27 +33,36 @@ from edmsim.controllers.protocols import FeedCommand, FeedController, SeesTruth,
 from edmsim.errors import InputError
 
 __all__ = [
-    "SAME_LAW", "FeedCommand", "FeedController", "SeesTruth", "WindowObservation", "check_controller", "found_gains",
-    "from_text", "make", "names",
+    "OF_A_TASK", "SAME_LAW", "FeedCommand", "FeedController", "SeesTruth", "WindowObservation", "check_controller",
+    "found_gains", "from_text", "make", "names",
 ]
 
 _Kind: TypeAlias = (
     "type[CountsController] | type[FixedController] | type[VoltageController] | type[DelayController] "
-    "| type[FuzzyController] | type[AdaptiveOffTimeController] | type[OracleController] | type[McuController]"
-    "| type[FixedPeriodController] | type[SatoController] | type[HeatFluxController] | type[HeatOracleController]"
+    "| type[FuzzyController] | type[AdaptiveOffTimeController] | type[OracleController] | type[McuController] "
+    "| type[FixedPeriodController] | type[SatoController] | type[HeatFluxController] | type[HeatOracleController] "
+    "| type[SetPointController] | type[ClimbController]"
 )
 _CONTROLLERS: dict[str, _Kind] = {
     kind.name: kind
     for kind in (
         CountsController, FixedController, VoltageController, DelayController, FuzzyController,
         AdaptiveOffTimeController, OracleController, McuController, FixedPeriodController, SatoController,
-        HeatFluxController, HeatOracleController,
+        HeatFluxController, HeatOracleController, SetPointController, ClimbController,
     )
 }
 
 
 SAME_LAW = {McuController.name: CountsController.name}
 """Controllers that decide as another one does, bit for bit: comparing both would tell nothing."""
+OF_A_TASK = tuple(
+    kind.name
+    for kind in (
+        SetPointController, ClimbController, FixedPeriodController, SatoController, HeatFluxController,
+        HeatOracleController,
+    )
+)
+"""Controllers whose constants belong to one task: compared where that task names them."""
 
 
 def names() -> tuple[str, ...]:

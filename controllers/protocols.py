@@ -230,6 +230,17 @@ class MissesWindows(Protocol):
 
 
 @runtime_checkable
+class SeesBreaks(Protocol):
+    """A controller that goes on after a break, where an episode has more wires than one."""
+
+    def wire_lost(self) -> FeedCommand:
+        """Return the command for the first window of the next wire, which hangs where the last one broke.
+
+        Controllers without this method are reset instead.
+        """
+
+
+@runtime_checkable
 class DrivesSteps(Protocol):
     """A controller with lines to the motors: a planner's steps go through it."""
 

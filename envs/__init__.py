@@ -1,8 +1,8 @@
 """Gymnasium environments: cuts to be controlled window by window, alone or many at once.
 
 ``import edmsim`` registers ``edmsim/GapFeed-v1``, ``edmsim/HeightStep-v1``, ``edmsim/Corner-v1``,
-``edmsim/Contour-v1`` and ``edmsim/MaxRate-v0``; each has a file whose environment class describes action, observation
-and reward.
+``edmsim/Contour-v1``, ``edmsim/MaxRate-v0`` and ``edmsim/ThinWire-v0``; each has a file whose environment class
+describes action, observation and reward.
 """
 
 from __future__ import annotations
@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from edmsim.envs.sensors import Sensors
     from edmsim.envs.single import EdmEnv
     from edmsim.envs.task import Family, Scenario
+    from edmsim.envs.thin_wire import ThinWire
     from edmsim.envs.vector import EdmVectorEnv
 
 _HOMES = {
@@ -45,13 +46,15 @@ _HOMES = {
     "Sensors": "sensors",
     "StepResult": "episode",
     "Task": "episode",
+    "ThinWire": "thin_wire",
     "Weights": "reward",
     "make_sb3_vec_env": "sb3",
     "register": "registry",
 }
 __all__ = [
     "Contour", "Corner", "DiscreteFeed", "DiscreteFeedVector", "EdmEnv", "EdmVectorEnv", "Family", "GapFeed",
-    "HeightStep", "MaxRate", "RecordEpisodes", "RecordRerun", "Scenario", "Sensors", "StepResult", "Task", "Weights",
+    "HeightStep", "MaxRate", "RecordEpisodes", "RecordRerun", "Scenario", "Sensors", "StepResult", "Task", "ThinWire",
+    "Weights",
     "make_sb3_vec_env", "register",
 ]
 

@@ -28,9 +28,14 @@ def action_space_of(family: Family) -> gym.spaces.Box[np.float32]:
     return gym.spaces.Box(-1.0, 1.0, (len(family.action_names),), np.float32)
 
 
+def entries_of(family: Family) -> list[observation.Entry]:
+    """Return every entry of an environment's observation, in order."""
+    return observation.entries(family.history, family.knows_corners, family.locates_discharges, family.knows_wires)
+
+
 def observation_space_of(family: Family) -> gym.spaces.Box[np.float32]:
     """Return the observation space."""
-    entries = observation.entries(family.history, family.knows_corners, family.locates_discharges)
+    entries = entries_of(family)
     low, high = (np.array([getattr(e, end) for e in entries], np.float32) for end in ("low", "high"))
     return gym.spaces.Box(low, high, dtype=np.float32)
 
@@ -66,6 +71,8 @@ class Batch:
         self._scales: NDArray[np.void] = np.zeros(count, observation.SCALE)
         self._servos: NDArray[np.void] = np.zeros(count, servo.SERVO)
         self._feed_um_s = np.zeros(count)
+        self._threaded_ns = np.zeros(count, np.int64)
+        self._broke_at = np.zeros(count)
         self._episodes = np.zeros(count, np.int64)
         self._constants: list[dict[str, float | str]] = [{} for _ in range(count)]
         self._terms = [TERMS.index(name) for name in family.objectives]
@@ -110,13 +117,18 @@ class Batch:
         self._dials[lane] = observation.dials(scenario.machine)
         self._take_scale(lane)
         self._scales[lane]["key"], self._scales[lane]["draws"] = key_of(scenario.plant_seed + 1), 0
-        self._feed_um_s[lane] = family.first_feed_um_s
-        servo.begin(self._servos[lane], family.first_feed_um_s)
+        self._broke_at[lane] = 0.0
+        self._begin_wire(lane)
         constants = self._constants[lane] if machine is None else {}
         return {
             "drawn": {**constants, **scenario.drawn}, "plant_seed": scenario.plant_seed,
             "total_um": float(self.lanes.rows[lane]["total_um"]),
         }
+
+    def _begin_wire(self, lane: int) -> None:
+        self._threaded_ns[lane] = self.lanes.rows["elapsed_ns"][lane]
+        self._feed_um_s[lane] = self.family.first_feed_um_s
+        servo.begin(self._servos[lane], self.family.first_feed_um_s)
 
     def _take_scale(self, lane: int) -> None:
         scale, row, sensors = self._scales[lane], self.lanes.rows[lane], self.family.measured_by
@@ -161,7 +173,7 @@ class Batch:
         lanes.advance(left, self._servos["feed_um_s"].copy() if by_servo else self._feed_um_s)
         windows = lanes.fleet.windows
         observation.gather(left, lanes.rows, windows, self._shown)
-        self.earned.add(left, lanes.rows, windows)
+        self.earned.add(left, lanes.rows, lanes.counted_um, windows)
         if by_servo:
             shares = windows["counts"] / np.maximum(windows["counts"].sum(axis=1), 1)[:, None]
             servo.respond(
@@ -169,8 +181,9 @@ class Batch:
                 family.greatest_feed_um_s, *family.servo_gains,
             )
         for lane in np.flatnonzero(lanes.rows["wires_lost"] != lost):
-            self._feed_um_s[lane] = family.first_feed_um_s
-            servo.begin(self._servos[lane], family.first_feed_um_s)
+            on_us, period_us = lanes.rows["setting_us"][lane]
+            self._broke_at[lane] = max(self._broke_at[lane], period_us / on_us)
+            self._begin_wire(int(lane))
 
     def _set_generator(self, lane: int, t_on_us: float, t_period_us: float) -> None:
         """Set the generator; in place of a period that it refuses, the shortest that it accepts for the on-time."""
@@ -189,6 +202,13 @@ class Batch:
         parts = [self._seen[:, self.family.measured_by.delay_steps :].reshape(count, -1), self._dials]
         if self.family.knows_corners:
             parts.append(observation.corners(lanes.rows["path_um"], lanes.corner_um, lanes.corner_deg))
+        if self.family.knows_wires:
+            spent_ns, whole_s = lanes.rows["elapsed_ns"], self.family.episode_s or np.inf
+            parts.append(observation.wires(
+                np.asarray(lanes.rows["wires_lost"] / self.family.wires, np.float64),
+                np.asarray((spent_ns - self._threaded_ns) * 1e-9, np.float64),
+                np.asarray(spent_ns * 1e-9 / whole_s, np.float64), self._broke_at,
+            ))  # fmt: skip
         return np.concatenate(parts, axis=1)
 
     def infos(self) -> dict[str, NDArray[Any]]:

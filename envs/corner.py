@@ -1,11 +1,11 @@
-"""Corner: a sharp turn to be cut accurately; actions set the pulse generator, too."""
+"""Corner: a sharp turn to be cut accurately, with a bound on the energy of discharges."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import ClassVar, Literal
 
 import numpy as np
 
@@ -36,11 +36,15 @@ class Corner(Family):
 
     leg_mm: float = 0.3
     turn_deg: tuple[float, float] = (45.0, 135.0)
+    action: Literal["change", "speed", "servo"] = "servo"
     knobs: Sequence[str] = ("on_time", "duty_factor")
-    episode_s: float | None = 75.0
+    decision_s: float | None = 0.25
+    episode_s: float | None = 150.0
+    near_corner_um: float | None = 100.0
+    energy_bound_mJ: float | None = 5.5
 
     knows_corners: ClassVar[bool] = True
-    own_weights: ClassVar[Weights] = Weights(profile=4.0, time=0.1)  # accuracy first
+    own_weights: ClassVar[Weights] = Weights(profile=4.0, roughness=4.0, time=0.1)  # accuracy first
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -66,29 +70,31 @@ class Corner(Family):
 
 
 class CornerEnv(EdmEnv):
-    """Two legs with a sharp turn between: cut it accurately, with feed and pulse generator.
+    """Two legs with a sharp turn between: cut it accurately, with a servo's target and the pulse generator.
 
     Description
     -----------
-    The wire trails its guides, so that it rounds a corner that is cut as fast as a straight line. Actions set the
-    feed and the pulse generator, and distance from the path costs.
+    Forces of the discharges and of the field bend the wire, so that it leaves the path where that turns. Distance
+    from the path costs within 100 um of the corner, and time costs everywhere: power is to be taken back there, in
+    time, and nowhere else. More energy in a discharge bends the wire less, but makes a rougher face: beyond the bound
+    it costs more than it gains.
 
     Action space
     ------------
     ``Box(-1, 1, (3,), float32)``.
 
-    =====  ===========  =====  ======================================  ===================
-    Index  Name         Range  Meaning                                 Unit of 1
-    =====  ===========  =====  ======================================  ===================
-    0      feed         -1..1  change of the feed along the path       ``max_change_um_s``
-    1      on_time      -1..1  on-time / first on-time, log2           ``setting_octaves``
-    2      duty_factor  -1..1  period per on-time / first ratio, log2  ``setting_octaves``
-    =====  ===========  =====  ======================================  ===================
+    =====  ===========  =====  =======================================  ======================
+    Index  Name         Range  Meaning                                  Unit of 1
+    =====  ===========  =====  =======================================  ======================
+    0      target       -1..1  share of open pulses that a servo holds  ``servo_target_share``
+    1      on_time      -1..1  on-time / first on-time, log2            ``setting_octaves``
+    2      duty_factor  -1..1  period per on-time / first ratio, log2   ``setting_octaves``
+    =====  ===========  =====  =======================================  ======================
 
-    With ``action="speed"`` entry 0 is the feed, in units of ``max_feed_um_s``; with ``action="servo"`` it is the
-    share of open pulses that a servo holds, from ``servo_target_share[0]`` at -1 to ``servo_target_share[1]`` at 1. A
-    negative feed runs back along the path, never beyond its start. Actions beyond the range are clipped; NaN raises
-    `InvalidAction`.
+    Entry 0 is ``servo_target_share[0]`` at -1 and ``servo_target_share[1]`` at 1; the servo makes the feed window by
+    window. With ``action="change"`` entry 0 changes the feed by up to ``max_change_um_s``, with ``action="speed"`` it
+    is the feed, in units of ``max_feed_um_s``; a negative feed runs back along the path, never beyond its start. An
+    action holds for ``decision_s``. Actions beyond the range are clipped; NaN raises `InvalidAction`.
 
     On-time and period are rounded to 1 us and 5 us. A period that the generator refuses (above its mean current, or
     no pause) is not set: the shortest it accepts for that on-time is, and ``info["refused"]`` has the reason.
@@ -136,7 +142,9 @@ class CornerEnv(EdmEnv):
     P       area cut in the step / 0.01275 mm2, which is 30 mm2/min for 25.5 ms
     T       duration of the step / 25.5 ms, the window of 255 pulses of 100 us
     s, o    shares of short and of open pulses
-    e       distance of the wire's true place from the path, um
+    e       distance of the wire's true place from the path, um; 0 where no corner is
+            within ``near_corner_um`` of path
+    g       energy of a discharge beyond ``energy_bound_mJ``, in parts of it, else 0
     B       wires that broke in the step, 0 or 1
     L       1 in the step in which another limit ends the episode, else 0
     D       1 in the step in which the path's end is reached, else 0
@@ -152,6 +160,7 @@ class CornerEnv(EdmEnv):
     short       ``-w s T``            0.5
     open        ``-w o T``            0.1
     profile     ``-w (e / 10 um) P``  4
+    roughness   ``-w g P``            4
     time        ``-w T``              0.1
     wire_break  ``-w B H``            1
     limit       ``-w L H``            1
@@ -170,7 +179,7 @@ class CornerEnv(EdmEnv):
     The wire stands on the middle of the table, in a slot, 25 um off the metal. The turn is drawn uniformly from
     ``turn_deg``, to the left or the right with the same probability. The generator has the machine's setting.
     Machine, height, tension and material are drawn as the arguments say, and the plant's seed. The feed is
-    ``start_feed_um_s``, or 0 with ``action="speed"``, and the observation 0. ``info["drawn"]`` has what was drawn.
+    ``start_feed_um_s``, and the observation 0. ``info["drawn"]`` has what was drawn.
 
     End of the episode
     ------------------
@@ -178,7 +187,7 @@ class CornerEnv(EdmEnv):
     (``wire-break``); an end switch of the table opens (``limit-switch``); 2 s of windows with 90 % shorts and more
     (``persistent-short``); the wire is pushed further than the plant's model holds for (``out-of-range``).
 
-    Truncated after 75 s of cutting (``episode_s``); ``info["dt_s"]`` is the machine time of a step.
+    Truncated after 150 s of cutting (``episode_s``); ``info["dt_s"]`` is the machine time of a step.
 
     Arguments
     ---------
@@ -196,12 +205,12 @@ class CornerEnv(EdmEnv):
     tension             ``(8.0, 20.0)``                 N        or (low, high); None: the machine's
     randomise           ``()``                                   constants to draw; ``()`` for all, None for none
     machine_episodes    ``1``                                    episodes a lane cuts with a drawn machine
-    action              ``"change"``                             change of the feed, speed: the feed, servo: a target
+    action              ``"servo"``                              change of the feed, speed: the feed, servo: a target
     knobs               ``('on_time', 'duty_factor')``           on_time, period or duty_factor: further actions
     setting_octaves     ``2.0``                         octaves  reach of the knobs either way, at most 4
     detents_us          ``(1.0, 5.0)``                  us       steps of the knobs: on-time, period
-    decision_s          ``None``                        s        machine time between actions; a window if None
-    episode_s           ``75.0``                        s        time of cutting that truncates an episode
+    decision_s          ``0.25``                        s        machine time between actions; a window if None
+    episode_s           ``150.0``                       s        time of cutting that truncates an episode
     wires               ``1``                                    wires before a break ends the episode
     max_feed_um_s       ``100.0``                       um/s     largest feed either way
     max_change_um_s     ``4.0``                         um/s     largest change of the feed per step
@@ -213,8 +222,9 @@ class CornerEnv(EdmEnv):
     history             ``4``                           steps    steps in an observation
     weights             ``None``                                 `Weights`, or a mapping of those that differ
     objectives          ``()``                                   terms that a vector reward has; a scalar if none
+    near_corner_um      ``100.0``                       um       path about a corner where errors count; None: all
     error_bound_um      ``None``                        um       path error beyond which time costs
-    energy_bound_mJ     ``None``                        mJ       energy of a discharge beyond which time costs
+    energy_bound_mJ     ``5.5``                         mJ       energy of a discharge beyond which it costs
     cost_limit          ``0.1``                                  mean cost of an episode to keep to
     render_mode         ``None``                                 ``"rgb_array"`` or ``"human"``
     ==================  ==============================  =======  ====================================================
@@ -222,7 +232,8 @@ class CornerEnv(EdmEnv):
     Versions
     --------
     v1: a lost wire costs what the machine loses while another is threaded; episodes end by machine time; nothing is
-    earned while a wire settles; dials are shown and not drawn. v0 is withdrawn.
+    earned while a wire settles; dials are shown and not drawn; errors count near the corner, and energy beyond the
+    bound costs; a servo makes the feed. v0 is withdrawn.
     """
 
     task = Corner

@@ -41,6 +41,8 @@ class StepResult(NamedTuple):
         The same times the local height.
     error_um : float
         Distance of the wire's true place from the path.
+    near : bool
+        Whether the error counts there: near corners only with ``near_corner_um``.
     cause : StopCause
         Why the episode ended; `StopCause.RUNNING` if it did not.
     refused : str or None
@@ -56,6 +58,7 @@ class StepResult(NamedTuple):
     progress_um: float
     area_mm2: float
     error_um: float
+    near: bool
     cause: StopCause
     refused: str | None
     reward: float
@@ -231,9 +234,9 @@ class Task:
         end_ns = window.start_ns + window.duration_ns  # a fresh wire may have been threaded since
         seen = WindowObservation.of(window, end_ns, float(row["feed_um_s"]), self.path_um)
         self._earned.begin()
-        self._earned.add(_LANE, lanes.rows, lanes.fleet.windows)
+        self._earned.add(_LANE, lanes.rows, lanes.counted_um, lanes.fleet.windows)
         return StepResult(
             seen, window, float(row["progress_um"]), float(row["area_mm2"]), float(row["error_um"]),
-            StopCause(row["cause"]), lanes.refused[0],
+            bool(lanes.near[0]), StopCause(row["cause"]), lanes.refused[0],
             float(self._earned.total[0]), float(self._earned.cost[0]), bool(lanes.out_of_time[0]),
         )

@@ -66,6 +66,10 @@ class Lanes:
         Which leg of its path each lane is on.
     refused : list of str or None
         Why the generator refused the setting last asked for.
+    counted_um : (n,)
+        Path errors of the last window that count: near corners only where `Family.near_corner_um` says so.
+    near : (n,) bool
+        Whether the wire is where they count.
     corner_um, corner_deg : (n, most)
         Length of the present leg up to each corner, infinite for the filling, and its turn.
     watch : callable or None
@@ -86,6 +90,8 @@ class Lanes:
         self.refused: list[str | None] = [None] * count
         self.corner_um: Floats = np.full((count, 1), np.inf)
         self.corner_deg: Floats = np.zeros((count, 1))
+        self.counted_um: Floats = np.zeros(count)
+        self.near = np.ones(count, np.bool_)
         self.leg = [0] * count
         self._points: Floats = np.zeros((count, 2, 2))
         self._along: Floats = np.zeros((count, 2))
@@ -199,6 +205,7 @@ class Lanes:
             lanes, rows, self.planners, self._other_planner, *path, self._height_from, self._heights, fleet.states,
             fleet.windows, _NO_STEPS,
         )
+        self._count_errors()
         if (status != FINE).any():
             lost = lanes[(status != FINE) & (fleet.windows["broken"][lanes] == 0)]
             rows["cause"][lost] = OUT_OF_RANGE
@@ -208,6 +215,12 @@ class Lanes:
             self._end_leg(int(lane))
         for lane in lanes[rows["cause"][lanes] == WIRE_BREAK]:
             self._lose_wire(int(lane))
+
+    def _count_errors(self) -> None:
+        near_um = self.family.near_corner_um
+        if near_um is not None:
+            self.near = (np.abs(self.corner_um - self.rows["reached_um"][:, None]) <= near_um).any(axis=1)
+        self.counted_um = np.where(self.near, self.rows["error_um"], 0.0)
 
     @property
     def out_of_time(self) -> NDArray[np.bool_]:

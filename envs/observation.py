@@ -69,6 +69,15 @@ CORNERS = (
     Entry("corner_behind", 0.0, 1.0, "length of path from the last corner / 1 mm; 1 if there is none within"),
 )
 """Entries behind the dials, where the program is known."""
+WIRES = (
+    Entry("wires_lost", 0.0, 1.0, "wires that broke / wires of the episode"),
+    Entry("wire_age", 0.0, 1.0, "time of cutting with the present wire / 60 s; 1 beyond"),
+    Entry("spent", 0.0, 1.0, "time of cutting / episode_s; 0 where there is none"),
+    Entry("broke_at", 0.0, 1.0, "log2 of the longest period per on-time at which a wire broke / 10; 0 if none did"),
+)
+"""Entries behind all others, where an operator remembers the wires of the episode."""
+WIRE_AGE_S = 60.0
+"""Age of a wire at which its entry is 1 (ours: the time to thread one)."""
 LOOK_UM = 1000.0
 """How far along the path corners are shown (ours: well beyond the wire's lag and the distance to slow down in)."""
 
@@ -78,14 +87,16 @@ def of_a_step(locates_discharges: bool) -> tuple[Entry, ...]:
     return MEASURED + FIFTHS if locates_discharges else MEASURED
 
 
-def entries(history: int, knows_corners: bool, locates_discharges: bool = False) -> list[Entry]:
+def entries(
+    history: int, knows_corners: bool, locates_discharges: bool = False, knows_wires: bool = False
+) -> list[Entry]:
     """Every entry of an observation, in order."""
     steps = [
         entry._replace(name=f"{entry.name}[{-age}]" if age else entry.name)
         for age in range(history)
         for entry in of_a_step(locates_discharges)
     ]
-    return [*steps, *DIALS, *(CORNERS if knows_corners else ())]
+    return [*steps, *DIALS, *(CORNERS if knows_corners else ()), *(WIRES if knows_wires else ())]
 
 
 _LOW = tuple(entry.low for entry in MEASURED)
@@ -235,3 +246,19 @@ def corners(places_um: Floats, along_um: Floats, turns_deg: Floats) -> NDArray[n
     rows[:, 1] = np.where(near, turns_deg[lane, k] / 180.0, 0.0)
     rows[:, 2] = np.minimum(behind / LOOK_UM, 1.0)
     return rows.astype(np.float32)
+
+
+def wires(lost_share: Floats, age_s: Floats, spent_share: Floats, broke_at: Floats) -> NDArray[np.float32]:
+    """Return the entries about wires, (n, len(WIRES)), given arrays (n,).
+
+    Parameters
+    ----------
+    lost_share, spent_share : (n,)
+        Wires lost of the episode's, and time of cutting of its.
+    age_s : (n,)
+        Time of cutting with the present wire.
+    broke_at : (n,)
+        Longest period per on-time at which a wire broke; 0 where none did.
+    """
+    rows = np.stack([lost_share, age_s / WIRE_AGE_S, spent_share, np.log2(np.maximum(broke_at, 1.0)) / 10.0], axis=1)
+    return np.clip(rows, 0.0, 1.0).astype(np.float32)

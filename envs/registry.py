@@ -17,14 +17,14 @@ if TYPE_CHECKING:
 
 _FILES = {
     "GapFeed": "gap_feed", "HeightStep": "height_step", "Corner": "corner", "Contour": "contour",
-    "MaxRate": "max_rate",
+    "MaxRate": "max_rate", "ThinWire": "thin_wire",
 }  # fmt: skip
-_FIRST = ("MaxRate",)
+_FIRST = "MaxRate", "ThinWire"
 """Those whose present version is their first, v0."""
 _GENERAL = "edmsim.envs.single:EdmEnv", "edmsim.envs.vector:EdmVectorEnv"
 _WITHDRAWN = "edmsim.envs.registry:withdrawn"
 _REFERENCES = {"GapFeed": 869.0, "HeightStep": 693.0, "Corner": 538.0, "Contour": 1619.0}
-"""Mean return of the oracle over the held-back seeds, of docs/benchmark.md: what Gymnasium calls `reward_threshold`."""
+"""Mean return of the reference over the held-back seeds (docs/benchmark.md), Gymnasium's `reward_threshold`."""
 _OWN: dict[str, type[Family]] = {}  # users' families, by the ids they are registered under
 
 
@@ -186,7 +186,8 @@ def stand_in(family: type[Family], arguments: dict[str, Any]) -> tuple[str, dict
     own = family.of(**kept)
     if own.knobs != known.of().knobs:
         kept["knobs"] = own.knobs
-    if (family.knows_corners, family.setting_us) != (known.knows_corners, known.setting_us):
+    same = (family.knows_corners, family.knows_wires, family.setting_us)
+    if same != (known.knows_corners, known.knows_wires, known.setting_us):
         raise InputError(
             f"the family {family.__name__} has other observations or actions than {base}, from which it derives: no "
             "policy file can describe them; train in it with a learner of your own (edmsim.envs.make_sb3_vec_env)"

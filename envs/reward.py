@@ -39,6 +39,9 @@ class Weights:
     profile : float
         Cost per reference area that was cut with the wire `ERROR_UM` from the path: it depends on the way, not on the
         time spent there.
+    roughness : float
+        Cost per reference area that was cut with discharges of twice the energy bound (`Family.energy_bound_mJ`);
+        in proportion to what is beyond the bound, and nothing within it.
     time : float
         Cost per reference window (`REFERENCE_S`) of machine time.
     wire_break, limit : float
@@ -53,6 +56,7 @@ class Weights:
     short: float = 0.5
     open: float = 0.1
     profile: float = 0.0
+    roughness: float = 0.0
     time: float = 0.0
     wire_break: float = 1.0
     limit: float = 1.0
@@ -72,7 +76,7 @@ class Weights:
 
 TERMS = tuple(f.name for f in fields(Weights))
 """Names of the reward's terms, in order: those of their weights."""
-_PROGRESS, _SHORT, _OPEN, _PROFILE, _TIME, _WIRE_BREAK, _LIMIT, _DONE = range(len(TERMS))
+_PROGRESS, _SHORT, _OPEN, _PROFILE, _ROUGHNESS, _TIME, _WIRE_BREAK, _LIMIT, _DONE = range(len(TERMS))
 
 
 class Earned:
@@ -115,16 +119,30 @@ class Earned:
         self.cost[:] = 0.0
         self.area_mm2[:] = 0.0
 
-    def add(self, lanes: NDArray[np.int64], rows: NDArray[np.void], windows: NDArray[np.void]) -> None:
-        """Add a window of some lanes (m,), given rows of `path_follower.LANE` and of the plants' windows (n,)."""
+    def add(
+        self, lanes: NDArray[np.int64], rows: NDArray[np.void], error_um: NDArray[np.float64],
+        windows: NDArray[np.void],
+    ) -> None:
+        """Add a window of some lanes (m,).
+
+        Parameters
+        ----------
+        lanes : (m,)
+            Of the other arguments, row i belongs to lane i.
+        rows : (n,) `path_follower.LANE`
+        error_um : (n,)
+            Path errors that count.
+        windows : (n,) `edmsim.plant.kernel.state.WINDOW`
+        """
         self.area_mm2[lanes] += rows["area_mm2"][lanes]
-        _add(lanes, rows, windows, self._weights, self._bounds, self.terms, self.total, self.cost)
+        _add(lanes, rows, error_um, windows, self._weights, self._bounds, self.terms, self.total, self.cost)
 
 
 @exactly_compiled
 def _add(
-    lanes: NDArray[np.int64], rows: NDArray[np.void], windows: NDArray[np.void], weights: NDArray[np.float64],
-    bounds: NDArray[np.float64], terms: NDArray[np.float64], total: NDArray[np.float64], cost: NDArray[np.float64],
+    lanes: NDArray[np.int64], rows: NDArray[np.void], error_um: NDArray[np.float64], windows: NDArray[np.void],
+    weights: NDArray[np.float64], bounds: NDArray[np.float64], terms: NDArray[np.float64],
+    total: NDArray[np.float64], cost: NDArray[np.float64],
 ) -> None:
     """Add a window's terms, their sum and its cost."""
     for j in range(lanes.shape[0]):
@@ -134,14 +152,17 @@ def _add(
         passed = rows[i].area_mm2 / REFERENCE_MM2
         spent = windows[i].duration_ns / (REFERENCE_S * 1e9)
         short, open_ = weights[_SHORT] * counts[SHORT] / pulses, weights[_OPEN] * counts[OPEN] / pulses
-        profile = weights[_PROFILE] * (rows[i].error_um / ERROR_UM) * passed
+        profile = weights[_PROFILE] * (error_um[i] / ERROR_UM) * passed
+        roughness = weights[_ROUGHNESS] * max(rows[i].energy_mJ / bounds[1] - 1.0, 0.0) * passed
         terms[_PROGRESS, i] += weights[_PROGRESS] * passed
         terms[_SHORT, i] -= short * spent
         terms[_OPEN, i] -= open_ * spent
         terms[_PROFILE, i] -= profile
+        terms[_ROUGHNESS, i] -= roughness
         terms[_TIME, i] -= weights[_TIME] * spent
         total[i] += weights[_PROGRESS] * passed - (short + open_) * spent - profile - weights[_TIME] * spent
-        beyond = (1.0 if rows[i].error_um > bounds[0] else 0.0) + (1.0 if rows[i].energy_mJ > bounds[1] else 0.0)
+        total[i] -= roughness
+        beyond = (1.0 if error_um[i] > bounds[0] else 0.0) + (1.0 if rows[i].energy_mJ > bounds[1] else 0.0)
         cost[i] += beyond * windows[i].duration_ns * 1e-9
         lost = rows[i].threading_s / REFERENCE_S
         if rows[i].broke:

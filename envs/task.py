@@ -71,10 +71,10 @@ class Scenario(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class Family(ABC):
-    """Episodes of one kind: limits, what is drawn, what actions mean. Every field is an argument of the environment.
+    """Episodes of one kind: limits, what is drawn, what actions mean; its fields are an environment's arguments.
 
-    A subclass says in `draw_cut` what is cut, and has `own_weights` and `own_machine`. With `knows_corners` it shows
-    corners, with `locates_discharges` where pulses ignite. The defaults are the benchmark, which an id names.
+    A subclass says in `draw_cut` what is cut, and has `own_weights` and `own_machine`. `knows_corners` shows corners,
+    `locates_discharges` where pulses ignite, `knows_wires` what the wires did. An id's defaults are its benchmark.
 
     Parameters
     ----------
@@ -89,7 +89,7 @@ class Family(ABC):
         whole um or steps, and what is drawn for it (turns, heights) stays as it was drawn. ``exact`` takes any feed
         and any corner.
     machine : Machine, optional
-        The set-up; the standard one if not given. What is drawn replaces its values.
+        The set-up; the environment's own if not given. What is drawn replaces its values.
     materials : sequence of str
         Workpiece materials, one of which is drawn per episode; the machine's own if empty.
     height_mm, tension : float or (low, high), optional
@@ -132,6 +132,8 @@ class Family(ABC):
         Of the reward's terms; the family's own if not given.
     objectives : sequence of str
         Terms that a vector reward has, in order; a scalar reward, the sum of all terms, if empty.
+    near_corner_um : float, optional
+        Path errors count within this length of path before and behind a corner; everywhere if None.
     error_bound_um, energy_bound_mJ : float, optional
         Path error and energy of a discharge (which makes the roughness) beyond which a step has a cost.
     cost_limit : float
@@ -169,12 +171,14 @@ class Family(ABC):
     history: int = 4
     weights: Weights | None = None
     objectives: Sequence[str] = ()
+    near_corner_um: float | None = None
     error_bound_um: float | None = None
     energy_bound_mJ: float | None = None
     cost_limit: float = 0.1
 
     knows_corners: ClassVar[bool] = False
     locates_discharges: ClassVar[bool] = False
+    knows_wires: ClassVar[bool] = False
     own_weights: ClassVar[Weights] = Weights()
 
     @classmethod
@@ -252,7 +256,7 @@ class Family(ABC):
         for name in ("max_feed_um_s", "max_change_um_s"):
             above_zero(name, getattr(self, name))
         above_zero("setting_octaves", self.setting_octaves, generator.MOST_OCTAVES)
-        for name in ("decision_s", "episode_s", "error_bound_um", "energy_bound_mJ"):
+        for name in ("decision_s", "episode_s", "near_corner_um", "error_bound_um", "energy_bound_mJ"):
             if getattr(self, name) is not None:
                 above_zero(name, getattr(self, name))
         for value in self.detents_us:

@@ -40,7 +40,8 @@ from IPython.display import Markdown
 from edmsim.controllers import from_text
 from edmsim.envs.episode import Task
 from edmsim.evaluation.compare import evaluate
-from edmsim.evaluation.episode import ORACLE_GAPS_UM, Episode
+from edmsim.evaluation.episode import Episode
+from edmsim.evaluation.lines import ORACLE_GAPS_UM
 from edmsim.evaluation.table import markdown_table
 from edmsim.recording.figures.palette import BLUE, GREEN, MUTED, ORANGE, PURPLE, VERMILION
 

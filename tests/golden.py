@@ -35,6 +35,7 @@ import edmsim
 from edmsim import Machine, Plant, PulseWindow, controllers, envs, validation
 from edmsim.cli import app as cli
 from edmsim.controllers.planner.registry import PLANNERS, make_planner
+from edmsim.envs.registry import registered_ids
 from edmsim.metrology.edges import contour
 from edmsim.plant.workpiece.start_slot import begun_slot
 from edmsim.validation.setups import FRAIL, altered
@@ -49,7 +50,7 @@ MASKED = re.compile(r"computed in [^)<]*|<footer>edmsim [^<]*|\"edmsim_version\"
 LONGEST, SAMPLES = 20_000, 24
 Items = dict[str, list[str]]
 CENTRE_UM = (32_500.0, 32_500.0)
-IDS = tuple(f"edmsim/{name}-v1" for name in ("GapFeed", "HeightStep", "Corner", "Contour"))
+IDS = registered_ids()
 FILES = {
     "punch.ngc": "G21 G90\nG0 X-2.5 Y0.5\nG41 D1\nG1 X0 Y0.5\nY1\nX1\nY0\nX0\nY0.5\nG40\nM2\n",
     "dwell.ngc": "G0 X0 Y0\nG1 X0.101\nG4 P3\nG1 Y0.203\nG4 P1\nG2 X0.2 Y0.302 I0.099 J0\nG1 X0\nM2\n",

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +17,7 @@ from edmsim.controllers import from_text, names
 from edmsim.envs.registry import base_of, find, make_family, registered_ids
 from edmsim.errors import InputError
 from edmsim.evaluation.episode import FINISHED, HELD_BACK, Result, cut, episodes
+from edmsim.evaluation.lines import lines_of
 from edmsim.files import make_writable
 from edmsim.plant.resolution import resolution as check_resolution
 
@@ -51,22 +52,6 @@ FIGURES = {
 """Figures of a controller, and what they are called."""
 
 
-class Scale(NamedTuple):
-    """Controllers whose returns are a score of 0 and of 1: one that knows nothing of the cut, and the reference."""
-
-    nought: str
-    one: str
-
-
-GAP_LAWS = ("counts", "fixed", "voltage", "delay", "fuzzy", "adaptive-off-time", "oracle")
-"""Controllers compared where nothing else is said: those of the gap, and the bound."""
-GAP_SCALE = Scale("fixed", "oracle")
-LAWS = {"MaxRate": ("fixed-period", "sato", "heat-flux", "heat-oracle")}
-"""Controllers compared in an environment whose benchmark has others than `GAP_LAWS`."""
-SCALES = {"MaxRate": Scale("fixed-period", "heat-oracle")}
-"""Those of them that others are scaled by."""
-
-
 @dataclass(frozen=True)
 class Comparison:
     """What an evaluation found in one environment.
@@ -80,8 +65,6 @@ class Comparison:
         Of each controller its cuts, in order of `seeds`.
     figures : dict
         Of each controller its figures, by the names in `FIGURES`.
-    scale : Scale
-        The controllers whose returns are scores of 0 and 1.
     """
 
     env_id: str
@@ -89,7 +72,6 @@ class Comparison:
     seeds: tuple[int, ...]
     results: dict[str, list[Result]]
     figures: dict[str, dict[str, Figure]]
-    scale: Scale = GAP_SCALE
 
 
 def evaluate(
@@ -103,8 +85,8 @@ def evaluate(
     env_id : str
         One of `env_ids`, or of an own environment (see `edmsim.envs.register`).
     controllers : sequence of str, optional
-        See `edmsim.controllers.from_text`; `usual` if not given. The two of `scale` are run whether named or not, as
-        the others are scaled by them.
+        See `edmsim.controllers.from_text`; `usual` if not given. The task's lines of score 0
+        and 1 (`edmsim.evaluation.lines`) are run whether named or not, as the others are scaled by them.
     seeds : int, optional
         Cuts of each controller, 2 or more, with held-back seeds; as many as the environment's benchmark has if not
         given.
@@ -130,12 +112,13 @@ def evaluate(
     check(env_id, controllers, seeds, resolution)
     if record is not None:
         make_writable(record)
-    scaled = scale(env_id)
-    results = run(env_id, list(dict.fromkeys([*controllers, *scaled])), seeds, resolution, watch, record)
+    lines = lines_of(env_id)
+    results = run(env_id, list(dict.fromkeys([*controllers, lines.blind, lines.reference])), seeds, resolution, watch,
+                  record)  # fmt: skip
     used = make_family(env_id).resolution if resolution is None else resolution
     return Comparison(env_id, used, held_back(seeds), results, {
-        name: figures_of(made, results[scaled.one], results[scaled.nought]) for name, made in results.items()
-    }, scaled)  # fmt: skip
+        name: figures_of(made, results[lines.reference], results[lines.blind]) for name, made in results.items()
+    })  # fmt: skip
 
 
 def run(
@@ -167,13 +150,8 @@ def held_back(seeds: int) -> tuple[int, ...]:
 
 
 def usual(env_id: str) -> list[str]:
-    """Return what is compared where nothing is named: the classic controllers for it, and the policies shipped."""
-    return [*LAWS.get(base_of(find(env_id)[0]), GAP_LAWS), *(f"policy:{name}" for name in models.policies(env_id))]
-
-
-def scale(env_id: str) -> Scale:
-    """Return the controllers whose returns are a score of 0 and of 1 in an environment."""
-    return SCALES.get(base_of(find(env_id)[0]), GAP_SCALE)
+    """Return what is compared where nothing is named: the task's classic controllers, and its shipped policies."""
+    return [*lines_of(env_id).compared, *(f"policy:{name}" for name in models.policies(env_id))]
 
 
 def env_ids() -> tuple[str, ...]:
@@ -197,7 +175,7 @@ def check(env_id: str, controllers: Sequence[str], seeds: int, resolution: str |
 def figures_of(
     results: Sequence[Result], oracle: Sequence[Result], blind: Sequence[Result]
 ) -> dict[str, Figure]:
-    """Return a controller's figures from its cuts and those of the two of `scale`, seed by seed.
+    """Return a controller's figures from its cuts and those of the reference and of the blind one, seed by seed.
 
     Rates, shares and errors are means over the cuts; breaks and jams are all of them over all the length cut; the
     share of the oracle's rate is the mean rate over the oracle's mean rate. The score is the interquartile mean of
@@ -230,9 +208,9 @@ def figures_of(
 def scores(
     results: Sequence[Result], oracle: Sequence[Result], blind: Sequence[Result]
 ) -> NDArray[np.float64]:
-    """Return the score of every cut: 0 for what `Scale.nought` earns on its machine, 1 for what `Scale.one` does.
+    """Return the score of every cut: 0 for what the blind one earns on the same machine, 1 for the reference.
 
-    A machine on which the reference earns no more than the other tells nothing, and is left out.
+    A machine on which the reference earns no more tells nothing, and is left out.
     """
     made, most, least = (np.array([r.total_return for r in of]) for of in (results, oracle, blind))
     tells = most > least

@@ -13,13 +13,14 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from edmsim.controllers import FeedController, SeesTruth, from_text, make
-from edmsim.controllers.protocols import FeedCommand, check_command, tell
+from edmsim.controllers import FeedController, SeesTruth, from_text
+from edmsim.controllers.protocols import FeedCommand, SeesBreaks, check_command, tell
 from edmsim.controllers.pulse_counters import WINDOW_PULSES
 from edmsim.cosim.stops import WORDS, StopCause, judge
 from edmsim.envs.episode import StepResult, Task
 from edmsim.envs.registry import base_of, find
 from edmsim.envs.reward import REFERENCE_S
+from edmsim.evaluation.lines import lines_of
 from edmsim.metrology.profile import profile_error
 from edmsim.recording.rerun.playback import RECORDING
 
@@ -29,7 +30,7 @@ if TYPE_CHECKING:
 HELD_BACK = 1_000_000
 """First seed of the comparisons. No gain is ever looked for at or above it; training draws its seeds from 32 bits and
 meets one of these by chance only."""
-EPISODES = {"Contour": 4, "MaxRate": 40}
+EPISODES = {"Contour": 4, "Corner": 8, "MaxRate": 40, "ThinWire": 6}
 """Held-back seeds that an environment's benchmark has, where they are not `USUAL_EPISODES`."""
 USUAL_EPISODES = 12
 """Ours: a comparison takes minutes, and its intervals are a few percent of a score wide."""
@@ -40,8 +41,8 @@ STOPPED = "stopped"
 """How an episode can end, beside its time. Jammed: a short stayed, or the wire was driven into the metal beyond what
 the model holds for. Stopped: the controller gave up."""
 ORACLE = "oracle"
-ORACLE_GAPS_UM = (4.0, 5.0, 6.0, 7.0, 9.0, 12.0)
-"""Gaps the oracle rehearses a cut with (ours: from shorts all the time to a wide gap)."""
+"""The reference of a task, whose return is a score of 1: see `edmsim.evaluation.lines`."""
+
 
 class Result(NamedTuple):
     """What came of an episode.
@@ -65,8 +66,8 @@ class Result(NamedTuple):
     short_share, open_share : float
         Of all pulses.
     error_um : float
-        Root mean square, over the length cut, of the distance from the path to the wire's true place; NaN where
-        nothing was cut, and of straight cuts.
+        Root mean square, over the length cut where it counts (`Family.near_corner_um`), of the distance from the
+        path to the wire's true place; NaN where nothing was cut, and of straight cuts.
     edge_error_um : float
         Root mean square of the cut edge's distance from the contour; NaN without a contour, and where the cut did not
         come that far.
@@ -109,7 +110,7 @@ def episodes(env_id: str) -> int:
 def cut(
     env_id: str, seed: int, controller: str, resolution: str | None = None, record: Path | None = None, **options: Any
 ) -> Result:
-    """Make one cut; the oracle rehearses it with several gaps, and the cut that earns most counts.
+    """Make one cut; the reference rehearses it with several controllers, and the cut that earns most counts.
 
     Parameters
     ----------
@@ -132,10 +133,11 @@ def cut(
     where = None if record is None else recording_folder(record, env_id, seed, controller)
     if controller != ORACLE:
         return Episode(task, from_text(controller), seed, controller, where).run()
-    tried = {gap: Episode(task, make(ORACLE, gap_target_um=gap), seed, ORACLE).run() for gap in ORACLE_GAPS_UM}
-    best = max(tried, key=lambda gap: tried[gap].total_return)
+    rehearsed = lines_of(env_id).rehearsed
+    tried = {name: Episode(task, from_text(name), seed, ORACLE).run() for name in rehearsed}
+    best = max(tried, key=lambda name: tried[name].total_return)
     return tried[best] if where is None else (
-        Episode(task, make(ORACLE, gap_target_um=best), seed, ORACLE, where).run()  # the same cut again
+        Episode(task, from_text(best), seed, ORACLE, where).run()  # the same cut again
     )
 
 
@@ -174,7 +176,9 @@ class Episode:
         self.last: StepResult | None = None
         self._seed, self._name = seed, name
         self._short = self._open = self._pulses = 0
-        self._time_s = self._cut_um = self._area_mm2 = self._error2_um3 = self._return = self._hottest_K = 0.0
+        self._time_s = self._cut_um = self._area_mm2 = self._return = self._hottest_K = 0.0
+        self._near_um = self._error2_um3 = 0.0
+        self._lost = 0
         self._cost, self._given_up = 0.0, False
         task.reset(seed)
         self._record = record
@@ -231,7 +235,16 @@ class Episode:
             return WORDS[cause].episode
         if self._leg != self.task.leg[0]:
             self._command = self._begin_leg()
+        if self._lost != self.task.wires_lost:
+            self._command = self._begin_wire()
         return None
+
+    def _begin_wire(self) -> FeedCommand:
+        """Let the controller go on with the wire threaded where the last one broke."""
+        self._lost, controller = self.task.wires_lost, self.controller
+        if isinstance(controller, SeesBreaks):
+            return check_command(self._name, controller.wire_lost())
+        return check_command(self._name, controller.reset(self.task.max_feed_um_s))
 
     def _decide(self, result: StepResult) -> FeedCommand:
         """Show the controller a whole window, also the last one, as a cut does."""
@@ -250,7 +263,9 @@ class Episode:
         self._cost += result.cost
         self._area_mm2 += result.area_mm2
         self._cut_um += result.progress_um
-        self._error2_um3 += result.error_um**2 * result.progress_um
+        if result.near:
+            self._near_um += result.progress_um
+            self._error2_um3 += result.error_um**2 * result.progress_um
 
     @property
     def _threading_s(self) -> float:
@@ -259,7 +274,7 @@ class Episode:
     def _result(self, outcome: str) -> Result:
         lost_s = self._threading_s if outcome in (BROKEN, JAMMED, STOPPED) else 0.0
         turns = self.task.family.knows_corners
-        error2_um2 = self._error2_um3 / self._cut_um if turns and self._cut_um else math.nan
+        error2_um2 = self._error2_um3 / self._near_um if turns and self._near_um else math.nan
         return Result(
             self._seed, self._name, outcome, self._time_s, self._cut_um * 1e-3, self._area_mm2,
             60.0 * self._area_mm2 / (self._time_s + lost_s), self._return, self.task.wires_lost, self._cost,

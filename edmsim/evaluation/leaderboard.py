@@ -10,8 +10,9 @@ from typing import Any
 
 from edmsim import __version__
 from edmsim.errors import InputError
-from edmsim.evaluation.compare import Comparison, figures_of, scale
+from edmsim.evaluation.compare import Comparison, figures_of
 from edmsim.evaluation.episode import Result
+from edmsim.evaluation.lines import lines_of
 from edmsim.files import replacing
 
 FORMAT = "edmsim-leaderboard-1"
@@ -56,10 +57,10 @@ def write(file: Path, comparisons: Sequence[Comparison]) -> None:
 def _of(
     env_id: str, resolution: str, seeds: tuple[int, ...], results: dict[str, list[Result]]
 ) -> Comparison:
-    scaled = scale(env_id)
+    lines = lines_of(env_id)
     return Comparison(env_id, resolution, seeds, results, {
-        name: figures_of(cuts, results[scaled.one], results[scaled.nought]) for name, cuts in results.items()
-    }, scaled)  # fmt: skip
+        name: figures_of(cuts, results[lines.reference], results[lines.blind]) for name, cuts in results.items()
+    })  # fmt: skip
 
 
 def _comparison(env_id: str, entry: dict[str, Any]) -> Comparison:

@@ -11,6 +11,7 @@ import numpy as np
 
 from edmsim import __version__
 from edmsim.evaluation.compare import FIGURES, Comparison, Figure
+from edmsim.evaluation.lines import lines_of
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
@@ -93,8 +94,9 @@ def _events(comparison: Comparison, controller: str) -> list[str]:
 
 
 def _meaning(comparison: Comparison, wide: bool) -> str:
+    lines = lines_of(comparison.env_id)
     text = (
-        f"score: 0 is what {comparison.scale.nought} earns and 1 what {comparison.scale.one} earns, which sees the truth. "
+        f"score: 0 is what {lines.blind} earns, and 1 what {lines.reference} earns, the reference. "
         "short, open: shares of the pulses that are shorts or do not ignite."
     )
     if wide:

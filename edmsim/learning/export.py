@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import torch
 
-from edmsim.envs.observation import entries
+from edmsim.envs.batch import entries_of
 from edmsim.envs.registry import find, make_family, stand_in
 from edmsim.learning import learners
 from edmsim.learning.hyperparameters import ON_POLICY
@@ -41,7 +41,7 @@ def export(trained: Trained, command: str) -> tuple[Card, bytes]:
     lstm = _lstm(model.policy.lstm_actor) if given.network.lstm else None
     env_id, environment = _environment(trained)
     family = make_family(env_id, **environment)
-    seen, statistics = entries(family.history, family.knows_corners, family.locates_discharges), normalise.obs_rms
+    seen, statistics = entries_of(family), normalise.obs_rms
     if lstm is None:
         weights[0] = weights[0][: len(seen)]  # what only the critic sees comes behind
     packed = pack(weights, [_array(layer.bias) for layer in linear], lstm)

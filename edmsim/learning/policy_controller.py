@@ -57,6 +57,8 @@ class PolicyController:
         self._corner_um: Floats = np.full((1, 1), np.inf)
         self._corner_deg: Floats = np.zeros((1, 1))
         self._feed_um_s = self._limit_um_s = self._start_um = self._path_um = self._shorted_s = 0.0
+        self._age_s = self._spent_s = self._broke_at = 0.0
+        self._lost = 0
 
     def set_up(self, machine: Machine, points_um: Floats, start_um: float) -> None:
         """Take in the set-up and the path; called before every leg of the cut."""
@@ -85,6 +87,8 @@ class PolicyController:
         self._limit_um_s = max_feed_um_s
         self._feed_um_s = self._family.first_feed_um_s
         self._path_um, self._shorted_s = self._start_um, 0.0
+        self._age_s = self._spent_s = self._broke_at = 0.0
+        self._lost = 0
         self._seen[:] = 0.0
         self._shown[:] = np.zeros((), observation.SHOWN)
         servo.begin(self._servo[0], self._feed_um_s)
@@ -113,6 +117,22 @@ class PolicyController:
             self._decide()
         return self._command()
 
+    def wire_lost(self) -> FeedCommand:
+        """Go on with the next wire, which begins as the first one did."""
+        t_on_us, t_period_us = self._setting_us
+        self._lost += 1
+        self._broke_at, self._age_s = max(self._broke_at, t_period_us / t_on_us), 0.0
+        self._feed_um_s, self._shorted_s = self._family.first_feed_um_s, 0.0
+        servo.begin(self._servo[0], self._feed_um_s)
+        return self._command()
+
+    def _wires(self) -> NDArray[np.float32]:
+        """Entries about the wires, as the environment has them."""
+        family = self._family
+        lost, spent = self._lost / family.wires, self._spent_s / (family.episode_s or np.inf)
+        rows = observation.wires(*(np.array([v]) for v in (lost, self._age_s, spent, self._broke_at)))
+        return np.asarray(rows[0], np.float32)
+
     def snapshot(self) -> ControllerState:
         """Everything that changes while cutting."""
         t_on_us, t_period_us = self._setting_us
@@ -121,6 +141,7 @@ class PolicyController:
             **law,
             "feed_um_s": self._feed_um_s, "limit_um_s": self._limit_um_s, "path_um": self._path_um,
             "shorted_s": self._shorted_s, "t_on_us": t_on_us, "t_period_us": t_period_us,
+            "lost": self._lost, "age_s": self._age_s, "spent_s": self._spent_s, "broke_at": self._broke_at,
             **{name: getattr(self, f"_{name}").tobytes().hex() for name in _ARRAYS},
         }
 
@@ -135,6 +156,8 @@ class PolicyController:
         if self._law is not None:
             self._law_um_s = float(state["law_um_s"])
             self._law.restore(json.loads(cast(str, state["law"])))
+        self._lost = int(state["lost"])
+        self._age_s, self._spent_s, self._broke_at = (float(state[n]) for n in ("age_s", "spent_s", "broke_at"))
         for name in _ARRAYS:
             array = getattr(self, f"_{name}")
             array[...] = np.frombuffer(bytes.fromhex(cast(str, state[name])), array.dtype).reshape(array.shape)
@@ -167,6 +190,8 @@ class PolicyController:
         scale["open_V"], scale["wait_us"] = open_V(self._machine), ignition_wait_us(self._machine)
         scale["limit_A"] = self._machine.generator.mean_current_limit_A.value
         self._path_um = window.path_um
+        self._age_s += window.duration_s
+        self._spent_s += window.duration_s
 
     def _respond(self, window: WindowObservation) -> None:
         """Let the servo answer a window."""
@@ -183,6 +208,8 @@ class PolicyController:
         if self._family.knows_corners:
             place = np.array([self._path_um - self._start_um])
             seen = np.append(seen, observation.corners(place, self._corner_um, self._corner_deg)[0])
+        if self._family.knows_wires:
+            seen = np.append(seen, self._wires())
         action, self._memory = self.policy.act(seen, self._memory)
         if self.policy.card.residual is not None:
             action[0] = self.policy.card.residual.action(self._family, self._law_um_s, float(np.float32(action[0])))

@@ -18,8 +18,8 @@ from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError
 
 from edmsim import models, user_code
 from edmsim.controllers import FeedController, SeesTruth, from_text, names
+from edmsim.envs.batch import entries_of
 from edmsim.envs.knobs import KNOBS
-from edmsim.envs.observation import entries
 from edmsim.envs.registry import make_family
 from edmsim.envs.task import Family
 from edmsim.errors import InputError
@@ -316,7 +316,7 @@ def _check_environment(card: Card, file: Path) -> None:
         family = make_family(card.env_id, **card.environment)
     except (InputError, TypeError, ValueError) as error:
         raise InputError(f"the policy's environment cannot be made: {error}", file) from None
-    wanted = [entry.name for entry in entries(family.history, family.knows_corners, family.locates_discharges)]
+    wanted = [entry.name for entry in entries_of(family)]
     told = [entry.name for entry in card.observation]
     if told != wanted:
         raise InputError(

@@ -8,8 +8,9 @@ import pytest
 
 import edmsim  # noqa: F401 - registers the environments
 from edmsim.envs import Task
+from edmsim.envs.registry import env_id_of
 
-NAMES = ("GapFeed", "HeightStep", "Corner", "Contour")
+NAMES = ("GapFeed", "HeightStep", "Corner", "Contour", "ThinWire")
 STANDARD = {"resolution": "fast", "randomise": None, "height_mm": None, "tension": None}
 """Arguments with which nothing of the standard machine is drawn."""
 
@@ -24,7 +25,7 @@ def make_env():
     """Make a single environment of the standard machine."""
 
     def make(name, **options):
-        return gym.make(f"edmsim/{name}-v1", **{**STANDARD, **options})
+        return gym.make(env_id_of(name), **{**STANDARD, **options})
 
     return make
 
@@ -35,7 +36,7 @@ def make_lanes():
 
     def make(name, num_envs, **options):
         return gym.make_vec(
-            f"edmsim/{name}-v1", num_envs=num_envs, vectorization_mode="vector_entry_point",
+            env_id_of(name), num_envs=num_envs, vectorization_mode="vector_entry_point",
             **{**STANDARD, **options},
         )
 

@@ -22,6 +22,7 @@ OWN = {
     "HeightStep": {"band_mm": [0.05, 0.1], "low_share": 0.5},
     "Corner": {"leg_mm": 0.1, "turn_deg": [60.0, 90.0], "setting_octaves": 1.0},
     "Contour": {"program": str(resources.files("edmsim.envs") / "small_punch.ngc")},
+    "ThinWire": {"length_mm": 1.0, "wires": 2, "decision_s": 0.1},
 }
 
 
@@ -47,8 +48,8 @@ def test_lists_and_mappings_mean_what_tuples_and_objects_mean(make_env, env_name
     kind = type(written)
     machine = edmsim.Machine.load(height_mm=8.0, wire="brass-200")
     own = kind.own_weights
-    weights = Weights(progress=own.progress, short=2.0, open=own.open, profile=own.profile, time=own.time,
-                      wire_break=own.wire_break, limit=own.limit, done=own.done)  # fmt: skip
+    weights = Weights(progress=own.progress, short=2.0, open=own.open, profile=own.profile, roughness=own.roughness,
+                      time=own.time, wire_break=own.wire_break, limit=own.limit, done=own.done)  # fmt: skip
     assert written == kind(
         resolution="fast", machine=machine, weights=weights, materials=("tool-steel",), height_mm=(5.0, 9.0),
         tension=9.0, randomise=("gap",), action="speed", history=2,

@@ -8,30 +8,43 @@ import pytest
 
 import edmsim
 from edmsim.envs import Task
-from edmsim.envs.registry import family_of
+from edmsim.envs.registry import env_id_of, family_of
 from edmsim.errors import InputError
 
 FROZEN = {
     "GapFeed": ((4.0, 40.0), 25.0, (0.0, 0.0)), "HeightStep": ((4.0, 40.0), 25.0, (0.0, 0.0)),
-    "Corner": ((4.0, 40.0), 75.0, (4.0, 0.1)), "Contour": ((4.0, 20.0), 300.0, (1.0, 0.1)),
+    "Corner": ((4.0, 40.0), 150.0, (4.0, 0.1)), "Contour": ((4.0, 20.0), 300.0, (1.0, 0.1)),
+    "ThinWire": ((4.0, 20.0), 120.0, (0.0, 0.0)),
 }  # fmt: skip
 """Heights, seconds, weights of profile and time: another value needs another version."""
+OTHERS = {"wires": 1, "decision_s": None, "tension": (8.0, 20.0), "near_corner_um": None, "energy_bound_mJ": None}
+OWN = {
+    "Corner": {"near_corner_um": 100.0, "energy_bound_mJ": 5.5, "decision_s": 0.25},
+    "ThinWire": {"wires": 4, "decision_s": 0.5, "tension": (1.2, 3.2)},
+}
+"""What an id has of its own, and what the others have."""
 STILL = np.zeros(1, np.float32)
 
 
 def test_an_id_is_the_benchmark(env_name):
-    family = gym.make(f"edmsim/{env_name}-v1").unwrapped.family
+    family = gym.make(env_id_of(env_name)).unwrapped.family
     heights_mm, seconds, (profile, time) = FROZEN[env_name]
     weights = family.reward_weights
-    assert (family.height_mm, family.tension, family.randomise) == (heights_mm, (8.0, 20.0), ())
+    assert (family.height_mm, family.randomise) == (heights_mm, ())
+    assert {name: getattr(family, name) for name in OTHERS} == {**OTHERS, **OWN.get(env_name, {})}
     assert (family.resolution, family.mechanics, family.planner, family.history) == ("fast", "modal", "poscal", 4)
-    assert (family.episode_s, family.wires, family.decision_s, family.latency_s) == (seconds, 1, None, 0.0)
-    assert (weights.progress, weights.short, weights.open) == (1, 0.5, 0.1)
+    assert (family.episode_s, family.latency_s) == (seconds, 0.0)
+    thin = env_name == "ThinWire"
+    assert (weights.progress, weights.short, weights.open) == ((1, 0, 0) if thin else (1, 0.5, 0.1))
     assert (weights.profile, weights.time) == (profile, time)
-    assert (weights.wire_break, weights.limit, weights.done) == (1, 1, 0)
+    lost = 0.4 if thin else 1
+    assert (weights.wire_break, weights.limit, weights.done) == (lost, lost, 0)
+    assert weights.roughness == (4 if env_name == "Corner" else 0)
     task = Task(env_name)
     task.reset(1_000_000)
-    assert task.scenario.drawn["tension"] == pytest.approx(10.5024, abs=1e-3)
+    low, high = family.tension
+    share = (task.scenario.drawn["tension"] - low) / (high - low)
+    assert share == pytest.approx((10.5024 - 8.0) / 12.0, abs=1e-4)
 
 
 def test_dials_and_what_has_no_effect_are_not_drawn(make_env):
@@ -97,6 +110,42 @@ def test_bounds_cost_by_the_second(make_env):
     costs = [env.step(np.array([0.1, knob, 0.0], np.float32))[4] for knob in (0.0, 0.5)]
     assert [info["energy_mJ"] > 8.0 for info in costs] == [False, True]
     assert [info["cost"] for info in costs] == pytest.approx([0.0, costs[1]["dt_s"]])
+
+
+def test_errors_of_a_corner_count_near_it(make_env):
+    env = make_env("Corner", action="speed", decision_s=None, leg_mm=0.12, turn_deg=(90.0, 90.0), near_corner_um=60.0)
+    env.reset(seed=1)
+    places, costs, errors = [], [], []
+    for _ in range(500):
+        *_, over, _, info = env.step(np.array([0.12, 0.0, 0.0], np.float32))
+        if info["area_mm2"] > 0:
+            places.append(info["path_um"])
+            costs.append(info["reward_terms"]["profile"])
+            errors.append(info["error_um"])
+        if over:
+            break
+    places, costs = np.array(places), np.array(costs)
+    assert min(errors) > 0
+    far = np.abs(places - 120.0) > 90.0  # wherever the wire is, within 30 um of its counters
+    near = np.abs(places - 120.0) < 30.0
+    assert far.sum() > 20
+    assert (costs[far] == 0).all()
+    assert near.sum() > 20
+    assert (costs[near] < 0).all()
+
+
+def test_more_energy_than_the_bound_costs_what_it_cuts(make_env):
+    costs = {}
+    for knob in (0.0, 0.5):
+        env = make_env("Corner", action="speed")
+        env.reset(seed=1)
+        infos = [env.step(np.array([0.2, knob, 0.0], np.float32))[4] for _ in range(40)]
+        costs[knob] = [info["reward_terms"]["roughness"] for info in infos]
+        share = infos[-1]["energy_mJ"] / 5.5 - 1.0
+        wanted = [-4.0 * max(share, 0.0) * info["area_mm2"] / 0.01275 for info in infos]
+        assert costs[knob] == pytest.approx(wanted)
+    assert not any(costs[0.0])
+    assert any(costs[0.5])
 
 
 def test_objectives_make_a_vector(make_env, make_lanes):
@@ -173,7 +222,7 @@ def test_minari_records_and_recovers_every_id(env_name, tmp_path, monkeypatch):
     for needed in ("h5py", "jax"):
         pytest.importorskip(needed)
     monkeypatch.setenv("MINARI_DATASETS_PATH", str(tmp_path))
-    env = minari.DataCollector(gym.make(f"edmsim/{env_name}-v1", machine=edmsim.Machine.load()), record_infos=False)
+    env = minari.DataCollector(gym.make(env_id_of(env_name), machine=edmsim.Machine.load()), record_infos=False)
     env.reset(seed=1)
     for _ in range(5):
         env.step(env.action_space.sample())

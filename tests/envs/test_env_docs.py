@@ -5,14 +5,15 @@ from __future__ import annotations
 import ast
 import inspect
 import re
-from dataclasses import MISSING, fields
+from dataclasses import MISSING, fields, replace
 from pathlib import Path
 
 import gymnasium as gym
 import pytest
 
 from edmsim.cosim.stops import WORDS, StopCause
-from edmsim.envs.observation import entries, of_a_step
+from edmsim.envs.batch import entries_of
+from edmsim.envs.observation import of_a_step
 from edmsim.envs.registry import env_id_of
 
 from .conftest import NAMES
@@ -77,10 +78,9 @@ def test_actions(env):
 def test_observations(env):
     text = section(env, "Observation space")
     assert f"``Box({env.observation_space.shape}, float32)``" in text
-    shown = env.family.knows_corners, env.family.locates_discharges
-    listed = entries(env.family.history, *shown)
+    listed = entries_of(env.family)
     rows = table(text, 5)
-    assert len(rows) == len(entries(1, *shown))
+    assert len(rows) == len(entries_of(replace(env.family, history=1)))
     for index, name, bounds, *_ in rows:
         k = int(index)
         assert name == listed[k].name
@@ -129,7 +129,7 @@ def test_spaces_and_lengths_of_the_guide(env, env_name):
 def test_the_site_has_every_page_and_the_guide_every_word_of_info(make_env):
     page = (DOCS / "api" / "envs.rst").read_text(encoding="utf-8")
     for name in NAMES:
-        assert f"``edmsim/{name}-v1``" in page
+        assert f"``{env_id_of(name)}``" in page
         assert f".{name}Env\n" in page
     env = make_env("GapFeed", length_mm=0.005)
     _, info = env.reset(seed=1)

@@ -10,13 +10,14 @@ import pytest
 from edmsim.envs import Weights
 
 NAMES = [f.name for f in fields(Weights)]
-ALL = {"progress": 0.7, "short": 0.3, "open": 0.2, "profile": 0.5, "time": 0.1, "done": 5.0}
+ALL = {"progress": 0.7, "short": 0.3, "open": 0.2, "profile": 0.5, "time": 0.1, "done": 5.0, "limit": 1.0}
 ROUNDING = 1e-12
 
 
 @pytest.mark.parametrize(("feed", "end"), [(0.05, None), (0.6, "limit"), (1.0, "limit")])
 def test_single(make_env, env_name, feed, end):
-    env = make_env(env_name, action="speed", planner="exact", weights=ALL)  # feeds at which wires jam
+    # feeds at which wires jam
+    env = make_env(env_name, action="speed", planner="exact", decision_s=None, weights=ALL)
     env.reset(seed=4)
     action = np.zeros(env.action_space.shape, np.float32)
     action[0] = feed
@@ -45,7 +46,8 @@ def test_at_the_path_s_end(make_env):
 
 @pytest.mark.parametrize("mode", ["NextStep", "SameStep"])
 def test_vector(make_lanes, env_name, mode):
-    lanes = make_lanes(env_name, 3, action="speed", weights=ALL, autoreset_mode=mode, max_episode_steps=60)
+    options = {"action": "speed", "decision_s": None, "weights": ALL, "max_episode_steps": 60}
+    lanes = make_lanes(env_name, 3, autoreset_mode=mode, **options)
     lanes.reset(seed=2)
     actions = np.zeros(lanes.action_space.shape, np.float32)
     actions[:, 0] = 0.1, 0.3, 1.0

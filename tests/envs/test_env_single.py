@@ -18,6 +18,7 @@ from gymnasium.utils.env_checker import check_env
 import edmsim
 from edmsim.envs import DiscreteFeed, render
 from edmsim.envs.observation import entries
+from edmsim.envs.registry import env_id_of
 from edmsim.errors import InputError
 from edmsim.recording.figures.palette import VERMILION, rgb
 
@@ -108,7 +109,7 @@ def test_observation_is_what_its_entries_say(make_env):
 
 def test_reward_is_the_sum_of_its_terms(make_env):
     weights = edmsim.envs.Weights(progress=0.7, short=0.3, open=0.2, profile=0.5, time=0.1)
-    env = make_env("Corner", action="speed", weights=weights)
+    env = make_env("Corner", action="speed", decision_s=None, near_corner_um=None, weights=weights)
     env.reset(seed=1)
     for _ in range(80):
         _, reward, *_, info = env.step(np.array([0.25, 0, 0.4], np.float32))
@@ -188,7 +189,7 @@ def test_time_truncates(make_env):
 
 
 def test_refused_setting_is_told_and_not_done(make_env):
-    env = make_env("Corner", action="speed")
+    env = make_env("Corner", action="speed", decision_s=None)
     env.reset(seed=1)
     *_, info = env.step(np.array([0.1, 0.0, -0.5], np.float32))
     assert "above the generator's 2 A" in info["refused"]
@@ -355,6 +356,8 @@ def test_picture_needs_an_episode(make_env):
 @pytest.mark.filterwarnings("ignore:.*out of date.*")
 @pytest.mark.parametrize("make", [gym.make, gym.make_vec, edmsim.envs.Task])
 def test_ids_are_registered_and_first_versions_withdrawn(env_name, make):
-    assert f"edmsim/{env_name}-v1" in gym.registry
+    assert env_id_of(env_name) in gym.registry
+    if env_id_of(env_name).endswith("-v0"):
+        return
     with pytest.raises(InputError, match=f"edmsim/{env_name}-v0 is withdrawn .*: use edmsim/{env_name}-v1$"):
         make(f"edmsim/{env_name}-v0")

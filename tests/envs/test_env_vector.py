@@ -49,6 +49,7 @@ def same_info(ours, theirs):
 def test_native_is_gymnasiums_own_vector(make_env, make_lanes, env_name, actions_of, mode):
     # episodes so short that every lane ends some, at different times where the cut is done first
     short = {"length_mm": 0.0005, "planner": "exact"} if env_name in ("GapFeed", "HeightStep") else {}
+    short |= {"decision_s": 0.05} if env_name == "ThinWire" else {}
     options = {"max_episode_steps": 7} | short
     native = make_lanes(env_name, 3, autoreset_mode=mode, **options)
     other = sync(make_env, env_name, 3, mode, **options)

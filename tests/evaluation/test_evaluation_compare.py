@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from edmsim.cli import app as cli
-from edmsim.controllers import FeedCommand, FeedController, make
+from edmsim.controllers import FeedCommand, FeedController, from_text, make
 from edmsim.controllers.feed.fixed import FixedController
 from edmsim.envs.episode import Task
 from edmsim.envs.reward import Weights
@@ -29,6 +29,7 @@ from edmsim.evaluation.compare import (
     usual,
 )
 from edmsim.evaluation.episode import HELD_BACK, Episode, Result
+from edmsim.evaluation.lines import lines_of
 from edmsim.evaluation.table import as_json, render, shown
 from edmsim.learning import hyperparameters
 
@@ -63,6 +64,14 @@ def test_every_controller_meets_the_held_back_machines(compared: Comparison) -> 
     assert list(compared.results) == ["fixed", "voltage", "oracle"]
     for results in compared.results.values():
         assert tuple(r.seed for r in results) == compared.seeds
+
+
+def test_every_controller_of_a_task_s_lines_can_be_made() -> None:
+    for env_id in env_ids():
+        lines = lines_of(env_id)
+        made = [from_text(name).name for name in (lines.blind, *lines.rehearsed, *lines.compared)]
+        assert made == [n.partition(":")[0] for n in (lines.blind, *lines.rehearsed, *lines.compared)]
+        assert lines.blind not in lines.compared or lines.blind == "fixed"
 
 
 def test_the_oracle_is_the_bound_of_its_own_gaps(compared: Comparison) -> None:

@@ -12,11 +12,10 @@ import numpy as np
 import pytest
 
 import edmsim
-from edmsim.controllers.protocols import tell
-from edmsim.envs.batch import action_space_of
+from edmsim.controllers.protocols import WindowObservation, tell
+from edmsim.envs.batch import action_space_of, entries_of
 from edmsim.envs.episode import Task
-from edmsim.envs.observation import entries
-from edmsim.envs.registry import make_family
+from edmsim.envs.registry import env_id_of, make_family
 from edmsim.errors import InputError
 from edmsim.job.cut import make_controller
 from edmsim.learning import policy_file
@@ -33,14 +32,14 @@ def make_policy(tmp_path):
     def make(name, output="clip", **environment):
         environment = {"resolution": "fast", **environment}
         family = make_family(name, **environment)
-        seen = entries(family.history, family.knows_corners, family.locates_discharges)
+        seen = entries_of(family)
         rng = np.random.default_rng(4)
         sizes = [len(seen), 8, action_space_of(family).shape[0]]
         weights = [rng.normal(0, 0.4, shape) for shape in pairwise(sizes)]
         biases = [rng.normal(0, 0.1, size) for size in sizes[1:]]
         packed = policy_file.pack(weights, biases)
         card = policy_file.Card.model_validate({
-            "format": policy_file.FORMAT, "env_id": f"edmsim/{name}-v1", "environment": environment,
+            "format": policy_file.FORMAT, "env_id": env_id_of(name), "environment": environment,
             "observation": [
                 {"name": e.name, "meaning": e.meaning, "mean": rng.uniform(0, 0.2), "variance": rng.uniform(0.1, 1)}
                 for e in seen
@@ -58,12 +57,13 @@ def make_policy(tmp_path):
 
 @pytest.mark.parametrize(
     ("name", "options"),
-    [("GapFeed", {}), ("HeightStep", {"action": "speed"}), ("Corner", {"leg_mm": 0.05}), ("Contour", {"history": 2}),
-     ("GapFeed", {"action": "servo", "knobs": ["period"]})],
+    [("GapFeed", {}), ("HeightStep", {"action": "speed"}), ("Corner", {"leg_mm": 0.05, "decision_s": None}),
+     ("Contour", {"history": 2}), ("GapFeed", {"action": "servo", "knobs": ["period"]}),
+     ("ThinWire", {"decision_s": None})],
 )
 def test_the_controller_does_what_the_policy_does_in_its_environment(make_policy, name, options):
     policy = policy_file.load(str(make_policy(name, **options)))
-    env = gym.make(f"edmsim/{name}-v1", resolution="fast", **options)
+    env = gym.make(env_id_of(name), resolution="fast", **options)
     task, controller = Task(name, resolution="fast", **options), PolicyController(policy)
     seen, _ = env.reset(seed=5)
     task.reset(5)
@@ -81,7 +81,7 @@ def test_the_controller_does_what_the_policy_does_in_its_environment(make_policy
         if terminated:
             break
         command = controller.update(result.seen)
-    assert (len(settings) > 1) == (name == "Corner" or "knobs" in options)
+    assert (len(settings) > 1) == (name in ("Corner", "ThinWire") or "knobs" in options)
 
 
 def test_a_policy_that_decides_more_seldom_than_windows_come_sees_what_its_environment_shows(make_policy):
@@ -100,6 +100,24 @@ def test_a_policy_that_decides_more_seldom_than_windows_come_sees_what_its_envir
             result = task.advance(command.feed_um_s)
             command = controller.update(result.seen)
         assert result.seen.path_um == info["path_um"]
+
+
+def test_a_policy_goes_on_with_the_next_wire(make_policy):
+    controller = PolicyController(policy_file.load(str(make_policy("ThinWire"))))
+    machine = edmsim.Machine.load(wire="brass-100", t_on_us=10.0, t_period_us=100.0)
+    tell(controller, machine, np.array([[0.0, 0.0], [1000.0, 0.0]]), 0.0)
+    window = WindowObservation(1.0, 0.0255, 0, 20, 20.0, 1.0, 9.0, 10.0, 0.0)
+    controller.reset(33.0)
+    for _ in range(10):
+        controller.update(window)
+    ratio = controller.snapshot()["t_period_us"] / controller.snapshot()["t_on_us"]
+    assert controller.wire_lost().feed_um_s == 5.0
+    state = controller.snapshot()
+    assert (state["lost"], state["age_s"]) == (1, 0.0)
+    assert state["broke_at"] == ratio
+    assert state["spent_s"] == pytest.approx(10 * 0.0255)
+    assert controller.reset(33.0) == controller.reset(33.0)
+    assert controller.snapshot()["lost"] == 0
 
 
 def test_a_snapshot_goes_on_bit_for_bit(make_policy):
@@ -163,7 +181,7 @@ def test_it_cuts_a_program(make_policy, small_punch, tmp_path):
 def test_what_is_shipped_loads_by_name_and_says_how_it_was_made(file):
     policy = policy_file.load(file.stem)
     card = policy.card
-    assert file.stem == f"{card.env_id.removeprefix('edmsim/').removesuffix('-v1')}-{card.algorithm}"
+    assert file.stem == f"{card.env_id.removeprefix('edmsim/')[:-3]}-{card.algorithm}"
     assert card.command.startswith(f"edmsim train {card.env_id} --algo {card.algorithm} ")
     assert {(s["controller"], s["resolution"]) for s in card.scores} == {
         (c, r) for c in ("policy", *RIVALS) for r in RESOLUTIONS

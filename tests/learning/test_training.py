@@ -45,7 +45,7 @@ def test_there_are_no_others():
 def test_exploring_begins_around_the_first_action(short_training, tmp_path):
     from edmsim.learning.train import train
 
-    trained = train("edmsim/Corner-v1", "ppo", tmp_path, steps=64, seed=3)
+    trained = train("edmsim/ThinWire-v0", "ppo", tmp_path, steps=64, seed=3)
     middle = trained.normalise.normalize_obs(np.zeros(trained.model.observation_space.shape, np.float32))
     found = trained.model.predict(middle, deterministic=True)[0]
     assert found == pytest.approx(trained.hyperparameters.network.first_action, abs=0.15)

@@ -1,0 +1,66 @@
+"""What a task's scores are measured by: the controller of score 0, and what the reference rehearses.
+
+Controllers are named as on the command line (`edmsim.controllers.from_text`). In ThinWire the one of score 0 is the
+fastest setting at which no wire broke on 24 machines drawn with seeds below those held back (100 to 123, 30 s each);
+in Corner it is the constant of least error near corners on 8 such (100 to 107): twice the period everywhere.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from edmsim.controllers import OF_A_TASK, SAME_LAW, names
+from edmsim.envs.registry import base_of, find
+
+ORACLE_GAPS_UM = (4.0, 5.0, 6.0, 7.0, 9.0, 12.0)
+"""Gaps the oracle rehearses a cut with (ours: from shorts all the time to a wide gap)."""
+
+
+class Lines(NamedTuple):
+    """Reference lines of a task.
+
+    Attributes
+    ----------
+    blind, reference : str
+        The controllers whose returns are scores of 0 and of 1.
+    rehearsed : tuple of str
+        `oracle` makes every cut with each of these, and the one that earns most counts.
+    compared : tuple of str
+        Controllers compared where none is named.
+    """
+
+    blind: str
+    reference: str
+    rehearsed: tuple[str, ...]
+    compared: tuple[str, ...]
+
+
+USUAL = Lines(
+    "fixed", "oracle", tuple(f"oracle:gap_target_um={gap:g}" for gap in ORACLE_GAPS_UM),
+    tuple(name for name in names() if name not in (*SAME_LAW, *OF_A_TASK)),
+)  # fmt: skip
+_GAP = "set-point:open_target_share=0.05"
+OF_TASK = {
+    "ThinWire": Lines(
+        f"{_GAP},period_factor=2", "oracle",
+        tuple(f"{_GAP},period_factor={factor:g}" for factor in (0.35, 0.5, 0.7, 1.0, 2.0)),
+        (f"{_GAP},period_factor=1", "climb:open_target_share=0.05"),
+    ),
+    "MaxRate": Lines(
+        "fixed-period", "heat-oracle", USUAL.rehearsed, ("fixed-period", "sato", "heat-flux", "heat-oracle"),
+    ),
+    "Corner": Lines(
+        f"{_GAP},period_factor=2", "oracle",
+        tuple(f"{_GAP},corner_um=100,corner_factor={factor:g}" for factor in (1.0, 1.4, 2.0, 3.0)),
+        ("voltage", _GAP, *(f"{_GAP},{more}" for more in (
+            "on_factor=4,period_factor=4", "period_factor=1.4", "corner_um=60,corner_factor=2",
+            "corner_um=60,corner_factor=4",
+        ))),
+    ),
+}
+"""Lines of the tasks that have other ones than `USUAL`."""
+
+
+def lines_of(env_id: str) -> Lines:
+    """Return the lines of an environment; a user's has those of the one of edmsim that it derives from."""
+    return OF_TASK.get(base_of(find(env_id)[0]), USUAL)

@@ -1,0 +1,89 @@
+"""ThinWire: what is remembered of the wires, and laws that go on after a break."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import edmsim
+from edmsim.controllers import make
+from edmsim.controllers.protocols import WindowObservation, tell
+from edmsim.envs import Task
+from edmsim.evaluation.episode import Episode
+
+PATH_UM = np.array([[0.0, 0.0], [300.0, 0.0], [300.0, 300.0]])
+
+
+@pytest.fixture(scope="module")
+def weak():
+    """A set-up whose wire breaks in its first second."""
+    strained = edmsim.Machine.load(wire="brass-100", tension=2.0, height_mm=5.0, t_on_us=10.0, t_period_us=50.0)
+    half = strained.wire.half_strength_K.model_copy(update={"value": 300.0, "range": None})
+    return strained.model_copy(update={"wire": strained.wire.model_copy(update={"half_strength_K": half})})
+
+
+def window(short=0, open_=20, path_um=0.0):
+    return WindowObservation(1.0, 0.0255, short, open_, 20.0, 1.0, 9.0, 10.0, path_um)
+
+
+def begun(name, **parameters):
+    """A controller at the standard setting, 30 us in 100 us, at the beginning of a path with a corner at 300 um."""
+    controller = make(name, **parameters)
+    tell(controller, edmsim.Machine.load(), PATH_UM, 0.0)
+    return controller, controller.reset(33.0)
+
+
+def test_the_operator_remembers_the_wires(make_env, weak):
+    env = make_env("ThinWire", machine=weak, wires=3, episode_s=30.0)
+    seen, _ = env.reset(seed=1)
+    assert seen[-4:].tolist() == [0, 0, 0, 0]
+    rows, over = [], False
+    while not over:
+        seen, _, over, late, info = env.step(np.array([-1.0, 0.0], np.float32))
+        over = over or late
+        rows.append((info["wires_lost"], *seen[-4:].tolist()))
+    lost, share, age, spent, broke_at = np.array(rows).T
+    assert lost[-1] == 3
+    np.testing.assert_allclose(share, lost / 3, atol=1e-6)
+    assert (np.diff(spent) > 0).all()
+    fresh = np.flatnonzero(np.diff(lost) > 0) + 1
+    assert (age[fresh] * 60 < 0.6).all()
+    assert broke_at[lost > 0] == pytest.approx(np.log2(5) / 10)
+    assert (broke_at[lost == 0] == 0).all()
+
+
+def test_a_law_goes_on_with_the_next_wire(weak):
+    task = Task("ThinWire", machine=weak, wires=3, episode_s=20.0)
+    law = make("climb", period_factor=2.0)
+    episode = Episode(task, law, 1, "climb")
+    outcome = None
+    while outcome is None and task.wires_lost < 1:
+        outcome = episode.step()
+    assert law.factor(0.0) == pytest.approx(2.0 * law.back_factor)
+    assert task.wires_lost == 1
+    assert episode.step() is None
+    assert task.machine.t_period_us == pytest.approx(100 * law.back_factor, abs=2.5)
+
+
+def test_climb_shortens_the_period_until_a_wire_breaks():
+    law, first = begun("climb", period_factor=4.0, climb_s=0.1, step_share=0.2, back_factor=1.5)
+    assert (first.t_on_us, first.t_period_us) == (30, 400)
+    periods = [law.update(window()).t_period_us for _ in range(9)]
+    assert periods == [400] * 3 + [320] * 4 + [256] * 2
+    assert law.wire_lost().t_period_us == 384
+    assert {law.update(window()).t_period_us for _ in range(20)} == {384}
+    assert law.wire_lost().t_period_us == 576
+    assert law.reset(33.0) == first
+
+
+def test_no_law_asks_for_more_than_the_supply_gives():
+    law, first = begun("set-point", period_factor=0.2)
+    assert first.t_period_us == 100
+    assert law.update(window()).t_period_us == 100
+
+
+def test_power_is_taken_back_near_corners_only():
+    law, _ = begun("set-point", corner_um=60.0, corner_factor=4.0, on_factor=0.5)
+    found = [law.update(window(path_um=place)) for place in (0.0, 239.0, 241.0, 300.0, 359.0, 361.0)]
+    assert [command.t_period_us for command in found] == [100, 100, 400, 400, 400, 100]
+    assert {command.t_on_us for command in found} == {15}
