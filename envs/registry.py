@@ -19,7 +19,7 @@ _FILES = {"GapFeed": "gap_feed", "HeightStep": "height_step", "Corner": "corner"
 _GENERAL = "edmsim.envs.single:EdmEnv", "edmsim.envs.vector:EdmVectorEnv"
 _WITHDRAWN = "edmsim.envs.registry:withdrawn"
 _REFERENCES = {"GapFeed": 869.0, "HeightStep": 693.0, "Corner": 538.0, "Contour": 1619.0}
-"""Mean return of the oracle over the held-back seeds, of docs/benchmark.md: what Gymnasium calls `reward_threshold`."""
+"""Mean return of the oracle over the held-back seeds, of docs/benchmark.md: Gymnasium's `reward_threshold`."""
 _OWN: dict[str, type[Family]] = {}  # users' families, by the ids they are registered under
 
 

@@ -11,7 +11,7 @@ import time
 import gymnasium
 import numpy as np
 
-import edmsim  # noqa: F401 - registers the environments
+import edmsim
 
 STEPS, PAIRS = 600, 6
 STILL = np.zeros(1, np.float32)
