@@ -48,8 +48,8 @@ _HOMES = {
 }
 __all__ = [
     "Contour", "Corner", "DiscreteFeed", "DiscreteFeedVector", "EdmEnv", "EdmVectorEnv", "Family", "GapFeed",
-    "HeightStep", "RecordEpisodes", "RecordRerun", "Scenario", "Sensors", "StepResult", "Task", "Weights", "make_sb3_vec_env",
-    "register",
+    "HeightStep", "RecordEpisodes", "RecordRerun", "Scenario", "Sensors", "StepResult", "Task", "Weights",
+    "make_sb3_vec_env", "register",
 ]
 
 
