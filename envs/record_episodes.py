@@ -30,8 +30,8 @@ EVERY = 100
 class RecordEpisodes(BaseCallback):  # type: ignore[misc, unused-ignore]
     """Record every n-th episode of the first lane; the training stays the same to the bit.
 
-    Folders and files are those of `RecordRerun`. What is recorded as actions is what the lane was given, at most 1 either
-    way.
+    Folders and files are those of `RecordRerun`. What is recorded as actions is what the lane was given, at most 1
+    either way.
 
     Parameters
     ----------
@@ -50,7 +50,7 @@ class RecordEpisodes(BaseCallback):  # type: ignore[misc, unused-ignore]
     Raises
     ------
     InputError
-        A folder that cannot be written to, or ``every`` below 1; at the training's begin, lanes that are not edmsim's.
+        A folder that cannot be written to, or ``every`` below 1; when training begins, lanes that are not edmsim's.
 
     Examples
     --------

@@ -65,15 +65,16 @@ def _of(
 
 def _comparison(env_id: str, entry: dict[str, Any]) -> Comparison:
     columns, seeds = entry["columns"], tuple(entry["seeds"])
+
+    def values(cut: list[Any]) -> dict[str, Any]:
+        return {key: math.nan if value is None else value for key, value in zip(columns, cut, strict=True)}
+
     results = {
         name: [
-            Result(seed=seed, controller=name, **{
-                key: math.nan if value is None else value for key, value in zip(columns, cut, strict=True)
-            })
-            for seed, cut in zip(seeds, cuts, strict=True)
+            Result(seed=seed, controller=name, **values(cut)) for seed, cut in zip(seeds, cuts, strict=True)
         ]
         for name, cuts in entry["controllers"].items()
-    }  # fmt: skip
+    }
     return _of(env_id, entry["resolution"], seeds, results)
 
 

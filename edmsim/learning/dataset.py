@@ -224,7 +224,7 @@ def _assemble(minari: Any, env: Any, task: str, name: str, files: list[Path], ou
 def _datasets_in(folder: Path) -> Iterator[None]:
     """Have Minari keep its data sets in a folder meanwhile."""
     before = os.environ.get("MINARI_DATASETS_PATH")
-    os.environ["MINARI_DATASETS_PATH"] = str(folder)
+    os.environ["MINARI_DATASETS_PATH"] = str(folder.resolve())  # Minari joins relative ones twice
     try:
         yield
     finally:

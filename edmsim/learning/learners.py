@@ -106,7 +106,8 @@ def lanes_of(env_id: str, given: Hyperparameters, seed: int, multiplier: float |
 def new(algo: str, lanes: TrainingLanes, given: Hyperparameters, seed: int) -> tuple[Any, VecNormalize]:
     """Return a learner that knows nothing yet, and its normalised lanes."""
     normalise = VecNormalize(lanes.learned_on, gamma=given.algorithm["gamma"])
-    network, policy = given.network, "MlpLstmPolicy" if given.network.lstm else "MlpPolicy"
+    network = given.network
+    policy: Any = "MlpLstmPolicy" if network.lstm else "MlpPolicy"
     wanted: dict[str, Any] = {"net_arch": network.widths, "activation_fn": ACTIVATIONS[network.activation]}
     if network.log_std_init is not None:
         wanted["log_std_init"] = network.log_std_init

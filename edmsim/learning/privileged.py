@@ -32,7 +32,8 @@ class PrivilegedVecEnv(VecEnvWrapper):  # type: ignore[misc, unused-ignore]
     """
 
     def __init__(self, venv: VecEnv) -> None:
-        self._names = tuple(venv.unwrapped.env.family.drawn_constants)
+        lanes: Any = venv.unwrapped
+        self._names = tuple(lanes.env.family.drawn_constants)
         shown = venv.observation_space
         assert isinstance(shown, gym.spaces.Box)
         more = np.full(len(TRUTHS) + len(self._names), np.inf, np.float32)
@@ -63,16 +64,17 @@ class PrivilegedVecEnv(VecEnvWrapper):  # type: ignore[misc, unused-ignore]
         for lane in lanes:
             self._constants[lane] = [told[lane]["drawn"][name] for name in self._names]
 
-    def _with(self, observations: NDArray[np.float32], truths: NDArray[np.float32]) -> NDArray[np.float32]:
+    def _with(self, observations: Any, truths: NDArray[np.float32]) -> NDArray[np.float32]:
         return np.concatenate([observations, truths, self._constants], axis=1)
 
 
 class Shown(BaseFeaturesExtractor):  # type: ignore[misc, unused-ignore]
     """The first entries of an observation as they are, and 0 in place of the others."""
 
-    def __init__(self, observation_space: gym.spaces.Box, entries: int) -> None:
+    def __init__(self, observation_space: gym.spaces.Box[Any], entries: int) -> None:
         width = int(np.prod(observation_space.shape))
         super().__init__(observation_space, width)
+        self.shown: torch.Tensor
         self.register_buffer("shown", (torch.arange(width) < entries).float())
 
     def forward(self, observations: torch.Tensor) -> torch.Tensor:
@@ -94,7 +96,9 @@ class AsymmetricPolicy(ActorCriticPolicy):  # type: ignore[misc, unused-ignore]
     def __init__(self, *args: Any, shown_entries: int, **kwargs: Any) -> None:
         self._shown_entries = shown_entries
         super().__init__(*args, **{**kwargs, "share_features_extractor": False})
-        self.pi_features_extractor = Shown(self.observation_space, shown_entries)
+        space = self.observation_space
+        assert isinstance(space, gym.spaces.Box)
+        self.pi_features_extractor = Shown(space, shown_entries)
         self.features_extractor = self.pi_features_extractor
 
     def _get_constructor_parameters(self) -> dict[str, Any]:

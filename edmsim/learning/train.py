@@ -152,7 +152,7 @@ def train(
 
 def _begin(run: TrainingRun, given: Hyperparameters, last: Path | None) -> Trained:
     """Make environment and learner, as new or as a checkpoint has them."""
-    before = {"done": 0, "multiplier": None} if last is None else _told(last)
+    before: dict[str, Any] = {"done": 0, "multiplier": None} if last is None else _told(last)
     # other episodes after a break
     first = int(np.random.SeedSequence((run.seed, before["done"])).generate_state(1)[0])
     lanes = learners.lanes_of(run.env_id, given, first, before["multiplier"])

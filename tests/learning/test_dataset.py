@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -29,7 +31,8 @@ def loaded(folder, monkeypatch, name):
 
 
 def test_a_data_set_has_what_the_controller_did(tmp_path, monkeypatch):
-    made = dataset.record(ENV, ["fixed", "voltage:reference_V=9"], 30, tmp_path)
+    monkeypatch.chdir(tmp_path)
+    made = dataset.record(ENV, ["fixed", "voltage:reference_V=9"], 30, Path("."))
     assert [row.dataset_id for row in made] == ["edmsim/gapfeed/fixed-v0", "edmsim/gapfeed/voltage-reference-v-9-v0"]
     kept = loaded(tmp_path, monkeypatch, made[1].dataset_id)
     assert (kept.total_episodes, kept.total_steps) == (made[1].episodes, made[1].steps) == (2, 32)
