@@ -10,6 +10,10 @@ FAILED, BAD_INPUT = 1, 2
 """Exit statuses of a command: the model left its validity, or the like; bad usage or input."""
 
 
+LONGEST_REASON = 400
+"""Characters of a reason; of a longer one, which repeats what it was given, the middle is left out (ours)."""
+
+
 class EdmsimError(Exception):
     """Base of every error edmsim raises on purpose."""
 
@@ -28,8 +32,8 @@ class InputError(EdmsimError):
     """
 
     def __init__(self, reason: str, file: str | Path | None = None, line: int | None = None) -> None:
-        super().__init__(reason)
-        self.reason = reason
+        self.reason = one_line(reason)
+        super().__init__(self.reason)
         self.file = None if file is None else str(file)
         self.line = line
 
@@ -39,6 +43,14 @@ class InputError(EdmsimError):
         if self.line is not None:
             place += f":{self.line}"
         return f"{place}: {self.reason}" if place else self.reason
+
+
+def one_line(text: str) -> str:
+    """Return a message as one line of at most `LONGEST_REASON` characters; what cannot be shown becomes a blank."""
+    shown = text if text.isprintable() else "".join(c if c.isprintable() else " " for c in text)
+    if len(shown) <= LONGEST_REASON:
+        return shown
+    return f"{shown[: LONGEST_REASON - 105]} ... {shown[-100:]}"
 
 
 def run_command(run: Callable[[], object]) -> None:

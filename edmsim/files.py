@@ -1,13 +1,23 @@
-"""Files and folders that outputs go to."""
+"""Files and folders that outputs go to, and arrays read from files."""
 
 from __future__ import annotations
 
+import io
+import math
 import os
 import shutil
 import tempfile
+import tokenize
+import zipfile
+import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.lib import format as npy
+from numpy.typing import NDArray
 
 from edmsim.errors import InputError
 
@@ -17,6 +27,8 @@ except ImportError:  # not a POSIX system: nothing is locked there
     fcntl = None  # type: ignore[assignment]
 
 _LOCK = ".edmsim-lock"
+MOST_ARRAY_BYTES = 800_000_000
+"""Of all arrays in a file that is read (ours: the checkpoint of a long cut at `fine` has a quarter of that)."""
 _UNFINISHED = ".edmsim-new-"
 
 
@@ -30,6 +42,40 @@ def replacing(file: str | Path) -> Iterator[Path]:
         partial.replace(target)
     finally:
         partial.unlink(missing_ok=True)
+
+
+def read_arrays(packed: bytes) -> dict[str, NDArray[Any]]:
+    """Return the arrays of an ``.npz`` by name; nothing is unpickled, and no memory is taken for what is not there.
+
+    Raises
+    ------
+    ValueError
+        It is damaged, holds something else than arrays of numbers, or more than `MOST_ARRAY_BYTES`; in one line.
+    """
+    try:
+        with zipfile.ZipFile(io.BytesIO(packed)) as archive:
+            members = archive.infolist()
+            if sum(member.file_size for member in members) > MOST_ARRAY_BYTES:
+                raise ValueError(f"its arrays have more than {MOST_ARRAY_BYTES / 1e6:.0f} MB")
+            for member in members:
+                with archive.open(member) as opened:
+                    _check_array(member, opened)
+        with np.load(io.BytesIO(packed), allow_pickle=False) as stored:
+            return {name: stored[name] for name in stored.files}
+    except (OSError, EOFError, LookupError, TypeError, SyntaxError, NotImplementedError, RuntimeError, MemoryError,
+            tokenize.TokenError, zipfile.BadZipFile, zlib.error) as error:  # fmt: skip
+        raise ValueError(" ".join(str(error).split()) or type(error).__name__) from None
+
+
+def _check_array(member: zipfile.ZipInfo, opened: Any) -> None:
+    """Refuse what is no array, holds objects, or says another size than it has."""
+    version = npy.read_magic(opened)
+    header = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_header_2_0}[version]
+    shape, _, dtype = header(opened)
+    if dtype.hasobject or any(length < 0 for length in shape):
+        raise ValueError(f"{member.filename} is no array of numbers")
+    if math.prod(shape) * dtype.itemsize != member.file_size - opened.tell():
+        raise ValueError(f"{member.filename} has another size than it says")
 
 
 def make_writable(folder: Path) -> None:

@@ -87,15 +87,15 @@ def _table(number: int, given: Mapping[str, Any], file: str | Path) -> ErrorTabl
     pairs = given.get("points")
     if not isinstance(pairs, list) or len(pairs) < 2 or any(not _is_pair(pair) for pair in pairs):
         raise refuse("points must be two or more pairs of numbers, [mm, um]")
-    points = np.array(pairs, np.float64)
-    if not np.isfinite(points).all():
+    if not all(_is_finite(value) for pair in pairs for value in pair):
         raise refuse("points must be finite numbers")
+    points = np.array(pairs, np.float64)
     rising = np.diff(points[:, 0]) > 0
     if not rising.all():
         k = int(np.argmin(rising))
         raise refuse(f"places must rise, but {points[k + 1, 0]:g} mm follows {points[k, 0]:g} mm")
     reversal_um = given.get("reversal_um", 0.0)
-    if isinstance(reversal_um, bool) or not isinstance(reversal_um, int | float) or not math.isfinite(reversal_um):
+    if isinstance(reversal_um, bool) or not isinstance(reversal_um, int | float) or not _is_finite(reversal_um):
         raise refuse(f"reversal_um is {reversal_um!r}; it must be a number")
     cubic = given.get("cubic", False)
     if not isinstance(cubic, bool):
@@ -106,6 +106,13 @@ def _table(number: int, given: Mapping[str, Any], file: str | Path) -> ErrorTabl
 def _is_pair(pair: object) -> bool:
     numbers = isinstance(pair, list) and len(pair) == 2
     return numbers and all(isinstance(v, int | float) and not isinstance(v, bool) for v in pair)  # type: ignore[attr-defined]
+
+
+def _is_finite(value: float) -> bool:
+    try:
+        return math.isfinite(value)
+    except OverflowError:  # a whole number of hundreds of digits
+        return False
 
 
 def text_of(tables: Iterable[ErrorTable], comments: Sequence[str] = ()) -> str:

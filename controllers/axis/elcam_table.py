@@ -209,8 +209,10 @@ class CamTable:
             self.held = self.held or not first <= x <= last
             x = min(max(x, first), last)
         elif last > first:
-            passes = math.floor((x - first) / (last - first))
-            x -= passes * (last - first)
+            turns = (x - first) / (last - first)
+            if math.isfinite(turns):  # else the master spans less, or more, than numbers can tell: the ends hold
+                passes = math.floor(turns)
+                x -= passes * (last - first)
         k = min(max(bisect_right(xs, x) - 1, 0), count - 2)
         y0, y1, width = float(ys[k]), float(ys[k + 1]), float(xs[k + 1]) - float(xs[k])
         share = min(max((x - float(xs[k])) / width, 0.0), 1.0) if width > 0.0 else 0.0

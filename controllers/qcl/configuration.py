@@ -13,10 +13,11 @@ from typing import NamedTuple
 
 from edmsim.controllers.axis.eanpos import Resources
 from edmsim.controllers.axis.eanpos_registers import DEVICE
-from edmsim.controllers.qcl.text import Problem, QclError, code_lines
+from edmsim.controllers.qcl.text import Problem, QclError, code_lines, whole_number
 from edmsim.errors import InputError
 
 _NAME = re.compile(r"[A-Za-z_]\w*$")
+_NUMBER = re.compile(r"[0-9]{1,4}$")
 _SIZES = {"F": (0, 1), "B": (-128, 127), "W": (-32768, 32767), "L": (-(2**31), 2**31 - 1), "S": (-3.4e38, 3.4e38)}
 """Flag, byte, word, long and single float, and what fits into each."""
 
@@ -127,9 +128,11 @@ def _fields(fields: list[str], *want: str) -> list[str]:
 
 def _constant(found: Configuration, fields: list[str]) -> None:
     name, value = _fields(fields, "NAME", "VALUE")
-    if not re.match(r"-?\d+$", value):
-        raise InputError(f"the constant {name} is {value!r}; it must be a whole number")
-    found.constants[_new(found, name)] = int(value)
+    try:
+        number = whole_number(value)
+    except InputError as error:
+        raise InputError(f"the constant {name} is {error}") from None
+    found.constants[_new(found, name)] = number
 
 
 def _variables(retained: bool) -> Callable[[Configuration, list[str]], None]:
@@ -144,7 +147,7 @@ def _variables(retained: bool) -> Callable[[Configuration, list[str]], None]:
 
 
 def _slot(found: Configuration, fields: list[str]) -> None:
-    if not fields[0].isdigit() or len(fields) not in (2, 3) or (fields[1] == ":") != (len(fields) == 2):
+    if not _NUMBER.match(fields[0]) or len(fields) not in (2, 3) or (fields[1] == ":") != (len(fields) == 2):
         raise InputError(f"{' '.join(fields)!r} must be SLOT CARD VERSION, or SLOT : for an empty slot")
     if int(fields[0]) in found.cards:
         raise InputError(f"slot {fields[0]} is declared twice")
@@ -163,7 +166,7 @@ def _terminal(kind: str) -> Callable[[Configuration, list[str]], None]:
 
 
 def _address(found: Configuration, text: str, kind: str) -> str:
-    parts = re.match(rf"(\d+)\.{kind}(\d\d)$", text.upper())
+    parts = re.match(rf"([0-9]{{1,4}})\.{kind}([0-9][0-9])$", text.upper())
     if not parts:
         raise InputError(f"{text!r} is no address; it must be SLOT.{kind}NN")
     if found.cards.get(int(parts[1])) is None:
@@ -178,9 +181,9 @@ def _device(found: Configuration, fields: list[str]) -> None:
     if kind.upper() != "EANPOS":
         raise InputError(f"{name} is a {kind}; the only device here is EANPOS")
     most_ms, lines = DEVICE["greatest_tcamp_ms"], DEVICE["interrupt_lines"]
-    if not (tcamp.isdigit() and 1 <= int(tcamp) <= most_ms):
+    if not (_NUMBER.match(tcamp) and 1 <= int(tcamp) <= most_ms):
         raise InputError(f"TCamp of {name} is {tcamp!r}; it must be 1 to {most_ms} ms")
-    if line.upper() != "X" and not (line.isdigit() and 1 <= int(line) <= lines):
+    if line.upper() != "X" and not (_NUMBER.match(line) and 1 <= int(line) <= lines):
         raise InputError(f"IntL of {name} is {line!r}; it must be 1 to {lines}, or X")
 
     def optional(text: str, what: str) -> str | None:

@@ -7,12 +7,13 @@
 from __future__ import annotations
 
 import re
+from itertools import accumulate
 from typing import NamedTuple
 
 from edmsim.controllers.axis.eanpos import parameter_name, state_name
 from edmsim.controllers.axis.eanpos_registers import COMMANDS
 from edmsim.controllers.qcl.configuration import Configuration
-from edmsim.controllers.qcl.text import Problem, QclError, code_lines, words_of
+from edmsim.controllers.qcl.text import Problem, QclError, code_lines, whole_number, words_of
 from edmsim.errors import InputError
 
 Expression = tuple["str | int | Expression", ...]
@@ -22,6 +23,9 @@ _COMPARISONS = ("EQ", "NE", "LT", "GT", "LE", "GE")
 _KEYWORDS = ("AND", "OR", "NOT", *_COMPARISONS)
 _LEVELS: tuple[tuple[str, ...], ...] = (("OR",), ("AND",), (), _COMPARISONS, ("+", "-"), ("*", "/"))
 """Operators by how tightly they bind, loosest first; NOT stands at the empty place."""
+
+MOST_WORDS, DEEPEST = 200, 20
+"""Words of an expression, and brackets within brackets (ours): what it computes stays small, and so do its calls."""
 
 
 class Statement(NamedTuple):
@@ -59,6 +63,11 @@ def read_program(text: str, configuration: Configuration, file: str | None = Non
         except InputError as error:
             reader.problems.append(Problem(number, str(error)))
     return reader.finish(file)
+
+
+def _depth(words: list[str]) -> int:
+    """Return how many brackets of an expression stand within each other."""
+    return max(accumulate(((word == "(") - (word == ")") for word in words), initial=0))
 
 
 class _Reader:
@@ -139,6 +148,11 @@ class _Reader:
         return (word.lower(),)
 
     def _expression(self, words: list[str]) -> Expression:
+        if len(words) > MOST_WORDS or _depth(words) > DEEPEST:
+            raise InputError(
+                f"an expression of {len(words)} words, {_depth(words)} brackets deep, is too long: it may have "
+                f"{MOST_WORDS} words and {DEEPEST} brackets within brackets"
+            )
         value, rest = self._operation(words, 0)
         if rest:
             raise InputError(f"{' '.join(rest)!r} is left over")
@@ -171,7 +185,7 @@ class _Reader:
             value, rest = self._term(rest)
             return ("-", ("number", 0), value), rest
         if word.isdigit():
-            return ("number", int(word)), rest
+            return ("number", whole_number(word)), rest
         if not re.match(r"[A-Za-z_]", word) or word.upper() in _KEYWORDS:
             raise InputError(f"{word!r} is no value")
         return self._named(word), rest

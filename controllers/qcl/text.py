@@ -7,7 +7,11 @@ from typing import NamedTuple
 
 from edmsim.errors import InputError
 
-_WORD = re.compile(r"\s*(\d+|[A-Za-z_]\w*(?::[A-Za-z_]\w*)?|[=*/+()<>-])")
+_WORD = re.compile(r"\s*([0-9]+|[A-Za-z_]\w*(?::[A-Za-z_]\w*)?|[=*/+()<>-])")
+
+
+MOST_DIGITS = 18
+"""Digits of a number (ours: the widest variable, of 32 bits, has ten)."""
 
 
 class Problem(NamedTuple):
@@ -33,6 +37,19 @@ class QclError(InputError):
         self.problems = sorted(problems)
         first, more = self.problems[0], len(problems) - 1
         super().__init__(first.what + (f" (and {more} more)" if more else ""), file or "QCL", first.line)
+
+
+def whole_number(text: str) -> int:
+    """Return the number that digits, perhaps behind a minus, write.
+
+    Raises
+    ------
+    InputError
+        They are none, or more than any variable has.
+    """
+    if not re.fullmatch(f"-?[0-9]{{1,{MOST_DIGITS}}}", text):
+        raise InputError(f"{text!r}; it must be a whole number of at most {MOST_DIGITS} digits")
+    return int(text)
 
 
 def code_lines(text: str) -> list[tuple[int, str]]:

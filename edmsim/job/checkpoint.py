@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 import json
-import zlib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
-from zipfile import BadZipFile
 
 import numpy as np
 
 from edmsim.cosim.simulation import Simulation
 from edmsim.errors import InputError
-from edmsim.files import replacing
+from edmsim.files import read_arrays, replacing
 
 NAME = "checkpoint.npz"
 """File in the output folder; gone when the results are there."""
@@ -47,9 +45,8 @@ def load(simulation: Simulation, folder: Path, settings: Mapping[str, Any]) -> f
     """
     file = folder / NAME
     try:
-        with file.open("rb") as opened, np.load(opened, allow_pickle=False) as stored:
-            arrays = {name: stored[name] for name in stored.files if name != "__json__"}
-            told = json.loads(stored["__json__"].tobytes())
+        arrays = read_arrays(file.read_bytes())
+        told = json.loads(arrays.pop("__json__").tobytes())
         if told.get("format") != FORMAT:
             raise InputError("another version of edmsim wrote the checkpoint; cut again without --resume", file)
         _compare(told["settings"], settings, file)
@@ -58,7 +55,7 @@ def load(simulation: Simulation, folder: Path, settings: Mapping[str, Any]) -> f
         except InputError as error:
             raise ValueError(error.reason) from None
         return float(told["wall_time_s"])
-    except (OSError, EOFError, ValueError, LookupError, TypeError, BadZipFile, zlib.error) as error:
+    except (OSError, ValueError, LookupError, TypeError, AttributeError, RecursionError, OverflowError) as error:
         raise InputError(f"the checkpoint is damaged ({error}); cut again without --resume", file) from None
 
 

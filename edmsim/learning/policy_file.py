@@ -7,12 +7,10 @@ from __future__ import annotations
 
 import hashlib
 import io
-import zlib
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any, Literal
-from zipfile import BadZipFile
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +22,7 @@ from edmsim.envs.observation import entries
 from edmsim.envs.registry import make_family
 from edmsim.envs.task import Family
 from edmsim.errors import InputError
+from edmsim.files import read_arrays
 
 FORMAT = "edmsim-policy-1"
 ACTION_MEANINGS = {
@@ -251,10 +250,10 @@ def _unpack(card: Card, file: Path) -> tuple[tuple[Floats, ...], tuple[Floats, .
         packed = file.read_bytes()
         if digest(packed) != card.arrays_sha256:
             raise ValueError("its sha256 is not the one the .json tells")
-        with np.load(io.BytesIO(packed), allow_pickle=False) as stored:
-            weights = tuple(stored[f"weight_{i}"].astype(np.float64) for i in range(len(sizes) - 1))
-            biases = tuple(stored[f"bias_{i}"].astype(np.float64) for i in range(len(sizes) - 1))
-    except (OSError, EOFError, ValueError, LookupError, TypeError, BadZipFile, zlib.error) as error:
+        stored = read_arrays(packed)
+        weights = tuple(_plain(stored[f"weight_{i}"]) for i in range(len(sizes) - 1))
+        biases = tuple(_plain(stored[f"bias_{i}"]) for i in range(len(sizes) - 1))
+    except (OSError, ValueError, LookupError) as error:
         raise InputError(f"the policy's arrays are damaged: {error}", file) from None
     for i, (weight, bias) in enumerate(zip(weights, biases, strict=True)):
         if weight.shape != (sizes[i], sizes[i + 1]) or bias.shape != (sizes[i + 1],):
@@ -264,3 +263,10 @@ def _unpack(card: Card, file: Path) -> tuple[tuple[Floats, ...], tuple[Floats, .
         if not (np.isfinite(weight).all() and np.isfinite(bias).all()):
             raise InputError(f"the policy's layer {i} holds numbers that are not finite", file)
     return weights, biases
+
+
+def _plain(array: NDArray[Any]) -> Floats:
+    """Return an array of floats in the precision they are used in."""
+    if array.dtype.kind != "f":
+        raise ValueError(f"an array of {array.dtype} in place of floats")
+    return array.astype(np.float64)

@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 import json
-import zlib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
-from zipfile import BadZipFile
 
 import numpy as np
 from numpy.typing import NDArray
 
 from edmsim.errors import InputError
-from edmsim.files import replacing
+from edmsim.files import read_arrays, replacing
 from edmsim.recording.scene import ErrorMap, Polylines, Scene, SceneCorner, Terrace
 
 VERSION = 2
@@ -58,15 +56,14 @@ def read_scene(file: str | Path) -> Scene:
         If the file is missing, damaged, or of another layout.
     """
     try:
-        with Path(file).open("rb") as opened, np.load(opened, allow_pickle=False) as stored:
-            arrays = {name: stored[name] for name in stored.files}
+        arrays = read_arrays(Path(file).read_bytes())
         told = json.loads(arrays["told"].tobytes())
         if told["version"] != VERSION:
             raise InputError(f"written in layout {told['version']}, layout {VERSION} is needed: cut again", file)
         return _scene(arrays, told)
     except FileNotFoundError:
         raise InputError("no such file, a part.npz written by a cut is needed", file) from None
-    except (OSError, EOFError, ValueError, LookupError, TypeError, BadZipFile, zlib.error) as error:
+    except (OSError, ValueError, LookupError, TypeError, AttributeError, RecursionError, OverflowError) as error:
         raise InputError(f"damaged, a part.npz written by a cut is needed ({error})", file) from None
 
 
@@ -108,7 +105,8 @@ def _flat(name: str, groups: Sequence[Sequence[NDArray[np.float64]]]) -> dict[st
 
 def _groups(arrays: Mapping[str, NDArray[Any]], name: str) -> tuple[Polylines, ...]:
     points, lengths, groups = (arrays[f"{name}.{part}"] for part in ("points", "lengths", "groups"))
-    if lengths.sum() != len(points) or groups.sum() != len(lengths):
+    counts = np.concatenate([lengths, groups])
+    if counts.dtype.kind != "i" or (counts < 0).any() or lengths.sum() != len(points) or groups.sum() != len(lengths):
         raise ValueError(f"the lines of {name} do not add up")
     lines = iter(np.split(points, np.cumsum(lengths)[:-1]) if len(lengths) else [])
     return tuple(tuple(next(lines) for _ in range(count)) for count in groups)

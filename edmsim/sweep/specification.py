@@ -13,6 +13,10 @@ from pydantic import BaseModel, ConfigDict, Field, ModelWrapValidatorHandler, Va
 from edmsim.errors import InputError
 from edmsim.sweep.values import flattened, values_of
 
+MOST_SEEDS = 10_000_000
+"""Seeds that a number may stand for (ours: their list takes some 400 MB; no sweep has cut as often)."""
+MOST_POINTS = 1 << 24
+"""Points of a Sobol sample (ours: so many of ten numbers take a gigabyte)."""
 Recorded = Literal["report", "windows", "all"]
 """What is kept of each cut: ``report.json``, ``windows.parquet``, or all that ``edmsim cut`` writes."""
 
@@ -35,7 +39,7 @@ class SobolSample(_Strict):
         or ``"range"`` for the published range of a constant.
     """
 
-    samples: Annotated[int, Field(ge=1)]
+    samples: Annotated[int, Field(ge=1, le=MOST_POINTS)]
     seed: Annotated[int, Field(ge=0)] = 0
     ranges: Annotated[dict[str, Any], Field(min_length=1)]
 
@@ -134,7 +138,7 @@ class Specification(_Strict):
         if not self.seeds:
             raise InputError("a sweep without seeds has no run: give a number of them, or a list")
         for file in self.program:
-            if not Path(file).is_file():
+            if not _is_file(file):
                 raise InputError("there is no such program", file)
         ranges = () if self.sobol is None else self.sobol.ranges
         names = [*self.settings, *self.grid, *ranges]
@@ -174,7 +178,7 @@ def read_specification(file: str | Path) -> Specification:
         data = tomllib.loads(Path(file).read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(f"cannot be read: {error}", file) from None
-    except tomllib.TOMLDecodeError as error:
+    except (ValueError, RecursionError) as error:  # numbers of thousands of digits, and brackets within brackets, too
         raise InputError(f"is no TOML: {error}", file) from None
     try:
         return Specification.model_validate(data)
@@ -182,9 +186,18 @@ def read_specification(file: str | Path) -> Specification:
         raise error if error.file else InputError(error.reason, file) from None
 
 
+def _is_file(name: str) -> bool:
+    try:
+        return Path(name).is_file()
+    except (OSError, ValueError):  # a name longer than names are, or with a byte of zero
+        return False
+
+
 def _first_seeds(count: int, held_back: bool) -> list[int]:
     from edmsim.evaluation.episode import HELD_BACK
 
+    if count > MOST_SEEDS:
+        raise InputError(f"{count} seeds are too many: at most {MOST_SEEDS}; several sweeps can fill one folder")
     first = HELD_BACK if held_back else 0
     return list(range(first, first + count))
 

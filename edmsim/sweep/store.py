@@ -15,7 +15,7 @@ from typing import Any
 from edmsim.files import locked, replacing
 from edmsim.sweep.perform import Outcome
 from edmsim.sweep.runs import SweepRun
-from edmsim.sweep.table import JOURNAL, RESULTS, as_table, journal_rows
+from edmsim.sweep.table import JOURNAL, RESULTS, as_table, journal_rows, read_part
 
 ROWS_PER_PART = 1000
 """Rows of a file of the dataset (ours: some hundred kilobytes, so that a million runs are a thousand files)."""
@@ -41,17 +41,15 @@ class Store:
     """
 
     def __init__(self, out: str | Path) -> None:
-        import pyarrow.parquet as pq
-
         self.folder = Path(out)
         self._held = ExitStack()
         self._held.enter_context(locked(self.folder, "sweep"))
         self.failed: dict[str, bool] = {}  # of every run that is done, whether it failed
         for part in self._parts():
-            kept = pq.read_table(part, columns=["id", "error"], partitioning=None).to_pydict()
+            kept = read_part(part, ["id", "error"]).to_pydict()
             self.failed |= {name: error is not None for name, error in zip(*kept.values(), strict=True)}
         self._waiting = [row for row in journal_rows(self.folder) if row["id"] not in self.failed]
-        self.failed |= {row["id"]: row["error"] is not None for row in self._waiting}
+        self.failed |= {row["id"]: row.get("error") is not None for row in self._waiting}
         self._write_journal(self._waiting)  # without a torn last line, and what a part has already
         self._journal = (self.folder / JOURNAL).open("ab")
 

@@ -73,21 +73,45 @@ def read(out: str | Path) -> pa.Table:
     tables = [_part(file) for file in sorted((folder / RESULTS).glob("*/*.parquet"))]
     written = {identity for table in tables for identity in table["id"].to_pylist()}
     rest = [row for row in journal_rows(folder) if row["id"] not in written]
-    if rest:
-        tables.append(as_table(rest))
-    if not tables:
-        raise InputError("there is no result of a sweep in this folder", folder)
-    return pa.concat_tables(_agreeing(tables), promote_options="permissive").sort_by("id")
+    try:
+        if rest:
+            tables.append(as_table(rest))
+        if tables:
+            return pa.concat_tables(_agreeing(tables), promote_options="permissive").sort_by("id")
+    except (pa.ArrowException, OverflowError) as error:
+        raise InputError(f"its rows are damaged, or not of one sweep: {error}", folder) from None
+    raise InputError("there is no result of a sweep in this folder", folder)
 
 
 def _part(file: Path) -> pa.Table:
     """Read a part; the name of its folder says the task."""
     import pyarrow as pa
-    import pyarrow.parquet as pq
 
-    table = pq.read_table(file, partitioning=None)
+    table = read_part(file)
     task = urllib.parse.unquote(file.parent.name.removeprefix("task="))
     return table.add_column(1, "task", pa.array([task] * len(table)))
+
+
+def read_part(file: Path, columns: list[str] | None = None) -> pa.Table:
+    """Read a file of the dataset, or some of its columns.
+
+    Raises
+    ------
+    InputError
+        It is damaged, or none of a sweep.
+    """
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    try:
+        table = pq.read_table(file, columns=columns, partitioning=None)
+    except (pa.ArrowException, OSError) as error:
+        reason = [*str(error).splitlines(), "damaged"][0]
+        raise InputError(f"no part of a sweep's results ({reason}): without it its runs are made again", file) from None
+    missing = {"id", "error"} - set(table.column_names)
+    if missing:
+        raise InputError(f"no part of a sweep's results: it has no column {min(missing)}", file)
+    return table
 
 
 def _agreeing(tables: list[pa.Table]) -> list[pa.Table]:
@@ -107,9 +131,25 @@ def _agreeing(tables: list[pa.Table]) -> list[pa.Table]:
 
 
 def journal_rows(folder: Path) -> list[dict[str, Any]]:
-    """Return the rows that stand in the journal; a last line that was cut off is none."""
+    """Return the rows that stand in the journal; a last line that was cut off is none.
+
+    Raises
+    ------
+    InputError
+        Another line is damaged.
+    """
     try:
         lines = (folder / JOURNAL).read_bytes().split(b"\n")
     except FileNotFoundError:
         return []
-    return [json.loads(line) for line in lines[:-1]]
+    rows = []
+    for number, line in enumerate(lines[:-1], 1):
+        try:
+            row = json.loads(line)
+            if not (isinstance(row, dict) and all(isinstance(row.get(name), str) for name in ("id", "task"))):
+                raise ValueError("no row of a run")
+        except (ValueError, RecursionError) as error:
+            raise InputError(f"the journal is damaged ({error}): without this line its run is made again",
+                             folder / JOURNAL, number) from None
+        rows.append(row)
+    return rows

@@ -47,7 +47,10 @@ def _read(model_file: str, _version: int) -> mujoco.MjSpec:
         spec.copy().compile()
     except ValueError as error:
         raise InputError(f"MuJoCo cannot use this MJCF: {' '.join(str(error).split())}", model_file) from None
-    missing = lacking(spec)
+    try:
+        missing = lacking(spec)
+    except UnicodeDecodeError:
+        raise InputError("this MJCF has names that are not UTF-8: save it as UTF-8", model_file) from None
     if missing:
         raise InputError(f"this MJCF has no {', no '.join(missing)}", model_file)
     return spec

@@ -1,0 +1,121 @@
+"""A short form of the campaign: some inputs for every reader, found by hypothesis and by the campaign's own seeds."""
+
+from __future__ import annotations
+
+import os
+import pickle
+import socket
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from tests.campaigns.__main__ import nth, run
+from tests.campaigns.guard import MOST_CPU_S, judged
+from tests.campaigns.mutation import mutated
+from tests.campaigns.readers import READERS, Reader
+
+SLOW = {"mjcf": 3, "terminal": 2, "dxf": 15, "checkpoint": 10}
+"""Inputs of readers that take tens of milliseconds; others read `INPUTS`."""
+INPUTS = 60
+
+
+@pytest.mark.parametrize("name", READERS)
+@pytest.mark.filterwarnings("ignore")
+def test_good_inputs_are_taken(name: str, tmp_path: Path) -> None:
+    """Else every reader that refuses whatever comes would pass."""
+    for data in READERS[name].corpus:
+        assert judged(READERS[name].read, data, tmp_path)[0] == "taken", data[:200]
+
+
+@pytest.mark.parametrize("name", READERS)
+@pytest.mark.filterwarnings("ignore")
+def test_bad_inputs_are_refused_in_one_line(name: str, tmp_path: Path) -> None:
+    reader, refused = READERS[name], 0
+    for n in range(SLOW.get(name, INPUTS)):
+        data = nth(reader, 0, n)
+        what, wrong = judged(reader.read, data, tmp_path)
+        assert not [kind for kind in wrong if not kind.startswith("slow")], (n, data[:300])  # a busy machine is slow
+        refused += what == "refused"
+    if name not in ("uhu", "servo-module", "elcam", "terminal"):  # these answer whatever they are given
+        assert refused
+
+
+@pytest.mark.parametrize("name", ["gcode", "qcl", "tape", "options", "elcam"])
+@pytest.mark.filterwarnings("ignore")
+def test_hypothesis_finds_nothing_either(name: str, tmp_path_factory: pytest.TempPathFactory) -> None:
+    reader, folder = READERS[name], tmp_path_factory.mktemp(name)
+    changed = st.randoms(use_true_random=False).map(lambda draw: mutated(draw, reader.corpus, reader.words))
+    words = st.lists(st.sampled_from([*reader.words, b"\n", b"1", b"9"]), max_size=40).map(b"".join)
+
+    @settings(max_examples=40, suppress_health_check=[HealthCheck.too_slow], database=None)
+    @given(st.one_of(st.binary(max_size=200), words, changed))
+    def read(data: bytes) -> None:
+        wrong = judged(reader.read, data, folder)[1]
+        assert not [kind for kind in wrong if not kind.startswith("slow")]
+
+    read()
+
+
+def test_the_nth_input_is_always_the_same() -> None:
+    for name in ("gcode", "cut-part", "elcam"):
+        first = [nth(READERS[name], 3, n) for n in range(20)]
+        assert first == [nth(READERS[name], 3, n) for n in range(20)]
+        assert len(set(first)) > 15
+
+
+def unpickles(_data: bytes, _folder: Path) -> None:
+    pickle.loads(pickle.dumps(Path("a")))
+
+
+def writes_elsewhere(_data: bytes, folder: Path) -> None:
+    (folder.parent / "elsewhere").write_text("")
+
+
+def begins_a_program(_data: bytes, _folder: Path) -> None:
+    subprocess.run([sys.executable, "--version"], check=True, capture_output=True)
+
+
+def listens_to_all(_data: bytes, _folder: Path) -> None:
+    with socket.socket() as opened:
+        opened.bind(("", 0))
+
+
+def raises(_data: bytes, _folder: Path) -> None:
+    raise KeyError("a")
+
+
+def takes_long(_data: bytes, _folder: Path) -> None:
+    import time
+
+    until = time.process_time() + 1.2 * MOST_CPU_S
+    while time.process_time() < until:
+        pass
+
+
+@pytest.mark.parametrize(("read", "named"), [
+    (unpickles, "unpickled"), (writes_elsewhere, "outside its folder"), (begins_a_program, "began a program"),
+    (listens_to_all, "socket.bind"), (raises, "KeyError"), (takes_long, "slow"),
+])  # fmt: skip
+def test_the_guard_notices(read: object, named: str, tmp_path: Path) -> None:
+    folder = tmp_path / "own"
+    folder.mkdir()
+    assert named in " ".join(judged(read, b"", folder)[1])
+
+
+def test_an_end_of_the_interpreter_is_noted_and_the_campaign_goes_on(tmp_path: Path) -> None:
+    def ends_at_times(data: bytes, _folder: Path) -> None:
+        if len(data) > 3:
+            os.abort()
+
+    reader = Reader("ends", ends_at_times, lambda: [b"abc"])
+    found = run(reader, 1, 40, tmp_path)
+    ended = sum(len(nth(reader, 1, n)) > 3 for n in range(40))
+    assert 3 < ended < 40
+    assert found["inputs"] == 40
+    assert found["taken"] == 40 - ended
+    assert found["found"] == {"the interpreter ended with status 6": ended}
+    assert len(list(tmp_path.glob("ends-*.bin"))) == ended

@@ -1,0 +1,168 @@
+"""What the campaign found, each as small as it could be made; every one of them failed before it was mended."""
+
+from __future__ import annotations
+
+import io
+import json
+import shutil
+import zipfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from edmsim import models
+from edmsim.controllers.axis.elcam_file import read_tables
+from edmsim.controllers.axis.elcam_table import CamTable
+from edmsim.controllers.qcl import Control, read_configuration, read_program
+from edmsim.errors import InputError
+from edmsim.files import read_arrays
+from edmsim.plant.mechanics import mjcf
+from edmsim.sweep.specification import read_specification
+from edmsim.sweep.store import Store
+from edmsim.sweep.table import read, read_part
+
+CONFIGURATION = read_configuration("GLOBAL\nspeed L\n")
+
+
+def one_line(error: pytest.ExceptionInfo[InputError]) -> None:
+    assert len(str(error.value).splitlines()) == 1
+
+
+@pytest.mark.parametrize("expression", [
+    "(" * 21 + "speed" + ")" * 21, "speed" + " + speed" * 5000, "(" * 5000, "9" * 5000, "speed * \u00b2",
+])  # fmt: skip
+def test_expressions_without_end_are_refused(expression: str) -> None:
+    """They ended in a RecursionError, in minutes of multiplying, or in Python's limit of digits."""
+    with pytest.raises(InputError) as caught:
+        read_program(f"speed = {expression}\nEND\n", CONFIGURATION)
+    one_line(caught)
+
+
+def test_expressions_of_a_page_are_computed() -> None:
+    """The limits leave room: 20 brackets within each other, a hundred terms."""
+    deep = "(" * 20 + "3" + ")" * 20
+    control = Control(CONFIGURATION, read_program(f"speed = {deep}" + " + 1" * 70 + "\nEND\n", CONFIGURATION), {})
+    control.run_pass()
+    assert control.variables["speed"] == 73
+
+
+@pytest.mark.parametrize("line", ["CONST\nn " + "9" * 5000, "BUS\n\u00b2 CARD 01", "CONST\nn \u0663"])
+def test_numbers_of_a_configuration_are_digits(line: str) -> None:
+    with pytest.raises(InputError, match="QCL:2"):
+        read_configuration(line)
+
+
+def test_a_table_of_denormal_width_holds_its_ends() -> None:
+    """The number of its repetitions overflowed."""
+    table = CamTable()
+    table.put(np.array([[0.0, 1.0], [5e-324, 3.0]]))
+    assert 1.0 <= table.follow(1e9, 0.0) <= 3.0
+
+
+@pytest.mark.parametrize("changed", ["points = [[0, 0], [1, DIGITS]]", "points = [[0, 0], [1, 1]]\nreversal_um = DIGITS"])
+def test_compensation_of_hundreds_of_digits_is_refused(changed: str, tmp_path: Path) -> None:
+    file = tmp_path / "own.toml"
+    file.write_text(f'[[table]]\naxis = "x"\nmaster = "x"\n{changed}\n'.replace("DIGITS", "9" * 400))
+    with pytest.raises(InputError, match="table 1") as caught:
+        read_tables(file)
+    one_line(caught)
+
+
+@pytest.mark.parametrize(("text", "named"), [
+    ('environment = "edmsim/GapFeed-v1"\nseeds = 1000000000000', "seeds are too many"),
+    (f'program = "{"a" * 5000}"', "no such program"),
+    ('program = "a\\u0000b"', "no such program"),
+    (f"seeds = {'9' * 5000}", "is no TOML"),
+    ("grid = " + "[" * 50_000, "is no TOML"),
+    ('environment = "edmsim/GapFeed-v1"\n[sobol]\nsamples = 1152921504606846976\n[sobol.ranges]\na = [1, 2]', "samples"),
+])  # fmt: skip
+def test_specifications_beyond_all_reason_are_refused(text: str, named: str, tmp_path: Path) -> None:
+    file = tmp_path / "own.toml"
+    file.write_text(text)
+    with pytest.raises(InputError, match=named):
+        read_specification(file)
+
+
+@pytest.mark.parametrize("line", ["{", "[]", '{"id": 1, "task": "a"}', '{"task": "a"}', "\xff", "[" * 50_000])
+def test_a_damaged_journal_is_refused_by_its_line(line: str, tmp_path: Path) -> None:
+    good = json.dumps({"id": "a", "task": "a.ngc", "error": None})
+    (tmp_path / "journal.jsonl").write_bytes(f"{good}\n".encode() + line.encode("latin-1") + b"\n")
+    for look in (read, Store):
+        with pytest.raises(InputError, match=r"journal\.jsonl:2: the journal is damaged") as caught:
+            look(tmp_path)
+        one_line(caught)
+    (tmp_path / "journal.jsonl").write_bytes(f"{good}\n".encode() + line.encode("latin-1"))  # cut off: none
+    assert read(tmp_path).num_rows == 1
+
+
+def test_rows_of_a_journal_that_no_table_holds_are_refused(tmp_path: Path) -> None:
+    (tmp_path / "journal.jsonl").write_text('{"id": "a", "task": "a", "seed": 1e99}\n')
+    with pytest.raises(InputError, match="damaged, or not of one sweep"):
+        read(tmp_path)
+
+
+def test_a_damaged_part_of_a_dataset_is_refused(tmp_path: Path) -> None:
+    folder = tmp_path / "results" / "task=a"
+    folder.mkdir(parents=True)
+    (folder / "part-000000.parquet").write_bytes(b"PAR1 nothing")
+    for look in (read, Store):
+        with pytest.raises(InputError, match="no part of a sweep's results") as caught:
+            look(tmp_path)
+        one_line(caught)
+    shutil.copy(Path(__file__).parent / "corpus/cut/windows.parquet", folder / "part-000000.parquet")
+    with pytest.raises(InputError, match="it has no column"):
+        read_part(folder / "part-000000.parquet")
+
+
+def packed(name: str, header: bytes, body: bytes) -> bytes:
+    out = io.BytesIO()
+    with zipfile.ZipFile(out, "w") as archive:
+        archive.writestr(name, b"\x93NUMPY\x01\x00" + len(header).to_bytes(2, "little") + header + body)
+    return out.getvalue()
+
+
+@pytest.mark.parametrize(("header", "named"), [
+    ("{'descr': '<f8', 'fortran_order': False, 'shape': (99999999999,), }", "another size than it says"),
+    ("{'descr': '<f8', 'fortran_order': False, 'shape': (-1,), }", "no array of numbers"),
+    ("{'descr': '|O', 'fortran_order': False, 'shape': (1,), }", "no array of numbers"),
+    ("nothing", "header|Header|EOF|malformed"), ("{" * 500, "."),
+])  # fmt: skip
+def test_arrays_that_are_none_take_no_memory(header: str, named: str) -> None:
+    """A header that spoke of 800 GB was believed: MemoryError."""
+    with pytest.raises(ValueError, match=named) as caught:
+        read_arrays(packed("a.npy", header.encode(), bytes(8)))
+    assert len(str(caught.value).splitlines()) == 1
+
+
+def test_an_archive_with_something_else_is_none_of_arrays() -> None:
+    out = io.BytesIO()
+    with zipfile.ZipFile(out, "w") as archive:
+        archive.writestr("weight_0", b"text")
+    for data in (out.getvalue(), b"PK\x03\x04", b""):
+        with pytest.raises(ValueError):
+            read_arrays(data)
+    kept = {"a": np.arange(6.0).reshape(2, 3).T, "b": np.zeros((0, 2)), "c": np.zeros(2, [("x", "<i4"), ("y", "<f4", 3)])}
+    out = io.BytesIO()
+    np.savez(out, **kept)
+    np.testing.assert_equal(read_arrays(out.getvalue()), kept)
+
+
+def test_a_message_is_one_line_that_ends() -> None:
+    """What was given stood in it as it came: other lines, bells, thousands of characters."""
+    told = str(InputError("there is no 'a\nb\x07\u2028c': choose one", "own.toml", 3))
+    assert told == "own.toml:3: there is no 'a b  c': choose one"
+    long = InputError(f"'{'x' * 9000}' is none; there are: counts, fixed")
+    assert len(str(long)) < 500
+    assert str(long).startswith("'xxx")
+    assert str(long).endswith("x' is none; there are: counts, fixed")
+    assert InputError(long.reason).reason == long.reason
+
+
+def test_names_of_a_mjcf_that_are_no_text_are_refused(tmp_path: Path) -> None:
+    text = models.path("agiecut_dem15.xml").read_bytes().replace(b'<body name="x_carriage"', b'<body name="x_carriag\xff"')
+    assert b"\xff" in text
+    (tmp_path / "own.xml").write_bytes(text)
+    with pytest.raises(InputError) as caught:
+        mjcf.read(str(tmp_path / "own.xml"))
+    one_line(caught)
