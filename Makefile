@@ -19,6 +19,16 @@ fast: $(VENV)/.installed-test  ## the usual run while developing
 bounds: $(VENV)/.installed-test  ## where compiled code would leave an array, a test fails; in a cache of its own
 	NUMBA_BOUNDSCHECK=1 $(BIN)/python -m pytest -m "not slow" tests/plant tests/axes tests/axis_bench tests/controllers/axis
 
+.PHONY: campaign soak lost-node
+campaign: $(VENV)/.installed-test  ## a million bad inputs for every reader together; figures into out/campaign
+	$(BIN)/python -m tests.campaigns --inputs 1000000 --out out/campaign
+
+soak: $(VENV)/.installed-test  ## an hour of a machine, a million steps, a hundred kills; figures into out/soak
+	$(BIN)/python -m tests.soak --out out/soak
+
+lost-node: $(VENV)/.installed-test  ## a sweep of 200 cuts that loses a node, and whose driver is killed; into out/soak
+	$(BIN)/python -m tests.soak sweep --out out/soak
+
 lint: $(VENV)/.installed-test
 	$(BIN)/ruff check .
 

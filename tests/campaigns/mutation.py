@@ -26,7 +26,7 @@ def mutated(draw: random.Random, corpus: Sequence[bytes], words: Sequence[bytes]
     """Return an input: one of the corpus, changed some times."""
     data = draw.choice(corpus)
     kinds = ARCHIVE if data[:2] == b"PK" else TEXT if _is_text(data) else BINARY
-    for _ in range(1 + int(draw.expovariate(0.6))):
+    for _ in range(1 + int(min(draw.expovariate(0.6), 20))):
         data = draw.choice(kinds)(draw, data, corpus, words)[:LARGEST]
     return data
 
@@ -37,7 +37,7 @@ def _is_text(data: bytes) -> bool:
 
 def _span(draw: random.Random, data: bytes) -> tuple[int, int]:
     begin = draw.randrange(len(data) + 1)
-    return begin, min(begin + 1 + int(draw.expovariate(0.15)), len(data))
+    return begin, min(begin + 1 + int(min(draw.expovariate(0.15), 1000)), len(data))
 
 
 def number(draw: random.Random, data: bytes, _corpus: Sequence[bytes], _words: Sequence[bytes]) -> bytes:

@@ -301,9 +301,9 @@ def _drive(name: str) -> Read:
     def read(data: bytes, _folder: Path) -> object:
         from edmsim.controllers.axis import make
 
-        if not made or random.Random(data).random() < 0.01:
+        if not made or random.Random(data).random() < 0.001:
             made[:] = [make(name)]
-        return made[0].line(data[:2000])  # 2 s of a serial line
+        return made[0].line(data[:200])  # 0.2 s of a serial line
 
     return read
 

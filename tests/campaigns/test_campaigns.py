@@ -18,9 +18,9 @@ from tests.campaigns.guard import MOST_CPU_S, judged
 from tests.campaigns.mutation import mutated
 from tests.campaigns.readers import READERS, Reader
 
-SLOW = {"mjcf": 3, "terminal": 2, "dxf": 15, "checkpoint": 10}
+SLOW = {"mjcf": 3, "terminal": 2, "dxf": 6, "checkpoint": 6, "policy": 6}
 """Inputs of readers that take tens of milliseconds; others read `INPUTS`."""
-INPUTS = 60
+INPUTS = 20
 
 
 @pytest.mark.parametrize("name", READERS)
@@ -51,7 +51,7 @@ def test_hypothesis_finds_nothing_either(name: str, tmp_path_factory: pytest.Tem
     changed = st.randoms(use_true_random=False).map(lambda draw: mutated(draw, reader.corpus, reader.words))
     words = st.lists(st.sampled_from([*reader.words, b"\n", b"1", b"9"]), max_size=40).map(b"".join)
 
-    @settings(max_examples=40, suppress_health_check=[HealthCheck.too_slow], database=None)
+    @settings(max_examples=15, suppress_health_check=[HealthCheck.too_slow], database=None)
     @given(st.one_of(st.binary(max_size=200), words, changed))
     def read(data: bytes) -> None:
         wrong = judged(reader.read, data, folder)[1]

@@ -142,7 +142,8 @@ def test_an_archive_with_something_else_is_none_of_arrays() -> None:
     for data in (out.getvalue(), b"PK\x03\x04", b""):
         with pytest.raises(ValueError):
             read_arrays(data)
-    kept = {"a": np.arange(6.0).reshape(2, 3).T, "b": np.zeros((0, 2)), "c": np.zeros(2, [("x", "<i4"), ("y", "<f4", 3)])}
+    rows = np.zeros(2, [("x", "<i4"), ("y", "<f4", 3)])
+    kept = {"a": np.arange(6.0).reshape(2, 3).T, "b": np.zeros((0, 2)), "c": rows}
     out = io.BytesIO()
     np.savez(out, **kept)
     np.testing.assert_equal(read_arrays(out.getvalue()), kept)
@@ -160,7 +161,8 @@ def test_a_message_is_one_line_that_ends() -> None:
 
 
 def test_names_of_a_mjcf_that_are_no_text_are_refused(tmp_path: Path) -> None:
-    text = models.path("agiecut_dem15.xml").read_bytes().replace(b'<body name="x_carriage"', b'<body name="x_carriag\xff"')
+    text = models.path("agiecut_dem15.xml").read_bytes()
+    text = text.replace(b'<body name="x_carriage"', b'<body name="x_carriag\xff"')
     assert b"\xff" in text
     (tmp_path / "own.xml").write_bytes(text)
     with pytest.raises(InputError) as caught:

@@ -1,6 +1,7 @@
 """The soak: ``python -m tests.soak [PART ...] --out out/soak``, which is ``make soak``; figures go to ``soak.json``.
 
-The parts are ``hour``, ``steps``, ``kills``, ``vectors`` and ``open``; all by default, one after the other.
+The parts are ``open``, ``vectors``, ``kills``, ``hour``, ``steps`` and ``sweep`` (``make lost-node``); all but the last by
+default, one after the other.
 """
 
 from __future__ import annotations
@@ -13,17 +14,19 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from . import endurance, kills, vectors
+from . import endurance, kills, lost_node, vectors
 
 
-def _kills() -> dict[str, Any]:
+def _in_a_folder(work: Callable[[Path], dict[str, Any]]) -> dict[str, Any]:
     with tempfile.TemporaryDirectory() as name:
-        return kills.kill(100, Path(name))
+        return work(Path(name))
 
 
 PARTS: dict[str, Callable[[], dict[str, Any]]] = {
-    "open": lambda: vectors.open_and_close(100), "vectors": lambda: vectors.compare(200), "kills": _kills,
+    "open": lambda: vectors.open_and_close(100), "vectors": lambda: vectors.compare(200), 
+    "kills": lambda: _in_a_folder(lambda folder: kills.kill(100, folder)),
     "hour": lambda: endurance.simulate(3600.0), "steps": lambda: endurance.step(1_000_000),
+    "sweep": lambda: _in_a_folder(lost_node.lose),
 }  # fmt: skip
 
 
@@ -34,7 +37,7 @@ def main() -> None:
     given = parser.parse_args()
     given.out.mkdir(parents=True, exist_ok=True)
     file = given.out / "soak.json"
-    for name in given.parts or PARTS:
+    for name in given.parts or [part for part in PARTS if part != "sweep"]:
         found = {**PARTS[name](), "python": platform.python_version()}
         known = json.loads(file.read_text()) if file.exists() else {}
         file.write_text(json.dumps({**known, name: found}, indent=1) + "\n")

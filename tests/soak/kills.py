@@ -5,9 +5,11 @@ from __future__ import annotations
 import os
 import random
 import signal
+import sys
 import time
 import traceback
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -29,7 +31,7 @@ def kill(count: int, folder: Path, seed: int = 1) -> dict[str, Any]:
     program = folder / "line.ngc"
     program.write_text(LINE, encoding="ascii")
     started = time.monotonic()
-    _end(_start(lambda: _cut(program, folder / "whole", False)))
+    _end(_start(partial(_cut, program, folder / "whole")))
     takes_s = time.monotonic() - started
     whole = _results(folder / "whole")
     killed = cuts = equal = kept = 0
@@ -37,13 +39,13 @@ def kill(count: int, folder: Path, seed: int = 1) -> dict[str, Any]:
         out, done = folder / f"cut-{cuts}", False
         for _ in range(PER_CUT):
             if killed < count and not done:
-                child = _start(lambda: _cut(program, out, (out / checkpoint.NAME).exists()))
+                child = _start(partial(_cut, program, out))
                 died = _kill_after(child, draw.uniform(0.0, takes_s))
                 killed += died
                 kept += died and (out / checkpoint.NAME).exists()
                 done = not died
         if not done:
-            _end(_start(lambda: _cut(program, out, (out / checkpoint.NAME).exists())))
+            _end(_start(partial(_cut, program, out)))
         equal += _results(out) == whole
         cuts += 1
     return {
@@ -52,12 +54,10 @@ def kill(count: int, folder: Path, seed: int = 1) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _cut(program: Path, out: Path, resume: bool) -> None:
-    from edmsim.job import cut as job
-
-    job.CHECKPOINT_EVERY_S = 0.02
-    # killed behind its results, a cut has neither checkpoint nor anything to resume: it is made again
-    edmsim.cut(program, out=out, resume=resume, watch=lambda _: None, **SETTINGS)
+def _cut(program: Path, out: Path) -> None:
+    """Cut, or take up the checkpoint there is; killed behind its results a cut has none, and is made again."""
+    sys.modules["edmsim.job.cut"].CHECKPOINT_EVERY_S = 0.02  # type: ignore[attr-defined]
+    edmsim.cut(program, out=out, resume=(out / checkpoint.NAME).exists(), watch=lambda _: None, **SETTINGS)
 
 
 def _start(work: Callable[[], None]) -> int:
@@ -97,7 +97,7 @@ def _kill_after(child: int, seconds: float) -> bool:
 
 def _results(out: Path) -> tuple[Any, ...]:
     """What a finished cut leaves, but for the time it took."""
-    report, windows, part = read_cut(out)
+    report, windows, _ = read_cut(out)
     names = sorted(file.name for file in out.iterdir())
     timeless = {name: value for name, value in report.items() if name not in ("wall_time_s", "realtime_factor")}
     return names, timeless, windows.to_pydict(), (out / "part.npz").stat().st_size

@@ -10,7 +10,7 @@ import numpy as np
 from scipy import stats
 
 BATCHES = 10
-"""Stretches of a run whose growth is compared (ours): enough for an interval, long enough not to depend on each other."""
+"""Stretches of a run whose growth is compared (ours): enough for an interval, and long."""
 SETTLED = 0.2
 """Share of a run before which memory may still grow (ours): pools of libraries fill, code is loaded."""
 

@@ -1,0 +1,89 @@
+"""The tables of ``docs/reliability.md``, of what ``make campaign``, ``make soak`` and ``make lost-node`` have left.
+
+python docs/make/reliability.py [out]
+"""
+
+from __future__ import annotations
+
+import json
+import re
+import sys
+from pathlib import Path
+from typing import Any
+
+PAGE = Path(__file__).parents[1] / "reliability.md"
+Known = dict[str, dict[str, Any]]
+
+
+def campaign(found: Known) -> str:
+    """Return a row for every reader, and their sum."""
+    lines = ["| reader | inputs | taken | refused | wrong | peak, MB |", "|---|---|---|---|---|---|"]
+    total = {"inputs": 0, "taken": 0, "refused": 0}
+    wrong = 0
+    for name, one in found.items():
+        bad = sum(one["found"].values())
+        told = "; ".join(f"{kind}: {count}" for kind, count in one["found"].items()) or "0"
+        counts = [one.get(key, 0) for key in total]
+        lines.append(f"| {name} | {' | '.join(f'{n:,}' for n in counts)} | {told} | {one['peak_MB']} |")
+        total = {key: total[key] + count for key, count in zip(total, counts, strict=True)}
+        wrong += bad
+    peak = max(one["peak_MB"] for one in found.values())
+    return "\n".join([*lines, f"| all | {' | '.join(f'{n:,}' for n in total.values())} | {wrong} | {peak} |"])
+
+
+def _interval(rate: list[float], unit: str) -> str:
+    return f"{rate[0]:.0f} {unit} ({rate[1]:.0f} to {rate[2]:.0f})"
+
+
+def soak(found: Known) -> str:
+    """Return a row for every part that was run."""
+    rows: dict[str, str] = {}
+    if one := found.get("hour"):
+        rows[f"{one['machine_s']:.0f} s of a machine, {one['windows']:,} windows"] = (
+            f"memory grows by {_interval(one['growth_kB_per_h'], 'kB an hour')}, at {one['held_MB']:.0f} MB; "
+            f"{one['equal']} of {one['restored']} restored plants went on alike"
+        )
+    if one := found.get("steps"):
+        rows[f"{one['steps']:,} steps of environments, {one['episodes']:,} episodes"] = (
+            f"memory grows by {_interval(one['growth_kB_per_million'], 'kB in a million')}, at {one['held_MB']:.0f} MB"
+        )
+    if one := found.get("kills"):
+        rows[f"{one['killed']} kills of {one['cuts']} cuts"] = (
+            f"{one['equal']} of {one['cuts']} ended as the one nobody killed; {one['with_checkpoint']} kills left a "
+            "checkpoint to go on from, the others came before the first or behind the results"
+        )
+    if one := found.get("vectors"):
+        for kind, same in one["same_rewards"].items():
+            rows[kind] = "the rewards of one process" if same else "other rewards than in one process"
+        rows["left open by them"] = _left(one["left"])
+    if one := found.get("open"):
+        rows[f"plants and environments, {one['times']} times"] = f"left open: {_left(one['left'])}"
+    if one := found.get("sweep"):
+        alike = "the same, to the bit, as" if one["same_as_local"] else "not the same as"
+        rows[f"{one['cuts']} cuts on two Ray nodes"] = (
+            f"a node lost after {one['node_lost_after']}, the driver killed after {one['driver_killed_after']}; missing "
+            f"{one['missing']}, twice {one['twice']}, made again though done {one['made_again_though_done']}; rows are "
+            f"{alike} those of this computer"
+        )
+    return "\n".join(["| what | result |", "|---|---|", *(f"| {what} | {told} |" for what, told in rows.items())])
+
+
+def _left(left: dict[str, int]) -> str:
+    return ", ".join(f"{name} {count}" for name, count in left.items())
+
+
+def main() -> None:
+    """Write the tables there are figures for."""
+    out = Path(sys.argv[1] if sys.argv[1:] else "out")
+    text = PAGE.read_text(encoding="utf-8")
+    for name, made in (("campaign", campaign), ("soak", soak)):
+        file = out / name / f"{name}.json"
+        if file.exists():
+            table = made(json.loads(file.read_text(encoding="utf-8")))
+            mark = rf"(<!-- begin {name} -->\n).*?(<!-- end {name} -->)"
+            text = re.sub(mark, lambda m, table=table: f"{m[1]}\n{table}\n\n{m[2]}", text, flags=re.DOTALL)
+    PAGE.write_text(text, encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()

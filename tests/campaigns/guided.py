@@ -1,0 +1,48 @@
+"""Inputs that atheris chooses by the branches they reach: ``python -m tests.campaigns.guided READER -runs=100000``.
+
+What stands behind the reader goes to atheris. What it finds is written by it into the folder it is run in; an input is
+wrong by the same rules as in the campaign (`tests.campaigns.guard`). Needs ``pip install atheris``.
+"""
+
+from __future__ import annotations
+
+import logging
+import sys
+import tempfile
+from pathlib import Path
+
+try:
+    import atheris
+except ImportError:
+    sys.exit("this needs atheris: pip install atheris; the campaign itself does not (python -m tests.campaigns)")
+
+with atheris.instrument_imports(include=["edmsim"]):
+    from .readers import READERS
+
+from .guard import judged
+
+
+def main() -> None:
+    name, *options = sys.argv[1:] or [""]
+    if name not in READERS:
+        sys.exit(f"there is no reader {name!r}; there are: {', '.join(READERS)}")
+    reader = READERS[name]
+    logging.disable()
+    with tempfile.TemporaryDirectory() as place:
+        folder, corpus = Path(place) / "reads", Path(place) / "corpus"
+        folder.mkdir()
+        corpus.mkdir()
+        for k, good in enumerate(reader.corpus):
+            (corpus / str(k)).write_bytes(good)
+
+        def read(data: bytes) -> None:
+            wrong = judged(reader.read, data, folder)[1]
+            if wrong:
+                raise RuntimeError(f"{name}: {'; '.join(wrong)}")
+
+        atheris.Setup([sys.argv[0], str(corpus), "-max_len=20000", "-timeout=30", "-rss_limit_mb=1024", *options], read)
+        atheris.Fuzz()
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,68 @@
+"""The short form of the soak, and of what it measures with."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.soak import endurance, kills, vectors
+from tests.soak.memory import growth, resident_bytes
+
+pytestmark = [
+    pytest.mark.skipif(sys.platform != "linux", reason="it looks into /proc"),
+    pytest.mark.filterwarnings("ignore"),  # of Python, that threads and fork do not mix
+]
+
+
+def test_growth_is_found_and_none_is_none() -> None:
+    noise = np.random.default_rng(0).normal(0.0, 1e4, 201)
+    at = [float(k) for k in range(201)]
+    flat = growth(at, list(1e8 + noise))
+    assert flat.low < 0.0 < flat.high
+    leak = growth(at, list(1e8 + noise + 5e3 * np.arange(201)))
+    assert 0.0 < leak.low < 5e3 < leak.high
+    settles = growth(at, [1e8 + min(t, 30.0) * 1e6 for t in at])  # grows while it begins, then no more
+    assert (settles.mean, settles.low, settles.high) == (0.0, 0.0, 0.0)
+
+
+def test_memory_that_is_held_is_seen() -> None:
+    before = resident_bytes()
+    held = np.ones(4_000_000)
+    assert resident_bytes() - before > 0.9 * held.nbytes
+
+
+def test_a_plant_goes_on_from_its_snapshots(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(endurance, "SAMPLES", 20)
+    monkeypatch.setattr(endurance, "CHECKED", 2)
+    found = endurance.simulate(2.0)
+    assert (found["restored"], found["equal"]) == (2, 2)
+    assert found["windows"] > 70
+    assert found["held_MB"] < 1000
+
+
+def test_environments_step_in_a_memory_of_one_size() -> None:
+    found = endurance.step(1600)
+    assert found["steps"] == 1600
+    assert found["held_MB"] < 1000
+
+
+def test_plants_and_environments_leave_nothing_open() -> None:
+    assert set(vectors.open_and_close(3)["left"].values()) == {0}
+
+
+@pytest.mark.slow
+def test_a_cut_killed_at_any_moment_is_finished_as_if_it_were_not(tmp_path: Path) -> None:
+    found = kills.kill(5, tmp_path)
+    assert found["killed"] == 5
+    assert found["equal"] == found["cuts"] >= 1
+
+
+@pytest.mark.slow
+def test_environments_in_other_processes_are_the_same() -> None:
+    pytest.importorskip("stable_baselines3")
+    found = vectors.compare(10)
+    assert all(found["same_rewards"].values()), found
+    assert set(found["left"].values()) == {0}
