@@ -39,7 +39,7 @@ class InputError(EdmsimError):
 
     def __str__(self) -> str:
         """Return ``file:line: reason`` with the parts that are known."""
-        place = "" if self.file is None else self.file
+        place = "" if self.file is None else one_line(self.file)
         if self.line is not None:
             place += f":{self.line}"
         return f"{place}: {self.reason}" if place else self.reason

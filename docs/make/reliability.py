@@ -21,12 +21,11 @@ def campaign(found: Known) -> str:
     total = {"inputs": 0, "taken": 0, "refused": 0}
     wrong = 0
     for name, one in found.items():
-        bad = sum(one["found"].values())
         told = "; ".join(f"{kind}: {count}" for kind, count in one["found"].items()) or "0"
         counts = [one.get(key, 0) for key in total]
         lines.append(f"| {name} | {' | '.join(f'{n:,}' for n in counts)} | {told} | {one['peak_MB']} |")
         total = {key: total[key] + count for key, count in zip(total, counts, strict=True)}
-        wrong += bad
+        wrong += sum(one["found"].values())
     peak = max(one["peak_MB"] for one in found.values())
     return "\n".join([*lines, f"| all | {' | '.join(f'{n:,}' for n in total.values())} | {wrong} | {peak} |"])
 
@@ -50,7 +49,7 @@ def soak(found: Known) -> str:
     if one := found.get("kills"):
         rows[f"{one['killed']} kills of {one['cuts']} cuts"] = (
             f"{one['equal']} of {one['cuts']} ended as the one nobody killed; {one['with_checkpoint']} kills left a "
-            "checkpoint to go on from, the others came before the first or behind the results"
+            "checkpoint to go on from, others came before the first or behind the results"
         )
     if one := found.get("vectors"):
         for kind, same in one["same_rewards"].items():
@@ -61,9 +60,9 @@ def soak(found: Known) -> str:
     if one := found.get("sweep"):
         alike = "the same, to the bit, as" if one["same_as_local"] else "not the same as"
         rows[f"{one['cuts']} cuts on two Ray nodes"] = (
-            f"a node lost after {one['node_lost_after']}, the driver killed after {one['driver_killed_after']}; missing "
-            f"{one['missing']}, twice {one['twice']}, made again though done {one['made_again_though_done']}; rows are "
-            f"{alike} those of this computer"
+            f"a node lost after {one['node_lost_after']}, the driver killed after {one['driver_killed_after']}; "
+            f"missing {one['missing']}, twice {one['twice']}, made again though done "
+            f"{one['made_again_though_done']}; rows are {alike} those of this computer"
         )
     return "\n".join(["| what | result |", "|---|---|", *(f"| {what} | {told} |" for what, told in rows.items())])
 

@@ -21,6 +21,7 @@ UNCLEAR_GAP_MM = 0.5
 """A compensated G-code contour whose ends miss each other by less is refused as not closed (ours)."""
 
 _LEAST_AREA_MM2 = 1e-4
+_SAME = 1e-9
 _LONGEST_LEAD_OUT = 2
 
 Side = Literal["left", "right"]
@@ -197,17 +198,42 @@ def _edge_section(moves: Sequence[CutMove]) -> tuple[int, int]:
 def _first_loop(
     vertices: list[complex], moves: Sequence[CutMove], first: int, last: int
 ) -> tuple[int, int] | None:
-    """Return the moves ``begin, end`` of the first loop, found through a grid of the join tolerance."""
+    """Return the moves ``begin, end`` of the first loop, found through a grid of the join tolerance.
+
+    Areas are differences of sums along the way. A place that is passed again, with nothing enclosed since, is noted
+    once, so that a wire that goes back and forth a hundred thousand times is not compared with all of its past.
+    """
+    swept = _swept(vertices[first], moves[first:last])
     seen: dict[tuple[int, int], list[int]] = {}
     for k in range(first, last + 1):
         column, row = (math.floor(c / JOIN_TOLERANCE_MM) for c in (vertices[k].real, vertices[k].imag))
         cells = ((column + dx, row + dy) for dx in (-1, 0, 1) for dy in (-1, 0, 1))
         for j in sorted(j for cell in cells for j in seen.get(cell, ())):
             met = abs(vertices[j] - vertices[k]) <= JOIN_TOLERANCE_MM
-            if met and _encloses(vertices[j], moves[j:k]):
+            closing = _cross(vertices[k] - vertices[first], vertices[j] - vertices[first])
+            area = abs(swept[k - first] - swept[j - first] + closing) / 2
+            if met and area > _LEAST_AREA_MM2 / 2 and _encloses(vertices[j], moves[j:k]):
                 return j, k
-        seen.setdefault((column, row), []).append(k)
+        known = seen.setdefault((column, row), [])
+        if not any(vertices[j] == vertices[k] and abs(swept[j - first] - swept[k - first]) < _SAME for j in known):
+            known.append(k)
     return None
+
+
+def _cross(a: complex, b: complex) -> float:
+    return a.real * b.imag - a.imag * b.real
+
+
+def _swept(start: complex, moves: Sequence[CutMove]) -> list[float]:
+    """Return twice the area swept, as seen from the start, up to each move's end; 0 in front of the first."""
+    swept, at = [0.0], 0j
+    for move in moves:
+        total = swept[-1]
+        for point in move.points:
+            total += _cross(at, point - start)
+            at = point - start
+        swept.append(total)
+    return swept
 
 
 def _encloses(start: complex, moves: Sequence[CutMove]) -> bool:

@@ -196,9 +196,10 @@ def read_windows(file: str | Path) -> pa.Table:
     try:
         with Path(file).open("rb") as opened:
             table = pq.read_table(opened)
+        assert table.column_names is not None  # which are decoded only here
     except FileNotFoundError:
         raise InputError("no such file, a windows.parquet written by a cut is needed", file) from None
-    except (pa.ArrowException, OSError):
+    except (pa.ArrowException, OSError, UnicodeError):
         raise InputError("not a Parquet file, a windows.parquet written by a cut is needed", file) from None
     missing = [name for name in NAMES if name not in table.column_names]
     if missing:

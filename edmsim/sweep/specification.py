@@ -184,6 +184,8 @@ def read_specification(file: str | Path) -> Specification:
         return Specification.model_validate(data)
     except InputError as error:
         raise error if error.file else InputError(error.reason, file) from None
+    except RecursionError:
+        raise InputError("its tables stand too deep within each other", file) from None
 
 
 def _is_file(name: str) -> bool:
@@ -205,7 +207,7 @@ def _first_seeds(count: int, held_back: bool) -> list[int]:
 def _check_range(name: str, given: Any) -> None:
     """Raise `InputError` for what is no range of a Sobol sample."""
     low, high, scale = (*given, "linear")[:3] if isinstance(given, list) and len(given) in (2, 3) else (None,) * 3
-    numbers = all(type(end) in (int, float) and math.isfinite(end) for end in (low, high))
+    numbers = all(type(end) in (int, float) and abs(end) < 1e300 for end in (low, high))
     if not numbers or scale not in ("linear", "log") or not low < high or (scale == "log" and low <= 0):
         raise InputError(
             f"{name} of a Sobol sample is [low, high], [low, high, 'log'] above zero, or 'range', not {given!r}"

@@ -105,10 +105,11 @@ def read_part(file: Path, columns: list[str] | None = None) -> pa.Table:
 
     try:
         table = pq.read_table(file, columns=columns, partitioning=None)
-    except (pa.ArrowException, OSError) as error:
+        missing = {"id", "error"} - set(table.column_names)  # which are decoded only here
+    except (pa.ArrowException, OSError, UnicodeError) as error:
         reason = [*str(error).splitlines(), "damaged"][0]
-        raise InputError(f"no part of a sweep's results ({reason}): without it its runs are made again", file) from None
-    missing = {"id", "error"} - set(table.column_names)
+        told = f"no part of a sweep's results ({reason}): without it its runs are made again"
+        raise InputError(told, file) from None
     if missing:
         raise InputError(f"no part of a sweep's results: it has no column {min(missing)}", file)
     return table

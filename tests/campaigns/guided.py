@@ -1,7 +1,7 @@
 """Inputs that atheris chooses by the branches they reach: ``python -m tests.campaigns.guided READER -runs=100000``.
 
-What stands behind the reader goes to atheris. What it finds is written by it into the folder it is run in; an input is
-wrong by the same rules as in the campaign (`tests.campaigns.guard`). Needs ``pip install atheris``.
+What stands behind the reader goes to atheris. What it finds is written by it into the folder it is run in; an input
+is wrong by the same rules as in the campaign (`tests.campaigns.guard`). Needs ``pip install atheris``.
 """
 
 from __future__ import annotations
@@ -40,7 +40,8 @@ def main() -> None:
             if wrong:
                 raise RuntimeError(f"{name}: {'; '.join(wrong)}")
 
-        atheris.Setup([sys.argv[0], str(corpus), "-max_len=20000", "-timeout=30", "-rss_limit_mb=1024", *options], read)
+        limits = "-max_len=20000", "-timeout=30", "-rss_limit_mb=1024"
+        atheris.Setup([sys.argv[0], str(corpus), *limits, *options], read)
         atheris.Fuzz()
 
 

@@ -18,6 +18,7 @@ from edmsim.controllers.qcl import Control, read_configuration, read_program
 from edmsim.errors import InputError
 from edmsim.files import read_arrays
 from edmsim.plant.mechanics import mjcf
+from edmsim.recording.windows import read_windows
 from edmsim.sweep.specification import read_specification
 from edmsim.sweep.store import Store
 from edmsim.sweep.table import read, read_part
@@ -60,7 +61,9 @@ def test_a_table_of_denormal_width_holds_its_ends() -> None:
     assert 1.0 <= table.follow(1e9, 0.0) <= 3.0
 
 
-@pytest.mark.parametrize("changed", ["points = [[0, 0], [1, DIGITS]]", "points = [[0, 0], [1, 1]]\nreversal_um = DIGITS"])
+@pytest.mark.parametrize("changed", [
+    "points = [[0, 0], [1, DIGITS]]", "points = [[0, 0], [1, 1]]\nreversal_um = DIGITS",
+])  # fmt: skip
 def test_compensation_of_hundreds_of_digits_is_refused(changed: str, tmp_path: Path) -> None:
     file = tmp_path / "own.toml"
     file.write_text(f'[[table]]\naxis = "x"\nmaster = "x"\n{changed}\n'.replace("DIGITS", "9" * 400))
@@ -75,7 +78,9 @@ def test_compensation_of_hundreds_of_digits_is_refused(changed: str, tmp_path: P
     ('program = "a\\u0000b"', "no such program"),
     (f"seeds = {'9' * 5000}", "is no TOML"),
     ("grid = " + "[" * 50_000, "is no TOML"),
-    ('environment = "edmsim/GapFeed-v1"\n[sobol]\nsamples = 1152921504606846976\n[sobol.ranges]\na = [1, 2]', "samples"),
+    ('environment = "a/b-v1"\n[grid' + ".a" * 900 + "]\nb = [1]", "too deep"),
+    ('environment = "a/b-v1"\n[sobol]\nsamples = 4\n[sobol.ranges]\na = [1, ' + "9" * 400 + "]", "Sobol sample is"),
+    ('environment = "a/b-v1"\n[sobol]\nsamples = 1152921504606846976\n[sobol.ranges]\na = [1, 2]', "samples"),
 ])  # fmt: skip
 def test_specifications_beyond_all_reason_are_refused(text: str, named: str, tmp_path: Path) -> None:
     file = tmp_path / "own.toml"
@@ -140,7 +145,7 @@ def test_an_archive_with_something_else_is_none_of_arrays() -> None:
     with zipfile.ZipFile(out, "w") as archive:
         archive.writestr("weight_0", b"text")
     for data in (out.getvalue(), b"PK\x03\x04", b""):
-        with pytest.raises(ValueError):
+        with pytest.raises(ValueError, match=r"."):
             read_arrays(data)
     rows = np.zeros(2, [("x", "<i4"), ("y", "<f4", 3)])
     kept = {"a": np.arange(6.0).reshape(2, 3).T, "b": np.zeros((0, 2)), "c": rows}
@@ -168,3 +173,17 @@ def test_names_of_a_mjcf_that_are_no_text_are_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError) as caught:
         mjcf.read(str(tmp_path / "own.xml"))
     one_line(caught)
+
+
+def test_columns_whose_names_are_no_text_are_refused(tmp_path: Path) -> None:
+    data = (Path(__file__).parent / "corpus/cut/windows.parquet").read_bytes()
+    assert data.count(b"mean_delay_us") > 1
+    (tmp_path / "windows.parquet").write_bytes(data.replace(b"mean_delay_us", b"mean_dela\xff_us"))
+    for look in (read_windows, read_part):
+        with pytest.raises(InputError) as caught:
+            look(tmp_path / "windows.parquet")
+        one_line(caught)
+
+
+def test_a_file_name_of_thousands_of_characters_is_shortened() -> None:
+    assert len(str(InputError("there is no such program", "a" * 9000))) < 500

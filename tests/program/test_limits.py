@@ -11,11 +11,13 @@ from typing import Any
 import ezdxf
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from edmsim.calibration import read_log
 from edmsim.errors import InputError
 from edmsim.machine.machine import Machine
-from edmsim.program import limits
+from edmsim.program import limits, outline
 from edmsim.program.load import load_program
 from edmsim.program.path import plan_path
 
@@ -178,3 +180,24 @@ def test_an_arc_about_a_far_centre_within_reason_is_cut(tmp_path: Path) -> None:
     program.write_text("G0 X0 Y0\nG2 X10. Y0. I5. J-4999.\nM2\n")
     points = plan_path(program, "none", **AUTO).contours[0].points_um
     assert np.ptp(points[:, 1]) <= 3
+
+
+def first_loop(places: list[complex]) -> tuple[int, int] | None:
+    moves = [outline.CutMove((place,), None, k) for k, place in enumerate(places[1:])]
+    return outline._first_loop(places, moves, 0, len(moves))
+
+
+def test_a_wire_that_goes_back_and_forth_is_not_compared_with_all_of_its_past() -> None:
+    """Every pass was compared with every one before it, over all the moves between: three thousand took minutes."""
+    started = time.process_time()
+    assert first_loop([0j, 5 + 0j, 6 + 0j] * 20_000 + [0j]) is None
+    assert first_loop([0j, 5 + 0j, 6 + 0j] * 20_000 + [0j, 5j, -5 + 5j, 0j]) == (0, 60_003)
+    assert time.process_time() - started < 10.0
+
+
+@given(st.lists(st.tuples(st.integers(0, 3), st.integers(0, 3)), min_size=1, max_size=14))
+def test_the_first_loop_is_that_of_looking_at_every_pair(steps: list[tuple[int, int]]) -> None:
+    places = [complex(x, y) + 300 for x, y in steps]
+    area = lambda j, k: abs(outline.signed_area(outline._array([*places[j : k + 1], places[j]])))  # noqa: E731
+    pairs = [(j, k) for k in range(len(places)) for j in range(k) if places[j] == places[k] and area(j, k) > 1e-4]
+    assert first_loop(places) == (min(pairs, key=lambda pair: (pair[1], pair[0])) if pairs else None)

@@ -1,7 +1,7 @@
-"""The soak: ``python -m tests.soak [PART ...] --out out/soak``, which is ``make soak``; figures go to ``soak.json``.
+"""The soak: ``python -m tests.soak [PART ...] --out out/soak``, or ``make soak``; figures go to ``soak.json``.
 
-The parts are ``open``, ``vectors``, ``kills``, ``hour``, ``steps`` and ``sweep`` (``make lost-node``); all but the last by
-default, one after the other.
+The parts are ``open``, ``vectors``, ``kills``, ``hour``, ``steps`` and ``sweep`` (``make lost-node``); all but the last
+by default, one after the other.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ def _in_a_folder(work: Callable[[Path], dict[str, Any]]) -> dict[str, Any]:
 
 
 PARTS: dict[str, Callable[[], dict[str, Any]]] = {
-    "open": lambda: vectors.open_and_close(100), "vectors": lambda: vectors.compare(200), 
+    "open": lambda: vectors.open_and_close(100), "vectors": lambda: vectors.compare(200),
     "kills": lambda: _in_a_folder(lambda folder: kills.kill(100, folder)),
     "hour": lambda: endurance.simulate(3600.0), "steps": lambda: endurance.step(1_000_000),
     "sweep": lambda: _in_a_folder(lost_node.lose),

@@ -1,4 +1,4 @@
-"""A sweep of short cuts on two Ray nodes: one node is lost, then the driver is killed; the same command finishes it."""
+"""A sweep of short cuts on two Ray nodes: a node is lost, then the driver is killed; the same command finishes it."""
 
 from __future__ import annotations
 
