@@ -44,7 +44,7 @@ def soak(found: Known) -> str:
         )
     if one := found.get("steps"):
         rows[f"{one['steps']:,} steps of environments, {one['episodes']:,} episodes"] = (
-            f"memory grows by {_interval(one['growth_kB_per_million'], 'kB in a million')}, at {one['held_MB']:.0f} MB"
+            f"memory grows by {_interval(one['growth_kB_per_million'], 'kB a million')}, at {one['held_MB']:.0f} MB"
         )
     if one := found.get("kills"):
         rows[f"{one['killed']} kills of {one['cuts']} cuts"] = (

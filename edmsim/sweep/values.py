@@ -9,7 +9,7 @@ from typing import Any
 
 from edmsim.errors import InputError
 
-_NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
+_NUMBER = r"[-+]?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][-+]?[0-9]+)?"
 _RANGE = re.compile(rf"({_NUMBER}):({_NUMBER}):({_NUMBER})")
 MOST_OF_RANGE = 100_000
 """Values that a range may have (ours: a step mistyped by some powers of ten is refused, not computed)."""
@@ -74,7 +74,7 @@ def number_or_text(text: str) -> Any:
     if not re.fullmatch(_NUMBER, text):
         return text
     value = float(text)
-    return int(text) if re.fullmatch(r"[-+]?\d+", text) and math.isfinite(value) else value
+    return int(text) if re.fullmatch(r"[-+]?[0-9]+", text) and math.isfinite(value) else value
 
 
 def flattened(table: Mapping[str, Any]) -> dict[str, Any]:

@@ -1,7 +1,7 @@
 """The soak: ``python -m tests.soak [PART ...] --out out/soak``, or ``make soak``; figures go to ``soak.json``.
 
-The parts are ``open``, ``vectors``, ``kills``, ``hour``, ``steps`` and ``sweep`` (``make lost-node``); all but the last
-by default, one after the other.
+The parts are ``open``, ``vectors``, ``kills``, ``hour``, ``steps`` and ``sweep`` (``make lost-node``); all but the
+last by default, one after the other.
 """
 
 from __future__ import annotations
