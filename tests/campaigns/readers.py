@@ -269,7 +269,7 @@ def _qcl(data: bytes, _folder: Path) -> object:
     if "INTDEVICE" in text:
         return read_configuration(text)
     control = Control(configuration, read_program(text, configuration), {n: _Device() for n in configuration.devices})
-    for _ in range(20):
+    for _ in range(3):
         control.run_pass()
     return control.variables
 
