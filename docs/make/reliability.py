@@ -62,7 +62,7 @@ def soak(found: Known) -> str:
         rows[f"{one['cuts']} cuts on two Ray nodes"] = (
             f"a node lost after {one['node_lost_after']}, the driver killed after {one['driver_killed_after']}; "
             f"missing {one['missing']}, twice {one['twice']}, made again though done "
-            f"{one['made_again_though_done']}; rows are {alike} those of this computer"
+            f"{one['made_again_though_done']}, failed {one['failed']}; rows are {alike} those of this computer"
         )
     return "\n".join(["| what | result |", "|---|---|", *(f"| {what} | {told} |" for what, told in rows.items())])
 

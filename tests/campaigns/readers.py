@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import io
 import math
-import random
 import struct
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -15,6 +14,8 @@ from typing import Any
 import numpy as np
 
 from edmsim import models
+
+from . import devices
 
 ROOT = Path(__file__).parents[2]
 CORPUS = Path(__file__).parent / "corpus"
@@ -261,126 +262,6 @@ def _options(data: bytes, _folder: Path) -> object:
     return readers[(data[0] - ord("0")) % len(readers)](text) if data else None
 
 
-def _qcl(data: bytes, _folder: Path) -> object:
-    from edmsim.controllers.qcl import Control, read_configuration, read_program
-
-    text = data.decode("latin-1")
-    configuration = read_configuration((ROOT / "examples/positioner/table.cnf").read_text(encoding="latin-1"))
-    if "INTDEVICE" in text:
-        return read_configuration(text)
-    control = Control(configuration, read_program(text, configuration), {n: _Device() for n in configuration.devices})
-    for _ in range(20):
-        control.run_pass()
-    return control.variables
-
-
-class _Device:
-    """A device that takes all and does nothing."""
-
-    def __init__(self) -> None:
-        self.parameters, self.states, self.pending = _Any(), _Any(), False
-
-    def command(self, name: str) -> None:
-        pass
-
-
-class _Any(dict[str, int]):
-    def __missing__(self, name: str) -> int:
-        return 1
-
-
-def _tape(data: bytes, _folder: Path) -> object:
-    from edmsim.controllers.mcu.dialogue.hex_tape import read_tape
-
-    return read_tape(data)
-
-
-def _drive(name: str) -> Read:
-    made: list[Any] = []
-
-    def read(data: bytes, _folder: Path) -> object:
-        from edmsim.controllers.axis import make
-
-        if not made or random.Random(data).random() < 0.001:
-            made[:] = [make(name)]
-        return made[0].line(data[:200])  # 0.2 s of a serial line
-
-    return read
-
-
-def _terminal(data: bytes, folder: Path) -> object:
-    """Let an operator type it, in the monitor if it begins so; at most 2 s of the machine."""
-    from edmsim import Machine
-    from edmsim.terminal.devices import Interrupts
-    from edmsim.terminal.rig import Rig
-    from edmsim.terminal.session import Session
-
-    rig = Rig(Machine.load(height_mm=5.0), seed=1, resolution="fast")
-    typed = data[:400].replace(b"W", b"w").replace(b"w", b"")  # WAIT waits as long as it says
-    session = Session(rig, _Typing(typed), Interrupts(), monitor=typed[:1] == b"G", tapes=folder)
-    return session.run()
-
-
-class _Typing:
-    def __init__(self, typed: bytes) -> None:
-        self._typed, self.at_end = typed, False
-
-    def read(self, timeout_s: float | None) -> bytes:
-        data, self._typed = self._typed, b""
-        self.at_end = not data
-        return data
-
-    def write(self, data: bytes) -> None:
-        pass
-
-    def refresh(self, operation: object) -> None:
-        pass
-
-
-CALL = struct.Struct("<BBhhd")
-"""A call of the object interface: which, bus and device, index, sub-index, value."""
-
-
-def _elcam(data: bytes, _folder: Path) -> object:
-    """Call the object interface: every record of `CALL` is a call."""
-    from edmsim.controllers.axis.elcam import Elcam
-    from edmsim.controllers.axis.elcam_places import CamPlace
-    from edmsim.controllers.axis.elcam_registers import Descriptor
-
-    places = [CamPlace(), CamPlace(1.0, 1.5), CamPlace(2.0, 2.0, 2.5)]
-    elcam = Elcam(places, buffer_bytes=4096)
-    for which, where, index, sub, value in CALL.iter_unpack(data[: len(data) // CALL.size * CALL.size]):
-        what = Descriptor(1200 if where & 1 else where, where >> 1 & 1, index, sub)
-        kind = which % 7
-        if kind == 0:
-            elcam.write_int(what, int(value) if math.isfinite(value) else 0)
-        elif kind == 1:
-            elcam.write_double(what, value)
-        elif kind == 2:
-            elcam.read_int(what)
-        elif kind == 3:
-            elcam.read_double(what)
-        elif kind == 4:
-            elcam.load(index, data[: max(sub, 0) % 256], single=bool(where & 4))
-        elif kind == 5:
-            elcam.follow()
-            elcam.compensation(index)
-        else:
-            places[which % 3].setpoint = value if abs(value) < 1e9 else 0.0  # an axis is somewhere
-    return elcam.follow()
-
-
-def _good_calls() -> list[bytes]:
-    def table(axis: int, master: int, mode: int) -> bytes:
-        sets = [(0, 4, axis), (0, 5, master), (0, 3, 4)]
-        points = [(1, 11 + k % 2, float(k // 2)) for k in range(8)]
-        calls = [(kind, 3, 1, sub, float(value)) for kind, sub, value in (*sets, *points, (0, 10, mode))]
-        looks = (5, 3, 0, 0, 0.0), (3, 3, 1, 19, 0.0), (6, 0, 0, 0, 1.5)
-        return b"".join(CALL.pack(*call) for call in (*calls, *looks))
-
-    return [table(1, 0, 1), table(2, 0, 3), table(1, 0, 33), table(0, 1, 1) + table(1, 0, 17)]
-
-
 def _compensation(file: Path) -> object:
     from edmsim.controllers.axis.elcam_file import load_tables, read_tables
 
@@ -421,19 +302,21 @@ _ALL: tuple[Reader, ...] = (
         "0counts:open_target_share=0.1", "0fixed:feed_um_s=20", "1uhu:proportional_gain=600,E=400", "1servo-module",
         "212.5:30", "3ifStart=0.5:0.6", "45,10,20", "410:40:5", "4counts:a=1,b=2,voltage",
     ), _words("counts voltage fixed delay fuzzy : = , uhu eanpos P=1 .py policy: GapFeed-ppo 1:2:3 nan inf"), 150),
-    Reader("qcl", _qcl, _kept("qcl", "examples/positioner/table.cnf", "examples/positioner/table.mod"), _words(
+    Reader("qcl", devices.qcl, _kept("qcl", "examples/positioner/table.cnf", "examples/positioner/table.mod"), _words(
         "IF ENDIF WAIT INIT Axis :st_init NOT OR AND JUMP ELSE EQ MAIN: END ( ) = + * / ; INTDEVICE INPUT EANPOS F L"
     ), 48),
-    Reader("tape", _tape, _text(":0300300002337A1E\n:00000001FF\n", ":01000000AA55\n:00000001FF\n"),
+    Reader("tape", devices.tape, _text(":0300300002337A1E\n:00000001FF\n", ":01000000AA55\n:00000001FF\n"),
            _words(":00000001FF :10 : 00 FF"), 170),
-    Reader("uhu", _drive("uhu"), _text("P600\rI30\r#\rS1\rL1\r", "G100\rP\r600\rA\rZ\r", "+\rR\r?\r"),
+    Reader("uhu", devices.drive("uhu"), _text("P600\rI30\r#\rS1\rL1\r", "G100\rP\r600\rA\rZ\r", "+\rR\r?\r"),
            _words("P I D H X T N E M O C L S G A Z R + # ? 65535 65536 -32769"), 180),
-    Reader("servo-module", _drive("servo-module"), _text("P1250\rM\rE100\rS\r", "Z12\rZ\r+100\r-5\r", "A\r?\rR\r"),
+    Reader("servo-module", devices.drive("servo-module"),
+           _text("P1250\rM\rE100\rS\r", "Z12\rZ\r+100\r-5\r", "A\r?\rR\r"),
            _words("P I D E M S Z + - ? A R O X 65535 65536 -32769"), 180),
-    Reader("elcam", _elcam, _good_calls, tuple(struct.pack("<d", v) for v in (0, 1, -1, 1e300, math.inf, math.nan)),
+    Reader("elcam", devices.elcam,
+           devices.good_calls, tuple(struct.pack("<d", v) for v in (0, 1, -1, 1e300, math.inf, math.nan)),
            60),
     Reader("compensation", _file("own.toml", _compensation), _kept("compensation"), _TOML, 29),
-    Reader("terminal", _terminal, _text(
+    Reader("terminal", devices.terminal, _text(
         "TI 30 TP 100\nNEW 32520 32510\nSTART\nSTOP\n", "G 0400\nTI 30 TP 100\nX 20\nPOS 1 1\nEM\nINIT\n",
         "LOAD A\nLIST\n", "G 0400\nMON\nD 4000,4034\nS 4010 55\nG\nBYE\n",
     ), _words("TI TP NEW START STOP X Y GEN ON OFF SPEED CW CCW EM INIT WIRE LOAD LIST MAIN MON D S G R P H BYE"),

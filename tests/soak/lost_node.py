@@ -65,8 +65,8 @@ def lose(folder: Path, cuts: int = 200) -> dict[str, Any]:
         driver.wait()
         kept = {row["id"]: row for row in journal_rows(out)}
         nodes.add_node(num_cpus=1, node_ip_address="127.0.0.4", object_store_memory=80 * 2**20)
-        subprocess.run(ray, check=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-    subprocess.run([*command, str(folder / "here")], check=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        _finish(ray)
+    _finish([*command, str(folder / "here")])
     there, here = (read(place).drop_columns(["wall_time_s", "host"]) for place in (out, folder / "here"))
     ids = _ids(out)
     times = {row["id"]: row["wall_time_s"] for row in read(out).select(["id", "wall_time_s"]).to_pylist()}
@@ -75,8 +75,16 @@ def lose(folder: Path, cuts: int = 200) -> dict[str, Any]:
         "missing": cuts - len(set(ids)), "twice": sum(n - 1 for n in Counter(ids).values()),
         "made_again_though_done": sum(times[name] != row["wall_time_s"] for name, row in kept.items()),
         "same_as_local": there.equals(here), "failed": there.num_rows - there["error"].null_count,
+        "errors": sorted({str(error) for error in there["error"].to_pylist() if error is not None}),
         "wall_s": time.monotonic() - began,
     }  # fmt: skip
+
+
+def _finish(command: list[str]) -> None:
+    """Run a sweep to its end; runs that fail are told as rows, and by a status of 3."""
+    status = subprocess.run(command, check=False, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL).returncode
+    if status not in (0, 3):
+        raise RuntimeError(f"the sweep ended with status {status}")
 
 
 def _wait(driver: subprocess.Popen[bytes], out: Path, rows: int) -> int:

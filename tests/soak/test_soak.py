@@ -35,7 +35,7 @@ def test_memory_that_is_held_is_seen() -> None:
 
 
 def test_a_plant_goes_on_from_its_snapshots(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(endurance, "SAMPLES", 20)
+    monkeypatch.setattr(endurance, "SAMPLES", 14)
     monkeypatch.setattr(endurance, "CHECKED", 2)
     found = endurance.simulate(2.0)
     assert (found["restored"], found["equal"]) == (2, 2)
@@ -43,9 +43,10 @@ def test_a_plant_goes_on_from_its_snapshots(monkeypatch: pytest.MonkeyPatch) -> 
     assert found["held_MB"] < 1000
 
 
-def test_environments_step_in_a_memory_of_one_size() -> None:
-    found = endurance.step(1600)
-    assert found["steps"] == 1600
+def test_environments_step_in_a_memory_of_one_size(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(endurance, "SAMPLES", 14)
+    found = endurance.step(448)
+    assert found["steps"] == 448
     assert found["held_MB"] < 1000
 
 
