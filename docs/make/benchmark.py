@@ -36,8 +36,9 @@ was lost, what that length of cut can exclude (Poisson).
   quarter, and with them single lost wires: these stand in the mean return, the cost and the breaks beside it.
 - *Oracle*, the reference: sees the true gap and wire temperature and rehearses each cut with gaps of {gaps} um, of
   which the one that earns most counts. It chooses nothing but the feed.
+- On MaxRate `fixed-period` is 0 and `heat-oracle` 1, which sets the pulse period by the wire's true temperature.
 - *Cutting rate*: length cut times local height over machine time; a lost wire costs the machine's time for
-  threading another, 60 s, and ends the cut.
+  threading another, 60 s, and ends the cut; on MaxRate it costs 20 s, and the cut goes on.
 - *Jam*: a short that stayed, the wire driven into the metal beyond what the model holds for, or a controller that
   gave up at a short. A real wire would be lost as well, so jams cost what breaks do.
 - *Return, cost*: sums of the environment's rewards and costs ([environments](environments.md)).
