@@ -16,7 +16,7 @@ from edmsim.controllers.protocols import tell
 from edmsim.envs.batch import action_space_of
 from edmsim.envs.episode import Task
 from edmsim.envs.observation import entries
-from edmsim.envs.registry import make_family
+from edmsim.envs.registry import env_id_of, make_family
 from edmsim.errors import InputError
 from edmsim.job.cut import make_controller
 from edmsim.learning import policy_file
@@ -40,7 +40,7 @@ def make_policy(tmp_path):
         biases = [rng.normal(0, 0.1, size) for size in sizes[1:]]
         packed = policy_file.pack(weights, biases)
         card = policy_file.Card.model_validate({
-            "format": policy_file.FORMAT, "env_id": f"edmsim/{name}-v1", "environment": environment,
+            "format": policy_file.FORMAT, "env_id": env_id_of(name), "environment": environment,
             "observation": [
                 {"name": e.name, "meaning": e.meaning, "mean": rng.uniform(0, 0.2), "variance": rng.uniform(0.1, 1)}
                 for e in seen
@@ -59,11 +59,11 @@ def make_policy(tmp_path):
 @pytest.mark.parametrize(
     ("name", "options"),
     [("GapFeed", {}), ("HeightStep", {"action": "speed"}), ("Corner", {"leg_mm": 0.05}), ("Contour", {"history": 2}),
-     ("GapFeed", {"action": "servo", "knobs": ["period"]})],
+     ("GapFeed", {"action": "servo", "knobs": ["period"]}), ("MaxRate", {"decision_s": None})],
 )
 def test_the_controller_does_what_the_policy_does_in_its_environment(make_policy, name, options):
     policy = policy_file.load(str(make_policy(name, **options)))
-    env = gym.make(f"edmsim/{name}-v1", resolution="fast", **options)
+    env = gym.make(env_id_of(name), resolution="fast", **options)
     task, controller = Task(name, resolution="fast", **options), PolicyController(policy)
     seen, _ = env.reset(seed=5)
     task.reset(5)
@@ -81,7 +81,7 @@ def test_the_controller_does_what_the_policy_does_in_its_environment(make_policy
         if terminated:
             break
         command = controller.update(result.seen)
-    assert (len(settings) > 1) == (name == "Corner" or "knobs" in options)
+    assert (len(settings) > 1) == (name in ("Corner", "MaxRate") or "knobs" in options)
 
 
 def test_a_policy_that_decides_more_seldom_than_windows_come_sees_what_its_environment_shows(make_policy):
