@@ -105,7 +105,7 @@ class FixedPeriodController(ServoController):
     def _slower(self) -> float:
         """By what the period is longer while a fresh wire comes to it."""
         left = max(1.0 - self._rise.cutting_s / self.rise_s, 0.0) if self.rise_s else 0.0
-        return max(self.slow_factor, 1.0) ** left
+        return float(max(self.slow_factor, 1.0) ** left)
 
     def snapshot(self) -> ControllerState:
         """Everything that changes while cutting."""

@@ -25,6 +25,7 @@ from edmsim.evaluation.compare import (
     figures_of,
     interquartile_mean,
     ratio,
+    scale,
     scores,
     usual,
 )
@@ -53,6 +54,13 @@ def test_policies_are_trained_on_what_controllers_are_compared_on() -> None:
     for env_id in env_ids():
         for algo in ("ppo", "sac"):
             assert set(hyperparameters.load(env_id, algo).environment) == {"machine_episodes"}
+
+
+def test_an_environment_may_have_laws_and_a_scale_of_its_own() -> None:
+    assert usual("edmsim/MaxRate-v0")[:4] == ["fixed-period", "sato", "heat-flux", "heat-oracle"]
+    assert scale("edmsim/MaxRate-v0") == ("fixed-period", "heat-oracle")
+    assert scale(GAP_FEED) == scale(CORNER) == ("fixed", "oracle")
+    assert not {"fixed-period", "heat-oracle"} & set(usual(GAP_FEED))
 
 
 def test_the_same_comparison_again_is_the_same(compared: Comparison) -> None:

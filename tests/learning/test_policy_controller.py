@@ -59,7 +59,7 @@ def make_policy(tmp_path):
     ("name", "options"),
     [("GapFeed", {}), ("HeightStep", {"action": "speed"}), ("Corner", {"leg_mm": 0.05, "decision_s": None}),
      ("Contour", {"history": 2}), ("GapFeed", {"action": "servo", "knobs": ["period"]}),
-     ("ThinWire", {"decision_s": None})],
+     ("ThinWire", {"decision_s": None}), ("MaxRate", {"decision_s": None})],
 )
 def test_the_controller_does_what_the_policy_does_in_its_environment(make_policy, name, options):
     policy = policy_file.load(str(make_policy(name, **options)))
@@ -81,7 +81,7 @@ def test_the_controller_does_what_the_policy_does_in_its_environment(make_policy
         if terminated:
             break
         command = controller.update(result.seen)
-    assert (len(settings) > 1) == (name in ("Corner", "ThinWire") or "knobs" in options)
+    assert (len(settings) > 1) == (name in ("Corner", "MaxRate", "ThinWire") or "knobs" in options)
 
 
 def test_a_policy_that_decides_more_seldom_than_windows_come_sees_what_its_environment_shows(make_policy):

@@ -22,9 +22,9 @@ def machine(**choices: float) -> Machine:
     return Machine.load("production", generator="production", wire="brass-300", **given)
 
 
-def seen(time_s: float, fifths: tuple[int, ...] = (30, 30, 30, 30, 30), window_s: float = WINDOW_S) -> WindowObservation:
+def seen(time_s: float, fifths: tuple[int, ...] = (30,) * 5) -> WindowObservation:
     ignited = sum(fifths)
-    return WindowObservation(time_s, window_s, 20, 235 - ignited, 30.0, 5.0, 5.0, 10.0, 0.0, fifths)
+    return WindowObservation(time_s, WINDOW_S, 20, 235 - ignited, 30.0, 5.0, 5.0, 10.0, 0.0, fifths)
 
 
 def periods(name: str, fifths: tuple[int, ...], seconds: float = 3.0, **parameters: float) -> list[float]:
@@ -37,12 +37,12 @@ def periods(name: str, fifths: tuple[int, ...], seconds: float = 3.0, **paramete
 
 
 def test_heat_of_an_ignition_is_that_of_its_spark_and_of_its_current() -> None:
-    """Closed form: all that a middle spark gives the wire beside the workpiece, over the critical flux."""
+    """Closed form: all that a middle spark gives the wire beside the workpiece; half its current flows either way."""
     m = machine()
     cooling, wire = m.base.cooling, m.wire
     on_s, current_A, area_m2 = m.t_on_us * 1e-6, 350.0, math.pi / 4 * 0.3e-3**2
     spark_J = cooling.wire_heat_share.value * current_A * m.material.burning_voltage_V.value * on_s
-    joule_J = 4 / 3 * current_A**2 * on_s * wire.resistivity_Ohm_m.value / area_m2 * 0.06 / 4  # a quarter on each side
+    joule_J = 4 / 3 * current_A**2 * on_s * wire.resistivity_Ohm_m.value / area_m2 * 0.06 / 4
     patch_m2 = math.pi * 0.3e-3 * 0.06 / 5
     expected = (spark_J + joule_J) / (patch_m2 * cooling.critical_W_m2.value)
     assert heat_per_ignition_s(m)[:, 2].sum() == pytest.approx(expected, rel=1e-3)
