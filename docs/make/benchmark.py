@@ -41,8 +41,8 @@ most 419)" means that no wire broke, in so short a length of cut that up to 419 
 - Corner, ThinWire and MaxRate have lines of their own. In Corner a score of 0 is the constant setting of least
   error near the corner on 8 training machines, in ThinWire the fastest one that broke no wire of 24. The reference
   rehearses each cut with what can be set: how much longer the period is within 100 um of the corner, 1 to 3 times, or
-  the period itself. It is no bound: a setting that changes within the cut may earn more. On MaxRate `fixed-period` is 0 and
-  `heat-oracle` 1, which sets the pulse period by the wire's true temperature.
+  the period itself. It is no bound: a setting that changes within the cut may earn more. On MaxRate `fixed-period` is
+  0 and `heat-oracle` 1, which sets the pulse period by the wire's true temperature.
 - *Cutting rate*: length cut times local height over machine time; a lost wire costs the machine's time for
   threading another, 60 s (MaxRate: 20 s), and ends the cut where no other wire is left.
 - *Jam*: a short that stayed, the wire driven into the metal beyond what the model holds for, or a controller that
