@@ -25,7 +25,6 @@ from edmsim.evaluation.compare import (
     figures_of,
     interquartile_mean,
     ratio,
-    scale,
     scores,
     usual,
 )
@@ -58,8 +57,9 @@ def test_policies_are_trained_on_what_controllers_are_compared_on() -> None:
 
 def test_an_environment_may_have_laws_and_a_scale_of_its_own() -> None:
     assert usual("edmsim/MaxRate-v0")[:4] == ["fixed-period", "sato", "heat-flux", "heat-oracle"]
-    assert scale("edmsim/MaxRate-v0") == ("fixed-period", "heat-oracle")
-    assert scale(GAP_FEED) == scale(CORNER) == ("fixed", "oracle")
+    lines = lines_of("edmsim/MaxRate-v0")
+    assert (lines.blind, lines.reference) == ("fixed-period", "heat-oracle")
+    assert (lines_of(GAP_FEED).blind, lines_of(GAP_FEED).reference) == ("fixed", "oracle")
     assert not {"fixed-period", "heat-oracle"} & set(usual(GAP_FEED))
 
 
