@@ -9,9 +9,6 @@ from edmsim.controllers.feed.gap_servo import Gains, ServoController
 from edmsim.controllers.protocols import ControllerState, FeedCommand, WindowObservation
 from edmsim.controllers.pulse_counters import WINDOW_PULSES
 
-THREADING_S = 1.0
-"""A window that begins so long after the last one's end is the first of another wire (ours; threading takes more)."""
-
 
 @dataclass
 class Rise:
@@ -19,15 +16,12 @@ class Rise:
 
     Attributes
     ----------
-    end_s : float
-        Machine time at the end of the last window.
     cutting_s : float
         Time since the wire was threaded.
     first_us : float
         Period with which the leg began; 0 before the first window.
     """
 
-    end_s: float = 0.0
     cutting_s: float = 0.0
     first_us: float = 0.0
 
@@ -83,18 +77,14 @@ class FixedPeriodController(ServoController):
 
     def update(self, window: WindowObservation) -> FeedCommand:
         """Feed and period for the next window."""
-        rise = self._rise
-        if window.time_s - window.duration_s > rise.end_s + THREADING_S:
-            rise.cutting_s = 0.0
-            self.threaded()
-        rise.end_s = window.time_s
-        rise.cutting_s += window.duration_s
+        self._rise.cutting_s += window.duration_s
         command = super().update(window)
         return command._replace(t_period_us=self.wanted_us(window) * self._slower())
 
-    def threaded(self) -> None:
-        """Begin with a fresh wire: its servo feeds as at the start."""
-        self._servo.integral_um_s, self._servo.error = self.start_feed_um_s, 0.0
+    def wire_lost(self) -> FeedCommand:
+        """Begin with a fresh wire where the last one broke: it comes to its period slowly, as the first one did."""
+        self._rise.cutting_s = 0.0
+        return ServoController.reset(self, self._servo.max_feed_um_s)
 
     def wanted_us(self, window: WindowObservation) -> float:
         """Period of a wire that has come to it."""

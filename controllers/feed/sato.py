@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from typing import ClassVar
 
 from edmsim.controllers.feed.adaptive_off_time import AdaptiveOffTimeController
-from edmsim.controllers.feed.fixed_period import THREADING_S
+from edmsim.controllers.feed.gap_servo import ServoController
 from edmsim.controllers.protocols import ControllerState, FeedCommand, WindowObservation
 
 
@@ -37,28 +37,32 @@ class SatoController(AdaptiveOffTimeController):
     shortest_factor: float = 0.3
     slow_factor: float = 2.5
 
-    _end_s: float = field(default=-THREADING_S, init=False, repr=False)
+    _fresh: bool = field(default=True, init=False, repr=False)
 
     def reset(self, max_feed_um_s: float) -> FeedCommand:
         """Begin a new cut."""
-        self._end_s = -THREADING_S
+        self._fresh = True
         return super().reset(max_feed_um_s)
+
+    def wire_lost(self) -> FeedCommand:
+        """Begin with a fresh wire; what was found of the thickness stays."""
+        self._fresh = True
+        return ServoController.reset(self, self._servo.max_feed_um_s)
 
     def update(self, window: WindowObservation) -> FeedCommand:
         """Feed and period for the next window."""
-        fresh = window.time_s - window.duration_s >= self._end_s + THREADING_S
-        self._end_s = window.time_s
         command = super().update(window)
-        if not fresh:
+        if not self._fresh:
             return command
+        self._fresh = False
         self._counter.period_us = self._counter.base_us * max(self.slow_factor, 1.0)
         return command._replace(t_period_us=self._counter.period_us)
 
     def snapshot(self) -> ControllerState:
         """Everything that changes while cutting."""
-        return {**super().snapshot(), "end_s": self._end_s}
+        return {**super().snapshot(), "fresh": float(self._fresh)}
 
     def restore(self, state: ControllerState) -> None:
         """Continue where `snapshot` was taken."""
-        super().restore({k: v for k, v in state.items() if k != "end_s"})
-        self._end_s = float(state["end_s"])
+        super().restore({k: v for k, v in state.items() if k != "fresh"})
+        self._fresh = bool(state["fresh"])

@@ -27,10 +27,11 @@ _BOILING_K = 373.15
 
 @dataclass
 class _Held:
-    """What changes: the period's regulated part, and what was last seen of how near the wire is."""
+    """What changes: the period's regulated part, what was last seen of how near the wire is, and what is held."""
 
     log_us: float = 0.0
     near: float = 0.0
+    hold: float = 0.0
 
 
 @dataclass
@@ -43,6 +44,8 @@ class PeriodFromHeat(FixedPeriodController):
     ----------
     hold_share : float
         Of that measure, 1 where the wire boils dry.
+    kept_hold_share : float
+        Of what is held, after every lost wire (ours): what broke one wire breaks the next one.
     proportional_share, integral_per_s : float
         Change of the period's logarithm, and its growth per second, per unit of the difference from it.
     shortest_us, longest_us : float
@@ -51,6 +54,7 @@ class PeriodFromHeat(FixedPeriodController):
 
     period_us: float = 90.0
     hold_share: float = 0.6
+    kept_hold_share: float = 0.8
     proportional_share: float = 0.3
     integral_per_s: float = 1.0
     shortest_us: float = 13.0
@@ -64,14 +68,15 @@ class PeriodFromHeat(FixedPeriodController):
 
     def reset(self, max_feed_um_s: float) -> FeedCommand:
         """Begin a new cut."""
-        self._held = _Held(math.log(max(self.period_us, 1.0)))
+        self._held = _Held(math.log(max(self.period_us, 1.0)), hold=self.hold_share)
         return super().reset(max_feed_um_s)
 
-    def threaded(self) -> None:
-        """Begin with a fresh wire, more carefully than the one that broke."""
-        super().threaded()
-        self._held.log_us = min(self._held.log_us + math.log(max(self.slow_factor, 1.0)), self._longest)
-        self._held.near = 0.0
+    def wire_lost(self) -> FeedCommand:
+        """Begin with a fresh wire, more carefully than with the one that broke."""
+        held = self._held
+        held.log_us = min(held.log_us + math.log(max(self.slow_factor, 1.0)), self._longest)
+        held.near, held.hold = 0.0, held.hold * self.kept_hold_share
+        return super().wire_lost()
 
     @property
     def _longest(self) -> float:
@@ -80,7 +85,7 @@ class PeriodFromHeat(FixedPeriodController):
     def wanted_us(self, window: WindowObservation) -> float:
         """Period that brings the measure to what is held."""
         held = self._held
-        error = min(max(self.near(window) - self.hold_share, -MOST_ERROR), MOST_ERROR)
+        error = min(max(self.near(window) - held.hold, -MOST_ERROR), MOST_ERROR)
         grown = held.log_us + self.integral_per_s * error * window.duration_s
         held.log_us = min(max(grown, math.log(max(self.shortest_us, 1.0))), self._longest)
         return max(math.exp(held.log_us + self.proportional_share * error), self.shortest_us)
@@ -138,10 +143,10 @@ class HeatFluxController(PeriodFromHeat):
         self._held.near = float(self._flux.max())
         return self._held.near
 
-    def threaded(self) -> None:
-        """Begin with a fresh wire."""
-        super().threaded()
+    def wire_lost(self) -> FeedCommand:
+        """Begin with a fresh wire, which is cold."""
         self._flux[:] = 0.0
+        return super().wire_lost()
 
     def snapshot(self) -> ControllerState:
         """Everything that changes while cutting."""

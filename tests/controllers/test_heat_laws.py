@@ -10,7 +10,7 @@ import pytest
 from edmsim import controllers
 from edmsim.controllers import WindowObservation
 from edmsim.controllers.feed.wire_heat import heat_per_ignition_s
-from edmsim.controllers.protocols import tell
+from edmsim.controllers.protocols import SeesBreaks, tell
 from edmsim.machine.machine import Machine
 
 PATH = np.zeros((2, 2))
@@ -70,12 +70,27 @@ def test_a_fresh_wire_comes_to_its_period_slowly(name: str) -> None:
     controller = controllers.make(name)
     controller.reset(400.0)
     first = [controller.update(seen((k + 1) * WINDOW_S)).t_period_us for k in range(100)]
+    assert isinstance(controller, SeesBreaks)
+    assert controller.wire_lost().feed_um_s == controller.start_feed_um_s
     threaded = controller.update(seen(22.0 + WINDOW_S)).t_period_us
     assert first[0] is not None
     assert first[-1] is not None
     assert threaded is not None
     assert first[0] > 1.5 * first[-1]
     assert threaded > 1.5 * first[-1]
+
+
+def test_what_broke_a_wire_is_held_no_more() -> None:
+    sparks = (30,) * 5
+    once, again = (controllers.make("heat-flux", hold_share=0.3, kept_hold_share=kept) for kept in (1.0, 0.5))
+    found = []
+    for controller in (once, again):
+        tell(controller, machine(), PATH, 0.0)
+        controller.reset(400.0)
+        assert isinstance(controller, SeesBreaks)
+        controller.wire_lost()
+        found.append([controller.update(seen((k + 1) * WINDOW_S, sparks)).t_period_us for k in range(300)][-1])
+    assert found[1] > 1.2 * found[0]
 
 
 def test_sato_begins_every_wire_above_the_operators_period() -> None:
@@ -87,4 +102,6 @@ def test_sato_begins_every_wire_above_the_operators_period() -> None:
     for k in range(1, 200):
         held = controller.update(seen((k + 1) * WINDOW_S)).t_period_us
     assert held != pytest.approx(first, rel=0.05)
+    assert isinstance(controller, SeesBreaks)
+    controller.wire_lost()
     assert controller.update(seen(30.0)).t_period_us == pytest.approx(first)
