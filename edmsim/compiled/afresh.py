@@ -11,8 +11,9 @@ import importlib
 import os
 import subprocess
 import sys
-from collections.abc import Callable
-from contextlib import suppress
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +21,12 @@ from numba import types
 
 from edmsim.compiled import jit
 
+try:
+    import fcntl
+except ImportError:  # where there is no flock, two processes may compile the same
+    fcntl = None  # type: ignore[assignment]
+
+_THREADS = threading.Lock()
 _PROGRAM = """
 import signal, sys
 signal.signal(signal.SIGINT, signal.SIG_IGN)
@@ -46,17 +53,35 @@ def made_afresh(make: Callable[..., Any], *arguments: int) -> Any:
         What it is called with.
     """
     function = make(*arguments)
-    if not jit.is_kept(function, _signature(function)):
-        program = _PROGRAM.format(
-            path=sys.path, folder=str(jit.folder()), module=make.__module__, name=make.__name__, arguments=arguments
-        )
-        if sys.stderr.isatty() or "ipykernel" in sys.modules:
-            print(_NOTICE, file=sys.stderr)
-        # strings' hashes decide the order of the compiler's own sets
-        environment = {**os.environ, "PYTHONHASHSEED": "0"}
-        with suppress(OSError):
-            subprocess.run([sys.executable, "-c", program], env=environment, capture_output=True, check=False)
+    if jit.is_kept(function, _signature(function)):
+        return function
+    with _waiting(f"{make.__name__}-{'-'.join(map(str, arguments))}"):
+        if not jit.is_kept(function, _signature(function)):
+            _compile_elsewhere(make, arguments)
     return function
+
+
+@contextmanager
+def _waiting(name: str) -> Iterator[None]:
+    """Let one thread of one process compile something; whoever waited finds it made."""
+    with _THREADS, ExitStack() as open_files:
+        with suppress(OSError):
+            file = open_files.enter_context((jit.folder() / f"{name}.lock").open("w"))
+            if fcntl is not None:
+                fcntl.flock(file, fcntl.LOCK_EX)
+        yield
+
+
+def _compile_elsewhere(make: Callable[..., Any], arguments: tuple[int, ...]) -> None:
+    program = _PROGRAM.format(
+        path=sys.path, folder=str(jit.folder()), module=make.__module__, name=make.__name__, arguments=arguments
+    )
+    if sys.stderr.isatty() or "ipykernel" in sys.modules:
+        print(_NOTICE, file=sys.stderr)
+    # strings' hashes decide the order of the compiler's own sets
+    environment = {**os.environ, "PYTHONHASHSEED": "0"}
+    with suppress(OSError):
+        subprocess.run([sys.executable, "-c", program], env=environment, capture_output=True, check=False)
 
 
 def compile_alone(folder: str, module: str, name: str, arguments: tuple[int, ...]) -> None:
