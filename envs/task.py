@@ -83,18 +83,16 @@ class Family(ABC):
     mechanics : {"modal", "mujoco"}
         What moves table and wire; with MuJoCo friction, lost steps and backlash of the table count.
     planner : str
-        What makes motor steps of path and feed (see `edmsim.controllers.planner.registry.make_planner`). Those that
-        count in integers take the feed in units of 262.5 nm/s and no more than 127 of them, 33.3375 um/s, whatever
-        ``max_feed_um_s`` scales actions and observations by; corners of the path are rounded to what they count,
-        whole um or steps, and what is drawn for it (turns, heights) stays as it was drawn. ``exact`` takes any feed
-        and any corner.
+        What makes motor steps of path and feed (see `edmsim.controllers.planner.registry.make_planner`). ``exact``
+        takes any feed and any corner. The others take feeds in units of 262.5 nm/s, 127 of them at most (33.3375
+        um/s), whatever ``max_feed_um_s`` is, and round corners to whole um or steps.
     machine : Machine, optional
         The set-up; the environment's own if not given. What is drawn replaces its values.
     materials : sequence of str
-        Workpiece materials, one of which is drawn per episode; the machine's own if empty.
+        Workpiece materials to draw one from per episode; the machine's own if empty.
     height_mm, tension : float or (low, high), optional
-        Workpiece height in mm (the greatest one) and wire tension in newton, or the range each is drawn from,
-        uniformly, per episode; the machine's own if None (ours: sheet to die plate; what wires of 0.25 mm bear).
+        Greatest height of the workpiece in mm and wire tension in newton, or the range each is drawn from, uniformly,
+        per episode; the machine's own if None (ours: sheet to die plate; what wires of 0.25 mm bear).
     randomise : sequence of str, optional
         Constants drawn per episode within their published ranges: sections or names of `Machine.sample`.
         ``()`` for all that have a range and an effect and are no dial of the operator (see `draws`), None for none.
@@ -114,10 +112,8 @@ class Family(ABC):
         Time of cutting after which an episode is truncated; none if None.
     wires : int
         Wires of an episode: after a break the next one is threaded where the last one broke, until none is left.
-    max_feed_um_s : float
-        Largest feed either way.
-    max_change_um_s : float
-        Largest change of the feed per step, with ``action="change"`` (ours: ten windows from cutting to a retract).
+    max_feed_um_s, max_change_um_s : float
+        Largest feed either way; with ``action="change"`` its largest change per step (ours: ten windows to retract).
     start_feed_um_s : float
         Feed before the first action, with ``action="change"``, and that a servo begins with (ours: below all rates).
     servo_target_share, servo_gains : (float, float)

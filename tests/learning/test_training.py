@@ -145,7 +145,8 @@ def test_the_command_leaves_a_policy_with_its_scores(short_training, short_episo
 
 def test_without_the_extra_it_is_one_line(tmp_path, edmsim, monkeypatch):
     monkeypatch.setitem(sys.modules, "stable_baselines3", None)
-    monkeypatch.delitem(sys.modules, "edmsim.learning.train", raising=False)
+    for name in [name for name in sys.modules if name.startswith("edmsim.learning.")]:
+        monkeypatch.delitem(sys.modules, name)
     status, out, err = edmsim("train", "edmsim/GapFeed-v1", "--out", tmp_path / "out")
     assert (status, out) == (2, "")
     assert err.count("\n") == 1
