@@ -160,6 +160,7 @@ class MaxRateEnv(EdmEnv):
     T       duration of the step / 25.5 ms, the window of 255 pulses of 100 us
     s, o    shares of short and of open pulses
     e       distance of the wire's true place from the path, um
+    g       energy of a discharge beyond ``energy_bound_mJ``, in parts of it, else 0
     B       wires that broke in the step, 0 or 1
     L       1 in the step in which another limit ends the episode, else 0
     D       1 in the step in which the path's end is reached, else 0
@@ -175,6 +176,7 @@ class MaxRateEnv(EdmEnv):
     short       ``-w s T``            0
     open        ``-w o T``            0
     profile     ``-w (e / 10 um) P``  0
+    roughness   ``-w g P``            0
     time        ``-w T``              0
     wire_break  ``-w B H``            2
     limit       ``-w L H``            2
@@ -240,6 +242,7 @@ class MaxRateEnv(EdmEnv):
     history             ``4``                    steps    steps in an observation
     weights             ``None``                          `Weights`, or a mapping of those that differ
     objectives          ``()``                            terms that a vector reward has; a scalar if none
+    near_corner_um      ``None``                 um       path about a corner where errors count; all if None
     error_bound_um      ``None``                 um       path error beyond which time costs
     energy_bound_mJ     ``None``                 mJ       energy of a discharge beyond which time costs
     cost_limit          ``0.1``                           mean cost of an episode to keep to

@@ -68,7 +68,7 @@ def test_a_recording_shows_actions_rewards_and_costs_beside_the_cut(recorded) ->
 
 
 def test_every_third_episode_is_recorded_also_one_left_before_its_end(make_env, tmp_path) -> None:
-    env = RecordRerun(make_env("Corner", episode_s=0.1), tmp_path / "new", every=3)
+    env = RecordRerun(make_env("Corner", episode_s=0.1, decision_s=None), tmp_path / "new", every=3)
     for _ in range(4):
         played(env, 2)
     other = copy.deepcopy(env)
