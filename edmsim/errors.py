@@ -10,7 +10,7 @@ FAILED, BAD_INPUT = 1, 2
 """Exit statuses of a command: the model left its validity, or the like; bad usage or input."""
 
 
-LONGEST_REASON = 400
+LONGEST_REASON = 2000
 """Characters of a reason; of a longer one, which repeats what it was given, the middle is left out (ours)."""
 
 

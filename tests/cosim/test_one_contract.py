@@ -94,7 +94,7 @@ def evaluated(program: Path, planner: str, law: Law) -> Law:
 
 def bits(seen: WindowObservation) -> list[str]:
     """Every field, to the bit; NaN equals NaN."""
-    return [float(value).hex() for value in seen]
+    return [repr(value) if isinstance(value, tuple) else float(value).hex() for value in seen]
 
 
 @pytest.mark.parametrize("planner", ["exact", "poscal"])

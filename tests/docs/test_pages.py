@@ -29,6 +29,7 @@ NOT_RUN = {
     "ray start --head": "tests/sweep/test_sweep_cluster.py starts one",
     "edmsim sweep sweep.toml --out out/sweep --ray auto": "tests/sweep/test_sweep_cluster.py",
     "edmsim tune edmsim/GapFeed-v1 --steps 20000 --out out/tune-ppo": "tests/sweep/test_tune.py trains",
+    "python -m tests.campaigns gcode --only 17": "tests/campaigns/test_campaigns.py gives such inputs",
     "edmsim render out/punch --screenshots shots": "tests/recording/test_recording_video.py, where there is Vulkan",
 }
 """Commands of blocks that are checked but not run, and why."""

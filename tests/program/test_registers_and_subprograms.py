@@ -146,7 +146,7 @@ def test_subprograms_call_others_and_idle_ones_are_named(tmp_path: Path) -> None
         ("M98 P1\nM2\nO1\nM99\nO1\nM99\n", 5, "O1 stands twice"),
         ("M98 P1\nM2\nG1 X1\n", 3, "begin them with their O number"),
         ("G1 X1\nM99\n", 2, "M99 ends a subprogram"),
-        ("G1 X1 L2\nM2\n", 1, "L stands without M98"),
+        ("G1 X1 L2\nM2\n", 1, "L is given without M98"),
         ("M98 P1\nM2\nO1\nV3\nM99\n", 4, "unknown word 'V3'"),
     ],
 )

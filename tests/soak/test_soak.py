@@ -40,14 +40,12 @@ def test_a_plant_goes_on_from_its_snapshots(monkeypatch: pytest.MonkeyPatch) -> 
     found = endurance.simulate(2.0)
     assert (found["restored"], found["equal"]) == (2, 2)
     assert found["windows"] > 70
-    assert found["held_MB"] < 1000
 
 
 def test_environments_step_in_a_memory_of_one_size(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(endurance, "SAMPLES", 14)
     found = endurance.step(448)
     assert found["steps"] == 448
-    assert found["held_MB"] < 1000
 
 
 def test_plants_and_environments_leave_nothing_open() -> None:

@@ -21,7 +21,7 @@ THEORY = ROOT / "docs" / "theory"
 PAGES = sorted(THEORY.glob("*.md"))
 NO_PHYSICS = {
     "axes/drives", "axes/rapid", "axes/steps", "constants", "fleet", "gap/rays", "kernel/declare", "kernel/memory",
-    "kernel/state", "mechanics/mjcf", "plant", "readings", "resolution", "snapshot",
+    "kernel/state", "mechanics/mjcf", "plant", "readings", "resolution", "settings", "snapshot",
     "window", "workpiece/start_slot",
 }
 ROWS = [
