@@ -49,5 +49,5 @@ def steered() -> SimpleNamespace:
     """
     machine = edmsim.Machine.load(height_mm=10.0)
     truth = {"gap.critical_um": 8.2, "material.removal_mm3_J": 3.3e-3}
-    table = simulated_log(with_values(machine, truth), [make("counts")], 300, 2400)
+    table = simulated_log(with_values(machine, truth), [make("counts")], 300, 6000)
     return SimpleNamespace(machine=machine, truth=truth, table=table)
