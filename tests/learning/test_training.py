@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import subprocess
 import sys
 from importlib import resources
 
@@ -143,14 +144,13 @@ def test_the_command_leaves_a_policy_with_its_scores(short_training, short_episo
     assert len(policy_file.load(str(tmp_path / "policy.json")).card.scores) == 3
 
 
-def test_without_the_extra_it_is_one_line(tmp_path, edmsim, monkeypatch):
-    monkeypatch.setitem(sys.modules, "stable_baselines3", None)
-    for name in [name for name in sys.modules if name.startswith("edmsim.learning.")]:
-        monkeypatch.delitem(sys.modules, name)
-    status, out, err = edmsim("train", "edmsim/GapFeed-v1", "--out", tmp_path / "out")
-    assert (status, out) == (2, "")
-    assert err.count("\n") == 1
-    assert "pip install 'edmsim[rl]'" in err
+def test_without_the_extra_it_is_one_line(tmp_path):
+    code = "import sys; sys.modules['stable_baselines3'] = None; from edmsim.cli.app import main; main()"
+    words = [sys.executable, "-c", code, "train", "edmsim/GapFeed-v1", "--out", str(tmp_path / "out")]
+    done = subprocess.run(words, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr.count("\n") == 1
+    assert "pip install 'edmsim[rl]'" in done.stderr
 
 
 def test_a_policy_is_scored_beside_its_rivals_on_the_same_episodes(monkeypatch, short_episodes):
