@@ -61,8 +61,8 @@ def cuts():
 def test_a_controlled_cut_has_the_same_statistics_with_both(cuts, column, name, closest):
     """Alike within `closest`, not equal.
 
-    Over 16 seeds by modes and 6 by MuJoCo the means are 13.2 and 10.6 % shorts, 21.8 and 23.0 % opens, 65.0 and 66.4 %
-    sparks, 33.2 and 33.3 um/s, 0.65 and 1.00 um of lag: small differences that are no chance.
+    Over 16 seeds by modes and 6 by MuJoCo the means are 13.2 and 10.6 % shorts, 21.8 and 23.0 % opens, 65.0 and
+    66.4 % sparks, 33.2 and 33.3 um/s, 0.65 and 1.00 um of lag: small differences that are no chance.
     """
     modal, full = (cuts[mechanics][:, column] for mechanics in ("modal", "mujoco"))
     assert abs(full.mean() - modal.mean()) < closest, (name, modal.mean(), full.mean())
