@@ -153,7 +153,7 @@ class HeatFluxController(PeriodFromHeat):
         return {**super().snapshot(), **{f"flux.{k}": float(value) for k, value in enumerate(self._flux)}}
 
     def restore(self, state: ControllerState) -> None:
-        """Continue where `snapshot` was taken; the set-up must have been told."""
+        """Continue where `snapshot` was taken; `set_up` must have been called."""
         super().restore({k: v for k, v in state.items() if not k.startswith("flux.")})
         self._flux = np.array([float(state[f"flux.{k}"]) for k in range(5)])
 

@@ -1,7 +1,7 @@
 """``docs/benchmark.md``: controllers and policies compared, and whether anything is left to be learned.
 
 python docs/make/benchmark.py                     # the page of docs/leaderboard.json
-python docs/make/benchmark.py all                 # cuts everything anew, writes the leaderboard, then the page
+python docs/make/benchmark.py all                 # makes every cut again, writes the leaderboard, then the page
 python docs/make/benchmark.py edmsim/Corner-v1    # cuts one environment again
 """
 

@@ -17,6 +17,7 @@ from edmsim.cli.console import (
     Material,
     Offset,
     Offsets,
+    Program,
     Unit,
     Wire,
     default_folder,
@@ -28,7 +29,7 @@ from edmsim.errors import BAD_INPUT, InputError
 
 
 def check(
-    program: Annotated[Path, typer.Argument(help="Part program: .ngc .nc .gcode .iso .txt .dxf", show_default=False)],
+    program: Program,
     out: Annotated[
         Path | None, typer.Option(help="Picture of the path: .png .svg or .pdf; default out/PROGRAM/path.png.")
     ] = None,

@@ -31,6 +31,9 @@ Generator = Annotated[
 ]
 Tension = Annotated[float | None, typer.Option(help="Wire tension in N; default by wire.")]
 Resolution = Annotated[str, typer.Option(help="fast, default or fine.")]
+Program = Annotated[
+    Path, typer.Argument(help="Part program: .ngc .nc .gcode .iso .txt .dxf", show_default=False)
+]
 Offset = Annotated[str, typer.Option(help="Wire offset: auto, none, or mm.")]
 Offsets = Annotated[
     Path | None, typer.Option(help="File with offset registers, lines as D1 = 0.155; by default the program's own.")

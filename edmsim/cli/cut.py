@@ -22,6 +22,7 @@ from edmsim.cli.console import (
     Material,
     Offset,
     Offsets,
+    Program,
     Resolution,
     Seed,
     Tension,
@@ -36,7 +37,7 @@ from edmsim.errors import InputError
 
 
 def cut(
-    program: Annotated[Path, typer.Argument(help="Part program: .ngc .nc .gcode .iso .txt .dxf", show_default=False)],
+    program: Program,
     out: Annotated[
         Path | None, typer.Option(help="Folder for report, windows, picture and recording; default out/PROGRAM.")
     ] = None,
