@@ -10,8 +10,9 @@ FAILED, BAD_INPUT = 1, 2
 """Exit statuses of a command: the model left its validity, or the like; bad usage or input."""
 
 
-LONGEST_REASON = 2000
-"""Characters of a reason; of a longer one, which repeats what it was given, the middle is left out (ours)."""
+LONGEST_REASON, LONGEST_PLACE = 2000, 300
+"""Characters of a reason, which may list what there is, and of a file's name; the middle of longer ones is left out
+(ours)."""
 
 
 class EdmsimError(Exception):
@@ -39,18 +40,18 @@ class InputError(EdmsimError):
 
     def __str__(self) -> str:
         """Return ``file:line: reason`` with the parts that are known."""
-        place = "" if self.file is None else one_line(self.file)
+        place = "" if self.file is None else one_line(self.file, LONGEST_PLACE)
         if self.line is not None:
             place += f":{self.line}"
         return f"{place}: {self.reason}" if place else self.reason
 
 
-def one_line(text: str) -> str:
-    """Return a message as one line of at most `LONGEST_REASON` characters; what cannot be shown becomes a blank."""
+def one_line(text: str, longest: int = LONGEST_REASON) -> str:
+    """Return a message as one line of at most ``longest`` characters; what cannot be shown becomes a blank."""
     shown = text if text.isprintable() else "".join(c if c.isprintable() else " " for c in text)
-    if len(shown) <= LONGEST_REASON:
+    if len(shown) <= longest:
         return shown
-    return f"{shown[: LONGEST_REASON - 105]} ... {shown[-100:]}"
+    return f"{shown[: longest - 105]} ... {shown[-100:]}"
 
 
 def run_command(run: Callable[[], object]) -> None:

@@ -13,14 +13,14 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from edmsim.errors import EdmsimError
+from edmsim.errors import LONGEST_PLACE, LONGEST_REASON, EdmsimError
 
 MOST_CPU_S = 1.0
 """Of the processor, not of the clock: others use the machine as well."""
 GIVEN_UP_S = 10.0
 MOST_BYTES = 1 << 30
-LONGEST_MESSAGE = 600
-"""Characters of a message (ours: some lines of a terminal)."""
+"""That an input may add at its greatest to what the process holds."""
+LONGEST_MESSAGE = LONGEST_PLACE + LONGEST_REASON + 20
 _WRITES = os.O_WRONLY | os.O_RDWR | os.O_CREAT
 _MOVES = {
     "os.rename", "os.remove", "os.mkdir", "os.rmdir", "os.symlink", "os.link", "os.truncate", "os.chmod",
@@ -99,7 +99,8 @@ def judged(read: Any, data: bytes, folder: Path) -> tuple[str, list[str]]:
     """
     wrong: list[str] = []
     what = "taken"
-    began, most = time.process_time(), resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    began, before = time.process_time(), _held_bytes()
+    most = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     signal.signal(signal.SIGVTALRM, _give_up)
     with watched(folder) as seen:
         try:
@@ -120,9 +121,13 @@ def judged(read: Any, data: bytes, folder: Path) -> tuple[str, list[str]]:
     held = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     if took > MOST_CPU_S:
         wrong.append(f"slow: {took:.1f} s")
-    if held > most and held * 1024 > MOST_BYTES:
+    if held > most and held * 1024 - before > MOST_BYTES:
         wrong.append(f"memory: {held / 1024:.0f} MB")
     return what, wrong
+
+
+def _held_bytes() -> int:
+    return int(Path("/proc/self/statm").read_text().split()[1]) * resource.getpagesize()
 
 
 def _message(text: str) -> list[str]:
