@@ -12,6 +12,7 @@ import math
 import os
 import re
 import shutil
+import warnings
 from collections.abc import Callable, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -211,7 +212,8 @@ def _assemble(minari: Any, env: Any, task: str, name: str, files: list[Path], ou
             ))  # fmt: skip
     dataset_id = f"edmsim/{task.lower()}/{_plain(name)}-v0"
     shutil.rmtree(out / dataset_id, ignore_errors=True)
-    with _datasets_in(out):
+    with _datasets_in(out), warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)  # author and code are for its publisher to name
         minari.create_dataset_from_buffers(
             dataset_id=dataset_id, buffer=buffers, env=env, algorithm_name=name,
             requirements=[f"edmsim=={__version__}"],
