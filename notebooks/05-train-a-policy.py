@@ -173,9 +173,9 @@ panels[1].set(xlabel="path, mm", ylabel="short, share", ylim=(0, 1))
 figure.tight_layout()
 
 # %% [markdown]
-# All controllers finish the part. Where the wire enters and leaves the metal, the feed is the planner's greatest, 33.3
-# µm/s. A faster controller keeps a narrower gap and has more shorts. `voltage`, the fastest, also has the smallest
-# profile error, although the reward does not contain it.
+# All controllers finish the part. Where the wire enters and leaves the metal, the feed is the greatest of the
+# planner, 33.3 µm/s. A faster controller keeps a narrower gap and has more shorts. `voltage`, the fastest, also has
+# the smallest profile error, although the reward does not contain it.
 #
 # ## What this does not say
 #
