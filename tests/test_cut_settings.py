@@ -99,6 +99,13 @@ def test_options_that_an_earlier_report_does_not_have_are_at_their_default(small
     assert CutSettings.of_report({**report, "settings": earlier}) == CutSettings.of_report(report)
 
 
+def test_a_report_of_contours_with_different_offsets_leaves_them_to_the_registers(small_cut: SimpleNamespace) -> None:
+    report = small_cut.result.report
+    several = {**report, "settings": {**report["settings"], "offset_um": None}}
+    assert CutSettings.of_report(several).offset == "auto"
+    assert offset_line({"applied_mm": None, "mean_error_um": 2.0, "to_use_mm": None}).startswith("different ones by contour")
+
+
 def test_a_report_gives_the_set_up_of_its_cut(small_cut: SimpleNamespace, tmp_path: Path) -> None:
     settings = CutSettings.of_report(small_cut.result.report)
     assert settings.load_machine() == small_cut.result.machine
