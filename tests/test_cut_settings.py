@@ -17,6 +17,7 @@ from edmsim.cli import app as cli
 from edmsim.controllers import make
 from edmsim.job.settings import METADATA_KEY, CutOptions, CutSettings
 from edmsim.machine.parts import Choices
+from edmsim.recording.deviation import offset_line
 
 OF_RUNNING = {"program", "out", "resume", "overwrite", "watch", "enter"}
 """Arguments of `edmsim.cut` that say how it is run, not what is cut."""
@@ -103,7 +104,8 @@ def test_a_report_of_contours_with_different_offsets_leaves_them_to_the_register
     report = small_cut.result.report
     several = {**report, "settings": {**report["settings"], "offset_um": None}}
     assert CutSettings.of_report(several).offset == "auto"
-    assert offset_line({"applied_mm": None, "mean_error_um": 2.0, "to_use_mm": None}).startswith("different ones by contour")
+    found = {"applied_mm": None, "mean_error_um": 2.0, "to_use_mm": None}
+    assert offset_line(found) == "different ones by contour, +2.0 µm in the mean (metal left)"
 
 
 def test_a_report_gives_the_set_up_of_its_cut(small_cut: SimpleNamespace, tmp_path: Path) -> None:
