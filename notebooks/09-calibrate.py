@@ -195,6 +195,10 @@ held = calibrate(steered, known, constants, seed=5)
 show(held)
 
 # %% [markdown]
+# The log has one operating point, and the three constants move along with each other: two of the intervals miss the
+# truth, although the fitted machine cuts as the machine did. So vary the feed or the setting in a log that you want
+# to fit.
+#
 # ## Cutting with the fitted machine
 #
 # The fit is written as complete files, of the kind in `models/`, and `edmsim.cut` takes them. As a test, the fitted
