@@ -220,6 +220,14 @@ def exists(name: str) -> bool:
     return False
 
 
+def keep_options(_: Sphinx, __: str, ___: str, context: dict[str, Any], ____: object) -> None:
+    """Mark options of commands, so that a narrow page does not break them at their hyphens."""
+    def marked(code: re.Match[str]) -> str:
+        return re.sub(r"(?<=[\s>])(--[a-z][\w-]*)", r'<span class="option">\1</span>', code[0])
+
+    context["body"] = re.sub(r"<pre>.*?</pre>", marked, context.get("body", ""), flags=re.DOTALL)
+
+
 def setup(app: Sphinx) -> None:
     """Hook the above into the build."""
     copy_notebooks(DOCS / "notebooks")
@@ -233,3 +241,4 @@ def setup(app: Sphinx) -> None:
     app.connect("autodoc-process-docstring", keep_colons, priority=400)  # napoleon's own is 500
     app.connect("autodoc-process-docstring", show_colons, priority=600)
     app.connect("missing-reference", known_name)
+    app.connect("html-page-context", keep_options)

@@ -15,16 +15,16 @@
 # %% [markdown]
 # # Comparing gap controllers
 #
-# **Question.** The gap cannot be seen while the wire cuts. A controller has to guess it from what the machine
-# shows, 255 pulses at a time: how many were short circuits, how many stayed open, the mean voltage, the mean
-# ignition delay. How much does each of these signs tell, and how far is the best of them from someone who sees the
+# **Question.** Nobody sees the gap while the wire cuts. A controller has to infer it from what the machine measures
+# over 255 pulses at a time: how many of them were short circuits, how many stayed open, the mean voltage and the mean
+# ignition delay. How good is each of these signals, and how far is the best of them from a controller that sees the
 # gap?
 #
-# **What is done.** A few machines are drawn within the published ranges of all uncertain constants, with workpieces
-# of 4 to 40 mm and tensions of 8 to 20 N. Every controller makes the same cuts on them: a straight one (`GapFeed`),
-# and one through a workpiece whose height jumps every few tenths of a millimetre (`HeightStep`). The seeds are held
-# back: no gain was looked for with them. This is `edmsim evaluate` from Python; the page "benchmark" of the
-# documentation is the same with more machines and all controllers.
+# **What is done.** Ten machines are drawn within the published ranges of all uncertain constants, with workpieces of
+# 4 to 40 mm and tensions of 8 to 20 N. Every controller makes the same cuts on them: a straight one (`GapFeed`), and
+# one through a workpiece whose height jumps every few tenths of a millimetre (`HeightStep`). The seeds are held back:
+# no gain was searched on them. The notebook does in Python what `edmsim evaluate` does; the page "benchmark" of the
+# documentation compares all controllers.
 
 # %% tags=["parameters"]
 machines = 10  # drawn machines; every controller makes one cut on each, in both environments
@@ -55,12 +55,12 @@ COLOURS = {"fixed": MUTED, "counts": BLUE, "voltage": ORANGE, "delay": PURPLE, "
 # - `counts` is the law of 1982: from the counts of short and open pulses, with its documented constants.
 # - `voltage` and `delay` are servos on the mean gap voltage and the mean ignition delay, with gains found by a
 #   search.
-# - `oracle` knows the true gap and rehearses every cut with several gaps. No machine could have it; it says how
-#   fast a cut could have been.
+# - `oracle` knows the true gap, and makes every cut with several gaps to choose the best. No machine could have it;
+#   it shows how fast a cut could have been.
 #
-# In parentheses are 95 % bootstrap intervals over the cuts. They are wide, because the machines differ more than
-# the controllers do; the *share of the oracle's rate* compares machine by machine and is much narrower. A *jam* is
-# a short that stayed or a wire driven into the metal; like a lost wire, it costs the time of threading a new one.
+# Values in parentheses are 95 % bootstrap intervals over the cuts. They are wide because the machines differ more
+# than the controllers do. The *share of the oracle's rate* compares machine by machine, and its intervals are much
+# narrower. A *jam* is a short that stayed or a wire driven into the metal; it costs as much as a lost wire.
 
 # %%
 straight = evaluate("edmsim/GapFeed-v1", controllers, machines, resolution=resolution)
@@ -90,8 +90,10 @@ panels[0].legend(frameon=False)
 figure.tight_layout()
 
 # %% [markdown]
-# No single feed suits them all: where the machine is slower than its feed, `fixed` drives the wire into the metal,
-# and where it is faster it wastes time. Everything that looks at the pulses gets on with every machine.
+# No single feed suits all machines. `fixed` feeds so slowly that no wire breaks, and reaches less than half of the
+# oracle's rate on most of them. The controllers that look at the pulses come near the oracle on every machine. On the
+# machine at the lower left the wire breaks under all of them, the oracle included, because none of them looks at the
+# wire; there `fixed` cuts more.
 
 # %%
 for name in controllers:
@@ -106,9 +108,9 @@ assert share > straight.figures["counts"]["oracle_share"].value > straight.figur
 # %% [markdown]
 # ## One cut, window by window
 #
-# One machine and one workpiece with jumping height, cut by four controllers. `Episode` runs what `evaluate` runs, a
-# window at a time; besides what the controller is shown it tells the truth of the window, the mean gap at the
-# discharges among it.
+# Four controllers cut one workpiece with jumping height on one machine. `Episode` runs what `evaluate` runs, one
+# window at a time. Beside what the controller sees it gives the truth of the window, such as the mean gap at the
+# discharges.
 
 # %%
 NAMES = ("fixed", "counts", "voltage", "oracle")
@@ -166,16 +168,17 @@ figure.align_ylabels()
 figure.tight_layout()
 
 # %% [markdown]
-# Where the workpiece gets thinner, the same power removes a longer stretch: the feed may rise, and every controller
-# that looks lets it, `voltage` and the oracle up to the planner's greatest feed, 33.3 µm/s. Where it gets thicker
-# the gap closes, and shorts are more until the feed has come down. The feed of `counts` stays behind the others
-# everywhere: it keeps a wider gap, with more open pulses and fewer shorts. `fixed` does not notice that the gap
-# closes under it; where its line of the gap ends, no pulse ignites any more.
+# Where the workpiece gets thinner, the same power removes a longer stretch, so that the feed can rise. Every
+# controller that looks at the pulses raises it, `voltage` and the oracle up to the planner's greatest feed, 33.3
+# µm/s. Where the workpiece gets thicker the gap closes, and there are more shorts until the feed has come down. The
+# feed of `counts` is lower than theirs almost everywhere: it keeps a wider gap, with more open pulses and fewer
+# shorts. `fixed` feeds slowly whatever the height. Its gap is twice as wide, and two of three pulses stay open.
 #
 # ## The plane of short and open
 #
-# What the controller of 1982 steers by: each window is a point, its share of short pulses upwards, of open ones to
-# the right. What is missing to one are sparks, the lower left corner would be a cut without waste.
+# The controller of 1982 looks at these two shares only. Each window is a point, with its share of open pulses to
+# the right and that of short pulses upwards. The other pulses are sparks, so that a cut in the lower left corner
+# would waste no pulse.
 
 # %%
 figure, panels = plt.subplots(1, 4, figsize=(8.4, 2.7), sharex=True, sharey=True)
@@ -190,14 +193,14 @@ panels[0].set_ylabel("short, share")
 figure.tight_layout()
 
 # %% [markdown]
-# The cross is the median window. A wide gap lies to the right below, a narrow one to the left above, and the
-# distance from the grey line is the share of pulses that ignited. The fastest cuts lie further up than one would
-# think: a third of the pulses lost to shorts costs less than the pulses that stay open where the gap is wide.
+# The cross is the median window. Windows with a wide gap lie to the lower right, those with a narrow gap to the upper
+# left, and the distance from the grey line is the share of pulses that ignited. The fastest cuts lie surprisingly far
+# up: to lose a third of the pulses to shorts costs less than the open pulses of a wide gap do.
 #
 # ## What this does not say
 #
-# - The oracle only bounds a controller that chooses a feed and nothing else, and only the cutting rate. The model
-#   knows of no harm that shorts do to the surface; on a real machine so many of them may be a bad idea.
+# - The oracle is a bound only for controllers that choose the feed and nothing else, and only for the cutting rate.
+#   In the model shorts do no harm to the surface; on a real machine so many of them may be a bad idea.
 # - The shares of shorts depend on the resolution (page "convergence"); `voltage` is ahead of `counts` at all three
 #   (page "training").
 # - `counts` has its documented constants. Those that a search finds for it earn more, but hunt where windows are

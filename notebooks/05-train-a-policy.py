@@ -18,11 +18,11 @@
 # **Question.** Can a feed controller be learned instead of designed, and is it any better?
 #
 # **What is done.** A policy is trained for a few minutes by proximal policy optimisation (Schulman et al. 2017,
-# [arXiv:1707.06347](https://arxiv.org/abs/1707.06347)) in `edmsim/GapFeed-v1`: a straight cut on a machine drawn
-# again for every episode, rewarded for length cut, punished for shorts and for a lost wire. It is then measured on
-# machines it never met, beside the policy that is shipped and two classic controllers; and it cuts a part. This
-# notebook needs the extra: `pip install "edmsim[rl]"`. From a shell it is `edmsim train`; the page "training" says
-# more.
+# [arXiv:1707.06347](https://arxiv.org/abs/1707.06347)) in `edmsim/GapFeed-v1`. An episode is a straight cut on a
+# machine that is drawn for it. Length cut is rewarded, and shorts and a lost wire are punished. The policy is then
+# compared, on machines that were held back, with the policy that is shipped and with two classic controllers. At
+# the end all of them cut a part. This notebook needs the extra `rl`: `pip install "edmsim[rl]"`. In a shell `edmsim
+# train` does the same; the page "training" says more.
 
 # %% tags=["parameters"]
 steps = 200_000  # windows of 255 pulses to train with, all lanes together; the shipped policy had over a million
@@ -55,8 +55,9 @@ os.chdir(folder.name)  # all files go where they are thrown away
 # %% [markdown]
 # ## What the policy sees and does
 #
-# Every 255 pulses it sees what the machine shows, now and in the last windows, and turns one knob: by how much the
-# feed changes. The network is small, two layers of 64; what the learner is made with is in `models/training`.
+# After every 255 pulses the policy sees what the machine shows in this window and in the last ones, and chooses by
+# how much the feed changes. The network is small, with two layers of 64; the settings of the learner are in
+# `models/training`.
 
 # %%
 shipped = policy_file.load("GapFeed-ppo").card
@@ -79,9 +80,9 @@ print(sorted(file.name for file in Path("trained").glob("policy.*")), f"after {c
 # %% [markdown]
 # `policy.json` and `policy.npz` are all that a cut needs: numbers and a description, no pickles, no torch.
 #
-# ## What it is worth
+# ## How good it is
 #
-# All of them cut the same held-back machines; the oracle, which sees the gap, scales them.
+# All controllers cut the same held-back machines. Scores are relative to the oracle, which sees the gap.
 
 # %%
 LABELS = {
@@ -104,11 +105,10 @@ axes.legend(frameon=False, fontsize=8, loc="lower right")
 figure.tight_layout()
 
 # %% [markdown]
-# Most episodes end in a jam early in the training; they are short and cost, and the mean return stays near zero.
-# Then the policy learns not to run into the metal, and from there on how fast it may go. The training's curve is no
-# measure of the policy: every episode is on another machine, the machines of a hundred episodes are easier or
-# harder than the ones held back, and while it learns the policy tries things. The dashed lines are: all of them are
-# of the same cuts.
+# Early in the training nearly every episode loses its wire, which costs more than a cut earns. Then the policy learns
+# not to drive the wire into the metal, and after that how fast it may feed. Do not compare the curve with the dashed
+# lines: every episode runs on another machine, and while it learns the policy also tries actions that it knows to be
+# worse. The dashed lines can be compared with each other, because they come from the same cuts.
 
 # %%
 returns = {label: np.array([r.total_return for r in compared.results[name]]) for name, label in LABELS.items()}
@@ -119,17 +119,16 @@ for label in ("trained here", "shipped policy"):
     print(f"{label}: {share:.0%} of the return of `{best}`, more than it on {won} of {machines} machines")
 
 # %% [markdown]
-# Neither learned policy beats the best classic controller, and the one trained here jams on one of the machines.
-# The page "benchmark" finds the same with twenty machines at the default resolution, for a bar of 10 % *more*
-# return that was set before anything was trained. A feed is all there is to choose here, and the servo on the mean
-# voltage, whose gains were found by a search on the same reward, comes within one or two percent of a controller
-# that sees the gap: there is next to nothing left to learn. What a policy could gain has to come from elsewhere,
-# from the generator's knobs or from corners it knows of beforehand (`edmsim/Corner-v1`).
+# Neither learned policy is better than the best classic controller, and the page "benchmark" finds the same on
+# other machines. Only the feed can be chosen here, and `voltage`, the servo on the mean voltage with gains found by
+# a search, already comes within a few percent of a controller that sees the gap. So there is little left to learn.
+# A policy could gain more where it also sets the generator, or where it knows of a corner before the wire is there
+# (`edmsim/Corner-v1`).
 #
 # ## Cutting a part
 #
-# A little plate, with corners the policy never met: in its environment all cuts are straight. It is 30 mm high, as
-# thin ones cut faster than the planners of 1982 can step.
+# The part is a small plate. Its corners are new to the policies, because all cuts of their environment are straight.
+# The plate is 30 mm high; thinner ones cut faster than the planners of 1982 can step.
 
 # %%
 Path("plate.ngc").write_text("""
@@ -152,10 +151,10 @@ rows = ["| controller | outcome | time, s | mm2/min | short | open | profile err
 for label, cut in cuts.items():
     report = cut.report
     error = report["profile_error_um"]["rms"]
-    told = "" if error is None else f"{error:.1f}"
+    shown = "" if error is None else f"{error:.1f}"
     short, open_ = (np.sum(cut.windows[name].to_numpy()) / (255 * cut.windows.num_rows) for name in ("short", "open"))
     rows.append(f"| {label} | {report['outcome']} | {report['machining_time_s']:.0f} | "
-                f"{report['cutting_rate_mm2_min']:.1f} | {short:.0%} | {open_:.0%} | {told} |")
+                f"{report['cutting_rate_mm2_min']:.1f} | {short:.0%} | {open_:.0%} | {shown} |")
 Markdown("\n".join(rows))
 
 # %%
@@ -174,15 +173,15 @@ panels[1].set(xlabel="path, mm", ylabel="short, share", ylim=(0, 1))
 figure.tight_layout()
 
 # %% [markdown]
-# All of them finish the part. Where the wire enters and leaves the metal, the feed is the planner's greatest, 33.3
-# µm/s. Who cuts faster keeps a narrower gap and more shorts. The profile of both policies is about as true as that
-# of `counts`; that of `voltage`, the fastest, is the worst. Nothing in the reward asked for a true one.
+# All controllers finish the part. Where the wire enters and leaves the metal, the feed is the greatest of the
+# planner, 33.3 µm/s. A faster controller keeps a narrower gap and has more shorts. `voltage`, the fastest, also has
+# the smallest profile error, although the reward does not contain it.
 #
 # ## What this does not say
 #
-# - The training here is far too short, and one seed is one draw: another seed ends in another policy, and trainings
-#   that end in shorts do happen. Nothing of it was tuned for this notebook.
-# - Machines are drawn within the published ranges of their constants; a real machine may lie outside, and its log
-#   is the only thing that can say so (notebook 09).
-# - The shipped policies were kept because they did best on some of these held-back machines: their figures flatter
-#   them a little (page "training").
+# - The training here is far too short, and another seed ends in another policy; some trainings end in shorts. Nothing
+#   was tuned for this notebook.
+# - Machines are drawn within the published ranges of their constants. A real machine may lie outside of them, and
+#   only its log can show that (notebook 09).
+# - The shipped policies were kept because they did best on some of these held-back machines, so that their figures
+#   are slightly too good (page "training").

@@ -17,12 +17,13 @@
 # %% [markdown]
 # # Integer planners, and the controller of 1982 at work
 #
-# **Question.** How true a line can an 8-bit computer draw without a multiplier, how late does it answer, and what
-# happens when it is let loose on the machine?
+# **Question.** How straight a line can an 8-bit computer without a multiplier draw, how long does it take to answer,
+# and what does that mean for a part?
 #
-# A thesis of the TH Eindhoven (May 1982) puts an 8085 in charge of a wire-EDM machine. Its heart is POSCAL: from
-# position, target and speed it computes the speeds of two stepping motors with additions and shifts, since the 8085
-# knows no product. `docs/controller-1982.md` has the whole machine, `docs/planners.md` the errors at all speeds.
+# In a thesis of the TH Eindhoven (May 1982) an 8085 controls a wire-EDM machine. Its central routine is POSCAL: from
+# position, target and speed it computes the speeds of two stepping motors. It uses additions and shifts only, because
+# the 8085 has no instruction to multiply. The page "controller of 1982" (`docs/controller-1982.md`) describes the
+# whole machine, and the page "planners" (`docs/planners.md`) the errors at all speeds.
 
 # %%
 # %matplotlib inline
@@ -65,10 +66,13 @@ vectors = 20_000  # displacements whose cost is counted
 # %% [markdown]
 # ## One move
 #
-# 2.5 mm along an oblique line at low speed. `poscal-literal` is the algorithm as the thesis has it: axis speeds are
-# computed once, as whole units, and each axis stops at its own target. `poscal` runs the same integer routines, but
-# re-aims them after every step at a point 32 µm ahead; `sine-table` does so with a table of 255 sines in place of
-# the square root (the thesis' own proposal); `dda` is an ideal line.
+# Four planners move 2.5 mm along an oblique line at low speed:
+#
+# - `poscal-literal` is the algorithm of the thesis. It computes the speeds of the axes once, in whole units, and each
+#   axis stops at its own target.
+# - `poscal` runs the same integer routines, but after every step it aims them again at a point 32 µm ahead.
+# - `sine-table` does the same with a table of 255 sines in place of the square root, as the thesis proposes.
+# - `dda` follows the ideal line as closely as whole steps allow.
 
 # %%
 RUN_UM = (2400, 700)
@@ -99,8 +103,8 @@ right.set(xlabel="along the line, µm", ylabel="off the line, µm", xlim=(0, 300
 # %% [markdown]
 # ## Every direction
 #
-# The largest distance from the line over 2.5 mm. The steps of the motors are 2 µm; nobody can do better than about
-# half of that.
+# The next figure shows the largest distance from a line of 2.5 mm in every direction. A step of the motors is 2 µm,
+# so that no planner can do better than about 1 µm.
 
 # %%
 figure, panels = plt.subplots(1, len(speeds), figsize=(5.0 * len(speeds), 3.6), sharey=True, squeeze=False)
@@ -120,15 +124,15 @@ for (planner, speed), error in worst.items():
     assert planner == "poscal-literal" or error < STEP_UM
 
 # %% [markdown]
-# Moves along an axis have no error and are not seen here. Three planners stay within one step, whatever direction
-# and speed. The algorithm of 1982 does not: one unit is coarse at low speed, and at any speed nothing corrects on
-# the way what REDUC, the reduction to 8 bits, has rounded off. It is not the arithmetic that fails, but that it is
-# done once per move: the same routines at every step are as true as an ideal line.
+# Moves along an axis have no error, so that they do not appear on the logarithmic scale. Three planners stay within
+# one step in every direction and at both speeds. The algorithm of 1982 does not. At low speed one unit of speed is
+# coarse, and at any speed the rounding of REDUC, which reduces numbers to 8 bits, is never corrected on the way. The
+# arithmetic is good enough: computed again at every step, as `poscal` does, it keeps the line as well as `dda`.
 #
 # ## What the part gets of it
 #
-# A lozenge of oblique sides, cut from 10 mm of tool steel by each planner. The wire offset makes chords of its
-# corners.
+# Each planner cuts a lozenge with oblique sides from 10 mm of tool steel. At the corners the offset path is an arc,
+# which the planners follow as chords.
 
 # %%
 LOZENGE = """\
@@ -156,12 +160,13 @@ for planner in cut_planners:
 error_figure(cuts[cut_planners[min(1, len(cut_planners) - 1)]].scene)
 
 # %% [markdown]
-# Drawn is the one by `poscal-literal`. With the other three the discharges decide, not the steps.
+# The figure shows the cut by `poscal-literal`. Its error is no larger than that of the others, because the lines of
+# this part are short: the discharges decide here, not the steps.
 #
 # ## Behind the registers
 #
-# `edmsim.controllers.mcu` is that computer with its chips: bytes at addresses, counters, interrupts. A move of 40
-# by 10 µm, by hand:
+# `edmsim.controllers.mcu` simulates that computer and its chips: bytes at addresses, counters and interrupts. You can
+# use it by hand, here for a move of 40 by 10 µm:
 
 # %%
 computer = Computer()
@@ -180,9 +185,10 @@ print(f"spent {computer.t_states} T-states: {1e3 * duration_s(computer.t_states)
 # %% [markdown]
 # ## How late it answers
 #
-# The 8085 has 3.07 million T-states a second. POSCAL costs what its path through REDUC, the square root and two
-# divisions costs; the routine that turns counts into a speed adds its own share and the POSCAL that follows. All of
-# it has to fit into a window of 255 pulses, else counts are missed.
+# The 8085 runs 3.07 million T-states (clock periods) per second. How many of them POSCAL needs depends on its path
+# through REDUC, the square root and two divisions. The routine that turns counts into a speed takes its own time and
+# then calls POSCAL. Both have to end within one window of 255 pulses. Otherwise the computer misses the counts of the
+# next window.
 
 # %%
 law = edmsim.controllers.make("counts").settings(MAX_FEED_UM_S)
@@ -214,8 +220,8 @@ axes.legend(fontsize=8)
 assert max(poscal_ms) <= 1e3 * duration_s(POSCAL_BOUND_T)
 
 # %% [markdown]
-# At the usual period of 100 µs there is time to spare. At 30 µs a window is over before the answer to the one
-# before is found:
+# At the usual period of 100 µs the computer has time to spare. At 30 µs a window ends before the computer has
+# finished with the one before:
 
 # %%
 for period_us in (100.0, 50.0, 30.0, 20.0):
@@ -223,14 +229,14 @@ for period_us in (100.0, 50.0, 30.0, 20.0):
         program, controller="mcu", height_mm=10.0, resolution="fast", seed=1, max_time_s=bit_time_s / 3,
         t_on_us=0.3 * period_us, t_period_us=period_us,
     )  # fmt: skip
-    told = [notice for notice in cut.report["notices"] if "missed" in notice]
-    print(f"t(p) {period_us:4.0f} µs, {cut.windows.num_rows:5} windows:", *told or ["none missed"])
+    missed = [notice for notice in cut.report["notices"] if "missed" in notice]
+    print(f"t(p) {period_us:4.0f} µs, {cut.windows.num_rows:5} windows:", *missed or ["none missed"])
 
 # %% [markdown]
 # ## The same law, twice
 #
-# The controller `counts` calls the routine directly; `mcu` runs it behind clocks, strobes, latches and interrupts,
-# and its steps leave through timers and ports. Both cut the same, bit for bit.
+# The controller `counts` calls the routine directly. `mcu` runs it on the simulated computer, with its clocks,
+# strobes, latches and interrupts, and its steps pass through timers and ports. Both cuts are equal, bit for bit.
 
 # %%
 twice = [
@@ -244,9 +250,9 @@ print(f"{twice[0].num_rows} windows, all equal")
 # %% [markdown]
 # ## An operator's session
 #
-# `edmsim terminal` seats you before it. Here a script types; `>` is the program's prompt. The routines are the
-# thesis', the words are ours, as it left the dialogue to be written. A person sees the digits of the front panel
-# below it.
+# With `edmsim terminal` you operate the machine yourself. Here a script types the commands; `>` is the prompt. The
+# routines are those of the thesis. It left the dialogue to be written, so that the words are ours. On a terminal you
+# also see the digits of the front panel below the dialogue.
 
 # %%
 def terminal(script: str, *options: str) -> None:
@@ -272,14 +278,15 @@ BYE
 """)
 
 # %% [markdown]
-# The pair of 40 and 100 µs is refused, since it would draw more than the 2 A the generator bears; for that line the
-# exit status is 2. The speed is what the law found from shorts and opens.
+# The terminal refuses 40 and 100 µs, because the mean current would exceed the generator's 2 A. Because of that line
+# the exit status is 2. The speed in `STATUS` is the one that the law has found from the shares of short and open
+# pulses.
 #
 # ## Its two faults
 #
-# The machine of 1982 was left with two: above a mean current of 1.5 A sparks disturb the serial lines, and at a low
-# voltage V(t(p)) the generator drops out. Both can be injected; how often they strike is ours. First a short, at
-# whose current the terminal goes wild:
+# The thesis ends with two faults unsolved: above a mean current of 1.5 A the sparks disturb the serial lines, and
+# at a low voltage V(t(p)) the generator drops out. `--fault` injects either; how often it occurs is our assumption.
+# In the first session a short draws so much current that characters are lost on the line:
 
 # %%
 terminal("X 100\nWAIT\nTI 30 TP 100\nGEN ON\nWAIT 1\nSTATUS\nSTATUS\nGEN OFF\nPOS\n", "--fault", "serial-noise")
@@ -291,6 +298,7 @@ folder.cleanup()
 # %% [markdown]
 # ## Limits
 #
-# The listings are lost. T-states are our count over the shortest loops we would write; what is documented (the
-# routines, their words of 16 bits, their mistakes, the ports) is kept to the bit. Arcs are not in the thesis: they
-# reach the planners as chords.
+# - The listings of 1982 are lost. The T-states are counted over the shortest loops that we would write.
+# - What the thesis documents is reproduced bit for bit: the routines, their words of 16 bits, their mistakes and the
+#   ports.
+# - The thesis does not say how arcs were made. The planners get them as chords.

@@ -15,13 +15,13 @@
 # %% [markdown]
 # # Tension and height, with uncertainty
 #
-# **Question.** What do wire tension and workpiece height do to the cutting rate, the kerf, the lag of the wire and
-# the error at a corner, and how much of that can one say of a machine whose constants are only known within ranges?
+# **Question.** How do wire tension and workpiece height change the cutting rate, the kerf, the lag of the wire and
+# the error at a corner? How much of that holds for a machine whose constants are known only within ranges?
 #
-# **What is done.** Every constant of the model that has a published range is drawn within it (`Machine.sample`).
-# Each drawn machine cuts straight and round a corner of 90° at every tension and height, under the count law of
-# 1982. Machine *k* is the same machine everywhere, so differences between the points of the grid are due to tension
-# and height. What is shown is the median over the machines and the band that holds the middle 80 % of them.
+# **What is done.** `Machine.sample` draws every constant that has a published range within that range. Each drawn
+# machine cuts a straight line and a corner of 90° at every tension and height, under the count law of 1982. Machine
+# *k* is the same machine at every point of the grid, so that differences between points come from tension and height.
+# The figures show the median over the machines, and a band with the middle 80 % of them.
 
 # %% tags=["parameters"]
 tensions = [6.0, 9.0, 13.0, 18.0]  # N; the cold wire holds more than twice the highest
@@ -105,14 +105,15 @@ for axes in panels[1]:
 figure.tight_layout(rect=(0, 0, 1, 0.96))
 
 # %% [markdown]
-# The lag has either sign: the discharges push the wire back, the field between wire and workpiece pulls it forward,
-# and with the constants as they are known neither outweighs the other (notebook 03). How its size goes with tension
-# and height is the taut string's law, whichever load bends it. A wire that lags cuts the corner, one that leads runs
-# on beyond it, and that is the corner error here.
+# The lag has either sign. The discharges push the wire back and the field between wire and workpiece pulls it
+# forward, and within the ranges of the constants either may be the larger (notebook 03). The size of the lag
+# follows the law of the taut string in both cases: it grows with the height and falls with the tension. A wire that
+# lags cuts the corner short, and one that leads runs beyond it. The corner error is how far its path then is from
+# that of the guides.
 #
-# A taut wire is bent and shaken less, so it meets the metal less often. The bands
-# overlap nonetheless: machines of unknown constants differ by more than the tension does. On *one* machine the
-# effect is clear, as comparing each machine with itself says.
+# A tauter wire bends and vibrates less, so that it touches the metal less often. The bands still overlap, because the
+# machines differ from each other by more than the tension changes. On *one* machine the effect is clear, as the
+# comparison of each machine with itself shows:
 
 # %%
 print(f"tension {tensions[0]:g} to {tensions[-1]:g} N, each machine compared with itself:")
@@ -129,7 +130,8 @@ assert np.nanmedian(size[:, -1]) < np.nanmedian(size[:, 0])  # a taut wire bends
 assert np.nanmedian(found[:, -1, :, 3]) < np.nanmedian(found[:, 0, :, 3])  # and runs on less beyond a corner
 
 # %% [markdown]
-# How much of the spread is the machine and how much the dice of one cut? The same machine with other seeds tells.
+# How much of the spread comes from the machines, and how much from the chance in a single cut? Cuts of the same
+# machine with other seeds answer that:
 
 # %%
 middle = {"height_mm": heights_mm[len(heights_mm) // 2], "tension": tensions[len(tensions) // 2]}
@@ -141,10 +143,10 @@ for name, machine_sd, seed_sd in zip(MEASURES, spread, np.nanstd(again, axis=0, 
 # %% [markdown]
 # ## Which constants matter
 #
-# More machines, drawn at the middle of the grid, and Spearman's rank correlation of every constant with every
-# measure. Ranks ask for no straight line, only for one direction. Constants that matter for nothing are left out:
-# those whose correlation stays within what as many machines would show by chance, at a level that allows one false
-# constant in the whole table on average.
+# More machines are drawn at the middle of the grid. The table shows Spearman's rank correlation of every constant
+# with every measure; it needs no straight line, only one direction. Constants without an effect are left out. Their
+# correlation is one that chance alone would give with as many machines; the level is chosen such that chance adds
+# one constant to the whole table on average.
 
 # %%
 sample = [draw(1000 + k, **middle) for k in range(drawn)]
@@ -162,8 +164,8 @@ def rank_correlation(x, y):
 
 table = np.array([[rank_correlation(values[:, c], measured[:, m]) for m in range(len(MEASURES))]
                   for c in range(len(constants))])  # fmt: skip
-telling = table[..., 1] < 1 / (len(constants) * len(MEASURES))
-shown = np.flatnonzero(telling.any(axis=1))
+significant = table[..., 1] < 1 / (len(constants) * len(MEASURES))
+shown = np.flatnonzero(significant.any(axis=1))
 shown = shown[np.argsort(-np.abs(table[shown, :, 0]).max(axis=1))]
 print(f"{len(constants)} uncertain constants, {len(shown)} of them matter for something")
 
@@ -175,7 +177,7 @@ for row, constant in enumerate(shown):
         value = table[constant, column, 0]
         axes.text(column, row, f"{value:+.2f}", ha="center", va="center", fontsize=8,
                   color="white" if abs(value) > 0.7 else "black",
-                  weight="bold" if telling[constant, column] else "normal")
+                  weight="bold" if significant[constant, column] else "normal")
 axes.set_xticks(range(len(MEASURES)), [name.split(",")[0] for name in MEASURES])
 axes.set_yticks(range(len(shown)), [constants[c] for c in shown])
 axes.tick_params(length=0)
@@ -185,15 +187,14 @@ figure.colorbar(image, label="rank correlation", shrink=0.9)
 figure.tight_layout()
 
 # %% [markdown]
-# These few constants are the ones to know before predicting for a machine of one's own: the clearance of the guides
-# can be measured with a ruler, others can be fitted to a log (notebook 09). For the rest the middle of the range
-# will do.
+# If you want to predict for a machine of your own, find these few constants first. You can measure the clearance of
+# the guides with a ruler, and fit others to a log (notebook 09). For the rest the middle of the range is good enough.
 #
 # ## What this does not say
 #
-# - The bands hold what is published of the constants, drawn independently of each other. They hold neither the
-#   error of the model's structure (notebook 08) nor constants without a range.
+# - The bands come from the published ranges of the constants, drawn independently of each other. They contain neither
+#   the errors of the model itself (notebook 08) nor constants without a range.
 # - The shares of shorts, and with them the rate, depend on the resolution; all cuts here are at `fast` (page
 #   "convergence").
-# - The corner error here is the largest distance of the wire's path from its guides'; the part's edge also depends
-#   on the offset and on which side of the path the part is (notebook 03).
+# - The corner error here concerns the wire's path. The edge of a part also depends on the offset, and on which side
+#   of the path the part is (notebook 03).

@@ -15,13 +15,12 @@
 # %% [markdown]
 # # Validation: the model beside what was published
 #
-# **Question.** Where does the model agree with published facts, where does it not, and what follows from that for
-# what one may use it for?
+# **Question.** Where does the model agree with published facts, where does it not, and what can you use it for?
 #
-# **What is done.** `edmsim.validation` is a list of facts, each with its source, and code that lets the model
-# repeat it. A fact is a value, a band or a sign, and what counts as agreement was laid down with it. Nothing is
-# fitted here. The rows below are the same as those of `edmsim validate` and of the page "validation"; rows that
-# fail stay in the list and lead to the reason.
+# **What is done.** `edmsim.validation` is a list of published facts, each with its source and with the code that lets
+# the model repeat it. A fact is a value, a band or a sign, and has a tolerance that says what counts as agreement.
+# Nothing is fitted here. The rows below are those of the page "validation" but for the checks of gas, shorts and lag,
+# which `edmsim validate` runs as well. Rows that fail stay in the list, with a link to the reason.
 
 # %% tags=["parameters"]
 modules = [  # checks to run; in this order the topics come
@@ -63,8 +62,9 @@ figure.tight_layout()
 # %% [markdown]
 # ## All values at a glance
 #
-# Facts that are a value: what the model gives over what was published, with its 95 % interval; blue agrees,
-# vermilion fails. The grey bar is what was asked for. Bands and signs are not in this picture.
+# For every fact that is a value the figure shows the model's value divided by the published one, with its 95 %
+# interval. Blue points agree and vermilion ones fail; the grey bar is the tolerance. Bands and signs are not in this
+# figure.
 
 # %%
 values = [row for row in rows if row.tolerance.startswith("within")]
@@ -85,7 +85,7 @@ axes.minorticks_off()
 figure.tight_layout()
 
 # %% [markdown]
-# ## Four of them closely
+# ## Four topics in detail
 
 # %%
 figure, ((ignition, crater), (pull, lag)) = plt.subplots(2, 2, figsize=(8.4, 6.6))
@@ -141,39 +141,40 @@ for row in string:
     assert math.isclose(sag_um, float(row["ymax_um_per_N_per_m"]), rel_tol=0.01)
 
 # %% [markdown]
-# - **Ignition.** From 12 µm on the medians lie on the published law. Below 10 µm they fall far below it, and have
-#   to: two publications of the same group disagree there. The later one (Esteves et al. 2023,
+# - **Ignition.** From 12 µm on the medians lie on the published law. Below 10 µm they are far below it, because two
+#   publications of the same group disagree there. The later one (Esteves et al. 2023,
 #   [doi:10.3390/jmmp7050177](https://doi.org/10.3390/jmmp7050177)) finds a second, much faster regime below 8 to 10
 #   µm, and the model follows it.
-# - **Crater.** The model's volume goes with the energy. The durations of the measured pulses were not published;
-#   one duration for all, fitted at 110 A, cannot give the steep rise at the highest currents. Fitting one to each
-#   current would make the points agree and prove nothing.
-# - **Pull.** Summed over rays it follows the closed form of a cylinder before a plane within 2 % from 5 to 50 µm.
-# - **Lag.** The modes of the wire give the taut string's sag within 1 %.
+# - **Crater.** The model's volume is proportional to the energy. The durations of the measured pulses were not
+#   published. One duration for all of them, fitted at 110 A, does not give the steep rise at the highest currents. A
+#   duration fitted to each current would make the points agree, but prove nothing.
+# - **Pull.** The sum over the rays follows the closed form of a cylinder before a plane within 2 % from 5 to 50 µm.
+# - **Lag.** The modes of the wire give the sag of a taut string within 1 %.
 #
 # ## What fails, and why
 #
-# Links lead to the pages of theory.
+# The links lead to the pages on the theory.
 
 # %%
 failing = [row for row in rows if not row.passed]
 Markdown("\n".join(rows_table(failing, seen_from="notebooks")))
 
 # %% [markdown]
-# What weighs most for someone who wants to use the model:
+# If you want to use the model, these matter most:
 #
-# - **The lag of rough cuts.** Real wires trail by 10 to 100 µm. In a metal that is not magnetic the model's does,
-#   too; in tool steel the magnetic force takes a large part of that lag or all of it. The push of a discharge was
-#   derived, never measured, and has a range of a factor of six; at the low energy of the default set-up it decides
-#   on the sign. Ratios (with tension, with height) are right, the absolute lag and the corner errors with it are not
-#   to be trusted.
-# - **Production rates.** Production cutting needs four to five times the energy per volume that a textbook says. The
-#   model holds both, as short pulses remove less per joule; that law was set with both in view, so the rows of
-#   production cutting are a calibration and prove nothing.
-# - **Wire rupture.** Every discharge kicks the wire further than practice reports. In production cutting it then
-#   swings between open pulses and shorts, and the gap takes less current than that of the machine the rows are from.
-# - **Debris** is driven out of the gap by bubbles so fast that it bridges nothing.
-# - **Roughness** is a lower bound, **vibration** knows nothing of the flow.
+# - **The lag of rough cuts.** Real wires lag by 10 to 100 µm. The model's wire does so in a metal that is not
+#   magnetic. In tool steel the magnetic force cancels a large part of that lag, or all of it. The push of a discharge
+#   was derived, never measured, and its range is a factor of six. At the low energy of the default set-up it decides
+#   the sign of the lag. Trust how the lag changes with tension and height, but not its size, nor the corner errors
+#   that follow from it.
+# - **Production rates.** Production cutting needs four to five times the energy per volume that textbooks give. The
+#   model agrees with both, because short pulses remove less per joule. That law was chosen with both in view, so that
+#   the rows of production cutting are a calibration and prove nothing.
+# - **Wire rupture.** Every discharge moves the wire further than practice reports. In production cutting the wire
+#   then swings between open pulses and shorts, and the gap takes less current than the machine of the publication
+#   did.
+# - **Debris.** Bubbles drive it out of the gap so fast that it bridges nothing.
+# - **Roughness and vibration.** The roughness is a lower bound, and the flow of the water does not move the wire.
 #
 # ## All rows
 

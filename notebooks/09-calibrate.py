@@ -19,13 +19,13 @@
 # %% [markdown]
 # # Fitting the model to a machine's own log
 #
-# **Question.** The constants of the model are published within ranges. Which of them can be found from what a
-# machine logs anyway while it cuts, and how well?
+# **Question.** The constants of the model are published as ranges. Which of them can you find in the log that a
+# machine writes while it cuts, and how well?
 #
-# **What is done.** A machine with constants of its own cuts a straight line and logs its windows. From the log
-# alone `edmsim.calibration` looks for the constants, with confidence intervals. As that machine is simulated, too,
-# the truth is known and one can see whether the intervals hold it. From a shell all this is `edmsim calibrate`
-# (page "calibration").
+# **What is done.** A machine with its own constants cuts a straight line and logs its windows. From the log alone
+# `edmsim.calibration` estimates the constants, with confidence intervals. That machine is simulated as well, so that
+# its constants are known and can be compared with the intervals. In a shell `edmsim calibrate` does the same (page
+# "calibration").
 
 # %% tags=["parameters"]
 feeds_um_s = [14.0, 19.0]  # of the log's cuts, um/s
@@ -59,7 +59,7 @@ os.chdir(folder.name)  # all files go where they are thrown away
 # %% [markdown]
 # ## A machine, and its log
 #
-# The machine is the one of the files but for the constants to be fitted. Nobody who reads the log knows them.
+# The machine has other values than the files for the constants that are to be fitted. The log does not contain them.
 
 # %%
 HEIGHT_MM = 20.0
@@ -81,19 +81,19 @@ def log_of(controller, seed, machine_time_s):
 pq.write_table(pa.concat_tables([log_of(f"fixed:feed_um_s={feed}", 11 + k, seconds)
                                  for k, feed in enumerate(feeds_um_s)]), "log.parquet")  # fmt: skip
 log = read_log("log.parquet")
-print(f"{len(log)} windows of 255 pulses; looked at: {', '.join(log.columns)}")
+print(f"{len(log)} windows of 255 pulses, with the columns {', '.join(log.columns)}")
 
 # %% [markdown]
 # ## The fit
 #
-# Where the feed has been steady for long enough the log is cut into stretches of 400 windows. Their mean shares of
-# short and open pulses, voltage, current and ignition delay are compared with those of simulated straight cuts at
-# the same feed, and SciPy's least squares look for the constants with which they agree. Noise of log and simulation
-# is measured, not assumed.
+# Where the feed is steady for long enough, the log is divided into stretches of 400 windows. The fit compares the
+# mean shares of short and open pulses, voltage, current and ignition delay of each stretch with those of a simulated
+# straight cut at the same feed. SciPy's `least_squares` looks for the constants with which they agree. The noise of
+# the log and of the simulation is measured, not assumed.
 
 # %%
-def tell(fit):
-    """Print what came of a fit."""
+def show(fit):
+    """Print the result of a fit."""
     feeds = sorted({round(stretch.feed_um_s) for stretch in fit.stretches})
     print(f"{len(fit.stretches)} stretches at {', '.join(map(str, feeds))} um/s, misfit {fit.misfit:.2f}")
     for constant in fit.constants:
@@ -102,15 +102,15 @@ def tell(fit):
         print(f"{constant.name:27} files {constant.before:<7g} fitted {constant.value:.4g} ({low:.4g} to {high:.4g})"
               f"{truth}")
     for name, reason in fit.undetermined.items():
-        print(f"{name:27} not told: {reason}")
+        print(f"{name:27} not fitted: {reason}")
 
 
 fit = calibrate(log, known, [*constants, *others], seed=5)
-tell(fit)
+show(fit)
 
 # %% [markdown]
-# In parentheses: 95 % intervals. The misfit is per degree of freedom: about 1 if the model can do what the machine
-# did.
+# The intervals in parentheses are 95 % intervals. The misfit is given per degree of freedom; it is about 1 or below
+# if the model can do what the machine did.
 
 # %%
 figure, axes = plt.subplots(figsize=(7.4, 0.9 + 0.5 * len(fit.constants)))
@@ -133,13 +133,13 @@ inside = [low <= TRUTH[name] <= high for name, _, _, (low, high), _, _ in fit.co
 print(f"truth inside the interval for {sum(inside)} of {len(inside)} constants")
 
 # %% [markdown]
-# An interval of 95 % misses one truth in twenty; with a few constants a miss now and then is no fault. What the
-# files said is ruled out where it lies outside the blue bar.
+# A 95 % interval misses the truth once in twenty times, so that a miss now and then is no fault. Where the value of
+# the files lies outside the blue bar, the log rules it out.
 #
 # ## Does the fitted model do what the machine did?
 #
-# Left the log, in grey, with the stretches that were used and what the fitted model gives for them. Right what is
-# left over, in units of its noise: within 2 nearly always, without a trend.
+# The panels on the left show the log in grey, with the stretches that the fit used and the fitted model's values for
+# them. Those on the right show the difference in units of its noise: nearly always within 2, and without a trend.
 
 # %%
 UNITS = dict(zip(STATISTICS, ("short, of 255", "open, of 255", "voltage, V", "current, A", "delay, µs"), strict=True))
@@ -167,10 +167,10 @@ figure.align_ylabels(grid[:, 0])
 figure.tight_layout()
 
 # %% [markdown]
-# ## What a log cannot tell
+# ## What a log does not contain
 #
-# Not every constant leaves a trace in these five statistics, and two constants may leave the same one. Such a
-# constant keeps its value and is named with the reason, instead of getting a number that means nothing.
+# Some constants have no effect on these five statistics, and two constants may have the same effect. The fit leaves
+# such a constant at its value and gives the reason, instead of a number that means nothing.
 
 # %%
 for name, reason in fit.undetermined.items():
@@ -183,23 +183,26 @@ assert not set(constants) & set(fit.undetermined)
 # %% [markdown]
 # ## A log under a gap controller
 #
-# Machines do not cut at fixed feeds. In the next log the law of 1982 holds the counts, and the feed is whatever
-# comes of it. There is one operating point only, but one with many shorts, and these tell of the critical gap. The
-# controller keeps the counts steadier than a fixed feed would, so the noise of the comparison has to come from
-# simulated cuts at that point, not from the log, and the misfit lies below 1.
+# Machines do not cut at fixed feeds. In the next log the law of 1982 holds the counts by changing the feed. There
+# is only one operating point, but one with many shorts, and the shorts depend on the critical gap. The controller
+# keeps the counts steadier than a fixed feed would, so that the noise of the comparison is taken from simulated
+# cuts at that point and not from the log.
 
 # %%
 pq.write_table(log_of("counts", 21, counts_seconds), "counts.parquet")
 steered = read_log("counts.parquet")
 held = calibrate(steered, known, constants, seed=5)
-tell(held)
+show(held)
 
 # %% [markdown]
+# The log has one operating point, and the three constants move along with each other: two of the intervals miss the
+# truth, although the fitted machine cuts as the machine did. So vary the feed or the setting in a log that you want
+# to fit.
+#
 # ## Cutting with the fitted machine
 #
-# The fit is written as complete files, of the kind in `models/`, and these are given to `edmsim.cut`. To see
-# whether it was worth the trouble, something is predicted that was not in the log: a pulse period of 150 µs instead
-# of 100, under the count law.
+# The fit is written as complete files, of the kind in `models/`, and `edmsim.cut` takes them. As a test, the fitted
+# machine predicts something that was not in the log: a pulse period of 150 µs instead of 100 under the count law.
 
 # %%
 files = write(fit, "log.parquet", Path("fitted.toml"))
@@ -221,13 +224,14 @@ for label, parts in sets.items():
 Markdown("\n".join(rows))
 
 # %% [markdown]
-# The law holds the counts whatever the constants are; they decide at which feed.
+# The law holds the counts whatever the constants are. The constants decide at which feed it does so.
 #
 # ## What this does not say
 #
-# - Log and model are the same program here. A real machine does what the model does not, and then the misfit says
-#   so: well above 1 the constants are only the best of a wrong model, and their intervals too narrow.
-# - Intervals hold if the constants that were *not* fitted are right.
-# - Under a gap controller a cut has a few shorts less than at its mean feed held fixed, which the fit does not
-#   follow (page "calibration").
+# - Log and model come from the same program here. A real machine does things that the model does not, and the misfit
+#   shows it: if it is well above 1, the constants are only the best of a wrong model, and their intervals are too
+#   narrow.
+# - The intervals hold if the constants that were *not* fitted are right.
+# - Under a gap controller a cut has fewer shorts than at its mean feed held fixed. The fit does not follow that (page
+#   "calibration").
 # - Constants belong to the resolution they were fitted at; all cuts above are at `fast`.

@@ -15,10 +15,11 @@
 # %% [markdown]
 # # A servo drive, tuned, and a cut under it
 #
-# **Question.** What does tuning do to a servo drive, and what does the drive do to a cut?
+# **Question.** What does tuning change in a servo drive, and what does the drive change in a cut?
 #
-# **What is done.** A UHU 3.00 on the axes of the table is tuned by a relay experiment and its manual's recipe, all of
-# it over its serial line. Then a small die is cut with steppers, and under the drive: soft, restless, and tuned.
+# **What is done.** A UHU 3.00 drive moves the axes of the table. It is tuned over its serial line, by a relay
+# experiment and the recipe of its manual. Then a small die is cut four times: with steppers, and with the drive set
+# soft, restless and tuned.
 
 # %%
 # %matplotlib inline
@@ -43,7 +44,8 @@ most_s = 300.0  # machine time of a cut at most
 # %% [markdown]
 # ## Tuning
 #
-# What follows is said while the drive is tuned; the last lines are what one would type.
+# `autotune` reports every step while it tunes the drive. The last line has the commands that set the drive to the
+# values found; you can type them in `edmsim servo`.
 
 # %%
 tuning = autotune("uhu", axis_row("table"), print)
@@ -63,14 +65,14 @@ for name, measured in (("as delivered", tuning.before.figures), ("tuned", tuning
 assert tuning.after.figures.rms < tuning.before.figures.rms
 
 # %% [markdown]
-# The manual's "pretty safe" values are not safe on every axis: this motor turns 0.4 mm of travel a turn, and swings
-# without end with them. The tuned drive takes a step of 50 counts, 10 µm, in some 20 ms and rests.
+# The values that the manual calls "pretty safe" are not safe on every axis: with 0.4 mm of travel per turn, as here,
+# the drive oscillates and takes long to come to rest. The tuned drive makes a step of 50 counts, which is 10 µm, in
+# about 20 ms.
 #
 # ## Cuts
 #
-# The die has 0.8 mm between its walls; a step of the machine is 2 µm, ten counts. The soft drive has a
-# small P and little else; the restless one swings by itself, and its error limit is set to 30 µm, as a careful
-# owner would.
+# The die is 0.8 mm wide, and a step of the machine is 2 µm, or ten counts. The soft drive has a small P, a large D
+# and no I. The restless one oscillates by itself; its error limit is set to 30 µm, as a careful owner would set it.
 
 # %%
 DIE = """\
@@ -137,14 +139,14 @@ right.set(xlabel="machine time, ms", ylabel="following error of the restless dri
 right.legend(fontsize=8);
 
 # %% [markdown]
-# - Under the tuned drive following errors are of the size of a step, the drive has next to no share of the profile
-#   error, and corners and shorts are those of the steppers.
-# - The soft drive cuts, too, but friction holds it some 6 µm behind. That is its share of the profile error, and the
-#   inner corners, whose 70 µm are what the round wire cannot reach, have 3 µm more. Shorts are none the more, as
-#   the gap controller does not notice.
-# - The restless drive swings before the first spark and trips at its error limit. A limit far wider would
-#   let it swing on, and tear the wire.
+# - With the tuned drive the following error is about a step. The drive adds next to nothing to the profile error, and
+#   corners and shorts are those of the steppers.
+# - The soft drive also finishes the part, but friction keeps it some 6 µm behind. That is its share of the profile
+#   error. The inner corners have 3 µm more than the 70 µm that a round wire cannot reach. The drive causes no more
+#   shorts, because the gap controller does not notice the error.
+# - The restless drive oscillates before the first spark and trips at its error limit. With a much wider limit it
+#   would go on oscillating, and break the wire.
 #
 # ## Limits
 #
-# One motor, one drive, and a feed of some 30 µm/s, which is slow for any servo.
+# This is one motor and one drive at a feed of some 30 µm/s, which is slow for any servo.

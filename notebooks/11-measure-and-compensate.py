@@ -11,13 +11,13 @@
 # %% [markdown]
 # # Measure a table, compensate it, cut
 #
-# **Question.** How much of a worn table's error is left in a part when the control compensates what a laser
-# interferometer measured?
+# **Question.** How much of a worn table's error is left in a part if the control compensates what a laser
+# interferometer has measured?
 #
 # **What is done.** The table of the machine `worn-table` has 12 µm of pitch error between the two sides of a punch
-# of 10 x 6 mm, and is out of square by 40 µm in 100 mm. It is measured, the errors are loaded into cam tables
-# (ELCAM), it is measured again; and the punch is cut three times: by a perfect table, by the worn one, and by the
-# worn one compensated. The draws of the sparks are the same in all three.
+# of 10 x 6 mm, and is out of square by 40 µm in 100 mm. It is measured, its errors are loaded into cam tables
+# (ELCAM), and it is measured a second time. Then the punch is cut three times: on a perfect table, on the worn one,
+# and on the worn one with compensation. All three cuts use the same random numbers for the sparks.
 
 # %%
 # %matplotlib inline
@@ -41,9 +41,9 @@ max_time_s = 3600.0  # machine time after which a cut stops
 # %% [markdown]
 # ## Measuring
 #
-# Every target is approached from below and from above, several times; ISO 230-2 makes accuracy and repeatability
-# of it. While x moves, y is read as well: the slope of that is the angle. A circle (ISO 230-4) shows all of it at
-# once.
+# The axis approaches every target several times from below and from above. ISO 230-2 says how accuracy and
+# repeatability follow from that. While x moves, y is read as well, and its slope is the error of squareness. A circle
+# (ISO 230-4) shows all errors at once.
 
 # %%
 worn = edmsim.Machine.load("worn-table")
@@ -61,12 +61,12 @@ measured = {"as it is": before, "compensated": after}
 display(table_figure(measured))
 
 # %% [markdown]
-# What is left of the positions are the motor's steps of 1 µm, which every axis rounds to, the compensation included.
+# The rest is the motor's step of 1 µm: every axis rounds to it, also the compensation.
 #
 # ## Cutting
 #
-# On the command line that is `edmsim measure-table --machine worn-table --out tables.toml` and `edmsim cut ...
-# --compensation tables.toml`.
+# The next cells do what these commands do: `edmsim measure-table --machine worn-table --out tables.toml` and
+# `edmsim cut punch.ngc --machine worn-table --compensation tables.toml`.
 
 # %%
 folder = Path(tempfile.mkdtemp())
@@ -104,8 +104,8 @@ display(part_figure(measured, maps))
 # %% [markdown]
 # ## What is left
 #
-# As with a coordinate measuring machine, a line is laid through each side of the punch, and what the perfect table's
-# cut has at the same place is taken off.
+# A coordinate measuring machine would fit a line to each side of the punch. The same is done here, after subtracting
+# the error of the perfect table's cut at the same place.
 
 # %%
 points = maps["perfect table"].points_mm
@@ -145,8 +145,8 @@ if not np.isnan(shares).any():
     assert max(shares) < 10.0
 
 # %% [markdown]
-# The report tells it, too: what the table does to the wall along the whole edge, what of it the compensation leaves,
-# and the profile error that the part would have without it.
+# The report has these figures as well: the error that the table makes along the whole edge, what the compensation
+# leaves of it, and the profile error that the part would have without compensation.
 
 # %%
 report = results["compensated"].report

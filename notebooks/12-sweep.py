@@ -13,14 +13,14 @@
 # ---
 
 # %% [markdown]
-# # A sweep, and what it says
+# # A sweep of settings
 #
-# **Question.** Which of on-time, period, tension and the critical gap matters for rate, roughness and error of a
-# small punch, and which settings does no other surpass?
+# **Question.** Which of on-time, period, tension and critical gap matters for the rate, roughness and error of a
+# small punch? Which settings are the best compromises?
 #
-# **What is done.** A Sobol sample of the four is cut by `edmsim.sweep`, each point a whole punch of 1 x 1 mm. The
-# critical gap is drawn within its published range: an operator does not set it, but it may hide what he does set.
-# The results are read back as a table, as those of `edmsim sweep` would be.
+# **What is done.** `edmsim.sweep` cuts a whole punch of 1 x 1 mm at every point of a Sobol sample of the four. The
+# critical gap is drawn within its published range: it is not an operator's setting, but it may hide the effect of the
+# others. The results are read back as a table, like those of `edmsim sweep`.
 
 # %% tags=["parameters"]
 samples = 16  # points, a power of 2
@@ -58,7 +58,7 @@ table = read(folder / "results")
 print(f"{done.total} runs, {done.failed} failed")
 
 # %% [markdown]
-# The same call again makes nothing: every run is known by what decides its result.
+# The same call a second time makes no new runs, because every run is known by the settings that decide its result.
 
 # %%
 print(sweep(specification, folder / "results").made, "runs made")
@@ -66,8 +66,8 @@ print(sweep(specification, folder / "results").made, "runs made")
 # %% [markdown]
 # ## What matters
 #
-# Of each setting the rank correlation with each figure, over all points. A sample of this size tells strong effects
-# only: of 16 points, chance alone gives a correlation beyond 0.5 once in twenty times.
+# The figure shows the rank correlation of each setting with each result over all points. A sample of this size shows
+# strong effects only: with 16 points, chance alone gives a correlation beyond 0.5 once in twenty times.
 
 # %%
 found = effects(table)
@@ -82,9 +82,10 @@ for axis, (name, label) in zip(axes, names.items(), strict=True):
 fig.tight_layout()
 
 # %% [markdown]
-# ## What nothing surpasses
+# ## The best compromises
 #
-# Each point is a set of settings; those with a ring are surpassed by none in rate, roughness and error together.
+# Each point is one set of settings. For a point with a ring no other is better in one of rate, roughness and error
+# without being worse in another: these points form the Pareto front.
 
 # %%
 groups, front = front_of(table)

@@ -27,7 +27,7 @@ def contour(points: Sequence[tuple[int, int]], dwells: tuple[tuple[int, float], 
 
 
 def path_of(*contours: WireContour, hole_mm: float = 0.5) -> CutPath:
-    return CutPath(contours, (25.0, 25.0, 40.0, 40.0), hole_mm, 0.0, (30.0, 30.0), (), "test")
+    return CutPath(contours, (25.0, 25.0, 40.0, 40.0), hole_mm, (30.0, 30.0), (), "test")
 
 
 def simulation(

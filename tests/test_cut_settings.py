@@ -17,6 +17,7 @@ from edmsim.cli import app as cli
 from edmsim.controllers import make
 from edmsim.job.settings import METADATA_KEY, CutOptions, CutSettings
 from edmsim.machine.parts import Choices
+from edmsim.recording.deviation import offset_line
 
 OF_RUNNING = {"program", "out", "resume", "overwrite", "watch", "enter"}
 """Arguments of `edmsim.cut` that say how it is run, not what is cut."""
@@ -97,6 +98,14 @@ def test_options_that_an_earlier_report_does_not_have_are_at_their_default(small
     report = small_cut.result.report
     earlier = {k: v for k, v in report["settings"].items() if k not in Choices.model_fields}
     assert CutSettings.of_report({**report, "settings": earlier}) == CutSettings.of_report(report)
+
+
+def test_a_report_of_contours_with_different_offsets_leaves_them_to_the_registers(small_cut: SimpleNamespace) -> None:
+    report = small_cut.result.report
+    several = {**report, "settings": {**report["settings"], "offset_um": None}}
+    assert CutSettings.of_report(several).offset == "auto"
+    found = {"applied_mm": None, "mean_error_um": 2.0, "to_use_mm": None}
+    assert offset_line(found) == "different ones by contour, +2.0 µm in the mean (metal left)"
 
 
 def test_a_report_gives_the_set_up_of_its_cut(small_cut: SimpleNamespace, tmp_path: Path) -> None:

@@ -27,7 +27,7 @@ def path_of(*lines: list[tuple[int, int]]) -> CutPath:
     for line in lines:
         points = np.array(line, np.int64) + 30_000
         contours.append(WireContour(points, 0, points * 1e-3, False, "left"))
-    return CutPath(tuple(contours), (20.0, 20.0, 45.0, 45.0), 0.5, 0.0, (30.0, 30.0), (), "test")
+    return CutPath(tuple(contours), (20.0, 20.0, 45.0, 45.0), 0.5, (30.0, 30.0), (), "test")
 
 
 def relief(heights: Heights, path: CutPath, n_slices: int = 10) -> Relief:

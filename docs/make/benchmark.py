@@ -21,36 +21,53 @@ BOARD, PAGE = (Path(__file__).parents[1] / name for name in ("leaderboard.json",
 INTRODUCTION = """\
 # Benchmark of feed controllers
 
-Written by `python docs/make/benchmark.py` from `docs/leaderboard.json`, which has every cut; do not edit.
-`python docs/make/benchmark.py all` makes both again.
+Each table below compares controllers on the cuts of one environment. This command makes such a table of two
+controllers on four machines; name your own in their place:
 
-`edmsim evaluate ID` without options makes the same cuts: every controller those of the id's held-back seeds, from
-1,000,000 on, on machines drawn as the [environment](environments.md) says. Gains of the classic controllers were
-found on other seeds, and for the return of the first versions of GapFeed and HeightStep, by `edmsim search-gains`;
-each file in `models/gains/` names its command. `counts` keeps its documented constants: those a search
-finds for it hunt where windows last 0.25 s or the removal halves, which a machine's default must not
-(`tests/controllers/test_feed_controllers.py`). In parentheses: 95 % bootstrap intervals over the cuts. "None (at
-most 419)" means that no wire broke, in so short a length of cut that up to 419 breaks per m cannot be excluded
-(Poisson).
+```sh
+edmsim evaluate edmsim/GapFeed-v1 --controllers counts,voltage --seeds 4
+```
 
-- *Score*: (return - return of `fixed`) / (return of the oracle - return of `fixed`), machine by machine; the
-  interquartile mean of these. 0 is a feed that knows nothing, 1 the reference. It leaves out the best and the worst
-  quarter, and with them single lost wires: these count in the mean return, the cost and the breaks beside it.
-- *Oracle*, the reference: sees the true gap and wire temperature and rehearses each cut with gaps of {gaps} um, of
-  which the one that earns most counts. It chooses nothing but the feed.
-- Corner, ThinWire and MaxRate have lines of their own. In Corner a score of 0 is the constant setting of least
-  error near the corner on 8 training machines, in ThinWire the fastest one that broke no wire of 24. The reference
-  rehearses each cut with what can be set: how much longer the period is within 100 um of the corner, 1 to 3 times, or
-  the period itself. It is no bound: a setting that changes within the cut may earn more. On MaxRate `fixed-period` is
-  0 and `heat-oracle` 1, which sets the pulse period by the wire's true temperature.
-- *Cutting rate*: length cut times local height over machine time; a lost wire costs the machine's time for
-  threading another, 60 s (MaxRate: 20 s), and ends the cut where no other wire is left.
-- *Jam*: a short that stayed, the wire driven into the metal beyond what the model holds for, or a controller that
-  gave up at a short. A real wire would be lost as well, so jams cost what breaks do.
-- *Return, cost*: sums of the environment's rewards and costs ([environments](environments.md)).
-- *Path error*: root mean square, over the length cut, of the distance from the path to the wire's true place; in
+`edmsim evaluate edmsim/GapFeed-v1` without options makes the whole table. All controllers cut the same machines and
+workpieces, which are drawn as the [environment](environments.md) says, from seeds that are held back: no gain was
+searched on them.
+
+Look at the *score* first. A score of 0 is what `fixed` earns, which feeds at one speed and looks at nothing; 1 is
+what the oracle earns, which sees the true gap. Values in parentheses are 95 % bootstrap intervals over the cuts.
+
+- *Score*: (return - return of `fixed`) / (return of the oracle - return of `fixed`), machine by machine. The table
+  shows the interquartile mean, which leaves out the best and the worst quarter of the machines. A single lost wire
+  therefore shows in the mean return, the cost and the breaks, but not in the score.
+- *Oracle*: the reference. It sees the true gap and wire temperature, and makes each cut with gaps of {gaps} um; the
+  one that earns most counts. It chooses nothing but the feed.
+- *Cutting rate*: length cut times local height over machine time. A lost wire costs the time to thread another one,
+  60 s (MaxRate: 20 s), and ends the cut if there is no other.
+- *Jam*: a short that stayed, a wire driven into the metal further than the model holds, or a controller that gave
+  up at a short. On a real machine the wire would be lost, so that a jam costs as much as a break.
+- *Wire breaks, jams*: "none (at most 419)" says that no wire broke, but that the cuts are too short to exclude up
+  to 419 breaks per m (Poisson).
+- *Return, cost*: the sums of the environment's rewards and costs ([environments](environments.md)).
+- *Path error*: root mean square of the distance from the path to the wire's true place, over the length cut; in
   Corner over the length within 100 um of the corner.
-  *Edge error*: of the cut edge from the contour, with whatever the offset is wrong for the drawn machine.
+- *Edge error*: the same for the distance from the contour to the cut edge. It contains the error of an offset that
+  is wrong for the drawn machine.
+
+Three environments have other references. In Corner a score of 0 is the constant setting with the least error near
+the corner on 8 training machines, and in ThinWire the fastest constant setting that broke no wire of 24. Their
+oracle makes each cut with several settings: in Corner it makes the period 1 to 3 times as long within 100 um of the
+corner, in ThinWire it chooses the period. A controller that changes the setting within the cut may earn more than
+that. In MaxRate `fixed-period` is 0, and 1 is `heat-oracle`, which sets the period by the wire's true temperature.
+
+The gains of the classic controllers were found by `edmsim search-gains` on other seeds, for the return of the first
+versions of GapFeed and HeightStep; each file in `models/gains/` names its command. `counts` keeps its documented
+constants. A search finds others that earn more, but with them the feed oscillates where windows last 0.25 s or the
+removal halves, and a machine's default must not do that (`tests/controllers/test_feed_controllers.py`).
+"""
+CLOSING = """\
+---
+
+`python docs/make/benchmark.py` writes this page from `docs/leaderboard.json`, which holds every cut, and
+`python docs/make/benchmark.py all` makes both again.
 """
 NEARLY_ALL = 0.95
 """Score of a constant set-point from which on little can be gained by a better law."""
@@ -63,7 +80,7 @@ def page(comparisons: Sequence[Comparison]) -> str:
     for comparison in comparisons:
         parts += [f"## {comparison.env_id}", "", *markdown_table(comparison), ""]
         parts += [line for text in verdicts(comparison) for line in (text, "")]
-    return "\n".join(parts)
+    return "\n".join([*parts, CLOSING])
 
 
 def verdicts(comparison: Comparison) -> list[str]:

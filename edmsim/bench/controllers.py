@@ -25,7 +25,7 @@ def _cut(controller: str, planner: str = "poscal") -> Simulation:
     """Return a cut in progress, along an oblique line: both motors step."""
     points_um = np.array([_FROM_UM, _TO_UM], np.int64)
     contour = WireContour(points_um, 0, points_um.astype(np.float64) * 1e-3, False, "left", (), (1,))
-    path = CutPath((contour,), (25.0, 25.0, 40.0, 40.0), 0.13, 0.0, (30.0, 30.0), (), "bench")
+    path = CutPath((contour,), (25.0, 25.0, 40.0, 40.0), 0.13, (30.0, 30.0), (), "bench")
     cut = Simulation(Machine.load(), path, make(controller), seed=0, planner=planner)
     _run_s(cut, SETTLE_WINDOWS)
     return cut

@@ -84,6 +84,8 @@ class Stretch:
         Mean feed, and the generator's setting.
     batches : float64 array (b, 5)
         `STATISTICS` of batches of `BATCH_WINDOWS` windows.
+    travelled_um : float
+        Travel at this feed and setting before it.
     """
 
     first: int
@@ -91,6 +93,7 @@ class Stretch:
     t_on_us: float
     t_period_us: float
     batches: Array
+    travelled_um: float = 0.0
 
     @property
     def mean(self) -> Array:
@@ -193,7 +196,7 @@ def stretches(log: Log, settle_um: float) -> list[Stretch]:
         travel_um = np.cumsum(np.maximum(log.columns["feed_um_s"][begin:end], 0.0)) * window_s
         settled = begin + int(np.searchsorted(travel_um, settle_um))
         for first in range(settled, end - STRETCH_WINDOWS + 1, STRETCH_WINDOWS):
-            stretch = _stretch(log, first)
+            stretch = _stretch(log, first, float(travel_um[first - begin]))
             if stretch is not None and _turn_deg(log, first, settle_um) <= TURN_DEG:
                 found.append(stretch)
     return found
@@ -217,7 +220,7 @@ def _runs(log: Log) -> list[tuple[int, int]]:
     return list(pairwise(edges))
 
 
-def _stretch(log: Log, first: int) -> Stretch | None:
+def _stretch(log: Log, first: int, travelled_um: float) -> Stretch | None:
     rows = {name: values[first : first + STRETCH_WINDOWS] for name, values in log.columns.items()}
     feed = rows["feed_um_s"]
     mean = float(feed.mean())
@@ -227,7 +230,7 @@ def _stretch(log: Log, first: int) -> Stretch | None:
         return None
     return Stretch(
         first, mean, float(rows["t_on_us"][0]), float(rows["t_period_us"][0]),
-        statistics(*(rows[name] for name in STATISTICS)),
+        statistics(*(rows[name] for name in STATISTICS)), travelled_um,
     )  # fmt: skip
 
 

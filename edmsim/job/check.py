@@ -123,9 +123,10 @@ def lines_of(found: Check) -> Sequence[tuple[str, str]]:
     limit = {"machine": "the machine's greatest feed", "generator": "all that the generator can remove"}
     waiting = f" and {duration_text(found.waiting_s)} of threading and dwells" if found.waiting_s else ""
     feed = f"{found.feed_um_s:.1f} µm/s"
+    offsets = ", ".join(f"{um / 1e3:.3f}" for um in sorted({contour.offset_um for contour in found.path.contours}))
     return [
         *rows,
-        ("offset", f"{found.path.offset_um / 1e3:.3f} mm"),
+        ("offset", f"{offsets} mm"),
         ("path", f"{found.path_length_mm:.2f} mm"),
         ("time", f"at least {duration_text(found.least_s)}: {limit[found.limited_by]}, {feed}{waiting}"),
     ]

@@ -104,8 +104,7 @@ def inspect(simulation: Simulation, windows: WindowTable) -> Inspection:
     table = _table(simulation, profiles)
     ways_um = _ways_um(simulation, windows)
     shares = _shares(simulation, profiles, ways_um)
-    offset_um = simulation.path.offset_um
-    left_um = [unreachable_um(p, k, offset_um) for k, p in zip(contours, profiles, strict=True)]
+    left_um = [unreachable_um(p, k) for k, p in zip(contours, profiles, strict=True)]
     found = [SceneCorner(**c) for k, p in zip(contours, profiles, strict=True) for c in corners(k, p)]
     guides = machine.base.guides.clearance_mm.value
     x, y = simulation.commanded_um
@@ -172,11 +171,10 @@ def _shares(
     simulation: Simulation, profiles: list[ProfileError], ways_um: list[tuple[NDArray[np.float64], ...]]
 ) -> list[NDArray[np.float64] | None]:
     """Split the profile error; not where the wire's centre runs on the edge itself."""
-    offset_um = simulation.path.offset_um
-    if offset_um == 0:
-        return [None] * len(profiles)
-    split = zip(profiles, simulation.path.contours, ways_um, strict=True)
-    return [error_shares(profile, contour, offset_um, ways) for profile, contour, ways in split]
+    return [
+        error_shares(profile, contour, ways) if contour.offset_um else None
+        for profile, contour, ways in zip(profiles, simulation.path.contours, ways_um, strict=True)
+    ]
 
 
 def terraces(relief: Relief | None, stock_mm: tuple[float, float, float, float]) -> tuple[Terrace, ...]:
@@ -236,7 +234,7 @@ def _quality(
         section=_section(widths, machine.height_mm),
         table=table,
         reach=reach,
-        offset_um=simulation.path.offset_um,
+        offset_um=math.nan if simulation.path.offset_um is None else simulation.path.offset_um,
     )
 
 

@@ -207,7 +207,10 @@ class CutSettings(BaseModel):
         An option that a report of an earlier version does not have is at its default.
         """
         settings = {**report["settings"], "seed": report["seed"]}
-        settings |= {"tension": settings["tension_N"], "offset": settings["offset_um"] * 1e-3}
+        offset_um = settings["offset_um"]  # None: the contours have those of their registers
+        settings |= {
+            "tension": settings["tension_N"], "offset": "auto" if offset_um is None else offset_um * 1e-3
+        }
         return cls(**{name: settings[name] for name in cls.model_fields if name in settings})
 
     @property

@@ -48,15 +48,13 @@ class WorstPlace:
     made_by: str | None
 
 
-def unreachable_um(profile: ProfileError, contour: WireContour, offset_um: float) -> Floats:
+def unreachable_um(profile: ProfileError, contour: WireContour) -> Floats:
     """Return how much metal the wire leaves at every point of the edge if it runs exactly on its path.
 
     Parameters
     ----------
     profile : ProfileError
     contour : WireContour
-    offset_um : float
-        Distance between wire centre and edge that was programmed.
 
     Returns
     -------
@@ -64,7 +62,7 @@ def unreachable_um(profile: ProfileError, contour: WireContour, offset_um: float
         At ``profile.points_mm``, 0 or more. Less than 2 um is the path's own rounding and counts as 0.
     """
     path = shapely.LineString(wire_line(contour).points)
-    left_um = shapely.distance(path, shapely.points(profile.points_mm)) * 1e3 - offset_um
+    left_um = shapely.distance(path, shapely.points(profile.points_mm)) * 1e3 - contour.offset_um
     return np.where(left_um > REACH_TOLERANCE_MM * 1e3, left_um, 0.0)
 
 

@@ -22,15 +22,13 @@ SHARES = ("path", "planner", "drive", "wire", "gap")
 """Names of the shares, in the order of `error_shares`."""
 
 
-def error_shares(profile: ProfileError, contour: WireContour, offset_um: float, ways_um: Sequence[Floats]) -> Floats:
-    """Split the profile error of one contour.
+def error_shares(profile: ProfileError, contour: WireContour, ways_um: Sequence[Floats]) -> Floats:
+    """Split the profile error of one contour, whose offset is above 0.
 
     Parameters
     ----------
     profile : ProfileError
     contour : WireContour
-    offset_um : float
-        Distance between wire centre and edge that was programmed, above 0.
     ways_um : three arrays (n, 2)
         Ways of commanded position, guides and wire along the contour in order of time, at most some um between two
         places; in um on the table.
@@ -43,7 +41,8 @@ def error_shares(profile: ProfileError, contour: WireContour, offset_um: float, 
     """
     points = profile.points_mm * 1000
     away = np.stack([_distance(points, way) for way in (contour.points_um.astype(np.float64), *ways_um)])
-    shares = np.concatenate([np.diff(away, axis=0, prepend=offset_um), [profile.mean_um + offset_um - away[-1]]])
+    last = profile.mean_um + contour.offset_um - away[-1]
+    shares = np.concatenate([np.diff(away, axis=0, prepend=contour.offset_um), [last]])
     return np.where(np.isfinite(shares[-1]), shares, np.nan)
 
 

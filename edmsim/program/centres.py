@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from edmsim.errors import InputError
 from edmsim.program.arcs import arc_points, is_centre, radii
 from edmsim.program.outline import Side
+from edmsim.program.registers import Offset
 
 
 @dataclass(frozen=True)
@@ -38,6 +39,7 @@ class CuttingMotion:
     side: Side | None
     line: int
     arc: Arc | None
+    offset: Offset | None = None
 
     @property
     def fits(self) -> tuple[bool, bool]:

@@ -1,6 +1,6 @@
 """G-code (RS-274 and the Robofil dialect) read into outlines.
 
-The words understood are G0 to G4, G20, G21, G40 to G42, G90 to G92, M0, M1, M2, M30, F, D, H, N, X, Y, I, J, R
+The words understood are G0 to G4, G10, G20, G21, G40 to G42, G90 to G92, M0, M1, M2, M30, F, D, H, N, X, Y, I, J, R
 and P. Those that cannot change a contour in two axes (`edmsim.program.words`) are read with a notice. Dwells
 (G4 with P or X) are in seconds. A ``/``
 at the head of a line does not delete it. A G92 before any move says where the wire stands; later ones shift
@@ -9,6 +9,7 @@ the coordinates.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
@@ -36,12 +37,13 @@ _UNIT_NAMES = {70: "inch", 71: "mm"}
 _STOPS = frozenset({("M", 0), ("M", 1)})
 _GROUPS = (
     ({0, 1, 2, 3}, "G0 G1 G2 G3"), ({20, 21, *UNITS}, "G20 G21 G70 G71"), ({40, 41, 42}, "G40 G41 G42"),
-    ({90, 91}, "G90 G91"), ({4, 92}, "G4 G92"),
+    ({90, 91}, "G90 G91"), ({4, 10, 92}, "G4 G10 G92"),
 )
 _WORK_OFFSETS = frozenset(range(54, 60))
 _SAID_OTHERWISE = frozenset({("G", 17), ("M", 50), ("M", 60), *(("G", code) for code in _WORK_OFFSETS)})
 _SIDES: dict[int, Side | None] = {40: None, 41: "left", 42: "right"}
 _BESIDE = frozenset("FDH")
+_G10_REGISTERS = {None: "DH", 10.0: "H", 12.0: "D"}
 _INCH_MM = 25.4
 _FEED_UNITS = {1.0: "mm/min", 0.001: "um/min", _INCH_MM: "in/min"}
 
@@ -99,6 +101,8 @@ class _Interpreter:
         self._note_words(block)
         if 4 in g_codes:
             self._dwell(block)
+        elif 10 in g_codes:
+            self._set_register(block)
         elif 92 in g_codes:
             self._set_position(block)
         else:
@@ -169,6 +173,18 @@ class _Interpreter:
         _, motions, dwells = self.runs[-1]
         dwells.append((len(motions), times[0]))
 
+    def _set_register(self, block: Block) -> None:
+        """Take over what G10 L12 P1 R0.155 says of D1, with L10 of H1, without L of both."""
+        values = block.values
+        letters = _G10_REGISTERS.get(values.get("L"))
+        if letters is None:
+            told = f"G10 L{values['L']:g}"
+            raise self.error(f"{told} is not read: set offsets with L10 (H), L12 (D) or without L", block)
+        if not {"P", "R"} <= values.keys() <= {"L", "P", "R", *_BESIDE} or not values["P"].is_integer():
+            raise self.error("G10 wants the register's number as P and its offset as R: G10 L12 P1 R0.155", block)
+        for letter in letters:
+            self.registers.define(register(letter, values["P"]), values["R"] * self.unit_mm, block.line)
+
     def _set_position(self, block: Block) -> None:
         if not block.values.keys() <= {"X", "Y", *_BESIDE}:
             raise self.error("G92 takes X and Y only", block)
@@ -228,9 +244,8 @@ class _Interpreter:
             self.notices.add("neither G92 nor G0 before the first cut: the wire starts at X0 Y0", block.line)
             self.start_known = True
         arc = self._arc(block, end) if self.motion in (2, 3) else None
-        if self.side is not None:
-            self.registers.use(block.line)
-        self.runs[-1][1].append(CuttingMotion(self.position, end, self.side, block.line, arc))
+        offset = None if self.side is None else self.registers.in_force
+        self.runs[-1][1].append(CuttingMotion(self.position, end, self.side, block.line, arc, offset))
 
     def _arc(self, block: Block, end: complex) -> Arc:
         turn = -1 if self.motion == 2 else 1
@@ -287,8 +302,14 @@ def read_gcode(
         outlines = _outlines(control, notices)
     except InputError as error:
         raise InputError(error.reason, path, error.line) from None
-    notices = [*unit_notices, *control.notices.texts(), *notices]
-    return Program(tuple(outlines), tuple(notices), str(path), control.registers.offset_mm)
+    notices = sorted([*unit_notices, *control.notices.texts(), *notices], key=_line_of)
+    return Program(tuple(outlines), tuple(notices), str(path))
+
+
+def _line_of(notice: str) -> int:
+    """Return the line that a notice is about; 0 if it is about the whole program."""
+    found = re.match(r"line (\d+):", notice)
+    return int(found[1]) if found else 0
 
 
 def _metric_unit(blocks: list[Block], file: str) -> tuple[float, list[str]]:
@@ -350,7 +371,7 @@ def _cut_move(motion: CuttingMotion, absolute: bool) -> CutMove:
         check_points(_array((motion.start, *points)), "the arc")
     except InputError as error:
         raise InputError(error.reason, line=motion.line) from None
-    return CutMove(points, motion.side, motion.line)
+    return CutMove(points, motion.side, motion.line, motion.offset)
 
 
 def _array(points: tuple[complex, ...]) -> NDArray[np.float64]:

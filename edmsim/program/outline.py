@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from edmsim.errors import InputError
 from edmsim.program.crossing import refuse_self_crossing
+from edmsim.program.registers import Offset
 
 JOIN_TOLERANCE_MM = 0.005
 """Ends closer than this many mm are one point (ours: rounding of programs, well below the gap)."""
@@ -55,6 +56,8 @@ class Outline:
         Whether the wire would be threaded on the contour and wants a lead-in that the program does not have.
     elements : tuple of int
         For each of the ``n - 1`` chords the line or arc it belongs to, counted along the edge from 1.
+    offset_mm : float, optional
+        Offset of the program's register for it, in mm; None if it has none.
     """
 
     points_mm: NDArray[np.float64]
@@ -68,6 +71,7 @@ class Outline:
     dwells: tuple[tuple[int, float], ...] = ()
     needs_lead_in: bool = True
     elements: tuple[int, ...] = ()
+    offset_mm: float | None = None
 
     @property
     def line(self) -> int | None:
@@ -92,23 +96,21 @@ class Program:
         What a user should know about how it was read.
     source : str
         The file.
-    offset_mm : float, optional
-        Offset of its registers, in mm; None if it has none.
     """
 
     outlines: tuple[Outline, ...]
     notices: tuple[str, ...]
     source: str
-    offset_mm: float | None = None
 
 
 @dataclass(frozen=True)
 class CutMove:
-    """A cutting move of a G-code run: its points after the start, the compensated side, its line."""
+    """A cutting move of a G-code run: its points after the start, the compensated side, its line, its register."""
 
     points: tuple[complex, ...]
     side: Side | None
     line: int
+    offset: Offset | None = None
 
 
 @dataclass(frozen=True)
@@ -209,6 +211,10 @@ def _edge_section(moves: Sequence[CutMove]) -> tuple[int, int]:
         if move.side != moves[first].side:
             reason = "compensation (G40 G41 G42) changes inside a contour: change it after a G0"
             raise InputError(reason, line=move.line)
+        earlier, now = moves[first].offset, move.offset
+        if (earlier and earlier.mm) != (now and now.mm):
+            reason = f"the offset changes inside a contour, {earlier or 'none'} to {now}: change it after a G0"
+            raise InputError(reason, line=move.line)
     return first, last
 
 
@@ -294,7 +300,7 @@ def _assemble(run: Run, first: int, begin: int, end: int, closed: bool) -> Outli
     if closed:
         points[-1] = points[0]
     refuse_self_crossing(_array(points), lines)
-    side, edge = moves[begin].side, _array(points)
+    side, offset, edge = moves[begin].side, moves[begin].offset, _array(points)
     ramp_end = sum(len(move.points) for move in moves[: first + 1]) if begin > first else len(approach) - 1
     return Outline(
         points_mm=edge,
@@ -308,6 +314,7 @@ def _assemble(run: Run, first: int, begin: int, end: int, closed: bool) -> Outli
         dwells=_dwells(run, end),
         needs_lead_in=len(approach) == 1 and (closed or side is not None),
         elements=tuple(k for k, move in enumerate(moves[begin:end], 1) for _ in move.points),
+        offset_mm=offset and offset.mm,
     )
 
 

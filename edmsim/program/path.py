@@ -17,14 +17,12 @@ from edmsim.errors import InputError
 from edmsim.machine.machine import Machine
 from edmsim.program.lead_in import LEAD_IN_MM, START_HOLE_RADIUS_MM, check_approach, own_lead_in
 from edmsim.program.load import load_program
-from edmsim.program.offset import nearest_chords, normal, offset_closed, offset_open
-from edmsim.program.outline import Outline, Program, Side, signed_area
-from edmsim.program.reach import check_reach
+from edmsim.program.offset import nearest_chords, normal, offset_open
+from edmsim.program.offset_outline import OffsetOutline, away, keep_apart, located, offset_outline, refuse_trims
+from edmsim.program.outline import Program, signed_area
 
 STOCK_MARGIN_MM = 3.0
 """Blank left around the job in mm, clipped to the table (ours)."""
-
-_KEPT_APART_MM = 0.002
 
 
 @dataclass(frozen=True)
@@ -50,6 +48,8 @@ class WireContour:
     elements : tuple of (int, int)
         For every chord of `nominal_mm` the line or arc it belongs to, counted along the contour from 1, and the
         program's line, 0 where there is none (DXF).
+    offset_um : float
+        Distance between wire centre and nominal edge that was applied; 0 if none.
     """
 
     points_um: NDArray[np.int64]
@@ -60,6 +60,7 @@ class WireContour:
     dwells: tuple[tuple[int, float], ...] = ()
     line_numbers: tuple[int, ...] = ()
     elements: tuple[tuple[int, int], ...] = ()
+    offset_um: float = 0.0
 
     def __repr__(self) -> str:
         """Say what it is in a line."""
@@ -83,8 +84,6 @@ class CutPath:
         The workpiece blank on the table.
     start_hole_radius_mm : float
         Radius of the hole drilled at every ``points_um[0]``.
-    offset_um : float
-        Distance between wire centre and nominal edge that was applied; 0 if none.
     origin_mm : (x, y)
         Where the program's zero lies on the table.
     notices : tuple of str
@@ -96,30 +95,22 @@ class CutPath:
     contours: tuple[WireContour, ...]
     stock_mm: tuple[float, float, float, float]
     start_hole_radius_mm: float
-    offset_um: float
     origin_mm: tuple[float, float]
     notices: tuple[str, ...]
     source: str
 
+    @property
+    def offset_um(self) -> float | None:
+        """The offset of the contours; None if they have different ones."""
+        first, *others = {contour.offset_um for contour in self.contours}
+        return None if others else first
+
     def __repr__(self) -> str:
         """Say what there is, a line per contour."""
         x, y = self.origin_mm
-        head = f"<CutPath of {self.source}: offset {self.offset_um:g} um, program's zero at X {x:.3f} Y {y:.3f} mm"
+        offsets = ", ".join(f"{offset:g}" for offset in sorted({contour.offset_um for contour in self.contours}))
+        head = f"<CutPath of {self.source}: offset {offsets} um, program's zero at X {x:.3f} Y {y:.3f} mm"
         return "\n  ".join([f"{head} on the table", *map(repr, self.contours)]) + ">"
-
-
-@dataclass(frozen=True)
-class _Leg:
-    """One outline with the wire's path beside it, both in mm in the program's coordinates."""
-
-    outline: Outline
-    path: NDArray[np.float64]
-    nominal: NDArray[np.float64]
-    offset_mm: float
-
-    @property
-    def edge(self) -> shapely.LineString:
-        return shapely.LineString(self.nominal)
 
 
 @dataclass(frozen=True)
@@ -159,8 +150,8 @@ def plan_path(
     file : path
         See `load_program`.
     offset : "auto", "none" or float
-        "auto": that of the program's offset register, else `auto_offset_mm`; "none": 0, the wire's centre follows
-        everything as drawn; else an offset in mm, also as text.
+        "auto": for each contour that of its offset register, else `auto_offset_mm`; "none": 0, the wire's centre
+        follows everything as drawn; else an offset in mm for all contours, also as text.
     auto_offset_mm : float
         Wire radius and expected side gap together, in mm.
     table_um : int, optional
@@ -184,7 +175,7 @@ def plan_path(
     InputError
         A bad setting or program, a wire that does not fit, an approach through the part, a job too large.
     """
-    _offset_mm(offset, auto_offset_mm)
+    asked_mm = _offset_mm(offset, auto_offset_mm)
     for name, value in (("lead_in_mm", lead_in_mm), ("start_hole_radius_mm", start_hole_radius_mm)):
         if not (math.isfinite(value) and value > 0):
             raise InputError(f"{name} is {value}: give a length above 0 mm")
@@ -192,19 +183,26 @@ def plan_path(
         table_um = round(Machine.load().base.table.travel_mm.value * 1e3)
     program = load_program(file, ignore=ignore, layers=layers, unit=unit, offsets=offsets)
     notices = list(program.notices)
-    offset_mm = _offset_mm(offset, auto_offset_mm if program.offset_mm is None else program.offset_mm)
-    if program.offset_mm not in (None, offset_mm):
-        notices.append(f"the offset is {offset_mm:g} mm, as asked, not the {program.offset_mm:g} mm of the register")
-    legs = [_leg(program, outline, offset_mm, notices) for outline in program.outlines]
-    _keep_apart(legs, program.source)
+    offsets_mm = [outline.offset_mm for outline in program.outlines]
+    if offset != "auto":
+        others = sorted({mm for mm in offsets_mm if mm not in (None, asked_mm)})
+        if others:
+            told = ", ".join(f"{mm:g}" for mm in others)
+            notices.append(f"the offset is {asked_mm:g} mm, as asked, not the {told} mm of the register")
+        offsets_mm = [asked_mm] * len(offsets_mm)
+    legs = [
+        offset_outline(program, outline, asked_mm if mm is None else mm, notices)
+        for outline, mm in zip(program.outlines, offsets_mm, strict=True)
+    ]
+    keep_apart(legs, program.source)
+    refuse_trims(legs, program.source)
     edges = shapely.MultiLineString([leg.edge for leg in legs])
     leads = [_lead(program, leg, edges, lead_in_mm, start_hole_radius_mm, notices) for leg in legs]
     contours = [_contour(leg, lead, grid_um) for leg, lead in zip(legs, leads, strict=True)]
     shift = _shift_um(contours, table_um, grid_um, program.source)
     placed = tuple(_placed(contour, shift) for contour in contours)
     origin = (float(shift[0]) / 1000, float(shift[1]) / 1000)
-    return CutPath(placed, _stock(placed, table_um), start_hole_radius_mm, offset_mm * 1000, origin, tuple(notices),
-                   program.source)
+    return CutPath(placed, _stock(placed, table_um), start_hole_radius_mm, origin, tuple(notices), program.source)
 
 
 def _offset_mm(offset: float | str, auto_offset_mm: float) -> float:
@@ -220,38 +218,8 @@ def _offset_mm(offset: float | str, auto_offset_mm: float) -> float:
     return value
 
 
-def _leg(program: Program, outline: Outline, offset_mm: float, notices: list[str]) -> _Leg:
-    beside = offset_closed if outline.closed else offset_open
-    points = outline.points_mm
-    try:
-        if outline.wire_side is None:
-            return _Leg(outline, points, beside(points, outline.part_side, offset_mm), offset_mm)
-        path = beside(points, outline.wire_side, offset_mm)
-        notices += check_reach(points, path, offset_mm, outline.line_numbers, outline.elements)
-    except InputError as error:
-        raise _located(error, program, outline) from None
-    return _Leg(outline, path, points, offset_mm)
-
-
-def _located(error: InputError, program: Program, outline: Outline) -> InputError:
-    return InputError(f"{outline.name}: {error.reason}", program.source, error.line or outline.line)
-
-
-def _keep_apart(legs: Sequence[_Leg], source: str) -> None:
-    """Refuse compensated contours so near each other that cutting one would cut into the other."""
-    shut = [leg for leg in legs if leg.outline.closed and leg.outline.wire_side]
-    for leg in shut:
-        line = shapely.LineString(leg.path)
-        for other in shut:
-            distance = line.distance(other.edge)
-            if distance < leg.offset_mm - _KEPT_APART_MM:
-                told = f"{leg.outline.name} is too near {other.outline.name.removeprefix('the ')}"
-                reason = f"the wire's centre would pass {distance:.3f} mm from it, not {leg.offset_mm:.4f} mm"
-                raise InputError(f"{told}: {reason}; move them apart", source, leg.outline.line)
-
-
 def _lead(
-    program: Program, leg: _Leg, edges: BaseGeometry, length_mm: float, hole_radius_mm: float,
+    program: Program, leg: OffsetOutline, edges: BaseGeometry, length_mm: float, hole_radius_mm: float,
     notices: list[str],
 ) -> _Lead:
     outline = leg.outline
@@ -260,27 +228,16 @@ def _lead(
             return _programmed_lead(leg, hole_radius_mm)
         if not outline.needs_lead_in:
             return _Lead(np.empty((0, 2)), ())
-        thread, told = own_lead_in(leg.path[0], _away(leg), edges, leg.offset_mm, length_mm, hole_radius_mm)
+        thread, told = own_lead_in(leg.path[0], away(leg), edges, leg.offset_mm, length_mm, hole_radius_mm)
     except InputError as error:
-        raise _located(error, program, outline) from None
+        raise located(error, program, outline) from None
     if outline.line:
         notices.append(f"line {outline.line}: a lead-in is put before {outline.name}, the program has none")
     notices += told
     return _Lead(thread[None, :], (0,))
 
 
-def _away(leg: _Leg) -> NDArray[np.float64]:
-    """Return the unit vector from the part to the start of the wire path."""
-    waste: Side = "right" if leg.outline.part_side == "left" else "left"
-    compensated = leg.outline.wire_side is not None
-    foot = leg.nominal[0] if compensated else shapely.get_coordinates(
-        leg.edge.interpolate(leg.edge.project(shapely.Point(leg.path[0]))))[0]
-    across = leg.path[0] - foot
-    distance = float(np.hypot(*across))
-    return np.asarray(across / distance) if distance > 0 else normal(leg.path[:2], waste)
-
-
-def _programmed_lead(leg: _Leg, hole_radius_mm: float) -> _Lead:
+def _programmed_lead(leg: OffsetOutline, hole_radius_mm: float) -> _Lead:
     """Offset the compensated part of the program's approach, and check that it spares the part."""
     outline, split = leg.outline, leg.outline.compensated_from
     points, lines = outline.approach_mm, outline.approach_lines
@@ -301,7 +258,7 @@ def _programmed_lead(leg: _Leg, hole_radius_mm: float) -> _Lead:
     return _Lead(points, lines)
 
 
-def _contour(leg: _Leg, lead: _Lead, grid_um: int) -> WireContour:
+def _contour(leg: OffsetOutline, lead: _Lead, grid_um: int) -> WireContour:
     """Join lead and path on the grid; still in the program's coordinates."""
     outline = leg.outline
     path, stops = _with_dwells(leg, lead)
@@ -320,10 +277,11 @@ def _contour(leg: _Leg, lead: _Lead, grid_um: int) -> WireContour:
         dwells=tuple((int(place[i]), seconds) for i, seconds in stops),
         line_numbers=tuple(lines[moves].tolist()),
         elements=_elements(leg),
+        offset_um=leg.offset_mm * 1000,
     )
 
 
-def _elements(leg: _Leg) -> tuple[tuple[int, int], ...]:
+def _elements(leg: OffsetOutline) -> tuple[tuple[int, int], ...]:
     """Return line or arc and program line of every chord of the edge, which may lie beside what was drawn."""
     outline = leg.outline
     drawn = list(zip(outline.elements, outline.line_numbers, strict=True))
@@ -332,7 +290,7 @@ def _elements(leg: _Leg) -> tuple[tuple[int, int], ...]:
     return tuple(drawn[i] for i in nearest_chords(outline.points_mm, (leg.nominal[1:] + leg.nominal[:-1]) / 2))
 
 
-def _with_dwells(leg: _Leg, lead: _Lead) -> tuple[NDArray[np.float64], list[tuple[int, float]]]:
+def _with_dwells(leg: OffsetOutline, lead: _Lead) -> tuple[NDArray[np.float64], list[tuple[int, float]]]:
     """Return the path with a point wherever the wire dwells, and the dwells by index into lead and path."""
     path, count = leg.path, len(leg.outline.approach_mm)
     line = shapely.LineString(path)
@@ -349,7 +307,7 @@ def _with_dwells(leg: _Leg, lead: _Lead) -> tuple[NDArray[np.float64], list[tupl
     return denser, stops
 
 
-def _dwell_place(leg: _Leg, line: shapely.LineString, i: int) -> float:
+def _dwell_place(leg: OffsetOutline, line: shapely.LineString, i: int) -> float:
     """Return how far along the path the wire has passed vertex `i` of the outline, in mm."""
     points = leg.outline.points_mm
     if i == 0 or i == len(points) - 1:

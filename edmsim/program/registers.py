@@ -7,6 +7,7 @@ import re
 import tomllib
 from collections.abc import Mapping
 from pathlib import Path
+from typing import NamedTuple
 
 from edmsim.errors import InputError
 
@@ -58,8 +59,19 @@ def checked_offsets(offsets: Mapping[str, object], file: str | Path | None = Non
     return table
 
 
+class Offset(NamedTuple):
+    """A register and the value in mm that it has when a move is compensated by it."""
+
+    register: str
+    mm: float
+
+    def __str__(self) -> str:
+        """Return both, for messages."""
+        return f"{self.register} {self.mm:g} mm"
+
+
 class OffsetRegisters:
-    """The registers of a program while it is read, and which of them its contours use.
+    """The registers of a program while it is read.
 
     Parameters
     ----------
@@ -72,8 +84,7 @@ class OffsetRegisters:
     def __init__(self, offsets: Mapping[str, float], file: str) -> None:
         self._table = dict(offsets)
         self._file = file
-        self._used: dict[str, int] = {}
-        self.in_force: str | None = None
+        self._called: str | None = None
 
     def define(self, name: str, offset_mm: float, line: int) -> None:
         """Take over what the program says of a register."""
@@ -87,7 +98,7 @@ class OffsetRegisters:
         if len(known) > 1:
             raise InputError(f"{' and '.join(known)} are both offsets: call one in a block", self._file, line)
         if known:
-            self.in_force = known[0]
+            self._called = known[0]
         elif names and self._table:
             there = ", ".join(sorted(self._table))
             reason = f"the offset register {names[0]} is not in the table: there are {there}"
@@ -98,20 +109,7 @@ class OffsetRegisters:
             for name in names if name in known or not known
         ]  # fmt: skip
 
-    def use(self, line: int) -> None:
-        """Note that a move is compensated by the register in force."""
-        if self.in_force is not None:
-            self._used.setdefault(self.in_force, line)
-
     @property
-    def offset_mm(self) -> float | None:
-        """The one offset of all contours; None if no register is used."""
-        first, *others = self._used or (None,)
-        for other in others:
-            if self._table[other] != self._table[str(first)]:
-                told = " and ".join(f"{name} {self._table[name]:g} mm" for name in (str(first), other))
-                raise InputError(
-                    f"contours with different offsets, {told}, are in one program: cut them as two programs",
-                    self._file, self._used[other],
-                )  # fmt: skip
-        return None if first is None else self._table[first]
+    def in_force(self) -> Offset | None:
+        """The register called last, with its value; None if the program calls none that has a value."""
+        return None if self._called is None else Offset(self._called, self._table[self._called])

@@ -22,7 +22,8 @@ IDLE_CODES = frozenset(
 the work offset, the mode of the feed; spindle, water, tank, wire and generator; threading, which G0 does here."""
 UNITS = {70: 20, 71: 21}
 """Codes of some controls for inch and mm, and what they are elsewhere."""
-KNOWN_G = frozenset({0, 1, 2, 3, 4, 20, 21, 40, 41, 42, 90, 91, 92, *UNITS}) | {n for g, n in IDLE_CODES if g == "G"}
+_USED_G = frozenset({0, 1, 2, 3, 4, 10, 20, 21, 40, 41, 42, 90, 91, 92, *UNITS})
+KNOWN_G = _USED_G | {n for g, n in IDLE_CODES if g == "G"}
 KNOWN_M = frozenset({0, 1, 2, 30, 98, 99}) | {n for m, n in IDLE_CODES if m == "M"}
 
 _LONGEST_CODE = 4

@@ -92,10 +92,12 @@ def deviation_lines(report: Mapping[str, Any]) -> list[tuple[str, str]]:
 def offset_line(offset: Mapping[str, float | None]) -> str:
     """Say which offset was applied, by how much walls are off in the mean, and which offset to use instead."""
     applied, mean, better = (offset[name] for name in ("applied_mm", "mean_error_um", "to_use_mm"))
-    if applied is None or mean is None or better is None:
+    if mean is None:
         return "–" if applied is None else f"{applied:.3f} mm"
+    left = "metal left" if mean > 0 else "undercut"
+    if applied is None or better is None:
+        return f"different ones by contour, {mean:+.1f} µm in the mean ({left})"
     if abs(mean) < _RIGHT_UM:
         return f"{applied:.3f} mm, right within {_RIGHT_UM:g} µm in the mean"
-    left = "metal left" if mean > 0 else "undercut"
     advice = f"use --offset {better:.3f}" if better > 0 else "more than the whole offset"
     return f"{applied:.3f} mm, {mean:+.1f} µm in the mean ({left}): {advice}"

@@ -62,12 +62,16 @@ class Film:
         self._canvas = cast("Any", FigureCanvasAgg(self._figure))  # its methods have no types
         self._moving: list[tuple[Axes, Artist]] = []
         grid = self._figure.add_gridspec(
-            12, 3, left=0.02, right=0.985, top=0.93, bottom=0.06, hspace=1.6, wspace=0.14, width_ratios=[1, 1, 1.15]
+            12, 3, left=0.02, right=0.985, top=0.92, bottom=0.06, hspace=1.6, wspace=0.14, width_ratios=[1, 1, 1.15]
         )
         self._part(self._axes(grid[:8, 0], "part from above"))
         self._gap(self._axes(grid[:8, 1], "at the wire, mid height; gas pale; rings of 50 µm"))
         self._scope(self._axes(grid[8:, :2], "gap voltage and current of the last pulses"))
-        self._cursors = [self._plot(grid[3 * i : 3 * i + 3, 2], *curves) for i, curves in enumerate(_CURVES)]
+        plots = [self._axes(grid[3 * i : 3 * i + 3, 2], title) for i, (title, _) in enumerate(_CURVES)]
+        self._cursors = [self._plot(axes, curves) for axes, (_, curves) in zip(plots, _CURVES, strict=True)]
+        for axes in plots[:-1]:
+            axes.tick_params(labelbottom=False)  # all have the axis of the last one
+        plots[-1].set_xlabel("machine time, s", color=TEXT, fontsize=8, labelpad=2)
         self._figure.text(0.02, 0.965, play.title, color=TEXT, fontsize=13, weight="bold", va="center")
         self._heading = self._figure.text(
             0.985, 0.965, "", color=TEXT, fontsize=12, va="center", ha="right", animated=True
@@ -187,7 +191,7 @@ class Film:
         from matplotlib.collections import LineCollection
 
         low = VOLTAGE_HEIGHT + SCOPE_SPACE + CURRENT_HEIGHT
-        axes.set_xlim(-24.0, SCOPE_WIDTH + 6.0)
+        axes.set_xlim(-24.0, SCOPE_WIDTH + 24.0)
         axes.set_ylim(low + 14.0, -6.0)
         grid = self._play.strips("/scope/grid", "LineStrips2D:strips", 0.0)
         axes.add_collection(LineCollection(grid, colors="#2d3742", linewidths=0.7))
@@ -207,9 +211,7 @@ class Film:
 
     # --- the series ----------------------------------------------------------------------------------------
 
-    def _plot(self, place: Any, title: str, curves: tuple[tuple[str, str, str], ...]) -> Any:
-        axes = self._axes(place, title)
-        axes.set_xlabel("s", color=TEXT, fontsize=7, loc="right", labelpad=-9)
+    def _plot(self, axes: Axes, curves: tuple[tuple[str, str, str], ...]) -> Any:
         axes.tick_params(colors=TEXT, labelsize=7, length=2)
         axes.yaxis.set_major_locator(_few_ticks())
         axes.xaxis.set_major_locator(_few_ticks())
@@ -224,7 +226,9 @@ class Film:
         low, high = np.concatenate(shown).min(), np.concatenate(shown).max()
         axes.set_ylim(low - 0.08 * (high - low + 1e-9), high + 0.08 * (high - low + 1e-9))
         axes.set_xlim(0.0, self._play.end_s)
-        axes.legend(loc="upper right", fontsize=7, ncols=3, frameon=False, labelcolor=TEXT, borderaxespad=0.1)
+        if len(curves) > 1:  # the title names a single one; beside the title a legend hides no curve
+            axes.legend(loc="lower right", bbox_to_anchor=(1.0, 0.99), fontsize=7, ncols=len(curves), frameon=False,
+                        labelcolor=TEXT, borderaxespad=0.1, handlelength=1.2, columnspacing=1.0)
         return self._move(axes, axes.axvline(0.0, color=TEXT, linewidth=0.9))
 
 

@@ -142,7 +142,7 @@ class Quality:
         What made the profile error (`edmsim.metrology.shares.share_stats`); None if it was not split.
     reach : Reach
     offset_um : float
-        Offset that the path was made with; NaN if unknown.
+        Offset that the path was made with; NaN if unknown, or if its contours have different ones.
     """
 
     kerf_mean_um: float

@@ -25,8 +25,10 @@ from edmsim.calibration.output import correlated, write
 from edmsim.calibration.simulate import simulate
 from edmsim.cli import app as cli
 from edmsim.cli.console import INTERRUPTED
+from edmsim.cosim.straight import Traverse
 from edmsim.job.settings import METADATA_KEY, CutSettings
 from edmsim.machine.ranges import share_of, value_at, with_values
+from edmsim.plant.window import PulseWindow
 
 
 def log_of(table: pa.Table) -> Log:
@@ -112,6 +114,21 @@ def test_the_logged_machine_has_the_logs_statistics(known: SimpleNamespace) -> N
     noise = stretch.batches.std(axis=0) / math.sqrt(len(stretch.batches))
     assert (np.abs(right) < 6 * noise).all()
     assert np.abs(wrong / noise).max() > 15
+
+
+def test_a_cut_settles_for_as_long_as_its_log_did_but_not_for_ever(
+    known: SimpleNamespace, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    settled_um, run = [], Traverse.run
+
+    def briefly(traverse: Traverse, seconds: float) -> list[PulseWindow]:
+        settled_um.append(22.0 * seconds)
+        return run(traverse, 0.1)
+
+    monkeypatch.setattr(Traverse, "run", briefly)
+    for travelled_um in (0.0, 700.0, 1e6):
+        simulate(known.machine, Stretch(0, 22.0, 30.0, 100.0, np.zeros((1, 5)), travelled_um), 40, 0, "fast")
+    assert settled_um == pytest.approx([325.0, 700.0, 1250.0])
 
 
 def test_a_wire_driven_into_the_metal_counts_as_shorted(known: SimpleNamespace) -> None:

@@ -111,6 +111,9 @@ def test_stretches_begin_after_each_change_has_settled() -> None:
     assert [s.t_on_us for s in found] == [30.0, 30.0, 20.0]
     assert [s.first for s in found] == [99, count + 66, 2 * count + 66]  # 100 and 66.7 windows of travel
     np.testing.assert_allclose(found[0].mean, [10 / 255, 100 / 255, 21.0, 0.7, 11.0])
+    first, second = stretches(log_of(rows(count + STRETCH_WINDOWS)), SETTLE_UM)
+    assert first.travelled_um == pytest.approx(SETTLE_UM, abs=1.0)
+    assert second.travelled_um == pytest.approx(SETTLE_UM + STRETCH_WINDOWS * 20.0 * 25.5e-3, abs=1.0)
 
 
 def test_air_rest_and_unsteady_feeds_are_left_out() -> None:

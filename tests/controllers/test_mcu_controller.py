@@ -22,7 +22,7 @@ ZIGZAG = [(0, 0), (101, 53), (40, 160)]
 def simulation(controller, planner="poscal", dwells=(), points=ZIGZAG, **setup):
     points_um = np.array(points, np.int64) + START
     contour = WireContour(points_um, 0, points_um * 1e-3, False, "left", dwells, (1,) * (len(points) - 1))
-    path = CutPath((contour,), (25.0, 25.0, 40.0, 40.0), 0.13, 0.0, (30.0, 30.0), (), "test")
+    path = CutPath((contour,), (25.0, 25.0, 40.0, 40.0), 0.13, (30.0, 30.0), (), "test")
     machine = Machine.load(**{"height_mm": 10, **setup})
     return Simulation(machine, path, make(*controller[:1], **dict(controller[1:])), planner=planner, seed=1,
                       resolution="fast", observers=[WindowTable()])  # fmt: skip

@@ -49,7 +49,7 @@ class Slower(FixedController):
 def simulation(*observers: Observer) -> Simulation:
     points = np.array([(30_000, 30_000), (30_020, 30_000), (30_060, 30_000)])
     contour = WireContour(points, 0, points * 1e-3, False, "left", ((1, 0.05),), (1, 1))
-    path = CutPath((contour,), (25.0, 25.0, 40.0, 40.0), 0.5, 0.0, (30.0, 30.0), (), "test")
+    path = CutPath((contour,), (25.0, 25.0, 40.0, 40.0), 0.5, (30.0, 30.0), (), "test")
     return Simulation(Machine.load(height_mm=5), path, Slower(), seed=1, resolution="fast", observers=observers)
 
 

@@ -15,16 +15,9 @@ from edmsim.errors import InputError
 from edmsim.machine.files import Kind, available
 from edmsim.machine.machine import Machine
 from edmsim.machine.setting import (
-    LIMITS,
     discharge_current_A,
-    flushing_Pa,
-    ignition_wait_us,
     least_period_us,
     mean_current_A,
-    open_V,
-    resistance_ohm,
-    short_current_A,
-    wire_speed_m_s,
 )
 
 LABORATORY = ("iso-pulse", "iso-energetic", "ignition-pulse")
@@ -246,129 +239,6 @@ def test_with_refuses_what_it_does_not_know() -> None:
         Machine.load().with_(heigth_mm=40)
     with pytest.raises(ValueError, match="frozen"):
         Machine.load().height_mm = 3
-
-
-# --- choices in place of the files' constants ---
-
-
-def test_without_a_choice_the_files_hold() -> None:
-    machine = Machine.load(generator="iso-energetic")
-    generator, base = machine.generator, machine.base
-    assert open_V(machine) == generator.open_voltage_V.value
-    assert resistance_ohm(machine) == generator.resistance_ohm.value
-    assert generator.ignition_wait_us is not None
-    assert ignition_wait_us(machine) == generator.ignition_wait_us.value
-    assert wire_speed_m_s(machine) == base.guides.wire_speed_m_s.value
-    assert flushing_Pa(machine) == (base.dielectric.flushing_pressure_Pa.value,) * 2
-
-
-def test_a_choice_holds_in_place_of_the_constant_and_none_takes_it_back() -> None:
-    usual = Machine.load(generator="iso-energetic")
-    machine = Machine.load(
-        generator="iso-energetic", open_voltage_V=110.0, ignition_wait_us=33.0, wire_speed_m_s=0.25,
-        flushing_lower_Pa=0.0, flushing_upper_Pa=4e5, t_on_us=10.0,
-    )  # fmt: skip
-    assert (open_V(machine), ignition_wait_us(machine), wire_speed_m_s(machine)) == (110.0, 33.0, 0.25)
-    assert flushing_Pa(machine) == (0.0, 4e5)
-    assert machine.generator == usual.generator  # the files stay what they are
-    assert machine.base == usual.base
-    back = machine.with_(open_voltage_V=None, ignition_wait_us=None, wire_speed_m_s=None, flushing_lower_Pa=None,
-                         flushing_upper_Pa=None, t_on_us=usual.t_on_us)  # fmt: skip
-    assert back == usual
-
-
-def test_the_peak_current_is_chosen_by_resistance_and_shorts_follow() -> None:
-    machine = Machine.load(peak_current_A=3.0)
-    assert discharge_current_A(machine) == pytest.approx(3.0)
-    assert resistance_ohm(machine) == pytest.approx(78.0 / 3.0)
-    assert short_current_A(machine) == pytest.approx(3.0 * 100.0 / 78.0)
-    assert discharge_current_A(Machine.load(resistance_ohm=78.0 / 3.0)) == pytest.approx(3.0)
-
-
-def test_a_generator_may_cut_the_current_of_shorts(own_file: OwnFile) -> None:
-    machine = Machine.load("production", generator="production")
-    assert short_current_A(machine) == pytest.approx(0.2 * 300.0 / 0.397 / 2)
-    file = own_file("generators", "production", ("share = { value = 0.2,", "share = { value = 1.0,"))
-    whole = Machine.load("production", generator=file)
-    assert short_current_A(whole) == pytest.approx(300.0 / 0.397 / 2)
-    assert discharge_current_A(whole) == discharge_current_A(machine)
-
-
-@pytest.mark.parametrize(
-    ("share", "said"), [("1.1", "value 1.1 lies outside its range (0.05, 1.0)"), ("0.0", "greater than 0")]
-)
-def test_a_share_of_the_short_current_outside_its_range_is_refused(own_file: OwnFile, share: str, said: str) -> None:
-    file = own_file("generators", "production", ("share = { value = 0.2,", f"share = {{ value = {share},"))
-    text = refusal(name="production", generator=file)
-    assert "short_current_share" in text
-    assert said in text
-
-
-def test_the_resistor_lets_more_through_at_a_higher_open_voltage() -> None:
-    assert Machine.load(open_voltage_V=120.0, peak_current_A=8.0, t_period_us=150.0).peak_current_A == 8.0
-    assert "8 A is above the 6.61 A that 100 V drive" in refusal(peak_current_A=8.0, t_period_us=150.0)
-
-
-def test_a_triangle_has_half_the_mean_current_and_so_half_the_shortest_period() -> None:
-    rectangle, triangle = (
-        Machine.load(generator="iso-energetic", pulse_shape=shape) for shape in ("rectangle", "triangle")
-    )
-    for of in (discharge_current_A, short_current_A, mean_current_A, lambda m: least_period_us(m, 20.0)):
-        assert of(triangle) == pytest.approx(of(rectangle) / 2)
-    assert triangle.with_(t_period_us=0.6 * least_period_us(rectangle, 20.0)).pulse_shape == "triangle"
-
-
-def test_a_choice_of_the_other_kind_takes_the_place_of_the_first() -> None:
-    machine = Machine.load(peak_current_A=3.0)
-    assert discharge_current_A(machine.with_(peak_current_A=None, resistance_ohm=39.0)) == pytest.approx(2.0)
-    with pytest.raises(InputError, match="both given"):
-        machine.with_(resistance_ohm=39.0)
-
-
-@pytest.mark.parametrize(
-    ("options", "said"),
-    [
-        ({"peak_current_A": 6.7}, "peak current 6.7 A is above the 6.61 A that 100 V drive through the generator's "
-                                  "11.8 ohm against 22 V; choose less, or a lower resistance"),
-        ({"peak_current_A": 3.0, "resistance_ohm": 20.0}, "peak current and resistance are both given"),
-        ({"resistance_ohm": 5.0}, "above the generator's 2 A"),
-        ({"open_voltage_V": 59.0}, "open voltage 59 V is not within 60..120 V"),
-        ({"open_voltage_V": 20.0, "generator": "ignition-pulse"}, "open voltage 20 V is not above the burning volt"),
-        ({"open_voltage_V": 501.0, "generator": "ignition-pulse"}, "open voltage 501 V is not within 10..500 V"),
-        ({"ignition_wait_us": 20.0}, "an iso-pulse generator has no ignition wait"),
-        ({"ignition_wait_us": 80.0, "generator": "ignition-pulse"}, "t_period 100 us leaves no pause after 100 us"),
-        ({"pulse_shape": "triangle"}, "an iso-pulse generator makes no triangles"),
-        ({"pulse_shape": "triangle", "generator": "iso-energetic", "t_on_us": 90.0},
-         "t_period 90 us leaves no pause after 90 us"),
-        ({"pulse_shape": "sine", "generator": "iso-energetic"}, "unknown pulse shape 'sine'; there are: rectangle"),
-        ({"flushing_lower_Pa": -1.0}, "pressure of the lower nozzle -1 Pa is not within 0..3e+06 Pa"),
-    ],
-)  # fmt: skip
-def test_a_choice_that_cannot_run_is_told_in_one_line(options: dict[str, Any], said: str) -> None:
-    assert said in refusal(**options)
-
-
-@pytest.mark.parametrize("name", LIMITS)
-def test_choices_have_limits(name: str) -> None:
-    limit = LIMITS[name]
-    for value in (limit.low - 1.0, 1.01 * limit.high, math.nan, math.inf, -math.inf):
-        text = refusal(**{name: value, "generator": "iso-energetic"})
-        assert f"{limit.what} {value:g} {limit.unit} is not within" in text
-
-
-def test_a_generator_s_own_ranges_hold_in_place_of_the_field_s(own_file: OwnFile) -> None:
-    file = own_file(
-        "generators", "iso-energetic", ("value = 20.0, range = [1.0, 1000.0]", "value = 20.0, range = [0.2, 25.0]"),
-        ("{ value = 60.0, source", "{ value = 60.0, range = [10.0, 80.0], source"),
-    )  # fmt: skip
-    assert Machine.load(generator=file, t_on_us=0.3).t_on_us == 0.3
-    assert "t_on 26 us is not within 0.2..25 us" in refusal(generator=file, t_on_us=26.0)
-    assert "ignition wait 81 us is not within 10..80 us" in refusal(generator=file, ignition_wait_us=81.0)
-
-
-def test_a_triangle_is_no_shape_of_an_own_iso_pulse_generator(own_file: OwnFile) -> None:
-    file = own_file("generators", "iso-pulse", ('mode = "iso-pulse"', 'mode = "iso-pulse"\npulse_shape = "triangle"'))
-    assert "makes no triangles" in refusal(generator=file)
 
 
 # --- files that are like another, and the production preset ---

@@ -20,7 +20,7 @@ PATH_UM = 1000 * (4.0 + (SQUARE_MM - 4.0) * (2.0 + OFFSET_UM / 1000) / 2.0)
 ALONG = np.linspace(0.25, 0.75, 11)
 """Places on every side, far from its corners, as shares of it."""
 NORMALS = np.repeat([(0.0, -1.0), (1.0, 0.0), (0.0, 1.0), (-1.0, 0.0)], len(ALONG), axis=0)
-CONTOUR = WireContour(np.round(PATH_UM).astype(np.int64), 0, SQUARE_MM, True, "left")
+CONTOUR = WireContour(np.round(PATH_UM).astype(np.int64), 0, SQUARE_MM, True, "left", offset_um=OFFSET_UM)
 
 move = st.tuples(st.floats(-30.0, 30.0), st.floats(-30.0, 30.0))
 
@@ -43,7 +43,7 @@ def test_a_way_that_is_moved_leaves_what_it_is_further_off_each_side(planner, dr
     moves = np.cumsum([planner, drive, wire], axis=0)
     off = NORMALS @ np.array([planner, drive, wire]).T
     error = off.sum(axis=1) + gap
-    shares = error_shares(measured(error), CONTOUR, OFFSET_UM, [way(moved) for moved in moves])
+    shares = error_shares(measured(error), CONTOUR, [way(moved) for moved in moves])
     assert shares.shape == (len(SHARES), len(error))
     np.testing.assert_allclose(shares[0], 0.0, atol=1e-6)
     np.testing.assert_allclose(shares[1:4].T, off, atol=1e-6)
@@ -57,10 +57,10 @@ def test_a_way_that_is_moved_leaves_what_it_is_further_off_each_side(planner, dr
 
 
 def test_an_inner_corner_the_wire_cannot_reach_belongs_to_the_path() -> None:
-    inner = WireContour(np.round(_inside()).astype(np.int64), 0, SQUARE_MM, True, "right")
+    inner = WireContour(np.round(_inside()).astype(np.int64), 0, SQUARE_MM, True, "right", offset_um=OFFSET_UM)
     corner = ProfileError(SQUARE_MM[:1], np.zeros(1), np.array([[64.2]]), np.zeros(1, bool))
     dense = np.concatenate([np.linspace(a, b, 5000) for a, b in pairwise(_inside())])
-    shares = error_shares(corner, inner, OFFSET_UM, [dense] * 3)
+    shares = error_shares(corner, inner, [dense] * 3)
     assert shares[0, 0] == pytest.approx(OFFSET_UM * (2**0.5 - 1), abs=1e-6)
     assert shares[1:4, 0] == pytest.approx(np.zeros(3), abs=0.1)
 
@@ -72,9 +72,9 @@ def _inside() -> np.ndarray:
 def test_what_was_not_measured_has_no_shares() -> None:
     error = np.zeros(len(NORMALS))
     error[3] = np.nan
-    shares = error_shares(measured(error), CONTOUR, OFFSET_UM, [way(np.zeros(2))] * 3)
+    shares = error_shares(measured(error), CONTOUR, [way(np.zeros(2))] * 3)
     assert np.isnan(shares[:, 3]).all()
     assert np.isfinite(np.delete(shares, 3, axis=1)).all()
-    not_begun = error_shares(measured(error), CONTOUR, OFFSET_UM, [np.zeros((0, 2))] * 3)
+    not_begun = error_shares(measured(error), CONTOUR, [np.zeros((0, 2))] * 3)
     assert np.isnan(not_begun).all()
     assert all(np.isnan(value) for share in share_stats(not_begun, error).values() for value in share.values())

@@ -23,7 +23,8 @@ LEFT_UM = OFFSET_UM * (math.sqrt(2) - 1)
 def contour() -> WireContour:
     ring = shapely.Polygon(ELL_MM).buffer(OFFSET_UM / 1e3, quad_segs=64).exterior
     path = np.round(shapely.get_coordinates(ring.reverse() if not ring.is_ccw else ring) * 1e3).astype(np.int64)
-    return WireContour(path, 0, ELL_MM, True, "left", elements=tuple((k + 1, 10 + k) for k in range(6)))
+    elements = tuple((k + 1, 10 + k) for k in range(6))
+    return WireContour(path, 0, ELL_MM, True, "left", elements=elements, offset_um=OFFSET_UM)
 
 
 def profile(error_um: np.ndarray | float = 0.0) -> ProfileError:
@@ -39,7 +40,7 @@ def place_of(found: ProfileError, x: float, y: float) -> int:
 
 def test_only_the_inner_corner_is_out_of_reach() -> None:
     found = profile()
-    left = unreachable_um(found, contour(), OFFSET_UM)
+    left = unreachable_um(found, contour())
     assert left[place_of(found, *INNER_MM)] == pytest.approx(LEFT_UM, abs=1.0)
     assert left.max() == left[place_of(found, *INNER_MM)]
     # the fillet touches both sides at the offset from the corner
@@ -49,7 +50,7 @@ def test_only_the_inner_corner_is_out_of_reach() -> None:
 
 def test_a_wire_on_its_path_has_no_error_within_reach_and_says_why_there_is_one_against_the_drawing() -> None:
     bare = profile()
-    left = unreachable_um(bare, contour(), OFFSET_UM)
+    left = unreachable_um(bare, contour())
     found = profile(left)
     against, within = (
         worst_place([contour()], [found], [left], [None], reachable=reachable) for reachable in (False, True)
@@ -79,7 +80,7 @@ def test_the_largest_error_says_what_lies_there(place_mm: tuple[float, float], w
 
 def test_the_mean_error_is_that_of_the_walls_between_corners() -> None:
     bare = profile()
-    left = unreachable_um(bare, contour(), OFFSET_UM)
+    left = unreachable_um(bare, contour())
     line = Polyline(ELL_MM, closed=True)
     at_corner = line.distance_along(bare.s_mm, line.s[line.corners(15.0)]) < 0.1
     found = profile(np.where(at_corner | bare.at_lead_in, -40.0, 4.0))
@@ -89,7 +90,7 @@ def test_the_mean_error_is_that_of_the_walls_between_corners() -> None:
 
 def test_elements_are_the_lines_of_the_program() -> None:
     bare = profile()
-    left = unreachable_um(bare, contour(), OFFSET_UM)
+    left = unreachable_um(bare, contour())
     found = profile(left + 2.0)
     rows = element_errors(3, contour(), found, left)
     assert [(row.contour, row.element, row.line, row.kind) for row in rows] == [

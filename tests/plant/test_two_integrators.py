@@ -26,7 +26,7 @@ ALIKE = {"modes": 31, "film_spans": 2}
 def straight_cut():
     points = np.array([(30_000, 30_000), (32_000, 30_000)], np.int64)
     contour = WireContour(points, 0, points * 1e-3, False, "left", (), (1,))
-    return CutPath((contour,), (25.0, 25.0, 40.0, 40.0), 0.18, 0.0, (30.0, 30.0), (), "test")
+    return CutPath((contour,), (25.0, 25.0, 40.0, 40.0), 0.18, (30.0, 30.0), (), "test")
 
 
 def cut(mechanics, seed):

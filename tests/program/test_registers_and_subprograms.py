@@ -43,6 +43,10 @@ def read(folder: Path, text: str) -> Program:
         ("G20\nD1=0.01\nG21", "D1", None, 254.0),
         ("", "D1", None, 200.0),
         ("D1=0.155", "", None, 200.0),
+        ("G10 L12 P1 R0.155", "D1", None, 155.0),
+        ("G10 L10 P2 R0.145", "H02", None, 145.0),
+        ("G10 P1 R.15", "D1", "D1 = 0.16\n", 150.0),
+        ("G20 G10 P1 R0.01\nG21", "H1", None, 254.0),
     ],
 )
 def test_the_register_is_the_offset(
@@ -71,13 +75,56 @@ def test_an_offset_that_was_asked_for_wins_with_a_notice(tmp_path: Path) -> None
     assert "the offset is 0.16 mm, as asked, not the 0.155 mm of the register" in path.notices
 
 
+TWO_HOLES = """\
+D1=0.16
+D2=0.2
+G92 X0 Y0
+G42 D1 G1 X1. Y0
+G2 X1. Y0 I-1. J0
+G0 {x} Y0
+G42 {second} G1 G91 X1.
+G2 X0 Y0 I-1. J0
+M02
+"""
+
+
+def test_contours_have_the_offsets_of_their_registers(tmp_path: Path) -> None:
+    path = plan(tmp_path, TWO_HOLES.format(x="X5.", second="D2"))
+    assert path.offset_um is None
+    assert [contour.offset_um for contour in path.contours] == [160.0, 200.0]
+    for contour, radius_um in zip(path.contours, (840.0, 800.0), strict=True):
+        away = np.hypot(*(contour.points_um[contour.lead_in_moves :] - contour.nominal_mm.mean(axis=0) * 1e3).T)
+        assert away == pytest.approx(radius_um, abs=15.0)  # the mean of the chords' ends is near the centre
+    assert "offset 160, 200 um" in repr(path)
+    asked = plan(tmp_path, TWO_HOLES.format(x="X5.", second="D2"), offset=0.18)
+    assert asked.offset_um == 180.0
+    assert "the offset is 0.18 mm, as asked, not the 0.16, 0.2 mm of the register" in asked.notices
+
+
+def test_a_register_that_is_set_again_holds_from_there(tmp_path: Path) -> None:
+    path = plan(tmp_path, TWO_HOLES.format(x="X5.", second="G10 L12 P1 R0.2\nG1 D1").replace("G42 G10", "G42\nG10"))
+    assert [contour.offset_um for contour in path.contours] == [160.0, 200.0]
+
+
+def test_a_trim_cut_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"lies in the kerf of a contour with 0\.16 mm") as refused:
+        plan(tmp_path, TWO_HOLES.format(x="X0", second="D2"))
+    assert "trim cuts are not simulated" in str(refused.value)
+    assert refused.value.line == 8
+    assert len(plan(tmp_path, TWO_HOLES.format(x="X5.", second="D1")).contours) == 2
+
+
 @pytest.mark.parametrize(
     ("text", "line", "named"),
     [
         (SQUARE.format("D1=0.155", "D2"), 3, "D2 is not in the table: there are D1"),
         (SQUARE.format("D1=0.155 H2=0.1", "D1 H2"), 3, "D1 and H2 are both offsets"),
         (SQUARE.format("D1=-0.155", "D1"), 2, "the offset D1 is -0.155 mm"),
-        (SQUARE.format("D1=0.155 D2=0.15", "D1").replace("\nX0\n", "\nX0 D2\n"), 4, "D1 0.155 mm and D2 0.15 mm"),
+        (SQUARE.format("D1=0.155 D2=0.15", "D1").replace("\nX0\n", "\nX0 D2\n"), 4, "D1 0.155 mm to D2 0.15 mm"),
+        (SQUARE.format("G10 L2 P1 X0 Y0", "D1"), 2, "G10 L2 is not read"),
+        (SQUARE.format("G10 L12 P1", "D1"), 2, "G10 L12 P1 R0.155"),
+        (SQUARE.format("G10 L12 P1.5 R0.1", "D1"), 2, "G10 wants the register's number as P"),
+        (SQUARE.format("G10 L12 P1 R12.", "D1"), 2, "the offset D1 is 12 mm"),
     ],
 )
 def test_registers_that_make_no_sense(tmp_path: Path, text: str, line: int, named: str) -> None:

@@ -28,8 +28,8 @@ PNG = b"\x89PNG"
 def result(cut: SimpleNamespace) -> edmsim.CutResult:
     """The made-up cut as `edmsim.cut` returns one."""
     points = np.array([[0, 0], [3000, 0], [3000, 4000]])
-    contour = WireContour(points, 1, points / 1e3, closed=False, part_side="left")
-    path = CutPath((contour,), cut.scene.stock_mm, 0.5, 150.0, (20.0, 20.0), (), "rectangle.ngc")
+    contour = WireContour(points, 1, points / 1e3, closed=False, part_side="left", offset_um=150.0)
+    path = CutPath((contour,), cut.scene.stock_mm, 0.5, (20.0, 20.0), (), "rectangle.ngc")
     field = None
     return edmsim.CutResult(
         cut.report, cut.windows, path, field, cut.frames, cut.scene, cut.closeups, cut.machine  # type: ignore[arg-type]

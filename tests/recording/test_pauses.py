@@ -15,6 +15,7 @@ from matplotlib.figure import Figure
 from matplotlib.text import Annotation
 
 from edmsim.recording import Playback, write_recording
+from edmsim.recording.figures import error_figure
 from edmsim.recording.figures.canvas import NotebookFigure
 from edmsim.recording.figures.map import draw_map
 from edmsim.recording.figures.profile import profile_figure
@@ -109,12 +110,15 @@ def test_labels_of_corners_never_cover_each_other(cut: SimpleNamespace) -> None:
     draw = np.random.default_rng(3)
     places = draw.uniform(22, 26, (40, 2))
     crowd = tuple(SceneCorner(float(x), float(y), 90.0, float(k + 1)) for k, (x, y) in enumerate(places))
-    figure = profile_figure(dataclasses.replace(cut.scene, corners=crowd), cut.windows, cut.report, "crowd")
-    figure.canvas.draw()
-    boxes = [label.get_window_extent() for label in labels(figure)]
-    assert len(boxes) >= 6
-    for one, other in combinations(boxes, 2):
-        assert not one.overlaps(other)
+    scene = dataclasses.replace(cut.scene, corners=crowd)
+    for figure, least in ((profile_figure(scene, cut.windows, cut.report, "crowd"), 6), (error_figure(scene), 4)):
+        figure.canvas.draw()
+        boxes = [label.get_window_extent() for label in labels(figure)]
+        assert len(boxes) >= least
+        for one, other in combinations(boxes, 2):
+            assert not one.overlaps(other)
+        shown = figure.axes[0].get_window_extent()
+        assert all(shown.count_contains(box.get_points()) == 2 for box in boxes)
 
 
 def test_what_is_out_of_reach_does_not_set_the_scale(cut: SimpleNamespace) -> None:

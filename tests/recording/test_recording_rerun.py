@@ -124,7 +124,7 @@ def test_the_part_is_drawn(read: Read) -> None:
     assert {"/world/base", "/world/cross/carriage", "/world/guides", "/world/wire"} <= read.entities()
     assert "/world/table/stop" not in read.entities()
     corners = read.column("/world/table/corners", "Points3D:labels")
-    assert corners == [["-9.1 µm", "-8.4 µm", "-10.2 µm", "-7.9 µm"]]
+    assert corners == [["-9.1", "-8.4", "-10.2", "-7.9"]]
 
 
 def test_deflection_is_exaggerated_by_the_factor(cut: SimpleNamespace) -> None:

@@ -32,6 +32,15 @@ def recording(cut: SimpleNamespace, tmp_path_factory: pytest.TempPathFactory) ->
     return write(tmp_path_factory.mktemp("recording"), cut)
 
 
+def test_legends_of_a_film_cover_no_curve(recording: Path) -> None:
+    film = Film(Playback(recording), 60)
+    legends = [(axes, axes.get_legend()) for axes in film._figure.axes if axes.get_legend() is not None]
+    assert len(legends) == 2
+    for axes, legend in legends:
+        assert legend.get_window_extent().y0 > axes.get_window_extent().y1 - 1.0
+        assert not legend.get_window_extent().overlaps(axes.title.get_window_extent())
+
+
 def test_a_gif_plays_the_cut(recording: Path, tmp_path: Path) -> None:
     render(recording, tmp_path / "new" / "cut.gif", seconds=0.8)
     with Image.open(tmp_path / "new" / "cut.gif") as film:

@@ -69,3 +69,11 @@ def test_the_site_holds_together(site: dict[Path, str]) -> None:
     notebooks = {SITE / "notebooks" / f"{file.stem}.html" for file in (ROOT / "notebooks").glob("*.ipynb")}
     assert notebooks <= site.keys()
     assert "edmsim.cut" in pages[(SITE / "api" / "edmsim.html").resolve()].anchors  # the docstrings are in
+
+
+@pytest.mark.slow
+def test_options_of_commands_are_not_broken_at_their_hyphens(site: dict[Path, str]) -> None:
+    page = site[SITE / "guide" / "quick-start.html"]
+    assert '<span class="option">--height</span>' in page
+    style = (SITE / "_static" / "site.css").read_text(encoding="utf-8")
+    assert ".highlight .option { white-space: nowrap; }" in style

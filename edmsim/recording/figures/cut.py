@@ -10,6 +10,7 @@ import shapely
 from numpy.typing import NDArray
 
 from edmsim.errors import InputError
+from edmsim.recording.figures.map import label_places
 from edmsim.recording.figures.palette import (
     BLUE,
     ERROR_STOPS,
@@ -72,10 +73,11 @@ def error_figure(scene: Scene) -> Figure:
     lines = _error_lines(axes, scene, factor)
     for edge in scene.maps:
         axes.plot(*edge.nominal_mm.T, color=INK, linewidth=0.6, linestyle=(0, (5, 3)), zorder=2)
-    _label_corners(axes, scene)
     axes.set_aspect("equal")
     axes.set_xlim(x0 - margin, x1 + margin)
     axes.set_ylim(y0 - margin, y1 + margin)
+    axes.apply_aspect()  # labels are placed by what they would cover
+    _label_corners(axes, scene)
     colour_bar(figure, lines, f"profile error, µm: − undercut, + metal left; drawn × {factor:g}")
     return figure
 
@@ -108,12 +110,14 @@ def _label_corners(axes: Axes, scene: Scene) -> None:
     known = [corner for corner in scene.corners if np.isfinite(corner.error_um)]
     x0, y0, x1, y1 = scene.extent_mm()
     middle = np.array([(x0 + x1) / 2, (y0 + y1) / 2])
-    for corner in sorted(known, key=lambda c: -abs(c.error_um))[:LABELLED]:
-        inward = middle - (corner.x_mm, corner.y_mm)
+    worst = sorted(known, key=lambda c: -abs(c.error_um))[:LABELLED]
+    if not worst:
+        return
+    for corner, offset_pt in label_places(axes, worst, middle, TICK_PT):
         axes.annotate(
-            f"{corner.error_um:+.1f}".replace("-", "−"), (corner.x_mm, corner.y_mm),
-            xytext=tuple(20 * inward / max(float(np.hypot(*inward)), 1e-9)), textcoords="offset points",
-            ha="center", va="center", fontsize=TICK_PT, color=INK, zorder=5,
+            f"{corner.error_um:+.1f}".replace("-", "−"), (corner.x_mm, corner.y_mm), xytext=offset_pt,
+            textcoords="offset points", ha="center", va="center", fontsize=TICK_PT, color=INK, zorder=5,
+            bbox={"boxstyle": "round,pad=0.1", "facecolor": "white", "edgecolor": "none", "alpha": 0.8},
         )  # fmt: skip
 
 

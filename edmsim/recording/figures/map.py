@@ -18,8 +18,11 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.collections import LineCollection
 
-_LABEL_PT = (36.0, 15.0)
-"""Width and height of a label with some room around it, in points."""
+_LABEL_FONT_PT = 8.5
+_LABEL = (4.2, 1.75)
+"""Width and height of a label with some room around it, in heights of its font."""
+_LABEL_AWAY = (2.6, 3.8, 5.2)
+"""Distances of a label from its corner that are tried, in heights of its font."""
 
 LABELLED_CORNERS = 12
 """Corners whose error is written beside them: the worst ones."""
@@ -173,7 +176,7 @@ def _mark_corners(axes: Axes, scene: Scene) -> None:
         zorder=7,
         label="corner, its error in µm",
     )
-    for corner, offset_pt in _label_places(axes, worst, middle):
+    for corner, offset_pt in label_places(axes, worst, middle, _LABEL_FONT_PT):
         axes.annotate(
             f"{corner.error_um:+.1f}".replace("-", "−"),
             (corner.x_mm, corner.y_mm),
@@ -181,15 +184,15 @@ def _mark_corners(axes: Axes, scene: Scene) -> None:
             textcoords="offset points",
             ha="center",
             va="center",
-            fontsize=8.5,
+            fontsize=_LABEL_FONT_PT,
             color=INK,
             zorder=8,
             bbox={"boxstyle": "round,pad=0.18", "facecolor": "white", "edgecolor": GRID, "linewidth": 0.6},
         )
 
 
-def _label_places(
-    axes: Axes, corners: Sequence[SceneCorner], middle: NDArray[np.float64]
+def label_places(
+    axes: Axes, corners: Sequence[SceneCorner], middle: NDArray[np.float64], font_pt: float
 ) -> Iterator[tuple[SceneCorner, tuple[float, float]]]:
     """Choose places of labels, in points from their corners, that cover neither each other nor a corner.
 
@@ -198,18 +201,23 @@ def _label_places(
     point = axes.figure.dpi / 72.0
     at = axes.transData.transform([(c.x_mm, c.y_mm) for c in corners]) / point
     centre = axes.transData.transform(middle) / point
-    taken = [*at]
+    size = font_pt * np.array(_LABEL)
+    low, high = (corner / point for corner in axes.get_window_extent().get_points())
+    taken = np.empty((0, 2))
     for corner, place in zip(corners, at, strict=True):
         inward = centre - place
         angle = np.arctan2(inward[1], inward[0])
         tries = [
-            radius * np.array([np.cos(angle + turn), np.sin(angle + turn)])
-            for radius in (22.0, 32.0, 44.0) for turn in np.radians((0, 40, -40, 80, -80, 120, -120, 180))
+            radius * font_pt * np.array([np.cos(angle + turn), np.sin(angle + turn)])
+            for turns in ((0, 40, -40, 80, -80), (120, -120, 180)) for radius in _LABEL_AWAY
+            for turn in np.radians(turns)
         ]  # fmt: skip
         for offset in tries:
-            apart = np.abs(np.array(taken) - (place + offset))
-            if not ((apart[:, 0] < _LABEL_PT[0]) & (apart[:, 1] < _LABEL_PT[1])).any():
-                taken.append(place + offset)
+            label = place + offset
+            shown = (label - size / 2 > low).all() and (label + size / 2 < high).all()
+            covers = (np.abs(at - label) < size / 2).all(axis=1).any()
+            if shown and not covers and not (np.abs(taken - label) < size).all(axis=1).any():
+                taken = np.vstack([taken, label])
                 yield corner, (float(offset[0]), float(offset[1]))
                 break
 

@@ -57,12 +57,14 @@ def dress(axes: Axes, x: str, y: str) -> None:
 
 
 def legend(
-    axes: Axes, *, above: bool = False, columns: int = 1, loc: Literal["best", "upper right"] = "best"
+    axes: Axes, *, above: bool = False, columns: int = 1, loc: Literal["best", "upper right"] = "best",
+    title: str | None = None,
 ) -> None:
     """Explain what is drawn: inside the axes, or in a row above them."""
     style: dict[str, Any] = {
         "fontsize": TICK_PT, "labelcolor": INK, "handlelength": 1.4, "handletextpad": 0.5, "columnspacing": 1.0,
-        "labelspacing": 0.3, "borderaxespad": 0.3,
+        "labelspacing": 0.3, "borderaxespad": 0.3, "title": title, "title_fontsize": TICK_PT,
+        "alignment": "left",
     }
     if above:
         axes.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=columns, frameon=False, **style)

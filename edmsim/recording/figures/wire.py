@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from edmsim.cosim.pulse_sample import PulseSample
 from edmsim.errors import InputError
-from edmsim.recording.figures.palette import BLUE, GRID, INK, MUTED, ORANGE, VERMILION
+from edmsim.recording.figures.palette import BLUE, GRID, INK, ORANGE, VERMILION
 from edmsim.recording.figures.style import TICK_PT, column_figure, dress, legend
 
 if TYPE_CHECKING:
@@ -80,7 +80,7 @@ def spectrum_figure(samples: Sequence[PulseSample], resolution: str = "default")
     if not samples or min(len(s.kind) for s in samples) < 4 * SEGMENTS:
         raise InputError(f"a spectrum needs a sample of at least {4 * SEGMENTS} pulses")
     first = samples[0]
-    figure = column_figure(3.4, top_in=0.38)
+    figure = column_figure(3.5, top_in=0.48)
     modes, beside = figure.subplots(1, 2, sharey=True, width_ratios=[1.7, 1.0], gridspec_kw={"wspace": 0.14})
     sampling_hz = 1e6 / first.period_us
     if len(samples) > 1:
@@ -106,9 +106,10 @@ def _draw_modes(axes: Axes, sample: PulseSample, sampling_hz: float, resolution:
             axes.plot(tension, folded / 1e3, **style)
         if np.isfinite(below).sum() > 1:
             last = int(np.flatnonzero(np.isfinite(below))[-1])
+            through_the_top = last < len(tension) - 1  # where the legend is
             axes.annotate(
-                f"{number + 1}", (tension[last], below[last] / 1e3), xytext=(2, 3), textcoords="offset points",
-                fontsize=TICK_PT, color=INK, va="center",
+                f"{number + 1}", (tension[last], below[last] / 1e3), xytext=(3, -6) if through_the_top else (2, 3),
+                textcoords="offset points", fontsize=TICK_PT, color=INK, va="center",
             )  # fmt: skip
     axes.plot([], [], color=INK, linewidth=0.6, linestyle=(0, (3, 3)), alpha=0.6, label="mode, folded")
     axes.axvline(machine.tension, color=VERMILION, linewidth=0.8, label="set tension")
@@ -148,8 +149,4 @@ def _draw_spectrum(axes: Axes, sample: PulseSample, sampling_hz: float, resoluti
         axes.semilogx(power[1:], frequency[1:] / 1e3, color=colour, linewidth=0.9, label=name, zorder=2)
     axes.xaxis.set_minor_formatter("")  # a short span would label them, beyond the column
     axes.grid(axis="y", visible=False)
-    axes.set_title(
-        f"{sample.machine.tension:.3g} N, {sampling_hz / 1e3:.3g} kHz pulses", fontsize=TICK_PT, color=MUTED,
-        loc="left",
-    )  # fmt: skip
-    legend(axes)
+    legend(axes, above=True, title=f"{sample.machine.tension:.3g} N, {sampling_hz / 1e3:.3g} kHz pulses")

@@ -271,7 +271,8 @@ def _top_view(sizes: Sizes) -> rrb.Spatial3DView:
     return rrb.Spatial3DView(
         origin="world/table",
         contents=["world/table/**", "world/deflection", "world/axis", *(f"- world/table/{low}" for low in hidden)],
-        name=f"part from above (deflection × {sizes.deflection_factor:g}, profile error × {sizes.error_factor:g})",
+        name=f"part from above (deflection × {sizes.deflection_factor:g}, profile error × {sizes.error_factor:g}, "
+        "at corners in µm)",
         background=rrb.Background(color=palette.rgb(palette.INK)),
         line_grid=rrb.LineGrid3D(visible=False),
         eye_controls=rrb.EyeControls3D(

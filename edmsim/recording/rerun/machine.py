@@ -129,7 +129,7 @@ def log_marks(recording: rr.RecordingStream, scene: Scene, factor: float) -> Non
         recording,
         "world/table/corners",
         [(c.x_mm, c.y_mm, scene.height_mm) for c in known],
-        [f"{c.error_um:+.1f} µm" for c in known],
+        [f"{c.error_um:+.1f}" for c in known],  # short: the viewer lets labels cover each other
         palette.ORANGE,
     )
     starts = [(float(x), float(y), scene.height_mm) for x, y in scene.starts_mm]
