@@ -19,6 +19,7 @@ from edmsim.controllers.qcl import Control, read_configuration, read_program
 from edmsim.errors import LONGEST_REASON, InputError
 from edmsim.files import read_arrays
 from edmsim.plant.mechanics import mjcf
+from edmsim.program.path import plan_path
 from edmsim.recording.windows import read_windows
 from edmsim.sweep.specification import read_specification
 from edmsim.sweep.store import Store
@@ -40,6 +41,16 @@ def test_expressions_without_end_are_refused(expression: str) -> None:
     with pytest.raises(InputError) as caught:
         read_program(f"speed = {expression}\nEND\n", CONFIGURATION)
     one_line(caught)
+
+
+@pytest.mark.parametrize("moves", ["Y.2\nX.2\n" * 2000, "Y.1\nG41 D1 G1 X.05\n" * 2000, "Y.2\nX.2\nY-.2\nX.2\n" * 900])
+def test_a_job_of_many_tables_is_refused_as_drawn(moves: str, tmp_path: Path) -> None:
+    """The path beside it was looked for first, and its lead-ins: 5 s for 46 kB."""
+    (tmp_path / "own.ngc").write_text(f"G20 G91\nG0 X.1 Y.1\nG41 D1 G1 X.05\n{moves}G40\nM2\n")
+    began = time.process_time()
+    with pytest.raises(InputError, match=r"what is drawn spans [\d.]+ x [\d.]+ mm: the table has 65 x 65 mm"):
+        plan_path(tmp_path / "own.ngc", "auto", auto_offset_mm=0.15, table_um=65_000)
+    assert time.process_time() - began < 1.0
 
 
 def test_expressions_of_a_page_are_computed() -> None:
