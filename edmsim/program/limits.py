@@ -23,7 +23,7 @@ LONGEST_MM = 50_000.0
 FARTHEST_MM = 1e6
 """Coordinates and radii (ours: doubles tell 0.1 nm apart there)."""
 MOST_TABLES = 2.0
-"""Extent of a job over the table's travel beyond which it is refused as drawn (ours: what leads, offset and unreachable
+"""Extent of a job over the table's travel beyond which it is refused as drawn (ours: what offset and unreachable
 corners take from a drawing is far less; a job between the two is refused by the wire's path)."""
 GREATEST_NUMBER = 1e9
 """A number in G-code: `FARTHEST_MM` in whole um."""
@@ -81,4 +81,5 @@ def check_fits(outlines_mm: Sequence[NDArray[np.float64]], table_mm: float, hint
     ends = np.concatenate([[points.min(axis=0), points.max(axis=0)] for points in outlines_mm])
     x, y = np.ptp(ends, axis=0)
     if max(x, y) > MOST_TABLES * table_mm:
-        raise InputError(f"what is drawn spans {x:.3f} x {y:.3f} mm: the table has {table_mm:g} x {table_mm:g} mm{hint}")
+        table = f"{table_mm:g} x {table_mm:g} mm"
+        raise InputError(f"what is drawn spans {x:.3f} x {y:.3f} mm: the table has {table}{hint}")
