@@ -13,6 +13,7 @@ import logging
 import math
 import os
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -31,10 +32,13 @@ PLAN = "population.json"
 """File in which a folder keeps what its population is of."""
 TABLE = "population.parquet"
 """A row for every learner and generation: worth, windows, settings, and whose checkpoint it went on from."""
+JOURNAL = "population.jsonl"
+"""The same as it comes in, line by line."""
 RUN = "ray"
 """Folder of Ray Tune's own files, and of the checkpoints that learners hand over."""
 LEAST_POPULATION = 4
 """Under it a quarter is less than one learner."""
+_OF_LEARNER = ("learner", "parent", "worth", "windows")
 _KEPT = 3
 """Checkpoints of a learner (as Ray Tune advises: another may still read one that is no longer the last)."""
 
@@ -123,9 +127,9 @@ def breed(
     folder = Path(out).absolute()
     make_writable(folder)
     _same_plan(folder, plan)
-    found = _run(folder, plan, watch)
-    _write(folder, plan, *found)
-    return _bred(found[0].metrics)
+    best = _run(folder, plan, watch)
+    _write(folder, plan, best)
+    return _bred(best.metrics)
 
 
 def _plan(
@@ -154,8 +158,8 @@ def _same_plan(folder: Path, plan: Plan) -> None:
         partial.write_text(told, encoding="utf-8")
 
 
-def _run(folder: Path, plan: Plan, watch: Callable[[Bred], None] | None) -> tuple[Any, Any]:
-    """Let Ray Tune train the population, or go on with it; returns its best result and all."""
+def _run(folder: Path, plan: Plan, watch: Callable[[Bred], None] | None) -> Any:
+    """Let Ray Tune train the population, or go on with it; returns its best result."""
     os.environ.setdefault("RAY_AIR_NEW_OUTPUT", "0")
     os.environ.setdefault("TUNE_WARN_EXCESSIVE_EXPERIMENT_CHECKPOINT_SYNC_THRESHOLD_S", "0")
     from ray import tune
@@ -169,7 +173,7 @@ def _run(folder: Path, plan: Plan, watch: Callable[[Bred], None] | None) -> tupl
         tuner = tune.Tuner.restore(str(path), trainable=trainable, restart_errored=True)
     else:
         tuner = _tuner(trainable, folder, plan)
-    Watching.watch = staticmethod(lambda metrics: watch and watch(_bred(metrics)))
+    Watching.watch = staticmethod(_noting(folder, watch))
     results = tuner.fit()
     ended = [results[number] for number in range(len(results))]
     done = [result.metrics or {} for result in ended if result.error is None]
@@ -178,7 +182,7 @@ def _run(folder: Path, plan: Plan, watch: Callable[[Bred], None] | None) -> tupl
         raise InputError(f"no learner could be trained: {failed}")
     if any(metrics.get("training_iteration", 0) < plan.generations for metrics in done):
         raise KeyboardInterrupt  # Ray Tune caught it, kept its state and ended as if all were done
-    return results.get_best_result("worth", "max"), ended
+    return results.get_best_result("worth", "max")
 
 
 def _tuner(trainable: Any, folder: Path, plan: Plan) -> Any:
@@ -232,7 +236,7 @@ def _bred(metrics: Mapping[str, Any]) -> Bred:
     return Bred(values, float(metrics["worth"]), int(metrics["training_iteration"]))
 
 
-def _write(folder: Path, plan: Plan, best: Any, results: Any) -> None:
+def _write(folder: Path, plan: Plan, best: Any) -> None:
     """Write the best learner's policy and last settings, and the table of all."""
     import pyarrow as pa
     import pyarrow.parquet as pq
@@ -245,14 +249,29 @@ def _write(folder: Path, plan: Plan, best: Any, results: Any) -> None:
         f"{plan.windows} windows; the best learner's last settings"
     )
     write_found(folder, told, found.value, plan.seeds, "algorithm", found.values, files)
-    rows = [row for result in results for row in _generations(result, list(found.values))]
     with replacing(folder / TABLE) as partial:
-        pq.write_table(pa.Table.from_pylist(rows), partial)
+        pq.write_table(pa.Table.from_pylist(_rows(folder)), partial)
 
 
-def _generations(result: Any, names: list[str]) -> list[dict[str, Any]]:
-    """Return a learner's rows."""
-    frame = result.metrics_dataframe
-    columns = {"generation": "training_iteration", "learner": "learner", "parent": "parent", "worth": "worth",
-               "windows": "windows", **{name: f"config/{name}" for name in names}}  # fmt: skip
-    return [{name: row[column] for name, column in columns.items()} for row in frame.to_dict("records")]
+def _noting(folder: Path, watch: Callable[[Bred], None] | None) -> Callable[[Mapping[str, Any]], None]:
+    """Return what notes a learner's generation in the journal; a torn line before it does not spoil it."""
+
+    def note(metrics: Mapping[str, Any]) -> None:
+        bred = _bred(metrics)
+        row = {"generation": bred.generation, **{key: metrics[key] for key in _OF_LEARNER}, **bred.values}
+        with (folder / JOURNAL).open("a", encoding="utf-8") as file:
+            file.write("\n" + json.dumps(row))
+        if watch is not None:
+            watch(bred)
+
+    return note
+
+
+def _rows(folder: Path) -> list[dict[str, Any]]:
+    """Return the journal's rows by generation and learner; of what was trained twice, after a loss, the last."""
+    rows: dict[tuple[int, int], dict[str, Any]] = {}
+    for line in (folder / JOURNAL).read_text(encoding="utf-8").splitlines():
+        with suppress(ValueError):
+            row = json.loads(line)
+            rows[row["generation"], row["learner"]] = row
+    return [rows[key] for key in sorted(rows)]
