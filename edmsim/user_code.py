@@ -67,7 +67,7 @@ def run(file: str) -> ModuleType:
 def _text(file: str) -> str:
     try:
         return Path(file).read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
+    except (OSError, ValueError) as error:  # a name with a zero byte, or what is not UTF-8
         raise InputError(f"cannot be read: {error}", file) from None
 
 

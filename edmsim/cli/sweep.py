@@ -82,13 +82,22 @@ def tune(
     seeds: Annotated[int, typer.Option(help="Training seeds a trial is judged by.")] = 5,
     algo: Annotated[str, typer.Option(help="Of a training: as in edmsim train.")] = "ppo",
     steps: Annotated[int | None, typer.Option(help="Windows of each training; default by environment.")] = None,
+    population: Annotated[
+        int | None, typer.Option(help="Population-based training instead: learners, 4 or more, with --ray.")
+    ] = None,
+    generations: Annotated[int, typer.Option(help="How often a population is compared.")] = 10,
     ray: Ray = None,
     processes: ProcessCount = None,
 ) -> None:
     """Search gains or training settings (needs the extra tune)."""
+    if population is not None:
+        if ray is None or processes is not None:
+            raise InputError("a population trains on a Ray cluster: give --ray, and no --processes")
+        _breed(name, out, ray, population, generations, {"seed": seed, "seeds": seeds, "algo": algo, "steps": steps})
+        return
     from rich.progress import Progress as Bar
 
-    from edmsim.sweep.tune import BEST, Tuned
+    from edmsim.sweep.tune import Tuned
     from edmsim.sweep.tune import tune as search
 
     engine = _engine(ray, processes)
@@ -109,9 +118,41 @@ def tune(
     finally:
         if bar.live.is_started:
             bar.stop()
-    values = ",".join(f"{key}={value:g}" for key, value in found.values.items())
-    told = f"{name}:{values}\nworth {found.value:.4g} (before {found.first_value:.4g}); {found.trials} trials, "
-    OUT.print(f"{told}{found.failed} failed. Written: {out / BEST}", highlight=False, soft_wrap=True, markup=False)
+    told = f"worth {found.value:.4g} (before {found.first_value:.4g}); {found.trials} trials, {found.failed} failed"
+    _tell_found(name, found.values, told, out)
+
+
+def _breed(name: str, out: Path, ray: str, population: int, generations: int, chosen: dict[str, Any]) -> None:
+    """Train a population, and say what came of it."""
+    from rich.progress import Progress as Bar
+
+    from edmsim.sweep.population import Bred, breed
+
+    bar = Bar(console=ERR, transient=True)
+    task = bar.add_task(name, total=population * generations)
+
+    def watch(bred: Bred) -> None:
+        bar.start()
+        bar.update(task, advance=1, description=f"{name}: generation {bred.generation}, {bred.value:.4g}")
+
+    try:
+        found = breed(
+            name, out, address=ray, population=population, generations=generations, watch=watch, **chosen
+        )
+    except KeyboardInterrupt:
+        say("interrupted; the same command goes on with the population")
+        raise typer.Exit(INTERRUPTED) from None
+    finally:
+        if bar.live.is_started:
+            bar.stop()
+    _tell_found(name, found.values, f"worth {found.value:.4g}; {population} learners", out)
+
+
+def _tell_found(name: str, values: dict[str, float], told: str, out: Path) -> None:
+    from edmsim.sweep.tune import BEST
+
+    listed = ",".join(f"{key}={value:g}" for key, value in values.items())
+    OUT.print(f"{name}:{listed}\n{told}. Written: {out / BEST}", highlight=False, soft_wrap=True, markup=False)
     if (out / "policy.json").is_file():
         OUT.print(f"Cut with the best policy: edmsim cut PROGRAM --controller policy:{out / 'policy.json'} --out DIR",
                   highlight=False, soft_wrap=True, markup=False)  # fmt: skip

@@ -122,10 +122,14 @@ def new(algo: str, lanes: TrainingLanes, given: Hyperparameters, seed: int) -> t
     return model, normalise
 
 
-def load(algo: str, lanes: TrainingLanes, checkpoint: Path) -> tuple[Any, VecNormalize]:
-    """Return the learner of a checkpoint, and its normalised lanes."""
+def load(
+    algo: str, lanes: TrainingLanes, given: Hyperparameters, seed: int, checkpoint: Path
+) -> tuple[Any, VecNormalize]:
+    """Return the learner of a checkpoint, which goes on with the settings given, and its normalised lanes."""
     normalise = VecNormalize.load(str(checkpoint / "normalise.pkl"), lanes.learned_on)
-    model = KINDS[algo].load(checkpoint / "model.zip", env=normalise, device=_DEVICE)
+    normalise.gamma = given.algorithm["gamma"]
+    kind = KINDS[algo]
+    model = kind.load(checkpoint / "model.zip", env=normalise, device=_DEVICE, seed=seed, **given.algorithm)
     if (checkpoint / "replay.pkl").exists():
         model.load_replay_buffer(checkpoint / "replay.pkl")
     return model, normalise

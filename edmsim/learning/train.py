@@ -86,7 +86,7 @@ class Trained(NamedTuple):
 def train(
     env_id: str, algo: str, out: Path, *, steps: int | None = None, seed: int = 0, resume: bool = False,
     watch: Callable[[TrainingProgress], None] | None = None, given: Hyperparameters | None = None,
-    callbacks: Sequence[BaseCallback] = (),
+    callbacks: Sequence[BaseCallback] = (), begin_from: Path | None = None,
 ) -> Trained:
     """Train a policy.
 
@@ -111,6 +111,9 @@ def train(
         What to train with; that of ``models/training`` by default.
     callbacks : sequence of BaseCallback
         What else stable-baselines3 calls, as `edmsim.envs.RecordEpisodes`.
+    begin_from : Path, optional
+        Checkpoint to begin from in place of a learner that knows nothing; `steps` counts those it has done. It may
+        be of a training with another seed or other settings: `given` is what it goes on with. Trust it, too.
 
     Raises
     ------
@@ -127,15 +130,16 @@ def train(
     if not 0 <= seed < 2**32:
         raise InputError(f"the seed {seed} must be from 0 to {2**32 - 1}")
     run = TrainingRun(env_id_of(env_id), algo, total, seed)
-    last = _checkpoint_of(run, out) if resume else None
-    if last is not None:
+    last = begin_from
+    if resume:
+        last = _checkpoint_of(run, out)
         given = _given_of(last)
     learners.check(env_id, algo, given)
     make_writable(out)
-    if last is None:
+    trained = _begin(run, given, last)
+    if not resume:
         for old in out.glob("checkpoint-*"):
             shutil.rmtree(old)
-    trained = _begin(run, given, last)
     keeper = _Keeper(trained, out, watch)
     trained.model.set_logger(configure(str(out / "tensorboard"), ["tensorboard"]))
     torch.set_num_threads(1)  # more only wait for each other
@@ -145,7 +149,7 @@ def train(
             more = [*learners.callbacks(trained.lanes, given), *callbacks]
             trained.model.learn(left, callback=[keeper, *more], reset_num_timesteps=last is None)
     finally:
-        keeper.save()
+        keeper.save(at_end=True)
         trained.normalise.close()
     return trained
 
@@ -156,7 +160,10 @@ def _begin(run: TrainingRun, given: Hyperparameters, last: Path | None) -> Train
     # other episodes after a break
     first = int(np.random.SeedSequence((run.seed, before["done"])).generate_state(1)[0])
     lanes = learners.lanes_of(run.env_id, given, first, before["multiplier"])
-    made = learners.new(run.algo, lanes, given, run.seed) if last is None else learners.load(run.algo, lanes, last)
+    if last is None:
+        made = learners.new(run.algo, lanes, given, run.seed)
+    else:
+        made = learners.load(run.algo, lanes, given, run.seed, last)
     lanes.edm.seed(first)  # the learner seeds them with its own seed, that a break would repeat
     return Trained(run, given, *made, lanes)
 
@@ -186,10 +193,12 @@ class _Keeper(BaseCallback):  # type: ignore[misc, unused-ignore]
             self.save()
         return True
 
-    def save(self) -> None:
-        """Write a checkpoint beside the last one, then remove that."""
+    def save(self, at_end: bool = False) -> None:
+        """Write a checkpoint beside the last one, then remove that; at the end, the learner has learned from all."""
         model, done = self._trained.model, self._trained.model.num_timesteps
         partial, folder = self._out / "partial", self._out / f"checkpoint-{done:012d}"
+        if folder.exists() and at_end:  # a step wrote it, before the last update
+            folder = folder.with_name(f"{folder.name}-end")
         if folder.exists():
             return
         shutil.rmtree(partial, ignore_errors=True)

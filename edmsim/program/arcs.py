@@ -73,10 +73,9 @@ def arc_points(start: complex, end: complex, centre: complex, turn: int) -> list
     if radius > FARTHEST_MM:
         raise InputError(f"the arc's radius of {radius:.3g} mm is beyond {FARTHEST_MM:g} mm: draw a line")
     count = max(math.ceil(sweep / _chord_angle(radius)), 8 if full else 1)
-    points = []
-    for share in (i / count for i in range(1, count)):
-        radius = abs(first) + share * (abs(last) - abs(first))
-        points.append(centre + cmath.rect(radius, cmath.phase(first) + turn * share * sweep))
+    begin, growth, angle = abs(first), abs(last) - abs(first), cmath.phase(first)
+    shares = [i / count for i in range(1, count)]
+    points = [centre + cmath.rect(begin + share * growth, angle + turn * share * sweep) for share in shares]
     return [*points, end]
 
 

@@ -164,7 +164,7 @@ def _read_block(
     offsets: list[tuple[str, float]] = []
     pointed = False
     at = int(deletable)
-    while at < len(bare) and _END_CODES.isdisjoint(codes):
+    while at < len(bare) and not (codes and codes[-1] in _END_CODES):
         given = _OFFSET.match(bare, at)
         if given is not None:
             at = given.end()

@@ -24,7 +24,7 @@ from edmsim.errors import InputError
 from edmsim.program.arcs import CHORD_TOLERANCE_UM
 from edmsim.program.crossing import refuse_self_crossing
 from edmsim.program.drawn import Drawn
-from edmsim.program.limits import FARTHEST_MM, MOST_CONTOURS, check_count, check_points, check_size
+from edmsim.program.limits import FARTHEST_MM, check_contours, check_count, check_points, check_size
 from edmsim.program.outline import JOIN_TOLERANCE_MM, Outline, Program, signed_area
 from edmsim.program.splines import spline_points
 
@@ -151,8 +151,7 @@ def _outlines_of(
     if extent < LEAST_EXTENT_MM:
         raise InputError(f"the drawing spans {extent:.3g} mm: a wire cuts nothing under {LEAST_EXTENT_MM:g} mm{hint}")
     contours = _join(_without_duplicates(chains, notices))
-    if len(contours) > MOST_CONTOURS:
-        raise InputError(f"{len(contours)} contours are too many: at most {MOST_CONTOURS} can be cut")
+    check_contours(len(contours))
     for number, points in enumerate((contour.points for contour in contours), 1):
         refuse_self_crossing(points, (0,) * (len(points) - 1))
         if abs(signed_area(points)) < JOIN_TOLERANCE_MM**2:

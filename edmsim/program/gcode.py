@@ -20,7 +20,7 @@ from edmsim.errors import InputError
 from edmsim.program.arcs import centre_from_radius
 from edmsim.program.blocks import Block, read_blocks, read_text
 from edmsim.program.centres import Arc, CuttingMotion, prefer_absolute
-from edmsim.program.limits import LONGEST_DWELL_S, check_count, check_points
+from edmsim.program.limits import LONGEST_DWELL_S, check_contours, check_count, check_points
 from edmsim.program.outline import CutMove, Outline, Program, Run, Side, outline_of
 from edmsim.program.registers import OffsetRegisters, register
 from edmsim.program.subprograms import expanded
@@ -349,6 +349,7 @@ def _outlines(control: _Interpreter, notices: list[str]) -> list[Outline]:
     absolute, arc_notices = prefer_absolute([motion for _, motions, _ in control.runs for motion in motions])
     for text, line in arc_notices:
         control.notices.add(text, line)
+    check_contours(sum(bool(motions) for _, motions, _ in control.runs))
     outlines, count = [], 0
     for side_at_start, motions, dwells in control.runs:
         if motions:
@@ -368,11 +369,12 @@ def _cut_move(motion: CuttingMotion, absolute: bool) -> CutMove:
     try:
         check_points(_array((motion.start, motion.end)), "the move")
         points = motion.points(absolute)
-        check_points(_array((motion.start, *points)), "the arc")
+        if len(points) > 1:
+            check_points(_array((motion.start, *points)), "the arc")
     except InputError as error:
         raise InputError(error.reason, line=motion.line) from None
     return CutMove(points, motion.side, motion.line, motion.offset)
 
 
 def _array(points: tuple[complex, ...]) -> NDArray[np.float64]:
-    return np.array([(point.real, point.imag) for point in points])
+    return np.array(points, np.complex128).view(np.float64).reshape(-1, 2)

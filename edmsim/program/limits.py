@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -14,13 +15,16 @@ MOST_BYTES = 64_000_000
 MOST_POINTS = 500_000
 """Points of all outlines, curves as chords (ours: a week of cutting in steps of 40 um)."""
 MOST_CONTOURS = 1000
-"""Contours of a drawing (ours: the wire is threaded at each)."""
+"""Contours (ours: the wire is threaded at each)."""
 MOST_EXTENT_MM = 10_000.0
 """Extent along x or y of what is read at all (ours: twenty times the travel of the largest table there may be)."""
 LONGEST_MM = 50_000.0
 """Length of an entity, or of the polygon that controls it (ours: weeks of cutting)."""
 FARTHEST_MM = 1e6
 """Coordinates and radii (ours: doubles tell 0.1 nm apart there)."""
+MOST_TABLES = 2.0
+"""Extent of a job over the table's travel beyond which it is refused as drawn (ours: what offset and unreachable
+corners take from a drawing is far less; a job between the two is refused by the wire's path)."""
 GREATEST_NUMBER = 1e9
 """A number in G-code: `FARTHEST_MM` in whole um."""
 LONGEST_DWELL_S = 86_400.0
@@ -64,3 +68,18 @@ def check_count(points: int) -> None:
     """Refuse more points than a program has."""
     if points > MOST_POINTS:
         raise InputError(f"{points} points, curves as chords, are too many: at most {MOST_POINTS} can be cut")
+
+
+def check_contours(contours: int) -> None:
+    """Refuse more contours than a wire is threaded for."""
+    if contours > MOST_CONTOURS:
+        raise InputError(f"{contours} contours are too many: at most {MOST_CONTOURS} can be cut")
+
+
+def check_fits(outlines_mm: Sequence[NDArray[np.float64]], table_mm: float, hint: str = "") -> None:
+    """Refuse outlines (n, 2) that together are far larger than the table, before a path beside them is looked for."""
+    ends = np.concatenate([[points.min(axis=0), points.max(axis=0)] for points in outlines_mm])
+    x, y = np.ptp(ends, axis=0)
+    if max(x, y) > MOST_TABLES * table_mm:
+        table = f"{table_mm:g} x {table_mm:g} mm"
+        raise InputError(f"what is drawn spans {x:.3f} x {y:.3f} mm: the table has {table}{hint}")

@@ -83,8 +83,7 @@ def offset_open(edge: NDArray[np.float64], side: Side, distance_mm: float) -> ND
 
 def nearest_chords(edge: NDArray[np.float64], points: NDArray[np.float64]) -> NDArray[np.intp]:
     """Return for each point (k, 2) the index of the nearest chord of `edge` (n, 2), the last of equals."""
-    spots = [shapely.Point(point) for point in points]
-    of_point, chord = shapely.STRtree(chords_of(edge)).query_nearest(spots)
+    of_point, chord = shapely.STRtree(chords_of(edge)).query_nearest(shapely.points(points))
     nearest = np.zeros(len(points), np.intp)
     np.maximum.at(nearest, of_point, chord)
     return nearest

@@ -16,6 +16,7 @@ from shapely.geometry.base import BaseGeometry
 from edmsim.errors import InputError
 from edmsim.machine.machine import Machine
 from edmsim.program.lead_in import LEAD_IN_MM, START_HOLE_RADIUS_MM, check_approach, own_lead_in
+from edmsim.program.limits import check_fits
 from edmsim.program.load import load_program
 from edmsim.program.offset import nearest_chords, normal, offset_open
 from edmsim.program.offset_outline import OffsetOutline, away, keep_apart, located, offset_outline, refuse_trims
@@ -182,6 +183,7 @@ def plan_path(
     if table_um is None:
         table_um = round(Machine.load().base.table.travel_mm.value * 1e3)
     program = load_program(file, ignore=ignore, layers=layers, unit=unit, offsets=offsets)
+    _check_fits(program, table_um)
     notices = list(program.notices)
     offsets_mm = [outline.offset_mm for outline in program.outlines]
     if offset != "auto":
@@ -328,6 +330,14 @@ def _shift_um(contours: Sequence[WireContour], table_um: int, grid_um: int, sour
         raise InputError(f"the wire's path spans {x:.3f} x {y:.3f} mm with its lead-ins: the table has "
                          f"{table_um / 1000:g} x {table_um / 1000:g} mm{_unit_hint(source)}", source)
     return np.asarray((table_um - low - high) // (2 * grid_um) * grid_um, np.int64)
+
+
+def _check_fits(program: Program, table_um: int) -> None:
+    drawn = [part for outline in program.outlines for part in (outline.approach_mm, outline.points_mm) if len(part)]
+    try:
+        check_fits(drawn, table_um / 1000, _unit_hint(program.source))
+    except InputError as error:
+        raise InputError(error.reason, program.source) from None
 
 
 def _unit_hint(source: str) -> str:

@@ -55,7 +55,7 @@ def _read_report(file: Path) -> dict[str, Any]:
             raise ValueError("no settings in it")
     except FileNotFoundError:
         raise InputError("no such file, the folder of a cut is needed", file) from None
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, RecursionError) as error:  # brackets within brackets, too
         raise InputError(f"not the report of a cut ({error})", file) from None
     if "kerf_section" not in report:
         raise InputError(f"written by edmsim {report.get('edmsim_version')} without kerf_section: cut again", file)

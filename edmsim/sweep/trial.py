@@ -4,17 +4,20 @@ from __future__ import annotations
 
 import math
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import Literal, NamedTuple
+from typing import TYPE_CHECKING, Literal, NamedTuple
 
 import numpy as np
 
 from edmsim.controllers import make
 from edmsim.evaluation.search import BOUNDS, run_all, score
 from edmsim.sweep.perform import said
+
+if TYPE_CHECKING:
+    from edmsim.learning.train import Trained
 
 Scale = Literal["linear", "log"]
 
@@ -98,9 +101,7 @@ def _gains(trial: Trial) -> Worth:
 
 
 def _training(trial: Trial) -> Worth:
-    from edmsim.evaluation.episode import cut
-    from edmsim.learning import hyperparameters, policy_file
-    from edmsim.learning.export import export
+    from edmsim.learning import hyperparameters
     from edmsim.learning.train import train
 
     usual = hyperparameters.load(trial.name, trial.algo)
@@ -108,8 +109,19 @@ def _training(trial: Trial) -> Worth:
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         trained = train(trial.name, trial.algo, folder / "run", steps=trial.steps, seed=trial.seeds[0], given=given)
-        card, packed = export(trained, f"edmsim tune {trial.name} --algo {trial.algo}, trial {trial.number}")
-        policy_file.write(card, packed, folder / "policy.json")
-        results = [cut(trial.name, seed, f"policy:{folder / 'policy.json'}", "fast") for seed in trial.seeds]
+        told = f"edmsim tune {trial.name} --algo {trial.algo}, trial {trial.number}"
+        value = judge_policy(trained, told, folder, trial.seeds)
         files = {file.name: file.read_bytes() for file in sorted(folder.glob("policy.*"))}
-    return Worth(float(np.mean([result.total_return for result in results])), None, files)
+    return Worth(value, None, files)
+
+
+def judge_policy(trained: Trained, told: str, folder: Path, seeds: Sequence[int]) -> float:
+    """Write a training's ``policy.json`` and ``policy.npz``; return the policy's mean return on training seeds."""
+    from edmsim.evaluation.episode import cut
+    from edmsim.learning import policy_file
+    from edmsim.learning.export import export
+
+    card, packed = export(trained, told)
+    policy_file.write(card, packed, folder / "policy.json")
+    results = [cut(trained.run.env_id, seed, f"policy:{folder / 'policy.json'}", "fast") for seed in seeds]
+    return float(np.mean([result.total_return for result in results]))

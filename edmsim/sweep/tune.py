@@ -7,7 +7,7 @@ runs on the processors of a computer as on a cluster, and its nodes need neither
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -188,11 +188,20 @@ def _found(study: Any) -> Tuned:
 def _write_best(folder: Path, trial: Trial, worth: Worth) -> None:
     """Write the best values, and of a training the policy."""
     what = f"{trial.algo} on {trial.name}, {trial.steps} windows" if trial.kind == "training" else trial.name
+    table = "algorithm" if trial.kind == "training" else "gains"
+    write_found(folder, f"{what}; trial {trial.number}", worth.value, trial.seeds, table, trial.values, worth.files)
+
+
+def write_found(
+    folder: Path, what: str, value: float, seeds: Sequence[int], table: str, values: Mapping[str, float],
+    files: Mapping[str, bytes],
+) -> None:
+    """Write ``best.toml``, which says what was found and how, and files that belong to it."""
     lines = [
-        f"# Found by edmsim tune: {what}; trial {trial.number}, worth {worth.value:.4g} on training seeds",
-        f"# {', '.join(map(str, trial.seeds))}.", "", "[algorithm]" if trial.kind == "training" else "[gains]",
-        *(f"{key} = {value!r}" for key, value in trial.values.items()), "",
+        f"# Found by edmsim tune: {what}, worth {value:.4g} on training seeds",
+        f"# {', '.join(map(str, seeds))}.", "", f"[{table}]",
+        *(f"{key} = {value!r}" for key, value in values.items()), "",
     ]  # fmt: skip
-    for name, content in {BEST: "\n".join(lines).encode(), **worth.files}.items():
+    for name, content in {BEST: "\n".join(lines).encode(), **files}.items():
         with replacing(folder / name) as partial:
             partial.write_bytes(content)

@@ -9,6 +9,7 @@ from __future__ import annotations
 import argparse
 import json
 import logging
+import math
 import os
 import random
 import resource
@@ -117,7 +118,7 @@ def main() -> None:
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     for name in given.readers or READERS:
         reader = READERS[name]
-        found = run(reader, given.seed, round(given.inputs * reader.share / shares), given.out)
+        found = run(reader, given.seed, math.ceil(given.inputs * reader.share / shares), given.out)
         known = json.loads(file.read_text()) if file.exists() else {}
         file.write_text(json.dumps({**known, name: found}, indent=1) + "\n")
         print(name, json.dumps(found), flush=True)

@@ -52,10 +52,11 @@ def _audit(event: str, args: tuple[Any, ...]) -> None:
 
 
 def _is_the_compilers() -> bool:
-    """Whether the cache of compiled code is being read or written, which stands in a folder of the user's own."""
+    """Whether code is being compiled, or its cache read or written, which stands in a folder of the user's own."""
     frame = sys._getframe(2)
     while frame is not None:
-        if frame.f_globals.get("__name__") in ("numba.core.caching", "edmsim.compiled.jit"):
+        name = frame.f_globals.get("__name__", "")
+        if name.startswith("numba.core.") or name == "edmsim.compiled.jit":
             return True
         frame = frame.f_back  # type: ignore[assignment]
     return False

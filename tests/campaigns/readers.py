@@ -317,9 +317,12 @@ _ALL: tuple[Reader, ...] = (
            60),
     Reader("compensation", _file("own.toml", _compensation), _kept("compensation"), _TOML, 29),
     Reader("terminal", devices.terminal, _text(
-        "TI 30 TP 100\nNEW 32520 32510\nSTART\nSTOP\n", "G 0400\nTI 30 TP 100\nX 20\nPOS 1 1\nEM\nINIT\n",
-        "LOAD A\nLIST\n", "G 0400\nMON\nD 4000,4034\nS 4010 55\nG\nBYE\n",
-    ), _words("TI TP NEW START STOP X Y GEN ON OFF SPEED CW CCW EM INIT WIRE LOAD LIST MAIN MON D S G R P H BYE"),
-           0.2),
+        "NEW 32520 32510\nTI 30 TP 100\nSTART\nWAIT 1\nSTOP\nGO\n",
+        "TENSION LOW\nKEY 300 X+\nWAIT\nGEN ON\nEM\nWIRE\n",
+        "POS 100 100\nCW 120 100 110 100\nTI 30 TP 100 SPEED 90\nSTART\nSTATUS\n",
+        "G 0400\nTI 30 TP 100\nX 20\nPOS 1 1\nEM\nINIT\n", "LOAD A\nLIST\nRUN\n",
+        "G 0400\nMON\nD 4000,4034\nS 4010 55\nG\nBYE\n",
+    ), _words("TI TP NEW START STOP X Y GEN ON OFF SPEED CW CCW EM INIT WIRE LOAD LIST RUN GO WAIT TENSION KEY POS "
+              "MAIN MON D S G R P H STATUS HELP ? BYE \x03 \x04 \x0b \x12 \x18 \x1c"), 4),
 )  # fmt: skip
 READERS = {reader.name: reader for reader in _ALL}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import faulthandler
 import os
 import pickle
 import socket
@@ -13,12 +14,14 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from edmsim.terminal.session import FINE, STOPPED
+from tests.campaigns import devices
 from tests.campaigns.__main__ import nth, run
 from tests.campaigns.guard import MOST_CPU_S, judged
 from tests.campaigns.mutation import mutated
 from tests.campaigns.readers import READERS, Reader
 
-SLOW = {"mjcf": 3, "terminal": 2, "dxf": 6, "checkpoint": 6, "policy": 6}
+SLOW = {"mjcf": 3, "terminal": 6, "dxf": 6, "checkpoint": 6, "policy": 6}
 """Inputs of readers that take tens of milliseconds; others read `INPUTS`."""
 INPUTS = 20
 
@@ -67,6 +70,13 @@ def test_the_nth_input_is_always_the_same() -> None:
         assert len(set(first)) > 15
 
 
+def test_an_operator_who_waits_for_hours_is_interrupted(tmp_path: Path) -> None:
+    """So that scripts may cut, jog and wait as long as they like, and no letter of them need be left out."""
+    cuts = b"NEW 60000 32510\nTI 30 TP 100\nSTART\nWAIT 9999\n"
+    assert devices.terminal(cuts, tmp_path) == STOPPED
+    assert devices.terminal(b"NEW 32520 32510\nWAIT 1\n", tmp_path) == FINE
+
+
 def unpickles(_data: bytes, _folder: Path) -> None:
     pickle.loads(pickle.dumps(Path("a")))
 
@@ -109,6 +119,7 @@ def test_the_guard_notices(read: object, named: str, tmp_path: Path) -> None:
 def test_an_end_of_the_interpreter_is_noted_and_the_campaign_goes_on(tmp_path: Path) -> None:
     def ends_at_times(data: bytes, _folder: Path) -> None:
         if len(data) > 3:
+            faulthandler.disable()  # pytest's, in this process alone: an end that is meant prints no traceback
             os.abort()
 
     reader = Reader("ends", ends_at_times, lambda: [b"abc"])

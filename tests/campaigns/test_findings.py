@@ -12,13 +12,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from edmsim import models
+from edmsim import controllers, models
 from edmsim.controllers.axis.elcam_file import read_tables
 from edmsim.controllers.axis.elcam_table import CamTable
 from edmsim.controllers.qcl import Control, read_configuration, read_program
 from edmsim.errors import LONGEST_REASON, InputError
 from edmsim.files import read_arrays
 from edmsim.plant.mechanics import mjcf
+from edmsim.program.load import load_program
+from edmsim.program.path import plan_path
+from edmsim.recording.cut_folder import read_cut
 from edmsim.recording.windows import read_windows
 from edmsim.sweep.specification import read_specification
 from edmsim.sweep.store import Store
@@ -40,6 +43,27 @@ def test_expressions_without_end_are_refused(expression: str) -> None:
     with pytest.raises(InputError) as caught:
         read_program(f"speed = {expression}\nEND\n", CONFIGURATION)
     one_line(caught)
+
+
+@pytest.mark.parametrize("moves", [
+    "Y.2\nX.2\n" * 2000, "Y.1\nG41 D1 G1 X.05\n" * 2000, "Y.2\nX.2\nY-.2\nX.2\n" * 900,
+])  # fmt: skip
+def test_a_job_of_many_tables_is_refused_as_drawn(moves: str, tmp_path: Path) -> None:
+    """The path beside it was looked for first, and its lead-ins: 5 s for 46 kB."""
+    (tmp_path / "own.ngc").write_text(f"G20 G91\nG0 X.1 Y.1\nG41 D1 G1 X.05\n{moves}G40\nM2\n")
+    began = time.process_time()
+    with pytest.raises(InputError, match=r"what is drawn spans [\d.]+ x [\d.]+ mm: the table has 65 x 65 mm"):
+        plan_path(tmp_path / "own.ngc", "auto", auto_offset_mm=0.15, table_um=65_000)
+    assert time.process_time() - began < 1.0
+
+
+def test_a_line_of_thousands_of_words_is_read_at_once(tmp_path: Path) -> None:
+    """Each word looked through all before it for the program's end: 1.6 s for 8000 of them."""
+    (tmp_path / "own.ngc").write_text(f"G21 G90\nG0 X0 Y0\n{'G4' * 25_000}\n")
+    began = time.process_time()
+    with pytest.raises(InputError, match="G4 wants its time"):
+        load_program(tmp_path / "own.ngc")
+    assert time.process_time() - began < 1.0
 
 
 def test_expressions_of_a_page_are_computed() -> None:
@@ -185,6 +209,21 @@ def test_columns_whose_names_are_no_text_are_refused(tmp_path: Path) -> None:
         with pytest.raises(InputError) as caught:
             look(tmp_path / "windows.parquet")
         one_line(caught)
+
+
+def test_a_report_of_thousands_of_brackets_is_refused(tmp_path: Path) -> None:
+    for file in (Path(__file__).parent / "corpus/cut").iterdir():
+        shutil.copy(file, tmp_path)
+    (tmp_path / "report.json").write_text('{"settings": ' + "[" * 50_000, encoding="utf-8")
+    with pytest.raises(InputError, match="not the report of a cut") as caught:
+        read_cut(tmp_path)
+    one_line(caught)
+
+
+def test_a_users_file_with_a_zero_byte_in_its_name_is_refused() -> None:
+    with pytest.raises(InputError, match="cannot be read") as caught:
+        controllers.from_text("a\0b.py")
+    one_line(caught)
 
 
 def test_a_file_name_of_thousands_of_characters_is_shortened() -> None:

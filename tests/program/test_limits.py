@@ -118,8 +118,16 @@ def test_what_the_library_fails_on_is_told_by_name(tmp_path: Path, monkeypatch: 
 def test_a_drawing_with_many_contours_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     file = drawing(tmp_path, lambda m: [m.add_circle((c, 0), 0.4) for c in range(20)])
     assert len(load_program(file).outlines) == 20
-    monkeypatch.setattr("edmsim.program.dxf.MOST_CONTOURS", 10)
+    monkeypatch.setattr("edmsim.program.limits.MOST_CONTOURS", 10)
     with refused("20 contours are too many: at most 10 can be cut"):
+        load_program(file)
+
+
+def test_a_program_with_many_contours_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("edmsim.program.limits.MOST_CONTOURS", 10)
+    file = tmp_path / "own.ngc"
+    file.write_text("G21 G90\n" + "G0 X0 Y0\nG1 X0.3\n" * 11 + "M2\n")
+    with refused("11 contours are too many: at most 10 can be cut"):
         load_program(file)
 
 

@@ -25,7 +25,7 @@ offset = "none"
 height_mm = 5
 max_time_s = 1
 [grid]
-t_on_us = [30.0, 60.0]
+t_on_us = [20.0, 30.0]
 controller = ["counts", "fixed:feed_um_s=9"]
 """
 NODE_LOST, DRIVER_KILLED = 0.25, 0.5

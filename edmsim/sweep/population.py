@@ -1,0 +1,277 @@
+"""Population-based training on a Ray cluster (extras ``cluster``, ``rl``, ``tune``): ``edmsim tune --population``.
+
+Learners train side by side, generation by generation. After each, those worth least go on from the checkpoint of one
+of the best (exploit), with its settings moved a little or drawn again (explore): Jaderberg et al. 2017,
+arXiv:1711.09846, by Ray Tune's `PopulationBasedTraining`. So the settings that are found are a schedule, and what is
+kept is the policy.
+"""
+
+from __future__ import annotations
+
+import json
+import logging
+import math
+import os
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from edmsim.envs.registry import resolve
+from edmsim.errors import InputError
+from edmsim.evaluation.search import training_seeds
+from edmsim.files import make_writable, replacing
+from edmsim.learning import hyperparameters
+from edmsim.sweep.cluster import Cluster
+from edmsim.sweep.engine import ATTEMPTS
+from edmsim.sweep.trial import TRAINING, Bound
+from edmsim.sweep.tune import write_found
+
+PLAN = "population.json"
+"""File in which a folder keeps what its population is of."""
+TABLE = "population.parquet"
+"""A row for every learner and generation: worth, windows, settings, and whose checkpoint it went on from."""
+JOURNAL = "population.jsonl"
+"""The same as it comes in, line by line."""
+RUN = "ray"
+"""Folder of Ray Tune's own files, and of the checkpoints that learners hand over."""
+LEAST_POPULATION = 4
+"""Under it a quarter is less than one learner."""
+_OF_LEARNER = ("learner", "parent", "worth", "windows")
+_KEPT = 3
+"""Checkpoints of a learner (as Ray Tune advises: another may still read one that is no longer the last)."""
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What a population is of; a folder goes on only with the same.
+
+    Attributes
+    ----------
+    env_id, algo : str
+    population, generations : int
+    windows : int
+        Of a learner in each generation.
+    seed : int
+        Of the first learner; the next has the next.
+    seeds : tuple of int
+        Training seeds that a learner's policy is judged by after every generation.
+    given : dict
+        Hyperparameters of which the population changes some, for computers that may have others.
+    """
+
+    env_id: str
+    algo: str
+    population: int
+    generations: int
+    windows: int
+    seed: int
+    seeds: tuple[int, ...]
+    given: dict[str, Any]
+
+
+class Bred(NamedTuple):
+    """What a population has come to.
+
+    Attributes
+    ----------
+    values : dict
+        Settings of the best learner's last generation.
+    value : float
+        What its policy is worth: the mean return on the training seeds.
+    generation : int
+        The last that a learner has ended.
+    """
+
+    values: dict[str, float]
+    value: float
+    generation: int
+
+
+def breed(
+    name: str, out: str | Path, *, address: str = "auto", population: int = 8, generations: int = 10,
+    steps: int | None = None, algo: str = "ppo", seed: int = 0, seeds: int = 5,
+    watch: Callable[[Bred], None] | None = None,
+) -> Bred:
+    """Train a population on a Ray cluster, a processor for each learner; with fewer they take turns.
+
+    Parameters
+    ----------
+    name : str
+        An environment.
+    out : path
+        Folder for policy, settings, table and checkpoints, which every computer of the cluster must have at this
+        path. What was interrupted there goes on.
+    address : str
+        See `edmsim.sweep.cluster.Cluster`.
+    population, generations : int
+        Learners, 4 or more, and how often they train and are compared.
+    steps : int, optional
+        Windows of a learner in all generations together, each rounded up to whole updates; those of
+        ``models/training`` by default.
+    algo, seed, seeds
+        See `edmsim.sweep.tune.tune`.
+    watch : callable, optional
+        Called with a `Bred` after every learner's generation.
+
+    Raises
+    ------
+    InputError
+        No such environment, an argument that cannot be used, no cluster, or all learners failed.
+    KeyboardInterrupt
+        The same call goes on.
+    """
+    plan = _plan(name, algo, population, generations, steps, seed, seeds)
+    Cluster(address)
+    folder = Path(out).absolute()
+    make_writable(folder)
+    _same_plan(folder, plan)
+    best = _run(folder, plan, watch)
+    _write(folder, plan, best)
+    return _bred(best.metrics)
+
+
+def _plan(
+    name: str, algo: str, population: int, generations: int, steps: int | None, seed: int, seeds: int
+) -> Plan:
+    if population < LEAST_POPULATION:
+        raise InputError(f"a population of {population} has no best quarter: give {LEAST_POPULATION} or more")
+    if generations < 1:
+        raise InputError(f"{generations} generations train nothing: give 1 or more")
+    judged_by = tuple(training_seeds(seed, seeds))
+    env_id = resolve(name)
+    given = hyperparameters.load(env_id, algo)
+    total = given.steps if steps is None else steps
+    if total < generations:
+        raise InputError(f"{total} windows are fewer than {generations} generations: give more steps")
+    windows = math.ceil(total / generations)
+    return Plan(env_id, algo, population, generations, windows, seed, judged_by, given.model_dump(mode="json"))
+
+
+def _same_plan(folder: Path, plan: Plan) -> None:
+    """Refuse a folder whose population is of something else, and note what this one is of."""
+    file, told = folder / PLAN, json.dumps(asdict(plan), indent=1) + "\n"
+    if file.exists() and file.read_text(encoding="utf-8") != told:
+        raise InputError("the population in this folder was begun with other arguments: take another folder", file)
+    with replacing(file) as partial:
+        partial.write_text(told, encoding="utf-8")
+
+
+def _run(folder: Path, plan: Plan, watch: Callable[[Bred], None] | None) -> Any:
+    """Let Ray Tune train the population, or go on with it; returns its best result."""
+    os.environ.setdefault("RAY_AIR_NEW_OUTPUT", "0")
+    os.environ.setdefault("TUNE_WARN_EXCESSIVE_EXPERIMENT_CHECKPOINT_SYNC_THRESHOLD_S", "0")
+    from ray import tune
+
+    from edmsim.sweep.learner import Learner, Watching
+
+    logging.getLogger("ray.tune").setLevel(logging.ERROR)
+    trainable = tune.with_resources(Learner, {"cpu": 1})
+    path = folder / RUN
+    if tune.Tuner.can_restore(str(path)):
+        tuner = tune.Tuner.restore(str(path), trainable=trainable, restart_errored=True)
+    else:
+        tuner = _tuner(trainable, folder, plan)
+    Watching.watch = staticmethod(_noting(folder, watch))
+    results = tuner.fit()
+    ended = [results[number] for number in range(len(results))]
+    done = [result.metrics or {} for result in ended if result.error is None]
+    if not any("worth" in metrics for metrics in done):
+        failed = next((str(error).strip().splitlines()[-1] for error in results.errors), "none ended")
+        raise InputError(f"no learner could be trained: {failed}")
+    if any(metrics.get("training_iteration", 0) < plan.generations for metrics in done):
+        raise KeyboardInterrupt  # Ray Tune caught it, kept its state and ended as if all were done
+    return results.get_best_result("worth", "max")
+
+
+def _tuner(trainable: Any, folder: Path, plan: Plan) -> Any:
+    from ray import tune
+    from ray.tune.schedulers import PopulationBasedTraining
+    from ray.tune.search.basic_variant import BasicVariantGenerator
+
+    from edmsim.sweep.learner import Watching
+
+    space = TRAINING[plan.algo]
+    drawn = {key: _domain(bound) for key, bound in space.items()}
+    scheduler = PopulationBasedTraining(
+        time_attr="training_iteration", metric="worth", mode="max", perturbation_interval=1, synch=True,
+        hyperparam_mutations=drawn, custom_explore_fn=_Within(space), log_config=False,
+    )  # fmt: skip
+    usual = plan.given["algorithm"]
+    first = {key: float(usual[key]) for key, bound in space.items() if bound.low <= usual[key] <= bound.high}
+    return tune.Tuner(
+        trainable, param_space={"plan": asdict(plan), **drawn},
+        tune_config=tune.TuneConfig(
+            num_samples=plan.population, scheduler=scheduler, reuse_actors=True,
+            search_alg=BasicVariantGenerator(points_to_evaluate=[first], random_state=plan.seed),
+        ),
+        run_config=tune.RunConfig(
+            name=RUN, storage_path=str(folder), stop={"training_iteration": plan.generations}, verbose=0,
+            failure_config=tune.FailureConfig(max_failures=ATTEMPTS - 1),
+            checkpoint_config=tune.CheckpointConfig(num_to_keep=_KEPT), callbacks=[Watching()],
+        ),
+    )  # fmt: skip
+
+
+def _domain(bound: Bound) -> Any:
+    from ray import tune
+
+    return (tune.loguniform if bound.scale == "log" else tune.uniform)(bound.low, bound.high)
+
+
+@dataclass(frozen=True)
+class _Within:
+    """Keeps what exploring has moved within what is searched."""
+
+    space: Mapping[str, Bound]
+
+    def __call__(self, config: dict[str, Any]) -> dict[str, Any]:
+        kept = {key: min(max(config[key], bound.low), bound.high) for key, bound in self.space.items()}
+        return {**config, **kept}
+
+
+def _bred(metrics: Mapping[str, Any]) -> Bred:
+    values = {key: metrics["config"][key] for key in metrics["config"] if key != "plan"}
+    return Bred(values, float(metrics["worth"]), int(metrics["training_iteration"]))
+
+
+def _write(folder: Path, plan: Plan, best: Any) -> None:
+    """Write the best learner's policy and last settings, and the table of all."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    found = _bred(best.metrics)
+    with best.checkpoint.as_directory() as name:
+        files = {file.name: file.read_bytes() for file in sorted(Path(name).glob("policy.*"))}
+    told = (
+        f"{plan.algo} on {plan.env_id}, a population of {plan.population} over {plan.generations} generations of "
+        f"{plan.windows} windows; the best learner's last settings"
+    )
+    write_found(folder, told, found.value, plan.seeds, "algorithm", found.values, files)
+    with replacing(folder / TABLE) as partial:
+        pq.write_table(pa.Table.from_pylist(_rows(folder)), partial)
+
+
+def _noting(folder: Path, watch: Callable[[Bred], None] | None) -> Callable[[Mapping[str, Any]], None]:
+    """Return what notes a learner's generation in the journal; a torn line before it does not spoil it."""
+
+    def note(metrics: Mapping[str, Any]) -> None:
+        bred = _bred(metrics)
+        row = {"generation": bred.generation, **{key: metrics[key] for key in _OF_LEARNER}, **bred.values}
+        with (folder / JOURNAL).open("a", encoding="utf-8") as file:
+            file.write("\n" + json.dumps(row))
+        if watch is not None:
+            watch(bred)
+
+    return note
+
+
+def _rows(folder: Path) -> list[dict[str, Any]]:
+    """Return the journal's rows by generation and learner; of what was trained twice, after a loss, the last."""
+    rows: dict[tuple[int, int], dict[str, Any]] = {}
+    for line in (folder / JOURNAL).read_text(encoding="utf-8").splitlines():
+        with suppress(ValueError):
+            row = json.loads(line)
+            rows[row["generation"], row["learner"]] = row
+    return [rows[key] for key in sorted(rows)]
