@@ -13,6 +13,7 @@ from edmsim.cosim.observers import Turn
 from edmsim.cosim.stops import WORDS, StopCause
 from edmsim.envs.path_follower import LANE, RUNNING
 from edmsim.envs.reward import TERMS
+from edmsim.plant.kernel.state import STATE
 from edmsim.plant.window import read_window
 from edmsim.recording.closeups import PULSES, Closeups
 from edmsim.recording.frames import Frames
@@ -44,7 +45,9 @@ class EpisodeRecorder:
         plant = lanes.fleet.plants[lane]
         size = plant.resolution
         self._lanes, self._lane, self._actions = lanes, lane, list(actions)
-        self._kept: list[tuple[bytes, bytes, bytes, tuple[float, float]]] = []
+        self._kept: list[tuple[bytes, bytes, bytes]] = []
+        records = lanes.fleet.windows, lanes.rows, lanes.fleet.states
+        self._records = [array[lane : lane + 1].view(np.uint8) for array in records]
         self._closeups = Closeups(size.slices, size.rays, _scene_slice(lanes, lane))
         self._steps: list[tuple[float, ...]] = []
         self._rows: list[int] = []
@@ -67,20 +70,22 @@ class EpisodeRecorder:
             return
         leg, plant = self._lanes.leg[here], fleet.plants[here]
         # as bytes: to read the records takes a tenth of a step, and can wait until the recording is written
-        kept = fleet.windows[here].tobytes(), rows[here].tobytes()
-        self._kept.append((*kept, fleet.states[here]["commanded_um"].tobytes(), plant.following_error_um))
+        window, row, state = (record.tobytes() for record in self._records)
+        self._kept.append((window, row, state))
         if self._leg != leg:
             self._leg, scenario = leg, self._lanes.scenarios[here]
             assert scenario is not None
             self._closeups.leg(np.rint(scenario.legs_um[leg]).astype(np.int64), float(rows[here]["before_um"]))
         if len(self._kept) % EVERY == 1 or rows[here]["cause"] != RUNNING:
-            self._closeups.window(_turn(*kept)[0], plant)
+            self._closeups.window(_turn(window, row)[0], plant)
 
     def _table(self) -> WindowTable:
         """Return the table of the windows, as of a cut."""
         table = WindowTable()
-        for window_bytes, row_bytes, commanded_bytes, following_um in self._kept:
-            commanded_um = np.frombuffer(commanded_bytes)[:2].tolist()
+        plant = self._lanes.fleet.plants[self._lane]
+        for window_bytes, row_bytes, state_bytes in self._kept:
+            state = np.frombuffer(state_bytes, STATE)[0]
+            commanded_um, following_um = state["commanded_um"][:2].tolist(), plant.following_error_in_um(state)
             (window, time_ns, feed_um_s, path_um), setting_us = _turn(window_bytes, row_bytes)
             table.append((
                 time_ns * 1e-9, *commanded_um, feed_um_s, window.short, window.open, window.spark, window.arc,

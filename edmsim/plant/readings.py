@@ -95,8 +95,11 @@ class PlantReadings:
     @property
     def following_error_um(self) -> tuple[float, float]:
         """How far x and y are behind their commanded position; nil under a stepper, which nobody looks after."""
-        s = self._state[0]
-        x, y = s["commanded_um"][:2] - s["indicated_um" if self._drives.axes.errs else "axis_um"][:2]
+        return self.following_error_in_um(self._state[0])
+
+    def following_error_in_um(self, state: np.void) -> tuple[float, float]:
+        """Return the following error that a record of `STATE` of this plant tells, also a former one."""
+        x, y = state["commanded_um"][:2] - state["indicated_um" if self._drives.axes.errs else "axis_um"][:2]
         return float(x), float(y)
 
     @property
