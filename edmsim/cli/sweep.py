@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -95,64 +97,64 @@ def tune(
             raise InputError("a population trains on a Ray cluster: give --ray, and no --processes")
         _breed(name, out, ray, population, generations, {"seed": seed, "seeds": seeds, "algo": algo, "steps": steps})
         return
-    from rich.progress import Progress as Bar
-
     from edmsim.sweep.tune import Tuned
     from edmsim.sweep.tune import tune as search
 
     engine = _engine(ray, processes)
-    bar = Bar(console=ERR, transient=True)
-    task = bar.add_task(name, total=trials)
+    with _searching(name, trials, "study") as show:
 
-    def watch(found: Tuned) -> None:
-        bar.start()  # not before the first trial: bad input shall print its one line only
-        bar.update(task, completed=found.trials, description=f"{name}: {found.value:.4g}")
+        def watch(found: Tuned) -> None:
+            show(completed=found.trials, description=f"{name}: {found.value:.4g}")
 
-    try:
         found = search(
             name, out, trials=trials, seed=seed, seeds=seeds, algo=algo, steps=steps, engine=engine, watch=watch
         )
-    except KeyboardInterrupt:
-        say("interrupted; the same command goes on with the study")
-        raise typer.Exit(INTERRUPTED) from None
-    finally:
-        if bar.live.is_started:
-            bar.stop()
-    told = f"worth {found.value:.4g} (before {found.first_value:.4g}); {found.trials} trials, {found.failed} failed"
-    _tell_found(name, found.values, told, out)
+    worth = f"worth {found.value:.4g} (before {found.first_value:.4g}); {found.trials} trials, {found.failed} failed"
+    _print_found(name, found.values, worth, out)
 
 
 def _breed(name: str, out: Path, ray: str, population: int, generations: int, chosen: dict[str, Any]) -> None:
     """Train a population, and say what came of it."""
-    from rich.progress import Progress as Bar
-
     from edmsim.sweep.population import Bred, breed
 
-    bar = Bar(console=ERR, transient=True)
-    task = bar.add_task(name, total=population * generations)
+    with _searching(name, population * generations, "population") as show:
 
-    def watch(bred: Bred) -> None:
-        bar.start()
-        bar.update(task, advance=1, description=f"{name}: generation {bred.generation}, {bred.value:.4g}")
+        def watch(bred: Bred) -> None:
+            show(advance=1, description=f"{name}: generation {bred.generation}, {bred.value:.4g}")
 
-    try:
         found = breed(
             name, out, address=ray, population=population, generations=generations, watch=watch, **chosen
         )
+    _print_found(name, found.values, f"worth {found.value:.4g}; {population} learners", out)
+
+
+@contextmanager
+def _searching(name: str, total: int, what: str) -> Iterator[Callable[..., None]]:
+    """Give what shows progress; an interruption ends the command with the way to go on."""
+    from rich.progress import Progress as Bar
+
+    bar = Bar(console=ERR, transient=True)
+    task = bar.add_task(name, total=total)
+
+    def show(**changes: Any) -> None:
+        bar.start()  # not before the first result: bad input shall print its one line only
+        bar.update(task, **changes)
+
+    try:
+        yield show
     except KeyboardInterrupt:
-        say("interrupted; the same command goes on with the population")
+        say(f"interrupted; the same command goes on with the {what}")
         raise typer.Exit(INTERRUPTED) from None
     finally:
         if bar.live.is_started:
             bar.stop()
-    _tell_found(name, found.values, f"worth {found.value:.4g}; {population} learners", out)
 
 
-def _tell_found(name: str, values: dict[str, float], told: str, out: Path) -> None:
+def _print_found(name: str, values: dict[str, float], worth: str, out: Path) -> None:
     from edmsim.sweep.tune import BEST
 
     listed = ",".join(f"{key}={value:g}" for key, value in values.items())
-    OUT.print(f"{name}:{listed}\n{told}. Written: {out / BEST}", highlight=False, soft_wrap=True, markup=False)
+    OUT.print(f"{name}:{listed}\n{worth}. Written: {out / BEST}", highlight=False, soft_wrap=True, markup=False)
     if (out / "policy.json").is_file():
         OUT.print(f"Cut with the best policy: edmsim cut PROGRAM --controller policy:{out / 'policy.json'} --out DIR",
                   highlight=False, soft_wrap=True, markup=False)  # fmt: skip

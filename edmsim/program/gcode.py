@@ -178,8 +178,8 @@ class _Interpreter:
         values = block.values
         letters = _G10_REGISTERS.get(values.get("L"))
         if letters is None:
-            told = f"G10 L{values['L']:g}"
-            raise self.error(f"{told} is not read: set offsets with L10 (H), L12 (D) or without L", block)
+            asked = f"G10 L{values['L']:g}"
+            raise self.error(f"{asked} is not read: set offsets with L10 (H), L12 (D) or without L", block)
         if not {"P", "R"} <= values.keys() <= {"L", "P", "R", *_BESIDE} or not values["P"].is_integer():
             raise self.error("G10 wants the register's number as P and its offset as R: G10 L12 P1 R0.155", block)
         for letter in letters:

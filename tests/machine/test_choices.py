@@ -22,16 +22,9 @@ from edmsim.machine.setting import (
     short_current_A,
     wire_speed_m_s,
 )
+from tests.machine.refusals import refusal
 
 OwnFile = Callable[..., str]
-
-
-def refusal(**choices: Any) -> str:
-    with pytest.raises(InputError) as caught:
-        Machine.load(**choices)
-    text = str(caught.value)
-    assert "\n" not in text
-    return text
 
 
 def test_without_a_choice_the_files_hold() -> None:

@@ -19,6 +19,7 @@ from edmsim.machine.setting import (
     least_period_us,
     mean_current_A,
 )
+from tests.machine.refusals import refusal
 
 LABORATORY = ("iso-pulse", "iso-energetic", "ignition-pulse")
 OwnFile = Callable[..., str]
@@ -42,14 +43,6 @@ def constants(table: dict[str, Any], place: str = "") -> Iterator[tuple[str, dic
                 yield f"{place}{key}", value
             else:
                 yield from constants(value, f"{place}{key}.")
-
-
-def refusal(**choices: Any) -> str:
-    with pytest.raises(InputError) as caught:
-        Machine.load(**choices)
-    text = str(caught.value)
-    assert "\n" not in text
-    return text
 
 
 @pytest.mark.parametrize(("kind", "name"), FILES)
