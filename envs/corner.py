@@ -16,7 +16,7 @@ from edmsim.envs.task import CORNER_DEG, Family, Scenario, even_height
 from edmsim.envs.vector import EdmVectorEnv
 from edmsim.errors import InputError
 from edmsim.machine.machine import Machine
-from edmsim.plant.workpiece.start_slot import begun_slot
+from edmsim.plant.workpiece.blanks import begun_slot
 
 SHARPEST_DEG = 160.0
 """Sharpest turn that may be asked for (ours: beyond it the second leg runs back in the first one's kerf)."""

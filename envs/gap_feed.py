@@ -11,7 +11,7 @@ from edmsim.envs.single import EdmEnv
 from edmsim.envs.task import Family, Floats, Scenario, even_height
 from edmsim.envs.vector import EdmVectorEnv
 from edmsim.machine.machine import Machine
-from edmsim.plant.workpiece.start_slot import begun_slot
+from edmsim.plant.workpiece.blanks import begun_slot
 
 
 @dataclass(frozen=True, kw_only=True)

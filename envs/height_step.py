@@ -14,8 +14,8 @@ from edmsim.envs.task import Scenario
 from edmsim.envs.vector import EdmVectorEnv
 from edmsim.errors import InputError
 from edmsim.machine.machine import Machine
+from edmsim.plant.workpiece.blanks import SLOT_GAP_UM, begun_slot
 from edmsim.plant.workpiece.height_steps import LowerRegion
-from edmsim.plant.workpiece.start_slot import SLOT_GAP_UM, begun_slot
 
 LEAST_SHARE = 0.2
 """Least height of a band that may be asked for, as a share of the greatest (ours)."""

@@ -37,7 +37,7 @@ from edmsim.cli import app as cli
 from edmsim.controllers.planner.registry import PLANNERS, make_planner
 from edmsim.envs.registry import registered_ids
 from edmsim.metrology.edges import contour
-from edmsim.plant.workpiece.start_slot import begun_slot
+from edmsim.plant.workpiece.blanks import begun_slot
 from edmsim.validation.setups import FRAIL, altered
 
 ROOT = Path(__file__).resolve().parents[1]

@@ -93,6 +93,9 @@ def cut(
     offsets: Offsets = None,
     layers: Layers = "",
     unit: Unit = None,
+    stuck_wire_sensor: Annotated[
+        bool, typer.Option("--stuck-wire-sensor", help="Let nobody see a wire break: the machine goes on.")
+    ] = False,
     seed: Seed = 0,
     max_time: Annotated[float | None, typer.Option(help="Machine time in s after which to stop.")] = None,
     resume: Annotated[bool, typer.Option("--resume", help="Continue the interrupted cut of the folder.")] = False,
@@ -130,7 +133,8 @@ def cut(
                 controller=controller, planner=planner, drive=drive,
                 compensation=path_text(compensation), mechanics=mechanics,
                 resolution=resolution, offset=offset, offsets=path_text(offsets), ignore=named(ignore),
-                layers=named(layers), unit=unit, seed=seed, max_time_s=max_time, resume=resume, overwrite=overwrite,
+                layers=named(layers), unit=unit, stuck_wire_sensor=stuck_wire_sensor, seed=seed, max_time_s=max_time,
+                resume=resume, overwrite=overwrite,
                 watch=watcher.show, enter=watcher.enter,
             )
     except KeyboardInterrupt as interrupt:

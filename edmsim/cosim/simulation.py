@@ -27,6 +27,7 @@ from edmsim.cosim.legs import legs_of
 from edmsim.cosim.motion import PlannerMotion
 from edmsim.cosim.observers import Observer
 from edmsim.cosim.stops import WORDS, StopCause, judge, switches_open
+from edmsim.cosim.sums import Sums
 from edmsim.errors import InputError
 from edmsim.machine.machine import Machine
 from edmsim.plant.axes.drives import AxisDrive
@@ -35,36 +36,6 @@ from edmsim.plant.window import PulseWindow
 from edmsim.plant.workpiece.height_steps import LowerRegion
 from edmsim.plant.workpiece.kerf_field import Stock
 from edmsim.program.path import CutPath
-
-
-@dataclass
-class Sums:
-    """What is added up over a cut, all pulses counted."""
-
-    short: int = 0
-    open: int = 0
-    spark: int = 0
-    arc: int = 0
-    energy: float = 0.0
-    voltage_s: float = 0.0
-    crater_um3: float = 0.0
-    vibration2_pulses: float = 0.0
-
-    def add(self, window: PulseWindow) -> None:
-        """Add one window."""
-        self.short += window.short
-        self.open += window.open
-        self.spark += window.spark
-        self.arc += window.arc
-        self.energy += window.energy_J
-        self.voltage_s += window.mean_voltage_V * window.duration_ns * 1e-9
-        self.crater_um3 += window.crater_um3
-        self.vibration2_pulses += window.vibration2_um2 * window.pulses
-
-    @property
-    def pulses(self) -> int:
-        """Pulses of all classes."""
-        return self.short + self.open + self.spark + self.arc
 
 
 @dataclass
@@ -120,6 +91,8 @@ class Simulation:
         Drives of the axes by name; see `Plant`.
     compensation : Elcam, optional
         Tables of the table's errors, of `edmsim.controllers.axis.elcam_file.load_tables`.
+    stuck_wire_sensor : bool
+        Whether the sensor does not see a wire break; the machine then goes on without a wire (`Plant.go_bare`).
 
     Attributes
     ----------
@@ -159,6 +132,7 @@ class Simulation:
         max_feed_um_s: float | None = None,
         drives: Mapping[str, AxisDrive] | None = None,
         compensation: Elcam | None = None,
+        stuck_wire_sensor: bool = False,
     ) -> None:
         self.machine = machine
         self.path = path
@@ -184,6 +158,7 @@ class Simulation:
             position_um=self._motors_um(float(x), float(y)), resolution=resolution, mechanics=mechanics,
             drives=drives,
         )
+        self._sees_breaks = not stuck_wire_sensor
         self.sums = Sums()
         self.cause = StopCause.RUNNING
         self.reason: str | None = None
@@ -269,7 +244,8 @@ class Simulation:
 
     def emergency_stop(self) -> None:
         """Press the machine's emergency button: the cut ends here."""
-        self.cause, self.reason = StopCause.EMERGENCY_STOP, "the emergency stop was pressed"
+        self.cause = StopCause.EMERGENCY_STOP
+        self._say("the emergency stop was pressed")
         self._stopped_by_controller([STOP_BUTTON])
 
     def _switches(self, window: PulseWindow) -> list[str]:
@@ -278,7 +254,7 @@ class Simulation:
         travel_um, slack_um = table.travel_mm.value * 1e3, table.step_um.value
         ends = zip((X_END, Y_END), self.plant.place_um, strict=True)
         opened = [name for name, place_um in ends if switches_open(place_um, travel_um, slack_um)]
-        return [*opened, WIRE_BREAK] if window.broken else opened
+        return [*opened, WIRE_BREAK] if window.broken and self._sees_breaks else opened
 
     def _stopped_by_controller(self, opened: Sequence[str]) -> bool:
         """Lead open switches to the controller's inputs, if it has some; tell whether it has stopped the machine."""
@@ -288,7 +264,7 @@ class Simulation:
             self.controller.open_switch(name)
         stopped = self.controller.emergency
         if stopped is not None:
-            self.reason = stopped if self.reason is None else f"{self.reason}; {stopped}"
+            self._say(stopped)
         return stopped is not None
 
     def _decide(self, seen: WindowObservation) -> None:
@@ -313,19 +289,26 @@ class Simulation:
         switch = X_END in opened or Y_END in opened
         alarm, late = self._motion.command.alarm, self.plant.time_ns >= self._max_time_ns
         tripped, done = self.plant.drive_faults, self._motion.planner.done
-        cause = StopCause(judge(window.broken, False, switch, tripped != 0, alarm is not None, late, done))
-        if cause is StopCause.WIRE_BREAK:
-            self.reason = f"the wire broke {self.plant.broken_height_mm:.1f} mm above the workpiece's lower face"
-        elif cause is StopCause.LIMIT_SWITCH:
+        cause = StopCause(judge(WIRE_BREAK in opened, False, switch, tripped != 0, alarm is not None, late, done))
+        if window.broken:
+            self._say(f"the wire broke {self.plant.broken_height_mm:.1f} mm above the workpiece's lower face")
+            if WIRE_BREAK not in opened:
+                self._say("its stuck sensor did not see that, and the machine went on without a wire")
+                self.plant.go_bare()
+        if cause is StopCause.LIMIT_SWITCH:
             x, y = self.plant.place_um
-            self.reason = f"an end switch of the table opened at x {x / 1e3:.3f} y {y / 1e3:.3f} mm"
+            self._say(f"an end switch of the table opened at x {x / 1e3:.3f} y {y / 1e3:.3f} mm")
         elif cause is StopCause.DRIVE_TRIP:
-            self.reason = self._trip_of(tripped)
-        elif cause is StopCause.PERSISTENT_SHORT:
-            self.reason = alarm
+            self._say(self._trip_of(tripped))
+        elif cause is StopCause.PERSISTENT_SHORT and alarm is not None:
+            self._say(alarm)
         elif cause is StopCause.TIME_LIMIT:
-            self.reason = f"the time limit of {self._max_time_ns * 1e-9:g} s of machine time was reached"
+            self._say(f"the time limit of {self._max_time_ns * 1e-9:g} s of machine time was reached")
         return cause
+
+    def _say(self, reason: str) -> None:
+        """Add to the reason for which the cut ends."""
+        self.reason = reason if self.reason is None else f"{self.reason}; {reason}"
 
     def _trip_of(self, tripped: int) -> str:
         behind = " and ".join(
@@ -347,7 +330,7 @@ class Simulation:
         if self.legs[at.leg + 1].threads:
             self._thread_at(self.legs[at.leg + 1].points_um[0])
             if tripped := self.plant.drive_faults:
-                self.reason = f"between two contours {self._trip_of(tripped)}"
+                self._say(f"between two contours {self._trip_of(tripped)}")
                 return StopCause.DRIVE_TRIP
         self._at = _Place(at.leg + 1, self.commanded_um, self.path_um, False, self.missed_windows)
         self._cycle.motion = self._motion = self._begin_leg()

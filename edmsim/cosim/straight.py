@@ -23,7 +23,7 @@ from edmsim.metrology.edges import metal_at
 from edmsim.plant.plant import Plant
 from edmsim.plant.resolution import Resolution
 from edmsim.plant.window import PulseWindow
-from edmsim.plant.workpiece.start_slot import SLOT_GAP_UM, begun_slot
+from edmsim.plant.workpiece.blanks import SLOT_GAP_UM, begun_slot
 
 FASTEST_UM_S = 400.0
 """Feed a controller may command here (ours: above the cutting rate of every set-up measured)."""

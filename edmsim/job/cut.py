@@ -139,6 +139,7 @@ def _begin(program: str | Path, settings: CutSettings) -> tuple[Simulation, Reco
         max_time_s=settings.max_time_s, steps=steps, mechanics=settings.mechanics, observers=recorders,
         drives=_drives(settings.drive, machine.base.table.step_um.value),
         compensation=None if file is None else load_tables(read_tables(file), file),
+        stuck_wire_sensor=settings.stuck_wire_sensor,
     )
     return simulation, recorders
 

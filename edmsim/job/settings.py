@@ -115,6 +115,8 @@ class CutSettings(BaseModel):
     """File with a G-code program's offset registers, lines as ``D1 = 0.155`` in mm, for the offset auto."""
     unit: str | None = None
     """Unit of a drawing, mm, um, cm, m, in, ft or mil; by default what the drawing says."""
+    stuck_wire_sensor: bool = False
+    """Whether the wire's sensor is stuck: a break goes unseen, and the machine goes on without a wire."""
     seed: int = 0
     """Seed of every draw: same seed, same cut."""
     max_time_s: float | None = None
@@ -267,6 +269,7 @@ class CutOptions(TypedDict, total=False):
     layers: Sequence[str]
     offsets: str | None
     unit: str | None
+    stuck_wire_sensor: bool
     seed: int
     max_time_s: float | None
 

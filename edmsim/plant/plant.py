@@ -13,9 +13,11 @@ from edmsim.errors import InputError
 from edmsim.plant import constants
 from edmsim.plant.axes.drives import AxisDrive, Drives
 from edmsim.plant.axes.ways import ways_of
+from edmsim.plant.bare import pass_window
 from edmsim.plant.kernel.declare import CHANGING, WALL, allocate, lasting, sizes_of
 from edmsim.plant.kernel.memory import CALL, Memory, window_function
 from edmsim.plant.kernel.state import (
+    BARE,
     FINE,
     NO_TILES,
     PULSE,
@@ -37,6 +39,7 @@ from edmsim.plant.resolution import resolution as named_resolution
 from edmsim.plant.settings import GeneratorSettings
 from edmsim.plant.snapshot import check_snapshot
 from edmsim.plant.window import PlantError, PulseWindow, left_validity, read_window, wrong_step
+from edmsim.plant.workpiece.blanks import block_in_front, checked_stock
 from edmsim.plant.workpiece.kerf_field import KerfField, Stock
 
 if TYPE_CHECKING:
@@ -46,8 +49,6 @@ MECHANICS = ("modal", "mujoco")
 """Integrators of table and wire."""
 _WALL, _CHANGING = lasting(Arrays, WALL), lasting(Arrays, WALL, CHANGING)
 _NOWHERE_UM = -1e9
-_FRONT_GAP_UM = 30.0
-"""Gap in front of a plant that was given no workpiece."""
 
 
 class Plant(PlantReadings):
@@ -166,15 +167,7 @@ class Plant(PlantReadings):
         """Start again at rest: fresh workpiece and wire, the generator on, at the setting of the first machine."""
         self._set(self._first_machine.t_on_us, self._first_machine.t_period_us, on=True)
         position_um = position_um or self.machine.base.table.centre_um
-        if stock is None:
-            edge = position_um[0] + self._constants.radius_um + _FRONT_GAP_UM
-            travel = self.machine.base.table.travel_mm.value * 1e3
-            stock = Stock((edge, 0.0, travel, travel))
-        if stock.steps and stock.height_mm != self.machine.height_mm:
-            raise InputError(
-                f"the stepped workpiece is {stock.height_mm:g} mm high and the machine set up for "
-                f"{self.machine.height_mm:g} mm; they must be the same"
-            )
+        stock = block_in_front(self.machine, position_um[0]) if stock is None else checked_stock(stock, self.machine)
         self.field = KerfField(
             self.resolution.slices, stock, self.resolution.cell_um,
             self.machine.base.table.travel_mm.value * 1e3,
@@ -267,6 +260,9 @@ class Plant(PlantReadings):
             if rows.ndim != 2 or rows.shape[1] != 3:
                 raise InputError(f"steps are rows of time_ns, axis and direction, not an array of shape {rows.shape}")
             place = rows.__array_interface__["data"][0]
+        if self._state["broken"][0] == BARE:
+            pass_window(self._state, self._window, self._drives, self._setting.timing, rows, self._constants.step_um)
+            return self.window()
         status = self._fire_once(place, len(rows), pulses)
         if status == NO_TILES:
             self.make_tiles()
@@ -277,6 +273,13 @@ class Plant(PlantReadings):
         if status != FINE:
             raise self.left_validity(status, window)
         return window
+
+    def go_bare(self) -> None:
+        """Go on without the wire, which broke: its sensor did not see it.
+
+        Until `rethread` or `reset`, all pulses of a window are open, and the axes take their steps as in a rapid.
+        """
+        self._state["broken"] = BARE
 
     def advance_pulse(self, steps: Sequence[tuple[int, int, int]] = ()) -> PulseWindow:
         """Fire one pulse, to look at pulses one by one; whether the wire breaks is not looked at.
@@ -302,7 +305,7 @@ class Plant(PlantReadings):
         try:
             return self._advance(steps, 1)._replace(broken=False)
         finally:
-            self._state["broken"] = 0
+            self._state["broken"] = np.where(self._state["broken"] == BARE, BARE, 0)
 
     def _fire_once(self, steps: int, count: int, pulses: int) -> int:
         self._call[1], self._call[2], self._call[3] = steps, count, pulses

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from edmsim.compiled.vectors import GAPS
 from edmsim.errors import InputError
 from edmsim.plant.kernel.declare import ArraySizes
+from edmsim.plant.kernel.state import BARE
 from edmsim.plant.workpiece.kerf_field import FULL
 
 _Snapshot = Mapping[str, NDArray[Any]]
@@ -61,7 +62,7 @@ def _check_places(state: _Snapshot, sizes: ArraySizes) -> None:
     counts = "time_ns", "pulses", "traced_pulses", "carved_pulses", "traces"
     within = {
         "last_slice": (scalars["last_slice"], sizes.slices), "last_ray": (scalars["last_ray"], sizes.rays),
-        "broken_slice": (scalars["broken_slice"], sizes.slices), "broken": (scalars["broken"], 2),
+        "broken_slice": (scalars["broken_slice"], sizes.slices), "broken": (scalars["broken"], BARE + 1),
         "first": (state["first"], sizes.rays), "blocks": (state["blocks"], sizes.places // GAPS + 1),
         "unbroken": (state["unbroken"], sizes.rays + 1),
         **{name: (scalars[name], _MOST) for name in counts},

@@ -23,7 +23,7 @@ from edmsim.plant.mechanics.model import build_model, reduce_model
 from edmsim.plant.plant import Plant
 from edmsim.plant.resolution import Resolution, resolution
 from edmsim.plant.wire import VACUUM_PERMEABILITY_N_A2
-from edmsim.plant.workpiece.start_slot import begun_slot
+from edmsim.plant.workpiece.blanks import begun_slot
 from edmsim.validation.rows import Check, Row, mean_and_interval
 from edmsim.validation.setups import STILL, altered
 

@@ -28,7 +28,7 @@ from edmsim.plant.gap.water import surface_tension_N_m, viscosity_ratio
 from edmsim.plant.kernel.declare import allocate, sizes_of
 from edmsim.plant.kernel.state import GRID, Arrays
 from edmsim.plant.resolution import resolution
-from edmsim.plant.workpiece.start_slot import begun_slot
+from edmsim.plant.workpiece.blanks import begun_slot
 
 FAST = resolution("fast")
 

@@ -20,9 +20,9 @@ ROOT = Path(__file__).parents[2]
 THEORY = ROOT / "docs" / "theory"
 PAGES = sorted(THEORY.glob("*.md"))
 NO_PHYSICS = {
-    "axes/drives", "axes/rapid", "axes/steps", "constants", "fleet", "gap/rays", "kernel/declare", "kernel/memory",
-    "kernel/state", "mechanics/mjcf", "plant", "readings", "resolution", "settings", "snapshot",
-    "window", "workpiece/start_slot",
+    "axes/drives", "axes/rapid", "axes/steps", "bare", "constants", "fleet", "gap/rays", "kernel/declare",
+    "kernel/memory", "kernel/state", "mechanics/mjcf", "plant", "readings", "resolution", "settings", "snapshot",
+    "window", "workpiece/blanks",
 }
 ROWS = [
     Row.band("gap", "agrees", "Someone | 1982", low=1, simulated=2.0, unit="um"),

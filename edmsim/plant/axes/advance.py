@@ -62,7 +62,7 @@ def go_astray(state: NDArray[np.void], axes: Axes) -> None:
 
 
 @compiled
-def _take_line(axes: Axes, channel: int, level: int) -> None:
+def take_line(axes: Axes, channel: int, level: int) -> None:
     """Set an input line of the drives."""
     bit = 1 << (channel - N_AXES)
     for axis in range(N_AXES):
@@ -108,7 +108,7 @@ def _run_drives(
         if event:
             channel, value = events[next_event, 1], events[next_event, 2]
             if channel >= N_AXES:
-                _take_line(axes, channel, value)
+                take_line(axes, channel, value)
             elif axes.drives[channel].sample == 0:
                 _take_step(state, a, axes, p, t, k_period, step_um, due_ns, channel, value, until_ns, full)
             else:

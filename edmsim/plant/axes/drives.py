@@ -12,14 +12,15 @@ from numpy.typing import NDArray
 from edmsim.compiled.axis_rows import DRIVE, FAULT, FREEWHEEL, N_AXES, NET_IN, NET_OUT, SampleFunction
 from edmsim.compiled.random import key_of
 from edmsim.errors import EdmsimError, InputError
-from edmsim.plant.axes.advance import go_astray, indicate
+from edmsim.plant.axes.advance import go_astray, indicate, take_line
 from edmsim.plant.axes.board import NEVER
 from edmsim.plant.axes.encoder import draw_pause
 from edmsim.plant.axes.marks import LONG_AGO_NS, mark_below, watch_cam
 from edmsim.plant.axes.motor import check_motor
 from edmsim.plant.axes.rapid import constants, run_moves, straight_moves
 from edmsim.plant.axes.shaft import longest_step_ns
-from edmsim.plant.axes.ways import no_ways
+from edmsim.plant.axes.steps import MOVE
+from edmsim.plant.axes.ways import no_ways, taken_up
 from edmsim.plant.kernel.declare import ArraySizes, allocate
 from edmsim.plant.kernel.state import Axes
 
@@ -30,6 +31,7 @@ AXIS_NAMES = ("x", "y", "u", "v")
 _TIMERS = "output_ns", "duty_ns", "alarm_ns"
 _LOOK_NS = 10_000_000
 """How often it is looked whether a rapid is over (ours)."""
+_RAN_AWAY = "a drive commands what is no share of its supply, or its axis has run away"
 
 
 class AxisDrive(Protocol):
@@ -192,12 +194,62 @@ class Drives:
         last_ns = until_ns + round(constants()["settled_s"] * 1e9)
         while True:
             if not run_moves(self.axes, moves, until_ns):
-                raise EdmsimError("a drive commands what is no share of its supply, or its axis has run away")
+                raise EdmsimError(_RAN_AWAY)
             state["axis_um"][0, self._looped] = rows["place_um"][self._looped]
             away_um = np.abs(state["axis_um"] - state["commanded_um"])[0, self._looped]
             if until_ns >= last_ns or self.faults() or np.all(away_um <= step_um):
                 return until_ns - start_ns
             until_ns += _LOOK_NS
+
+    def follow(
+        self, state: NDArray[np.void], events: NDArray[np.int64], until_ns: int, step_um: float
+    ) -> None:
+        """Let the axes take step edges and input lines without the wire, each at its time, and go on to a time.
+
+        Parameters
+        ----------
+        state : record array (1,)
+            Scalars of a plant (`STATE`); their time is left as it is.
+        events : int array (events, 3)
+            Time in ns, channel and value, as `Plant.advance` takes them; checked.
+        until_ns : int
+        step_um : float
+            Travel of a step.
+
+        Raises
+        ------
+        EdmsimError
+            A drive commands what is no share of its supply, or its axis has run away.
+        """
+        if self.axes.errs:
+            indicate(state)
+        for time_ns, channel, value in events.tolist():
+            self._run_to(time_ns)
+            if channel >= N_AXES:
+                take_line(self.axes, channel, value)
+                continue
+            state["commanded_um"][0, channel] += value * step_um
+            if self.has_loop(channel):
+                self.axes.drives["setpoint"][channel] += value
+            else:
+                state["axis_um"][0, channel] += self._taken(state, channel, value * step_um)
+        self._run_to(until_ns)
+        state["axis_um"][0, self._looped] = self.axes.rows["place_um"][self._looped]
+        self._stray(state)
+
+    def _taken(self, state: NDArray[np.void], axis: int, travel_um: float) -> float:
+        """Return how far a stepper's axis goes at a step, whose nut may have play."""
+        if not self.axes.errs or axis >= 2:
+            return travel_um
+        slack_um = float(state["slack_um"][0, axis])
+        now_um = taken_up(slack_um, travel_um, float(self.axes.ways["backlash_um"][axis]))
+        state["slack_um"][0, axis] = now_um
+        return travel_um - (now_um - slack_um)
+
+    def _run_to(self, time_ns: int) -> None:
+        """Run the drives that have a loop, with no step made, up to a time."""
+        if self._looped and not run_moves(self.axes, np.zeros(0, MOVE), time_ns):
+            raise EdmsimError(_RAN_AWAY)
 
     def _stray(self, state: NDArray[np.void]) -> None:
         if self.axes.errs:

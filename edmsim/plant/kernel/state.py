@@ -107,6 +107,8 @@ wire's place and ray where it discharged or touched; its class; its slice, -1 wh
 
 NO_METAL_UM = 1.0e6
 """Distance of a ray that meets no metal: so far that it takes no part in anything."""
+BARE = 2
+"""What `broken` is (1 if the wire broke) once the machine goes on without it."""
 FINE, NO_TILES, STEP_WRONG, STEP_EARLY, BROKEN, NOT_FINITE, OUTSIDE, INSIDE = range(8)
 """How a window ended: as it should; not begun, for want of tiles of the field, because of a step that no motor makes
 or that is out of order, or because the wire broke before; a number that is none; the wire beyond its guides; the wire

@@ -1,4 +1,4 @@
-"""A begun slot: the stock in which straight cuts start, with walls around the wire from the first pulse on."""
+"""Workpieces before the first spark: a block in front of the wire, and a begun slot with walls all around it."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from edmsim.errors import InputError
 from edmsim.plant.workpiece.height_steps import LowerRegion
 from edmsim.plant.workpiece.kerf_field import Stock
 
@@ -19,6 +20,24 @@ SLOT_GAP_UM = 25.0
 """Gap all round the wire at the slot's end (ours: a little wider than what cuts settle at in front)."""
 _SCALLOP_UM = 20.0
 """Spacing of the holes that make up a slot: their cusps stay below half a um."""
+_FRONT_GAP_UM = 30.0
+"""Gap between the wire and a block in front of it (ours)."""
+
+
+def block_in_front(machine: Machine, x_um: float) -> Stock:
+    """Return a block over the rest of the table, whose straight edge is just beyond a wire at `x_um`."""
+    travel_um = machine.base.table.travel_mm.value * 1e3
+    return Stock((x_um + machine.wire_diameter_um / 2 + _FRONT_GAP_UM, 0.0, travel_um, travel_um))
+
+
+def checked_stock(stock: Stock, machine: Machine) -> Stock:
+    """Return a workpiece that fits its machine; `InputError` if its greatest height is not the machine's."""
+    if stock.steps and stock.height_mm != machine.height_mm:
+        raise InputError(
+            f"the stepped workpiece is {stock.height_mm:g} mm high and the machine set up for "
+            f"{machine.height_mm:g} mm; they must be the same"
+        )
+    return stock
 
 
 def begun_slot(

@@ -1,0 +1,126 @@
+"""A stuck wire sensor: what a machine does that does not notice that its wire broke."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+from edmsim.controllers import axis, make
+from edmsim.cosim.simulation import Simulation
+from edmsim.errors import InputError
+from edmsim.machine.machine import Machine
+from edmsim.machine.setting import open_V
+from edmsim.program.path import CutPath, WireContour
+from edmsim.recording import WindowTable
+
+START_UM = 30_000
+LENGTH_UM = 1_500
+UNNOTICED = "its stuck sensor did not see that, and the machine went on without a wire"
+
+
+def straight_cut(machine: Machine, **options: Any) -> Simulation:
+    """Return a cut along +x at a constant feed from a hole that the wire nearly fills."""
+    points_um = np.array([(START_UM, START_UM), (START_UM + LENGTH_UM, START_UM)], np.int64)
+    line = WireContour(points_um, 0, points_um * 1e-3, False, "left", (), (1,))
+    path = CutPath((line,), (25.0, 25.0, 35.0, 35.0), 0.16, (30.0, 30.0), (), "test")
+    law = make("fixed", feed_um_s=30.0)
+    return Simulation(machine, path, law, observers=[WindowTable()], resolution="fast", seed=1, **options)
+
+
+@pytest.fixture
+def hot(own_file: Callable[..., str]) -> Machine:
+    """A machine whose wire is hardly cooled, and breaks."""
+    file = own_file(
+        "machines", "agiecut-dem15",
+        ("convection_W_m2K = { value = 14000.0, range = [5000.0, 30000.0],", "convection_W_m2K = { value = 300.0,"),
+        ("critical_W_m2 = { value = 4.0e6, range = [1.0e6, 1.0e7],", "critical_W_m2 = { value = 1.0e3,"),
+    )  # fmt: skip
+    return Machine.load(file, height_mm=20, tension=35.0)
+
+
+def test_a_stuck_wire_sensor_lets_the_machine_go_on_without_a_wire(hot: Machine) -> None:
+    noticed, unnoticed = straight_cut(hot), straight_cut(hot, stuck_wire_sensor=True)
+    noticed.run()
+    unnoticed.run()
+    assert (noticed.outcome, unnoticed.outcome) == ("wire-break", "finished")
+    assert unnoticed.reason == f"{noticed.reason}; {UNNOTICED}"
+    rows = unnoticed.observers[0].to_arrow().to_pandas()  # type: ignore[attr-defined]
+    broke = len(noticed.observers[0].to_arrow())  # type: ignore[attr-defined]
+    before, after = rows[:broke], rows[broke:]
+    assert before["spark"].sum() > 0
+    assert set(after["open"]) == {255}
+    assert after["mean_current_A"].max() == 0.0
+    share = hot.t_on_us / hot.t_period_us
+    assert after["mean_voltage_V"].unique() == pytest.approx([open_V(hot) * share])
+    assert after["path_um"].iloc[-1] == pytest.approx(LENGTH_UM, abs=2)
+    assert unnoticed.plant.removed_mm3 == noticed.plant.removed_mm3
+    assert unnoticed.plant.place_um == pytest.approx((START_UM + LENGTH_UM, START_UM), abs=2)
+
+
+def test_a_cut_without_a_wire_goes_on_from_a_snapshot(hot: Machine) -> None:
+    first = straight_cut(hot, stuck_wire_sensor=True)
+    while first.reason is None:
+        first.step()
+    first.step()
+    second = straight_cut(hot, stuck_wire_sensor=True)
+    second.restore(*first.snapshot())
+    assert second.run() == first.run() == "finished"
+    assert second.plant.time_ns == first.plant.time_ns
+    assert second.plant.commanded_um == first.plant.commanded_um
+    one, other = (cut.observers[0].to_arrow().to_pandas() for cut in (first, second))  # type: ignore[attr-defined]
+    assert one.equals(other)
+
+
+def test_the_time_limit_of_a_cut_without_a_wire_is_told_besides(hot: Machine) -> None:
+    cut = straight_cut(hot, stuck_wire_sensor=True, max_time_s=40.0)
+    assert cut.run() == "time-limit"
+    assert cut.reason is not None
+    assert UNNOTICED in cut.reason
+    assert cut.reason.endswith("the time limit of 40 s of machine time was reached")
+
+
+def test_servo_drives_follow_their_steps_without_a_wire() -> None:
+    drives = {name: axis.from_text("uhu") for name in "xy"}
+    plant = straight_cut(Machine.load(height_mm=5), drives=drives).plant
+    plant.advance()
+    plant.go_bare()
+    moved_um = 0.0
+    for _ in range(40):
+        begin_ns = plant.time_ns
+        steps = [(begin_ns + k * 20_000_000 // 10, 0, 1) for k in range(10)]
+        window = plant.advance(steps)
+        moved_um += 10 * plant.machine.base.table.step_um.value
+        assert window.open == window.pulses == 255
+        assert math.isnan(window.gap_um)
+    assert plant.commanded_um[0] == START_UM + moved_um
+    behind_um = plant.commanded_um[0] - plant.place_um[0]
+    assert 0 < abs(behind_um) < 20
+    for _ in range(20):
+        plant.advance()
+    assert plant.place_um[0] == pytest.approx(START_UM + moved_um, abs=2)
+
+
+@pytest.mark.parametrize("generator", ["iso-pulse", "iso-energetic", "ignition-pulse"])
+def test_pulses_without_a_wire_take_as_long_as_open_ones(generator: str) -> None:
+    machine = Machine.load(generator=generator, height_mm=5)
+    far = straight_cut(machine).plant
+    far.reset(1, stock=far.field.stock, position_um=(10_000.0, 10_000.0))  # 15 mm off the metal: all pulses are open
+    open_ = far.advance()
+    assert open_.open == 255
+    far.go_bare()
+    bare = far.advance()
+    assert (bare.open, bare.duration_ns) == (255, open_.duration_ns)
+    assert bare.mean_voltage_V == pytest.approx(open_.mean_voltage_V, rel=0.02)  # a wire leaks a little
+
+
+def test_steps_without_a_wire_are_checked(hot: Machine) -> None:
+    plant = straight_cut(hot).plant
+    plant.go_bare()
+    with pytest.raises(InputError, match="a step needs axis 0 to 3"):
+        plant.advance([(0, 7, 1)])
+    plant.rethread(plant.commanded_um, 0)
+    assert plant.advance().pulses == 255
