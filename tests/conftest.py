@@ -68,6 +68,16 @@ def own_file(tmp_path: Path) -> Callable[..., str]:
     return write
 
 
+@pytest.fixture
+def hot_machine(own_file: Callable[..., str]) -> str:
+    """Write the file of a machine whose wire is hardly cooled, and breaks."""
+    return own_file(
+        "machines", "agiecut-dem15",
+        ("convection_W_m2K = { value = 14000.0, range = [5000.0, 30000.0],", "convection_W_m2K = { value = 300.0,"),
+        ("critical_W_m2 = { value = 4.0e6, range = [1.0e6, 1.0e7],", "critical_W_m2 = { value = 1.0e3,"),
+    )  # fmt: skip
+
+
 @pytest.fixture(scope="module")
 def short_episodes() -> Iterator[None]:
     """Let controllers cut for four seconds where they are compared."""

@@ -295,13 +295,8 @@ def test_end_switch_stops_the_machine(own_file: Callable[..., str]) -> None:
     assert sim.plant.commanded_um[0] == 30_052
 
 
-def test_wire_that_grows_too_hot_breaks(own_file: Callable[..., str]) -> None:
-    hot = own_file(
-        "machines", "agiecut-dem15",
-        ("convection_W_m2K = { value = 14000.0, range = [5000.0, 30000.0],", "convection_W_m2K = { value = 300.0,"),
-        ("critical_W_m2 = { value = 4.0e6, range = [1.0e6, 1.0e7],", "critical_W_m2 = { value = 1.0e3,"),
-    )  # fmt: skip
-    machine = Machine.load(hot, height_mm=20, tension=35.0)
+def test_wire_that_grows_too_hot_breaks(hot_machine: str) -> None:
+    machine = Machine.load(hot_machine, height_mm=20, tension=35.0)
     sim = simulation(contour([(0, 0), (3000, 0)]), machine=machine, hole_mm=0.16)
     run(sim)
     assert sim.outcome == "wire-break"

@@ -252,14 +252,9 @@ def test_time_limit_stops_at_the_end_of_its_window(cut_small: Callable[..., edms
 
 
 def test_broken_wire_leaves_a_full_report(
-    cut_small: Callable[..., edmsim.CutResult], own_file: Callable[..., str], tmp_path: Path
+    cut_small: Callable[..., edmsim.CutResult], hot_machine: str, tmp_path: Path
 ) -> None:
-    hot = own_file(
-        "machines", "agiecut-dem15",
-        ("convection_W_m2K = { value = 14000.0, range = [5000.0, 30000.0],", "convection_W_m2K = { value = 300.0,"),
-        ("critical_W_m2 = { value = 4.0e6, range = [1.0e6, 1.0e7],", "critical_W_m2 = { value = 1.0e3,"),
-    )  # fmt: skip
-    result = cut_small(out=tmp_path / "out", machine=hot, tension=40.0, height_mm=20.0)
+    result = cut_small(out=tmp_path / "out", machine=hot_machine, tension=40.0, height_mm=20.0)
     report = result.report
     assert report["outcome"] == "wire-break"
     assert "the wire broke" in report["reason"]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -22,24 +21,18 @@ LENGTH_UM = 1_500
 UNNOTICED = "its stuck sensor did not see that, and the machine went on without a wire"
 
 
-def straight_cut(machine: Machine, **options: Any) -> Simulation:
-    """Return a cut along +x at a constant feed from a hole that the wire nearly fills."""
+def straight_cut(machine: Machine, contours: int = 1, **options: Any) -> Simulation:
+    """Return a cut along +x at a constant feed from a hole that the wire nearly fills, perhaps made again."""
     points_um = np.array([(START_UM, START_UM), (START_UM + LENGTH_UM, START_UM)], np.int64)
     line = WireContour(points_um, 0, points_um * 1e-3, False, "left", (), (1,))
-    path = CutPath((line,), (25.0, 25.0, 35.0, 35.0), 0.16, (30.0, 30.0), (), "test")
+    path = CutPath((line,) * contours, (25.0, 25.0, 35.0, 35.0), 0.16, (30.0, 30.0), (), "test")
     law = make("fixed", feed_um_s=30.0)
     return Simulation(machine, path, law, observers=[WindowTable()], resolution="fast", seed=1, **options)
 
 
 @pytest.fixture
-def hot(own_file: Callable[..., str]) -> Machine:
-    """A machine whose wire is hardly cooled, and breaks."""
-    file = own_file(
-        "machines", "agiecut-dem15",
-        ("convection_W_m2K = { value = 14000.0, range = [5000.0, 30000.0],", "convection_W_m2K = { value = 300.0,"),
-        ("critical_W_m2 = { value = 4.0e6, range = [1.0e6, 1.0e7],", "critical_W_m2 = { value = 1.0e3,"),
-    )  # fmt: skip
-    return Machine.load(file, height_mm=20, tension=35.0)
+def hot(hot_machine: str) -> Machine:
+    return Machine.load(hot_machine, height_mm=20, tension=35.0)
 
 
 def test_a_stuck_wire_sensor_lets_the_machine_go_on_without_a_wire(hot: Machine) -> None:
@@ -73,6 +66,16 @@ def test_a_cut_without_a_wire_goes_on_from_a_snapshot(hot: Machine) -> None:
     assert second.plant.commanded_um == first.plant.commanded_um
     one, other = (cut.observers[0].to_arrow().to_pandas() for cut in (first, second))  # type: ignore[attr-defined]
     assert one.equals(other)
+
+
+def test_the_wire_threaded_for_the_next_contour_cuts_again(hot: Machine) -> None:
+    cut = straight_cut(hot, contours=2, stuck_wire_sensor=True)
+    while cut.leg == 0:
+        cut.step()
+    removed_mm3 = cut.plant.removed_mm3
+    cut.run()
+    assert cut.leg == 1
+    assert cut.plant.removed_mm3 > removed_mm3
 
 
 def test_the_time_limit_of_a_cut_without_a_wire_is_told_besides(hot: Machine) -> None:
