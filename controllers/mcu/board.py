@@ -40,10 +40,11 @@ class LineOrder(NamedTuple):
 
 
 class Faults(NamedTuple):
-    """Faults to be injected; None where there is none."""
+    """Faults to be injected; None where there is none, and the names of the safety switches that never open."""
 
     noise: SerialNoise | None = None
     drop_out: DropOut | None = None
+    stuck: frozenset[str] = frozenset()
 
 
 class _WiredCounters(PulseCounters):
@@ -114,7 +115,7 @@ class Board:
         self.interrupts = Pic8259()
         self.display = Kdc8279()
         self.terminal, self.host = Usart8251(self.sent.append), Usart8251(self.sent_to_host.append)
-        self.switches = SafetySwitches(lambda: self.interrupts.request(EMERGENCY))
+        self.switches = SafetySwitches(lambda: self.interrupts.request(EMERGENCY), self.faults.stuck)
         self.generator_line = PulseGeneratorLine(self.couplers.response_ns)
         for first, size, chip in (
             (bus.PORT2A, 4, self.machine_port), (bus.PORT3A, 4, self.counter_port), (bus.TIMERS, 4, self.timers),
@@ -157,7 +158,7 @@ class Board:
 
     def snapshot(self) -> dict[str, Any]:
         """Everything that changes, fit for JSON; not what has been sent."""
-        faults = {name: fault.snapshot() for name, fault in self.faults._asdict().items() if fault is not None}
+        faults = {name: fault.snapshot() for name, fault in self._faulty().items()}
         return {
             "now_ns": self.now_ns, "codes": list(self.codes), "levels": self._levels,
             "steps": [list(step) for step in self.steps],
@@ -175,9 +176,13 @@ class Board:
         c.pulses, c.short, c.open, c.missed = state["counters"]
         for name, chip in self._chips().items():
             chip.restore(state[name])
-        for name, kept in state["faults"].items():
-            getattr(self.faults, name).restore(kept)
+        for name, fault in self._faulty().items():
+            fault.restore(state["faults"][name])
         self.steps = [Step(*step) for step in state["steps"]]
+
+    def _faulty(self) -> dict[str, SerialNoise | DropOut]:
+        drawn = {"noise": self.faults.noise, "drop_out": self.faults.drop_out}
+        return {name: fault for name, fault in drawn.items() if fault is not None}
 
     def _chips(self) -> dict[str, Any]:
         return {

@@ -25,7 +25,9 @@ def terminal(
     ] = None,
     fault: Annotated[
         list[str] | None,
-        typer.Option(help="A fault of 1982 to inject: serial-noise, drop-out; may be given again."),
+        typer.Option(
+            help="A fault to inject: serial-noise, drop-out, stuck-end-switch, stuck-wire-sensor; may be given again."
+        ),
     ] = None,
     monitor: Annotated[bool, typer.Option("--monitor", help="Begin in the monitor; G 0400 starts MAIN.")] = False,
     tapes: Annotated[Path | None, typer.Option(help="Folder of tapes, Intel HEX; default here.")] = None,

@@ -9,15 +9,20 @@ from pathlib import Path
 
 from edmsim.controllers.mcu.board import Faults
 from edmsim.controllers.mcu.chips.faults import DropOut, SerialNoise
+from edmsim.controllers.mcu.chips.switches import WIRE_BREAK
 from edmsim.errors import InputError
 from edmsim.terminal.devices import Interrupts, Keyboard, Pipe, is_terminal
+from edmsim.terminal.ends import END_SWITCHES
 from edmsim.terminal.rig import Rig
 from edmsim.terminal.session import Session
 
 REAL_TIME = 1.0
 """Machine seconds per second for a person."""
-FAULTS = SERIAL_NOISE, DROP_OUT = "serial-noise", "drop-out"
-"""Rows T-29 and T-30."""
+SERIAL_NOISE, DROP_OUT = "serial-noise", "drop-out"
+"""The faults of 1982, rows T-29 and T-30."""
+STUCK = {"stuck-end-switch": frozenset(END_SWITCHES), "stuck-wire-sensor": frozenset({WIRE_BREAK})}
+"""Switches that never open, by the fault's name."""
+FAULTS = (SERIAL_NOISE, DROP_OUT, *STUCK)
 
 
 def run(
@@ -57,7 +62,7 @@ def run(
 
 
 def choose_faults(names: Sequence[str], seed: int) -> Faults:
-    """Make the faults of 1982 that are to be injected.
+    """Make the faults that are to be injected.
 
     Raises
     ------
@@ -70,6 +75,7 @@ def choose_faults(names: Sequence[str], seed: int) -> Faults:
     return Faults(
         noise=SerialNoise(seed) if SERIAL_NOISE in names else None,
         drop_out=DropOut(seed) if DROP_OUT in names else None,
+        stuck=frozenset().union(*(STUCK[name] for name in names if name in STUCK)),
     )
 
 

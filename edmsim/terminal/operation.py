@@ -14,8 +14,9 @@ from edmsim.controllers.mcu.firmware.arithmetic import WORD
 from edmsim.controllers.mcu.firmware.generator_control import set_tension
 from edmsim.controllers.mcu.firmware.poscal import STEP_UM
 from edmsim.errors import InputError
+from edmsim.terminal.ends import END_SWITCHES
 from edmsim.terminal.keys import KeyPresses, typed_keys
-from edmsim.terminal.rig import END_SWITCHES, Rig
+from edmsim.terminal.rig import Rig
 from edmsim.terminal.route import Point, lay_out
 
 
@@ -157,7 +158,7 @@ class Operation:
         if not 0 <= target[axis] <= WORD:
             raise InputError(f"soft limit: the counters hold 0 to {WORD} {self.rig.unit_name}, not {target[axis]}")
         direction = 1 if way > 0 else -1
-        if self.rig.beyond(direction, self.rig.place_um[axis]):
+        if self.rig.ends.switch_open(axis, direction, self.rig.place_um[axis]):
             raise InputError(f"the {END_SWITCHES[axis]} switch is open; jog back from it")
         self.rig.board.switches.release()
         self.rig.computer.stop()
@@ -225,5 +226,5 @@ class Operation:
     def _check_pulses(self) -> None:
         if not all(self.rig.computer.pulse_codes):
             raise InputError("t(i) and t(p) are not set; TI us TP us sets them")
-        if not self.rig.wire:
+        if self.rig.misses_wire:
             raise InputError("the wire is broken; WIRE threads a new one")

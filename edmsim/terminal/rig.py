@@ -11,7 +11,7 @@ from edmsim.controllers import make
 from edmsim.controllers.feed.counts import CountsController
 from edmsim.controllers.mcu.board import Board, Faults
 from edmsim.controllers.mcu.chips.dac import PulseSettings
-from edmsim.controllers.mcu.chips.switches import STOP_BUTTON, WIRE_BREAK, X_END, Y_END
+from edmsim.controllers.mcu.chips.switches import STOP_BUTTON, WIRE_BREAK
 from edmsim.controllers.mcu.computer import EMERGENCY, Computer
 from edmsim.controllers.mcu.computer import STAND_BY as COMPUTER_STAND_BY
 from edmsim.controllers.mcu.dialogue.part_program import Setting
@@ -27,20 +27,17 @@ from edmsim.controllers.planner.record import LITERAL
 from edmsim.controllers.planner.registry import Planner, kind_of, make_planner
 from edmsim.controllers.protocols import Step
 from edmsim.controllers.pulse_counters import WINDOW_PULSES
-from edmsim.cosim.stops import switches_open
 from edmsim.errors import InputError
 from edmsim.machine.machine import Machine
 from edmsim.machine.setting import discharge_current_A, open_V
 from edmsim.plant.plant import Plant
 from edmsim.plant.window import PlantError, PulseWindow
+from edmsim.terminal.ends import END_SWITCHES, TableEnds
 from edmsim.terminal.route import Point, Route, check_counts, moved
 
 STAND_BY, CUTTING, JOGGING = "STAND-BY", "CUTTING", "JOGGING"
-BARE_WINDOW_NS = 25_500_000
-"""Time that passes at once while no wire is there: a window of the usual period."""
 LOW_TENSION = 0.5
 """Share of the wire's tension that is left while its spare line is up (ours: half)."""
-END_SWITCHES = (X_END, Y_END)
 BENT_SHARE = 0.01
 """A wire bent by more than this share of its free length breaks (ours: the model's wire is a taut string, and that
 far it is none any more; cuts bend it ten times less)."""
@@ -67,6 +64,7 @@ class Rig:
     plant : Plant
     board : Board
     computer : Computer
+    ends : TableEnds
     way : str
         ``STAND-BY``, ``CUTTING`` or ``JOGGING``.
     cause : str
@@ -106,8 +104,8 @@ class Rig:
         optimiser_words.set_constants(self.board.bus, law._replace(limit=MAX_SPEED))
         self._events: list[str] = []
         self._planner: Planner | None = None
-        self._bare_um, self._bare_ns = self.plant.commanded_um, 0
-        self._carriage = [*self._bare_um]
+        self._carriage = [*self.place_um]
+        self.ends = TableEnds(machine, self.board.switches)
         self._window: PulseWindow | None = None
         self._codes = (0, 0)
         self.computer.init()
@@ -123,12 +121,17 @@ class Rig:
     @property
     def time_ns(self) -> int:
         """Machine time."""
-        return self.plant.time_ns if self.wire else self._bare_ns
+        return self.plant.time_ns
 
     @property
     def place_um(self) -> tuple[float, float]:
         """Where the carriage is on the table, whatever the counters say."""
-        return self.plant.commanded_um if self.wire else self._bare_um
+        return self.plant.commanded_um
+
+    @property
+    def misses_wire(self) -> bool:
+        """Whether the wire is known to be broken: a stuck sensor never tells."""
+        return not self.wire and WIRE_BREAK not in self.board.switches.stuck
 
     @property
     def moving(self) -> bool:
@@ -242,27 +245,18 @@ class Rig:
     def thread(self) -> None:
         """Thread a new wire where the carriage stands, by hand."""
         by_hand_ns = round(self.plant.machine.base.table.threading_s.value * 1e9)
-        self.plant.rethread(self.place_um, self.time_ns - self.plant.time_ns + by_hand_ns)
+        self.plant.rethread(self.place_um, by_hand_ns)
         self.wire = True
         self.board.switches.release()
-
-    def beyond(self, direction: int, place_um: float) -> bool:
-        """Whether a step in that direction has led to where an axis' end switch is open."""
-        travel_um = self.plant.machine.base.table.travel_mm.value * 1e3
-        return switches_open(place_um, travel_um, STEP_UM) == direction
 
     def advance(self) -> None:
         """Let one window pass."""
         self._obey_lines()
         self._follow_tension()
         start_ns = self.time_ns
-        end_ns = start_ns + (self.plant.window_ns if self.wire else BARE_WINDOW_NS)
-        steps = self._make_steps(start_ns, end_ns)
-        place_um = moved(self.place_um, steps)
-        if self.wire:
-            self._fire(steps, place_um)
-        else:
-            self._bare_um, self._bare_ns = place_um, end_ns
+        end_ns = start_ns + self.plant.window_ns
+        steps = self.ends.passed(self.place_um, self._make_steps(start_ns, end_ns))
+        self._fire(steps, moved(self.place_um, steps))
         self.computer.run_until(end_ns)
         if self._planner is not None and self._planner.done:
             self._planner = None
@@ -325,7 +319,7 @@ class Rig:
     def _carry(self, step: Step) -> None:
         """Carry the wire by a step; where that leads the carriage beyond its travel, the end switch opens."""
         self._carriage[step.axis] += STEP_UM * step.direction
-        if self.beyond(step.direction, self._carriage[step.axis]):
+        if self.ends.switch_open(step.axis, step.direction, self._carriage[step.axis]):
             self.board.switches.trip(END_SWITCHES[step.axis])
 
     def _fire(self, steps: list[Step], place_um: tuple[float, float]) -> None:
@@ -382,9 +376,12 @@ class Rig:
                 self.refuse(f"{error.reason}; the old setting stays")
 
     def _lose_wire(self, cause: str, place_um: tuple[float, float]) -> None:
-        """The wire is gone; the carriage made the window's steps, as the counters have it."""
-        self._bare_um, self._bare_ns, self.wire = place_um, self.plant.time_ns, False
-        self.trip(WIRE_BREAK, cause)
+        """The wire is gone; the carriage made the window's steps, as the counters have it. If seen, all stops."""
+        self.plant.rethread(place_um, 0)
+        self.plant.go_bare()
+        self.wire = False
+        if self.misses_wire:
+            self.trip(WIRE_BREAK, cause)
 
     def _stopped(self, cause: str) -> None:
         self.put_down()

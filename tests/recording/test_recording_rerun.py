@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import subprocess
+import sys
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -189,3 +190,18 @@ def test_a_stopped_or_empty_cut_is_recorded(cut: SimpleNamespace, tmp_path: Path
         closeups=Closeups(9, 32, 4),
     )  # fmt: skip
     assert "/world/table/workpiece" in Read(empty).entities()
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no limit of a file's size")
+def test_a_recording_that_finds_no_room_leaves_nothing_behind(cut: SimpleNamespace, tmp_path: Path) -> None:
+    import resource
+
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (10_000, limits[1]))
+    try:
+        with pytest.raises(OSError, match="File too large"):  # as on a full disk; rerun itself would wait for ever
+            write(cut, tmp_path / "cut.rrd")
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    assert not list(tmp_path.iterdir())
+    assert Read(write(cut, tmp_path / "cut.rrd")).recordings

@@ -10,6 +10,8 @@ import edmsim
 from edmsim.controllers.mcu.board import Faults
 from edmsim.controllers.mcu.chips.faults import DropOut, SerialNoise
 from edmsim.controllers.mcu.firmware import memory_map as at
+from edmsim.errors import InputError
+from edmsim.terminal.command import choose_faults
 from edmsim.terminal.devices import Interrupts
 from edmsim.terminal.operation import Operation
 from edmsim.terminal.rig import Rig
@@ -109,6 +111,26 @@ def test_an_end_switch_stops_a_jog_and_can_only_be_left_backwards(rig):
     assert status == 2
 
 
+def stuck(machine: edmsim.Machine, name: str) -> Rig:
+    return Rig(machine, seed=1, resolution="fast", faults=choose_faults([name], seed=0))
+
+
+# T-46, T-47: an end switch that never opens, with counters that were set to another place
+def test_a_stuck_end_switch_lets_the_table_run_into_its_stop_and_lose_steps(machine):
+    travel_um, unseen = machine.base.table.travel_mm.value * 1e3, stuck(machine, "stuck-end-switch")
+    unseen.plant.reset(1, position_um=(32_500.0, travel_um - 100))
+    status, lines = operate(unseen, "POS 32500 100", "Y 1300", "WAIT", "Y -1300", "WAIT", "POS")
+    assert emergencies(lines) == []
+    assert "READY   X 32500 Y 1400 um" in lines
+    # the MJCF's stop is 1 mm behind the travel: of the way there the last 200 um were lost, of the way back none
+    assert unseen.place_um == (32_500.0, travel_um + 1000 - 1300)
+    assert status == 0
+    seen = Rig(machine, seed=1, resolution="fast")
+    seen.plant.reset(1, position_um=(32_500.0, travel_um - 100))
+    _, lines = operate(seen, "POS 32500 100", "Y 1300", "WAIT")
+    assert emergencies(lines)[0].startswith("EMERGENCY: Y END SWITCH; NOTHING MOVES UNTIL INIT   X 32500 Y 204 um")
+
+
 # T-46, T-47: wire break
 def test_a_wire_break_stops_all_and_the_cut_goes_on_with_a_new_wire(machine):
     rig = Rig(machine.with_(tension=0.98 * machine.breaking_force), seed=1, resolution="fast")
@@ -121,6 +143,27 @@ def test_a_wire_break_stops_all_and_the_cut_goes_on_with_a_new_wire(machine):
     assert f"NEW WIRE   {place} um" in lines
     before = float(re.search(r"TIME (\S+) s", "\n".join(lines)).group(1))
     assert before >= machine.base.table.threading_s.value
+
+
+# T-46, T-49: a sensor that never tells
+def test_with_a_stuck_wire_sensor_the_cut_goes_on_in_the_open_until_its_end(machine):
+    hot = machine.with_(tension=0.98 * machine.breaking_force)
+    rig = stuck(hot, "stuck-wire-sensor")
+    cut = (SET, "NEW 32900 32500", "START", "WAIT")
+    _, lines = operate(rig, *cut, "STATUS", "GEN ON", "WAIT 1", "STATUS", "GEN OFF", "WIRE", "WIRE")
+    assert emergencies(lines) == []
+    assert "READY   X 32900 Y 32500 um" in lines
+    assert rig.place_um == (32_900.0, 32_500.0)
+    (gap,) = re.findall(r"GENERATOR ON   GAP (\d+) V (\S+) A", "\n".join(lines))
+    assert int(gap[0]) == 0.3 * machine.generator.open_voltage_V.value  # 30 of every 100 us, all of them open
+    assert float(gap[1]) == 0.0
+    assert lines.count("NEW WIRE   X 32900 Y 32500 um") == 1
+    assert "? the wire is whole" in lines
+
+
+def test_an_unknown_fault_is_refused_with_those_there_are():
+    with pytest.raises(InputError, match="no fault 'stuck'; there are serial-noise, drop-out, stuck-end-"):
+        choose_faults(["stuck"], seed=0)
 
 
 def test_a_wire_pressed_into_the_workpiece_breaks_and_can_be_brought_out(rig):

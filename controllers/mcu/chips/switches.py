@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Set
 
 from edmsim.errors import InputError
 
@@ -20,10 +20,13 @@ class SafetySwitches:
     ----------
     on_rise : callable
         Called when the ORed line rises: the interrupt.
+    stuck : set of str
+        Names of switches that never open.
     """
 
-    def __init__(self, on_rise: Callable[[], None]) -> None:
+    def __init__(self, on_rise: Callable[[], None], stuck: Set[str] = frozenset()) -> None:
         self._on_rise = on_rise
+        self.stuck = stuck
         self._open: set[str] = set()
 
     @property
@@ -42,7 +45,7 @@ class SafetySwitches:
         return not self._open & {WIRE_BREAK, STOP_BUTTON}
 
     def trip(self, name: str) -> None:
-        """Open a switch.
+        """Open a switch, unless it is stuck.
 
         Raises
         ------
@@ -51,6 +54,8 @@ class SafetySwitches:
         """
         if name not in NAMES:
             raise InputError(f"there is no switch {name!r}; there are {', '.join(NAMES)}")
+        if name in self.stuck:
+            return
         before = bool(self._open)
         self._open.add(name)
         if not before:

@@ -138,6 +138,12 @@ class TableMechanics:
             stops = self.model.joint(axis).range
             stops[1] = travel_m - stops[0]
 
+    @property
+    def stops_um(self) -> tuple[float, float]:
+        """End stops of an axis, the near one below zero and the far one beyond the travel."""
+        near_m, far_m = self.model.joint("x").range
+        return near_m * 1e6, far_m * 1e6
+
     def set_motor(self, axis: int, motor: NDArray[np.void]) -> None:
         """Put a direct-current motor, a row of `MOTOR`, in the place of the stepper of x (0) or y (1)."""
         name = "xy"[axis]

@@ -16,7 +16,7 @@ from edmsim.recording.rerun.blueprint import (
     workpiece_view,
 )
 from edmsim.recording.rerun.playback import APPLICATION, Playback, read_chunks
-from edmsim.recording.rerun.stream import PATH
+from edmsim.recording.rerun.stream import PATH, saved
 
 if TYPE_CHECKING:
     import rerun.blueprint as rrb
@@ -59,19 +59,17 @@ def write_comparison(file: Path, a: Path, b: Path) -> None:
     names = [f"{letter}: {folder}" for (_, letter, _), folder in zip(SIDES, folders, strict=True)]
     recording = rr.RecordingStream(APPLICATION, recording_id="comparison", send_properties=False)
     curves = CURVES + tuple(curve for curve in OF_EPISODES if any(f"/{curve[0]}" in _entities(p) for p in plays))
-    recording.save(file, default_blueprint=_blueprint([Sizes(*play.sizes) for play in plays], names, curves))
-    recording.send_recording_name(" and ".join(names))
-    for (place, letter, colour), play in zip(SIDES, plays, strict=True):
-        chunks = read_chunks(play.recording)
-        recording.send_chunks(
-            [chunk.with_entity_path(f"/{place}{chunk.entity_path}") for chunk in chunks
-             if not chunk.entity_path.startswith("/__")]
-        )  # fmt: skip
-        for entity, _ in curves:
-            line = rr.SeriesLines(names=[letter], colors=[palette.rgb(colour)], widths=[1.3])
-            recording.log(f"{place}/{entity}", line, static=True)
-    recording.flush()
-    recording.disconnect()
+    with saved(recording, file, _blueprint([Sizes(*play.sizes) for play in plays], names, curves)):
+        recording.send_recording_name(" and ".join(names))
+        for (place, letter, colour), play in zip(SIDES, plays, strict=True):
+            chunks = read_chunks(play.recording)
+            recording.send_chunks(
+                [chunk.with_entity_path(f"/{place}{chunk.entity_path}") for chunk in chunks
+                 if not chunk.entity_path.startswith("/__")]
+            )  # fmt: skip
+            for entity, _ in curves:
+                line = rr.SeriesLines(names=[letter], colors=[palette.rgb(colour)], widths=[1.3])
+                recording.log(f"{place}/{entity}", line, static=True)
 
 
 def _entities(play: Playback) -> set[str]:

@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from edmsim.files import replacing
 from edmsim.plant.kernel.state import ARC, OPEN, SHORT, SPARK
 from edmsim.recording.figures import palette
 
 if TYPE_CHECKING:
     import rerun as rr
+    import rerun.blueprint as rrb
 
 TIME = "machine_time"
 """Timeline of machine time, a duration."""
@@ -21,6 +25,37 @@ PATH = "path_um"
 
 CLASS_COLOURS = {"spark": palette.SKY, "open": palette.MUTED, "short": palette.VERMILION, "arc": palette.PURPLE}
 """Classes of pulses in the recording, whose ground is dark."""
+
+
+@contextmanager
+def saved(recording: rr.RecordingStream, file: str | Path, layout: rrb.Blueprint) -> Iterator[None]:
+    """Write what is logged inside to a file, which is replaced whole or not at all.
+
+    Rerun's own file sink waits for ever where a disk is full, and takes no names that are not UTF-8; so it is kept in
+    memory until it is whole.
+
+    Parameters
+    ----------
+    recording : rerun.RecordingStream
+        Disconnected in the end.
+    file : path
+    layout : rerun.blueprint.Blueprint
+        What a viewer shows by default.
+
+    Raises
+    ------
+    OSError
+        The file cannot be written.
+    """
+    kept = recording.memory_recording()
+    try:
+        recording.send_blueprint(layout, make_active=False, make_default=True)
+        yield
+        recording.flush()
+        with replacing(file) as partial:
+            partial.write_bytes(kept.drain_as_bytes())
+    finally:
+        recording.disconnect()
 
 
 def class_rgb(kind: NDArray[np.int16]) -> NDArray[np.uint8]:

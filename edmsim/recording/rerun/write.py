@@ -4,17 +4,13 @@ from __future__ import annotations
 
 import hashlib
 import json
-import shutil
-import tempfile
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from edmsim.files import replacing
 from edmsim.plant.constants import wire_setup
 from edmsim.plant.mechanics.model import build_model
 from edmsim.recording.closeups import AROUND, PULSES, Closeups
@@ -32,7 +28,7 @@ from edmsim.recording.rerun.machine import Shapes
 from edmsim.recording.rerun.playback import APPLICATION, FORMAT, MADE_BY
 from edmsim.recording.rerun.solid import KERF_FRAMES, growing_kerf
 from edmsim.recording.rerun.steps import Steps
-from edmsim.recording.rerun.stream import indexes
+from edmsim.recording.rerun.stream import indexes, saved
 from edmsim.recording.scene import Scene, round_factor
 from edmsim.recording.windows import column, lag_along_um
 
@@ -84,8 +80,7 @@ def write_recording(
         batcher_config=rr.ChunkBatcherConfig.NEVER(),
     )  # fmt: skip
     sizes = sizes_of(scene, factor, float(shapes.t_s[-1]) if len(shapes) else 0.0)
-    with _by_any_name(file) as partial:
-        recording.save(partial, default_blueprint=blueprint(sizes, steps.plots if steps else ()))
+    with saved(recording, file, blueprint(sizes, steps.plots if steps else ())):
         recording.send_recording_name(title)
         made = {"format": FORMAT, "version": report["edmsim_version"], "sizes": list(sizes)}
         recording.log(MADE_BY, rr.TextDocument(json.dumps(made)), static=True)
@@ -111,22 +106,6 @@ def write_recording(
             ),
             static=True,
         )
-        recording.flush()
-        recording.disconnect()
-
-
-@contextmanager
-def _by_any_name(file: str | Path) -> Iterator[Path]:
-    """As `replacing`; by way of another folder if the name is not UTF-8, which is all that rerun takes."""
-    with replacing(file) as partial:
-        try:
-            str(partial).encode()
-        except UnicodeEncodeError:
-            with tempfile.TemporaryDirectory(prefix="edmsim-") as folder:
-                yield Path(folder) / "recording"
-                shutil.copyfile(Path(folder) / "recording", partial)
-        else:
-            yield partial
 
 
 def _log_machine(
