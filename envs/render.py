@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from edmsim.envs.batch import Batch
     from edmsim.envs.lanes import Lanes
     from edmsim.plant.plant import Plant
+    from edmsim.recording.scene import Scene
 
 RENDER_MODES = ("rgb_array", "human")
 RENDER_FPS = 39
@@ -28,6 +29,8 @@ RENDER_FPS = 39
 HEIGHT, WIDTH = 480, 640
 STRIP = 64
 """Height of the strip below, part of the picture's."""
+SHOWN_DIAMETERS = 12
+"""Wire diameters across what is drawn of a longer cut."""
 _DPI = 80
 _SWITCHED_OFF = ("disable", "disabled", "off", "0", "false")
 """What MuJoCo takes MUJOCO_GL to mean when nothing is to be drawn."""
@@ -145,8 +148,8 @@ def _drawing(lanes: Lanes, lane: int) -> NDArray[np.uint8]:
     plant = lanes.fleet.plants[lane]
     figure = _canvas(HEIGHT - STRIP)
     axes = figure.add_subplot(position=(0.12, 0.13, 0.84, 0.77))
-    draw_map(axes, scene)
     place = (np.array(plant.place_um) + plant.deflections_um().mean(axis=0)) * 1e-3
+    draw_map(axes, scene, _around(place, scene))
     axes.add_patch(Circle(tuple(place), scene.wire_diameter_um * 0.5e-3, color=VERMILION, zorder=9))
     handles, labels = axes.get_legend_handles_labels()
     # what a lane has of a drawing is the path of its wire
@@ -157,6 +160,16 @@ def _drawing(lanes: Lanes, lane: int) -> NDArray[np.uint8]:
         columnspacing=1.2, borderpad=0.0, borderaxespad=0.3, labelcolor=INK,
     )  # fmt: skip
     return _pixels(figure)
+
+
+def _around(place_mm: NDArray[np.float64], scene: Scene) -> tuple[float, float, float, float]:
+    """Return what of a cut is drawn: all of it, or what is near the wire, which would be a dot in a long one."""
+    x0, y0, x1, y1 = scene.extent_mm()
+    half_mm = SHOWN_DIAMETERS * scene.wire_diameter_um * 0.5e-3
+    if max(x1 - x0, y1 - y0) <= 2 * half_mm:
+        return x0, y0, x1, y1
+    x, y = place_mm.tolist()
+    return max(x0, x - half_mm), max(y0, y - half_mm), min(x1, x + half_mm), min(y1, y + half_mm)
 
 
 def _strip(batch: Batch, lane: int) -> NDArray[np.uint8]:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from edmsim.cosim.stops import StopCause
-from edmsim.job.inspection import terraces
+from edmsim.job.inspection import holes_mm, terraces
 from edmsim.metrology.corners import corners
 from edmsim.metrology.edges import cut_edges
 from edmsim.metrology.profile import profile_error
@@ -22,20 +22,21 @@ def path_scene(lanes: Lanes, lane: int) -> Scene:
     """Return a lane's cut quickly, for a picture at every step: the wire's path, and the edges at mid height."""
     scenario, plant = lanes.scenarios[lane], lanes.fleet.plants[lane]
     assert scenario is not None
-    machine = scenario.machine
-    middle = plant.resolution.slices // 2
-    edges: list[Polylines] = [() for _ in range(plant.resolution.slices)]
-    edges[middle] = polylines(cut_edges(plant.field, middle))
-    none = np.zeros((0, 2))
-    maps = tuple(ErrorMap(leg * 1e-3, "left", none, none[:, 0]) for leg in scenario.legs_um)
+    machine, none = scenario.machine, np.zeros((0, 2))
     clearance = machine.base.guides.clearance_mm.value
     x0, y0, x1, y1 = (v * 1e-3 for v in scenario.stock.rectangle_um)
-    return Scene(
-        maps=maps, cut_edges_mm=tuple(edges), corners=(),
-        starts_mm=np.array([leg[0] * 1e-3 for leg in scenario.legs_um]),
+    edges: list[Polylines] = [() for _ in range(plant.resolution.slices)]
+    scene = Scene(
+        maps=tuple(ErrorMap(leg * 1e-3, "left", none, none[:, 0]) for leg in scenario.legs_um),
+        cut_edges_mm=tuple(edges), corners=(),
+        starts_mm=np.array([leg[0] * 1e-3 for leg in scenario.legs_um]), holes_mm=holes_mm(scenario.stock),
         stock_mm=(x0, y0, x1, y1), height_mm=machine.height_mm,
+        terraces=terraces(plant.field.relief, (x0, y0, x1, y1)),
         guides_z_mm=(-clearance, machine.height_mm + clearance), wire_diameter_um=machine.wire_diameter_um,
-    )
+    )  # fmt: skip
+    shown = scene.middle_slice()
+    edges[shown] = polylines(cut_edges(plant.field, shown))
+    return replace(scene, cut_edges_mm=tuple(edges))
 
 
 def scene_of(lanes: Lanes, lane: int) -> Scene:
@@ -51,6 +52,5 @@ def scene_of(lanes: Lanes, lane: int) -> Scene:
         maps=tuple(ErrorMap(k.nominal_mm, k.part_side, p.points_mm, p.mean_um) for k, p in measured) or scene.maps,
         corners=tuple(SceneCorner(**corner) for k, p in measured for corner in corners(k, p)),
         cut_edges_mm=tuple(polylines(cut_edges(field, s)) for s in range(field.n_slices)),
-        terraces=terraces(field.relief, scene.stock_mm),
         stop_mm=None if finished else (x_um * 1e-3, y_um * 1e-3),
     )

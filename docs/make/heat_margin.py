@@ -1,6 +1,6 @@
 """What a law that knew its machine could win on MaxRate: `python docs/make/heat_margin.py` prints two tables.
 
-They are those of environments.md. Machines are drawn with training seeds. First `heat-flux` cuts some of them with
+They are those of tasks/max-rate.md. Machines are drawn with training seeds. First `heat-flux` cuts some of them with
 several margins, from the same for all to the best for each. Then, with its usual margin on more of them, how hot the
 wire is beyond what the flux says is explained from what is seen in a cut, and from the constants that nobody sees, by
 linear regression with each eighth of the machines predicted from the others.

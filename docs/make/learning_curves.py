@@ -1,6 +1,7 @@
-"""``docs/learning-curves.png`` and its table: the single-file examples of examples/learning with five seeds each.
+"""Learning curves of the single-file examples with five seeds each: a picture for every page of docs/tasks.
 
-python docs/make/learning_curves.py out/curves ppo      # trains what is missing there, one after the other, and draws
+python docs/make/learning_curves.py out/curves            # trains what is missing there, one by one, and draws
+python docs/make/learning_curves.py out/curves MaxRate    # of one task, or one script
 """
 
 from __future__ import annotations
@@ -9,71 +10,131 @@ import argparse
 import csv
 import subprocess
 import sys
+from collections.abc import Mapping
 from pathlib import Path
+from typing import NamedTuple
 
 import matplotlib.pyplot as plt
 import numpy as np
+from matplotlib.axes import Axes
+from tasks import PAGES
 
-from edmsim.recording.figures.palette import BLUE, ORANGE, VERMILION
+from edmsim.envs.registry import env_id_of
+from edmsim.evaluation import leaderboard
+from edmsim.evaluation.lines import lines_of
+from edmsim.recording.figures.palette import BLUE, MUTED, VERMILION
 
 ROOT = Path(__file__).parents[2]
 SEEDS = (1, 2, 3, 4, 5)
-RUNS = {"ppo": 20_480, "ppo_lag": 20_480, "recurrent_ppo": 20_480}
-"""Scripts, and windows of each training: small ones, so that five of a script take some minutes of a processor."""
-LABELS = {"ppo": "PPO", "ppo_lag": "Lagrangian PPO, thin wire", "recurrent_ppo": "recurrent PPO, one window seen"}
-COLOURS = dict(zip(RUNS, (BLUE, VERMILION, ORANGE), strict=True))
 LIMIT = 0.1
 """Cost of an episode that ppo_lag.py keeps to by default."""
 
 
-def curve(folder: Path, script: str, seed: int) -> np.ndarray:
-    """Return a learning curve (rows, 3), windows, return and cost; trains if there is none yet."""
-    file = folder / f"{script}-{seed}.csv"
+class Training(NamedTuple):
+    """A script, its options, and the decisions of one training."""
+
+    script: str
+    options: tuple[str, ...]
+    decisions: int
+
+
+TASKS = {"GapFeed": 102_400, "HeightStep": 102_400, "Corner": 32_768, "Contour": 51_200, "MaxRate": 81_920,
+         "ThinWire": 32_768}  # fmt: skip
+"""Decisions of a training in each task: small numbers, so that five take half an hour of a processor at most."""
+SLOWER = {"Contour": ("--decision-s", "0.25")}
+"""An episode of Contour has 11,760 decisions else."""
+TRAININGS = {
+    **{task: Training("ppo", ("--env", env_id_of(task), *SLOWER.get(task, ())), n) for task, n in TASKS.items()},
+    "ppo_lag": Training("ppo_lag", (), 20_480),
+    "recurrent_ppo": Training("recurrent_ppo", (), 20_480),
+}
+TITLES = {"ppo_lag": "ppo_lag.py, thin wire", "recurrent_ppo": "recurrent_ppo.py, one window seen"}
+
+
+def curve(folder: Path, name: str, seed: int) -> np.ndarray:
+    """Return a learning curve (rows, 3), decisions, return and cost; trains if there is none yet."""
+    file, training = folder / f"{name}-{seed}.csv", TRAININGS[name]
     if not file.exists():
         partial = file.with_suffix(".part")
-        program = ROOT / "examples" / "learning" / f"{script}.py"
-        arguments = ["--seed", str(seed), "--steps", str(RUNS[script]), "--out", str(partial)]
-        subprocess.run([sys.executable, program, *arguments], check=True)
+        program = ROOT / "examples" / "learning" / f"{training.script}.py"
+        arguments = ["--seed", str(seed), "--steps", str(training.decisions), "--out", str(partial)]
+        subprocess.run([sys.executable, program, *arguments, *training.options], check=True)
         partial.rename(file)
     with file.open(newline="") as rows:
         return np.array([[float(value) for value in row] for row in list(csv.reader(rows))[1:]])
 
 
 def on_grid(curves: list[np.ndarray], column: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return windows (n,), from where all seeds have ended an episode, and a column of every seed (seeds, n)."""
-    windows = np.unique(np.concatenate([rows[:, 0] for rows in curves]))
-    windows = windows[windows >= max(rows[0, 0] for rows in curves)]
-    return windows, np.array([np.interp(windows, rows[:, 0], rows[:, column]) for rows in curves])
+    """Return decisions (n,), from where all seeds have ended an episode, and a column of every seed (seeds, n)."""
+    decisions = np.unique(np.concatenate([rows[:, 0] for rows in curves]))
+    decisions = decisions[decisions >= max(rows[0, 0] for rows in curves)]
+    return decisions, np.array([np.interp(decisions, rows[:, 0], rows[:, column]) for rows in curves])
 
 
-def draw(found: dict[str, list[np.ndarray]], file: Path) -> None:
-    """Draw every seed, and the median of them."""
-    shown = [(script, 1) for script in found] + ([("ppo_lag", 2)] if "ppo_lag" in found else [])
-    figure, panels = plt.subplots(1, len(shown), figsize=(1.5 + 3.0 * len(shown), 3.0), squeeze=False)
-    for axes, (script, column) in zip(panels[0], shown, strict=True):
-        windows, values = on_grid(found[script], column)
-        axes.plot(windows / 1e3, values.T, color=COLOURS[script], lw=0.7, alpha=0.5)
-        axes.plot(windows / 1e3, np.median(values, axis=0), color=COLOURS[script], lw=1.8)
-        axes.set_title(LABELS[script], fontsize=9)
-        axes.set_xlabel("windows, thousands")
-        axes.set_xlim(0, None)
-        axes.set_ylabel("return of an episode" if column == 1 else "cost of an episode")
-        axes.spines[["top", "right"]].set_visible(False)
-        if column == 2:
-            axes.axhline(LIMIT, color="black", lw=0.8, ls="--")
-            axes.set_ylim(0, None)
+def plot(axes: Axes, curves: list[np.ndarray], column: int, colour: str) -> np.ndarray:
+    """Draw every seed thinly and their median; return the values."""
+    decisions, values = on_grid(curves, column)
+    axes.plot(decisions / 1e3, values.T, color=colour, lw=0.7, alpha=0.5)
+    axes.plot(decisions / 1e3, np.median(values, axis=0), color=colour, lw=1.8)
+    axes.set_xlabel("decisions, thousands")
+    axes.set_xlim(0, None)
+    axes.set_ylabel("return of an episode" if column == 1 else "cost of an episode")
+    axes.spines[["top", "right"]].set_visible(False)
+    return values
+
+
+def lines_to_draw(task: str) -> dict[str, float]:
+    """Return the mean returns of a task's two reference lines and of its best classic law, by their labels."""
+    env_id = env_id_of(task)
+    figures, lines = leaderboard.read(ROOT / "docs" / "leaderboard.json")[env_id].figures, lines_of(env_id)
+    ends = lines.blind, lines.reference
+    laws = [name for name in figures if name not in ends and not name.startswith("policy:")]
+    best = max(laws, key=lambda name: figures[name]["score"].value)
+    named = {"score 1": lines.reference, "best law": best, "score 0": lines.blind}
+    return {f"{label}: {_short(name)}": figures[name]["total_return"].value for label, name in named.items()}
+
+
+def _short(name: str) -> str:
+    return name.replace("open_target_share=0.05,", "").replace(":open_target_share=0.05", "")
+
+
+def draw_task(task: str, curves: list[np.ndarray]) -> None:
+    """Draw a task's curves with its lines, from somewhat below the lower one: what is less is learned soon."""
+    figure, axes = plt.subplots(figsize=(6.4, 3.2))
+    values = plot(axes, curves, 1, BLUE)
+    lines = lines_to_draw(task)
+    for (label, height), style in zip(lines.items(), ("-", "--", ":"), strict=True):
+        axes.axhline(height, color=MUTED, lw=1.0, ls=style, label=label)
+    span = max(lines.values()) - min(lines.values())
+    low = min(min(lines.values()), float(np.median(values[:, -1]))) - 0.5 * span
+    axes.set_ylim(low, max(max(lines.values()), float(values.max())) + 0.1 * span)
+    axes.set_title(f"{env_id_of(task)}, ppo.py, five seeds and their median", fontsize=9)
+    axes.legend(fontsize=7, frameon=False, loc="lower right")
     figure.tight_layout()
-    figure.savefig(file, dpi=110)
+    figure.savefig(ROOT / "docs" / "tasks" / f"{PAGES[task]}-learning.png", dpi=110)
 
 
-def table(found: dict[str, list[np.ndarray]]) -> str:
-    """Return what the last twenty episodes brought: the median of the seeds, and the least and the greatest."""
-    lines = ["| script | windows | return | cost |", "|---|---|---|---|"]
-    for script, curves in found.items():
+def draw_scripts(found: Mapping[str, list[np.ndarray]]) -> None:
+    """Draw the two other scripts, and what keeping wires costs one of them."""
+    figure, panels = plt.subplots(1, 3, figsize=(10.5, 3.0))
+    shown = ("ppo_lag", 1, VERMILION), ("ppo_lag", 2, VERMILION), ("recurrent_ppo", 1, BLUE)
+    for axes, (name, column, colour) in zip(panels, shown, strict=True):
+        plot(axes, found[name], column, colour)
+        axes.set_title(TITLES[name], fontsize=9)
+    panels[1].axhline(LIMIT, color="black", lw=0.8, ls="--")
+    panels[1].set_ylim(0, None)
+    figure.tight_layout()
+    figure.savefig(ROOT / "docs" / "learning-curves.png", dpi=110)
+
+
+def table(found: Mapping[str, list[np.ndarray]]) -> str:
+    """Return what the last twenty episodes brought: the median of the seeds, the least and the greatest."""
+    lines = ["| training | decisions | return | cost |", "|---|---|---|---|"]
+    for name, curves in found.items():
         last = np.array([rows[-1] for rows in curves])
         columns = (last[:, 1], 0), (last[:, 2], 2)
-        told = [f"{np.median(v):.{d}f} ({v.min():.{d}f} to {v.max():.{d}f})" for v, d in columns]
-        lines.append(f"| `{script}.py` | {RUNS[script]:,} | {told[0]} | {told[1]} |")
+        cells = [f"{np.median(v):.{d}f} ({v.min():.{d}f} to {v.max():.{d}f})" for v, d in columns]
+        lines.append(f"| {name} | {TRAININGS[name].decisions:,} | {cells[0]} | {cells[1]} |")
     return "\n".join(lines)
 
 
@@ -81,11 +142,15 @@ def main() -> None:
     """Train what is missing, draw, and print the table."""
     parser = argparse.ArgumentParser(description="Learning curves of the single-file examples.")
     parser.add_argument("folder", type=Path, help="folder of the curves; those that are there are kept")
-    parser.add_argument("scripts", nargs="*", choices=[*RUNS, []], help="which of them; all by default")
+    parser.add_argument("names", nargs="*", choices=[*TRAININGS, []], help="tasks or scripts; all by default")
     asked = parser.parse_args()
     asked.folder.mkdir(parents=True, exist_ok=True)
-    found = {script: [curve(asked.folder, script, seed) for seed in SEEDS] for script in asked.scripts or RUNS}
-    draw(found, ROOT / "docs" / "learning-curves.png")
+    found = {name: [curve(asked.folder, name, seed) for seed in SEEDS] for name in asked.names or TRAININGS}
+    for name, curves in found.items():
+        if name in TASKS:
+            draw_task(name, curves)
+    if set(TITLES) <= set(found):
+        draw_scripts(found)
     print(table(found))
 
 

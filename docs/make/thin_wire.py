@@ -1,4 +1,4 @@
-"""What constant settings are worth in ThinWire: `python docs/make/thin_wire.py` prints the table of environments.md.
+"""What constant settings are worth in ThinWire: `python docs/make/thin_wire.py` prints the page's table.
 
 Machines are drawn with training seeds, and cut for 30 s of machine time with one wire each, at an open share of 0.05
 and pulse periods in proportion to the set-up's.

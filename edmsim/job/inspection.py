@@ -24,6 +24,7 @@ from edmsim.metrology.roughness import roughness_um
 from edmsim.metrology.shares import error_shares, share_stats
 from edmsim.metrology.table_error import motor_offsets_um, table_error
 from edmsim.plant.workpiece.height_steps import Relief
+from edmsim.plant.workpiece.kerf_field import Stock
 from edmsim.program.path import WireContour
 from edmsim.recording.quality import KerfSlice, Quality, Reach, TableShare, Totals, Wall
 from edmsim.recording.scene import ErrorMap, Scene, SceneCorner, Terrace, polylines
@@ -121,7 +122,7 @@ def inspect(simulation: Simulation, windows: WindowTable) -> Inspection:
         terraces=terraces(field.relief, simulation.path.stock_mm),
         guides_z_mm=(-guides, machine.height_mm + guides),
         wire_diameter_um=machine.wire_diameter_um,
-        hole_radius_mm=simulation.path.start_hole_radius_mm,
+        holes_mm=holes_mm(field.stock),
         origin_mm=simulation.path.origin_mm,
         stop_mm=None if simulation.cause is StopCause.FINISHED else (x * 1e-3, y * 1e-3),
     )
@@ -189,6 +190,11 @@ def terraces(relief: Relief | None, stock_mm: tuple[float, float, float, float])
         for number, face in enumerate(faces, 1)
         if face.area > 0
     )
+
+
+def holes_mm(stock: Stock) -> NDArray[np.float64]:
+    """Return the holes (n, 3) of a blank before the first spark: centres and radii."""
+    return np.array(stock.holes_um, np.float64).reshape(-1, 3) * 1e-3
 
 
 def _table(simulation: Simulation, profiles: list[ProfileError]) -> TableShare | None:

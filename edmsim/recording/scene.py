@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
@@ -120,8 +120,8 @@ class Scene:
         Where the wire stood when the machine stopped; None if the cut was finished.
     terraces : tuple of Terrace
         The levels of a stepped workpiece from the lowest up; none if it is as high everywhere.
-    hole_radius_mm : float
-        Radius of the start holes.
+    holes_mm : float64 array (n, 3)
+        What was bored of the blank before the first spark: centres and radii; a slot is a row of them.
     cut : str or None
         Which cut it is of: `edmsim.recording.report.cut_id`.
     origin_mm : (x, y) or None
@@ -138,7 +138,7 @@ class Scene:
     wire_diameter_um: float
     stop_mm: tuple[float, float] | None = None
     terraces: tuple[Terrace, ...] = ()
-    hole_radius_mm: float = 0.0
+    holes_mm: NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, 3)))
     cut: str | None = None
     origin_mm: tuple[float, float] | None = None
 
@@ -162,11 +162,16 @@ class Scene:
             cut_edges_mm=tuple(tuple(line - by for line in lines) for lines in self.cut_edges_mm),
             corners=tuple(replace(c, x_mm=c.x_mm - dx, y_mm=c.y_mm - dy) for c in self.corners),
             starts_mm=self.starts_mm.reshape(-1, 2) - by,
+            holes_mm=self.holes_mm - (dx, dy, 0.0),
             stock_mm=(x0 - dx, y0 - dy, x1 - dx, y1 - dy),
             stop_mm=None if self.stop_mm is None else (self.stop_mm[0] - dx, self.stop_mm[1] - dy),
             terraces=tuple(replace(t, outlines_mm=tuple(p - by for p in t.outlines_mm)) for t in self.terraces),
             origin_mm=(0.0, 0.0),
         )
+
+    def bored(self) -> BaseGeometry:
+        """Return the area of the holes."""
+        return shapely.union_all([shapely.Point(x, y).buffer(radius) for x, y, radius in self.holes_mm])
 
     def axis_labels(self) -> tuple[str, str]:
         """Return what figures write at their axes."""

@@ -14,7 +14,7 @@ from edmsim.errors import InputError
 from edmsim.files import read_arrays, replacing
 from edmsim.recording.scene import ErrorMap, Polylines, Scene, SceneCorner, Terrace
 
-VERSION = 2
+VERSION = 3
 """Of the file's layout."""
 
 
@@ -23,7 +23,7 @@ def write_scene(scene: Scene, file: str | Path) -> None:
     told = {
         "version": VERSION, "stock_mm": scene.stock_mm, "height_mm": scene.height_mm,
         "guides_z_mm": scene.guides_z_mm, "wire_diameter_um": scene.wire_diameter_um, "stop_mm": scene.stop_mm,
-        "hole_radius_mm": scene.hole_radius_mm, "origin_mm": scene.origin_mm,
+        "origin_mm": scene.origin_mm,
         "cut": scene.cut, "part_sides": [edge.part_side for edge in scene.maps],
         "terrace_heights_mm": [terrace.height_mm for terrace in scene.terraces],
     }
@@ -34,7 +34,7 @@ def write_scene(scene: Scene, file: str | Path) -> None:
         **_flat("edges", scene.cut_edges_mm),
         **_flat("terraces", [terrace.outlines_mm for terrace in scene.terraces]),
         "corners": np.reshape(np.array(corners, float), (-1, 4)),
-        "starts_mm": scene.starts_mm,
+        "starts_mm": scene.starts_mm, "holes_mm": scene.holes_mm,
         **{
             f"unreachable.{number}": edge.unreachable_um
             for number, edge in enumerate(scene.maps) if edge.unreachable_um is not None
@@ -94,7 +94,7 @@ def _scene(arrays: Mapping[str, NDArray[Any]], told: Mapping[str, Any]) -> Scene
             Terrace(lines, height)
             for lines, height in zip(_groups(arrays, "terraces"), told["terrace_heights_mm"], strict=True)
         ),
-        hole_radius_mm=told["hole_radius_mm"],
+        holes_mm=arrays["holes_mm"].reshape(-1, 3),
         cut=told.get("cut"),
         origin_mm=None if told.get("origin_mm") is None else tuple(told["origin_mm"]),  # earlier files have none
     )

@@ -109,7 +109,7 @@ def main() -> None:
     """Train, and write the learning curve."""
     parser = argparse.ArgumentParser(description="Lagrangian PPO in edmsim/GapFeed-v1 with a thin wire.")
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--steps", type=int, default=20_480, help="windows, all lanes together")
+    parser.add_argument("--steps", type=int, default=20_480, help="decisions, all lanes together")
     parser.add_argument("--limit", type=float, default=0.1, help="cost of an episode, in the mean")
     parser.add_argument("--out", type=Path, required=True, help="table of the learning curve, .csv")
     asked = parser.parse_args()
@@ -122,10 +122,10 @@ def main() -> None:
     agent = Agent(envs.single_observation_space.shape[0], envs.single_action_space.shape[0])
     optimiser = torch.optim.Adam(agent.parameters(), lr=LEARNING_RATE, eps=1e-5)
     seen_so_far, returns_so_far = Running(envs.single_observation_space.shape[0]), Running(1)
-    observation, _ = envs.reset(seed=asked.seed)
+    observation, _ = envs.reset(seed=1000 * asked.seed)  # lanes count on from here: no two trainings share machines
     last_twenty: deque[tuple[float, float]] = deque(maxlen=20)
     discounted, episode, cost = np.zeros(LANES), np.zeros(LANES), np.zeros(LANES)
-    multiplier, curve = 1.0, [("windows", "return", "cost")]
+    multiplier, curve = 1.0, [("decisions", "return", "cost")]
     for done in range(LANES * STEPS, asked.steps + 1, LANES * STEPS):
         kept: list[tuple] = []
         over: list[tuple[float, float]] = []
@@ -167,7 +167,7 @@ def main() -> None:
         last_twenty += over
         if last_twenty:
             curve.append((done, *np.mean(last_twenty, axis=0).round(3).tolist()))
-            print(f"{done:8} windows, return {curve[-1][1]:8.1f}, cost {curve[-1][2]:.2f}", flush=True)
+            print(f"{done:8} decisions, return {curve[-1][1]:8.1f}, cost {curve[-1][2]:.2f}", flush=True)
     with asked.out.open("w", newline="") as file:
         csv.writer(file, lineterminator="\n").writerows(curve)
 

@@ -30,7 +30,7 @@ class Curve(BaseCallback):
 
     def __init__(self) -> None:
         super().__init__()
-        self.rows: list[tuple] = [("windows", "return", "cost")]
+        self.rows: list[tuple] = [("decisions", "return", "cost")]
         self._costs = [0.0] * LANES
         self._last: deque[tuple[float, float]] = deque(maxlen=20)
 
@@ -47,14 +47,14 @@ class Curve(BaseCallback):
             return
         told = np.mean(self._last, axis=0).round(3).tolist()
         self.rows.append((self.num_timesteps, *told))
-        print("{:8} windows, return {:8.1f}, cost {:.2f}".format(*self.rows[-1]), flush=True)
+        print("{:8} decisions, return {:8.1f}, cost {:.2f}".format(*self.rows[-1]), flush=True)
 
 
 def main() -> None:
     """Train, and write the learning curve."""
     parser = argparse.ArgumentParser(description="Recurrent PPO in edmsim/GapFeed-v1.")
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--steps", type=int, default=20_480, help="windows, all lanes together")
+    parser.add_argument("--steps", type=int, default=20_480, help="decisions, all lanes together")
     parser.add_argument("--out", type=Path, required=True, help="table of the learning curve, .csv")
     asked = parser.parse_args()
     torch.set_num_threads(1)  # networks this small only wait for further threads
@@ -62,7 +62,7 @@ def main() -> None:
         "edmsim/GapFeed-v1", LANES, action="servo", servo_target_share=[0.0, 0.9], episode_s=8.0, history=1,
     )
     model = RecurrentPPO(
-        "MlpLstmPolicy", VecNormalize(lanes, gamma=0.99), seed=asked.seed, device="cpu", n_steps=STEPS,
+        "MlpLstmPolicy", VecNormalize(lanes, gamma=0.99), seed=1000 * asked.seed, device="cpu", n_steps=STEPS,
         batch_size=256, n_epochs=5, gamma=0.99, learning_rate=1e-3,
         policy_kwargs={"lstm_hidden_size": 32, "net_arch": [32], "log_std_init": -0.5},
     )

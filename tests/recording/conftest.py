@@ -147,7 +147,7 @@ def cut() -> SimpleNamespace:
         height_mm=20.0,
         guides_z_mm=(-15.0, 35.0),
         wire_diameter_um=250.0,
-        hole_radius_mm=0.5,
+        holes_mm=np.array([[*START_MM, 0.5]]),
         origin_mm=(20.0, 20.0),
     )
     arrow = table.to_arrow(4.0 * np.sin(np.arange(N_WINDOWS) / 200))

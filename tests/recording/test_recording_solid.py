@@ -42,7 +42,8 @@ def test_simple_bodies() -> None:
 
 
 def grown(cut: SimpleNamespace, **changed: object):
-    scene = SimpleNamespace(**{**vars(cut.scene), "middle_slice": cut.scene.middle_slice, **changed})
+    methods = {"middle_slice": cut.scene.middle_slice, "bored": cut.scene.bored}
+    scene = SimpleNamespace(**{**vars(cut.scene), **methods, **changed})
     places = np.column_stack([column(cut.windows, name) for name in ("x_um", "y_um")])
     return growing_kerf(scene, places, column(cut.windows, "path_um"))
 

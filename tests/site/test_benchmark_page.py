@@ -10,10 +10,13 @@ from types import ModuleType
 
 import pytest
 
+from edmsim.envs.registry import env_id_of
+from edmsim.evaluation import leaderboard
 from edmsim.evaluation.compare import Comparison, figures_of
 from edmsim.evaluation.episode import Result
 
-SCRIPT = Path(__file__).parents[2] / "docs" / "make" / "benchmark.py"
+DOCS = Path(__file__).parents[2] / "docs"
+SCRIPT = DOCS / "make" / "benchmark.py"
 GAP_FEED = "edmsim/GapFeed-v1"
 
 
@@ -83,3 +86,18 @@ def test_an_environment_there_is_not_is_refused(
     assert left.value.code == 2
     assert "edmsim/Lathe-v1" in capsys.readouterr().err
     assert not (tmp_path / "page.md").exists()
+
+
+def test_every_task_has_a_page_with_its_picture_lines_and_learning_curve(
+    load_script: Callable[[Path], ModuleType]
+) -> None:
+    tasks = load_script(SCRIPT.parent / "tasks.py")
+    board = leaderboard.read(DOCS / "leaderboard.json")
+    assert {env_id_of(name) for name in tasks.PAGES} == set(board)
+    for name, page in tasks.PAGES.items():
+        text = (DOCS / "tasks" / f"{page}.md").read_text(encoding="utf-8")
+        assert tasks.with_table(text, board[env_id_of(name)]) == text, "run: python docs/make/tasks.py"
+        assert f".{name}Env\n```" in text
+        for picture in (f"{page}.png", f"{page}-learning.png"):
+            assert f"]({picture})" in text
+            assert (DOCS / "tasks" / picture).is_file()

@@ -18,21 +18,34 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.collections import LineCollection
 
+Box = tuple[float, float, float, float]
+
 _LABEL_FONT_PT = 8.5
 _LABEL = (4.2, 1.75)
 """Width and height of a label with some room around it, in heights of its font."""
 _LABEL_AWAY = (2.6, 3.8, 5.2)
 """Distances of a label from its corner that are tried, in heights of its font."""
 
+NAMED_LEVELS = 4
+"""Levels of a stepped workpiece up to which the legend names each."""
 LABELLED_CORNERS = 12
 """Corners whose error is written beside them: the worst ones."""
 
 
-def draw_map(axes: Axes, scene: Scene) -> None:
-    """Draw the part, what was cut of it, and the error between on `axes`, in the program's coordinates."""
+def draw_map(axes: Axes, scene: Scene, within_mm: Box | None = None) -> None:
+    """Draw the part, what was cut of it, and the error between on `axes`, in the program's coordinates.
+
+    Parameters
+    ----------
+    axes : matplotlib.axes.Axes
+    scene : Scene
+    within_mm : (x_min, y_min, x_max, y_max), optional
+        What is shown, on the table; all of the cut if not given.
+    """
+    box, (dx, dy) = within_mm or scene.extent_mm(), scene.origin_mm or (0.0, 0.0)
     scene = scene.in_program()
     factor = scene.error_factor()
-    _frame_map(axes, scene)
+    _frame_map(axes, scene, (box[0] - dx, box[1] - dy, box[2] - dx, box[3] - dy))
     _draw_metal(axes, scene)
     _draw_errors(axes, scene, factor)
     _draw_out_of_reach(axes, scene)
@@ -53,9 +66,9 @@ def draw_map(axes: Axes, scene: Scene) -> None:
     )
 
 
-def _frame_map(axes: Axes, scene: Scene) -> None:
-    x0, y0, x1, y1 = scene.extent_mm()
-    margin = 0.12 * max(x1 - x0, y1 - y0, 1.0)
+def _frame_map(axes: Axes, scene: Scene, shown_mm: Box) -> None:
+    x0, y0, x1, y1 = shown_mm
+    margin = max(0.12 * max(x1 - x0, y1 - y0, 1.0), 0.8e-3 * scene.wire_diameter_um)  # the kerf is seen whole
     box = axes.get_window_extent()
     # Half the width shown: whatever needs more room, so that a millimetre is as long on both axes.
     half = max((x1 - x0) / 2 + margin, ((y1 - y0) / 2 + margin) * box.width / box.height)
@@ -84,11 +97,14 @@ def _draw_metal(axes: Axes, scene: Scene) -> None:
     edges = scene.cut_edges_mm[scene.middle_slice()] if scene.cut_edges_mm else ()
     # What lies between the closed edges is the kerf: even-odd, so that the part inside stays metal.
     kerf = filled(shapely.MultiLineString([line for line in edges if len(line) > 1]))
-    for polygon in shapely.get_parts(kerf):
+    bored = scene.bored()
+    for polygon in [*shapely.get_parts(kerf), *shapely.get_parts(bored)]:
         rings = [MplPath(shapely.get_coordinates(ring), closed=True) for ring in shapely.get_rings(polygon)]
         axes.add_patch(
             PathPatch(MplPath.make_compound_path(*rings), facecolor="white", edgecolor="none", zorder=1)
         )
+    rims = [shapely.get_coordinates(ring) for ring in shapely.get_rings(bored)]
+    axes.add_collection(_lines(rims, color=MUTED, linewidth=0.6, zorder=2), autolim=False)
     lines = _lines(edges, color="#3d4852", linewidth=0.7, zorder=3)
     lines.set_label(f"cut edge, {scene.middle_mm():.3g} mm high" if scene.terraces else "cut edge, mid height")
     axes.add_collection(lines, autolim=False)
@@ -105,7 +121,8 @@ def _draw_steps(axes: Axes, scene: Scene) -> None:
     outlines = [line for terrace in scene.terraces for line in terrace.outlines_mm]
     if outlines:
         lines = _lines(outlines, color=MUTED, linewidth=0.6, linestyle=":", zorder=2)
-        heights = ", ".join(f"{terrace.height_mm:.3g}" for terrace in scene.terraces)
+        levels = [f"{terrace.height_mm:.3g}" for terrace in scene.terraces]
+        heights = ", ".join(levels) if len(levels) <= NAMED_LEVELS else f"{levels[0]} to {levels[-1]}"
         lines.set_label(f"steps, {heights} mm high")
         axes.add_collection(lines, autolim=False)
 

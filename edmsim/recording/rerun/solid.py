@@ -186,7 +186,7 @@ def _faces(scene: Scene) -> list[tuple[BaseGeometry, float]]:
     """Return the workpiece's upper faces before the cut, its start holes drilled, each with its height."""
     levels = [(filled(MultiLineString(list(t.outlines_mm))), t.height_mm) for t in scene.terraces]
     faces = levels or [(shapely.box(*scene.stock_mm), scene.height_mm)]
-    holes = shapely.MultiPoint(scene.starts_mm.reshape(-1, 2)).buffer(scene.hole_radius_mm, quad_segs=8)
+    holes = scene.bored()
     return [(shapely.make_valid(face).difference(holes), height) for face, height in faces]
 
 

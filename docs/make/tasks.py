@@ -1,0 +1,86 @@
+"""Pictures and tables of docs/tasks, the pages of the environments.
+
+python docs/make/tasks.py             # tables of reference lines, from docs/leaderboard.json
+python docs/make/tasks.py pictures    # and what render() shows of each task
+
+A picture is taken where a servo has cut for a while, on the machine that seed 1 draws.
+"""
+
+from __future__ import annotations
+
+import argparse
+import re
+from pathlib import Path
+
+import gymnasium
+import numpy as np
+from PIL import Image
+
+import edmsim  # noqa: F401 - registers the environments
+from edmsim.envs.registry import env_id_of
+from edmsim.evaluation import leaderboard
+from edmsim.evaluation.compare import Comparison
+from edmsim.evaluation.lines import lines_of
+from edmsim.evaluation.table import ranked, shown
+
+DOCS = Path(__file__).parents[1]
+PAGES = {
+    "GapFeed": "gap-feed", "HeightStep": "height-step", "Corner": "corner", "Contour": "contour",
+    "MaxRate": "max-rate", "ThinWire": "thin-wire",
+}  # fmt: skip
+TAKEN_S = {"GapFeed": 20.0, "HeightStep": 20.0, "Corner": 20.0, "Contour": 60.0, "MaxRate": 15.0, "ThinWire": 30.0}
+"""Machine time at which a picture is taken, at the latest."""
+PAUSES = {"Corner": (0.0, 0.0), "MaxRate": (1.0,), "ThinWire": (0.0,)}
+"""What the knobs of a task are set to; MaxRate's wire would break at its first period."""
+COLUMNS = {"score": "score", "rate_mm2_min": "net rate, mm2/min", "total_return": "return"}
+_TABLE = re.compile(r"(?<=<!-- lines -->\n).*?(?=<!-- /lines -->)", re.DOTALL)
+
+
+def table(comparison: Comparison) -> str:
+    """Return the reference lines, laws and policies of a task, the best score first."""
+    lines = lines_of(comparison.env_id)
+    ends = {lines.reference: "the reference", lines.blind: "score 0"}
+    heads = "controller", *COLUMNS.values(), "wires lost, jams"
+    rows = [f"| {' | '.join(heads)} |", "|---" * len(heads) + "|"]
+    for name in ranked(comparison):
+        figures, cuts = comparison.figures[name], comparison.results[name]
+        cells = [shown(column, figures[column]) for column in COLUMNS]
+        lost = f"{sum(cut.wires_lost for cut in cuts)}, {sum(cut.jammed for cut in cuts)}"
+        label = f"`{name}`, {ends[name]}" if name in ends else f"`{name}`"
+        rows.append(f"| {label} | {' | '.join(cells)} | {lost} |")
+    rows += ["", f"{len(comparison.seeds)} cuts on machines of held-back seeds, at `{comparison.resolution}`."]
+    return "\n".join(rows) + "\n"
+
+
+def with_table(page: str, comparison: Comparison) -> str:
+    """Return a page with its table of reference lines."""
+    return _TABLE.sub(lambda _: table(comparison), page)
+
+
+def photograph(name: str) -> None:
+    """Cut, and write the picture."""
+    env = gymnasium.make(env_id_of(name), action="servo", render_mode="rgb_array")
+    _, info = env.reset(seed=1)
+    action, over = np.array([0.0, *PAUSES.get(name, ())], np.float32), False
+    while not over and info["time_s"] < TAKEN_S[name]:
+        *_, terminated, truncated, info = env.step(action)
+        over = terminated or truncated
+    picture = Image.fromarray(np.asarray(env.render()))
+    picture.save(DOCS / "tasks" / f"{PAGES[name]}.png", optimize=True)
+
+
+def main() -> None:
+    """Write the tables, and the pictures where they are asked for."""
+    parser = argparse.ArgumentParser(description="Write tables and pictures of docs/tasks.")
+    parser.add_argument("what", nargs="?", choices=["pictures"], help="the pictures, too")
+    pictures = parser.parse_args().what is not None
+    board = leaderboard.read(DOCS / "leaderboard.json")
+    for name, page in PAGES.items():
+        file = DOCS / "tasks" / f"{page}.md"
+        file.write_text(with_table(file.read_text(encoding="utf-8"), board[env_id_of(name)]), encoding="utf-8")
+        if pictures:
+            photograph(name)
+
+
+if __name__ == "__main__":
+    main()
