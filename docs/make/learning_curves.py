@@ -38,8 +38,8 @@ class Training(NamedTuple):
     decisions: int
 
 
-TASKS = {"GapFeed": 102_400, "HeightStep": 102_400, "Corner": 32_768, "Contour": 51_200, "MaxRate": 81_920,
-         "ThinWire": 32_768}  # fmt: skip
+TASKS = {"GapFeed": 102_400, "HeightStep": 102_400, "Corner": 24_576, "Contour": 24_576, "MaxRate": 61_440,
+         "ThinWire": 16_384}  # fmt: skip
 """Decisions of a training in each task: small numbers, so that five take half an hour of a processor at most."""
 SLOWER = {"Contour": ("--decision-s", "0.25")}
 """An episode of Contour has 11,760 decisions else."""

@@ -8,7 +8,7 @@ from __future__ import annotations
 from edmsim.axis_bench import AxisBench
 from edmsim.controllers.axis.drive import axis_row
 from edmsim.controllers.axis.eanpos import Eanpos
-from edmsim.controllers.axis.eanpos_registers import PARAMETERS
+from edmsim.controllers.axis.eanpos_registers import COMMANDS, PARAMETERS
 
 STANDARD = {
     "measure": 10000, "pulse": 40000, "maxvel": 100000, "maxfollerr": 10000, "taccdec": 100, "toll": 5, "toldly": 10,
@@ -107,3 +107,20 @@ class Positioner:
     @property
     def error(self):
         return self["errcode"] if self["st_error"] else 0
+
+
+def moving(**changes):
+    p = Positioner(**changes)
+    p.do("START")
+    p.run(1.0)
+    assert not p["st_still"]
+    return p
+
+
+def refused(p, command):
+    """Whether a command is refused: warning 1, and its number in order of priority."""
+    p.do("RSWRN")
+    p.do(command)
+    if p.warning:
+        assert (p.warning, p["wrnvalue"]) == (1, COMMANDS.index(command) + 1)
+    return bool(p.warning)
