@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import argparse
 import csv
+import re
 import subprocess
 import sys
 from collections.abc import Mapping
@@ -26,6 +27,7 @@ from edmsim.recording.figures.palette import BLUE, MUTED, VERMILION
 
 ROOT = Path(__file__).parents[2]
 SEEDS = (1, 2, 3, 4, 5)
+_LEARNED = re.compile(r"(?<=<!-- learned -->\n).*?(?=<!-- /learned -->)", re.DOTALL)
 LIMIT = 0.1
 """Cost of an episode that ppo_lag.py keeps to by default."""
 
@@ -127,19 +129,25 @@ def draw_scripts(found: Mapping[str, list[np.ndarray]]) -> None:
     figure.savefig(ROOT / "docs" / "learning-curves.png", dpi=110)
 
 
-def table(found: Mapping[str, list[np.ndarray]]) -> str:
+def learned(name: str, curves: list[np.ndarray]) -> str:
     """Return what the last twenty episodes brought: the median of the seeds, the least and the greatest."""
-    lines = ["| training | decisions | return | cost |", "|---|---|---|---|"]
-    for name, curves in found.items():
-        last = np.array([rows[-1] for rows in curves])
-        columns = (last[:, 1], 0), (last[:, 2], 2)
-        cells = [f"{np.median(v):.{d}f} ({v.min():.{d}f} to {v.max():.{d}f})" for v, d in columns]
-        lines.append(f"| {name} | {TRAININGS[name].decisions:,} | {cells[0]} | {cells[1]} |")
-    return "\n".join(lines)
+    last = np.array([rows[-1] for rows in curves])
+    earned, cost = (
+        f"{np.median(v):.{d}f} ({v.min():.{d}f} to {v.max():.{d}f})" for v, d in ((last[:, 1], 0), (last[:, 2], 2))
+    )
+    return (
+        f"After {TRAININGS[name].decisions:,} decisions the last twenty episodes earned {earned},\n"
+        f"at a cost of {cost} each: the median of five seeds, the least and the greatest."
+    )
+
+
+def with_learned(page: str, text: str) -> str:
+    """Return a page with that sentence."""
+    return _LEARNED.sub(lambda _: text + "\n", page)
 
 
 def main() -> None:
-    """Train what is missing, draw, and print the table."""
+    """Train what is missing, draw, and say what was learned."""
     parser = argparse.ArgumentParser(description="Learning curves of the single-file examples.")
     parser.add_argument("folder", type=Path, help="folder of the curves; those that are there are kept")
     parser.add_argument("names", nargs="*", choices=[*TRAININGS, []], help="tasks or scripts; all by default")
@@ -147,11 +155,14 @@ def main() -> None:
     asked.folder.mkdir(parents=True, exist_ok=True)
     found = {name: [curve(asked.folder, name, seed) for seed in SEEDS] for name in asked.names or TRAININGS}
     for name, curves in found.items():
+        print(f"{name}: {learned(name, curves)}")
         if name in TASKS:
             draw_task(name, curves)
+            page = ROOT / "docs" / "tasks" / f"{PAGES[name]}.md"
+            text = page.read_text(encoding="utf-8")
+            page.write_text(with_learned(text, learned(name, curves)), encoding="utf-8")
     if set(TITLES) <= set(found):
         draw_scripts(found)
-    print(table(found))
 
 
 if __name__ == "__main__":
