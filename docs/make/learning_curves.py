@@ -47,7 +47,7 @@ SLOWER = {"Contour": ("--decision-s", "0.25")}
 """An episode of Contour has 11,760 decisions else."""
 TRAININGS = {
     **{task: Training("ppo", ("--env", env_id_of(task), *SLOWER.get(task, ())), n) for task, n in TASKS.items()},
-    "ppo_lag": Training("ppo_lag", (), 20_480),
+    "ppo_lag": Training("ppo_lag", (), 102_400),
     "recurrent_ppo": Training("recurrent_ppo", (), 20_480),
 }
 TITLES = {"ppo_lag": "ppo_lag.py, thin wire", "recurrent_ppo": "recurrent_ppo.py, one window seen"}

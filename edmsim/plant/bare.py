@@ -53,4 +53,5 @@ def pass_window(
     window[:] = 0
     window["start_ns"], window["duration_ns"] = start_ns, duration_ns
     window["counts"][0, OPEN] = PULSES_PER_WINDOW
+    window["temperature_max_K"] = np.nan  # there is no wire
     window["voltage_us"] = PULSES_PER_WINDOW * timing.open_V * timing.wait_us

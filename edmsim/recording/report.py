@@ -157,7 +157,9 @@ def _mean(windows: pa.Table, name: str) -> float | None:
 
 
 def _most(windows: pa.Table, name: str) -> float | None:
-    return float(column(windows, name).max()) if len(windows) else None
+    values = column(windows, name)
+    known = values[np.isfinite(values)]
+    return float(known.max()) if len(known) else None
 
 
 def _weighted(

@@ -43,7 +43,7 @@ COLUMNS: tuple[Column, ...] = (
     Column("lag_y_um", "um", "guides minus wire at the workpiece, Y: positive behind a feed along +Y"),
     Column("following_x_um", "um", "commanded position minus guides, X: the drive's following error"),
     Column("following_y_um", "um", "commanded position minus guides, Y"),
-    Column("wire_temperature_K", "K", "hottest place of the wire"),
+    Column("wire_temperature_K", "K", "hottest place of the wire; NaN if there is none"),
     Column("debris", "1", "volume share of debris in the gap's fluid"),
     Column("coverage", "1", "share of the wire's front that gas covers, at the window's end"),
     Column("t_on_us", "us", "pulse on-time t_i set for the window"),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -16,6 +17,9 @@ from edmsim.recording.scene import Scene
 if TYPE_CHECKING:
     import pyarrow as pa
     from matplotlib.figure import Figure
+
+REASON_LETTERS = 130
+"""Letters of a line in which it is said why a cut stopped."""
 
 
 def profile_figure(scene: Scene, windows: pa.Table, report: Mapping[str, Any], title: str) -> Figure:
@@ -80,6 +84,5 @@ def _heading(figure: Figure, report: Mapping[str, Any], title: str) -> None:
     )
     figure.text(0.085, 0.950, "   ·   ".join(facts), fontsize=9.5, color=MUTED, va="baseline")
     if stopped:
-        figure.text(
-            0.085, 0.934, f"stopped: {report['reason']}", fontsize=9.5, color=VERMILION, va="baseline"
-        )
+        lines = textwrap.wrap(f"stopped: {report['reason']}", REASON_LETTERS, max_lines=2, placeholder=" ...")
+        figure.text(0.085, 0.9455, "\n".join(lines), fontsize=8.5, color=VERMILION, va="top", linespacing=1.1)
