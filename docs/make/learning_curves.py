@@ -110,8 +110,7 @@ def draw_task(task: str, curves: list[np.ndarray]) -> None:
     span = max(lines.values()) - min(lines.values())
     low = min(min(lines.values()), float(np.median(values[:, -1]))) - 0.5 * span
     axes.set_ylim(low, max(max(lines.values()), float(values.max())) + 0.1 * span)
-    axes.set_title(f"{env_id_of(task)}, ppo.py, five seeds and their median", fontsize=9)
-    axes.legend(fontsize=7, frameon=False, loc="lower right")
+    axes.legend(fontsize=8, frameon=False, loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=3, borderpad=0.0)
     figure.tight_layout()
     figure.savefig(ROOT / "docs" / "tasks" / f"{PAGES[task]}-learning.png", dpi=110)
 
