@@ -101,15 +101,15 @@ def _short(name: str) -> str:
 
 
 def draw_task(task: str, curves: list[np.ndarray]) -> None:
-    """Draw a task's curves with its lines, from somewhat below the lower one: what is less is learned soon."""
+    """Draw a task's curves with its lines, from what is reached after a third on: what is less is learned soon."""
     figure, axes = plt.subplots(figsize=(6.4, 3.2))
     values = plot(axes, curves, 1, BLUE)
     lines = lines_to_draw(task)
     for (label, height), style in zip(lines.items(), ("-", "--", ":"), strict=True):
         axes.axhline(height, color=MUTED, lw=1.0, ls=style, label=label)
-    span = max(lines.values()) - min(lines.values())
-    low = min(min(lines.values()), float(np.median(values[:, -1]))) - 0.5 * span
-    axes.set_ylim(low, max(max(lines.values()), float(values.max())) + 0.1 * span)
+    median = np.median(values, axis=0)
+    low, high = min(*lines.values(), median[len(median) // 3]), max(*lines.values(), values.max())
+    axes.set_ylim(low - 0.08 * (high - low), high + 0.08 * (high - low))
     axes.legend(fontsize=8, frameon=False, loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=3, borderpad=0.0)
     figure.tight_layout()
     figure.savefig(ROOT / "docs" / "tasks" / f"{PAGES[task]}-learning.png", dpi=110)
