@@ -28,6 +28,8 @@ from edmsim.recording.figures.palette import BLUE, MUTED, VERMILION
 ROOT = Path(__file__).parents[2]
 SEEDS = (1, 2, 3, 4, 5)
 _LEARNED = re.compile(r"(?<=<!-- learned -->\n).*?(?=<!-- /learned -->)", re.DOTALL)
+LEGEND_LETTERS = 66
+"""Letters of three lines' labels that have room side by side."""
 LIMIT = 0.1
 """Cost of an episode that ppo_lag.py keeps to by default."""
 
@@ -110,7 +112,10 @@ def draw_task(task: str, curves: list[np.ndarray]) -> None:
     median = np.median(values, axis=0)
     low, high = min(*lines.values(), median[len(median) // 3]), max(*lines.values(), values.max())
     axes.set_ylim(low - 0.08 * (high - low), high + 0.08 * (high - low))
-    axes.legend(fontsize=8, frameon=False, loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=3, borderpad=0.0)
+    rows = 1 if sum(map(len, lines)) < LEGEND_LETTERS else 2
+    axes.legend(
+        fontsize=8, frameon=False, loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=4 - rows, borderpad=0.0
+    )
     figure.tight_layout()
     figure.savefig(ROOT / "docs" / "tasks" / f"{PAGES[task]}-learning.png", dpi=110)
 
