@@ -33,7 +33,6 @@ TAKEN_S = {"GapFeed": 20.0, "HeightStep": 20.0, "Corner": 20.0, "Contour": 60.0,
 PAUSES = {"Corner": (0.0, 0.0), "MaxRate": (1.0,), "ThinWire": (0.0,)}
 """What the knobs of a task are set to; MaxRate's wire would break at its first period."""
 COLUMNS = {"score": "score", "rate_mm2_min": "net rate, mm2/min", "total_return": "return"}
-_TABLE = re.compile(r"(?<=<!-- lines -->\n).*?(?=<!-- /lines -->)", re.DOTALL)
 
 
 def table(comparison: Comparison) -> str:
@@ -52,9 +51,14 @@ def table(comparison: Comparison) -> str:
     return "\n".join(rows) + "\n"
 
 
+def with_block(page: str, name: str, text: str) -> str:
+    """Return a page with a text in place of what is between the comments of that name."""
+    return re.sub(rf"(?<=<!-- {name} -->\n).*?(?=<!-- /{name} -->)", lambda _: text, page, flags=re.DOTALL)
+
+
 def with_table(page: str, comparison: Comparison) -> str:
     """Return a page with its table of reference lines."""
-    return _TABLE.sub(lambda _: table(comparison), page)
+    return with_block(page, "lines", table(comparison))
 
 
 def photograph(name: str) -> None:

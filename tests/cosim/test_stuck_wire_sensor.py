@@ -47,6 +47,8 @@ def test_a_stuck_wire_sensor_lets_the_machine_go_on_without_a_wire(hot: Machine)
     assert before["spark"].sum() > 0
     assert set(after["open"]) == {255}
     assert after["mean_current_A"].max() == 0.0
+    assert before["wire_temperature_K"].notna().all()
+    assert after["wire_temperature_K"].isna().all()
     share = hot.t_on_us / hot.t_period_us
     assert after["mean_voltage_V"].unique() == pytest.approx([open_V(hot) * share])
     assert after["path_um"].iloc[-1] == pytest.approx(LENGTH_UM, abs=2)

@@ -70,6 +70,15 @@ def test_a_stopped_cut_says_why_and_where(cut: SimpleNamespace) -> None:
     assert "stopped here" in shown
 
 
+def test_a_long_reason_has_two_lines_within_the_figure(cut: SimpleNamespace) -> None:
+    reason = "; ".join(["the wire broke at 612 K", *4 * ["its sensor did not see that, and the machine went on"]])
+    figure = profile_figure(cut.scene, cut.windows, cut.report | {"outcome": "time-limit", "reason": reason}, "long")
+    figure.canvas.draw()
+    (text,) = (text for text in figure.texts if text.get_text().startswith("stopped: "))
+    assert text.get_text().count("\n") == 1
+    assert text.get_window_extent().x1 < figure.bbox.x1
+
+
 def test_a_cut_that_left_nothing_can_be_drawn(cut: SimpleNamespace, tmp_path: Path) -> None:
     scene = Scene((), (), (), np.zeros((0, 2)), (0, 0, 10, 80), 20.0, (-10, 30), 250.0)
     report = cut.report | {"machining_time_s": None, "path_length_mm": None}

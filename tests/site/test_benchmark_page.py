@@ -98,6 +98,7 @@ def test_every_task_has_a_page_with_its_picture_lines_and_learning_curve(
         text = (DOCS / "tasks" / f"{page}.md").read_text(encoding="utf-8")
         assert tasks.with_table(text, board[env_id_of(name)]) == text, "run: python docs/make/tasks.py"
         assert f".{name}Env\n```" in text
+        assert f"`{env_id_of(name)}`" in text or f" {env_id_of(name)}`" in text
         for picture in (f"{page}.png", f"{page}-learning.png"):
             assert f"]({picture})" in text
             assert (DOCS / "tasks" / picture).is_file()
