@@ -1,0 +1,34 @@
+"""Table of docs/training.md: a shipped policy and two classic laws at finer resolutions and on other machines.
+
+python docs/make/transfer.py
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+from tasks import with_block
+
+from edmsim.evaluation.transfer import rows_of, transfer
+
+PAGE = Path(__file__).parents[1] / "training.md"
+CONTROLLERS = "policy:GapFeed-ppo", "voltage", "counts"
+CUTS = 12
+"""As many as a comparison in GapFeed has."""
+
+
+def main() -> None:
+    """Make the cuts, and write the table."""
+    def watch(done: int, total: int) -> None:
+        sys.stderr.write(f"\r{done} of {total} cuts")
+
+    moved = transfer("edmsim/GapFeed-v1", CONTROLLERS, CUTS, watch=watch)
+    heads = ["place", *(f"`{name}`" for name in CONTROLLERS)]
+    rows = [heads, ["---"] * len(heads), *rows_of(moved)]
+    table = "".join(f"| {' | '.join(row)} |\n" for row in rows)
+    PAGE.write_text(with_block(PAGE.read_text(encoding="utf-8"), "transfer", table), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()
