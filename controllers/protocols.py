@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 from edmsim.errors import InputError
 from edmsim.machine.machine import Machine
 
+SIGNED = "offset_um", "pull_N_m"
+"""Parameters of controllers that may be negative: to the right of the path, and a wire that lags."""
 ControllerState = dict[str, float | int | str]
 """A controller's snapshot, fit for JSON."""
 
@@ -144,6 +146,9 @@ class FeedCommand(NamedTuple):
     latency_s : float
         When the new feed counts, after the window's end in s: a processor takes time. Until then the machine runs
         at the feed it had.
+    offset_um : float
+        How far beside the path the guides are to go, to its left; negative to its right. They go there by one motor
+        step per axis and window.
     """
 
     feed_um_s: float
@@ -151,6 +156,7 @@ class FeedCommand(NamedTuple):
     t_on_us: float | None = None
     t_period_us: float | None = None
     latency_s: float = 0.0
+    offset_um: float = 0.0
 
 
 class FeedController(Protocol):
@@ -261,20 +267,22 @@ class HasSwitches(Protocol):
 
 
 def check_parameter(controller: str, name: str, value: float) -> None:
-    """Refuse a parameter that is no finite number of 0 or more, or a ``*_share`` above 1."""
+    """Refuse what is no finite number, a negative one but of `SIGNED`, or a ``*_share`` above 1."""
     number = isinstance(value, int | float) and not isinstance(value, bool)
     top = 1.0 if name.endswith("_share") else math.inf
-    if not (number and math.isfinite(value) and 0 <= value <= top):
-        allowed = "a number from 0 to 1" if top == 1.0 else "a number of 0 or more"
+    if not (number and math.isfinite(value) and value <= top and (value >= 0 or name in SIGNED)):
+        allowed = "a number from 0 to 1" if top == 1.0 else "a number" if name in SIGNED else "a number of 0 or more"
         raise InputError(f"{name} of the {controller} controller must be {allowed}, not {value!r}")
 
 
 def check_command(controller: str, command: object) -> FeedCommand:
-    """Return what a controller answered; refuse what is no command, or a feed that is no finite number."""
+    """Return what a controller answered; refuse what is no command, and a feed or offset that is no finite number."""
     if not isinstance(command, FeedCommand):
         raise InputError(f"the {controller} controller answered {command!r}: it must return a FeedCommand")
     if not math.isfinite(command.feed_um_s):
         raise InputError(f"the {controller} controller commanded a feed of {command.feed_um_s!r} um/s")
+    if not math.isfinite(command.offset_um):
+        raise InputError(f"the {controller} controller commanded an offset of {command.offset_um!r} um")
     return command
 
 

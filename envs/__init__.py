@@ -1,8 +1,8 @@
 """Gymnasium environments: cuts to be controlled window by window, alone or many at once.
 
 ``import edmsim`` registers ``edmsim/GapFeed-v1``, ``edmsim/HeightStep-v1``, ``edmsim/Corner-v1``,
-``edmsim/Contour-v1``, ``edmsim/MaxRate-v0`` and ``edmsim/ThinWire-v0``; each has a file whose environment class
-describes action, observation and reward.
+``edmsim/Contour-v1``, ``edmsim/MaxRate-v0``, ``edmsim/ThinWire-v0`` and ``edmsim/Trim-v0``; each has a file whose
+environment class describes action, observation and reward.
 """
 
 from __future__ import annotations
@@ -23,10 +23,12 @@ if TYPE_CHECKING:
     from edmsim.envs.registry import register
     from edmsim.envs.reward import Weights
     from edmsim.envs.sb3 import make_sb3_vec_env
+    from edmsim.envs.scenario import Scenario
     from edmsim.envs.sensors import Sensors
     from edmsim.envs.single import EdmEnv
-    from edmsim.envs.task import Family, Scenario
+    from edmsim.envs.task import Family
     from edmsim.envs.thin_wire import ThinWire
+    from edmsim.envs.trim import Trim
     from edmsim.envs.vector import EdmVectorEnv
 
 _HOMES = {
@@ -42,11 +44,12 @@ _HOMES = {
     "MaxRate": "max_rate",
     "RecordEpisodes": "record_episodes",
     "RecordRerun": "record",
-    "Scenario": "task",
+    "Scenario": "scenario",
     "Sensors": "sensors",
     "StepResult": "episode",
     "Task": "episode",
     "ThinWire": "thin_wire",
+    "Trim": "trim",
     "Weights": "reward",
     "make_sb3_vec_env": "sb3",
     "register": "registry",
@@ -54,8 +57,7 @@ _HOMES = {
 __all__ = [
     "Contour", "Corner", "DiscreteFeed", "DiscreteFeedVector", "EdmEnv", "EdmVectorEnv", "Family", "GapFeed",
     "HeightStep", "MaxRate", "RecordEpisodes", "RecordRerun", "Scenario", "Sensors", "StepResult", "Task", "ThinWire",
-    "Weights",
-    "make_sb3_vec_env", "register",
+    "Trim", "Weights", "make_sb3_vec_env", "register",
 ]
 
 

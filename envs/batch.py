@@ -30,7 +30,10 @@ def action_space_of(family: Family) -> gym.spaces.Box[np.float32]:
 
 def entries_of(family: Family) -> list[observation.Entry]:
     """Return every entry of an environment's observation, in order."""
-    return observation.entries(family.history, family.knows_corners, family.locates_discharges, family.knows_wires)
+    return observation.entries(
+        family.history, family.knows_corners, family.locates_discharges, family.offset_um is not None,
+        family.knows_wires,
+    )
 
 
 def observation_space_of(family: Family) -> gym.spaces.Box[np.float32]:
@@ -153,12 +156,14 @@ class Batch:
         return self.earned.terms[self._terms].T.copy() if self._terms else self.earned.total.copy()
 
     def _command(self, active: Ints, wanted: Floats) -> None:
-        """Turn the knobs, and set the feed or the servos' targets."""
+        """Turn the knobs, and set the offsets, and the feed or the servos' targets."""
         family, lanes = self.family, self.lanes
         if family.knobs:
             for lane in active:
                 first_us = lanes.rows[lane]["first_setting_us"]
-                self._set_generator(int(lane), *family.setting_us(first_us, wanted[lane, 1:]))
+                self._set_generator(int(lane), *family.setting_us(first_us, wanted[lane, 1 : 1 + len(family.knobs)]))
+        if family.offset_um is not None:
+            lanes.rows["offset_um"][active] = wanted[active, -1] * family.offset_um
         if family.action == "servo":
             self._servos["target"][active] = servo.target_of(wanted[active, 0], family.servo_target_share)
             return
@@ -202,6 +207,8 @@ class Batch:
         parts = [self._seen[:, self.family.measured_by.delay_steps :].reshape(count, -1), self._dials]
         if self.family.knows_corners:
             parts.append(observation.corners(lanes.rows["path_um"], lanes.corner_um, lanes.corner_deg))
+        if self.family.offset_um is not None:
+            parts.append(np.asarray(lanes.rows["offset_um"] / self.family.offset_um, np.float32)[:, None])
         if self.family.knows_wires:
             spent_ns, whole_s = lanes.rows["elapsed_ns"], self.family.episode_s or np.inf
             parts.append(observation.wires(
@@ -225,6 +232,7 @@ class Batch:
             "dt_s": rows["step_ns"] * 1e-9,
             "path_um": lanes.path_um,
             "feed_um_s": rows["feed_um_s"].copy(),
+            "offset_um": rows["offset_um"].copy(),
             "t_on_us": rows["setting_us"][:, 0].copy(),
             "t_period_us": rows["setting_us"][:, 1].copy(),
             "energy_mJ": rows["energy_mJ"].copy(),

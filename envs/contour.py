@@ -12,8 +12,9 @@ import numpy as np
 
 from edmsim.envs.arguments import Range
 from edmsim.envs.reward import Weights
+from edmsim.envs.scenario import Scenario, even_height
 from edmsim.envs.single import EdmEnv
-from edmsim.envs.task import Family, Scenario, even_height
+from edmsim.envs.task import Family
 from edmsim.envs.vector import EdmVectorEnv
 from edmsim.machine.machine import Machine
 from edmsim.plant.workpiece.kerf_field import Stock
@@ -88,7 +89,7 @@ class ContourEnv(EdmEnv):
 
     Observation space
     -----------------
-    ``Box((49,), float32)``: what a machine can measure and its operator knows, clipped to its range.
+    ``Box((50,), float32)``: what a machine can measure and its operator knows, clipped to its range.
 
     =====  ==============  =====  ==================================================  ==========================
     Index  Name            Range  Quantity                                            Divided by
@@ -112,12 +113,13 @@ class ContourEnv(EdmEnv):
     46     corner_ahead    0..1   path to the next corner, mm; 1 if none is nearer    1 mm
     47     corner_turn     -1..1  its turn, left positive; 0 if none is within 1 mm   180 degrees
     48     corner_behind   0..1   path from the last corner, mm; 1 if none is nearer  1 mm
+    49     corner_turned   -1..1  its turn, left positive; 0 if none is within 1 mm   180 degrees
     =====  ==============  =====  ==================================================  ==========================
 
     Entries 0 to 9 are of the last step; 10 to 39 are the same of the three steps before, the latest first, 0
     where no window has been fired. With another ``history`` there are more or fewer of them. Entries 40 to 45 are the
     operator's dials.
-    Entries 46 to 48 know the program: a corner is a turn of 20 degrees or more.
+    Entries 46 to 49 know the program: a corner is a turn of 20 degrees or more.
 
     Reward
     ------
@@ -193,6 +195,7 @@ class ContourEnv(EdmEnv):
     knobs               ``()``                     on_time, period or duty_factor: further actions
     setting_octaves     ``2.0``           octaves  reach of the knobs either way, at most 4
     detents_us          ``(1.0, 5.0)``    us       steps of the knobs: on-time, period
+    offset_um           ``None``          um       offset from the path of an action of 1; none if None
     decision_s          ``None``          s        machine time between actions; a window if None
     episode_s           ``300.0``         s        time of cutting that truncates an episode
     wires               ``1``                      wires before a break ends the episode

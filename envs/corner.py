@@ -1,4 +1,4 @@
-"""Corner: a sharp turn to be cut accurately, with a bound on the energy of discharges."""
+"""Corner: a sharp turn to be cut accurately by a wire that bends, with a bound on the energy of discharges."""
 
 from __future__ import annotations
 
@@ -9,10 +9,11 @@ from typing import ClassVar, Literal
 
 import numpy as np
 
-from edmsim.envs.arguments import above_zero, ends_of
+from edmsim.envs.arguments import Range, above_zero, ends_of
 from edmsim.envs.reward import Weights
+from edmsim.envs.scenario import Scenario, even_height
 from edmsim.envs.single import EdmEnv
-from edmsim.envs.task import CORNER_DEG, Family, Scenario, even_height
+from edmsim.envs.task import CORNER_DEG, Family
 from edmsim.envs.vector import EdmVectorEnv
 from edmsim.errors import InputError
 from edmsim.machine.machine import Machine
@@ -36,10 +37,13 @@ class Corner(Family):
 
     leg_mm: float = 0.3
     turn_deg: tuple[float, float] = (45.0, 135.0)
+    height_mm: Range | None = (20.0, 60.0)
+    tension: Range | None = (6.0, 12.0)
     action: Literal["change", "speed", "servo"] = "servo"
     knobs: Sequence[str] = ("on_time", "duty_factor")
+    offset_um: float | None = 24.0
     decision_s: float | None = 0.25
-    episode_s: float | None = 150.0
+    episode_s: float | None = 200.0
     near_corner_um: float | None = 100.0
     energy_bound_mJ: float | None = 5.5
 
@@ -70,18 +74,19 @@ class Corner(Family):
 
 
 class CornerEnv(EdmEnv):
-    """Two legs with a sharp turn between: cut it accurately, with a servo's target and the pulse generator.
+    """Two legs with a sharp turn between: cut it accurately, with a servo's target, pulse generator and path offset.
 
     Description
     -----------
-    Forces of the discharges and of the field bend the wire, so that it leaves the path where that turns. Distance
-    from the path costs within 100 um of the corner, and time costs everywhere: power is to be taken back there, in
-    time, and nowhere else. More energy in a discharge bends the wire less, but makes a rougher face: beyond the bound
-    it costs more than it gains.
+    The field pulls a slack wire ahead, by up to 20 um in a high workpiece, and gas pushes it back; where the path
+    turns, it leaves the path. Distance from the path costs within 100 um of the corner, and time costs everywhere.
+    Guides that go beside the path bring the wire back on it, if they know by how much it is bent; and pauses there
+    weaken the forces. More energy in a discharge bends the wire less, but makes a rougher face: beyond the bound it
+    costs more than it gains.
 
     Action space
     ------------
-    ``Box(-1, 1, (3,), float32)``.
+    ``Box(-1, 1, (4,), float32)``.
 
     =====  ===========  =====  =======================================  ======================
     Index  Name         Range  Meaning                                  Unit of 1
@@ -89,6 +94,7 @@ class CornerEnv(EdmEnv):
     0      target       -1..1  share of open pulses that a servo holds  ``servo_target_share``
     1      on_time      -1..1  on-time / first on-time, log2            ``setting_octaves``
     2      duty_factor  -1..1  period per on-time / first ratio, log2   ``setting_octaves``
+    3      offset       -1..1  offset from the path, left positive      ``offset_um``
     =====  ===========  =====  =======================================  ======================
 
     Entry 0 is ``servo_target_share[0]`` at -1 and ``servo_target_share[1]`` at 1; the servo makes the feed window by
@@ -96,12 +102,14 @@ class CornerEnv(EdmEnv):
     is the feed, in units of ``max_feed_um_s``; a negative feed runs back along the path, never beyond its start. An
     action holds for ``decision_s``. Actions beyond the range are clipped; NaN raises `InvalidAction`.
 
-    On-time and period are rounded to 1 us and 5 us. A period that the generator refuses (above its mean current, or
-    no pause) is not set: the shortest it accepts for that on-time is, and ``info["refused"]`` has the reason.
+    The guides go to the offset by one motor step of 2 um per axis and window, and follow it round the corner: it is
+    to the left of where the path leads. On-time and period are rounded to 1 us and 5 us. A period that the generator
+    refuses (above its mean current, or no pause) is not set: the shortest it accepts for that on-time is, and
+    ``info["refused"]`` has the reason.
 
     Observation space
     -----------------
-    ``Box((49,), float32)``: what a machine can measure and its operator knows, clipped to its range.
+    ``Box((51,), float32)``: what a machine can measure and its operator knows, clipped to its range.
 
     =====  ==============  =====  ==================================================  ==========================
     Index  Name            Range  Quantity                                            Divided by
@@ -125,12 +133,14 @@ class CornerEnv(EdmEnv):
     46     corner_ahead    0..1   path to the next corner, mm; 1 if none is nearer    1 mm
     47     corner_turn     -1..1  its turn, left positive; 0 if none is within 1 mm   180 degrees
     48     corner_behind   0..1   path from the last corner, mm; 1 if none is nearer  1 mm
+    49     corner_turned   -1..1  its turn, left positive; 0 if none is within 1 mm   180 degrees
+    50     offset          -1..1  offset from the path, left positive, um             ``offset_um``
     =====  ==============  =====  ==================================================  ==========================
 
     Entries 0 to 9 are of the last step; 10 to 39 are the same of the three steps before, the latest first, 0
     where no window has been fired. With another ``history`` there are more or fewer of them. Entries 40 to 45 are the
     operator's dials.
-    Entries 46 to 48 know the program: a corner is a turn of 20 degrees or more.
+    Entries 46 to 49 know the program: a corner is a turn of 20 degrees or more. Entry 50 is the last action's.
 
     Reward
     ------
@@ -187,7 +197,7 @@ class CornerEnv(EdmEnv):
     (``wire-break``); an end switch of the table opens (``limit-switch``); 2 s of windows with 90 % shorts and more
     (``persistent-short``); the wire is pushed further than the plant's model holds for (``out-of-range``).
 
-    Truncated after 150 s of cutting (``episode_s``); ``info["dt_s"]`` is the machine time of a step.
+    Truncated after 200 s of cutting (``episode_s``); ``info["dt_s"]`` is the machine time of a step.
 
     Arguments
     ---------
@@ -201,16 +211,17 @@ class CornerEnv(EdmEnv):
     planner             ``"poscal"``                             makes motor steps; exact has no greatest feed
     machine             ``None``                                 `Machine`, name, file, mapping; None: standard
     materials           ``()``                                   names, one is drawn; the machine's own if none
-    height_mm           ``(4.0, 40.0)``                 mm       greatest, or (low, high); None: the machine's
-    tension             ``(8.0, 20.0)``                 N        or (low, high); None: the machine's
+    height_mm           ``(20.0, 60.0)``                mm       greatest, or (low, high); None: the machine's
+    tension             ``(6.0, 12.0)``                 N        or (low, high); None: the machine's
     randomise           ``()``                                   constants to draw; ``()`` for all, None for none
     machine_episodes    ``1``                                    episodes a lane cuts with a drawn machine
     action              ``"servo"``                              change of the feed, speed: the feed, servo: a target
     knobs               ``('on_time', 'duty_factor')``           on_time, period or duty_factor: further actions
     setting_octaves     ``2.0``                         octaves  reach of the knobs either way, at most 4
     detents_us          ``(1.0, 5.0)``                  us       steps of the knobs: on-time, period
+    offset_um           ``24.0``                        um       offset from the path of an action of 1; none if None
     decision_s          ``0.25``                        s        machine time between actions; a window if None
-    episode_s           ``150.0``                       s        time of cutting that truncates an episode
+    episode_s           ``200.0``                       s        time of cutting that truncates an episode
     wires               ``1``                                    wires before a break ends the episode
     max_feed_um_s       ``100.0``                       um/s     largest feed either way
     max_change_um_s     ``4.0``                         um/s     largest change of the feed per step
@@ -233,7 +244,8 @@ class CornerEnv(EdmEnv):
     --------
     v1: a lost wire costs what the machine loses while another is threaded; episodes end by machine time; nothing is
     earned while a wire settles; dials are shown and not drawn; errors count near the corner, and energy beyond the
-    bound costs; a servo makes the feed. v0 is withdrawn.
+    bound costs; a servo makes the feed; workpieces are higher, wires slacker, and an action leads the guides beside
+    the path. v0 is withdrawn.
     """
 
     task = Corner

@@ -14,7 +14,8 @@ from edmsim.envs.checks import checked_options
 from edmsim.envs.lanes import Lanes
 from edmsim.envs.registry import make_family
 from edmsim.envs.reward import TERMS, Earned
-from edmsim.envs.task import Family, Scenario
+from edmsim.envs.scenario import Scenario
+from edmsim.envs.task import Family
 from edmsim.errors import InputError
 from edmsim.machine.machine import Machine
 from edmsim.plant.plant import Plant
@@ -187,13 +188,13 @@ class Task:
         return dict(zip(TERMS, self._earned.terms[:, 0].tolist(), strict=True))
 
     def recorder(self) -> EpisodeRecorder:
-        """Return a recorder of the episode that has just begun; actions are feed, on-time and period as commanded."""
+        """Return a recorder of the episode that has just begun; actions are the commands."""
         from edmsim.envs.recorder import EpisodeRecorder
 
-        return EpisodeRecorder(self._lanes, 0, ("feed_um_s", "t_on_us", "t_period_us"))
+        return EpisodeRecorder(self._lanes, 0, ("feed_um_s", "t_on_us", "t_period_us", "offset_um"))
 
     def advance(
-        self, feed_um_s: float, t_on_us: float | None = None, t_period_us: float | None = None
+        self, feed_um_s: float, t_on_us: float | None = None, t_period_us: float | None = None, offset_um: float = 0.0
     ) -> StepResult:
         """Run one window.
 
@@ -203,18 +204,21 @@ class Task:
             Speed along the path, negative backwards; held to `max_feed_um_s` either way.
         t_on_us, t_period_us : float, optional
             New setting of the generator, rounded to the knobs' detents; what is refused is not done.
+        offset_um : float
+            How far the guides go to the left of the path.
 
         Raises
         ------
         InputError
-            A feed or setting that is no finite number; before `reset`, or after the episode's end.
+            A feed, setting or offset that is no finite number; before `reset`, or after the episode's end.
         """
         self.scenario  # noqa: B018 - refuses to go on before the first reset
         lanes = self._lanes
         cause = StopCause(lanes.rows[0]["cause"])
         if cause is not StopCause.RUNNING:
             raise InputError(f"the episode has ended ({WORDS[cause].info}): call reset() first")
-        for name, value in (("feed_um_s", feed_um_s), ("t_on_us", t_on_us), ("t_period_us", t_period_us)):
+        given = {"feed_um_s": feed_um_s, "t_on_us": t_on_us, "t_period_us": t_period_us, "offset_um": offset_um}
+        for name, value in given.items():
             if value is not None and not math.isfinite(value):
                 raise InputError(f"{name} is {value!r}: give a finite number")
         lanes.refused[0] = None
@@ -224,6 +228,7 @@ class Task:
                           for new, old in ((t_on_us, now.t_on_us), (t_period_us, now.t_period_us)))
             lanes.set_generator(0, on, period)
         feed = min(max(feed_um_s, -self.max_feed_um_s), self.max_feed_um_s)
+        lanes.rows[0]["offset_um"] = offset_um
         lanes.advance(_LANE, np.array([feed]))
         return self._result()
 

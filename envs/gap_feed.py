@@ -7,8 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from edmsim.envs.arguments import above_zero
+from edmsim.envs.scenario import Scenario, even_height
 from edmsim.envs.single import EdmEnv
-from edmsim.envs.task import Family, Floats, Scenario, even_height
+from edmsim.envs.task import Family, Floats
 from edmsim.envs.vector import EdmVectorEnv
 from edmsim.machine.machine import Machine
 from edmsim.plant.workpiece.blanks import begun_slot
@@ -170,6 +171,7 @@ class GapFeedEnv(EdmEnv):
     knobs               ``()``                     on_time, period or duty_factor: further actions
     setting_octaves     ``2.0``           octaves  reach of the knobs either way, at most 4
     detents_us          ``(1.0, 5.0)``    us       steps of the knobs: on-time, period
+    offset_um           ``None``          um       offset from the path of an action of 1; none if None
     decision_s          ``None``          s        machine time between actions; a window if None
     episode_s           ``25.0``          s        time of cutting that truncates an episode
     wires               ``1``                      wires before a break ends the episode

@@ -25,10 +25,12 @@ from edmsim.envs.path_follower import (
     SETTLING_NS,
     WIRE_BREAK,
     follow,
+    lead_beside,
     plan,
     take_feeds,
 )
-from edmsim.envs.task import CORNER_DEG, Family, Scenario
+from edmsim.envs.scenario import Scenario
+from edmsim.envs.task import CORNER_DEG, Family
 from edmsim.errors import InputError
 from edmsim.geometry import Polyline
 from edmsim.machine.machine import Machine
@@ -36,10 +38,15 @@ from edmsim.machine.setting import discharge_current_A, ignition_wait_us, open_V
 from edmsim.plant.fleet import Fleet
 from edmsim.plant.kernel.state import FINE
 from edmsim.plant.plant import Plant
+from edmsim.plant.workpiece.wall import wall_error_um
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 _Number = TypeVar("_Number", np.float64, np.int64)
+FINISHED_UM = 80.0
+"""Distance behind the wire from which on it takes no more from a wall (ours: half of what its rays see of one)."""
+STRETCH_UM = 24.0
+"""Length of wall that is measured at every window (ours: four columns of cells)."""
 _NO_STEPS: Ints = np.zeros((0, 3), np.int64)
 
 class Lanes:
@@ -69,7 +76,7 @@ class Lanes:
     counted_um : (n,)
         Path errors of the last window that count: near corners only where `Family.near_corner_um` says so.
     near : (n,) bool
-        Whether the wire is where they count.
+        Whether the wire is where they count; with a wall to finish, whether some of it is behind the wire.
     corner_um, corner_deg : (n, most)
         Length of the present leg up to each corner, infinite for the filling, and its turn.
     watch : callable or None
@@ -153,8 +160,8 @@ class Lanes:
         corners = line.corners(CORNER_DEG)
         self.leg[lane] = leg
         row, kind = self.rows[lane], self._planner
-        for name in ("path_um", "reached_um", "cut_um"):
-            row[name] = 0.0
+        for name in ("path_um", "reached_um", "cut_um", "beside"):
+            row[name] = 0
         row["settling_ns"] = SETTLING_NS
         step_um = float(row["step_um"])
         unit = position_unit(self.family.planner, float(row["table_um"]), step_um)
@@ -189,6 +196,8 @@ class Lanes:
     def advance(self, lanes: Ints, feeds_um_s: Floats) -> None:
         """Fire 255 pulses in some lanes, each moving along its path at its feed (n,) in um/s, negative backwards.
 
+        The guides go to the lane's ``offset_um`` beside the path, which stays until it is set again.
+
         A planner that counts takes the feed in its units, and no more than its greatest; `exact` shows it as it was
         given, finer than its 1 nm/s.
         """
@@ -198,14 +207,15 @@ class Lanes:
         path = self._points, self._along, self._lengths
         while (
             most := plan(lanes, rows, self.planners, self._other_planner, *path, fleet.states, self._steps)
-        ) > self._steps.shape[1]:
-            self._steps = np.zeros((self.count, most, 3), np.int64)
+        ) + 2 > self._steps.shape[1]:
+            self._steps = np.zeros((self.count, most + 2, 3), np.int64)
+        lead_beside(lanes, rows, self.planners, self._points, self._along, fleet.states, self._steps)
         status = fleet.advance(lanes, self._steps, rows["steps"])
         follow(
             lanes, rows, self.planners, self._other_planner, *path, self._height_from, self._heights, fleet.states,
             fleet.windows, _NO_STEPS,
         )
-        self._count_errors()
+        self._count_errors(lanes)
         if (status != FINE).any():
             lost = lanes[(status != FINE) & (fleet.windows["broken"][lanes] == 0)]
             rows["cause"][lost] = OUT_OF_RANGE
@@ -216,11 +226,26 @@ class Lanes:
         for lane in lanes[rows["cause"][lanes] == WIRE_BREAK]:
             self._lose_wire(int(lane))
 
-    def _count_errors(self) -> None:
+    def _count_errors(self, lanes: Ints) -> None:
         near_um = self.family.near_corner_um
-        if near_um is not None:
+        if self.family.finishes_wall:
+            for lane in lanes:
+                self._measure_wall(int(lane))
+        elif near_um is not None:
             self.near = (np.abs(self.corner_um - self.rows["reached_um"][:, None]) <= near_um).any(axis=1)
         self.counted_um = np.where(self.near, self.rows["error_um"], 0.0)
+
+    def _measure_wall(self, lane: int) -> None:
+        """Let the lane's error be that of the wall just finished; none counts before there is one."""
+        row, scenario = self.rows[lane], self.scenarios[lane]
+        assert scenario is not None
+        assert scenario.wall is not None
+        behind_um = scenario.wall.x_um + float(row["reached_um"]) - FINISHED_UM
+        self.near[lane] = behind_um - STRETCH_UM >= scenario.wall.x_um
+        row["error_um"] = 0.0
+        if self.near[lane]:
+            field = self.fleet.plants[lane].field
+            row["error_um"] = wall_error_um(field, scenario.wall.y_um, behind_um - STRETCH_UM, behind_um)
 
     @property
     def out_of_time(self) -> NDArray[np.bool_]:

@@ -229,6 +229,7 @@ class MaxRateEnv(EdmEnv):
     knobs               ``("period",)``                   on_time, period or duty_factor: further actions
     setting_octaves     ``2.0``                  octaves  reach of the knobs either way, at most 4
     detents_us          ``(0.1, 0.5)``           us       steps of the knobs: on-time, period
+    offset_um           ``None``                 um       offset from the path of an action of 1; none if None
     decision_s          ``0.1``                  s        machine time between actions; a window if None
     episode_s           ``25.0``                 s        time of cutting that truncates an episode
     wires               ``20``                            wires before a break ends the episode

@@ -67,8 +67,11 @@ CORNERS = (
     Entry("corner_ahead", 0.0, 1.0, "length of path to the next corner / 1 mm; 1 if there is none within"),
     Entry("corner_turn", -1.0, 1.0, "its turn / 180 degrees, left positive; 0 if there is none within 1 mm"),
     Entry("corner_behind", 0.0, 1.0, "length of path from the last corner / 1 mm; 1 if there is none within"),
+    Entry("corner_turned", -1.0, 1.0, "its turn / 180 degrees, left positive; 0 if there is none within 1 mm"),
 )
 """Entries behind the dials, where the program is known."""
+OFFSET = Entry("offset", -1.0, 1.0, "offset from the path, left positive / offset_um")
+"""Entry behind those, where an action leads the guides beside the path."""
 WIRES = (
     Entry("wires_lost", 0.0, 1.0, "wires that broke / wires of the episode"),
     Entry("wire_age", 0.0, 1.0, "time of cutting with the present wire / 60 s; 1 beyond"),
@@ -88,7 +91,8 @@ def of_a_step(locates_discharges: bool) -> tuple[Entry, ...]:
 
 
 def entries(
-    history: int, knows_corners: bool, locates_discharges: bool = False, knows_wires: bool = False
+    history: int, knows_corners: bool, locates_discharges: bool = False, offsets: bool = False,
+    knows_wires: bool = False,
 ) -> list[Entry]:
     """Every entry of an observation, in order."""
     steps = [
@@ -96,7 +100,8 @@ def entries(
         for age in range(history)
         for entry in of_a_step(locates_discharges)
     ]
-    return [*steps, *DIALS, *(CORNERS if knows_corners else ()), *(WIRES if knows_wires else ())]
+    known = *(CORNERS if knows_corners else ()), *((OFFSET,) if offsets else ()), *(WIRES if knows_wires else ())
+    return [*steps, *DIALS, *known]
 
 
 _LOW = tuple(entry.low for entry in MEASURED)
@@ -236,15 +241,12 @@ def corners(places_um: Floats, along_um: Floats, turns_deg: Floats) -> NDArray[n
     """
     ahead = along_um - places_um[:, None]
     lane = np.arange(len(places_um))
-    following = np.where(ahead > 0, ahead, np.inf)
-    k = following.argmin(axis=1)
-    distance = following[lane, k]
-    behind = np.where(ahead <= 0, -ahead, np.inf).min(axis=1)
-    near = distance <= LOOK_UM
     rows = np.empty((len(lane), len(CORNERS)))
-    rows[:, 0] = np.minimum(distance / LOOK_UM, 1.0)
-    rows[:, 1] = np.where(near, turns_deg[lane, k] / 180.0, 0.0)
-    rows[:, 2] = np.minimum(behind / LOOK_UM, 1.0)
+    for column, distances in ((0, np.where(ahead > 0, ahead, np.inf)), (2, np.where(ahead <= 0, -ahead, np.inf))):
+        k = distances.argmin(axis=1)
+        distance = distances[lane, k]
+        rows[:, column] = np.minimum(distance / LOOK_UM, 1.0)
+        rows[:, column + 1] = np.where(distance <= LOOK_UM, turns_deg[lane, k] / 180.0, 0.0)
     return rows.astype(np.float32)
 
 

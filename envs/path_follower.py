@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edmsim.compiled.jit import exactly_compiled
+from edmsim.controllers.planner.beside import next_steps
 from edmsim.controllers.planner.exact import segment_at
 from edmsim.controllers.planner.record import LIMIT
 from edmsim.controllers.planner.run import advance, done, path_um, travel_um
@@ -44,12 +45,14 @@ LANE = np.dtype(
         ("step_ns", "i8"),
         ("settling_ns", "i8"),
         ("steps", "i8"),
+        ("beside", "i8", 2),
         ("cause", "i8"),
         ("broke", "i8"),
         ("wires_lost", "i8"),
         ("step_um", "f8"),
         ("table_um", "f8"),
         ("feed_um_s", "f8"),
+        ("offset_um", "f8"),
         ("path_um", "f8"),
         ("travel_um", "f8"),
         ("reached_um", "f8"),
@@ -74,9 +77,10 @@ LANE = np.dtype(
 ``units`` is the feed in the planner's units, negative backwards; it counts ``latency_ns`` after the window's begin,
 till then ``units_before``. ``longest_ns`` is the longest window; ``elapsed_ns`` the time of cutting in the episode,
 ``step_ns`` since the last action, ``settling_ns`` for how long a fresh wire settles yet; ``steps`` how many motor
-steps are planned; ``cause`` why the episode ended; ``broke`` whether the wire broke in the window, ``wires_lost`` how
-many have. ``step_um, table_um`` are the motor step and the table's travel. ``feed_um_s`` is the feed commanded,
-``path_um`` the length of the leg behind the lane by its planner.
+steps are planned, ``beside`` by how many the motors are beside the path, where ``offset_um`` leads them; ``cause``
+why the episode ended; ``broke`` whether the wire broke in the window, ``wires_lost`` how many have.
+``step_um, table_um`` are the motor step and the table's travel. ``feed_um_s`` is the feed commanded, ``path_um``
+the length of the leg behind the lane by its planner.
 Of the last window: ``travel_um`` along the path, ``progress_um`` of the cut and ``area_mm2``, that times the local
 height. ``reached_um`` is the length of the leg up to where the wire really is, ``error_um`` its distance from there:
 a wire pushed against metal bends and stays behind its counters. ``cut_um`` is the length of the leg that was cut: it
@@ -167,6 +171,36 @@ def plan(
         rows[i].steps = max(made, 0)
         most = max(most, made)
     return most
+
+
+@exactly_compiled
+def lead_beside(
+    lanes: NDArray[np.int64], rows: NDArray[np.void], planners: NDArray[np.void], points: NDArray[np.float64],
+    along: NDArray[np.float64], states: NDArray[np.void], out: NDArray[np.int64],
+) -> None:
+    """Put the steps that lead lanes beside their paths before those that are planned; see `next_steps`.
+
+    Parameters
+    ----------
+    lanes, rows, planners, points, along, states
+        As in `plan`; ``steps`` and ``beside`` are written.
+    out : (n, room, 3)
+        Of `plan`, with room for two steps more in each row.
+    """
+    for j in range(lanes.shape[0]):
+        i = lanes[j]
+        more = next_steps(
+            points[i], along[i], planners[i].last_move, rows[i].path_um, rows[i].offset_um, rows[i].step_um,
+            rows[i].beside,
+        )
+        for axis in range(2):
+            if more[axis] != 0:
+                for k in range(rows[i].steps, 0, -1):
+                    for field in range(3):
+                        out[i, k, field] = out[i, k - 1, field]
+                out[i, 0, 0], out[i, 0, 1], out[i, 0, 2] = states[i].time_ns, axis, more[axis]
+                rows[i].steps += 1
+                rows[i].beside[axis] += more[axis]
 
 
 @exactly_compiled

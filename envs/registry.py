@@ -17,9 +17,9 @@ if TYPE_CHECKING:
 
 _FILES = {
     "GapFeed": "gap_feed", "HeightStep": "height_step", "Corner": "corner", "Contour": "contour",
-    "MaxRate": "max_rate", "ThinWire": "thin_wire",
+    "MaxRate": "max_rate", "ThinWire": "thin_wire", "Trim": "trim",
 }  # fmt: skip
-_FIRST = "MaxRate", "ThinWire"
+_FIRST = "MaxRate", "ThinWire", "Trim"
 """Those whose present version is their first, v0."""
 _GENERAL = "edmsim.envs.single:EdmEnv", "edmsim.envs.vector:EdmVectorEnv"
 _WITHDRAWN = "edmsim.envs.registry:withdrawn"

@@ -6,7 +6,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple, Self
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,16 +18,16 @@ from edmsim.envs import servo
 from edmsim.envs.arguments import Range, above_zero, ends_of, machine_of, one_of, record_of, whole_from, within
 from edmsim.envs.draws import draw_machine, names_of
 from edmsim.envs.reward import TERMS, Weights
+from edmsim.envs.scenario import Scenario
 from edmsim.envs.sensors import EXACT, Sensors
 from edmsim.errors import InputError
 from edmsim.machine.machine import Machine
 from edmsim.machine.setting import check_height
 from edmsim.plant.plant import MECHANICS
 from edmsim.plant.resolution import resolution
-from edmsim.plant.workpiece.kerf_field import Stock
 
 if TYPE_CHECKING:
-    from edmsim.program.path import WireContour
+    pass
 
 Floats = NDArray[np.float64]
 
@@ -35,38 +35,15 @@ CORNER_DEG = 20.0
 """A path has a corner where it turns by at least this (ours: chords of arcs turn by less)."""
 MAX_FEED_UM_S = 100.0
 """Feed an action of 1 may ask for (ours: about twice the cutting rate of the standard set-up 10 mm high)."""
+MOST_OFFSET_UM = 100.0
+"""Greatest offset from the path that may be asked for (ours: well beyond what a wire is bent by)."""
 ROOM_MM = 2.5
 """Length of table that a cut leaves free before the end switches (ours)."""
 ACTIONS = ("change", "speed", "servo")
-LASTING = ("resolution", "mechanics", "planner", "action", "knobs", "sensors", "history", "objectives")
+LASTING = (
+    "resolution", "mechanics", "planner", "action", "knobs", "offset_um", "sensors", "history", "objectives",
+)  # fmt: skip
 """Arguments that decide on spaces and plants: they stay as long as the environment does."""
-
-
-class Scenario(NamedTuple):
-    """One episode before it begins.
-
-    Attributes
-    ----------
-    machine : Machine
-    stock : Stock
-    legs_um : tuple of float64 arrays (k, 2)
-        The wire's path, piece by piece; a wire is threaded between two.
-    heights : (float64 array (m,), float64 array (m,))
-        Lengths of path in um from which on the height is another, the first 0, and those heights in mm.
-    plant_seed : int
-    drawn : dict
-        What was drawn for it, by name, for `info`.
-    contours : tuple of WireContour
-        The edges the part program draws, one for every leg; none where no program is cut.
-    """
-
-    machine: Machine
-    stock: Stock
-    legs_um: tuple[Floats, ...]
-    heights: tuple[Floats, Floats]
-    plant_seed: int
-    drawn: dict[str, float | str]
-    contours: tuple[WireContour, ...] = ()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -74,7 +51,8 @@ class Family(ABC):
     """Episodes of one kind: limits, what is drawn, what actions mean; its fields are an environment's arguments.
 
     A subclass says in `draw_cut` what is cut, and has `own_weights` and `own_machine`. `knows_corners` shows corners,
-    `locates_discharges` where pulses ignite, `knows_wires` what the wires did. An id's defaults are its benchmark.
+    `locates_discharges` where pulses ignite, `knows_wires` what the wires did; with `finishes_wall` errors are those
+    of `Scenario.wall`, and not of the wire's place. An id's defaults are its benchmark.
 
     Parameters
     ----------
@@ -106,6 +84,8 @@ class Family(ABC):
         How far knobs turn either way: an action of 1 multiplies by 2 to the power of this.
     detents_us : (float, float)
         Steps of the knobs, on-time and period (ours: fine against what they change).
+    offset_um : float, optional
+        How far an action of 1 leads the guides to the left of the path, the last entry of an action; none if None.
     decision_s : float, optional
         Machine time between two actions: as many windows as begin within it, one at the least. One window if None.
     episode_s : float, optional
@@ -154,6 +134,7 @@ class Family(ABC):
     knobs: Sequence[str] = ()
     setting_octaves: float = 2.0
     detents_us: tuple[float, float] = (1.0, 5.0)
+    offset_um: float | None = None
     decision_s: float | None = None
     episode_s: float | None = 25.0
     wires: int = 1
@@ -175,6 +156,7 @@ class Family(ABC):
     knows_corners: ClassVar[bool] = False
     locates_discharges: ClassVar[bool] = False
     knows_wires: ClassVar[bool] = False
+    finishes_wall: ClassVar[bool] = False
     own_weights: ClassVar[Weights] = Weights()
 
     @classmethod
@@ -257,6 +239,8 @@ class Family(ABC):
                 above_zero(name, getattr(self, name))
         for value in self.detents_us:
             above_zero("detents_us", value)
+        if self.offset_um is not None:
+            above_zero("offset_um", self.offset_um, MOST_OFFSET_UM)
         if not abs(self.start_feed_um_s) <= self.max_feed_um_s:
             raise InputError(f"start_feed_um_s is {self.start_feed_um_s!r}: give at most max_feed_um_s either way")
         for share in self.servo_target_share:
@@ -303,7 +287,8 @@ class Family(ABC):
     @property
     def action_names(self) -> tuple[str, ...]:
         """What each entry of an action is called."""
-        return ("target" if self.action == "servo" else "feed", *self.knobs)
+        last = () if self.offset_um is None else ("offset",)
+        return ("target" if self.action == "servo" else "feed", *self.knobs, *last)
 
     @property
     def reach_mm(self) -> float:
@@ -393,8 +378,3 @@ class Family(ABC):
         drawn : dict
             What was drawn so far, by name; what is drawn here is added.
         """
-
-
-def even_height(machine: Machine) -> tuple[Floats, Floats]:
-    """Return `Scenario.heights` of a workpiece of one height."""
-    return np.zeros(1), np.array([machine.height_mm])

@@ -177,6 +177,7 @@ class ThinWireEnv(EdmEnv):
     knobs               ``('duty_factor',)``           on_time, period or duty_factor: further actions
     setting_octaves     ``2.0``               octaves  reach of the knobs either way, at most 4
     detents_us          ``(1.0, 5.0)``        us       steps of the knobs: on-time, period
+    offset_um           ``None``              um       offset from the path of an action of 1; none if None
     decision_s          ``0.5``               s        machine time between actions; a window if None
     episode_s           ``120.0``             s        time of cutting that truncates an episode
     wires               ``4``                          wires before a break ends the episode

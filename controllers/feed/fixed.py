@@ -22,23 +22,27 @@ class FixedController:
     ----------
     feed_um_s : float
         The feed in um/s, 0 or more (ours: 20, which left half of the pulses open in 20 mm of steel).
+    offset_um : float
+        Offset to the left of the path, as a finishing pass may need one.
     """
 
     name: ClassVar[str] = "fixed"
 
     feed_um_s: float = 20.0
+    offset_um: float = 0.0
 
     def __post_init__(self) -> None:
-        check_parameter(self.name, "feed_um_s", self.feed_um_s)
+        for name in ("feed_um_s", "offset_um"):
+            check_parameter(self.name, name, getattr(self, name))
 
     def reset(self, max_feed_um_s: float) -> FeedCommand:
         """Begin a new cut; refuses a feed the machine cannot run."""
         check_feed(self.name, "feed_um_s", self.feed_um_s, max_feed_um_s)
-        return FeedCommand(self.feed_um_s)
+        return FeedCommand(self.feed_um_s, offset_um=self.offset_um)
 
     def update(self, window: WindowObservation) -> FeedCommand:
         """The same feed, whatever the window showed."""
-        return FeedCommand(self.feed_um_s)
+        return FeedCommand(self.feed_um_s, offset_um=self.offset_um)
 
     def snapshot(self) -> ControllerState:
         """Nothing changes while cutting."""

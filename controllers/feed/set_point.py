@@ -1,8 +1,8 @@
-"""A servo of pulse counts at one setting of the generator, with longer pauses near corners if wanted.
+"""A servo of pulse counts at one setting of the generator; near corners with longer pauses and an offset, if wanted.
 
 It is what an operator does with knobs and a table of settings, and what machines do at corners: they take power back
-there, because the wire bends with it. The numbers are ours; those of a task's reference lines are in
-`edmsim.evaluation.lines`.
+there, because the wire bends with it, and lead the guides beside the path by as much as it is bent. The numbers are
+ours; those of a task's reference lines are in `edmsim.evaluation.lines`.
 """
 
 from __future__ import annotations
@@ -48,6 +48,14 @@ class SetPointController(ServoController):
         Length of path before and behind a corner within which the period is longer; 0 for none.
     corner_factor : float
         Period there over the period elsewhere.
+    offset_um : float
+        Offset to the left of the path.
+    pull_N_m : float
+        Force on the wire per height of workpiece, forward; below 0 for a wire that lags. It bends the wire ahead of
+        its guides, by `lead_um`, and a corner turns that into an error beside the path: behind it, the offset is
+        changed by as much to the other side, and less and less as the wire comes round.
+    fade_um : float
+        Length of path behind a corner on which that falls to 1/e.
     """
 
     name: ClassVar[str] = "set-point"
@@ -59,9 +67,14 @@ class SetPointController(ServoController):
     period_factor: float = 1.0
     corner_um: float = 0.0
     corner_factor: float = 4.0
+    offset_um: float = 0.0
+    pull_N_m: float = 0.0
+    fade_um: float = 100.0
 
     _machine: Machine | None = field(default=None, init=False, repr=False)
     _corners_um: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0), init=False, repr=False)
+    _turns_rad: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0), init=False, repr=False)
+    _lead_um: float = field(default=0.0, init=False, repr=False)
     _start_um: float = field(default=0.0, init=False, repr=False)
     _on_us: float = field(default=1.0, init=False, repr=False)
     _least_us: float = field(default=0.0, init=False, repr=False)
@@ -81,21 +94,24 @@ class SetPointController(ServoController):
         self._machine = machine
         self._on_us = float(max(round(machine.t_on_us * self.on_factor), 1))
         self._least_us = float(math.ceil(least_period_us(machine, self._on_us) / STEP_US) * STEP_US)
-        self._corners_um = line.s[line.corners(CORNER_DEG)] * 1e3 + start_um
+        corners = line.corners(CORNER_DEG)
+        self._corners_um = line.s[corners] * 1e3 + start_um
+        self._turns_rad = np.radians(line.turn_deg[corners])
+        self._lead_um = lead_um(machine, self.pull_N_m)
         self._start_um = start_um
 
     def reset(self, max_feed_um_s: float) -> FeedCommand:
         """Begin a new cut."""
         command = super().reset(max_feed_um_s)
         self._factor = self.factor(self._start_um)
-        return self._with_setting(command)
+        return self._with_setting(command)._replace(offset_um=self.offset(self._start_um))
 
     def update(self, window: WindowObservation) -> FeedCommand:
         """Feed and setting for the next window."""
         factor = self.factor(window.path_um)
         self._servo.integral_um_s *= self._factor / factor
         self._factor = factor
-        return self._with_setting(super().update(window))
+        return self._with_setting(super().update(window))._replace(offset_um=self.offset(window.path_um))
 
     def snapshot(self) -> ControllerState:
         """Everything that changes while cutting."""
@@ -110,6 +126,13 @@ class SetPointController(ServoController):
         """Return the period at a place of the path, in the operator's, and not shorter than the supply gives."""
         near = self.corner_um > 0 and bool((np.abs(self._corners_um - path_um) <= self.corner_um).any())
         return max(self._wanted() * (self.corner_factor if near else 1.0), self.least_factor)
+
+    def offset(self, path_um: float) -> float:
+        """Return the offset at a place of the path, to its left."""
+        behind_um = path_um - self._corners_um
+        passed = behind_um >= 0.0
+        beside_um = self._lead_um * np.sin(self._turns_rad[passed]) * np.exp(-behind_um[passed] / self.fade_um)
+        return self.offset_um + float(beside_um.sum())
 
     @property
     def least_factor(self) -> float:
@@ -126,3 +149,21 @@ class SetPointController(ServoController):
             return command
         period_us = float(round(self._machine.t_period_us * self._factor))
         return command._replace(t_on_us=self._on_us, t_period_us=period_us)
+
+
+def lead_um(machine: Machine, force_N_m: float) -> float:
+    """Return how far a wire is bent, in um, in the mean over the workpiece's height.
+
+    A string between the guides with an even load over the middle of its length: ``q h (2 l - h) / (8 T)`` at mid
+    height, less ``q h**2 / (24 T)`` in the mean.
+
+    Parameters
+    ----------
+    machine : Machine
+        Height h, tension T and distance l of the guides.
+    force_N_m : float
+        The load q.
+    """
+    height_m, guides_m = machine.height_mm * 1e-3, machine.guide_distance_mm * 1e-3
+    bent = height_m * (2 * guides_m - height_m) / 8 - height_m**2 / 24
+    return force_N_m * bent / machine.tension * 1e6

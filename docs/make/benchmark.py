@@ -48,14 +48,15 @@ what the oracle earns, which sees the true gap. Values in parentheses are 95 % b
   to 419 breaks per m (Poisson).
 - *Return, cost*: the sums of the environment's rewards and costs ([environments](environments.md)).
 - *Path error*: root mean square of the distance from the path to the wire's true place, over the length cut; in
-  Corner over the length within 100 um of the corner.
+  Corner over the length within 100 um of the corner; in Trim of the finished wall's distance from its place.
 - *Edge error*: the same for the distance from the contour to the cut edge. It contains the error of an offset that
   is wrong for the drawn machine.
 
-Three environments have other references. In Corner a score of 0 is the constant setting with the least error near
-the corner on 8 training machines, and in ThinWire the fastest constant setting that broke no wire of 24. Their
-oracle makes each cut with several settings: in Corner it makes the period 1 to 3 times as long within 100 um of the
-corner, in ThinWire it chooses the period. A controller that changes the setting within the cut may earn more than
+Four environments have other references. In Corner a score of 0 is the constant setting that earned most on 8
+training machines, in Trim the constant feed and offset that did on 12, and in ThinWire the fastest constant setting
+that broke no wire of 24. Their oracle makes each cut several times and keeps the best: in Corner with pauses four
+times as long within 60 um of the corner and guides that go beside the path by five rules, in Trim with twelve pairs
+of feed and offset, in ThinWire with five periods. A controller that finds out more within the cut may earn more than
 that. In MaxRate `fixed-period` is 0, and 1 is `heat-oracle`, which sets the period by the wire's true temperature.
 
 The gains of the classic controllers were found by `edmsim search-gains` on other seeds, for the return of the first

@@ -26,12 +26,17 @@ from edmsim.evaluation.table import ranked, shown
 DOCS = Path(__file__).parents[1]
 PAGES = {
     "GapFeed": "gap-feed", "HeightStep": "height-step", "Corner": "corner", "Contour": "contour",
-    "MaxRate": "max-rate", "ThinWire": "thin-wire",
+    "MaxRate": "max-rate", "ThinWire": "thin-wire", "Trim": "trim",
 }  # fmt: skip
-TAKEN_S = {"GapFeed": 20.0, "HeightStep": 20.0, "Corner": 20.0, "Contour": 60.0, "MaxRate": 15.0, "ThinWire": 30.0}
+TAKEN_S = {
+    "GapFeed": 20.0, "HeightStep": 20.0, "Corner": 45.0, "Contour": 60.0, "MaxRate": 15.0, "ThinWire": 30.0,
+    "Trim": 8.0,
+}  # fmt: skip
 """Machine time at which a picture is taken, at the latest."""
-PAUSES = {"Corner": (0.0, 0.0), "MaxRate": (1.0,), "ThinWire": (0.0,)}
-"""What the knobs of a task are set to; MaxRate's wire would break at its first period."""
+FURTHER = {"Corner": (0.0, 0.0, 0.0), "MaxRate": (1.0,), "ThinWire": (0.0,), "Trim": (0.0, 0.0, 0.0)}
+"""What knobs and offset of a task are set to; MaxRate's wire would break at its first period."""
+FIRST = {"Trim": 0.4}
+"""What entry 0 is set to where that is not the middle of a servo's targets: a feed of 80 um/s."""
 COLUMNS = {"score": "score", "rate_mm2_min": "net rate, mm2/min", "total_return": "return"}
 
 
@@ -63,9 +68,10 @@ def with_table(page: str, comparison: Comparison) -> str:
 
 def photograph(name: str) -> None:
     """Cut, and write the picture."""
-    env = gymnasium.make(env_id_of(name), action="servo", render_mode="rgb_array")
+    served = {} if name in FIRST else {"action": "servo"}
+    env = gymnasium.make(env_id_of(name), render_mode="rgb_array", **served)
     _, info = env.reset(seed=1)
-    action, over = np.array([0.0, *PAUSES.get(name, ())], np.float32), False
+    action, over = np.array([FIRST.get(name, 0.0), *FURTHER.get(name, ())], np.float32), False
     while not over and info["time_s"] < TAKEN_S[name]:
         *_, terminated, truncated, info = env.step(action)
         over = terminated or truncated

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any, NamedTuple, Protocol
 
+from edmsim.controllers.axis.path_offset import PathOffset
 from edmsim.controllers.axis.step_compensation import StepCompensation
 from edmsim.controllers.planner.registry import Planner
 from edmsim.controllers.protocols import DrivesSteps, FeedCommand, Step
@@ -65,6 +66,8 @@ class PlannerMotion:
         For the first window.
     max_feed_um_s : float
         Greatest feed, either way.
+    offset : PathOffset
+        What leads the guides beside the path.
     compensation : StepCompensation, optional
         What adds steps on the way to the motors.
 
@@ -76,7 +79,7 @@ class PlannerMotion:
 
     def __init__(
         self, planner: Planner, drives: DrivesSteps | None, start_um: float, rest_until_ns: int, command: FeedCommand,
-        max_feed_um_s: float, compensation: StepCompensation | None = None,
+        max_feed_um_s: float, offset: PathOffset, compensation: StepCompensation | None = None,
     ) -> None:
         self.planner = planner
         self.start_um = start_um
@@ -87,6 +90,7 @@ class PlannerMotion:
         self._units = 0
         self._speeds = _Speeds(0, 0, 0)
         self._before: Any = None
+        self._offset = offset
         self._compensation = compensation
 
     @property
@@ -102,10 +106,11 @@ class PlannerMotion:
     def plan(self, start_ns: int, end_ns: int, certain: bool) -> list[Step]:
         """Return the planner's steps; where the end is not certain, nothing has been driven yet."""
         self._speeds = self._speeds_from(start_ns)
+        beside = self._offset.steps(start_ns, self.planner.path_um, self.command.offset_um)
         if certain:
-            return self._to_motors(self._drive(self._steps(start_ns, end_ns)))
+            return beside + self._to_motors(self._drive(self._steps(start_ns, end_ns)))
         self._before = self.planner.snapshot(), self._compensation and self._compensation.snapshot()
-        return self._to_motors(self._steps(start_ns, end_ns))
+        return beside + self._to_motors(self._steps(start_ns, end_ns))
 
     def keep(self, start_ns: int, end_ns: int) -> None:
         """Take note of the window's end; a planner that went further goes back there."""

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from edmsim.controllers import FeedController, WindowObservation
 from edmsim.controllers.axis.elcam import Elcam
+from edmsim.controllers.axis.path_offset import PathOffset
 from edmsim.controllers.axis.step_compensation import StepCompensation
 from edmsim.controllers.mcu.chips.switches import STOP_BUTTON, WIRE_BREAK, X_END, Y_END
 from edmsim.controllers.mcu.firmware.timers import MAX_FEED_UM_S
@@ -153,6 +154,7 @@ class Simulation:
         self.elcam = compensation
         step_um = table.step_um.value
         self._compensation = None if compensation is None else StepCompensation(compensation, step_um)
+        self._offset = PathOffset(step_um)
         self.plant = Plant(
             machine, seed, stock=Stock((x0, y0, x1, y1), holes, steps, machine.height_mm),
             position_um=self._motors_um(float(x), float(y)), resolution=resolution, mechanics=mechanics,
@@ -178,6 +180,7 @@ class Simulation:
         for observer in self.observers:
             observer.leg(points, at.start_um)
         tell(self.controller, self.machine, points, at.start_um)
+        self._offset.begin_leg(points)
         step_um = self.machine.base.table.step_um.value
         planner = make_planner(self._planner_name, points, unit=self._unit, step_um=step_um)
         limit_um_s = self.max_feed_um_s = min(self.max_feed_um_s, planner.max_feed_um_s)
@@ -188,19 +191,21 @@ class Simulation:
         drives = self.controller if isinstance(self.controller, DrivesSteps) and own is None else None
         rest_until_ns = self.plant.time_ns + round(leg.rest_s * 1e9)
         return PlannerMotion(
-            own or planner, drives, at.start_um, rest_until_ns, command, limit_um_s, self._compensation
+            own or planner, drives, at.start_um, rest_until_ns, command, limit_um_s, self._offset, self._compensation
         )
 
     def _motors_um(self, x_um: float, y_um: float) -> tuple[float, float]:
         """Return where the motors stand at a place of the program that is reached without steps."""
+        self._offset.clear()
         return (x_um, y_um) if self._compensation is None else self._compensation.begin((x_um, y_um))
 
     @property
     def commanded_um(self) -> tuple[float, float]:
-        """Where the program has come to: what the motors stand at, less their compensation."""
+        """Where the program has come to: what the motors stand at, less their compensation and the path's offset."""
         x, y = self.plant.commanded_um
         off_x, off_y = (0.0, 0.0) if self._compensation is None else self._compensation.offset_um
-        return x - off_x, y - off_y
+        beside_x, beside_y = self._offset.beside_um
+        return x - off_x - beside_x, y - off_y - beside_y
 
     @property
     def outcome(self) -> str | None:
@@ -359,7 +364,7 @@ class Simulation:
         values = {
             "at": asdict(self._at), "motion": self._motion.snapshot(), "controller": self.controller.snapshot(),
             "sums": asdict(self.sums), "refused": self.refused, "cause": int(self.cause), "reason": self.reason,
-            "compensation": self._compensation and self._compensation.snapshot(),
+            "compensation": self._compensation and self._compensation.snapshot(), "offset": self._offset.snapshot(),
         }
         return arrays, values
 
@@ -371,6 +376,7 @@ class Simulation:
         self.controller.restore(values["controller"])
         if self._compensation is not None:
             self._compensation.restore(values["compensation"])
+        self._offset.restore(values["offset"])
         self.sums, self.refused = Sums(**values["sums"]), values["refused"]
         self.cause, self.reason = StopCause(values["cause"]), values["reason"]
         self.plant.restore(_part(arrays, "plant."))

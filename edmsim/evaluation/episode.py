@@ -213,11 +213,12 @@ class Episode:
     def step(self) -> str | None:
         """Run one window; returns the outcome if that was the last."""
         command = self._command
-        result = self.task.advance(command.feed_um_s, command.t_on_us, command.t_period_us)
+        result = self.task.advance(command.feed_um_s, command.t_on_us, command.t_period_us, command.offset_um)
         self.last = result
         self._add(result)
         if self._recorder is not None:
-            given = [math.nan if v is None else v for v in (command.feed_um_s, command.t_on_us, command.t_period_us)]
+            setting = [math.nan if v is None else v for v in (command.t_on_us, command.t_period_us)]
+            given = [command.feed_um_s, *setting, command.offset_um]
             terms = self.task.reward_terms
             self._recorder.step(given, terms, result.cost, result.error_um, result.area_mm2)
         if result.truth.pulses == WINDOW_PULSES:
@@ -273,7 +274,7 @@ class Episode:
 
     def _result(self, outcome: str) -> Result:
         lost_s = self._threading_s if outcome in (BROKEN, JAMMED, STOPPED) else 0.0
-        turns = self.task.family.knows_corners
+        turns = self.task.family.knows_corners or self.task.family.finishes_wall
         error2_um2 = self._error2_um3 / self._near_um if turns and self._near_um else math.nan
         return Result(
             self._seed, self._name, outcome, self._time_s, self._cut_um * 1e-3, self._area_mm2,

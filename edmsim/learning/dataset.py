@@ -193,8 +193,10 @@ def _action(
     octaves["duty_factor"] = octaves["period"] - octaves["on_time"]
     if not family.knobs and any(octaves.values()):
         raise InputError("a controller turns the generator's knobs, and this environment has none: leave it out")
-    turned = (octaves[name] / family.setting_octaves for name in family.knobs)
-    return np.array([feed, *(min(max(action, -1.0), 1.0) for action in turned)], np.float32)
+    further = [octaves[name] / family.setting_octaves for name in family.knobs]
+    if family.offset_um is not None:
+        further.append(command.offset_um / family.offset_um)
+    return np.array([feed, *(min(max(action, -1.0), 1.0) for action in further)], np.float32)
 
 
 def _assemble(minari: Any, env: Any, task: str, name: str, files: list[Path], out: Path) -> Recorded:

@@ -58,6 +58,7 @@ class PolicyController:
         self._corner_deg: Floats = np.zeros((1, 1))
         self._feed_um_s = self._limit_um_s = self._start_um = self._path_um = self._shorted_s = 0.0
         self._age_s = self._spent_s = self._broke_at = 0.0
+        self._offset_um = 0.0
         self._lost = 0
 
     def set_up(self, machine: Machine, points_um: Floats, start_um: float) -> None:
@@ -88,6 +89,7 @@ class PolicyController:
         self._feed_um_s = self._family.first_feed_um_s
         self._path_um, self._shorted_s = self._start_um, 0.0
         self._age_s = self._spent_s = self._broke_at = 0.0
+        self._offset_um = 0.0
         self._lost = 0
         self._seen[:] = 0.0
         self._shown[:] = np.zeros((), observation.SHOWN)
@@ -141,6 +143,7 @@ class PolicyController:
             **law,
             "feed_um_s": self._feed_um_s, "limit_um_s": self._limit_um_s, "path_um": self._path_um,
             "shorted_s": self._shorted_s, "t_on_us": t_on_us, "t_period_us": t_period_us,
+            "offset_um": self._offset_um,
             "lost": self._lost, "age_s": self._age_s, "spent_s": self._spent_s, "broke_at": self._broke_at,
             **{name: getattr(self, f"_{name}").tobytes().hex() for name in _ARRAYS},
         }
@@ -156,7 +159,7 @@ class PolicyController:
         if self._law is not None:
             self._law_um_s = float(state["law_um_s"])
             self._law.restore(json.loads(cast(str, state["law"])))
-        self._lost = int(state["lost"])
+        self._lost, self._offset_um = int(state["lost"]), float(state["offset_um"])
         self._age_s, self._spent_s, self._broke_at = (float(state[n]) for n in ("age_s", "spent_s", "broke_at"))
         for name in _ARRAYS:
             array = getattr(self, f"_{name}")
@@ -208,6 +211,8 @@ class PolicyController:
         if self._family.knows_corners:
             place = np.array([self._path_um - self._start_um])
             seen = np.append(seen, observation.corners(place, self._corner_um, self._corner_deg)[0])
+        if self._family.offset_um is not None:
+            seen = np.append(seen, np.float32(self._offset_um / self._family.offset_um))
         if self._family.knows_wires:
             seen = np.append(seen, self._wires())
         action, self._memory = self.policy.act(seen, self._memory)
@@ -219,15 +224,19 @@ class PolicyController:
             feed = float(self._family.next_feed_um_s(np.array([self._feed_um_s]), action[:1])[0])
             self._feed_um_s = min(max(feed, -self._limit_um_s), self._limit_um_s)
         if self._family.knobs:
-            self._turn(self._family.setting_us(self._first_us, action[1:]))
+            self._turn(self._family.setting_us(self._first_us, action[1 : 1 + len(self._family.knobs)]))
+        if self._family.offset_um is not None:
+            self._offset_um = float(np.float32(action[-1])) * self._family.offset_um
 
     def _command(self) -> FeedCommand:
         """Return the feed in force, and the setting where the policy turns knobs."""
         if self._family.action == "servo":
             self._feed_um_s = float(self._servo["feed_um_s"][0])
+        command = FeedCommand(self._feed_um_s, offset_um=self._offset_um)
         if not self._family.knobs:
-            return FeedCommand(self._feed_um_s)
-        return FeedCommand(self._feed_um_s, None, *self._setting_us)
+            return command
+        t_on_us, t_period_us = self._setting_us
+        return command._replace(t_on_us=t_on_us, t_period_us=t_period_us)
 
     def _turn(self, wanted_us: tuple[float, float]) -> None:
         """Take the setting that the environment would take; what the generator refuses is not even asked for."""

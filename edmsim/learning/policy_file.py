@@ -28,6 +28,7 @@ from edmsim.files import read_arrays
 FORMAT = "edmsim-policy-1"
 ACTION_MEANINGS = {
     "feed": "feed, or its change: see docs/environments.md", "target": "open share that the servo holds", **KNOBS,
+    "offset": "offset from the path, left positive",
 }
 """What an entry of an action is, by its name (`Family.action_names`)."""
 Floats = NDArray[np.float64]

@@ -1,4 +1,4 @@
-"""PPO in one file, with torch and Gymnasium only: it learns the target of a servo, and the knobs that a task has.
+"""PPO in one file, with torch and Gymnasium only: it learns the target of a servo, and what else a task turns.
 
 python examples/learning/ppo.py --seed 1 --out ppo.csv                            # edmsim/GapFeed-v1
 python examples/learning/ppo.py --env edmsim/MaxRate-v0 --seed 1 --out rate.csv
@@ -99,6 +99,7 @@ def main() -> None:
     """Train, and write the learning curve."""
     parser = argparse.ArgumentParser(description="PPO in an environment of edmsim.")
     parser.add_argument("--env", default="edmsim/GapFeed-v1", help="id of the environment")
+    parser.add_argument("--action", default="servo", help="servo: its target; speed: the feed itself")
     parser.add_argument("--decision-s", type=float, help="machine time of a decision; the environment's by default")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--steps", type=int, default=204_800, help="decisions, all lanes together")
@@ -109,7 +110,7 @@ def main() -> None:
     given = {} if asked.decision_s is None else {"decision_s": asked.decision_s}
     envs = gymnasium.make_vec(
         asked.env, num_envs=LANES, vectorization_mode="vector_entry_point", autoreset_mode=AutoresetMode.SAME_STEP,
-        action="servo", servo_target_share=[0.0, 0.9], **given,
+        action=asked.action, servo_target_share=[0.0, 0.9], **given,
     )
     agent = Agent(envs.single_observation_space.shape[0], envs.single_action_space.shape[0])
     optimiser = torch.optim.Adam(agent.parameters(), lr=LEARNING_RATE, eps=1e-5)

@@ -10,7 +10,7 @@ import edmsim  # noqa: F401 - registers the environments
 from edmsim.envs import Task
 from edmsim.envs.registry import env_id_of
 
-NAMES = ("GapFeed", "HeightStep", "Corner", "Contour", "ThinWire")
+NAMES = ("GapFeed", "HeightStep", "Corner", "Contour", "ThinWire", "Trim")
 STANDARD = {"resolution": "fast", "randomise": None, "height_mm": None, "tension": None}
 """Arguments with which nothing of the standard machine is drawn."""
 

@@ -23,6 +23,7 @@ OWN = {
     "Corner": {"leg_mm": 0.1, "turn_deg": [60.0, 90.0], "setting_octaves": 1.0},
     "Contour": {"program": str(resources.files("edmsim.envs") / "small_punch.ngc")},
     "ThinWire": {"length_mm": 1.0, "wires": 2, "decision_s": 0.1},
+    "Trim": {"wave_um": [5.0, 6.0], "offset_um": 4.0},
 }
 
 

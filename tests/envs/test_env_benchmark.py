@@ -13,15 +13,24 @@ from edmsim.errors import InputError
 
 FROZEN = {
     "GapFeed": ((4.0, 40.0), 25.0, (0.0, 0.0)), "HeightStep": ((4.0, 40.0), 25.0, (0.0, 0.0)),
-    "Corner": ((4.0, 40.0), 150.0, (4.0, 0.1)), "Contour": ((4.0, 20.0), 300.0, (1.0, 0.1)),
-    "ThinWire": ((4.0, 20.0), 120.0, (0.0, 0.0)),
+    "Corner": ((20.0, 60.0), 200.0, (4.0, 0.1)), "Contour": ((4.0, 20.0), 300.0, (1.0, 0.1)),
+    "ThinWire": ((4.0, 20.0), 120.0, (0.0, 0.0)), "Trim": ((10.0, 40.0), 60.0, (4.0, 0.5)),
 }  # fmt: skip
 """Heights, seconds, weights of profile and time: another value needs another version."""
-OTHERS = {"wires": 1, "decision_s": None, "tension": (8.0, 20.0), "near_corner_um": None, "energy_bound_mJ": None}
+OTHERS = {
+    "wires": 1, "decision_s": None, "tension": (8.0, 20.0), "near_corner_um": None, "energy_bound_mJ": None,
+    "offset_um": None, "planner": "poscal", "max_feed_um_s": 100.0,
+}  # fmt: skip
 OWN = {
-    "Corner": {"near_corner_um": 100.0, "energy_bound_mJ": 5.5, "decision_s": 0.25},
+    "Corner": {
+        "near_corner_um": 100.0, "energy_bound_mJ": 5.5, "decision_s": 0.25, "tension": (6.0, 12.0),
+        "offset_um": 24.0,
+    },
     "ThinWire": {"wires": 4, "decision_s": 0.5, "tension": (1.2, 3.2)},
-}
+    "Trim": {
+        "decision_s": 0.25, "energy_bound_mJ": 2.0, "offset_um": 12.0, "planner": "exact", "max_feed_um_s": 200.0,
+    },
+}  # fmt: skip
 """What an id has of its own, and what the others have."""
 STILL = np.zeros(1, np.float32)
 
@@ -32,14 +41,14 @@ def test_an_id_is_the_benchmark(env_name):
     weights = family.reward_weights
     assert (family.height_mm, family.randomise) == (heights_mm, ())
     assert {name: getattr(family, name) for name in OTHERS} == {**OTHERS, **OWN.get(env_name, {})}
-    assert (family.resolution, family.mechanics, family.planner, family.history) == ("fast", "modal", "poscal", 4)
+    assert (family.resolution, family.mechanics, family.history) == ("fast", "modal", 4)
     assert (family.episode_s, family.latency_s) == (seconds, 0.0)
-    thin = env_name == "ThinWire"
-    assert (weights.progress, weights.short, weights.open) == ((1, 0, 0) if thin else (1, 0.5, 0.1))
+    thin, trim = env_name == "ThinWire", env_name == "Trim"
+    assert (weights.progress, weights.short, weights.open) == ((1, 0, 0) if thin or trim else (1, 0.5, 0.1))
     assert (weights.profile, weights.time) == (profile, time)
     lost = 0.4 if thin else 1
     assert (weights.wire_break, weights.limit, weights.done) == (lost, lost, 0)
-    assert weights.roughness == (4 if env_name == "Corner" else 0)
+    assert weights.roughness == (4 if env_name in ("Corner", "Trim") else 0)
     task = Task(env_name)
     task.reset(1_000_000)
     low, high = family.tension
@@ -107,7 +116,7 @@ def test_a_servo_holds_what_is_asked_of_it(make_env):
 def test_bounds_cost_by_the_second(make_env):
     env = make_env("Corner", action="speed", energy_bound_mJ=8.0)
     env.reset(seed=1)
-    costs = [env.step(np.array([0.1, knob, 0.0], np.float32))[4] for knob in (0.0, 0.5)]
+    costs = [env.step(np.array([0.1, knob, 0.0, 0.0], np.float32))[4] for knob in (0.0, 0.5)]
     assert [info["energy_mJ"] > 8.0 for info in costs] == [False, True]
     assert [info["cost"] for info in costs] == pytest.approx([0.0, costs[1]["dt_s"]])
 
@@ -117,7 +126,7 @@ def test_errors_of_a_corner_count_near_it(make_env):
     env.reset(seed=1)
     places, costs, errors = [], [], []
     for _ in range(500):
-        *_, over, _, info = env.step(np.array([0.12, 0.0, 0.0], np.float32))
+        *_, over, _, info = env.step(np.array([0.12, 0.0, 0.0, 0.0], np.float32))
         if info["area_mm2"] > 0:
             places.append(info["path_um"])
             costs.append(info["reward_terms"]["profile"])
@@ -139,7 +148,7 @@ def test_more_energy_than_the_bound_costs_what_it_cuts(make_env):
     for knob in (0.0, 0.5):
         env = make_env("Corner", action="speed")
         env.reset(seed=1)
-        infos = [env.step(np.array([0.2, knob, 0.0], np.float32))[4] for _ in range(40)]
+        infos = [env.step(np.array([0.2, knob, 0.0, 0.0], np.float32))[4] for _ in range(40)]
         costs[knob] = [info["reward_terms"]["roughness"] for info in infos]
         share = infos[-1]["energy_mJ"] / 5.5 - 1.0
         wanted = [-4.0 * max(share, 0.0) * info["area_mm2"] / 0.01275 for info in infos]

@@ -30,7 +30,7 @@ def test_single(make_env, env_name, feed, end):
         assert (terms["limit"], terms["wire_break"], terms["done"]) == (-60 / 0.0255 if over else 0.0, 0.0, 0.0)
         if over:
             break
-    assert over == (end is not None)
+    assert over == (end is not None and env_name != "Trim")  # nothing is in front of a wire that goes along a wall
 
 
 def test_at_the_path_s_end(make_env):

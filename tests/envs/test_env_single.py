@@ -112,7 +112,7 @@ def test_reward_is_the_sum_of_its_terms(make_env):
     env = make_env("Corner", action="speed", decision_s=None, near_corner_um=None, weights=weights)
     env.reset(seed=1)
     for _ in range(80):
-        _, reward, *_, info = env.step(np.array([0.25, 0, 0.4], np.float32))
+        _, reward, *_, info = env.step(np.array([0.25, 0, 0.4, 0], np.float32))
         pulses = sum(info[kind] for kind in ("short", "open", "spark", "arc"))
         passed, window = info["area_mm2"] / 0.01275, 255e-6 * info["t_period_us"] / 0.0255
         expected = 0.7 * passed - (0.3 * info["short"] / pulses + 0.2 * info["open"] / pulses + 0.1) * window
@@ -191,14 +191,14 @@ def test_time_truncates(make_env):
 def test_refused_setting_is_told_and_not_done(make_env):
     env = make_env("Corner", action="speed", decision_s=None)
     env.reset(seed=1)
-    *_, info = env.step(np.array([0.1, 0.0, -0.5], np.float32))
+    *_, info = env.step(np.array([0.1, 0.0, -0.5, 0.0], np.float32))
     assert "above the generator's 2 A" in info["refused"]
     assert (info["t_on_us"], info["t_period_us"]) == (30.0, 100.0)
-    *_, info = env.step(np.array([0.1, 0.5, -0.5], np.float32))  # the on-time counts all the same
+    *_, info = env.step(np.array([0.1, 0.5, -0.5, 0.0], np.float32))  # the on-time counts all the same
     assert "t_period must be at least" in info["refused"]
     assert (info["t_on_us"], info["t_period_us"]) == (60.0, 200.0)
     for knobs, setting in (((0.0, 0.5), (30.0, 200.0)), ((0.5, 0.0), (60.0, 200.0)), ((1.0, 1.0), (120.0, 1600.0))):
-        *_, info = env.step(np.array([0.1, *knobs], np.float32))
+        *_, info = env.step(np.array([0.1, *knobs, 0.0], np.float32))
         assert info["refused"] == ""
         assert (info["t_on_us"], info["t_period_us"]) == setting
 

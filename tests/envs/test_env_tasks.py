@@ -11,7 +11,7 @@ from edmsim.errors import InputError
 
 
 def test_a_task_is_its_environment(make_env, env_name, make_task):
-    env, task = make_env(env_name, action="speed", decision_s=None), make_task(env_name)
+    env, task = make_env(env_name, action="speed", decision_s=None, max_feed_um_s=100.0), make_task(env_name)
     _, info = env.reset(seed=3)
     seen = task.reset(seed=3)
     assert (seen.short, seen.open, seen.path_um) == (0, 0, 0.0)

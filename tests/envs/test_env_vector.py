@@ -86,9 +86,9 @@ def test_order_of_resets_does_not_matter(make_lanes):
         mask = np.arange(3) == lane
         observations, infos = other.reset(seed=4, options={"reset_mask": mask})
         assert infos["_plant_seed"].tolist() == mask.tolist()
-    actions = np.full((3, 3), 0.1, np.float32)
+    actions = np.full((3, 4), 0.1, np.float32)
     assert (one.step(actions)[0] == other.step(actions)[0]).all()
-    assert observations.shape == (3, 49)
+    assert observations.shape == (3, 51)
 
 
 def test_randomised_machines_agree_with_the_single_environment(make_env, make_lanes):

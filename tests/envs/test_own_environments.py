@@ -111,7 +111,7 @@ def test_an_own_family_may_set_the_generator_and_show_corners() -> None:
     env = gym.make("lab/Pulsing-v0")
     check_env(env.unwrapped)
     assert env.action_space.shape == (2,)
-    assert env.observation_space.shape == (49,)
+    assert env.observation_space.shape == (50,)
     lanes = gym.make_vec("lab/Pulsing-v0", num_envs=2, vectorization_mode="vector_entry_point")
     env.reset(seed=1)
     lanes.reset(seed=1)

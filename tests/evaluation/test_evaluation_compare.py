@@ -96,7 +96,7 @@ def test_an_episode_is_the_environments_own() -> None:
     made = begun(CORNER, make("fixed", feed_um_s=12.0), 3, leg_mm=0.04, episode_s=60.0).run()
     env = gymnasium.make(CORNER, action="speed", max_feed_um_s=12.0, leg_mm=0.04)
     env.reset(seed=3)
-    total, over, action = 0.0, False, np.array([1.0, 0.0, 0.0], np.float32)
+    total, over, action = 0.0, False, np.array([1.0, 0.0, 0.0, 0.0], np.float32)
     while not over:
         _, reward, terminated, truncated, info = env.step(action)
         total += float(reward)

@@ -59,7 +59,8 @@ def make_policy(tmp_path):
     ("name", "options"),
     [("GapFeed", {}), ("HeightStep", {"action": "speed"}), ("Corner", {"leg_mm": 0.05, "decision_s": None}),
      ("Contour", {"history": 2}), ("GapFeed", {"action": "servo", "knobs": ["period"]}),
-     ("ThinWire", {"decision_s": None}), ("MaxRate", {"decision_s": None, "wires": 1})],
+     ("ThinWire", {"decision_s": None}), ("MaxRate", {"decision_s": None, "wires": 1}),
+     ("Trim", {"decision_s": None})],
 )
 def test_the_controller_does_what_the_policy_does_in_its_environment(make_policy, name, options):
     policy = policy_file.load(str(make_policy(name, **options)))
@@ -72,7 +73,8 @@ def test_the_controller_does_what_the_policy_does_in_its_environment(make_policy
     settings = set()
     for _ in range(120):
         seen, reward, terminated, _, info = env.step(policy.action(seen).astype(np.float32))
-        result = task.advance(command.feed_um_s, command.t_on_us, command.t_period_us)
+        result = task.advance(command.feed_um_s, command.t_on_us, command.t_period_us, command.offset_um)
+        assert command.offset_um == pytest.approx(info["offset_um"], abs=1e-4)
         assert result.seen.feed_um_s == pytest.approx(info["feed_um_s"], abs=1e-4)
         assert (task.machine.t_on_us, task.machine.t_period_us) == (info["t_on_us"], info["t_period_us"])
         assert result.reward == pytest.approx(reward, abs=1e-3)
@@ -81,7 +83,7 @@ def test_the_controller_does_what_the_policy_does_in_its_environment(make_policy
         if terminated:
             break
         command = controller.update(result.seen)
-    assert (len(settings) > 1) == (name in ("Corner", "MaxRate", "ThinWire") or "knobs" in options)
+    assert (len(settings) > 1) == (name in ("Corner", "MaxRate", "ThinWire", "Trim") or "knobs" in options)
 
 
 def test_a_policy_that_decides_more_seldom_than_windows_come_sees_what_its_environment_shows(make_policy):

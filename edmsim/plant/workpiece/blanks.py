@@ -1,4 +1,4 @@
-"""Workpieces before the first spark: a block in front of the wire, and a begun slot with walls all around it."""
+"""Workpieces before the first spark: a block in front of the wire, a begun slot, and a wavy wall beside the wire."""
 
 from __future__ import annotations
 
@@ -18,6 +18,8 @@ SLOT_UM = 400.0
 """Length of the slot behind the wire (ours: the wire's rays do not reach its open end)."""
 SLOT_GAP_UM = 25.0
 """Gap all round the wire at the slot's end (ours: a little wider than what cuts settle at in front)."""
+BLOCK_UM = 1000.0
+"""How far a wavy wall goes on before and behind what is needed of it (ours: beyond what the wire's rays reach)."""
 _SCALLOP_UM = 20.0
 """Spacing of the holes that make up a slot: their cusps stay below half a um."""
 _FRONT_GAP_UM = 30.0
@@ -28,6 +30,31 @@ def block_in_front(machine: Machine, x_um: float) -> Stock:
     """Return a block over the rest of the table, whose straight edge is just beyond a wire at `x_um`."""
     travel_um = machine.base.table.travel_mm.value * 1e3
     return Stock((x_um + machine.wire_diameter_um / 2 + _FRONT_GAP_UM, 0.0, travel_um, travel_um))
+
+
+def wavy_wall(
+    wall_um: tuple[float, float], length_um: float, wave_um: float, spacing_um: float, shift_um: float
+) -> Stock:
+    """Return a block whose upper edge along +x is a row of shallow arcs, as a coarse pass may leave it.
+
+    Parameters
+    ----------
+    wall_um : (float, float)
+        A place on the edge, half way between the deepest and the highest of its waves.
+    length_um : float
+        How far the edge is needed from there.
+    wave_um : float
+        From the bottom of an arc to the ridge between two.
+    spacing_um : float
+        From ridge to ridge.
+    shift_um : float
+        Where along x the arcs begin.
+    """
+    x, y = wall_um
+    radius = spacing_um**2 / (8 * wave_um)
+    centres = np.arange(x - BLOCK_UM + shift_um, x + length_um + BLOCK_UM, spacing_um)
+    holes = tuple((float(c), y - wave_um / 2 + radius, radius) for c in centres)
+    return Stock((x - BLOCK_UM, 0.0, x + length_um + BLOCK_UM, y + wave_um / 2), holes)
 
 
 def checked_stock(stock: Stock, machine: Machine) -> Stock:

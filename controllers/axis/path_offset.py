@@ -1,0 +1,73 @@
+"""Offset of the guides beside the programmed path: a few steps more on the way to the motors, at every window.
+
+A bent wire cuts beside the path of its guides. A controller that knows by how much can lead them on the other side;
+and a finishing pass takes off more metal where they go nearer to the wall.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from edmsim.controllers.planner.beside import next_steps
+from edmsim.controllers.protocols import Step
+
+Floats = NDArray[np.float64]
+
+
+class PathOffset:
+    """The offset of a cut, leg by leg.
+
+    Parameters
+    ----------
+    step_um : float
+        Travel of a motor step.
+
+    Attributes
+    ----------
+    beside_um : (float, float)
+        By how much the motors stand beside the place of the program.
+    """
+
+    def __init__(self, step_um: float) -> None:
+        self._step_um = step_um
+        self._made: NDArray[np.int64] = np.zeros(2, np.int64)
+        self._points: Floats = np.zeros((0, 2))
+        self._along: Floats = np.zeros(0)
+
+    @property
+    def beside_um(self) -> tuple[float, float]:
+        """Extra steps in um."""
+        x, y = (self._made * self._step_um).tolist()
+        return x, y
+
+    def clear(self) -> None:
+        """Stand at a place of the program that was reached without steps."""
+        self._made[:] = 0
+
+    def begin_leg(self, points_um: NDArray[Any]) -> None:
+        """Go along the next leg; the motors stay where they are."""
+        points = np.asarray(points_um, np.float64)
+        lengths = np.hypot(*np.diff(points, axis=0).T)
+        kept = np.concatenate([[True], lengths > 0.0])
+        self._points = np.ascontiguousarray(points[kept])
+        self._along = np.concatenate([[0.0], np.cumsum(lengths[lengths > 0.0])])
+
+    def steps(self, time_ns: int, path_um: float, offset_um: float) -> list[Step]:
+        """Return the steps of the window that begins, at a length of the leg."""
+        more = next_steps(
+            self._points, self._along, len(self._points) - 2, path_um, offset_um, self._step_um, self._made
+        )
+        self._made += more
+        return [Step(time_ns, axis, direction) for axis, direction in enumerate(more) if direction]
+
+    def snapshot(self) -> list[int]:
+        """Return what changes, fit for JSON."""
+        return [int(steps) for steps in self._made]
+
+    def restore(self, state: Sequence[int]) -> None:
+        """Continue where `snapshot` was taken, on the same leg."""
+        self._made[:] = state

@@ -1,0 +1,71 @@
+"""The wall that a pass beside the metal leaves behind: how far from a line it is."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from edmsim.compiled.jit import exactly_compiled
+from edmsim.plant.kernel.state import TILE
+from edmsim.plant.workpiece.kerf_field import FULL, KerfField
+
+REACH_UM = 80.0
+"""Distance from the line, either way, within which the wall is looked for (ours: more than a pass takes or leaves);
+below there is metal all over."""
+
+
+class WallLine(NamedTuple):
+    """Where a wall that faces +y is to be.
+
+    Attributes
+    ----------
+    x_um : float
+        Where the line begins.
+    y_um : float
+        Of the line, along +x.
+    """
+
+    x_um: float
+    y_um: float
+
+
+def wall_error_um(field: KerfField, y_um: float, from_um: float, to_um: float) -> float:
+    """Root mean square, over a stretch of x and the height, of a wall's distance from where it is to be.
+
+    Parameters
+    ----------
+    field : KerfField
+        The wall's metal lies below, towards -y.
+    y_um : float
+        Where it is to be.
+    from_um, to_um : float
+        The stretch of x; columns of cells count whose middle lies within.
+
+    Returns
+    -------
+    float
+        In um; NaN where no column's middle is in the stretch.
+    """
+    return float(_error_um(field.tiles, field.index, field.n_slices, field.cell_um, y_um, from_um, to_um))
+
+
+@exactly_compiled
+def _error_um(
+    tiles: NDArray[np.uint16], index: NDArray[np.int32], slices: int, cell_um: float, y_um: float, from_um: float,
+    to_um: float,
+) -> float:
+    first, last = math.ceil(from_um / cell_um - 0.5), math.ceil(to_um / cell_um - 0.5)
+    low, high = math.floor((y_um - REACH_UM) / cell_um), math.ceil((y_um + REACH_UM) / cell_um)
+    squares = 0.0
+    for ix in range(first, last):
+        for number in range(slices):
+            parts = 0
+            for iy in range(low, high):
+                place = index[ix // TILE, iy // TILE]
+                parts += tiles[place, number, ix % TILE, iy % TILE] if place >= 0 else 0
+            squares += (low * cell_um + parts * cell_um / FULL - y_um) ** 2
+    count = max(last - first, 0) * slices
+    return math.sqrt(squares / count) if count else math.nan

@@ -1,0 +1,118 @@
+"""Guides beside the path: by whole steps, to the left of where it leads, and nothing forgotten."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from edmsim.controllers.axis.path_offset import PathOffset
+from edmsim.controllers.protocols import FeedCommand
+from edmsim.cosim.simulation import Simulation
+from edmsim.errors import InputError
+from edmsim.machine.machine import Machine
+from edmsim.program.path import plan_path
+
+TURN = np.array([(1000, 1000), (1100, 1000), (1100, 1100), (1000, 1100)])
+PUNCH = Path(__file__).parents[2] / "envs" / "small_punch.ngc"
+
+
+def test_it_is_reached_step_by_step_on_the_left_and_turns_with_the_path():
+    offset = PathOffset(2.0)
+    offset.begin_leg(TURN)
+    assert offset.steps(7, 0.0, 5.0) == [(7, 1, 1)]
+    assert offset.steps(8, 10.0, 5.0) == [(8, 1, 1)]
+    assert offset.steps(9, 20.0, 5.0) == []  # 2 of 2.5 steps
+    assert offset.beside_um == (0.0, 4.0)
+    assert offset.steps(10, 150.0, 5.0) == [(10, 0, -1), (10, 1, -1)]  # upwards now: the left is -x
+    assert offset.steps(11, 150.0, 5.0) == [(11, 0, -1), (11, 1, -1)]
+    assert offset.beside_um == (-4.0, 0.0)
+    offset.clear()
+    assert offset.beside_um == (0.0, 0.0)
+
+
+@given(st.lists(st.tuples(st.floats(0, 300), st.floats(-60, 60)), max_size=60), st.sampled_from([0.5, 2.0, 4.0]))
+def test_an_axis_makes_a_step_a_window_and_never_more_than_is_wanted(windows, step_um):
+    offset = PathOffset(step_um)
+    offset.begin_leg(TURN)
+    for time_ns, (path_um, wanted_um) in enumerate(windows):
+        before = np.array(offset.beside_um)
+        steps = offset.steps(time_ns, path_um, wanted_um)
+        moved = np.zeros(2)
+        for _, axis, direction in steps:
+            moved[axis] += direction * step_um
+        assert np.abs(moved).max(initial=0.0) <= step_um
+        np.testing.assert_array_equal(np.array(offset.beside_um), before + moved)
+    assert np.abs(offset.beside_um).max() <= 60.0 + step_um / 2
+
+
+def test_it_goes_on_where_it_was_kept():
+    first, second = PathOffset(2.0), PathOffset(2.0)
+    for offset in (first, second):
+        offset.begin_leg(TURN)
+    first.steps(0, 0.0, 30.0)
+    second.restore(json.loads(json.dumps(first.snapshot())))
+    assert second.beside_um == first.beside_um == (0.0, 2.0)
+
+
+class Beside:
+    """A controller that feeds evenly, beside the path."""
+
+    name = "beside"
+
+    def __init__(self, offset_um: float) -> None:
+        self.offset_um = offset_um
+
+    def reset(self, max_feed_um_s):
+        return FeedCommand(20.0, offset_um=self.offset_um)
+
+    def update(self, window):
+        return FeedCommand(20.0, offset_um=self.offset_um)
+
+    def snapshot(self):
+        return {}
+
+    def restore(self, state):
+        pass
+
+
+def simulation(offset_um: float) -> Simulation:
+    machine = Machine.load(height_mm=5.0)
+    path = plan_path(PUNCH, auto_offset_mm=machine.auto_offset_mm)
+    return Simulation(machine, path, Beside(offset_um), seed=1, resolution="fast")
+
+
+def test_a_cut_leads_the_guides_beside_the_path_and_counts_along_it():
+    plain, beside = simulation(0.0), simulation(-8.0)
+    for _ in range(12):
+        plain.step()
+        beside.step()
+    assert beside.path_um == plain.path_um
+    assert beside.position_um == plain.position_um
+    assert beside.commanded_um == plain.commanded_um
+    (x0, y0), (x1, y1) = plain.plant.commanded_um, beside.plant.commanded_um
+    assert np.hypot(x1 - x0, y1 - y0) == 8.0
+
+
+def test_a_cut_goes_on_beside_the_path_to_the_bit():
+    whole, first, second = simulation(6.0), simulation(6.0), simulation(6.0)
+    for _ in range(6):
+        whole.step()
+    for _ in range(2):
+        first.step()
+    arrays, values = first.snapshot()
+    second.restore(arrays, json.loads(json.dumps(values)))
+    for _ in range(4):
+        second.step()
+    assert second.plant.commanded_um == whole.plant.commanded_um
+    assert second.sums == whole.sums
+
+
+@pytest.mark.parametrize("offset_um", [np.nan, np.inf])
+def test_a_controller_commands_a_finite_offset(offset_um):
+    with pytest.raises(InputError, match="the beside controller commanded an offset of"):
+        simulation(offset_um)
