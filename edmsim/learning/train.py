@@ -13,7 +13,7 @@ import numpy as np
 
 from edmsim.envs.registry import env_id_of, find, stand_in
 from edmsim.errors import InputError
-from edmsim.files import make_writable
+from edmsim.files import locked
 from edmsim.learning import hyperparameters
 from edmsim.learning.hyperparameters import Hyperparameters
 
@@ -130,28 +130,36 @@ def train(
     if not 0 <= seed < 2**32:
         raise InputError(f"the seed {seed} must be from 0 to {2**32 - 1}")
     run = TrainingRun(env_id_of(env_id), algo, total, seed)
-    last = begin_from
-    if resume:
-        last = _checkpoint_of(run, out)
-        given = _given_of(last)
-    learners.check(env_id, algo, given)
-    make_writable(out)
-    trained = _begin(run, given, last)
-    if not resume:
-        for old in out.glob("checkpoint-*"):
-            shutil.rmtree(old)
+    with locked(out, "edmsim train"):
+        last = begin_from
+        if resume:
+            last = _checkpoint_of(run, out)
+            given = _given_of(last)
+        learners.check(env_id, algo, given)
+        trained = _begin(run, given, last)
+        if not resume:
+            for old in out.glob("checkpoint-*"):
+                shutil.rmtree(old)
+        _learn(trained, out, watch, callbacks, reset=last is None)
+    return trained
+
+
+def _learn(
+    trained: Trained, out: Path, watch: Callable[[TrainingProgress], None] | None, callbacks: Sequence[Any], *,
+    reset: bool,
+) -> None:
+    """Learn up to the run's steps, with checkpoints on the way and at the end, however it ends."""
     keeper = _Keeper(trained, out, watch)
     trained.model.set_logger(configure(str(out / "tensorboard"), ["tensorboard"]))
     torch.set_num_threads(1)  # more only wait for each other
-    left = total - trained.model.num_timesteps
+    left = trained.run.steps - trained.model.num_timesteps
     try:
         if left > 0:
-            more = [*learners.callbacks(trained.lanes, given), *callbacks]
-            trained.model.learn(left, callback=[keeper, *more], reset_num_timesteps=last is None)
+            more = [*learners.callbacks(trained.lanes, trained.hyperparameters), *callbacks]
+            trained.model.learn(left, callback=[keeper, *more], reset_num_timesteps=reset)
     finally:
         keeper.save(at_end=True)
         trained.normalise.close()
-    return trained
 
 
 def _begin(run: TrainingRun, given: Hyperparameters, last: Path | None) -> Trained:

@@ -12,6 +12,8 @@ import pytest
 
 from edmsim.envs.batch import action_space_of
 from edmsim.envs.registry import make_family, registered_ids
+from edmsim.errors import InputError
+from edmsim.files import locked
 from edmsim.learning import hyperparameters, policy_file
 
 needs_rl = pytest.mark.skipif(
@@ -164,3 +166,11 @@ def test_a_policy_is_scored_beside_its_rivals_on_the_same_episodes(monkeypatch, 
         assert 0 < row.rate_mm2_min < 100
         assert row.error_um is None
         assert row.breaks + row.limits == 0
+
+
+@needs_rl
+def test_a_second_training_leaves_the_first_one_s_folder_alone(tmp_path):
+    from edmsim.learning.train import train
+
+    with locked(tmp_path, "edmsim train"), pytest.raises(InputError, match="edmsim train"):
+        train("edmsim/GapFeed-v1", "ppo", tmp_path, steps=64)
