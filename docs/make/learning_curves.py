@@ -26,7 +26,7 @@ SEEDS = (1, 2, 3, 4, 5)
 LEGEND_LETTERS = 66
 """Letters of three lines' labels that have room side by side."""
 TASKS = {"GapFeed": 102_400, "HeightStep": 102_400, "Corner": 24_576, "Contour": 24_576, "MaxRate": 61_440,
-         "ThinWire": 16_384, "Trim": 81_920}  # fmt: skip
+         "ThinWire": 16_384, "Trim": 20_480}  # fmt: skip
 """Decisions of a training in each task: small numbers, so that five take half an hour of a processor at most."""
 OWN = {"Contour": ("--decision-s", "0.25"), "Trim": ("--action", "speed")}
 """An episode of Contour has 11,760 decisions else; a pass has no front that a servo could follow."""
