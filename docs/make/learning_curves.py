@@ -25,6 +25,8 @@ ROOT = Path(__file__).parents[2]
 SEEDS = (1, 2, 3, 4, 5)
 LEGEND_LETTERS = 66
 """Letters of three lines' labels that have room side by side."""
+NAME_LETTERS = 32
+"""A law of more numbers than that is named without them: the table beside the picture has them."""
 TASKS = {"GapFeed": 102_400, "HeightStep": 102_400, "Corner": 24_576, "Contour": 24_576, "MaxRate": 61_440,
          "ThinWire": 16_384, "Trim": 20_480}  # fmt: skip
 """Decisions of a training in each task: small numbers, so that five take half an hour of a processor at most."""
@@ -66,7 +68,8 @@ def lines_to_draw(task: str) -> dict[str, float]:
 
 
 def _short(name: str) -> str:
-    return name.replace("open_target_share=0.05,", "").replace(":open_target_share=0.05", "")
+    text = name.replace("open_target_share=0.05,", "").replace(":open_target_share=0.05", "")
+    return text if len(text) <= NAME_LETTERS else text.partition(":")[0]
 
 
 def draw_task(task: str, curves: list[np.ndarray]) -> None:
