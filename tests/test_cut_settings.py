@@ -77,7 +77,7 @@ def test_json_gives_the_same_settings_back() -> None:
 
 def test_a_controller_given_as_an_object_is_told_as_the_command_line_has_it() -> None:
     settings = CutSettings(controller=make("fixed", feed_um_s=12.0))
-    assert settings.model_dump()["controller"] == "fixed:feed_um_s=12.0"
+    assert settings.model_dump()["controller"] == "fixed:feed_um_s=12.0,offset_um=0.0"
 
 
 @pytest.mark.parametrize("text", ["", "[]", '{"colour": "red"}', '{"height_mm": 900}'])

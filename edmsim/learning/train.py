@@ -130,12 +130,12 @@ def train(
     if not 0 <= seed < 2**32:
         raise InputError(f"the seed {seed} must be from 0 to {2**32 - 1}")
     run = TrainingRun(env_id_of(env_id), algo, total, seed)
+    last = begin_from
+    if resume:
+        last = _checkpoint_of(run, out)
+        given = _given_of(last)
+    learners.check(env_id, algo, given)
     with locked(out, "edmsim train"):
-        last = begin_from
-        if resume:
-            last = _checkpoint_of(run, out)
-            given = _given_of(last)
-        learners.check(env_id, algo, given)
         trained = _begin(run, given, last)
         if not resume:
             for old in out.glob("checkpoint-*"):

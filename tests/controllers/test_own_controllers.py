@@ -171,7 +171,7 @@ def test_an_object_of_ours_cuts_as_its_name_does(small_punch: Path) -> None:
     def cut(controller: Any) -> edmsim.CutResult:
         return edmsim.cut(small_punch, height_mm=5, resolution="fast", max_time_s=1, controller=controller)
 
-    named, given = cut("fixed:feed_um_s=11.0"), cut(controllers.make("fixed", feed_um_s=11.0))
+    named, given = cut("fixed:feed_um_s=11.0,offset_um=0.0"), cut(controllers.make("fixed", feed_um_s=11.0))
     assert_same(named, given)
     assert named.report["settings"] == given.report["settings"]
 
