@@ -75,8 +75,9 @@ def test_the_controller_does_what_the_policy_does_in_its_environment(make_policy
         seen, reward, terminated, _, info = env.step(policy.action(seen).astype(np.float32))
         result = task.advance(command.feed_um_s, command.t_on_us, command.t_period_us, command.offset_um)
         assert command.offset_um == pytest.approx(info["offset_um"], abs=1e-4)
-        # observations are float32: actions differ by some of their last digits, and a feed is in parts of the greatest
-        assert result.seen.feed_um_s == pytest.approx(info["feed_um_s"], abs=2e-6 * env.unwrapped.family.max_feed_um_s)
+        # observations are float32: actions differ by some of their last digits, feeds by such a part of the greatest
+        rounding_um_s = 2e-6 * env.unwrapped.family.max_feed_um_s
+        assert result.seen.feed_um_s == pytest.approx(info["feed_um_s"], abs=rounding_um_s)
         assert (task.machine.t_on_us, task.machine.t_period_us) == (info["t_on_us"], info["t_period_us"])
         assert result.reward == pytest.approx(reward, abs=1e-3)
         settings.add((info["t_on_us"], info["t_period_us"]))
