@@ -8,7 +8,7 @@ from typing import ClassVar, Literal
 
 import numpy as np
 
-from edmsim.envs.arguments import above_zero, ends_of
+from edmsim.envs.arguments import Range, above_zero, ends_of
 from edmsim.envs.gap_feed import GapFeed
 from edmsim.envs.reward import Weights
 from edmsim.envs.scenario import Scenario, even_height
@@ -42,7 +42,7 @@ class Trim(GapFeed):
     wave_mm: tuple[float, float] = (0.2, 0.6)
     allowance_um: tuple[float, float] = (4.0, 12.0)
     planner: str = "exact"
-    height_mm: tuple[float, float] | float | None = (10.0, 40.0)
+    height_mm: Range | None = (10.0, 40.0)
     action: Literal["change", "speed", "servo"] = "speed"
     knobs: Sequence[str] = ("on_time", "duty_factor")
     setting_octaves: float = 1.0

@@ -13,6 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edmsim.controllers.planner.beside import next_steps
+from edmsim.controllers.planner.course import Course
+from edmsim.controllers.planner.record import EXACT
 from edmsim.controllers.protocols import Step
 
 Floats = NDArray[np.float64]
@@ -50,11 +52,8 @@ class PathOffset:
 
     def begin_leg(self, points_um: NDArray[Any]) -> None:
         """Go along the next leg; the motors stay where they are."""
-        points = np.asarray(points_um, np.float64)
-        lengths = np.hypot(*np.diff(points, axis=0).T)
-        kept = np.concatenate([[True], lengths > 0.0])
-        self._points = np.ascontiguousarray(points[kept])
-        self._along = np.concatenate([[0.0], np.cumsum(lengths[lengths > 0.0])])
+        course = Course.of(EXACT, points_um)
+        self._points, self._along = course.points_um, course.along_um
 
     def steps(self, time_ns: int, path_um: float, offset_um: float) -> list[Step]:
         """Return the steps of the window that begins, at a length of the leg."""

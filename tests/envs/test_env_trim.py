@@ -43,20 +43,19 @@ def test_errors_count_from_where_the_wall_is_finished(make_task):
     wall = task.scenario.wall
     x, y = (float(v) for v in task.scenario.legs_um[0][0])
     assert (wall.x_um, wall.y_um) == (x, y - task.machine.wire_diameter_um / 2 - GAP_UM)
-    cause, told = None, []
-    while not told or not told[-1].over:
-        told.append(task.advance(60.0))
-    cause = told[-1].cause
-    assert cause.name == "FINISHED"
-    reached = np.array([task.path_um if r is told[-1] else r.seen.path_um for r in told])
-    near = np.array([r.near for r in told])
+    results = [task.advance(60.0)]
+    while not results[-1].over:
+        results.append(task.advance(60.0))
+    assert results[-1].cause.name == "FINISHED"
+    reached = np.array([result.seen.path_um for result in results])
+    near = np.array([result.near for result in results])
     assert not near[reached < FINISHED_UM].any()
     assert near[reached > FINISHED_UM + STRETCH_UM + 10.0].all()
-    assert all(r.error_um == 0.0 for r in told if not r.near)
+    assert all(result.error_um == 0.0 for result in results if not result.near)
     # what is measured on the way is the wall as it is in the end
     behind = wall.x_um + reached[-1] - FINISHED_UM
     left = wall_error_um(task.plant.field, wall.y_um, behind - STRETCH_UM, behind)
-    assert told[-1].error_um == pytest.approx(left, abs=1.0)
+    assert results[-1].error_um == pytest.approx(left, abs=1.0)
 
 
 def finished(make_task, feed_um_s: float, offset_um: float) -> float:
