@@ -40,7 +40,10 @@ FAST = {"reassoc", "contract", "arcp", "nsz", "afn"}
 _OPTIONS: dict[str, Any] = {
     "cache": True, "nogil": True, "fastmath": FAST, "error_model": "numpy", "forceinline": True, "_nrt": False,
 }
-_EXACT_OPTIONS: dict[str, Any] = {**_OPTIONS, "fastmath": False, "forceinline": False}
+_EXACT: dict[str, Any] = {"fastmath": False, "forceinline": False}
+_UNWRAPPED: dict[str, Any] = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+_wrappers: dict[str, Any] = {}
+"""`_UNWRAPPED` for functions that only compiled code calls: each wrapper is compiled with a copy of its function."""
 
 
 def _files() -> dict[str, Path]:
@@ -173,6 +176,14 @@ def keep_alone(function: Any) -> None:
     _kept_alone = function._cache._cache_file
 
 
+@contextmanager
+def only_called_by_compiled_code() -> Iterator[None]:
+    """Decorate functions that this process will not call from Python: they compile in less than half the time."""
+    _wrappers.update(_UNWRAPPED)
+    yield
+    _wrappers.clear()
+
+
 def in_cache(make: Callable[[Any], Any], function: Callable[..., Any]) -> Any:
     """Apply one of numba's decorators to a function, its machine code kept in the folder of these sources."""
     config: Any = numba.config
@@ -187,12 +198,12 @@ def in_cache(make: Callable[[Any], Any], function: Callable[..., Any]) -> Any:
 
 def compiled(function: Callable[_P, _R]) -> Callable[_P, _R]:
     """Compile a function: no Python objects, no GIL, machine code kept between runs."""
-    return cast("Callable[_P, _R]", in_cache(numba.njit(**_OPTIONS), function))
+    return cast("Callable[_P, _R]", in_cache(numba.njit(**_OPTIONS, **_wrappers), function))
 
 
 def compiled_apart(function: Callable[_P, _R]) -> Callable[_P, _R]:
     """Compile a function that is called, not inlined: what is seldom needed leaves the loop around it as it is."""
-    return cast("Callable[_P, _R]", in_cache(numba.njit(**{**_OPTIONS, "forceinline": False}), function))
+    return cast("Callable[_P, _R]", in_cache(numba.njit(**{**_OPTIONS, **_wrappers, "forceinline": False}), function))
 
 
 def exactly_compiled(function: Callable[_P, _R]) -> Callable[_P, _R]:
@@ -200,4 +211,4 @@ def exactly_compiled(function: Callable[_P, _R]) -> Callable[_P, _R]:
 
     Functions are called and not inlined, which takes a fraction of the time to compile.
     """
-    return cast("Callable[_P, _R]", in_cache(numba.njit(**_EXACT_OPTIONS), function))
+    return cast("Callable[_P, _R]", in_cache(numba.njit(**{**_OPTIONS, **_wrappers, **_EXACT}), function))
