@@ -21,6 +21,7 @@ from edmsim.controllers.feed.delay import DelayController
 from edmsim.controllers.feed.fixed import FixedController
 from edmsim.controllers.feed.fixed_period import FixedPeriodController
 from edmsim.controllers.feed.fuzzy import FuzzyController
+from edmsim.controllers.feed.lead_oracle import LeadOracleController
 from edmsim.controllers.feed.mcu import McuController
 from edmsim.controllers.feed.oracle import OracleController
 from edmsim.controllers.feed.sato import SatoController
@@ -41,7 +42,7 @@ _Kind: TypeAlias = (
     "type[CountsController] | type[FixedController] | type[VoltageController] | type[DelayController] "
     "| type[FuzzyController] | type[AdaptiveOffTimeController] | type[OracleController] | type[McuController] "
     "| type[FixedPeriodController] | type[SatoController] | type[HeatFluxController] | type[HeatOracleController] "
-    "| type[SetPointController] | type[ClimbController]"
+    "| type[SetPointController] | type[ClimbController] | type[LeadOracleController]"
 )
 _CONTROLLERS: dict[str, _Kind] = {
     kind.name: kind
@@ -49,6 +50,7 @@ _CONTROLLERS: dict[str, _Kind] = {
         CountsController, FixedController, VoltageController, DelayController, FuzzyController,
         AdaptiveOffTimeController, OracleController, McuController, FixedPeriodController, SatoController,
         HeatFluxController, HeatOracleController, SetPointController, ClimbController,
+        LeadOracleController,
     )
 }
 
@@ -58,8 +60,8 @@ SAME_LAW = {McuController.name: CountsController.name}
 OF_A_TASK = tuple(
     kind.name
     for kind in (
-        SetPointController, ClimbController, FixedPeriodController, SatoController, HeatFluxController,
-        HeatOracleController,
+        SetPointController, ClimbController, LeadOracleController, FixedPeriodController, SatoController,
+        HeatFluxController, HeatOracleController,
     )
 )
 """Controllers whose constants belong to one task: compared where that task names them."""

@@ -67,6 +67,10 @@ class GapWindow(Protocol):
         """Mean gap at the places of ignition; NaN if none."""
 
     @property
+    def deflection_um(self) -> tuple[float, float]:
+        """Mean deflection of the wire over height and time."""
+
+    @property
     def wire_temperature_K(self) -> float:
         """Highest temperature of the wire."""
 

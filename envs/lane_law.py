@@ -4,9 +4,13 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+import numpy as np
+from numpy.typing import NDArray
+
 from edmsim.controllers import FeedController, SeesTruth, WindowObservation
 from edmsim.controllers.protocols import FeedCommand, check_command, tell
 from edmsim.controllers.pulse_counters import WINDOW_PULSES
+from edmsim.envs.as_action import as_action
 
 if TYPE_CHECKING:
     from edmsim.envs.lanes import Lanes
@@ -18,7 +22,7 @@ class LaneLaw:
     Parameters
     ----------
     lanes : Lanes
-        Whose steps are one window each.
+        Of a step that has several windows, it is shown the last.
     lane : int
     controller : FeedController
     """
@@ -39,6 +43,15 @@ class LaneLaw:
         first = self._controller.reset(lanes.family.greatest_feed_um_s)
         self._command = check_command(self._controller.name, first)
         return self._command
+
+    def action(self) -> NDArray[np.float32]:
+        """Return the action of the environment that commands what it wants: see `as_action`."""
+        lanes, row = self._lanes, self._lanes.rows[self._lane]
+        scenario = lanes.scenarios[self._lane]
+        assert scenario is not None
+        first_us = scenario.machine.t_on_us, scenario.machine.t_period_us
+        now_us, feed_um_s = row["setting_us"].tolist(), float(row["feed_um_s"])
+        return as_action(lanes.family, self._controller, self._command, first_us, now_us, feed_um_s)
 
     def after_window(self) -> FeedCommand:
         """Show it the window that the lane has just had; returns the command for the next one."""

@@ -44,10 +44,14 @@ class SetPointController(ServoController):
         Feed, and its growth per second, per unit of the difference from the target.
     on_factor, period_factor : float
         On-time and pulse period, in those that the operator set.
-    corner_um : float
-        Length of path before and behind a corner within which the period is longer; 0 for none.
+    before_um, behind_um : float
+        Lengths of path before and behind a corner on which the period is longer; 0 for none.
     corner_factor : float
         Period there over the period elsewhere.
+    slack_um : float
+        Where this is above 0, that is so for a wire that 1 N per m of workpiece bends by as many um, and longer or
+        shorter in proportion to the root of what it bends another: errors grow with the bend, and time with the
+        period.
     offset_um : float
         Offset to the left of the path.
     pull_N_m : float
@@ -65,8 +69,10 @@ class SetPointController(ServoController):
     integral_um_s2: float = 30.0
     on_factor: float = 1.0
     period_factor: float = 1.0
-    corner_um: float = 0.0
+    before_um: float = 0.0
+    behind_um: float = 0.0
     corner_factor: float = 4.0
+    slack_um: float = 0.0
     offset_um: float = 0.0
     pull_N_m: float = 0.0
     fade_um: float = 100.0
@@ -78,6 +84,7 @@ class SetPointController(ServoController):
     _start_um: float = field(default=0.0, init=False, repr=False)
     _on_us: float = field(default=1.0, init=False, repr=False)
     _least_us: float = field(default=0.0, init=False, repr=False)
+    _at_corner: float = field(default=1.0, init=False, repr=False)
     _factor: float = field(default=1.0, init=False, repr=False)
 
     def gains(self) -> Gains:
@@ -98,6 +105,8 @@ class SetPointController(ServoController):
         self._corners_um = line.s[corners] * 1e3 + start_um
         self._turns_rad = np.radians(line.turn_deg[corners])
         self._lead_um = lead_um(machine, self.pull_N_m)
+        slack = math.sqrt(lead_um(machine, 1.0) / self.slack_um) if self.slack_um else 1.0
+        self._at_corner = max(self.corner_factor * slack, 1.0)
         self._start_um = start_um
 
     def reset(self, max_feed_um_s: float) -> FeedCommand:
@@ -124,8 +133,9 @@ class SetPointController(ServoController):
 
     def factor(self, path_um: float) -> float:
         """Return the period at a place of the path, in the operator's, and not shorter than the supply gives."""
-        near = self.corner_um > 0 and bool((np.abs(self._corners_um - path_um) <= self.corner_um).any())
-        return max(self._wanted() * (self.corner_factor if near else 1.0), self.least_factor)
+        passed_um = path_um - self._corners_um
+        near = bool(((-self.before_um < passed_um) & (passed_um < self.behind_um)).any())
+        return max(self._wanted() * (self._at_corner if near else 1.0), self.least_factor)
 
     def offset(self, path_um: float) -> float:
         """Return the offset at a place of the path, to its left."""

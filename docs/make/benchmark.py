@@ -54,10 +54,10 @@ what the oracle earns, which sees the true gap. Values in parentheses are 95 % b
 
 Four environments have other references. In Corner a score of 0 is the constant setting that earned most on 8
 training machines, in Trim the constant feed and offset that did on 12, and in ThinWire the fastest constant setting
-that broke no wire of 24. Their oracle makes each cut several times and keeps the best: in Corner with pauses four
-times as long within 80 um of the corner and guides that go beside the path by five rules, in Trim with twelve pairs
-of feed and offset, in ThinWire with five periods. A controller that finds out more within the cut may earn more than
-that. In MaxRate `fixed-period` is 0, and 1 is `heat-oracle`, which sets the period by the wire's true temperature.
+that broke no wire of 24. The oracle of the latter two makes each cut several times and keeps the best: in Trim with
+twelve pairs of feed and offset, in ThinWire with five periods. A controller that finds out more within the cut may
+earn more than that. In Corner 1 is `lead-oracle`, which leads the guides by the wire's true bend. In MaxRate
+`fixed-period` is 0, and 1 is `heat-oracle`, which sets the period by the wire's true temperature.
 
 The gains of the classic controllers were found by `edmsim search-gains` on other seeds, for the return of the first
 versions of GapFeed and HeightStep; each file in `models/gains/` names its command. `counts` keeps its documented

@@ -15,7 +15,7 @@ def train(
         str, typer.Argument(help="Environment: edmsim/GapFeed-v1 ..., or FILE.py:ID.", show_default=False)
     ],
     out: Annotated[Path, typer.Option(help="Folder for policy, checkpoint and tensorboard logs.")],
-    algo: Annotated[str, typer.Option(help="ppo, recurrent-ppo, ppo-lag, sac or tqc.")] = "ppo",
+    algo: Annotated[str, typer.Option(help="ppo, recurrent-ppo, ppo-lag, sac, tqc or imitation.")] = "ppo",
     steps: Annotated[int | None, typer.Option(help="Windows in all; default by environment.")] = None,
     seed: Seed = 0,
     resume: Annotated[bool, typer.Option("--resume", help="Go on from the folder's checkpoint.")] = False,
@@ -28,6 +28,9 @@ def train(
     residual: Annotated[
         str | None, typer.Option(metavar="LAW", help="Let the policy add to the feed of this controller.")
     ] = None,
+    teacher: Annotated[
+        str | None, typer.Option(metavar="CONTROLLER", help="What imitation follows, with truth or without.")
+    ] = None,
     privileged_critic: Annotated[
         bool, typer.Option("--privileged-critic", help="Show the value network gap, heat and constants.")
     ] = False,
@@ -39,7 +42,7 @@ def train(
     """Train a feed controller (needs the extra rl)."""
     from edmsim.learning.command import Asked, run
 
-    asked = Asked(settings, residual, privileged_critic, record_every, live)
+    asked = Asked(settings, residual, teacher, privileged_critic, record_every, live)
     try:
         table = run(env_id, algo, out, steps, seed, resume, score, ERR, asked)
     except KeyboardInterrupt:

@@ -28,6 +28,8 @@ class Asked(NamedTuple):
         File of hyperparameters that differ (see `edmsim.learning.hyperparameters.load`).
     residual : str or None
         Law that the policy adds to.
+    teacher : str or None
+        Controller that imitation follows.
     privileged_critic : bool
     record_every : int or None
         Every so many of the first lane's episodes one is recorded into the folder ``episodes``.
@@ -37,6 +39,7 @@ class Asked(NamedTuple):
 
     settings: Path | None = None
     residual: str | None = None
+    teacher: str | None = None
     privileged_critic: bool = False
     record_every: int | None = None
     live: bool = False
@@ -45,6 +48,7 @@ class Asked(NamedTuple):
         """Return the options of the command line that change what is learned."""
         words = [] if self.settings is None else ["--settings", str(self.settings)]
         words += [] if self.residual is None else ["--residual", self.residual]
+        words += [] if self.teacher is None else ["--teacher", self.teacher]
         words += ["--privileged-critic"] if self.privileged_critic else []
         return "".join(f" {shlex.quote(word)}" for word in words)
 
@@ -55,6 +59,8 @@ class Asked(NamedTuple):
         if self.residual is not None:
             environment = {**given.environment, "action": "speed", "decision_s": None}
             more = {"residual": self.residual, "environment": environment}
+        if self.teacher is not None:
+            more["teacher"] = self.teacher
         if self.privileged_critic:
             more["privileged_critic"] = True
         return given.model_copy(update=more)

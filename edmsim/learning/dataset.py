@@ -24,7 +24,6 @@ from numpy.typing import NDArray
 
 from edmsim import __version__
 from edmsim.controllers import from_text
-from edmsim.controllers.protocols import FeedCommand
 from edmsim.envs.registry import env_id_of, find
 from edmsim.envs.single import EdmEnv
 from edmsim.errors import InputError
@@ -33,8 +32,6 @@ from edmsim.files import locked, replacing
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
-
-    from edmsim.envs.task import Family
 
 KEPT = ("time_s", "dt_s", "path_um", "area_mm2", "cost", "error_um", "wires_lost")
 """Entries of ``info`` that a data set has, as float64."""
@@ -159,11 +156,10 @@ def _episode(env: Any, name: str, seed: int) -> dict[str, NDArray[Any]]:
     observation, info = env.reset(seed=seed)
     law = edm.lane_law(controller)
     command = law.begin()
-    first_us = info["t_on_us"], info["t_period_us"]
     seen, told, actions, rewards = [observation], [info], [], []
     terminated = truncated = False
     while not (terminated or truncated):
-        action = _action(edm.family, first_us, (info["t_on_us"], info["t_period_us"]), command)
+        action = law.action()
         observation, reward, terminated, truncated, info = env.step(action)
         seen.append(observation)
         told.append(info)
@@ -178,25 +174,6 @@ def _episode(env: Any, name: str, seed: int) -> dict[str, NDArray[Any]]:
         "observations": np.array(seen), "actions": np.array(actions), "rewards": np.array(rewards),
         "terminations": ends[0], "truncations": ends[1], "seed": np.array(seed), **infos,
     }
-
-
-def _action(
-    family: Family, first_us: tuple[float, float], now_us: tuple[float, float], command: FeedCommand
-) -> NDArray[np.float32]:
-    """Return the action that commands what a controller wants."""
-    feed = min(max(command.feed_um_s / family.max_feed_um_s, -1.0), 1.0)
-    on_us, period_us = (
-        now if wanted is None else wanted
-        for wanted, now in zip((command.t_on_us, command.t_period_us), now_us, strict=True)
-    )
-    octaves = {"on_time": math.log2(on_us / first_us[0]), "period": math.log2(period_us / first_us[1])}
-    octaves["duty_factor"] = octaves["period"] - octaves["on_time"]
-    if not family.knobs and any(octaves.values()):
-        raise InputError("a controller turns the generator's knobs, and this environment has none: leave it out")
-    further = [octaves[name] / family.setting_octaves for name in family.knobs]
-    if family.offset_um is not None:
-        further.append(command.offset_um / family.offset_um)
-    return np.array([feed, *(min(max(action, -1.0), 1.0) for action in further)], np.float32)
 
 
 def _assemble(minari: Any, env: Any, task: str, name: str, files: list[Path], out: Path) -> Recorded:

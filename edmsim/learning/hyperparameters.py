@@ -12,9 +12,9 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from edmsim.envs.registry import base_of, find
 from edmsim.errors import InputError
 
-ALGORITHMS = ("ppo", "sac", "tqc", "ppo-lag", "recurrent-ppo")
+ALGORITHMS = ("ppo", "sac", "tqc", "ppo-lag", "recurrent-ppo", "imitation")
 """Algorithms there are hyperparameters for."""
-ON_POLICY = ("ppo", "ppo-lag", "recurrent-ppo")
+ON_POLICY = ("ppo", "ppo-lag", "recurrent-ppo", "imitation")
 
 
 class _Strict(BaseModel):
@@ -79,6 +79,8 @@ class Hyperparameters(_Strict):
         The classic law that the policy adds to (see `edmsim.learning.residual`).
     residual_um_s : float
         What an action of 1 adds to that law's feed (ours: a fifth of what cuts, so that the law still cuts with it).
+    teacher : str, optional
+        Imitation: the controller that is followed (see `edmsim.learning.imitation`).
     privileged_critic : bool
         PPO: whether the value network sees the truth (see `edmsim.learning.privileged`).
     """
@@ -91,6 +93,7 @@ class Hyperparameters(_Strict):
     lagrangian: Lagrangian | None = None
     residual: str | None = None
     residual_um_s: Annotated[float, Field(gt=0)] = 5.0
+    teacher: str | None = None
     privileged_critic: bool = False
 
 

@@ -8,6 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from edmsim.controllers import from_text
+from edmsim.envs.as_action import target_share
 from edmsim.envs.registry import make_family
 from edmsim.errors import InputError
 from edmsim.learning.hyperparameters import Hyperparameters
@@ -21,13 +23,16 @@ try:
     from stable_baselines3.common.vec_env import VecNormalize
 
     from edmsim.envs.sb3 import make_sb3_vec_env
+    from edmsim.learning.imitation import Imitation, TaughtVecEnv
     from edmsim.learning.lagrangian import CostVecEnv, Multiplier
     from edmsim.learning.privileged import AsymmetricPolicy, PrivilegedVecEnv
     from edmsim.learning.residual import ResidualVecEnv
 except ImportError as error:
     raise InputError(f"training needs {error.name}: pip install 'edmsim[rl]'") from error
 
-KINDS: dict[str, Any] = {"ppo": PPO, "ppo-lag": PPO, "recurrent-ppo": RecurrentPPO, "sac": SAC, "tqc": TQC}
+KINDS: dict[str, Any] = {
+    "ppo": PPO, "ppo-lag": PPO, "recurrent-ppo": RecurrentPPO, "sac": SAC, "tqc": TQC, "imitation": Imitation,
+}
 REPLAYS = ("sac", "tqc")
 """Algorithms with a replay buffer."""
 CRITICS = ("ppo", "ppo-lag")
@@ -63,7 +68,13 @@ def check(env_id: str, algo: str, given: Hyperparameters) -> None:
         raise InputError(f"network.lstm is for recurrent-ppo, and needed there; the algorithm is {algo}")
     if (given.lagrangian is not None) != (algo == "ppo-lag"):
         raise InputError(f"the table lagrangian is for ppo-lag, and needed there; the algorithm is {algo}")
+    if (given.teacher is not None) != (algo == "imitation"):
+        raise InputError(f"a teacher is for imitation, and needed there; the algorithm is {algo}")
     family = make_family(env_id, **given.environment)
+    if given.teacher is not None:
+        teacher = from_text(given.teacher)
+        if family.action == "servo":
+            target_share(teacher)
     if given.residual is not None:
         residual_of(given)
         if family.action != "speed" or family.decision_s is not None:
@@ -96,6 +107,8 @@ def lanes_of(env_id: str, given: Hyperparameters, seed: int, multiplier: float |
     residual, costs = residual_of(given), None
     if residual is not None:
         lanes = ResidualVecEnv(edm, residual)
+    if given.teacher is not None:
+        lanes = TaughtVecEnv(edm, given.teacher)
     if given.privileged_critic:
         lanes = PrivilegedVecEnv(lanes)
     if given.lagrangian is not None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -53,7 +54,7 @@ def test_a_corner_is_rounded_on_the_inside_by_what_the_wire_is_ahead(machine, si
 
 
 def test_pauses_are_longer_near_corners(machine):
-    controller = make("set-point", corner_um=60.0, corner_factor=4.0, period_factor=0.7)
+    controller = make("set-point", before_um=60.0, behind_um=60.0, corner_factor=4.0, period_factor=0.7)
     tell(controller, machine, LEFT, START_UM)
     controller.reset(33.0)
     periods = [controller.update(seen(START_UM + path_um)).t_period_us for path_um in (200.0, 260.0, 340.0, 400.0)]
@@ -73,3 +74,30 @@ def test_a_fixed_feed_has_an_offset():
     controller = make("fixed", feed_um_s=12.0, offset_um=-4.0)
     assert controller.reset(33.0) == controller.update(seen(0.0))
     assert controller.reset(33.0).offset_um == -4.0
+
+
+def test_the_oracle_of_leads_brings_the_bent_wire_on_the_path(machine):
+    """Across the path, to the other side, on either leg; what the wire is bent along the path stays."""
+    controller = make("lead-oracle", average_s=0.5, offset_um=1.0)
+    tell(controller, machine, LEFT, START_UM)
+    assert controller.reset(33.0).offset_um == 1.0
+    controller.see(SimpleNamespace(deflection_um=(6.0, -4.0)))
+    weight = 1.0 - math.exp(-1.0 / 0.5)  # the first window is seen at 1 s
+    along, across = (controller.update(seen(START_UM + path_um)).offset_um for path_um in (299.0, 301.0))
+    assert along == pytest.approx(1.0 + 4.0 * weight)  # left of +x is +y
+    assert across == pytest.approx(1.0 + 6.0 * weight)  # left of +y is -x
+    other = make("lead-oracle", average_s=0.5, offset_um=1.0)
+    tell(other, machine, LEFT, START_UM)
+    other.reset(33.0)
+    other.restore(controller.snapshot())
+    other.see(SimpleNamespace(deflection_um=(6.0, -4.0)))
+    assert other.update(seen(START_UM + 350.0)) == controller.update(seen(START_UM + 350.0))
+
+
+def test_pauses_at_corners_grow_with_the_root_of_what_the_wire_bends(machine):
+    slack, first = lead_um(machine, 1.0), machine.t_period_us
+    for slack_um, factor in ((0.0, 4.0), (slack, 4.0), (slack / 4, 8.0), (100.0 * slack, 1.0)):
+        controller = make("set-point", before_um=60.0, corner_factor=4.0, slack_um=slack_um)
+        tell(controller, machine, LEFT, START_UM)
+        controller.reset(33.0)
+        assert controller.update(seen(START_UM + 260.0)).t_period_us == round(factor * first), slack_um

@@ -83,7 +83,7 @@ def test_no_law_asks_for_more_than_the_supply_gives():
 
 
 def test_power_is_taken_back_near_corners_only():
-    law, _ = begun("set-point", corner_um=60.0, corner_factor=4.0, on_factor=0.5)
+    law, _ = begun("set-point", before_um=60.0, behind_um=60.0, corner_factor=4.0, on_factor=0.5)
     found = [law.update(window(path_um=place)) for place in (0.0, 239.0, 241.0, 300.0, 359.0, 361.0)]
     assert [command.t_period_us for command in found] == [100, 100, 400, 400, 400, 100]
     assert {command.t_on_us for command in found} == {15}

@@ -93,17 +93,55 @@ def test_a_residual_policy_adds_to_its_law_in_a_cut_what_it_added_in_training(sh
     assert len(feeds) > 5
 
 
+def test_an_imitation_does_what_its_teacher_does(short_training, tmp_path):
+    teacher = "set-point:open_target_share=0.05,on_factor=0.5,period_factor=0.8,offset_um=6"
+    _, policy = exported(tmp_path, "edmsim/Corner-v1", "imitation", steps=512, teacher=teacher)
+    task, controller = Task("Corner"), PolicyController(policy)
+    task.reset(5)
+    tell(controller, task.machine, task.scenario.legs_um[0], 0.0)
+    first = task.machine
+    command = controller.reset(task.max_feed_um_s)
+    for _ in range(60):
+        command = controller.update(task.advance(command.feed_um_s, command.t_on_us, command.t_period_us).seen)
+    assert command.t_on_us == pytest.approx(0.5 * first.t_on_us, abs=1.0)
+    assert command.t_period_us == pytest.approx(0.8 * first.t_period_us, abs=5.0)
+    assert command.offset_um == pytest.approx(6.0, abs=1.0)
+
+
+def test_a_teacher_says_what_it_would_do_where_the_learner_is():
+    from edmsim.envs.sb3 import make_sb3_vec_env
+    from edmsim.learning.imitation import TaughtVecEnv
+
+    taught = TaughtVecEnv(make_sb3_vec_env("edmsim/GapFeed-v1", 2, seed=3, action="speed"), "fixed:feed_um_s=9")
+    seen = [taught.reset()]
+    for feed in (0.01, 0.02, -0.01):
+        seen.append(taught.step(np.full((2, 1), feed, np.float32))[0])
+    found, told = taught.taken()
+    assert np.array_equal(found, np.concatenate(seen[:-1]))
+    assert told == pytest.approx(np.full((6, 1), 9.0 / 100.0))
+    taught.step(np.zeros((2, 1), np.float32))
+    assert np.array_equal(taught.taken()[0], seen[-1])  # what was taken is forgotten
+
+
 @pytest.mark.parametrize(
     ("algo", "asked", "named"),
     [
         ("sac", {"privileged_critic": True}, "ppo, ppo-lag"),
         ("ppo", {"residual": "own.py:Law"}, "own.py"),
         ("ppo", {"residual": "oracle"}, "oracle"),
+        ("ppo", {"teacher": "voltage"}, "a teacher is for imitation"),
+        ("imitation", {"teacher": "nobody"}, "there is no feed controller 'nobody'"),
     ],
 )
 def test_what_cannot_be_learned_is_refused(short_training, tmp_path, algo, asked, named):
     with pytest.raises(InputError, match=named):
         exported(tmp_path / "out", "edmsim/GapFeed-v1", algo, **asked)
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_teacher_without_a_target_is_none_for_a_servo(short_training, tmp_path):
+    with pytest.raises(InputError, match="voltage holds no share of open pulses"):
+        exported(tmp_path / "out", "edmsim/Corner-v1", "imitation", teacher="voltage")
     assert not (tmp_path / "out").exists()
 
 

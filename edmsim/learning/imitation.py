@@ -1,0 +1,116 @@
+"""Imitation of a teacher, who may see what no machine shows, in the states that the learner comes to (extra ``rl``).
+
+The learner cuts, and in every state the teacher says what it would do there; the policy's mean follows that. So it
+learns for its own states, not for the teacher's (DAgger, Ross et al., AISTATS 2011), and where the teacher knows more
+than the policy sees, it learns the mean of what the teacher does (Chen et al., CoRL 2019).
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from stable_baselines3 import PPO
+from stable_baselines3.common.vec_env import VecEnvWrapper
+
+from edmsim.controllers import from_text
+from edmsim.envs.sb3 import EdmVecEnv
+
+LEAST_VARIANCE = 1e-4
+"""Of an action that a teacher hardly changes: it counts no more than one it changes by a hundredth (ours)."""
+LEAST_RATE = 0.02
+"""What is left of the learning rate in the end (ours): it falls with the steps left, so that noise averages out."""
+
+
+# untyped where the extra is missing
+class TaughtVecEnv(VecEnvWrapper):  # type: ignore[misc, unused-ignore]
+    """Lanes with a teacher each; they keep what was seen, and what the teacher would have done.
+
+    Parameters
+    ----------
+    venv : EdmVecEnv
+    teacher : str
+        See `edmsim.controllers.from_text`. It is shown the last window before every decision.
+
+    Raises
+    ------
+    InputError
+        There is no such controller, or the environment has no action for what it wants.
+    """
+
+    def __init__(self, venv: EdmVecEnv, teacher: str) -> None:
+        super().__init__(venv)
+        self._laws = [venv.env.lane_law(lane, from_text(teacher)) for lane in range(self.num_envs)]
+        self._observations: Any = None
+        self._seen: list[NDArray[np.float32]] = []
+        self._told: list[NDArray[np.float32]] = []
+
+    def reset(self) -> Any:
+        """Begin an episode, and the teacher, in every lane."""
+        self._observations = self.venv.reset()
+        for law in self._laws:
+            law.begin()
+        return self._observations
+
+    def step_async(self, actions: NDArray[Any]) -> None:
+        """Keep what was seen and what the teachers want there, and run the learner's actions."""
+        self._seen.append(np.array(self._observations, np.float32))
+        self._told.append(np.array([law.action() for law in self._laws]))
+        self.venv.step_async(actions)
+
+    def step_wait(self) -> Any:
+        """Run a step, and show the teachers what the machines showed."""
+        self._observations, rewards, done, infos = self.venv.step_wait()
+        for law, over in zip(self._laws, done, strict=True):
+            if over:
+                law.begin()
+            else:
+                law.after_window()
+        return self._observations, rewards, done, infos
+
+    def taken(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """Return observations (n, entries) and the teacher's actions (n, k) since the last call, and forget them."""
+        seen, told = np.concatenate(self._seen), np.concatenate(self._told)
+        self._seen.clear()
+        self._told.clear()
+        return seen, told
+
+
+# untyped where the extra is missing
+class Imitation(PPO):  # type: ignore[misc, unused-ignore]
+    """A learner that cuts as PPO does, and follows a teacher in place of the reward.
+
+    Its environment is a `VecNormalize` of a `TaughtVecEnv`. It keeps all it was told, a quarter of a kilobyte for a
+    decision, and its checkpoints have that, too.
+    """
+
+    def _setup_model(self) -> None:
+        super()._setup_model()
+        self.seen: list[NDArray[np.float32]] = getattr(self, "seen", [])  # those of a checkpoint are there already
+        self.told: list[NDArray[np.float32]] = getattr(self, "told", [])
+
+    def train(self) -> None:
+        """Fit the policy's mean to what the teacher wanted so far, every action in parts of its own variance."""
+        self.policy.set_training_mode(True)
+        left = self._current_progress_remaining
+        for group in self.policy.optimizer.param_groups:
+            group["lr"] = self.lr_schedule(left) * max(left, LEAST_RATE)
+        normalise: Any = self.env
+        for kept, new in zip((self.seen, self.told), normalise.venv.taken(), strict=True):
+            kept.append(new)
+        observations = torch.as_tensor(normalise.normalize_obs(np.concatenate(self.seen)))
+        wanted = torch.as_tensor(np.concatenate(self.told))
+        variance = wanted.var(0).clamp(min=LEAST_VARIANCE)
+        losses = []
+        for _ in range(self.n_epochs * len(self.told[-1]) // self.batch_size):
+            rows = torch.randint(len(wanted), (self.batch_size,))
+            gaussian: Any = self.policy.get_distribution(observations[rows]).distribution
+            loss = ((gaussian.mean - wanted[rows]) ** 2 / variance).mean()
+            self.policy.optimizer.zero_grad()
+            loss.backward()
+            torch.nn.utils.clip_grad_norm_(self.policy.parameters(), self.max_grad_norm)
+            self.policy.optimizer.step()
+            losses.append(float(loss.detach()))
+        self.logger.record("train/unexplained_share", float(np.mean(losses)))

@@ -1,0 +1,66 @@
+"""What a feed controller commands, as an action of an environment."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from edmsim.controllers import FeedController
+from edmsim.controllers.protocols import FeedCommand
+from edmsim.envs.task import Family
+from edmsim.errors import InputError
+
+
+def as_action(
+    family: Family, controller: FeedController, command: FeedCommand, first_us: Sequence[float],
+    now_us: Sequence[float], feed_um_s: float,
+) -> NDArray[np.float32]:
+    """Return the action within -1..1 that commands what a controller wants.
+
+    Parameters
+    ----------
+    family : Family
+        With ``action="servo"`` the controller must be one that holds a share of open pulses.
+    controller : FeedController
+    command : FeedCommand
+        Its last.
+    first_us, now_us : sequence of 2 float
+        On-time and period at the episode's start, and those in force.
+    feed_um_s : float
+        Feed in force.
+
+    Raises
+    ------
+    InputError
+        The environment has no action for what the controller wants.
+    """
+    if family.action == "servo":
+        low, high = family.servo_target_share
+        wanted = [2.0 * (target_share(controller) - low) / (high - low) - 1.0]
+    elif family.action == "speed":
+        wanted = [command.feed_um_s / family.max_feed_um_s]
+    else:
+        wanted = [(command.feed_um_s - feed_um_s) / family.max_change_um_s]
+    on_us, period_us = (
+        now if asked is None else asked
+        for asked, now in zip((command.t_on_us, command.t_period_us), now_us, strict=True)
+    )
+    octaves = {"on_time": math.log2(on_us / first_us[0]), "period": math.log2(period_us / first_us[1])}
+    octaves["duty_factor"] = octaves["period"] - octaves["on_time"]
+    if not family.knobs and any(octaves.values()):
+        raise InputError("a controller turns the generator's knobs, and this environment has none: leave it out")
+    wanted += [octaves[name] / family.setting_octaves for name in family.knobs]
+    if family.offset_um is not None:
+        wanted.append(command.offset_um / family.offset_um)
+    return np.clip(np.array(wanted, np.float32), -1.0, 1.0)
+
+
+def target_share(controller: FeedController) -> float:
+    """Return the share of open pulses that a controller holds; raises `InputError` where it holds none."""
+    target: float | None = getattr(controller, "open_target_share", None)
+    if target is None:
+        raise InputError(f"{controller.name} holds no share of open pulses: the environment's servo asks for one")
+    return target
