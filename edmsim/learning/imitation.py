@@ -104,7 +104,7 @@ class Imitation(PPO):  # type: ignore[misc, unused-ignore]
         wanted = torch.as_tensor(np.concatenate(self.told))
         variance = wanted.var(0).clamp(min=LEAST_VARIANCE)
         losses = []
-        for _ in range(self.n_epochs * len(self.told[-1]) // self.batch_size):
+        for _ in range(max(self.n_epochs * len(self.told[-1]) // self.batch_size, 1)):
             rows = torch.randint(len(wanted), (self.batch_size,))
             gaussian: Any = self.policy.get_distribution(observations[rows]).distribution
             loss = ((gaussian.mean - wanted[rows]) ** 2 / variance).mean()

@@ -106,16 +106,17 @@ def _chosen(known: dict[str, Constant], only: Iterable[str]) -> set[str]:
     """Names of the constants that `only` means, by section or one by one."""
     if isinstance(only, str):
         raise InputError(f"only is the text '{only}': give a list of sections or constants, as ['{only}']")
+    sections: dict[str, set[str]] = {}
+    for key in known:
+        sections.setdefault(key.partition(".")[0], set()).add(key)
     chosen: set[str] = set()
     for name in only:
-        found = {key for key in known if name in (key, key.partition(".")[0])}
-        if not found:
-            sections = ", ".join(dict.fromkeys(key.partition(".")[0] for key in known))
+        if name not in known and name not in sections:
             raise InputError(
-                f"'{name}' is no section or constant with a range to draw from; there are the sections {sections} "
-                f"and the constants {', '.join(known)}"
+                f"'{name}' is no section or constant with a range to draw from; there are the sections "
+                f"{', '.join(sections)} and the constants {', '.join(known)}"
             )
-        chosen |= found
+        chosen |= sections.get(name, {name})
     return chosen
 
 
