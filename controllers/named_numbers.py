@@ -1,4 +1,4 @@
-"""Numbers with names as a command line has them: ``name=number,...``."""
+"""Numbers with names as a command line has them, ``name=number,...``, and lists of controllers with such numbers."""
 
 from __future__ import annotations
 
@@ -30,3 +30,20 @@ def named_numbers(text: str, what: str) -> dict[str, float]:
         if not equals:
             raise InputError(f"{what} parameter '{pair}' must read name=number")
     return found
+
+
+def listed(text: str) -> list[str]:
+    """Split a list at its commas, but for those between the numbers of a controller.
+
+    Examples
+    --------
+    >>> listed("counts, set-point:before_um=20,behind_um=100,fixed")
+    ['counts', 'set-point:before_um=20,behind_um=100', 'fixed']
+    """
+    pieces: list[str] = []
+    for piece in text.split(","):
+        if pieces and "=" in piece and ":" not in piece:
+            pieces[-1] += f",{piece}"
+        else:
+            pieces.append(piece.strip())
+    return [piece for piece in pieces if piece]

@@ -41,6 +41,7 @@ def evaluate(
     """Compare feed controllers on the same randomised machines."""
     from rich.progress import Progress as Bar
 
+    from edmsim.controllers.named_numbers import listed
     from edmsim.envs.registry import resolve
     from edmsim.evaluation import leaderboard as boards
     from edmsim.evaluation.compare import check, evaluate, usual
@@ -49,7 +50,7 @@ def evaluate(
     from edmsim.evaluation.table import as_json, render
 
     chosen = {
-        env_id: usual(env_id) if controllers is None else controllers.split(",")
+        env_id: usual(env_id) if controllers is None else listed(controllers)
         for env_id in (all_ids() if env_ids == ["all"] else map(resolve, env_ids))
     }
     for env_id, named in chosen.items():

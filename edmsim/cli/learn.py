@@ -68,17 +68,19 @@ def dataset(
     """Record feed controllers for offline learning, as data sets of Minari (needs the extra offline)."""
     from rich.progress import Progress as Bar
 
+    from edmsim.controllers.named_numbers import listed
     from edmsim.envs.registry import resolve
     from edmsim.learning.dataset import record
 
     with Bar(console=ERR, transient=True) as bar:
-        tasks = {name: bar.add_task(name, total=steps) for name in controllers.split(",")}
+        named = listed(controllers)
+        tasks = {name: bar.add_task(name, total=steps) for name in named}
 
         def watch(name: str, done: int, total: int) -> None:
             bar.update(tasks[name], completed=done, total=total)
 
         try:
-            made = record(resolve(env_id), controllers.split(","), steps, out, seed=seed, watch=watch)
+            made = record(resolve(env_id), named, steps, out, seed=seed, watch=watch)
         except KeyboardInterrupt:
             say("interrupted; the same command goes on where it was")
             raise typer.Exit(INTERRUPTED) from None

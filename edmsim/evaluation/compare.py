@@ -167,7 +167,7 @@ def check(env_id: str, controllers: Sequence[str], seeds: int, resolution: str |
     for name in controllers:
         from_text(name)
     if not controllers:
-        raise InputError(f"no controller is named; choose of {', '.join(names())}")
+        raise InputError(f"no controller is named; choose from {', '.join(names())}")
     if seeds < 2:
         raise InputError(f"{seeds} seeds give no interval; it takes 2 or more")
 

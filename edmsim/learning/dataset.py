@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edmsim import __version__
-from edmsim.controllers import from_text
+from edmsim.controllers import from_text, names
 from edmsim.envs.registry import env_id_of, find
 from edmsim.envs.single import EdmEnv
 from edmsim.errors import InputError
@@ -85,7 +85,8 @@ def record(
     Raises
     ------
     InputError
-        An unknown environment or controller, no steps, a folder of another recording, or Minari is not installed.
+        An unknown environment or controller, or none, no steps, a folder of another recording, or Minari is not
+        installed.
     """
     minari = _minari()
     if steps < 1:
@@ -95,6 +96,8 @@ def record(
     family, _ = find(env_id)
     for name in controllers:
         from_text(name)
+    if not controllers:
+        raise InputError(f"no controller is named; choose from {', '.join(names())}")
     env: Any = gym.make(env_id_of(env_id), action="speed", decision_s=None, disable_env_checker=True)
     if not isinstance(env.unwrapped, EdmEnv):
         raise InputError(f"{env_id} is no environment of edmsim")

@@ -7,6 +7,7 @@ import re
 from collections.abc import Mapping
 from typing import Any
 
+from edmsim.controllers.named_numbers import listed
 from edmsim.errors import InputError
 
 _NUMBER = r"[-+]?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][-+]?[0-9]+)?"
@@ -34,23 +35,12 @@ def values_of(given: Any, name: str) -> list[Any]:
     if isinstance(given, list):
         found = given
     elif isinstance(given, str):
-        found = [value for piece in _pieces(given) for value in _values_of_piece(piece, name)]
+        found = [value for piece in listed(given) for value in _values_of_piece(piece, name)]
     else:
         found = [given]
     if not found:
         raise InputError(f"{name} has no value to try: give some, as [5, 10, 20] or '5:20:5'")
     return found
-
-
-def _pieces(text: str) -> list[str]:
-    """Split at commas; ``key=value`` without a colon belongs to the controller before it."""
-    pieces: list[str] = []
-    for piece in text.split(","):
-        if pieces and "=" in piece and ":" not in piece:
-            pieces[-1] += f",{piece}"
-        else:
-            pieces.append(piece.strip())
-    return [piece for piece in pieces if piece]
 
 
 def _values_of_piece(piece: str, name: str) -> list[Any]:

@@ -254,14 +254,15 @@ def edmsim(monkeypatch: pytest.MonkeyPatch, *arguments: object) -> int:
 
 
 def test_the_command_prints_json(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
-    status = edmsim(monkeypatch, "evaluate", GAP_FEED, "--controllers", "fixed,counts", "--seeds", 2,
+    slow = "fixed:feed_um_s=20,offset_um=0"  # its own comma parts no controllers
+    status = edmsim(monkeypatch, "evaluate", GAP_FEED, "--controllers", f"{slow},counts", "--seeds", 2,
                     "--resolution", "fast", "--json")  # fmt: skip
     assert status == 0
     (found,) = json.loads(capsys.readouterr().out)
     assert found["env_id"] == GAP_FEED
-    assert set(found["controllers"]) == {"fixed", "counts", "oracle"}
-    assert found["controllers"]["fixed"]["error_um"]["value"] is None
-    assert len(found["cuts"]) == 6
+    assert set(found["controllers"]) == {"fixed", slow, "counts", "oracle"}
+    assert found["controllers"][slow]["error_um"]["value"] is None
+    assert len(found["cuts"]) == 8
 
 
 def test_the_command_refuses_before_it_begins(

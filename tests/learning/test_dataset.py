@@ -72,6 +72,7 @@ def test_an_interrupted_recording_goes_on_to_the_same(tmp_path, monkeypatch):
         ({"steps": 0}, "1 or more"),
         ({"seed": 1_000_000}, "held back"),
         ({"controllers": ["genius"]}, "genius"),
+        ({"controllers": []}, "no controller is named"),
         ({"controllers": ["adaptive-off-time"]}, "turns the generator's knobs"),
     ],
 )
