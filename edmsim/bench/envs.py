@@ -20,7 +20,7 @@ STANDARD: dict[str, Any] = {
 LANES = 64
 SETTLE_STEPS = 400
 """Steps before timing, so that the wire cuts a full kerf."""
-KNOB_STEPS, RESETS = 100, 50
+KNOB_STEPS, RESETS, EPISODES = 100, 50, 4
 SLICE_S, SLICES = 0.05, 20
 """A figure is the best of so many spells of timing, as long for every environment: a short spell finds a quiet moment
 of the machine more easily than a long one."""
@@ -74,15 +74,31 @@ def turned_knobs_cost() -> float:
     return float(turned / rest)
 
 
-def drawn_reset_ms() -> float:
-    """Processor time of a reset that draws another machine."""
-    env = gym.make("edmsim/GapFeed-v1", resolution="fast")
-    env.reset(seed=0)
+def drawn_machines() -> dict[str, float]:
+    """Return the processor time of a reset that draws another machine, and what that makes of an episode's."""
+    drawn, kept = (gym.make("edmsim/GapFeed-v1", resolution="fast", machine_episodes=n) for n in (1, 2 * RESETS))
+    for env in (drawn, kept):
+        env.reset(seed=0)
+    drawn_s, kept_s = (_timed_s(env.reset, RESETS) for env in (drawn, kept))
+    action = np.zeros(kept.action_space.shape or (), np.float32)
+
+    def episode() -> None:
+        kept.reset()
+        over = False
+        while not over:
+            *_, terminated, truncated, _ = kept.step(action)
+            over = terminated or truncated
+
+    episode_s = _timed_s(episode, EPISODES)
+    return {"drawn_reset_ms": drawn_s * 1e3, "drawn_machines_cost": (episode_s - kept_s + drawn_s) / episode_s}
+
+
+def _timed_s(run: Callable[[], object], times: int) -> float:
+    """Return the processor time of one of several runs."""
     started = time.process_time()
-    for seed in range(1, RESETS + 1):
-        env.reset(seed=seed)
-    env.close()
-    return (time.process_time() - started) / RESETS * 1e3
+    for _ in range(times):
+        run()
+    return (time.process_time() - started) / times
 
 
 def half_cheetah_steps_per_s() -> float | None:

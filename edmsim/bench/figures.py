@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from edmsim.bench.controllers import controller_overhead, literal_realtime_factor, poscal_calls_per_s
 from edmsim.bench.elcam import elcam_figures
 from edmsim.bench.envs import (
-    drawn_reset_ms,
+    drawn_machines,
     env_steps_per_s,
     half_cheetah_steps_per_s,
     turned_knobs_cost,
@@ -38,7 +38,8 @@ def measure() -> dict[str, float]:
     ``positioner_realtime_factor`` that of an analogue positioner at a sample of 1 ms; ``elcam_load_s`` and
     ``elcam_lookup_us`` are those of a cam table of a million points;
     ``turned_knobs_cost`` is the time of an environment's step in which knobs of the generator turn over that of one
-    at rest, ``drawn_reset_ms`` that of a reset which draws a machine;
+    at rest, ``drawn_reset_ms`` that of a reset which draws a machine, and ``drawn_machines_cost`` that of an episode
+    with such a reset over one that keeps its machine;
     ``thread_efficiency`` is the gain of two plants in two threads over that of two compute loops;
     ``half_cheetah_steps_per_s`` is there if Gymnasium's MuJoCo environments are.
     """
@@ -61,7 +62,7 @@ def measure() -> dict[str, float]:
         "vector_env_steps_per_s": vector_env_steps_per_s(),
         "vector_env_steps_per_s_fast": vector_env_steps_per_s("fast"),
         "turned_knobs_cost": turned_knobs_cost(),
-        "drawn_reset_ms": drawn_reset_ms(),
+        **drawn_machines(),
         **({} if cheetah is None else {"half_cheetah_steps_per_s": cheetah}),
         "controller_overhead": controller_overhead(),
         "literal_realtime_factor": literal_realtime_factor(),

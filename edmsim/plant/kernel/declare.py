@@ -68,7 +68,7 @@ class Kept:
 
     def lengths(self, sizes: ArraySizes) -> tuple[int, ...]:
         """Return the shape in numbers."""
-        return tuple(getattr(sizes, n) if isinstance(n, str) else n for n in self.shape)
+        return tuple([getattr(sizes, n) if isinstance(n, str) else n for n in self.shape])
 
 
 class Field(NamedTuple):

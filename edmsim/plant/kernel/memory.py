@@ -75,9 +75,8 @@ class Memory:
             record = np.array([tuple(group)], numbers_of(kind))
             self._table[name], self._kept[name, ""] = record.ctypes.data, record
         else:
-            self._table[name] = tuple(
-                self._entry(name, field, value) for field, value in zip(fields_of(kind), group, strict=True)
-            )
+            fields = zip(fields_of(kind), group, strict=True)
+            self._table[name] = tuple([self._entry(name, field, value) for field, value in fields])
 
     def put_own(self, **arrays: NDArray[Any]) -> None:
         """Put some arrays of `Own`: the scalars' rows, the kerf field, whose tiles move, or the log of pulses."""
@@ -98,7 +97,7 @@ class Memory:
             return value
         check(field, value, self._sizes)
         self._kept[name, field.name] = value
-        return value.__array_interface__["data"][0]
+        return value.ctypes.data  # the array's interface would describe the type of its records every time
 
 
 def _array(context: Any, builder: Any, kind: Any, address: Any, lengths: list[Any]) -> Any:
