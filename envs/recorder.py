@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from operator import itemgetter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -27,6 +28,7 @@ if TYPE_CHECKING:
 EVERY = 12
 """Of so many windows one is kept pulse by pulse, with the wire's shape (ours: three a second of machine time, as
 playback shows a cut some times faster than it was; and a twelfth of the time they take)."""
+_in_order = itemgetter(*TERMS)
 
 
 class EpisodeRecorder:
@@ -48,6 +50,7 @@ class EpisodeRecorder:
         self._kept: list[tuple[bytes, bytes, bytes]] = []
         records = lanes.fleet.windows, lanes.rows, lanes.fleet.states
         self._records = [array[lane : lane + 1].view(np.uint8) for array in records]
+        self._causes = lanes.rows["cause"]
         self._closeups = Closeups(size.slices, size.rays, _scene_slice(lanes, lane))
         self._steps: list[tuple[float, ...]] = []
         self._rows: list[int] = []
@@ -76,7 +79,7 @@ class EpisodeRecorder:
             self._leg, scenario = leg, self._lanes.scenarios[here]
             assert scenario is not None
             self._closeups.leg(np.rint(scenario.legs_um[leg]).astype(np.int64), float(rows[here]["before_um"]))
-        if len(self._kept) % EVERY == 1 or rows[here]["cause"] != RUNNING:
+        if len(self._kept) % EVERY == 1 or self._causes[here] != RUNNING:
             self._closeups.window(_turn(window, row)[0], plant)
 
     def _table(self) -> WindowTable:
@@ -109,7 +112,7 @@ class EpisodeRecorder:
         cost, error_um, area_mm2 : float
             As in ``info``.
         """
-        self._steps.append((*action, *(terms[name] for name in TERMS), cost, error_um, area_mm2))
+        self._steps.append((*action, *_in_order(terms), cost, error_um, area_mm2))
         self._rows.append(len(self._kept) - 1)
 
     def write(self, file: Path, title: str, settings: Mapping[str, Any], outcome: str | None = None) -> None:

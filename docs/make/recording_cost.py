@@ -13,7 +13,7 @@ import numpy as np
 
 import edmsim
 
-STEPS, PAIRS = 600, 6
+STEPS, PAIRS = 300, 60
 STILL = np.zeros(1, np.float32)
 
 
