@@ -1,7 +1,8 @@
-"""Learning curves of examples/learning/ppo.py with five seeds: a picture for every page of docs/tasks.
+"""Learning curves of examples/learning with five seeds: a picture for every page of docs/tasks, one for training.md.
 
 python docs/make/learning_curves.py out/curves            # trains what is missing there, one by one, and draws
-python docs/make/learning_curves.py out/curves MaxRate    # of one task
+python docs/make/learning_curves.py out/curves MaxRate    # ppo.py in one task
+python docs/make/learning_curves.py out/curves examples   # recurrent_ppo.py and ppo_lag.py
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ from pathlib import Path
 
 import matplotlib.pyplot as plt
 import numpy as np
+from matplotlib.axes import Axes
 from tasks import PAGES, with_block
 
 from edmsim.envs.registry import env_id_of
@@ -32,28 +34,37 @@ TASKS = {"GapFeed": 102_400, "HeightStep": 102_400, "Corner": 24_576, "Contour":
 """Decisions of a training in each task: small numbers, so that five take half an hour of a processor at most."""
 OWN = {"Contour": ("--decision-s", "0.25"), "Trim": ("--action", "speed")}
 """An episode of Contour has 11,760 decisions else; a pass has no front that a servo could follow."""
+EXAMPLES = {"recurrent_ppo": 61_440, "ppo_lag": 204_800}
+"""Decisions of a training with the other two."""
+COST_LIMIT = 0.1
+"""The bound of `ppo_lag.py`."""
 
 
-def curve(folder: Path, task: str, seed: int) -> np.ndarray:
-    """Return a learning curve (rows, 3), decisions, return and cost; trains if there is none yet."""
-    file = folder / f"{task}-{seed}.csv"
+def curve(folder: Path, name: str, seed: int) -> np.ndarray:
+    """Return a learning curve (rows, 3), decisions, return and cost; trains if there is none yet.
+
+    `name` is that of a task, in which `ppo.py` trains, or of another example.
+    """
+    file = folder / f"{name}-{seed}.csv"
     if not file.exists():
         partial = file.with_suffix(".part")
-        program = ROOT / "examples" / "learning" / "ppo.py"
-        arguments = ["--seed", str(seed), "--steps", str(TASKS[task]), "--out", str(partial)]
-        subprocess.run(
-            [sys.executable, program, "--env", env_id_of(task), *arguments, *OWN.get(task, ())], check=True
-        )
+        if name in TASKS:
+            program, own = "ppo", ["--env", env_id_of(name), *OWN.get(name, ())]
+        else:
+            program, own = name, []
+        steps = {**TASKS, **EXAMPLES}[name]
+        arguments = ["--seed", str(seed), "--steps", str(steps), "--out", str(partial), *own]
+        subprocess.run([sys.executable, ROOT / "examples" / "learning" / f"{program}.py", *arguments], check=True)
         partial.rename(file)
     with file.open(newline="") as rows:
         return np.array([[float(value) for value in row] for row in list(csv.reader(rows))[1:]])
 
 
-def on_grid(curves: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
-    """Return decisions (n,), from where all seeds have ended an episode, and the return of every seed (seeds, n)."""
+def on_grid(curves: list[np.ndarray], column: int = 1) -> tuple[np.ndarray, np.ndarray]:
+    """Return decisions (n,), from where all seeds have ended an episode, and a column of every seed (seeds, n)."""
     decisions = np.unique(np.concatenate([rows[:, 0] for rows in curves]))
     decisions = decisions[decisions >= max(rows[0, 0] for rows in curves)]
-    return decisions, np.array([np.interp(decisions, rows[:, 0], rows[:, 1]) for rows in curves])
+    return decisions, np.array([np.interp(decisions, rows[:, 0], rows[:, column]) for rows in curves])
 
 
 def lines_to_draw(task: str) -> dict[str, float]:
@@ -80,8 +91,7 @@ def draw_task(task: str, curves: list[np.ndarray]) -> None:
     figure, axes = plt.subplots(figsize=(6.4, 3.2))
     decisions, values = on_grid(curves)
     median, lines = np.median(values, axis=0), lines_to_draw(task)
-    axes.plot(decisions / 1e3, values.T, color=BLUE, lw=0.7, alpha=0.5)
-    axes.plot(decisions / 1e3, median, color=BLUE, lw=1.8)
+    _draw_seeds(axes, decisions, values)
     for (label, height), style in zip(lines.items(), ("-", "--", ":"), strict=True):
         axes.axhline(height, color=MUTED, lw=1.0, ls=style, label=label)
     low, high = min(*lines.values(), median[len(median) // 3]), max(*lines.values(), values.max())
@@ -91,39 +101,70 @@ def draw_task(task: str, curves: list[np.ndarray]) -> None:
     axes.legend(
         fontsize=8, frameon=False, loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=4 - rows, borderpad=0.0
     )
-    axes.set_xlabel("decisions, thousands")
     axes.set_ylabel("return of an episode")
-    axes.spines[["top", "right"]].set_visible(False)
     figure.tight_layout()
     figure.savefig(ROOT / "docs" / "tasks" / f"{PAGES[task]}-learning.png", dpi=110)
 
 
-def learned(task: str, curves: list[np.ndarray]) -> str:
+def _draw_seeds(axes: Axes, decisions: np.ndarray, values: np.ndarray) -> None:
+    """Draw every seed thinly, and their median."""
+    axes.plot(decisions / 1e3, values.T, color=BLUE, lw=0.7, alpha=0.5)
+    axes.plot(decisions / 1e3, np.median(values, axis=0), color=BLUE, lw=1.8)
+    axes.set_xlabel("decisions, thousands")
+    axes.spines[["top", "right"]].set_visible(False)
+
+
+def draw_examples(curves: dict[str, list[np.ndarray]]) -> None:
+    """Draw the returns of both examples, and the cost of the one with a bound."""
+    figure, panels = plt.subplots(1, 3, figsize=(9.0, 2.8))
+    shown = ("recurrent_ppo", 1, "return"), ("ppo_lag", 1, "return"), ("ppo_lag", 2, "cost")
+    for axes, (name, column, label) in zip(panels, shown, strict=True):
+        _draw_seeds(axes, *on_grid(curves[name], column))
+        axes.set_xlim(0, None)
+        axes.set_title(f"{name}.py", fontsize=10, loc="left")
+        axes.set_ylabel(f"{label} of an episode")
+    panels[-1].axhline(COST_LIMIT, color=MUTED, lw=1.0, ls="--", label="bound")
+    panels[-1].set_ylim(0, None)
+    panels[-1].legend(fontsize=8, frameon=False, loc="upper right")
+    figure.tight_layout()
+    figure.savefig(ROOT / "docs" / "training-examples.png", dpi=110)
+
+
+def learned(name: str, curves: list[np.ndarray]) -> str:
     """Return what the last twenty episodes brought: the median of the seeds, the least and the greatest."""
     last = np.array([rows[-1] for rows in curves])
     earned, cost = (
         f"{np.median(v):.{d}f} ({v.min():.{d}f} to {v.max():.{d}f})" for v, d in ((last[:, 1], 0), (last[:, 2], 2))
     )
     return (
-        f"After {TASKS[task]:,} decisions the last twenty episodes earned {earned},\n"
+        f"After {({**TASKS, **EXAMPLES})[name]:,} decisions the last twenty episodes earned {earned},\n"
         f"at a cost of {cost} each: the median of five seeds, the least and the greatest."
     )
 
 
 def main() -> None:
     """Train what is missing, draw, and say what was learned."""
-    parser = argparse.ArgumentParser(description="Learning curves of examples/learning/ppo.py.")
+    parser = argparse.ArgumentParser(description="Learning curves of examples/learning.")
     parser.add_argument("folder", type=Path, help="folder of the curves; those that are there are kept")
-    parser.add_argument("tasks", nargs="*", choices=[*TASKS, []], help="tasks; all by default")
+    parser.add_argument("which", nargs="*", choices=[*TASKS, "examples", []], help="tasks, examples; all by default")
     asked = parser.parse_args()
     asked.folder.mkdir(parents=True, exist_ok=True)
-    for task in asked.tasks or TASKS:
-        curves = [curve(asked.folder, task, seed) for seed in SEEDS]
-        text = learned(task, curves)
-        print(f"{task}: {text}")
-        draw_task(task, curves)
-        page = ROOT / "docs" / "tasks" / f"{PAGES[task]}.md"
-        page.write_text(with_block(page.read_text(encoding="utf-8"), "learned", text + "\n"), encoding="utf-8")
+    which = asked.which or [*TASKS, "examples"]
+    for task in TASKS:
+        if task in which:
+            curves = [curve(asked.folder, task, seed) for seed in SEEDS]
+            draw_task(task, curves)
+            _tell(ROOT / "docs" / "tasks" / f"{PAGES[task]}.md", learned(task, curves))
+    if "examples" in which:
+        of_both = {name: [curve(asked.folder, name, seed) for seed in SEEDS] for name in EXAMPLES}
+        draw_examples(of_both)
+        _tell(ROOT / "docs" / "training.md", "\n".join(f"`{n}.py`: {learned(n, of)}\n" for n, of in of_both.items()))
+
+
+def _tell(page: Path, text: str) -> None:
+    """Write what was learned into a page."""
+    print(f"{page.name}: {text}")
+    page.write_text(with_block(page.read_text(encoding="utf-8"), "learned", text.strip() + "\n"), encoding="utf-8")
 
 
 if __name__ == "__main__":

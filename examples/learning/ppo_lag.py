@@ -3,11 +3,12 @@
 python examples/learning/ppo_lag.py --seed 1 --out lag.csv             # at most one wire in ten episodes
 python examples/learning/ppo_lag.py --seed 1 --out free.csv --limit 9  # no bound that is ever reached
 
-A wire of 0.1 mm breaks where the pulses are too long for it. Here the reward says nothing of broken wires (their
-weight is 0); the cost does, and the mean cost of an episode shall not exceed a limit. A second value function learns
-the cost, actions are judged by (gain - multiplier x cost) / (1 + multiplier), and the multiplier rises while episodes
-cost more than the limit and falls while they cost less (Ray, Achiam and Amodei 2019, "Benchmarking Safe Exploration
-in Deep Reinforcement Learning"). The rest is that of ppo.py; so is the table that is written.
+A wire of 0.1 mm breaks where the pulses are too long for it. Here the reward says nothing of broken wires and jams
+(their weights are 0); the cost does, and the mean cost of an episode shall not exceed a limit. A second value
+function learns the cost, actions are judged by (gain - multiplier x cost) / (1 + multiplier), and the multiplier
+rises while episodes cost more than the limit and falls while they cost less (Ray, Achiam and Amodei 2019,
+"Benchmarking Safe Exploration in Deep Reinforcement Learning"). The rest is that of ppo.py; so is the table that is
+written.
 """
 
 from __future__ import annotations
@@ -31,7 +32,8 @@ LEARNING_RATE, GREATEST_GRADIENT = 1e-3, 0.5
 MULTIPLIER_RATE = 0.5  # of the multiplier, per cost beyond the limit and rollout
 THIN_WIRE = {
     "machine": {"wire": "brass-100"}, "tension": [1.2, 3.2], "height_mm": [4.0, 20.0], "knobs": ["on_time"],
-    "weights": {"wire_break": 0.0}, "action": "servo", "servo_target_share": [0.0, 0.9], "episode_s": 8.0,
+    "weights": {"wire_break": 0.0, "limit": 0.0}, "action": "servo", "servo_target_share": [0.0, 0.9],
+    "episode_s": 8.0,
 }
 
 
