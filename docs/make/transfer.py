@@ -1,6 +1,7 @@
-"""Table of docs/training.md: a shipped policy and two classic laws at finer resolutions and on other machines.
+"""What shipped policies and classic controllers are worth at finer resolutions and on other machines: two tables.
 
-python docs/make/transfer.py
+python docs/make/transfer.py           # that of docs/training.md and that of docs/tasks/corner.md
+python docs/make/transfer.py Corner    # one of them
 """
 
 from __future__ import annotations
@@ -10,24 +11,41 @@ from pathlib import Path
 
 from tasks import with_block
 
+from edmsim.envs.registry import env_id_of
+from edmsim.evaluation.lines import lines_of
 from edmsim.evaluation.transfer import rows_of, transfer
 
-PAGE = Path(__file__).parents[1] / "training.md"
-CONTROLLERS = "policy:GapFeed-ppo", "voltage", "counts"
+DOCS = Path(__file__).parents[1]
+CORNER = lines_of("edmsim/Corner-v1")
+TABLES = {
+    "GapFeed": ("training.md", {name: f"`{name}`" for name in ("policy:GapFeed-ppo", "voltage", "counts")}),
+    "Corner": ("tasks/corner.md", {
+        "policy:Corner-imitation": "`policy:Corner-imitation`", CORNER.compared[-1]: "the best law",
+        CORNER.blind: "the best constant",
+    }),
+}  # fmt: skip
+"""Page and controllers, with their heads, by task."""
 CUTS = 12
 """As many as a comparison in GapFeed has."""
 
 
-def main() -> None:
+def write(task: str) -> None:
     """Make the cuts, and write the table."""
     def watch(done: int, total: int) -> None:
-        sys.stderr.write(f"\r{done} of {total} cuts")
+        sys.stderr.write(f"\r{task}: {done} of {total} cuts")
 
-    moved = transfer("edmsim/GapFeed-v1", CONTROLLERS, CUTS, watch=watch)
-    heads = ["place", *(f"`{name}`" for name in CONTROLLERS)]
-    rows = [heads, ["---"] * len(heads), *rows_of(moved)]
+    name, controllers = TABLES[task]
+    moved = transfer(env_id_of(task), list(controllers), CUTS, watch=watch)
+    rows = [["place", *controllers.values()], ["---"] * (1 + len(controllers)), *rows_of(moved)]
     table = "".join(f"| {' | '.join(row)} |\n" for row in rows)
-    PAGE.write_text(with_block(PAGE.read_text(encoding="utf-8"), "transfer", table), encoding="utf-8")
+    page = DOCS / name
+    page.write_text(with_block(page.read_text(encoding="utf-8"), "transfer", table), encoding="utf-8")
+
+
+def main() -> None:
+    """Write those asked for, or all."""
+    for task in sys.argv[1:] or TABLES:
+        write(task)
 
 
 if __name__ == "__main__":

@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from edmsim.envs.arguments import ends_of
+from edmsim.envs.registry import make_family
 from edmsim.evaluation.compare import Figure, check, mean, run
 from edmsim.evaluation.table import shown
 
@@ -14,7 +16,7 @@ if TYPE_CHECKING:
     from rich.table import Table
 
 USUAL_CUTS = 6
-"""Ours: in each of eight places, and those at finer resolutions take long."""
+"""Ours: in each of some eight places, and those at finer resolutions take long."""
 
 
 class Place(NamedTuple):
@@ -34,17 +36,30 @@ class Place(NamedTuple):
     options: dict[str, Any]
 
 
-PLACES = (
-    Place("as trained", "fast", {}),
-    Place("resolution default", "default", {}),
-    Place("resolution fine", "fine", {}),
-    Place("higher: 40 to 60 mm", "fast", {"height_mm": (40.0, 60.0)}),
-    Place("lower: 2 to 4 mm", "fast", {"height_mm": (2.0, 4.0)}),
-    Place("slack wire: 4 to 8 N", "fast", {"tension": (4.0, 8.0)}),
-    Place("carbide", "fast", {"materials": ("cemented-carbide",)}),
-    Place("copper", "fast", {"materials": ("copper",)}),
-)
-"""The environments' own ranges are 4 to 40 mm, 8 to 20 N, and tool steel; these are beyond (ours)."""
+BEYOND = 1.5, 0.5
+"""How far beyond its ranges an environment is taken, in the greatest of them and in the least (ours)."""
+
+
+def places(env_id: str) -> tuple[Place, ...]:
+    """Return where controllers are taken to: finer resolutions, and beyond the ranges of height and tension.
+
+    A place is left out where an environment has no such range.
+    """
+    family = make_family(env_id)
+    more, less = BEYOND
+    found = [
+        Place("as trained", "fast", {}), Place("resolution default", "default", {}),
+        Place("resolution fine", "fine", {}),
+    ]
+    if family.height_mm is not None:
+        low, high = ends_of("height_mm", family.height_mm)
+        found.append(Place(f"higher: {high:g} to {more * high:g} mm", "fast", {"height_mm": (high, more * high)}))
+        found.append(Place(f"lower: {less * low:g} to {low:g} mm", "fast", {"height_mm": (less * low, low)}))
+    if family.tension is not None:
+        low, _ = ends_of("tension", family.tension)
+        found.append(Place(f"slack wire: {less * low:g} to {low:g} N", "fast", {"tension": (less * low, low)}))
+    found.append(Place("carbide", "fast", {"materials": ("cemented-carbide",)}))
+    return (*found, Place("copper", "fast", {"materials": ("copper",)}))
 
 
 class Moved(NamedTuple):
@@ -70,7 +85,7 @@ def transfer(
     env_id: str, controllers: Sequence[str], seeds: int = USUAL_CUTS, *,
     watch: Callable[[int, int], None] | None = None,
 ) -> list[Moved]:
-    """Have controllers make the same cuts in every one of `PLACES`.
+    """Have controllers make the same cuts in every one of an environment's `places`.
 
     Parameters
     ----------
@@ -88,11 +103,11 @@ def transfer(
         An unknown environment or controller, or fewer than 2 seeds.
     """
     check(env_id, controllers, seeds, None)
-    each, found = len(controllers) * seeds, []
-    for number, place in enumerate(PLACES):
+    everywhere, each, found = places(env_id), len(controllers) * seeds, []
+    for number, place in enumerate(everywhere):
         def told(done: int, _: int, before: int = number * each) -> None:
             if watch is not None:
-                watch(before + done, len(PLACES) * each)
+                watch(before + done, len(everywhere) * each)
 
         made = run(env_id, controllers, seeds, place.resolution, told, **place.options)
         for name, cuts in made.items():
@@ -106,11 +121,11 @@ def transfer(
 def rows_of(moved: Sequence[Moved]) -> list[list[str]]:
     """Return the cells of the table: place, then return, rate and lost wires of every controller."""
     return [
-        [place.name, *(
+        [place, *(
             f"{shown('total_return', row.total_return)}; {row.rate_mm2_min.value:.1f}; {row.lost}"
-            for row in moved if row.place == place.name
+            for row in moved if row.place == place
         )]
-        for place in PLACES
+        for place in dict.fromkeys(row.place for row in moved)
     ]
 
 
@@ -118,7 +133,7 @@ def render(env_id: str, moved: Sequence[Moved], seeds: int) -> Table:
     """Return the table for the screen."""
     from rich.table import Table
 
-    controllers = [row.controller for row in moved if row.place == PLACES[0].name]
+    controllers = [row.controller for row in moved if row.place == moved[0].place]
     title = f"{env_id}, {seeds} cuts in each place: return; mm2/min; wires lost and jams"
     table = Table("place", *controllers, title=title)
     for cells in rows_of(moved):

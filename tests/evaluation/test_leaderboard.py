@@ -15,7 +15,7 @@ from edmsim.evaluation.compare import evaluate
 from edmsim.evaluation.episode import Result, cut
 from edmsim.evaluation.lines import lines_of
 from edmsim.evaluation.table import as_json
-from edmsim.evaluation.transfer import PLACES, render, rows_of, transfer
+from edmsim.evaluation.transfer import places, render, rows_of, transfer
 
 DOCS = Path(__file__).parents[2] / "docs"
 GAP_FEED = "edmsim/GapFeed-v1"
@@ -44,13 +44,25 @@ def test_what_is_no_leaderboard_is_refused(tmp_path, text):
 
 
 def test_places_differ_from_where_policies_are_trained(short_episodes):
-    seen = []
+    seen, everywhere = [], places(GAP_FEED)
     moved = transfer(GAP_FEED, ["fixed", "policy:GapFeed-ppo"], 2, watch=lambda *done: seen.append(done))
-    assert len(seen) == seen[-1][0] == seen[-1][1] == 4 * len(PLACES)
-    assert [cells[0] for cells in rows_of(moved)] == [place.name for place in PLACES]
+    assert len(seen) == seen[-1][0] == seen[-1][1] == 4 * len(everywhere)
+    assert [cells[0] for cells in rows_of(moved)] == [place.name for place in everywhere]
     rates = [row.rate_mm2_min.value for row in moved if row.controller == "fixed"]
-    assert len(set(rates)) == len(PLACES)
-    assert render(GAP_FEED, moved, 2).row_count == len(PLACES)
+    assert len(set(rates)) == len(everywhere)
+    assert render(GAP_FEED, moved, 2).row_count == len(everywhere)
+
+
+@pytest.mark.parametrize("env_id", registered_ids())
+def test_places_are_beyond_the_ranges_of_the_id_and_can_be_cut(env_id):
+    known = gymnasium.make(env_id).unwrapped.family
+    for place in places(env_id):
+        env = gymnasium.make(env_id, **place.options)
+        drawn = env.reset(seed=1)[1]["drawn"]
+        for name in {"height_mm", "tension"} & set(place.options):
+            low, high = getattr(known, name)
+            assert not low < drawn[name] < high
+        env.close()
 
 
 @pytest.mark.parametrize("env_id", registered_ids())
