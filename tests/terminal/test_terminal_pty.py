@@ -48,10 +48,14 @@ class Operator:
         return before + text
 
     def leave(self) -> int:
-        """Wait for the end; return the exit status."""
-        status = self.process.wait(TIMEOUT_S)
+        """Wait for the end, reading on, as an unread screen blocks who writes to it; return the exit status."""
+        until = time.monotonic() + TIMEOUT_S
+        while self.process.poll() is None:
+            assert time.monotonic() < until, f"it did not end; shown was {self.shown!r}"
+            if select.select([self.master], [], [], 0.05)[0]:
+                self.shown += os.read(self.master, 4096).decode("utf-8", "replace")
         assert termios.tcgetattr(self.slave) == self.before
-        return status
+        return self.process.wait()
 
 
 @pytest.fixture
