@@ -32,12 +32,15 @@ NAME_LETTERS = 32
 TASKS = {"GapFeed": 102_400, "HeightStep": 102_400, "Corner": 24_576, "Contour": 24_576, "MaxRate": 61_440,
          "ThinWire": 16_384, "Trim": 20_480}  # fmt: skip
 """Decisions of a training in each task: small numbers, so that five take half an hour of a processor at most."""
-OWN = {"Contour": ("--decision-s", "0.25"), "Trim": ("--action", "speed")}
-"""An episode of Contour has 11,760 decisions else; a pass has no front that a servo could follow."""
 EXAMPLES = {"recurrent_ppo": 61_440, "ppo_lag": 204_800}
 """Decisions of a training with the other two."""
+STEPS = {**TASKS, **EXAMPLES}
 COST_LIMIT = 0.1
-"""The bound of `ppo_lag.py`."""
+"""Mean cost of an episode that `ppo_lag.py` is to keep to (ours)."""
+OWN = {
+    "Contour": ("--decision-s", "0.25"), "Trim": ("--action", "speed"), "ppo_lag": ("--limit", str(COST_LIMIT)),
+}
+"""An episode of Contour has 11,760 decisions else; a pass has no front that a servo could follow."""
 
 
 def curve(folder: Path, name: str, seed: int) -> np.ndarray:
@@ -48,13 +51,10 @@ def curve(folder: Path, name: str, seed: int) -> np.ndarray:
     file = folder / f"{name}-{seed}.csv"
     if not file.exists():
         partial = file.with_suffix(".part")
-        if name in TASKS:
-            program, own = "ppo", ["--env", env_id_of(name), *OWN.get(name, ())]
-        else:
-            program, own = name, []
-        steps = {**TASKS, **EXAMPLES}[name]
-        arguments = ["--seed", str(seed), "--steps", str(steps), "--out", str(partial), *own]
-        subprocess.run([sys.executable, ROOT / "examples" / "learning" / f"{program}.py", *arguments], check=True)
+        program, where = ("ppo", ("--env", env_id_of(name))) if name in TASKS else (name, ())
+        arguments = ["--seed", str(seed), "--steps", str(STEPS[name]), "--out", str(partial), *OWN.get(name, ())]
+        file_of = ROOT / "examples" / "learning" / f"{program}.py"
+        subprocess.run([sys.executable, file_of, *where, *arguments], check=True)
         partial.rename(file)
     with file.open(newline="") as rows:
         return np.array([[float(value) for value in row] for row in list(csv.reader(rows))[1:]])
@@ -137,7 +137,7 @@ def learned(name: str, curves: list[np.ndarray]) -> str:
         f"{np.median(v):.{d}f} ({v.min():.{d}f} to {v.max():.{d}f})" for v, d in ((last[:, 1], 0), (last[:, 2], 2))
     )
     return (
-        f"After {({**TASKS, **EXAMPLES})[name]:,} decisions the last twenty episodes earned {earned},\n"
+        f"After {STEPS[name]:,} decisions the last twenty episodes earned {earned},\n"
         f"at a cost of {cost} each: the median of five seeds, the least and the greatest."
     )
 

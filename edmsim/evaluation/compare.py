@@ -159,15 +159,20 @@ def env_ids() -> tuple[str, ...]:
     return registered_ids()
 
 
+def check_controllers(controllers: Sequence[str]) -> None:
+    """Raise `InputError` where none is named, or one cannot be made."""
+    for name in controllers:
+        from_text(name)
+    if not controllers:
+        raise InputError(f"no controller is named; choose from {', '.join(names())}")
+
+
 def check(env_id: str, controllers: Sequence[str], seeds: int, resolution: str | None) -> None:
     """Raise `InputError` for what `evaluate` cannot do."""
     if resolution is not None:
         check_resolution(resolution)
     base_of(find(env_id)[0])
-    for name in controllers:
-        from_text(name)
-    if not controllers:
-        raise InputError(f"no controller is named; choose from {', '.join(names())}")
+    check_controllers(controllers)
     if seeds < 2:
         raise InputError(f"{seeds} seeds give no interval; it takes 2 or more")
 

@@ -23,10 +23,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edmsim import __version__
-from edmsim.controllers import from_text, names
+from edmsim.controllers import from_text
 from edmsim.envs.registry import env_id_of, find
 from edmsim.envs.single import EdmEnv
 from edmsim.errors import InputError
+from edmsim.evaluation.compare import check_controllers
 from edmsim.evaluation.episode import HELD_BACK
 from edmsim.files import locked, replacing
 
@@ -94,10 +95,7 @@ def record(
     if not 0 <= seed < HELD_BACK // 2:
         raise InputError(f"the seed {seed} must be from 0 to {HELD_BACK // 2 - 1}: those above are held back")
     family, _ = find(env_id)
-    for name in controllers:
-        from_text(name)
-    if not controllers:
-        raise InputError(f"no controller is named; choose from {', '.join(names())}")
+    check_controllers(controllers)
     env: Any = gym.make(env_id_of(env_id), action="speed", decision_s=None, disable_env_checker=True)
     if not isinstance(env.unwrapped, EdmEnv):
         raise InputError(f"{env_id} is no environment of edmsim")

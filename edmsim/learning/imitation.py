@@ -45,7 +45,7 @@ class TaughtVecEnv(VecEnvWrapper):  # type: ignore[misc, unused-ignore]
         self._laws = [venv.env.lane_law(lane, from_text(teacher)) for lane in range(self.num_envs)]
         self._observations: Any = None
         self._seen: list[NDArray[np.float32]] = []
-        self._told: list[NDArray[np.float32]] = []
+        self._wanted: list[NDArray[np.float32]] = []
 
     def reset(self) -> Any:
         """Begin an episode, and the teacher, in every lane."""
@@ -57,7 +57,7 @@ class TaughtVecEnv(VecEnvWrapper):  # type: ignore[misc, unused-ignore]
     def step_async(self, actions: NDArray[Any]) -> None:
         """Keep what was seen and what the teachers want there, and run the learner's actions."""
         self._seen.append(np.array(self._observations, np.float32))
-        self._told.append(np.array([law.action() for law in self._laws]))
+        self._wanted.append(np.array([law.action() for law in self._laws]))
         self.venv.step_async(actions)
 
     def step_wait(self) -> Any:
@@ -72,24 +72,24 @@ class TaughtVecEnv(VecEnvWrapper):  # type: ignore[misc, unused-ignore]
 
     def taken(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """Return observations (n, entries) and the teacher's actions (n, k) since the last call, and forget them."""
-        seen, told = np.concatenate(self._seen), np.concatenate(self._told)
+        seen, wanted = np.concatenate(self._seen), np.concatenate(self._wanted)
         self._seen.clear()
-        self._told.clear()
-        return seen, told
+        self._wanted.clear()
+        return seen, wanted
 
 
 # untyped where the extra is missing
 class Imitation(PPO):  # type: ignore[misc, unused-ignore]
     """A learner that cuts as PPO does, and follows a teacher in place of the reward.
 
-    Its environment is a `VecNormalize` of a `TaughtVecEnv`. It keeps all it was told, a quarter of a kilobyte for a
+    Its environment is a `VecNormalize` of a `TaughtVecEnv`. It keeps all it was shown, a quarter of a kilobyte for a
     decision, and its checkpoints have that, too.
     """
 
     def _setup_model(self) -> None:
         super()._setup_model()
         self.seen: list[NDArray[np.float32]] = getattr(self, "seen", [])  # those of a checkpoint are there already
-        self.told: list[NDArray[np.float32]] = getattr(self, "told", [])
+        self.wanted: list[NDArray[np.float32]] = getattr(self, "wanted", [])
 
     def train(self) -> None:
         """Fit the policy's mean to what the teacher wanted so far, every action in parts of its own variance."""
@@ -98,13 +98,13 @@ class Imitation(PPO):  # type: ignore[misc, unused-ignore]
         for group in self.policy.optimizer.param_groups:
             group["lr"] = self.lr_schedule(left) * max(left, LEAST_RATE)
         normalise: Any = self.env
-        for kept, new in zip((self.seen, self.told), normalise.venv.taken(), strict=True):
+        for kept, new in zip((self.seen, self.wanted), normalise.venv.taken(), strict=True):
             kept.append(new)
         observations = torch.as_tensor(normalise.normalize_obs(np.concatenate(self.seen)))
-        wanted = torch.as_tensor(np.concatenate(self.told))
+        wanted = torch.as_tensor(np.concatenate(self.wanted))
         variance = wanted.var(0).clamp(min=LEAST_VARIANCE)
         losses = []
-        for _ in range(max(self.n_epochs * len(self.told[-1]) // self.batch_size, 1)):
+        for _ in range(max(self.n_epochs * len(self.wanted[-1]) // self.batch_size, 1)):
             rows = torch.randint(len(wanted), (self.batch_size,))
             gaussian: Any = self.policy.get_distribution(observations[rows]).distribution
             loss = ((gaussian.mean - wanted[rows]) ** 2 / variance).mean()
