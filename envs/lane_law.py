@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edmsim.controllers import FeedController, SeesTruth, WindowObservation
-from edmsim.controllers.protocols import FeedCommand, check_command, tell
+from edmsim.controllers.protocols import FeedCommand, SeesBreaks, check_command, tell
 from edmsim.controllers.pulse_counters import WINDOW_PULSES
 from edmsim.envs.as_action import as_action
 
@@ -22,26 +22,41 @@ class LaneLaw:
     Parameters
     ----------
     lanes : Lanes
-        Of a step that has several windows, it is shown the last.
+        Every window of the lane is shown to it, also where a step has several, until `stop`.
     lane : int
     controller : FeedController
     """
 
     def __init__(self, lanes: Lanes, lane: int, controller: FeedController) -> None:
         self._lanes, self._lane, self._controller = lanes, lane, controller
-        self._leg = 0
+        self._leg = self._lost = 0
         self._command = FeedCommand(0.0)
+        lanes.watchers[lane].append(self._see)
+
+    def stop(self) -> None:
+        """Look no more."""
+        self._lanes.watchers[self._lane].remove(self._see)
 
     def begin(self) -> FeedCommand:
         """Begin the leg that the lane is on; returns the command for its first window."""
         lanes, lane = self._lanes, self._lane
         scenario = lanes.scenarios[lane]
         assert scenario is not None
-        self._leg = lanes.leg[lane]
+        self._leg, self._lost = lanes.leg[lane], int(lanes.rows[lane]["wires_lost"])
         start_um = float(lanes.rows[lane]["before_um"])
         tell(self._controller, scenario.machine, scenario.legs_um[self._leg], start_um)
-        first = self._controller.reset(lanes.family.greatest_feed_um_s)
-        self._command = check_command(self._controller.name, first)
+        self._take(self._controller.reset(lanes.family.greatest_feed_um_s))
+        return self._command
+
+    def command(self) -> FeedCommand:
+        """Return what it commands for the next window, after all that the lane has had."""
+        lanes, lane, controller = self._lanes, self._lane, self._controller
+        if self._leg != lanes.leg[lane]:
+            return self.begin()
+        if self._lost != lanes.rows[lane]["wires_lost"]:
+            self._lost = int(lanes.rows[lane]["wires_lost"])
+            on = isinstance(controller, SeesBreaks)
+            self._take(controller.wire_lost() if on else controller.reset(lanes.family.greatest_feed_um_s))
         return self._command
 
     def action(self) -> NDArray[np.float32]:
@@ -51,18 +66,18 @@ class LaneLaw:
         assert scenario is not None
         first_us = scenario.machine.t_on_us, scenario.machine.t_period_us
         now_us, feed_um_s = row["setting_us"].tolist(), float(row["feed_um_s"])
-        return as_action(lanes.family, self._controller, self._command, first_us, now_us, feed_um_s)
+        return as_action(lanes.family, self._controller, self.command(), first_us, now_us, feed_um_s)
 
-    def after_window(self) -> FeedCommand:
-        """Show it the window that the lane has just had; returns the command for the next one."""
-        lanes, row = self._lanes, self._lanes.rows[self._lane]
-        window = lanes.fleet.plants[self._lane].window()
-        if window.pulses == WINDOW_PULSES:
-            path_um = float(row["before_um"] + row["path_um"])
-            seen = WindowObservation.of(
-                window, window.start_ns + window.duration_ns, float(row["feed_um_s"]), path_um
-            )
-            if isinstance(self._controller, SeesTruth):
-                self._controller.see(window)
-            self._command = check_command(self._controller.name, self._controller.update(seen))
-        return self._command if self._leg == lanes.leg[self._lane] else self.begin()
+    def _see(self) -> None:
+        """Show it the window that the lane has just had."""
+        self.command()  # a leg or wire that the last window ended is over before this one
+        row, window = self._lanes.rows[self._lane], self._lanes.fleet.plants[self._lane].window()
+        if window.pulses != WINDOW_PULSES:
+            return
+        end_ns, path_um = window.start_ns + window.duration_ns, float(row["before_um"] + row["path_um"])
+        if isinstance(self._controller, SeesTruth):
+            self._controller.see(window)
+        self._take(self._controller.update(WindowObservation.of(window, end_ns, float(row["feed_um_s"]), path_um)))
+
+    def _take(self, command: FeedCommand) -> None:
+        self._command = check_command(self._controller.name, command)

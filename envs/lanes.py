@@ -79,8 +79,8 @@ class Lanes:
         Whether the wire is where they count; with a wall to finish, whether some of it is behind the wire.
     corner_um, corner_deg : (n, most)
         Length of the present leg up to each corner, infinite for the filling, and its turn.
-    watch : callable or None
-        Called with the lanes that had a window, before a fresh wire is threaded in any; a copy has none.
+    watchers : list of list of callable
+        Of every lane, what is called after each of its windows, before a fresh wire is threaded; a copy has none.
     """
 
     def __init__(self, family: Family, count: int, threads: int = 1) -> None:
@@ -90,7 +90,7 @@ class Lanes:
         self.fleet = Fleet([self._plant(family.base, 0, position_um=centre_um) for _ in range(count)], threads)
         self.rows: NDArray[np.void] = np.zeros(count, LANE)
         self.planners: NDArray[np.void] = np.zeros(count, PLANNER)
-        self.watch: Callable[[Ints], None] | None = None
+        self.watchers: list[list[Callable[[], None]]] = [[] for _ in range(count)]
         self._planner = kind_of(family.planner)
         self._other_planner: NDArray[np.void] = np.zeros(1, PLANNER)
         self.scenarios: list[Scenario | None] = [None] * count
@@ -219,8 +219,9 @@ class Lanes:
         if (status != FINE).any():
             lost = lanes[(status != FINE) & (fleet.windows["broken"][lanes] == 0)]
             rows["cause"][lost] = OUT_OF_RANGE
-        if self.watch is not None:
-            self.watch(lanes)
+        for lane in lanes.tolist():
+            for see in self.watchers[lane]:
+                see()
         for lane in lanes[rows["cause"][lanes] == DONE]:
             self._end_leg(int(lane))
         for lane in lanes[rows["cause"][lanes] == WIRE_BREAK]:
@@ -291,7 +292,7 @@ class Lanes:
 
     def __getstate__(self) -> dict[str, Any]:
         """Return what a copy needs: whoever watches stays with the lanes watched."""
-        return {**self.__dict__, "watch": None}
+        return {**self.__dict__, "watchers": [[] for _ in range(self.count)]}
 
 
 def _with_row(table: NDArray[_Number], lane: int, row: NDArray[_Number], filling: float) -> NDArray[_Number]:

@@ -56,7 +56,7 @@ class EpisodeRecorder:
         self._rows: list[int] = []
         self._leg = -1
         self._closeups.begin(plant)
-        lanes.watch = self._window
+        lanes.watchers[lane].append(self._window)
 
     def __len__(self) -> int:
         """Return the number of windows recorded."""
@@ -64,13 +64,13 @@ class EpisodeRecorder:
 
     def stop(self) -> None:
         """Watch no more."""
-        self._lanes.watch = None
+        watchers = self._lanes.watchers[self._lane]
+        if self._window in watchers:  # not in a copy's: see `Lanes.watchers`
+            watchers.remove(self._window)
 
-    def _window(self, lanes: NDArray[np.int64]) -> None:
-        """See a window of some lanes."""
+    def _window(self) -> None:
+        """See a window of the lane."""
         here, fleet, rows = self._lane, self._lanes.fleet, self._lanes.rows
-        if here not in lanes.tolist():
-            return
         leg, plant = self._lanes.leg[here], fleet.plants[here]
         # as bytes: to read the records takes a tenth of a step, and can wait until the recording is written
         window, row, state = (record.tobytes() for record in self._records)

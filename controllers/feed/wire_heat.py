@@ -49,7 +49,8 @@ class PeriodFromHeat(FixedPeriodController):
     proportional_share, integral_per_s : float
         Change of the period's logarithm, and its growth per second, per unit of the difference from it.
     shortest_us, longest_us : float
-        Periods there are.
+        Limits of the period (ours): where hardly a pulse ignites there is no heat to hold, the period goes to the
+        shortest, and the discharges that ignite next find it there.
     """
 
     period_us: float = 90.0
@@ -57,7 +58,7 @@ class PeriodFromHeat(FixedPeriodController):
     kept_hold_share: float = 0.8
     proportional_share: float = 0.3
     integral_per_s: float = 1.0
-    shortest_us: float = 13.0
+    shortest_us: float = 25.0
     longest_us: float = 150.0
 
     _held: _Held = field(default_factory=_Held, init=False, repr=False)
@@ -193,8 +194,8 @@ class HeatOracleController(PeriodFromHeat):
     name: ClassVar[str] = "heat-oracle"
 
     hold_share: float = 0.4
-    proportional_share: float = 0.8
-    integral_per_s: float = 2.0
+    proportional_share: float = 1.0
+    integral_per_s: float = 1.0
     shortest_us: float = 18.0
     _superheat_K: float = field(default=30.0, init=False, repr=False)
 

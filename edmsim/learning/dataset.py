@@ -156,7 +156,7 @@ def _episode(env: Any, name: str, seed: int) -> dict[str, NDArray[Any]]:
     edm: EdmEnv = env.unwrapped
     observation, info = env.reset(seed=seed)
     law = edm.lane_law(controller)
-    command = law.begin()
+    law.begin()
     seen, told, actions, rewards = [observation], [info], [], []
     terminated = truncated = False
     while not (terminated or truncated):
@@ -166,8 +166,8 @@ def _episode(env: Any, name: str, seed: int) -> dict[str, NDArray[Any]]:
         told.append(info)
         actions.append(action)
         rewards.append(reward)
-        command = law.after_window()
-        truncated = truncated or (command.alarm is not None and not terminated)
+        truncated = truncated or (law.command().alarm is not None and not terminated)
+    law.stop()
     ends = np.zeros((2, len(rewards)), np.bool_)
     ends[:, -1] = terminated, truncated
     infos = {f"info_{key}": np.array([info[key] for info in told], np.float64) for key in KEPT}

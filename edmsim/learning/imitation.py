@@ -32,7 +32,7 @@ class TaughtVecEnv(VecEnvWrapper):  # type: ignore[misc, unused-ignore]
     ----------
     venv : EdmVecEnv
     teacher : str
-        See `edmsim.controllers.from_text`. It is shown the last window before every decision.
+        See `edmsim.controllers.from_text`. It is shown every window, and every wire that is lost.
 
     Raises
     ------
@@ -61,13 +61,10 @@ class TaughtVecEnv(VecEnvWrapper):  # type: ignore[misc, unused-ignore]
         self.venv.step_async(actions)
 
     def step_wait(self) -> Any:
-        """Run a step, and show the teachers what the machines showed."""
+        """Run a step, which the teachers see."""
         self._observations, rewards, done, infos = self.venv.step_wait()
-        for law, over in zip(self._laws, done, strict=True):
-            if over:
-                law.begin()
-            else:
-                law.after_window()
+        for lane in np.flatnonzero(done):
+            self._laws[lane].begin()
         return self._observations, rewards, done, infos
 
     def taken(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:

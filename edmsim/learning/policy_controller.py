@@ -120,10 +120,11 @@ class PolicyController:
         return self._command()
 
     def wire_lost(self) -> FeedCommand:
-        """Go on with the next wire, which begins as the first one did."""
+        """Go on with the next wire, which begins as the first one did: at the first setting, until the next decision."""
         t_on_us, t_period_us = self._setting_us
         self._lost += 1
         self._broke_at, self._age_s = max(self._broke_at, t_period_us / t_on_us), 0.0
+        self._set(*self._first_us.tolist())
         self._feed_um_s, self._shorted_s = self._family.first_feed_um_s, 0.0
         servo.begin(self._servo[0], self._feed_um_s)
         return self._command()

@@ -54,10 +54,10 @@ class ResidualVecEnv(VecEnvWrapper):  # type: ignore[misc, unused-ignore]
         self.venv.step_async(given)
 
     def step_wait(self) -> Any:
-        """Run a step, and show the laws what the machines showed."""
+        """Run a step, which the laws see, and take what they command for the next."""
         observations, rewards, done, infos = self.venv.step_wait()
         for lane, law in enumerate(self._laws):
-            self._take(lane, law.begin() if done[lane] else law.after_window())
+            self._take(lane, law.begin() if done[lane] else law.command())
         return observations, rewards, done, infos
 
     def _take(self, lane: int, command: FeedCommand) -> None:

@@ -7,6 +7,7 @@ import pytest
 
 import edmsim
 from edmsim.controllers import make
+from edmsim.controllers.feed.climb import ClimbController
 from edmsim.controllers.protocols import WindowObservation, tell
 from edmsim.envs import Task
 from edmsim.evaluation.episode import Episode
@@ -63,6 +64,40 @@ def test_a_law_goes_on_with_the_next_wire(weak):
     assert task.wires_lost == 1
     assert episode.step() is None
     assert task.machine.t_period_us == pytest.approx(100 * law.back_factor, abs=2.5)
+
+
+class Watcher(ClimbController):
+    """Notes for how long each wire cut, by what it was shown."""
+
+    seen_s = (0.0,)
+
+    def update(self, window):
+        self.seen_s = (*self.seen_s[:-1], self.seen_s[-1] + window.duration_s)
+        return super().update(window)
+
+    def wire_lost(self):
+        self.seen_s += (0.0,)
+        return super().wire_lost()
+
+
+def test_a_law_at_a_lane_sees_every_window_and_every_lost_wire(make_env, weak):
+    """Also where a step has some twenty windows: of each wire all but the partial window in which it broke."""
+    env, law = make_env("ThinWire", machine=weak, wires=100), Watcher()
+    env.reset(seed=1)
+    at_lane = env.unwrapped.lane_law(law)
+    assert at_lane.begin().t_period_us == 50.0
+    *_, info = env.step(np.array([-1.0, 0.0], np.float32))
+    assert at_lane.command().t_period_us > 50.0
+    lost = info["wires_lost"]
+    assert lost > 1
+    assert len(law.seen_s) == lost + 1
+    partial_s = 255 * 60e-6
+    assert info["dt_s"] - lost * partial_s < sum(law.seen_s) < info["dt_s"]
+    assert law.factor(0.0) == pytest.approx(law.back_factor**lost)
+    at_lane.stop()
+    before = law.seen_s
+    env.step(np.array([-1.0, 0.0], np.float32))
+    assert law.seen_s == before
 
 
 def test_climb_shortens_the_period_until_a_wire_breaks():

@@ -115,7 +115,9 @@ def test_a_policy_goes_on_with_the_next_wire(make_policy):
     for _ in range(10):
         controller.update(window)
     ratio = controller.snapshot()["t_period_us"] / controller.snapshot()["t_on_us"]
-    assert controller.wire_lost().feed_um_s == 5.0
+    command = controller.wire_lost()
+    assert (command.feed_um_s, command.t_on_us, command.t_period_us) == (5.0, 10.0, 100.0)
+    assert ratio != 10.0
     state = controller.snapshot()
     assert (state["lost"], state["age_s"]) == (1, 0.0)
     assert state["broke_at"] == ratio
