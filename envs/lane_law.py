@@ -55,8 +55,10 @@ class LaneLaw:
             return self.begin()
         if self._lost != lanes.rows[lane]["wires_lost"]:
             self._lost = int(lanes.rows[lane]["wires_lost"])
-            on = isinstance(controller, SeesBreaks)
-            self._take(controller.wire_lost() if on else controller.reset(lanes.family.greatest_feed_um_s))
+            if isinstance(controller, SeesBreaks):
+                self._take(controller.wire_lost())
+            else:
+                self._take(controller.reset(lanes.family.greatest_feed_um_s))
         return self._command
 
     def action(self) -> NDArray[np.float32]:

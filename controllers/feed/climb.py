@@ -1,6 +1,7 @@
 """The search of a setting on the machine itself: more power until a wire breaks, then less.
 
-It is how an operator finds the setting for a wire and a height that no table has (ours).
+It is how an operator finds the setting for a wire and a height that no table has (ours). Of five paces on 64 training
+machines of ThinWire, that of the defaults earned nearly the most and lost the fewest wires.
 """
 
 from __future__ import annotations
@@ -31,9 +32,9 @@ class ClimbController(SetPointController):
 
     name: ClassVar[str] = "climb"
 
-    climb_s: float = 6.0
-    step_share: float = 0.3
-    back_factor: float = 1.45
+    climb_s: float = 5.0
+    step_share: float = 0.13
+    back_factor: float = 1.41
 
     _climb: dict[str, float] = field(default_factory=dict, init=False, repr=False)
 

@@ -136,6 +136,11 @@ class HeatFluxController(PeriodFromHeat):
         self._flux = np.zeros(5)
         return super().reset(max_feed_um_s)
 
+    @property
+    def flux(self) -> NDArray[np.float64]:
+        """Filtered heat flux of each fifth of the height over the critical one, (5,), from below."""
+        return self._flux
+
     def near(self, window: WindowObservation) -> float:
         """Return the greatest flux of a fifth over the critical one."""
         flux = self._per_ignition @ np.array(window.fifths, np.float64) / window.duration_s

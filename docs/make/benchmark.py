@@ -52,7 +52,7 @@ what the oracle earns, which sees the true gap. Values in parentheses are 95 % b
 - *Edge error*: the same for the distance from the contour to the cut edge. It contains the error of an offset that
   is wrong for the drawn machine.
 
-Four environments have other references. In Corner a score of 0 is the constant setting that earned most on 8
+Four environments have other references. In Corner a score of 0 is the constant setting that earned most on 24
 training machines, in Trim the constant feed and offset that did on 12, and in ThinWire the fastest constant setting
 that broke no wire of 24. The oracle of the latter two makes each cut several times and keeps the best: in Trim with
 twelve pairs of feed and offset, in ThinWire with five periods. A controller that finds out more within the cut may

@@ -1,6 +1,6 @@
-"""What shipped policies and classic controllers are worth at finer resolutions and on other machines: two tables.
+"""What shipped policies and classic controllers are worth at finer resolutions and on other machines: tables.
 
-python docs/make/transfer.py           # that of docs/training.md and that of docs/tasks/corner.md
+python docs/make/transfer.py           # that of docs/training.md, and those of docs/tasks
 python docs/make/transfer.py Corner    # one of them
 """
 
@@ -16,12 +16,21 @@ from edmsim.evaluation.lines import lines_of
 from edmsim.evaluation.transfer import rows_of, transfer
 
 DOCS = Path(__file__).parents[1]
-CORNER = lines_of("edmsim/Corner-v1")
+CORNER, THIN, TRIM = (lines_of(env_id_of(task)) for task in ("Corner", "ThinWire", "Trim"))
+CORNER_LAW = next(name for name in CORNER.compared if "pull_N_m" in name)
 TABLES = {
     "GapFeed": ("training.md", {name: f"`{name}`" for name in ("policy:GapFeed-ppo", "voltage", "counts")}),
     "Corner": ("tasks/corner.md", {
-        "policy:Corner-imitation": "`policy:Corner-imitation`", CORNER.compared[-1]: "the best law",
+        "policy:Corner-imitation": "`policy:Corner-imitation`", CORNER_LAW: "the best law",
         CORNER.blind: "the best constant",
+    }),
+    "ThinWire": ("tasks/thin-wire.md", {
+        "policy:ThinWire-imitation": "`policy:ThinWire-imitation`", "climb:open_target_share=0.05": "`climb`",
+        THIN.compared[0]: "the constant that earns most",
+    }),
+    "Trim": ("tasks/trim.md", {
+        "policy:Trim-ppo": "`policy:Trim-ppo`", TRIM.blind: "the best constant",
+        TRIM.compared[1]: "a constant without offset",
     }),
 }  # fmt: skip
 """Page and controllers, with their heads, by task."""

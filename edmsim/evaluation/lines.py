@@ -50,7 +50,7 @@ OF_TASK = {
     "ThinWire": Lines(
         f"{_GAP},period_factor=2", "oracle",
         tuple(f"{_GAP},period_factor={factor:g}" for factor in (0.35, 0.5, 0.7, 1.0, 2.0)),
-        (f"{_GAP},period_factor=1", "climb:open_target_share=0.05"),
+        (*(f"{_GAP},period_factor={factor:g}" for factor in (0.7, 1.0)), "climb:open_target_share=0.05"),
     ),
     "MaxRate": Lines(
         "fixed-period", "heat-oracle", USUAL.rehearsed, ("fixed-period", "sato", "heat-flux", "heat-oracle"),

@@ -71,7 +71,7 @@ class Moved(NamedTuple):
     total_return, rate_mm2_min : Figure
         Means over the cuts; a lost wire costs the rate the time for threading another.
     lost : int
-        Cuts that ended by a broken wire or a jam.
+        Wires that broke, and jams.
     """
 
     place: str
@@ -113,7 +113,7 @@ def transfer(
         for name, cuts in made.items():
             returns = np.array([cut.total_return for cut in cuts])
             rates = np.array([cut.rate_mm2_min for cut in cuts])
-            lost = sum(cut.broke or cut.jammed for cut in cuts)
+            lost = sum(cut.wires_lost + cut.jammed for cut in cuts)
             found.append(Moved(place.name, name, mean(returns), mean(rates), lost))
     return found
 

@@ -120,7 +120,7 @@ class PolicyController:
         return self._command()
 
     def wire_lost(self) -> FeedCommand:
-        """Go on with the next wire, which begins as the first one did: at the first setting, until the next decision."""
+        """Go on with the next wire, which begins at the first setting, as the first one did."""
         t_on_us, t_period_us = self._setting_us
         self._lost += 1
         self._broke_at, self._age_s = max(self._broke_at, t_period_us / t_on_us), 0.0

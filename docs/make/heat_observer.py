@@ -1,0 +1,243 @@
+"""What a network with memory can find out of MaxRate's wire: `python docs/make/heat_observer.py` prints two tables.
+
+They are those of tasks/max-rate.md. `heat-flux` cuts machines drawn with training seeds, each with a share of the
+critical flux drawn for it. A recurrent network learns the wire's true temperature from what the machine shows, window
+by window. Then a law holds what the network says, and cuts other machines beside `heat-flux`. Needs the extra `rl`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field
+from functools import partial
+from typing import Any, ClassVar, NamedTuple
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from edmsim.controllers import FeedController
+from edmsim.controllers.feed.wire_heat import HeatFluxController, PeriodFromHeat
+from edmsim.controllers.protocols import FeedCommand, WindowObservation
+from edmsim.envs.episode import Task
+from edmsim.evaluation.episode import Episode, Result
+from edmsim.machine.machine import Machine
+
+ENV_ID = "edmsim/MaxRate-v0"
+LEARNED, TESTED, CUT = range(10_000, 10_640), range(20_000, 20_160), range(2_000, 2_096)
+"""Seeds of the machines that the network learns from, is tested on, and of those that the laws cut."""
+HOLDS = 0.12, 0.36
+"""Range of the shares of the critical flux that are held while the network's cuts are made."""
+NETWORK_HOLDS = -0.7, -0.5, -0.3
+"""What the law with the network holds, as the superheat over the one at which the wire boils dry."""
+BEGIN_S = 2.0
+"""Left out of each wire: it comes to its period slowly."""
+BOILING_K = 373.15
+COLDEST, DRY = -2.5, 1.2
+"""Superheats are held to the first; beyond the second, where the wire has boiled dry, they are left out."""
+CELLS, EPOCHS, MACHINES_A_STEP, RATE = 64, 16, 16, 3e-3
+Floats = NDArray[np.float64]
+Law = HeatFluxController
+
+
+def features(window: WindowObservation, law: Law, age_s: float, machine: Machine) -> list[float]:
+    """Return what is shown to the network: a window, the fluxes that `heat-flux` makes of it, and the dials."""
+    flux = law.flux
+    seen = [window.short, window.open, window.mean_voltage_V, window.mean_current_A, window.mean_delay_us]
+    dials = [machine.height_mm, machine.tension, machine.flushing_lower_Pa, machine.flushing_upper_Pa]
+    values = [*seen, window.duration_s, *window.fifths, *flux, flux.max(), min(age_s, BEGIN_S + 1.0), *dials]
+    return [0.0 if not np.isfinite(value) else float(value) for value in values]
+
+
+class Recorded(NamedTuple):
+    """What the windows of a cut showed, and what nobody sees.
+
+    Attributes
+    ----------
+    seen : (n, features)
+    superheat, flux : (n,)
+        The true superheat, and the greatest flux as `heat-flux` has it.
+    counts : (n,) bool
+        Which windows count.
+    hidden : (k,)
+        Constants of the machine.
+    """
+
+    seen: Floats
+    superheat: Floats
+    flux: Floats
+    counts: NDArray[np.bool_]
+    hidden: Floats
+
+    def with_hidden(self) -> Recorded:
+        """Return it as if the constants were seen."""
+        return self._replace(seen=np.hstack([self.seen, np.tile(self.hidden, (len(self.seen), 1))]))
+
+
+def record(seed: int) -> Recorded:
+    """Cut a machine with `heat-flux` at a share that is drawn."""
+    hold = np.random.default_rng(seed).uniform(*HOLDS)
+    task, law = Task(ENV_ID), HeatFluxController(hold_share=float(hold))
+    episode, rows, outcome, age_s, lost = Episode(task, law, seed, "heat-flux"), [], None, 0.0, 0
+    machine = task.scenario.machine
+    while outcome is None:
+        outcome = episode.step()
+        assert episode.last is not None
+        window, truth = episode.last.seen, episode.last.truth
+        age_s = age_s + window.duration_s if task.wires_lost == lost else 0.0
+        lost = task.wires_lost
+        superheat = (truth.wire_temperature_K - BOILING_K) / machine.base.cooling.superheat_K.value
+        rows.append((*features(window, law, age_s, machine), superheat, law.flux.max(), age_s))
+    table = np.array(rows)
+    superheat = np.maximum(table[:, -3], COLDEST)
+    counts, hidden = (table[:, -1] > BEGIN_S) & (superheat < DRY), machine.uncertain().values()
+    return Recorded(table[:, :-3], superheat, table[:, -2], counts, np.array([constant.value for constant in hidden]))
+
+
+class Network(torch.nn.Module):
+    """A GRU whose output is a superheat, and what its inputs are normalised by."""
+
+    def __init__(self, mean: Floats, scale: Floats) -> None:
+        super().__init__()
+        self.mean, self.scale = mean, scale
+        self.gru = torch.nn.GRU(len(mean), CELLS, batch_first=True)
+        self.out = torch.nn.Linear(CELLS, 1)
+
+    def forward(self, seen: Floats, memory: Any = None) -> tuple[Any, Any]:
+        """Return superheats (cuts, n) for features (cuts, n, k), and the memory after them."""
+        normal = np.clip((seen - self.mean) / self.scale, -8, 8)
+        kept, memory = self.gru(torch.as_tensor(normal, dtype=torch.float32), memory)
+        return self.out(kept)[..., 0], memory
+
+
+def fitted(cuts: list[Recorded]) -> Network:
+    """Return a network that has learned from cuts, by the mean square of its error."""
+    torch.manual_seed(0)
+    everything = np.concatenate([cut.seen[cut.counts] for cut in cuts])
+    network = Network(everything.mean(axis=0), everything.std(axis=0) + 1e-6)
+    steps = EPOCHS * (len(cuts) // MACHINES_A_STEP)
+    optimiser = torch.optim.Adam(network.parameters(), lr=RATE)
+    schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimiser, steps)
+    rng = np.random.default_rng(0)
+    for _ in range(steps):
+        chosen = [cuts[k] for k in rng.choice(len(cuts), MACHINES_A_STEP, replace=False)]
+        length = max(len(cut.superheat) for cut in chosen)
+        seen, wanted, counts = (
+            np.stack([np.pad(getattr(cut, name), ((0, length - len(cut.superheat)), *more)) for cut in chosen])
+            for name, more in (("seen", ((0, 0),)), ("superheat", ()), ("counts", ()))
+        )
+        error = (network(seen)[0] - torch.as_tensor(wanted, dtype=torch.float32))[torch.as_tensor(counts)]
+        optimiser.zero_grad()
+        (error**2).mean().backward()
+        torch.nn.utils.clip_grad_norm_(network.parameters(), 1.0)
+        optimiser.step()
+        schedule.step()
+    return network
+
+
+def of_cuts(network: Network, cuts: list[Recorded]) -> list[Floats]:
+    """Return what a network says of the superheats of cuts."""
+    with torch.no_grad():
+        return [network(cut.seen[None])[0][0].numpy() for cut in cuts]
+
+
+def explained(cuts: list[Recorded], predicted: list[Floats]) -> tuple[float, float]:
+    """Return which share of the superheat's variance is explained: from window to window, and between machines."""
+    pairs = [(cut.superheat[cut.counts], values[cut.counts]) for cut, values in zip(cuts, predicted, strict=True)]
+    pairs = [pair for pair in pairs if len(pair[0]) > 1]
+    missed = sum(float((((p - p.mean()) - (t - t.mean())) ** 2).sum()) for t, p in pairs)
+    spread = sum(float(((t - t.mean()) ** 2).sum()) for t, _ in pairs)
+    means = np.array([(t.mean(), p.mean()) for t, p in pairs])
+    between = ((means[:, 0] - means[:, 1]) ** 2).sum() / ((means[:, 0] - means[:, 0].mean()) ** 2).sum()
+    return 1.0 - missed / spread, 1.0 - float(between)
+
+
+def way(superheat: float) -> float:
+    """Return a superheat as a share of the way from the coldest to where the wire boils dry."""
+    return (superheat - COLDEST) / (1.0 - COLDEST)
+
+
+@dataclass
+class NetworkController(PeriodFromHeat):
+    """Holds by the period what the network says of the wire's superheat; the measure is its `way`."""
+
+    name: ClassVar[str] = "network"
+
+    proportional_share: float = 0.7
+    integral_per_s: float = 5.0
+    network: Any = field(default=None, init=False)
+    _law: Law = field(default_factory=HeatFluxController, init=False)
+    _memory: Any = field(default=None, init=False)
+    _age_s: float = field(default=0.0, init=False)
+
+    def set_up(self, machine: Machine, points_um: NDArray[Any], start_um: float) -> None:
+        """Take in the dials."""
+        self._machine = machine
+        self._law.set_up(machine, points_um, start_um)
+
+    def reset(self, max_feed_um_s: float) -> FeedCommand:
+        """Begin a new cut."""
+        self._memory, self._age_s = None, 0.0
+        self._law.reset(max_feed_um_s)
+        return super().reset(max_feed_um_s)
+
+    def near(self, window: WindowObservation) -> float:
+        """Ask the network."""
+        self._law.near(window)
+        self._age_s += window.duration_s
+        seen = np.array([[features(window, self._law, self._age_s, self._machine)]])
+        with torch.no_grad():
+            superheat, self._memory = self.network(seen, self._memory)
+        return way(float(superheat))
+
+    def wire_lost(self) -> FeedCommand:
+        """Begin with a fresh wire, which is cold."""
+        self._law.wire_lost()
+        self._age_s = 0.0
+        return super().wire_lost()
+
+
+def cut_with(make: Callable[[], FeedController], seed: int) -> Result:
+    """Cut a machine with a law."""
+    return Episode(Task(ENV_ID), make(), seed, "law").run()
+
+
+def holding(network: Network, superheat: float) -> FeedController:
+    """Return the law that holds a superheat by a network."""
+    law = NetworkController(hold_share=way(superheat))
+    law.network = network
+    return law
+
+
+def main() -> None:
+    """Record, fit, and print both tables."""
+    torch.set_num_threads(1)
+    with ThreadPoolExecutor(2) as threads:
+        learned, tested = (list(threads.map(record, seeds)) for seeds in (LEARNED, TESTED))
+    known = [np.concatenate([getattr(cut, name)[cut.counts] for cut in learned]) for name in ("flux", "superheat")]
+    cubic = np.polynomial.Polynomial.fit(*known, 3)
+    network = fitted(learned)
+    predicted = {
+        "the greatest flux": [cubic(cut.flux) for cut in tested], "the network": of_cuts(network, tested),
+        "a network that is shown the machine's constants": of_cuts(
+            fitted([cut.with_hidden() for cut in learned]), [cut.with_hidden() for cut in tested]
+        ),
+    }  # fmt: skip
+    print("| superheat explained by | from window to window | between machines |\n|---|---|---|")
+    for name, values in predicted.items():
+        print("| {} | {:.0%} | {:.0%} |".format(name, *explained(tested, values)), flush=True)
+    print("\n| law | mean rate, mm2/min | wires lost in 96 cuts |\n|---|---|---|")
+    laws: dict[str, Callable[[], FeedController]] = {"`heat-flux`": HeatFluxController}
+    laws |= {
+        f"the network's superheat held at {hold:g}": partial(holding, network, hold) for hold in NETWORK_HOLDS
+    }
+    for name, make in laws.items():
+        with ThreadPoolExecutor(2) as threads:
+            made = list(threads.map(partial(cut_with, make), CUT))
+        rate, lost = np.mean([result.rate_mm2_min for result in made]), sum(result.wires_lost for result in made)
+        print(f"| {name} | {rate:.1f} | {lost} |", flush=True)
+
+
+if __name__ == "__main__":
+    main()
