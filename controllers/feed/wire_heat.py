@@ -199,8 +199,8 @@ class HeatOracleController(PeriodFromHeat):
     name: ClassVar[str] = "heat-oracle"
 
     hold_share: float = 0.4
-    proportional_share: float = 1.0
-    integral_per_s: float = 1.0
+    proportional_share: float = 0.8
+    integral_per_s: float = 2.0
     shortest_us: float = 18.0
     _superheat_K: float = field(default=30.0, init=False, repr=False)
 
