@@ -37,6 +37,8 @@ compile_alone({folder!r}, {module!r}, {name!r}, {arguments!r})
 """
 """An interrupt is for whoever waits for this, and stops it."""
 
+PROGRESS = "EDMSIM_PROGRESS"
+"""Variable of the environment: with 0 a notebook shows neither how far a cut is nor that code is compiled."""
 _NOTICE = "edmsim compiles its pulse loop for this processor: a minute or two, once for every resolution"
 
 
@@ -77,7 +79,7 @@ def _compile_elsewhere(make: Callable[..., Any], arguments: tuple[int, ...]) -> 
     program = _PROGRAM.format(
         path=sys.path, folder=str(jit.folder()), module=make.__module__, name=make.__name__, arguments=arguments
     )
-    if sys.stderr.isatty() or "ipykernel" in sys.modules:
+    if sys.stderr.isatty() or ("ipykernel" in sys.modules and os.environ.get(PROGRESS) != "0"):
         print(_NOTICE, file=sys.stderr)
     # strings' hashes decide the order of the compiler's own sets
     environment = {**os.environ, "PYTHONHASHSEED": "0"}

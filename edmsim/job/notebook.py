@@ -9,11 +9,10 @@ import time
 from html import escape
 from typing import Any
 
+from edmsim.compiled.afresh import PROGRESS
 from edmsim.cosim.simulation import Progress
 from edmsim.recording.report import duration_text
 
-SWITCH = "EDMSIM_PROGRESS"
-"""Variable of the environment: 0 shows no bar."""
 _EVERY_S = 0.3
 """Wall time between two pictures of the bar (ours: seen to move, and little for a browser)."""
 
@@ -67,7 +66,7 @@ def notebook_progress(title: str) -> NotebookProgress | None:
     # a notebook has loaded IPython; nobody else need wait for it
     ipython = sys.modules.get("IPython")
     shell = None if ipython is None else ipython.get_ipython()
-    if getattr(shell, "kernel", None) is None or os.environ.get(SWITCH) == "0":
+    if getattr(shell, "kernel", None) is None or os.environ.get(PROGRESS) == "0":
         return None
     from IPython.display import display
 

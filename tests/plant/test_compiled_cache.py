@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -117,12 +118,16 @@ print(add(1, 2), sum(add.stats.cache_hits.values()))
 
 
 def afresh(folder: Path, before: str = "") -> list[str]:
+    return made_afresh(folder, before).stdout.split()
+
+
+def made_afresh(folder: Path, before: str) -> subprocess.CompletedProcess[str]:
     (folder / "adders.py").write_text(ADDERS)
     environment = {**os.environ, "XDG_CACHE_HOME": str(folder / "cache"), "PYTHONDONTWRITEBYTECODE": "1"}
     code = f"import sys\nsys.path.insert(0, {str(folder)!r})\n{before}\n{AFRESH}"
     done = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
-    return done.stdout.split()
+    return done
 
 
 def test_what_is_made_afresh_is_compiled_alone_in_a_process_of_its_own(tmp_path: Path) -> None:
@@ -134,3 +139,12 @@ def test_what_is_made_afresh_is_compiled_alone_in_a_process_of_its_own(tmp_path:
 
 def test_without_another_process_this_one_compiles(tmp_path: Path) -> None:
     assert afresh(tmp_path, "sys.executable = '/nowhere/python'") == ["7", "0"]
+
+
+def test_a_notebook_says_that_code_is_compiled_unless_it_is_to_show_no_progress(tmp_path: Path) -> None:
+    notebook = "import os; sys.modules['ipykernel'] = sys"
+    quiet = made_afresh(tmp_path, f"{notebook}; os.environ['EDMSIM_PROGRESS'] = '0'")
+    assert quiet.stderr == ""
+    shutil.rmtree(tmp_path / "cache")
+    assert "compiles its pulse loop" in made_afresh(tmp_path, notebook).stderr
+    assert made_afresh(tmp_path, notebook).stderr == ""  # it is in the cache
