@@ -1,7 +1,7 @@
 """The search of a setting on the machine itself: more power until a wire breaks, then less.
 
 It is how an operator finds the setting for a wire and a height that no table has (ours). Of five paces on 64 training
-machines of ThinWire, that of the defaults earned nearly the most and lost the fewest wires.
+machines of ThinWire, that of the defaults earned 1,336, with 23 wires lost; the others 1,100 to 1,359, with 20 to 27.
 """
 
 from __future__ import annotations

@@ -18,7 +18,7 @@ import torch
 from numpy.typing import NDArray
 
 from edmsim.controllers import FeedController
-from edmsim.controllers.feed.wire_heat import HeatFluxController, PeriodFromHeat
+from edmsim.controllers.feed.wire_heat import HeatFluxController, HeatOracleController, PeriodFromHeat
 from edmsim.controllers.protocols import FeedCommand, WindowObservation
 from edmsim.envs.episode import Task
 from edmsim.evaluation.episode import Episode, Result
@@ -33,7 +33,6 @@ NETWORK_HOLDS = -0.7, -0.5, -0.3
 """What the law with the network holds, as the superheat over the one at which the wire boils dry."""
 BEGIN_S = 2.0
 """Left out of each wire: it comes to its period slowly."""
-BOILING_K = 373.15
 COLDEST, DRY = -2.5, 1.2
 """Superheats are held to the first; beyond the second, where the wire has boiled dry, they are left out."""
 CELLS, EPOCHS, MACHINES_A_STEP, RATE = 64, 16, 16, 3e-3
@@ -80,15 +79,16 @@ def record(seed: int) -> Recorded:
     hold = np.random.default_rng(seed).uniform(*HOLDS)
     task, law = Task(ENV_ID), HeatFluxController(hold_share=float(hold))
     episode, rows, outcome, age_s, lost = Episode(task, law, seed, "heat-flux"), [], None, 0.0, 0
-    machine = task.scenario.machine
+    machine, meter = task.scenario.machine, HeatOracleController()
+    meter.set_up(machine, task.scenario.legs_um[0], 0.0)
     while outcome is None:
         outcome = episode.step()
         assert episode.last is not None
         window, truth = episode.last.seen, episode.last.truth
         age_s = age_s + window.duration_s if task.wires_lost == lost else 0.0
         lost = task.wires_lost
-        superheat = (truth.wire_temperature_K - BOILING_K) / machine.base.cooling.superheat_K.value
-        rows.append((*features(window, law, age_s, machine), superheat, law.flux.max(), age_s))
+        meter.see(truth)
+        rows.append((*features(window, law, age_s, machine), meter.near(window), law.flux.max(), age_s))
     table = np.array(rows)
     superheat = np.maximum(table[:, -3], COLDEST)
     counts, hidden = (table[:, -1] > BEGIN_S) & (superheat < DRY), machine.uncertain().values()
