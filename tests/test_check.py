@@ -58,16 +58,25 @@ def test_a_program_is_drawn_beside_its_figures(edmsim: Run, tmp_path: Path) -> N
 
 def test_unknown_words_are_listed_with_everything_else(edmsim: Run, tmp_path: Path) -> None:
     program = tmp_path / "words.ngc"
-    program.write_text("O12\nG92 X0 Y0\nG41 D1 G1 X5\nM77\nY5 V3\nX9.5\nY0\nX5 V3\nM2\n")
+    program.write_text("O12\nG92 X0 Y0\nG41 D1 G1 X5\nM77\nY5 M91\nX9.5\nY0\nX5 M91\nM2\n")
     told = edmsim("check", program, "--out", tmp_path / "path.svg")
     assert told.status == 2
     assert told.err.splitlines() == [
         f"edmsim: {program}:4: unknown word M77",
-        f"edmsim: {program}:5: unknown word V3, 2 times",
-        "edmsim: what follows leaves them out, as --ignore M77,V3",
+        f"edmsim: {program}:5: unknown word M91, 2 times",
+        "edmsim: what follows leaves them out, as --ignore M77,M91",
     ]
     assert "offset register D1" in told.out
     assert (tmp_path / "path.svg").read_bytes().startswith(b"<?xml")
+
+
+def test_words_that_may_decide_the_contour_are_not_left_out_for_a_look(edmsim: Run, tmp_path: Path) -> None:
+    program = tmp_path / "words.ngc"
+    program.write_text("G92 X0 Y0\nG1 X5.5 V3 M77\nG68\nX9\nM2\n")
+    told = edmsim("check", program)
+    assert (told.status, told.out) == (2, "")
+    assert told.err.splitlines()[-1] == "edmsim: V3, G68 may decide the contour: correct or delete them"
+    assert not list(tmp_path.rglob("*.png"))
 
 
 @pytest.mark.parametrize(

@@ -49,7 +49,7 @@ def check(
     from edmsim.job.check import check as look_at
     from edmsim.job.check import lines_of
     from edmsim.job.settings import CutSettings
-    from edmsim.program.words import UnknownWordsError, can_be_ignored
+    from edmsim.program.words import UnknownWordsError, offered_to_ignore
     from edmsim.recording.figures.path import path_figure
 
     picture = default_folder(program) / "path.png" if out is None else out
@@ -67,7 +67,10 @@ def check(
         for word, lines in unknown.items():
             times = "" if len(lines) == 1 else f", {len(lines)} times"
             say(f"{program}:{lines[0]}: unknown word {word}{times}")
-        if not all(map(can_be_ignored, unknown)):
+        deciding = [word for word in unknown if word not in offered_to_ignore(unknown)]
+        if deciding:
+            these = "it" if len(deciding) == 1 else "them"
+            say(f"{', '.join(deciding)} may decide the contour: correct or delete {these}")
             raise typer.Exit(BAD_INPUT) from None
         say("what follows leaves them out, as --ignore " + ",".join(unknown))
         found = look_at(program, CutSettings.model_validate({**options, "ignore": [*named(ignore), *unknown]}))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import codecs
 import re
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,10 +12,24 @@ from edmsim.program.limits import GREATEST_NUMBER, check_size
 from edmsim.program.registers import register
 from edmsim.program.words import IDLE, VALUES, Ignored, UnknownWordsError, code_of
 
+_BYTE_ORDER_MARKS = {  # that of UTF-32 begins with that of UTF-16
+    codecs.BOM_UTF8: "utf-8", codecs.BOM_UTF32_LE: "utf-32", codecs.BOM_UTF32_BE: "utf-32",
+    codecs.BOM_UTF16_LE: "utf-16", codecs.BOM_UTF16_BE: "utf-16",
+}  # fmt: skip
+_NOT_READ = {
+    ")": "a ')' without a '(' before it: take it out",
+    "#": "variables (#) are not read: write their values",
+    "[": "expressions in brackets are not read: write their values",
+    ",R": "',R' rounds a corner, which is not read: write the arc as G2 or G3",
+    ",C": "',C' chamfers a corner, which is not read: write the chamfer as G1",
+    ",": "a comma is in the line: write numbers with a decimal point, X1.5, and no commas between words",
+}
+"""What cannot be a word, by its first characters, and what would be right."""
 _WORD = re.compile(r"([A-Z])([+-]?(?:\d+\.?\d*|\.\d+))")
 _COMMENT = re.compile(r"\([^()]*\)|;.*")
 _OFFSET = re.compile(r"([DH])(\d{1,4})=([+-]?(?:\d+\.?\d*|\.\d+))")
 _LONGEST_TOLD = 12
+_NESTED = re.compile(r"\([^)]*\(")
 _CALL = ("M", 98)
 _END_CODES = frozenset({("M", 2), ("M", 30)})
 
@@ -27,12 +42,14 @@ class Block:
     ----------
     line : int
         Line in the file, counted from 1.
-    codes : tuple of (str, int)
-        G and M codes in the order they stand.
+    codes : tuple of (str, float)
+        G and M codes in the order they are written.
     values : dict of str to float
         All other words but N, as written.
     pointed : bool
-        Whether any coordinate (X Y I J R) has a decimal point.
+        Whether any coordinate (X Y I J R) or offset has a decimal point.
+    decimals : int or None
+        Most decimal places of a coordinate; None if there is no coordinate.
     deletable : bool
         Whether the line begins with the block delete sign ``/``.
     idle : tuple of str
@@ -44,9 +61,10 @@ class Block:
     """
 
     line: int
-    codes: tuple[tuple[str, int], ...]
+    codes: tuple[tuple[str, float], ...]
     values: dict[str, float]
     pointed: bool
+    decimals: int | None
     deletable: bool
     idle: tuple[str, ...] = ()
     ignored: tuple[str, ...] = ()
@@ -59,7 +77,7 @@ class Block:
 
 
 def read_text(file: Path) -> str:
-    """Return a program's text (UTF-8).
+    """Return a program's text: UTF-8, or what its byte order mark says.
 
     Raises
     ------
@@ -75,13 +93,15 @@ def read_text(file: Path) -> str:
         raise InputError("this is a directory: give the path of a part program", file) from None
     except OSError as error:
         raise InputError(f"cannot be read: {error.strerror}", file) from None
-    if b"\0" in data:
-        raise InputError(f"byte {data.index(0)} is 0: this is a binary file, not a text of G-code", file)
+    mark = next((mark for mark in _BYTE_ORDER_MARKS if data.startswith(mark)), None)
+    if mark is None and b"\0" in data:
+        raise InputError(f"byte {data.index(0)} is 0: this is a binary file, or a text to be saved as UTF-8", file)
+    encoding = "utf-8" if mark is None else _BYTE_ORDER_MARKS[mark]
     try:
-        return data.decode("utf-8-sig")
+        return data.decode(encoding).removeprefix("\ufeff")
     except UnicodeDecodeError as error:
         byte = f"byte {error.start} is 0x{data[error.start]:02X}"
-        raise InputError(f"{byte}: the text is not UTF-8, save it as UTF-8", file) from None
+        raise InputError(f"{byte}: the text is not {encoding.upper()}, save it as UTF-8", file) from None
 
 
 def read_blocks(text: str, file: str, ignored: Ignored) -> tuple[list[Block], list[Block], list[str]]:
@@ -157,12 +177,12 @@ def _read_block(
     """Return what a line holds, None if nothing; unknown words are added to those of the file."""
     bare = "".join(_COMMENT.sub("", raw).split()).upper()
     deletable = bare.startswith("/")
-    codes: list[tuple[str, int]] = []
+    codes: list[tuple[str, float]] = []
     values: dict[str, float] = {}
     idle: list[str] = []
     dropped: list[str] = []
     offsets: list[tuple[str, float]] = []
-    pointed = False
+    pointed, decimals = False, -1
     at = int(deletable)
     while at < len(bare) and not (codes and codes[-1] in _END_CODES):
         given = _OFFSET.match(bare, at)
@@ -173,6 +193,7 @@ def _read_block(
             continue
         word = _WORD.match(bare, at)
         if word is None:
+            _refuse_no_word(bare[at:], raw, file, line)
             unknown.append((bare[at : at + _LONGEST_TOLD], line))
             break
         at, letter, number = word.end(), word[1], word[2]
@@ -188,9 +209,24 @@ def _read_block(
             if letter in values:
                 raise InputError(f"the word {letter} occurs twice in one block: write it once", file, line)
             values[letter] = _value(letter, number, file, line)
-            pointed |= letter in "XYIJR" and "." in number
-    block = Block(line, tuple(codes), values, pointed, deletable, tuple(idle), tuple(dropped), tuple(offsets))
+            if letter in "XYIJR":
+                pointed |= "." in number
+                decimals = max(decimals, len(number.partition(".")[2]))
+    block = Block(
+        line, tuple(codes), values, pointed, None if decimals < 0 else decimals, deletable, tuple(idle),
+        tuple(dropped), tuple(offsets),
+    )  # fmt: skip
     return block if codes or values or idle or dropped or offsets else None
+
+
+def _refuse_no_word(rest: str, raw: str, file: str, line: int) -> None:
+    """Refuse what cannot be a word where the cause is known; the rest of the line begins with it."""
+    reason = next((reason for begin, reason in _NOT_READ.items() if rest.startswith(begin)), None)
+    if rest.startswith("("):
+        reason = ("a comment has a '(' in it: it ends at the first ')', so take the inner parentheses out"
+                  if _NESTED.search(raw) else "a comment begins with '(' and is not closed: put a ')' on its line")
+    if reason is not None:
+        raise InputError(reason, file, line)
 
 
 def _value(letter: str, number: str, file: str, line: int) -> float:

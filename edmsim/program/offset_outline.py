@@ -37,9 +37,14 @@ def offset_outline(program: Program, outline: Outline, offset_mm: float, notices
     """Return an outline with its path at an offset; adds what the wire cannot reach to the notices."""
     beside = offset_closed if outline.closed else offset_open
     points = outline.points_mm
-    try:
-        if outline.wire_side is None:
+    if outline.wire_side is None:
+        try:
             return OffsetOutline(outline, points, beside(points, outline.part_side, offset_mm), offset_mm)
+        except InputError:  # there is no such edge, but the wire can go as the program says
+            notices.append(f"{outline.name} is cut as written; no edge lies at the offset beside it, so its profile "
+                           "is measured from the wire's centre")
+            return OffsetOutline(outline, points, points, 0.0)
+    try:
         path = beside(points, outline.wire_side, offset_mm)
         notices += check_reach(points, path, offset_mm, outline.line_numbers, outline.elements)
     except InputError as error:
@@ -66,8 +71,8 @@ def keep_apart(legs: Sequence[OffsetOutline], source: str) -> None:
 
 
 def refuse_trims(legs: Sequence[OffsetOutline], source: str) -> None:
-    """Refuse contours with different offsets in one kerf: the second would be a trim cut."""
-    for one, other in combinations(legs, 2):
+    """Refuse compensated contours with different offsets in one kerf: the second would be a trim cut."""
+    for one, other in combinations([leg for leg in legs if leg.outline.wire_side], 2):
         apart = shapely.LineString(one.path).distance(shapely.LineString(other.path))
         if one.offset_mm != other.offset_mm and apart < one.offset_mm + other.offset_mm:
             told = f"{other.outline.name} has an offset of {other.offset_mm:g} mm"

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import NamedTuple
 
@@ -77,12 +77,15 @@ class OffsetRegisters:
     ----------
     offsets : mapping of str to float
         In mm, of a file; what the program itself says comes before it.
+    defined : collection of str
+        Registers that the program gives a value, anywhere.
     file : str
         The program, for error messages.
     """
 
-    def __init__(self, offsets: Mapping[str, float], file: str) -> None:
+    def __init__(self, offsets: Mapping[str, float], defined: Collection[str], file: str) -> None:
         self._table = dict(offsets)
+        self._defined = frozenset(defined)
         self._file = file
         self._called: str | None = None
 
@@ -99,6 +102,10 @@ class OffsetRegisters:
             raise InputError(f"{' and '.join(known)} are both offsets: call one in a block", self._file, line)
         if known:
             self._called = known[0]
+        elif not self._defined.isdisjoint(names):
+            name = next(name for name in names if name in self._defined)
+            reason = f"the offset {name} is called before the program gives it a value: give it earlier"
+            raise InputError(reason, self._file, line)
         elif names and self._table:
             there = ", ".join(sorted(self._table))
             reason = f"the offset register {names[0]} is not in the table: there are {there}"

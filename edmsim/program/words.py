@@ -3,32 +3,36 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from edmsim.errors import InputError
 
-VALUES = frozenset("NFDHXYIJRPL")
-"""Letters whose numbers are used or told of."""
+VALUES = frozenset("NFDHXYIJRPLQ")
+"""Letters whose numbers are used, by a motion or by the code they belong to."""
+BELONGS: dict[float, str] = {64: "PQ", 39: "IJ", 43: "H", 44: "H", 96: "D"}
+"""G codes without effect, and the letters in their block that are theirs: the tolerance of a path, the direction of a
+corner, a tool's length, the greatest speed of a spindle."""
 IDLE = frozenset("OTSCZ")
 """Letters that cannot change a contour in two axes: program and technology numbers, the height of the upper guide. E
 is none of them: ``X1E2`` may be meant as a number."""
 IDLE_CODES = frozenset(
-    [("G", number) for number in (9, 15, 17, 38, 39, 43, 44, 49, 50, *range(54, 62), 64, 69, 80, *range(93, 100))]
+    [("G", number) for number in (9, 15, 17, 38, 39, 43, 44, 49, 50, 59.1, 59.2, 59.3, 61.1, 64, 69, 80)]
+    + [("G", number) for number in (*range(54, 62), *range(93, 100))]
     + [("M", number) for number in (*range(3, 12), 28, 40, 50, 60, *range(78, 90))]
 )
 """Codes without effect on a contour in two axes: exact stop, plane XY, cancelled offsets, tapers, turns and cycles,
 the work offset, the mode of the feed; spindle, water, tank, wire and generator; threading, which G0 does here."""
-UNITS = {70: 20, 71: 21}
+UNITS: dict[float, float] = {70: 20, 71: 21}
 """Codes of some controls for inch and mm, and what they are elsewhere."""
-_USED_G = frozenset({0, 1, 2, 3, 4, 10, 20, 21, 40, 41, 42, 90, 91, 92, *UNITS})
+_USED_G = frozenset({0, 1, 2, 3, 4, 10, 20, 21, 40, 41, 42, 90, 91, 90.1, 91.1, 92, *UNITS})
 KNOWN_G = _USED_G | {n for g, n in IDLE_CODES if g == "G"}
 KNOWN_M = frozenset({0, 1, 2, 30, 98, 99}) | {n for m, n in IDLE_CODES if m == "M"}
 
-_LONGEST_CODE = 4
-_MOST_TOLD = 12
-_NEEDED = frozenset({*"GNXYIJR", "G0", "G1", "G2", "G3"})
+_CODE = re.compile(r"0*\d{1,4}(\.\d)?")
+_MOST_NAMED = 12
+_NEEDED = frozenset({*"GNXYIJRPL", *(f"G{code:g}" for code in _USED_G - {4}), "M98", "M99"})
 _ASKED = re.compile(r"([A-Z])(\d+\.?\d*)?")
 
 
@@ -68,13 +72,9 @@ class Ignored:
         return letter in self.letters or (letter, float(number)) in self.words
 
 
-def can_be_ignored(word: str) -> bool:
-    """Say whether a user may leave a word out: it is a letter with a number, and no part of a contour."""
-    try:
-        Ignored.of([word])
-    except InputError:
-        return False
-    return True
+def offered_to_ignore(words: Iterable[str]) -> list[str]:
+    """Return the unknown words that a user may be offered to leave out: M codes. Others may decide the contour."""
+    return [word for word in words if re.fullmatch(r"M\d+", word)]
 
 
 class UnknownWordsError(InputError):
@@ -96,19 +96,22 @@ class UnknownWordsError(InputError):
         self.words: dict[str, list[int]] = {}
         for word, line in found:
             self.words.setdefault(word, []).append(line)
-        told = [
+        named = [
             f"{word!r} (line {lines[0]}" + (f", {len(lines)} times)" if len(lines) > 1 else ")")
             for word, lines in self.words.items()
         ]
-        more = f" and {len(told) - _MOST_TOLD} more" if len(told) > _MOST_TOLD else ""
-        count = "word" if len(told) == 1 else "words"
-        reason = (f"unknown {count} {', '.join(told[:_MOST_TOLD])}{more}: correct them, or leave out with --ignore "
-                  "what cannot change the contour")
+        more = f" and {len(named) - _MOST_NAMED} more" if len(named) > _MOST_NAMED else ""
+        reason = f"unknown word{'s' * (len(named) > 1)} {', '.join(named[:_MOST_NAMED])}{more}: correct "
+        reason += "them" if len(named) > 1 else "it"
+        idle = offered_to_ignore(self.words)
+        if idle:
+            reason += f", or leave out what you know to be without effect: --ignore {','.join(idle[:_MOST_NAMED])}"
         super().__init__(reason, file, found[0][1])
 
 
-def code_of(letter: str, number: str) -> int | None:
-    """Return the number of a G or M code, None if no such code is known."""
-    if not number.isdigit() or len(number) > _LONGEST_CODE:
+def code_of(letter: str, number: str) -> float | None:
+    """Return the number of a G or M code, as 41 or 90.1; None if no such code is known."""
+    if not _CODE.fullmatch(number):
         return None
-    return int(number) if int(number) in (KNOWN_G if letter == "G" else KNOWN_M) else None
+    code = float(number) if number.rstrip("0").partition(".")[2] else int(float(number))
+    return code if code in (KNOWN_G if letter == "G" else KNOWN_M) else None

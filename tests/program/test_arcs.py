@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from edmsim.program.arcs import CHORD_TOLERANCE_UM, arc_points, centre_from_radius
 
+TOLERANCE_MM = 0.005
 RADII = st.floats(0.01, 60)
 ANGLES = st.floats(-math.pi, math.pi)
 
@@ -18,7 +19,7 @@ def test_chords_stay_within_the_tolerance_and_turn_the_right_way(radius, start, 
     centre = 3 - 7j
     first = centre + radius * np.exp(1j * start)
     last = centre + radius * np.exp(1j * (start + turn * sweep))
-    points = np.array([first, *arc_points(first, last, centre, turn)])
+    points = np.array([first, *arc_points(first, last, centre, turn, abs(last - first) < 1e-6)])
     middles = (points[1:] + points[:-1]) / 2
     assert np.allclose(abs(points - centre), radius, atol=1e-9)
     assert (radius - abs(middles - centre)).max() <= CHORD_TOLERANCE_UM / 1000 * (1 + 1e-6)
@@ -29,7 +30,7 @@ def test_chords_stay_within_the_tolerance_and_turn_the_right_way(radius, start, 
 
 @pytest.mark.parametrize("turn", [1, -1])
 def test_equal_ends_make_a_full_circle(turn):
-    points = np.array([2 + 0j, *arc_points(2 + 0j, 2 + 0j, 0j, turn)])
+    points = np.array([2 + 0j, *arc_points(2 + 0j, 2 + 0j, 0j, turn, True)])
     length = abs(np.diff(points)).sum()
     assert length == pytest.approx(2 * math.tau, rel=1e-3)
     area = (points[:-1].conjugate() * points[1:]).imag.sum() / 2
@@ -41,14 +42,14 @@ def test_a_positive_radius_gives_the_short_arc_and_a_negative_one_the_long(radiu
     start, end = 1 + 2j, 1 + 2j + 2 * radius * share * np.exp(0.7j)
     lengths = []
     for signed in (radius, -radius):
-        centre = centre_from_radius(start, end, signed, turn)
+        centre = centre_from_radius(start, end, signed, turn, TOLERANCE_MM)
         assert abs(centre - start) == pytest.approx(radius)
         assert abs(centre - end) == pytest.approx(radius)
-        lengths.append(abs(np.diff([start, *arc_points(start, end, centre, turn)])).sum())
+        lengths.append(abs(np.diff([start, *arc_points(start, end, centre, turn, False)])).sum())
     half = math.pi * radius
     assert lengths[0] < half < lengths[1] * (1 + 1e-3)
 
 
 def test_too_small_a_radius_has_no_centre():
-    assert centre_from_radius(0j, 10 + 0j, 4.9, 1) is None
-    assert centre_from_radius(1j, 1j, 5.0, 1) is None
+    assert centre_from_radius(0j, 10 + 0j, 4.9, 1, TOLERANCE_MM) is None
+    assert centre_from_radius(1j, 1j, 5.0, 1, TOLERANCE_MM) is None

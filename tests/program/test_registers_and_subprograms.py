@@ -16,7 +16,7 @@ from edmsim.program.outline import Program
 from edmsim.program.path import CutPath
 from edmsim.program.registers import checked_offsets, read_offsets
 
-SQUARE = "G92 X5 Y-2.\n{}\nG41 {} G1 X5 Y0\nX0\nY8\nX10\nY0\nX5\nG40 Y-2\nM02\n"
+SQUARE = "G21 G92 X5 Y-2.\n{}\nG41 {} G1 X5 Y0\nX0\nY8\nX10\nY0\nX5\nG40 Y-2\nM02\n"
 
 
 def plan(folder: Path, text: str, offset: str | float = "auto", table: str | None = None) -> CutPath:
@@ -193,7 +193,7 @@ def test_subprograms_call_others_and_idle_ones_are_named(tmp_path: Path) -> None
         ("M98 P1\nM2\nO1\nM99\nO1\nM99\n", 5, "O1 stands twice"),
         ("M98 P1\nM2\nG1 X1\n", 3, "begin them with their O number"),
         ("G1 X1\nM99\n", 2, "M99 ends a subprogram"),
-        ("G1 X1 L2\nM2\n", 1, "L is given without M98"),
+        ("G1 X1 L2\nM2\n", 1, "L2 is given without G10 or M98"),
         ("M98 P1\nM2\nO1\nV3\nM99\n", 4, "unknown word 'V3'"),
     ],
 )

@@ -130,17 +130,18 @@ def test_the_words_of_programs() -> None:
     from edmsim.program import words
 
     table = page("guide/programs").split("## Drawings")[0]
-    told = set(re.findall(r"[GM]\d+", "\n".join(line for line in table.splitlines() if line.startswith("| "))))
-    assert told == {f"G{n}" for n in words.KNOWN_G} | {f"M{n}" for n in words.KNOWN_M}
+    rows = "\n".join(line for line in table.splitlines() if line.startswith("| "))
+    named = set(re.findall(r"[GM]\d+(?:\.\d)?", rows))
+    assert named == {f"G{n}" for n in words.KNOWN_G} | {f"M{n}" for n in words.KNOWN_M}
 
 
 def test_the_lengths_of_programs() -> None:
-    from edmsim.program import gcode, lead_in, outline, path
+    from edmsim.program import lead_in, outline, path, units
 
     words = " ".join(page("guide/programs").split())
     travel_mm = edmsim.Machine.load().base.table.travel_mm.value
     for said in (
-        f"span {gcode.TABLE_MM:g} or less", f"span {gcode.LEAST_WHOLE_UM} or more",
+        f"span {units.TABLE_MM:g} or less", f"span {units.LEAST_WHOLE_UM} or more",
         f"closes within {outline.JOIN_TOLERANCE_MM * 1e3:g} um", f"lead-in of {lead_in.LEAD_IN_MM:g} mm",
         f"radius of {lead_in.START_HOLE_RADIUS_MM:g} mm", f"ends {path.STOCK_MARGIN_MM:g} mm beside",
         f"({travel_mm:g} x {travel_mm:g} mm on the usual machine)",

@@ -1,0 +1,300 @@
+"""Blocks carried out as a control does: its modal state, and the motions in which the wire cuts."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+from edmsim.errors import InputError
+from edmsim.program.arcs import centre_from_radius
+from edmsim.program.blocks import Block
+from edmsim.program.centres import Arc, CuttingMotion
+from edmsim.program.limits import LONGEST_DWELL_S
+from edmsim.program.outline import Side
+from edmsim.program.registers import OffsetRegisters, register
+from edmsim.program.rounding import SAME_PLACE_MM, Rounding
+from edmsim.program.units import INCH_MM, Units
+from edmsim.program.words import BELONGS, IDLE_CODES, UNITS
+
+_UNIT_NAMES: dict[float, str] = {70: "inch", 71: "mm"}
+_STOPS = frozenset({("M", 0), ("M", 1)})
+_GROUPS = (
+    ({0, 1, 2, 3}, "G0 G1 G2 G3"), ({20, 21, *UNITS}, "G20 G21 G70 G71"), ({40, 41, 42}, "G40 G41 G42"),
+    ({90, 91}, "G90 G91"), ({90.1, 91.1}, "G90.1 G91.1"), ({4, 10, 92}, "G4 G10 G92"),
+)
+_WORK_OFFSETS = frozenset({*range(54, 60), 59.1, 59.2, 59.3})
+_SAID_OTHERWISE = frozenset({("G", 17), ("M", 50), ("M", 60), *(("G", code) for code in _WORK_OFFSETS)})
+_SIDES: dict[float, Side | None] = {40: None, 41: "left", 42: "right"}
+_LENGTHS = frozenset("XYIJR")
+_BESIDE = frozenset("FDH")
+_G10_REGISTERS = {None: "DH", 10.0: "H", 12.0: "D"}
+_TAKEN_BY = {"P": "G4, G10, G64 or M98", "L": "G10 or M98", "Q": "G64"}
+_FEED_UNITS = {1.0: "mm/min", 0.001: "um/min", INCH_MM: "in/min"}
+
+
+class Notices:
+    """Notices gathered by kind, each with the first line it is about."""
+
+    def __init__(self) -> None:
+        self._lines: dict[str, list[int]] = {}
+
+    def add(self, what: str, line: int) -> None:
+        """Note something about a line."""
+        self._lines.setdefault(what, []).append(line)
+
+    def texts(self) -> list[str]:
+        """Return one text for each kind."""
+        return [f"line {lines[0]}: {what}" + (f" ({len(lines)} times)" if len(lines) > 1 else "")
+                for what, lines in self._lines.items()]
+
+
+@dataclass
+class Motions:
+    """What is cut without a break, dwells as ``(motions done, seconds)``, and the side in force at its start."""
+
+    side_at_start: Side | None
+    motions: list[CuttingMotion]
+    dwells: list[tuple[int, float]]
+
+
+class Interpreter:
+    """The modal state of a control, and the runs it leaves behind."""
+
+    def __init__(self, units: Units, rounding: Rounding, registers: OffsetRegisters, file: str) -> None:
+        self.file = file
+        self.registers = registers
+        self.units = units
+        self.unit_mm = units.at_start_mm
+        self.unit_stated = False
+        self.rounding = rounding
+        self.absolute = True
+        self.absolute_centres: bool | None = None
+        self.side: Side | None = None
+        self.motion: int | None = None
+        self.position = 0j
+        self.shift = 0j
+        self.moved = False
+        self.start_known = False
+        self.work_offset: float | None = None
+        self.cut_off: int | None = None
+        self.feed_per_minute = True
+        self.notices = Notices()
+        self.runs = [Motions(None, [], [])]
+
+    def error(self, reason: str, block: Block) -> InputError:
+        """Return an error with the program and the line of a block."""
+        return InputError(reason, self.file, block.line)
+
+    def _begin_contour(self) -> None:
+        """Let what is cut from here on be a contour of its own."""
+        if self.runs[-1].motions:
+            self.runs.append(Motions(self.side, [], []))
+
+    def run_block(self, block: Block) -> None:
+        """Carry out a block; raises `InputError` if it makes no sense."""
+        if block.deletable:
+            self.notices.add("'/' (block delete) is switched off: the block is carried out", block.line)
+        g_codes = self._checked_codes(block)
+        block = replace(block, values=_without_words_of_codes(block.values, g_codes))
+        for code in g_codes:
+            if code in UNITS:
+                self.notices.add(f"G{code} is read as G{UNITS[code]} ({_UNIT_NAMES[code]})", block.line)
+            self._set_mode(UNITS.get(code, code))
+        self._check_unit(block)
+        self._note_words(block)
+        if 4 in g_codes:
+            self._dwell(block)
+        elif 10 in g_codes:
+            self._set_register(block)
+        elif 92 in g_codes:
+            self._set_position(block)
+        else:
+            self._move(block, rapid=0 in g_codes)
+        if ("M", 50) in block.codes:  # at the end of its block, as M0 and M2
+            self.cut_off = block.line
+            self._begin_contour()
+
+    def _checked_codes(self, block: Block) -> set[float]:
+        for letter, number in block.codes:
+            if (letter, number) in IDLE_CODES - _SAID_OTHERWISE:
+                self.notices.add(f"{letter}{number} has no effect on the contour", block.line)
+            elif (letter, number) in _STOPS:
+                self.notices.add(f"M{number} (stop) is not waited for", block.line)
+        self._thread(block)
+        codes = {number for letter, number in block.codes if letter == "G"}
+        for group, names in _GROUPS:
+            if len(codes & group) > 1:
+                raise self.error(f"two of {names} stand in one block: they exclude each other", block)
+        for code in codes & _WORK_OFFSETS:
+            self._take_work_offset(code, block)
+        return codes
+
+    def _thread(self, block: Block) -> None:
+        """Note M50 and M60: a wire that is cut off cuts nothing until it is threaded."""
+        for code, done in ((50, "cuts the wire off"), (60, "threads the wire")):
+            if ("M", code) in block.codes:
+                self.notices.add(f"M{code} ({done}) is not waited for: G0 does both", block.line)
+        if ("M", 60) in block.codes:
+            self.cut_off = None
+            self._begin_contour()
+
+    def _take_work_offset(self, code: float, block: Block) -> None:
+        if self.work_offset not in (None, code):
+            told = f"G{self.work_offset} and G{code}"
+            raise self.error(f"work offsets {told}: how far they are apart is not in the program, use one", block)
+        self.work_offset = code
+        self.notices.add(f"the zero of G{code} is taken as the program's zero", block.line)
+
+    def _set_mode(self, code: float) -> None:
+        if code in (0, 1, 2, 3):
+            self.motion = int(code)
+        elif (unit_mm := self.units.of_code_mm(code)) is not None:
+            self.unit_mm = unit_mm
+            self.unit_stated = True
+        elif code in _SIDES:
+            self.side = _SIDES[code]
+        elif code in (90, 91):
+            self.absolute = code == 90
+        elif code in (90.1, 91.1):
+            self.absolute_centres = code == 90.1
+        elif code in (93, 94, 95):
+            self.feed_per_minute = code == 94
+
+    def _check_unit(self, block: Block) -> None:
+        """Say which unit a length before any unit has; refuse it where the program has both units."""
+        length = block.offsets or (block.values.keys() & _LENGTHS and ("G", 4) not in block.codes)
+        if self.unit_stated or not length:
+            return
+        if len(self.units.stated) > 1:
+            reason = "a length comes before its unit, and the program has G20 and G21: write one of them before it"
+            raise self.error(reason, block)
+        if self.units.only_inches:
+            self.notices.add("lengths before G20 are read in inches, the program's only unit", block.line)
+
+    def _note_words(self, block: Block) -> None:
+        for word in block.ignored:
+            self.notices.add(f"{word} is left out, as asked", block.line)
+        for word in block.idle:
+            self.notices.add(f"the word {word[0]} has no effect on the contour", block.line)
+        if "F" in block.values:
+            unit = f" {_FEED_UNITS[self.unit_mm]}" if self.feed_per_minute else ""
+            feed = f"feed F{block.values['F']:g}{unit}"
+            self.notices.add(f"{feed} is not used: the gap controller sets the speed", block.line)
+        for name, value in block.offsets:
+            self.registers.define(name, value * self.unit_mm, block.line)
+        called = [register(letter, block.values[letter]) for letter in "DH" if letter in block.values]
+        for told in self.registers.call(called, block.line):
+            self.notices.add(told, block.line)
+
+    def _dwell(self, block: Block) -> None:
+        times = [block.values[letter] for letter in "PX" if letter in block.values]
+        if len(times) != 1 or times[0] < 0 or not block.values.keys() <= {"P", "X", *_BESIDE}:
+            raise self.error("G4 wants its time in seconds, 0 or more, as P or X and nothing else", block)
+        if times[0] > LONGEST_DWELL_S:
+            raise self.error(f"a dwell of {times[0]:g} s is beyond all reason: at most {LONGEST_DWELL_S:g} s", block)
+        self.runs[-1].dwells.append((len(self.runs[-1].motions), times[0]))
+
+    def _set_register(self, block: Block) -> None:
+        """Take over what G10 L12 P1 R0.155 says of D1, with L10 of H1, without L of both."""
+        values = block.values
+        letters = _G10_REGISTERS.get(values.get("L"))
+        if letters is None:
+            asked = f"G10 L{values['L']:g}"
+            raise self.error(f"{asked} is not read: set offsets with L10 (H), L12 (D) or without L", block)
+        if not {"P", "R"} <= values.keys() <= {"L", "P", "R", *_BESIDE} or not values["P"].is_integer():
+            raise self.error("G10 wants the register's number as P and its offset as R: G10 L12 P1 R0.155", block)
+        for letter in letters:
+            self.registers.define(register(letter, values["P"]), values["R"] * self.unit_mm, block.line)
+
+    def _set_position(self, block: Block) -> None:
+        if not block.values.keys() <= {"X", "Y", *_BESIDE}:
+            raise self.error("G92 takes X and Y only", block)
+        bare = not block.values.keys() & {"X", "Y"}
+        programmed = 0j if bare else self._target(block.values, self.position - self.shift, absolute=True)
+        if self.moved:
+            self.shift = self.position - programmed
+            if bare:
+                self.notices.add("G92 without words: the present position becomes X0 Y0", block.line)
+        else:
+            self.position = programmed
+            self.start_known = True
+
+    def _target(self, values: dict[str, float], here: complex, absolute: bool) -> complex:
+        x, y = (values[axis] * self.unit_mm if axis in values else None for axis in "XY")
+        base = here if not absolute else 0j
+        return complex(here.real if x is None else base.real + x, here.imag if y is None else base.imag + y)
+
+    def _move(self, block: Block, rapid: bool) -> None:
+        axes = block.values.keys() & _LENGTHS
+        self._refuse_stray_words(block)
+        if self.motion == 0 and (axes or rapid):
+            self.start_known = True
+            self.cut_off = None
+            self._begin_contour()
+            self.runs[-1].side_at_start = self.side
+        if not axes:
+            return
+        if self.motion is None:
+            raise self.error("coordinates come before any of G0 G1 G2 G3: say how to move", block)
+        end = self._target(block.values, self.position - self.shift, self.absolute) + self.shift
+        if self.motion in (2, 3) or (self.motion == 1 and abs(end - self.position) > SAME_PLACE_MM):
+            self._cut(block, end)
+        self.position = end
+        self.moved = True
+
+    def _refuse_stray_words(self, block: Block) -> None:
+        words = block.values.keys()
+        for letter, codes in _TAKEN_BY.items():
+            if letter in words:
+                word = f"{letter}{block.values[letter]:g}"
+                raise self.error(f"{word} is given without {codes}: nothing else takes it", block)
+        if self.motion not in (2, 3) and words & {"I", "J", "R"}:
+            raise self.error("I, J or R is given without G2 or G3: only an arc takes them", block)
+
+    def _cut(self, block: Block, end: complex) -> None:
+        if self.cut_off is not None:
+            reason = f"the wire is cut off since M50 on line {self.cut_off}: go on with G0, or thread it with M60"
+            raise self.error(reason, block)
+        if not self.start_known:
+            self.notices.add("neither G92 nor G0 before the first cut: the wire starts at X0 Y0", block.line)
+            self.start_known = True
+        arc = self._arc(block, end) if self.motion in (2, 3) else None
+        offset = None if self.side is None else self.registers.in_force
+        self.runs[-1].motions.append(CuttingMotion(self.position, end, self.side, block.line, arc, offset))
+
+    def _arc(self, block: Block, end: complex) -> Arc:
+        turn = -1 if self.motion == 2 else 1
+        values, start = block.values, self.position
+        if ("R" in values) == bool(values.keys() & {"I", "J"}):
+            raise self.error("an arc wants its centre as I and J, or its radius as R: give one", block)
+        if "R" in values:
+            return self._arc_of_radius(block, end, turn)
+        centre, both = complex(values.get("I", 0.0), values.get("J", 0.0)) * self.unit_mm, {"I", "J"} <= values.keys()
+        if self.absolute_centres and not both:
+            raise self.error("G90.1 is in force: an arc wants both I and J", block)
+        return Arc(turn, start + centre, centre + self.shift if both else None, self.absolute_centres)
+
+    def _arc_of_radius(self, block: Block, end: complex, turn: int) -> Arc:
+        start, radius = self.position, block.values["R"] * self.unit_mm
+        centre = centre_from_radius(start, end, radius, turn, self.rounding.radius_mm)
+        if centre is None:
+            reason = f"no arc of radius R{block.values['R']:g} joins ends {abs(end - start):.4f} mm apart"
+            raise self.error(f"{reason}: give I and J, or an R that does", block)
+        return Arc(turn, centre, None, absolute_stated=False, by_radius=True)
+
+
+def _without_words_of_codes(values: dict[str, float], codes: set[float]) -> dict[str, float]:
+    """Leave out the words that belong to codes without effect: G64 P0.01. An arc keeps its I and J."""
+    letters = {letter for code in codes for letter in BELONGS.get(code, "")}
+    if values.keys() & {"X", "Y"}:
+        letters -= {"I", "J"}
+    return {letter: value for letter, value in values.items() if letter not in letters}
+
+
+def registers_set(blocks: Sequence[Block]) -> set[str]:
+    """Return the registers that a program gives a value, by D1=0.155 or by G10."""
+    names = {name for block in blocks for name, _ in block.offsets}
+    for block in blocks:
+        letters = _G10_REGISTERS.get(block.values.get("L"), "") if ("G", 10) in block.codes else ""
+        names |= {register(letter, block.values["P"]) for letter in letters if "P" in block.values}
+    return names
