@@ -305,7 +305,8 @@ def test_what_would_be_a_guess_is_refused(read: Read, text: str, named: str) -> 
     ("block", "named"),
     [("(a (b) c)", ":2: a comment has a '.' in it"), ("G1 X5. (a (b)", "a comment has a"),
      ("X1. (open", "is not closed"), ("G1 X5. )", "a '.' without a '.' before it"),
-     ("G1 X1,5 Y2.", "with a decimal point, X1.5"), ("G1 X15. ,R2.", "',R' rounds a corner"), ("G1 X15. ,C2.", "',C' chamfers a corner"), ("#1=5", "variables"),
+     ("G1 X1,5 Y2.", "with a decimal point, X1.5"),
+     ("G1 X15. ,R2.", "',R' rounds a corner"), ("G1 X15. ,C2.", "',C' chamfers a corner"), ("#1=5", "variables"),
      ("G1 X[2+3]", "'X.2.3.'|expressions")],
 )  # fmt: skip
 def test_what_is_no_word_is_refused_with_its_cause(read: Read, block: str, named: str) -> None:
