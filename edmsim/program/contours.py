@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from edmsim.errors import InputError
 from edmsim.program.crossing import refuse_self_crossing
-from edmsim.program.loops import array_of, first_loop, length_of, split_where_passed, vertices_of
+from edmsim.program.loops import array_of, closed_run, first_loop, length_of, vertices_of
 from edmsim.program.outline import CutMove, Outline, Run, Side, signed_area
 
 UNCLEAR_GAP_MM = 0.5
@@ -36,9 +36,9 @@ def outline_of(run: Run) -> tuple[Outline, list[str]]:
         Compensation changes twice, a contour is all but closed, or what follows it is no lead-out: it closes a loop,
         or is longer than the contour.
     """
-    run = split_where_passed(run, *_edge_section(run.moves))
-    first, last = _edge_section(run.moves)
-    loop = first_loop(vertices_of(run), run.moves, first, last, run.join_mm)
+    (first, last), count = _edge_section(run.moves), len(run.moves)
+    run, loop = closed_run(run, first, last)
+    last += len(run.moves) - count  # a move may have been split
     side = run.moves[first].side
     if loop is None:
         ramp = side is not None and not (run.on_contour and first == 0)

@@ -10,6 +10,8 @@ from numpy.typing import NDArray
 
 from edmsim.errors import InputError
 
+_AT_ONCE = 100
+
 
 def refuse_self_crossing(points: NDArray[np.float64], line_numbers: Sequence[int]) -> None:
     """Check a polyline.
@@ -46,10 +48,12 @@ def chords_of(points: NDArray[np.float64]) -> list[shapely.LineString]:
 def _crossing_chords(points: NDArray[np.float64]) -> tuple[int, int]:
     """Return two chords of a line that is not simple, which meet elsewhere than end to start."""
     chords = chords_of(points)
-    left, right = shapely.STRtree(chords).query(chords, predicate="intersects")
+    tree = shapely.STRtree(chords)
     joined_ends = np.array_equal(points[0], points[-1])
-    for a, b in sorted(zip(left.tolist(), right.tolist(), strict=True)):
-        neighbours = b == a + 1 or (joined_ends and a == 0 and b == len(chords) - 1)
-        if b > a and not (neighbours and chords[a].intersection(chords[b]).length == 0):
-            return a, b
+    for first in range(0, len(chords), _AT_ONCE):  # a line that retraces itself throughout has pairs without number
+        left, right = tree.query(chords[first : first + _AT_ONCE], predicate="intersects")
+        for a, b in sorted(zip((left + first).tolist(), right.tolist(), strict=True)):
+            neighbours = b == a + 1 or (joined_ends and a == 0 and b == len(chords) - 1)
+            if b > a and not (neighbours and chords[a].intersection(chords[b]).length == 0):
+                return a, b
     raise AssertionError("a line that is not simple has two chords that meet")

@@ -61,10 +61,11 @@ def first_loop(
     return None
 
 
-def split_where_passed(run: Run, first: int, last: int) -> Run:
-    """Put a vertex into the first move that closes a loop by running on over a place where an earlier move ended.
+def closed_run(run: Run, first: int, last: int) -> tuple[Run, tuple[int, int] | None]:
+    """Return a run with the moves ``begin, end`` of its first loop among some moves, None if there is no loop.
 
-    A contour that begins in the middle of a side may so end by a move along the whole side.
+    A contour that begins in the middle of a side may end by a move along the whole side: a move that closes a loop by
+    running on over a place where an earlier move ended is split there.
     """
     vertices, join_mm = vertices_of(run), run.join_mm
     loop = first_loop(vertices, run.moves, first, last, join_mm)
@@ -79,8 +80,8 @@ def split_where_passed(run: Run, first: int, last: int) -> Run:
         if area > _LEAST_AREA_MM2:
             parts = (replace(move, points=before), replace(move, points=after))
             dwells = tuple((done + (done > k), seconds) for done, seconds in run.dwells)
-            return replace(run, moves=(*run.moves[:k], *parts, *run.moves[k + 1 :]), dwells=dwells)
-    return run
+            return replace(run, moves=(*run.moves[:k], *parts, *run.moves[k + 1 :]), dwells=dwells), (number, k + 1)
+    return run, loop
 
 
 def _passes(
