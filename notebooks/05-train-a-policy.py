@@ -183,5 +183,5 @@ figure.tight_layout()
 #   was tuned for this notebook.
 # - Machines are drawn within the published ranges of their constants. A real machine may lie outside of them, and
 #   only its log can show that (notebook 09).
-# - The shipped policies were kept because they did best on some of these held-back machines, so that their figures
-#   are slightly too good (page "training").
+# - The shipped policy was trained once and not chosen among several, so that its figures on the held-back machines
+#   are as good as they look; another seed would end elsewhere (page "training").

@@ -39,7 +39,7 @@ compile_alone({folder!r}, {module!r}, {name!r}, {arguments!r})
 
 PROGRESS = "EDMSIM_PROGRESS"
 """Variable of the environment: with 0 a notebook shows neither how far a cut is nor that code is compiled."""
-_NOTICE = "edmsim compiles its pulse loop for this processor: a minute or two, once for every resolution"
+_NOTICE = "edmsim compiles its pulse loop for this processor: about a minute, once at each resolution"
 
 
 def made_afresh(make: Callable[..., Any], *arguments: int) -> Any:

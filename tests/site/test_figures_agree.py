@@ -1,0 +1,43 @@
+"""Figures that several pages give are one figure."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+from edmsim.compiled import afresh
+from edmsim.envs import registry
+
+ROOT = Path(__file__).parents[2]
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
+NUMBERS = ("one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten", "eleven", "twelve")
+
+
+def texts() -> dict[str, str]:
+    """Every page as one line."""
+    return {page.relative_to(ROOT).as_posix(): " ".join(page.read_text(encoding="utf-8").split()) for page in PAGES}
+
+
+def test_pages_count_the_environments_that_there_are() -> None:
+    there = {registry.env_id_of(name) for name in registry._FILES}
+    number = "|".join(NUMBERS)
+    counts = re.compile(rf"({number}) (?:\[?Gymnasium\]?(?:\([^)]*\))? )(?:environments|tasks)", re.IGNORECASE)
+    said = {(name, count.lower()) for name, text in texts().items() for count in counts.findall(text)}
+    assert said == {("docs/environments.md", NUMBERS[len(there) - 1])}
+    assert set(re.findall(r"\| \[`(edmsim/\w+-v\d)`\]", texts()["docs/environments.md"])) == there
+
+
+def test_pages_and_notice_give_one_time_of_compiling() -> None:
+    spans = {
+        (name, words) for name, text in texts().items() for sentence in re.split(r"(?<=[.:]) ", text)
+        if "compil" in sentence and "pulse loop" in sentence
+        for words in re.findall(r"(?:about |some )?(?:an?|\d+) (?:minutes?|s\b)(?: or two)?", sentence)
+    }
+    assert {words for _, words in spans} == {"about a minute"}
+    assert {name for name, _ in spans} >= {"README.md", "docs/guide/quick-start.md", "docs/environments.md"}
+    assert "about a minute" in afresh._NOTICE
+
+
+def test_no_page_gives_the_pace_of_another_computer() -> None:
+    pace = re.compile(r"times real time|(?:\w+ieth|\w+fth) of the time")
+    assert {name for name, text in texts().items() if pace.search(text)} <= {"docs/changelog.md"}
