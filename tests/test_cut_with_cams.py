@@ -11,7 +11,7 @@ import shapely
 
 import edmsim
 from edmsim.controllers import axis, from_text
-from edmsim.controllers.axis.elcam_file import Cam, ErrorTable, Rows, load_tables, read_tables, text_of
+from edmsim.controllers.axis.elcam_file import Cam, ErrorTable, TableRows, load_tables, read_tables, text_of
 from edmsim.controllers.axis.step_compensation import StepCompensation
 from edmsim.controllers.protocols import Step
 from edmsim.cosim.simulation import Simulation
@@ -36,7 +36,7 @@ def line(tmp_path):
 
 def rows_of(row_axis, first_mm, last_mm, interpolated=True, axis="y", master="x"):
     points = np.array([*FLAT, *TWENTY])
-    return ErrorTable(axis, master, points, rows=Rows(row_axis, first_mm, last_mm, 2, interpolated))
+    return ErrorTable(axis, master, points, rows=TableRows(row_axis, first_mm, last_mm, 2, interpolated))
 
 
 def simulation_of(line, tables, machine="agiecut-dem15", **options):

@@ -51,7 +51,7 @@ _STEEPEST = 1.0
 """Travel of a follower over that of its master, at most (ours): it then is no faster than the wire."""
 
 
-class Rows(NamedTuple):
+class TableRows(NamedTuple):
     """What chooses the row of a table, one of `PLACES`, and where it is (mm) at the first and the last of them."""
 
     axis: str
@@ -75,7 +75,7 @@ class ErrorTable:
         By how much the error is greater while the master moves up than while it moves down.
     cubic : bool
         Whether a curve joins the points in place of straight lines.
-    rows : Rows or None
+    rows : TableRows or None
         What chooses among rows of points.
     """
 
@@ -84,7 +84,7 @@ class ErrorTable:
     points: NDArray[np.float64]
     reversal_um: float = 0.0
     cubic: bool = False
-    rows: Rows | None = None
+    rows: TableRows | None = None
 
 
 @dataclass(frozen=True)
@@ -132,7 +132,7 @@ def _error_table(given: FileTable) -> ErrorTable:
     return ErrorTable(axis, master, points, given.number("reversal_um"), given.flag("cubic"), rows)
 
 
-def _rows(given: FileTable) -> tuple[NDArray[np.float64], Rows]:
+def _rows(given: FileTable) -> tuple[NDArray[np.float64], TableRows]:
     lines = given.rows("um")
     axis = given.one_of("row_axis", PLACES)
     first_mm, last_mm = given.range("row_range_mm")
@@ -146,7 +146,7 @@ def _rows(given: FileTable) -> tuple[NDArray[np.float64], Rows]:
                 f"row {number} has {ends[2]} points from {ends[0]:g} to {ends[1]:g} mm; the first one has {wanted[2]} "
                 f"from {wanted[0]:g} to {wanted[1]:g} mm, and all must be alike"
             )
-    rows = Rows(axis, first_mm, last_mm, len(lines), given.flag("interpolate_rows"))
+    rows = TableRows(axis, first_mm, last_mm, len(lines), given.flag("interpolate_rows"))
     return np.concatenate(lines), rows
 
 

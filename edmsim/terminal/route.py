@@ -26,7 +26,7 @@ class Due(NamedTuple):
     setting: Setting
 
 
-class Stretch(NamedTuple):
+class RouteMove(NamedTuple):
     """A move of a program and the length of path up to its end."""
 
     end_um: float
@@ -43,14 +43,14 @@ class Route(NamedTuple):
         Length of path up to every corner but the first.
     dues : list of Due
         In order.
-    moves: list of Stretch
+    moves: list of RouteMove
         In order.
     """
 
     corners: list[Point]
     lengths_um: list[float]
     dues: list[Due]
-    moves: list[Stretch]
+    moves: list[RouteMove]
 
     def move_at(self, path_um: float) -> Move:
         """Return the move that is under way."""
@@ -79,7 +79,7 @@ def lay_out(start: Point, program: Sequence[Entry], unit_um: int = 1) -> Route:
             way = float(np.hypot(corner[0] - corners[-1][0], corner[1] - corners[-1][1]))
             lengths.append(lengths[-1] + unit_um * way)
             corners.append(corner)
-        moves.append(Stretch(lengths[-1], entry))
+        moves.append(RouteMove(lengths[-1], entry))
     if not lengths[-1]:
         raise InputError("the wire is there already; give another new position")
     return Route(corners, lengths[1:], dues, moves)
