@@ -13,8 +13,8 @@ from edmsim.controllers.axis.elcam_table import CamTable
 from edmsim.errors import InputError
 
 _STEEPEST_WIRE = 0.1
-"""The upper guide may lead by this share of the guides' distance (ours): the gap is computed slice by slice, as if each
-were upright, which holds for small angles."""
+"""The upper guide may lead by this share of the guides' distance (ours): the gap is computed slice by slice, as if
+each were upright, which holds for small angles."""
 _PLACES = 1000
 """A cam is looked up at so many places of its master, and at its points (ours)."""
 

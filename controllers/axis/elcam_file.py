@@ -4,7 +4,7 @@
 
     [[table]]                        # errors to compensate
     axis = "x"                       # whose error it is
-    master = "x"                     # along which it was measured: its own travel, another axis', or the path's length
+    master = "x"                     # along which it was measured: its own travel, another axis', or the path
     points = [[0.0, -1.5], [5.0, 2.0]]   # mm and um: what the axis indicates less where it truly is
     reversal_um = 4.0                # if wanted: by how much the error is greater upwards than downwards
     cubic = true                     # if wanted: a curve between the points in place of straight lines
@@ -29,7 +29,6 @@ import tomllib
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -51,7 +50,8 @@ _STEEPEST = 1.0
 """Travel of a follower over that of its master, at most (ours): it then is no faster than the wire."""
 
 
-class TableRows(NamedTuple):
+@dataclass(frozen=True)
+class TableRows:
     """What chooses the row of a table, one of `PLACES`, and where it is (mm) at the first and the last of them."""
 
     axis: str
@@ -115,7 +115,7 @@ def read_tables(file: str | Path) -> list[ErrorTable | Cam]:
     for kind, read in (("table", _error_table), ("cam", _cam)):
         sections = data.pop(kind, [])
         if not isinstance(sections, list) or any(not isinstance(given, dict) for given in sections):
-            raise InputError(f"a compensation file has one section [[{kind}]] or more; {kind} is something else", file)
+            raise InputError(f"a compensation file has one section [[{kind}]] or more; {kind} is none", file)
         found += [read(FileTable(f"{kind} {number}", given, file)) for number, given in enumerate(sections, 1)]
     if data:
         raise InputError(f"unknown section {next(iter(data))!r}; there are: [[table]], [[cam]]", file)
@@ -125,7 +125,7 @@ def read_tables(file: str | Path) -> list[ErrorTable | Cam]:
 
 
 def _error_table(given: FileTable) -> ErrorTable:
-    shape = ("rows", "row_axis", "row_range_mm", "interpolate_rows") if "rows" in given.keys() else ("points",)
+    shape = ("rows", "row_axis", "row_range_mm", "interpolate_rows") if "rows" in given else ("points",)
     given.check_keys("axis", "master", "reversal_um", "cubic", *shape)
     axis, master = given.one_of("axis", NAMES), given.one_of("master", PLACES)
     points, rows = (given.points("um"), None) if "points" in shape else _rows(given)
@@ -143,8 +143,8 @@ def _rows(given: FileTable) -> tuple[NDArray[np.float64], TableRows]:
         wanted = [lines[0][0, 0], lines[0][-1, 0], len(lines[0])]
         if ends != wanted:
             raise given.refuse(
-                f"row {number} has {ends[2]} points from {ends[0]:g} to {ends[1]:g} mm; the first one has {wanted[2]} "
-                f"from {wanted[0]:g} to {wanted[1]:g} mm, and all must be alike"
+                f"row {number} has {ends[2]} points from {ends[0]:g} to {ends[1]:g} mm; the first one has "
+                f"{wanted[2]} from {wanted[0]:g} to {wanted[1]:g} mm, and all must be alike"
             )
     rows = TableRows(axis, first_mm, last_mm, len(lines), given.flag("interpolate_rows"))
     return np.concatenate(lines), rows
@@ -186,7 +186,8 @@ def text_of(tables: Iterable[ErrorTable], comments: Sequence[str] = ()) -> str:
         lines += [f'row_axis = "{rows.axis}"', f"row_range_mm = [{rows.first_mm:.6f}, {rows.last_mm:.6f}]"]
         if rows.interpolated:
             lines.append("interpolate_rows = true")
-        lines += ["rows = [", *(f"    [{' '.join(points[k : k + per_row])}]," for k in range(0, len(points), per_row)), "]"]
+        each = (points[k : k + per_row] for k in range(0, len(points), per_row))
+        lines += ["rows = [", *(f"    [{' '.join(row)}]," for row in each), "]"]
     return "\n".join(lines) + "\n"
 
 

@@ -1,4 +1,4 @@
-"""Room for cam tables: in the control (chapter 1 of the ELCAM document), and in the computer's memory (chapter 2.8)."""
+"""Room for cam tables: in the control (chapter 1 of the ELCAM document), and in the computer (chapter 2.8)."""
 
 from __future__ import annotations
 

@@ -91,7 +91,7 @@ class CamTable:
 
     @property
     def leads(self) -> bool:
-        """Whether it acts as a cam; one that is marked and lacks the bit does nothing, like one that only has the bit."""
+        """Whether it acts as a cam; with only the mark, or only the bit, it does nothing."""
         return self.runs and not self.compensates and not self.marked
 
     def set_bit(self, bit: Mode, wanted: bool) -> bool:

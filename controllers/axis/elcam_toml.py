@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import KeysView, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -28,9 +28,9 @@ class FileTable:
     def __init__(self, name: str, given: Mapping[str, Any], file: str | Path) -> None:
         self._name, self._given, self._file = name, given, file
 
-    def keys(self) -> KeysView[str]:
-        """Return what is given."""
-        return self._given.keys()
+    def __contains__(self, key: str) -> bool:
+        """Tell whether something is given."""
+        return key in self._given
 
     def refuse(self, reason: str) -> InputError:
         """Return the error that names the section."""

@@ -1,4 +1,4 @@
-"""ELCAM between a planner and stepping motors: steps more or less where tables say that axes are wrong, and cams' steps.
+"""ELCAM between a planner and motors: steps more or less where tables say that axes are wrong, and those of cams.
 
 A motor that takes steps reports no place that an error could be taken off, so the error is added to its setpoint
 ("G3-ElCam Interface", chapter 2.2.1), in whole steps. An axis of the upper guide that follows a cam has no steps but
@@ -85,7 +85,7 @@ class StepCompensation:
         place.setpoint = place.actual = place_mm
 
     def _wanted(self) -> list[int]:
-        """Return the steps beyond those of the program; a follower is where its cam says before errors are looked up."""
+        """Return the steps beyond those of the program; followers come first, as errors may depend on them."""
         cams = self._elcam.follow()
         for k, place_mm in cams.items():
             self._put(k, place_mm)

@@ -3,7 +3,7 @@
 ``Axis_X EANPOS 2 2.CNT02 3 3.INP01 3.AN01`` declares a device that samples every 2 ms, with counter 2 of slot 2,
 interrupt line 3, input 1 and analogue output 1 of slot 3 (manual 1.1). ``X.X``, or ``X`` for a line, leaves one out.
 
-Of timers and data groups the manual has the sections only; their lines are those of QEM's manual of QVIEW (wiki.qem.it)::
+Of timers and data groups the manual has the sections only; their lines are those of QEM's manual of QVIEW::
 
     TIMER
     tmPause
@@ -124,7 +124,8 @@ class Configuration:
     def names(self) -> set[str]:
         """All names, in lower case."""
         groups = (
-            self.constants, self.variables, self.timers, self.data, self._groups, self.inputs, self.outputs, self.devices,
+            self.constants, self.variables, self.timers, self.data, self._groups, self.inputs, self.outputs,
+            self.devices,
         )  # fmt: skip
         return {name for group in groups for name in group}
 

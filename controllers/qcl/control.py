@@ -61,7 +61,8 @@ class Control:
     variables : dict of str to int
         Values by name, in lower case.
     data : dict of (str, int, int) to int
-        Values of data groups by name, recipe and step, which is 0 where a variable has none; 0 where there is no entry.
+        Values of data groups by name, recipe and step, which is 0 where a variable has none; those without an entry
+        are 0.
     now_ms : int
         The control's clock, which timers go by; who runs the control sets it.
     inputs, outputs : dict of str to bool
@@ -90,7 +91,7 @@ class Control:
         return statements[self._next].line if self._next < len(statements) else 0
 
     def restart(self) -> None:
-        """Begin again as after the power was off: outputs, timers, and variables but those that outlast it, are nought."""
+        """Begin again as after the power was off, which SYSTEM variables and data groups outlast."""
         for name, variable in self._configuration.variables.items():
             if not variable.retained:
                 self.variables[name] = 0

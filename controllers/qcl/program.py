@@ -1,8 +1,8 @@
 """A program of QCL: statements in a list, with the places that IF, ELSE and JUMP lead to.
 
 ``Axis:prsvel = (20 * Axis:maxvel)/100`` assigns, ``START Axis`` commands, ``WAIT NOT Axis:st_emrg`` waits,
-``IF NOT (gfMovAuto OR gfMovMan)`` to ENDIF depends, ``MAIN:`` is a place to JUMP to. ``place[3, 1]`` is a data group's
-variable in recipe 3 and step 1.
+``IF NOT (gfMovAuto OR gfMovMan)`` to ENDIF depends, ``MAIN:`` is a place to JUMP to. ``place[3, 1]`` is a data
+group's variable in recipe 3 and step 1.
 """
 
 from __future__ import annotations
@@ -33,8 +33,8 @@ class Statement(NamedTuple):
     """A statement: its line, what it does, on what, with which expression, and where it may lead.
 
     ``verb`` is ``assign``, ``command``, ``wait``, ``if``, ``jump`` or ``end``; ``target`` is a name, or device and
-    member or command; ``at`` are recipe and step of a data group's variable; ``to`` is the number of the statement that
-    an IF that fails, or a JUMP, leads to.
+    member or command; ``at`` are recipe and step of a data group's variable; ``to`` is the number of the statement
+    that an IF that fails, or a JUMP, leads to.
     """
 
     line: int
@@ -226,7 +226,7 @@ class _Reader:
             known = state_name if member.lower().startswith("st_") else parameter_name
             return "member", self._device(device), known(member)
         found = self._configuration
-        readable = found.constants.keys() | found.variables.keys() | found.timers | found.inputs.keys() | found.outputs.keys()
-        if word.lower() not in readable:
+        groups = found.constants, found.variables, found.timers, found.inputs, found.outputs
+        if not any(word.lower() in group for group in groups):
             raise InputError(f"{word} is no name that the configuration declares")
         return "name", word.lower()

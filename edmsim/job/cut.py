@@ -185,7 +185,9 @@ def _notices(simulation: Simulation, settings: CutSettings) -> list[str]:
         names = NAMES[table.axis], PLACES[table.master]
         if table.held:
             notices.append(
-                "the cut went beyond the compensation table of {} along {}: there it holds its end value".format(*names)
+                "the cut went beyond the compensation table of {} along {}: there it holds its end value".format(
+                    *names
+                )
             )
         if table.leads:
             notices.append(

@@ -33,8 +33,8 @@ class Press(NamedTuple):
 class Contactors:
     """The contactors that lead one drive to the motor of one axis at a time.
 
-    One that closes keeps the others open until it opens again: they are interlocked, as two motors on a drive would be
-    its end (ours).
+    One that closes keeps the others open until it opens again: they are interlocked, as two motors would overload the
+    drive (ours).
 
     Parameters
     ----------
@@ -107,7 +107,9 @@ class Station:
             if wired := {self.axes[name]: coils[name] for name in users if name in coils}:
                 if len(wired) < len(users):
                     without = next(name for name in users if name not in coils)
-                    raise InputError(f"{without} shares {output}, whose other motors have contactors; it must have one")
+                    raise InputError(
+                        f"{without} shares {output}, whose other motors have contactors; it must have one"
+                    )
                 self._contactors.append(Contactors(self.bench, wired))
             elif len(users) > 1:
                 self.bench.share_output([self.axes[name] for name in users], self.axes[users[0]])
@@ -132,7 +134,7 @@ class Station:
             if device.lower() not in self.axes:
                 raise InputError(f"there is no device {device!r}; there are: {', '.join(self.axes)}")
             if self.configuration.devices[device.lower()].output is None:
-                raise InputError(f"{device} has no analogue output, so there is no drive for a contactor to lead to it")
+                raise InputError(f"{device} has no analogue output, so no contactor can lead a drive to it")
             if device.lower() in coils or outputs[output.lower()] in coils.values():
                 raise InputError(f"{output}={device} is a second contactor of that output or that device")
             coils[device.lower()] = outputs[output.lower()]

@@ -98,10 +98,10 @@ def test_a_contactor_that_the_program_leaves_open_leads_nowhere():
     one.run(1.0)
     assert one.device("AxisX").states["st_regoff"] is False  # it writes to the drive, but no motor hangs on it
     assert abs(float(one.bench.axis("x")["place_um"])) < 0.5
-    both = Station(TWO[0].read_text(encoding="utf-8"), program.replace("ofMotorX = 1", "ofMotorY = 1\nWAIT 1\nofMotorX = 1"),
-                   contactors=CONTACTORS)  # fmt: skip
+    both_on = program.replace("ofMotorX = 1", "ofMotorY = 1\nWAIT 1\nofMotorX = 1")
+    both = Station(TWO[0].read_text(encoding="utf-8"), both_on, contactors=CONTACTORS)
     both.run(1.0)
-    assert both.control.outputs == {"2.OUT01": True, "2.OUT02": True}  # the first one that closed keeps the other open
+    assert both.control.outputs == {"2.OUT01": True, "2.OUT02": True}  # the first one keeps the other open
     assert [abs(float(both.bench.axis(name)["place_um"])) > 100.0 for name in "xy"] == [False, True]
 
 

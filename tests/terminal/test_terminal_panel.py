@@ -138,7 +138,7 @@ def test_status_shows_where_the_machine_cuts_to_whoever_said_so(operate):
     typed, keyed = "NEW 32530 32500", "KEY 32500 X 32540 Y START"
     told = operate(SET, typed, "START", "WAIT", keyed, "WAIT 1", "STATUS", "STOP", "STATUS", "GO", "WAIT 0", "STATUS")
     shown = [line.split(" um   ")[1] for line in told.lines if " POSITION X " in line]
-    assert shown == ["NEW 32500 32540", "NEW 32530 32500", "NEW 32500 32540"]  # stopped, it is where START would cut to
+    assert shown == ["NEW 32500 32540", "NEW 32530 32500", "NEW 32500 32540"]  # stopped, where START would
 
 
 # T-29: sparks of a usual job in 20 mm draw more than 1.5 A now and then, and that disturbs the serial lines

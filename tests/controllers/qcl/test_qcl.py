@@ -99,8 +99,8 @@ def test_if_else_and_jump():  # Q-82
 
 
 TIMED = read_configuration(
-    "CONST\nmany 3\nSYSTEM\nkept L\nGLOBAL\na L\nb L\nTIMER\ntmPause\ntmOther\nDATAGROUP\ndgParts\nDATAPROGRAM\nMany\n"
-    "speed B\ngood F\nSTEP\n4\nplace L\ndgOthers\nDATAPROGRAM\n2\nother W\nEND"
+    "CONST\nmany 3\nSYSTEM\nkept L\nGLOBAL\na L\nb L\nTIMER\ntmPause\ntmOther\nDATAGROUP\ndgParts\n"
+    "DATAPROGRAM\nMany\nspeed B\ngood F\nSTEP\n4\nplace L\ndgOthers\nDATAPROGRAM\n2\nother W\nEND"
 )
 
 
@@ -121,14 +121,15 @@ def test_a_timer_is_given_a_time_and_tells_when_it_is_over():
     for again.now_ms in (0, 9, 10, 11):
         again.run_pass()
     assert again.variables["a"] == 1  # a time that is given again counts from then, and timers do not disturb others
-    with pytest.raises(InputError, match="line 1: the timer tmpause cannot run for -1 ms; it must be 0 to 2147483647"):
+    with pytest.raises(InputError, match="line 1: the timer tmpause cannot run for -1 ms; it must be 0 to"):
         timed("tmPause = -1").run_pass()
 
 
 def test_a_data_group_keeps_values_by_recipe_and_step():
     control = timed(
         "a = 2", "speed[1] = 10", "speed[a] = speed[a - 1] + 5", "place[a, many] = 70 * speed[a]", "good[3] = 1",
-        "b = place[2, 3] + place[2, 4]", "a = (speed[1] + speed[2]) * good[1 + 2]", "other[2] = -5", "kept = other[2]",
+        "b = place[2, 3] + place[2, 4]", "a = (speed[1] + speed[2]) * good[1 + 2]", "other[2] = -5",
+        "kept = other[2]",
     )  # fmt: skip
     control.run_pass()
     assert (control.variables["a"], control.variables["b"], control.variables["kept"]) == (25, 1050, -5)
