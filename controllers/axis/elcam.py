@@ -22,7 +22,7 @@ from typing import Any
 
 import numpy as np
 
-from edmsim.controllers.axis.elcam_memory import PhysicalMemory
+from edmsim.controllers.axis.elcam_memory import PhysicalMemory, buffer_bytes_wanted
 from edmsim.controllers.axis.elcam_places import CamAxis, CamPlace, ControlFaults
 from edmsim.controllers.axis.elcam_registers import (
     ACCESS,
@@ -53,7 +53,7 @@ _PLAIN: dict[Function, str] = {
 """Functions that read a number as it stands."""
 _WHILE_RUNNING = frozenset({
     Function.ERROR, Function.RESET, Function.GAIN, Function.PHASE, Function.SHIFT, Function.MODE,
-    Function.INTERPOLATE_ROWS, Function.COMPENSATION,
+    Function.INTERPOLATE_ROWS,
 })  # fmt: skip
 """What may be written while the table runs (ours: the document forbids only the number of rows)."""
 
@@ -97,7 +97,8 @@ class Elcam:
     axes : sequence of CamAxis
         The control's axes, whose places are read whenever they are needed.
     buffer_bytes : int, optional
-        Room for the points of all tables (the environment variable SZELCAMPUFFER); 100 000 if not given.
+        Room for the points of all tables; by default what the environment variable SZELCAMPUFFER says, 100 000 where
+        it says nothing.
     firmware, library : str, optional
         Versions of the control's firmware and of the computer's library; by default the newest of the document.
     option : bool
@@ -116,7 +117,7 @@ class Elcam:
     Raises
     ------
     InputError
-        More room than the control has.
+        More room than the control has, or SZELCAMPUFFER is no number of bytes.
     """
 
     def __init__(
@@ -124,7 +125,7 @@ class Elcam:
         library: str | None = None, option: bool = True, memory: PhysicalMemory | None = None,
     ) -> None:
         data = DATA["elcam"]
-        self.buffer_bytes = data["buffer_bytes"] if buffer_bytes is None else buffer_bytes
+        self.buffer_bytes = buffer_bytes_wanted() if buffer_bytes is None else buffer_bytes
         if not 0 <= self.buffer_bytes <= data["most_bytes"]:
             raise InputError(
                 f"cam tables cannot have {self.buffer_bytes} bytes: this control has 0 to {data['most_bytes']}"
@@ -144,7 +145,7 @@ class Elcam:
             Function.MODE: lambda table: ObjectAnswer(CallStatus.OK, int(table.mode)),
             Function.TARGET_POSITION: self._target_position,
             Function.MEMORY_ADDRESS: lambda table: ObjectAnswer(CallStatus.OK, table.physical_address),
-            Function.COMPENSATION: lambda table: ObjectAnswer(CallStatus.OK, int(table.compensates)),
+            Function.COMPENSATION: lambda table: ObjectAnswer(CallStatus.OK, int(table.marked and table.compensates)),
             Function.INTERPOLATE_ROWS: lambda table: ObjectAnswer(
                 CallStatus.OK, int(Mode.INTERPOLATE_ROWS in table.mode)
             ),
@@ -155,8 +156,8 @@ class Elcam:
             Function.ADD_MASTER: lambda table, value: _done(table.add_master(value)),
             Function.ADD_FOLLOW: lambda table, value: _done(table.add_follow(value)),
             Function.ROW_COUNT: self._set_row_count, Function.TABLE_SIZE: self._set_size,
-            Function.COMPENSATION: lambda table, value: _flag(table, Mode.COMPENSATION, value),
-            Function.INTERPOLATE_ROWS: lambda table, value: _flag(table, Mode.INTERPOLATE_ROWS, value),
+            Function.COMPENSATION: lambda table, value: _done(table.mark(bool(value))),
+            Function.INTERPOLATE_ROWS: lambda table, value: _done(table.set_bit(Mode.INTERPOLATE_ROWS, bool(value))),
         }
 
     def has(self, what: str) -> bool:
@@ -225,7 +226,7 @@ class Elcam:
             if table.runs and self._memory_lost(table):
                 table.mode &= ~Mode.RUN
                 table.error |= Error.MEMORY
-            elif table.runs and not table.compensates:
+            elif table.leads:
                 found[table.axis] = table.follow(*self._places(table))
         return found
 
@@ -235,7 +236,7 @@ class Elcam:
             return 0.0
         return sum(
             table.compensation(*self._places(table)) for table in self.tables.values()
-            if table.axis == axis and table.runs and table.compensates
+            if table.axis == axis and table.corrects
         )
 
     def _is_switch(self, what: Descriptor) -> bool:
@@ -330,7 +331,7 @@ class Elcam:
         return CallStatus.OK
 
     def _set_mode(self, table: CamTable, value: int) -> CallStatus:
-        """Write MODE: all bits anew; Run only of a table without an error, and of one table per follower."""
+        """Write MODE: all bits, set or clear; Run only of a table without an error, and of one table per follower."""
         wanted = Mode(value) & KNOWN
         if (wanted ^ table.mode) & Mode.SINGLE and len(table.points):
             return CallStatus.LOCKED
@@ -389,11 +390,3 @@ class Elcam:
 
 def _done(fine: bool) -> CallStatus:
     return CallStatus.OK if fine else CallStatus.REFUSED
-
-
-def _flag(table: CamTable, bit: Mode, value: int) -> CallStatus:
-    """Set or clear one bit of MODE; not whether a table that runs compensates."""
-    if bit is Mode.COMPENSATION and table.runs:
-        return CallStatus.BUSY
-    table.mode = table.mode | bit if value else table.mode & ~bit
-    return CallStatus.OK

@@ -1,50 +1,82 @@
-"""Compensation files: tables of a machine's errors as TOML, loaded into ELCAM through its object interface.
+"""Files of ELCAM tables as TOML: errors of a machine's axes, and cams that its upper guide follows.
 
 ::
 
-    [[table]]
+    [[table]]                        # errors to compensate
     axis = "x"                       # whose error it is
-    master = "x"                     # along which it was measured: its own travel, or another axis'
+    master = "x"                     # along which it was measured: its own travel, another axis', or the path
     points = [[0.0, -1.5], [5.0, 2.0]]   # mm and um: what the axis indicates less where it truly is
     reversal_um = 4.0                # if wanted: by how much the error is greater upwards than downwards
     cubic = true                     # if wanted: a curve between the points in place of straight lines
+
+    [[table]]                        # errors that something else changes: rows in place of points
+    axis = "y"
+    master = "x"
+    row_axis = "y"                   # what chooses the row: an axis, or the path's length
+    row_range_mm = [0.0, 65.0]       # where it is at the first row and at the last one
+    interpolate_rows = true          # if wanted: between two rows a straight line; else the nearer one holds
+    rows = [[[0.0, 0.0], [65.0, 9.0]], [[0.0, 0.0], [65.0, 3.0]]]
+
+    [[cam]]                          # where an axis of the upper guide goes
+    axis = "u"
+    master = "path"                  # with the length of path, or with x or y
+    points = [[0.0, 0.0], [2.0, 0.1]]    # mm and mm
 """
 
 from __future__ import annotations
 
-import math
 import tomllib
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from edmsim.controllers.axis.elcam import CamPlace, Elcam
+from edmsim.controllers.axis.elcam import CamPlace, Elcam, TableAccess
+from edmsim.controllers.axis.elcam_memory import BUFFER_VARIABLE
 from edmsim.controllers.axis.elcam_registers import DATA, CallStatus, Descriptor, Error, Function, Mode
+from edmsim.controllers.axis.elcam_toml import FileTable
 from edmsim.errors import InputError
 
 NAMES = "x", "y", "u", "v"
 """Axes in the order of their numbers."""
-_KEYS = {"axis", "master", "points", "reversal_um", "cubic"}
+PATH = "path"
+"""The length of path behind the wire, in mm: the control has it as an axis that nothing moves."""
+PLACES = (*NAMES, PATH)
+"""What a table can look up, in the order of the control's numbers."""
+CAM_AXES, CAM_MASTERS = NAMES[2:], ("x", "y", PATH)
+_STEEPEST = 1.0
+"""Travel of a follower over that of its master, at most (ours): it then is no faster than the wire."""
+
+
+@dataclass(frozen=True)
+class TableRows:
+    """What chooses the row of a table, one of `PLACES`, and where it is (mm) at the first and the last of them."""
+
+    axis: str
+    first_mm: float
+    last_mm: float
+    count: int
+    interpolated: bool
 
 
 @dataclass(frozen=True)
 class ErrorTable:
-    """Errors of one axis along an axis.
+    """Errors of one axis along an axis or the path.
 
     Attributes
     ----------
     axis, master : str
-        Of `NAMES`.
+        Of `NAMES`, and of `PLACES`.
     points : float64 array (n, 2)
-        Place of the master in mm, and the error in um: what the axis indicates less where it truly is.
+        Place of the master in mm, and the error in um: what the axis indicates less where it truly is; row after row.
     reversal_um : float
         By how much the error is greater while the master moves up than while it moves down.
     cubic : bool
         Whether a curve joins the points in place of straight lines.
+    rows : TableRows or None
+        What chooses among rows of points.
     """
 
     axis: str
@@ -52,10 +84,21 @@ class ErrorTable:
     points: NDArray[np.float64]
     reversal_um: float = 0.0
     cubic: bool = False
+    rows: TableRows | None = None
 
 
-def read_tables(file: str | Path) -> list[ErrorTable]:
-    """Read a compensation file.
+@dataclass(frozen=True)
+class Cam:
+    """Where an axis of `CAM_AXES` goes with a master of `CAM_MASTERS`: ``points`` (n, 2) are both in mm."""
+
+    axis: str
+    master: str
+    points: NDArray[np.float64]
+    cubic: bool = False
+
+
+def read_tables(file: str | Path) -> list[ErrorTable | Cam]:
+    """Read a file of tables.
 
     Raises
     ------
@@ -68,51 +111,62 @@ def read_tables(file: str | Path) -> list[ErrorTable]:
         raise InputError(f"cannot be read: {error}", file) from None
     except (ValueError, RecursionError) as error:
         raise InputError(f"not valid TOML: {error}", file) from None
-    tables = data.get("table")
-    if not isinstance(tables, list) or not tables:
-        raise InputError("a compensation file has one section [[table]] or more; there is none", file)
-    return [_table(number, given, file) for number, given in enumerate(tables, 1)]
+    found: list[ErrorTable | Cam] = []
+    for kind, read in (("table", _error_table), ("cam", _cam)):
+        sections = data.pop(kind, [])
+        if not isinstance(sections, list) or any(not isinstance(given, dict) for given in sections):
+            raise InputError(f"a compensation file has one section [[{kind}]] or more; {kind} is none", file)
+        found += [read(FileTable(f"{kind} {number}", given, file)) for number, given in enumerate(sections, 1)]
+    if data:
+        raise InputError(f"unknown section {next(iter(data))!r}; there are: [[table]], [[cam]]", file)
+    if not found:
+        raise InputError("a compensation file has one section [[table]] or [[cam]] or more; there is none", file)
+    return found
 
 
-def _table(number: int, given: Mapping[str, Any], file: str | Path) -> ErrorTable:
-    def refuse(reason: str) -> InputError:
-        return InputError(f"table {number}: {reason}", file)
-
-    wrong = sorted(given.keys() - _KEYS)
-    if wrong:
-        raise refuse(f"unknown key {wrong[0]!r}; there are: {', '.join(sorted(_KEYS))}")
-    for key in ("axis", "master"):
-        if given.get(key) not in NAMES:
-            raise refuse(f"{key} is {given.get(key)!r}; it must be one of {', '.join(NAMES)}")
-    pairs = given.get("points")
-    if not isinstance(pairs, list) or len(pairs) < 2 or any(not _is_pair(pair) for pair in pairs):
-        raise refuse("points must be two or more pairs of numbers, [mm, um]")
-    if not all(_is_finite(value) for pair in pairs for value in pair):
-        raise refuse("points must be finite numbers")
-    points = np.array(pairs, np.float64)
-    rising = np.diff(points[:, 0]) > 0
-    if not rising.all():
-        k = int(np.argmin(rising))
-        raise refuse(f"places must rise, but {points[k + 1, 0]:g} mm follows {points[k, 0]:g} mm")
-    reversal_um = given.get("reversal_um", 0.0)
-    if isinstance(reversal_um, bool) or not isinstance(reversal_um, int | float) or not _is_finite(reversal_um):
-        raise refuse(f"reversal_um is {reversal_um!r}; it must be a number")
-    cubic = given.get("cubic", False)
-    if not isinstance(cubic, bool):
-        raise refuse(f"cubic is {cubic!r}; it must be true or false")
-    return ErrorTable(given["axis"], given["master"], points, float(reversal_um), cubic)
+def _error_table(given: FileTable) -> ErrorTable:
+    shape = ("rows", "row_axis", "row_range_mm", "interpolate_rows") if "rows" in given else ("points",)
+    given.check_keys("axis", "master", "reversal_um", "cubic", *shape)
+    axis, master = given.one_of("axis", NAMES), given.one_of("master", PLACES)
+    points, rows = (given.points("um"), None) if "points" in shape else _rows(given)
+    return ErrorTable(axis, master, points, given.number("reversal_um"), given.flag("cubic"), rows)
 
 
-def _is_pair(pair: object) -> bool:
-    numbers = isinstance(pair, list) and len(pair) == 2
-    return numbers and all(isinstance(v, int | float) and not isinstance(v, bool) for v in pair)  # type: ignore[attr-defined]
+def _rows(given: FileTable) -> tuple[NDArray[np.float64], TableRows]:
+    lines = given.rows("um")
+    axis = given.one_of("row_axis", PLACES)
+    first_mm, last_mm = given.range("row_range_mm")
+    if len(lines) > 1 and first_mm == last_mm:
+        raise given.refuse(f"row_range_mm is {first_mm:g} to {last_mm:g}; the rows must begin and end at two places")
+    for number, line in enumerate(lines, 1):
+        ends = [line[0, 0], line[-1, 0], len(line)]
+        wanted = [lines[0][0, 0], lines[0][-1, 0], len(lines[0])]
+        if ends != wanted:
+            raise given.refuse(
+                f"row {number} has {ends[2]} points from {ends[0]:g} to {ends[1]:g} mm; the first one has "
+                f"{wanted[2]} from {wanted[0]:g} to {wanted[1]:g} mm, and all must be alike"
+            )
+    rows = TableRows(axis, first_mm, last_mm, len(lines), given.flag("interpolate_rows"))
+    return np.concatenate(lines), rows
 
 
-def _is_finite(value: float) -> bool:
-    try:
-        return math.isfinite(value)
-    except OverflowError:  # a whole number of hundreds of digits
-        return False
+def _cam(given: FileTable) -> Cam:
+    given.check_keys("axis", "master", "points", "cubic")
+    axis = given.one_of("axis", NAMES)
+    if axis not in CAM_AXES:
+        raise given.refuse(
+            f"the program moves {axis}, and an axis that follows a cam takes no travel commands; axis must be one of "
+            f"{', '.join(CAM_AXES)}"
+        )
+    cam = Cam(axis, given.one_of("master", CAM_MASTERS), given.points("mm"), given.flag("cubic"))
+    slope = np.diff(cam.points[:, 1]) / np.diff(cam.points[:, 0])
+    k = int(np.argmax(np.abs(slope)))
+    if abs(slope[k]) > _STEEPEST:
+        raise given.refuse(
+            f"{cam.axis} moves {abs(slope[k]):g} mm for each mm of {cam.master} behind {cam.points[k, 0]:g} mm; "
+            f"it must be at most {_STEEPEST:g}"
+        )
+    return cam
 
 
 def text_of(tables: Iterable[ErrorTable], comments: Sequence[str] = ()) -> str:
@@ -124,41 +178,72 @@ def text_of(tables: Iterable[ErrorTable], comments: Sequence[str] = ()) -> str:
             lines.append(f"reversal_um = {table.reversal_um:.3f}")
         if table.cubic:
             lines.append("cubic = true")
-        lines += ["points = [", *(f"    [{x:.6f}, {y:.3f}]," for x, y in table.points.tolist()), "]"]
+        points = [f"[{x:.6f}, {y:.3f}]," for x, y in table.points.tolist()]
+        if table.rows is None:
+            lines += ["points = [", *(f"    {point}" for point in points), "]"]
+            continue
+        rows, per_row = table.rows, len(points) // table.rows.count
+        lines += [f'row_axis = "{rows.axis}"', f"row_range_mm = [{rows.first_mm:.6f}, {rows.last_mm:.6f}]"]
+        if rows.interpolated:
+            lines.append("interpolate_rows = true")
+        each = (points[k : k + per_row] for k in range(0, len(points), per_row))
+        lines += ["rows = [", *(f"    [{' '.join(row)}]," for row in each), "]"]
     return "\n".join(lines) + "\n"
 
 
-def load_tables(tables: Sequence[ErrorTable], file: str | Path | None = None) -> Elcam:
-    """Load error tables into an ELCAM of four axes in mm, and switch the compensation on.
+def load_tables(tables: Sequence[ErrorTable | Cam], file: str | Path | None = None) -> Elcam:
+    """Load tables into an ELCAM of four axes in mm and the path, let them run, and switch the compensation on.
 
     Parameters
     ----------
-    tables : sequence of ErrorTable
+    tables : sequence of ErrorTable or Cam
     file : path, optional
         For messages.
 
     Raises
     ------
     InputError
-        The control refuses a table: too many points, or a second one of the same axes.
+        The control refuses a table: no room for its points, or a second one of the same axes.
     """
-    elcam = Elcam([CamPlace() for _ in NAMES], buffer_bytes=DATA["elcam"]["most_bytes"])
+    elcam = Elcam([CamPlace() for _ in PLACES])
+    numbers = {ErrorTable: 0, Cam: 0}
     for index, table in enumerate(tables):
-        at = elcam.at(index)
-        at.write_int(Function.AXIS, NAMES.index(table.axis))
-        at.write_int(Function.MASTER, NAMES.index(table.master))
-        at.write_int(Function.BUFFER_SIZE, len(table.points))
-        at.load((table.points * (1.0, 1e-3)).tobytes())
-        at.write_int(Function.COMPENSATION, 1)
-        started = at.write_int(Function.MODE, Mode.COMPENSATION | Mode.RUN)
-        error = Error(int(at.read_int(Function.ERROR).value))
-        if Error.MEMORY in error:
-            many = len(table.points)
-            raise InputError(f"table {index + 1}: {many} points are more than the control has room for", file)
+        numbers[type(table)] += 1
+        name = f"{'cam' if isinstance(table, Cam) else 'table'} {numbers[type(table)]}"
+        rivals = [other for other in tables[:index] if isinstance(other, Cam) and other.axis == table.axis]
+        if isinstance(table, Cam) and rivals:
+            raise InputError(f"{name}: there is a cam of {table.axis} already", file)
+        started = _load(elcam.at(index), table)
+        if Error.MEMORY in Error(int(elcam.at(index).read_int(Function.ERROR).value)):
+            raise InputError(
+                f"{name}: {len(table.points)} points are more than the control has room for, which is "
+                f"{elcam.buffer_bytes} bytes for all tables, 16 for a point; the environment variable "
+                f"{BUFFER_VARIABLE} gives it up to {DATA['elcam']['most_bytes']}", file,
+            )  # fmt: skip
         if started is not CallStatus.OK:
-            twice = f"there is a table of {table.axis} along {table.master} already"
-            raise InputError(f"table {index + 1}: {twice}", file)
+            raise InputError(f"{name}: there is a table of {table.axis} along {table.master} already", file)
         extensions = elcam.tables[index].extensions
-        extensions.reversal, extensions.cubic = table.reversal_um * 1e-3, table.cubic
+        extensions.cubic = table.cubic
+        if isinstance(table, ErrorTable):
+            extensions.reversal = table.reversal_um * 1e-3
     elcam.write_int(Descriptor(DATA["elcam"]["bus"], 0, Function.COMPENSATION, 0), 1)
     return elcam
+
+
+def _load(at: TableAccess, table: ErrorTable | Cam) -> CallStatus:
+    """Set a table up in the document's order (chapter 2.6), and let it run."""
+    mode, unit_mm = Mode.RUN, 1.0
+    at.write_int(Function.AXIS, NAMES.index(table.axis))
+    at.write_int(Function.MASTER, PLACES.index(table.master))
+    at.write_int(Function.BUFFER_SIZE, len(table.points))
+    if isinstance(table, ErrorTable):
+        mode, unit_mm = mode | Mode.COMPENSATION, 1e-3
+        at.write_int(Function.COMPENSATION, 1)
+        if table.rows is not None:
+            at.write_int(Function.ROW_COUNT, table.rows.count)
+            at.write_int(Function.ROW_AXIS, PLACES.index(table.rows.axis))
+            at.write_double(Function.ROW_START, table.rows.first_mm)
+            at.write_double(Function.ROW_END, table.rows.last_mm)
+            mode |= Mode.INTERPOLATE_ROWS if table.rows.interpolated else Mode(0)
+    at.load((table.points * (1.0, unit_mm)).tobytes())
+    return at.write_int(Function.MODE, mode)

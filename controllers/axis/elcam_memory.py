@@ -1,13 +1,39 @@
-"""Memory of the computer that a control reads cam tables from (chapter 2.8 of the ELCAM document)."""
+"""Room for cam tables: in the control (chapter 1 of the ELCAM document), and in the computer (chapter 2.8)."""
 
 from __future__ import annotations
 
+import os
 from typing import NamedTuple
+
+from edmsim.controllers.axis.elcam_registers import DATA
+from edmsim.errors import InputError
+
+BUFFER_VARIABLE = "SZELCAMPUFFER"
+"""Environment variable with the bytes for the points of all tables."""
+_MANY_DIGITS = 20
+"""A number so long is none of bytes (ours)."""
 
 _FIRST_ADDRESS = 0x1000_0000
 """Of the first piece given out (ours: some address above the first megabytes)."""
 _PAGE = 0x1000
 """Pieces begin at whole pages (ours)."""
+
+
+def buffer_bytes_wanted() -> int:
+    """Return the room that the environment asks for, else the control's own.
+
+    Raises
+    ------
+    InputError
+        What SZELCAMPUFFER holds is no number of bytes.
+    """
+    given = os.environ.get(BUFFER_VARIABLE, "").strip()
+    if not given:
+        return int(DATA["elcam"]["buffer_bytes"])
+    most = DATA["elcam"]["most_bytes"]
+    if not (given.isascii() and given.isdigit() and len(given) < _MANY_DIGITS and int(given) <= most):
+        raise InputError(f"the environment variable {BUFFER_VARIABLE} is {given!r}; it must be 0 to {most} bytes")
+    return int(given)
 
 
 class Allocation(NamedTuple):

@@ -33,6 +33,8 @@ class CamTable:
     error : Error
         What was wrong when points were entered; what they are wrong in stands in `faults`.
     mode : Mode
+    marked : bool
+        Whether function 30 has made it a table of errors; bit 5 of ``mode`` alone does not.
     gain, phase, shift : float
         The follower is at ``shift + gain * curve(master - phase)``.
     base : float
@@ -49,6 +51,7 @@ class CamTable:
 
     def __init__(self) -> None:
         self.error, self.mode = Error(0), Mode(0)
+        self.marked = False
         self.axis = self.master = self.row_axis = UNSET
         self.gain, self.phase, self.shift, self.base = 1.0, 0.0, 0.0, 0.0
         self.row_start = self.row_end = 0.0
@@ -60,7 +63,7 @@ class CamTable:
         self.clear()
 
     def clear(self) -> None:
-        """Discard points, sizes, errors and Run; axes, gain, phase, shift and rows stay."""
+        """Discard points, sizes, errors and Run; axes, gain, phase, shift, rows and the mark stay."""
         self.points: NDArray[Any] = np.zeros((0, 2))
         self.size_master = self.size_follow = 0
         self.error, self.mode = Error(0), self.mode & ~Mode.RUN
@@ -78,8 +81,28 @@ class CamTable:
 
     @property
     def compensates(self) -> bool:
-        """Whether the follower's values are errors to compensate."""
+        """Whether its bit says that the follower's values are errors to compensate."""
         return Mode.COMPENSATION in self.mode
+
+    @property
+    def corrects(self) -> bool:
+        """Whether it acts as a table of errors: it runs, has the bit, and function 30 has marked it (chapter 3.1)."""
+        return self.runs and self.compensates and self.marked
+
+    @property
+    def leads(self) -> bool:
+        """Whether it acts as a cam; with only the mark, or only the bit, it does nothing."""
+        return self.runs and not self.compensates and not self.marked
+
+    def set_bit(self, bit: Mode, wanted: bool) -> bool:
+        """Set or clear a bit of MODE."""
+        self.mode = self.mode | bit if wanted else self.mode & ~bit
+        return True
+
+    def mark(self, wanted: bool) -> bool:
+        """Make it a table of errors, or none (function 30); its bit of MODE follows."""
+        self.marked = wanted
+        return self.set_bit(Mode.COMPENSATION, wanted)
 
     def put(self, points: NDArray[Any]) -> None:
         """Take all points at once, without a look at them."""

@@ -190,7 +190,7 @@ class MotionControl:
 
     def _release(self) -> set[int]:
         """Let axes go on at their speed that follow no longer; return those that do."""
-        cams = {table.axis for table in self.elcam.tables.values() if table.runs and not table.compensates}
+        cams = {table.axis for table in self.elcam.tables.values() if table.leads}
         for k in self._followers - cams:
             self.axes[k].target, self.axes[k].speed = None, self.axes[k].velocity
         self._followers &= cams

@@ -213,6 +213,11 @@ class Uhu:
         self._reg[at.LATCHED] = 0 if stored.valid else at.BAD_BANK
         return self._dialogue.start(stored.valid)
 
+    @property
+    def position(self) -> int:
+        """Where the axis is, in counts from where it was at power-up, as ``COUNTER`` at the terminal shows it."""
+        return int(self._reg[at.POSITION])
+
     def value(self, letter: str) -> int:
         """Return the parameter of a letter."""
         return self.parameters[self._letters[letter]]

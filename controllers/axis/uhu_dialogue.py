@@ -5,6 +5,8 @@ A line is a letter and a whole number. A letter alone shows its line of the help
     >P600           >P
     OK              (P)rop.      900: 600
     >               OK
+
+The help lists a counter, but C is the cycle: typed in full, ``COUNTER`` shows the encoder's count (ours).
 """
 
 from __future__ import annotations
@@ -18,8 +20,9 @@ PROMPT = b">"
 _LOAD, _SAVE, _GO = "L", "S", "G"
 _COMMAND_LINES = {_LOAD: "(L)oad       [0,1,2]", _SAVE: "(S)ave       [0,1,2]", _GO: "(G)o         [Wert]"}
 """Lines of the help behind those of the parameters; [Wert] is German for value, as printed (row U-10)."""
+_COUNTER = "COUNTER"
 _LAST_LINES = ("(C)ounter", "(R)eset")
-"""The first is a remainder of an older version, which has no letter of its own any more (row U-A9)."""
+"""The first is a remainder of an older version, whose letter is the cycle's now (row U-A9)."""
 _OK, _UNKNOWN, _BAD_BANK = "OK", "?", "EEPROM: Error!"
 _LARGEST_GO = 32_000
 _BANKS = range(3)
@@ -28,6 +31,11 @@ _WORDS = range(1 << 16)
 
 class UhuActions(Protocol):
     """What the dialogue acts on."""
+
+    @property
+    def position(self) -> int:
+        """Where the axis is, in counts from where it was at power-up."""
+        ...
 
     def value(self, letter: str) -> int:
         """Return a parameter."""
@@ -102,6 +110,8 @@ class Dialogue:
             return PROMPT
         if asked:
             return self._set(chip, asked, number_in(line))
+        if line == _COUNTER:
+            return _reply(f"{_LAST_LINES[0]:13}{chip.position}")
         command = command_in(line)
         if command is None:
             return _reply(_UNKNOWN)

@@ -2,6 +2,19 @@
 
 ``Axis_X EANPOS 2 2.CNT02 3 3.INP01 3.AN01`` declares a device that samples every 2 ms, with counter 2 of slot 2,
 interrupt line 3, input 1 and analogue output 1 of slot 3 (manual 1.1). ``X.X``, or ``X`` for a line, leaves one out.
+
+Of timers and data groups the manual has the sections only; their lines are those of QEM's manual of QVIEW::
+
+    TIMER
+    tmPause
+    DATAGROUP
+    dgParts
+    DATAPROGRAM
+    10                ; recipes, 1 to 10: speed[3]
+    speed L
+    STEP
+    4                 ; steps of each, 1 to 4: place[3, 1]
+    place L
 """
 
 from __future__ import annotations
@@ -20,6 +33,12 @@ _NAME = re.compile(r"[A-Za-z_]\w*$")
 _NUMBER = re.compile(r"[0-9]{1,4}$")
 _SIZES = {"F": (0, 1), "B": (-128, 127), "W": (-32768, 32767), "L": (-(2**31), 2**31 - 1), "S": (-3.4e38, 3.4e38)}
 """Flag, byte, word, long and single float, and what fits into each."""
+
+
+_PARTS = {"DATAPROGRAM": "recipes", "STEP": "steps"}
+"""Parts of a data group: variables with a value for each recipe, and for each step of each; what counts them."""
+_MOST = 65534
+"""Steps of a data group at most (QVIEW); here recipes, too."""
 
 
 class Variable(NamedTuple):
@@ -51,6 +70,24 @@ class Declaration(NamedTuple):
         return Resources(*(part is not None for part in self[2:]))
 
 
+@dataclass(frozen=True)
+class DataVariable:
+    """A variable of a data group: its values by recipe, 1 to ``recipes``, and by step, if ``steps`` is not 0."""
+
+    variable: Variable
+    recipes: int
+    steps: int
+
+
+@dataclass
+class _DataGroup:
+    """A data group that is being read: its counts, None until they are given, and which part its lines are of."""
+
+    recipes: int | None = None
+    steps: int | None = None
+    part: str = ""
+
+
 @dataclass
 class Configuration:
     """What a configuration declares.
@@ -59,6 +96,10 @@ class Configuration:
     ----------
     constants, variables
         By name.
+    timers : set of str
+        Names.
+    data : dict of str to DataVariable
+        Variables of data groups.
     cards : dict of int to str or None
         Slots of the bus, None where they are empty.
     inputs, outputs : dict of str to str
@@ -70,16 +111,22 @@ class Configuration:
 
     constants: dict[str, int] = field(default_factory=dict)
     variables: dict[str, Variable] = field(default_factory=dict)
+    timers: set[str] = field(default_factory=set)
+    data: dict[str, DataVariable] = field(default_factory=dict)
     cards: dict[int, str | None] = field(default_factory=dict)
     inputs: dict[str, str] = field(default_factory=dict)
     outputs: dict[str, str] = field(default_factory=dict)
     devices: dict[str, Declaration] = field(default_factory=dict)
     shared: list[str] = field(default_factory=list)
+    _groups: dict[str, _DataGroup] = field(default_factory=dict)
 
     @property
     def names(self) -> set[str]:
         """All names, in lower case."""
-        groups = (self.constants, self.variables, self.inputs, self.outputs, self.devices)
+        groups = (
+            self.constants, self.variables, self.timers, self.data, self._groups, self.inputs, self.outputs,
+            self.devices,
+        )  # fmt: skip
         return {name for group in groups for name in group}
 
 
@@ -137,13 +184,51 @@ def _constant(found: Configuration, fields: list[str]) -> None:
 
 def _variables(retained: bool) -> Callable[[Configuration, list[str]], None]:
     def declare(found: Configuration, fields: list[str]) -> None:
-        name, size = _fields(fields, "NAME", "SIZE")
-        if size.upper() not in _SIZES:
-            raise InputError(f"{name} has size {size!r}; it must be F, B, W, L or S")
-        key = _new(found, name)
-        found.variables[key] = Variable(key, size.upper(), retained)
+        variable = _variable(found, fields, retained)
+        found.variables[variable.name] = variable
 
     return declare
+
+
+def _variable(found: Configuration, fields: list[str], retained: bool) -> Variable:
+    name, size = _fields(fields, "NAME", "SIZE")
+    if size.upper() not in _SIZES:
+        raise InputError(f"{name} has size {size!r}; it must be F, B, W, L or S")
+    return Variable(_new(found, name), size.upper(), retained)
+
+
+def _timer(found: Configuration, fields: list[str]) -> None:
+    found.timers.add(_new(found, *_fields(fields, "NAME")))
+
+
+def _data(found: Configuration, fields: list[str]) -> None:
+    """Read a line of a data group: its name, the begin of a part, the part's count, or a variable of it."""
+    group = list(found._groups.values())[-1] if found._groups else None
+    word = fields[0].upper()
+    if len(fields) == 1 and word in _PARTS:
+        if group is None:
+            raise InputError(f"{word} comes before the name of its data group")
+        group.part = word
+    elif group is not None and group.part and getattr(group, _PARTS[group.part]) is None:
+        setattr(group, _PARTS[group.part], _count(found, fields, group.part))
+    elif len(fields) == 1:
+        found._groups[_new(found, fields[0])] = _DataGroup()
+    elif group is None or not group.part:
+        raise InputError(f"{' '.join(fields)!r} comes before DATAPROGRAM; a data group is its name, then its parts")
+    elif group.recipes is None:
+        raise InputError("STEP comes before DATAPROGRAM, which says how many recipes there are")
+    else:
+        variable = _variable(found, fields, retained=True)
+        steps = (group.steps or 0) if group.part == "STEP" else 0
+        found.data[variable.name] = DataVariable(variable, group.recipes, steps)
+
+
+def _count(found: Configuration, fields: list[str], part: str) -> int:
+    text = " ".join(fields)
+    number = found.constants.get(text.lower(), int(text) if re.fullmatch("[0-9]{1,6}", text) else 0)
+    if not 1 <= number <= _MOST:
+        raise InputError(f"{part} is followed by {text!r}; it must be how many there are, 1 to {_MOST}")
+    return number
 
 
 def _slot(found: Configuration, fields: list[str]) -> None:
@@ -196,12 +281,8 @@ def _device(found: Configuration, fields: list[str]) -> None:
     )  # fmt: skip
 
 
-def _none_such(_found: Configuration, fields: list[str]) -> None:
-    raise InputError(f"{' '.join(fields)!r}: timers and data groups are not supported; their sections must be empty")
-
-
 _SECTIONS: dict[str, Callable[[Configuration, list[str]], None]] = {
-    "CONST": _constant, "SYSTEM": _variables(True), "GLOBAL": _variables(False), "TIMER": _none_such,
-    "DATAGROUP": _none_such, "BUS": _slot, "INPUT": _terminal("INP"), "OUTPUT": _terminal("OUT"),
+    "CONST": _constant, "SYSTEM": _variables(True), "GLOBAL": _variables(False), "TIMER": _timer,
+    "DATAGROUP": _data, "BUS": _slot, "INPUT": _terminal("INP"), "OUTPUT": _terminal("OUT"),
     "INTDEVICE": _device,
 }  # fmt: skip

@@ -1,7 +1,8 @@
 """The control: it executes a program pass by pass, on devices, inputs and outputs.
 
 A pass lasts until the next WAIT, whose condition is looked at once a pass (ours: the manual does not say how tasks
-take turns). A read of a device that has a command waiting lets the device execute it first (manual 1.4.4).
+take turns). A read of a device that has a command waiting lets the device execute it first (manual 1.4.4). A timer is
+given a time in ms and reads 1 once that is over, else 0 (ours).
 """
 
 from __future__ import annotations
@@ -9,12 +10,16 @@ from __future__ import annotations
 from collections.abc import Mapping, MutableMapping
 from typing import Protocol
 
-from edmsim.controllers.qcl.configuration import Configuration
+from edmsim.controllers.qcl.configuration import Configuration, Variable
 from edmsim.controllers.qcl.program import Expression, QclProgram
 from edmsim.errors import InputError
 
 LONGEST_PASS = 10_000
 """Statements of a pass at most (ours): a loop without WAIT gives the others their turn, too."""
+
+
+LONGEST_MS = 2**31 - 1
+"""A timer's time at most (ours: a long)."""
 
 
 class Device(Protocol):
@@ -55,6 +60,11 @@ class Control:
     ----------
     variables : dict of str to int
         Values by name, in lower case.
+    data : dict of (str, int, int) to int
+        Values of data groups by name, recipe and step, which is 0 where a variable has none; those without an entry
+        are 0.
+    now_ms : int
+        The control's clock, which timers go by; who runs the control sets it.
     inputs, outputs : dict of str to bool
         By slot address.
     line : int
@@ -67,6 +77,9 @@ class Control:
         self._configuration, self._program = configuration, program
         self._devices = dict(devices or {})
         self.variables = dict.fromkeys(configuration.variables, 0)
+        self.data: dict[tuple[str, int, int], int] = {}
+        self.now_ms = 0
+        self._over_ms: dict[str, int] = {}
         self.inputs = dict.fromkeys(configuration.inputs.values(), False)
         self.outputs = dict.fromkeys(configuration.outputs.values(), False)
         self._next = 0
@@ -78,11 +91,12 @@ class Control:
         return statements[self._next].line if self._next < len(statements) else 0
 
     def restart(self) -> None:
-        """Begin anew, as after the power was off: variables but those of SYSTEM and outputs are nought."""
+        """Begin again as after the power was off, which SYSTEM variables and data groups outlast."""
         for name, variable in self._configuration.variables.items():
             if not variable.retained:
                 self.variables[name] = 0
         self.outputs = dict.fromkeys(self.outputs, False)
+        self._over_ms.clear()
         self._next = 0
 
     def run_pass(self) -> str | None:
@@ -103,13 +117,13 @@ class Control:
             if self._next >= len(statements) or statements[self._next].verb == "end":
                 self._next = len(statements)
                 return None
-            line, verb, target, value, to = statements[self._next]
+            line, verb, target, value, to, at = statements[self._next]
             try:
                 if verb == "wait":
                     self._next += 1 if self._value(value) else 0
                     return None
                 if verb == "assign":
-                    self._assign(target, self._value(value))
+                    self._assign(target, at, self._value(value))
                 elif verb == "command":
                     self._devices[target[0]].command(target[1])
                 leads = verb == "jump" or (verb == "if" and not self._value(value))
@@ -120,16 +134,29 @@ class Control:
                 raise InputError(f"line {line}: {error}") from None
         return None
 
-    def _assign(self, target: tuple[str, ...], value: int) -> None:
+    def _assign(self, target: tuple[str, ...], at: tuple[Expression, ...], value: int) -> None:
+        found = self._configuration
         if len(target) == 2:
             self._devices[target[0]].parameters[target[1]] = value
+        elif at:
+            self.data[self._place(target[0], at)] = _fitting(found.data[target[0]].variable, value)
+        elif target[0] in found.timers:
+            if not 0 <= value <= LONGEST_MS:
+                raise InputError(f"the timer {target[0]} cannot run for {value} ms; it must be 0 to {LONGEST_MS}")
+            self._over_ms[target[0]] = self.now_ms + value
         elif target[0] in self._configuration.outputs:
             self.outputs[self._configuration.outputs[target[0]]] = value != 0
         else:
-            least, greatest = self._configuration.variables[target[0]].limits
-            if not least <= value <= greatest:
-                raise InputError(f"{target[0]} cannot hold {value}; it must be {least} to {greatest}")
-            self.variables[target[0]] = value
+            self.variables[target[0]] = _fitting(found.variables[target[0]], value)
+
+    def _place(self, name: str, at: tuple[Expression, ...]) -> tuple[str, int, int]:
+        """Return name, recipe and step of a data group's variable."""
+        found = self._configuration.data[name]
+        recipe, step = [*(self._value(part) for part in at), 0][:2]
+        for what, number, most in (("recipe", recipe, found.recipes), ("step", step, found.steps)):
+            if most and not 1 <= number <= most:
+                raise InputError(f"{name} has no {what} {number}; it must be 1 to {most}")
+        return name, recipe, step
 
     def _value(self, expression: Expression) -> int:
         kind = str(expression[0])
@@ -139,6 +166,8 @@ class Control:
             return self._named(str(expression[1]))
         if kind == "member":
             return self._member(str(expression[1]), str(expression[2]))
+        if kind == "element":
+            return self.data.get(self._place(str(expression[1]), expression[2:]), 0)  # type: ignore[arg-type]
         values = [self._value(part) for part in expression[1:]]  # type: ignore[arg-type]
         if kind == "NOT":
             return int(not values[0])
@@ -152,6 +181,8 @@ class Control:
             return int(self.inputs[found.inputs[name]])
         if name in found.outputs:
             return int(self.outputs[found.outputs[name]])
+        if name in found.timers:
+            return int(self.now_ms >= self._over_ms.get(name, 0))
         return self.variables[name]
 
     def _member(self, device: str, member: str) -> int:
@@ -159,6 +190,14 @@ class Control:
             raise _WaitsFor(device)
         found = self._devices[device]
         return int(found.states[member] if member.startswith("st_") else found.parameters[member])
+
+
+def _fitting(variable: Variable, value: int) -> int:
+    """Return a value if it fits into a variable."""
+    least, greatest = variable.limits
+    if not least <= value <= greatest:
+        raise InputError(f"{variable.name} cannot hold {value}; it must be {least} to {greatest}")
+    return value
 
 
 def _operate(kind: str, left: int, right: int) -> int:

@@ -1,7 +1,8 @@
 """A program of QCL: statements in a list, with the places that IF, ELSE and JUMP lead to.
 
 ``Axis:prsvel = (20 * Axis:maxvel)/100`` assigns, ``START Axis`` commands, ``WAIT NOT Axis:st_emrg`` waits,
-``IF NOT (gfMovAuto OR gfMovMan)`` to ENDIF depends, ``MAIN:`` is a place to JUMP to.
+``IF NOT (gfMovAuto OR gfMovMan)`` to ENDIF depends, ``MAIN:`` is a place to JUMP to. ``place[3, 1]`` is a data
+group's variable in recipe 3 and step 1.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from edmsim.errors import InputError
 
 Expression = tuple["str | int | Expression", ...]
 """An operation on others: ``("*", left, right)``, ``("NOT", other)``, ``("number", 3)``, ``("name", "speed")``,
-``("member", "axis", "setpos")``."""
+``("member", "axis", "setpos")``, ``("element", "place", recipe, step)``."""
 _COMPARISONS = ("EQ", "NE", "LT", "GT", "LE", "GE")
 _KEYWORDS = ("AND", "OR", "NOT", *_COMPARISONS)
 _LEVELS: tuple[tuple[str, ...], ...] = (("OR",), ("AND",), (), _COMPARISONS, ("+", "-"), ("*", "/"))
@@ -32,7 +33,8 @@ class Statement(NamedTuple):
     """A statement: its line, what it does, on what, with which expression, and where it may lead.
 
     ``verb`` is ``assign``, ``command``, ``wait``, ``if``, ``jump`` or ``end``; ``target`` is a name, or device and
-    member or command; ``to`` is the number of the statement that an IF that fails, or a JUMP, leads to.
+    member or command; ``at`` are recipe and step of a data group's variable; ``to`` is the number of the statement
+    that an IF that fails, or a JUMP, leads to.
     """
 
     line: int
@@ -40,6 +42,7 @@ class Statement(NamedTuple):
     target: tuple[str, ...] = ()
     value: Expression = ()
     to: int = 0
+    at: tuple[Expression, ...] = ()
 
 
 class QclProgram(NamedTuple):
@@ -66,8 +69,8 @@ def read_program(text: str, configuration: Configuration, file: str | None = Non
 
 
 def _depth(words: list[str]) -> int:
-    """Return how many brackets of an expression stand within each other."""
-    return max(accumulate(((word == "(") - (word == ")") for word in words), initial=0))
+    """Return how many brackets of an expression are within each other."""
+    return max(accumulate(((word in "([") - (word in ")]") for word in words), initial=0))
 
 
 class _Reader:
@@ -101,8 +104,11 @@ class _Reader:
             self._add(number, "jump")
         elif verb in COMMANDS and len(words) == 2:
             self._add(number, "command", (self._device(words[1]), verb))
-        elif len(words) > 2 and words[1] == "=":
-            self._add(number, "assign", self._target(words[0]), self._expression(words[2:]))
+        elif "=" in words[1:-1]:
+            equals = words.index("=")
+            target, at = self._target(words[:equals])
+            self._add(number, "assign", target, self._expression(words[equals + 1 :]))
+            self._statements[-1] = self._statements[-1]._replace(at=at)
         else:
             raise InputError(f"{line!r} is no statement; a comment begins with ;")
 
@@ -138,14 +144,36 @@ class _Reader:
             raise InputError(f"{name} is no device that the configuration declares")
         return name.lower()
 
-    def _target(self, word: str) -> tuple[str, ...]:
+    def _target(self, words: list[str]) -> tuple[tuple[str, ...], tuple[Expression, ...]]:
+        """Return what is assigned to, and the recipe and step of a data group's variable."""
+        word, found = words[0], self._configuration
+        if word.lower() in found.data:
+            (_, name, *at), rest = self._element(word, words[1:])
+            if rest:
+                raise InputError(f"{' '.join(rest)!r} is left over before =")
+            return (str(name),), tuple(at)  # type: ignore[arg-type]
+        if len(words) > 1:
+            raise InputError(f"{' '.join(words)!r} is nothing that can be assigned to")
         if ":" in word:
             device, member = word.split(":")
-            return self._device(device), parameter_name(member)
-        writable = self._configuration.variables.keys() | self._configuration.outputs.keys()
-        if word.lower() not in writable:
+            return (self._device(device), parameter_name(member)), ()
+        if word.lower() not in found.variables.keys() | found.outputs.keys() | found.timers:
             raise InputError(f"{word} is no variable or output that the configuration declares")
-        return (word.lower(),)
+        return (word.lower(),), ()
+
+    def _element(self, word: str, words: list[str]) -> tuple[Expression, list[str]]:
+        """Read recipe and step behind the name of a data group's variable."""
+        steps = self._configuration.data[word.lower()].steps
+        form = f"{word}[recipe, step]" if steps else f"{word}[recipe]"
+        wanted, at, rest = 2 if steps else 1, [], words
+        for separator in "[,"[:wanted]:
+            if not rest or rest[0] != separator:
+                raise InputError(f"{word} is a data group's variable; it is written {form}")
+            value, rest = self._operation(rest[1:], 0)
+            at.append(value)
+        if not rest or rest[0] != "]":
+            raise InputError(f"{word} is a data group's variable; it is written {form}")
+        return ("element", word.lower(), *at), rest[1:]
 
     def _expression(self, words: list[str]) -> Expression:
         if len(words) > MOST_WORDS or _depth(words) > DEEPEST:
@@ -188,6 +216,8 @@ class _Reader:
             return ("number", whole_number(word)), rest
         if not re.match(r"[A-Za-z_]", word) or word.upper() in _KEYWORDS:
             raise InputError(f"{word!r} is no value")
+        if word.lower() in self._configuration.data:
+            return self._element(word, rest)
         return self._named(word), rest
 
     def _named(self, word: str) -> Expression:
@@ -195,6 +225,8 @@ class _Reader:
             device, member = word.split(":")
             known = state_name if member.lower().startswith("st_") else parameter_name
             return "member", self._device(device), known(member)
-        if word.lower() not in self._configuration.names - self._configuration.devices.keys():
+        found = self._configuration
+        groups = found.constants, found.variables, found.timers, found.inputs, found.outputs
+        if not any(word.lower() in group for group in groups):
             raise InputError(f"{word} is no name that the configuration declares")
         return "name", word.lower()

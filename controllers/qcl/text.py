@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from edmsim.errors import InputError
 
-_WORD = re.compile(r"\s*([0-9]+|[A-Za-z_]\w*(?::[A-Za-z_]\w*)?|[=*/+()<>-])")
+_WORD = re.compile(r"\s*([0-9]+|[A-Za-z_]\w*(?::[A-Za-z_]\w*)?|[=*/+()<>,[\]-])")
 
 
 MOST_DIGITS = 18

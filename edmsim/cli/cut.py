@@ -84,7 +84,7 @@ def cut(
         typer.Option(help="Drive of x and y: stepper, uhu, servo-module, eanpos; or uhu:P=600."),
     ] = "stepper",
     compensation: Annotated[
-        Path | None, typer.Option(help="File of tables with the errors of the machine's table, to compensate them.")
+        Path | None, typer.Option(help="File of cam tables: errors to compensate, and cams of the upper guide.")
     ] = None,
     mechanics: Annotated[str, typer.Option(help="Integrator of table and wire.")] = "modal",
     resolution: Resolution = "default",

@@ -158,7 +158,7 @@ class PlannerMotion:
 
     def _to_motors(self, steps: list[Step]) -> list[Step]:
         """Return the steps the motors get."""
-        return steps if self._compensation is None else self._compensation.motor_steps(steps)
+        return steps if self._compensation is None else self._compensation.motor_steps(steps, self.path_um)
 
 
 class EvenSteps:

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edmsim.controllers import FeedController, WindowObservation
+from edmsim.controllers.axis.cam_reach import check_cams
 from edmsim.controllers.axis.elcam import Elcam
 from edmsim.controllers.axis.path_offset import PathOffset
 from edmsim.controllers.axis.step_compensation import StepCompensation
@@ -91,7 +92,7 @@ class Simulation:
     drives : mapping of str to drive, optional
         Drives of the axes by name; see `Plant`.
     compensation : Elcam, optional
-        Tables of the table's errors, of `edmsim.controllers.axis.elcam_file.load_tables`.
+        Tables of the table's errors, and cams, of `edmsim.controllers.axis.elcam_file.load_tables`.
     stuck_wire_sensor : bool
         Whether the sensor does not see a wire break; the machine then goes on without a wire (`Plant.go_bare`).
 
@@ -102,7 +103,7 @@ class Simulation:
     outcome, reason : str or None
         How the cut ended, as a report says it, and why.
     elcam : Elcam or None
-        The tables of the table's errors.
+        The tables of the table's errors, and the cams.
     max_feed_um_s : float
         Greatest feed in force.
     missed_windows : int
@@ -154,10 +155,12 @@ class Simulation:
         self.elcam = compensation
         step_um = table.step_um.value
         self._compensation = None if compensation is None else StepCompensation(compensation, step_um)
+        if compensation is not None:
+            check_cams(compensation, [contour.points_um for contour in path.contours], machine.guide_distance_mm)
         self._offset = PathOffset(step_um)
         self.plant = Plant(
             machine, seed, stock=Stock((x0, y0, x1, y1), holes, steps, machine.height_mm),
-            position_um=self._motors_um(float(x), float(y)), resolution=resolution, mechanics=mechanics,
+            position_um=self._motors_um(float(x), float(y), 0.0), resolution=resolution, mechanics=mechanics,
             drives=drives,
         )
         self._sees_breaks = not stuck_wire_sensor
@@ -194,10 +197,12 @@ class Simulation:
             own or planner, drives, at.start_um, rest_until_ns, command, limit_um_s, self._offset, self._compensation
         )
 
-    def _motors_um(self, x_um: float, y_um: float) -> tuple[float, float]:
-        """Return where the motors stand at a place of the program that is reached without steps."""
+    def _motors_um(self, x_um: float, y_um: float, path_um: float) -> tuple[float, ...]:
+        """Return where the motors are, those of u and v as well, at a place that is reached without steps."""
         self._offset.clear()
-        return (x_um, y_um) if self._compensation is None else self._compensation.begin((x_um, y_um))
+        if self._compensation is None:
+            return x_um, y_um
+        return *self._compensation.begin((x_um, y_um), path_um), *self._compensation.upper_um
 
     @property
     def commanded_um(self) -> tuple[float, float]:
@@ -346,7 +351,8 @@ class Simulation:
         x, y = self.commanded_um
         way = math.hypot(point_um[0] - x, point_um[1] - y)
         seconds = way / table.rapid_um_s.value + table.threading_s.value
-        self.plant.rethread(self._motors_um(float(point_um[0]), float(point_um[1])), round(seconds * 1e9))
+        place_um = self._motors_um(float(point_um[0]), float(point_um[1]), self.path_um)
+        self.plant.rethread(place_um, round(seconds * 1e9))
 
     def run(self, watch: Callable[[Progress], None] | None = None) -> str:
         """Run until the cut is over; returns the outcome. `watch` is called after every window."""

@@ -13,7 +13,7 @@ from typing import Any, Unpack
 from edmsim import user_code
 from edmsim.controllers import FeedController, SeesTruth, axis, from_text
 from edmsim.controllers.axis.drive import Drive
-from edmsim.controllers.axis.elcam_file import NAMES, load_tables, read_tables
+from edmsim.controllers.axis.elcam_file import NAMES, PLACES, load_tables, read_tables
 from edmsim.controllers.mcu.firmware.poscal import unit_um
 from edmsim.controllers.own import check_is_controller
 from edmsim.controllers.planner.registry import position_unit
@@ -181,12 +181,19 @@ def _notices(simulation: Simulation, settings: CutSettings) -> list[str]:
     notices = [*simulation.path.notices, *settings.workpiece.notices(simulation.plant.resolution.slices)]
     if simulation.refused is not None:
         notices.append(f"the generator refused a setting the controller wanted: {simulation.refused}")
-    held = [] if simulation.elcam is None else [t for t in simulation.elcam.tables.values() if t.held]
-    for table in held:
-        notices.append(
-            f"the cut went beyond the compensation table of {NAMES[table.axis]} along {NAMES[table.master]}: "
-            "there it holds its end value"
-        )
+    for table in [] if simulation.elcam is None else simulation.elcam.tables.values():
+        names = NAMES[table.axis], PLACES[table.master]
+        if table.held:
+            notices.append(
+                "the cut went beyond the compensation table of {} along {}: there it holds its end value".format(
+                    *names
+                )
+            )
+        if table.leads:
+            notices.append(
+                "the upper guide's axis {} followed its cam along {}: the profile error compares the wall with the "
+                "upright one of the program".format(*names)
+            )
     if simulation.missed_windows:
         notices.append(
             f"the counts of {simulation.missed_windows} windows were missed: the controller's routine takes longer "

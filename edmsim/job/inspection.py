@@ -155,10 +155,10 @@ def _ways_um(simulation: Simulation, windows: WindowTable) -> list[tuple[NDArray
 
     A contour begins where a wire was threaded: the longest times between two windows.
     """
-    commanded, following, lag, time_s = windows.ways_um()
+    commanded, following, lag, time_s, path_um = windows.ways_um()
     guides = commanded - following
     if simulation.elcam is not None or simulation.machine.base.geometry.has_errors:
-        off = motor_offsets_um(simulation.machine, commanded, simulation.elcam)
+        off = motor_offsets_um(simulation.machine, commanded, path_um, simulation.elcam)
         commanded, guides = commanded - off.program, guides - off.table
     threaded = sum(leg.threads for leg in simulation.legs[1 : simulation.leg + 1])
     longest = np.argsort(np.diff(time_s), kind="stable")[::-1][:threaded]
@@ -200,16 +200,19 @@ def holes_mm(stock: Stock) -> NDArray[np.float64]:
 def _table(simulation: Simulation, profiles: list[ProfileError]) -> TableShare | None:
     """Return what the table's errors do to the part; None for a perfect table that nothing compensates."""
     machine, contours, elcam = simulation.machine, simulation.path.contours, simulation.elcam
-    if elcam is None and not machine.base.geometry.has_errors:
+    compensated = elcam is not None and any(table.corrects for table in elcam.tables.values())
+    if not compensated and not machine.base.geometry.has_errors:
         return None
-    found = [table_error(machine, k, p, elcam) for k, p in zip(contours, profiles, strict=True)]
+    lengths = [float(np.hypot(*np.diff(k.points_um, axis=0).T).sum()) for k in contours]
+    starts = np.cumsum([0.0, *lengths[:-1]]).tolist()
+    found = [table_error(machine, k, p, elcam, at) for k, p, at in zip(contours, profiles, starts, strict=True)]
     cut = [np.isfinite(p.mean_um) for p in profiles]  # only where there is an edge that was cut
     bare = [p.error_um + (t.without_um - t.left_um) for p, t in zip(profiles, found, strict=True)]
     return TableShare(
         without_um=error_stats(np.concatenate([t.without_um[k] for t, k in zip(found, cut, strict=True)])),
         left_um=error_stats(np.concatenate([t.left_um[k] for t, k in zip(found, cut, strict=True)])),
         profile_without_um=error_stats(np.concatenate([b.ravel() for b in bare])),
-        compensated=elcam is not None,
+        compensated=compensated,
     )
 
 

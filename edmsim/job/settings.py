@@ -100,7 +100,8 @@ class CutSettings(BaseModel):
     """What drives x and y: stepper, or a drive tuned for the table, uhu, servo-module or eanpos, with parameters that
     differ if wanted: ``uhu:proportional_gain=600``."""
     compensation: str | None = None
-    """File of cam tables with the errors of the table's screws and ways, as ``edmsim measure-table`` writes it."""
+    """File of cam tables: errors of the table's screws and ways, as ``edmsim measure-table`` writes them, and cams
+    that the upper guide follows (``docs/cam-tables.md``)."""
     mechanics: str = "modal"
     """Integrator of table and wire: modal or mujoco (see `Plant`)."""
     resolution: str = "default"

@@ -62,8 +62,8 @@ class Plant(PlantReadings):
         Same seed, same set-up, same motion: same bits.
     stock : Stock, optional
         The workpiece; without one, a block with a straight edge just in front of the wire (towards +x).
-    position_um : (float, float), optional
-        Where the wire starts on the table; its middle, if not given.
+    position_um : sequence of float, optional
+        Where the wire starts: x and y on the table, whose middle it is if not given, and u and v, if they are not 0.
     resolution : {"fast", "default", "fine"} or Resolution
     mechanics : {"modal", "mujoco"}
         What moves table and wire: the exact propagation of their modes, or MuJoCo stepping the full model, whose
@@ -92,7 +92,7 @@ class Plant(PlantReadings):
         seed: int = 0,
         *,
         stock: Stock | None = None,
-        position_um: tuple[float, float] | None = None,
+        position_um: Sequence[float] | None = None,
         resolution: str | Resolution = "default",
         mechanics: str = "modal",
         drives: Mapping[str, AxisDrive] | None = None,
@@ -162,7 +162,7 @@ class Plant(PlantReadings):
             constants.fill_propagators(self._propagators, self._model, setting.timing)
 
     def reset(
-        self, seed: int, *, stock: Stock | None = None, position_um: tuple[float, float] | None = None
+        self, seed: int, *, stock: Stock | None = None, position_um: Sequence[float] | None = None
     ) -> None:
         """Start again at rest: fresh workpiece and wire, the generator on, at the setting of the first machine."""
         self._set(self._first_machine.t_on_us, self._first_machine.t_period_us, on=True)
@@ -176,7 +176,7 @@ class Plant(PlantReadings):
         self._state[:] = 0
         self._window[:] = 0
         self._state["key"] = key_of(seed)
-        self._state["commanded_um"][0, :2] = position_um
+        self._state["commanded_um"][0, : len(position_um)] = position_um
         self._state["axis_um"] = self._state["commanded_um"]
         self._drives.reset(self._state, seed)
         if isinstance(self._model, FullMechanics):
@@ -202,13 +202,14 @@ class Plant(PlantReadings):
         """
         self._set(self.machine.t_on_us, self.machine.t_period_us, on)
 
-    def rethread(self, position_um: tuple[float, float], duration_ns: int) -> None:
+    def rethread(self, position_um: Sequence[float], duration_ns: int) -> None:
         """Cut the wire, move to another place with the generator off, and thread a fresh wire there.
 
         Parameters
         ----------
-        position_um : (float, float)
-            An axis whose drive has a loop goes to the nearest whole step, at the table's rapid speed.
+        position_um : sequence of float
+            Of x and y, and of u and v, if they move as well. An axis whose drive has a loop goes to the nearest whole
+            step, at the table's rapid speed.
         duration_ns : int
             For moving and threading. If such an axis is not in place by then, the time goes on until it is.
         """

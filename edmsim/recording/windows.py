@@ -117,10 +117,10 @@ class WindowTable(Observer):
         return np.concatenate([*self._blocks[:-1], self._blocks[-1][: self._used]])
 
     def ways_um(self) -> tuple[NDArray[np.float64], ...]:
-        """Return commanded position, following error and wire lag, (len(self), 2) each, and the time in s."""
+        """Return commanded position, following error and wire lag, (len(self), 2) each, time in s, and path in um."""
         values = self.values()
-        x, following, lag, time = (ROW_NAMES.index(name) for name in ("x_um", "following_x_um", "lag_x_um", "t_s"))
-        return *(values[:, k : k + 2] for k in (x, following, lag)), values[:, time]
+        x, following, lag, time, path = map(ROW_NAMES.index, ("x_um", "following_x_um", "lag_x_um", "t_s", "path_um"))
+        return *(values[:, k : k + 2] for k in (x, following, lag)), values[:, time], values[:, path]
 
     def to_arrow(self, error_um: NDArray[np.float64] | None = None) -> pa.Table:
         """Return the table as `windows.parquet` holds it.

@@ -6,8 +6,9 @@ alike. The program's passes follow one another every millisecond (ours).
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from types import MappingProxyType
 from typing import NamedTuple, Self
 
 from edmsim.axis_bench import AxisBench
@@ -29,6 +30,34 @@ class Press(NamedTuple):
     to_s: float
 
 
+class Contactors:
+    """The contactors that lead one drive to the motor of one axis at a time.
+
+    One that closes keeps the others open until it opens again: they are interlocked, as two motors would overload the
+    drive (ours).
+
+    Parameters
+    ----------
+    bench : AxisBench
+    coils : dict of str to str
+        Addresses of the outputs that close them, by the axis.
+    """
+
+    def __init__(self, bench: AxisBench, coils: dict[str, str]) -> None:
+        self._bench, self._coils = bench, coils
+        self._closed: str | None = None
+        bench.share_output(list(coils), None)
+
+    def obey(self, outputs: Mapping[str, bool]) -> None:
+        """Let the contactors follow their coils."""
+        if self._closed is not None and outputs[self._coils[self._closed]]:
+            return
+        closed = next((axis for axis, coil in self._coils.items() if outputs[coil]), None)
+        if closed != self._closed:
+            self._closed = closed
+            self._bench.share_output(list(self._coils), closed)
+
+
 class Station:
     """A control, its program, and its devices, each on an axis of its own.
 
@@ -40,6 +69,9 @@ class Station:
         Motor, screw and table of every device (`edmsim.controllers.axis.drive.axis_row`).
     files : pair of str, optional
         Names of both texts in an error.
+    contactors : mapping of str to str
+        Devices by the output whose contactor leads the drive behind their analogue output to their motor (manual
+        1.4.1). Without any, the drive stays at the motor of the first device that has this output.
 
     Attributes
     ----------
@@ -53,12 +85,12 @@ class Station:
     QclError
         A text cannot be read.
     InputError
-        There are no devices, or more than axes.
+        There are no devices, or more than axes, or a contactor's output or device is none.
     """
 
     def __init__(
         self, configuration: str, program: str, axis: str = "analogue",
-        files: tuple[str | None, str | None] = (None, None),
+        files: tuple[str | None, str | None] = (None, None), contactors: Mapping[str, str] = MappingProxyType({}),
     ) -> None:  # fmt: skip
         self.configuration = read_configuration(configuration, files[0])
         declared = self.configuration.devices
@@ -68,17 +100,45 @@ class Station:
         self.bench = AxisBench(
             {self.axes[name]: Eanpos(axis_row(axis), one.tcamp_ms, one.resources) for name, one in declared.items()}
         )
-        for output in {one.output for one in declared.values()} - {None}:
-            users = [self.axes[name] for name, one in declared.items() if one.output == output]
-            if len(users) > 1:
-                self.bench.share_output(users, users[0])
+        coils = self._coils(contactors)
+        self._contactors: list[Contactors] = []
+        for output in sorted({one.output for one in declared.values() if one.output is not None}):
+            users = [name for name, one in declared.items() if one.output == output]
+            if wired := {self.axes[name]: coils[name] for name in users if name in coils}:
+                if len(wired) < len(users):
+                    without = next(name for name in users if name not in coils)
+                    raise InputError(
+                        f"{without} shares {output}, whose other motors have contactors; it must have one"
+                    )
+                self._contactors.append(Contactors(self.bench, wired))
+            elif len(users) > 1:
+                self.bench.share_output([self.axes[name] for name in users], self.axes[users[0]])
         devices = {name: self.device(name) for name in declared}
         self.control = Control(self.configuration, read_program(program, self.configuration, files[1]), devices)
 
     @classmethod
-    def of_files(cls, configuration: Path, program: Path, axis: str) -> Self:
+    def of_files(
+        cls, configuration: Path, program: Path, axis: str, contactors: Mapping[str, str] = MappingProxyType({})
+    ) -> Self:
         """Return the station of two files."""
-        return cls(_text(configuration), _text(program), axis, (str(configuration), str(program)))
+        texts, names = (_text(configuration), _text(program)), (str(configuration), str(program))
+        return cls(*texts, axis, names, contactors)
+
+    def _coils(self, contactors: Mapping[str, str]) -> dict[str, str]:
+        """Return the address of the output that works a device's contactor, by the device."""
+        coils: dict[str, str] = {}
+        outputs = self.configuration.outputs
+        for output, device in contactors.items():
+            if output.lower() not in outputs:
+                raise InputError(f"there is no output {output!r} for a contactor; there are: {', '.join(outputs)}")
+            if device.lower() not in self.axes:
+                raise InputError(f"there is no device {device!r}; there are: {', '.join(self.axes)}")
+            if self.configuration.devices[device.lower()].output is None:
+                raise InputError(f"{device} has no analogue output, so no contactor can lead a drive to it")
+            if device.lower() in coils or outputs[output.lower()] in coils.values():
+                raise InputError(f"{output}={device} is a second contactor of that output or that device")
+            coils[device.lower()] = outputs[output.lower()]
+        return coils
 
     def device(self, name: str) -> Eanpos:
         """Return a device by its name.
@@ -121,7 +181,10 @@ class Station:
         """
         end_ns = round((self.bench.time_s + seconds) * 1e9)
         while (now_ns := round(self.bench.time_s * 1e9)) < end_ns:
+            self.control.now_ms = now_ns // PASS_NS
             waits_for = self.control.run_pass()
+            for contactors in self._contactors:
+                contactors.obey(self.control.outputs)
             if waits_for is None:
                 self.bench.run_to(min((now_ns // PASS_NS + 1) * PASS_NS, end_ns))
             else:
@@ -172,6 +235,25 @@ def run_and_tell(station: Station, seconds: float, presses: list[Press], say: Ca
         say(f"{station.bench.time_s:8.3f} s  {name}: {values}")
     line = station.control.line
     say("the program is at its end" if line == 0 else f"the program is at line {line}")
+
+
+def contactors_of(texts: Sequence[str]) -> dict[str, str]:
+    """Read contactors, ``OUTPUT=DEVICE`` each.
+
+    Raises
+    ------
+    InputError
+        One is something else, or its output is given twice.
+    """
+    found: dict[str, str] = {}
+    for text in texts:
+        output, _, device = text.partition("=")
+        if not (output and device):
+            raise InputError(f"--contactor is OUTPUT=DEVICE, as ofMotorX=AxisX, not {text!r}")
+        if output in found:
+            raise InputError(f"--contactor gives the output {output} twice")
+        found[output] = device
+    return found
 
 
 def press_of(text: str) -> Press:

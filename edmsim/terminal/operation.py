@@ -83,6 +83,7 @@ class Operation:
             voltage_V=voltage,
             current_A=current,
             time_s=rig.time_ns * 1e-9,
+            move=rig.move,
         )
 
     def advance(self) -> list[str]:

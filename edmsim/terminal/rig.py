@@ -14,7 +14,7 @@ from edmsim.controllers.mcu.chips.dac import PulseSettings
 from edmsim.controllers.mcu.chips.switches import STOP_BUTTON, WIRE_BREAK
 from edmsim.controllers.mcu.computer import EMERGENCY, Computer
 from edmsim.controllers.mcu.computer import STAND_BY as COMPUTER_STAND_BY
-from edmsim.controllers.mcu.dialogue.part_program import Setting
+from edmsim.controllers.mcu.dialogue.part_program import Move, Setting
 from edmsim.controllers.mcu.firmware import memory_map as at
 from edmsim.controllers.mcu.firmware import optimiser_words
 from edmsim.controllers.mcu.firmware.arithmetic import WORD
@@ -137,6 +137,11 @@ class Rig:
     def moving(self) -> bool:
         """Whether a cut or a jog is under way."""
         return self._planner is not None
+
+    @property
+    def move(self) -> Move | None:
+        """The move of the cut under way, wherever it was given; None without a cut."""
+        return self._route.move_at(self._planner.path_um) if self._planner and self.way == CUTTING else None
 
     @property
     def in_emergency(self) -> bool:

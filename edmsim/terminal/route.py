@@ -26,6 +26,13 @@ class Due(NamedTuple):
     setting: Setting
 
 
+class RouteMove(NamedTuple):
+    """A move of a program and the length of path up to its end."""
+
+    end_um: float
+    move: Move
+
+
 class Route(NamedTuple):
     """A program laid out from where the wire is.
 
@@ -36,11 +43,19 @@ class Route(NamedTuple):
         Length of path up to every corner but the first.
     dues : list of Due
         In order.
+    moves: list of RouteMove
+        In order.
     """
 
     corners: list[Point]
     lengths_um: list[float]
     dues: list[Due]
+    moves: list[RouteMove]
+
+    def move_at(self, path_um: float) -> Move:
+        """Return the move that is under way."""
+        number = bisect_right([stretch.end_um for stretch in self.moves], path_um)
+        return self.moves[min(number, len(self.moves) - 1)].move
 
     def corner_ahead(self, path_um: float) -> Point:
         """Corner that the wire runs to."""
@@ -55,7 +70,7 @@ def lay_out(start: Point, program: Sequence[Entry], unit_um: int = 1) -> Route:
     InputError
         If an arc has no circle through its ends, or the program moves nowhere.
     """
-    corners, lengths, dues = [start], [0.0], []
+    corners, lengths, dues, moves = [start], [0.0], [], []
     for entry in program:
         if isinstance(entry, Setting):
             dues.append(Due(lengths[-1], entry))
@@ -64,9 +79,10 @@ def lay_out(start: Point, program: Sequence[Entry], unit_um: int = 1) -> Route:
             way = float(np.hypot(corner[0] - corners[-1][0], corner[1] - corners[-1][1]))
             lengths.append(lengths[-1] + unit_um * way)
             corners.append(corner)
+        moves.append(RouteMove(lengths[-1], entry))
     if not lengths[-1]:
         raise InputError("the wire is there already; give another new position")
-    return Route(corners, lengths[1:], dues)
+    return Route(corners, lengths[1:], dues, moves)
 
 
 def _corners_of(start: Point, move: Move) -> list[Point]:

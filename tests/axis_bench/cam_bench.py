@@ -44,13 +44,15 @@ def enter(rig, index, points):
         assert at.write_double(Function.ADD_FOLLOW, float(y)) == 0
 
 
-def table(rig, index, points, axis=Y, master=X, mode=0, size=None, **values):
-    """Set a table up in the document's order, short of running it."""
+def table(rig, index, points, axis=Y, master=X, mode=0, size=None, marked=True, **values):
+    """Set a table up in the document's order, short of running it; one of errors is marked by function 30."""
     write(rig, index, axis=axis, master=master)
     if mode & Mode.SINGLE:
         write(rig, index, mode=int(Mode.SINGLE))
     write(rig, index, buffer_size=size or len(points), **values)
     enter(rig, index, points)
+    if mode & Mode.COMPENSATION and marked:
+        write(rig, index, compensation=1)
     write(rig, index, mode=int(mode))
 
 

@@ -19,7 +19,9 @@ from .cam_bench import (
     U,
     X,
     Y,
+    at,
     compensate,
+    enter,
     go,
     read,
     rig_of,
@@ -100,23 +102,43 @@ def test_errors_between_the_points_are_interpolated():
 
 
 def test_a_table_compensates_only_if_every_switch_is_on():
-    # E-41, E-14, E-31, E-A5, E-A13
-    for flag, everywhere, runs in itertools.product((0, 1), repeat=3):
+    # E-41, E-14, E-31, E-A5, E-A13: marked by function 30, bit 5, switched on for all, and running
+    for marked, bit, everywhere, runs in itertools.product((0, 1), repeat=4):
         rig = rig_of("xyu")
-        go(rig, X, 10.0, FAST)
+        rig.control.axes[X].setpoint = 10.0
         table(rig, 0, PITCH, axis=X, master=Y)
-        write(rig, 0, compensation=flag)
+        write(rig, 0, compensation=marked)
         compensate(rig, everywhere)
-        if runs:
-            at = rig.control.elcam.at(0)
-            run(rig, 0, int(at.read_int(Function.MODE).value) & Mode.COMPENSATION)
+        mode = Mode.COMPENSATION * bit | Mode.RUN * runs
+        assert at(rig).write_int(Function.MODE, mode) is CallStatus.OK
+        assert read(rig, 0, Function.COMPENSATION) == (marked and bit)
         rig.control.axes[Y].setpoint = 150.0
         rig.run(0.003)
         effect = rig.control.resource(73, X) != 0.0
-        assert effect == (flag and everywhere and runs), (flag, everywhere, runs)
+        assert effect == (marked and bit and everywhere and runs), (marked, bit, everywhere, runs)
+        is_cam = runs and not marked and not bit
+        assert rig.control.move_absolute(X, 20.0, FAST) is not bool(is_cam)
 
 
-def test_function_30_is_bit_5_and_a_mode_without_it_clears_it():
+def test_the_mark_outlasts_a_mode_without_its_bit_and_a_reset_but_not_function_30():
+    # E-14, E-A13: only function 30 marks, and only function 30 takes the mark back
+    rig = pitch_rig()
+    compensate(rig)
+    write(rig, 0, mode=0)
+    write(rig, 0, reset=0, buffer_size=len(PITCH))
+    enter(rig, 0, PITCH)
+    assert run(rig, 0, Mode.COMPENSATION) is CallStatus.OK
+    rig.run(0.002)
+    assert rig.control.resource(73, X) == pytest.approx(0.020)
+    assert at(rig).write_int(Function.COMPENSATION, 0) is CallStatus.BUSY
+    stop(rig, 0)
+    write(rig, 0, compensation=0)
+    assert run(rig, 0, Mode.COMPENSATION) is CallStatus.OK
+    rig.run(0.002)
+    assert rig.control.resource(73, X) == 0.0
+
+
+def test_function_30_sets_bit_5_and_a_mode_without_it_clears_it():
     # E-14, E-A13, E-8
     rig = pitch_rig()
     write(rig, 0, compensation=5)
@@ -267,7 +289,7 @@ def test_the_sum_can_be_read_with_firmware_that_has_it():
 def test_old_firmware_compensates_nothing():
     # E-36
     rig = rig_of("xyu", firmware="2.5.3.67")
-    table(rig, 0, PITCH, axis=X, master=Y, mode=Mode.COMPENSATION)
+    table(rig, 0, PITCH, axis=X, master=Y, mode=Mode.COMPENSATION, marked=False)
     assert run(rig, 0) is CallStatus.REFUSED
     assert rig.control.elcam.write_int(SWITCH, 1) is CallStatus.REFUSED
     assert rig.control.elcam.at(0).write_int(Function.COMPENSATION, 1) is CallStatus.REFUSED

@@ -156,11 +156,25 @@ def test_a_point_takes_sixteen_bytes_or_eight(mode, most):
 
 
 def test_more_room_is_an_option_of_the_control():
-    # E-2: SZELCAMPUFFER
+    # E-2
     rig = rig_of(buffer_bytes=1_600_000)
     sized(rig, 0, 100_000)
     with pytest.raises(InputError, match="cam tables cannot have 999999999 bytes: this control has 0 to 67108864"):
         rig_of(buffer_bytes=999_999_999)
+
+
+def test_the_environment_says_how_much_room_there_is(monkeypatch):
+    # E-2: SZELCAMPUFFER, 16 bytes a point; what is given in Python goes before it
+    monkeypatch.setenv("SZELCAMPUFFER", " 160016 ")
+    rig = rig_of()
+    sized(rig, 0, 10_001)
+    assert at(rig, 1).write_int(Function.BUFFER_SIZE, 1) is CallStatus.REFUSED
+    assert rig_of(buffer_bytes=32).control.elcam.buffer_bytes == 32
+    monkeypatch.setenv("SZELCAMPUFFER", "")
+    assert rig_of().control.elcam.buffer_bytes == 100_000
+    monkeypatch.setenv("SZELCAMPUFFER", "1 MB")
+    with pytest.raises(InputError, match="variable SZELCAMPUFFER is '1 MB'; it must be 0 to 67108864 bytes"):
+        rig_of()
 
 
 def test_precision_is_chosen_before_the_size():

@@ -69,6 +69,72 @@ def test_two_devices_on_one_output_take_turns():
     assert not one.device("Axis").states["st_error"]
 
 
+TWO = EXAMPLE / "two_axes.cnf", EXAMPLE / "two_axes.mod"
+CONTACTORS = {"ofMotorX": "AxisX", "OFMOTORY": "axisy"}
+
+
+def test_a_program_leads_one_drive_to_two_motors():  # 1.4.1, Q-79; timers and a data group as well
+    one = Station.of_files(*TWO, "analogue", CONTACTORS)
+    ways, connected = {"x": [0.0], "y": [0.0]}, set()
+    for _ in range(400):
+        one.run(0.01)
+        closed = one.control.outputs["2.OUT01"], one.control.outputs["2.OUT02"]
+        moved = tuple(abs(float(one.bench.axis(name)["place_um"]) - way[-1]) > 0.5 for name, way in ways.items())
+        assert not any(m and not c for m, c in zip(moved, closed, strict=True))  # a motor without contact stays
+        connected.add(closed)
+        for name, way in ways.items():
+            way.append(float(one.bench.axis(name)["place_um"]))
+    assert connected == {(False, False), (True, False), (False, True)}
+    assert max(ways["x"]) == pytest.approx(600, abs=8)
+    assert [way[-1] for way in ways.values()] == pytest.approx([200, 400], abs=3)
+    assert one.control.line == 0
+    for name in ("AxisX", "AxisY"):
+        assert one.device(name).parameters["errcode"] == one.device(name).parameters["wrncode"] == 0
+
+
+def test_a_contactor_that_the_program_leaves_open_leads_nowhere():
+    program = TWO[1].read_text(encoding="utf-8")
+    one = Station(TWO[0].read_text(encoding="utf-8"), program.replace("ofMotorX = 1", ""), contactors=CONTACTORS)
+    one.run(1.0)
+    assert one.device("AxisX").states["st_regoff"] is False  # it writes to the drive, but no motor hangs on it
+    assert abs(float(one.bench.axis("x")["place_um"])) < 0.5
+    both_on = program.replace("ofMotorX = 1", "ofMotorY = 1\nWAIT 1\nofMotorX = 1")
+    both = Station(TWO[0].read_text(encoding="utf-8"), both_on, contactors=CONTACTORS)
+    both.run(1.0)
+    assert both.control.outputs == {"2.OUT01": True, "2.OUT02": True}  # the first one keeps the other open
+    assert [abs(float(both.bench.axis(name)["place_um"])) > 100.0 for name in "xy"] == [False, True]
+
+
+@pytest.mark.parametrize(
+    ("contactors", "reason"),
+    [
+        ({"ofMotor": "AxisX"}, "no output 'ofMotor' for a contactor; there are: ofmotorx, ofmotory"),
+        ({"ofMotorX": "AxisZ"}, "no device 'AxisZ'; there are: axisx, axisy"),
+        ({"ofMotorX": "AxisX"}, "axisy shares 2.AN01, whose other motors have contactors; it must have one"),
+        ({"ofMotorX": "AxisX", "ofMotorY": "AxisX"}, "ofMotorY=AxisX is a second contactor"),
+        ({"ofMotorX": "AxisX", "ofmotorx": "AxisY"}, "ofmotorx=AxisY is a second contactor"),
+    ],
+)
+def test_wrong_contactors_are_refused(contactors, reason):
+    with pytest.raises(InputError, match=reason):
+        Station.of_files(*TWO, "analogue", contactors)
+
+
+def test_the_command_takes_contactors(monkeypatch, capsys):
+    words = ["edmsim", "positioner", *map(str, TWO), "--contactor", "ofMotorX=AxisX", "--seconds", "0.2"]
+    for more, status, said in (
+        (["--contactor", "ofMotorY=AxisY"], 0, "axisx:st_still 0"), ([], 2, "it must have one"),
+        (["--contactor", "ofMotorY"], 2, "--contactor is OUTPUT=DEVICE, as ofMotorX=AxisX, not 'ofMotorY'"),
+        (["--contactor", "ofMotorX=AxisY"], 2, "--contactor gives the output ofMotorX twice"),
+    ):  # fmt: skip
+        monkeypatch.setattr(sys, "argv", [*words, *more])
+        with pytest.raises(SystemExit) as left:
+            cli.main()
+        assert left.value.code == status
+        told = capsys.readouterr()
+        assert said in told.out + told.err
+
+
 def test_the_command_runs(monkeypatch, capsys):
     words = ["edmsim", "positioner", *map(str, FILES), "--press", "ifStart=0.1:0.2", "--seconds", "0.5"]
     monkeypatch.setattr(sys, "argv", words)

@@ -54,6 +54,12 @@ def test_a_program_is_loaded_listed_and_run(operate, host, ends):
     assert told.status == 0
 
 
+def test_status_shows_the_move_of_the_program_that_is_under_way(operate, host):
+    told = operate("NEW 5 5", "LOAD", "RUN", "STATUS", "WAIT 1", "STATUS", "WAIT", "STATUS", host=host(PROGRAM))
+    shown = [line.split(" um   ")[1] for line in told.lines if " POSITION X " in line]
+    assert shown == ["NEW 32520 32500", "CCW 32540 32520 32520 32520", "NEW 5 5"]
+
+
 def test_settings_are_taken_over_where_they_stand(operate, host):
     told = operate("LOAD", "RUN", "WAIT 0", "STATUS", "WAIT", "STATUS", host=host(PROGRAM))
     periods = [line.split("t(p) ")[1].split(" us")[0] for line in told.lines if line.startswith("t(i)")]

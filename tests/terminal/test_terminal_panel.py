@@ -12,7 +12,7 @@ import pytest
 from edmsim.controllers.mcu.board import Faults
 from edmsim.controllers.mcu.chips import pic
 from edmsim.controllers.mcu.chips.dac import Dac
-from edmsim.controllers.mcu.chips.display import SHIFT
+from edmsim.controllers.mcu.chips.display import SCAN_NS, SHIFT, Kdc8279
 from edmsim.controllers.mcu.chips.faults import SerialNoise
 from edmsim.controllers.mcu.chips.optocoupler import Optocouplers
 from edmsim.controllers.mcu.dialogue.front_panel import FIELDS, KEYS
@@ -64,6 +64,8 @@ def test_keys_set_up_and_run_a_cut_and_the_digits_show_it(operate, rig):
         "WAIT 1",
     )
     assert not told.refusals
+    assert told.after("STATUS").startswith("CUTTING   POSITION X 10")
+    assert told.after("STATUS").endswith(" Y 2000 um   NEW 1080 2000")
     assert "READY   X 1080 Y 2000 um" in told.lines
     assert "t(i) 30 us (99H)   t(p) 100 us (AAH)" in told.lines
     assert any("OF 110 UNITS" in line for line in told.lines)
@@ -116,6 +118,27 @@ def test_a_held_key_counts_once_and_a_brief_touch_does_not(rig):  # T-28
     assert sum(accepted for _, accepted in scans) == 2
     assert shown(rig, "entry") == "   77"
     assert rig.time_ns >= 200_000_000
+
+
+# T-28: "several" equal scans are three, at the chip and for an operator's finger in the running machine
+@pytest.mark.parametrize(("scans", "counts"), [(1, False), (2, False), (3, True), (4, True)])
+def test_a_key_needs_three_scans(operate, rig, monkeypatch, scans, counts):
+    chip = Kdc8279()
+    for _ in range(scans):
+        chip.scan(frozenset([KEYS["X-"]]))
+    chip.scan(frozenset())
+    assert chip.waiting == counts
+    monkeypatch.setattr("edmsim.terminal.keys.HELD_NS", scans * SCAN_NS)
+    told = operate("KEY 6 X-", "WAIT")
+    assert told.rig.place_um == ((32_500 - 6 if counts else 32_500), 32_500)
+    assert told.lines.count("READY   X 32494 Y 32500 um") == counts
+
+
+def test_status_shows_where_the_machine_cuts_to_whoever_said_so(operate):
+    typed, keyed = "NEW 32530 32500", "KEY 32500 X 32540 Y START"
+    told = operate(SET, typed, "START", "WAIT", keyed, "WAIT 1", "STATUS", "STOP", "STATUS", "GO", "WAIT 0", "STATUS")
+    shown = [line.split(" um   ")[1] for line in told.lines if " POSITION X " in line]
+    assert shown == ["NEW 32500 32540", "NEW 32530 32500", "NEW 32500 32540"]  # stopped, where START would
 
 
 # T-29: sparks of a usual job in 20 mm draw more than 1.5 A now and then, and that disturbs the serial lines

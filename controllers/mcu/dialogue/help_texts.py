@@ -34,9 +34,10 @@ HELP            a job, step by step
 HELP MORE       the rest
 HELP word       what the word does; also ?""",
     "STATUS": """\
-STATUS          state, position, speed, counts of the last 255 pulses in
-                percent, t(i), t(p), gap voltage and current, and the windows
-                that were not read in time""",
+STATUS          state, position, the move under way or the new position,
+                speed, counts of the last 255 pulses in percent, t(i), t(p),
+                gap voltage and current, and the windows that were not read
+                in time""",
     "POS": """\
 POS             where the wire is, um
 POS x y         call this place x y, 0 to 65535 um; nothing moves""",

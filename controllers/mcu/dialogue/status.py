@@ -34,6 +34,8 @@ class Status(NamedTuple):
         Means over the gap.
     time_s : float
         Machine time.
+    move : Move or None
+        Of the cut under way.
     """
 
     state: str
@@ -54,6 +56,7 @@ class Status(NamedTuple):
     voltage_V: float
     current_A: float
     time_s: float
+    move: Move | None
 
     @property
     def erosion(self) -> int:
@@ -62,11 +65,11 @@ class Status(NamedTuple):
 
 
 def describe(status: Status, target: Move | None) -> str:
-    """What STATUS prints."""
+    """What STATUS prints; where a cut is under way its move, wherever that was given, else the new position."""
     x, y = status.position
     return "\n".join(
         (
-            f"{status.state}   POSITION X {x} Y {y} {status.unit}   {target or 'NO NEW POSITION'}",
+            f"{status.state}   POSITION X {x} Y {y} {status.unit}   {status.move or target or 'NO NEW POSITION'}",
             f"SPEED {status.running} OF {status.speed} UNITS   SHORT {status.short / 2.55:.1f} %   "
             f"OPEN {status.open / 2.55:.1f} %   WINDOWS {status.windows}, MISSED {status.missed}",
             pulses(status),

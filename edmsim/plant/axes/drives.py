@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, Protocol
 
 import numpy as np
@@ -136,10 +136,10 @@ class Drives:
         self._find_marks()
 
     def carry(
-        self, state: NDArray[np.void], position_um: tuple[float, float], duration_ns: int, step_um: float,
+        self, state: NDArray[np.void], position_um: Sequence[float], duration_ns: int, step_um: float,
         rapid_um_s: float,
     ) -> int:
-        """Let x and y go to a place without the wire.
+        """Let axes go to a place without the wire.
 
         An axis under a drive with a loop is given whole steps, at once where the drive makes ramps of its own, and is
         moved by it; the others are there.
@@ -148,7 +148,8 @@ class Drives:
         ----------
         state : record array (1,)
             Scalars of a plant (`STATE`); their time is left as it is.
-        position_um : (float, float)
+        position_um : sequence of float
+            Of the first axes; the others stay.
         duration_ns : int
             What the move is given, with all that is done meanwhile.
         step_um, rapid_um_s : float
@@ -165,7 +166,7 @@ class Drives:
             A drive commands what is no share of its supply, or its axis has run away.
         """
         moved_um = np.zeros(N_AXES)
-        moved_um[:2] = position_um - state["commanded_um"][0, :2]
+        moved_um[: len(position_um)] = position_um - state["commanded_um"][0, : len(position_um)]
         counts = [round(float(um) / step_um) if self.has_loop(k) else 0 for k, um in enumerate(moved_um)]
         for k in self._looped:
             moved_um[k] = counts[k] * step_um

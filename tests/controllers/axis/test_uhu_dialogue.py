@@ -11,9 +11,12 @@ from hypothesis import strategies as st
 
 from edmsim.axis_bench import AxisBench
 from edmsim.controllers.axis import make
+from edmsim.controllers.axis import tuned as commissioned
 from edmsim.controllers.axis.drive import axis_row
 from edmsim.controllers.axis.uhu import Uhu
 from edmsim.controllers.axis.uhu_law import LATCHED, TARGET
+from edmsim.machine.machine import Machine
+from edmsim.plant.plant import Plant
 
 from .uhu_bench import BAD_BANNER, BANNER, HELP, SAMPLE_SET, ask, bench_with, count, delivered, register, tuned
 
@@ -81,6 +84,44 @@ def test_what_is_no_command_changes_nothing() -> None:  # U-13, U-A18
     assert bench.talk(b"12x\r") == b"12x\r\n?\r\n>"
     assert ask(bench, "#") == before
     assert count(bench) == 0
+
+
+def test_the_counter_of_the_help_shows_the_position_whatever_state_the_drive_is_in() -> None:  # U-10, U-A9
+    bench = tuned(**SAMPLE_SET)
+    assert bench.talk(b"counter\r") == b"counter\r\n(C)ounter    0\r\n>"
+    ask(bench, "X5000")
+    for way, place in ((300, 300), (-1000, -700)):
+        ask(bench, f"G{way}")
+        bench.run(1.0)
+        shown = int(ask(bench, "COUNTER").removeprefix("(C)ounter"))
+        assert shown == pytest.approx(place, abs=2)
+        assert shown == count(bench) == bench.drive("x").position
+    bench.pull_fault_net(True)
+    bench.run(0.1)
+    before = count(bench)
+    bench.torque("x", 0.3)  # the motor is off, and is turned by hand
+    bench.run(0.1)
+    bench.torque("x", 0.0)
+    bench.run(1.0)
+    assert abs(count(bench) - before) > 50
+    assert ask(bench, "COUNTER") == f"(C)ounter    {count(bench)}"
+    assert ask(bench, "+") == BANNER.decode().removesuffix(">").strip()  # counts from 0 again
+    assert ask(bench, "COUNTER") == "(C)ounter    0"
+
+
+def test_in_a_machine_the_counter_shows_where_the_table_is() -> None:  # U-A9
+    drive = commissioned("uhu")
+    plant = Plant(Machine.load(height_mm=3.0), resolution="fast", drives={"x": drive})
+    plant.switch_generator(False)
+    start_um = plant.place_um[0]
+    plant.advance([(1_000_000 * k, 0, -1) for k in range(20)])
+    for _ in range(8):
+        plant.advance()
+    said = plant.drives["x"].line(b"COUNTER\r").decode()
+    counts = int(said.split("(C)ounter")[1].split()[0])
+    per_um = float((drive.motor["counts_per_rad"] / drive.motor["um_per_rad"])[0])
+    assert plant.place_um[0] - start_um == pytest.approx(-40.0, abs=2.0)
+    assert counts == pytest.approx((plant.place_um[0] - start_um) * per_um, abs=2)
 
 
 def test_load_save_and_go_alone_ask_as_well() -> None:  # U-A18

@@ -47,8 +47,16 @@ def test_a_wrong_declaration_is_refused(line, reason):  # Q-1, Q-83
     ("text", "reason"),
     [
         ("GLOBAL\na L\nA F", "A is declared twice"), ("SYSTEM\na X", "a has size 'X'; it must be F, B, W, L or S"),
-        ("CONST\na 1.5", "it must be a whole number"), ("TIMER\nt", "not supported"),
-        ("DATAGROUP\nx", "not supported"),
+        ("CONST\na 1.5", "it must be a whole number"), ("TIMER\nt 10", "'t 10' must be NAME, all on one line"),
+        ("TIMER\nt\nt", "t is declared twice"), ("TIMER\n3t", "'3t' is no name"),
+        ("DATAGROUP\nSTEP", "STEP comes before the name of its data group"),
+        ("DATAGROUP\ng\nplace L", "'place L' comes before DATAPROGRAM"),
+        ("DATAGROUP\ng\nSTEP\n4\nplace L", "STEP comes before DATAPROGRAM"),
+        ("DATAGROUP\ng\nDATAPROGRAM\nspeed L", "DATAPROGRAM is followed by 'speed L'; it must be how many there are"),
+        ("DATAGROUP\ng\nDATAPROGRAM\n0", "DATAPROGRAM is followed by '0'; it must be how many there are, 1 to 65534"),
+        ("DATAGROUP\ng\nDATAPROGRAM\n2\nSTEP\n65535", "STEP is followed by '65535'"),
+        ("DATAGROUP\ng\nDATAPROGRAM\n2\nspeed X", "speed has size 'X'"),
+        ("GLOBAL\nspeed L\nDATAGROUP\ng\nDATAPROGRAM\n2\nspeed L", "speed is declared twice"),
         ("BUS\n1 card", "must be SLOT CARD VERSION"), ("BUS\n1 a 0\n1 b 0", "slot 1 is declared twice"),
         ("BUS\n1 a 0\nINPUT\ni L 1.INP01", "is a flag, F"), ("stray", "stands before the first section"),
     ],
@@ -88,6 +96,75 @@ def test_if_else_and_jump():  # Q-82
              " a = a + 1", " JUMP AGAIN", "ELSE", " f = 1", "ENDIF", "END", "a = 99"]  # fmt: skip
     control = run(*lines)
     assert (control.variables, control.line) == ({"a": 3, "b": 0, "f": 1, "w": 0}, 0)
+
+
+TIMED = read_configuration(
+    "CONST\nmany 3\nSYSTEM\nkept L\nGLOBAL\na L\nb L\nTIMER\ntmPause\ntmOther\nDATAGROUP\ndgParts\n"
+    "DATAPROGRAM\nMany\nspeed B\ngood F\nSTEP\n4\nplace L\ndgOthers\nDATAPROGRAM\n2\nother W\nEND"
+)
+
+
+def timed(*lines):
+    return Control(TIMED, read_program("\n".join(lines), TIMED))
+
+
+def test_a_timer_is_given_a_time_and_tells_when_it_is_over():
+    control = timed("a = tmPause", "tmPause = 250", "b = tmPause", "WAIT tmPause", "a = 2", "WAIT 0")
+    control.now_ms = 1000
+    control.run_pass()
+    assert (control.variables["a"], control.variables["b"]) == (1, 0)  # over before it was given a time, then not
+    for now_ms, a in ((1249, 1), (1250, 1), (1251, 2)):  # the pass that finds it over ends there
+        control.now_ms = now_ms
+        control.run_pass()
+        assert control.variables["a"] == a
+    again = timed("tmPause = 100", "tmOther = 20", "tmPause = 10", "WAIT NOT tmOther AND tmPause", "a = 1")
+    for again.now_ms in (0, 9, 10, 11):
+        again.run_pass()
+    assert again.variables["a"] == 1  # a time that is given again counts from then, and timers do not disturb others
+    with pytest.raises(InputError, match="line 1: the timer tmpause cannot run for -1 ms; it must be 0 to"):
+        timed("tmPause = -1").run_pass()
+
+
+def test_a_data_group_keeps_values_by_recipe_and_step():
+    control = timed(
+        "a = 2", "speed[1] = 10", "speed[a] = speed[a - 1] + 5", "place[a, many] = 70 * speed[a]", "good[3] = 1",
+        "b = place[2, 3] + place[2, 4]", "a = (speed[1] + speed[2]) * good[1 + 2]", "other[2] = -5",
+        "kept = other[2]",
+    )  # fmt: skip
+    control.run_pass()
+    assert (control.variables["a"], control.variables["b"], control.variables["kept"]) == (25, 1050, -5)
+    assert control.data["place", 2, 3] == 1050
+    control.restart()  # data groups outlast the power
+    assert control.data["speed", 2, 0] == 15
+    assert control.variables == {"kept": -5, "a": 0, "b": 0}
+
+
+@pytest.mark.parametrize(
+    ("line", "reason"),
+    [
+        ("speed[4] = 1", "speed has no recipe 4; it must be 1 to 3"), ("a = speed[0]", "speed has no recipe 0"),
+        ("a = place[3, 5]", "place has no step 5; it must be 1 to 4"), ("speed[1] = 128", "speed cannot hold 128"),
+        ("good[1] = 2", "good cannot hold 2; it must be 0 to 1"), ("a = place[1/0, 1]", "divided by nought"),
+    ],
+)  # fmt: skip
+def test_a_data_groups_errors_name_their_line(line, reason):
+    with pytest.raises(InputError, match=f"line 2: .*{reason}"):
+        timed("a = 1", line).run_pass()
+
+
+@pytest.mark.parametrize(
+    ("line", "reason"),
+    [
+        ("speed = 1", r"speed is a data group's variable; it is written speed\[recipe\]"),
+        ("a = place[1]", r"it is written place\[recipe, step\]"), ("a = speed[1, 2]", r"written speed\[recipe\]"),
+        ("a = speed[1", r"written speed\[recipe\]"), ("speed[1] 2 = 3", "'2' is left over before ="),
+        ("dgParts = 1", "dgParts is no variable"), ("a = dgParts", "dgParts is no name"),
+        ("a[1] = 2", "nothing that can be assigned to"), ("a = b[1]", r"'\[ 1 \]' is left over"),
+    ],
+)  # fmt: skip
+def test_a_data_groups_variable_needs_its_indices(line, reason):
+    with pytest.raises(QclError, match=reason):
+        timed(line)
 
 
 def test_wait_gives_up_the_pass():
