@@ -19,7 +19,7 @@ _DEEPEST = 16
 _MOST_TOLD = 20
 
 _EQUAL = 1e-9
-"""Angles that differ by less, in degrees or radians, are equal (ours: what arithmetic leaves of equal numbers)."""
+"""Angles that differ by less, in degrees or radians, are equal; so are radii and 0 (ours: what arithmetic leaves)."""
 
 
 class Drawn:
@@ -125,8 +125,12 @@ class Drawn:
 
 
 def _taken_out(block: Any) -> list[Any]:
-    """Take out of a block what is not cut: the library drops, explodes or fails on some kinds when it moves them."""
-    others = [] if block.is_any_layout else [entity for entity in block if entity.dxftype() not in CUT | {"INSERT"}]
+    """Take out of a block what is not cut: the library drops, explodes or fails on some of it when it moves it."""
+    others = [] if block.is_any_layout else [
+        entity for entity in block
+        if entity.dxftype() not in CUT | {"INSERT"}
+        or (entity.dxftype() in ("ARC", "CIRCLE") and abs(entity.dxf.radius) < _EQUAL)
+    ]
     for entity in others:
         block.unlink_entity(entity)
     return others

@@ -14,6 +14,7 @@ from edmsim.program.chains import Chain
 from edmsim.program.outline import JOIN_TOLERANCE_MM
 
 _CELL_MM = 16 * JOIN_TOLERANCE_MM
+_Box = tuple[float, float, float, float]
 _LEAST_SHARE = 0.25
 """Lines that lie apart by more of their own extent than this are two, however short they are (ours)."""
 
@@ -23,28 +24,29 @@ def without_duplicates(chains: Sequence[Chain]) -> list[Chain]:
 
     Candidates share the box around them; boxes are looked up through a grid, with the cells beside it.
     """
-    cells: dict[tuple[int, ...], list[Chain]] = {}
+    cells: dict[tuple[int, ...], list[tuple[_Box, Chain]]] = {}
     kept = []
     for chain in chains:
-        box = np.concatenate([chain.points.min(axis=0), chain.points.max(axis=0)])
-        low, high = (np.floor((box + step) / _CELL_MM).astype(int).tolist() for step in
-                     (-JOIN_TOLERANCE_MM, JOIN_TOLERANCE_MM))
+        box = (*chain.points.min(axis=0).tolist(), *chain.points.max(axis=0).tolist())
+        low, high = (
+            [math.floor((c + step) / _CELL_MM) for c in box] for step in (-JOIN_TOLERANCE_MM, JOIN_TOLERANCE_MM)
+        )
         near = product(*({a, b} for a, b in zip(low, high, strict=True)))
-        if not any(_are_same(chain, other) for cell in near for other in cells.get(cell, ())):
+        if not any(_are_same(chain, box, *other) for cell in near for other in cells.get(cell, ())):
             kept.append(chain)
-            cells.setdefault(tuple(math.floor(c / _CELL_MM) for c in box.tolist()), []).append(chain)
+            cells.setdefault(tuple(math.floor(c / _CELL_MM) for c in box), []).append((box, chain))
     return kept
 
 
-def _are_same(one: Chain, other: Chain) -> bool:
+def _are_same(one: Chain, box: _Box, other_box: _Box, other: Chain) -> bool:
     """Compare by the distance of every point and middle of a chord of each from the other."""
-    if one.closed != other.closed:
+    extent = min(max(x1 - x0, y1 - y0) for x0, y0, x1, y1 in (box, other_box))
+    reach = min(JOIN_TOLERANCE_MM, _LEAST_SHARE * extent)
+    if any(abs(a - b) > reach for a, b in zip(box, other_box, strict=True)) or one.closed != other.closed:
         return False
-    reach = min(JOIN_TOLERANCE_MM, *(_LEAST_SHARE * float(np.ptp(c.points, axis=0).max()) for c in (one, other)))
     if not one.closed:
-        apart = [np.hypot(*(one.points[[0, -1]] - ends).T).max() for ends in
-                 (other.points[[0, -1]], other.points[[-1, 0]])]
-        if min(apart) > reach:
+        ends = one.points[[0, -1]]
+        if min(np.hypot(*(ends - other.points[[a, -1 - a]]).T).max() for a in (0, -1)) > reach:
             return False
     return _lies_on(one.points, other.points, reach) and _lies_on(other.points, one.points, reach)
 

@@ -1,7 +1,7 @@
 """DXF drawings read into closed outlines.
 
-Read are LINE, ARC, CIRCLE, LWPOLYLINE, POLYLINE (2D), SPLINE and ELLIPSE in model space and in blocks (INSERT), on
-any layer that is on. Loose ends within 5 um are joined. A closed contour that lies in no other, or in an even number
+Read are LINE, ARC, CIRCLE, LWPOLYLINE, POLYLINE (2D or flat), SPLINE and ELLIPSE in model space and in blocks (INSERT), on
+any layer that is on. Loose ends within 5 um are joined, and what lies within 5 um is joined away. A closed contour that lies in no other, or in an even number
 of others, is an outside (the part is within); in an odd number, a hole. The cut runs with the part on its left:
 outsides counter-clockwise, holes clockwise. It begins where the contour's first entity in the file begins. Inner
 contours come first.

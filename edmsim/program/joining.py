@@ -50,9 +50,10 @@ def _runs(short: list[Chain]) -> list[Chain]:
 def _nearest_partners(short: Sequence[Chain]) -> dict[_End, _End]:
     """Return pairs of ends that are nearest to each other, leaving out the other end of the same short chain."""
     ends, places = _ends(short)
+    still_short = [chain.is_short for chain in short]
     nearest: dict[int, int] = {}
     for k, other in _near(places):
-        if ends[k][0] != ends[other][0] or not short[ends[k][0]].is_short:
+        if ends[k][0] != ends[other][0] or not still_short[ends[k][0]]:
             nearest.setdefault(k, other)
     return {ends[k]: ends[other] for k, other in nearest.items() if nearest.get(other) == k}
 
