@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Self
 
 import numpy as np
@@ -67,23 +68,23 @@ class Chain:
         """Whether it lies within the tolerance that joins ends."""
         return is_short(self.points)
 
-    def parts(self) -> Iterator[NDArray[np.float64]]:
-        """Go through the points of its lines and arcs, the ends of each included."""
-        begins = np.flatnonzero(np.diff(self.elements)) + 1
-        for begin, end in zip([0, *begins], [*begins, len(self.elements)], strict=True):
-            yield self.points[begin : end + 1]
+    def parts(self) -> list[tuple[NDArray[np.float64], bool]]:
+        """Return the points of its lines and arcs, the ends of each included, and whether each is short."""
+        bounds = [0, *(np.flatnonzero(np.diff(self.elements)) + 1).tolist(), len(self.elements)]
+        near = np.hypot(*np.diff(self.points[bounds], axis=0).T) <= JOIN_TOLERANCE_MM
+        parts = (self.points[a : b + 1] for a, b in pairwise(bounds))
+        return [(part, close and is_short(part)) for part, close in zip(parts, near.tolist(), strict=True)]
 
     def without_short_elements(self) -> Self:
         """Return a ring without lines and arcs that lie within the tolerance: their ends are one point.
 
         Of many in a row, those stay whose ends are farther from the last point that stayed, as straight lines.
         """
-        parts = list(self.parts())
-        if not any(is_short(part) for part in parts):
+        parts = self.parts()
+        if not any(short for _, short in parts):
             return self
         kept = [self.points[:1]]
-        for part in parts:
-            short = is_short(part)
+        for part, short in parts:
             if not short or np.hypot(*(part[-1] - kept[-1][-1])) > JOIN_TOLERANCE_MM:
                 kept.append(np.concatenate([kept[-1][-1:], part[-1:] if short else part[1:]]))
         return type(self).of(kept[1:], self.place).ring() if len(kept) > 1 else self

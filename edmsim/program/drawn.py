@@ -104,7 +104,8 @@ class Drawn:
 
     def _shrink_points(self) -> None:
         """Make arcs with equal angles the points that CAD programs draw: the library makes them full circles."""
-        for block in self._document.blocks:
+        blocks: Any = self._document.blocks
+        for block in blocks:
             for arc in block.query("ARC"):
                 if math.isclose(arc.dxf.start_angle, arc.dxf.end_angle, abs_tol=_EQUAL):
                     arc.dxf.radius = 0.0

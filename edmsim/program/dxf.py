@@ -1,10 +1,10 @@
 """DXF drawings read into closed outlines.
 
-Read are LINE, ARC, CIRCLE, LWPOLYLINE, POLYLINE (2D or flat), SPLINE and ELLIPSE in model space and in blocks (INSERT), on
-any layer that is on. Loose ends within 5 um are joined, and what lies within 5 um is joined away. A closed contour that lies in no other, or in an even number
-of others, is an outside (the part is within); in an odd number, a hole. The cut runs with the part on its left:
-outsides counter-clockwise, holes clockwise. It begins where the contour's first entity in the file begins. Inner
-contours come first.
+Read are LINE, ARC, CIRCLE, LWPOLYLINE, POLYLINE (2D or flat), SPLINE and ELLIPSE in model space and in blocks
+(INSERT), on any layer that is on. Loose ends within 5 um are joined, what lies within 5 um is joined away. A closed
+contour that lies in no other, or in an even number of others, is an outside (the part is within); in an odd number, a
+hole. The cut runs with the part on its left: outsides counter-clockwise, holes clockwise. It begins where the
+contour's first entity in the file begins. Inner contours come first.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ import shapely
 from numpy.typing import NDArray
 
 from edmsim.errors import InputError
-from edmsim.program.chains import Chain, is_short
+from edmsim.program.chains import Chain
 from edmsim.program.crossing import refuse_self_crossing
 from edmsim.program.drawing_file import look_into
 from edmsim.program.drawn import Drawn
@@ -123,7 +123,7 @@ def _short(chain: Chain, kind: str) -> Iterator[str]:
     if chain.is_short:
         yield kind
     elif kind in POLYLINES:
-        yield from (f"{kind} segment" for part in chain.parts() if is_short(part))
+        yield from (f"{kind} segment" for _, short in chain.parts() if short)
 
 
 def _contours(chains: list[Chain], unit_mm: float, notices: list[str]) -> list[Chain]:

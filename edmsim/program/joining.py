@@ -68,7 +68,7 @@ def _partners(loose: Sequence[Chain], short: Sequence[Chain]) -> dict[_End, _End
     ends, places = _ends([*loose, *short])
     links = [*_near(places), *((k, k + 1) for k in range(2 * len(loose), len(ends), 2))]
     rows, columns = np.array(links, np.intp).reshape(-1, 2).T
-    graph = coo_array((np.ones(len(rows), np.bool_), (rows, columns)), (len(ends), len(ends)))
+    graph = coo_array((np.ones(len(rows), np.int8), (rows, columns)), (len(ends), len(ends)))
     _, labels = connected_components(graph, directed=False)
     meeting: dict[int, list[int]] = {}
     for k, label in enumerate(labels[: 2 * len(loose)].tolist()):
@@ -99,16 +99,17 @@ def _near(places: NDArray[np.float64]) -> list[tuple[int, int]]:
     from scipy.spatial import KDTree
 
     reach_mm = np.nextafter(JOIN_TOLERANCE_MM, 1)
-    distances, others = KDTree(places).query(places, k=_NEIGHBOURS, distance_upper_bound=reach_mm)
+    found = KDTree(places).query(places, k=_NEIGHBOURS, distance_upper_bound=reach_mm)
+    distances, others = (np.atleast_2d(values) for values in found)
     own = np.broadcast_to(np.arange(len(places))[:, None], others.shape)
-    found = np.isfinite(distances) & (others != own)
-    return list(zip(own[found].tolist(), others[found].tolist(), strict=True))
+    within = np.isfinite(distances) & (others != own)
+    return list(zip(own[within].tolist(), others[within].tolist(), strict=True))
 
 
 def _open_reason(ends: NDArray[np.float64]) -> str:
     from scipy.spatial import KDTree
 
-    distances, nearest = KDTree(ends).query(ends, k=2)
+    distances, nearest = (np.atleast_2d(values) for values in KDTree(ends).query(ends, k=2))
     k = int(np.argmin(distances[:, 1]))
     first, second = sorted(nearest[k].tolist())
     return (f"a contour is open: a gap of {distances[k, 1]:.3f} mm between {spot(ends[first])} and "
