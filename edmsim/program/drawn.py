@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
 from edmsim.errors import InputError
+from edmsim.program.entities import CUT
 from edmsim.program.limits import MOST_POINTS
 
 if TYPE_CHECKING:
@@ -15,6 +17,9 @@ _DEEPEST = 16
 """Blocks within blocks (ours: deeper ones hold themselves)."""
 
 _MOST_TOLD = 20
+
+_EQUAL = 1e-9
+"""Angles that differ by less, in degrees or radians, are equal; so are radii and 0 (ours: what arithmetic leaves)."""
 
 
 class Drawn:
@@ -42,12 +47,14 @@ class Drawn:
         self._layers = frozenset(name.strip().lower() for name in layers)
         self.left_out: dict[str, int] = {}
         self._count = 0
+        self._refuse_unknown_layers()
+        self._shrink_points()
+        self._unmoved = {block.name: _taken_out(block) for block in document.blocks}
 
     def __iter__(self) -> Iterator[Any]:
         """Go through them, in the order of the file."""
-        self._refuse_unknown_layers()
         for entity in self._document.modelspace():
-            yield from self._parts(entity, entity.dxf.layer, 0)
+            yield from self._parts(entity, _property(entity, "layer", "0"), 0)
 
     def leave_out(self, kind: str) -> None:
         """Count what is not cut."""
@@ -64,16 +71,16 @@ class Drawn:
             raise InputError(f"the block {entity.dxf.name} lies in itself, or over {_DEEPEST} deep: explode it")
         if entity.block() is None:
             raise InputError(f"the block {entity.dxf.name} is not in the drawing: bind external references and save")
-        if self._is_frozen(layer) or entity.dxf.get("invisible", 0):
+        if self._is_frozen(layer) or _property(entity, "invisible", 0):
             self.leave_out("INSERT on a layer that is off")
             return
         copies = entity.multi_insert() if entity.mcount > 1 else [entity]
         for copy in copies:
-            for part in copy.virtual_entities():
+            for part in (*copy.virtual_entities(), *self._unmoved[entity.block().name]):
                 self._count += 1
                 if self._count > MOST_POINTS:
                     raise InputError(f"its blocks hold more than {MOST_POINTS} entities: no cut has so many")
-                own = part.dxf.layer
+                own = _property(part, "layer", "0")
                 yield from self._parts(part, layer if own == "0" else own, depth + 1)
 
     def _is_cut(self, entity: Any, kind: str, layer: str) -> bool:
@@ -86,7 +93,7 @@ class Drawn:
         return False
 
     def _is_shown(self, entity: Any, layer: str) -> bool:
-        if layer.lower() == "defpoints" or entity.dxf.get("invisible", 0):
+        if layer.lower() == "defpoints" or _property(entity, "invisible", 0):
             return False
         layers = self._document.layers
         return not layers.has_entry(layer) or bool(layers.get(layer).is_on() and not layers.get(layer).is_frozen())
@@ -94,6 +101,19 @@ class Drawn:
     def _is_frozen(self, layer: str) -> bool:
         layers = self._document.layers
         return layers.has_entry(layer) and bool(layers.get(layer).is_frozen())
+
+    def _shrink_points(self) -> None:
+        """Make arcs with equal angles the points that CAD programs draw: the library makes them full circles."""
+        blocks: Any = self._document.blocks
+        for block in blocks:
+            for arc in block.query("ARC"):
+                if math.isclose(arc.dxf.start_angle, arc.dxf.end_angle, abs_tol=_EQUAL):
+                    arc.dxf.radius = 0.0
+            for ellipse in block.query("ELLIPSE"):
+                if math.isclose(ellipse.dxf.start_param, ellipse.dxf.end_param, abs_tol=_EQUAL):
+                    common = {name: ellipse.dxf.get(name) for name in ("layer", "invisible")}
+                    block.add_arc(ellipse.dxf.center, 0.0, 0.0, 0.0, dxfattribs=common)
+                    block.delete_entity(ellipse)
 
     def _refuse_unknown_layers(self) -> None:
         blocks = (entity for block in self._document.blocks for entity in block)
@@ -103,3 +123,22 @@ class Drawn:
         if unknown:
             told = ", ".join(sorted(there)[:_MOST_TOLD]) + (", ..." if len(there) > _MOST_TOLD else "")
             raise InputError(f"the drawing has no layer {', '.join(sorted(unknown))}; there are: {told}")
+
+
+def _taken_out(block: Any) -> list[Any]:
+    """Take out of a block what is not cut: the library drops, explodes or fails on some of it when it moves it."""
+    others = [] if block.is_any_layout else [
+        entity for entity in block
+        if entity.dxftype() not in CUT | {"INSERT"}
+        or (entity.dxftype() in ("ARC", "CIRCLE") and abs(entity.dxf.radius) < _EQUAL)
+    ]
+    for entity in others:
+        block.unlink_entity(entity)
+    return others
+
+
+def _property(entity: Any, name: str, default: Any) -> Any:
+    """Return what all entities have; the library keeps it elsewhere for kinds that it does not know."""
+    if entity.dxf.is_supported(name):
+        return entity.dxf.get(name, default)
+    return entity.graphic_properties().get(name, default)

@@ -11,21 +11,6 @@ from edmsim.errors import InputError
 from edmsim.program.dxf import read_dxf
 
 
-@pytest.fixture
-def drawing(tmp_path):
-    """Return a function that draws with a callback and reads the drawing back."""
-
-    def make(draw, units=4, version="R2010"):
-        document = ezdxf.new(version)
-        document.units = units
-        draw(document.modelspace())
-        file = tmp_path / "drawing.dxf"
-        document.saveas(file)
-        return read_dxf(file)
-
-    return make
-
-
 def square(space, size=10.0, at=(0.0, 0.0)):
     corners = [(at[0], at[1]), (at[0] + size, at[1]), (at[0] + size, at[1] + size), (at[0], at[1] + size)]
     for i in range(4):

@@ -88,7 +88,7 @@ WAVE = [(float(x), float(x % 2)) for x in range(30)]
         (lambda m: m.add_circle((1e20, 0), 5), 4, "a CIRCLE has a coordinate beyond 1e.06 mm"),
         (lambda m: m.add_arc((1e20, 0), 1e20, 179.9, 180.1), 4, "an? ARC has a coordinate beyond"),
         (lambda m: m.add_ellipse((0, 0), (1e7, 0), 0.1), 4, "an? ELLIPSE has a coordinate beyond"),
-        (lambda m: m.add_lwpolyline([(0, 0, 1e-14), (10, 0, 0), (5, 5, 0)], format="xyb", close=True), 4, "ARC"),
+        (lambda m: m.add_lwpolyline([(0, 0, 2e-5), (110, 0, 0), (5, 5, 0)], format="xyb", close=True), 4, "arc's"),
         (lambda m: m.add_lwpolyline([(0, 0), (float("nan"), 0), (5, 5)], close=True), 4, "LINE has a coordinate"),
         (lambda m: m.add_open_spline([(k % 2 * 900.0, 0.001 * k) for k in range(3000)]), 4, "SPLINE is 2699 m long"),
         (lambda m: [m.add_circle((c, 0), 20) for c in (0, 20000)], 4, "the drawing spans 20040 mm: .* is that what"),

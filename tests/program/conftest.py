@@ -1,0 +1,45 @@
+"""Drawings made and read back."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import ezdxf
+import pytest
+
+from edmsim.program.dxf import read_dxf
+from edmsim.program.outline import Program
+
+
+@pytest.fixture
+def drawing(tmp_path: Path) -> Callable[..., Program]:
+    """Return a function that draws with a callback and reads the drawing back."""
+
+    def make(draw: Callable[[Any], object], units: int = 4, version: str = "R2010") -> Program:
+        document = ezdxf.new(version)  # type: ignore[attr-defined]
+        document.units = units
+        draw(document.modelspace())
+        file = tmp_path / "drawing.dxf"
+        document.saveas(file)
+        return read_dxf(file)
+
+    return make
+
+
+@pytest.fixture
+def own_text(tmp_path: Path) -> Callable[..., Program]:
+    """Return a function that reads a drawing given as text: lines of its entities, or all of them as bytes."""
+
+    def read(entities: str | bytes, before: str = "") -> Program:
+        file = tmp_path / "own.dxf"
+        head = "0 SECTION 2 HEADER 9 $ACADVER 1 AC1009 0 ENDSEC"
+        if isinstance(entities, str):
+            words = f"{head} {before} 0 SECTION 2 ENTITIES {entities} 0 ENDSEC 0 EOF".split()
+            file.write_text("\n".join(words) + "\n")
+        else:
+            file.write_bytes(entities)
+        return read_dxf(file)
+
+    return read
