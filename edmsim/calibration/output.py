@@ -122,11 +122,13 @@ def render(fit: Fit, resolution: str) -> RenderableType:
         At which log and model were compared.
     """
     from rich.console import Group
-    from rich.table import Table
     from rich.text import Text
 
-    heads = ("constant", "before", "fitted", "95 % interval", "range", "")
-    table = Table(*heads, box=None, pad_edge=False, padding=(0, 1, 0, 0))
+    from edmsim.screen import ScreenTable
+
+    numbers = ("before", "fitted", "95 % interval", "range")
+    table = ScreenTable("constant", numbers=numbers, box=None, pad_edge=False, padding=(0, 1, 0, 0))
+    table.add_column("")
     for c in fit.constants:
         table.add_row(
             c.name, f"{c.before:g}", f"{c.value:.4g}", _between(c.interval), _between(c.range),
@@ -188,10 +190,10 @@ def refusal(fit: Fit) -> list[str]:
 
 def _beside(fit: Fit) -> RenderableType:
     """Statistics of the log beside the fitted model's, stretch by stretch."""
-    from rich.table import Table
+    from edmsim.screen import ScreenTable
 
     heads = ("feed um/s", "pulse us", "short %", "open %", "V", "A", "delay us")
-    table = Table(*heads, title="log/fitted model", box=None, pad_edge=False)
+    table = ScreenTable(*heads[:1], numbers=heads[1:], title="log/fitted model", box=None, pad_edge=False)
     for stretch, simulated in zip(fit.stretches, fit.simulated, strict=True):
         pairs = zip(stretch.mean * _PERCENT, simulated * _PERCENT, strict=True)
         cells = (f"{logged:.3g}/{model:.3g}" for logged, model in pairs)

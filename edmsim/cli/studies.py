@@ -71,11 +71,10 @@ def validate(
     json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
     """Compare the model with what was published, row by row."""
-    from rich.progress import Progress as Bar
-
+    from edmsim.screen import ScreenProgress
     from edmsim.validation import report, run
 
-    with Bar(console=ERR, transient=True) as bar:
+    with ScreenProgress(console=ERR, transient=True) as bar:
         task = bar.add_task("validate", total=None)
         rows = run(lambda done, total: bar.update(task, completed=done, total=total))
     if json:

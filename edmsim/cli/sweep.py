@@ -131,9 +131,9 @@ def _breed(name: str, out: Path, ray: str, population: int, generations: int, ch
 @contextmanager
 def _searching(name: str, total: int, what: str) -> Iterator[Callable[..., None]]:
     """Give what shows progress; an interruption ends the command with the way to go on."""
-    from rich.progress import Progress as Bar
+    from edmsim.screen import ScreenProgress
 
-    bar = Bar(console=ERR, transient=True)
+    bar = ScreenProgress(console=ERR, transient=True)
     task = bar.add_task(name, total=total)
 
     def show(**changes: Any) -> None:
@@ -221,9 +221,10 @@ class _SweepBar:
 
     def __init__(self) -> None:
         from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
-        from rich.progress import Progress as Bar
 
-        self._bar = Bar(
+        from edmsim.screen import ScreenProgress
+
+        self._bar = ScreenProgress(
             MofNCompleteColumn(), BarColumn(bar_width=24), TextColumn("{task.percentage:5.1f} %"),
             TimeElapsedColumn(), TextColumn("left"), TimeRemainingColumn(), TextColumn("{task.fields[failed]}"),
             console=ERR,
