@@ -176,6 +176,16 @@ class ScreenProgress(rich.progress.Progress):
         super().__init__(*columns, **options)
         self._next_s = time.monotonic() + LINE_EVERY_S
 
+    def start(self) -> None:
+        """Draw the bars from now on; where a file would only get the blank line they leave, nothing is drawn."""
+        if self.console.is_terminal or not self.live.transient:
+            super().start()
+
+    def stop(self) -> None:
+        """Draw them no more."""
+        if self.live.is_started:
+            super().stop()
+
     def update(self, task_id: rich.progress.TaskID, *arguments: Any, **fields: Any) -> None:
         """Change a task; see rich."""
         super().update(task_id, *arguments, **fields)

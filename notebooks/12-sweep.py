@@ -66,10 +66,10 @@ print(sweep(specification, folder / "results").made, "runs made")
 # %% [markdown]
 # ## What matters
 #
-# A bar is the share of a result's variance that goes with a setting: dark by itself (first-order index), pale with its
-# interactions (total index). Blue bars are of settings with which the result rises, red ones of those with which it falls. A polynomial is fitted to the
-# points for that, and what it misses of points that it was not fitted to is the unexplained share. With 16 points
-# only strong effects are found.
+# A bar is the share of a result's variance that goes with a setting: dark by itself (first-order index), pale with
+# its interactions (total index). Blue bars are of settings with which the result rises, red ones of those with which
+# it falls. A polynomial is fitted to the points for that, and what it misses of points that it was not fitted to is
+# the unexplained share. With 16 points only strong effects are found.
 
 # %%
 found = sensitivities(table)

@@ -110,9 +110,9 @@ def search_gains(
 
     if write is not None and not write.is_dir():
         raise InputError("there is no such folder", write)
-    for controller in name:
-        check(controller)
     rounds = GENERATIONS if generations is None else generations
+    for controller in name:
+        check(controller, seed, rounds)
     with ScreenProgress(console=ERR, transient=True) as bar:
         for controller in name:
             task = bar.add_task(controller, total=POPULATION * (rounds + 1))

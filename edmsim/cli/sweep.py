@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -66,7 +67,8 @@ def sweep(
     bar = _SweepBar()
     try:
         with bar:
-            last = run(specification, out, engine=engine, retry_failed=retry_failed, watch=bar.show)
+            last = run(specification, out, engine=engine, retry_failed=retry_failed, watch=bar.show,
+                       checking=bar.check)
     except KeyboardInterrupt:
         say("interrupted; the same command goes on with what is missing")
         raise typer.Exit(INTERRUPTED) from None
@@ -230,6 +232,7 @@ class _SweepBar:
             console=ERR,
         )  # fmt: skip
         self._task = self._bar.add_task("sweep", total=None, failed="")
+        self._from_s = time.monotonic() + 2.0
 
     def __enter__(self) -> _SweepBar:
         return self
@@ -237,6 +240,12 @@ class _SweepBar:
     def __exit__(self, *_: object) -> None:
         if self._bar.live.is_started:
             self._bar.stop()
+
+    def check(self, done: int, total: int) -> None:
+        """Take in a combination looked at; shown where that takes a while."""
+        if time.monotonic() > self._from_s:
+            self._bar.start()
+            self._bar.update(self._task, completed=done, total=total, failed="looked at before the first run")
 
     def show(self, progress: SweepProgress) -> None:
         """Take in a run."""

@@ -94,11 +94,11 @@ def command(*words: object, monkeypatch: pytest.MonkeyPatch) -> int:
 
 
 def test_the_command_sweeps_shows_and_goes_on(
-    line: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    line: Path, giving_up: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    words = ("sweep", line, "--height", "5,8", "--t-on", "30,60", "--max-time=1", "--resolution", "fast", "--offset",
-             "none", "--out", "o", "--processes", 1)  # fmt: skip
+    words = ("sweep", line, "--height", "5,8", "--controller", f"counts,{giving_up}", "--max-time=1",
+             "--resolution", "fast", "--offset", "none", "--out", "o", "--processes", 1)  # fmt: skip
     assert command(*words, monkeypatch=monkeypatch) == 3  # some failed
     told = capsys.readouterr()
     assert "4 runs, 4 made now, 2 failed." in told.out
@@ -108,7 +108,7 @@ def test_the_command_sweeps_shows_and_goes_on(
     assert command("sweep", "--show", "o", monkeypatch=monkeypatch) == 0
     shown = capsys.readouterr().out
     assert "4 runs, 2 failed" in shown
-    assert "2 failed: t_on 60 us in t_period 100 us" in shown
+    assert "2 failed: RuntimeError: out of ideas" in shown
     assert "height_mm" in shown
     with Image.open("o/pareto.png") as picture:
         assert picture.size[0] == 700
@@ -123,6 +123,7 @@ def test_the_command_sweeps_shows_and_goes_on(
     (("line.ngc", "--out", "o", "--processes", "0"), "1 or more"),
     (("line.ngc", "--out", "o", "--processes", "1", "--ray", "auto"), "leave them out"),
     (("edmsim/Pond-v0", "--out", "o"), "edmsim/Pond-v0"),
+    (("line.ngc", "--out", "o", "--height", "5,abc"), "with height_mm abc"),
 ])  # fmt: skip
 def test_bad_usage_is_one_line(
     line: Path, words: tuple[str, ...], named: str, monkeypatch: pytest.MonkeyPatch,
