@@ -201,7 +201,8 @@ class ScreenProgress(rich.progress.Progress):
             return
         self._next_s = time.monotonic() + LINE_EVERY_S
         task = next(task for task in self.tasks if task.id == task_id)
-        texts = (column(task) for column in self.columns if not isinstance(column, str))
+        columns = [c for c in self.columns if not isinstance(c, str | rich.progress.SpinnerColumn)]
+        texts = [column(task) for column in columns]
         told = " ".join(text.plain.strip() for text in texts if isinstance(text, Text) and text.plain.strip())
         self.console.print(told, highlight=False, soft_wrap=True, markup=False)
 
