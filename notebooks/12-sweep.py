@@ -36,7 +36,7 @@ import numpy as np
 from edmsim.recording.figures.palette import BLUE, MUTED, VERMILION
 from edmsim.sweep.run import sweep
 from edmsim.sweep.specification import Specification
-from edmsim.sweep.summary import effects, front_of
+from edmsim.sweep.summary import front_of, sensitivities
 from edmsim.sweep.table import read
 
 plt.rcParams.update({"figure.dpi": 90, "axes.spines.top": False, "axes.spines.right": False, "font.size": 9})
@@ -66,19 +66,23 @@ print(sweep(specification, folder / "results").made, "runs made")
 # %% [markdown]
 # ## What matters
 #
-# The figure shows the rank correlation of each setting with each result over all points. A sample of this size shows
-# strong effects only: with 16 points, chance alone gives a correlation beyond 0.5 once in twenty times.
+# A bar is the share of a result's variance that goes with a setting: dark by itself (first-order index), pale with
+# its interactions (total index). Blue bars are of settings with which the result rises, red ones of those with which
+# it falls. A polynomial is fitted to the points for that, and what it misses of points that it was not fitted to is
+# the unexplained share. With 16 points only strong effects are found.
 
 # %%
-found = effects(table)
+found = sensitivities(table)
 names = {"cutting_rate_mm2_min": "cutting rate", "ra_um": "Ra", "error_rms_um": "profile error"}
 fig, axes = plt.subplots(1, len(names), figsize=(8.5, 2.4), sharey=True)
-settings = sorted(found)
 for axis, (name, label) in zip(axes, names.items(), strict=True):
-    values = [found[setting][name].rank_correlation if name in found[setting] else np.nan for setting in settings]
-    axis.barh(settings, values, color=[BLUE if value > 0 else VERMILION for value in values])
-    axis.axvline(0, color=MUTED, lw=0.8)
-    axis.set(xlim=(-1, 1), title=label, xlabel="rank correlation")
+    if name in found:
+        effects, unexplained = found[name].effects, found[name].unexplained
+        colours = [BLUE if effect.rank_correlation > 0 else VERMILION for effect in effects.values()]
+        axis.barh(list(effects), [effect.total for effect in effects.values()], color=colours, alpha=0.4)
+        axis.barh(list(effects), [effect.first_order for effect in effects.values()], color=colours)
+        axis.barh(["unexplained"], [unexplained], color=MUTED)
+    axis.set(xlim=(0, 1), title=label, xlabel="share of the variance")
 fig.tight_layout()
 
 # %% [markdown]

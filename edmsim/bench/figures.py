@@ -77,10 +77,9 @@ def measure() -> dict[str, float]:
 
 def render(figures: dict[str, float]) -> RenderableType:
     """Return the figures as a table for the terminal."""
-    from rich.table import Table
+    from edmsim.screen import ScreenTable
 
-    table = Table("figure", "value", title="edmsim bench, one core")
-    table.columns[1].justify = "right"
+    table = ScreenTable("figure", numbers=("value",), title="edmsim bench, one core")
     for name, value in figures.items():
         table.add_row(name, f"{value:,.0f}" if value > 1000 else f"{value:,.2f}")
     return table

@@ -290,6 +290,14 @@ class _Search:
         return error
 
 
+def remark(share: float, half: float) -> str:
+    """Say where a value and the ends of its interval are not the log's but the range's."""
+    at_end = ["at the end of its range"] if min(share, 1 - share) < AT_BOUND else []
+    ends = [name for name, beyond in (("lower", share - half < 0), ("upper", share + half > 1)) if beyond]
+    cut_off = [f"interval cut off at the range's {' and '.join(ends)} end"] if ends else []
+    return "; ".join([*at_end, *cut_off])
+
+
 def _result(search: _Search, error: Array, undetermined: dict[str, str]) -> Fit:
     from scipy.stats import t as student
 
@@ -300,8 +308,8 @@ def _result(search: _Search, error: Array, undetermined: dict[str, str]) -> Fit:
     for place, (name, bounds) in enumerate(zip(search.names, search.ranges, strict=True)):
         share = float(search.shares[place])
         low, high = (value_at(bounds, min(max(share + side * half[place], 0.0), 1.0)) for side in (-1, 1))
-        remark = "at the end of its range" if min(share, 1 - share) < AT_BOUND else ""
-        constants.append(Fitted(name, search.before[place], value_at(bounds, share), (low, high), bounds, remark))
+        said = remark(share, float(half[place]))
+        constants.append(Fitted(name, search.before[place], value_at(bounds, share), (low, high), bounds, said))
     return Fit(
         search.machine(search.shares), tuple(constants), undetermined, covariance / np.outer(error, error),
         search.misfit, search.comparison.picked, search.simulated, search.comparison.noise,

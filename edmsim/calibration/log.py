@@ -1,4 +1,4 @@
-"""A machine's log: the table of windows, from Parquet or CSV, and the steady stretches of it."""
+"""A machine's log: the table of windows, and the steady stretches of it."""
 
 from __future__ import annotations
 
@@ -6,17 +6,14 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from edmsim.calibration.log_file import LogTable, read_table
 from edmsim.controllers.pulse_counters import WINDOW_PULSES
 from edmsim.errors import InputError
 from edmsim.job.settings import METADATA_KEY, CutSettings
-
-if TYPE_CHECKING:
-    import pyarrow as pa
 
 Array = NDArray[np.float64]
 
@@ -109,7 +106,8 @@ def read_log(file: str | Path) -> Log:
     Parameters
     ----------
     file : path
-        Parquet (``.parquet``) or CSV with a heading; see `COLUMNS`.
+        Parquet, or CSV with a heading, see `COLUMNS`: separated by commas, semicolons or tabs, with a decimal point
+        or comma, in UTF-8 or UTF-16.
 
     Raises
     ------
@@ -117,51 +115,25 @@ def read_log(file: str | Path) -> Log:
         If the file cannot be read, has no rows, lacks a column, or holds what a machine cannot have logged; or the
         settings in its metadata are none of a cut.
     """
-    table = _read_table(Path(file))
-    missing = [name for name in COLUMNS if name not in table.column_names]
-    if missing:
-        raise InputError(f"column {missing[0]} is missing; a log needs {' '.join(COLUMNS)}", file)
-    if table.num_rows == 0:
+    table = read_table(Path(file), COLUMNS, PLACES)
+    columns = {name: values for name, values in table.columns.items() if name in COLUMNS or _has_places(table)}
+    if len(columns["short"]) == 0:
         raise InputError("no windows in it", file)
-    places = PLACES if set(PLACES) <= set(table.column_names) else ()
-    columns = {name: _numbers(table, name, file) for name in (*COLUMNS, *places)}
     _check(columns, file)
     return Log(Path(file).name, columns, _settings(table, file))
 
 
-def _settings(table: pa.Table, file: str | Path) -> CutSettings | None:
+def _has_places(table: LogTable) -> bool:
+    return set(PLACES) <= set(table.columns)
+
+
+def _settings(table: LogTable, file: str | Path) -> CutSettings | None:
     """Return what the table's metadata say of the cut; None of a table that is no cut's."""
-    text = (table.schema.metadata or {}).get(METADATA_KEY)
+    text = table.metadata.get(METADATA_KEY)
     try:
         return None if text is None else CutSettings.of_json(text)
     except InputError as error:
         raise InputError(f"the settings in its metadata cannot be read: {error.reason}", file) from None
-
-
-def _read_table(file: Path) -> pa.Table:
-    import pyarrow as pa
-    import pyarrow.csv
-    import pyarrow.parquet
-
-    try:
-        table = pa.parquet.read_table(file) if file.suffix == ".parquet" else pa.csv.read_csv(file)
-        assert table.column_names is not None  # which are decoded only here
-        return table
-    except FileNotFoundError:
-        raise InputError("no such file, a machine's log is needed", file) from None
-    except (pa.ArrowException, OSError, UnicodeError) as error:
-        what = "Parquet" if file.suffix == ".parquet" else "CSV"
-        raise InputError(f"cannot be read as {what}: {[*str(error).splitlines(), 'damaged'][0]}", file) from None
-
-
-def _numbers(table: pa.Table, name: str, file: str | Path) -> Array:
-    import pyarrow as pa
-
-    try:
-        values = table.column(name).cast(pa.float64()).to_numpy()
-    except pa.ArrowException:
-        raise InputError(f"column {name} holds something that is no number", file) from None
-    return np.asarray(values, np.float64)
 
 
 def _check(columns: Mapping[str, Array], file: str | Path) -> None:

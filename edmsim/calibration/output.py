@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,7 +15,7 @@ from edmsim.calibration.fit import Fit
 from edmsim.calibration.log import STATISTICS
 from edmsim.errors import InputError
 from edmsim.files import replacing
-from edmsim.machine.ranges import choose, with_constants
+from edmsim.machine.ranges import uncertain, with_constants
 from edmsim.plant.resolution import RESOLUTIONS
 
 if TYPE_CHECKING:
@@ -27,12 +27,14 @@ STRONG = 0.95
 """Errors correlated as strongly as this are reported: the log knows a combination better than either (ours)."""
 
 
-def files_of(fit: Fit, out: Path) -> dict[str, Path]:
+def files_of(fit: Fit, out: Path, given: Iterable[str] = ()) -> dict[str, Path]:
     """Return the files a fit is written to, by the options of ``edmsim cut`` that take them.
 
-    The machine's constants go into `out`; those of material and wire, if any were fitted, into files beside it.
+    The machine's constants go into `out`; those of material and wire, if any were fitted or `given` to the cut of the
+    log, into files beside it.
     """
-    parts = {constant.name.partition(".")[0] for constant in fit.constants}
+    names = [*(constant.name for constant in fit.constants), *given]
+    parts = {name.partition(".")[0] for name in names}
     files = {"machine": out}
     for part in ("material", "wire"):
         if part in parts:
@@ -40,7 +42,7 @@ def files_of(fit: Fit, out: Path) -> dict[str, Path]:
     return files
 
 
-def write(fit: Fit, log_name: str, out: Path) -> dict[str, Path]:
+def write(fit: Fit, log_name: str, out: Path, given: Iterable[str] = ()) -> dict[str, Path]:
     """Write the fitted set-up as files of their own; each is replaced whole or not at all.
 
     Returns
@@ -49,7 +51,7 @@ def write(fit: Fit, log_name: str, out: Path) -> dict[str, Path]:
         As `files_of`.
     """
     machine = _with_sources(fit, log_name)
-    files = files_of(fit, out)
+    files = files_of(fit, out, given)
     models: dict[str, BaseModel] = {"machine": machine.base, "material": machine.material, "wire": _wire(machine)}
     heading = f"# Fitted to {log_name} by edmsim calibrate ({__version__}).\n"
     for part, file in files.items():
@@ -62,11 +64,15 @@ def _with_sources(fit: Fit, log_name: str) -> Machine:
     """Return the fitted machine; every fitted constant says where it comes from, and keeps its range."""
     fitted = {constant.name: constant for constant in fit.constants}
     changed = {}
-    for name, constant in choose(fit.machine, fitted).items():
-        low, high = fitted[name].interval
-        before = f"before {fitted[name].before:g}, {constant.source}"
-        source = f"fitted to {log_name}: {low:.4g}..{high:.4g} (95 %); {before}"
-        changed[name] = constant.model_copy(update={"source": source})
+    for name, constant in uncertain(fit.machine).items():
+        if name in fitted:
+            low, high = fitted[name].interval
+            remark = f", {fitted[name].remark}" if fitted[name].remark else ""
+            before = f"before {fitted[name].before:g}, {constant.source}"
+            source = f"fitted to {log_name}: {low:.4g}..{high:.4g} (95 %{remark}); {before}"
+            changed[name] = constant.model_copy(update={"source": source})
+        elif constant.range is not None and not constant.range[0] <= constant.value <= constant.range[1]:
+            changed[name] = constant.model_copy(update={"range": None})  # given to the cut, beyond what is known
     return with_constants(fit.machine, changed)
 
 
@@ -122,11 +128,13 @@ def render(fit: Fit, resolution: str) -> RenderableType:
         At which log and model were compared.
     """
     from rich.console import Group
-    from rich.table import Table
     from rich.text import Text
 
-    heads = ("constant", "before", "fitted", "95 % interval", "range", "")
-    table = Table(*heads, box=None, pad_edge=False, padding=(0, 1, 0, 0))
+    from edmsim.screen import ScreenTable
+
+    numbers = ("before", "fitted", "95 % interval", "range")
+    table = ScreenTable("constant", numbers=numbers, box=None, pad_edge=False, padding=(0, 1, 0, 0))
+    table.add_column("")
     for c in fit.constants:
         table.add_row(
             c.name, f"{c.before:g}", f"{c.value:.4g}", _between(c.interval), _between(c.range),
@@ -188,10 +196,10 @@ def refusal(fit: Fit) -> list[str]:
 
 def _beside(fit: Fit) -> RenderableType:
     """Statistics of the log beside the fitted model's, stretch by stretch."""
-    from rich.table import Table
+    from edmsim.screen import ScreenTable
 
     heads = ("feed um/s", "pulse us", "short %", "open %", "V", "A", "delay us")
-    table = Table(*heads, title="log/fitted model", box=None, pad_edge=False)
+    table = ScreenTable(*heads[:1], numbers=heads[1:], title="log/fitted model", box=None, pad_edge=False)
     for stretch, simulated in zip(fit.stretches, fit.simulated, strict=True):
         pairs = zip(stretch.mean * _PERCENT, simulated * _PERCENT, strict=True)
         cells = (f"{logged:.3g}/{model:.3g}" for logged, model in pairs)

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Unpack
 
 from edmsim.calibration.log import Log
 from edmsim.job.settings import CutOptions, CutSettings
+from edmsim.machine.given import KINDS, with_given
+from edmsim.machine.machine import Machine
+from edmsim.machine.ranges import choose, uncertain, with_constants
 
 
 def start_of(log: Log) -> CutSettings:
@@ -27,7 +31,8 @@ def settings_for(log: Log, **given: Unpack[CutOptions]) -> tuple[CutSettings, li
     CutSettings
         The workpiece has one height, the greatest of the cut if none is given.
     list of str
-        A line for every option given that the log contradicts, and one if the cut's workpiece changed its height.
+        A line for every option given that the log contradicts, one if the cut's workpiece changed its height, and one
+        for constants given to the cut that are not used, as they were of another machine, material or wire.
 
     Raises
     ------
@@ -41,10 +46,52 @@ def settings_for(log: Log, **given: Unpack[CutOptions]) -> tuple[CutSettings, li
         if "height_mm" not in given:
             notices.append(f"the height changed in the cut of this log: {height_mm:g} mm is taken for all of it")
         start = start.model_copy(update={"height_mm": height_mm, "heights": (), "height_areas": ()})
-    wanted = CutSettings.model_validate({**dict(start), **given})
+    named = {"machine": given.get("machine"), "material": given.get("material"), "wire": given.get("wire")}
+    others = {part for part, name in named.items() if name not in (None, getattr(start, part))}
+    left_out = [name for name, _ in start.constants if _part(name) in others]
+    kept = {name: value for name, value in start.constants if name not in left_out}
+    if left_out and log.settings is not None:
+        notices.append(f"the log was cut with another value of {', '.join(left_out)}: that of the file given is used")
+    wanted = CutSettings.model_validate({**dict(start), "constants": kept, **given})
     for name in given if log.settings is not None else ():
         logged, asked = getattr(start, name), getattr(wanted, name)
         if logged != asked:
             was = "its default" if logged is None else logged
             notices.append(f"{name} {asked} is used, though the log was cut with {was}")
     return wanted, notices
+
+
+def machine_of(settings: CutSettings) -> Machine:
+    """Return the set-up to compare a log at; constants given to its cut keep the ranges of their files.
+
+    A cut takes them as known, so they have no range there; here they are where the search starts, or are held.
+    """
+    machine = settings.model_copy(update={"constants": ()}).load_machine()
+    given = dict(settings.constants)
+    checked = with_given(machine, given.items())
+    ranges = {name: constant.range for name, constant in uncertain(machine).items()}
+    changed = {
+        name: KINDS[name].model_construct(value=value, source="given to the cut of the log", range=ranges.get(name))
+        for name, value in given.items()
+    }
+    return with_constants(checked, changed)
+
+
+def held(settings: CutSettings, machine: Machine, fitted: Iterable[str]) -> list[str]:
+    """Return a line for every constant given to the log's cut that is not fitted, or lies outside its range."""
+    chosen = choose(machine, fitted)
+    lines = []
+    for name, value in settings.constants:
+        bounds = chosen[name].range if name in chosen else None
+        if bounds is None:
+            lines.append(f"{name} is held at {value:g}, as in the cut of the log")
+        elif not bounds[0] <= value <= bounds[1]:
+            within = f"its range {bounds[0]:g}..{bounds[1]:g}"
+            lines.append(f"{name} was {value:g} in the cut of the log, outside {within}: what is fitted lies within")
+    return lines
+
+
+def _part(constant: str) -> str:
+    """Return the option that names the file of a constant."""
+    section = constant.partition(".")[0]
+    return section if section in ("material", "wire") else "machine"

@@ -48,7 +48,7 @@ Unit = Annotated[str | None, typer.Option(help="Unit of a drawing: mm, um, cm, m
 Seed = Annotated[int, typer.Option(help="Seed of every draw.")]
 
 
-_PLAIN = str.maketrans({"µ": "u", "²": "2", "³": "3", "–": "-", "±": "+-", "°": " deg"})
+_PLAIN = str.maketrans({"µ": "u", "²": "2", "³": "3", "–": "-", "…": "~", "±": "+-", "°": " deg"})
 
 
 def take_any_terminal() -> None:

@@ -39,8 +39,6 @@ def evaluate(
     json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
     """Compare feed controllers on the same randomised machines."""
-    from rich.progress import Progress as Bar
-
     from edmsim.controllers.named_numbers import listed
     from edmsim.envs.registry import resolve
     from edmsim.evaluation import leaderboard as boards
@@ -48,6 +46,7 @@ def evaluate(
     from edmsim.evaluation.compare import env_ids as all_ids
     from edmsim.evaluation.episode import episodes
     from edmsim.evaluation.table import as_json, render
+    from edmsim.screen import ScreenProgress
 
     chosen = {
         env_id: usual(env_id) if controllers is None else listed(controllers)
@@ -63,7 +62,7 @@ def evaluate(
     if leaderboard is not None:
         boards.read(leaderboard)  # a file that is none is refused before hours of cuts
     found = []
-    with Bar(console=ERR, transient=True) as bar:
+    with ScreenProgress(console=ERR, transient=True) as bar:
         for env_id, named in chosen.items():
             task = bar.add_task(env_id, total=None)
 
@@ -82,16 +81,15 @@ def evaluate(
 
 def _move(chosen: dict[str, list[str]], seeds: int | None) -> None:
     """Show what controllers are worth elsewhere."""
-    from rich.progress import Progress as Bar
-
     from edmsim.evaluation.transfer import USUAL_CUTS, render, transfer
+    from edmsim.screen import ScreenProgress
 
     cuts = USUAL_CUTS if seeds is None else seeds
     for env_id, named in chosen.items():
-        with Bar(console=ERR, transient=True) as bar:
+        with ScreenProgress(console=ERR, transient=True) as bar:
             task = bar.add_task(env_id, total=None)
 
-            def watch(done: int, total: int, bar: Bar = bar, task: TaskID = task) -> None:
+            def watch(done: int, total: int, bar: ScreenProgress = bar, task: TaskID = task) -> None:
                 bar.update(task, completed=done, total=total)
 
             moved = transfer(env_id, named, cuts, watch=watch)
@@ -107,16 +105,15 @@ def search_gains(
     write: Annotated[Path | None, typer.Option(metavar="DIR", help="Folder for the files of gains.")] = None,
 ) -> None:
     """Search the gains of feed controllers."""
-    from rich.progress import Progress as Bar
-
     from edmsim.evaluation.search import GENERATIONS, POPULATION, as_toml, check, search
+    from edmsim.screen import ScreenProgress
 
     if write is not None and not write.is_dir():
         raise InputError("there is no such folder", write)
-    for controller in name:
-        check(controller)
     rounds = GENERATIONS if generations is None else generations
-    with Bar(console=ERR, transient=True) as bar:
+    for controller in name:
+        check(controller, seed, rounds)
+    with ScreenProgress(console=ERR, transient=True) as bar:
         for controller in name:
             task = bar.add_task(controller, total=POPULATION * (rounds + 1))
 

@@ -66,13 +66,12 @@ def dataset(
     seed: Annotated[int, typer.Option(help="Of the first episode; the others count from there.")] = 0,
 ) -> None:
     """Record feed controllers for offline learning, as data sets of Minari (needs the extra offline)."""
-    from rich.progress import Progress as Bar
-
     from edmsim.controllers.named_numbers import listed
     from edmsim.envs.registry import resolve
     from edmsim.learning.dataset import record
+    from edmsim.screen import ScreenProgress
 
-    with Bar(console=ERR, transient=True) as bar:
+    with ScreenProgress(console=ERR, transient=True) as bar:
         named = listed(controllers)
         tasks = {name: bar.add_task(name, total=steps) for name in named}
 

@@ -7,10 +7,10 @@ import time
 
 from rich.console import Console
 from rich.progress import BarColumn, ProgressColumn, Task, TextColumn
-from rich.progress import Progress as Bar
 from rich.text import Text
 
 from edmsim.cosim.simulation import Progress
+from edmsim.screen import ScreenProgress
 
 _CUTTING = "cutting"
 
@@ -28,7 +28,7 @@ class ProgressBar:
     _EVERY_S = 0.1
 
     def __init__(self, quiet: bool, console: Console) -> None:
-        self._bar = Bar(
+        self._bar = ScreenProgress(
             TextColumn("{task.percentage:5.1f} %"),
             BarColumn(bar_width=24),
             TextColumn("{task.fields[machine]} simulated in"),

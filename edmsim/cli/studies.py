@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import math
 import sys
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
-from edmsim.cli.console import ERR, INTERRUPTED, OUT, Seed, say
+from edmsim.cli.console import ERR, INTERRUPTED, OUT, Seed, named, say
 from edmsim.errors import FAILED
 
 
@@ -33,9 +34,14 @@ def calibrate(
     json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
     """Fit the model's constants to a machine's log."""
+    from rich.progress import SpinnerColumn, TextColumn
+
     from edmsim.calibration import DEFAULT_CONSTANTS, read_log, settings_for
     from edmsim.calibration import calibrate as run
+    from edmsim.calibration.comparison import CalibrationProgress
     from edmsim.calibration.output import as_json, check_writable, render, write
+    from edmsim.calibration.set_up import held, machine_of
+    from edmsim.screen import ScreenProgress
 
     check_writable(out)
     table = read_log(log)
@@ -44,20 +50,24 @@ def calibrate(
         "generator": generator, "resolution": resolution,
     }
     settings, notices = settings_for(table, **{name: value for name, value in given.items() if value is not None})
-    set_up = settings.load_machine()
-    for notice in notices:
+    chosen = DEFAULT_CONSTANTS if fit is None else named(fit)
+    set_up = machine_of(settings)
+    for notice in (*notices, *held(settings, set_up, chosen)):
         say(notice)
+    bar = ScreenProgress(SpinnerColumn(), TextColumn("{task.description}"), console=ERR, transient=True)
+    task = bar.add_task("calibrate")
+
+    def watch(progress: CalibrationProgress) -> None:
+        misfit = "" if math.isnan(progress.misfit) else f", misfit {progress.misfit:.2f}"
+        bar.update(task, description=f"{progress.cuts} cuts simulated{misfit}")
+
     try:
-        with ERR.status("calibrate") as status:
-            found = run(
-                table, set_up, DEFAULT_CONSTANTS if fit is None else fit.split(","), seed=seed,
-                resolution=settings.resolution,
-                watch=lambda p: status.update(f"{p.cuts} cuts simulated, misfit {p.misfit:.2f}"),
-            )
+        with bar:
+            found = run(table, set_up, chosen, seed=seed, resolution=settings.resolution, watch=watch)
     except KeyboardInterrupt:
         say("interrupted; nothing was written")
         raise typer.Exit(INTERRUPTED) from None
-    files = write(found, table.name, out)
+    files = write(found, table.name, out, [name for name, _ in settings.constants])
     if json:
         sys.stdout.write(as_json(found, files) + "\n")
         return
@@ -71,11 +81,10 @@ def validate(
     json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
     """Compare the model with what was published, row by row."""
-    from rich.progress import Progress as Bar
-
+    from edmsim.screen import ScreenProgress
     from edmsim.validation import report, run
 
-    with Bar(console=ERR, transient=True) as bar:
+    with ScreenProgress(console=ERR, transient=True) as bar:
         task = bar.add_task("validate", total=None)
         rows = run(lambda done, total: bar.update(task, completed=done, total=total))
     if json:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -66,7 +67,8 @@ def sweep(
     bar = _SweepBar()
     try:
         with bar:
-            last = run(specification, out, engine=engine, retry_failed=retry_failed, watch=bar.show)
+            last = run(specification, out, engine=engine, retry_failed=retry_failed, watch=bar.show,
+                       checking=bar.check)
     except KeyboardInterrupt:
         say("interrupted; the same command goes on with what is missing")
         raise typer.Exit(INTERRUPTED) from None
@@ -131,9 +133,9 @@ def _breed(name: str, out: Path, ray: str, population: int, generations: int, ch
 @contextmanager
 def _searching(name: str, total: int, what: str) -> Iterator[Callable[..., None]]:
     """Give what shows progress; an interruption ends the command with the way to go on."""
-    from rich.progress import Progress as Bar
+    from edmsim.screen import ScreenProgress
 
-    bar = Bar(console=ERR, transient=True)
+    bar = ScreenProgress(console=ERR, transient=True)
     task = bar.add_task(name, total=total)
 
     def show(**changes: Any) -> None:
@@ -221,14 +223,16 @@ class _SweepBar:
 
     def __init__(self) -> None:
         from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
-        from rich.progress import Progress as Bar
 
-        self._bar = Bar(
+        from edmsim.screen import ScreenProgress
+
+        self._bar = ScreenProgress(
             MofNCompleteColumn(), BarColumn(bar_width=24), TextColumn("{task.percentage:5.1f} %"),
             TimeElapsedColumn(), TextColumn("left"), TimeRemainingColumn(), TextColumn("{task.fields[failed]}"),
             console=ERR,
         )  # fmt: skip
         self._task = self._bar.add_task("sweep", total=None, failed="")
+        self._from_s = time.monotonic() + 2.0
 
     def __enter__(self) -> _SweepBar:
         return self
@@ -236,6 +240,12 @@ class _SweepBar:
     def __exit__(self, *_: object) -> None:
         if self._bar.live.is_started:
             self._bar.stop()
+
+    def check(self, done: int, total: int) -> None:
+        """Take in a combination looked at; shown where that takes a while."""
+        if time.monotonic() > self._from_s:
+            self._bar.start()
+            self._bar.update(self._task, completed=done, total=total, failed="looked at before the first run")
 
     def show(self, progress: SweepProgress) -> None:
         """Take in a run."""

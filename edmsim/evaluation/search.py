@@ -75,8 +75,10 @@ def training_seeds(seed: int, seeds: int = SEEDS) -> range:
     Raises
     ------
     InputError
-        If they reach the seeds that are held back.
+        If there are none, or they reach the seeds that are held back.
     """
+    if seeds < 1:
+        raise InputError(f"{seeds} training seeds judge nothing: give 1 or more")
     if not 0 <= seed <= HELD_BACK - seeds:
         raise InputError(f"training seeds lie from 0 to {HELD_BACK - 1}: {seed} to {seed + seeds - 1} do not")
     return range(seed, seed + seeds)
@@ -103,8 +105,11 @@ def score(results: Sequence[Result]) -> float:
     return float(np.mean([result.total_return for result in results]))
 
 
-def check(controller: str) -> None:
-    """Raise `InputError` if nothing of a controller is searched."""
+def check(controller: str, seed: int, generations: int) -> None:
+    """Raise `InputError` for a search that cannot be made."""
+    training_seeds(seed)
+    if generations < 0:
+        raise InputError(f"{generations} generations after the first cannot be: give 0 or more")
     if controller not in BOUNDS:
         raise InputError(f"no gains of '{controller}' are searched; choose one of {', '.join(BOUNDS)}")
 
@@ -129,12 +134,12 @@ def search(controller: str, seed: int, *, seeds: int = SEEDS, population: int = 
     Raises
     ------
     InputError
-        If nothing of the controller is searched, or the seeds are held back.
+        If nothing of the controller is searched, the seeds are held back, or there are fewer than no generations.
     """
     from scipy.optimize import Bounds, differential_evolution
     from scipy.stats import qmc
 
-    check(controller)
+    check(controller, seed, generations)
     bounds = BOUNDS[controller]
     trained_on = training_seeds(seed, seeds)
     tried = 0

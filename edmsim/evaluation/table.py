@@ -67,15 +67,16 @@ def render(comparison: Comparison, width: int) -> RenderableType:
     A wide terminal gets every figure with its interval, another one the most important figures.
     """
     from rich.console import Group
-    from rich.table import Table
     from rich.text import Text
+
+    from edmsim.screen import ScreenTable
 
     wide = width >= WIDE
     used = [name for name in columns(comparison) if wide or name in _NARROW]
-    table = Table(title=_title(comparison), box=None, padding=(0, 2, 0, 0), title_justify="left")
-    table.add_column("controller", no_wrap=True)
-    for head in [_SHORT[name] for name in used] + ([] if wide else ["breaks", "jams"]):
-        table.add_column(head, justify="right")
+    heads = [_SHORT[name] for name in used] + ([] if wide else ["breaks", "jams"])
+    table = ScreenTable(
+        "controller", numbers=heads, title=_title(comparison), box=None, padding=(0, 2, 0, 0), title_justify="left"
+    )
     for controller in ranked(comparison):
         figures = comparison.figures[controller]
         cells = [shown(name, figures[name]) for name in used]

@@ -13,7 +13,7 @@ from edmsim.evaluation.compare import Figure, check, mean, run
 from edmsim.evaluation.table import shown
 
 if TYPE_CHECKING:
-    from rich.table import Table
+    from edmsim.screen import ScreenTable
 
 USUAL_CUTS = 6
 """Ours: in each of some eight places, and those at finer resolutions take long."""
@@ -129,13 +129,13 @@ def rows_of(moved: Sequence[Moved]) -> list[list[str]]:
     ]
 
 
-def render(env_id: str, moved: Sequence[Moved], seeds: int) -> Table:
+def render(env_id: str, moved: Sequence[Moved], seeds: int) -> ScreenTable:
     """Return the table for the screen."""
-    from rich.table import Table
+    from edmsim.screen import ScreenTable
 
     controllers = [row.controller for row in moved if row.place == moved[0].place]
     title = f"{env_id}, {seeds} cuts in each place: return; mm2/min; wires lost and jams"
-    table = Table("place", *controllers, title=title)
+    table = ScreenTable("place", numbers=controllers, title=title)
     for cells in rows_of(moved):
         table.add_row(*cells)
     return table

@@ -8,11 +8,12 @@ import warnings
 from collections.abc import Callable, Mapping
 from contextlib import nullcontext
 from pathlib import Path
-from typing import Any, Unpack
+from typing import Any, NamedTuple, Unpack
 
 from edmsim import user_code
 from edmsim.controllers import FeedController, SeesTruth, axis, from_text
 from edmsim.controllers.axis.drive import Drive
+from edmsim.controllers.axis.elcam import Elcam
 from edmsim.controllers.axis.elcam_file import NAMES, PLACES, load_tables, read_tables
 from edmsim.controllers.mcu.firmware.poscal import unit_um
 from edmsim.controllers.own import check_is_controller
@@ -27,6 +28,7 @@ from edmsim.job.result import CutResult, result_of
 from edmsim.job.settings import CutOptions, CutSettings, takes_settings
 from edmsim.machine.files import own_mjcf_text
 from edmsim.machine.machine import Machine
+from edmsim.plant.workpiece.height_steps import LowerRegion
 from edmsim.program.path import CutPath, plan_path
 from edmsim.recording.report import outcome_text
 
@@ -127,18 +129,53 @@ def planned(program: str | Path, settings: CutSettings, machine: Machine) -> Cut
     )
 
 
-def _begin(program: str | Path, settings: CutSettings) -> tuple[Simulation, Recorders]:
-    """Read the program; set up machine, path, controller and recorders."""
+class Prepared(NamedTuple):
+    """What a cut is made of, before anything is simulated."""
+
+    machine: Machine
+    controller: FeedController
+    path: CutPath
+    steps: tuple[LowerRegion, ...]
+    drives: dict[str, Drive]
+    compensation: Elcam | None
+
+
+def prepared(
+    program: str | Path, settings: CutSettings,
+    plan: Callable[[str | Path, CutSettings, Machine], CutPath] = planned,
+) -> Prepared:
+    """Read all that a cut needs, and refuse what it cannot be made with; nothing is simulated.
+
+    Parameters
+    ----------
+    program : path
+    settings : CutSettings
+    plan : callable, optional
+        What plans the path, for whoever remembers some.
+
+    Raises
+    ------
+    InputError
+        As `cut`.
+    """
     machine, file = settings.load_machine(), settings.compensation
     controller = make_controller(settings.controller)
-    path = planned(program, settings, machine)
-    steps = settings.workpiece.steps(path, machine.wire_diameter_um)
-    recorders = recorders_for(machine, steps, settings.resolution)
+    path = plan(program, settings, machine)
+    return Prepared(
+        machine, controller, path, settings.workpiece.steps(path, machine.wire_diameter_um),
+        _drives(settings.drive, machine.base.table.step_um.value),
+        None if file is None else load_tables(read_tables(file), file),
+    )
+
+
+def _begin(program: str | Path, settings: CutSettings) -> tuple[Simulation, Recorders]:
+    """Read the program; set up machine, path, controller and recorders."""
+    ready = prepared(program, settings)
+    recorders = recorders_for(ready.machine, ready.steps, settings.resolution)
     simulation = Simulation(
-        machine, path, controller, planner=settings.planner, seed=settings.seed, resolution=settings.resolution,
-        max_time_s=settings.max_time_s, steps=steps, mechanics=settings.mechanics, observers=recorders,
-        drives=_drives(settings.drive, machine.base.table.step_um.value),
-        compensation=None if file is None else load_tables(read_tables(file), file),
+        ready.machine, ready.path, ready.controller, planner=settings.planner, seed=settings.seed,
+        resolution=settings.resolution, max_time_s=settings.max_time_s, steps=ready.steps,
+        mechanics=settings.mechanics, observers=recorders, drives=ready.drives, compensation=ready.compensation,
         stuck_wire_sensor=settings.stuck_wire_sensor,
     )
     return simulation, recorders

@@ -15,9 +15,9 @@ from edmsim.learning.score import RESOLUTIONS, RIVALS, measure, render
 
 if TYPE_CHECKING:
     from rich.console import Console
-    from rich.table import Table
 
     from edmsim.learning.train import TrainingProgress
+    from edmsim.screen import ScreenTable
 
 class Asked(NamedTuple):
     """What was asked for beside the algorithm.
@@ -69,7 +69,7 @@ class Asked(NamedTuple):
 def run(
     env_id: str, algo: str, out: Path, steps: int | None, seed: int, resume: bool, episodes: int, console: Console,
     asked: Asked = Asked(),  # noqa: B008 - it cannot be changed
-) -> Table | None:
+) -> ScreenTable | None:
     """Train a policy, write it as ``policy.json`` and ``policy.npz`` into the folder, and measure it.
 
     Parameters
@@ -84,7 +84,7 @@ def run(
 
     Returns
     -------
-    rich.table.Table or None
+    ScreenTable or None
         The scores; None without episodes.
 
     Raises
@@ -93,7 +93,8 @@ def run(
         An argument that cannot be used, or the extra ``rl`` is not installed.
     """
     from rich.progress import BarColumn, TextColumn, TimeRemainingColumn
-    from rich.progress import Progress as Bar
+
+    from edmsim.screen import ScreenProgress
 
     if episodes < 0 or episodes == 1:
         raise InputError(f"{episodes} episodes give no mean with an error: give 2 or more, or 0 for none")
@@ -104,7 +105,7 @@ def run(
     named = resolve(env_id)
     given = None if resume else asked.hyperparameters(named, algo)
     file = out / "policy.json"
-    bar = Bar(
+    bar = ScreenProgress(
         TextColumn("{task.percentage:5.1f} %"), BarColumn(bar_width=24), TimeRemainingColumn(),
         TextColumn("{task.fields[told]}"), console=console,
     )

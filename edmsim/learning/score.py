@@ -16,7 +16,7 @@ from edmsim.evaluation.episode import Result
 from edmsim.learning import policy_file
 
 if TYPE_CHECKING:
-    from rich.table import Table
+    from edmsim.screen import ScreenTable
 
 RIVALS = ("counts", "voltage")
 """The controllers policies are measured against: that of 1982, and the classic one that earns most."""
@@ -113,11 +113,12 @@ def measure_again(policy: str, episodes: int) -> list[Score]:
     return scores
 
 
-def render(scores: list[Score]) -> Table:
+def render(scores: list[Score]) -> ScreenTable:
     """Return the scores as a table."""
-    from rich.table import Table
+    from edmsim.screen import ScreenTable
 
-    table = Table("controller", "resolution", "return", "mm2/min", "error, um", "breaks", "limits")
+    numbers = ("return", "mm2/min", "error, um", "breaks", "limits")
+    table = ScreenTable("controller", "resolution", numbers=numbers, keys=2)
     for row in scores:
         error = "" if row.error_um is None else f"{row.error_um:.2f}"
         table.add_row(

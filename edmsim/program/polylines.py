@@ -72,7 +72,7 @@ def _segment(start: complex, end: complex, bulge: float) -> NDArray[np.float64]:
     points = [start, end]
     if abs(bulge * step) / 2 > CHORD_TOLERANCE_UM / 1000:
         centre = (start + end) / 2 + 1j * step * (1 - bulge * bulge) / (4 * bulge)
-        points = [start, *arc_points(start, end, centre, 1 if bulge > 0 else -1)]
+        points = [start, *arc_points(start, end, centre, 1 if bulge > 0 else -1, full=False)]
     return np.array([(point.real, point.imag) for point in points])
 
 

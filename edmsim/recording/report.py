@@ -217,13 +217,14 @@ def figure_text(value: float | None, unit: str, digits: int = 1) -> str:
 def render_table(report: Mapping[str, Any]) -> RenderableType:
     """Return the report for the terminal: the key figures, the worst corners, the notices."""
     from rich.console import Group
-    from rich.table import Table
     from rich.text import Text
+
+    from edmsim.screen import ScreenTable
 
     head = Text(f"{report['outcome']}", style="bold green" if report["reason"] is None else "bold red")
     if report["reason"] is not None:
         head.append(f"  {report['reason']}", style="default")
-    table = Table(box=None, show_header=False, pad_edge=False)
+    table = ScreenTable(box=None, show_header=False, pad_edge=False)
     table.add_column(style="dim")
     table.add_column()
     for name, text in summary(report):

@@ -42,9 +42,11 @@ def as_json(found: TableMeasurement) -> str:
 
 def render(found: TableMeasurement) -> RenderableType:
     """Return all figures as a table for the terminal."""
-    from rich.table import Table
+    from edmsim.screen import ScreenTable
 
-    table = Table("ISO 230-2, um", "x", "y", title=f"{len(found.along['x', 'x'].targets_mm)} targets an axis")
+    table = ScreenTable(
+        "ISO 230-2, um", numbers=("x", "y"), title=f"{len(found.along['x', 'x'].targets_mm)} targets an axis"
+    )
     x, y = (found.along[axis, axis].figures() for axis in ("x", "y"))
     for name, words in _NAMES.items():
         table.add_row(words, f"{x[name]:.2f}", f"{y[name]:.2f}")

@@ -25,7 +25,7 @@ from edmsim.files import make_writable, replacing
 from edmsim.learning import hyperparameters
 from edmsim.sweep.cluster import Cluster
 from edmsim.sweep.engine import ATTEMPTS
-from edmsim.sweep.trial import TRAINING, Bound
+from edmsim.sweep.trial import Bound, bounds
 from edmsim.sweep.tune import write_found
 
 PLAN = "population.json"
@@ -141,6 +141,7 @@ def _plan(
         raise InputError(f"{generations} generations train nothing: give 1 or more")
     judged_by = tuple(training_seeds(seed, seeds))
     env_id = resolve(name)
+    bounds("training", algo)  # refuses an algorithm of which nothing is searched
     given = hyperparameters.load(env_id, algo)
     total = given.steps if steps is None else steps
     if total < generations:
@@ -192,7 +193,7 @@ def _tuner(trainable: Any, folder: Path, plan: Plan) -> Any:
 
     from edmsim.sweep.learner import Watching
 
-    space = TRAINING[plan.algo]
+    space = bounds("training", plan.algo)
     drawn = {key: _domain(bound) for key, bound in space.items()}
     scheduler = PopulationBasedTraining(
         time_attr="training_iteration", metric="worth", mode="max", perturbation_interval=1, synch=True,

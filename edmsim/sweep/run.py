@@ -6,8 +6,8 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import NamedTuple
 
-from edmsim.errors import InputError
 from edmsim.files import replacing
+from edmsim.sweep.check import check_runs
 from edmsim.sweep.engine import Engine, Lost, Processes
 from edmsim.sweep.perform import Outcome, lost, perform
 from edmsim.sweep.runs import SweepRun, runs_of
@@ -37,7 +37,7 @@ class SweepProgress(NamedTuple):
 
 def sweep(
     specification: Specification, out: str | Path, *, engine: Engine | None = None, retry_failed: bool = False,
-    watch: Callable[[SweepProgress], None] | None = None,
+    watch: Callable[[SweepProgress], None] | None = None, checking: Callable[[int, int], None] | None = None,
 ) -> SweepProgress:
     """Make all runs of a sweep that are not done yet.
 
@@ -52,6 +52,9 @@ def sweep(
         Make again what failed.
     watch : callable, optional
         Called with a `SweepProgress` at the beginning and after every run.
+    checking : callable, optional
+        Called before that with the combinations of settings looked at and to look at: all are prepared as for a cut
+        before the first run.
 
     Returns
     -------
@@ -61,7 +64,7 @@ def sweep(
     Raises
     ------
     InputError
-        What cannot be run at all: a setting that does not exist, a folder that cannot be written to.
+        A combination of settings that cannot be run, or a folder that cannot be written to.
     KeyboardInterrupt
         All that was done is kept; the same call goes on.
 
@@ -72,9 +75,7 @@ def sweep(
     >>> spec.runs
     8
     """
-    first = next(runs_of(specification), None)  # what cannot be run is refused before a folder is made
-    if first is None:
-        raise InputError("this sweep has no run")
+    check_runs(specification, checking)  # before a folder is made
     with Store(out) as store:
         if retry_failed:
             store.forget_failures()

@@ -72,15 +72,21 @@ def runs_of(specification: Specification) -> Iterator[SweepRun]:
         A name that is no option, or a value that no run can be made with.
     """
     spec = specification
+    for task, given in combinations(spec):
+        settings = checked(task, given, bool(spec.program))
+        for sample, seed in itertools.product(_samples(spec), spec.seeds):
+            yield _run(task, settings, seed, sample, spec)
+
+
+def combinations(spec: Specification) -> Iterator[tuple[str, dict[str, Any]]]:
+    """Yield every task with every combination of settings as they were given, by their full names."""
     names = [_option(name, spec) for name in spec.grid]
     fixed = {_option(name, spec): value for name, value in spec.settings.items()}
     for combination in itertools.product(*spec.grid.values()):
         chosen = {**fixed, **dict(zip(names, combination, strict=True))}
         points = [{}] if spec.sobol is None else sobol_points(spec.sobol, spec, chosen)
         for point, task in itertools.product(points, spec.tasks):
-            settings = _checked(task, {**chosen, **point}, bool(spec.program))
-            for sample, seed in itertools.product(_samples(spec), spec.seeds):
-                yield _run(task, settings, seed, sample, spec)
+            yield task, {**chosen, **point}
 
 
 def sobol_points(sobol: SobolSample, spec: Specification, chosen: Mapping[str, Any]) -> list[dict[str, float]]:
@@ -125,7 +131,7 @@ def _option(name: str, spec: Specification) -> str:
     return found[0]
 
 
-def _checked(task: str, given: Mapping[str, Any], is_cut: bool) -> dict[str, Any]:
+def checked(task: str, given: Mapping[str, Any], is_cut: bool) -> dict[str, Any]:
     """Return all settings of a run, those left out at their defaults."""
     options = {name: value for name, value in given.items() if "." not in name}
     constants = {name: value for name, value in given.items() if "." in name}

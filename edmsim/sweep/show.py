@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from edmsim.evaluation.compare import Figure
-from edmsim.sweep.summary import KEYS, effects, front_of, goals_of, groups, measured, varied
+from edmsim.sweep.sensitivity import Effect
+from edmsim.sweep.summary import KEYS, front_of, goals_of, groups, measured, sensitivities, varied
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -28,18 +29,19 @@ def render(table: pa.Table) -> RenderableType:
 
 
 def _means(table: pa.Table) -> RenderableType:
-    from rich.table import Table
+    from edmsim.screen import ScreenTable
 
     found = groups(table)
     names = measured(table)
     failed = sum(group.failed for group in found)
-    shown = Table(title=f"{len(table)} runs, {failed} failed; means with 95 % intervals")
     settings = list(found[0].settings)
+    title = f"{len(table)} runs, {failed} failed; means with 95 % intervals"
+    shown = ScreenTable(title=title, keys=max(len(settings), 1))
     for name in settings:
-        shown.add_column(name, overflow="fold")
-    shown.add_column("finished", justify="right")
-    for name in names:
-        shown.add_column(KEYS[name], justify="right")
+        are_numbers = all(isinstance(group.settings[name], int | float | None) for group in found)
+        shown.add_column(name, justify="right" if are_numbers else "left")
+    for head in ("finished", *(KEYS[name] for name in names)):
+        shown.add_column(head, justify="right")
     for group in found[:MOST_LINES]:
         failures = f", {group.failed} failed" if group.failed else ""
         shown.add_row(
@@ -52,21 +54,36 @@ def _means(table: pa.Table) -> RenderableType:
 
 
 def _sensitivities(table: pa.Table) -> RenderableType:
-    from rich.table import Table
+    from edmsim.screen import ScreenTable
 
-    names = measured(table)
-    shown = Table(title="share of the variance that goes with a setting by itself (rank correlation)")
-    shown.add_column("setting")
-    for name in names:
-        shown.add_column(KEYS[name], justify="right")
-    for setting, found in list(effects(table).items())[:MOST_LINES]:
-        cells = []
-        for name in names:
-            rank = found[name].rank_correlation
-            share = "" if math.isnan(found[name].share) else f"{100 * found[name].share:.0f} %"
-            cells.append(share if math.isnan(rank) or not share else f"{share} ({rank:+.2f})")
-        shown.add_row(setting, *cells)
+    found = sensitivities(table)
+    settings = next(iter(found.values())).effects if found else {}
+    shown = ScreenTable(
+        "setting", numbers=[KEYS[name] for name in found],
+        title="share of the variance alone / with interactions; below it the rank correlation",
+    )  # fmt: skip
+
+    def most(setting: str) -> float:
+        effects = (of_figure.effects[setting] for of_figure in found.values())
+        shares = (share for effect in effects for share in (effect.first_order, effect.total))
+        return max((share for share in shares if not math.isnan(share)), default=0.0)
+
+    for setting in sorted(settings, key=most, reverse=True)[:MOST_LINES]:
+        shown.add_row(setting, *(_effect(of_figure.effects[setting]) for of_figure in found.values()))
+    shown.add_section()
+    for name in ("interactions", "unexplained"):
+        shown.add_row(name, *(_percent(getattr(of_figure, name)) for of_figure in found.values()))
     return shown
+
+
+def _effect(effect: Effect) -> str:
+    first, total, rank = effect.first_order, effect.total, effect.rank_correlation
+    shares = f"{_percent(first)} / {_percent(total)}" if not math.isnan(total) else _percent(first)
+    return shares if math.isnan(rank) or not shares else f"{shares}\n{rank:+.2f}"
+
+
+def _percent(share: float) -> str:
+    return "" if math.isnan(share) else f"{100 * share:.0f} %"
 
 
 def _errors(table: pa.Table) -> list[RenderableType]:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from edmsim.evaluation.compare import Figure, mean
 from edmsim.sweep.figures import NAMES
+from edmsim.sweep.sensitivity import MOST_VALUES, Sensitivity, Varied, sensitivity
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -22,10 +23,7 @@ KEYS = {
 """Figures that are looked at, as far as the sweep has them."""
 GOALS = {"cutting_rate_mm2_min": 1, "ra_um": -1, "error_rms_um": -1}
 """Figures of the Pareto front: more rate, less roughness and error are better."""
-MOST_VALUES = 12
-"""Values of a setting up to which runs are grouped by it (ours); a Sobol sample has as many as points."""
-BINS = 8
-"""Groups of equally many runs that a setting of more values is divided into for its effect (ours)."""
+MACHINE = "machine_sample"
 _NO_SETTINGS = {"id", "seed"}
 
 
@@ -48,24 +46,6 @@ class Group:
     failed: int
     finished: int
     figures: dict[str, Figure]
-
-
-@dataclass(frozen=True)
-class Effect:
-    """What a setting does to a figure, by itself.
-
-    Attributes
-    ----------
-    share : float
-        Share (0..1) of the figure's variance over all runs that goes with the setting, what chance alone would give
-        taken off (Kelley's epsilon squared); the first-order index of sensitivity, where the sample is balanced.
-    rank_correlation : float
-        Spearman's: 1 if the figure only rises with the setting, -1 if it only falls; NaN of a setting that is no
-        number.
-    """
-
-    share: float
-    rank_correlation: float
 
 
 def varied(table: pa.Table) -> list[str]:
@@ -108,36 +88,23 @@ def groups(table: pa.Table, by: list[str] | None = None) -> list[Group]:
     ]  # fmt: skip
 
 
-def effects(table: pa.Table) -> dict[str, dict[str, Effect]]:
-    """Return what each setting that differs does to each figure, the strongest on the first figure first."""
-    found = {
-        setting: {name: effect(table[setting].to_pylist(), _values(table, name)) for name in measured(table)}
-        for setting in varied(table)
-    }  # fmt: skip
-    return dict(sorted(found.items(), key=lambda item: -max((e.share for e in item[1].values()), default=0.0)))
+def sensitivities(table: pa.Table) -> dict[str, Sensitivity]:
+    """Return for each figure what the settings that differ do to it; see `edmsim.sweep.sensitivity.sensitivity`.
+
+    Constants of drawn machines are settings where more machines were drawn than there are constants; of fewer nobody
+    could tell which constant it was, and the machine counts as one setting.
+    """
+    settings = [
+        Varied(name, table[name].to_pylist(), is_name=name == MACHINE) for name in _told_apart(table)
+    ]
+    return {name: sensitivity(settings, _values(table, name)) for name in measured(table)}
 
 
-def effect(setting: list[Any], figure: NDArray[np.float64]) -> Effect:
-    """Return what a setting does to a figure, from their values run by run."""
-    from scipy.stats import rankdata
-
-    known = np.isfinite(figure)
-    values, given = figure[known], [value for value, is_known in zip(setting, known, strict=True) if is_known]
-    number = all(isinstance(value, int | float) for value in given)
-    told = np.array(given, float) if number else np.array([str(value) for value in given])
-    levels = np.unique(told, return_inverse=True)[1]
-    ranks = rankdata(given) if number and given else np.zeros(0)
-    kinds = len(set(levels))
-    if number and kinds > MOST_VALUES:
-        levels = np.minimum((ranks - 0.5) * BINS // len(ranks), BINS - 1).astype(int)
-        kinds = len(set(levels))
-    if len(values) <= kinds or np.ptp(values) == 0:
-        return Effect(math.nan, math.nan)
-    total = float(((values - values.mean()) ** 2).sum())
-    within = sum(float(((part - part.mean()) ** 2).sum()) for k in set(levels) for part in [values[levels == k]])
-    share = 1.0 - within / (len(values) - kinds) * (len(values) - 1) / total
-    ordered = number and kinds > 1
-    return Effect(max(share, 0.0), float(np.corrcoef(ranks, rankdata(values))[0, 1]) if ordered else math.nan)
+def _told_apart(table: pa.Table) -> list[str]:
+    """Return the settings that differ, of drawn machines either their constants or their numbers."""
+    constants, machines = _drawn(table), len(table[MACHINE].unique())
+    left_out = constants if machines <= len(constants) + 1 else [MACHINE]
+    return [name for name in varied(table) if name not in left_out]
 
 
 def pareto_front(points: NDArray[np.float64]) -> NDArray[np.bool_]:
@@ -166,8 +133,22 @@ def goals_of(table: pa.Table) -> list[str]:
 
 def _chosen(table: pa.Table) -> list[str]:
     """Return the settings that were chosen and differ; what a drawn machine has was not chosen."""
-    drawn = table["machine_sample"].null_count < len(table)
-    return [name for name in varied(table) if name != "machine_sample" and not (drawn and "." in name)]
+    drawn = _drawn(table)
+    return [name for name in varied(table) if name != MACHINE and name not in drawn]
+
+
+def _drawn(table: pa.Table) -> list[str]:
+    """Return the constants that were drawn: of a chosen one several machines have the same value."""
+    made = table.filter(table["error"].is_null())
+    machines = made[MACHINE].to_pylist()
+    if len(set(machines)) < 2:
+        return []
+    found = []
+    for name in (name for name in varied(table) if "." in name):
+        pairs = set(zip(made[name].to_pylist(), machines, strict=True))
+        if len({value for value, _ in pairs}) == len(pairs):
+            found.append(name)
+    return found
 
 
 def _values(table: pa.Table, name: str) -> NDArray[np.float64]:

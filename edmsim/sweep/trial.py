@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Literal, NamedTuple
 import numpy as np
 
 from edmsim.controllers import make
+from edmsim.errors import InputError
 from edmsim.evaluation.search import BOUNDS, run_all, score
 from edmsim.sweep.perform import said
 
@@ -82,8 +83,16 @@ class Worth:
 
 
 def bounds(kind: str, name: str) -> dict[str, Bound]:
-    """Return what is searched of a controller, or of an algorithm."""
+    """Return what is searched of a controller, or of an algorithm.
+
+    Raises
+    ------
+    InputError
+        Nothing of this algorithm is searched.
+    """
     if kind == "training":
+        if name not in TRAINING:
+            raise InputError(f"no settings of the algorithm '{name}' are searched; choose {', '.join(TRAINING)}")
         return TRAINING[name]
     return {key: Bound(*ends) for key, ends in BOUNDS[name].items()}
 

@@ -16,7 +16,7 @@ from edmsim.envs.registry import resolve
 from edmsim.errors import InputError
 from edmsim.evaluation.search import BOUNDS, training_seeds
 from edmsim.files import make_writable, replacing
-from edmsim.learning.hyperparameters import ALGORITHMS, load
+from edmsim.learning.hyperparameters import load
 from edmsim.sweep.engine import Engine, Lost, Processes
 from edmsim.sweep.trial import Bound, Trial, Worth, bounds, judge_trial
 
@@ -83,6 +83,8 @@ def tune(
     env_id = resolve(name) if kind == "training" else name
     usual = _in_use(kind, env_id, algo, space)
     windows = (load(env_id, algo).steps if steps is None else steps) if kind == "training" else 0
+    if kind == "training" and windows < 1:
+        raise InputError(f"{windows} windows train nothing: give 1 or more steps")
     folder = Path(out)
     make_writable(folder)
     study = _study(folder, f"{name} {algo}" if kind == "training" else name, seed)
@@ -119,8 +121,6 @@ def _space(name: str, algo: str) -> tuple[Any, dict[str, Bound]]:
         return "gains", bounds("gains", name)
     if "/" not in name and ".py:" not in name:
         raise InputError(f"nothing of '{name}' is searched; choose one of {', '.join(BOUNDS)}, or an environment")
-    if algo not in ALGORITHMS:
-        raise InputError(f"unknown algorithm '{algo}'; there are: {', '.join(ALGORITHMS)}")
     return "training", bounds("training", algo)
 
 

@@ -48,9 +48,9 @@ def summary(rows: Sequence[Row]) -> str:
 
 def render(rows: Sequence[Row]) -> RenderableType:
     """Return the rows as a table for the terminal."""
-    from rich.table import Table
+    from edmsim.screen import ScreenTable
 
-    table = Table("", "fact", "published", "model", title="edmsim validate", caption=summary(rows))
+    table = ScreenTable("", "fact", "published", "model", title="edmsim validate", caption=summary(rows))
     topic = ""
     for row in rows:
         if row.topic != topic:

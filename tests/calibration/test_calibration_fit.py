@@ -19,9 +19,10 @@ from hypothesis import strategies as st
 
 import edmsim
 from edmsim.calibration import Fit, Log, calibrate, read_log
-from edmsim.calibration.fit import Fitted
+from edmsim.calibration.fit import Fitted, remark
 from edmsim.calibration.log import COLUMNS, STRETCH_WINDOWS, Stretch, stretches
 from edmsim.calibration.output import correlated, write
+from edmsim.calibration.set_up import machine_of
 from edmsim.calibration.simulate import simulate
 from edmsim.cli import app as cli
 from edmsim.cli.console import INTERRUPTED
@@ -278,6 +279,71 @@ def test_of_a_log_whose_workpiece_changed_its_height_the_greatest_is_taken(compa
     machine, _, said = compared(CutSettings(height_mm=10, heights=[(1, 12)]))
     assert machine.height_mm == 12.0
     assert "the height changed in the cut of this log: 12 mm is taken for all of it" in said
+
+
+GIVEN = {"gap.critical_um": 9.5, "material.burning_voltage_V": 23.0, "gap.contact_um": 1.5}
+
+
+def test_constants_given_to_the_cut_are_where_a_search_starts_or_are_held(compared: Callable[..., Compared]) -> None:
+    settings = CutSettings(height_mm=10, constants=GIVEN)
+    machine, _, said = compared(settings, "--fit", "gap.critical_um,material.removal_mm3_J")
+    assert machine.base.gap.contact_um.value == 1.5
+    assert machine.material.burning_voltage_V.value == 23.0
+    ranges = {name: constant.range for name, constant in edmsim.Machine.load().uncertain().items()}
+    # a place around the start, as sensitivities are taken
+    assert machine.base.gap.critical_um.range == ranges["gap.critical_um"]
+    assert said.splitlines()[:-1] == [
+        "edmsim: gap.contact_um is held at 1.5, as in the cut of the log",
+        "edmsim: material.burning_voltage_V is held at 23, as in the cut of the log",
+    ]
+
+
+def test_of_another_material_the_files_constants_are_used(compared: Callable[..., Compared]) -> None:
+    machine, _, said = compared(CutSettings(height_mm=10, constants=GIVEN), "--material", "copper")
+    assert machine.material.burning_voltage_V == edmsim.Machine.load(material="copper").material.burning_voltage_V
+    assert "the log was cut with another value of material.burning_voltage_V: that of the file given is used" in said
+    assert "gap.contact_um is held at 1.5" in said
+
+
+def test_a_constant_given_beyond_its_range_is_said_and_can_be_written(
+    compared: Callable[..., Compared], tmp_path: Path
+) -> None:
+    settings = CutSettings(height_mm=10, constants={"gap.critical_um": 14.0, "material.removal_mm3_J": 5e-2})
+    _, _, said = compared(settings, "--fit", "gap.critical_um")
+    assert "gap.critical_um was 14 in the cut of the log, outside its range 8..10: what is fitted lies within" in said
+    constants = (Fitted("gap.critical_um", 14.0, 9.9, (9.0, 10.0), (8.0, 10.0), ""),)
+    machine = with_values(machine_of(settings), {"gap.critical_um": 9.9})
+    fit = Fit(machine, constants, {}, np.eye(1), 1.0, [], np.zeros((0, 5)), np.zeros((0, 5)))
+    files = write(fit, "log", tmp_path / "fitted.toml", ["material.removal_mm3_J"])
+    again = edmsim.Machine.load(str(files["machine"]), material=str(files["material"]))
+    assert again.base.gap.critical_um.range == (8.0, 10.0)
+    assert (again.material.removal_mm3_J.value, again.material.removal_mm3_J.range) == (5e-2, None)
+
+
+@pytest.mark.parametrize(("share", "half", "said"), [
+    (0.5, 0.2, ""), (0.1, 0.2, "interval cut off at the range's lower end"),
+    (0.9, 0.2, "interval cut off at the range's upper end"),
+    (0.4, 0.7, "interval cut off at the range's lower and upper end"),
+    (1.0, 0.2, "at the end of its range; interval cut off at the range's upper end"),
+])  # fmt: skip
+def test_what_ends_at_a_bound_says_so(share: float, half: float, said: str) -> None:
+    assert remark(share, half) == said
+
+
+def test_progress_is_told_where_there_is_no_terminal(
+    log_file: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    cuts = iter(range(3))
+
+    def briefly(*_: object) -> np.ndarray:
+        if next(cuts, None) is None:
+            raise KeyboardInterrupt
+        return np.full((10, 5), 0.5)
+
+    monkeypatch.setattr("edmsim.calibration.comparison.simulate", briefly)
+    monkeypatch.setattr("edmsim.screen.LINE_EVERY_S", 0.0)
+    assert run(monkeypatch, log_file, "--out", log_file.parent / "fitted.toml", "--height", "10") == INTERRUPTED
+    assert "1 cuts simulated" in capsys.readouterr().err
 
 
 def test_a_log_that_tells_no_settings_is_compared_at_the_usual_ones(compared: Callable[..., Compared]) -> None:

@@ -67,29 +67,93 @@ def test_settings_that_are_none_of_a_cut_are_refused_in_one_line(tmp_path: Path)
     assert "\n" not in str(refused.value)
 
 
+POINTS = """\
+feed_um_s,short,open,mean_voltage_V,mean_current_A,mean_delay_us,t_on_us,t_period_us,operator
+20.5,3,120,41.25,0.75,11.5,30,100,M\u00fcller
+21,4,118,41,0.5,,30,100,"Meier, jun."
+"""
+COMMAS = """\
+feed_um_s;short;open;mean_voltage_V;mean_current_A;mean_delay_us;t_on_us;t_period_us;operator
+20,5;3;120;41,25;0,75;11,5;30;100;M\u00fcller
+21;4;118;41;0,5;;30;100;"Meier; jun."
+"""
+
+
+@pytest.mark.parametrize("content", [
+    POINTS.encode(), COMMAS.encode(), COMMAS.encode("cp1252"), COMMAS.encode("utf-8-sig"), COMMAS.encode("utf-16"),
+    COMMAS.encode("utf-16-le"), COMMAS.encode("utf-16-be"), POINTS.encode("utf-16"), POINTS.encode("utf-32"),
+    COMMAS.replace(";", "\t").encode(), COMMAS.replace(",", ".").encode(), COMMAS.replace("\n", "\r\n").encode(),
+    b"sep=;\r\n" + COMMAS.encode(), b"\n" + POINTS.replace("\n", "\n\n").encode(),
+    POINTS.replace("20.5,", '"20,5",').replace("41.25", '"41,25"').replace("0.75", '"0,75"').replace("11.5", '"11,5"')
+    .encode(),
+    POINTS.replace("short", " short ").replace(",,", ",NaN,").encode(),
+], ids=lambda content: ascii(content[:12]) + str(len(content)))  # fmt: skip
+def test_csv_of_spreadsheets_is_read(tmp_path: Path, content: bytes) -> None:
+    (tmp_path / "log.csv").write_bytes(content)
+    columns = read_log(tmp_path / "log.csv").columns
+    assert columns["feed_um_s"].tolist() == [20.5, 21.0]
+    assert columns["mean_voltage_V"].tolist() == [41.25, 41.0]
+    assert columns["mean_current_A"].tolist() == [0.75, 0.5]
+    assert columns["short"].tolist() == [3.0, 4.0]
+    np.testing.assert_array_equal(columns["mean_delay_us"], [11.5, np.nan])
+
+
+def test_parquet_is_known_by_what_it_holds(tmp_path: Path) -> None:
+    pa.parquet.write_table(pa.table(rows(3)), tmp_path / "log.dat")
+    assert len(read_log(tmp_path / "log.dat")) == 3
+
+
+HEADING = ",".join(COLUMNS) + "\n"
+
+
 @pytest.mark.parametrize(
     ("name", "content", "said"),
     [
         ("log.csv", None, "no such file"),
-        ("log.csv", "", "cannot be read as CSV"),
-        ("log.parquet", "feed_um_s\n1\n", "cannot be read as Parquet"),
-        ("log.csv", "feed_um_s,short\n1,2\n", "column open is missing; a log needs feed_um_s short open"),
-        ("log.csv", ",".join(COLUMNS) + "\n", "no windows in it"),
-        ("log.csv", ",".join(COLUMNS) + "\n20,1,2,20,1,x,30,100\n", "column mean_delay_us holds something that"),
-        ("log.csv", ",".join(COLUMNS) + "\n20,200,100,20,1,9,30,100\n", "window 1: short 200 cannot be"),
-        ("log.csv", ",".join(COLUMNS) + "\n20,1,2,20,1,9,30,100\n20,1,2,20,1,9,30,30\n", "window 2: t_period_us 30"),
-        ("log.csv", ",".join(COLUMNS) + "\n20,1,2,,1,9,30,100\n", "window 1: mean_voltage_V nan"),
-        ("log.csv", ",".join(COLUMNS) + "\n20,1,2,20,1,-9,30,100\n", "window 1: mean_delay_us -9"),
+        ("log.csv", b"", "is empty"),
+        ("log.csv", b" \n\n", "is empty"),
+        ("log.csv", b"\xff\xfe", "is empty"),
+        ("log.parquet", b"feed_um_s\n1\n", "is no Parquet file; a log as CSV has a name that ends in .csv"),
+        ("log.parquet", b"PAR1 and nothing", "is a damaged Parquet file"),
+        ("log.csv", b"PK\x03\x04\x14\x00\x06\x00\x08\x00\x00\x00!\x00", "save a spreadsheet as CSV"),
+        ("log.csv", b"\x1f\x8b\x08\xff\xfe", "is no text"),
+        ("log.csv", b"\xff\xfea\x00b", "its encoding is not that of its byte order mark"),
+        ("log.csv", b"feed_um_s,short\n1,2\n", "column open is missing; a log needs feed_um_s short open"),
+        ("log.csv", b"20,1,2,20,1,9,30,100\n", "column feed_um_s is missing; .* its first line has: 20, 1, 2"),
+        ("log.csv", HEADING.encode(), "no windows in it: it has a heading only"),
+        ("log.csv", HEADING.replace(",", ";").encode("utf-16"), "no windows in it: it has a heading only"),
+        ("log.csv", f"{HEADING}20,1,2,20,1,x,30,100\n".encode(), "log.csv:2: mean_delay_us is 'x': give a number"),
+        ("log.csv", f"um/s{HEADING[9:]}20,1\n".encode(), "column feed_um_s is missing"),
+        ("log.csv", f"{HEADING}20,1,2,20,1,9,30,100\n\n20,1,2,1_0,1,9,30,100\n".encode(),
+         "log.csv:4: mean_voltage_V is '1_0'"),
+        ("log.csv", f"{HEADING}20,5,1,2,20,1,9,30,100\n".encode(), "csv:2: it has 9 fields where the heading has 8"),
+        ("log.csv", f"{HEADING}20,1,2\n".encode(), "log.csv:2: it has 3 fields"),
+        ("log.csv", f"{HEADING.replace(',', ';')}1.020,5;1;2;20;1;9;30;100\n".encode(), "feed_um_s is '1.020,5'"),
+        ("log.csv", f"{HEADING[:-1]},short\n20,1,2,20,1,9,30,100,1\n".encode(), "column short is there 2 times"),
+        ("log.csv", f"{HEADING}20,200,100,20,1,9,30,100\n".encode(), "window 1: short 200 cannot be"),
+        ("log.csv", f"{HEADING}20,1,2,20,1,9,30,100\n20,1,2,20,1,9,30,30\n".encode(), "window 2: t_period_us 30"),
+        ("log.csv", f"{HEADING}20,1,2,,1,9,30,100\n".encode(), "window 1: mean_voltage_V nan"),
+        ("log.csv", f"{HEADING}20,1,2,inf,1,9,30,100\n".encode(), "window 1: mean_voltage_V inf"),
+        ("log.csv", f"{HEADING}20,1,2,20,1,-9,30,100\n".encode(), "window 1: mean_delay_us -9"),
     ],
-)
-def test_what_is_no_log_is_refused_in_one_line(tmp_path: Path, name: str, content: str | None, said: str) -> None:
+)  # fmt: skip
+def test_what_is_no_log_is_refused_in_one_line(tmp_path: Path, name: str, content: bytes | None, said: str) -> None:
     file = tmp_path / name
     if content is not None:
-        file.write_text(content)
+        file.write_bytes(content)
     with pytest.raises(InputError, match=said) as refused:
         read_log(file)
     assert str(file) in str(refused.value)
     assert "\n" not in str(refused.value)
+
+
+def test_a_folder_and_text_in_parquet_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="cannot be read: Is a directory"):
+        read_log(tmp_path)
+    table = pa.table({**rows(2), "short": ["a", "b"]})
+    pa.parquet.write_table(table, tmp_path / "log.parquet")
+    with pytest.raises(InputError, match="column short holds something that is no number"):
+        read_log(tmp_path / "log.parquet")
 
 
 def test_delays_are_weighted_by_what_ignited() -> None:

@@ -74,6 +74,11 @@ def test_a_controller_without_bounds_is_refused() -> None:
         search.search("mcu", 0)
 
 
+def test_fewer_than_no_generations_are_refused() -> None:
+    with pytest.raises(InputError, match="-1 generations"):
+        search.search("fixed", 0, generations=-1)
+
+
 @pytest.mark.parametrize("name", sorted(set(BOUNDS) - {"counts"}))
 def test_the_found_gains_are_used_and_name_their_command(name: str) -> None:
     text = models.path(f"gains/{name}.toml").read_text(encoding="utf-8")

@@ -23,7 +23,8 @@ ENV = "edmsim/GapFeed-v1"
 @pytest.mark.parametrize(("given", "named"), [
     ({"population": 3}, "no best quarter: give 4 or more"), ({"generations": 0}, "1 or more"),
     ({"steps": 9}, "fewer than 10 generations"), ({"algo": "dqn"}, "ppo, sac"),
-    ({"seed": 1_000_000}, "training seeds"),
+    ({"seed": 1_000_000}, "training seeds"), ({"algo": "imitation"}, "algorithm 'imitation'"),
+    ({"seeds": 0}, "1 or more"),
 ])  # fmt: skip
 def test_what_cannot_be_bred_is_refused(given: dict[str, Any], named: str, tmp_path: Path) -> None:
     with pytest.raises(InputError, match=named):

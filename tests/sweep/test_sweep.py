@@ -44,6 +44,13 @@ class Here:
             yield job, function(job)
 
 
+class _Nothing:
+    """An engine that makes no run."""
+
+    def done(self, function: Any, jobs: Any) -> Iterator[Any]:
+        yield from ()
+
+
 @pytest.fixture
 def dying(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
     """Jobs that kill their process, in a file that other processes can import."""
@@ -72,24 +79,77 @@ def test_processes_find_the_same_bits_as_this_one(two_controllers: Specification
     assert json.loads(here["report"][0].as_py())["settings"]["resolution"] == "fast"
 
 
-def test_a_run_that_fails_is_a_row_with_its_error(line: Path, short: dict[str, Any], tmp_path: Path) -> None:
-    spec = Specification(program=[str(line)], settings=short, grid={"t_on_us": [30, 60]})  # of a period of 100 us
-    assert sweep(spec, tmp_path, engine=Here()).failed == 1
-    by_time = {row["t_on_us"]: row for row in read(tmp_path).to_pylist()}
-    assert by_time[30.0]["error"] is None
-    assert by_time[30.0]["outcome"] == "time-limit"
-    assert "t_on 60 us" in by_time[60.0]["error"]
-    assert by_time[60.0]["machining_time_s"] is None
+def test_a_run_that_fails_is_a_row_with_its_error(
+    line: Path, short: dict[str, Any], giving_up: str, tmp_path: Path
+) -> None:
+    spec = Specification(program=[str(line)], settings=short, grid={"controller": ["counts", giving_up]})
+    out = tmp_path / "out"
+    assert sweep(spec, out, engine=Here()).failed == 1
+    by_law = {row["controller"]: row for row in read(out).to_pylist()}
+    assert by_law["counts"]["error"] is None
+    assert by_law["counts"]["outcome"] == "time-limit"
+    assert "RuntimeError: out of ideas" in by_law[giving_up]["error"]
+    assert by_law[giving_up]["machining_time_s"] is None
     again = Here()
-    assert sweep(spec, tmp_path, engine=again).failed == 1
+    assert sweep(spec, out, engine=again).failed == 1
     assert again.made == []  # it is done
-    sweep(spec, tmp_path, engine=again, retry_failed=True)
-    assert again.made == [by_time[60.0]["id"]]
-    assert len(read(tmp_path)) == 2
+    sweep(spec, out, engine=again, retry_failed=True)
+    assert again.made == [by_law[giving_up]["id"]]
+    assert len(read(out)) == 2
     line.write_text("G0 X0 Y0\nG1 X0.2\nM2\n")
-    changed = sweep(spec, tmp_path, engine=Here())
+    changed = sweep(spec, out, engine=Here())
     assert changed.made == 2  # another program: other runs, and those of the first stay
-    assert len(read(tmp_path)) == 4
+    assert len(read(out)) == 4
+
+
+@pytest.mark.parametrize(("grid", "named"), [
+    ({"height_mm": [5, "abc"]}, "1 of 2 combinations cannot be run, so none was: with height_mm abc: option height"),
+    ({"height_mm": [5, 900], "t_on": [20, 30]}, "2 of 4 combinations cannot be run, so none was: with height_mm 900"),
+    ({"t_on": [30, 60]}, "with t_on_us 60: t_on 60 us in t_period 100 us"),  # beyond the generator
+    ({"tension": [8, 80]}, "with tension 80: "),
+    ({"controller": ["counts", "genius"]}, "with controller genius: "),
+    ({"controller": ["counts", "oracle"]}, "which no machine shows"),  # but a comparison may have it
+    ({"controller": ["counts", "policy:none.json"]}, "none.json"),
+    ({"material": ["tool-steel", "none.toml"]}, "with material none.toml: "),
+    ({"offset": ["none", "wide"]}, "with offset wide: "),
+    ({"drive": ["stepper", "steam"]}, "with drive steam: "),
+    ({"planner": ["poscal", "compass"]}, "with planner compass: "),
+    ({"compensation": ["none.txt"]}, "none.txt"),
+    ({"gap.critical_um": [5, -5]}, "with gap.critical_um -5: "),
+])  # fmt: skip
+def test_all_values_are_looked_at_before_the_first_run(
+    line: Path, short: dict[str, Any], tmp_path: Path, grid: dict[str, Any], named: str
+) -> None:
+    settings = {name: value for name, value in short.items() if name not in grid}
+    spec = Specification(program=[str(line)], settings=settings, grid=grid)
+    engine = Here()
+    with pytest.raises(InputError) as refused:
+        sweep(spec, tmp_path / "out", engine=engine)
+    assert named in str(refused.value)
+    assert "\n" not in str(refused.value)
+    assert engine.made == []
+    assert not (tmp_path / "out").exists()
+
+
+def test_programs_samples_and_environments_are_looked_at_as_well(
+    line: Path, short: dict[str, Any], tmp_path: Path
+) -> None:
+    odd = tmp_path / "odd.ngc"
+    odd.write_text("G0 X0 Y0\nG1 X1 Q5 Q6\nG77\nM2\n")
+    for given, named in (
+        ({"program": [str(line), str(odd)]}, "odd.ngc"),
+        ({"program": str(line), "sobol": {"samples": 4, "ranges": {"tension": [8, 80]}}}, "with tension "),
+        ({"program": str(line), "machine_samples": 2, "sample_only": ["nonsense"]}, "'nonsense' is no section"),
+    ):
+        with pytest.raises(InputError, match=named):
+            sweep(Specification(settings=short, **given), tmp_path / "out", engine=Here())
+    grid = {"height_mm": [5, 900], "controller": ["counts", "genius"]}
+    with pytest.raises(InputError, match=r"3 of 4 .*controller genius: .* with height_mm 900: "):
+        sweep(Specification(environment="edmsim/GapFeed-v1", grid=grid), tmp_path / "out", engine=Here())
+    seen: list[tuple[int, int]] = []
+    spec = Specification(program=[str(line)], seeds=3, settings=short, grid={"t_on": [20, 30]})
+    sweep(spec, tmp_path / "out", engine=_Nothing(), checking=lambda *count: seen.append(count))
+    assert seen == [(0, 2), (1, 2)]
 
 
 def test_an_interrupted_sweep_makes_only_what_is_missing(two_controllers: Specification, tmp_path: Path) -> None:

@@ -10,7 +10,7 @@ import pytest
 from PIL import Image
 
 from edmsim.cli import app as cli
-from edmsim.sweep.summary import effect, effects, front_of, groups, pareto_front
+from edmsim.sweep.summary import KEYS, front_of, groups, pareto_front, sensitivities
 from edmsim.sweep.table import as_table, read
 
 
@@ -38,24 +38,44 @@ def test_means_count_failures_and_leave_them_out(table: object) -> None:
     assert rate.value == pytest.approx(5.0, abs=0.01)
 
 
-def test_effects_are_shares_of_the_variance(table: object) -> None:
-    found = effects(table)
-    assert list(found) == ["controller", "height_mm"]  # Ra follows the controller alone
+def test_sensitivities_are_shares_of_the_variance(table: object) -> None:
+    found = sensitivities(table)["cutting_rate_mm2_min"]
     # the variances of 2 * {0, 1, 2} and of {0, 1} are 8/3 and 1/4
-    assert found["height_mm"]["cutting_rate_mm2_min"].share == pytest.approx(8 / 3 / (8 / 3 + 0.25), abs=0.01)
-    assert found["controller"]["cutting_rate_mm2_min"].share == pytest.approx(0.25 / (8 / 3 + 0.25), abs=0.015)
-    assert found["height_mm"]["cutting_rate_mm2_min"].rank_correlation > 0.9
-    assert np.isnan(found["controller"]["cutting_rate_mm2_min"].rank_correlation)
-    assert np.isnan(found["height_mm"]["short_share"].share)  # it never changes
+    assert found.effects["height_mm"].first_order == pytest.approx(8 / 3 / (8 / 3 + 0.25), abs=0.01)
+    assert found.effects["controller"].total == pytest.approx(0.25 / (8 / 3 + 0.25), abs=0.01)
+    assert found.effects["height_mm"].rank_correlation > 0.9
+    assert np.isnan(found.effects["controller"].rank_correlation)
+    assert 0 < found.unexplained < 0.001
+    assert np.isnan(sensitivities(table)["short_share"].effects["height_mm"].first_order)  # it never changes
 
 
-def test_chance_is_no_effect() -> None:
-    rng = np.random.default_rng(1)
-    shares = [effect(list(rng.integers(0, 4, 40)), rng.normal(size=40)).share for _ in range(200)]
-    assert np.mean(shares) < 0.03
-    smooth = rng.random(400)
-    assert effect(list(smooth), smooth**3).share > 0.9  # of many values, in groups
-    assert effect(list(smooth), smooth**3).rank_correlation == pytest.approx(1.0)
+@pytest.mark.parametrize(("machines", "told"), [(3, ["height_mm", "machine_sample"]), (40, ["gap.a", "height_mm"])])
+def test_of_few_drawn_machines_nobody_can_tell_which_constant_it_was(machines: int, told: list[str]) -> None:
+    drawn = np.random.default_rng(2).random(machines)
+    extra = ["gap.a"] if machines > 10 else ["gap.a", "gap.b", "wire.c"]
+    rows = [
+        {"id": f"{m}-{height}", "task": "a.ngc", "seed": 0, "machine_sample": m, "height_mm": height,
+         **{name: drawn[m] + 0.01 * k for k, name in enumerate(extra)}, "error": None, "outcome": "finished",
+         "cutting_rate_mm2_min": height + 6.0 * drawn[m]}
+        for m in range(machines) for height in (1.0, 2.0)
+    ]  # fmt: skip
+    table = as_table([{**row, **{name: row.get(name) for name in KEYS}} for row in rows])
+    found = sensitivities(table)["cutting_rate_mm2_min"]
+    assert sorted(found.effects) == told
+    assert sum(effect.first_order for effect in found.effects.values()) == pytest.approx(1.0, abs=0.01)
+    by_machine = (6.0 * drawn).var() / ((6.0 * drawn).var() + 0.25)
+    assert found.effects[min(told, key=lambda name: name == "height_mm")].total == pytest.approx(by_machine, abs=0.02)
+
+
+def test_a_constant_that_was_chosen_is_grouped_by_although_machines_are_drawn() -> None:
+    rows = [
+        {"id": f"{m}-{chosen}", "task": "a.ngc", "seed": 0, "machine_sample": m, "gap.chosen": chosen,
+         "gap.drawn": 0.1 * m, "error": None, "outcome": "finished", "ra_um": chosen + m}
+        for m in range(3) for chosen in (1.0, 2.0)
+    ]  # fmt: skip
+    table = as_table([{**row, **{name: row.get(name) for name in KEYS}} for row in rows])
+    assert [group.settings for group in groups(table)] == [{"gap.chosen": 1.0}, {"gap.chosen": 2.0}]
+    assert sorted(sensitivities(table)["ra_um"].effects) == ["gap.chosen", "gap.drawn"]
 
 
 def test_the_front_is_what_nothing_surpasses(table: object) -> None:
@@ -74,11 +94,11 @@ def command(*words: object, monkeypatch: pytest.MonkeyPatch) -> int:
 
 
 def test_the_command_sweeps_shows_and_goes_on(
-    line: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    line: Path, giving_up: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    words = ("sweep", line, "--height", "5,8", "--t-on", "30,60", "--max-time=1", "--resolution", "fast", "--offset",
-             "none", "--out", "o", "--processes", 1)  # fmt: skip
+    words = ("sweep", line, "--height", "5,8", "--controller", f"counts,{giving_up}", "--max-time=1",
+             "--resolution", "fast", "--offset", "none", "--out", "o", "--processes", 1)  # fmt: skip
     assert command(*words, monkeypatch=monkeypatch) == 3  # some failed
     told = capsys.readouterr()
     assert "4 runs, 4 made now, 2 failed." in told.out
@@ -88,7 +108,7 @@ def test_the_command_sweeps_shows_and_goes_on(
     assert command("sweep", "--show", "o", monkeypatch=monkeypatch) == 0
     shown = capsys.readouterr().out
     assert "4 runs, 2 failed" in shown
-    assert "2 failed: t_on 60 us in t_period 100 us" in shown
+    assert "2 failed: RuntimeError: out of ideas" in shown
     assert "height_mm" in shown
     with Image.open("o/pareto.png") as picture:
         assert picture.size[0] == 700
@@ -103,6 +123,7 @@ def test_the_command_sweeps_shows_and_goes_on(
     (("line.ngc", "--out", "o", "--processes", "0"), "1 or more"),
     (("line.ngc", "--out", "o", "--processes", "1", "--ray", "auto"), "leave them out"),
     (("edmsim/Pond-v0", "--out", "o"), "edmsim/Pond-v0"),
+    (("line.ngc", "--out", "o", "--height", "5,abc"), "with height_mm abc"),
 ])  # fmt: skip
 def test_bad_usage_is_one_line(
     line: Path, words: tuple[str, ...], named: str, monkeypatch: pytest.MonkeyPatch,

@@ -76,7 +76,9 @@ def test_gains_are_judged_by_training_seeds() -> None:
 
 @pytest.mark.parametrize(("given", "named"), [
     ({"name": "genius"}, "counts"), ({"name": "fixed", "trials": 0}, "1 or more"),
-    ({"name": "edmsim/GapFeed-v1", "algo": "dqn"}, "ppo, sac"),
+    ({"name": "edmsim/GapFeed-v1", "algo": "dqn"}, "ppo, sac"), ({"name": "fixed", "seeds": 0}, "1 or more"),
+    ({"name": "edmsim/GapFeed-v1", "algo": "imitation"}, "no settings of the algorithm 'imitation' are searched"),
+    ({"name": "edmsim/GapFeed-v1", "steps": 0}, "0 windows train nothing"),
 ])  # fmt: skip
 def test_what_cannot_be_searched_is_refused(given: dict[str, Any], named: str, tmp_path: Path) -> None:
     with pytest.raises(InputError, match=named):

@@ -1,0 +1,208 @@
+"""What is printed for a person: tables that can be read at any width, and progress that a file shows as well."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+import rich.progress
+import rich.table
+from rich.cells import cell_len
+from rich.console import Console, ConsoleOptions, RenderResult
+from rich.text import Text
+
+LEAST_NAME = 8
+"""Characters that are left of a name at least (ours)."""
+LINE_EVERY_S = 10.0
+"""Between two lines of progress where no bar can be drawn (ours)."""
+CUT = "…"
+"""In the place of what is left out of a name."""
+
+
+class ScreenTable(rich.table.Table):
+    """A table that fits the terminal: names are shortened, sentences wrap, and numbers stay whole.
+
+    Columns with ``justify="right"`` are numbers. In the others a word that is too long, as a file's path, is
+    shortened in its middle, so that no two that differ look the same. Where the numbers take more than the width,
+    the table goes on below with the next of them.
+
+    Parameters
+    ----------
+    *names : str
+        Heads of columns of names or sentences.
+    numbers : sequence of str
+        Heads of the columns of numbers behind these.
+    keys : int
+        Columns that say what a row is of, the first ones: they are repeated where the table goes on.
+    **options
+        See `rich.table.Table`.
+    """
+
+    def __init__(self, *names: str, numbers: Sequence[str] = (), keys: int = 1, **options: Any) -> None:
+        super().__init__(*names, **options)
+        self._keys = keys
+        for head in numbers:
+            self.add_column(head, justify="right")
+
+    def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
+        """Yield the table as it is, or one or more that fit."""
+        wanted = [_width([column.header, *column.cells]) for column in self.columns]
+        wide = options.update(max_width=sum(wanted) + 1000)
+        natural = super().__rich_measure__(console, wide).maximum
+        if natural <= options.max_width or not self.columns:
+            yield from super().__rich_console__(console, options)
+            return
+        around = natural - sum(wanted)  # borders and padding of all columns
+        for number, block in enumerate(self._blocks(options.max_width, around)):
+            if number and self.box is None:
+                yield Text()
+            yield self._part(block, number == 0)
+
+    def _blocks(self, width: int, around: int) -> list[dict[int, int]]:
+        """Return the columns of each table with their widths; the keys are in all, the first as wide in all."""
+        each = around / len(self.columns)
+        least = [self._least(column) for column in self.columns]
+        keys = list(range(self._keys))
+        others = range(len(keys), len(self.columns))
+        if sum(least[k] + each for k in keys) + max((least[k] + each for k in others), default=0) > width:
+            keys, others = [0], range(1, len(self.columns))
+        blocks = [list(keys)]
+        for k in others:
+            if len(blocks[-1]) > len(keys) and sum(least[c] + each for c in [*blocks[-1], k]) > width:
+                blocks.append(list(keys))
+            blocks[-1].append(k)
+        shared = [self._shared(block, least, width - each * len(block)) for block in blocks]
+        first = min(block[0] for block in shared)
+        return [{**block, 0: first} for block in shared]
+
+    def _shared(self, block: list[int], least: list[int], width: float) -> dict[int, int]:
+        """Give each column its least width, and what is left to those that want more, evenly."""
+        widths = {k: least[k] for k in block}
+        wanted = {k: _width([self.columns[k].header, *self.columns[k].cells]) for k in block}
+        left = int(width) - sum(widths.values())
+        while left > 0 and (wanting := [k for k in block if widths[k] < wanted[k]]):
+            # names first: a head of numbers may take several lines
+            wanting = [k for k in wanting if not _has_numbers(self.columns[k])] or wanting
+            for k in sorted(wanting, key=lambda k: widths[k])[:left]:
+                widths[k] += 1
+                left -= 1
+        if left < 0 and not _has_numbers(self.columns[block[0]]):
+            widths[0] = max(widths[0] + left, 1)  # folded: nothing of it is lost
+        return widths
+
+    def _least(self, column: rich.table.Column) -> int:
+        """Return the least width: of numbers all, and of names as much as leaves them different."""
+        if _has_numbers(column):
+            names = shortened(self._heads(), _shortest(self._heads()))
+            return max(_width(column.cells), _width(names.get(word, word) for word in _words([column.header])))
+        return _shortest(_words([column.header, *column.cells]))
+
+    def _heads(self) -> list[str]:
+        return _words(column.header for column in self.columns if _has_numbers(column))
+
+    def _part(self, widths: dict[int, int], is_first: bool) -> rich.table.Table:
+        part = rich.table.Table(
+            title=self.title if is_first else None, caption=self.caption if is_first else None, box=self.box,
+            padding=self.padding, pad_edge=self.pad_edge, show_header=self.show_header, style=self.style,
+            title_justify=self.title_justify, caption_justify=self.caption_justify,
+        )  # fmt: skip
+        cells = []
+        for k, width in widths.items():
+            column = self.columns[k]
+            known = self._heads() if _has_numbers(column) else _words([column.header, *column.cells])
+            names = shortened(known, width) if width >= LEAST_NAME else {}
+            head = _replaced(column.header, names)
+            rest = list(column.cells) if _has_numbers(column) else [_replaced(cell, names) for cell in column.cells]
+            part.add_column(head, justify=column.justify, style=column.style, width=width, overflow="fold")
+            cells.append(rest)
+        for row, texts in zip(self.rows, zip(*cells, strict=True), strict=True):
+            part.add_row(*texts, style=row.style, end_section=row.end_section)
+        return part
+
+
+def shortened(names: Iterable[str], width: int) -> dict[str, str]:
+    """Return names that take no more than a width, those that differ still different; none where that cannot be.
+
+    What is left out lies in the middle, or as near to it as leaves the names different.
+    """
+    distinct = set(names)
+    long = [name for name in distinct if cell_len(name) > width]
+    taken = distinct - set(long)
+    heads = sorted(range(width), key=lambda head: (abs(2 * head + 1 - width), head))
+    for head in heads:
+        tail = width - 1 - head
+        found = {name: name[:head] + CUT + (name[-tail:] if tail else "") for name in long}
+        if len(set(found.values()) | taken) == len(distinct):
+            return {**{name: name for name in taken}, **found}
+    return {}
+
+
+def _shortest(words: list[str]) -> int:
+    """Return the least width at which words that differ can be shortened and differ still."""
+    longest = max(map(cell_len, words), default=0)
+    return next((width for width in range(LEAST_NAME, longest) if shortened(words, width)), longest)
+
+
+def _has_numbers(column: rich.table.Column) -> bool:
+    return column.justify == "right"
+
+
+def _plain(cell: Any) -> str:
+    return cell.plain if isinstance(cell, Text) else str(cell)
+
+
+def _words(cells: Iterable[Any]) -> list[str]:
+    return [word for cell in cells for word in _plain(cell).split()]
+
+
+def _width(cells: Iterable[Any]) -> int:
+    return max((cell_len(line) for cell in cells for line in _plain(cell).splitlines()), default=0)
+
+
+def _replaced(cell: Any, names: dict[str, str]) -> Any:
+    """Return a cell with its long words shortened."""
+    text = _plain(cell)
+    changed = text
+    for word in sorted({word for word in text.split() if names.get(word, word) != word}, key=len, reverse=True):
+        changed = changed.replace(word, names[word])
+    return cell if changed == text else Text(changed, getattr(cell, "style", ""))
+
+
+class ScreenProgress(rich.progress.Progress):
+    """Bars on a terminal; elsewhere, in a file or a pipe, a line now and then."""
+
+    def __init__(self, *columns: str | rich.progress.ProgressColumn, **options: Any) -> None:
+        super().__init__(*columns, **options)
+        self._next_s = time.monotonic() + LINE_EVERY_S
+
+    def start(self) -> None:
+        """Draw the bars from now on; where a file would only get the blank line they leave, nothing is drawn."""
+        if self.console.is_terminal or not self.live.transient:
+            super().start()
+
+    def stop(self) -> None:
+        """Draw them no more."""
+        if self.live.is_started:
+            super().stop()
+
+    def update(self, task_id: rich.progress.TaskID, *arguments: Any, **fields: Any) -> None:
+        """Change a task; see rich."""
+        super().update(task_id, *arguments, **fields)
+        self._say(task_id)
+
+    def advance(self, task_id: rich.progress.TaskID, advance: float = 1) -> None:
+        """Count a task up; see rich."""
+        super().advance(task_id, advance)
+        self._say(task_id)
+
+    def _say(self, task_id: rich.progress.TaskID) -> None:
+        if self.console.is_terminal or self.disable or time.monotonic() < self._next_s:
+            return
+        self._next_s = time.monotonic() + LINE_EVERY_S
+        task = next(task for task in self.tasks if task.id == task_id)
+        columns = [c for c in self.columns if not isinstance(c, str | rich.progress.SpinnerColumn)]
+        texts = [column(task) for column in columns]
+        told = " ".join(text.plain.strip() for text in texts if isinstance(text, Text) and text.plain.strip())
+        self.console.print(told, highlight=False, soft_wrap=True, markup=False)
+

@@ -1,0 +1,242 @@
+"""Samples, in which hardly a value occurs twice: a sparse polynomial is fitted, and its variance taken apart.
+
+The terms are products of polynomials that are orthonormal over the values of each setting, so each term's squared
+coefficient is its share of the variance (polynomial chaos; Sudret 2008). They are taken in one by one, that which
+explains most first (orthogonal least squares; Chen et al. 1989); how many is decided by cross-validation, within a
+standard error of the best (Breiman et al. 1984), and what the polynomial misses of runs it was not fitted to is the
+unexplained share.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from edmsim.sweep.variance import Cells, Factor, Shares, cells_of
+
+DEGREES = 1, 2, 3, 4, 6, 8, 10
+"""Degrees of the polynomial that are tried (ours: 10 follows two waves)."""
+HYPERBOLA = 0.5
+"""Norm of a term's degrees, where all terms of a degree are too many: high ones of several factors are left out
+(Blatman and Sudret 2011)."""
+MOST_TERMS = 1000
+"""Terms to choose from (ours), fewer where the table of all runs would take more than `MOST_NUMBERS`."""
+MOST_NUMBERS = 30_000_000
+MOST_CHOSEN = 60
+"""Terms chosen at most (ours)."""
+FOLDS = 5
+SINGLY = 20
+"""Points up to which each is left out by itself (ours)."""
+FEW, SHUFFLES = 128, 19
+"""Points up to which it is tried whether chance fits as well, and how often: so 1 in 20 seems to (ours)."""
+Array = NDArray[np.float64]
+Term = tuple[tuple[int, int], ...]
+"""Pairs of a factor and the number of its function, from 1 on."""
+
+
+def fit(factors: list[Factor], values: Array, most_values: int) -> Shares:
+    """Return the shares of every factor; unknown of factors that only ever change together.
+
+    Parameters
+    ----------
+    factors : list of Factor
+    values : float64 array
+    most_values : int
+        Numbers with more values than this make a point of the sample; its runs are left out together.
+    """
+    cells = cells_of(factors, values)
+    functions = [_functions(factor) for factor in factors]
+    parted = _parted(cells, functions)
+    if not any(parted):
+        return Shares.unknown(len(factors))
+    most = min(MOST_TERMS, MOST_NUMBERS // len(cells.means))
+    offers = [offer for degree in DEGREES if (offer := _terms(factors, parted, degree, most))]
+    points = _points(cells, [k for k, f in enumerate(factors) if f.is_number and f.count > most_values])
+    tables = [_columns(cells, functions, terms) for terms in offers]
+    folds = _folds(points)
+    best, terms = _best(tables, offers, cells.means, folds)
+    if best.terms and points.max() < FEW and _chance_does_as_well(tables, offers, cells.means, folds, best):
+        best = _validate(tables[0], cells.means, folds, 0)
+    return _shares(cells, functions, terms, best, parted)
+
+
+def _best(
+    tables: list[Array], offers: list[list[Term]], values: Array, folds: list[NDArray[np.bool_]]
+) -> tuple[_Validated, list[Term]]:
+    """Return the smallest polynomial that none of more terms surpasses by more than its error."""
+    best, terms = _Validated(math.inf, 0.0, 0), offers[0]
+    for table, offer in zip(tables, offers, strict=True):
+        found = _validate(table, values, folds)
+        if found.error < best.error - best.spread:
+            best, terms = found, offer
+    return best, terms
+
+
+def _chance_does_as_well(
+    tables: list[Array], offers: list[list[Term]], values: Array, folds: list[NDArray[np.bool_]], best: _Validated
+) -> bool:
+    """Say whether a polynomial is as good for the same values in another order: so many terms fit few points."""
+    rng = np.random.default_rng(1)
+    return any(
+        _best(tables, offers, rng.permutation(values), folds)[0].error <= best.error for _ in range(SHUFFLES)
+    )
+
+
+def _functions(factor: Factor) -> Array:
+    """Return functions of a factor's values, orthonormal over them: (values, functions), the constant one first.
+
+    A number counts by its place among all its values, so that a sample in the logarithm needs nothing else.
+    """
+    count = factor.count
+    if not factor.is_number:
+        return _orthonormal(np.column_stack([np.ones(count), np.eye(count)[:, 1:]]))
+    places = (2 * np.arange(count) + 1) / count - 1
+    return _orthonormal(np.polynomial.legendre.legvander(places, min(max(DEGREES), count - 1)))
+
+
+def _orthonormal(columns: Array) -> Array:
+    q, r = np.linalg.qr(columns)
+    return np.asarray(q * np.sign(np.diag(r)) * math.sqrt(len(columns)))
+
+
+def _parted(cells: Cells, functions: list[Array]) -> list[bool]:
+    """Say of which factors the runs tell: those whose own terms no others can make up."""
+    owners = [(k, n) for k, f in enumerate(functions) for n in range(1, 2 if f.shape[1] > 2 else f.shape[1])]
+    columns = np.column_stack([functions[k][cells.levels[:, k], n] for k, n in owners])
+    columns = columns - columns.mean(axis=0)
+    _, sizes, directions = np.linalg.svd(columns)
+    rank = int((sizes > sizes[0] * 1e-9).sum())
+    lost = np.abs(directions[rank:]).max(axis=0, initial=0.0) > 1e-6
+    return [not any(lost[place] for place, (k, _) in enumerate(owners) if k == number)
+            for number in range(len(functions))]  # fmt: skip
+
+
+def _terms(factors: list[Factor], parted: list[bool], degree: int, most: int) -> list[Term]:
+    """Return the products of functions of different factors up to a degree, or those that matter most of too many."""
+    for norm in (1.0, HYPERBOLA):
+        found = list(itertools.islice(_products(factors, parted, degree, norm), most + 1))
+        if len(found) <= most:
+            return found
+    return []
+
+
+def _products(factors: list[Factor], parted: list[bool], degree: int, norm: float) -> Iterator[Term]:
+    """Yield the products whose degrees have a norm within the degree; a name's functions have degree 1."""
+    single = [
+        [((k, n), float(n if factor.is_number else 1) ** norm) for n in range(1, factor.count)
+         if not factor.is_number or n <= degree]
+        for k, factor in enumerate(factors) if parted[k]
+    ]  # fmt: skip
+    within = degree**norm + 1e-9
+    for order in range(1, min(len(single), int(within)) + 1):
+        for those in itertools.combinations(single, order):
+            for product in itertools.product(*those):
+                if sum(size for _, size in product) <= within:
+                    yield tuple(part for part, _ in product)
+
+
+def _columns(cells: Cells, functions: list[Array], terms: list[Term]) -> Array:
+    table = np.ones((len(cells.means), len(terms)))
+    for column, term in enumerate(terms):
+        for k, n in term:
+            table[:, column] *= functions[k][cells.levels[:, k], n]
+    return table
+
+
+def _points(cells: Cells, of_point: list[int]) -> NDArray[np.intp]:
+    """Return the number of the point that each cell belongs to."""
+    keys = cells.levels[:, of_point] if of_point else cells.levels
+    return np.unique(keys, axis=0, return_inverse=True)[1].reshape(-1)
+
+
+def _folds(points: NDArray[np.intp]) -> list[NDArray[np.bool_]]:
+    """Return which cells are left out, fold by fold; those of a point go together."""
+    count = int(points.max()) + 1
+    folds = count if count <= SINGLY else FOLDS
+    fold = np.random.default_rng(0).permutation(count) % folds
+    return [fold[points] == k for k in range(folds)]
+
+
+class _Path:
+    """Terms taken in one by one, and what they make of cells that were left out."""
+
+    def __init__(self, columns: Array, values: Array, others: Array, most: int) -> None:
+        self.order: list[int] = []
+        self.predicted = [np.full(len(others), values.mean())]
+        means = columns.mean(axis=0)
+        columns, others, rest = columns - means, others - means, values - values.mean()
+        first = np.maximum((columns**2).sum(axis=0), 1e-300)
+        left = first.copy()  # of each term's square what those taken in do not make up
+        units, there = np.zeros((len(columns), 0)), np.zeros((len(others), 0))
+        for _ in range(most):
+            gains = np.where(left > 1e-9 * first, (rest @ columns) ** 2 / np.maximum(left, 1e-300), 0.0)
+            best = int(gains.argmax())
+            if gains[best] <= 1e-20 * float(values @ values):
+                break
+            self.order.append(best)
+            along = units.T @ columns[:, best]
+            unit = columns[:, best] - units @ along
+            length = float(np.linalg.norm(unit))
+            unit, unit_there = unit / length, (others[:, best] - there @ along) / length
+            weight = float(unit @ rest)
+            rest = rest - weight * unit
+            self.predicted.append(self.predicted[-1] + weight * unit_there)
+            left -= (unit @ columns) ** 2
+            units, there = np.column_stack([units, unit]), np.column_stack([there, unit_there])
+
+
+class _Validated(NamedTuple):
+    """Mean squared error of cells left out, its standard error, and the number of terms with which it is made."""
+
+    error: float
+    spread: float
+    terms: int
+
+
+def _validate(
+    columns: Array, values: Array, folds: list[NDArray[np.bool_]], most: int = MOST_CHOSEN
+) -> _Validated:
+    most = min(most, columns.shape[1], min(int((~out).sum()) for out in folds) // 2)
+    squares = np.zeros((most + 1, len(values)))
+    for out in folds:
+        path = _Path(columns[~out], values[~out], columns[out], most)
+        predicted = path.predicted + [path.predicted[-1]] * (most + 1 - len(path.predicted))
+        squares[:, out] = (np.array(predicted) - values[out]) ** 2
+    errors = squares.mean(axis=1)
+    by_fold = np.array([squares[:, out].mean(axis=1) for out in folds])
+    spread = by_fold.std(axis=0, ddof=1) / math.sqrt(len(folds)) if len(folds) > 1 else np.zeros(most + 1)
+    best = int(errors.argmin())
+    terms = int((errors <= errors[best] + spread[best]).argmax())
+    return _Validated(float(errors[terms]), float(spread[terms]), terms)
+
+
+def _shares(
+    cells: Cells, functions: list[Array], terms: list[Term], validated: _Validated, parted: list[bool]
+) -> Shares:
+    columns = _columns(cells, functions, terms)
+    order = _Path(columns, cells.means, columns[:0], validated.terms).order
+    design = np.column_stack([np.ones(len(columns)), columns[:, order]])
+    coefficients, *_ = np.linalg.lstsq(design, cells.means)
+    left = cells.means - design @ coefficients
+    noise = float(left @ left) / max(len(design) - design.shape[1], 1)
+    by_noise = noise * np.diag(np.linalg.pinv(design.T @ design))
+    parts = np.maximum(coefficients**2 - by_noise, 0.0)[1:]
+    within = 0.0 if math.isnan(cells.chance) else cells.chance * (1 - float(np.mean(1 / cells.counts)))
+    rest = validated.error + within  # of one run, not of the mean of a cell's
+    whole = float(parts.sum()) + rest
+    takes = [{k for k, _ in terms[place]} for place in order]
+    shares = list(zip(takes, (parts / whole).tolist(), strict=True))
+
+    def told(wanted: bool, value: float) -> float:
+        return value if wanted else math.nan
+
+    return Shares(
+        [told(known, sum(s for those, s in shares if those == {k})) for k, known in enumerate(parted)],
+        [told(known, sum(s for those, s in shares if k in those)) for k, known in enumerate(parted)],
+        sum(s for those, s in shares if len(those) > 1), rest / whole,
+    )  # fmt: skip
