@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import os
 import re
+import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -54,6 +56,19 @@ def test_a_program_is_drawn_beside_its_figures(edmsim: Run, tmp_path: Path) -> N
     assert "24 sharp inner corners" in told.out
     assert "at least 24 min" in told.out
     assert [str(file.relative_to(tmp_path)) for file in tmp_path.rglob("*.*")] == ["out/gear/path.png"]
+
+
+@pytest.mark.parametrize("arguments", [("check", EXAMPLES / "punch.ngc"), ("cut", "no-such.ngc", "--drive", "uhu")])
+def test_a_look_compiles_nothing(tmp_path: Path, arguments: tuple[object, ...]) -> None:
+    """Whoever looks at a program or mistypes a name waits for no compiler."""
+    config = os.environ.get("MPLCONFIGDIR", str(Path.home() / ".config" / "matplotlib"))
+    environment = {**os.environ, "XDG_CACHE_HOME": str(tmp_path / "cache"), "MPLCONFIGDIR": config}
+    subprocess.run(
+        [sys.executable, "-m", "edmsim", *map(str, arguments)], cwd=tmp_path, env=environment, check=False,
+        capture_output=True, timeout=120,
+    )  # fmt: skip
+    (sources,) = (tmp_path / "cache" / "edmsim" / "compiled").iterdir()
+    assert list(sources.rglob("*.nb*")) == []
 
 
 def test_unknown_words_are_listed_with_everything_else(edmsim: Run, tmp_path: Path) -> None:
