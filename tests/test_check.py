@@ -8,8 +8,10 @@ import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
+import ezdxf
+import ezdxf.units
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
@@ -69,6 +71,27 @@ def test_a_look_compiles_nothing(tmp_path: Path, arguments: tuple[object, ...]) 
     )  # fmt: skip
     (sources,) = (tmp_path / "cache" / "edmsim" / "compiled").iterdir()
     assert list(sources.rglob("*.nb*")) == []
+
+
+@pytest.mark.parametrize(
+    ("draw", "size"),
+    [
+        (lambda space: space.add_circle((3.3, 4), 1.0), "2.000 x 2.000"),
+        (lambda space: space.add_circle((0, 0), 7.31), "14.620 x 14.620"),
+        (lambda space: space.add_ellipse((0, 0), (2.0, 2.0), 0.5), "4.472 x 4.472"),
+        (lambda space: space.add_lwpolyline([(0, 0, 0), (4, 0, 1), (4, 2.5, 0), (0, 2.5, 1)], format="xyb", close=True),
+         "6.500 x 2.500"),
+        (lambda space: space.add_lwpolyline([(0, 0), (4, 0), (2, 3.1)], close=True), "4.000 x 3.100"),
+        (lambda space: space.add_open_spline([(0, 0), (3, 1e-2), (6, 0), (3, 4), (0, 0)], 1), "6.000 x 4.000"),
+    ],
+)  # fmt: skip
+def test_the_size_is_that_of_the_drawing_not_of_its_chords(
+    edmsim: Run, tmp_path: Path, draw: Callable[[Any], Any], size: str
+) -> None:
+    drawing = ezdxf.new(units=ezdxf.units.MM)
+    draw(drawing.modelspace())
+    drawing.saveas(tmp_path / "part.dxf")
+    assert f"closed, {size} mm" in edmsim("check", tmp_path / "part.dxf").out
 
 
 def test_unknown_words_are_listed_with_everything_else(edmsim: Run, tmp_path: Path) -> None:
