@@ -252,7 +252,7 @@ def result_of(
         outcome=simulation.outcome,
         reason=simulation.reason,
         windows=windows,
-        totals=totals(simulation, wall_time_s),
+        totals=totals(simulation, recorders.windows, wall_time_s),
         quality=found.quality,
         notices=notices,
         seed=settings.seed,
