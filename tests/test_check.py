@@ -79,10 +79,11 @@ def test_a_look_compiles_nothing(tmp_path: Path, arguments: tuple[object, ...]) 
         (lambda space: space.add_circle((3.3, 4), 1.0), "2.000 x 2.000"),
         (lambda space: space.add_circle((0, 0), 7.31), "14.620 x 14.620"),
         (lambda space: space.add_ellipse((0, 0), (2.0, 2.0), 0.5), "4.472 x 4.472"),
-        (lambda space: space.add_lwpolyline([(0, 0, 0), (4, 0, 1), (4, 2.5, 0), (0, 2.5, 1)], format="xyb", close=True),
-         "6.500 x 2.500"),
+        (lambda space: space.add_lwpolyline([(0, 0), (4, 0, 0, 0, 1), (4, 2), (0, 2, 0, 0, 1)], close=True),
+         "6.000 x 2.000"),
         (lambda space: space.add_lwpolyline([(0, 0), (4, 0), (2, 3.1)], close=True), "4.000 x 3.100"),
-        (lambda space: space.add_open_spline([(0, 0), (3, 1e-2), (6, 0), (3, 4), (0, 0)], 1), "6.000 x 4.000"),
+        (lambda space: space.add_open_spline([(0, 0), (3, 1e-2), (6, 0), (3, 4), (0, 0)], 1),
+         "6.000 x 4.000"),
     ],
 )  # fmt: skip
 def test_the_size_is_that_of_the_drawing_not_of_its_chords(

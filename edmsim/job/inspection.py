@@ -88,7 +88,7 @@ def _cut_alone(simulation: Simulation, windows: WindowTable) -> CutAlone:
 
 
 def _limited_share(simulation: Simulation, windows: WindowTable, cut: CutAlone) -> float:
-    """Return the share of the cut at the greatest feed; feeds are whole speed units of the planner, so 1 % below it."""
+    """Return the share of the cut at the greatest feed; feeds are whole speed units, so 1 % below it."""
     values = dict(zip(ROW_NAMES, windows.values()[cut.rows].T, strict=True))
     weight = float(values["t_period_us"].sum())
     at_limit = values["feed_um_s"] > 0.99 * simulation.max_feed_um_s

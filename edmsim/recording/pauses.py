@@ -1,13 +1,13 @@
 """When a machine cuts and when it does not: every picture, figure and table takes that from here.
 
-A *pause* lies between two windows: the wire is threaded, and brought to where the next contour begins by a way in air.
-No pulse is fired, so it has no windows, and lines over time or along the path break there. A *stretch* is what lies
-between two pauses.
+A *pause* lies between two windows: the wire is threaded, and brought to where the next contour begins by a way in
+air. No pulse is fired, so it has no windows, and lines over time or along the path break there. A *stretch* is what
+lies between two pauses.
 
 *The cut alone* is, of every stretch, the time from when the wire's centre leaves the start hole, and with its whole
 width is in metal, to the last discharge. What comes before is a way in air and the bite into the hole's wall; behind
-it, the wire runs in its own kerf. Threading, ways between contours and start holes are no part of it; retracts, shorts
-and dwells are.
+it, the wire runs in its own kerf. Threading, ways between contours and start holes are no part of it; retracts,
+shorts and dwells are.
 """
 
 from __future__ import annotations

@@ -87,8 +87,8 @@ def test_travel_never_points_to_another_contour() -> None:
     y = np.where(path < 100, 0.0, path - 100)
     table = WindowTable()
     for k, s in enumerate(path):
-        row = dict.fromkeys(ROW_NAMES, 0.0) | {"t_s": 0.1 * k + 60.0 * (s >= 100), "x_um": x[k], "y_um": y[k], "path_um": s}
-        table.append([row[name] for name in ROW_NAMES])
+        row = {"t_s": 0.1 * k + 60.0 * (s >= 100), "x_um": x[k], "y_um": y[k], "path_um": s}
+        table.append([row.get(name, 0.0) for name in ROW_NAMES])
     ahead = travel_direction(table.to_arrow())
     np.testing.assert_allclose(ahead[:50], np.tile([1.0, 0.0], (50, 1)))
     np.testing.assert_allclose(ahead[50:], np.tile([0.0, 1.0], (50, 1)))
@@ -140,7 +140,7 @@ def test_the_kerf_does_not_grow_on_the_way_to_the_next_contour(cut: SimpleNamesp
     place = np.concatenate([cut.scene.starts_mm * 1000 + [[k, 0.0]] for k in (0.0, 50.0)])
     over = np.ptp(cut.scene.maps[0].nominal_mm, axis=0)[0] * 1000
     away = place[-1] + [over + 5000.0, 0.0]
-    jumped = np.concatenate([place, [away, away + [50.0, 0.0]]])
+    jumped = np.stack([*place, away, np.add(away, [50.0, 0.0])])
     growth = growing_kerf(cut.scene, jumped, np.array([0.0, 50.0, 50.0, 100.0]))
     still = growing_kerf(cut.scene, place, np.array([0.0, 50.0]))
     assert len(growth.solids[-1].positions) == len(still.solids[-1].positions)

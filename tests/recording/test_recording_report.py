@@ -123,7 +123,10 @@ def test_numpy_values_become_plain_json(cut: SimpleNamespace, tmp_path: Path) ->
 
 def test_terminal_shows_the_figures(cut: SimpleNamespace) -> None:
     text = text_of(cut.report)
-    for piece in ("finished", "27 min 30 s", "26.6 mm²/min over the cut alone", "24.1 mm²/min over the whole", "10.2 µm max", "X 10.000 Y 6.000", "made up"):
+    for piece in (
+        "finished", "27 min 30 s", "26.6 mm²/min over the cut alone", "24.1 mm²/min over the whole",
+        "10.2 µm max", "X 10.000 Y 6.000", "made up",
+    ):  # fmt: skip
         assert piece in text
     stopped = text_of(nothing_known())
     assert "persistent short" in stopped

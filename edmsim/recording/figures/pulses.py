@@ -16,7 +16,6 @@ from edmsim.recording.figures.palette import (
     MUTED,
     ORANGE,
     PURPLE,
-    SHARE_COLOURS,
     SKY,
     VERMILION,
 )

@@ -58,11 +58,15 @@ def binned(x: NDArray[np.float64], values: NDArray[np.float64], bins: int = BINS
     return Band(place, mean, np.where(empty, np.nan, low), np.where(empty, np.nan, high))
 
 
-def bands(t: NDArray[np.float64], values: NDArray[np.float64], t_s: NDArray[np.float64], bins: int = BINS
-          ) -> list[Band]:
-    """Put a series into bins, stretch by stretch between the pauses in times `t_s`: no bin and no line crosses one."""
-    parts = stretches(len(t_s), pause_rows(t_s))
-    return [binned(t[part], values[part], max(1, round(bins * (part.stop - part.start) / len(t_s)))) for part in parts]
+def bands(
+    t: NDArray[np.float64], values: NDArray[np.float64], t_s: NDArray[np.float64], bins: int = BINS
+) -> list[Band]:
+    """Put a series into bins, stretch by stretch between the pauses in times `t_s`: nothing crosses one."""
+    share = bins / max(len(t_s), 1)
+    return [
+        binned(t[part], values[part], max(1, round(share * (part.stop - part.start))))
+        for part in stretches(len(t_s), pause_rows(t_s))
+    ]
 
 
 def mark_pauses(axes: Axes, t_s: NDArray[np.float64], seconds: float, label: str | None = None) -> None:
