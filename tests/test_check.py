@@ -130,6 +130,45 @@ def test_bad_usage_is_one_line(edmsim: Run, tmp_path: Path, arguments: tuple[obj
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.parametrize(
+    ("option", "given", "hint"),
+    [
+        ("--machine", "prodction", "did you mean 'production'?"),
+        ("--material", "toolsteel", "did you mean 'tool-steel'?"),
+        ("--wire", "brss-250", "did you mean 'brass'?"), ("--wire", "brass-0.25", "0.25 mm are 250 um"),
+        ("--wire", "copper-.1", "0.1 mm are 100 um"), ("--generator", "isopulse", "did you mean 'iso-pulse'?"),
+        ("--controller", "voltge", "did you mean 'voltage'?"), ("--controller", "counts:patience=1", "'patience_s'?"),
+        ("--planner", "sine_table", "did you mean 'sine-table'?"), ("--drive", "servo_module", "'servo-module'?"),
+        ("--resolution", "FINE", "did you mean 'fine'?"), ("--mechanics", "modl", "did you mean 'modal'?"),
+        ("--constant", "wire.strenth_MPa=1", "did you mean 'wire.strength_MPa'?"),
+        ("--offset", "156", "156 um are 0.156 mm"), ("--offset", "130.5", "130.5 um are 0.1305 mm"),
+    ],
+)  # fmt: skip
+def test_a_near_miss_gets_a_hint(edmsim: Run, option: str, given: str, hint: str) -> None:
+    told = edmsim("cut", EXAMPLES / "punch.ngc", option, given)
+    assert told.status == 2
+    assert told.err.count("\n") == 1
+    assert told.err.endswith(f"{hint}\n")
+
+
+@pytest.mark.parametrize(
+    ("option", "given"),
+    [("--machine", "lathe"), ("--wire", "brass-900"), ("--wire", "brass-0.001"), ("--offset", "1e9")],
+)
+def test_what_is_like_nothing_gets_no_hint(edmsim: Run, option: str, given: str) -> None:
+    told = edmsim("cut", EXAMPLES / "punch.ngc", option, given)
+    assert told.status == 2
+    assert "did you mean" not in told.err
+    assert "um are" not in told.err
+    assert "mm are" not in told.err
+
+
+def test_offsets_of_a_file_in_um_get_a_hint(edmsim: Run, tmp_path: Path) -> None:
+    (tmp_path / "offsets.toml").write_text("D1 = 156\n")
+    told = edmsim("cut", EXAMPLES / "punch.ngc", "--offsets", "offsets.toml")
+    assert told.err == "edmsim: offsets.toml: the offset D1 is 156: give 0 to 10 mm; 156 um are 0.156 mm\n"
+
+
 def test_a_cut_goes_to_a_folder_of_its_program_and_its_traces_to_a_file(
     edmsim: Run, tmp_path: Path, small_punch: Path
 ) -> None:

@@ -21,7 +21,7 @@ from edmsim import __version__
 from edmsim.controllers import FeedController, make
 from edmsim.controllers.mcu.firmware.timers import MAX_FEED_UM_S
 from edmsim.envs.episode import Task
-from edmsim.errors import InputError
+from edmsim.errors import InputError, one_of
 from edmsim.evaluation.episode import HELD_BACK, ORACLE, Episode, Result
 
 Ranges = dict[str, tuple[float, float]]
@@ -106,7 +106,7 @@ def score(results: Sequence[Result]) -> float:
 def check(controller: str) -> None:
     """Raise `InputError` if nothing of a controller is searched."""
     if controller not in BOUNDS:
-        raise InputError(f"no gains of '{controller}' are searched; choose one of {', '.join(BOUNDS)}")
+        raise InputError(f"no gains of '{controller}' are searched; choose one of {one_of(controller, BOUNDS)}")
 
 
 def search(controller: str, seed: int, *, seeds: int = SEEDS, population: int = POPULATION,

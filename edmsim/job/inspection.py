@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -24,7 +24,7 @@ from edmsim.metrology.roughness import roughness_um
 from edmsim.metrology.shares import error_shares, share_stats
 from edmsim.metrology.table_error import motor_offsets_um, table_error
 from edmsim.plant.workpiece.height_steps import Relief
-from edmsim.plant.workpiece.kerf_field import Stock
+from edmsim.plant.workpiece.kerf_field import KerfField, Stock
 from edmsim.program.path import WireContour
 from edmsim.recording.pauses import CutAlone, cut_alone
 from edmsim.recording.quality import KerfSlice, Quality, Reach, TableShare, Totals, Wall
@@ -121,7 +121,7 @@ def inspect(simulation: Simulation, windows: WindowTable) -> Inspection:
     """
     field, machine = simulation.plant.field, simulation.machine
     contours = simulation.path.contours
-    profiles = [profile_error(field, contour) for contour in contours]
+    profiles = [_error_of_edge(field, contour) for contour in contours]
     table = _table(simulation, profiles)
     ways_um = _ways_um(simulation, windows)
     shares = _shares(simulation, profiles, ways_um)
@@ -149,6 +149,12 @@ def inspect(simulation: Simulation, windows: WindowTable) -> Inspection:
     commanded_um = np.concatenate([commanded for commanded, _, _ in ways_um])
     quality = _quality(simulation, profiles, scene, table, _reach(contours, profiles, left_um, shares))
     return Inspection(quality, scene, _error_per_window(commanded_um, profiles))
+
+
+def _error_of_edge(field: KerfField, contour: WireContour) -> ProfileError:
+    """Measure a contour's profile error; what the wire's centre was to follow is no edge, and has none."""
+    found = profile_error(field, contour)
+    return found if contour.offset_um else replace(found, error_um=np.full_like(found.error_um, np.nan))
 
 
 def _reach(

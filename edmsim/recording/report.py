@@ -244,7 +244,6 @@ def summary(report: Mapping[str, Any]) -> list[tuple[str, str]]:
     times = [duration_text(report[k]) for k in ("machining_time_s", "wall_time_s")]
     speed = say(report["realtime_factor"], "times real time", 2)
     least, largest = say(kerf["min"], "µm"), say(kerf["max"], "µm")
-    error = [say(profile[k], "µm") for k in ("max", "rms", "p95")]
     lag, vibration = say(wire["lag_um"], "µm"), say(wire["vibration_um_rms"], "µm", 2)
     follow = report["following_error_um"]
     covered = [say(_percent(report["coverage"][k]), "%") for k in ("mean", "max")]
@@ -257,7 +256,7 @@ def summary(report: Mapping[str, Any]) -> list[tuple[str, str]]:
         ("feed", f"{say(feed['mean'], 'µm/s')} mean, {say(feed['max'], 'µm/s')} max{_limit_text(feed)}"),
         ("pulses", "  ".join([f"{report['pulses']:,}", *shares])),
         ("kerf", f"{say(kerf['mean'], 'µm')} mean, {least} to {largest}"),
-        ("profile error", f"{error[0]} max, {error[1]} rms, {error[2]} for 95 %"),
+        ("profile error", _profile_line(profile)),
         ("made by", _shares_line(profile["shares"])),
         *deviation_lines(report),
         *_table_lines(report),
@@ -285,6 +284,13 @@ def _rate_line(report: Mapping[str, Any]) -> str:
         return f"{figure_text(rate, 'mm²/min')} over the whole time"
     alone = f"{figure_text(rate, 'mm²/min')} over the cut alone, {duration_text(report['cutting_time_s'])}"
     return f"{alone}; {figure_text(overall, 'mm²/min')} over the whole time"
+
+
+def _profile_line(profile: Mapping[str, Any]) -> str:
+    if profile["max"] is None:
+        return "not measured"
+    most, rms, p95 = (figure_text(profile[k], "µm") for k in ("max", "rms", "p95"))
+    return f"{most} max, {rms} rms, {p95} for 95 %"
 
 
 def _limit_text(feed: Mapping[str, float | None]) -> str:

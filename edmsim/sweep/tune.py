@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 from edmsim.controllers import make
 from edmsim.envs.registry import resolve
-from edmsim.errors import InputError
+from edmsim.errors import InputError, one_of
 from edmsim.evaluation.search import BOUNDS, training_seeds
 from edmsim.files import make_writable, replacing
 from edmsim.learning.hyperparameters import ALGORITHMS, load
@@ -120,7 +120,7 @@ def _space(name: str, algo: str) -> tuple[Any, dict[str, Bound]]:
     if "/" not in name and ".py:" not in name:
         raise InputError(f"nothing of '{name}' is searched; choose one of {', '.join(BOUNDS)}, or an environment")
     if algo not in ALGORITHMS:
-        raise InputError(f"unknown algorithm '{algo}'; there are: {', '.join(ALGORITHMS)}")
+        raise InputError(f"unknown algorithm '{algo}'; there are: {one_of(algo, ALGORITHMS)}")
     return "training", bounds("training", algo)
 
 
