@@ -31,7 +31,7 @@ from edmsim.controllers.feed.wire_heat import HeatFluxController, HeatOracleCont
 from edmsim.controllers.named_numbers import named_numbers
 from edmsim.controllers.own import from_file
 from edmsim.controllers.protocols import FeedCommand, FeedController, SeesTruth, WindowObservation
-from edmsim.errors import InputError
+from edmsim.errors import InputError, one_of
 
 __all__ = [
     "OF_A_TASK", "SAME_LAW", "FeedCommand", "FeedController", "SeesTruth", "WindowObservation", "check_controller",
@@ -103,13 +103,13 @@ def make(name: str, **parameters: float) -> FeedController:
     'fixed'
     """
     if name not in _CONTROLLERS:
-        raise InputError(f"there is no feed controller {name!r}; choose one of {', '.join(names())}")
+        raise InputError(f"there is no feed controller {name!r}; choose one of {one_of(name, names())}")
     kind = _CONTROLLERS[name]
     known = [field.name for field in fields(kind) if field.init]
     for parameter in parameters:
         if parameter not in known:
             raise InputError(
-                f"the {name} controller has no parameter {parameter!r}; it has {', '.join(known)}"
+                f"the {name} controller has no parameter {parameter!r}; it has {one_of(parameter, known)}"
             )
     return kind(**cast(dict[str, Any], {**found_gains(name), **parameters}))
 

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
+from difflib import get_close_matches
 from pathlib import Path
 
 FAILED, BAD_INPUT = 1, 2
@@ -44,6 +45,24 @@ class InputError(EdmsimError):
         if self.line is not None:
             place += f":{self.line}"
         return f"{place}: {self.reason}" if place else self.reason
+
+
+def one_of(name: str, known: Iterable[str], listed: Iterable[str] | None = None) -> str:
+    """Return the end of a refusal: the names there are, and the one nearest to what was asked for, if one is near.
+
+    Parameters
+    ----------
+    name : str
+        What was asked for.
+    known : iterable of str
+        All names.
+    listed : iterable of str, optional
+        Those to list, if not all of them.
+    """
+    by_lower = {one.lower(): one for one in known}
+    near = get_close_matches(name.lower(), by_lower, n=1)
+    hint = f"; did you mean '{by_lower[near[0]]}'?" if near else ""
+    return ", ".join(by_lower.values() if listed is None else listed) + hint
 
 
 def one_line(text: str, longest: int = LONGEST_REASON) -> str:

@@ -10,7 +10,7 @@ from gymnasium.envs.registration import register as _register
 from gymnasium.envs.registration import registry
 
 from edmsim import user_code
-from edmsim.errors import InputError
+from edmsim.errors import InputError, one_of
 
 if TYPE_CHECKING:
     from edmsim.envs.task import Family
@@ -128,7 +128,7 @@ def find(name: str | type[Family]) -> tuple[type[Family], dict[str, Any]]:
         withdrawn(env_id_of(short))
     spec = registry.get(str(name))
     if spec is None or "task" not in spec.kwargs:
-        raise InputError(f"there is no environment {name!r}; choose one of {', '.join(registered_ids())}")
+        raise InputError(f"there is no environment {name!r}; choose one of {one_of(str(name), registered_ids())}")
     arguments = dict(spec.kwargs)
     task = arguments.pop("task")
     family, more = (_OWN[task], {}) if task in _OWN else find(task)

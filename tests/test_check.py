@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import os
 import re
+import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
+import ezdxf
+import ezdxf.units
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
@@ -56,6 +60,41 @@ def test_a_program_is_drawn_beside_its_figures(edmsim: Run, tmp_path: Path) -> N
     assert [str(file.relative_to(tmp_path)) for file in tmp_path.rglob("*.*")] == ["out/gear/path.png"]
 
 
+@pytest.mark.parametrize("arguments", [("check", EXAMPLES / "punch.ngc"), ("cut", "no-such.ngc", "--drive", "uhu")])
+def test_a_look_compiles_nothing(tmp_path: Path, arguments: tuple[object, ...]) -> None:
+    """Whoever looks at a program or mistypes a name waits for no compiler."""
+    config = os.environ.get("MPLCONFIGDIR", str(Path.home() / ".config" / "matplotlib"))
+    environment = {**os.environ, "XDG_CACHE_HOME": str(tmp_path / "cache"), "MPLCONFIGDIR": config}
+    subprocess.run(
+        [sys.executable, "-m", "edmsim", *map(str, arguments)], cwd=tmp_path, env=environment, check=False,
+        capture_output=True, timeout=120,
+    )  # fmt: skip
+    (sources,) = (tmp_path / "cache" / "edmsim" / "compiled").iterdir()
+    assert list(sources.rglob("*.nb*")) == []
+
+
+@pytest.mark.parametrize(
+    ("draw", "size"),
+    [
+        (lambda space: space.add_circle((3.3, 4), 1.0), "2.000 x 2.000"),
+        (lambda space: space.add_circle((0, 0), 7.31), "14.620 x 14.620"),
+        (lambda space: space.add_ellipse((0, 0), (2.0, 2.0), 0.5), "4.472 x 4.472"),
+        (lambda space: space.add_lwpolyline([(0, 0), (4, 0, 0, 0, 1), (4, 2), (0, 2, 0, 0, 1)], close=True),
+         "6.000 x 2.000"),
+        (lambda space: space.add_lwpolyline([(0, 0), (4, 0), (2, 3.1)], close=True), "4.000 x 3.100"),
+        (lambda space: space.add_open_spline([(0, 0), (3, 1e-2), (6, 0), (3, 4), (0, 0)], 1),
+         "6.000 x 4.000"),
+    ],
+)  # fmt: skip
+def test_the_size_is_that_of_the_drawing_not_of_its_chords(
+    edmsim: Run, tmp_path: Path, draw: Callable[[Any], Any], size: str
+) -> None:
+    drawing = ezdxf.new(units=ezdxf.units.MM)
+    draw(drawing.modelspace())
+    drawing.saveas(tmp_path / "part.dxf")
+    assert f"closed, {size} mm" in edmsim("check", tmp_path / "part.dxf").out
+
+
 def test_unknown_words_are_listed_with_everything_else(edmsim: Run, tmp_path: Path) -> None:
     program = tmp_path / "words.ngc"
     program.write_text("O12\nG92 X0 Y0\nG41 D1 G1 X5\nM77\nY5 M91\nX9.5\nY0\nX5 M91\nM2\n")
@@ -98,6 +137,45 @@ def test_bad_usage_is_one_line(edmsim: Run, tmp_path: Path, arguments: tuple[obj
     assert told.err.count("\n") == 1
     assert named in told.err
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("option", "given", "hint"),
+    [
+        ("--machine", "prodction", "did you mean 'production'?"),
+        ("--material", "toolsteel", "did you mean 'tool-steel'?"),
+        ("--wire", "brss-250", "did you mean 'brass'?"), ("--wire", "brass-0.25", "0.25 mm are 250 um"),
+        ("--wire", "copper-.1", "0.1 mm are 100 um"), ("--generator", "isopulse", "did you mean 'iso-pulse'?"),
+        ("--controller", "voltge", "did you mean 'voltage'?"), ("--controller", "counts:patience=1", "'patience_s'?"),
+        ("--planner", "sine_table", "did you mean 'sine-table'?"), ("--drive", "servo_module", "'servo-module'?"),
+        ("--resolution", "FINE", "did you mean 'fine'?"), ("--mechanics", "modl", "did you mean 'modal'?"),
+        ("--constant", "wire.strenth_MPa=1", "did you mean 'wire.strength_MPa'?"),
+        ("--offset", "156", "156 um are 0.156 mm"), ("--offset", "130.5", "130.5 um are 0.1305 mm"),
+    ],
+)  # fmt: skip
+def test_a_near_miss_gets_a_hint(edmsim: Run, option: str, given: str, hint: str) -> None:
+    told = edmsim("cut", EXAMPLES / "punch.ngc", option, given)
+    assert told.status == 2
+    assert told.err.count("\n") == 1
+    assert told.err.endswith(f"{hint}\n")
+
+
+@pytest.mark.parametrize(
+    ("option", "given"),
+    [("--machine", "lathe"), ("--wire", "brass-900"), ("--wire", "brass-0.001"), ("--offset", "1e9")],
+)
+def test_what_is_like_nothing_gets_no_hint(edmsim: Run, option: str, given: str) -> None:
+    told = edmsim("cut", EXAMPLES / "punch.ngc", option, given)
+    assert told.status == 2
+    assert "did you mean" not in told.err
+    assert "um are" not in told.err
+    assert "mm are" not in told.err
+
+
+def test_offsets_of_a_file_in_um_get_a_hint(edmsim: Run, tmp_path: Path) -> None:
+    (tmp_path / "offsets.toml").write_text("D1 = 156\n")
+    told = edmsim("cut", EXAMPLES / "punch.ngc", "--offsets", "offsets.toml")
+    assert told.err == "edmsim: offsets.toml: the offset D1 is 156: give 0 to 10 mm; 156 um are 0.156 mm\n"
 
 
 def test_a_cut_goes_to_a_folder_of_its_program_and_its_traces_to_a_file(

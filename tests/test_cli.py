@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import os
+import re
+import signal
 import subprocess
 import sys
 from collections.abc import Callable
@@ -16,10 +18,12 @@ import pytest
 from edmsim import __version__
 from edmsim.calibration import read_log
 from edmsim.cli import app as cli
+from edmsim.cli.progress import ProgressBar
 from edmsim.cosim.simulation import Simulation
 from edmsim.job import checkpoint
 from edmsim.job.settings import CutSettings
 from edmsim.plant.window import WireLostError
+from edmsim.recording import report as report_module
 
 FAST = ("--height", "5", "--resolution", "fast")
 
@@ -99,6 +103,11 @@ def test_finished_cut_reports_and_exits_0(tmp_path: Path, edmsim: Run) -> None:
     assert "100.0 %" in told.err
     report = json.loads((out / "report.json").read_text())
     assert (report["outcome"], report["seed"], report["settings"]["height_mm"]) == ("finished", 4, 5.0)
+    # the wire's centre ran on what is drawn: no edge, no error, no better offset
+    assert report["profile_error_um"]["max"] is None
+    assert (report["offset"]["mean_error_um"], report["offset"]["to_use_mm"]) == (None, None)
+    assert re.search(r"^profile error +not measured", told.out, re.MULTILINE)
+    assert "use --offset" not in told.out
 
 
 def test_stopped_machine_exits_3_with_a_full_report(small_punch: Path, tmp_path: Path, edmsim: Run) -> None:
@@ -310,6 +319,35 @@ def test_interrupted_cut_is_taken_up_again(
     assert [f.name for f in tmp_path.iterdir()] == [checkpoint.NAME]
     assert edmsim(*command, "--resume").status == 3
     assert json.loads((tmp_path / "report.json").read_text())["pulses"] == 20 * 255
+
+
+@pytest.mark.parametrize("late", ["checkpoint", "bar", "table"])
+def test_an_interrupt_when_all_is_written_ends_nothing(
+    small_punch: Path, tmp_path: Path, edmsim: Run, monkeypatch: pytest.MonkeyPatch, late: str
+) -> None:
+    """Before the cut's own handler goes, behind it, and while the results are shown."""
+    usual = signal.signal(signal.SIGINT, signal.default_int_handler)
+
+    def interrupted(where: Any, name: str) -> None:
+        before = getattr(where, name)
+
+        def behind(*given: Any, **named: Any) -> Any:
+            done = before(*given, **named)
+            if name != "unlink" or given[0].name == checkpoint.NAME:
+                signal.raise_signal(signal.SIGINT)
+            return done
+
+        monkeypatch.setattr(where, name, behind)
+
+    interrupted(*{"checkpoint": (Path, "unlink"), "bar": (ProgressBar, "__exit__"),
+                  "table": (report_module, "render_table")}[late])  # fmt: skip
+    told = edmsim("cut", small_punch, "--out", tmp_path, "--max-time", 0.1, *FAST)
+    signal.signal(signal.SIGINT, usual)
+    assert told.status == 3  # the time limit; as without the interrupt
+    assert "interrupted" not in told.err
+    assert sorted(f.name for f in tmp_path.iterdir()) == [
+        "cut.rrd", "part.npz", "profile.png", "report.html", "report.json", "windows.parquet"
+    ]
 
 
 def test_model_outside_its_validity_is_one_line_and_exit_1(

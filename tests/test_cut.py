@@ -26,7 +26,8 @@ COLUMNS = (
 )
 REPORT = {
     "outcome", "reason", "machining_time_s", "wall_time_s", "realtime_factor", "pulses", "path_length_mm",
-    "feed_um_s", "cutting_rate_mm2_min", "pulse_share", "kerf_um", "kerf_section", "profile_error_um", "corners",
+    "feed_um_s", "cutting_time_s", "cutting_rate_mm2_min", "overall_rate_mm2_min",
+    "pulse_share", "kerf_um", "kerf_section", "profile_error_um", "corners",
     "offset", "elements",
     "origin_mm", "wire", "following_error_um", "table_error_um", "coverage", "surface", "energy_J", "removed_mm3",
     "mean_current_A", "mean_voltage_V", "seed", "settings", "notices", "edmsim_version",
@@ -85,8 +86,21 @@ def test_report_agrees_with_itself_and_with_the_windows(small_cut: SimpleNamespa
     assert report["mean_current_A"] == pytest.approx(rows["mean_current_A"].mean(), rel=1e-9)
     assert report["feed_um_s"]["max"] == rows["feed_um_s"].max()
     assert report["wire"]["temperature_K_max"] == rows["wire_temperature_K"].max()
-    minutes = report["machining_time_s"] / 60
-    assert report["cutting_rate_mm2_min"] == pytest.approx(report["path_length_mm"] * 5 / minutes, rel=1e-12)
+    area_mm2 = report["overall_rate_mm2_min"] * report["machining_time_s"] / 60
+    assert area_mm2 == pytest.approx(report["cutting_rate_mm2_min"] * report["cutting_time_s"] / 60, rel=1e-12)
+    # what is not cut: the start hole before the contour, and the last of the way, in the wire's own kerf
+    air_mm = report["path_length_mm"] - area_mm2 / 5
+    radius_mm = small_cut.result.path.start_hole_radius_mm
+    air_s = report["machining_time_s"] - report["cutting_time_s"]
+    assert radius_mm - 0.01 < air_mm < 2 * radius_mm
+    assert 0 < air_s < 4e3 * radius_mm / report["feed_um_s"]["mean"]
+
+
+def test_a_cut_that_never_left_its_start_hole_has_no_rate(cut_small: Callable[..., edmsim.CutResult]) -> None:
+    report = cut_small(max_time_s=4.0).report
+    assert report["path_length_mm"] < 0.2
+    assert (report["cutting_rate_mm2_min"], report["overall_rate_mm2_min"]) == (None, None)
+    assert (report["cutting_time_s"], report["feed_um_s"]["share_at_limit"]) == (0.0, None)
 
 
 def test_the_whole_path_was_cut(small_cut: SimpleNamespace) -> None:

@@ -119,7 +119,7 @@ def test_an_installed_wheel_cuts_the_same_bits(wheel: Path, tmp_path: Path) -> N
     found = run(programs / "python", "-c", "import edmsim.envs; print(edmsim.envs.__file__)", at=tmp_path)
     assert Path(found).is_relative_to(site)
     # a drive's compiled sample comes first: the loop's bits must not depend on what was compiled before it
-    drive_first = f"from edmsim.controllers import axis\naxis.from_text('uhu')\n{HASH}"
+    drive_first = f"from edmsim.controllers import axis\naxis.from_text('uhu').sample.address\n{HASH}"
     assert run(programs / "python", "-c", drive_first, at=tmp_path) == in_this_process()
     (tmp_path / "punch.ngc").write_text(PUNCH, encoding="utf-8")
     run(programs / "edmsim", "cut", "punch.ngc", "--out", "out", "--height", "5", "--resolution", "fast",

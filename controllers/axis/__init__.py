@@ -18,7 +18,7 @@ from edmsim.controllers.axis.servo_module import ServoModule
 from edmsim.controllers.axis.stepper import Stepper
 from edmsim.controllers.axis.uhu import Uhu
 from edmsim.controllers.named_numbers import named_numbers
-from edmsim.errors import InputError
+from edmsim.errors import InputError, one_of
 
 __all__ = [
     "CHIPS", "COMMISSIONED", "Drive", "Eanpos", "ServoModule", "Uhu", "check_drive", "from_text", "make", "names",
@@ -57,7 +57,7 @@ def make(name: str) -> Drive:
     True
     """
     if name not in _DRIVES:
-        raise InputError(f"there is no drive {name!r}; choose one of {', '.join(names())}")
+        raise InputError(f"there is no drive {name!r}; choose one of {one_of(name, names())}")
     return _DRIVES[name]()
 
 
@@ -84,7 +84,7 @@ def from_text(text: str) -> Drive:
     if name == Stepper.name and not rest:
         return Stepper()
     if name not in COMMISSIONED:
-        raise InputError(f"there is no drive {text!r}; choose one of {', '.join((Stepper.name, *COMMISSIONED))}")
+        raise InputError(f"there is no drive {text!r}; choose one of {one_of(name, (Stepper.name, *COMMISSIONED))}")
     return tuned(name, changes=named_numbers(rest, name))
 
 
@@ -110,6 +110,6 @@ def tuned(
     if name == Eanpos.name:
         return Eanpos.tuned("analogue-table" if axis == "table" else axis, changes)
     if name not in CHIPS:
-        raise InputError(f"there is no drive {name!r} to tune; choose one of {', '.join(COMMISSIONED)}")
+        raise InputError(f"there is no drive {name!r} to tune; choose one of {one_of(name, COMMISSIONED)}")
     axis_row(axis)
     return CHIPS[name].tuned(axis, changes)

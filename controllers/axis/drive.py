@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from edmsim import models
 from edmsim.compiled.axis_rows import DRIVE, MOTOR, SampleFunction
-from edmsim.errors import InputError
+from edmsim.errors import InputError, one_of
 
 
 @runtime_checkable
@@ -163,7 +163,7 @@ def axis_row(name: str = "table", **changes: float) -> NDArray[np.void]:
         There is no such axis, or no such constant.
     """
     if name not in axis_names():
-        raise InputError(f"there is no axis {name!r}; choose one of {', '.join(axis_names())}")
+        raise InputError(f"there is no axis {name!r}; choose one of {one_of(name, axis_names())}")
     tables = (*data_of("plain").values(), *data_of(f"axis-{name}").values())
     parts = [part for part in tables if isinstance(part, dict)]
     return motor_row({key: value for part in parts for key, value in part.items()}, **changes)

@@ -14,7 +14,7 @@ from edmsim.controllers.planner.dda import NM
 from edmsim.controllers.planner.protocol import Planner
 from edmsim.controllers.planner.record import DDA, EXACT, LITERAL, POSCAL, SINE_TABLE
 from edmsim.controllers.planner.row_planner import RowPlanner
-from edmsim.errors import InputError
+from edmsim.errors import InputError, one_of
 
 __all__ = ["PLANNERS", "Kind", "Planner", "kind_of", "make_planner", "position_unit"]
 
@@ -69,7 +69,7 @@ def kind_of(name: str) -> Kind:
         If there is no planner of that name.
     """
     if name not in PLANNERS:
-        raise InputError(f"there is no planner {name!r}; choose one of {', '.join(PLANNERS)}")
+        raise InputError(f"there is no planner {name!r}; choose one of {one_of(name, PLANNERS)}")
     return PLANNERS[name]
 
 

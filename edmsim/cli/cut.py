@@ -5,6 +5,7 @@ from __future__ import annotations
 import shlex
 import signal
 import warnings
+from contextlib import suppress
 from pathlib import Path
 from typing import Annotated
 
@@ -12,6 +13,7 @@ import typer
 
 from edmsim.cli.console import (
     ERR,
+    INTERRUPTED,
     OUT,
     STOPPED,
     Generator,
@@ -119,7 +121,7 @@ def cut(
         if traces.suffix != ".parquet":
             raise InputError("the file for traces must end in .parquet", traces)
         make_writable(traces.parent)
-    watcher = ProgressBar(quiet, ERR)
+    watcher, result = ProgressBar(quiet, ERR), None
     try:
         with watcher, warnings.catch_warnings():
             warnings.showwarning = lambda message, *_, **__: say(str(message))
@@ -138,17 +140,23 @@ def cut(
                 watch=watcher.show, enter=watcher.enter,
             )
     except KeyboardInterrupt as interrupt:
-        kept = (folder / NAME).exists()
-        say("interrupted; the same command with --resume goes on" if kept else "interrupted before the cut began")
-        number = next(iter(interrupt.args), signal.SIGINT)
-        raise typer.Exit(128 + number) from None  # as shells have it
+        if result is None:
+            kept = (folder / NAME).exists()
+            say("interrupted; the same command with --resume goes on" if kept else "interrupted before the cut began")
+            number = next(iter(interrupt.args), signal.SIGINT)
+            raise typer.Exit(128 + number) from None  # as shells have it
     if traces is not None:
-        result.write_traces(traces)
-    if not quiet:
-        from edmsim.recording.report import render_table
+        try:
+            result.write_traces(traces)
+        except KeyboardInterrupt:
+            say(f"interrupted: the results are in {folder}, the traces are not written")
+            raise typer.Exit(INTERRUPTED) from None
+    with suppress(KeyboardInterrupt):  # all is written
+        if not quiet:
+            from edmsim.recording.report import render_table
 
-        OUT.print(render_table(result.report))
-        told = f"Written to {folder}; play it back with: edmsim view {shlex.quote(str(folder))}"
-        OUT.print(told, highlight=False, soft_wrap=True, markup=False)
+            OUT.print(render_table(result.report))
+            told = f"Written to {folder}; play it back with: edmsim view {shlex.quote(str(folder))}"
+            OUT.print(told, highlight=False, soft_wrap=True, markup=False)
     if result.report["outcome"] != WORDS[StopCause.FINISHED].report:
         raise typer.Exit(STOPPED)

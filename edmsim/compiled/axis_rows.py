@@ -13,6 +13,7 @@ own (`DRIVE`) and its axis' (`AXIS`). It reads setpoint, encoder and switches an
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import cached_property
 from typing import Any, Protocol
 
 import numpy as np
@@ -253,7 +254,7 @@ takes a level that has stood for ``cam_filter_ns``."""
 
 
 class SampleFunction(Protocol):
-    """A compiled sample: numba's ``cfunc``."""
+    """A drive's sample in machine code."""
 
     @property
     def address(self) -> int:
@@ -261,8 +262,25 @@ class SampleFunction(Protocol):
         ...
 
 
+class _Sample:
+    """A sample that is compiled when its address is asked for: who names drives need not wait for machine code."""
+
+    def __init__(self, function: Callable[[Any, Any], None]) -> None:
+        self._function = function
+
+    @cached_property
+    def address(self) -> int:
+        pointer: Any = types.CPointer
+        signature = types.void(pointer(from_dtype(DRIVE)), pointer(from_dtype(AXIS)))
+        # kept beside the address: numba frees the machine code with it
+        self._made = in_cache(cfunc(signature, cache=True, error_model="numpy"), self._function)
+        return int(self._made.address)
+
+
 def sample(function: Callable[[Any, Any], None]) -> SampleFunction:
-    """Compile a drive's sample; machine code is kept between runs, and the pulse loop is not compiled for it.
+    """Make a drive's sample; it is compiled when a plant first uses it, and the pulse loop is not compiled for it.
+
+    Machine code is kept between runs.
 
     Parameters
     ----------
@@ -270,10 +288,7 @@ def sample(function: Callable[[Any, Any], None]) -> SampleFunction:
         Takes pointers to the drive's and the axis' row, ``carray(pointer, 1)[0]`` is the row. It may call what
         `edmsim.compiled.jit.compiled` made, and allocates nothing.
     """
-    pointer: Any = types.CPointer
-    signature = types.void(pointer(from_dtype(DRIVE)), pointer(from_dtype(AXIS)))
-    made: SampleFunction = in_cache(cfunc(signature, cache=True, error_model="numpy"), function)
-    return made
+    return _Sample(function)
 
 
 @compiled

@@ -21,7 +21,7 @@ from edmsim import __version__
 from edmsim.controllers import FeedController, make
 from edmsim.controllers.mcu.firmware.timers import MAX_FEED_UM_S
 from edmsim.envs.episode import Task
-from edmsim.errors import InputError
+from edmsim.errors import InputError, one_of
 from edmsim.evaluation.episode import HELD_BACK, ORACLE, Episode, Result
 
 Ranges = dict[str, tuple[float, float]]
@@ -111,7 +111,7 @@ def check(controller: str, seed: int, generations: int) -> None:
     if generations < 0:
         raise InputError(f"{generations} generations after the first cannot be: give 0 or more")
     if controller not in BOUNDS:
-        raise InputError(f"no gains of '{controller}' are searched; choose one of {', '.join(BOUNDS)}")
+        raise InputError(f"no gains of '{controller}' are searched; choose one of {one_of(controller, BOUNDS)}")
 
 
 def search(controller: str, seed: int, *, seeds: int = SEEDS, population: int = POPULATION,

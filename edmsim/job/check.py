@@ -16,6 +16,7 @@ from edmsim.job.settings import CutSettings
 from edmsim.machine.machine import Machine
 from edmsim.machine.setting import mean_current_A
 from edmsim.plant.gap.generator import timing
+from edmsim.program.extent import extent_mm
 from edmsim.program.path import CutPath
 
 
@@ -114,7 +115,7 @@ def lines_of(found: Check) -> Sequence[tuple[str, str]]:
     rows = []
     for number, contour in enumerate(found.path.contours, 1):
         x, y = contour.points_um[0] / 1e3 - origin
-        across, up = np.ptp(contour.nominal_mm, axis=0)
+        across, up = extent_mm(contour.nominal_mm, [number for number, _ in contour.elements])
         kind = "closed" if contour.closed else "open"
         # 0.0 +: a hair below zero would read -0.000
         thread = f"threaded at X {round(x, 6) + 0.0:.3f} Y {round(y, 6) + 0.0:.3f}"

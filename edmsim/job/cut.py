@@ -303,6 +303,7 @@ class _Run:
                 f"{self._folder}: the results could not be written: {error.strerror or error}; the checkpoint holds "
                 "the cut: make room and take it up with --resume"
             ) from None
+        self._signals.only_note()
         (self._folder / checkpoint.NAME).unlink(missing_ok=True)
 
     def _save(self) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -24,11 +24,12 @@ from edmsim.metrology.roughness import roughness_um
 from edmsim.metrology.shares import error_shares, share_stats
 from edmsim.metrology.table_error import motor_offsets_um, table_error
 from edmsim.plant.workpiece.height_steps import Relief
-from edmsim.plant.workpiece.kerf_field import Stock
+from edmsim.plant.workpiece.kerf_field import KerfField, Stock
 from edmsim.program.path import WireContour
+from edmsim.recording.pauses import CutAlone, cut_alone
 from edmsim.recording.quality import KerfSlice, Quality, Reach, TableShare, Totals, Wall
 from edmsim.recording.scene import ErrorMap, Scene, SceneCorner, Terrace, polylines
-from edmsim.recording.windows import WindowTable
+from edmsim.recording.windows import ROW_NAMES, WindowTable
 
 _NEAR_MM = 0.5
 """A window belongs to a place of the profile only within this distance of the wire."""
@@ -56,9 +57,9 @@ class Inspection:
     error_um: NDArray[np.float64]
 
 
-def totals(simulation: Simulation, wall_time_s: float) -> Totals:
+def totals(simulation: Simulation, windows: WindowTable, wall_time_s: float) -> Totals:
     """Return what was counted over the cut."""
-    sums = simulation.sums
+    sums, cut = simulation.sums, _cut_alone(simulation, windows)
     return Totals(
         machining_time_s=simulation.plant.time_ns * 1e-9,
         wall_time_s=wall_time_s,
@@ -67,17 +68,36 @@ def totals(simulation: Simulation, wall_time_s: float) -> Totals:
         spark=sums.spark,
         arc=sums.arc,
         path_length_mm=simulation.path_um * 1e-3,
-        cut_area_mm2=cut_area_mm2(simulation),
+        cut_area_mm2=sum(_area_mm2(simulation, *way) for way in cut.ways_um),
+        cutting_time_s=cut.time_s,
         energy=sums.energy,
         removed_mm3=simulation.plant.removed_mm3,
         vibration_um_rms=math.sqrt(sums.vibration2_pulses / sums.pulses) if sums.pulses else math.nan,
         feed_limit_um_s=simulation.max_feed_um_s,
+        limited_share=_limited_share(simulation, windows, cut),
     )
 
 
-def cut_area_mm2(simulation: Simulation) -> float:
-    """Return the path length behind the wire times the local height, as the slices have it, in mm2."""
-    length, relief = simulation.path_um, simulation.plant.field.relief
+def _cut_alone(simulation: Simulation, windows: WindowTable) -> CutAlone:
+    values = dict(zip(ROW_NAMES, windows.values().T, strict=True))
+    holes_um = np.array(simulation.plant.field.stock.holes_um, np.float64).reshape(-1, 3)
+    return cut_alone(
+        values["t_s"], np.column_stack([values["x_um"], values["y_um"]]), values["path_um"],
+        values["spark"] + values["arc"], holes_um,
+    )
+
+
+def _limited_share(simulation: Simulation, windows: WindowTable, cut: CutAlone) -> float:
+    """Return the share of the cut at the greatest feed; feeds are whole speed units, so 1 % below it."""
+    values = dict(zip(ROW_NAMES, windows.values()[cut.rows].T, strict=True))
+    weight = float(values["t_period_us"].sum())
+    at_limit = values["feed_um_s"] > 0.99 * simulation.max_feed_um_s
+    return float(values["t_period_us"][at_limit].sum()) / weight if weight else math.nan
+
+
+def _area_mm2(simulation: Simulation, from_um: float, to_um: float) -> float:
+    """Return a way along the path times the local height, as the slices have it, in mm2."""
+    length, relief = to_um - from_um, simulation.plant.field.relief
     if relief is None or length <= 0:
         return length * simulation.machine.height_mm * 1e-3
     points = [contour.points_um.astype(np.float64) for contour in simulation.path.contours]
@@ -85,7 +105,7 @@ def cut_area_mm2(simulation: Simulation) -> float:
     pieces = [np.append(np.hypot(*np.diff(part, axis=0).T), 0.0) for part in points]
     place = np.concatenate([[0.0], np.cumsum(np.concatenate(pieces))[:-1]])
     count = math.ceil(length / _HEIGHT_STEP_UM)
-    s = (np.arange(count) + 0.5) * (length / count)
+    s = from_um + (np.arange(count) + 0.5) * (length / count)
     x, y = (np.interp(s, place, column) for column in np.concatenate(points).T)
     return float(relief.heights_mm(np.column_stack([x, y])).mean()) * length * 1e-3
 
@@ -101,7 +121,7 @@ def inspect(simulation: Simulation, windows: WindowTable) -> Inspection:
     """
     field, machine = simulation.plant.field, simulation.machine
     contours = simulation.path.contours
-    profiles = [profile_error(field, contour) for contour in contours]
+    profiles = [_error_of_edge(field, contour) for contour in contours]
     table = _table(simulation, profiles)
     ways_um = _ways_um(simulation, windows)
     shares = _shares(simulation, profiles, ways_um)
@@ -129,6 +149,12 @@ def inspect(simulation: Simulation, windows: WindowTable) -> Inspection:
     commanded_um = np.concatenate([commanded for commanded, _, _ in ways_um])
     quality = _quality(simulation, profiles, scene, table, _reach(contours, profiles, left_um, shares))
     return Inspection(quality, scene, _error_per_window(commanded_um, profiles))
+
+
+def _error_of_edge(field: KerfField, contour: WireContour) -> ProfileError:
+    """Measure a contour's profile error; what the wire's centre was to follow is no edge, and has none."""
+    found = profile_error(field, contour)
+    return found if contour.offset_um else replace(found, error_um=np.full_like(found.error_um, np.nan))
 
 
 def _reach(

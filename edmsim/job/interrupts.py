@@ -39,6 +39,10 @@ class NotedSignals:
         self._at_once = True
         self.raise_noted()
 
+    def only_note(self) -> None:
+        """From now on raise no more: the work is done, and nothing is left that could be ended."""
+        self._at_once, self._came = False, None
+
 
 @contextmanager
 def noted() -> Iterator[NotedSignals]:

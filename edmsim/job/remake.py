@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
-from edmsim.errors import InputError
+from edmsim.errors import InputError, one_of
 from edmsim.files import locked, make_writable
 from edmsim.job.single_pulses import sample_or_reason
 from edmsim.recording.cut_folder import read_cut
@@ -43,7 +43,7 @@ def remake(
         As `read_cut`; or an unknown kind, or a folder that cannot be written to or is at work.
     """
     if kind not in FORMATS:
-        raise InputError(f"figures cannot be written as '{kind}'; there are: {', '.join(FORMATS)}")
+        raise InputError(f"figures cannot be written as '{kind}'; there are: {one_of(kind, FORMATS)}")
     cut = read_cut(directory)
     sample = sample_or_reason(cut.report, cut.windows)
     target = Path(directory if figures is None else figures)

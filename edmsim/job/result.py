@@ -12,7 +12,7 @@ import shapely
 
 from edmsim import __version__
 from edmsim.cosim.simulation import Simulation
-from edmsim.errors import InputError
+from edmsim.errors import InputError, one_of
 from edmsim.files import make_writable, together
 from edmsim.job.inspection import inspect, totals
 from edmsim.job.recorders import Recorders
@@ -114,8 +114,8 @@ class CutResult:
         if figure in OF_CUT:
             return OF_CUT[figure](self.report, self.windows, self.scene)
         if figure != "profile":
-            known = ", ".join(["profile", *OF_CUT, *OF_SAMPLE])
-            raise InputError(f"there is no figure '{figure}'; there are: {known}")
+            known = ["profile", *OF_CUT, *OF_SAMPLE]
+            raise InputError(f"there is no figure '{figure}'; there are: {one_of(figure, known)}")
         return profile_figure(self.scene, self.windows, self.report, self._title)
 
     def contour(
@@ -252,7 +252,7 @@ def result_of(
         outcome=simulation.outcome,
         reason=simulation.reason,
         windows=windows,
-        totals=totals(simulation, wall_time_s),
+        totals=totals(simulation, recorders.windows, wall_time_s),
         quality=found.quality,
         notices=notices,
         seed=settings.seed,

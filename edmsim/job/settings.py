@@ -21,7 +21,7 @@ from shapely.geometry import mapping
 
 from edmsim.controllers import FeedController, axis
 from edmsim.controllers.own import check_is_controller, text_of
-from edmsim.errors import InputError
+from edmsim.errors import InputError, one_of
 from edmsim.machine.given import checked_constants, with_given
 from edmsim.machine.machine import Machine
 from edmsim.machine.parts import Choices
@@ -179,7 +179,7 @@ class CutSettings(BaseModel):
     @classmethod
     def _check_mechanics(cls, name: str) -> str:
         if name not in MECHANICS:
-            raise InputError(f"unknown mechanics '{name}'; there are: {', '.join(MECHANICS)}")
+            raise InputError(f"unknown mechanics '{name}'; there are: {one_of(name, MECHANICS)}")
         return name
 
     @field_validator("resolution")
@@ -306,7 +306,7 @@ def _line(error: ValidationError) -> str:
     first = error.errors()[0]
     name = ".".join(str(part) for part in first["loc"])
     if first["type"] == "extra_forbidden":
-        return f"a cut has no option '{name}'; there are: {', '.join(CutSettings.model_fields)}"
+        return f"a cut has no option '{name}'; there are: {one_of(name, CutSettings.model_fields)}"
     if not name:
         return f"these are no options of a cut: {first['msg']}"
     return f"option {name} cannot be {first['input']!r}: {first['msg']}"

@@ -10,7 +10,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from edmsim.envs.registry import base_of, find
-from edmsim.errors import InputError
+from edmsim.errors import InputError, one_of
 
 ALGORITHMS = ("ppo", "sac", "tqc", "ppo-lag", "recurrent-ppo", "imitation")
 """Algorithms there are hyperparameters for."""
@@ -116,7 +116,7 @@ def load(env_id: str, algo: str, settings: Path | None = None) -> Hyperparameter
     """
     family, registered = find(env_id)
     if algo not in ALGORITHMS:
-        raise InputError(f"unknown algorithm '{algo}'; there are: {', '.join(ALGORITHMS)}")
+        raise InputError(f"unknown algorithm '{algo}'; there are: {one_of(algo, ALGORITHMS)}")
     folder = resources.files("edmsim.models") / "training"
     own = folder / f"{base_of(family)}-{algo}.toml"
     file = own if own.is_file() else folder / f"{algo}.toml"

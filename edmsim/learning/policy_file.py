@@ -22,7 +22,7 @@ from edmsim.envs.batch import entries_of
 from edmsim.envs.knobs import KNOBS
 from edmsim.envs.registry import make_family
 from edmsim.envs.task import Family
-from edmsim.errors import InputError
+from edmsim.errors import InputError, one_of
 from edmsim.files import read_arrays
 
 FORMAT = "edmsim-policy-1"
@@ -269,9 +269,8 @@ def locate(name: str) -> Path:
     file = Path(name)
     if file.suffix not in (".json", ".npz"):
         if name not in models.policies():
-            raise InputError(
-                f"there is no policy '{name}'; give its .json file, or one of {', '.join(models.policies())}"
-            )
+            known = one_of(name, models.policies())
+            raise InputError(f"there is no policy '{name}'; give its .json file, or one of {known}")
         return models.path(f"policies/{name}.json")
     for part in (file.with_suffix(".json"), file.with_suffix(".npz")):
         if not part.is_file():

@@ -10,7 +10,7 @@ from typing import Any, Literal, TypeVar
 from pydantic import ValidationError
 
 from edmsim import models
-from edmsim.errors import InputError
+from edmsim.errors import InputError, one_of
 from edmsim.machine.parts import Base, Part
 
 Kind = Literal["machines", "wires", "materials", "generators"]
@@ -55,7 +55,7 @@ def read(part: type[_Part], kind: Kind, name: str) -> _Part:
 def _our_file(kind: Kind, name: str, asked_by: str | None = None) -> str:
     names = available(kind)
     if name not in names:
-        raise InputError(f"unknown {kind[:-1]} '{name}'; there are: {', '.join(names)}", asked_by)
+        raise InputError(f"unknown {kind[:-1]} '{name}'; there are: {one_of(name, names)}", asked_by)
     return (resources.files("edmsim.models") / kind / f"{name}.toml").read_text(encoding="utf-8")
 
 

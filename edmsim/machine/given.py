@@ -7,7 +7,7 @@ from typing import Any, get_args
 
 from pydantic import ValidationError
 
-from edmsim.errors import InputError
+from edmsim.errors import InputError, one_of
 from edmsim.machine.machine import Machine
 from edmsim.machine.parts import Base, Constant, Material, Part, Wire
 from edmsim.machine.ranges import with_constants
@@ -72,7 +72,7 @@ def check_names(names: Iterable[str]) -> None:
             section = name.partition(".")[0]
             near = [other for other in KINDS if other.startswith(f"{section}.")]
             there = near or dict.fromkeys(other.partition(".")[0] + ".*" for other in KINDS)
-            raise InputError(f"there is no constant '{name}'; there are: {', '.join(there)}")
+            raise InputError(f"there is no constant '{name}'; there are: {one_of(name, KINDS, there)}")
 
 
 def with_given(machine: Machine, constants: Iterable[tuple[str, float]]) -> Machine:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from edmsim.errors import InputError
+from edmsim.errors import InputError, one_of
 from edmsim.machine.parts import Constant, SetUp
 
 WIRE_DIAMETER_UM = (20.0, 400.0)
@@ -147,7 +147,9 @@ def check(machine: SetUp) -> None:
     """Raise `InputError` for a set-up that cannot run."""
     low, high = WIRE_DIAMETER_UM
     if not low <= machine.wire_diameter_um <= high:
-        raise InputError(f"wire diameter {machine.wire_diameter_um:g} um is not within {low:g}..{high:g} um")
+        meant_um = machine.wire_diameter_um * 1e3
+        hint = f"; {machine.wire_diameter_um:g} mm are {meant_um:g} um" if low <= meant_um <= high else ""
+        raise InputError(f"wire diameter {machine.wire_diameter_um:g} um is not within {low:g}..{high:g} um{hint}")
     check_height(machine.height_mm)
     if not machine.tension > 0:
         raise InputError(f"wire tension {machine.tension:g} N must be above zero")
@@ -187,7 +189,7 @@ def _check_choices(machine: SetUp) -> None:
         raise InputError("an iso-pulse generator has no ignition wait: its switch opens at t_on, ignited or not")
     shape = pulse_shape(machine)
     if shape not in PULSE_FORMS:
-        raise InputError(f"unknown pulse shape '{shape}'; there are: {', '.join(PULSE_FORMS)}")
+        raise InputError(f"unknown pulse shape '{shape}'; there are: {one_of(shape, PULSE_FORMS)}")
     if shape == "triangle" and mode == "iso-pulse":
         raise InputError(
             "an iso-pulse generator makes no triangles: the switch would cut them off; choose iso-energetic or "

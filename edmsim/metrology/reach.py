@@ -71,15 +71,18 @@ def mean_error_um(
 ) -> float:
     """Return the mean error in um of straight and round walls: without corners, start marks and what is out of reach.
 
-    It is by how much the offset was too large. NaN if nothing was measured.
+    It is by how much the offset was too large. Contours whose path no offset moves do not count; NaN if nothing was
+    measured.
     """
     known = []
     for contour, profile, left_um in zip(contours, profiles, unreachable, strict=True):
+        if not contour.compensated:
+            continue
         line = Polyline(contour.nominal_mm, contour.closed)
         corner = line.distance_along(profile.s_mm, line.s[line.corners(CORNER_DEG)]) <= CORNER_REACH_MM
         error = profile.error_um[:, ~corner & ~profile.at_lead_in & (left_um == 0)]
         known.append(error[np.isfinite(error)])
-    every = np.concatenate(known)
+    every = np.concatenate([np.zeros(0), *known])
     return float(every.mean()) if len(every) else math.nan
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edmsim.compiled.random import key_of
-from edmsim.errors import InputError
+from edmsim.errors import InputError, one_of
 from edmsim.plant import constants
 from edmsim.plant.axes.drives import AxisDrive, Drives
 from edmsim.plant.axes.ways import ways_of
@@ -98,7 +98,7 @@ class Plant(PlantReadings):
         drives: Mapping[str, AxisDrive] | None = None,
     ) -> None:
         if mechanics not in MECHANICS:
-            raise InputError(f"unknown mechanics '{mechanics}'; there are: {', '.join(MECHANICS)}")
+            raise InputError(f"unknown mechanics '{mechanics}'; there are: {one_of(mechanics, MECHANICS)}")
         self._first_machine = machine
         self.mechanics = mechanics
         self.resolution = res = named_resolution(resolution)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-from edmsim.errors import InputError
+from edmsim.errors import InputError, one_of
 
 ResolutionName = Literal["fast", "default", "fine"]
 
@@ -50,5 +50,5 @@ def resolution(name: str | Resolution) -> Resolution:
     if isinstance(name, Resolution):
         return name
     if name not in RESOLUTIONS:
-        raise InputError(f"unknown resolution '{name}'; there are: {', '.join(RESOLUTIONS)}")
+        raise InputError(f"unknown resolution '{name}'; there are: {one_of(name, RESOLUTIONS)}")
     return RESOLUTIONS[name]

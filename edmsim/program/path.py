@@ -21,6 +21,7 @@ from edmsim.program.load import load_program
 from edmsim.program.offset import nearest_chords, normal, offset_open
 from edmsim.program.offset_outline import OffsetOutline, away, keep_apart, located, offset_outline, refuse_trims
 from edmsim.program.outline import Program, signed_area
+from edmsim.program.registers import GREATEST_MM, in_um
 
 STOCK_MARGIN_MM = 3.0
 """Blank left around the job in mm, clipped to the table (ours)."""
@@ -51,6 +52,8 @@ class WireContour:
         program's line, 0 where there is none (DXF).
     offset_um : float
         Distance between wire centre and nominal edge that was applied; 0 if none.
+    compensated : bool
+        Whether the wire's path follows from edge and offset; else it is as written, and the edge follows from it.
     """
 
     points_um: NDArray[np.int64]
@@ -62,6 +65,7 @@ class WireContour:
     line_numbers: tuple[int, ...] = ()
     elements: tuple[tuple[int, int], ...] = ()
     offset_um: float = 0.0
+    compensated: bool = True
 
     def __repr__(self) -> str:
         """Say what it is in a line."""
@@ -214,9 +218,11 @@ def _offset_mm(offset: float | str, auto_offset_mm: float) -> float:
         value = auto_offset_mm if offset == "auto" else float(offset)
     except ValueError:
         value = math.nan
-    if not (math.isfinite(value) and value >= 0):
+    if not 0 <= value <= GREATEST_MM:
         told = auto_offset_mm if offset == "auto" else offset
-        raise InputError(f"the offset is {told!r}: give auto, none, or a length of 0 mm or more")
+        raise InputError(
+            f"the offset is {told!r}: give auto, none, or a length of 0 to {GREATEST_MM:g} mm{in_um(value)}"
+        )
     return value
 
 
@@ -280,6 +286,7 @@ def _contour(leg: OffsetOutline, lead: _Lead, grid_um: int) -> WireContour:
         line_numbers=tuple(lines[moves].tolist()),
         elements=_elements(leg),
         offset_um=leg.offset_mm * 1000,
+        compensated=outline.wire_side is not None,
     )
 
 

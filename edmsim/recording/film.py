@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edmsim.recording.figures import palette
-from edmsim.recording.pauses import broken, jump_rows
+from edmsim.recording.pauses import broken, pause_rows
 from edmsim.recording.report import duration_text
 from edmsim.recording.rerun.blueprint import Sizes
 from edmsim.recording.rerun.gap import CURRENT_HEIGHT, SCOPE_SPACE, SCOPE_WIDTH, VOLTAGE_HEIGHT, WALL_UM
@@ -134,9 +134,9 @@ class Film:
         rows = self._play.rows("/position/x_um", "Scalars:scalars")
         self._path = (rows.t_s, rows.path_um)
         place_um = np.column_stack([x[1], y[1]])
-        jumps = jump_rows(place_um, rows.path_um)
-        self._pauses_s = np.column_stack([x[0][jumps - 1], x[0][jumps]])
-        self._way = (np.insert(x[0], jumps, self._pauses_s.mean(axis=1)), broken(place_um / 1000.0, jumps))
+        begins = pause_rows(x[0])
+        self._pauses_s = np.column_stack([x[0][begins - 1], x[0][begins]])
+        self._way = (np.insert(x[0], begins, self._pauses_s.mean(axis=1)), broken(place_um / 1000.0, begins))
 
     def _set_part(self, t_s: float) -> None:
         entity = "/world/table/workpiece"

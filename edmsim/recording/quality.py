@@ -23,16 +23,16 @@ class Totals:
         Pulses by how they ended, all pulses of the generator, also those the analyser did not count.
     path_length_mm : float
         Length of wire path cut.
-    cut_area_mm2 : float
-        Path length times the local height of the workpiece, for the cutting rate.
+    cut_area_mm2, cutting_time_s : float
+        Of the cut alone (`edmsim.recording.pauses`): path length times the local height of the workpiece, and time.
     energy : float
         Energy of all discharges in J.
     removed_mm3 : float
         Metal removed.
     vibration_um_rms : float
         Root mean square of the wire's motion about its mean deflection; NaN if unknown.
-    feed_limit_um_s : float
-        Greatest feed of machine and planner; NaN if unknown.
+    feed_limit_um_s, limited_share : float
+        Greatest feed of machine and planner, and the share of the cut alone at it; NaN if unknown.
     """
 
     machining_time_s: float
@@ -43,10 +43,12 @@ class Totals:
     arc: int
     path_length_mm: float
     cut_area_mm2: float
+    cutting_time_s: float
     energy: float
     removed_mm3: float
     vibration_um_rms: float
     feed_limit_um_s: float = math.nan
+    limited_share: float = math.nan
 
 
 @dataclass(frozen=True)

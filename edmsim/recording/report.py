@@ -97,9 +97,11 @@ def _machining(windows: pa.Table, totals: Totals) -> dict[str, Any]:
         "path_length_mm": totals.path_length_mm,
         "feed_um_s": {
             "mean": _mean(windows, "feed_um_s"), "max": _most(windows, "feed_um_s"), "limit": totals.feed_limit_um_s,
-            "share_at_limit": _at_limit(windows, totals.feed_limit_um_s),
+            "share_at_limit": totals.limited_share,
         },
-        "cutting_rate_mm2_min": _ratio(totals.cut_area_mm2, totals.machining_time_s / 60.0),
+        "cutting_time_s": totals.cutting_time_s,
+        "cutting_rate_mm2_min": _rate(totals.cut_area_mm2, totals.cutting_time_s),
+        "overall_rate_mm2_min": _rate(totals.cut_area_mm2, totals.machining_time_s),
         "pulse_share": {
             kind: _ratio(getattr(totals, kind), pulses) for kind in ("spark", "arc", "short", "open")
         },
@@ -144,12 +146,9 @@ def _ratio(value: float, by: float) -> float | None:
     return value / by if by > 0 else None
 
 
-def _at_limit(windows: pa.Table, limit_um_s: float) -> float | None:
-    """Return the share of time at the greatest feed; feeds are whole speed units of the planner, so 1 % below it."""
-    if not math.isfinite(limit_um_s):
-        return None
-    at_limit = np.where(column(windows, "feed_um_s") > 0.99 * limit_um_s, 1.0, 0.0)
-    return _weighted(at_limit, column(windows, "t_period_us"))
+def _rate(area_mm2: float, seconds: float) -> float | None:
+    """Return an area per minute; what was never cut has no rate."""
+    return 60.0 * area_mm2 / seconds if area_mm2 > 0 else None
 
 
 def _mean(windows: pa.Table, name: str) -> float | None:
@@ -245,9 +244,7 @@ def summary(report: Mapping[str, Any]) -> list[tuple[str, str]]:
     shares = (f"{kind} {say(_percent(share), '%')}" for kind, share in report["pulse_share"].items())
     times = [duration_text(report[k]) for k in ("machining_time_s", "wall_time_s")]
     speed = say(report["realtime_factor"], "times real time", 2)
-    rate = say(report["cutting_rate_mm2_min"], "mm²/min")
     least, largest = say(kerf["min"], "µm"), say(kerf["max"], "µm")
-    error = [say(profile[k], "µm") for k in ("max", "rms", "p95")]
     lag, vibration = say(wire["lag_um"], "µm"), say(wire["vibration_um_rms"], "µm", 2)
     follow = report["following_error_um"]
     covered = [say(_percent(report["coverage"][k]), "%") for k in ("mean", "max")]
@@ -255,11 +252,12 @@ def summary(report: Mapping[str, Any]) -> list[tuple[str, str]]:
     current, voltage = say(report["mean_current_A"], "A", 2), say(report["mean_voltage_V"], "V")
     return [
         ("machining time", f"{times[0]}  (computed in {times[1]}, {speed})"),
-        ("path", f"{say(report['path_length_mm'], 'mm', 2)}, {rate}"),
+        ("path", say(report["path_length_mm"], "mm", 2)),
+        ("cutting rate", _rate_line(report)),
         ("feed", f"{say(feed['mean'], 'µm/s')} mean, {say(feed['max'], 'µm/s')} max{_limit_text(feed)}"),
         ("pulses", "  ".join([f"{report['pulses']:,}", *shares])),
         ("kerf", f"{say(kerf['mean'], 'µm')} mean, {least} to {largest}"),
-        ("profile error", f"{error[0]} max, {error[1]} rms, {error[2]} for 95 %"),
+        ("profile error", _profile_line(profile)),
         ("made by", _shares_line(profile["shares"])),
         *deviation_lines(report),
         *_table_lines(report),
@@ -272,12 +270,36 @@ def summary(report: Mapping[str, Any]) -> list[tuple[str, str]]:
     ]
 
 
+def rate_text(report: Mapping[str, Any]) -> str:
+    """Return the rate over the cut alone as a heading has it."""
+    rate = report["cutting_rate_mm2_min"]
+    return "no cutting rate" if rate is None else figure_text(rate, "mm²/min")
+
+
+def _rate_line(report: Mapping[str, Any]) -> str:
+    """Say both rates; reports of earlier versions have one, over the whole time."""
+    rate, overall = report["cutting_rate_mm2_min"], report.get("overall_rate_mm2_min")
+    if rate is None:
+        return "none: nothing was cut beyond a start hole"
+    if overall is None:
+        return f"{figure_text(rate, 'mm²/min')} over the whole time"
+    alone = f"{figure_text(rate, 'mm²/min')} over the cut alone, {duration_text(report['cutting_time_s'])}"
+    return f"{alone}; {figure_text(overall, 'mm²/min')} over the whole time"
+
+
+def _profile_line(profile: Mapping[str, Any]) -> str:
+    if profile["max"] is None:
+        return "not measured"
+    most, rms, p95 = (figure_text(profile[k], "µm") for k in ("max", "rms", "p95"))
+    return f"{most} max, {rms} rms, {p95} for 95 %"
+
+
 def _limit_text(feed: Mapping[str, float | None]) -> str:
     """Say for how long the machine's greatest feed held the cut back, if for a tenth of the time or more."""
     share, limit = feed.get("share_at_limit"), feed.get("limit")
     if share is None or limit is None or share < 0.1:
         return ""
-    return f"; limited by the machine's greatest feed, {limit:.1f} µm/s, for {100 * share:.0f} % of the time"
+    return f"; limited by the machine's greatest feed, {limit:.1f} µm/s, for {100 * share:.0f} % of the cut"
 
 
 def _table_lines(report: Mapping[str, Any]) -> list[tuple[str, str]]:

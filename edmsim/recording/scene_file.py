@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from edmsim.errors import InputError
 from edmsim.files import read_arrays, replacing
+from edmsim.metrology.shares import SHARES
 from edmsim.recording.scene import ErrorMap, Polylines, Scene, SceneCorner, Terrace
 
 VERSION = 3
@@ -46,9 +47,9 @@ def write_scene(scene: Scene, file: str | Path) -> None:
 
 
 def _columns(edge: ErrorMap) -> NDArray[np.float64]:
-    """Places, error and what made it, side by side."""
-    shares = () if edge.shares_um is None else edge.shares_um
-    return np.column_stack([edge.points_mm, edge.error_um, *shares])
+    """Places, error and what made it, side by side; contours that were not split have the same columns."""
+    unknown = np.full((len(SHARES), len(edge.points_mm)), np.nan)
+    return np.column_stack([edge.points_mm, edge.error_um, *(unknown if edge.shares_um is None else edge.shares_um)])
 
 
 def read_scene(file: str | Path) -> Scene:
@@ -77,7 +78,7 @@ def _scene(arrays: Mapping[str, NDArray[Any]], told: Mapping[str, Any]) -> Scene
     return Scene(
         maps=tuple(
             ErrorMap(
-                line, side, rows[:, :2], rows[:, 2], rows[:, 3:].T if rows.shape[1] > 3 else None,
+                line, side, rows[:, :2], rows[:, 2], rows[:, 3:].T if np.isfinite(rows[:, 3:]).any() else None,
                 arrays.get(f"unreachable.{number}"),  # earlier files have none
             )
             for number, (line, side, rows) in enumerate(zip(nominal, told["part_sides"], measured, strict=True))

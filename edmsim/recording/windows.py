@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from edmsim.cosim.observers import Observer, PlantView, Turn
 from edmsim.errors import InputError
 from edmsim.files import replacing
+from edmsim.recording.pauses import pause_rows, stretches
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -216,7 +217,7 @@ def travel_direction(table: pa.Table, reach_um: float = 25.0) -> NDArray[np.floa
     """Direction of travel of the wire in every window.
 
     Taken as the chord over `reach_um` of path on either side: steps of 1 um on two axes say nothing about
-    direction one by one.
+    direction one by one. It never reaches over a pause, to another contour.
 
     Returns
     -------
@@ -224,15 +225,11 @@ def travel_direction(table: pa.Table, reach_um: float = 25.0) -> NDArray[np.floa
         Unit vectors; zero where the wire has not moved.
     """
     path = np.maximum.accumulate(column(table, "path_um"))
-    if len(path) == 0:
-        return np.zeros((0, 2))
-    chord = np.column_stack(
-        [
-            np.interp(path + reach_um, path, column(table, name))
-            - np.interp(path - reach_um, path, column(table, name))
-            for name in ("x_um", "y_um")
-        ]
-    )
+    place = np.column_stack([column(table, name) for name in ("x_um", "y_um")])
+    chord = np.zeros((len(path), 2))
+    for part in stretches(len(path), pause_rows(column(table, "t_s"))):
+        s, at = path[part], place[part]
+        chord[part] = np.column_stack([np.interp(s + reach_um, s, x) - np.interp(s - reach_um, s, x) for x in at.T])
     length = np.hypot(chord[:, 0], chord[:, 1])
     return np.asarray(np.divide(chord, length[:, None], out=np.zeros_like(chord), where=length[:, None] > 0))
 

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edmsim.controllers.axis import CHIPS
-from edmsim.errors import InputError
+from edmsim.errors import InputError, one_of
 from edmsim.recording.figures.palette import BLUE, MUTED, VERMILION
 from edmsim.recording.figures.style import column_figure, dress, legend
 from edmsim.servo.answer import Answer
@@ -98,7 +98,7 @@ def autotune(name: str, motor: NDArray[np.void], say: Callable[[str], None]) -> 
         There is no such drive; the axis does not swing under a relay; or no values bring it to rest.
     """
     if name not in _OPERATORS:
-        raise InputError(f"there is no drive {name!r} with a serial line; choose one of {', '.join(CHIPS)}")
+        raise InputError(f"there is no drive {name!r} with a serial line; choose one of {one_of(name, CHIPS)}")
     kind = _OPERATORS[name]
     operator = kind(motor)
     swing = swing_of(operator)

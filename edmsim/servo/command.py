@@ -11,7 +11,7 @@ from edmsim.axis_bench import AxisBench
 from edmsim.controllers.axis import CHIPS
 from edmsim.controllers.axis import tuned as tuned_drive
 from edmsim.controllers.axis.drive import axis_names, axis_row
-from edmsim.errors import InputError
+from edmsim.errors import InputError, one_of
 from edmsim.files import make_writable
 
 _MACHINE_AXES = ("x", "y")
@@ -38,10 +38,10 @@ def bench_for(name: str, axis: str, tuned: bool) -> AxisBench:
         There is no such drive, no such axis, or nobody has tuned the drive for it.
     """
     if name not in CHIPS:
-        raise InputError(f"there is no drive {name!r} with a serial line; choose one of {', '.join(CHIPS)}")
+        raise InputError(f"there is no drive {name!r} with a serial line; choose one of {one_of(name, CHIPS)}")
     machine_axis = axis in _MACHINE_AXES
     if not machine_axis and axis not in axis_names():
-        raise InputError(f"there is no axis {axis!r}; choose one of {', '.join((*_MACHINE_AXES, *axis_names()))}")
+        raise InputError(f"there is no axis {axis!r}; choose one of {one_of(axis, (*_MACHINE_AXES, *axis_names()))}")
     motor = _MACHINE_MOTOR if machine_axis else axis
     drive = tuned_drive(name, motor) if tuned else CHIPS[name](axis_row(motor))
     return AxisBench({axis: drive}, mechanics="mujoco") if machine_axis else AxisBench({"x": drive})

@@ -15,7 +15,7 @@ from edmsim.axis_bench import AxisBench
 from edmsim.controllers.axis.drive import axis_row
 from edmsim.controllers.axis.eanpos import Eanpos
 from edmsim.controllers.qcl import Control, read_configuration, read_program
-from edmsim.errors import InputError
+from edmsim.errors import InputError, one_of
 from edmsim.plant.axes.drives import AXIS_NAMES
 
 PASS_NS = 1_000_000
@@ -149,7 +149,7 @@ class Station:
             The configuration has none of this name.
         """
         if name.lower() not in self.axes:
-            raise InputError(f"there is no device {name!r}; there are: {', '.join(self.axes)}")
+            raise InputError(f"there is no device {name!r}; there are: {one_of(name, self.axes)}")
         found = self.bench.drive(self.axes[name.lower()])
         assert isinstance(found, Eanpos)
         return found
@@ -164,7 +164,7 @@ class Station:
         """
         inputs = self.configuration.inputs
         if name.lower() not in inputs:
-            raise InputError(f"there is no input {name!r}; there are: {', '.join(inputs)}")
+            raise InputError(f"there is no input {name!r}; there are: {one_of(name, inputs)}")
         address = inputs[name.lower()]
         self.control.inputs[address] = closed
         for device, declaration in self.configuration.devices.items():

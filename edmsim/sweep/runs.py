@@ -15,7 +15,7 @@ import numpy as np
 
 from edmsim import __version__, user_code
 from edmsim.controllers import from_text
-from edmsim.errors import InputError
+from edmsim.errors import InputError, one_of
 from edmsim.job.settings import CutSettings
 from edmsim.machine.given import check_names
 from edmsim.machine.machine import Machine
@@ -127,7 +127,7 @@ def _option(name: str, spec: Specification) -> str:
         return name if "." in name else wanted
     found = [option for option in CutSettings.model_fields if option in (wanted, *(wanted + u for u in UNITS))]
     if not found or found[0] == "constants":
-        raise InputError(f"a cut has no option '{name}'; there are: {', '.join(CutSettings.model_fields)}")
+        raise InputError(f"a cut has no option '{name}'; there are: {one_of(name, CutSettings.model_fields)}")
     return found[0]
 
 

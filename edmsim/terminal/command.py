@@ -10,7 +10,7 @@ from pathlib import Path
 from edmsim.controllers.mcu.board import Faults
 from edmsim.controllers.mcu.chips.faults import DropOut, SerialNoise
 from edmsim.controllers.mcu.chips.switches import WIRE_BREAK
-from edmsim.errors import InputError
+from edmsim.errors import InputError, one_of
 from edmsim.terminal.devices import Interrupts, Keyboard, Pipe, is_terminal
 from edmsim.terminal.ends import END_SWITCHES
 from edmsim.terminal.rig import Rig
@@ -71,7 +71,7 @@ def choose_faults(names: Sequence[str], seed: int) -> Faults:
     """
     for name in names:
         if name not in FAULTS:
-            raise InputError(f"there is no fault {name!r}; there are {', '.join(FAULTS)}")
+            raise InputError(f"there is no fault {name!r}; there are {one_of(name, FAULTS)}")
     return Faults(
         noise=SerialNoise(seed) if SERIAL_NOISE in names else None,
         drop_out=DropOut(seed) if DROP_OUT in names else None,

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from importlib import import_module
 
-from edmsim.errors import InputError
+from edmsim.errors import InputError, one_of
 from edmsim.validation.rows import Check, Row
 
 MODULES = (
@@ -31,7 +31,7 @@ def checks(modules: Sequence[str] = MODULES) -> list[Check]:
     """
     for name in modules:
         if name not in MODULES:
-            raise InputError(f"there is no module of checks '{name}'; choose of {', '.join(MODULES)}")
+            raise InputError(f"there is no module of checks '{name}'; choose of {one_of(name, MODULES)}")
     return [check for name in modules for check in import_module(f".{name}", __name__).CHECKS]
 
 

@@ -160,6 +160,7 @@ def cut() -> SimpleNamespace:
         arc=60_000,
         path_length_mm=33.2,
         cut_area_mm2=33.2 * 20.0,
+        cutting_time_s=1500.0,
         energy=1800.0,
         removed_mm3=205.0,
         vibration_um_rms=0.8,

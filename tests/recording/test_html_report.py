@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import dataclasses
 import json
 import shutil
 from html.parser import HTMLParser
@@ -111,6 +112,19 @@ def test_a_scene_comes_back_from_its_file(cut: SimpleNamespace, tmp_path: Path) 
     assert edge.part_side == other.part_side
     for name in ("nominal_mm", "points_mm", "error_um"):
         np.testing.assert_array_equal(getattr(edge, name), getattr(other, name))
+
+
+def test_a_scene_with_one_contour_split_and_one_not_comes_back(cut: SimpleNamespace, tmp_path: Path) -> None:
+    """As of a program that cuts one contour with an offset and one with none."""
+    (edge,) = cut.scene.maps
+    split = dataclasses.replace(edge, shares_um=np.tile(edge.error_um / 5, (5, 1)))
+    whole = dataclasses.replace(edge, shares_um=None)
+    write_scene(dataclasses.replace(cut.scene, maps=(whole, split)), tmp_path / "part.npz")
+    first, second = read_scene(tmp_path / "part.npz").maps
+    assert first.shares_um is None
+    assert second.shares_um is not None
+    np.testing.assert_array_equal(second.shares_um, split.shares_um)
+    np.testing.assert_array_equal(first.error_um, whole.error_um)
 
 
 def test_an_empty_scene_comes_back(tmp_path: Path) -> None:

@@ -10,7 +10,7 @@ from types import SimpleNamespace
 import numpy as np
 import pyarrow as pa
 import pytest
-from matplotlib.collections import PolyCollection
+from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.figure import Figure
 from matplotlib.text import Annotation
 
@@ -19,11 +19,13 @@ from edmsim.recording.figures import error_figure
 from edmsim.recording.figures.canvas import NotebookFigure
 from edmsim.recording.figures.map import draw_map
 from edmsim.recording.figures.profile import profile_figure
+from edmsim.recording.figures.pulses import plane_figure, pulses_figure
 from edmsim.recording.figures.series import PANELS, draw_series
 from edmsim.recording.film import Film
-from edmsim.recording.pauses import broken, jump_rows, pause_rows, stretches
+from edmsim.recording.pauses import broken, cut_alone, jump_rows, pause_rows, stretches
+from edmsim.recording.rerun.solid import growing_kerf
 from edmsim.recording.scene import SceneCorner
-from edmsim.recording.windows import column
+from edmsim.recording.windows import ROW_NAMES, WindowTable, column, travel_direction
 
 PAUSE_S = 200.0
 
@@ -47,10 +49,49 @@ def test_breaks_are_found_and_lines_stop_there() -> None:
     # a thinned way is no jump, whichever way it was travelled
     assert jump_rows(place, np.array([0.0, 10, 20, 500, 510])).tolist() == []
     assert jump_rows(place[::-1], np.array([510.0, 500, 20, 10, 0])).tolist() == []
+    # windows of long periods, or thinned ones, are no pauses; one between two threadings is a stretch
+    assert pause_rows(np.arange(1, 9) * 2.55).tolist() == []
+    assert pause_rows(np.array([2.55, 5.1, 65.1, 67.65])).tolist() == [2]
+    assert pause_rows(np.array([0.025, 0.05, 20.0, 40.0, 40.025])).tolist() == [2, 3]
+    assert pause_rows(np.array([0.025, 61.0])).tolist() == [1]
+    assert pause_rows(np.zeros(0)).tolist() == pause_rows(np.ones(1)).tolist() == []
     assert [time[part].tolist() for part in stretches(5, np.array([3]))] == [[0.0, 0.1, 0.2], [60.2, 60.3]]
     line = broken(place, np.array([3]))
     assert np.isnan(line[3]).all()
     assert np.array_equal(np.delete(line, 3, axis=0), place)
+
+
+def test_the_cut_alone_begins_beyond_the_start_hole_and_ends_with_the_last_discharge() -> None:
+    # 10 um a second; two contours, threaded at X 0 and X 5000 in holes of 25 um
+    time = np.concatenate([np.arange(1.0, 9.0), 100.0 + np.arange(1.0, 7.0)])
+    along = np.concatenate([np.arange(1.0, 9.0), 8.0 + np.arange(1.0, 7.0)]) * 10.0
+    place = np.column_stack([np.zeros(14), np.concatenate([along[:8], along[8:] - 80.0])])
+    place[8:, 0] = 5000.0
+    lit = np.zeros(14)
+    lit[[1, 2, 3, 6]] = 5.0  # the first of them still in the hole; nothing ignites at the second contour
+    holes = np.array([[0.0, 0.0, 25.0], [5000.0, 0.0, 25.0]])
+    found = cut_alone(time, place, along, lit, holes)
+    assert np.flatnonzero(found.rows).tolist() == [2, 3, 4, 5, 6]
+    assert (found.time_s, found.ways_um) == (5.0, ((20.0, 70.0),))
+    lit[13] = 1.0
+    found = cut_alone(time, place, along, lit, holes)
+    assert np.flatnonzero(found.rows[8:]).tolist() == [2, 3, 4, 5]
+    assert (found.time_s, found.ways_um) == (9.0, ((20.0, 70.0), (100.0, 140.0)))
+    nothing = cut_alone(time[:2], place[:2], along[:2], lit[:2], holes)
+    assert (nothing.rows.any(), nothing.time_s, nothing.ways_um) == (False, 0.0, ())
+
+
+def test_travel_never_points_to_another_contour() -> None:
+    path = np.arange(100) * 2.0
+    x = np.where(path < 100, path, 5000.0)
+    y = np.where(path < 100, 0.0, path - 100)
+    table = WindowTable()
+    for k, s in enumerate(path):
+        row = {"t_s": 0.1 * k + 60.0 * (s >= 100), "x_um": x[k], "y_um": y[k], "path_um": s}
+        table.append([row.get(name, 0.0) for name in ROW_NAMES])
+    ahead = travel_direction(table.to_arrow())
+    np.testing.assert_allclose(ahead[:50], np.tile([1.0, 0.0], (50, 1)))
+    np.testing.assert_allclose(ahead[50:], np.tile([0.0, 1.0], (50, 1)))
 
 
 @pytest.fixture(scope="module")
@@ -74,6 +115,35 @@ def test_no_curve_runs_over_a_pause_and_it_is_marked(cut: SimpleNamespace, drawn
             assert x.max() <= begin + 1e-9 or x.min() >= end - 1e-9
     told = [text.get_text() for text in drawn.axes[0].get_legend().get_texts()]
     assert told == ["threading", "feed"]
+
+
+def test_the_figures_of_the_pulses_break_there_too(cut: SimpleNamespace) -> None:
+    windows = threaded(cut.windows)
+    time = column(windows, "t_s")
+    row = int(pause_rows(time)[0])
+    begin, end = time[row - 1] / 60, time[row] / 60
+    figure = pulses_figure(windows)
+    assert "threading" in [text.get_text() for text in figure.axes[0].get_legend().get_texts()]
+    for axes in figure.axes:
+        shapes = [path.vertices[:, 0] for kind in axes.collections if isinstance(kind, PolyCollection)
+                  for path in kind.get_paths()]  # fmt: skip
+        drawn_x = [*shapes, *(line.get_xdata() for line in axes.lines)]
+        assert drawn_x
+        assert all(x.max() <= begin + 1e-9 or x.min() >= end - 1e-9 for x in drawn_x)
+    (way,) = [kind for kind in plane_figure(windows).axes[0].collections if isinstance(kind, LineCollection)]
+    (whole,) = [kind for kind in plane_figure(cut.windows).axes[0].collections if isinstance(kind, LineCollection)]
+    assert len(way.get_segments()) == len(whole.get_segments()) - 1
+
+
+def test_the_kerf_does_not_grow_on_the_way_to_the_next_contour(cut: SimpleNamespace) -> None:
+    """The wire is brought over a kerf that it has not cut yet."""
+    place = np.concatenate([cut.scene.starts_mm * 1000 + [[k, 0.0]] for k in (0.0, 50.0)])
+    over = np.ptp(cut.scene.maps[0].nominal_mm, axis=0)[0] * 1000
+    away = place[-1] + [over + 5000.0, 0.0]
+    jumped = np.stack([*place, away, np.add(away, [50.0, 0.0])])
+    growth = growing_kerf(cut.scene, jumped, np.array([0.0, 50.0, 50.0, 100.0]))
+    still = growing_kerf(cut.scene, place, np.array([0.0, 50.0]))
+    assert len(growth.solids[-1].positions) == len(still.solids[-1].positions)
 
 
 def test_a_cut_without_a_pause_has_no_mark(cut: SimpleNamespace) -> None:

@@ -20,7 +20,7 @@ from edmsim.recording.report import duration_text
 FIELDS: dict[str, Any] = {
     "outcome": None, "reason": None, "machining_time_s": None, "wall_time_s": None, "realtime_factor": None,
     "pulses": None, "path_length_mm": None, "feed_um_s": {"mean", "max", "limit", "share_at_limit"},
-    "cutting_rate_mm2_min": None,
+    "cutting_time_s": None, "cutting_rate_mm2_min": None, "overall_rate_mm2_min": None,
     "pulse_share": {"spark", "arc", "short", "open"}, "kerf_um": {"mean", "min", "max"}, "kerf_section": None,
     "profile_error_um": {"max", "rms", "p95", "at", "reachable", "shares"}, "table_error_um": None, "corners": None,
     "offset": {"applied_mm", "mean_error_um", "to_use_mm"}, "elements": None,
@@ -42,7 +42,7 @@ def text_of(report: dict[str, Any]) -> str:
 
 
 def nothing_known() -> dict[str, Any]:
-    totals = Totals(NAN, 0.0, 0, 0, 0, 0, NAN, 20.0, 0.0, 0.0, NAN)
+    totals = Totals(NAN, 0.0, 0, 0, 0, 0, NAN, 0.0, 0.0, 0.0, 0.0, NAN)
     quality = Quality(NAN, NAN, NAN, NAN, NAN, NAN, (), NAN)
     return build_report(
         outcome="stopped", reason="persistent short", windows=WindowTable().to_arrow(), totals=totals,
@@ -65,7 +65,8 @@ def test_derived_figures(cut: SimpleNamespace) -> None:
     assert report["pulses"] == 3_000_000
     assert report["pulse_share"] == {"spark": 0.55, "arc": 0.02, "short": 0.03, "open": 0.4}
     assert report["realtime_factor"] == pytest.approx(1650 / 41)
-    assert report["cutting_rate_mm2_min"] == pytest.approx(33.2 * 20 / (1650 / 60))
+    assert report["cutting_rate_mm2_min"] == pytest.approx(33.2 * 20 / (1500 / 60))
+    assert report["overall_rate_mm2_min"] == pytest.approx(33.2 * 20 / (1650 / 60))
     assert report["wire"]["lag_um"] == pytest.approx(4.0, abs=0.05)
     assert report["wire"]["temperature_K_max"] == pytest.approx(350, abs=0.1)
     assert report["energy_J"] == totals.energy
@@ -78,7 +79,7 @@ def test_means_are_weighted_by_the_time_a_window_takes() -> None:
         row = [0.0] * 22
         row[3], row[9], row[20] = feed, feed / 10, period
         table.append(row)
-    totals = Totals(1.0, 1.0, 0, 0, 1, 0, 1.0, 1.0, 1.0, 1.0, 0.0, feed_limit_um_s=40.0)
+    totals = Totals(1.0, 1.0, 0, 0, 1, 0, 1.0, 1.0, 1.0, 1.0, 1.0, 0.0, feed_limit_um_s=40.0, limited_share=1 / 3)
     report = build_report(
         outcome="finished", reason=None, windows=table.to_arrow(), totals=totals,
         quality=Quality(1, 1, 1, 1, 1, 1, (), 1), notices=(), seed=0, settings={}, version="0", origin_mm=(0.0, 0.0),
@@ -122,10 +123,14 @@ def test_numpy_values_become_plain_json(cut: SimpleNamespace, tmp_path: Path) ->
 
 def test_terminal_shows_the_figures(cut: SimpleNamespace) -> None:
     text = text_of(cut.report)
-    for piece in ("finished", "27 min 30 s", "24.1 mm²/min", "10.2 µm max", "X 10.000 Y 6.000", "made up"):
+    for piece in (
+        "finished", "27 min 30 s", "26.6 mm²/min over the cut alone", "24.1 mm²/min over the whole",
+        "10.2 µm max", "X 10.000 Y 6.000", "made up",
+    ):  # fmt: skip
         assert piece in text
     stopped = text_of(nothing_known())
     assert "persistent short" in stopped
+    assert "none: nothing was cut beyond a start hole" in stopped
     assert "nan" not in stopped.lower()
 
 

@@ -128,12 +128,13 @@ def test_rerun_knows_every_option_used(tmp_path: Path) -> None:
 def test_view_runs_the_viewer_and_says_the_address(
     folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.delenv("DISPLAY", raising=False)
-    monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
+    for name in ("DISPLAY", "WAYLAND_DISPLAY", "RUST_LOG"):
+        monkeypatch.delenv(name, raising=False)
     monkeypatch.setattr(sys, "platform", "linux")
     called: list[list[str]] = []
 
-    def call(command: list[str]) -> int:
+    def call(command: list[str], env: dict[str, str]) -> int:
+        assert env["RUST_LOG"] == "warn"  # no lines of INFO on the terminal
         called.append(command)
         raise KeyboardInterrupt
 
@@ -149,10 +150,12 @@ def test_without_a_window_it_serves_the_page(
     folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setenv("DISPLAY", ":77")  # a display that is not there
+    monkeypatch.delenv("RUST_LOG", raising=False)
     monkeypatch.setattr(sys, "platform", "linux")
     called: list[list[str]] = []
 
-    def call(command: list[str]) -> int:
+    def call(command: list[str], env: dict[str, str]) -> int:
+        assert env["RUST_LOG"] == "warn"  # no lines of INFO on the terminal
         called.append(command)
         return 1 if len(called) == 1 else 0
 

@@ -12,6 +12,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
+import numpy as np
 import pytest
 
 import edmsim
@@ -99,7 +100,18 @@ def test_the_outputs_are_those_of_a_cut(tmp_path: Path) -> None:
     edmsim.cut(ROOT / "examples" / "punch.ngc", height_mm=10, resolution="fast", max_time_s=1, out=tmp_path)
     text = page("guide/outputs")
     files, report = text.split("\n## ")[0], text.split("\n## report.json")[1]
+    drawing = text.split("\n## part.npz")[1].split("\n## ")[0]
     assert {file.name for file in tmp_path.iterdir()} == set(cells(files)) - {"checkpoint.npz"}
+    with np.load(tmp_path / "part.npz") as part:
+        told, arrays = json.loads(part["told"].tobytes()), {name: part[name] for name in part.files}
+    assert set(cells(drawing)) == arrays.keys() | told.keys() | {"told"}
+    for line in (line for line in drawing.splitlines() if re.match(r"\| `[^|]*\| (float64|int64|uint8) ", line)):
+        names, shapes = cells(line), line.split(" | ")[1].split("; ")
+        assert len(names) in (1, len(shapes))
+        for name, (kind, shape) in zip(names, (shape.split(" ", 1) for shape in shapes), strict=False):
+            assert (arrays[name].dtype.name, arrays[name].ndim) == (kind, shape.count(",") + (shape[-2] != ",")), name
+            columns = re.search(r", (\d+)\)", shape)
+            assert columns is None or arrays[name].shape[1] == int(columns[1]), name
     assert set(cells(report)) == keys(json.loads((tmp_path / "report.json").read_text(encoding="utf-8")))
 
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from edmsim.compiled.axis_rows import DRIVE, FAULT, FREEWHEEL, N_AXES, NET_IN, NET_OUT, SampleFunction
 from edmsim.compiled.random import key_of
-from edmsim.errors import EdmsimError, InputError
+from edmsim.errors import EdmsimError, InputError, one_of
 from edmsim.plant.axes.advance import go_astray, indicate, take_line
 from edmsim.plant.axes.board import NEVER
 from edmsim.plant.axes.encoder import draw_pause
@@ -80,7 +80,7 @@ class Drives:
     ) -> None:
         for name in drives:
             if name not in AXIS_NAMES:
-                raise InputError(f"there is no axis {name!r} to drive; there are: {', '.join(AXIS_NAMES)}")
+                raise InputError(f"there is no axis {name!r} to drive; there are: {one_of(name, AXIS_NAMES)}")
         self.given = dict(drives)
         self.by_axis: dict[str, AxisDrive] = {name: copy.deepcopy(drive) for name, drive in drives.items()}
         made = allocate(Axes, sizes, loops=0, errs=0)

@@ -11,7 +11,7 @@ from edmsim.files import replacing
 from edmsim.recording.figures.map import draw_map
 from edmsim.recording.figures.palette import GREEN, INK, MUTED, VERMILION
 from edmsim.recording.figures.series import PANELS, draw_series
-from edmsim.recording.report import duration_text, figure_text
+from edmsim.recording.report import duration_text, figure_text, rate_text
 from edmsim.recording.scene import Scene
 
 if TYPE_CHECKING:
@@ -66,7 +66,7 @@ def _heading(figure: Figure, report: Mapping[str, Any], title: str) -> None:
     facts = [
         duration_text(report["machining_time_s"]),
         figure_text(report["path_length_mm"], "mm", 2),
-        figure_text(report["cutting_rate_mm2_min"], "mm²/min"),
+        rate_text(report),
         f"kerf {figure_text(kerf['mean'], 'µm', 0)}",
         f"profile error {figure_text(profile['max'], 'µm')} max, {figure_text(profile['rms'], 'µm')} rms",
     ]

@@ -16,11 +16,10 @@ from edmsim.recording.figures.palette import (
     MUTED,
     ORANGE,
     PURPLE,
-    SHARE_COLOURS,
     SKY,
     VERMILION,
 )
-from edmsim.recording.figures.series import binned, time_unit
+from edmsim.recording.figures.series import bands, draw_shares, mark_pauses, time_unit
 from edmsim.recording.figures.style import LABEL_PT, colour_bar, column_figure, dress, legend, nothing_to_show
 from edmsim.recording.windows import column
 
@@ -61,41 +60,32 @@ def pulses_figure(windows: pa.Table) -> Figure:
     unit, seconds = time_unit(float(t_s[-1]))
     t = t_s / seconds
     panels = figure.subplots(5, 1, sharex=True, height_ratios=[1.5, 1.0, 1.0, 1.0, 1.0], gridspec_kw={"hspace": 0.12})
-    _draw_shares(panels[0], t, windows)
-    _draw_band(panels[1], t, column(windows, "mean_voltage_V"), BLUE, "voltage, V")
+    for axes in panels:
+        mark_pauses(axes, t_s, seconds, "threading" if axes is panels[0] else None)
+    dress(panels[0], "", "pulses, %")
+    draw_shares(panels[0], t, windows, BINS)
+    legend(panels[0], above=True, columns=5)
+    _draw_band(panels[1], t, t_s, column(windows, "mean_voltage_V"), BLUE, "voltage, V")
     current = panels[1].twinx()
-    _draw_band(current, t, column(windows, "mean_current_A"), VERMILION, "current, A")
+    _draw_band(current, t, t_s, column(windows, "mean_current_A"), VERMILION, "current, A")
     current.spines["right"].set(visible=True, color=LINE)
     current.grid(visible=False)
     for axes, colour in ((panels[1], BLUE), (current, VERMILION)):
         axes.yaxis.label.set_color(colour)
-    _draw_band(panels[2], t, column(windows, "mean_delay_us"), PURPLE, "delay, µs")
-    _draw_band(panels[3], t, 100.0 * column(windows, "coverage"), SKY, "gas, %")
-    _draw_band(panels[4], t, column(windows, "feed_um_s"), GREEN, "feed, µm/s")
+    _draw_band(panels[2], t, t_s, column(windows, "mean_delay_us"), PURPLE, "delay, µs")
+    _draw_band(panels[3], t, t_s, 100.0 * column(windows, "coverage"), SKY, "gas, %")
+    _draw_band(panels[4], t, t_s, column(windows, "feed_um_s"), GREEN, "feed, µm/s")
     panels[4].set_xlabel(f"machine time, {unit}", fontsize=LABEL_PT, color=MUTED)
     panels[0].margins(x=0)
     figure.align_ylabels(panels)
     return figure
 
 
-def _draw_shares(axes: Axes, t: Array, windows: pa.Table) -> None:
-    kinds = tuple(SHARE_COLOURS)
-    counts = np.array([column(windows, kind) for kind in kinds])
-    shares = 100.0 * counts / np.maximum(counts.sum(axis=0), 1.0)
-    bands = [binned(t, share, BINS) for share in shares]
-    dress(axes, "", "pulses, %")
-    axes.stackplot(
-        bands[0].x, [band.mean for band in bands], colors=list(SHARE_COLOURS.values()), linewidth=0, labels=kinds
-    )
-    axes.set_ylim(0, 100)
-    legend(axes, above=True, columns=4)
-
-
-def _draw_band(axes: Axes, t: Array, values: Array, colour: str, label: str) -> None:
-    band = binned(t, values, BINS)
+def _draw_band(axes: Axes, t: Array, t_s: Array, values: Array, colour: str, label: str) -> None:
     dress(axes, "", label)
-    axes.fill_between(band.x, band.low, band.high, color=colour, alpha=0.15, linewidth=0)
-    axes.plot(band.x, band.mean, color=colour, linewidth=0.9)
+    for band in bands(t, values, t_s, BINS):
+        axes.fill_between(band.x, band.low, band.high, color=colour, alpha=0.15, linewidth=0)
+        axes.plot(band.x, band.mean, color=colour, linewidth=0.9)
 
 
 def plane_figure(windows: pa.Table) -> Figure:
@@ -125,12 +115,15 @@ def plane_figure(windows: pa.Table) -> Figure:
     axes.plot(
         open_, short, ".", color=MUTED, markersize=2.0, alpha=0.12, markeredgewidth=0, rasterized=True, zorder=1
     )
-    at, x, y = (binned(t_s, values, PATH_STEPS).mean for values in (t_s / seconds, open_, short))
-    pieces = np.stack([np.column_stack([x, y])[:-1], np.column_stack([x, y])[1:]], axis=1)
-    path = LineCollection(list(pieces), array=at[:-1], cmap="viridis", linewidth=1.1, zorder=3)
+    ways = [
+        np.column_stack([band.mean for band in stretch])
+        for stretch in zip(*(bands(t_s, v, t_s, PATH_STEPS) for v in (t_s / seconds, open_, short)), strict=True)
+    ]
+    pieces = np.concatenate([np.stack([way[:-1], way[1:]], axis=1) for way in ways])
+    path = LineCollection(list(pieces[:, :, 1:]), array=pieces[:, 0, 0], cmap="viridis", linewidth=1.1, zorder=3)
     axes.add_collection(path, autolim=False)
-    axes.plot(x[0], y[0], "^", color=GREEN, markersize=6, markeredgecolor="white", zorder=4, label="start")
-    axes.plot(x[-1], y[-1], "s", color=VERMILION, markersize=5, markeredgecolor="white", zorder=4, label="end")
+    axes.plot(*ways[0][0, 1:], "^", color=GREEN, markersize=6, markeredgecolor="white", zorder=4, label="start")
+    axes.plot(*ways[-1][-1, 1:], "s", color=VERMILION, markersize=5, markeredgecolor="white", zorder=4, label="end")
     axes.plot([0, 100], [100, 0], color=INK, linewidth=0.7, linestyle=":", zorder=2, label="no pulse ignites")
     axes.set_xlim(0, 100)
     axes.set_ylim(0, max(float(short.max()), 10.0) * 1.03)

@@ -58,6 +58,26 @@ def binned(x: NDArray[np.float64], values: NDArray[np.float64], bins: int = BINS
     return Band(place, mean, np.where(empty, np.nan, low), np.where(empty, np.nan, high))
 
 
+def bands(
+    t: NDArray[np.float64], values: NDArray[np.float64], t_s: NDArray[np.float64], bins: int = BINS
+) -> list[Band]:
+    """Put a series into bins, stretch by stretch between the pauses in times `t_s`: nothing crosses one."""
+    share = bins / max(len(t_s), 1)
+    return [
+        binned(t[part], values[part], max(1, round(share * (part.stop - part.start))))
+        for part in stretches(len(t_s), pause_rows(t_s))
+    ]
+
+
+def mark_pauses(axes: Axes, t_s: NDArray[np.float64], seconds: float, label: str | None = None) -> None:
+    """Hatch the pauses of an axis over machine time, `seconds` long units; the first has a label."""
+    for number, row in enumerate(pause_rows(t_s)):
+        axes.axvspan(
+            t_s[row - 1] / seconds, t_s[row] / seconds, facecolor="none", edgecolor=LINE, hatch="////", linewidth=0,
+            label=None if number else label,
+        )  # fmt: skip
+
+
 def quiet(axes: Axes) -> None:
     """Take from axes what does not speak of the data."""
     for side in ("top", "right"):
@@ -73,12 +93,9 @@ def draw_series(panels: list[Axes], windows: pa.Table) -> None:
     """Draw the main series of the windows over machine time, one of `PANELS` on each of the axes."""
     t_s = column(windows, "t_s")
     unit, seconds = time_unit(float(t_s[-1]) if len(t_s) else 0.0)
-    pauses = [(t_s[row - 1] / seconds, t_s[row] / seconds) for row in pause_rows(t_s)]
     for axes, draw in zip(panels, PANELS, strict=True):
         quiet(axes)
-        for number, (begin, end) in enumerate(pauses):
-            label = "threading" if number == 0 and axes is panels[0] else None
-            axes.axvspan(begin, end, facecolor="none", edgecolor=LINE, hatch="////", linewidth=0, label=label)
+        mark_pauses(axes, t_s, seconds, "threading" if axes is panels[0] else None)
         draw(axes, t_s / seconds, windows)
         axes.margins(x=0.005)
         axes.yaxis.set_label_coords(-0.052, 0.5)
@@ -102,19 +119,25 @@ def time_unit(longest_s: float) -> tuple[str, float]:
 def _band(
     axes: Axes, t: NDArray[np.float64], values: NDArray[np.float64], windows: pa.Table, colour: str, label: str
 ) -> None:
-    for number, rows in enumerate(_stretches(windows)):
-        band = binned(t[rows], values[rows], _bins(t[rows], t))
+    for number, band in enumerate(bands(t, values, column(windows, "t_s"))):
         axes.fill_between(band.x, band.low, band.high, color=colour, alpha=0.18, linewidth=0)
         axes.plot(band.x, band.mean, color=colour, linewidth=1.1, label=None if number else label)
 
 
-def _stretches(windows: pa.Table) -> list[slice]:
-    t_s = column(windows, "t_s")
-    return stretches(len(t_s), pause_rows(t_s))
-
-
-def _bins(some: NDArray[np.float64], every: NDArray[np.float64]) -> int:
-    return max(1, round(BINS * len(some) / max(len(every), 1)))
+def draw_shares(axes: Axes, t: NDArray[np.float64], windows: pa.Table, bins: int = BINS) -> None:
+    """Draw what became of the pulses in percent, one class on the other."""
+    counts = np.array([column(windows, kind) for kind in SHARE_COLOURS])
+    shares = 100.0 * counts / np.maximum(counts.sum(axis=0), 1.0)
+    of_kinds = [bands(t, share, column(windows, "t_s"), bins) for share in shares]
+    for number, stretch in enumerate(zip(*of_kinds, strict=True)):
+        axes.stackplot(
+            stretch[0].x,
+            [band.mean for band in stretch],
+            colors=list(SHARE_COLOURS.values()),
+            linewidth=0,
+            labels=() if number else list(SHARE_COLOURS),
+        )
+    axes.set_ylim(0, 100)
 
 
 def _finish(axes: Axes, label: str) -> None:
@@ -139,18 +162,7 @@ def _panel_feed(axes: Axes, t: NDArray[np.float64], windows: pa.Table) -> None:
 
 
 def _panel_pulses(axes: Axes, t: NDArray[np.float64], windows: pa.Table) -> None:
-    counts = np.array([column(windows, kind) for kind in SHARE_COLOURS])
-    shares = 100.0 * counts / np.maximum(counts.sum(axis=0), 1.0)
-    for number, rows in enumerate(_stretches(windows)):
-        bands = [binned(t[rows], share[rows], _bins(t[rows], t)) for share in shares]
-        axes.stackplot(
-            bands[0].x,
-            [band.mean for band in bands],
-            colors=list(SHARE_COLOURS.values()),
-            linewidth=0,
-            labels=() if number else list(SHARE_COLOURS),
-        )
-    axes.set_ylim(0, 100)
+    draw_shares(axes, t, windows)
     _finish(axes, "pulses\n%")
 
 

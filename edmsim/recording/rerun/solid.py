@@ -13,6 +13,7 @@ from shapely.geometry.base import BaseGeometry
 
 from edmsim.metrology.edges import filled
 from edmsim.plant.constants import RAY_RANGE_UM
+from edmsim.recording.pauses import jump_rows, stretches
 from edmsim.recording.scene import Scene
 
 KERF_FRAMES = 300
@@ -149,13 +150,20 @@ def growing_kerf(scene: Scene, places_um: NDArray[np.float64], path_um: NDArray[
     swept: BaseGeometry = shapely.Polygon()
     ahead = np.maximum.accumulate(path_um) if len(path_um) else path_um
     for first, last in _steps(ahead):
-        way = places_um[max(first - 1, 0) : last + 1] / 1000.0
-        line = shapely.LineString(way) if len(way) > 1 else shapely.Point(way[0])
+        line = _way(places_um[max(first - 1, 0) : last + 1], path_um[max(first - 1, 0) : last + 1])
         swept = swept.union(line.simplify(0.002).buffer(reach, quad_segs=4)).simplify(0.001)
         cut = kerf.intersection(swept)  # again from the whole kerf: taken piece by piece it would leave slivers
         rows.append(last)
         solids.append(_solid([(face.difference(cut), height) for face, height in faces]))
     return Growth(np.array(rows), tuple(solids), tolerance)
+
+
+def _way(places_um: NDArray[np.float64], path_um: NDArray[np.float64]) -> BaseGeometry:
+    """Return where the wire has been in mm, without the ways between contours."""
+    parts = [places_um[part] / 1000.0 for part in stretches(len(path_um), jump_rows(places_um, path_um))]
+    return shapely.GeometryCollection([
+        shapely.LineString(way) if len(way) > 1 else shapely.Point(way[0]) for way in parts
+    ])  # fmt: skip
 
 
 def _steps(ahead_um: NDArray[np.float64]) -> list[tuple[int, int]]:

@@ -57,16 +57,21 @@ def compare(a: str | Path, b: str | Path, web_port: int = 9090, grpc_port: int =
 def _show(recording: Path, web_port: int, grpc_port: int) -> int:
     try:
         if has_screen(os.environ, sys.platform):
-            status = subprocess.call(viewer_command(recording, True, web_port, grpc_port))
+            status = subprocess.call(viewer_command(recording, True, web_port, grpc_port), env=_warnings_only())
             if status == 0:
                 return 0
             print("The viewer could not open a window, or ended with an error.", flush=True)
         web_port, grpc_port = free_port(web_port), free_port(grpc_port)
         address = web_address(web_port, grpc_port)
         print(f"No screen here. Open {address} in a browser on this machine; Ctrl-C ends.", flush=True)
-        return subprocess.call(viewer_command(recording, False, web_port, grpc_port))
+        return subprocess.call(viewer_command(recording, False, web_port, grpc_port), env=_warnings_only())
     except KeyboardInterrupt:
         return 0
+
+
+def _warnings_only() -> dict[str, str]:
+    """Return the environment of a viewer that says only what is wrong, unless its user wants more."""
+    return {"RUST_LOG": "warn", **os.environ}
 
 
 def has_screen(environment: Mapping[str, str], platform: str) -> bool:

@@ -17,7 +17,7 @@ from edmsim.recording.closeups import AROUND, PULSES, Closeups
 from edmsim.recording.figures import palette
 from edmsim.recording.frames import Frames
 from edmsim.recording.pauses import THREADING_S, pause_rows
-from edmsim.recording.report import duration_text, figure_text
+from edmsim.recording.report import duration_text, figure_text, rate_text
 from edmsim.recording.rerun import gap as log_gap
 from edmsim.recording.rerun import gas as log_gas
 from edmsim.recording.rerun import machine as log_machine
@@ -155,7 +155,7 @@ def about(scene: Scene, report: Mapping[str, Any], title: str, factor: float, th
         f"# {title}",
         f"**{report['outcome']}**" + (f": {report['reason']}" if report["reason"] else ""),
         f"{duration_text(report['machining_time_s'])}, {figure_text(report['path_length_mm'], 'mm', 2)}, "
-        f"{figure_text(report['cutting_rate_mm2_min'], 'mm²/min')}, profile error "
+        f"{rate_text(report)}, profile error "
         f"{figure_text(profile['max'], 'µm')} max, {figure_text(profile['rms'], 'µm')} rms",
         "## How it is drawn",
         "- In the machine view the wire stands and the table moves; the view from above moves with the table.",
@@ -195,22 +195,24 @@ def _log_series(recording: rr.RecordingStream, windows: pa.Table, event_rows: ND
     group = max(1, -(-rows // MAX_ROWS))
     if rows == 0:
         return group
-    starts = group_starts(rows, group, event_rows)
+    pauses = pause_rows(column(windows, "t_s"))
+    starts = np.union1d(group_starts(rows, group, event_rows), pauses)  # no mean reaches over a pause
     t_s, path_um = (grouped(column(windows, name), starts) for name in ("t_s", "path_um"))
     for plot in PROCESS + ELECTRICAL:
         for series in plot.series:
             values = grouped(_values(windows, series.entity), starts)
             entity = f"{plot.origin}/{series.entity}"
             _log_curve(recording, entity, series, (t_s, path_um, values))
-            _log_breaks(recording, entity, windows)
+            _log_breaks(recording, entity, column(windows, "t_s"), column(windows, "path_um"))
     return group
 
 
-def _log_breaks(recording: rr.RecordingStream, entity: str, windows: pa.Table) -> None:
+def _log_breaks(
+    recording: rr.RecordingStream, entity: str, t_s: NDArray[np.float64], path_um: NDArray[np.float64]
+) -> None:
     """End a curve where a wire is threaded: a viewer draws no line over what is cleared."""
     import rerun as rr
 
-    t_s, path_um = column(windows, "t_s"), column(windows, "path_um")
     before = pause_rows(t_s) - 1
     if len(before):
         when = indexes(t_s[before] + THREADING_S / 2, path_um[before])
@@ -222,11 +224,13 @@ def _log_steps(recording: rr.RecordingStream, steps: Steps) -> None:
     starts = np.arange(0, len(steps.t_s), max(1, -(-len(steps.t_s) // MAX_ROWS)))
     if len(starts) == 0:
         return
+    starts = np.union1d(starts, pause_rows(steps.t_s))
     for plot in steps.plots:
         for series in plot.series:
             entity = f"{plot.origin}/{series.entity}"
             rows = (steps.t_s, steps.path_um, steps.values[entity])
             _log_curve(recording, entity, series, tuple(grouped(values, starts) for values in rows))
+            _log_breaks(recording, entity, steps.t_s, steps.path_um)
 
 
 def _log_curve(
