@@ -159,7 +159,7 @@ ROW = {"feed_um_s": 12.0, "short": 3, "open": 100, "mean_voltage_V": 40.0, "mean
     [
         ({"t_period_us": "inf"}, "t_period_us inf cannot be"), ({"t_period_us": 1e300}, "t_period_us 1e.300"),
         ({"mean_delay_us": 1e300}, "mean_delay_us"), ({"mean_voltage_V": -1e300}, "mean_voltage_V"),
-        ({"feed_um_s": "zwölf"}, "no number"), ({"short": 10**30}, "short"),
+        ({"feed_um_s": "zwölf"}, "give a number"), ({"short": 10**30}, "short"),
     ],
 )  # fmt: skip
 def test_logs_with_absurd_values_are_refused(tmp_path: Path, changed: dict[str, Any], match: str) -> None:
@@ -179,7 +179,7 @@ def test_logs_of_wrong_encoding_are_refused(tmp_path: Path) -> None:
         for suffix in ("csv", "parquet"):
             file = tmp_path / f"{number}.{suffix}"
             file.write_bytes(content)
-            with refused("cannot be read|missing|no number|no windows"):
+            with refused("cannot be read|missing|give a number|no windows|is no Parquet file"):
                 read_log(file)
 
 
