@@ -29,7 +29,7 @@ def decompose(factors: list[Factor], values: Array) -> Shares | None:
     Interactions are looked at where more than half of all combinations are there (ours); elsewhere they count as
     unexplained, as far as they show at all.
     """
-    counts = [factor.count for factor in factors]
+    counts = [factor.size for factor in factors]
     cells = cells_of(factors, values)
     there, size, terms = len(cells.means), math.prod(counts), 1 + sum(count - 1 for count in counts)
     if terms > min(there, MOST_TERMS):
@@ -79,7 +79,7 @@ class _Additive:
         gram = (self._design.T @ self._design).toarray()
         self.rank = int(np.linalg.matrix_rank(gram, hermitian=True))
         self._inverse = np.linalg.pinv(gram, hermitian=True)
-        self._effects = self._inverse @ (self._design.T @ cells.means)
+        self._effects: Array = np.asarray(self._inverse @ (self._design.T @ cells.means))
         self.residuals: Array = cells.means - self._design @ self._effects
 
     def variances(self, noise: Array) -> list[float]:
@@ -87,7 +87,7 @@ class _Additive:
         from scipy.sparse import diags_array
 
         scattered = (self._design.T @ diags_array(noise) @ self._design).toarray()
-        errors = self._inverse @ scattered @ self._inverse
+        errors: Array = np.asarray(self._inverse @ scattered @ self._inverse)
         found = []
         for span in self._spans:
             count = span.stop - span.start

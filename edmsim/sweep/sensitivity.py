@@ -77,7 +77,7 @@ def sensitivity(settings: Sequence[Varied], figure: NDArray[np.float64]) -> Sens
     known = np.isfinite(figure)
     values = figure[known]
     factors = {s.name: _factor(s, known) for s in settings}
-    differ = {name: factor for name, factor in factors.items() if factor.count > 1}
+    differ = {name: factor for name, factor in factors.items() if factor.size > 1}
     shares = _shares(list(differ.values()), values)
     unknown = math.nan, math.nan
     pairs = dict(zip(differ, zip(shares.first_order, shares.total, strict=True), strict=True))
@@ -92,7 +92,7 @@ def _shares(factors: list[Factor], values: NDArray[np.float64]) -> Shares:
         return Shares.unknown(len(factors))
     places = np.column_stack([factor.levels for factor in factors])
     has_repeats = len(np.unique(places, axis=0)) < len(places)
-    is_smooth = any(factor.is_number and factor.count > MOST_VALUES for factor in factors)
+    is_smooth = any(factor.is_number and factor.size > MOST_VALUES for factor in factors)
     found = None if is_smooth and not has_repeats else decompose(factors, values)
     return fit(factors, values, MOST_VALUES) if found is None else found
 
@@ -109,6 +109,6 @@ def _factor(setting: Varied, known: NDArray[np.bool_]) -> Factor:
 def _rank_correlation(factor: Factor, values: NDArray[np.float64]) -> float:
     from scipy.stats import rankdata
 
-    if not factor.is_number or factor.count < 2 or np.ptp(values) == 0:
+    if not factor.is_number or factor.size < 2 or np.ptp(values) == 0:
         return math.nan
     return float(np.corrcoef(rankdata(factor.levels), rankdata(values))[0, 1])

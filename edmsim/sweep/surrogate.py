@@ -56,7 +56,7 @@ def fit(factors: list[Factor], values: Array, most_values: int) -> Shares:
         return Shares.unknown(len(factors))
     most = min(MOST_TERMS, MOST_NUMBERS // len(cells.means))
     offers = [offer for degree in DEGREES if (offer := _terms(factors, parted, degree, most))]
-    points = _points(cells, [k for k, f in enumerate(factors) if f.is_number and f.count > most_values])
+    points = _points(cells, [k for k, f in enumerate(factors) if f.is_number and f.size > most_values])
     tables = [_columns(cells, functions, terms) for terms in offers]
     folds = _folds(points)
     best, terms = _best(tables, offers, cells.means, folds)
@@ -92,11 +92,12 @@ def _functions(factor: Factor) -> Array:
 
     A number counts by its place among all its values, so that a sample in the logarithm needs nothing else.
     """
-    count = factor.count
+    count = factor.size
     if not factor.is_number:
         return _orthonormal(np.column_stack([np.ones(count), np.eye(count)[:, 1:]]))
     places = (2 * np.arange(count) + 1) / count - 1
-    return _orthonormal(np.polynomial.legendre.legvander(places, min(max(DEGREES), count - 1)))
+    table = np.polynomial.legendre.legvander(places, min(max(DEGREES), count - 1))
+    return _orthonormal(np.asarray(table, np.float64))
 
 
 def _orthonormal(columns: Array) -> Array:
@@ -128,7 +129,7 @@ def _terms(factors: list[Factor], parted: list[bool], degree: int, most: int) ->
 def _products(factors: list[Factor], parted: list[bool], degree: int, norm: float) -> Iterator[Term]:
     """Yield the products whose degrees have a norm within the degree; a name's functions have degree 1."""
     single = [
-        [((k, n), float(n if factor.is_number else 1) ** norm) for n in range(1, factor.count)
+        [((k, n), float(n if factor.is_number else 1) ** norm) for n in range(1, factor.size)
          if not factor.is_number or n <= degree]
         for k, factor in enumerate(factors) if parted[k]
     ]  # fmt: skip

@@ -13,7 +13,7 @@ class Factor(NamedTuple):
     """A setting: the place of every run's value among all in order, how many these are, and if they are numbers."""
 
     levels: NDArray[np.intp]
-    count: int
+    size: int
     is_number: bool
 
 
