@@ -47,6 +47,10 @@ class InputError(EdmsimError):
         return f"{place}: {self.reason}" if place else self.reason
 
 
+class CombinationError(InputError):
+    """Values that could each be used, but not together."""
+
+
 def one_of(name: str, known: Iterable[str], listed: Iterable[str] | None = None) -> str:
     """Return the end of a refusal: the names there are, and the one nearest to what was asked for, if one is near.
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from edmsim.errors import InputError, one_of
+from edmsim.errors import CombinationError, InputError, one_of
 from edmsim.machine.parts import Constant, SetUp
 
 WIRE_DIAMETER_UM = (20.0, 400.0)
@@ -207,7 +207,7 @@ def _check_times(machine: SetUp) -> None:
             raise InputError(f"{name} {value:g} us is not within {low:g}..{high:g} us")
     busy = busy_us(machine)
     if busy >= machine.t_period_us:
-        raise InputError(f"t_period {machine.t_period_us:g} us leaves no pause after {busy:g} us of pulse")
+        raise CombinationError(f"t_period {machine.t_period_us:g} us leaves no pause after {busy:g} us of pulse")
 
 
 def _check_currents(machine: SetUp) -> None:
@@ -215,16 +215,16 @@ def _check_currents(machine: SetUp) -> None:
     burning = machine.material.burning_voltage_V.value
     for name, voltage in (("open", open_V(machine)), ("supply", supply_V(machine))):
         if voltage <= burning:
-            raise InputError(f"{name} voltage {voltage:g} V is not above the burning voltage of {burning:g} V")
+            raise CombinationError(f"{name} voltage {voltage:g} V is not above the burning voltage of {burning:g} V")
     if machine.peak_current_A is not None and machine.peak_current_A > most_current_A(machine) * (1 + 1e-9):
-        raise InputError(
+        raise CombinationError(
             f"peak current {machine.peak_current_A:g} A is above the {most_current_A(machine):.4g} A that "
             f"{supply_V(machine):g} V drive through the generator's {machine.generator.resistance_ohm.value:g} ohm "
             f"against {burning:g} V; choose less, or a lower resistance"
         )
     limit = machine.generator.mean_current_limit_A.value
     if mean_current_A(machine) > limit + 1e-9:
-        raise InputError(
+        raise CombinationError(
             f"t_on {machine.t_on_us:g} us in t_period {machine.t_period_us:g} us draws "
             f"{mean_current_A(machine):.2f} A, above the generator's {limit:g} A; t_period must be at least "
             f"{least_period_us(machine, machine.t_on_us):.4g} us"

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-from edmsim.errors import EdmsimError, InputError
+from edmsim.errors import CombinationError, EdmsimError, InputError
 from edmsim.job.cut import planned, prepared
 from edmsim.job.settings import CutSettings
 from edmsim.machine.machine import Machine
@@ -22,6 +22,9 @@ MOST_REASONS = 3
 def check_runs(specification: Specification, checking: Callable[[int, int], None] | None = None) -> None:
     """Prepare every combination of settings as its cut would, without cutting.
 
+    Points of a Sobol sample may be ones that no machine can be set to, as a long on-time with a short period: they
+    become runs that failed, unless all of them are such points.
+
     Parameters
     ----------
     specification : Specification
@@ -36,6 +39,7 @@ def check_runs(specification: Specification, checking: Callable[[int, int], None
     planner, is_cut = _Planner(), bool(specification.program)
     refused: dict[str, list[dict[str, Any]]] = {}
     seen: dict[str, set[str]] = {}
+    values_wrong = False
     total = specification.runs // (len(specification.seeds) * max(specification.machine_samples, 1))
     for number, (task, given) in enumerate(combinations(specification)):
         if checking is not None:
@@ -49,13 +53,14 @@ def check_runs(specification: Specification, checking: Callable[[int, int], None
                 ready = prepared(task, CutSettings.model_validate(settings), planner)
                 choose(ready.machine, specification.sample_only or ())
         except EdmsimError as error:
+            values_wrong |= not isinstance(error, CombinationError)
             refused.setdefault(str(error), []).append(combination)
-    if not refused:
+    wrong = sum(map(len, refused.values()))
+    if not wrong or (specification.sobol is not None and not values_wrong and wrong < total):
         return
     varied = {name for name, values in seen.items() if len(values) > 1}
     if not varied:
         raise InputError(next(iter(refused)))
-    wrong = sum(map(len, refused.values()))
     told = [f"{_named(those, varied)}{reason}" for reason, those in refused.items()]
     more = f"; and {len(told) - MOST_REASONS} more" if len(told) > MOST_REASONS else ""
     raise InputError(

@@ -131,6 +131,18 @@ def test_all_values_are_looked_at_before_the_first_run(
     assert not (tmp_path / "out").exists()
 
 
+def test_points_of_a_sample_that_no_machine_can_be_set_to_are_rows_with_an_error(
+    line: Path, short: dict[str, Any], tmp_path: Path
+) -> None:
+    ranges = {"t_on": [10, 60], "t_period": [80, 120]}
+    spec = Specification(program=str(line), settings=short, sobol={"samples": 4, "ranges": ranges})
+    sweep(spec, tmp_path / "out", engine=Here())
+    errors = [row["error"] for row in read(tmp_path / "out").to_pylist()]
+    assert len(errors) == 4
+    assert 0 < sum(error is not None for error in errors) < 4
+    assert all(error is None or "t_period must be at least" in error for error in errors)
+
+
 def test_programs_samples_and_environments_are_looked_at_as_well(
     line: Path, short: dict[str, Any], tmp_path: Path
 ) -> None:
