@@ -18,10 +18,14 @@ from pydantic import BeforeValidator
 from edmsim.errors import InputError
 
 
+def _scalar(value: object) -> object:
+    """Return what an array without a dimension holds."""
+    return value[()] if isinstance(value, np.ndarray) and value.ndim == 0 else value
+
+
 def real(value: object) -> float | None:
     """Return a number as Python's own; None for what is none."""
-    if isinstance(value, np.ndarray) and value.ndim == 0:
-        value = value[()]
+    value = _scalar(value)
     if isinstance(value, bool) or not isinstance(value, Real):
         return None
     try:
@@ -69,7 +73,7 @@ def whole_from(name: str, value: object, least: int | None = None) -> int:
 
 
 def _for_pydantic(value: object) -> object:
-    if isinstance(value, bool | np.bool_):
+    if isinstance(_scalar(value), bool | np.bool_):
         raise ValueError("Input should be a valid number, not a truth value")
     return plain(value)
 

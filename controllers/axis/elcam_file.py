@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 from edmsim.controllers.axis.elcam import CamPlace, Elcam
 from edmsim.controllers.axis.elcam_registers import DATA, CallStatus, Descriptor, Error, Function, Mode
 from edmsim.errors import InputError
+from edmsim.given_numbers import real
 
 NAMES = "x", "y", "u", "v"
 """Axes in the order of their numbers."""
@@ -95,7 +96,7 @@ def _table(number: int, given: Mapping[str, Any], file: str | Path) -> ErrorTabl
         k = int(np.argmin(rising))
         raise refuse(f"places must rise, but {points[k + 1, 0]:g} mm follows {points[k, 0]:g} mm")
     reversal_um = given.get("reversal_um", 0.0)
-    if isinstance(reversal_um, bool) or not isinstance(reversal_um, int | float) or not _is_finite(reversal_um):
+    if real(reversal_um) is None or not _is_finite(reversal_um):
         raise refuse(f"reversal_um is {reversal_um!r}; it must be a number")
     cubic = given.get("cubic", False)
     if not isinstance(cubic, bool):
@@ -104,8 +105,7 @@ def _table(number: int, given: Mapping[str, Any], file: str | Path) -> ErrorTabl
 
 
 def _is_pair(pair: object) -> bool:
-    numbers = isinstance(pair, list) and len(pair) == 2
-    return numbers and all(isinstance(v, int | float) and not isinstance(v, bool) for v in pair)  # type: ignore[attr-defined]
+    return isinstance(pair, list) and len(pair) == 2 and all(real(value) is not None for value in pair)
 
 
 def _is_finite(value: float) -> bool:

@@ -60,7 +60,7 @@ def bench(request):
 @pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf, np.float32("nan"), "5", None, True])
 def test_an_input_that_is_no_finite_number_is_refused_at_once(bench, name, value):
     before = bench.axis("x").tobytes(), bench.motor("x").tobytes(), bench.time_s
-    with pytest.raises(InputError, match="give a (finite|whole) number"):
+    with pytest.raises(InputError, match=r"give a (finite|whole) number"):
         GIVEN[name](bench, value)
     assert (bench.axis("x").tobytes(), bench.motor("x").tobytes(), bench.time_s) == before
 
