@@ -31,6 +31,8 @@ class Asked(NamedTuple):
     teacher : str or None
         Controller that imitation follows.
     privileged_critic : bool
+    start : str or None
+        Policy that the training begins with, as ``policy:NAME`` or a file of it.
     record_every : int or None
         Every so many of the first lane's episodes one is recorded into the folder ``episodes``.
     live : bool
@@ -41,6 +43,7 @@ class Asked(NamedTuple):
     residual: str | None = None
     teacher: str | None = None
     privileged_critic: bool = False
+    start: str | None = None
     record_every: int | None = None
     live: bool = False
 
@@ -50,6 +53,7 @@ class Asked(NamedTuple):
         words += [] if self.residual is None else ["--residual", self.residual]
         words += [] if self.teacher is None else ["--teacher", self.teacher]
         words += ["--privileged-critic"] if self.privileged_critic else []
+        words += [] if self.start is None else ["--start", self.start]
         return "".join(f" {shlex.quote(word)}" for word in words)
 
     def hyperparameters(self, env_id: str, algo: str) -> Hyperparameters:
@@ -103,6 +107,7 @@ def run(
         raise InputError(f"--resume goes on with what the training began with: leave out{asked.words()}")
     named = resolve(env_id)
     given = None if resume else asked.hyperparameters(named, algo)
+    start = None if asked.start is None else policy_file.load(asked.start.removeprefix("policy:"))
     file = out / "policy.json"
     bar = Bar(
         TextColumn("{task.percentage:5.1f} %"), BarColumn(bar_width=24), TimeRemainingColumn(),
@@ -118,7 +123,7 @@ def run(
     try:
         trained = train(
             named, algo, out, steps=steps, seed=seed, resume=resume, watch=watch, given=given,
-            callbacks=_recorders(asked, out),
+            callbacks=_recorders(asked, out), begin_from=start,
         )
         from edmsim.learning.export import export
 
