@@ -63,7 +63,8 @@ def dataset(
     ],
     out: Annotated[Path, typer.Option(help="Folder for the data sets; an interrupted recording goes on.")],
     controllers: Annotated[
-        str, typer.Option(metavar="A,B", help="Feed controllers, as edmsim cut takes them.")
+        str,
+        typer.Option(metavar="A,B", help="Feed controllers: those of edmsim cut, oracle, heat-oracle, lead-oracle."),
     ] = "fixed,counts,voltage",
     steps: Annotated[int, typer.Option(help="Windows of each controller; its last episode is whole.")] = 100_000,
     seed: Annotated[int, typer.Option(help="Of the first episode; the others count from there.")] = 0,

@@ -92,8 +92,8 @@ class CutSettings(BaseModel):
     """Constants of machine, wire and material with values other than those of their files:
     ``{"gap.critical_um": 5.0}``."""
     controller: str | FeedController = "counts"
-    """Feed controller, with parameters if wanted: ``"fixed:feed_um_s=20"``; a class in an own file, ``"own.py:Own"``
-    (see `edmsim.controllers.from_text`); or an object that is one."""
+    """Feed controller, with parameters if wanted: ``"fixed:feed_um_s=20"``; a policy, ``"policy:FILE"``; a class in
+    an own file, ``"own.py:Own"`` (see `edmsim.controllers.from_text`); or an object that is one."""
     planner: str = "poscal"
     """What makes motor steps of path and speed: poscal, poscal-literal, dda, sine-table or exact;
     ``docs/planners.md`` has their errors. With the controller ``mcu`` its timers make the steps of poscal-literal."""

@@ -11,6 +11,7 @@ from edmsim.envs.registry import resolve
 from edmsim.errors import InputError
 from edmsim.learning import hyperparameters, policy_file
 from edmsim.learning.hyperparameters import Hyperparameters
+from edmsim.learning.policy_file import Policy
 from edmsim.learning.score import RESOLUTIONS, RIVALS, measure, render
 
 if TYPE_CHECKING:
@@ -47,6 +48,10 @@ class Asked(NamedTuple):
     record_every: int | None = None
     live: bool = False
 
+    def policy(self) -> Policy | None:
+        """Return the policy that the training begins with."""
+        return None if self.start is None else policy_file.load(self.start.removeprefix("policy:"))
+
     def words(self) -> str:
         """Return the options of the command line that change what is learned."""
         words = [] if self.settings is None else ["--settings", str(self.settings)]
@@ -57,12 +62,18 @@ class Asked(NamedTuple):
         return "".join(f" {shlex.quote(word)}" for word in words)
 
     def hyperparameters(self, env_id: str, algo: str) -> Hyperparameters:
-        """Return what to train with."""
+        """Return what to train with; the network is that of the policy to begin with, unless the settings name one."""
         given = hyperparameters.load(env_id, algo, self.settings)
         more: dict[str, Any] = {}
+        policy = self.policy()
+        if policy is not None and given.network == hyperparameters.load(env_id, algo).network:
+            card = policy.card
+            shape = {"widths": card.widths, "activation": card.activation}
+            shape |= {"lstm": card.lstm} if given.network.lstm and card.lstm else {}
+            more["network"] = given.network.model_copy(update=shape)
         if self.residual is not None:
             environment = {**given.environment, "action": "speed", "decision_s": None}
-            more = {"residual": self.residual, "environment": environment}
+            more |= {"residual": self.residual, "environment": environment}
         if self.teacher is not None:
             more["teacher"] = self.teacher
         if self.privileged_critic:
@@ -107,7 +118,6 @@ def run(
         raise InputError(f"--resume goes on with what the training began with: leave out{asked.words()}")
     named = resolve(env_id)
     given = None if resume else asked.hyperparameters(named, algo)
-    start = None if asked.start is None else policy_file.load(asked.start.removeprefix("policy:"))
     file = out / "policy.json"
     bar = Bar(
         TextColumn("{task.percentage:5.1f} %"), BarColumn(bar_width=24), TimeRemainingColumn(),
@@ -123,7 +133,7 @@ def run(
     try:
         trained = train(
             named, algo, out, steps=steps, seed=seed, resume=resume, watch=watch, given=given,
-            callbacks=_recorders(asked, out), begin_from=start,
+            callbacks=_recorders(asked, out), begin_from=asked.policy(),
         )
         from edmsim.learning.export import export
 

@@ -113,7 +113,8 @@ def _activation(layers: list[Any], what: str) -> str:
     """Return the activation between layers; refuse others than whole layers with one activation between them."""
     between = {type(layer) for layer in layers[1::2]} or {torch.nn.Tanh}
     names = [name for name, kind in ACTIVATIONS.items() if between == {kind}]
-    wrong = next((layer for layer in layers[::2] if type(layer) is not torch.nn.Linear or layer.bias is None), None)
+    whole = [*layers[::2], layers[-1]]
+    wrong = next((layer for layer in whole if type(layer) is not torch.nn.Linear or layer.bias is None), None)
     if wrong is not None or not names:
         named = type(wrong).__name__ if wrong is not None else ", ".join(sorted(kind.__name__ for kind in between))
         raise InputError(f"{what}'s network has {named}: a policy file holds linear layers with Tanh or ReLU between")

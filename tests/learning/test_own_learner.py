@@ -128,7 +128,7 @@ def test_what_a_file_cannot_hold_is_refused_in_a_line_and_leaves_none(tmp_path):
     bare = make_sb3_vec_env("edmsim/GapFeed-v1", 2)
     new = partial(learner, steps=0)
     refused(new("ppo", bare, activation_fn=torch.nn.ELU), bare, "ELU: a policy file holds linear layers")
-    refused(new("sac", bare, use_sde=True), bare, "Hardtanh: a policy file")
+    refused(SAC("MlpPolicy", bare, use_sde=True, device="cpu"), bare, "SAC's network has Hardtanh: a policy file")
     refused(new("recurrent-ppo", bare, n_lstm_layers=2), bare, "LSTM.*more than a policy file holds")
     stacked = VecFrameStack(bare, 2)
     refused(new("ppo", stacked), stacked, "VecFrameStack around the lanes may change")
@@ -208,6 +208,20 @@ def test_a_policy_that_a_training_cannot_begin_with_is_refused(env_id, algo, pol
     given = Asked(**asked).hyperparameters(env_id, algo).model_copy(update={"num_envs": 1})
     with pytest.raises(InputError, match=match):
         train(env_id, algo, tmp_path, given=given, steps=64, begin_from=policy_file.load(policy))
+
+
+def test_a_training_takes_the_policys_layers_unless_its_settings_name_others(tmp_path):
+    from edmsim.learning.train import train
+
+    asked = Asked(start="policy:Corner-imitation")
+    given = asked.hyperparameters("Corner", "ppo")
+    assert (given.network.widths, given.network.activation) == ([128, 128], "relu")
+    assert Asked().hyperparameters("Corner", "ppo").network.widths == [64, 64]
+    settings = tmp_path / "settings.toml"
+    settings.write_text("[network]\nwidths = [32, 32]\n", encoding="utf-8")
+    given = asked._replace(settings=settings).hyperparameters("Corner", "ppo").model_copy(update={"num_envs": 1})
+    with pytest.raises(InputError, match=r"hidden layers \[128, 128\] with relu.*the learner has hidden layers \[32, 32\]"):
+        train("Corner", "ppo", tmp_path, given=given, steps=64, begin_from=asked.policy())
 
 
 def test_another_scale_of_actions_or_no_normalisation_is_refused():
