@@ -62,7 +62,7 @@ class Asked(NamedTuple):
         return "".join(f" {shlex.quote(word)}" for word in words)
 
     def hyperparameters(self, env_id: str, algo: str) -> Hyperparameters:
-        """Return what to train with; the network is that of the policy to begin with, unless the settings name one."""
+        """Return what to train with; the network is the policy's to begin with, unless the settings name one."""
         given = hyperparameters.load(env_id, algo, self.settings)
         more: dict[str, Any] = {}
         policy = self.policy()

@@ -220,7 +220,7 @@ def test_a_training_takes_the_policys_layers_unless_its_settings_name_others(tmp
     settings = tmp_path / "settings.toml"
     settings.write_text("[network]\nwidths = [32, 32]\n", encoding="utf-8")
     given = asked._replace(settings=settings).hyperparameters("Corner", "ppo").model_copy(update={"num_envs": 1})
-    with pytest.raises(InputError, match=r"hidden layers \[128, 128\] with relu.*the learner has hidden layers \[32, 32\]"):
+    with pytest.raises(InputError, match=r"layers \[128, 128\] with relu.*the learner has hidden layers \[32, 32\]"):
         train("Corner", "ppo", tmp_path, given=given, steps=64, begin_from=asked.policy())
 
 
