@@ -14,10 +14,11 @@ import pytest
 import edmsim
 from edmsim import controllers
 from edmsim.cosim.straight import Traverse
-from edmsim.envs import EdmVectorEnv, GapFeed, HeightStep, MaxRate, RecordRerun, Sensors, Weights
+from edmsim.envs import DiscreteFeed, EdmVectorEnv, GapFeed, HeightStep, MaxRate, RecordRerun, Sensors, Task, Weights
 from edmsim.errors import InputError
 from edmsim.given_numbers import finite, plain, real, whole, whole_from
 from edmsim.job.settings import CutSettings
+from edmsim.learning import hyperparameters
 from edmsim.machine.given import with_given
 
 EIGHTS = (8, 8.0, np.float32(8), np.float64(8), np.float16(8), np.longdouble(8), np.int8(8), np.uint64(8),
@@ -127,6 +128,39 @@ def test_a_cut_and_a_machine_refuse_what_is_no_number(value):
     for name in ("height_mm", "tension", "wire_diameter_um", "peak_current_A"):
         with pytest.raises(InputError, match=name):
             machine.with_(**{name: value})
+
+
+@pytest.mark.parametrize("value", WHOLE, ids=kind_of)
+def test_a_task_and_a_plant_take_it_and_are_the_same(value):
+    task, other = Task("GapFeed"), Task("GapFeed")
+    task.reset(value), other.reset(8)
+    assert task.scenario.plant_seed == other.scenario.plant_seed
+    assert task.advance(value).seen == other.advance(8.0).seen
+    machine = edmsim.Machine.load(height_mm=3.0)
+    windows = [edmsim.Plant(machine, seed=seed, resolution="fast").advance() for seed in (value, 8)]
+    assert windows[0] == windows[1]
+    levels = DiscreteFeed(gym.make("edmsim/GapFeed-v1"), [Fraction(-1, 2), np.float32(0.5)])
+    assert levels.action(np.int64(0)).tolist() == [-0.5]
+
+
+@pytest.mark.parametrize("value", [True, np.True_, "8", math.nan], ids=kind_of)
+def test_a_task_refuses_what_is_no_number(value):
+    task = Task("GapFeed")
+    with pytest.raises(InputError, match="seed"):
+        task.reset(value)
+    task.reset(1)
+    with pytest.raises(InputError, match="feed_um_s is"):
+        task.advance(value)
+    with pytest.raises(InputError, match="levels are"):
+        DiscreteFeed(gym.make("edmsim/GapFeed-v1"), [0.0, value])
+
+
+def test_a_truth_value_is_no_number_of_settings(tmp_path):
+    file = tmp_path / "settings.toml"
+    for line in ("steps = true", "[network]\nwidths = [true]"):
+        file.write_text(line, encoding="utf-8")
+        with pytest.raises(InputError, match="not a truth value"):
+            hyperparameters.load("GapFeed", "ppo", file)
 
 
 def test_a_truth_value_is_no_constant_of_a_file(tmp_path):

@@ -75,8 +75,8 @@ def cut(
     controller: Annotated[
         str,
         typer.Option(help="Feed controller: counts, fixed, voltage, delay, fuzzy, adaptive-off-time, mcu, "
-                          "fixed-period, sato, heat-flux, set-point, climb, policy:FILE, own.py:Own; with parameters if wanted, "
-                          "fixed:feed_um_s=20."),
+                          "fixed-period, sato, heat-flux, set-point, climb, policy:FILE, own.py:Own; with parameters "
+                          "if wanted, fixed:feed_um_s=20."),
     ] = "counts",
     planner: Annotated[str, typer.Option(help="poscal, poscal-literal, dda, sine-table or exact.")] = "poscal",
     drive: Annotated[

@@ -15,7 +15,7 @@ from edmsim.envs.registry import make_family
 from edmsim.errors import InputError
 from edmsim.files import make_writable
 from edmsim.learning.policy_file import FORMAT, Card, Lstm, Policy, digest, load, meanings, pack, write
-from edmsim.learning.sb3_parts import Network, around, network_of
+from edmsim.learning.sb3_parts import PolicyNetwork, around, network_of
 
 if TYPE_CHECKING:
     from edmsim.learning.train import Trained
@@ -99,7 +99,7 @@ def _exported(model: Any, lanes: Any, algorithm: str, command: str, seed: int | 
     return card, packed
 
 
-def _arrays(network: Network, seen: int) -> tuple[list[Any], list[Any], Lstm | None]:
+def _arrays(network: PolicyNetwork, seen: int) -> tuple[list[Any], list[Any], Lstm | None]:
     """Return weights, biases and LSTM; what only the critic sees comes behind, and is left away."""
     first = network.lstm or network.layers[0]
     inputs = network.shown or (first.input_size if network.lstm else first.in_features)

@@ -38,7 +38,7 @@ _AROUND_ONE = (
 """Wrappers that leave observations and actions as they are, or whose part in them is in a policy's card."""
 
 
-class Network(NamedTuple):
+class PolicyNetwork(NamedTuple):
     """What of a learner turns an observation into an action.
 
     Attributes
@@ -76,7 +76,7 @@ def shape_in_words(widths: list[int], activation: str, lstm: int | None, output:
     return f"{before}hidden layers {widths} with {activation}, output by {output}"
 
 
-def network_of(model: Any) -> Network:
+def network_of(model: Any) -> PolicyNetwork:
     """Return a learner's network.
 
     Raises
@@ -102,7 +102,7 @@ def network_of(model: Any) -> Network:
     if type(features) not in (FlattenExtractor, Shown):
         raise InputError(f"{what} looks at what {type(features).__name__} makes of observations: use MlpPolicy")
     shown = int(features.shown.sum()) if isinstance(features, Shown) else None
-    return Network(layers[::2], _activation(layers, what), _lstm(policy, what), output, shown)
+    return PolicyNetwork(layers[::2], _activation(layers, what), _lstm(policy, what), output, shown)
 
 
 def _flat(layers: Any) -> list[Any]:

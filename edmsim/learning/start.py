@@ -10,7 +10,7 @@ import torch
 from edmsim.envs.batch import entries_of
 from edmsim.errors import InputError
 from edmsim.learning.policy_file import Policy, load, meanings
-from edmsim.learning.sb3_parts import Around, Network, around, network_of, shape_in_words
+from edmsim.learning.sb3_parts import Around, PolicyNetwork, around, network_of, shape_in_words
 
 SCALES = ("max_feed_um_s", "max_change_um_s", "setting_octaves", "offset_um", "servo_target_share")
 """Arguments of an environment that say how much an action of 1 is."""
@@ -64,7 +64,7 @@ def _put(parameter: Any, values: Any) -> None:
     parameter.copy_(torch.as_tensor(np.ascontiguousarray(values), dtype=parameter.dtype))
 
 
-def _check(policy: Policy, network: Network, wrapped: Around) -> None:
+def _check(policy: Policy, network: PolicyNetwork, wrapped: Around) -> None:
     """Refuse a policy that the learner cannot begin with."""
     card, family, theirs = policy.card, wrapped.family, policy.family()
     if network.shown is not None:
