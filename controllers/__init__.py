@@ -35,7 +35,7 @@ from edmsim.errors import InputError, one_of
 
 __all__ = [
     "OF_A_TASK", "SAME_LAW", "FeedCommand", "FeedController", "SeesTruth", "WindowObservation", "check_controller",
-    "found_gains", "from_text", "make", "names",
+    "choices", "found_gains", "from_text", "make", "names",
 ]
 
 _Kind: TypeAlias = (
@@ -70,6 +70,23 @@ OF_A_TASK = tuple(
 def names() -> tuple[str, ...]:
     """Names of the feed controllers."""
     return tuple(_CONTROLLERS)
+
+
+def choices(*, cutting: bool = False) -> tuple[str, ...]:
+    """What `from_text` takes, as messages and help list it.
+
+    Parameters
+    ----------
+    cutting : bool
+        Whether only what a machine could have, which ``edmsim cut`` takes.
+
+    Examples
+    --------
+    >>> choices(cutting=True)[-3:]
+    ('heat-flux', 'policy:FILE', 'own.py:Own')
+    """
+    kinds = [name for name, kind in _CONTROLLERS.items() if not (cutting and issubclass(kind, SeesTruth))]
+    return (*kinds, *(f"{kind}:FILE" for kind in user_code.MAKERS), "own.py:Own")
 
 
 @cache
@@ -114,7 +131,7 @@ def make(name: str, **parameters: float) -> FeedController:
     return kind(**cast(dict[str, Any], {**found_gains(name), **parameters}))
 
 
-def from_text(text: str) -> FeedController:
+def from_text(text: str, *, cutting: bool = False) -> FeedController:
     """Make a feed controller as it is named on the command line.
 
     Parameters
@@ -123,6 +140,8 @@ def from_text(text: str) -> FeedController:
         A name, with parameters if wanted, ``fixed:feed_um_s=20,...``; a trained policy, ``policy:`` and its file,
         or its name under ``models/policies``; or a class in an own Python file, which is run, with parameters if
         wanted: ``FILE.py:CLASS:name=number,...``.
+    cutting : bool
+        Whether for a cut: where the name is unknown, only what a cut takes is listed.
 
     Raises
     ------
@@ -135,4 +154,6 @@ def from_text(text: str) -> FeedController:
     name, _, rest = text.partition(":")
     if name in user_code.MAKERS:
         return cast(FeedController, user_code.make(name, rest))
+    if name not in _CONTROLLERS:
+        raise InputError(f"there is no feed controller {name!r}; choose one of {', '.join(choices(cutting=cutting))}")
     return make(name, **named_numbers(rest, "controller"))

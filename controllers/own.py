@@ -8,6 +8,7 @@ from typing import cast
 
 from edmsim.controllers.protocols import FeedController
 from edmsim.errors import InputError
+from edmsim.given_numbers import real
 from edmsim.user_code import Named, run
 
 NEEDED = ("name", "reset", "update", "snapshot", "restore")
@@ -66,7 +67,7 @@ def text_of(controller: FeedController) -> str:
     if not is_dataclass(controller):
         return controller.name
     values = [(field.name, getattr(controller, field.name)) for field in fields(controller) if field.init]
-    numbers = [f"{name}={value!r}" for name, value in values if isinstance(value, int | float)]
+    numbers = [f"{name}={real(value)!r}" for name, value in values if real(value) is not None]
     return f"{controller.name}:{','.join(numbers)}" if numbers else controller.name
 
 

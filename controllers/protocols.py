@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
+from dataclasses import fields
 from typing import Any, ClassVar, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
 
 from edmsim.errors import InputError
+from edmsim.given_numbers import keep_plain, real
 from edmsim.machine.machine import Machine
 
 SIGNED = "offset_um", "pull_N_m"
@@ -270,13 +272,17 @@ class HasSwitches(Protocol):
         """Take in that a switch of the machine opened: a name of `edmsim.controllers.mcu.chips.switches.NAMES`."""
 
 
-def check_parameter(controller: str, name: str, value: float) -> None:
+def check_parameters(controller: Any) -> None:
     """Refuse what is no finite number, a negative one but of `SIGNED`, or a ``*_share`` above 1."""
-    number = isinstance(value, int | float) and not isinstance(value, bool)
-    top = 1.0 if name.endswith("_share") else math.inf
-    if not (number and math.isfinite(value) and value <= top and (value >= 0 or name in SIGNED)):
-        allowed = "a number from 0 to 1" if top == 1.0 else "a number" if name in SIGNED else "a number of 0 or more"
-        raise InputError(f"{name} of the {controller} controller must be {allowed}, not {value!r}")
+    keep_plain(controller)
+    for parameter in fields(controller):
+        name, value = parameter.name, real(getattr(controller, parameter.name))
+        top = 1.0 if name.endswith("_share") else math.inf
+        fine = value is not None and math.isfinite(value) and value <= top and (value >= 0 or name in SIGNED)
+        if parameter.init and not fine:
+            bounds = " from 0 to 1" if top == 1.0 else "" if name in SIGNED else " of 0 or more"
+            given = getattr(controller, name)
+            raise InputError(f"{name} of the {controller.name} controller must be a number{bounds}, not {given!r}")
 
 
 def check_command(controller: str, command: object) -> FeedCommand:

@@ -10,6 +10,8 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from edmsim.errors import InputError
+from edmsim.given_numbers import plain as plain_number
+from edmsim.given_numbers import real
 from edmsim.machine.machine import Machine
 
 Range = float | tuple[float, float]
@@ -18,20 +20,16 @@ _Record = TypeVar("_Record")
 
 def above_zero(name: str, value: float, most: float = math.inf) -> None:
     """Refuse an argument that is no number above 0 and at most `most`."""
-    if not (isinstance(value, int | float) and 0 < value <= most and math.isfinite(value)):
+    number = real(value)
+    if number is None or not (0 < number <= most and math.isfinite(number)):
         up_to = f" and at most {most:g}" if math.isfinite(most) else ""
         raise InputError(f"{name} is {value!r}: give a number above 0{up_to}")
 
 
-def whole_from(name: str, value: int, least: int) -> None:
-    """Refuse an argument that is no whole number of `least` or more."""
-    if not isinstance(value, int) or isinstance(value, bool) or value < least:
-        raise InputError(f"{name} is {value!r}: give a whole number, {least} or more")
-
-
 def within(name: str, value: float, low: float, high: float) -> None:
     """Refuse an argument that is no number from `low` to `high`."""
-    if not (isinstance(value, int | float) and low <= value <= high):
+    number = real(value)
+    if number is None or not low <= number <= high:
         raise InputError(f"{name} is {value!r}: give a number from {low:g} to {high:g}")
 
 
@@ -43,8 +41,8 @@ def one_of(name: str, value: str, known: Sequence[str]) -> None:
 
 def ends_of(name: str, value: Range) -> tuple[float, float]:
     """Return the ends of a range given as an argument; a number is a range of its own."""
-    low, high = value if isinstance(value, Sequence) and len(value) == 2 else (value, value)
-    if not (isinstance(low, int | float) and isinstance(high, int | float) and 0 < low <= high < math.inf):
+    low, high = map(real, value if isinstance(value, Sequence) and len(value) == 2 else (value, value))
+    if low is None or high is None or not 0 < low <= high < math.inf:
         raise InputError(f"{name} is {value!r}: give a number above 0, or the ends of a range, the lower first")
     return float(low), float(high)
 
@@ -82,7 +80,7 @@ def plain(given: Any) -> Any:
         return {name: plain(value) for name, value in given.items()}
     if isinstance(given, tuple | list):
         return [plain(value) for value in given]
-    return str(given) if isinstance(given, Path) else given
+    return str(given) if isinstance(given, Path) else plain_number(given)
 
 
 def _only_known(name: str, given: Mapping[str, Any], known: list[str]) -> None:

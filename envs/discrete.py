@@ -12,6 +12,7 @@ from gymnasium.vector import VectorActionWrapper, VectorEnv
 from numpy.typing import NDArray
 
 from edmsim.errors import InputError
+from edmsim.given_numbers import real
 
 LEVELS = (-1.0, -0.25, -0.05, 0.0, 0.05, 0.25, 1.0)
 """Usual choices, as actions of the environment (ours: a retract, fine and coarse steps either way, and none)."""
@@ -71,7 +72,8 @@ class DiscreteFeedVector(VectorActionWrapper):
 
 def _table(levels: Sequence[float], width: int) -> NDArray[np.float32]:
     table = np.zeros((len(levels), width), np.float32)
-    if len(levels) < 2 or not all(-1 <= level <= 1 for level in levels):
+    numbers = [real(level) for level in levels]
+    if len(numbers) < 2 or any(number is None or not -1 <= number <= 1 for number in numbers):
         raise InputError(f"levels are {tuple(levels)!r}: give two or more numbers from -1 to 1")
-    table[:, 0] = levels
+    table[:, 0] = numbers
     return table

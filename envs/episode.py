@@ -17,6 +17,7 @@ from edmsim.envs.reward import TERMS, Earned
 from edmsim.envs.scenario import Scenario
 from edmsim.envs.task import Family
 from edmsim.errors import InputError
+from edmsim.given_numbers import finite, whole_from
 from edmsim.machine.machine import Machine
 from edmsim.plant.plant import Plant
 from edmsim.plant.window import PulseWindow
@@ -134,7 +135,7 @@ class Task:
 
         given = checked_options(options, ("machine",))
         if seed is not None:
-            self._random = seeding.np_random(seed)[0]
+            self._random = seeding.np_random(whole_from("seed", seed, 0))[0]
         self._lanes.begin(0, self.family.draw(self._random, given.get("machine")))
         return WindowObservation(0.0, 0.0, 0, 0, 0.0, 0.0, math.nan, 0.0, 0.0)
 
@@ -217,10 +218,9 @@ class Task:
         cause = StopCause(lanes.rows[0]["cause"])
         if cause is not StopCause.RUNNING:
             raise InputError(f"the episode has ended ({WORDS[cause].info}): call reset() first")
-        given = {"feed_um_s": feed_um_s, "t_on_us": t_on_us, "t_period_us": t_period_us, "offset_um": offset_um}
-        for name, value in given.items():
-            if value is not None and not math.isfinite(value):
-                raise InputError(f"{name} is {value!r}: give a finite number")
+        feed_um_s, offset_um = finite("feed_um_s", feed_um_s), finite("offset_um", offset_um)
+        t_on_us = None if t_on_us is None else finite("t_on_us", t_on_us)
+        t_period_us = None if t_period_us is None else finite("t_period_us", t_period_us)
         lanes.refused[0] = None
         if t_on_us is not None or t_period_us is not None:
             now = lanes.fleet.plants[0].machine

@@ -7,12 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 import shapely
 
-from edmsim.envs.arguments import above_zero, ends_of
+from edmsim.envs.arguments import above_zero, ends_of, within
 from edmsim.envs.gap_feed import GapFeed
 from edmsim.envs.scenario import Scenario
 from edmsim.envs.single import EdmEnv
 from edmsim.envs.vector import EdmVectorEnv
-from edmsim.errors import InputError
 from edmsim.machine.machine import Machine
 from edmsim.plant.workpiece.blanks import SLOT_GAP_UM, begun_slot
 from edmsim.plant.workpiece.height_steps import LowerRegion
@@ -42,8 +41,7 @@ class HeightStep(GapFeed):
         super().__post_init__()
         for length in ends_of("band_mm", self.band_mm):
             above_zero("band_mm", length)
-        if not LEAST_SHARE <= self.low_share <= 1:
-            raise InputError(f"low_share is {self.low_share!r}: give a share from {LEAST_SHARE:g} to 1")
+        within("low_share", self.low_share, LEAST_SHARE, 1.0)
 
     def draw_cut(
         self, rng: np.random.Generator, machine: Machine, seed: int, drawn: dict[str, float | str]

@@ -13,6 +13,7 @@ from edmsim.envs.recorder import EpisodeRecorder
 from edmsim.envs.single import EdmEnv
 from edmsim.errors import InputError
 from edmsim.files import make_writable
+from edmsim.given_numbers import whole_from
 from edmsim.recording.rerun.live_viewer import LiveViewer, show
 from edmsim.recording.rerun.playback import RECORDING
 
@@ -56,8 +57,7 @@ class RecordRerun(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorAr
         gym.Wrapper.__init__(self, env)
         if not isinstance(env.unwrapped, EdmEnv):
             raise InputError(f"RecordRerun records environments of edmsim, and this is {env.unwrapped!r}")
-        if isinstance(every, bool) or not isinstance(every, int) or every < 1:
-            raise InputError(f"every is {every!r}: give a whole number from 1")
+        every = whole_from("every", every, 1)
         make_writable(Path(folder))
         self.recordings: list[Path] = []
         self._edm: EdmEnv = env.unwrapped

@@ -8,12 +8,12 @@ from typing import Any
 from numpy.typing import NDArray
 
 from edmsim.cosim.stops import WORDS, StopCause
-from edmsim.envs.arguments import whole_from
 from edmsim.envs.recorder import EpisodeRecorder
 from edmsim.envs.reward import TERMS
 from edmsim.envs.sb3 import EdmVecEnv
 from edmsim.errors import InputError
 from edmsim.files import make_writable
+from edmsim.given_numbers import whole_from
 from edmsim.recording.rerun.live_viewer import LiveViewer, show
 from edmsim.recording.rerun.playback import RECORDING
 
@@ -60,10 +60,9 @@ class RecordEpisodes(BaseCallback):  # type: ignore[misc, unused-ignore]
 
     def __init__(self, folder: str | Path, every: int = EVERY, live: bool = False) -> None:
         super().__init__()
-        whole_from("every", every, 1)
         make_writable(Path(folder))
         self.recordings: list[Path] = []
-        self._folder, self._every = Path(folder), every
+        self._folder, self._every = Path(folder), whole_from("every", every, 1)
         self._viewer = LiveViewer("the episodes", f"recordings come into {folder} without --live") if live else None
         self._episode = 0
         self._over = False

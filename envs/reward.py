@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from edmsim.compiled.jit import exactly_compiled
 from edmsim.envs.path_follower import DONE, RUNNING
-from edmsim.errors import InputError
+from edmsim.given_numbers import finite, keep_plain
 from edmsim.plant.kernel.state import ARC, OPEN, SHORT, SPARK
 
 REFERENCE_MM2_MIN = 30.0
@@ -65,9 +65,8 @@ class Weights:
     def __post_init__(self) -> None:
         """Refuse a weight that is no finite number of 0 or more."""
         for f in fields(self):
-            value = getattr(self, f.name)
-            if not (isinstance(value, int | float) and 0 <= value < np.inf):
-                raise InputError(f"the weight {f.name} is {value!r}: give a number of 0 or more")
+            finite(f"the weight {f.name}", getattr(self, f.name), 0.0)
+        keep_plain(self)
 
     def array(self) -> NDArray[np.float64]:
         """Return the weights in the order of the attributes."""

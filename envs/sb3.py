@@ -10,14 +10,19 @@ import gymnasium as gym
 import numpy as np
 from gymnasium.vector import AutoresetMode
 
+from edmsim.envs.lane_view import LaneView
 from edmsim.envs.vector import EdmVectorEnv
 from edmsim.errors import InputError
+from edmsim.given_numbers import whole, whole_from
 
 try:
     from stable_baselines3.common.monitor import Monitor
     from stable_baselines3.common.vec_env import VecEnv
 except ImportError as error:
     raise InputError("stable-baselines3 is not installed: pip install 'edmsim[rl]'") from error
+
+Lanes = int | Iterable[int] | None
+"""Which lanes: one, some, or all."""
 
 
 # untyped where the extra is missing
@@ -36,22 +41,26 @@ class EdmVecEnv(VecEnv):  # type: ignore[misc, unused-ignore]
         self.env = env
         self._returns, self._lengths = np.zeros(env.num_envs), np.zeros(env.num_envs, np.int64)
         self._begun_s = time.perf_counter()
-        self.render_mode = env.render_mode
-        self._seed: int | None = None
         self._actions: Any = None
         super().__init__(env.num_envs, env.single_observation_space, env.single_action_space)
+        self.metadata = dict(env.views[0].metadata)
 
     def seed(self, seed: int | None = None) -> Sequence[int | None]:
-        """Seed the next reset; lane i gets seed + i."""
-        self._seed = seed
-        return [None if seed is None else seed + lane for lane in range(self.num_envs)]
+        """Seed the next reset; lane i gets seed + i, of a seed of its own choice if none is given."""
+        return super().seed(None if seed is None else whole_from("seed", seed, 0))
 
     def reset(self) -> Any:
-        """Begin an episode in every lane."""
-        observations, infos = self.env.reset(seed=self._seed)
-        self._seed = None
+        """Begin an episode in every lane, with the options of `set_options`."""
+        lanes = range(self.num_envs)
+        groups = [np.arange(self.num_envs) == lane for lane in lanes] if any(self._options) else [None]
+        for mask in groups:
+            own = {} if mask is None else {**self._options[int(np.argmax(mask))], "reset_mask": mask}
+            observations, infos = self.env.reset(seed=self._seeds, options=own)
+            for lane in lanes if mask is None else np.flatnonzero(mask):
+                self.reset_infos[lane] = lane_info(infos, lane)
+        self._reset_seeds()
+        self._reset_options()
         self._returns[:], self._lengths[:] = 0.0, 0
-        self.reset_infos = [lane_info(infos, lane) for lane in range(self.num_envs)]
         return observations
 
     def step_async(self, actions: Any) -> None:
@@ -83,41 +92,48 @@ class EdmVecEnv(VecEnv):  # type: ignore[misc, unused-ignore]
         self.env.close()
 
     def get_images(self) -> Sequence[Any]:
-        """Return a picture of every lane."""
-        return self.env.render() or ()
+        """Return a picture of every lane, or None for each without the render mode for pictures."""
+        return self.env.render() or [None] * self.num_envs
 
-    def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
-        """Return an attribute, the same for every lane."""
-        return [getattr(self.env, attr_name) for _ in self._get_indices(indices)]
+    def get_attr(self, attr_name: str, indices: Lanes = None) -> list[Any]:
+        """Return an attribute of lanes, of each what a single environment in its place has (see `LaneView`)."""
+        return [getattr(view, attr_name) for view in self._views(indices)]
 
-    def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
-        """Refuse: the lanes share one environment."""
-        raise InputError(
-            f"{attr_name} cannot be set: the lanes share one environment; give it when making it, or change it for "
-            f"the next episodes by env_method('change', {attr_name}=...)"
-        )
+    def set_attr(self, attr_name: str, value: Any, indices: Lanes = None) -> None:
+        """Set an attribute of lanes; what they share is refused (see `LaneView.take`)."""
+        for view in self._views(indices):
+            view.take(attr_name, value)
 
-    def env_method(self, method_name: str, *args: Any, indices: Any = None, **kwargs: Any) -> list[Any]:
-        """Call a method of the environment that all lanes share, once; returns what it returned for every lane.
+    def env_method(self, method_name: str, *args: Any, indices: Lanes = None, **kwargs: Any) -> list[Any]:
+        """Call a method of lanes; ``change`` is of all together, and called once.
 
         Raises
         ------
         InputError
-            Only some lanes are named.
+            ``change`` of only some lanes.
         """
-        lanes = list(self._get_indices(indices))
-        if set(lanes) != set(range(self.num_envs)):
-            raise InputError(f"{method_name} is called for all lanes or none: they share one environment")
-        return [getattr(self.env, method_name)(*args, **kwargs)] * len(lanes)
+        views = self._views(indices)
+        if method_name != "change":
+            return [getattr(view, method_name)(*args, **kwargs) for view in views]
+        if set(views) != set(self.env.views):
+            raise InputError("change is called for all lanes or none: they share one environment")
+        self.env.change(*args, **kwargs)
+        return [None] * len(views)
 
-    def env_is_wrapped(self, wrapper_class: Any, indices: Any = None) -> list[bool]:
+    def env_is_wrapped(self, wrapper_class: Any, indices: Lanes = None) -> list[bool]:
         """No lane has a wrapper of its own; what a `Monitor` tells is told."""
-        return [wrapper_class is Monitor for _ in self._get_indices(indices)]
+        return [wrapper_class is Monitor for _ in self._views(indices)]
 
-    def _get_indices(self, indices: int | Iterable[int] | None) -> Iterable[int]:
+    def _views(self, indices: Lanes) -> list[LaneView]:
+        """Return lanes by their numbers: of one, of some, or all."""
         if indices is None:
-            return range(self.num_envs)
-        return [indices] if isinstance(indices, int) else indices
+            return list(self.env.views)
+        one = whole(indices)
+        named = [one] if one is not None else list(indices)  # type: ignore[arg-type]
+        try:
+            return [self.env.views[whole_from("a lane", lane)] for lane in named]
+        except IndexError:
+            raise IndexError(f"there are {self.num_envs} lanes: number them from 0, not {indices!r}") from None
 
 
 def lane_infos(infos: dict[str, Any], count: int) -> list[dict[str, Any]]:
@@ -182,5 +198,6 @@ def make_sb3_vec_env(env_id: str, num_envs: int = 1, seed: int | None = None, **
     if not isinstance(made, EdmVectorEnv):
         raise InputError(f"{env_id!r} is not an environment of edmsim")
     env = EdmVecEnv(made)
-    env.seed(seed)
+    if seed is not None:
+        env.seed(seed)
     return env

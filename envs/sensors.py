@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from edmsim.envs.arguments import whole_from, within
+from edmsim.envs.arguments import within
+from edmsim.given_numbers import keep_plain, whole_from
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -30,6 +31,7 @@ class Sensors:
 
     def __post_init__(self) -> None:
         """Refuse what cannot be used."""
+        keep_plain(self)
         within("noise_share", self.noise_share, 0.0, 1.0)
         whole_from("bits", self.bits, 0)
         within("bits", self.bits, 0, 16)

@@ -17,6 +17,7 @@ from edmsim.envs.path_follower import RUNNING
 from edmsim.envs.registry import make_family
 from edmsim.envs.render import RENDER_FPS, RENDER_MODES, Renderer, check_render_mode
 from edmsim.envs.task import Family
+from edmsim.given_numbers import whole_from
 
 if TYPE_CHECKING:
     from edmsim.controllers import FeedController
@@ -88,7 +89,7 @@ class EdmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
             ``{"machine": edmsim.Machine}`` cuts with that machine instead of one drawn.
         """
         given = checked_options(options, ("machine",))
-        super().reset(seed=seed)
+        super().reset(seed=None if seed is None else whole_from("seed", seed, 0))
         info = self._batch.begin(0, self.np_random, given.get("machine"), anew=seed is not None)
         self._running = self._begun = True
         self._batch.earned.begin()

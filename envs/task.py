@@ -15,12 +15,13 @@ from edmsim.controllers.mcu.firmware.poscal import unit_um
 from edmsim.controllers.planner.registry import kind_of, position_unit
 from edmsim.envs import knobs as generator
 from edmsim.envs import servo
-from edmsim.envs.arguments import Range, above_zero, ends_of, machine_of, one_of, record_of, whole_from, within
+from edmsim.envs.arguments import Range, above_zero, ends_of, machine_of, one_of, record_of, within
 from edmsim.envs.draws import draw_machine, names_of
 from edmsim.envs.reward import TERMS, Weights
 from edmsim.envs.scenario import Scenario
 from edmsim.envs.sensors import EXACT, Sensors
 from edmsim.errors import InputError
+from edmsim.given_numbers import keep_plain, whole_from
 from edmsim.machine.machine import Machine
 from edmsim.machine.setting import check_height
 from edmsim.plant.plant import MECHANICS
@@ -208,6 +209,7 @@ class Family(ABC):
 
     def __post_init__(self) -> None:
         """Refuse what cannot be used, before anything is built."""
+        keep_plain(self)
         resolution(self.resolution)
         one_of("action", self.action, ACTIONS)
         one_of("mechanics", self.mechanics, MECHANICS)
@@ -241,8 +243,7 @@ class Family(ABC):
             above_zero("detents_us", value)
         if self.offset_um is not None:
             above_zero("offset_um", self.offset_um, MOST_OFFSET_UM)
-        if not abs(self.start_feed_um_s) <= self.max_feed_um_s:
-            raise InputError(f"start_feed_um_s is {self.start_feed_um_s!r}: give at most max_feed_um_s either way")
+        within("start_feed_um_s", self.start_feed_um_s, -self.max_feed_um_s, self.max_feed_um_s)
         for share in self.servo_target_share:
             within("servo_target_share", share, 0.0, 1.0)
         for gain in self.servo_gains:

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import gymnasium as gym
 import numpy as np
 from gymnasium.error import ResetNeeded
-from gymnasium.utils import seeding
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
@@ -17,11 +16,13 @@ from numpy.typing import NDArray
 from edmsim.envs.arguments import plain
 from edmsim.envs.batch import Batch, action_space_of, observation_space_of, reward_space_of
 from edmsim.envs.checks import checked_actions, checked_options
+from edmsim.envs.lane_view import LaneView
 from edmsim.envs.path_follower import RUNNING
 from edmsim.envs.registry import make_family
 from edmsim.envs.render import RENDER_FPS, RENDER_MODES, Renderer, check_render_mode
 from edmsim.envs.task import Family
 from edmsim.errors import InputError
+from edmsim.given_numbers import whole_from
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -85,9 +86,11 @@ class EdmVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDArray[A
         threads: int | None = None,
         **options: Any,
     ) -> None:
-        for name, number in (("num_envs", num_envs), ("max_episode_steps", max_episode_steps), ("threads", threads)):
-            if number is not None and (not isinstance(number, int) or number < 1):
-                raise InputError(f"{name} is {number!r}: give a whole number, 1 or more")
+        num_envs = whole_from("num_envs", num_envs, 1)
+        if max_episode_steps is not None:
+            max_episode_steps = whole_from("max_episode_steps", max_episode_steps, 1)
+        if threads is not None:
+            threads = whole_from("threads", threads, 1)
         self.family = make_family(self.task if task is None else task, **options)
         self.render_mode = check_render_mode(render_mode)
         self.autoreset_mode = AutoresetMode(autoreset_mode)
@@ -101,11 +104,11 @@ class EdmVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDArray[A
         self.action_space = batch_space(self.single_action_space, num_envs)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self._batch = Batch(self.family, num_envs, threads or os.cpu_count() or 1)
-        self._random: list[np.random.Generator | None] = [None] * num_envs
         self._elapsed = np.zeros(num_envs, np.int64)
         self._begun: Flags = np.zeros(num_envs, np.bool_)
         self._ended: Flags = np.zeros(num_envs, np.bool_)
         self._renderer = Renderer()
+        self._views = tuple(LaneView(self, lane) for lane in range(num_envs))
         self.watch: Callable[[NDArray[np.float32], dict[str, Any], Flags], None] | None = None
 
     def reset(
@@ -134,18 +137,19 @@ class EdmVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDArray[A
             super().reset(seed=first)
         for lane in np.flatnonzero(mask):
             if seeds[lane] is not None:
-                self._random[lane] = seeding.np_random(seeds[lane])[0]
+                self._views[lane].begin_draws(seeds[lane])
         infos = self._begin(mask, given.get("machine"), np.array([s is not None for s in seeds]))
         return self._batch.observations(), infos
 
     def _seeds(self, seed: int | Sequence[int | None] | None) -> list[int | None]:
         if seed is None:
             return [None] * self.num_envs
-        if isinstance(seed, int | np.integer):
-            return [int(seed) + lane for lane in range(self.num_envs)]
+        if isinstance(seed, str) or not isinstance(seed, Sequence | np.ndarray) or getattr(seed, "ndim", 1) == 0:
+            first = whole_from("seed", seed, 0)
+            return [first + lane for lane in range(self.num_envs)]
         if len(seed) != self.num_envs:
             raise InputError(f"{len(seed)} seeds were given for {self.num_envs} environments: give one each")
-        return list(seed)
+        return [None if one is None else whole_from("seed", one, 0) for one in seed]
 
     def _mask(self, mask: Any) -> Flags:
         if mask is None:
@@ -158,10 +162,8 @@ class EdmVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDArray[A
     def _begin(self, mask: Flags, machine: Any = None, anew: Flags | None = None) -> dict[str, Any]:
         infos: dict[str, Any] = {}
         for lane in np.flatnonzero(mask):
-            random = self._random[lane]
-            if random is None:
-                random = self._random[lane] = seeding.np_random()[0]
-            info = self._batch.begin(int(lane), random, machine, anew=anew is not None and bool(anew[lane]))
+            random, again = self._views[lane].np_random, anew is not None and bool(anew[lane])
+            info = self._batch.begin(int(lane), random, machine, anew=again)
             infos = self._add_info(infos, info, int(lane))
         self._elapsed[mask] = 0
         self._begun[mask] = True
@@ -231,11 +233,39 @@ class EdmVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDArray[A
 
         return LaneLaw(self._batch.lanes, lane, controller)
 
-    def recorder(self, lane: int) -> EpisodeRecorder:
-        """Return a recorder of the episode that a lane has just begun."""
+    def recorder(self, lane: int, actions: Sequence[str] | None = None) -> EpisodeRecorder:
+        """Return a recorder of the episode that a lane has just begun; see `EdmEnv.recorder`."""
         from edmsim.envs.recorder import EpisodeRecorder
 
-        return EpisodeRecorder(self._batch.lanes, lane, self.family.action_names)
+        return EpisodeRecorder(self._batch.lanes, lane, self.family.action_names if actions is None else actions)
+
+    @property
+    def views(self) -> tuple[LaneView, ...]:
+        """The lanes as single environments."""
+        return self._views
+
+    def call(self, name: str, *args: Any, **kwargs: Any) -> tuple[Any, ...]:
+        """Call a method of every lane, or return an attribute of each, as Gymnasium's `SyncVectorEnv` does."""
+        found = (getattr(view, name) for view in self._views)
+        return tuple(value(*args, **kwargs) if callable(value) else value for value in found)
+
+    def get_attr(self, name: str) -> tuple[Any, ...]:
+        """Return an attribute of every lane: spaces, generator and so on are a single environment's."""
+        return tuple(getattr(view, name) for view in self._views)
+
+    def set_attr(self, name: str, values: Any) -> None:
+        """Set an attribute of every lane, of a list or tuple one each.
+
+        Raises
+        ------
+        InputError
+            What all lanes share, or another number of values than lanes.
+        """
+        each = values if isinstance(values, list | tuple) else [values] * self.num_envs
+        if len(each) != self.num_envs:
+            raise InputError(f"{len(each)} values were given for {self.num_envs} environments: give one each")
+        for view, value in zip(self._views, each, strict=True):
+            view.take(name, value)
 
     def change(self, **options: Any) -> None:
         """Let the next episodes of all lanes have other arguments, for a curriculum; see `EdmEnv.change`."""
@@ -276,12 +306,16 @@ class EdmVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDArray[A
         if self.render_mode is None:
             gym.logger.warn("render() was called without a render_mode; give one to gymnasium.make_vec")
             return None
+        if self.render_mode == "human":
+            self._renderer.show(self.picture(0))
+            return None
+        return tuple(self.picture(lane) for lane in range(self.num_envs))
+
+    def picture(self, lane: int) -> NDArray[np.uint8]:
+        """Return a picture of a lane."""
         if not self._begun.all():
             raise ResetNeeded("not every environment has begun an episode: call reset() before render()")
-        if self.render_mode == "human":
-            self._renderer.show(self._renderer.picture(self._batch, 0))
-            return None
-        return tuple(self._renderer.picture(self._batch, lane) for lane in range(self.num_envs))
+        return self._renderer.picture(self._batch, lane)
 
     def close_extras(self, **_: Any) -> None:
         """Shut down the threads and close the window."""

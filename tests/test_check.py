@@ -8,7 +8,7 @@ import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, get_type_hints
 
 import ezdxf
 import ezdxf.units
@@ -18,9 +18,12 @@ import pytest
 
 from edmsim import controllers
 from edmsim.cli import app as cli
-from edmsim.cli import console
+from edmsim.cli import console, evaluate, learn
+from edmsim.cli import cut as cutting
 from edmsim.cosim.simulation import Simulation
+from edmsim.errors import InputError
 from edmsim.job.check import check, greatest_feed_um_s
+from edmsim.job.cut import make_controller
 from edmsim.job.settings import CutSettings
 from edmsim.machine.files import available
 from edmsim.machine.machine import Machine
@@ -198,9 +201,33 @@ def test_help_names_what_there_is() -> None:
                          (console.Generator, "generators")):  # fmt: skip
         told = set(re.findall(r"[\w-]+", option.__metadata__[0].help))
         assert set(available(kind)) <= told, kind
-    text = cli.cut.__annotations__["controller"]
-    looks_at_truth = {"oracle", "heat-oracle", "lead-oracle"}  # no machine shows what it sees
-    assert set(controllers.names()) - looks_at_truth <= set(re.findall(r"[\w-]+", text))
+    assert f"Feed controller: {', '.join(controllers.choices(cutting=True))};" in help_of(cutting.cut, "controller")
+    cuts = controllers.choices(cutting=True)
+    others = ", ".join(("edmsim cut", *(name for name in controllers.choices() if name not in cuts)))
+    for command in (evaluate.evaluate, learn.dataset):
+        assert f"Feed controllers: those of {others}" in help_of(command, "controllers")
+
+
+def help_of(command: Callable[..., None], name: str) -> str:
+    """What an option of a command says of itself."""
+    return str(get_type_hints(command, include_extras=True)[name].__metadata__[0].help)
+
+
+def test_what_is_listed_of_controllers_can_be_cut_with_and_what_is_not_is_refused(tmp_path: Path) -> None:
+    own = tmp_path / "own.py"
+    own.write_text("from edmsim.controllers.feed.fixed import FixedController as Own\n", encoding="utf-8")
+    filled = {"policy:FILE": "policy:GapFeed-ppo", "own.py:Own": f"{own}:Own"}
+    cuts, all_of_them = controllers.choices(cutting=True), controllers.choices()
+    for text in cuts:
+        assert make_controller(filled.get(text, text))
+    for text in set(all_of_them) - set(cuts):
+        with pytest.raises(InputError, match="not cut with"):
+            make_controller(text)
+    listed = re.escape(", ".join(cuts))
+    with pytest.raises(InputError, match=f"'genius'; choose one of {listed}$"):
+        make_controller("genius")
+    with pytest.raises(InputError, match=f"'genius'; choose one of {re.escape(', '.join(all_of_them))}$"):
+        controllers.from_text("genius")
 
 
 def test_the_least_time_is_that_of_the_path_at_the_greatest_feed(small_punch: Path) -> None:

@@ -40,6 +40,7 @@ from edmsim.controllers.axis.elcam_registers import (
 )
 from edmsim.controllers.axis.elcam_table import CamTable
 from edmsim.errors import InputError
+from edmsim.given_numbers import whole
 
 __all__ = ["CamPlace", "Elcam", "Function", "Mode", "TableAccess"]
 
@@ -170,12 +171,11 @@ class Elcam:
 
     def write_int(self, to: Descriptor, value: int) -> CallStatus:
         """Write a whole number (wrOptionInt)."""
-        if not isinstance(value, (int, np.integer)):
-            return CallStatus.REFUSED
-        if self._is_switch(to):
-            self.compensating = bool(value)
-            return CallStatus.OK
-        return self._write(to, int(value), int)
+        number = whole(value)
+        if number is None or not self._is_switch(to):
+            return CallStatus.REFUSED if number is None else self._write(to, number, int)
+        self.compensating = bool(number)
+        return CallStatus.OK
 
     def write_double(self, to: Descriptor, value: float) -> CallStatus:
         """Write a number (wrOptionDbl)."""

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edmsim.errors import InputError
+from edmsim.given_numbers import real
 
 
 class FileTable:
@@ -95,7 +96,7 @@ class FileTable:
 
 
 def _is_number(value: object) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool)
+    return real(value) is not None
 
 
 def _is_pair(pair: object) -> bool:

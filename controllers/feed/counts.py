@@ -21,7 +21,7 @@ from edmsim.controllers.protocols import (
     FeedCommand,
     WindowObservation,
     check_feed,
-    check_parameter,
+    check_parameters,
 )
 from edmsim.controllers.pulse_counters import WINDOW_PULSES, PulseAnalyser
 from edmsim.errors import InputError
@@ -121,9 +121,7 @@ class CountsController:
     _analyser: PulseAnalyser = field(default_factory=PulseAnalyser, init=False, repr=False)
 
     def __post_init__(self) -> None:
-        for parameter in fields(self):
-            if parameter.init:
-                check_parameter(self.name, parameter.name, getattr(self, parameter.name))
+        check_parameters(self)
 
     @property
     def missed_windows(self) -> int:

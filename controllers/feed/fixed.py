@@ -10,7 +10,7 @@ from edmsim.controllers.protocols import (
     FeedCommand,
     WindowObservation,
     check_feed,
-    check_parameter,
+    check_parameters,
 )
 
 
@@ -32,8 +32,7 @@ class FixedController:
     offset_um: float = 0.0
 
     def __post_init__(self) -> None:
-        for name in ("feed_um_s", "offset_um"):
-            check_parameter(self.name, name, getattr(self, name))
+        check_parameters(self)
 
     def reset(self, max_feed_um_s: float) -> FeedCommand:
         """Begin a new cut; refuses a feed the machine cannot run."""

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import asdict, dataclass, field
 from typing import Any, ClassVar, NamedTuple, cast
 
 from edmsim.controllers.protocols import (
@@ -17,7 +17,7 @@ from edmsim.controllers.protocols import (
     FeedCommand,
     WindowObservation,
     check_feed,
-    check_parameter,
+    check_parameters,
 )
 from edmsim.controllers.pulse_counters import WINDOW_PULSES
 
@@ -101,9 +101,7 @@ class ServoController(ABC):
     _servo: ServoState = field(default_factory=ServoState, init=False, repr=False)
 
     def __post_init__(self) -> None:
-        for parameter in fields(self):
-            if parameter.init:
-                check_parameter(self.name, parameter.name, getattr(self, parameter.name))
+        check_parameters(self)
 
     @abstractmethod
     def gains(self) -> Gains:

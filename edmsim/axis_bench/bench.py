@@ -24,6 +24,7 @@ from edmsim.compiled.axis_rows import (
 )
 from edmsim.controllers.axis.drive import Drive, StartsAnew, data_of
 from edmsim.errors import InputError
+from edmsim.given_numbers import finite, whole_from
 from edmsim.machine.machine import Machine
 from edmsim.plant.axes.board import fault_net_low, hold_in_reset
 from edmsim.plant.axes.drives import AXIS_NAMES
@@ -76,7 +77,7 @@ class AxisBench:
     def __init__(
         self, drives: Mapping[str, Drive], *, mechanics: str = "modal", machine: Machine | None = None, seed: int = 0
     ) -> None:
-        self._motion = BenchAxes(drives, mechanics, machine, seed)
+        self._motion = BenchAxes(drives, mechanics, machine, whole_from("seed", seed))
         self.names = tuple(name for name in AXIS_NAMES if name in drives)
         self._lines = {name: SerialLink(self.drive(name)) for name in self.names}
         for name in self.names:
@@ -104,10 +105,11 @@ class AxisBench:
         EdmsimError
             A drive commands what is no share of its supply, or an axis has run out of every reason.
         """
-        self.run_to(self._motion.now_ns + round(seconds * 1e9))
+        self.run_to(self._motion.now_ns + _ns("seconds", seconds))
 
     def run_to(self, end_ns: int) -> None:
         """Let time pass until then; see `run`."""
+        end_ns = round(finite("end_ns", end_ns))
         while self._motion.now_ns < end_ns:
             coming = [ns for line in self._lines.values() if (ns := line.next_ns) is not None]
             stop_ns = min(end_ns, (self._motion.now_ns // _TURN_NS + 1) * _TURN_NS, *coming)
@@ -146,7 +148,7 @@ class AxisBench:
 
     def host_baud(self, baud: float, axis: str = "") -> None:
         """Set the terminal's baud, which at first is the drive's."""
-        self._line(axis).set_host_baud(baud)
+        self._line(axis).set_host_baud(finite("baud", baud, 1.0))
 
     def open_terminal(self, is_open: bool, axis: str = "") -> None:
         """Open or close the terminal; what a drive sends to a closed one is lost."""
@@ -165,6 +167,8 @@ class AxisBench:
         accel_Hz_s : float
             Slope of the ramps at both ends; none at 0.
         """
+        count, rate_Hz = whole_from("count", count), finite("rate_Hz", rate_Hz, 0.0)
+        accel_Hz_s = finite("accel_Hz_s", accel_Hz_s, 0.0)
         k = AXIS_NAMES.index(axis)
         ends = self._motion.moves["end_ns"][self._motion.moves["axis"] == k]
         start_ns = max(self._motion.now_ns, int(ends.max(initial=0)))
@@ -177,7 +181,8 @@ class AxisBench:
     def step_times(self, axis: str, times_ns: Sequence[int], direction: int) -> None:
         """Send single step pulses at some times."""
         k = AXIS_NAMES.index(axis)
-        rows = [move(k, at_ns, direction, 0.0, 0.0) for at_ns in times_ns]
+        direction = whole_from("direction", direction)
+        rows = [move(k, round(finite("times_ns", at_ns)), direction, 0.0, 0.0) for at_ns in times_ns]
         self._motion.moves = np.concatenate([self._motion.moves, *rows])
 
     def unplug(self, axis: str, wire: str, plugged: bool = False) -> None:
@@ -206,14 +211,14 @@ class AxisBench:
         """Disturb A, B or AB by a pulse; one shorter than the drive's input needs for an edge is not seen."""
         drive, motor = self.drive(axis).record[0], self.motor(axis)
         rate_Hz = min(rate for rate in (float(motor["edge_rate_Hz"]), float(drive["count_rate_Hz"])) if rate > 0)
-        if width_s * rate_Hz >= 1.0:
+        if finite("width_s", width_s, 0.0) * rate_Hz >= 1.0:
             row = self._row(axis)
             for row["disturbed"] in (_PHASES[phases], 0):
                 read_phases(row)
 
     def slip_encoder(self, axis: str, counts: int) -> None:
         """Let the encoder's disc slip by some counts at once; by 2 both phases change together."""
-        row, motor = self._row(axis), self.motor(axis)
+        row, motor, counts = self._row(axis), self.motor(axis), whole_from("counts", counts)
         row["zero_um"] -= counts * motor["um_per_rad"] / motor["counts_per_rad"]
         row["true_count"] += counts
         row["state"] = row["true_count"] & 3 ^ (row["true_count"] & 3) >> 1
@@ -238,11 +243,11 @@ class AxisBench:
 
     def supply(self, axis: str, volts: float) -> None:
         """Set the motor supply's voltage, 0 or more."""
-        self.motor(axis)["supply_V"] = volts
+        self.motor(axis)["supply_V"] = finite("volts", volts, 0.0)
 
     def rail(self, axis: str, volts: float) -> None:
         """Set the logic supply; below the reset controller's voltage the drive is in reset, above it starts anew."""
-        self.reset_pin(axis, volts < data_of("board")["logic"]["reset_V"])
+        self.reset_pin(axis, finite("volts", volts, 0.0) < data_of("board")["logic"]["reset_V"])
 
     def reset_pin(self, axis: str, low: bool) -> None:
         """Pull a drive's reset pin low, or let it go: it starts anew then."""
@@ -256,6 +261,7 @@ class AxisBench:
 
     def power_cycle(self, axis: str, off_s: float = 0.1) -> None:
         """Switch the logic supply off for a while."""
+        off_s = finite("off_s", off_s)
         self.rail(axis, 0.0)
         self.run(off_s)
         self.rail(axis, data_of("board")["logic"]["rail_V"])
@@ -276,11 +282,11 @@ class AxisBench:
 
     def torque(self, axis: str, torque_Nm: float) -> None:
         """Turn the shaft by hand with a torque, until another is set."""
-        self._row(axis)["hand_Nm"] = torque_Nm
+        self._row(axis)["hand_Nm"] = finite("torque_Nm", torque_Nm)
 
     def force(self, axis: str, force_N: float) -> None:
         """Push the table with a force, until another is set."""
-        self._row(axis)["hand_N"] = force_N
+        self._row(axis)["hand_N"] = finite("force_N", force_N)
 
     def home_cam(
         self, axis: str, low_um: float, high_um: float, *, hysteresis_um: float = 0.0, bounce_s: float = 0.0,
@@ -288,8 +294,11 @@ class AxisBench:
     ) -> None:
         """Put a home cam under the table, from one place to another; see `edmsim.compiled.axis_rows.MOTOR`."""
         motor, row = self.motor(axis), self._row(axis)
-        motor["cam_low_um"], motor["cam_high_um"], motor["cam_hysteresis_um"] = low_um, high_um, hysteresis_um
-        motor["cam_bounce_ns"], motor["cam_filter_ns"] = bounce_s * 1e9, filter_s * 1e9
+        low_um, high_um = finite("low_um", low_um), finite("high_um", high_um)
+        times_ns = finite("bounce_s", bounce_s, 0.0) * 1e9, finite("filter_s", filter_s, 0.0) * 1e9
+        motor["cam_hysteresis_um"] = finite("hysteresis_um", hysteresis_um, 0.0)
+        motor["cam_low_um"], motor["cam_high_um"] = low_um, high_um
+        motor["cam_bounce_ns"], motor["cam_filter_ns"] = times_ns
         row["cam"], row["cam_ns"] = low_um <= row["place_um"] <= high_um, LONG_AGO_NS
 
     def press_home(self, axis: str, closed: bool) -> None:
@@ -306,12 +315,12 @@ class AxisBench:
 
     def stall(self, axis: str, seconds: float) -> None:
         """Keep a drive from computing for a while; its interrupts still count."""
-        self.drive(axis).record["stalled_until_ns"] = self._motion.now_ns + round(seconds * 1e9)
+        self.drive(axis).record["stalled_until_ns"] = self._motion.now_ns + _ns("seconds", seconds)
 
     def flip_bits(self, axis: str, bits: Sequence[int]) -> None:
         """Flip bits of a drive's EEPROM: bit `b` of byte `k` is number ``8 k + b``."""
         eeprom = self.drive(axis).record["eeprom"][0]
-        for bit in bits:
+        for bit in [whole_from("bits", bit, 0) for bit in bits]:
             eeprom[bit // 8] ^= 1 << bit % 8
 
     def drive(self, axis: str = "") -> Drive:
@@ -362,3 +371,8 @@ class AxisBench:
         self._motion.restore(state)
         for line in self._lines.values():
             line.forget()
+
+
+def _ns(name: str, seconds: float) -> int:
+    """Return a time in whole nanoseconds; refuses what is no finite number."""
+    return round(finite(name, seconds) * 1e9)

@@ -13,6 +13,7 @@ from edmsim.controllers.axis.drive import Drive
 from edmsim.controllers.axis.mcu_g3 import CYCLE_S, ControlAxis, MotionControl
 from edmsim.controllers.axis.mcu_g3_servo import COMPENSATION, FEED_FORWARD, TARGET, AxisLoop
 from edmsim.controllers.axis.servo import PositionServo
+from edmsim.given_numbers import finite
 
 _CYCLE_NS = round(CYCLE_S * 1e9)
 
@@ -60,7 +61,7 @@ class ControlRig:
 
     def run(self, seconds: float) -> None:
         """Let some time pass, in whole cycles."""
-        for _ in range(round(seconds / CYCLE_S)):
+        for _ in range(round(finite("seconds", seconds) / CYCLE_S)):
             self._turn()
             self.bench.run_to(round(self.bench.time_s * 1e9) + _CYCLE_NS)
 

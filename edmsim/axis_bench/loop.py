@@ -76,12 +76,10 @@ def run(
         if noted[1] == changes.shape[0] or (samples.shape[0] > 0 and noted[0] == samples.shape[0]):
             return FULL
         who, due_ns = first_due(axes, until_ns)
-        if link is not None:
-            if not coast_table(state, axes, link, due_ns):
-                return LOST
-            coast_all(axes, 2, due_ns)
-        else:
-            coast_all(axes, 0, due_ns)
+        if link is not None and not coast_table(state, axes, link, due_ns):
+            return LOST
+        if not coast_all(axes, 0 if link is None else 2, due_ns):
+            return LOST
         axis = who % N_AXES
         if who != NOBODY:
             axes.drives[axis].setpoint += make_steps(moves, axis, unplugged[axis], due_ns)

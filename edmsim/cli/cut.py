@@ -76,9 +76,9 @@ def cut(
     ] = None,
     controller: Annotated[
         str,
-        typer.Option(help="Feed controller: counts, fixed, voltage, delay, fuzzy, adaptive-off-time, mcu, set-point, "
-                          "climb, fixed-period, sato, heat-flux, policy, or own.py:Own; with parameters if wanted, "
-                          "fixed:feed_um_s=20."),
+        typer.Option(help="Feed controller: counts, fixed, voltage, delay, fuzzy, adaptive-off-time, mcu, "
+                          "fixed-period, sato, heat-flux, set-point, climb, policy:FILE, own.py:Own; with parameters "
+                          "if wanted, fixed:feed_um_s=20."),
     ] = "counts",
     planner: Annotated[str, typer.Option(help="poscal, poscal-literal, dda, sine-table or exact.")] = "poscal",
     drive: Annotated[

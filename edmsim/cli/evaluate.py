@@ -21,7 +21,9 @@ def evaluate(
         typer.Argument(metavar="ENV_ID...", help="Environments: edmsim/GapFeed-v1 ..., FILE.py:ID, or all."),
     ],
     controllers: Annotated[
-        str | None, typer.Option(metavar="A,B", help="Feed controllers, as edmsim cut takes them; all by default.")
+        str | None,
+        typer.Option(metavar="A,B", help="Feed controllers: those of edmsim cut, oracle, heat-oracle, lead-oracle; "
+                                         "by default the task's own."),
     ] = None,
     seeds: Annotated[int | None, typer.Option(help="Cuts of each controller; default by environment.")] = None,
     resolution: Annotated[

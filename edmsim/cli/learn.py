@@ -34,6 +34,9 @@ def train(
     privileged_critic: Annotated[
         bool, typer.Option("--privileged-critic", help="Show the value network gap, heat and constants.")
     ] = False,
+    start: Annotated[
+        str | None, typer.Option(metavar="POLICY", help="Begin with this policy: policy:GapFeed-ppo, or policy:FILE.")
+    ] = None,
     record_every: Annotated[
         int | None, typer.Option(metavar="N", help="Record every N-th episode of the first lane.")
     ] = None,
@@ -42,7 +45,7 @@ def train(
     """Train a feed controller (needs the extra rl)."""
     from edmsim.learning.command import Asked, run
 
-    asked = Asked(settings, residual, teacher, privileged_critic, record_every, live)
+    asked = Asked(settings, residual, teacher, privileged_critic, start, record_every, live)
     try:
         table = run(env_id, algo, out, steps, seed, resume, score, ERR, asked)
     except KeyboardInterrupt:
@@ -60,7 +63,8 @@ def dataset(
     ],
     out: Annotated[Path, typer.Option(help="Folder for the data sets; an interrupted recording goes on.")],
     controllers: Annotated[
-        str, typer.Option(metavar="A,B", help="Feed controllers, as edmsim cut takes them.")
+        str,
+        typer.Option(metavar="A,B", help="Feed controllers: those of edmsim cut, oracle, heat-oracle, lead-oracle."),
     ] = "fixed,counts,voltage",
     steps: Annotated[int, typer.Option(help="Windows of each controller; its last episode is whole.")] = 100_000,
     seed: Annotated[int, typer.Option(help="Of the first episode; the others count from there.")] = 0,

@@ -62,4 +62,4 @@ def _tail_quantile(u: float) -> float:
 def key_of(seed: int) -> np.uint64:
     """Key of a seed: neighbouring seeds give unrelated keys."""
     with np.errstate(over="ignore"):
-        return np.uint64(int(mix(np.uint64(seed % 2**64) * GAMMA + GAMMA)))
+        return np.uint64(int(mix(np.uint64(int(seed) % 2**64) * GAMMA + GAMMA)))

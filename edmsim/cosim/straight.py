@@ -15,9 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edmsim.controllers import FeedController, WindowObservation, make
+from edmsim.controllers.own import check_is_controller
 from edmsim.cosim.cycle import Cycle
 from edmsim.cosim.motion import EvenSteps
 from edmsim.errors import InputError
+from edmsim.given_numbers import real
 from edmsim.machine.machine import Machine
 from edmsim.metrology.edges import metal_at
 from edmsim.plant.plant import Plant
@@ -164,7 +166,8 @@ class Traverse(EvenSteps):
     """
 
     def __init__(self, plant: Plant, feed: float | FeedController) -> None:
-        self._controller = make("fixed", feed_um_s=feed) if isinstance(feed, int | float) else feed
+        feed_um_s = real(feed)
+        self._controller = check_is_controller(feed) if feed_um_s is None else make("fixed", feed_um_s=feed_um_s)
         super().__init__(plant.machine.base.table.step_um.value, self._controller.reset(FASTEST_UM_S).feed_um_s)
         self.alarm: str | None = None
         self._plant = plant

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edmsim import models
-from edmsim.controllers import from_text, names
+from edmsim.controllers import choices, from_text
 from edmsim.envs.registry import base_of, find, make_family, registered_ids
 from edmsim.errors import InputError
 from edmsim.evaluation.episode import FINISHED, HELD_BACK, Result, cut, episodes
@@ -164,7 +164,7 @@ def check_controllers(controllers: Sequence[str]) -> None:
     for name in controllers:
         from_text(name)
     if not controllers:
-        raise InputError(f"no controller is named; choose from {', '.join(names())}")
+        raise InputError(f"no controller is named; choose from {', '.join(choices())}")
 
 
 def check(env_id: str, controllers: Sequence[str], seeds: int, resolution: str | None) -> None:

@@ -108,7 +108,7 @@ def cut(
 
 def make_controller(given: str | FeedController) -> FeedController:
     """Make a feed controller that a machine could have, or take one; see `edmsim.controllers.from_text`."""
-    controller = from_text(given) if isinstance(given, str) else check_is_controller(given)
+    controller = from_text(given, cutting=True) if isinstance(given, str) else check_is_controller(given)
     if isinstance(controller, SeesTruth):
         raise InputError(
             f"the {controller.name} controller looks at the true gap, which no machine shows: it can be compared "

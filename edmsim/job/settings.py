@@ -22,6 +22,7 @@ from shapely.geometry import mapping
 from edmsim.controllers import FeedController, axis
 from edmsim.controllers.own import check_is_controller, text_of
 from edmsim.errors import InputError, one_of
+from edmsim.given_numbers import Number, WholeNumber
 from edmsim.machine.given import checked_constants, with_given
 from edmsim.machine.machine import Machine
 from edmsim.machine.parts import Choices
@@ -53,46 +54,46 @@ class CutSettings(BaseModel):
     """Name under ``models/machines``, or path of an own TOML file."""
     material: str = "tool-steel"
     """Material of the workpiece: name under ``models/materials``, or path of an own TOML file."""
-    height_mm: float = 20.0
+    height_mm: Number = 20.0
     """Workpiece height in mm, 0.5 to 400, where nothing else is said."""
-    heights: tuple[tuple[float, float], ...] = ()
+    heights: tuple[tuple[Number, Number], ...] = ()
     """Pairs (from_mm, height_mm): from that length of wire path on, lead-in included, the workpiece is so high."""
-    height_areas: tuple[tuple[shapely.Polygon, float], ...] = ()
+    height_areas: tuple[tuple[shapely.Polygon, Number], ...] = ()
     """Pairs (polygon, height_mm): inside the polygon (of shapely, or its corners, in mm of the program) the workpiece
     is so high, whatever `heights` says; the first of overlapping ones holds."""
     wire: str = "brass"
     """Name under ``models/wires``, or path of an own TOML file; with a diameter in um if wanted: ``"brass-200"``."""
-    tension: float | None = None
+    tension: Number | None = None
     """Wire tension in N; by default the wire's own."""
     generator: str = "iso-pulse"
     """Pulse generator: name under ``models/generators``, or path of an own TOML file."""
-    t_on_us: float | None = None
+    t_on_us: Number | None = None
     """On-time in us; by default the generator's own."""
-    t_period_us: float | None = None
+    t_period_us: Number | None = None
     """Pulse period in us; by default the generator's own."""
-    open_voltage_V: float | None = None
+    open_voltage_V: Number | None = None
     """Voltage on the gap until it ignites, in V; by default the generator's own."""
-    peak_current_A: float | None = None
+    peak_current_A: Number | None = None
     """Peak current of a discharge in A; by default what the supply drives through the generator's resistor, which is
     the most there is."""
-    resistance_ohm: float | None = None
+    resistance_ohm: Number | None = None
     """Resistor in series with the gap in ohm, in place of the generator's own and of a peak current."""
-    ignition_wait_us: float | None = None
+    ignition_wait_us: Number | None = None
     """Longest wait for ignition in us, where the generator has one; by default its own."""
     pulse_shape: str | None = None
     """Shape of the current, rectangle or triangle; by default the generator's own."""
-    wire_speed_m_s: float | None = None
+    wire_speed_m_s: Number | None = None
     """Speed of the running wire in m/s; by default the machine's own."""
-    flushing_lower_Pa: float | None = None
+    flushing_lower_Pa: Number | None = None
     """Pressure of the lower nozzle in Pa over the surroundings, 0 where it is off; by default the machine's own."""
-    flushing_upper_Pa: float | None = None
+    flushing_upper_Pa: Number | None = None
     """Pressure of the upper nozzle in Pa; by default the machine's own."""
-    constants: tuple[tuple[str, float], ...] = ()
+    constants: tuple[tuple[str, Number], ...] = ()
     """Constants of machine, wire and material with values other than those of their files:
     ``{"gap.critical_um": 5.0}``."""
     controller: str | FeedController = "counts"
-    """Feed controller, with parameters if wanted: ``"fixed:feed_um_s=20"``; a class in an own file, ``"own.py:Own"``
-    (see `edmsim.controllers.from_text`); or an object that is one."""
+    """Feed controller, with parameters if wanted: ``"fixed:feed_um_s=20"``; a policy, ``"policy:FILE"``; a class in
+    an own file, ``"own.py:Own"`` (see `edmsim.controllers.from_text`); or an object that is one."""
     planner: str = "poscal"
     """What makes motor steps of path and speed: poscal, poscal-literal, dda, sine-table or exact;
     ``docs/planners.md`` has their errors. With the controller ``mcu`` its timers make the steps of poscal-literal."""
@@ -106,7 +107,7 @@ class CutSettings(BaseModel):
     """Integrator of table and wire: modal or mujoco (see `Plant`)."""
     resolution: str = "default"
     """How finely the gap is computed: fast, default or fine."""
-    offset: str | float = "auto"
+    offset: str | Number = "auto"
     """Wire offset in mm, or auto (the wire's radius and the expected side gap), or none."""
     ignore: tuple[str, ...] = ()
     """Words of a G-code program to leave out, ``M77``, or letters, ``U``."""
@@ -118,9 +119,9 @@ class CutSettings(BaseModel):
     """Unit of a drawing, mm, um, cm, m, in, ft or mil; by default what the drawing says."""
     stuck_wire_sensor: bool = False
     """Whether the wire's sensor is stuck: a break goes unseen, and the machine goes on without a wire."""
-    seed: int = 0
+    seed: WholeNumber = 0
     """Seed of every draw: same seed, same cut."""
-    max_time_s: float | None = None
+    max_time_s: Number | None = None
     """Machine time in s after which to stop; no limit by default."""
 
     @model_validator(mode="wrap")

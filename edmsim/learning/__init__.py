@@ -1,1 +1,27 @@
 """Learning feed controllers: training with stable-baselines3, and policies that leave it as plain arrays."""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from edmsim.learning.export import export_sb3
+    from edmsim.learning.start import start_sb3
+
+_HOMES = {"export_sb3": "export", "start_sb3": "start"}
+__all__ = ["export_sb3", "start_sb3"]
+
+
+def __getattr__(name: str) -> Any:
+    """Load a public name when it is first used: both need the extra ``rl``."""
+    if name not in _HOMES:
+        raise AttributeError(f"module 'edmsim.learning' has no attribute '{name}'")
+    try:
+        value = getattr(import_module(f"{__name__}.{_HOMES[name]}"), name)
+    except ImportError as error:
+        from edmsim.errors import InputError
+
+        raise InputError(f"{name} needs {error.name}: pip install 'edmsim[rl]'") from error
+    globals()[name] = value
+    return value

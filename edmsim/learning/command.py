@@ -11,6 +11,7 @@ from edmsim.envs.registry import resolve
 from edmsim.errors import InputError
 from edmsim.learning import hyperparameters, policy_file
 from edmsim.learning.hyperparameters import Hyperparameters
+from edmsim.learning.policy_file import Policy
 from edmsim.learning.score import RESOLUTIONS, RIVALS, measure, render
 
 if TYPE_CHECKING:
@@ -31,6 +32,8 @@ class Asked(NamedTuple):
     teacher : str or None
         Controller that imitation follows.
     privileged_critic : bool
+    start : str or None
+        Policy that the training begins with, as ``policy:NAME`` or a file of it.
     record_every : int or None
         Every so many of the first lane's episodes one is recorded into the folder ``episodes``.
     live : bool
@@ -41,8 +44,13 @@ class Asked(NamedTuple):
     residual: str | None = None
     teacher: str | None = None
     privileged_critic: bool = False
+    start: str | None = None
     record_every: int | None = None
     live: bool = False
+
+    def policy(self) -> Policy | None:
+        """Return the policy that the training begins with."""
+        return None if self.start is None else policy_file.load(self.start.removeprefix("policy:"))
 
     def words(self) -> str:
         """Return the options of the command line that change what is learned."""
@@ -50,15 +58,22 @@ class Asked(NamedTuple):
         words += [] if self.residual is None else ["--residual", self.residual]
         words += [] if self.teacher is None else ["--teacher", self.teacher]
         words += ["--privileged-critic"] if self.privileged_critic else []
+        words += [] if self.start is None else ["--start", self.start]
         return "".join(f" {shlex.quote(word)}" for word in words)
 
     def hyperparameters(self, env_id: str, algo: str) -> Hyperparameters:
-        """Return what to train with."""
+        """Return what to train with; the network is the policy's to begin with, unless the settings name one."""
         given = hyperparameters.load(env_id, algo, self.settings)
         more: dict[str, Any] = {}
+        policy = self.policy()
+        if policy is not None and given.network == hyperparameters.load(env_id, algo).network:
+            card = policy.card
+            shape = {"widths": card.widths, "activation": card.activation}
+            shape |= {"lstm": card.lstm} if given.network.lstm and card.lstm else {}
+            more["network"] = given.network.model_copy(update=shape)
         if self.residual is not None:
             environment = {**given.environment, "action": "speed", "decision_s": None}
-            more = {"residual": self.residual, "environment": environment}
+            more |= {"residual": self.residual, "environment": environment}
         if self.teacher is not None:
             more["teacher"] = self.teacher
         if self.privileged_critic:
@@ -119,7 +134,7 @@ def run(
     try:
         trained = train(
             named, algo, out, steps=steps, seed=seed, resume=resume, watch=watch, given=given,
-            callbacks=_recorders(asked, out),
+            callbacks=_recorders(asked, out), begin_from=asked.policy(),
         )
         from edmsim.learning.export import export
 

@@ -3,20 +3,62 @@
 from __future__ import annotations
 
 import platform
+import re
 from importlib.metadata import version
-from typing import Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import torch
 
 from edmsim.envs.batch import entries_of
-from edmsim.envs.registry import find, make_family, stand_in
-from edmsim.learning import learners
-from edmsim.learning.hyperparameters import ON_POLICY
-from edmsim.learning.policy_file import FORMAT, Card, Lstm, digest, meanings, pack
-from edmsim.learning.train import Trained
+from edmsim.envs.registry import make_family
+from edmsim.errors import InputError
+from edmsim.files import make_writable
+from edmsim.learning.policy_file import FORMAT, Card, Lstm, Policy, digest, load, meanings, pack, write
+from edmsim.learning.sb3_parts import PolicyNetwork, around, network_of
+
+if TYPE_CHECKING:
+    from edmsim.learning.train import Trained
 
 PACKAGES = ("edmsim", "stable-baselines3", "sb3-contrib", "torch", "gymnasium", "numpy")
+
+
+def export_sb3(model: Any, lanes: Any, file: str | Path) -> Policy:
+    """Write the policy of your own learner, with its lanes' normalisation, for ``--controller policy:FILE``.
+
+    Parameters
+    ----------
+    model : learner of stable_baselines3 or sb3_contrib
+        PPO, SAC, TQC, recurrent PPO, A2C, TRPO, TD3 or DDPG, with ``MlpPolicy`` (``MlpLstmPolicy``) and Tanh or ReLU.
+    lanes : VecEnv
+        What it learns on: `edmsim.envs.make_sb3_vec_env`, or a `DummyVecEnv` of environments of edmsim, in a
+        `VecNormalize` or none.
+    file : path
+        ``NAME.json``; ``NAME.npz`` comes beside it.
+
+    Returns
+    -------
+    Policy
+        As it is read from the files.
+
+    Raises
+    ------
+    InputError
+        Another environment, wrapper or network than a policy file can describe.
+
+    Examples
+    --------
+    >>> from edmsim.learning import export_sb3
+    >>> export_sb3(model, lanes, "policy.json")  # doctest: +SKIP
+    """
+    target = Path(file)
+    if target.suffix != ".json":
+        raise InputError("name the policy's file NAME.json; its arrays come into NAME.npz beside it", target)
+    algorithm = re.sub(r"(?<=[a-z])(?=[A-Z])", "-", type(model).__name__).lower()
+    made = _exported(model, lanes, algorithm, "edmsim.learning.export_sb3", model.seed)
+    make_writable(target.parent)
+    write(*made, target)
+    return load(str(target))
 
 
 def export(trained: Trained, command: str) -> tuple[Card, bytes]:
@@ -29,51 +71,60 @@ def export(trained: Trained, command: str) -> tuple[Card, bytes]:
     command : str
         What made it.
     """
-    model, normalise, run, given = trained.model, trained.normalise, trained.run, trained.hyperparameters
-    if run.algo in ON_POLICY:
-        layers = [*model.policy.mlp_extractor.policy_net, model.policy.action_net]
-        output = "clip"
-    else:
-        layers = [*model.actor.latent_pi, model.actor.mu]
-        output = "tanh"
-    linear = [layer for layer in layers if isinstance(layer, torch.nn.Linear)]
-    weights = [_array(layer.weight).T for layer in linear]
-    lstm = _lstm(model.policy.lstm_actor) if given.network.lstm else None
-    env_id, environment = _environment(trained)
+    return _exported(trained.model, trained.normalise, trained.run.algo, command, trained.run.seed)
+
+
+def _exported(model: Any, lanes: Any, algorithm: str, command: str, seed: int | None) -> tuple[Card, bytes]:
+    network, wrapped = network_of(model), around(lanes)
+    env_id, environment = wrapped.environment()
     family = make_family(env_id, **environment)
-    seen, statistics = entries_of(family), normalise.obs_rms
-    if lstm is None:
-        weights[0] = weights[0][: len(seen)]  # what only the critic sees comes behind
-    packed = pack(weights, [_array(layer.bias) for layer in linear], lstm)
+    seen = entries_of(family)
+    if lanes.observation_space != model.observation_space or lanes.action_space != model.action_space:
+        raise InputError("the learner has other observations or actions than these lanes: give those it learnt on")
+    weights, biases, lstm = _arrays(network, len(seen))
+    packed = pack(weights, biases, lstm)
+    mean, variance, epsilon, clip = _normalisation(wrapped.normalise, len(seen))
     observation = [
-        {"name": entry.name, "meaning": entry.meaning, "mean": float(mean), "variance": float(variance)}
-        for entry, mean, variance in zip(seen, statistics.mean, statistics.var, strict=not given.privileged_critic)
+        {"name": entry.name, "meaning": entry.meaning, "mean": m, "variance": v}
+        for entry, m, v in zip(seen, mean, variance, strict=True)
     ]
     card = Card.model_validate({
         "format": FORMAT, "env_id": env_id, "environment": environment, "observation": observation,
-        "epsilon": normalise.epsilon, "clip": normalise.clip_obs,
-        "action": meanings(family),
-        "widths": [layer.out_features for layer in linear[:-1]], "lstm": given.network.lstm,
-        "residual": learners.residual_of(given), "activation": given.network.activation, "output": output,
-        "arrays_sha256": digest(packed), "algorithm": run.algo, "command": command, "seed": run.seed,
-        "steps": int(model.num_timesteps),
+        "epsilon": epsilon, "clip": clip, "action": meanings(family), "widths": network.widths,
+        "lstm": network.lstm and network.lstm.hidden_size, "residual": wrapped.residual,
+        "activation": network.activation, "output": network.output, "arrays_sha256": digest(packed),
+        "algorithm": algorithm, "command": command, "seed": seed, "steps": int(model.num_timesteps),
         "versions": {"python": platform.python_version(), **{name: version(name) for name in PACKAGES}},
     })
     return card, packed
 
 
-def _environment(trained: Trained) -> tuple[str, dict[str, Any]]:
-    """Return the environment a policy's card names, with its arguments: one that exists wherever it is used."""
-    family, registered = find(trained.run.env_id)
-    return stand_in(family, {**registered, **trained.hyperparameters.environment})
+def _arrays(network: PolicyNetwork, seen: int) -> tuple[list[Any], list[Any], Lstm | None]:
+    """Return weights, biases and LSTM; what only the critic sees comes behind, and is left away."""
+    first = network.lstm or network.layers[0]
+    inputs = network.shown or (first.input_size if network.lstm else first.in_features)
+    if inputs != seen:
+        raise InputError(f"the learner's network sees {inputs} entries, its environment shows {seen}")
+    weights, lstm = [_array(layer.weight).T for layer in network.layers], None
+    biases = [_array(layer.bias) for layer in network.layers]
+    if network.lstm is None:
+        weights[0] = weights[0][:seen]
+    else:
+        names = "weight_ih_l0", "weight_hh_l0", "bias_ih_l0", "bias_hh_l0"
+        ih, hh, *two = (_array(getattr(network.lstm, name)) for name in names)
+        lstm = Lstm(ih.T, hh.T, two[0] + two[1])  # torch's gates come in the order of ours
+    if not all(np.isfinite(array).all() for array in [*weights, *biases, *(lstm or ())]):
+        raise InputError("the learner's network holds numbers that are not finite: its training went astray")
+    return weights, biases, lstm
 
 
-def _lstm(layer: torch.nn.LSTM) -> Lstm:
-    """Return an LSTM's weights; torch's gates come in the order of ours."""
-    seen, kept, *biases = (_array(getattr(layer, f"{name}_l0")) for name in (
-        "weight_ih", "weight_hh", "bias_ih", "bias_hh"
-    ))
-    return Lstm(seen.T, kept.T, biases[0] + biases[1])
+def _normalisation(normalise: Any, seen: int) -> tuple[list[float], list[float], float, float]:
+    """Return mean, variance, epsilon and clip of the observation; those that change nothing without normalisation."""
+    if normalise is None:
+        epsilon = float(np.finfo(np.float64).eps)
+        return [0.0] * seen, [1.0 - epsilon] * seen, epsilon, float(np.finfo(np.float32).max)
+    statistics = normalise.obs_rms
+    return statistics.mean[:seen].tolist(), statistics.var[:seen].tolist(), normalise.epsilon, normalise.clip_obs
 
 
 def _array(tensor: Any) -> Any:

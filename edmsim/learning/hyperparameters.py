@@ -11,6 +11,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from edmsim.envs.registry import base_of, find
 from edmsim.errors import InputError, one_of
+from edmsim.given_numbers import Number, WholeNumber
 
 ALGORITHMS = ("ppo", "sac", "tqc", "ppo-lag", "recurrent-ppo", "imitation")
 """Algorithms there are hyperparameters for."""
@@ -37,11 +38,11 @@ class Network(_Strict):
         Recurrent PPO: cells of the LSTM before the hidden layers.
     """
 
-    widths: Annotated[list[Annotated[int, Field(gt=0)]], Field(min_length=1)]
+    widths: Annotated[list[Annotated[WholeNumber, Field(gt=0)]], Field(min_length=1)]
     activation: Literal["tanh", "relu"]
-    log_std_init: float | None = None
-    first_action: list[Annotated[float, Field(ge=-1.0, le=1.0)]] | None = None
-    lstm: Annotated[int, Field(gt=0)] | None = None
+    log_std_init: Number | None = None
+    first_action: list[Annotated[Number, Field(ge=-1.0, le=1.0)]] | None = None
+    lstm: Annotated[WholeNumber, Field(gt=0)] | None = None
 
 
 class Lagrangian(_Strict):
@@ -55,8 +56,8 @@ class Lagrangian(_Strict):
         Change of the multiplier per cost beyond the limit, and rollout.
     """
 
-    multiplier: Annotated[float, Field(ge=0)]
-    rate: Annotated[float, Field(gt=0)]
+    multiplier: Annotated[Number, Field(ge=0)]
+    rate: Annotated[Number, Field(gt=0)]
 
 
 class Hyperparameters(_Strict):
@@ -85,14 +86,14 @@ class Hyperparameters(_Strict):
         PPO: whether the value network sees the truth (see `edmsim.learning.privileged`).
     """
 
-    steps: Annotated[int, Field(gt=0)]
-    num_envs: Annotated[int, Field(gt=0)]
+    steps: Annotated[WholeNumber, Field(gt=0)]
+    num_envs: Annotated[WholeNumber, Field(gt=0)]
     environment: dict[str, Any]
     algorithm: dict[str, Any]
     network: Network
     lagrangian: Lagrangian | None = None
     residual: str | None = None
-    residual_um_s: Annotated[float, Field(gt=0)] = 5.0
+    residual_um_s: Annotated[Number, Field(gt=0)] = 5.0
     teacher: str | None = None
     privileged_critic: bool = False
 

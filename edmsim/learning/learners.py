@@ -27,6 +27,7 @@ try:
     from edmsim.learning.lagrangian import CostVecEnv, Multiplier
     from edmsim.learning.privileged import AsymmetricPolicy, PrivilegedVecEnv
     from edmsim.learning.residual import ResidualVecEnv
+    from edmsim.learning.sb3_parts import ACTIVATIONS
 except ImportError as error:
     raise InputError(f"training needs {error.name}: pip install 'edmsim[rl]'") from error
 
@@ -37,7 +38,6 @@ REPLAYS = ("sac", "tqc")
 """Algorithms with a replay buffer."""
 CRITICS = ("ppo", "ppo-lag")
 """Algorithms whose critic may be privileged."""
-ACTIVATIONS = {"tanh": torch.nn.Tanh, "relu": torch.nn.ReLU}
 _DEVICE = "cpu"  # a network this small waits for a GPU more than it gains; and the same seed gives the same policy
 
 

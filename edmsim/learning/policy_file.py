@@ -106,7 +106,7 @@ class Card(_Strict):
     action : list of str
         The network's outputs, in order; 1 and -1 are the ends of the action space.
     widths : list of int
-        Neurons of the hidden layers.
+        Neurons of the hidden layers; there may be none.
     activation : {"tanh", "relu"}
         Of the hidden layers.
     lstm : int, optional
@@ -120,7 +120,9 @@ class Card(_Strict):
     algorithm : str
     command : str
         What made it.
-    seed, steps : int
+    seed : int or None
+        None where the learner had none.
+    steps : int
     versions : dict
     scores : list of dict
         What it was measured at, beside a classic controller.
@@ -133,7 +135,7 @@ class Card(_Strict):
     epsilon: Annotated[FiniteFloat, Field(gt=0)]
     clip: Annotated[FiniteFloat, Field(gt=0)]
     action: Annotated[list[str], Field(min_length=1)]
-    widths: Annotated[list[Annotated[int, Field(gt=0)]], Field(min_length=1)]
+    widths: list[Annotated[int, Field(gt=0)]]
     activation: Literal["tanh", "relu"]
     lstm: Annotated[int, Field(gt=0)] | None = None
     residual: Residual | None = None
@@ -141,7 +143,7 @@ class Card(_Strict):
     arrays_sha256: str
     algorithm: str
     command: str
-    seed: int
+    seed: int | None
     steps: int
     versions: dict[str, str]
     scores: list[dict[str, Any]] = []

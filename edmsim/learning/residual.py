@@ -33,7 +33,7 @@ class ResidualVecEnv(VecEnvWrapper):  # type: ignore[misc, unused-ignore]
 
     def __init__(self, venv: EdmVecEnv, residual: Residual) -> None:
         super().__init__(venv)
-        self._residual = residual
+        self.residual = residual
         lanes = venv.env
         self._family = lanes.family
         self._laws = [lanes.lane_law(lane, residual.make()) for lane in range(self.num_envs)]
@@ -50,7 +50,7 @@ class ResidualVecEnv(VecEnvWrapper):  # type: ignore[misc, unused-ignore]
         """Add the actions to what the laws command."""
         given = np.array(actions, np.float32)
         for lane, feed_um_s in enumerate(self._feed_um_s):
-            given[lane, 0] = self._residual.action(self._family, feed_um_s, given[lane, 0])
+            given[lane, 0] = self.residual.action(self._family, feed_um_s, given[lane, 0])
         self.venv.step_async(given)
 
     def step_wait(self) -> Any:
@@ -62,6 +62,6 @@ class ResidualVecEnv(VecEnvWrapper):  # type: ignore[misc, unused-ignore]
 
     def _take(self, lane: int, command: FeedCommand) -> None:
         if command.t_on_us is not None or command.t_period_us is not None:
-            law = self._residual.law
+            law = self.residual.law
             raise InputError(f"'{law}' turns the generator's knobs: a policy adds to a law that only feeds")
         self._feed_um_s[lane] = command.feed_um_s

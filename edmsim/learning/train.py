@@ -16,6 +16,7 @@ from edmsim.errors import InputError
 from edmsim.files import locked
 from edmsim.learning import hyperparameters
 from edmsim.learning.hyperparameters import Hyperparameters
+from edmsim.learning.policy_file import Policy
 
 try:
     import tensorboard  # noqa: F401 - stable-baselines3 writes its logs with it
@@ -24,6 +25,7 @@ try:
     from stable_baselines3.common.logger import configure
 
     from edmsim.learning import learners
+    from edmsim.learning.start import start_sb3
 except ImportError as error:
     raise InputError(f"training needs {error.name}: pip install 'edmsim[rl]'") from error
 
@@ -86,7 +88,7 @@ class Trained(NamedTuple):
 def train(
     env_id: str, algo: str, out: Path, *, steps: int | None = None, seed: int = 0, resume: bool = False,
     watch: Callable[[TrainingProgress], None] | None = None, given: Hyperparameters | None = None,
-    callbacks: Sequence[BaseCallback] = (), begin_from: Path | None = None,
+    callbacks: Sequence[BaseCallback] = (), begin_from: Path | Policy | None = None,
 ) -> Trained:
     """Train a policy.
 
@@ -111,9 +113,10 @@ def train(
         What to train with; that of ``models/training`` by default.
     callbacks : sequence of BaseCallback
         What else stable-baselines3 calls, as `edmsim.envs.RecordEpisodes`.
-    begin_from : Path, optional
-        Checkpoint to begin from in place of a learner that knows nothing; `steps` counts those it has done. It may
-        be of a training with another seed or other settings: `given` is what it goes on with. Trust it, too.
+    begin_from : Path or Policy, optional
+        What to begin from in place of a learner that knows nothing. A policy file's network and normalisation
+        (see `edmsim.learning.start_sb3`); or a checkpoint, whose steps `steps` counts. That may be of a training with
+        another seed or other settings: `given` is what it goes on with. Trust it, too.
 
     Raises
     ------
@@ -140,7 +143,7 @@ def train(
         if not resume:
             for old in out.glob("checkpoint-*"):
                 shutil.rmtree(old)
-        _learn(trained, out, watch, callbacks, reset=last is None)
+        _learn(trained, out, watch, callbacks, reset=not isinstance(last, Path))
     return trained
 
 
@@ -162,16 +165,18 @@ def _learn(
         trained.normalise.close()
 
 
-def _begin(run: TrainingRun, given: Hyperparameters, last: Path | None) -> Trained:
-    """Make environment and learner, as new or as a checkpoint has them."""
-    before: dict[str, Any] = {"done": 0, "multiplier": None} if last is None else _told(last)
+def _begin(run: TrainingRun, given: Hyperparameters, last: Path | Policy | None) -> Trained:
+    """Make environment and learner, as new, with a policy, or as a checkpoint has them."""
+    before: dict[str, Any] = _told(last) if isinstance(last, Path) else {"done": 0, "multiplier": None}
     # other episodes after a break
     first = int(np.random.SeedSequence((run.seed, before["done"])).generate_state(1)[0])
     lanes = learners.lanes_of(run.env_id, given, first, before["multiplier"])
-    if last is None:
-        made = learners.new(run.algo, lanes, given, run.seed)
-    else:
+    if isinstance(last, Path):
         made = learners.load(run.algo, lanes, given, run.seed, last)
+    else:
+        made = learners.new(run.algo, lanes, given, run.seed)
+    if isinstance(last, Policy):
+        start_sb3(*made, last)
     lanes.edm.seed(first)  # the learner seeds them with its own seed, that a break would repeat
     return Trained(run, given, *made, lanes)
 

@@ -11,6 +11,7 @@ from collections.abc import Iterable, Iterator
 from typing import TYPE_CHECKING
 
 from edmsim.errors import InputError
+from edmsim.given_numbers import finite
 from edmsim.machine.files import read, read_base
 from edmsim.machine.parts import Choices, Constant, Generator, Material, SetUp, Wire
 from edmsim.machine.ranges import sample, uncertain
@@ -132,13 +133,14 @@ class Machine(SetUp):
         unknown = set(changes) - known
         if unknown:
             raise InputError(f"Machine.with_ does not know {', '.join(sorted(unknown))}")
-        machine = self.model_copy(update=changes)
+        machine = self.model_copy(update={name: _checked(name, value) for name, value in changes.items()})
         machine.check()
         return machine
 
     def with_pulses(self, t_on_us: float, t_period_us: float) -> Machine:
         """Return a copy with another setting of the pulses; only they are checked, so it takes a fifth of `with_`."""
-        machine = self.model_copy(update={"t_on_us": t_on_us, "t_period_us": t_period_us})
+        pulses = {"t_on_us": finite("t_on_us", t_on_us), "t_period_us": finite("t_period_us", t_period_us)}
+        machine = self.model_copy(update=pulses)
         check_pulses(machine)
         return machine
 
@@ -192,6 +194,12 @@ class Machine(SetUp):
     def check(self) -> None:
         """Raise `InputError` for a set-up that cannot run."""
         check(self)
+
+
+def _checked(name: str, value: float | str | None) -> float | str | None:
+    """Return an operator's choice as a set-up keeps it; only those that stand in for a constant may be None."""
+    unset = value is None and name in Choices.model_fields
+    return value if unset or name == "pulse_shape" else finite(name, value)
 
 
 def _split_wire(wire: str) -> tuple[str, float | None]:

@@ -11,6 +11,8 @@ from typing import Annotated, Literal
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
 
+from edmsim.given_numbers import Number
+
 
 class Part(BaseModel):
     """A group of constants or choices that is read as a whole, and never changed."""
@@ -30,9 +32,9 @@ class Constant(Part):
         Published or assumed bounds of the value.
     """
 
-    value: Annotated[float, Field(allow_inf_nan=False)]
+    value: Annotated[Number, Field(allow_inf_nan=False)]
     source: Annotated[str, Field(min_length=3)]
-    range: tuple[float, float] | None = None
+    range: tuple[Number, Number] | None = None
 
     @model_validator(mode="after")
     def _value_in_range(self) -> Constant:
@@ -44,7 +46,7 @@ class Constant(Part):
 class Positive(Constant):
     """A constant above zero."""
 
-    value: Annotated[float, Field(gt=0, allow_inf_nan=False)]
+    value: Annotated[Number, Field(gt=0, allow_inf_nan=False)]
 
 
 def _within(low: float, high: float) -> AfterValidator:
@@ -292,14 +294,14 @@ class Choices(Part):
     Nothing but `edmsim.machine.setting` reads these: its functions return what is in force.
     """
 
-    open_voltage_V: float | None = None
-    peak_current_A: float | None = None
-    resistance_ohm: float | None = None
-    ignition_wait_us: float | None = None
+    open_voltage_V: Number | None = None
+    peak_current_A: Number | None = None
+    resistance_ohm: Number | None = None
+    ignition_wait_us: Number | None = None
     pulse_shape: str | None = None
-    wire_speed_m_s: float | None = None
-    flushing_lower_Pa: float | None = None
-    flushing_upper_Pa: float | None = None
+    wire_speed_m_s: Number | None = None
+    flushing_lower_Pa: Number | None = None
+    flushing_upper_Pa: Number | None = None
 
 
 class SetUp(Choices):
@@ -313,11 +315,11 @@ class SetUp(Choices):
     wire: Wire
     material: Material
     generator: Generator
-    wire_diameter_um: float
-    tension: float
-    height_mm: float
-    t_on_us: float
-    t_period_us: float
+    wire_diameter_um: Number
+    tension: Number
+    height_mm: Number
+    t_on_us: Number
+    t_period_us: Number
 
     @property
     def guide_distance_mm(self) -> float:

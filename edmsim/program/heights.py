@@ -18,6 +18,7 @@ import shapely
 from shapely.geometry import shape
 
 from edmsim.errors import InputError
+from edmsim.given_numbers import plain, real
 from edmsim.machine.setting import HEIGHT_MM, check_height
 from edmsim.plant.workpiece.height_steps import LowerRegion, slices_below
 
@@ -162,7 +163,9 @@ def checked_changes(given: Sequence[Height]) -> tuple[Height, ...]:
     """Return changes of height over path length, checked; raises `InputError` as `Heights.of`."""
     before = -math.inf
     checked = []
-    for place, height in (_pair(item, "a path length") for item in given):
+    for place, height in (_pair(plain(item), "a path length") for item in given):
+        if real(place) is None:
+            raise InputError(f"a height changes at a length of path in mm, not at {place!r}")
         check_height(height, f" from {place:g} mm of path on")
         if not 0 <= place < math.inf:
             raise InputError(f"a height cannot change at {place:g} mm of path: it must be 0 mm or more")
@@ -203,10 +206,13 @@ def parse_height(text: str) -> Height:
 
 def _pair(item: tuple[Any, float], first: str) -> tuple[Any, float]:
     try:
-        where, height = item
-        return where, float(height)
+        where, given = item
     except (TypeError, ValueError):
-        raise InputError(f"a change of height is {first} and a height in mm, not {item!r}") from None
+        where = given = None
+    height = real(given)
+    if height is None:
+        raise InputError(f"a change of height is {first} and a height in mm, not {item!r}")
+    return where, float(height)
 
 
 def _polygon(given: BaseGeometry | Sequence[Sequence[float]] | Mapping[str, Any], number: int) -> shapely.Polygon:

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from edmsim.errors import InputError
+from edmsim.given_numbers import real
 
 _NAME = re.compile(r"([DH])0*(\d{1,4})")
 GREATEST_MM = 10.0
@@ -53,16 +54,18 @@ def checked_offsets(offsets: Mapping[str, object], file: str | Path | None = Non
         found = _NAME.fullmatch(name.strip().upper())
         if found is None:
             raise InputError(f"there is no offset register {name!r}: name them D1, D2 or H1, H2", file)
-        if isinstance(value, bool) or not isinstance(value, int | float) or not 0 <= value <= GREATEST_MM:
+        offset_mm = real(value)
+        if offset_mm is None or not 0 <= offset_mm <= GREATEST_MM:
             raise InputError(f"the offset {name} is {value!r}: give 0 to {GREATEST_MM:g} mm{in_um(value)}", file)
-        table[register(found[1], found[2])] = float(value)
+        table[register(found[1], found[2])] = float(offset_mm)
     return table
 
 
 def in_um(value: object) -> str:
     """Return a hint for an offset that is too large for mm, and would be none in um."""
-    meant_mm = value / 1e3 if isinstance(value, int | float) else 0.0
-    return f"; {value:g} um are {meant_mm:g} mm" if GREATEST_MM < 1e3 * meant_mm <= 1e3 * GREATEST_MM else ""
+    number = real(value)
+    meant_mm = 0.0 if number is None else number / 1e3
+    return f"; {number:g} um are {meant_mm:g} mm" if GREATEST_MM < 1e3 * meant_mm <= 1e3 * GREATEST_MM else ""
 
 
 class Offset(NamedTuple):

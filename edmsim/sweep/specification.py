@@ -11,6 +11,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, ConfigDict, Field, ModelWrapValidatorHandler, ValidationError, model_validator
 
 from edmsim.errors import InputError
+from edmsim.given_numbers import whole
 from edmsim.sweep.values import flattened, values_of
 
 MOST_SEEDS = 10_000_000
@@ -119,8 +120,9 @@ class Specification(_Strict):
         for name in ("program", "environment", "recordings"):
             if isinstance(full.get(name), str):
                 full[name] = [full[name]]
-        if isinstance(full.get("seeds"), int) and not isinstance(full["seeds"], bool):
-            full["seeds"] = _first_seeds(full["seeds"], bool(full.get("environment")))
+        seeds = whole(full.get("seeds"))
+        if seeds is not None:
+            full["seeds"] = _first_seeds(seeds, bool(full.get("environment")))
         for name in ("settings", "grid"):
             if isinstance(full.get(name), Mapping):
                 full[name] = flattened(full[name])

@@ -51,6 +51,7 @@ BEFORE: dict[str, tuple[str, ...]] = {
 TEXT_FILES = {"docs/terminal.md": {"program.txt": "TI 30 TP 100\nNEW 1300 1000\nEND\n", "job.txt": "HELP\nBYE\n"}}
 """Files that the commands of a page read and a reader writes."""
 NEEDS = {
+    "README.md": ("stable_baselines3",),
     "docs/environments.md": ("stable_baselines3",),
     "docs/how-to/environment.md": ("stable_baselines3", "tensorboard"),
     "docs/playback.md": ("imageio_ffmpeg",),

@@ -86,7 +86,7 @@ def test_every_third_episode_is_recorded_also_one_left_before_its_end(make_env, 
 def test_other_environments_and_counts_are_refused(make_env, tmp_path, every) -> None:
     with pytest.raises(InputError, match="records environments of edmsim"):
         RecordRerun(gymnasium.make("CartPole-v1"), tmp_path)
-    with pytest.raises(InputError, match=r"every is .*: give a whole number from 1"):
+    with pytest.raises(InputError, match=r"every is .*: give a whole number, 1 or more"):
         RecordRerun(make_env("GapFeed"), tmp_path, every=every)
 
 

@@ -101,9 +101,9 @@ def _run_drives(
         event = next_event < events.shape[0] and events[next_event, 0] <= due_ns and events[next_event, 0] < until_ns
         if event:
             due_ns = events[next_event, 0]
-        coast_all(axes, 2 if full else 0, due_ns)
+        fine = coast_all(axes, 2 if full else 0, due_ns)
         _place_axes(state, axes)
-        if not in_reach(state):
+        if not (fine and in_reach(state)):
             return LOST
         if event:
             channel, value = events[next_event, 1], events[next_event, 2]

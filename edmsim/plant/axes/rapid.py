@@ -57,11 +57,10 @@ def run_moves(axes: Axes, moves: NDArray[np.void], until_ns: int) -> bool:
     """Run the drives and their axes to a time; false if a command is none, or an axis has run away."""
     while True:
         who, due_ns = first_due(axes, until_ns)
-        coast_all(axes, 0, due_ns)
+        if not coast_all(axes, 0, due_ns):
+            return False
         for axis in range(N_AXES):
             axes.drives[axis].setpoint += make_steps(moves, axis, 0, due_ns)
-            if not abs(axes.rows[axis].place_um) < 1e9:
-                return False
         if who == NOBODY:
             return True
         if not serve(axes, who, due_ns):

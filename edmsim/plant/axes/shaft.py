@@ -22,6 +22,8 @@ from edmsim.plant.kernel.state import Axes
 
 _LONGEST_NS = 20_000
 """Time step (ours): a hundredth of the electrical time constant of small motors, as long as half a bridge's pulse."""
+_FURTHEST_UM = 1e9
+"""Travel of rotor or table beyond which an axis has run away (ours: a kilometre)."""
 _SWING = 0.2
 """Time step as a share of the radian of the fastest swing (ours)."""
 
@@ -98,25 +100,29 @@ def _turn(row: Any, motor: Any, dt: float) -> None:
 
 
 @compiled
-def coast(axes: Axes, axis: int, until_ns: int) -> None:
-    """Move an axis whose drive has a loop to a time, its outputs held, in equal time steps."""
+def coast(axes: Axes, axis: int, until_ns: int) -> bool:
+    """Move an axis whose drive has a loop to a time, its outputs held, in equal time steps; see `coast_all`."""
     drive, row, motor = axes.drives[axis], axes.rows[axis], axes.motors[axis]
     span_ns = until_ns - row.moved_ns
     if span_ns <= 0:
-        return
+        return True
     steps = -(-span_ns // axes.step_ns[axis])
     dt, start_ns = span_ns * 1e-9 / steps, row.moved_ns
     for k in range(steps):
         before = position(row, motor)
         _turn(row, motor, dt)
+        if not (abs(row.place_um) < _FURTHEST_UM and abs(row.rotor_um) < _FURTHEST_UM):
+            return False  # its encoder would count edges without end
         see_edges(drive, row, motor, before, start_ns + k * dt * 1e9, start_ns + (k + 1) * dt * 1e9)
         watch_cam(row, motor, start_ns + (k + 1) * dt * 1e9)
     row.moved_ns = until_ns
+    return True
 
 
 @compiled
-def coast_all(axes: Axes, first: int, until_ns: int) -> None:
-    """Move the axes from `first` on whose drives have a loop."""
+def coast_all(axes: Axes, first: int, until_ns: int) -> bool:
+    """Move the axes from `first` on whose drives have a loop; false if one is no place, or beyond every reason."""
     for axis in range(first, N_AXES):
-        if axes.drives[axis].sample != 0:
-            coast(axes, axis, until_ns)
+        if axes.drives[axis].sample != 0 and not coast(axes, axis, until_ns):
+            return False
+    return True

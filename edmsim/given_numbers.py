@@ -1,0 +1,83 @@
+"""Numbers that users give: Python's own, numpy's, fractions, arrays without a dimension; a truth value is no number.
+
+>>> import numpy as np
+>>> plain(np.float32(0.5)), plain((np.int64(3), True))
+(0.5, (3, True))
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import fields
+from numbers import Integral, Real
+from typing import Annotated, Any
+
+import numpy as np
+from pydantic import BeforeValidator
+
+from edmsim.errors import InputError
+
+
+def _scalar(value: object) -> object:
+    """Return what an array without a dimension holds."""
+    return value[()] if isinstance(value, np.ndarray) and value.ndim == 0 else value
+
+
+def real(value: object) -> float | None:
+    """Return a number as Python's own; None for what is none."""
+    value = _scalar(value)
+    if isinstance(value, bool) or not isinstance(value, Real):
+        return None
+    try:
+        return int(value) if isinstance(value, Integral) else float(value)
+    except OverflowError:
+        return math.inf if math.trunc(value) > 0 else -math.inf
+
+
+def whole(value: object) -> int | None:
+    """Return a whole number as Python's own; None for what is none, 3.0 among it."""
+    number = real(value)
+    return number if isinstance(number, int) else None
+
+
+def plain(value: Any) -> Any:
+    """Return a number as Python's own, also within tuples and lists; anything else as it is."""
+    if isinstance(value, tuple | list):
+        inner = [plain(entry) for entry in value]
+        return type(value)(*inner) if hasattr(value, "_fields") else type(value)(inner)
+    number = real(value)
+    return value if number is None else number
+
+
+def keep_plain(record: Any) -> None:
+    """Make the numbers among the fields of a dataclass Python's own, also of a frozen one."""
+    for field in fields(record):
+        object.__setattr__(record, field.name, plain(getattr(record, field.name)))
+
+
+def finite(name: str, value: object, least: float = -math.inf) -> float:
+    """Return an argument as a number; refuse what is none, or not finite, or below `least`."""
+    number = real(value)
+    if number is None or not least <= number < math.inf or number == -math.inf:
+        from_least = f" of {least:g} or more" if least > -math.inf else ""
+        raise InputError(f"{name} is {value!r}: give a finite number{from_least}")
+    return number
+
+
+def whole_from(name: str, value: object, least: int | None = None) -> int:
+    """Return an argument as a whole number; refuse what is none, or below `least`."""
+    number = whole(value)
+    if number is None or (least is not None and number < least):
+        raise InputError(f"{name} is {value!r}: give a whole number{'' if least is None else f', {least} or more'}")
+    return number
+
+
+def _for_pydantic(value: object) -> object:
+    if isinstance(_scalar(value), bool | np.bool_):
+        raise ValueError("Input should be a valid number, not a truth value")
+    return plain(value)
+
+
+Number = Annotated[float, BeforeValidator(_for_pydantic)]
+"""A number among a pydantic model's fields."""
+WholeNumber = Annotated[int, BeforeValidator(_for_pydantic)]

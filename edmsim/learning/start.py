@@ -1,0 +1,87 @@
+"""Learning on from a policy file, whose network and normalisation a learner takes (extra ``rl``)."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import torch
+
+from edmsim.envs.batch import entries_of
+from edmsim.errors import InputError
+from edmsim.learning.policy_file import Policy, load, meanings
+from edmsim.learning.sb3_parts import Around, PolicyNetwork, around, network_of, shape_in_words
+
+SCALES = ("max_feed_um_s", "max_change_um_s", "setting_octaves", "offset_um", "servo_target_share")
+"""Arguments of an environment that say how much an action of 1 is."""
+
+
+def start_sb3(model: Any, lanes: Any, policy: str | Policy) -> None:
+    """Let a learner's first policy be one from a file; critics and noise stay as the learner has them.
+
+    Parameters
+    ----------
+    model : learner of stable_baselines3 or sb3_contrib
+        Of a kind that `export_sb3` takes.
+    lanes : VecEnv
+        What it learns on, in a `VecNormalize`, which takes the policy's statistics and goes on from them.
+    policy : str or Policy
+        Either of its files, or a name under ``models/policies``, with ``policy:`` before it or not.
+
+    Raises
+    ------
+    InputError
+        The policy sees, does or is something else than the learner.
+
+    Examples
+    --------
+    >>> from edmsim.learning import start_sb3
+    >>> start_sb3(model, lanes, "policy:GapFeed-ppo")  # doctest: +SKIP
+    """
+    given = load(policy.removeprefix("policy:")) if isinstance(policy, str) else policy
+    network, wrapped = network_of(model), around(lanes)
+    _check(given, network, wrapped)
+    with torch.no_grad():
+        for layer, weight, bias in zip(network.layers, given.weights, given.biases, strict=True):
+            _put(layer.weight, weight.T)
+            _put(layer.bias, bias)
+        if given.lstm is not None:
+            lstm = network.lstm
+            _put(lstm.weight_ih_l0, given.lstm.seen.T)
+            _put(lstm.weight_hh_l0, given.lstm.kept.T)
+            _put(lstm.bias_ih_l0, given.lstm.bias)
+            _put(lstm.bias_hh_l0, np.zeros_like(given.lstm.bias))
+    normalise, card = wrapped.normalise, given.card
+    assert normalise is not None
+    normalise.epsilon, normalise.clip_obs = card.epsilon, card.clip
+    statistics = normalise.obs_rms
+    statistics.mean = np.array([entry.mean for entry in card.observation])
+    statistics.var = np.array([entry.variance for entry in card.observation])
+    statistics.count = max(float(card.steps), 1.0)
+
+
+def _put(parameter: Any, values: Any) -> None:
+    parameter.copy_(torch.as_tensor(np.ascontiguousarray(values), dtype=parameter.dtype))
+
+
+def _check(policy: Policy, network: PolicyNetwork, wrapped: Around) -> None:
+    """Refuse a policy that the learner cannot begin with."""
+    card, family, theirs = policy.card, wrapped.family, policy.family()
+    if network.shown is not None:
+        raise InputError("a policy file has no statistics of what only a privileged critic sees: start without one")
+    if wrapped.normalise is None:
+        raise InputError("a policy brings the statistics of its observation: wrap the lanes in VecNormalize")
+    if card.residual != wrapped.residual:
+        both = card.residual, wrapped.residual
+        laws = [f"to {each.law} by {each.range_um_s:g} um/s" if each else "to no law" for each in both]
+        raise InputError(f"the policy adds {laws[0]}, the training {laws[1]}: begin with the same residual")
+    shape, own = shape_in_words(card.widths, card.activation, card.lstm, card.output), network.words()
+    if shape != own:
+        raise InputError(f"the policy has {shape}; the learner has {own}: choose its algorithm and network so")
+    sees = [[entry.name for entry in entries_of(each)] for each in (theirs, family)]
+    if sees[0] != sees[1] or meanings(theirs) != meanings(family):
+        raise InputError(f"the policy, of {card.env_id}, sees or does something else than the training's environment")
+    for name in SCALES:
+        here, there = getattr(family, name), getattr(theirs, name)
+        if here != there:
+            raise InputError(f"the policy learnt with {name} {there}, the training has {here}: give it the same")

@@ -1,0 +1,235 @@
+"""A learner of one's own leaves as a policy file that does what it does, and a learner begins with a policy file."""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+from functools import partial
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+from edmsim.envs import DiscreteFeed
+from edmsim.errors import InputError
+from edmsim.job.cut import cut
+from edmsim.learning import policy_file
+from edmsim.learning.command import Asked
+
+if not all(map(importlib.util.find_spec, ("sb3_contrib", "stable_baselines3", "torch", "tensorboard"))):
+    pytest.skip("the extra rl is not installed", allow_module_level=True)
+
+import torch
+from sb3_contrib import TQC, RecurrentPPO
+from stable_baselines3 import A2C, DQN, PPO, SAC, TD3
+from stable_baselines3.common.env_util import make_vec_env
+from stable_baselines3.common.torch_layers import FlattenExtractor
+from stable_baselines3.common.vec_env import DummyVecEnv, VecFrameStack, VecMonitor, VecNormalize
+
+from edmsim.envs import make_sb3_vec_env
+from edmsim.learning import export_sb3, start_sb3
+
+pytestmark = [
+    pytest.mark.filterwarnings("ignore::DeprecationWarning"),
+    pytest.mark.filterwarnings("ignore::UserWarning"),
+]
+SMALL = {"net_arch": [16, 8]}
+KINDS = {
+    "ppo": partial(PPO, "MlpPolicy", n_steps=16, batch_size=32),
+    "ppo-gsde": partial(PPO, "MlpPolicy", n_steps=16, batch_size=32, use_sde=True),
+    "a2c": partial(A2C, "MlpPolicy", n_steps=8),
+    "recurrent-ppo": partial(RecurrentPPO, "MlpLstmPolicy", n_steps=16, batch_size=32),
+    "sac": partial(SAC, "MlpPolicy", learning_starts=8, train_freq=8),
+    "tqc": partial(TQC, "MlpPolicy", learning_starts=8, train_freq=8),
+    "td3": partial(TD3, "MlpPolicy", learning_starts=8, train_freq=8),
+}
+KEPT = {"resolution": "fast", "planner": "exact", "height_mm": 5.0}
+
+
+def learner(kind, lanes, steps=32, **network):
+    torch.set_num_threads(1)
+    made = KINDS[kind](lanes, policy_kwargs={**SMALL, **network}, seed=2, device="cpu")
+    return made.learn(steps) if steps else made
+
+
+def most_apart(model, lanes, policy, steps=25):
+    """Largest difference of actions over some steps, in which both see the same."""
+    raw, worst, state, memory = lanes, 0.0, None, policy.fresh_memory()
+    while hasattr(raw, "venv"):
+        raw = raw.venv
+    raw.seed(11)
+    seen = raw.reset()
+    for k in range(steps):
+        normal = lanes.normalize_obs(seen) if isinstance(lanes, VecNormalize) else seen
+        wanted, state = model.predict(normal, state, np.full(len(seen), k == 0), deterministic=True)
+        action, memory = policy.act(seen[0], memory)
+        worst = max(worst, float(np.abs(action - wanted[0]).max()))
+        seen, _, done, _ = raw.step(wanted)
+        assert not done.any()
+    return worst
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_policy_does_what_its_learner_does_through_the_normalisation(kind, tmp_path):
+    lanes = VecNormalize(VecMonitor(make_sb3_vec_env("edmsim/GapFeed-v1", 2, seed=1, **KEPT)), clip_obs=5.0)
+    model = learner(kind, lanes)
+    policy = export_sb3(model, lanes, tmp_path / "own" / "policy.json")
+    assert most_apart(model, lanes, policy) < 2e-6
+    card = policy_file.load(str(tmp_path / "own" / "policy.json")).card
+    assert (card.env_id, card.environment) == ("edmsim/GapFeed-v1", {"planner": "exact", "height_mm": 5.0})
+    assert (card.algorithm, card.clip, card.steps, card.seed) == (kind.removesuffix("-gsde"), 5.0, 32, 2)
+    assert card.observation[0].mean == lanes.obs_rms.mean[0]
+
+
+@pytest.mark.parametrize(
+    ("wrap", "network"),
+    [
+        (lambda lanes: lanes, {"activation_fn": torch.nn.ReLU}),
+        (VecMonitor, {"net_arch": []}),
+        (partial(VecNormalize, norm_obs=False), {"net_arch": {"pi": [12], "vf": [7]}}),
+    ],
+)
+def test_without_a_normalisation_it_sees_what_is_shown(wrap, network, tmp_path):
+    lanes = wrap(make_sb3_vec_env("edmsim/ThinWire-v0", 2, seed=1, decision_s=None))
+    model = learner("ppo", lanes, **network)
+    assert most_apart(model, lanes, export_sb3(model, lanes, tmp_path / "policy.json")) < 2e-6
+
+
+def test_the_lanes_may_be_single_environments_of_stable_baselines3(tmp_path):
+    lanes = VecNormalize(make_vec_env("edmsim/Trim-v0", 2, env_kwargs={"decision_s": None, "wave_um": (5.0, 6.0)}))
+    model = learner("sac", lanes, steps=16)
+    policy = export_sb3(model, lanes, tmp_path / "policy.json")
+    assert policy.card.env_id == "edmsim/Trim-v0"
+    assert policy.card.environment == {"decision_s": None, "wave_um": [5.0, 6.0]}
+    assert most_apart(model, lanes, policy, 10) < 2e-6
+
+
+def test_it_cuts_a_part_and_is_compared(tmp_path, small_punch, short_episodes, edmsim):
+    lanes = VecNormalize(make_sb3_vec_env("edmsim/GapFeed-v1", 2, seed=1))
+    export_sb3(learner("recurrent-ppo", lanes), lanes, tmp_path / "policy.json")
+    named = f"policy:{tmp_path / 'policy.json'}"
+    done = cut(small_punch, controller=named, height_mm=5.0, resolution="fast", max_time_s=1.0)
+    assert done.windows.num_rows > 30
+    status, out, err = edmsim(
+        "evaluate", "edmsim/GapFeed-v1", "--controllers", named, "--seeds", 2, "--resolution", "fast", "--json"
+    )
+    assert status == 0, err
+    assert [row["controller"] for row in json.loads(out)[0]["cuts"]].count(named) == 2
+
+
+def test_what_a_file_cannot_hold_is_refused_in_a_line_and_leaves_none(tmp_path):
+    file = tmp_path / "policy.json"
+
+    def refused(model, lanes, match):
+        with pytest.raises(InputError, match=match):
+            export_sb3(model, lanes, file)
+        assert not list(tmp_path.iterdir())
+
+    bare = make_sb3_vec_env("edmsim/GapFeed-v1", 2)
+    new = partial(learner, steps=0)
+    refused(new("ppo", bare, activation_fn=torch.nn.ELU), bare, "ELU: a policy file holds linear layers")
+    refused(SAC("MlpPolicy", bare, use_sde=True, device="cpu"), bare, "SAC's network has Hardtanh: a policy file")
+    refused(new("recurrent-ppo", bare, n_lstm_layers=2), bare, "LSTM.*more than a policy file holds")
+    stacked = VecFrameStack(bare, 2)
+    refused(new("ppo", stacked), stacked, "VecFrameStack around the lanes may change")
+    twice = VecNormalize(VecNormalize(bare))
+    refused(new("ppo", twice), twice, "normalised twice")
+    refused(new("ppo", bare), make_sb3_vec_env("edmsim/GapFeed-v1", 2, history=2), "other observations or actions")
+
+    class Halved(FlattenExtractor):
+        def forward(self, observations):
+            return super().forward(observations) / 2
+
+    refused(new("ppo", bare, features_extractor_class=Halved), bare, "what Halved makes of observations")
+    broken = new("ppo", bare)
+    broken.policy.action_net.bias.data[:] = float("nan")
+    refused(broken, bare, "not finite")
+    levels = DummyVecEnv([lambda: DiscreteFeed(gym.make("edmsim/GapFeed-v1"))])
+    for model in (new("ppo", levels), DQN("MlpPolicy", levels, buffer_size=10)):
+        refused(model, levels, r"chooses among Discrete\(7\)")
+    scaled = DummyVecEnv([lambda: gym.wrappers.RescaleAction(gym.make("edmsim/GapFeed-v1"), -1.0, 1.0)])
+    refused(new("ppo", scaled), scaled, "RescaleAction around the lanes")
+    other = DummyVecEnv([lambda: gym.make("Pendulum-v1")])
+    refused(new("ppo", other), other, "PendulumEnv is no environment of edmsim")
+    with pytest.raises(InputError, match=r"name the policy's file NAME\.json"):
+        export_sb3(new("ppo", bare), bare, tmp_path / "policy.zip")
+
+
+@pytest.mark.parametrize("kind", ["ppo", "recurrent-ppo", "tqc"])
+def test_a_learner_begins_with_the_policy_of_another(kind, tmp_path):
+    lanes = VecNormalize(make_sb3_vec_env("edmsim/GapFeed-v1", 2, seed=1))
+    policy = export_sb3(learner(kind, lanes), lanes, tmp_path / "policy.json")
+    others = VecNormalize(make_sb3_vec_env("edmsim/GapFeed-v1", 2, seed=4))
+    second = learner(kind, others, steps=0)
+    assert most_apart(second, others, policy) > 1e-3
+    start_sb3(second, others, f"policy:{tmp_path / 'policy.json'}")
+    others.training = False
+    assert most_apart(second, others, policy) < 2e-6
+    again = export_sb3(second, others, tmp_path / "again.json")
+    for one, other in zip(policy.weights + policy.biases, again.weights + again.biases, strict=True):
+        assert np.array_equal(one, other)
+    assert again.card.observation == policy.card.observation
+    others.training = True
+    second.learn(32)
+    assert 32 < others.obs_rms.count < 200  # the statistics go on from those of the policy
+
+
+def test_a_training_begins_with_a_shipped_policy(short_training, tmp_path, edmsim, monkeypatch):
+    from edmsim.learning import train as training
+
+    begun = []
+    monkeypatch.setattr(training, "_learn", lambda trained, *_, **__: begun.append(trained))
+    words = "train", "edmsim/GapFeed-v1", "--start", "policy:GapFeed-ppo", "--steps", 64, "--score", 0
+    status, _, err = edmsim(*words, "--out", tmp_path)
+    assert status == 0, err
+    shipped, first = policy_file.load("GapFeed-ppo"), policy_file.load(str(tmp_path / "policy.json"))
+    assert first.card.observation == shipped.card.observation
+    assert "--start policy:GapFeed-ppo" in first.card.command
+    seen = np.random.default_rng(0).uniform(0, 1, (20, len(shipped.card.observation))).astype(np.float32)
+    assert all(np.array_equal(first.action(row), shipped.action(row)) for row in seen)
+    model, normalise = begun[0].model, begun[0].normalise
+    normal = normalise.normalize_obs(seen)
+    assert np.abs(model.predict(normal, deterministic=True)[0] - [shipped.action(row) for row in seen]).max() < 2e-6
+
+
+@pytest.mark.parametrize(
+    ("env_id", "algo", "policy", "asked", "match"),
+    [
+        ("GapFeed", "sac", "GapFeed-ppo", {}, "output by clip; the learner has .* output by tanh"),
+        ("GapFeed", "recurrent-ppo", "GapFeed-ppo", {}, "the learner has an LSTM of 64 cells"),
+        ("Corner", "ppo", "GapFeed-ppo", {}, "of edmsim/GapFeed-v1, sees or does something else"),
+        ("GapFeed", "ppo", "GapFeed-ppo", {"residual": "voltage"}, "adds to no law, the training to voltage by 5"),
+        ("GapFeed", "ppo", "GapFeed-ppo", {"privileged_critic": True}, "privileged critic"),
+    ],
+)
+def test_a_policy_that_a_training_cannot_begin_with_is_refused(env_id, algo, policy, asked, match, tmp_path):
+    from edmsim.learning.train import train
+
+    given = Asked(**asked).hyperparameters(env_id, algo).model_copy(update={"num_envs": 1})
+    with pytest.raises(InputError, match=match):
+        train(env_id, algo, tmp_path, given=given, steps=64, begin_from=policy_file.load(policy))
+
+
+def test_a_training_takes_the_policys_layers_unless_its_settings_name_others(tmp_path):
+    from edmsim.learning.train import train
+
+    asked = Asked(start="policy:Corner-imitation")
+    given = asked.hyperparameters("Corner", "ppo")
+    assert (given.network.widths, given.network.activation) == ([128, 128], "relu")
+    assert Asked().hyperparameters("Corner", "ppo").network.widths == [64, 64]
+    settings = tmp_path / "settings.toml"
+    settings.write_text("[network]\nwidths = [32, 32]\n", encoding="utf-8")
+    given = asked._replace(settings=settings).hyperparameters("Corner", "ppo").model_copy(update={"num_envs": 1})
+    with pytest.raises(InputError, match=r"layers \[128, 128\] with relu.*the learner has hidden layers \[32, 32\]"):
+        train("Corner", "ppo", tmp_path, given=given, steps=64, begin_from=asked.policy())
+
+
+def test_another_scale_of_actions_or_no_normalisation_is_refused():
+    lanes = VecNormalize(make_sb3_vec_env("edmsim/GapFeed-v1", 1, max_change_um_s=8.0))
+    wide = {"net_arch": [64, 64]}
+    with pytest.raises(InputError, match=r"max_change_um_s 4\.0, the training has 8\.0"):
+        start_sb3(learner("ppo", lanes, 0, **wide), lanes, "GapFeed-ppo")
+    with pytest.raises(InputError, match="wrap the lanes in VecNormalize"):
+        start_sb3(learner("ppo", lanes.venv, 0, **wide), lanes.venv, "GapFeed-ppo")
+    with pytest.raises(InputError, match="there is no policy 'GapFeed-dqn'"):
+        start_sb3(learner("ppo", lanes, 0, **wide), lanes, "policy:GapFeed-dqn")
