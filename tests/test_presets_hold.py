@@ -38,7 +38,7 @@ def test_production_pulses_leave_the_start_hole(height_mm: float) -> None:
 
 
 @pytest.mark.parametrize("height_mm", [20.0, 80.0])
-def test_pulses_too_dense_for_the_wire_are_told_which_period_holds(height_mm: float) -> None:
+def test_of_pulses_too_dense_the_report_says_which_period_holds(height_mm: float) -> None:
     report = cut(8.0, height_mm=height_mm, t_period_us=9.4, **PRODUCTION)
     assert report["outcome"] == "wire-break"
     assert report["cutting_rate_mm2_min"] is None  # it never left its start hole

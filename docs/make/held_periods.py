@@ -1,7 +1,8 @@
 """Which pulse periods hold from the start hole on: `python docs/make/held_periods.py` prints a table.
 
 It is one of guide/set-up.md. Cuts of `examples/punch.ngc` on the production machine, with its generator and all else
-as preset, end after 40 s: a wire that breaks of its pulses does so at the first contact, or on its way out of the hole.
+as preset, end after 40 s: a wire that breaks of its pulses does so at the first contact, or on its way out of the
+hole.
 """
 
 from __future__ import annotations
