@@ -16,6 +16,10 @@ LONGEST_REASON, LONGEST_PLACE = 2000, 300
 (ours)."""
 
 
+_NEAR = 0.75
+"""Share of letters that a name and a near one have in common (ours: one letter of four may be wrong)."""
+
+
 class EdmsimError(Exception):
     """Base of every error edmsim raises on purpose."""
 
@@ -64,7 +68,7 @@ def one_of(name: str, known: Iterable[str], listed: Iterable[str] | None = None)
         Those to list, if not all of them.
     """
     by_lower = {one.lower(): one for one in known}
-    near = get_close_matches(name.lower(), by_lower, n=1)
+    near = get_close_matches(name.lower(), by_lower, n=1, cutoff=_NEAR)
     hint = f"; did you mean '{by_lower[near[0]]}'?" if near else ""
     return ", ".join(by_lower.values() if listed is None else listed) + hint
 

@@ -32,6 +32,7 @@ from edmsim.cosim.stops import WORDS, StopCause, judge, switches_open
 from edmsim.cosim.sums import Sums
 from edmsim.errors import InputError
 from edmsim.machine.machine import Machine
+from edmsim.machine.setting import held_period_us
 from edmsim.plant.axes.drives import AxisDrive
 from edmsim.plant.plant import Plant
 from edmsim.plant.window import PulseWindow
@@ -301,7 +302,7 @@ class Simulation:
         tripped, done = self.plant.drive_faults, self._motion.planner.done
         cause = StopCause(judge(WIRE_BREAK in opened, False, switch, tripped != 0, alarm is not None, late, done))
         if window.broken:
-            self._say(f"the wire broke {self.plant.broken_height_mm:.1f} mm above the workpiece's lower face")
+            self._say(self._break_of(window))
             if WIRE_BREAK not in opened:
                 self._say("its stuck sensor did not see that, and the machine went on without a wire")
                 self.plant.go_bare()
@@ -315,6 +316,16 @@ class Simulation:
         elif cause is StopCause.TIME_LIMIT:
             self._say(f"the time limit of {self._max_time_ns * 1e-9:g} s of machine time was reached")
         return cause
+
+    def _break_of(self, window: PulseWindow) -> str:
+        """Say where the wire broke and how hot it was; of pulses denser than hold, which period would have held."""
+        where = f"{self.plant.broken_height_mm:.1f} mm above the workpiece's lower face"
+        text = f"the wire broke {where}, at {window.wire_temperature_K:.0f} K"
+        period_us, held_us = self.plant.machine.t_period_us, held_period_us(self.plant.machine)
+        if period_us > 0.99 * held_us:
+            return text
+        held = f"from {held_us:.3g} us on it carries no more than at the generator's own setting, which holds"
+        return f"{text}: a period of {period_us:.3g} us is too short for it; {held}"
 
     def _say(self, reason: str) -> None:
         """Add to the reason for which the cut ends."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from edmsim.errors import CombinationError, InputError, one_of
-from edmsim.machine.parts import Constant, SetUp
+from edmsim.machine.parts import Choices, Constant, SetUp
 
 WIRE_DIAMETER_UM = (20.0, 400.0)
 """Wire diameters of the field (thesis 1982, section 2.7.1)."""
@@ -113,6 +113,19 @@ def mean_current_A(machine: SetUp) -> float:
 def least_period_us(machine: SetUp, t_on_us: float) -> float:
     """Shortest period at which the supply gives an on-time without exceeding its mean current (rows T-34, T-35)."""
     return discharge_current_A(machine) * t_on_us / machine.generator.mean_current_limit_A.value
+
+
+def held_period_us(machine: SetUp) -> float:
+    """Shortest period at which a wire carries no higher mean current density than at the generator's own setting.
+
+    That setting, with the wire's usual diameter, is one that holds: from the start hole on, at usual heights.
+    """
+    own = machine.generator
+    usual = machine.model_copy(update={
+        "t_on_us": own.t_on_us.value, "t_period_us": own.t_period_us.value, **dict.fromkeys(Choices.model_fields),
+    })  # fmt: skip
+    thinner = (machine.wire.default_diameter_um.value / machine.wire_diameter_um) ** 2
+    return machine.t_period_us * thinner * mean_current_A(machine) / mean_current_A(usual)
 
 
 def ignition_wait_us(machine: SetUp) -> float:

@@ -63,9 +63,8 @@ def checked_offsets(offsets: Mapping[str, object], file: str | Path | None = Non
 
 def in_um(value: object) -> str:
     """Return a hint for an offset that is too large for mm, and would be none in um."""
-    number = real(value)
-    meant_mm = 0.0 if number is None else number / 1e3
-    return f"; {number:g} um are {meant_mm:g} mm" if GREATEST_MM < 1e3 * meant_mm <= 1e3 * GREATEST_MM else ""
+    meant_mm = (real(value) or 0.0) / 1e3
+    return f"; {value:g} um are {meant_mm:g} mm" if GREATEST_MM < 1e3 * meant_mm <= 1e3 * GREATEST_MM else ""
 
 
 class Offset(NamedTuple):
