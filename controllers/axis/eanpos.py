@@ -353,8 +353,9 @@ class Eanpos:
             return "it is in emergency"
         if not p["minpos"] <= reg[at.FOLLOWED] <= p["maxpos"]:
             return f"its target {reg[at.FOLLOWED]} lies beyond its limits minpos {p['minpos']} and maxpos {p['maxpos']}"
-        slow = [name for name in ("setvel", "maxvel") if p[name] <= 0]
-        return f"its {' and '.join(slow)} is 0" if slow else ""
+        if slow := [name for name in ("setvel", "maxvel") if p[name] <= 0]:
+            return f"its {' and '.join(slow)} is 0"
+        return f"its warning {p['wrncode']} of {p['wrnvalue']}" if self.states["st_warning"] else ""
 
     def line(self, text: bytes) -> bytes:
         """Answer nothing: the device has no serial line."""

@@ -67,7 +67,11 @@ class CutAxes:
         if waited_s < constants()["settled_s"]:
             return None
         step_um = plant.machine.base.table.step_um.value
-        return plant.reason_of_delay(time_left_s(np.array(self._before_um), plant.away_um, waited_s, step_um))
+        late_s = time_left_s(np.array(self._before_um), plant.away_um, waited_s, step_um)
+        if late_s > constants()["longest_s"]:
+            return plant.reason_of_delay(late_s)
+        self._since_ns, self._before_um = plant.time_ns, plant.away_um.tolist()
+        return None
 
     def snapshot(self) -> dict[str, Any]:
         """Return what changes, fit for JSON."""

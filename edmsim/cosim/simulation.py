@@ -322,7 +322,7 @@ class Simulation:
         """Wait for the axes and the dwell, then go on with the next leg; `StopCause.FINISHED` if there is none."""
         at, leg, now_ns = self._at, self.legs[self._at.leg], self.plant.time_ns
         if late := self._axes.late():
-            self._say(f"at the end of a stretch of its path {late}")
+            self._say(f"at the end of a leg of the path {late}")
             return StopCause.DRIVE_TRIP
         if not self.plant.in_place:
             self._motion.rest_until_ns = now_ns + 1  # the next window moves nothing

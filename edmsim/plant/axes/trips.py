@@ -27,7 +27,7 @@ def _of_axis(drives: Drives, k: int) -> str:
     if row["trip"] & NO_COMMAND:
         text = f"the drive of {name} is out of service: it commanded what is no share of its supply"
     elif drives.axes.drives["lines"][k] & FAULT and not why and (pulled_by := _line_low(drives, k)):
-        return f"the drive of {name} was stopped by {pulled_by} through the fault line"
+        return f"the drive of {name} was stopped by its fault line, pulled low {pulled_by}"
     elif drives.axes.drives["lines"][k] & FAULT:
         text = f"the drive of {name} has shut off its motor, {off_um:.1f} um from its path: {why or 'it says no cause'}"
     else:
@@ -57,8 +57,8 @@ def _line_low(drives: Drives, k: int) -> str:
         if j != k and drives.has_loop(j) and rows["wiring"][j] & NET_OUT and lines[j] & FAULT_OUT
     ]
     if others and rows["wiring"][k] & NET_IN:
-        return " and ".join(others)
-    return "a hand that pulls it low" if rows["hand_lines"][k] & FAULT_IN else ""
+        return f"by {' and '.join(others)}"
+    return "from outside" if rows["hand_lines"][k] & FAULT_IN else ""
 
 
 def _of_supply(drives: Drives, k: int) -> str:
@@ -75,11 +75,11 @@ def _of_supply(drives: Drives, k: int) -> str:
 
 
 def reason_of_delay(drives: Drives, away_um: NDArray[np.float64], near_um: float, late_s: float) -> str:
-    """Return which axes are not near their places, and how long (s) they would take; of some, at least one is not."""
+    """Return which axes are not near their places, of which there is one, and how long (s) they would take."""
     far = [k for k, name in enumerate(AXIS_NAMES) if away_um[k] > near_um]
     texts = []
     for k in far:
         why = _own_words(drives, k)
         texts.append(f"{AXIS_NAMES[k]} is {away_um[k]:.1f} um from its place{f' ({why})' if why else ''}")
-    rest = "does not come nearer" if math.isinf(late_s) else f"would take {late_s:.0f} s more to be within {near_um:g} um"
-    return f"{' and '.join(texts)} and {rest}" + "".join(_of_supply(drives, k) for k in far)
+    rest = "not coming nearer" if math.isinf(late_s) else f"{late_s:.0f} s more until within {near_um:g} um"
+    return f"{' and '.join(texts)}, {rest}" + "".join(_of_supply(drives, k) for k in far)
