@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from types import MappingProxyType
 
 from edmsim.controllers.axis.conformance import check_drive
-from edmsim.controllers.axis.drive import Drive, axis_row
+from edmsim.controllers.axis.drive import Drive, Screw, axis_row
 from edmsim.controllers.axis.eanpos import Eanpos
 from edmsim.controllers.axis.servo import PositionServo
 from edmsim.controllers.axis.servo_module import ServoModule
@@ -21,8 +21,8 @@ from edmsim.controllers.named_numbers import named_numbers
 from edmsim.errors import InputError, one_of
 
 __all__ = [
-    "CHIPS", "COMMISSIONED", "Drive", "Eanpos", "ServoModule", "Uhu", "check_drive", "from_text", "make", "names",
-    "tuned",
+    "CHIPS", "COMMISSIONED", "Drive", "Eanpos", "Screw", "ServoModule", "Uhu", "check_drive", "from_text", "make",
+    "names", "tuned",
 ]  # fmt: skip
 
 CHIPS: dict[str, type[Uhu] | type[ServoModule]] = {kind.name: kind for kind in (Uhu, ServoModule)}
@@ -61,7 +61,7 @@ def make(name: str) -> Drive:
     return _DRIVES[name]()
 
 
-def from_text(text: str) -> Drive:
+def from_text(text: str, screw: Screw | None = None) -> Drive:
     """Make the drive of an axis of the machine as it is named on the command line.
 
     Parameters
@@ -69,6 +69,9 @@ def from_text(text: str) -> Drive:
     text : str
         ``stepper``, or one of `COMMISSIONED`, tuned for ``table``; with parameters that differ from that if wanted,
         by their names in Python or the manual's letters: ``uhu:proportional_gain=600,E=400``.
+    screw : Screw, optional
+        Of the machine's axis that it is put on: a drive then goes by the machine's step, unless a parameter says
+        otherwise.
 
     Raises
     ------
@@ -85,11 +88,11 @@ def from_text(text: str) -> Drive:
         return Stepper()
     if name not in COMMISSIONED:
         raise InputError(f"there is no drive {text!r}; choose one of {one_of(name, (Stepper.name, *COMMISSIONED))}")
-    return tuned(name, changes=named_numbers(rest, name))
+    return tuned(name, changes=named_numbers(rest, name), screw=screw)
 
 
 def tuned(
-    name: str, axis: str = "table", changes: Mapping[str, float] = MappingProxyType({})
+    name: str, axis: str = "table", changes: Mapping[str, float] = MappingProxyType({}), screw: Screw | None = None
 ) -> Uhu | ServoModule | Eanpos:
     """Make a drive that is commissioned: its parameters for an axis of `axis_row` are in its memory.
 
@@ -101,6 +104,8 @@ def tuned(
         Motor, screw and table; ``table`` is that of the DEM-15, for ``eanpos`` with its velocity amplifier.
     changes : mapping of str to int
         Parameters that differ, by their names in Python or the manual's letters and names.
+    screw : Screw, optional
+        See `from_text`.
 
     Raises
     ------
@@ -108,8 +113,8 @@ def tuned(
         If there is no such drive, no such axis, nobody has tuned the drive for it, or a parameter is none.
     """
     if name == Eanpos.name:
-        return Eanpos.tuned("analogue-table" if axis == "table" else axis, changes)
+        return Eanpos.tuned("analogue-table" if axis == "table" else axis, changes, screw)
     if name not in CHIPS:
         raise InputError(f"there is no drive {name!r} to tune; choose one of {one_of(name, COMMISSIONED)}")
     axis_row(axis)
-    return CHIPS[name].tuned(axis, changes)
+    return CHIPS[name].tuned(axis, changes, screw)

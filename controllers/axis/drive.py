@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import tomllib
 from collections.abc import Mapping
-from typing import Any, Protocol, runtime_checkable
+from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +12,17 @@ from numpy.typing import NDArray
 from edmsim import models
 from edmsim.compiled.axis_rows import DRIVE, MOTOR, SampleFunction
 from edmsim.errors import InputError, one_of
+
+
+class Screw(NamedTuple):
+    """What a drive has to know of the axis of a machine: travel of a motor step, and of a radian of its motor."""
+
+    step_um: float
+    um_per_rad: float
+
+    def counts_of(self, motor: NDArray[np.void]) -> float:
+        """Return the encoder counts that a step is on the axis of a motor (a row of `MOTOR`) with this screw."""
+        return self.step_um * float(motor["counts_per_rad"][0]) / self.um_per_rad
 
 
 @runtime_checkable
@@ -31,13 +42,24 @@ class Drive(Protocol):
         n falls on ``epoch_ns + n * num // den``, so that a period of no whole number of ns never drifts.
     motor : record array (1,) or None
         One row of `edmsim.compiled.axis_rows.MOTOR`; None for a stepper.
+    counts_per_step : float
+        Encoder counts that a step edge asks for; a cut refuses a drive by whose steps its table would go another way
+        than the machine's. Without meaning for a stepper.
     makes_ramps : bool, optional
         Whether it places its axis by ramps of its own, so that the steps of a rapid come at once.
+    why_stopped : callable, optional
+        Says in a few words why it reports a fault, or what keeps its axis from following, if it knows; nothing where
+        only its fault input was pulled low.
     """
 
     name: str
     record: NDArray[np.void]
     motor: NDArray[np.void] | None
+
+    @property
+    def counts_per_step(self) -> float:
+        """Encoder counts that a step edge asks for."""
+        ...
 
     @property
     def sample(self) -> SampleFunction | None:

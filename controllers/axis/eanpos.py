@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 
 from edmsim.compiled.axis_rows import HOLDS_OUTPUT, SampleFunction
 from edmsim.controllers.axis import eanpos_registers as at
-from edmsim.controllers.axis.drive import axis_row, new_record, restart
-from edmsim.controllers.axis.eanpos_sample import eanpos_sample
+from edmsim.controllers.axis.drive import Screw, axis_row, new_record, restart
+from edmsim.controllers.axis.eanpos_sample import eanpos_sample, start_refused
 from edmsim.controllers.axis.parameters import Registers
 from edmsim.errors import InputError
 
@@ -30,6 +30,11 @@ _SIZES = {"L": (-(2**31), 2**31 - 1), "W": (-(2**15), 2**16 - 1), "B": (-(2**7),
 """Numbers that fit into a long, a word and a byte, signed or not."""
 _TABLE: dict[str, dict[str, Any]] = {entry["name"]: entry for entry in at.DATA["parameter"]}
 _RETAINED = [k for k, name in enumerate(at.PARAMETERS) if _TABLE[name]["retained"]]
+_ERRORS = {
+    at.CAM_NOT_FOUND: "no cam was found", at.MARK_NOT_FOUND: "no zero pulse was found",
+    at.OUTPUT_TAKEN: "two devices write to one output", at.BAD_RESOLUTION: "measure / pulse is out of range",
+    at.RESOURCE_MISSING: "a resource for prsmode is not declared",
+}  # fmt: skip
 _SIGNALS = {
     "setpos": at.NEW_SETPOS, "setvel": at.NEW_SETVEL, "posit": at.NEW_POSIT, "rampmode": at.NEW_RAMPS,
     "taccdec": at.NEW_RAMPS, "tacc": at.NEW_RAMPS, "tdec": at.NEW_RAMPS, "measure": at.NEW_RESOLUTION,
@@ -232,14 +237,20 @@ class Eanpos:
             self.command("LOOPON")
 
     @classmethod
-    def tuned(cls, axis: str = "analogue-table", changes: Mapping[str, float] = MappingProxyType({})) -> Self:
-        """Return a device commissioned on an axis for steps of 2 um: initialised and in loop at its first samples.
+    def tuned(
+        cls, axis: str = "analogue-table", changes: Mapping[str, float] = MappingProxyType({}),
+        screw: Screw | None = None,
+    ) -> Self:
+        """Return a device commissioned on an axis for motor steps: initialised and in loop at its first samples.
 
         Parameters
         ----------
         axis : str
         changes : mapping of str to int
             Parameters that differ.
+        screw : Screw, optional
+            Of the machine that it is put on, in place of the axis' own with steps of 2 um: measure is then what its
+            encoder makes of a turn in um, and maxvel what the amplifier makes of 10 V.
 
         Raises
         ------
@@ -248,8 +259,12 @@ class Eanpos:
         """
         if axis not in at.DATA["tuned"]:
             raise InputError(f"no EANPOS is tuned for an axis {axis!r}; there are: {', '.join(at.DATA['tuned'])}")
-        settings = {"follow_step": 2, "starts_in_loop": 1}
-        return cls(axis_row(axis), 1, parameters={**at.DATA["tuned"][axis], **changes}, settings=settings)
+        motor, found = axis_row(axis), {**at.DATA["tuned"][axis]}
+        screw = screw or Screw(_TUNED_STEP_UM, float(motor["um_per_rad"][0]))
+        share = screw.um_per_rad / float(motor["um_per_rad"][0])
+        found |= {name: round(found[name] * share) for name in ("measure", "maxvel")}
+        settings = {"follow_step": round(screw.step_um), "starts_in_loop": 1}
+        return cls(motor, 1, parameters={**found, **changes}, settings=settings)
 
     def command(self, name: str) -> None:
         """Put a command into the mailbox, which the next sample executes.
@@ -316,6 +331,32 @@ class Eanpos:
         """Clear an error (MC_Reset): RSERR."""
         self.command("RSERR")
 
+    @property
+    def counts_per_step(self) -> float:
+        """Encoder edges of a step, where it follows steps: a change of setpos by `follow_step`."""
+        reg = self.record["reg"][0]
+        if reg[at.MEASURE] == 0:
+            return 0.0
+        way = -1 if reg[at.ST_CNTREV] else 1
+        return float(way * reg[at.FOLLOW_STEP] * reg[at.PULSE] / reg[at.MEASURE])
+
+    def why_stopped(self) -> str:
+        """Say what error, following error or refused command stops it, or why it does not come to its target."""
+        p, reg = self.parameters, self.record["reg"][0]
+        if self.states["st_error"]:
+            return f"its error {p['errcode']}: {_ERRORS[p['errcode']]}"
+        if self.states["st_foller"]:
+            return f"its following error passed maxfollerr, {p['maxfollerr']} edges"
+        if start_refused(reg):
+            return "it refused its command START"
+        if self.states["st_emrg"]:
+            return "it is in emergency"
+        if not p["minpos"] <= reg[at.FOLLOWED] <= p["maxpos"]:
+            return f"its target {reg[at.FOLLOWED]} lies beyond its limits minpos {p['minpos']} and maxpos {p['maxpos']}"
+        if slow := [name for name in ("setvel", "maxvel") if p[name] <= 0]:
+            return f"its {' and '.join(slow)} is 0"
+        return f"its warning {p['wrncode']} of {p['wrnvalue']}" if self.states["st_warning"] else ""
+
     def line(self, text: bytes) -> bytes:
         """Answer nothing: the device has no serial line."""
         return b""
@@ -331,4 +372,6 @@ class Eanpos:
         return b""
 
 
+_TUNED_STEP_UM = 2.0
+"""Motor step of the machine that devices are tuned for."""
 _BITS = (at.HAS_COUNTER, at.HAS_INDEX, at.HAS_HOME, at.HAS_OUTPUT)

@@ -8,9 +8,8 @@ from __future__ import annotations
 
 from edmsim.compiled.jit import exactly_compiled
 from edmsim.controllers.axis import eanpos_registers as at
-from edmsim.controllers.axis.eanpos_homing import can_home, give_up, preset
+from edmsim.controllers.axis.eanpos_homing import give_up, preset
 from edmsim.controllers.axis.eanpos_moves import (
-    can_move,
     catch_up,
     check_resolution,
     jog,
@@ -32,9 +31,12 @@ _WITHOUT_CONDITION = (1 << at.RSERR) | (1 << at.RSWRN) | (1 << at.RSPRSOK)
 
 @exactly_compiled
 def _may_move(reg: Words) -> bool:
-    """Say whether a move may start; in emergency, calibration, a search or an error none does (rows Q-A3, Q-61)."""
+    """Say whether a move may start; in emergency, calibration, a search or an error none does (rows Q-A3, Q-61).
+
+    Speeds are no condition (manual 1.7.2): at a speed of nought an axis is under way and does not come nearer.
+    """
     blocked = reg[at.ST_REGOFF] + reg[at.ST_EMRG] + reg[at.ST_CAL] + reg[at.ST_PRSON] + reg[at.ST_ERROR]
-    return bool(blocked == 0 and reg[at.ST_STILL] == 1 and can_move(reg, reg[at.SETVEL]))
+    return bool(blocked == 0 and reg[at.ST_STILL] == 1)
 
 
 @exactly_compiled
@@ -49,7 +51,7 @@ def _may(reg: Words, command: int) -> bool:
     if command == at.PRESET:
         blocked = reg[at.ST_REGOFF] + reg[at.ST_EMRG] + reg[at.ST_CAL] + reg[at.ST_ERROR]
         repeats = reg[at.ST_PRSON] != 0 and reg[at.SINGLE_HOMING] != 0
-        return bool(blocked == 0 and can_home(reg) and not repeats)
+        return bool(blocked == 0 and not repeats)
     if command == at.CALOFF:
         return bool(reg[at.ST_CAL] == 1)
     if command == at.REGOFF:

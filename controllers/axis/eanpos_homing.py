@@ -11,7 +11,7 @@ import math
 
 from edmsim.compiled.jit import exactly_compiled
 from edmsim.controllers.axis import eanpos_registers as at
-from edmsim.controllers.axis.eanpos_moves import can_move, catch_up, fail, shift, slopes, speed_unit, travel
+from edmsim.controllers.axis.eanpos_moves import catch_up, fail, shift, slopes, speed_unit, travel
 from edmsim.controllers.axis.eanpos_profile import begin, brake, plan
 from edmsim.controllers.axis.eanpos_registers import Reals, Words
 
@@ -27,12 +27,6 @@ def _search(reg: Words, real: Reals, direction: int, speed: int, phase: int) -> 
     begin(reg, real, direction, slopes(reg))
     plan(reg, real, math.inf, speed * speed_unit(reg))
     real[at.SEARCHED_FROM] = real[at.THEORY]
-
-
-@exactly_compiled
-def can_home(reg: Words) -> bool:
-    """Say whether the speeds of a search with motion have a meaning."""
-    return bool(reg[at.PRSMODE] == 2 or (can_move(reg, reg[at.PRSVEL]) and can_move(reg, reg[at.SPRSVEL])))
 
 
 @exactly_compiled

@@ -60,12 +60,6 @@ def edges_a_sample(reg: Words) -> float:
 
 
 @exactly_compiled
-def can_move(reg: Words, speed: int) -> bool:
-    """Say whether a move at a set speed has a meaning: neither it nor the output's scale is nought."""
-    return speed > 0 and edges_a_sample(reg) >= 1.0
-
-
-@exactly_compiled
 def place(reg: Words) -> float:
     """Return the actual place in units of measure, with its fraction."""
     return float(reg[at.NUMERATOR] / reg[at.PULSE]) if reg[at.PULSE] > 0 else 0.0
@@ -233,7 +227,7 @@ def _take_setvel(reg: Words, real: Reals) -> None:
     if _is_bound(reg):
         before = reg[at.OLD_SETVEL]
         reg[at.OLD_SETVEL] = reg[at.SETVEL]
-        if reg[at.ST_DEC] != 0 or not can_move(reg, reg[at.SETVEL]) or not _aim(reg, real, _goal(reg, real)):
+        if reg[at.ST_DEC] != 0 or not _aim(reg, real, _goal(reg, real)):
             reg[at.SETVEL] = before
             warn(reg, at.NOT_WRITTEN, at.SETVEL)
     reg[at.OLD_SETVEL] = reg[at.SETVEL]

@@ -105,7 +105,7 @@ def plan(reg: Words, real: Reals, way: float, top: float) -> bool:
     way : float
         In the present direction, 0 or more; infinite for a search.
     top : float
-        Speed to reach, above 0.
+        Speed to reach; at 0 the axis slows down to rest, and is under way until it gets another speed.
 
     Returns
     -------
@@ -116,6 +116,9 @@ def plan(reg: Words, real: Reals, way: float, top: float) -> bool:
     if way < stopping_way(reg, real, speed) - _CLOSE:
         return False
     reg[at.START_NS] = max(reg[at.NOW_NS], reg[at.START_NS])
+    if top <= 0.0:
+        _put(real, 0.0, _down_s(reg, real, speed), math.inf, 0.0, way, direction)
+        return True
     if speed > top:
         first_s, last_s = _down_s(reg, real, speed - top), _down_s(reg, real, top)
         even = way - 0.5 * (speed + top) * first_s - 0.5 * top * last_s
@@ -176,7 +179,7 @@ def lengthen(reg: Words, real: Reals, way: float) -> bool:
     even = way - 0.5 * (real[at.FIRST_SPEED] + top) * real[at.FIRST_S] - 0.5 * top * last_s
     if even < -_CLOSE:
         return False
-    real[at.EVEN_S], real[at.LAST_S] = max(even, 0.0) / top, last_s
+    real[at.EVEN_S], real[at.LAST_S] = max(even, 0.0) / top if top > 0.0 else math.inf, last_s
     real[at.GOAL] = real[at.FROM] + reg[at.DIRECTION] * way
     return True
 

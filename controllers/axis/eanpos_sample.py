@@ -89,7 +89,7 @@ def _regulate(reg: Words, real: Reals, error: int) -> float:
     """Return the output as a share of 10 V, before the offset (rows Q-44 to Q-46, Q-67)."""
     top, unit = top_speed(reg), edges_a_sample(reg)
     reg[at.FFWDREG] = reg[at.PROPREG] = reg[at.INTEG] = reg[at.DERREG] = 0
-    if unit < 1.0:
+    if unit <= 0.0:  # the output has no scale
         return 0.0
     forward = reg[at.FEEDFW] / 1000 * reg[at.DIRECTION] * real[at.SPEED] / top
     proportional = integral = derivative = 0.0
@@ -148,6 +148,12 @@ def _measure_speed(reg: Words) -> None:
 
 
 @exactly_compiled
+def start_refused(reg: Words) -> bool:
+    """Say whether the last warning is that START was not executed."""
+    return bool(reg[at.ST_WARNING] == 1 and reg[at.WRNCODE] == at.NOT_EXECUTED and reg[at.WRNVALUE] == at.START + 1)
+
+
+@exactly_compiled
 def _judge_tolerance(reg: Words) -> None:
     """Set st_toll once the axis has been near its target for toldly (row Q-A32)."""
     if reg[at.HAS_TARGET] == 0 or abs(reg[at.TARGET] - reg[at.POSIT]) > abs(reg[at.TOLL]):
@@ -199,7 +205,7 @@ def eanpos_sample(drive_at: Any, axis_at: Any) -> None:
         _run(reg, real, cam_before, axis.indexes, axis.index_at)
     held = reg[at.ST_INIT] == 0 or reg[at.ST_REGOFF] == 1 or reg[at.RESOURCES] & at.HAS_OUTPUT == 0
     drive.command = reg[at.CODE] / FULL_SCALE if reg[at.RESOURCES] & at.HAS_OUTPUT else 0.0
-    lost = reg[at.FOLLOW_STEP] != 0 and reg[at.ST_FOLLER] + reg[at.ST_EMRG] > 0
+    lost = reg[at.FOLLOW_STEP] != 0 and (reg[at.ST_FOLLER] + reg[at.ST_EMRG] > 0 or start_refused(reg))
     if lost and reg[at.ST_EMRG] == 0:
         reg[at.MAILBOX] |= 1 << at.EMRG
     drive.lines = (HOLDS_OUTPUT if held else 0) | (FAULT if lost or reg[at.ST_ERROR] == 1 else 0)

@@ -32,7 +32,9 @@ def by_name(values: Mapping[str, float], table: Sequence[Mapping[str, Any]]) -> 
     return found
 
 
-def tuned_values(data: Mapping[str, Any], what: str, axis: str, changes: Mapping[str, float]) -> dict[str, int]:
+def tuned_values(
+    data: Mapping[str, Any], what: str, axis: str, changes: Mapping[str, float], counts: float | None
+) -> dict[str, int]:
     """Return the parameters of a drive that is tuned for an axis, by name, some of them changed.
 
     Parameters
@@ -44,6 +46,8 @@ def tuned_values(data: Mapping[str, Any], what: str, axis: str, changes: Mapping
     axis : str
     changes : mapping of str to number
         By name or letter.
+    counts : float or None
+        Encoder counts of a step of the machine that it is put on, if those are known.
 
     Raises
     ------
@@ -53,7 +57,8 @@ def tuned_values(data: Mapping[str, Any], what: str, axis: str, changes: Mapping
     tuned = data["tuned"]
     if axis not in tuned:
         raise InputError(f"no {what} is tuned for an axis {axis!r}; there are: {', '.join(tuned)}")
-    return {**tuned[axis], **by_name(changes, data["parameter"])}
+    fitted = {} if counts is None else {"step_multiplier": max(round(counts) - 1, 0)}
+    return {**tuned[axis], **fitted, **by_name(changes, data["parameter"])}
 
 
 class HasRecord(Protocol):

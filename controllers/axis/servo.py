@@ -53,6 +53,17 @@ class PositionServo:
         """The compiled sample, the same for all servos."""
         return _servo
 
+    @property
+    def counts_per_step(self) -> float:
+        """Encoder counts of a step edge."""
+        return float(self.record["reg"][0, COUNTS_PER_EDGE])
+
+    def why_stopped(self) -> str:
+        """Say why it reports a fault."""
+        if not self.record["lines"][0] & FAULT:
+            return ""
+        return f"its following error passed the limit of {self.record['reg'][0, LARGEST_ERROR]} counts"
+
     def line(self, text: bytes) -> bytes:
         """Answer nothing: this servo has no serial line."""
         return b""

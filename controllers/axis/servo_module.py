@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from edmsim.compiled.axis_rows import FAULT, FAULT_IN, FAULT_OUT, FREEWHEEL, LED, SampleFunction, carray, sample
 from edmsim.compiled.jit import exactly_compiled
 from edmsim.controllers.axis import servo_module_registers as at
-from edmsim.controllers.axis.drive import axis_row, new_record, restart, set_period
+from edmsim.controllers.axis.drive import Screw, axis_row, new_record, restart, set_period
 from edmsim.controllers.axis.eeprom import WORD, decode, encode
 from edmsim.controllers.axis.extensions import SETTINGS, Extensions, record_sample
 from edmsim.controllers.axis.parameters import Registers, tuned_values
@@ -142,16 +142,34 @@ class ServoModule:
         self.power_up()
 
     @classmethod
-    def tuned(cls, axis: str = "table", changes: Mapping[str, float] = MappingProxyType({})) -> Self:
+    def tuned(
+        cls, axis: str = "table", changes: Mapping[str, float] = MappingProxyType({}), screw: Screw | None = None
+    ) -> Self:
         """Return a module tuned for an axis: its parameters are those of the table ``tuned``, but for `changes`.
+
+        On a machine's screw it goes by the machine's step, as far as a whole number of counts does.
 
         Raises
         ------
         InputError
             Nobody has tuned one for that axis, or a parameter is none.
         """
-        values = tuned_values(DATA, "servo module", axis, changes)
-        return cls(axis_row(axis), values)
+        motor = axis_row(axis)
+        values = tuned_values(DATA, "servo module", axis, changes, None if screw is None else screw.counts_of(motor))
+        return cls(motor, values)
+
+    @property
+    def counts_per_step(self) -> float:
+        """Encoder counts of a step edge, X and one."""
+        reg = self.record["reg"][0]
+        return float((reg[at.MULTIPLIER] + 1) * reg[at.STEP_SENSE] * reg[at.ENCODER_SENSE])
+
+    def why_stopped(self) -> str:
+        """Say why its loop stands still, if not by its fault input."""
+        reg = self.record["reg"][0]
+        if reg[at.STATUS] & at.FOLLOWING_BIT:
+            return f"its following error passed the limit E of {reg[at.LIMIT]} counts"
+        return "its loop is off" if reg[at.STATUS] & at.FAULT_BIT and not reg[at.STATUS] & at.EXTERNAL_BIT else ""
 
     def line(self, text: bytes) -> bytes:
         """Take what was sent over the serial line, and return the answer."""

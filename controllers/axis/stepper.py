@@ -16,6 +16,7 @@ class Stepper:
 
     name = "stepper"
     sample = None
+    counts_per_step = 0.0
 
     def __init__(self) -> None:
         self.record: NDArray[np.void] = new_record()

@@ -30,7 +30,7 @@ from edmsim.compiled.axis_rows import (
 )
 from edmsim.controllers.axis import eeprom
 from edmsim.controllers.axis import uhu_law as at
-from edmsim.controllers.axis.drive import axis_row, data_of, new_record, restart, set_period
+from edmsim.controllers.axis.drive import Screw, axis_row, data_of, new_record, restart, set_period
 from edmsim.controllers.axis.extensions import SETTINGS, Extensions, note_limit, record_sample, start_command
 from edmsim.controllers.axis.parameters import Registers, tuned_values
 from edmsim.controllers.axis.uhu_dialogue import Dialogue
@@ -177,21 +177,41 @@ class Uhu:
         self.power_up()
 
     @classmethod
-    def tuned(cls, axis: str = "table", changes: Mapping[str, float] = MappingProxyType({})) -> Self:
+    def tuned(
+        cls, axis: str = "table", changes: Mapping[str, float] = MappingProxyType({}), screw: Screw | None = None
+    ) -> Self:
         """Return a drive that is tuned for an axis of `axis_row`, but for `changes`, its parameters in bank 0.
+
+        On a machine's screw it goes by the machine's step, as far as a whole number of counts does.
 
         Raises
         ------
         InputError
             Nobody has tuned one for that axis, or a parameter is none.
         """
-        values = tuned_values(_data(), "UHU", axis, changes)
-        return cls(axis_row(axis), values)
+        motor = axis_row(axis)
+        values = tuned_values(_data(), "UHU", axis, changes, None if screw is None else screw.counts_of(motor))
+        return cls(motor, values)
 
     @property
     def sample(self) -> SampleFunction:
         """The recalculation, the same for all of them."""
         return _recalculate
+
+    @property
+    def counts_per_step(self) -> float:
+        """Encoder counts of a step edge, M and one."""
+        return float((self._reg[at.M] + 1) * self._reg[at.STEP_SENSE] * self._reg[at.ENCODER_SENSE])
+
+    def why_stopped(self) -> str:
+        """Say what it has shut its output off for (row U-50)."""
+        watchdog_ms = _data()["clock"]["watchdog_ms"]
+        causes = {
+            at.TRACKING: f"its following error reached the limit E of {self._reg[at.E]} counts",
+            at.WATCHDOG: f"its watchdog saw no recalculation for {watchdog_ms} ms",
+            at.BAD_BANK: "its parameters could not be read",
+        }
+        return ", ".join(text for bit, text in causes.items() if self._reg[at.LATCHED] & bit)
 
     def line(self, text: bytes) -> bytes:
         """Take what was typed at the terminal; return its echo and the answers."""

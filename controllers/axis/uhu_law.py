@@ -68,13 +68,13 @@ def restart(reg: NDArray[np.int64], edges: int, count: int, illegal: int) -> Non
 def judge(reg: NDArray[np.int64], illegal: int, error_input_low: bool) -> None:
     """Count false transitions of the encoder, and latch what shuts the output off (rows U-6, U-21, U-50).
 
-    What its own error output does to the net is no news.
+    What its own error output does to the net is no news, and a motor that is off has nothing to follow.
     """
     reg[O] = min(reg[O] + illegal - reg[ILLEGAL_SEEN], _LARGEST_WORD)
     reg[ILLEGAL_SEEN] = illegal
     if error_input_low and reg[LATCHED] & OWN_FAULTS == 0:
         reg[LATCHED] |= ERROR_INPUT
-    if abs(reg[TARGET] - reg[POSITION]) >= reg[E]:
+    if reg[LATCHED] == 0 and abs(reg[TARGET] - reg[POSITION]) >= reg[E]:
         reg[LATCHED] |= TRACKING
 
 

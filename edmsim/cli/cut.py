@@ -98,6 +98,11 @@ def cut(
     stuck_wire_sensor: Annotated[
         bool, typer.Option("--stuck-wire-sensor", help="Let nobody see a wire break: the machine goes on.")
     ] = False,
+    axis_fault: Annotated[
+        list[str] | None,
+        typer.Option(metavar="AXIS:FAULT@SECONDS", help="What breaks at an axis under a servo drive, and when: stuck, "
+                     "swapped, unplugged, supply-off, logic-off, fault-line, stalled; may be given again."),
+    ] = None,
     seed: Seed = 0,
     max_time: Annotated[float | None, typer.Option(help="Machine time in s after which to stop.")] = None,
     resume: Annotated[bool, typer.Option("--resume", help="Continue the interrupted cut of the folder.")] = False,
@@ -135,7 +140,8 @@ def cut(
                 controller=controller, planner=planner, drive=drive,
                 compensation=path_text(compensation), mechanics=mechanics,
                 resolution=resolution, offset=offset, offsets=path_text(offsets), ignore=named(ignore),
-                layers=named(layers), unit=unit, stuck_wire_sensor=stuck_wire_sensor, seed=seed, max_time_s=max_time,
+                layers=named(layers), unit=unit, stuck_wire_sensor=stuck_wire_sensor, axis_faults=axis_fault or (),
+                seed=seed, max_time_s=max_time,
                 resume=resume, overwrite=overwrite,
                 watch=watcher.show, enter=watcher.enter,
             )

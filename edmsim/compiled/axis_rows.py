@@ -44,6 +44,9 @@ NET_IN, NET_OUT = 1, 2
 low through a diode. An input without the net is held high."""
 SAMPLE, WATCHDOG = 0, 1
 """``DRIVE.event``: why the sample is called. For `WATCHDOG` no sample has run for ``watchdog_ns``."""
+STRAYED, NO_COMMAND = 1, 2
+"""Bits of ``AXIS.trip``: the table is too far from where the planner has it, or nowhere; the drive's command was no share
+of its supply, for which its board holds it in reset."""
 BRIDGE_DAMAGED, MAGNETS_DAMAGED, WINDING_DAMAGED = 1, 2, 4
 """Bits of ``AXIS.damage``: a current over ``bridge_A``, one over ``peak_A``, a winding warmer than ``rated_K``."""
 PHASE_A, PHASE_B = 1, 2
@@ -151,6 +154,11 @@ AXIS = np.dtype(
         ("winding_K", "f8"),
         ("hand_Nm", "f8"),
         ("hand_N", "f8"),
+        ("least_um", "f8"),
+        ("most_um", "f8"),
+        ("stray_um", "f8"),
+        ("trip", "i8"),
+        ("trip_ns", "i8"),
     ]
 )
 """An axis under a drive with a loop. Read for the drive at its sample, at ``time_ns``: the encoder's ``count``, four
@@ -172,7 +180,9 @@ write in turn; ``apart`` is an axis whose contactor is open, so that its motor f
 current, ``integral_A`` the integral part of the current that a velocity amplifier asks for, ``link_V`` the supply's
 voltage at the bridge, ``peak_A`` the largest current so far, ``winding_K`` the winding's temperature over the
 surroundings, ``damage`` what was too much. ``locked`` holds the rotor; ``hand_Nm`` and ``hand_N`` are a torque on its
-shaft and a force on the table from outside."""
+shaft and a force on the table from outside. What the machine itself looks after: the table is to be between
+``least_um`` and ``most_um``, and not further than ``stray_um`` outside; ``trip`` says for what the machine stops the
+axis (`STRAYED`, `NO_COMMAND`), and ``trip_ns`` since when."""
 
 MOTOR = np.dtype(
     [

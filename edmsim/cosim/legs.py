@@ -2,12 +2,24 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from edmsim.program.path import WireContour
+
+
+@dataclass
+class Place:
+    """How far a program is: the leg, where and after what length of path it began, whether its dwell has begun."""
+
+    leg: int = 0
+    from_um: tuple[float, float] = (0.0, 0.0)
+    start_um: float = 0.0
+    dwelling: bool = False
+    missed_before: int = 0
 
 
 class Leg(NamedTuple):

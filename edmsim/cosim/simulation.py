@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -24,8 +24,9 @@ from edmsim.controllers.mcu.firmware.timers import MAX_FEED_UM_S
 from edmsim.controllers.planner.protocol import RunsPath
 from edmsim.controllers.planner.registry import make_planner, position_unit
 from edmsim.controllers.protocols import DrivesSteps, HasSwitches, MissesWindows, check_command, tell
+from edmsim.cosim.cut_axes import CutAxes
 from edmsim.cosim.cycle import Cycle
-from edmsim.cosim.legs import legs_of
+from edmsim.cosim.legs import Place, legs_of
 from edmsim.cosim.motion import PlannerMotion
 from edmsim.cosim.observers import Observer
 from edmsim.cosim.stops import WORDS, StopCause, judge, switches_open
@@ -34,22 +35,12 @@ from edmsim.errors import InputError
 from edmsim.machine.machine import Machine
 from edmsim.machine.setting import held_period_us
 from edmsim.plant.axes.drives import AxisDrive
+from edmsim.plant.axes.faults import AxisFault
 from edmsim.plant.plant import Plant
-from edmsim.plant.window import PulseWindow
+from edmsim.plant.window import PlantError, PulseWindow
 from edmsim.plant.workpiece.height_steps import LowerRegion
 from edmsim.plant.workpiece.kerf_field import Stock
 from edmsim.program.path import CutPath
-
-
-@dataclass
-class _Place:
-    """How far the program is: the leg, where and after what length of path it began, whether its dwell has begun."""
-
-    leg: int = 0
-    from_um: tuple[float, float] = (0.0, 0.0)
-    start_um: float = 0.0
-    dwelling: bool = False
-    missed_before: int = 0
 
 
 class Progress(NamedTuple):
@@ -96,6 +87,8 @@ class Simulation:
         Tables of the table's errors, and cams, of `edmsim.controllers.axis.elcam_file.load_tables`.
     stuck_wire_sensor : bool
         Whether the sensor does not see a wire break; the machine then goes on without a wire (`Plant.go_bare`).
+    axis_faults : sequence of AxisFault
+        What breaks at axes under drives with a loop, and when.
 
     Attributes
     ----------
@@ -115,8 +108,8 @@ class Simulation:
     Raises
     ------
     InputError
-        An unknown planner or resolution, a step that does not fit the machine's height, or a table too large for
-        the position counters.
+        An unknown planner or resolution, a step that does not fit the machine's height, a table too large for the
+        position counters, or a drive by whose steps the table goes another way than the machine's.
     """
 
     def __init__(
@@ -136,6 +129,7 @@ class Simulation:
         drives: Mapping[str, AxisDrive] | None = None,
         compensation: Elcam | None = None,
         stuck_wire_sensor: bool = False,
+        axis_faults: Sequence[AxisFault] = (),
     ) -> None:
         self.machine = machine
         self.path = path
@@ -164,6 +158,7 @@ class Simulation:
             position_um=self._motors_um(float(x), float(y), 0.0), resolution=resolution, mechanics=mechanics,
             drives=drives,
         )
+        self._axes = CutAxes(self.plant, axis_faults)
         self._sees_breaks = not stuck_wire_sensor
         self.sums = Sums()
         self.cause = StopCause.RUNNING
@@ -171,7 +166,7 @@ class Simulation:
         self.refused: str | None = None
         for observer in self.observers:
             observer.begin(self.plant)
-        self._at = _Place(from_um=(x, y))
+        self._at = Place(from_um=(x, y))
         self._motion = self._begin_leg()
         self._cycle = Cycle(self.plant, self._motion, self._decide, self.observers)
 
@@ -241,7 +236,15 @@ class Simulation:
 
     def step(self) -> Progress:
         """Run one window; afterwards `outcome` tells whether the cut is over."""
-        turn = self._cycle.turn()
+        self._axes.fail_due()
+        try:
+            turn = self._cycle.turn()
+        except PlantError:
+            if not self.plant.drive_faults:
+                raise
+            self.cause = StopCause.DRIVE_TRIP  # an axis that ran away took the wire along
+            self._say(self.plant.fault_reason)
+            return Progress(self.path_um, self.total_um, self.plant.time_ns * 1e-9, 0.0, 0, 0)
         self.sums.add(turn.window)
         opened = self._switches(turn.window)
         cause = self._judge(turn.window, opened)
@@ -310,7 +313,7 @@ class Simulation:
             x, y = self.plant.place_um
             self._say(f"an end switch of the table opened at x {x / 1e3:.3f} y {y / 1e3:.3f} mm")
         elif cause is StopCause.DRIVE_TRIP:
-            self._say(self._trip_of(tripped))
+            self._say(self.plant.fault_reason)
         elif cause is StopCause.PERSISTENT_SHORT and alarm is not None:
             self._say(alarm)
         elif cause is StopCause.TIME_LIMIT:
@@ -331,16 +334,15 @@ class Simulation:
         """Add to the reason for which the cut ends."""
         self.reason = reason if self.reason is None else f"{self.reason}; {reason}"
 
-    def _trip_of(self, tripped: int) -> str:
-        behind = " and ".join(
-            f"{name} ({error:+.1f} um behind)"
-            for name, bit, error in zip("xy", (1, 2), self.plant.following_error_um, strict=True) if tripped & bit
-        )
-        return f"the drive of {behind} has shut off its motor"
-
     def _end_of_leg(self) -> StopCause:
-        """Wait for the dwell, then go on with the next leg; `StopCause.FINISHED` if there is none."""
+        """Wait for the axes and the dwell, then go on with the next leg; `StopCause.FINISHED` if there is none."""
         at, leg, now_ns = self._at, self.legs[self._at.leg], self.plant.time_ns
+        if late := self._axes.late():
+            self._say(f"at the end of a leg of the path {late}")
+            return StopCause.DRIVE_TRIP
+        if not self.plant.in_place:
+            self._motion.rest_until_ns = now_ns + 1  # the next window moves nothing
+            return StopCause.RUNNING
         if leg.dwell_s > 0 and not at.dwelling:
             at.dwelling = True
             self._motion.rest_until_ns = now_ns + round(leg.dwell_s * 1e9)
@@ -349,21 +351,22 @@ class Simulation:
         if at.leg == len(self.legs) - 1:
             return StopCause.FINISHED
         if self.legs[at.leg + 1].threads:
-            self._thread_at(self.legs[at.leg + 1].points_um[0])
-            if tripped := self.plant.drive_faults:
-                self._say(f"between two contours {self._trip_of(tripped)}")
+            late_s = self._thread_at(self.legs[at.leg + 1].points_um[0])
+            if why := self.plant.fault_reason or self.plant.reason_of_delay(late_s):
+                self._say(f"between two contours {why}")
                 return StopCause.DRIVE_TRIP
-        self._at = _Place(at.leg + 1, self.commanded_um, self.path_um, False, self.missed_windows)
+        self._at = Place(at.leg + 1, self.commanded_um, self.path_um, False, self.missed_windows)
         self._cycle.motion = self._motion = self._begin_leg()
         return StopCause.RUNNING
 
-    def _thread_at(self, point_um: NDArray[np.int64]) -> None:
+    def _thread_at(self, point_um: NDArray[np.int64]) -> float:
+        """Move to a contour and thread; return how long axes would take that are not waited for."""
         table = self.machine.base.table
         x, y = self.commanded_um
         way = math.hypot(point_um[0] - x, point_um[1] - y)
         seconds = way / table.rapid_um_s.value + table.threading_s.value
         place_um = self._motors_um(float(point_um[0]), float(point_um[1]), self.path_um)
-        self.plant.rethread(place_um, round(seconds * 1e9))
+        return self.plant.rethread(place_um, round(seconds * 1e9))
 
     def run(self, watch: Callable[[Progress], None] | None = None) -> str:
         """Run until the cut is over; returns the outcome. `watch` is called after every window."""
@@ -382,12 +385,13 @@ class Simulation:
             "at": asdict(self._at), "motion": self._motion.snapshot(), "controller": self.controller.snapshot(),
             "sums": asdict(self.sums), "refused": self.refused, "cause": int(self.cause), "reason": self.reason,
             "compensation": self._compensation and self._compensation.snapshot(), "offset": self._offset.snapshot(),
+            "axes": self._axes.snapshot(),
         }
         return arrays, values
 
     def restore(self, arrays: Mapping[str, NDArray[Any]], values: Mapping[str, Any]) -> None:
         """Take back a `snapshot` of the same cut, with the same observers; it then continues bit for bit."""
-        self._at = _Place(**{**values["at"], "from_um": tuple(values["at"]["from_um"])})
+        self._at = Place(**{**values["at"], "from_um": tuple(values["at"]["from_um"])})
         self._cycle.motion = self._motion = self._begin_leg()
         self._motion.restore(values["motion"])
         self.controller.restore(values["controller"])
@@ -397,6 +401,7 @@ class Simulation:
         self.sums, self.refused = Sums(**values["sums"]), values["refused"]
         self.cause, self.reason = StopCause(values["cause"]), values["reason"]
         self.plant.restore(_part(arrays, "plant."))
+        self._axes.restore(values["axes"])
         for observer in self.observers:
             observer.restore(_part(arrays, f"{observer.name}."))
 

@@ -28,6 +28,8 @@ from edmsim.job.result import CutResult, result_of
 from edmsim.job.settings import CutOptions, CutSettings, takes_settings
 from edmsim.machine.files import own_mjcf_text
 from edmsim.machine.machine import Machine
+from edmsim.plant.axes.faults import parse_fault
+from edmsim.plant.constants import screws
 from edmsim.plant.workpiece.height_steps import LowerRegion
 from edmsim.program.path import CutPath, plan_path
 from edmsim.recording.report import outcome_text
@@ -163,7 +165,7 @@ def prepared(
     path = plan(program, settings, machine)
     return Prepared(
         machine, controller, path, settings.workpiece.steps(path, machine.wire_diameter_um),
-        _drives(settings.drive, machine.base.table.step_um.value),
+        _drives(settings.drive, machine),
         None if file is None else load_tables(read_tables(file), file),
     )
 
@@ -177,20 +179,15 @@ def _begin(program: str | Path, settings: CutSettings) -> tuple[Simulation, Reco
         resolution=settings.resolution, max_time_s=settings.max_time_s, steps=ready.steps,
         mechanics=settings.mechanics, observers=recorders, drives=ready.drives, compensation=ready.compensation,
         stuck_wire_sensor=settings.stuck_wire_sensor,
+        axis_faults=[parse_fault(text) for text in settings.axis_faults],
     )
     return simulation, recorders
 
 
-def _drives(text: str, step_um: float) -> dict[str, Drive]:
-    """Return the drives of x and y; refuse those that move otherwise at a motor step."""
-    drives = {name: axis.from_text(text) for name in "xy"}
-    drive = drives["x"]
-    if isinstance(drive, axis.Uhu | axis.ServoModule) and drive.motor is not None:
-        motor, counts = drive.motor[0], drive.parameters["step_multiplier"] + 1
-        own_um = float(counts * motor["um_per_rad"] / motor["counts_per_rad"])
-        if abs(own_um / step_um - 1) > 1e-6:
-            raise InputError(f"the drive {text} moves {own_um:g} um at a step; this machine's steps are {step_um:g}")
-    return drives
+def _drives(text: str, machine: Machine) -> dict[str, Drive]:
+    """Return the drives of x and y, which go by the machine's step where they can."""
+    step_um, found = machine.base.table.step_um.value, screws(machine)
+    return {name: axis.from_text(text, axis.Screw(step_um, found[k]["um_per_rad"])) for k, name in enumerate("xy")}
 
 
 def _made_with(program: str | Path, settings: CutSettings, simulation: Simulation) -> dict[str, Any]:

@@ -27,6 +27,7 @@ from edmsim.machine.given import checked_constants, with_given
 from edmsim.machine.machine import Machine
 from edmsim.machine.parts import Choices
 from edmsim.machine.setting import check_height
+from edmsim.plant.axes.faults import parse_fault
 from edmsim.plant.plant import MECHANICS
 from edmsim.plant.resolution import resolution as check_resolution
 from edmsim.program.heights import Area, Height, Heights, checked_areas, checked_changes
@@ -119,6 +120,9 @@ class CutSettings(BaseModel):
     """Unit of a drawing, mm, um, cm, m, in, ft or mil; by default what the drawing says."""
     stuck_wire_sensor: bool = False
     """Whether the wire's sensor is stuck: a break goes unseen, and the machine goes on without a wire."""
+    axis_faults: tuple[str, ...] = ()
+    """What breaks at an axis under a drive with a loop, and from which time on: ``"x:stuck@2.5"``; see
+    `edmsim.plant.axes.faults`."""
     seed: WholeNumber = 0
     """Seed of every draw: same seed, same cut."""
     max_time_s: Number | None = None
@@ -175,6 +179,13 @@ class CutSettings(BaseModel):
     def _check_drive(cls, text: str) -> str:
         axis.from_text(text)
         return text
+
+    @field_validator("axis_faults")
+    @classmethod
+    def _check_axis_faults(cls, texts: tuple[str, ...]) -> tuple[str, ...]:
+        for text in texts:
+            parse_fault(text)
+        return texts
 
     @field_validator("mechanics")
     @classmethod
@@ -272,6 +283,7 @@ class CutOptions(TypedDict, total=False):
     offsets: str | None
     unit: str | None
     stuck_wire_sensor: bool
+    axis_faults: Sequence[str]
     seed: int
     max_time_s: float | None
 

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from edmsim.compiled.random import key_of
 from edmsim.errors import InputError, one_of
 from edmsim.plant import constants
-from edmsim.plant.axes.drives import AxisDrive, Drives
+from edmsim.plant.axes.drives import AXIS_NAMES, AxisDrive, Drives
+from edmsim.plant.axes.faults import FAULTS
 from edmsim.plant.axes.ways import ways_of
 from edmsim.plant.bare import pass_window
 from edmsim.plant.kernel.declare import CHANGING, WALL, allocate, lasting, sizes_of
@@ -48,7 +49,7 @@ if TYPE_CHECKING:
 MECHANICS = ("modal", "mujoco")
 """Integrators of table and wire."""
 _WALL, _CHANGING = lasting(Arrays, WALL), lasting(Arrays, WALL, CHANGING)
-_NOWHERE_UM = -1e9
+_NOWHERE_UM, _NO_STEPS = -1e9, np.empty((0, 3), np.int64)
 
 
 class Plant(PlantReadings):
@@ -123,14 +124,13 @@ class Plant(PlantReadings):
         screws = constants.screws(machine) if drives else {}
         self._drives = Drives(
             drives or {}, machine.base.table.travel_mm.value * 1e3, self._sizes, screws,
-            ways_of(machine, nuts=mechanics == "modal"),
+            ways_of(machine, nuts=mechanics == "modal"), 0.5 * machine.wire_diameter_um,
         )
         self._memory.put(self._drives.axes)
         self.drives = self._drives.by_axis
-        if isinstance(self._model, FullMechanics):
-            for axis in (0, 1):
-                if self._drives.has_loop(axis):
-                    self._model.set_motor(axis, self._drives.axes.motors[axis : axis + 1])
+        for axis in (0, 1):
+            if isinstance(self._model, FullMechanics) and self._drives.has_loop(axis):
+                self._model.set_motor(axis, self._drives.axes.motors[axis : axis + 1])
         self._propagators, self._grid_us = allocate(Propagators, self._sizes), 0.0
         self._memory.put(self._propagators)
         self._settings = GeneratorSettings(machine, res)
@@ -168,10 +168,8 @@ class Plant(PlantReadings):
         self._set(self._first_machine.t_on_us, self._first_machine.t_period_us, on=True)
         position_um = position_um or self.machine.base.table.centre_um
         stock = block_in_front(self.machine, position_um[0]) if stock is None else checked_stock(stock, self.machine)
-        self.field = KerfField(
-            self.resolution.slices, stock, self.resolution.cell_um,
-            self.machine.base.table.travel_mm.value * 1e3,
-        )
+        res, travel_um = self.resolution, self.machine.base.table.travel_mm.value * 1e3
+        self.field = KerfField(res.slices, stock, res.cell_um, travel_um)
         self._memory.put_own(tiles=self.field.tiles, tile_index=self.field.index)
         self._state[:] = 0
         self._window[:] = 0
@@ -202,7 +200,7 @@ class Plant(PlantReadings):
         """
         self._set(self.machine.t_on_us, self.machine.t_period_us, on)
 
-    def rethread(self, position_um: Sequence[float], duration_ns: int) -> None:
+    def rethread(self, position_um: Sequence[float], duration_ns: int) -> float:
         """Cut the wire, move to another place with the generator off, and thread a fresh wire there.
 
         Parameters
@@ -212,11 +210,16 @@ class Plant(PlantReadings):
             step, at the table's rapid speed.
         duration_ns : int
             For moving and threading. If such an axis is not in place by then, the time goes on until it is.
+
+        Returns
+        -------
+        float
+            How long (s) axes would take that are not waited for, as they take too long; 0 if there are none.
         """
         before, table = self._arrays, self.machine.base.table
-        self._state["time_ns"] += self._drives.carry(
-            self._state, position_um, duration_ns, table.step_um.value, table.rapid_um_s.value
-        )
+        step_um, rapid_um_s = table.step_um.value, table.rapid_um_s.value
+        took_ns, late_s = self._drives.carry(self._state, position_um, duration_ns, step_um, rapid_um_s)
+        self._state["time_ns"] += took_ns
         for name in ("heat_wait_us", "spot", "wear_wait_um3", "worn_share", "broken", "traces"):
             self._state[name] = 0
         self._at_rest()
@@ -224,6 +227,11 @@ class Plant(PlantReadings):
             getattr(self._arrays, name)[:] = getattr(before, name)
         if self.mechanics == "mujoco":
             self._arrays.table_q[:] = before.table_q  # steps once lost stay lost
+        return late_s
+
+    def break_axis(self, axis: str, fault: str) -> None:
+        """Let an axis whose drive has a loop have a fault, one of `edmsim.plant.axes.faults.FAULTS`."""
+        FAULTS[fault](self._drives.axes, AXIS_NAMES.index(axis))
 
     def watch_pulses(self) -> None:
         """From the next window on, keep what every pulse was (`last_pulses`); the cut stays the same to the bit."""
@@ -325,10 +333,10 @@ class Plant(PlantReadings):
 
     def make_tiles(self) -> None:
         """Make the kerf field's tiles around the wire, which the loop asks for when it lacks them."""
-        s = self._state[0]
+        s, c = self._state[0], self._constants
         x, y = (float(v) for v in s["axis_um"][:2] + s["deflection_um"])
         u, v = (float(v) for v in s["axis_um"][2:])
-        self.field.allocate(x, y, self._constants.radius_um + self._constants.range_um + 2 * TILED_UM, (u, v))
+        self.field.allocate(x, y, c.radius_um + c.range_um + 2 * TILED_UM + self._drives.reach_um, (u, v))
         self._memory.put_own(tiles=self.field.tiles, tile_index=self.field.index)
         self._state["tiled_um"] = (x, y, x + u, y + v)
 
@@ -385,14 +393,9 @@ class Plant(PlantReadings):
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         """Build the plant again and continue where the snapshot was taken."""
-        Plant.__init__(
-            self, state["machine"], stock=state["stock"], resolution=state["resolution"],
-            mechanics=state["mechanics"], drives=state["drives"],
-        )
+        given = {name: state[name] for name in ("stock", "resolution", "mechanics", "drives")}
+        Plant.__init__(self, state["machine"], **given)
         self.restore(state["snapshot"])
         self._window[:] = state["window"]
         self._pulses = state["pulses"].copy()
         self._memory.put_own(pulses=self._pulses)
-
-
-_NO_STEPS = np.empty((0, 3), np.int64)

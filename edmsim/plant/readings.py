@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from edmsim.plant.axes.drives import Drives
+from edmsim.plant.axes.drives import AXIS_NAMES, Drives
+from edmsim.plant.axes.trips import reason, reason_of_delay
 from edmsim.plant.gap.rays import Rays
 from edmsim.plant.kernel.state import GRID, PULSE, PULSES_PER_WINDOW, Arrays, Constants, Timing
 from edmsim.plant.resolution import Resolution
@@ -104,8 +105,36 @@ class PlantReadings:
 
     @property
     def drive_faults(self) -> int:
-        """Which drives report a fault: bit 0 for x, 1 for y, 2 for u, 3 for v."""
+        """Which axes have to stop: bit 0 for x, 1 for y, 2 for u, 3 for v.
+
+        Its drive reports a fault, or commands what is no share of its supply; or the table is further from where its
+        steps lead it than the wire's radius, so that the wire does not touch its path any more.
+        """
         return self._drives.faults()
+
+    @property
+    def fault_reason(self) -> str:
+        """Why the axes of `drive_faults` have to stop, in words; nothing if there are none."""
+        return reason(self._drives)
+
+    @property
+    def away_um(self) -> NDArray[np.float64]:
+        """How far x, y, u and v are from where their steps lead them; 0 under a stepper, which nobody looks after."""
+        return self._drives.away_um(self._state)
+
+    def reason_of_delay(self, late_s: float) -> str:
+        """Say which axes are not in place, if any, and what keeps them; they would take so long (s) to be."""
+        return "" if self.in_place else reason_of_delay(self._drives, self.away_um, self._constants.step_um, late_s)
+
+    @property
+    def in_place(self) -> bool:
+        """Whether all axes whose drives have a loop are within a step of where their steps lead them."""
+        return bool(np.all(self.away_um <= self._constants.step_um))
+
+    @property
+    def own_step_um(self) -> dict[str, float]:
+        """What a step edge asks an axis' drive to move its table by, for every axis whose drive has a loop."""
+        return {name: self._drives.step_um(k) for k, name in enumerate(AXIS_NAMES) if self._drives.has_loop(k)}
 
     @property
     def window_ns(self) -> int:

@@ -76,6 +76,14 @@ def test_what_cannot_be_used_is_refused():
         axes.make("uhu2")
 
 
+def test_a_step_without_a_measure_is_refused():
+    drive = type("Own", (PositionServo,), {"counts_per_step": float("nan")})
+    globals()["Own"] = drive
+    drive.__module__ = __name__
+    with pytest.raises(InputError, match="asks for nan counts at a step"):
+        axes.check_drive(drive)
+
+
 def _with_period(num, den):
     drive = PositionServo()
     drive.record["num"], drive.record["den"] = num, den

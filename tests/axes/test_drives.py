@@ -17,7 +17,6 @@ from edmsim.controllers import axis as axes
 from edmsim.controllers.axis.servo import KP, PositionServo
 from edmsim.errors import InputError
 from edmsim.plant.fleet import Fleet
-from edmsim.plant.window import NotFiniteError, WireLostError
 from edmsim.plant.workpiece.kerf_field import Stock
 
 FAR = Stock((60_000.0, 60_000.0, 61_000.0, 61_000.0))
@@ -147,19 +146,26 @@ def test_reset_switches_the_drives_on_again(machine):
 
 
 @pytest.mark.parametrize("mechanics", ["modal", "mujoco"])
-def test_a_command_that_is_no_number_ends_the_window(machine, mechanics):
-    plant = plant_with(machine, {"x": NanDrive()}, mechanics)
+def test_a_drive_whose_command_is_no_number_is_taken_out_of_service(machine, mechanics):
+    plant = plant_with(machine, {"x": NanDrive(), "y": axes.make("servo")}, mechanics)
     plant.advance()
-    with pytest.raises((NotFiniteError, WireLostError)):
+    assert plant.drive_faults == 0
+    for _ in range(3):
         plant.advance()
+    assert plant.drive_faults == 0b01
+    assert plant.fault_reason == "the drive of x is out of service: it commanded what is no share of its supply"
 
 
 @pytest.mark.parametrize("mechanics", ["modal", "mujoco"])
 @pytest.mark.parametrize("axis", ["x", "u"])
 def test_an_axis_that_runs_away_within_a_window_ends_it(machine, mechanics, axis):
+    """It ends with the pulse in which the axis is further from its path than the wire's radius, 125 um."""
     plant = plant_with(machine.with_(t_on_us=5.0, t_period_us=2_000.0), {axis: RunsAway()}, mechanics)
-    with pytest.raises(WireLostError, match="left its guides"):
-        plant.advance()
+    window = plant.advance()
+    assert 1 < window.pulses < 255
+    assert plant.drive_faults == 1 << "xyuv".index(axis)
+    assert plant.fault_reason.startswith(f"{axis} is 1")
+    assert "from its path, more than the 125 um of the wire's radius" in plant.fault_reason
 
 
 def test_a_servo_that_falls_behind_reports_its_fault(machine):

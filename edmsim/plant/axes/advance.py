@@ -12,14 +12,14 @@ from numpy.typing import NDArray
 
 from edmsim.compiled.axis_rows import N_AXES
 from edmsim.compiled.jit import compiled, compiled_apart
-from edmsim.plant.axes.board import NOBODY, first_due, serve
+from edmsim.plant.axes.board import NOBODY, NOWHERE_UM, first_due, serve, shut_off, tripped, watch
 from edmsim.plant.axes.shaft import coast_all
 from edmsim.plant.axes.ways import errors_um, taken_up
 from edmsim.plant.kernel.state import TILED_UM, Arrays, Axes, Propagators, Timing
 from edmsim.plant.mechanics.modal import step_table
 
-LOST = -1
-"""What is returned instead of the next event if a wire or an axis has left every reason."""
+LOST, TRIPPED = -1, -2
+"""What is returned instead of the next event: a wire or an axis has left every reason; the machine has to stop an axis."""
 
 
 @compiled
@@ -71,22 +71,24 @@ def take_line(axes: Axes, channel: int, level: int) -> None:
 
 
 @compiled
-def in_reach(state: NDArray[np.void]) -> bool:
+def in_reach(state: NDArray[np.void], axes: Axes) -> bool:
     """Whether the wire at both guides is still where the kerf field has tiles for it; not so if it is nowhere."""
     fine = True
     for d in range(2):
         low = state[0].axis_um[d] + state[0].deflection_um[d]
         high = low + state[0].axis_um[2 + d]
-        fine = fine and bool(abs(low - state[0].tiled_um[d]) < 2.0 * TILED_UM)
-        fine = fine and bool(abs(high - state[0].tiled_um[2 + d]) < 2.0 * TILED_UM)
+        # an axis may be so far from where its steps lead it, and is judged by that
+        reach = 2.0 * TILED_UM + axes.rows[d].stray_um
+        fine = fine and bool(abs(low - state[0].tiled_um[d]) < reach)
+        fine = fine and bool(abs(high - state[0].tiled_um[2 + d]) < reach + axes.rows[2 + d].stray_um)
     return fine
 
 
 @compiled
 def _place_axes(state: NDArray[np.void], axes: Axes) -> None:
-    """Put the axes whose drives have a loop where their tables are."""
+    """Put the axes whose drives have a loop where their tables are; one that is nowhere stays."""
     for axis in range(N_AXES):
-        if axes.drives[axis].sample != 0:
+        if axes.drives[axis].sample != 0 and abs(axes.rows[axis].place_um) < NOWHERE_UM:
             state[0].axis_um[axis] = axes.rows[axis].place_um
 
 
@@ -96,6 +98,7 @@ def _run_drives(
     events: NDArray[np.int64], next_event: int, until_ns: int, full: bool,
 ) -> int:
     """Take events and samples in order of time, where a drive has a loop; see `advance_axes`."""
+    before = tripped(axes)
     while True:
         who, due_ns = first_due(axes, until_ns)
         event = next_event < events.shape[0] and events[next_event, 0] <= due_ns and events[next_event, 0] < until_ns
@@ -103,7 +106,10 @@ def _run_drives(
             due_ns = events[next_event, 0]
         fine = coast_all(axes, 2 if full else 0, due_ns)
         _place_axes(state, axes)
-        if not (fine and in_reach(state)):
+        watch(axes, due_ns)
+        if tripped(axes) & ~before:
+            return TRIPPED
+        if not (fine and in_reach(state, axes)):
             return LOST
         if event:
             channel, value = events[next_event, 1], events[next_event, 2]
@@ -114,11 +120,13 @@ def _run_drives(
             else:
                 axes.drives[channel].setpoint += value
                 state[0].commanded_um[channel] += value * step_um
+                axes.rows[channel].least_um += value * step_um
+                axes.rows[channel].most_um += value * step_um
             next_event += 1
         elif who == NOBODY:
             return next_event
         elif not serve(axes, who, due_ns):
-            return LOST
+            shut_off(axes, who % N_AXES, due_ns)
 
 
 @compiled
@@ -146,7 +154,8 @@ def advance_axes(
     Returns
     -------
     int
-        First event that lies later; `LOST` if a command is none, or an axis left the tiles of the field.
+        First event that lies later; `LOST` if an axis left the tiles of the field; `TRIPPED` as soon as the machine has
+        to stop an axis that it had not to stop before: what is left of the span has not passed for the axes then.
     """
     if axes.loops == 0:
         while next_event < events.shape[0] and events[next_event, 0] < until_ns:

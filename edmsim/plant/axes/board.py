@@ -10,8 +10,10 @@ from edmsim.compiled.axis_rows import (
     N_AXES,
     NET_IN,
     NET_OUT,
+    NO_COMMAND,
     SAMPLE,
     SHARED_IN,
+    STRAYED,
     WATCHDOG,
 )
 from edmsim.compiled.calls import call_with_two
@@ -23,6 +25,8 @@ NEVER = 1 << 62
 """A time (ns) after all others."""
 NOBODY = -1
 """Nobody is due."""
+NOWHERE_UM = 1e9
+"""An axis that is not within this is nowhere: it has run out of every reason, or its place is no number."""
 _OUTPUT, _DUTY, _SAMPLE, _ALARM = (kind * N_AXES for kind in range(4))
 """Who is due: one of these and the number of the axis."""
 
@@ -135,6 +139,40 @@ def serve(axes: Axes, who: int, now_ns: int) -> bool:
     else:
         _put_command(axes, axis)
     return True
+
+
+@compiled
+def shut_off(axes: Axes, axis: int, now_ns: int) -> None:
+    """Take a drive out of service that commands what is no share of its supply."""
+    hold_in_reset(axes, axis)
+    axes.drives[axis].command = axes.rows[axis].duty = 0.0
+    axes.rows[axis].trip |= NO_COMMAND
+    axes.rows[axis].trip_ns = now_ns
+
+
+@compiled
+def tripped(axes: Axes) -> int:
+    """Return which axes the machine itself has to stop, a bit each."""
+    found = 0
+    for axis in range(N_AXES):
+        if axes.drives[axis].sample != 0 and axes.rows[axis].trip != 0:
+            found |= 1 << axis
+    return found
+
+
+@compiled
+def watch(axes: Axes, now_ns: int) -> None:
+    """See which axes are too far from where the planner has them; a place that is no number is nowhere."""
+    for axis in range(N_AXES):
+        row = axes.rows[axis]
+        if axes.drives[axis].sample == 0:
+            continue
+        place, most = row.place_um, row.stray_um
+        if abs(place) < NOWHERE_UM and place - row.most_um <= most and row.least_um - place <= most:
+            row.trip &= ~STRAYED
+        elif row.trip & STRAYED == 0:
+            row.trip |= STRAYED
+            row.trip_ns = now_ns
 
 
 @compiled

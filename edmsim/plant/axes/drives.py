@@ -11,13 +11,13 @@ from numpy.typing import NDArray
 
 from edmsim.compiled.axis_rows import DRIVE, FAULT, FREEWHEEL, N_AXES, NET_IN, NET_OUT, SampleFunction
 from edmsim.compiled.random import key_of
-from edmsim.errors import EdmsimError, InputError, one_of
+from edmsim.errors import InputError, one_of
 from edmsim.plant.axes.advance import go_astray, indicate, take_line
-from edmsim.plant.axes.board import NEVER
+from edmsim.plant.axes.board import NEVER, NOWHERE_UM
 from edmsim.plant.axes.encoder import draw_pause
 from edmsim.plant.axes.marks import LONG_AGO_NS, mark_below, watch_cam
 from edmsim.plant.axes.motor import check_motor
-from edmsim.plant.axes.rapid import constants, run_moves, straight_moves
+from edmsim.plant.axes.rapid import constants, run_moves, straight_moves, time_left_s
 from edmsim.plant.axes.shaft import longest_step_ns
 from edmsim.plant.axes.steps import MOVE
 from edmsim.plant.axes.ways import no_ways, taken_up
@@ -31,7 +31,6 @@ AXIS_NAMES = ("x", "y", "u", "v")
 _TIMERS = "output_ns", "duty_ns", "alarm_ns"
 _LOOK_NS = 10_000_000
 """How often it is looked whether a rapid is over (ours)."""
-_RAN_AWAY = "a drive commands what is no share of its supply, or its axis has run away"
 
 
 class AxisDrive(Protocol):
@@ -43,6 +42,11 @@ class AxisDrive(Protocol):
     @property
     def sample(self) -> SampleFunction | None:
         """The compiled sample; None for a stepper."""
+        ...
+
+    @property
+    def counts_per_step(self) -> float:
+        """Encoder counts that a step edge asks for."""
         ...
 
 
@@ -60,6 +64,8 @@ class Drives:
         Of axes, by number, whose screw and table are the machine's and not the drive's.
     ways : records of `WAY` (2,), optional
         Errors of screws and ways of x and y; none if not given.
+    stray_um : float, optional
+        How far an axis may be from where its steps lead it before the machine stops it.
 
     Attributes
     ----------
@@ -77,6 +83,7 @@ class Drives:
     def __init__(
         self, drives: Mapping[str, AxisDrive], travel_um: float, sizes: ArraySizes,
         screws: Mapping[int, Mapping[str, float]] | None = None, ways: NDArray[np.void] | None = None,
+        stray_um: float = np.inf,
     ) -> None:
         for name in drives:
             if name not in AXIS_NAMES:
@@ -105,7 +112,7 @@ class Drives:
             made.step_ns[k] = longest_step_ns(motor)
             self._looped.append(k)
         self._first = made.drives.copy()
-        self._travel_um = travel_um
+        self._travel_um, self._stray_um = travel_um, stray_um
         errs = made.ways.tobytes() != no_ways().tobytes()
         self.axes = made._replace(loops=len(self._looped), errs=int(errs))
 
@@ -119,7 +126,9 @@ class Drives:
         rows, drives = self.axes.rows, self.axes.drives
         rows[:] = 0
         rows["spike_ns"] = np.inf
-        rows["place_um"] = rows["zero_um"] = axis_um
+        for name in ("place_um", "zero_um", "least_um", "most_um"):
+            rows[name] = axis_um
+        rows["stray_um"] = self._stray_um
         rows["low_um"], rows["high_um"] = (0.0, 0.0, -np.inf, -np.inf), (*[self._travel_um] * 2, np.inf, np.inf)
         drives[:] = self._first
         rows["rotor_um"], rows["link_V"] = axis_um, self.axes.motors["supply_V"]
@@ -138,7 +147,7 @@ class Drives:
     def carry(
         self, state: NDArray[np.void], position_um: Sequence[float], duration_ns: int, step_um: float,
         rapid_um_s: float,
-    ) -> int:
+    ) -> tuple[int, float]:
         """Let axes go to a place without the wire.
 
         An axis under a drive with a loop is given whole steps, at once where the drive makes ramps of its own, and is
@@ -157,13 +166,9 @@ class Drives:
 
         Returns
         -------
-        int
-            How long it took (ns): axes that are not yet within a step of their place are waited for.
-
-        Raises
-        ------
-        EdmsimError
-            A drive commands what is no share of its supply, or its axis has run away.
+        (int, float)
+            How long it took (ns), and for how long (s) axes would still have to be waited for, until they are within a
+            step of their place: 0 if they are, or have been stopped.
         """
         moved_um = np.zeros(N_AXES)
         moved_um[: len(position_um)] = position_um - state["commanded_um"][0, : len(position_um)]
@@ -179,28 +184,50 @@ class Drives:
             if not self.has_loop(axis):
                 slack_um = state["slack_um"][0, axis] if axis < 2 else 0.0
                 state["axis_um"][0, axis] = state["commanded_um"][0, axis] - slack_um
+        late_s = 0.0
         if self._looped:
-            duration_ns = self._travel(state, counts, duration_ns, step_um, rapid_um_s)
+            duration_ns, late_s = self._travel(state, counts, duration_ns, step_um, rapid_um_s)
         self._stray(state)
-        return duration_ns
+        return duration_ns, late_s
 
     def _travel(
         self, state: NDArray[np.void], counts: list[int], duration_ns: int, step_um: float, rapid_um_s: float
-    ) -> int:
-        """Move the axes whose drives have a loop by some steps; return how long (ns) it took."""
-        rows, start_ns = self.axes.rows, int(state["time_ns"][0])
+    ) -> tuple[int, float]:
+        """Move the axes whose drives have a loop by some steps; return what `carry` does.
+
+        On its way an axis may be anywhere between its old place and its new one.
+        """
+        rows, start_ns, to_um = self.axes.rows, int(state["time_ns"][0]), state["commanded_um"][0]
         at_once = [getattr(self.by_axis.get(name), "makes_ramps", False) for name in AXIS_NAMES]
         moves = straight_moves(counts, start_ns, rapid_um_s / step_um, at_once)
-        until_ns = start_ns + duration_ns
-        last_ns = until_ns + round(constants()["settled_s"] * 1e9)
-        while True:
-            if not run_moves(self.axes, moves, until_ns):
-                raise EdmsimError(_RAN_AWAY)
-            state["axis_um"][0, self._looped] = rows["place_um"][self._looped]
-            away_um = np.abs(state["axis_um"] - state["commanded_um"])[0, self._looped]
-            if until_ns >= last_ns or self.faults() or np.all(away_um <= step_um):
-                return until_ns - start_ns
+        rows["least_um"], rows["most_um"] = np.minimum(rows["least_um"], to_um), np.maximum(rows["most_um"], to_um)
+        until_ns, late_s = start_ns + duration_ns, 0.0
+        seen_ns, before_um = until_ns, np.inf * np.ones(N_AXES)
+        while run_moves(self.axes, moves, until_ns) and not self.faults():
+            away_um = self.away_um(state)
+            if np.all(away_um <= step_um):
+                break
+            if until_ns >= seen_ns:
+                late_s = time_left_s(before_um, away_um, constants()["settled_s"], step_um)
+                if late_s > constants()["longest_s"]:
+                    break
+                seen_ns, before_um, late_s = until_ns + round(constants()["settled_s"] * 1e9), away_um, 0.0
             until_ns += _LOOK_NS
+        rows["least_um"] = rows["most_um"] = to_um
+        self._show(state)
+        return until_ns - start_ns, late_s
+
+    def away_um(self, state: NDArray[np.void]) -> NDArray[np.float64]:
+        """Return how far every axis is from where its steps lead it; 0 for a stepper, which nobody looks after."""
+        away_um = np.zeros(N_AXES)
+        away_um[self._looped] = np.abs(self.axes.rows["place_um"] - state["commanded_um"][0])[self._looped]
+        return away_um
+
+    def _show(self, state: NDArray[np.void]) -> None:
+        """Put the axes whose drives have a loop where their tables are; one that is nowhere stays."""
+        places_um = self.axes.rows["place_um"]
+        there = [k for k in self._looped if abs(places_um[k]) < NOWHERE_UM]
+        state["axis_um"][0, there] = places_um[there]
 
     def follow(
         self, state: NDArray[np.void], events: NDArray[np.int64], until_ns: int, step_um: float
@@ -216,11 +243,6 @@ class Drives:
         until_ns : int
         step_um : float
             Travel of a step.
-
-        Raises
-        ------
-        EdmsimError
-            A drive commands what is no share of its supply, or its axis has run away.
         """
         if self.axes.errs:
             indicate(state)
@@ -232,10 +254,12 @@ class Drives:
             state["commanded_um"][0, channel] += value * step_um
             if self.has_loop(channel):
                 self.axes.drives["setpoint"][channel] += value
+                self.axes.rows["least_um"][channel] += value * step_um
+                self.axes.rows["most_um"][channel] += value * step_um
             else:
                 state["axis_um"][0, channel] += self._taken(state, channel, value * step_um)
         self._run_to(until_ns)
-        state["axis_um"][0, self._looped] = self.axes.rows["place_um"][self._looped]
+        self._show(state)
         self._stray(state)
 
     def _taken(self, state: NDArray[np.void], axis: int, travel_um: float) -> float:
@@ -248,9 +272,9 @@ class Drives:
         return travel_um - (now_um - slack_um)
 
     def _run_to(self, time_ns: int) -> None:
-        """Run the drives that have a loop, with no step made, up to a time."""
-        if self._looped and not run_moves(self.axes, np.zeros(0, MOVE), time_ns):
-            raise EdmsimError(_RAN_AWAY)
+        """Run the drives that have a loop, with no step made, up to a time, or until an axis has to be stopped."""
+        if self._looped:
+            run_moves(self.axes, np.zeros(0, MOVE), time_ns)
 
     def _stray(self, state: NDArray[np.void]) -> None:
         if self.axes.errs:
@@ -261,9 +285,20 @@ class Drives:
         return axis in self._looped
 
     def faults(self) -> int:
-        """Return which drives report a fault: bit k for axis k."""
-        lines = self.axes.drives["lines"].tolist()
-        return sum(1 << k for k in range(N_AXES) if lines[k] & FAULT)
+        """Return which axes have to stop: bit k for axis k, whose drive reports a fault, or which the machine stops."""
+        lines, trips = self.axes.drives["lines"].tolist(), self.axes.rows["trip"].tolist()
+        return sum(1 << k for k in range(N_AXES) if lines[k] & FAULT or trips[k])
+
+    @property
+    def reach_um(self) -> float:
+        """How much further than its steps lead it the wire may get at either guide."""
+        return 2.0 * self._stray_um if self._looped else 0.0
+
+    def step_um(self, axis: int) -> float:
+        """Return what a step edge asks a drive that has a loop to move its axis by, as screw and encoder are."""
+        motor = self.axes.motors[axis]
+        counts = self.by_axis[AXIS_NAMES[axis]].counts_per_step
+        return float(counts * motor["um_per_rad"] / motor["counts_per_rad"])
 
     def snapshot(self) -> dict[str, NDArray[Any]]:
         """Return what changes, without addresses; `restore` continues bit for bit."""

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from edmsim import models
 from edmsim.compiled.axis_rows import N_AXES
 from edmsim.compiled.jit import compiled
-from edmsim.plant.axes.board import NOBODY, first_due, serve
+from edmsim.plant.axes.board import NOBODY, first_due, serve, shut_off, tripped, watch
 from edmsim.plant.axes.shaft import coast_all
 from edmsim.plant.axes.steps import MOVE, make_steps, move
 from edmsim.plant.kernel.state import Axes
@@ -52,16 +52,44 @@ def straight_moves(counts: Sequence[int], start_ns: int, rate_Hz: float, at_once
     return np.concatenate(rows)
 
 
+def time_left_s(
+    before_um: NDArray[np.float64], away_um: NDArray[np.float64], between_s: float, near_um: float
+) -> float:
+    """Return how long axes take at their pace until they are near their places.
+
+    Parameters
+    ----------
+    before_um, away_um : (axes,)
+        How far they were away, and are a while later; infinite where that was not seen.
+    between_s : float
+        That while.
+    near_um : float
+
+    Returns
+    -------
+    float
+        Infinite if one does not come nearer.
+    """
+    far = away_um > near_um
+    nearer_um = (before_um - away_um)[far]
+    if np.any(nearer_um <= 0.0):
+        return math.inf
+    return float(np.max(away_um[far] / nearer_um, initial=0.0)) * between_s
+
+
 @compiled
 def run_moves(axes: Axes, moves: NDArray[np.void], until_ns: int) -> bool:
-    """Run the drives and their axes to a time; false if a command is none, or an axis has run away."""
+    """Run the drives and their axes to a time; false, and no further, once the machine has to stop another axis."""
+    before = tripped(axes)
     while True:
         who, due_ns = first_due(axes, until_ns)
-        if not coast_all(axes, 0, due_ns):
-            return False
+        fine = coast_all(axes, 0, due_ns)
         for axis in range(N_AXES):
             axes.drives[axis].setpoint += make_steps(moves, axis, 0, due_ns)
+        watch(axes, due_ns)
+        if tripped(axes) & ~before or not fine:
+            return False
         if who == NOBODY:
             return True
         if not serve(axes, who, due_ns):
-            return False
+            shut_off(axes, who % N_AXES, due_ns)

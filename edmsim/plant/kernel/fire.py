@@ -229,7 +229,7 @@ def fire_window(
     log: NDArray[np.void],
     count: int,
 ) -> int:
-    """Fire `count` pulses; stop early only if the wire breaks. The axes' steps happen at their own times.
+    """Fire `count` pulses; stop early if the wire breaks, or an axis has to be stopped. Its steps have their own times.
 
     The pulses are written to `log` if that has room for them, or none at all if it is empty. With `full`,
     MuJoCo moves wire and table through `link`, otherwise the modes move by `p`. Returns how the window ended (`FINE`
@@ -329,8 +329,8 @@ def fire_window(
         window[0].duration_ns += period_ns
         if state[0].heat_wait_us >= HEAT_INTERVAL_US:
             propagate_heat(state, a, c, heat, sums, films)
-        if next_event == LOST:
-            return _end(state, window, a, LOST_UM)
+        if next_event < 0:
+            return _end(state, window, a, LOST_UM if next_event == LOST else 0.0)
         if state[0].broken != 0 or n + 1 == count:
             break
     if state[0].broken != 0 or count < PULSES_PER_WINDOW or _is_due(state, c):

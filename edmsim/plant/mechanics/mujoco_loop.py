@@ -169,8 +169,9 @@ def move_full(
     Returns
     -------
     int
-        First event after this period, or `LOST` if a coordinate is not finite or beyond every reason;
-        nothing is stepped any more then, and the arrays hold what was found.
+        First event after this period; `TRIPPED` if an axis has to be stopped (see `advance_axes`); `LOST` if a
+        coordinate is not finite or beyond every reason. Nothing is stepped any more then, and the arrays hold what
+        was found.
     """
     period_us = period_ns * 1e-3
     n_steps = math.ceil(period_us / link.longest_us)
@@ -183,7 +184,7 @@ def move_full(
     for k in range(n_steps):
         until_ns = state[0].time_ns + period_ns * (k + 1) // n_steps
         next_event = advance_axes(state, a, axes, p, t, 0, link.step_um, events, next_event, until_ns, True)
-        if next_event == LOST:
+        if next_event < 0:
             break
         begin, end = k * dt_us, (k + 1) * dt_us
         scale = (

@@ -88,6 +88,19 @@ def test_reaction_and_motion_by_loop_and_emergency(loop, emergency, resists, mov
     assert refused(p, "START") != moves
 
 
+@pytest.mark.parametrize("loop", [True, False])
+def test_resume_gives_the_loop_back_if_it_was_on(loop):  # Q-10, Q-A16
+    p = Positioner()
+    p.do("LOOPON" if loop else "LOOPOFF")
+    p.do("EMRG")
+    p.slip(400)
+    assert p.device.output_V == 0.0  # no reaction in emergency
+    p.do("RESUME")
+    assert p["st_loopon"] == loop
+    p.slip(400)
+    assert (abs(p.device.output_V) > 0.1) == loop
+
+
 def test_start_needs_a_still_axis_that_may_move():  # Q-11, Q-A3
     p = moving()
     assert refused(p, "START")
@@ -99,10 +112,31 @@ def test_start_needs_a_still_axis_that_may_move():  # Q-11, Q-A3
     assert refused(p, "START")
     assert refused(p, "MANFW")
     p.do("CALOFF")
-    p["setvel"] = 0
-    assert refused(p, "START")  # Q-A31
-    p["setvel"] = 50000
     assert not refused(p, "START")
+
+
+@pytest.mark.parametrize("changes", [{"setvel": 0}, {"maxvel": 0}, {"maxvel": 3}, {"prsvel": 0, "sprsvel": 0}])
+def test_speeds_are_no_condition_of_a_command(changes):  # Q-11, 1.7.2; maxvel 3 is 0.05 um/s at 10 V
+    for command in ("START", "MANFW", "MANBW", "PRESET"):
+        assert not refused(Positioner(**changes), command)
+
+
+@pytest.mark.parametrize("command", ["START", "MANFW"])
+def test_an_axis_without_a_speed_is_under_way_until_it_gets_one(command):
+    p = Positioner(setvel=0)
+    p.do(command)
+    p.run(2.0)
+    assert not p["st_still"]
+    assert p.true_um == 0.0
+    p["setvel"] = 50000
+    p.run(1.5)
+    assert p.true_um > 500.0
+    p["setvel"] = 0  # and it stops on its ramp, and waits
+    p.run(2.0)
+    place = p.true_um
+    p.run(1.0)
+    assert not p["st_still"]
+    assert p.true_um == pytest.approx(place, abs=0.5)
 
 
 def test_loopoff_keeps_the_motion_without_the_loop():

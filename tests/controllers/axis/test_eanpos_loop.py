@@ -289,13 +289,24 @@ def test_samples_are_exact():  # Q-1
     assert set(np.diff(p.bench.samples()["time_ns"])) == {255_000_000}
 
 
-def test_an_axis_without_friction_or_speed_is_not_driven():  # Q-A31
+def test_an_output_without_a_scale_is_nought():  # Q-A31
     p = Positioner(maxvel=0)
     p.slip(-400)
     assert p.device.output_V == 0.0
     p.do("START")
-    assert p.warning == 1
-    assert p["st_still"]
+    p.run(0.5)
+    assert p.device.output_V == 0.0
+
+
+def test_a_sample_may_be_shorter_than_an_edge_at_full_speed():  # 1.7.2: no condition of START
+    amplifier = 10.471975511965978 * 600 / 100000  # rad/s at 1 V: 10 um/s at 10 V, 0.04 edges a ms
+    p = Positioner(tcamp_ms=1, maxvel=600, setvel=300, setpos=20, amplifier_rad_s_V=amplifier)
+    p.do("START")
+    p.run(2.0)
+    assert 2 < p["posit"] < 18
+    p.run(6.0)
+    assert p.warning == 0
+    assert p["posit"] == pytest.approx(20, abs=2)
 
 
 def test_without_counter_or_output():  # Q-A21

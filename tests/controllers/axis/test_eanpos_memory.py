@@ -292,3 +292,40 @@ def test_it_is_named_with_parameters_that_differ():
         axis.from_text("eanpos:gain=60")
     with pytest.raises(InputError, match=r"pgain is 0\.5; it must be a whole number"):
         axis.from_text("eanpos:pgain=0.5")
+
+
+def test_prspos_waits_for_rest_and_the_end_of_a_search():  # minpos to maxpos, st_still = 1 and st_prson = 0
+    p = Positioner(maxpos=5000, minpos=-5000, prsvel=6000)
+    p["prspos"] = 4000
+    assert (p["prspos"], p.warning) == (4000, 0)
+    for begin, end in (("START", "STOP"), ("PRESET", "STOP")):
+        p.do(begin)
+        p.run(0.1)
+        p["prspos"] = -4000
+        assert (p["prspos"], p.warning, p["wrnvalue"]) == (4000, 2, at.PRSPOS)
+        p.do(end, "RSWRN")
+        p.until("st_still")
+    p["prspos"] = -5001
+    assert (p["prspos"], p.warning, p["wrnvalue"]) == (-5001, 3, at.PRSPOS)
+    p.do("RSWRN")
+    p["prspos"] = -5000
+    assert (p["prspos"], p.warning) == (-5000, 0)
+
+
+def test_speeds_go_up_to_maxvel_which_waits_for_rest():  # 0 to 999999 at 10 V, st_still = 1
+    p = Positioner(maxvel=100000, setvel=50000)
+    p.do("START")
+    p.run(0.1)
+    p["maxvel"] = 200000
+    assert (p["maxvel"], p.warning, p["wrnvalue"]) == (100000, 2, at.MAXVEL)
+    p.do("STOP", "RSWRN")
+    p.until("st_still")
+    for value, code in ((999999, 0), (1000000, 3), (-1, 3), (80000, 0)):
+        p.do("RSWRN")
+        p["maxvel"] = value
+        assert (p["maxvel"], p.warning) == (value, code)
+    for name in ("setvel", "prsvel", "sprsvel"):
+        for value, code in ((80000, 0), (80001, 3)):
+            p.do("RSWRN")
+            p[name] = value
+            assert (p[name], p.warning) == (value, code)

@@ -63,12 +63,15 @@ def test_acceleration_feed_forward_pushes_when_speeding_up_and_pulls_when_slowin
     assert helped[1] == pytest.approx(without[1], abs=1.5)
 
 
-@pytest.mark.parametrize(("velocity", "limit"), [(0, 10), (68, 29), (137, 50), (90, 36)])
+@pytest.mark.parametrize(
+    ("velocity", "limit"), [(0, 10), (68, 29), (137, 50), (90, 36), (-68, 29), (-137, 50), (-90, 36)]
+)
 def test_the_limit_grows_with_the_commanded_velocity(velocity, limit):  # M-10, M-15, M-58, appendix B
-    bench = on_bench("fast", error_limit=NO_TRIP, step_multiplier=max(velocity - 1, 0), loop_divider=9, **FAST)
+    """Either way: F goes by the size of the velocity."""
+    bench = on_bench("fast", error_limit=NO_TRIP, step_multiplier=max(abs(velocity) - 1, 0), loop_divider=9, **FAST)
     if velocity:
         rate_Hz = 1e9 / (51_200 * 16)
-        bench.steps("x", 1500, rate_Hz, 4 * rate_Hz)
+        bench.steps("x", 1500 if velocity > 0 else -1500, rate_Hz, 4 * rate_Hz)
         bench.run(0.6)
     say(bench, "F75")
     say(bench, "E10")

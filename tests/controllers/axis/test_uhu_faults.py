@@ -8,7 +8,7 @@ import pytest
 from edmsim.axis_bench import AxisBench
 from edmsim.controllers.axis.drive import axis_row
 from edmsim.controllers.axis.uhu import Uhu
-from edmsim.controllers.axis.uhu_law import ERROR_INPUT, LATCHED, TARGET, TRACKING, WATCHDOG
+from edmsim.controllers.axis.uhu_law import ERROR_INPUT, INTEGRAL, LATCHED, TARGET, TRACKING, WATCHDOG
 from edmsim.controllers.axis.uhu_law import O as OVERRUNS
 
 from .uhu_bench import BANNER, SAMPLE_SET, ask, bench_with, count, error, register, start_stream, traced, tuned
@@ -319,3 +319,38 @@ def test_a_snapshot_continues_bit_for_bit() -> None:
     first = traced(bench, 0.2)
     bench.restore(kept)
     assert traced(bench, 0.2).tobytes() == first.tobytes()
+
+
+@pytest.mark.parametrize("counts", [300, -32_000])
+def test_g_moves_nothing_while_the_output_is_off(counts: int) -> None:  # U-30, U-46, M-A21
+    """Neither now nor after R; and it is no tracking error, for which the drive would pull the line low itself."""
+    bench = tuned()
+    bench.pull_fault_net(True)
+    bench.run(0.01)
+    bench.pull_fault_net(False)
+    place = count(bench)
+    assert ask(bench, f"G{counts}") == "OK"
+    bench.run(0.05)
+    assert register(bench, LATCHED) == ERROR_INPUT
+    assert not bench.pins("x").fault_out_low
+    ask(bench, "R")
+    bench.run(0.3)
+    assert abs(count(bench) - place) <= 1
+    ask(bench, "G300")
+    bench.run(0.5)
+    assert abs(count(bench) - place - 300) <= 2
+
+
+def test_r_clears_the_integrator() -> None:  # U-31, U-A25
+    """A steady torque has filled it; after R the motor gives way at first, as a loop does that begins."""
+    bench = tuned(integral_gain=100, error_limit=5000)
+    bench.torque("x", 0.3)
+    bench.run(2.0)
+    filled, place = register(bench, INTEGRAL), count(bench)
+    assert abs(filled) > 1000
+    bench.send(b"R\r")
+    samples = traced(bench, 0.2)
+    assert (samples["count"] != place).any()
+    bench.drive("x").soft_reset()
+    bench.run(0.0014)  # two intervals
+    assert abs(register(bench, INTEGRAL)) < abs(filled) / 5

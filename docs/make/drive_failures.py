@@ -1,0 +1,126 @@
+"""The tables of `docs/servo-drives.md` and `docs/positioner.md`: what a cut does when a drive or its axis fails.
+
+python docs/make/drive_failures.py
+"""
+
+from __future__ import annotations
+
+import re
+import sys
+import tempfile
+from pathlib import Path
+from typing import NamedTuple
+
+import edmsim
+from edmsim.errors import BAD_INPUT, InputError
+
+DOCS = Path(__file__).parents[1]
+PAGES = {"uhu": "servo-drives.md", "servo-module": "servo-drives.md", "eanpos": "positioner.md"}
+LINE = "G21 G90\nG1 X0.4 Y0.3\nM2\n"
+SQUARES = """G21 G90
+G0 X-0.4 Y0.1
+G41
+G1 X0 Y0.1
+Y0.2
+X0.2
+Y0
+X0
+Y0.1
+G40
+G0 X1.6 Y0.1
+G41
+G1 X2 Y0.1
+Y0.2
+X2.2
+Y0
+X2
+Y0.1
+G40
+M2
+"""
+"""Two squares 2 mm apart."""
+STOPPED = 3
+"""Exit status of a cut that did not finish."""
+
+
+class Failure(NamedTuple):
+    """A way to fail: what it is called, what is typed behind ``edmsim cut``, and the program."""
+
+    way: str
+    drive: str
+    fault: str = ""
+    program: str = LINE
+
+    @property
+    def typed(self) -> str:
+        """Options of the command line."""
+        return f"--drive {self.drive}" + (f" --axis-fault {self.fault}" if self.fault else "")
+
+
+_SETTINGS = {
+    "uhu": {
+        "a motor that gets nothing": "T=0", "wrong scale": "M=4",
+        "runs away": "P=1000,I=25,D=255,H=1000,X=3000,T=255,N=100", "swings": "P=900,D=255,H=0",
+    },
+    "servo-module": {
+        "a motor that gets nothing": "C=0", "wrong scale": "X=4", "runs away": "P=3000,D=0",
+        "swings": "E=40000,P=2000,D=1000",
+    },
+    "eanpos": {
+        "speed of nought": "setvel=0", "target out of its limits": "maxpos=10", "wrong scale": "measure=800",
+        "swings": "pgain=3000",
+    },
+}  # fmt: skip
+_FAULTS = {
+    "wrong sign": "swapped@0", "stuck": "stuck@0.5", "encoder unplugged": "unplugged@0.5",
+    "power of the motor lost": "supply-off@0.5", "power of the logic lost": "logic-off@0.5",
+    "fault line": "fault-line@0.5", "drive hangs": "stalled@0.5",
+}  # fmt: skip
+_SLOW = {"uhu": "uhu:X=10", "eanpos": "eanpos:setvel=40"}
+
+
+def failures(drive: str) -> list[Failure]:
+    """Return a drive's ways to fail."""
+    found = [Failure(way, f"{drive}:{changes}") for way, changes in _SETTINGS[drive].items()]
+    found += [Failure(way, drive, f"x:{fault}") for way, fault in _FAULTS.items()]
+    if drive in _SLOW:
+        found.append(Failure("slow rapid, two squares", _SLOW[drive], program=SQUARES))
+    return [*found, Failure("none", drive)]
+
+
+def row(failure: Failure) -> str:
+    """Cut, and return the table's row."""
+    with tempfile.TemporaryDirectory() as folder:
+        program = Path(folder) / "part.ngc"
+        program.write_text(failure.program, encoding="utf-8")
+        faults = (failure.fault,) if failure.fault else ()
+        try:
+            report = edmsim.cut(
+                program, height_mm=3, resolution="fast", drive=failure.drive, axis_faults=faults
+            ).report
+        except InputError as error:
+            outcome, status, reason = "refused", BAD_INPUT, error.reason
+        else:
+            outcome, reason = report["outcome"], report["reason"] or ""
+            status = 0 if outcome == "finished" else STOPPED
+    return f"| {failure.way} | `{failure.typed}` | {outcome}, {status} | {reason} |"
+
+
+def table(drive: str) -> list[str]:
+    """Return a drive's table."""
+    return ["| what fails | typed | outcome, status | reason |", "|---|---|---|---|", *map(row, failures(drive))]
+
+
+def place(drive: str) -> re.Pattern[str]:
+    """Return where a drive's table belongs in its page."""
+    begin = re.escape(f"<!-- begin table: failures {drive} -->\n")
+    return re.compile(f"(?P<begin>{begin}).*?(?P<end><!-- end table -->)", re.DOTALL)
+
+
+if __name__ == "__main__":
+    for name, page in PAGES.items():
+        print(name, file=sys.stderr)
+        lines = "\n".join(table(name))
+        text = (DOCS / page).read_text(encoding="utf-8")
+        new = place(name).sub(lambda mark, lines=lines: f"{mark['begin']}\n{lines}\n\n{mark['end']}", text)
+        (DOCS / page).write_text(new, encoding="utf-8")

@@ -1,0 +1,96 @@
+"""Faults of an axis in a running machine: what can break, or be wired wrongly, behind a drive that has a loop.
+
+>>> parse_fault("x:stuck@2.5")
+AxisFault(axis='x', fault='stuck', at_s=2.5)
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from types import MappingProxyType
+from typing import TYPE_CHECKING, NamedTuple
+
+from edmsim.compiled.axis_rows import FAULT_IN, PHASE_A, PHASE_B
+from edmsim.errors import InputError
+from edmsim.plant.axes.board import NEVER, hold_in_reset
+
+if TYPE_CHECKING:
+    from edmsim.plant.kernel.state import Axes
+
+
+class AxisFault(NamedTuple):
+    """A fault of an axis from a time on.
+
+    Attributes
+    ----------
+    axis : str
+        ``x`` or ``y``.
+    fault : str
+        One of `FAULTS`.
+    at_s : float
+        Machine time from which on it is there; from the cut's begin, for 0.
+    """
+
+    axis: str
+    fault: str
+    at_s: float
+
+
+def _stick(axes: Axes, k: int) -> None:
+    axes.rows["locked"][k] = 1
+
+
+def _swap(axes: Axes, k: int) -> None:
+    axes.rows["swapped"][k] = 1
+
+
+def _unplug(axes: Axes, k: int) -> None:
+    axes.rows["unplugged"][k] |= PHASE_A | PHASE_B
+
+
+def _cut_supply(axes: Axes, k: int) -> None:
+    axes.motors["supply_V"][k] = axes.rows["link_V"][k] = 0.0
+
+
+def _reset(axes: Axes, k: int) -> None:
+    hold_in_reset(axes, k)
+
+
+def _pull_line(axes: Axes, k: int) -> None:
+    axes.rows["hand_lines"][k] |= FAULT_IN
+
+
+def _stall(axes: Axes, k: int) -> None:
+    axes.drives["stalled_until_ns"][k] = NEVER
+
+
+FAULTS = MappingProxyType[str, Callable[["Axes", int], None]]({
+    "stuck": _stick,
+    "swapped": _swap,
+    "unplugged": _unplug,
+    "supply-off": _cut_supply,
+    "logic-off": _reset,
+    "fault-line": _pull_line,
+    "stalled": _stall,
+})
+"""What each does to the rows of an axis; done twice it is as done once. The rotor is held; the encoder's wires are exchanged,
+so that the loop turns the wrong way; they are unplugged; the motor has no supply, and the capacitor at its bridge is discharged; the drive's logic has none; the drive's fault input is pulled low; the drive computes no more."""
+_FORM = "an axis' fault is AXIS:FAULT@SECONDS, x:stuck@2.5 say"
+
+
+def parse_fault(text: str) -> AxisFault:
+    """Read a fault; raises `InputError` if it is none."""
+    where, _, at = text.partition("@")
+    axis, _, fault = where.partition(":")
+    if axis not in ("x", "y"):
+        raise InputError(f"{text!r} names no axis x or y; {_FORM}")
+    if fault not in FAULTS:
+        raise InputError(f"{text!r} names no fault; choose one of {', '.join(FAULTS)}; {_FORM}")
+    try:
+        at_s = float(at)
+    except ValueError:
+        at_s = math.nan
+    if not 0 <= at_s < math.inf:
+        raise InputError(f"{text!r} has no time of 0 s or more behind @; {_FORM}")
+    return AxisFault(axis, fault, at_s)
