@@ -31,7 +31,8 @@ def real(value: object) -> float | None:
     try:
         return int(value) if isinstance(value, Integral) else float(value)
     except OverflowError:
-        return math.inf if math.trunc(value) > 0 else -math.inf
+        size: Any = math.trunc(value)
+        return math.inf if size > 0 else -math.inf
 
 
 def whole(value: object) -> int | None:

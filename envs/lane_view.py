@@ -55,12 +55,14 @@ class LaneView:
     @property
     def family(self) -> Family:
         """The arguments in force."""
-        return self._env.family
+        family: Family = self._env.family
+        return family
 
     @property
     def render_mode(self) -> str | None:
         """As of all lanes."""
-        return self._env.render_mode
+        mode: str | None = self._env.render_mode
+        return mode
 
     @property
     def unwrapped(self) -> LaneView:
@@ -70,7 +72,7 @@ class LaneView:
     @property
     def spec(self) -> gym.envs.registration.EnvSpec | None:
         """Specification of a single environment like it."""
-        spec = copy.deepcopy(self._env.spec)
+        spec: gym.envs.registration.EnvSpec | None = copy.deepcopy(self._env.spec)
         if spec is not None:
             spec.kwargs = {name: value for name, value in spec.kwargs.items() if name not in _OF_VECTORS}
             spec.max_episode_steps = self._env.max_episode_steps
@@ -117,16 +119,19 @@ class LaneView:
 
     def lane_law(self, controller: FeedController) -> LaneLaw:
         """Return a feed controller's place at the lane: see `LaneLaw`."""
-        return self._env.lane_law(self._lane, controller)
+        law: LaneLaw = self._env.lane_law(self._lane, controller)
+        return law
 
     def recorder(self, actions: Sequence[str] | None = None) -> EpisodeRecorder:
         """Return a recorder of the episode that the lane has just begun; see `EdmEnv.recorder`."""
-        return self._env.recorder(self._lane, actions)
+        recorder: EpisodeRecorder = self._env.recorder(self._lane, actions)
+        return recorder
 
     def render(self) -> NDArray[np.uint8] | None:
         """Return a picture of the lane; with ``"human"`` lane 0 is shown, and no other."""
         if self._env.render_mode == "rgb_array":
-            return self._env.picture(self._lane)
+            picture: NDArray[np.uint8] = self._env.picture(self._lane)
+            return picture
         if self._lane == 0:
             self._env.render()
         return None

@@ -56,7 +56,7 @@ class EdmVecEnv(VecEnv):  # type: ignore[misc, unused-ignore]
         for mask in groups:
             own = {} if mask is None else {**self._options[int(np.argmax(mask))], "reset_mask": mask}
             observations, infos = self.env.reset(seed=self._seeds, options=own)
-            for lane in lanes if mask is None else np.flatnonzero(mask):
+            for lane in lanes if mask is None else np.flatnonzero(mask).tolist():
                 self.reset_infos[lane] = lane_info(infos, lane)
         self._reset_seeds()
         self._reset_options()

@@ -68,7 +68,7 @@ class Asked(NamedTuple):
         policy = self.policy()
         if policy is not None and given.network == hyperparameters.load(env_id, algo).network:
             card = policy.card
-            shape = {"widths": card.widths, "activation": card.activation}
+            shape: dict[str, Any] = {"widths": card.widths, "activation": card.activation}
             shape |= {"lstm": card.lstm} if given.network.lstm and card.lstm else {}
             more["network"] = given.network.model_copy(update=shape)
         if self.residual is not None:

@@ -54,7 +54,7 @@ def start_sb3(model: Any, lanes: Any, policy: str | Policy) -> None:
     normalise, card = wrapped.normalise, given.card
     assert normalise is not None
     normalise.epsilon, normalise.clip_obs = card.epsilon, card.clip
-    statistics = normalise.obs_rms
+    statistics: Any = normalise.obs_rms
     statistics.mean = np.array([entry.mean for entry in card.observation])
     statistics.var = np.array([entry.variance for entry in card.observation])
     statistics.count = max(float(card.steps), 1.0)

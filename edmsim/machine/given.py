@@ -8,7 +8,7 @@ from typing import Any, get_args
 from pydantic import ValidationError
 
 from edmsim.errors import InputError, one_of
-from edmsim.given_numbers import real
+from edmsim.given_numbers import finite
 from edmsim.machine.machine import Machine
 from edmsim.machine.parts import Base, Constant, Material, Part, Wire
 from edmsim.machine.ranges import with_constants
@@ -48,11 +48,9 @@ def checked_constants(given: Mapping[str, float] | Iterable[tuple[str, float]]) 
         ``{"gap.critical_um": 5.0}``: section, or wire or material, and key; in the unit that the key ends in.
     """
     try:
-        pairs = sorted((str(name), real(value)) for name, value in dict(given).items())
+        pairs = sorted((str(name), finite(str(name), value)) for name, value in dict(given).items())
     except (TypeError, ValueError):
-        pairs = [("", None)]
-    if any(value is None for _, value in pairs):
-        raise InputError(f"constants are names with numbers, as {{'gap.critical_um': 5.0}}, not {given!r}")
+        raise InputError(f"constants are names with numbers, as {{'gap.critical_um': 5.0}}, not {given!r}") from None
     for name, _ in pairs:
         if name in OPTIONS:
             raise InputError(f"the constant {name} is a default: give the option {OPTIONS[name]}, instead")
