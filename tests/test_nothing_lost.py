@@ -216,7 +216,7 @@ def test_odd_names_and_plain_terminals_do_not_crash_a_finished_cut(small_punch: 
     done = subprocess.run(command, env=plain, capture_output=True, check=False)
     assert done.returncode == 3, done.stderr.decode()
     told = done.stdout.decode("ascii")
-    assert "mm2/min" in told
+    assert "mm3 removed" in told
     assert "o[/b]" in told
     assert b"recording" in done.stderr  # the last phase
     assert sorted(os.listdir(folder)) == [name.encode() for name in FILES]

@@ -56,7 +56,7 @@ def cut_alone(t_s: Floats, place_um: Floats, path_um: Floats, ignited: Floats, h
         Centres and radii of the start holes on the table.
     """
     away = np.hypot(place_um[:, None, 0] - holes_um[:, 0], place_um[:, None, 1] - holes_um[:, 1])
-    in_hole = (away <= holes_um[:, 2]).any(axis=1)
+    in_hole: NDArray[np.bool_] = np.any(away <= holes_um[:, 2], axis=1)
     rows, time_s, ways = np.zeros(len(t_s), bool), 0.0, []
     for part in stretches(len(t_s), pause_rows(t_s)):
         outside = part.start + np.flatnonzero(~in_hole[part])
