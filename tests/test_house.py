@@ -17,7 +17,7 @@ FOLDERS = {
     "edmsim.models": ROOT / "models",
 }  # fmt: skip
 LINKS = ("controllers", "envs", "models")
-MOST_LINES = 400
+MOST_LINES = 800
 FEWEST_FILES = 4
 LAYERS: dict[str, set[str]] = {
     "compiled": {"compiled"},
