@@ -36,6 +36,7 @@ _LOOK_NS = 10_000_000
 class AxisDrive(Protocol):
     """What a plant needs of a drive (see `edmsim.controllers.axis.drive.Drive`)."""
 
+    name: str
     record: NDArray[np.void]
     motor: NDArray[np.void] | None
 
