@@ -21,7 +21,7 @@ from edmsim.recording.deviation import offset_line
 
 OF_RUNNING = {"program", "out", "resume", "overwrite", "watch", "enter"}
 """Arguments of `edmsim.cut` that say how it is run, not what is cut."""
-CHECKED = {"heights", "height_areas", "constants", "ignore", "layers"}
+CHECKED = {"heights", "height_areas", "constants", "ignore", "layers", "axis_faults"}
 """Options given more freely than they are kept."""
 
 
@@ -48,7 +48,7 @@ def test_the_function_shows_every_option_with_default_and_meaning() -> None:
 def test_the_command_line_has_every_option_with_its_default() -> None:
     def option(name: str) -> str:  # without its unit
         bare = re.sub("_(mm|us|s|V|A|ohm|m_s|Pa)$", "", name)
-        return {"heights": "height_at", "constants": "constant"}.get(name, bare)
+        return {"heights": "height_at", "constants": "constant", "axis_faults": "axis_fault"}.get(name, bare)
 
     options = inspect.signature(cli.cut).parameters
     asked = {option(name): field.default for name, field in CutSettings.model_fields.items()

@@ -124,8 +124,8 @@ def test_a_compensated_cut_goes_on_from_a_snapshot_bit_for_bit(tables, bad):
 
 
 def test_a_drive_tuned_for_other_steps_is_refused():
-    with pytest.raises(InputError, match="the drive uhu moves 2 um at a step; this machine's steps are 1"):
-        edmsim.cut(SMALL, machine="worn-table", drive="uhu", height_mm=5.0, resolution="fast", max_time_s=1)
+    with pytest.raises(InputError, match=r"the drive of x \(uhu\) moves 2 um at a step; this machine's steps are 1"):
+        edmsim.cut(SMALL, machine="worn-table", drive="uhu:M=9", height_mm=5.0, resolution="fast", max_time_s=1)
 
 
 def test_steps_are_added_where_the_error_grows_and_left_out_where_it_falls():

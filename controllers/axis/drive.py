@@ -44,7 +44,7 @@ class Drive(Protocol):
         One row of `edmsim.compiled.axis_rows.MOTOR`; None for a stepper.
     counts_per_step : float
         Encoder counts that a step edge asks for; a cut refuses a drive by whose steps its table would go another way
-        than the machine's. Without meaning for a stepper.
+        than the machine's. 0 for one that follows none, and without meaning for a stepper.
     makes_ramps : bool, optional
         Whether it places its axis by ramps of its own, so that the steps of a rapid come at once.
     why_stopped : callable, optional

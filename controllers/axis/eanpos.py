@@ -352,7 +352,7 @@ class Eanpos:
         if self.states["st_emrg"]:
             return "it is in emergency"
         if not p["minpos"] <= reg[at.FOLLOWED] <= p["maxpos"]:
-            return f"its target {reg[at.FOLLOWED]} lies beyond its limits minpos {p['minpos']} and maxpos {p['maxpos']}"
+            return f"its target {reg[at.FOLLOWED]} lies beyond minpos {p['minpos']} or maxpos {p['maxpos']}"
         if slow := [name for name in ("setvel", "maxvel") if p[name] <= 0]:
             return f"its {' and '.join(slow)} is 0"
         return f"its warning {p['wrncode']} of {p['wrnvalue']}" if self.states["st_warning"] else ""

@@ -38,6 +38,7 @@ class AxisLoop:
     """
 
     name = "mcu-g3"
+    counts_per_step = 0.0  # its control writes the target
 
     def __init__(self, motor: NDArray[np.void] | None = None) -> None:
         data = DATA["axis"]

@@ -100,8 +100,9 @@ def cut(
     ] = False,
     axis_fault: Annotated[
         list[str] | None,
-        typer.Option(metavar="AXIS:FAULT@SECONDS", help="What breaks at an axis under a servo drive, and when: stuck, "
-                     "swapped, unplugged, supply-off, logic-off, fault-line, stalled; may be given again."),
+        typer.Option(metavar="AXIS:FAULT@SECONDS",
+                     help="What breaks at an axis under a servo drive, and when: stuck, swapped, unplugged, "
+                          "supply-off, logic-off, fault-line, stalled; may be given again."),
     ] = None,
     seed: Seed = 0,
     max_time: Annotated[float | None, typer.Option(help="Machine time in s after which to stop.")] = None,

@@ -45,8 +45,8 @@ low through a diode. An input without the net is held high."""
 SAMPLE, WATCHDOG = 0, 1
 """``DRIVE.event``: why the sample is called. For `WATCHDOG` no sample has run for ``watchdog_ns``."""
 STRAYED, NO_COMMAND = 1, 2
-"""Bits of ``AXIS.trip``: the table is too far from where the planner has it, or nowhere; the drive's command was no share
-of its supply, for which its board holds it in reset."""
+"""Bits of ``AXIS.trip``: the table is too far from where the planner has it, or nowhere; the drive's command was no
+share of its supply, for which its board holds it in reset."""
 BRIDGE_DAMAGED, MAGNETS_DAMAGED, WINDING_DAMAGED = 1, 2, 4
 """Bits of ``AXIS.damage``: a current over ``bridge_A``, one over ``peak_A``, a winding warmer than ``rated_K``."""
 PHASE_A, PHASE_B = 1, 2

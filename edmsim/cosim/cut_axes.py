@@ -1,4 +1,4 @@
-"""The axes of a cut under drives: steps of the machine's length, faults that come at their time, waits at a leg's end."""
+"""The axes of a cut under drives: steps of the machine's length, faults at their time, waits at the ends of legs."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ class CutAxes:
                 self._plant.break_axis(fault.axis, fault.fault)
 
     def late(self) -> str | None:
-        """Return why the axes need not be waited for any longer at a leg's end; None if they may still come, or have."""
+        """Return why axes need not be waited for any longer at a leg's end; None if they may still come, or have."""
         plant = self._plant
         if plant.in_place:
             self._since_ns = None

@@ -12,7 +12,7 @@ from edmsim.program.path import WireContour
 
 
 @dataclass
-class Place:
+class ProgramPlace:
     """How far a program is: the leg, where and after what length of path it began, whether its dwell has begun."""
 
     leg: int = 0

@@ -26,7 +26,7 @@ from edmsim.controllers.planner.registry import make_planner, position_unit
 from edmsim.controllers.protocols import DrivesSteps, HasSwitches, MissesWindows, check_command, tell
 from edmsim.cosim.cut_axes import CutAxes
 from edmsim.cosim.cycle import Cycle
-from edmsim.cosim.legs import Place, legs_of
+from edmsim.cosim.legs import ProgramPlace, legs_of
 from edmsim.cosim.motion import PlannerMotion
 from edmsim.cosim.observers import Observer
 from edmsim.cosim.stops import WORDS, StopCause, judge, switches_open
@@ -166,7 +166,7 @@ class Simulation:
         self.refused: str | None = None
         for observer in self.observers:
             observer.begin(self.plant)
-        self._at = Place(from_um=(x, y))
+        self._at = ProgramPlace(from_um=(x, y))
         self._motion = self._begin_leg()
         self._cycle = Cycle(self.plant, self._motion, self._decide, self.observers)
 
@@ -355,7 +355,7 @@ class Simulation:
             if why := self.plant.fault_reason or self.plant.reason_of_delay(late_s):
                 self._say(f"between two contours {why}")
                 return StopCause.DRIVE_TRIP
-        self._at = Place(at.leg + 1, self.commanded_um, self.path_um, False, self.missed_windows)
+        self._at = ProgramPlace(at.leg + 1, self.commanded_um, self.path_um, False, self.missed_windows)
         self._cycle.motion = self._motion = self._begin_leg()
         return StopCause.RUNNING
 
@@ -391,7 +391,7 @@ class Simulation:
 
     def restore(self, arrays: Mapping[str, NDArray[Any]], values: Mapping[str, Any]) -> None:
         """Take back a `snapshot` of the same cut, with the same observers; it then continues bit for bit."""
-        self._at = Place(**{**values["at"], "from_um": tuple(values["at"]["from_um"])})
+        self._at = ProgramPlace(**{**values["at"], "from_um": tuple(values["at"]["from_um"])})
         self._cycle.motion = self._motion = self._begin_leg()
         self._motion.restore(values["motion"])
         self.controller.restore(values["controller"])

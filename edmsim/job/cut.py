@@ -19,6 +19,7 @@ from edmsim.controllers.mcu.firmware.poscal import unit_um
 from edmsim.controllers.own import check_is_controller
 from edmsim.controllers.planner.registry import position_unit
 from edmsim.cosim.simulation import Progress, Simulation
+from edmsim.cosim.stops import StopCause
 from edmsim.errors import EdmsimError, InputError
 from edmsim.files import locked
 from edmsim.job import checkpoint, interrupts
@@ -215,6 +216,10 @@ def _notices(simulation: Simulation, settings: CutSettings) -> list[str]:
     notices = [*simulation.path.notices, *settings.workpiece.notices(simulation.plant.resolution.slices)]
     if simulation.refused is not None:
         notices.append(f"the generator refused a setting the controller wanted: {simulation.refused}")
+    for name, drive in simulation.plant.drives.items():
+        tells = getattr(drive, "why_stopped", None)
+        if simulation.cause is StopCause.FINISHED and tells is not None and (why := tells()):
+            notices.append(f"the drive of {name} says: {why}")
     for table in [] if simulation.elcam is None else simulation.elcam.tables.values():
         names = NAMES[table.axis], PLACES[table.master]
         if table.held:

@@ -19,7 +19,7 @@ from edmsim.plant.kernel.state import TILED_UM, Arrays, Axes, Propagators, Timin
 from edmsim.plant.mechanics.modal import step_table
 
 LOST, TRIPPED = -1, -2
-"""What is returned instead of the next event: a wire or an axis has left every reason; the machine has to stop an axis."""
+"""What is returned instead of the next event: a wire or an axis has left every reason; the machine stops an axis."""
 
 
 @compiled
@@ -154,8 +154,8 @@ def advance_axes(
     Returns
     -------
     int
-        First event that lies later; `LOST` if an axis left the tiles of the field; `TRIPPED` as soon as the machine has
-        to stop an axis that it had not to stop before: what is left of the span has not passed for the axes then.
+        First event that lies later; `LOST` if an axis left the tiles of the field; `TRIPPED` as soon as the machine
+        has to stop an axis that it had not to stop before: the rest of the span has not passed for the axes then.
     """
     if axes.loops == 0:
         while next_event < events.shape[0] and events[next_event, 0] < until_ns:

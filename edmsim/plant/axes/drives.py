@@ -36,6 +36,7 @@ _LOOK_NS = 10_000_000
 class AxisDrive(Protocol):
     """What a plant needs of a drive (see `edmsim.controllers.axis.drive.Drive`)."""
 
+    name: str
     record: NDArray[np.void]
     motor: NDArray[np.void] | None
 
@@ -167,8 +168,8 @@ class Drives:
         Returns
         -------
         (int, float)
-            How long it took (ns), and for how long (s) axes would still have to be waited for, until they are within a
-            step of their place: 0 if they are, or have been stopped.
+            How long it took (ns), and for how long (s) axes would still have to be waited for, until they are within
+            a step of their place: 0 if they are, or have been stopped.
         """
         moved_um = np.zeros(N_AXES)
         moved_um[: len(position_um)] = position_um - state["commanded_um"][0, : len(position_um)]
@@ -285,7 +286,7 @@ class Drives:
         return axis in self._looped
 
     def faults(self) -> int:
-        """Return which axes have to stop: bit k for axis k, whose drive reports a fault, or which the machine stops."""
+        """Return which axes have to stop: bit k for axis k, if its drive reports a fault, or the machine stops it."""
         lines, trips = self.axes.drives["lines"].tolist(), self.axes.rows["trip"].tolist()
         return sum(1 << k for k in range(N_AXES) if lines[k] & FAULT or trips[k])
 

@@ -74,8 +74,9 @@ FAULTS = MappingProxyType[str, Callable[["Axes", int], None]]({
     "fault-line": _pull_line,
     "stalled": _stall,
 })
-"""What each does to the rows of an axis; done twice it is as done once. The rotor is held; the encoder's wires are exchanged,
-so that the loop turns the wrong way; they are unplugged; the motor has no supply, and the capacitor at its bridge is discharged; the drive's logic has none; the drive's fault input is pulled low; the drive computes no more."""
+"""What each does to the rows of an axis; done twice it is as done once. The rotor is held; the encoder's wires are
+exchanged, so that the loop turns the wrong way; they are unplugged; the motor has no supply, and the capacitor at its
+bridge is discharged; the drive's logic has none; its fault input is pulled low; it computes no more."""
 _FORM = "an axis' fault is AXIS:FAULT@SECONDS, x:stuck@2.5 say"
 
 

@@ -1,4 +1,4 @@
-"""Why axes have stopped, in words: what drives say of themselves, and what the machine sees of its tables and wires."""
+"""Why axes have stopped, in words: what drives say of themselves, and what the machine sees of tables and wires."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ def reason(drives: Drives) -> str:
     rows, lines = drives.axes.rows, drives.axes.drives["lines"]
     stopped = [k for k, name in enumerate(AXIS_NAMES) if name in drives.by_axis and drives.faults() >> k & 1]
     by_line = [k for k in stopped if lines[k] & FAULT and not _own_words(drives, k) and _line_low(drives, k)]
-    texts = [_of_axis(drives, k) for k in sorted(stopped, key=lambda k: (k in by_line, int(rows["trip_ns"][k])))]
-    return "; ".join(texts)
+    stopped.sort(key=lambda k: (k in by_line, int(rows["trip_ns"][k])))
+    return "; ".join(_of_axis(drives, k) for k in stopped)
 
 
 def _of_axis(drives: Drives, k: int) -> str:
@@ -29,7 +29,7 @@ def _of_axis(drives: Drives, k: int) -> str:
     elif drives.axes.drives["lines"][k] & FAULT and not why and (pulled_by := _line_low(drives, k)):
         return f"the drive of {name} was stopped by its fault line, pulled low {pulled_by}"
     elif drives.axes.drives["lines"][k] & FAULT:
-        text = f"the drive of {name} has shut off its motor, {off_um:.1f} um from its path: {why or 'it says no cause'}"
+        text = f"the drive of {name} has shut off its motor, {off_um:.1f} um from its path{': ' + why if why else ''}"
     else:
         why = why or ("its drive is held in reset" if row["in_reset"] else "")
         text = (

@@ -229,7 +229,7 @@ def fire_window(
     log: NDArray[np.void],
     count: int,
 ) -> int:
-    """Fire `count` pulses; stop early if the wire breaks, or an axis has to be stopped. Its steps have their own times.
+    """Fire `count` pulses; stop early if the wire breaks or an axis has to. Steps happen at their own times.
 
     The pulses are written to `log` if that has room for them, or none at all if it is empty. With `full`,
     MuJoCo moves wire and table through `link`, otherwise the modes move by `p`. Returns how the window ended (`FINE`

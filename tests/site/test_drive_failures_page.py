@@ -1,0 +1,40 @@
+"""The tables of what a cut does when a drive fails: every way is in its page, and does what the page says."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+
+DOCS = Path(__file__).parents[2] / "docs"
+DRIVES = ("uhu", "servo-module", "eanpos")
+LATE = ("none", "swings", "fault line")
+"""Ways whose cuts last to the line's end, or nearly."""
+
+
+@pytest.fixture(scope="module")
+def script(load_script: Callable[[Path], ModuleType]) -> ModuleType:
+    return load_script(DOCS / "make" / "drive_failures.py")
+
+
+def written(script: ModuleType, drive: str) -> list[str]:
+    """Return the rows of a drive's table in its page."""
+    found = script.place(drive).search((DOCS / script.PAGES[drive]).read_text(encoding="utf-8"))
+    return [line for line in found[0].splitlines() if line.startswith("|")]
+
+
+@pytest.mark.parametrize("drive", DRIVES)
+def test_the_page_has_every_way_to_fail(script: ModuleType, drive: str) -> None:
+    typed = [row.split("|")[2].strip() for row in written(script, drive)[2:]]
+    assert typed == [f"`{failure.typed}`" for failure in script.failures(drive)]
+
+
+@pytest.mark.parametrize("drive", DRIVES)
+def test_each_does_what_the_page_says(script: ModuleType, drive: str) -> None:
+    rows = written(script, drive)
+    soon = [found for found in script.failures(drive) if found.program == script.LINE and found.way not in LATE]
+    assert len(soon) >= 8
+    for failure in soon:
+        assert script.row(failure) in rows
