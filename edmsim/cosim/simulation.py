@@ -236,7 +236,7 @@ class Simulation:
     def step(self) -> Progress:
         """Run one window; afterwards `outcome` tells whether the cut is over."""
         turn = self._cycle.turn()
-        self.sums.add(turn.window)
+        self.sums.add(turn.window, turn.opposite)
         opened = self._switches(turn.window)
         cause = self._judge(turn.window, opened)
         if self._stopped_by_controller(opened) and cause in (StopCause.RUNNING, StopCause.FINISHED):

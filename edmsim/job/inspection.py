@@ -72,6 +72,7 @@ def totals(simulation: Simulation, wall_time_s: float) -> Totals:
         removed_mm3=simulation.plant.removed_mm3,
         vibration_um_rms=math.sqrt(sums.vibration2_pulses / sums.pulses) if sums.pulses else math.nan,
         feed_limit_um_s=simulation.max_feed_um_s,
+        equalising_J=sums.equalising_J,
     )
 
 

@@ -63,6 +63,9 @@ def pulses_figure(windows: pa.Table) -> Figure:
     panels = figure.subplots(5, 1, sharex=True, height_ratios=[1.5, 1.0, 1.0, 1.0, 1.0], gridspec_kw={"hspace": 0.12})
     _draw_shares(panels[0], t, windows)
     _draw_band(panels[1], t, column(windows, "mean_voltage_V"), BLUE, "voltage, V")
+    if "net_voltage_V" in windows.column_names:
+        _draw_band(panels[1], t, column(windows, "net_voltage_V"), SKY, "voltage, V", "with equalising pulses")
+        legend(panels[1])
     current = panels[1].twinx()
     _draw_band(current, t, column(windows, "mean_current_A"), VERMILION, "current, A")
     current.spines["right"].set(visible=True, color=LINE)
@@ -91,11 +94,11 @@ def _draw_shares(axes: Axes, t: Array, windows: pa.Table) -> None:
     legend(axes, above=True, columns=4)
 
 
-def _draw_band(axes: Axes, t: Array, values: Array, colour: str, label: str) -> None:
+def _draw_band(axes: Axes, t: Array, values: Array, colour: str, label: str, name: str | None = None) -> None:
     band = binned(t, values, BINS)
     dress(axes, "", label)
     axes.fill_between(band.x, band.low, band.high, color=colour, alpha=0.15, linewidth=0)
-    axes.plot(band.x, band.mean, color=colour, linewidth=0.9)
+    axes.plot(band.x, band.mean, color=colour, linewidth=0.9, label=name)
 
 
 def plane_figure(windows: pa.Table) -> Figure:
