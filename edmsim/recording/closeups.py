@@ -36,9 +36,9 @@ def row_type(slices: int, rays: int) -> np.dtype[np.void]:
     """Return the type of a close-up for a resolution.
 
     Fields: machine time, guides and place along the path as in `Frames`; what burning and short-circuited pulses
-    are set to (V, A), and what equalising pulses have, both below 0 (0 without any); the middle slice's wire when its rays were last traced, and their gaps from there; the
-    deflection and the share of the front that gas covers, per slice; the last pulses
-    (`edmsim.plant.kernel.state.PULSE`) and how many there are.
+    are set to (V, A), and what equalising pulses have, both below 0 (0 without any); the middle slice's wire when its
+    rays were last traced, and their gaps from there; the deflection and the share of the front that gas covers, per
+    slice; the last pulses (`edmsim.plant.kernel.state.PULSE`) and how many there are.
     """
     return np.dtype(
         [

@@ -310,8 +310,9 @@ def _equalising_lines(report: Mapping[str, Any]) -> list[tuple[str, str]]:
     found, say = report.get("equalising"), figure_text
     if found is None:
         return []
-    left, power, energy = say(found["net_voltage_V"], "V", 2), say(found["power_W"], "W", 2), say(found["energy_J"], "J")
-    return [("equalising", f"mean gap voltage with its pulses {left}, for {power}, {energy}")]
+    left, power = say(found["net_voltage_V"], "V", 2), say(found["power_W"], "W", 2)
+    energy = say(found["energy_J"], "J", 2)
+    return [("equalising", f"its pulses leave {left} of the mean gap voltage and take {power}, {energy} in all")]
 
 
 def _percent(share: float | None) -> float | None:

@@ -63,10 +63,12 @@ def pulses_figure(windows: pa.Table) -> Figure:
     panels = figure.subplots(5, 1, sharex=True, height_ratios=[1.5, 1.0, 1.0, 1.0, 1.0], gridspec_kw={"hspace": 0.12})
     _draw_shares(panels[0], t, windows)
     _draw_band(panels[1], t, column(windows, "mean_voltage_V"), BLUE, "voltage, V")
+    current = panels[1].twinx()
     if "net_voltage_V" in windows.column_names:
         _draw_band(panels[1], t, column(windows, "net_voltage_V"), SKY, "voltage, V", "with equalising pulses")
+        panels[1].set_zorder(current.get_zorder() + 1)  # the legend before the current
+        panels[1].patch.set_visible(False)
         legend(panels[1])
-    current = panels[1].twinx()
     _draw_band(current, t, column(windows, "mean_current_A"), VERMILION, "current, A")
     current.spines["right"].set(visible=True, color=LINE)
     current.grid(visible=False)
