@@ -63,7 +63,7 @@ def opposite_pulses(
     current_A = voltage_V * leakage_S
     owed_us = window.mean_voltage_V * duration_us / voltage_V
     on_us = max(0.0, min(owed_us, _room_us(window, timing)))
-    net_V = window.mean_voltage_V - voltage_V * on_us / duration_us
+    net_V = max(0.0, window.mean_voltage_V - voltage_V * on_us / duration_us)  # not below by rounding
     return OppositePulses(-voltage_V, -current_A, on_us, net_V, supply_V * current_A * on_us / duration_us)
 
 
