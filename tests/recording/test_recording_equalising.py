@@ -80,7 +80,7 @@ def test_traces_show_them_and_their_mean_is_0(equalised) -> None:
     np.testing.assert_allclose(over / time[:, -1, 0], 0.0, atol=1e-3)  # times are kept in single precision
     low = voltage.min(axis=(1, 2))
     np.testing.assert_allclose(low, rows["opposite_V"])
-    assert np.all((-60.0 <= low) & (low < -55.0))
+    assert np.all((low >= -60.0) & (low < -55.0))
     flows = current < 0.0
     assert np.all(voltage[flows] < 0.0)
     np.testing.assert_allclose(current.min(axis=(1, 2)), rows["opposite_A"])
