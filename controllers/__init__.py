@@ -155,5 +155,6 @@ def from_text(text: str, *, cutting: bool = False) -> FeedController:
     if name in user_code.MAKERS:
         return cast(FeedController, user_code.make(name, rest))
     if name not in _CONTROLLERS:
-        raise InputError(f"there is no feed controller {name!r}; choose one of {one_of(name, names(), choices(cutting=cutting))}")
+        listed = one_of(name, names(), choices(cutting=cutting))
+        raise InputError(f"there is no feed controller {name!r}; choose one of {listed}")
     return make(name, **named_numbers(rest, "controller"))

@@ -93,7 +93,8 @@ class WindowObservation(NamedTuple):
     short, open : int
         Pulses without removal, 0..255 together.
     mean_voltage_V : float
-        Gap voltage averaged over the window.
+        Gap voltage of the working pulses averaged over the window, as a sensor that looks at those alone shows it:
+        equalising pulses, which hold the mean of both at 0 V, would hide the gap's state.
     mean_current_A : float
         Gap current averaged over the window.
     mean_delay_us : float

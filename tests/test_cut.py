@@ -30,7 +30,7 @@ REPORT = {
     "pulse_share", "kerf_um", "kerf_section", "profile_error_um", "corners",
     "offset", "elements",
     "origin_mm", "wire", "following_error_um", "table_error_um", "coverage", "surface", "energy_J", "removed_mm3",
-    "mean_current_A", "mean_voltage_V", "seed", "settings", "notices", "edmsim_version",
+    "mean_current_A", "mean_voltage_V", "equalising", "seed", "settings", "notices", "edmsim_version",
 }  # fmt: skip
 
 FILES = ["cut.rrd", "part.npz", "profile.png", "report.html", "report.json", "windows.parquet"]

@@ -28,7 +28,7 @@ from edmsim.controllers.feed.gap_servo import ServoController
 from edmsim.machine.files import available
 from edmsim.machine.machine import Machine
 from edmsim.machine.setting import most_current_A, open_V, pulse_shape
-from edmsim.recording.windows import COLUMNS
+from edmsim.recording.windows import COLUMNS, EQUALISING_COLUMNS
 
 DOCS = Path(__file__).parents[1]
 MARK = re.compile(
@@ -123,7 +123,8 @@ def described(parameter: inspect.Parameter, info: Any) -> tuple[str, ...]:
 
 def columns() -> list[str]:
     """Columns of ``windows.parquet``."""
-    return rows(("column", "unit", "meaning"), ((f"`{c.name}`", c.unit, c.meaning) for c in COLUMNS))
+    columns = COLUMNS + EQUALISING_COLUMNS
+    return rows(("column", "unit", "meaning"), ((f"`{c.name}`", c.unit, c.meaning) for c in columns))
 
 
 def letters() -> list[str]:

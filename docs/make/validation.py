@@ -104,7 +104,9 @@ def _sections(word: str, page: Path | None) -> Iterator[tuple[str, Iterable[tupl
             yield f"{name} ", Machine.load(material=name).material.surface or ()
     elif word == "generator":
         for name in available("generators"):
-            yield f"{name} ", Machine.load(generator=name).generator
+            generator = Machine.load(generator=name).generator
+            yield f"{name} ", generator
+            yield f"{name} ", ((f"equalising.{constant}", value) for constant, value in generator.equalising or ())
     else:
         base: Mapping[str, object] = dict(Machine.load().base)
         section = base.get(word)

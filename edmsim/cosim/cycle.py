@@ -46,9 +46,9 @@ class Cycle:
         steps = motion.plan(start_ns, start_ns + plant.longest_window_ns, plant.window_ns > 0)
         window = plant.advance(steps)
         motion.keep(start_ns, plant.time_ns)
-        turn = Turn(window, plant.time_ns, motion.feed_um_s, motion.path_um)
+        turn = Turn(window, plant.time_ns, motion.feed_um_s, motion.path_um, plant.opposite_pulses())
         for observer in self._observers:
             observer.window(turn, plant)
         if window.pulses == WINDOW_PULSES:
-            self._decide(WindowObservation.of(*turn))
+            self._decide(WindowObservation.of(window, turn.time_ns, turn.feed_um_s, turn.path_um))
         return turn

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edmsim.machine.machine import Machine
+from edmsim.plant.gap.equalising import OppositePulses
 from edmsim.plant.kernel.state import Timing
 from edmsim.plant.resolution import Resolution
 from edmsim.plant.window import PulseWindow
@@ -27,12 +28,15 @@ class Turn(NamedTuple):
         Feed in force at the window's end.
     path_um : float
         Length of path behind the wire by the position counters, over all legs.
+    opposite : OppositePulses, optional
+        Equalising pulses of the window, if the generator gives any.
     """
 
     window: PulseWindow
     time_ns: int
     feed_um_s: float
     path_um: float
+    opposite: OppositePulses | None = None
 
 
 class PlantView(Protocol):

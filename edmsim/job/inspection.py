@@ -75,6 +75,7 @@ def totals(simulation: Simulation, windows: WindowTable, wall_time_s: float) -> 
         vibration_um_rms=math.sqrt(sums.vibration2_pulses / sums.pulses) if sums.pulses else math.nan,
         feed_limit_um_s=simulation.max_feed_um_s,
         limited_share=_limited_share(simulation, windows, cut),
+        equalising_J=sums.equalising_J,
     )
 
 

@@ -36,4 +36,5 @@ def recorders_for(machine: Machine, steps: Sequence[LowerRegion], resolution: st
     size = resolution_named(resolution)
     lowest_mm = min([step.height_mm for step in steps], default=machine.height_mm)
     middle = max(round(size.slices * lowest_mm / machine.height_mm), 1) // 2  # it has metal everywhere
-    return Recorders(WindowTable(), Frames(size.slices), Closeups(size.slices, size.rays, middle))
+    windows = WindowTable(machine.generator.equalising is not None)
+    return Recorders(windows, Frames(size.slices), Closeups(size.slices, size.rays, middle))

@@ -265,6 +265,27 @@ class Material(Part):
     surface: Surface | None = None
 
 
+MOST_EQUALISING_A = 0.4
+"""No arc holds between common metals below this current (R. Holm, Electric Contacts: 0.43 A for copper in air)."""
+
+
+class Equalising(Part):
+    """Supply of the pulses of the other polarity, and its series resistor: see `edmsim.plant.gap.equalising`."""
+
+    voltage_V: Annotated[Positive, _within(1, 1000)]
+    resistance_ohm: Annotated[Positive, _within(0.001, 100000)]
+
+    @model_validator(mode="after")
+    def _holds_no_arc(self) -> Equalising:
+        most_A = self.voltage_V.value / self.resistance_ohm.value
+        if most_A > MOST_EQUALISING_A * (1 + 1e-9):
+            raise ValueError(
+                f"{self.voltage_V.value:g} V through {self.resistance_ohm.value:g} ohm are {most_A:.3g} A, which may "
+                f"hold an arc; equalising pulses have at most {MOST_EQUALISING_A:g} A: raise resistance_ohm"
+            )
+        return self
+
+
 class Generator(Part):
     """A pulse generator; what `t_on_us` means depends on the mode (see `edmsim.plant.gap.generator`)."""
 
@@ -279,7 +300,7 @@ class Generator(Part):
     ignition_wait_us: Annotated[Positive, _within(0.01, 100000)] | None = None
     mean_current_limit_A: Annotated[Positive, _within(0.001, 10000)]
     pulse_shape: Literal["rectangle", "triangle"] = "rectangle"
-    equalising: bool = False
+    equalising: Equalising | None = None
 
     @model_validator(mode="after")
     def _wait_where_needed(self) -> Generator:

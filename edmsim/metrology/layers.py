@@ -52,15 +52,13 @@ def electrolysed_um(machine: Machine, voltage_s_mm: float, gap_um: float) -> flo
     The wire is a cylinder beside a plane in water of conductivity ``k``. A place of the wall sees half of its field
     pass, as it is a wall only once the front has gone by: ``pi k U / (v arcosh(1 + g/r))`` of charge per area, for
     the mean voltage ``U`` and the speed ``v``. Every charge dissolves metal (Faraday): this is what there is at most.
-
-    Equalising pulses of the other polarity keep the mean voltage at 0 V as long as the pauses have room for them, up
-    to a relative pulse duration of a half: they have at most the voltage of the working pulses.
+    Charge that equalising pulses drive back counts against it.
 
     Parameters
     ----------
     machine : Machine
     voltage_s_mm : float
-        Gap voltage summed over time, per length of path, in V s/mm.
+        Gap voltage with its sign, summed over time, per length of path, in V s/mm.
     gap_um : float
         Gap between wire and wall, above 0.
 
@@ -75,13 +73,5 @@ def electrolysed_um(machine: Machine, voltage_s_mm: float, gap_um: float) -> flo
     warmer_K = water.gap_temperature_K.value - STANDARD_K
     conductivity_S_mm = water.conductivity_uS_cm.value * 1e-7 * (1.0 + CONDUCTIVITY_PER_K * warmer_K)
     spread = math.acosh(1.0 + gap_um / (machine.wire_diameter_um / 2))
-    charge_C_mm2 = math.pi * conductivity_S_mm * voltage_s_mm / spread * _left(machine)
+    charge_C_mm2 = math.pi * conductivity_S_mm * voltage_s_mm / spread
     return charge_C_mm2 * surface.dissolved_mm3_C.value * 1e3
-
-
-def _left(machine: Machine) -> float:
-    """Share of the mean voltage that is left: all of it without equalising pulses."""
-    if not machine.generator.equalising:
-        return 1.0
-    duty = machine.t_on_us / machine.t_period_us
-    return max(0.0, 1.0 - (1.0 - duty) / duty)

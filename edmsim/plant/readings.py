@@ -10,10 +10,12 @@ from numpy.typing import NDArray
 
 from edmsim.plant.axes.drives import AXIS_NAMES, Drives
 from edmsim.plant.axes.trips import reason, reason_of_delay
+from edmsim.plant.gap.equalising import OppositePulses, opposite_pulses
 from edmsim.plant.gap.rays import Rays
-from edmsim.plant.kernel.state import GRID, PULSE, PULSES_PER_WINDOW, Arrays, Constants, Timing
+from edmsim.plant.kernel.state import BARE, GRID, PULSE, PULSES_PER_WINDOW, Arrays, Constants, Timing
 from edmsim.plant.resolution import Resolution
 from edmsim.plant.settings import GeneratorSetting
+from edmsim.plant.window import read_window
 from edmsim.plant.workpiece.kerf_field import KerfField
 
 if TYPE_CHECKING:
@@ -38,6 +40,7 @@ class PlantReadings:
     resolution: Resolution
     _state: NDArray[np.void]
     _window: NDArray[np.void]
+    _window_bytes: memoryview
     _arrays: Arrays
     _constants: Constants
     _setting: GeneratorSetting
@@ -181,6 +184,20 @@ class PlantReadings:
     def timing(self) -> Timing:
         """The generator's present setting as the loop has it: voltages, currents, times."""
         return self._setting.timing
+
+    def leakage_S(self) -> float:
+        """Return the conductance of the water between wire and metal, by the rays as they are; 0 without a wire."""
+        if self._state["broken"][0] == BARE:
+            return 0.0
+        reach_um = np.maximum(self._arrays.distance[:, : self._arrays.edge_um.shape[1]], 1.0)
+        return float((1.0 / reach_um.astype(np.float64)).sum()) * self._constants.leak_S_um
+
+    def opposite_pulses(self) -> OppositePulses | None:
+        """Return the equalising pulses of the last window, fired at the present setting; None without a supply."""
+        circuit = self.machine.generator.equalising if self.generator_on else None
+        if circuit is None:
+            return None
+        return opposite_pulses(read_window(self._window_bytes), self.timing, circuit, self.leakage_S())
 
     def last_pulses(self) -> NDArray[np.void]:
         """Return the pulses of the last window as rows of `state.PULSE`, (n,); none if they are not watched."""

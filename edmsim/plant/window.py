@@ -36,7 +36,7 @@ class PulseWindow(NamedTuple):
     short, open, spark, arc : int
         Pulses of each class; they add up to 255 unless the wire broke.
     mean_voltage_V, mean_current_A : float
-        Means over the window.
+        Means over the window, of the working pulses: see `edmsim.plant.gap.equalising` for what others add.
     mean_delay_us : float
         Mean ignition delay of the pulses that ignited; NaN if none did.
     gap_um : float

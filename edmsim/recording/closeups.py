@@ -36,9 +36,9 @@ def row_type(slices: int, rays: int) -> np.dtype[np.void]:
     """Return the type of a close-up for a resolution.
 
     Fields: machine time, guides and place along the path as in `Frames`; what burning and short-circuited pulses
-    are set to (V, A); the middle slice's wire when its rays were last traced, and their gaps from there; the
-    deflection and the share of the front that gas covers, per slice; the last pulses
-    (`edmsim.plant.kernel.state.PULSE`) and how many there are.
+    are set to (V, A), and what equalising pulses have, both below 0 (0 without any); the middle slice's wire when its
+    rays were last traced, and their gaps from there; the deflection and the share of the front that gas covers, per
+    slice; the last pulses (`edmsim.plant.kernel.state.PULSE`) and how many there are.
     """
     return np.dtype(
         [
@@ -48,6 +48,8 @@ def row_type(slices: int, rays: int) -> np.dtype[np.void]:
             ("burning_V", "f4"),
             ("current_A", "f4"),
             ("short_A", "f4"),
+            ("opposite_V", "f4"),
+            ("opposite_A", "f4"),
             ("wire_um", "f8", 2),
             ("walls_um", "f4", rays),
             ("deflection_um", "f4", (slices, 2)),
@@ -159,6 +161,9 @@ class Closeups(Observer):
         row, timing = self.row, plant.timing
         row["t_s"], row["guides_um"], row["path_um"] = turn.time_ns * 1e-9, plant.commanded_um, turn.path_um
         row["burning_V"], row["current_A"], row["short_A"] = timing.burning_V, timing.current_A, timing.short_A
+        opposite = turn.opposite
+        row["opposite_V"] = 0.0 if opposite is None else opposite.voltage_V
+        row["opposite_A"] = 0.0 if opposite is None else opposite.current_A
         row["wire_um"], row["walls_um"] = plant.walls_um(self.slice_index)
         row["deflection_um"], row["coverage"] = plant.deflections_um(), plant.coverage()
         self._fill_pulses(plant.last_pulses())

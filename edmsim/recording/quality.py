@@ -33,6 +33,8 @@ class Totals:
         Root mean square of the wire's motion about its mean deflection; NaN if unknown.
     feed_limit_um_s, limited_share : float
         Greatest feed of machine and planner, and the share of the cut alone at it; NaN if unknown.
+    equalising_J : float
+        Energy from the supply of the equalising pulses.
     """
 
     machining_time_s: float
@@ -49,6 +51,7 @@ class Totals:
     vibration_um_rms: float
     feed_limit_um_s: float = math.nan
     limited_share: float = math.nan
+    equalising_J: float = 0.0
 
 
 @dataclass(frozen=True)

@@ -78,6 +78,7 @@ def build_report(
         "removed_mm3": totals.removed_mm3,
         "mean_current_A": _mean(windows, "mean_current_A"),
         "mean_voltage_V": _mean(windows, "mean_voltage_V"),
+        "equalising": _equalising(windows, totals),
         "seed": seed,
         "settings": dict(settings),
         "notices": list(notices),
@@ -130,6 +131,16 @@ def _wire(windows: pa.Table, totals: Totals) -> dict[str, Any]:
         "vibration_um_rms": totals.vibration_um_rms,
         "temperature_K_max": _most(windows, "wire_temperature_K"),
     }
+
+
+def _equalising(windows: pa.Table, totals: Totals) -> dict[str, float | None] | None:
+    """What equalising pulses left of the mean voltage, and what they took; None for a generator without any."""
+    if "net_voltage_V" not in windows.column_names:
+        return None
+    return {
+        "net_voltage_V": _mean(windows, "net_voltage_V"), "power_W": _mean(windows, "equalising_W"),
+        "energy_J": totals.equalising_J,
+    }  # fmt: skip
 
 
 def _following(windows: pa.Table) -> dict[str, float | None]:
@@ -267,6 +278,7 @@ def summary(report: Mapping[str, Any]) -> list[tuple[str, str]]:
         ("gas", f"covers {covered[0]} of the wire's front in the mean, at most {covered[1]}"),
         ("surface", _surface_line(report["surface"])),
         ("energy", f"{energy}, {removed} removed, {current}, {voltage} mean"),
+        *_equalising_lines(report),
     ]
 
 
@@ -314,6 +326,16 @@ def _table_lines(report: Mapping[str, Any]) -> list[tuple[str, str]]:
     rest = f"{say(left['max'], 'µm')} max, {say(left['rms'], 'µm')} rms"
     without = f"{say(profile['max'], 'µm')} max, {say(profile['rms'], 'µm')} rms"
     return [("table", f"{text}; compensated to {rest}"), ("profile error without compensation", without)]
+
+
+def _equalising_lines(report: Mapping[str, Any]) -> list[tuple[str, str]]:
+    """Say what equalising pulses do, if there are any; reports of earlier versions do not know."""
+    found, say = report.get("equalising"), figure_text
+    if found is None:
+        return []
+    left, power = say(found["net_voltage_V"], "V", 2), say(found["power_W"], "W", 2)
+    energy = say(found["energy_J"], "J", 2)
+    return [("equalising", f"its pulses leave {left} of the mean gap voltage and take {power}, {energy} in all")]
 
 
 def _percent(share: float | None) -> float | None:

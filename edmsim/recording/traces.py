@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from edmsim.errors import InputError
 from edmsim.files import replacing
+from edmsim.plant.gap.equalising import pulse_lengths_us
 from edmsim.plant.kernel.state import ARC, OPEN, SHORT, SPARK
 
 _KINDS = {OPEN: "open", SPARK: "spark", ARC: "arc", SHORT: "short"}
@@ -23,7 +24,8 @@ def traces(
     """Return time, voltage and current of the last pulses of every close-up, as the model has them.
 
     Voltage stands open until ignition, then burns; a pulse without ignition shows the open voltage for as long as
-    it was waited, a short circuit none. Edges are upright: the model has no rise times.
+    it was waited, a short circuit none. An equalising pulse follows at once, of the other polarity; the last pulse
+    shows none, as it ends before its pause. Edges are upright: the model has no rise times.
 
     Parameters
     ----------
@@ -34,8 +36,9 @@ def traces(
 
     Returns
     -------
-    time_us, voltage_V, current_A : float64 arrays (n, count, 7)
-        Corners of the traces, pulse by pulse; time counts from the first pulse shown.
+    time_us, voltage_V, current_A : float64 arrays (n, count, 7 or 9)
+        Corners of the traces, pulse by pulse, two more where there are equalising pulses; time counts from the first
+        pulse shown.
     """
     last = np.maximum(closeups["count"][:, None] - count + np.arange(count), 0)
     pulses = np.take_along_axis(closeups["pulses"], last, axis=1)
@@ -48,10 +51,34 @@ def traces(
     burning = np.where(is_open | is_short, 0.0, closeups["burning_V"][:, None])
     flowing = np.where(is_open, 0.0, np.where(is_short, closeups["short_A"][:, None], closeups["current_A"][:, None]))
     ignition, end, nought = start + delay, start + delay + on, np.zeros_like(start)
-    time = np.stack([start, start, ignition, ignition, end, end, np.maximum(stop, end)], axis=-1)
-    voltage = np.stack([nought, up, up, burning, burning, nought, nought], axis=-1)
-    current = np.stack([nought, nought, nought, flowing, flowing, nought, nought], axis=-1)
+    stop = np.maximum(stop, end)
+    if not closeups["opposite_V"].any():
+        time = np.stack([start, start, ignition, ignition, end, end, stop], axis=-1)
+        voltage = np.stack([nought, up, up, burning, burning, nought, nought], axis=-1)
+        current = np.stack([nought, nought, nought, flowing, flowing, nought, nought], axis=-1)
+        return time, voltage, current
+    lasts = np.take_along_axis(_opposite_us(closeups), last, axis=1)
+    back, given = np.minimum(end + lasts, stop), lasts > 0.0
+    opposite_V, opposite_A = (np.where(given, closeups[f"opposite_{unit}"][:, None], 0.0) for unit in "VA")
+    time = np.stack([start, start, ignition, ignition, end, end, back, back, stop], axis=-1)
+    voltage = np.stack([nought, up, up, burning, burning, opposite_V, opposite_V, nought, nought], axis=-1)
+    current = np.stack([nought, nought, nought, flowing, flowing, opposite_A, opposite_A, nought, nought], axis=-1)
     return time, voltage, current
+
+
+def _opposite_us(closeups: NDArray[np.void]) -> NDArray[np.float64]:
+    """Length of the equalising pulse behind every pulse kept, (n, pulses); 0 behind the last, which has no pause."""
+    pulses = closeups["pulses"]
+    start, delay, on, open_V = (
+        pulses[name].astype(np.float64) for name in ("start_us", "delay_us", "conducting_us", "open_V")
+    )
+    burning_V = closeups["burning_V"].astype(np.float64)[:, None]
+    room = np.zeros_like(start)
+    room[:, :-1] = np.maximum(np.diff(start, axis=1) - (delay + on)[:, :-1], 0.0)
+    bridged = pulses["kind"] == SHORT
+    none = bridged | (np.arange(pulses.shape[1]) >= closeups["count"][:, None] - 1)
+    integral = np.where(bridged, 0.0, open_V * delay + burning_V * on)
+    return pulse_lengths_us(integral, np.where(none, 0.0, room), -closeups["opposite_V"].astype(np.float64))
 
 
 def write_traces(closeups: NDArray[np.void], file: str | Path, every_us: float) -> None:
@@ -98,11 +125,13 @@ def _samples(closeup: NDArray[np.void], every_us: float) -> tuple[NDArray[np.flo
     pulses = closeup["pulses"][0, :count]
     if count == 0:
         return tuple(np.zeros((6, 0)))
-    time, voltage, current = (corners[0].ravel() for corners in traces(closeup, count))
+    shown = traces(closeup, count)
+    corners = shown[0].shape[-1]
+    time, voltage, current = (values[0].ravel() for values in shown)
     at = np.arange(0.0, time[-1], every_us)
     # the last corner at or before a sample: where an edge is upright, its later end
     place = np.searchsorted(time, at, side="right") - 1
-    pulse = place // 7
+    pulse = place // corners
     return (
         np.full(len(at), closeup["t_s"][0]), at + pulses["start_us"][0], voltage[place], current[place],
         pulse.astype(np.float64), pulses["kind"][pulse].astype(np.float64),

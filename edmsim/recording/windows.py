@@ -36,7 +36,7 @@ COLUMNS: tuple[Column, ...] = (
     Column("open", "1", "pulses that never ignited: no removal", is_count=True),
     Column("spark", "1", "pulses that ignited after a delay and removed metal", is_count=True),
     Column("arc", "1", "pulses that ignited at once on the previous channel", is_count=True),
-    Column("mean_voltage_V", "V", "gap voltage averaged over the window"),
+    Column("mean_voltage_V", "V", "gap voltage of the working pulses, averaged over the window"),
     Column("mean_current_A", "A", "gap current averaged over the window"),
     Column("mean_delay_us", "us", "mean ignition delay; NaN if no pulse ignited"),
     Column("gap_um", "um", "mean gap where the pulses ignited"),
@@ -56,6 +56,12 @@ COLUMNS: tuple[Column, ...] = (
 )
 """Columns of ``windows.parquet``, in order."""
 
+EQUALISING_COLUMNS: tuple[Column, ...] = (
+    Column("net_voltage_V", "V", "gap voltage averaged over the window with its sign, equalising pulses included"),
+    Column("equalising_W", "W", "power that the supply of the equalising pulses gives"),
+)
+"""Columns behind those, of a generator with equalising pulses."""
+
 CUT_KEY = b"edmsim_cut"
 """Under which the metadata of ``windows.parquet`` say which cut they are of: `edmsim.recording.report.cut_id`."""
 
@@ -69,11 +75,19 @@ _BLOCK = 4096
 
 
 class WindowTable(Observer):
-    """Rows of a cut in progress: appending is cheap, reading is done once at the end."""
+    """Rows of a cut in progress: appending is cheap, reading is done once at the end.
+
+    Parameters
+    ----------
+    equalising : bool
+        Whether the generator gives equalising pulses: the table then has `EQUALISING_COLUMNS`, too.
+    """
 
     name: ClassVar[str] = "windows"
 
-    def __init__(self) -> None:
+    def __init__(self, equalising: bool = False) -> None:
+        self._more = EQUALISING_COLUMNS if equalising else ()
+        self._width = len(ROW_NAMES) + len(self._more)
         self._blocks: list[NDArray[np.float64]] = []
         self._used = _BLOCK
 
@@ -83,13 +97,14 @@ class WindowTable(Observer):
 
     def window(self, turn: Turn, plant: PlantView) -> None:
         """Add a window of a cut."""
-        window, machine = turn.window, plant.machine
+        window, machine, opposite = turn.window, plant.machine, turn.opposite
+        more = (window.mean_voltage_V, 0.0) if opposite is None else (opposite.net_voltage_V, opposite.power_W)
         self.append((
             turn.time_ns * 1e-9, *plant.commanded_um, turn.feed_um_s, window.short, window.open, window.spark,
             window.arc, window.mean_voltage_V, window.mean_current_A, window.mean_delay_us, window.gap_um,
             -window.deflection_um[0], -window.deflection_um[1], *plant.following_error_um,
             window.wire_temperature_K, window.debris, window.coverage, machine.t_on_us, machine.t_period_us,
-            turn.path_um,
+            turn.path_um, *more[: len(self._more)],
         ))  # fmt: skip
 
     def append(self, row: Sequence[float]) -> None:
@@ -97,8 +112,8 @@ class WindowTable(Observer):
 
         Parameters
         ----------
-        row : sequence of 22 float
-            The values of `ROW_NAMES`, in that order.
+        row : sequence of float
+            The values of `ROW_NAMES`, in that order, and then those of `EQUALISING_COLUMNS`, if the table has them.
 
         Raises
         ------
@@ -106,15 +121,15 @@ class WindowTable(Observer):
             If `row` has another length.
         """
         if self._used == _BLOCK:
-            self._blocks.append(np.empty((_BLOCK, len(ROW_NAMES))))
+            self._blocks.append(np.empty((_BLOCK, self._width)))
             self._used = 0
         self._blocks[-1][self._used, :] = row
         self._used += 1
 
     def values(self) -> NDArray[np.float64]:
-        """Return a copy of all rows, shape ``(len(self), 22)``, columns as in `ROW_NAMES`."""
+        """Return a copy of all rows, columns as `append` takes them."""
         if not self._blocks:
-            return np.empty((0, len(ROW_NAMES)))
+            return np.empty((0, self._width))
         return np.concatenate([*self._blocks[:-1], self._blocks[-1][: self._used]])
 
     def ways_um(self) -> tuple[NDArray[np.float64], ...]:
@@ -134,8 +149,8 @@ class WindowTable(Observer):
         Returns
         -------
         pyarrow.Table
-            Columns `NAMES`, the four counts as int16, all else float64; every field's metadata says
-            ``unit`` and ``meaning``.
+            Columns `NAMES`, then `EQUALISING_COLUMNS` if the table has them; the four counts as int16, all else
+            float64; every field's metadata says ``unit`` and ``meaning``.
         """
         import pyarrow as pa
 
@@ -143,7 +158,9 @@ class WindowTable(Observer):
         error = np.full(len(values), np.nan) if error_um is None else np.asarray(error_um, np.float64)
         if error.shape != (len(values),):
             raise ValueError(f"error_um has shape {error.shape}, the table has {len(values)} windows")
-        data = [*np.ascontiguousarray(values.T), error]
+        data = [*np.ascontiguousarray(values.T)]
+        data.insert(len(ROW_NAMES), error)
+        columns = COLUMNS + self._more
         fields = [
             pa.field(
                 c.name,
@@ -151,11 +168,11 @@ class WindowTable(Observer):
                 nullable=False,
                 metadata={"unit": c.unit, "meaning": c.meaning},
             )
-            for c in COLUMNS
+            for c in columns
         ]
         arrays = [
             pa.array(column.astype(np.int16) if c.is_count else column)
-            for c, column in zip(COLUMNS, data, strict=True)
+            for c, column in zip(columns, data, strict=True)
         ]
         return pa.Table.from_arrays(arrays, schema=pa.schema(fields))
 
@@ -168,7 +185,7 @@ class WindowTable(Observer):
         rows = np.asarray(state["rows"], np.float64)
         self._blocks = []
         for start in range(0, len(rows), _BLOCK):
-            block = np.empty((_BLOCK, len(ROW_NAMES)))
+            block = np.empty((_BLOCK, self._width))
             block[: len(rows) - start] = rows[start : start + _BLOCK]
             self._blocks.append(block)
         self._used = len(rows) - (len(self._blocks) - 1) * _BLOCK if self._blocks else _BLOCK

@@ -28,7 +28,7 @@ FIELDS: dict[str, Any] = {
     "wire": {"lag_um", "vibration_um_rms", "temperature_K_max"}, "coverage": {"mean", "max"},
     "following_error_um": {"max", "rms"},
     "surface": {"ra_um", "heat_affected_um", "electrolysed_um"},
-    "energy_J": None, "removed_mm3": None, "mean_current_A": None, "mean_voltage_V": None,
+    "energy_J": None, "removed_mm3": None, "mean_current_A": None, "mean_voltage_V": None, "equalising": None,
     "seed": None, "settings": None, "notices": None, "edmsim_version": None,
 }  # fmt: skip
 

@@ -67,6 +67,11 @@ def pulses_figure(windows: pa.Table) -> Figure:
     legend(panels[0], above=True, columns=5)
     _draw_band(panels[1], t, t_s, column(windows, "mean_voltage_V"), BLUE, "voltage, V")
     current = panels[1].twinx()
+    if "net_voltage_V" in windows.column_names:
+        _draw_band(panels[1], t, t_s, column(windows, "net_voltage_V"), SKY, "voltage, V", "with equalising pulses")
+        panels[1].set_zorder(current.get_zorder() + 1)  # the legend before the current
+        panels[1].patch.set_visible(False)
+        legend(panels[1])
     _draw_band(current, t, t_s, column(windows, "mean_current_A"), VERMILION, "current, A")
     current.spines["right"].set(visible=True, color=LINE)
     current.grid(visible=False)
@@ -81,11 +86,13 @@ def pulses_figure(windows: pa.Table) -> Figure:
     return figure
 
 
-def _draw_band(axes: Axes, t: Array, t_s: Array, values: Array, colour: str, label: str) -> None:
+def _draw_band(
+    axes: Axes, t: Array, t_s: Array, values: Array, colour: str, label: str, name: str | None = None
+) -> None:
     dress(axes, "", label)
-    for band in bands(t, values, t_s, BINS):
+    for number, band in enumerate(bands(t, values, t_s, BINS)):
         axes.fill_between(band.x, band.low, band.high, color=colour, alpha=0.15, linewidth=0)
-        axes.plot(band.x, band.mean, color=colour, linewidth=0.9)
+        axes.plot(band.x, band.mean, color=colour, linewidth=0.9, label=None if number else name)
 
 
 def plane_figure(windows: pa.Table) -> Figure:

@@ -96,7 +96,14 @@ PROCESS: tuple[Plot, ...] = (
 """Views of the first tab."""
 
 ELECTRICAL: tuple[Plot, ...] = (
-    Plot("voltage", "gap voltage, V", (Series("mean_voltage_V", "mean voltage", palette.SKY),)),
+    Plot(
+        "voltage",
+        "gap voltage, V",
+        (
+            Series("mean_voltage_V", "mean voltage", palette.SKY),
+            Series("net_voltage_V", "with equalising pulses", palette.ORANGE),
+        ),
+    ),
     Plot("current", "gap current, A", (Series("mean_current_A", "mean current", palette.VERMILION),)),
     Plot(
         "times",
@@ -118,7 +125,7 @@ ELECTRICAL: tuple[Plot, ...] = (
         (Series("following_x_um", "X", palette.SKY), Series("following_y_um", "Y", palette.VERMILION)),
     ),
 )
-"""Views of the second tab."""
+"""Views of the second tab; ``net_voltage_V`` is there of generators with equalising pulses only."""
 
 
 def blueprint(sizes: Sizes, steps: tuple[Plot, ...] = ()) -> rrb.Blueprint:

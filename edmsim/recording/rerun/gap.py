@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -174,34 +175,38 @@ def log_scope(recording: rr.RecordingStream, closeups: Closeups) -> None:
     if len(closeups) == 0:
         return
     time, voltage, current = traces(closeups, SCOPE_PULSES)
-    span_us, most_V, most_A = float(time.max()), float(voltage.max()), float(current.max())
+    span_us = float(time.max())
+    spans = tuple((float(values.min()), float(values.max())) for values in (voltage, current))
     last = np.maximum(closeups["count"][:, None] - SCOPE_PULSES + np.arange(SCOPE_PULSES), 0)
     kinds = np.take_along_axis(closeups["pulses"], last, axis=1)["kind"]
     colours = class_rgb(kinds).reshape(-1, 3)
     when = indexes(closeups["t_s"], closeups["path_um"])
-    low = VOLTAGE_HEIGHT + SCOPE_SPACE + CURRENT_HEIGHT
-    for name, values, most, height, foot in (
-        ("voltage", voltage, most_V, VOLTAGE_HEIGHT, VOLTAGE_HEIGHT),
-        ("current", current, most_A, CURRENT_HEIGHT, low),
-    ):
+    for name, values, (foot, scale) in zip(("voltage", "current"), (voltage, current), _feet(spans), strict=True):
         across = time * (SCOPE_WIDTH / max(span_us, 1e-9))
-        strips = np.stack([across, foot - values * (height / max(most, 1e-9))], axis=-1).astype(np.float32)
+        strips = np.stack([across, foot - values * scale], axis=-1).astype(np.float32)
         recording.log(f"scope/{name}", rr.LineStrips2D.from_fields(radii=on_screen(1.3)), static=True)
-        columns = rr.LineStrips2D.columns(strips=strips.reshape(-1, 7, 2), colors=colours)
+        columns = rr.LineStrips2D.columns(strips=strips.reshape(-1, time.shape[-1], 2), colors=colours)
         recording.send_columns(f"scope/{name}", when, columns.partition([SCOPE_PULSES] * len(closeups)))
-    _log_scales(recording, span_us, most_V, most_A)
+    _log_scales(recording, span_us, spans)
 
 
-def _log_scales(recording: rr.RecordingStream, span_us: float, most_V: float, most_A: float) -> None:
+def _feet(spans: Sequence[tuple[float, float]]) -> Iterator[tuple[float, float]]:
+    """Yield where the 0 of each trace lies on the screen, and its scale, from its least and greatest value."""
+    lowest = VOLTAGE_HEIGHT, VOLTAGE_HEIGHT + SCOPE_SPACE + CURRENT_HEIGHT
+    for (least, most), height, low in zip(spans, (VOLTAGE_HEIGHT, CURRENT_HEIGHT), lowest, strict=True):
+        scale = height / max(most - least, 1e-9)
+        yield low + least * scale, scale
+
+
+def _log_scales(recording: rr.RecordingStream, span_us: float, spans: Sequence[tuple[float, float]]) -> None:
     import rerun as rr
 
     low = VOLTAGE_HEIGHT + SCOPE_SPACE + CURRENT_HEIGHT
     marks: list[tuple[float, float, str]] = []
     lines: list[list[tuple[float, float]]] = []
-    feet = ((most_V, "V", VOLTAGE_HEIGHT, VOLTAGE_HEIGHT), (most_A, "A", CURRENT_HEIGHT, low))
-    for most, unit, height, foot in feet:
-        for value in _ticks(most, 3):
-            y = foot - value * height / max(most, 1e-9)
+    for (least, most), unit, (foot, scale) in zip(spans, "VA", _feet(spans), strict=True):
+        for value in _ticks(most, 3, least):
+            y = foot - value * scale
             marks.append((-6.0, y, f"{value:g} {unit}"))
             lines.append([(0.0, y), (SCOPE_WIDTH, y)])
     for value in _ticks(span_us, 6):
@@ -221,10 +226,10 @@ def _log_scales(recording: rr.RecordingStream, span_us: float, most_V: float, mo
     )
 
 
-def _ticks(most: float, count: int) -> list[float]:
-    """Return round values from 0 up to `most`, some `count` of them."""
+def _ticks(most: float, count: int, least: float = 0.0) -> list[float]:
+    """Return round values from `least`, 0 or below, up to `most`, some `count` of them above 0."""
     if not most > 0.0:
         return [0.0]
     decade = 10.0 ** math.floor(math.log10(most / count))
     step = next(s * decade for s in (1.0, 2.0, 5.0, 10.0) if most / (s * decade) <= count + 0.5)
-    return [step * k for k in range(int(most / step * (1 + 1e-9)) + 1)]
+    return [step * k for k in range(int(least / step * (1 + 1e-9)), int(most / step * (1 + 1e-9)) + 1)]

@@ -30,7 +30,7 @@ from edmsim.recording.rerun.solid import KERF_FRAMES, growing_kerf
 from edmsim.recording.rerun.steps import Steps
 from edmsim.recording.rerun.stream import indexes, saved
 from edmsim.recording.scene import Scene, round_factor
-from edmsim.recording.windows import column, lag_along_um
+from edmsim.recording.windows import EQUALISING_COLUMNS, column, lag_along_um
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -40,6 +40,7 @@ if TYPE_CHECKING:
 
 MAX_ROWS = 20_000
 """Most rows of a series; a longer table is averaged in groups."""
+_EQUALISING = tuple(extra.name for extra in EQUALISING_COLUMNS)
 
 
 def write_recording(
@@ -200,6 +201,8 @@ def _log_series(recording: rr.RecordingStream, windows: pa.Table, event_rows: ND
     t_s, path_um = (grouped(column(windows, name), starts) for name in ("t_s", "path_um"))
     for plot in PROCESS + ELECTRICAL:
         for series in plot.series:
+            if series.entity in _EQUALISING and series.entity not in windows.column_names:
+                continue
             values = grouped(_values(windows, series.entity), starts)
             entity = f"{plot.origin}/{series.entity}"
             _log_curve(recording, entity, series, (t_s, path_um, values))
