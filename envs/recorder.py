@@ -80,7 +80,8 @@ class EpisodeRecorder:
             assert scenario is not None
             self._closeups.leg(np.rint(scenario.legs_um[leg]).astype(np.int64), float(rows[here]["before_um"]))
         if len(self._kept) % EVERY == 1 or self._causes[here] != RUNNING:
-            self._closeups.window(_turn(window, row)[0], plant)
+            turn = _turn(window, row)[0]._replace(opposite=plant.opposite_pulses())
+            self._closeups.window(turn, plant)
 
     def _table(self) -> WindowTable:
         """Return the table of the windows, as of a cut."""
@@ -89,7 +90,7 @@ class EpisodeRecorder:
         for window_bytes, row_bytes, state_bytes in self._kept:
             state = np.frombuffer(state_bytes, STATE)[0]
             commanded_um, following_um = state["commanded_um"][:2].tolist(), plant.following_error_in_um(state)
-            (window, time_ns, feed_um_s, path_um), setting_us = _turn(window_bytes, row_bytes)
+            (window, time_ns, feed_um_s, path_um, _), setting_us = _turn(window_bytes, row_bytes)
             table.append((
                 time_ns * 1e-9, *commanded_um, feed_um_s, window.short, window.open, window.spark, window.arc,
                 window.mean_voltage_V, window.mean_current_A, window.mean_delay_us, window.gap_um,
