@@ -41,3 +41,16 @@ def test_pages_and_notice_give_one_time_of_compiling() -> None:
 def test_no_page_gives_the_pace_of_another_computer() -> None:
     pace = re.compile(r"times real time|(?:\w+ieth|\w+fth) of the time")
     assert {name for name, text in texts().items() if pace.search(text)} <= {"docs/changelog.md"}
+
+
+def test_what_a_policy_earns_where_it_was_trained_is_that_of_the_benchmark() -> None:
+    pages = (ROOT / "docs" / name for name in ("training.md", "benchmark.md"))
+    training, benchmark = (page.read_text(encoding="utf-8") for page in pages)
+    table = training.split("<!-- transfer -->")[1].splitlines()
+    names = re.findall(r"`([^`]+)`", table[1])
+    cells = table[3].strip("| ").split(" | ")
+    assert (cells[0], names[0]) == ("as trained", "policy:GapFeed-ppo")
+    rows = benchmark.split("## edmsim/GapFeed-v1")[1].split("## ")[0].splitlines()
+    for name, cell in zip(names, cells[1:], strict=True):
+        (row,) = (line.split(" | ") for line in rows if line.startswith(f"| `{name}` "))
+        assert cell.split("; ")[0] == row[6], name
