@@ -44,7 +44,7 @@ def check_drive(make: Callable[[], Drive]) -> None:
     """
     drive = make()
     if not isinstance(drive, Drive):
-        raise InputError(f"{drive!r} is no drive: it lacks name, record, motor, sample, counts_per_step or line")
+        raise InputError(f"{drive!r} is no drive: it lacks name, record, motor, sample or line")
     if drive.record.dtype != DRIVE or drive.record.shape != (1,):
         raise _wrong(drive, "has a record that is not one row of DRIVE")
     if not isinstance(drive.line(b""), bytes):
@@ -69,8 +69,9 @@ def _check_loop(make: Callable[[], Drive]) -> None:
     num, den = int(drive.record["num"][0]), int(drive.record["den"][0])
     if den < 1 or num < 1000 * den:
         raise _wrong(drive, f"has a period of {num}/{den} ns; it must be 1 us or more")
-    if not abs(drive.counts_per_step) < np.inf:
-        raise _wrong(drive, f"asks for {drive.counts_per_step:g} counts at a step; that must be finite")
+    counts = getattr(drive, "counts_per_step", None)
+    if counts is None or not abs(counts) < np.inf:
+        raise _wrong(drive, f"asks for {counts} counts at a step (counts_per_step); that must be a finite number")
     for pace in (0, 1, 1000, -1000):
         whole = _run(make(), pace, 0, _SAMPLES)
         if _run(make(), pace, 0, _SAMPLES).tobytes() != whole.tobytes():

@@ -43,8 +43,8 @@ class Drive(Protocol):
     motor : record array (1,) or None
         One row of `edmsim.compiled.axis_rows.MOTOR`; None for a stepper.
     counts_per_step : float
-        Encoder counts that a step edge asks for; a cut refuses a drive by whose steps its table would go another way
-        than the machine's. 0 for one that follows none, and without meaning for a stepper.
+        Encoder counts that a step edge asks for, which a cut needs and a bench does not: by it, a cut refuses a drive
+        whose steps are not those of the machine. 0 for one that follows none; without meaning for a stepper.
     makes_ramps : bool, optional
         Whether it places its axis by ramps of its own, so that the steps of a rapid come at once.
     why_stopped : callable, optional
@@ -55,11 +55,6 @@ class Drive(Protocol):
     name: str
     record: NDArray[np.void]
     motor: NDArray[np.void] | None
-
-    @property
-    def counts_per_step(self) -> float:
-        """Encoder counts that a step edge asks for."""
-        ...
 
     @property
     def sample(self) -> SampleFunction | None:

@@ -15,6 +15,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from edmsim.controllers.axis.drive import Screw, axis_row
 from edmsim.errors import InputError
 
 
@@ -33,7 +34,7 @@ def by_name(values: Mapping[str, float], table: Sequence[Mapping[str, Any]]) -> 
 
 
 def tuned_values(
-    data: Mapping[str, Any], what: str, axis: str, changes: Mapping[str, float], counts: float | None
+    data: Mapping[str, Any], what: str, axis: str, changes: Mapping[str, float], screw: Screw | None
 ) -> dict[str, int]:
     """Return the parameters of a drive that is tuned for an axis, by name, some of them changed.
 
@@ -46,8 +47,8 @@ def tuned_values(
     axis : str
     changes : mapping of str to number
         By name or letter.
-    counts : float or None
-        Encoder counts of a step of the machine that it is put on, if those are known.
+    screw : Screw or None
+        Of the machine that it is put on, if that is known.
 
     Raises
     ------
@@ -57,7 +58,7 @@ def tuned_values(
     tuned = data["tuned"]
     if axis not in tuned:
         raise InputError(f"no {what} is tuned for an axis {axis!r}; there are: {', '.join(tuned)}")
-    fitted = {} if counts is None else {"step_multiplier": max(round(counts) - 1, 0)}
+    fitted = {} if screw is None else {"step_multiplier": max(round(screw.counts_of(axis_row(axis))) - 1, 0)}
     return {**tuned[axis], **fitted, **by_name(changes, data["parameter"])}
 
 

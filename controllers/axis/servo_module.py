@@ -154,9 +154,8 @@ class ServoModule:
         InputError
             Nobody has tuned one for that axis, or a parameter is none.
         """
-        motor = axis_row(axis)
-        values = tuned_values(DATA, "servo module", axis, changes, None if screw is None else screw.counts_of(motor))
-        return cls(motor, values)
+        values = tuned_values(DATA, "servo module", axis, changes, screw)
+        return cls(axis_row(axis), values)
 
     @property
     def counts_per_step(self) -> float:

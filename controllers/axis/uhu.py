@@ -189,9 +189,8 @@ class Uhu:
         InputError
             Nobody has tuned one for that axis, or a parameter is none.
         """
-        motor = axis_row(axis)
-        values = tuned_values(_data(), "UHU", axis, changes, None if screw is None else screw.counts_of(motor))
-        return cls(motor, values)
+        values = tuned_values(_data(), "UHU", axis, changes, screw)
+        return cls(axis_row(axis), values)
 
     @property
     def sample(self) -> SampleFunction:

@@ -76,11 +76,12 @@ def test_what_cannot_be_used_is_refused():
         axes.make("uhu2")
 
 
-def test_a_step_without_a_measure_is_refused():
-    drive = type("Own", (PositionServo,), {"counts_per_step": float("nan")})
+@pytest.mark.parametrize("counts", [np.nan, np.inf, None])
+def test_a_step_without_a_measure_is_refused(counts):
+    drive = type("Own", (PositionServo,), {"counts_per_step": counts})
     globals()["Own"] = drive
     drive.__module__ = __name__
-    with pytest.raises(InputError, match="asks for nan counts at a step"):
+    with pytest.raises(InputError, match=f"asks for {counts} counts at a step"):
         axes.check_drive(drive)
 
 

@@ -109,6 +109,17 @@ def test_a_wrong_scale_is_refused_under_every_drive(drive, own_um):
         simulation(LINE, drives={"x": servo(), "y": drive})
 
 
+class Silent(PositionServo):
+    """Does not say what a step is."""
+
+    counts_per_step = None
+
+
+def test_an_own_drive_that_does_not_say_what_a_step_is_is_refused_in_a_cut():
+    with pytest.raises(InputError, match=r"the drive of x \(servo\) lacks counts_per_step"):
+        simulation(LINE, drives={"x": Silent()})
+
+
 @pytest.mark.parametrize("name", ["uhu", "servo-module", "eanpos"])
 @pytest.mark.parametrize(
     ("step_um", "um_per_rad"), [(1.0, 63.66197723675814), (2.0, 31.83098861837907), (5.0, 79.57747154594767)]

@@ -45,11 +45,6 @@ class AxisDrive(Protocol):
         """The compiled sample; None for a stepper."""
         ...
 
-    @property
-    def counts_per_step(self) -> float:
-        """Encoder counts that a step edge asks for."""
-        ...
-
 
 class Drives:
     """The drives of one plant.
@@ -297,8 +292,11 @@ class Drives:
 
     def step_um(self, axis: int) -> float:
         """Return what a step edge asks a drive that has a loop to move its axis by, as screw and encoder are."""
-        motor = self.axes.motors[axis]
-        counts = self.by_axis[AXIS_NAMES[axis]].counts_per_step
+        motor, name = self.axes.motors[axis], AXIS_NAMES[axis]
+        counts = getattr(self.by_axis[name], "counts_per_step", None)
+        if counts is None:
+            own = self.by_axis[name].name
+            raise InputError(f"the drive of {name} ({own}) lacks counts_per_step, the encoder counts of a step edge")
         return float(counts * motor["um_per_rad"] / motor["counts_per_rad"])
 
     def snapshot(self) -> dict[str, NDArray[Any]]:
