@@ -29,7 +29,7 @@ from edmsim.program.path import WireContour
 from edmsim.recording.pauses import CutAlone, cut_alone
 from edmsim.recording.quality import KerfSlice, Quality, Reach, TableShare, Totals, Wall
 from edmsim.recording.scene import ErrorMap, Scene, SceneCorner, Terrace, polylines
-from edmsim.recording.windows import ROW_NAMES, WindowTable
+from edmsim.recording.windows import WindowTable
 
 _NEAR_MM = 0.5
 """A window belongs to a place of the profile only within this distance of the wire."""
@@ -80,7 +80,7 @@ def totals(simulation: Simulation, windows: WindowTable, wall_time_s: float) -> 
 
 
 def _cut_alone(simulation: Simulation, windows: WindowTable) -> CutAlone:
-    values = dict(zip(ROW_NAMES, windows.values().T, strict=True))
+    values = windows.columns()
     holes_um = np.array(simulation.plant.field.stock.holes_um, np.float64).reshape(-1, 3)
     return cut_alone(
         values["t_s"], np.column_stack([values["x_um"], values["y_um"]]), values["path_um"],
@@ -90,7 +90,7 @@ def _cut_alone(simulation: Simulation, windows: WindowTable) -> CutAlone:
 
 def _limited_share(simulation: Simulation, windows: WindowTable, cut: CutAlone) -> float:
     """Return the share of the cut at the greatest feed; feeds are whole speed units, so 1 % below it."""
-    values = dict(zip(ROW_NAMES, windows.values()[cut.rows].T, strict=True))
+    values = {name: column[cut.rows] for name, column in windows.columns().items()}
     weight = float(values["t_period_us"].sum())
     at_limit = values["feed_um_s"] > 0.99 * simulation.max_feed_um_s
     return float(values["t_period_us"][at_limit].sum()) / weight if weight else math.nan

@@ -132,6 +132,10 @@ class WindowTable(Observer):
             return np.empty((0, self._width))
         return np.concatenate([*self._blocks[:-1], self._blocks[-1][: self._used]])
 
+    def columns(self) -> dict[str, NDArray[np.float64]]:
+        """Return a copy of all columns by name."""
+        return dict(zip((*ROW_NAMES, *(column.name for column in self._more)), self.values().T, strict=True))
+
     def ways_um(self) -> tuple[NDArray[np.float64], ...]:
         """Return commanded position, following error and wire lag, (len(self), 2) each, time in s, and path in um."""
         values = self.values()
