@@ -138,7 +138,8 @@ def replaced(patch: pytest.MonkeyPatch) -> None:
     from edmsim.envs.episode import Task
     from edmsim.recording.rerun import viewer
 
-    def shown(command: list[str]) -> int:
+    def shown(command: list[str], env: dict[str, str]) -> int:
+        assert env["RUST_LOG"]
         assert any(word.endswith(".rrd") and Path(word).is_file() for word in command)
         return 0
 

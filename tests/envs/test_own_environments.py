@@ -190,7 +190,8 @@ def test_a_policy_trained_in_it_cuts_where_nobody_knows_it(
     card = policy_file.load(str(tmp_path / "bend" / "policy.json")).card
     assert card.env_id == "edmsim/GapFeed-v1"
     assert card.command.startswith(f"edmsim train {bend} --algo ppo")
-    assert card.environment == {"machine_episodes": 4, "height_mm": [5.0, 6.0], "episode_s": 10.0}
+    # what differs from the defaults of the id that anybody knows
+    assert card.environment == {"machine_episodes": 4, "height_mm": [5.0, 6.0], "episode_s": 10.0, "length_mm": 0.06}
     assert len(card.scores) == 3
     cut = edmsim.cut(small_punch, controller=f"policy:{tmp_path / 'bend' / 'policy.json'}", height_mm=5.0,
                      resolution="fast", max_time_s=1.0)  # fmt: skip
