@@ -151,10 +151,10 @@ rows = ["| controller | outcome | time, s | mm2/min | short | open | profile err
 for label, cut in cuts.items():
     report = cut.report
     error = report["profile_error_um"]["rms"]
-    shown = "" if error is None else f"{error:.1f}"
+    shown, rate = ("" if value is None else f"{value:.1f}" for value in (error, report["cutting_rate_mm2_min"]))
     short, open_ = (np.sum(cut.windows[name].to_numpy()) / (255 * cut.windows.num_rows) for name in ("short", "open"))
     rows.append(f"| {label} | {report['outcome']} | {report['machining_time_s']:.0f} | "
-                f"{report['cutting_rate_mm2_min']:.1f} | {short:.0%} | {open_:.0%} | {shown} |")
+                f"{rate} | {short:.0%} | {open_:.0%} | {shown} |")
 Markdown("\n".join(rows))
 
 # %%

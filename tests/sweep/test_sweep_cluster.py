@@ -17,11 +17,13 @@ ray = pytest.importorskip("ray")
 
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore")
-def test_a_lost_node_loses_nothing(nodes: Any, line: Path, short: dict[str, Any], tmp_path: Path) -> None:
+def test_a_lost_node_loses_nothing(
+    nodes: Any, line: Path, short: dict[str, Any], giving_up: str, tmp_path: Path
+) -> None:
     from edmsim.sweep.cluster import Cluster
 
     spec = Specification(program=[str(line)], seeds=10, settings={**short, "max_time_s": 3.0})
-    spec = Specification.model_validate({**spec.model_dump(), "grid": {"t_on_us": [30.0, 60.0]}})
+    spec = Specification.model_validate({**spec.model_dump(), "grid": {"controller": ["counts", giving_up]}})
     engine = Cluster(nodes.address)
     assert engine.count == 2
 
