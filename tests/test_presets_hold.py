@@ -31,7 +31,7 @@ def test_the_defaults_of_a_preset_bring_the_wire_to_the_metal(pair: dict[str, st
 @pytest.mark.slow
 @pytest.mark.parametrize("height_mm", [20.0, 40.0, 80.0])
 def test_production_pulses_leave_the_start_hole(height_mm: float) -> None:
-    report = cut(150.0, height_mm=height_mm, **PRODUCTION)
+    report = cut(180.0, height_mm=height_mm, **PRODUCTION)
     assert report["outcome"] == "time-limit"
     assert report["path_length_mm"] > 1.0
     assert report["cutting_rate_mm2_min"] > 0
@@ -42,7 +42,7 @@ def test_of_pulses_too_dense_the_report_says_which_period_holds(height_mm: float
     report = cut(8.0, height_mm=height_mm, t_period_us=9.4, **PRODUCTION)
     assert report["outcome"] == "wire-break"
     assert report["cutting_rate_mm2_min"] is None  # it never left its start hole
-    assert "a period of 9.4 us is too short for it; from 40 us on" in report["reason"]
+    assert "a period of 9.4 us is too short for it; from 50 us on" in report["reason"]
 
 
 def test_the_period_that_holds_goes_with_the_current_density() -> None:
