@@ -1,7 +1,7 @@
 """Which pulse periods a wire bears in a whole cut: `python docs/make/held_periods.py` prints a table.
 
-It is one of guide/set-up.md: `examples/punch.ngc` on the production machine, with its generator and all else as preset.
-It takes some ten minutes.
+It is one of guide/set-up.md: `examples/punch.ngc` on the production machine, with its generator and all else as
+preset, cut to its end. It takes half an hour.
 """
 
 from __future__ import annotations
