@@ -19,7 +19,8 @@ from typing import Any, Protocol
 import numpy as np
 from numba import carray, cfunc, from_dtype, types  # type: ignore[attr-defined]
 
-from edmsim.compiled.jit import compiled, in_cache
+from edmsim.compiled.jit import compiled
+from edmsim.compiled.numba_internals import in_cache
 
 __all__ = ["AXIS", "DRIVE", "MOTOR", "N_AXES", "SampleFunction", "carray", "put_byte", "sample"]
 

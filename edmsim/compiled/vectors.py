@@ -16,14 +16,10 @@ from typing import Any, cast
 
 from llvmlite import ir
 from numba import types
-from numba.core import cgutils as untyped_cgutils
-from numba.core import datamodel as untyped_datamodel
 from numba.extending import intrinsic, overload, register_model
 
 from edmsim.compiled.jit import FAST, compiled
-
-cgutils: Any = untyped_cgutils
-datamodel: Any = untyped_datamodel
+from edmsim.compiled.numba_internals import cgutils, datamodel
 
 GAPS, COORDINATES = 8, 4
 """Numbers of a vector of float32, and of float64."""

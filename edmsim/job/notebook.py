@@ -9,7 +9,7 @@ import time
 from html import escape
 from typing import Any
 
-from edmsim.compiled.afresh import PROGRESS
+from edmsim.compiled.specialised import PROGRESS
 from edmsim.cosim.simulation import Progress
 from edmsim.recording.report import duration_text
 

@@ -35,7 +35,7 @@ from edmsim.plant.kernel.state import (
 from edmsim.plant.mechanics.model import ModalModel
 from edmsim.plant.mechanics.mujoco_model import N_NODES, FullMechanics
 from edmsim.plant.readings import PlantReadings
-from edmsim.plant.resolution import Resolution
+from edmsim.plant.resolution import RESOLUTIONS, Resolution
 from edmsim.plant.resolution import resolution as named_resolution
 from edmsim.plant.settings import GeneratorSettings
 from edmsim.plant.snapshot import check_snapshot
@@ -50,6 +50,19 @@ MECHANICS = ("modal", "mujoco")
 """Integrators of table and wire."""
 _WALL, _CHANGING = lasting(Arrays, WALL), lasting(Arrays, WALL, CHANGING)
 _NOWHERE_UM, _NO_STEPS = -1e9, np.empty((0, 3), np.int64)
+
+
+def _coordinates(resolution: Resolution, mechanics: str) -> int:
+    """Coordinates of the wire in each plane: its modes, or MuJoCo's nodes."""
+    return resolution.modes if mechanics == "modal" else N_NODES
+
+
+def shapes() -> list[tuple[int, int, int, bool]]:
+    """Return the arguments of `window_function` for every named resolution and integrator."""
+    return [
+        (res.slices, res.rays, _coordinates(res, mechanics), mechanics == "mujoco")
+        for mechanics in MECHANICS for res in RESOLUTIONS.values()
+    ]
 
 
 class Plant(PlantReadings):
@@ -105,7 +118,7 @@ class Plant(PlantReadings):
         self.resolution = res = named_resolution(resolution)
         self._constants = constants.constants(machine, res)
         self._along_wire = {of.__name__: of(machine, res) for of in constants.ALONG_WIRE}
-        coordinates = res.modes if mechanics == "modal" else N_NODES
+        coordinates = _coordinates(res, mechanics)
         self._sizes = sizes_of(res.slices, res.rays, coordinates)
         self._memory = Memory(self._sizes)
         self._state: NDArray[np.void] = np.zeros(1, STATE)

@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 import os
-import shutil
 import subprocess
 import sys
 from pathlib import Path
 
 SCRIPT = """\
-from edmsim.compiled.jit import compiled, _folder
+from edmsim.compiled.cache import folder
+from edmsim.compiled.jit import compiled
 
 @compiled
 def twice(x):
     return 2.0 * x
 
-print(twice(21.0), sum(twice.stats.cache_hits.values()), _folder, oct(_folder.stat().st_mode & 0o777))
+print(twice(21.0), sum(twice.stats.cache_hits.values()), folder, oct(folder.stat().st_mode & 0o777))
 """
 
 
@@ -85,9 +85,9 @@ def test_a_cache_that_cannot_be_written_to_does_not_stop_the_work(tmp_path: Path
 
 def test_two_kinds_kept_at_once_are_not_mixed_up(tmp_path: Path) -> None:
     """Two processes that know of no code take names for theirs: never the same one, for different code."""
-    from edmsim.compiled.jit import _CheckedFiles
+    from edmsim.compiled.numba_internals import _SignedFiles
 
-    first, second = (_CheckedFiles(str(tmp_path), "twice", "stamp") for _ in range(2))
+    first, second = (_SignedFiles(str(tmp_path), "twice", "stamp") for _ in range(2))
     assert first._data_name(1) != second._data_name(1)
     first.save("floats", "code for floats")
     second.save("whole numbers", "code for whole numbers")
@@ -97,54 +97,89 @@ def test_two_kinds_kept_at_once_are_not_mixed_up(tmp_path: Path) -> None:
 
 ADDERS = """\
 from edmsim.compiled.jit import compiled
+from edmsim.plant.kernel.memory import _rows
 
 @compiled
 def times(factor, x):
     return factor * x
 
-def adder(factor):
-    @compiled
-    def add(a, b):
-        return a + times(factor, b)
-    return add
+def add(place, factor, twice):
+    rows = _rows(place, (1, 1))
+    rows[0, 0] += times(factor, 2 if twice else 1)
 """
-AFRESH = """\
-from edmsim.compiled.afresh import made_afresh
+USE = """\
+import numpy as np
+from edmsim.compiled.specialised import specialised
 import adders
 
-add = made_afresh(adders.adder, 3)
-print(add(1, 2), sum(add.stats.cache_hits.values()))
+total = np.array([[1]])
+for constants in {constants}:
+    specialised(adders.add, *constants)(total.ctypes.data)
+print(total[0, 0])
 """
 
 
-def afresh(folder: Path, before: str = "") -> list[str]:
-    return made_afresh(folder, before).stdout.split()
-
-
-def made_afresh(folder: Path, before: str) -> subprocess.CompletedProcess[str]:
-    (folder / "adders.py").write_text(ADDERS)
-    environment = {**os.environ, "XDG_CACHE_HOME": str(folder / "cache"), "PYTHONDONTWRITEBYTECODE": "1"}
-    code = f"import sys\nsys.path.insert(0, {str(folder)!r})\n{before}\n{AFRESH}"
+def use(folder: Path, *constants: tuple[int, int], before: str = "", cache: str = "cache") -> tuple[str, str]:
+    """Add some products in another process: what it printed, and what it said beside."""
+    module = folder / "adders.py"
+    if not module.exists():
+        module.write_text(ADDERS)
+    environment = {**os.environ, "XDG_CACHE_HOME": str(folder / cache), "PYTHONDONTWRITEBYTECODE": "1"}
+    code = f"import os, sys\nsys.path.insert(0, {str(folder)!r})\n{before}\n{USE.format(constants=constants)}"
     done = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
-    return done
+    return done.stdout.strip(), done.stderr
 
 
-def test_what_is_made_afresh_is_compiled_alone_in_a_process_of_its_own(tmp_path: Path) -> None:
-    """So its bits do not depend on what else a process compiled before, nor is that kept."""
-    assert afresh(tmp_path, "import adders; adders.times(2, 2)") == ["7", "1"]
-    kept = {file.name.split("-")[0] for file in (tmp_path / "cache").rglob("*.nbi")}
-    assert kept == {"adders.times", "adders.adder.locals.add"}
+def kept(folder: Path, suffix: str) -> dict[str, bytes]:
+    """Content of the cache's files with a suffix."""
+    return {file.name: file.read_bytes() for file in folder.rglob(f"add-*{suffix}")}
 
 
-def test_without_another_process_this_one_compiles(tmp_path: Path) -> None:
-    assert afresh(tmp_path, "sys.executable = '/nowhere/python'") == ["7", "0"]
+def test_constants_put_in_later_give_the_same_code_in_any_order(tmp_path: Path) -> None:
+    """Nor does it matter what the process itself had compiled before."""
+    first = use(tmp_path, (3, 1), (5, 0))
+    other = use(tmp_path, (5, 0), (3, 1), before="import adders; adders.times(2, 2)", cache="other")
+    assert first == other == (str(1 + 3 * 2 + 5), "")
+    for suffix in (".bc", ".o"):
+        codes = kept(tmp_path / "cache", suffix)
+        assert len(codes) == (1 if suffix == ".bc" else 2)
+        assert codes == kept(tmp_path / "other", suffix)
+
+
+def test_a_program_is_translated_once_and_damaged_code_is_made_again(tmp_path: Path) -> None:
+    use(tmp_path, (3, 1))
+    program = kept(tmp_path, ".bc")
+    (code,) = (tmp_path / "cache").rglob("add-*.o")
+    whole = code.read_bytes()
+    for damage in (truncated, flipped):
+        code.write_bytes(damage(whole))
+        assert use(tmp_path, (3, 1)) == ("7", "")
+        assert code.read_bytes() == whole
+    (file,) = (tmp_path / "cache").rglob("add-*.bc")
+    written = file.stat().st_mtime_ns
+    assert use(tmp_path, (4, 0)) == ("5", "")
+    assert kept(tmp_path, ".bc") == program
+    assert file.stat().st_mtime_ns == written
+
+
+def test_a_compiler_that_cannot_be_started_is_named(tmp_path: Path) -> None:
+    before = "sys.executable = '/nowhere/python'"
+    use_it = "from edmsim.plant.kernel.memory import window_function\nwindow_function(2, 8, 4, 0)"
+    code = f"import sys\n{before}\n{use_it}"
+    environment = {**os.environ, "XDG_CACHE_HOME": str(tmp_path)}
+    done = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=False)
+    assert "no process can be started to compile the pulse loop" in done.stderr.splitlines()[-1]
+
+
+def test_where_nothing_can_be_kept_the_code_comes_by_the_compilers_output(tmp_path: Path) -> None:
+    nowhere = "import adders, pathlib, edmsim.compiled.cache as c\nc.folder = pathlib.Path('/proc/nowhere')"
+    assert use(tmp_path, (3, 1), before=nowhere)[0] == "7"
+    assert kept(tmp_path, ".o") == {}
 
 
 def test_a_notebook_says_that_code_is_compiled_unless_it_is_to_show_no_progress(tmp_path: Path) -> None:
-    notebook = "import os; sys.modules['ipykernel'] = sys"
-    quiet = made_afresh(tmp_path, f"{notebook}; os.environ['EDMSIM_PROGRESS'] = '0'")
-    assert quiet.stderr == ""
-    shutil.rmtree(tmp_path / "cache")
-    assert "compiles its pulse loop" in made_afresh(tmp_path, notebook).stderr
-    assert made_afresh(tmp_path, notebook).stderr == ""  # it is in the cache
+    notebook = "sys.modules['ipykernel'] = sys"
+    assert use(tmp_path, (3, 1), before=f"{notebook}; os.environ['EDMSIM_PROGRESS'] = '0'")[1] == ""
+    assert "compiles its pulse loop" in use(tmp_path, (4, 1), before=notebook)[1]
+    assert use(tmp_path, (4, 1), before=notebook)[1] == ""  # it is in the cache

@@ -13,13 +13,12 @@ from typing import Any, NamedTuple, cast
 
 import numpy as np
 from numba import from_dtype, types
-from numba.core import cgutils
 from numba.extending import intrinsic
-from numba.np.arrayobj import populate_array
 from numpy.typing import NDArray
 
-from edmsim.compiled.afresh import made_afresh
 from edmsim.compiled.jit import compiled
+from edmsim.compiled.numba_internals import cgutils, populate_array
+from edmsim.compiled.specialised import specialised
 from edmsim.compiled.vectors import GAPS, filled
 from edmsim.plant.gap.breakdown import GapLaw
 from edmsim.plant.gap.bubble import BubbleLaw
@@ -102,13 +101,12 @@ class Memory:
 
 def _array(context: Any, builder: Any, kind: Any, address: Any, lengths: list[Any]) -> Any:
     """Look at the memory at an address as an array."""
-    populate: Any = populate_array
     view = context.make_array(kind)(context, builder)
     size = context.get_abi_sizeof(context.get_data_type(kind.dtype))
     strides = [context.get_constant(types.intp, size)]
     for length in lengths[:0:-1]:
         strides.insert(0, builder.mul(strides[0], length))
-    populate(
+    populate_array(
         view, data=builder.inttoptr(address, view.data.type), shape=lengths, strides=strides,
         itemsize=context.get_constant(types.intp, size), meminfo=None,
     )  # fmt: skip
@@ -157,7 +155,7 @@ def _group_of(group: Any) -> Any:
             values = []
             for field, kind in zip(fields, kinds, strict=True):
                 entry = types.int64 if field.kept is not None else kind
-                place = cgutils.get_record_member(  # type: ignore[no-untyped-call]
+                place = cgutils.get_record_member(
                     builder, arguments[0], entries_type.offset(field.name), context.get_data_type(entry)
                 )
                 value = context.unpack_value(builder, entry, place)
@@ -254,23 +252,20 @@ def window_function(slices: int, rays: int, coordinates: int, full: bool) -> Cal
     It takes the address of rows of `CALL` numbers and how many rows there are: one window for one plant each. One
     plant and a thousand run the same machine code, so that a plant's bits do not depend on its company.
     """
-    return cast("Callable[[int, int], None]", made_afresh(_window, slices, rays, coordinates, full))
+    return specialised(fire_windows, slices, rays, coordinates, full)
 
 
-def _window(slices: int, rays: int, coordinates: int, full: bool) -> Callable[[int, int], None]:
-    @compiled
-    def advance(calls: int, count: int) -> None:
-        rows = _rows(calls, (count, CALL))
-        for k in range(count):
-            at = _table(rows[k, 0], (1,))[0]
-            own = _own(at, slices, rays, coordinates)
-            rows[k, 4] = fire_window(
-                own.state, own.window, _arrays(at, slices, rays, coordinates), own.tiles, own.tile_index,
-                _constants(at.constants, (1,))[0], _law(at, slices, rays, coordinates), _heat(at.heat, (1,))[0],
-                _bubble(at.bubble, (1,))[0], _gas(at, slices, rays, coordinates), _timing(at.timing, (1,))[0],
-                _propagators(at, slices, rays, coordinates), _scratch(at, slices, rays, coordinates),
-                _axes(at, slices, rays, coordinates), _link(at, slices, rays, coordinates), full,
-                _rows(rows[k, 1], (rows[k, 2], 3)), own.pulses, rows[k, 3],
-            )
-
-    return advance
+def fire_windows(calls: int, count: int, slices: int, rays: int, coordinates: int, full: int) -> None:
+    """Fire a window for each of some plants; compiled only (see `window_function`)."""
+    rows = _rows(calls, (count, CALL))
+    for k in range(count):
+        at = _table(rows[k, 0], (1,))[0]
+        own = _own(at, slices, rays, coordinates)
+        rows[k, 4] = fire_window(
+            own.state, own.window, _arrays(at, slices, rays, coordinates), own.tiles, own.tile_index,
+            _constants(at.constants, (1,))[0], _law(at, slices, rays, coordinates), _heat(at.heat, (1,))[0],
+            _bubble(at.bubble, (1,))[0], _gas(at, slices, rays, coordinates), _timing(at.timing, (1,))[0],
+            _propagators(at, slices, rays, coordinates), _scratch(at, slices, rays, coordinates),
+            _axes(at, slices, rays, coordinates), _link(at, slices, rays, coordinates), full != 0,
+            _rows(rows[k, 1], (rows[k, 2], 3)), own.pulses, rows[k, 3],
+        )  # fmt: skip
