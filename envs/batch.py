@@ -255,9 +255,11 @@ class Batch:
 
     def words(self) -> dict[str, NDArray[Any]]:
         """Return the texts of `info` (n,): why the episode ended, what the generator refused; empty where nothing."""
-        causes = [int(cause) for cause in self.lanes.rows["cause"]]
-        told = {
-            "cause": ["" if cause == RUNNING else WORDS[StopCause(cause)].info for cause in causes],
-            "refused": [refused or "" for refused in self.lanes.refused],
-        }
-        return {name: np.array(texts, object) for name, texts in told.items()}
+        causes, refused = self.lanes.rows["cause"], self.lanes.refused
+        words = {name: np.full(len(refused), "", object) for name in ("cause", "refused")}
+        for lane in np.flatnonzero(causes != RUNNING):
+            words["cause"][lane] = WORDS[StopCause(int(causes[lane]))].info
+        for k, why in enumerate(refused):
+            if why is not None:
+                words["refused"][k] = why
+        return words

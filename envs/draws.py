@@ -14,7 +14,7 @@ import numpy as np
 from edmsim.envs.arguments import Range, ends_of
 from edmsim.errors import InputError
 from edmsim.machine.machine import Machine
-from edmsim.machine.ranges import choose
+from edmsim.machine.ranges import choose, values_of
 
 DIALS = ("dielectric.flushing_pressure_Pa", "guides.wire_speed_m_s")
 """Constants with a range that an operator sets."""
@@ -78,6 +78,5 @@ def draw_machine(
         machine = machine.with_(**values)
     if names:
         machine = machine.sample(rng, names)
-        constants = machine.uncertain()
-        drawn |= {name: constants[name].value for name in names}
+        drawn |= values_of(machine, names)
     return machine

@@ -6,6 +6,7 @@ arrays. A lane's bits depend on nothing but its own scenario and commands.
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Callable
 from typing import Any, TypeVar
@@ -13,6 +14,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from edmsim.controllers.mcu.firmware.poscal import Unit
 from edmsim.controllers.planner.course import Course
 from edmsim.controllers.planner.record import PLANNER
 from edmsim.controllers.planner.registry import kind_of, position_unit
@@ -118,11 +120,8 @@ class Lanes:
         start = scenario.legs_um[0][0]
         position = float(start[0]), float(start[1])
         plant = self.fleet.plants[lane]
-        if before is not None and before.machine is machine:
-            plant.reset(scenario.plant_seed, stock=scenario.stock, position_um=position)
-        else:
-            plant = self._plant(machine, scenario.plant_seed, stock=scenario.stock, position_um=position)
-            self.fleet.replace(lane, plant)
+        another = machine if before is None or before.machine is not machine else None
+        plant.reset(scenario.plant_seed, stock=scenario.stock, position_um=position, machine=another)
         self.fleet.windows[lane] = np.zeros((), self.fleet.windows.dtype)
         self.scenarios[lane] = scenario
         self.refused[lane] = None
@@ -156,8 +155,6 @@ class Lanes:
     def _begin_leg(self, lane: int, leg: int) -> None:
         scenario = self.scenarios[lane]
         assert scenario is not None
-        line = Polyline(scenario.legs_um[leg] * 1e-3, closed=False)
-        corners = line.corners(CORNER_DEG)
         self.leg[lane] = leg
         row, kind = self.rows[lane], self._planner
         for name in ("path_um", "reached_um", "cut_um", "beside"):
@@ -165,13 +162,16 @@ class Lanes:
         row["settling_ns"] = SETTLING_NS
         step_um = float(row["step_um"])
         unit = position_unit(self.family.planner, float(row["table_um"]), step_um)
-        course = Course.of(kind.number, scenario.legs_um[leg], kind.speed_unit_nm_s, unit, step_um)
+        points_um = scenario.legs_um[leg]
+        course, corner_um, corner_deg = _laid(
+            kind.number, kind.speed_unit_nm_s, unit, step_um, points_um.tobytes(), points_um.shape
+        )
         self.planners[lane] = course.row[0]
         self._points = _with_row(self._points, lane, course.points_um, 0.0)
         self._along = _with_row(self._along, lane, course.along_um, np.inf)
         self._lengths = _with_row(self._lengths, lane, course.lengths, 0)
-        self.corner_um = _with_row(self.corner_um, lane, line.s[corners] * 1e3, np.inf)
-        self.corner_deg = _with_row(self.corner_deg, lane, line.turn_deg[corners], 0.0)
+        self.corner_um = _with_row(self.corner_um, lane, corner_um, np.inf)
+        self.corner_deg = _with_row(self.corner_deg, lane, corner_deg, 0.0)
 
     # --- one window ---
 
@@ -293,6 +293,18 @@ class Lanes:
     def __getstate__(self) -> dict[str, Any]:
         """Return what a copy needs: whoever watches stays with the lanes watched."""
         return {**self.__dict__, "watchers": [[] for _ in range(self.count)]}
+
+
+@functools.lru_cache(maxsize=256)  # episodes of many families have one path
+def _laid(
+    kind: int, speed_unit_nm_s: float, unit: Unit, step_um: float, points: bytes, shape: tuple[int, int]
+) -> tuple[Course, Floats, Floats]:
+    """Course along a leg's points in um, and length of the leg up to each of its corners with its turn."""
+    points_um = np.frombuffer(points).reshape(shape)
+    line = Polyline(points_um * 1e-3, closed=False)
+    corners = line.corners(CORNER_DEG)
+    course = Course.of(kind, points_um, speed_unit_nm_s, unit, step_um)
+    return course, line.s[corners] * 1e3, line.turn_deg[corners]
 
 
 def _with_row(table: NDArray[_Number], lane: int, row: NDArray[_Number], filling: float) -> NDArray[_Number]:

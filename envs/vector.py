@@ -216,15 +216,11 @@ class EdmVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDArray[A
 
     def _infos(self, mask: Flags) -> dict[str, Any]:
         infos: dict[str, Any] = {}
-        everywhere = mask.all()
-        for name, values in self._batch.infos().items():
-            infos[name], infos[f"_{name}"] = values, mask
-            if not everywhere:
-                values[~mask] = 0
-        infos["reward_terms"], infos["_reward_terms"] = self._terms(mask), mask
-        for name, texts in self._batch.words().items():
-            texts[~mask] = None
-            infos[name], infos[f"_{name}"] = texts, mask
+        batch, everywhere = self._batch, bool(mask.all())
+        terms = _masked(batch.reward_terms(), mask, 0, everywhere)
+        infos |= _masked(batch.infos(), mask, 0, everywhere)
+        infos |= {"reward_terms": terms, "_reward_terms": mask}
+        infos |= _masked(batch.words(), mask, None, everywhere)
         return infos
 
     def lane_law(self, lane: int, controller: FeedController) -> LaneLaw:
@@ -278,13 +274,6 @@ class EdmVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDArray[A
             value.kwargs = plain(value.kwargs)
         super().__setattr__(name, value)
 
-    def _terms(self, mask: Flags) -> dict[str, Any]:
-        terms: dict[str, Any] = {}
-        for name, values in self._batch.reward_terms().items():
-            values[~mask] = 0
-            terms[name], terms[f"_{name}"] = values, mask
-        return terms
-
     def _merge(self, infos: dict[str, Any], begun: dict[str, Any]) -> None:
         """Add the infos of resets, whose names are other than those of steps."""
         infos.update(begun)
@@ -321,6 +310,16 @@ class EdmVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDArray[A
         """Shut down the threads and close the window."""
         self._batch.lanes.fleet.close()
         self._renderer.close()
+
+
+def _masked(values: dict[str, NDArray[Any]], mask: Flags, missing: Any, everywhere: bool) -> dict[str, Any]:
+    """Return infos, each with the lanes that have it; the others have what is `missing`."""
+    infos: dict[str, Any] = {}
+    for name, array in values.items():
+        if not everywhere:
+            array[~mask] = missing
+        infos[name], infos[f"_{name}"] = array, mask
+    return infos
 
 
 def _only(infos: dict[str, Any], mask: Flags) -> dict[str, Any]:

@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import io
 
+import gymnasium
 import pytest
 from rich.console import Console
 
 from edmsim.bench import controllers as mcu_speed
 from edmsim.bench import envs as speed
 from edmsim.bench import figures as table
+from edmsim.bench import lanes
 from edmsim.bench import plant as bench
 from edmsim.bench import servo as servo_speed
+from edmsim.errors import InputError
 
 
 @pytest.fixture
@@ -35,6 +38,7 @@ def short(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_figures() -> None:
     figures = table.measure()
     assert {"pulses_per_s", "realtime_factor", "cold_start_s"} <= set(figures)
+    assert {"vector_env_steps_per_s_fast", "half_cheetah_vector_steps_per_s"} <= set(figures)
     growth = figures.pop("memory_growth_MB")
     assert abs(growth) < 200.0
     assert abs(figures.pop("controller_overhead")) < 10
@@ -42,6 +46,22 @@ def test_figures() -> None:
     assert figures["pulses_per_s"] < figures["ray_sums_per_s"]
     assert figures["thread_efficiency"] == figures["threads_plants"] / figures["threads_compute"]
     assert figures["realtime_factor"] == pytest.approx(figures["pulses_per_s"] * 100e-6)
+
+
+@pytest.mark.usefixtures("short")
+def test_the_table_of_environments_has_a_row_for_every_number_of_them_and_of_threads() -> None:
+    rows = lanes.table(counts=(1, 3), threads=(1, 2))
+    assert [(row.environments, row.threads) for row in rows] == [(1, 1), (1, 2), (3, 1), (3, 2)]
+    assert all(row.windows_per_s > 0 and row.processor_us > 0 for row in rows)
+
+
+def test_a_comparison_without_its_environment_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+    def missing(*_: object, **__: object) -> None:
+        raise gymnasium.error.DependencyNotInstalled("imageio")
+
+    monkeypatch.setattr(gymnasium, "make_vec", missing)
+    with pytest.raises(InputError, match=r"pip install \"gymnasium\[mujoco\]\""):
+        lanes._half_cheetahs(2)
 
 
 def test_cold_start_includes_a_window_of_pulses() -> None:

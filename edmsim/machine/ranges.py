@@ -89,7 +89,7 @@ def choose(machine: SetUp, only: Iterable[str]) -> dict[str, Constant]:
 
 def _sections(machine: SetUp) -> dict[str, BaseModel]:
     """Parts of a machine whose ranges are uncertainty, by the name of their table or kind of file."""
-    tables = {name: part for name, part in machine.base if isinstance(part, BaseModel)}
+    tables = {name: part for name, part in vars(machine.base).items() if isinstance(part, BaseModel)}
     return {**tables, "wire": machine.wire, "material": machine.material}
 
 
@@ -97,7 +97,7 @@ def _constants(machine: SetUp) -> dict[str, Constant]:
     return {
         f"{section}.{name}": value
         for section, part in _sections(machine).items()
-        for name, value in part
+        for name, value in vars(part).items()
         if isinstance(value, Constant)
     }
 
@@ -106,6 +106,9 @@ def _chosen(known: dict[str, Constant], only: Iterable[str]) -> set[str]:
     """Names of the constants that `only` means, by section or one by one."""
     if isinstance(only, str):
         raise InputError(f"only is the text '{only}': give a list of sections or constants, as ['{only}']")
+    only = set(only)
+    if only <= known.keys():
+        return only
     sections: dict[str, set[str]] = {}
     for key in known:
         sections.setdefault(key.partition(".")[0], set()).add(key)
@@ -122,14 +125,22 @@ def _chosen(known: dict[str, Constant], only: Iterable[str]) -> set[str]:
 
 def with_values(machine: _SetUp, values: Mapping[str, float]) -> _SetUp:
     """Return the machine with other values of some constants, unchecked; sources and ranges stay."""
-    return with_constants(
-        machine,
-        {
-            name: constant.model_copy(update={"value": values[name]})
-            for name, constant in _constants(machine).items()
-            if name in values
-        },
-    )
+    sections = {name: vars(part) for name, part in _sections(machine).items()}
+    changed = {}
+    for name, value in values.items():
+        section, _, key = name.partition(".")
+        changed[name] = sections[section][key].at(value)
+    return with_constants(machine, changed)
+
+
+def values_of(machine: SetUp, names: Iterable[str]) -> dict[str, float]:
+    """Return the values of some constants, named by section and key."""
+    sections = {name: vars(part) for name, part in _sections(machine).items()}
+    found = {}
+    for name in names:
+        section, _, key = name.partition(".")
+        found[name] = sections[section][key].value
+    return found
 
 
 def with_constants(machine: _SetUp, constants: Mapping[str, Constant]) -> _SetUp:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -23,7 +23,6 @@ from edmsim.plant.gap.water import (
     surface_tension_N_m,
     viscosity_ratio,
 )
-from edmsim.plant.kernel.declare import ArraySizes, allocate
 from edmsim.plant.kernel.state import GRID, NO_METAL_UM, PULSES_PER_WINDOW, Arrays, Constants, Propagators, Timing
 from edmsim.plant.mechanics.film import added_mass_kg_m, edge_loss_kg_m2, pull_sum_um2
 from edmsim.plant.mechanics.mjcf import screw_constants
@@ -31,9 +30,9 @@ from edmsim.plant.mechanics.model import ModalModel, WireSetup, build_model
 from edmsim.plant.mechanics.mujoco_model import FullMechanics
 from edmsim.plant.mechanics.mujoco_table import DriveSetup, TableMechanics
 from edmsim.plant.mechanics.propagators import fill_fading, fill_table, fill_wire
-from edmsim.plant.mechanics.strung import strung
 from edmsim.plant.resolution import Resolution
 from edmsim.plant.wire import VACUUM_PERMEABILITY_N_A2, VACUUM_PERMITTIVITY_F_M, HeatLaw, area_m2
+from edmsim.plant.wire_modes import modes_with
 
 if TYPE_CHECKING:
     from edmsim.machine.machine import Machine
@@ -227,16 +226,8 @@ def _slice_heights_m(machine: Machine, res: Resolution) -> NDArray[np.float64]:
 
 def modal_model(machine: Machine, res: Resolution) -> ModalModel:
     """Modes of table and wire for this set-up, from the MJCF."""
-    file, heights = machine.base.model, tuple(_slice_heights_m(machine, res).tolist())
-    return _modes(wire_setup(machine), file, mjcf_version(file), res.modes, heights)
-
-
-@functools.lru_cache(maxsize=64)
-def _modes(
-    wire: WireSetup, model_file: str, _version: int, n_modes: int, slice_heights_m: tuple[float, ...]
-) -> ModalModel:
-    """Modes by set-up: plants of one machine share them, as nothing writes to them."""
-    return strung(wire, model_file, n_modes, slice_heights_m)
+    heights = tuple(_slice_heights_m(machine, res).tolist())
+    return modes_with(wire_setup(machine), machine.base.model, res.modes, heights)
 
 
 def screws(machine: Machine) -> dict[int, dict[str, float]]:
@@ -290,58 +281,37 @@ def flushing(machine: Machine) -> Jets:
     return jets(*flushing_Pa(machine), _gap_viscosity_Pa_s(machine), water.side_gap_um.value, machine.height_mm)
 
 
-def flow_m_s(machine: Machine, res: Resolution) -> NDArray[np.float64]:
-    """Speed of the water past every slice."""
-    return flushing(machine).past_m_s((np.arange(res.slices) + 0.5) / res.slices)
-
-
-def flow_share(machine: Machine, res: Resolution) -> NDArray[np.float64]:
-    """Water that enters every slice from either nozzle, (2, slices); see `debris.Jets.flow_share`."""
-    return flushing(machine).flow_share(res.slices)
-
-
-def flow_factor(machine: Machine, res: Resolution) -> NDArray[np.float64]:
-    """Share of the breakdown rate that the flow leaves, per slice: ``exp(-(v / v_q)^2)`` (see `breakdown`)."""
-    return np.exp(-((flow_m_s(machine, res) / machine.base.gap.flow_quench_m_s.value) ** 2))
-
-
-def convection_W_m2K(machine: Machine, res: Resolution) -> NDArray[np.float64]:
-    """Heat transfer from the wire to water that does not boil, per slice: ``h (1 + k v)``."""
-    cooling = machine.base.cooling
-    return cooling.convection_W_m2K.value * (1 + cooling.convection_per_m_s.value * flow_m_s(machine, res))
-
-
 def height_share(machine: Machine, res: Resolution) -> NDArray[np.float64]:
     """Heights of the slices' mid-planes above the lower guide, as shares of the distance of the guides."""
     return _slice_heights_m(machine, res) / (machine.guide_distance_mm * 1e-3)
 
 
-ALONG_WIRE = height_share, flow_factor, flow_share, convection_W_m2K
-"""What a set-up has for every slice, each under its name in `Arrays`."""
-
-
-def arrays(
-    model: ModalModel | FullMechanics, sizes: ArraySizes, water_K: float,
-    along_wire: Mapping[str, NDArray[np.float64]],
-) -> Arrays:
-    """Allocate the arrays of a plant at rest, its wire described by a shape (slices, modes or nodes).
-
-    ``along_wire`` are those of `Arrays` that a set-up has for every slice, by name.
-    """
-    a = allocate(Arrays, sizes)
+def fill_arrays(a: Arrays, model: ModalModel | FullMechanics, machine: Machine, res: Resolution) -> None:
+    """Fill what lasts as long as the set-up; the wire of the model has a shape (slices, modes or nodes)."""
     slices, modes = model.wire_shape.shape
-    angle = 2 * np.pi * np.arange(sizes.rays) / sizes.rays
-    a.reference_um[:] = -1e9  # nowhere: every ray is traced in full at first
-    a.temperature_K[:] = water_K
-    a.distance[:] = NO_METAL_UM
+    angle = 2 * np.pi * np.arange(res.rays) / res.rays
     a.ray_cosine[:], a.ray_sine[:] = np.cos(angle), np.sin(angle)
     a.shape[:, :modes] = model.wire_shape
     a.sway[:, :slices] = a.shape.T
     a.mean_shape[:] = a.shape.mean(axis=0)
     a.slice_mass_kg[:] = model.slice_mass_kg
     a.mobility[:modes], a.inertia[:modes] = model.mobility, model.inertia
-    for name, values in along_wire.items():
-        getattr(a, name)[..., :slices] = values
     a.table_shape[:] = model.table_slide_shape
     a.table_participation[:] = model.table_participation
-    return a
+    a.height_share[:slices] = height_share(machine, res)
+    flow, cooling = flushing(machine), machine.base.cooling
+    speed_m_s = flow.past_m_s((np.arange(slices) + 0.5) / slices)
+    a.flow_factor[:] = np.exp(-((speed_m_s / machine.base.gap.flow_quench_m_s.value) ** 2))  # see `breakdown`
+    a.convection_W_m2K[:] = cooling.convection_W_m2K.value * (1 + cooling.convection_per_m_s.value * speed_m_s)
+    a.flow_share[:] = flow.flow_share(slices)
+
+
+def lay_to_rest(a: Arrays, names: Iterable[str], water_K: float) -> None:
+    """Let some of a plant's arrays be those of a plant at rest."""
+    others = {
+        "reference_um": -1e9,  # nowhere: every ray is traced in full at first
+        "distance": NO_METAL_UM,
+        "temperature_K": water_K,
+    }
+    for name in names:
+        getattr(a, name).fill(others.get(name, 0))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
@@ -14,8 +15,8 @@ from edmsim.plant.kernel.memory import CALL
 from edmsim.plant.kernel.state import BROKEN, NO_TILES, PULSES_PER_WINDOW, STATE, STEP_EARLY, STEP_WRONG, WINDOW
 from edmsim.plant.plant import Plant
 
-_SHARE = 4
-"""Plants a thread takes at a time."""
+_LEAST_PLANTS = 2
+"""Plants a thread is woken for: a window of one takes as long as waking it (ours)."""
 
 
 class Fleet:
@@ -114,18 +115,18 @@ class Fleet:
     def _fire(self, calls: NDArray[np.int64]) -> None:
         if self._pool is None and self.threads > 1:
             self._pool = ThreadPoolExecutor(self.threads - 1, "edmsim-fleet")
-        places = iter(range(0, len(calls), _SHARE))
-        helpers = min(self.threads, -(-len(calls) // _SHARE)) - 1
-        done = [self._pool.submit(self._share, calls, places) for _ in range(helpers)] if self._pool else []
-        self._share(calls, places)
+        threads = max(min(self.threads, len(calls) // _LEAST_PLANTS), 1)
+        shares = iter(_shares(len(calls), threads))
+        done = [self._pool.submit(self._take, calls, shares) for _ in range(threads - 1)] if self._pool else []
+        self._take(calls, shares)
         for part in done:
             part.result()
 
-    def _share(self, calls: NDArray[np.int64], places: Iterator[int]) -> None:
-        """Fire what nobody fires yet, a few at a time, so that no thread waits for a slower one."""
+    def _take(self, calls: NDArray[np.int64], shares: Iterator[tuple[int, int]]) -> None:
+        """Fire one share after another that nobody has taken yet."""
         fire, address, row = self.plants[0].fire, calls.ctypes.data, calls.strides[0]
-        for k in places:
-            fire(address + k * row, min(_SHARE, len(calls) - k))
+        for first, count in shares:
+            fire(address + first * row, count)
 
     def close(self) -> None:
         """Shut down the threads."""
@@ -140,3 +141,14 @@ class Fleet:
     def __setstate__(self, state: dict[str, Any]) -> None:
         """Take the plants into arrays of its own."""
         Fleet.__init__(self, state["plants"], state["threads"])
+
+
+@functools.cache
+def _shares(plants: int, threads: int) -> tuple[tuple[int, int], ...]:
+    """First plant and number of plants of each share: ever fewer, so that no thread waits long for the last one."""
+    shares, first = [], 0
+    while first < plants:
+        count = max((plants - first) // (2 * threads), 1) if threads > 1 else plants
+        shares.append((first, count))
+        first += count
+    return tuple(shares)

@@ -48,7 +48,7 @@ if TYPE_CHECKING:
 
 MECHANICS = ("modal", "mujoco")
 """Integrators of table and wire."""
-_WALL, _CHANGING = lasting(Arrays, WALL), lasting(Arrays, WALL, CHANGING)
+_OF_WIRE, _CHANGING = lasting(Arrays, CHANGING), lasting(Arrays, WALL, CHANGING)
 _NOWHERE_UM, _NO_STEPS = -1e9, np.empty((0, 3), np.int64)
 
 
@@ -113,11 +113,8 @@ class Plant(PlantReadings):
     ) -> None:
         if mechanics not in MECHANICS:
             raise InputError(f"unknown mechanics '{mechanics}'; there are: {one_of(mechanics, MECHANICS)}")
-        self._first_machine = machine
         self.mechanics = mechanics
         self.resolution = res = named_resolution(resolution)
-        self._constants = constants.constants(machine, res)
-        self._along_wire = {of.__name__: of(machine, res) for of in constants.ALONG_WIRE}
         coordinates = _coordinates(res, mechanics)
         self._sizes = sizes_of(res.slices, res.rays, coordinates)
         self._memory = Memory(self._sizes)
@@ -128,28 +125,43 @@ class Plant(PlantReadings):
         self._call = memoryview(call)  # type: ignore[arg-type]
         self._call[0] = self._memory.address
         self._call_address: int = call.ctypes.data
-        self._model = self._make_model()
         self._fire = window_function(res.slices, res.rays, coordinates, mechanics == "mujoco")
-        self._memory.put(self._constants)
-        self._memory.put(constants.heat_law(machine, res))
-        self._memory.put(constants.push_law(machine))
-        self._memory.put(allocate(Scratch, self._sizes))
-        screws = constants.screws(machine) if drives else {}
-        self._drives = Drives(
-            drives or {}, machine.base.table.travel_mm.value * 1e3, self._sizes, screws,
-            ways_of(machine, nuts=mechanics == "modal"), 0.5 * machine.wire_diameter_um,
-        )
-        self._memory.put(self._drives.axes)
-        self.drives = self._drives.by_axis
+        self._arrays, self._propagators = allocate(Arrays, self._sizes), allocate(Propagators, self._sizes)
+        for group in (self._arrays, self._propagators, allocate(Scratch, self._sizes)):
+            self._memory.put(group)
+        self._pulses: NDArray[np.void] = np.zeros(0, PULSE)
+        self._memory.put_own(pulses=self._pulses)
+        self._drives_follow_from: tuple[bytes, float, float] | None = None
+        self._set_up(machine, drives or {})
+        self.reset(seed, stock=stock, position_um=position_um)
+
+    def _set_up(self, machine: Machine, drives: Mapping[str, AxisDrive]) -> None:
+        """Work out what follows from a machine; what was allocated stays."""
+        res = self.resolution
+        self._first_machine = machine
+        self._constants = constants.constants(machine, res)
+        self._model = self._make_model()
+        constants.fill_arrays(self._arrays, self._model, machine, res)
+        for group in (self._constants, constants.heat_law(machine, res), constants.push_law(machine)):
+            self._memory.put(group)
+        self._set_up_drives(machine, drives)
         for axis in (0, 1):
             if isinstance(self._model, FullMechanics) and self._drives.has_loop(axis):
                 self._model.set_motor(axis, self._drives.axes.motors[axis : axis + 1])
-        self._propagators, self._grid_us = allocate(Propagators, self._sizes), 0.0
-        self._memory.put(self._propagators)
+        self._grid_us = 0.0  # the propagators are those of the model before
         self._settings = GeneratorSettings(machine, res)
-        self._pulses: NDArray[np.void] = np.zeros(0, PULSE)
-        self._memory.put_own(pulses=self._pulses)
-        self.reset(seed, stock=stock, position_um=position_um)
+
+    def _set_up_drives(self, machine: Machine, drives: Mapping[str, AxisDrive]) -> None:
+        ways, travel_um = ways_of(machine, nuts=self.mechanics == "modal"), machine.base.table.travel_mm.value * 1e3
+        follows_from = ways.tobytes(), travel_um, machine.wire_diameter_um
+        if follows_from == self._drives_follow_from and not drives:
+            return
+        self._drives_follow_from = follows_from
+        screws = constants.screws(machine) if drives else {}
+        stray_um = 0.5 * machine.wire_diameter_um
+        self._drives = Drives(drives, travel_um, self._sizes, screws, ways, stray_um)
+        self._memory.put(self._drives.axes)
+        self.drives = self._drives.by_axis
 
     def move_rows(self, state: NDArray[np.void], window: NDArray[np.void]) -> None:
         """Move the plant's scalars into a row each of arrays (1,) of `STATE` and `WINDOW` that a `Fleet` holds."""
@@ -175,9 +187,20 @@ class Plant(PlantReadings):
             constants.fill_propagators(self._propagators, self._model, setting.timing)
 
     def reset(
-        self, seed: int, *, stock: Stock | None = None, position_um: Sequence[float] | None = None
+        self, seed: int, *, stock: Stock | None = None, position_um: Sequence[float] | None = None,
+        machine: Machine | None = None,
     ) -> None:
-        """Start again at rest: fresh workpiece and wire, the generator on, at the setting of the first machine."""
+        """Start again at rest: fresh workpiece and wire, the generator on, at the setting of the first machine.
+
+        Parameters
+        ----------
+        seed, stock, position_um
+            See `Plant`.
+        machine : Machine, optional
+            Another set-up to go on with, as a plant made with it would, with fresh copies of the drives given.
+        """
+        if machine is not None:
+            self._set_up(machine, self._drives.given)
         self._set(self._first_machine.t_on_us, self._first_machine.t_period_us, on=True)
         position_um = position_um or self.machine.base.table.centre_um
         stock = block_in_front(self.machine, position_um[0]) if stock is None else checked_stock(stock, self.machine)
@@ -192,11 +215,11 @@ class Plant(PlantReadings):
         self._drives.reset(self._state, seed)
         if isinstance(self._model, FullMechanics):
             self._model.reset()
-        self._at_rest()
+        self._lay_to_rest(_CHANGING)
 
-    def _at_rest(self) -> None:
-        self._arrays = constants.arrays(self._model, self._sizes, self._constants.water_K, self._along_wire)
-        self._memory.put(self._arrays)
+    def _lay_to_rest(self, names: Sequence[str]) -> None:
+        """Let some of the arrays be those of a plant at rest."""
+        constants.lay_to_rest(self._arrays, names, self._constants.water_K)
         self._state["since_discharge_us"] = 1e9
         self._state["tiled_um"] = _NOWHERE_UM
         self._state["deflection_um"] = 0.0
@@ -229,17 +252,15 @@ class Plant(PlantReadings):
         float
             How long (s) axes would take that are not waited for, as they take too long; 0 if there are none.
         """
-        before, table = self._arrays, self.machine.base.table
+        table_q, table = self._arrays.table_q.copy(), self.machine.base.table
         step_um, rapid_um_s = table.step_um.value, table.rapid_um_s.value
         took_ns, late_s = self._drives.carry(self._state, position_um, duration_ns, step_um, rapid_um_s)
         self._state["time_ns"] += took_ns
         for name in ("heat_wait_us", "spot", "wear_wait_um3", "worn_share", "broken", "traces"):
             self._state[name] = 0
-        self._at_rest()
-        for name in _WALL:
-            getattr(self._arrays, name)[:] = getattr(before, name)
+        self._lay_to_rest(_OF_WIRE)
         if self.mechanics == "mujoco":
-            self._arrays.table_q[:] = before.table_q  # steps once lost stay lost
+            self._arrays.table_q[:] = table_q  # steps once lost stay lost
         return late_s
 
     def break_axis(self, axis: str, fault: str) -> None:

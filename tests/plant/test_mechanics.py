@@ -20,6 +20,7 @@ from edmsim.plant.mechanics.model import (
 )
 from edmsim.plant.mechanics.modes import linearise
 from edmsim.plant.mechanics.strung import strung
+from edmsim.plant.wire_modes import modes_with
 from tests.plant.oscillators import propagator_table
 
 Array = NDArray[np.float64]
@@ -115,6 +116,15 @@ def test_a_wire_strung_by_formula_has_the_modes_of_its_own_model(wire: WireSetup
         np.testing.assert_allclose(
             getattr(by_formula, field.name), expected, rtol=1e-6, atol=1e-6 * scale, err_msg=field.name
         )
+
+
+def test_wires_one_after_another_have_the_modes_of_each_strung_alone() -> None:
+    for wire in (BRASS, *WIRES, dataclasses.replace(BRASS, slot_m=0.02, slot_mass_kg_m=1e-3)):
+        heights = tuple(slice_heights(wire.guide_distance_m / 2, wire.guide_distance_m, 9))
+        alone, one_of_many = strung(wire, MODEL_FILE, 8, heights), modes_with(wire, MODEL_FILE, 8, heights)
+        for field in dataclasses.fields(ModalModel):
+            expected, found = (np.asarray(getattr(modes, field.name)) for modes in (alone, one_of_many))
+            assert found.tobytes() == expected.tobytes(), field.name
 
 
 def nodal_load(node_heights: Array, low: float, high: float) -> Array:

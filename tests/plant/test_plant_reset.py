@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 import edmsim
 
 
@@ -21,6 +23,28 @@ def test_reset_restores_generator_and_setting(machine):
     assert plant.machine is machine
     assert same(plant.snapshot(), fresh)
     assert plant.advance() == first
+
+
+def cut(plant, windows):
+    """Lead a wire towards +x, 8 um a window, and return the windows."""
+    return [plant.advance([(plant.time_ns + k * 3_000_000, 0, 1) for k in range(8)]) for _ in range(windows)]
+
+
+def test_reset_with_another_machine_is_a_plant_made_with_it(machine):
+    other = machine.with_(height_mm=8.0, tension=9.0).sample(np.random.default_rng(3))
+    plant, made = edmsim.Plant(machine, 4, resolution="fast"), edmsim.Plant(other, 7, resolution="fast")
+    cut(plant, 10)
+    assert plant.craters_mm3 > 0
+    plant.set_generator(10.0, 100.0)
+    plant.advance()
+    plant.reset(7, machine=other)
+    assert plant.machine is other
+    assert same(plant.snapshot(), made.snapshot())
+    assert cut(plant, 10) == cut(made, 10)
+    assert made.craters_mm3 > 0
+    assert same(plant.snapshot(), made.snapshot())
+    plant.reset(7)
+    assert plant.machine is other
 
 
 def test_reset_after_a_pickle_restores_the_first_setting(machine):

@@ -9,7 +9,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from edmsim.compiled.axis_rows import DRIVE, FAULT, FREEWHEEL, N_AXES, NET_IN, NET_OUT, SampleFunction
+from edmsim.compiled.axis_rows import AXIS, DRIVE, FAULT, FREEWHEEL, N_AXES, NET_IN, NET_OUT, SampleFunction
 from edmsim.compiled.random import key_of
 from edmsim.errors import InputError, one_of
 from edmsim.plant.axes.advance import go_astray, indicate, take_line
@@ -107,8 +107,10 @@ class Drives:
             check_motor(motor)
             made.step_ns[k] = longest_step_ns(motor)
             self._looped.append(k)
-        self._first = made.drives.copy()
-        self._travel_um, self._stray_um = travel_um, stray_um
+        self._first, self._first_rows = made.drives.copy(), _rows_at_first(travel_um, stray_um)
+        for name in _TIMERS:
+            self._first[name] = NEVER
+        self._stray_um = stray_um
         errs = made.ways.tobytes() != no_ways().tobytes()
         self.axes = made._replace(loops=len(self._looped), errs=int(errs))
 
@@ -120,17 +122,10 @@ class Drives:
     def switch_on(self, axis_um: NDArray[np.float64], seed: int) -> None:
         """Switch the drives on at time 0, with the axes at rest at some places; the seed is the encoders' noise's."""
         rows, drives = self.axes.rows, self.axes.drives
-        rows[:] = 0
-        rows["spike_ns"] = np.inf
-        for name in ("place_um", "zero_um", "least_um", "most_um"):
+        rows[:], drives[:] = self._first_rows, self._first
+        for name in ("place_um", "zero_um", "least_um", "most_um", "rotor_um"):
             rows[name] = axis_um
-        rows["stray_um"] = self._stray_um
-        rows["low_um"], rows["high_um"] = (0.0, 0.0, -np.inf, -np.inf), (*[self._travel_um] * 2, np.inf, np.inf)
-        drives[:] = self._first
-        rows["rotor_um"], rows["link_V"] = axis_um, self.axes.motors["supply_V"]
-        rows["pins"], rows["wiring"] = FREEWHEEL, NET_IN | NET_OUT
-        for name in _TIMERS:
-            drives[name] = NEVER
+        rows["link_V"] = self.axes.motors["supply_V"]
         self._connect()
         for k in self._looped:
             drives["index"][k] = 1
@@ -342,6 +337,15 @@ class Drives:
             sample = self.by_axis[AXIS_NAMES[k]].sample
             assert sample is not None
             self.axes.drives["sample"][k] = sample.address
+
+
+def _rows_at_first(travel_um: float, stray_um: float) -> NDArray[np.void]:
+    """Rows of axes that are switched on, but for where they stand."""
+    rows = np.zeros(N_AXES, AXIS)
+    rows["spike_ns"], rows["stray_um"] = np.inf, stray_um
+    rows["low_um"], rows["high_um"] = (0.0, 0.0, -np.inf, -np.inf), (travel_um, travel_um, np.inf, np.inf)
+    rows["pins"], rows["wiring"] = FREEWHEEL, NET_IN | NET_OUT
+    return rows
 
 
 def _check_period(name: str, record: NDArray[np.void]) -> None:
