@@ -82,6 +82,20 @@ def test_every_third_episode_is_recorded_also_one_left_before_its_end(make_env, 
     assert events[-1] == ["running"]
 
 
+def test_a_recording_says_which_environment_and_episode_it_is_of(make_env, tmp_path) -> None:
+    env = RecordRerun(make_env("Corner", episode_s=0.1, decision_s=None), tmp_path / "registered", every=1)
+    for _ in range(2):
+        played(env, 1)
+    env.close()
+    titles = [Playback(folder / "cut.rrd").title for folder in env.recordings]
+    assert titles == ["edmsim/Corner-v1, episode 0", "edmsim/Corner-v1, episode 1"]
+    own = RecordRerun(make_env("Corner", episode_s=0.1, decision_s=None).unwrapped, tmp_path / "own", every=1)
+    own.unwrapped.spec = None
+    played(own, 1)
+    own.close()
+    assert Playback(own.recordings[0] / "cut.rrd").title == "own, episode 0"
+
+
 @pytest.mark.parametrize("every", [0, 1.5, True])
 def test_other_environments_and_counts_are_refused(make_env, tmp_path, every) -> None:
     with pytest.raises(InputError, match="records environments of edmsim"):
