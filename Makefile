@@ -29,6 +29,10 @@ soak: $(VENV)/.installed-test  ## an hour of a machine, a million steps, a hundr
 lost-node: $(VENV)/.installed-test  ## a sweep of 200 cuts that loses a node, and whose driver is killed; into out/soak
 	$(BIN)/python -m tests.soak sweep --out out/soak
 
+.PHONY: mutants
+mutants: $(VENV)/.installed-test  ## do the tests notice sixty small wrongs? results into out/mutants; hours
+	$(BIN)/python -m tests.mutants --out out/mutants
+
 lint: $(VENV)/.installed-test
 	$(BIN)/ruff check .
 
