@@ -13,7 +13,7 @@ test: lint type docs
 	$(BIN)/python -m pytest -n 2 --dist worksteal
 
 fast: $(VENV)/.installed-test  ## the usual run while developing
-	$(BIN)/python -m pytest -m "not slow"
+	$(BIN)/python -m pytest -m "not slow" -n 2 --dist worksteal
 
 .PHONY: bounds
 bounds: $(VENV)/.installed-test  ## where compiled code would leave an array, a test fails; in a cache of its own

@@ -31,6 +31,7 @@ def short(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(table, "cold_start_s", lambda: 0.5)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("short")
 def test_figures() -> None:
     figures = table.measure()

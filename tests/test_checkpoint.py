@@ -52,6 +52,7 @@ def assert_same(a: edmsim.CutResult, b: edmsim.CutResult) -> None:
     assert a.contour(0).equals(b.contour(0))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "options",
     [{}, {"planner": "dda"}, {"planner": "poscal-literal"}, {"drive": "uhu"}, {"generator": "iso-energetic"},
@@ -76,6 +77,7 @@ def interruptible() -> Iterator[None]:
     signal.signal(signal.SIGINT, before)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("interruptible")
 def test_ctrl_c_within_a_window_waits_for_its_end(cut_small: Cut, tmp_path: Path) -> None:
     whole = cut_small(**SHORT)
@@ -89,6 +91,7 @@ def test_ctrl_c_within_a_window_waits_for_its_end(cut_small: Cut, tmp_path: Path
     assert_same(cut_small(out=tmp_path, resume=True, **SHORT), whole)
 
 
+@pytest.mark.slow
 def test_twice_interrupted_and_in_a_dwell(tmp_path: Path) -> None:
     program = tmp_path / "dwell.ngc"
     program.write_text("G0 X0 Y0\nG1 X0.101\nG4 P3\nG1 Y0.203\nG4 P1\nG1 X0\nM2\n")
@@ -105,6 +108,7 @@ def test_twice_interrupted_and_in_a_dwell(tmp_path: Path) -> None:
     assert_same(edmsim.cut(program, out=out, resume=True, **options), whole)
 
 
+@pytest.mark.slow
 def test_wall_time_goes_on_from_the_checkpoint(cut_small: Cut, tmp_path: Path) -> None:
     interrupted(cut_small, tmp_path)
     with np.load(tmp_path / NAME) as stored:

@@ -84,6 +84,7 @@ class Script:
 ZIGZAG = [(0, 0), (101, 53), (40, 160), (-77, 160), (-77, 31)]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("generator", available("generators"))
 @pytest.mark.parametrize("planner", list(PLANNERS))
 def test_position_is_start_and_2_um_for_every_step(generator: str, planner: str) -> None:  # T-16

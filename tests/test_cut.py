@@ -248,6 +248,7 @@ def test_settings_say_how_to_cut_it_again(small_cut: SimpleNamespace) -> None:
     assert told.items() <= settings.items()
 
 
+@pytest.mark.slow
 def test_same_seed_same_cut_another_seed_another(
     small_cut: SimpleNamespace, cut_small: Callable[..., edmsim.CutResult]
 ) -> None:
@@ -265,6 +266,7 @@ def test_time_limit_stops_at_the_end_of_its_window(cut_small: Callable[..., edms
     assert 1.0 <= report["machining_time_s"] < 1.0 + 255 * 100e-6
 
 
+@pytest.mark.slow
 def test_broken_wire_leaves_a_full_report(
     cut_small: Callable[..., edmsim.CutResult], hot_machine: str, tmp_path: Path
 ) -> None:
@@ -292,6 +294,7 @@ def test_offsets(cut_small: Callable[..., edmsim.CutResult]) -> None:
         assert result.path.offset_um == pytest.approx(expected_um)
 
 
+@pytest.mark.slow
 def test_result_can_be_written_later_into_a_new_folder(
     cut_small: Callable[..., edmsim.CutResult], tmp_path: Path
 ) -> None:

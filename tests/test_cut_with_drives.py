@@ -34,6 +34,7 @@ def test_a_stepper_has_no_following_error():
     assert result.report["following_error_um"] == {"max": 0.0, "rms": 0.0}
 
 
+@pytest.mark.slow
 def test_a_following_error_stops_the_machine_and_leaves_with_3(monkeypatch, tmp_path, capsys):
     tuned = dict(uhu._data()["tuned"]["table"], error_limit=10)
     monkeypatch.setitem(uhu._data()["tuned"], "table", tuned)
@@ -70,6 +71,7 @@ M2
 """
 
 
+@pytest.mark.slow
 def test_the_shares_of_the_error_do_not_take_a_rapid_for_a_cut(tmp_path):
     """The way between two contours is no way of the wire through the metal."""
     (tmp_path / "two.ngc").write_text(TWO_SQUARES)

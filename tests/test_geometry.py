@@ -58,6 +58,7 @@ def test_a_wire_rests_in_its_kerf_while_the_guides_come_back():
     np.testing.assert_allclose(wire[-1], [20.0, 0.0], atol=1e-9)
 
 
+@pytest.mark.slow
 def test_in_a_circle_the_wire_settles_on_a_smaller_one():
     """Physics: radius sqrt(R^2 - lag^2)."""
     angle = np.linspace(0.0, 6 * math.pi, 6_001)

@@ -277,6 +277,7 @@ def test_pictures_show_the_steps(ridge: SimpleNamespace) -> None:
     ]  # fmt: skip
 
 
+@pytest.mark.slow
 def test_an_interrupted_stepped_cut_goes_on_bit_for_bit(cut_small: Cut, tmp_path: Path) -> None:
     options: dict[str, Any] = {
         "heights": [(0.45, 10.0)], "max_time_s": 22.0, "height_areas": [(shapely.box(-2.5, 0, -1.5, 1), 6.0)],

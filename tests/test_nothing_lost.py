@@ -58,6 +58,7 @@ def without_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setattr(f"edmsim.recording.{name}", empty)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("signals")
 def test_a_cut_interrupted_in_any_phase_is_finished_by_resuming(cut_small: Cut, tmp_path: Path) -> None:
     whole = cut_small(**SHORT)
@@ -179,6 +180,7 @@ def full(*_: object, **__: object) -> None:
     raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("without_pictures")
 def test_a_full_disk_warns_and_the_cut_goes_on(
     cut_small: Cut, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -205,6 +207,7 @@ def test_a_disk_full_at_the_end_leaves_the_checkpoint(
     assert names(tmp_path) == FILES
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform != "linux", reason="elsewhere names of files are UTF-8")
 def test_odd_names_and_plain_terminals_do_not_crash_a_finished_cut(small_punch: Path, tmp_path: Path) -> None:
     folder = os.path.join(os.fsencode(tmp_path), b"o[/b]\xff\xc3 \xb5m")

@@ -62,6 +62,7 @@ def run(*command: object, at: Path, path: Path | None = None, status: int = 0) -
     return done.stdout.strip()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("links", [True, False])
 def test_a_bare_checkout_is_imported_as_it_is(tmp_path: Path, links: bool) -> None:
     tree = checkout(tmp_path / "tree", links=links)

@@ -176,6 +176,7 @@ def test_pitch_and_angle_add_up():
     assert true_um(rig, **errors)[Y] == pytest.approx(100_000 - 17, abs=1.2)
 
 
+@pytest.mark.slow
 def test_an_error_that_a_third_axis_changes_is_compensated_by_rows():
     # E-32, E-46, E-15: 50 urad at u = 0 that become 90 at u = 100
     for bits, row_of_25 in ((Mode.INTERPOLATE_ROWS, 60.0), (0, 70.0)):

@@ -25,6 +25,7 @@ def rows_rig(mode=0, **values):
     return rig
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("places", "bits", "want"),
     [((-10.0, 0.0, 20.0, 25.0, 30.0), 0, (5, 5, 5, 10, 10)),

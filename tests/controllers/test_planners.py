@@ -102,6 +102,7 @@ def test_steps_add_up_and_the_end_is_reached(name, points, plan):  # T-16, T-17,
     assert planner.path_um == pytest.approx(shapely.LineString(points).length, abs=2)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "limit"),
     [("dda", math.sqrt(2) + 1e-9), ("exact", math.sqrt(2) + 1e-9), ("poscal", 2.0), ("sine-table", 2.0)],

@@ -130,6 +130,7 @@ def test_the_scale_follows_from_the_machine(name, step_um, um_per_rad):
     assert drive.counts_per_step * per_count == pytest.approx(step_um)
 
 
+@pytest.mark.slow
 def test_threading_waits_for_slow_axes_or_says_how_long_they_would_take():
     far = contour([(2000, 0), (2030, 0)])
     sim = cut(Eanpos.tuned(changes={"setvel": 60}), None, contour([(0, 0), (20, 0)]), far)

@@ -118,6 +118,7 @@ def exercised(law: Law) -> None:
         assert [leg[k].duration_s for k in (0, 59, 60)] == pytest.approx([255 * t for t in (120e-6, 120e-6, 150e-6)])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("planner", ["exact", "poscal"])
 def test_an_environment_driven_by_the_same_feeds_shows_the_same(program: Path, planner: str) -> None:
     law = cut(program, planner, Law(sets=False))

@@ -100,6 +100,7 @@ def test_the_next_wire_is_threaded_where_the_last_one_broke(make_env):
     assert (np.diff(places) >= 0).all()
 
 
+@pytest.mark.slow
 def test_a_servo_holds_what_is_asked_of_it(make_env):
     """Row of the study: raw feeds jam nearly every first episode, targets none."""
     shares = {}
@@ -225,6 +226,7 @@ def test_a_machine_that_is_given_is_written_out(make_env):
     assert again.unwrapped.family.base == machine
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::UserWarning", "ignore::pytest.PytestUnraisableExceptionWarning")
 def test_minari_records_and_recovers_every_id(env_name, tmp_path, monkeypatch):
     minari = pytest.importorskip("minari")

@@ -104,6 +104,7 @@ def test_other_environments_and_counts_are_refused(make_env, tmp_path, every) ->
         RecordRerun(make_env("GapFeed"), tmp_path, every=every)
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::UserWarning")
 def test_a_training_is_recorded_and_stays_the_same(tmp_path) -> None:
     ppo = pytest.importorskip("stable_baselines3").PPO
@@ -133,6 +134,7 @@ def test_a_recording_is_shown_as_it_ends(make_env, tmp_path, monkeypatch) -> Non
     env.close()
 
 
+@pytest.mark.slow
 def test_a_policy_is_laid_beside_a_law(tmp_path) -> None:
     for name in ("policy:GapFeed-ppo", "voltage"):
         cut("edmsim/GapFeed-v1", 1_000_000, name, record=tmp_path, episode_s=0.4)

@@ -46,6 +46,7 @@ def same_info(ours, theirs):
             assert (values[mask] == theirs[name][mask]).all(), name
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("mode", MODES)
 def test_native_is_gymnasiums_own_vector(make_env, make_lanes, env_name, actions_of, mode):
     # episodes so short that every lane ends some, at different times where the cut is done first

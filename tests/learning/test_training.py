@@ -44,6 +44,7 @@ def test_there_are_no_others():
     assert there - general <= {f"{name}-{file}" for name in names for file in general}
 
 
+@pytest.mark.slow
 @needs_rl
 def test_exploring_begins_around_the_first_action(short_training, tmp_path):
     from edmsim.learning.train import train
@@ -54,6 +55,7 @@ def test_exploring_begins_around_the_first_action(short_training, tmp_path):
     assert found == pytest.approx(trained.hyperparameters.network.first_action, abs=0.15)
 
 
+@pytest.mark.slow
 @needs_rl
 @pytest.mark.parametrize("algo", hyperparameters.ALGORITHMS)
 def test_what_is_exported_does_what_was_trained(short_training, tmp_path, algo):
@@ -75,6 +77,7 @@ def test_what_is_exported_does_what_was_trained(short_training, tmp_path, algo):
     assert list((tmp_path / "tensorboard").iterdir())
 
 
+@pytest.mark.slow
 @needs_rl
 @pytest.mark.parametrize("algo", hyperparameters.ALGORITHMS)
 def test_a_training_stopped_goes_on_from_its_checkpoint(short_training, tmp_path, edmsim, monkeypatch, algo):
@@ -104,6 +107,7 @@ def test_a_training_stopped_goes_on_from_its_checkpoint(short_training, tmp_path
     assert card.command == f"edmsim train edmsim/GapFeed-v1 --algo {algo} --steps 256 --seed 0"
 
 
+@pytest.mark.slow
 @needs_rl
 def test_same_seed_same_policy(short_training, tmp_path):
     from edmsim.learning.export import export
@@ -137,6 +141,7 @@ def test_bad_input_is_one_line_and_leaves_nothing(tmp_path, edmsim, arguments, n
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.slow
 @needs_rl
 def test_the_command_leaves_a_policy_with_its_scores(short_training, short_episodes, tmp_path, edmsim, monkeypatch):
     monkeypatch.setattr("edmsim.learning.score.RESOLUTIONS", ("fast",))
@@ -146,6 +151,7 @@ def test_the_command_leaves_a_policy_with_its_scores(short_training, short_episo
     assert len(policy_file.load(str(tmp_path / "policy.json")).card.scores) == 3
 
 
+@pytest.mark.slow
 def test_without_the_extra_it_is_one_line(tmp_path):
     code = "import sys; sys.modules['stable_baselines3'] = None; from edmsim.cli.app import main; main()"
     words = [sys.executable, "-c", code, "train", "edmsim/GapFeed-v1", "--out", str(tmp_path / "out")]
@@ -155,6 +161,7 @@ def test_without_the_extra_it_is_one_line(tmp_path):
     assert "pip install 'edmsim[rl]'" in done.stderr
 
 
+@pytest.mark.slow
 def test_a_policy_is_scored_beside_its_rivals_on_the_same_episodes(monkeypatch, short_episodes):
     from edmsim.learning.score import RIVALS, measure
 

@@ -37,6 +37,7 @@ def exported(tmp_path, env_id, algo, steps=64, **asked):
     return trained, policy_file.load(str(tmp_path / "policy.json"))
 
 
+@pytest.mark.slow
 def test_a_recurrent_policy_remembers_as_it_was_trained(short_training, tmp_path):
     trained, policy = exported(tmp_path, "edmsim/GapFeed-v1", "recurrent-ppo")
     space = trained.model.observation_space
@@ -53,6 +54,7 @@ def test_a_recurrent_policy_remembers_as_it_was_trained(short_training, tmp_path
     assert policy.card.lstm == 64
 
 
+@pytest.mark.slow
 def test_a_recurrent_policy_forgets_at_a_leg_and_goes_on_from_a_snapshot(short_training, tmp_path):
     _, policy = exported(tmp_path, "edmsim/GapFeed-v1", "recurrent-ppo")
     first, second = PolicyController(policy), PolicyController(policy)
@@ -93,6 +95,7 @@ def test_a_residual_policy_adds_to_its_law_in_a_cut_what_it_added_in_training(sh
     assert len(feeds) > 5
 
 
+@pytest.mark.slow
 def test_an_imitation_does_what_its_teacher_does(short_training, tmp_path):
     teacher = "set-point:open_target_share=0.05,on_factor=0.5,period_factor=0.8,offset_um=6"
     _, policy = exported(tmp_path, "edmsim/Corner-v1", "imitation", steps=512, teacher=teacher)

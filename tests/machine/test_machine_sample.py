@@ -34,6 +34,7 @@ def test_uncertain_are_the_constants_with_a_range_by_section_and_name() -> None:
     assert not {"generator.t_on_us", "gap.median_a_us_um2", "table.step_um"} & set(UNCERTAIN)
 
 
+@pytest.mark.slow
 @settings(max_examples=50)
 @given(
     st.integers(0, 2**32), st.sampled_from(available("wires")), st.sampled_from(available("materials")),

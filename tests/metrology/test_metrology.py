@@ -110,6 +110,7 @@ def test_a_kerf_beside_the_path_has_one_wall_nearer(part_side):
     np.testing.assert_allclose((kerf.width_um - kerf.part_um).mean(), RADIUS - nearer, atol=0.5)
 
 
+@pytest.mark.slow
 @settings(max_examples=8, suppress_health_check=[HealthCheck.too_slow])
 @given(st.floats(0.0, 90.0), st.floats(130.0, 190.0))
 def test_any_straight_kerf_is_as_wide_as_the_swept_disc(angle_deg, radius):
@@ -209,6 +210,7 @@ def test_a_slice_that_is_not_there_is_refused():
             call()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("part_side", "radius_mm"), [("left", 0.445), ("right", 0.755)])
 def test_circle(part_side, radius_mm):
     turn = np.linspace(0.0, 2 * np.pi, 121)

@@ -73,6 +73,7 @@ def test_the_run_finds_the_errors_of_the_file():
     assert found.tables()[0].reversal_um == 0.0
 
 
+@pytest.mark.slow
 def test_curves_between_points_need_fewer_of_them():
     left = {}
     for cubic in (False, True):

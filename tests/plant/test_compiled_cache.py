@@ -8,6 +8,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 SCRIPT = """\
 from edmsim.compiled.jit import compiled, _folder
 
@@ -41,6 +43,7 @@ def flipped(content: bytes) -> bytes:
     return content[:at] + bytes(255 - byte for byte in content[at : at + 64]) + content[at + 64 :]
 
 
+@pytest.mark.slow
 def test_damaged_files_are_compiled_anew(tmp_path: Path) -> None:
     """A truncated one aborted the interpreter."""
     cache = tmp_path / "cache"
@@ -54,6 +57,7 @@ def test_damaged_files_are_compiled_anew(tmp_path: Path) -> None:
     assert run(tmp_path, XDG_CACHE_HOME=str(cache))[:2] == ["42.0", "1"]
 
 
+@pytest.mark.slow
 def test_without_a_home_the_cache_is_a_folder_of_this_run(tmp_path: Path) -> None:
     """Not one under a name that another user of the machine could foresee and fill."""
     homeless = (
@@ -74,6 +78,7 @@ def test_without_a_home_the_cache_is_a_folder_of_this_run(tmp_path: Path) -> Non
     assert list(shared.iterdir()) == []
 
 
+@pytest.mark.slow
 def test_a_cache_that_cannot_be_written_to_does_not_stop_the_work(tmp_path: Path) -> None:
     full = (
         "import os\n"
@@ -130,6 +135,7 @@ def made_afresh(folder: Path, before: str) -> subprocess.CompletedProcess[str]:
     return done
 
 
+@pytest.mark.slow
 def test_what_is_made_afresh_is_compiled_alone_in_a_process_of_its_own(tmp_path: Path) -> None:
     """So its bits do not depend on what else a process compiled before, nor is that kept."""
     assert afresh(tmp_path, "import adders; adders.times(2, 2)") == ["7", "1"]
@@ -137,10 +143,12 @@ def test_what_is_made_afresh_is_compiled_alone_in_a_process_of_its_own(tmp_path:
     assert kept == {"adders.times", "adders.adder.locals.add"}
 
 
+@pytest.mark.slow
 def test_without_another_process_this_one_compiles(tmp_path: Path) -> None:
     assert afresh(tmp_path, "sys.executable = '/nowhere/python'") == ["7", "0"]
 
 
+@pytest.mark.slow
 def test_a_notebook_says_that_code_is_compiled_unless_it_is_to_show_no_progress(tmp_path: Path) -> None:
     notebook = "import os; sys.modules['ipykernel'] = sys"
     quiet = made_afresh(tmp_path, f"{notebook}; os.environ['EDMSIM_PROGRESS'] = '0'")

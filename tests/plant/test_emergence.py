@@ -82,6 +82,7 @@ def test_the_fast_resolution_tells_the_same(usual, machine):
 # --- where discharges fall ---
 
 
+@pytest.mark.slow
 def test_discharges_fade_out_round_the_wire(machine):
     """Dense in front, thin on the sides, hardly any behind: by hazard alone, no side gap is given."""
     plant = begin(machine, 1)
@@ -159,6 +160,7 @@ def test_the_wire_lags_the_more_the_faster_it_is_fed(machine, usual):
 # --- the corner ---
 
 
+@pytest.mark.slow
 def test_the_force_turns_with_the_place_of_the_discharges():
     """Past a corner the deflection turns from the old direction to the new one as the new front is cut."""
     seen = []
@@ -206,6 +208,7 @@ def test_the_wire_breaks_where_steam_keeps_the_water_off():
     assert broken
 
 
+@pytest.mark.slow
 def test_favourable_constants_within_their_ranges_hold_all_that_the_gap_takes():
     """As set, the wire breaks before; with them the pauses shorten to the generator's least, as if it could not."""
     favourable = {
@@ -222,6 +225,7 @@ def test_favourable_constants_within_their_ranges_hold_all_that_the_gap_takes():
     assert currents[1] == pytest.approx(currents[2], rel=0.05)
 
 
+@pytest.mark.slow
 def test_a_hotter_wire_breaks_at_less_current():
     limits = [
         break_limit_A(sato_rig(20.0, {"base.cooling.wire_heat_share": share}), 1) for share in (0.1, 0.3, 0.5)

@@ -25,6 +25,7 @@ WIRES = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("wire", WIRES)
 @pytest.mark.parametrize("n", [1, 2, 3, 4])
 def test_the_wire_rings_at_the_string_s_frequencies(wire, n):
@@ -109,12 +110,14 @@ def full_answer(train):
     return at_step
 
 
+@pytest.mark.slow
 def test_in_short_steps_impulses_move_every_slice_as_the_modes_do(train, full_answer):
     modal = modal_answer(Rig().full.modes, *train)
     assert differ(full_answer(1.0), modal) < 0.05  # 1.4 %
     assert differ(full_answer(0.25), modal) < 0.01  # 0.3 %: what is left is the time step's
 
 
+@pytest.mark.slow
 def test_at_the_plant_s_step_the_mean_deflection_moves_as_the_modes_do(train, full_answer):
     full = full_answer().mean(axis=2)
     for n_modes in (ALL_MODES, 8):  # 4.3 %, 4.1 %

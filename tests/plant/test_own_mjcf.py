@@ -60,6 +60,7 @@ def test_a_changed_mjcf_is_read_again(tmp_path: Path, own_file: OwnFile) -> None
     assert (modes(machine).table_omega[0] < before).all()
 
 
+@pytest.mark.slow
 def test_both_integrators_take_it_and_its_text_is_part_of_the_settings(
     tmp_path: Path, own_file: OwnFile, small_punch: Path
 ) -> None:

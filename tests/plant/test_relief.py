@@ -31,6 +31,7 @@ def volume_mm3(field, box_um):
 coordinate = st.floats(400.0, 1_200.0)
 
 
+@pytest.mark.slow
 @settings(max_examples=40)
 @given(st.lists(st.tuples(coordinate, coordinate), min_size=3, max_size=3), st.floats(1.1, 10.0))
 def test_volume_is_that_of_the_solid_with_the_step(corners, height):

@@ -69,6 +69,7 @@ def test_a_controlled_cut_has_the_same_statistics_with_both(cuts, column, name, 
     assert abs(full.mean() - modal.mean()) < closest, (name, modal.mean(), full.mean())
 
 
+@pytest.mark.slow
 def test_the_full_model_continues_from_a_snapshot_bit_for_bit(machine, drive):
     def at_work():
         plant = edmsim.Plant(machine, 3, resolution="fast", mechanics="mujoco")

@@ -80,6 +80,7 @@ def even_current(n, current2_us):
     return np.full((2, n), current2_us / n)
 
 
+@pytest.mark.slow
 def test_water_cools_exponentially_whatever_the_step():
     law = STILL._replace(cooling_m2K_J=1e-8)
     for pieces in (1, 7, 100):

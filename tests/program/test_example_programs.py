@@ -71,6 +71,7 @@ def test_the_gear():
     assert turned.symmetric_difference(outside).area < 0.01
 
 
+@pytest.mark.slow
 def test_the_gear_is_what_its_script_draws(tmp_path):
     script = tmp_path / "make_gear.py"
     script.write_text((EXAMPLES / "make_gear.py").read_text())

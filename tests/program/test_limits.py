@@ -195,6 +195,7 @@ def first_loop(places: list[complex]) -> tuple[int, int] | None:
     return loops.first_loop(places, moves, 0, len(moves), outline.JOIN_TOLERANCE_MM)
 
 
+@pytest.mark.slow
 def test_a_wire_that_goes_back_and_forth_is_not_compared_with_all_of_its_past() -> None:
     """Every pass was compared with every one before it, over all the moves between: three thousand took minutes."""
     started = time.process_time()

@@ -141,11 +141,13 @@ def folder(small_cut: SimpleNamespace, tmp_path: Path) -> Path:
     return tmp_path
 
 
+@pytest.mark.slow
 def test_a_page_made_again_is_the_one_the_cut_wrote(folder: Path, small_cut: SimpleNamespace) -> None:
     assert remake(folder, None, "pdf", print) == [folder / "report.html"]
     assert (folder / "report.html").read_bytes() == (small_cut.folder / "report.html").read_bytes()
 
 
+@pytest.mark.slow
 def test_figures_are_written_as_files(folder: Path) -> None:
     files = remake(folder, folder / "figures", "svg", print)
     assert [file.stem for file in files] == NAMES[1:]  # the whole cut is profile.png

@@ -52,6 +52,7 @@ def made_up(delay_us: np.ndarray, open_: int, deflection_um: np.ndarray | None =
     return PulseSample(edmsim.Machine.load(), 25.0, 100.0, kind, delays, moved)
 
 
+@pytest.mark.slow
 def test_every_figure_is_one_column_wide_and_needs_no_pyplot(
     cut: SimpleNamespace, sample: PulseSample, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -152,6 +152,7 @@ def test_a_cut_without_a_pause_has_no_mark(cut: SimpleNamespace) -> None:
     assert figure.axes[0].get_legend() is None
 
 
+@pytest.mark.slow
 def test_recording_and_film_break_their_curves(cut: SimpleNamespace, tmp_path: Path) -> None:
     windows = threaded(cut.windows)
     write_recording(
@@ -176,6 +177,7 @@ def labels(figure: Figure) -> list[Annotation]:
     return [text for text in figure.axes[0].texts if isinstance(text, Annotation)]
 
 
+@pytest.mark.slow
 def test_labels_of_corners_never_cover_each_other(cut: SimpleNamespace) -> None:
     draw = np.random.default_rng(3)
     places = draw.uniform(22, 26, (40, 2))

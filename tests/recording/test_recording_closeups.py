@@ -58,6 +58,7 @@ def test_no_number_of_events_makes_it_grow_beyond_bounds(every: int, windows: in
     assert np.all(np.diff(found) > 0)
 
 
+@pytest.mark.slow
 @settings(max_examples=20)
 @given(before=st.integers(0, 2500), after=st.integers(0, 400), every=st.integers(1, 90))
 def test_resuming_keeps_the_same(before: int, after: int, every: int) -> None:

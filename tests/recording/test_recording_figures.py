@@ -24,6 +24,7 @@ def texts(cut: SimpleNamespace, scene: Scene, **report: object) -> str:
     return "\n".join(text.get_text() for text in figure.findobj(match=lambda a: hasattr(a, "get_text")))
 
 
+@pytest.mark.slow
 def test_png_has_the_stated_size_and_equal_bytes(cut: SimpleNamespace, tmp_path: Path) -> None:
     for name in ("one.png", "two.png"):
         write_figure(profile_figure(cut.scene, cut.windows, cut.report, "punch.ngc"), tmp_path / name)

@@ -52,6 +52,7 @@ def test_a_gif_plays_the_cut(recording: Path, tmp_path: Path) -> None:
     assert [file.name for file in (tmp_path / "new").iterdir()] == ["cut.gif"]
 
 
+@pytest.mark.slow
 def test_an_mp4_plays_the_cut(recording: Path, tmp_path: Path) -> None:
     ffmpeg = pytest.importorskip("imageio_ffmpeg")
     render(recording, tmp_path / "cut.mp4", seconds=0.5)
@@ -65,6 +66,7 @@ def test_an_mp4_plays_the_cut(recording: Path, tmp_path: Path) -> None:
     assert "frame=   12" in told
 
 
+@pytest.mark.slow
 def test_pictures_show_the_kerf_grow_and_are_the_same_again(recording: Path) -> None:
     play = Playback(recording)
     film = Film(play, 60)

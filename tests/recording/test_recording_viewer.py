@@ -32,10 +32,12 @@ def test_missing_folder_and_missing_recording(tmp_path: Path) -> None:
         viewer.find_recording(tmp_path)
 
 
+@pytest.mark.slow
 def test_whole_recording_is_found(folder: Path) -> None:
     assert viewer.find_recording(folder) == folder / "cut.rrd"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kept", [0, 3, 100, 20_000, -1])
 def test_damaged_recording_is_refused(folder: Path, kept: int) -> None:
     recording = folder / "cut.rrd"
@@ -75,6 +77,7 @@ def test_recording_of_the_first_version_or_another_program_is_refused(tmp_path: 
         viewer.find_recording(tmp_path)
 
 
+@pytest.mark.slow
 def test_a_file_of_another_rerun_is_refused(folder: Path) -> None:
     recording = folder / "cut.rrd"
     whole = bytearray(recording.read_bytes())
@@ -125,6 +128,7 @@ def test_rerun_knows_every_option_used(tmp_path: Path) -> None:
         assert all(word in shown.stdout for word in command if word.startswith("--"))
 
 
+@pytest.mark.slow
 def test_view_runs_the_viewer_and_says_the_address(
     folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -146,6 +150,7 @@ def test_view_runs_the_viewer_and_says_the_address(
     assert address in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_without_a_window_it_serves_the_page(
     folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -165,6 +170,7 @@ def test_without_a_window_it_serves_the_page(
     assert "could not open a window" in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_two_cuts_are_laid_side_by_side(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     shown: list[set[str]] = []
 

@@ -19,6 +19,7 @@ def station():
     return Station.of_files(*FILES, "analogue")
 
 
+@pytest.mark.slow
 def test_the_example_homes_and_places():
     one = station()
     one.bench.home_cam("x", 300.0, 2000.0)

@@ -137,6 +137,7 @@ def test_ishigami_in_samples(kind: str) -> None:
     assert sum(first(told)) + told.interactions + told.unexplained == pytest.approx(1.0)
 
 
+@pytest.mark.slow
 def test_a_sample_of_orders_of_magnitude_needs_nothing_else() -> None:
     runs = 10.0 ** (3 * sobol(2, 64))
     told = found(runs, np.log10(runs[:, 0]) + 2 * np.log10(runs[:, 1]))
@@ -153,6 +154,7 @@ def test_what_is_chance_in_a_sample_is_unexplained() -> None:
     assert told.unexplained == pytest.approx(0.2, abs=0.05)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("points", [8, 16, 64])
 def test_chance_alone_is_nearly_never_taken_for_an_effect(points: int) -> None:
     rng = np.random.default_rng(points)
@@ -169,6 +171,7 @@ def test_chance_alone_is_no_effect_in_a_grid_either() -> None:
     assert np.mean([one.unexplained for one in told]) > 0.9
 
 
+@pytest.mark.slow
 def test_a_sample_with_a_grid_and_seeds() -> None:
     points = sobol(2, 64)
     runs = np.array([[setting, *point] for setting in (0, 1) for point in points for _ in range(3)])

@@ -58,6 +58,7 @@ def dying(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
     return importlib.import_module("dying_jobs")
 
 
+@pytest.mark.slow
 def test_a_process_that_dies_costs_a_retry_and_no_other_run(dying: ModuleType, tmp_path: Path) -> None:
     jobs = [tmp_path / name for name in "abc"]
     assert sorted(answer for _, answer in Processes(2).done(dying.dies_once, jobs)) == ["a", "b", "c"]
@@ -67,6 +68,7 @@ def test_a_process_that_dies_costs_a_retry_and_no_other_run(dying: ModuleType, t
     assert "status -9; given up after 3 attempts" in found[1].why
 
 
+@pytest.mark.slow
 def test_processes_find_the_same_bits_as_this_one(two_controllers: Specification, tmp_path: Path) -> None:
     seen: list[SweepProgress] = []
     sweep(two_controllers, tmp_path / "here", engine=Here())

@@ -116,6 +116,7 @@ def stuck(machine: edmsim.Machine, name: str) -> Rig:
 
 
 # T-46, T-47: an end switch that never opens, with counters that were set to another place
+@pytest.mark.slow
 def test_a_stuck_end_switch_lets_the_table_run_into_its_stop_and_lose_steps(machine):
     travel_um, unseen = machine.base.table.travel_mm.value * 1e3, stuck(machine, "stuck-end-switch")
     unseen.plant.reset(1, position_um=(32_500.0, travel_um - 100))

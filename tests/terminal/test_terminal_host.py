@@ -109,6 +109,7 @@ def test_an_arc_of_the_program_that_is_none_stops_it_before_anything_moves(opera
     assert told.rig.place_um == (32_500.0, 32_500.0)
 
 
+@pytest.mark.slow
 def test_a_whole_job_in_a_pipe(host):
     command = [sys.executable, "-c", "from edmsim.cli.app import main; main()", "terminal", "--resolution", "fast"]
     done = subprocess.run(

@@ -153,6 +153,7 @@ def test_water_agrees():
     assert failing([*water.check_bridging((1, 2, 3)), *water.check_flushing(()), *water.check_leakage((1,))]) == []
 
 
+@pytest.mark.slow
 def test_corners_agree_with_the_table():
     rows = corners.check_corners(())
     assert len(rows) == 8

@@ -129,6 +129,7 @@ def test_a_copy_goes_its_own_way():
         assert drive.line(b"P\r") == b"(P) - Kp: 600\r\n"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("mechanics", ["modal", "mujoco"])
 def test_a_machine_s_axis_follows_its_steps_under_the_module(mechanics):
     machine = edmsim.Machine.load()
