@@ -45,6 +45,7 @@ def test_what_is_no_leaderboard_is_refused(tmp_path, text):
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(400)
 def test_places_differ_from_where_policies_are_trained(short_episodes):
     seen, everywhere = [], places(GAP_FEED)
     moved = transfer(GAP_FEED, ["fixed", "policy:GapFeed-ppo"], 2, watch=lambda *done: seen.append(done))
@@ -79,6 +80,7 @@ def test_the_threshold_of_an_id_is_what_its_reference_earns(env_id):
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(400)
 def test_the_first_cuts_of_the_board_are_made_again():
     """In short: one cut of a classic law and one of a policy, of every environment that the board has."""
     board = json.loads((DOCS / "leaderboard.json").read_text(encoding="utf-8"))

@@ -63,7 +63,7 @@ def test_what_is_exported_does_what_was_trained(short_training, tmp_path, algo):
     from edmsim.learning.train import train
 
     told = []
-    trained = train("edmsim/Corner-v1", algo, tmp_path, steps=256, seed=3, watch=told.append)
+    trained = train("edmsim/Corner-v1", algo, tmp_path, steps=128, seed=3, watch=told.append)
     file = tmp_path / "policy.json"
     policy_file.write(*export(trained, "a test"), file)
     policy = policy_file.load(str(file))
@@ -73,7 +73,7 @@ def test_what_is_exported_does_what_was_trained(short_training, tmp_path, algo):
     found = np.array([policy.action(o) for o in observations])
     assert np.abs(found - wanted).max() < 1e-5
     assert wanted.std() > 1e-3
-    assert told[-1].steps == policy.card.steps >= 256
+    assert told[-1].steps == policy.card.steps >= 128
     assert list((tmp_path / "tensorboard").iterdir())
 
 
@@ -83,11 +83,11 @@ def test_what_is_exported_does_what_was_trained(short_training, tmp_path, algo):
 def test_a_training_stopped_goes_on_from_its_checkpoint(short_training, tmp_path, edmsim, monkeypatch, algo):
     from edmsim.learning import train as training
 
-    command = ("train", "edmsim/GapFeed-v1", "--algo", algo, "--steps", 256, "--score", 0, "--out", tmp_path)
+    command = ("train", "edmsim/GapFeed-v1", "--algo", algo, "--steps", 128, "--score", 0, "--out", tmp_path)
     step = training._Keeper._on_step
 
     def interrupted(self):
-        if self.num_timesteps >= 128:
+        if self.num_timesteps >= 64:
             raise KeyboardInterrupt
         return step(self)
 
@@ -96,15 +96,15 @@ def test_a_training_stopped_goes_on_from_its_checkpoint(short_training, tmp_path
         status, out, err = edmsim(*command)
     assert (status, out) == (130, "")
     assert "--resume" in err
-    assert [f.name for f in tmp_path.glob("checkpoint-*")] == ["checkpoint-000000000128"]
+    assert [f.name for f in tmp_path.glob("checkpoint-*")] == ["checkpoint-000000000064"]
     assert not (tmp_path / "policy.json").exists()
     assert edmsim(*command, "--resume", "--seed", 1)[0] == 2
     status, out, err = edmsim(*command, "--resume")
     assert status == 0
     assert "policy:" in out
     card = policy_file.load(str(tmp_path / "policy.json")).card
-    assert (card.steps, card.seed) == (256, 0)
-    assert card.command == f"edmsim train edmsim/GapFeed-v1 --algo {algo} --steps 256 --seed 0"
+    assert (card.steps, card.seed) == (128, 0)
+    assert card.command == f"edmsim train edmsim/GapFeed-v1 --algo {algo} --steps 128 --seed 0"
 
 
 @pytest.mark.slow

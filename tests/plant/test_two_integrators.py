@@ -53,6 +53,7 @@ def cuts():
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(400)
 @pytest.mark.parametrize(
     ("column", "name", "closest"),
     # and so close that agreement means something: in % of the pulses, um/s and um

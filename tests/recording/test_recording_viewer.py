@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 import socket
 import subprocess
 import sys
@@ -17,11 +18,17 @@ from edmsim.recording.rerun import viewer
 from edmsim.recording.rerun.write import write_recording
 
 
+@pytest.fixture(scope="module")
+def written(cut: SimpleNamespace, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    file = tmp_path_factory.mktemp("written") / "cut.rrd"
+    write_recording(file, cut.scene, cut.windows, cut.frames, cut.closeups, cut.machine, cut.report, "punch.ngc")
+    return file
+
+
 @pytest.fixture
-def folder(cut: SimpleNamespace, tmp_path: Path) -> Path:
-    write_recording(
-        tmp_path / "cut.rrd", cut.scene, cut.windows, cut.frames, cut.closeups, cut.machine, cut.report, "punch.ngc"
-    )
+def folder(written: Path, tmp_path: Path) -> Path:
+    """A folder with a recording, which may be damaged."""
+    shutil.copy(written, tmp_path)
     return tmp_path
 
 
@@ -32,12 +39,10 @@ def test_missing_folder_and_missing_recording(tmp_path: Path) -> None:
         viewer.find_recording(tmp_path)
 
 
-@pytest.mark.slow
 def test_whole_recording_is_found(folder: Path) -> None:
     assert viewer.find_recording(folder) == folder / "cut.rrd"
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("kept", [0, 3, 100, 20_000, -1])
 def test_damaged_recording_is_refused(folder: Path, kept: int) -> None:
     recording = folder / "cut.rrd"

@@ -93,6 +93,7 @@ def test_a_folder_has_one_study(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(400)
 def test_a_training_leaves_its_policy(short_training: None, tmp_path: Path) -> None:
     pytest.importorskip("stable_baselines3")
 
