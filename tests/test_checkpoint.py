@@ -58,34 +58,23 @@ def whole(cut_small: Cut) -> edmsim.CutResult:
     return cut_small(**SHORT)
 
 
-def go_on(cut_small: Cut, tmp_path: Path, whole: edmsim.CutResult, **options: Any) -> None:
-    """Interrupt a cut, resume it, and compare it with the whole one."""
-    interrupted(cut_small, tmp_path, **options)
-    assert [file.name for file in tmp_path.iterdir()] == [NAME]
-    resumed = cut_small(out=tmp_path, resume=True, **SHORT, **options)
-    assert_same(resumed, whole)
-    assert not (tmp_path / NAME).exists()
-    assert (tmp_path / "report.json").exists()
-
-
-@pytest.mark.slow
-def test_a_resumed_cut_equals_the_uninterrupted_one(
-    cut_small: Cut, whole: edmsim.CutResult, tmp_path: Path
-) -> None:
-    go_on(cut_small, tmp_path, whole)
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "options",
-    [{"planner": "dda"}, {"planner": "poscal-literal"}, {"drive": "uhu"}, {"generator": "iso-energetic"},
+    [{}, {"planner": "dda"}, {"planner": "poscal-literal"}, {"drive": "uhu"}, {"generator": "iso-energetic"},
      {"generator": "ignition-pulse", "controller": "fixed:feed_um_s=12"},
      {"generator": "iso-energetic", "pulse_shape": "triangle", "peak_current_A": 5.0, "flushing_lower_Pa": 0.0}],
 )  # fmt: skip
-def test_so_it_does_with_every_part_that_has_a_state(
-    cut_small: Cut, tmp_path: Path, options: dict[str, Any]
+def test_resumed_cut_equals_the_uninterrupted_one(
+    cut_small: Cut, whole: edmsim.CutResult, tmp_path: Path, options: dict[str, Any]
 ) -> None:
-    go_on(cut_small, tmp_path, cut_small(**SHORT, **options), **options)
+    uninterrupted = cut_small(**SHORT, **options) if options else whole
+    interrupted(cut_small, tmp_path, **options)
+    assert [file.name for file in tmp_path.iterdir()] == [NAME]
+    resumed = cut_small(out=tmp_path, resume=True, **SHORT, **options)
+    assert_same(resumed, uninterrupted)
+    assert not (tmp_path / NAME).exists()
+    assert (tmp_path / "report.json").exists()
 
 
 @pytest.fixture
