@@ -78,6 +78,7 @@ def test_a_look_compiles_nothing(tmp_path: Path, arguments: tuple[object, ...]) 
     assert list(sources.rglob("*.nb*")) == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("draw", "size"),
     [
@@ -100,6 +101,7 @@ def test_the_size_is_that_of_the_drawing_not_of_its_chords(
     assert f"closed, {size} mm" in edmsim("check", tmp_path / "part.dxf").out
 
 
+@pytest.mark.slow
 def test_unknown_words_are_listed_with_everything_else(edmsim: Run, tmp_path: Path) -> None:
     program = tmp_path / "words.ngc"
     program.write_text("O12\nG92 X0 Y0\nG41 D1 G1 X5\nM77\nY5 M91\nX9.5\nY0\nX5 M91\nM2\n")

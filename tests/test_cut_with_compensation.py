@@ -172,6 +172,7 @@ def test_a_bad_file_gets_one_line(text, message, tmp_path):
     assert str(told.value).startswith(str(file))
 
 
+@pytest.mark.slow
 def test_too_many_points_are_refused(tmp_path):
     many = ErrorTable("x", "x", np.column_stack([np.arange(5_000_000.0), np.zeros(5_000_000)]))
     with pytest.raises(InputError, match="5000000 points are more than the control has room for"):

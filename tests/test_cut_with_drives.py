@@ -17,6 +17,7 @@ from edmsim.recording.windows import column
 SLOT = Path(__file__).parents[1] / "examples" / "slot.iso"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("drive", ["uhu", "servo-module", "eanpos"])
 def test_a_cut_under_a_servo_drive_follows_its_steps(drive):
     result = edmsim.cut(SLOT, height_mm=10, resolution="fast", drive=drive, max_time_s=6)

@@ -218,6 +218,7 @@ def test_shorts_rise_on_the_ridge_and_fall_behind_it(ridge: SimpleNamespace) -> 
     assert on < 0.9 * min(before, after)
 
 
+@pytest.mark.slow
 def test_upper_slices_are_cut_on_the_ridge_only(ridge: SimpleNamespace) -> None:
     result = ridge.result
     start = result.path.contours[0].points_um[0, 0] / 1000

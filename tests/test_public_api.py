@@ -22,6 +22,7 @@ def loaded_after(statement: str) -> set[str]:
     return set(done.stdout.split())
 
 
+@pytest.mark.slow
 def test_import_is_cheap() -> None:
     assert loaded_after("import edmsim").isdisjoint(HEAVY)
 

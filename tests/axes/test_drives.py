@@ -85,6 +85,7 @@ def test_a_servo_follows_its_steps(machine, mechanics):
     assert plant.drive_faults == 0
 
 
+@pytest.mark.slow
 def test_both_integrators_move_a_servo_alike(machine):
     """Rigid in one, on the screw's spring in the other: the same rise to within 1.5 um of 10."""
     places = {}

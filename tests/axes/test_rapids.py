@@ -85,6 +85,7 @@ def test_a_cut_goes_from_contour_to_contour_under_its_drives(name):
     assert sim.position_um == pytest.approx(sim.commanded_um, abs=1.0)
 
 
+@pytest.mark.slow
 def test_a_drive_that_trips_between_contours_stops_the_cut():
     """Row Q-A26: a following error beyond maxfollerr."""
     drives = {"x": Eanpos.tuned(changes={"maxfollerr": 100, "feedfw": 0}), "y": axes.make("servo")}

@@ -159,6 +159,7 @@ def test_what_does_not_conform_is_told(kind: Callable[[], Any], told: str) -> No
         check_controller(kind)
 
 
+@pytest.mark.slow
 def test_an_own_class_is_named_by_its_file(law: Path, small_punch: Path, tmp_path: Path) -> None:
     check_controller(lambda: from_text(f"{law}:Half"))
     made = [f"{law}:Half:share=0.25", from_text(f"{law}:Half:share=0.25")]

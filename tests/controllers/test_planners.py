@@ -116,6 +116,7 @@ def test_default_and_dda_keep_the_line_forwards_and_backwards(name, limit, point
     assert deviation_um(points, follow(points, steps)) <= limit
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", NAMES)
 @settings(max_examples=40)
 @given(

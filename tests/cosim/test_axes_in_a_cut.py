@@ -86,6 +86,7 @@ def test_an_own_drive_that_does_not_follow_stops_the_cut_by_name(drive, reason):
     assert re.search(reason, sim.reason), sim.reason
 
 
+@pytest.mark.slow
 def test_a_short_part_of_half_the_size_is_not_finished():
     """Its axes are never as far off as the wire's radius: what tells is that they do not come to their places."""
     sim = cut(Fibs(), servo())

@@ -17,6 +17,7 @@ from edmsim.cosim.straight import Traverse
 from edmsim.validation.setups import FRAIL, altered, in_a_hole
 
 
+@pytest.mark.slow
 @given(feed=st.floats(0.5, 400.0), windows=st.lists(st.integers(10_000, 30_000_000), min_size=1, max_size=40))
 def test_steps_are_evenly_spaced_whatever_the_windows_are(feed: float, windows: list[int]) -> None:
     motion, now, times = EvenSteps(2.0, feed), 0, []

@@ -97,6 +97,7 @@ def bits(seen: WindowObservation) -> list[str]:
     return [repr(value) if isinstance(value, tuple) else float(value).hex() for value in seen]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("planner", ["exact", "poscal"])
 def test_a_cut_and_an_evaluation_show_a_controller_the_same(program: Path, planner: str) -> None:
     in_cut, in_evaluation = cut(program, planner, Law()), evaluated(program, planner, Law())

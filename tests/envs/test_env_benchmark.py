@@ -122,6 +122,7 @@ def test_bounds_cost_by_the_second(make_env):
     assert [info["cost"] for info in costs] == pytest.approx([0.0, costs[1]["dt_s"]])
 
 
+@pytest.mark.slow
 def test_errors_of_a_corner_count_near_it(make_env):
     env = make_env("Corner", action="speed", decision_s=None, leg_mm=0.12, turn_deg=(90.0, 90.0), near_corner_um=60.0)
     env.reset(seed=1)
@@ -195,6 +196,7 @@ def test_sensors_have_noise_steps_and_delay(make_env):
     assert (seen[2][1:, :40] == seen[0][:-1, :40]).all()
 
 
+@pytest.mark.slow
 def test_mujoco_steps_the_table(make_env):
     env = make_env("GapFeed", mechanics="mujoco", action="speed")
     env.reset(seed=1)

@@ -82,6 +82,7 @@ def test_a_policy_does_what_its_learner_does_through_the_normalisation(kind, tmp
     assert card.observation[0].mean == lanes.obs_rms.mean[0]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("wrap", "network"),
     [
@@ -177,6 +178,7 @@ def test_a_learner_begins_with_the_policy_of_another(kind, tmp_path):
     assert 32 < others.obs_rms.count < 200  # the statistics go on from those of the policy
 
 
+@pytest.mark.slow
 def test_a_training_begins_with_a_shipped_policy(short_training, tmp_path, edmsim, monkeypatch):
     from edmsim.learning import train as training
 

@@ -161,6 +161,7 @@ def test_a_short_that_stays_raises_the_alarm_and_a_dwell_is_noticed(make_policy)
     assert commands[-1][:2] == (0.0, "persistent short")
 
 
+@pytest.mark.slow
 def test_the_corners_of_a_later_leg_are_seen_where_they_are(make_policy):
     file, commands = make_policy("Contour"), []
     points = np.array([[0.0, 0.0], [400.0, 0.0], [400.0, 300.0]])

@@ -54,6 +54,7 @@ def test_every_draw_is_a_valid_machine_within_its_ranges(seed: int, wire: str, m
         assert getattr(drawn, kept) == getattr(machine, kept), kept
 
 
+@pytest.mark.slow
 @settings(max_examples=200)
 @given(st.floats(-10, 1e3), st.floats(1e-6, 1e3), st.floats(0, 1), st.floats(0, 1))
 def test_a_larger_share_is_a_larger_value_and_the_ends_are_the_range(
@@ -74,6 +75,7 @@ def test_a_range_of_an_order_is_drawn_by_its_logarithm() -> None:
     assert value_at((-1.0, 9.0), 0.5) == 4.0
 
 
+@pytest.mark.slow
 def test_draws_fill_the_ranges_as_documented() -> None:
     from scipy.stats import kstest
 

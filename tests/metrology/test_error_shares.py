@@ -70,6 +70,7 @@ def _inside() -> np.ndarray:
     return 1000 * (4.0 + (SQUARE_MM - 4.0) * (2.0 - OFFSET_UM / 1000) / 2.0)
 
 
+@pytest.mark.slow
 def test_what_was_not_measured_has_no_shares() -> None:
     error = np.zeros(len(NORMALS))
     error[3] = np.nan

@@ -285,6 +285,7 @@ def test_inner_corners_keep_what_the_round_wire_cannot_reach():
         assert corner["error_um"] == pytest.approx((math.sqrt(2) - 1) * RADIUS, abs=0.6)
 
 
+@pytest.mark.slow
 def test_outer_corners_stay_sharp():
     line = square(500.0, "left")
     profile = profile_error(cut(line.points_um), line)
@@ -295,6 +296,7 @@ def test_outer_corners_stay_sharp():
     assert profile.stats()["p95"] < 0.6
 
 
+@pytest.mark.slow
 def test_outer_corner_cut_short_is_undercut():
     """The path takes a chamfer round the corner; the wall then lies behind the corner as drawn."""
     line = square(500.0, "left")
@@ -317,6 +319,7 @@ def test_corner_turns_are_signed_and_the_seam_is_a_corner_too():
         assert all(math.isnan(c["error_um"]) for c in found)
 
 
+@pytest.mark.slow
 def test_the_lead_in_is_marked_and_can_be_left_out():
     line = square(500.0, "left")
     field = cut(line.points_um)
@@ -331,6 +334,7 @@ def test_the_lead_in_is_marked_and_can_be_left_out():
 # --- contours ---
 
 
+@pytest.mark.slow
 def test_contour_is_the_kerf_with_the_part_as_its_hole():
     line = square(500.0, "left")
     field = cut(line.points_um[1:])
@@ -343,6 +347,7 @@ def test_contour_is_the_kerf_with_the_part_as_its_hole():
     assert area.area == pytest.approx(removed_mm2, rel=2e-4)
 
 
+@pytest.mark.slow
 def test_edges_are_closed_across_tiles():
     line = square(500.0, "left")
     edges = cut_edges(cut(line.points_um[1:]), 0)

@@ -141,6 +141,7 @@ def test_a_wall_recedes_where_it_was_carved_by_what_was_taken(degrees):
     assert edges[np.abs(along) > 30].mean() == pytest.approx(40.0, abs=0.4)
 
 
+@pytest.mark.slow
 def test_a_round_wall_stays_round_when_its_rays_carve_it():
     """Two hundred windows of equal removal on every one of 64 rays: no ridges, whatever the angle to the grid."""
     x = MIDDLE + 0.3

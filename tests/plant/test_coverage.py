@@ -250,6 +250,7 @@ def test_denser_discharges_cover_more(machine, drive):
     assert 0.0 < means[0] < means[1] < means[2] < 0.7
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("mechanics", ["modal", "mujoco"])
 def test_gas_and_film_are_of_the_seed_and_of_a_snapshot_and_leave_with_the_wire(mechanics, machine):
     stock, place = begun_slot(machine, machine.base.table.centre_um, gap_um=12.0), machine.base.table.centre_um

@@ -329,6 +329,7 @@ def equilibrium_um(compliance, pull_N_um2, gap_um):
     return place
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("of_critical", "holds"), [(0.96, True), (1.04, False)])
 def test_the_pull_takes_the_wire_from_a_third_of_the_free_gap_on(of_critical, holds, machine, altered):
     """Half of the remaining gap: there ``1/g^2`` grows by what the string gives back. One ray faces the metal."""

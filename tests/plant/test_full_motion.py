@@ -41,6 +41,7 @@ def test_the_wire_rings_at_the_string_s_frequencies(wire, n):
     assert found == pytest.approx(n / (2 * wire.guide_distance_m) * wire.wave_speed, rel=0.01)  # physics 2.3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("height_m", [0.005, 0.020, 0.030])
 def test_static_lag_is_the_string_s_and_the_modes(height_m):
     length, tension = BRASS.guide_distance_m, BRASS.tension
@@ -125,6 +126,7 @@ def test_at_the_plant_s_step_the_mean_deflection_moves_as_the_modes_do(train, fu
         assert differ(full, modal_answer(modes, *train).mean(axis=2)) < 0.05
 
 
+@pytest.mark.slow
 def test_at_the_plant_s_step_waves_run_more_like_the_string_s_than_the_modes(train, full_answer):
     # slice by slice, kicks without duration send fronts shorter than nodes or modes can carry
     exact = modal_answer(string(BRASS, 400), *train)

@@ -54,6 +54,7 @@ def test_the_arc_is_no_longer_than_it_must_be(first, length):
     assert rays.blocks[1] == -(-length // GAPS)
 
 
+@pytest.mark.slow
 @given(edges, st.floats(-3.0, 3.0), st.floats(-3.0, 3.0))
 def test_the_narrowest_gap_is_found_where_it_is(edge_um, x, y):
     rays, edge = laid_out(edge_um)

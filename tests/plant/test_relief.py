@@ -114,6 +114,7 @@ def test_exact_accounting_with_steps_and_a_snapshot():
     assert other.removed_parts == taken
 
 
+@pytest.mark.slow
 def test_unallocated_and_allocated_metal_are_the_same():
     steps = (shapely.Point(800, 600).buffer(150), 4.0), (shapely.box(0, 0, 700, 5_000), 6.0)
     touched, untouched = stepped(*steps), stepped(*steps)

@@ -11,6 +11,7 @@ from edmsim.plant.mechanics.mujoco_table import DriveSetup
 from tests.plant.full_rig import PERIOD_NS, START_UM, Rig, frequency, stepping
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("axis", "way"), [(0, 1), (0, -1), (1, 1), (1, -1)])
 def test_a_motor_step_moves_its_axis_two_micrometres_and_rings(axis, way):
     ran = Rig().run(2000, steps=[(1_000_000, axis, way)])
@@ -31,6 +32,7 @@ def test_after_a_step_the_rotor_swings_at_its_frequency():
     assert frequency(late, PERIOD_NS * 1e-9) == pytest.approx(damped, rel=0.02)
 
 
+@pytest.mark.slow
 def test_rubbing_ways_keep_the_table_within_half_a_step():
     ran = Rig(drive=DriveSetup(2e-6, 30.0, 5e-6, 0.0)).run(3000, steps=stepping(100, 20))
     assert abs(ran.place[-1, 0] - ran.commanded[-1, 0]) < 1.0  # T-18

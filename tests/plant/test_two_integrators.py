@@ -93,6 +93,7 @@ def test_an_unknown_integrator_is_refused(machine):
         edmsim.Plant(machine, mechanics="steam")
 
 
+@pytest.mark.slow
 def test_lost_steps_are_known_to_the_carriage_alone(machine):  # T-19
     """A motor stepped far above its pull-out rate stands still; the counter does not know, the table does."""
     far = Stock((60_000.0, 60_000.0, 61_000.0, 61_000.0))

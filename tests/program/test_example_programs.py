@@ -61,6 +61,7 @@ def test_the_slot():
         assert any(what in notice for notice in path.notices), what
 
 
+@pytest.mark.slow
 def test_the_gear():
     path = planned(EXAMPLES / "gear.dxf")
     bore, outside = (shapely.Polygon(contour.nominal_mm) for contour in path.contours)

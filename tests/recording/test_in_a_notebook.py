@@ -49,6 +49,7 @@ def test_what_is_worked_with_is_said_in_a_few_lines(result: edmsim.CutResult) ->
     assert "7.000 mm in 2 moves" in repr(result.path)
 
 
+@pytest.mark.slow
 def test_a_result_shows_its_table_and_its_picture(result: edmsim.CutResult) -> None:
     html = result._repr_html_()
     assert "<b>rectangle.ngc: finished</b>" in html

@@ -135,6 +135,7 @@ def test_an_exponential_delay_is_a_straight_line_with_its_mean() -> None:
     np.testing.assert_allclose(survival[:, 1], np.exp(-survival[:, 0] / 20.0), atol=0.03)
 
 
+@pytest.mark.slow
 def test_a_ringing_wire_has_its_line_in_the_spectrum() -> None:
     t_s = 1e-4 * np.arange(8000)
     moved = np.zeros((8000, 5, 2))

@@ -117,6 +117,7 @@ def test_no_curve_runs_over_a_pause_and_it_is_marked(cut: SimpleNamespace, drawn
     assert told == ["threading", "feed"]
 
 
+@pytest.mark.slow
 def test_the_figures_of_the_pulses_break_there_too(cut: SimpleNamespace) -> None:
     windows = threaded(cut.windows)
     time = column(windows, "t_s")

@@ -48,6 +48,7 @@ def grown(cut: SimpleNamespace, **changed: object):
     return growing_kerf(scene, places, column(cut.windows, "path_um"))
 
 
+@pytest.mark.slow
 def test_the_kerf_grows_until_it_is_what_was_cut(cut: SimpleNamespace) -> None:
     growth = grown(cut)
     assert len(growth.solids) <= KERF_FRAMES + 1

@@ -32,6 +32,7 @@ def recording(cut: SimpleNamespace, tmp_path_factory: pytest.TempPathFactory) ->
     return write(tmp_path_factory.mktemp("recording"), cut)
 
 
+@pytest.mark.slow
 def test_legends_of_a_film_cover_no_curve(recording: Path) -> None:
     film = Film(Playback(recording), 60)
     legends = [(axes, axes.get_legend()) for axes in film._figure.axes if axes.get_legend() is not None]
@@ -41,6 +42,7 @@ def test_legends_of_a_film_cover_no_curve(recording: Path) -> None:
         assert not legend.get_window_extent().overlaps(axes.title.get_window_extent())
 
 
+@pytest.mark.slow
 def test_a_gif_plays_the_cut(recording: Path, tmp_path: Path) -> None:
     render(recording, tmp_path / "new" / "cut.gif", seconds=0.8)
     with Image.open(tmp_path / "new" / "cut.gif") as film:
@@ -111,6 +113,7 @@ def test_a_place_that_cannot_be_written_and_a_cut_of_no_windows(cut: SimpleNames
     assert not (tmp_path / "cut.gif").exists()
 
 
+@pytest.mark.slow
 def test_without_a_graphics_driver_screenshots_say_so(
     recording: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -42,6 +42,7 @@ def test_a_tuned_drive_follows_better_than_as_delivered(drive, axis):  # U-25, U
     assert after.overshoot < max(0.85 * before.overshoot, 1.5 * ONE_COUNT)  # the module begins without any
 
 
+@pytest.mark.slow
 def test_what_is_found_can_be_typed_in_and_is_there_after_power_up():  # U-58 step 5
     for drive in CHIPS:
         found = tuning(drive, "bench")

@@ -60,6 +60,7 @@ def test_a_closed_input_is_an_empty_script_and_a_reader_that_leaves_ends_it_quie
     assert (left.stdout, left.stderr) == (b"UHU S", b"")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("axis", ["x", "y"])
 def test_the_machine_s_own_axis_has_its_screw_its_mass_and_the_ends_of_its_travel(axis):
     table = edmsim.Machine.load().base.table

@@ -66,6 +66,7 @@ def test_a_whole_grid_gives_the_exact_indices(
     assert total(told) == pytest.approx(in_all, abs=1e-12)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kept", [1.0, 0.8])
 def test_seeds_show_what_is_chance_also_where_runs_failed(kept: float) -> None:
     """Of 27 combinations of four seeds: a variance of 2/3 and 6, an interaction of 4/9, and a chance of 1."""
@@ -127,6 +128,7 @@ SAMPLES = {
 }  # fmt: skip
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", SAMPLES)
 def test_ishigami_in_samples(kind: str) -> None:
     told = found(SAMPLES[kind], ishigami(SAMPLES[kind]))
@@ -163,6 +165,7 @@ def test_chance_alone_is_nearly_never_taken_for_an_effect(points: int) -> None:
     assert np.mean(np.array(claimed) > 0.05) <= 0.2
 
 
+@pytest.mark.slow
 def test_chance_alone_is_no_effect_in_a_grid_either() -> None:
     rng = np.random.default_rng(1)
     runs = grid(THREE, THREE, seeds=5)

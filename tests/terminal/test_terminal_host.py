@@ -144,6 +144,7 @@ def test_bad_options_are_one_line_and_status_2(options, reason, monkeypatch, cap
     assert told.out == ""
 
 
+@pytest.mark.slow
 def test_the_same_script_gives_the_same_session_bit_for_bit(machine):
     def session(seed):
         screen = Script(b"TI 30 TP 100\nNEW 32600 32500\nSTART\nWAIT 2\nSTATUS\nEM\nINIT\nSTATUS\n")

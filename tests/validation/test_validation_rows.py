@@ -74,6 +74,7 @@ def test_only_judged_rows_count():
     assert told["rows"][2]["reason"] == "another pulse"
 
 
+@pytest.mark.slow
 @given(st.lists(st.floats(-1e6, 1e6), min_size=2, max_size=9), st.floats(-100.0, 100.0))
 def test_the_interval_moves_with_the_values_and_not_with_their_order(values, shift):
     mean, half = mean_and_interval(values)

@@ -114,6 +114,7 @@ def test_what_python_may_not_set_is_refused_in_one_line(arguments, says):
     assert "\n" not in str(caught.value)
 
 
+@pytest.mark.slow
 def test_the_module_keeps_to_what_every_drive_must():
     axis.check_drive(ServoModule)
     axis.check_drive(lambda: axis.make("servo-module"))
