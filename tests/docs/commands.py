@@ -8,7 +8,7 @@ import sys
 import tomllib
 from collections.abc import Iterator
 from contextlib import contextmanager
-from functools import partial, partialmethod
+from functools import cache, partial, partialmethod
 from importlib.metadata import entry_points
 from importlib.util import find_spec
 from pathlib import Path
@@ -48,9 +48,14 @@ SHORT: dict[str, tuple[str, ...]] = {
 """What is added to a command so that it is short; `replaced` says what of its work is left away."""
 
 
+@cache
+def _commands() -> Any:
+    return typer.main.get_command(cli.app)
+
+
 def parse(words: list[str]) -> None:
     """Fail if the command line would not take these words; a usage line with placeholders has its options checked."""
-    group: Any = typer.main.get_command(cli.app)
+    group = _commands()
     name, *arguments = [word.strip("[]") for word in words[1:]] or ["--help"]
     if name.startswith("--"):
         assert name in ("--help", "--version"), words
