@@ -57,6 +57,7 @@ def written(small_cut: SimpleNamespace) -> Page:
     return Page((small_cut.folder / "report.html").read_text(encoding="utf-8"))
 
 
+@pytest.mark.slow
 def test_every_cut_writes_a_page_that_needs_no_other_file(written: Page, small_cut: SimpleNamespace) -> None:
     assert written.open == []
     assert written.figures == NAMES
@@ -72,6 +73,7 @@ def test_every_cut_writes_a_page_that_needs_no_other_file(written: Page, small_c
     assert "prefers-color-scheme: dark" in text
 
 
+@pytest.mark.slow
 def test_the_page_holds_table_settings_and_notices(written: Page, small_cut: SimpleNamespace) -> None:
     report = small_cut.result.report
     for said in (
@@ -154,6 +156,7 @@ def test_figures_are_written_as_files(folder: Path) -> None:
     assert all("</svg>" in file.read_text(encoding="utf-8") for file in files)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("change", "said"),
     [
@@ -174,6 +177,7 @@ def test_a_folder_that_cannot_be_used_is_refused_in_one_line(folder: Path, chang
     assert {file.name: file.read_bytes() for file in folder.iterdir()} == before
 
 
+@pytest.mark.slow
 def test_another_layout_and_an_unknown_kind_are_refused(folder: Path) -> None:
     with np.load(folder / "part.npz") as stored:
         arrays = dict(stored)

@@ -177,6 +177,7 @@ def test_single_pulses_are_those_of_windows(sample: PulseSample) -> None:
     np.testing.assert_array_equal(again.delay_us, sample.delay_us)
 
 
+@pytest.mark.slow
 def test_a_sample_of_a_cut_has_its_setting(small_cut: SimpleNamespace) -> None:
     result = small_cut.result
     drawn = sample_like(result.report, result.windows, pulses=300)

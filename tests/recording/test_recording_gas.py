@@ -56,6 +56,7 @@ def test_a_machine_does_not_observe_gas() -> None:
     assert not {"coverage", "covered", "debris", "gap_um"} & set(WindowObservation._fields)
 
 
+@pytest.mark.slow
 def test_a_cut_records_the_same_gas_everywhere(small_cut: SimpleNamespace) -> None:
     result = small_cut.result
     t_s, covered = column(result.windows, "t_s"), column(result.windows, "coverage")
