@@ -139,6 +139,7 @@ def _standard_input(file: str) -> Iterator[None]:
 def replaced(patch: pytest.MonkeyPatch) -> None:
     """Leave away what takes a screen, or minutes; tests of their own run each of these."""
     from edmsim import validation
+    from edmsim.calibration import comparison, fit
     from edmsim.bench import figures as bench
     from edmsim.envs.episode import Task
     from edmsim.recording.rerun import viewer
@@ -153,6 +154,10 @@ def replaced(patch: pytest.MonkeyPatch) -> None:
     # tests/test_bench.py measures, tests/validation runs all checks
     patch.setattr(bench, "measure", lambda: {"pulses_per_s": 1e6, "realtime_factor": 100.0})
     patch.setattr(validation, "run", partial(validation.run, modules=("strings",)))
+    # tests/calibration finds constants again
+    patch.setattr(comparison, "NOISE_CUTS", 8)
+    patch.setattr(fit, "MOST_STRETCHES", 2)
+    patch.setattr(fit, "MOST_ROUNDS", 2)
     # tests/evaluation, and the pages of the benchmark, have whole episodes
     patch.setattr(Task, "__init__", partialmethod(Task.__init__, episode_s=EPISODE_S))
     if find_spec("stable_baselines3"):
