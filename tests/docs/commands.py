@@ -139,8 +139,8 @@ def _standard_input(file: str) -> Iterator[None]:
 def replaced(patch: pytest.MonkeyPatch) -> None:
     """Leave away what takes a screen, or minutes; tests of their own run each of these."""
     from edmsim import validation
-    from edmsim.calibration import comparison, fit
     from edmsim.bench import figures as bench
+    from edmsim.calibration import comparison, fit
     from edmsim.envs.episode import Task
     from edmsim.recording.rerun import viewer
 
