@@ -19,6 +19,8 @@ import edmsim
 from edmsim import models
 from edmsim.errors import InputError
 
+pytestmark = pytest.mark.timeout(300)  # the first makes the whole cut, and may have its loop compiled
+
 COLUMNS = (
     "t_s x_um y_um feed_um_s short open spark arc mean_voltage_V mean_current_A mean_delay_us gap_um "
     "lag_x_um lag_y_um following_x_um following_y_um wire_temperature_K debris coverage t_on_us t_period_us path_um "
