@@ -42,7 +42,7 @@ SHORT: dict[str, tuple[str, ...]] = {
     "servo": (),
     "measure-table": ("--runs", "2"),
     "positioner": (),
-    "sweep": (),
+    "sweep": ("--processes", "1"),
     "tune": ("--trials", "1", "--seeds", "1"),
 }
 """What is added to a command so that it is short; `replaced` says what of its work is left away."""
