@@ -13,7 +13,7 @@ test: lint type docs
 	$(BIN)/python -m pytest -n 2 --dist worksteal
 
 fast: $(VENV)/.installed-test  ## the usual run while developing
-	$(BIN)/python -m pytest -m "not slow"
+	$(BIN)/python -m pytest -m "not slow" -n 2 --dist worksteal
 
 .PHONY: bounds
 bounds: $(VENV)/.installed-test  ## where compiled code would leave an array, a test fails; in a cache of its own
@@ -28,6 +28,10 @@ soak: $(VENV)/.installed-test  ## an hour of a machine, a million steps, a hundr
 
 lost-node: $(VENV)/.installed-test  ## a sweep of 200 cuts that loses a node, and whose driver is killed; into out/soak
 	$(BIN)/python -m tests.soak sweep --out out/soak
+
+.PHONY: mutants
+mutants: $(VENV)/.installed-test  ## do the tests notice sixty small wrongs? results into out/mutants; hours
+	$(BIN)/python -m tests.mutants --out out/mutants
 
 lint: $(VENV)/.installed-test
 	$(BIN)/ruff check .

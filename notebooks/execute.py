@@ -10,6 +10,7 @@ A notebook that fails or writes to stderr leaves its file as it was.
 from __future__ import annotations
 
 import argparse
+import asyncio
 import base64
 import io
 import os
@@ -30,7 +31,6 @@ from nbclient import NotebookClient
 from nbclient.exceptions import CellExecutionError
 from nbformat import NotebookNode
 from PIL import Image
-from traitlets.config import Config
 
 HERE = Path(__file__).resolve().parent
 PARAMETERS = "parameters"
@@ -39,6 +39,14 @@ INJECTED = "injected-parameters"
 """Tag of the cell that replaces some of them by the small ones."""
 LANGUAGE = {"name": "python", "file_extension": ".py", "pygments_lexer": "ipython3"}
 CELL_TIMEOUT_S = 900
+BEGIN = """
+import os as _os, matplotlib as _matplotlib
+_os.chdir({folder!r})
+_matplotlib.rcdefaults()
+get_ipython().reset()
+get_ipython().execution_count = 1
+"""
+"""What a notebook finds as in a process of its own."""
 SAME_SHADE = 8
 """Colours of a picture that differ by no more in red, green and blue (of 255) are one."""
 
@@ -90,8 +98,48 @@ def make_small(notebook: NotebookNode) -> None:
     notebook.cells.insert(place + 1, cell)
 
 
-def run(notebook: NotebookNode) -> None:
-    """Execute in place, in an empty folder and without the user's own IPython settings.
+class Kernel:
+    """A process that executes notebooks one after the other, each in an empty folder and with no names of another."""
+
+    def __enter__(self) -> Kernel:
+        self._own = tempfile.TemporaryDirectory()
+        self._runner = asyncio.Runner()
+        self._manager = OwnKernel(ip=f"{self._own.name}/kernel")
+        # not the user's own settings of IPython; and no bars: their times are never the same
+        surroundings = {**os.environ, "IPYTHONDIR": self._own.name, "EDMSIM_PROGRESS": "0"}
+        self._runner.run(self._manager.start_kernel(env=surroundings, cwd=self._own.name))
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._runner.run(self._manager.shutdown_kernel(now=True))
+        self._runner.close()
+        self._own.cleanup()
+
+    def execute(self, notebook: NotebookNode) -> None:
+        """Execute in place.
+
+        Raises
+        ------
+        CellExecutionError
+            If a cell fails.
+        """
+        client = NotebookClient(
+            notebook, timeout=CELL_TIMEOUT_S, record_timing=False, coalesce_streams=True, km=self._manager
+        )
+        with tempfile.TemporaryDirectory() as folder:
+
+            async def begin(notebook: NotebookNode) -> None:
+                await client.kc.execute(BEGIN.format(folder=folder), silent=True, reply=True)
+
+            client.on_notebook_start = begin
+            try:
+                self._runner.run(client.async_execute())
+            finally:
+                client.kc.stop_channels()
+
+
+def run(notebook: NotebookNode, kernel: Kernel) -> None:
+    """Execute in place, and keep what a reader is shown.
 
     Raises
     ------
@@ -100,12 +148,7 @@ def run(notebook: NotebookNode) -> None:
     RuntimeError
         If a cell writes to stderr, as a warning does.
     """
-    with tempfile.TemporaryDirectory() as folder, tempfile.TemporaryDirectory() as own:
-        client = NotebookClient(
-            notebook, timeout=CELL_TIMEOUT_S, resources={"metadata": {"path": folder}}, record_timing=False,
-            coalesce_streams=True, kernel_manager_class=OwnKernel, config=Config(OwnKernel={"ip": f"{own}/kernel"}),
-        )
-        client.execute(env={**os.environ, "IPYTHONDIR": own, "EDMSIM_PROGRESS": "0"})  # its times are never the same
+    kernel.execute(notebook)
     notebook.metadata["language_info"] = LANGUAGE
     for cell in notebook.cells:
         for output in cell.get("outputs", ()):
@@ -155,7 +198,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
             make_small(notebook)
         began = time.monotonic()
         try:
-            run(notebook)
+            with Kernel() as kernel:  # a process of its own
+                run(notebook, kernel)
         except (CellExecutionError, RuntimeError) as error:
             print(f"{name}: {error}", file=sys.stderr)
             return 1

@@ -12,6 +12,7 @@ from edmsim.errors import InputError
 CLASSES = {"erosion": (False, False), "short": (True, False), "open": (False, True)}
 
 
+@pytest.mark.slow
 @given(st.lists(st.sampled_from(sorted(CLASSES)), min_size=255, max_size=255))
 def test_a_cycle_counts_every_pulse_once(pulses):  # T-38, T-39, T-40, T-41
     analyser = PulseAnalyser()

@@ -34,6 +34,8 @@ def short(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(table, "cold_start_s", lambda: 0.5)
 
 
+@pytest.mark.slow
+@pytest.mark.timeout(400)
 @pytest.mark.usefixtures("short")
 def test_figures() -> None:
     figures = table.measure()

@@ -54,6 +54,7 @@ def edmsim(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], 
     return run
 
 
+@pytest.mark.slow
 def test_a_program_is_drawn_beside_its_figures(edmsim: Run, tmp_path: Path) -> None:
     told = edmsim("check", EXAMPLES / "gear.dxf")
     assert (told.status, told.err) == (0, "")
@@ -63,6 +64,7 @@ def test_a_program_is_drawn_beside_its_figures(edmsim: Run, tmp_path: Path) -> N
     assert [str(file.relative_to(tmp_path)) for file in tmp_path.rglob("*.*")] == ["out/gear/path.png"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("arguments", [("check", EXAMPLES / "punch.ngc"), ("cut", "no-such.ngc", "--drive", "uhu")])
 def test_a_look_compiles_nothing(tmp_path: Path, arguments: tuple[object, ...]) -> None:
     """Whoever looks at a program or mistypes a name waits for no compiler."""
@@ -76,6 +78,7 @@ def test_a_look_compiles_nothing(tmp_path: Path, arguments: tuple[object, ...]) 
     assert list(sources.rglob("*.nb*")) == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("draw", "size"),
     [
@@ -98,6 +101,7 @@ def test_the_size_is_that_of_the_drawing_not_of_its_chords(
     assert f"closed, {size} mm" in edmsim("check", tmp_path / "part.dxf").out
 
 
+@pytest.mark.slow
 def test_unknown_words_are_listed_with_everything_else(edmsim: Run, tmp_path: Path) -> None:
     program = tmp_path / "words.ngc"
     program.write_text("O12\nG92 X0 Y0\nG41 D1 G1 X5\nM77\nY5 M91\nX9.5\nY0\nX5 M91\nM2\n")
@@ -181,6 +185,7 @@ def test_offsets_of_a_file_in_um_get_a_hint(edmsim: Run, tmp_path: Path) -> None
     assert told.err == "edmsim: offsets.toml: the offset D1 is 156: give 0 to 10 mm; 156 um are 0.156 mm\n"
 
 
+@pytest.mark.slow
 def test_a_cut_goes_to_a_folder_of_its_program_and_its_traces_to_a_file(
     edmsim: Run, tmp_path: Path, small_punch: Path
 ) -> None:

@@ -93,6 +93,7 @@ def test_version(edmsim: Run) -> None:
     assert edmsim("--version") == (0, __version__ + "\n", "")
 
 
+@pytest.mark.slow
 def test_finished_cut_reports_and_exits_0(tmp_path: Path, edmsim: Run) -> None:
     program, out = tmp_path / "line.ngc", tmp_path / "a" / "b"
     program.write_text("G0 X0 Y0\nG1 X0.2\nM2\n")
@@ -110,6 +111,7 @@ def test_finished_cut_reports_and_exits_0(tmp_path: Path, edmsim: Run) -> None:
     assert "use --offset" not in told.out
 
 
+@pytest.mark.slow
 def test_stopped_machine_exits_3_with_a_full_report(small_punch: Path, tmp_path: Path, edmsim: Run) -> None:
     told = edmsim("cut", small_punch, "--out", tmp_path, "--max-time", 0.3, *FAST)
     assert told.status == 3
@@ -120,6 +122,7 @@ def test_stopped_machine_exits_3_with_a_full_report(small_punch: Path, tmp_path:
     ]  # fmt: skip
 
 
+@pytest.mark.slow
 def test_every_option_reaches_the_cut(small_punch: Path, tmp_path: Path, edmsim: Run) -> None:
     edmsim("cut", small_punch, "--out", tmp_path, "--quiet", "--max-time", 0.1, "--height", 7, "--resolution", "fast",
            "--material", "copper", "--wire", "molybdenum-150", "--tension", 9, "--generator", "ignition-pulse",
@@ -145,6 +148,7 @@ def test_every_option_reaches_the_cut(small_punch: Path, tmp_path: Path, edmsim:
     assert read_back.load_machine() == made_with
 
 
+@pytest.mark.slow
 def test_quiet_prints_nothing(small_punch: Path, tmp_path: Path, edmsim: Run) -> None:
     assert edmsim("cut", small_punch, "--out", tmp_path, "--max-time", 0.1, "--quiet", *FAST) == (3, "", "")
 
@@ -231,6 +235,7 @@ SETTINGS = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("options", "named"), SETTINGS, ids=[" ".join(s[0]) for s in SETTINGS])
 def test_bad_setting_is_one_line_and_exit_2(
     small_punch: Path, tmp_path: Path, edmsim: Run, options: tuple[str, ...], named: tuple[str, ...]
@@ -285,6 +290,7 @@ def test_render_refuses_in_one_line(tmp_path: Path, edmsim: Run) -> None:
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.slow
 def test_a_cut_can_be_rendered(small_cut: SimpleNamespace, tmp_path: Path, edmsim: Run) -> None:
     told = edmsim("render", small_cut.folder, "--out", tmp_path / "cut.gif", "--seconds", "0.5")
     assert told.status == 0
@@ -298,6 +304,7 @@ def test_view_without_a_recording_is_one_line_and_exit_2(tmp_path: Path, edmsim:
     assert_refused(edmsim("view", tmp_path / "none"), str(tmp_path / "none"))
 
 
+@pytest.mark.slow
 def test_interrupted_cut_is_taken_up_again(
     small_punch: Path, tmp_path: Path, edmsim: Run, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -321,6 +328,7 @@ def test_interrupted_cut_is_taken_up_again(
     assert json.loads((tmp_path / "report.json").read_text())["pulses"] == 20 * 255
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("late", ["checkpoint", "bar", "table"])
 def test_an_interrupt_when_all_is_written_ends_nothing(
     small_punch: Path, tmp_path: Path, edmsim: Run, monkeypatch: pytest.MonkeyPatch, late: str
@@ -363,6 +371,7 @@ def test_model_outside_its_validity_is_one_line_and_exit_1(
     assert told.err.splitlines()[-1] == "edmsim: the wire left its guides"  # behind the bar of the cut
 
 
+@pytest.mark.slow
 def test_error_stays_on_one_line_in_a_narrow_terminal(tmp_path: Path) -> None:
     told = subprocess.run(
         [sys.executable, "-c", "from edmsim.cli.app import main; main()", "cut", str(tmp_path / "no [bold]such.ngc"),
@@ -373,6 +382,7 @@ def test_error_stays_on_one_line_in_a_narrow_terminal(tmp_path: Path) -> None:
     assert_refused(Outcome(told.returncode, told.stdout, told.stderr), str(tmp_path / "no [bold]such.ngc: "))
 
 
+@pytest.mark.slow
 def test_the_package_runs_as_the_command() -> None:
     told = subprocess.run([sys.executable, "-m", "edmsim", "--version"], capture_output=True, text=True, check=True)
     assert told.stdout == __version__ + "\n"
@@ -387,6 +397,7 @@ def test_bench_prints_json_or_a_table(edmsim: Run, monkeypatch: pytest.MonkeyPat
     assert "realtime_factor" in table
 
 
+@pytest.mark.slow
 def test_report_is_made_again_and_figures_written(small_cut: SimpleNamespace, tmp_path: Path, edmsim: Run) -> None:
     told = edmsim("report", small_cut.folder, "--figures", tmp_path, "--format", "png")
     assert told.status == 0

@@ -13,6 +13,8 @@ import tokenize
 from collections import defaultdict
 from pathlib import Path
 
+import pytest
+
 TESTS = Path(__file__).parent
 PAGE = TESTS.parent / "docs" / "controller-1982.md"
 ROWS = [
@@ -80,11 +82,13 @@ def test_no_row_is_without_a_test_or_a_reason() -> None:
     assert [row for row, asks, last in table() if not (asks and last.strip())] == []
 
 
+@pytest.mark.slow
 def test_the_tests_are_those_that_quote_the_row() -> None:
     text = PAGE.read_text(encoding="utf-8")
     assert text == refreshed(text), "run python tests/test_controller_1982.py"
 
 
+@pytest.mark.slow
 def test_a_quoted_row_exists() -> None:
     assert set(quoting_tests()) <= set(ROWS)
 

@@ -84,6 +84,7 @@ class Script:
 ZIGZAG = [(0, 0), (101, 53), (40, 160), (-77, 160), (-77, 31)]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("generator", available("generators"))
 @pytest.mark.parametrize("planner", list(PLANNERS))
 def test_position_is_start_and_2_um_for_every_step(generator: str, planner: str) -> None:  # T-16
@@ -191,6 +192,7 @@ def test_feed_is_kept_within_the_speed_word() -> None:
     assert [sim.step().feed_um_s for _ in range(2)] == [33.3375, -33.3375]
 
 
+@pytest.mark.slow
 def test_removed_metal_is_the_sum_of_the_craters() -> None:
     sim = simulation(contour([(0, 0), (900, 0)]), hole_mm=0.2)
     run(sim)
@@ -312,6 +314,7 @@ def test_wire_that_grows_too_hot_breaks(hot_machine: str) -> None:
     assert windows.column("wire_temperature_K").to_numpy().max() > 350
 
 
+@pytest.mark.slow
 def test_snapshot_continues_bit_for_bit_across_threading_and_dwells() -> None:
     parts = contour([(0, 0), (41, 0), (41, 33)], ((1, 0.3),)), contour([(900, 0), (951, 27)], ((0, 0.3),))
     machine = Machine.load(height_mm=5, generator="iso-energetic")

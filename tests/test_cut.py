@@ -19,6 +19,8 @@ import edmsim
 from edmsim import models
 from edmsim.errors import InputError
 
+pytestmark = pytest.mark.timeout(300)  # the first makes the whole cut, and may have its loop compiled
+
 COLUMNS = (
     "t_s x_um y_um feed_um_s short open spark arc mean_voltage_V mean_current_A mean_delay_us gap_um "
     "lag_x_um lag_y_um following_x_um following_y_um wire_temperature_K debris coverage t_on_us t_period_us path_um "
@@ -248,6 +250,7 @@ def test_settings_say_how_to_cut_it_again(small_cut: SimpleNamespace) -> None:
     assert told.items() <= settings.items()
 
 
+@pytest.mark.slow
 def test_same_seed_same_cut_another_seed_another(
     small_cut: SimpleNamespace, cut_small: Callable[..., edmsim.CutResult]
 ) -> None:
@@ -265,6 +268,7 @@ def test_time_limit_stops_at_the_end_of_its_window(cut_small: Callable[..., edms
     assert 1.0 <= report["machining_time_s"] < 1.0 + 255 * 100e-6
 
 
+@pytest.mark.slow
 def test_broken_wire_leaves_a_full_report(
     cut_small: Callable[..., edmsim.CutResult], hot_machine: str, tmp_path: Path
 ) -> None:
@@ -292,6 +296,7 @@ def test_offsets(cut_small: Callable[..., edmsim.CutResult]) -> None:
         assert result.path.offset_um == pytest.approx(expected_um)
 
 
+@pytest.mark.slow
 def test_result_can_be_written_later_into_a_new_folder(
     cut_small: Callable[..., edmsim.CutResult], tmp_path: Path
 ) -> None:

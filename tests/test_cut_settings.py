@@ -88,6 +88,7 @@ def test_json_that_is_none_of_a_cut_is_refused_in_one_line(text: str) -> None:
     assert "\n" not in str(refused.value)
 
 
+@pytest.mark.slow
 def test_the_windows_of_a_cut_tell_its_settings(small_cut: SimpleNamespace) -> None:
     expected = CutSettings(height_mm=5.0, resolution="fast", seed=1)
     written = pyarrow.parquet.read_schema(small_cut.folder / "windows.parquet")
@@ -95,12 +96,14 @@ def test_the_windows_of_a_cut_tell_its_settings(small_cut: SimpleNamespace) -> N
         assert CutSettings.of_json(schema.metadata[METADATA_KEY]) == expected
 
 
+@pytest.mark.slow
 def test_options_that_an_earlier_report_does_not_have_are_at_their_default(small_cut: SimpleNamespace) -> None:
     report = small_cut.result.report
     earlier = {k: v for k, v in report["settings"].items() if k not in Choices.model_fields}
     assert CutSettings.of_report({**report, "settings": earlier}) == CutSettings.of_report(report)
 
 
+@pytest.mark.slow
 def test_a_report_of_contours_with_different_offsets_leaves_them_to_the_registers(small_cut: SimpleNamespace) -> None:
     report = small_cut.result.report
     several = {**report, "settings": {**report["settings"], "offset_um": None}}
@@ -109,6 +112,7 @@ def test_a_report_of_contours_with_different_offsets_leaves_them_to_the_register
     assert offset_line(found) == "different ones by contour, +2.0 µm in the mean (metal left)"
 
 
+@pytest.mark.slow
 def test_a_report_gives_the_set_up_of_its_cut(small_cut: SimpleNamespace, tmp_path: Path) -> None:
     settings = CutSettings.of_report(small_cut.result.report)
     assert settings.load_machine() == small_cut.result.machine

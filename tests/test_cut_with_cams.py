@@ -210,6 +210,7 @@ def many(count):
     return [ErrorTable("x", "x", np.column_stack([np.linspace(-1.0, 66.0, count), np.zeros(count)]))]
 
 
+@pytest.mark.slow
 def test_the_room_for_all_tables_comes_from_the_environment(line, tmp_path, monkeypatch):  # E-2, chapter 1
     file = tmp_path / "many.toml"
     file.write_text(text_of(many(6251)), encoding="utf-8")

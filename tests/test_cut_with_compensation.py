@@ -77,6 +77,7 @@ def test_the_wire_is_where_the_program_wants_it(tables, bad, options):
         assert np.array(simulation.commanded_um) == pytest.approx(simulation.position_um, abs=2.0)
 
 
+@pytest.mark.slow
 def test_the_report_has_the_profile_error_with_and_without(file, bad):
     bare = edmsim.cut(SMALL, max_time_s=40, machine=bad, **FAST).report
     cut = edmsim.cut(SMALL, max_time_s=40, machine=bad, compensation=str(file), **FAST).report
@@ -171,6 +172,7 @@ def test_a_bad_file_gets_one_line(text, message, tmp_path):
     assert str(told.value).startswith(str(file))
 
 
+@pytest.mark.slow
 def test_too_many_points_are_refused(tmp_path):
     many = ErrorTable("x", "x", np.column_stack([np.arange(5_000_000.0), np.zeros(5_000_000)]))
     with pytest.raises(InputError, match="5000000 points are more than the control has room for"):
@@ -191,6 +193,7 @@ def run(monkeypatch, *words):
     return 0
 
 
+@pytest.mark.slow
 def test_measure_table_writes_what_cut_reads(monkeypatch, tmp_path, capsys):
     made, left, picture = tmp_path / "made.toml", tmp_path / "left.toml", tmp_path / "table.png"
     words = ["measure-table", "--machine", "worn-table", "--runs", 2]
@@ -209,6 +212,7 @@ def test_measure_table_writes_what_cut_reads(monkeypatch, tmp_path, capsys):
     assert run(monkeypatch, "measure-table", "--interval", 0.001) == 2
 
 
+@pytest.mark.slow
 def test_the_command_line_cuts_with_tables(monkeypatch, file, tmp_path):
     words = ["cut", SMALL, "--machine", "worn-table", "--compensation", file, "--resolution", "fast", "--quiet"]
     assert run(monkeypatch, *words, "--max-time", 1, "--out", tmp_path / "cut") == 3

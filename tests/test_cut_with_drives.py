@@ -17,6 +17,7 @@ from edmsim.recording.windows import column
 SLOT = Path(__file__).parents[1] / "examples" / "slot.iso"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("drive", ["uhu", "servo-module", "eanpos"])
 def test_a_cut_under_a_servo_drive_follows_its_steps(drive):
     result = edmsim.cut(SLOT, height_mm=10, resolution="fast", drive=drive, max_time_s=6)
@@ -34,6 +35,7 @@ def test_a_stepper_has_no_following_error():
     assert result.report["following_error_um"] == {"max": 0.0, "rms": 0.0}
 
 
+@pytest.mark.slow
 def test_a_following_error_stops_the_machine_and_leaves_with_3(monkeypatch, tmp_path, capsys):
     tuned = dict(uhu._data()["tuned"]["table"], error_limit=10)
     monkeypatch.setitem(uhu._data()["tuned"], "table", tuned)
@@ -70,6 +72,7 @@ M2
 """
 
 
+@pytest.mark.slow
 def test_the_shares_of_the_error_do_not_take_a_rapid_for_a_cut(tmp_path):
     """The way between two contours is no way of the wire through the metal."""
     (tmp_path / "two.ngc").write_text(TWO_SQUARES)

@@ -32,6 +32,7 @@ def test_a_quarter_turn_follows_the_tractrix():
     np.testing.assert_allclose(wire[1:, 1] / 50.0, s - np.tanh(s), atol=1e-7)
 
 
+@pytest.mark.slow
 @given(st.floats(-90.0, 90.0), st.floats(1.0, 100.0))
 def test_what_is_left_uncut_in_a_corner_is_half_the_turn_times_the_lag_squared(turn, lag):
     guides = corner(turn, side=40 * lag)
@@ -41,6 +42,7 @@ def test_what_is_left_uncut_in_a_corner_is_half_the_turn_times_the_lag_squared(t
     assert area == pytest.approx(abs(math.radians(turn)) / 2 * lag**2, rel=1e-3, abs=3e-5 * lag**2)
 
 
+@pytest.mark.slow
 @given(st.lists(st.tuples(st.floats(-500.0, 500.0), st.floats(-500.0, 500.0)), min_size=3, max_size=8, unique=True))
 def test_the_wire_is_never_further_than_the_lag_from_its_guides_and_only_pulled(points):
     lag = 40.0
@@ -58,6 +60,7 @@ def test_a_wire_rests_in_its_kerf_while_the_guides_come_back():
     np.testing.assert_allclose(wire[-1], [20.0, 0.0], atol=1e-9)
 
 
+@pytest.mark.slow
 def test_in_a_circle_the_wire_settles_on_a_smaller_one():
     """Physics: radius sqrt(R^2 - lag^2)."""
     angle = np.linspace(0.0, 6 * math.pi, 6_001)

@@ -184,6 +184,7 @@ STRETCHES = ((0.5, 0.7), (1.0, 1.5), (1.8, 2.5))
 """Of the path: low, high, low again; the front of the kerf runs some 0.15 mm ahead of the wire's centre."""
 
 
+@pytest.mark.slow
 def test_the_ridge_is_cut(ridge: SimpleNamespace) -> None:
     assert ridge.report["outcome"] == "finished"
     assert ridge.report["notices"] == []
@@ -191,6 +192,7 @@ def test_the_ridge_is_cut(ridge: SimpleNamespace) -> None:
     assert ridge.report["settings"]["heights"] == [[UP_MM, HIGH], [DOWN_MM, LOW]]
 
 
+@pytest.mark.slow
 def test_discharges_follow_the_height_where_the_front_meets_the_step(ridge: SimpleNamespace) -> None:
     """At one feed the area cut in a second is as the height, so the sparks that remove it nearly are, too.
 
@@ -210,6 +212,7 @@ def test_discharges_follow_the_height_where_the_front_meets_the_step(ridge: Simp
         assert step - front_mm - 0.05 < crossed.min() <= crossed.max() < step + 0.05
 
 
+@pytest.mark.slow
 def test_shorts_rise_on_the_ridge_and_fall_behind_it(ridge: SimpleNamespace) -> None:
     before, on, after = (between(ridge, "short", *stretch) for stretch in STRETCHES)
     assert on > 1.5 * before
@@ -218,6 +221,7 @@ def test_shorts_rise_on_the_ridge_and_fall_behind_it(ridge: SimpleNamespace) -> 
     assert on < 0.9 * min(before, after)
 
 
+@pytest.mark.slow
 def test_upper_slices_are_cut_on_the_ridge_only(ridge: SimpleNamespace) -> None:
     result = ridge.result
     start = result.path.contours[0].points_um[0, 0] / 1000
@@ -236,6 +240,7 @@ def test_upper_slices_are_cut_on_the_ridge_only(ridge: SimpleNamespace) -> None:
     assert areas[2] == pytest.approx((DOWN_MM - UP_MM) * kerf_mm, rel=0.05)
 
 
+@pytest.mark.slow
 def test_rate_counts_the_area_cut(ridge: SimpleNamespace) -> None:
     report = ridge.report
     length_mm = report["path_length_mm"] - ridge.result.path.start_hole_radius_mm
@@ -244,6 +249,7 @@ def test_rate_counts_the_area_cut(ridge: SimpleNamespace) -> None:
     assert report["cutting_rate_mm2_min"] == pytest.approx(area / report["cutting_time_s"] * 60, rel=5e-3)
 
 
+@pytest.mark.slow
 def test_kerf_and_profile_are_measured_where_there_is_metal(ridge: SimpleNamespace) -> None:
     from edmsim.metrology.kerf import kerf_width
     from edmsim.metrology.profile import profile_error
@@ -264,6 +270,7 @@ def test_kerf_and_profile_are_measured_where_there_is_metal(ridge: SimpleNamespa
     assert profile.stats()["max"] < 200  # nowhere the way to a wall that is not there
 
 
+@pytest.mark.slow
 def test_pictures_show_the_steps(ridge: SimpleNamespace) -> None:
     scene = ridge.result.scene
     assert [terrace.height_mm for terrace in scene.terraces] == pytest.approx([LOW, HIGH])
@@ -277,6 +284,7 @@ def test_pictures_show_the_steps(ridge: SimpleNamespace) -> None:
     ]  # fmt: skip
 
 
+@pytest.mark.slow
 def test_an_interrupted_stepped_cut_goes_on_bit_for_bit(cut_small: Cut, tmp_path: Path) -> None:
     options: dict[str, Any] = {
         "heights": [(0.45, 10.0)], "max_time_s": 22.0, "height_areas": [(shapely.box(-2.5, 0, -1.5, 1), 6.0)],

@@ -58,6 +58,7 @@ def without_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setattr(f"edmsim.recording.{name}", empty)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("signals")
 def test_a_cut_interrupted_in_any_phase_is_finished_by_resuming(cut_small: Cut, tmp_path: Path) -> None:
     whole = cut_small(**SHORT)
@@ -88,6 +89,7 @@ def test_the_progress_tells_the_wall_time_of_the_report(cut_small: Cut) -> None:
     assert 0 < seen[0] < seen[-1] == report["wall_time_s"]
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("without_pictures")
 def test_an_interrupted_cut_is_not_lost_to_the_next_one(cut_small: Cut, tmp_path: Path) -> None:
     def stop(_: object) -> None:
@@ -109,6 +111,7 @@ def test_an_interrupted_cut_is_not_lost_to_the_next_one(cut_small: Cut, tmp_path
     assert not (tmp_path / "none").exists()
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("without_pictures")
 def test_one_cut_at_a_time_works_in_a_folder(cut_small: Cut, tmp_path: Path) -> None:
     with locked(tmp_path), pytest.raises(InputError, match="another edmsim is at work in this folder"):
@@ -119,6 +122,7 @@ def test_one_cut_at_a_time_works_in_a_folder(cut_small: Cut, tmp_path: Path) -> 
     assert names(tmp_path) == FILES
 
 
+@pytest.mark.slow
 def test_many_want_a_folder_and_one_after_the_other_has_it(tmp_path: Path) -> None:
     """The lock's file comes and goes: nobody may hold one that is no longer there."""
     inside, most, refused = 0, 0, 0
@@ -161,6 +165,7 @@ def test_files_appear_together_or_not_at_all(tmp_path: Path) -> None:
     assert (tmp_path / "report.json").read_text() == "new"
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("without_pictures")
 def test_a_folder_of_two_cuts_is_refused(cut_small: Cut, tmp_path: Path) -> None:
     for seed in (1, 2):
@@ -179,6 +184,7 @@ def full(*_: object, **__: object) -> None:
     raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("without_pictures")
 def test_a_full_disk_warns_and_the_cut_goes_on(
     cut_small: Cut, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -191,6 +197,7 @@ def test_a_full_disk_warns_and_the_cut_goes_on(
     assert names(tmp_path) == FILES
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("without_pictures")
 def test_a_disk_full_at_the_end_leaves_the_checkpoint(
     cut_small: Cut, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -205,6 +212,7 @@ def test_a_disk_full_at_the_end_leaves_the_checkpoint(
     assert names(tmp_path) == FILES
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform != "linux", reason="elsewhere names of files are UTF-8")
 def test_odd_names_and_plain_terminals_do_not_crash_a_finished_cut(small_punch: Path, tmp_path: Path) -> None:
     folder = os.path.join(os.fsencode(tmp_path), b"o[/b]\xff\xc3 \xb5m")

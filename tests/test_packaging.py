@@ -62,6 +62,7 @@ def run(*command: object, at: Path, path: Path | None = None, status: int = 0) -
     return done.stdout.strip()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("links", [True, False])
 def test_a_bare_checkout_is_imported_as_it_is(tmp_path: Path, links: bool) -> None:
     tree = checkout(tmp_path / "tree", links=links)
@@ -84,6 +85,7 @@ def wheel(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFacto
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(400)
 def test_the_wheel_holds_every_file_once(wheel: Path) -> None:
     names = [name for name in zipfile.ZipFile(wheel).namelist() if ".dist-info/" not in name]
     assert max(Counter(names).values()) == 1
@@ -91,6 +93,7 @@ def test_the_wheel_holds_every_file_once(wheel: Path) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(400)
 def test_the_source_archive_holds_every_file_once(tmp_path: Path) -> None:
     tree = checkout(tmp_path / "tree", links=True)
     name = run(sys.executable, "-c", BUILD.format(kind="sdist"), at=tree).split()[-1]
@@ -103,6 +106,7 @@ def test_the_source_archive_holds_every_file_once(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(400)
 @pytest.mark.parametrize("wheel", [True], indirect=True)
 def test_an_installed_wheel_cuts_the_same_bits(wheel: Path, tmp_path: Path) -> None:
     """In an environment outside the tree that has the dependencies of this one, but not its edmsim.

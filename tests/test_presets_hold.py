@@ -18,6 +18,7 @@ def cut(seconds: float, **options: Any) -> dict[str, Any]:
     return edmsim.cut(PUNCH, resolution="fast", seed=1, max_time_s=seconds, **options).report
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("pair", [{}, PRODUCTION], ids=["laboratory", "production"])
 @pytest.mark.parametrize("height_mm", [20.0, 40.0, 80.0])
 def test_the_defaults_of_a_preset_bring_the_wire_to_the_metal(pair: dict[str, str], height_mm: float) -> None:
@@ -37,6 +38,7 @@ def test_production_pulses_leave_the_start_hole(height_mm: float) -> None:
     assert report["cutting_rate_mm2_min"] > 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("height_mm", [20.0, 80.0])
 def test_of_pulses_too_dense_the_report_says_which_period_holds(height_mm: float) -> None:
     report = cut(8.0, height_mm=height_mm, t_period_us=9.4, **PRODUCTION)

@@ -22,15 +22,18 @@ def loaded_after(statement: str) -> set[str]:
     return set(done.stdout.split())
 
 
+@pytest.mark.slow
 def test_import_is_cheap() -> None:
     assert loaded_after("import edmsim").isdisjoint(HEAVY)
 
 
+@pytest.mark.slow
 def test_machine_and_controllers_need_neither_viewer_nor_compiler() -> None:
     loaded = loaded_after("import edmsim; edmsim.Machine.load(); edmsim.controllers.make('counts')")
     assert loaded.isdisjoint({"rerun", "matplotlib", "torch", "mujoco", "scipy.signal", "pyarrow"})
 
 
+@pytest.mark.slow
 def test_cutting_needs_no_viewer_before_it_writes() -> None:
     assert loaded_after("import edmsim; edmsim.cut").isdisjoint({"rerun", "matplotlib", "torch", "scipy.signal"})
 

@@ -36,6 +36,7 @@ def cut_on(tmp_path):
     return run
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("planner", COUNTING)
 def test_a_job_of_100_mm_is_cut_where_the_table_has_130_mm(cut_on, planner):  # T-61
     result = cut_on(130.0, planner=planner)

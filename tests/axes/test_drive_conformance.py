@@ -33,6 +33,7 @@ def _no_number(drive_at: Any, axis_at: Any) -> None:
     carray(drive_at, 1)[0].command = np.nan
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", axes.names())
 def test_drives_conform(name):
     axes.check_drive(lambda: axes.make(name))

@@ -71,6 +71,7 @@ def steps(count, axis=0, first_ns=1_000_000, every_ns=2_000_000, way=1):
     return [(first_ns + k * every_ns, axis, way) for k in range(count)]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("mechanics", ["modal", "mujoco"])
 def test_a_servo_follows_its_steps(machine, mechanics):
     plant = plant_with(machine, {"x": axes.make("servo")}, mechanics)
@@ -84,6 +85,7 @@ def test_a_servo_follows_its_steps(machine, mechanics):
     assert plant.drive_faults == 0
 
 
+@pytest.mark.slow
 def test_both_integrators_move_a_servo_alike(machine):
     """Rigid in one, on the screw's spring in the other: the same rise to within 1.5 um of 10."""
     places = {}
@@ -289,6 +291,7 @@ def test_a_stepper_by_name_is_the_stepper(machine):
     assert a.place_um == b.place_um
 
 
+@pytest.mark.slow
 def test_a_plant_with_another_drive_compiles_nothing(machine):
     """The window and the servo's sample come from the cache in a new process."""
     plant_with(machine, {"x": axes.make("servo")}).advance()

@@ -25,6 +25,7 @@ def plant_with(machine, drives, mechanics="modal"):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("mechanics", ["modal", "mujoco"])
 @pytest.mark.parametrize("name", ["uhu", "servo-module", "eanpos"])
 def test_a_drive_places_its_axes_itself(machine, name, mechanics):
@@ -72,6 +73,7 @@ def test_a_plant_goes_on_alike_after_a_rapid(machine):
     assert all(a[name].tobytes() == b[name].tobytes() for name in b)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["eanpos", "servo-module"])
 def test_a_cut_goes_from_contour_to_contour_under_its_drives(name):
     sim = simulation(
@@ -83,6 +85,7 @@ def test_a_cut_goes_from_contour_to_contour_under_its_drives(name):
     assert sim.position_um == pytest.approx(sim.commanded_um, abs=1.0)
 
 
+@pytest.mark.slow
 def test_a_drive_that_trips_between_contours_stops_the_cut():
     """Row Q-A26: a following error beyond maxfollerr."""
     drives = {"x": Eanpos.tuned(changes={"maxfollerr": 100, "feedfw": 0}), "y": axes.make("servo")}

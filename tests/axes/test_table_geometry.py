@@ -51,6 +51,7 @@ ERRORS = {
 }  # fmt: skip
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("options", [{}, {"mechanics": "mujoco"}, {"drives": {"x": axis.make("servo")}}])
 def test_the_table_is_off_by_the_errors_of_screws_and_ways(options):
     # E-31, E-32: the plant that compensations act on

@@ -42,6 +42,7 @@ def course(machine, mechanics, drive, steps_of_window, windows=4):
     return np.array(found)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["uhu", "servo-module", "eanpos"])
 def test_both_integrators_move_an_axis_alike(machine, name):
     """Twelve steps there, a rest, twelve back, with stiction, friction and the screw's spring: within 0.5 um."""

@@ -29,6 +29,7 @@ def speed_at(volts, **changes):
     return float(bench.axis()["speed_rad_s"])
 
 
+@pytest.mark.slow
 def test_speed_follows_the_reference():
     for volts in (-10.0, -3.0, 0.5, 10.0):
         assert speed_at(volts) == pytest.approx(volts * VOLT, rel=1e-3)

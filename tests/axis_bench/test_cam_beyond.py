@@ -10,6 +10,7 @@ from edmsim.controllers.axis.elcam_registers import Function, Mode
 from .cam_bench import COUNTS, HAT, X, Y, go, jumps, read, rig_of, run, settle, table, watch
 
 
+@pytest.mark.slow
 def test_a_curve_passes_through_the_points_without_corners():
     bends = {}
     for cubic in (False, True):

@@ -69,6 +69,7 @@ def test_a_loop_with_a_compensation_rests_at_the_true_place():
     assert axis.setpoint == 150.0
 
 
+@pytest.mark.slow
 def test_switching_off_moves_what_it_reports_and_then_the_axis():
     # E-34: the report jumps by c at once, then the loop takes the axis back
     rig = pitch_rig()
@@ -90,6 +91,7 @@ def test_switching_off_moves_what_it_reports_and_then_the_axis():
     assert rig.traces().actual[:, X].min() == pytest.approx(149.980, abs=0.0021)
 
 
+@pytest.mark.slow
 def test_errors_between_the_points_are_interpolated():
     # E-31, E-20
     rig = pitch_rig()
@@ -101,6 +103,7 @@ def test_errors_between_the_points_are_interpolated():
         assert rig.count("x") / COUNTS == pytest.approx(place + error, abs=0.0011)
 
 
+@pytest.mark.slow
 def test_a_table_compensates_only_if_every_switch_is_on():
     # E-41, E-14, E-31, E-A5, E-A13: marked by function 30, bit 5, switched on for all, and running
     for marked, bit, everywhere, runs in itertools.product((0, 1), repeat=4):
@@ -152,6 +155,7 @@ def angle_points(urad=50.0):
     return ((-10.0, -10e-6 * urad), (400.0, 400e-6 * urad))
 
 
+@pytest.mark.slow
 def test_pitch_and_angle_add_up():
     # E-32, E-33, E-48, E-47
     rig = rig_of("xyu")
@@ -176,6 +180,7 @@ def test_pitch_and_angle_add_up():
     assert true_um(rig, **errors)[Y] == pytest.approx(100_000 - 17, abs=1.2)
 
 
+@pytest.mark.slow
 def test_an_error_that_a_third_axis_changes_is_compensated_by_rows():
     # E-32, E-46, E-15: 50 urad at u = 0 that become 90 at u = 100
     for bits, row_of_25 in ((Mode.INTERPOLATE_ROWS, 60.0), (0, 70.0)):
@@ -194,6 +199,7 @@ def test_an_error_that_a_third_axis_changes_is_compensated_by_rows():
             assert left == pytest.approx(200e-3 * (urad - 50.0 - 0.4 * third), abs=1.2)
 
 
+@pytest.mark.slow
 def test_compensated_axes_are_ordinary_axes():
     # E-26
     rig = pitch_rig()
@@ -226,6 +232,7 @@ def test_a_cam_and_a_compensation_share_an_axis():
     assert rig.control.resource(73, Y) == pytest.approx(0.005)
 
 
+@pytest.mark.slow
 def test_outside_a_compensation_table_its_end_holds_and_that_is_noted():
     # E-A14, E-31
     rig = pitch_rig(place=205.0)

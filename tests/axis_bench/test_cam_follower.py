@@ -68,6 +68,7 @@ def test_a_point_beyond_the_travel_defeats_repetition():
     assert place_mm(rig, Y) == pytest.approx(0.0, abs=0.002)
 
 
+@pytest.mark.slow
 def test_each_pass_adds_what_the_ends_differ_by():
     # E-22, E-38
     rig = rig_of()
@@ -77,6 +78,7 @@ def test_each_pass_adds_what_the_ends_differ_by():
         assert place_mm(rig, Y) == pytest.approx(place, abs=0.002), master
 
 
+@pytest.mark.slow
 def test_a_new_gain_acts_from_the_place_on_where_passes_add_up():
     # E-22, E-38
     rig = rig_of()
@@ -232,6 +234,7 @@ def test_tables_move_their_own_followers_only():
     assert [place_mm(rig, k) for k in (Y, 3)] == pytest.approx([2.5, 4.0], abs=0.002)
 
 
+@pytest.mark.slow
 def test_running_one_table_ends_the_others_of_its_follower():
     # E-25, E-47
     rig = rig_of("xyuv")

@@ -82,6 +82,7 @@ def test_a_wrong_master_does_not_lead(axes):
     assert read(rig, 0, Function.ERROR) == Error.MASTER == 0x1000
 
 
+@pytest.mark.slow
 def test_values_of_the_master_rise():
     # E-9, E-A2, E-A16, E-16
     for value in (10.0, 4.0, float("nan"), float("inf")):

@@ -25,6 +25,7 @@ def rows_rig(mode=0, **values):
     return rig
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("places", "bits", "want"),
     [((-10.0, 0.0, 20.0, 25.0, 30.0), 0, (5, 5, 5, 10, 10)),
@@ -87,6 +88,7 @@ def test_the_row_is_chosen_by_a_steppers_encoder():
     assert rig.control.axes[Y].setpoint == pytest.approx(7.5, abs=0.1)
 
 
+@pytest.mark.slow
 def test_interpolation_of_rows_is_lost_with_its_bit():
     # E-15, E-8, E-51, E-A12: in cam mode as well
     rig = rows_rig()

@@ -46,10 +46,12 @@ def test_parquet_and_csv_are_read_alike(tmp_path: Path) -> None:
             np.testing.assert_array_equal(log.columns[column], table[column].to_numpy())
 
 
+@pytest.mark.slow
 def test_a_cut_has_the_columns_of_a_log(small_cut) -> None:
     assert len(read_log(small_cut.folder / "windows.parquet")) == small_cut.result.windows.num_rows
 
 
+@pytest.mark.slow
 def test_a_log_of_a_cut_tells_its_settings(small_cut, tmp_path: Path) -> None:
     settings = read_log(small_cut.folder / "windows.parquet").settings
     assert settings is not None

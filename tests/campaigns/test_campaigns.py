@@ -26,6 +26,7 @@ SLOW = {"mjcf": 3, "terminal": 6, "dxf": 6, "checkpoint": 6, "policy": 6}
 INPUTS = 20
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", READERS)
 @pytest.mark.filterwarnings("ignore")
 def test_good_inputs_are_taken(name: str, tmp_path: Path) -> None:
@@ -106,6 +107,7 @@ def takes_long(_data: bytes, _folder: Path) -> None:
         pass
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("read", "named"), [
     (unpickles, "unpickled"), (writes_elsewhere, "outside its folder"), (begins_a_program, "began a program"),
     (listens_to_all, "socket.bind"), (raises, "KeyError"), (takes_long, "slow"),
@@ -116,6 +118,7 @@ def test_the_guard_notices(read: object, named: str, tmp_path: Path) -> None:
     assert named in " ".join(judged(read, b"", folder)[1])
 
 
+@pytest.mark.slow
 def test_an_end_of_the_interpreter_is_noted_and_the_campaign_goes_on(tmp_path: Path) -> None:
     def ends_at_times(data: bytes, _folder: Path) -> None:
         if len(data) > 3:

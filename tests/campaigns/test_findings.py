@@ -45,6 +45,7 @@ def test_expressions_without_end_are_refused(expression: str) -> None:
     one_line(caught)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("moves", [
     "Y.2\nX.2\n" * 2000, "Y.1\nG41 D1 G1 X.05\n" * 2000, "Y.2\nX.2\nY-.2\nX.2\n" * 900,
 ])  # fmt: skip

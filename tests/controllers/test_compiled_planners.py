@@ -36,6 +36,7 @@ WINDOWS = st.lists(
 )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", NAMES)
 @settings(max_examples=250, deadline=None)
 @given(path=paths(), windows=WINDOWS, start=st.sampled_from([0, 7 * 3600 * SECOND + 123]))

@@ -99,6 +99,7 @@ def test_every_controller_repeats_itself_and_continues_from_a_snapshot(name):
     assert first[0].snapshot() == started(name)[0].snapshot()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", controllers.names())
 def test_every_controller_stays_within_the_machine(name):  # T-A1
     rng = np.random.default_rng(3)
@@ -111,6 +112,7 @@ def test_every_controller_stays_within_the_machine(name):  # T-A1
         assert abs(command.feed_um_s) <= MAX_FEED
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("window_s", [0.00051, 0.0255, 0.255])
 @pytest.mark.parametrize("removal", [40.0, 20.0, 8.0])
 def test_counts_settles_without_hunting(removal, window_s):  # T-15

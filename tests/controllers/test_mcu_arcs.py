@@ -33,6 +33,7 @@ def off_circle_um(positions, radius):
     return float(np.abs(np.hypot(*(positions - CENTRE).T) - radius).max())
 
 
+@pytest.mark.slow
 @settings(max_examples=150)
 @given(
     radius=st.one_of(st.integers(2, 400), st.integers(2, 32_000)),

@@ -68,6 +68,7 @@ def test_divide_around_every_power_of_two_needs_its_17th_bit():  # T-66
     assert all(divide(a, b) == quotient(a, b) for a in numbers for b in numbers)
 
 
+@pytest.mark.slow
 def test_sqrt_of_every_16_bit_number(monkeypatch):  # T-67, T-G1, T-G2, T-G3, T-G7
     passes = 0
 

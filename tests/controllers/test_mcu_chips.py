@@ -118,6 +118,7 @@ def test_ports_in_mode_0_read_their_pins():
             port.write(ppi.CONTROL, word)
 
 
+@pytest.mark.slow
 @given(st.lists(st.sampled_from(["short", "open", "erosion"]), min_size=255, max_size=255))
 def test_clocks_reach_the_latches_by_strobe_and_reset_the_counters(pulses):  # T-38, T-39, T-40, T-41
     board = Board()

@@ -48,6 +48,7 @@ def assert_same(a, b):
     assert (a.outcome, a.plant.time_ns, a.plant.removed_mm3) == (b.outcome, b.plant.time_ns, b.plant.removed_mm3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("generator", ["iso-pulse", "iso-energetic"])
 @pytest.mark.parametrize("planner", [name for name in PLANNERS if name != "poscal-literal"])
 def test_registers_and_law_cut_the_same_bit_for_bit(planner, generator):  # T-15, T-16, T-40, T-71
@@ -63,6 +64,7 @@ def test_registers_and_law_cut_the_same_bit_for_bit(planner, generator):  # T-15
     assert len({*shown["feed_um_s"]}) > 5  # the law has had its say
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("planner", "generator"), [("poscal", "iso-pulse"), ("poscal-literal", "iso-pulse"),
                                ("poscal-literal", "iso-energetic")],
@@ -103,6 +105,7 @@ def test_counts_come_through_latches_and_the_law_is_the_same_where_windows_are_m
     assert law.missed_windows == whole.missed_windows > 100
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("controller", ["counts", "mcu"])
 def test_a_cut_tells_of_windows_that_were_missed(controller):  # T-44
     legs = ((1, 0.02), (2, 0.02))
@@ -148,6 +151,7 @@ def test_before_corner_shortens_t_i_only_near():
     assert before_corner(0, 0, 50, 128) == 0
 
 
+@pytest.mark.slow
 def test_less_energy_before_a_corner():
     points = [(0, 0), (260, 0), (260, 120)]
     machine = {"t_on_us": 20.0, "t_period_us": 100.0}

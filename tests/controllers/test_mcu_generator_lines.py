@@ -26,6 +26,7 @@ def test_dac_steps_are_the_documents():  # T-31, T-32, T-37
     assert t_p.volts(110) < 6.5 < t_p.volts(111)
 
 
+@pytest.mark.slow
 @given(BYTES, st.floats(0.5, 1.5), st.floats(-0.3, 0.3))
 def test_trims_turn_gain_and_zero(code, gain, offset_V):  # T-33
     dac = Dac(5.0, gain, offset_V)

@@ -122,6 +122,7 @@ ENTRIES = st.one_of(
 )
 
 
+@pytest.mark.slow
 @given(st.lists(ENTRIES, max_size=6))
 def test_a_program_stands_in_ram_as_bytes(entries):
     memory = bus.Bus()

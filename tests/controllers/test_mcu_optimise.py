@@ -23,6 +23,7 @@ def window(short, open_, duration_s=0.0255, path_um=0.0):
     return WindowObservation(0.0, duration_s, short, open_, 40.0, 2.0, 9.0, 10.0, path_um)
 
 
+@pytest.mark.slow
 @given(st.lists(st.tuples(COUNTS, st.integers(1, 30_000), st.integers(-40, 40)), min_size=1, max_size=80))
 def test_every_variable_stays_a_word(windows):  # T-15, T-60
     state, clock, path = State(speed=SETTINGS.start), 0, 0
@@ -141,6 +142,7 @@ def test_places_along_the_path_may_wrap():  # T-60
     assert feeds(10_000.0) == feeds(10_000.0 + 65_536 * 3 - 9_990)
 
 
+@pytest.mark.slow
 def test_poscal_costs_at_most_its_bound_and_30_ms():  # T-A6
     """All pairs of reduced components, halved as often as can be and not at all, where the divisions are longest."""
     most = max(poscal_t_states(dx << 8, dy << 8, 127) for dx in range(256) for dy in range(128, 256))

@@ -101,6 +101,7 @@ def test_counters_position_and_plant_agree(sound):  # T-70, T-71
     assert len({*rows(sound)["feed_um_s"]}) > 5
 
 
+@pytest.mark.slow
 @given(st.lists(st.tuples(st.integers(-40, 40), st.integers(-40, 40)), min_size=1, max_size=3), st.integers(20, 127))
 @settings(max_examples=20)
 def test_it_runs_as_the_literal_algorithm_but_as_late_as_its_routines(moves, speed):  # T-G6, T-71

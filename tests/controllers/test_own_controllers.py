@@ -136,11 +136,13 @@ def law(tmp_path: Path) -> Path:
     return file
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", controllers.names())
 def test_every_controller_of_ours_conforms(name: str) -> None:
     check_controller(lambda: controllers.make(name))
 
 
+@pytest.mark.slow
 def test_a_policy_conforms_and_so_may_an_own_one() -> None:
     check_controller(lambda: from_text("policy:GapFeed-ppo"))
     check_controller(Law)
@@ -157,6 +159,7 @@ def test_what_does_not_conform_is_told(kind: Callable[[], Any], told: str) -> No
         check_controller(kind)
 
 
+@pytest.mark.slow
 def test_an_own_class_is_named_by_its_file(law: Path, small_punch: Path, tmp_path: Path) -> None:
     check_controller(lambda: from_text(f"{law}:Half"))
     made = [f"{law}:Half:share=0.25", from_text(f"{law}:Half:share=0.25")]
@@ -200,6 +203,7 @@ def test_a_file_that_cannot_be_run_is_one_line(law: Path, text: str, told: str) 
         from_text(f"{law.parent / 'none.py'}:Half")
 
 
+@pytest.mark.slow
 def test_a_changed_file_is_run_again_and_a_resumed_cut_notices(
     law: Path, small_punch: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -234,6 +238,7 @@ def test_what_is_given_in_place_of_a_controller_is_told() -> None:
         make_controller(3)  # type: ignore[arg-type]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("kind", "told"), [(Lost, "feed of nan"), (Number, "must return a FeedCommand")])
 def test_a_wrong_command_ends_cut_and_episode_in_one_line(small_punch: Path, kind: Any, told: str) -> None:
     with pytest.raises(InputError, match=told):
@@ -242,6 +247,7 @@ def test_a_wrong_command_ends_cut_and_episode_in_one_line(small_punch: Path, kin
         Episode(edmsim.envs.Task("GapFeed", resolution="fast"), kind(), 1, "own").run()
 
 
+@pytest.mark.slow
 def test_the_command_line_takes_an_own_controller(
     law: Path, small_punch: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

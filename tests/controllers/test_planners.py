@@ -102,6 +102,7 @@ def test_steps_add_up_and_the_end_is_reached(name, points, plan):  # T-16, T-17,
     assert planner.path_um == pytest.approx(shapely.LineString(points).length, abs=2)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "limit"),
     [("dda", math.sqrt(2) + 1e-9), ("exact", math.sqrt(2) + 1e-9), ("poscal", 2.0), ("sine-table", 2.0)],
@@ -115,6 +116,7 @@ def test_default_and_dda_keep_the_line_forwards_and_backwards(name, limit, point
     assert deviation_um(points, follow(points, steps)) <= limit
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", NAMES)
 @settings(max_examples=40)
 @given(

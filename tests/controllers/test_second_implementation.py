@@ -7,6 +7,7 @@ adds and subtracts. Nothing is shared with it: not the routines, not their const
 import itertools
 
 import numpy as np
+import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
@@ -149,6 +150,7 @@ def test_subsgn_and_reduc_at_every_boundary():  # T-62, T-63, T-A2
     np.testing.assert_array_equal(called(arithmetic.subsgn, ALL_WORDS, others).T, text_subsgn(ALL_WORDS, others))
 
 
+@pytest.mark.slow
 def test_length_of_every_vector_of_bytes():  # T-69, T-G6, T-G7, T-A2
     a, b = np.divmod(ALL_WORDS, 256)
     for wraps in (False, True):
@@ -197,6 +199,7 @@ def test_poscal_at_every_boundary_and_over_the_table():  # T-60, T-61, T-69, T-G
         np.testing.assert_array_equal(found, np.array(text_poscal(position, target, speed, wraps)).T)
 
 
+@pytest.mark.slow
 @settings(max_examples=400)
 @given(WORDS, WORDS, WORDS, WORDS, st.integers(0, 255), st.booleans())
 @example(0, 0, 65_535, 65_535, 255, False)

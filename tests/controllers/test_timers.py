@@ -49,6 +49,7 @@ def test_ticks_are_counted_exactly(time_ns, unit):  # T-74
     assert 0 <= clock.time_ns(tick) - exact < 1
 
 
+@pytest.mark.slow
 @given(st.lists(st.tuples(st.integers(-(127 << 7), 127 << 7), st.integers(0, 3_000)), max_size=30))
 def test_phase_accumulator_is_a_tick_by_tick_sum(runs):  # T-74
     """The closed form against a loop over every tick of the commanded position."""

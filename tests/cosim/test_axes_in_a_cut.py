@@ -86,6 +86,7 @@ def test_an_own_drive_that_does_not_follow_stops_the_cut_by_name(drive, reason):
     assert re.search(reason, sim.reason), sim.reason
 
 
+@pytest.mark.slow
 def test_a_short_part_of_half_the_size_is_not_finished():
     """Its axes are never as far off as the wire's radius: what tells is that they do not come to their places."""
     sim = cut(Fibs(), servo())
@@ -130,6 +131,7 @@ def test_the_scale_follows_from_the_machine(name, step_um, um_per_rad):
     assert drive.counts_per_step * per_count == pytest.approx(step_um)
 
 
+@pytest.mark.slow
 def test_threading_waits_for_slow_axes_or_says_how_long_they_would_take():
     far = contour([(2000, 0), (2030, 0)])
     sim = cut(Eanpos.tuned(changes={"setvel": 60}), None, contour([(0, 0), (20, 0)]), far)

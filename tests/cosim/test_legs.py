@@ -67,6 +67,7 @@ def evaluated(program: Path, controller: Listener) -> Listener:
     return controller
 
 
+@pytest.mark.slow
 def test_a_cut_and_an_evaluation_tell_a_controller_the_same_legs(program: Path) -> None:
     in_cut, in_evaluation = cut(program, Listener()), evaluated(program, Listener())
     for told in (in_cut, in_evaluation):
@@ -81,6 +82,7 @@ def test_a_cut_and_an_evaluation_tell_a_controller_the_same_legs(program: Path) 
         assert start == pytest.approx(other_start, abs=3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("run", [cut, evaluated])
 def test_every_leg_begins_with_the_setting_of_the_set_up(program: Path, run: Any) -> None:
     told = run(program, Listener(t_period_us=150.0))

@@ -97,6 +97,7 @@ def bits(seen: WindowObservation) -> list[str]:
     return [repr(value) if isinstance(value, tuple) else float(value).hex() for value in seen]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("planner", ["exact", "poscal"])
 def test_a_cut_and_an_evaluation_show_a_controller_the_same(program: Path, planner: str) -> None:
     in_cut, in_evaluation = cut(program, planner, Law()), evaluated(program, planner, Law())
@@ -118,6 +119,7 @@ def exercised(law: Law) -> None:
         assert [leg[k].duration_s for k in (0, 59, 60)] == pytest.approx([255 * t for t in (120e-6, 120e-6, 150e-6)])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("planner", ["exact", "poscal"])
 def test_an_environment_driven_by_the_same_feeds_shows_the_same(program: Path, planner: str) -> None:
     law = cut(program, planner, Law(sets=False))

@@ -35,6 +35,7 @@ def test_it_is_reached_step_by_step_on_the_left_and_turns_with_the_path():
     assert offset.beside_um == (0.0, 0.0)
 
 
+@pytest.mark.slow
 @given(st.lists(st.tuples(st.floats(0, 300), st.floats(-60, 60)), max_size=60), st.sampled_from([0.5, 2.0, 4.0]))
 def test_an_axis_makes_a_step_a_window_and_never_more_than_is_wanted(windows, step_um):
     offset = PathOffset(step_um)

@@ -35,6 +35,7 @@ def hot(hot_machine: str) -> Machine:
     return Machine.load(hot_machine, height_mm=20, tension=35.0)
 
 
+@pytest.mark.slow
 def test_a_stuck_wire_sensor_lets_the_machine_go_on_without_a_wire(hot: Machine) -> None:
     noticed, unnoticed = straight_cut(hot), straight_cut(hot, stuck_wire_sensor=True)
     noticed.run()
@@ -56,6 +57,7 @@ def test_a_stuck_wire_sensor_lets_the_machine_go_on_without_a_wire(hot: Machine)
     assert unnoticed.plant.place_um == pytest.approx((START_UM + LENGTH_UM, START_UM), abs=2)
 
 
+@pytest.mark.slow
 def test_a_cut_without_a_wire_goes_on_from_a_snapshot(hot: Machine) -> None:
     first = straight_cut(hot, stuck_wire_sensor=True)
     while first.reason is None:
@@ -70,6 +72,7 @@ def test_a_cut_without_a_wire_goes_on_from_a_snapshot(hot: Machine) -> None:
     assert one.equals(other)
 
 
+@pytest.mark.slow
 def test_the_wire_threaded_for_the_next_contour_cuts_again(hot: Machine) -> None:
     cut = straight_cut(hot, contours=2, stuck_wire_sensor=True)
     while cut.leg == 0:
@@ -80,6 +83,7 @@ def test_the_wire_threaded_for_the_next_contour_cuts_again(hot: Machine) -> None
     assert cut.plant.removed_mm3 > removed_mm3
 
 
+@pytest.mark.slow
 def test_the_time_limit_of_a_cut_without_a_wire_is_told_besides(hot: Machine) -> None:
     cut = straight_cut(hot, stuck_wire_sensor=True, max_time_s=40.0)
     assert cut.run() == "time-limit"

@@ -8,7 +8,7 @@ import sys
 import tomllib
 from collections.abc import Iterator
 from contextlib import contextmanager
-from functools import partial, partialmethod
+from functools import cache, partial, partialmethod
 from importlib.metadata import entry_points
 from importlib.util import find_spec
 from pathlib import Path
@@ -42,15 +42,20 @@ SHORT: dict[str, tuple[str, ...]] = {
     "servo": (),
     "measure-table": ("--runs", "2"),
     "positioner": (),
-    "sweep": (),
+    "sweep": ("--processes", "1"),
     "tune": ("--trials", "1", "--seeds", "1"),
 }
 """What is added to a command so that it is short; `replaced` says what of its work is left away."""
 
 
+@cache
+def _commands() -> Any:
+    return typer.main.get_command(cli.app)
+
+
 def parse(words: list[str]) -> None:
     """Fail if the command line would not take these words; a usage line with placeholders has its options checked."""
-    group: Any = typer.main.get_command(cli.app)
+    group = _commands()
     name, *arguments = [word.strip("[]") for word in words[1:]] or ["--help"]
     if name.startswith("--"):
         assert name in ("--help", "--version"), words
@@ -135,6 +140,7 @@ def replaced(patch: pytest.MonkeyPatch) -> None:
     """Leave away what takes a screen, or minutes; tests of their own run each of these."""
     from edmsim import validation
     from edmsim.bench import figures as bench
+    from edmsim.calibration import comparison, fit
     from edmsim.envs.episode import Task
     from edmsim.recording.rerun import viewer
 
@@ -148,6 +154,10 @@ def replaced(patch: pytest.MonkeyPatch) -> None:
     # tests/test_bench.py measures, tests/validation runs all checks
     patch.setattr(bench, "measure", lambda: {"pulses_per_s": 1e6, "realtime_factor": 100.0})
     patch.setattr(validation, "run", partial(validation.run, modules=("strings",)))
+    # tests/calibration finds constants again
+    patch.setattr(comparison, "NOISE_CUTS", 8)
+    patch.setattr(fit, "MOST_STRETCHES", 2)
+    patch.setattr(fit, "MOST_ROUNDS", 2)
     # tests/evaluation, and the pages of the benchmark, have whole episodes
     patch.setattr(Task, "__init__", partialmethod(Task.__init__, episode_s=EPISODE_S))
     if find_spec("stable_baselines3"):

@@ -64,6 +64,7 @@ PAGES = [page for page in pages() if blocks(page)]
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(300)
 @pytest.mark.parametrize("page", [page for page in PAGES if {block.kind for block in blocks(page)} - set(ELSEWHERE)])
 @pytest.mark.filterwarnings("ignore::UserWarning", "ignore::DeprecationWarning")  # of stable-baselines3 and torch
 def test_a_page_runs_from_top_to_bottom(

@@ -100,6 +100,7 @@ def test_the_next_wire_is_threaded_where_the_last_one_broke(make_env):
     assert (np.diff(places) >= 0).all()
 
 
+@pytest.mark.slow
 def test_a_servo_holds_what_is_asked_of_it(make_env):
     """Row of the study: raw feeds jam nearly every first episode, targets none."""
     shares = {}
@@ -121,6 +122,7 @@ def test_bounds_cost_by_the_second(make_env):
     assert [info["cost"] for info in costs] == pytest.approx([0.0, costs[1]["dt_s"]])
 
 
+@pytest.mark.slow
 def test_errors_of_a_corner_count_near_it(make_env):
     env = make_env("Corner", action="speed", decision_s=None, leg_mm=0.12, turn_deg=(90.0, 90.0), near_corner_um=60.0)
     env.reset(seed=1)
@@ -194,6 +196,7 @@ def test_sensors_have_noise_steps_and_delay(make_env):
     assert (seen[2][1:, :40] == seen[0][:-1, :40]).all()
 
 
+@pytest.mark.slow
 def test_mujoco_steps_the_table(make_env):
     env = make_env("GapFeed", mechanics="mujoco", action="speed")
     env.reset(seed=1)
@@ -225,6 +228,7 @@ def test_a_machine_that_is_given_is_written_out(make_env):
     assert again.unwrapped.family.base == machine
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::UserWarning", "ignore::pytest.PytestUnraisableExceptionWarning")
 def test_minari_records_and_recovers_every_id(env_name, tmp_path, monkeypatch):
     minari = pytest.importorskip("minari")

@@ -51,6 +51,7 @@ def test_pressures_no_nozzle_has_are_refused(pressure):
         MaxRate.of(flushing_Pa=pressure)
 
 
+@pytest.mark.slow
 def test_discharges_are_seen_where_the_metal_is():
     """In a low band only the lower fifths take part; what is located are all the ignitions."""
     task = Task("MaxRate", height_mm=60.0, tension=22.0, flushing_Pa=1e5, randomise=None, band_mm=(0.2, 0.2))

@@ -107,6 +107,7 @@ def test_fleet_fires_what_plants_fire_alone():
     fleet.close()
 
 
+@pytest.mark.slow
 def test_fleet_refuses_mixed_plants_and_bad_steps():
     machine = Machine.load()
     plants = [Plant(machine, 1, resolution=name) for name in ("fast", "default")]

@@ -67,6 +67,7 @@ def test_a_recording_shows_actions_rewards_and_costs_beside_the_cut(recorded) ->
     assert len(play.points("/world/table/workpiece", "Mesh3D:vertex_positions", times[-1])) > 50
 
 
+@pytest.mark.slow
 def test_every_third_episode_is_recorded_also_one_left_before_its_end(make_env, tmp_path) -> None:
     env = RecordRerun(make_env("Corner", episode_s=0.1, decision_s=None), tmp_path / "new", every=3)
     for _ in range(4):
@@ -82,6 +83,21 @@ def test_every_third_episode_is_recorded_also_one_left_before_its_end(make_env, 
     assert events[-1] == ["running"]
 
 
+@pytest.mark.slow
+def test_a_recording_says_which_environment_and_episode_it_is_of(make_env, tmp_path) -> None:
+    env = RecordRerun(make_env("Corner", episode_s=0.1, decision_s=None), tmp_path / "registered", every=1)
+    for _ in range(2):
+        played(env, 1)
+    env.close()
+    titles = [Playback(folder / "cut.rrd").title for folder in env.recordings]
+    assert titles == ["edmsim/Corner-v1, episode 0", "edmsim/Corner-v1, episode 1"]
+    own = RecordRerun(make_env("Corner", episode_s=0.1, decision_s=None).unwrapped, tmp_path / "own", every=1)
+    own.unwrapped.spec = None
+    played(own, 1)
+    own.close()
+    assert Playback(own.recordings[0] / "cut.rrd").title == "own, episode 0"
+
+
 @pytest.mark.parametrize("every", [0, 1.5, True])
 def test_other_environments_and_counts_are_refused(make_env, tmp_path, every) -> None:
     with pytest.raises(InputError, match="records environments of edmsim"):
@@ -90,6 +106,7 @@ def test_other_environments_and_counts_are_refused(make_env, tmp_path, every) ->
         RecordRerun(make_env("GapFeed"), tmp_path, every=every)
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::UserWarning")
 def test_a_training_is_recorded_and_stays_the_same(tmp_path) -> None:
     ppo = pytest.importorskip("stable_baselines3").PPO
@@ -108,6 +125,7 @@ def test_a_training_is_recorded_and_stays_the_same(tmp_path) -> None:
     assert play.title == "edmsim/GapFeed-v1, episode 0"
 
 
+@pytest.mark.slow
 def test_a_recording_is_shown_as_it_ends(make_env, tmp_path, monkeypatch) -> None:
     shown = []
     monkeypatch.setattr("edmsim.envs.record.LiveViewer", lambda *words: SimpleNamespace(close=lambda: None))
@@ -119,6 +137,7 @@ def test_a_recording_is_shown_as_it_ends(make_env, tmp_path, monkeypatch) -> Non
     env.close()
 
 
+@pytest.mark.slow
 def test_a_policy_is_laid_beside_a_law(tmp_path) -> None:
     for name in ("policy:GapFeed-ppo", "voltage"):
         cut("edmsim/GapFeed-v1", 1_000_000, name, record=tmp_path, episode_s=0.4)
@@ -132,6 +151,7 @@ def test_a_policy_is_laid_beside_a_law(tmp_path) -> None:
         assert found[f"/{letter}/feed/feed_um_s"] == found[f"/{letter}/earned/total"] == 16
 
 
+@pytest.mark.slow
 def test_a_cut_of_an_evaluation_is_recorded_and_stays_the_same(tmp_path) -> None:
     options = {"resolution": "fast", "episode_s": 0.6}
     made = cut("edmsim/Contour-v1", 1_000_000, "voltage:reference_V=9", record=tmp_path, **options)

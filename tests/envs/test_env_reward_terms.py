@@ -14,6 +14,7 @@ ALL = {"progress": 0.7, "short": 0.3, "open": 0.2, "profile": 0.5, "time": 0.1, 
 ROUNDING = 1e-12
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("feed", "end"), [(0.05, None), (0.6, "limit"), (1.0, "limit")])
 def test_single(make_env, env_name, feed, end):
     # feeds at which wires jam
@@ -44,6 +45,7 @@ def test_at_the_path_s_end(make_env):
     assert info["reward_terms"]["done"] == 5.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("mode", ["NextStep", "SameStep"])
 def test_vector(make_lanes, env_name, mode):
     options = {"action": "speed", "decision_s": None, "weights": ALL, "max_episode_steps": 60}

@@ -53,6 +53,7 @@ def of_single_environments(num_envs, **options):
 ATTRIBUTES = "action_space", "observation_space", "reward_space", "render_mode", "metadata", "family"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("indices", [None, 1, np.int64(2), [0, 2], (2, 0), range(2), np.array([1, 2]), -1, []])
 def test_attributes_are_each_lanes_own_as_of_single_environments(indices):
     options = {"height_mm": 5.0, "history": 3, "action": "servo", "knobs": ["on_time"]}
@@ -103,6 +104,7 @@ def test_what_an_attribute_is_set_to_is_the_lanes_and_what_they_share_is_refused
         lanes.get_attr("family", 3)
 
 
+@pytest.mark.slow
 def test_methods_are_called_of_the_lanes_named(monkeypatch):
     monkeypatch.setattr("edmsim.envs.render.has_gl", lambda: False)
     lanes = make_sb3_vec_env("edmsim/GapFeed-v1", 3, render_mode="rgb_array", planner="exact")

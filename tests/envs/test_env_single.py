@@ -35,6 +35,7 @@ def run(env, actions, seed=None):
     return rows
 
 
+@pytest.mark.slow
 def test_gymnasium_finds_nothing_wrong(make_env, env_name):
     check_env(make_env(env_name).unwrapped)
 
@@ -46,18 +47,21 @@ def test_stable_baselines3_finds_nothing_wrong(make_env, env_name):
     check(make_env(env_name))
 
 
+@pytest.mark.slow
 def test_name_with_its_module_needs_no_import():
     code = "import gymnasium; print(gymnasium.make('edmsim:edmsim/GapFeed-v1', resolution='fast').spec.id)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "edmsim/GapFeed-v1"
 
 
+@pytest.mark.slow
 def test_registering_loads_no_environment():
     code = "import sys, edmsim; print('edmsim.envs.single' in sys.modules, 'numba' in sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.split() == ["False", "False"]
 
 
+@pytest.mark.slow
 def test_same_seed_same_trajectory(make_env, env_name, actions_of):
     env, other = make_env(env_name), make_env(env_name)
     actions = actions_of(env.action_space, 60, 1)[:, 0]
@@ -75,6 +79,7 @@ def test_draws_go_on_without_a_seed(make_env):
     assert [other.reset(seed=3)[1]["plant_seed"], other.reset()[1]["plant_seed"]] == firsts
 
 
+@pytest.mark.slow
 def test_observation_is_finite_and_within_its_space(make_env, env_name, actions_of):
     env = make_env(env_name)
     observation, _ = env.reset(seed=1)
@@ -314,6 +319,7 @@ def test_unknown_argument_and_option(make_env):
         edmsim.envs.Weights(short=-1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("duplicate", [copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))])
 def test_copies_go_on_bit_for_bit(make_env, env_name, actions_of, duplicate):
     env = make_env(env_name)
@@ -329,6 +335,7 @@ def test_copies_go_on_bit_for_bit(make_env, env_name, actions_of, duplicate):
     assert env.reset()[1] == twin.reset()[1]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("gl", [False, True])
 def test_pictures(make_env, env_name, monkeypatch, gl):
     if not gl:

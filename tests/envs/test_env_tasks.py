@@ -54,6 +54,7 @@ def test_setting_is_rounded_refused_or_done(make_task):
     assert task.machine.t_on_us == 30.0
 
 
+@pytest.mark.slow
 def test_program_of_two_contours_threads_between(tmp_path, make_task):
     square = "G1 X{0} Y0.05\nY0.1\nX{1}\nY0\nX{0}\nY0.05\nG40\n"
     file = tmp_path / "two.ngc"

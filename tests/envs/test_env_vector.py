@@ -46,6 +46,7 @@ def same_info(ours, theirs):
             assert (values[mask] == theirs[name][mask]).all(), name
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("mode", MODES)
 def test_native_is_gymnasiums_own_vector(make_env, make_lanes, env_name, actions_of, mode):
     # episodes so short that every lane ends some, at different times where the cut is done first
@@ -66,6 +67,7 @@ def test_native_is_gymnasiums_own_vector(make_env, make_lanes, env_name, actions
     assert ended >= 3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("num_envs", "threads"), [(1, 1), (5, 1), (5, 2)])
 def test_lanes_do_not_depend_on_company_or_threads(make_lanes, actions_of, num_envs, threads):
     lanes = make_lanes("HeightStep", num_envs, threads=threads)
@@ -166,6 +168,7 @@ def test_discrete_levels(make_lanes):
         lanes.step(np.array([0, 2]))
 
 
+@pytest.mark.slow
 def test_pictures_of_all_lanes(make_lanes, monkeypatch):
     monkeypatch.setattr("edmsim.envs.render.has_gl", lambda: False)
     lanes = make_lanes("Corner", 2, render_mode="rgb_array")

@@ -66,6 +66,7 @@ def bend(tmp_path: Path) -> str:
     return f"{file}:{BEND_ID}"
 
 
+@pytest.mark.slow
 def test_an_own_family_is_a_whole_environment(bend: str) -> None:
     assert resolve(bend) == BEND_ID
     env = gym.make(BEND_ID)
@@ -106,6 +107,7 @@ class Pulsing(GapFeed):
         return on_us, period_us * (2.0 + wanted[0])
 
 
+@pytest.mark.slow
 def test_an_own_family_may_set_the_generator_and_show_corners() -> None:
     register("lab/Pulsing-v0", Pulsing, resolution="fast")
     env = gym.make("lab/Pulsing-v0")
@@ -169,6 +171,7 @@ def command(monkeypatch: pytest.MonkeyPatch, *words: object) -> None:
     assert left.value.code in (0, None, 3)
 
 
+@pytest.mark.slow
 def test_controllers_are_compared_in_it(
     bend: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -63,6 +63,7 @@ def test_an_environment_may_have_laws_and_a_scale_of_its_own() -> None:
     assert not {"fixed-period", "heat-oracle"} & set(usual(GAP_FEED))
 
 
+@pytest.mark.slow
 def test_the_same_comparison_again_is_the_same(compared: Comparison) -> None:
     assert as_json([evaluate(GAP_FEED, ["fixed", "voltage"], 3, resolution="fast")]) == as_json([compared])
 
@@ -133,6 +134,7 @@ def test_the_edge_of_a_contour_is_measured() -> None:
     assert 0.0 < made.edge_error_um < 60.0
 
 
+@pytest.mark.slow
 def test_a_policy_is_compared_like_any_other() -> None:
     compared = evaluate(GAP_FEED, ["policy:GapFeed-ppo", "counts"], 2)
     assert list(compared.results) == ["policy:GapFeed-ppo", "counts", "fixed", "oracle"]
@@ -253,6 +255,7 @@ def edmsim(monkeypatch: pytest.MonkeyPatch, *arguments: object) -> int:
     return left.value.code if isinstance(left.value.code, int) else 0
 
 
+@pytest.mark.slow
 def test_the_command_prints_json(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     slow = "fixed:feed_um_s=20,offset_um=0"  # its own comma parts no controllers
     status = edmsim(monkeypatch, "evaluate", GAP_FEED, "--controllers", f"{slow},counts", "--seeds", 2,

@@ -44,6 +44,7 @@ def test_a_search_finds_the_best_gains_and_repeats_itself(monkeypatch: pytest.Mo
     assert search.search("voltage", 3, seeds=1, population=16, generations=30) == found
 
 
+@pytest.mark.slow
 def test_gains_are_scored_on_real_cuts_the_same_every_time() -> None:
     made = [search.run_all(training_seeds(3, 1), lambda: make("voltage", reference_V=9.0)) for _ in range(2)]
     assert str(made[0]) == str(made[1])  # as text, in which one NaN is like another

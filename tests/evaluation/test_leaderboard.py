@@ -21,6 +21,7 @@ DOCS = Path(__file__).parents[2] / "docs"
 GAP_FEED = "edmsim/GapFeed-v1"
 
 
+@pytest.mark.slow
 def test_a_comparison_comes_back_to_the_digit_and_another_controller_joins_it(short_episodes, tmp_path):
     file = tmp_path / "board.json"
     made = evaluate(GAP_FEED, ["counts"], 2)
@@ -43,6 +44,8 @@ def test_what_is_no_leaderboard_is_refused(tmp_path, text):
         leaderboard.read(file)
 
 
+@pytest.mark.slow
+@pytest.mark.timeout(400)
 def test_places_differ_from_where_policies_are_trained(short_episodes):
     seen, everywhere = [], places(GAP_FEED)
     moved = transfer(GAP_FEED, ["fixed", "policy:GapFeed-ppo"], 2, watch=lambda *done: seen.append(done))
@@ -76,6 +79,8 @@ def test_the_threshold_of_an_id_is_what_its_reference_earns(env_id):
     assert gymnasium.spec(env_id).reward_threshold == earned
 
 
+@pytest.mark.slow
+@pytest.mark.timeout(400)
 def test_the_first_cuts_of_the_board_are_made_again():
     """In short: one cut of a classic law and one of a policy, of every environment that the board has."""
     board = json.loads((DOCS / "leaderboard.json").read_text(encoding="utf-8"))

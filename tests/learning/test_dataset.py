@@ -30,6 +30,7 @@ def loaded(folder, monkeypatch, name):
     return minari.load_dataset(name)
 
 
+@pytest.mark.slow
 def test_a_data_set_has_what_the_controller_did(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     made = dataset.record(ENV, ["fixed", "voltage:reference_V=9"], 30, Path("."))
@@ -46,6 +47,7 @@ def test_a_data_set_has_what_the_controller_did(tmp_path, monkeypatch):
     assert not (tmp_path / dataset.UNFINISHED).exists()
 
 
+@pytest.mark.slow
 def test_an_interrupted_recording_goes_on_to_the_same(tmp_path, monkeypatch):
     def stop(name, done, steps):
         raise KeyboardInterrupt

@@ -69,6 +69,7 @@ def most_apart(model, lanes, policy, steps=25):
     return worst
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_policy_does_what_its_learner_does_through_the_normalisation(kind, tmp_path):
     lanes = VecNormalize(VecMonitor(make_sb3_vec_env("edmsim/GapFeed-v1", 2, seed=1, **KEPT)), clip_obs=5.0)
@@ -81,6 +82,7 @@ def test_a_policy_does_what_its_learner_does_through_the_normalisation(kind, tmp
     assert card.observation[0].mean == lanes.obs_rms.mean[0]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("wrap", "network"),
     [
@@ -104,6 +106,7 @@ def test_the_lanes_may_be_single_environments_of_stable_baselines3(tmp_path):
     assert most_apart(model, lanes, policy, 10) < 2e-6
 
 
+@pytest.mark.slow
 def test_it_cuts_a_part_and_is_compared(tmp_path, small_punch, short_episodes, edmsim):
     lanes = VecNormalize(make_sb3_vec_env("edmsim/GapFeed-v1", 2, seed=1))
     export_sb3(learner("recurrent-ppo", lanes), lanes, tmp_path / "policy.json")
@@ -155,6 +158,7 @@ def test_what_a_file_cannot_hold_is_refused_in_a_line_and_leaves_none(tmp_path):
         export_sb3(new("ppo", bare), bare, tmp_path / "policy.zip")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["ppo", "recurrent-ppo", "tqc"])
 def test_a_learner_begins_with_the_policy_of_another(kind, tmp_path):
     lanes = VecNormalize(make_sb3_vec_env("edmsim/GapFeed-v1", 2, seed=1))
@@ -174,6 +178,7 @@ def test_a_learner_begins_with_the_policy_of_another(kind, tmp_path):
     assert 32 < others.obs_rms.count < 200  # the statistics go on from those of the policy
 
 
+@pytest.mark.slow
 def test_a_training_begins_with_a_shipped_policy(short_training, tmp_path, edmsim, monkeypatch):
     from edmsim.learning import train as training
 

@@ -55,6 +55,7 @@ def make_policy(tmp_path):
     return make
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "options"),
     [("GapFeed", {}), ("HeightStep", {"action": "speed"}), ("Corner", {"leg_mm": 0.05, "decision_s": None}),
@@ -160,6 +161,7 @@ def test_a_short_that_stays_raises_the_alarm_and_a_dwell_is_noticed(make_policy)
     assert commands[-1][:2] == (0.0, "persistent short")
 
 
+@pytest.mark.slow
 def test_the_corners_of_a_later_leg_are_seen_where_they_are(make_policy):
     file, commands = make_policy("Contour"), []
     points = np.array([[0.0, 0.0], [400.0, 0.0], [400.0, 300.0]])
@@ -174,6 +176,7 @@ def test_the_corners_of_a_later_leg_are_seen_where_they_are(make_policy):
     assert len({command.feed_um_s for command in commands[0]}) > 2
 
 
+@pytest.mark.slow
 def test_it_cuts_a_program(make_policy, small_punch, tmp_path):
     report = edmsim.cut(
         small_punch, out=tmp_path / "cut", height_mm=5, resolution="fast", max_time_s=1,

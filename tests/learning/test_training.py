@@ -44,6 +44,7 @@ def test_there_are_no_others():
     assert there - general <= {f"{name}-{file}" for name in names for file in general}
 
 
+@pytest.mark.slow
 @needs_rl
 def test_exploring_begins_around_the_first_action(short_training, tmp_path):
     from edmsim.learning.train import train
@@ -54,6 +55,7 @@ def test_exploring_begins_around_the_first_action(short_training, tmp_path):
     assert found == pytest.approx(trained.hyperparameters.network.first_action, abs=0.15)
 
 
+@pytest.mark.slow
 @needs_rl
 @pytest.mark.parametrize("algo", hyperparameters.ALGORITHMS)
 def test_what_is_exported_does_what_was_trained(short_training, tmp_path, algo):
@@ -61,7 +63,7 @@ def test_what_is_exported_does_what_was_trained(short_training, tmp_path, algo):
     from edmsim.learning.train import train
 
     told = []
-    trained = train("edmsim/Corner-v1", algo, tmp_path, steps=256, seed=3, watch=told.append)
+    trained = train("edmsim/Corner-v1", algo, tmp_path, steps=128, seed=3, watch=told.append)
     file = tmp_path / "policy.json"
     policy_file.write(*export(trained, "a test"), file)
     policy = policy_file.load(str(file))
@@ -71,20 +73,21 @@ def test_what_is_exported_does_what_was_trained(short_training, tmp_path, algo):
     found = np.array([policy.action(o) for o in observations])
     assert np.abs(found - wanted).max() < 1e-5
     assert wanted.std() > 1e-3
-    assert told[-1].steps == policy.card.steps >= 256
+    assert told[-1].steps == policy.card.steps >= 128
     assert list((tmp_path / "tensorboard").iterdir())
 
 
+@pytest.mark.slow
 @needs_rl
 @pytest.mark.parametrize("algo", hyperparameters.ALGORITHMS)
 def test_a_training_stopped_goes_on_from_its_checkpoint(short_training, tmp_path, edmsim, monkeypatch, algo):
     from edmsim.learning import train as training
 
-    command = ("train", "edmsim/GapFeed-v1", "--algo", algo, "--steps", 256, "--score", 0, "--out", tmp_path)
+    command = ("train", "edmsim/GapFeed-v1", "--algo", algo, "--steps", 128, "--score", 0, "--out", tmp_path)
     step = training._Keeper._on_step
 
     def interrupted(self):
-        if self.num_timesteps >= 128:
+        if self.num_timesteps >= 64:
             raise KeyboardInterrupt
         return step(self)
 
@@ -93,17 +96,18 @@ def test_a_training_stopped_goes_on_from_its_checkpoint(short_training, tmp_path
         status, out, err = edmsim(*command)
     assert (status, out) == (130, "")
     assert "--resume" in err
-    assert [f.name for f in tmp_path.glob("checkpoint-*")] == ["checkpoint-000000000128"]
+    assert [f.name for f in tmp_path.glob("checkpoint-*")] == ["checkpoint-000000000064"]
     assert not (tmp_path / "policy.json").exists()
     assert edmsim(*command, "--resume", "--seed", 1)[0] == 2
     status, out, err = edmsim(*command, "--resume")
     assert status == 0
     assert "policy:" in out
     card = policy_file.load(str(tmp_path / "policy.json")).card
-    assert (card.steps, card.seed) == (256, 0)
-    assert card.command == f"edmsim train edmsim/GapFeed-v1 --algo {algo} --steps 256 --seed 0"
+    assert (card.steps, card.seed) == (128, 0)
+    assert card.command == f"edmsim train edmsim/GapFeed-v1 --algo {algo} --steps 128 --seed 0"
 
 
+@pytest.mark.slow
 @needs_rl
 def test_same_seed_same_policy(short_training, tmp_path):
     from edmsim.learning.export import export
@@ -137,6 +141,7 @@ def test_bad_input_is_one_line_and_leaves_nothing(tmp_path, edmsim, arguments, n
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.slow
 @needs_rl
 def test_the_command_leaves_a_policy_with_its_scores(short_training, short_episodes, tmp_path, edmsim, monkeypatch):
     monkeypatch.setattr("edmsim.learning.score.RESOLUTIONS", ("fast",))
@@ -146,6 +151,7 @@ def test_the_command_leaves_a_policy_with_its_scores(short_training, short_episo
     assert len(policy_file.load(str(tmp_path / "policy.json")).card.scores) == 3
 
 
+@pytest.mark.slow
 def test_without_the_extra_it_is_one_line(tmp_path):
     code = "import sys; sys.modules['stable_baselines3'] = None; from edmsim.cli.app import main; main()"
     words = [sys.executable, "-c", code, "train", "edmsim/GapFeed-v1", "--out", str(tmp_path / "out")]
@@ -155,6 +161,7 @@ def test_without_the_extra_it_is_one_line(tmp_path):
     assert "pip install 'edmsim[rl]'" in done.stderr
 
 
+@pytest.mark.slow
 def test_a_policy_is_scored_beside_its_rivals_on_the_same_episodes(monkeypatch, short_episodes):
     from edmsim.learning.score import RIVALS, measure
 

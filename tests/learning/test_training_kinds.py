@@ -37,6 +37,7 @@ def exported(tmp_path, env_id, algo, steps=64, **asked):
     return trained, policy_file.load(str(tmp_path / "policy.json"))
 
 
+@pytest.mark.slow
 def test_a_recurrent_policy_remembers_as_it_was_trained(short_training, tmp_path):
     trained, policy = exported(tmp_path, "edmsim/GapFeed-v1", "recurrent-ppo")
     space = trained.model.observation_space
@@ -53,6 +54,7 @@ def test_a_recurrent_policy_remembers_as_it_was_trained(short_training, tmp_path
     assert policy.card.lstm == 64
 
 
+@pytest.mark.slow
 def test_a_recurrent_policy_forgets_at_a_leg_and_goes_on_from_a_snapshot(short_training, tmp_path):
     _, policy = exported(tmp_path, "edmsim/GapFeed-v1", "recurrent-ppo")
     first, second = PolicyController(policy), PolicyController(policy)
@@ -70,6 +72,7 @@ def test_a_recurrent_policy_forgets_at_a_leg_and_goes_on_from_a_snapshot(short_t
     assert first.reset(task.max_feed_um_s) == begun
 
 
+@pytest.mark.slow
 def test_a_residual_policy_adds_to_its_law_in_a_cut_what_it_added_in_training(short_training, tmp_path):
     from edmsim.learning.learners import lanes_of
 
@@ -93,6 +96,7 @@ def test_a_residual_policy_adds_to_its_law_in_a_cut_what_it_added_in_training(sh
     assert len(feeds) > 5
 
 
+@pytest.mark.slow
 def test_an_imitation_does_what_its_teacher_does(short_training, tmp_path):
     teacher = "set-point:open_target_share=0.05,on_factor=0.5,period_factor=0.8,offset_um=6"
     _, policy = exported(tmp_path, "edmsim/Corner-v1", "imitation", steps=512, teacher=teacher)
@@ -150,6 +154,7 @@ def test_a_law_that_turns_knobs_is_refused(short_training, tmp_path):
         exported(tmp_path, "edmsim/GapFeed-v1", "ppo", residual="adaptive-off-time")
 
 
+@pytest.mark.slow
 def test_a_policy_does_not_depend_on_what_only_its_critic_sees(short_training, tmp_path):
     import torch
 
@@ -190,6 +195,7 @@ def test_costs_beyond_the_limit_raise_their_price():
         assert lanes.multiplier == pytest.approx(price)
 
 
+@pytest.mark.slow
 def test_the_bound_of_a_checkpoint_is_taken_up(short_training, tmp_path):
     from edmsim.learning.train import train
 
@@ -214,6 +220,7 @@ def test_settings_of_a_search_are_those_of_a_training(tmp_path):
             hyperparameters.load("edmsim/GapFeed-v1", "ppo", file)
 
 
+@pytest.mark.slow
 def test_a_policy_file_names_no_code_to_run(short_training, tmp_path):
     exported(tmp_path, "edmsim/GapFeed-v1", "ppo", residual="voltage")
     file = tmp_path / "policy.json"

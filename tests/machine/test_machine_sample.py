@@ -34,6 +34,7 @@ def test_uncertain_are_the_constants_with_a_range_by_section_and_name() -> None:
     assert not {"generator.t_on_us", "gap.median_a_us_um2", "table.step_um"} & set(UNCERTAIN)
 
 
+@pytest.mark.slow
 @settings(max_examples=50)
 @given(
     st.integers(0, 2**32), st.sampled_from(available("wires")), st.sampled_from(available("materials")),
@@ -53,6 +54,7 @@ def test_every_draw_is_a_valid_machine_within_its_ranges(seed: int, wire: str, m
         assert getattr(drawn, kept) == getattr(machine, kept), kept
 
 
+@pytest.mark.slow
 @settings(max_examples=200)
 @given(st.floats(-10, 1e3), st.floats(1e-6, 1e3), st.floats(0, 1), st.floats(0, 1))
 def test_a_larger_share_is_a_larger_value_and_the_ends_are_the_range(
@@ -73,6 +75,7 @@ def test_a_range_of_an_order_is_drawn_by_its_logarithm() -> None:
     assert value_at((-1.0, 9.0), 0.5) == 4.0
 
 
+@pytest.mark.slow
 def test_draws_fill_the_ranges_as_documented() -> None:
     from scipy.stats import kstest
 

@@ -37,6 +37,7 @@ def way(moved: np.ndarray) -> np.ndarray:
     return np.column_stack([np.interp(share, range(5), PATH_UM[:, k]) for k in (0, 1)]) + moved
 
 
+@pytest.mark.slow
 @settings(max_examples=20, deadline=None)
 @given(move, move, move, st.floats(-20.0, 20.0))
 def test_a_way_that_is_moved_leaves_what_it_is_further_off_each_side(planner, drive, wire, gap) -> None:
@@ -69,6 +70,7 @@ def _inside() -> np.ndarray:
     return 1000 * (4.0 + (SQUARE_MM - 4.0) * (2.0 - OFFSET_UM / 1000) / 2.0)
 
 
+@pytest.mark.slow
 def test_what_was_not_measured_has_no_shares() -> None:
     error = np.zeros(len(NORMALS))
     error[3] = np.nan

@@ -15,6 +15,7 @@ MATERIALS = ("tool-steel", "cemented-carbide", "copper", "aluminium")
 
 
 # T-86
+@pytest.mark.slow
 @pytest.mark.parametrize("material", MATERIALS)
 def test_at_the_affected_depth_the_metal_just_reaches_the_temperature_at_which_it_changes(material):
     machine = edmsim.Machine.load(material=material)

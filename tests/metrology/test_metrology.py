@@ -110,6 +110,7 @@ def test_a_kerf_beside_the_path_has_one_wall_nearer(part_side):
     np.testing.assert_allclose((kerf.width_um - kerf.part_um).mean(), RADIUS - nearer, atol=0.5)
 
 
+@pytest.mark.slow
 @settings(max_examples=8, suppress_health_check=[HealthCheck.too_slow])
 @given(st.floats(0.0, 90.0), st.floats(130.0, 190.0))
 def test_any_straight_kerf_is_as_wide_as_the_swept_disc(angle_deg, radius):
@@ -209,6 +210,7 @@ def test_a_slice_that_is_not_there_is_refused():
             call()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("part_side", "radius_mm"), [("left", 0.445), ("right", 0.755)])
 def test_circle(part_side, radius_mm):
     turn = np.linspace(0.0, 2 * np.pi, 121)
@@ -283,6 +285,7 @@ def test_inner_corners_keep_what_the_round_wire_cannot_reach():
         assert corner["error_um"] == pytest.approx((math.sqrt(2) - 1) * RADIUS, abs=0.6)
 
 
+@pytest.mark.slow
 def test_outer_corners_stay_sharp():
     line = square(500.0, "left")
     profile = profile_error(cut(line.points_um), line)
@@ -293,6 +296,7 @@ def test_outer_corners_stay_sharp():
     assert profile.stats()["p95"] < 0.6
 
 
+@pytest.mark.slow
 def test_outer_corner_cut_short_is_undercut():
     """The path takes a chamfer round the corner; the wall then lies behind the corner as drawn."""
     line = square(500.0, "left")
@@ -315,6 +319,7 @@ def test_corner_turns_are_signed_and_the_seam_is_a_corner_too():
         assert all(math.isnan(c["error_um"]) for c in found)
 
 
+@pytest.mark.slow
 def test_the_lead_in_is_marked_and_can_be_left_out():
     line = square(500.0, "left")
     field = cut(line.points_um)
@@ -329,6 +334,7 @@ def test_the_lead_in_is_marked_and_can_be_left_out():
 # --- contours ---
 
 
+@pytest.mark.slow
 def test_contour_is_the_kerf_with_the_part_as_its_hole():
     line = square(500.0, "left")
     field = cut(line.points_um[1:])
@@ -341,6 +347,7 @@ def test_contour_is_the_kerf_with_the_part_as_its_hole():
     assert area.area == pytest.approx(removed_mm2, rel=2e-4)
 
 
+@pytest.mark.slow
 def test_edges_are_closed_across_tiles():
     line = square(500.0, "left")
     edges = cut_edges(cut(line.points_um[1:]), 0)

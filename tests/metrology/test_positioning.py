@@ -53,6 +53,7 @@ def machine_of(backlash_um=0.0):
     return machine.model_copy(update={"base": machine.base.model_copy(update={"table": table})})
 
 
+@pytest.mark.slow
 def test_the_run_finds_backlash_and_takes_it_out():
     found = measure_table(machine_of(8.0), seed=1)
     figures = found.along["x", "x"].figures()
@@ -73,6 +74,7 @@ def test_the_run_finds_the_errors_of_the_file():
     assert found.tables()[0].reversal_um == 0.0
 
 
+@pytest.mark.slow
 def test_curves_between_points_need_fewer_of_them():
     left = {}
     for cubic in (False, True):

@@ -7,10 +7,8 @@ import base64
 import io
 import json
 import re
-import subprocess
-import sys
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -98,15 +96,45 @@ def test_the_table_names_every_notebook() -> None:
     assert re.findall(r"^\| \[([\w-]+)\]\(\1\.ipynb\) \|", page, re.MULTILINE) == NAMES
 
 
+@pytest.fixture(scope="module")
+def kernel(execute: ModuleType) -> Iterator[Any]:
+    """A process that executes them: it imports and loads compiled code once."""
+    with execute.Kernel() as kernel:
+        yield kernel
+
+
 @pytest.mark.slow
+@pytest.mark.timeout(300)
 @pytest.mark.parametrize("name", NAMES)
-def test_executes_with_the_small_settings(name: str, tmp_path: Path) -> None:
-    done = subprocess.run(
-        [sys.executable, FOLDER / "execute.py", name, "--small", "--out", tmp_path], capture_output=True, text=True,
-    )
-    assert done.returncode == 0, done.stderr
-    small = shown(tmp_path / f"{name}.ipynb")
-    assert speaking(small) == speaking(shown(FOLDER / f"{name}.ipynb"))
+def test_executes_with_the_small_settings(name: str, execute: ModuleType, kernel: Any) -> None:
+    notebook = execute.read(FOLDER / f"{name}.py")
+    execute.make_small(notebook)
+    execute.run(notebook, kernel)
+    assert speaking(notebook) == speaking(shown(FOLDER / f"{name}.ipynb"))
+
+
+@pytest.mark.slow
+def test_a_notebook_finds_nothing_of_the_one_before(execute: ModuleType, kernel: Any) -> None:
+    first, second = (execute.nbformat.v4.new_notebook() for _ in range(2))
+    cell = execute.nbformat.v4.new_code_cell
+    first.cells = [cell("left = 1"), cell("open('file', 'w').close()"), cell("import matplotlib.pyplot as plt"),
+                   cell("plt.rcParams['figure.dpi'] = 7.0")]  # fmt: skip
+    second.cells = [cell("import os, matplotlib"), cell("'left' in globals(), os.listdir(), "
+                    "matplotlib.rcParams['figure.dpi'] == 7.0")]  # fmt: skip
+    for notebook in (first, second):
+        kernel.execute(notebook)
+    (output,) = second.cells[1].outputs
+    assert (output.execution_count, output.data["text/plain"]) == (2, "(False, [], False)")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("source", "said"), [
+    ("1 / 0", "ZeroDivisionError"), ("import warnings; warnings.warn('mind')", "wrote to stderr: .*mind"),
+])  # fmt: skip
+def test_a_cell_that_fails_or_warns_is_noticed(execute: ModuleType, kernel: Any, source: str, said: str) -> None:
+    notebook = execute.nbformat.v4.new_notebook(cells=[execute.nbformat.v4.new_code_cell(source)])
+    with pytest.raises((execute.CellExecutionError, RuntimeError), match=said):
+        execute.run(notebook, kernel)
 
 
 def test_a_smaller_picture_has_no_other_colours(execute: ModuleType) -> None:

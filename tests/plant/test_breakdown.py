@@ -37,6 +37,7 @@ def parabola(gap_um):
     return 0.48 * gap_um**2 - 3.69 * gap_um + 14.05
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["fast", "default", "fine"])
 def test_rate_of_the_reference_area_is_the_published_one(name, machine, published):
     res = resolution(name)
@@ -111,6 +112,7 @@ def test_contact_is_the_depth_below_the_asperities(machine):
     assert sums([1.5, 5.0, -1.0], law)[2] == pytest.approx(0.5 + 3.0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("primed", [False, True])
 def test_places_of_ignition_follow_the_weights(primed):
     law = GapLaw(0.48, -3.69, 14.05, 0.8, 3.84, 12.0, 0.1, 2.0, 0.008)

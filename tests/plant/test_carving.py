@@ -35,6 +35,7 @@ def look(field, x, y, angle, start=0.0, end=300.0):
     return trace(field.tiles, field.index, 0, CELL, x, y, math.cos(angle), math.sin(angle), start, end)
 
 
+@pytest.mark.slow
 @given(st.floats(100.0, 400.0), st.floats(400.0, 600.0))
 def test_a_ray_along_the_grid_finds_the_edge_exactly(edge, y):
     field = KerfField(1, Stock((edge, 0.0, 3_000.0, 3_000.0)), CELL, 4_000.0)
@@ -91,6 +92,7 @@ def cut(field, parts, *, angle=0.0, edge=20.0, width=40.0, beyond=40.0, place=(M
     return was - field.tiles[: field.count], left
 
 
+@pytest.mark.slow
 @settings(max_examples=60)
 @given(
     parts=st.integers(0, 80 * FULL), angle=st.floats(0.0, 6.3), width=st.floats(0.5, 80.0),
@@ -139,6 +141,7 @@ def test_a_wall_recedes_where_it_was_carved_by_what_was_taken(degrees):
     assert edges[np.abs(along) > 30].mean() == pytest.approx(40.0, abs=0.4)
 
 
+@pytest.mark.slow
 def test_a_round_wall_stays_round_when_its_rays_carve_it():
     """Two hundred windows of equal removal on every one of 64 rays: no ridges, whatever the angle to the grid."""
     x = MIDDLE + 0.3
@@ -226,6 +229,7 @@ def test_what_stands_out_goes_first_and_is_paid_for_by_the_rest():
     assert left <= 0  # what was taken too much
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("resolution", ["fast", "default"])
 def test_no_metal_stays_where_the_wire_has_been(machine, drive, resolution):
     plant = edmsim.Plant(machine, seed=4, resolution=resolution)

@@ -7,6 +7,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 SCRIPT = """\
 from edmsim.compiled.cache import folder
 from edmsim.compiled.jit import compiled
@@ -41,6 +43,7 @@ def flipped(content: bytes) -> bytes:
     return content[:at] + bytes(255 - byte for byte in content[at : at + 64]) + content[at + 64 :]
 
 
+@pytest.mark.slow
 def test_damaged_files_are_compiled_anew(tmp_path: Path) -> None:
     """A truncated one aborted the interpreter."""
     cache = tmp_path / "cache"
@@ -54,6 +57,7 @@ def test_damaged_files_are_compiled_anew(tmp_path: Path) -> None:
     assert run(tmp_path, XDG_CACHE_HOME=str(cache))[:2] == ["42.0", "1"]
 
 
+@pytest.mark.slow
 def test_without_a_home_the_cache_is_a_folder_of_this_run(tmp_path: Path) -> None:
     """Not one under a name that another user of the machine could foresee and fill."""
     homeless = (
@@ -74,6 +78,7 @@ def test_without_a_home_the_cache_is_a_folder_of_this_run(tmp_path: Path) -> Non
     assert list(shared.iterdir()) == []
 
 
+@pytest.mark.slow
 def test_a_cache_that_cannot_be_written_to_does_not_stop_the_work(tmp_path: Path) -> None:
     full = (
         "import os\n"
@@ -136,6 +141,7 @@ def kept(folder: Path, suffix: str) -> dict[str, bytes]:
     return {file.name: file.read_bytes() for file in folder.rglob(f"add-*{suffix}")}
 
 
+@pytest.mark.slow
 def test_constants_put_in_later_give_the_same_code_in_any_order(tmp_path: Path) -> None:
     """Nor does it matter what the process itself had compiled before."""
     first = use(tmp_path, (3, 1), (5, 0))
@@ -147,6 +153,7 @@ def test_constants_put_in_later_give_the_same_code_in_any_order(tmp_path: Path) 
         assert codes == kept(tmp_path / "other", suffix)
 
 
+@pytest.mark.slow
 def test_a_program_is_translated_once_and_damaged_code_is_made_again(tmp_path: Path) -> None:
     use(tmp_path, (3, 1))
     program = kept(tmp_path, ".bc")
@@ -163,6 +170,7 @@ def test_a_program_is_translated_once_and_damaged_code_is_made_again(tmp_path: P
     assert file.stat().st_mtime_ns == written
 
 
+@pytest.mark.slow
 def test_a_compiler_that_cannot_be_started_is_named(tmp_path: Path) -> None:
     before = "sys.executable = '/nowhere/python'"
     use_it = "from edmsim.plant.kernel.memory import window_function\nwindow_function(2, 8, 4, 0)"
@@ -172,12 +180,14 @@ def test_a_compiler_that_cannot_be_started_is_named(tmp_path: Path) -> None:
     assert "no process can be started to compile the pulse loop" in done.stderr.splitlines()[-1]
 
 
+@pytest.mark.slow
 def test_where_nothing_can_be_kept_the_code_comes_by_the_compilers_output(tmp_path: Path) -> None:
     nowhere = "import adders, pathlib, edmsim.compiled.cache as c\nc.folder = pathlib.Path('/proc/nowhere')"
     assert use(tmp_path, (3, 1), before=nowhere)[0] == "7"
     assert kept(tmp_path, ".o") == {}
 
 
+@pytest.mark.slow
 def test_a_notebook_says_that_code_is_compiled_unless_it_is_to_show_no_progress(tmp_path: Path) -> None:
     notebook = "sys.modules['ipykernel'] = sys"
     assert use(tmp_path, (3, 1), before=f"{notebook}; os.environ['EDMSIM_PROGRESS'] = '0'")[1] == ""

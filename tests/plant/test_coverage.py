@@ -98,6 +98,7 @@ def test_the_law_of_a_setting_has_the_lives_of_its_longest_discharge(machine):
 # --- one front ---
 
 
+@pytest.mark.slow
 def test_a_discharge_covers_its_length_of_every_slice_it_reaches(slab):
     a, law = front(4), GasLaw(300.0, 100.0, lasting(1e9, 1e9))
     blow(a, slab, law, 1.9, 1.0, 0)
@@ -126,6 +127,7 @@ def test_gas_fades_from_the_end_of_its_discharge_on(slab):
     np.testing.assert_allclose([a.steam[0], a.gas[0]], 0.5 * np.exp([-400 / 200, -400 / 800]))
 
 
+@pytest.mark.slow
 def test_steam_and_permanent_gas_lie_anywhere_on_the_front():
     a = front(2)
     a.steam[:2], a.gas[:2] = (0.5, 0.0), (0.4, 1.0)
@@ -145,6 +147,7 @@ def _mean_share(a, c, law, fires):
     return sum_ / len(fires)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("x", [0.3, 1.0, 3.0])
 def test_at_a_steady_rate_the_mean_share_is_x_over_one_and_x(x, slab):
     """x is the rate times the life times the share of the slice that one discharge covers: a closed form."""
@@ -174,6 +177,7 @@ def covered_sums(machine, share):
     return np.array(sum_rays(a, c, gap_law(machine, FAST, 100.0), np.zeros((2, 4)), sums, np.zeros(1)))[[0, 1, 3]]
 
 
+@pytest.mark.slow
 def test_gas_takes_the_pull_and_a_part_of_the_ignition_from_the_share_it_covers(machine):
     gas, bare = machine.base.gas, covered_sums(machine, 0.0)
     assert (bare > 0).all()
@@ -246,6 +250,7 @@ def test_denser_discharges_cover_more(machine, drive):
     assert 0.0 < means[0] < means[1] < means[2] < 0.7
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("mechanics", ["modal", "mujoco"])
 def test_gas_and_film_are_of_the_seed_and_of_a_snapshot_and_leave_with_the_wire(mechanics, machine):
     stock, place = begun_slot(machine, machine.base.table.centre_um, gap_um=12.0), machine.base.table.centre_um

@@ -175,6 +175,7 @@ def in_this_process():
     return printed[0]
 
 
+@pytest.mark.slow
 def test_another_process_gives_the_same_bits(tmp_path):
     assert in_another_process(tmp_path, PYTHONHASHSEED="7") == in_this_process()
 
@@ -190,6 +191,7 @@ def test_plants_in_two_threads_do_what_they_do_alone(machine, drive):
         assert list(pool.map(cut, range(4))) == alone
 
 
+@pytest.mark.slow
 def test_memory_does_not_grow_but_for_the_tiles_of_the_kerf(machine, drive):
     drive(edmsim.Plant(machine, 2, resolution="fast"), 25.0, 60.0)  # Python keeps up to 2000 freed tuples for reuse
     plant = edmsim.Plant(machine, 1, resolution="fast")

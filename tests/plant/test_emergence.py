@@ -68,6 +68,7 @@ def test_a_traverse_travels_at_its_feed_whatever_the_period(generator):
     assert plant.commanded_um[0] - CENTRE_X_UM == pytest.approx(37.0 * seconds, abs=2.0)
 
 
+@pytest.mark.slow
 def test_the_fast_resolution_tells_the_same(usual, machine):
     """What the rows measure at `fast` is what `default` shows."""
     fine = cut_straight(machine, 20.0, 1, settle_s=6.0, seconds=15.0, resolution="default")
@@ -82,6 +83,7 @@ def test_the_fast_resolution_tells_the_same(usual, machine):
 # --- where discharges fall ---
 
 
+@pytest.mark.slow
 def test_discharges_fade_out_round_the_wire(machine):
     """Dense in front, thin on the sides, hardly any behind: by hazard alone, no side gap is given."""
     plant = begin(machine, 1)
@@ -138,6 +140,7 @@ def test_shorts_at_a_moderate_feed_come_from_what_moves_the_wire(machine, usual,
     assert usual.vibration_um > without_pull.vibration_um > 5 * still.vibration_um
 
 
+@pytest.mark.slow
 def test_the_wire_leads_by_its_pull_and_lags_by_its_discharges(machine, usual, without_pull):  # T-14
     """At the default setting they are of one size, so that the sign is that of the impulse within its range."""
     low, high = machine.base.discharge.impulse_10mJ_Ns.range
@@ -150,6 +153,7 @@ def test_the_wire_leads_by_its_pull_and_lags_by_its_discharges(machine, usual, w
     assert without_pull.lag_um > 1.0
 
 
+@pytest.mark.slow
 def test_the_wire_lags_the_more_the_faster_it_is_fed(machine, usual):
     """More discharges push it, and the nearer the metal the harder."""
     lags = [cut_straight(machine, feed, 1, settle_s=8.0, seconds=15.0).lag_um for feed in (10.0, 28.0)]
@@ -159,6 +163,7 @@ def test_the_wire_lags_the_more_the_faster_it_is_fed(machine, usual):
 # --- the corner ---
 
 
+@pytest.mark.slow
 def test_the_force_turns_with_the_place_of_the_discharges():
     """Past a corner the deflection turns from the old direction to the new one as the new front is cut."""
     seen = []
@@ -179,6 +184,7 @@ def test_the_force_turns_with_the_place_of_the_discharges():
     assert 0.48 * lag < corner.farthest_um < corner.nearest_um  # inside the corner; 0.482 of the lag by pursuit
 
 
+@pytest.mark.slow
 def test_a_wire_that_leads_runs_on_beyond_the_corner():
     machine = altered(Machine.load(height_mm=15.0), NO_PUSH)
     corners = [cut_corner(machine, seed, feed=make("counts")) for seed in (1, 2, 3)]
@@ -206,6 +212,7 @@ def test_the_wire_breaks_where_steam_keeps_the_water_off():
     assert broken
 
 
+@pytest.mark.slow
 def test_favourable_constants_within_their_ranges_hold_all_that_the_gap_takes():
     """As set, the wire breaks before; with them the pauses shorten to the generator's least, as if it could not."""
     favourable = {
@@ -222,6 +229,7 @@ def test_favourable_constants_within_their_ranges_hold_all_that_the_gap_takes():
     assert currents[1] == pytest.approx(currents[2], rel=0.05)
 
 
+@pytest.mark.slow
 def test_a_hotter_wire_breaks_at_less_current():
     limits = [
         break_limit_A(sato_rig(20.0, {"base.cooling.wire_heat_share": share}), 1) for share in (0.1, 0.3, 0.5)

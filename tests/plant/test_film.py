@@ -135,6 +135,7 @@ def test_the_pull_tells_the_front_gap_by_its_root_of_the_third_power(front):
 # --- cavitation and contact ---
 
 
+@pytest.mark.slow
 def test_suction_is_limited_by_the_ambient_pressure_and_squeezing_is_not(machine):
     c = constants(machine, FAST)
     a = allocate(Arrays, sizes_of(5, 24, 4))
@@ -146,6 +147,7 @@ def test_suction_is_limited_by_the_ambient_pressure_and_squeezing_is_not(machine
     assert suction_limited(a, c, 0, -10 * most) == -10 * most
 
 
+@pytest.mark.slow
 def test_a_contact_takes_only_the_speed_of_its_slice_along_its_direction(machine):
     """An impulse there, no more: the other axis keeps all, and the energy lost is that of the slice's own mass."""
     model = modal_model(machine, FAST)
@@ -263,6 +265,7 @@ def test_a_loaded_wire_creeps_through_a_narrow_film(front, side, period, mechani
     assert expected < 0.02 / film * 200e-6 * 1e6
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("mechanics", ["modal", "mujoco"])
 @pytest.mark.parametrize("period", [20.0, 1_000.0])
 def test_no_period_is_too_long_and_no_gap_too_narrow_for_the_film(period, mechanics, pure):
@@ -326,6 +329,7 @@ def equilibrium_um(compliance, pull_N_um2, gap_um):
     return place
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("of_critical", "holds"), [(0.96, True), (1.04, False)])
 def test_the_pull_takes_the_wire_from_a_third_of_the_free_gap_on(of_critical, holds, machine, altered):
     """Half of the remaining gap: there ``1/g^2`` grows by what the string gives back. One ray faces the metal."""

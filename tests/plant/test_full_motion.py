@@ -25,6 +25,7 @@ WIRES = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("wire", WIRES)
 @pytest.mark.parametrize("n", [1, 2, 3, 4])
 def test_the_wire_rings_at_the_string_s_frequencies(wire, n):
@@ -40,6 +41,7 @@ def test_the_wire_rings_at_the_string_s_frequencies(wire, n):
     assert found == pytest.approx(n / (2 * wire.guide_distance_m) * wire.wave_speed, rel=0.01)  # physics 2.3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("height_m", [0.005, 0.020, 0.030])
 def test_static_lag_is_the_string_s_and_the_modes(height_m):
     length, tension = BRASS.guide_distance_m, BRASS.tension
@@ -109,12 +111,14 @@ def full_answer(train):
     return at_step
 
 
+@pytest.mark.slow
 def test_in_short_steps_impulses_move_every_slice_as_the_modes_do(train, full_answer):
     modal = modal_answer(Rig().full.modes, *train)
     assert differ(full_answer(1.0), modal) < 0.05  # 1.4 %
     assert differ(full_answer(0.25), modal) < 0.01  # 0.3 %: what is left is the time step's
 
 
+@pytest.mark.slow
 def test_at_the_plant_s_step_the_mean_deflection_moves_as_the_modes_do(train, full_answer):
     full = full_answer().mean(axis=2)
     for n_modes in (ALL_MODES, 8):  # 4.3 %, 4.1 %
@@ -122,6 +126,7 @@ def test_at_the_plant_s_step_the_mean_deflection_moves_as_the_modes_do(train, fu
         assert differ(full, modal_answer(modes, *train).mean(axis=2)) < 0.05
 
 
+@pytest.mark.slow
 def test_at_the_plant_s_step_waves_run_more_like_the_string_s_than_the_modes(train, full_answer):
     # slice by slice, kicks without duration send fronts shorter than nodes or modes can carry
     exact = modal_answer(string(BRASS, 400), *train)

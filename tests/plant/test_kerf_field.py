@@ -69,6 +69,7 @@ def test_a_tile_called_whole_is_whole(tx, ty, cell_um):
         raise AssertionError("far from every edge it is whole")
 
 
+@pytest.mark.slow
 @given(st.integers(0, 200), st.integers(1, 100), st.integers(0, 200), st.integers(1, 100))
 def test_a_patch_does_not_show_the_tiles(ix, nx, iy, ny):
     field = visited()

@@ -47,6 +47,7 @@ def first_mode(machine):
     return model.wire_omega[0], model.wire_zeta[0], float(a.shape[2, 0]), period
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("braking", [0.05, 0.4, 0.8])
 @pytest.mark.parametrize("k_first", [50, 350, 800])
 @pytest.mark.parametrize(("pull", "impulse"), [(1e7, 0.0), (0.0, 1e-6)])

@@ -215,6 +215,7 @@ def test_one_motor_step_moves_the_table_two_micrometres(machine: mujoco.MjModel,
     np.testing.assert_allclose(at_rest, 1.0, rtol=1e-9)
 
 
+@pytest.mark.slow
 def test_table_settles_on_a_step_and_the_modes_follow_the_full_model(
     machine: mujoco.MjModel, modal: ModalModel
 ) -> None:
@@ -362,6 +363,7 @@ def test_an_unknown_data_file_is_named() -> None:
         models.path("agie.xml")
 
 
+@pytest.mark.slow
 def test_import_leaves_mujoco_alone() -> None:
     code = "import sys, edmsim.plant.mechanics.model; print('mujoco' in sys.modules, 'scipy.linalg' in sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

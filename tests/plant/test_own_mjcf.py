@@ -51,6 +51,7 @@ def test_a_file_of_ours_is_found_from_anywhere(own_file: OwnFile) -> None:
     assert own.base.model == "agiecut_dem15.xml"
 
 
+@pytest.mark.slow
 def test_a_changed_mjcf_is_read_again(tmp_path: Path, own_file: OwnFile) -> None:
     file = write(tmp_path)
     machine = edmsim.Machine.load(own_file("machines", "agiecut-dem15", NAME))
@@ -60,6 +61,7 @@ def test_a_changed_mjcf_is_read_again(tmp_path: Path, own_file: OwnFile) -> None
     assert (modes(machine).table_omega[0] < before).all()
 
 
+@pytest.mark.slow
 def test_both_integrators_take_it_and_its_text_is_part_of_the_settings(
     tmp_path: Path, own_file: OwnFile, small_punch: Path
 ) -> None:

@@ -17,6 +17,7 @@ def modal() -> ModalModel:
     return reduce_model(build_model(WireSetup(0.25e-3, 8500.0, 10.0, 0.040, 0.2)), 31, heights)
 
 
+@pytest.mark.slow
 @given(
     omega=st.floats(1.0, 3e5),
     zeta=st.one_of(st.floats(0.0, 30.0), st.just(1.0), st.floats(1 - 1e-9, 1 + 1e-9)),

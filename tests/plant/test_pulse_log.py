@@ -64,6 +64,7 @@ def test_discharges_lie_in_front_of_the_wire_where_the_metal_is():
     assert np.all(pulses["slice"][pulses["kind"] == OPEN] == -1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("mechanics", ["modal", "mujoco"])
 def test_watching_changes_no_bit(mechanics):
     plants = [

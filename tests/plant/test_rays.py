@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -26,6 +27,7 @@ def laid_out(edge_um):
     return rays, table[1]
 
 
+@pytest.mark.slow
 @given(edges)
 def test_the_arc_has_every_ray_that_meets_metal_once(edge_um):
     rays, edge = laid_out(edge_um)
@@ -52,6 +54,7 @@ def test_the_arc_is_no_longer_than_it_must_be(first, length):
     assert rays.blocks[1] == -(-length // GAPS)
 
 
+@pytest.mark.slow
 @given(edges, st.floats(-3.0, 3.0), st.floats(-3.0, 3.0))
 def test_the_narrowest_gap_is_found_where_it_is(edge_um, x, y):
     rays, edge = laid_out(edge_um)

@@ -31,6 +31,7 @@ def volume_mm3(field, box_um):
 coordinate = st.floats(400.0, 1_200.0)
 
 
+@pytest.mark.slow
 @settings(max_examples=40)
 @given(st.lists(st.tuples(coordinate, coordinate), min_size=3, max_size=3), st.floats(1.1, 10.0))
 def test_volume_is_that_of_the_solid_with_the_step(corners, height):
@@ -113,6 +114,7 @@ def test_exact_accounting_with_steps_and_a_snapshot():
     assert other.removed_parts == taken
 
 
+@pytest.mark.slow
 def test_unallocated_and_allocated_metal_are_the_same():
     steps = (shapely.Point(800, 600).buffer(150), 4.0), (shapely.box(0, 0, 700, 5_000), 6.0)
     touched, untouched = stepped(*steps), stepped(*steps)

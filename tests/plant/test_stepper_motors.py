@@ -11,6 +11,7 @@ from edmsim.plant.mechanics.mujoco_table import DriveSetup
 from tests.plant.full_rig import PERIOD_NS, START_UM, Rig, frequency, stepping
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("axis", "way"), [(0, 1), (0, -1), (1, 1), (1, -1)])
 def test_a_motor_step_moves_its_axis_two_micrometres_and_rings(axis, way):
     ran = Rig().run(2000, steps=[(1_000_000, axis, way)])
@@ -31,6 +32,7 @@ def test_after_a_step_the_rotor_swings_at_its_frequency():
     assert frequency(late, PERIOD_NS * 1e-9) == pytest.approx(damped, rel=0.02)
 
 
+@pytest.mark.slow
 def test_rubbing_ways_keep_the_table_within_half_a_step():
     ran = Rig(drive=DriveSetup(2e-6, 30.0, 5e-6, 0.0)).run(3000, steps=stepping(100, 20))
     assert abs(ran.place[-1, 0] - ran.commanded[-1, 0]) < 1.0  # T-18
@@ -53,6 +55,7 @@ def pull_out_hz(rig):
     return per_second / (2 * math.pi) * model.numeric("rotor_teeth").data[0] * 4
 
 
+@pytest.mark.slow
 def test_steps_faster_than_pull_out_are_lost_by_fours_and_the_counter_does_not_know():
     rig = Rig()
     limit = pull_out_hz(rig)
@@ -80,6 +83,7 @@ def loaded(share):
     return rig, ran
 
 
+@pytest.mark.slow
 def test_a_resting_motor_holds_its_holding_torque_and_no_more():
     thrust_um = loaded(0.95)[1].place[-1, 0] - START_UM
     assert -100 < thrust_um < -50  # the screw gives way, 78 um at 7.9 kN
@@ -87,6 +91,7 @@ def test_a_resting_motor_holds_its_holding_torque_and_no_more():
     assert slipping.place[-1, 0] - START_UM < -500
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("share", "holds"), [(0.6, True), (0.8, False)])
 def test_a_motor_steps_against_seven_tenths_of_its_holding_torque(share, holds):
     # a quarter turn of the field leaves cos(lag) of a torque of which sin(lag) is load: equal at 0.71
@@ -100,6 +105,7 @@ def test_a_motor_steps_against_seven_tenths_of_its_holding_torque(share, holds):
         assert gone / 8 == pytest.approx(round(gone / 8), abs=1e-3)
 
 
+@pytest.mark.slow
 def test_the_end_stop_holds_the_table_and_the_counter_runs_on():
     rig = Rig(start_um=65_990.0)
     ran = rig.run(6000, steps=stepping(200, 100))
@@ -112,6 +118,7 @@ def screw_N_um(rig):
     return float(rig.full.model.tendon_stiffness[rig.full.model.tendon("x_screw").id]) * 1e-6
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("backlash_um", [0.0, 2.0, 6.0])
 def test_a_reversal_loses_the_backlash(backlash_um):
     rig = Rig(drive=DriveSetup(2e-6, 30.0, 5e-6, backlash_um * 1e-6))
@@ -120,6 +127,7 @@ def test_a_reversal_loses_the_backlash(backlash_um):
     assert 40.0 - backlash_um - rubbing < forth - back < 40.0 - backlash_um
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("friction_N", [0.0, 100.0])
 def test_rubbing_ways_hold_the_table_back_on_either_way(friction_N):
     rig = Rig(drive=DriveSetup(2e-6, friction_N, 1e-6, 0.0))

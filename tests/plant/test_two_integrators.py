@@ -53,6 +53,7 @@ def cuts():
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(400)
 @pytest.mark.parametrize(
     ("column", "name", "closest"),
     # and so close that agreement means something: in % of the pulses, um/s and um
@@ -69,6 +70,7 @@ def test_a_controlled_cut_has_the_same_statistics_with_both(cuts, column, name, 
     assert abs(full.mean() - modal.mean()) < closest, (name, modal.mean(), full.mean())
 
 
+@pytest.mark.slow
 def test_the_full_model_continues_from_a_snapshot_bit_for_bit(machine, drive):
     def at_work():
         plant = edmsim.Plant(machine, 3, resolution="fast", mechanics="mujoco")
@@ -91,6 +93,7 @@ def test_an_unknown_integrator_is_refused(machine):
         edmsim.Plant(machine, mechanics="steam")
 
 
+@pytest.mark.slow
 def test_lost_steps_are_known_to_the_carriage_alone(machine):  # T-19
     """A motor stepped far above its pull-out rate stands still; the counter does not know, the table does."""
     far = Stock((60_000.0, 60_000.0, 61_000.0, 61_000.0))

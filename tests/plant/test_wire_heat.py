@@ -80,6 +80,7 @@ def even_current(n, current2_us):
     return np.full((2, n), current2_us / n)
 
 
+@pytest.mark.slow
 def test_water_cools_exponentially_whatever_the_step():
     law = STILL._replace(cooling_m2K_J=1e-8)
     for pieces in (1, 7, 100):
@@ -119,6 +120,7 @@ def test_conduction_evens_out_and_loses_nothing():
     np.testing.assert_allclose(a.temperature_K, 393.0, rtol=1e-6)
 
 
+@pytest.mark.slow
 @given(st.lists(st.floats(293.0, 1500.0), min_size=1, max_size=9), st.floats(1.0, 1e9))
 def test_no_interval_is_too_long_for_the_heat_balance(start, dt_us):
     law = STILL._replace(cooling_m2K_J=6e-9, conduction_per_us=1e-5, run_per_us=4e-5)

@@ -70,6 +70,7 @@ def test_circles_and_arcs_within_a_micrometre(drawing):
     assert chord_error(outline, circle_line(25)) <= 1.01e-3
 
 
+@pytest.mark.slow
 def test_ellipses_within_a_micrometre(drawing):
     (outline,) = drawing(lambda space: space.add_ellipse((0, 0), (20, 0), 0.3)).outlines
     curve = circle_line(1, 100_000) * [20, 6]
@@ -151,6 +152,7 @@ def test_a_layer_that_is_off_is_not_cut(tmp_path):
     assert len(read_dxf(tmp_path / "layers.dxf").outlines) == 1
 
 
+@pytest.mark.slow
 def test_entities_drawn_twice_are_cut_once_and_told(drawing):
     def draw(space):
         square(space)

@@ -61,6 +61,7 @@ def test_the_slot():
         assert any(what in notice for notice in path.notices), what
 
 
+@pytest.mark.slow
 def test_the_gear():
     path = planned(EXAMPLES / "gear.dxf")
     bore, outside = (shapely.Polygon(contour.nominal_mm) for contour in path.contours)
@@ -71,6 +72,7 @@ def test_the_gear():
     assert turned.symmetric_difference(outside).area < 0.01
 
 
+@pytest.mark.slow
 def test_the_gear_is_what_its_script_draws(tmp_path):
     script = tmp_path / "make_gear.py"
     script.write_text((EXAMPLES / "make_gear.py").read_text())

@@ -84,6 +84,7 @@ def test_text_after_the_end_is_named(read):
 moves = st.lists(st.tuples(st.integers(-400, 400), st.integers(1, 400)), min_size=2, max_size=12)
 
 
+@pytest.mark.slow
 @given(moves=moves)
 def test_incremental_and_absolute_give_the_same_path(tmp_path_factory, moves):
     folder = tmp_path_factory.mktemp("g91")

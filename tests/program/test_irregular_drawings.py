@@ -107,6 +107,7 @@ def test_annotations_are_left_out_with_a_notice(own_text: Reading, kind: str) ->
         assert f"1 {kind} left out" in program.notices
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("order", list(itertools.permutations((10, 20, 11, 21))))
 def test_codes_come_in_any_order(own_text: Reading, order: tuple[int, ...]) -> None:
     program = own_text(rectangle(order))

@@ -150,6 +150,7 @@ REPEATS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("corners", REPEATS.values(), ids=list(REPEATS))
 def test_repeated_points_leave_no_trace(drawing: Drawing, tmp_path: Path, corners: Points) -> None:
     for draw in (
@@ -207,6 +208,7 @@ def chain(points: Points, place: int = 0) -> Chain:
     return Chain.of([np.array(piece, np.float64) for piece in pairwise(points)], place)
 
 
+@pytest.mark.slow
 @settings(suppress_health_check=[HealthCheck.too_slow], max_examples=60)
 @given(
     corners=st.lists(st.integers(0, 40), min_size=4, max_size=12, unique=True),

@@ -195,6 +195,7 @@ def first_loop(places: list[complex]) -> tuple[int, int] | None:
     return loops.first_loop(places, moves, 0, len(moves), outline.JOIN_TOLERANCE_MM)
 
 
+@pytest.mark.slow
 def test_a_wire_that_goes_back_and_forth_is_not_compared_with_all_of_its_past() -> None:
     """Every pass was compared with every one before it, over all the moves between: three thousand took minutes."""
     started = time.process_time()
@@ -203,6 +204,7 @@ def test_a_wire_that_goes_back_and_forth_is_not_compared_with_all_of_its_past() 
     assert time.process_time() - started < 10.0
 
 
+@pytest.mark.slow
 @given(st.lists(st.tuples(st.integers(0, 3), st.integers(0, 3)), min_size=1, max_size=14))
 def test_the_first_loop_is_that_of_looking_at_every_pair(steps: list[tuple[int, int]]) -> None:
     places = [complex(x, y) + 300 for x, y in steps]

@@ -135,6 +135,7 @@ def test_a_program_without_approach_gets_one_on_the_waste_side_and_says_so(plan)
 polygons = st.lists(st.floats(4.0, 12.0), min_size=4, max_size=9)
 
 
+@pytest.mark.slow
 @given(
     radii=polygons, clockwise=st.booleans(), side=st.sampled_from(["G41", "G42"]), offset=st.floats(0.05, 0.4)
 )

@@ -115,6 +115,7 @@ def test_a_short_arc_of_a_contour_that_closes_without_a_circle_is_one(read: Read
 # tolerances from the resolution that is written
 
 
+@pytest.mark.slow
 @given(
     radius=st.floats(2, 20), begin=st.floats(0, 6.28), sweep=st.floats(0.5, 5.5), turn=st.sampled_from((2, 3)),
     unit=st.sampled_from([("G20", 25.4, 4), ("G20", 25.4, 3), ("G21", 1.0, 3), ("G21", 1.0, 2)]),

@@ -146,6 +146,7 @@ def test_tables_that_make_no_sense(tmp_path: Path, text: str, named: str) -> Non
         read_offsets(tmp_path / "no.toml")
 
 
+@pytest.mark.slow
 @given(st.dictionaries(st.integers(0, 9999), st.floats(0, 10), max_size=20))
 def test_a_table_is_read_as_it_is_written(tmp_path_factory: pytest.TempPathFactory, table: dict[int, float]) -> None:
     file = tmp_path_factory.mktemp("table") / "table.toml"

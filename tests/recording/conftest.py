@@ -198,3 +198,8 @@ def cut() -> SimpleNamespace:
         quality=quality,
         report=report,
     )
+
+
+@pytest.fixture(autouse=True)
+def pictures_of_reports() -> None:
+    """Draw all pictures, in place of what the fixture of this name leaves away elsewhere."""

@@ -57,6 +57,7 @@ def written(small_cut: SimpleNamespace) -> Page:
     return Page((small_cut.folder / "report.html").read_text(encoding="utf-8"))
 
 
+@pytest.mark.slow
 def test_every_cut_writes_a_page_that_needs_no_other_file(written: Page, small_cut: SimpleNamespace) -> None:
     assert written.open == []
     assert written.figures == NAMES
@@ -72,6 +73,7 @@ def test_every_cut_writes_a_page_that_needs_no_other_file(written: Page, small_c
     assert "prefers-color-scheme: dark" in text
 
 
+@pytest.mark.slow
 def test_the_page_holds_table_settings_and_notices(written: Page, small_cut: SimpleNamespace) -> None:
     report = small_cut.result.report
     for said in (
@@ -141,17 +143,20 @@ def folder(small_cut: SimpleNamespace, tmp_path: Path) -> Path:
     return tmp_path
 
 
+@pytest.mark.slow
 def test_a_page_made_again_is_the_one_the_cut_wrote(folder: Path, small_cut: SimpleNamespace) -> None:
     assert remake(folder, None, "pdf", print) == [folder / "report.html"]
     assert (folder / "report.html").read_bytes() == (small_cut.folder / "report.html").read_bytes()
 
 
+@pytest.mark.slow
 def test_figures_are_written_as_files(folder: Path) -> None:
     files = remake(folder, folder / "figures", "svg", print)
     assert [file.stem for file in files] == NAMES[1:]  # the whole cut is profile.png
     assert all("</svg>" in file.read_text(encoding="utf-8") for file in files)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("change", "said"),
     [
@@ -172,6 +177,7 @@ def test_a_folder_that_cannot_be_used_is_refused_in_one_line(folder: Path, chang
     assert {file.name: file.read_bytes() for file in folder.iterdir()} == before
 
 
+@pytest.mark.slow
 def test_another_layout_and_an_unknown_kind_are_refused(folder: Path) -> None:
     with np.load(folder / "part.npz") as stored:
         arrays = dict(stored)

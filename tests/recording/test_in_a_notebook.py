@@ -49,6 +49,7 @@ def test_what_is_worked_with_is_said_in_a_few_lines(result: edmsim.CutResult) ->
     assert "7.000 mm in 2 moves" in repr(result.path)
 
 
+@pytest.mark.slow
 def test_a_result_shows_its_table_and_its_picture(result: edmsim.CutResult) -> None:
     html = result._repr_html_()
     assert "<b>rectangle.ngc: finished</b>" in html
@@ -59,6 +60,7 @@ def test_a_result_shows_its_table_and_its_picture(result: edmsim.CutResult) -> N
     assert len(html) < 400_000  # a notebook keeps it
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["profile", "corner", "kerf-section"])
 def test_a_figure_shows_by_itself(result: edmsim.CutResult, name: str) -> None:
     figure = result.plot() if name == "profile" else result.plot(name)
@@ -111,6 +113,7 @@ def test_a_cut_shows_its_progress_in_a_notebook_only(monkeypatch: pytest.MonkeyP
     assert notebook.notebook_progress("punch.ngc") is None
 
 
+@pytest.mark.slow
 def test_a_file_of_samples_has_every_pulse_as_the_model_had_it(result: edmsim.CutResult, tmp_path: Path) -> None:
     kept = result.closeups.table()
     result.write_traces(tmp_path / "traces.parquet", every_us=0.1, end_s=float(kept["t_s"][2]))

@@ -52,6 +52,7 @@ def made_up(delay_us: np.ndarray, open_: int, deflection_um: np.ndarray | None =
     return PulseSample(edmsim.Machine.load(), 25.0, 100.0, kind, delays, moved)
 
 
+@pytest.mark.slow
 def test_every_figure_is_one_column_wide_and_needs_no_pyplot(
     cut: SimpleNamespace, sample: PulseSample, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -134,6 +135,7 @@ def test_an_exponential_delay_is_a_straight_line_with_its_mean() -> None:
     np.testing.assert_allclose(survival[:, 1], np.exp(-survival[:, 0] / 20.0), atol=0.03)
 
 
+@pytest.mark.slow
 def test_a_ringing_wire_has_its_line_in_the_spectrum() -> None:
     t_s = 1e-4 * np.arange(8000)
     moved = np.zeros((8000, 5, 2))
@@ -175,6 +177,7 @@ def test_single_pulses_are_those_of_windows(sample: PulseSample) -> None:
     np.testing.assert_array_equal(again.delay_us, sample.delay_us)
 
 
+@pytest.mark.slow
 def test_a_sample_of_a_cut_has_its_setting(small_cut: SimpleNamespace) -> None:
     result = small_cut.result
     drawn = sample_like(result.report, result.windows, pulses=300)

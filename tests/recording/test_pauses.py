@@ -117,6 +117,7 @@ def test_no_curve_runs_over_a_pause_and_it_is_marked(cut: SimpleNamespace, drawn
     assert told == ["threading", "feed"]
 
 
+@pytest.mark.slow
 def test_the_figures_of_the_pulses_break_there_too(cut: SimpleNamespace) -> None:
     windows = threaded(cut.windows)
     time = column(windows, "t_s")
@@ -152,6 +153,7 @@ def test_a_cut_without_a_pause_has_no_mark(cut: SimpleNamespace) -> None:
     assert figure.axes[0].get_legend() is None
 
 
+@pytest.mark.slow
 def test_recording_and_film_break_their_curves(cut: SimpleNamespace, tmp_path: Path) -> None:
     windows = threaded(cut.windows)
     write_recording(
@@ -176,6 +178,7 @@ def labels(figure: Figure) -> list[Annotation]:
     return [text for text in figure.axes[0].texts if isinstance(text, Annotation)]
 
 
+@pytest.mark.slow
 def test_labels_of_corners_never_cover_each_other(cut: SimpleNamespace) -> None:
     draw = np.random.default_rng(3)
     places = draw.uniform(22, 26, (40, 2))

@@ -48,6 +48,7 @@ def test_an_event_in_the_first_window_has_none_before() -> None:
     np.testing.assert_array_equal(kept(closeups), np.arange(10))
 
 
+@pytest.mark.slow
 @settings(max_examples=20)
 @given(every=st.integers(1, 60), windows=st.integers(0, 12_000))
 def test_no_number_of_events_makes_it_grow_beyond_bounds(every: int, windows: int) -> None:
@@ -58,6 +59,7 @@ def test_no_number_of_events_makes_it_grow_beyond_bounds(every: int, windows: in
     assert np.all(np.diff(found) > 0)
 
 
+@pytest.mark.slow
 @settings(max_examples=20)
 @given(before=st.integers(0, 2500), after=st.integers(0, 400), every=st.integers(1, 90))
 def test_resuming_keeps_the_same(before: int, after: int, every: int) -> None:

@@ -24,6 +24,7 @@ def texts(cut: SimpleNamespace, scene: Scene, **report: object) -> str:
     return "\n".join(text.get_text() for text in figure.findobj(match=lambda a: hasattr(a, "get_text")))
 
 
+@pytest.mark.slow
 def test_png_has_the_stated_size_and_equal_bytes(cut: SimpleNamespace, tmp_path: Path) -> None:
     for name in ("one.png", "two.png"):
         write_figure(profile_figure(cut.scene, cut.windows, cut.report, "punch.ngc"), tmp_path / name)
@@ -37,6 +38,7 @@ def test_pyplot_is_never_loaded(cut: SimpleNamespace, monkeypatch: pytest.Monkey
     profile_figure(cut.scene, cut.windows, cut.report, "punch.ngc")
 
 
+@pytest.mark.slow
 def test_heading_corners_and_exaggeration_are_written(cut: SimpleNamespace) -> None:
     shown = texts(cut, cut.scene)
     assert cut.scene.error_factor() == 50.0
@@ -52,6 +54,7 @@ def test_heading_corners_and_exaggeration_are_written(cut: SimpleNamespace) -> N
         assert piece in shown
 
 
+@pytest.mark.slow
 def test_the_map_is_to_scale(cut: SimpleNamespace) -> None:
     figure = profile_figure(cut.scene, cut.windows, cut.report, "punch.ngc")
     axes = figure.axes[0]
@@ -70,6 +73,7 @@ def test_a_stopped_cut_says_why_and_where(cut: SimpleNamespace) -> None:
     assert "stopped here" in shown
 
 
+@pytest.mark.slow
 def test_a_long_reason_has_two_lines_within_the_figure(cut: SimpleNamespace) -> None:
     reason = "; ".join(["the wire broke at 612 K", *4 * ["its sensor did not see that, and the machine went on"]])
     figure = profile_figure(cut.scene, cut.windows, cut.report | {"outcome": "time-limit", "reason": reason}, "long")
@@ -79,6 +83,7 @@ def test_a_long_reason_has_two_lines_within_the_figure(cut: SimpleNamespace) -> 
     assert text.get_window_extent().x1 < figure.bbox.x1
 
 
+@pytest.mark.slow
 def test_a_cut_that_left_nothing_can_be_drawn(cut: SimpleNamespace, tmp_path: Path) -> None:
     scene = Scene((), (), (), np.zeros((0, 2)), (0, 0, 10, 80), 20.0, (-10, 30), 250.0)
     report = cut.report | {"machining_time_s": None, "path_length_mm": None}
@@ -93,6 +98,7 @@ def test_long_cuts_are_drawn_with_few_points(cut: SimpleNamespace) -> None:
     assert max(len(line.get_xdata()) for axes in figure.axes for line in axes.get_lines()) <= 800
 
 
+@pytest.mark.slow
 @given(st.lists(st.one_of(st.floats(-1e6, 1e6), st.just(np.nan)), max_size=300), st.integers(1, 40))
 def test_bins_hold_mean_and_extremes(values: list[float], bins: int) -> None:
     series = np.array(values, float)

@@ -16,6 +16,7 @@ def offer(frames: Frames, start: int, stop: int) -> None:
         frames.offer(0.5 * i, 10.0 * i, -i, 3.0 * i, deflection, coverage)
 
 
+@pytest.mark.slow
 @given(capacity=st.integers(2, 40), windows=st.integers(0, 700))
 def test_kept_windows_are_the_multiples_of_the_stride(capacity: int, windows: int) -> None:
     frames = Frames(3, capacity)
@@ -31,6 +32,7 @@ def test_kept_windows_are_the_multiples_of_the_stride(capacity: int, windows: in
     assert windows < capacity or len(frames) >= capacity // 2
 
 
+@pytest.mark.slow
 @given(before=st.integers(0, 300), after=st.integers(0, 300))
 def test_resuming_keeps_the_same_frames(before: int, after: int) -> None:
     whole, first, resumed = Frames(2, 16), Frames(2, 16), Frames(2, 16)

@@ -56,6 +56,7 @@ def test_a_machine_does_not_observe_gas() -> None:
     assert not {"coverage", "covered", "debris", "gap_um"} & set(WindowObservation._fields)
 
 
+@pytest.mark.slow
 def test_a_cut_records_the_same_gas_everywhere(small_cut: SimpleNamespace) -> None:
     result = small_cut.result
     t_s, covered = column(result.windows, "t_s"), column(result.windows, "coverage")
@@ -107,6 +108,7 @@ def test_bubbles_stand_on_the_front_of_the_drawn_wire(cut: SimpleNamespace, play
     np.testing.assert_allclose(centres - wire, np.repeat(np.column_stack([ahead, [0.0]]), 8, axis=0), atol=1e-5)
 
 
+@pytest.mark.slow
 def test_the_top_view_has_a_bubble_at_the_last_discharge_of_every_slice(cut: SimpleNamespace, tmp_path: Path) -> None:
     closeups = Closeups(9, 32, 4)
     covered = np.array([0.0, 0.02, 0.06, 0.3, 0.5, 0.6, 0.1, 0.2, 0.9], np.float32)
@@ -131,6 +133,7 @@ def test_the_top_view_has_a_bubble_at_the_last_discharge_of_every_slice(cut: Sim
         assert turned[4] == pytest.approx(2 * np.pi / 32 * (arc % 16), abs=1e-3)
 
 
+@pytest.mark.slow
 def test_a_film_shows_gas_where_there_is_some(cut: SimpleNamespace, tmp_path: Path) -> None:
     dry = Closeups(9, 32, 4)
     for row in cut.closeups.table():

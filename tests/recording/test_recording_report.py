@@ -15,7 +15,7 @@ import pytest
 from rich.console import Console
 
 from edmsim.recording import Quality, Totals, WindowTable, build_report, render_table, write_json
-from edmsim.recording.report import duration_text
+from edmsim.recording.report import corner_mm, cut_id, duration_text, figure_text, outcome_text, rate_text, summary
 
 FIELDS: dict[str, Any] = {
     "outcome": None, "reason": None, "machining_time_s": None, "wall_time_s": None, "realtime_factor": None,
@@ -134,6 +134,96 @@ def test_terminal_shows_the_figures(cut: SimpleNamespace) -> None:
     assert "nan" not in stopped.lower()
 
 
+def test_the_summary_reads_as_a_person_says_it(cut: SimpleNamespace) -> None:
+    report = {
+        **cut.report, "following_error_um": {"max": 3.25, "rms": 0.75}, "coverage": {"mean": 0.125, "max": 0.5},
+        "surface": {"ra_um": 1.9, "heat_affected_um": 12.0, "electrolysed_um": None},
+    }  # fmt: skip
+    said = dict(summary(report))
+    assert said["machining time"] == "27 min 30 s  (computed in 41.0 s, 40.24 times real time)"
+    assert said["path"] == "33.20 mm"
+    assert said["cutting rate"] == "26.6 mm²/min over the cut alone, 25 min 00 s; 24.1 mm²/min over the whole time"
+    assert said["pulses"] == "3,000,000  spark 55.0 %  arc 2.0 %  short 3.0 %  open 40.0 %"
+    assert said["kerf"] == "308.0 µm mean, 301.0 µm to 314.0 µm"
+    assert said["profile error"] == "10.2 µm max, 2.1 µm rms, 4.0 µm for 95 %"
+    assert said["made by"] == "not split: the wire's centre was to run on the edge"
+    assert said["corners"] == "4, worst -10.2 µm at X 10.000 Y 6.000 mm (+90°)"
+    assert said["wire"] == "lag 4.0 µm, vibration 0.80 µm rms, at most 350 K"
+    assert said["axes"] == "3.2 µm behind at most, 0.8 µm rms"
+    assert said["gas"] == "covers 12.5 % of the wire's front in the mean, at most 50.0 %"
+    assert said["surface"] == "Ra 1.90 µm, heat-affected 12.0 µm, electrolysed –"
+    assert said["energy"] == "1800.0 J, 205.000 mm³ removed, 1.40 A, 55.0 V mean"
+    assert not {"table", "equalising"} & set(said)
+
+
+def test_the_summary_tells_what_only_some_cuts_have(cut: SimpleNamespace) -> None:
+    bare, left, profile = ({"max": 4.0 * k, "rms": 1.0 * k} for k in (1, 2, 3))
+    table = {"without_um": bare, "left_um": left, "profile_without_um": profile, "compensated": False}
+    equalising = {"net_voltage_V": -0.125, "power_W": 2.0, "energy_J": 30.0}
+    shares = {"lag": {"rms": 1.5}, "gap": {"rms": None}}
+    edge = {**cut.report["profile_error_um"], "shares": shares}
+    said = dict(summary({**cut.report, "table_error_um": table, "equalising": equalising, "profile_error_um": edge}))
+    assert said["table"] == "moves the wall by 4.0 µm max, 1.0 µm rms"
+    assert said["equalising"] == "its pulses leave -0.12 V of the mean gap voltage and take 2.00 W, 30.00 J in all"
+    assert said["made by"] == "lag 1.5 µm, gap – rms"
+    said = dict(summary({**cut.report, "table_error_um": {**table, "compensated": True}}))
+    assert said["table"] == "moves the wall by 4.0 µm max, 1.0 µm rms; compensated to 8.0 µm max, 2.0 µm rms"
+    assert said["profile error without compensation"] == "12.0 µm max, 3.0 µm rms"
+
+
+@pytest.mark.parametrize(("share", "said"), [
+    (0.099, ""), (0.1, "; limited by the machine's greatest feed, 40.0 µm/s, for 10 % of the cut"), (None, ""),
+])  # fmt: skip
+def test_a_feed_that_held_the_cut_back_is_said_from_a_tenth_on(
+    cut: SimpleNamespace, share: float | None, said: str
+) -> None:
+    feed = {"mean": 20.0, "max": 40.0, "limit": 40.0, "share_at_limit": share}
+    assert dict(summary({**cut.report, "feed_um_s": feed}))["feed"] == f"20.0 µm/s mean, 40.0 µm/s max{said}"
+
+
+def test_reports_of_earlier_versions_are_still_read(cut: SimpleNamespace) -> None:
+    corner = {"x_mm": 30.0, "y_mm": -1e-9, "turn_deg": -90.0, "error_um": 3.0}
+    unmeasured = {**corner, "error_um": None}
+    older = {key: value for key, value in cut.report.items() if key != "overall_rate_mm2_min"} | {"corners": [corner]}
+    assert dict(summary(older))["cutting rate"] == "26.6 mm²/min over the whole time"
+    assert dict(summary(older))["corners"] == "1, worst +3.0 µm at X 30.000 Y 0.000 mm (-90°)"
+    assert math.copysign(1.0, corner_mm(corner)[1]) == 1.0
+    assert corner_mm({**corner, "program_x_mm": 10.0, "program_y_mm": 2.5}) == (10.0, 2.5)
+    assert dict(summary({**older, "corners": [unmeasured]}))["corners"] == "1, none measured"
+    assert dict(summary({**older, "corners": []}))["corners"] == "none"
+
+
+def test_following_error_is_that_of_both_axes_together() -> None:
+    table = WindowTable()
+    names = table.to_arrow().column_names
+    for x, y, period in ((3.0, 4.0, 100.0), (0.0, 0.0, 300.0)):
+        row = [0.0] * 22
+        row[names.index("following_x_um")], row[names.index("following_y_um")], row[20] = x, y, period
+        table.append(row)
+    totals = Totals(1.0, 1.0, 0, 0, 1, 0, 1.0, 1.0, 1.0, 1.0, 1.0, 0.0)
+    report = build_report(
+        outcome="finished", reason=None, windows=table.to_arrow(), totals=totals,
+        quality=Quality(1, 1, 1, 1, 1, 1, (), 1), notices=(), seed=0, settings={}, version="0", origin_mm=(0.0, 0.0),
+    )  # fmt: skip
+    assert report["following_error_um"] == {"max": pytest.approx(5.0), "rms": pytest.approx(2.5)}
+
+
+def test_a_cut_is_the_same_whatever_the_computer_s_time_was(cut: SimpleNamespace) -> None:
+    number = cut_id(cut.report)
+    assert len(number) == 16
+    assert cut_id({**cut.report, "wall_time_s": 1e3, "realtime_factor": 2.0}) == number
+    assert cut_id({**cut.report, "machining_time_s": 1e3}) != number
+    assert cut_id({**cut.report, "seed": 8}) != number
+
+
+def test_a_heading_tells_outcome_and_rate(cut: SimpleNamespace) -> None:
+    assert outcome_text(cut.report) == "finished"
+    assert outcome_text(nothing_known()) == "stopped: persistent short"
+    assert rate_text(cut.report) == "26.6 mm²/min"
+    assert rate_text(nothing_known()) == "no cutting rate"
+    assert (figure_text(None, "µm"), figure_text(1.25, "µm", 2)) == ("–", "1.25 µm")
+
+
 @pytest.mark.parametrize(
     ("seconds", "text"),
     [
@@ -141,6 +231,7 @@ def test_terminal_shows_the_figures(cut: SimpleNamespace) -> None:
         (59.97, "1 min 00 s"),
         (725, "12 min 05 s"),
         (3599.6, "1 h 00 min"),
+        (12_030, "3 h 20 min"),
         (None, "unknown"),
     ],
 )

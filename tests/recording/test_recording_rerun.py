@@ -144,6 +144,7 @@ def test_the_factors_and_the_thinning_are_said(cut: SimpleNamespace, read: Read)
     assert "wire deflection × 200" in labels[1]  # on screen, too
 
 
+@pytest.mark.slow
 def test_equal_cuts_compare_equal_and_others_do_not(cut: SimpleNamespace, tmp_path: Path) -> None:
     one, two = (write(cut, tmp_path / name) for name in ("one.rrd", "two.rrd"))
     assert compare(one, two) == 0
@@ -154,6 +155,7 @@ def test_equal_cuts_compare_equal_and_others_do_not(cut: SimpleNamespace, tmp_pa
     assert sorted(path.name for path in tmp_path.iterdir()) == ["one.rrd", "three.rrd", "two.rrd"]
 
 
+@pytest.mark.slow
 def test_a_long_cut_is_thinned_by_means(cut: SimpleNamespace, tmp_path: Path) -> None:
     longer = pa.concat_tables([cut.windows] * 10)
     read = Read(write(cut, tmp_path / "long.rrd", windows=longer))
@@ -177,6 +179,7 @@ def test_rows_around_events_are_not_averaged() -> None:
     assert len(many) <= 20_000 + 20_000 + 2 * 500  # bounded, however much happens
 
 
+@pytest.mark.slow
 def test_a_stopped_or_empty_cut_is_recorded(cut: SimpleNamespace, tmp_path: Path) -> None:
     stopped = dataclasses.replace(cut.scene, stop_mm=(30.0, 23.0))
     report = cut.report | {"outcome": "wire-break", "reason": "612 K"}
@@ -192,6 +195,7 @@ def test_a_stopped_or_empty_cut_is_recorded(cut: SimpleNamespace, tmp_path: Path
     assert "/world/table/workpiece" in Read(empty).entities()
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform == "win32", reason="no limit of a file's size")
 def test_a_recording_that_finds_no_room_leaves_nothing_behind(cut: SimpleNamespace, tmp_path: Path) -> None:
     import resource

@@ -48,6 +48,7 @@ def grown(cut: SimpleNamespace, **changed: object):
     return growing_kerf(scene, places, column(cut.windows, "path_um"))
 
 
+@pytest.mark.slow
 def test_the_kerf_grows_until_it_is_what_was_cut(cut: SimpleNamespace) -> None:
     growth = grown(cut)
     assert len(growth.solids) <= KERF_FRAMES + 1
@@ -62,6 +63,7 @@ def test_the_kerf_grows_until_it_is_what_was_cut(cut: SimpleNamespace) -> None:
     assert volumes[0] - volumes[-1] == pytest.approx(kerf.difference(hole).area * 20.0, rel=0.03)
 
 
+@pytest.mark.slow
 def test_a_stepped_workpiece_has_its_steps(cut: SimpleNamespace) -> None:
     low, high = (shapely.box(15, 15, x, 31) for x in (25, 35))
     rings = [np.array(part.exterior.coords) for part in (low, high.difference(low))]

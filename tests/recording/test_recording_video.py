@@ -32,6 +32,7 @@ def recording(cut: SimpleNamespace, tmp_path_factory: pytest.TempPathFactory) ->
     return write(tmp_path_factory.mktemp("recording"), cut)
 
 
+@pytest.mark.slow
 def test_legends_of_a_film_cover_no_curve(recording: Path) -> None:
     film = Film(Playback(recording), 60)
     legends = [(axes, axes.get_legend()) for axes in film._figure.axes if axes.get_legend() is not None]
@@ -41,6 +42,7 @@ def test_legends_of_a_film_cover_no_curve(recording: Path) -> None:
         assert not legend.get_window_extent().overlaps(axes.title.get_window_extent())
 
 
+@pytest.mark.slow
 def test_a_gif_plays_the_cut(recording: Path, tmp_path: Path) -> None:
     render(recording, tmp_path / "new" / "cut.gif", seconds=0.8)
     with Image.open(tmp_path / "new" / "cut.gif") as film:
@@ -52,6 +54,7 @@ def test_a_gif_plays_the_cut(recording: Path, tmp_path: Path) -> None:
     assert [file.name for file in (tmp_path / "new").iterdir()] == ["cut.gif"]
 
 
+@pytest.mark.slow
 def test_an_mp4_plays_the_cut(recording: Path, tmp_path: Path) -> None:
     ffmpeg = pytest.importorskip("imageio_ffmpeg")
     render(recording, tmp_path / "cut.mp4", seconds=0.5)
@@ -65,6 +68,7 @@ def test_an_mp4_plays_the_cut(recording: Path, tmp_path: Path) -> None:
     assert "frame=   12" in told
 
 
+@pytest.mark.slow
 def test_pictures_show_the_kerf_grow_and_are_the_same_again(recording: Path) -> None:
     play = Playback(recording)
     film = Film(play, 60)
@@ -109,6 +113,7 @@ def test_a_place_that_cannot_be_written_and_a_cut_of_no_windows(cut: SimpleNames
     assert not (tmp_path / "cut.gif").exists()
 
 
+@pytest.mark.slow
 def test_without_a_graphics_driver_screenshots_say_so(
     recording: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

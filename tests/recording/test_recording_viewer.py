@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 import socket
 import subprocess
 import sys
@@ -17,11 +18,17 @@ from edmsim.recording.rerun import viewer
 from edmsim.recording.rerun.write import write_recording
 
 
+@pytest.fixture(scope="module")
+def written(cut: SimpleNamespace, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    file = tmp_path_factory.mktemp("written") / "cut.rrd"
+    write_recording(file, cut.scene, cut.windows, cut.frames, cut.closeups, cut.machine, cut.report, "punch.ngc")
+    return file
+
+
 @pytest.fixture
-def folder(cut: SimpleNamespace, tmp_path: Path) -> Path:
-    write_recording(
-        tmp_path / "cut.rrd", cut.scene, cut.windows, cut.frames, cut.closeups, cut.machine, cut.report, "punch.ngc"
-    )
+def folder(written: Path, tmp_path: Path) -> Path:
+    """A folder with a recording, which may be damaged."""
+    shutil.copy(written, tmp_path)
     return tmp_path
 
 
@@ -75,6 +82,7 @@ def test_recording_of_the_first_version_or_another_program_is_refused(tmp_path: 
         viewer.find_recording(tmp_path)
 
 
+@pytest.mark.slow
 def test_a_file_of_another_rerun_is_refused(folder: Path) -> None:
     recording = folder / "cut.rrd"
     whole = bytearray(recording.read_bytes())
@@ -125,6 +133,7 @@ def test_rerun_knows_every_option_used(tmp_path: Path) -> None:
         assert all(word in shown.stdout for word in command if word.startswith("--"))
 
 
+@pytest.mark.slow
 def test_view_runs_the_viewer_and_says_the_address(
     folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -146,6 +155,7 @@ def test_view_runs_the_viewer_and_says_the_address(
     assert address in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_without_a_window_it_serves_the_page(
     folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -165,6 +175,7 @@ def test_without_a_window_it_serves_the_page(
     assert "could not open a window" in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_two_cuts_are_laid_side_by_side(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     shown: list[set[str]] = []
 

@@ -123,6 +123,7 @@ def test_unreadable_tables_are_named(tmp_path: Path) -> None:
         read_windows(tmp_path / "short.parquet")
 
 
+@pytest.mark.slow
 @given(degrees=st.floats(-180, 180), size=st.floats(0.1, 50))
 def test_lag_is_positive_against_the_feed_in_every_direction(degrees: float, size: float) -> None:
     angle = np.radians(degrees)

@@ -29,14 +29,12 @@ def tuning(drive: str, axis: str) -> Tuning:
     return autotune(drive, axis_row(axis), lambda line: None)
 
 
+@pytest.mark.slow
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("drive", "axis"),
-    [
-        ("uhu", "bench"), ("servo-module", "bench"), ("servo-module", "table"),
-        pytest.param("uhu", "table", marks=pytest.mark.slow),
-        pytest.param("servo-module", "fast", marks=pytest.mark.slow),
-    ],
-)  # fmt: skip
+    [("uhu", "bench"), ("uhu", "table"), *(("servo-module", axis) for axis in ("bench", "table", "fast"))],
+)
 def test_a_tuned_drive_follows_better_than_as_delivered(drive, axis):  # U-25, U-58, M-37
     before, after = tuning(drive, axis).before.figures, tuning(drive, axis).after.figures
     assert after.rms < 0.7 * before.rms
@@ -44,6 +42,7 @@ def test_a_tuned_drive_follows_better_than_as_delivered(drive, axis):  # U-25, U
     assert after.overshoot < max(0.85 * before.overshoot, 1.5 * ONE_COUNT)  # the module begins without any
 
 
+@pytest.mark.slow
 def test_what_is_found_can_be_typed_in_and_is_there_after_power_up():  # U-58 step 5
     for drive in CHIPS:
         found = tuning(drive, "bench")
@@ -122,6 +121,7 @@ def test_the_figures_of_an_answer():
     assert Answer(answer.time_s, np.array([3, -4, 3, -4, 3, -4])).rms == pytest.approx(np.sqrt(12.5))
 
 
+@pytest.mark.slow
 def test_the_command_prints_what_to_type_and_draws_before_and_after(tmp_path: Path):
     words = ["servo", "servo-module", "--axis", "table", "--autotune", "--out", str(tmp_path / "steps.png")]
     told = subprocess.run([sys.executable, "-m", "edmsim", *words], capture_output=True, text=True, check=True)

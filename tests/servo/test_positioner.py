@@ -19,6 +19,7 @@ def station():
     return Station.of_files(*FILES, "analogue")
 
 
+@pytest.mark.slow
 def test_the_example_homes_and_places():
     one = station()
     one.bench.home_cam("x", 300.0, 2000.0)
@@ -39,6 +40,7 @@ def test_the_example_homes_and_places():
     assert device.parameters["wrncode"] == 0
 
 
+@pytest.mark.slow
 def test_it_tells_what_changes():
     said: list[str] = []
     run_and_tell(station(), 1.0, [Press("ifForward", 0.2, 0.4)], said.append)
@@ -73,6 +75,7 @@ TWO = EXAMPLE / "two_axes.cnf", EXAMPLE / "two_axes.mod"
 CONTACTORS = {"ofMotorX": "AxisX", "OFMOTORY": "axisy"}
 
 
+@pytest.mark.slow
 def test_a_program_leads_one_drive_to_two_motors():  # 1.4.1, Q-79; timers and a data group as well
     one = Station.of_files(*TWO, "analogue", CONTACTORS)
     ways, connected = {"x": [0.0], "y": [0.0]}, set()
@@ -120,6 +123,7 @@ def test_wrong_contactors_are_refused(contactors, reason):
         Station.of_files(*TWO, "analogue", contactors)
 
 
+@pytest.mark.slow
 def test_the_command_takes_contactors(monkeypatch, capsys):
     words = ["edmsim", "positioner", *map(str, TWO), "--contactor", "ofMotorX=AxisX", "--seconds", "0.2"]
     for more, status, said in (

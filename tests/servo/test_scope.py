@@ -68,6 +68,7 @@ def test_a_scope_s_file_that_cannot_be_written_is_told(tmp_path: Path):
         Scope(False, tmp_path)
 
 
+@pytest.mark.slow
 def test_without_a_screen_the_scope_is_a_page_and_the_drive_runs():
     without = {name: value for name, value in os.environ.items() if "DISPLAY" not in name}
     told = subprocess.run(

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from edmsim.servo.answer import Answer
 from edmsim.servo.autotune import STEP_COUNTS, AxisResponse, Tuning
@@ -13,6 +14,7 @@ from edmsim.servo.relay import Swing
 DOCS = Path(__file__).parents[2] / "docs"
 
 
+@pytest.mark.slow
 def test_the_picture_has_a_column_for_each_drive(load_script):
     steps = load_script(DOCS / "make" / "servo_steps.py")
     answer = Answer(np.array([0.0, 0.01, 0.02]), np.array([STEP_COUNTS, 5, 0]))

@@ -88,6 +88,7 @@ def test_an_environment_there_is_not_is_refused(
     assert not (tmp_path / "page.md").exists()
 
 
+@pytest.mark.slow
 def test_every_task_has_a_page_with_its_picture_lines_and_learning_curve(
     load_script: Callable[[Path], ModuleType]
 ) -> None:

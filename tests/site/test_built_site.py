@@ -46,6 +46,7 @@ def site() -> dict[Path, str]:
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(400)
 def test_the_site_holds_together(site: dict[Path, str]) -> None:
     pages = {file.resolve(): Page(text) for file, text in site.items()}
     faults = [f"{file.name} is no page for a phone" for file, page in pages.items() if not page.fits]
@@ -72,6 +73,7 @@ def test_the_site_holds_together(site: dict[Path, str]) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(400)
 def test_options_of_commands_are_not_broken_at_their_hyphens(site: dict[Path, str]) -> None:
     page = site[SITE / "guide" / "quick-start.html"]
     assert '<span class="option">--height</span>' in page

@@ -31,6 +31,7 @@ def test_the_page_has_every_way_to_fail(script: ModuleType, drive: str) -> None:
     assert typed == [f"`{failure.typed}`" for failure in script.failures(drive)]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("drive", DRIVES)
 def test_each_does_what_the_page_says(script: ModuleType, drive: str) -> None:
     rows = written(script, drive)

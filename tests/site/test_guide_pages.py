@@ -96,6 +96,7 @@ def keys(value: Any, before: str = "") -> set[str]:
     return {before}
 
 
+@pytest.mark.slow
 def test_the_outputs_are_those_of_a_cut(tmp_path: Path) -> None:
     edmsim.cut(ROOT / "examples" / "punch.ngc", height_mm=10, resolution="fast", max_time_s=1, out=tmp_path)
     text = page("guide/outputs")

@@ -38,6 +38,7 @@ def test_a_machine_without_a_browser_is_told(
         pictures.photograph(tmp_path / "none.html", tmp_path / "picture.png", pictures.WIDE)
 
 
+@pytest.mark.slow
 def test_the_program_ends_with_one_line(tmp_path: Path) -> None:
     # a copy elsewhere finds no cut beside it
     copy = tmp_path / "docs" / "pictures.py"

@@ -34,6 +34,7 @@ def test_the_page_has_every_planner_at_every_speed(planners: ModuleType, heading
     assert (DOCS / "planners.png").is_file()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("planner", COMPARED)
 def test_its_short_moves_are_those_of_the_present_code(planners: ModuleType, planner: str) -> None:
     lines = section(f"Short moves, {SHORT_UM} um")
@@ -41,6 +42,7 @@ def test_its_short_moves_are_those_of_the_present_code(planners: ModuleType, pla
         assert planners.row(planner, speed, around(planner, SHORT_UM, speed)) in lines
 
 
+@pytest.mark.slow
 def test_its_failures_are_those_of_the_present_code(planners: ModuleType) -> None:  # T-G6, T-G9, T-G11, T-G12
     lines = section("Where the algorithm of 1982 fails")
     short = [failure for failure in planners.FAILURES if max(failure.run_um) <= 10_000]
@@ -48,6 +50,7 @@ def test_its_failures_are_those_of_the_present_code(planners: ModuleType) -> Non
     assert len([line for line in lines if line.startswith("|")]) == 2 + len(planners.FAILURES)
 
 
+@pytest.mark.slow
 def test_page_and_picture_are_written(
     planners: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

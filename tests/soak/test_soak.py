@@ -30,6 +30,7 @@ def test_growth_is_found_and_none_is_none() -> None:
     assert (settles.mean, settles.low, settles.high) == (0.0, 0.0, 0.0)
 
 
+@pytest.mark.slow
 def test_memory_that_is_held_is_seen() -> None:
     """In a process of its own: here, what other tests left may be given back between the two looks."""
     looks = (
@@ -44,6 +45,7 @@ def test_memory_that_is_held_is_seen() -> None:
     assert 0.9 * held < seen < 1.1 * held
 
 
+@pytest.mark.slow
 def test_a_plant_goes_on_from_its_snapshots(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(endurance, "SAMPLES", 14)
     monkeypatch.setattr(endurance, "CHECKED", 2)
@@ -52,12 +54,14 @@ def test_a_plant_goes_on_from_its_snapshots(monkeypatch: pytest.MonkeyPatch) -> 
     assert found["windows"] > 70
 
 
+@pytest.mark.slow
 def test_environments_step_in_a_memory_of_one_size(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(endurance, "SAMPLES", 14)
     found = endurance.step(448)
     assert found["steps"] == 448
 
 
+@pytest.mark.slow
 def test_plants_and_environments_leave_nothing_open() -> None:
     assert set(vectors.open_and_close(3)["left"].values()) == {0}
 

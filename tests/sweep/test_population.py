@@ -70,6 +70,7 @@ def test_a_training_begins_from_another_ones_checkpoint(short_training: None, tm
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(400)
 @pytest.mark.filterwarnings("ignore")
 def test_a_population_exploits_and_explores_on_two_nodes(
     nodes: Any, short_training: None, tmp_path: Path

@@ -66,6 +66,7 @@ def test_a_whole_grid_gives_the_exact_indices(
     assert total(told) == pytest.approx(in_all, abs=1e-12)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kept", [1.0, 0.8])
 def test_seeds_show_what_is_chance_also_where_runs_failed(kept: float) -> None:
     """Of 27 combinations of four seeds: a variance of 2/3 and 6, an interaction of 4/9, and a chance of 1."""
@@ -127,6 +128,7 @@ SAMPLES = {
 }  # fmt: skip
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", SAMPLES)
 def test_ishigami_in_samples(kind: str) -> None:
     told = found(SAMPLES[kind], ishigami(SAMPLES[kind]))
@@ -137,6 +139,7 @@ def test_ishigami_in_samples(kind: str) -> None:
     assert sum(first(told)) + told.interactions + told.unexplained == pytest.approx(1.0)
 
 
+@pytest.mark.slow
 def test_a_sample_of_orders_of_magnitude_needs_nothing_else() -> None:
     runs = 10.0 ** (3 * sobol(2, 64))
     told = found(runs, np.log10(runs[:, 0]) + 2 * np.log10(runs[:, 1]))
@@ -153,6 +156,7 @@ def test_what_is_chance_in_a_sample_is_unexplained() -> None:
     assert told.unexplained == pytest.approx(0.2, abs=0.05)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("points", [8, 16, 64])
 def test_chance_alone_is_nearly_never_taken_for_an_effect(points: int) -> None:
     rng = np.random.default_rng(points)
@@ -161,6 +165,7 @@ def test_chance_alone_is_nearly_never_taken_for_an_effect(points: int) -> None:
     assert np.mean(np.array(claimed) > 0.05) <= 0.2
 
 
+@pytest.mark.slow
 def test_chance_alone_is_no_effect_in_a_grid_either() -> None:
     rng = np.random.default_rng(1)
     runs = grid(THREE, THREE, seeds=5)
@@ -169,6 +174,7 @@ def test_chance_alone_is_no_effect_in_a_grid_either() -> None:
     assert np.mean([one.unexplained for one in told]) > 0.9
 
 
+@pytest.mark.slow
 def test_a_sample_with_a_grid_and_seeds() -> None:
     points = sobol(2, 64)
     runs = np.array([[setting, *point] for setting in (0, 1) for point in points for _ in range(3)])

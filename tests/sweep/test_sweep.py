@@ -58,6 +58,7 @@ def dying(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
     return importlib.import_module("dying_jobs")
 
 
+@pytest.mark.slow
 def test_a_process_that_dies_costs_a_retry_and_no_other_run(dying: ModuleType, tmp_path: Path) -> None:
     jobs = [tmp_path / name for name in "abc"]
     assert sorted(answer for _, answer in Processes(2).done(dying.dies_once, jobs)) == ["a", "b", "c"]
@@ -67,6 +68,7 @@ def test_a_process_that_dies_costs_a_retry_and_no_other_run(dying: ModuleType, t
     assert "status -9; given up after 3 attempts" in found[1].why
 
 
+@pytest.mark.slow
 def test_processes_find_the_same_bits_as_this_one(two_controllers: Specification, tmp_path: Path) -> None:
     seen: list[SweepProgress] = []
     sweep(two_controllers, tmp_path / "here", engine=Here())
@@ -79,6 +81,7 @@ def test_processes_find_the_same_bits_as_this_one(two_controllers: Specification
     assert json.loads(here["report"][0].as_py())["settings"]["resolution"] == "fast"
 
 
+@pytest.mark.slow
 def test_a_run_that_fails_is_a_row_with_its_error(
     line: Path, short: dict[str, Any], giving_up: str, tmp_path: Path
 ) -> None:
@@ -131,6 +134,7 @@ def test_all_values_are_looked_at_before_the_first_run(
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.slow
 def test_points_of_a_sample_that_no_machine_can_be_set_to_are_rows_with_an_error(
     line: Path, short: dict[str, Any], tmp_path: Path
 ) -> None:
@@ -164,6 +168,7 @@ def test_programs_samples_and_environments_are_looked_at_as_well(
     assert seen == [(0, 2), (1, 2)]
 
 
+@pytest.mark.slow
 def test_an_interrupted_sweep_makes_only_what_is_missing(two_controllers: Specification, tmp_path: Path) -> None:
     with pytest.raises(KeyboardInterrupt):
         sweep(two_controllers, tmp_path, engine=Here(3))
@@ -208,6 +213,7 @@ def test_what_was_kept_is_there_once_whenever_the_driver_dies(
     assert len(seen) == 11
 
 
+@pytest.mark.slow
 def test_recordings_are_whole_and_play(line: Path, short: dict[str, Any], tmp_path: Path) -> None:
     spec = Specification(program=[str(line)], settings=short, recordings=["windows", "report"])
     sweep(spec.model_copy(update={"recordings": []}), tmp_path, engine=Here())
@@ -221,6 +227,7 @@ def test_recordings_are_whole_and_play(line: Path, short: dict[str, Any], tmp_pa
     assert len(read(tmp_path)) == 1
 
 
+@pytest.mark.slow
 def test_machines_are_drawn_the_same_for_every_setting(line: Path, short: dict[str, Any]) -> None:
     spec = Specification(
         program=[str(line)], settings=short, grid={"controller": ["counts", "voltage"]}, machine_samples=2,
@@ -240,6 +247,7 @@ def test_a_file_that_changed_under_way_fails_its_runs(line: Path, short: dict[st
     assert "not the file" in perform(run).row["error"]
 
 
+@pytest.mark.slow
 def test_controllers_are_swept_in_environments() -> None:
     spec = Specification(
         environment="edmsim/GapFeed-v1", settings={"resolution": "fast", "length_mm": 0.05},

@@ -16,6 +16,7 @@ ray = pytest.importorskip("ray")
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(400)
 @pytest.mark.filterwarnings("ignore")
 def test_a_lost_node_loses_nothing(
     nodes: Any, line: Path, short: dict[str, Any], giving_up: str, tmp_path: Path

@@ -93,6 +93,7 @@ def command(*words: object, monkeypatch: pytest.MonkeyPatch) -> int:
     return int(left.value.code or 0)
 
 
+@pytest.mark.slow
 def test_the_command_sweeps_shows_and_goes_on(
     line: Path, giving_up: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -36,6 +36,7 @@ class Peak:
             yield job, Lost("the computer was lost") if lost else Worth(-(job.values["feed_um_s"] - 20.0) ** 2)
 
 
+@pytest.mark.slow
 def test_a_search_finds_what_is_best_and_goes_on(tmp_path: Path) -> None:
     seen: list[Tuned] = []
     first = Peak(stop_after=10)
@@ -93,6 +94,7 @@ def test_a_folder_has_one_study(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(400)
 def test_a_training_leaves_its_policy(short_training: None, tmp_path: Path) -> None:
     pytest.importorskip("stable_baselines3")
 

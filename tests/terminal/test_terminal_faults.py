@@ -116,6 +116,7 @@ def stuck(machine: edmsim.Machine, name: str) -> Rig:
 
 
 # T-46, T-47: an end switch that never opens, with counters that were set to another place
+@pytest.mark.slow
 def test_a_stuck_end_switch_lets_the_table_run_into_its_stop_and_lose_steps(machine):
     travel_um, unseen = machine.base.table.travel_mm.value * 1e3, stuck(machine, "stuck-end-switch")
     unseen.plant.reset(1, position_um=(32_500.0, travel_um - 100))
@@ -166,6 +167,7 @@ def test_an_unknown_fault_is_refused_with_those_there_are():
         choose_faults(["stuck"], seed=0)
 
 
+@pytest.mark.slow
 def test_a_wire_pressed_into_the_workpiece_breaks_and_can_be_brought_out(rig):
     status, lines = operate(rig, "X 1200", "WAIT", "INIT", "X -1200", "WAIT", "WIRE", "X 20", "WAIT")
     assert emergencies(lines)[0].startswith("EMERGENCY: THE WIRE WAS PRESSED AGAINST THE WORKPIECE AND BROKE")
@@ -180,6 +182,7 @@ def test_a_short_that_stays_stops_the_machine(machine):
 
 
 # T-44: windows not read in time
+@pytest.mark.slow
 def test_windows_that_come_faster_than_the_program_are_missed_and_counted(rig):
     _, lines = operate(rig, "TI 06H TP 6", "NEW 33000 32500", "START", "WAIT 1", "STATUS", SET, "WAIT 1", "STATUS")
     (read, missed), (read_later, missed_later) = (
@@ -208,6 +211,7 @@ def test_serial_noise_disturbs_what_is_typed_while_the_current_is_high(machine):
 
 
 # T-30: the generator drops out at low V(t(p))
+@pytest.mark.slow
 def test_a_generator_that_drops_out_stops_the_cut(machine):
     rig = Rig(machine, seed=1, resolution="fast", faults=Faults(drop_out=DropOut(1)))
     cut = ("TI 10 TP 60", "NEW 32900 32500", "START", "WAIT")

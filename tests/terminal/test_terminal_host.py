@@ -109,6 +109,7 @@ def test_an_arc_of_the_program_that_is_none_stops_it_before_anything_moves(opera
     assert told.rig.place_um == (32_500.0, 32_500.0)
 
 
+@pytest.mark.slow
 def test_a_whole_job_in_a_pipe(host):
     command = [sys.executable, "-c", "from edmsim.cli.app import main; main()", "terminal", "--resolution", "fast"]
     done = subprocess.run(
@@ -143,6 +144,7 @@ def test_bad_options_are_one_line_and_status_2(options, reason, monkeypatch, cap
     assert told.out == ""
 
 
+@pytest.mark.slow
 def test_the_same_script_gives_the_same_session_bit_for_bit(machine):
     def session(seed):
         screen = Script(b"TI 30 TP 100\nNEW 32600 32500\nSTART\nWAIT 2\nSTATUS\nEM\nINIT\nSTATUS\n")

@@ -142,6 +142,7 @@ def test_status_shows_where_the_machine_cuts_to_whoever_said_so(operate):
 
 
 # T-29: sparks of a usual job in 20 mm draw more than 1.5 A now and then, and that disturbs the serial lines
+@pytest.mark.slow
 def test_noise_comes_with_the_current_of_a_usual_job(machine):
     noise = SerialNoise(1, chance=0.5)
     rig = Rig(machine.with_(height_mm=20.0), seed=1, resolution="fast", faults=Faults(noise=noise))
@@ -169,6 +170,7 @@ def test_a_trim_that_is_turned_changes_the_pulses_of_the_machine(operate, rig): 
     assert (rig.plant.machine.t_on_us, rig.plant.machine.t_period_us) == (22.0, 105.0)
 
 
+@pytest.mark.slow
 def test_the_longest_pulses_can_be_set_and_fired(operate, rig):  # T-1, T-2, T-32, T-42, T-A15
     told = operate("TI 1000 TP 10000", "GEN ON", "WAIT 5", "STATUS", "TI 1 TP 2", "TI 1 TP 5", "WAIT 1")
     assert "t(i) 1000 us (1FFH)   t(p) 10000 us (1FFH)" in told.lines
@@ -192,6 +194,7 @@ def test_couplers_keep_the_sparks_out_of_the_control(machine):
 
 
 # T-85: a spare output halves the wire's tension, and the wire bows twice as far
+@pytest.mark.slow
 def test_a_spare_line_lowers_the_wires_tension(operate, machine):
     rig = operate("TENSION LOW", "WAIT 1").rig
     assert rig.plant.machine.tension == pytest.approx(machine.tension / 2)

@@ -76,6 +76,7 @@ def sit_down() -> Iterator[type[Operator]]:
 
 
 # T-53, T-A10: echo and the four correction characters, at the keyboard
+@pytest.mark.slow
 def test_a_person_types_corrects_jogs_and_leaves(sit_down):
     operator = sit_down("--speed", "50")
     operator.see("> ")
@@ -91,6 +92,7 @@ def test_a_person_types_corrects_jogs_and_leaves(sit_down):
     assert operator.leave() == 0  # a person's typing errors are part of the work
 
 
+@pytest.mark.slow
 def test_ctrl_c_is_the_emergency_stop_and_nothing_moves_until_init(sit_down):
     operator = sit_down("--speed", "1")
     operator.see("> ")
@@ -112,6 +114,7 @@ def test_ctrl_c_is_the_emergency_stop_and_nothing_moves_until_init(sit_down):
     assert operator.leave() == 0
 
 
+@pytest.mark.slow
 def test_ctrl_x_ends_a_wait(sit_down):
     operator = sit_down("--speed", "1")
     operator.see("> ")
@@ -123,6 +126,7 @@ def test_ctrl_x_ends_a_wait(sit_down):
     assert operator.leave() == 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
 def test_the_tty_is_restored_when_the_session_is_ended_from_outside(sit_down, number):
     operator = sit_down()
@@ -132,6 +136,7 @@ def test_the_tty_is_restored_when_the_session_is_ended_from_outside(sit_down, nu
     assert operator.leave() == 128 + number
 
 
+@pytest.mark.slow
 def test_a_real_terminal_shows_digits_and_pulses(sit_down):
     operator = sit_down("--speed", "20", term="xterm")
     operator.see("STAND-BY")
@@ -148,6 +153,7 @@ def test_a_real_terminal_shows_digits_and_pulses(sit_down):
     assert operator.leave() == 0
 
 
+@pytest.mark.slow
 def test_ctrl_c_in_a_pipe_stops_the_machine_and_the_script():
     command = [sys.executable, "-c", "from edmsim.cli.app import main; main()", "terminal", "--resolution", "fast"]
     pipe = subprocess.PIPE

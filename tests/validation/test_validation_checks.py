@@ -108,6 +108,7 @@ def test_the_flow_s_pressure_gives_its_mean_speed():
 # --- the other checks: all rows that are exact pass, and those that cannot are named ---
 
 
+@pytest.mark.slow
 def test_laws_of_the_string_hold():
     assert failing([*strings.check_static_lag(()), *strings.check_frequencies(())]) == []
 
@@ -124,6 +125,7 @@ def test_heat_agrees_with_its_closed_forms():
     assert failing([row for check in heat.CHECKS for row in check(())]) == []
 
 
+@pytest.mark.slow
 def test_gas_film_and_forces_are_what_their_closed_forms_say():
     closed = gas.check_gas_share, gas.check_film, gas.check_film_motion, gas.check_added_mass, gas.check_forces
     assert failing([row for check in closed for row in check(())]) == []
@@ -149,10 +151,12 @@ def test_the_duration_fitted_to_a_crater_gives_its_volume():
     assert timing(machine).removal_um3_J * energy_J == pytest.approx(6219.27, rel=1e-3)
 
 
+@pytest.mark.slow
 def test_water_agrees():
     assert failing([*water.check_bridging((1, 2, 3)), *water.check_flushing(()), *water.check_leakage((1,))]) == []
 
 
+@pytest.mark.slow
 def test_corners_agree_with_the_table():
     rows = corners.check_corners(())
     assert len(rows) == 8

@@ -74,6 +74,7 @@ def test_only_judged_rows_count():
     assert told["rows"][2]["reason"] == "another pulse"
 
 
+@pytest.mark.slow
 @given(st.lists(st.floats(-1e6, 1e6), min_size=2, max_size=9), st.floats(-100.0, 100.0))
 def test_the_interval_moves_with_the_values_and_not_with_their_order(values, shift):
     mean, half = mean_and_interval(values)
@@ -82,6 +83,7 @@ def test_the_interval_moves_with_the_values_and_not_with_their_order(values, shi
     assert same == pytest.approx(half, abs=1e-4)
 
 
+@pytest.mark.slow
 def test_the_interval_holds_the_mean_19_times_in_20():
     draw = np.random.default_rng(1)
     found = [mean_and_interval(draw.normal(5.0, 2.0, 4)) for _ in range(4_000)]
@@ -162,6 +164,7 @@ def test_an_error_in_a_check_is_not_hidden(monkeypatch):
         validation.run()
 
 
+@pytest.mark.slow
 def test_some_modules_can_be_run_alone():
     rows = validation.run(modules=["corners"])
     assert {row.topic for row in rows} == {"corner"}

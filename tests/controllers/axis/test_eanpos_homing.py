@@ -88,6 +88,7 @@ def test_a_zero_pulse_may_be_too_short():  # Q-74, Q-A13, Q-A36
     assert homed(at_cam(4000.0, 9000.0, index_width_um=0.2, **fast)) == pytest.approx(2500.0, abs=0.8)
 
 
+@pytest.mark.slow
 def test_a_zero_pulse_may_be_missing():
     p = at_cam(4000.0, 9000.0, prsmode=1, prsvel=90000, settings={"home_limit": 6500})
     p.bench.unplug("x", "index")

@@ -158,6 +158,7 @@ def test_drift_of_the_drive_and_its_remedies():  # Q-35, Q-66, 4.3
     assert p.device.output_V + 0.024 == pytest.approx(-0.0001, abs=1e-4)
 
 
+@pytest.mark.slow
 def test_a_drive_warms_up():
     p = Positioner(drift_V=0.048, warm_s=10.0)
     p.run(1.0)

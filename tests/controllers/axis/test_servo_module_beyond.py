@@ -114,6 +114,7 @@ def test_what_python_may_not_set_is_refused_in_one_line(arguments, says):
     assert "\n" not in str(caught.value)
 
 
+@pytest.mark.slow
 def test_the_module_keeps_to_what_every_drive_must():
     axis.check_drive(ServoModule)
     axis.check_drive(lambda: axis.make("servo-module"))
@@ -129,6 +130,7 @@ def test_a_copy_goes_its_own_way():
         assert drive.line(b"P\r") == b"(P) - Kp: 600\r\n"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("mechanics", ["modal", "mujoco"])
 def test_a_machine_s_axis_follows_its_steps_under_the_module(mechanics):
     machine = edmsim.Machine.load()

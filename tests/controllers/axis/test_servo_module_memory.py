@@ -130,6 +130,7 @@ COMMANDS = st.one_of(
 )
 
 
+@pytest.mark.slow
 @given(st.lists(COMMANDS, max_size=6))
 @settings(max_examples=300, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 def test_no_input_crashes_the_parser_and_only_moves_move(lines):

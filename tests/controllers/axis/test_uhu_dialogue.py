@@ -240,6 +240,7 @@ def test_a_failed_load_shuts_off_until_a_reset() -> None:  # U-28, U-69, U-A21
     assert bench.pins("x").enabled
 
 
+@pytest.mark.slow
 @effort(max_examples=100)
 @given(st.lists(st.binary(max_size=40) | st.sampled_from([b"P", b"\r", b"12", b"\r", b"L", b"+\r", b"A\r"])))
 def test_no_bytes_crash_the_terminal_or_leave_seven_bits(pieces: list[bytes]) -> None:  # U-13, U-35

@@ -67,6 +67,12 @@ def test_a_wrong_configuration_is_refused(text, reason):  # Q-82
     assert reason in str(refused.value)
 
 
+def test_sections_and_sizes_may_be_written_small():
+    small, great = (read_configuration(text) for text in ("global\na l\nsystem\nb f", "GLOBAL\na L\nSYSTEM\nb F"))
+    assert small.variables == great.variables
+    assert [small.variables[name].size for name in "ab"] == ["L", "F"]
+
+
 DECLARED = read_configuration(
     f"CONST\nseven 7\nGLOBAL\na L\nb L\nf F\nw B\n{HEAD}INTDEVICE\nAxis EANPOS 4 2.CNT01 1 2.INP01 2.AN01\nEND"
 )

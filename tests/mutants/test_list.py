@@ -1,0 +1,21 @@
+"""The list of mutants fits the code: `make mutants` runs them."""
+
+from __future__ import annotations
+
+from .listed import ROOT, load
+
+
+def test_every_mutant_can_be_put_in_and_has_tests() -> None:
+    for mutant in load():
+        assert (ROOT / mutant.file).read_text(encoding="utf-8").count(mutant.old) == 1, mutant
+        assert mutant.old != mutant.new
+        assert mutant.tests
+        assert all((ROOT / place).exists() for place in mutant.tests), mutant
+
+
+def test_there_are_sixty_over_all_rooms() -> None:
+    mutants = load()
+    assert len({(mutant.file, mutant.old, mutant.new) for mutant in mutants}) == 60
+    rooms = {file.parent.name for file in (ROOT / "edmsim").glob("*/__init__.py")}
+    assert len(rooms) > 20
+    assert {mutant.file.removeprefix("edmsim/").split("/")[0] for mutant in mutants} >= rooms

@@ -1,0 +1,62 @@
+"""Every test has a limit: what hangs, in Python, in compiled code or in a process it began, ends with its stack."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+LIMIT_S = 2.0
+HANGS = {
+    "in Python": """
+        while True:
+            pass
+    """,
+    "in compiled code": """
+        import numba
+
+        @numba.njit("i8(i8)", nogil=True)
+        def turns(count):
+            while count > 0:
+                count = 3 * count + 1 if count % 2 else count // 2
+            return count
+
+        turns(1)
+    """,
+    "waiting for a process": """
+        import subprocess, sys
+
+        subprocess.run([sys.executable, "-c", "import time; time.sleep(20)"], timeout=20)
+    """,
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("where", "workers"), [
+    ("in compiled code", 0), ("in Python", 1), ("waiting for a process", 1),
+])  # fmt: skip
+def test_a_test_that_hangs_ends_with_its_stack(where: str, workers: int, tmp_path: Path) -> None:
+    file = tmp_path / "test_hanging.py"
+    file.write_text("def test_goes_on():\n    pass\n\n\ndef test_hangs():" + HANGS[where].replace("\n    ", "\n"))
+    shutil.copy(ROOT / "tests" / "worker_stacks.py", tmp_path / "conftest.py")
+    done = subprocess.run(
+        [sys.executable, "-m", "pytest", "-c", ROOT / "pyproject.toml", "--rootdir", tmp_path, "-n", str(workers),
+         "-o", f"timeout={LIMIT_S}", "-p", "no:cacheprovider", file],
+        cwd=tmp_path, capture_output=True, text=True, timeout=60,
+    )  # fmt: skip
+    said = done.stdout + done.stderr
+    assert done.returncode == 1
+    assert "Timeout" in said
+    assert "in test_hangs" in said, said
+    if workers:
+        assert "1 failed, 1 passed" in said  # the worker is replaced, and what is left is run
+
+
+def test_every_test_has_a_limit() -> None:
+    settings = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["pytest"]["ini_options"]
+    assert (settings["timeout"], settings["timeout_method"]) == (120, "thread")
