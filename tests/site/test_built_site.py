@@ -35,8 +35,8 @@ class Page(HTMLParser):
 
 @pytest.fixture(scope="module")
 def site() -> dict[Path, str]:
-    """All pages as text. What `make docs` has just built is taken up: only what is new is read, all is written."""
-    command = [sys.executable, "-m", "sphinx", "-b", "html", "-a", "-d", "out/doctrees", "-n", "-W", "-q"]
+    """All pages as text. What `make docs` has just built is taken up: only what is new is read and written."""
+    command = [sys.executable, "-m", "sphinx", "-b", "html", "-d", "out/doctrees", "-n", "-W", "-q"]
     command += ["--keep-going", "docs", "out/docs"]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
