@@ -15,8 +15,8 @@ from edmsim.plant.kernel.memory import CALL
 from edmsim.plant.kernel.state import BROKEN, NO_TILES, PULSES_PER_WINDOW, STATE, STEP_EARLY, STEP_WRONG, WINDOW
 from edmsim.plant.plant import Plant
 
-_LEAST_PLANTS = 2
-"""Plants a thread is woken for: a window of one takes as long as waking it (ours)."""
+_LEAST_PLANTS = 4
+"""Plants a thread is woken for, at the least (ours): to wake it takes a good part of a window."""
 
 
 class Fleet:
