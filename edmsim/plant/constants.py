@@ -286,10 +286,35 @@ def height_share(machine: Machine, res: Resolution) -> NDArray[np.float64]:
     return _slice_heights_m(machine, res) / (machine.guide_distance_mm * 1e-3)
 
 
+def flow_m_s(machine: Machine, res: Resolution) -> NDArray[np.float64]:
+    """Speed of the water past every slice."""
+    return flushing(machine).past_m_s((np.arange(res.slices) + 0.5) / res.slices)
+
+
+def flow_factor(machine: Machine, res: Resolution) -> NDArray[np.float64]:
+    """Share of the breakdown rate that the flow leaves, per slice: ``exp(-(v / v_q)^2)`` (see `breakdown`)."""
+    return np.exp(-((flow_m_s(machine, res) / machine.base.gap.flow_quench_m_s.value) ** 2))
+
+
+def convection_W_m2K(machine: Machine, res: Resolution) -> NDArray[np.float64]:
+    """Heat transfer from the wire to water that does not boil, per slice: ``h (1 + k v)``."""
+    cooling = machine.base.cooling
+    return cooling.convection_W_m2K.value * (1 + cooling.convection_per_m_s.value * flow_m_s(machine, res))
+
+
 def fill_arrays(a: Arrays, model: ModalModel | FullMechanics, machine: Machine, res: Resolution) -> None:
-    """Fill what lasts as long as the set-up; the wire of the model has a shape (slices, modes or nodes)."""
+    """Fill what lasts as long as the set-up."""
+    fill_model(a, model)
+    a.height_share[: res.slices] = height_share(machine, res)
+    a.flow_factor[:] = flow_factor(machine, res)
+    a.convection_W_m2K[:] = convection_W_m2K(machine, res)
+    a.flow_share[:] = flushing(machine).flow_share(res.slices)
+
+
+def fill_model(a: Arrays, model: ModalModel | FullMechanics) -> None:
+    """Fill the rays' directions and the model's wire, which has a shape (slices, modes or nodes)."""
     slices, modes = model.wire_shape.shape
-    angle = 2 * np.pi * np.arange(res.rays) / res.rays
+    angle = 2 * np.pi * np.arange(len(a.ray_cosine)) / len(a.ray_cosine)
     a.ray_cosine[:], a.ray_sine[:] = np.cos(angle), np.sin(angle)
     a.shape[:, :modes] = model.wire_shape
     a.sway[:, :slices] = a.shape.T
@@ -298,12 +323,6 @@ def fill_arrays(a: Arrays, model: ModalModel | FullMechanics, machine: Machine, 
     a.mobility[:modes], a.inertia[:modes] = model.mobility, model.inertia
     a.table_shape[:] = model.table_slide_shape
     a.table_participation[:] = model.table_participation
-    a.height_share[:slices] = height_share(machine, res)
-    flow, cooling = flushing(machine), machine.base.cooling
-    speed_m_s = flow.past_m_s((np.arange(slices) + 0.5) / slices)
-    a.flow_factor[:] = np.exp(-((speed_m_s / machine.base.gap.flow_quench_m_s.value) ** 2))  # see `breakdown`
-    a.convection_W_m2K[:] = cooling.convection_W_m2K.value * (1 + cooling.convection_per_m_s.value * speed_m_s)
-    a.flow_share[:] = flow.flow_share(slices)
 
 
 def lay_to_rest(a: Arrays, names: Iterable[str], water_K: float) -> None:

@@ -7,7 +7,6 @@ from types import SimpleNamespace
 import numba
 import numpy as np
 
-from edmsim.plant.constants import arrays
 from edmsim.plant.kernel.declare import allocate, sizes_of
 from edmsim.plant.kernel.state import ISO_PULSE, STATE, Axes, Constants, Propagators, Timing
 from edmsim.plant.mechanics.modal import project
@@ -15,6 +14,7 @@ from edmsim.plant.mechanics.model import WireSetup
 from edmsim.plant.mechanics.mujoco_loop import LOST, move_full
 from edmsim.plant.mechanics.mujoco_model import N_NODES, FullMechanics
 from edmsim.plant.mechanics.mujoco_table import DriveSetup
+from tests.plant.arrays import arrays
 
 BRASS = WireSetup(0.25e-3, 8400.0, 10.0, 0.040, 0.2)
 SMOOTH = DriveSetup(step_m=2e-6, friction_N=0.0, presliding_m=5e-6, backlash_m=0.0)  # T-16

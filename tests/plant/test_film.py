@@ -12,7 +12,7 @@ from scipy.optimize import curve_fit
 
 import edmsim
 from edmsim.cosim.straight import begin
-from edmsim.plant.constants import arrays, constants, full_mechanics, gap_law, modal_model, wire_setup
+from edmsim.plant.constants import constants, full_mechanics, gap_law, modal_model, wire_setup
 from edmsim.plant.gap.breakdown import slice_sums
 from edmsim.plant.gap.rays import rays_with
 from edmsim.plant.gap.water import DENSITY_KG_M3
@@ -29,6 +29,7 @@ from edmsim.plant.mechanics.modal import push_out
 from edmsim.plant.mechanics.model import build_model, reduce_model
 from edmsim.plant.resolution import resolution
 from edmsim.plant.workpiece.kerf_field import Stock
+from tests.plant.arrays import arrays
 
 FAST = resolution("fast")
 CENTRE_UM = (32_500.0, 32_500.0)

@@ -6,12 +6,13 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
-from edmsim.plant.constants import arrays, fill_propagators, modal_model
+from edmsim.plant.constants import fill_propagators, modal_model
 from edmsim.plant.gap.generator import timing
 from edmsim.plant.kernel.declare import allocate, sizes_of
 from edmsim.plant.kernel.state import Propagators
 from edmsim.plant.mechanics.modal import kick, move
 from edmsim.plant.resolution import resolution
+from tests.plant.arrays import arrays
 
 FAST = resolution("fast")
 

@@ -1,0 +1,27 @@
+"""Arrays of a plant at rest, of a model alone."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from edmsim.plant.constants import fill_model, lay_to_rest
+from edmsim.plant.kernel.declare import ArraySizes, allocate
+from edmsim.plant.kernel.state import Arrays
+from edmsim.plant.mechanics.model import ModalModel
+from edmsim.plant.mechanics.mujoco_model import FullMechanics
+
+
+def arrays(
+    model: ModalModel | FullMechanics, sizes: ArraySizes, water_K: float,
+    along_wire: Mapping[str, NDArray[np.float64]],
+) -> Arrays:
+    """Allocate them; ``along_wire`` are what a set-up has for every slice, by name."""
+    a = allocate(Arrays, sizes)
+    fill_model(a, model)
+    lay_to_rest(a, ("reference_um", "distance", "temperature_K"), water_K)
+    for name, values in along_wire.items():
+        getattr(a, name)[..., : len(model.wire_shape)] = values
+    return a
