@@ -91,5 +91,7 @@ def test_the_first_cuts_of_the_board_are_made_again():
             again, kept = cut(env_id, made.seeds[0], name, episode_s=whole_s), made.results[name][0]
             for key in Result._fields:
                 one, other = getattr(again, key), getattr(kept, key)
-                if isinstance(one, float):  # another processor may order its sums otherwise
-                    assert one == pytest.approx(other, rel=0.05, abs=0.05, nan_ok=True), (env_id, name, key)
+                if isinstance(one, float):  # another build may order its sums otherwise
+                    # two builds that do give a corner's error of one cut up to 0.07 um apart: 0.661 and 0.717 um
+                    least = 0.1 if key == "error_um" else 0.05
+                    assert one == pytest.approx(other, rel=0.05, abs=least, nan_ok=True), (env_id, name, key)
