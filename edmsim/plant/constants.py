@@ -30,9 +30,9 @@ from edmsim.plant.mechanics.model import ModalModel, WireSetup, build_model
 from edmsim.plant.mechanics.mujoco_model import FullMechanics
 from edmsim.plant.mechanics.mujoco_table import DriveSetup, TableMechanics
 from edmsim.plant.mechanics.propagators import fill_fading, fill_table, fill_wire
+from edmsim.plant.mechanics.strung import modes_with
 from edmsim.plant.resolution import Resolution
 from edmsim.plant.wire import VACUUM_PERMEABILITY_N_A2, VACUUM_PERMITTIVITY_F_M, HeatLaw, area_m2
-from edmsim.plant.wire_modes import modes_with
 
 if TYPE_CHECKING:
     from edmsim.machine.machine import Machine

@@ -19,8 +19,7 @@ from edmsim.plant.mechanics.model import (
     reduce_model,
 )
 from edmsim.plant.mechanics.modes import linearise
-from edmsim.plant.mechanics.strung import strung
-from edmsim.plant.wire_modes import modes_with
+from edmsim.plant.mechanics.strung import modes_with, strung
 from tests.plant.oscillators import propagator_table
 
 Array = NDArray[np.float64]

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from edmsim.errors import InputError
 from edmsim.plant.mechanics import mjcf
-from edmsim.plant.mechanics.modes import Linear, block_modes, check_independent, linearise
+from edmsim.plant.mechanics.modes import Linear, Modes, block_modes, check_independent, linearise
 
 if TYPE_CHECKING:
     import mujoco
@@ -296,23 +296,33 @@ def reduced(
     tables = (table_x, table_y)
     travels = [_unit_travel(linear, block, axis) for axis, block in enumerate(blocks[2:])]
     rests = [table.momenta @ travel for table, (travel, _) in zip(tables, travels, strict=True)]
-    shape = at_heights(wire_x.shape[:, :n_modes], node_heights, guide_distance, slices)
     return ModalModel(
-        wire_omega=wire_x.omega[:n_modes],
-        wire_zeta=wire_x.zeta[:n_modes],
-        wire_shape=shape,
-        node_heights_m=node_heights,
-        node_shape=wire_x.shape[:, :n_modes],
+        **of_wire(wire_x, node_heights, guide_distance, n_modes, slices),
         table_omega=np.stack([table.omega for table in tables]),
         table_zeta=np.stack([table.zeta for table in tables]),
         table_slide_shape=np.stack([table.shape[0] for table in tables]),
         table_participation=np.stack(rests),
         rotor_rad_per_m=np.array([ctrl for _, ctrl in travels]),
-        slice_mass_kg=1 / (shape**2).sum(axis=1),
-        mobility=(shape**2).sum(axis=0),
-        inertia=(shape**2).mean(axis=0),
         neglected_damping=max(modes.neglected_damping for modes in (wire_x, *tables)),
     )
+
+
+def of_wire(
+    modes: Modes, node_heights: Array, guide_distance: float, n_modes: int, slices: Array
+) -> dict[str, Array]:
+    """Return those fields of a `ModalModel` that are its wire's."""
+    node_shape = modes.shape[:, :n_modes]
+    shape = at_heights(node_shape, node_heights, guide_distance, slices)
+    return {
+        "wire_omega": modes.omega[:n_modes],
+        "wire_zeta": modes.zeta[:n_modes],
+        "wire_shape": shape,
+        "node_heights_m": node_heights,
+        "node_shape": node_shape,
+        "slice_mass_kg": 1 / (shape**2).sum(axis=1),
+        "mobility": (shape**2).sum(axis=0),
+        "inertia": (shape**2).mean(axis=0),
+    }
 
 
 def _check_alike(linear: Linear, wire_x: list[int], wire_y: list[int]) -> None:
@@ -361,4 +371,6 @@ def _unit_travel(linear: Linear, block: list[int], axis: int) -> tuple[Array, fl
 def at_heights(shape: Array, node_heights: Array, guide_distance: float, heights: Array) -> Array:
     """Return deflections at `heights` of wires bent as `shape` (n_nodes, n): straight from node to node."""
     known = np.concatenate([[0.0], node_heights, [guide_distance]])
-    return np.stack([np.interp(heights, known, np.pad(mode, 1)) for mode in shape.T], axis=1)
+    bent = np.zeros((shape.shape[1], len(known)))
+    bent[:, 1:-1] = shape.T
+    return np.stack([np.interp(heights, known, mode) for mode in bent], axis=1)

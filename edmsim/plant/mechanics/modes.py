@@ -154,11 +154,13 @@ def block_modes(linear: Linear, block: list[int]) -> Modes:
     InputError
         If a mode has no stiffness to hold it.
     """
-    from scipy.linalg import eigh
+    from scipy.linalg.lapack import dsygvd  # what scipy.linalg.eigh calls, without its checks: draws need it often
 
     inside = np.ix_(block, block)
     mass, damping, stiffness = linear.mass[inside], linear.damping[inside], linear.stiffness[inside]
-    squares, shape = eigh((stiffness + stiffness.T) / 2, mass)
+    squares, shape, failed = dsygvd((stiffness + stiffness.T) / 2, mass)
+    if failed:
+        raise InputError("the machine at rest has no modes: its mass is not positive")
     if squares[0] <= 0:
         raise InputError(f"the machine at rest is not stable: a mode has omega^2 {squares[0]:g}, not above 0")
     omega = np.sqrt(squares)
