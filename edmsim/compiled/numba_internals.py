@@ -78,7 +78,7 @@ def in_cache(make: Callable[[Any], Any], function: Callable[..., Any]) -> Any:
 
 @contextmanager
 def _without_machine_code(compiled: Callable[[str], None]) -> Iterator[None]:
-    """Let numba translate functions to LLVM's language and leave it at that, telling of each one by its name.
+    """Let numba translate functions to LLVM's language and no further, and report each one by its name.
 
     As it stands numba links each function with all it calls, optimises that and makes machine code of it, again for
     each function that calls it.
@@ -90,7 +90,7 @@ def _without_machine_code(compiled: Callable[[str], None]) -> Iterator[None]:
 
     translate = dispatcher._FunctionCompiler.compile
 
-    def translate_and_tell(self: Any, *arguments: Any) -> Any:
+    def translate_and_report(self: Any, *arguments: Any) -> Any:
         done = translate(self, *arguments)
         compiled(f"{self.py_func.__module__}.{self.py_func.__qualname__}")
         return done
@@ -108,7 +108,7 @@ def _without_machine_code(compiled: Callable[[str], None]) -> Iterator[None]:
         patch.object(codegen.CPUCodeLibrary, "_optimize_functions", lambda *_: None),
         patch.object(codegen.JITCodeLibrary, "get_pointer_to_function", lambda *_: 0),
         patch.object(codegen.JITCPUCodegen, "set_env", lambda *_: None),
-        patch.object(dispatcher._FunctionCompiler, "compile", translate_and_tell),
+        patch.object(dispatcher._FunctionCompiler, "compile", translate_and_report),
         patch.object(dispatcher._DispatcherBase, "get_call_template", resolve_by_type),
     ):
         yield
@@ -127,7 +127,7 @@ def whole_program(
         Made by ``numba.njit``.
     signature : tuple of numba types
     compiled : callable
-        Is told the name of every function that is translated.
+        Called with the name of every function that is translated.
 
     Returns
     -------

@@ -20,8 +20,8 @@ import inspect
 import os
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import Callable
+from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import IO, Any
 
@@ -45,7 +45,7 @@ sys.path[:] = {path!r}
 from edmsim.compiled.specialised import make
 make({folder!r}, {module!r}, {name!r}, {constants!r})
 """
-"""An interrupt is for whoever waits for this, and stops it."""
+"""Ctrl-C reaches both processes; the one that waits stops this one."""
 _NUMBA_SHARE = 0.7
 """Of the time, for the progress bar."""
 
@@ -145,7 +145,7 @@ def _compile_elsewhere(function: Callable[..., None], constants: tuple[int, ...]
 
 
 def _show_progress(lines: IO[bytes]) -> str:
-    """Show how far another process is, by the shares it writes, up to 1; returns the last line that is none."""
+    """Show the progress of another process, which writes shares up to 1; returns its last line that is no number."""
     bar = sys.stderr.isatty() or ("ipykernel" in sys.modules and os.environ.get(PROGRESS) != "0")
     said = ""
     for line in lines:
@@ -174,21 +174,9 @@ def make(folder: str, module: str, name: str, constants: tuple[int, ...]) -> Non
     """
     cache.folder = Path(folder)
     gc.disable()  # a tenth of the time, for what a process that soon ends need not give back
-    with _alone(name):
-        file = cache.folder / f"{name}-{_processor()}.bc"
-        bitcode = cache.read_signed(file)
-        if bitcode is None:
-            bitcode = _translated(module, name)
-            with suppress(OSError):
-                cache.write_signed(file, bitcode)
+    bitcode = _made_once(cache.folder / f"{name}-{_processor()}.bc", lambda: _translated(module, name))
     _say(_NUMBA_SHARE)
-    with _alone(f"{name}-{constants}"):
-        file = _object_file(name, constants)
-        code = cache.read_signed(file)
-        if code is None:
-            code = _machine_code(bitcode, constants)
-            with suppress(OSError):
-                cache.write_signed(file, code)
+    code = _made_once(_object_file(name, constants), lambda: _machine_code(bitcode, constants))
     _say(1.0)
     sys.stdout.buffer.write(code)
 
@@ -197,18 +185,19 @@ def _say(share: float) -> None:
     print(f"{share:.3f}", file=sys.stderr, flush=True)
 
 
-@contextmanager
-def _alone(name: str) -> Iterator[None]:
-    """Let one process at a time compile something; whoever waited finds it made."""
-    try:
-        file = (cache.folder / f"{name}.lock").open("w")
-    except OSError:
-        yield
-        return
-    with file:
-        if fcntl is not None:
-            fcntl.flock(file, fcntl.LOCK_EX)
-        yield
+def _made_once(file: Path, make: Callable[[], bytes]) -> bytes:
+    """Return a file's content, which one process makes while others wait for it."""
+    with ExitStack() as open_files:
+        with suppress(OSError):  # where nothing can be written, each process makes its own
+            lock = open_files.enter_context(file.with_suffix(f"{file.suffix}.lock").open("w"))
+            if fcntl is not None:
+                fcntl.flock(lock, fcntl.LOCK_EX)
+        content = cache.read_signed(file)
+        if content is None:
+            content = make()
+            with suppress(OSError):
+                cache.write_signed(file, content)
+        return content
 
 
 def _translated(module: str, name: str) -> bytes:
