@@ -125,22 +125,20 @@ def _chosen(known: dict[str, Constant], only: Iterable[str]) -> set[str]:
 
 def with_values(machine: _SetUp, values: Mapping[str, float]) -> _SetUp:
     """Return the machine with other values of some constants, unchecked; sources and ranges stay."""
-    sections = {name: vars(part) for name, part in _sections(machine).items()}
-    changed = {}
-    for name, value in values.items():
-        section, _, key = name.partition(".")
-        changed[name] = sections[section][key].at(value)
-    return with_constants(machine, changed)
+    constants = _named(machine, values)
+    return with_constants(machine, {name: constants[name].at(value) for name, value in values.items()})
 
 
 def values_of(machine: SetUp, names: Iterable[str]) -> dict[str, float]:
     """Return the values of some constants, named by section and key."""
+    return {name: constant.value for name, constant in _named(machine, names).items()}
+
+
+def _named(machine: SetUp, names: Iterable[str]) -> dict[str, Constant]:
+    """Return some constants, named by section and key."""
     sections = {name: vars(part) for name, part in _sections(machine).items()}
-    found = {}
-    for name in names:
-        section, _, key = name.partition(".")
-        found[name] = sections[section][key].value
-    return found
+    parted = {name: name.partition(".") for name in names}
+    return {name: sections[section][key] for name, (section, _, key) in parted.items()}
 
 
 def with_constants(machine: _SetUp, constants: Mapping[str, Constant]) -> _SetUp:
