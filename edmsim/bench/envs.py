@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import closing, contextmanager
 from typing import Any
 
 import gymnasium as gym
@@ -38,15 +39,21 @@ def env_steps_per_s(resolution: str = "default") -> float:
 
 def vector_env_steps_per_s(resolution: str = "default", lanes: int = LANES) -> float:
     """Steps per second of all lanes of the native vector environment together, in straight cuts."""
+    with straight_cuts(lanes, resolution) as step:
+        return lanes * _best_rate(step)
+
+
+@contextmanager
+def straight_cuts(lanes: int, resolution: str, threads: int | None = None) -> Iterator[Callable[[], object]]:
+    """Give the step of a vector environment at the feed of the benchmark."""
     env = gym.make_vec(
         "edmsim/GapFeed-v1", num_envs=lanes, vectorization_mode="vector_entry_point", resolution=resolution,
-        **STANDARD,
+        threads=threads, **STANDARD,
     )
-    env.reset(seed=0)
-    actions = np.full((lanes, 1), FEED_UM_S / MAX_FEED_UM_S, np.float32)
-    rate = _best_rate(lambda: env.step(actions))
-    env.close()
-    return lanes * rate
+    with closing(env):
+        env.reset(seed=0)
+        actions = np.full((lanes, 1), FEED_UM_S / MAX_FEED_UM_S, np.float32)
+        yield lambda: env.step(actions)
 
 
 def turned_knobs_cost() -> float:
@@ -102,11 +109,18 @@ def _timed_s(run: Callable[[], object], times: int) -> float:
 
 
 def _best_rate(step: Callable[[], object]) -> float:
-    def timed(steps: int) -> float:
-        started = time.perf_counter()
-        for _ in range(steps):
-            step()
-        return time.perf_counter() - started
+    steps = settled(step)
+    return steps / min(wall_s(step, steps) for _ in range(SLICES))
 
-    steps = max(1, round(SLICE_S / timed(SETTLE_STEPS) * SETTLE_STEPS))
-    return steps / min(timed(steps) for _ in range(SLICES))
+
+def settled(step: Callable[[], object]) -> int:
+    """Let environments come into a steady state; return how many steps make a spell of timing."""
+    return max(1, round(SLICE_S / wall_s(step, SETTLE_STEPS) * SETTLE_STEPS))
+
+
+def wall_s(step: Callable[[], object], steps: int) -> float:
+    """Return how long some steps take together."""
+    started = time.perf_counter()
+    for _ in range(steps):
+        step()
+    return time.perf_counter() - started

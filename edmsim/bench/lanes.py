@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from typing import Any, NamedTuple
 
 import gymnasium as gym
@@ -12,7 +12,6 @@ import mujoco
 import numpy as np
 
 from edmsim.bench import envs
-from edmsim.envs.task import MAX_FEED_UM_S
 from edmsim.errors import InputError
 
 COUNTS, THREADS = (1, 4, 16, 64, 256), (1, 2)
@@ -38,12 +37,14 @@ def beside_half_cheetah() -> dict[str, float]:
     InputError
         If ``gymnasium[mujoco]`` is not installed, which the extra ``test`` has.
     """
-    steps = [_stepper(envs.LANES, None), _half_cheetahs(envs.LANES)]
-    spells = [_settled(step) for step in steps]
+    cheetahs = _half_cheetahs(envs.LANES)
     best = [np.inf, np.inf]
-    for _ in range(envs.SLICES):
-        for k, (step, spell) in enumerate(zip(steps, spells, strict=True)):
-            best[k] = min(best[k], _timed_s(step, spell) / spell)
+    with envs.straight_cuts(envs.LANES, "fast") as ours:
+        steps = [ours, cheetahs]
+        spells = [envs.settled(step) for step in steps]
+        for _ in range(envs.SLICES):
+            for k, (step, spell) in enumerate(zip(steps, spells, strict=True)):
+                best[k] = min(best[k], envs.wall_s(step, spell) / spell)
     names = "vector_env_steps_per_s_fast", "half_cheetah_vector_steps_per_s"
     return {name: envs.LANES / step_s for name, step_s in zip(names, best, strict=True)}
 
@@ -51,28 +52,19 @@ def beside_half_cheetah() -> dict[str, float]:
 def table(counts: Sequence[int] = COUNTS, threads: Sequence[int] = THREADS) -> list[VectorRate]:
     """Return the rows of straight cuts at ``fast``."""
     kinds = [(count, many) for count in counts for many in threads]
-    steps = [_stepper(*kind) for kind in kinds]
-    spells = [_settled(step) for step in steps]
     wall_s, processor_s = np.full(len(kinds), np.inf), np.full(len(kinds), np.inf)
-    for _ in range(ROUNDS):
-        for k, (step, spell) in enumerate(zip(steps, spells, strict=True)):
-            begun_s = time.process_time()
-            wall_s[k] = min(wall_s[k], _timed_s(step, spell) / spell)
-            processor_s[k] = min(processor_s[k], (time.process_time() - begun_s) / spell)
+    with ExitStack() as opened:
+        steps = [opened.enter_context(envs.straight_cuts(count, "fast", many)) for count, many in kinds]
+        spells = [envs.settled(step) for step in steps]
+        for _ in range(ROUNDS):
+            for k, (step, spell) in enumerate(zip(steps, spells, strict=True)):
+                begun_s = time.process_time()
+                wall_s[k] = min(wall_s[k], envs.wall_s(step, spell) / spell)
+                processor_s[k] = min(processor_s[k], (time.process_time() - begun_s) / spell)
     return [
         VectorRate(count, many, count / float(wall), 1e6 * float(processor) / count)
         for (count, many), wall, processor in zip(kinds, wall_s, processor_s, strict=True)
     ]
-
-
-def _stepper(count: int, threads: int | None) -> Callable[[], object]:
-    env = gym.make_vec(
-        "edmsim/GapFeed-v1", num_envs=count, vectorization_mode="vector_entry_point", resolution="fast",
-        threads=threads, **envs.STANDARD,
-    )
-    env.reset(seed=0)
-    actions = np.full((count, 1), envs.FEED_UM_S / MAX_FEED_UM_S, np.float32)
-    return lambda: env.step(actions)
 
 
 def _half_cheetahs(count: int) -> Callable[[], object]:
@@ -95,16 +87,3 @@ def _warnings_unseen() -> Iterator[None]:
     mujoco.set_mju_user_warning(lambda _: None)
     yield
     mujoco.set_mju_user_warning(None)
-
-
-def _settled(step: Callable[[], object]) -> int:
-    """Let environments come into a steady state; return how many steps make a spell of timing."""
-    spent_s = _timed_s(step, envs.SETTLE_STEPS)
-    return max(1, round(envs.SLICE_S / spent_s * envs.SETTLE_STEPS))
-
-
-def _timed_s(step: Callable[[], object], times: int) -> float:
-    begun_s = time.perf_counter()
-    for _ in range(times):
-        step()
-    return time.perf_counter() - begun_s
