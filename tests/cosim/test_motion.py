@@ -103,7 +103,14 @@ class Lines:
 
 
 def planned(command: FeedCommand, lines: Lines | None = None, rest_until_ns: int = 0) -> PlannerMotion:
-    return PlannerMotion(Clockwork(), lines, 7.0, rest_until_ns, command, 50.0, PathOffset(2.0))  # type: ignore[arg-type]
+    return PlannerMotion(Clockwork(), lines, 7.0, rest_until_ns, command, 50.0, along_x())  # type: ignore[arg-type]
+
+
+def along_x() -> PathOffset:
+    """An offset whose leg has begun: before, there is no path to lie beside."""
+    offset = PathOffset(2.0)
+    offset.begin_leg(np.array([(0.0, 0.0), (100.0, 0.0)]))
+    return offset
 
 
 def ran(motion: PlannerMotion) -> list[tuple[int, int, int]]:
@@ -171,8 +178,7 @@ def test_no_steps_are_not_driven() -> None:
 
 
 def test_the_guides_go_beside_the_path_before_they_go_along_it() -> None:
-    offset = PathOffset(2.0)
-    offset.begin_leg(np.array([(0.0, 0.0), (100.0, 0.0)]))
+    offset = along_x()
     motion = PlannerMotion(Clockwork(), None, 0.0, 0, FeedCommand(20.0, offset_um=6.0), 50.0, offset)  # type: ignore[arg-type]
     assert motion.plan(0, 1_000, certain=True) == [Step(0, 1, 1), Step(0, 0, 1)]
     assert offset.beside_um == (0.0, 2.0)
