@@ -20,6 +20,7 @@ from numba.core import caching, codegen
 from numba.core import cgutils as untyped_cgutils
 from numba.core import datamodel as untyped_datamodel
 from numba.core import dispatcher as untyped_dispatcher
+from numba.core.typing.templates import AttributeTemplate as UntypedTemplate
 from numba.np.arrayobj import populate_array as untyped_populate_array
 
 from edmsim.compiled import cache
@@ -27,6 +28,7 @@ from edmsim.compiled import cache
 cgutils: Any = untyped_cgutils
 datamodel: Any = untyped_datamodel
 dispatcher: Any = untyped_dispatcher
+AttributeTemplate: Any = UntypedTemplate
 populate_array: Any = untyped_populate_array
 types: Any = untyped_types
 

@@ -11,6 +11,7 @@ import numba
 import pytest
 from numba import types
 from numba.core import caching, cgutils, codegen, datamodel, dispatcher
+from numba.core.typing import templates
 from numba.np import arrayobj
 
 import edmsim
@@ -23,8 +24,10 @@ USED = [
     (codegen.CPUCodeLibrary, "_optimize_functions"), (codegen.JITCodeLibrary, "get_pointer_to_function"),
     (codegen.JITCPUCodegen, "set_env"), (codegen.JITCPUCodegen, "_create_empty_module"),
     (dispatcher._FunctionCompiler, "compile"), (dispatcher._DispatcherBase, "get_call_template"),
-    (cgutils, "unpack_tuple"), (cgutils, "get_record_member"), (cgutils, "get_or_insert_function"),
-    (datamodel, "PrimitiveModel"), (arrayobj, "populate_array"), (types, "unliteral"),
+    (cgutils, "unpack_tuple"), (cgutils, "pointer_add"), (cgutils, "create_struct_proxy"),
+    (cgutils, "get_or_insert_function"), (datamodel, "PrimitiveModel"), (datamodel, "StructModel"),
+    (templates, "AttributeTemplate"), (templates.AttributeTemplate, "generic_resolve"),
+    (arrayobj, "populate_array"), (types, "unliteral"),
 ]  # fmt: skip
 
 

@@ -242,7 +242,8 @@ def fire_window(
     status = _check_events(events, state[0].time_ns, axes.loops != 0)
     if status != FINE:
         return status
-    position, load, held, sums, contact, films = scratch
+    position, load, held = scratch.position, scratch.load, scratch.held
+    sums, contact, films = scratch.sums, scratch.contact, scratch.films
     _begin(state, window, a)
     place_wire(state, a, position)
     if _is_due(state, c):

@@ -2,22 +2,20 @@
 
 A call with some sixty arguments would cost a tenth of a window; a call with one address costs next to nothing. The
 sizes are constants of the compiled code, one version per resolution, so that its short loops are unrolled. The table
-and the way back from it to named tuples follow from the declarations (see `declare`).
+and the way back from it to the groups follow from the declarations (see `declare`).
 """
 
 from __future__ import annotations
 
 import functools
 from collections.abc import Callable
-from typing import Any, NamedTuple, cast
+from typing import Any, NamedTuple
 
 import numpy as np
-from numba import from_dtype, types
-from numba.extending import intrinsic
 from numpy.typing import NDArray
 
 from edmsim.compiled.jit import compiled
-from edmsim.compiled.numba_internals import cgutils, populate_array
+from edmsim.compiled.memory_views import GroupField, group_of, rows_of
 from edmsim.compiled.specialised import specialised
 from edmsim.compiled.vectors import GAPS, filled
 from edmsim.plant.gap.breakdown import GapLaw
@@ -99,82 +97,14 @@ class Memory:
         return value.ctypes.data  # the array's interface would describe the type of its records every time
 
 
-def _array(context: Any, builder: Any, kind: Any, address: Any, lengths: list[Any]) -> Any:
-    """Look at the memory at an address as an array."""
-    view = context.make_array(kind)(context, builder)
-    size = context.get_abi_sizeof(context.get_data_type(kind.dtype))
-    strides = [context.get_constant(types.intp, size)]
-    for length in lengths[:0:-1]:
-        strides.insert(0, builder.mul(strides[0], length))
-    populate_array(
-        view, data=builder.inttoptr(address, view.data.type), shape=lengths, strides=strides,
-        itemsize=context.get_constant(types.intp, size), meminfo=None,
-    )  # fmt: skip
-    return view._getvalue()
-
-
-def _rows_of(of: Any) -> Any:
-    """In compiled code, look at the memory at an address as an array of a type and shape."""
-    unpack: Any = cgutils.unpack_tuple
-
-    @intrinsic
-    def rows(_context: Any, address: Any, shape: Any) -> Any:
-        kind = types.Array(of, len(shape), "C")
-
-        def generate(context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
-            place, sizes = arguments
-            lengths = [
-                context.cast(builder, value, from_, types.intp)
-                for value, from_ in zip(unpack(builder, sizes), shape, strict=True)
-            ]
-            return _array(context, builder, kind, place, lengths)
-
-        return kind(types.int64, shape), generate
-
-    return rows
-
-
 def _group_of(group: Any) -> Any:
-    """In compiled code, make a declared group of its entries in the table and the numbers of `ArraySizes`."""
-    unpack: Any = cgutils.unpack_tuple
-    fields, entries_type = fields_of(group), cast(Any, from_dtype(entries_of(group)))
-    named_tuple: Any = types.NamedTuple
-    kinds = [
-        from_dtype(f.dtype) if f.kept is None else types.Array(from_dtype(f.dtype), len(f.kept.shape), "C")
-        for f in fields
-    ]
-    made = named_tuple(tuple(kinds), group)
-
-    @intrinsic
-    def view(_context: Any, entries: Any, lengths: Any) -> Any:
-        def generate(context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
-            named = {
-                name: context.cast(builder, value, from_, types.intp)
-                for name, value, from_ in zip(ArraySizes._fields, unpack(builder, arguments[1]), lengths, strict=True)
-            }
-            values = []
-            for field, kind in zip(fields, kinds, strict=True):
-                entry = types.int64 if field.kept is not None else kind
-                place = cgutils.get_record_member(
-                    builder, arguments[0], entries_type.offset(field.name), context.get_data_type(entry)
-                )
-                value = context.unpack_value(builder, entry, place)
-                if field.kept is not None:
-                    sides = [
-                        named[n] if isinstance(n, str) else context.get_constant(types.intp, n)
-                        for n in field.kept.shape
-                    ]
-                    value = _array(context, builder, kind, value, sides)
-                values.append(value)
-            return context.make_tuple(builder, made, values)
-
-        return made(entries, lengths), generate
-
-    return view
+    """In compiled code, a declared group by its record in the table and the numbers of `ArraySizes`."""
+    fields = {f.name: GroupField(f.dtype, None if f.kept is None else f.kept.shape) for f in fields_of(group)}
+    return group_of(group.__name__, entries_of(group), fields, ArraySizes._fields)
 
 
-_rows, _table = _rows_of(types.int64), _rows_of(from_dtype(_TABLE))
-_constants, _heat, _bubble, _timing = (_rows_of(from_dtype(numbers_of(record))) for record in _RECORDS.values())
+_rows, _table = rows_of(np.dtype("i8")), rows_of(_TABLE)
+_constants, _heat, _bubble, _timing = (rows_of(numbers_of(record)) for record in _RECORDS.values())
 _own_of: Callable[..., Own]
 _arrays_of: Callable[..., Arrays]
 _propagators_of: Callable[..., Propagators]
@@ -197,49 +127,6 @@ def _lengths(slices: int, rays: int, coordinates: int, at: Any) -> tuple[int, ..
     )
 
 
-# a function per group, though one could do: the compiler orders the loop's sums by how it learns of the lengths
-
-
-@compiled
-def _own(at: Any, slices: int, rays: int, coordinates: int) -> Any:
-    return _own_of(at.own, _lengths(slices, rays, coordinates, at))
-
-
-@compiled
-def _arrays(at: Any, slices: int, rays: int, coordinates: int) -> Any:
-    return _arrays_of(at.arrays, _lengths(slices, rays, coordinates, at))
-
-
-@compiled
-def _propagators(at: Any, slices: int, rays: int, coordinates: int) -> Any:
-    return _propagators_of(at.propagators, _lengths(slices, rays, coordinates, at))
-
-
-@compiled
-def _scratch(at: Any, slices: int, rays: int, coordinates: int) -> Any:
-    return _scratch_of(at.scratch, _lengths(slices, rays, coordinates, at))
-
-
-@compiled
-def _axes(at: Any, slices: int, rays: int, coordinates: int) -> Any:
-    return _axes_of(at.axes, _lengths(slices, rays, coordinates, at))
-
-
-@compiled
-def _link(at: Any, slices: int, rays: int, coordinates: int) -> Any:
-    return _link_of(at.link, _lengths(slices, rays, coordinates, at))
-
-
-@compiled
-def _law(at: Any, slices: int, rays: int, coordinates: int) -> Any:
-    return _law_of(at.law, _lengths(slices, rays, coordinates, at))
-
-
-@compiled
-def _gas(at: Any, slices: int, rays: int, coordinates: int) -> Any:
-    return _gas_of(at.gas, _lengths(slices, rays, coordinates, at))
-
-
 CALL = 5
 """Numbers of a call for one plant (int64): address of its `Memory`'s table, address of the window's events (int64;
 time, channel and value in a row), number of events, and pulses to fire; the call writes how the window ended."""
@@ -260,12 +147,13 @@ def fire_windows(calls: int, count: int, slices: int, rays: int, coordinates: in
     rows = _rows(calls, (count, CALL))
     for k in range(count):
         at = _table(rows[k, 0], (1,))[0]
-        own = _own(at, slices, rays, coordinates)
+        lengths = _lengths(slices, rays, coordinates, at)
+        own = _own_of(at.own, lengths)
         rows[k, 4] = fire_window(
-            own.state, own.window, _arrays(at, slices, rays, coordinates), own.tiles, own.tile_index,
-            _constants(at.constants, (1,))[0], _law(at, slices, rays, coordinates), _heat(at.heat, (1,))[0],
-            _bubble(at.bubble, (1,))[0], _gas(at, slices, rays, coordinates), _timing(at.timing, (1,))[0],
-            _propagators(at, slices, rays, coordinates), _scratch(at, slices, rays, coordinates),
-            _axes(at, slices, rays, coordinates), _link(at, slices, rays, coordinates), full != 0,
+            own.state, own.window, _arrays_of(at.arrays, lengths), own.tiles, own.tile_index,
+            _constants(at.constants, (1,))[0], _law_of(at.law, lengths), _heat(at.heat, (1,))[0],
+            _bubble(at.bubble, (1,))[0], _gas_of(at.gas, lengths), _timing(at.timing, (1,))[0],
+            _propagators_of(at.propagators, lengths), _scratch_of(at.scratch, lengths),
+            _axes_of(at.axes, lengths), _link_of(at.link, lengths), full != 0,
             _rows(rows[k, 1], (rows[k, 2], 3)), own.pulses, rows[k, 3],
         )  # fmt: skip
