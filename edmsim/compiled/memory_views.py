@@ -74,7 +74,9 @@ def group_of(name: str, table: np.dtype[np.void], fields: dict[str, GroupField],
 class _Group(types.Type):  # type: ignore[misc]
     """Type of a group: where its record is, and its lengths."""
 
-    def __init__(self, name: str, table: np.dtype[np.void], fields: dict[str, GroupField], lengths: Sequence[str]) -> None:
+    def __init__(
+        self, name: str, table: np.dtype[np.void], fields: dict[str, GroupField], lengths: Sequence[str]
+    ) -> None:
         self.table: Any = from_dtype(table)
         self.fields = fields
         self.lengths = lengths
