@@ -8,7 +8,7 @@ from typing import Any, ParamSpec, TypeVar, cast
 
 import numba
 
-from edmsim.compiled.numba_internals import INLINED, UNWRAPPED, in_cache
+from edmsim.compiled.numba_internals import INLINED, UNWRAPPED, in_cache, with_parts
 
 _P = ParamSpec("_P")
 _R = TypeVar("_R")
@@ -34,7 +34,8 @@ def whole_program_only() -> Iterator[Callable[[], int]]:
 def _made(function: Callable[..., Any], options: dict[str, Any]) -> Any:
     global _count
     _count += 1
-    return in_cache(numba.njit(**{**_OPTIONS, **options, **_whole_program}), function)
+    made = in_cache(numba.njit(**{**_OPTIONS, **options, **_whole_program}), function)
+    return made if _whole_program else with_parts(made)
 
 
 def compiled(function: Callable[_P, _R]) -> Callable[_P, _R]:

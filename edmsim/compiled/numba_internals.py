@@ -16,10 +16,15 @@ from unittest.mock import patch
 import llvmlite.binding as llvm
 import numba
 from numba import types as untyped_types
-from numba.core import caching, codegen
+from numba.core import caching
 from numba.core import cgutils as untyped_cgutils
+from numba.core import codegen as untyped_codegen
+from numba.core import compiler as untyped_compiler
 from numba.core import datamodel as untyped_datamodel
 from numba.core import dispatcher as untyped_dispatcher
+from numba.core import registry as untyped_registry
+from numba.core import sigutils as untyped_sigutils
+from numba.core.compiler_lock import global_compiler_lock as untyped_lock
 from numba.core.typing.templates import AttributeTemplate as UntypedTemplate
 from numba.np.arrayobj import populate_array as untyped_populate_array
 
@@ -28,6 +33,11 @@ from edmsim.compiled import cache
 cgutils: Any = untyped_cgutils
 datamodel: Any = untyped_datamodel
 dispatcher: Any = untyped_dispatcher
+codegen: Any = untyped_codegen
+compiler: Any = untyped_compiler
+registry: Any = untyped_registry
+sigutils: Any = untyped_sigutils
+_lock: Any = untyped_lock
 AttributeTemplate: Any = UntypedTemplate
 populate_array: Any = untyped_populate_array
 types: Any = untyped_types
@@ -76,6 +86,107 @@ def in_cache(make: Callable[[Any], Any], function: Callable[..., Any]) -> Any:
         patch.object(caching, "IndexDataCacheFile", _SignedFiles),
     ):
         return make(function)
+
+
+def _link_with_parts(self: Any, library: Any) -> None:
+    """Link a library and the parts that it has not been linked with."""
+    library._ensure_finalized()
+    for linked in (library, *(library._linking_libraries if isinstance(library, _PartLibrary) else ())):
+        if linked not in self._linking_libraries:
+            self._linking_libraries.append(linked)
+
+
+class _PartLibrary(codegen.JITCodeLibrary):  # type: ignore[misc]
+    """A function translated into LLVM's language and no further.
+
+    As it stands numba optimises each function with all it calls and makes machine code of it, again for each function
+    that calls it.
+    """
+
+    add_linking_library = _link_with_parts
+
+    def finalize(self) -> None:
+        self._raise_if_finalized()
+        self._finalized = True
+
+    def _optimize_functions(self, _module: Any) -> None:
+        pass
+
+    def get_pointer_to_function(self, _name: str) -> int:
+        return 0
+
+    @property
+    def codegen(self) -> Any:
+        """What numba tells the function's environment, of which there is none without machine code."""
+        return self
+
+    def set_env(self, *_: Any) -> None:
+        pass
+
+
+class _WholeLibrary(codegen.JITCodeLibrary):  # type: ignore[misc]
+    """A function with its parts, in machine code."""
+
+    add_linking_library = _link_with_parts
+
+
+class _PartCompiler(compiler.Compiler):  # type: ignore[misc]
+    def __init__(self, *arguments: Any) -> None:
+        super().__init__(*arguments)
+        self.state.library = _PartLibrary(self.state.targetctx.codegen(), "part")
+
+
+class _WholeCompiler(compiler.Compiler):  # type: ignore[misc]
+    def __init__(self, *arguments: Any) -> None:
+        super().__init__(*arguments)
+        self.state.library = _WholeLibrary(self.state.targetctx.codegen(), "whole")
+        self.state.library.enable_object_caching()
+
+
+class CompiledFunction(registry.CPUDispatcher):  # type: ignore[misc]
+    """A function that gets machine code of its own only when Python calls it, not when compiled code does.
+
+    Nine of ten are parts of others. But what is compiled with liberties always gets it: rounded otherwise within
+    another function, its bits would depend on what was compiled before.
+    """
+
+    depth = 0
+    """How many of these functions are being compiled, each because of the one before."""
+    translated: set[tuple[Any, ...]]
+    """Types for which there is no machine code."""
+
+    def compile(self, signature: Any) -> Any:
+        """Compile for some types, or take what was kept."""
+        kinds = tuple(sigutils.normalize_signature(signature)[0])
+        with _lock:
+            if self.targetoptions["fastmath"]:
+                with patch.object(CompiledFunction, "depth", 0):
+                    return super().compile(signature)
+            if CompiledFunction.depth == 0 and kinds in self.translated:
+                self.translated.remove(kinds)
+                del self.overloads[kinds]
+            with patch.object(CompiledFunction, "depth", CompiledFunction.depth + 1):
+                return self._compile(signature, kinds)
+
+    def _compile(self, signature: Any, kinds: tuple[Any, ...]) -> Any:
+        known = kinds in self.overloads or self._cache.load_overload(signature, self.targetctx) is not None
+        if known or CompiledFunction.depth == 1:
+            self._compiler.pipeline_class = _WholeCompiler
+            return super().compile(signature)
+        self._compiler.pipeline_class = _PartCompiler
+        self.translated.add(kinds)
+        with (
+            patch.object(self, "_cache", caching.NullCache()),
+            patch.object(self, "_insert", lambda *_: None),  # Python does not find it
+        ):
+            return super().compile(signature)
+
+
+def with_parts(function: Any) -> Any:
+    """Let a function that numba compiles have parts without machine code."""
+    function.__class__ = CompiledFunction
+    function.translated = set()
+    return function
 
 
 @contextmanager

@@ -5,24 +5,30 @@ from __future__ import annotations
 import inspect
 import re
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numba
 import pytest
 from numba import types
-from numba.core import caching, cgutils, codegen, datamodel, dispatcher
+from numba.core import caching, cgutils, codegen, compiler, compiler_lock, datamodel, dispatcher, registry, sigutils
 from numba.core.typing import templates
 from numba.np import arrayobj
 
 import edmsim
+from edmsim.compiled.jit import exactly_compiled
 
 USED = [
     (caching, "IndexDataCacheFile"), (caching.IndexDataCacheFile, "_data_name"),
     (caching.IndexDataCacheFile, "_data_path"), (caching.IndexDataCacheFile, "_load_data"),
     (caching.IndexDataCacheFile, "_load_index"), (caching.IndexDataCacheFile, "_open_for_write"),
     (codegen.CPUCodeLibrary, "finalize"), (codegen.CPUCodeLibrary, "_raise_if_finalized"),
-    (codegen.CPUCodeLibrary, "_optimize_functions"), (codegen.JITCodeLibrary, "get_pointer_to_function"),
+    (codegen.CPUCodeLibrary, "_optimize_functions"), (codegen.CPUCodeLibrary, "add_linking_library"),
+    (codegen.CPUCodeLibrary, "_ensure_finalized"),
+    (codegen.JITCodeLibrary, "get_pointer_to_function"),
     (codegen.JITCPUCodegen, "set_env"), (codegen.JITCPUCodegen, "_create_empty_module"),
+    (codegen.JITCodeLibrary, "enable_object_caching"), (compiler, "Compiler"),
+    (registry.CPUDispatcher, "compile"), (registry.CPUDispatcher, "_insert"), (caching, "NullCache"),
+    (sigutils, "normalize_signature"), (compiler_lock, "global_compiler_lock"),
     (dispatcher._FunctionCompiler, "compile"), (dispatcher._DispatcherBase, "get_call_template"),
     (cgutils, "unpack_tuple"), (cgutils, "pointer_add"), (cgutils, "create_struct_proxy"),
     (cgutils, "get_or_insert_function"), (datamodel, "PrimitiveModel"), (datamodel, "StructModel"),
@@ -48,6 +54,30 @@ def test_a_function_keeps_its_module_and_what_it_calls_apart() -> None:
     assert "define" in str(result.library._final_module)
     assert isinstance(result.library._linking_libraries, list)
     assert result.fndesc.llvm_func_name in str(result.library._final_module)
+
+
+def _thirds(x: float) -> float:
+    if x < 0:
+        raise ValueError("below nought")
+    return x / 3
+
+
+def test_a_part_of_compiled_code_gets_machine_code_when_python_calls_it() -> None:
+    part = exactly_compiled(_thirds)
+
+    @exactly_compiled
+    def whole(x: float) -> float:
+        return part(x) + 1.0
+
+    assert whole(1.0) == 1.0 / 3 + 1.0
+    assert cast(Any, part).translated
+    with pytest.raises(ValueError, match="below nought"):
+        whole(-1.0)
+    assert part(2.0) == 2.0 / 3
+    assert not cast(Any, part).translated
+    with pytest.raises(ValueError, match="below nought"):
+        part(-1.0)
+    assert whole(2.0) == 2.0 / 3 + 1.0
 
 
 def test_no_other_file_uses_them() -> None:
