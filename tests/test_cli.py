@@ -16,6 +16,7 @@ from typing import Any, NamedTuple
 import pytest
 
 from edmsim import __version__
+from edmsim.bench import profile
 from edmsim.calibration import read_log
 from edmsim.cli import app as cli
 from edmsim.cli.progress import ProgressBar
@@ -65,7 +66,7 @@ def test_help_names_every_command_on_one_line(edmsim: Run) -> None:
                              ("search-gains", "Search the gains of feed controllers."),
                              ("calibrate", "Fit the model's constants to a machine's log."),
                              ("validate", "Compare the model with what was published, row by row."),
-                             ("bench", "Measure the speed of this machine."),
+                             ("bench", "Measure the speed of this computer, by processor time."),
                              ("terminal", "Sit at the 1982 controller's terminal."),
                              ("sweep", "Make many cuts from one specification."),
                              ("tune", "Search gains or training settings (needs the extra tune)."),
@@ -395,6 +396,37 @@ def test_bench_prints_json_or_a_table(edmsim: Run, monkeypatch: pytest.MonkeyPat
     table = edmsim("bench").out
     assert "1,000,000" in table
     assert "realtime_factor" in table
+
+
+@pytest.mark.slow
+def test_bench_draws_where_a_pulses_time_goes(edmsim: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    shares = dict.fromkeys(profile.PARTS, 1.0 / len(profile.PARTS))
+    monkeypatch.setattr(profile, "profile", lambda _: {"fast": profile.LoopProfile(400.0, 410.0, shares, 1000)})
+    told = edmsim("bench", "--profile", "--json", "--figure", tmp_path / "new" / "profile.png")
+    assert json.loads(told.out)["fast"]["ns_per_pulse"] == 400.0
+    assert (tmp_path / "new" / "profile.png").read_bytes().startswith(b"\x89PNG")
+
+
+@pytest.mark.parametrize(("arguments", "reason"), [
+    (("--profile", "--against", "HEAD"), "are two measurements: give one of them"),
+    (("--figure", "a.png"), "--figure is the picture of --profile: give both"),
+    (("--profile", "--figure", "a.jpg"), "a figure is written as one of"),
+    (("--against", "no-such-revision"), "has no revision 'no-such-revision'"),
+])  # fmt: skip
+def test_bench_refuses_what_it_cannot_measure(edmsim: Run, arguments: tuple[str, ...], reason: str) -> None:
+    told = edmsim("bench", *arguments)
+    assert (told.status, told.err.count("\n")) == (2, 1)
+    assert reason in told.err
+
+
+def test_an_interrupted_comparison_is_one_line_and_130(edmsim: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    def interrupted(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("edmsim.bench.pairs.compare", interrupted)
+    told = edmsim("bench", "--against", "HEAD")
+    assert (told.status, told.out) == (130, "")
+    assert told.err == "edmsim: interrupted; nothing was measured to the end\n"
 
 
 @pytest.mark.slow

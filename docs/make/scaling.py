@@ -1,4 +1,4 @@
-"""The measured table of ``docs/scaling.md``: what a run costs the driver, in time, in memory and on the disk.
+"""The measured tables of ``docs/scaling.md``: what a run costs the driver, in time, in memory and on the disk.
 
 python docs/make/scaling.py
 """
@@ -15,6 +15,7 @@ from posixpath import basename  # any function that does nothing, and every proc
 from typing import Any
 
 import numpy as np
+from lanes import processor
 
 from edmsim.sweep.cluster import Cluster
 from edmsim.sweep.engine import Processes
@@ -57,8 +58,8 @@ class Instant:
             yield run, Outcome({**self._rows[run.seed % ROWS_PER_PART], **known}, {})
 
 
-def measure(folder: Path) -> list[tuple[str, str]]:
-    """Return what was measured: names and texts."""
+def measure(folder: Path) -> tuple[list[tuple[str, str]], list[tuple[str, str]]]:
+    """Return what was measured, and what that makes of a million runs: names and texts."""
     program = folder / "punch.ngc"
     program.write_text(PUNCH, encoding="utf-8")
     given = {"program": [str(program)], "settings": {"resolution": "fast", "height_mm": 5.0}}
@@ -98,7 +99,8 @@ def measure(folder: Path) -> list[tuple[str, str]]:
     started = time.perf_counter()
     table = read(folder / "out")
     read_s = (time.perf_counter() - started) / len(table)
-    return [
+    runs_per_s = 1 / (driver_s + ray_s)
+    measured = [
         ("a cut of " + f"{machine_s:.0f} s of machine time, `fast`", f"{cut_s:.1f} s of a processor"),
         ("one more process, from its start to its first answer", f"{start_s:.1f} s"),
         ("a run planned: values combined, checked, named by its id", f"{1e6 * plan_s:.0f} us of the driver"),
@@ -109,9 +111,19 @@ def measure(folder: Path) -> list[tuple[str, str]]:
         ("`windows.parquet` of that cut, if recorded", f"{1e-3 * windows:.0f} kB"),
         ("memory of the driver for a run that is done", f"{memory:.0f} bytes"),
         ("a row read again", f"{1e6 * read_s:.0f} us"),
-        ("runs that one driver gets done with Ray, at most", f"{1 / (driver_s + ray_s):.0f} a second"),
-        ("**processors it keeps busy with cuts of that length**", f"**{cut_s / (driver_s + ray_s):,.0f}**"),
+        ("runs that one driver gets done with Ray, at most", f"{runs_per_s:.0f} a second"),
+        ("**processors it keeps busy with cuts of that length**", f"**{cut_s * runs_per_s:,.0f}**"),
     ]  # fmt: skip
+    follows = [
+        *((f"processors kept busy with runs of {s} s", f"{s * runs_per_s:,.0f}") for s in (10, 60, 600)),
+        ("a million runs: the driver's time, at least", f"{1e6 / runs_per_s / 3600:.1f} h"),
+        ("their dataset", f"{1e-3 * parquet:.1f} GB in {1e6 / ROWS_PER_PART:,.0f} files"),
+        ("memory of their driver", f"{1e-3 * memory:.2f} GB"),
+        ("`windows.parquet` of all, if recorded",
+         f"{1e-6 * windows:.1f} TB, through the driver at {1e-6 * windows * runs_per_s:.0f} MB/s"),
+        ("begun again with all of it done", f"{1e6 * (plan_s + read_s) / 60:.0f} min to the first that is missing"),
+    ]  # fmt: skip
+    return measured, follows
 
 
 def handed_by_ray() -> float:
@@ -135,14 +147,16 @@ def handed_by_ray() -> float:
 
 
 def main() -> None:
-    """Measure, and write the table into the page."""
+    """Measure, and write the tables into the page."""
     with tempfile.TemporaryDirectory() as name:
-        rows = measure(Path(name))
-    table = "\n".join(["| what | measured here |", "|---|---|", *(f"| {what} | {figure} |" for what, figure in rows)])
+        sections = dict(zip(("measured", "follows"), measure(Path(name)), strict=True))
     text = PAGE.read_text(encoding="utf-8")
-    mark = r"(<!-- begin measured -->\n).*?(\n<!-- end measured -->)"
-    PAGE.write_text(re.sub(mark, lambda m: f"{m[1]}\n{table}\n{m[2]}", text, flags=re.DOTALL), encoding="utf-8")
-    print(table)
+    for section, rows in sections.items():
+        table = "\n".join(["| what | how much |", "|---|---|", *(f"| {what} | {figure} |" for what, figure in rows)])
+        print(table)
+        mark = re.compile(rf"(<!-- begin {section} -->\n).*?(<!-- end {section} -->)", re.DOTALL)
+        text = mark.sub(lambda m, table=table: f"{m[1]}\n{table}\n\nOn {processor()}.\n\n{m[2]}", text)
+    PAGE.write_text(text, encoding="utf-8")
 
 
 if __name__ == "__main__":

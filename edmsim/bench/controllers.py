@@ -32,14 +32,14 @@ def _cut(controller: str, planner: str = "poscal") -> Simulation:
 
 
 def _run_s(cut: Simulation, windows: int) -> float:
-    started = time.perf_counter()
+    started = time.process_time()
     for _ in range(windows):
         cut.step()
-    return time.perf_counter() - started
+    return time.process_time() - started
 
 
 def controller_overhead() -> float:
-    """Share of a cut's wall time that the registers add: `mcu` over `counts`, less 1, at the default resolution.
+    """Share of a cut's processor time that the registers add: `mcu` over `counts`, less 1, at the default resolution.
 
     Both cut the same, by turns.
     """
@@ -49,21 +49,21 @@ def controller_overhead() -> float:
 
 
 def literal_realtime_factor() -> float:
-    """Simulated seconds per second of a cut in which the timers of 1982 make the steps, at the default resolution."""
+    """Simulated seconds per second of the processor in a cut whose steps the timers of 1982 make, at `default`."""
     cut = _cut("mcu", "poscal-literal")
     best_s = min(_run_s(cut, WINDOWS) for _ in range(REPEATS))
     return WINDOWS * cut.plant.window_ns * 1e-9 / best_s
 
 
 def poscal_calls_per_s() -> float:
-    """Calls of POSCAL in a second, over displacements of all lengths."""
+    """Calls of POSCAL in a second of the processor, over displacements of all lengths."""
     rng = np.random.default_rng(0)
     places = rng.integers(0, 65_536, (CALLS, 2, 2)) >> rng.integers(0, 12, (CALLS, 1, 1))
     pairs = [((ax, ay), (bx, by)) for (ax, ay), (bx, by) in places.tolist()]
     best = float("inf")
     for _ in range(REPEATS):
-        started = time.perf_counter()
+        started = time.process_time()
         for position, target in pairs:
             poscal(position, target, 127)
-        best = min(best, time.perf_counter() - started)
+        best = min(best, time.process_time() - started)
     return CALLS / best

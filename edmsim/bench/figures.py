@@ -31,6 +31,9 @@ if TYPE_CHECKING:
 def measure() -> dict[str, float]:
     """Return all figures by name; ``realtime_factor`` is that of the default resolution at its own period.
 
+    What one thread does is timed by its processor time, to which other programs on the computer add nothing; what
+    several threads do together (``vector_env...``, ``half_cheetah...``, ``threads_...``) by the clock.
+
     ``ray_sums_per_s`` is the bound the first is to be compared with, ``ray_sum_share`` the part of its time that
     goes there; ``controller_overhead`` is the share of time that the registers of 1982 add to a cut;
     ``literal_realtime_factor`` is that of a cut in which the timers of 1982 make the steps;
@@ -84,7 +87,7 @@ def render(figures: dict[str, float]) -> RenderableType:
     """Return the figures as a table for the terminal."""
     from edmsim.screen import ScreenTable
 
-    table = ScreenTable("figure", numbers=("value",), title="edmsim bench, one core")
+    table = ScreenTable("figure", numbers=("value",), title="edmsim bench")
     for name, value in figures.items():
         table.add_row(name, f"{value:,.0f}" if value > 1000 else f"{value:,.2f}")
     return table

@@ -8,6 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from edmsim import __version__
+from edmsim.cli.bench import bench
 from edmsim.cli.check import check
 from edmsim.cli.console import OUT, take_any_terminal
 from edmsim.cli.cut import cut
@@ -17,7 +18,7 @@ from edmsim.cli.measure_table import measure_table
 from edmsim.cli.playback import render, report, view
 from edmsim.cli.positioner import positioner
 from edmsim.cli.servo import servo
-from edmsim.cli.studies import bench, calibrate, validate
+from edmsim.cli.studies import calibrate, validate
 from edmsim.cli.sweep import SHORT_FORM, sweep, tune
 from edmsim.cli.terminal import terminal
 from edmsim.cli.warm_up import warm_up

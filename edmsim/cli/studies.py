@@ -1,4 +1,4 @@
-"""``edmsim calibrate``, ``validate`` and ``bench``: the model beside machines, publications and the clock."""
+"""``edmsim calibrate`` and ``validate``: the model beside machines and publications."""
 
 from __future__ import annotations
 
@@ -93,18 +93,3 @@ def validate(
         OUT.print(report.render_failed(rows) if failed else report.render(rows))
     if any(row.unexpected for row in rows):
         raise typer.Exit(FAILED)
-
-
-def bench(
-    json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
-) -> None:
-    """Measure the speed of this machine."""
-    from edmsim.bench.figures import measure, render
-
-    figures = measure()
-    if json:
-        import json as codec
-
-        sys.stdout.write(codec.dumps(figures, indent=2) + "\n")
-    else:
-        OUT.print(render(figures))

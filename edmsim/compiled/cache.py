@@ -58,11 +58,16 @@ def _source_digest() -> str:
     return digest.hexdigest()[:16]
 
 
+def user_folder() -> Path:
+    """Return the folder of all that edmsim keeps for this user; raises `RuntimeError` where the user has no home."""
+    base = os.environ.get("XDG_CACHE_HOME")
+    return (Path(base) if base else Path.home() / ".cache") / "edmsim"
+
+
 def _cache_folder() -> Path:
     """Return the folder of these sources: under the user's own, or else, where that cannot be, one of this run."""
-    base = os.environ.get("XDG_CACHE_HOME")
     try:
-        root = (Path(base) if base else Path.home() / ".cache") / "edmsim" / "compiled"
+        root = user_folder() / "compiled"
         own = root / _source_digest()
         own.mkdir(parents=True, exist_ok=True)
         own.touch()

@@ -28,12 +28,15 @@ from typing import IO, Any
 import llvmlite.binding as llvm
 
 from edmsim.compiled import cache
+from edmsim.compiled.marks import PART, with_marks
 
 try:
     import fcntl
 except ImportError:  # where there is no flock, two processes may compile the same
     fcntl = None  # type: ignore[assignment]
 
+Parts = tuple[tuple[str, ...], ...]
+"""Functions of each part of a program with marks; none of one without."""
 PROGRESS = "EDMSIM_PROGRESS"
 """Variable of the environment: with 0 a notebook shows neither how far a cut is nor that code is compiled."""
 _NOTICE = "edmsim compiles its pulse loop for this processor, once"
@@ -43,7 +46,7 @@ import signal, sys
 signal.signal(signal.SIGINT, signal.SIG_IGN)
 sys.path[:] = {path!r}
 from edmsim.compiled.specialised import make
-make({folder!r}, {module!r}, {name!r}, {constants!r})
+make({folder!r}, {module!r}, {name!r}, {constants!r}, {parts!r})
 """
 """Ctrl-C reaches both processes; the one that waits stops this one."""
 _NUMBA_SHARE = 0.7
@@ -67,8 +70,35 @@ def specialised(function: Callable[..., None], *constants: int) -> Callable[...,
     IndexError
         By the function returned: where bounds are checked, an index left its array.
     """
-    code = cache.read_signed(_object_file(function.__name__, constants))
-    return _loaded(code or _compile_elsewhere(function, constants), len(_parameters(function)) - len(constants))
+    return _run_by(_loaded(_code(function, constants, ())), len(_parameters(function)) - len(constants))
+
+
+def marked(
+    function: Callable[..., None], *constants: int, parts: Parts
+) -> tuple[Callable[..., None], Callable[[], int]]:
+    """Return what `specialised` does, compiled with marks, and a function that says which part it is in.
+
+    Parameters
+    ----------
+    function, *constants
+        See `specialised`.
+    parts : tuple of tuples of str
+        Functions of each part, see `marks.with_marks`.
+    """
+    engine = _loaded(_code(function, constants, parts))
+    run = _run_by(engine, len(_parameters(function)) - len(constants))
+    number = ctypes.c_int64.from_address(engine.get_global_value_address(PART))
+
+    def part(*, _engine: Any = engine) -> int:  # the engine owns the number
+        return number.value
+
+    return run, part
+
+
+def _code(function: Callable[..., None], constants: tuple[int, ...], parts: Parts) -> bytes:
+    """Return the object file, which is made if it is not there."""
+    kept = cache.read_signed(_object_file(_stem(function.__name__, parts), constants))
+    return kept or _compile_elsewhere(function, constants, parts)
 
 
 def _parameters(function: Callable[..., None]) -> list[str]:
@@ -82,15 +112,25 @@ def _processor() -> str:
     return hashlib.sha256(processor.encode()).hexdigest()[:8]
 
 
+def _stem(name: str, parts: Parts) -> str:
+    """Return what files of a function are called: those with marks otherwise than those without."""
+    return f"{name}-{hashlib.sha256(repr(parts).encode()).hexdigest()[:8]}" if parts else name
+
+
 def _object_file(name: str, constants: tuple[int, ...]) -> Path:
     return cache.folder / f"{name}-{'-'.join(str(int(constant)) for constant in constants)}-{_processor()}.o"
 
 
-def _loaded(code: bytes, count: int) -> Callable[..., None]:
-    """Return what is in an object file as a function of `count` whole numbers; it lets other threads run."""
+def _loaded(code: bytes) -> llvm.ExecutionEngine:
+    """Return an engine that has what is in an object file."""
     engine = llvm.create_mcjit_compiler(llvm.parse_assembly(""), _target_machine())
     engine.add_object_file(llvm.ObjectFileRef.from_data(code))
     engine.finalize_object()
+    return engine
+
+
+def _run_by(engine: llvm.ExecutionEngine, count: int) -> Callable[..., None]:
+    """Return the engine's program as a function of `count` whole numbers; it lets other threads run."""
     call = ctypes.CFUNCTYPE(ctypes.c_int32, *[ctypes.c_int64] * count)(engine.get_function_address("specialised"))
 
     def run(*arguments: int, _engine: Any = engine) -> None:  # the engine owns the code
@@ -118,11 +158,11 @@ def _pass_builder(machine: llvm.TargetMachine) -> llvm.PassBuilder:
 # in the process that waits
 
 
-def _compile_elsewhere(function: Callable[..., None], constants: tuple[int, ...]) -> bytes:
+def _compile_elsewhere(function: Callable[..., None], constants: tuple[int, ...], parts: Parts) -> bytes:
     """Let another process compile, and return the object file."""
     program = _PROGRAM.format(
         path=sys.path, folder=str(cache.folder), module=function.__module__, name=function.__name__,
-        constants=tuple(map(int, constants)),
+        constants=tuple(map(int, constants)), parts=parts,
     )
     # strings' hashes decide the order of the compiler's own sets
     environment = {**os.environ, "PYTHONHASHSEED": "0"}
@@ -167,16 +207,17 @@ def _show_progress(lines: IO[bytes]) -> str:
 # in the process that compiles
 
 
-def make(folder: str, module: str, name: str, constants: tuple[int, ...]) -> None:
+def make(folder: str, module: str, name: str, constants: tuple[int, ...], parts: Parts) -> None:
     """Compile a function of a module, keep it in a folder, and write the object file to the standard output.
 
     Progress goes to the standard error, a share of the whole in each line.
     """
     cache.folder = Path(folder)
     gc.disable()  # a tenth of the time, for what a process that soon ends need not give back
-    bitcode = _made_once(cache.folder / f"{name}-{_processor()}.bc", lambda: _translated(module, name))
+    stem = _stem(name, parts)
+    bitcode = _made_once(cache.folder / f"{stem}-{_processor()}.bc", lambda: _translated(module, name, parts))
     _say(_NUMBA_SHARE)
-    code = _made_once(_object_file(name, constants), lambda: _machine_code(bitcode, constants))
+    code = _made_once(_object_file(stem, constants), lambda: _machine_code(bitcode, constants))
     _say(1.0)
     sys.stdout.buffer.write(code)
 
@@ -200,7 +241,7 @@ def _made_once(file: Path, make: Callable[[], bytes]) -> bytes:
         return content
 
 
-def _translated(module: str, name: str) -> bytes:
+def _translated(module: str, name: str, parts: Parts) -> bytes:
     """Return a function and all it calls as LLVM's bitcode, everything inlined into one function named `program`."""
     # here, since putting in constants needs no numba
     from numba import types
@@ -219,9 +260,11 @@ def _translated(module: str, name: str) -> bytes:
         _say(_NUMBA_SHARE * min(1.0, len(done) / total))
 
     made, symbol = whole_program(program, (types.int64,) * len(_parameters(function)), count)
+    if parts:
+        made = llvm.parse_assembly(with_marks(str(made), parts))
     made.get_function(symbol).name = "program"
     for value in (*made.functions, *made.global_variables):
-        if not value.is_declaration and value.name != "program":
+        if not value.is_declaration and value.name not in ("program", PART):
             value.linkage = llvm.Linkage.internal
     passes = llvm.create_new_module_pass_manager()
     # simplified before it is inlined, each function is so once and not at every place where it is called

@@ -224,15 +224,24 @@ def scores(
 
 def interquartile_mean(values: NDArray[np.float64]) -> Figure:
     """Mean of the middle half of values, with its bootstrap interval, as Agarwal et al. (NeurIPS 2021) recommend."""
+    return _with_interval(values, _of_middle)
+
+
+def median(values: NDArray[np.float64]) -> Figure:
+    """Median with its bootstrap interval."""
+    return _with_interval(values, np.median)
+
+
+def _with_interval(values: NDArray[np.float64], statistic: Callable[..., Any]) -> Figure:
     from scipy.stats import bootstrap
 
     if len(values) == 0:
         return Figure(np.nan, np.nan, np.nan)
-    value = float(_of_middle(values))
+    value = float(statistic(values))
     if len(values) < 2 or np.ptp(values) == 0.0:
         return Figure(value, value, value) if len(values) > 1 else Figure(value, np.nan, np.nan)
     interval = bootstrap(
-        (values,), _of_middle, vectorized=True, n_resamples=RESAMPLES,
+        (values,), statistic, vectorized=True, n_resamples=RESAMPLES,
         confidence_level=CONFIDENCE, method="percentile", rng=np.random.default_rng(0),
     ).confidence_interval
     return Figure(value, float(interval.low), float(interval.high))

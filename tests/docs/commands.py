@@ -15,6 +15,7 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 import pytest
 import typer
 
@@ -140,6 +141,7 @@ def replaced(patch: pytest.MonkeyPatch) -> None:
     """Leave away what takes a screen, or minutes; tests of their own run each of these."""
     from edmsim import validation
     from edmsim.bench import figures as bench
+    from edmsim.bench import pairs, profile
     from edmsim.calibration import comparison, fit
     from edmsim.envs.episode import Task
     from edmsim.recording.rerun import viewer
@@ -151,8 +153,12 @@ def replaced(patch: pytest.MonkeyPatch) -> None:
 
     # tests/recording/test_recording_viewer.py opens recordings
     patch.setattr(viewer, "subprocess", SimpleNamespace(call=shown))
-    # tests/test_bench.py measures, tests/validation runs all checks
+    # tests/bench measures, tests/validation runs all checks
     patch.setattr(bench, "measure", lambda: {"pulses_per_s": 1e6, "realtime_factor": 100.0})
+    rates = {"pulses_per_s_fast": np.array([1e6, 2e6])}
+    patch.setattr(pairs, "compare", lambda revision, *_: pairs.Pairs(revision, rates, rates))
+    shares = dict.fromkeys(profile.PARTS, 1.0 / len(profile.PARTS))
+    patch.setattr(profile, "profile", lambda _: {"fast": profile.LoopProfile(400.0, 410.0, shares, 1000)})
     patch.setattr(validation, "run", partial(validation.run, modules=("strings",)))
     # tests/calibration finds constants again
     patch.setattr(comparison, "NOISE_CUTS", 8)

@@ -1,0 +1,133 @@
+"""Two revisions timed in pairs: ``edmsim bench --against``.
+
+A computer is not equally fast all the time, and others use it too. So both revisions are timed by turns, by processor
+time, and what is told is the ratio.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from edmsim.bench import subject
+from edmsim.bench.revisions import ROOT, checkout, commit_of
+from edmsim.errors import EdmsimError
+from edmsim.evaluation.compare import Figure, median
+
+if TYPE_CHECKING:
+    from rich.console import RenderableType
+
+PROGRAM, PAIRS = Path(subject.__file__), 10
+SIZES = "0.1", "5", "1000", "64", "50"
+"""What `subject` is given: seconds of a spell, spells of a figure, windows before timing (see `bench.plant`), lanes,
+resets."""
+COMPILING = "0", "1", "1", "1", "1"
+"""The same for the first run of either, which only compiles."""
+
+
+@dataclass(frozen=True)
+class Pairs:
+    """How fast this checkout is beside a revision of it.
+
+    Attributes
+    ----------
+    commit : str
+        The revision.
+    here, there : dict of str to float64 (pairs,)
+        Rates of this checkout and of the revision, in the order of the pairs.
+    """
+
+    commit: str
+    here: dict[str, NDArray[np.float64]]
+    there: dict[str, NDArray[np.float64]]
+
+    def ratio(self, name: str) -> Figure:
+        """Return a rate here over that there: median and interval of the pairs' ratios."""
+        return median(self.here[name] / self.there[name])
+
+
+def compare(revision: str, pairs: int = PAIRS, watch: Callable[[str], None] = lambda _: None) -> Pairs:
+    """Time this checkout, as it is, beside a revision of it.
+
+    Parameters
+    ----------
+    revision : str
+        As git knows it.
+    pairs : int
+        Runs of either.
+    watch : callable, optional
+        Called with what is begun.
+
+    Raises
+    ------
+    InputError
+        See `commit_of` and `checkout`.
+    EdmsimError
+        One of them does not run.
+    """
+    commit = commit_of(revision)
+    with checkout(commit) as folder:
+        roots = {"this checkout": ROOT, commit[:10]: folder}
+        for name, root in roots.items():
+            watch(f"compile {name}")
+            _rates(name, root, COMPILING)
+        found: dict[str, list[dict[str, float]]] = {name: [] for name in roots}
+        for pair in range(pairs):
+            # A B, B A, A B: neither always has the warmer machine
+            for name in list(roots) if pair % 2 == 0 else reversed(roots):
+                watch(f"pair {pair + 1} of {pairs}: {name}")
+                found[name].append(_rates(name, roots[name], SIZES))
+    here, there = ({key: np.array([run[key] for run in runs]) for key in runs[0]} for runs in found.values())
+    return Pairs(commit, here, there)
+
+
+def _rates(name: str, root: Path, sizes: tuple[str, ...]) -> dict[str, float]:
+    """Run `subject` with edmsim from a folder, in a process of its own."""
+    # of the folders that Python looks into by itself, that of the program has modules of the same names as packages
+    environment = {**os.environ, "PYTHONPATH": str(root), "PYTHONSAFEPATH": "1"}
+    command = [sys.executable, str(PROGRAM), str(root), *sizes]
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
+    if done.returncode:
+        said = done.stderr.strip().splitlines() or [f"exit status {done.returncode}"]
+        raise EdmsimError(f"{name} cannot be timed: {said[-1]}")
+    rates: dict[str, float] = json.loads(done.stdout.splitlines()[-1])
+    return rates
+
+
+def as_numbers(pairs: Pairs) -> dict[str, object]:
+    """Return a comparison as numbers and texts only."""
+    figures = {}
+    for name, rates in pairs.here.items():
+        ratio = pairs.ratio(name)
+        figures[name] = {
+            "ratio": ratio.value, "low": ratio.low, "high": ratio.high,
+            "here": rates.tolist(), "there": pairs.there[name].tolist(),
+        }  # fmt: skip
+    return {"against": pairs.commit, "figures": figures}
+
+
+def render(pairs: Pairs) -> RenderableType:
+    """Return a comparison as a table for the terminal."""
+    from edmsim.screen import ScreenTable
+
+    count = len(next(iter(pairs.here.values())))
+    table = ScreenTable(
+        "figure", numbers=("ratio", "95 % interval", "here", "there"),
+        title=f"here over {pairs.commit[:10]}, processor time, {count} pair{'s' * (count > 1)}",
+    )
+    for name, rates in pairs.here.items():
+        ratio = pairs.ratio(name)
+        interval = f"{ratio.low:.3f} to {ratio.high:.3f}" if count > 1 else ""
+        table.add_row(
+            name, f"{ratio.value:.3f}", interval, f"{np.median(rates):,.0f}", f"{np.median(pairs.there[name]):,.0f}"
+        )
+    return table

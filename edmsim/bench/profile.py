@@ -1,0 +1,231 @@
+"""Where a pulse's time goes: ``edmsim bench --profile``.
+
+The loop is compiled once more, with marks (`edmsim.compiled.marks`), and a second thread looks again and again which
+part it is in. The loop without marks, whose time per pulse is shared out, runs by turns with it.
+"""
+
+from __future__ import annotations
+
+import itertools
+import random
+import statistics
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from edmsim.bench.plant import FEED_UM_S, SETTLE_WINDOWS
+from edmsim.compiled.specialised import marked
+from edmsim.errors import EdmsimError
+from edmsim.machine.machine import Machine
+from edmsim.plant.kernel.memory import CALL, fire_windows
+from edmsim.plant.kernel.state import PULSES_PER_WINDOW
+from edmsim.plant.plant import Plant, shapes
+from edmsim.plant.resolution import RESOLUTIONS
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+    from rich.console import RenderableType
+
+PROFILED = ("fast", "default")
+"""Resolutions whose time is shared out."""
+PARTS: dict[str, tuple[str, ...]] = {
+    "ray sums": ("gap.pulse_outcome.sum_rays",),
+    "decide": ("gap.pulse_outcome.decide",),
+    "discharge": ("kernel.discharge.discharge", "kernel.discharge.short_circuit"),
+    "films": tuple(f"mechanics.film.{name}" for name in (
+        "scale_film", "mean_film", "mean_resistance", "find_films", "squeeze",
+    )),
+    "swings": ("kernel.fire._swing", *(
+        f"mechanics.modal.{name}" for name in ("place_wire", "project", "kick", "ring")
+    )),
+    "gas": tuple(f"gap.coverage.{name}" for name in ("fade", "blow", "sum_up")),
+    "heat": ("kernel.discharge.propagate_heat",),
+    "retrace": ("gap.ray_trace.retrace",),
+    "carve": ("kernel.fire._carve",),
+    "rest": ("kernel.memory.fire_windows",),
+}  # fmt: skip
+"""Parts of a pulse, and the functions of `edmsim.plant` that make each. What a function calls is of its part, too,
+unless it is named itself; the rest is what is left of the loop: counters, axes, the log of pulses."""
+BATCH = 50
+"""Windows that one call fires, so that Python takes no part; the wire stays within its tiles meanwhile."""
+ROUNDS = 40
+"""Turns of the loop with and without marks in one cut."""
+LOOKS = 20_000
+"""So many cuts are made that a share of a tenth is known to 0.4 of a percent (ours)."""
+LOOK_S = 200e-6
+"""Longest pause between two looks; each is drawn, so that they never keep step with windows (ours)."""
+
+
+class LoopProfile(NamedTuple):
+    """Where the processor time of a straight cut's pulses goes, at one resolution.
+
+    Attributes
+    ----------
+    ns_per_pulse : float
+        Of the loop as it is.
+    marked_ns_per_pulse : float
+        Of the loop with marks.
+    shares : dict of str to float
+        Of the time with marks, by `PARTS`; they add up to 1.
+    looks : int
+        How often was looked which part runs.
+    """
+
+    ns_per_pulse: float
+    marked_ns_per_pulse: float
+    shares: dict[str, float]
+    looks: int
+
+    def ns(self, part: str) -> float:
+        """Return a part's time per pulse."""
+        return self.ns_per_pulse * self.shares[part]
+
+
+class _Watch:
+    """A thread that looks which part the thread that made it is in, while it is told to."""
+
+    def __init__(self, part: Callable[[], int]) -> None:
+        self.spent_s = np.zeros(len(PARTS) + 1)
+        self.looks = 0
+        self._part, self._clock = part, _clock_of(threading.get_ident())
+
+    @contextmanager
+    def looking(self) -> Iterator[None]:
+        """Look until the block ends."""
+        over = threading.Event()
+        thread = threading.Thread(target=self._look, args=(over,), daemon=True)
+        try:
+            thread.start()
+            yield
+        finally:
+            over.set()
+            if thread.is_alive():  # an interrupt may come before it is
+                thread.join()
+
+    def _look(self, over: threading.Event) -> None:
+        """Count the processor time since the last look for the part that runs now: none where the thread waited."""
+        before = time.clock_gettime(self._clock)
+        while not over.is_set():
+            time.sleep(random.random() * LOOK_S)
+            part, now = self._part(), time.clock_gettime(self._clock)
+            self.spent_s[part] += now - before
+            before = now
+            self.looks += 1
+
+
+def _clock_of(thread: int) -> int:
+    """Return the clock of a thread's processor time."""
+    try:
+        return time.pthread_getcpuclockid(thread)
+    except AttributeError:
+        raise EdmsimError("this system has no clock of a thread's processor time: profile on Linux") from None
+
+
+def profile(watch: Callable[[str], None] = lambda _: None) -> dict[str, LoopProfile]:
+    """Return where a pulse's time goes in a straight cut, at each resolution of `PROFILED`.
+
+    Parameters
+    ----------
+    watch : callable, optional
+        Called with what is begun.
+    """
+    named = dict(zip(RESOLUTIONS, shapes(), strict=False))  # the modal ones come first
+    names = tuple(tuple(f"edmsim.plant.{name}" for name in names) for names in PARTS.values())
+    found = {}
+    for resolution in PROFILED:
+        watch(f"compile {resolution} with marks")
+        fire, part = marked(fire_windows, *named[resolution], parts=names)
+        watch(f"profile {resolution}")
+        found[resolution] = _profile(Plant(Machine.load(), seed=0, resolution=resolution), fire, part)
+    return found
+
+
+def _profile(plant: Plant, fire: Callable[[int, int], None], part: Callable[[], int]) -> LoopProfile:
+    """Let the loop with marks and the one without take turns at one cut after another."""
+    look = _Watch(part)
+    plain_s, marked_s = [], []
+    for seed in itertools.count():
+        if look.looks >= LOOKS:
+            break
+        plant.reset(seed)
+        for _ in range(SETTLE_WINDOWS // BATCH):
+            _fire(plant, plant.fire)
+        for _ in range(ROUNDS):
+            plain_s.append(_fire(plant, plant.fire))
+            with look.looking():
+                marked_s.append(_fire(plant, fire))
+    spent_s = look.spent_s[1:]  # the first is outside the loop
+    shares = dict(zip(PARTS, (spent_s / spent_s.sum()).tolist(), strict=True))
+    plain_ns, marked_ns = (1e9 * statistics.median(s) / (BATCH * PULSES_PER_WINDOW) for s in (plain_s, marked_s))
+    return LoopProfile(plain_ns, marked_ns, shares, look.looks)
+
+
+def _fire(plant: Plant, fire: Callable[[int, int], None]) -> float:
+    """Go on with the straight cut by a batch of windows; return its processor time."""
+    plant.make_tiles()
+    interval_ns = round(plant.machine.base.table.step_um.value * 1e9 / FEED_UM_S)
+    edges_ns = plant.time_ns + plant.window_ns * np.arange(BATCH + 1)
+    due_ns = np.arange(plant.time_ns + interval_ns, edges_ns[-1], interval_ns)
+    steps = np.column_stack([due_ns, np.zeros_like(due_ns), np.ones_like(due_ns)])
+    first = np.searchsorted(due_ns, edges_ns)
+    calls = np.empty((BATCH, CALL), np.int64)
+    calls[:, 0] = plant.address
+    calls[:, 1] = steps.ctypes.data + first[:-1] * steps.strides[0]
+    calls[:, 2] = np.diff(first)
+    calls[:, 3] = PULSES_PER_WINDOW
+    begun_s = time.thread_time()
+    fire(calls.ctypes.data, BATCH)
+    spent_s = time.thread_time() - begun_s
+    if calls[:, 4].any():
+        raise EdmsimError(f"the straight cut that is profiled ended early, by {calls[:, 4].max()}")
+    return spent_s
+
+
+def as_numbers(found: dict[str, LoopProfile]) -> dict[str, object]:
+    """Return profiles as numbers and texts only."""
+    return {
+        resolution: {
+            "ns_per_pulse": one.ns_per_pulse, "marked_ns_per_pulse": one.marked_ns_per_pulse, "looks": one.looks,
+            "shares": one.shares,
+        }
+        for resolution, one in found.items()
+    }  # fmt: skip
+
+
+def render(found: dict[str, LoopProfile]) -> RenderableType:
+    """Return the profiles as a table for the terminal."""
+    from edmsim.screen import ScreenTable
+
+    numbers = [head for resolution in found for head in (f"{resolution} ns", f"{resolution} %")]
+    table = ScreenTable("part of a pulse", numbers=numbers, title="edmsim bench --profile, processor time")
+    for part in PARTS:
+        cells = [(f"{one.ns(part):.0f}", f"{100 * one.shares[part]:.1f}") for one in found.values()]
+        table.add_row(part, *itertools.chain(*cells))
+    table.add_section()
+    table.add_row("together", *(text for p in found.values() for text in (f"{p.ns_per_pulse:.0f}", "100.0")))
+    table.add_row("with marks", *(text for p in found.values() for text in (f"{p.marked_ns_per_pulse:.0f}", "")))
+    return table
+
+
+def draw(found: dict[str, LoopProfile]) -> Figure:
+    """Return the profiles as a figure: a bar for each part and resolution."""
+    from edmsim.recording.figures.palette import BLUE, ORANGE
+    from edmsim.recording.figures.style import LABEL_PT, column_figure, dress, legend
+
+    figure = column_figure(3.2, left_in=0.72, top_in=0.3)
+    axes = figure.add_subplot()
+    high, middles = 0.8 / len(found), np.arange(len(PARTS))
+    for k, (resolution, one) in enumerate(found.items()):
+        places = middles + (k - (len(found) - 1) / 2) * high
+        bars = axes.barh(places, [one.ns(part) for part in PARTS], high, color=(BLUE, ORANGE)[k], label=resolution)
+        axes.bar_label(bars, fmt="%.0f", fontsize=LABEL_PT - 1.5, padding=2)
+    axes.set_yticks(middles, list(PARTS))
+    axes.invert_yaxis()
+    axes.margins(x=0.12)
+    dress(axes, "processor time per pulse, ns", "")
+    legend(axes, above=True, columns=len(found))
+    return figure

@@ -1,0 +1,73 @@
+"""Revisions of the checkout that edmsim runs from: which one a name means, and a copy of its files for a while."""
+
+from __future__ import annotations
+
+import io
+import shutil
+import subprocess
+import tarfile
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager, suppress
+from pathlib import Path
+
+import edmsim
+from edmsim.compiled.cache import user_folder
+from edmsim.errors import InputError
+from edmsim.files import locked
+
+ROOT = Path(edmsim.__file__).resolve().parents[1]
+"""Folder that edmsim is imported from."""
+
+
+def commit_of(revision: str) -> str:
+    """Return the whole name of the commit that a revision is.
+
+    Raises
+    ------
+    InputError
+        There is no git, edmsim does not run from a checkout, or it has no such revision.
+    """
+    if shutil.which("git") is None:
+        raise InputError("--against needs git to look up a revision, and there is none on the path: install git")
+    if _git("rev-parse", "--show-prefix") != b"\n":  # elsewhere, or in a folder of another project's checkout
+        raise InputError(
+            f"--against needs edmsim installed from its git checkout (pip install -e .); it runs from {ROOT}"
+        )
+    commit = _git("rev-parse", "--verify", "--quiet", "--end-of-options", f"{revision}^{{commit}}").decode().strip()
+    if not commit:
+        raise InputError(f"{ROOT} has no revision '{revision}': name a commit, a tag or a branch of it")
+    return commit
+
+
+@contextmanager
+def checkout(commit: str) -> Iterator[Path]:
+    """Give a folder with the files of a commit, which is gone when the block ends.
+
+    Its name and the times of its files follow from the commit, so that what was compiled of it before is found again.
+
+    Raises
+    ------
+    InputError
+        Another comparison with the same commit is under way, or the user's cache cannot be written to.
+    """
+    kept = (user_folder() / "revisions" / commit).resolve()
+    with ExitStack() as last, locked(kept, "comparison"):
+        last.callback(_remove_empty, kept)
+        folder = kept / "files"
+        try:
+            shutil.rmtree(folder, ignore_errors=True)  # of a comparison that was killed
+            with tarfile.open(fileobj=io.BytesIO(_git("archive", commit))) as files:
+                files.extractall(folder, filter="data")
+            yield folder
+        finally:
+            shutil.rmtree(folder, ignore_errors=True)
+
+
+def _remove_empty(folder: Path) -> None:
+    with suppress(OSError):  # another comparison has begun
+        folder.rmdir()
+
+
+def _git(*arguments: str) -> bytes:
+    """Return what git says of the checkout, nothing where it fails."""
+    return subprocess.run(["git", "-C", str(ROOT), *arguments], capture_output=True, check=False).stdout

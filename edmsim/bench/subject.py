@@ -1,0 +1,101 @@
+"""What ``edmsim bench --against`` runs of two revisions, each run a process of its own; prints rates as JSON.
+
+It must run with revisions of years ago, so it uses what all have in public: `edmsim.Plant`, `edmsim.Machine`, and the
+environments by Gymnasium's names. It is a program and imports nothing from beside it.
+
+    python subject.py ROOT SPELL_S SPELLS SETTLE_WINDOWS LANES RESETS
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import gymnasium
+import numpy as np
+
+import edmsim
+
+FEED_UM_S, MAX_FEED_UM_S, STEP_UM = 28.0, 100.0, 2.0
+"""Feed of straight cuts, in which most pulses spark; scale of the environments' actions; step of the usual table."""
+PULSES = 255
+"""Of a window."""
+MUJOCO_SHARE, FLEET_SHARE = 50, 4
+"""MuJoCo and the vector environment settle for one in so many of a plant's windows: those of MuJoCo take a hundred
+times as long, and those of `fast` soon take as long as later ones."""
+
+
+def rate(step: Callable[[], object], spell_s: float, spells: int) -> float:
+    """Return steps per second of processor time: the best of some spells, as others use the machine too."""
+
+    def spent_s(steps: int) -> float:
+        begun_s = time.process_time()
+        for _ in range(steps):
+            step()
+        return time.process_time() - begun_s
+
+    steps = 1
+    while (first_s := spent_s(steps)) < 0.2 * spell_s:
+        steps *= 2
+    steps = max(1, round(steps * spell_s / first_s))
+    return steps / min(spent_s(steps) for _ in range(spells))
+
+
+def straight_cut(settle: int, **options: str) -> Callable[[], None]:
+    """Return the next window of a straight cut, after some that settle it."""
+    plant = edmsim.Plant(edmsim.Machine.load(), seed=0, **options)  # type: ignore[arg-type]
+    interval_ns = round(STEP_UM * 1e9 / FEED_UM_S)
+    due_ns = interval_ns
+
+    def window() -> None:
+        nonlocal due_ns
+        end_ns = plant.time_ns + plant.window_ns
+        steps = [(time_ns, 0, 1) for time_ns in range(due_ns, end_ns, interval_ns)]
+        due_ns += len(steps) * interval_ns
+        plant.advance(steps)
+
+    for _ in range(settle):
+        window()
+    return window
+
+
+def fleet(lanes: int, settle: int) -> Callable[[], object]:
+    """Return the step of a vector environment in straight cuts, in one thread."""
+    envs = gymnasium.make_vec(
+        "edmsim/GapFeed-v1", num_envs=lanes, vectorization_mode="vector_entry_point", resolution="fast", threads=1,
+        action="speed", randomise=None, height_mm=None, tension=None, episode_s=None, length_mm=30.0,
+    )
+    envs.reset(seed=0)
+    actions = np.full((lanes, 1), FEED_UM_S / MAX_FEED_UM_S, np.float32)
+    for _ in range(settle):
+        envs.step(actions)
+    return lambda: envs.step(actions)
+
+
+def main() -> None:
+    """Measure, and print."""
+    root = Path(sys.argv[1])
+    spell_s, (spells, settle, lanes, resets) = float(sys.argv[2]), map(int, sys.argv[3:])
+    if root not in Path(edmsim.__file__).parents:
+        sys.exit(f"edmsim came from {edmsim.__file__}, not from {root}")
+    found = {
+        f"pulses_per_s_{name}": PULSES * rate(straight_cut(settle, resolution=name), spell_s, spells)
+        for name in ("fast", "default", "fine")
+    }
+    full = straight_cut(settle // MUJOCO_SHARE, mechanics="mujoco")
+    found["mujoco_pulses_per_s"] = PULSES * rate(full, spell_s, spells)
+    found["vector_env_steps_per_s_fast"] = lanes * rate(fleet(lanes, settle // FLEET_SHARE), spell_s, spells)
+    drawn = gymnasium.make("edmsim/GapFeed-v1", resolution="fast", machine_episodes=1)
+    drawn.reset(seed=0)
+    begun_s = time.process_time()
+    for _ in range(resets):
+        drawn.reset()
+    found["drawn_resets_per_s"] = resets / (time.process_time() - begun_s)
+    print(json.dumps(found))
+
+
+if __name__ == "__main__":
+    main()

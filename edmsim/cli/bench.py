@@ -1,0 +1,91 @@
+"""``edmsim bench``: the speed of this computer, of two revisions in pairs, and of a pulse's parts."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from edmsim.cli.console import ERR, INTERRUPTED, OUT, say
+from edmsim.errors import InputError
+
+if TYPE_CHECKING:
+    from rich.console import RenderableType
+
+    _Result = tuple[Mapping[str, object], RenderableType]
+    """In numbers, and as a table."""
+
+
+def bench(
+    against: Annotated[
+        str | None, typer.Option(metavar="REVISION", help="Compare with a revision of this checkout, in pairs.")
+    ] = None,
+    pairs: Annotated[int, typer.Option(min=1, help="Pairs of --against.")] = 10,
+    profile: Annotated[bool, typer.Option("--profile", help="Show where a pulse's time goes.")] = False,
+    figure: Annotated[Path | None, typer.Option(help="Picture of --profile: .png, .svg or .pdf.")] = None,
+    json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+) -> None:
+    """Measure the speed of this computer, by processor time."""
+    if profile and against is not None:
+        raise InputError("--profile and --against are two measurements: give one of them")
+    if figure is not None and not profile:
+        raise InputError("--figure is the picture of --profile: give both")
+    from rich.progress import SpinnerColumn, TextColumn
+
+    from edmsim.screen import ScreenProgress
+
+    try:
+        with ScreenProgress(SpinnerColumn(), TextColumn("{task.description}"), console=ERR, transient=True) as bar:
+            task = bar.add_task("measure")
+
+            def watch(begun: str) -> None:
+                bar.update(task, description=begun)
+
+            if against is not None:
+                numbers, table = _compared(against, pairs, watch)
+            elif profile:
+                numbers, table = _profiled(figure, watch)
+            else:
+                numbers, table = _measured()
+    except KeyboardInterrupt:
+        say("interrupted; nothing was measured to the end")
+        raise typer.Exit(INTERRUPTED) from None
+    if json:
+        import json as codec
+
+        sys.stdout.write(codec.dumps(numbers, indent=2) + "\n")
+    else:
+        OUT.print(table)
+
+
+def _measured() -> _Result:
+    from edmsim.bench.figures import measure, render
+
+    figures = measure()
+    return figures, render(figures)
+
+
+def _compared(revision: str, count: int, watch: Callable[[str], None]) -> _Result:
+    from edmsim.bench.pairs import as_numbers, compare, render
+
+    found = compare(revision, count, watch)
+    return as_numbers(found), render(found)
+
+
+def _profiled(figure: Path | None, watch: Callable[[str], None]) -> _Result:
+    from edmsim.bench.profile import as_numbers, draw, profile, render
+    from edmsim.files import make_writable, replacing
+    from edmsim.job.remake import FORMATS
+
+    if figure is not None:
+        if figure.suffix.removeprefix(".") not in FORMATS:
+            raise InputError(f"a figure is written as one of {', '.join(FORMATS)}", figure)
+        make_writable(figure.parent)
+    found = profile(watch)
+    if figure is not None:
+        with replacing(figure) as partial:
+            draw(found).savefig(partial, format=figure.suffix.removeprefix("."))
+    return as_numbers(found), render(found)

@@ -1,0 +1,52 @@
+"""Marks in a program in LLVM's language: while it runs, a number in memory says which of its parts it is in.
+
+They are for measurements of where time goes and nothing else: a program made without them has no trace of them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+PART = "edmsim_part"
+"""Name of the number (int64): 0 outside, else that of the part, counted from 1."""
+
+
+def with_marks(program: str, parts: Sequence[Sequence[str]]) -> str:
+    """Let some functions of a program, before they are inlined, say that they run.
+
+    A function that is called by one of another part counts for its own; when it ends, the other goes on.
+
+    Parameters
+    ----------
+    program : str
+        A module of LLVM's language that numba made.
+    parts : sequence of sequences of str
+        Of each part the functions, by their module and name with dots.
+
+    Raises
+    ------
+    LookupError
+        The program has no function of such a name.
+    """
+    numbers = {_symbol(name): number for number, names in enumerate(parts, 1) for name in names}
+    lines: list[str] = []
+    found, number = set(), 0
+    for line in program.splitlines():
+        if line.startswith("define "):
+            symbol = next((s for s in numbers if f"@{s}" in line.partition("(")[0]), "")
+            number = numbers.get(symbol, 0)
+            found.add(symbol)
+        if number and line.startswith("  ret "):
+            lines.append(f"  store volatile i64 %part.around, ptr @{PART}")
+        lines.append(line)
+        if number and line == "entry:":
+            lines.append(f"  %part.around = load volatile i64, ptr @{PART}")
+            lines.append(f"  store volatile i64 {number}, ptr @{PART}")
+    if missing := numbers.keys() - found:
+        raise LookupError(f"the compiled program has none of the functions {', '.join(sorted(missing))}")
+    return "\n".join([*lines, f"@{PART} = global i64 0", ""])
+
+
+def _symbol(name: str) -> str:
+    """Return what the symbols of all versions of a function begin with."""
+    return "_ZN" + "".join(f"{len(word)}{word}" for word in name.split(".")) + "B"

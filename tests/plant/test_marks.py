@@ -1,0 +1,119 @@
+"""Marks in a compiled program: while it runs, a number says which of its parts it is in."""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import llvmlite.binding as llvm
+import pytest
+
+from edmsim.compiled.marks import PART, with_marks
+from edmsim.compiled.specialised import _target_machine
+
+PROGRAM = """
+define i64 @_ZN4room5innerB2v1(i64 %x) {
+entry:
+  %seen = load volatile i64, ptr @edmsim_part
+  ret i64 %seen
+}
+define i64 @_ZN4room5outerB2v2(i64 %x) {
+entry:
+  %inner = call i64 @_ZN4room5innerB2v1(i64 %x)
+  %after = load volatile i64, ptr @edmsim_part
+  %tens = mul i64 %inner, 10
+  %both = add i64 %tens, %after
+  %odd = trunc i64 %x to i1
+  br i1 %odd, label %one, label %other
+one:
+  ret i64 %both
+other:
+  ret i64 0
+}
+define i64 @_ZN4room10outer_partB2v3(i64 %x) {
+entry:
+  %seen = load volatile i64, ptr @edmsim_part
+  ret i64 %seen
+}
+"""
+"""What each sees: `outer` ten times the part in which `inner` is, and its own."""
+
+
+def engine_of(program: str) -> llvm.ExecutionEngine:
+    engine = llvm.create_mcjit_compiler(llvm.parse_assembly(program), _target_machine())
+    engine.finalize_object()
+    return engine
+
+
+def test_a_function_counts_for_its_own_part_and_gives_back_that_around_it() -> None:
+    engine = engine_of(with_marks(PROGRAM, [["room.outer"], ["room.inner"]]))
+    part = ctypes.c_int64.from_address(engine.get_global_value_address(PART))
+    call = {
+        name: ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_int64)(engine.get_function_address(name))
+        for name in ("_ZN4room5outerB2v2", "_ZN4room10outer_partB2v3")
+    }
+    assert call["_ZN4room5outerB2v2"](1) == 21
+    assert part.value == 0
+    part.value = 7
+    assert call["_ZN4room5outerB2v2"](0) == 0  # the other way out
+    assert call["_ZN4room10outer_partB2v3"](0) == 7  # another function, whose name only begins alike
+    assert part.value == 7
+
+
+def test_a_function_that_the_program_does_not_have_is_named() -> None:
+    with pytest.raises(LookupError, match="none of the functions _ZN4room5otherB"):
+        with_marks(PROGRAM, [["room.inner", "room.other"]])
+
+
+LOOP = """\
+from edmsim.compiled.jit import compiled
+from edmsim.plant.kernel.memory import _rows
+
+@compiled
+def add(x, turn):
+    return (x * 31 + turn) % 1_000_003
+
+def loop(place, turns):
+    rows = _rows(place, (1, 1))
+    for turn in range(turns):
+        rows[0, 0] = (add(rows[0, 0], turn) * 17 + 5) % 999_983
+"""
+USE = """\
+import sys, threading
+sys.path.insert(0, {folder!r})
+import numpy as np
+from edmsim.compiled.specialised import marked
+import loops
+
+run, part = marked(loops.loop, {turns}, parts=(("loops.add",), ("loops.loop",)))
+total, seen, over = np.array([[0]]), set(), threading.Event()
+def look():
+    while not over.is_set():
+        seen.add(part())
+        over.wait(1e-4)
+thread = threading.Thread(target=look)
+thread.start()
+run(total.ctypes.data)
+over.set()
+thread.join()
+print(total[0, 0], seen - {{0}}, part())
+"""
+
+
+@pytest.mark.slow
+def test_marks_of_a_compiled_program_are_seen_while_it_runs(tmp_path: Path) -> None:
+    turns, x = 3_000_000, 0
+    (tmp_path / "loops.py").write_text(LOOP)
+    done = subprocess.run(
+        [sys.executable, "-c", USE.format(folder=str(tmp_path), turns=turns)], capture_output=True, text=True,
+        check=False, env={**os.environ, "XDG_CACHE_HOME": str(tmp_path), "PYTHONDONTWRITEBYTECODE": "1"},
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    for turn in range(turns):
+        x = ((x * 31 + turn) % 1_000_003 * 17 + 5) % 999_983
+    assert done.stdout.split("\n")[0] == f"{x} {{1, 2}} 0"
+    (bitcode,) = tmp_path.rglob("loop-*.bc")
+    assert bitcode.name.count("-") == 2  # beside that of the program without marks

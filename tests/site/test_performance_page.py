@@ -1,0 +1,54 @@
+"""docs/performance.md: its tables are those that its script writes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+import pytest
+
+from edmsim.bench.pairs import Pairs
+from edmsim.bench.profile import PARTS, PROFILED, LoopProfile
+
+DOCS = Path(__file__).parents[2] / "docs"
+PAGE = (DOCS / "performance.md").read_text(encoding="utf-8")
+
+
+@pytest.fixture(scope="module")
+def script(load_script: Callable[[Path], ModuleType]) -> ModuleType:
+    return load_script(DOCS / "make" / "performance.py")
+
+
+def section(name: str) -> list[list[str]]:
+    """Cells of the table between two marks of the page."""
+    lines = PAGE.split(f"<!-- begin {name} -->")[1].split(f"<!-- end {name} -->")[0].splitlines()
+    return [[cell.strip() for cell in line.strip("|").split("|")] for line in lines if line.startswith("|")]
+
+
+def test_the_parts_of_the_page_add_up(script: ModuleType) -> None:
+    head, _, *rows, together = section("parts")
+    assert head == ["part", *(f"`{name}`, {unit}" for name in PROFILED for unit in ("ns", "%"))]
+    assert [name for name, *_ in rows] == list(PARTS)
+    for column, total in enumerate(together[1:], 1):
+        assert sum(int(row[column]) for row in rows) == pytest.approx(int(total), abs=len(rows) / 2)
+
+
+def test_the_ratios_of_the_page_are_those_that_are_measured(script: ModuleType) -> None:
+    head, _, *rows = section("pairs")
+    assert script.AGAINST in head[1]
+    assert [name for name, *_ in rows] == list(script.NAMES.values())
+
+
+def test_the_script_writes_shares_and_ratios(script: ModuleType) -> None:
+    shares = dict(zip(PARTS, [0.55, *[0.05] * 9], strict=True))
+    lines = script.profile_lines({"fast": LoopProfile(400.0, 420.0, shares, 21_000)})
+    assert "| ray sums | 220 | 55 |" in lines
+    assert "| together | 400 | 100 |" in lines
+    assert "21,000 looks. With marks a pulse took 1.05 times as long." in lines[-1]
+    rates = dict.fromkeys(script.NAMES, np.array([10.0, 12.0, 39.0]))
+    lines = script.pair_lines(Pairs("a80349b313", rates, dict.fromkeys(script.NAMES, np.full(3, 10.0))), (0.9, 2.5))
+    assert "| pulses at `fast` | 1.20 | 1.00 to 3.90 |" in lines
+    assert lines[-1].startswith("3 pairs on ")
+    assert "load average of 0.9 before and 2.5 after" in lines[-1]
