@@ -37,7 +37,7 @@ _RECORDS: dict[str, Any] = {
     "constants": Constants, "heat": HeatLaw, "bubble": BubbleLaw, "timing": Timing,
 }
 _NAMES = {kind: name for name, kind in (*_GROUPS.items(), *_RECORDS.items())}
-_COUNTED = "tiles", "index_side", "pulses"
+_COUNTED = "tiles", "index_side", "pulses", "levels"
 """Lengths of `ArraySizes` that change while a plant is at work."""
 _TABLE = np.dtype(
     [(name, "i8") for name in _COUNTED]
@@ -81,6 +81,8 @@ class Memory:
         """Put some arrays of `Own`: the scalars' rows, the kerf field, whose tiles move, or the log of pulses."""
         if "tiles" in arrays:
             self._sizes = self._sizes._replace(tiles=len(arrays["tiles"]), index_side=len(arrays["tile_index"]))
+        if "levels" in arrays:
+            self._sizes = self._sizes._replace(levels=len(arrays["levels"]))
         if "pulses" in arrays:
             self._sizes = self._sizes._replace(pulses=len(arrays["pulses"]))
         for length in _COUNTED:
@@ -193,7 +195,7 @@ def _lengths(slices: int, rays: int, coordinates: int, at: Any) -> tuple[int, ..
     """Numbers of `ArraySizes` for a plant's table."""
     return (
         slices, filled(slices), rays, filled(rays, GAPS), filled(coordinates), coordinates, 2 * coordinates + 4,
-        at.tiles, at.index_side, at.pulses,
+        at.tiles, at.index_side, at.pulses, at.levels,
     )
 
 
@@ -262,7 +264,7 @@ def fire_windows(calls: int, count: int, slices: int, rays: int, coordinates: in
         at = _table(rows[k, 0], (1,))[0]
         own = _own(at, slices, rays, coordinates)
         rows[k, 4] = fire_window(
-            own.state, own.window, _arrays(at, slices, rays, coordinates), own.tiles, own.tile_index,
+            own.state, own.window, _arrays(at, slices, rays, coordinates), own.tiles, own.tile_index, own.levels,
             _constants(at.constants, (1,))[0], _law(at, slices, rays, coordinates), _heat(at.heat, (1,))[0],
             _bubble(at.bubble, (1,))[0], _gas(at, slices, rays, coordinates), _timing(at.timing, (1,))[0],
             _propagators(at, slices, rays, coordinates), _scratch(at, slices, rays, coordinates),
