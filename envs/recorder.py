@@ -16,6 +16,7 @@ from edmsim.envs.path_follower import LANE, RUNNING
 from edmsim.envs.reward import TERMS
 from edmsim.plant.kernel.state import STATE
 from edmsim.plant.window import read_window
+from edmsim.plant.workpiece.height_steps import middle_slice
 from edmsim.recording.closeups import PULSES, Closeups
 from edmsim.recording.frames import Frames
 from edmsim.recording.windows import WindowTable
@@ -206,4 +207,4 @@ def _scene_slice(lanes: Lanes, lane: int) -> int:
     assert scenario is not None
     machine, slices = scenario.machine, lanes.fleet.plants[lane].resolution.slices
     lowest_mm = min([step.height_mm for step in scenario.stock.steps], default=machine.height_mm)
-    return max(round(slices * lowest_mm / machine.height_mm), 1) // 2
+    return middle_slice(lowest_mm, machine.height_mm, slices)

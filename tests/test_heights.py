@@ -97,20 +97,6 @@ def test_no_change_of_height_is_no_step() -> None:
     assert Heights.of(10.0, [(2.0, 10.0)], []).steps(path, 250.0) == ()
 
 
-def test_rounding_to_slices_is_told_beyond_2_percent() -> None:
-    told = Heights.of(10.0, [(1.0, 6.0), (2.0, 5.0), (3.0, 6.0)], []).notices(5)
-    rounded = "the height of 5 mm is cut as 4 mm: heights are rounded to 5 slices of 2 mm"
-    assert told == [f"{rounded}; fine cuts 4.667 mm"]
-    (of_30,) = Heights.of(30.0, [(1.0, 10.0)], []).notices(5)
-    assert of_30.startswith("the height of 10 mm is cut as 12 mm: ")
-    assert of_30.endswith("; default cuts 10 mm")
-    (finest,) = Heights.of(100.0, [(1.0, 7.0)], []).notices(15)  # no resolution is nearer
-    assert finest.endswith("slices of 6.67 mm")
-    assert Heights.of(10.0, [(1.0, 6.1)], []).notices(5) == []  # 1.6 %
-    assert len(Heights.of(10.0, [(1.0, 6.15)], []).notices(5)) == 1  # 2.4 %
-    assert Heights.of(7.3, [], []).notices(9) == []
-
-
 @pytest.mark.parametrize(("text", "pair"), [("12.5:30", (12.5, 30.0)), ("0:5", (0.0, 5.0)), (" 1 : 2 ", (1.0, 2.0))])
 def test_an_option_is_a_length_and_a_height(text: str, pair: tuple[float, float]) -> None:
     assert parse_height(text) == pair

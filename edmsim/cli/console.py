@@ -17,14 +17,22 @@ STOPPED, INTERRUPTED = 3, 130
 """Exit statuses besides those of `edmsim.errors`: the machine stopped before the end; interrupted by the user."""
 
 Material = Annotated[
-    str, typer.Option(help="Workpiece material: aluminium, cemented-carbide, copper, tool-steel, or an own file.")
+    str,
+    typer.Option(
+        help="Workpiece material: aluminium, cemented-carbide, copper, graphite, nickel-alloy, "
+        "polycrystalline-diamond, stainless-steel, titanium-alloy, tool-steel, or an own file."
+    ),
 ]
 Height = Annotated[float, typer.Option(help="Workpiece height in mm.")]
 Wire = Annotated[
-    str, typer.Option(help="Wire: brass, copper, molybdenum, with a diameter in um if wanted, copper-100.")
+    str,
+    typer.Option(
+        help="Wire: brass, copper, diffusion-annealed, molybdenum, zinc-coated-brass, with a diameter in um if "
+        "wanted, copper-100."
+    ),
 ]
 Machine = Annotated[
-    str, typer.Option(help="Machine: agiecut-dem15, production, worn-table, or an own file.")
+    str, typer.Option(help="Machine: agiecut-dem15, production, production-400, worn-table, or an own file.")
 ]
 Generator = Annotated[
     str, typer.Option(help="Generator: equalising, ignition-pulse, iso-energetic, iso-pulse, production, or a file.")

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from itertools import pairwise
 
 import numpy as np
 import shapely
@@ -97,7 +96,7 @@ def _limited_share(simulation: Simulation, windows: WindowTable, cut: CutAlone) 
 
 
 def _area_mm2(simulation: Simulation, from_um: float, to_um: float) -> float:
-    """Return a way along the path times the local height, as the slices have it, in mm2."""
+    """Return a way along the path times the local height in mm2."""
     length, relief = to_um - from_um, simulation.plant.field.relief
     if relief is None or length <= 0:
         return length * simulation.machine.height_mm * 1e-3
@@ -210,13 +209,10 @@ def terraces(relief: Relief | None, stock_mm: tuple[float, float, float, float])
     if relief is None:
         return ()
     blank = shapely.box(*stock_mm)
-    void = [shapely.transform(region, lambda um: um * 1e-3) for region in relief.voids_um]
-    faces = [above.difference(below) for below, above in pairwise(void)] + [blank.difference(void[-1])]
-    return tuple(
-        Terrace(polylines(face.intersection(blank)), number * relief.slice_mm)
-        for number, face in enumerate(faces, 1)
-        if face.area > 0
-    )
+    lower = [(shapely.transform(face, lambda um: um * 1e-3), height) for face, height in relief.faces_um]
+    rest = blank.difference(shapely.union_all([face for face, _ in lower]))
+    faces = [(face.intersection(blank), height) for face, height in [*lower, (rest, relief.height_mm)]]
+    return tuple(Terrace(polylines(face), height) for face, height in faces if face.area > 0)
 
 
 def holes_mm(stock: Stock) -> NDArray[np.float64]:

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from edmsim.machine.machine import Machine
 from edmsim.plant.resolution import resolution as resolution_named
-from edmsim.plant.workpiece.height_steps import LowerRegion
+from edmsim.plant.workpiece.height_steps import LowerRegion, middle_slice
 from edmsim.recording.closeups import Closeups
 from edmsim.recording.frames import Frames
 from edmsim.recording.windows import WindowTable
@@ -35,6 +35,6 @@ def recorders_for(machine: Machine, steps: Sequence[LowerRegion], resolution: st
     """Return empty recorders for a cut of a workpiece with some height steps."""
     size = resolution_named(resolution)
     lowest_mm = min([step.height_mm for step in steps], default=machine.height_mm)
-    middle = max(round(size.slices * lowest_mm / machine.height_mm), 1) // 2  # it has metal everywhere
+    middle = middle_slice(lowest_mm, machine.height_mm, size.slices)
     windows = WindowTable(machine.generator.equalising is not None)
     return Recorders(windows, Frames(size.slices), Closeups(size.slices, size.rays, middle))

@@ -331,6 +331,8 @@ def lay_to_rest(a: Arrays, names: Iterable[str], water_K: float) -> None:
         "reference_um": -1e9,  # nowhere: every ray is traced in full at first
         "distance": NO_METAL_UM,
         "temperature_K": water_K,
+        "ray_metal": 1.0,
+        "metal": 1.0,
     }
     for name in names:
         getattr(a, name).fill(others.get(name, 0))

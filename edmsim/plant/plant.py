@@ -206,7 +206,7 @@ class Plant(PlantReadings):
         stock = block_in_front(self.machine, position_um[0]) if stock is None else checked_stock(stock, self.machine)
         res, travel_um = self.resolution, self.machine.base.table.travel_mm.value * 1e3
         self.field = KerfField(res.slices, stock, res.cell_um, travel_um)
-        self._memory.put_own(tiles=self.field.tiles, tile_index=self.field.index)
+        self._put_field()
         self._state[:] = 0
         self._window[:] = 0
         self._state["key"] = key_of(seed)
@@ -216,6 +216,7 @@ class Plant(PlantReadings):
         if isinstance(self._model, FullMechanics):
             self._model.reset()
         self._lay_to_rest(_CHANGING)
+        self._arrays.entering[:] = self._arrays.flow_share
 
     def _lay_to_rest(self, names: Sequence[str]) -> None:
         """Let some of the arrays be those of a plant at rest."""
@@ -371,8 +372,11 @@ class Plant(PlantReadings):
         x, y = (float(v) for v in s["axis_um"][:2] + s["deflection_um"])
         u, v = (float(v) for v in s["axis_um"][2:])
         self.field.allocate(x, y, c.radius_um + c.range_um + 2 * TILED_UM + self._drives.reach_um, (u, v))
-        self._memory.put_own(tiles=self.field.tiles, tile_index=self.field.index)
+        self._put_field()
         self._state["tiled_um"] = (x, y, x + u, y + v)
+
+    def _put_field(self) -> None:
+        self._memory.put_own(tiles=self.field.tiles, tile_index=self.field.index, levels=self.field.levels)
 
     def window(self) -> PulseWindow:
         """Return what happened in the last window.
@@ -409,7 +413,7 @@ class Plant(PlantReadings):
         if (t_on, t_period) != (self.machine.t_on_us, self.machine.t_period_us):
             self.set_generator(t_on, t_period)
         self.field.restore({k.removeprefix("field."): v for k, v in state.items() if k.startswith("field.")})
-        self._memory.put_own(tiles=self.field.tiles, tile_index=self.field.index)
+        self._put_field()
         for name in _CHANGING:
             getattr(self._arrays, name)[:] = state[name]
         self._drives.restore(state)

@@ -152,8 +152,7 @@ class PlantReadings:
     @property
     def removed_mm3(self) -> float:
         """Metal removed so far: what is carved from the kerf field, and what waits for it on the rays."""
-        carved_um2 = self.field.removed_parts * self.field.part_area_um2
-        return float(carved_um2 + self._arrays.pending_um2.sum()) * self._constants.slice_um * 1e-9
+        return float(self.field.removed_um2 + self._arrays.pending_um2.sum()) * self._constants.slice_um * 1e-9
 
     @property
     def craters_mm3(self) -> float:

@@ -45,6 +45,7 @@ def check_snapshot(state: _Snapshot, like: _Snapshot, sizes: ArraySizes) -> None
         if not _all_numbers(given):
             raise InputError(f"the snapshot's {name} holds something that is no number")
     _check_places(state, sizes)
+    _check_metal(state)
     _check_field(state)
 
 
@@ -70,6 +71,13 @@ def _check_places(state: _Snapshot, sizes: ArraySizes) -> None:
     for name, (value, count) in within.items():
         if np.any(value < 0) or np.any(value >= count):
             raise InputError(f"the snapshot's {name} is not within 0..{count - 1}")
+
+
+def _check_metal(state: _Snapshot) -> None:
+    """Refuse heights of metal that no slice has."""
+    for name in ("ray_metal", "metal"):
+        if not np.all((state[name] >= 0.5) & (state[name] <= 1.5)):
+            raise InputError(f"the snapshot's {name} is not within 0.5..1.5")
 
 
 def _check_field(state: _Snapshot) -> None:

@@ -20,8 +20,7 @@ from shapely.geometry import shape
 from edmsim.errors import InputError
 from edmsim.given_numbers import plain, real
 from edmsim.machine.setting import HEIGHT_MM, check_height
-from edmsim.plant.resolution import RESOLUTIONS
-from edmsim.plant.workpiece.height_steps import LowerRegion, slices_below
+from edmsim.plant.workpiece.height_steps import LowerRegion
 
 if TYPE_CHECKING:
     from shapely.geometry.base import BaseGeometry
@@ -38,8 +37,6 @@ BESIDE_WIRE_MM = 0.4
 beyond them and are 0.13 mm wide, the rest is for a wire that hangs behind)."""
 RING_MM = 0.035
 """How finely distances to the path are told apart (ours: a few of them fit between a kerf's middle and its wall)."""
-NOTICED_SHARE = 0.02
-"""A notice says so if the slices change a height by more than this (ours)."""
 
 
 @dataclass(frozen=True)
@@ -111,20 +108,6 @@ class Heights:
             for region, height in [*steps, (blank, self.height_mm)]
         )
 
-    def notices(self, n_slices: int) -> list[str]:
-        """Return a line for every height that the slices change by more than 2 %."""
-        full = self.greatest_mm
-        told = []
-        for height in dict.fromkeys(self.all_mm):
-            cut_mm = slices_below(height, full, n_slices) / n_slices * full
-            off_mm = abs(cut_mm - height)
-            if off_mm > NOTICED_SHARE * height:
-                told.append(
-                    f"the height of {height:g} mm is cut as {cut_mm:.4g} mm: heights are rounded to {n_slices} "
-                    f"slices of {full / n_slices:.3g} mm{_better(height, full, off_mm)}"
-                )
-        return told
-
     def _areas(self, path: CutPath, blank: BaseGeometry) -> list[tuple[BaseGeometry, float]]:
         placed = []
         for number, (area, height) in enumerate(self.areas, 1):
@@ -159,16 +142,6 @@ class Heights:
                 claim.append(nearer.difference(taken))
                 taken = taken.union(nearer)
         return [(shapely.union_all(claim), height) for claim, height in zip(claims, heights, strict=True)]
-
-
-def _better(height_mm: float, full_mm: float, off_mm: float) -> str:
-    """Return which resolution comes nearest to a height, if one is nearer than `off_mm`; the coarsest of equals."""
-    cut_mm = {
-        name: slices_below(height_mm, full_mm, found.slices) / found.slices * full_mm
-        for name, found in RESOLUTIONS.items()
-    }
-    name = min(cut_mm, key=lambda name: round(abs(cut_mm[name] - height_mm), 6))
-    return f"; {name} cuts {cut_mm[name]:.4g} mm" if abs(cut_mm[name] - height_mm) < off_mm - 1e-6 else ""
 
 
 def checked_changes(given: Sequence[Height]) -> tuple[Height, ...]:

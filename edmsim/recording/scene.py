@@ -11,6 +11,8 @@ import shapely
 from numpy.typing import NDArray
 from shapely.geometry.base import BaseGeometry
 
+from edmsim.plant.workpiece.height_steps import middle_slice
+
 Polylines = tuple[NDArray[np.float64], ...]
 """Lines of shape (n, 2) in mm on the table."""
 
@@ -199,8 +201,8 @@ class Scene:
 
     def middle_slice(self) -> int:
         """Return the slice at mid height of the lowest place: it has metal everywhere."""
-        lowest = self.terraces[0].height_mm / self.height_mm if self.terraces else 1.0
-        return max(round(len(self.cut_edges_mm) * lowest), 1) // 2
+        lowest_mm = self.terraces[0].height_mm if self.terraces else self.height_mm
+        return middle_slice(lowest_mm, self.height_mm, len(self.cut_edges_mm))
 
     def middle_mm(self) -> float:
         """Return the height over the workpiece's bottom at which that slice has its middle."""

@@ -51,13 +51,14 @@ def steady_coverage(covers: float) -> float:
     """Mean share of one slice that gas covers, if every discharge covers a share of it for a while."""
     res = replace(FAST, slices=1)
     a = allocate(Arrays, sizes_of(1, res.rays, res.modes))
+    a.metal.fill(1.0)
     c = constants(Machine.load(), res)
     spans_us = np.arange(GRID + 1)[:, None] * PERIOD_US / GRID
     law = GasLaw(covers / 2 * c.slice_um, 0.0, np.exp(-spans_us / np.array([LIFE_US, 1.0])))
     seen = []
     for _ in range(round(8 * LIFE_US / PERIOD_US)):
         fade(a, law, GRID)
-        blow(a, c, law, 0.5, 1.0, GRID // 2)
+        blow(a, c, law, 0, 0.5, 1.0, GRID // 2)
         seen.append(float(a.steam[0]))
     return float(np.mean(seen[len(seen) // 2 :]))
 
@@ -108,6 +109,7 @@ def check_film(seeds: Sequence[int]) -> list[Row]:
                           simulated=film_N_s_m2(*_whole_kerf(10.0, 26.0)), within=0.05, unit="N s/m2"))
     machine, res = Machine.load(), FAST
     a = allocate(Arrays, sizes_of(res.slices, res.rays, res.modes))
+    a.metal.fill(1.0)
     c = constants(machine, res)
     most = suction_limited(a, c, 0, 1e12) * 1e-6 / (c.slice_um * 1e-6)
     rows.append(Row.value("film", "largest suction of the film", CAP, published=101_325.0 * 250e-6, simulated=most,

@@ -11,6 +11,7 @@ from typing import Any, cast, get_args
 
 import pytest
 
+import edmsim
 from edmsim.errors import InputError
 from edmsim.machine.files import Kind, available
 from edmsim.machine.machine import Machine
@@ -22,6 +23,8 @@ from edmsim.machine.setting import (
 from tests.machine.refusals import refusal
 
 LABORATORY = ("iso-pulse", "iso-energetic", "ignition-pulse")
+OF_TODAY = ("stainless-steel", "titanium-alloy", "nickel-alloy", "graphite", "polycrystalline-diamond")
+COATED = ("zinc-coated-brass", "diffusion-annealed")
 OwnFile = Callable[..., str]
 KINDS = get_args(Kind)
 FILES = [(kind, name) for kind in KINDS for name in available(kind)]
@@ -52,8 +55,8 @@ def test_every_file_loads(kind: str, name: str) -> None:
 
 
 def test_the_wires_and_materials_asked_for_are_there() -> None:  # T-13
-    assert {"copper", "brass", "molybdenum"} <= set(available("wires"))
-    assert {"tool-steel", "cemented-carbide", "copper", "aluminium"} <= set(available("materials"))
+    assert {"copper", "brass", "molybdenum", "zinc-coated-brass", "diffusion-annealed"} == set(available("wires"))
+    assert {"tool-steel", "cemented-carbide", "copper", "aluminium", *OF_TODAY} == set(available("materials"))
     assert {*LABORATORY, "equalising", "production"} == set(available("generators"))
 
 
@@ -285,6 +288,84 @@ def test_the_production_machine_differs_from_the_laboratory_s_where_it_says_so()
     assert production.dielectric.flushing_pressure_Pa.value > lab.dielectric.flushing_pressure_Pa.value
     assert production.table.max_feed_um_s is not None
     assert lab.table.max_feed_um_s is None
+
+
+def test_a_table_of_400_mm_is_cut_with_the_planner_exact_only(tmp_path: Path) -> None:
+    file = tmp_path / "far.ngc"
+    file.write_text("G21 G90\nG0 X0.0 Y0.0\nG1 X300.0\nM2\n")
+    given: dict[str, Any] = {"machine": "production-400", "generator": "production", "height_mm": 5.0}
+    result = edmsim.cut(
+        file, **given, planner="exact", offset="none", resolution="fast", max_time_s=1.0,
+        controller="fixed:feed_um_s=300",
+    )  # fmt: skip
+    way = result.path.contours[0].points_um
+    assert way[-1, 0] - way[0, 0] == 300_000
+    assert result.report["outcome"] == "time-limit"
+    assert result.windows.num_rows > 0
+    with pytest.raises(InputError, match="a table of 400 mm is too large: 16 bits count"):
+        edmsim.cut(file, **given)
+
+
+def test_the_wide_production_machine_shares_what_is_not_its_table_with_the_other() -> None:
+    wide, production = Machine.load("production-400").base, Machine.load("production").base
+    assert wide.guides == production.guides
+    assert wide.dielectric.side_gap_um == production.dielectric.side_gap_um
+    assert (wide.table.rapid_um_s.value, wide.table.travel_mm.value) == (10_000.0, 400.0)
+    assert wide.table.max_feed_um_s is not None
+    assert wide.table.max_feed_um_s.value * 60e-3 == pytest.approx(20.0, rel=1e-3)  # mm/min
+    assert wide.dielectric.flushing_pressure_Pa.range is not None
+    assert wide.dielectric.flushing_pressure_Pa.range[1] == 15e5
+
+
+# --- materials and wires of today: what is not published says so and has a range ---
+
+
+@pytest.mark.parametrize(("kind", "name"), [*(("materials", n) for n in OF_TODAY), *(("wires", n) for n in COATED)])
+def test_an_assumption_has_a_range_and_a_copy_of_the_file_is_the_same(
+    kind: str, name: str, own_file: OwnFile
+) -> None:
+    choices = ("stress_MPa", "default_diameter_um")  # not properties of the metal
+    for key, constant in constants(tomllib.loads(text_of(kind, name))):
+        if "ours" in constant["source"] and key not in choices:
+            assert "range" in constant, key
+    parameter = PARAMETER[kind]
+    ours = Machine.load(**cast(Any, {parameter: name}))
+    own = Machine.load(**cast(Any, {parameter: own_file(kind, name)}))
+    assert (own.material, own.wire) == (ours.material, ours.wire)
+
+
+@pytest.mark.parametrize(
+    ("name", "metals", "density_g_cm3", "share"),
+    [
+        ("stainless-steel", [(0.72, 2, 55.85), (0.19, 3, 52.0), (0.09, 2, 58.69)], 8.0, 1.0),
+        ("titanium-alloy", [(0.90, 4, 47.87), (0.06, 3, 26.98), (0.04, 5, 50.94)], 4.43, 1.0),
+        ("graphite", [(1.0, 4, 12.01)], 1.8, 1.0),
+        ("polycrystalline-diamond", [(1.0, 2, 58.93)], 8.9, 0.10),
+    ],
+)
+def test_what_a_charge_dissolves_follows_from_faraday(
+    name: str, metals: list[tuple[float, int, float]], density_g_cm3: float, share: float
+) -> None:
+    surface = Machine.load(material=name).material.surface
+    assert surface is not None
+    mol_of_charge_per_g = sum(weight * valence / molar for weight, valence, molar in metals)
+    per_C = 1e3 / (mol_of_charge_per_g * 96_485 * density_g_cm3 * share)
+    assert surface.dissolved_mm3_C.value == pytest.approx(per_C, rel=0.01)
+
+
+def test_no_metal_of_today_but_the_cobalt_of_diamond_draws_the_wire() -> None:
+    shares = {name: Machine.load(material=name).material.magnetic_share.value for name in OF_TODAY}
+    assert all(-0.05 < share <= 0.0 for name, share in shares.items() if name != "polycrystalline-diamond")
+    carbide = Machine.load(material="cemented-carbide").material
+    assert 0.0 < shares["polycrystalline-diamond"] < carbide.magnetic_share.value
+
+
+def test_a_copper_core_conducts_and_hard_brass_holds() -> None:
+    copper, brass, coated, annealed = (Machine.load(wire=n).wire for n in ("copper", "brass", *COATED))
+    assert copper.resistivity_Ohm_m.value < annealed.resistivity_Ohm_m.value < brass.resistivity_Ohm_m.value
+    assert copper.strength_MPa.value < annealed.strength_MPa.value < coated.strength_MPa.value
+    lorenz = [w.conductivity_W_mK.value * w.resistivity_Ohm_m.value / 293 for w in (coated, annealed)]
+    assert lorenz == pytest.approx([2.44e-8] * 2, rel=0.12)  # Wiedemann and Franz
 
 
 @pytest.mark.parametrize(

@@ -11,7 +11,10 @@ from scipy.integrate import quad
 import edmsim
 from edmsim.metrology.layers import electrolysed_um, heat_affected_um
 
-MATERIALS = ("tool-steel", "cemented-carbide", "copper", "aluminium")
+MATERIALS = (
+    "tool-steel", "cemented-carbide", "copper", "aluminium", "stainless-steel", "titanium-alloy", "nickel-alloy",
+    "graphite", "polycrystalline-diamond",
+)  # fmt: skip
 
 
 # T-86

@@ -21,7 +21,7 @@ def arrays(
     """Allocate them; ``along_wire`` are what a set-up has for every slice, by name."""
     a = allocate(Arrays, sizes)
     fill_model(a, model)
-    lay_to_rest(a, ("reference_um", "distance", "temperature_K"), water_K)
+    lay_to_rest(a, ("reference_um", "distance", "temperature_K", "ray_metal", "metal"), water_K)
     for name, values in along_wire.items():
         getattr(a, name)[..., : len(model.wire_shape)] = values
     return a

@@ -140,6 +140,7 @@ def test_the_pull_tells_the_front_gap_by_its_root_of_the_third_power(front):
 def test_suction_is_limited_by_the_ambient_pressure_and_squeezing_is_not(machine):
     c = constants(machine, FAST)
     a = allocate(Arrays, sizes_of(5, 24, 4))
+    a.metal.fill(1.0)
     a.covered[1] = 0.4
     most = 101_325.0 * 250e-6 * 20e-3 / 5 * 1e6  # on the wire's diameter, in um kg/s2
     assert suction_limited(a, c, 0, 0.5 * most) == 0.5 * most

@@ -70,6 +70,7 @@ def wire(temperature_K, **arrays):
     """Return slices of a wire at these temperatures, with what stands for every slice under its name."""
     a = allocate(Arrays, sizes_of(len(temperature_K), 24, 4))
     a.temperature_K[:] = temperature_K
+    a.metal.fill(1.0)
     for name, values in arrays.items():
         getattr(a, name)[..., : len(temperature_K)] = values
     return a

@@ -105,20 +105,21 @@ def sum_up(a: Arrays) -> None:
 
 
 @compiled
-def blow(a: Arrays, c: Constants, law: GasLaw, place: float, energy_J: float, k_left: int) -> None:
-    """Let a discharge blow gas around a place (in slices from the lower face), so long before the period's end.
+def blow(a: Arrays, c: Constants, law: GasLaw, s: int, within: float, energy_J: float, k_left: int) -> None:
+    """Let a discharge blow gas at a share of the height of its slice, so long before the period's end.
 
     It covers the front again where gas of former discharges lies, whose life ends with it: at one slice and a steady
     rate f the mean share is ``x / (1 + x)``, x = f times the life times the share of the slice one discharge covers.
-    The steam, which reaches further than the permanent gas, drives debris out.
+    The steam, which reaches further than the permanent gas, drives debris out. Lengths count as shares of the height
+    of the metal in the discharge's slice, beyond the slice as well.
     """
-    root = math.sqrt(energy_J) / c.slice_um
+    root, place = math.sqrt(energy_J) / (c.slice_um * a.metal[s]), s + within
     steam, gas = law.steam_um_J * root, law.gas_um_J * root
     steam_left, gas_left = law.fading[k_left, 0], law.fading[k_left, 1]
     reach = max(steam, gas)
-    for s in range(max(0, int(place - reach)), min(a.debris.shape[0], int(place + reach) + 1)):
-        under = max(0.0, min(place + steam, s + 1.0) - max(place - steam, float(s)))
-        a.steam[s] += (1.0 - a.steam[s]) * steam_left * under
-        a.debris[s] *= 1.0 - c.pumping * under
-        under = max(0.0, min(place + gas, s + 1.0) - max(place - gas, float(s)))
-        a.gas[s] += (1.0 - a.gas[s]) * gas_left * under
+    for k in range(max(0, int(place - reach)), min(a.debris.shape[0], int(place + reach) + 1)):
+        under = max(0.0, min(place + steam, k + 1.0) - max(place - steam, float(k)))
+        a.steam[k] += (1.0 - a.steam[k]) * steam_left * under
+        a.debris[k] *= 1.0 - c.pumping * under
+        under = max(0.0, min(place + gas, k + 1.0) - max(place - gas, float(k)))
+        a.gas[k] += (1.0 - a.gas[k]) * gas_left * under

@@ -34,14 +34,21 @@ def leak_conductance(a: Arrays, c: Constants) -> float:
     total = 0.0
     for s in range(a.edge_um.shape[0]):
         for r in range(a.edge_um.shape[1]):
-            total += 1.0 / max(a.distance[s, place_of(a, s, r)], 1.0)
+            total += a.metal[s] / max(a.distance[s, place_of(a, s, r)], 1.0)
     return total * c.leak_S_um
 
 
 @compiled
 def _gain(a: Arrays, c: Constants, s: int) -> float:
-    """What debris, flow and gas make of the breakdown rate in a slice."""
-    return float((1.0 + c.debris_gain * a.debris[s]) * a.flow_factor[s] * (1.0 - c.dryness * a.covered[s]))
+    """What debris, flow, gas and the height of its metal make of the breakdown rate in a slice."""
+    wet = 1.0 - c.dryness * a.covered[s]
+    return float((1.0 + c.debris_gain * a.debris[s]) * a.flow_factor[s] * wet * a.metal[s])
+
+
+@compiled
+def _pull(a: Arrays, c: Constants, s: int) -> float:
+    """What gas and the height of its metal make of the pull on a slice."""
+    return float((1.0 - c.shielding * a.covered[s]) * a.metal[s])
 
 
 @compiled
@@ -57,7 +64,7 @@ def sum_rays(
     near = spread(np.float32(0.0))
     for s in range(sums.shape[0]):
         sx, sy = moved(a, position, s)
-        near = sum_slice(rays, s, sx, sy, law, _gain(a, c, s), 1.0 - c.shielding * a.covered[s], sums, near)
+        near = sum_slice(rays, s, sx, sy, law, _gain(a, c, s), _pull(a, c, s), sums, near)
         everything += load(sums, (s, 0))
     touching = 0.0
     if may_touch(near, law):

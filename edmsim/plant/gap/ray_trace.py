@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from edmsim.compiled.jit import compiled
 from edmsim.plant.gap.rays import Rays, face, narrowest, turned
 from edmsim.plant.kernel.state import NO_METAL_UM, Array, Arrays, Constants
-from edmsim.plant.workpiece.kerf_field import trace
+from edmsim.plant.workpiece.kerf_field import metal_height, trace
 
 OVERLAP_UM = 8.0
 """How far inside the wire's surface a ray begins, so that overlap with metal is seen."""
@@ -73,6 +73,25 @@ def retrace(
                     continue
             a.edge_um[s, r] = _trace_ray(a, tiles, index, c, s, r, expected)
         face(rays, s, a.edge_um, c.range_um, a.ray_cosine, a.ray_sine)
+
+
+@compiled
+def weigh(a: Arrays, index: NDArray[np.int32], levels: NDArray[np.float32], c: Constants) -> None:
+    """Find how high the metal is that the rays have met, and its mean over each slice, by the square of nearness."""
+    inside = c.radius_um + 0.5 * c.cell_um  # so far behind the edge there is metal
+    for s in range(a.shape.shape[0]):
+        sum_ = weights = 0.0
+        for r in range(a.ray_cosine.shape[0]):
+            if meets_metal(a, c, s, r):
+                reach = np.float64(a.edge_um[s, r]) + inside
+                x, y = a.reference_um[0, s] + reach * a.ray_cosine[r], a.reference_um[1, s] + reach * a.ray_sine[r]
+                a.ray_metal[s, r] = metal_height(index, levels, s, c.cell_um, x, y)
+                near = 1.0 / max(np.float64(a.edge_um[s, r]), 1.0)
+                sum_ += near * near * a.ray_metal[s, r]
+                weights += near * near
+        a.metal[s] = sum_ / weights if weights > 0.0 else 1.0
+        for side in range(2):
+            a.entering[side, s] = a.flow_share[side, s] / a.metal[s]
 
 
 @compiled

@@ -41,6 +41,7 @@ class ArraySizes(NamedTuple):
     tiles: int = 0
     index_side: int = 0
     pulses: int = 0
+    levels: int = 0
 
 
 @dataclass(frozen=True)

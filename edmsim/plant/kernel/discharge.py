@@ -28,10 +28,22 @@ _WITHIN, _ASTRAY = np.uint64(0x5BD1E995A1B2C3D5), np.uint64(0xC2B2AE3D27D4EB4F)
 
 
 @compiled
+def _within(state: NDArray[np.void]) -> float:
+    """Where in the metal of its slice this pulse's discharge strikes, as a share of that metal's height."""
+    return uniform(state[0].key ^ _WITHIN, np.uint64(state[0].pulses))
+
+
+@compiled
+def _wire_at(state: NDArray[np.void], a: Arrays, s: int) -> int:
+    """Slice of the wire before a discharge in a slice: the next one, where that slice's metal reaches up to it."""
+    return s + 1 if _within(state) * a.metal[s] >= 1.0 and s + 1 < a.metal.shape[0] else s
+
+
+@compiled
 def locate(state: NDArray[np.void], window: NDArray[np.void], a: Arrays, c: Constants, s: int) -> None:
     """Count a discharge in a slice in the fifth of the height where its currents put it, with their error."""
     key, count = state[0].key, np.uint64(state[0].pulses)
-    height_um = (s + uniform(key ^ _WITHIN, count)) * c.slice_um
+    height_um = (s + _within(state) * a.metal[s]) * c.slice_um
     height_um += PLACE_SD_UM * normal(uniform(key ^ _ASTRAY, count))
     fifth = int(5.0 * height_um / (a.debris.shape[0] * c.slice_um))
     window[0].fifths[min(max(fifth, 0), 4)] += 1
@@ -47,7 +59,7 @@ def erode(
     if share_crater(a, c, position, s, k, volume, draw(state) - 0.5):
         state[0].wear_wait_um3 += volume
         window[0].crater_um3 += volume
-        a.debris[s] += volume / c.cavity_um3
+        a.debris[s] += volume / (c.cavity_um3 * a.metal[s])
     else:
         state[0].missed_um3 += volume
 
@@ -103,11 +115,12 @@ def discharge(
     window[0].energy_J += energy
     window[0].charge_A_us += t.current_A * burn_us
     locate(state, window, a, c, s)
-    feed_current(a, s, t.current_form * t.current_A**2 * burn_us)
+    heated = _wire_at(state, a, s)
+    feed_current(a, heated, t.current_form * t.current_A**2 * burn_us)
     _mark_spot(state, c, outcome)
     state[0].last_slice = s
     state[0].last_ray = ray_at(a, s, k)
-    warm(state, window, a, c, heat, s, energy)
+    warm(state, window, a, c, heat, heated, energy)
     erode(state, window, a, c, position, s, k, volume)
     return energy, bubble_impulse_Ns(power, burn_us, gap, bubble) * (1.0 - dry)
 
@@ -152,7 +165,7 @@ def _magnetise(a: Arrays, c: Constants, sums: Array, dt_us: float, forces: Array
     """Load the wire with the mean magnetic force of the currents since then, along the pull on every slice."""
     for s in range(sums.shape[0]):
         pull = math.sqrt(sums[s, 2] ** 2 + sums[s, 3] ** 2)
-        force = c.magnetic_N_A2 * current2_at(a, s) / dt_us * 1e6 / pull if pull > 0.0 else 0.0
+        force = c.magnetic_N_A2 * a.metal[s] * current2_at(a, s) / dt_us * 1e6 / pull if pull > 0.0 else 0.0
         forces[s, 2], forces[s, 3] = force * sums[s, 2], force * sums[s, 3]
     project(a, forces, a.steady)
 
@@ -171,7 +184,7 @@ def propagate_heat(
     for s in range(a.debris.shape[0]):
         a.current2_us[0, s] = a.current2_us[1, s] = 0.0
     flowing = dt / (1.0 + EINSTEIN * mean_loading(a.debris))
-    flush(a.debris, c.lower_flow_us * flowing, c.upper_flow_us * flowing, a.flow_share)
+    flush(a.debris, c.lower_flow_us * flowing, c.upper_flow_us * flowing, a.entering)
     passed = 1.0 - math.exp(-heat.run_per_us / a.temperature_K.shape[0] * dt)
     worn = c.worn_share_per_um3_us * state[0].wear_wait_um3 / dt
     state[0].worn_share += (worn - state[0].worn_share) * passed

@@ -18,7 +18,7 @@ from edmsim.plant.gap.bubble import BubbleLaw
 from edmsim.plant.gap.coverage import GasLaw, blow, fade, mean_covered, sum_up
 from edmsim.plant.gap.debris import mean_loading
 from edmsim.plant.gap.pulse_outcome import decide, deepest_contact, draw, leak_conductance, sum_rays, touch
-from edmsim.plant.gap.ray_trace import OVERLAP_UM, retrace
+from edmsim.plant.gap.ray_trace import OVERLAP_UM, retrace, weigh
 from edmsim.plant.kernel.discharge import discharge, log_pulse, propagate_heat, short_circuit
 from edmsim.plant.kernel.state import (
     BROKEN,
@@ -92,12 +92,14 @@ def _is_due(state: NDArray[np.void], c: Constants) -> bool:
 @compiled
 def _renew_rays(
     state: NDArray[np.void], window: NDArray[np.void], a: Arrays, tiles: NDArray[np.uint16],
-    index: NDArray[np.int32], c: Constants, position: Array,
+    index: NDArray[np.int32], levels: NDArray[np.float32], c: Constants, position: Array,
 ) -> None:
     """Trace the rays from where the wire is now; before, carve what a former wire left on them."""
     if state[0].carved_pulses < state[0].pulses:
         _carve(state, window, a, tiles, index, c)
     retrace(a, tiles, index, c, position, state[0].traces)
+    if levels.shape[0] != 0:
+        weigh(a, index, levels, c)
     state[0].traces += 1
     state[0].traced_pulses = state[0].pulses
     for axis in range(N_AXES):
@@ -214,6 +216,7 @@ def fire_window(
     a: Arrays,
     tiles: NDArray[np.uint16],
     index: NDArray[np.int32],
+    levels: NDArray[np.float32],
     c: Constants,
     law: GapLaw,
     heat: HeatLaw,
@@ -247,7 +250,7 @@ def fire_window(
     _begin(state, window, a)
     place_wire(state, a, position)
     if _is_due(state, c):
-        _renew_rays(state, window, a, tiles, index, c, position)
+        _renew_rays(state, window, a, tiles, index, levels, c, position)
     open_V = t.open_V / (1.0 + c.supply_ohm * leak_conductance(a, c))
     # pressure eps V^2 / 2 on a ray's patch, per 1/um^2 of its summed inverse square gaps, in um kg/s^2
     open_scale = 0.5 * c.permittivity_F_m * open_V**2 * c.patch_m2 * 1e12 * 1e6
@@ -322,7 +325,7 @@ def fire_window(
         fade(a, gas, k_period)
         if energy > 0.0:
             k_quiet = _grid_steps(quiet * per_grid, k_period)
-            blow(a, c, gas, s + draw(state), energy, k_quiet)
+            blow(a, c, gas, s, draw(state), energy, k_quiet)
         sum_up(a)
         state[0].since_discharge_us = state[0].since_discharge_us + period_us if outcome == OPEN else quiet
         state[0].pulses += 1

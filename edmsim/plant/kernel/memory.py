@@ -35,7 +35,7 @@ _RECORDS: dict[str, Any] = {
     "constants": Constants, "heat": HeatLaw, "bubble": BubbleLaw, "timing": Timing,
 }
 _NAMES = {kind: name for name, kind in (*_GROUPS.items(), *_RECORDS.items())}
-_COUNTED = "tiles", "index_side", "pulses"
+_COUNTED = "tiles", "index_side", "pulses", "levels"
 """Lengths of `ArraySizes` that change while a plant is at work."""
 _TABLE = np.dtype(
     [(name, "i8") for name in _COUNTED]
@@ -79,6 +79,8 @@ class Memory:
         """Put some arrays of `Own`: the scalars' rows, the kerf field, whose tiles move, or the log of pulses."""
         if "tiles" in arrays:
             self._sizes = self._sizes._replace(tiles=len(arrays["tiles"]), index_side=len(arrays["tile_index"]))
+        if "levels" in arrays:
+            self._sizes = self._sizes._replace(levels=len(arrays["levels"]))
         if "pulses" in arrays:
             self._sizes = self._sizes._replace(pulses=len(arrays["pulses"]))
         for length in _COUNTED:
@@ -123,7 +125,7 @@ def _lengths(slices: int, rays: int, coordinates: int, at: Any) -> tuple[int, ..
     """Numbers of `ArraySizes` for a plant's table."""
     return (
         slices, filled(slices), rays, filled(rays, GAPS), filled(coordinates), coordinates, 2 * coordinates + 4,
-        at.tiles, at.index_side, at.pulses,
+        at.tiles, at.index_side, at.pulses, at.levels,
     )
 
 
@@ -150,7 +152,7 @@ def fire_windows(calls: int, count: int, slices: int, rays: int, coordinates: in
         lengths = _lengths(slices, rays, coordinates, at)
         own = _own_of(at.own, lengths)
         rows[k, 4] = fire_window(
-            own.state, own.window, _arrays_of(at.arrays, lengths), own.tiles, own.tile_index,
+            own.state, own.window, _arrays_of(at.arrays, lengths), own.tiles, own.tile_index, own.levels,
             _constants(at.constants, (1,))[0], _law_of(at.law, lengths), _heat(at.heat, (1,))[0],
             _bubble(at.bubble, (1,))[0], _gas_of(at.gas, lengths), _timing(at.timing, (1,))[0],
             _propagators_of(at.propagators, lengths), _scratch_of(at.scratch, lengths),

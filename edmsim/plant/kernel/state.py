@@ -274,7 +274,12 @@ class Arrays(NamedTuple):
         Place it was traced from: where the wire was at that moment. The wire swings, so that in time its
         rays look everywhere, also between the lines they look along now.
     pending_um2 : (slices, places)
-        Area of craters that fell on a ray since; carved from the field before the rays are traced again.
+        Volume of craters that fell on a ray since, over the slice's height; carved from the field before the rays are
+        traced again.
+    ray_metal : float32 (slices, rays)
+        Height of the metal that a ray meets over the slice's: 1 but for the topmost slice of a lower place.
+    metal : (slices,)
+        Its mean over a slice's rays that meet metal, the nearer the more, and 1 if none does.
     wire_q, wire_v : (2, modes filled)
         Modal deflection (um sqrt(kg)) and velocity (um sqrt(kg)/s), along x and y.
     table_q, table_v : (2, 2)
@@ -282,7 +287,8 @@ class Arrays(NamedTuple):
     steady : (2, modes filled)
         Load on the modal coordinates that stands for many pulses (um kg/s2): the magnetic force.
     temperature_K, debris, carry_um2 : (slices,)
-        Wire temperature, debris share, and crater area too small for a part of a cell, kept for the next.
+        Wire temperature, debris share, and crater volume over the slice's height that is too small for a part of a
+        cell, kept for the next.
     current2_us : (2, slices)
         Integrals of current squared (A2 us) since heat was propagated last, of the discharges in each slice: what
         flowed in the wire below it, and above it.
@@ -309,6 +315,8 @@ class Arrays(NamedTuple):
         Share of the breakdown rate that the flow past a slice leaves, and its heat transfer without boiling.
     flow_share : (2, slices)
         Water that enters a slice from the lower and the upper nozzle, of what leaves that nozzle.
+    entering : (2, slices)
+        The same over the height of a slice's metal: the less of it, the sooner the water beside it has changed.
     table_shape, table_participation : (2, 2)
     """
 
@@ -347,6 +355,9 @@ class Arrays(NamedTuple):
     flow_share: Annotated[Array, Kept(2, "slices")]
     table_shape: Annotated[Array, Kept(2, 2)]
     table_participation: Annotated[Array, Kept(2, 2)]
+    ray_metal: Annotated[NDArray[np.float32], Kept("slices", "rays", life=WALL)]
+    metal: Annotated[Array, Kept("slices", life=WALL)]
+    entering: Annotated[Array, Kept(2, "slices", life=WALL)]
 
 
 class Scratch(NamedTuple):
@@ -372,10 +383,14 @@ class Scratch(NamedTuple):
 
 
 class Own(NamedTuple):
-    """Rows of one plant's scalars, its kerf field, and the log of a window's pulses, empty if none is wanted."""
+    """Rows of one plant's scalars, its kerf field, and the log of a window's pulses, empty if none is wanted.
+
+    ``levels``, the heights of the blank over a slice's, is empty where the blank is as high everywhere.
+    """
 
     state: Annotated[NDArray[np.void], Kept(1, record=STATE)]
     window: Annotated[NDArray[np.void], Kept(1, record=WINDOW)]
     tiles: Annotated[NDArray[np.uint16], Kept("tiles", "slices", TILE, TILE)]
     tile_index: Annotated[NDArray[np.int32], Kept("index_side", "index_side")]
+    levels: Annotated[NDArray[np.float32], Kept("levels", TILE, TILE)]
     pulses: Annotated[NDArray[np.void], Kept("pulses", record=PULSE)]

@@ -97,7 +97,8 @@ def scale_film(state: NDArray[np.void], a: Arrays, c: Constants, position: Array
         pull = math.sqrt(sums[s, 2] * sums[s, 2] + sums[s, 3] * sums[s, 3])
         if pull > 0.0:
             sx, sy = moved(a, position, s)
-            film += film_sum(rays, s, sx, sy, np.float32(sums[s, 2] / pull), np.float32(sums[s, 3] / pull))
+            nx, ny = np.float32(sums[s, 2] / pull), np.float32(sums[s, 3] / pull)
+            film += a.metal[s] * film_sum(rays, s, sx, sy, nx, ny)
             pulls += pull / (1.0 - c.shielding * a.covered[s])
     least = LEAST_PULL * c.film_pull_um2 * sums.shape[0]
     state[0].film_kg_um2_s = c.film_um3_kg_s * film / max(pulls, least)
@@ -162,7 +163,7 @@ def suction_limited(a: Arrays, c: Constants, s: int, force: float) -> float:
 
     What the mean film resists is not limited: it takes 0.25 m/s at a gap of 3 um to be as much.
     """
-    return float(min(force, c.suction_N * 1e6 * (1.0 - a.covered[s])))
+    return float(min(force, c.suction_N * 1e6 * (1.0 - a.covered[s]) * a.metal[s]))
 
 
 @compiled
@@ -177,11 +178,11 @@ def find_films(state: NDArray[np.void], a: Arrays, c: Constants, sums: Array, me
     for s in range(sums.shape[0]):
         pull2 = sums[s, 2] * sums[s, 2] + sums[s, 3] * sums[s, 3]
         films[s, 2] = films[s, 3] = films[s, 4] = films[s, 5] = 0.0
-        if pull2 >= c.film_pull_um2 * c.film_pull_um2:
+        if pull2 >= c.film_pull_um2 * c.film_pull_um2 * (a.metal[s] * a.metal[s]):
             pull = math.sqrt(pull2)
             per_pull = 1.0 / pull
             films[s, 0], films[s, 1], films[s, 4] = sums[s, 2] * per_pull, sums[s, 3] * per_pull, pull
-            root = cube_root(c.film_pull_um2 * per_pull * (1.0 - c.shielding * a.covered[s]))
+            root = cube_root(c.film_pull_um2 * per_pull * (1.0 - c.shielding * a.covered[s]) * a.metal[s])
             films[s, 3] = c.film_from_um * root * root
             film = state[0].film_kg_um2_s * pull * (1.0 + EINSTEIN * a.debris[s])
             films[s, 2] = max(film - mean, 0.0)

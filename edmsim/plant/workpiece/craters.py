@@ -1,7 +1,7 @@
 """Craters: what a discharge takes from the metal.
 
-A crater's area in its slice is shared among the rays in its width, whose edges recede at once; the field itself
-is carved before they are traced again, ray by ray, so that a cell is looked up once for all discharges since.
+A crater's area in the metal of its slice is shared among the rays in its width, whose edges recede at once; the field
+itself is carved before they are traced again, ray by ray, so that a cell is looked up once for all discharges since.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from edmsim.compiled.elementary import cube_root
 from edmsim.compiled.jit import compiled
-from edmsim.plant.gap.ray_trace import gap_of, place_of
+from edmsim.plant.gap.ray_trace import gap_of, place_of, ray_at
 from edmsim.plant.gap.rays import turned
 from edmsim.plant.kernel.state import NO_METAL_UM, Array, Arrays, Constants
 from edmsim.plant.workpiece.kerf_field import FULL, carve_wall
@@ -71,13 +71,17 @@ def share_crater(a: Arrays, c: Constants, position: Array, s: int, middle: int, 
     covered = _metal_covered(a, s, middle, span, jitter, reach)
     if covered <= 0.0:
         return False
-    depth = volume / (c.slice_um * spacing * covered)
+    metal = np.float64(a.ray_metal[s, ray_at(a, s, middle)])
+    depth = volume / (c.slice_um * metal * spacing * covered)
     for aside in range(-span, span + 1):
         place = turned(middle, aside, n_rays)
         if a.distance[s, place] < BARE_UM:
             deep = depth * _covered(jitter, reach, aside)
             a.distance[s, place] += np.float32(deep)
-            a.pending_um2[s, place] += deep * spacing
+            area = deep * spacing
+            if metal != 1.0:  # a product always taken would round other cuts' sums otherwise
+                area *= metal
+            a.pending_um2[s, place] += area
     return True
 
 
@@ -112,17 +116,22 @@ def carve(
         for r in range(a.ray_cosine.shape[0]):
             place = place_of(a, s, r)
             if a.pending_um2[s, place] > 0.0:
+                metal = np.float64(a.ray_metal[s, r])
                 area = a.pending_um2[s, place] + a.carry_um2[s]
+                if metal != 1.0:  # a division always made would round other cuts' sums otherwise
+                    area /= metal
                 a.pending_um2[s, place] = 0.0
                 parts = max(0, int(min(area / part, MOST_PARTS)))
                 a.carry_um2[s] = area - parts * part
-                if parts == 0:
-                    continue
-                left = _carve_ray(a, tiles, index, c, s, r, parts, aside)
-                if left < 0:
-                    a.carry_um2[s] += left * part  # taken beforehand
-                    continue
-                lost = left * part * c.slice_um
-                a.debris[s] = max(0.0, a.debris[s] - lost / c.cavity_um3)
-                missed += lost
+                left = 0
+                if parts != 0:
+                    left = _carve_ray(a, tiles, index, c, s, r, parts, aside)
+                    if left < 0:
+                        a.carry_um2[s] += left * part  # taken beforehand
+                if metal != 1.0:
+                    a.carry_um2[s] *= metal
+                if left > 0:
+                    lost = left * part * c.slice_um * metal
+                    a.debris[s] = max(0.0, a.debris[s] - lost / (c.cavity_um3 * a.metal[s]))
+                    missed += lost
     return missed

@@ -1,7 +1,8 @@
 """A workpiece whose height changes: which slices have metal where.
 
 The workpiece stands on its lower face, so that a lower place lacks its uppermost slices. A slice has metal
-where its middle lies below the local height: heights are rounded to slices.
+where its middle lies below the local height. The topmost one with metal there stands for what lies above the one
+below it, half a slice to one and a half: no height is rounded.
 """
 
 from __future__ import annotations
@@ -34,7 +35,7 @@ class LowerRegion(NamedTuple):
 
 
 class Relief:
-    """Where each slice of a stepped workpiece lacks metal.
+    """Where each slice of a stepped workpiece lacks metal, and how high it is.
 
     Parameters
     ----------
@@ -46,6 +47,8 @@ class Relief:
 
     Attributes
     ----------
+    faces_um : list of LowerRegion
+        Where the workpiece has each of its lower heights, from the lowest up; they do not overlap.
     voids_um : list of shapely geometry
         For each slice from the bottom the region without metal, perhaps empty; slices without a step between
         them share one.
@@ -59,21 +62,26 @@ class Relief:
     def __init__(self, steps: Sequence[LowerRegion], height_mm: float, n_slices: int) -> None:
         import shapely
 
-        self.slice_mm = height_mm / n_slices
+        self.height_mm, self.slice_mm = height_mm, height_mm / n_slices
         self.n_slices = n_slices
-        of_level: dict[int, list[BaseGeometry]] = {}
+        of_height: dict[float, list[BaseGeometry]] = {}
         claimed: BaseGeometry = shapely.Polygon()
         for region, height in steps:
             if not 0 < height <= height_mm:
                 raise InputError(f"a step {height:g} mm high does not fit a workpiece of up to {height_mm:g} mm")
-            level = slices_below(height, height_mm, n_slices)
-            if level == 0:
+            if slices_below(height, height_mm, n_slices) == 0:
                 raise InputError(
                     f"a step {height:g} mm high is lost between slices of {self.slice_mm:.3g} mm: it must be above "
                     f"{self.slice_mm / 2:.3g} mm, or the resolution finer"
                 )
-            of_level.setdefault(level, []).append(region.difference(claimed))
+            of_height.setdefault(height, []).append(region.difference(claimed))
             claimed = claimed.union(region)
+        lower = sorted(height for height in of_height if height < height_mm)
+        self.faces_um = [LowerRegion(shapely.union_all(of_height[height]), height) for height in lower]
+        of_level: dict[int, list[BaseGeometry]] = {}
+        for region, height in self.faces_um:
+            shapely.prepare(region)
+            of_level.setdefault(slices_below(height, height_mm, n_slices), []).append(region)
         self.voids_um: list[BaseGeometry] = []
         void: BaseGeometry = shapely.Polygon()
         for number in range(n_slices):
@@ -103,12 +111,24 @@ class Relief:
         return share
 
     def heights_mm(self, points_um: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Height of the slices with metal at points ``(n, 2)``: the local height as the plant has it."""
+        """Height at points ``(n, 2)``; on a border the lower one."""
         import shapely
 
-        points = shapely.points(points_um)
-        lacking = sum(shapely.intersects(void, points).astype(np.int64) for void in self.voids_um)
-        return np.asarray((self.n_slices - lacking) * self.slice_mm)
+        points, found = shapely.points(points_um), np.full(len(points_um), self.height_mm)
+        for region, height in reversed(self.faces_um):
+            found[shapely.intersects(region, points)] = height
+        return found
+
+    def levels(self, x_um: NDArray[np.float64], y_um: NDArray[np.float64]) -> NDArray[np.float32]:
+        """Height over that of a slice, (len(x), len(y))."""
+        import shapely
+
+        whole = shapely.box(x_um[0], y_um[0], x_um[-1], y_um[-1])
+        for region, height in self.faces_um:
+            if shapely.contains(region, whole):  # most often
+                return np.full((len(x_um), len(y_um)), height / self.slice_mm, np.float32)
+        points = np.stack(np.meshgrid(x_um, y_um, indexing="ij"), axis=-1).reshape(-1, 2)
+        return (self.heights_mm(points) / self.slice_mm).reshape(len(x_um), len(y_um)).astype(np.float32)
 
     def clearance_um(self, points_um: NDArray[np.float64]) -> NDArray[np.float64]:
         """Distance of points ``(n, 2)`` to where each slice lacks metal, (n_slices, n); 0 where it does."""
@@ -123,6 +143,11 @@ def slices_below(height_mm: float, full_mm: float, n_slices: int) -> int:
     """Slices of a workpiece `full_mm` high whose middle lies below a height."""
     middle = (np.arange(n_slices) + 0.5) / n_slices * full_mm
     return int((middle < height_mm).sum())
+
+
+def middle_slice(lowest_mm: float, full_mm: float, n_slices: int) -> int:
+    """Slice at mid height of a workpiece's lowest place: it has metal everywhere."""
+    return slices_below(lowest_mm, full_mm, n_slices) // 2
 
 
 def _covered(

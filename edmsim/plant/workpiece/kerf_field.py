@@ -115,6 +115,8 @@ class KerfField:
         The tile's place in `tiles`, -1 where none is allocated yet (there the stock is untouched).
     relief : Relief or None
         Which slices of a stepped stock have metal where; None if all have it everywhere.
+    levels : float32 array (capacity, TILE, TILE)
+        Of a stepped stock, its height over a slice's before the cut, ``[tile, ix, iy]``; otherwise it has no tiles.
 
     Raises
     ------
@@ -134,9 +136,11 @@ class KerfField:
         self.tiles: NDArray[np.uint16] = np.empty((64, n_slices, TILE, TILE), np.uint16)
         self.count = 0
         self._stock_parts = 0
+        self._stock_beyond = 0.0
         self.relief: Relief | None = None
         if stock.steps and stock.height_mm is not None:
             self.relief = Relief(stock.steps, stock.height_mm, n_slices)
+        self.levels: NDArray[np.float32] = np.empty((64 if self.relief else 0, TILE, TILE), np.float32)
 
     @property
     def part_area_um2(self) -> float:
@@ -171,8 +175,24 @@ class KerfField:
             self.tiles = grown
         self.tiles[self.count] = self.stock_tile(tx, ty)
         self._stock_parts += int(self.tiles[self.count].sum(dtype=np.int64))
+        if self.relief is not None:
+            self._add_levels(self.relief, tx, ty)
         self.index[tx, ty] = self.count
         self.count += 1
+
+    def _add_levels(self, relief: Relief, tx: int, ty: int) -> None:
+        if len(self.levels) < len(self.tiles):
+            grown = np.empty((len(self.tiles), TILE, TILE), np.float32)
+            grown[: self.count] = self.levels[: self.count]
+            self.levels = grown
+        self.levels[self.count] = relief.levels(*self._centres_um(tx, ty))
+        last = slice(self.count, self.count + 1)
+        self._stock_beyond += _beyond(self.tiles[last], self.levels[last])
+
+    def _centres_um(self, tx: int, ty: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Where the cells of a tile have their middles, along x and y."""
+        centres = np.arange(0.5, TILE, dtype=np.float64) * self.cell_um
+        return tx * self.cell_um * TILE + centres, ty * self.cell_um * TILE + centres
 
     def stock_tile(self, tx: int, ty: int) -> NDArray[np.uint16]:
         """Parts of metal in a tile before the cut: (n_slices, TILE, TILE), not to be written to."""
@@ -180,8 +200,7 @@ class KerfField:
         x0, y0 = tx * side, ty * side
         if self.relief is None and self.stock.is_whole(x0 - cell, y0 - cell, x0 + side + cell, y0 + side + cell):
             return np.broadcast_to(np.uint16(FULL), (self.n_slices, TILE, TILE))
-        centres = np.arange(0.5, TILE, dtype=np.float64) * cell
-        x, y = x0 + centres, y0 + centres
+        x, y = self._centres_um(tx, ty)
         share = self.stock.fraction(x, y, self.cell_um)
         metal = None if self.relief is None else self.relief.metal(x, y, self.cell_um)
         parts = np.round((share if metal is None else share * metal) * FULL).astype(np.uint16)
@@ -191,6 +210,14 @@ class KerfField:
     def removed_parts(self) -> int:
         """Parts of cells removed so far, over all slices: exact."""
         return self._stock_parts - int(self.tiles[: self.count].sum(dtype=np.int64))
+
+    @property
+    def removed_um2(self) -> float:
+        """Volume removed so far, over the height of a slice."""
+        parts: float = self.removed_parts
+        if self.relief is not None:
+            parts += self._stock_beyond - _beyond(self.tiles[: self.count], self.levels[: self.count])
+        return parts * self.part_area_um2
 
     def tile_places(self) -> Iterator[tuple[int, int, int]]:
         """Yield ``(tx, ty, place)`` of every allocated tile."""
@@ -218,6 +245,7 @@ class KerfField:
             "tiles": self.tiles[: self.count].copy(),
             "index": self.index.copy(),
             "stock_parts": np.array(self._stock_parts),
+            "stock_beyond": np.array(self._stock_beyond),
         }
 
     def restore(self, state: dict[str, NDArray[np.generic]]) -> None:
@@ -228,6 +256,18 @@ class KerfField:
             self.tiles = np.empty((64, self.n_slices, TILE, TILE), np.uint16)
         self.index = np.array(state["index"], np.int32)
         self._stock_parts = int(state["stock_parts"])
+        self._stock_beyond = float(state["stock_beyond"])
+        if self.relief is not None:
+            self.levels = np.empty((len(self.tiles), TILE, TILE), np.float32)
+            for tx, ty, place in self.tile_places():
+                self.levels[place] = self.relief.levels(*self._centres_um(tx, ty))
+
+
+def _beyond(tiles: NDArray[np.uint16], levels: NDArray[np.float32]) -> float:
+    """Parts that the topmost slices' metal is more than they hold themselves, or less, below zero."""
+    top = np.ceil(levels - 0.5).astype(np.int64) - 1
+    parts = np.take_along_axis(tiles, top[:, None], axis=1)[:, 0]
+    return float((parts * (levels.astype(np.float64) - top - 1.0)).sum())
 
 
 # --- compiled access: the pulse loop reads and removes metal through these two functions only ---
@@ -254,6 +294,22 @@ def _parts(
     if place < 0:
         return np.int64(FULL)
     return np.int64(tiles[np.uint64(place), np.uint64(slice_index), ix & _TILE_MASK, iy & _TILE_MASK])
+
+
+@compiled
+def metal_height(
+    index: NDArray[np.int32], levels: NDArray[np.float32], slice_index: int, cell_um: float, x: float, y: float
+) -> float:
+    """Height over a slice's of the metal that a slice stands for at a point of a stepped stock, 0.5 to 1.5."""
+    grid = 1.0 / cell_um
+    if not _inside(x * grid, y * grid, index):
+        return 1.0
+    ix, iy = np.uint64(np.int64(x * grid)), np.uint64(np.int64(y * grid))
+    place = index[ix >> _TILE_BITS, iy >> _TILE_BITS]
+    if place < 0:
+        return 1.0
+    over = np.float64(levels[np.uint64(place), ix & _TILE_MASK, iy & _TILE_MASK]) - slice_index
+    return over if 0.5 < over <= 1.5 else 1.0  # only the topmost slice may have more or less than its own
 
 
 @compiled
