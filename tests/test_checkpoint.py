@@ -90,14 +90,21 @@ def interruptible() -> Iterator[None]:
 def test_ctrl_c_within_a_window_waits_for_its_end(
     cut_small: Cut, whole: edmsim.CutResult, tmp_path: Path
 ) -> None:
-    for again in range(4):
-        hand = threading.Timer(0.02, signal.raise_signal, (signal.SIGINT,))
-        begin: Iterator[Callable[[], None]] = iter([hand.start])
-        with pytest.raises(KeyboardInterrupt):
-            cut_small(out=tmp_path, resume=again > 0, watch=lambda _, b=begin: next(b, int)(), **SHORT)
-        hand.join()
+    interrupted = 0
+    while True:
+        hand = threading.Timer(0.002, signal.raise_signal, (signal.SIGINT,))
+        # a busy machine may finish the cut before the hand comes: it comes four times, and once is enough
+        begin: Iterator[Callable[[], None]] = iter([hand.start] if interrupted < 4 else [])
+        try:
+            result = cut_small(out=tmp_path, resume=interrupted > 0, watch=lambda _, b=begin: next(b, int)(), **SHORT)
+            hand.cancel()
+            break
+        except KeyboardInterrupt:
+            interrupted += 1
+            hand.join()
+    assert interrupted
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
-    assert_same(cut_small(out=tmp_path, resume=True, **SHORT), whole)
+    assert_same(result, whole)
 
 
 @pytest.mark.slow

@@ -25,7 +25,10 @@ def short(monkeypatch: pytest.MonkeyPatch) -> None:
         ("MEMORY_S", 0.1),
     ):
         monkeypatch.setattr(bench, name, value)
-    for name, value in (("LANES", 2), ("SETTLE_STEPS", 8), ("SLICE_S", 0.01), ("SLICES", 1)):
+    for name, value in (
+        ("LANES", 2), ("SETTLE_STEPS", 8), ("SLICE_S", 0.01), ("SLICES", 1), ("KNOB_STEPS", 5), ("RESETS", 2),
+        ("EPISODES", 1),
+    ):
         monkeypatch.setattr(speed, name, value)
     for name, value in (("WINDOWS", 2), ("SETTLE_WINDOWS", 1), ("CALLS", 10), ("REPEATS", 1)):
         monkeypatch.setattr(mcu_speed, name, value)

@@ -18,7 +18,7 @@ from edmsim.recording import WindowTable
 
 SETTLE_S, CUT_S = 4.0, 5.0
 """The wire leaves its start hole and finds its gap; then the cut that is compared."""
-SEEDS = {"modal": range(12), "mujoco": range(6)}
+SEEDS = {"modal": range(8), "mujoco": range(4)}
 FILM_SPANS = 2
 """The two integrators are compared: films resolved as in MuJoCo's time steps."""
 
