@@ -78,20 +78,25 @@ def with_sb3(method: str, steps: int) -> list[float]:
         env.close()
 
 
-def compare(steps: int) -> dict[str, Any]:
-    """Run every kind under fork and spawn; tell which gave the rewards of one process, and what was left open."""
+KINDS = tuple((kind, method) for method in ("fork", "spawn") for kind in ("AsyncVectorEnv", "SubprocVecEnv"))
+
+
+def compare(steps: int, kinds: tuple[tuple[str, str], ...] = KINDS) -> dict[str, Any]:
+    """Run kinds under fork and spawn; tell which gave the rewards of one process, and what was left open."""
     began = time.monotonic()
     wanted = in_one_process(steps)
     with_gymnasium("fork", 1)  # whatever libraries open once for all
     with_sb3("spawn", 1)
-    before, kinds = left_open(), {}
-    for method in ("fork", "spawn"):
-        kinds[f"AsyncVectorEnv, {method}"] = with_gymnasium(method, steps) == wanted
-        # float32 there
-        kinds[f"SubprocVecEnv, {method}"] = bool(np.allclose(with_sb3(method, steps), wanted, rtol=1e-6, atol=1e-7))
+    before, same = left_open(), {}
+    for kind, method in kinds:
+        if kind == "AsyncVectorEnv":
+            equal = with_gymnasium(method, steps) == wanted
+        else:
+            equal = bool(np.allclose(with_sb3(method, steps), wanted, rtol=1e-6, atol=1e-7))  # float32 there
+        same[f"{kind}, {method}"] = equal
     after = left_open()
     return {
-        "steps": steps * COUNT, "same_rewards": kinds, "left": {k: after[k] - before[k] for k in before},
+        "steps": steps * COUNT, "same_rewards": same, "left": {k: after[k] - before[k] for k in before},
         "wall_s": time.monotonic() - began,
     }
 
