@@ -15,6 +15,7 @@ from numba.core.typing import templates
 from numba.np import arrayobj
 
 import edmsim
+from edmsim.compiled import cache
 from edmsim.compiled.jit import exactly_compiled
 
 USED = [
@@ -62,7 +63,10 @@ def _thirds(x: float) -> float:
     return x / 3
 
 
-def test_a_part_of_compiled_code_gets_machine_code_when_python_calls_it() -> None:
+def test_a_part_of_compiled_code_gets_machine_code_when_python_calls_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(cache, "folder", tmp_path)  # nothing is kept there of a run before
     part = exactly_compiled(_thirds)
 
     @exactly_compiled
