@@ -16,8 +16,7 @@ from edmsim.envs.path_follower import LANE, RUNNING
 from edmsim.envs.reward import TERMS
 from edmsim.plant.kernel.state import STATE
 from edmsim.plant.window import read_window
-from edmsim.recording.closeups import PULSES, Closeups
-from edmsim.recording.frames import Frames
+from edmsim.recording.stores import PULSES, Closeups, Frames
 from edmsim.recording.windows import WindowTable
 
 if TYPE_CHECKING:

@@ -26,10 +26,9 @@ from edmsim.metrology.table_error import motor_offsets_um, table_error
 from edmsim.plant.workpiece.height_steps import Relief
 from edmsim.plant.workpiece.kerf_field import KerfField, Stock
 from edmsim.program.path import WireContour
-from edmsim.recording.pauses import CutAlone, cut_alone
 from edmsim.recording.quality import KerfSlice, Quality, Reach, TableShare, Totals, Wall
 from edmsim.recording.scene import ErrorMap, Scene, SceneCorner, Terrace, polylines
-from edmsim.recording.windows import WindowTable
+from edmsim.recording.windows import CutAlone, WindowTable, cut_alone
 
 _NEAR_MM = 0.5
 """A window belongs to a place of the profile only within this distance of the wire."""

@@ -8,8 +8,7 @@ from typing import NamedTuple
 from edmsim.machine.machine import Machine
 from edmsim.plant.resolution import resolution as resolution_named
 from edmsim.plant.workpiece.height_steps import LowerRegion
-from edmsim.recording.closeups import Closeups
-from edmsim.recording.frames import Frames
+from edmsim.recording.stores import Closeups, Frames
 from edmsim.recording.windows import WindowTable
 
 

@@ -22,11 +22,10 @@ from edmsim.machine.machine import Machine
 from edmsim.metrology.edges import contour, without_specks
 from edmsim.plant.workpiece.kerf_field import KerfField
 from edmsim.program.path import CutPath
-from edmsim.recording.closeups import Closeups
-from edmsim.recording.frames import Frames
 from edmsim.recording.html_report import card
 from edmsim.recording.report import build_report, cut_id, outcome_text, summary
 from edmsim.recording.scene import Scene
+from edmsim.recording.stores import Closeups, Frames
 from edmsim.recording.windows import CUT_KEY
 
 if TYPE_CHECKING:

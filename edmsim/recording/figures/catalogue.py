@@ -6,9 +6,8 @@ from collections.abc import Callable, Iterator, Mapping
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from edmsim.cosim.pulse_sample import PulseSample
-from edmsim.recording.figures.cut import corner_figure, error_figure, kerf_figure
+from edmsim.recording.figures.cut import corner_figure, error_figure, kerf_figure, shares_figure
 from edmsim.recording.figures.pulses import delay_figure, plane_figure, pulses_figure
-from edmsim.recording.figures.shares import shares_figure
 from edmsim.recording.figures.wire import spectrum_figure
 from edmsim.recording.scene import Scene
 
