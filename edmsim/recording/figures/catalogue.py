@@ -67,7 +67,7 @@ def pictures(
         As ``part.npz`` holds it.
     sample : PulseSample or str
         Single pulses of a straight cut with this cut's set-up, or why there are none
-        (`edmsim.job.single_pulses.sample_or_reason`).
+        (`edmsim.job.result.sample_or_reason`).
     leave_out : callable
         Called with which figures cannot be made of this cut, and why.
 
