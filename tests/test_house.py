@@ -40,7 +40,7 @@ ORDER = (
 EXCEPTIONS: dict[str, dict[str, str]] = {
     "layers": {}, "recording": {}, "circles": {}, "names": {}, "lines": {}, "files": {},
     "constants": {
-        "edmsim/program/units.py": "a rule of reading programs (row T-61), whatever the machine",
+        "edmsim/program/blocks.py": "a rule of reading programs (row T-61), whatever the machine",
     },
 }
 """What breaks a rule, with the reason. Nothing may stand here that keeps it."""

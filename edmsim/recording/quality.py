@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from edmsim.metrology.elements import ElementError
+from edmsim.metrology.profile import ElementError
 from edmsim.metrology.reach import WorstPlace
 from edmsim.recording.scene import SceneCorner
 

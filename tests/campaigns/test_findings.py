@@ -19,8 +19,7 @@ from edmsim.controllers.qcl import Control, read_configuration, read_program
 from edmsim.errors import LONGEST_REASON, InputError
 from edmsim.files import read_arrays
 from edmsim.plant.mechanics import mjcf
-from edmsim.program.load import load_program
-from edmsim.program.path import plan_path
+from edmsim.program.path import load_program, plan_path
 from edmsim.recording.cut_folder import read_cut
 from edmsim.recording.windows import read_windows
 from edmsim.sweep.specification import read_specification, values_of
