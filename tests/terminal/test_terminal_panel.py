@@ -9,12 +9,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from edmsim.controllers.mcu.board import Faults
+from edmsim.controllers.mcu.board import Faults, Optocouplers
 from edmsim.controllers.mcu.chips import pic
 from edmsim.controllers.mcu.chips.dac import Dac
 from edmsim.controllers.mcu.chips.display import SCAN_NS, SHIFT, Kdc8279
 from edmsim.controllers.mcu.chips.faults import SerialNoise
-from edmsim.controllers.mcu.chips.optocoupler import Optocouplers
 from edmsim.controllers.mcu.dialogue.front_panel import FIELDS, KEYS
 from edmsim.controllers.mcu.dialogue.part_program import Move, Setting
 from edmsim.terminal.operation import TYPED, typed_keys
