@@ -1,7 +1,7 @@
 """G-code (RS-274 and the Robofil dialect) read into outlines.
 
 The words understood are G0 to G4, G10, G20, G21, G40 to G42, G90 to G92, G90.1, G91.1, M0, M1, M2, M30, M50, M60, F,
-D, H, N, X, Y, I, J, R and P. Those that cannot change a contour in two axes (`edmsim.program.words`) are read with a
+D, H, N, X, Y, I, J, R and P. Those that cannot change a contour in two axes (`edmsim.program.blocks`) are read with a
 notice. Dwells (G4 with P or X) are in seconds. A ``/`` at the head of a line does not delete it. A G92 before any
 move says where the wire is; later ones shift the coordinates. What is cut between two rapids is taken apart into
 approach, edge, overlap and lead-out.
