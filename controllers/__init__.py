@@ -14,20 +14,15 @@ from typing import Any, TypeAlias, cast
 
 from edmsim import user_code
 from edmsim.controllers.conformance import check_controller
-from edmsim.controllers.feed.adaptive_off_time import AdaptiveOffTimeController
-from edmsim.controllers.feed.climb import ClimbController
+from edmsim.controllers.feed.adaptive_off_time import AdaptiveOffTimeController, SatoController
 from edmsim.controllers.feed.counts import CountsController
-from edmsim.controllers.feed.delay import DelayController
 from edmsim.controllers.feed.fixed import FixedController
-from edmsim.controllers.feed.fixed_period import FixedPeriodController
 from edmsim.controllers.feed.fuzzy import FuzzyController
-from edmsim.controllers.feed.lead_oracle import LeadOracleController
+from edmsim.controllers.feed.gap_servo import DelayController, VoltageController
 from edmsim.controllers.feed.mcu import McuController
-from edmsim.controllers.feed.oracle import OracleController
-from edmsim.controllers.feed.sato import SatoController
-from edmsim.controllers.feed.set_point import SetPointController
-from edmsim.controllers.feed.voltage import VoltageController
-from edmsim.controllers.feed.wire_heat import HeatFluxController, HeatOracleController
+from edmsim.controllers.feed.oracle import LeadOracleController, OracleController
+from edmsim.controllers.feed.set_point import ClimbController, SetPointController
+from edmsim.controllers.feed.wire_heat import FixedPeriodController, HeatFluxController, HeatOracleController
 from edmsim.controllers.named_numbers import named_numbers
 from edmsim.controllers.own import from_file
 from edmsim.controllers.protocols import FeedCommand, FeedController, SeesTruth, WindowObservation

@@ -33,27 +33,6 @@ class PulseCounts(NamedTuple):
         """Pulses that eroded: the rest of the 255."""
         return WINDOW_PULSES - self.short - self.open
 
-    @property
-    def short_percent(self) -> float:
-        """Short circuits in percent, in steps of 0.392."""
-        return 100 * self.short / WINDOW_PULSES
-
-    @property
-    def open_percent(self) -> float:
-        """Open pulses in percent, in steps of 0.392."""
-        return 100 * self.open / WINDOW_PULSES
-
-
-def dead_time(t_period_us: float) -> float:
-    """Time in s the analyser needs for one cycle: exactly 255 pulse periods (row T-42).
-
-    Parameters
-    ----------
-    t_period_us : float
-        Pulse period t(p) in us.
-    """
-    return WINDOW_PULSES * t_period_us / 1_000_000
-
 
 class PulseCounters(ABC):
     """The three counters and what happens at 255 pulses; who takes the result over is a subclass's matter.

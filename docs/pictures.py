@@ -14,7 +14,7 @@ from pathlib import Path
 
 from edmsim.errors import InputError
 from edmsim.recording.rerun.playback import find_recording
-from edmsim.recording.rerun.screenshots import take_screenshots
+from edmsim.recording.rerun.viewer import take_screenshots
 
 ROOT = Path(__file__).parents[1]
 CUT, SITE, INTO = ROOT / "out" / "punch", ROOT / "out" / "docs", ROOT / "out" / "pictures"

@@ -14,8 +14,8 @@ from edmsim.envs.sb3 import EdmVecEnv
 from edmsim.errors import InputError
 from edmsim.files import make_writable
 from edmsim.given_numbers import whole_from
-from edmsim.recording.rerun.live_viewer import LiveViewer, show
 from edmsim.recording.rerun.playback import RECORDING
+from edmsim.recording.rerun.viewer import LiveViewer, show
 
 try:
     from stable_baselines3.common.callbacks import BaseCallback

@@ -17,8 +17,7 @@ from edmsim.envs.reward import TERMS
 from edmsim.plant.kernel.state import STATE
 from edmsim.plant.window import read_window
 from edmsim.plant.workpiece.height_steps import middle_slice
-from edmsim.recording.closeups import PULSES, Closeups
-from edmsim.recording.frames import Frames
+from edmsim.recording.stores import PULSES, Closeups, Frames
 from edmsim.recording.windows import WindowTable
 
 if TYPE_CHECKING:

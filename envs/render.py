@@ -141,8 +141,8 @@ def _drawing(lanes: Lanes, lane: int) -> NDArray[np.uint8]:
     from matplotlib.patches import Circle
 
     from edmsim.envs.scene import path_scene
-    from edmsim.recording.figures.map import draw_map
     from edmsim.recording.figures.palette import INK, VERMILION
+    from edmsim.recording.figures.profile import draw_map
 
     scene = path_scene(lanes, lane)
     plant = lanes.fleet.plants[lane]

@@ -9,9 +9,8 @@ import numpy as np
 
 from edmsim.cosim.stops import StopCause
 from edmsim.job.inspection import holes_mm, terraces
-from edmsim.metrology.corners import corners
 from edmsim.metrology.edges import cut_edges
-from edmsim.metrology.profile import profile_error
+from edmsim.metrology.profile import corners, profile_error
 from edmsim.recording.scene import ErrorMap, Polylines, Scene, SceneCorner, polylines
 
 if TYPE_CHECKING:

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from edmsim.controllers.pulse_counters import PulseAnalyser, PulseCounts, dead_time
+from edmsim.controllers.pulse_counters import PulseAnalyser
 from edmsim.errors import InputError
 
 CLASSES = {"erosion": (False, False), "short": (True, False), "open": (False, True)}
@@ -35,19 +35,6 @@ def test_counting_a_whole_cycle_is_clocking_its_pulses():  # T-39, T-40
     counted.count_window(40, 77)
     assert clocked.snapshot() == counted.snapshot()
     assert counted.read() == (40, 77)
-
-
-def test_percent_of_255():  # T-41
-    counts = PulseCounts(short=1, open=51)
-    assert counts.short_percent == pytest.approx(0.392, abs=5e-4)
-    assert counts.open_percent == pytest.approx(20.0)
-
-
-@pytest.mark.parametrize(
-    ("t_period_us", "seconds"), [(2, 0.00051), (10, 0.00255), (100, 0.0255), (1000, 0.255), (10_000, 2.55)]
-)
-def test_dead_time_is_255_periods(t_period_us, seconds):  # T-42
-    assert dead_time(t_period_us) == seconds
 
 
 def test_unread_result_stays_and_the_new_one_is_missed():  # T-44

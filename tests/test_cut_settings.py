@@ -17,7 +17,7 @@ from edmsim.cli import app as cli
 from edmsim.controllers import make
 from edmsim.job.settings import METADATA_KEY, CutOptions, CutSettings
 from edmsim.machine.parts import Choices
-from edmsim.recording.deviation import offset_line
+from edmsim.recording.report import offset_line
 
 OF_RUNNING = {"program", "out", "resume", "overwrite", "watch", "enter"}
 """Arguments of `edmsim.cut` that say how it is run, not what is cut."""

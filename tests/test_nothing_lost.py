@@ -21,7 +21,7 @@ import edmsim
 from edmsim.errors import EdmsimError, InputError
 from edmsim.files import locked, together
 from edmsim.job import checkpoint, remake
-from edmsim.recording import cut_folder, scene_file
+from edmsim.recording import cut_folder, scene
 
 Cut = Callable[..., edmsim.CutResult]
 SHORT = {"max_time_s": 3.0}
@@ -203,7 +203,7 @@ def test_a_disk_full_at_the_end_leaves_the_checkpoint(
     cut_small: Cut, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     with monkeypatch.context() as patch:
-        patch.setattr(scene_file.np, "savez_compressed", full)
+        patch.setattr(scene.np, "savez_compressed", full)
         with pytest.raises(EdmsimError, match="No space left on device; the checkpoint holds the cut") as caught:
             cut_small(out=tmp_path, **SHORT)
     assert "\n" not in str(caught.value)

@@ -1,8 +1,15 @@
-"""The servo that the gap controllers share: feed from one low-passed error, backwards on shorts.
+"""The servo that the gap controllers share, and its two classic measures: mean gap voltage, mean ignition delay.
 
 The classic machines feed in proportion to how far a mean of the gap is from its reference, ``v = K (U - U_ref)``,
 and so run backwards by themselves when the gap shorts. An integral part (ours) holds the reference at any height
 and material.
+
+Sources of `VoltageController`: US 4296302 (servo on average gap voltage and power), CA 1049621 (servo of a wire
+machine, 1976); the law is the simplest of the classic machines.
+
+Sources of `DelayController`, for a wide gap ignites late: ETH's open wire-EDM simulator SPARC, whose machines are
+controlled in proportion to the mean voltage or the mean ignition delay; a monitor of wire-EDM turning that replaces
+the voltage by the mean delay over 200 ms (doi:10.1177/0954405414543488). The counting of shorts and opens is ours.
 """
 
 from __future__ import annotations
@@ -12,13 +19,7 @@ from abc import ABC, abstractmethod
 from dataclasses import asdict, dataclass, field
 from typing import Any, ClassVar, NamedTuple, cast
 
-from edmsim.controllers.protocols import (
-    ControllerState,
-    FeedCommand,
-    WindowObservation,
-    check_feed,
-    check_parameters,
-)
+from edmsim.controllers.protocols import ControllerState, FeedCommand, WindowObservation, check_feed, check_parameters
 from edmsim.controllers.pulse_counters import WINDOW_PULSES
 
 PERSISTENT_SHORT = "persistent short"
@@ -144,3 +145,74 @@ class ServoController(ABC):
     def restore(self, state: ControllerState) -> None:
         """Continue where `snapshot` was taken."""
         self._servo = ServoState(**cast(dict[str, Any], state))
+
+
+@dataclass
+class VoltageController(ServoController):
+    """Holds the mean gap voltage at a reference.
+
+    The voltage is averaged over whole periods, pauses included, as a moving-coil meter would: the reference belongs
+    to a duty factor. Further parameters: see `ServoController`.
+
+    Parameters
+    ----------
+    reference_V : float
+        Mean gap voltage held.
+    proportional_um_s_V : float
+        Feed per volt above the reference, um/s.
+    integral_um_s2_V : float
+        Growth of the feed per volt above the reference, um/s per s.
+    """
+
+    name: ClassVar[str] = "voltage"
+
+    reference_V: float = 15.0
+    proportional_um_s_V: float = 1.0
+    integral_um_s2_V: float = 1.0
+
+    def gains(self) -> Gains:
+        """How the servo answers."""
+        return Gains(self.proportional_um_s_V, self.integral_um_s2_V, self.filter_s)
+
+    def error(self, window: WindowObservation) -> float:
+        """Volts above the reference."""
+        return window.mean_voltage_V - self.reference_V
+
+
+@dataclass
+class DelayController(ServoController):
+    """Holds the mean ignition delay of all pulses at a reference.
+
+    A short counts as ignited at once, an open pulse as one that waited `open_delay_us`; so the mean is there even
+    where nothing ignites. Further parameters: see `ServoController`.
+
+    Parameters
+    ----------
+    reference_us : float
+        Mean delay held.
+    proportional_um_s_us : float
+        Feed per us above the reference, um/s.
+    integral_um_s2_us : float
+        Growth of the feed per us above the reference, um/s per s.
+    open_delay_us : float
+        What an open pulse counts as (ours: the on-time of the default setting, the least it can have waited).
+    """
+
+    name: ClassVar[str] = "delay"
+
+    reference_us: float = 12.0
+    proportional_um_s_us: float = 1.0
+    integral_um_s2_us: float = 1.0
+    open_delay_us: float = 30.0
+
+    def gains(self) -> Gains:
+        """How the servo answers."""
+        return Gains(self.proportional_um_s_us, self.integral_um_s2_us, self.filter_s)
+
+    def error(self, window: WindowObservation) -> float:
+        """Microseconds above the reference."""
+        ignited = WINDOW_PULSES - window.short - window.open
+        waited = window.open * self.open_delay_us
+        if ignited:  # without any the mean delay is none at all
+            waited += ignited * window.mean_delay_us
+        return waited / WINDOW_PULSES - self.reference_us

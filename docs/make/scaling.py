@@ -17,14 +17,12 @@ from typing import Any
 import numpy as np
 from lanes import processor
 
-from edmsim.sweep.cluster import Cluster
-from edmsim.sweep.engine import Processes
+from edmsim.sweep.engine import Cluster, Processes
 from edmsim.sweep.perform import Outcome, blank, perform
 from edmsim.sweep.run import sweep
 from edmsim.sweep.runs import runs_of
 from edmsim.sweep.specification import Specification
-from edmsim.sweep.store import ROWS_PER_PART, Store
-from edmsim.sweep.table import RESULTS, read
+from edmsim.sweep.table import RESULTS, ROWS_PER_PART, Store, read
 
 PAGE = Path(__file__).parents[1] / "scaling.md"
 PUNCH = "G21 G90\nG0 X-2.5 Y0.5\nG41 D1\nG1 X0 Y0.5\nY1\nX1\nY0\nX0\nY0.5\nG40\nM2\n"

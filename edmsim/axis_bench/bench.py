@@ -174,10 +174,6 @@ class AxisBench:
         start_ns = max(self._motion.now_ns, int(ends.max(initial=0)))
         self._motion.moves = np.concatenate([self._motion.moves, move(k, start_ns, count, rate_Hz, accel_Hz_s)])
 
-    def stop_steps(self, axis: str) -> None:
-        """Forget the step pulses still to come."""
-        self._motion.moves = self._motion.moves[self._motion.moves["axis"] != AXIS_NAMES.index(axis)]
-
     def step_times(self, axis: str, times_ns: Sequence[int], direction: int) -> None:
         """Send single step pulses at some times."""
         k = AXIS_NAMES.index(axis)

@@ -49,7 +49,7 @@ def check(
     from edmsim.job.check import check as look_at
     from edmsim.job.check import lines_of
     from edmsim.job.settings import CutSettings
-    from edmsim.program.words import UnknownWordsError, offered_to_ignore
+    from edmsim.program.blocks import UnknownWordsError, offered_to_ignore
     from edmsim.recording.figures.path import path_figure
 
     picture = default_folder(program) / "path.png" if out is None else out

@@ -39,7 +39,7 @@ def render(
     """Make a film of a cut, or screenshots of its recording, without a screen."""
     from edmsim.recording import find_recording, take_screenshots
     from edmsim.recording import render as make_film
-    from edmsim.recording.video import check_film
+    from edmsim.recording.film import check_film
 
     if out is None and screenshots is None:
         raise InputError("give a film to write, --out cut.mp4 or cut.gif, or a folder for --screenshots")

@@ -202,14 +202,14 @@ def _engine(ray: str | None, processes: int | None) -> Engine:
         return Processes(processes)
     if processes is not None:
         raise InputError("--processes are those of this computer: leave them out with --ray")
-    from edmsim.sweep.cluster import Cluster
+    from edmsim.sweep.engine import Cluster
 
     return Cluster(ray)
 
 
 def _show(folder: Path) -> None:
     from edmsim.recording.figures import write_figure
-    from edmsim.sweep.show import pareto_figure, render
+    from edmsim.sweep.summary import pareto_figure, render
     from edmsim.sweep.table import read
 
     table = read(folder)

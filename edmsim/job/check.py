@@ -16,7 +16,7 @@ from edmsim.job.settings import CutSettings
 from edmsim.machine.machine import Machine
 from edmsim.machine.setting import mean_current_A
 from edmsim.plant.gap.generator import timing
-from edmsim.program.extent import extent_mm
+from edmsim.program.arcs import extent_mm
 from edmsim.program.path import CutPath
 
 

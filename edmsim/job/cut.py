@@ -1,13 +1,19 @@
-"""One cut from program file to outputs: what `edmsim.cut` and ``edmsim cut`` do."""
+"""One cut from program file to outputs: what `edmsim.cut` and ``edmsim cut`` do.
+
+Ctrl-C, SIGTERM and SIGHUP (its terminal closes) end it only where nothing is left half done.
+"""
 
 from __future__ import annotations
 
 import hashlib
+import signal
+import threading
 import time
 import warnings
-from collections.abc import Callable, Mapping
-from contextlib import nullcontext
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
+from types import FrameType
 from typing import Any, NamedTuple, Unpack
 
 from edmsim import user_code
@@ -22,10 +28,9 @@ from edmsim.cosim.simulation import Progress, Simulation
 from edmsim.cosim.stops import StopCause
 from edmsim.errors import EdmsimError, InputError
 from edmsim.files import locked
-from edmsim.job import checkpoint, interrupts
+from edmsim.job import checkpoint
 from edmsim.job.notebook import notebook_progress
-from edmsim.job.recorders import Recorders, recorders_for
-from edmsim.job.result import CutResult, result_of
+from edmsim.job.result import CutResult, Recorders, recorders_for, result_of
 from edmsim.job.settings import CutOptions, CutSettings, takes_settings
 from edmsim.machine.files import own_mjcf_text
 from edmsim.machine.machine import Machine
@@ -34,6 +39,61 @@ from edmsim.plant.constants import screws
 from edmsim.plant.workpiece.height_steps import LowerRegion
 from edmsim.program.path import CutPath, plan_path
 from edmsim.recording.report import outcome_text
+
+_ENDING = {
+    signal.SIGINT: signal.default_int_handler, signal.SIGTERM: signal.SIG_DFL,
+    **({signal.SIGHUP: signal.SIG_DFL} if hasattr(signal, "SIGHUP") else {}),
+}  # fmt: skip
+"""Signals that ask a process to end, and what handles them where nobody else does."""
+
+
+class NotedSignals:
+    """Signals that came: noted first, for whoever is at work to raise where nothing is left half done."""
+
+    def __init__(self) -> None:
+        self._came: int | None = None
+        self._at_once = False
+
+    def take(self, number: int, _: FrameType | None) -> None:
+        """Handle a signal."""
+        self._came = number
+        if self._at_once:
+            self.raise_noted()
+
+    def raise_noted(self) -> None:
+        """Raise `KeyboardInterrupt`, with the signal's number, if one has come."""
+        if self._came is not None:
+            came, self._came = self._came, None
+            raise KeyboardInterrupt(came)
+
+    def at_once(self) -> None:
+        """From now on raise at once: whatever is interrupted can be done again."""
+        self._at_once = True
+        self.raise_noted()
+
+    def only_note(self) -> None:
+        """From now on raise no more: the work is done, and nothing is left that could be ended."""
+        self._at_once, self._came = False, None
+
+
+@contextmanager
+def noted() -> Iterator[NotedSignals]:
+    """Note these signals in place of what they do otherwise.
+
+    Only the main thread may, and a handler that is not Python's own is the caller's affair.
+    """
+    interrupts = NotedSignals()
+    taken = {}
+    if threading.current_thread() is threading.main_thread():
+        taken = {number: usual for number, usual in _ENDING.items() if signal.getsignal(number) is usual}
+    for number in taken:
+        signal.signal(number, interrupts.take)
+    try:
+        yield interrupts
+    finally:
+        for number, usual in taken.items():
+            signal.signal(number, usual)
+
 
 CHECKPOINT_EVERY_S = 60.0
 """Wall time between checkpoints of a long cut."""
@@ -94,7 +154,7 @@ def cut(
         raise InputError("an interrupted cut is taken up or given up: choose --resume or --overwrite")
     if resume:
         checkpoint.see(folder)
-    with nullcontext() if folder is None else locked(folder), interrupts.noted() as signals:
+    with nullcontext() if folder is None else locked(folder), noted() as signals:
         run = _Run(simulation, folder, {**made_with, "seed": settings.seed}, signals)
         run.begin(resume, overwrite)
         tell("cutting")
@@ -256,7 +316,7 @@ class _Run:
 
     def __init__(
         self, simulation: Simulation, folder: Path | None, made_with: Mapping[str, Any],
-        signals: interrupts.NotedSignals,
+        signals: NotedSignals,
     ) -> None:
         self._simulation, self._folder, self._made_with, self._signals = simulation, folder, made_with, signals
         self._before_s = self.wall_time_s = 0.0

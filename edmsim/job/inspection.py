@@ -12,23 +12,18 @@ from numpy.typing import NDArray
 from edmsim.cosim.simulation import Simulation
 from edmsim.cosim.stops import StopCause
 from edmsim.machine.setting import discharge_current_A
-from edmsim.metrology.corners import corners
 from edmsim.metrology.edges import cut_edges
-from edmsim.metrology.elements import element_errors
 from edmsim.metrology.kerf import KerfWidth, kerf_width, width_stats
-from edmsim.metrology.layers import electrolysed_um, heat_affected_um
-from edmsim.metrology.profile import ProfileError, error_stats, profile_error
+from edmsim.metrology.profile import ProfileError, corners, element_errors, error_stats, profile_error
 from edmsim.metrology.reach import mean_error_um, unreachable_um, worst_place
-from edmsim.metrology.roughness import roughness_um
-from edmsim.metrology.shares import error_shares, share_stats
-from edmsim.metrology.table_error import motor_offsets_um, table_error
+from edmsim.metrology.roughness import electrolysed_um, heat_affected_um, roughness_um
+from edmsim.metrology.shares import error_shares, motor_offsets_um, share_stats, table_error
 from edmsim.plant.workpiece.height_steps import Relief
 from edmsim.plant.workpiece.kerf_field import KerfField, Stock
 from edmsim.program.path import WireContour
-from edmsim.recording.pauses import CutAlone, cut_alone
 from edmsim.recording.quality import KerfSlice, Quality, Reach, TableShare, Totals, Wall
 from edmsim.recording.scene import ErrorMap, Scene, SceneCorner, Terrace, polylines
-from edmsim.recording.windows import WindowTable
+from edmsim.recording.windows import CutAlone, WindowTable, cut_alone
 
 _NEAR_MM = 0.5
 """A window belongs to a place of the profile only within this distance of the wire."""

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from edmsim.errors import InputError, one_of
 from edmsim.files import locked, make_writable
-from edmsim.job.single_pulses import sample_or_reason
+from edmsim.job.result import sample_or_reason
 from edmsim.recording.cut_folder import read_cut
 from edmsim.recording.figures.catalogue import pictures
 from edmsim.recording.html_report import write_html

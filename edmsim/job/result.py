@@ -1,4 +1,4 @@
-"""What a cut leaves: its report, tables, drawing and metal, and the files they are written to."""
+"""What a cut leaves: what is recorded while it runs, its report, tables, drawing and metal, and their files."""
 
 from __future__ import annotations
 
@@ -6,33 +6,97 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import shapely
 
 from edmsim import __version__
+from edmsim.cosim.pulse_sample import PULSES, PulseSample, cutting_feed_um_s, sample_pulses
 from edmsim.cosim.simulation import Simulation
-from edmsim.errors import InputError, one_of
+from edmsim.errors import EdmsimError, InputError, one_of
 from edmsim.files import make_writable, together
 from edmsim.job.inspection import inspect, totals
-from edmsim.job.recorders import Recorders
 from edmsim.job.settings import METADATA_KEY, CutSettings
-from edmsim.job.single_pulses import sample_like, sample_or_reason
 from edmsim.machine.machine import Machine
 from edmsim.metrology.edges import contour, without_specks
+from edmsim.plant.resolution import resolution as resolution_named
+from edmsim.plant.workpiece.height_steps import LowerRegion, middle_slice
 from edmsim.plant.workpiece.kerf_field import KerfField
 from edmsim.program.path import CutPath
-from edmsim.recording.closeups import Closeups
-from edmsim.recording.frames import Frames
 from edmsim.recording.html_report import card
 from edmsim.recording.report import build_report, cut_id, outcome_text, summary
 from edmsim.recording.scene import Scene
-from edmsim.recording.windows import CUT_KEY
+from edmsim.recording.stores import Closeups, Frames
+from edmsim.recording.windows import CUT_KEY, WindowTable
 
 if TYPE_CHECKING:
     import pyarrow as pa
     from matplotlib.figure import Figure
     from shapely.geometry import MultiPolygon
+
+
+class Recorders(NamedTuple):
+    """The observers of a cut.
+
+    Attributes
+    ----------
+    windows : WindowTable
+        A row per window.
+    frames : Frames
+        The wire's shape, thinned.
+    closeups : Closeups
+        Windows kept pulse by pulse.
+    """
+
+    windows: WindowTable
+    frames: Frames
+    closeups: Closeups
+
+
+def recorders_for(machine: Machine, steps: Sequence[LowerRegion], resolution: str) -> Recorders:
+    """Return empty recorders for a cut of a workpiece with some height steps."""
+    size = resolution_named(resolution)
+    lowest_mm = min([step.height_mm for step in steps], default=machine.height_mm)
+    middle = middle_slice(lowest_mm, machine.height_mm, size.slices)
+    windows = WindowTable(machine.generator.equalising is not None)
+    return Recorders(windows, Frames(size.slices), Closeups(size.slices, size.rays, middle))
+
+
+def sample_like(report: Mapping[str, Any], windows: pa.Table, *, pulses: int = PULSES) -> PulseSample:
+    """Look at single pulses of a straight cut with a cut's set-up, seed and resolution, at its median feed.
+
+    The workpiece has its greatest height, and modes move the wire, whatever moved it in the cut.
+
+    Parameters
+    ----------
+    report : mapping
+        The cut's report, as ``report.json`` holds it.
+    windows : pyarrow.Table
+        The cut's table of windows.
+    pulses : int
+        How many to look at.
+
+    Raises
+    ------
+    InputError
+        If the cut never cut, its set-up cannot be read any more, or as `sample_pulses`.
+    """
+    feed = cutting_feed_um_s(windows)
+    if feed is None:
+        raise InputError("the cut has no window with metal near the wire")
+    settings = CutSettings.of_report(report)
+    return sample_pulses(
+        settings.load_machine(), feed, seed=settings.seed, pulses=pulses, resolution=settings.resolution
+    )
+
+
+def sample_or_reason(report: Mapping[str, Any], windows: pa.Table) -> PulseSample | str:
+    """Return what `sample_like` does, or why it cannot."""
+    try:
+        return sample_like(report, windows)
+    except EdmsimError as error:
+        return str(error)
+
 
 _SPECK_SHARE = 0.01
 """Share of the wire's cross-section below which an area is a speck (ours: a crater or two; any kerf is larger)."""

@@ -247,7 +247,7 @@ class Wire(Part):
 
 
 class Surface(Part):
-    """What makes the layers of a cut face: see `edmsim.metrology.layers`."""
+    """What makes the layers of a cut face: see `edmsim.metrology.roughness`."""
 
     diffusivity_mm2_s: Annotated[Positive, _within(0.01, 1000)]
     melting_K: Annotated[Positive, _within(300, 6000)]

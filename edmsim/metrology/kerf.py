@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 from edmsim.errors import InputError
 from edmsim.geometry import left_of
 from edmsim.metrology.edges import metal_at
-from edmsim.metrology.profile import finite_mean
-from edmsim.metrology.surroundings import BLANK_EDGE_MM, GRAIN_UM, clear_of_steps, depth_in_blank, wire_line
+from edmsim.metrology.profile import BLANK_EDGE_MM, GRAIN_UM, clear_of_steps, depth_in_blank, finite_mean, wire_line
 from edmsim.plant.workpiece.kerf_field import KerfField
 from edmsim.program.path import WireContour
 

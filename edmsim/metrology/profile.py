@@ -1,24 +1,54 @@
-"""Profile error: how far the part's wall is from the edge as drawn.
+"""Profile error: how far the part's wall is from the edge as drawn, all along, at corners, and by line and arc.
 
 It is measured on the kerf field as a coordinate measuring machine would measure the part, slice by slice.
-Positive profile error is metal left on the part, negative is undercut.
+Positive profile error is metal left on the part, negative is undercut. Near the wire's own path, the blank's edges
+and its steps no wall can be measured.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TypedDict
 
 import numpy as np
 from numpy.typing import NDArray
 
 from edmsim.geometry import Polyline, left_of
 from edmsim.metrology.edges import check_slices, edge_segments, metal_at
-from edmsim.metrology.surroundings import BLANK_EDGE_MM, GRAIN_UM, clear_of_steps, depth_in_blank, wire_line
-from edmsim.plant.workpiece.kerf_field import KerfField
+from edmsim.plant.workpiece.kerf_field import KerfField, Stock
 from edmsim.program.path import WireContour
 
 Floats = NDArray[np.float64]
+
+BLANK_EDGE_MM = 0.15
+"""Nearer than this to the blank's own side or start hole, that edge could be taken for the cut's."""
+GRAIN_UM = 12.0
+"""Metal (or a hole in it) thinner than this is a loose grain or sliver in the kerf, no wall."""
+
+
+def wire_line(contour: WireContour) -> Polyline:
+    """The wire's path in mm without the lead-in."""
+    points = contour.points_um[contour.lead_in_moves :]
+    return Polyline(points / 1000, closed=bool((points[0] == points[-1]).all()))
+
+
+def depth_in_blank(stock: Stock, points_mm: Floats) -> Floats:
+    """Distance in mm to the blank's nearest own edge, side or start hole; negative outside the metal."""
+    x, y = points_mm.T
+    x0, y0, x1, y1 = (side / 1000 for side in stock.rectangle_um)
+    depth = np.minimum(np.minimum(x - x0, x1 - x), np.minimum(y - y0, y1 - y))
+    for hole_x, hole_y, radius in stock.holes_um:
+        depth = np.minimum(depth, np.hypot(x - hole_x / 1000, y - hole_y / 1000) - radius / 1000)
+    return np.asarray(depth)
+
+
+def clear_of_steps(field: KerfField, points_mm: Floats) -> Floats:
+    """Distance in mm to where each slice has no metal from the beginning, (n_slices, n); 0 inside it."""
+    if field.relief is None:
+        return np.full((field.n_slices, len(points_mm)), np.inf)
+    return field.relief.clearance_um(points_mm * 1000) / 1000
+
 
 PROFILE_STEP_MM = 0.02
 LEAD_IN_REACH_MM = 0.25
@@ -182,3 +212,146 @@ def finite_mean(values: Floats, axis: int) -> Floats:
     count = finite.sum(axis=axis)
     total = np.where(finite, values, 0.0).sum(axis=axis)
     return np.asarray(np.divide(total, count, out=np.full(count.shape, np.nan), where=count > 0), np.float64)
+
+
+CORNER_REACH_MM = 0.15
+"""Arc length on both sides of a corner over which its error is taken."""
+
+
+class CornerError(TypedDict):
+    """A real corner of the edge as drawn and what became of it."""
+
+    x_mm: float
+    y_mm: float
+    turn_deg: float
+    error_um: float
+
+
+def corners(contour: WireContour, profile: ProfileError, min_turn_deg: float = 15.0) -> list[CornerError]:
+    """List the real corners of the nominal edge with their errors.
+
+    Parameters
+    ----------
+    contour : WireContour
+    profile : ProfileError
+        Of that contour.
+    min_turn_deg : float
+        Vertices that turn by less are chords of an arc.
+
+    Returns
+    -------
+    list of dict
+        ``x_mm``, ``y_mm``, ``turn_deg`` (left positive) and ``error_um``: the error, averaged over the
+        height, of largest magnitude within 0.15 mm of the corner; NaN where none was measured.
+    """
+    line = Polyline(contour.nominal_mm, contour.closed)
+    found: list[CornerError] = []
+    for vertex in line.corners(min_turn_deg):
+        near = profile.mean_um[line.distance_along(profile.s_mm, line.s[[vertex]]) <= CORNER_REACH_MM]
+        near = near[np.isfinite(near)]
+        error = float(near[np.abs(near).argmax()]) if len(near) else float("nan")
+        x, y = (float(value) for value in line.points[vertex])
+        found.append(CornerError(x_mm=x, y_mm=y, turn_deg=float(line.turn_deg[vertex]), error_um=error))
+    return found
+
+
+_ROUND_MM = 0.003
+"""Points of an arc lie on its circle within this: chord tolerance and rounding (ours)."""
+
+
+@dataclass(frozen=True)
+class ElementError:
+    """A line or arc of the edge as drawn, and its error.
+
+    Attributes
+    ----------
+    contour, element : int
+        Number of the contour in the order of cutting, and of the element along it, both from 1.
+    line : int or None
+        The program's line; None for a drawing.
+    kind : {"line", "arc", "curve"}
+    radius_mm : float or None
+        Of an arc.
+    x_mm, y_mm, end_x_mm, end_y_mm : float
+        First and last point on the table.
+    length_mm : float
+    mean_um, rms_um : float
+        Of the profile error over the element and all slices, without what is out of the wire's reach; NaN if unknown.
+    low_um, high_um : float
+        Least and greatest of the same: positive is metal left.
+    """
+
+    contour: int
+    element: int
+    line: int | None
+    kind: str
+    radius_mm: float | None
+    x_mm: float
+    y_mm: float
+    end_x_mm: float
+    end_y_mm: float
+    length_mm: float
+    mean_um: float
+    rms_um: float
+    low_um: float
+    high_um: float
+
+
+def element_errors(
+    number: int, contour: WireContour, profile: ProfileError, unreachable_um: Floats
+) -> list[ElementError]:
+    """Return the error of every element of a contour, in order; none if the contour does not know its elements.
+
+    Parameters
+    ----------
+    number : int
+        Of the contour, from 1.
+    contour : WireContour
+    profile : ProfileError
+    unreachable_um : array (n,)
+        By `edmsim.metrology.reach.unreachable_um`.
+    """
+    if not contour.elements:
+        return []
+    begins = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(contour.nominal_mm, axis=0).T))])
+    chord_of = np.clip(np.searchsorted(begins, profile.s_mm, side="right") - 1, 0, len(contour.elements) - 1)
+    elements = np.array([element for element, _ in contour.elements])
+    error = profile.error_um - unreachable_um
+    return [
+        _element(number, contour, np.flatnonzero(elements == element), error[:, elements[chord_of] == element])
+        for element in np.unique(elements)
+    ]
+
+
+def _element(number: int, contour: WireContour, chords: NDArray[np.intp], error_um: Floats) -> ElementError:
+    points = contour.nominal_mm[np.append(chords, chords[-1] + 1)]
+    element, line = contour.elements[chords[0]]
+    kind, radius_mm = _shape(points)
+    known = error_um[np.isfinite(error_um)]
+    low, high, mean = (float(f(known)) if len(known) else float("nan") for f in (np.min, np.max, np.mean))
+    (x, y), (end_x, end_y) = points[0].tolist(), points[-1].tolist()
+    return ElementError(
+        number, element, line or None, kind, radius_mm, x, y, end_x, end_y,
+        float(np.hypot(*np.diff(points, axis=0).T).sum()), mean, error_stats(known)["rms"], low, high,
+    )  # fmt: skip
+
+
+def _shape(points: Floats) -> tuple[str, float | None]:
+    """Say whether points (n, 2) are a line, an arc of some radius, or another curve."""
+    if len(points) == 2:
+        return "line", None
+    third = (len(points) - 1) // 3
+    picked = points[[0, len(points) // 2, -1]] if third == 0 else points[[0, third, 2 * third]]
+    a, b, c = picked @ (1, 1j)
+    cross = ((b - a).conjugate() * (c - a)).imag
+    if abs(cross) < _ROUND_MM * abs(c - a):
+        return ("line", None) if _is_straight(points) else ("curve", None)
+    centre = a + (abs(b - a) ** 2 * (c - a) - abs(c - a) ** 2 * (b - a)) / (2j * cross)
+    radii = np.abs(points @ (1, 1j) - centre)
+    return ("arc", float(radii.mean())) if np.ptp(radii) < 2 * _ROUND_MM else ("curve", None)
+
+
+def _is_straight(points: Floats) -> bool:
+    along = points - points[0]
+    x, y = along[-1]
+    return bool(np.abs(along @ (-y, x)).max() < _ROUND_MM * np.hypot(x, y))

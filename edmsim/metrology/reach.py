@@ -11,10 +11,8 @@ import shapely
 from numpy.typing import NDArray
 
 from edmsim.geometry import Polyline
-from edmsim.metrology.corners import CORNER_REACH_MM
-from edmsim.metrology.profile import ProfileError
+from edmsim.metrology.profile import CORNER_REACH_MM, ProfileError, wire_line
 from edmsim.metrology.shares import SHARES
-from edmsim.metrology.surroundings import wire_line
 from edmsim.program.offset import REACH_TOLERANCE_MM
 from edmsim.program.path import WireContour
 

@@ -22,8 +22,7 @@ from edmsim.controllers.axis.drive import data_of
 from edmsim.controllers.axis.elcam_file import ErrorTable, load_tables
 from edmsim.controllers.axis.step_compensation import StepCompensation
 from edmsim.errors import InputError
-from edmsim.metrology.circular_test import CircularTest
-from edmsim.metrology.positioning import Positioning
+from edmsim.metrology.iso_230 import CircularTest, Positioning
 from edmsim.plant.axes.still_table import StillTable
 
 if TYPE_CHECKING:

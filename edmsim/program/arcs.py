@@ -1,13 +1,65 @@
-"""Arcs: centres found from what a program gives, and arcs turned into chords."""
+"""Arcs: centres found from what a program gives, as finely as it writes its numbers; chords; extent as drawn."""
 
 from __future__ import annotations
 
 import cmath
 import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
 
 from edmsim.errors import InputError
+from edmsim.program.blocks import Block, Units
 from edmsim.program.limits import FARTHEST_MM
-from edmsim.program.rounding import SAME_PLACE_MM
+from edmsim.program.outline import JOIN_TOLERANCE_MM
+
+SAME_PLACE_MM = 1e-6
+"""Places closer than this many mm differ by numerical noise only."""
+
+RADIUS_TOLERANCE_MM = 0.005
+"""Least allowed difference in mm between the start and end radius of an arc (ours: rounding of some um)."""
+
+COARSEST_MM = 0.0254
+"""Numbers written more coarsely than this, 0.001 inch, are taken as exact (ours: no program for a wire rounds so)."""
+
+
+@dataclass(frozen=True)
+class Rounding:
+    """What follows from the last decimal place that a program writes.
+
+    Attributes
+    ----------
+    resolution_mm : float
+        Value of the last place in mm; 0 where the numbers are exact.
+    """
+
+    resolution_mm: float = 0.0
+
+    @property
+    def radius_mm(self) -> float:
+        """Greatest difference of an arc's radii: I and J err by half a place, the end from the centre by three."""
+        return max(RADIUS_TOLERANCE_MM, 2 * math.sqrt(2) * self.resolution_mm)
+
+    @property
+    def join_mm(self) -> float:
+        """Greatest distance between ends that are one place: either may err by half a place along both axes."""
+        return max(JOIN_TOLERANCE_MM, math.sqrt(2) * self.resolution_mm)
+
+
+def rounding_of(blocks: Sequence[Block], units: Units) -> Rounding:
+    """Find the resolution of a program: the finest number under each unit, and of several units the coarsest."""
+    unit_mm, decimals = units.at_start_mm, dict[float, int]()
+    for block in blocks:
+        for letter, number in block.codes:
+            unit_mm = (units.of_code_mm(number) if letter == "G" else None) or unit_mm
+        if block.decimals is not None:
+            decimals[unit_mm] = max(decimals.get(unit_mm, 0), block.decimals)
+    written = [unit * 10.0**-places for unit, places in decimals.items()]
+    return Rounding(max((mm for mm in written if mm <= COARSEST_MM * (1 + 1e-9)), default=0.0))
+
 
 CHORD_TOLERANCE_UM = 1.0
 """Largest distance in um between a curve and its chords (ours: below the 2 um step of the axes, row T-16)."""
@@ -82,3 +134,38 @@ def arc_points(start: complex, end: complex, centre: complex, turn: int, full: b
 def _chord_angle(radius: float) -> float:
     sagitta = CHORD_TOLERANCE_UM / 1000
     return 2 * math.acos(1 - sagitta / radius) if radius > sagitta else math.pi / 2
+
+
+Floats = NDArray[np.float64]
+
+
+def extent_mm(points: Floats, elements: Sequence[int]) -> Floats:
+    """Return the extent in X and Y of an edge drawn in chords, whose curves bulge beyond their points.
+
+    Parameters
+    ----------
+    points : float64 array (n, 2)
+    elements : sequence of int
+        For every chord the line, arc or curve it belongs to; empty if nobody knows.
+    """
+    begins = [0, *(np.flatnonzero(np.diff(elements)) + 1), len(elements)]
+    parts = [points[first : last + 1] for first, last in pairwise(begins)]
+    high = np.max([points.max(axis=0), *map(_peak, parts)], axis=0)
+    low = -np.max([-points.min(axis=0), *(_peak(-part) for part in parts)], axis=0)
+    return np.asarray(high - low)
+
+
+def _peak(points: Floats) -> Floats:
+    """Return the highest X and Y of the parabolas through three neighbours each; -inf where none peaks."""
+    if len(points) < 3:
+        return np.full(2, -np.inf)
+    a, b, c = points[:-2], points[1:-1], points[2:]
+    before, after = np.hypot(*(b - a).T)[:, None], np.hypot(*(c - b).T)[:, None]
+    with np.errstate(divide="ignore", invalid="ignore"):  # a repeated point, a straight line: no peak
+        up, down = (b - a) / before, (c - b) / after
+        bend = (down - up) / (before + after)
+        slope = up + before * bend
+        at, peak = -slope / (2 * bend), b - slope**2 / (4 * bend)
+    # a curve leaves its chords by their tolerance at most; what rises more is a corner
+    smooth = peak <= np.maximum(np.maximum(a, b), c) + CHORD_TOLERANCE_UM / 1000
+    return np.asarray(np.where((bend < 0) & (at >= -before) & (at <= after) & smooth, peak, -np.inf).max(axis=0))

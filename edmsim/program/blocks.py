@@ -1,16 +1,128 @@
-"""RS-274 text split into blocks of words; nothing here knows what the words do."""
+"""RS-274 text split into blocks of words: which words there may be, in which unit, and subprograms taken apart.
+
+What the words do is not known here. Some cannot change a contour, some a user leaves out. M98 P1000 L2 runs twice
+what stands between O1000 and M99 behind the end of the program.
+"""
 
 from __future__ import annotations
 
 import codecs
 import re
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from edmsim.errors import InputError
-from edmsim.program.limits import GREATEST_NUMBER, check_size
+from edmsim.program.limits import GREATEST_NUMBER, check_count, check_size
 from edmsim.program.registers import register
-from edmsim.program.words import IDLE, VALUES, Ignored, UnknownWordsError, code_of
+
+VALUES = frozenset("NFDHXYIJRPLQ")
+"""Letters whose numbers are used, by a motion or by the code they belong to."""
+BELONGS: dict[float, str] = {64: "PQ", 39: "IJ", 43: "H", 44: "H", 96: "D"}
+"""G codes without effect, and the letters in their block that are theirs: the tolerance of a path, the direction of a
+corner, a tool's length, the greatest speed of a spindle."""
+IDLE = frozenset("OTSCZ")
+"""Letters that cannot change a contour in two axes: program and technology numbers, the height of the upper guide. E
+is none of them: ``X1E2`` may be meant as a number."""
+IDLE_CODES = frozenset(
+    [("G", number) for number in (9, 15, 17, 38, 39, 43, 44, 49, 50, 59.1, 59.2, 59.3, 61.1, 64, 69, 80)]
+    + [("G", number) for number in (*range(54, 62), *range(93, 100))]
+    + [("M", number) for number in (*range(3, 12), 28, 40, 50, 60, *range(78, 90))]
+)
+"""Codes without effect on a contour in two axes: exact stop, plane XY, cancelled offsets, tapers, turns and cycles,
+the work offset, the mode of the feed; spindle, water, tank, wire and generator; threading, which G0 does here."""
+UNITS: dict[float, float] = {70: 20, 71: 21}
+"""Codes of some controls for inch and mm, and what they are elsewhere."""
+_USED_G = frozenset({0, 1, 2, 3, 4, 10, 20, 21, 40, 41, 42, 90, 91, 90.1, 91.1, 92, *UNITS})
+KNOWN_G = _USED_G | {n for g, n in IDLE_CODES if g == "G"}
+KNOWN_M = frozenset({0, 1, 2, 30, 98, 99}) | {n for m, n in IDLE_CODES if m == "M"}
+
+_CODE = re.compile(r"0*\d{1,4}(\.\d)?")
+_MOST_NAMED = 12
+_NEEDED = frozenset({*"GNXYIJRPL", *(f"G{code:g}" for code in _USED_G - {4}), "M98", "M99"})
+_ASKED = re.compile(r"([A-Z])(\d+\.?\d*)?")
+
+
+@dataclass(frozen=True)
+class Ignored:
+    """Words that a user leaves out of a program.
+
+    Attributes
+    ----------
+    letters : frozenset of str
+        Left out with any number.
+    words : frozenset of (str, float)
+    """
+
+    letters: frozenset[str] = frozenset()
+    words: frozenset[tuple[str, float]] = frozenset()
+
+    @classmethod
+    def of(cls, asked: Sequence[str]) -> Ignored:
+        """Read words as ``G51``, or letters as ``U``; raises `InputError` at others, and at what makes a contour."""
+        letters, words = set(), set()
+        for text in asked:
+            word = _ASKED.fullmatch(text.strip().upper())
+            if word is None:
+                raise InputError(f"ignore has {text!r}: give letters or words as a program has them: U,M77")
+            plain = word[1] if word[2] is None else f"{word[1]}{float(word[2]):g}"
+            if plain in _NEEDED:
+                raise InputError(f"ignore has {plain}: the contour cannot be read without it")
+            if word[2] is None:
+                letters.add(word[1])
+            else:
+                words.add((word[1], float(word[2])))
+        return cls(frozenset(letters), frozenset(words))
+
+    def has(self, letter: str, number: str) -> bool:
+        """Say whether a word is left out."""
+        return letter in self.letters or (letter, float(number)) in self.words
+
+
+def offered_to_ignore(words: Iterable[str]) -> list[str]:
+    """Return the unknown words that a user may be offered to leave out: M codes. Others may decide the contour."""
+    return [word for word in words if re.fullmatch(r"M\d+", word)]
+
+
+class UnknownWordsError(InputError):
+    """A program has words that are not known here.
+
+    Parameters
+    ----------
+    found : sequence of (str, int)
+        Every one, with its line.
+    file : path
+
+    Attributes
+    ----------
+    words : dict of str to list of int
+        Each word with its lines.
+    """
+
+    def __init__(self, found: Sequence[tuple[str, int]], file: str | Path) -> None:
+        self.words: dict[str, list[int]] = {}
+        for word, line in found:
+            self.words.setdefault(word, []).append(line)
+        named = [
+            f"{word!r} (line {lines[0]}" + (f", {len(lines)} times)" if len(lines) > 1 else ")")
+            for word, lines in self.words.items()
+        ]
+        more = f" and {len(named) - _MOST_NAMED} more" if len(named) > _MOST_NAMED else ""
+        reason = f"unknown word{'s' * (len(named) > 1)} {', '.join(named[:_MOST_NAMED])}{more}: correct "
+        reason += "them" if len(named) > 1 else "it"
+        idle = offered_to_ignore(self.words)
+        if idle:
+            reason += f", or leave out what you know to be without effect: --ignore {','.join(idle[:_MOST_NAMED])}"
+        super().__init__(reason, file, found[0][1])
+
+
+def code_of(letter: str, number: str) -> float | None:
+    """Return the number of a G or M code, as 41 or 90.1; None if no such code is known."""
+    if not _CODE.fullmatch(number):
+        return None
+    code = float(number) if number.rstrip("0").partition(".")[2] else int(float(number))
+    return code if code in (KNOWN_G if letter == "G" else KNOWN_M) else None
+
 
 _BYTE_ORDER_MARKS = {  # that of UTF-32 begins with that of UTF-16
     codecs.BOM_UTF8: "utf-8", codecs.BOM_UTF32_LE: "utf-32", codecs.BOM_UTF32_BE: "utf-32",
@@ -235,3 +347,178 @@ def _value(letter: str, number: str, file: str, line: int) -> float:
         told = f"{letter}{number[:12]}{'...' if len(number) > 12 else ''}"
         raise InputError(f"the number of {told} is beyond all reason: at most {GREATEST_NUMBER:g}", file, line)
     return value
+
+
+INCH_MM = 25.4
+TABLE_MM = 65.0
+"""Coordinates without a decimal point that span more than this many mm are whole um (row T-61)."""
+
+LEAST_WHOLE_UM = 500
+"""They must then span at least this many um (ours: nothing smaller is cut with a wire)."""
+
+_INCH: float = 20
+
+
+@dataclass(frozen=True)
+class Units:
+    """Units of a program.
+
+    Attributes
+    ----------
+    metric_mm : float
+        What G21 means, in mm: 1, or 0.001 in a program in whole um.
+    stated : frozenset of float
+        Which of G20 and G21 the program has.
+    """
+
+    metric_mm: float
+    stated: frozenset[float]
+
+    @property
+    def only_inches(self) -> bool:
+        """Whether inches are the only unit that the program states."""
+        return self.stated == {_INCH}
+
+    @property
+    def at_start_mm(self) -> float:
+        """The unit before any is stated, in mm: the program's only one, else millimetres."""
+        return INCH_MM if self.only_inches else self.metric_mm
+
+    def of_code_mm(self, code: float) -> float | None:
+        """Return the unit in mm that a G code sets, None if it sets none."""
+        by_code: dict[float, float] = {_INCH: INCH_MM, 21: self.metric_mm}
+        return by_code.get(UNITS.get(code, code))
+
+
+def units_of(blocks: Sequence[Block], file: str) -> tuple[Units, list[str]]:
+    """Return the units of a program and notices of what was decided; raises `InputError` where nothing fits."""
+    stated = {UNITS.get(number, number) for block in blocks for letter, number in block.codes if letter == "G"}
+    metric_mm, notices = _metric_unit(blocks, file, _INCH in stated)
+    return Units(metric_mm, frozenset(stated & {_INCH, 21})), notices
+
+
+def _metric_unit(blocks: Sequence[Block], file: str, has_inches: bool) -> tuple[float, list[str]]:
+    """Decide between mm and whole um: um if no coordinate has a point and the table is too small for mm."""
+    extent = 0.0 if has_inches or any(block.pointed for block in blocks) else _extent(blocks)
+    if extent == 0:
+        return 1.0, []
+    span = f"no coordinate has a decimal point and they span {extent:g}"
+    if extent <= TABLE_MM:
+        return 1.0, [f"{span}: they are read as mm"]
+    if extent < LEAST_WHOLE_UM:
+        raise InputError(f"{span}: too much in mm, too little in um; write decimal points", file)
+    return 0.001, [f"{span}: they are read as whole um"]
+
+
+def _extent(blocks: Sequence[Block]) -> float:
+    """Return the larger span of X and Y as written, G91 summed up, arcs by their ends."""
+    absolute = True
+    reached: dict[str, list[float]] = {"X": [], "Y": []}
+    for block in blocks:
+        absolute = absolute if not {("G", 90), ("G", 91)} & set(block.codes) else ("G", 90) in block.codes
+        if ("G", 4) in block.codes:
+            continue
+        for axis in block.values.keys() & reached.keys():
+            if absolute or ("G", 92) in block.codes:
+                reached[axis].append(block.values[axis])
+            else:
+                here = reached[axis][-1] if reached[axis] else 0.0
+                reached[axis] += [here, here + block.values[axis]]
+    return max(max(values) - min(values) if values else 0.0 for values in reached.values())
+
+
+CALL, RETURN = ("M", 98), ("M", 99)
+_DEEPEST = 10
+"""Calls within calls (ours: controls allow 4 to 10)."""
+
+
+def expanded(main: Sequence[Block], behind: Sequence[Block], file: str) -> tuple[list[Block], list[str]]:
+    """Put subprograms in place of their calls.
+
+    Parameters
+    ----------
+    main, behind : sequence of Block
+        The program, and what stands behind its end.
+    file : str
+        Name for error messages.
+
+    Returns
+    -------
+    blocks : list of Block
+    notices : list of str
+        Subprograms that nobody calls.
+
+    Raises
+    ------
+    InputError
+        A subprogram that there is not or that has no end, a call that makes no sense, calls without an end.
+    """
+    subprograms = _sections(behind, file)
+    blocks: list[Block] = []
+    called: set[int] = set()
+    _run(main, subprograms, file, blocks, called, 0)
+    idle = [number for number in subprograms if number not in called]
+    return blocks, [f"line {subprograms[number][0].line}: nobody calls subprogram O{number}" for number in idle]
+
+
+def _sections(behind: Sequence[Block], file: str) -> dict[int, list[Block]]:
+    """Split what stands behind the program at its O numbers; a section ends with M99."""
+    found: dict[int, list[Block]] = {}
+    number: int | None = None
+    for block in behind:
+        names = [word for word in block.idle if word.startswith("O")]
+        if number is None:
+            if not names:
+                raise InputError("behind the end of the program only subprograms may stand: begin them with their "
+                                 "O number", file, block.line)
+            number = int(float(names[0][1:]))
+            if number in found:
+                raise InputError(f"subprogram O{number} stands twice", file, block.line)
+            found[number] = []
+        elif names:
+            raise InputError(f"subprogram O{number} has no M99 before {names[0]} begins", file, block.line)
+        idle = tuple(word for word in block.idle if word not in names)
+        found[number].append(replace(block, idle=idle, codes=tuple(code for code in block.codes if code != RETURN)))
+        if RETURN in block.codes:
+            number = None
+    if number is not None:
+        raise InputError(f"subprogram O{number} has no M99 at its end", file, found[number][0].line)
+    return found
+
+
+def _run(
+    blocks: Sequence[Block], subprograms: dict[int, list[Block]], file: str, out: list[Block], called: set[int],
+    depth: int,
+) -> None:
+    for block in blocks:
+        if RETURN in block.codes:
+            raise InputError("M99 ends a subprogram, which begins with its O number behind M2 or M30: here is none",
+                             file, block.line)
+        if CALL not in block.codes:
+            out.append(block)
+            check_count(len(out))
+            continue
+        number, times = _call(block, file)
+        if number not in subprograms:
+            there = ", ".join(f"O{known}" for known in subprograms) or "none"
+            reason = f"there is no subprogram O{number} behind the end of the program; there are: {there}"
+            raise InputError(reason, file, block.line)
+        if depth == _DEEPEST:
+            reason = f"subprogram O{number} calls itself, or calls lie over {_DEEPEST} deep"
+            raise InputError(reason, file, block.line)
+        called.add(number)
+        rest = replace(block, codes=tuple(code for code in block.codes if code != CALL), values={})
+        out.append(rest)
+        for _ in range(times):
+            _run(subprograms[number], subprograms, file, out, called, depth + 1)
+
+
+def _call(block: Block, file: str) -> tuple[int, int]:
+    """Return which subprogram is called, and how often."""
+    number, times = block.values.get("P"), block.values.get("L", 1.0)
+    if number is None or not block.values.keys() <= {"P", "L"} or number != int(number) or number < 0:
+        raise InputError("M98 wants the number of a subprogram as P, its repetitions as L, and nothing else",
+                         file, block.line)
+    if times != int(times) or times < 1:
+        raise InputError(f"M98 with L{times:g}: give how often, a whole number from 1", file, block.line)
+    return int(number), int(times)

@@ -1,32 +1,331 @@
 """G-code (RS-274 and the Robofil dialect) read into outlines.
 
 The words understood are G0 to G4, G10, G20, G21, G40 to G42, G90 to G92, G90.1, G91.1, M0, M1, M2, M30, M50, M60, F,
-D, H, N, X, Y, I, J, R and P. Those that cannot change a contour in two axes (`edmsim.program.words`) are read with a
+D, H, N, X, Y, I, J, R and P. Those that cannot change a contour in two axes (`edmsim.program.blocks`) are read with a
 notice. Dwells (G4 with P or X) are in seconds. A ``/`` at the head of a line does not delete it. A G92 before any
-move says where the wire is; later ones shift the coordinates.
+move says where the wire is; later ones shift the coordinates. What is cut between two rapids is taken apart into
+approach, edge, overlap and lead-out.
 """
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import shapely
 from numpy.typing import NDArray
 
 from edmsim.errors import InputError
-from edmsim.program.blocks import read_blocks, read_text
-from edmsim.program.centres import Reading, prefer_absolute, reading_of
-from edmsim.program.contours import closes_on_itself, outline_of
-from edmsim.program.interpreter import Interpreter, Motions, registers_set
+from edmsim.program.arcs import rounding_of
+from edmsim.program.blocks import Ignored, expanded, read_blocks, read_text, units_of
+from edmsim.program.interpreter import Interpreter, Motions, Reading, prefer_absolute, reading_of, registers_set
 from edmsim.program.limits import check_contours, check_count, check_points
-from edmsim.program.outline import CutMove, Outline, Program, Run
+from edmsim.program.outline import CutMove, Outline, Program, Run, Side, refuse_self_crossing, signed_area
 from edmsim.program.registers import OffsetRegisters
-from edmsim.program.rounding import rounding_of
-from edmsim.program.subprograms import expanded
-from edmsim.program.units import units_of
-from edmsim.program.words import Ignored
+
+_LEAST_AREA_MM2 = 1e-4
+_SAME = 1e-9
+_MOVES_AT_ONCE = 10_000
+_MOST_PASSES = 1_000_000
+"""Places passed within a move that are looked at (ours): a program that has more is not cut with a wire."""
+
+
+def vertices_of(run: Run) -> list[complex]:
+    """Return the start and the end of every move."""
+    return [run.start, *(move.points[-1] for move in run.moves)]
+
+
+def array_of(points: Sequence[complex]) -> NDArray[np.float64]:
+    """Return places ``x + 1j * y`` as an array (n, 2)."""
+    values = np.asarray(points, np.complex128)
+    return np.column_stack([values.real, values.imag])
+
+
+def length_of(start: complex, moves: Sequence[CutMove]) -> float:
+    """Return the length in mm of moves from a place."""
+    points = np.array([start, *(p for move in moves for p in move.points)])
+    return float(np.abs(np.diff(points)).sum())
+
+
+def first_loop(
+    vertices: Sequence[complex], moves: Sequence[CutMove], first: int, last: int, join_mm: float
+) -> tuple[int, int] | None:
+    """Return the moves ``begin, end`` of the first loop, found through a grid of the join tolerance.
+
+    Areas are differences of sums along the way. A place that is passed again, with nothing enclosed since, is noted
+    once, so that a wire that goes back and forth a hundred thousand times is not compared with all of its past.
+    """
+    swept = _swept(vertices[first], moves[first:last])
+    seen: dict[tuple[int, int], list[int]] = {}
+    for k in range(first, last + 1):
+        column, row = (math.floor(c / join_mm) for c in (vertices[k].real, vertices[k].imag))
+        cells = ((column + dx, row + dy) for dx in (-1, 0, 1) for dy in (-1, 0, 1))
+        for j in sorted(j for cell in cells for j in seen.get(cell, ())):
+            met = abs(vertices[j] - vertices[k]) <= join_mm
+            closing = _cross(vertices[k] - vertices[first], vertices[j] - vertices[first])
+            area = abs(swept[k - first] - swept[j - first] + closing) / 2
+            if met and area > _LEAST_AREA_MM2 / 2 and _encloses(vertices[j], moves[j:k]):
+                return j, k
+        known = seen.setdefault((column, row), [])
+        if not any(vertices[j] == vertices[k] and abs(swept[j - first] - swept[k - first]) < _SAME for j in known):
+            known.append(k)
+    return None
+
+
+def closed_run(run: Run, first: int, last: int) -> tuple[Run, tuple[int, int] | None]:
+    """Return a run with the moves ``begin, end`` of its first loop among some moves, None if there is no loop.
+
+    A contour that begins in the middle of a side may end by a move along the whole side: a move that closes a loop by
+    running on over a place where an earlier move ended is split there.
+    """
+    vertices, join_mm = vertices_of(run), run.join_mm
+    loop = first_loop(vertices, run.moves, first, last, join_mm)
+    swept = _swept(vertices[first], run.moves[first:last])
+    for k, number in _passes(vertices, run.moves, first, last if loop is None else loop[1], join_mm):
+        at, move = vertices[number], run.moves[k]
+        chord = _chord_at(vertices[k], move, at, join_mm)
+        before, after = (*move.points[:chord], at), move.points[chord:]
+        ahead = _swept(vertices[k], [replace(move, points=before)])[-1]
+        origin = vertices[k] - vertices[first]
+        area = abs(swept[k - first] - swept[number - first] + ahead + _cross(origin, at - vertices[k])) / 2
+        if area > _LEAST_AREA_MM2:
+            parts = (replace(move, points=before), replace(move, points=after))
+            dwells = tuple((done + (done > k), seconds) for done, seconds in run.dwells)
+            return replace(run, moves=(*run.moves[:k], *parts, *run.moves[k + 1 :]), dwells=dwells), (number, k + 1)
+    return run, loop
+
+
+def _passes(
+    vertices: Sequence[complex], moves: Sequence[CutMove], first: int, last: int, join_mm: float
+) -> list[tuple[int, int]]:
+    """Return ``(move, vertex)`` where a move passes an earlier vertex between its ends, in the order of the way."""
+    places: dict[complex, int] = {}
+    for number in range(first, last):
+        places.setdefault(vertices[number], number)
+    numbers = np.array(list(places.values()), np.intp)
+    tree = shapely.STRtree(shapely.points(array_of(list(places))) if places else [])
+    found: list[tuple[int, float, int]] = []
+    looked_at = 0
+    for begin in range(first, last, _MOVES_AT_ONCE):
+        these = range(begin, min(begin + _MOVES_AT_ONCE, last))
+        lines = [shapely.LineString(array_of([vertices[k], *moves[k].points])) for k in these]
+        of_line, of_place = tree.query(lines, predicate="dwithin", distance=join_mm)
+        looked_at += len(of_line)
+        if looked_at > _MOST_PASSES:
+            break
+        for line, number in zip(of_line.tolist(), numbers[of_place].tolist(), strict=True):
+            k = begin + line
+            ends = vertices[k], vertices[k + 1]
+            if number < k and all(abs(vertices[number] - end) > join_mm for end in ends):
+                place = vertices[number]
+                found.append((k, float(lines[line].project(shapely.Point(place.real, place.imag))), number))
+    return [(k, number) for k, _, number in sorted(found)]
+
+
+def _chord_at(start: complex, move: CutMove, place: complex, join_mm: float) -> int:
+    """Return the index of the chord of a move that passes a place first."""
+    points = array_of([start, *move.points])
+    chords = shapely.linestrings(np.stack([points[:-1], points[1:]], axis=1))
+    distances = shapely.distance(chords, shapely.Point(place.real, place.imag))
+    return int(np.flatnonzero(distances <= join_mm)[0])
+
+
+def _cross(a: complex, b: complex) -> float:
+    return a.real * b.imag - a.imag * b.real
+
+
+def _swept(start: complex, moves: Sequence[CutMove]) -> list[float]:
+    """Return twice the area swept, as seen from the start, up to each move's end; 0 in front of the first."""
+    swept, at = [0.0], 0j
+    for move in moves:
+        total = swept[-1]
+        for point in move.points:
+            total += _cross(at, point - start)
+            at = point - start
+        swept.append(total)
+    return swept
+
+
+def _encloses(start: complex, moves: Sequence[CutMove]) -> bool:
+    points = [start, *(p for move in moves for p in move.points)]
+    return abs(signed_area(array_of([*points, start]))) > _LEAST_AREA_MM2
+
+
+UNCLEAR_GAP_MM = 0.5
+"""A compensated G-code contour whose ends miss each other by less is refused as not closed (ours)."""
+
+
+def outline_of(run: Run) -> tuple[Outline, list[str]]:
+    """Tell approach, edge, overlap and lead-out of a run apart.
+
+    The edge is the first loop that closes on a place already passed (within the run's ``join_mm``). What comes before
+    it is the program's own approach. What follows and runs along the edge is overlap; what then leaves it is a
+    lead-out. Neither is cut, for the contour is done. Without a loop the edge is open; if compensation was switched
+    on at the thread point its first move is the approach.
+
+    Returns
+    -------
+    outline : Outline
+    notices : list of str
+
+    Raises
+    ------
+    InputError
+        Compensation changes twice, a contour is all but closed, or what follows it is no lead-out: it closes a loop,
+        or is longer than the contour.
+    """
+    (first, last), count = _edge_section(run.moves), len(run.moves)
+    run, loop = closed_run(run, first, last)
+    last += len(run.moves) - count  # a move may have been split
+    side = run.moves[first].side
+    if loop is None:
+        ramp = side is not None and not (run.on_contour and first == 0)
+        begin, end = first + ramp, last
+        _refuse_unclear_gap(run, begin, end)
+    else:
+        begin, end = loop
+    lead_out = end + (0 if loop is None else _overlap(run, begin, end))
+    if lead_out < len(run.moves):
+        _refuse_more_than_a_lead_out(run, first, (begin, end), lead_out, closed=loop is not None and end < last)
+    notices = []
+    if lead_out > end:
+        notices.append(f"line {run.moves[end].line}: the overlap after the contour is left out")
+    if lead_out < len(run.moves):
+        notices.append(f"line {run.moves[lead_out].line}: the lead-out after the contour is left out")
+    return _assemble(run, first, begin, end, loop is not None), notices
+
+
+def closes_on_itself(moves: Sequence[CutMove], start: complex, join_mm: float) -> bool:
+    """Say whether moves make a loop that is more than a way and the same way back, written with some rounding."""
+    vertices = [start, *(move.points[-1] for move in moves)]
+    loop = first_loop(vertices, moves, 0, len(moves), join_mm)
+    if loop is None:
+        return False
+    points, _ = _polyline(vertices[loop[0]], moves[loop[0] : loop[1]])
+    area_mm2 = abs(signed_area(array_of([*points, points[0]])))
+    return area_mm2 > join_mm * length_of(points[0], moves[loop[0] : loop[1]])
+
+
+def _overlap(run: Run, begin: int, end: int) -> int:
+    """Count the moves after a loop that run along its edge."""
+    vertices = vertices_of(run)
+    edge = shapely.LineString(array_of(_polyline(vertices[begin], run.moves[begin:end])[0]))
+    shapely.prepare(edge)
+    for count, move in enumerate(run.moves[end:]):
+        points = np.array([vertices[end + count], *move.points])
+        along = array_of([*points, *((points[:-1] + points[1:]) / 2)])
+        if not shapely.dwithin(edge, shapely.points(along), run.join_mm).all():
+            return count
+    return len(run.moves) - end
+
+
+def _refuse_more_than_a_lead_out(
+    run: Run, first: int, edge: tuple[int, int], lead_out: int, *, closed: bool
+) -> None:
+    """Refuse moves after an edge that are a contour of their own, or go on with it where it only touched itself."""
+    (begin, end), vertices = edge, vertices_of(run)
+    before = range(first + 1, begin) if lead_out == end else range(0)
+    moves = [*(run.moves[k] for k in before), *run.moves[lead_out:]]
+    places = [*(vertices[k] for k in before), *vertices[lead_out:]]
+    loop = first_loop(places, moves, 0, len(moves), run.join_mm)
+    length_mm = length_of(vertices[lead_out], run.moves[lead_out:])
+    if loop is None and length_mm <= length_of(vertices[begin], run.moves[begin:end]):
+        return
+    count = len(run.moves) - lead_out
+    what = "with a closed loop" if loop is not None else f"{length_mm:.3f} mm and so longer than the contour,"
+    follow = f"1 move {what} follows" if count == 1 else f"{count} moves {what} follow"
+    line = run.moves[lead_out].line
+    if not closed:
+        raise InputError(f"{follow} after compensation is off: bring the wire to the next contour with G0", line=line)
+    place = vertices[end]
+    lines = f"lines {run.moves[begin].line} and {run.moves[end - 1].line}"
+    met = f"the contour has met itself at X{place.real:.3f} Y{place.imag:.3f} ({lines}), where it is closed"
+    remedy = "draw it without touching itself, or bring the wire to the next contour with G0"
+    raise InputError(f"{follow} after {met}: {remedy}", line=line)
+
+
+def _edge_section(moves: Sequence[CutMove]) -> tuple[int, int]:
+    """Return the range of moves under compensation, or all moves if there is none."""
+    compensated = [i for i, move in enumerate(moves) if move.side]
+    if not compensated:
+        return 0, len(moves)
+    first, last = compensated[0], compensated[-1] + 1
+    for move in moves[first:last]:
+        if move.side != moves[first].side:
+            reason = "compensation (G40 G41 G42) changes inside a contour: change it after a G0"
+            raise InputError(reason, line=move.line)
+        earlier, now = moves[first].offset, move.offset
+        if (earlier and earlier.mm) != (now and now.mm):
+            reason = f"the offset changes inside a contour, {earlier or 'none'} to {now}: change it after a G0"
+            raise InputError(reason, line=move.line)
+    return first, last
+
+
+def _refuse_unclear_gap(run: Run, begin: int, end: int) -> None:
+    if end <= begin:
+        reason = "after the approach no move is left to cut: program one more"
+        raise InputError(reason, line=run.moves[end - 1].line)
+    if run.moves[begin].side is None or end - begin < 3:
+        return
+    vertices = vertices_of(run)
+    stop = vertices[end]
+    gap = min(abs(vertices[begin] - stop), abs(run.start - stop))
+    if gap <= run.join_mm:  # it is closed, and encloses as much to its left as to its right
+        points, lines = _polyline(vertices[begin], run.moves[begin:end])
+        refuse_self_crossing(array_of(points), lines)
+    if gap < UNCLEAR_GAP_MM:
+        reason = (f"the contour ends at X{stop.real:.3f} Y{stop.imag:.3f}, {gap:.3f} mm from where it began: "
+                  f"close it within {run.join_mm:.3g} mm")
+        raise InputError(reason, line=run.moves[end - 1].line)
+
+
+def _polyline(start: complex, moves: Sequence[CutMove]) -> tuple[list[complex], list[int]]:
+    """Return the points with the start, and for every chord its line."""
+    points = [start, *(p for move in moves for p in move.points)]
+    return points, [move.line for move in moves for _ in move.points]
+
+
+def _assemble(run: Run, first: int, begin: int, end: int, closed: bool) -> Outline:
+    vertices, moves = vertices_of(run), run.moves
+    approach, approach_lines = _polyline(run.start, moves[:begin])
+    points, lines = _polyline(vertices[begin], moves[begin:end])
+    if closed:
+        points[-1] = points[0]
+    refuse_self_crossing(array_of(points), lines)
+    side, offset, edge = moves[begin].side, moves[begin].offset, array_of(points)
+    ramp_end = sum(len(move.points) for move in moves[: first + 1]) if begin > first else len(approach) - 1
+    return Outline(
+        points_mm=edge,
+        line_numbers=tuple(lines),
+        closed=closed,
+        wire_side=side,
+        part_side=_part_side(edge, closed, side, approach[:-1]),
+        approach_mm=array_of(approach[:-1]),
+        approach_lines=tuple(approach_lines),
+        compensated_from=len(approach) - 1 if side is None else ramp_end,
+        dwells=_dwells(run, end),
+        needs_lead_in=len(approach) == 1 and (closed or side is not None),
+        elements=tuple(k for k, move in enumerate(moves[begin:end], 1) for _ in move.points),
+        offset_mm=offset and offset.mm,
+    )
+
+
+def _part_side(edge: NDArray[np.float64], closed: bool, side: Side | None, approach: list[complex]) -> Side:
+    """Opposite the wire; uncompensated: inside, unless the wire comes from inside; left of an open path."""
+    if side is not None or not closed:
+        return "right" if side == "left" else "left"
+    from_inside = bool(approach) and shapely.Polygon(edge).contains(shapely.Point(array_of(approach[:1])))
+    return "left" if (signed_area(edge) > 0) != from_inside else "right"
+
+
+def _dwells(run: Run, end: int) -> tuple[tuple[int, float], ...]:
+    """Return the dwells by point; one after the end of the edge is kept at its end."""
+    counts = np.cumsum([0, *(len(move.points) for move in run.moves[:end])])
+    return tuple((int(counts[min(done, end)]), seconds) for done, seconds in run.dwells)
 
 
 def read_gcode(

@@ -1,4 +1,4 @@
-"""The wire path: offset, lead-in, and straight moves in whole micrometres on the table."""
+"""The wire path: a program read by its suffix, offset, lead-in through waste, moves in whole um on the table."""
 
 from __future__ import annotations
 
@@ -15,13 +15,161 @@ from shapely.geometry.base import BaseGeometry
 
 from edmsim.errors import InputError
 from edmsim.machine.machine import Machine
-from edmsim.program.lead_in import LEAD_IN_MM, START_HOLE_RADIUS_MM, check_approach, own_lead_in
 from edmsim.program.limits import check_fits
-from edmsim.program.load import load_program
-from edmsim.program.offset import nearest_chords, normal, offset_open
-from edmsim.program.offset_outline import OffsetOutline, away, keep_apart, located, offset_outline, refuse_trims
+from edmsim.program.offset import (
+    OffsetOutline,
+    away,
+    keep_apart,
+    located,
+    nearest_chords,
+    normal,
+    offset_open,
+    offset_outline,
+    refuse_trims,
+)
 from edmsim.program.outline import Program, signed_area
 from edmsim.program.registers import GREATEST_MM, in_um
+
+GCODE_SUFFIXES = (".ngc", ".nc", ".gcode", ".iso", ".txt")
+"""File suffixes read as G-code; ``.dxf`` is read as a drawing."""
+
+
+def load_program(
+    file: str | Path, *, ignore: Sequence[str] = (), layers: Sequence[str] = (), unit: str | None = None,
+    offsets: str | Path | None = None,
+) -> Program:
+    """Read a part program or drawing, by its suffix.
+
+    Parameters
+    ----------
+    file : path
+        ``.ngc .nc .gcode .iso .txt`` are G-code, ``.dxf`` is a drawing; upper or lower case.
+    ignore : sequence of str
+        Words of G-code to leave out: `read_gcode`.
+    layers, unit
+        Of a drawing: `read_dxf`.
+    offsets : path, optional
+        Table of the offset registers of G-code: `edmsim.program.registers.read_offsets`.
+
+    Returns
+    -------
+    Program
+
+    Raises
+    ------
+    InputError
+        Another suffix, or whatever `read_gcode` and `read_dxf` refuse.
+    """
+    path = Path(file)
+    suffix = path.suffix.lower()
+    if suffix == ".dxf":
+        if ignore:
+            raise InputError("words are ignored in G-code: a drawing has none", path)
+        if offsets is not None:
+            raise InputError("offset registers are those of G-code: a drawing has none", path)
+        from edmsim.program.dxf import read_dxf
+
+        return read_dxf(path, layers, unit)
+    if suffix in GCODE_SUFFIXES:
+        if layers or unit is not None:
+            raise InputError("layers and unit are those of a drawing: G-code has none", path)
+        from edmsim.program.gcode import read_gcode
+        from edmsim.program.registers import read_offsets
+
+        return read_gcode(path, ignore, {} if offsets is None else read_offsets(offsets))
+    known = " ".join(GCODE_SUFFIXES)
+    raise InputError(f"unknown suffix '{path.suffix}': give G-code ({known}) or a drawing (.dxf)", path)
+
+
+LEAD_IN_MM = 1.0
+"""Usual length in mm of a lead-in of ours, from the hole's centre to the wire path."""
+
+START_HOLE_RADIUS_MM = 0.25
+"""Usual start-hole radius in mm (ours: a 0.5 mm hole, drilled by a small-hole EDM drill)."""
+
+HOLE_CLEARANCE_MM = 0.05
+"""Least distance in mm between a hole of our choice and any edge (ours)."""
+
+_TOLERANCE_MM = 0.001
+_SHARES = (1.0, 0.75, 0.5, 0.35, 0.25, 0.15)
+_TURNS_DEG = (0, 15, -15, 30, -30, 45, -45, 60, -60, 75, -75)
+
+
+def own_lead_in(
+    start: NDArray[np.float64],
+    away: NDArray[np.float64],
+    edges: BaseGeometry,
+    offset_mm: float,
+    length_mm: float,
+    hole_radius_mm: float,
+) -> tuple[NDArray[np.float64], list[str]]:
+    """Choose a thread point off the contour, on the waste side.
+
+    Straight away from the edge at the full length if there is room, else turned by up to 75 degrees, else
+    shorter.
+
+    Parameters
+    ----------
+    start : float64 array (2,)
+        Where the wire path begins, in mm.
+    away : float64 array (2,)
+        Unit vector away from the part there.
+    edges : geometry
+        Every nominal edge of the job: the wire keeps the offset from it, the hole its radius and a clearance.
+    offset_mm, length_mm, hole_radius_mm : float
+        In mm.
+
+    Returns
+    -------
+    thread : float64 array (2,)
+    notices : list of str
+
+    Raises
+    ------
+    InputError
+        No room.
+    """
+    for share in _SHARES:
+        for turn in _TURNS_DEG:
+            cos, sin = math.cos(math.radians(turn)), math.sin(math.radians(turn))
+            direction = np.array([cos * away[0] - sin * away[1], sin * away[0] + cos * away[1]])
+            thread = start + share * length_mm * direction
+            room = edges.distance(shapely.Point(thread)) >= hole_radius_mm + HOLE_CLEARANCE_MM
+            if room and clears(np.array([thread, start]), edges, offset_mm):
+                short = share * length_mm
+                return thread, [] if share == 1 else [f"a lead-in is {short:.3f} mm long for want of room"]
+    x, y = start
+    raise InputError(f"no room for a start hole of {hole_radius_mm:g} mm radius within {length_mm:g} mm of "
+                     f"X{x:.3f} Y{y:.3f}: take a smaller hole or another lead-in length")
+
+
+def check_approach(
+    approach: NDArray[np.float64], edge: BaseGeometry, offset_mm: float, hole_radius_mm: float
+) -> None:
+    """Check the program's own approach (n, 2) in mm, thread point first, start of the wire path last.
+
+    Raises
+    ------
+    InputError
+        The wire or the start hole would cut into the part.
+    """
+    x, y = approach[0]
+    if not clears(approach, edge, offset_mm):
+        raise InputError(f"the approach from X{x:.3f} Y{y:.3f} cuts into the part: thread the wire on the "
+                         "waste side, or exchange G41 and G42")
+    distance = edge.distance(shapely.Point(approach[0]))
+    if distance < hole_radius_mm - _TOLERANCE_MM:
+        raise InputError(f"the thread point X{x:.3f} Y{y:.3f} is {distance:.3f} mm from the part, the hole's "
+                         f"radius {hole_radius_mm:g} mm: move the point or take a smaller hole")
+
+
+def clears(path: NDArray[np.float64], edges: BaseGeometry, offset_mm: float) -> bool:
+    """Say whether a path (n, 2) to a contour keeps the offset from the edges; at offset 0, meets none."""
+    if offset_mm == 0:
+        before = path[-1] + (path[-2] - path[-1]) * 0.01
+        return bool(shapely.LineString([*path[:-1], before]).distance(edges) > 0)
+    return bool(shapely.LineString(path).distance(edges) >= offset_mm - _TOLERANCE_MM)
+
 
 STOCK_MARGIN_MM = 3.0
 """Blank left around the job in mm, clipped to the table (ours)."""

@@ -1,18 +1,15 @@
 """What a cut leaves behind: the table of windows, the wire's frames, report, figure and rerun recording."""
 
-from edmsim.recording.closeups import Closeups
 from edmsim.recording.figures import profile_figure, write_figure
-from edmsim.recording.frames import Frames
+from edmsim.recording.film import render
 from edmsim.recording.html_report import write_html
 from edmsim.recording.quality import Quality, Totals
 from edmsim.recording.report import build_report, render_table, write_json
 from edmsim.recording.rerun.playback import Playback, find_recording
-from edmsim.recording.rerun.screenshots import take_screenshots
-from edmsim.recording.rerun.viewer import compare, view
+from edmsim.recording.rerun.viewer import compare, take_screenshots, view
 from edmsim.recording.rerun.write import write_recording
-from edmsim.recording.scene import ErrorMap, Scene, SceneCorner, Terrace, polylines
-from edmsim.recording.scene_file import read_scene, write_scene
-from edmsim.recording.video import render
+from edmsim.recording.scene import ErrorMap, Scene, SceneCorner, Terrace, polylines, read_scene, write_scene
+from edmsim.recording.stores import Closeups, Frames
 from edmsim.recording.windows import WindowTable, read_windows, write_windows
 
 __all__ = [

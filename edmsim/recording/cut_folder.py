@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from edmsim.errors import InputError
 from edmsim.recording.report import cut_id
-from edmsim.recording.scene import Scene
-from edmsim.recording.scene_file import read_scene
+from edmsim.recording.scene import Scene, read_scene
 from edmsim.recording.windows import CUT_KEY, read_windows
 
 if TYPE_CHECKING:

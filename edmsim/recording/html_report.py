@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import base64
 import io
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -13,13 +13,44 @@ from edmsim.cosim.pulse_sample import PulseSample
 from edmsim.files import replacing
 from edmsim.recording.figures.catalogue import Picture, pictures
 from edmsim.recording.figures.profile import profile_figure
-from edmsim.recording.html_elements import elements_table
 from edmsim.recording.report import corner_mm, duration_text, figure_text, outcome_text, summary
 from edmsim.recording.scene import Scene
 
 if TYPE_CHECKING:
     import pyarrow as pa
     from matplotlib.figure import Figure
+
+
+_COLUMNS = (
+    "contour", "line", "element", "from X, mm", "Y, mm", "to X, mm", "Y, mm", "length, mm", "mean, µm", "least, µm",
+    "greatest, µm",
+)
+_MOST = 200
+"""Rows shown (ours): a drawing of that many has its worst ones named."""
+
+
+def elements_table(elements: Sequence[Mapping[str, Any]]) -> str:
+    """Return the table of the report's elements; of very many those with the largest error, in order."""
+    shown, more = list(elements), ""
+    if len(shown) > _MOST:
+        shown.sort(key=lambda row: -max(abs(row["low_um"] or 0.0), abs(row["high_um"] or 0.0)))
+        shown = sorted(shown[:_MOST], key=lambda row: (row["contour"], row["element"]))
+        more = f" The {_MOST} of {len(elements)} with the largest error are shown; report.json has all."
+    head = "".join(f"<th>{name}</th>" for name in _COLUMNS)
+    rows = "".join(f"<tr>{''.join(f'<td>{cell}</td>' for cell in _cells(row))}</tr>" for row in shown)
+    told = f"<p>Profile error of each line and arc, without what is out of the round wire's reach.{more}</p>"
+    return f'{told}<div style="overflow-x: auto"><table><tr>{head}</tr>{rows}</table></div>'
+
+
+def _cells(row: Mapping[str, Any]) -> list[str]:
+    kind = row["kind"] if row["radius_mm"] is None else f"{row['kind']} R {row['radius_mm']:.3f}"
+    # 0.0 +: a hair below zero would read -0.000
+    places = [f"{round(row[f'program_{name}_mm'], 6) + 0.0:.3f}" for name in ("x", "y", "end_x", "end_y")]
+    errors = ["–" if row[name] is None else f"{row[name]:+.1f}" for name in ("mean_um", "low_um", "high_um")]
+    line = "–" if row["line"] is None else str(row["line"])
+    cells = [str(row["contour"]), line, kind, *places, f"{row['length_mm']:.3f}", *errors]
+    return [f"−{cell[1:]}" if cell.startswith("-") else cell for cell in cells]
+
 
 CARD_DPI = 80
 """Dots per inch of the picture in a notebook (ours: as wide as a notebook's column, a tenth of a megabyte)."""

@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from edmsim.metrology.elements import ElementError
+from edmsim.metrology.profile import ElementError
 from edmsim.metrology.reach import WorstPlace
 from edmsim.recording.scene import SceneCorner
 
@@ -24,7 +24,7 @@ class Totals:
     path_length_mm : float
         Length of wire path cut.
     cut_area_mm2, cutting_time_s : float
-        Of the cut alone (`edmsim.recording.pauses`): path length times the local height of the workpiece, and time.
+        Of the cut alone (`edmsim.recording.windows`): path length times the local height of the workpiece, and time.
     energy : float
         Energy of all discharges in J.
     removed_mm3 : float

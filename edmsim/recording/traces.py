@@ -30,7 +30,7 @@ def traces(
     Parameters
     ----------
     closeups : array (n,)
-        Rows of `edmsim.recording.closeups.row_type`.
+        Rows of `edmsim.recording.stores.row_type`.
     count : int
         Pulses of each; where a close-up has fewer, its first one is repeated in front.
 
@@ -87,7 +87,7 @@ def write_traces(closeups: NDArray[np.void], file: str | Path, every_us: float) 
     Parameters
     ----------
     closeups : array (n,)
-        Rows of `edmsim.recording.closeups.row_type`.
+        Rows of `edmsim.recording.stores.row_type`.
     file : path
         One of that name is replaced whole or not at all.
     every_us : float

@@ -12,7 +12,7 @@ from edmsim.axis_bench.loop import SAMPLE_ROW
 from edmsim.controllers.axis.drive import data_of
 from edmsim.errors import InputError
 from edmsim.files import make_writable
-from edmsim.recording.rerun.live_viewer import LiveViewer
+from edmsim.recording.rerun.viewer import LiveViewer
 
 _DATA = 0x80
 _TIME = "simulated_time"

@@ -1,20 +1,105 @@
-"""A drive behind a terminal: the bench runs in simulated real time, and bytes pass as they would over a wire."""
+"""A drive behind a terminal: the bench runs in simulated real time, and bytes pass as they would over a wire.
+
+A pseudo-terminal is a serial port of this computer without a wire. Keys are those of the UHU's terminal program (rows
+U-37 and U-60): the space bar for the analyser, cursors for quick moves, ESC to leave. Others go to the drive.
+"""
 
 from __future__ import annotations
 
 import os
+import select
 import sys
 import time
+import tty
 from collections.abc import Callable
 from typing import Protocol
 
 from edmsim.axis_bench import AxisBench
 from edmsim.controllers.axis.uhu import Uhu
 from edmsim.errors import InputError
-from edmsim.servo.keys import sent_for
-from edmsim.servo.pseudo_terminal import PseudoTerminal
 from edmsim.servo.scope import Scope
 from edmsim.terminal.devices import Interrupts, Keyboard, is_terminal
+
+LEAVE = b"\x1b"
+"""ESC, where no more follows: it ends the program."""
+_MOVES = {
+    b"\x1b[C": 32, b"\x1b[A": 32, b"\x1b[D": -32, b"\x1b[B": -32,
+    b"\x1b[1;5C": 64, b"\x1b[1;5A": 64, b"\x1b[1;5D": -64, b"\x1b[1;5B": -64,
+}  # fmt: skip
+"""Counts of the cursor keys, and of those with Ctrl, as terminals send them: right and up are positive."""
+
+
+def sent_for(keys: bytes, streams: bool, analysing: bool) -> tuple[bytes, bool, bool]:
+    r"""Return what some keys, as they came at once, send to a drive.
+
+    Parameters
+    ----------
+    keys : bytes
+    streams : bool
+        Whether the drive has an analyser (``A`` and ``Z``) and moves by ``G``, as the UHU; the servo module moves by
+        ``+`` and ``-``.
+    analysing : bool
+        Whether the analyser is on.
+
+    Returns
+    -------
+    bytes, bool, bool
+        What is sent, whether the analyser is on then, and whether the program is to be left.
+
+    Examples
+    --------
+    >>> sent_for(b" ", True, False)
+    (b'A\r', True, False)
+    >>> sent_for(b"\x1b[1;5D", False, False)
+    (b'-64\r', False, False)
+    """
+    if keys == LEAVE:
+        return b"", analysing, True
+    if keys in _MOVES:
+        counts = _MOVES[keys]
+        return (b"G%d\r" if streams else b"%+d\r") % counts, analysing, False
+    if keys == b" " and streams:
+        return b"Z\r" if analysing else b"A\r", not analysing, False
+    return keys.replace(b"\n", b"\r"), analysing, False
+
+
+_CHUNK = 4096
+
+
+class PseudoTerminal:
+    """Both ends of a pseudo-terminal, in raw mode.
+
+    Attributes
+    ----------
+    name : str
+        What a terminal program opens, for example ``/dev/pts/3``.
+    """
+
+    def __init__(self) -> None:
+        self._ours, self._theirs = os.openpty()  # theirs stays open here, so that it outlasts who opens and closes it
+        tty.setraw(self._theirs)
+        os.set_blocking(self._ours, False)
+        self.name = os.ttyname(self._theirs)
+
+    def read(self, timeout_s: float | None) -> bytes:
+        """Return the bytes that have come; none after the timeout."""
+        if not select.select([self._ours], [], [], timeout_s)[0]:
+            return b""
+        return os.read(self._ours, _CHUNK)
+
+    def write(self, data: bytes) -> None:
+        """Send some bytes; what nobody reads is lost when the system's buffer is full, as on an open line."""
+        try:
+            while data:
+                data = data[os.write(self._ours, data) :]
+        except BlockingIOError:
+            return
+
+    def close(self) -> None:
+        """Let the pseudo-terminal go."""
+        for end in (self._ours, self._theirs):
+            os.close(end)
+
 
 FRAME_S = 0.01
 """Simulated time between two looks at the terminal (ours): far below what a person notices."""

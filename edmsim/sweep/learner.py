@@ -12,7 +12,7 @@ from typing import Any
 from ray import tune
 
 from edmsim.learning.hyperparameters import Hyperparameters
-from edmsim.sweep.trial import judge_policy
+from edmsim.sweep.tune import judge_policy
 
 WHOSE = "learner.json"
 """File of a checkpoint that says whose it is."""

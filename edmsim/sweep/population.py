@@ -23,10 +23,8 @@ from edmsim.errors import InputError
 from edmsim.evaluation.search import training_seeds
 from edmsim.files import make_writable, replacing
 from edmsim.learning import hyperparameters
-from edmsim.sweep.cluster import Cluster
-from edmsim.sweep.engine import ATTEMPTS
-from edmsim.sweep.trial import Bound, bounds
-from edmsim.sweep.tune import write_found
+from edmsim.sweep.engine import ATTEMPTS, Cluster
+from edmsim.sweep.tune import Bound, bounds, write_found
 
 PLAN = "population.json"
 """File in which a folder keeps what its population is of."""
@@ -104,7 +102,7 @@ def breed(
         Folder for policy, settings, table and checkpoints, which every computer of the cluster must have at this
         path. What was interrupted there goes on.
     address : str
-        See `edmsim.sweep.cluster.Cluster`.
+        See `edmsim.sweep.engine.Cluster`.
     population, generations : int
         Learners, 4 or more, and how often they train and are compared.
     steps : int, optional

@@ -2,22 +2,396 @@
 
 All shares are of the variance that a figure would have if every combination of the values that were run were equally
 likely. Runs of a grid, and of lists in which one setting at a time was changed, are taken apart by the analysis of
-variance (`factorial`); a sample, in which hardly a value occurs twice, by a polynomial fitted to it (`surrogate`).
+variance (`decompose`); a sample, in which hardly a value occurs twice, by a polynomial fitted to it (`fit`).
+
+In a whole grid the means over its cells give the decomposition exactly (Hoeffding; Sobol' 1993). Where cells are
+missing, the effects of the single settings are fitted to the cells that are there, side by side, which is the same as
+filling the gaps with what makes the interactions least (Yates 1933). What chance alone puts into a share, known
+from runs with the same settings, is taken off.
+
+The polynomial's terms are products of polynomials that are orthonormal over the values of each setting, so each
+term's squared coefficient is its share of the variance (polynomial chaos; Sudret 2008). They are taken in one by one,
+that which explains most first (orthogonal least squares; Chen et al. 1989); how many is decided by cross-validation,
+within a standard error of the best (Breiman et al. 1984), and what the polynomial misses of runs it was not fitted to
+is the unexplained share.
 """
 
 from __future__ import annotations
 
+import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from edmsim.sweep.factorial import decompose
-from edmsim.sweep.surrogate import fit
-from edmsim.sweep.variance import Factor, Shares
+
+class Factor(NamedTuple):
+    """A setting: the place of every run's value among all in order, how many these are, and if they are numbers."""
+
+    levels: NDArray[np.intp]
+    size: int
+    is_number: bool
+
+
+class Shares(NamedTuple):
+    """Shares of a variance: of every factor alone and in all, of factors together, and of none; NaN if unknown."""
+
+    first_order: list[float]
+    total: list[float]
+    interactions: float
+    unexplained: float
+
+    @classmethod
+    def unknown(cls, factors: int) -> Shares:
+        """Return the shares of which nothing is known."""
+        return cls([math.nan] * factors, [math.nan] * factors, math.nan, math.nan)
+
+
+class Cells(NamedTuple):
+    """Runs with the same settings taken together.
+
+    Attributes
+    ----------
+    levels : int array (cells, factors)
+    means : float64 array (cells,)
+    counts : int array (cells,)
+    chance : float
+        Variance between runs of a cell; NaN where no cell has two.
+    """
+
+    levels: NDArray[np.intp]
+    means: NDArray[np.float64]
+    counts: NDArray[np.intp]
+    chance: float
+
+
+def cells_of(factors: list[Factor], values: NDArray[np.float64]) -> Cells:
+    """Take the runs with the same settings together."""
+    levels, cell = np.unique(np.column_stack([f.levels for f in factors]), axis=0, return_inverse=True)
+    cell = cell.reshape(-1)
+    counts = np.bincount(cell)
+    means = np.bincount(cell, values) / counts
+    more = len(values) - len(means)
+    chance = float(((values - means[cell]) ** 2).sum()) / more if more else math.nan
+    return Cells(levels, means, counts, chance)
+
+
+MOST_CELLS = 4_000_000
+"""Of a grid that is filled for its interactions (ours: 32 MB)."""
+MOST_LEVELS = 1000
+"""Levels of all factors together (ours: a sample of more is fitted)."""
+Array = NDArray[np.float64]
+
+
+def decompose(factors: list[Factor], values: Array) -> Shares | None:
+    """Return the shares of every factor; None where the effects of single factors cannot be parted level by level.
+
+    Interactions are looked at where more than half of all combinations are there (ours); elsewhere they count as
+    unexplained, as far as they show at all.
+    """
+    counts = [factor.size for factor in factors]
+    cells = cells_of(factors, values)
+    there, size, terms = len(cells.means), math.prod(counts), 1 + sum(count - 1 for count in counts)
+    if terms > min(there, MOST_LEVELS):
+        return None
+    fitted = _Additive(cells, counts)
+    if fitted.rank < terms:
+        return None
+    by_chance = np.nan_to_num(cells.chance) / cells.counts  # variance of each mean
+    left = there - terms
+    per_term = float((fitted.residuals**2).sum()) / left if left else math.nan
+    excess = max(per_term - float(by_chance.mean()), 0.0) if left else 0.0 if size == terms else math.nan
+    if 2 * there > size and size <= MOST_CELLS:
+        grown = (size - terms) / left if left else 0.0
+        by_noise = [float(by_chance.mean()) * (1 - 1 / count - (count - 1) / size) for count in counts]
+        shared = [
+            max(raw * grown - noise, 0.0) if math.isfinite(excess) else math.nan
+            for raw, noise in zip(_shared(cells, counts, fitted.residuals), by_noise, strict=True)
+        ]  # fmt: skip
+        return _shares_of_cells(fitted.variances(by_chance), shared, excess * (size - terms) / size, cells.chance)
+    rest = [part for part in (cells.chance, excess) if math.isfinite(part)]
+    noise = np.full(there, per_term) if left else by_chance
+    unknown = [math.nan] * len(factors)
+    return _shares_of_cells(fitted.variances(noise), unknown, math.nan, sum(rest) if rest else math.nan)
+
+
+def _shares_of_cells(single: list[float], shared: list[float], together: float, rest: float) -> Shares:
+    whole = sum(single) + sum(part for part in (together, rest) if not math.isnan(part))
+    if whole == 0:
+        return Shares.unknown(len(single))
+    return Shares(
+        [part / whole for part in single], [(a + b) / whole for a, b in zip(single, shared, strict=True)],
+        together / whole, rest / whole,
+    )  # fmt: skip
+
+
+class _Additive:
+    """The sum of an effect for each level of each factor, fitted to the means of cells, each of the same weight."""
+
+    def __init__(self, cells: Cells, counts: list[int]) -> None:
+        from scipy.sparse import csr_array
+
+        first = 1 + np.concatenate([[0], np.cumsum(counts)])
+        self._spans = [slice(a, b) for a, b in pairwise(first.tolist())]
+        columns = np.column_stack([np.zeros(len(cells.means), int), cells.levels + first[:-1]])
+        rows = np.repeat(np.arange(len(columns)), columns.shape[1])
+        self._design = csr_array((np.ones(columns.size), (rows, columns.reshape(-1))), (len(columns), int(first[-1])))
+        gram = (self._design.T @ self._design).toarray()
+        self.rank = int(np.linalg.matrix_rank(gram, hermitian=True))
+        self._inverse = np.linalg.pinv(gram, hermitian=True)
+        self._effects: Array = np.asarray(self._inverse @ (self._design.T @ cells.means))
+        self.residuals: Array = cells.means - self._design @ self._effects
+
+    def variances(self, noise: Array) -> list[float]:
+        """Return the variance over the levels of each factor, less what noise of these variances puts into it."""
+        from scipy.sparse import diags_array
+
+        scattered = (self._design.T @ diags_array(noise) @ self._design).toarray()
+        errors: Array = np.asarray(self._inverse @ scattered @ self._inverse)
+        found = []
+        for span in self._spans:
+            count = span.stop - span.start
+            centred = np.eye(count) - 1 / count
+            effect = centred @ self._effects[span]
+            by_noise = float(np.trace(centred @ errors[span, span] @ centred)) / count
+            found.append(max(float(np.mean(effect**2)) - by_noise, 0.0))
+        return found
+
+
+def _shared(cells: Cells, counts: list[int], residuals: Array) -> list[float]:
+    """Return the variance of all interactions that a factor takes part in, for each; gaps have none."""
+    grid = np.zeros(counts)
+    grid[tuple(cells.levels.T)] = residuals
+    whole = float(np.mean(grid**2))
+    return [whole - float(np.mean(grid.mean(axis=axis) ** 2)) for axis in range(len(counts))]
+
+
+DEGREES = 1, 2, 3, 4, 6, 8, 10
+"""Degrees of the polynomial that are tried (ours: 10 follows two waves)."""
+HYPERBOLA = 0.5
+"""Norm of a term's degrees, where all terms of a degree are too many: high ones of several factors are left out
+(Blatman and Sudret 2011)."""
+MOST_TERMS = 1000
+"""Terms to choose from (ours), fewer where the table of all runs would take more than `MOST_NUMBERS`."""
+MOST_NUMBERS = 30_000_000
+MOST_CHOSEN = 60
+"""Terms chosen at most (ours)."""
+FOLDS = 5
+SINGLY = 20
+"""Points up to which each is left out by itself (ours)."""
+FEW, SHUFFLES = 128, 19
+"""Points up to which it is tried whether chance fits as well, and how often: so 1 in 20 seems to (ours)."""
+Term = tuple[tuple[int, int], ...]
+"""Pairs of a factor and the number of its function, from 1 on."""
+
+
+def fit(factors: list[Factor], values: Array, most_values: int) -> Shares:
+    """Return the shares of every factor; unknown of factors that only ever change together.
+
+    Parameters
+    ----------
+    factors : list of Factor
+    values : float64 array
+    most_values : int
+        Numbers with more values than this make a point of the sample; its runs are left out together.
+    """
+    cells = cells_of(factors, values)
+    functions = [_functions(factor) for factor in factors]
+    parted = _parted(cells, functions)
+    if not any(parted):
+        return Shares.unknown(len(factors))
+    most = min(MOST_TERMS, MOST_NUMBERS // len(cells.means))
+    offers = [offer for degree in DEGREES if (offer := _terms(factors, parted, degree, most))]
+    points = _points(cells, [k for k, f in enumerate(factors) if f.is_number and f.size > most_values])
+    tables = [_columns(cells, functions, terms) for terms in offers]
+    folds = _folds(points)
+    best, terms = _best(tables, offers, cells.means, folds)
+    if best.terms and points.max() < FEW and _chance_does_as_well(tables, offers, cells.means, folds, best):
+        best = _validate(tables[0], cells.means, folds, 0)
+    return _shares_of_terms(cells, functions, terms, best, parted)
+
+
+def _best(
+    tables: list[Array], offers: list[list[Term]], values: Array, folds: list[NDArray[np.bool_]]
+) -> tuple[_Validated, list[Term]]:
+    """Return the smallest polynomial that none of more terms surpasses by more than its error."""
+    best, terms = _Validated(math.inf, 0.0, 0), offers[0]
+    for table, offer in zip(tables, offers, strict=True):
+        found = _validate(table, values, folds)
+        if found.error < best.error - best.spread:
+            best, terms = found, offer
+    return best, terms
+
+
+def _chance_does_as_well(
+    tables: list[Array], offers: list[list[Term]], values: Array, folds: list[NDArray[np.bool_]], best: _Validated
+) -> bool:
+    """Say whether a polynomial is as good for the same values in another order: so many terms fit few points."""
+    rng = np.random.default_rng(1)
+    return any(
+        _best(tables, offers, rng.permutation(values), folds)[0].error <= best.error for _ in range(SHUFFLES)
+    )
+
+
+def _functions(factor: Factor) -> Array:
+    """Return functions of a factor's values, orthonormal over them: (values, functions), the constant one first.
+
+    A number counts by its place among all its values, so that a sample in the logarithm needs nothing else.
+    """
+    count = factor.size
+    if not factor.is_number:
+        return _orthonormal(np.column_stack([np.ones(count), np.eye(count)[:, 1:]]))
+    places = (2 * np.arange(count) + 1) / count - 1
+    table = np.polynomial.legendre.legvander(places, min(max(DEGREES), count - 1))
+    return _orthonormal(np.asarray(table, np.float64))
+
+
+def _orthonormal(columns: Array) -> Array:
+    q, r = np.linalg.qr(columns)
+    return np.asarray(q * np.sign(np.diag(r)) * math.sqrt(len(columns)))
+
+
+def _parted(cells: Cells, functions: list[Array]) -> list[bool]:
+    """Say of which factors the runs tell: those whose own terms no others can make up."""
+    owners = [(k, n) for k, f in enumerate(functions) for n in range(1, 2 if f.shape[1] > 2 else f.shape[1])]
+    columns = np.column_stack([functions[k][cells.levels[:, k], n] for k, n in owners])
+    columns = columns - columns.mean(axis=0)
+    _, sizes, directions = np.linalg.svd(columns)
+    rank = int((sizes > sizes[0] * 1e-9).sum())
+    lost = np.abs(directions[rank:]).max(axis=0, initial=0.0) > 1e-6
+    return [not any(lost[place] for place, (k, _) in enumerate(owners) if k == number)
+            for number in range(len(functions))]  # fmt: skip
+
+
+def _terms(factors: list[Factor], parted: list[bool], degree: int, most: int) -> list[Term]:
+    """Return the products of functions of different factors up to a degree, or those that matter most of too many."""
+    for norm in (1.0, HYPERBOLA):
+        found = list(itertools.islice(_products(factors, parted, degree, norm), most + 1))
+        if len(found) <= most:
+            return found
+    return []
+
+
+def _products(factors: list[Factor], parted: list[bool], degree: int, norm: float) -> Iterator[Term]:
+    """Yield the products whose degrees have a norm within the degree; a name's functions have degree 1."""
+    single = [
+        [((k, n), float(n if factor.is_number else 1) ** norm) for n in range(1, factor.size)
+         if not factor.is_number or n <= degree]
+        for k, factor in enumerate(factors) if parted[k]
+    ]  # fmt: skip
+    within = degree**norm + 1e-9
+    for order in range(1, min(len(single), int(within)) + 1):
+        for those in itertools.combinations(single, order):
+            for product in itertools.product(*those):
+                if sum(size for _, size in product) <= within:
+                    yield tuple(part for part, _ in product)
+
+
+def _columns(cells: Cells, functions: list[Array], terms: list[Term]) -> Array:
+    table = np.ones((len(cells.means), len(terms)))
+    for column, term in enumerate(terms):
+        for k, n in term:
+            table[:, column] *= functions[k][cells.levels[:, k], n]
+    return table
+
+
+def _points(cells: Cells, of_point: list[int]) -> NDArray[np.intp]:
+    """Return the number of the point that each cell belongs to."""
+    keys = cells.levels[:, of_point] if of_point else cells.levels
+    return np.unique(keys, axis=0, return_inverse=True)[1].reshape(-1)
+
+
+def _folds(points: NDArray[np.intp]) -> list[NDArray[np.bool_]]:
+    """Return which cells are left out, fold by fold; those of a point go together."""
+    count = int(points.max()) + 1
+    folds = count if count <= SINGLY else FOLDS
+    fold = np.random.default_rng(0).permutation(count) % folds
+    return [fold[points] == k for k in range(folds)]
+
+
+class _Path:
+    """Terms taken in one by one, and what they make of cells that were left out."""
+
+    def __init__(self, columns: Array, values: Array, others: Array, most: int) -> None:
+        self.order: list[int] = []
+        self.predicted = [np.full(len(others), values.mean())]
+        means = columns.mean(axis=0)
+        columns, others, rest = columns - means, others - means, values - values.mean()
+        first = np.maximum((columns**2).sum(axis=0), 1e-300)
+        left = first.copy()  # of each term's square what those taken in do not make up
+        units, there = np.zeros((len(columns), 0)), np.zeros((len(others), 0))
+        for _ in range(most):
+            gains = np.where(left > 1e-9 * first, (rest @ columns) ** 2 / np.maximum(left, 1e-300), 0.0)
+            best = int(gains.argmax())
+            if gains[best] <= 1e-20 * float(values @ values):
+                break
+            self.order.append(best)
+            along = units.T @ columns[:, best]
+            unit = columns[:, best] - units @ along
+            length = float(np.linalg.norm(unit))
+            unit, unit_there = unit / length, (others[:, best] - there @ along) / length
+            weight = float(unit @ rest)
+            rest = rest - weight * unit
+            self.predicted.append(self.predicted[-1] + weight * unit_there)
+            left -= (unit @ columns) ** 2
+            units, there = np.column_stack([units, unit]), np.column_stack([there, unit_there])
+
+
+class _Validated(NamedTuple):
+    """Mean squared error of cells left out, its standard error, and the number of terms with which it is made."""
+
+    error: float
+    spread: float
+    terms: int
+
+
+def _validate(
+    columns: Array, values: Array, folds: list[NDArray[np.bool_]], most: int = MOST_CHOSEN
+) -> _Validated:
+    most = min(most, columns.shape[1], min(int((~out).sum()) for out in folds) // 2)
+    squares = np.zeros((most + 1, len(values)))
+    for out in folds:
+        path = _Path(columns[~out], values[~out], columns[out], most)
+        predicted = path.predicted + [path.predicted[-1]] * (most + 1 - len(path.predicted))
+        squares[:, out] = (np.array(predicted) - values[out]) ** 2
+    errors = squares.mean(axis=1)
+    by_fold = np.array([squares[:, out].mean(axis=1) for out in folds])
+    spread = by_fold.std(axis=0, ddof=1) / math.sqrt(len(folds)) if len(folds) > 1 else np.zeros(most + 1)
+    best = int(errors.argmin())
+    terms = int((errors <= errors[best] + spread[best]).argmax())
+    return _Validated(float(errors[terms]), float(spread[terms]), terms)
+
+
+def _shares_of_terms(
+    cells: Cells, functions: list[Array], terms: list[Term], validated: _Validated, parted: list[bool]
+) -> Shares:
+    columns = _columns(cells, functions, terms)
+    order = _Path(columns, cells.means, columns[:0], validated.terms).order
+    design = np.column_stack([np.ones(len(columns)), columns[:, order]])
+    coefficients, *_ = np.linalg.lstsq(design, cells.means)
+    left = cells.means - design @ coefficients
+    noise = float(left @ left) / max(len(design) - design.shape[1], 1)
+    by_noise = noise * np.diag(np.linalg.pinv(design.T @ design))
+    parts = np.maximum(coefficients**2 - by_noise, 0.0)[1:]
+    within = 0.0 if math.isnan(cells.chance) else cells.chance * (1 - float(np.mean(1 / cells.counts)))
+    rest = validated.error + within  # of one run, not of the mean of a cell's
+    whole = float(parts.sum()) + rest
+    takes = [{k for k, _ in terms[place]} for place in order]
+    shares = list(zip(takes, (parts / whole).tolist(), strict=True))
+
+    def told(wanted: bool, value: float) -> float:
+        return value if wanted else math.nan
+
+    return Shares(
+        [told(known, sum(s for those, s in shares if those == {k})) for k, known in enumerate(parted)],
+        [told(known, sum(s for those, s in shares if k in those)) for k, known in enumerate(parted)],
+        sum(s for those, s in shares if len(those) > 1), rest / whole,
+    )  # fmt: skip
+
 
 MOST_VALUES = 12
 """Values of a number up to which each is a level of its own (ours); above, a figure is taken to change smoothly."""

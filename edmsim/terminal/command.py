@@ -12,8 +12,7 @@ from edmsim.controllers.mcu.chips.faults import DropOut, SerialNoise
 from edmsim.controllers.mcu.chips.switches import WIRE_BREAK
 from edmsim.errors import InputError, one_of
 from edmsim.terminal.devices import Interrupts, Keyboard, Pipe, is_terminal
-from edmsim.terminal.ends import END_SWITCHES
-from edmsim.terminal.rig import Rig
+from edmsim.terminal.rig import END_SWITCHES, Rig
 from edmsim.terminal.session import Session
 
 REAL_TIME = 1.0

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
-from typing import cast
+from bisect import bisect_right
+from collections.abc import Iterable, Sequence
+from typing import NamedTuple, cast
 
 import numpy as np
 
@@ -11,12 +13,13 @@ from edmsim.controllers import make
 from edmsim.controllers.feed.counts import CountsController
 from edmsim.controllers.mcu.board import Board, Faults
 from edmsim.controllers.mcu.chips.dac import PulseSettings
-from edmsim.controllers.mcu.chips.switches import STOP_BUTTON, WIRE_BREAK
+from edmsim.controllers.mcu.chips.switches import STOP_BUTTON, WIRE_BREAK, X_END, Y_END, SafetySwitches
 from edmsim.controllers.mcu.computer import EMERGENCY, Computer
 from edmsim.controllers.mcu.computer import STAND_BY as COMPUTER_STAND_BY
-from edmsim.controllers.mcu.dialogue.part_program import Move, Setting
+from edmsim.controllers.mcu.dialogue.part_program import Entry, Move, Setting
 from edmsim.controllers.mcu.firmware import memory_map as at
 from edmsim.controllers.mcu.firmware import optimiser_words
+from edmsim.controllers.mcu.firmware.arcs import arc_points
 from edmsim.controllers.mcu.firmware.arithmetic import WORD
 from edmsim.controllers.mcu.firmware.optimise import ALARM, TICK_NS, State
 from edmsim.controllers.mcu.firmware.poscal import STEP_UM, check_1982, unit_for, unit_um
@@ -24,16 +27,146 @@ from edmsim.controllers.mcu.firmware.timers import MAX_FEED_UM_S, MAX_SPEED
 from edmsim.controllers.mcu.firmware.tstates import seconds
 from edmsim.controllers.mcu.path_run import PathRun
 from edmsim.controllers.planner.record import LITERAL
-from edmsim.controllers.planner.registry import Planner, kind_of, make_planner
+from edmsim.controllers.planner.registry import PLANNERS, Planner, kind_of, make_planner
 from edmsim.controllers.protocols import Step
 from edmsim.controllers.pulse_counters import WINDOW_PULSES
+from edmsim.cosim.stops import switches_open
 from edmsim.errors import InputError
 from edmsim.machine.machine import Machine
 from edmsim.machine.setting import discharge_current_A, open_V
+from edmsim.plant.constants import table_mechanics
 from edmsim.plant.plant import Plant
 from edmsim.plant.window import PlantError, PulseWindow
-from edmsim.terminal.ends import END_SWITCHES, TableEnds
-from edmsim.terminal.route import Point, Route, check_counts, moved
+
+Point = tuple[int, int]
+"""A place by the position counters, in um or steps."""
+
+
+class Due(NamedTuple):
+    """A setting of a program and the length of path from which on it holds."""
+
+    path_um: float
+    setting: Setting
+
+
+class RouteMove(NamedTuple):
+    """A move of a program and the length of path up to its end."""
+
+    end_um: float
+    move: Move
+
+
+class Route(NamedTuple):
+    """A program laid out from where the wire is.
+
+    Attributes
+    ----------
+    corners : list of Point
+    lengths_um : list of float
+        Length of path up to every corner but the first.
+    dues : list of Due
+        In order.
+    moves: list of RouteMove
+        In order.
+    """
+
+    corners: list[Point]
+    lengths_um: list[float]
+    dues: list[Due]
+    moves: list[RouteMove]
+
+    def move_at(self, path_um: float) -> Move:
+        """Return the move that is under way."""
+        number = bisect_right([stretch.end_um for stretch in self.moves], path_um)
+        return self.moves[min(number, len(self.moves) - 1)].move
+
+    def corner_ahead(self, path_um: float) -> Point:
+        """Corner that the wire runs to."""
+        return self.corners[min(bisect_right(self.lengths_um, path_um), len(self.lengths_um) - 1) + 1]
+
+
+def lay_out(start: Point, program: Sequence[Entry], unit_um: int = 1) -> Route:
+    """Lay a program out from a start on, by counters of so many um.
+
+    Raises
+    ------
+    InputError
+        If an arc has no circle through its ends, or the program moves nowhere.
+    """
+    corners, lengths, dues, moves = [start], [0.0], [], []
+    for entry in program:
+        if isinstance(entry, Setting):
+            dues.append(Due(lengths[-1], entry))
+            continue
+        for corner in _corners_of(corners[-1], entry):
+            way = float(np.hypot(corner[0] - corners[-1][0], corner[1] - corners[-1][1]))
+            lengths.append(lengths[-1] + unit_um * way)
+            corners.append(corner)
+        moves.append(RouteMove(lengths[-1], entry))
+    if not lengths[-1]:
+        raise InputError("the wire is there already; give another new position")
+    return Route(corners, lengths[1:], dues, moves)
+
+
+def _corners_of(start: Point, move: Move) -> list[Point]:
+    """Corner points of one move after its start."""
+    if move.centre_um is None:
+        return [move.end_um]
+    return [(int(x), int(y)) for x, y in arc_points(start, move.centre_um, move.end_um, move.clockwise)][1:]
+
+
+def moved(place_um: tuple[float, float], steps: Iterable[Step]) -> tuple[float, float]:
+    """Return a place after some steps."""
+    place = [*place_um]
+    for step in steps:
+        place[step.axis] += STEP_UM * step.direction
+    return place[0], place[1]
+
+
+def check_counts(planner: str) -> str:
+    """Refuse a planner that is none, or has no position counters, before anything moves."""
+    if not kind_of(planner).counts:
+        counting = ", ".join(name for name, kind in PLANNERS.items() if kind.counts)
+        raise InputError(f"the terminal's computer cannot count along with the planner {planner}: choose {counting}")
+    return planner
+
+
+END_SWITCHES = (X_END, Y_END)
+
+
+class TableEnds:
+    """What keeps the carriage on its table.
+
+    Parameters
+    ----------
+    machine : Machine
+        Its MJCF has the stops.
+    switches : SafetySwitches
+        Those that are stuck never open.
+    """
+
+    def __init__(self, machine: Machine, switches: SafetySwitches) -> None:
+        self._travel_um = machine.base.table.travel_mm.value * 1e3
+        self._stops_um = table_mechanics(machine, longest_us=1e3).stops_um
+        self._switches = switches
+
+    def switch_open(self, axis: int, direction: int, place_um: float) -> bool:
+        """Whether a step of an axis in that direction has led to where its end switch opens."""
+        if END_SWITCHES[axis] in self._switches.stuck:
+            return False
+        return switches_open(place_um, self._travel_um, STEP_UM) == direction
+
+    def passed(self, place_um: tuple[float, float], steps: Iterable[Step]) -> list[Step]:
+        """Return the steps that the table makes from a place; a motor that drives it against a stop loses its own."""
+        place, made = [*place_um], []
+        low_um, high_um = self._stops_um
+        for step in steps:
+            there_um = place[step.axis] + STEP_UM * step.direction
+            if low_um <= there_um <= high_um:
+                place[step.axis] = there_um
+                made.append(step)
+        return made
+
 
 STAND_BY, CUTTING, JOGGING = "STAND-BY", "CUTTING", "JOGGING"
 LOW_TENSION = 0.5

@@ -7,22 +7,178 @@ stands still while lines are read: WAIT lets it pass, and the end of the input w
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Protocol
 
-from edmsim.controllers.mcu.dialogue.line_input import CANCEL, LINE_FEED, RETURN, InputBuffer, Line
+from edmsim.controllers.mcu.chips import bus
+from edmsim.controllers.mcu.computer import Computer
+from edmsim.controllers.mcu.dialogue.line_input import (
+    CANCEL,
+    DELETE,
+    LINE_FEED,
+    RETURN,
+    SPACE,
+    TAB,
+    InputBuffer,
+    Line,
+)
 from edmsim.controllers.mcu.dialogue.main_program import MainProgram
-from edmsim.controllers.mcu.dialogue.monitor import Monitor
+from edmsim.controllers.mcu.dialogue.monitor import STARTS, Monitor
 from edmsim.controllers.mcu.firmware import memory_map as at
+from edmsim.controllers.mcu.firmware.memory_map import CIADR, HOST_IN, TERMINAL_IN
 from edmsim.errors import InputError
-from edmsim.terminal.bench import MonitorBench
 from edmsim.terminal.devices import Interrupts
-from edmsim.terminal.host import bytes_of, read_host
-from edmsim.terminal.keys import TOGGLE
-from edmsim.terminal.operation import Operation
+from edmsim.terminal.operation import TOGGLE, Operation
 from edmsim.terminal.rig import Rig
-from edmsim.terminal.serial_lines import SerialLines
+
+
+class SerialLines:
+    """Bytes through the 8251s and the routines that CIADR and COADR name (rows T-58, T-59).
+
+    Parameters
+    ----------
+    computer : Computer
+    """
+
+    def __init__(self, computer: Computer) -> None:
+        self._computer = computer
+
+    def heard(self, data: bytes) -> bytes:
+        """Return what the program fetches of the bytes an operator sent; sparks may disturb them."""
+        return self._fetch(data, from_host=False)
+
+    def heard_from_host(self, data: bytes) -> bytes:
+        """Return what the program fetches of the bytes the host sent: the input stream is redirected meanwhile."""
+        self._computer.store(CIADR, HOST_IN)
+        try:
+            return self._fetch(data, from_host=True)
+        finally:
+            self._computer.store(CIADR, TERMINAL_IN)
+
+    def spoken(self, data: bytes) -> bytes:
+        """Return what arrives at the operator's screen of the bytes the program sends."""
+        board = self._computer.board
+        for byte in data:
+            self._computer.streams.co(byte)
+        sent = bytes(board.sent)
+        board.sent.clear()
+        noise = board.faults.noise
+        return sent if noise is None else bytes(noise(byte, board.mean_current_A) for byte in sent)
+
+    def _fetch(self, data: bytes, from_host: bool) -> bytes:
+        fetched = bytearray()
+        for byte in data:
+            self._computer.board.receive(byte, from_host)
+            character = self._computer.streams.ci()
+            if character is not None:
+                fetched.append(character)
+        return bytes(fetched)
+
+
+def read_host(file: Path, lines: SerialLines) -> list[bytes]:
+    """Lines of the host's file as LINE takes them from the second channel: 64 characters, in capitals, no echo.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read, or a line is too long or holds what no line can.
+    """
+    data = bytes_of(file)
+    buffer, taken = InputBuffer(), []
+    line = Line(buffer, lambda echo: None)
+    for number, text in enumerate(lines.heard_from_host(data).splitlines(), 1):
+        try:
+            for character in text:
+                if not (SPACE <= character < DELETE or character == TAB):
+                    raise InputError(f"{character:02X}H is no character of a line")
+                line.take(character)
+            line.take(LINE_FEED)
+        except InputError as error:
+            raise InputError(f"line {number} of the host's program: {error.reason}") from None
+        taken.append(buffer.text)
+    return taken
+
+
+def bytes_of(file: Path) -> bytes:
+    """What a file of the host holds; raises `InputError` if it cannot be read."""
+    try:
+        return file.read_bytes()
+    except OSError as error:
+        raise InputError(f"the host's file cannot be read: {error.strerror}", file) from None
+
+
+class MonitorBench:
+    """See `edmsim.controllers.mcu.dialogue.monitor.Bench`.
+
+    Parameters
+    ----------
+    operation : Operation
+    tapes : path
+        Folder of the tapes.
+    from_host : callable
+        Returns what the host sends.
+    reset : callable
+        Presses the reset button.
+    to_main : callable
+        Gives the terminal to MAIN, as it was left or, if told so, from its beginning.
+    """
+
+    def __init__(
+        self, operation: Operation, tapes: Path, from_host: Callable[[], bytes], reset: Callable[[], None],
+        to_main: Callable[[bool], None],
+    ) -> None:
+        self._operation = operation
+        self._computer = operation.rig.computer
+        self._tapes = tapes
+        self.from_host = from_host
+        self._reset = reset
+        self._to_main = to_main
+
+    def read(self, address: int) -> int:
+        """Byte at an address."""
+        return self._computer.read(address)
+
+    def write(self, address: int, byte: int) -> None:
+        """Put a byte at an address; raises `InputError` where none can be written."""
+        self._computer.board.bus.check_writable(address)
+        self._computer.write(address, byte)
+
+    def tape(self, name: str) -> bytes:
+        """What stands on a tape."""
+        try:
+            return (self._tapes / name).read_bytes()
+        except OSError as error:
+            raise InputError(f"the tape {name} cannot be read: {error.strerror}") from None
+
+    def put_away(self, name: str, text: str) -> None:
+        """Keep a tape that was punched; one that was punched before is not punched again."""
+        try:
+            with (self._tapes / name).open("x", encoding="ascii") as file:
+                file.write(text)
+        except FileExistsError:
+            raise InputError(f"there is a tape {name} already, and no hole can be closed: name another") from None
+        except OSError as error:
+            raise InputError(f"the tape {name} cannot be punched: {error.strerror}") from None
+
+    def go(self, address: int | None) -> None:
+        """Start at an address, or go back to MAIN."""
+        code = self._computer.code
+        if address is None or address == at.MAIN:
+            self._to_main(address is not None)
+        elif address == at.MONITOR:
+            self._reset()
+        elif address == at.INIT:
+            self._operation.init()
+        elif address == at.EMERGENCY_ROUTINE:
+            self._operation.rig.stop_all("CALLED FROM THE MONITOR")
+        elif address in STARTS:
+            code.call(address)
+        elif address in bus.RAM:
+            code.begin(address)
+        else:
+            raise InputError(f"there is no 8085 code at {address:04X}H: the listings are lost; M shows what starts")
+
 
 ETX, EOT, RESET = 0x03, 0x04, 0x1C
 """Ctrl-C as a character is the emergency stop, Ctrl-D on an empty line leaves, Ctrl-\\ is the reset button."""

@@ -16,8 +16,7 @@ from edmsim.controllers.mcu.dialogue.front_panel import FIELDS
 from edmsim.controllers.mcu.dialogue.status import Status
 from edmsim.controllers.pulse_counters import WINDOW_PULSES
 from edmsim.terminal.devices import Interrupts, Keyboard
-from edmsim.terminal.keys import LEGEND
-from edmsim.terminal.operation import Operation
+from edmsim.terminal.operation import LEGEND, Operation
 
 _EVERY_S = 0.1
 _BAR_CELLS = 40

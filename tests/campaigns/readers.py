@@ -253,7 +253,7 @@ def _options(data: bytes, _folder: Path) -> object:
     from edmsim.controllers import axis
     from edmsim.program.heights import parse_height
     from edmsim.servo.positioner import press_of
-    from edmsim.sweep.values import values_of
+    from edmsim.sweep.specification import values_of
 
     readers: tuple[Callable[[str], object], ...] = (
         controllers.from_text, axis.from_text, parse_height, press_of, lambda text: values_of(text, "height"),

@@ -19,14 +19,11 @@ from edmsim.controllers.qcl import Control, read_configuration, read_program
 from edmsim.errors import LONGEST_REASON, InputError
 from edmsim.files import read_arrays
 from edmsim.plant.mechanics import mjcf
-from edmsim.program.load import load_program
-from edmsim.program.path import plan_path
+from edmsim.program.path import load_program, plan_path
 from edmsim.recording.cut_folder import read_cut
 from edmsim.recording.windows import read_windows
-from edmsim.sweep.specification import read_specification
-from edmsim.sweep.store import Store
-from edmsim.sweep.table import read, read_part
-from edmsim.sweep.values import values_of
+from edmsim.sweep.specification import read_specification, values_of
+from edmsim.sweep.table import Store, read, read_part
 
 CONFIGURATION = read_configuration("GLOBAL\nspeed L\n")
 

@@ -6,11 +6,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from edmsim.controllers.mcu.board import Board, Faults
+from edmsim.controllers.mcu.board import Board, Faults, Optocouplers
 from edmsim.controllers.mcu.chips import bus, ppi
 from edmsim.controllers.mcu.chips.dac import Dac, PulseGeneratorLine, PulseSettings
 from edmsim.controllers.mcu.chips.faults import DROPS_BELOW_V, DropOut
-from edmsim.controllers.mcu.chips.optocoupler import Optocouplers
 from edmsim.controllers.mcu.computer import Computer
 from edmsim.errors import InputError
 

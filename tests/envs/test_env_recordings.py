@@ -14,7 +14,7 @@ from edmsim.envs import RecordRerun
 from edmsim.errors import InputError
 from edmsim.evaluation.episode import cut
 from edmsim.recording import Playback
-from edmsim.recording.rerun.comparison import write_comparison
+from edmsim.recording.rerun.viewer import write_comparison
 
 
 def played(env, steps, seed=5):

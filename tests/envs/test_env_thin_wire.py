@@ -7,7 +7,7 @@ import pytest
 
 import edmsim
 from edmsim.controllers import make
-from edmsim.controllers.feed.climb import ClimbController
+from edmsim.controllers.feed.set_point import ClimbController
 from edmsim.controllers.protocols import WindowObservation, tell
 from edmsim.envs import Task
 from edmsim.evaluation.episode import Episode

@@ -9,7 +9,7 @@ import pytest
 from scipy.integrate import quad
 
 import edmsim
-from edmsim.metrology.layers import electrolysed_um, heat_affected_um
+from edmsim.metrology.roughness import electrolysed_um, heat_affected_um
 
 MATERIALS = (
     "tool-steel", "cemented-carbide", "copper", "aluminium", "stainless-steel", "titanium-alloy", "nickel-alloy",

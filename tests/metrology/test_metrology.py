@@ -12,11 +12,10 @@ from hypothesis import strategies as st
 from shapely.geometry import LineString
 
 from edmsim.errors import InputError
-from edmsim.metrology.corners import corners
 from edmsim.metrology.edges import contour as kerf_polygons
 from edmsim.metrology.edges import cut_edges
 from edmsim.metrology.kerf import kerf_width
-from edmsim.metrology.profile import profile_error
+from edmsim.metrology.profile import corners, profile_error
 from edmsim.metrology.roughness import ra_over_depth, roughness_um
 from edmsim.plant.workpiece.kerf_field import FULL, TILE, KerfField, Stock
 from edmsim.program.path import WireContour

@@ -9,8 +9,7 @@ from edmsim.controllers.axis.elcam_file import ErrorTable, load_tables, read_tab
 from edmsim.errors import InputError
 from edmsim.machine.machine import Machine
 from edmsim.machine.parts import Constant
-from edmsim.metrology.circular_test import CircularTest
-from edmsim.metrology.positioning import Positioning
+from edmsim.metrology.iso_230 import CircularTest, Positioning
 from edmsim.metrology.table_run import measure_table
 from edmsim.recording.figures.table import table_figure
 

@@ -9,8 +9,7 @@ import pytest
 import shapely
 
 from edmsim.geometry import Polyline
-from edmsim.metrology.elements import element_errors
-from edmsim.metrology.profile import ProfileError
+from edmsim.metrology.profile import ProfileError, element_errors
 from edmsim.metrology.reach import mean_error_um, unreachable_um, worst_place
 from edmsim.program.path import WireContour
 

@@ -15,10 +15,8 @@ from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
 
 from edmsim.errors import InputError
-from edmsim.program.chains import Chain
-from edmsim.program.duplicates import without_duplicates
+from edmsim.program.chains import Chain, joined_contours, without_duplicates
 from edmsim.program.dxf import read_dxf
-from edmsim.program.joining import joined_contours
 from edmsim.program.outline import JOIN_TOLERANCE_MM, Program
 from edmsim.program.path import plan_path
 

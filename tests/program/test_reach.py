@@ -10,8 +10,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from edmsim.program.offset import unreachable
 from edmsim.program.path import plan_path
-from edmsim.program.reach import unreachable
 
 OFFSET_MM = 0.155
 

@@ -16,7 +16,7 @@ from ezdxf.filemanagement import readfile
 
 from edmsim.errors import InputError
 from edmsim.recording.contour_file import write_contour
-from edmsim.recording.html_elements import elements_table
+from edmsim.recording.html_report import elements_table
 
 
 def expected(cut: SimpleNamespace) -> list[np.ndarray]:

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 
 import edmsim
 from edmsim.cosim.pulse_sample import KINDS, PulseSample, cutting_feed_um_s, sample_pulses
-from edmsim.job.single_pulses import sample_like
+from edmsim.job.result import sample_like
 from edmsim.plant.constants import wire_setup
 from edmsim.recording import Scene, WindowTable
 from edmsim.recording.figures import (

@@ -17,15 +17,22 @@ from matplotlib.text import Annotation
 from edmsim.recording import Playback, write_recording
 from edmsim.recording.figures import error_figure
 from edmsim.recording.figures.canvas import NotebookFigure
-from edmsim.recording.figures.map import draw_map
-from edmsim.recording.figures.profile import profile_figure
+from edmsim.recording.figures.profile import PANELS, draw_map, draw_series, profile_figure
 from edmsim.recording.figures.pulses import plane_figure, pulses_figure
-from edmsim.recording.figures.series import PANELS, draw_series
 from edmsim.recording.film import Film
-from edmsim.recording.pauses import broken, cut_alone, jump_rows, pause_rows, stretches
-from edmsim.recording.rerun.solid import growing_kerf
+from edmsim.recording.rerun.machine import growing_kerf
 from edmsim.recording.scene import SceneCorner
-from edmsim.recording.windows import ROW_NAMES, WindowTable, column, travel_direction
+from edmsim.recording.windows import (
+    ROW_NAMES,
+    WindowTable,
+    broken,
+    column,
+    cut_alone,
+    jump_rows,
+    pause_rows,
+    stretches,
+    travel_direction,
+)
 
 PAUSE_S = 200.0
 

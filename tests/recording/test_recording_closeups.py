@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from edmsim.recording.closeups import (
+from edmsim.recording.stores import (
     AROUND,
     BLOCKS,
     NOTHING,

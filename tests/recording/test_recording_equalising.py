@@ -10,7 +10,7 @@ import pytest
 
 from edmsim.controllers.feed.fixed import FixedController
 from edmsim.cosim.simulation import Simulation
-from edmsim.job.recorders import recorders_for
+from edmsim.job.result import recorders_for
 from edmsim.machine.machine import Machine
 from edmsim.plant.kernel.state import SHORT
 from edmsim.program.path import CutPath, WireContour

@@ -8,7 +8,7 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
-from edmsim.recording.rerun.events import MOST, events
+from edmsim.recording.rerun.write import MOST, events
 from edmsim.recording.windows import NAMES, WindowTable, column
 
 

@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 
 from edmsim.recording import Scene, WindowTable
 from edmsim.recording.figures import profile_figure, write_figure
-from edmsim.recording.figures.series import binned
+from edmsim.recording.figures.profile import binned
 
 
 def texts(cut: SimpleNamespace, scene: Scene, **report: object) -> str:

@@ -17,7 +17,7 @@ from edmsim.plant.plant import Plant
 from edmsim.recording import Closeups, Frames, Playback, WindowTable, render_table
 from edmsim.recording.figures import pulses_figure
 from edmsim.recording.film import Film
-from edmsim.recording.rerun.gas import SMALLEST, travel_at
+from edmsim.recording.rerun.gap import SMALLEST, travel_at
 from edmsim.recording.rerun.machine import Shapes, wire_strips
 from edmsim.recording.rerun.write import write_recording
 from edmsim.recording.windows import column

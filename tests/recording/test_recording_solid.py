@@ -13,8 +13,18 @@ from hypothesis import strategies as st
 from edmsim.machine.machine import Machine
 from edmsim.plant.constants import wire_setup
 from edmsim.plant.mechanics.model import build_model
-from edmsim.recording.rerun.bodies import BASE, CROSS, TABLE, bodies_of
-from edmsim.recording.rerun.solid import KERF_FRAMES, Mesh, box, cylinder, growing_kerf, prism
+from edmsim.recording.rerun.machine import (
+    BASE,
+    CROSS,
+    KERF_FRAMES,
+    TABLE,
+    Mesh,
+    bodies_of,
+    box,
+    cylinder,
+    growing_kerf,
+    prism,
+)
 from edmsim.recording.scene import Terrace
 from edmsim.recording.windows import column
 

@@ -17,7 +17,7 @@ from PIL import Image
 from edmsim.errors import InputError
 from edmsim.recording import Closeups, Frames, Playback, WindowTable, render, take_screenshots
 from edmsim.recording.film import Film
-from edmsim.recording.rerun.screenshots import SHARES
+from edmsim.recording.rerun.viewer import SHARES
 from edmsim.recording.rerun.write import write_recording
 
 

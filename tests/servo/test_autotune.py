@@ -15,10 +15,8 @@ from edmsim.axis_bench import AxisBench
 from edmsim.controllers.axis import CHIPS, tuned
 from edmsim.controllers.axis.drive import axis_row, data_of
 from edmsim.errors import InputError
-from edmsim.servo.answer import Answer
-from edmsim.servo.autotune import STEP_COUNTS, Tuning, autotune
-from edmsim.servo.operator import ModuleOperator, UhuOperator
-from edmsim.servo.relay import swing_of
+from edmsim.servo.autotune import STEP_COUNTS, Tuning, autotune, swing_of
+from edmsim.servo.operator import Answer, ModuleOperator, UhuOperator
 
 FILES = {"uhu": "uhu", "servo-module": "servo_module"}
 ONE_COUNT = 1 / STEP_COUNTS

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from edmsim.errors import InputError
-from edmsim.recording.rerun import live_viewer
+from edmsim.recording.rerun import viewer
 from edmsim.servo.command import bench_for
 from edmsim.servo.scope import Scope
 from edmsim.servo.session import run_script
@@ -84,11 +84,11 @@ def test_without_a_screen_the_scope_is_a_page_and_the_drive_runs():
 
 @pytest.mark.parametrize("screen", [True, False])
 def test_a_window_is_left_to_its_user_and_a_page_ends_with_the_drive(screen, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(live_viewer, "RERUN", (sys.executable, "-c", LISTENS))
-    monkeypatch.setattr(live_viewer, "has_screen", lambda environment, platform: screen)
-    viewer = live_viewer.LiveViewer("the scope", "wait")
-    viewer.close()
-    process = viewer._process
+    monkeypatch.setattr(viewer, "RERUN", (sys.executable, "-c", LISTENS))
+    monkeypatch.setattr(viewer, "has_screen", lambda environment, platform: screen)
+    live = viewer.LiveViewer("the scope", "wait")
+    live.close()
+    process = live._process
     if screen:
         assert process.poll() is None
         os.killpg(process.pid, signal.SIGTERM)
@@ -96,6 +96,6 @@ def test_a_window_is_left_to_its_user_and_a_page_ends_with_the_drive(screen, mon
 
 
 def test_a_viewer_that_does_not_start_is_told_in_a_line(monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(live_viewer, "RERUN", (sys.executable, "-c", "raise SystemExit(1)"))
+    monkeypatch.setattr(viewer, "RERUN", (sys.executable, "-c", "raise SystemExit(1)"))
     with pytest.raises(InputError, match="viewer did not start, so there is no scope; --record"):
         Scope(True, None)

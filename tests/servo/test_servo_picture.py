@@ -7,9 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from edmsim.servo.answer import Answer
-from edmsim.servo.autotune import STEP_COUNTS, AxisResponse, Tuning
-from edmsim.servo.relay import Swing
+from edmsim.servo.autotune import STEP_COUNTS, AxisResponse, Swing, Tuning
+from edmsim.servo.operator import Answer
 
 DOCS = Path(__file__).parents[2] / "docs"
 

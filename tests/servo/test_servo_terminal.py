@@ -16,7 +16,7 @@ import pytest
 import edmsim
 from edmsim.cli import app as cli
 from edmsim.servo.command import bench_for
-from edmsim.servo.keys import sent_for
+from edmsim.servo.session import sent_for
 
 COMMAND = [sys.executable, "-m", "edmsim", "servo"]
 

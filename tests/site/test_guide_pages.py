@@ -140,23 +140,23 @@ def test_the_error_shown_is_the_one_a_user_sees(
 
 
 def test_the_words_of_programs() -> None:
-    from edmsim.program import words
+    from edmsim.program import blocks
 
     table = page("guide/programs").split("## Drawings")[0]
     rows = "\n".join(line for line in table.splitlines() if line.startswith("| "))
     named = set(re.findall(r"[GM]\d+(?:\.\d)?", rows))
-    assert named == {f"G{n}" for n in words.KNOWN_G} | {f"M{n}" for n in words.KNOWN_M}
+    assert named == {f"G{n}" for n in blocks.KNOWN_G} | {f"M{n}" for n in blocks.KNOWN_M}
 
 
 def test_the_lengths_of_programs() -> None:
-    from edmsim.program import lead_in, outline, path, units
+    from edmsim.program import blocks, outline, path
 
     words = " ".join(page("guide/programs").split())
     travel_mm = edmsim.Machine.load().base.table.travel_mm.value
     for said in (
-        f"span {units.TABLE_MM:g} or less", f"span {units.LEAST_WHOLE_UM} or more",
-        f"closes within {outline.JOIN_TOLERANCE_MM * 1e3:g} um", f"lead-in of {lead_in.LEAD_IN_MM:g} mm",
-        f"radius of {lead_in.START_HOLE_RADIUS_MM:g} mm", f"ends {path.STOCK_MARGIN_MM:g} mm beside",
+        f"span {blocks.TABLE_MM:g} or less", f"span {blocks.LEAST_WHOLE_UM} or more",
+        f"closes within {outline.JOIN_TOLERANCE_MM * 1e3:g} um", f"lead-in of {path.LEAD_IN_MM:g} mm",
+        f"radius of {path.START_HOLE_RADIUS_MM:g} mm", f"ends {path.STOCK_MARGIN_MM:g} mm beside",
         f"({travel_mm:g} x {travel_mm:g} mm on the usual machine)",
     ):
         assert said in words

@@ -15,7 +15,7 @@ from edmsim.controllers import from_text
 from edmsim.errors import InputError
 from edmsim.learning import hyperparameters
 from edmsim.sweep.population import TABLE, Bred, breed
-from edmsim.sweep.trial import TRAINING
+from edmsim.sweep.tune import TRAINING
 
 ENV = "edmsim/GapFeed-v1"
 

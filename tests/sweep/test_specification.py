@@ -12,8 +12,7 @@ from edmsim.errors import InputError
 from edmsim.evaluation.episode import HELD_BACK
 from edmsim.machine.machine import Machine
 from edmsim.sweep.runs import runs_of
-from edmsim.sweep.specification import Specification, read_specification
-from edmsim.sweep.values import values_of
+from edmsim.sweep.specification import Specification, read_specification, values_of
 
 
 @pytest.mark.parametrize(("written", "meant"), [

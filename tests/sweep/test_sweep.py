@@ -17,14 +17,13 @@ import pyarrow.dataset
 import pytest
 
 from edmsim.errors import InputError
-from edmsim.sweep import store as stores
+from edmsim.sweep import table as stores
 from edmsim.sweep.engine import Lost, Processes
 from edmsim.sweep.perform import Outcome, blank, perform
 from edmsim.sweep.run import SweepProgress, sweep
 from edmsim.sweep.runs import runs_of
 from edmsim.sweep.specification import Specification
-from edmsim.sweep.store import Store
-from edmsim.sweep.table import JOURNAL, read
+from edmsim.sweep.table import JOURNAL, Store, read
 
 CLOCKS = ["wall_time_s", "host"]
 

@@ -21,7 +21,7 @@ ray = pytest.importorskip("ray")
 def test_a_lost_node_loses_nothing(
     nodes: Any, line: Path, short: dict[str, Any], giving_up: str, tmp_path: Path
 ) -> None:
-    from edmsim.sweep.cluster import Cluster
+    from edmsim.sweep.engine import Cluster
 
     spec = Specification(program=[str(line)], seeds=10, settings={**short, "max_time_s": 3.0})
     spec = Specification.model_validate({**spec.model_dump(), "grid": {"controller": ["counts", giving_up]}})
@@ -40,7 +40,7 @@ def test_a_lost_node_loses_nothing(
 
 
 def test_without_a_cluster_it_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
-    from edmsim.sweep.cluster import Cluster
+    from edmsim.sweep.engine import Cluster
 
     def refuse(**_: object) -> None:
         raise ConnectionError("Could not find any running Ray instance. Start one")

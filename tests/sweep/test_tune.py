@@ -12,8 +12,7 @@ import pytest
 from edmsim.controllers import from_text
 from edmsim.errors import InputError
 from edmsim.sweep.engine import Lost
-from edmsim.sweep.trial import Trial, Worth, judge_trial
-from edmsim.sweep.tune import Tuned, tune
+from edmsim.sweep.tune import Trial, Tuned, Worth, judge_trial, tune
 
 
 class Peak:

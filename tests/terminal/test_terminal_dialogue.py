@@ -7,8 +7,7 @@ import io
 import pytest
 from rich.console import Console
 
-from edmsim.controllers.mcu.dialogue.help_texts import ALIASES, JOB, WORDS
-from edmsim.controllers.mcu.dialogue.main_program import MainProgram
+from edmsim.controllers.mcu.dialogue.main_program import ALIASES, JOB, WORDS, MainProgram
 from edmsim.terminal.devices import Interrupts
 from edmsim.terminal.operation import Operation
 from edmsim.terminal.session import Session

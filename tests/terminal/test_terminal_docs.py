@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 import edmsim
-from edmsim.controllers.mcu.dialogue.help_texts import JOB
+from edmsim.controllers.mcu.dialogue.main_program import JOB
 from edmsim.terminal.devices import Interrupts
 from edmsim.terminal.rig import Rig
 from edmsim.terminal.session import Session

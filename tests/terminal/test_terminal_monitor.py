@@ -6,7 +6,7 @@ import re
 
 import pytest
 
-from edmsim.controllers.mcu.dialogue.hex_tape import punch
+from edmsim.controllers.mcu.dialogue.monitor import punch
 from edmsim.controllers.mcu.firmware import memory_map as at
 from edmsim.terminal.devices import Interrupts
 from edmsim.terminal.operation import Operation

@@ -9,17 +9,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from edmsim.controllers.mcu.board import Faults
+from edmsim.controllers.mcu.board import Faults, Optocouplers
 from edmsim.controllers.mcu.chips import pic
 from edmsim.controllers.mcu.chips.dac import Dac
 from edmsim.controllers.mcu.chips.display import SCAN_NS, SHIFT, Kdc8279
 from edmsim.controllers.mcu.chips.faults import SerialNoise
-from edmsim.controllers.mcu.chips.optocoupler import Optocouplers
 from edmsim.controllers.mcu.dialogue.front_panel import FIELDS, KEYS
 from edmsim.controllers.mcu.dialogue.part_program import Move, Setting
-from edmsim.terminal.keys import TYPED, typed_keys
-from edmsim.terminal.rig import UNKNOWN_CAUSE, Rig
-from edmsim.terminal.route import lay_out
+from edmsim.terminal.operation import TYPED, typed_keys
+from edmsim.terminal.rig import UNKNOWN_CAUSE, Rig, lay_out
 
 PAGE = (Path(__file__).parents[2] / "docs" / "terminal.md").read_text(encoding="utf-8")
 SET = "TI 30 TP 100"
@@ -128,7 +126,7 @@ def test_a_key_needs_three_scans(operate, rig, monkeypatch, scans, counts):
         chip.scan(frozenset([KEYS["X-"]]))
     chip.scan(frozenset())
     assert chip.waiting == counts
-    monkeypatch.setattr("edmsim.terminal.keys.HELD_NS", scans * SCAN_NS)
+    monkeypatch.setattr("edmsim.terminal.operation.HELD_NS", scans * SCAN_NS)
     told = operate("KEY 6 X-", "WAIT")
     assert told.rig.place_um == ((32_500 - 6 if counts else 32_500), 32_500)
     assert told.lines.count("READY   X 32494 Y 32500 um") == counts

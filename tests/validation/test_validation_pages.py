@@ -12,8 +12,7 @@ from edmsim import validation
 from edmsim.errors import InputError
 from edmsim.machine.machine import Machine
 from edmsim.machine.parts import Constant
-from edmsim.validation.reasons import REASONS
-from edmsim.validation.report import as_json, failed, render_failed, rows_table
+from edmsim.validation.report import REASONS, as_json, failed, render_failed, rows_table
 from edmsim.validation.rows import Row
 
 ROOT = Path(__file__).parents[2]

@@ -4,10 +4,9 @@ Each takes what a cut leaves and returns a matplotlib figure with an Agg canvas;
 it. No global state of matplotlib is touched, and no display is needed.
 """
 
-from edmsim.recording.figures.cut import corner_figure, error_figure, kerf_figure
+from edmsim.recording.figures.cut import corner_figure, error_figure, kerf_figure, shares_figure
 from edmsim.recording.figures.profile import profile_figure, write_figure
 from edmsim.recording.figures.pulses import delay_figure, plane_figure, pulses_figure
-from edmsim.recording.figures.shares import shares_figure
 from edmsim.recording.figures.wire import spectrum_figure
 
 __all__ = [

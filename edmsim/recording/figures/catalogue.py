@@ -6,9 +6,8 @@ from collections.abc import Callable, Iterator, Mapping
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from edmsim.cosim.pulse_sample import PulseSample
-from edmsim.recording.figures.cut import corner_figure, error_figure, kerf_figure
+from edmsim.recording.figures.cut import corner_figure, error_figure, kerf_figure, shares_figure
 from edmsim.recording.figures.pulses import delay_figure, plane_figure, pulses_figure
-from edmsim.recording.figures.shares import shares_figure
 from edmsim.recording.figures.wire import spectrum_figure
 from edmsim.recording.scene import Scene
 
@@ -68,7 +67,7 @@ def pictures(
         As ``part.npz`` holds it.
     sample : PulseSample or str
         Single pulses of a straight cut with this cut's set-up, or why there are none
-        (`edmsim.job.single_pulses.sample_or_reason`).
+        (`edmsim.job.result.sample_or_reason`).
     leave_out : callable
         Called with which figures cannot be made of this cut, and why.
 

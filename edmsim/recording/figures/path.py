@@ -9,7 +9,7 @@ import shapely
 
 from edmsim.program.path import CutPath
 from edmsim.recording.figures.palette import BLUE, GREEN, INK, METAL, MUTED
-from edmsim.recording.figures.series import quiet
+from edmsim.recording.figures.profile import quiet
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

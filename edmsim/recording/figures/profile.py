@@ -3,20 +3,496 @@
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
 
 from edmsim.files import replacing
-from edmsim.recording.figures.map import draw_map
-from edmsim.recording.figures.palette import GREEN, INK, MUTED, VERMILION
-from edmsim.recording.figures.series import PANELS, draw_series
+from edmsim.metrology.edges import filled
+from edmsim.recording.figures.palette import (
+    BLUE,
+    ERROR_STOPS,
+    GREEN,
+    GRID,
+    INK,
+    LINE,
+    METAL,
+    MUTED,
+    ORANGE,
+    PURPLE,
+    SHARE_COLOURS,
+    VERMILION,
+)
 from edmsim.recording.report import duration_text, figure_text, rate_text
-from edmsim.recording.scene import Scene
+from edmsim.recording.scene import Scene, SceneCorner, round_number
+from edmsim.recording.windows import column, lag_along_um, pause_rows, stretches
 
 if TYPE_CHECKING:
     import pyarrow as pa
+    from matplotlib.axes import Axes
+    from matplotlib.collections import LineCollection
     from matplotlib.figure import Figure
+
+
+BINS = 800
+"""Most points a series is drawn with."""
+
+
+class Band(NamedTuple):
+    """A series in bins: where each bin lies, and the mean, least and largest value in it."""
+
+    x: NDArray[np.float64]
+    mean: NDArray[np.float64]
+    low: NDArray[np.float64]
+    high: NDArray[np.float64]
+
+
+def binned(x: NDArray[np.float64], values: NDArray[np.float64], bins: int = BINS) -> Band:
+    """Put a series into at most `bins` bins of equally many rows.
+
+    Parameters
+    ----------
+    x, values : float64 array (n,)
+        NaN in `values` is left out; a bin with nothing else is NaN.
+    bins : int
+        At least 1.
+
+    Returns
+    -------
+    Band
+        Arrays of length ``min(n, bins)``.
+    """
+    edges = np.linspace(0, len(x), min(len(x), bins) + 1).astype(int)
+    starts, known = edges[:-1], np.isfinite(values)
+    if len(starts) == 0:
+        return Band(*(np.zeros(0) for _ in range(4)))
+    counts = np.add.reduceat(known.astype(float), starts)
+    sums = np.add.reduceat(np.where(known, values, 0.0), starts)
+    low = np.minimum.reduceat(np.where(known, values, np.inf), starts)
+    high = np.maximum.reduceat(np.where(known, values, -np.inf), starts)
+    empty = counts == 0
+    mean = np.divide(sums, counts, out=np.full(len(starts), np.nan), where=~empty)
+    place = np.add.reduceat(x, starts) / np.diff(edges)
+    return Band(place, mean, np.where(empty, np.nan, low), np.where(empty, np.nan, high))
+
+
+def bands(
+    t: NDArray[np.float64], values: NDArray[np.float64], t_s: NDArray[np.float64], bins: int = BINS
+) -> list[Band]:
+    """Put a series into bins, stretch by stretch between the pauses in times `t_s`: nothing crosses one."""
+    share = bins / max(len(t_s), 1)
+    return [
+        binned(t[part], values[part], max(1, round(share * (part.stop - part.start))))
+        for part in stretches(len(t_s), pause_rows(t_s))
+    ]
+
+
+def mark_pauses(axes: Axes, t_s: NDArray[np.float64], seconds: float, label: str | None = None) -> None:
+    """Hatch the pauses of an axis over machine time, `seconds` long units; the first has a label."""
+    for number, row in enumerate(pause_rows(t_s)):
+        axes.axvspan(
+            t_s[row - 1] / seconds, t_s[row] / seconds, facecolor="none", edgecolor=LINE, hatch="////", linewidth=0,
+            label=None if number else label,
+        )  # fmt: skip
+
+
+def quiet(axes: Axes) -> None:
+    """Take from axes what does not speak of the data."""
+    for side in ("top", "right"):
+        axes.spines[side].set_visible(False)
+    for side in ("left", "bottom"):
+        axes.spines[side].set_color(LINE)
+    axes.tick_params(labelsize=8, colors=MUTED, length=3, width=0.6)
+    axes.grid(color=GRID, linewidth=0.6)
+    axes.set_axisbelow(True)
+
+
+def draw_series(panels: list[Axes], windows: pa.Table) -> None:
+    """Draw the main series of the windows over machine time, one of `PANELS` on each of the axes."""
+    t_s = column(windows, "t_s")
+    unit, seconds = time_unit(float(t_s[-1]) if len(t_s) else 0.0)
+    for axes, draw in zip(panels, PANELS, strict=True):
+        quiet(axes)
+        mark_pauses(axes, t_s, seconds, "threading" if axes is panels[0] else None)
+        draw(axes, t_s / seconds, windows)
+        axes.margins(x=0.005)
+        axes.yaxis.set_label_coords(-0.052, 0.5)
+        axes.tick_params(labelbottom=axes is panels[-1])
+        if axes is not panels[0]:
+            axes.sharex(panels[0])
+    panels[-1].set_xlabel(
+        f"machine time, {unit}   (line: mean, band: least to largest of the windows in a bin)",
+        color=MUTED,
+        fontsize=9,
+    )
+
+
+def time_unit(longest_s: float) -> tuple[str, float]:
+    """Return the unit a time axis of that length is drawn in, and its length in s."""
+    if longest_s < 180:
+        return "s", 1.0
+    return ("min", 60.0) if longest_s < 3 * 3600 else ("h", 3600.0)
+
+
+def _band(
+    axes: Axes, t: NDArray[np.float64], values: NDArray[np.float64], windows: pa.Table, colour: str, label: str
+) -> None:
+    for number, band in enumerate(bands(t, values, column(windows, "t_s"))):
+        axes.fill_between(band.x, band.low, band.high, color=colour, alpha=0.18, linewidth=0)
+        axes.plot(band.x, band.mean, color=colour, linewidth=1.1, label=None if number else label)
+
+
+def draw_shares(axes: Axes, t: NDArray[np.float64], windows: pa.Table, bins: int = BINS) -> None:
+    """Draw what became of the pulses in percent, one class on the other."""
+    counts = np.array([column(windows, kind) for kind in SHARE_COLOURS])
+    shares = 100.0 * counts / np.maximum(counts.sum(axis=0), 1.0)
+    of_kinds = [bands(t, share, column(windows, "t_s"), bins) for share in shares]
+    for number, stretch in enumerate(zip(*of_kinds, strict=True)):
+        axes.stackplot(
+            stretch[0].x,
+            [band.mean for band in stretch],
+            colors=list(SHARE_COLOURS.values()),
+            linewidth=0,
+            labels=() if number else list(SHARE_COLOURS),
+        )
+    axes.set_ylim(0, 100)
+
+
+def _finish(axes: Axes, label: str) -> None:
+    axes.set_ylabel(label, color=MUTED, fontsize=8.5)
+    if len(axes.get_legend_handles_labels()[0]) > 1:
+        axes.legend(
+            loc="upper left",
+            bbox_to_anchor=(1.004, 1.03),
+            frameon=False,
+            fontsize=8,
+            handlelength=1.0,
+            labelcolor=INK,
+            borderpad=0.0,
+            handletextpad=0.4,
+            labelspacing=0.3,
+        )
+
+
+def _panel_feed(axes: Axes, t: NDArray[np.float64], windows: pa.Table) -> None:
+    _band(axes, t, column(windows, "feed_um_s"), windows, BLUE, "feed")
+    _finish(axes, "feed\nµm/s")
+
+
+def _panel_pulses(axes: Axes, t: NDArray[np.float64], windows: pa.Table) -> None:
+    draw_shares(axes, t, windows)
+    _finish(axes, "pulses\n%")
+
+
+def _panel_gap(axes: Axes, t: NDArray[np.float64], windows: pa.Table) -> None:
+    _band(axes, t, column(windows, "gap_um"), windows, BLUE, "gap")
+    _band(axes, t, lag_along_um(windows), windows, ORANGE, "wire lag")
+    axes.axhline(0.0, color=MUTED, linewidth=0.6)
+    _finish(axes, "gap, lag\nµm")
+
+
+def _panel_error(axes: Axes, t: NDArray[np.float64], windows: pa.Table) -> None:
+    _band(axes, t, column(windows, "error_um"), windows, VERMILION, "error")
+    axes.axhline(0.0, color=MUTED, linewidth=0.6)
+    _finish(axes, "profile error\nµm")
+
+
+def _panel_wire(axes: Axes, t: NDArray[np.float64], windows: pa.Table) -> None:
+    _band(axes, t, column(windows, "wire_temperature_K"), windows, VERMILION, "wire")
+    _finish(axes, "wire temp.\nK")
+
+
+PANELS: tuple[Callable[[Axes, NDArray[np.float64], pa.Table], None], ...] = (
+    _panel_feed,
+    _panel_pulses,
+    _panel_gap,
+    _panel_error,
+    _panel_wire,
+)
+
+
+Box = tuple[float, float, float, float]
+
+_LABEL_FONT_PT = 8.5
+_LABEL = (4.2, 1.75)
+"""Width and height of a label with some room around it, in heights of its font."""
+_LABEL_AWAY = (2.6, 3.8, 5.2)
+"""Distances of a label from its corner that are tried, in heights of its font."""
+
+NAMED_LEVELS = 4
+"""Levels of a stepped workpiece up to which the legend names each."""
+LABELLED_CORNERS = 12
+"""Corners whose error is written beside them: the worst ones."""
+
+
+def draw_map(axes: Axes, scene: Scene, within_mm: Box | None = None) -> None:
+    """Draw the part, what was cut of it, and the error between on `axes`, in the program's coordinates.
+
+    Parameters
+    ----------
+    axes : matplotlib.axes.Axes
+    scene : Scene
+    within_mm : (x_min, y_min, x_max, y_max), optional
+        What is shown, on the table; all of the cut if not given.
+    """
+    box, (dx, dy) = within_mm or scene.extent_mm(), scene.origin_mm or (0.0, 0.0)
+    scene = scene.in_program()
+    factor = scene.error_factor()
+    _frame_map(axes, scene, (box[0] - dx, box[1] - dy, box[2] - dx, box[3] - dy))
+    _draw_metal(axes, scene)
+    _draw_errors(axes, scene, factor)
+    _draw_out_of_reach(axes, scene)
+    _mark_corners(axes, scene)
+    _mark_places(axes, scene)
+    _scale_bars(axes, factor if len(scene.known_errors()) else None)
+    axes.legend(
+        loc="lower left",
+        bbox_to_anchor=(0.0, 1.0),
+        ncols=7,
+        frameon=False,
+        fontsize=8.5,
+        handlelength=1.6,
+        columnspacing=1.2,
+        borderpad=0.0,
+        borderaxespad=0.3,
+        labelcolor=INK,
+    )
+
+
+def _frame_map(axes: Axes, scene: Scene, shown_mm: Box) -> None:
+    x0, y0, x1, y1 = shown_mm
+    margin = max(0.12 * max(x1 - x0, y1 - y0, 1.0), 0.8e-3 * scene.wire_diameter_um)  # the kerf is seen whole
+    box = axes.get_window_extent()
+    # Half the width shown: whatever needs more room, so that a millimetre is as long on both axes.
+    half = max((x1 - x0) / 2 + margin, ((y1 - y0) / 2 + margin) * box.width / box.height)
+    axes.set_xlim((x0 + x1) / 2 - half, (x0 + x1) / 2 + half)
+    axes.set_ylim(
+        (y0 + y1) / 2 - half * box.height / box.width, (y0 + y1) / 2 + half * box.height / box.width
+    )
+    axes.set_aspect("equal", adjustable="box")
+    axes.autoscale(enable=False)
+    x, y = scene.axis_labels()
+    axes.set_xlabel(x, color=MUTED, fontsize=9)
+    axes.set_ylabel(y, color=MUTED, fontsize=9)
+    quiet(axes)
+    axes.set_axisbelow(False)
+    axes.grid(visible=False)
+
+
+def _draw_metal(axes: Axes, scene: Scene) -> None:
+    from matplotlib.patches import PathPatch, Rectangle
+    from matplotlib.path import Path as MplPath
+
+    x0, y0, x1, y1 = scene.stock_mm
+    axes.add_patch(
+        Rectangle((x0, y0), x1 - x0, y1 - y0, facecolor=METAL, edgecolor=MUTED, linewidth=0.8, zorder=0)
+    )
+    edges = scene.cut_edges_mm[scene.middle_slice()] if scene.cut_edges_mm else ()
+    # What lies between the closed edges is the kerf: even-odd, so that the part inside stays metal.
+    kerf = filled(shapely.MultiLineString([line for line in edges if len(line) > 1]))
+    bored = scene.bored()
+    for polygon in [*shapely.get_parts(kerf), *shapely.get_parts(bored)]:
+        rings = [MplPath(shapely.get_coordinates(ring), closed=True) for ring in shapely.get_rings(polygon)]
+        axes.add_patch(
+            PathPatch(MplPath.make_compound_path(*rings), facecolor="white", edgecolor="none", zorder=1)
+        )
+    rims = [shapely.get_coordinates(ring) for ring in shapely.get_rings(bored)]
+    axes.add_collection(_lines(rims, color=MUTED, linewidth=0.6, zorder=2), autolim=False)
+    lines = _lines(edges, color="#3d4852", linewidth=0.7, zorder=3)
+    lines.set_label(f"cut edge, {scene.middle_mm():.3g} mm high" if scene.terraces else "cut edge, mid height")
+    axes.add_collection(lines, autolim=False)
+    nominal = _lines(
+        [m.nominal_mm for m in scene.maps], color=INK, linewidth=0.7, linestyle=(0, (5, 3)), zorder=4
+    )
+    nominal.set_label("nominal edge")
+    axes.add_collection(nominal, autolim=False)
+    _draw_steps(axes, scene)
+
+
+def _draw_steps(axes: Axes, scene: Scene) -> None:
+    """Outline the levels of a stepped workpiece, with their heights."""
+    outlines = [line for terrace in scene.terraces for line in terrace.outlines_mm]
+    if outlines:
+        lines = _lines(outlines, color=MUTED, linewidth=0.6, linestyle=":", zorder=2)
+        levels = [f"{terrace.height_mm:.3g}" for terrace in scene.terraces]
+        heights = ", ".join(levels) if len(levels) <= NAMED_LEVELS else f"{levels[0]} to {levels[-1]}"
+        lines.set_label(f"steps, {heights} mm high")
+        axes.add_collection(lines, autolim=False)
+
+
+def _lines(lines: Any, **style: Any) -> LineCollection:
+    from matplotlib.collections import LineCollection
+
+    return LineCollection([np.asarray(line) for line in lines], **style)
+
+
+def _draw_errors(axes: Axes, scene: Scene, factor: float) -> None:
+    from matplotlib.colors import LinearSegmentedColormap, Normalize
+
+    if len(scene.known_errors()) == 0:
+        return
+    limit = scene.error_limit_um()
+    norm, colours = Normalize(-limit, limit), LinearSegmentedColormap.from_list("profile error", ERROR_STOPS)
+    for index, edge in enumerate(scene.maps):
+        shown = edge.exaggerated_mm(factor)
+        smooth = edge.smooth()
+        pieces = np.stack([shown[:-1], shown[1:]], axis=1)[smooth]
+        fans = np.stack([edge.points_mm, shown], axis=1)
+        error = edge.reached_um()
+        mean = ((error[:-1] + error[1:]) / 2)[smooth]
+        axes.add_collection(
+            _lines(fans, array=error, cmap=colours, norm=norm, linewidth=0.5, alpha=0.35, zorder=5),
+            autolim=False,
+        )
+        lines = _lines(pieces, array=mean, cmap=colours, norm=norm, linewidth=1.7, capstyle="round", zorder=6)
+        axes.add_collection(lines, autolim=False)
+        if index == 0:
+            axes.plot([], [], color=colours(0.85), linewidth=1.7, label=f"profile error drawn × {factor:g}")
+            _colour_bar(axes, lines)
+
+
+def _draw_out_of_reach(axes: Axes, scene: Scene) -> None:
+    """Mark where the round wire leaves metal even on its exact path: no error is drawn there."""
+    runs = [run for edge in scene.maps for run in edge.out_of_reach_mm()]
+    if runs:
+        lines = _lines(runs, color=PURPLE, linewidth=2.2, capstyle="round", zorder=5)
+        lines.set_label("out of the wire's reach")
+        axes.add_collection(lines, autolim=False)
+
+
+def _colour_bar(axes: Axes, lines: LineCollection) -> None:
+    inset = axes.inset_axes((1.015, 0.0, 0.016, 1.0))
+    bar = axes.figure.colorbar(lines, cax=inset, extend="both", extendfrac=0.03)
+    bar.outline.set_visible(False)
+    bar.set_label("profile error, µm   (too much removed  −  |  +  metal left)", color=MUTED, fontsize=9)
+    bar.ax.tick_params(labelsize=8, colors=MUTED, length=2)
+
+
+def _mark_corners(axes: Axes, scene: Scene) -> None:
+    known = [c for c in scene.corners if np.isfinite(c.error_um)]
+    worst = sorted(known, key=lambda c: -abs(c.error_um))[:LABELLED_CORNERS]
+    if not worst:
+        return
+    x0, y0, x1, y1 = scene.extent_mm()
+    middle = np.array([(x0 + x1) / 2, (y0 + y1) / 2])
+    axes.plot(
+        [c.x_mm for c in known],
+        [c.y_mm for c in known],
+        "o",
+        markersize=5.5,
+        markerfacecolor="none",
+        markeredgecolor=INK,
+        markeredgewidth=0.8,
+        zorder=7,
+        label="corner, its error in µm",
+    )
+    for corner, offset_pt in label_places(axes, worst, middle, _LABEL_FONT_PT):
+        axes.annotate(
+            f"{corner.error_um:+.1f}".replace("-", "−"),
+            (corner.x_mm, corner.y_mm),
+            xytext=offset_pt,
+            textcoords="offset points",
+            ha="center",
+            va="center",
+            fontsize=_LABEL_FONT_PT,
+            color=INK,
+            zorder=8,
+            bbox={"boxstyle": "round,pad=0.18", "facecolor": "white", "edgecolor": GRID, "linewidth": 0.6},
+        )
+
+
+def label_places(
+    axes: Axes, corners: Sequence[SceneCorner], middle: NDArray[np.float64], font_pt: float
+) -> Iterator[tuple[SceneCorner, tuple[float, float]]]:
+    """Choose places of labels, in points from their corners, that cover neither each other nor a corner.
+
+    Best toward the middle of the part: outside, the exaggerated error is drawn. One without room has no label.
+    """
+    point = axes.figure.dpi / 72.0
+    at = axes.transData.transform([(c.x_mm, c.y_mm) for c in corners]) / point
+    centre = axes.transData.transform(middle) / point
+    size = font_pt * np.array(_LABEL)
+    low, high = (corner / point for corner in axes.get_window_extent().get_points())
+    taken = np.empty((0, 2))
+    for corner, place in zip(corners, at, strict=True):
+        inward = centre - place
+        angle = np.arctan2(inward[1], inward[0])
+        tries = [
+            radius * font_pt * np.array([np.cos(angle + turn), np.sin(angle + turn)])
+            for turns in ((0, 40, -40, 80, -80), (120, -120, 180)) for radius in _LABEL_AWAY
+            for turn in np.radians(turns)
+        ]  # fmt: skip
+        for offset in tries:
+            label = place + offset
+            shown = (label - size / 2 > low).all() and (label + size / 2 < high).all()
+            covers = (np.abs(at - label) < size / 2).all(axis=1).any()
+            if shown and not covers and not (np.abs(taken - label) < size).all(axis=1).any():
+                taken = np.vstack([taken, label])
+                yield corner, (float(offset[0]), float(offset[1]))
+                break
+
+
+def _mark_places(axes: Axes, scene: Scene) -> None:
+    if len(scene.starts_mm):
+        axes.plot(
+            scene.starts_mm[:, 0],
+            scene.starts_mm[:, 1],
+            "^",
+            markersize=7,
+            color=GREEN,
+            markeredgecolor="white",
+            markeredgewidth=0.7,
+            linestyle="none",
+            zorder=8,
+            label="start",
+        )
+    if scene.stop_mm is not None:
+        axes.plot(
+            *scene.stop_mm,
+            "X",
+            markersize=10,
+            color=VERMILION,
+            markeredgecolor="white",
+            markeredgewidth=0.8,
+            linestyle="none",
+            zorder=9,
+            label="stopped here",
+        )
+
+
+def _scale_bars(axes: Axes, factor: float | None) -> None:
+    low, high = axes.get_xlim()
+    length = round_number((high - low) * 0.12)
+    bars = [(0.034, f"{length:g} mm")]
+    if factor is not None:
+        bars = [(0.078, f"{length:g} mm"), (0.034, f"{length * 1000.0 / factor:g} µm of error")]
+    for bottom, text in bars:
+        span = length / (high - low)
+        axes.plot(
+            [0.965 - span, 0.965],
+            [bottom, bottom],
+            transform=axes.transAxes,
+            color=INK,
+            linewidth=2.2,
+            solid_capstyle="butt",
+            zorder=10,
+        )
+        axes.text(
+            0.965 - span / 2,
+            bottom + 0.007,
+            text,
+            transform=axes.transAxes,
+            ha="center",
+            va="bottom",
+            fontsize=8,
+            color=INK,
+            zorder=10,
+        )
+
 
 REASON_LETTERS = 130
 """Letters of a line in which it is said why a cut stopped."""

@@ -19,7 +19,7 @@ from edmsim.recording.figures.palette import (
     SKY,
     VERMILION,
 )
-from edmsim.recording.figures.series import bands, draw_shares, mark_pauses, time_unit
+from edmsim.recording.figures.profile import bands, draw_shares, mark_pauses, time_unit
 from edmsim.recording.figures.style import LABEL_PT, colour_bar, column_figure, dress, legend, nothing_to_show
 from edmsim.recording.windows import column
 

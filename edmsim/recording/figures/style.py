@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any, Literal
 
 from edmsim.recording.figures.palette import INK, MUTED
-from edmsim.recording.figures.series import quiet
+from edmsim.recording.figures.profile import quiet
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -14,8 +14,7 @@ from edmsim.recording.figures.palette import BLUE, GRID, MUTED, VERMILION
 if TYPE_CHECKING:
     from matplotlib.projections.polar import PolarAxes
 
-    from edmsim.metrology.circular_test import CircularTest
-    from edmsim.metrology.positioning import Positioning
+    from edmsim.metrology.iso_230 import CircularTest, Positioning
     from edmsim.metrology.table_run import TableMeasurement
     from edmsim.recording.scene import ErrorMap
 

@@ -1,17 +1,119 @@
-"""Playing cuts back: the native rerun viewer where there is a screen, the web viewer otherwise."""
+"""Playing cuts back: the native rerun viewer where there is a screen, the web viewer otherwise.
+
+Also two cuts side by side, a viewer that shows what comes while it comes, and screenshots without screen and GPU.
+"""
 
 from __future__ import annotations
 
 import os
+import signal
 import socket
 import subprocess
 import sys
 import tempfile
-from collections.abc import Mapping
+import time
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
+from typing import TYPE_CHECKING
 from urllib.parse import quote
 
-from edmsim.recording.rerun.playback import find_recording
+from edmsim.errors import InputError
+from edmsim.files import make_writable
+from edmsim.recording.figures import palette
+from edmsim.recording.rerun.blueprint import (
+    Sizes,
+    events_view,
+    gap_view,
+    playback_speed,
+    plot_view,
+    scope_view,
+    workpiece_view,
+)
+from edmsim.recording.rerun.playback import APPLICATION, Playback, find_recording, read_chunks
+from edmsim.recording.rerun.stream import PATH, TIME, saved
+
+if TYPE_CHECKING:
+    import rerun.blueprint as rrb
+    from rerun.experimental import ViewerClient
+
+
+SIDES = (("a", "A", palette.SKY), ("b", "B", palette.ORANGE))
+"""Each cut's place in the recording, its letter and the colour of its curves."""
+CURVES = (
+    ("pulses/short", "short, %"),
+    ("pulses/open", "open, %"),
+    ("feed/feed_um_s", "feed, µm/s"),
+    ("gap/gap_um", "gap, µm"),
+    ("gap/lag_um", "wire lag, µm"),
+    ("gap/error_um", "profile error, µm"),
+    ("gas/coverage", "gas on the wire's front, share"),
+)
+"""Curves in which the cuts are compared, and the titles of their views."""
+OF_EPISODES = (("earned/total", "return so far"), ("cost/total", "cost so far"))
+"""Those that episodes of environments have besides; without them where neither is one."""
+
+
+def write_comparison(file: Path, a: Path, b: Path) -> None:
+    """Write two recordings as one that shows them side by side.
+
+    Parameters
+    ----------
+    file : path
+        What to write.
+    a, b : path
+        Recordings of cuts.
+
+    Raises
+    ------
+    InputError
+        As `edmsim.recording.rerun.playback.find_recording` for either.
+    """
+    import rerun as rr
+
+    plays = [Playback(a), Playback(b)]
+    folders = [play.recording.resolve().parent.name for play in plays]
+    names = [f"{letter}: {folder}" for (_, letter, _), folder in zip(SIDES, folders, strict=True)]
+    recording = rr.RecordingStream(APPLICATION, recording_id="comparison", send_properties=False)
+    curves = CURVES + tuple(curve for curve in OF_EPISODES if any(f"/{curve[0]}" in _entities(p) for p in plays))
+    with saved(recording, file, _blueprint([Sizes(*play.sizes) for play in plays], names, curves)):
+        recording.send_recording_name(" and ".join(names))
+        for (place, letter, colour), play in zip(SIDES, plays, strict=True):
+            chunks = read_chunks(play.recording)
+            recording.send_chunks(
+                [chunk.with_entity_path(f"/{place}{chunk.entity_path}") for chunk in chunks
+                 if not chunk.entity_path.startswith("/__")]
+            )  # fmt: skip
+            for entity, _ in curves:
+                line = rr.SeriesLines(names=[letter], colors=[palette.rgb(colour)], widths=[1.3])
+                recording.log(f"{place}/{entity}", line, static=True)
+
+
+def _entities(play: Playback) -> set[str]:
+    return {str(chunk.entity_path) for chunk in read_chunks(play.recording)}
+
+
+def _blueprint(sizes: list[Sizes], names: list[str], curves: tuple[tuple[str, str], ...]) -> rrb.Blueprint:
+    import rerun.blueprint as rrb
+
+    columns = [
+        rrb.Vertical(
+            workpiece_view(size, f"/{place}", f"{name} (wire deflection × {size.deflection_factor:g})"),
+            gap_view(size, f"/{place}", f"{letter}, at the wire from above, µm, to scale"),
+            scope_view(f"/{place}", f"{letter}, gap voltage and current"),
+            row_shares=[4, 4, 3],
+        )
+        for (place, letter, _), size, name in zip(SIDES, sizes, names, strict=True)
+    ]  # fmt: skip
+    plots = [plot_view([f"{place}/{entity}" for place, *_ in SIDES], title) for entity, title in curves]
+    told = rrb.Horizontal(*(events_view(f"/{place}", f"{letter}, events") for place, letter, _ in SIDES))
+    return rrb.Blueprint(
+        rrb.Horizontal(*columns, rrb.Vertical(*plots, told), column_shares=[3, 3, 4]),
+        rrb.TimePanel(state="collapsed", timeline=PATH, playback_speed=playback_speed(max(s.end_s for s in sizes))),
+        rrb.BlueprintPanel(state="collapsed"),
+        rrb.SelectionPanel(state="collapsed"),
+    )
+
 
 RERUN = (sys.executable, "-c", "import sys; from rerun_cli.__main__ import main; sys.exit(main())")
 """Starts rerun's command line with this interpreter; ``-m rerun_cli`` would lose the exit status."""
@@ -45,8 +147,6 @@ def view(directory: str | Path, web_port: int = 9090, grpc_port: int = 9876) -> 
 
 def compare(a: str | Path, b: str | Path, web_port: int = 9090, grpc_port: int = 9876) -> int:
     """Show two cuts side by side; folders, ports, result and errors as for `view`."""
-    from edmsim.recording.rerun.comparison import write_comparison
-
     first, second = find_recording(a), find_recording(b)
     with tempfile.TemporaryDirectory(prefix="edmsim-") as folder:
         both = Path(folder) / "comparison.rrd"
@@ -103,3 +203,167 @@ def web_address(web_port: int, grpc_port: int) -> str:
     """Return the address of the page that shows what `viewer_command` serves."""
     source = quote(f"rerun+http://{HERE}:{grpc_port}/proxy", safe="")
     return f"http://{HERE}:{web_port}?url={source}"
+
+
+_PORT, _WEB_PORT = 9876, 9090
+"""Rerun's own, as `edmsim view` has them; a free one where one is taken."""
+_TO_BEGIN_S = 30.0
+"""For a viewer to start (ours): ten times what one took here."""
+_MEMORY = "500MB"
+"""What a viewer keeps before it forgets the oldest (ours): hours of a drive's curves, a hundred episodes."""
+
+
+class LiveViewer:
+    """A viewer in a process of its own, which takes what is drawn from this machine only.
+
+    Parameters
+    ----------
+    what : str
+        What it shows, for the notice.
+    instead : str
+        What a user can do where it does not start.
+
+    Attributes
+    ----------
+    source : str
+        Where it takes it.
+    notice : str
+        What to tell the user.
+
+    Raises
+    ------
+    InputError
+        It did not start.
+    """
+
+    def __init__(self, what: str, instead: str) -> None:
+        port, web_port = free_port(_PORT), free_port(_WEB_PORT)
+        self.source = f"rerun+http://{HERE}:{port}/proxy"
+        self._window = has_screen(os.environ, sys.platform)
+        web = [] if self._window else ["--serve-web", "--web-viewer-port", str(web_port)]
+        self._process = subprocess.Popen(
+            [*RERUN, "--bind", HERE, "--port", str(port), "--memory-limit", _MEMORY, *web],
+            stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True,
+        )  # fmt: skip
+        address = web_address(web_port, port)
+        self.notice = (
+            f"{what} opens in a window" if self._window
+            else f"no screen here: open {address} in a browser on this machine for {what}"
+        )  # fmt: skip
+        self._wait_for(port, what, instead)
+
+    def _wait_for(self, port: int, what: str, instead: str) -> None:
+        until = time.monotonic() + _TO_BEGIN_S
+        while self._process.poll() is None and time.monotonic() < until:
+            if free_port(port) != port:
+                return
+            time.sleep(0.05)
+        self.close()
+        raise InputError(f"rerun's viewer did not start, so there is no {what.removeprefix('the ')}; {instead}")
+
+    def close(self) -> None:
+        """Leave a window to its user; a page ends with what it shows."""
+        if not self._window and self._process.poll() is None:
+            os.killpg(self._process.pid, signal.SIGTERM)  # the viewer is a child of the interpreter started here
+
+
+def show(recording: Path, viewer: LiveViewer) -> None:
+    """Have a viewer open a recording that is whole, beside those it has."""
+    import rerun as rr
+
+    stream = rr.RecordingStream(APPLICATION, recording_id=f"show-{recording.parent.name}", send_properties=False)
+    stream.set_sinks(rr.GrpcSink(viewer.source))
+    stream.log_file_from_path(recording)
+    stream.flush()
+    stream.disconnect()
+
+
+SHARES = (0.05, 0.25, 0.5, 0.75, 1.0)
+"""Shares of the machine time at which pictures are taken."""
+_TO_DRAW_S = 60.0
+"""How long the viewer may take to start, and to read the recording."""
+_OPENED_S, _SETTLED_S = 4.0, 0.8
+"""The viewer moves its cameras into place after opening, and draws what a new time needs over some frames."""
+
+
+def take_screenshots(recording: Path, folder: str | Path, shares: tuple[float, ...] = SHARES) -> list[Path]:
+    """Take pictures of a recording as it opens in the viewer, at shares of its machine time.
+
+    Parameters
+    ----------
+    recording : path
+        Of a cut.
+    folder : path
+        Where ``cut-005.png`` and so on are written, named after the share in percent.
+    shares : tuple of float
+        0 to 1.
+
+    Returns
+    -------
+    list of Path
+        The pictures, 1920 x 1080.
+
+    Raises
+    ------
+    InputError
+        As `edmsim.recording.rerun.playback.find_recording`; or the folder cannot be written to; or there is no Vulkan
+        driver to draw with.
+    """
+    end_s = Playback(recording).end_s
+    target = Path(folder)
+    make_writable(target)
+    written = []
+    with _headless(recording) as client:
+        time.sleep(_OPENED_S)
+        for share in shares:
+            client.set_time(TIME, duration=share * end_s, play_state="paused")
+            time.sleep(_SETTLED_S)
+            file = target / f"cut-{round(100 * share):03d}.png"
+            file.write_bytes(_picture(client))
+            written.append(file)
+    return written
+
+
+def _picture(client: ViewerClient) -> bytes:
+    """Take a screenshot; a busy machine may miss the viewer's own deadline."""
+    until = time.monotonic() + _TO_DRAW_S
+    while True:
+        try:
+            return client.take_screenshot()
+        except TimeoutError:
+            if time.monotonic() > until:
+                raise InputError(f"the viewer made no picture in {_TO_DRAW_S:g} s; is the machine busy?") from None
+
+
+@contextmanager
+def _headless(recording: Path) -> Iterator[ViewerClient]:
+    """Run the viewer without a window, bound to this machine, and give a client of it."""
+    from rerun.experimental import ViewerClient
+
+    port = free_port(0)
+    command = [*RERUN, str(recording.resolve()), "--headless", "--bind", HERE, "--port", str(port)]
+    process = subprocess.Popen(
+        command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True
+    )
+    try:
+        yield _connected(process, ViewerClient, f"rerun+http://{HERE}:{port}/proxy")
+    finally:
+        if process.poll() is None:
+            os.killpg(process.pid, signal.SIGTERM)  # the viewer is a child of the interpreter started here
+        process.wait()
+
+
+def _connected(process: subprocess.Popen[bytes], kind: type[ViewerClient], address: str) -> ViewerClient:
+    until = time.monotonic() + _TO_DRAW_S
+    while time.monotonic() < until and process.poll() is None:
+        try:
+            client = kind.connect(address)
+            client.set_time(TIME, duration=0.0, play_state="paused")
+        except (ConnectionError, RuntimeError):
+            time.sleep(0.2)
+        else:
+            return client
+    raise InputError(
+        "rerun's viewer did not start without a window: it needs a Vulkan driver, on Debian and Ubuntu "
+        "mesa-vulkan-drivers"
+    )

@@ -1,6 +1,7 @@
-"""Windows kept in full, pulse by pulse: a thinned run of them over the whole cut, and all of them around events.
+"""What is kept of a cut of any length in bounded memory: frames of the wire and its gas, windows pulse by pulse.
 
-What is kept depends on nothing but the windows seen, so equal cuts keep equal close-ups.
+The more is shown, the fewer frames are kept. Close-ups are a thinned run of windows over the whole cut, and all
+windows around events. What is kept depends on the windows seen alone, so equal cuts keep equal frames and close-ups.
 """
 
 from __future__ import annotations
@@ -14,7 +15,202 @@ from numpy.typing import NDArray
 
 from edmsim.cosim.observers import Observer, PlantView, Turn
 from edmsim.plant.kernel.state import PULSE
-from edmsim.recording.thinned import Bytes, Thinned, bytes_of
+
+Bytes = NDArray[np.uint8]
+"""Rows as bytes, (size,) or (n, size)."""
+
+
+def bytes_of(rows: NDArray[np.void]) -> Bytes:
+    """Look at rows (..., n) as bytes (..., n, size): numpy copies records field by field, twenty times as slowly."""
+    return rows.view(np.uint8).reshape(*rows.shape, rows.itemsize)
+
+
+class Thinned:
+    """Every `stride`-th row; the stride doubles whenever the store is full.
+
+    What is kept depends only on the number of rows shown, so equal cuts keep equal rows.
+
+    Parameters
+    ----------
+    kind : dtype
+        Of a row.
+    capacity : int
+        Most rows kept, at least 2.
+
+    Attributes
+    ----------
+    stride : int
+        Rows shown from one kept to the next.
+    """
+
+    def __init__(self, kind: np.dtype[np.void], capacity: int) -> None:
+        if capacity < 2:
+            raise ValueError(f"a capacity of {capacity} is too small, at least 2 rows are needed")
+        self._rows = np.zeros(capacity, kind)
+        self._bytes = bytes_of(self._rows)
+        self.stride = 1
+        self._seen = self._used = 0
+
+    def __len__(self) -> int:
+        """Return the number of rows kept."""
+        return self._used
+
+    @property
+    def wants_next(self) -> bool:
+        """Whether the next row's turn has come; if not, it may as well be passed over with `skip`."""
+        return self._seen % self.stride == 0
+
+    def skip(self) -> None:
+        """Let a row pass whose turn has not come."""
+        self._seen += 1
+
+    def offer(self, row: Bytes) -> None:
+        """Show one row, its bytes; it is kept if its turn has come."""
+        if self.wants_next and self._used == len(self._rows):
+            self._halve()
+        if self.wants_next:
+            self._bytes[self._used] = row
+            self._used += 1
+        self._seen += 1
+
+    def _halve(self) -> None:
+        kept = self._bytes[: self._used : 2].copy()
+        self._used = len(kept)
+        self._bytes[: self._used] = kept
+        self.stride *= 2
+
+    @property
+    def rows(self) -> NDArray[np.void]:
+        """Rows kept, (n,)."""
+        return self._rows[: self._used]
+
+    def snapshot(self) -> dict[str, NDArray[Any]]:
+        """Everything that changes, as arrays; a copy."""
+        return {"rows": self.rows.copy(), "progress": np.array([self._seen, self.stride])}
+
+    def restore(self, state: Mapping[str, NDArray[Any]]) -> None:
+        """Continue where `snapshot` was taken.
+
+        Raises
+        ------
+        ValueError
+            If it holds rows of another type, or more than fit.
+        """
+        rows = state["rows"]
+        if rows.dtype != self._rows.dtype or len(rows) > len(self._rows):
+            raise ValueError(
+                f"a snapshot of {len(rows)} rows of type {rows.dtype} does not fit {len(self._rows)} of type "
+                f"{self._rows.dtype}"
+            )
+        self._used = len(rows)
+        self._rows[: self._used] = rows
+        self._seen, self.stride = (int(v) for v in state["progress"])
+
+
+class Frames(Observer):
+    """Every `stride`-th window's wire shape and gas; the stride doubles whenever the store is full.
+
+    What is kept depends only on the number of windows seen, so equal cuts keep equal frames.
+
+    Parameters
+    ----------
+    n_slices : int
+        Slices of the workpiece height, bottom first.
+    capacity : int
+        Most frames kept, at least 2.
+
+    Attributes
+    ----------
+    n_slices : int
+    """
+
+    name: ClassVar[str] = "frames"
+
+    def __init__(self, n_slices: int, capacity: int = 2000) -> None:
+        self.n_slices = n_slices
+        kind = [
+            ("t_s", "f8"), ("guides_um", "f8", 2), ("path_um", "f8"), ("deflection_um", "f8", (n_slices, 2)),
+            ("coverage", "f4", (n_slices,)),
+        ]  # fmt: skip
+        self._row: NDArray[np.void] = np.zeros(1, np.dtype(kind))
+        self._kept = Thinned(self._row.dtype, capacity)
+
+    def __len__(self) -> int:
+        """Return the number of frames kept."""
+        return len(self._kept)
+
+    @property
+    def stride(self) -> int:
+        """Windows from one kept frame to the next."""
+        return self._kept.stride
+
+    def window(self, turn: Turn, plant: PlantView) -> None:
+        """See a window; it is kept if its turn has come."""
+        if self._kept.wants_next:
+            x_um, y_um = plant.commanded_um
+            self.offer(
+                turn.time_ns * 1e-9, x_um, y_um, turn.path_um, plant.deflections_um(), plant.coverage()
+            )  # fmt: skip
+        else:
+            self._kept.skip()
+
+    def offer(
+        self, t_s: float, x_um: float, y_um: float, path_um: float, deflection_um: NDArray[np.float64],
+        coverage: NDArray[np.float64],
+    ) -> None:  # fmt: skip
+        """Show one window; it is kept if its turn has come.
+
+        Parameters
+        ----------
+        t_s : float
+            Machine time at the end of the window.
+        x_um, y_um : float
+            Wire guides on the table.
+        path_um : float
+            Place along the wire path.
+        deflection_um : float64 array (n_slices, 2)
+            Wire minus guides, per slice from the bottom.
+        coverage : float64 array (n_slices,)
+            Share of the wire's front that gas covers, 0 to 1.
+        """
+        row = self._row[0]
+        row["t_s"], row["guides_um"], row["path_um"], row["deflection_um"] = t_s, (x_um, y_um), path_um, deflection_um
+        row["coverage"] = coverage
+        self._kept.offer(bytes_of(self._row)[0])
+
+    @property
+    def t_s(self) -> NDArray[np.float64]:
+        """Machine time of every frame in s, shape (n,)."""
+        return np.asarray(self._kept.rows["t_s"])
+
+    @property
+    def guides_um(self) -> NDArray[np.float64]:
+        """Wire guides on the table in um, shape (n, 2)."""
+        return np.asarray(self._kept.rows["guides_um"])
+
+    @property
+    def path_um(self) -> NDArray[np.float64]:
+        """Place along the wire path in um, shape (n,)."""
+        return np.asarray(self._kept.rows["path_um"])
+
+    @property
+    def deflection_um(self) -> NDArray[np.float64]:
+        """Wire minus guides in um, shape (n, n_slices, 2)."""
+        return np.asarray(self._kept.rows["deflection_um"])
+
+    @property
+    def coverage(self) -> NDArray[np.float32]:
+        """Share of the wire's front that gas covers, shape (n, n_slices)."""
+        return np.asarray(self._kept.rows["coverage"])
+
+    def snapshot(self) -> dict[str, NDArray[Any]]:
+        """Everything that changes, as arrays; a copy."""
+        return self._kept.snapshot()
+
+    def restore(self, state: Mapping[str, NDArray[Any]]) -> None:
+        """Take back a `snapshot`; refuses one of another number of slices, or that holds more frames than fit."""
+        self._kept.restore(state)
+
 
 PULSES = 96
 """The last pulses of a window, which are what is kept of it."""
