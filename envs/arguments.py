@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import fields
+from dataclasses import field, fields, is_dataclass
 from inspect import signature
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 from edmsim.errors import InputError
 from edmsim.given_numbers import plain as plain_number
@@ -16,6 +16,43 @@ from edmsim.machine.machine import Machine
 
 Range = float | tuple[float, float]
 _Record = TypeVar("_Record")
+_Value = TypeVar("_Value")
+_Kind = TypeVar("_Kind", bound=type)
+
+
+def argument(default: _Value, unit: str, meaning: str) -> _Value:
+    """Return a field of a dataclass that says its unit and meaning; a subclass may give just another default."""
+    return field(default=default, metadata={"unit": unit, "meaning": meaning})
+
+
+class Argument(NamedTuple):
+    """An argument of an environment, as its page lists it."""
+
+    name: str
+    default: Any
+    unit: str
+    meaning: str
+
+
+def arguments_of(kind: type) -> list[Argument]:
+    """Return the fields of a dataclass, each with the unit and the meaning that it, or the nearest base, says."""
+    said = {
+        f.name: f.metadata
+        for base in reversed(kind.__mro__) if is_dataclass(base) for f in fields(base) if f.metadata
+    }  # fmt: skip
+    return [Argument(f.name, f.default, **said[f.name]) for f in fields(kind)]
+
+
+def shows_arguments(kind: _Kind) -> _Kind:
+    """Put the arguments that a dataclass adds to its bases' into its docstring, in place of ``{arguments}``."""
+    inherited = {f.name for base in kind.__bases__ if is_dataclass(base) for f in fields(base)}
+    lines = []
+    for name, _, unit, meaning in arguments_of(kind):
+        if name not in inherited:
+            lines += [name, f"    {meaning}{unit and f' ({unit})'}."]
+    if kind.__doc__ is not None:  # as it is with python -OO
+        kind.__doc__ = kind.__doc__.replace("{arguments}", "\n    ".join(lines))
+    return kind
 
 
 def above_zero(name: str, value: float, most: float = math.inf) -> None:

@@ -25,58 +25,64 @@ class Entry(NamedTuple):
     name : str
     low, high : float
         What it is clipped to.
-    meaning : str
+    quantity, divisor : str
         What it is, and by what it is divided.
     """
 
     name: str
     low: float
     high: float
-    meaning: str
+    quantity: str
+    divisor: str
+
+    @property
+    def meaning(self) -> str:
+        """What it is, and by what it is divided, as policies' files say it."""
+        return f"{self.quantity} / {self.divisor}".replace("`", "")
 
 
 MEASURED = (
-    Entry("short", 0.0, 1.0, "share of short pulses"),
-    Entry("open", 0.0, 1.0, "share of open pulses"),
-    Entry("spark", 0.0, 1.0, "share of pulses that ignited (sparks and arcs look alike)"),
-    Entry("mean_voltage", 0.0, 1.0, "mean gap voltage / open voltage"),
-    Entry("mean_current", 0.0, 4.0, "mean gap current / the generator's limit of mean current"),
-    Entry("mean_delay", 0.0, 1.0, "mean ignition delay / longest wait for ignition; 1 if nothing ignited"),
-    Entry("commanded_feed", -1.0, 1.0, "commanded feed / max_feed_um_s"),
-    Entry("actual_feed", -1.0, 1.0, "travel along the path / duration / max_feed_um_s"),
-    Entry("t_on", 0.0, 1.0, "log10 of the on-time in us / 3"),
-    Entry("t_period", 0.0, 1.0, "log10 of the pulse period in us / 4"),
+    Entry("short", 0.0, 1.0, "short pulses", "pulses of the step"),
+    Entry("open", 0.0, 1.0, "open pulses", "pulses of the step"),
+    Entry("spark", 0.0, 1.0, "pulses that ignited; sparks and arcs look alike", "pulses of the step"),
+    Entry("mean_voltage", 0.0, 1.0, "mean gap voltage, V", "open voltage, V"),
+    Entry("mean_current", 0.0, 4.0, "mean gap current, A", "generator's limit of it, A"),
+    Entry("mean_delay", 0.0, 1.0, "mean ignition delay, us; 1 if nothing ignited", "longest wait for it, us"),
+    Entry("commanded_feed", -1.0, 1.0, "commanded feed, um/s", "``max_feed_um_s``"),
+    Entry("actual_feed", -1.0, 1.0, "feed by the position counters, um/s", "``max_feed_um_s``"),
+    Entry("t_on", 0.0, 1.0, "log10 of the on-time in us", "3"),
+    Entry("t_period", 0.0, 1.0, "log10 of the pulse period in us", "4"),
 )
 """Entries of every step; `history` steps stand one behind the other, the last one first. All are 0 where no
 window has been fired yet."""
 FIFTHS = tuple(
-    Entry(f"fifth_{k}", 0.0, 1.0, f"share of the ignitions in fifth {k} of the height from below, as located")
+    Entry(f"fifth_{k}", 0.0, 1.0, f"ignitions in fifth {k} of the height, from below", "ignitions of the step")
     for k in range(1, 6)
 )
 """Entries behind those of a step, where discharges are located (`Family.locates_discharges`)."""
 DIALS = (
-    Entry("tension", 0.0, 10.0, "wire tension / 10 N"),
-    Entry("wire_diameter", 0.0, 4.0, "wire diameter / 100 um"),
-    Entry("height", 0.0, 8.0, "workpiece height, the greatest one / 50 mm"),
-    Entry("flushing_lower", 0.0, 30.0, "pressure of the lower nozzle / 1 bar"),
-    Entry("flushing_upper", 0.0, 30.0, "pressure of the upper nozzle / 1 bar"),
-    Entry("wire_speed", 0.0, 15.0, "speed of the running wire / 1 m/s"),
+    Entry("tension", 0.0, 10.0, "tension of the wire, N", "10 N"),
+    Entry("wire_diameter", 0.0, 4.0, "diameter of the wire, um", "100 um"),
+    Entry("height", 0.0, 8.0, "height of the workpiece, the greatest, mm", "50 mm"),
+    Entry("flushing_lower", 0.0, 30.0, "pressure of the lower nozzle, Pa", "1 bar"),
+    Entry("flushing_upper", 0.0, 30.0, "pressure of the upper nozzle, Pa", "1 bar"),
+    Entry("wire_speed", 0.0, 15.0, "speed of the running wire, m/s", "1 m/s"),
 )
 """Entries behind all steps: what the operator has set up and knows."""
 CORNERS = (
-    Entry("corner_ahead", 0.0, 1.0, "length of path to the next corner / 1 mm; 1 if there is none within"),
-    Entry("corner_turn", -1.0, 1.0, "its turn / 180 degrees, left positive; 0 if there is none within 1 mm"),
-    Entry("corner_behind", 0.0, 1.0, "length of path from the last corner / 1 mm; 1 if there is none within"),
-    Entry("corner_turned", -1.0, 1.0, "its turn / 180 degrees, left positive; 0 if there is none within 1 mm"),
+    Entry("corner_ahead", 0.0, 1.0, "path to the next corner, mm; 1 if none is nearer", "1 mm"),
+    Entry("corner_turn", -1.0, 1.0, "its turn, left positive; 0 if none is within 1 mm", "180 degrees"),
+    Entry("corner_behind", 0.0, 1.0, "path from the last corner, mm; 1 if none is nearer", "1 mm"),
+    Entry("corner_turned", -1.0, 1.0, "its turn, left positive; 0 if none is within 1 mm", "180 degrees"),
 )
 """Entries behind the dials, where the program is known."""
-OFFSET = Entry("offset", -1.0, 1.0, "offset from the path, left positive / offset_um")
+OFFSET = Entry("offset", -1.0, 1.0, "offset from the path, left positive, um", "``offset_um``")
 """Entry behind those, where an action leads the guides beside the path."""
 WIRES = (
-    Entry("wires_lost", 0.0, 1.0, "wires that broke / wires of the episode"),
-    Entry("wire_age", 0.0, 1.0, "time of cutting with the present wire / 60 s; 1 beyond"),
-    Entry("spent", 0.0, 1.0, "time of cutting / episode_s; 0 where there is none"),
-    Entry("broke_at", 0.0, 1.0, "log2 of the longest period per on-time at which a wire broke / 10; 0 if none did"),
+    Entry("wires_lost", 0.0, 1.0, "wires that broke in the episode", "``wires``"),
+    Entry("wire_age", 0.0, 1.0, "time of cutting with the present wire, s", "60 s"),
+    Entry("spent", 0.0, 1.0, "time of cutting, s", "``episode_s``"),
+    Entry("broke_at", 0.0, 1.0, "log2 of the longest period/on-time that broke", "10"),
 )
 """Entries behind all others, where an operator remembers the wires of the episode."""
 WIRE_AGE_S = 60.0

@@ -6,7 +6,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self
+from typing import Any, ClassVar, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +15,17 @@ from edmsim.controllers.mcu.firmware.poscal import unit_um
 from edmsim.controllers.planner.registry import kind_of, position_unit
 from edmsim.envs import knobs as generator
 from edmsim.envs import servo
-from edmsim.envs.arguments import Range, above_zero, ends_of, machine_of, one_of, record_of, within
+from edmsim.envs.arguments import (
+    Range,
+    above_zero,
+    argument,
+    ends_of,
+    machine_of,
+    one_of,
+    record_of,
+    shows_arguments,
+    within,
+)
 from edmsim.envs.draws import draw_machine, names_of
 from edmsim.envs.reward import TERMS, Weights
 from edmsim.envs.scenario import Scenario
@@ -26,9 +36,6 @@ from edmsim.machine.machine import Machine
 from edmsim.machine.setting import check_height
 from edmsim.plant.plant import MECHANICS
 from edmsim.plant.resolution import resolution
-
-if TYPE_CHECKING:
-    pass
 
 Floats = NDArray[np.float64]
 
@@ -47,6 +54,7 @@ LASTING = (
 """Arguments that decide on spaces and plants: they stay as long as the environment does."""
 
 
+@shows_arguments
 @dataclass(frozen=True, kw_only=True)
 class Family(ABC):
     """Episodes of one kind: limits, what is drawn, what actions mean; its fields are an environment's arguments.
@@ -57,102 +65,71 @@ class Family(ABC):
 
     Parameters
     ----------
-    resolution : {"fast", "default", "fine"}
-        Resolution of the plant.
-    mechanics : {"modal", "mujoco"}
-        What moves table and wire; with MuJoCo friction, lost steps and backlash of the table count.
-    planner : str
-        What makes motor steps of path and feed (see `edmsim.controllers.planner.registry.make_planner`). ``exact``
-        takes any feed and any corner. The others take feeds in units of 262.5 nm/s, 127 of them at most (33.3375
-        um/s), whatever ``max_feed_um_s`` is, and round corners to whole um or steps.
-    machine : Machine, optional
-        The set-up; the environment's own if not given. What is drawn replaces its values.
-    materials : sequence of str
-        Workpiece materials to draw one from per episode; the machine's own if empty.
-    height_mm, tension : float or (low, high), optional
-        Greatest height of the workpiece in mm and wire tension in newton, or the range each is drawn from, uniformly,
-        per episode; the machine's own if None (ours: sheet to die plate; what wires of 0.25 mm bear).
-    randomise : sequence of str, optional
-        Constants drawn per episode within their published ranges: sections or names of `Machine.sample`.
-        ``()`` for all that have a range and an effect and are no dial of the operator (see `draws`), None for none.
-    machine_episodes : int
-        Episodes that a lane cuts with a machine before it draws another; a reset with a seed always draws.
-    action : {"change", "speed", "servo"}
-        Whether an action changes the feed, is the feed, or sets the target of a servo that makes the feed.
-    knobs : sequence of str
-        Knobs of the generator that further actions turn: see `knobs.KNOBS`.
-    setting_octaves : float
-        How far knobs turn either way: an action of 1 multiplies by 2 to the power of this.
-    detents_us : (float, float)
-        Steps of the knobs, on-time and period (ours: fine against what they change).
-    offset_um : float, optional
-        How far an action of 1 leads the guides to the left of the path, the last entry of an action; none if None.
-    decision_s : float, optional
-        Machine time between two actions: as many windows as begin within it, one at the least. One window if None.
-    episode_s : float, optional
-        Time of cutting after which an episode is truncated; none if None.
-    wires : int
-        Wires of an episode: after a break the next one is threaded where the last one broke, until none is left.
-    max_feed_um_s, max_change_um_s : float
-        Largest feed either way; with ``action="change"`` its largest change per step (ours: ten windows to retract).
-    start_feed_um_s : float
-        Feed before the first action, with ``action="change"``, and that a servo begins with (ours: below all rates).
-    servo_target_share, servo_gains : (float, float)
-        What actions of -1 and 1 ask a servo for, and how it answers: see `servo`.
-    latency_s : float
-        How long a new feed takes to count after a window's end, as a processor does in `edmsim cut`.
-    sensors : Sensors, optional
-        Noise, steps and delay of what is observed; none if None.
-    history : int
-        Steps in an observation, 1 or more.
-    weights : Weights, optional
-        Of the reward's terms; the family's own if not given.
-    objectives : sequence of str
-        Terms that a vector reward has, in order; a scalar reward, the sum of all terms, if empty.
-    near_corner_um : float, optional
-        Path errors count within this length of path before and behind a corner; everywhere if None.
-    error_bound_um, energy_bound_mJ : float, optional
-        Path error and energy of a discharge (which makes the roughness) beyond which a step has a cost.
-    cost_limit : float
-        Sum of ``info["cost"]`` over an episode that a safe learner keeps to in the mean (ours: a break in ten cuts).
+    {arguments}
 
     Raises
     ------
     InputError
         If a value cannot be used.
+
+    Notes
+    -----
+    Of `planner`: ``exact`` takes any feed and any corner. The others take feeds in units of 262.5 nm/s, 127 of them
+    at most (33.3375 um/s), whatever ``max_feed_um_s`` is, and round corners to whole um or steps.
+
+    Of `machine`: what is drawn replaces its values, uniformly and per episode. ``randomise`` names sections or
+    constants of `Machine.sample`; ``()`` draws all that have a published range and an effect and are no dial of the
+    operator (see `draws`). A reset with a seed always draws.
+
+    Of `knobs`: see `knobs.KNOBS`; an action of 1 multiplies by 2 to the power of ``setting_octaves``.
+
+    Of `decision_s`: as many windows as begin within it are fired, one at the least.
+
+    Of `wires`: after a break the next one is threaded where the last one broke, until none is left.
+
+    Of `cost_limit`: it is the sum of ``info["cost"]`` over an episode that a safe learner keeps to in the mean.
     """
 
-    resolution: str = "fast"
-    mechanics: str = "modal"
-    planner: str = "poscal"
-    machine: Machine | None = None
-    materials: Sequence[str] = ()
-    height_mm: Range | None = (4.0, 40.0)
-    tension: Range | None = (8.0, 20.0)
-    randomise: Sequence[str] | None = ()
-    machine_episodes: int = 1
-    action: Literal["change", "speed", "servo"] = "change"
-    knobs: Sequence[str] = ()
-    setting_octaves: float = 2.0
-    detents_us: tuple[float, float] = (1.0, 5.0)
-    offset_um: float | None = None
-    decision_s: float | None = None
-    episode_s: float | None = 25.0
-    wires: int = 1
-    max_feed_um_s: float = MAX_FEED_UM_S
-    max_change_um_s: float = 4.0
-    start_feed_um_s: float = 5.0
-    servo_target_share: tuple[float, float] = servo.TARGET_SHARE
-    servo_gains: tuple[float, float] = servo.GAINS
-    latency_s: float = 0.0
-    sensors: Sensors | None = None
-    history: int = 4
-    weights: Weights | None = None
-    objectives: Sequence[str] = ()
-    near_corner_um: float | None = None
-    error_bound_um: float | None = None
-    energy_bound_mJ: float | None = None
-    cost_limit: float = 0.1
+    resolution: str = argument("fast", "", "of the plant: fast, default, fine")
+    mechanics: str = argument("modal", "", "modal, or mujoco: friction and backlash count")
+    planner: str = argument("poscal", "", "makes motor steps; exact has no greatest feed")
+    machine: Machine | None = argument(None, "", "`Machine`, name, file, mapping; None: the task's own")
+    materials: Sequence[str] = argument((), "", "names, one is drawn; the machine's own if none")
+    # ours: sheet to die plate, and what wires of 0.25 mm bear
+    height_mm: Range | None = argument((4.0, 40.0), "mm", "greatest, or (low, high); None: the machine's")
+    tension: Range | None = argument((8.0, 20.0), "N", "or (low, high); None: the machine's")
+    randomise: Sequence[str] | None = argument((), "", "constants to draw; ``()`` for all, None for none")
+    machine_episodes: int = argument(1, "", "episodes a lane cuts with a drawn machine")
+    action: Literal["change", "speed", "servo"] = argument(
+        "change", "", "change of the feed, speed: the feed, servo: a target"
+    )
+    knobs: Sequence[str] = argument((), "", "on_time, period or duty_factor: further actions")
+    setting_octaves: float = argument(2.0, "octaves", "reach of the knobs either way, at most 4")
+    detents_us: tuple[float, float] = argument(
+        (1.0, 5.0), "us", "steps of the knobs: on-time, period"  # ours: fine against what they change
+    )
+    offset_um: float | None = argument(None, "um", "offset from the path of an action of 1; none if None")
+    decision_s: float | None = argument(None, "s", "machine time between actions; a window if None")
+    episode_s: float | None = argument(25.0, "s", "time of cutting that truncates an episode")
+    wires: int = argument(1, "", "wires before a break ends the episode")
+    max_feed_um_s: float = argument(MAX_FEED_UM_S, "um/s", "largest feed either way")
+    max_change_um_s: float = argument(
+        4.0, "um/s", "largest change of the feed per step"  # ours: ten windows to retract
+    )
+    start_feed_um_s: float = argument(5.0, "um/s", "feed before the first action")  # ours: below all rates
+    servo_target_share: tuple[float, float] = argument(
+        servo.TARGET_SHARE, "", "a servo's open shares at actions of -1 and 1"
+    )
+    servo_gains: tuple[float, float] = argument(servo.GAINS, "", "um/s, and um/s per s, per unit of the error")
+    latency_s: float = argument(0.0, "s", "till a new feed counts, a window at most")
+    sensors: Sensors | None = argument(None, "", "`Sensors` or a mapping: noise, steps, delay")
+    history: int = argument(4, "steps", "steps in an observation")
+    weights: Weights | None = argument(None, "", "`Weights`, or a mapping of those that differ")
+    objectives: Sequence[str] = argument((), "", "terms that a vector reward has; a scalar if none")
+    near_corner_um: float | None = argument(None, "um", "path about a corner where errors count; all if None")
+    error_bound_um: float | None = argument(None, "um", "path error beyond which time costs")
+    energy_bound_mJ: float | None = argument(None, "mJ", "energy of a discharge beyond which it costs")
+    cost_limit: float = argument(0.1, "", "mean cost of an episode to keep to")  # ours: a break in ten cuts
 
     knows_corners: ClassVar[bool] = False
     locates_discharges: ClassVar[bool] = False

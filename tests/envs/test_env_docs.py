@@ -1,19 +1,19 @@
-"""The pages of the environments, their classes' docstrings, say what the code does."""
+"""The pages of the environments, made of what the code declares, are their classes' docstrings."""
 
 from __future__ import annotations
 
-import ast
 import inspect
+import pydoc
 import re
-from dataclasses import MISSING, fields, replace
+from dataclasses import fields
 from pathlib import Path
 
 import gymnasium as gym
 import pytest
 
 from edmsim.cosim.stops import WORDS, StopCause
+from edmsim.envs import Family
 from edmsim.envs.batch import entries_of
-from edmsim.envs.observation import of_a_step
 from edmsim.envs.registry import env_id_of
 
 from .conftest import NAMES
@@ -43,21 +43,6 @@ def section(env, title):
     return found[1]
 
 
-def table(text, columns):
-    """Cells of the rows of a table of so many columns."""
-    found = []
-    for edges, body in re.findall(r"^(=[= ]+)\n.*\n=[= ]+\n((?:[^=\n].*\n)+)=[= ]+$", text, re.M):
-        places = [match.span() for match in re.finditer("=+", edges)]
-        if len(places) == columns:
-            ends = [*(start for start, _ in places[1:]), None]
-            found += [
-                [line[start:end].strip().strip("`") for (start, _), end in zip(places, ends, strict=True)]
-                for line in body.splitlines()
-            ]
-    assert found
-    return found
-
-
 def test_a_registered_environment_is_its_own_class_and_describes_itself(env, env_name):
     assert type(env).__name__ == f"{env_name}Env"
     headings = re.findall(r"^(\w[\w ]*)\n-+$", inspect.getdoc(type(env)), re.M)
@@ -66,56 +51,37 @@ def test_a_registered_environment_is_its_own_class_and_describes_itself(env, env
     assert type(lanes.unwrapped).__name__ == f"{env_name}VectorEnv"
 
 
-def test_actions(env):
-    text = section(env, "Action space")
-    assert f"``Box(-1, 1, {env.action_space.shape}, float32)``" in text
-    rows = table(text, 5)
-    assert [(row[0], row[1]) for row in rows] == [(str(k), name) for k, name in enumerate(env.family.action_names)]
-    for row, low, high in zip(rows, env.action_space.low, env.action_space.high, strict=True):
-        assert row[2] == f"{low:g}..{high:g}"
+def test_help_and_the_instance_show_the_page_too(env):
+    page = inspect.getdoc(type(env))
+    assert env.__doc__ == type(env).__doc__
+    shown = pydoc.plain(pydoc.render_doc(type(env)))
+    assert all(line in shown for line in page.splitlines())
 
 
-def test_observations(env):
-    text = section(env, "Observation space")
-    assert f"``Box({env.observation_space.shape}, float32)``" in text
-    listed = entries_of(env.family)
-    rows = table(text, 5)
-    assert len(rows) == len(entries_of(replace(env.family, history=1)))
-    for index, name, bounds, *_ in rows:
-        k = int(index)
-        assert name == listed[k].name
-        assert bounds == f"{env.observation_space.low[k]:g}..{env.observation_space.high[k]:g}"
-    per_window = len(of_a_step(env.family.locates_discharges))
-    assert f"Entries 0 to {per_window - 1} " in text
-    assert f"{per_window} to {per_window * env.family.history - 1} are the same of the three steps before" in text
+def test_the_page_has_every_entry_of_the_spaces(env):
+    actions, observations = section(env, "Action space"), section(env, "Observation space")
+    assert f"``Box(-1, 1, {env.action_space.shape}, float32)``" in actions
+    assert f"``Box({env.observation_space.shape}, float32)``" in observations
+    row = re.compile(r"^(\d+) +(\w+) +\S+\.\.\S+ ", re.M)
+    assert row.findall(actions) == [(str(k), name) for k, name in enumerate(env.family.action_names)]
+    entries = [entry.name for entry in entries_of(env.family)]
+    assert row.findall(observations) == [(str(k), name) for k, name in enumerate(entries) if "[" not in name]
 
 
-def test_reward(env):
-    rows = table(section(env, "Reward"), 3)
-    weights = env.family.reward_weights
-    assert [(name, float(weight)) for name, _, weight in rows] == [
-        (field.name, getattr(weights, field.name)) for field in fields(weights)
-    ]
+def test_every_argument_says_what_it_means_on_the_page_and_the_family_does_once(env):
+    for name in [*(field.name for field in fields(env.family)), "render_mode"]:
+        assert re.search(rf"^{name} +``.+``  .*\w", section(env, "Arguments"), re.M), name
+    for field in fields(Family):
+        assert len(re.findall(rf"^{field.name}\n    \S", inspect.getdoc(Family), re.M)) == 1
 
 
 def test_ends(env):
     text = section(env, "End of the episode")
     # an episode's time is a truncation, and no environment has drives that trip or a button
     none = {StopCause.RUNNING, StopCause.TIME_LIMIT, StopCause.DRIVE_TRIP, StopCause.EMERGENCY_STOP}
-    causes = set(StopCause) - none
-    for cause in (WORDS[cause].info for cause in causes):
-        assert f"``{cause}``" in text
-        assert f"`{cause}`" in GUIDE
-    assert f"Truncated after {env.family.episode_s:g} s of cutting" in text
-
-
-def test_arguments(env):
-    rows = table(section(env, "Arguments"), 4)
-    told = {name: ast.literal_eval(default) for name, default, *_ in rows}
-    has = {field.name: field.default for field in fields(env.family)}
-    assert MISSING not in has.values()
-    assert told == {**has, "render_mode": None}
-    assert len(rows) == len(told)
+    for cause in set(StopCause) - none:
+        assert f"``{WORDS[cause].info}``" in text
+        assert f"`{WORDS[cause].info}`" in GUIDE
 
 
 def test_spaces_and_lengths_of_the_guide(env, env_name):
