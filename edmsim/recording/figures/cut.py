@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+Array = NDArray[np.float64]
 
 _COLOURS = SKY, PURPLE, GREEN, BLUE, ORANGE
 _SHOWN = 99.0
@@ -83,8 +84,6 @@ def _joined(split: list[ErrorMap]) -> tuple[Array, Array, Array]:
         shares.append(np.column_stack([edge.shares_um, np.full(len(SHARES), np.nan)]))
     return np.concatenate(ways), np.concatenate(errors), np.concatenate(shares, axis=1)
 
-
-Array = NDArray[np.float64]
 
 CORNER_REACH_MM = 0.4
 """Half the width of what a corner's detail shows (ours: kerf and wire are in it whole)."""
