@@ -16,6 +16,8 @@ from edmsim.program.blocks import Block, Units
 from edmsim.program.limits import FARTHEST_MM
 from edmsim.program.outline import JOIN_TOLERANCE_MM
 
+Floats = NDArray[np.float64]
+
 SAME_PLACE_MM = 1e-6
 """Places closer than this many mm differ by numerical noise only."""
 
@@ -134,9 +136,6 @@ def arc_points(start: complex, end: complex, centre: complex, turn: int, full: b
 def _chord_angle(radius: float) -> float:
     sagitta = CHORD_TOLERANCE_UM / 1000
     return 2 * math.acos(1 - sagitta / radius) if radius > sagitta else math.pi / 2
-
-
-Floats = NDArray[np.float64]
 
 
 def extent_mm(points: Floats, elements: Sequence[int]) -> Floats:

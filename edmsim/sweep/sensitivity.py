@@ -28,6 +28,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+Array = NDArray[np.float64]
+
 
 class Factor(NamedTuple):
     """A setting: the place of every run's value among all in order, how many these are, and if they are numbers."""
@@ -84,7 +86,6 @@ MOST_CELLS = 4_000_000
 """Of a grid that is filled for its interactions (ours: 32 MB)."""
 MOST_LEVELS = 1000
 """Levels of all factors together (ours: a sample of more is fitted)."""
-Array = NDArray[np.float64]
 
 
 def decompose(factors: list[Factor], values: Array) -> Shares | None:
