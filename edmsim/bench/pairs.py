@@ -1,7 +1,7 @@
 """Two revisions timed in pairs: ``edmsim bench --against``.
 
 A computer is not equally fast all the time, and others use it too. So both revisions are timed by turns, by processor
-time, and what is told is the ratio.
+time, and the ratio is reported.
 """
 
 from __future__ import annotations

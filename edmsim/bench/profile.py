@@ -86,7 +86,7 @@ class LoopProfile(NamedTuple):
 
 
 class _Watch:
-    """A thread that looks which part the thread that made it is in, while it is told to."""
+    """A thread that samples, within `looking`, which part the thread that made it is in."""
 
     def __init__(self, part: Callable[[], int]) -> None:
         self.spent_s = np.zeros(len(PARTS) + 1)

@@ -169,8 +169,8 @@ class CompiledFunction(registry.CPUDispatcher):  # type: ignore[misc]
                 return self._compile(signature, kinds)
 
     def _compile(self, signature: Any, kinds: tuple[Any, ...]) -> Any:
-        known = kinds in self.overloads or self._cache.load_overload(signature, self.targetctx) is not None
-        if known or CompiledFunction.depth == 1:
+        known = CompiledFunction.depth == 1 or kinds in self.overloads  # the others are looked for among what is kept
+        if known or self._cache.load_overload(signature, self.targetctx) is not None:
             self._compiler.pipeline_class = _WholeCompiler
             return super().compile(signature)
         self._compiler.pipeline_class = _PartCompiler
