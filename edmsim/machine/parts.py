@@ -138,6 +138,10 @@ class Dielectric(Part):
     gap_temperature_K: Annotated[Positive, _within(273, 373.15)]
     viscosity_Pa_s: Annotated[Positive, _within(0.0001, 1)]
     edge_loss: Annotated[Constant, _within(0, 10)]
+    film_stirring: Annotated[Positive, _within(0.1, 100)]
+    turbulence: Annotated[Constant, _within(0, 10)]
+    wake_mm: Annotated[Positive, _within(0.01, 100)]
+    jet_drag: Annotated[Constant, _within(0, 10)]
     flushing_pressure_Pa: Annotated[Positive, _within(1, 3e6)]
     side_gap_um: Annotated[Positive, _within(1, 100)]
 
@@ -159,8 +163,9 @@ class Gap(Part):
     formative_sd_us: Annotated[Constant, _within(0, 100)]
     contact_um: Annotated[Positive, _within(0.1, 20)]
     deionisation_us: Annotated[Positive, _within(0.01, 10000)]
-    debris_gain: Annotated[Constant, _within(0, 10000)]
-    flow_quench_m_s: Annotated[Positive, _within(0.01, 1000)]
+    particle_share: Annotated[Positive, _within(0.001, 1)]
+    chaining: Annotated[Constant, _within(0, 10000)]
+    carried_um: Annotated[Positive, _within(1, 100000)]
     bridge_base: Annotated[Positive, _within(0.001, 10)]
     bridge_per_um: Annotated[Constant, _within(0, 1)]
     bridge_ceiling: Annotated[Positive, _within(0.001, 10)]
@@ -211,6 +216,7 @@ class Cooling(Part):
     convection_per_m_s: Annotated[Constant, _within(0, 100)]
     superheat_K: Annotated[Positive, _within(1, 200)]
     critical_W_m2: Annotated[Positive, _within(100, 1e9)]
+    critical_stream: Annotated[Constant, _within(0, 1e7)]
     film_W_m2K: Annotated[Positive, _within(1, 1e6)]
     dry_share: Annotated[Constant, _within(0, 1)]
 
@@ -301,6 +307,7 @@ class Generator(Part):
     supply_voltage_V: Annotated[Positive, _within(1, 1000)] | None = None
     resistance_ohm: Annotated[Positive, _within(0.001, 100000)]
     short_current_share: Annotated[Positive, _within(0.001, 10)] | None = None
+    arc_share: Annotated[Positive, _within(0.001, 1)] | None = None
     t_on_us: Annotated[Positive, _within(0.01, 100000)]
     t_period_us: Annotated[Positive, _within(0.1, 1e6)]
     ignition_wait_us: Annotated[Positive, _within(0.01, 100000)] | None = None

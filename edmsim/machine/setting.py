@@ -105,6 +105,12 @@ def short_current_A(machine: SetUp) -> float:
     return full if share is None else share.value * full
 
 
+def arc_share(machine: SetUp) -> float:
+    """Duration of a discharge that ignites at once, over that of any other."""
+    share = machine.generator.arc_share
+    return 1.0 if share is None else share.value
+
+
 def mean_current_A(machine: SetUp) -> float:
     """Modelled mean current of a setting, all pulses igniting at once: I t(i) / t(p) (row T-35)."""
     return discharge_current_A(machine) * machine.t_on_us / machine.t_period_us

@@ -14,8 +14,9 @@ from edmsim.machine.files import mjcf_version
 from edmsim.machine.setting import flushing_Pa, resistance_ohm, wire_speed_m_s
 from edmsim.plant.gap.breakdown import GapLaw
 from edmsim.plant.gap.bubble import REFERENCE_GAP_UM, BubbleLaw, bubble_law
-from edmsim.plant.gap.coverage import AMBIENT_PA, GasLaw, cover_um2_J, refill_us, steam_life_us
-from edmsim.plant.gap.debris import Jets, jets
+from edmsim.plant.gap.coverage import AMBIENT_PA, GasLaw, cover_um2_J, refill_um_s, refill_us, steam_life_us
+from edmsim.plant.gap.debris import Jets, jets, kerf_jets
+from edmsim.plant.gap.generator import crater_um3
 from edmsim.plant.gap.water import (
     BOILING_K,
     DENSITY_KG_M3,
@@ -44,6 +45,10 @@ CARVE_BEFORE_UM, CARVE_BEFORE_SPACINGS = 12.0, 0.75
 nearer, the more the further they are apart, and what is not reached stays in the kerf."""
 LEAST_ENERGY_J = 1e-9
 """Energy of a discharge below which its gas has no life to speak of (ours); a generator switched off has none."""
+LEAST_PARTICLE_UM = 0.05
+"""Debris is taken to be no finer than this in the mean (ours: it then ignites nothing)."""
+JET_REACH_MM = 3.0
+"""A jet has turned into the kerf over this height from the face, half of a nozzle's usual bore (ours)."""
 PRIMED_SPAN = 3.0
 """The chance of a primed site ends this many widths above the critical gap."""
 
@@ -66,6 +71,10 @@ def gap_law(machine: Machine, res: Resolution, open_V: float) -> GapLaw:
     share = _patch_m2(machine, res) / _reference_m2(machine)
     scale = 1.0 / (math.log(2) * share)
     width, field = gap.critical_width_um.value, open_V / gap.reference_voltage_V.value
+    primed_per_um2 = share / (4 * PRIMED_SPAN * (width * field) ** 2)
+    size_um = max(gap.particle_share.value * crater_um3(machine) ** (1 / 3), LEAST_PARTICLE_UM)
+    particles_um3 = _patch_m2(machine, res) * 1e12 / (math.pi * size_um**3)
+    burns = open_V > machine.material.burning_voltage_V.value  # a generator switched off ignites nothing
     return GapLaw(
         t50_a=gap.median_a_us_um2.value * scale,
         t50_b=gap.median_b_us_um.value * scale,
@@ -73,7 +82,10 @@ def gap_law(machine: Machine, res: Resolution, open_V: float) -> GapLaw:
         gap_scale=gap.reference_voltage_V.value / open_V,
         scaled_gap_floor_um=-gap.median_b_us_um.value / (2 * gap.median_a_us_um2.value),
         primed_gap_um=(gap.critical_um.value + PRIMED_SPAN * width) * field,
-        primed_per_um2=share / (4 * PRIMED_SPAN * (width * field) ** 2),
+        primed_per_um2=primed_per_um2,
+        particle_gap_um=gap.critical_um.value * field,
+        particle_um=size_um,
+        particles_um=particles_um3 / primed_per_um2 if burns else 0.0,
         contact_gap_um=gap.contact_um.value,
         wire_curvature=2.0 / machine.wire_diameter_um,
     )
@@ -83,6 +95,11 @@ def _gap_viscosity_Pa_s(machine: Machine) -> float:
     """Viscosity of the gap's water without debris."""
     water = machine.base.dielectric
     return water.viscosity_Pa_s.value * viscosity_ratio(water.gap_temperature_K.value)
+
+
+def _wake_jets(machine: Machine) -> Jets:
+    """What the two nozzles drive down the kerf behind the wire."""
+    return kerf_jets(*flushing_Pa(machine), _kerf_um(machine), machine.height_mm)
 
 
 def _kerf_um(machine: Machine) -> float:
@@ -99,7 +116,7 @@ def constants(machine: Machine, res: Resolution) -> Constants:
     slice_m = slice_um * 1e-6
     patch = _patch_m2(machine, res)
     front, side = res.film_from_um, max(res.film_from_um, water.side_gap_um.value)
-    flow = flushing(machine)
+    flow, wake = flushing(machine), _wake_jets(machine)
     return Constants(
         radius_um=radius,
         slice_um=slice_um,
@@ -118,7 +135,7 @@ def constants(machine: Machine, res: Resolution) -> Constants:
         primed_scale_us=gap.primed_scale_us.value,
         primed_shape=gap.primed_shape.value,
         deionisation_us=gap.deionisation_us.value,
-        debris_gain=gap.debris_gain.value,
+        chaining=gap.chaining.value,
         bridge_base=gap.bridge_base.value,
         bridge_per_um=gap.bridge_per_um.value,
         bridge_ceiling=gap.bridge_ceiling.value,
@@ -131,7 +148,7 @@ def constants(machine: Machine, res: Resolution) -> Constants:
         dryness=gas.dryness.value,
         pumping=gas.pumping.value,
         ejection=gas.ejection.value,
-        film_um3_kg_s=12 * _gap_viscosity_Pa_s(machine) * radius**3 * 2 * math.pi / res.rays * slice_m,
+        film_um3_kg_s=water.film_stirring.value * 12 * _gap_viscosity_Pa_s(machine) * radius**3 * 2 * math.pi / res.rays * slice_m,
         film_from_um=front,
         film_spans=res.film_spans,
         film_pull_um2=pull_sum_um2(radius, front, side, res.rays),
@@ -146,7 +163,11 @@ def constants(machine: Machine, res: Resolution) -> Constants:
         wire_heat_share=base.cooling.wire_heat_share.value,
         lower_flow_us=flow.lower_m_s / slice_m * 1e-6,
         upper_flow_us=flow.upper_m_s / slice_m * 1e-6,
+        lower_wake_us=wake.lower_m_s / slice_m * 1e-6,
+        upper_wake_us=wake.upper_m_s / slice_m * 1e-6,
         cavity_um3=math.pi * radius * slice_um * water.side_gap_um.value,
+        wake_um3=_kerf_um(machine) * water.wake_mm.value * 1e3 * slice_um,
+        gas_um3_J=gas.permanent_share.value / AMBIENT_PA * 1e18,
         tension_N=machine.tension,
         strength_N=machine.breaking_force,
         half_strength_K=machine.wire.half_strength_K.value,
@@ -175,7 +196,6 @@ def heat_law(machine: Machine, res: Resolution) -> HeatLaw:
         water_K=machine.base.dielectric.temperature_K.value,
         boiling_K=BOILING_K,
         superheat_K=cooling.superheat_K.value,
-        critical_W_m2=cooling.critical_W_m2.value,
         film_W_m2K=cooling.film_W_m2K.value,
         dry_share=cooling.dry_share.value,
         melting_K=wire.melting_K.value,
@@ -194,7 +214,7 @@ def gas_law(machine: Machine, timing: Timing) -> GasLaw:
     )  # fmt: skip
     fading = np.empty((GRID + 1, 2))
     fill_fading(fading, max(life_us, 1.0), max(filled_us, 1.0), timing.grid_us)
-    return GasLaw(steam, permanent, fading)
+    return GasLaw(steam, permanent, refill_um_s(water.side_gap_um.value, life_us), fading)
 
 
 def push_law(machine: Machine) -> BubbleLaw:
@@ -291,23 +311,49 @@ def flow_m_s(machine: Machine, res: Resolution) -> NDArray[np.float64]:
     return flushing(machine).past_m_s((np.arange(res.slices) + 0.5) / res.slices)
 
 
-def flow_factor(machine: Machine, res: Resolution) -> NDArray[np.float64]:
-    """Share of the breakdown rate that the flow leaves, per slice: ``exp(-(v / v_q)^2)`` (see `breakdown`)."""
-    return np.exp(-((flow_m_s(machine, res) / machine.base.gap.flow_quench_m_s.value) ** 2))
+def wake_m_s(machine: Machine, res: Resolution) -> NDArray[np.float64]:
+    """Speed of the kerf's water behind every slice: that of the flow, which has none where the jets meet, and of eddies."""
+    jets = _wake_jets(machine)
+    down = jets.past_m_s((np.arange(res.slices) + 0.5) / res.slices)
+    return np.hypot(down, machine.base.dielectric.turbulence.value * max(jets.lower_m_s, jets.upper_m_s))
+
+
+def carried_per_us(machine: Machine, res: Resolution) -> NDArray[np.float64]:
+    """Way of the water past every slice in 1 us, over that which leaves nothing of what prepares a breakdown."""
+    return flow_m_s(machine, res) / machine.base.gap.carried_um.value
 
 
 def convection_W_m2K(machine: Machine, res: Resolution) -> NDArray[np.float64]:
-    """Heat transfer from the wire to water that does not boil, per slice: ``h (1 + k v)``."""
-    cooling = machine.base.cooling
-    return cooling.convection_W_m2K.value * (1 + cooling.convection_per_m_s.value * flow_m_s(machine, res))
+    """Heat transfer from the wire to water that does not boil, per slice: ``h (1 + k v)``, front and back alike."""
+    cooling, past_m_s = machine.base.cooling, 0.5 * (flow_m_s(machine, res) + wake_m_s(machine, res))
+    return cooling.convection_W_m2K.value * (1 + cooling.convection_per_m_s.value * past_m_s)
+
+
+def critical_W_m2(machine: Machine, res: Resolution) -> NDArray[np.float64]:
+    """Largest heat flux by boiling, per slice: that of a pool, or more in a stream, ``k sqrt(v) (T_b - T_w)``."""
+    cooling, subcooling_K = machine.base.cooling, BOILING_K - machine.base.dielectric.temperature_K.value
+    stream = cooling.critical_stream.value * np.sqrt(wake_m_s(machine, res)) * subcooling_K
+    return np.maximum(cooling.critical_W_m2.value, stream)
+
+
+def jet_um_kg_s2(machine: Machine, res: Resolution) -> NDArray[np.float64]:
+    """Force of the jets that turn into the kerf on every slice: ``c d dp exp(-z / l)`` per length from either face."""
+    edges_mm = np.arange(res.slices + 1) / res.slices * machine.height_mm
+    force = np.zeros(res.slices)
+    for pressure_Pa, from_face_mm in zip(flushing_Pa(machine), (edges_mm, edges_mm[::-1]), strict=True):
+        left = np.exp(-from_face_mm / JET_REACH_MM)
+        force += pressure_Pa * np.abs(np.diff(left)) * JET_REACH_MM * 1e-3
+    return machine.base.dielectric.jet_drag.value * machine.wire_diameter_um * force
 
 
 def fill_arrays(a: Arrays, model: ModalModel | FullMechanics, machine: Machine, res: Resolution) -> None:
     """Fill what lasts as long as the set-up."""
     fill_model(a, model)
     a.height_share[: res.slices] = height_share(machine, res)
-    a.flow_factor[:] = flow_factor(machine, res)
+    a.carried_per_us[:] = carried_per_us(machine, res)
     a.convection_W_m2K[:] = convection_W_m2K(machine, res)
+    a.critical_W_m2[:] = critical_W_m2(machine, res)
+    a.jet_um_kg_s2[:] = jet_um_kg_s2(machine, res)
     a.flow_share[:] = flushing(machine).flow_share(res.slices)
 
 

@@ -40,7 +40,7 @@ class HeatLaw(NamedTuple):
         Relative rise of the wire's resistivity per kelvin.
     water_K : float
         Temperature of the water that is not at the wire, and of the wire that enters.
-    boiling_K, superheat_K, critical_W_m2, film_W_m2K : float
+    boiling_K, superheat_K, film_W_m2K : float
         Where water boils on the wire, and the boiling curve from there on (see `heat_transfer_W_m2K`).
     dry_share : float
         Share of the heat transfer that gas all around the front takes away.
@@ -57,19 +57,21 @@ class HeatLaw(NamedTuple):
     water_K: float
     boiling_K: float
     superheat_K: float
-    critical_W_m2: float
     film_W_m2K: float
     dry_share: float
     melting_K: float
 
 
 @compiled
-def heat_transfer_W_m2K(temperature_K: float, law: HeatLaw, convection_W_m2K: float, dry: float) -> float:
+def heat_transfer_W_m2K(
+    temperature_K: float, law: HeatLaw, convection_W_m2K: float, critical_W_m2: float, dry: float
+) -> float:
     """Heat flux from the wire over its temperature above the water's.
 
     Convection alone up to the boiling point; then nucleate boiling, whose flux rises with the cube of the superheat
     (Rohsenow) up to the critical one; beyond, steam covers the wire and the film's coefficient holds. ``dry`` is the
-    share of the front that gas covers: it takes `HeatLaw.dry_share` of itself from convection and critical flux.
+    share of the front that gas covers, and that of the back besides: it takes `HeatLaw.dry_share` of itself from
+    convection and critical flux.
     """
     wet = 1.0 - law.dry_share * dry
     convection = convection_W_m2K * wet
@@ -79,7 +81,7 @@ def heat_transfer_W_m2K(temperature_K: float, law: HeatLaw, convection_W_m2K: fl
     if superheat >= law.superheat_K:
         return min(law.film_W_m2K, convection)
     above = temperature_K - law.water_K
-    most = max(law.critical_W_m2 * wet - convection * (law.boiling_K + law.superheat_K - law.water_K), 0.0)
+    most = max(critical_W_m2 * wet - convection * (law.boiling_K + law.superheat_K - law.water_K), 0.0)
     return convection + most * (superheat / law.superheat_K) ** 3 / above
 
 
@@ -117,7 +119,9 @@ def heat_step(a: Arrays, law: HeatLaw, dt_us: float) -> None:
         warm = here + exchange * (above_before + below - 2.0 * here)
         resistance = 1.0 + law.resistance_per_K * (here - law.water_K)
         warm = (warm + law.joule_K_per_A2_us * current2_at(a, s) * resistance + run * above) / (1.0 + run)
-        transfer = heat_transfer_W_m2K(here, law, a.convection_W_m2K[s], a.covered[s])
+        transfer = heat_transfer_W_m2K(
+            here, law, a.convection_W_m2K[s], a.critical_W_m2[s], a.covered[s] + a.wake_gas[s]
+        )
         keep = exponential(-transfer * law.cooling_m2K_J * dt_us)
         temperature[s] = min(law.water_K + (warm - law.water_K) * keep, law.melting_K)
         above = temperature[s]

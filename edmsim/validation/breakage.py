@@ -70,11 +70,13 @@ def rough_rig(
 def mori_rig() -> Machine:
     """Return the set-up of Mori et al.: 0.2 mm brass, 11 A for 1 us, pauses of 4 us, 75 V, a piece 1 mm wide.
 
-    Tension and ignition wait were not published: the default stress, and 50 us. The piece was SiC; steel here.
+    Tension and ignition wait were not published: the default stress, and 50 us. The water stood at the spot. The piece
+    was SiC; steel here.
     """
     return Machine.load(
         generator="production", wire="brass-200", height_mm=1.0, open_voltage_V=75.0, peak_current_A=11.0,
-        pulse_shape="rectangle", t_on_us=1.0, t_period_us=5.0, ignition_wait_us=50.0,
+        pulse_shape="rectangle", t_on_us=1.0, t_period_us=5.0, ignition_wait_us=50.0, flushing_lower_Pa=0.0,
+        flushing_upper_Pa=0.0,
     )
 
 

@@ -54,7 +54,7 @@ def steady_coverage(covers: float) -> float:
     a.metal.fill(1.0)
     c = constants(Machine.load(), res)
     spans_us = np.arange(GRID + 1)[:, None] * PERIOD_US / GRID
-    law = GasLaw(covers / 2 * c.slice_um, 0.0, np.exp(-spans_us / np.array([LIFE_US, 1.0])))
+    law = GasLaw(covers / 2 * c.slice_um, 0.0, 0.0, np.exp(-spans_us / np.array([LIFE_US, 1.0])))
     seen = []
     for _ in range(round(8 * LIFE_US / PERIOD_US)):
         fade(a, law, GRID)

@@ -35,6 +35,7 @@ def _wire(machine: Machine, law: HeatLaw) -> Arrays:
     a = allocate(Arrays, sizes_of(res.slices, res.rays, res.modes))
     a.temperature_K[:] = law.water_K
     a.convection_W_m2K[:] = machine.base.cooling.convection_W_m2K.value
+    a.critical_W_m2[:] = machine.base.cooling.critical_W_m2.value
     return a
 
 
@@ -100,7 +101,7 @@ def check_boiling(seeds: Sequence[int]) -> list[Row]:
 
     def boiling(superheat_K: float) -> float:
         kelvin = law.boiling_K + superheat_K
-        return (heat_transfer_W_m2K(kelvin, law, convection, 0.0) - convection) * (kelvin - law.water_K)
+        return (heat_transfer_W_m2K(kelvin, law, convection, critical, 0.0) - convection) * (kelvin - law.water_K)
 
     surface_m2 = math.pi * machine.wire_diameter_um * 1e-6 * machine.height_mm * 1e-3
     power_W = 0.75 * critical * surface_m2
@@ -115,7 +116,7 @@ def check_boiling(seeds: Sequence[int]) -> list[Row]:
         Row.value("wire", "heat flux by boiling, half of the critical superheat over all of it", BOILING,
                   published=1 / 8, simulated=boiling(law.superheat_K / 2) / boiling(nearly), within=0.01),
         Row.value("wire", "largest heat flux before a film of steam", BOILING, published=critical * 1e-6,
-                  simulated=1e-6 * heat_transfer_W_m2K(law.boiling_K + nearly, law, convection, 0.0)
+                  simulated=1e-6 * heat_transfer_W_m2K(law.boiling_K + nearly, law, convection, critical, 0.0)
                   * (law.boiling_K + nearly - law.water_K), within=0.01, unit="MW/m2"),
         Row.value("wire", "mean rise at three quarters of the critical heat flux", BOILING,
                   published=law.boiling_K - law.water_K + float(brentq(excess, 0.0, law.superheat_K)),

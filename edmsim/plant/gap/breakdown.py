@@ -11,7 +11,14 @@ Mater. Process. 7(5):177, 2023):
   probability that rises as the gap falls through the critical 8..10 um, and then breaks down within a few us
   (Weibull). Sites that are not primed multiply, so the exponents ``W`` of ``1 - exp(-W)`` add.
 
-Other voltages scale the gap to equal field (``g * 80 V / V``); debris multiplies both.
+Debris primes sites in wide gaps: a particle of size x leaves ``g - x`` of a gap, and where that is less than the
+critical gap the site is primed. Of a volume share c with exponentially distributed sizes of mean d,
+``c / (pi d^3) exp(-x / d)`` particles per volume are larger than x.
+
+The flow carries off what prepares a long delay: the rate of the long branch falls with the way that the water has gone
+since the voltage came, as ``exp(-(v t / l)^2)``.
+
+Other voltages scale the gap to equal field (``g * 80 V / V``).
 """
 
 from __future__ import annotations
@@ -43,6 +50,12 @@ class GapLaw(NamedTuple):
         Gap below which a site can be primed, at the present voltage.
     primed_per_um2 : float
         ``W = primed_per_um2 * (primed_gap_um - g)^2`` for one ray; the squares are its primed weight.
+    particle_gap_um : float
+        A particle primes its site where it leaves less than this gap, at the present voltage.
+    particle_um : float
+        Mean size of the particles of debris that discharges of this setting make.
+    particles_um : float
+        Primed weight in um^2 of one ray per um of gap and share of debris, by particles of any size.
     contact_gap_um : float
         Asperities touch below this gap: the pulse is a short.
     wire_curvature : float
@@ -56,6 +69,9 @@ class GapLaw(NamedTuple):
     scaled_gap_floor_um: float
     primed_gap_um: float
     primed_per_um2: float
+    particle_gap_um: float
+    particle_um: float
+    particles_um: float
     contact_gap_um: float
     wire_curvature: float
 
@@ -80,13 +96,27 @@ def _primed_weights(gap: Any, law: GapLaw) -> Any:
 
 
 @compiled
+def _particle_weights(gap: Any, law: GapLaw, loading: np.float32) -> Any:
+    """Primed weights of a block of rays in um^2 by particles, `loading` being those of any size per um of gap."""
+    beyond = highest(gap - np.float32(law.particle_gap_um), np.float32(0.0))
+    # exp(-x) as (1 + x/32)^-32: one division and five squares; it errs to more large particles, 6 % at x = 2
+    larger = spread(np.float32(1.0)) / (beyond * np.float32(0.03125 / law.particle_um) + np.float32(1.0))
+    larger = larger * larger
+    larger = larger * larger
+    larger = larger * larger
+    larger = larger * larger
+    larger = larger * larger
+    return larger * highest(gap, np.float32(0.0)) * loading
+
+
+@compiled
 def sum_slice(
-    rays: Rays, s: int, sx: np.float32, sy: np.float32, law: GapLaw, gain: float, pull: float,
+    rays: Rays, s: int, sx: np.float32, sy: np.float32, law: GapLaw, gain: float, pull: float, debris: float,
     sums: NDArray[np.float64], near: Any,
 ) -> Any:
     """Sum the rays of a slice as `slice_sums` does; returns the greatest primed weights, those of `near` included."""
     pull_floor, one = np.float32(PULL_GAP_FLOOR_UM), np.float32(1.0)
-    curvature = np.float32(law.wire_curvature)
+    curvature, loading = np.float32(law.wire_curvature), np.float32(law.particles_um * debris)
     bare = np.float32(0.25 * law.wire_curvature**2)
     rate = primed = pull_x = pull_y = spread(np.float32(0.0))
     for at in arc(rays, s):
@@ -100,7 +130,7 @@ def sum_slice(
         pull_x += pressure * load(rays.cosine, (s, at))
         pull_y += pressure * load(rays.sine, (s, at))
         weights = _primed_weights(gap, law)
-        primed += weights
+        primed += weights + _particle_weights(gap, law, loading)
         near = highest(near, weights)
     store(sums, (s, 0), totals(rate * gain, primed * gain, pull_x * pull, pull_y * pull))
     return near
@@ -125,7 +155,8 @@ def contact_depth(rays: Rays, s: int, sx: np.float32, sy: np.float32, law: GapLa
 
 @compiled
 def slice_sums(
-    rays: Rays, s: int, shift_x: float, shift_y: float, law: GapLaw, gain: float, sums: NDArray[np.float64]
+    rays: Rays, s: int, shift_x: float, shift_y: float, law: GapLaw, gain: float, sums: NDArray[np.float64],
+    debris: float = 0.0,
 ) -> float:
     """Sum the rays of slice `s` into its row of `sums` (slices, 4), and return the depth of its contacts in um.
 
@@ -134,20 +165,23 @@ def slice_sums(
     gap over radius: ``(1/g + 1/(2 r))^2``. One division serves all.
     """
     sx, sy = np.float32(shift_x), np.float32(shift_y)
-    near = sum_slice(rays, s, sx, sy, law, gain, 1.0, sums, spread(np.float32(0.0)))
+    near = sum_slice(rays, s, sx, sy, law, gain, 1.0, debris, sums, spread(np.float32(0.0)))
     return contact_depth(rays, s, sx, sy, law) if may_touch(near, law) else 0.0
 
 
 @compiled
 def choose_ray(
-    rays: Rays, s: int, shift_x: float, shift_y: float, law: GapLaw, primed: bool, target: float
+    rays: Rays, s: int, shift_x: float, shift_y: float, law: GapLaw, primed: bool, target: float, debris: float
 ) -> int:
     """Place of the ray of slice `s` at which the cumulative weight (rate, or primed weight) passes `target`."""
     sx, sy = np.float32(shift_x), np.float32(shift_y)
-    left = np.float32(target)
+    left, loading = np.float32(target), np.float32(law.particles_um * debris)
     for at in arc(rays, s):
         gap = gaps_of(rays, s, at, sx, sy)
-        weights = _primed_weights(gap, law) if primed else spread(np.float32(1.0)) / _delays(gap, law)
+        if primed:
+            weights = _primed_weights(gap, law) + _particle_weights(gap, law, loading)
+        else:
+            weights = spread(np.float32(1.0)) / _delays(gap, law)
         sums = running(weights)
         before = passed(sums, left)
         if before < GAPS:

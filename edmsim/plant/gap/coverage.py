@@ -3,6 +3,10 @@
 A discharge boils some water, and splits some into hydrogen and oxygen. The pocket of steam spans the kerf and covers
 the front over a length of some mm until it has condensed; the permanent gas covers less, until the water has crept
 back into the gap. Where gas bridges the gap there is no water to pull, to be pushed, to ignite in or to cool.
+
+The kerf behind the wire is a reservoir: the pockets exchange the gap's water with it, debris and all, and the
+permanent gas collects there until the jets have flushed it out. The water that creeps back brings that share of gas
+with it.
 """
 
 from __future__ import annotations
@@ -26,12 +30,16 @@ class GasLaw(NamedTuple):
     ----------
     steam_um_J, gas_um_J : float
         Half the length of front that steam and permanent gas of a discharge cover, over the root of its energy.
+    refill_um_s : float
+        Speed of the wire at whose edges the water would go as fast as that which pockets of steam all over the front
+        drive out of the gap and let back in.
     fading : (GRID + 1, 2)
         Share of steam and of permanent gas that is left over the time grid of the setting.
     """
 
     steam_um_J: float
     gas_um_J: float
+    refill_um_s: float
     fading: Annotated[Array, Kept(GRID + 1, 2)]
 
 
@@ -53,6 +61,24 @@ def cover_um2_J(pressure_energy_share: float, kerf_um: float) -> float:
 def steam_life_us(half_length_um: float, periods: float, density_kg_m3: float) -> float:
     """Lifetime of a pocket of steam: so many times Rayleigh's time of collapse, ``0.915 R sqrt(rho / p0)``."""
     return periods * 0.915 * half_length_um * math.sqrt(density_kg_m3 / AMBIENT_PA)
+
+
+def refill_um_s(gap_um: float, life_us: float) -> float:
+    """Speed of a wire that drives the water through its edges as fast as pockets of steam do.
+
+    Pockets over a share a of the front, of the life T, drive ``pi r g a / T`` out per height and let as much in again,
+    through two edges ``g`` wide: ``pi r a / T`` in the mean of both. A pressure ``loss rho (u + v r / g)^2 / 2`` with
+    that u resists the wire's speed v as ``loss rho u (r / g) d``; `film.edge_loss_kg_m2` has the same force for random
+    motion of the speed ``2 pi g a / (T sqrt(8 / pi))``, which is returned for a = 1.
+
+    Parameters
+    ----------
+    gap_um : float
+        Gap at the edges.
+    life_us : float
+        Life of a pocket.
+    """
+    return 2 * math.pi * gap_um / (max(life_us, 1.0) * 1e-6) / math.sqrt(8 / math.pi)
 
 
 def refill_us(
@@ -88,12 +114,22 @@ def mean_covered(a: Arrays) -> float:
 
 
 @compiled
+def mean_steam(a: Arrays) -> float:
+    """Mean over the height of the share of the front that steam covers."""
+    sum_ = 0.0
+    for s in range(a.debris.shape[0]):
+        sum_ += a.steam[s]
+    return float(sum_ / a.debris.shape[0])
+
+
+@compiled
 def fade(a: Arrays, law: GasLaw, k_period: int) -> None:
-    """Let gas vanish over a period."""
+    """Let gas vanish over a period: steam for good, permanent gas to what the kerf behind the wire has of it."""
     steam, gas = law.fading[k_period, 0], law.fading[k_period, 1]
     for s in range(0, a.steam.shape[0], COORDINATES):
         store(a.steam, (s,), load(a.steam, (s,)) * steam)
-        store(a.gas, (s,), load(a.gas, (s,)) * gas)
+        behind = load(a.wake_gas, (s,))
+        store(a.gas, (s,), behind + (load(a.gas, (s,)) - behind) * gas)
 
 
 @compiled
@@ -110,16 +146,19 @@ def blow(a: Arrays, c: Constants, law: GasLaw, s: int, within: float, energy_J: 
 
     It covers the front again where gas of former discharges lies, whose life ends with it: at one slice and a steady
     rate f the mean share is ``x / (1 + x)``, x = f times the life times the share of the slice one discharge covers.
-    The steam, which reaches further than the permanent gas, drives debris out. Lengths count as shares of the height
-    of the metal in the discharge's slice, beyond the slice as well.
+    The steam, which reaches further than the permanent gas, exchanges the gap's debris with the kerf's. Lengths count
+    as shares of the height of the metal in the discharge's slice, beyond the slice as well.
     """
     root, place = math.sqrt(energy_J) / (c.slice_um * a.metal[s]), s + within
     steam, gas = law.steam_um_J * root, law.gas_um_J * root
     steam_left, gas_left = law.fading[k_left, 0], law.fading[k_left, 1]
     reach = max(steam, gas)
+    a.wake_gas[s] += (1.0 - a.wake_gas[s]) * min(c.gas_um3_J * energy_J / (c.wake_um3 * a.metal[s]), 1.0)
     for k in range(max(0, int(place - reach)), min(a.debris.shape[0], int(place + reach) + 1)):
         under = max(0.0, min(place + steam, k + 1.0) - max(place - steam, float(k)))
         a.steam[k] += (1.0 - a.steam[k]) * steam_left * under
-        a.debris[k] *= 1.0 - c.pumping * under
+        exchanged = c.pumping * under * (a.debris[k] - a.wake_debris[k])
+        a.debris[k] -= exchanged
+        a.wake_debris[k] += exchanged * c.cavity_um3 / c.wake_um3
         under = max(0.0, min(place + gas, k + 1.0) - max(place - gas, float(k)))
         a.gas[k] += (1.0 - a.gas[k]) * gas_left * under

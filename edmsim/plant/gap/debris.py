@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edmsim.compiled.jit import compiled
+from edmsim.plant.gap.water import DENSITY_KG_M3
 
 
 class Jets(NamedTuple):
@@ -96,6 +97,36 @@ def flow_speed_m_s(pressure_Pa: float, viscosity_Pa_s: float, side_gap_um: float
     return pressure_Pa * (side_gap_um * 1e-6) ** 2 / (12 * viscosity_Pa_s * way_mm * 1e-3)
 
 
+KERF_LOSS, KERF_FRICTION = 1.5, 0.04
+"""Velocity heads lost at a sharp entry and exit of the kerf, and friction factor of a turbulent flow in a slot at
+Reynolds numbers of some 10 000 (handbook)."""
+
+
+def kerf_jets(lower_Pa: float, upper_Pa: float, kerf_um: float, height_mm: float) -> Jets:
+    """Return what two nozzles drive down the kerf behind the wire, whose flow is turbulent.
+
+    ``v = sqrt(2 dp / rho / (1.5 + 0.04 z / (2 w)))`` over the way z to where the jets meet. That is where they do in
+    the gap: the speeds go with the roots of the pressures, and fall with one slope.
+
+    Parameters
+    ----------
+    lower_Pa, upper_Pa : float
+        Pressures of the jets over the surroundings, 0 for a nozzle that is off.
+    kerf_um : float
+        Width of the kerf.
+    height_mm : float
+        Workpiece height.
+    """
+    lower, upper = math.sqrt(lower_Pa), math.sqrt(upper_Pa)
+    share = lower / (lower + upper) if lower + upper > 0.0 else 0.5
+
+    def speed_m_s(pressure_Pa: float, way: float) -> float:
+        loss = KERF_LOSS + KERF_FRICTION * way * height_mm / (2 * kerf_um * 1e-3)
+        return math.sqrt(2 * pressure_Pa / DENSITY_KG_M3 / loss)
+
+    return Jets(share, speed_m_s(lower_Pa, share), speed_m_s(upper_Pa, 1.0 - share))
+
+
 EINSTEIN = 2.5
 """Rise of a liquid's viscosity with its share of particles, relative to the clean liquid's (Einstein, 1906)."""
 
@@ -117,14 +148,14 @@ def flush(debris: NDArray[np.float64], lower: float, upper: float, share: NDArra
 
     Parameters
     ----------
-    debris : (slices,)
-        From the bottom.
+    debris : (slices or more,)
+        From the bottom; of the water of the gap, or debris or gas of that of the kerf behind the wire.
     lower, upper : float
         Water changes of the slice at each nozzle.
     share : (2, slices)
         Of each nozzle's, see `Jets.flow_share`.
     """
-    n = debris.shape[0]
+    n = share.shape[1]
     for side in range(2):
         changes = lower if side == 0 else upper
         upstream = 0.0

@@ -13,7 +13,14 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from edmsim.machine.setting import discharge_current_A, ignition_wait_us, open_V, pulse_form, short_current_A
+from edmsim.machine.setting import (
+    arc_share,
+    discharge_current_A,
+    ignition_wait_us,
+    open_V,
+    pulse_form,
+    short_current_A,
+)
 from edmsim.plant.kernel.state import GRID, IGNITION_PULSE, ISO_ENERGETIC, ISO_PULSE, Timing
 
 if TYPE_CHECKING:
@@ -29,6 +36,12 @@ def _removal_mm3_J(machine: Machine) -> float:
     spark = machine.base.discharge
     length = min(machine.t_on_us / spark.removal_reference_us.value, 1.0)
     return float(machine.material.removal_mm3_J.value * length**spark.removal_exponent.value)
+
+
+def crater_um3(machine: Machine) -> float:
+    """Mean volume of a crater of this setting's discharges in water, all of them lasting the on-time."""
+    power_W = machine.material.burning_voltage_V.value * discharge_current_A(machine)
+    return _removal_mm3_J(machine) * 1e9 * power_W * machine.t_on_us * 1e-6
 
 
 def timing(machine: Machine) -> Timing:
@@ -48,6 +61,7 @@ def timing(machine: Machine) -> Timing:
         current_form=pulse_form(machine).square,
         on_us=on,
         wait_us=wait,
+        arc_share=arc_share(machine),
         pause_us=pause,
         period_ns=0 if varies else round(period * 1e3),
         grid_us=grid,

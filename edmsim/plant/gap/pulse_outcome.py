@@ -11,12 +11,14 @@ from edmsim.compiled.random import normal, uniform
 from edmsim.compiled.vectors import element, load, spread
 from edmsim.plant.gap.breakdown import GapLaw, choose_ray, contact_depth, may_touch, sum_slice, weibull
 from edmsim.plant.gap.debris import bridged_probability
-from edmsim.plant.gap.ray_trace import meets_metal, moved, narrowest_now, place_of, rays_of
+from edmsim.plant.gap.ray_trace import gap_of, meets_metal, moved, narrowest_now, place_of, rays_of
 from edmsim.plant.kernel.state import ARC, NO_METAL_UM, OPEN, SHORT, SPARK, Array, Arrays, Constants, Timing
 from edmsim.plant.mechanics.modal import place_slice, place_wire, push_out
 
 LEFT_UM = 0.1
 """An overlap so small is left: the next contact is felt 2 um before the metal (ours)."""
+MOST_TRIES = 64
+"""A delay that the flow has put off so often does not end within the wait (ours: by then it has passed)."""
 MOST_SWEEPS = 8
 """So many sweeps over the slices push the wire out; what is left is judged at the window's end (ours)."""
 
@@ -40,9 +42,8 @@ def leak_conductance(a: Arrays, c: Constants) -> float:
 
 @compiled
 def _gain(a: Arrays, c: Constants, s: int) -> float:
-    """What debris, flow, gas and the height of its metal make of the breakdown rate in a slice."""
-    wet = 1.0 - c.dryness * a.covered[s]
-    return float((1.0 + c.debris_gain * a.debris[s]) * a.flow_factor[s] * wet * a.metal[s])
+    """What gas and the height of its metal make of the breakdown rate in a slice."""
+    return float((1.0 - c.dryness * a.covered[s]) * a.metal[s])
 
 
 @compiled
@@ -64,7 +65,7 @@ def sum_rays(
     near = spread(np.float32(0.0))
     for s in range(sums.shape[0]):
         sx, sy = moved(a, position, s)
-        near = sum_slice(rays, s, sx, sy, law, _gain(a, c, s), _pull(a, c, s), sums, near)
+        near = sum_slice(rays, s, sx, sy, law, _gain(a, c, s), _pull(a, c, s), a.debris[s], sums, near)
         everything += load(sums, (s, 0))
     touching = 0.0
     if may_touch(near, law):
@@ -150,24 +151,56 @@ def _pick(sums: Array, kind: int, target: float) -> tuple[int, float]:
 
 
 @compiled
+def _await(
+    state: NDArray[np.void], a: Arrays, sums: Array, rate: float, wait_us: float
+) -> tuple[float, int, float]:
+    """Delay of the long branch in us, its slice, and what of a drawn sum is left there.
+
+    Thinning: without flow a breakdown comes at the summed rate; it is put off by the chance that the water has carried
+    away what prepared it.
+    """
+    delay, per_rate = 0.0, 1.0 / max(rate, 1e-30)
+    for _ in range(MOST_TRIES):
+        delay -= logarithm(draw(state)) * per_rate
+        if delay >= wait_us:
+            break
+        s, left = _pick(sums, 0, draw(state) * rate)
+        carried = delay * a.carried_per_us[s]
+        if carried < 0.01 or draw(state) < exponential(-carried * carried):
+            return delay, s, left
+    return wait_us, 0, 0.0
+
+
+@compiled
+def _chains_up(
+    state: NDArray[np.void], a: Arrays, c: Constants, law: GapLaw, position: Array, s: int, k: int
+) -> bool:
+    """Whether a primed place owes it to a particle, and that particle finds others that bridge the gap with it."""
+    return gap_of(a, position, s, k) > law.primed_gap_um and draw(state) < c.chaining * a.debris[s]
+
+
+@compiled
 def _ignite(
     state: NDArray[np.void], a: Arrays, c: Constants, law: GapLaw, t: Timing, position: Array, sums: Array,
     totals: tuple[float, float, float, float, float],
-) -> tuple[float, int, int]:
-    """Delay until breakdown in us, and its slice and place; a delay past the wait has no place."""
+) -> tuple[int, float, int, int]:
+    """Class of the pulse, delay until breakdown in us, its slice and place; an open one has no place."""
     weight = law.primed_per_um2 * totals[1]
     chance = draw(state)
     is_primed = chance > 1.0 - weight and chance > exponential(-weight)  # the first rules it out most often
     if is_primed:
         delay = weibull(c.primed_scale_us, c.primed_shape, draw(state))
+        s, left = _pick(sums, 1, draw(state) * totals[1])
     else:
-        delay = -logarithm(draw(state)) / max(totals[0], 1e-30)
+        delay, s, left = _await(state, a, sums, totals[0], t.wait_us)
     if delay >= t.wait_us:
-        return delay, 0, 0
-    delay += max(c.formative_us + c.formative_sd_us * normal(draw(state)), 0.01)
-    s, left = _pick(sums, 1 if is_primed else 0, draw(state) * (totals[1] if is_primed else totals[0]))
+        return OPEN, t.wait_us, 0, 0
     sx, sy = moved(a, position, s)
-    return delay, s, choose_ray(rays_of(a), s, float(sx), float(sy), law, is_primed, left / _gain(a, c, s))
+    k = choose_ray(rays_of(a), s, float(sx), float(sy), law, is_primed, left / _gain(a, c, s), a.debris[s])
+    if is_primed and _chains_up(state, a, c, law, position, s, k):
+        return SHORT, 0.0, s, k
+    delay += max(c.formative_us + c.formative_sd_us * normal(draw(state)), 0.01)
+    return (SPARK, delay, s, k) if delay < t.wait_us else (OPEN, t.wait_us, 0, 0)
 
 
 @compiled
@@ -196,7 +229,4 @@ def decide(
         s, r = state[0].last_slice, state[0].last_ray
         if meets_metal(a, c, s, r):
             return ARC, 0.0, s, place_of(a, s, r)
-    delay, s, place = _ignite(state, a, c, law, t, position, sums, totals)
-    if delay < t.wait_us:
-        return SPARK, delay, s, place
-    return OPEN, t.wait_us, 0, 0
+    return _ignite(state, a, c, law, t, position, sums, totals)

@@ -95,6 +95,15 @@ def weigh(a: Arrays, index: NDArray[np.int32], levels: NDArray[np.float32], c: C
 
 
 @compiled
+def is_kerf(a: Arrays, s: int) -> bool:
+    """Whether metal faces half of the wire's girth or more in a slice: it cuts a kerf, and not along a wall."""
+    facing = 0
+    for k in range(a.distance.shape[1]):
+        facing += a.distance[s, k] < NO_METAL_UM
+    return bool(2 * facing >= a.ray_cosine.shape[0])
+
+
+@compiled
 def ray_at(a: Arrays, s: int, place: int) -> int:
     """Ray, counted from +x, at a place of the arrays of `rays.Rays`."""
     return turned(a.first[s], place, a.ray_cosine.shape[0])

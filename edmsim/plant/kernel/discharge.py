@@ -13,7 +13,7 @@ from edmsim.compiled.random import normal, uniform
 from edmsim.plant.gap.bubble import REFERENCE_GAP_UM, BubbleLaw, bubble_impulse_Ns
 from edmsim.plant.gap.debris import EINSTEIN, flush, mean_loading
 from edmsim.plant.gap.pulse_outcome import draw
-from edmsim.plant.gap.ray_trace import gap_of, ray_at
+from edmsim.plant.gap.ray_trace import gap_of, is_kerf, ray_at
 from edmsim.plant.kernel.state import ARC, OPEN, Array, Arrays, Constants, Timing
 from edmsim.plant.mechanics.modal import project
 from edmsim.plant.wire import HeatLaw, current2_at, heat_step, strength_share
@@ -101,6 +101,14 @@ def _mark_spot(state: NDArray[np.void], c: Constants, outcome: int) -> None:
 
 
 @compiled
+def _wet(a: Arrays, c: Constants, outcome: int, s: int) -> float:
+    """Chance that water is around a discharge: a spark strikes in gas more rarely, an arc burns in its forerunner's."""
+    if outcome == ARC:
+        return 0.0
+    return float((1.0 - a.covered[s]) / (1.0 - c.dryness * a.covered[s]))
+
+
+@compiled
 def discharge(
     state: NDArray[np.void], window: NDArray[np.void], a: Arrays, c: Constants, t: Timing, heat: HeatLaw,
     bubble: BubbleLaw, position: Array, outcome: int, s: int, k: int, burn_us: float,
@@ -108,8 +116,8 @@ def discharge(
     """One spark or arc burning for `burn_us`: crater, heat, debris. Returns its energy and its bubble's impulse."""
     power = t.burning_V * t.current_A
     energy = power * burn_us * 1e-6
-    gap, dry = gap_of(a, position, s, k), a.covered[s]
-    volume = t.removal_um3_J * energy * (1.0 - c.ejection * dry)
+    gap, wet = gap_of(a, position, s, k), _wet(a, c, outcome, s)
+    volume = t.removal_um3_J * energy * (1.0 - c.ejection * (1.0 - wet))
     volume *= max(0.0, 1.0 + c.crater_cv * normal(draw(state)))
     window[0].gap_um += gap
     window[0].energy_J += energy
@@ -122,7 +130,7 @@ def discharge(
     state[0].last_ray = ray_at(a, s, k)
     warm(state, window, a, c, heat, heated, energy)
     erode(state, window, a, c, position, s, k, volume)
-    return energy, bubble_impulse_Ns(power, burn_us, gap, bubble) * (1.0 - dry)
+    return energy, bubble_impulse_Ns(power, burn_us, gap, bubble) * wet
 
 
 @compiled
@@ -161,11 +169,18 @@ def log_pulse(
 
 
 @compiled
-def _magnetise(a: Arrays, c: Constants, sums: Array, dt_us: float, forces: Array) -> None:
-    """Load the wire with the mean magnetic force of the currents since then, along the pull on every slice."""
+def _load_steadily(a: Arrays, c: Constants, sums: Array, dt_us: float, forces: Array) -> None:
+    """Load the wire with what stands for many pulses, along the pull on every slice: magnetic force and jets.
+
+    The force of the currents since then draws to the metal. The jets push the other way where a kerf guides them,
+    which has metal on half of the wire's girth or more.
+    """
     for s in range(sums.shape[0]):
         pull = math.sqrt(sums[s, 2] ** 2 + sums[s, 3] ** 2)
-        force = c.magnetic_N_A2 * a.metal[s] * current2_at(a, s) / dt_us * 1e6 / pull if pull > 0.0 else 0.0
+        force = c.magnetic_N_A2 * a.metal[s] * current2_at(a, s) / dt_us * 1e6
+        if is_kerf(a, s):
+            force -= a.jet_um_kg_s2[s] * a.metal[s]
+        force = force / pull if pull > 0.0 else 0.0
         forces[s, 2], forces[s, 3] = force * sums[s, 2], force * sums[s, 3]
     project(a, forces, a.steady)
 
@@ -176,15 +191,19 @@ def propagate_heat(
 ) -> None:
     """Propagate heat and debris over the time that has gathered, wear the wire, and see whether it breaks.
 
-    `forces` is room for the magnetic ones, in its third and fourth column.
+    `forces` is room for the steady ones, in its third and fourth column.
     """
     dt = state[0].heat_wait_us
     heat_step(a, heat, dt)
-    _magnetise(a, c, sums, dt, forces)
+    _load_steadily(a, c, sums, dt, forces)
     for s in range(a.debris.shape[0]):
         a.current2_us[0, s] = a.current2_us[1, s] = 0.0
+        if not is_kerf(a, s):  # along a wall the water behind the wire is that of the bath
+            a.wake_debris[s] = a.wake_gas[s] = 0.0
     flowing = dt / (1.0 + EINSTEIN * mean_loading(a.debris))
     flush(a.debris, c.lower_flow_us * flowing, c.upper_flow_us * flowing, a.entering)
+    flush(a.wake_debris, c.lower_wake_us * dt, c.upper_wake_us * dt, a.entering)
+    flush(a.wake_gas, c.lower_wake_us * dt, c.upper_wake_us * dt, a.entering)
     passed = 1.0 - math.exp(-heat.run_per_us / a.temperature_K.shape[0] * dt)
     worn = c.worn_share_per_um3_us * state[0].wear_wait_um3 / dt
     state[0].worn_share += (worn - state[0].worn_share) * passed

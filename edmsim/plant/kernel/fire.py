@@ -21,6 +21,7 @@ from edmsim.plant.gap.pulse_outcome import decide, deepest_contact, draw, leak_c
 from edmsim.plant.gap.ray_trace import OVERLAP_UM, retrace, weigh
 from edmsim.plant.kernel.discharge import discharge, log_pulse, propagate_heat, short_circuit
 from edmsim.plant.kernel.state import (
+    ARC,
     BROKEN,
     FINE,
     GRID,
@@ -273,6 +274,7 @@ def fire_window(
             impulse = short_circuit(state, window, a, c, t, heat, bubble, position, s, k)
         elif outcome != OPEN:
             burn = t.on_us - delay if t.mode == ISO_PULSE else t.on_us
+            burn *= t.arc_share if outcome == ARC else 1.0
             energy, impulse = discharge(state, window, a, c, t, heat, bubble, position, outcome, s, k, burn)
             window[0].delay_us += delay
             window[0].ignitions += 1
@@ -290,7 +292,7 @@ def fire_window(
             period_ns = int(k_period * t.grid_us * 1e3 + 0.5)
         period_us = period_ns * 1e-3
         film = mean_film(state, totals[3], totals[4], sums.shape[0])
-        resistance = mean_resistance(a, c, film)
+        resistance = mean_resistance(a, c, gas, film)
         found = find_films(state, a, c, sums, film, films)
         project(a, sums, load)
         if axes.errs != 0:
@@ -327,7 +329,8 @@ def fire_window(
             k_quiet = _grid_steps(quiet * per_grid, k_period)
             blow(a, c, gas, s, draw(state), energy, k_quiet)
         sum_up(a)
-        state[0].since_discharge_us = state[0].since_discharge_us + period_us if outcome == OPEN else quiet
+        # a short leaves no channel, and the last one's ions go on leaving
+        state[0].since_discharge_us = state[0].since_discharge_us + period_us if energy == 0.0 else quiet
         state[0].pulses += 1
         state[0].heat_wait_us += period_us
         window[0].duration_ns += period_ns

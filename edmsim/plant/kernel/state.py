@@ -135,7 +135,7 @@ class Constants(NamedTuple):
     primed_scale_us: float
     primed_shape: float
     deionisation_us: float
-    debris_gain: float
+    chaining: float
     bridge_base: float
     bridge_per_um: float
     bridge_ceiling: float
@@ -160,7 +160,11 @@ class Constants(NamedTuple):
     wire_heat_share: float
     lower_flow_us: float
     upper_flow_us: float
+    lower_wake_us: float
+    upper_wake_us: float
     cavity_um3: float
+    wake_um3: float
+    gas_um3_J: float
     tension_N: float
     strength_N: float
     half_strength_K: float
@@ -188,6 +192,8 @@ class Timing(NamedTuple):
         t(i): on-time for iso-pulse, duration of the discharge otherwise.
     wait_us : float
         Longest time to ignition.
+    arc_share : float
+        Duration of a discharge that ignites at once, over that of any other.
     pause_us : float
         t(0) after a stretched pulse.
     period_ns : int
@@ -205,6 +211,7 @@ class Timing(NamedTuple):
     current_form: float
     on_us: float
     wait_us: float
+    arc_share: float
     pause_us: float
     period_ns: int
     grid_us: float
@@ -294,6 +301,8 @@ class Arrays(NamedTuple):
         flowed in the wire below it, and above it.
     steam, gas, covered : (slices filled,)
         Shares of the front that steam, permanent gas and either cover.
+    wake_debris, wake_gas : (slices), (slices filled)
+        Shares of debris and of permanent gas in the water of the kerf behind the wire.
     distance, cosine, sine, first, blocks, unbroken
         What the loop sees of the rays, see `rays.Rays`: ``edge_um`` without that craters took since.
     ray_cosine, ray_sine : float64 (rays,)
@@ -311,8 +320,12 @@ class Arrays(NamedTuple):
         Mean square of the slices' speed per square of a coordinate's.
     height_share : (slices filled,)
         Height of a slice above the lower guide, as a share of the distance of the guides.
-    flow_factor, convection_W_m2K : (slices,)
-        Share of the breakdown rate that the flow past a slice leaves, and its heat transfer without boiling.
+    carried_per_us : (slices,)
+        Way of the water past a slice in 1 us, over that after which nothing is left of what prepares a breakdown.
+    convection_W_m2K, critical_W_m2 : (slices,)
+        Heat transfer without boiling, and largest heat flux by boiling.
+    jet_um_kg_s2 : (slices,)
+        Force of the jets that turn into the kerf behind the wire.
     flow_share : (2, slices)
         Water that enters a slice from the lower and the upper nozzle, of what leaves that nozzle.
     entering : (2, slices)
@@ -335,6 +348,8 @@ class Arrays(NamedTuple):
     steam: Annotated[Array, Kept("slices_filled", life=CHANGING)]
     gas: Annotated[Array, Kept("slices_filled", life=CHANGING)]
     covered: Annotated[Array, Kept("slices_filled", life=CHANGING)]
+    wake_debris: Annotated[Array, Kept("slices", life=CHANGING)]
+    wake_gas: Annotated[Array, Kept("slices_filled", life=CHANGING)]
     distance: Annotated[NDArray[np.float32], Kept("slices", "places", life=WALL)]
     cosine: Annotated[NDArray[np.float32], Kept("slices", "places", life=WALL)]
     sine: Annotated[NDArray[np.float32], Kept("slices", "places", life=WALL)]
@@ -350,8 +365,10 @@ class Arrays(NamedTuple):
     mobility: Annotated[Array, Kept("modes")]
     inertia: Annotated[Array, Kept("modes")]
     height_share: Annotated[Array, Kept("slices_filled")]
-    flow_factor: Annotated[Array, Kept("slices")]
+    carried_per_us: Annotated[Array, Kept("slices")]
     convection_W_m2K: Annotated[Array, Kept("slices")]
+    critical_W_m2: Annotated[Array, Kept("slices")]
+    jet_um_kg_s2: Annotated[Array, Kept("slices")]
     flow_share: Annotated[Array, Kept(2, "slices")]
     table_shape: Annotated[Array, Kept(2, 2)]
     table_participation: Annotated[Array, Kept(2, 2)]

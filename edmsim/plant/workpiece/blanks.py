@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 SLOT_UM = 400.0
 """Length of the slot behind the wire (ours: the wire's rays do not reach its open end)."""
-SLOT_GAP_UM = 25.0
+SLOT_GAP_UM = 30.0
 """Gap all round the wire at the slot's end (ours: a little wider than what cuts settle at in front)."""
 BLOCK_UM = 1000.0
 """How far a wavy wall goes on before and behind what is needed of it (ours: beyond what the wire's rays reach)."""
