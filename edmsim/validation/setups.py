@@ -106,6 +106,9 @@ def single_discharges(plant: Plant, count: int) -> list[PulseWindow]:
     return windows
 
 
+PRACTICE = "usual of wire EDM practice (no published table)"
+"""Source of facts that every shop knows and nobody was found to have tabulated; what they say stands behind it."""
+
 HELD_SHARE = 0.3
 """Share of open pulses that the feed of a search for the break limit holds, far from shorts (ours)."""
 
