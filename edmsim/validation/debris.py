@@ -9,7 +9,7 @@ from edmsim.controllers import from_text
 from edmsim.cosim.straight import Cut, Traverse, begin
 from edmsim.evaluation.stable_rate import quick_counts
 from edmsim.machine.machine import Machine
-from edmsim.plant.window import PulseWindow
+from edmsim.plant.window import PlantError, PulseWindow
 from edmsim.plant.workpiece.blanks import SLOT_GAP_UM
 from edmsim.validation.breakage import ROUGH_PERIOD_US, rough_rig
 from edmsim.validation.ignition import ESTEVES, FLOW, THESIS, THESIS_ON_US, hole_gap_um, thesis_machine
@@ -88,7 +88,7 @@ def slot_rig(energy_mJ: float, t_on_us: float) -> Machine:
 
 
 def side_gap_um(machine: Machine, seed: int) -> float:
-    """Cut a slot: half of what its kerf is wider than the wire; NaN if it takes longer than `LONGEST_S`."""
+    """Cut a slot: half of what its kerf is wider than the wire; NaN if it jams or takes longer than `LONGEST_S`."""
     plant = begin(machine, seed, gap_um=BEGUN_UM)
     traverse = Traverse(plant, from_text(quick_counts(OPEN_SHARE)))
 
@@ -98,9 +98,12 @@ def side_gap_um(machine: Machine, seed: int) -> float:
             windows.append(traverse.window())
         return windows
 
-    run_to(plant.commanded_um[0] + SETTLED_UM)
-    from_um = plant.commanded_um[0]
-    windows = run_to(from_um + machine.wire_diameter_um / 2 + SLOT_GAP_UM + KERF_UM)
+    try:
+        run_to(plant.commanded_um[0] + SETTLED_UM)
+        from_um = plant.commanded_um[0]
+        windows = run_to(from_um + machine.wire_diameter_um / 2 + SLOT_GAP_UM + KERF_UM)
+    except PlantError:
+        return math.nan
     if plant.time_ns >= LONGEST_S * 1e9:
         return math.nan
     cut = Cut(plant, windows, from_um, plant.commanded_um[0] - from_um)
