@@ -19,8 +19,9 @@
 #
 # **What is done.** `edmsim.validation` is a list of published facts, each with its source and with the code that lets
 # the model repeat it. A fact is a value, a band or a sign, and has a tolerance that says what counts as agreement.
-# Nothing is fitted here. The rows below are those of the page "validation" but for the checks of gas, shorts and lag,
-# which `edmsim validate` runs as well. Rows that fail stay in the list, with a link to the reason.
+# Nothing is fitted here. The rows below are those of the page "validation" but for the checks of gas,
+# shorts, debris, lag, stable rates and resolutions, which `edmsim validate` runs as well. Rows that fail
+# stay in the list, with a link to the reason.
 
 # %% tags=["parameters"]
 modules = [  # checks to run; in this order the topics come

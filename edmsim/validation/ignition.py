@@ -43,14 +43,19 @@ STILL_WATER = {"base.dielectric.flushing_pressure_Pa": 1e-6}
 
 
 def isolated_gap(machine: Machine, gap_um: float, seed: int) -> Plant:
-    """Return a plant in a hole whose rays see `gap_um` on average.
+    """Return a plant in a hole whose rays see `gap_um` on average."""
+    return in_a_hole(machine, hole_gap_um(machine, gap_um, seed), seed)
+
+
+def hole_gap_um(machine: Machine, gap_um: float, seed: int) -> float:
+    """Return the gap of a hole whose rays see `gap_um` on average, with a machine that removes nothing.
 
     The kerf field is made of cells of 4 um, so single rays see up to a um more or less, and their mean is
-    not the hole's gap: it is measured and the hole made again.
+    not the hole's gap: it is measured, and the hole made narrower by what it is too much.
     """
     first = in_a_hole(machine, gap_um, seed)
     first.advance()
-    return in_a_hole(machine, 2 * gap_um - float(seen_gaps_um(first).mean()), seed)
+    return 2 * gap_um - float(seen_gaps_um(first).mean())
 
 
 def seen_gaps_um(plant: Plant) -> Array:
@@ -177,6 +182,8 @@ def _mixture_row(gap_um: float, delays: Array, seen_um: Array) -> Row:
 
 FLOW_PULSES_WINDOWS = 8
 """Windows per seed and point: 2040 pulses."""
+THESIS_ON_US = 50.0
+"""On-time of figure 2-9."""
 
 
 def pressure_Pa(machine: Machine, speed_m_s: float) -> float:
@@ -192,18 +199,23 @@ def pressure_Pa(machine: Machine, speed_m_s: float) -> float:
 
 def thesis_point(gap_um: float, speed_m_s: float, seed: int) -> list[PulseWindow]:
     """Pulses of figure 2-9 (300 V, on 50 us, period 100 us; row T-10) at a gap and a flow speed."""
-    machine = _quiet(Machine.load(t_on_us=50.0, t_period_us=250.0), 300.0)
-    machine = machine.model_copy(update={"t_period_us": 100.0})  # beyond the small generator's 2 A
-    if speed_m_s > 0:
-        machine = altered(machine, {"base.dielectric.flushing_pressure_Pa": pressure_Pa(machine, speed_m_s)})
-    plant = isolated_gap(machine, gap_um, seed)
+    plant = isolated_gap(thesis_machine(speed_m_s), gap_um, seed)
     return [plant.advance() for _ in range(FLOW_PULSES_WINDOWS)]
 
 
+def thesis_machine(speed_m_s: float) -> Machine:
+    """Return the set-up of figure 2-9 at a flow speed, with pulses that only break down."""
+    machine = _quiet(Machine.load(t_on_us=THESIS_ON_US, t_period_us=250.0), 300.0)
+    machine = machine.model_copy(update={"t_period_us": 100.0})  # beyond the small generator's 2 A
+    if speed_m_s > 0:
+        machine = altered(machine, {"base.dielectric.flushing_pressure_Pa": pressure_Pa(machine, speed_m_s)})
+    return machine
+
+
 def mean_delay_us(windows: Sequence[PulseWindow]) -> float:
-    """Mean delay of the pulses, an open one counted with the whole on-time of 50 us."""
+    """Mean delay of the pulses, an open one counted with the whole on-time."""
     lit = sum(w.mean_delay_us * (w.spark + w.arc) for w in windows if w.spark + w.arc)
-    return (lit + 50.0 * sum(w.open for w in windows)) / sum(w.pulses for w in windows)
+    return (lit + THESIS_ON_US * sum(w.open for w in windows)) / sum(w.pulses for w in windows)
 
 
 def check_figure_2_9(seeds: Sequence[int]) -> list[Row]:

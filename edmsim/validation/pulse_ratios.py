@@ -86,15 +86,18 @@ def debris(seeds: Sequence[int]) -> list[Row]:
     machine = Machine.load(height_mm=DEBRIS_HEIGHT_MM)
     usual_Pa = machine.base.dielectric.flushing_pressure_Pa.value
     weak_machine = altered(machine, {"base.dielectric.flushing_pressure_Pa": usual_Pa / 3})
-    feed_um_s = feed_within(DEBRIS_FEED_UM_S, machine, weak_machine)
+    one_machine = machine.with_(flushing_upper_Pa=0.0)
+    feed_um_s = feed_within(DEBRIS_FEED_UM_S, machine, weak_machine, one_machine)
     usual = each(seeds, lambda seed: _tall(machine, feed_um_s, seed))
     weak = each(seeds, lambda seed: _tall(weak_machine, feed_um_s, seed))
+    one = each(seeds, lambda seed: _tall(one_machine, feed_um_s, seed))
     slow = each(seeds, lambda seed: _tall(machine, feed_um_s / LOADING_RATIO, seed))
     kept = [flushed_per_s(b) / flushed_per_s(a) for a, b in zip(slow, usual, strict=True)]
     flushed, half = mean_and_interval(kept)
     return [
         _sign("debris share, flushing pressure x3", SLOT_FLOW, False, change(weak, usual, lambda c: c.debris)),
         _sign("short share, flushing pressure x3", BRIDGES, False, change(weak, usual, lambda c: c.share("short"))),
+        _sign("short share, second nozzle on", BRIDGES, False, change(one, usual, lambda c: c.share("short"))),
         _sign(f"debris share, feed x{LOADING_RATIO}", SPARC_BALANCE, True, change(slow, usual, lambda c: c.debris)),
         Row.value(
             "debris", f"share of debris flushed out per second, loading x{LOADING_RATIO}", FLUSHING_STUDY,

@@ -13,14 +13,15 @@ from edmsim.controllers import FeedController, make
 from edmsim.cosim.straight import Cut, Traverse, begin, cut_straight
 from edmsim.machine.machine import Machine
 from edmsim.metrology.roughness import roughness_um
-from edmsim.validation.breakage import rough_rig
+from edmsim.validation.breakage import ROUGH_TENSION_N, rough_rig
 from edmsim.validation.lag import NON_MAGNETIC
 from edmsim.validation.rows import Check, Row, mean_and_interval
-from edmsim.validation.setups import altered, change, each
+from edmsim.validation.setups import PRACTICE, altered, change, each
 
 ROUGHNESS = "usual: Ra = C E^n, n = 0.3..0.4; rough cuts 2.5..4 um"
 HABIB = "Habib, Mech. Adv. Mater. Mod. Process. 3 (2017), doi:10.1186/s40759-017-0017-1: linear term"
 PURSUIT = "constant-lag pursuit through 90 degrees (derived)"
+FEED = f"{PRACTICE}: outside corners are undercut the more the faster the feed, where the wire lags"
 CORNERS = "corner error from lag: doi:10.1177/0954405412456660 varies it by tension"
 PAGE = "docs/theory/emergence.md"
 
@@ -96,6 +97,10 @@ def vibration(seeds: Sequence[int]) -> list[Row]:
 
 CORNER_HEIGHT_MM, CORNER_FEED_UM_S = 60.0, 20.0
 """Piece and feed of the corner (ours: a lag of some 20 um)."""
+SLOW_UM_S = CORNER_FEED_UM_S / 2
+"""Feed of the corner that should be undercut less (ours)."""
+FEW = 4
+"""Seeds of the corners at two feeds (ours: a corner takes minutes of machine time at the slow one)."""
 BEFORE_UM, AFTER_UM = 320.0, 320.0
 """Travel before and after the corner: eight lags each or more."""
 LONGEST_S = 600.0
@@ -195,4 +200,22 @@ def cut_corner(
     return CornerPass(float(np.mean(lags)), math.dist(passing, corner_um), farthest, float(inside))
 
 
-CHECKS: tuple[Check, ...] = (roughness, vibration, corner)
+def corner_over_feed(seeds: Sequence[int]) -> list[Row]:
+    """How far inside an outside corner the wire of a rough cut passes, over the feed: austenitic and tool steel."""
+    rows = []
+    for metal, machine in (
+        ("austenitic steel", corner_rig(ROUGH_TENSION_N)), ("tool steel", rough_rig(CORNER_HEIGHT_MM)),
+    ):
+        slow, quick = (
+            [cut_corner(machine, seed, feed=feed).inside_um for seed in seeds[:FEW]]
+            for feed in (SLOW_UM_S, CORNER_FEED_UM_S)
+        )
+        more, half = mean_and_interval([b - a for a, b in zip(slow, quick, strict=True)])
+        rows.append(
+            Row.sign("corner", f"undercut of a corner in {metal}, feed {SLOW_UM_S:g} to {CORNER_FEED_UM_S:g} um/s",
+                     FEED, rises=True, simulated=more, uncertainty=half, unit="um", note=f"{PAGE}#corner")
+        )
+    return rows
+
+
+CHECKS: tuple[Check, ...] = (roughness, vibration, corner, corner_over_feed)

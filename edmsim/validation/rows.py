@@ -138,7 +138,7 @@ class Row:
     @classmethod
     def sign(
         cls, topic: str, name: str, source: str, *, rises: bool, simulated: float, uncertainty: float,
-        unit: str = "", note: str = "",
+        published: str = "", unit: str = "", note: str = "",
     ) -> Row:
         """Compare with a published sign: passes only if the whole interval lies on its side of zero.
 
@@ -148,11 +148,13 @@ class Row:
             Whether the quantity rises, by what was published, when the named thing changes.
         simulated : float
             Difference, changed minus base.
+        published : str, optional
+            Text in place of "rises" or "falls", where the sign is that of the quantity itself.
         """
         passed = simulated - uncertainty > 0 if rises else simulated + uncertainty < 0
         return cls(
-            topic, name, source, "rises" if rises else "falls", float(simulated), float(uncertainty), unit,
-            f"{'above' if rises else 'below'} 0 with its whole 95 % interval", bool(passed), note,
+            topic, name, source, published or ("rises" if rises else "falls"), float(simulated), float(uncertainty),
+            unit, f"{'above' if rises else 'below'} 0 with its whole 95 % interval", bool(passed), note,
         )
 
 

@@ -27,9 +27,11 @@ STILL: Mapping[str, float] = {
     "base.dielectric.conductivity_uS_cm": 1e-9,
     "base.dielectric.gap_temperature_K": 293.15,
     "base.dielectric.permittivity": 1e-6,
+    "base.dielectric.jet_drag": 0.0,
+    "base.dielectric.film_stirring": 1.0,
 }
 """Constants with which pulses break down and do (nearly) nothing else: nothing is removed, moved or heated, no gas
-stays, and the water has 20 C."""
+stays, jets push nothing, and the water has 20 C and flows without eddies."""
 UNBREAKABLE: Mapping[str, float] = {"wire.half_strength_K": 1e6}
 """A wire whose strength heat does not take: for rows about its place."""
 
@@ -107,8 +109,10 @@ def single_discharges(plant: Plant, count: int) -> list[PulseWindow]:
 
 
 HELD_SHARE = 0.2
-"""Share of open pulses that the feed of a search for the break limit holds (ours: with a tenth, dense pulses are at their
-jam, with more the gap takes less than the 60 000 discharges per second of Sato's stable cutting)."""
+"""Share of open pulses that the feed of a search for the break limit holds (ours: with a tenth, dense pulses are at
+their jam; with more, the gap takes less than the 60 000 discharges per second of Sato's stable cutting)."""
+PRACTICE = "usual of wire EDM practice (no published table)"
+"""Source of facts that every shop knows and nobody was found to have tabulated; what they say stands behind it."""
 
 
 def servo_cut(machine: Machine, seed: int, *, open_share: float = OPEN_SHARE, seconds: float = 3.0) -> Cut:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import math
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,7 +15,20 @@ from edmsim.errors import InputError
 from edmsim.machine.machine import Machine
 from edmsim.plant.gap.debris import flow_speed_m_s
 from edmsim.plant.gap.generator import timing
-from edmsim.validation import corners, craters, gas, heat, ignition, lag, setups, strings, water
+from edmsim.validation import (
+    corners,
+    craters,
+    debris,
+    gas,
+    heat,
+    ignition,
+    lag,
+    resolutions,
+    setups,
+    stable_rate,
+    strings,
+    water,
+)
 from edmsim.validation.rows import Row
 from edmsim.validation.setups import FRAIL, STILL, altered, in_a_hole, single_discharges
 
@@ -103,6 +117,80 @@ def test_the_flow_s_pressure_gives_its_mean_speed():
         ignition.pressure_Pa(machine, 3.0), water_.viscosity_Pa_s.value, water_.side_gap_um.value, 15.0
     )
     assert nozzle / 2 == pytest.approx(3.0)  # linear from the nozzle to nothing at mid-height
+
+
+def test_the_flow_carries_off_the_debris_that_discharges_leave():
+    still, slow, quick = (debris.in_debris(speed, 1)[-1] for speed in debris.SPEEDS_M_S)
+    assert still.debris > 5 * slow.debris > 5 * quick.debris > 0.0
+    for window in (still, slow, quick):
+        assert abs(window.gap_um - debris.HOLE_UM) < 2.0
+
+
+def test_shorts_have_no_delay_and_an_open_pulse_has_the_on_time():
+    window = debris.in_debris(2.0, 2)[-1]
+    assert window.short == 0
+    pulses = window.spark + window.arc
+    mean = (pulses * window.mean_delay_us + ignition.THESIS_ON_US * window.open) / (pulses + window.open)
+    assert debris.waited_us([window]) == pytest.approx(mean)
+    assert debris.waited_us([window._replace(short=45)]) == pytest.approx(mean)
+    nothing = window._replace(short=255, open=0, spark=0, arc=0, mean_delay_us=math.nan)
+    assert math.isnan(debris.waited_us([nothing]))
+
+
+# --- set-ups of rows on debris, rates and resolutions ---
+
+
+@pytest.mark.parametrize(
+    ("energy_mJ", "t_on_us"),
+    [(debris.FINE_MJ, debris.FINE_ON_US), (debris.COARSE_MJ, debris.COARSE_ON_US)],
+)
+def test_slots_are_cut_with_the_pulses_that_are_said(energy_mJ, t_on_us):
+    machine = debris.slot_rig(energy_mJ, t_on_us)
+    assert timing(machine).open_V == debris.SIDE_V
+    window = in_a_hole(altered(machine, {"material.removal_mm3_J": 1e-15}), 10.0, seed=1).advance()
+    assert window.spark + window.arc > 20
+    assert window.energy_J / (window.spark + window.arc) == pytest.approx(energy_mJ * 1e-3, rel=0.05)
+
+
+def test_a_slot_that_is_not_cut_in_time_has_no_side_gap(monkeypatch):
+    monkeypatch.setattr(debris, "LONGEST_S", 0.05)
+    assert math.isnan(debris.side_gap_um(debris.slot_rig(debris.COARSE_MJ, debris.COARSE_ON_US), 1))
+
+
+def test_a_longer_on_time_keeps_peak_and_pause():
+    brief, long = (debris.rough_pulses(on) for on in (debris.BRIEF_US, debris.LONG_US))
+    assert brief.t_period_us - brief.t_on_us == pytest.approx(long.t_period_us - long.t_on_us)
+    assert brief.resistance_ohm == long.resistance_ohm
+
+
+def test_a_wire_of_a_tenth_gets_weaker_pulses_and_holds_its_tension():
+    machine = stable_rate.thin_rig(10.0, stable_rate.THIN_PEAKS_A[-1])
+    area_mm2 = math.pi / 4 * 0.1**2
+    assert machine.wire_diameter_um == 100.0
+    assert 0.4 < stable_rate.THIN_N / area_mm2 / machine.wire.strength_MPa.value < 0.6
+    assert machine.t_on_us == stable_rate.THIN_ON_US
+
+
+def test_rates_are_found_for_every_seed_by_itself(monkeypatch):
+    asked = []
+
+    def search(machine, *, seeds, **_):
+        asked.append(seeds)
+        return SimpleNamespace(rate_mm2_min=seeds[0])
+
+    monkeypatch.setattr(stable_rate, "highest_stable_rate", search)
+    assert stable_rate.rates_mm2_min(stable_rate.preset(40.0), (3, 5)) == [3, 5]
+    assert asked == [(3,), (5,)]
+
+
+@pytest.mark.parametrize(
+    ("fine", "coarse", "passed"),
+    [((0.03, 0.032), (0.039, 0.041), True), ((0.03, 0.032), (0.044, 0.046), False), ((0.3, 0.31), (0.32, 0.33), True),
+     ((0.3, 0.31), (0.36, 0.37), False), ((0.3, 0.3), (0.2, 0.4), False)],
+)  # fmt: skip
+def test_shorts_of_two_resolutions_agree_within_a_tenth_or_a_hundredth(fine, coarse, passed):
+    figure = resolutions.FIGURES[0]._replace(of=lambda share: share)
+    assert resolutions._row(figure, "fast", coarse, fine).passed is passed
 
 
 # --- the other checks: all rows that are exact pass, and those that cannot are named ---

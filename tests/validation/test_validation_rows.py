@@ -55,6 +55,13 @@ def test_a_sign_needs_its_whole_interval_on_one_side(rises, change, half, passed
     assert Row.sign("t", "n", "s", rises=rises, simulated=change, uncertainty=half).passed is passed
 
 
+def test_a_sign_says_what_was_published():
+    told = {"simulated": 1.0, "uncertainty": 0.1}
+    assert Row.sign("t", "n", "s", rises=True, **told).published == "rises"
+    assert Row.sign("t", "n", "s", rises=False, **told).published == "falls"
+    assert Row.sign("t", "n", "s", rises=True, published="positive", **told).published == "positive"
+
+
 def test_a_failure_is_unexpected_unless_a_page_explains_it():
     assert value(0.0).unexpected
     assert not value(0.0, note="docs/theory/wire.md#x").unexpected

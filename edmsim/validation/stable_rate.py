@@ -1,0 +1,118 @@
+"""Rows on the greatest stable cutting rate: what pressure, wire speed, a nozzle, height and a thin wire do to it.
+
+The rate is searched as `edmsim.evaluation.stable_rate` does it, by shortening the pauses until the wire breaks, the
+cut jams or the generator gives no more, on the production machine as it is loaded.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from edmsim.evaluation.stable_rate import highest_stable_rate
+from edmsim.machine.machine import Machine
+from edmsim.validation.breakage import FREE_JET_PA
+from edmsim.validation.rows import Check, Row, mean_and_interval
+from edmsim.validation.setups import PRACTICE
+
+NOTE = "docs/theory/emergence.md#greatest-stable-rate"
+HOLD_S, APPROACH_S = 0.4, 1.5
+"""Time at each step, and time in which the feed finds its level first (ours: twenty time constants of the wire)."""
+
+
+def preset(height_mm: float) -> Machine:
+    """Return the production machine and its generator as they are loaded: 0.25 mm brass, 10 N, 2 bar, 13 m/min."""
+    return Machine.load("production", generator="production", height_mm=height_mm)
+
+
+def rates_mm2_min(machine: Machine, seeds: Sequence[int]) -> list[float]:
+    """Greatest stable rate, a search per seed."""
+    return [
+        highest_stable_rate(machine, seeds=(seed,), hold_s=HOLD_S, approach_s=APPROACH_S).rate_mm2_min
+        for seed in seeds
+    ]
+
+
+def _sign(name: str, source: str, rises: bool, before: Sequence[float], after: Sequence[float]) -> Row:
+    mean, half = mean_and_interval([b - a for a, b in zip(before, after, strict=True)])
+    return Row.sign("stable rate", name, f"{PRACTICE}: {source}", rises=rises, simulated=mean, uncertainty=half,
+                    unit="mm2/min", note=NOTE)
+
+
+FLUSHED_MM, OFF_MM = 40.0, 60.0
+"""Heights at which flushing and wire speed are changed, and a nozzle is taken off."""
+WEAK_PA, STRONG_PA, STRONGEST_PA = 0.5e5, 4e5, 16e5
+LEVEL = 0.25
+"""Share by which the rate may change from strong flushing to four times as strong, to be called level."""
+QUICKER = 3.0
+
+
+def water_and_wire(seeds: Sequence[int]) -> list[Row]:
+    """What pressure, a nozzle and the wire's speed do to the rate."""
+    base = preset(FLUSHED_MM)
+    weak, strong, strongest = (
+        rates_mm2_min(base.with_(flushing_lower_Pa=pressure, flushing_upper_Pa=pressure), seeds)
+        for pressure in (WEAK_PA, STRONG_PA, STRONGEST_PA)
+    )
+    usual = rates_mm2_min(base, seeds)
+    quick = rates_mm2_min(base.with_(wire_speed_m_s=QUICKER * base.base.guides.wire_speed_m_s.value), seeds)
+    both = rates_mm2_min(preset(OFF_MM), seeds)
+    one = rates_mm2_min(preset(OFF_MM).with_(flushing_upper_Pa=FREE_JET_PA), seeds)
+    ratio, half = mean_and_interval([b / a if a > 0.0 else math.nan for a, b in zip(strong, strongest, strict=True)])
+    return [
+        _sign(f"greatest stable rate, {FLUSHED_MM:g} mm, {WEAK_PA / 1e5:g} to {STRONG_PA / 1e5:g} bar",
+              "rises with the flushing pressure", True, weak, strong),
+        Row.value("stable rate", f"greatest stable rate, {FLUSHED_MM:g} mm, "
+                  f"{STRONGEST_PA / 1e5:g} over {STRONG_PA / 1e5:g} bar", f"{PRACTICE}: then levels off",
+                  published=1.0, simulated=ratio, within=LEVEL, uncertainty=half, note=NOTE),
+        _sign(f"greatest stable rate, {FLUSHED_MM:g} mm, wire speed x{QUICKER:g}", "a quicker wire clearly gains",
+              True, usual, quick),
+        _sign(f"greatest stable rate, {OFF_MM:g} mm, a nozzle off", "one nozzle off is a clear loss", False, both,
+              one),
+    ]
+
+
+LOW_MM, BEST_MM, HIGH_MM = 15.0, 40.0, 120.0
+"""Heights below, within and above the range in which the rate in area per time is greatest."""
+
+
+def heights(seeds: Sequence[int]) -> list[Row]:
+    """Rate over the workpiece's height."""
+    low, best, high = (rates_mm2_min(preset(height), seeds) for height in (LOW_MM, BEST_MM, HIGH_MM))
+    most = "greatest between some 30 and 60 mm, then a slow fall"
+    return [
+        _sign(f"greatest stable rate, {LOW_MM:g} to {BEST_MM:g} mm high", most, True, low, best),
+        _sign(f"greatest stable rate, {BEST_MM:g} to {HIGH_MM:g} mm high", most, False, best, high),
+    ]
+
+
+THIN_MM = (10.0, 20.0)
+THIN_N, THIN_ON_US = 4.0, 0.7
+"""Tension and on-time of a brass wire of 0.1 mm (ours: usual orders; half of the strength, half of a rough pulse)."""
+THIN_PEAKS_A = (75.0, 150.0, 300.0)
+"""Peaks tried, 0.6 to 2.3 mJ per discharge (ours: a shop looks for the best)."""
+
+
+def thin_wire(seeds: Sequence[int]) -> list[Row]:
+    """Rate of a wire of 0.1 mm, with the peak current that gives most."""
+    rows = []
+    for height in THIN_MM:
+        runs = [rates_mm2_min(thin_rig(height, peak), seeds) for peak in THIN_PEAKS_A]
+        rate, half = max(mean_and_interval(run) for run in runs)
+        rows.append(
+            Row.band("stable rate", f"greatest stable rate, 0.1 mm wire, {height:g} mm high",
+                     f"{PRACTICE}: 10 to 20 mm2/min", low=10.0, high=20.0, simulated=rate, uncertainty=half,
+                     unit="mm2/min", note=NOTE)
+        )
+    return rows
+
+
+def thin_rig(height_mm: float, peak_A: float) -> Machine:
+    """Return the production machine with a brass wire of 0.1 mm and pulses that it may stand."""
+    return Machine.load(
+        "production", generator="production", wire="brass-100", height_mm=height_mm, tension=THIN_N,
+        t_on_us=THIN_ON_US, peak_current_A=peak_A,
+    )
+
+
+CHECKS: tuple[Check, ...] = (water_and_wire, heights, thin_wire)
