@@ -199,6 +199,9 @@ def heat_law(machine: Machine, res: Resolution) -> HeatLaw:
         film_W_m2K=cooling.film_W_m2K.value,
         dry_share=cooling.dry_share.value,
         melting_K=wire.melting_K.value,
+        spot_K_m_J=1 / (volumetric * section),
+        spot_m2=(machine.wire_diameter_um * 1e-6) ** 2,
+        spreading_m2_us=math.pi * wire.conductivity_W_mK.value / volumetric * 1e-6,
     )
 
 

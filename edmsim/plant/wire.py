@@ -46,6 +46,9 @@ class HeatLaw(NamedTuple):
         Share of the heat transfer that gas all around the front takes away.
     melting_K : float
         The wire gets no hotter.
+    spot_K_m_J, spot_m2, spreading_m2_us : float
+        Where discharges have heated one place: the rise of a metre of wire per joule, the square of the least length
+        that can give way, and the growth of the square of the length that the heat has spread over.
     """
 
     kelvin_per_J: float
@@ -60,6 +63,9 @@ class HeatLaw(NamedTuple):
     film_W_m2K: float
     dry_share: float
     melting_K: float
+    spot_K_m_J: float
+    spot_m2: float
+    spreading_m2_us: float
 
 
 @compiled
@@ -98,6 +104,16 @@ def current2_at(a: Arrays, s: int) -> float:
     for k in range(s):
         sum_ += a.current2_us[1, k]
     return float(sum_)
+
+
+@compiled
+def spot_K(law: HeatLaw, heat_J: float, time_us: float) -> float:
+    """Rise of a section into which heat has come for a time, ``Q / (rho c A sqrt(pi a t + d^2))``.
+
+    Conduction along the wire spreads the heat of one place over ``sqrt(pi a t)``. A disc that is hot over less than the
+    wire's diameter does not give way, held as it is by what is cold beside it (ours).
+    """
+    return heat_J * law.spot_K_m_J / math.sqrt(law.spot_m2 + law.spreading_m2_us * time_us)
 
 
 @compiled

@@ -95,12 +95,16 @@ def weigh(a: Arrays, index: NDArray[np.int32], levels: NDArray[np.float32], c: C
 
 
 @compiled
-def is_kerf(a: Arrays, s: int) -> bool:
-    """Whether metal faces half of the wire's girth or more in a slice: it cuts a kerf, and not along a wall."""
-    facing = 0
+def closed_side(a: Arrays, s: int) -> tuple[float, float, float]:
+    """Share of the wire's girth that metal faces in a slice, and the direction to it: 1 long for a half circle."""
+    facing = x = y = 0.0
     for k in range(a.distance.shape[1]):
-        facing += a.distance[s, k] < NO_METAL_UM
-    return bool(2 * facing >= a.ray_cosine.shape[0])
+        if a.distance[s, k] < NO_METAL_UM:
+            facing += 1.0
+            x += np.float64(a.cosine[s, k])
+            y += np.float64(a.sine[s, k])
+    rays = a.ray_cosine.shape[0]
+    return facing / rays, math.pi * x / rays, math.pi * y / rays
 
 
 @compiled

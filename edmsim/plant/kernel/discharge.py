@@ -13,12 +13,14 @@ from edmsim.compiled.random import normal, uniform
 from edmsim.plant.gap.bubble import REFERENCE_GAP_UM, BubbleLaw, bubble_impulse_Ns
 from edmsim.plant.gap.debris import EINSTEIN, flush, mean_loading
 from edmsim.plant.gap.pulse_outcome import draw
-from edmsim.plant.gap.ray_trace import gap_of, is_kerf, ray_at
+from edmsim.plant.gap.ray_trace import closed_side, gap_of, ray_at
 from edmsim.plant.kernel.state import ARC, OPEN, Array, Arrays, Constants, Timing
 from edmsim.plant.mechanics.modal import project
-from edmsim.plant.wire import HeatLaw, current2_at, heat_step, strength_share
+from edmsim.plant.wire import HeatLaw, current2_at, heat_step, spot_K, strength_share
 from edmsim.plant.workpiece.craters import share_crater
 
+KERF_SHARE = 0.5
+"""A wire is in a kerf, and not along a wall, where metal faces this share of its girth (ours)."""
 PLACE_SD_UM = 2000.0
 """Standard deviation of the height at which a discharge is located (ours). That its current divides between two
 contacts as the wire's resistances do, and so tells its height, is the method of Shoda, Kaneko, Nishimura, Kunieda and
@@ -65,9 +67,9 @@ def erode(
 
 
 @compiled
-def check_strength(state: NDArray[np.void], a: Arrays, c: Constants, s: int) -> None:
-    """Break the wire if what is left of its strength in a slice does not hold its tension."""
-    share = strength_share(a.temperature_K[s], c.half_strength_K, c.water_K)
+def check_strength(state: NDArray[np.void], a: Arrays, c: Constants, s: int, spot: float = 0.0) -> None:
+    """Break the wire if what is left of its strength in a slice, or at a spot hotter than that, does not hold it."""
+    share = strength_share(a.temperature_K[s] + spot, c.half_strength_K, c.water_K)
     if state[0].broken == 0 and c.strength_N * share * (1.0 - state[0].worn_share) < c.tension_N:
         state[0].broken = 1
         state[0].broken_slice = s
@@ -83,21 +85,26 @@ def feed_current(a: Arrays, s: int, current2_us: float) -> None:
 
 @compiled
 def warm(
-    state: NDArray[np.void], window: NDArray[np.void], a: Arrays, c: Constants, heat: HeatLaw, s: int, energy_J: float
+    state: NDArray[np.void], window: NDArray[np.void], a: Arrays, c: Constants, heat: HeatLaw, s: int, energy_J: float,
+    spot: float = 0.0,
 ) -> None:
     """Give a slice's wire its share of an energy released on it, and see whether it breaks."""
     a.temperature_K[s] = min(a.temperature_K[s] + c.wire_heat_share * energy_J * heat.kelvin_per_J, heat.melting_K)
     window[0].temperature_max_K = max(window[0].temperature_max_K, a.temperature_K[s])
-    check_strength(state, a, c, s)
+    check_strength(state, a, c, s, spot)
 
 
 @compiled
-def _mark_spot(state: NDArray[np.void], c: Constants, outcome: int) -> None:
+def _mark_spot(state: NDArray[np.void], c: Constants, outcome: int, energy_J: float, burn_us: float) -> None:
     """Remember the heat of the place that burned: it adds up where arcs return, and is new where a spark strikes."""
     left = 0.0
     if outcome == ARC:
         left = state[0].spot * exponential(-state[0].since_discharge_us / c.spot_us)
+        state[0].chain_us += state[0].since_discharge_us + burn_us
+    else:
+        state[0].chain_J = state[0].chain_us = 0.0
     state[0].spot = left + c.spot_gain
+    state[0].chain_J += c.wire_heat_share * energy_J
 
 
 @compiled
@@ -125,10 +132,10 @@ def discharge(
     locate(state, window, a, c, s)
     heated = _wire_at(state, a, s)
     feed_current(a, heated, t.current_form * t.current_A**2 * burn_us)
-    _mark_spot(state, c, outcome)
+    _mark_spot(state, c, outcome, energy, burn_us)
     state[0].last_slice = s
     state[0].last_ray = ray_at(a, s, k)
-    warm(state, window, a, c, heat, heated, energy)
+    warm(state, window, a, c, heat, heated, energy, spot_K(heat, state[0].chain_J, state[0].chain_us))
     erode(state, window, a, c, position, s, k, volume)
     return energy, bubble_impulse_Ns(power, burn_us, gap, bubble) * wet
 
@@ -170,18 +177,17 @@ def log_pulse(
 
 @compiled
 def _load_steadily(a: Arrays, c: Constants, sums: Array, dt_us: float, forces: Array) -> None:
-    """Load the wire with what stands for many pulses, along the pull on every slice: magnetic force and jets.
+    """Load the wire with what stands for many pulses: the magnetic force of the currents since then, and jets.
 
-    The force of the currents since then draws to the metal. The jets push the other way where a kerf guides them,
-    which has metal on half of the wire's girth or more.
+    The force acts along the pull on a slice. The jets leave to the open side of a kerf, and push the wire there; along
+    a wall they have turned away before.
     """
     for s in range(sums.shape[0]):
         pull = math.sqrt(sums[s, 2] ** 2 + sums[s, 3] ** 2)
-        force = c.magnetic_N_A2 * a.metal[s] * current2_at(a, s) / dt_us * 1e6
-        if is_kerf(a, s):
-            force -= a.jet_um_kg_s2[s] * a.metal[s]
-        force = force / pull if pull > 0.0 else 0.0
-        forces[s, 2], forces[s, 3] = force * sums[s, 2], force * sums[s, 3]
+        force = c.magnetic_N_A2 * a.metal[s] * current2_at(a, s) / dt_us * 1e6 / pull if pull > 0.0 else 0.0
+        facing, x, y = closed_side(a, s)
+        jet = a.jet_um_kg_s2[s] * a.metal[s] if facing >= KERF_SHARE else 0.0
+        forces[s, 2], forces[s, 3] = force * sums[s, 2] - jet * x, force * sums[s, 3] - jet * y
     project(a, forces, a.steady)
 
 
@@ -198,7 +204,7 @@ def propagate_heat(
     _load_steadily(a, c, sums, dt, forces)
     for s in range(a.debris.shape[0]):
         a.current2_us[0, s] = a.current2_us[1, s] = 0.0
-        if not is_kerf(a, s):  # along a wall the water behind the wire is that of the bath
+        if closed_side(a, s)[0] < KERF_SHARE:  # along a wall the water behind the wire is that of the bath
             a.wake_debris[s] = a.wake_gas[s] = 0.0
     flowing = dt / (1.0 + EINSTEIN * mean_loading(a.debris))
     flush(a.debris, c.lower_flow_us * flowing, c.upper_flow_us * flowing, a.entering)

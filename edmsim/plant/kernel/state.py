@@ -38,6 +38,8 @@ STATE = np.dtype(
         ("last_slice", "i8"),
         ("last_ray", "i8"),
         ("spot", "f8"),
+        ("chain_J", "f8"),
+        ("chain_us", "f8"),
         ("heat_wait_us", "f8"),
         ("wear_wait_um3", "f8"),
         ("worn_share", "f8"),
@@ -61,7 +63,8 @@ nut, and ``axis_um`` is where they truly are. ``crater_um3`` sums the craters
 drawn, ``missed_um3`` what found no metal; ``deflection_um`` is the last window's mean, ``tiled_um`` the places (x, y)
 of the wire at the lower and the upper guide around which the field has tiles; ``traced_um`` and ``traced_pulses`` are
 the axes' places and the pulses fired when the rays were last traced, ``traces`` how often that was with this wire,
-``film_kg_um2_s`` the films' resistance over the pull then, ``carved_pulses`` the pulses whose craters are carved."""
+``chain_J`` is the heat that the last discharge and the arcs before it have brought into one place of the wire, over
+``chain_us``; ``film_kg_um2_s`` the films' resistance over the pull then, ``carved_pulses`` the pulses whose craters are carved."""
 
 WINDOW = np.dtype(
     [
