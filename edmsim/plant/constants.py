@@ -11,11 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edmsim.machine.files import mjcf_version
-from edmsim.machine.setting import flushing_Pa, resistance_ohm, wire_speed_m_s
+from edmsim.machine.setting import flushing_Pa, resistance_ohm, standoffs_mm, wire_speed_m_s
 from edmsim.plant.gap.breakdown import GapLaw
 from edmsim.plant.gap.bubble import REFERENCE_GAP_UM, BubbleLaw, bubble_law
 from edmsim.plant.gap.coverage import AMBIENT_PA, GasLaw, cover_um2_J, refill_us, steam_life_us
 from edmsim.plant.gap.debris import Jets, jets
+from edmsim.plant.gap.nozzle import face_Pa
 from edmsim.plant.gap.water import (
     BOILING_K,
     DENSITY_KG_M3,
@@ -278,7 +279,17 @@ def fill_propagators(p: Propagators, modes: ModalModel, timing: Timing) -> None:
 def flushing(machine: Machine) -> Jets:
     """What the two nozzles drive through the gap."""
     water = machine.base.dielectric
-    return jets(*flushing_Pa(machine), _gap_viscosity_Pa_s(machine), water.side_gap_um.value, machine.height_mm)
+    return jets(*faces_Pa(machine), _gap_viscosity_Pa_s(machine), water.side_gap_um.value, machine.height_mm)
+
+
+def faces_Pa(machine: Machine) -> tuple[float, float]:
+    """Pressures of the flushing at the workpiece's lower and upper face: those set, less what the stand-offs take."""
+    water, set_Pa, standoff_mm = machine.base.dielectric, flushing_Pa(machine), standoffs_mm(machine)
+    lower, upper = (
+        face_Pa(pressure, distance, water.nozzle_mm.value, water.nozzle_flow_l_min.value)
+        for pressure, distance in zip(set_Pa, standoff_mm, strict=True)
+    )
+    return lower, upper
 
 
 def height_share(machine: Machine, res: Resolution) -> NDArray[np.float64]:
