@@ -2,7 +2,8 @@
 
 A dial of the operator, the pressure of the flushing say, is no uncertainty: it stays where it stands and is shown in
 the observation. Constants without effect are not drawn either: friction and backlash of the table act where MuJoCo
-steps the machine, and only there; the rapid rate and the time for threading pay nothing but time that is not cut.
+steps the machine, and only there; bore and flow of the nozzles where one stands off the workpiece; the rapid rate and
+the time for threading pay nothing but time that is not cut.
 """
 
 from __future__ import annotations
@@ -15,11 +16,14 @@ from edmsim.envs.arguments import Range, ends_of
 from edmsim.errors import InputError
 from edmsim.machine.machine import Machine
 from edmsim.machine.ranges import choose, values_of
+from edmsim.machine.setting import standoffs_mm
 
 DIALS = ("dielectric.flushing_pressure_Pa", "guides.wire_speed_m_s")
 """Constants with a range that an operator sets."""
 DRY = ("table.friction_N", "table.presliding_um", "table.backlash_um")
 """Constants of the table that count with ``mechanics="mujoco"`` only."""
+NOZZLES = ("dielectric.nozzle_mm", "dielectric.nozzle_flow_l_min")
+"""Constants that count where a nozzle stands off the workpiece only."""
 _TIMES = ("table.rapid_um_s", "table.threading_s")
 
 
@@ -40,14 +44,14 @@ def names_of(machine: Machine, randomise: Sequence[str] | None, mechanics: str) 
     """
     if randomise is None:
         return ()
-    without = _TIMES + (() if mechanics == "mujoco" else DRY)
+    without = _TIMES + (() if mechanics == "mujoco" else DRY) + (() if any(standoffs_mm(machine)) else NOZZLES)
     if not randomise:
         return tuple(name for name in machine.uncertain() if name not in (*without, *DIALS))
     dead = [name for name in randomise if name in without or (name == "table" and mechanics != "mujoco")]
     if dead:
         raise InputError(
             f"randomise names {dead[0]!r}, which has no effect here: friction and backlash count with "
-            'mechanics="mujoco" only, times of the table never'
+            'mechanics="mujoco" only, bore and flow of nozzles with a stand-off only, times of the table never'
         )
     return tuple(name for name in choose(machine, randomise) if name not in without)
 

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from edmsim.compiled.jit import exactly_compiled
 from edmsim.compiled.random import normal, uniform
 from edmsim.machine.machine import Machine
-from edmsim.machine.setting import flushing_Pa, wire_speed_m_s
+from edmsim.machine.setting import wire_speed_m_s
+from edmsim.plant.constants import faces_Pa
 from edmsim.plant.kernel.state import ARC, OPEN, SHORT, SPARK
 
 Floats = NDArray[np.float64]
@@ -227,7 +228,7 @@ def _measured(scales: NDArray[np.void], i: int, value: float) -> float:
 
 def dials(machine: Machine) -> NDArray[np.float32]:
     """Return the entries about a set-up, (len(DIALS),)."""
-    lower, upper = flushing_Pa(machine)
+    lower, upper = faces_Pa(machine)  # a gauge at the nozzle shows what a stand-off leaves, too
     values = [
         machine.tension / 10.0, machine.wire_diameter_um / 100.0, machine.height_mm / 50.0, lower * 1e-5,
         upper * 1e-5, wire_speed_m_s(machine),

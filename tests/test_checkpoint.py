@@ -63,7 +63,8 @@ def whole(cut_small: Cut) -> edmsim.CutResult:
     "options",
     [{}, {"planner": "dda"}, {"planner": "poscal-literal"}, {"drive": "uhu"}, {"generator": "iso-energetic"},
      {"generator": "ignition-pulse", "controller": "fixed:feed_um_s=12"},
-     {"generator": "iso-energetic", "pulse_shape": "triangle", "peak_current_A": 5.0, "flushing_lower_Pa": 0.0}],
+     {"generator": "iso-energetic", "pulse_shape": "triangle", "peak_current_A": 5.0, "flushing_lower_Pa": 0.0,
+      "standoff_upper_mm": 1.0}],
 )  # fmt: skip
 def test_resumed_cut_equals_the_uninterrupted_one(
     cut_small: Cut, whole: edmsim.CutResult, tmp_path: Path, options: dict[str, Any]
@@ -147,6 +148,7 @@ def test_wall_time_goes_on_from_the_checkpoint(cut_small: Cut, tmp_path: Path) -
         ({"tension": 7.0}, "tension_N"),
         ({"wire_speed_m_s": 0.2}, "wire_speed_m_s None, not 0.2"),
         ({"flushing_upper_Pa": 0.0}, "flushing_upper_Pa None, not 0.0"),
+        ({"standoff_upper_mm": 2.0}, "standoff_upper_mm None, not 2.0"),
         ({"offset": "0.2"}, "offset_um"),
         ({"max_time_s": 13.0}, "max_time_s 8.0, not 13.0"),
     ],

@@ -85,8 +85,9 @@ def test_cut_has_the_agreed_options(edmsim: Run) -> None:
     assert told.status == 0
     for option in ("machine", "material", "height", "height-at", "wire", "tension", "generator", "t-on", "t-period",
                    "open-voltage", "peak-current", "resistance", "ignition-wait", "pulse-shape", "wire-speed",
-                   "flushing-lower", "flushing-upper", "controller", "planner", "drive", "mechanics", "resolution",
-                   "offset", "seed", "max-time", "resume", "overwrite", "quiet", "out"):  # fmt: skip
+                   "flushing-lower", "flushing-upper", "standoff-lower", "standoff-upper", "controller", "planner",
+                   "drive", "mechanics", "resolution", "offset", "seed", "max-time", "resume", "overwrite",
+                   "quiet", "out"):  # fmt: skip
         assert f"--{option} " in told.out
 
 
@@ -131,7 +132,8 @@ def test_every_option_reaches_the_cut(small_punch: Path, tmp_path: Path, edmsim:
            "0.1", "--seed", 12, "--machine", "agiecut-dem15",
            "--mechanics", "modal", "--height-at", "1:5", "--height-at", "2.5:6.5", "--open-voltage", 200,
            "--peak-current", 5, "--ignition-wait", 30, "--pulse-shape", "triangle", "--wire-speed", 0.15,
-           "--flushing-lower", 0, "--flushing-upper", 1e5)  # fmt: skip
+           "--flushing-lower", 0, "--flushing-upper", 1e5, "--standoff-lower", 3,
+           "--standoff-upper", 0.4)  # fmt: skip
     report = json.loads((tmp_path / "report.json").read_text())
     assert report["seed"] == 12
     assert report["settings"].items() >= {
@@ -141,6 +143,7 @@ def test_every_option_reaches_the_cut(small_punch: Path, tmp_path: Path, edmsim:
         "controller": "fixed:feed_um_s=11", "planner": "dda", "offset_um": 100.0, "open_voltage_V": 200.0,
         "peak_current_A": 5.0, "resistance_ohm": None, "ignition_wait_us": 30.0, "pulse_shape": "triangle",
         "wire_speed_m_s": 0.15, "flushing_lower_Pa": 0.0, "flushing_upper_Pa": 1e5,
+        "standoff_lower_mm": 3.0, "standoff_upper_mm": 0.4,
     }.items()  # fmt: skip
     made_with = CutSettings.of_report(report).load_machine()
     assert made_with.with_(peak_current_A=None, resistance_ohm=50.0).flushing_lower_Pa == 0.0
@@ -228,6 +231,8 @@ SETTINGS = [
     (("--wire-speed", "0"), ("wire speed 0 m/s",)),
     (("--flushing-lower", "-1"), ("lower nozzle -1 Pa",)),
     (("--flushing-upper", "nan"), ("upper nozzle nan Pa",)),
+    (("--standoff-lower", "-1"), ("stand-off of the lower nozzle -1 mm", "0..100 mm")),
+    (("--standoff-upper", "101"), ("stand-off of the upper nozzle 101 mm", "0..100 mm")),
     (("--offset", "wide"), ("wide",)),
     (("--max-time", "0"), ("0 s",)),
     (("--max-time", "inf"), ("inf s",)),

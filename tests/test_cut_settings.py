@@ -69,7 +69,7 @@ def test_json_gives_the_same_settings_back() -> None:
     settings = CutSettings(
         height_mm=5, heights=[(1, 7.5)], height_areas=[([(0, 0), (1, 0), (1, 0.1)], 6), (ring, 8)], tension=9.5,
         controller="fixed:feed_um_s=11", offset=0.15, seed=3, max_time_s=1, open_voltage_V=90, peak_current_A=3,
-        wire_speed_m_s=0.2, flushing_lower_Pa=0, flushing_upper_Pa=1e5,
+        wire_speed_m_s=0.2, flushing_lower_Pa=0, flushing_upper_Pa=1e5, standoff_lower_mm=0.25, standoff_upper_mm=2,
     )  # fmt: skip
     again = CutSettings.of_json(settings.model_dump_json())
     assert again == settings

@@ -71,6 +71,12 @@ def cut(
     flushing_upper: Annotated[
         float | None, typer.Option(help="Pressure of the upper nozzle in Pa, 0 is off; default by machine.")
     ] = None,
+    standoff_lower: Annotated[
+        float | None, typer.Option(help="Distance of the lower nozzle from the workpiece in mm; default 0.")
+    ] = None,
+    standoff_upper: Annotated[
+        float | None, typer.Option(help="Distance of the upper nozzle from the workpiece in mm; default 0.")
+    ] = None,
     constant: Annotated[
         list[str] | None, typer.Option(metavar="NAME=NUMBER", help="A constant's value; may be given again.")
     ] = None,
@@ -137,7 +143,8 @@ def cut(
                 generator=generator, t_on_us=t_on, t_period_us=t_period, open_voltage_V=open_voltage,
                 peak_current_A=peak_current, resistance_ohm=resistance, ignition_wait_us=ignition_wait,
                 pulse_shape=pulse_shape, wire_speed_m_s=wire_speed, flushing_lower_Pa=flushing_lower,
-                flushing_upper_Pa=flushing_upper, constants=dict(map(parse_constant, constant or ())),
+                flushing_upper_Pa=flushing_upper, standoff_lower_mm=standoff_lower, standoff_upper_mm=standoff_upper,
+                constants=dict(map(parse_constant, constant or ())),
                 controller=controller, planner=planner, drive=drive,
                 compensation=path_text(compensation), mechanics=mechanics,
                 resolution=resolution, offset=offset, offsets=path_text(offsets), ignore=named(ignore),

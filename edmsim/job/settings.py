@@ -89,6 +89,10 @@ class CutSettings(BaseModel):
     """Pressure of the lower nozzle in Pa over the surroundings, 0 where it is off; by default the machine's own."""
     flushing_upper_Pa: Number | None = None
     """Pressure of the upper nozzle in Pa; by default the machine's own."""
+    standoff_lower_mm: Number | None = None
+    """Distance of the lower nozzle from the workpiece in mm; by default it lies on it."""
+    standoff_upper_mm: Number | None = None
+    """Distance of the upper nozzle from the workpiece in mm; by default it lies on it."""
     constants: tuple[tuple[str, Number], ...] = ()
     """Constants of machine, wire and material with values other than those of their files:
     ``{"gap.critical_um": 5.0}``."""
@@ -270,6 +274,8 @@ class CutOptions(TypedDict, total=False):
     wire_speed_m_s: float | None
     flushing_lower_Pa: float | None
     flushing_upper_Pa: float | None
+    standoff_lower_mm: float | None
+    standoff_upper_mm: float | None
     constants: Mapping[str, float] | None
     controller: str | FeedController
     planner: str

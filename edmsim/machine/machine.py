@@ -39,7 +39,7 @@ class Machine(SetUp):
     t_on_us, t_period_us : float
         Setting of the pulse generator.
     open_voltage_V, peak_current_A, resistance_ohm, ignition_wait_us, pulse_shape, wire_speed_m_s, \
-    flushing_lower_Pa, flushing_upper_Pa : float, str or None
+    flushing_lower_Pa, flushing_upper_Pa, standoff_lower_mm, standoff_upper_mm : float, str or None
         What the operator sets in place of the files' constants, None where they hold; see `load`.
     """
 
@@ -63,6 +63,8 @@ class Machine(SetUp):
         wire_speed_m_s: float | None = None,
         flushing_lower_Pa: float | None = None,
         flushing_upper_Pa: float | None = None,
+        standoff_lower_mm: float | None = None,
+        standoff_upper_mm: float | None = None,
     ) -> Machine:
         """Read a set-up and check it.
 
@@ -94,6 +96,9 @@ class Machine(SetUp):
         flushing_lower_Pa, flushing_upper_Pa : float, optional
             Pressures of the two nozzles over the surroundings, 0 (off) to 3e6 Pa; the machine's own for both if not
             given.
+        standoff_lower_mm, standoff_upper_mm : float, optional
+            Distances of the two nozzles from the workpiece, 0..100 mm; 0, a nozzle that lies on it, if not given. Off
+            the workpiece its water escapes sideways, and less of the pressure is left.
 
         Raises
         ------
@@ -120,6 +125,7 @@ class Machine(SetUp):
             open_voltage_V=open_voltage_V, peak_current_A=peak_current_A, resistance_ohm=resistance_ohm,
             ignition_wait_us=ignition_wait_us, pulse_shape=pulse_shape, wire_speed_m_s=wire_speed_m_s,
             flushing_lower_Pa=flushing_lower_Pa, flushing_upper_Pa=flushing_upper_Pa,
+            standoff_lower_mm=standoff_lower_mm, standoff_upper_mm=standoff_upper_mm,
         )
         machine.check()
         return machine

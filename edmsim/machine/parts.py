@@ -143,6 +143,8 @@ class Dielectric(Part):
     wake_mm: Annotated[Positive, _within(0.01, 100)]
     jet_drag: Annotated[Constant, _within(0, 10)]
     flushing_pressure_Pa: Annotated[Positive, _within(1, 3e6)]
+    nozzle_mm: Annotated[Positive, _within(0.1, 100)]  # its bore
+    nozzle_flow_l_min: Annotated[Positive, _within(0.1, 500)]  # the most that the pump gives each nozzle
     side_gap_um: Annotated[Positive, _within(1, 100)]
 
 
@@ -336,6 +338,8 @@ class Choices(Part):
     wire_speed_m_s: Number | None = None
     flushing_lower_Pa: Number | None = None
     flushing_upper_Pa: Number | None = None
+    standoff_lower_mm: Number | None = None
+    standoff_upper_mm: Number | None = None
 
 
 class SetUp(Choices):

@@ -34,10 +34,12 @@ LIMITS = {
     "wire_speed_m_s": Limit("wire speed", "m/s", 0.001, 15.0),
     "flushing_lower_Pa": Limit("pressure of the lower nozzle", "Pa", 0.0, 3e6),
     "flushing_upper_Pa": Limit("pressure of the upper nozzle", "Pa", 0.0, 3e6),
+    "standoff_lower_mm": Limit("stand-off of the lower nozzle", "mm", 0.0, 100.0),
+    "standoff_upper_mm": Limit("stand-off of the upper nozzle", "mm", 0.0, 100.0),
 }
 """Limits of the operator's choices, from trim cuts to the largest roughing generators, from a wire that creeps to the
-10 m/s of machines that reuse it, from a nozzle that is off to pumps of 30 bar (ours). A range in the generator's file
-holds instead."""
+10 m/s of machines that reuse it, from a nozzle that is off to pumps of 30 bar, from a nozzle on the workpiece to one
+that is out of the way (ours). A range in the generator's file holds instead."""
 
 
 class PulseForm(NamedTuple):
@@ -157,9 +159,17 @@ def wire_speed_m_s(machine: SetUp) -> float:
 
 
 def flushing_Pa(machine: SetUp) -> tuple[float, float]:
-    """Pressures of the lower and the upper nozzle over the surroundings; the machine's own is that of both."""
+    """Pressures set for the lower and the upper nozzle over the surroundings; the machine's own is that of both.
+
+    What is left of them at the workpiece is `edmsim.plant.constants.faces_Pa`.
+    """
     own = machine.base.dielectric.flushing_pressure_Pa
     return _in_force(machine.flushing_lower_Pa, own), _in_force(machine.flushing_upper_Pa, own)
+
+
+def standoffs_mm(machine: SetUp) -> tuple[float, float]:
+    """Distances of the lower and the upper nozzle from the workpiece; they lie on it unless the operator says so."""
+    return machine.standoff_lower_mm or 0.0, machine.standoff_upper_mm or 0.0
 
 
 def check(machine: SetUp) -> None:

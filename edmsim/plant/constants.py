@@ -11,12 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edmsim.machine.files import mjcf_version
-from edmsim.machine.setting import flushing_Pa, resistance_ohm, wire_speed_m_s
+from edmsim.machine.setting import flushing_Pa, resistance_ohm, standoffs_mm, wire_speed_m_s
 from edmsim.plant.gap.breakdown import GapLaw
 from edmsim.plant.gap.bubble import REFERENCE_GAP_UM, BubbleLaw, bubble_law
 from edmsim.plant.gap.coverage import AMBIENT_PA, GasLaw, cover_um2_J, refill_um_s, refill_us, steam_life_us
 from edmsim.plant.gap.debris import Jets, jets, kerf_jets
 from edmsim.plant.gap.generator import crater_um3
+from edmsim.plant.gap.nozzle import face_Pa
 from edmsim.plant.gap.water import (
     BOILING_K,
     DENSITY_KG_M3,
@@ -99,7 +100,7 @@ def _gap_viscosity_Pa_s(machine: Machine) -> float:
 
 def _wake_jets(machine: Machine) -> Jets:
     """What the two nozzles drive down the kerf behind the wire."""
-    return kerf_jets(*flushing_Pa(machine), _kerf_um(machine), machine.height_mm)
+    return kerf_jets(*faces_Pa(machine), _kerf_um(machine), machine.height_mm)
 
 
 def _kerf_um(machine: Machine) -> float:
@@ -148,7 +149,8 @@ def constants(machine: Machine, res: Resolution) -> Constants:
         dryness=gas.dryness.value,
         pumping=gas.pumping.value,
         ejection=gas.ejection.value,
-        film_um3_kg_s=water.film_stirring.value * 12 * _gap_viscosity_Pa_s(machine) * radius**3 * 2 * math.pi / res.rays * slice_m,
+        film_um3_kg_s=water.film_stirring.value
+        * 12 * _gap_viscosity_Pa_s(machine) * radius**3 * 2 * math.pi / res.rays * slice_m,
         film_from_um=front,
         film_spans=res.film_spans,
         film_pull_um2=pull_sum_um2(radius, front, side, res.rays),
@@ -301,7 +303,17 @@ def fill_propagators(p: Propagators, modes: ModalModel, timing: Timing) -> None:
 def flushing(machine: Machine) -> Jets:
     """What the two nozzles drive through the gap."""
     water = machine.base.dielectric
-    return jets(*flushing_Pa(machine), _gap_viscosity_Pa_s(machine), water.side_gap_um.value, machine.height_mm)
+    return jets(*faces_Pa(machine), _gap_viscosity_Pa_s(machine), water.side_gap_um.value, machine.height_mm)
+
+
+def faces_Pa(machine: Machine) -> tuple[float, float]:
+    """Pressures of the flushing at the workpiece's lower and upper face: those set, less what the stand-offs take."""
+    water, set_Pa, standoff_mm = machine.base.dielectric, flushing_Pa(machine), standoffs_mm(machine)
+    lower, upper = (
+        face_Pa(pressure, distance, water.nozzle_mm.value, water.nozzle_flow_l_min.value)
+        for pressure, distance in zip(set_Pa, standoff_mm, strict=True)
+    )
+    return lower, upper
 
 
 def height_share(machine: Machine, res: Resolution) -> NDArray[np.float64]:
@@ -315,7 +327,7 @@ def flow_m_s(machine: Machine, res: Resolution) -> NDArray[np.float64]:
 
 
 def wake_m_s(machine: Machine, res: Resolution) -> NDArray[np.float64]:
-    """Speed of the kerf's water behind every slice: that of the flow, which has none where the jets meet, and of eddies."""
+    """Speed of the kerf's water behind every slice: the flow's, none where the jets meet, and that of eddies."""
     jets = _wake_jets(machine)
     down = jets.past_m_s((np.arange(res.slices) + 0.5) / res.slices)
     return np.hypot(down, machine.base.dielectric.turbulence.value * max(jets.lower_m_s, jets.upper_m_s))
@@ -340,10 +352,10 @@ def critical_W_m2(machine: Machine, res: Resolution) -> NDArray[np.float64]:
 
 
 def jet_um_kg_s2(machine: Machine, res: Resolution) -> NDArray[np.float64]:
-    """Force of the jets that turn into the kerf on every slice: ``c d dp exp(-z / l)`` per length from either face."""
+    """Force on every slice of the jets that turn into the kerf, ``c d dp exp(-z / l)`` per length from each face."""
     edges_mm = np.arange(res.slices + 1) / res.slices * machine.height_mm
     force = np.zeros(res.slices)
-    for pressure_Pa, from_face_mm in zip(flushing_Pa(machine), (edges_mm, edges_mm[::-1]), strict=True):
+    for pressure_Pa, from_face_mm in zip(faces_Pa(machine), (edges_mm, edges_mm[::-1]), strict=True):
         left = np.exp(-from_face_mm / JET_REACH_MM)
         force += pressure_Pa * np.abs(np.diff(left)) * JET_REACH_MM * 1e-3
     return machine.base.dielectric.jet_drag.value * machine.wire_diameter_um * force

@@ -110,8 +110,8 @@ def current2_at(a: Arrays, s: int) -> float:
 def spot_K(law: HeatLaw, heat_J: float, time_us: float) -> float:
     """Rise of a section into which heat has come for a time, ``Q / (rho c A sqrt(pi a t + d^2))``.
 
-    Conduction along the wire spreads the heat of one place over ``sqrt(pi a t)``. A disc that is hot over less than the
-    wire's diameter does not give way, held as it is by what is cold beside it (ours).
+    Conduction along the wire spreads the heat of one place over ``sqrt(pi a t)``. A disc that is hot over less than
+    the wire's diameter does not give way, held as it is by what is cold beside it (ours).
     """
     return heat_J * law.spot_K_m_J / math.sqrt(law.spot_m2 + law.spreading_m2_us * time_us)
 

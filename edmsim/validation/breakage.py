@@ -70,8 +70,8 @@ def rough_rig(
 def mori_rig() -> Machine:
     """Return the set-up of Mori et al.: 0.2 mm brass, 11 A for 1 us, pauses of 4 us, 75 V, a piece 1 mm wide.
 
-    Tension and ignition wait were not published: the default stress, and 50 us. The water stood at the spot. The piece
-    was SiC; steel here.
+    Tension and ignition wait were not published: the default stress, and 50 us. The water stood at the spot. The
+    piece was SiC; steel here.
     """
     return Machine.load(
         generator="production", wire="brass-200", height_mm=1.0, open_voltage_V=75.0, peak_current_A=11.0,
@@ -143,9 +143,8 @@ def _mori_breaks(seed: int) -> bool:
 
 THIN_MM, MIDDLE_MM, THICK_MM = 20.0, 60.0, 100.0
 """Heights of Sato's trials."""
-FREE_JET_PA = 6.3e3
-"""Pressure of a nozzle that is off the piece (derived): all that is left is the stagnation pressure of a free jet,
-here of Sato's 6 l/min out of a bore of 6 mm (usual), 3.5 m/s. Sato took one nozzle off, by 2 mm."""
+OFF_MM = 2.0
+"""Distance by which Sato took one nozzle off the piece."""
 
 
 def limits(seeds: Sequence[int]) -> list[Row]:
@@ -153,7 +152,7 @@ def limits(seeds: Sequence[int]) -> list[Row]:
     cooling = "base.cooling.convection_W_m2K"
     thin, middle, thick = (_limits(sato_rig(h), seeds) for h in (THIN_MM, MIDDLE_MM, THICK_MM))
     convection = sato_rig(THIN_MM).base.cooling.convection_W_m2K.value
-    off = {h: _limits(sato_rig(h).with_(flushing_upper_Pa=FREE_JET_PA), seeds) for h in (THIN_MM, MIDDLE_MM)}
+    off = {h: _limits(sato_rig(h).with_(standoff_upper_mm=OFF_MM), seeds) for h in (THIN_MM, MIDDLE_MM)}
     uncooled = _limits(sato_rig(MIDDLE_MM, {cooling: 0.7 * convection}), seeds)
     taut = _limits(sato_rig(THIN_MM, tension=33.0), seeds)
     gentle, hard = (_limits(sato_rig(MIDDLE_MM, peak_A=peak), seeds) for peak in (LEAST_PEAK_A, MOST_PEAK_A))

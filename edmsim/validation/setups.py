@@ -109,8 +109,8 @@ def single_discharges(plant: Plant, count: int) -> list[PulseWindow]:
 
 
 HELD_SHARE = 0.1
-"""Share of open pulses that the feed of a search for the break limit holds (ours: with more, the gap takes less than the
-60 000 discharges per second of Sato's stable cutting)."""
+"""Share of open pulses that the feed of a search for the break limit holds (ours: with more, the gap takes less than
+the 60 000 discharges per second of Sato's stable cutting)."""
 PRACTICE = "usual of wire EDM practice (no published table)"
 """Source of facts that every shop knows and nobody was found to have tabulated; what they say stands behind it."""
 

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 
 from edmsim.evaluation.stable_rate import highest_stable_rate
 from edmsim.machine.machine import Machine
-from edmsim.validation.breakage import FREE_JET_PA
+from edmsim.validation.breakage import OFF_MM
 from edmsim.validation.rows import Check, Row, mean_and_interval
 from edmsim.validation.setups import PRACTICE
 
@@ -39,7 +39,7 @@ def _sign(name: str, source: str, rises: bool, before: Sequence[float], after: S
                     unit="mm2/min", note=NOTE)
 
 
-FLUSHED_MM, OFF_MM = 40.0, 60.0
+FLUSHED_MM, TALL_MM = 40.0, 60.0
 """Heights at which flushing and wire speed are changed, and a nozzle is taken off."""
 WEAK_PA, STRONG_PA, STRONGEST_PA = 0.5e5, 4e5, 16e5
 LEVEL = 0.25
@@ -56,8 +56,8 @@ def water_and_wire(seeds: Sequence[int]) -> list[Row]:
     )
     usual = rates_mm2_min(base, seeds)
     quick = rates_mm2_min(base.with_(wire_speed_m_s=QUICKER * base.base.guides.wire_speed_m_s.value), seeds)
-    both = rates_mm2_min(preset(OFF_MM), seeds)
-    one = rates_mm2_min(preset(OFF_MM).with_(flushing_upper_Pa=FREE_JET_PA), seeds)
+    both = rates_mm2_min(preset(TALL_MM), seeds)
+    one = rates_mm2_min(preset(TALL_MM).with_(standoff_upper_mm=OFF_MM), seeds)
     ratio, half = mean_and_interval([b / a if a > 0.0 else math.nan for a, b in zip(strong, strongest, strict=True)])
     return [
         _sign(f"greatest stable rate, {FLUSHED_MM:g} mm, {WEAK_PA / 1e5:g} to {STRONG_PA / 1e5:g} bar",
@@ -67,7 +67,7 @@ def water_and_wire(seeds: Sequence[int]) -> list[Row]:
                   published=1.0, simulated=ratio, within=LEVEL, uncertainty=half, note=NOTE),
         _sign(f"greatest stable rate, {FLUSHED_MM:g} mm, wire speed x{QUICKER:g}", "a quicker wire clearly gains",
               True, usual, quick),
-        _sign(f"greatest stable rate, {OFF_MM:g} mm, a nozzle off", "one nozzle off is a clear loss", False, both,
+        _sign(f"greatest stable rate, {TALL_MM:g} mm, a nozzle off", "one nozzle off is a clear loss", False, both,
               one),
     ]
 

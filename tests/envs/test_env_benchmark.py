@@ -62,6 +62,9 @@ def test_dials_and_what_has_no_effect_are_not_drawn(make_env):
     assert not {"dielectric.flushing_pressure_Pa", "guides.wire_speed_m_s", "table.friction_N"} & set(drawn)
     family = family_of("GapFeed").of(mechanics="mujoco")
     assert {"table.friction_N", "table.backlash_um"} < set(family.drawn_constants)
+    nozzles = {"dielectric.nozzle_mm", "dielectric.nozzle_flow_l_min"}
+    assert not nozzles & set(drawn)
+    assert nozzles < set(family_of("GapFeed").of(machine={"standoff_lower_mm": 0.5}).drawn_constants)
 
 
 def test_a_settling_wire_earns_nothing(make_env):

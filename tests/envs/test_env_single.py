@@ -17,7 +17,7 @@ from gymnasium.utils.env_checker import check_env
 
 import edmsim
 from edmsim.envs import DiscreteFeed, render
-from edmsim.envs.observation import entries
+from edmsim.envs.observation import DIALS, dials, entries
 from edmsim.envs.registry import env_id_of
 from edmsim.errors import InputError
 from edmsim.recording.figures.palette import VERMILION, rgb
@@ -110,6 +110,12 @@ def test_observation_is_what_its_entries_say(make_env):
     assert seen["short[-1]"] == before[0][0]
     assert 0.05 < seen["mean_voltage"] < 0.3  # pulses of 30 us in 100
     assert 0.1 < seen["mean_current"] < 1
+
+
+def test_the_dials_show_the_pressure_that_a_stand_off_leaves():
+    machine = edmsim.Machine.load("production", generator="production", standoff_upper_mm=0.5)
+    seen = dict(zip([entry.name for entry in DIALS], dials(machine).tolist(), strict=True))
+    assert (seen["flushing_lower"], seen["flushing_upper"]) == pytest.approx((2.0, 0.624), rel=1e-3)  # bar
 
 
 def test_reward_is_the_sum_of_its_terms(make_env):
@@ -284,6 +290,7 @@ def test_bad_action(make_env, action, message):
         ("GapFeed", {"knobs": ["volume"]}, "no knob 'volume'"),
         ("GapFeed", {"objectives": ["beauty"]}, "unknown objective 'beauty'"),
         ("GapFeed", {"randomise": ["table"]}, "'table', which has no effect here"),
+        ("GapFeed", {"randomise": ["dielectric.nozzle_mm"]}, "'dielectric.nozzle_mm', which has no effect here"),
         ("GapFeed", {"wires": 0}, "wires is 0"),
         ("GapFeed", {"decision_s": -1.0}, "decision_s is -1.0"),
         ("GapFeed", {"sensors": {"bits": 20}}, "bits is 20"),

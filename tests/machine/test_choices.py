@@ -20,6 +20,7 @@ from edmsim.machine.setting import (
     open_V,
     resistance_ohm,
     short_current_A,
+    standoffs_mm,
     wire_speed_m_s,
 )
 from tests.machine.refusals import refusal
@@ -36,20 +37,23 @@ def test_without_a_choice_the_files_hold() -> None:
     assert ignition_wait_us(machine) == generator.ignition_wait_us.value
     assert wire_speed_m_s(machine) == base.guides.wire_speed_m_s.value
     assert flushing_Pa(machine) == (base.dielectric.flushing_pressure_Pa.value,) * 2
+    assert standoffs_mm(machine) == (0.0, 0.0)
 
 
 def test_a_choice_holds_in_place_of_the_constant_and_none_takes_it_back() -> None:
     usual = Machine.load(generator="iso-energetic")
     machine = Machine.load(
         generator="iso-energetic", open_voltage_V=110.0, ignition_wait_us=33.0, wire_speed_m_s=0.25,
-        flushing_lower_Pa=0.0, flushing_upper_Pa=4e5, t_on_us=10.0,
+        flushing_lower_Pa=0.0, flushing_upper_Pa=4e5, standoff_lower_mm=2.0, standoff_upper_mm=0.3, t_on_us=10.0,
     )  # fmt: skip
     assert (open_V(machine), ignition_wait_us(machine), wire_speed_m_s(machine)) == (110.0, 33.0, 0.25)
-    assert flushing_Pa(machine) == (0.0, 4e5)
+    assert flushing_Pa(machine) == (0.0, 4e5)  # as set, whatever the stand-off leaves
+    assert standoffs_mm(machine) == (2.0, 0.3)
     assert machine.generator == usual.generator  # the files stay what they are
     assert machine.base == usual.base
     back = machine.with_(open_voltage_V=None, ignition_wait_us=None, wire_speed_m_s=None, flushing_lower_Pa=None,
-                         flushing_upper_Pa=None, t_on_us=usual.t_on_us)  # fmt: skip
+                         flushing_upper_Pa=None, standoff_lower_mm=None, standoff_upper_mm=None,
+                         t_on_us=usual.t_on_us)  # fmt: skip
     assert back == usual
 
 
@@ -118,6 +122,8 @@ def test_a_choice_of_the_other_kind_takes_the_place_of_the_first() -> None:
          "t_period 90 us leaves no pause after 90 us"),
         ({"pulse_shape": "sine", "generator": "iso-energetic"}, "unknown pulse shape 'sine'; there are: rectangle"),
         ({"flushing_lower_Pa": -1.0}, "pressure of the lower nozzle -1 Pa is not within 0..3e+06 Pa"),
+        ({"standoff_lower_mm": -0.1}, "stand-off of the lower nozzle -0.1 mm is not within 0..100 mm"),
+        ({"standoff_upper_mm": 101.0}, "stand-off of the upper nozzle 101 mm is not within 0..100 mm"),
     ],
 )  # fmt: skip
 def test_a_choice_that_cannot_run_is_told_in_one_line(options: dict[str, Any], said: str) -> None:

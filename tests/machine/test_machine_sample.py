@@ -159,8 +159,8 @@ def test_a_plant_runs_on_drawn_machines(seed: int) -> None:
 
 def test_drawn_machines_keep_the_operator_s_choices() -> None:
     """The constants are drawn, the choices made in their place hold all the same."""
-    chosen: dict[str, Any] = {"wire_speed_m_s": 0.2, "flushing_lower_Pa": 0.0, "peak_current_A": 4.0,
-                              "open_voltage_V": 90.0}  # fmt: skip
+    chosen: dict[str, Any] = {"wire_speed_m_s": 0.2, "flushing_lower_Pa": 0.0, "standoff_upper_mm": 0.5,
+                              "peak_current_A": 4.0, "open_voltage_V": 90.0}  # fmt: skip
     drawn = MACHINE.with_(**chosen).sample(np.random.default_rng(4))
     assert {name: getattr(drawn, name) for name in chosen} == chosen
     assert values(drawn) == values(MACHINE.sample(np.random.default_rng(4)))

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 import edmsim
-from edmsim.plant.constants import constants, flow_m_s
+from edmsim.plant.constants import constants, faces_Pa, flow_m_s, flushing
 from edmsim.plant.gap.debris import Jets, bridged_probability, flow_speed_m_s, flush, jets
 from edmsim.plant.gap.water import permittivity_ratio, surface_tension_N_m, viscosity_ratio
 from edmsim.plant.resolution import resolution
@@ -146,6 +148,59 @@ def test_half_of_the_pulses_find_a_bridge_at_the_critical_share(gap, critical):
     assert bridged_probability(critical + 0.01, gap, **SPARC) == pytest.approx(1 / (1 + np.exp(-5.0)), rel=1e-6)
     assert bridged_probability(critical - 0.1, gap, **SPARC) == 0.0
     assert bridged_probability(critical + 0.1, gap, **SPARC) == 1.0
+
+
+# --- nozzles off the workpiece ---
+
+
+@pytest.fixture(scope="module")
+def production():
+    """Give the machine of 2 bar."""
+    return edmsim.Machine.load("production", generator="production")
+
+
+@pytest.mark.parametrize("standoff_mm", [0.0, 0.2, 0.5, 2.0, 100.0])
+@pytest.mark.parametrize(("bore_mm", "flow_l_min"), [(6.0, 6.0), (4.0, 15.0), (10.0, 3.0)])
+def test_a_nozzle_off_the_workpiece_keeps_what_its_flow_takes(altered, production, standoff_mm, bore_mm, flow_l_min):
+    """Bernoulli: through the curtain around the rim, and the stagnation of a free jet, but no more than is set."""
+    set_Pa, flow_m3_s, bore_m = 200_000.0, flow_l_min / 60_000, bore_mm / 1000
+    jet_m_s = 4 * flow_m3_s / (math.pi * bore_m**2)
+    escapes_m_s = flow_m3_s / (math.pi * bore_m * standoff_mm / 1000) if standoff_mm else math.inf
+    expected = min(set_Pa, 998 / 2 * (escapes_m_s**2 + jet_m_s**2))
+    nozzles = {"base.dielectric.nozzle_mm": bore_mm, "base.dielectric.nozzle_flow_l_min": flow_l_min}
+    rig = altered(production, nozzles)
+    assert faces_Pa(rig.with_(standoff_upper_mm=standoff_mm)) == (set_Pa, pytest.approx(expected))
+    assert faces_Pa(rig.with_(standoff_lower_mm=standoff_mm)) == (pytest.approx(expected), set_Pa)
+
+
+def test_two_tenths_cost_nothing_and_two_millimetres_nearly_all(production):
+    left = {s: faces_Pa(production.with_(standoff_lower_mm=s))[0] for s in (0.0, 0.2, 0.5, 2.0)}
+    assert left == {0.0: 2e5, 0.2: 2e5, 0.5: pytest.approx(62.4e3, rel=1e-3), 2.0: pytest.approx(9.75e3, rel=1e-3)}
+    weak = production.with_(flushing_lower_Pa=9e3)
+    assert faces_Pa(weak.with_(standoff_lower_mm=2.0))[0] == 9e3  # no more than is set
+
+
+@pytest.mark.parametrize("standoff_mm", [0.0, 1e-320, 1e-200, 1e-9, 0.5, 100.0])
+def test_a_nozzle_that_is_off_stays_off_at_any_distance_and_one_that_lies_on_keeps_all(production, standoff_mm):
+    """Also at distances whose curtain, or the speed through it, no number can hold."""
+    off = production.with_(flushing_lower_Pa=0.0, standoff_lower_mm=standoff_mm, standoff_upper_mm=standoff_mm)
+    lower, upper = faces_Pa(off)
+    assert lower == 0.0
+    assert (upper == 2e5) == (standoff_mm < 0.5)
+
+
+def test_a_stand_off_weakens_the_flow_in_the_gap(production):
+    """As a nozzle of the pressure that is left would: the upper end gets less water, the jets meet higher up."""
+    res = resolution("fast")
+    away = production.with_(standoff_upper_mm=2.0)
+    flow, usual = flow_m_s(away, res), flow_m_s(production, res)
+    assert flow[-1] < 0.2 * usual[-1]
+    assert flow.mean() < 0.6 * usual.mean()
+    np.testing.assert_array_equal(flow, flow_m_s(production.with_(flushing_upper_Pa=faces_Pa(away)[1]), res))
+    assert flushing(away).lower_share > flushing(production).lower_share == 0.5
+    np.testing.assert_array_equal(flow_m_s(production.with_(standoff_upper_mm=0.2), res), usual)
+    both = production.with_(standoff_lower_mm=2.0, standoff_upper_mm=2.0)
+    np.testing.assert_allclose(flow_m_s(both, res), 9.753e3 / 2e5 * usual, rtol=1e-3)
 
 
 # --- water by temperature ---

@@ -12,11 +12,11 @@ Mater. Process. 7(5):177, 2023):
   (Weibull). Sites that are not primed multiply, so the exponents ``W`` of ``1 - exp(-W)`` add.
 
 Debris primes sites in wide gaps: a particle of size x leaves ``g - x`` of a gap, and where that is less than the
-critical gap the site is primed. Of a volume share c with exponentially distributed sizes of mean d,
-``c / (pi d^3) exp(-x / d)`` particles per volume are larger than x.
+critical gap the site is primed. Of a volume share c with sizes distributed exponentially, mean d, as many as
+``c / (pi d^3) exp(-x / d)`` per volume are larger than x.
 
-The flow carries off what prepares a long delay: the rate of the long branch falls with the way that the water has gone
-since the voltage came, as ``exp(-(v t / l)^2)``.
+The flow carries off what prepares a long delay: the rate of the long branch falls with the way that the water has
+gone since the voltage came, as ``exp(-(v t / l)^2)``.
 
 Other voltages scale the gap to equal field (``g * 80 V / V``).
 """

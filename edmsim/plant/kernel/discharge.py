@@ -85,8 +85,8 @@ def feed_current(a: Arrays, s: int, current2_us: float) -> None:
 
 @compiled
 def warm(
-    state: NDArray[np.void], window: NDArray[np.void], a: Arrays, c: Constants, heat: HeatLaw, s: int, energy_J: float,
-    spot: float = 0.0,
+    state: NDArray[np.void], window: NDArray[np.void], a: Arrays, c: Constants, heat: HeatLaw, s: int,
+    energy_J: float, spot: float = 0.0,
 ) -> None:
     """Give a slice's wire its share of an energy released on it, and see whether it breaks."""
     a.temperature_K[s] = min(a.temperature_K[s] + c.wire_heat_share * energy_J * heat.kelvin_per_J, heat.melting_K)
@@ -109,7 +109,7 @@ def _mark_spot(state: NDArray[np.void], c: Constants, outcome: int, energy_J: fl
 
 @compiled
 def _wet(a: Arrays, c: Constants, outcome: int, s: int) -> float:
-    """Chance that water is around a discharge: a spark strikes in gas more rarely, an arc burns in its forerunner's."""
+    """Chance that water is around a discharge: sparks strike in gas more rarely, an arc burns in its forerunner's."""
     if outcome == ARC:
         return 0.0
     return float((1.0 - a.covered[s]) / (1.0 - c.dryness * a.covered[s]))
@@ -179,7 +179,7 @@ def log_pulse(
 def _load_steadily(a: Arrays, c: Constants, sums: Array, dt_us: float, forces: Array) -> None:
     """Load the wire with what stands for many pulses: the magnetic force of the currents since then, and jets.
 
-    The force acts along the pull on a slice. The jets leave to the open side of a kerf, and push the wire there; along
+    The force acts along the pull on a slice. The jets leave to the open side of a kerf and push the wire there; along
     a wall they have turned away before.
     """
     for s in range(sums.shape[0]):

@@ -64,7 +64,8 @@ drawn, ``missed_um3`` what found no metal; ``deflection_um`` is the last window'
 of the wire at the lower and the upper guide around which the field has tiles; ``traced_um`` and ``traced_pulses`` are
 the axes' places and the pulses fired when the rays were last traced, ``traces`` how often that was with this wire,
 ``chain_J`` is the heat that the last discharge and the arcs before it have brought into one place of the wire, over
-``chain_us``; ``film_kg_um2_s`` the films' resistance over the pull then, ``carved_pulses`` the pulses whose craters are carved."""
+``chain_us``; ``film_kg_um2_s`` the films' resistance over the pull then, ``carved_pulses`` the pulses whose craters
+are carved."""
 
 WINDOW = np.dtype(
     [
