@@ -69,7 +69,8 @@ def refill_um_s(gap_um: float, life_us: float) -> float:
     Pockets over a share a of the front, of the life T, drive ``pi r g a / T`` out per height and let as much in
     again, through two edges ``g`` wide: u = ``pi r a / T`` in the mean of both. A pressure
     ``loss rho (u + v r / g)^2 / 2`` resists the wire's speed v as ``loss rho u (r / g) d``;
-    `film.edge_loss_kg_m2` has the same force for random motion of the speed ``2 pi g a / (T sqrt(8 / pi))``, which is returned for a = 1.
+    `film.edge_loss_kg_m2` has the same force for random motion of the speed ``2 pi g a / (T sqrt(8 / pi))``, which is
+    returned for a = 1.
 
     Parameters
     ----------
