@@ -1,7 +1,7 @@
 """Gymnasium environments: cuts to be controlled window by window, alone or many at once.
 
-``import edmsim`` registers ``edmsim/GapFeed-v1``, ``edmsim/HeightStep-v1``, ``edmsim/Corner-v1``,
-``edmsim/Contour-v1``, ``edmsim/MaxRate-v0``, ``edmsim/ThinWire-v0`` and ``edmsim/Trim-v0``; each has a file whose
+``import edmsim`` registers ``edmsim/GapFeed-v2``, ``edmsim/HeightStep-v2``, ``edmsim/Corner-v2``,
+``edmsim/Contour-v2``, ``edmsim/MaxRate-v1``, ``edmsim/ThinWire-v1`` and ``edmsim/Trim-v1``; each has a file whose
 environment class describes action, observation and reward.
 """
 

@@ -100,7 +100,9 @@ class CornerEnv(EdmEnv):
     v1: a lost wire costs what the machine loses while another is threaded; episodes end by machine time; nothing is
     earned while a wire settles; dials are shown and not drawn; errors count near the corner, and energy beyond the
     bound costs; a servo makes the feed; workpieces are higher, wires slacker, and an action leads the guides beside
-    the path. v0 is withdrawn.
+    the path.
+    v2: debris ignites the gap, jets bend the wire, and heat and gas go with the water behind it. v0 and
+    v1 are withdrawn.
     """
 
     task = Corner

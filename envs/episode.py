@@ -95,7 +95,7 @@ class Task:
     Parameters
     ----------
     name : str or type
-        ``"GapFeed"`` or ``"edmsim/GapFeed-v1"``, and so on; or an own family.
+        ``"GapFeed"`` or ``"edmsim/GapFeed-v2"``, and so on; or an own family.
     **options
         Arguments of the environment (see `Family`); those of action, decision and observation have no effect: a
         controller decides window by window, and sees what the machine shows.

@@ -64,7 +64,9 @@ class GapFeedEnv(EdmEnv):
     Versions
     --------
     v1: a lost wire costs what the machine loses while another is threaded; episodes end by machine time; nothing is
-    earned while a wire settles; dials are shown and not drawn. v0 is withdrawn.
+    earned while a wire settles; dials are shown and not drawn.
+    v2: debris ignites the gap, jets bend the wire, and heat and gas go with the water behind it. v0 and
+    v1 are withdrawn.
     """
 
     task = GapFeed

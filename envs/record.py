@@ -49,7 +49,7 @@ class RecordRerun(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorAr
     Examples
     --------
     >>> import gymnasium, edmsim
-    >>> env = edmsim.envs.RecordRerun(gymnasium.make("edmsim/GapFeed-v1"), "runs/gap", every=100)  # doctest: +SKIP
+    >>> env = edmsim.envs.RecordRerun(gymnasium.make("edmsim/GapFeed-v2"), "runs/gap", every=100)  # doctest: +SKIP
     """
 
     def __init__(self, env: gym.Env[Any, Any], folder: str | Path, every: int = 100, live: bool = False) -> None:

@@ -19,8 +19,8 @@ _FILES = {
     "GapFeed": "gap_feed", "HeightStep": "height_step", "Corner": "corner", "Contour": "contour",
     "MaxRate": "max_rate", "ThinWire": "thin_wire", "Trim": "trim",
 }  # fmt: skip
-_FIRST = "MaxRate", "ThinWire", "Trim"
-"""Those whose present version is their first, v0."""
+_VERSIONS = dict.fromkeys(_FILES, 2) | dict.fromkeys(("MaxRate", "ThinWire", "Trim"), 1)
+"""Present versions. The last change was that debris ignites the gap: nothing earned before compares."""
 _GENERAL = "edmsim.envs.single:EdmEnv", "edmsim.envs.vector:EdmVectorEnv"
 _WITHDRAWN = "edmsim.envs.registry:withdrawn"
 _REFERENCES = {
@@ -32,15 +32,23 @@ _OWN: dict[str, type[Family]] = {}  # users' families, by the ids they are regis
 
 
 def register_all() -> None:
-    """Register ``edmsim/GapFeed-v1`` and the others, and say of their first versions that they are withdrawn."""
+    """Register ``edmsim/GapFeed-v2`` and the others, and say of the versions before that they are withdrawn."""
     for name in _FILES:
         _register_classes(env_id_of(name), _classes_of(name), {}, _REFERENCES.get(name))
-        if name not in _FIRST:
-            _register_classes(f"edmsim/{name}-v0", (_WITHDRAWN, _WITHDRAWN), {"env_id": env_id_of(name)})
+        for version in range(_VERSIONS[name]):
+            kwargs = {"env_id": env_id_of(name), "version": version}
+            _register_classes(f"edmsim/{name}-v{version}", (_WITHDRAWN, _WITHDRAWN), kwargs)
 
 
-def withdrawn(env_id: str, **_: Any) -> None:
+def withdrawn(env_id: str, version: int, **_: Any) -> None:
     """Stand where a version was that is withdrawn, and say which replaces it.
+
+    Parameters
+    ----------
+    env_id : str
+        The present version.
+    version : int
+        The one asked for.
 
     Raises
     ------
@@ -48,8 +56,8 @@ def withdrawn(env_id: str, **_: Any) -> None:
         Always.
     """
     raise InputError(
-        f"{env_id.removesuffix('1')}0 is withdrawn (a broken wire cost too little, time could be stretched, dials "
-        f"were hidden): use {env_id}"
+        f"{env_id.rpartition('-')[0]}-v{version} is withdrawn (the gap it was played in is not simulated any more: "
+        f"debris ignites it now): use {env_id}"
     )
 
 
@@ -124,8 +132,8 @@ def find(name: str | type[Family]) -> tuple[type[Family], dict[str, Any]]:
     short, _, version = str(name).removeprefix("edmsim/").partition("-v")
     if short in _FILES and version in ("", _version_of(short)):
         return family_of(short), {}
-    if short in _FILES and version == "0":
-        withdrawn(env_id_of(short))
+    if short in _FILES and version.isdecimal() and int(version) < _VERSIONS[short]:
+        withdrawn(env_id_of(short), int(version))
     spec = registry.get(str(name))
     if spec is None or "task" not in spec.kwargs:
         raise InputError(f"there is no environment {name!r}; choose one of {one_of(str(name), registered_ids())}")
@@ -204,12 +212,12 @@ def registered_ids() -> tuple[str, ...]:
 
 
 def env_id_of(name: str) -> str:
-    """Return the whole id of an environment: ``"edmsim/GapFeed-v1"`` of ``"GapFeed"``."""
+    """Return the whole id of an environment: ``"edmsim/GapFeed-v2"`` of ``"GapFeed"``."""
     return f"edmsim/{name}-v{_version_of(name)}" if name in _FILES else name
 
 
 def _version_of(name: str) -> str:
-    return "0" if name in _FIRST else "1"
+    return str(_VERSIONS[name])
 
 
 def _classes_of(name: str) -> tuple[str, str]:

@@ -168,7 +168,7 @@ def make_sb3_vec_env(env_id: str, num_envs: int = 1, seed: int | None = None, **
     Parameters
     ----------
     env_id : str
-        ``"edmsim/GapFeed-v1"`` and so on.
+        ``"edmsim/GapFeed-v2"`` and so on.
     num_envs : int
     seed : int, optional
         Of the first reset; lane i gets seed + i.
@@ -187,7 +187,7 @@ def make_sb3_vec_env(env_id: str, num_envs: int = 1, seed: int | None = None, **
     Examples
     --------
     >>> from edmsim.envs import make_sb3_vec_env
-    >>> env = make_sb3_vec_env("edmsim/GapFeed-v1", 2, seed=0, resolution="fast")
+    >>> env = make_sb3_vec_env("edmsim/GapFeed-v2", 2, seed=0, resolution="fast")
     >>> env.reset().shape
     (2, 40)
     """

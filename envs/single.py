@@ -30,7 +30,7 @@ _LANE = np.zeros(1, np.int64)
 class EdmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     """Cut metal, one window of 255 pulses per step, or as many as begin within `Family.decision_s`.
 
-    Use ``gymnasium.make("edmsim/GapFeed-v1", ...)``, which makes the subclass `GapFeedEnv`: its description, and that
+    Use ``gymnasium.make("edmsim/GapFeed-v2", ...)``, which makes the subclass `GapFeedEnv`: its description, and that
     of each of the others, has every entry of action, observation and reward.
 
     Parameters

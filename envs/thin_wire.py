@@ -57,7 +57,7 @@ class ThinWireEnv(EdmEnv):
 
     Versions
     --------
-    v0: the first.
+    v1: debris ignites the gap, jets bend the wire, and heat and gas go with the water behind it. v0 is withdrawn.
     """
 
     task = ThinWire

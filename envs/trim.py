@@ -122,7 +122,7 @@ class TrimEnv(EdmEnv):
 
     Versions
     --------
-    v0: the first.
+    v1: debris ignites the gap, jets bend the wire, and heat and gas go with the water behind it. v0 is withdrawn.
     """
 
     task = Trim

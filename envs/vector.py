@@ -37,7 +37,7 @@ Flags = NDArray[np.bool_]
 class EdmVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDArray[Any]]):
     """Many cuts at once, one window of 255 pulses per step in each, or as many as begin within `Family.decision_s`.
 
-    Use ``gymnasium.make_vec("edmsim/GapFeed-v1", num_envs=64, vectorization_mode="vector_entry_point", ...)``. Lane
+    Use ``gymnasium.make_vec("edmsim/GapFeed-v2", num_envs=64, vectorization_mode="vector_entry_point", ...)``. Lane
     i, reset with seed s, is bit for bit the single environment reset with seed s + i.
 
     Parameters

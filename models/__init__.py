@@ -33,7 +33,7 @@ def policies(env_id: str = "") -> list[str]:
     Parameters
     ----------
     env_id : str, optional
-        For example ``"edmsim/GapFeed-v1"``.
+        For example ``"edmsim/GapFeed-v2"``.
     """
     prefix = f"{env_id.removeprefix('edmsim/').partition('-v')[0]}-" if env_id else ""
     names = sorted(found.stem for found in (Path(__file__).parent / "policies").glob("*.json"))

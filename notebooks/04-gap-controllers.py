@@ -63,8 +63,8 @@ COLOURS = {"fixed": MUTED, "counts": BLUE, "voltage": ORANGE, "delay": PURPLE, "
 # narrower. A *jam* is a short that stayed or a wire driven into the metal; it costs as much as a lost wire.
 
 # %%
-straight = evaluate("edmsim/GapFeed-v1", controllers, machines, resolution=resolution)
-stepped = evaluate("edmsim/HeightStep-v1", controllers, machines, resolution=resolution)
+straight = evaluate("edmsim/GapFeed-v2", controllers, machines, resolution=resolution)
+stepped = evaluate("edmsim/HeightStep-v2", controllers, machines, resolution=resolution)
 Markdown("\n".join([
     "**Straight cut**", "", *markdown_table(straight), "", "**Jumping height**", "", *markdown_table(stepped)
 ]))
@@ -114,7 +114,7 @@ assert share > straight.figures["counts"]["oracle_share"].value > straight.figur
 
 # %%
 NAMES = ("fixed", "counts", "voltage", "oracle")
-ENV = "edmsim/HeightStep-v1"
+ENV = "edmsim/HeightStep-v2"
 
 
 def watch(name, seed, **gains):

@@ -18,7 +18,7 @@
 # **Question.** Can a feed controller be learned instead of designed, and is it any better?
 #
 # **What is done.** A policy is trained for a few minutes by proximal policy optimisation (Schulman et al. 2017,
-# [arXiv:1707.06347](https://arxiv.org/abs/1707.06347)) in `edmsim/GapFeed-v1`. An episode is a straight cut on a
+# [arXiv:1707.06347](https://arxiv.org/abs/1707.06347)) in `edmsim/GapFeed-v2`. An episode is a straight cut on a
 # machine that is drawn for it. Length cut is rewarded, and shorts and a lost wire are punished. The policy is then
 # compared, on machines that were held back, with the policy that is shipped and with two classic controllers. At
 # the end all of them cut a part. This notebook needs the extra `rl`: `pip install "edmsim[rl]"`. In a shell `edmsim
@@ -48,7 +48,7 @@ from edmsim.learning.train import train
 from edmsim.recording.figures.palette import BLUE, ORANGE, PURPLE, VERMILION
 
 plt.rcParams.update({"figure.dpi": 90, "axes.spines.top": False, "axes.spines.right": False, "font.size": 9})
-ENV = "edmsim/GapFeed-v1"
+ENV = "edmsim/GapFeed-v2"
 folder = tempfile.TemporaryDirectory()
 os.chdir(folder.name)  # all files go where they are thrown away
 
@@ -123,7 +123,7 @@ for label in ("trained here", "shipped policy"):
 # other machines. Only the feed can be chosen here, and `voltage`, the servo on the mean voltage with gains found by
 # a search, already comes within a few percent of a controller that sees the gap. So there is little left to learn.
 # A policy could gain more where it also sets the generator, or where it knows of a corner before the wire is there
-# (`edmsim/Corner-v1`).
+# (`edmsim/Corner-v2`).
 #
 # ## Cutting a part
 #

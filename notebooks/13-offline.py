@@ -17,7 +17,7 @@
 #
 # **Question.** How good a feed controller can be learned from records of others, without a trial of its own?
 #
-# **What is done.** Three classic controllers cut machines drawn for `edmsim/GapFeed-v1`, and every window is kept in
+# **What is done.** Three classic controllers cut machines drawn for `edmsim/GapFeed-v2`, and every window is kept in
 # a [Minari](https://minari.farama.org) data set, as `edmsim dataset` makes them. Two networks learn from the same
 # records: one imitates all that was done (behaviour cloning), the other imitates the better what earned more
 # (advantage-weighted regression, Peng et al. 2019, [arXiv:1910.00177](https://arxiv.org/abs/1910.00177)). Both are
@@ -52,7 +52,7 @@ from edmsim.learning.dataset import record
 from edmsim.recording.figures.palette import BLUE, ORANGE, VERMILION
 
 plt.rcParams.update({"figure.dpi": 90, "axes.spines.top": False, "axes.spines.right": False, "font.size": 9})
-ENV = "edmsim/GapFeed-v1"
+ENV = "edmsim/GapFeed-v2"
 SETTING = {"action": "speed", "decision_s": None}  # as data sets have it: the feed, every window
 folder = tempfile.TemporaryDirectory()
 os.chdir(folder.name)  # all files go where they are thrown away
@@ -62,7 +62,7 @@ torch.set_num_threads(1);  # more only wait for each other
 # %% [markdown]
 # ## The records
 #
-# From a shell: `edmsim dataset edmsim/GapFeed-v1 --controllers fixed,counts,voltage --steps 24000 --out records`.
+# From a shell: `edmsim dataset edmsim/GapFeed-v2 --controllers fixed,counts,voltage --steps 24000 --out records`.
 # A broken wire ends an episode, and costs what threading another one would.
 
 # %%
@@ -208,4 +208,4 @@ for label in policies:
 # - One seed, one temperature of the weights: 0.3 in place of 1 ended in a policy that hardly feeds. Methods made for
 #   records with hidden machines, with a memory or with pessimism about what was never tried, were not used.
 # - A clone is no better than what it was shown, and goes wrong in a place where none of the three has been.
-# - Records with more breaks are made in `edmsim/ThinWire-v0`; `info["cost"]` is in every data set.
+# - Records with more breaks are made in `edmsim/ThinWire-v1`; `info["cost"]` is in every data set.

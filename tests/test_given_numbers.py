@@ -62,7 +62,7 @@ def test_an_environment_takes_it_and_is_the_same(value):
     made = GapFeed.of(**given)
     assert made == GapFeed.of(**usual)
     assert made.draw(np.random.default_rng(1)).machine == GapFeed.of(**usual).draw(np.random.default_rng(1)).machine
-    env = gym.make("edmsim/GapFeed-v1", **given)
+    env = gym.make("edmsim/GapFeed-v2", **given)
     assert json.loads(json.dumps(env.spec.kwargs)) == env.spec.kwargs
     assert MaxRate.of(flushing_Pa=(value, 16)) == MaxRate.of(flushing_Pa=(8.0, 16.0))
 
@@ -77,7 +77,7 @@ def test_an_environment_takes_whole_numbers_and_seeds(value, tmp_path):
     assert lanes.num_envs == 8
     seeds = [lanes.reset(seed=seed)[1]["plant_seed"].tolist() for seed in (8, value, [value, *range(9, 16)])]
     assert seeds[0] == seeds[1] == seeds[2]
-    env = gym.make("edmsim/GapFeed-v1")
+    env = gym.make("edmsim/GapFeed-v2")
     assert env.reset(seed=value)[1]["plant_seed"] == seeds[0][0]
     assert RecordRerun(env, tmp_path, every=value)
 
@@ -91,7 +91,7 @@ def test_an_environment_refuses_what_is_no_number(value):
     for make in (lambda: Weights(short=value), lambda: Sensors(bits=value), lambda: HeightStep(low_share=value)):
         with pytest.raises(InputError, match=r"short|bits|low_share"):
             make()
-    env, lanes = gym.make("edmsim/GapFeed-v1"), EdmVectorEnv("GapFeed", num_envs=2)
+    env, lanes = gym.make("edmsim/GapFeed-v2"), EdmVectorEnv("GapFeed", num_envs=2)
     if value is not None:
         with pytest.raises(InputError, match="seed"):
             env.reset(seed=value)
@@ -139,7 +139,7 @@ def test_a_task_and_a_plant_take_it_and_are_the_same(value):
     machine = edmsim.Machine.load(height_mm=3.0)
     windows = [edmsim.Plant(machine, seed=seed, resolution="fast").advance() for seed in (value, 8)]
     assert windows[0] == windows[1]
-    levels = DiscreteFeed(gym.make("edmsim/GapFeed-v1"), [Fraction(-1, 2), np.float32(0.5)])
+    levels = DiscreteFeed(gym.make("edmsim/GapFeed-v2"), [Fraction(-1, 2), np.float32(0.5)])
     assert levels.action(np.int64(0)).tolist() == [-0.5]
 
 
@@ -152,7 +152,7 @@ def test_a_task_refuses_what_is_no_number(value):
     with pytest.raises(InputError, match="feed_um_s is"):
         task.advance(value)
     with pytest.raises(InputError, match="levels are"):
-        DiscreteFeed(gym.make("edmsim/GapFeed-v1"), [0.0, value])
+        DiscreteFeed(gym.make("edmsim/GapFeed-v2"), [0.0, value])
 
 
 def test_a_truth_value_is_no_number_of_settings(tmp_path):

@@ -2,7 +2,7 @@
 
 python docs/make/benchmark.py                     # the page of docs/leaderboard.json
 python docs/make/benchmark.py all                 # makes every cut again, writes the leaderboard, then the page
-python docs/make/benchmark.py edmsim/Corner-v1    # cuts one environment again
+python docs/make/benchmark.py edmsim/Corner-v2    # cuts one environment again
 """
 
 from __future__ import annotations
@@ -25,10 +25,10 @@ Each table below compares controllers on the cuts of one environment. This comma
 controllers on four machines; name your own in their place:
 
 ```sh
-edmsim evaluate edmsim/GapFeed-v1 --controllers counts,voltage --seeds 4
+edmsim evaluate edmsim/GapFeed-v2 --controllers counts,voltage --seeds 4
 ```
 
-`edmsim evaluate edmsim/GapFeed-v1` without options makes the whole table. All controllers cut the same machines and
+`edmsim evaluate edmsim/GapFeed-v2` without options makes the whole table. All controllers cut the same machines and
 workpieces, which are drawn as the [environment](environments.md) says, from seeds that are held back: no gain was
 searched on them.
 

@@ -13,7 +13,7 @@ from edmsim.evaluation import leaderboard
 from edmsim.evaluation.compare import ratio
 from edmsim.evaluation.lines import lines_of
 
-ENV_ID = "edmsim/Corner-v1"
+ENV_ID = "edmsim/Corner-v2"
 
 
 def main() -> None:

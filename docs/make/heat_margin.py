@@ -10,7 +10,7 @@ import numpy as np
 
 from edmsim.evaluation.episode import cut
 
-ENV_ID = "edmsim/MaxRate-v0"
+ENV_ID = "edmsim/MaxRate-v1"
 HOLDS = (0.2, 0.25, 0.3, 0.35)
 SEEDS = range(40)
 

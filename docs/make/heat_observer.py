@@ -24,7 +24,7 @@ from edmsim.envs.episode import Task
 from edmsim.evaluation.episode import Episode, Result
 from edmsim.machine.machine import Machine
 
-ENV_ID = "edmsim/MaxRate-v0"
+ENV_ID = "edmsim/MaxRate-v1"
 LEARNED, TESTED, CUT = range(10_000, 10_640), range(20_000, 20_160), range(2_000, 2_096)
 """Seeds of the machines that the network learns from, is tested on, and of those that the laws cut."""
 HOLDS = 0.12, 0.36

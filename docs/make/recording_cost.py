@@ -34,7 +34,7 @@ def step_us(env: edmsim.envs.EdmEnv, recorded: bool) -> float:
 
 def main() -> None:
     """Measure in pairs, as a computer is not equally fast all the time, and print."""
-    env = gymnasium.make("edmsim/GapFeed-v1", disable_env_checker=True).unwrapped
+    env = gymnasium.make("edmsim/GapFeed-v2", disable_env_checker=True).unwrapped
     step_us(env, False)
     plain, recorded = zip(*((step_us(env, False), step_us(env, True)) for _ in range(PAIRS)), strict=True)
     ratio = statistics.median(b / a for a, b in zip(plain, recorded, strict=True))

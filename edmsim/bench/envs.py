@@ -29,7 +29,7 @@ of the machine more easily than a long one."""
 
 def env_steps_per_s(resolution: str = "default") -> float:
     """Steps per second of processor time of one environment of `gymnasium.make`, in a straight cut."""
-    env = gym.make("edmsim/GapFeed-v1", resolution=resolution, **STANDARD)
+    env = gym.make("edmsim/GapFeed-v2", resolution=resolution, **STANDARD)
     env.reset(seed=0)
     action = np.array([FEED_UM_S / MAX_FEED_UM_S], np.float32)
     rate = _best_rate(lambda: env.step(action), processor_s)
@@ -47,7 +47,7 @@ def vector_env_steps_per_s(resolution: str = "default", lanes: int = LANES) -> f
 def straight_cuts(lanes: int, resolution: str, threads: int | None = None) -> Iterator[Callable[[], object]]:
     """Give the step of a vector environment at the feed of the benchmark."""
     env = gym.make_vec(
-        "edmsim/GapFeed-v1", num_envs=lanes, vectorization_mode="vector_entry_point", resolution=resolution,
+        "edmsim/GapFeed-v2", num_envs=lanes, vectorization_mode="vector_entry_point", resolution=resolution,
         threads=threads, **STANDARD,
     )
     with closing(env):
@@ -62,7 +62,7 @@ def turned_knobs_cost() -> float:
     Of 32 drawn machines at resolution ``fast``; the wire cuts in both.
     """
     env = gym.make_vec(
-        "edmsim/Corner-v1", num_envs=32, vectorization_mode="vector_entry_point", resolution="fast", action="change",
+        "edmsim/Corner-v2", num_envs=32, vectorization_mode="vector_entry_point", resolution="fast", action="change",
         knobs=("on_time", "duty_factor"),
     )
     env.reset(seed=0)
@@ -83,7 +83,7 @@ def turned_knobs_cost() -> float:
 
 def drawn_machines() -> dict[str, float]:
     """Return the processor time of a reset that draws another machine, and what that makes of an episode's."""
-    drawn, kept = (gym.make("edmsim/GapFeed-v1", resolution="fast", machine_episodes=n) for n in (1, 2 * RESETS))
+    drawn, kept = (gym.make("edmsim/GapFeed-v2", resolution="fast", machine_episodes=n) for n in (1, 2 * RESETS))
     for env in (drawn, kept):
         env.reset(seed=0)
     drawn_s, kept_s = (_timed_s(env.reset, RESETS) for env in (drawn, kept))

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 def evaluate(
     env_ids: Annotated[
         list[str],
-        typer.Argument(metavar="ENV_ID...", help="Environments: edmsim/GapFeed-v1 ..., FILE.py:ID, or all."),
+        typer.Argument(metavar="ENV_ID...", help="Environments: edmsim/GapFeed-v2 ..., FILE.py:ID, or all."),
     ],
     controllers: Annotated[
         str | None,

@@ -12,7 +12,7 @@ from edmsim.cli.console import ERR, INTERRUPTED, OUT, Seed, say
 
 def train(
     env_id: Annotated[
-        str, typer.Argument(help="Environment: edmsim/GapFeed-v1 ..., or FILE.py:ID.", show_default=False)
+        str, typer.Argument(help="Environment: edmsim/GapFeed-v2 ..., or FILE.py:ID.", show_default=False)
     ],
     out: Annotated[Path, typer.Option(help="Folder for policy, checkpoint and tensorboard logs.")],
     algo: Annotated[str, typer.Option(help="ppo, recurrent-ppo, ppo-lag, sac, tqc or imitation.")] = "ppo",
@@ -59,7 +59,7 @@ def train(
 
 def dataset(
     env_id: Annotated[
-        str, typer.Argument(help="Environment: edmsim/GapFeed-v1 ..., or FILE.py:ID.", show_default=False)
+        str, typer.Argument(help="Environment: edmsim/GapFeed-v2 ..., or FILE.py:ID.", show_default=False)
     ],
     out: Annotated[Path, typer.Option(help="Folder for the data sets; an interrupted recording goes on.")],
     controllers: Annotated[

@@ -54,7 +54,7 @@ BOUNDS: dict[str, Ranges] = {
 }  # fmt: skip
 """What is searched of each controller, and where (ours: from timid to reckless). Shorts must count for something, or
 a gap that closes is not noticed. What is found for `counts` hunts at long periods, so it is not shipped."""
-ENV_IDS = ("edmsim/GapFeed-v1", "edmsim/HeightStep-v1")
+ENV_IDS = ("edmsim/GapFeed-v2", "edmsim/HeightStep-v2")
 SEEDS = 5
 """Training seeds of each environment."""
 POPULATION, GENERATIONS = 8, 4

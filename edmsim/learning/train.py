@@ -95,7 +95,7 @@ def train(
     Parameters
     ----------
     env_id : str
-        ``"edmsim/GapFeed-v1"`` and so on, or of an own environment (see `edmsim.envs.register`).
+        ``"edmsim/GapFeed-v2"`` and so on, or of an own environment (see `edmsim.envs.register`).
     algo : {"ppo", "sac", "tqc", "ppo-lag", "recurrent-ppo"}
     out : Path
         Folder for ``tensorboard/`` and the checkpoint. Checkpoints are stable-baselines3's own, pickles among them:

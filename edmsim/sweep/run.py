@@ -167,7 +167,7 @@ def sweep(
     Examples
     --------
     >>> from edmsim.sweep.specification import Specification
-    >>> spec = Specification(environment="edmsim/GapFeed-v1", seeds=4, grid={"controller": "counts,voltage"})
+    >>> spec = Specification(environment="edmsim/GapFeed-v2", seeds=4, grid={"controller": "counts,voltage"})
     >>> spec.runs
     8
     """

@@ -1,7 +1,7 @@
 """PPO in one file, with torch and Gymnasium only: it learns the target of a servo, and what else a task turns.
 
-python examples/learning/ppo.py --seed 1 --out ppo.csv                            # edmsim/GapFeed-v1
-python examples/learning/ppo.py --env edmsim/MaxRate-v0 --seed 1 --out rate.csv
+python examples/learning/ppo.py --seed 1 --out ppo.csv                            # edmsim/GapFeed-v2
+python examples/learning/ppo.py --env edmsim/MaxRate-v1 --seed 1 --out rate.csv
 
 Proximal policy optimisation (Schulman et al. 2017, arXiv:1707.06347) with generalised advantages (arXiv:1506.02438).
 Every row of the table that is written has the decisions so far, and the mean return and cost of the last twenty
@@ -98,7 +98,7 @@ def update(agent: Agent, optimiser: torch.optim.Optimizer, rows: tuple[torch.Ten
 def main() -> None:
     """Train, and write the learning curve."""
     parser = argparse.ArgumentParser(description="PPO in an environment of edmsim.")
-    parser.add_argument("--env", default="edmsim/GapFeed-v1", help="id of the environment")
+    parser.add_argument("--env", default="edmsim/GapFeed-v2", help="id of the environment")
     parser.add_argument("--action", default="servo", help="servo: its target; speed: the feed itself")
     parser.add_argument("--decision-s", type=float, help="machine time of a decision; the environment's by default")
     parser.add_argument("--seed", type=int, default=1)

@@ -109,7 +109,7 @@ def update(
 
 def main() -> None:
     """Train, and write the learning curve."""
-    parser = argparse.ArgumentParser(description="Lagrangian PPO in edmsim/GapFeed-v1 with a thin wire.")
+    parser = argparse.ArgumentParser(description="Lagrangian PPO in edmsim/GapFeed-v2 with a thin wire.")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--steps", type=int, default=20_480, help="decisions, all lanes together")
     parser.add_argument("--limit", type=float, default=0.1, help="cost of an episode, in the mean")
@@ -118,7 +118,7 @@ def main() -> None:
     torch.set_num_threads(1)  # networks this small only wait for further threads
     torch.manual_seed(asked.seed)
     envs = gymnasium.make_vec(
-        "edmsim/GapFeed-v1", num_envs=LANES, vectorization_mode="vector_entry_point",
+        "edmsim/GapFeed-v2", num_envs=LANES, vectorization_mode="vector_entry_point",
         autoreset_mode=AutoresetMode.SAME_STEP, **THIN_WIRE,
     )
     agent = Agent(envs.single_observation_space.shape[0], envs.single_action_space.shape[0])

@@ -52,14 +52,14 @@ class Curve(BaseCallback):
 
 def main() -> None:
     """Train, and write the learning curve."""
-    parser = argparse.ArgumentParser(description="Recurrent PPO in edmsim/GapFeed-v1.")
+    parser = argparse.ArgumentParser(description="Recurrent PPO in edmsim/GapFeed-v2.")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--steps", type=int, default=20_480, help="decisions, all lanes together")
     parser.add_argument("--out", type=Path, required=True, help="table of the learning curve, .csv")
     asked = parser.parse_args()
     torch.set_num_threads(1)  # networks this small only wait for further threads
     lanes = make_sb3_vec_env(
-        "edmsim/GapFeed-v1", LANES, action="servo", servo_target_share=[0.0, 0.9], episode_s=8.0, history=1,
+        "edmsim/GapFeed-v2", LANES, action="servo", servo_target_share=[0.0, 0.9], episode_s=8.0, history=1,
     )
     model = RecurrentPPO(
         "MlpLstmPolicy", VecNormalize(lanes, gamma=0.99), seed=1000 * asked.seed, device="cpu", n_steps=STEPS,

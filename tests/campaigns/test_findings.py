@@ -98,7 +98,7 @@ def test_compensation_of_hundreds_of_digits_is_refused(changed: str, tmp_path: P
 
 
 @pytest.mark.parametrize(("text", "named"), [
-    ('environment = "edmsim/GapFeed-v1"\nseeds = 1000000000000', "seeds are too many"),
+    ('environment = "edmsim/GapFeed-v2"\nseeds = 1000000000000', "seeds are too many"),
     (f'program = "{"a" * 5000}"', "no such program"),
     ('program = "a\\u0000b"', "no such program"),
     (f"seeds = {'9' * 5000}", "is no TOML"),

@@ -262,7 +262,7 @@ def test_the_command_line_takes_an_own_controller(
     assert command(*cut, "--controller", f"{law}:Half:share=0.3") == (3, "", "")
     status, out, err = command(*cut, "--controller", f"{law}:Whole")
     assert (status, out, err.count("\n")) == (2, "", 1)
-    status, out, _ = command("evaluate", "edmsim/GapFeed-v1", "--controllers", f"fixed,{law}:Half", "--seeds", 2,
+    status, out, _ = command("evaluate", "edmsim/GapFeed-v2", "--controllers", f"fixed,{law}:Half", "--seeds", 2,
                              "--resolution", "fast", "--json")  # fmt: skip
     assert status in (0, None)
     found = json.loads(out)[0]["controllers"]

@@ -126,7 +126,7 @@ def test_an_environment_driven_by_the_same_feeds_shows_the_same(program: Path, p
     feeds = [command.feed_um_s for command in law.asked]
     later = law.legs[1][-1]
     del feeds[later]  # wanted after a leg's last window, and replaced by the next leg's first command
-    env = gym.make("edmsim/Contour-v1", action="speed", history=1, **options(program, planner))
+    env = gym.make("edmsim/Contour-v2", action="speed", history=1, **options(program, planner))
     env.reset(seed=SEED)
     generator = MACHINE.generator
     scale = np.array([

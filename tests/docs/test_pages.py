@@ -28,9 +28,9 @@ NOT_RUN = {
     "pip install edmsim[tune]": "the Makefile installs it",
     "ray start --head": "tests/sweep/test_sweep_cluster.py starts one",
     "edmsim sweep sweep.toml --out out/sweep --ray auto": "tests/sweep/test_sweep_cluster.py",
-    "edmsim tune edmsim/GapFeed-v1 --steps 20000 --out out/tune-ppo": "tests/sweep/test_tune.py trains",
+    "edmsim tune edmsim/GapFeed-v2 --steps 20000 --out out/tune-ppo": "tests/sweep/test_tune.py trains",
     "pip install edmsim[cluster,rl,tune]": "the Makefile installs it",
-    "edmsim tune edmsim/GapFeed-v1 --population 8 --generations 10 --steps 200000 --out out/population --ray auto":
+    "edmsim tune edmsim/GapFeed-v2 --population 8 --generations 10 --steps 200000 --out out/population --ray auto":
         "tests/sweep/test_population.py breeds one",
     "python -m tests.campaigns gcode --only 17": "tests/campaigns/test_campaigns.py gives such inputs",
     "edmsim render out/punch --screenshots shots": "tests/recording/test_recording_video.py, where there is Vulkan",

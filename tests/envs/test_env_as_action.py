@@ -20,7 +20,7 @@ def action_of(env_id, controller="set-point", command=WANTED, feed_um_s=8.0, **a
     return family, as_action(family, make(controller), command, FIRST_US, NOW_US, feed_um_s).tolist()
 
 
-@pytest.mark.parametrize("env_id", ["edmsim/Corner-v1", "edmsim/ThinWire-v0", "edmsim/Trim-v0"])
+@pytest.mark.parametrize("env_id", ["edmsim/Corner-v2", "edmsim/ThinWire-v1", "edmsim/Trim-v1"])
 def test_knobs_and_offset_are_what_the_environment_reads(env_id):
     family, action = action_of(env_id, offset_um=24.0)
     found = family.setting_us(np.array(FIRST_US), np.array(action[1:-1]))
@@ -31,26 +31,26 @@ def test_knobs_and_offset_are_what_the_environment_reads(env_id):
 
 
 def test_a_servo_is_given_the_target_that_the_controller_holds():
-    family, action = action_of("edmsim/Corner-v1")
+    family, action = action_of("edmsim/Corner-v2")
     assert target_of(action[0], family.servo_target_share) == pytest.approx(make("set-point").open_target_share)
     with pytest.raises(InputError, match="fixed holds no share of open pulses"):
-        action_of("edmsim/Corner-v1", "fixed")
+        action_of("edmsim/Corner-v2", "fixed")
 
 
 @pytest.mark.parametrize(("action", "wanted"), [("speed", 9.0), ("change", 1.0)])
 def test_a_feed_is_commanded_as_itself_or_as_a_change(action, wanted):
     plain = FeedCommand(9.0)
-    family, found = action_of("edmsim/GapFeed-v1", "fixed", plain, action=action, knobs=("duty_factor", "on_time"))
+    family, found = action_of("edmsim/GapFeed-v2", "fixed", plain, action=action, knobs=("duty_factor", "on_time"))
     scale = family.max_feed_um_s if action == "speed" else family.max_change_um_s
     assert found[0] == pytest.approx(wanted / scale)
 
 
 def test_knobs_that_are_not_there_cannot_be_turned():
     with pytest.raises(InputError, match="this environment has none"):
-        action_of("edmsim/GapFeed-v1")
+        action_of("edmsim/GapFeed-v2")
 
 
 def test_actions_end_at_one():
     far = FeedCommand(1e6, None, 3000.0, 90_000.0, offset_um=1e3)
-    _, action = action_of("edmsim/Trim-v0", command=far)
+    _, action = action_of("edmsim/Trim-v1", command=far)
     assert action == [1.0] * len(action)

@@ -57,7 +57,7 @@ def test_an_id_is_the_benchmark(env_name):
 
 
 def test_dials_and_what_has_no_effect_are_not_drawn(make_env):
-    drawn = gym.make("edmsim/GapFeed-v1").reset(seed=1)[1]["drawn"]
+    drawn = gym.make("edmsim/GapFeed-v2").reset(seed=1)[1]["drawn"]
     assert "gap.critical_um" in drawn
     assert not {"dielectric.flushing_pressure_Pa", "guides.wire_speed_m_s", "table.friction_N"} & set(drawn)
     family = family_of("GapFeed").of(mechanics="mujoco")
@@ -250,7 +250,7 @@ def test_minari_records_and_recovers_every_id(env_name, tmp_path, monkeypatch):
 
 def test_mo_gymnasium_runs_on_objectives():
     mo = pytest.importorskip("mo_gymnasium")
-    made = mo.make("edmsim/GapFeed-v1", objectives=["progress", "short"])
+    made = mo.make("edmsim/GapFeed-v2", objectives=["progress", "short"])
     env = mo.wrappers.LinearReward(made, np.array([1.0, 2.0]))
     env.reset(seed=1)
     *_, info = env.step(STILL)

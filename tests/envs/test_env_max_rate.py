@@ -11,7 +11,7 @@ from edmsim.envs import Task
 from edmsim.envs.max_rate import KNOWN, KNOWN_TO_SHARE, MaxRate
 from edmsim.errors import InputError
 
-ID = "edmsim/MaxRate-v0"
+ID = "edmsim/MaxRate-v1"
 FIRST_FIFTH = 10
 
 

@@ -90,7 +90,7 @@ def test_a_recording_says_which_environment_and_episode_it_is_of(make_env, tmp_p
         played(env, 1)
     env.close()
     titles = [Playback(folder / "cut.rrd").title for folder in env.recordings]
-    assert titles == ["edmsim/Corner-v1, episode 0", "edmsim/Corner-v1, episode 1"]
+    assert titles == ["edmsim/Corner-v2, episode 0", "edmsim/Corner-v2, episode 1"]
     own = RecordRerun(make_env("Corner", episode_s=0.1, decision_s=None).unwrapped, tmp_path / "own", every=1)
     own.unwrapped.spec = None
     played(own, 1)
@@ -113,7 +113,7 @@ def test_a_training_is_recorded_and_stays_the_same(tmp_path) -> None:
     from edmsim.envs import RecordEpisodes, make_sb3_vec_env
 
     def trained(callback):
-        lanes = make_sb3_vec_env("edmsim/GapFeed-v1", 2, seed=3, episode_s=0.2)
+        lanes = make_sb3_vec_env("edmsim/GapFeed-v2", 2, seed=3, episode_s=0.2)
         return ppo("MlpPolicy", lanes, n_steps=32, batch_size=32, seed=1, device="cpu").learn(64, callback=callback)
 
     recorder = RecordEpisodes(tmp_path, every=2)
@@ -122,7 +122,7 @@ def test_a_training_is_recorded_and_stays_the_same(tmp_path) -> None:
     assert [folder.name for folder in recorder.recordings] == [f"episode-{k:06d}" for k in (0, 2)]
     play = Playback(recorder.recordings[0] / "cut.rrd")
     assert len(play.series("/feed/feed_um_s")[0]) == len(play.series("/action/feed")[0]) == 8
-    assert play.title == "edmsim/GapFeed-v1, episode 0"
+    assert play.title == "edmsim/GapFeed-v2, episode 0"
 
 
 @pytest.mark.slow
@@ -140,7 +140,7 @@ def test_a_recording_is_shown_as_it_ends(make_env, tmp_path, monkeypatch) -> Non
 @pytest.mark.slow
 def test_a_policy_is_laid_beside_a_law(tmp_path) -> None:
     for name in ("policy:GapFeed-ppo", "voltage"):
-        cut("edmsim/GapFeed-v1", 1_000_000, name, record=tmp_path, episode_s=0.4)
+        cut("edmsim/GapFeed-v2", 1_000_000, name, record=tmp_path, episode_s=0.4)
     folders = [tmp_path / "GapFeed" / "seed-1000000" / name for name in ("policy-GapFeed-ppo", "voltage")]
     file = tmp_path / "both.rrd"
     write_comparison(file, *(folder / "cut.rrd" for folder in folders))
@@ -154,8 +154,8 @@ def test_a_policy_is_laid_beside_a_law(tmp_path) -> None:
 @pytest.mark.slow
 def test_a_cut_of_an_evaluation_is_recorded_and_stays_the_same(tmp_path) -> None:
     options = {"resolution": "fast", "episode_s": 0.6}
-    made = cut("edmsim/Contour-v1", 1_000_000, "voltage:reference_V=9", record=tmp_path, **options)
-    again = cut("edmsim/Contour-v1", 1_000_000, "voltage:reference_V=9", **options)
+    made = cut("edmsim/Contour-v2", 1_000_000, "voltage:reference_V=9", record=tmp_path, **options)
+    again = cut("edmsim/Contour-v2", 1_000_000, "voltage:reference_V=9", **options)
     assert repr(made) == repr(again)  # some are NaN
     (file,) = tmp_path.rglob("cut.rrd")
     assert file.relative_to(tmp_path).parts == ("Contour", "seed-1000000", "voltage-reference_V=9", "cut.rrd")

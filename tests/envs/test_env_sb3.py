@@ -19,7 +19,7 @@ from edmsim.errors import InputError
 
 
 def test_end_of_an_episode_is_told_as_learners_want_it():
-    env = make_sb3_vec_env("edmsim/GapFeed-v1", 2, seed=3, max_episode_steps=4, planner="exact")
+    env = make_sb3_vec_env("edmsim/GapFeed-v2", 2, seed=3, max_episode_steps=4, planner="exact")
     first = env.reset()
     assert not first[:, :40].any()
     actions = np.full((2, 1), 0.5, np.float32)
@@ -47,7 +47,7 @@ def test_end_of_an_episode_is_told_as_learners_want_it():
 
 def of_single_environments(num_envs, **options):
     """What stable-baselines3 itself makes of as many single environments."""
-    return DummyVecEnv([lambda: gym.make("edmsim/GapFeed-v1", **options) for _ in range(num_envs)])
+    return DummyVecEnv([lambda: gym.make("edmsim/GapFeed-v2", **options) for _ in range(num_envs)])
 
 
 ATTRIBUTES = "action_space", "observation_space", "reward_space", "render_mode", "metadata", "family"
@@ -57,7 +57,7 @@ ATTRIBUTES = "action_space", "observation_space", "reward_space", "render_mode",
 @pytest.mark.parametrize("indices", [None, 1, np.int64(2), [0, 2], (2, 0), range(2), np.array([1, 2]), -1, []])
 def test_attributes_are_each_lanes_own_as_of_single_environments(indices):
     options = {"height_mm": 5.0, "history": 3, "action": "servo", "knobs": ["on_time"]}
-    lanes, others = make_sb3_vec_env("edmsim/GapFeed-v1", 3, **options), of_single_environments(3, **options)
+    lanes, others = make_sb3_vec_env("edmsim/GapFeed-v2", 3, **options), of_single_environments(3, **options)
     theirs = np.atleast_1d(indices).tolist() if indices is not None else None
     for name in ATTRIBUTES:
         assert lanes.get_attr(name, indices) == others.get_attr(name, theirs), name
@@ -68,7 +68,7 @@ def test_attributes_are_each_lanes_own_as_of_single_environments(indices):
 
 
 def test_a_lanes_draws_and_spaces_are_its_own():
-    lanes, others = (make(3) for make in (partial(make_sb3_vec_env, "edmsim/GapFeed-v1"), of_single_environments))
+    lanes, others = (make(3) for make in (partial(make_sb3_vec_env, "edmsim/GapFeed-v2"), of_single_environments))
     for env in (lanes, others):
         env.seed(7)
         env.reset()
@@ -82,7 +82,7 @@ def test_a_lanes_draws_and_spaces_are_its_own():
 
 
 def test_what_an_attribute_is_set_to_is_the_lanes_and_what_they_share_is_refused():
-    lanes = make_sb3_vec_env("edmsim/GapFeed-v1", 3)
+    lanes = make_sb3_vec_env("edmsim/GapFeed-v2", 3)
     lanes.set_attr("note", "thin", indices=1)
     assert lanes.get_attr("note", 1) == ["thin"]
     assert lanes.has_attr("family")
@@ -96,7 +96,7 @@ def test_what_an_attribute_is_set_to_is_the_lanes_and_what_they_share_is_refused
     rng = np.random.default_rng(5)
     lanes.set_attr("np_random", rng, indices=2)
     lanes.reset()
-    again = make_sb3_vec_env("edmsim/GapFeed-v1", 1)
+    again = make_sb3_vec_env("edmsim/GapFeed-v2", 1)
     again.set_attr("np_random", np.random.default_rng(5))
     again.reset()
     assert lanes.reset_infos[2]["drawn"] == again.reset_infos[0]["drawn"]
@@ -107,7 +107,7 @@ def test_what_an_attribute_is_set_to_is_the_lanes_and_what_they_share_is_refused
 @pytest.mark.slow
 def test_methods_are_called_of_the_lanes_named(monkeypatch):
     monkeypatch.setattr("edmsim.envs.render.has_gl", lambda: False)
-    lanes = make_sb3_vec_env("edmsim/GapFeed-v1", 3, render_mode="rgb_array", planner="exact")
+    lanes = make_sb3_vec_env("edmsim/GapFeed-v2", 3, render_mode="rgb_array", planner="exact")
     lanes.seed(1)
     lanes.reset()
     assert [picture.shape for picture in lanes.env_method("render", indices=[0, 2])] == [(480, 640, 3)] * 2
@@ -121,7 +121,7 @@ def test_methods_are_called_of_the_lanes_named(monkeypatch):
 
 def test_options_of_a_reset_reach_all_lanes_or_each_its_own():
     machines = [edmsim.Machine.load(height_mm=height) for height in (5.0, 7.0)]
-    lanes = make_sb3_vec_env("edmsim/GapFeed-v1", 2, seed=4)
+    lanes = make_sb3_vec_env("edmsim/GapFeed-v2", 2, seed=4)
     lanes.set_options({"machine": machines[1]})
     lanes.reset()
     assert [info["drawn"]["height_mm"] for info in lanes.reset_infos] == [7.0, 7.0]
@@ -134,8 +134,8 @@ def test_options_of_a_reset_reach_all_lanes_or_each_its_own():
 
 def test_gymnasiums_vector_has_the_attributes_of_its_lanes_too():
     kept = {"height_mm": 6.0}
-    native = gym.make_vec("edmsim/Trim-v0", num_envs=2, vectorization_mode="vector_entry_point", **kept)
-    other = gym.make_vec("edmsim/Trim-v0", num_envs=2, vectorization_mode="sync", **kept)
+    native = gym.make_vec("edmsim/Trim-v1", num_envs=2, vectorization_mode="vector_entry_point", **kept)
+    other = gym.make_vec("edmsim/Trim-v1", num_envs=2, vectorization_mode="sync", **kept)
     for name in ATTRIBUTES:
         assert native.get_attr(name) == other.get_attr(name), name
     assert native.call("lane_law", from_text("fixed"))[1].begin
@@ -147,7 +147,7 @@ def test_gymnasiums_vector_has_the_attributes_of_its_lanes_too():
 
 def test_same_seed_same_trajectory():
     def rewards():
-        env = make_sb3_vec_env("edmsim/HeightStep-v1", 2, seed=3, resolution="fast")
+        env = make_sb3_vec_env("edmsim/HeightStep-v2", 2, seed=3, resolution="fast")
         env.reset()
         return [env.step(np.full((2, 1), 0.3, np.float32))[1].tolist() for _ in range(10)]
 
@@ -160,7 +160,7 @@ def test_ppo_learns_on_it():
     from stable_baselines3 import PPO
     from stable_baselines3.common.vec_env import VecNormalize
 
-    env = VecNormalize(make_sb3_vec_env("edmsim/GapFeed-v1", 4, resolution="fast", max_episode_steps=100))
+    env = VecNormalize(make_sb3_vec_env("edmsim/GapFeed-v2", 4, resolution="fast", max_episode_steps=100))
     model = PPO("MlpPolicy", env, n_steps=64, batch_size=64, seed=1, device="cpu").learn(512)
     assert model.num_timesteps >= 512
 

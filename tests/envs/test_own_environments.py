@@ -160,7 +160,7 @@ def test_what_a_file_does_not_register_is_told(bend: str) -> None:
 
 def test_registered_arguments_stay_where_controllers_are_compared_and_policies_trained(bend: str) -> None:
     resolve(bend)
-    assert episode.episodes(BEND_ID) == episode.episodes("edmsim/GapFeed-v1")
+    assert episode.episodes(BEND_ID) == episode.episodes("edmsim/GapFeed-v2")
     assert hyperparameters.load(BEND_ID, "ppo").num_envs == hyperparameters.load("GapFeed", "ppo").num_envs
 
 
@@ -191,7 +191,7 @@ def test_a_policy_trained_in_it_cuts_where_nobody_knows_it(
     command(monkeypatch, "train", bend, "--steps", 64, "--score", 2, "--out", tmp_path / "bend")
     gym.registry.pop(BEND_ID)
     card = policy_file.load(str(tmp_path / "bend" / "policy.json")).card
-    assert card.env_id == "edmsim/GapFeed-v1"
+    assert card.env_id == "edmsim/GapFeed-v2"
     assert card.command.startswith(f"edmsim train {bend} --algo ppo")
     # what differs from the defaults of the id that anybody knows
     assert card.environment == {"machine_episodes": 4, "height_mm": [5.0, 6.0], "episode_s": 10.0, "length_mm": 0.06}

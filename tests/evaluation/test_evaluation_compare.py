@@ -33,7 +33,7 @@ from edmsim.evaluation.lines import lines_of
 from edmsim.evaluation.table import as_json, render, shown
 from edmsim.learning import hyperparameters
 
-GAP_FEED, CORNER, CONTOUR = "edmsim/GapFeed-v1", "edmsim/Corner-v1", "edmsim/Contour-v1"
+GAP_FEED, CORNER, CONTOUR = "edmsim/GapFeed-v2", "edmsim/Corner-v2", "edmsim/Contour-v2"
 
 
 @pytest.fixture(scope="module")
@@ -56,8 +56,8 @@ def test_policies_are_trained_on_what_controllers_are_compared_on() -> None:
 
 
 def test_an_environment_may_have_laws_and_a_scale_of_its_own() -> None:
-    assert usual("edmsim/MaxRate-v0")[:4] == ["fixed-period", "sato", "heat-flux", "heat-oracle"]
-    lines = lines_of("edmsim/MaxRate-v0")
+    assert usual("edmsim/MaxRate-v1")[:4] == ["fixed-period", "sato", "heat-flux", "heat-oracle"]
+    lines = lines_of("edmsim/MaxRate-v1")
     assert (lines.blind, lines.reference) == ("fixed-period", "heat-oracle")
     assert (lines_of(GAP_FEED).blind, lines_of(GAP_FEED).reference) == ("fixed", "oracle")
     assert not {"fixed-period", "heat-oracle"} & set(usual(GAP_FEED))
@@ -235,7 +235,7 @@ def test_the_table_fits_a_terminal_of_eighty_columns_and_says_what_it_means() ->
 @pytest.mark.parametrize(
     ("env_id", "controllers", "seeds", "resolution", "words"),
     [
-        ("edmsim/Gap-v1", ["fixed"], 3, "fast", "no environment 'edmsim/Gap-v1'; choose one of edmsim/GapFeed-v1"),
+        ("edmsim/Gap-v1", ["fixed"], 3, "fast", "no environment 'edmsim/Gap-v1'; choose one of edmsim/GapFeed-v2"),
         (GAP_FEED, ["pid"], 3, "fast", "no feed controller 'pid'"),
         (GAP_FEED, [], 3, "fast", "no controller is named"),
         (GAP_FEED, ["fixed"], 1, "fast", "1 seeds give no interval"),

@@ -18,7 +18,7 @@ from edmsim.evaluation.table import as_json
 from edmsim.evaluation.transfer import places, render, rows_of, transfer
 
 DOCS = Path(__file__).parents[2] / "docs"
-GAP_FEED = "edmsim/GapFeed-v1"
+GAP_FEED = "edmsim/GapFeed-v2"
 
 
 @pytest.mark.slow

@@ -72,12 +72,12 @@ def most_apart(model, lanes, policy, steps=25):
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_policy_does_what_its_learner_does_through_the_normalisation(kind, tmp_path):
-    lanes = VecNormalize(VecMonitor(make_sb3_vec_env("edmsim/GapFeed-v1", 2, seed=1, **KEPT)), clip_obs=5.0)
+    lanes = VecNormalize(VecMonitor(make_sb3_vec_env("edmsim/GapFeed-v2", 2, seed=1, **KEPT)), clip_obs=5.0)
     model = learner(kind, lanes)
     policy = export_sb3(model, lanes, tmp_path / "own" / "policy.json")
     assert most_apart(model, lanes, policy) < 2e-6
     card = policy_file.load(str(tmp_path / "own" / "policy.json")).card
-    assert (card.env_id, card.environment) == ("edmsim/GapFeed-v1", {"planner": "exact", "height_mm": 5.0})
+    assert (card.env_id, card.environment) == ("edmsim/GapFeed-v2", {"planner": "exact", "height_mm": 5.0})
     assert (card.algorithm, card.clip, card.steps, card.seed) == (kind.removesuffix("-gsde"), 5.0, 32, 2)
     assert card.observation[0].mean == lanes.obs_rms.mean[0]
 
@@ -92,29 +92,29 @@ def test_a_policy_does_what_its_learner_does_through_the_normalisation(kind, tmp
     ],
 )
 def test_without_a_normalisation_it_sees_what_is_shown(wrap, network, tmp_path):
-    lanes = wrap(make_sb3_vec_env("edmsim/ThinWire-v0", 2, seed=1, decision_s=None))
+    lanes = wrap(make_sb3_vec_env("edmsim/ThinWire-v1", 2, seed=1, decision_s=None))
     model = learner("ppo", lanes, **network)
     assert most_apart(model, lanes, export_sb3(model, lanes, tmp_path / "policy.json")) < 2e-6
 
 
 def test_the_lanes_may_be_single_environments_of_stable_baselines3(tmp_path):
-    lanes = VecNormalize(make_vec_env("edmsim/Trim-v0", 2, env_kwargs={"decision_s": None, "wave_um": (5.0, 6.0)}))
+    lanes = VecNormalize(make_vec_env("edmsim/Trim-v1", 2, env_kwargs={"decision_s": None, "wave_um": (5.0, 6.0)}))
     model = learner("sac", lanes, steps=16)
     policy = export_sb3(model, lanes, tmp_path / "policy.json")
-    assert policy.card.env_id == "edmsim/Trim-v0"
+    assert policy.card.env_id == "edmsim/Trim-v1"
     assert policy.card.environment == {"decision_s": None, "wave_um": [5.0, 6.0]}
     assert most_apart(model, lanes, policy, 10) < 2e-6
 
 
 @pytest.mark.slow
 def test_it_cuts_a_part_and_is_compared(tmp_path, small_punch, short_episodes, edmsim):
-    lanes = VecNormalize(make_sb3_vec_env("edmsim/GapFeed-v1", 2, seed=1))
+    lanes = VecNormalize(make_sb3_vec_env("edmsim/GapFeed-v2", 2, seed=1))
     export_sb3(learner("recurrent-ppo", lanes), lanes, tmp_path / "policy.json")
     named = f"policy:{tmp_path / 'policy.json'}"
     done = cut(small_punch, controller=named, height_mm=5.0, resolution="fast", max_time_s=1.0)
     assert done.windows.num_rows > 30
     status, out, err = edmsim(
-        "evaluate", "edmsim/GapFeed-v1", "--controllers", named, "--seeds", 2, "--resolution", "fast", "--json"
+        "evaluate", "edmsim/GapFeed-v2", "--controllers", named, "--seeds", 2, "--resolution", "fast", "--json"
     )
     assert status == 0, err
     assert [row["controller"] for row in json.loads(out)[0]["cuts"]].count(named) == 2
@@ -128,7 +128,7 @@ def test_what_a_file_cannot_hold_is_refused_in_a_line_and_leaves_none(tmp_path):
             export_sb3(model, lanes, file)
         assert not list(tmp_path.iterdir())
 
-    bare = make_sb3_vec_env("edmsim/GapFeed-v1", 2)
+    bare = make_sb3_vec_env("edmsim/GapFeed-v2", 2)
     new = partial(learner, steps=0)
     refused(new("ppo", bare, activation_fn=torch.nn.ELU), bare, "ELU: a policy file holds linear layers")
     refused(SAC("MlpPolicy", bare, use_sde=True, device="cpu"), bare, "SAC's network has Hardtanh: a policy file")
@@ -137,7 +137,7 @@ def test_what_a_file_cannot_hold_is_refused_in_a_line_and_leaves_none(tmp_path):
     refused(new("ppo", stacked), stacked, "VecFrameStack around the lanes may change")
     twice = VecNormalize(VecNormalize(bare))
     refused(new("ppo", twice), twice, "normalised twice")
-    refused(new("ppo", bare), make_sb3_vec_env("edmsim/GapFeed-v1", 2, history=2), "other observations or actions")
+    refused(new("ppo", bare), make_sb3_vec_env("edmsim/GapFeed-v2", 2, history=2), "other observations or actions")
 
     class Halved(FlattenExtractor):
         def forward(self, observations):
@@ -147,10 +147,10 @@ def test_what_a_file_cannot_hold_is_refused_in_a_line_and_leaves_none(tmp_path):
     broken = new("ppo", bare)
     broken.policy.action_net.bias.data[:] = float("nan")
     refused(broken, bare, "not finite")
-    levels = DummyVecEnv([lambda: DiscreteFeed(gym.make("edmsim/GapFeed-v1"))])
+    levels = DummyVecEnv([lambda: DiscreteFeed(gym.make("edmsim/GapFeed-v2"))])
     for model in (new("ppo", levels), DQN("MlpPolicy", levels, buffer_size=10)):
         refused(model, levels, r"chooses among Discrete\(7\)")
-    scaled = DummyVecEnv([lambda: gym.wrappers.RescaleAction(gym.make("edmsim/GapFeed-v1"), -1.0, 1.0)])
+    scaled = DummyVecEnv([lambda: gym.wrappers.RescaleAction(gym.make("edmsim/GapFeed-v2"), -1.0, 1.0)])
     refused(new("ppo", scaled), scaled, "RescaleAction around the lanes")
     other = DummyVecEnv([lambda: gym.make("Pendulum-v1")])
     refused(new("ppo", other), other, "PendulumEnv is no environment of edmsim")
@@ -161,9 +161,9 @@ def test_what_a_file_cannot_hold_is_refused_in_a_line_and_leaves_none(tmp_path):
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", ["ppo", "recurrent-ppo", "tqc"])
 def test_a_learner_begins_with_the_policy_of_another(kind, tmp_path):
-    lanes = VecNormalize(make_sb3_vec_env("edmsim/GapFeed-v1", 2, seed=1))
+    lanes = VecNormalize(make_sb3_vec_env("edmsim/GapFeed-v2", 2, seed=1))
     policy = export_sb3(learner(kind, lanes), lanes, tmp_path / "policy.json")
-    others = VecNormalize(make_sb3_vec_env("edmsim/GapFeed-v1", 2, seed=4))
+    others = VecNormalize(make_sb3_vec_env("edmsim/GapFeed-v2", 2, seed=4))
     second = learner(kind, others, steps=0)
     assert most_apart(second, others, policy) > 1e-3
     start_sb3(second, others, f"policy:{tmp_path / 'policy.json'}")
@@ -184,7 +184,7 @@ def test_a_training_begins_with_a_shipped_policy(short_training, tmp_path, edmsi
 
     begun = []
     monkeypatch.setattr(training, "_learn", lambda trained, *_, **__: begun.append(trained))
-    words = "train", "edmsim/GapFeed-v1", "--start", "policy:GapFeed-ppo", "--steps", 64, "--score", 0
+    words = "train", "edmsim/GapFeed-v2", "--start", "policy:GapFeed-ppo", "--steps", 64, "--score", 0
     status, _, err = edmsim(*words, "--out", tmp_path)
     assert status == 0, err
     shipped, first = policy_file.load("GapFeed-ppo"), policy_file.load(str(tmp_path / "policy.json"))
@@ -202,7 +202,7 @@ def test_a_training_begins_with_a_shipped_policy(short_training, tmp_path, edmsi
     [
         ("GapFeed", "sac", "GapFeed-ppo", {}, "output by clip; the learner has .* output by tanh"),
         ("GapFeed", "recurrent-ppo", "GapFeed-ppo", {}, "the learner has an LSTM of 64 cells"),
-        ("Corner", "ppo", "GapFeed-ppo", {}, "of edmsim/GapFeed-v1, sees or does something else"),
+        ("Corner", "ppo", "GapFeed-ppo", {}, "of edmsim/GapFeed-v2, sees or does something else"),
         ("GapFeed", "ppo", "GapFeed-ppo", {"residual": "voltage"}, "adds to no law, the training to voltage by 5"),
         ("GapFeed", "ppo", "GapFeed-ppo", {"privileged_critic": True}, "privileged critic"),
     ],
@@ -230,7 +230,7 @@ def test_a_training_takes_the_policys_layers_unless_its_settings_name_others(tmp
 
 
 def test_another_scale_of_actions_or_no_normalisation_is_refused():
-    lanes = VecNormalize(make_sb3_vec_env("edmsim/GapFeed-v1", 1, max_change_um_s=8.0))
+    lanes = VecNormalize(make_sb3_vec_env("edmsim/GapFeed-v2", 1, max_change_um_s=8.0))
     wide = {"net_arch": [64, 64]}
     with pytest.raises(InputError, match=r"max_change_um_s 4\.0, the training has 8\.0"):
         start_sb3(learner("ppo", lanes, 0, **wide), lanes, "GapFeed-ppo")

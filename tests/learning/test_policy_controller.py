@@ -92,7 +92,7 @@ def test_the_controller_does_what_the_policy_does_in_its_environment(make_policy
 def test_a_policy_that_decides_more_seldom_than_windows_come_sees_what_its_environment_shows(make_policy):
     options = {"action": "servo", "decision_s": 0.1}
     policy = policy_file.load(str(make_policy("GapFeed", **options)))
-    env, task = gym.make("edmsim/GapFeed-v1", **options), Task("GapFeed")
+    env, task = gym.make("edmsim/GapFeed-v2", **options), Task("GapFeed")
     seen, _ = env.reset(seed=5)
     task.reset(5)
     controller = PolicyController(policy)
@@ -232,7 +232,7 @@ DAMAGES = {
     "not finite": (edit(lambda t: t["observation"][3].update(mean=float("inf"))), "mean"),
     "foreign environment": (edit(lambda t: t.update(env_id="CartPole-v1")), "CartPole-v1"),
     "other observations": (edit(lambda t: t["environment"].update(history=2)), "entries"),
-    "other environment": (edit(lambda t: t.update(env_id="edmsim/Corner-v1")), "entries"),
+    "other environment": (edit(lambda t: t.update(env_id="edmsim/Corner-v2")), "entries"),
     "other argument": (edit(lambda t: t["environment"].update(colour="red")), "colour"),
     "other actions": (edit(lambda t: t["action"].append("more")), "commands feed"),
     "other layers": (edit(lambda t: t.update(widths=[9])), "layer 0"),
@@ -255,9 +255,9 @@ def test_a_damaged_policy_is_refused_in_one_line(make_policy, damage, named):
 
 def test_a_policy_of_another_environment_is_refused_where_one_is_named(make_policy):
     file = make_policy("GapFeed")
-    assert policy_file.load(str(file), "edmsim/GapFeed-v1").card.env_id == "edmsim/GapFeed-v1"
-    with pytest.raises(InputError, match="trained in edmsim/GapFeed-v1, not in edmsim/Corner-v1"):
-        policy_file.load(str(file), "edmsim/Corner-v1")
+    assert policy_file.load(str(file), "edmsim/GapFeed-v2").card.env_id == "edmsim/GapFeed-v2"
+    with pytest.raises(InputError, match="trained in edmsim/GapFeed-v2, not in edmsim/Corner-v2"):
+        policy_file.load(str(file), "edmsim/Corner-v2")
 
 
 def test_an_unknown_name_tells_those_there_are():

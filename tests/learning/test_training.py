@@ -49,7 +49,7 @@ def test_there_are_no_others():
 def test_exploring_begins_around_the_first_action(short_training, tmp_path):
     from edmsim.learning.train import train
 
-    trained = train("edmsim/ThinWire-v0", "ppo", tmp_path, steps=64, seed=3)
+    trained = train("edmsim/ThinWire-v1", "ppo", tmp_path, steps=64, seed=3)
     middle = trained.normalise.normalize_obs(np.zeros(trained.model.observation_space.shape, np.float32))
     found = trained.model.predict(middle, deterministic=True)[0]
     assert found == pytest.approx(trained.hyperparameters.network.first_action, abs=0.15)
@@ -63,7 +63,7 @@ def test_what_is_exported_does_what_was_trained(short_training, tmp_path, algo):
     from edmsim.learning.train import train
 
     told = []
-    trained = train("edmsim/Corner-v1", algo, tmp_path, steps=128, seed=3, watch=told.append)
+    trained = train("edmsim/Corner-v2", algo, tmp_path, steps=128, seed=3, watch=told.append)
     file = tmp_path / "policy.json"
     policy_file.write(*export(trained, "a test"), file)
     policy = policy_file.load(str(file))
@@ -83,7 +83,7 @@ def test_what_is_exported_does_what_was_trained(short_training, tmp_path, algo):
 def test_a_training_stopped_goes_on_from_its_checkpoint(short_training, tmp_path, edmsim, monkeypatch, algo):
     from edmsim.learning import train as training
 
-    command = ("train", "edmsim/GapFeed-v1", "--algo", algo, "--steps", 128, "--score", 0, "--out", tmp_path)
+    command = ("train", "edmsim/GapFeed-v2", "--algo", algo, "--steps", 128, "--score", 0, "--out", tmp_path)
     step = training._Keeper._on_step
 
     def interrupted(self):
@@ -104,7 +104,7 @@ def test_a_training_stopped_goes_on_from_its_checkpoint(short_training, tmp_path
     assert "policy:" in out
     card = policy_file.load(str(tmp_path / "policy.json")).card
     assert (card.steps, card.seed) == (128, 0)
-    assert card.command == f"edmsim train edmsim/GapFeed-v1 --algo {algo} --steps 128 --seed 0"
+    assert card.command == f"edmsim train edmsim/GapFeed-v2 --algo {algo} --steps 128 --seed 0"
 
 
 @pytest.mark.slow
@@ -114,7 +114,7 @@ def test_same_seed_same_policy(short_training, tmp_path):
     from edmsim.learning.train import train
 
     def packed(folder, seed):
-        return export(train("edmsim/GapFeed-v1", "ppo", tmp_path / folder, steps=128, seed=seed), "a test")[1]
+        return export(train("edmsim/GapFeed-v2", "ppo", tmp_path / folder, steps=128, seed=seed), "a test")[1]
 
     first = packed("a", 1)
     assert packed("b", 1) == first
@@ -125,12 +125,12 @@ def test_same_seed_same_policy(short_training, tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "named"),
     [
-        (("edmsim/Lathe-v1",), "edmsim/GapFeed-v1"),
-        (("edmsim/GapFeed-v1", "--algo", "dqn"), "ppo, sac"),
-        (("edmsim/GapFeed-v1", "--steps", 0), "1 or more"),
-        (("edmsim/GapFeed-v1", "--seed", -1), "-1"),
-        (("edmsim/GapFeed-v1", "--score", 1), "2 or more"),
-        (("edmsim/GapFeed-v1", "--resume"), "no training to resume"),
+        (("edmsim/Lathe-v1",), "edmsim/GapFeed-v2"),
+        (("edmsim/GapFeed-v2", "--algo", "dqn"), "ppo, sac"),
+        (("edmsim/GapFeed-v2", "--steps", 0), "1 or more"),
+        (("edmsim/GapFeed-v2", "--seed", -1), "-1"),
+        (("edmsim/GapFeed-v2", "--score", 1), "2 or more"),
+        (("edmsim/GapFeed-v2", "--resume"), "no training to resume"),
     ],
 )
 def test_bad_input_is_one_line_and_leaves_nothing(tmp_path, edmsim, arguments, named):
@@ -145,7 +145,7 @@ def test_bad_input_is_one_line_and_leaves_nothing(tmp_path, edmsim, arguments, n
 @needs_rl
 def test_the_command_leaves_a_policy_with_its_scores(short_training, short_episodes, tmp_path, edmsim, monkeypatch):
     monkeypatch.setattr("edmsim.learning.score.RESOLUTIONS", ("fast",))
-    status, out, err = edmsim("train", "edmsim/GapFeed-v1", "--steps", 64, "--score", 2, "--out", tmp_path)
+    status, out, err = edmsim("train", "edmsim/GapFeed-v2", "--steps", 64, "--score", 2, "--out", tmp_path)
     assert status == 0, err
     assert "voltage" in out
     assert len(policy_file.load(str(tmp_path / "policy.json")).card.scores) == 3
@@ -154,7 +154,7 @@ def test_the_command_leaves_a_policy_with_its_scores(short_training, short_episo
 @pytest.mark.slow
 def test_without_the_extra_it_is_one_line(tmp_path):
     code = "import sys; sys.modules['stable_baselines3'] = None; from edmsim.cli.app import main; main()"
-    words = [sys.executable, "-c", code, "train", "edmsim/GapFeed-v1", "--out", str(tmp_path / "out")]
+    words = [sys.executable, "-c", code, "train", "edmsim/GapFeed-v2", "--out", str(tmp_path / "out")]
     done = subprocess.run(words, capture_output=True, text=True, check=False)
     assert (done.returncode, done.stdout) == (2, "")
     assert done.stderr.count("\n") == 1
@@ -166,7 +166,7 @@ def test_a_policy_is_scored_beside_its_rivals_on_the_same_episodes(monkeypatch, 
     from edmsim.learning.score import RIVALS, measure
 
     monkeypatch.setattr("edmsim.learning.score.RESOLUTIONS", ("fast",))
-    found = [measure("edmsim/GapFeed-v1", "GapFeed-ppo", 2) for _ in range(2)]
+    found = [measure("edmsim/GapFeed-v2", "GapFeed-ppo", 2) for _ in range(2)]
     assert found[0] == found[1]
     assert [row.controller for row in found[0]] == ["policy", *RIVALS]
     for row in found[0]:
@@ -180,4 +180,4 @@ def test_a_second_training_leaves_the_first_one_s_folder_alone(tmp_path):
     from edmsim.learning.train import train
 
     with locked(tmp_path, "edmsim train"), pytest.raises(InputError, match="edmsim train"):
-        train("edmsim/GapFeed-v1", "ppo", tmp_path, steps=64)
+        train("edmsim/GapFeed-v2", "ppo", tmp_path, steps=64)

@@ -39,7 +39,7 @@ def exported(tmp_path, env_id, algo, steps=64, **asked):
 
 @pytest.mark.slow
 def test_a_recurrent_policy_remembers_as_it_was_trained(short_training, tmp_path):
-    trained, policy = exported(tmp_path, "edmsim/GapFeed-v1", "recurrent-ppo")
+    trained, policy = exported(tmp_path, "edmsim/GapFeed-v2", "recurrent-ppo")
     space = trained.model.observation_space
     seen = np.random.default_rng(0).uniform(0, 1, (20, *space.shape)).astype(np.float32)
     state, memory, found, wanted = None, policy.fresh_memory(), [], []
@@ -56,7 +56,7 @@ def test_a_recurrent_policy_remembers_as_it_was_trained(short_training, tmp_path
 
 @pytest.mark.slow
 def test_a_recurrent_policy_forgets_at_a_leg_and_goes_on_from_a_snapshot(short_training, tmp_path):
-    _, policy = exported(tmp_path, "edmsim/GapFeed-v1", "recurrent-ppo")
+    _, policy = exported(tmp_path, "edmsim/GapFeed-v2", "recurrent-ppo")
     first, second = PolicyController(policy), PolicyController(policy)
     task = Task("GapFeed")
     task.reset(5)
@@ -76,9 +76,9 @@ def test_a_recurrent_policy_forgets_at_a_leg_and_goes_on_from_a_snapshot(short_t
 def test_a_residual_policy_adds_to_its_law_in_a_cut_what_it_added_in_training(short_training, tmp_path):
     from edmsim.learning.learners import lanes_of
 
-    trained, policy = exported(tmp_path, "edmsim/GapFeed-v1", "ppo", residual="voltage:reference_V=9")
+    trained, policy = exported(tmp_path, "edmsim/GapFeed-v2", "ppo", residual="voltage:reference_V=9")
     assert policy.card.residual.law == "voltage:reference_V=9"
-    lanes = lanes_of("edmsim/GapFeed-v1", trained.hyperparameters, 5).learned_on
+    lanes = lanes_of("edmsim/GapFeed-v2", trained.hyperparameters, 5).learned_on
     seen = lanes.reset()
     task, controller = Task("GapFeed"), PolicyController(policy)
     task.reset(5)
@@ -99,7 +99,7 @@ def test_a_residual_policy_adds_to_its_law_in_a_cut_what_it_added_in_training(sh
 @pytest.mark.slow
 def test_an_imitation_does_what_its_teacher_does(short_training, tmp_path):
     teacher = "set-point:open_target_share=0.05,on_factor=0.5,period_factor=0.8,offset_um=6"
-    _, policy = exported(tmp_path, "edmsim/Corner-v1", "imitation", steps=512, teacher=teacher)
+    _, policy = exported(tmp_path, "edmsim/Corner-v2", "imitation", steps=512, teacher=teacher)
     task, controller = Task("Corner"), PolicyController(policy)
     task.reset(5)
     tell(controller, task.machine, task.scenario.legs_um[0], 0.0)
@@ -116,7 +116,7 @@ def test_a_teacher_says_what_it_would_do_where_the_learner_is():
     from edmsim.envs.sb3 import make_sb3_vec_env
     from edmsim.learning.imitation import TaughtVecEnv
 
-    taught = TaughtVecEnv(make_sb3_vec_env("edmsim/GapFeed-v1", 2, seed=3, action="speed"), "fixed:feed_um_s=9")
+    taught = TaughtVecEnv(make_sb3_vec_env("edmsim/GapFeed-v2", 2, seed=3, action="speed"), "fixed:feed_um_s=9")
     seen = [taught.reset()]
     for feed in (0.01, 0.02, -0.01):
         seen.append(taught.step(np.full((2, 1), feed, np.float32))[0])
@@ -139,26 +139,26 @@ def test_a_teacher_says_what_it_would_do_where_the_learner_is():
 )
 def test_what_cannot_be_learned_is_refused(short_training, tmp_path, algo, asked, named):
     with pytest.raises(InputError, match=named):
-        exported(tmp_path / "out", "edmsim/GapFeed-v1", algo, **asked)
+        exported(tmp_path / "out", "edmsim/GapFeed-v2", algo, **asked)
     assert not (tmp_path / "out").exists()
 
 
 def test_a_teacher_without_a_target_is_none_for_a_servo(short_training, tmp_path):
     with pytest.raises(InputError, match="voltage holds no share of open pulses"):
-        exported(tmp_path / "out", "edmsim/Corner-v1", "imitation", teacher="voltage")
+        exported(tmp_path / "out", "edmsim/Corner-v2", "imitation", teacher="voltage")
     assert not (tmp_path / "out").exists()
 
 
 def test_a_law_that_turns_knobs_is_refused(short_training, tmp_path):
     with pytest.raises(InputError, match="a law that only feeds"):
-        exported(tmp_path, "edmsim/GapFeed-v1", "ppo", residual="adaptive-off-time")
+        exported(tmp_path, "edmsim/GapFeed-v2", "ppo", residual="adaptive-off-time")
 
 
 @pytest.mark.slow
 def test_a_policy_does_not_depend_on_what_only_its_critic_sees(short_training, tmp_path):
     import torch
 
-    trained, policy = exported(tmp_path, "edmsim/GapFeed-v1", "ppo", steps=128, privileged_critic=True)
+    trained, policy = exported(tmp_path, "edmsim/GapFeed-v2", "ppo", steps=128, privileged_critic=True)
     shown = trained.lanes.edm.observation_space.shape[0]
     wide = trained.model.observation_space.shape[0]
     assert wide > shown == len(policy.card.observation)
@@ -180,8 +180,8 @@ def test_costs_beyond_the_limit_raise_their_price():
     from edmsim.envs import make_sb3_vec_env
     from edmsim.learning.lagrangian import CostVecEnv, Multiplier
 
-    lanes = CostVecEnv(make_sb3_vec_env("edmsim/GapFeed-v1", 2, seed=1, max_episode_steps=2), 10.0)
-    plain = make_sb3_vec_env("edmsim/GapFeed-v1", 2, seed=1, max_episode_steps=2)
+    lanes = CostVecEnv(make_sb3_vec_env("edmsim/GapFeed-v2", 2, seed=1, max_episode_steps=2), 10.0)
+    plain = make_sb3_vec_env("edmsim/GapFeed-v2", 2, seed=1, max_episode_steps=2)
     assert (lanes.reset() == plain.reset()).all()
     for _ in range(2):
         rewards = [env.step(np.zeros((2, 1), np.float32))[1] for env in (lanes, plain)]
@@ -199,30 +199,30 @@ def test_costs_beyond_the_limit_raise_their_price():
 def test_the_bound_of_a_checkpoint_is_taken_up(short_training, tmp_path):
     from edmsim.learning.train import train
 
-    trained = train("edmsim/GapFeed-v1", "ppo-lag", tmp_path, steps=64, seed=1)
+    trained = train("edmsim/GapFeed-v2", "ppo-lag", tmp_path, steps=64, seed=1)
     assert trained.lanes.costs.multiplier != 7.0
     (run,) = tmp_path.glob("checkpoint-*/run.json")
     told = json.loads(run.read_text())
     run.write_text(json.dumps({**told, "multiplier": 7.0}))
-    again = train("edmsim/GapFeed-v1", "ppo-lag", tmp_path, steps=64, seed=1, resume=True)
+    again = train("edmsim/GapFeed-v2", "ppo-lag", tmp_path, steps=64, seed=1, resume=True)
     assert again.lanes.costs.multiplier == 7.0
 
 
 def test_settings_of_a_search_are_those_of_a_training(tmp_path):
     file = tmp_path / "best.toml"
     file.write_text("[algorithm]\nlearning_rate = 0.002\n[network]\nwidths = [8]\n")
-    usual, found = (hyperparameters.load("edmsim/GapFeed-v1", "ppo", given) for given in (None, file))
+    usual, found = (hyperparameters.load("edmsim/GapFeed-v2", "ppo", given) for given in (None, file))
     assert found.algorithm == {**usual.algorithm, "learning_rate": 0.002}
     assert found.network.widths == [8]
     for text, named in (("[gains]\nk = 1", "gains"), ("[algorithm]\nspeed = 1", "speed"), ("steps = 0", "steps")):
         file.write_text(text)
         with pytest.raises(InputError, match=named):
-            hyperparameters.load("edmsim/GapFeed-v1", "ppo", file)
+            hyperparameters.load("edmsim/GapFeed-v2", "ppo", file)
 
 
 @pytest.mark.slow
 def test_a_policy_file_names_no_code_to_run(short_training, tmp_path):
-    exported(tmp_path, "edmsim/GapFeed-v1", "ppo", residual="voltage")
+    exported(tmp_path, "edmsim/GapFeed-v2", "ppo", residual="voltage")
     file = tmp_path / "policy.json"
     told = json.loads(file.read_text())
     told["residual"]["law"] = "evil.py:Law"
@@ -232,7 +232,7 @@ def test_a_policy_file_names_no_code_to_run(short_training, tmp_path):
 
 
 def test_infos_of_resets_and_steps_have_the_same_keys():
-    env = gym.make("edmsim/Corner-v1")
+    env = gym.make("edmsim/Corner-v2")
     _, begun = env.reset(seed=1)
     *_, stepped = env.step(env.action_space.sample())
     _, again = env.reset(seed=1)

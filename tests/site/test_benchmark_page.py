@@ -17,7 +17,7 @@ from edmsim.evaluation.episode import Result
 
 DOCS = Path(__file__).parents[2] / "docs"
 SCRIPT = DOCS / "make" / "benchmark.py"
-GAP_FEED = "edmsim/GapFeed-v1"
+GAP_FEED = "edmsim/GapFeed-v2"
 
 
 @pytest.fixture(scope="module")

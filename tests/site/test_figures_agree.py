@@ -47,7 +47,7 @@ def test_what_a_policy_earns_where_it_was_trained_is_that_of_the_benchmark() -> 
     names = re.findall(r"`([^`]+)`", table[1])
     cells = table[3].strip("| ").split(" | ")
     assert (cells[0], names[0]) == ("as trained", "policy:GapFeed-ppo")
-    rows = benchmark.split("## edmsim/GapFeed-v1")[1].split("## ")[0].splitlines()
+    rows = benchmark.split("## edmsim/GapFeed-v2")[1].split("## ")[0].splitlines()
     for name, cell in zip(names, cells[1:], strict=True):
         (row,) = (line.split(" | ") for line in rows if line.startswith(f"| `{name}` "))
         assert cell.split("; ")[0] == row[6], name

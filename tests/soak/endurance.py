@@ -68,7 +68,7 @@ def step(steps: int, seed: int = 1) -> dict[str, Any]:
     """Make environment steps with random actions, in lanes side by side; episodes end and begin as they do."""
     began = time.monotonic()
     env = gym.make_vec(
-        "edmsim/GapFeed-v1", num_envs=LANES, vectorization_mode="vector_entry_point", resolution="fast", threads=1,
+        "edmsim/GapFeed-v2", num_envs=LANES, vectorization_mode="vector_entry_point", resolution="fast", threads=1,
     )  # fmt: skip
     env.reset(seed=seed)
     env.action_space.seed(seed)

@@ -16,7 +16,7 @@ import numpy as np
 from edmsim import Machine, Plant
 from edmsim.cosim.straight import begin
 
-ENV = "edmsim/GapFeed-v1"
+ENV = "edmsim/GapFeed-v2"
 SHARED = {"resolution": "fast", "episode_s": 2.0}
 COUNT = 2
 

@@ -17,7 +17,7 @@ from edmsim.learning import hyperparameters
 from edmsim.sweep.population import TABLE, Bred, breed
 from edmsim.sweep.tune import TRAINING
 
-ENV = "edmsim/GapFeed-v1"
+ENV = "edmsim/GapFeed-v2"
 
 
 @pytest.mark.parametrize(("given", "named"), [

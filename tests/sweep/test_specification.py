@@ -72,7 +72,7 @@ def test_everything_is_combined_with_everything(line: Path, short: dict[str, Any
 
 
 def test_seeds_of_environments_are_those_held_back() -> None:
-    spec = Specification(environment="edmsim/GapFeed-v1", seeds=3)
+    spec = Specification(environment="edmsim/GapFeed-v2", seeds=3)
     assert [run.seed for run in runs_of(spec)] == [HELD_BACK, HELD_BACK + 1, HELD_BACK + 2]
 
 
@@ -109,7 +109,7 @@ def test_what_is_no_sweep_is_refused_in_one_line(line: Path, given: dict[str, An
 ])  # fmt: skip
 def test_what_an_environment_cannot_do_is_refused(given: dict[str, Any], named: str) -> None:
     with pytest.raises(InputError, match=named):
-        next(runs_of(Specification.model_validate({"environment": "edmsim/GapFeed-v1", **given})))
+        next(runs_of(Specification.model_validate({"environment": "edmsim/GapFeed-v2", **given})))
 
 
 def test_a_file_that_is_none_says_where(tmp_path: Path) -> None:

@@ -160,7 +160,7 @@ def test_programs_samples_and_environments_are_looked_at_as_well(
             sweep(Specification(settings=short, **given), tmp_path / "out", engine=Here())
     grid = {"height_mm": [5, 900], "controller": ["counts", "genius"]}
     with pytest.raises(InputError, match=r"3 of 4 .*controller genius: .* with height_mm 900: "):
-        sweep(Specification(environment="edmsim/GapFeed-v1", grid=grid), tmp_path / "out", engine=Here())
+        sweep(Specification(environment="edmsim/GapFeed-v2", grid=grid), tmp_path / "out", engine=Here())
     seen: list[tuple[int, int]] = []
     spec = Specification(program=[str(line)], seeds=3, settings=short, grid={"t_on": [20, 30]})
     sweep(spec, tmp_path / "out", engine=_Nothing(), checking=lambda *count: seen.append(count))
@@ -180,7 +180,7 @@ def test_an_interrupted_sweep_makes_only_what_is_missing(two_controllers: Specif
 
 
 def outcomes(count: int) -> list[tuple[Any, Outcome]]:
-    spec = Specification(environment="edmsim/GapFeed-v1", seeds=list(range(count)))
+    spec = Specification(environment="edmsim/GapFeed-v2", seeds=list(range(count)))
     return [(run, Outcome({**blank(run), "machining_time_s": 0.1 + run.seed}, {})) for run in runs_of(spec)]
 
 
@@ -208,7 +208,7 @@ def test_what_was_kept_is_there_once_whenever_the_driver_dies(
     assert journal.read_bytes() == b""
     # others read the dataset, too: the folders name the task
     seen = pyarrow.dataset.dataset(tmp_path / "results", partitioning="hive").to_table()
-    assert set(seen["task"].to_pylist()) == {"edmsim/GapFeed-v1"}
+    assert set(seen["task"].to_pylist()) == {"edmsim/GapFeed-v2"}
     assert len(seen) == 11
 
 
@@ -249,7 +249,7 @@ def test_a_file_that_changed_under_way_fails_its_runs(line: Path, short: dict[st
 @pytest.mark.slow
 def test_controllers_are_swept_in_environments() -> None:
     spec = Specification(
-        environment="edmsim/GapFeed-v1", settings={"resolution": "fast", "length_mm": 0.05},
+        environment="edmsim/GapFeed-v2", settings={"resolution": "fast", "length_mm": 0.05},
         grid={"controller": ["fixed", "oracle:gap_target_um=6"], "height_mm": [5.0, 8.0]},
     )  # fmt: skip
     rows = [perform(run).row for run in runs_of(spec)]

@@ -76,9 +76,9 @@ def test_gains_are_judged_by_training_seeds() -> None:
 
 @pytest.mark.parametrize(("given", "named"), [
     ({"name": "genius"}, "counts"), ({"name": "fixed", "trials": 0}, "1 or more"),
-    ({"name": "edmsim/GapFeed-v1", "algo": "dqn"}, "ppo, sac"), ({"name": "fixed", "seeds": 0}, "1 or more"),
-    ({"name": "edmsim/GapFeed-v1", "algo": "imitation"}, "no settings of the algorithm 'imitation' are searched"),
-    ({"name": "edmsim/GapFeed-v1", "steps": 0}, "0 windows train nothing"),
+    ({"name": "edmsim/GapFeed-v2", "algo": "dqn"}, "ppo, sac"), ({"name": "fixed", "seeds": 0}, "1 or more"),
+    ({"name": "edmsim/GapFeed-v2", "algo": "imitation"}, "no settings of the algorithm 'imitation' are searched"),
+    ({"name": "edmsim/GapFeed-v2", "steps": 0}, "0 windows train nothing"),
 ])  # fmt: skip
 def test_what_cannot_be_searched_is_refused(given: dict[str, Any], named: str, tmp_path: Path) -> None:
     with pytest.raises(InputError, match=named):
@@ -102,7 +102,7 @@ def test_a_training_leaves_its_policy(short_training: None, tmp_path: Path) -> N
             for job in jobs:
                 yield job, function(job)
 
-    found = tune("edmsim/GapFeed-v1", tmp_path, trials=2, seeds=1, steps=64, engine=Here())
+    found = tune("edmsim/GapFeed-v2", tmp_path, trials=2, seeds=1, steps=64, engine=Here())
     assert (found.trials, found.failed) == (2, 0)
     assert set(found.values) == {"learning_rate", "gamma", "gae_lambda", "clip_range"}
     assert from_text(f"policy:{tmp_path / 'policy.json'}").name == "policy"
