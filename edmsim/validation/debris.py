@@ -128,8 +128,8 @@ def side_gap_um(machine: Machine, seed: int) -> float:
 SPEEDS_M_S = (0.0, 1.0, 2.0)
 """Mean flow speeds of figure 2-9."""
 HOLE_UM, HOLE_V = 25.0, 80.0
-"""Gap and open voltage, the nominal one of the ignition law (ours: at the figure's 300 V equal fields put every gap of
-the figure under the critical one, with debris or without)."""
+"""Gap and open voltage, the nominal one of the ignition law (ours: at the figure's 300 V equal fields put every gap
+of the figure under the critical one, with debris or without)."""
 SPARK_A = 1.2
 """Current of the discharges (ours, the source names none: craters so small that the hole keeps its gap to 1 um)."""
 HOLES, BEFORE, MEASURED = 6, 1, 1
@@ -186,7 +186,8 @@ NEAR_UM, NEAR_SHARE = 13.0, 1e-6
 """Gap next to the critical one, where particles of some mean sizes ignite, and a debris share at which half of the
 pulses find none (ours)."""
 FAR_UM, FAR_SHARE = (28.0, 30.0, 32.0), 0.01
-"""Gaps of rough cuts, where only the largest particles ignite, and a share at which some pulses do and some do not."""
+"""Gaps of rough cuts, where only the largest particles ignite, and a share at which some pulses find one and some do
+not (ours)."""
 LOADED_WINDOWS = 16
 """Windows per seed and gap: 4080 pulses."""
 NO_LONG_BRANCH = {"base.gap.median_a_us_um2": 1e12, "base.gap.median_c_us": 1e15}
@@ -197,9 +198,8 @@ def particles(seeds: Sequence[int]) -> list[Row]:
     critical_um, size_um = Machine.load().base.gap.critical_um.value, mean_size_um(_at_80_V())
     number, half = mean_and_interval([counted(NEAR_UM, NEAR_SHARE, seed) for seed in seeds])
     sizes = (np.array(FAR_UM) - critical_um) / size_um
-    falls, half_falls = mean_and_interval([
-        float(np.polyfit(sizes, np.log([counted(gap, FAR_SHARE, seed) for gap in FAR_UM]), 1)[0]) - 1 for seed in seeds
-    ])
+    over = [[math.log(counted(gap, FAR_SHARE, seed)) for gap in FAR_UM] for seed in seeds]
+    falls, half_falls = mean_and_interval([float(np.polyfit(sizes, of, 1)[0]) - 1 for of in over])
     return [
         Row.value("ignition", f"number of particles that ignite at {NEAR_UM:g} um over the law's", SIZES,
                   published=1.0, simulated=number, within=0.1, uncertainty=half, note=PARTICLES),
@@ -219,7 +219,8 @@ def counted(gap_um: float, share: float, seed: int) -> float:
     state["debris"][:] = share
     plant.restore(state)
     windows = [plant.advance() for _ in range(LOADED_WINDOWS)]
-    found = -math.log(sum(w.open for w in windows) / sum(w.pulses for w in windows))
+    none = max(sum(w.open for w in windows), 1)  # where every pulse finds one, at least so many are there
+    found = -math.log(none / sum(w.pulses for w in windows))
     seen, size_um = seen_gaps_um(plant), mean_size_um(_at_80_V())
     area_um2 = math.pi * machine.wire_diameter_um * machine.height_mm * 1e3
     per_um3 = share / (math.pi * size_um**3) * np.exp(-(seen - gap.critical_um.value) / size_um)
@@ -232,7 +233,7 @@ def mean_size_um(machine: Machine) -> float:
 
 
 def loaded_machine() -> Machine:
-    """Return the default machine at the law's nominal voltage, with debris of its size that nothing makes or moves."""
+    """Return the default machine at the law's nominal voltage: its debris has its size, nothing makes or moves it."""
     usual = _at_80_V()
     still = altered(usual, {**STILL, **STILL_WATER, **NO_LONG_BRANCH})
     return altered(still, {"base.gap.particle_share": mean_size_um(usual) / crater_um3(still) ** (1 / 3)})

@@ -85,7 +85,7 @@ LOADING_RATIO = 2.3
 
 
 def debris(seeds: Sequence[int]) -> list[Row]:
-    """Debris and flushing: debris share, bridging and drum of a cut, and the share that is flushed out without one."""
+    """Debris and flushing: debris, bridging and drum of a cut, and the share that is flushed out without one."""
     machine = Machine.load(height_mm=DEBRIS_HEIGHT_MM)
     usual_Pa = machine.base.dielectric.flushing_pressure_Pa.value
     weak_machine = altered(machine, {"base.dielectric.flushing_pressure_Pa": usual_Pa / 3})
