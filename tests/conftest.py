@@ -87,11 +87,13 @@ def own_file(tmp_path: Path) -> Callable[..., str]:
 
 @pytest.fixture
 def hot_machine(own_file: Callable[..., str]) -> str:
-    """Write the file of a machine whose wire is hardly cooled, and breaks."""
+    """Write the file of a machine whose wire takes much heat and is hardly cooled, and breaks."""
     return own_file(
         "machines", "agiecut-dem15",
         ("convection_W_m2K = { value = 14000.0, range = [5000.0, 30000.0],", "convection_W_m2K = { value = 300.0,"),
         ("critical_W_m2 = { value = 4.0e6, range = [1.0e6, 1.0e7],", "critical_W_m2 = { value = 1.0e3,"),
+        ("critical_stream = { value = 7.19e4, range = [5.0e4, 9.0e4],", "critical_stream = { value = 0.0,"),
+        ("wire_heat_share = { value = 0.1,", "wire_heat_share = { value = 0.3,"),
     )  # fmt: skip
 
 

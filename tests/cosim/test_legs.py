@@ -62,7 +62,7 @@ def cut(program: Path, controller: Listener) -> Listener:
 
 
 def evaluated(program: Path, controller: Listener) -> Listener:
-    task = Task("Contour", resolution="fast", program=program, height_mm=0.5)
+    task = Task("Contour", resolution="fast", program=program, height_mm=0.5, randomise=None)
     assert Episode(task, controller, 1, "listener").run().outcome == "finished"
     return controller
 

@@ -296,7 +296,7 @@ def test_a_table_of_400_mm_is_cut_with_the_planner_exact_only(tmp_path: Path) ->
     given: dict[str, Any] = {"machine": "production-400", "generator": "production", "height_mm": 5.0}
     result = edmsim.cut(
         file, **given, planner="exact", offset="none", resolution="fast", max_time_s=1.0,
-        controller="fixed:feed_um_s=300",
+        controller="fixed:feed_um_s=100",
     )  # fmt: skip
     way = result.path.contours[0].points_um
     assert way[-1, 0] - way[0, 0] == 300_000

@@ -140,7 +140,8 @@ def test_one_jet_drives_the_whole_kerf(lower, upper, share):
 def test_the_kerf_s_jets_meet_where_the_gap_s_do_and_each_falls_to_rest_there(lower, upper):
     wake, gap = kerf_jets(lower, upper, 312.0, 40.0), jets(lower, upper, 1e-3, 45.0, 40.0)
     assert wake.lower_share == gap.lower_share
-    for pressure, way, speed in ((lower, wake.lower_share, wake.lower_m_s), (upper, 1 - wake.lower_share, wake.upper_m_s)):
+    ways = wake.lower_share, 1 - wake.lower_share
+    for pressure, way, speed in zip((lower, upper), ways, wake[1:], strict=True):
         loss = 1.5 + 0.04 * way * 40.0 / (2 * 0.312)
         assert loss * 998.0 * speed**2 / 2 == pytest.approx(pressure)
     faces_and_meeting = wake.past_m_s(np.array([0.0, wake.lower_share, 1.0]))

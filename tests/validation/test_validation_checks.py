@@ -176,10 +176,10 @@ def test_particles_that_ignite_are_counted_by_the_pulses_that_find_none():
 def test_slots_are_cut_with_the_pulses_that_are_said(energy_mJ, t_on_us):
     machine = debris.slot_rig(energy_mJ, t_on_us)
     assert timing(machine).open_V == debris.SIDE_V
-    whole = {"material.removal_mm3_J": 1e-15, "generator.arc_share": 1.0}  # arcs as long as sparks
-    window = in_a_hole(altered(machine, whole), 10.0, seed=1).advance()
-    assert window.spark + window.arc > 20
-    assert window.energy_J / (window.spark + window.arc) == pytest.approx(energy_mJ * 1e-3, rel=0.05)
+    sparks = altered(machine, {"material.removal_mm3_J": 1e-15, "base.gap.deionisation_us": 1e-3})  # arcs are shorter
+    window = in_a_hole(sparks, 10.0, seed=1).advance()
+    assert window.spark > 20 > window.arc == 0
+    assert window.energy_J / window.spark == pytest.approx(energy_mJ * 1e-3, rel=0.05)
 
 
 def test_a_slot_that_is_not_cut_in_time_has_no_side_gap(monkeypatch):
