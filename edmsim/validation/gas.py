@@ -16,9 +16,10 @@ from edmsim.plant.constants import constants, gap_law, modal_model, wire_setup
 from edmsim.plant.gap.breakdown import slice_sums
 from edmsim.plant.gap.coverage import GasLaw, blow, fade
 from edmsim.plant.gap.rays import rays_with
+from edmsim.plant.gap.water import DENSITY_KG_M3
 from edmsim.plant.kernel.declare import allocate, sizes_of
 from edmsim.plant.kernel.state import GRID, Arrays
-from edmsim.plant.mechanics.film import drag_N_s_m2, film_sum, suction_limited
+from edmsim.plant.mechanics.film import added_mass_kg_m, drag_N_s_m2, film_sum, suction_limited
 from edmsim.plant.mechanics.model import build_model, reduce_model
 from edmsim.plant.plant import Plant
 from edmsim.plant.resolution import Resolution, resolution
@@ -205,8 +206,8 @@ def check_added_mass(seeds: Sequence[int]) -> list[Row]:
     annulus = 998.0 * math.pi * 125e-6**2 * (ratio**2 + 1) / (ratio**2 - 1) / wire.line_density
     modes = reduce_model(build_model(wire, machine.base.model), 1, [machine.guide_distance_mm * 0.5e-3])
     return [
-        Row.band("film", "added mass in the slot over the wire's, 20 um in front", ANNULUS, low=annulus / 2,
-                 high=annulus, simulated=wire.slot_mass_kg_m / wire.line_density),
+        Row.band("film", "added mass in a slot over the wire's, a gap of 20 um", ANNULUS, low=annulus / 2, high=annulus,
+                 simulated=added_mass_kg_m(125.0, 20.0, 20.0, DENSITY_KG_M3) / wire.line_density),
         Row.value("film", "first frequency in the slot, 20 mm high", SLOTTED, published=slot_frequency_Hz(machine),
                   simulated=float(modes.wire_omega[0]) / math.tau, within=0.01, unit="Hz"),
     ]

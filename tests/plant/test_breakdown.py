@@ -47,7 +47,7 @@ LAW = GapLaw(0.48, -3.69, 14.05, 0.8, 3.84, 12.0, 0.1, 9.0, 4.0, PARTICLES_UM, 2
 
 def larger_than(size_um, mean_um):
     """Share of particles larger than a size."""
-    return math.exp(-size_um / mean_um)
+    return np.exp(-size_um / mean_um)
 
 
 @pytest.mark.slow
@@ -313,7 +313,7 @@ def test_at_the_point_of_figure_2_9_delays_rise_with_the_gap_and_beyond_the_crit
     gaps = narrow + wide
     for gap in gaps:
         for flow in flows:
-            flushed = machine.with_(flushing_lower_Pa=flow * 272_000.0, flushing_upper_Pa=0.0)
+            flushed = machine.with_(flushing_lower_Pa=flow * 171_850.0, flushing_upper_Pa=0.0)
             assert flow_m_s(flushed, FAST).mean() == pytest.approx(flow, rel=0.01)
             plant = in_a_hole(flushed, gap)
             windows = [plant.advance() for _ in range(16)]

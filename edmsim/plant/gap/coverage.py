@@ -24,7 +24,7 @@ AMBIENT_PA = 101_325.0
 
 
 LEAST_POCKET = 1e-6
-"""Half the length of a pocket is at least this, in heights of a slice (ours: its debris lies somewhere)."""
+"""Debris is spread so far at least, in heights of a slice, to either side (ours: without steam it lies somewhere)."""
 
 
 class GasLaw(NamedTuple):
@@ -158,14 +158,16 @@ def blow(
     metal in the discharge's slice, beyond the slice as well.
     """
     root, place = math.sqrt(energy_J) / (c.slice_um * a.metal[s]), s + within
-    steam, gas = max(law.steam_um_J * root, LEAST_POCKET), law.gas_um_J * root
+    steam, gas = law.steam_um_J * root, law.gas_um_J * root
+    pocket = max(steam, LEAST_POCKET)
     steam_left, gas_left = law.fading[k_left, 0], law.fading[k_left, 1]
     reach = max(steam, gas)
     a.wake_gas[s] += (1.0 - a.wake_gas[s]) * min(c.gas_um3_J * energy_J / (c.wake_um3 * a.metal[s]), 1.0)
     for k in range(max(0, int(place - reach)), min(a.debris.shape[0], int(place + reach) + 1)):
         under = max(0.0, min(place + steam, k + 1.0) - max(place - steam, float(k)))
         a.steam[k] += (1.0 - a.steam[k]) * steam_left * under
-        a.debris[k] += debris_um3 * under / (2.0 * steam * c.cavity_um3 * a.metal[k])
+        spread = max(0.0, min(place + pocket, k + 1.0) - max(place - pocket, float(k)))
+        a.debris[k] += debris_um3 * spread / (2.0 * pocket * c.cavity_um3 * a.metal[k])
         exchanged = c.pumping * under * (a.debris[k] - a.wake_debris[k])
         a.debris[k] -= exchanged
         a.wake_debris[k] += exchanged * c.cavity_um3 / c.wake_um3
