@@ -206,8 +206,8 @@ def check_added_mass(seeds: Sequence[int]) -> list[Row]:
     annulus = 998.0 * math.pi * 125e-6**2 * (ratio**2 + 1) / (ratio**2 - 1) / wire.line_density
     modes = reduce_model(build_model(wire, machine.base.model), 1, [machine.guide_distance_mm * 0.5e-3])
     return [
-        Row.band("film", "added mass in a slot over the wire's, a gap of 20 um", ANNULUS, low=annulus / 2, high=annulus,
-                 simulated=added_mass_kg_m(125.0, 20.0, 20.0, DENSITY_KG_M3) / wire.line_density),
+        Row.band("film", "added mass in a slot over the wire's, a gap of 20 um", ANNULUS, low=annulus / 2,
+                 high=annulus, simulated=added_mass_kg_m(125.0, 20.0, 20.0, DENSITY_KG_M3) / wire.line_density),
         Row.value("film", "first frequency in the slot, 20 mm high", SLOTTED, published=slot_frequency_Hz(machine),
                   simulated=float(modes.wire_omega[0]) / math.tau, within=0.01, unit="Hz"),
     ]

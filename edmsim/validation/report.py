@@ -20,14 +20,14 @@ REASONS = {
         "Two studies of one group disagree below 12 um. The model follows the later one, in which narrow gaps ignite "
         "much faster.",
     ("ignition", "flow"):
-        "At 300 V equal fields put every gap of the figure below the critical one, and delays are 2 us: too short for "
-        "the flow to carry anything off. The scaling is tested at 80 V only.",
+        "At 300 V equal fields put every gap of the figure below the critical one, and delays are 2 us: too short "
+        "for the flow to carry anything off. The scaling is tested at 80 V only.",
     ("crater", "shape-of-a-crater"):
         "The published depth contradicts the area and volume published with it, which imply 8.3 um. It is probably a "
         "misprint.",
     ("pulse ratios", "classes-of-pulses"):
-        "Shorts are particles that bridge the gap. Shorter pulses make as much debris per energy, but finer, and the "
-        "shorts stay as they are.",
+        "Shorts are particles that bridge the gap. Shorter pulses make as much debris per energy, but finer, and "
+        "the shorts stay as they are.",
     ("debris", "debris-and-flushing"):
         "Debris is not much denser at mid-height than at the faces, as bubbles exchange it with the kerf, and the gap "
         "goes with its logarithm.",

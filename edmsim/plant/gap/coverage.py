@@ -24,7 +24,7 @@ AMBIENT_PA = 101_325.0
 
 
 LEAST_POCKET = 1e-6
-"""Debris is spread so far at least, in heights of a slice, to either side (ours: without steam it lies somewhere)."""
+"""Debris is spread so far at least, in heights of a slice, either way (ours: without steam it lies somewhere)."""
 
 
 class GasLaw(NamedTuple):
