@@ -26,11 +26,11 @@ REASONS = {
         "The published depth contradicts the area and volume published with it, which imply 8.3 um. It is probably a "
         "misprint.",
     ("pulse ratios", "classes-of-pulses"):
-        "Shorts are particles that bridge the gap. Shorter pulses make as much debris per energy, but finer, and "
-        "the shorts stay as they are.",
+        "Shorts are particles that bridge the gap. Shorter pulses make as much debris per energy, but finer, "
+        "and the shorts stay as they are.",
     ("debris", "debris-and-flushing"):
-        "Debris is not much denser at mid-height than at the faces, as bubbles exchange it with the kerf, and the gap "
-        "goes with its logarithm.",
+        "Debris is not much denser at mid-height than at the faces, as bubbles exchange it with the kerf, and the "
+        "gap goes with its logarithm.",
     ("lag", "lag"):
         "The push of the discharges is shared out over the height, the pull of field and current is not: a high "
         "workpiece draws its wire ahead.",
