@@ -154,8 +154,8 @@ def blow(
     It covers the front again where gas of former discharges lies, whose life ends with it: at one slice and a steady
     rate f the mean share is ``x / (1 + x)``, x = f times the life times the share of the slice one discharge covers.
     The steam, which reaches further than the permanent gas, spreads the discharge's debris over its pocket, beyond
-    the workpiece as well, and exchanges the gap's debris with the kerf's. Lengths count as shares of the height of the
-    metal in the discharge's slice, beyond the slice as well.
+    the workpiece as well, and exchanges the gap's debris with the kerf's. Lengths count as shares of the height of
+    the metal in the discharge's slice, beyond the slice as well.
     """
     root, place = math.sqrt(energy_J) / (c.slice_um * a.metal[s]), s + within
     steam, gas = law.steam_um_J * root, law.gas_um_J * root
