@@ -79,7 +79,7 @@ def heat_transfer_W_m2K(
     share of the front that gas covers, and that of the back besides: it takes `HeatLaw.dry_share` of itself from
     convection and critical flux.
     """
-    wet = 1.0 - law.dry_share * dry
+    wet = max(1.0 - law.dry_share * dry, 0.0)
     convection = convection_W_m2K * wet
     superheat = temperature_K - law.boiling_K
     if superheat <= 0.0:

@@ -65,7 +65,8 @@ class Rig:
         self.propagators = allocate(Propagators, sizes)  # the full model does not use them
         self.timing = Timing(
             mode=ISO_PULSE, open_V=80.0, burning_V=20.0, removal_um3_J=1.0, current_A=1.0, short_A=1.0,
-            current_form=1.0, on_us=1.0, wait_us=1.0, pause_us=1.0, period_ns=PERIOD_NS, grid_us=0.1,
+            current_form=1.0, on_us=1.0, wait_us=1.0, arc_share=1.0, pause_us=1.0, period_ns=PERIOD_NS,
+            grid_us=0.1,
         )  # fmt: skip
         self.state = np.zeros(1, STATE)
         self.state["commanded_um"][0, :2] = self.state["axis_um"][0, :2] = start_um

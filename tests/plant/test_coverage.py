@@ -18,19 +18,25 @@ from edmsim.plant.gap.coverage import (
     cover_um2_J,
     fade,
     mean_covered,
+    mean_steam,
+    refill_um_s,
     refill_us,
     steam_life_us,
     sum_up,
 )
+from edmsim.plant.gap.debris import kerf_jets
 from edmsim.plant.gap.generator import timing
 from edmsim.plant.gap.pulse_outcome import sum_rays
 from edmsim.plant.gap.water import surface_tension_N_m, viscosity_ratio
 from edmsim.plant.kernel.declare import allocate, sizes_of
 from edmsim.plant.kernel.state import GRID, Arrays
+from edmsim.plant.mechanics.film import edge_loss_kg_m2, mean_resistance
 from edmsim.plant.resolution import resolution
 from edmsim.plant.workpiece.blanks import begun_slot
 
 FAST = resolution("fast")
+KEPT = "steam", "gas", "covered", "wake_debris", "wake_gas"
+"""What discharges leave in the water."""
 
 
 def lasting(steam, gas):
@@ -73,6 +79,26 @@ def test_steam_lives_so_many_collapses():
     assert steam_life_us(1_000.0, 2.0, 998.0) == pytest.approx(2 * rayleigh_us)
 
 
+@pytest.mark.parametrize(("gap", "life"), [(31.0, 400.0), (45.0, 90.0)])
+def test_pockets_damp_as_a_wire_that_drives_the_same_water_through_its_edges(gap, life, machine):
+    """A flow ``u = pi r a / T`` through each edge adds ``loss rho u (r / g) d`` per speed of the wire, in the mean."""
+    radius, loss, density = 125e-6, 1.5, 998.0
+    through_m_s = math.pi * radius / (life * 1e-6)
+    per_speed = loss * density * through_m_s * (radius / (gap * 1e-6)) * 2 * radius
+    speed_m_s = refill_um_s(gap, life) * 1e-6
+    assert edge_loss_kg_m2(125.0, gap, loss, density) * speed_m_s == pytest.approx(per_speed)
+    assert refill_um_s(gap, 0.0) == refill_um_s(gap, 1.0)  # no gas, no life
+
+
+@pytest.mark.slow
+def test_steam_damps_the_wire_by_its_mean_share(machine):
+    a, c, law = front(4), constants(machine, FAST), GasLaw(0.0, 0.0, 2e5, lasting(1.0, 1.0))
+    assert mean_resistance(a, c, law, 3.0) == 3.0
+    a.steam[:4] = 0.0, 0.1, 0.3, 0.4
+    assert mean_steam(a) == pytest.approx(0.2)
+    assert mean_resistance(a, c, law, 3.0) == pytest.approx(3.0 + c.jet_kg_um * 2e5 * 0.2)
+
+
 def test_water_creeps_back_against_friction_and_its_own_mass():
     """Over a quarter girth at 20 um and 20 C: 0.08 ms by Washburn, and 0.05 ms by inertia."""
     filled = refill_us(200.0, 20.0, 1e-3, 998.0, 0.0728, 1.0)
@@ -92,6 +118,7 @@ def test_the_law_of_a_setting_has_the_lives_of_its_longest_discharge(machine):
     life_us = steam_life_us(half_um, gas.steam_periods.value, 998.0)
     np.testing.assert_array_equal(law.fading[0], 1.0)
     assert law.fading[GRID, 0] == pytest.approx(math.exp(-machine.t_period_us / life_us))
+    assert law.refill_um_s == pytest.approx(refill_um_s(31.0, life_us))
     eta_Pa_s, tension_N_m = 1e-3 * viscosity_ratio(323.0), surface_tension_N_m(323.0)
     filled_us = refill_us(math.pi / 4 * 250.0, 20.0, eta_Pa_s, 998.0, tension_N_m, gas.wetting.value)
     assert law.fading[GRID, 1] == pytest.approx(math.exp(-machine.t_period_us / filled_us))
@@ -102,7 +129,7 @@ def test_the_law_of_a_setting_has_the_lives_of_its_longest_discharge(machine):
 
 @pytest.mark.slow
 def test_a_discharge_covers_its_length_of_every_slice_it_reaches(slab):
-    a, law = front(4), GasLaw(300.0, 100.0, lasting(1e9, 1e9))
+    a, law = front(4), GasLaw(300.0, 100.0, 0.0, lasting(1e9, 1e9))
     blow(a, slab, law, 1, 0.9, 1.0, 0)
     np.testing.assert_allclose(a.steam, [0.0, 0.4, 0.2, 0.0], atol=1e-12)
     np.testing.assert_allclose(a.gas, [0.0, 0.2, 0.0, 0.0], atol=1e-12)
@@ -112,7 +139,7 @@ def test_a_discharge_covers_its_length_of_every_slice_it_reaches(slab):
 
 
 def test_gas_of_a_discharge_takes_the_place_of_what_was_there(slab):
-    a, law = front(1), GasLaw(250.0, 0.0, lasting(1e9, 1e9))
+    a, law = front(1), GasLaw(250.0, 0.0, 0.0, lasting(1e9, 1e9))
     shares = []
     for _ in range(3):
         blow(a, slab, law, 0, 0.5, 1.0, 0)
@@ -121,12 +148,22 @@ def test_gas_of_a_discharge_takes_the_place_of_what_was_there(slab):
 
 
 def test_gas_fades_from_the_end_of_its_discharge_on(slab):
-    law = GasLaw(250.0, 250.0, lasting(200.0, 800.0))
+    law = GasLaw(250.0, 250.0, 0.0, lasting(200.0, 800.0))
     a = front(1)
     blow(a, slab, law, 0, 0.5, 1.0, 100)
     np.testing.assert_allclose([a.steam[0], a.gas[0]], 0.5 * np.exp([-100 / 200, -100 / 800]))
+    a.wake_gas.fill(0.0)
     fade(a, law, 300)
     np.testing.assert_allclose([a.steam[0], a.gas[0]], 0.5 * np.exp([-400 / 200, -400 / 800]))
+
+
+def test_the_water_that_creeps_back_brings_the_kerf_s_gas():
+    a, law = front(2), GasLaw(250.0, 250.0, 0.0, lasting(200.0, 800.0))
+    a.gas[:2], a.wake_gas[:2], a.steam[:2] = (0.5, 0.1), (0.2, 0.3), 0.4
+    fade(a, law, 400)
+    left = math.exp(-400 / 800)
+    np.testing.assert_allclose(a.gas[:2], [0.2 + 0.3 * left, 0.3 - 0.2 * left])
+    np.testing.assert_allclose(a.steam[:2], 0.4 * math.exp(-2))  # steam vanishes for good
 
 
 @pytest.mark.slow
@@ -154,17 +191,102 @@ def _mean_share(a, c, law, fires):
 def test_at_a_steady_rate_the_mean_share_is_x_over_one_and_x(x, slab):
     """x is the rate times the life times the share of the slice that one discharge covers: a closed form."""
     life, share = 100.0, 0.5  # in periods
-    law = GasLaw(250.0, 0.0, np.exp(-np.arange(GRID + 1)[:, None] / GRID / np.array([life, 1.0])))
+    law = GasLaw(250.0, 0.0, 0.0, np.exp(-np.arange(GRID + 1)[:, None] / GRID / np.array([life, 1.0])))
     fires = np.random.default_rng(4).random(400_000) < x / (life * share)
     assert _mean_share(front(1), slab, law, fires) == pytest.approx(x / (1 + x), rel=0.03)
 
 
 def test_a_discharge_pumps_debris_out_of_the_length_it_covers(slab):
-    a, law = front(3), GasLaw(300.0, 0.0, lasting(1e9, 1e9))
+    a, law = front(3), GasLaw(300.0, 0.0, 0.0, lasting(1e9, 1e9))
     a.debris[:] = 0.2
     blow(a, slab, law, 1, 0.1, 1.0, 0)
     kept = [1 - slab.pumping * 0.2, 1 - slab.pumping * 0.4, 1.0]
     np.testing.assert_allclose(a.debris, 0.2 * np.array(kept))
+
+
+# --- the kerf behind the wire ---
+
+
+def test_what_leaves_the_gap_is_in_the_kerf_and_comes_back_with_its_water(slab):
+    """By volume; where gap and kerf hold the same share nothing changes."""
+    a, law = front(3), GasLaw(300.0, 0.0, 0.0, lasting(1e9, 1e9))
+    a.debris[:], a.wake_debris[:] = 0.2, (0.0, 0.3, 0.2)
+    before = slab.cavity_um3 * a.debris + slab.wake_um3 * a.wake_debris
+    blow(a, slab, law, 1, 0.5, 4.0, 0)
+    under = slab.pumping * np.array([0.1, 1.0, 0.1])
+    np.testing.assert_allclose(a.debris, 0.2 - under * [0.2, -0.1, 0.0])
+    np.testing.assert_allclose(slab.cavity_um3 * a.debris + slab.wake_um3 * a.wake_debris, before)
+
+
+def test_permanent_gas_gathers_in_the_kerf_at_ambient_pressure(machine, slab):
+    """In the slice of its discharge: a share of the energy over the pressure, of the water that is left there."""
+    a, law = front(3), GasLaw(0.0, 0.0, 0.0, lasting(1e9, 1e9))
+    for _ in range(2):
+        blow(a, slab, law, 1, 0.5, 0.01, 0)
+    gas_m3 = machine.base.gas.permanent_share.value * 0.01 / AMBIENT_PA
+    kerf_m3 = 312e-6 * 3e-3 * constants(machine, FAST).slice_um * 1e-6
+    share = gas_m3 / kerf_m3
+    np.testing.assert_allclose(a.wake_gas[:3], [0.0, 1 - (1 - share) ** 2, 0.0])
+
+
+def test_the_kerf_of_a_plant_keeps_every_crater_where_no_jet_flushes_it(in_a_hole, machine):
+    """Balance of debris over gap and kerf while bubbles pump between them."""
+    still = machine.with_(flushing_lower_Pa=0.0, flushing_upper_Pa=0.0)
+    gas = machine.base.gas
+    plant = in_a_hole(still, 10.0, **{
+        "material.removal_mm3_J": 1e-3, "base.gas.steam_share": gas.steam_share.value,
+        "base.gas.permanent_share": gas.permanent_share.value,
+    })  # fmt: skip
+    windows, c = [plant.advance() for _ in range(20)], constants(still, FAST)
+    state = plant.snapshot()
+    held = c.cavity_um3 * state["debris"].sum() + c.wake_um3 * state["wake_debris"].sum()
+    assert held == pytest.approx(sum(w.crater_um3 for w in windows), rel=1e-9)
+    assert 0 < state["debris"].mean() < 3 * state["wake_debris"].mean()
+    made = c.gas_um3_J * sum(w.energy_J for w in windows)
+    logarithms = np.log1p(-state["wake_gas"][: FAST.slices])  # each discharge fills a share of what is water
+    assert -c.wake_um3 * logarithms.sum() == pytest.approx(made, rel=1e-2)
+
+
+def loaded_kerf(plant, share=0.2):
+    state = plant.snapshot()
+    state["wake_debris"][:] = state["wake_gas"][: FAST.slices] = share
+    plant.restore(state)
+    while (state := plant.snapshot())["wake_gas"][0] == share:
+        plant.advance_pulse()
+    return state["wake_debris"], state["wake_gas"][: FAST.slices]
+
+
+def test_jets_flush_the_kerf_slice_by_slice(in_a_hole, machine):
+    """In one heat step of 1.5 ms; at the lower nozzle clean water comes in, further up that of the slice below."""
+    jet = machine.with_(flushing_lower_Pa=1.0, flushing_upper_Pa=0.0)
+    speed = kerf_jets(1.0, 0.0, 312.0, 20.0).lower_m_s
+    debris, gas = loaded_kerf(in_a_hole(jet, 80.0))
+    lost = 1 - math.exp(-speed * 1500e-6 / 4e-3)
+    assert 0.005 < lost < 0.02
+    assert 1 - debris[0] / 0.2 == pytest.approx(lost, rel=1e-2)
+    assert (np.diff(debris) > 0).all()
+    np.testing.assert_allclose(gas, debris)
+
+
+@pytest.mark.parametrize(("gap", "held"), [(20.0, True), (None, False)])
+def test_along_a_wall_the_kerf_s_water_is_the_bath_s(gap, held, in_a_hole, machine):
+    still = machine.with_(flushing_lower_Pa=0.0, flushing_upper_Pa=0.0)
+    if held:
+        state = in_a_hole(still, gap).snapshot()
+        plant = in_a_hole(still, gap)
+    else:
+        plant = edmsim.Plant(still, 1, resolution="fast")  # a block in front of it
+        state = plant.snapshot()
+    state["wake_debris"][:] = state["wake_gas"][: FAST.slices] = 0.2
+    plant.restore(state)
+    plant.advance()
+    state = plant.snapshot()
+    if held:
+        np.testing.assert_array_equal(state["wake_debris"], 0.2)
+        np.testing.assert_array_equal(state["wake_gas"][: FAST.slices], 0.2)
+    else:  # but for what the last pulses have left
+        assert state["wake_debris"].max() < 0.01
+        assert state["wake_gas"].max() < 0.01
 
 
 # --- what it shields ---
@@ -174,7 +296,7 @@ def covered_sums(machine, share):
     """Rate, primed weight and pull of a slice at 9 um, of whose front gas covers a share."""
     a, c = front(1), constants(machine, FAST)
     a.distance[0, :8], a.cosine[0, :8] = 9.0, 1.0
-    a.blocks[0], a.unbroken[0], a.flow_factor[0], a.covered[0] = 1, 8, 1.0, share
+    a.blocks[0], a.unbroken[0], a.covered[0] = 1, 8, share
     sums = np.zeros((1, 4))
     return np.array(sum_rays(a, c, gap_law(machine, FAST, 100.0), np.zeros((2, 4)), sums, np.zeros(1)))[[0, 1, 3]]
 
@@ -193,10 +315,10 @@ def test_where_edges_of_bubbles_ignite_gas_hastens(machine, altered):
     assert covered_sums(helped, 0.5)[0] == pytest.approx(1.5 * covered_sums(helped, 0.0)[0])
 
 
-def one_discharge(in_a_hole, machine, share):
+def one_discharge(in_a_hole, machine, share, dryness=0.0):
     """What a pulse does whose front gas covers so far: speed by a push that moves it little, crater, energy."""
     plant = in_a_hole(machine.with_(t_on_us=400.0, t_period_us=2_000.0), 14.0, **{
-        "base.discharge.impulse_10mJ_Ns": 1e-9, "base.gas.dryness": 0.0, "material.removal_mm3_J": 9.3e-3,
+        "base.discharge.impulse_10mJ_Ns": 1e-9, "base.gas.dryness": dryness, "material.removal_mm3_J": 9.3e-3,
         "base.discharge.crater_cv": 0.0, "base.dielectric.viscosity_Pa_s": 1e-9, "base.dielectric.edge_loss": 0.0,
     })  # fmt: skip
     plant.advance_pulse()
@@ -216,6 +338,42 @@ def test_a_discharge_in_gas_pushes_and_ejects_less(in_a_hole, machine):
     assert speeds[0] > 0
     np.testing.assert_allclose(speeds / speeds[0], [1.0, 0.5, 0.0], atol=0.03)
     np.testing.assert_allclose(craters / craters[0], [1.0, 0.75, 0.5], rtol=1e-6)
+
+
+def test_sparks_strike_in_water_more_often_than_its_share(in_a_hole, machine):
+    """Where gas ignites more rarely: of a front half dry, ``0.5 / (1 - 0.5 x 0.7)`` of the sparks are in water."""
+    sparks = [one_discharge(in_a_hole, machine, share, 0.7) for share in (0.0, 0.5)]
+    ejected = [crater / energy for _, crater, energy in sparks]  # the second comes later and is weaker
+    wet = 0.5 / (1 - 0.5 * 0.7)
+    assert ejected[1] / ejected[0] == pytest.approx(1 - 0.5 * (1 - wet), rel=1e-6)
+
+
+def one_arc(in_a_hole, machine, arc_share=0.45):
+    """A spark and the arc that follows it, as `one_discharge`."""
+    generator = machine.generator.model_copy(update={"arc_share": machine.base.gas.dryness})
+    plant = in_a_hole(machine.model_copy(update={"generator": generator}), 6.0, **{
+        "base.discharge.impulse_10mJ_Ns": 1e-9, "material.removal_mm3_J": 9.3e-4, "generator.arc_share": arc_share,
+        "base.discharge.crater_cv": 0.0, "base.dielectric.viscosity_Pa_s": 1e-9, "base.dielectric.edge_loss": 0.0,
+        "base.gap.deionisation_us": 1e7,
+    })  # fmt: skip
+    spark = plant.advance_pulse()
+    state = plant.snapshot()
+    pushed = math.hypot(*np.linalg.norm(state["wire_v"], axis=1))
+    state["wire_q"][:] = state["wire_v"][:] = 0.0
+    plant.restore(state)
+    arc = plant.advance_pulse()
+    assert (spark.spark, arc.arc) == (1, 1)
+    return spark, arc, pushed, math.hypot(*np.linalg.norm(plant.snapshot()["wire_v"], axis=1))
+
+
+@pytest.mark.parametrize("share", [0.45, 1.0])
+def test_an_arc_burns_in_the_gas_of_the_discharge_before(share, in_a_hole, machine):
+    """It pushes nothing, ejects half per joule, and lasts the share of the on-time that the generator gives it."""
+    spark, arc, pushed, later = one_arc(in_a_hole, machine, share)
+    assert later < 1e-3 * pushed
+    assert arc.crater_um3 / arc.energy_J == pytest.approx(0.5 * spark.crater_um3 / spark.energy_J, rel=1e-6)
+    power_W = 22.0 * timing(machine).current_A
+    assert arc.energy_J == pytest.approx(share * power_W * 30e-6, rel=1e-6)
 
 
 # --- its energy ---
@@ -265,7 +423,7 @@ def test_gas_and_film_are_of_the_seed_and_of_a_snapshot_and_leave_with_the_wire(
         while not at_work.advance([(at_work.time_ns, 0, 1)]).coverage:
             pass
     state = plant.snapshot()
-    assert state["gas"][: FAST.slices].any()
+    assert all(state[name].any() for name in KEPT)
     assert state["state"]["film_kg_um2_s"] > 0.0
     assert same_bits(state, other.snapshot())
     ahead = [repr(plant.advance()) for _ in range(4)]
@@ -277,7 +435,7 @@ def test_gas_and_film_are_of_the_seed_and_of_a_snapshot_and_leave_with_the_wire(
     plant.restore(state)
     plant.rethread((30_000.0, 31_000.0), 60 * 10**9)
     fresh = plant.snapshot()
-    assert not any(fresh[name].any() for name in ("steam", "gas", "covered"))
+    assert not any(fresh[name].any() for name in KEPT)
 
 
 def test_a_machine_does_not_see_its_gas():

@@ -10,8 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import edmsim
-from edmsim.plant.constants import constants, faces_Pa, flow_m_s, flushing
-from edmsim.plant.gap.debris import Jets, bridged_probability, flow_speed_m_s, flush, jets
+from edmsim.plant.constants import constants, faces_Pa, flow_m_s, flushing, wake_m_s
+from edmsim.plant.gap.debris import Jets, bridged_probability, flow_speed_m_s, flush, jets, kerf_jets
 from edmsim.plant.gap.water import permittivity_ratio, surface_tension_N_m, viscosity_ratio
 from edmsim.plant.resolution import resolution
 
@@ -116,6 +116,52 @@ def test_a_nozzle_that_is_off_leaves_the_whole_height_to_the_other_jet(lower, up
 def test_a_jet_next_to_nothing_is_as_one_that_is_off(pressures):
     off = jets(*(pressure if pressure > 1.0 else 0.0 for pressure in pressures), 1e-3, 45.0, 20.0)
     np.testing.assert_allclose(jets(*pressures, 1e-3, 45.0, 20.0), off, atol=1e-15)
+
+
+@given(st.floats(1.0, 3e6), st.floats(0.1, 80.0))
+def test_like_jets_drive_the_kerf_s_water_as_their_heads_are_lost(pressure, height):
+    """``dp = (1.5 + 0.04 z / (2 w)) rho v^2 / 2``, down to mid-height."""
+    both = kerf_jets(pressure, pressure, 312.0, height)
+    loss = 1.5 + 0.04 * (height / 2) / (2 * 0.312)
+    assert loss * 998.0 * both.lower_m_s**2 / 2 == pytest.approx(pressure)
+    assert both == (0.5, both.upper_m_s, both.lower_m_s)
+
+
+@pytest.mark.parametrize(("lower", "upper", "share"), [(2e5, 0.0, 1.0), (0.0, 2e5, 0.0)])
+def test_one_jet_drives_the_whole_kerf(lower, upper, share):
+    one = kerf_jets(lower, upper, 312.0, 40.0)
+    speed = math.sqrt(2 * 2e5 / 998.0 / (1.5 + 0.04 * 40.0 / (2 * 0.312)))
+    assert one == (share, pytest.approx(speed * share), pytest.approx(speed * (1 - share)))
+    np.testing.assert_allclose(one.past_m_s(np.array([0.0, 0.5, 1.0])), speed * np.abs([share, 0.5, 1 - share]))
+    assert kerf_jets(0.0, 0.0, 312.0, 40.0) == (0.5, 0.0, 0.0)
+
+
+@given(st.floats(1.0, 3e6), st.floats(1.0, 3e6))
+def test_the_kerf_s_jets_meet_where_the_gap_s_do_and_each_falls_to_rest_there(lower, upper):
+    wake, gap = kerf_jets(lower, upper, 312.0, 40.0), jets(lower, upper, 1e-3, 45.0, 40.0)
+    assert wake.lower_share == gap.lower_share
+    for pressure, way, speed in ((lower, wake.lower_share, wake.lower_m_s), (upper, 1 - wake.lower_share, wake.upper_m_s)):
+        loss = 1.5 + 0.04 * way * 40.0 / (2 * 0.312)
+        assert loss * 998.0 * speed**2 / 2 == pytest.approx(pressure)
+    faces_and_meeting = wake.past_m_s(np.array([0.0, wake.lower_share, 1.0]))
+    np.testing.assert_allclose(faces_and_meeting, [wake.lower_m_s, 0.0, wake.upper_m_s], rtol=1e-9, atol=1e-9)
+
+
+def test_eddies_stir_the_kerf_where_the_jets_meet(machine):
+    """Down the kerf as the jets go, and everywhere a share of the faster one's speed, at right angles in the mean."""
+    res, set_up = resolution("fast"), machine.with_(flushing_lower_Pa=2e5, flushing_upper_Pa=2e5)
+    nozzle = kerf_jets(2e5, 2e5, 312.0, 20.0).lower_m_s
+    down = nozzle * np.array([0.8, 0.4, 0.0, 0.4, 0.8])
+    np.testing.assert_allclose(wake_m_s(set_up, res), np.sqrt(down**2 + (0.3 * nozzle) ** 2))
+
+
+def test_stirred_water_rubs_more(machine, altered):
+    films = [
+        constants(altered(machine, {"base.dielectric.film_stirring": by}), resolution("fast")).film_um3_kg_s
+        for by in (1.0, 2.0)
+    ]
+    assert films[1] == pytest.approx(2 * films[0])
+    assert constants(machine, resolution("fast")).film_um3_kg_s == films[1]
 
 
 def test_without_flushing_the_water_stands_and_the_debris_stays():

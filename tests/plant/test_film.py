@@ -12,7 +12,7 @@ from scipy.optimize import curve_fit
 
 import edmsim
 from edmsim.cosim.straight import begin
-from edmsim.plant.constants import constants, full_mechanics, gap_law, modal_model, wire_setup
+from edmsim.plant.constants import RAY_RANGE_UM, constants, full_mechanics, gap_law, modal_model, wire_setup
 from edmsim.plant.gap.breakdown import slice_sums
 from edmsim.plant.gap.rays import rays_with
 from edmsim.plant.gap.water import DENSITY_KG_M3
@@ -28,6 +28,7 @@ from edmsim.plant.mechanics.film import (
 from edmsim.plant.mechanics.modal import push_out
 from edmsim.plant.mechanics.model import build_model, reduce_model
 from edmsim.plant.resolution import resolution
+from edmsim.plant.workpiece.blanks import SLOT_GAP_UM, begun_slot
 from edmsim.plant.workpiece.kerf_field import Stock
 from tests.plant.arrays import arrays
 
@@ -173,8 +174,9 @@ def test_a_contact_takes_only_the_speed_of_its_slice_along_its_direction(machine
 
 PURE = {
     "base.dielectric.gap_temperature_K": 293.15, "base.dielectric.edge_loss": 0.0, "base.guides.damping_ratio": 1e-6,
+    "base.dielectric.film_stirring": 1.0, "base.dielectric.jet_drag": 0.0,
 }  # fmt: skip
-"""The film alone, at 1e-3 Pa s."""
+"""The film alone, at 1e-3 Pa s: laminar, and no jets that push."""
 
 
 @pytest.fixture(scope="module")
@@ -305,6 +307,75 @@ def test_a_wire_torn_off_the_metal_leaves_no_slower_than_suction_lets_it(pure):
         for drag, share in ((0.0, 1 - suction_N), (films, 1.0))
     )
     assert left[0] > capped[0] > held[0]
+
+
+# --- jets that turn into the kerf ---
+
+
+def string_um(machine, pressures_Pa, of_force):
+    """Deflection at the slices' middles of a string under loads that fade from the faces on, even in every slice."""
+    n, height = 8_000, machine.height_mm * 1e-3
+    clearance = machine.base.guides.clearance_mm.value * 1e-3
+    z = (np.arange(n) + 0.5) / n * (height + 2 * clearance) - clearance
+    lower, upper = (np.exp(-from_face / 3e-3) for from_face in (z, height - z))
+    load, inside = np.zeros(n), (z > 0) & (z < height)
+    fading = (pressures_Pa[0] * lower + pressures_Pa[1] * upper)[inside].reshape(FAST.slices, -1)
+    load[inside] = fading.mean(axis=1).repeat(fading.shape[1])
+    dz = (height + 2 * clearance) / n
+    turned = np.cumsum(load) * dz * of_force * machine.wire_diameter_um * 1e-6 / machine.tension
+    bent = np.cumsum(turned) * dz
+    bent = (np.arange(n) + 1) / n * bent[-1] - bent
+    return np.interp((np.arange(FAST.slices) + 0.5) / FAST.slices * height, z, bent) * 1e6
+
+
+def pushed_um(machine, stock, place):
+    """Mean place of the slices under the jets alone, once at rest."""
+    plant = off(edmsim.Plant(machine, 1, stock=stock, position_um=place, resolution="fast"))
+    for _ in range(12):
+        plant.advance()
+    rays = plant.rays()
+    return plant, plant.deflections_um(), rays
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("pressures", [(2e5, 2e5), (2e5, 0.0)])
+def test_jets_push_the_wire_to_the_open_side_of_a_kerf_as_end_loads_push_a_string(pressures, machine, altered):
+    jets = altered(machine, {"base.guides.damping_ratio": 1.0})
+    jets = jets.with_(flushing_lower_Pa=pressures[0], flushing_upper_Pa=pressures[1])
+    plant, bent, rays = pushed_um(jets, begun_slot(jets, CENTRE_UM), CENTRE_UM)
+    closed = math.pi / FAST.rays * float(rays.cosine[0].astype(float).sum())  # 1 for a half circle
+    half_width = R_UM + SLOT_GAP_UM
+    behind = math.asin(half_width / (R_UM + RAY_RANGE_UM))  # from there on the rays do not reach the sides
+    assert closed == pytest.approx(math.sin(behind), abs=0.1)
+    expected = string_um(jets, pressures, 0.05 * closed)
+    assert 0.3 < expected.mean() < 10.0
+    np.testing.assert_allclose(-bent[:, 0], expected, rtol=0.05)
+    np.testing.assert_allclose(bent[:, 1], 0.0, atol=1e-6 * expected.mean())
+    without = altered(jets, {"base.dielectric.jet_drag": 0.0})
+    assert np.abs(pushed_um(without, begun_slot(without, CENTRE_UM), CENTRE_UM)[1]).max() < 1e-9
+
+
+def test_along_a_wall_and_in_a_hole_jets_push_nothing(machine):
+    jets = machine.with_(flushing_lower_Pa=2e5, flushing_upper_Pa=2e5)
+    x, y = CENTRE_UM
+    wall = Stock((x + R_UM + 25.0, y - 3_000, x + 3_000, y + 3_000))
+    hole = Stock((x - 3_000, y - 3_000, x + 3_000, y + 3_000), ((x, y, R_UM + 25.0),))
+    for stock in (wall, hole):
+        assert np.abs(pushed_um(jets, stock, CENTRE_UM)[1]).max() < 1e-9
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("degrees", [90.0, 180.0, 225.0])
+def test_jets_push_to_wherever_the_kerf_is_open(degrees, machine):
+    """A slot that was cut in another direction."""
+    jets, angle = machine.with_(flushing_lower_Pa=2e5, flushing_upper_Pa=2e5), math.radians(degrees)
+    x, y = CENTRE_UM
+    along = np.arange(0.0, 600.0, 20.0)
+    holes = tuple((x - s * math.cos(angle), y - s * math.sin(angle), R_UM + 30.0) for s in along)
+    stock = Stock((x - 3_000, y - 3_000, x + 3_000, y + 3_000), holes)
+    bent = pushed_um(jets, stock, CENTRE_UM)[1].mean(axis=0)
+    assert math.hypot(*bent) > 0.3
+    assert math.cos(math.atan2(-bent[1], -bent[0]) - angle) > 0.995
 
 
 # --- pull-in ---

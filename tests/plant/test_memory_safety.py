@@ -35,7 +35,7 @@ def test_every_constant_has_bounds() -> None:
 
 
 def test_a_slip_of_the_pen_is_refused_in_one_line(own_file: Callable[..., str]) -> None:
-    file = own_file("machines", "agiecut-dem15", ("value = 4.3e-6, range = [1.2e-6, 7.2e-6]", "value = 1e9"))
+    file = own_file("machines", "agiecut-dem15", ("value = 3.0e-6, range = [1.2e-6, 7.2e-6]", "value = 1e9"))
     with pytest.raises(InputError, match=r"impulse_10mJ_Ns.*1e\+09 is beyond all reason: it must be within 0..0.001"):
         Machine.load(file)
     wide = own_file("machines", "agiecut-dem15", ("range = [1.2e-6, 7.2e-6]", "range = [1.2e-6, 7.2]"))

@@ -252,7 +252,7 @@ def test_a_wire_that_leaves_its_guides_is_told(machine):
     assert isinstance(error, PlantError)
 
 
-@pytest.mark.parametrize("name", ["wire_q", "wire_v", "debris", "table_q", "steam", "gas"])
+@pytest.mark.parametrize("name", ["wire_q", "wire_v", "debris", "table_q", "steam", "gas", "wake_gas"])
 def test_a_number_that_becomes_none_is_told(machine, name):
     def spoil(state):
         state[name].flat[0] = 1e300

@@ -10,7 +10,18 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import edmsim
-from edmsim.plant.constants import RAY_RANGE_UM, constants, convection_W_m2K, flow_m_s, gap_law, heat_law, modal_model
+from edmsim.machine.setting import discharge_current_A
+from edmsim.plant.constants import (
+    RAY_RANGE_UM,
+    constants,
+    convection_W_m2K,
+    critical_W_m2,
+    flow_m_s,
+    gap_law,
+    heat_law,
+    modal_model,
+    wake_m_s,
+)
 from edmsim.plant.gap.breakdown import slice_sums
 from edmsim.plant.gap.rays import rays_with
 from edmsim.plant.kernel.declare import allocate, sizes_of
@@ -24,14 +35,15 @@ from edmsim.plant.wire import (
     electrostatic_pull_N_m,
     heat_step,
     heat_transfer_W_m2K,
+    spot_K,
     strength_share,
 )
 
 WATER_K, BOILING_K = 293.0, 373.15
 STILL = HeatLaw(
     kelvin_per_J=0.0, cooling_m2K_J=0.0, conduction_per_us=0.0, run_per_us=0.0, joule_K_per_A2_us=0.0,
-    resistance_per_K=0.0, water_K=WATER_K, boiling_K=BOILING_K, superheat_K=30.0, critical_W_m2=4e6,
-    film_W_m2K=2e3, dry_share=0.5, melting_K=1173.0,
+    resistance_per_K=0.0, water_K=WATER_K, boiling_K=BOILING_K, superheat_K=30.0, film_W_m2K=2e3,
+    dry_share=0.5, melting_K=1173.0, spot_K_m_J=0.0, spot_m2=6.25e-8, spreading_m2_us=0.0,
 )  # fmt: skip
 """No heat goes anywhere."""
 VACUUM_PERMEABILITY_N_A2 = 4e-7 * math.pi
@@ -177,8 +189,8 @@ def test_one_discharge_divides_as_the_resistances_to_the_contacts():
 # --- boiling ---
 
 
-def flux_W_m2(temperature_K, dry=0.0, convection=1e4, law=STILL):
-    return heat_transfer_W_m2K(temperature_K, law, convection, dry) * (temperature_K - WATER_K)
+def flux_W_m2(temperature_K, dry=0.0, convection=1e4, critical=4e6, law=STILL):
+    return heat_transfer_W_m2K(temperature_K, law, convection, critical, dry) * (temperature_K - WATER_K)
 
 
 def test_the_flux_rises_by_convection_then_by_boiling_to_the_critical_one_and_falls():
@@ -203,6 +215,8 @@ def test_nucleate_boiling_adds_the_cube_of_the_superheat():
 def test_gas_takes_its_share_from_convection_and_from_the_critical_flux():
     assert flux_W_m2(350.0, dry=0.6) == pytest.approx(0.7 * flux_W_m2(350.0))
     assert flux_W_m2(BOILING_K + 30.0 - 1e-6, dry=0.6) == pytest.approx(0.7 * 4e6, rel=1e-5)
+    driest = STILL._replace(dry_share=1.0)  # gas before and behind the wire takes all, and no more
+    assert flux_W_m2(350.0, dry=1.8, law=driest) == 0.0
 
 
 def test_strong_convection_is_not_lessened_by_boiling_and_a_film_is_not_better_than_convection():
@@ -211,12 +225,86 @@ def test_strong_convection_is_not_lessened_by_boiling_and_a_film_is_not_better_t
 
 
 def test_convection_follows_the_water_past_every_slice(machine):
+    """The front half is in the gap's water, the back half in that of the kerf behind the wire."""
     res = resolution("fast")
     for setting in ({}, {"flushing_upper_Pa": 0.0}):
         set_up = machine.with_(**setting)
-        expected = 14_000.0 * (1 + 0.5 * flow_m_s(set_up, res))
+        front, back = flow_m_s(set_up, res), wake_m_s(set_up, res)
+        expected = 14_000.0 * (1 + 0.5 * (front + back) / 2)
         np.testing.assert_allclose(convection_W_m2K(set_up, res), expected)
     assert convection_W_m2K(machine, res)[-1] > convection_W_m2K(machine.with_(flushing_upper_Pa=0.0), res)[-1]
+
+
+def test_the_critical_flux_of_a_stream_is_gunther_s(machine):
+    """7.19e4 W/m2 times the root of m/s and the subcooling, where that is more than in water that stands."""
+    res = resolution("fast")
+    strong = machine.with_(flushing_lower_Pa=2e5, flushing_upper_Pa=2e5)
+    speed = wake_m_s(strong, res)
+    np.testing.assert_allclose(critical_W_m2(strong, res), 7.19e4 * np.sqrt(speed) * (BOILING_K - WATER_K))
+    assert critical_W_m2(strong, res).min() > 4e6
+    np.testing.assert_array_equal(
+        critical_W_m2(machine.with_(flushing_lower_Pa=0.0, flushing_upper_Pa=0.0), res), 4e6
+    )
+    one = critical_W_m2(machine.with_(flushing_lower_Pa=0.0, flushing_upper_Pa=3e4), res)
+    assert (np.diff(one) > 0).all()  # it falls from the nozzle on
+
+
+@pytest.mark.slow
+def test_every_slice_has_its_own_critical_flux_and_gas_before_and_behind_takes_from_it():
+    law = STILL._replace(cooling_m2K_J=1e-9)
+    hot = BOILING_K + 30.0 - 1e-6
+    a = wire(np.full(3, hot), convection_W_m2K=1e4, critical_W_m2=[2e6, 4e6, 4e6])
+    a.covered[2], a.wake_gas[2] = 0.4, 0.2
+    heat_step(a, law, 10.0)
+    lost = -np.log((a.temperature_K - WATER_K) / (hot - WATER_K)) / (1e-9 * 10.0) * (hot - WATER_K)
+    np.testing.assert_allclose(lost, [2e6, 4e6, 0.7 * 4e6], rtol=1e-5)
+
+
+# --- the heat of one place ---
+
+
+def test_heat_of_one_place_spreads_along_the_wire_by_conduction(machine):
+    """``Q / (rho c A sqrt(pi a t + d^2))``: a line source in a rod, of no less than its diameter at the beginning."""
+    law = heat_law(machine, resolution("fast"))
+    volumetric, section, diffusivity = 8400.0 * 377.0, math.pi / 4 * 0.25e-3**2, 120.0 / (8400.0 * 377.0)
+    assert machine.wire.conductivity_W_mK.value == 120.0
+    for heat_J, time_us in ((1e-3, 0.0), (1e-3, 500.0), (0.2, 2e4)):
+        length_m = math.sqrt(math.pi * diffusivity * time_us * 1e-6 + 0.25e-3**2)
+        assert spot_K(law, heat_J, time_us) == pytest.approx(heat_J / (volumetric * section * length_m))
+    long_us, heat_J = 1e6, 0.01  # heat that comes in evenly: q sqrt(t) of a rod that is heated at one place
+    rod_K = heat_J / (volumetric * section) / math.sqrt(math.pi * diffusivity * long_us * 1e-6)
+    assert spot_K(law, heat_J, long_us) == pytest.approx(rod_K, rel=1e-3)
+
+
+def burnt(in_a_hole, machine, deionisation_us):
+    """A plant whose pulses have burned in a gap of 6 um until the wire broke, or for a second."""
+    plant = in_a_hole(machine, 6.0, **{
+        "base.cooling.wire_heat_share": 0.3, "base.gap.deionisation_us": deionisation_us,
+        "base.discharge.spot_gain": 0.0,
+    })  # fmt: skip
+    while plant.time_ns < 1e9 and not (window := plant.advance()).broken:
+        pass
+    return plant, window
+
+
+def test_a_chain_of_arcs_breaks_a_wire_that_sparks_at_other_places_do_not(in_a_hole, machine):
+    """It breaks at the arc with which slice and spot together pass the heat at which its strength is its tension."""
+    plant, window = burnt(in_a_hole, machine, 1e7)
+    assert window.broken
+    assert (window.spark, window.short, window.open) == (1, 0, 0)
+    state, law = plant.snapshot()["state"][0], heat_law(machine, resolution("fast"))
+    slice_K = plant.snapshot()["temperature_K"][int(state["broken_slice"])]
+    breaks_K = WATER_K + (1 - machine.tension / machine.breaking_force) * 2 * (600.0 - WATER_K)
+    arc_J = 0.3 * 22.0 * discharge_current_A(machine) * 30e-6
+    spots = [spot_K(law, state["chain_J"] - less, state["chain_us"]) for less in (0.0, arc_J)]
+    assert slice_K + spots[0] > breaks_K > slice_K + spots[1]
+    assert slice_K < 450.0
+    assert state["chain_J"] == pytest.approx(arc_J * (window.arc + 1), rel=0.02)  # a spark waits some us before
+    assert state["chain_us"] == pytest.approx(100.0 * window.arc, rel=0.02)
+    plant, window = burnt(in_a_hole, machine, 1e-3)
+    assert not window.broken
+    assert window.spark > 250
+    assert plant.snapshot()["state"]["chain_J"] <= arc_J
 
 
 def test_rates_of_the_default_wire_are_those_of_a_brass_cylinder(machine):
@@ -275,7 +363,8 @@ def test_the_default_wire_holds(machine, plant_at_work):
 
 
 DRY = {
-    "base.cooling.convection_W_m2K": 1.0, "base.cooling.critical_W_m2": 1.0, "base.guides.wire_speed_m_s": 1e-3,
+    "base.cooling.convection_W_m2K": 1.0, "base.cooling.critical_W_m2": 1.0, "base.cooling.critical_stream": 0.0,
+    "base.guides.wire_speed_m_s": 1e-3,
 }  # fmt: skip
 """The water takes next to no heat, boiling or not, and the wire stays."""
 

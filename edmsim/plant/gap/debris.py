@@ -34,9 +34,10 @@ class Jets(NamedTuple):
 
     def past_m_s(self, height_share: NDArray[np.float64]) -> NDArray[np.float64]:
         """Speed at heights over the lower face, given as shares of the workpiece's."""
-        upper_share = 1.0 - self.lower_share
-        per_share = self.lower_m_s / self.lower_share if self.lower_share > 0.0 else self.upper_m_s / upper_share
-        return per_share * np.abs(height_share - self.lower_share)
+        above = height_share - self.lower_share
+        below_slope = self.lower_m_s / self.lower_share if self.lower_share > 0.0 else 0.0
+        above_slope = self.upper_m_s / (1.0 - self.lower_share) if self.lower_share < 1.0 else 0.0
+        return below_slope * np.maximum(-above, 0.0) + above_slope * np.maximum(above, 0.0)
 
     def flow_share(self, slices: int) -> NDArray[np.float64]:
         """Water that enters each slice from the lower and the upper nozzle, of what leaves that nozzle: (2, slices).
@@ -105,8 +106,8 @@ Reynolds numbers of some 10 000 (handbook)."""
 def kerf_jets(lower_Pa: float, upper_Pa: float, kerf_um: float, height_mm: float) -> Jets:
     """Return what two nozzles drive down the kerf behind the wire, whose flow is turbulent.
 
-    ``v = sqrt(2 dp / rho / (1.5 + 0.04 z / (2 w)))`` over the way z to where the jets meet. That is where they do in
-    the gap: the speeds go with the roots of the pressures, and fall with one slope.
+    ``v = sqrt(2 dp / rho / (1.5 + 0.04 z / (2 w)))`` over the way z to where the jets meet. That is taken to be where
+    they do in the gap; the jet of the shorter way loses less to friction, so that each falls with a slope of its own.
 
     Parameters
     ----------
