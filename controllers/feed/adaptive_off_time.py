@@ -150,7 +150,7 @@ class AdaptiveOffTimeController(ServoController):
 class SatoController(AdaptiveOffTimeController):
     """Holds the count of normal pulses per thickness by an off-time that also falls below the operator's.
 
-    Further parameters: see `AdaptiveOffTimeController`, of which these have other defaults. Its `height_factor` is that of
+    Further parameters: see `AdaptiveOffTimeController`, of which these have other defaults. Its `height_factor` is of
     tool steel 40 mm high at 35 um/s and 8.1 A with the production machine and generator (ours).
 
     Parameters

@@ -13,7 +13,21 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from slit import DISC, GAP_UM, SHARE, WIRE_UM, Gas, Pulse, Push, Slit, grow, refill, strip
+from slit import (
+    DISC,
+    GAP_UM,
+    GREATEST_SHARE,
+    LEAST_SHARE,
+    SHARE,
+    WIRE_UM,
+    Gas,
+    Pulse,
+    Push,
+    Slit,
+    grow,
+    refill,
+    strip,
+)
 
 from edmsim.plant.gap import bubble
 from edmsim.recording.figures.palette import BLUE, GREEN, GRID, INK, MUTED, ORANGE, VERMILION
@@ -23,8 +37,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 PAGE = Path(__file__).parents[1] / "theory" / "gas.md"
-LEAST_SHARE, GREATEST_SHARE = 0.01, 0.1
-"""Range of the share of the energy that goes into the gas (ours: `docs/theory/gas.md`)."""
 HOT, WET, AT_ONCE = 480.0, 150.0, math.inf
 """Speeds of escape in m/s: of steam of 850 C, of steam that carries spray (ours); and as if nothing held it."""
 GAPS_UM = 13.0, 20.0, 30.0
@@ -68,7 +80,8 @@ def doubts(slit: Slit) -> list[str]:
     """Return the table of what each assumption is worth, at the reference gap."""
     cases: dict[str, tuple[Gas, Slit, dict[str, Any]]] = {
         "nothing": (Gas(), slit, {}),
-        "share of the gas 0.01": (Gas(LEAST_SHARE), slit, {}), "0.1": (Gas(GREATEST_SHARE), slit, {}),
+        f"share of the gas {LEAST_SHARE:g}": (Gas(LEAST_SHARE), slit, {}),
+        f"{GREATEST_SHARE:g}": (Gas(GREATEST_SHARE), slit, {}),
         "speed of escape 480 m/s": (Gas(escape_m_s=HOT), slit, {}), "150 m/s": (Gas(escape_m_s=WET), slit, {}),
         "the gas gone at once": (Gas(escape_m_s=AT_ONCE), slit, {}),
         "ratio of heats 1.15": (Gas(heat_ratio=1.15), slit, {}), "1.4": (Gas(heat_ratio=1.4), slit, {}),
@@ -94,9 +107,9 @@ def facts(slit: Slit) -> list[str]:
     low, high = impulse_10mJ_Ns(DISC, LEAST_SHARE, 1.15), impulse_10mJ_Ns(slit, GREATEST_SHARE, 1.4)
     return _table([
         ["what", "value"],
-        ["`J0`, strip, share 0.04", f"{impulse_10mJ_Ns(slit) * 1e6:.1f} uN s"],
-        ["`J0`, disc, share 0.01, ratio of heats 1.15", f"{low * 1e6:.1f} uN s"],
-        ["`J0`, strip, share 0.1, ratio of heats 1.4", f"{high * 1e6:.1f} uN s"],
+        [f"`J0`, strip, share {SHARE:g}", f"{impulse_10mJ_Ns(slit) * 1e6:.1f} uN s"],
+        [f"`J0`, disc, share {LEAST_SHARE:g}, ratio of heats 1.15", f"{low * 1e6:.1f} uN s"],
+        [f"`J0`, strip, share {GREATEST_SHARE:g}, ratio of heats 1.4", f"{high * 1e6:.1f} uN s"],
         ["refill of a disc: time", f"{time_us:.0f} us"],
         ["refill of a disc: suction", f"{drawn_Ns * 1e6:+.3f} uN s"],
         ["refill of a disc: when the water meets", f"{met_Ns * 1e6:+.3f} uN s"],

@@ -28,7 +28,7 @@ FEED_UM_S = 32.0
 """Fixed feed at which the shares are compared: three quarters of what the gap takes."""
 SETTLE_S, CUT_S = 8.0, 20.0
 ROUGH_MM, ROUGH_OPEN, ROUGH_S = 30.0, 0.2, 2.0
-"""Height of the rough cuts, share of open pulses that their servo holds, and time before and during the measurement."""
+"""Height of the rough cuts, share of open pulses that their servo holds, and time before and in the measurement."""
 CORNER_HEIGHT_MM = 10.0
 _CORNERS = "G21 G90\nG0 X-2 Y0.5\nG41 D1\nG1 X0 Y0.5\nY1\nX1\nY0\nX0\nY0.5\nG40\nM2\n"
 """A punch of 1 x 1 mm, its corners sharp."""

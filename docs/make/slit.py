@@ -18,6 +18,7 @@ from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicSpline
 from scipy.special import j1
 
+from edmsim.machine.machine import Machine
 from edmsim.plant.gap import bubble
 
 GAP_UM, WIRE_UM, RHO, P0 = (
@@ -27,8 +28,11 @@ VISCOSITY_PA_S = 1.0e-3
 """Water at 20 C."""
 SEED_UM = 10.0
 """Radius of the bubble at ignition (ours: a channel of some ten um)."""
-SHARE = 0.04
-"""Share of the energy that goes into the gas (ours: `docs/theory/gas.md`)."""
+_SHARE = Machine.load().base.discharge.bubble_share
+SHARE = _SHARE.value
+"""Share of the energy that goes into the gas, the machine's (`docs/theory/gas.md`)."""
+assert _SHARE.range is not None
+LEAST_SHARE, GREATEST_SHARE = _SHARE.range
 
 
 class Slit(NamedTuple):

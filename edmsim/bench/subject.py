@@ -62,10 +62,15 @@ def straight_cut(settle: int, **options: str) -> Callable[[], None]:
     return window
 
 
+def gap_feed() -> str:
+    """Return the id of the environment in the revision's own version, the highest it has."""
+    return max(name for name in gymnasium.registry if name.startswith("edmsim/GapFeed-v"))
+
+
 def fleet(lanes: int, settle: int) -> Callable[[], object]:
     """Return the step of a vector environment in straight cuts, in one thread."""
     envs = gymnasium.make_vec(
-        "edmsim/GapFeed-v2", num_envs=lanes, vectorization_mode="vector_entry_point", resolution="fast", threads=1,
+        gap_feed(), num_envs=lanes, vectorization_mode="vector_entry_point", resolution="fast", threads=1,
         action="speed", randomise=None, height_mm=None, tension=None, episode_s=None, length_mm=30.0,
     )
     envs.reset(seed=0)
@@ -88,7 +93,7 @@ def main() -> None:
     full = straight_cut(settle // MUJOCO_SHARE, mechanics="mujoco")
     found["mujoco_pulses_per_s"] = PULSES * rate(full, spell_s, spells)
     found["vector_env_steps_per_s_fast"] = lanes * rate(fleet(lanes, settle // FLEET_SHARE), spell_s, spells)
-    drawn = gymnasium.make("edmsim/GapFeed-v2", resolution="fast", machine_episodes=1)
+    drawn = gymnasium.make(gap_feed(), resolution="fast", machine_episodes=1)
     drawn.reset(seed=0)
     begun_s = time.process_time()
     for _ in range(resets):

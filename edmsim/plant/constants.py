@@ -16,7 +16,7 @@ from edmsim.plant.gap.breakdown import GapLaw
 from edmsim.plant.gap.bubble import REFERENCE_GAP_UM, BubbleLaw, bubble_law
 from edmsim.plant.gap.coverage import AMBIENT_PA, GasLaw, cover_um2_J, refill_um_s, refill_us, steam_life_us
 from edmsim.plant.gap.debris import Jets, jets, kerf_jets
-from edmsim.plant.gap.generator import crater_um3
+from edmsim.plant.gap.generator import crater_um3, timing
 from edmsim.plant.gap.nozzle import face_Pa
 from edmsim.plant.gap.water import (
     BOILING_K,
@@ -281,7 +281,9 @@ def _drive_setup(machine: Machine) -> DriveSetup:
 def full_mechanics(machine: Machine, res: Resolution) -> FullMechanics:
     """MuJoCo's own model of this set-up, to be stepped in the loop."""
     heights = _slice_heights_m(machine, res)
-    full = FullMechanics(wire_setup(machine), _drive_setup(machine), heights, machine.base.model)
+    full = FullMechanics(
+        wire_setup(machine), _drive_setup(machine), heights, machine.base.model, varied=timing(machine).period_ns == 0
+    )
     full.set_travel(machine.base.table.travel_mm.value * 1e-3)
     return full
 

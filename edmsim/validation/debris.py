@@ -1,24 +1,37 @@
-"""Rows on what debris does to the gap: its width over the energy of the pulses, and the delays in debris."""
+"""Rows on what debris does to the gap: its width over the energy of the pulses, delays in debris, its sizes."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
 
+import numpy as np
+
 from edmsim.controllers import from_text
 from edmsim.cosim.straight import Cut, Traverse, begin
 from edmsim.evaluation.stable_rate import quick_counts
 from edmsim.machine.machine import Machine
+from edmsim.plant.gap.generator import crater_um3
 from edmsim.plant.window import PlantError, PulseWindow
 from edmsim.plant.workpiece.blanks import SLOT_GAP_UM
 from edmsim.validation.breakage import ROUGH_PERIOD_US, rough_rig
-from edmsim.validation.ignition import ESTEVES, FLOW, THESIS, THESIS_ON_US, hole_gap_um, thesis_machine
+from edmsim.validation.ignition import (
+    ESTEVES,
+    FLOW,
+    STILL_WATER,
+    THESIS,
+    THESIS_ON_US,
+    hole_gap_um,
+    seen_gaps_um,
+    thesis_machine,
+)
 from edmsim.validation.rows import Check, Row, mean_and_interval
-from edmsim.validation.setups import PRACTICE, UNBREAKABLE, altered, change, in_a_hole, servo_cut
+from edmsim.validation.setups import PRACTICE, STILL, UNBREAKABLE, altered, change, in_a_hole, servo_cut
 
 WIDER = f"{PRACTICE}: more energy per pulse, a wider gap at one voltage; {ESTEVES}: energy influences the delay"
 REMAINS = f"{THESIS}: the flow carries the remains of discharges off, and the delays rise"
 GAPS = "docs/theory/emergence.md#kerf-and-gaps"
+PARTICLES = "docs/theory/breakdown.md#particles"
 
 OPEN_SHARE = 0.2
 """Share of open pulses that the servo of these cuts holds (ours: a rough cut off its jam)."""
@@ -112,11 +125,13 @@ def side_gap_um(machine: Machine, seed: int) -> float:
 
 # --- delays in debris ---
 
-HOLE_UM = 20.0
 SPEEDS_M_S = (0.0, 1.0, 2.0)
-"""Gap and mean flow speeds of figure 2-9."""
+"""Mean flow speeds of figure 2-9."""
+HOLE_UM, HOLE_V = 25.0, 80.0
+"""Gap and open voltage, the nominal one of the ignition law (ours: at the figure's 300 V equal fields put every gap
+of the figure under the critical one, with debris or without)."""
 SPARK_A = 1.2
-"""Current of the discharges (ours, the source names none: craters so small that the hole keeps its gap to 2 um)."""
+"""Current of the discharges (ours, the source names none: craters so small that the hole keeps its gap to 1 um)."""
 HOLES, BEFORE, MEASURED = 6, 1, 1
 """Holes per seed, windows of 25 ms until the debris is steady where water flows, and windows measured."""
 
@@ -152,12 +167,80 @@ def waited_us(windows: Sequence[PulseWindow]) -> float:
 
 
 def in_debris(speed_m_s: float, seed: int) -> list[PulseWindow]:
-    """Pulses of figure 2-9 in a hole that their own debris fills and the flow empties."""
-    still, metal = thesis_machine(speed_m_s), Machine.load().material
+    """Pulses as long as those of figure 2-9 in a hole that their own debris fills and the flow empties."""
+    usual = Machine.load()
+    still, metal = thesis_machine(speed_m_s, HOLE_V, usual.height_mm), usual.material
     ohm = (still.generator.open_voltage_V.value - metal.burning_voltage_V.value) / SPARK_A
     constants = {"material.removal_mm3_J": metal.removal_mm3_J.value, "generator.resistance_ohm": ohm}
     plant = in_a_hole(altered(still, constants), hole_gap_um(still, HOLE_UM, seed), seed)
     return [plant.advance() for _ in range(BEFORE + MEASURED)][BEFORE:]
 
 
-CHECKS: tuple[Check, ...] = (gap_over_energy, side_gap_over_energy, delay_in_debris)
+# --- sizes of the particles ---
+
+SIZES = (
+    "particles with exponential sizes that hold the volume of the debris, N(> x) = c / (pi d^3) exp(-x / d), ignite "
+    "where they leave the critical gap (derived)"
+)
+NEAR_UM, NEAR_SHARE = 13.0, 1e-6
+"""Gap next to the critical one, where particles of some mean sizes ignite, and a debris share at which half of the
+pulses find none (ours)."""
+FAR_UM, FAR_SHARE = (28.0, 30.0, 32.0), 0.01
+"""Gaps of rough cuts, where only the largest particles ignite, and a share at which some pulses find one and some do
+not (ours)."""
+LOADED_WINDOWS = 16
+"""Windows per seed and gap: 4080 pulses."""
+NO_LONG_BRANCH = {"base.gap.median_a_us_um2": 1e12, "base.gap.median_c_us": 1e15}
+
+
+def particles(seeds: Sequence[int]) -> list[Row]:
+    """Particles that ignite in a hole whose water holds debris: their number, and how it falls with the gap."""
+    critical_um, size_um = Machine.load().base.gap.critical_um.value, mean_size_um(_at_80_V())
+    number, half = mean_and_interval([counted(NEAR_UM, NEAR_SHARE, seed) for seed in seeds])
+    sizes = (np.array(FAR_UM) - critical_um) / size_um
+    over = [[math.log(counted(gap, FAR_SHARE, seed)) for gap in FAR_UM] for seed in seeds]
+    falls, half_falls = mean_and_interval([float(np.polyfit(sizes, of, 1)[0]) - 1 for of in over])
+    return [
+        Row.value("ignition", f"number of particles that ignite at {NEAR_UM:g} um over the law's", SIZES,
+                  published=1.0, simulated=number, within=0.1, uncertainty=half, note=PARTICLES),
+        Row.value("ignition", f"fall of that number over {FAR_UM[0]:g} to {FAR_UM[-1]:g} um, e-folds per mean size",
+                  SIZES, published=-1.0, simulated=falls, within=0.1, uncertainty=half_falls, note=PARTICLES),
+    ]
+
+
+def counted(gap_um: float, share: float, seed: int) -> float:
+    """Particles that ignite in a hole, by the share of pulses that find none, over the law's number of them.
+
+    The law is summed over the gaps that the rays see, with the wire's whole girth as its area.
+    """
+    machine, gap = loaded_machine(), Machine.load().base.gap
+    plant = in_a_hole(machine, hole_gap_um(machine, gap_um, seed), seed)
+    state = plant.snapshot()
+    state["debris"][:] = share
+    plant.restore(state)
+    windows = [plant.advance() for _ in range(LOADED_WINDOWS)]
+    none = max(sum(w.open for w in windows), 1)  # where every pulse finds one, at least so many are there
+    found = -math.log(none / sum(w.pulses for w in windows))
+    seen, size_um = seen_gaps_um(plant), mean_size_um(_at_80_V())
+    area_um2 = math.pi * machine.wire_diameter_um * machine.height_mm * 1e3
+    per_um3 = share / (math.pi * size_um**3) * np.exp(-(seen - gap.critical_um.value) / size_um)
+    return found / (area_um2 * float(np.mean(seen * per_um3)))
+
+
+def mean_size_um(machine: Machine) -> float:
+    """Mean size of a setting's debris."""
+    return float(machine.base.gap.particle_share.value * crater_um3(machine) ** (1 / 3))
+
+
+def loaded_machine() -> Machine:
+    """Return the default machine at the law's nominal voltage: its debris has its size, nothing makes or moves it."""
+    usual = _at_80_V()
+    still = altered(usual, {**STILL, **STILL_WATER, **NO_LONG_BRANCH})
+    return altered(still, {"base.gap.particle_share": mean_size_um(usual) / crater_um3(still) ** (1 / 3)})
+
+
+def _at_80_V() -> Machine:
+    return altered(Machine.load(), {"generator.open_voltage_V": HOLE_V})
+
+
+CHECKS: tuple[Check, ...] = (gap_over_energy, side_gap_over_energy, delay_in_debris, particles)

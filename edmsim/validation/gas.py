@@ -58,7 +58,7 @@ def steady_coverage(covers: float) -> float:
     seen = []
     for _ in range(round(8 * LIFE_US / PERIOD_US)):
         fade(a, law, GRID)
-        blow(a, c, law, 0, 0.5, 1.0, GRID // 2)
+        blow(a, c, law, 0, 0.5, 1.0, GRID // 2, 0.0)
         seen.append(float(a.steam[0]))
     return float(np.mean(seen[len(seen) // 2 :]))
 

@@ -182,8 +182,8 @@ def _mixture_row(gap_um: float, delays: Array, seen_um: Array) -> Row:
 
 FLOW_PULSES_WINDOWS = 8
 """Windows per seed and point: 2040 pulses."""
-THESIS_ON_US = 50.0
-"""On-time of figure 2-9."""
+THESIS_ON_US, THESIS_V = 50.0, 300.0
+"""On-time and open voltage of figure 2-9."""
 
 
 def pressure_Pa(machine: Machine, speed_m_s: float) -> float:
@@ -203,9 +203,14 @@ def thesis_point(gap_um: float, speed_m_s: float, seed: int) -> list[PulseWindow
     return [plant.advance() for _ in range(FLOW_PULSES_WINDOWS)]
 
 
-def thesis_machine(speed_m_s: float) -> Machine:
-    """Return the set-up of figure 2-9 at a flow speed, with pulses that only break down."""
-    machine = _quiet(Machine.load(t_on_us=THESIS_ON_US, t_period_us=250.0), 300.0)
+def thesis_machine(speed_m_s: float, voltage_V: float = THESIS_V, height_mm: float | None = None) -> Machine:
+    """Return the set-up of figure 2-9 at a flow speed, with pulses that only break down.
+
+    Its voltage and height, half of the law's reference height, may be others.
+    """
+    machine = _quiet(Machine.load(t_on_us=THESIS_ON_US, t_period_us=250.0), voltage_V)
+    if height_mm is not None:
+        machine = machine.with_(height_mm=height_mm)
     machine = machine.model_copy(update={"t_period_us": 100.0})  # beyond the small generator's 2 A
     if speed_m_s > 0:
         machine = altered(machine, {"base.dielectric.flushing_pressure_Pa": pressure_Pa(machine, speed_m_s)})

@@ -106,7 +106,7 @@ def rate_over_shorts(seeds: Sequence[int]) -> list[Row]:
 ON_SHORTS, ON_SPARKS = OPEN_SHARES[0], HELD_SHARE
 """Shares of open pulses held by a servo that runs on shorts, and by one that stays off the metal."""
 ARC_PERIOD_US = 10.0
-"""Period at which arcs are counted: its pause of some 9 us is of the order of the deionisation's 5 us; of the 60 us
+"""Period at which arcs are counted: its pause of some 9 us is some three times the deionisation's 3 us; of the 60 us
 that the search begins with nothing is left of a channel."""
 
 

@@ -9,6 +9,7 @@ import pytest
 from scipy.integrate import quad
 from scipy.special import j1
 
+from edmsim.machine.machine import Machine
 from edmsim.plant.gap.bubble import (
     ESCAPE_AREA,
     ESCAPE_EDGE,
@@ -170,8 +171,9 @@ def test_the_energy_of_the_gas_is_all_accounted_for(slit, strip):
 @pytest.mark.parametrize(("power_W", "burn_us"), [(145.0, 3.0), (145.0, 20.0), (7000.0, 0.3), (7000.0, 1.4)])
 @pytest.mark.parametrize(("gap_um", "diameter_um"), [(20, 250), (10, 250), (30, 250), (20, 100), (20, 300)])
 def test_the_law_keeps_to_the_equations(slit, strip, power_W, burn_us, gap_um, diameter_um):
+    spark = Machine.load().base.discharge
     solved = slit.grow(slit.Pulse(power_W, burn_us), gap_um, slit.Gas(), strip, diameter_um).impulse_Ns
-    law = bubble_law(diameter_um, 4.3e-6, 0.04)
+    law = bubble_law(diameter_um, spark.impulse_10mJ_Ns.value, spark.bubble_share.value)
     assert bubble_impulse_Ns(power_W, burn_us, gap_um, law) == pytest.approx(solved, rel=0.1)
 
 
@@ -184,4 +186,5 @@ def test_a_refill_gives_back_what_it_draws(slit):
 def test_the_page_has_the_constant_that_the_equations_give(slit, strip):
     page = slit.PAGE.read_text(encoding="utf-8")
     assert all(line in page for line in slit.facts(strip))
-    assert slit.impulse_10mJ_Ns(strip) == pytest.approx(4.3e-6, rel=0.03)
+    machine = Machine.load().base.discharge.impulse_10mJ_Ns
+    assert slit.impulse_10mJ_Ns(strip) == pytest.approx(machine.value, rel=0.03)

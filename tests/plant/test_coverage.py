@@ -130,11 +130,11 @@ def test_the_law_of_a_setting_has_the_lives_of_its_longest_discharge(machine):
 @pytest.mark.slow
 def test_a_discharge_covers_its_length_of_every_slice_it_reaches(slab):
     a, law = front(4), GasLaw(300.0, 100.0, 0.0, lasting(1e9, 1e9))
-    blow(a, slab, law, 1, 0.9, 1.0, 0)
+    blow(a, slab, law, 1, 0.9, 1.0, 0, 0.0)
     np.testing.assert_allclose(a.steam, [0.0, 0.4, 0.2, 0.0], atol=1e-12)
     np.testing.assert_allclose(a.gas, [0.0, 0.2, 0.0, 0.0], atol=1e-12)
     low = front(4)
-    blow(low, slab, law, 0, 0.1, 4.0, 0)  # four times the energy reaches twice as far; part of it lies outside
+    blow(low, slab, law, 0, 0.1, 4.0, 0, 0.0)  # four times the energy reaches twice as far; part of it lies outside
     np.testing.assert_allclose(low.steam, [0.7, 0.0, 0.0, 0.0], atol=1e-12)
 
 
@@ -142,7 +142,7 @@ def test_gas_of_a_discharge_takes_the_place_of_what_was_there(slab):
     a, law = front(1), GasLaw(250.0, 0.0, 0.0, lasting(1e9, 1e9))
     shares = []
     for _ in range(3):
-        blow(a, slab, law, 0, 0.5, 1.0, 0)
+        blow(a, slab, law, 0, 0.5, 1.0, 0, 0.0)
         shares.append(a.steam[0])
     np.testing.assert_allclose(shares, [0.5, 0.75, 0.875])
 
@@ -150,7 +150,7 @@ def test_gas_of_a_discharge_takes_the_place_of_what_was_there(slab):
 def test_gas_fades_from_the_end_of_its_discharge_on(slab):
     law = GasLaw(250.0, 250.0, 0.0, lasting(200.0, 800.0))
     a = front(1)
-    blow(a, slab, law, 0, 0.5, 1.0, 100)
+    blow(a, slab, law, 0, 0.5, 1.0, 100, 0.0)
     np.testing.assert_allclose([a.steam[0], a.gas[0]], 0.5 * np.exp([-100 / 200, -100 / 800]))
     a.wake_gas.fill(0.0)
     fade(a, law, 300)
@@ -182,7 +182,7 @@ def _mean_share(a, c, law, fires):
         fade(a, law, GRID)
         sum_ += a.steam[0]
         if fire:
-            blow(a, c, law, 0, 0.5, 1.0, 0)
+            blow(a, c, law, 0, 0.5, 1.0, 0, 0.0)
     return sum_ / len(fires)
 
 
@@ -199,7 +199,7 @@ def test_at_a_steady_rate_the_mean_share_is_x_over_one_and_x(x, slab):
 def test_a_discharge_pumps_debris_out_of_the_length_it_covers(slab):
     a, law = front(3), GasLaw(300.0, 0.0, 0.0, lasting(1e9, 1e9))
     a.debris[:] = 0.2
-    blow(a, slab, law, 1, 0.1, 1.0, 0)
+    blow(a, slab, law, 1, 0.1, 1.0, 0, 0.0)
     kept = [1 - slab.pumping * 0.2, 1 - slab.pumping * 0.4, 1.0]
     np.testing.assert_allclose(a.debris, 0.2 * np.array(kept))
 
@@ -212,7 +212,7 @@ def test_what_leaves_the_gap_is_in_the_kerf_and_comes_back_with_its_water(slab):
     a, law = front(3), GasLaw(300.0, 0.0, 0.0, lasting(1e9, 1e9))
     a.debris[:], a.wake_debris[:] = 0.2, (0.0, 0.3, 0.2)
     before = slab.cavity_um3 * a.debris + slab.wake_um3 * a.wake_debris
-    blow(a, slab, law, 1, 0.5, 4.0, 0)
+    blow(a, slab, law, 1, 0.5, 4.0, 0, 0.0)
     under = slab.pumping * np.array([0.1, 1.0, 0.1])
     np.testing.assert_allclose(a.debris, 0.2 - under * [0.2, -0.1, 0.0])
     np.testing.assert_allclose(slab.cavity_um3 * a.debris + slab.wake_um3 * a.wake_debris, before)
@@ -222,7 +222,7 @@ def test_permanent_gas_gathers_in_the_kerf_at_ambient_pressure(machine, slab):
     """In the slice of its discharge: a share of the energy over the pressure, of the water that is left there."""
     a, law = front(3), GasLaw(0.0, 0.0, 0.0, lasting(1e9, 1e9))
     for _ in range(2):
-        blow(a, slab, law, 1, 0.5, 0.01, 0)
+        blow(a, slab, law, 1, 0.5, 0.01, 0, 0.0)
     gas_m3 = machine.base.gas.permanent_share.value * 0.01 / AMBIENT_PA
     kerf_m3 = 312e-6 * 3e-3 * constants(machine, FAST).slice_um * 1e-6
     share = gas_m3 / kerf_m3

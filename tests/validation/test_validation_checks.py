@@ -13,8 +13,10 @@ import pytest
 from edmsim import models
 from edmsim.errors import InputError
 from edmsim.machine.machine import Machine
+from edmsim.plant.constants import gap_law
 from edmsim.plant.gap.debris import flow_speed_m_s
 from edmsim.plant.gap.generator import timing
+from edmsim.plant.resolution import resolution
 from edmsim.validation import (
     corners,
     craters,
@@ -23,6 +25,7 @@ from edmsim.validation import (
     heat,
     ignition,
     lag,
+    pulse_ratios,
     resolutions,
     setups,
     stable_rate,
@@ -137,6 +140,32 @@ def test_shorts_have_no_delay_and_an_open_pulse_has_the_on_time():
     assert math.isnan(debris.waited_us([nothing]))
 
 
+def test_the_jets_flush_out_half_of_a_thin_loading_and_less_of_a_thick_one():
+    thin, some, much = (pulse_ratios.flushed_share(loading) for loading in (1e-4, *pulse_ratios.LOADINGS))
+    assert thin == pytest.approx(0.5, abs=0.02)
+    assert thin > some > much
+    at_first = (1 + 2.5 * pulse_ratios.LOADINGS[0]) / (1 + 2.5 * pulse_ratios.LOADINGS[1])  # Einstein's viscosities
+    assert at_first < much / some < 1.0
+
+
+def test_a_loaded_hole_has_the_debris_of_the_default_cut_and_keeps_it():
+    machine = debris.loaded_machine()
+    size_um = gap_law(machine, resolution("fast"), debris.HOLE_V).particle_um
+    assert size_um == pytest.approx(debris.mean_size_um(altered(Machine.load(), {"generator.open_voltage_V": 80.0})))
+    plant = in_a_hole(machine, 20.0, 1)
+    state = plant.snapshot()
+    state["debris"][:] = 1e-3
+    plant.restore(state)
+    window = plant.advance()
+    assert window.spark > 100
+    assert window.debris == pytest.approx(1e-3, rel=1e-6)
+
+
+def test_particles_that_ignite_are_counted_by_the_pulses_that_find_none():
+    few, many = (debris.counted(debris.NEAR_UM, factor * debris.NEAR_SHARE, 1) for factor in (0.5, 2.0))
+    assert few == pytest.approx(many, rel=0.1)  # over the law's, whatever the debris
+
+
 # --- set-ups of rows on debris, rates and resolutions ---
 
 
@@ -147,7 +176,8 @@ def test_shorts_have_no_delay_and_an_open_pulse_has_the_on_time():
 def test_slots_are_cut_with_the_pulses_that_are_said(energy_mJ, t_on_us):
     machine = debris.slot_rig(energy_mJ, t_on_us)
     assert timing(machine).open_V == debris.SIDE_V
-    window = in_a_hole(altered(machine, {"material.removal_mm3_J": 1e-15}), 10.0, seed=1).advance()
+    whole = {"material.removal_mm3_J": 1e-15, "generator.arc_share": 1.0}  # arcs as long as sparks
+    window = in_a_hole(altered(machine, whole), 10.0, seed=1).advance()
     assert window.spark + window.arc > 20
     assert window.energy_J / (window.spark + window.arc) == pytest.approx(energy_mJ * 1e-3, rel=0.05)
 

@@ -23,6 +23,10 @@ AMBIENT_PA = 101_325.0
 """Pressure of the water around the kerf."""
 
 
+LEAST_POCKET = 1e-6
+"""Half the length of a pocket is at least this, in heights of a slice (ours: its debris lies somewhere)."""
+
+
 class GasLaw(NamedTuple):
     """What discharges make of gas.
 
@@ -142,22 +146,26 @@ def sum_up(a: Arrays) -> None:
 
 
 @compiled
-def blow(a: Arrays, c: Constants, law: GasLaw, s: int, within: float, energy_J: float, k_left: int) -> None:
+def blow(
+    a: Arrays, c: Constants, law: GasLaw, s: int, within: float, energy_J: float, k_left: int, debris_um3: float
+) -> None:
     """Let a discharge blow gas at a share of the height of its slice, so long before the period's end.
 
     It covers the front again where gas of former discharges lies, whose life ends with it: at one slice and a steady
     rate f the mean share is ``x / (1 + x)``, x = f times the life times the share of the slice one discharge covers.
-    The steam, which reaches further than the permanent gas, exchanges the gap's debris with the kerf's. Lengths count
-    as shares of the height of the metal in the discharge's slice, beyond the slice as well.
+    The steam, which reaches further than the permanent gas, spreads the discharge's debris over its pocket, beyond the
+    workpiece as well, and exchanges the gap's debris with the kerf's. Lengths count as shares of the height of the
+    metal in the discharge's slice, beyond the slice as well.
     """
     root, place = math.sqrt(energy_J) / (c.slice_um * a.metal[s]), s + within
-    steam, gas = law.steam_um_J * root, law.gas_um_J * root
+    steam, gas = max(law.steam_um_J * root, LEAST_POCKET), law.gas_um_J * root
     steam_left, gas_left = law.fading[k_left, 0], law.fading[k_left, 1]
     reach = max(steam, gas)
     a.wake_gas[s] += (1.0 - a.wake_gas[s]) * min(c.gas_um3_J * energy_J / (c.wake_um3 * a.metal[s]), 1.0)
     for k in range(max(0, int(place - reach)), min(a.debris.shape[0], int(place + reach) + 1)):
         under = max(0.0, min(place + steam, k + 1.0) - max(place - steam, float(k)))
         a.steam[k] += (1.0 - a.steam[k]) * steam_left * under
+        a.debris[k] += debris_um3 * under / (2.0 * steam * c.cavity_um3 * a.metal[k])
         exchanged = c.pumping * under * (a.debris[k] - a.wake_debris[k])
         a.debris[k] -= exchanged
         a.wake_debris[k] += exchanged * c.cavity_um3 / c.wake_um3

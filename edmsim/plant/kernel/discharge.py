@@ -55,15 +55,15 @@ def locate(state: NDArray[np.void], window: NDArray[np.void], a: Arrays, c: Cons
 def erode(
     state: NDArray[np.void], window: NDArray[np.void], a: Arrays, c: Constants, position: Array, s: int, k: int,
     volume: float,
-) -> None:
-    """Remove a crater of `volume` um3 at the ray at a place and feed the debris."""
+) -> float:
+    """Remove a crater of `volume` um3 at the ray at a place; returns what becomes debris, 0 if it found no metal."""
     state[0].crater_um3 += volume
     if share_crater(a, c, position, s, k, volume, draw(state) - 0.5):
         state[0].wear_wait_um3 += volume
         window[0].crater_um3 += volume
-        a.debris[s] += volume / (c.cavity_um3 * a.metal[s])
-    else:
-        state[0].missed_um3 += volume
+        return volume
+    state[0].missed_um3 += volume
+    return 0.0
 
 
 @compiled
@@ -119,8 +119,8 @@ def _wet(a: Arrays, c: Constants, outcome: int, s: int) -> float:
 def discharge(
     state: NDArray[np.void], window: NDArray[np.void], a: Arrays, c: Constants, t: Timing, heat: HeatLaw,
     bubble: BubbleLaw, position: Array, outcome: int, s: int, k: int, burn_us: float,
-) -> tuple[float, float]:
-    """One spark or arc burning for `burn_us`: crater, heat, debris. Returns its energy and its bubble's impulse."""
+) -> tuple[float, float, float]:
+    """One spark or arc burning for `burn_us`: crater and heat. Returns its energy, impulse and debris in um3."""
     power = t.burning_V * t.current_A
     energy = power * burn_us * 1e-6
     gap, wet = gap_of(a, position, s, k), _wet(a, c, outcome, s)
@@ -136,8 +136,8 @@ def discharge(
     state[0].last_slice = s
     state[0].last_ray = ray_at(a, s, k)
     warm(state, window, a, c, heat, heated, energy, spot_K(heat, state[0].chain_J, state[0].chain_us))
-    erode(state, window, a, c, position, s, k, volume)
-    return energy, bubble_impulse_Ns(power, burn_us, gap, bubble) * wet
+    removed = erode(state, window, a, c, position, s, k, volume)
+    return energy, bubble_impulse_Ns(power, burn_us, gap, bubble) * wet, removed
 
 
 @compiled
@@ -156,7 +156,8 @@ def short_circuit(
     power = c.short_removal_share * t.burning_V * t.short_A
     energy = power * t.on_us * 1e-6
     warm(state, window, a, c, heat, s, energy)
-    erode(state, window, a, c, position, s, k, t.removal_um3_J * energy)
+    removed = erode(state, window, a, c, position, s, k, t.removal_um3_J * energy)
+    a.debris[s] += removed / (c.cavity_um3 * a.metal[s])
     return c.short_push_share * bubble_impulse_Ns(power, t.on_us, REFERENCE_GAP_UM, bubble)
 
 

@@ -269,13 +269,13 @@ def fire_window(
         if log.shape[0] > n:
             since_us = (state[0].time_ns - window[0].start_ns) * 1e-3
             log_pulse(log, n, a, position, since_us, open_V, outcome, delay, s, k)
-        burn, energy, impulse = 0.0, 0.0, 0.0
+        burn = energy = impulse = removed = 0.0
         if outcome == SHORT:
             impulse = short_circuit(state, window, a, c, t, heat, bubble, position, s, k)
         elif outcome != OPEN:
             burn = t.on_us - delay if t.mode == ISO_PULSE else t.on_us
             burn *= t.arc_share if outcome == ARC else 1.0
-            energy, impulse = discharge(state, window, a, c, t, heat, bubble, position, outcome, s, k, burn)
+            energy, impulse, removed = discharge(state, window, a, c, t, heat, bubble, position, outcome, s, k, burn)
             window[0].delay_us += delay
             window[0].ignitions += 1
         at = max(s, 0)
@@ -327,7 +327,7 @@ def fire_window(
         fade(a, gas, k_period)
         if energy > 0.0:
             k_quiet = _grid_steps(quiet * per_grid, k_period)
-            blow(a, c, gas, s, draw(state), energy, k_quiet)
+            blow(a, c, gas, s, draw(state), energy, k_quiet, removed)
         sum_up(a)
         # a short leaves no channel, and the last one's ions go on leaving
         state[0].since_discharge_us = state[0].since_discharge_us + period_us if energy == 0.0 else quiet

@@ -12,9 +12,10 @@ from edmsim.plant.mechanics.mujoco_table import DriveSetup, TableMechanics, comp
 N_NODES = 25
 """Nodes of the wire, the fewest whose first four modes are within 1 % of the string's: a time step costs what
 its nodes cost, and fewer nodes allow a longer one."""
-_STEP_SHARE = 0.95
-"""Time step as a share of the longest stable one. Near the limit the errors of chain and time step cancel: at
-the limit itself waves run along the chain as along the string."""
+_STEP_SHARE, _VARIED_STEP_SHARE = 0.95, 0.7
+"""Longest time step as a share of the longest stable one. Near the limit the errors of chain and time step cancel: at
+the limit itself waves run along the chain as along the string. Where it changes from pulse to pulse it stays further
+off (ours), as each change feeds the chain's highest mode, the more the nearer to the limit."""
 _MOST_ACCELERATION = 5e9
 """m/s2; MuJoCo takes 1e10 for a number gone wild."""
 
@@ -34,6 +35,8 @@ class FullMechanics(TableMechanics):
         Heights of the slices' mid-planes above the lower guide in m.
     model_file : str
         The machine's MJCF: a file of `edmsim.models`.
+    varied : bool
+        Whether the pulses' periods differ, and with them the time step.
 
     Attributes
     ----------
@@ -57,7 +60,8 @@ class FullMechanics(TableMechanics):
     """
 
     def __init__(
-        self, wire: WireSetup, drive: DriveSetup, slice_heights_m: ArrayLike, model_file: str = MODEL_FILE
+        self, wire: WireSetup, drive: DriveSetup, slice_heights_m: ArrayLike, model_file: str = MODEL_FILE,
+        *, varied: bool = False,
     ) -> None:
         self.model = compile_without_geoms(machine_spec(wire, model_file, N_NODES))
         self.modes = reduce_model(self.model, N_NODES, slice_heights_m)
@@ -71,11 +75,11 @@ class FullMechanics(TableMechanics):
         self.slice_mass_kg = 1 / (nodes**2 / self._node_mass).sum(axis=1)
         self.table_slide_shape = np.array([[1.0, 0.0], [1.0, 0.0]])
         self.table_participation = np.zeros((2, 2))
-        self.link = self._link_with_wire(wire, drive)
+        self.link = self._link_with_wire(wire, drive, _VARIED_STEP_SHARE if varied else _STEP_SHARE)
 
-    def _link_with_wire(self, wire: WireSetup, drive: DriveSetup) -> FullLink:
+    def _link_with_wire(self, wire: WireSetup, drive: DriveSetup, share: float) -> FullLink:
         wildest = _MOST_ACCELERATION / float(self.modes.wire_omega[-1]) ** 2
-        return self._link_of_table(drive, _STEP_SHARE * _stable_step(self.modes) * 1e6)._replace(
+        return self._link_of_table(drive, share * _stable_step(self.modes) * 1e6)._replace(
             wire=np.array([dofs_of(self.model, [f"wire_{axis}{i:02d}" for i in range(N_NODES)]) for axis in "xy"]),
             reach_m=min(wire.guide_distance_m / 2, wildest),
             node_kg=self._node_mass,
