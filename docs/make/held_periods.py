@@ -12,7 +12,7 @@ import edmsim
 
 PROGRAM = Path(__file__).parents[2] / "examples" / "punch.ngc"
 HEIGHTS_MM = (20.0, 40.0, 80.0)
-PERIODS_US = (20.0, 32.0, 40.0, 50.0, 64.0)
+PERIODS_US = (20.0, 32.0, 40.0, 50.0, 72.0)
 
 
 def ended(height_mm: float, period_us: float) -> str:
