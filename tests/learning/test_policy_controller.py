@@ -191,7 +191,8 @@ def test_what_is_shipped_loads_by_name_and_says_how_it_was_made(file):
     policy = policy_file.load(file.stem)
     card = policy.card
     assert file.stem == f"{card.env_id.removeprefix('edmsim/')[:-3]}-{card.algorithm}"
-    assert card.command.startswith(f"edmsim train {card.env_id} --algo {card.algorithm} ")
+    assert card.command.startswith(f"edmsim train {card.trained_in or card.env_id} --algo {card.algorithm} ")
+    assert card.trained_in != card.env_id
     assert {(s["controller"], s["resolution"]) for s in card.scores} == {
         (c, r) for c in ("policy", *RIVALS) for r in RESOLUTIONS
     }
