@@ -69,7 +69,7 @@ class FixedPeriodController(ServoController):
     short_weight: float = 1.0
     proportional_um_s: float = 30.0
     integral_um_s2: float = 100.0
-    period_us: float = 45.0
+    period_us: float = 40.0
     rise_s: float = 1.5
     slow_factor: float = 2.0
 
