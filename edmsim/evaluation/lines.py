@@ -61,7 +61,7 @@ OF_TASK = {
         (
             "voltage", *(f"{_GAP},period_factor={factor:g}" for factor in (0.7, 1.3)),
             f"{_GAP},on_factor=4,period_factor=4", f"set-point:{_AT_CORNERS}",
-            f"set-point:{_AT_CORNERS},pull_N_m=-0.01,fade_um=150",
+            f"set-point:{_AT_CORNERS},pull_N_m=-0.05,fade_um=150",
         ),
     ),
     "Trim": Lines(
