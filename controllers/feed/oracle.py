@@ -46,7 +46,8 @@ class OracleController(ServoController):
     integral_um_s2_um : float
         Growth of the feed per um above the target, um/s per s.
     short_um : float
-        By how many um a window full of shorts is closer than its few sparks show (ours: by the target, so that it counts as shut).
+        By how many um a window full of shorts is closer than its few sparks show (ours: by the target, so that it
+        counts as shut).
     hot_K : float
         Wire temperature above which the wire slows down.
     kelvin_per_um : float

@@ -1,7 +1,7 @@
 """Errors near the corner in parts of the best constant's: `python docs/make/corner_errors.py` prints a table.
 
-It is that of tasks/corner.md, from the cuts in leaderboard.json; intervals are of the machines drawn. Machines on which a
-controller's wire broke before the corner are left out of all rows.
+It is that of tasks/corner.md, from the cuts in leaderboard.json; intervals are of the machines drawn. Machines on
+which a controller's wire broke before the corner are left out of all rows.
 """
 
 from __future__ import annotations
@@ -27,7 +27,8 @@ def main() -> None:
     constant_um = errors_um[lines_of(ENV_ID).blind]
     print("| controller | error, um | in the best constant's | time, s |\n|---|---|---|---|")
     for name in sorted(results, key=lambda name: errors_um[name].mean()):
-        share, time_s = ratio(errors_um[name], constant_um), np.array([cut.time_s for cut in results[name]])[there].mean()
+        share = ratio(errors_um[name], constant_um)
+        time_s = np.array([cut.time_s for cut in results[name]])[there].mean()
         print(f"| `{name}` | {errors_um[name].mean():.2f} | {share.value:.2f} ({share.low:.2f} to {share.high:.2f}) "
               f"| {time_s:.1f} |")
 

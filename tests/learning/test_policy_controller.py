@@ -60,7 +60,7 @@ def make_policy(tmp_path):
     ("name", "options"),
     [("GapFeed", {}), ("HeightStep", {"action": "speed"}), ("Corner", {"leg_mm": 0.05, "decision_s": None}),
      ("Contour", {"history": 2}), ("GapFeed", {"action": "servo", "knobs": ["period"]}),
-     ("ThinWire", {"decision_s": None}), ("MaxRate", {"decision_s": None, "wires": 1}),
+     ("ThinWire", {"decision_s": None, "wires": 1}), ("MaxRate", {"decision_s": None, "wires": 1}),
      ("Trim", {"decision_s": None})],
 )
 def test_the_controller_does_what_the_policy_does_in_its_environment(make_policy, name, options):
