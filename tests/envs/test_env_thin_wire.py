@@ -9,7 +9,6 @@ import edmsim
 from edmsim.controllers import make
 from edmsim.controllers.feed.set_point import ClimbController
 from edmsim.controllers.protocols import WindowObservation, tell
-from edmsim.envs import Task
 from edmsim.evaluation.episode import Episode
 
 PATH_UM = np.array([[0.0, 0.0], [300.0, 0.0], [300.0, 300.0]])
@@ -53,8 +52,8 @@ def test_the_operator_remembers_the_wires(make_env, weak):
     assert (broke_at[lost == 0] == 0).all()
 
 
-def test_a_law_goes_on_with_the_next_wire(weak):
-    task = Task("ThinWire", machine=weak, wires=3, episode_s=20.0)
+def test_a_law_goes_on_with_the_next_wire(make_task, weak):
+    task = make_task("ThinWire", machine=weak, wires=3, episode_s=20.0)
     law = make("climb", period_factor=2.0)
     episode = Episode(task, law, 1, "climb")
     outcome = None
