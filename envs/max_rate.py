@@ -23,8 +23,8 @@ KNOWN_TO_SHARE = 0.15
 """How well a shop knows what of its machine decides on the wire's limit (ours): drawn from their whole ranges, these
 constants leave no period at which no wire of any machine breaks."""
 KNOWN = (
-    "cooling.wire_heat_share", "cooling.convection_W_m2K", "cooling.critical_W_m2", "cooling.film_W_m2K",
-    "material.removal_mm3_J",
+    "cooling.wire_heat_share", "cooling.convection_W_m2K", "cooling.critical_W_m2", "cooling.critical_stream",
+    "cooling.film_W_m2K", "material.removal_mm3_J",
 )  # fmt: skip
 
 

@@ -37,7 +37,7 @@ class ThinWire(GapFeed):
     @staticmethod
     def own_machine() -> Machine:
         """Return the laboratory machine with a brass wire of 0.1 mm and short pulses."""
-        return Machine.load(wire="brass-100", t_on_us=10.0, t_period_us=100.0)
+        return Machine.load(wire="brass-100", t_on_us=7.0, t_period_us=100.0)
 
 
 @page

@@ -166,7 +166,7 @@ class SatoController(AdaptiveOffTimeController):
     open_target_share: float = 0.0
     proportional_um_s: float = 30.0
     integral_um_s2: float = 100.0
-    normal_at_10mm: float = 150.0
+    normal_at_10mm: float = 600.0
     height_factor: float = 176.0
     shortest_factor: float = 0.3
     slow_factor: float = 2.5

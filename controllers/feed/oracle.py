@@ -46,7 +46,8 @@ class OracleController(ServoController):
     integral_um_s2_um : float
         Growth of the feed per um above the target, um/s per s.
     short_um : float
-        By how many um a window full of shorts is closer than its few sparks show (ours).
+        By how many um a window full of shorts is closer than its few sparks show (ours: by the target, so that it
+        counts as shut).
     hot_K : float
         Wire temperature above which the wire slows down.
     kelvin_per_um : float
@@ -55,10 +56,10 @@ class OracleController(ServoController):
 
     name: ClassVar[str] = "oracle"
 
-    gap_target_um: float = 12.0
+    gap_target_um: float = 16.0
     proportional_um_s_um: float = 1.0
     integral_um_s2_um: float = 2.0
-    short_um: float = 10.0
+    short_um: float = 16.0
     hot_K: float = 560.0
     kelvin_per_um: float = 10.0
 

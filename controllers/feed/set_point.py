@@ -5,8 +5,8 @@ they take power back there, because the wire bends with it, and lead the guides 
 bent. The numbers are ours; those of a task's reference lines are in `edmsim.evaluation.lines`.
 
 `ClimbController` searches: more power until a wire breaks, then less. It is how an operator finds the setting for a
-wire and a height that no table has (ours). Of five paces on 64 training machines of ThinWire, that of the defaults
-earned 1,336, with 23 wires lost; the others 1,100 to 1,359, with 20 to 27.
+wire and a height that no table has (ours). Its pace was chosen in the first version of ThinWire: of five on 64
+training machines that of the defaults earned 1,336, with 23 wires lost; the others 1,100 to 1,359, with 20 to 27.
 """
 
 from __future__ import annotations

@@ -69,7 +69,7 @@ class FixedPeriodController(ServoController):
     short_weight: float = 1.0
     proportional_um_s: float = 30.0
     integral_um_s2: float = 100.0
-    period_us: float = 110.0
+    period_us: float = 40.0
     rise_s: float = 1.5
     slow_factor: float = 2.0
 
@@ -220,7 +220,7 @@ class HeatFluxController(PeriodFromHeat):
 
     name: ClassVar[str] = "heat-flux"
 
-    hold_share: float = 0.25
+    hold_share: float = 0.4
     proportional_share: float = 0.6
     integral_per_s: float = 4.0
     flux_filter_s: float = 0.05
@@ -299,7 +299,7 @@ class HeatOracleController(PeriodFromHeat):
 
     name: ClassVar[str] = "heat-oracle"
 
-    hold_share: float = 0.4
+    hold_share: float = 0.2
     proportional_share: float = 0.8
     integral_per_s: float = 2.0
     shortest_us: float = 18.0

@@ -52,15 +52,15 @@ what the oracle earns, which sees the true gap. Values in parentheses are 95 % b
 - *Edge error*: the same for the distance from the contour to the cut edge. It contains the error of an offset that
   is wrong for the drawn machine.
 
-Four environments have other references. In Corner a score of 0 is the constant setting that earned most on 24
+Four environments have other references. In Corner a score of 0 is the constant setting that earned most on 12
 training machines, in Trim the constant feed and offset that did on 12, and in ThinWire the fastest constant setting
 that broke no wire of 24. The oracle of the latter two makes each cut several times and keeps the best: in Trim with
 twelve pairs of feed and offset, in ThinWire with five periods. A controller that finds out more within the cut may
 earn more than that. In Corner 1 is `lead-oracle`, which leads the guides by the wire's true bend. In MaxRate
 `fixed-period` is 0, and 1 is `heat-oracle`, which sets the period by the wire's true temperature.
 
-The gains of the classic controllers were found by `edmsim search-gains` on other seeds, for the return of the first
-versions of GapFeed and HeightStep; each file in `models/gains/` names its command. `counts` keeps its documented
+The gains of the classic controllers were found by `edmsim search-gains` on other seeds of GapFeed and HeightStep, for
+the return; each file in `models/gains/` names its command. `counts` keeps its documented
 constants. A search finds others that earn more, but with them the feed oscillates where windows last 0.25 s or the
 removal halves, and a machine's default must not do that (`tests/controllers/test_feed_controllers.py`).
 """

@@ -11,7 +11,7 @@ import numpy as np
 from edmsim.evaluation.episode import cut
 
 ENV_ID = "edmsim/MaxRate-v1"
-HOLDS = (0.2, 0.25, 0.3, 0.35)
+HOLDS = (0.3, 0.4, 0.5, 0.6)
 SEEDS = range(40)
 
 

@@ -13,7 +13,7 @@ from edmsim.envs.batch import Batch
 from edmsim.envs.path_follower import RUNNING, WIRE_BREAK
 from edmsim.envs.thin_wire import ThinWire
 
-FACTORS = (3.0, 2.0, 1.4, 1.0, 0.7)
+FACTORS = (4.0, 3.0, 2.0, 1.4, 1.0, 0.7)
 SEEDS = range(100, 124)
 SECONDS = 30.0
 TARGET_SHARE = 0.05

@@ -17,7 +17,7 @@ from edmsim.evaluation.transfer import rows_of, transfer
 
 DOCS = Path(__file__).parents[1]
 CORNER, THIN, TRIM = (lines_of(env_id_of(task)) for task in ("Corner", "ThinWire", "Trim"))
-CORNER_LAW = next(name for name in CORNER.compared if "pull_N_m" in name)
+CORNER_LAW = next(name for name in CORNER.compared if "corner_factor" in name)
 TABLES = {
     "GapFeed": ("training.md", {name: f"`{name}`" for name in ("policy:GapFeed-ppo", "voltage", "counts")}),
     "Corner": ("tasks/corner.md", {
@@ -26,7 +26,7 @@ TABLES = {
     }),
     "ThinWire": ("tasks/thin-wire.md", {
         "policy:ThinWire-imitation": "`policy:ThinWire-imitation`", "climb:open_target_share=0.05": "`climb`",
-        THIN.compared[0]: "the constant that earns most",
+        THIN.compared[1]: "the constant that earns most",
     }),
     "Trim": ("tasks/trim.md", {
         "policy:Trim-ppo": "`policy:Trim-ppo`", TRIM.blind: "the best constant",

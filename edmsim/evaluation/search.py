@@ -36,7 +36,7 @@ BOUNDS: dict[str, Ranges] = {
         "filter_s": (0.02, 0.3),
     },
     "delay": {
-        "reference_us": (4.0, 14.0), "proportional_um_s_us": (0.1, 4.0), "integral_um_s2_us": (0.1, 10.0),
+        "reference_us": (1.0, 10.0), "proportional_um_s_us": (0.1, 10.0), "integral_um_s2_us": (0.1, 30.0),
         "filter_s": (0.02, 0.3),
     },
     "fuzzy": {
@@ -48,8 +48,8 @@ BOUNDS: dict[str, Ranges] = {
         "normal_at_10mm": (300.0, 1000.0),
     },
     "oracle": {
-        "gap_target_um": (3.0, 20.0), "proportional_um_s_um": (0.3, 6.0), "integral_um_s2_um": (0.5, 20.0),
-        "short_um": (0.0, 15.0),
+        "gap_target_um": (5.0, 35.0), "proportional_um_s_um": (0.3, 6.0), "integral_um_s2_um": (0.5, 20.0),
+        "short_um": (0.0, 30.0),
     },
 }  # fmt: skip
 """What is searched of each controller, and where (ours: from timid to reckless). Shorts must count for something, or

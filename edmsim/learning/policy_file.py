@@ -97,7 +97,7 @@ class Card(_Strict):
     format : str
         `FORMAT`.
     env_id : str
-        The environment it was trained in.
+        The environment it was trained in, or the present version of that.
     environment : dict
         That environment's arguments.
     observation : list of Seen
@@ -120,6 +120,8 @@ class Card(_Strict):
     algorithm : str
     command : str
         What made it.
+    trained_in : str, optional
+        The version it was trained in, where that is withdrawn since; none where it is `env_id`.
     seed : int or None
         None where the learner had none.
     steps : int
@@ -143,6 +145,7 @@ class Card(_Strict):
     arrays_sha256: str
     algorithm: str
     command: str
+    trained_in: str | None = None
     seed: int | None
     steps: int
     versions: dict[str, str]

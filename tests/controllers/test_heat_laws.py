@@ -55,7 +55,7 @@ def test_constants_of_the_machine_at_work_are_not_looked_at() -> None:
 
 
 def test_sparks_in_one_place_ask_for_a_longer_period_than_as_many_all_over() -> None:
-    spread, crowded = (periods("heat-flux", fifths)[-1] for fifths in ((30,) * 5, (75, 75, 0, 0, 0)))
+    spread, crowded = (periods("heat-flux", fifths, hold_share=0.25)[-1] for fifths in ((30,) * 5, (75, 75, 0, 0, 0)))
     assert crowded > 1.2 * spread
 
 

@@ -15,7 +15,7 @@ ROUNDING = 1e-12
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("feed", "end"), [(0.05, None), (0.6, "limit"), (1.0, "limit")])
+@pytest.mark.parametrize(("feed", "end"), [(0.05, None), (0.8, "limit"), (1.0, "limit")])
 def test_single(make_env, env_name, feed, end):
     # feeds at which wires jam
     env = make_env(env_name, action="speed", planner="exact", decision_s=None, weights=ALL)

@@ -9,7 +9,6 @@ import edmsim
 from edmsim.controllers import make
 from edmsim.controllers.feed.set_point import ClimbController
 from edmsim.controllers.protocols import WindowObservation, tell
-from edmsim.envs import Task
 from edmsim.evaluation.episode import Episode
 
 PATH_UM = np.array([[0.0, 0.0], [300.0, 0.0], [300.0, 300.0]])
@@ -19,7 +18,7 @@ PATH_UM = np.array([[0.0, 0.0], [300.0, 0.0], [300.0, 300.0]])
 def weak():
     """A set-up whose wire breaks in its first second."""
     strained = edmsim.Machine.load(wire="brass-100", tension=2.0, height_mm=5.0, t_on_us=10.0, t_period_us=50.0)
-    half = strained.wire.half_strength_K.model_copy(update={"value": 300.0, "range": None})
+    half = strained.wire.half_strength_K.model_copy(update={"value": 310.0, "range": None})
     return strained.model_copy(update={"wire": strained.wire.model_copy(update={"half_strength_K": half})})
 
 
@@ -53,8 +52,8 @@ def test_the_operator_remembers_the_wires(make_env, weak):
     assert (broke_at[lost == 0] == 0).all()
 
 
-def test_a_law_goes_on_with_the_next_wire(weak):
-    task = Task("ThinWire", machine=weak, wires=3, episode_s=20.0)
+def test_a_law_goes_on_with_the_next_wire(make_task, weak):
+    task = make_task("ThinWire", machine=weak, wires=3, episode_s=20.0)
     law = make("climb", period_factor=2.0)
     episode = Episode(task, law, 1, "climb")
     outcome = None

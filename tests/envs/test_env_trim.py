@@ -73,12 +73,12 @@ def finished(make_task, feed_um_s: float, offset_um: float) -> float:
 
 @pytest.mark.slow
 def test_a_pass_takes_the_waves_off_and_its_feed_and_offset_say_how_deep(make_task):
-    near, off, farther = (finished(make_task, 190.0, offset_um) for offset_um in (0.0, 6.0, 12.0))
+    near, off, farther = (finished(make_task, 190.0, offset_um) for offset_um in (6.0, 9.0, 12.0))
     before = math.hypot(8.0 - 1.0, 0.298 * 6.0)  # allowance, less a sixth of the waves, and their deviation
     assert near < 2.0
     assert near < off < farther < before
-    assert finished(make_task, 40.0, 0.0) > near  # too deep
-    assert finished(make_task, 40.0, 6.0) < off
+    assert finished(make_task, 40.0, 6.0) > near  # too deep
+    assert finished(make_task, 40.0, 9.0) < off
 
 
 def test_an_offset_counts_as_an_action_and_is_seen(make_env):

@@ -60,7 +60,7 @@ def make_policy(tmp_path):
     ("name", "options"),
     [("GapFeed", {}), ("HeightStep", {"action": "speed"}), ("Corner", {"leg_mm": 0.05, "decision_s": None}),
      ("Contour", {"history": 2}), ("GapFeed", {"action": "servo", "knobs": ["period"]}),
-     ("ThinWire", {"decision_s": None}), ("MaxRate", {"decision_s": None, "wires": 1}),
+     ("ThinWire", {"decision_s": None, "wires": 1}), ("MaxRate", {"decision_s": None, "wires": 1}),
      ("Trim", {"decision_s": None})],
 )
 def test_the_controller_does_what_the_policy_does_in_its_environment(make_policy, name, options):
@@ -191,7 +191,8 @@ def test_what_is_shipped_loads_by_name_and_says_how_it_was_made(file):
     policy = policy_file.load(file.stem)
     card = policy.card
     assert file.stem == f"{card.env_id.removeprefix('edmsim/')[:-3]}-{card.algorithm}"
-    assert card.command.startswith(f"edmsim train {card.env_id} --algo {card.algorithm} ")
+    assert card.command.startswith(f"edmsim train {card.trained_in or card.env_id} --algo {card.algorithm} ")
+    assert card.trained_in != card.env_id
     assert {(s["controller"], s["resolution"]) for s in card.scores} == {
         (c, r) for c in ("policy", *RIVALS) for r in RESOLUTIONS
     }
