@@ -44,7 +44,7 @@ def test_of_pulses_too_dense_the_report_says_which_period_holds(height_mm: float
     report = cut(8.0, height_mm=height_mm, t_period_us=9.4, **PRODUCTION)
     assert report["outcome"] == "wire-break"
     assert report["cutting_rate_mm2_min"] is None  # it never left its start hole
-    assert "a period of 9.4 us is too short for it; from 50 us on" in report["reason"]
+    assert "a period of 9.4 us is too short for it; from 72 us on" in report["reason"]
 
 
 def test_the_period_that_holds_goes_with_the_current_density() -> None:

@@ -151,7 +151,7 @@ def test_the_kerf_s_jets_meet_where_the_gap_s_do_and_each_falls_to_rest_there(lo
 def test_eddies_stir_the_kerf_where_the_jets_meet(machine):
     """Down the kerf as the jets go, and everywhere a share of the faster one's speed, at right angles in the mean."""
     res, set_up = resolution("fast"), machine.with_(flushing_lower_Pa=2e5, flushing_upper_Pa=2e5)
-    nozzle = kerf_jets(2e5, 2e5, 312.0, 20.0).lower_m_s
+    nozzle = kerf_jets(2e5, 2e5, 328.0, 20.0).lower_m_s
     down = nozzle * np.array([0.8, 0.4, 0.0, 0.4, 0.8])
     np.testing.assert_allclose(wake_m_s(set_up, res), np.sqrt(down**2 + (0.3 * nozzle) ** 2))
 

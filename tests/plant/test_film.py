@@ -92,7 +92,7 @@ def test_the_water_slows_the_first_mode_as_its_mass_on_that_mode_says(machine):
     omega = reduce_model(build_model(wire), 4, [0.02]).wire_omega[0]
     free = math.pi / wire.guide_distance_m * math.sqrt(wire.tension / BRASS_KG_M)
     assert omega == pytest.approx(free / math.sqrt(1 + share * wire.slot_mass_kg_m / BRASS_KG_M), rel=0.01)
-    assert 0.13 < 1 - omega / free < 0.2
+    assert 0.12 < 1 - omega / free < 0.2
 
 
 def test_random_motion_meets_the_linearised_loss_at_the_film_s_edges():
@@ -265,7 +265,7 @@ def test_a_loaded_wire_creeps_through_a_narrow_film(front, side, period, mechani
         crept.append(plant.deflections_um()[:, 0].mean())
     film = film_of(plant, crept[-1] / 2)
     expected = linear(pure, film, load_N, np.zeros(FAST.modes), np.array([200e-6])).mean()
-    assert 0.98 * expected < crept[-1] < 1.03 * expected
+    assert 0.98 * expected < crept[-1] < 1.04 * expected
     assert expected < 0.02 / film * 200e-6 * 1e6
 
 

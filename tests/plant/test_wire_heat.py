@@ -331,7 +331,7 @@ def test_a_current_is_drawn_to_steel_and_pushed_off_copper_by_the_slot_s_formula
     """mu0 i^2 / (2 w) per metre in an ideally permeable slot, times the metal's share."""
     machine = edmsim.Machine.load(material=material)
     share = machine.material.magnetic_share.value
-    kerf_m, slice_m = 312e-6, 20e-3 / 5
+    kerf_m, slice_m = 328e-6, 20e-3 / 5
     per_A2 = constants(machine, resolution("fast")).magnetic_N_A2 / slice_m
     assert per_A2 == pytest.approx(share * VACUUM_PERMEABILITY_N_A2 / (2 * kerf_m), rel=1e-6)
     assert math.copysign(1, per_A2) == sign

@@ -180,7 +180,7 @@ def test_what_fails_fits_a_terminal_of_eighty_columns():
         console.print(render_failed([*ROWS, long]))
     text = shown.get()
     assert max(map(len, text.splitlines())) <= 80
-    for said in ("why: unknown", "why: In tool steel", "4 rows: 1 agree, 3 fail"):
+    for said in ("why: unknown", "why: The push of the", "4 rows: 1 agree, 3 fail"):
         assert said in text
     assert "agrees\n" not in text
     kept = as_json(ROWS, failed(ROWS))
