@@ -117,8 +117,8 @@ class MaxRateEnv(EdmEnv):
     height; the length of each band is drawn uniformly from ``band_mm``, the height of each further one uniformly
     from ``low_share`` to 1 times the greatest. The pressure of each nozzle is drawn as height and tension are,
     uniformly; all are shown, as an operator has set them. Of the machine's constants the share of heat that enters
-    the wire, convection, critical heat flux, film boiling and removal are drawn within 15 % of the files' values: so
-    much a shop knows of its machine (ours).
+    the wire, convection, critical heat flux in still water and in a stream, film boiling and removal are drawn within
+    15 % of the files' values: so much a shop knows of its machine (ours).
 
     Versions
     --------

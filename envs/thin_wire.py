@@ -57,7 +57,8 @@ class ThinWireEnv(EdmEnv):
 
     Versions
     --------
-    v1: debris ignites the gap, jets bend the wire, and heat and gas go with the water behind it. v0 is withdrawn.
+    v1: debris ignites the gap, jets bend the wire, and heat and gas go with the water behind it; pulses last 7 us in
+    place of 10. v0 is withdrawn.
     """
 
     task = ThinWire
