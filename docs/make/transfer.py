@@ -21,7 +21,7 @@ CORNER_LAW = next(name for name in CORNER.compared if "corner_factor" in name)
 TABLES = {
     "GapFeed": ("training.md", {name: f"`{name}`" for name in ("policy:GapFeed-ppo", "voltage", "counts")}),
     "Corner": ("tasks/corner.md", {
-        "policy:Corner-imitation": "`policy:Corner-imitation`", CORNER_LAW: "the best law",
+        "policy:Corner-imitation": "`policy:Corner-imitation`", CORNER_LAW: "longer pauses at corners",
         CORNER.blind: "the best constant",
     }),
     "ThinWire": ("tasks/thin-wire.md", {
