@@ -270,13 +270,17 @@ def per_metre(events: NDArray[np.float64], metres: NDArray[np.float64]) -> Figur
 
 
 def ratio(upper: NDArray[np.float64], lower: NDArray[np.float64]) -> Figure:
-    """Sum over sum, with its bootstrap interval (percentile; pairs are drawn together)."""
+    """Sum over sum, with its bootstrap interval (percentile; pairs are drawn together).
+
+    The interval is NaN where cuts are so few that none of those drawn may have a divisor.
+    """
     from scipy.stats import bootstrap
 
     if len(upper) == 0 or lower.sum() == 0:
         return Figure(np.nan, np.nan, np.nan)
     value = float(upper.sum() / lower.sum())
-    if len(upper) < 2:
+    without = float(np.mean(lower == 0)) ** len(lower)  # share of the draws with nothing to divide by
+    if len(upper) < 2 or without * RESAMPLES > 1e-3:
         return Figure(value, np.nan, np.nan)
     interval = bootstrap(
         (upper, lower), _of_sums, paired=True, vectorized=True, n_resamples=RESAMPLES,

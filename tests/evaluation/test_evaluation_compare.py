@@ -166,6 +166,12 @@ def test_giving_up_costs_as_much_as_the_limit_it_avoids() -> None:
     assert earned[0] - earned[1] == pytest.approx(2.0 * 60 / 0.0255)
 
 
+def test_a_rate_of_few_cuts_of_which_some_have_no_length_has_no_interval() -> None:
+    some, many = np.array([1.0, 0.0]), np.append(np.ones(11), 0.0)
+    assert np.isnan([ratio(some, some).low, ratio(some, some).high]).all()
+    assert (ratio(many, many).value, ratio(many, many).low) == (1.0, 1.0)
+
+
 def test_losses_are_per_metre_of_all_cuts() -> None:
     results = [result(length=1.0), result(outcome="wire break", length=0.5), result(outcome="jammed", length=0.5)]
     figures = figures_of(results, [result(20.0)] * 3, [result(5.0)] * 3)
