@@ -137,7 +137,7 @@ right.legend();
 # %% [markdown]
 # Deflection goes with 1 / tension, as the string says, where the gap does not change with it. At this setting push
 # and pull are of one size: at a low feed there are few discharges and the pull wins, at a high one the push. (The
-# set-up cuts some 36 µm/s; a feed beyond that only presses the wire onto the metal.) The formula of the pull
+# set-up cuts some 46 µm/s; a feed beyond that only presses the wire onto the metal.) The formula of the pull
 # is not in doubt; the impulse of a discharge was never measured, and what is derived here has a range of a factor of
 # six, which turns the sign (`docs/theory/emergence.md#lag`). Rough cuts are reported to lag by 10 to 100 µm. So look
 # at both: the default machine, and a set-up whose wire lags for certain: the rough cut of 11 mJ per discharge, 60 mm

@@ -90,8 +90,8 @@ panels[0].legend(frameon=False)
 figure.tight_layout()
 
 # %% [markdown]
-# No single feed suits all machines. The one of `fixed` is too slow for most of them, and for some too fast: there the
-# wire meets the metal and jams. The controllers that look at the pulses come near the oracle on most machines. None of
+# No single feed suits all machines. The one of `fixed` is too slow for most of them, and for some too fast: there
+# the wire meets the metal and jams. The controllers that look at the pulses come near the oracle on most machines. None of
 # them looks at the wire, and here and there one breaks.
 
 # %%
