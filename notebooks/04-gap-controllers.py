@@ -91,8 +91,8 @@ figure.tight_layout()
 
 # %% [markdown]
 # No single feed suits all machines. The one of `fixed` is too slow for most of them, and for some too fast: there
-# the wire meets the metal and jams. The controllers that look at the pulses come near the oracle on most machines. None of
-# them looks at the wire, and here and there one breaks.
+# the wire meets the metal and jams. The controllers that look at the pulses come near the oracle on most machines.
+# None of them looks at the wire, and here and there one breaks.
 
 # %%
 for name in controllers:
