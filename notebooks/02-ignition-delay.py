@@ -140,8 +140,8 @@ right.set(xlabel="speed of the water, m/s (mean over the height)", ylabel="open 
 # %% [markdown]
 # With the gap the delay rises as in the thesis. With the flow it does so only where it is long: the water must go
 # some 100 um while a pulse waits to carry off what prepares it. At 300 V the model's critical gap is 34 um, and
-# every gap of the figure, 10 to 30 um, ignites within some 2 us, in which water of 4 m/s goes 8 um. The thesis may have
-# measured an oil, which ignites more slowly (`docs/theory/breakdown.md`).
+# every gap of the figure, 10 to 30 um, ignites within some 2 us, in which water of 4 m/s goes 8 um. The thesis may
+# have measured an oil, which ignites more slowly (`docs/theory/breakdown.md`).
 #
 # ## From delays to shares
 #
