@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-DEFAULT_CONSTANTS = ("gap.critical_um", "material.removal_mm3_J", "material.burning_voltage_V")
+DEFAULT_CONSTANTS = ("gap.particle_share", "material.removal_mm3_J", "material.burning_voltage_V")
 """What is fitted if nothing else is said (ours: the three that every log tells of)."""
 MOST_STRETCHES = 8
 """Stretches compared; if the log has more, those whose feeds and settings differ most (ours)."""

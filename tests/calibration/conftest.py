@@ -15,7 +15,7 @@ from edmsim.controllers import FeedController, make
 from edmsim.cosim.straight import Traverse, begin
 from edmsim.machine.ranges import with_values
 
-TRUTH = {"gap.critical_um": 9.5, "material.removal_mm3_J": 7.5e-3}
+TRUTH = {"gap.particle_share": 0.07, "material.removal_mm3_J": 7.5e-3}
 
 
 def simulated_log(

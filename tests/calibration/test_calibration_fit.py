@@ -85,10 +85,10 @@ def test_the_fitted_set_up_can_be_cut_with(known: SimpleNamespace, recovered: Fi
     assert len(list(tmp_path.iterdir())) == 2
     again = edmsim.Machine.load(str(files["machine"]), material=str(files["material"]), height_mm=10.0)
     fitted = {constant.name: constant for constant in recovered.constants}
-    assert again.base.gap.critical_um.value == fitted["gap.critical_um"].value
+    assert again.base.gap.particle_share.value == fitted["gap.particle_share"].value
     assert again.material.removal_mm3_J.value == fitted["material.removal_mm3_J"].value
-    assert again.base.gap.critical_um.range == (8.0, 10.0)
-    assert "fitted to known.parquet" in again.base.gap.critical_um.source
+    assert again.base.gap.particle_share.range == (0.03, 0.1)
+    assert "fitted to known.parquet" in again.base.gap.particle_share.source
     assert again.base.dielectric == known.machine.base.dielectric
 
 

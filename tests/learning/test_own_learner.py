@@ -57,7 +57,7 @@ def most_apart(model, lanes, policy, steps=25):
     raw, worst, state, memory = lanes, 0.0, None, policy.fresh_memory()
     while hasattr(raw, "venv"):
         raw = raw.venv
-    raw.seed(11)
+    raw.seed(13)  # these two wires last that long
     seen = raw.reset()
     for k in range(steps):
         normal = lanes.normalize_obs(seen) if isinstance(lanes, VecNormalize) else seen
