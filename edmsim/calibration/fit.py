@@ -33,6 +33,8 @@ MOST_STRETCHES = 8
 """Stretches compared; if the log has more, those whose feeds and settings differ most (ours)."""
 STEP = 0.15
 """Half the difference, in shares of the range, over which sensitivities are taken (ours: well above the noise)."""
+JAMMED_SHARE = 0.5
+"""Of short pulses: a cut with more is driven into the metal (ours: cuts that go on have less than a third)."""
 MOST_ROUNDS = 10
 """Gauss-Newton steps at most (ours)."""
 UNTOLD = 0.29
@@ -258,20 +260,33 @@ class _Search:
 
     def _sensitivities(self, shares: Array) -> Array:
         """Change of the residuals per share of the range, (size, p)."""
-        pairs = self._around(shares)
-        rows = self._statistics([place for pair in pairs for place in pair])
-        residuals = [self.comparison.residuals(row) for row in rows]
-        return np.column_stack([(residuals[2 * k + 1] - residuals[2 * k]) / (2 * STEP) for k in range(len(pairs))])
+        return self._slopes(shares)[0]
+
+    def _slopes(self, shares: Array) -> tuple[Array, Array]:
+        """Return `_sensitivities`, and over which part of the range each was taken, (p,).
+
+        A cut that jams on one side says that it jams, not how the statistics change: the other side alone tells then.
+        """
+        columns, spans = [], []
+        for place, (low, high) in enumerate(self._around(shares)):
+            rows = self._statistics([low, high])
+            low_jams, high_jams = (bool((row[:, 0] > JAMMED_SHARE).any()) for row in rows)
+            if low_jams and not high_jams and high[place] > shares[place]:
+                low, rows[0] = shares, self._statistics([shares])[0]
+            elif high_jams and not low_jams and shares[place] > low[place]:
+                high, rows[1] = shares, self._statistics([shares])[0]
+            spans.append(float(high[place] - low[place]))
+            columns.append((self.comparison.residuals(rows[1]) - self.comparison.residuals(rows[0])) / spans[-1])
+        return np.column_stack(columns), np.array(spans)
 
     def information_at(self, shares: Array) -> Array:
         """J^T J less what noise alone puts into it, (p, p).
 
         Half of a residual's variance is the simulation's, so a sensitivity has that of two of them, 2 * 1/2, over
-        (2 STEP)^2; over all residuals this adds up in the diagonal.
+        span^2; over all residuals this adds up in the diagonal.
         """
-        sensitivities = self._sensitivities(shares)
-        noise = self.comparison.size / (2 * STEP) ** 2
-        return np.asarray(sensitivities.T @ sensitivities - noise * np.eye(len(self.names)))
+        sensitivities, spans = self._slopes(shares)
+        return np.asarray(sensitivities.T @ sensitivities - np.diag(self.comparison.size / spans**2))
 
     def covariance(self) -> Array | None:
         """Return the covariance of the errors in shares, widened by the misfit; None if the log leaves some open."""

@@ -43,12 +43,12 @@ def known() -> SimpleNamespace:
 
 @pytest.fixture(scope="session")
 def steered() -> SimpleNamespace:
-    """Give the same of a machine that removes little and was logged under the count law: a sixth of its pulses short.
+    """Give the same of a machine that removes little and was logged under the count law, near its greatest feed.
 
-    With the files' constants a cut at the feed of that log has next to none. The controller holds a steady feed after
-    80 s; two stretches follow.
+    With the files' constants a cut at the feed of that log stands mostly open; with a little less removal it jams.
+    The controller holds a steady feed after 80 s; stretches of it follow.
     """
     machine = edmsim.Machine.load(height_mm=10.0)
-    truth = {"gap.critical_um": 8.2, "material.removal_mm3_J": 3.3e-3}
+    truth = {"gap.particle_share": 0.04, "material.removal_mm3_J": 3.3e-3}
     table = simulated_log(with_values(machine, truth), [make("counts")], 300, 4000)
     return SimpleNamespace(machine=machine, truth=truth, table=table)
