@@ -1,4 +1,4 @@
-"""Rows on resolution: the default cut, told by `fast`, `default` and `fine`."""
+"""Rows on resolution: the default cut at `fast`, `default` and `fine`."""
 
 from __future__ import annotations
 

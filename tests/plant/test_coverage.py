@@ -17,14 +17,12 @@ from edmsim.plant.gap.coverage import (
     blow,
     cover_um2_J,
     fade,
-    mean_covered,
-    mean_steam,
     refill_um_s,
     refill_us,
     steam_life_us,
     sum_up,
 )
-from edmsim.plant.gap.debris import kerf_jets
+from edmsim.plant.gap.debris import kerf_jets, mean_of_slices
 from edmsim.plant.gap.generator import timing
 from edmsim.plant.gap.pulse_outcome import sum_rays
 from edmsim.plant.gap.water import surface_tension_N_m, viscosity_ratio
@@ -95,7 +93,7 @@ def test_steam_damps_the_wire_by_its_mean_share(machine):
     a, c, law = front(4), constants(machine, FAST), GasLaw(0.0, 0.0, 2e5, lasting(1.0, 1.0))
     assert mean_resistance(a, c, law, 3.0) == 3.0
     a.steam[:4] = 0.0, 0.1, 0.3, 0.4
-    assert mean_steam(a) == pytest.approx(0.2)
+    assert mean_of_slices(a.steam, len(a.debris)) == pytest.approx(0.2)
     assert mean_resistance(a, c, law, 3.0) == pytest.approx(3.0 + c.jet_kg_um * 2e5 * 0.2)
 
 
@@ -172,7 +170,7 @@ def test_steam_and_permanent_gas_lie_anywhere_on_the_front():
     a.steam[:2], a.gas[:2] = (0.5, 0.0), (0.4, 1.0)
     sum_up(a)
     np.testing.assert_allclose(a.covered[:2], [0.7, 1.0])
-    assert mean_covered(a) == pytest.approx(0.85)
+    assert mean_of_slices(a.covered, len(a.debris)) == pytest.approx(0.85)
 
 
 @numba.njit

@@ -24,7 +24,7 @@ AMBIENT_PA = 101_325.0
 
 
 LEAST_POCKET = 1e-6
-"""Debris is spread so far at least, in heights of a slice, either way (ours, for want of steam)."""
+"""Half the least length that debris is spread over, in heights of a slice (ours): without steam it stays there."""
 
 
 class GasLaw(NamedTuple):
@@ -107,24 +107,6 @@ def refill_us(
     friction = 3 * viscosity_Pa_s * length**2 / (driving * gap)
     inertia = length * math.sqrt(density_kg_m3 * gap / (4 * driving))
     return (friction + inertia) * 1e6
-
-
-@compiled
-def mean_covered(a: Arrays) -> float:
-    """Mean over the height of the share of the front that gas covers."""
-    sum_ = 0.0
-    for s in range(a.debris.shape[0]):
-        sum_ += a.covered[s]
-    return float(sum_ / a.debris.shape[0])
-
-
-@compiled
-def mean_steam(a: Arrays) -> float:
-    """Mean over the height of the share of the front that steam covers."""
-    sum_ = 0.0
-    for s in range(a.debris.shape[0]):
-        sum_ += a.steam[s]
-    return float(sum_ / a.debris.shape[0])
 
 
 @compiled

@@ -133,12 +133,12 @@ EINSTEIN = 2.5
 
 
 @compiled
-def mean_loading(debris: NDArray[np.float64]) -> float:
-    """Mean share of debris over the height: the water has to pass all of it."""
+def mean_of_slices(shares: NDArray[np.float64], slices: int) -> float:
+    """Mean over the height of a share that every slice has: of debris in its water, of gas on its front."""
     sum_ = 0.0
-    for s in range(debris.shape[0]):
-        sum_ += debris[s]
-    return float(sum_ / debris.shape[0])
+    for s in range(slices):
+        sum_ += shares[s]
+    return float(sum_ / slices)
 
 
 @compiled

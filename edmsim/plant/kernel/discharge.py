@@ -11,7 +11,7 @@ from edmsim.compiled.elementary import exponential
 from edmsim.compiled.jit import compiled
 from edmsim.compiled.random import normal, uniform
 from edmsim.plant.gap.bubble import REFERENCE_GAP_UM, BubbleLaw, bubble_impulse_Ns
-from edmsim.plant.gap.debris import EINSTEIN, flush, mean_loading
+from edmsim.plant.gap.debris import EINSTEIN, flush, mean_of_slices
 from edmsim.plant.gap.pulse_outcome import draw
 from edmsim.plant.gap.ray_trace import closed_side, gap_of, ray_at
 from edmsim.plant.kernel.state import ARC, OPEN, Array, Arrays, Constants, Timing
@@ -207,7 +207,8 @@ def propagate_heat(
         a.current2_us[0, s] = a.current2_us[1, s] = 0.0
         if closed_side(a, s)[0] < KERF_SHARE:  # along a wall the water behind the wire is that of the bath
             a.wake_debris[s] = a.wake_gas[s] = 0.0
-    flowing = dt / (1.0 + EINSTEIN * mean_loading(a.debris))
+    # the water has to pass the debris of the whole height
+    flowing = dt / (1.0 + EINSTEIN * mean_of_slices(a.debris, a.debris.shape[0]))
     flush(a.debris, c.lower_flow_us * flowing, c.upper_flow_us * flowing, a.entering)
     flush(a.wake_debris, c.lower_wake_us * dt, c.upper_wake_us * dt, a.entering)
     flush(a.wake_gas, c.lower_wake_us * dt, c.upper_wake_us * dt, a.entering)

@@ -15,8 +15,8 @@ from edmsim.compiled.jit import compiled
 from edmsim.plant.axes.advance import LOST, advance_axes, go_astray, indicate
 from edmsim.plant.gap.breakdown import GapLaw
 from edmsim.plant.gap.bubble import BubbleLaw
-from edmsim.plant.gap.coverage import GasLaw, blow, fade, mean_covered, sum_up
-from edmsim.plant.gap.debris import mean_loading
+from edmsim.plant.gap.coverage import GasLaw, blow, fade, sum_up
+from edmsim.plant.gap.debris import mean_of_slices
 from edmsim.plant.gap.pulse_outcome import decide, deepest_contact, draw, leak_conductance, sum_rays, touch
 from edmsim.plant.gap.ray_trace import OVERLAP_UM, retrace, weigh
 from edmsim.plant.kernel.discharge import discharge, log_pulse, propagate_heat, short_circuit
@@ -151,8 +151,8 @@ def _end(state: NDArray[np.void], window: NDArray[np.void], a: Arrays, deepest_u
     warmth = 0.0
     for s in range(a.debris.shape[0]):
         warmth += a.temperature_K[s]
-    w.debris = mean_loading(a.debris)
-    w.coverage = mean_covered(a)
+    w.debris = mean_of_slices(a.debris, a.debris.shape[0])
+    w.coverage = mean_of_slices(a.covered, a.debris.shape[0])
     w.broken = state[0].broken
     pulses = w.counts[0] + w.counts[1] + w.counts[2] + w.counts[3]
     x, y = w.deflection_um[0] / pulses, w.deflection_um[1] / pulses
