@@ -20,6 +20,7 @@ from edmsim.calibration.log import STRETCH_WINDOWS, Log, Stretch, stretches
 from edmsim.calibration.set_up import start_of
 from edmsim.calibration.simulate import settle_um
 from edmsim.errors import InputError
+from edmsim.evaluation.stable_rate import JAMMED_SHARE
 from edmsim.machine.ranges import choose, share_of, value_at, with_values
 
 if TYPE_CHECKING:
@@ -33,8 +34,6 @@ MOST_STRETCHES = 8
 """Stretches compared; if the log has more, those whose feeds and settings differ most (ours)."""
 STEP = 0.15
 """Half the difference, in shares of the range, over which sensitivities are taken (ours: well above the noise)."""
-JAMMED_SHARE = 0.5
-"""Of short pulses: a cut with more is driven into the metal (ours: cuts that go on have less than a third)."""
 MOST_ROUNDS = 10
 """Gauss-Newton steps at most (ours)."""
 UNTOLD = 0.29
