@@ -18,7 +18,7 @@ from edmsim.envs.task import CORNER_DEG, Family
 from edmsim.envs.vector import EdmVectorEnv
 from edmsim.errors import InputError
 from edmsim.machine.machine import Machine
-from edmsim.plant.workpiece.blanks import begun_slot
+from edmsim.plant.workpiece.blanks import started_slot
 
 SHARPEST_DEG = 160.0
 """Sharpest turn that may be asked for (ours: beyond it the second leg runs back in the first one's kerf)."""
@@ -71,7 +71,7 @@ class Corner(Family):
             [(x, y), (x + leg, y), (x + leg + leg * math.cos(angle), y + leg * math.sin(angle))], np.float64
         )
         drawn |= {"turn_deg": turn}
-        return Scenario(machine, begun_slot(machine, (x, y)), (path,), even_height(machine), seed, drawn)
+        return Scenario(machine, started_slot(machine, (x, y)), (path,), even_height(machine), seed, drawn)
 
 
 @page

@@ -27,7 +27,7 @@ from edmsim.envs.path_follower import (
     SETTLING_NS,
     WIRE_BREAK,
     follow,
-    lead_beside,
+    lead_sideways,
     plan,
     take_feeds,
 )
@@ -209,7 +209,7 @@ class Lanes:
             most := plan(lanes, rows, self.planners, self._other_planner, *path, fleet.states, self._steps)
         ) + 2 > self._steps.shape[1]:
             self._steps = np.zeros((self.count, most + 2, 3), np.int64)
-        lead_beside(lanes, rows, self.planners, self._points, self._along, fleet.states, self._steps)
+        lead_sideways(lanes, rows, self.planners, self._points, self._along, fleet.states, self._steps)
         status = fleet.advance(lanes, self._steps, rows["steps"])
         follow(
             lanes, rows, self.planners, self._other_planner, *path, self._height_from, self._heights, fleet.states,

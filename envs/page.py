@@ -105,8 +105,8 @@ def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     """Return a table of reStructuredText; the last cell of a row may have several lines."""
     lines = [list(head)]
     for *cells, last in rows:
-        begun, *further = last.split("\n")
-        lines += [[*cells, begun], *([*[""] * len(cells), line] for line in further)]
+        first_line, *further = last.split("\n")
+        lines += [[*cells, first_line], *([*[""] * len(cells), line] for line in further)]
     widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
     edge = "  ".join("=" * width for width in widths)
     first, *others = [
@@ -290,8 +290,8 @@ def ends(family: Family) -> str:
 def arguments(family: Family) -> str:
     """Return the section on arguments: the family's own before those that all have."""
     common = [f.name for f in fields(Family)]
-    told = sorted(arguments_of(type(family)), key=lambda f: f.name in common)  # sorted() keeps the order of equals
-    rows = [(f.name, f"``{written_out(f.default)}``", f.unit, f.meaning) for f in told]
+    listed = sorted(arguments_of(type(family)), key=lambda f: f.name in common)  # sorted() keeps the order of equals
+    rows = [(f.name, f"``{written_out(f.default)}``", f.unit, f.meaning) for f in listed]
     rows.append(("render_mode", "``None``", "", '``"rgb_array"`` or ``"human"``'))
     return table(("Name", "Default", "Unit", "Meaning"), rows)
 
