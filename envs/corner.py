@@ -14,9 +14,10 @@ from edmsim.envs.page import page
 from edmsim.envs.reward import Weights
 from edmsim.envs.scenario import Scenario, even_height
 from edmsim.envs.single import EdmEnv
-from edmsim.envs.task import CORNER_DEG, Family
+from edmsim.envs.task import Family
 from edmsim.envs.vector import EdmVectorEnv
 from edmsim.errors import InputError
+from edmsim.geometry import CORNER_DEG
 from edmsim.machine.machine import Machine
 from edmsim.plant.workpiece.blanks import started_slot
 

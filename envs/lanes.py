@@ -32,9 +32,9 @@ from edmsim.envs.path_follower import (
     take_feeds,
 )
 from edmsim.envs.scenario import Scenario
-from edmsim.envs.task import CORNER_DEG, Family
+from edmsim.envs.task import Family
 from edmsim.errors import InputError
-from edmsim.geometry import Polyline
+from edmsim.geometry import CORNER_DEG, Polyline
 from edmsim.machine.machine import Machine
 from edmsim.machine.setting import discharge_current_A, ignition_wait_us, open_V
 from edmsim.plant.fleet import Fleet

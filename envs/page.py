@@ -26,7 +26,8 @@ from edmsim.envs.batch import action_space_of, entries_of, observation_space_of
 from edmsim.envs.knobs import KNOBS
 from edmsim.envs.lanes import STRETCH_UM
 from edmsim.envs.path_follower import SETTLING_NS, SHORTED_S, SHORTED_SHARE
-from edmsim.envs.task import CORNER_DEG, Family
+from edmsim.envs.task import Family
+from edmsim.geometry import CORNER_DEG
 from edmsim.plant.kernel.discharge import PLACE_SD_UM
 
 _Class = TypeVar("_Class", bound=type)
@@ -239,10 +240,11 @@ def rewards(family: Family, particular: str) -> str:
             (f.name, f"``{VALUES[f.name]}``", f"{getattr(weights, f.name):g}") for f in fields(weights)
         )),
         paragraph(
-            "Area is length of path times local height. What is cut follows the wire's true place by the share of "
-            "pulses that ignite: pushing a bent wire into a short gains nothing, nor does going back and forth, nor "
-            f"air; nor what the field pulls a fresh wire in its first {SETTLING_NS * 1e-9:g} s. A lost wire costs "
-            f"what is lost at {lost_mm2_min:g} mm2/min while another is threaded.",
+            "Area is length of path times local height. It counts from the wire's true place, weighted by the share "
+            "of pulses that ignite. Nothing is gained by pushing a bent wire into a short, by going back and forth, "
+            "or by cutting air. "
+            f"The first {SETTLING_NS * 1e-9:g} s do not count, as the field then pulls a fresh wire towards the "
+            f"metal. A lost wire costs what {lost_mm2_min:g} mm2/min would cut while another is threaded.",
             '``info["cost"]`` is 1 for a lost wire or an end by a limit, and a second\'s worth for every second '
             "beyond a bound.",
             "The error e is of the table's true place and the mean deflection, over height and window; the kerf's "

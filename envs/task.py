@@ -39,8 +39,6 @@ from edmsim.plant.resolution import resolution
 
 Floats = NDArray[np.float64]
 
-CORNER_DEG = 20.0
-"""A path has a corner where it turns by at least this (ours: chords of arcs turn by less)."""
 MAX_FEED_UM_S = 100.0
 """Feed an action of 1 may ask for (ours: about twice the cutting rate of the standard set-up 10 mm high)."""
 MOST_OFFSET_UM = 100.0

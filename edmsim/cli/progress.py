@@ -9,6 +9,7 @@ from rich.console import Console
 from rich.progress import BarColumn, ProgressColumn, Task, TextColumn
 from rich.text import Text
 
+from edmsim.controllers.pulse_counters import percent_of_window
 from edmsim.cosim.simulation import Progress
 from edmsim.screen import ScreenProgress
 
@@ -73,8 +74,8 @@ class ProgressBar:
             machine=_clock(progress.time_s),
             wall_time_s=progress.wall_time_s,
             refreshed=now,
-            process=f"{progress.feed_um_s:5.1f} um/s  short {progress.short / 2.55:3.0f} %  "
-            f"open {progress.open / 2.55:3.0f} %",
+            process=f"{progress.feed_um_s:5.1f} um/s  short {percent_of_window(progress.short):3.0f} %  "
+            f"open {percent_of_window(progress.open):3.0f} %",
         )
 
 

@@ -14,9 +14,8 @@ from edmsim.controllers.protocols import ControllerState, FeedCommand, WindowObs
 from edmsim.envs import observation, servo
 from edmsim.envs.knobs import least_setting_us, to_detents
 from edmsim.envs.path_follower import SHORTED_S, SHORTED_SHARE
-from edmsim.envs.task import CORNER_DEG
 from edmsim.errors import InputError
-from edmsim.geometry import Polyline
+from edmsim.geometry import CORNER_DEG, Polyline
 from edmsim.learning.policy_file import Policy, load
 from edmsim.machine.machine import Machine
 from edmsim.machine.setting import ignition_wait_us, open_V
