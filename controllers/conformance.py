@@ -115,8 +115,8 @@ class _Rehearsal:
         if isinstance(self.controller, SeesTruth):
             self.controller.see(window)
         time_ns = self.windows * window.duration_ns
-        seen = WindowObservation.of(window, time_ns, self.command.feed_um_s, self.path_um)
-        self.command = check_command(self.controller.name, self.controller.update(seen))
+        observation = WindowObservation.of(window, time_ns, self.command.feed_um_s, self.path_um)
+        self.command = check_command(self.controller.name, self.controller.update(observation))
 
 
 def _check_with(make: Callable[[], FeedController], counts: Counts) -> None:

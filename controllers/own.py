@@ -41,7 +41,7 @@ def from_file(own: Named, parameters: dict[str, float]) -> FeedController:
         raise InputError(f"{own.name} cannot be made: {error}", own.file) from None
 
 
-def check_is_controller(given: object) -> FeedController:
+def check_is_controller(candidate: object) -> FeedController:
     """Return what was given if it can be a feed controller.
 
     Raises
@@ -49,17 +49,17 @@ def check_is_controller(given: object) -> FeedController:
     InputError
         It is a class, or lacks something that every feed controller has.
     """
-    if inspect.isclass(given):
-        raise InputError(f"{given.__name__} is a class: give an object of it, {given.__name__}()")
-    missing = lacking(given)
+    if inspect.isclass(candidate):
+        raise InputError(f"{candidate.__name__} is a class: give an object of it, {candidate.__name__}()")
+    missing = lacking(candidate)
     if missing:
-        raise InputError(f"{given!r} is no feed controller: it has no {', '.join(missing)}")
-    return cast(FeedController, given)
+        raise InputError(f"{candidate!r} is no feed controller: it has no {', '.join(missing)}")
+    return cast(FeedController, candidate)
 
 
-def lacking(given: object) -> list[str]:
+def lacking(candidate: object) -> list[str]:
     """Return what an object or class lacks to be a feed controller."""
-    return [name for name in NEEDED if not hasattr(given, name)]
+    return [name for name in NEEDED if not hasattr(candidate, name)]
 
 
 def text_of(controller: FeedController) -> str:

@@ -282,8 +282,8 @@ def check_parameters(controller: Any) -> None:
         fine = value is not None and math.isfinite(value) and value <= top and (value >= 0 or name in SIGNED)
         if parameter.init and not fine:
             bounds = " from 0 to 1" if top == 1.0 else "" if name in SIGNED else " of 0 or more"
-            given = getattr(controller, name)
-            raise InputError(f"{name} of the {controller.name} controller must be a number{bounds}, not {given!r}")
+            setting = getattr(controller, name)
+            raise InputError(f"{name} of the {controller.name} controller must be a number{bounds}, not {setting!r}")
 
 
 def check_command(controller: str, command: object) -> FeedCommand:

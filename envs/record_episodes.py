@@ -83,8 +83,8 @@ class RecordEpisodes(BaseCallback):  # type: ignore[misc, unused-ignore]
         if self._recorder is None:
             return
         terms = {name: float(infos["reward_terms"][name][0]) for name in TERMS}
-        told = [float(infos[name][0]) for name in ("cost", "error_um", "area_mm2")]
-        self._recorder.step(actions[0].clip(-1.0, 1.0).tolist(), terms, *told)
+        figures = [float(infos[name][0]) for name in ("cost", "error_um", "area_mm2")]
+        self._recorder.step(actions[0].clip(-1.0, 1.0).tolist(), terms, *figures)
         if self._over:
             self._end(None)
 

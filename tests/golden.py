@@ -37,7 +37,7 @@ from edmsim.cli import app as cli
 from edmsim.controllers.planner.registry import PLANNERS, make_planner
 from edmsim.envs.registry import registered_ids
 from edmsim.metrology.edges import contour
-from edmsim.plant.workpiece.blanks import begun_slot
+from edmsim.plant.workpiece.blanks import started_slot
 from edmsim.validation.setups import FRAIL, altered
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -163,7 +163,7 @@ def driven(plant: Plant, windows: int, step_ns: int = 100_000_000, axis: int = 0
 def slotted(resolution: str = "fast", mechanics: str = "modal", altering: Any = None, **options: Any) -> Plant:
     """Return a plant that stands at the end of a begun slot."""
     machine = altered(Machine.load(**options), altering or {})
-    stock = begun_slot(machine, CENTRE_UM)
+    stock = started_slot(machine, CENTRE_UM)
     return Plant(machine, 1, stock=stock, position_um=CENTRE_UM, resolution=resolution, mechanics=mechanics)
 
 
@@ -305,7 +305,7 @@ def task_cut(env_id: str, windows: int) -> list[Any]:
     order = law.reset(task.max_feed_um_s)
     while len(results) < windows and not (results and results[-1].over):
         results.append(task.advance(order.feed_um_s, order.t_on_us, order.t_period_us))
-        order = law.update(results[-1].seen)
+        order = law.update(results[-1].observation)
     return results
 
 

@@ -92,14 +92,14 @@ class FixedPeriodController(ServoController):
         """Feed and period for the next window."""
         self._rise.cutting_s += window.duration_s
         command = super().update(window)
-        return command._replace(t_period_us=self.wanted_us(window) * self._slower())
+        return command._replace(t_period_us=self.next_period_us(window) * self._slower())
 
     def wire_lost(self) -> FeedCommand:
         """Begin with a fresh wire where the last one broke: it comes to its period slowly, as the first one did."""
         self._rise.cutting_s = 0.0
         return ServoController.reset(self, self._servo.max_feed_um_s)
 
-    def wanted_us(self, window: WindowObservation) -> float:
+    def next_period_us(self, window: WindowObservation) -> float:
         """Period of a wire that has come to it."""
         if not self._rise.first_us:
             self._rise.first_us = round(window.duration_s * 1e6 / WINDOW_PULSES, 1)
@@ -145,7 +145,7 @@ class PeriodFromHeat(FixedPeriodController):
     ----------
     hold_share : float
         Of that measure, 1 where the wire boils dry.
-    kept_hold_share : float
+    break_hold_share : float
         Of what is held, after every lost wire (ours): what broke one wire breaks the next one.
     proportional_share, integral_per_s : float
         Change of the period's logarithm, and its growth per second, per unit of the difference from it.
@@ -156,7 +156,7 @@ class PeriodFromHeat(FixedPeriodController):
 
     period_us: float = 90.0
     hold_share: float = 0.6
-    kept_hold_share: float = 0.8
+    break_hold_share: float = 0.8
     proportional_share: float = 0.3
     integral_per_s: float = 1.0
     shortest_us: float = 25.0
@@ -177,14 +177,14 @@ class PeriodFromHeat(FixedPeriodController):
         """Begin with a fresh wire, more carefully than with the one that broke."""
         held = self._held
         held.log_us = min(held.log_us + math.log(max(self.slow_factor, 1.0)), self._longest)
-        held.near, held.hold = 0.0, held.hold * self.kept_hold_share
+        held.near, held.hold = 0.0, held.hold * self.break_hold_share
         return super().wire_lost()
 
     @property
     def _longest(self) -> float:
         return math.log(max(self.longest_us, self.shortest_us, 1.0))
 
-    def wanted_us(self, window: WindowObservation) -> float:
+    def next_period_us(self, window: WindowObservation) -> float:
         """Period that brings the measure to what is held."""
         held = self._held
         error = min(max(self.near(window) - held.hold, -MOST_ERROR), MOST_ERROR)

@@ -144,7 +144,7 @@ def search(controller: str, seed: int, *, seeds: int = SEEDS, population: int = 
     trained_on = training_seeds(seed, seeds)
     tried = 0
 
-    def worth(values: NDArray[np.float64]) -> float:
+    def objective(values: NDArray[np.float64]) -> float:
         nonlocal tried
         tried += 1
         gains = _rounded(bounds, values)
@@ -156,7 +156,7 @@ def search(controller: str, seed: int, *, seeds: int = SEEDS, population: int = 
     low, high = np.array(list(bounds.values())).T
     sobol = qmc.Sobol(len(bounds), rng=np.random.default_rng(seed)).random(population)
     found = differential_evolution(
-        worth, Bounds(low, high), init=qmc.scale(sobol, low, high), maxiter=generations, tol=0.0, polish=False,
+        objective, Bounds(low, high), init=qmc.scale(sobol, low, high), maxiter=generations, tol=0.0, polish=False,
         rng=np.random.default_rng(seed),
     )
     before = score(run_all(trained_on, partial(make, controller)))

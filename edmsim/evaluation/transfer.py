@@ -105,11 +105,11 @@ def transfer(
     check(env_id, controllers, seeds, None)
     everywhere, each, found = places(env_id), len(controllers) * seeds, []
     for number, place in enumerate(everywhere):
-        def told(done: int, _: int, before: int = number * each) -> None:
+        def report_progress(done: int, _: int, before: int = number * each) -> None:
             if watch is not None:
                 watch(before + done, len(everywhere) * each)
 
-        made = run(env_id, controllers, seeds, place.resolution, told, **place.options)
+        made = run(env_id, controllers, seeds, place.resolution, report_progress, **place.options)
         for name, cuts in made.items():
             returns = np.array([cut.total_return for cut in cuts])
             rates = np.array([cut.rate_mm2_min for cut in cuts])

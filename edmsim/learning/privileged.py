@@ -60,9 +60,9 @@ class PrivilegedVecEnv(VecEnvWrapper):  # type: ignore[misc, unused-ignore]
         return self._with(observations, truths), rewards, done, infos
 
     def _draw(self, lanes: Sequence[int] | NDArray[np.int64] | range) -> None:
-        told = self.unwrapped.reset_infos
+        infos = self.unwrapped.reset_infos
         for lane in lanes:
-            self._constants[lane] = [told[lane]["drawn"][name] for name in self._names]
+            self._constants[lane] = [infos[lane]["drawn"][name] for name in self._names]
 
     def _with(self, observations: Any, truths: NDArray[np.float32]) -> NDArray[np.float32]:
         return np.concatenate([observations, truths, self._constants], axis=1)

@@ -155,9 +155,9 @@ class Around(NamedTuple):
             See `stand_in`.
         """
         own = {f.name: plain(getattr(self.family, f.name)) for f in fields(self.family)}
-        env_id, kept = stand_in(type(self.family), own)
+        env_id, arguments = stand_in(type(self.family), own)
         usual = make_family(env_id)
-        return env_id, {name: value for name, value in kept.items() if plain(getattr(usual, name)) != value}
+        return env_id, {name: value for name, value in arguments.items() if plain(getattr(usual, name)) != value}
 
 
 def around(lanes: Any) -> Around:

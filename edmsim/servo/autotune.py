@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 
 _HEIGHT, _FACTOR, _HIGHEST = 25, 1.5, 500
 """Height of the first relay, factor to the next, and the highest, in the units of T or of C (ours)."""
-_SEEN_COUNTS = range(8, 50)
+_COUNTS = range(8, 50)
 """Amplitudes to measure (ours): far above a count, and within the 63 counts that the UHU's stream shows."""
 _KICK, _FEWEST_SWINGS = 4, 4
 
@@ -65,11 +65,11 @@ def swing_of(operator: Operator) -> Swing:
         late = answer.time_s > answer.time_s[-1] / 3
         error, time_s = answer.error[late], answer.time_s[late]
         amplitude = float(np.ptp(error)) / 2
-        factor = _FACTOR if amplitude < _SEEN_COUNTS.start else 1 / _FACTOR if amplitude >= _SEEN_COUNTS.stop else 1.0
-        wanted = round(height * factor)
-        if wanted in heights or not 1 < wanted <= _HIGHEST:
+        factor = _FACTOR if amplitude < _COUNTS.start else 1 / _FACTOR if amplitude >= _COUNTS.stop else 1.0
+        next_height = round(height * factor)
+        if next_height in heights or not 1 < next_height <= _HIGHEST:
             break
-        height = wanted
+        height = next_height
         heights.add(height)
     high = error > error.mean()
     rises = time_s[1:][high[1:] & ~high[:-1]]
@@ -136,9 +136,9 @@ class Recipe:
 
     def __init__(self, operator: Operator, say: Callable[[str], None]) -> None:
         self._operator, self._say = operator, say
-        self._kept = {**operator.kept, "E": operator.no_trip}
+        self._fixed = {**operator.fixed, "E": operator.no_trip}
         delivered = {letter: operator.delivered[letter] for letter in operator.gains}
-        self._before = self.tried({**self._kept, **delivered}, math.inf)
+        self._before = self.tried({**self._fixed, **delivered}, math.inf)
 
     def run(self, swing: Swing) -> dict[str, int]:
         """Tune.
@@ -196,7 +196,7 @@ class Recipe:
     def _first(self, swing: Swing) -> Values:
         """Return values to begin with: those of delivery without I, or the relay's if they oscillate (step 2)."""
         operator = self._operator
-        values = {**self._kept, **{letter: operator.delivered[letter] for letter in operator.gains}, "I": 0}
+        values = {**self._fixed, **{letter: operator.delivered[letter] for letter in operator.gains}, "I": 0}
         if not self._calm(values, math.inf):
             gain = _SHARE_OF_ULTIMATE * swing.gain * _FULL
             values |= dict.fromkeys(operator.gains, 0)
@@ -357,7 +357,7 @@ def autotune(name: str, motor: NDArray[np.void], say: Callable[[str], None]) -> 
     before = measured(kind(motor), {"E": kind.no_trip})
     after = measured(kind(motor), values)
     values["E"] = max(2 * STEP_COUNTS, math.ceil(_TRIP * float(np.abs(after.move.error).max())))
-    values = {letter: values[letter] for letter in (*kind.gains, "V", "E", *kind.kept) if letter in values}
+    values = {letter: values[letter] for letter in (*kind.gains, "V", "E", *kind.fixed) if letter in values}
     lines = tuple(f"{letter}{value}" for letter, value in values.items())
     return Tuning((*lines, "R", *kind.saving), values, swing, before, after)
 
@@ -366,15 +366,15 @@ def measured(operator: Operator, values: dict[str, int]) -> AxisResponse:
     """Type some values in, and measure two steps and a move on the bench."""
     operator.enter(values)
     up, down = _answer_to_step(operator, 1), _answer_to_step(operator, -1)
-    rows, begun_s = _traced(operator, lambda: operator.send_steps(1))
+    rows, start_s = _traced(operator, lambda: operator.send_steps(1))
     error = rows["setpoint"] - rows["count"]
-    return AxisResponse(up, down, Answer(rows["time_ns"] * 1e-9 - begun_s, error - error[0]))
+    return AxisResponse(up, down, Answer(rows["time_ns"] * 1e-9 - start_s, error - error[0]))
 
 
 def _answer_to_step(operator: Operator, way: int) -> Answer:
-    begun_at = int(operator.bench.axis()["count"])
-    rows, begun_s = _traced(operator, lambda: operator.send_step(way * STEP_COUNTS))
-    return Answer(rows["time_ns"] * 1e-9 - begun_s, STEP_COUNTS - way * (rows["count"] - begun_at))
+    start_count = int(operator.bench.axis()["count"])
+    rows, start_s = _traced(operator, lambda: operator.send_step(way * STEP_COUNTS))
+    return Answer(rows["time_ns"] * 1e-9 - start_s, STEP_COUNTS - way * (rows["count"] - start_count))
 
 
 def _traced(operator: Operator, begin: Callable[[], float]) -> tuple[NDArray[np.void], float]:
@@ -383,11 +383,11 @@ def _traced(operator: Operator, begin: Callable[[], float]) -> tuple[NDArray[np.
     operator.restart()
     bench.trace = True
     bench.samples()
-    begun_s = begin()
+    start_s = begin()
     bench.run(_MEASURED_S)
     rows = bench.samples()
     bench.trace = False
-    return rows[rows["time_ns"] * 1e-9 >= begun_s], begun_s
+    return rows[rows["time_ns"] * 1e-9 >= start_s], start_s
 
 
 def draw(tuning: Tuning) -> Figure:

@@ -117,10 +117,10 @@ class _Worker:
         self._thread.join()
 
     def _serve(self) -> None:
-        while (given := self._jobs.get()) is not None and not self._stopped:
-            answer = self._answered(given[0])
+        while (numbered := self._jobs.get()) is not None and not self._stopped:
+            answer = self._answered(numbered[0])
             self.busy = False
-            self._answers.put((given[0], answer))
+            self._answers.put((numbered[0], answer))
         self._end()
 
     def _answered(self, job: Any) -> Any:

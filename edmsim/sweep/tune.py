@@ -126,7 +126,9 @@ def _training(trial: Trial) -> Worth:
     given = usual.model_copy(update={"algorithm": {**usual.algorithm, **trial.values}})
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        trained = train(trial.name, trial.algo, folder / "run", steps=trial.steps, seed=trial.seeds[0], given=given)
+        trained = train(
+            trial.name, trial.algo, folder / "run", steps=trial.steps, seed=trial.seeds[0], parameters=given
+        )
         told = f"edmsim tune {trial.name} --algo {trial.algo}, trial {trial.number}"
         value = judge_policy(trained, told, folder, trial.seeds)
         files = {file.name: file.read_bytes() for file in sorted(folder.glob("policy.*"))}

@@ -402,10 +402,10 @@ class Rig:
 
     def _follow_tension(self) -> None:
         """Give the wire the tension that the spare line asks for; its shape and all else stay."""
-        wanted = self._tensions[self.board.low_tension]
-        if self.plant.machine.tension != wanted.tension:
+        tensioned = self._tensions[self.board.low_tension]
+        if self.plant.machine.tension != tensioned.tension:
             before, resolution = self.plant.snapshot(), self.plant.resolution
-            self.plant = Plant(wanted, stock=self.plant.field.stock, resolution=resolution)
+            self.plant = Plant(tensioned, stock=self.plant.field.stock, resolution=resolution)
             self.plant.restore(before)
 
     def _obey_lines(self) -> None:
