@@ -93,6 +93,12 @@ def _limited_share(simulation: Simulation, windows: WindowTable, cut: CutAlone) 
 def _area_mm2(simulation: Simulation, from_um: float, to_um: float) -> float:
     """Return a way along the path times the local height in mm2."""
     length, relief = to_um - from_um, simulation.plant.field.relief
+    if any(contour.lean is not None for contour in simulation.path.contours) and length > 0:
+        slant = np.concatenate([contour.slant for contour in simulation.path.contours])
+        ways = np.concatenate([np.diff(contour.along_um) for contour in simulation.path.contours])
+        passed, areas = (np.concatenate([[0.0], np.cumsum(um)]) for um in (ways, ways * slant))
+        begin, end = np.interp((from_um, to_um), passed, areas)
+        return float(end - begin) * simulation.machine.height_mm * 1e-3
     if relief is None or length <= 0:
         return length * simulation.machine.height_mm * 1e-3
     points = [contour.points_um.astype(np.float64) for contour in simulation.path.contours]
@@ -115,8 +121,8 @@ def inspect(simulation: Simulation, windows: WindowTable) -> Inspection:
         What was recorded of every window.
     """
     field, machine = simulation.plant.field, simulation.machine
-    contours = simulation.path.contours
-    profiles = [_error_of_edge(field, contour) for contour in contours]
+    profiles = [_error_of_edge(field, contour) for contour in simulation.path.contours]
+    contours = tuple(contour.at_mid_height() for contour in simulation.path.contours)
     table = _table(simulation, profiles)
     ways_um = _ways_um(simulation, windows)
     shares = _shares(simulation, profiles, ways_um)
@@ -192,9 +198,9 @@ def _ways_um(simulation: Simulation, windows: WindowTable) -> list[tuple[NDArray
 def _shares(
     simulation: Simulation, profiles: list[ProfileError], ways_um: list[tuple[NDArray[np.float64], ...]]
 ) -> list[NDArray[np.float64] | None]:
-    """Split the profile error; not where the wire's centre runs on the edge itself."""
+    """Split the profile error; not where the wire's centre runs on the edge itself, or leans."""
     return [
-        error_shares(profile, contour, ways) if contour.offset_um else None
+        error_shares(profile, contour, ways) if contour.offset_um and contour.lean is None else None
         for profile, contour, ways in zip(profiles, simulation.path.contours, ways_um, strict=True)
     ]
 
@@ -217,7 +223,8 @@ def holes_mm(stock: Stock) -> NDArray[np.float64]:
 
 def _table(simulation: Simulation, profiles: list[ProfileError]) -> TableShare | None:
     """Return what the table's errors do to the part; None for a perfect table that nothing compensates."""
-    machine, contours, elcam = simulation.machine, simulation.path.contours, simulation.elcam
+    machine, elcam = simulation.machine, simulation.elcam
+    contours = [contour.at_mid_height() for contour in simulation.path.contours]
     compensated = elcam is not None and any(table.corrects for table in elcam.tables.values())
     if not compensated and not machine.base.geometry.has_errors:
         return None

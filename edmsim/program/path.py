@@ -254,6 +254,21 @@ class WireContour:
         points = self.points_um + np.round(self.lean.upper_um * self.lean.shares(height_mm)).astype(np.int64)
         return replace(self, points_um=points, nominal_mm=self.lean.wall.at(height_mm), lean=None)
 
+    def at_mid_height(self) -> WireContour:
+        """Return the same at half the workpiece's height, where pictures and places of a leaning wire are."""
+        return self if self.lean is None else self.at_height(0.5 * self.lean.height_mm)
+
+    @property
+    def slant(self) -> NDArray[np.float64]:
+        """Length of the wall across the path over the workpiece's height, for every move: 1 / cos of its angle."""
+        if self.lean is None:
+            return np.ones(len(self.points_um) - 1)
+        steps = np.diff(self.at_mid_height().points_um, axis=0)
+        lower, upper = self.lean.bends_mm.T
+        slope = self.lean.upper_um * 1e-3 / (upper - lower)[:, None]
+        middle, length = (slope[1:] + slope[:-1]) / 2, np.maximum(np.hypot(*steps.T), 1e-9)
+        return np.asarray(np.hypot(1.0, (middle[:, 1] * steps[:, 0] - middle[:, 0] * steps[:, 1]) / length))
+
     @property
     def along_um(self) -> NDArray[np.float64]:
         """Length of path (n,) up to every point: of a leaning wire the longer of those on both faces, move by move."""
