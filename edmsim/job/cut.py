@@ -191,7 +191,7 @@ def planned(program: str | Path, settings: CutSettings, machine: Machine) -> Cut
     return plan_path(
         program, settings.offset, auto_offset_mm=machine.auto_offset_mm, table_um=travel_um,
         grid_um=unit_um(unit, round(step_um)), ignore=settings.ignore, layers=settings.layers, unit=settings.unit,
-        offsets=settings.offsets, taper_deg=settings.taper_deg, corners=cast(Corners, settings.taper_corners),
+        offsets=settings.offsets, upper_layer=settings.upper_layer, taper_deg=settings.taper_deg, corners=cast(Corners, settings.taper_corners),
         guides=guides_of(machine, settings.guide_errors_mm),
     )
 

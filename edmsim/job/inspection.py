@@ -20,7 +20,7 @@ from edmsim.metrology.roughness import electrolysed_um, heat_affected_um, roughn
 from edmsim.metrology.shares import error_shares, motor_offsets_um, share_stats, table_error
 from edmsim.plant.workpiece.height_steps import Relief
 from edmsim.plant.workpiece.kerf_field import KerfField, Stock
-from edmsim.program.path import WireContour
+from edmsim.program.path import CutPath, WireContour
 from edmsim.recording.quality import KerfSlice, Quality, Reach, TableShare, Totals, Wall
 from edmsim.recording.scene import ErrorMap, Scene, SceneCorner, Terrace, polylines
 from edmsim.recording.windows import CutAlone, WindowTable, cut_alone
@@ -145,11 +145,31 @@ def inspect(simulation: Simulation, windows: WindowTable) -> Inspection:
         wire_diameter_um=machine.wire_diameter_um,
         holes_mm=holes_mm(field.stock),
         origin_mm=simulation.path.origin_mm,
+        lead=_lead(simulation.path),
+        walls_mm=tuple(
+            tuple(k.at_height(z).nominal_mm for z in (0.0, machine.height_mm)) for k in simulation.path.contours
+        ) if _lead(simulation.path) is not None else (),
         stop_mm=None if simulation.cause is StopCause.FINISHED else (x * 1e-3, y * 1e-3),
     )
     commanded_um = np.concatenate([commanded for commanded, _, _ in ways_um])
     quality = _quality(simulation, profiles, scene, table, _reach(contours, profiles, left_um, shares))
-    return Inspection(quality, scene, _error_per_window(commanded_um, profiles))
+    led_mm = scene.lead_mm(windows.ways_um()[-1], np.array([0.5 * machine.height_mm]))[:, 0]
+    return Inspection(quality, scene, _error_per_window(commanded_um + 1e3 * led_mm, profiles))
+
+
+def _lead(path: CutPath) -> NDArray[np.float64] | None:
+    """Return the rows of `Scene.lead` of a path; None if no wire leans."""
+    if all(contour.lean is None for contour in path.contours):
+        return None
+    rows, passed_um = [], 0.0
+    for contour in path.contours:
+        along = passed_um + contour.along_um
+        passed_um = along[-1]
+        still = np.column_stack([np.zeros((len(along), 3)), np.ones(len(along))])
+        lean = contour.lean
+        led = still if lean is None else np.column_stack([lean.upper_um * 1e-3, lean.bends_mm])
+        rows.append(np.column_stack([along, led]))
+    return np.concatenate(rows)
 
 
 def _error_of_edge(field: KerfField, contour: WireContour) -> ProfileError:

@@ -126,6 +126,9 @@ class CutSettings(BaseModel):
     """Layers of a drawing to cut; by default all that are shown."""
     offsets: str | None = None
     """File with a G-code program's offset registers, lines as ``D1 = 0.155`` in mm, for the offset auto."""
+    upper_layer: str | None = None
+    """Layer of a drawing with the contours of the workpiece's upper face, one for each of the lower face, with as many
+    lines and arcs: the wall between them is ruled."""
     taper_deg: Number = 0.0
     """Angle between the part's wall and the vertical, in degrees: positive where the part is smaller above than in the
     plane that is drawn, the lower face. What a program says of taper comes before it."""
@@ -318,6 +321,7 @@ class CutOptions(TypedDict, total=False):
     ignore: Sequence[str]
     layers: Sequence[str]
     offsets: str | None
+    upper_layer: str | None
     taper_deg: float
     taper_corners: str
     guide_errors_mm: tuple[float, float]

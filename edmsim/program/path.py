@@ -38,7 +38,7 @@ GCODE_SUFFIXES = (".ngc", ".nc", ".gcode", ".iso", ".txt")
 
 def load_program(
     file: str | Path, *, ignore: Sequence[str] = (), layers: Sequence[str] = (), unit: str | None = None,
-    offsets: str | Path | None = None,
+    offsets: str | Path | None = None, upper_layer: str | None = None,
 ) -> Program:
     """Read a part program or drawing, by its suffix.
 
@@ -50,6 +50,8 @@ def load_program(
         Words of G-code to leave out: `read_gcode`.
     layers, unit
         Of a drawing: `read_dxf`.
+    upper_layer : str, optional
+        Of a drawing, the layer of the contours of the upper face: `edmsim.program.two_contours.ruled_between`.
     offsets : path, optional
         Table of the offset registers of G-code: `edmsim.program.registers.read_offsets`.
 
@@ -71,9 +73,13 @@ def load_program(
             raise InputError("offset registers are those of G-code: a drawing has none", path)
         from edmsim.program.dxf import read_dxf
 
-        return read_dxf(path, layers, unit)
+        if upper_layer is None:
+            return read_dxf(path, layers, unit)
+        from edmsim.program.two_contours import ruled_between
+
+        return ruled_between(read_dxf(path, layers, unit, upper_layer), read_dxf(path, [upper_layer], unit))
     if suffix in GCODE_SUFFIXES:
-        if layers or unit is not None:
+        if layers or unit is not None or upper_layer is not None:
             raise InputError("layers and unit are those of a drawing: G-code has none", path)
         from edmsim.program.gcode import read_gcode
         from edmsim.program.registers import read_offsets
@@ -248,11 +254,21 @@ class WireContour:
     lean: Lean | None = None
 
     def at_height(self, height_mm: float) -> WireContour:
-        """Return what a leaning wire and its wall are at a height, as the contour of a vertical wire; in whole um."""
+        """Return what a leaning wire and its wall are at a height, as the contour of a vertical wire; in whole um.
+
+        The offset is then that in the plane, where the wall leans most.
+        """
         if self.lean is None:
             return self
-        points = self.points_um + np.round(self.lean.upper_um * self.lean.shares(height_mm)).astype(np.int64)
-        return replace(self, points_um=points, nominal_mm=self.lean.wall.at(height_mm), lean=None)
+        own = self.slant[self.lead_in_moves :]
+        return replace(
+            self, points_um=self._points_at(height_mm), nominal_mm=self.lean.wall.at(height_mm), lean=None,
+            offset_um=self.offset_um * float(own.max(initial=1.0)),
+        )
+
+    def _points_at(self, height_mm: float) -> NDArray[np.int64]:
+        led = 0 if self.lean is None else np.round(self.lean.upper_um * self.lean.shares(height_mm)).astype(np.int64)
+        return np.asarray(self.points_um + led)
 
     def at_mid_height(self) -> WireContour:
         """Return the same at half the workpiece's height, where pictures and places of a leaning wire are."""
@@ -263,7 +279,7 @@ class WireContour:
         """Length of the wall across the path over the workpiece's height, for every move: 1 / cos of its angle."""
         if self.lean is None:
             return np.ones(len(self.points_um) - 1)
-        steps = np.diff(self.at_mid_height().points_um, axis=0)
+        steps = np.diff(self._points_at(0.5 * self.lean.height_mm), axis=0)
         lower, upper = self.lean.bends_mm.T
         slope = self.lean.upper_um * 1e-3 / (upper - lower)[:, None]
         middle, length = (slope[1:] + slope[:-1]) / 2, np.maximum(np.hypot(*steps.T), 1e-9)
@@ -272,8 +288,8 @@ class WireContour:
     @property
     def along_um(self) -> NDArray[np.float64]:
         """Length of path (n,) up to every point: of a leaning wire the longer of those on both faces, move by move."""
-        faces = [self] if self.lean is None else [self.at_height(z) for z in (0.0, self.lean.height_mm)]
-        ways = [np.hypot(*np.diff(face.points_um, axis=0).T) for face in faces]
+        heights = (0.0,) if self.lean is None else (0.0, self.lean.height_mm)
+        ways = [np.hypot(*np.diff(self._points_at(z), axis=0).T) for z in heights]
         if self.lean is not None:  # a move of the guides alone takes time as well
             ways.append(1e-3 * np.hypot(*np.diff(self.lean.upper_um, axis=0).T))
         return np.concatenate([[0.0], np.cumsum(np.max(ways, axis=0))])
@@ -350,6 +366,7 @@ def plan_path(
     layers: Sequence[str] = (),
     unit: str | None = None,
     offsets: str | Path | None = None,
+    upper_layer: str | None = None,
     taper_deg: float = 0.0,
     corners: Corners = "conical",
     guides: GuideHeights | None = None,
@@ -381,7 +398,7 @@ def plan_path(
         Length of our own lead-ins in mm; shortened, with a notice, where there is no room.
     start_hole_radius_mm : float
         Radius of the hole at every thread point, in mm.
-    ignore, layers, unit, offsets
+    ignore, layers, unit, offsets, upper_layer
         See `load_program`.
     taper_deg : float
         Angle between wall and vertical where the program does not say one: the part is smaller above, where that is
@@ -407,7 +424,9 @@ def plan_path(
             raise InputError(f"{name} is {value}: give a length above 0 mm")
     if table_um is None:
         table_um = round(Machine.load().base.table.travel_mm.value * 1e3)
-    program = load_program(file, ignore=ignore, layers=layers, unit=unit, offsets=offsets)
+    program = load_program(
+        file, ignore=ignore, layers=layers, unit=unit, offsets=offsets, upper_layer=upper_layer
+    )
     program = replace(program, outlines=leaning(program.outlines, taper_deg, corners))
     _check_fits(program, table_um)
     notices = list(program.notices)
