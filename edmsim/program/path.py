@@ -354,7 +354,7 @@ class _Lead:
 
 
 def plan_path(
-    file: str | Path,
+    file: str | Path | Program,
     offset: float | str = "auto",
     *,
     auto_offset_mm: float,
@@ -383,8 +383,8 @@ def plan_path(
 
     Parameters
     ----------
-    file : path
-        See `load_program`.
+    file : path or Program
+        See `load_program`; or what it returns.
     offset : "auto", "none" or float
         "auto": for each contour that of its offset register, else `auto_offset_mm`; "none": 0, the wire's centre
         follows everything as drawn; else an offset in mm for all contours, also as text.
@@ -424,7 +424,7 @@ def plan_path(
             raise InputError(f"{name} is {value}: give a length above 0 mm")
     if table_um is None:
         table_um = round(Machine.load().base.table.travel_mm.value * 1e3)
-    program = load_program(
+    program = file if isinstance(file, Program) else load_program(
         file, ignore=ignore, layers=layers, unit=unit, offsets=offsets, upper_layer=upper_layer
     )
     program = replace(program, outlines=leaning(program.outlines, taper_deg, corners))
