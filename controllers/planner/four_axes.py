@@ -1,8 +1,8 @@
 """Planners of a wire that leans: x and y move the lower guide, u and v the upper one relative to it.
 
-`exact` plans all four alike. The planners that count plan x and y, and u and v follow along the path, step by step: their
-arithmetic knows two axes. Feeds and lengths are those of the path that is given with the points, whose moves are as long
-as those of the faster face of the workpiece.
+`exact` plans all four alike. The planners that count plan x and y, and u and v follow along the path, step by step:
+their arithmetic knows two axes. Feeds and lengths are those of a path whose moves are as long as those of the faster
+face of the workpiece.
 """
 
 from __future__ import annotations
@@ -55,13 +55,15 @@ def check_lead(name: str, points_um: ArrayLike, lead_um: ArrayLike) -> None:
     if led[k] > MOST_LEAD * way[k] + 1.0:
         x, y = np.asarray(points_um, np.float64)[k] * 1e-3
         raise InputError(
-            f"the planner {name} lets u and v follow x and y, up to {MOST_LEAD:g} times as far: from x {x:.3f} y {y:.3f} mm "
-            f"on the lower guide goes {way[k] * 1e-3:.3f} mm and the upper one {led[k] * 1e-3:.3f} mm relative to it; {instead}"
+            f"the planner {name} lets u and v follow x and y, {MOST_LEAD:g} times as far at most: at x {x:.3f} "
+            f"y {y:.3f} mm the lower guide goes {way[k] * 1e-3:.3f} mm, the upper one {led[k] * 1e-3:.3f} mm more; "
+            f"{instead}"
         )
 
 
 def make_leaning_planner(
-    name: str, points_um: ArrayLike, lead_um: ArrayLike, along_um: ArrayLike, unit: Unit = "um", step_um: float = STEP_UM
+    name: str, points_um: ArrayLike, lead_um: ArrayLike, along_um: ArrayLike, unit: Unit = "um",
+    step_um: float = STEP_UM,
 ) -> Planner:
     """Make a planner for the path of a wire that leans.
 

@@ -122,5 +122,5 @@ def guide_errors(text: str | None) -> tuple[float, float]:
     try:
         lower, upper = (float(part) for part in text.split(":"))
     except ValueError:
-        raise InputError(f"the guides' errors are {text!r}: give two numbers in mm, lower:upper, as 0.1:-0.05") from None
+        raise InputError(f"the guides' errors are {text!r}: give two numbers in mm, as 0.1:-0.05") from None
     return lower, upper

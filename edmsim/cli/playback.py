@@ -66,7 +66,7 @@ def report(
         Path | None, typer.Option(help="Write the contour as cut into this file instead: .dxf .csv or .svg.")
     ] = None,
     contour_height: Annotated[
-        float | None, typer.Option(help="Height in mm of that contour of the part; by default the kerf at mid height.")
+        float | None, typer.Option(help="Height in mm of that contour of the part; default: the kerf, mid height.")
     ] = None,
     face: Annotated[
         Path | None, typer.Option(help="Write the part's cut face into this file instead: .stl, or .glb (glTF).")

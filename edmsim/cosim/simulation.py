@@ -158,8 +158,8 @@ class Simulation:
         self._offset = PathOffset(step_um)
         self.plant = Plant(
             machine, seed, stock=Stock((x0, y0, x1, y1), holes, steps, machine.height_mm),
-            position_um=self._motors_um(float(x), float(y), 0.0, self._lead_of(0)), resolution=resolution, mechanics=mechanics,
-            drives=drives,
+            position_um=self._motors_um(float(x), float(y), 0.0, self._lead_of(0)), resolution=resolution,
+            mechanics=mechanics, drives=drives,
         )
         self._axes = CutAxes(self.plant, axis_faults)
         self._sees_breaks = not stuck_wire_sensor

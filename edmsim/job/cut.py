@@ -191,13 +191,14 @@ def planned(program: str | Path, settings: CutSettings, machine: Machine) -> Cut
     return plan_path(
         program, settings.offset, auto_offset_mm=machine.auto_offset_mm, table_um=travel_um,
         grid_um=unit_um(unit, round(step_um)), ignore=settings.ignore, layers=settings.layers, unit=settings.unit,
-        offsets=settings.offsets, upper_layer=settings.upper_layer, taper_deg=settings.taper_deg, corners=cast(Corners, settings.taper_corners),
+        offsets=settings.offsets, upper_layer=settings.upper_layer, taper_deg=settings.taper_deg,
+        corners=cast(Corners, settings.taper_corners),
         guides=guides_of(machine, settings.guide_errors_mm),
     )
 
 
 def guides_of(machine: Machine, errors_mm: tuple[float, float]) -> GuideHeights | None:
-    """Return where the control takes the guides to be, of errors that are known; None if the upper one does not move."""
+    """Return where the control takes the guides to be, of known errors; None if the upper one does not move."""
     travel, clearance_mm = machine.base.guides.upper_travel_mm, machine.base.guides.clearance_mm.value
     if travel is None:
         return None

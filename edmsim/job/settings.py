@@ -127,15 +127,15 @@ class CutSettings(BaseModel):
     offsets: str | None = None
     """File with a G-code program's offset registers, lines as ``D1 = 0.155`` in mm, for the offset auto."""
     upper_layer: str | None = None
-    """Layer of a drawing with the contours of the workpiece's upper face, one for each of the lower face, with as many
-    lines and arcs: the wall between them is ruled."""
+    """Layer of a drawing with the contours of the workpiece's upper face, one for each of the lower face, with as
+    many lines and arcs: the wall between them is ruled."""
     taper_deg: Number = 0.0
-    """Angle between the part's wall and the vertical, in degrees: positive where the part is smaller above than in the
-    plane that is drawn, the lower face. What a program says of taper comes before it."""
+    """Angle between the part's wall and the vertical, in degrees: positive where the part is smaller above than in
+    the plane that is drawn, the lower face. What a program says of taper comes before it."""
     taper_corners: str = "conical"
     """What corners and arcs become higher up: conical (both become cones), sharp (corners stay sharp, arcs become
-    cones), cylindrical (corners stay sharp, arcs keep their radius) or rounded (arcs keep their radius, corners become
-    cones)."""
+    cones), cylindrical (corners stay sharp, arcs keep their radius) or rounded (arcs keep their radius, corners
+    become cones)."""
     guide_errors_mm: tuple[Number, Number] = (0.0, 0.0)
     """How much higher the lower and the upper guide are than the machine's file says, in mm, as
     ``edmsim measure-guides`` finds: the control then leads them accordingly."""
@@ -221,8 +221,9 @@ class CutSettings(BaseModel):
     @classmethod
     def _check_guide_errors(cls, errors_mm: tuple[float, float]) -> tuple[float, float]:
         if not all(abs(error) <= MOST_GUIDE_ERROR_MM for error in errors_mm):
+            lower, upper = errors_mm
             most = f"{MOST_GUIDE_ERROR_MM:g}"
-            raise InputError(f"the guides' errors of {errors_mm[0]:g} and {errors_mm[1]:g} mm are not within {most} mm")
+            raise InputError(f"the guides' errors of {lower:g} and {upper:g} mm are not within {most} mm")
         return errors_mm
 
     @field_validator("mechanics")

@@ -195,7 +195,8 @@ class GuideBends(NamedTuple):
 def guide_bends(machine: SetUp) -> GuideBends:
     """Where a leaning wire bends: a clamped wire comes to its line within ``sqrt(E I / T)``."""
     modulus, guides = machine.wire.elasticity_GPa, machine.base.guides
-    bending_N_mm2 = 0.0 if modulus is None else modulus.value * 1e3 * math.pi / 64 * (machine.wire_diameter_um * 1e-3) ** 4
+    second_moment_mm4 = math.pi / 64 * (machine.wire_diameter_um * 1e-3) ** 4
+    bending_N_mm2 = 0.0 if modulus is None else modulus.value * 1e3 * second_moment_mm4
     return GuideBends(
         math.sqrt(bending_N_mm2 / machine.tension), guides.value("edge_radius_mm"), guides.value("lower_error_mm"),
         guides.value("upper_error_mm"),

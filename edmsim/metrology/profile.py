@@ -68,8 +68,8 @@ class ProfileError:
     Attributes
     ----------
     points_mm : array (n, 2)
-        Points of the nominal edge, at most 0.02 mm apart; every real corner is one. Of a tapered wall they lie at half
-        the workpiece's height.
+        Points of the nominal edge, at most 0.02 mm apart; every real corner is one. Of a tapered wall they lie at
+        half the workpiece's height.
     s_mm : array (n,)
         Arc length along the nominal edge.
     error_um : array (slices, n)
@@ -137,13 +137,13 @@ def profile_error(field: KerfField, contour: WireContour, slices: Sequence[int] 
         points = line.at(s_mm)
         error = _errors(field, contour, line, s_mm, points, chosen)
     else:
-        points = _on_wall(contour.lean.wall, middle.nominal_mm, s_mm, 0.5 * contour.lean.height_mm)
-        error = np.concatenate([
-            _errors(
-                field, contour.at_height(z), line, s_mm, _on_wall(contour.lean.wall, middle.nominal_mm, s_mm, z), [number]
-            )
-            for number, z in zip(chosen, slice_heights_mm(field, contour.lean.height_mm)[chosen].tolist(), strict=True)
-        ])  # fmt: skip
+        wall, heights = contour.lean.wall, slice_heights_mm(field, contour.lean.height_mm)[chosen].tolist()
+        points = _on_wall(wall, middle.nominal_mm, s_mm, 0.5 * contour.lean.height_mm)
+        rows = []
+        for number, z in zip(chosen, heights, strict=True):
+            there = _on_wall(wall, middle.nominal_mm, s_mm, z)
+            rows.append(_errors(field, contour.at_height(z), line, s_mm, there, [number]))
+        error = np.concatenate(rows)
     lead_in_end = middle.points_um[middle.lead_in_moves] / 1000
     meeting = s_mm[[np.hypot(*(points - lead_in_end).T).argmin()]]
     return ProfileError(points, s_mm, error, line.distance_along(s_mm, meeting) <= LEAD_IN_REACH_MM)

@@ -206,7 +206,9 @@ def read_dxf(
     """
     path = Path(file)
     try:
-        (chains, unit_mm, notices), irregular = look_into(path, lambda document: _content(document, layers, unit, without))
+        (chains, unit_mm, notices), irregular = look_into(
+            path, lambda document: _content(document, layers, unit, without)
+        )
         outlines = _nested(_contours(chains, unit_mm, notices))
     except InputError as error:
         raise InputError(error.reason, path, error.line) from None

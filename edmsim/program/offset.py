@@ -296,7 +296,8 @@ _KEPT_APART_MM = 0.002
 class OffsetOutline:
     """One outline with the wire's path beside it, both in mm in the program's coordinates.
 
-    Of a tapered outline `path` and `nominal` lie in the program's plane, and `surfaces` are its wall and the wire's way.
+    Of a tapered outline `path` and `nominal` lie in the program's plane, and `surfaces` are its wall and the way of
+    the wire.
     """
 
     outline: Outline

@@ -287,7 +287,7 @@ class WireContour:
 
     @property
     def along_um(self) -> NDArray[np.float64]:
-        """Length of path (n,) up to every point: of a leaning wire the longer of those on both faces, move by move."""
+        """Length of path (n,) up to every point: of a leaning wire the longer of both faces, move by move."""
         heights = (0.0,) if self.lean is None else (0.0, self.lean.height_mm)
         ways = [np.hypot(*np.diff(self._points_at(z), axis=0).T) for z in heights]
         if self.lean is not None:  # a move of the guides alone takes time as well
@@ -549,7 +549,8 @@ def _contour(leg: OffsetOutline, lead: _Lead, grid_um: int) -> WireContour:
 def _check_lead(program: Program, leg: OffsetOutline, lead: _Lead) -> None:
     """Refuse a way to a contour that cuts into the part on a face of the workpiece."""
     whole = leg.outline.closed or leg.outline.wire_side is not None
-    if whole and len(lead.points) and not clears(np.concatenate([lead.points, leg.path[:1]]), leg.edge, leg.offset_mm):
+    way = np.concatenate([lead.points, leg.path[:1]])
+    if whole and len(lead.points) and not clears(way, leg.edge, leg.offset_mm):
         x, y = lead.points[0]
         reason = f"the wire on its way from X{x:.3f} Y{y:.3f} leans into the part: thread it further away"
         raise located(InputError(reason), program, leg.outline)
@@ -663,7 +664,8 @@ def _ways_um(contour: WireContour) -> list[NDArray[np.int64]]:
 
 
 def _stock(contours: Sequence[WireContour], table_um: int) -> tuple[float, float, float, float]:
-    corners = np.concatenate([part for c in contours for part in (*(way / 1000 for way in _ways_um(c)), c.nominal_mm)])
+    parts = [part for c in contours for part in (*(way / 1000 for way in _ways_um(c)), c.nominal_mm)]
+    corners = np.concatenate(parts)
     low = np.clip(corners.min(axis=0) - STOCK_MARGIN_MM, 0, table_um / 1000)
     high = np.clip(corners.max(axis=0) + STOCK_MARGIN_MM, 0, table_um / 1000)
     return float(low[0]), float(low[1]), float(high[0]), float(high[1])

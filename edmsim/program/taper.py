@@ -4,8 +4,8 @@
 >>> wall, wire = wire_beside(outline, 0.164, GuideHeights(-10.0, 30.0, 20.0, 60.0))
 >>> lower, upper = wire.at(-10.0), wire.at(30.0)   # at the guides
 
-A wall is ruled: every point of its lower line is joined with one point of the upper line by a straight line, along which
-the wire lies. Between two of these lines both ends move evenly, as four axes do.
+A wall is ruled: every point of its lower line is joined with one point of the upper line by a straight line, along
+which the wire lies. Between two of these lines both ends move evenly, as four axes do.
 """
 
 from __future__ import annotations
@@ -108,11 +108,6 @@ class Ruled:
         """Return the same surface elsewhere."""
         return replace(self, lower_mm=self.lower_mm + by_mm, upper_mm=self.upper_mm + by_mm)
 
-    def travel_mm(self, height_mm: float) -> Floats:
-        """Return the way (n,) up to every point, chord by chord of the face of the workpiece with the longer chord."""
-        lower, upper = (np.hypot(*np.diff(self.at(z), axis=0).T) for z in (0.0, height_mm))
-        return np.concatenate([[0.0], np.cumsum(np.maximum(lower, upper))])
-
 
 def leaning(outlines: tuple[Outline, ...], angle_deg: float, corners: Corners) -> tuple[Outline, ...]:
     """Return outlines whose walls lean by an angle, where they do not already.
@@ -131,7 +126,7 @@ def leaning(outlines: tuple[Outline, ...], angle_deg: float, corners: Corners) -
         An angle that is none.
     """
     if not (math.isfinite(angle_deg) and abs(angle_deg) < MOST_DEG):
-        raise InputError(f"the wall cannot lean by {angle_deg:g} degrees: give an angle within {MOST_DEG:g} either way")
+        raise InputError(f"the wall cannot lean by {angle_deg:g} degrees: give up to {MOST_DEG:g} either way")
     if angle_deg == 0:
         return outlines
     found = []
@@ -143,11 +138,14 @@ def leaning(outlines: tuple[Outline, ...], angle_deg: float, corners: Corners) -
 
 
 def _of_two_lines(outline: Outline, low: float, high: float) -> Ruled:
-    assert outline.taper is not None and outline.taper.upper_mm is not None
+    assert outline.taper is not None
+    assert outline.taper.upper_mm is not None
     upper, lower = np.asarray(outline.taper.upper_mm, np.float64), outline.points_mm
     if upper.shape != lower.shape:
-        raise InputError(f"the contour below has {len(lower) - 1} elements and the one above {len(upper) - 1}: give both "
-                         "equal numbers, in the same order")
+        raise InputError(
+            f"the contour below has {len(lower) - 1} elements and the one above {len(upper) - 1}: give both equal "
+            "numbers, in the same order"
+        )
     if outline.closed and not np.allclose(upper[0], upper[-1], atol=1e-6):
         raise InputError("the contour below is closed, and the one above is not: close it")
     count = len(lower)
@@ -171,7 +169,10 @@ def _of_angle(outline: Outline, low: float, high: float) -> Ruled:
     points = outline.points_mm
     chords = _Chords(left_normals(points), (high - low) * _tangents(outline), np.array(_elements(outline)))
     cylindrical = _cylinders(outline, chords)
-    lower, upper, owners, vertices = [], [], [], []
+    lower: list[Floats] = []
+    upper: list[Floats] = []
+    owners: list[int] = []
+    vertices: list[int] = []
     count = len(points) - 1
     for i in range(count + 1):
         before = i - 1 if i > 0 else (count - 1 if outline.closed else 0)
@@ -193,7 +194,8 @@ def _of_angle(outline: Outline, low: float, high: float) -> Ruled:
 
 def _tangents(outline: Outline) -> Floats:
     """Return the tangents of the angles of an outline's chords, checked."""
-    assert outline.taper is not None and outline.taper.angle_deg is not None
+    assert outline.taper is not None
+    assert outline.taper.angle_deg is not None
     angles, count = np.array(outline.taper.angle_deg, np.float64), len(outline.points_mm) - 1
     if len(angles) != count:
         raise InputError(f"there are {len(angles)} angles for {count} elements: give one for each")
@@ -208,7 +210,8 @@ def left_normals(points: Floats) -> Floats:
     steps = np.diff(points, axis=0)
     length = np.hypot(*steps.T)
     across = np.stack([-steps[:, 1], steps[:, 0]], axis=1)
-    return np.asarray(np.divide(across, length[:, None], out=np.zeros_like(across), where=length[:, None] > _NOTHING_MM))
+    there = length[:, None] > _NOTHING_MM
+    return np.asarray(np.divide(across, length[:, None], out=np.zeros_like(across), where=there))
 
 
 def _shifts(
@@ -292,16 +295,16 @@ def _cylinders(outline: Outline, chords: _Chords) -> dict[int, Floats]:
             if abs(_turn(chords.normals[k], near)) > math.radians(15.0):
                 x, y = outline.points_mm[own[0]]
                 raise InputError(
-                    f"the arc at X{x:.3f} Y{y:.3f} meets its neighbour at a corner and cannot keep its radius at every "
-                    "height: draw it tangent, or let arcs become conical", line=outline.line_numbers[k] or None,
+                    f"the arc at X{x:.3f} Y{y:.3f} meets its neighbour at a corner and cannot keep its radius: draw "
+                    "it tangent, or let arcs become conical", line=outline.line_numbers[k] or None,
                 )  # fmt: skip
             ends.append(near)
         swept = sum(_turn(a, b) for a, b in zip(chords.normals[own[:-1]], chords.normals[own[1:]], strict=True))
         if abs(swept) > math.radians(_MOST_TURN_DEG):
             x, y = outline.points_mm[own[0]]
             raise InputError(
-                f"the arc at X{x:.3f} Y{y:.3f} spans {math.degrees(abs(swept)):.0f} degrees and cannot keep its radius at "
-                "every height: let arcs become conical", line=outline.line_numbers[own[0]] or None,
+                f"the arc at X{x:.3f} Y{y:.3f} spans {math.degrees(abs(swept)):.0f} degrees and cannot keep its "
+                "radius: let arcs become conical", line=outline.line_numbers[own[0]] or None,
             )  # fmt: skip
         shift = float(chords.shift_mm[own[0]])
         found[element] = mitre(ends[0], ends[1], shift, shift)
@@ -398,8 +401,10 @@ def refuse_crossings(wire: Ruled, height_mm: float) -> None:
         points = wire.at(z)
         steps = np.concatenate([[True], np.hypot(*np.diff(points, axis=0).T) > 1e-7])
         if not shapely.LineString(points[steps]).is_simple:
-            raise InputError(f"the wire's way crosses itself at a height of {z:.3f} mm: take a smaller angle or offset, or "
-                             "draw the contour wider")
+            raise InputError(
+                f"the wire's way crosses itself at a height of {z:.3f} mm: take a smaller angle or offset, or draw "
+                "the contour wider"
+            )
 
 
 def refuse_out_of_reach(wire: Ruled, guides: GuideHeights) -> None:
@@ -418,8 +423,9 @@ def refuse_out_of_reach(wire: Ruled, guides: GuideHeights) -> None:
         angle = math.degrees(math.atan(math.hypot(*wire.slope[k])))
         least = math.degrees(math.atan(guides.travel_mm / guides.distance_mm))
         raise InputError(
-            f"the wire would lean by {angle:.2f} degrees, and the upper guide go {most:.3f} mm along {'uv'[int(axis)]}: "
-            f"with guides {guides.distance_mm:.2f} mm apart it goes {guides.travel_mm:g} mm, which is {least:.2f} degrees",
+            f"the wire would lean by {angle:.2f} degrees, and the upper guide go {most:.3f} mm along "
+            f"{'uv'[int(axis)]}: with guides {guides.distance_mm:.2f} mm apart it goes {guides.travel_mm:g} mm, "
+            f"which is {least:.2f} degrees",
             line=wire.line_numbers[min(int(k), len(wire.line_numbers) - 1)] or None,
         )  # fmt: skip
 
@@ -621,7 +627,9 @@ def _of_pieces(outline: Outline, low: float, high: float, offset_mm: float) -> t
         for k, piece in enumerate(pieces)
     ]
     lines = [_line_beside(pieces, joints, chords, row, outline.closed) for row in left.tolist()]
-    elements, numbers, vertices = [], [], []
+    elements: list[int] = []
+    numbers: list[int] = []
+    vertices: list[int] = []
     for k, piece in enumerate(pieces):
         at, drawn = len(elements), len(piece.points) - 1
         following = joints[(k + 1) % len(pieces)] if outline.closed or k + 1 < len(pieces) else _Joint(0.0, 0)
@@ -652,9 +660,9 @@ def wire_beside(outline: Outline, offset_mm: float, guides: GuideHeights) -> tup
     Raises
     ------
     InputError
-        Planes or numbers of points that do not fit, an angle out of range, an arc that cannot be what is asked for, a
-        part of the contour that vanishes at some height of the workpiece, a wire that does not fit, or that crosses its
-        own way, guides that do not go so far.
+        Planes or numbers of points that do not fit, an angle out of range, an arc that cannot be what is asked for,
+        a part of the contour that vanishes at some height of the workpiece, a wire that does not fit, or that crosses
+        its own way, guides that do not go so far.
     """
     taper = outline.taper
     assert taper is not None

@@ -1,4 +1,4 @@
-"""A wall between two drawn contours: one for the lower face of the workpiece, one for the upper, element by element."""
+"""A wall between two drawn contours, of the lower and the upper face of the workpiece, element by element."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ Floats = NDArray[np.float64]
 def ruled_between(below: Program, above: Program) -> Program:
     """Return the program whose walls are ruled between the contours of two.
 
-    Every contour below goes with the contour above whose middle is nearest. Lines and arcs go with each other in order,
-    from that one on which begins nearest to where the contour below begins.
+    Every contour below goes with the contour above whose middle is nearest. Lines and arcs go with each other in
+    order, so that their beginnings lie as near to each other as they can.
 
     Parameters
     ----------
@@ -32,8 +32,10 @@ def ruled_between(below: Program, above: Program) -> Program:
         There are not as many contours above as below, or not as many lines and arcs in two that go with each other.
     """
     if len(below.outlines) != len(above.outlines):
-        raise InputError(f"there are {len(below.outlines)} contours below and {len(above.outlines)} above: draw as many",
-                         below.source)
+        raise InputError(
+            f"there are {len(below.outlines)} contours below and {len(above.outlines)} above: draw as many",
+            below.source,
+        )
     left, outlines = list(above.outlines), []
     for outline in below.outlines:
         middle = shapely.centroid(shapely.LineString(outline.points_mm))
@@ -49,8 +51,10 @@ def ruled_between(below: Program, above: Program) -> Program:
 def _ruled(outline: Outline, upper: Outline) -> Outline:
     lower_pieces, upper_pieces = _pieces(outline), _pieces(upper)
     if len(lower_pieces) != len(upper_pieces):
-        raise InputError(f"it has {len(lower_pieces)} lines and arcs, and the contour above it {len(upper_pieces)}: draw "
-                         "as many, and split a line or an arc where a corner of the other contour belongs")
+        raise InputError(
+            f"it has {len(lower_pieces)} lines and arcs, and the contour above it {len(upper_pieces)}: draw as many, "
+            "and split a line or an arc where a corner of the other contour belongs"
+        )
     starts = np.array([piece[0] for piece in lower_pieces])
     firsts = np.array([piece[0] for piece in upper_pieces])
     by = min(range(len(firsts)), key=lambda k: float(np.hypot(*(np.roll(firsts, -k, axis=0) - starts).T).sum()))

@@ -57,7 +57,7 @@ def write_contour(scene: Scene, file: str | Path, height_mm: float | None = None
 def _at_height(scene: Scene, height_mm: float, target: Path) -> dict[str, list[NDArray[np.float64]]]:
     if not 0 <= height_mm <= scene.height_mm:
         raise InputError(
-            f"there is no contour {height_mm:g} mm high: the workpiece has heights of 0 to {scene.height_mm:g} mm", target
+            f"there is no contour {height_mm:g} mm high: the workpiece has 0 to {scene.height_mm:g} mm", target
         )
     share = height_mm / scene.height_mm
     walls = [(1 - share) * below + share * above for below, above in scene.walls_mm]

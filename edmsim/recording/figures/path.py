@@ -64,7 +64,8 @@ def path_figure(path: CutPath, title: str, kerf_um: float) -> Figure:
     axes.set_xlabel("X of the program, mm", fontsize=9, color=MUTED)
     axes.set_ylabel("Y of the program, mm", fontsize=9, color=MUTED)
     axes.legend(
-        loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=4 if leans else 5, frameon=False, fontsize=8.5, labelcolor=INK
+        loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=4 if leans else 5, frameon=False, fontsize=8.5,
+        labelcolor=INK,
     )
     figure.text(0.09, 0.955, title, fontsize=14, fontweight="bold", color=INK)
     return figure

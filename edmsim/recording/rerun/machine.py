@@ -145,8 +145,8 @@ class Growth(NamedTuple):
 def growing_kerf(scene: Scene, places_um: NDArray[np.float64], path_um: NDArray[np.float64]) -> Growth:
     """Return the workpiece's solid at up to `KERF_FRAMES` times of a cut.
 
-    The kerf is the finished cut's at mid height, uncovered as far as the wire's rays reach from where it has been; that
-    of a leaning wire is drawn slice by slice.
+    The kerf is the finished cut's at mid height, uncovered as far as the wire's rays reach from where it has been;
+    that of a leaning wire is drawn slice by slice.
 
     Parameters
     ----------
@@ -158,21 +158,23 @@ def growing_kerf(scene: Scene, places_um: NDArray[np.float64], path_um: NDArray[
     """
     faces, reach = _faces(scene), scene.wire_diameter_um / 2000.0 + RAY_RANGE_UM / 1000.0
     layers = _layers(scene)
-    kerfs, tolerances = zip(*(_kerf(scene, layer.number, KERF_POINTS // len(layers)) for layer in layers), strict=True)
+    known = [_kerf(scene, layer.number, KERF_POINTS // len(layers)) for layer in layers]
     rows, solids = [0], [_solid(faces)]
     swept: list[BaseGeometry] = [shapely.Polygon()] * len(layers)
     ahead = np.maximum.accumulate(path_um) if len(path_um) else path_um
     for first, last in _steps(ahead, KERF_FRAMES // len(layers)):
         part, parts = slice(max(first - 1, 0), last + 1), []
-        for k, (layer, kerf) in enumerate(zip(layers, kerfs, strict=True)):
+        for k, (layer, (kerf, _)) in enumerate(zip(layers, known, strict=True)):
             led_um = 1e3 * scene.lead_mm(path_um[part], np.array([layer.middle_mm]))[:, 0]
             line = _way(places_um[part] + led_um, path_um[part])
             swept[k] = swept[k].union(line.simplify(0.002).buffer(reach, quad_segs=4)).simplify(0.001)
-            cut = kerf.intersection(swept[k])  # again from the whole kerf: taken piece by piece it would leave slivers
-            parts.append(_solid([(face.difference(cut), height) for face, height in faces], layer.low_mm, layer.high_mm))
+            # again from the whole kerf: taken piece by piece it would leave slivers
+            cut = kerf.intersection(swept[k])
+            uncut = [(face.difference(cut), height) for face, height in faces]
+            parts.append(_solid(uncut, layer.low_mm, layer.high_mm))
         rows.append(last)
         solids.append(joined(parts))
-    return Growth(np.array(rows), tuple(solids), max(tolerances))
+    return Growth(np.array(rows), tuple(solids), max(tolerance for _, tolerance in known))
 
 
 class _Layer(NamedTuple):
