@@ -145,7 +145,7 @@ class ExactAxes:
             raise InputError(f"a window must not end before it starts, but {end_ns} ns is before {start_ns} ns")
         feed, place = speed_units * 1e-3, self._behind / FINE_PER_UM
         end = min(max(place + feed * (end_ns - start_ns) * 1e-9, 0.0), self._along[-1])
-        found = []
+        found: list[Step] = []
         for at_um, axis, direction in self._crossings(place, end):
             late_ns = math.ceil(abs(at_um - place) / abs(feed) * 1e9) if feed else 0
             time_ns = max(start_ns + late_ns, found[-1].time_ns if found else start_ns)

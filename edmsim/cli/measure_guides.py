@@ -32,10 +32,10 @@ def measure_guides(
     from edmsim.job.settings import CutSettings
     from edmsim.machine.overrides import parse_constant
 
-    settings = CutSettings(
-        machine=machine, height_mm=height, wire=wire, constants=dict(map(parse_constant, constant or ())),
-        guide_errors_mm=guide_errors(guide_errors_mm), resolution=resolution, seed=seed,
-    )
+    settings = CutSettings.model_validate({
+        "machine": machine, "height_mm": height, "wire": wire, "constants": dict(map(parse_constant, constant or ())),
+        "guide_errors_mm": guide_errors(guide_errors_mm), "resolution": resolution, "seed": seed,
+    })  # fmt: skip
     watcher = ProgressBar(quiet, ERR)
     with watcher:
         watcher.enter("cutting")

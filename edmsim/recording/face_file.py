@@ -69,11 +69,10 @@ def cut_faces(scene: Scene) -> list[Face]:
         rows, errors = [], []
         for height, (points, tree) in zip(heights, trees, strict=True):
             nominal = _on(walls, shares, height / scene.height_mm)
-            away, nearest = (np.full(len(nominal), np.inf), None) if tree is None else tree.query(nominal)
-            near = away <= FARTHEST_MM
             wall = np.full((len(nominal), 3), np.nan)
-            if nearest is not None:
-                wall[near, :2] = points[nearest[near]]
+            if tree is not None:
+                away, nearest = (np.asarray(of) for of in tree.query(nominal))
+                wall[away <= FARTHEST_MM, :2] = points[nearest[away <= FARTHEST_MM]]
             wall[:, 2] = height
             rows.append(wall)
             errors.append(_signed_um(wall[:, :2], nominal, edge.part_side))
@@ -154,7 +153,7 @@ def write_faces(scene: Scene, file: str | Path) -> None:
     mesh = Trimesh(points, triangles, vertex_colors=colours, process=False)
     make_writable(target.parent)
     with replacing(target) as partial:
-        partial.write_bytes(mesh.export(file_type=target.suffix.lower().removeprefix(".")))
+        mesh.export(str(partial), file_type=target.suffix.lower().removeprefix("."))
 
 
 def _triangles(faces: list[Face]) -> tuple[Floats, NDArray[np.int64], Floats]:
@@ -166,7 +165,7 @@ def _triangles(faces: list[Face]) -> tuple[Floats, NDArray[np.int64], Floats]:
         a, b, c, d = number[:-1, :-1], number[:-1, 1:], number[1:, 1:], number[1:, :-1]
         made = np.concatenate([np.stack(corners, axis=-1).reshape(-1, 3) for corners in ((a, b, c), (a, c, d))])
         flat = face.points_mm.reshape(-1, 3)
-        known = np.isfinite(flat).all(axis=1)
+        known = np.asarray(np.isfinite(flat).all(axis=1))
         triangles.append(made[known[made - count].all(axis=1)])
         points.append(np.where(known[:, None], flat, 0.0))
         errors.append(np.where(known, face.error_um.reshape(-1), 0.0))
