@@ -25,8 +25,8 @@ from edmsim.cli.console import (
     Upper,
     Wire,
     default_folder,
-    guide_errors,
     named,
+    parse_guide_errors,
     path_text,
     say,
 )
@@ -47,10 +47,10 @@ def check(
     ignore: Ignore = "",
     offsets: Offsets = None,
     layers: Layers = "",
-    upper: Upper = None,
+    upper_layer: Upper = None,
     taper_deg: TaperDeg = 0.0,
     taper_corners: TaperCorners = "conical",
-    guide_errors_mm: GuideErrors = None,
+    guide_errors: GuideErrors = None,
     unit: Unit = None,
 ) -> None:
     """Look at a program before the cut: path, notices, time."""
@@ -67,8 +67,8 @@ def check(
     options = {
         "machine": machine, "material": material, "height_mm": height, "wire": wire, "generator": generator,
         "offset": offset, "offsets": path_text(offsets), "layers": named(layers), "unit": unit,
-        "upper_layer": upper, "taper_deg": taper_deg, "taper_corners": taper_corners,
-        "guide_errors_mm": guide_errors(guide_errors_mm),
+        "upper_layer": upper_layer, "taper_deg": taper_deg, "taper_corners": taper_corners,
+        "guide_errors_mm": parse_guide_errors(guide_errors),
     }
     unknown: dict[str, list[int]] = {}
     try:

@@ -109,7 +109,7 @@ def default_folder(program: Path) -> Path:
     return Path("out") / program.stem
 
 
-def guide_errors(text: str | None) -> tuple[float, float]:
+def parse_guide_errors(text: str | None) -> tuple[float, float] | None:
     """Read the errors of the guides' heights.
 
     Raises
@@ -118,7 +118,7 @@ def guide_errors(text: str | None) -> tuple[float, float]:
         They are no two numbers.
     """
     if text is None:
-        return 0.0, 0.0
+        return None
     try:
         lower, upper = (float(part) for part in text.split(":"))
     except ValueError:

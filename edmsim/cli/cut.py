@@ -35,8 +35,8 @@ from edmsim.cli.console import (
     Upper,
     Wire,
     default_folder,
-    guide_errors,
     named,
+    parse_guide_errors,
     path_text,
     say,
 )
@@ -105,10 +105,10 @@ def cut(
     ignore: Ignore = "",
     offsets: Offsets = None,
     layers: Layers = "",
-    upper: Upper = None,
+    upper_layer: Upper = None,
     taper_deg: TaperDeg = 0.0,
     taper_corners: TaperCorners = "conical",
-    guide_errors_mm: GuideErrors = None,
+    guide_errors: GuideErrors = None,
     unit: Unit = None,
     stuck_wire_sensor: Annotated[
         bool, typer.Option("--stuck-wire-sensor", help="Let nobody see a wire break: the machine goes on.")
@@ -157,8 +157,8 @@ def cut(
                 controller=controller, planner=planner, drive=drive,
                 compensation=path_text(compensation), mechanics=mechanics,
                 resolution=resolution, offset=offset, offsets=path_text(offsets), ignore=named(ignore),
-                layers=named(layers), upper_layer=upper, taper_deg=taper_deg, taper_corners=taper_corners,
-                guide_errors_mm=guide_errors(guide_errors_mm), unit=unit, stuck_wire_sensor=stuck_wire_sensor,
+                layers=named(layers), upper_layer=upper_layer, taper_deg=taper_deg, taper_corners=taper_corners,
+                guide_errors_mm=parse_guide_errors(guide_errors), unit=unit, stuck_wire_sensor=stuck_wire_sensor,
                 axis_faults=axis_fault or (),
                 seed=seed, max_time_s=max_time,
                 resume=resume, overwrite=overwrite,

@@ -72,7 +72,7 @@ def report(
         Path | None, typer.Option(help="Write the part's cut face into this file instead: .stl, or .glb (glTF).")
     ] = None,
 ) -> None:
-    """Make report.html of a cut again, or its figures, contour or cut face as files."""
+    """Make report.html of a cut again, or its figures or contour or cut face as files."""
     from edmsim.job.remake import remake
     from edmsim.recording.contour_file import write_contour
     from edmsim.recording.cut_folder import read_cut

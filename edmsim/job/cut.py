@@ -193,7 +193,7 @@ def planned(program: str | Path, settings: CutSettings, machine: Machine) -> Cut
         grid_um=unit_um(unit, round(step_um)), ignore=settings.ignore, layers=settings.layers, unit=settings.unit,
         offsets=settings.offsets, upper_layer=settings.upper_layer, taper_deg=settings.taper_deg,
         corners=cast(Corners, settings.taper_corners),
-        guides=guides_of(machine, settings.guide_errors_mm),
+        guides=guides_of(machine, settings.guide_errors_mm or (0.0, 0.0)),
     )
 
 

@@ -136,9 +136,9 @@ class CutSettings(BaseModel):
     """What corners and arcs become higher up: conical (both become cones), sharp (corners stay sharp, arcs become
     cones), cylindrical (corners stay sharp, arcs keep their radius) or rounded (arcs keep their radius, corners
     become cones)."""
-    guide_errors_mm: tuple[Number, Number] = (0.0, 0.0)
+    guide_errors_mm: tuple[Number, Number] | None = None
     """How much higher the lower and the upper guide are than the machine's file says, in mm, as
-    ``edmsim measure-guides`` finds: the control then leads them accordingly."""
+    ``edmsim find-guides`` finds: the control then leads them accordingly; by default none."""
     unit: str | None = None
     """Unit of a drawing, mm, um, cm, m, in, ft or mil; by default what the drawing says."""
     stuck_wire_sensor: bool = False
@@ -219,8 +219,8 @@ class CutSettings(BaseModel):
 
     @field_validator("guide_errors_mm")
     @classmethod
-    def _check_guide_errors(cls, errors_mm: tuple[float, float]) -> tuple[float, float]:
-        if not all(abs(error) <= MOST_GUIDE_ERROR_MM for error in errors_mm):
+    def _check_guide_errors(cls, errors_mm: tuple[float, float] | None) -> tuple[float, float] | None:
+        if errors_mm is not None and not all(abs(error) <= MOST_GUIDE_ERROR_MM for error in errors_mm):
             lower, upper = errors_mm
             most = f"{MOST_GUIDE_ERROR_MM:g}"
             raise InputError(f"the guides' errors of {lower:g} and {upper:g} mm are not within {most} mm")
@@ -325,7 +325,7 @@ class CutOptions(TypedDict, total=False):
     upper_layer: str | None
     taper_deg: float
     taper_corners: str
-    guide_errors_mm: tuple[float, float]
+    guide_errors_mm: tuple[float, float] | None
     unit: str | None
     stuck_wire_sensor: bool
     axis_faults: Sequence[str]
