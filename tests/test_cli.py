@@ -67,10 +67,9 @@ def test_help_names_every_command_on_one_line(edmsim: Run) -> None:
                              ("calibrate", "Fit the model's constants to a machine's log."),
                              ("validate", "Compare the model with what was published, row by row."),
                              ("bench", "Measure the speed of this computer, by processor time."),
-                             ("terminal", "Sit at the 1982 controller's terminal."),
+                             ("console", "Operate the 1982 controller, a servo drive or a positioner"),
                              ("sweep", "Make many cuts from one specification."),
-                             ("tune", "Search gains or training settings (needs the extra tune)."),
-                             ("servo", "Sit at a servo drive's serial terminal, or tune it.")):  # fmt: skip
+                             ("tune", "Search gains or training settings (needs the extra tune).")):  # fmt: skip
         assert any(command in line and purpose in line for line in told.out.splitlines())
 
 

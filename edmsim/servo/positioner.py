@@ -1,4 +1,4 @@
-"""A QMOVE control with its positioners on a bench: what ``edmsim positioner`` runs.
+"""A QMOVE control with its positioners on a bench: what ``edmsim console positioner`` runs.
 
 Inputs and outputs are known by their slot addresses, so that one input may feed the program and a device's homing
 alike. The program's passes follow one another every millisecond (ours).
