@@ -13,7 +13,7 @@ from gymnasium.vector import AutoresetMode
 from edmsim.envs.lane_view import LaneView
 from edmsim.envs.vector import EdmVectorEnv
 from edmsim.errors import InputError
-from edmsim.given_numbers import whole, whole_from
+from edmsim.numeric import whole, whole_from
 
 try:
     from stable_baselines3.common.monitor import Monitor

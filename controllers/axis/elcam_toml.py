@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edmsim.errors import InputError
-from edmsim.given_numbers import real
+from edmsim.numeric import real
 
 
 class FileTable:

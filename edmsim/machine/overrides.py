@@ -8,10 +8,10 @@ from typing import Any, get_args
 from pydantic import ValidationError
 
 from edmsim.errors import InputError, one_of
-from edmsim.given_numbers import finite
 from edmsim.machine.machine import Machine
 from edmsim.machine.parts import Base, Constant, Material, Part, Wire
 from edmsim.machine.ranges import with_constants
+from edmsim.numeric import finite
 
 OPTIONS = {"wire.stress_MPa": "tension", "wire.default_diameter_um": "wire, as brass-200"}
 """Constants that only say what an option is by default, and that option."""
