@@ -81,6 +81,10 @@ class PseudoTerminal:
         os.set_blocking(self._ours, False)
         self.name = os.ttyname(self._theirs)
 
+    def fileno(self) -> int:
+        """Return the descriptor of this side, to wait for with others."""
+        return self._ours
+
     def read(self, timeout_s: float | None) -> bytes:
         """Return the bytes that have come; none after the timeout."""
         if not select.select([self._ours], [], [], timeout_s)[0]:
