@@ -12,7 +12,7 @@ import wave
 from collections.abc import Iterator
 from pathlib import Path
 from types import TracebackType
-from typing import Any, NamedTuple, Self
+from typing import Any, BinaryIO, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -84,7 +84,7 @@ class Sampler:
         period_us = 1e6 / sensing.rate_Hz
         self._fine = math.ceil(period_us / _FINE_US) if sensing.low_pass_Hz else 1
         self._step_us = period_us / self._fine
-        self._origin_us, self._next = start_us, 1
+        self._origin_us, self._next = start_us, 0
         self._kept = 1.0 - math.exp(-2e-6 * math.pi * sensing.low_pass_Hz * self._step_us)
         self._state = np.zeros((2, 1))
         self._carried = np.zeros(2)
@@ -94,9 +94,9 @@ class Sampler:
         """Return times in s, voltages and currents of the samples of a frame, each (n,)."""
         begin_us = frame.window.start_ns * 1e-3 - self._origin_us
         end_us = begin_us + frame.window.duration_ns * 1e-3
-        last = math.floor(end_us / self._step_us + 1e-9)
-        places = np.arange(self._next, last + 1)
-        self._next = last + 1
+        behind = math.ceil(end_us / self._step_us - 1e-9)
+        places = np.arange(self._next, behind)
+        self._next = max(self._next, behind)
         times, values = _edges(frame)
         at = np.asarray(places * self._step_us - begin_us, np.float64)
         if self._sensing.low_pass_Hz:
@@ -221,6 +221,7 @@ class SampleFile:
         self._rows: list[tuple[Array, Array, Array]] = []
         self._clipped = 0
         self.count = 0
+        self._sound: BinaryIO | None = None
         try:
             self._writer = self._wav(sensing) if file.suffix == ".wav" else self._parquet()
         except OSError as error:
@@ -235,6 +236,8 @@ class SampleFile:
         """Close the file; it takes its name whatever ended it, as what is in it is whole."""
         self._write()
         self._writer.close()
+        if self._sound is not None:
+            self._sound.close()
         self._partial.replace(self._file)
 
     def frame(self, frame: Frame) -> None:
@@ -254,7 +257,8 @@ class SampleFile:
     def _wav(self, sensing: Sensing) -> Any:
         if sensing.rate_Hz != int(sensing.rate_Hz):
             raise InputError("a WAV file has a whole number of samples per second", self._file)
-        writer = wave.open(str(self._partial), "wb")  # noqa: SIM115, closed by __exit__
+        self._sound = self._partial.open("wb")
+        writer = wave.open(self._sound, "wb")  # noqa: SIM115, closed by __exit__
         writer.setnchannels(2)
         writer.setsampwidth(2)
         writer.setframerate(int(sensing.rate_Hz))

@@ -1,8 +1,8 @@
 """The bench in real time: a pseudo-terminal for the board's serial line, another for the axes.
 
 Lines are answered as soon as they come, between two frames, so an answer waits for a frame's computing at most. Who
-does not read loses what finds no room, as on an open line; who sends faster than lines are taken has to wait, as with
-a USB port. So nobody on the other side can hold up the gap.
+does not read loses what finds no room, and gets no more answers; who sends faster than lines are taken has to wait, as
+with a USB port. So nobody on the other side can hold up the gap.
 """
 
 from __future__ import annotations
@@ -19,6 +19,8 @@ from edmsim.terminal.devices import Interrupts
 
 _WAITING_LINES, _LINES_A_FRAME = 64, 16
 """Lines that wait at a port before no more are read, and lines taken between two frames (ours)."""
+_MOST_UNSENT = 4096
+"""Bytes that wait for room on their way out (ours)."""
 HALF_LINE_S = 1.0
 """A line without an end is taken after so long a silence, as Powercore V3 takes it."""
 TOO_LONG = f"ERROR: line too long (max {MOST_LINE} bytes)\r\n"
@@ -76,16 +78,31 @@ class Port:
         self.terminal = PseudoTerminal()
         self.lines = Lines()
         self._answer = answer
+        self._unsent = b""
 
     def listen(self, now_s: float) -> None:
         """Read what has come."""
         self.lines.put(self.terminal.read(0.0), now_s)
 
     def answer(self) -> None:
-        """Answer some of the lines that wait."""
+        """Answer some of the lines that wait, as long as the answers before have found room."""
         for _ in range(min(len(self.lines.ready), _LINES_A_FRAME)):
+            if self.flush():
+                return
             line = self.lines.ready.popleft()
-            self.terminal.write((TOO_LONG if line is None else self._answer(line)).encode("ascii", "replace"))
+            self.say(TOO_LONG if line is None else self._answer(line))
+
+    def say(self, text: str) -> None:
+        """Send a text; it is lost if much of what was sent before has found no room."""
+        if len(self._unsent) < _MOST_UNSENT:
+            self._unsent += text.encode("ascii", "replace")
+        self.flush()
+
+    def flush(self) -> bool:
+        """Send what has found no room so far; tell whether there is still some."""
+        if self._unsent:
+            self._unsent = self._unsent[self.terminal.send(self._unsent) :]
+        return bool(self._unsent)
 
 
 class Session:
@@ -138,12 +155,14 @@ class Session:
             if self.rig.board.listens:
                 self.board.answer()
             self.motion.answer()
+            for port in (self.board, self.motion):
+                port.flush()
             if time.monotonic() >= due:
                 return
 
     def _hear(self, now: float, timeout_s: float) -> None:
         ports = [port for port in (self.board, self.motion) if port.lines.has_room]
-        waits = any(port.lines.ready for port in self._answering())
+        waits = any(port.lines.ready and not port.flush() for port in self._answering())
         came = wait_for([port.terminal for port in ports], 0.0 if waits else timeout_s)
         for port in ports:
             if port.terminal in came:
@@ -157,14 +176,14 @@ class Session:
     def _speak(self, say: Callable[[str], None]) -> None:
         """Send what the board says by itself, and status lines that are due."""
         if said := self.rig.board.unasked():
-            self.board.terminal.write(said.encode("ascii"))
+            self.board.say(said)
         if status := self.rig.streamed():
-            self.motion.terminal.write(status.encode("ascii"))
+            self.motion.say(status)
         lost = self.rig.gap.lost
         if lost != self._lost:
             self._lost = lost
             if lost:
-                self.motion.terminal.write(f"ERROR: {lost}; THREAD threads a new wire\r\n".encode("ascii", "replace"))
+                self.motion.say(f"ERROR: {lost}; THREAD threads a new wire\r\n")
                 say(lost)
 
 

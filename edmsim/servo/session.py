@@ -93,11 +93,15 @@ class PseudoTerminal:
 
     def write(self, data: bytes) -> None:
         """Send some bytes; what nobody reads is lost when the system's buffer is full, as on an open line."""
+        while data and (sent := self.send(data)):
+            data = data[sent:]
+
+    def send(self, data: bytes) -> int:
+        """Send as many bytes as there is room for, and return how many."""
         try:
-            while data:
-                data = data[os.write(self._ours, data) :]
+            return os.write(self._ours, data)
         except BlockingIOError:
-            return
+            return 0
 
     def close(self) -> None:
         """Let the pseudo-terminal go."""
