@@ -413,7 +413,7 @@ def test_bench_draws_where_a_pulses_time_goes(edmsim: Run, tmp_path: Path, monke
 
 
 @pytest.mark.parametrize(("arguments", "reason"), [
-    (("--profile", "--against", "HEAD"), "are two measurements: give one of them"),
+    (("--profile", "--against", "HEAD"), "are measurements of their own: give one of them"),
     (("--figure", "a.png"), "--figure is the picture of --profile: give both"),
     (("--profile", "--figure", "a.jpg"), "a figure is written as one of"),
     (("--against", "no-such-revision"), "has no revision 'no-such-revision'"),
