@@ -412,7 +412,7 @@ def test_bench_draws_where_a_pulses_time_goes(edmsim: Run, tmp_path: Path, monke
 
 
 @pytest.mark.parametrize(("arguments", "reason"), [
-    (("--profile", "--against", "HEAD"), "are two measurements: give one of them"),
+    (("--profile", "--against", "HEAD"), "are measurements of their own: give one of them"),
     (("--figure", "a.png"), "--figure is the picture of --profile: give both"),
     (("--profile", "--figure", "a.jpg"), "a figure is written as one of"),
     (("--against", "no-such-revision"), "has no revision 'no-such-revision'"),
@@ -451,9 +451,9 @@ def test_report_of_a_folder_without_a_cut_is_one_line_and_2(tmp_path: Path, edms
 def test_gains_are_searched_and_written(edmsim: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     from edmsim.evaluation import search
 
-    def found(controller: str, seed: int, *, generations: int, watch: Callable[[int], None]) -> search.Found:
+    def found(controller: str, seed: int, *, generations: int, watch: Callable[[int], None]) -> search.SearchResult:
         watch(1)
-        return search.Found({"feed_um_s": 12.5 + seed + generations}, 0.9, 0.8)
+        return search.SearchResult({"feed_um_s": 12.5 + seed + generations}, 0.9, 0.8)
 
     monkeypatch.setattr(search, "search", found)
     told = edmsim("search-gains", "fixed", "--seed", 3, "--write", tmp_path)

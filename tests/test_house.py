@@ -34,7 +34,7 @@ LAYERS: dict[str, set[str]] = {
 ORDER = (
     "models", "compiled", "errors", "numeric", "files", "user_code", "screen", "geometry", "machine", "plant",
     "controllers", "axis_bench", "program", "metrology", "cosim", "recording", "job", "envs", "terminal", "servo",
-    "evaluation", "learning", "calibration", "validation", "sweep", "bench", "cli", "", "__main__",
+    "hil", "evaluation", "learning", "calibration", "validation", "sweep", "bench", "cli", "", "__main__",
 )  # fmt: skip
 """Rooms from the bottom up: each imports only from those before it."""
 EXCEPTIONS: dict[str, dict[str, str]] = {

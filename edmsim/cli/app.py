@@ -13,6 +13,8 @@ from edmsim.cli.check import check
 from edmsim.cli.console import OUT, take_any_terminal
 from edmsim.cli.cut import cut
 from edmsim.cli.evaluate import evaluate, search_gains
+from edmsim.cli.export import export
+from edmsim.cli.gap import gap
 from edmsim.cli.learn import dataset, score, train
 from edmsim.cli.measure_table import measure_table
 from edmsim.cli.playback import render, report, view
@@ -30,7 +32,7 @@ app = typer.Typer(
 )
 _COMMANDS = (
     cut, check, view, render, report, train, score, dataset, evaluate, search_gains, calibrate, validate, bench,
-    measure_table, tune, warm_up,
+    measure_table, gap, export, tune, warm_up,
 )  # fmt: skip
 _UsageError: Any = typer.BadParameter.__base__
 """Of click, which newer releases of typer hold inside themselves."""
