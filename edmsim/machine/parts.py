@@ -61,7 +61,7 @@ def _within(low: float, high: float) -> AfterValidator:
     def check(constant: Constant) -> Constant:
         for number in (constant.value, *(constant.range or ())):
             if not low <= number <= high:
-                raise ValueError(f"{number:g} is beyond all reason: it must be within {low:g}..{high:g}")
+                raise ValueError(f"{number:g} is out of range: it must be within {low:g}..{high:g}")
         return constant
 
     return AfterValidator(check)
