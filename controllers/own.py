@@ -8,14 +8,14 @@ from typing import cast
 
 from edmsim.controllers.protocols import FeedController
 from edmsim.errors import InputError
-from edmsim.given_numbers import real
-from edmsim.user_code import Named, run
+from edmsim.numeric import real
+from edmsim.user_code import UserObject, run
 
 NEEDED = ("name", "reset", "update", "snapshot", "restore")
 """What a feed controller must offer."""
 
 
-def from_file(own: Named, parameters: dict[str, float]) -> FeedController:
+def from_file(own: UserObject, parameters: dict[str, float]) -> FeedController:
     """Make a controller of a class in a user's file.
 
     Raises
@@ -71,8 +71,8 @@ def text_of(controller: FeedController) -> str:
     return f"{controller.name}:{','.join(numbers)}" if numbers else controller.name
 
 
-def _why_not(own: Named, kinds: list[str]) -> str:
-    there = f"there are: {', '.join(kinds)}" if kinds else "there is none"
+def _why_not(own: UserObject, kinds: list[str]) -> str:
+    there = f"there are: {', '.join(kinds)}" if kinds else "the file has no class"
     if not own.name:
         return f"name the feed controller in this file, {own.file}:CLASS; {there}"
     found = vars(run(own.file)).get(own.name)

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edmsim.errors import InputError
-from edmsim.given_numbers import keep_plain, real
 from edmsim.machine.machine import Machine
+from edmsim.numeric import keep_plain, real
 
 SIGNED = "offset_um", "pull_N_m"
 """Parameters of controllers that may be negative: to the right of the path, and a wire that lags."""

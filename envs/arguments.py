@@ -10,9 +10,9 @@ from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
 from edmsim.errors import InputError
-from edmsim.given_numbers import plain as plain_number
-from edmsim.given_numbers import real
 from edmsim.machine.machine import Machine
+from edmsim.numeric import plain as plain_number
+from edmsim.numeric import real
 
 Range = float | tuple[float, float]
 _Record = TypeVar("_Record")

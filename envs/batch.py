@@ -14,7 +14,7 @@ from edmsim.envs import observation, servo
 from edmsim.envs.knobs import least_setting_us
 from edmsim.envs.lanes import Lanes
 from edmsim.envs.path_follower import RUNNING
-from edmsim.envs.reward import TERMS, Earned
+from edmsim.envs.reward import TERMS, StepRewards
 from edmsim.envs.task import Family
 from edmsim.machine.machine import Machine
 from edmsim.plant.kernel.state import OPEN, SHORT
@@ -81,9 +81,9 @@ class Batch:
         self._terms = [TERMS.index(name) for name in family.objectives]
         self.earned = self._fresh_account()
 
-    def _fresh_account(self) -> Earned:
+    def _fresh_account(self) -> StepRewards:
         family = self.family
-        return Earned(family.reward_weights, family.error_bound_um, family.energy_bound_mJ, self.lanes.count)
+        return StepRewards(family.reward_weights, family.error_bound_um, family.energy_bound_mJ, self.lanes.count)
 
     def change(self, family: Family) -> None:
         """Let episodes begun from now on be of another family, with the same spaces and plants of the same kind."""

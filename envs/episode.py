@@ -13,12 +13,12 @@ from edmsim.cosim.stops import WORDS, StopCause
 from edmsim.envs.checks import checked_options
 from edmsim.envs.lanes import Lanes
 from edmsim.envs.registry import make_family
-from edmsim.envs.reward import TERMS, Earned
+from edmsim.envs.reward import TERMS, StepRewards
 from edmsim.envs.scenario import Scenario
 from edmsim.envs.task import Family
 from edmsim.errors import InputError
-from edmsim.given_numbers import finite, whole_from
 from edmsim.machine.machine import Machine
+from edmsim.numeric import finite, whole_from
 from edmsim.plant.plant import Plant
 from edmsim.plant.window import PulseWindow
 
@@ -120,7 +120,7 @@ class Task:
         self.max_feed_um_s = self.family.greatest_feed_um_s
         self._lanes = Lanes(self.family, 1)
         family = self.family
-        self._earned = Earned(family.reward_weights, family.error_bound_um, family.energy_bound_mJ, 1)
+        self._earned = StepRewards(family.reward_weights, family.error_bound_um, family.energy_bound_mJ, 1)
         self._random = np.random.Generator(np.random.PCG64())
 
     def reset(self, seed: int | None = None, options: Mapping[str, Any] | None = None) -> WindowObservation:

@@ -13,7 +13,7 @@ from edmsim.envs.recorder import EpisodeRecorder
 from edmsim.envs.single import EdmEnv
 from edmsim.errors import InputError
 from edmsim.files import make_writable
-from edmsim.given_numbers import whole_from
+from edmsim.numeric import whole_from
 from edmsim.recording.rerun.playback import RECORDING
 from edmsim.recording.rerun.viewer import LiveViewer, show
 

@@ -17,7 +17,7 @@ from edmsim.envs.path_follower import RUNNING
 from edmsim.envs.registry import make_family
 from edmsim.envs.render import RENDER_FPS, RENDER_MODES, Renderer, check_render_mode
 from edmsim.envs.task import Family
-from edmsim.given_numbers import whole_from
+from edmsim.numeric import whole_from
 
 if TYPE_CHECKING:
     from edmsim.controllers import FeedController

@@ -31,9 +31,9 @@ from edmsim.envs.reward import TERMS, Weights
 from edmsim.envs.scenario import Scenario
 from edmsim.envs.sensors import EXACT, Sensors
 from edmsim.errors import InputError
-from edmsim.given_numbers import keep_plain, whole_from
 from edmsim.machine.machine import Machine
 from edmsim.machine.setting import check_height
+from edmsim.numeric import keep_plain, whole_from
 from edmsim.plant.plant import MECHANICS
 from edmsim.plant.resolution import resolution
 

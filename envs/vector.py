@@ -22,7 +22,7 @@ from edmsim.envs.registry import make_family
 from edmsim.envs.render import RENDER_FPS, RENDER_MODES, Renderer, check_render_mode
 from edmsim.envs.task import Family
 from edmsim.errors import InputError
-from edmsim.given_numbers import whole_from
+from edmsim.numeric import whole_from
 
 if TYPE_CHECKING:
     from collections.abc import Callable

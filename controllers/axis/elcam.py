@@ -40,7 +40,7 @@ from edmsim.controllers.axis.elcam_registers import (
 )
 from edmsim.controllers.axis.elcam_table import CamTable
 from edmsim.errors import InputError
-from edmsim.given_numbers import whole
+from edmsim.numeric import whole
 
 __all__ = ["CamPlace", "Elcam", "Function", "Mode", "TableAccess"]
 

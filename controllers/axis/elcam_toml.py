@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edmsim.errors import InputError
-from edmsim.given_numbers import real
+from edmsim.numeric import real
 
 
 class FileTable:
@@ -38,7 +38,7 @@ class FileTable:
         return InputError(f"{self._name}: {reason}", self._file)
 
     def check_keys(self, *known: str) -> None:
-        """Refuse a key that is none."""
+        """Refuse an unknown key."""
         wrong = sorted(self._values.keys() - set(known))
         if wrong:
             raise self.refuse(f"unknown key {wrong[0]!r}; there are: {', '.join(sorted(known))}")

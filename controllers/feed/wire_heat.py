@@ -24,7 +24,7 @@ from edmsim.machine.setting import discharge_current_A, pulse_form
 
 
 @dataclass
-class Rise:
+class FreshWire:
     """How far a fresh wire has come.
 
     Attributes
@@ -73,7 +73,7 @@ class FixedPeriodController(ServoController):
     rise_s: float = 1.5
     slow_factor: float = 2.0
 
-    _rise: Rise = field(default_factory=Rise, init=False, repr=False)
+    _rise: FreshWire = field(default_factory=FreshWire, init=False, repr=False)
 
     def gains(self) -> Gains:
         """How the servo answers."""
@@ -85,7 +85,7 @@ class FixedPeriodController(ServoController):
 
     def reset(self, max_feed_um_s: float) -> FeedCommand:
         """Begin a new cut."""
-        self._rise = Rise()
+        self._rise = FreshWire()
         return super().reset(max_feed_um_s)
 
     def update(self, window: WindowObservation) -> FeedCommand:
@@ -118,7 +118,7 @@ class FixedPeriodController(ServoController):
         """Continue where `snapshot` was taken."""
         values = cast(dict[str, Any], state)
         super().restore({k: v for k, v in values.items() if not k.startswith("rise.")})
-        self._rise = Rise(**{k.removeprefix("rise."): v for k, v in values.items() if k.startswith("rise.")})
+        self._rise = FreshWire(**{k.removeprefix("rise."): v for k, v in values.items() if k.startswith("rise.")})
 
 
 MOST_ERROR = 1.0
@@ -127,7 +127,7 @@ _BOILING_K = 373.15
 
 
 @dataclass
-class _Held:
+class _HeatState:
     """What changes: the period's regulated part, what was last seen of how near the wire is, and what is held."""
 
     log_us: float = 0.0
@@ -162,7 +162,7 @@ class PeriodFromHeat(FixedPeriodController):
     shortest_us: float = 25.0
     longest_us: float = 150.0
 
-    _held: _Held = field(default_factory=_Held, init=False, repr=False)
+    _held: _HeatState = field(default_factory=_HeatState, init=False, repr=False)
 
     @abstractmethod
     def near(self, window: WindowObservation) -> float:
@@ -170,7 +170,7 @@ class PeriodFromHeat(FixedPeriodController):
 
     def reset(self, max_feed_um_s: float) -> FeedCommand:
         """Begin a new cut."""
-        self._held = _Held(math.log(max(self.period_us, 1.0)), hold=self.hold_share)
+        self._held = _HeatState(math.log(max(self.period_us, 1.0)), hold=self.hold_share)
         return super().reset(max_feed_um_s)
 
     def wire_lost(self) -> FeedCommand:
@@ -200,7 +200,7 @@ class PeriodFromHeat(FixedPeriodController):
         """Continue where `snapshot` was taken."""
         values = cast(dict[str, Any], state)
         super().restore({k: v for k, v in values.items() if not k.startswith("held.")})
-        self._held = _Held(**{k.removeprefix("held."): v for k, v in values.items() if k.startswith("held.")})
+        self._held = _HeatState(**{k.removeprefix("held."): v for k, v in values.items() if k.startswith("held.")})
 
 
 @dataclass

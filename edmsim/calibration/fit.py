@@ -42,7 +42,7 @@ AT_BOUND = 0.01
 CONFIDENCE = 0.95
 
 
-class Fitted(NamedTuple):
+class FittedConstant(NamedTuple):
     """One constant: its value, its 95 % interval, and what is to be said of it."""
 
     name: str
@@ -78,7 +78,7 @@ class Fit:
     """
 
     machine: Machine
-    constants: tuple[Fitted, ...]
+    constants: tuple[FittedConstant, ...]
     undetermined: dict[str, str]
     correlation: Array
     misfit: float
@@ -104,7 +104,7 @@ def calibrate(
         Of every simulated cut.
     resolution : {"fast", "default", "fine"}, optional
         Of the simulation; constants belong to it, as shares of short circuits depend on it. By default that of the
-        cut the log is of, or "fast" if it is none of a simulated cut.
+        cut the log is of, or "fast" if the log is of a real machine.
     watch : callable, optional
         Called with the `CalibrationProgress`.
 
@@ -323,7 +323,8 @@ def _result(search: _Search, error: Array, undetermined: dict[str, str]) -> Fit:
         share = float(search.shares[place])
         low, high = (value_at(bounds, min(max(share + side * half[place], 0.0), 1.0)) for side in (-1, 1))
         said = remark(share, float(half[place]))
-        constants.append(Fitted(name, search.before[place], value_at(bounds, share), (low, high), bounds, said))
+        value = value_at(bounds, share)
+        constants.append(FittedConstant(name, search.before[place], value, (low, high), bounds, said))
     return Fit(
         search.machine(search.shares), tuple(constants), undetermined, covariance / np.outer(error, error),
         search.misfit, search.comparison.picked, search.simulated, search.comparison.noise,

@@ -19,9 +19,9 @@ from edmsim.controllers.own import check_is_controller
 from edmsim.cosim.cycle import Cycle
 from edmsim.cosim.motion import EvenSteps
 from edmsim.errors import InputError
-from edmsim.given_numbers import real
 from edmsim.machine.machine import Machine
 from edmsim.metrology.edges import metal_at
+from edmsim.numeric import real
 from edmsim.plant.plant import Plant
 from edmsim.plant.resolution import Resolution
 from edmsim.plant.window import PulseWindow

@@ -22,11 +22,11 @@ from shapely.geometry import mapping
 from edmsim.controllers import FeedController, axis
 from edmsim.controllers.own import check_is_controller, text_of
 from edmsim.errors import InputError, one_of
-from edmsim.given_numbers import Number, WholeNumber
 from edmsim.machine.machine import Machine
 from edmsim.machine.overrides import checked_constants, with_overrides
 from edmsim.machine.parts import Choices
 from edmsim.machine.setting import check_height
+from edmsim.numeric import Number, WholeNumber
 from edmsim.plant.axes.faults import parse_fault
 from edmsim.plant.plant import MECHANICS
 from edmsim.plant.resolution import resolution as check_resolution

@@ -11,7 +11,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from edmsim.envs.registry import base_of, find
 from edmsim.errors import InputError, one_of
-from edmsim.given_numbers import Number, WholeNumber
+from edmsim.numeric import Number, WholeNumber
 
 ALGORITHMS = ("ppo", "sac", "tqc", "ppo-lag", "recurrent-ppo", "imitation")
 """Algorithms there are hyperparameters for."""

@@ -8,10 +8,10 @@ from typing import Any, get_args
 from pydantic import ValidationError
 
 from edmsim.errors import InputError, one_of
-from edmsim.given_numbers import finite
 from edmsim.machine.machine import Machine
 from edmsim.machine.parts import Base, Constant, Material, Part, Wire
 from edmsim.machine.ranges import with_constants
+from edmsim.numeric import finite
 
 OPTIONS = {"wire.stress_MPa": "tension", "wire.default_diameter_um": "wire, as brass-200"}
 """Constants that only say what an option is by default, and that option."""
@@ -40,7 +40,7 @@ KINDS = _kinds()
 
 
 def checked_constants(constants: Mapping[str, float] | Iterable[tuple[str, float]]) -> tuple[tuple[str, float], ...]:
-    """Return values of constants as pairs, by name; raises `InputError` where they are none.
+    """Return values of constants as pairs, by name; raises `InputError` where they are invalid.
 
     Parameters
     ----------
@@ -68,7 +68,7 @@ def parse_constant(text: str) -> tuple[str, float]:
 
 
 def check_names(names: Iterable[str]) -> None:
-    """Raise `InputError` for what is no constant; those of the section it names are told."""
+    """Raise `InputError` for an unknown constant, listing those of its section."""
     for name in names:
         if name not in KINDS:
             section = name.partition(".")[0]

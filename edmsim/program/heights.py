@@ -18,8 +18,8 @@ import shapely
 from shapely.geometry import shape
 
 from edmsim.errors import InputError
-from edmsim.given_numbers import plain, real
 from edmsim.machine.setting import HEIGHT_MM, check_height
+from edmsim.numeric import plain, real
 from edmsim.plant.workpiece.height_steps import LowerRegion
 
 if TYPE_CHECKING:

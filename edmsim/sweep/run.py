@@ -16,7 +16,7 @@ from edmsim.job.settings import CutSettings
 from edmsim.machine.machine import Machine
 from edmsim.machine.ranges import choose
 from edmsim.program.path import CutPath
-from edmsim.sweep.engine import Engine, Lost, Processes
+from edmsim.sweep.engine import Engine, LostJob, Processes
 from edmsim.sweep.perform import Outcome, lost, perform
 from edmsim.sweep.runs import SweepRun, checked, combinations, runs_of
 from edmsim.sweep.specification import Specification
@@ -180,14 +180,14 @@ def sweep(
         counts = _Counts(specification.runs, watch)
         counts.tell()
         for run, answer in (engine or Processes()).done(perform, _missing(specification, store, counts)):
-            outcome = lost(run, answer.why) if isinstance(answer, Lost) else answer
+            outcome = lost(run, answer.why) if isinstance(answer, LostJob) else answer
             store.add(run, outcome)
             counts.made_one(outcome)
         return counts.progress
 
 
 class _Counts:
-    """Counts of a sweep, told to whoever watches."""
+    """Counts of a sweep, for its progress bar."""
 
     def __init__(self, total: int, watch: Callable[[SweepProgress], None] | None) -> None:
         self.progress = SweepProgress(0, total, 0, 0)

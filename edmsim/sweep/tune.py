@@ -22,7 +22,7 @@ from edmsim.errors import InputError
 from edmsim.evaluation.search import BOUNDS, run_all, score, training_seeds
 from edmsim.files import make_writable, replacing
 from edmsim.learning.hyperparameters import load
-from edmsim.sweep.engine import Engine, Lost, Processes
+from edmsim.sweep.engine import Engine, LostJob, Processes
 from edmsim.sweep.perform import said
 
 if TYPE_CHECKING:
@@ -107,7 +107,7 @@ def bounds(kind: str, name: str) -> dict[str, Bound]:
 
 
 def judge_trial(trial: Trial) -> Worth:
-    """Make a trial; a failure is told, not raised."""
+    """Make a trial; a failure is returned, not raised."""
     try:
         return _gains(trial) if trial.kind == "gains" else _training(trial)
     except Exception as error:  # whatever it is: the search goes on without this trial
@@ -228,7 +228,7 @@ def tune(
 
     try:
         for trial, answer in (engine or Processes()).done(judge_trial, asked()):
-            worth = Worth(math.nan, answer.why) if isinstance(answer, Lost) else answer
+            worth = Worth(math.nan, answer.why) if isinstance(answer, LostJob) else answer
             _tell(study, under_way.pop(trial.number), worth)
             if worth.error is None and study.best_trial.number == trial.number:
                 _write_best(folder, trial, worth)

@@ -16,10 +16,10 @@ from edmsim import controllers
 from edmsim.cosim.straight import Traverse
 from edmsim.envs import DiscreteFeed, EdmVectorEnv, GapFeed, HeightStep, MaxRate, RecordRerun, Sensors, Task, Weights
 from edmsim.errors import InputError
-from edmsim.given_numbers import finite, plain, real, whole, whole_from
 from edmsim.job.settings import CutSettings
 from edmsim.learning import hyperparameters
 from edmsim.machine.overrides import with_overrides
+from edmsim.numeric import finite, plain, real, whole, whole_from
 
 EIGHTS = (8, 8.0, np.float32(8), np.float64(8), np.float16(8), np.longdouble(8), np.int8(8), np.uint64(8),
           Fraction(8), np.array(8), np.array(8.0, np.float32))  # fmt: skip
