@@ -217,6 +217,7 @@ class Plant(PlantReadings):
             self._model.reset()
         self._lay_to_rest(_CHANGING)
         self._arrays.entering[:] = self._arrays.flow_share
+        constants.stand_upright(self._arrays)
 
     def _lay_to_rest(self, names: Sequence[str]) -> None:
         """Let some of the arrays be those of a plant at rest."""
