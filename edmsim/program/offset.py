@@ -350,8 +350,8 @@ def leaning_outline(
     """
     try:
         if guides is None:
-            raise InputError("it is tapered, and the upper guide of this machine does not move: its file has no "
-                             "guides.upper_travel_mm")
+            raise InputError("it is tapered, and no guides that lead are known: edmsim cut takes them from a machine "
+                             "whose file has guides.upper_travel_mm")
         wall, wire = wire_beside(outline, offset_mm, guides)
     except InputError as error:
         raise located(error, program, outline) from None

@@ -558,9 +558,12 @@ def _check_lead(program: Program, leg: OffsetOutline, lead: _Lead) -> None:
 
 def _leaning_contour(leg: OffsetOutline, lead: _Lead, grid_um: int, guides: GuideHeights) -> WireContour:
     """Join lead and the ways of both guides on the grid: vertical on the way, the wire leans on its last move."""
-    outline, count = leg.outline, len(lead.points)
+    outline = leg.outline
     assert leg.surfaces is not None
     wall, wire = leg.surfaces
+    if not len(lead.points) and wire.slope[0].any():  # threaded upright, it leans where it stands
+        lead = _Lead(wire.lower_mm[:1], (0,))
+    count = len(lead.points)
     slope = np.concatenate([np.zeros((count, 2)), wire.slope])
     bends = guides.bends_mm(slope)
     known = np.concatenate([lead.points, wire.lower_mm])

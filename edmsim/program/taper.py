@@ -31,6 +31,8 @@ SHARP_DEG = 1.0
 """Lines and arcs that meet at less are tangents (ours: rounding of drawings)."""
 _MOST_TURN_DEG = 165.0
 """A corner that turns by more has a mitre longer than seven offsets (ours)."""
+GOUGE_MM = 0.01
+"""A wire that comes nearer to a wall than its offset by more spoils it (ours: half of what a rough cut strays)."""
 _NOTHING_MM = 1e-9
 _HEIGHTS = 5
 """Heights of the workpiece, both faces among them, at which a wire's way is looked at for crossings (ours)."""
@@ -407,6 +409,24 @@ def refuse_crossings(wire: Ruled, height_mm: float) -> None:
             )
 
 
+def refuse_gouges(wall: Ruled, wire: Ruled, offset_mm: float, height_mm: float) -> None:
+    """Refuse a wire that comes too near to the wall at some height of the workpiece.
+
+    Raises
+    ------
+    InputError
+        With the height, and by how much.
+    """
+    for z in np.linspace(0.0, height_mm, _HEIGHTS).tolist():
+        line, points = shapely.LineString(wall.at(z)), shapely.points(wire.at(z))
+        into_mm = offset_mm - float(line.distance(points).min())
+        if into_mm > GOUGE_MM:
+            raise InputError(
+                f"the wire would cut {into_mm:.3f} mm into the wall at a height of {z:.3f} mm: take a smaller angle or "
+                "offset, or draw the contour wider"
+            )
+
+
 def refuse_out_of_reach(wire: Ruled, guides: GuideHeights) -> None:
     """Refuse a wire that leans further than the upper guide goes.
 
@@ -630,14 +650,16 @@ def _of_pieces(outline: Outline, low: float, high: float, offset_mm: float) -> t
     elements: list[int] = []
     numbers: list[int] = []
     vertices: list[int] = []
+    most = max(piece.element for piece in pieces)  # corners that become cones are elements of their own
     for k, piece in enumerate(pieces):
-        at, drawn = len(elements), len(piece.points) - 1
+        at = len(elements)
         following = joints[(k + 1) % len(pieces)] if outline.closed or k + 1 < len(pieces) else _Joint(0.0, 0)
-        more = chords[k] + max(following.chords - 1, 0) + 1  # the last joins this piece to the next
+        after = max(following.chords, 1)  # that join this piece to the next
         drawn = (pieces[k + 1].first if k + 1 < len(pieces) else len(outline.points_mm) - 1) - piece.first
         vertices += [at + round(i * chords[k] / drawn) for i in range(drawn)]
-        elements += [piece.element] * more
-        numbers += [piece.line] * more
+        corner = most + k + 1 if following.chords else piece.element
+        elements += [piece.element] * chords[k] + [corner] * after
+        numbers += [piece.line] * (chords[k] + after)
     ruled = [
         Ruled(a, b, low, high, tuple(elements[:-1]), tuple(numbers[:-1]), (*vertices, len(a) - 1))
         for a, b in (lines[:2], lines[2:])
@@ -681,6 +703,7 @@ def wire_beside(outline: Outline, offset_mm: float, guides: GuideHeights) -> tup
     refuse_vanished(wall, guides.height_mm, "the wall")
     refuse_vanished(wire, guides.height_mm, "the wire's way")
     refuse_crossings(wire, guides.height_mm)
+    refuse_gouges(wall, wire, offset_mm, guides.height_mm)
     refuse_out_of_reach(wire, guides)
     wall, wire = _without_standstill(wall, wire)
     return wall, wire

@@ -241,6 +241,31 @@ def test_a_wire_that_would_cross_its_own_way_says_at_which_height():
     assert "crosses itself at a height of" in reason
 
 
+def test_a_groove_narrower_than_the_wire_is_refused():
+    points = [(-3, -2), (3, -2), (3, 2), (0.12, 2), (0.12, 0), (-0.12, 0), (-0.12, 2), (-3, 2)]
+    reason = refused(polygon(points, taper=Taper((1.0,) * 8, corners="sharp")))
+    assert "vanishes at a height of" in reason or "into the wall at a height of" in reason
+
+
+def test_a_corner_that_became_a_cone_is_an_element_of_its_own():
+    wall, _ = wire_beside(square(-5.0, "conical"), OFFSET, GUIDES)
+    assert sorted(set(wall.elements)) == [1, 2, 3, 4, 5, 6, 7, 8]
+    fan = wall.at(10.0)[np.flatnonzero(np.array(wall.elements) == 5)]
+    np.testing.assert_allclose(np.hypot(*(fan - (3.0, -3.0)).T), 10.0 * math.tan(math.radians(5.0)))
+
+
+def test_a_wire_without_a_way_to_its_contour_is_threaded_upright():
+    outline = Outline(
+        np.array([[0.0, 0.0], [2.0, 0.0]]), (0,), False, "right", "left", np.empty((0, 2)), needs_lead_in=False,
+        elements=(1,), taper=Taper((5.0,)),
+    )  # fmt: skip
+    path = plan_path(Program((outline,), (), "test"), OFFSET, auto_offset_mm=OFFSET, guides=GUIDES)
+    contour = path.contours[0]
+    assert contour.lean.upper_um[0].tolist() == [0, 0]
+    assert contour.lead_in_moves == 1
+    assert contour.along_um[1] == pytest.approx(10_000 * math.tan(math.radians(5.0)), abs=2.0)
+
+
 def test_an_inner_radius_smaller_than_the_wire_is_refused():
     hole = rounded_square(-3.0, "conical", radius=0.1, part="right")
     assert "the arc of the wire's way" in refused(hole)
@@ -284,7 +309,7 @@ def test_an_approach_that_leans_into_the_part_is_refused(tmp_path):
     guides = GuideHeights(-10, 14, 4, 30)
     with pytest.raises(InputError, match="leans into the part"):
         plan_path(file, OFFSET, auto_offset_mm=OFFSET, taper_deg=-15.0, guides=guides)
-    with pytest.raises(InputError, match="the upper guide of this machine does not move"):
+    with pytest.raises(InputError, match="no guides that lead are known"):
         plan_path(file, OFFSET, auto_offset_mm=OFFSET, taper_deg=-5.0)
 
 
