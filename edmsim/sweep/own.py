@@ -37,7 +37,7 @@ from edmsim.sweep.tune import (
 )
 from edmsim.user_code import named, run
 
-FINALISTS = 3
+FINALISTS = 8
 """Trials that are tried once more, besides the settings in use (ours)."""
 FRESH = 2
 """Times as many machines as the search has had (ours)."""
