@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from edmsim.cli.console import ERR, Generator, Height, Machine, Material, Seed, Tension, Wire, say
+from edmsim.cli.console import ERR, Height, Machine, Material, Seed, Tension, Wire, say
 from edmsim.errors import InputError
 
 if TYPE_CHECKING:
@@ -32,9 +32,11 @@ def gap(
     material: Material = "tool-steel",
     height: Height = 20.0,
     wire: Wire = "brass",
-    generator: Generator | None = None,
+    generator: Annotated[
+        str | None, typer.Option(help="Pulse generator; default by board, or iso-pulse.")
+    ] = None,
     tension: Tension = None,
-    start_gap: Annotated[float, typer.Option("--gap", help="Gap round the wire at the start in um.")] = 30.0,
+    gap: Annotated[float, typer.Option(help="Gap round the wire at the start in um.")] = 30.0,
     feed: Annotated[float, typer.Option(help="Without --serial: speed of x in um/s.")] = 5.0,
     seconds: Annotated[
         float | None, typer.Option(help="Machine time in s after which to stop; without --serial 1.")
@@ -66,7 +68,7 @@ def gap(
         _write_delays(set_up, delays, seed)
         if serial is None and samples is None and log is None:
             return
-    rig = _rig(set_up, board, seed, start_gap)
+    rig = _rig(set_up, board, seed, gap)
     with ExitStack() as files:
         sensing = Sensing(rate, low_pass, noise, current_noise, seed)
         sampled = files.enter_context(SampleFile(samples, sensing, rig.time_s)) if samples else None
@@ -81,10 +83,10 @@ def gap(
         say(rig.gap.lost)
 
 
-def _rig(set_up: SetUp, board: object, seed: int, start_gap: float) -> Rig:
+def _rig(set_up: SetUp, board: object, seed: int, gap_um: float) -> Rig:
     from edmsim.hil.rig import PlainGenerator, Rig
 
-    return Rig(board or PlainGenerator(set_up), set_up, seed=seed, gap_um=start_gap)  # type: ignore[arg-type]
+    return Rig(board or PlainGenerator(set_up), set_up, seed=seed, gap_um=gap_um)  # type: ignore[arg-type]
 
 
 def _run(rig: Rig, has_ports: bool, speed: float, seconds: float | None, feed: float) -> None:

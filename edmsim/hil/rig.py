@@ -110,6 +110,8 @@ class Rig:
     Examples
     --------
     >>> rig = Rig("powercore", seed=1)
+    >>> rig.board.unasked()
+    'Setup complete\r\n'
     >>> rig.move("VEL 5 0")
     'ok\r\n'
     >>> rig.run(0.02)
