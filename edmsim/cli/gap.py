@@ -52,6 +52,7 @@ def gap(
     seed: Seed = 0,
 ) -> None:
     """Give a real controller the gap: serial ports of a board, samples of voltage and current, delays."""
+    from edmsim.files import make_writable
     from edmsim.hil.ratio_log import RatioLog
     from edmsim.hil.rig import make_board
     from edmsim.hil.samples import SampleFile, Sensing
@@ -68,6 +69,9 @@ def gap(
         _write_delays(set_up, delays, seed)
         if serial is None and samples is None and log is None:
             return
+    for file in (samples, log):
+        if file is not None:
+            make_writable(file.parent)
     rig = _rig(set_up, board, seed, gap)
     with ExitStack() as files:
         sensing = Sensing(rate, low_pass, noise, current_noise, seed)

@@ -199,10 +199,15 @@ def _in_use(law: object, name: str) -> float:
 
 
 def _finalists(study: Any, made: Callable[[int, dict[str, float]], Trial]) -> list[Trial]:
-    """Return the best trials of a study."""
+    """Return the best trial of a study, and others evenly down to the last that is better than what is in use.
+
+    The best ones are alike, and alike in what they have been lucky with: the next ones are more careful.
+    """
     whole = [trial for trial in study.trials if trial.state.name == "COMPLETE"]
-    best = sorted(whole, key=lambda trial: -trial.value)[:FINALISTS]
-    return [made(trial.number, {name: float(f"{v:.3g}") for name, v in trial.params.items()}) for trial in best]
+    better = sorted((trial for trial in whole if trial.value > whole[0].value), key=lambda trial: -trial.value)
+    places = np.unique(np.linspace(0, max(len(better) - 1, 0), FINALISTS).round().astype(int))
+    chosen = [better[place] for place in places] if better else []
+    return [made(trial.number, {name: float(f"{v:.3g}") for name, v in trial.params.items()}) for trial in chosen]
 
 
 def _judged_again(
