@@ -42,8 +42,8 @@ def bench(
         with ScreenProgress(SpinnerColumn(), TextColumn("{task.description}"), console=ERR, transient=True) as bar:
             task = bar.add_task("measure")
 
-            def watch(begun: str) -> None:
-                bar.update(task, description=begun)
+            def watch(phase: str) -> None:
+                bar.update(task, description=phase)
 
             if against is not None:
                 numbers, table = _compared(against, pairs, watch)

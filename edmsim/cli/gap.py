@@ -33,7 +33,7 @@ def gap(
     height: Height = 20.0,
     wire: Wire = "brass",
     generator: Annotated[
-        str | None, typer.Option(help="Pulse generator; default by board, or iso-pulse.")
+        str | None, typer.Option(help="Pulse generator, or an own file; by default the board's, or iso-pulse.")
     ] = None,
     tension: Tension = None,
     gap: Annotated[float, typer.Option(help="Gap round the wire at the start in um.")] = 30.0,

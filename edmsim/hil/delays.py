@@ -13,7 +13,7 @@ from edmsim.errors import InputError
 from edmsim.files import replacing
 from edmsim.machine.machine import Machine
 from edmsim.machine.parts import Constant
-from edmsim.plant.workpiece.blanks import begun_slot
+from edmsim.plant.workpiece.blanks import started_slot
 
 GAPS_UM = (4.0, 6.0, 8.0, 10.0, 12.0, 15.0, 20.0, 30.0)
 VOLTAGES_V = (60.0, 80.0, 100.0, 120.0)
@@ -116,7 +116,7 @@ def _patient(machine: Machine, open_V: float) -> Machine:
 
 def _row(machine: Machine, gap_um: float, open_V: float, draws: int, seed: int) -> Delays:
     centre_um = machine.base.table.centre_um
-    stock = begun_slot(machine, centre_um, gap_um=gap_um)
+    stock = started_slot(machine, centre_um, gap_um=gap_um)
     plant = begin(machine, seed, gap_um=gap_um)
     plant.watch_pulses()
     shorts, delays = 0, []

@@ -21,8 +21,8 @@ from edmsim.envs.episode import Task
 from edmsim.errors import InputError
 from edmsim.evaluation.search import training_seeds
 from edmsim.files import make_writable
-from edmsim.given_numbers import real
-from edmsim.sweep.engine import Engine, Lost, Processes
+from edmsim.numeric import real
+from edmsim.sweep.engine import Engine, LostJob, Processes
 from edmsim.sweep.tune import (
     OWN_ENV,
     WORST_SHARE,
@@ -216,7 +216,7 @@ def _judged_again(
     """Return values and spread of trials by number, on machines that they were not chosen by."""
     found = {}
     for trial, answer in engine.done(judge_trial, iter([replace(trial, seeds=fresh) for trial in trials])):
-        worth = Worth(math.nan, answer.why) if isinstance(answer, Lost) else answer
+        worth = Worth(math.nan, answer.why) if isinstance(answer, LostJob) else answer
         if worth.error is not None:
             raise InputError(f"the settings of trial {trial.number} could not be tried again: {worth.error}")
         found[trial.number] = dict(trial.values), Spread.of(worth)
