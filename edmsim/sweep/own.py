@@ -38,9 +38,9 @@ from edmsim.sweep.tune import (
 from edmsim.user_code import named, run
 
 FINALISTS = 8
-"""Trials that are tried once more, besides the settings in use (ours)."""
+"""Trials that are tried once more, besides the settings in use (ours: the best has been lucky, too)."""
 FRESH = 2
-"""Times as many machines as the search has had (ours)."""
+"""Times as many machines as a trial has had, the same for all (ours)."""
 _RULE = 'BOUNDS = {"gain": (0.1, 10.0), "window_s": (0.01, 1.0, "log")}'
 
 
@@ -107,7 +107,7 @@ def tune_own(
     seed : int
         First training seed, and seed of the search.
     seeds : int
-        Drawn machines a trial is judged by.
+        Drawn machines a trial is judged by, others for every trial.
     engine : Engine, optional
         All processors of this computer by default.
     watch : callable, optional
@@ -128,8 +128,9 @@ def tune_own(
     space = bounds_of(own)
     if trials < 1:
         raise InputError(f"{trials} trials find nothing: give 1 or more")
-    judged_by = tuple(training_seeds(seed, seeds))
-    fresh = tuple(training_seeds(seed + seeds, FRESH * seeds))
+    fresh = tuple(training_seeds(seed, FRESH * seeds))
+    first_of_trials = seed + FRESH * seeds
+    training_seeds(first_of_trials, (trials + 1) * seeds)
     options = {"resolution": "fast", **options}
     Task(OWN_ENV, **options)  # refused here, in one line, and not in every trial
     folder = Path(out)
@@ -140,7 +141,9 @@ def tune_own(
     machines = engine or Processes()
 
     def made(number: int, values: dict[str, float]) -> Trial:
-        return Trial(number, "own", text, values, judged_by, options=options)
+        # machines of its own: on the same ones a search finds what these bear, and not what most do
+        judged_by = training_seeds(first_of_trials + max(number, 0) * seeds, seeds)
+        return Trial(number, "own", text, values, tuple(judged_by), options=options)
 
     def ended(trial: Trial, worth: Worth) -> None:
         if watch is not None and made_in(study, "COMPLETE"):
@@ -199,15 +202,10 @@ def _in_use(law: object, name: str) -> float:
 
 
 def _finalists(study: Any, made: Callable[[int, dict[str, float]], Trial]) -> list[Trial]:
-    """Return the best trial of a study, and others evenly down to the last that is better than what is in use.
-
-    The best ones are alike, and alike in what they have been lucky with: the next ones are more careful.
-    """
+    """Return the best trials of a study."""
     whole = [trial for trial in study.trials if trial.state.name == "COMPLETE"]
-    better = sorted((trial for trial in whole if trial.value > whole[0].value), key=lambda trial: -trial.value)
-    places = np.unique(np.linspace(0, max(len(better) - 1, 0), FINALISTS).round().astype(int))
-    chosen = [better[place] for place in places] if better else []
-    return [made(trial.number, {name: float(f"{v:.3g}") for name, v in trial.params.items()}) for trial in chosen]
+    best = sorted(whole, key=lambda trial: -trial.value)[:FINALISTS]
+    return [made(trial.number, {name: float(f"{v:.3g}") for name, v in trial.params.items()}) for trial in best]
 
 
 def _judged_again(
