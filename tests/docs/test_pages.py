@@ -26,6 +26,7 @@ NOT_RUN = {
     ".venv/bin/pip install -c constraints.txt .[rl]": "the Makefile installs it",
     "pip install edmsim[cluster]": "the Makefile installs it",
     "pip install edmsim[tune]": "the Makefile installs it",
+    "pip install edmsim[fmu]": "the Makefile installs it",
     "ray start --head": "tests/sweep/test_sweep_cluster.py starts one",
     "edmsim sweep sweep.toml --out out/sweep --ray auto": "tests/sweep/test_sweep_cluster.py",
     "edmsim tune edmsim/GapFeed-v2 --steps 20000 --out out/tune-ppo": "tests/sweep/test_tune.py trains",
@@ -54,6 +55,8 @@ NEEDS = {
     "README.md": ("stable_baselines3",),
     "docs/environments.md": ("stable_baselines3",),
     "docs/how-to/environment.md": ("stable_baselines3", "tensorboard"),
+    "docs/how-to/firmware.md": ("optuna",),
+    "docs/how-to/fmu.md": ("fmpy", "pythonfmu3"),
     "docs/playback.md": ("imageio_ffmpeg",),
     "docs/training.md": ("minari", "sb3_contrib", "stable_baselines3", "tensorboard"),
 }
