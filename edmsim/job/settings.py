@@ -122,6 +122,18 @@ class CutSettings(BaseModel):
     """File with a G-code program's offset registers, lines as ``D1 = 0.155`` in mm, for the offset auto."""
     unit: str | None = None
     """Unit of a drawing, mm, um, cm, m, in, ft or mil; by default what the drawing says."""
+    passes: WholeNumber | None = None
+    """Cut every contour in so many passes, rough and trims, with offsets and settings of a technology; by default in
+    one, or as the program does."""
+    technology: str | None = None
+    """Technology of the passes: name under ``models/technologies``, or path of an own TOML file; by default the one
+    for the material. It decides machine, wire, generator, pulses, controller and planner."""
+    tab_mm: Number = 1.5
+    """Length of the edge, at the end of a closed contour in passes, that is cut last: it holds the piece; 0 for none."""
+    overlap_mm: Number = 0.1
+    """How far passes go on over what is already cut, in mm."""
+    after_tab: str = "stop"
+    """What comes before the tab is cut: stop, for the piece to be held, or cut, and the slug falls."""
     stuck_wire_sensor: bool = False
     """Whether the wire's sensor is stuck: a break goes unseen, and the machine goes on without a wire."""
     axis_faults: tuple[str, ...] = ()
@@ -288,6 +300,11 @@ class CutOptions(TypedDict, total=False):
     layers: Sequence[str]
     offsets: str | None
     unit: str | None
+    passes: int | None
+    technology: str | None
+    tab_mm: float
+    overlap_mm: float
+    after_tab: str
     stuck_wire_sensor: bool
     axis_faults: Sequence[str]
     seed: int

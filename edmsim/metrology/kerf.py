@@ -84,7 +84,7 @@ def kerf_width(field: KerfField, contour: WireContour, wire_diameter_um: float) 
     points = line.at(s_mm)
     across = left_of(line.tangent(s_mm, KERF_STEP_MM))
     walls = [
-        _wall_distance(field, points * 1000, side * across, MAX_KERF_OVER_WIRE * wire_diameter_um / 2)
+        wall_distance_um(field, points * 1000, side * across, MAX_KERF_OVER_WIRE * wire_diameter_um / 2)
         for side in (1.0, -1.0)
     ]
     width = walls[0] + walls[1]
@@ -98,7 +98,7 @@ def kerf_width(field: KerfField, contour: WireContour, wire_diameter_um: float) 
     return KerfWidth(s_mm[clear], *(np.where(kept, um[:, clear], np.nan) for um in (width, part)))
 
 
-def _wall_distance(field: KerfField, start_um: Floats, direction: Floats, reach_um: float) -> Floats:
+def wall_distance_um(field: KerfField, start_um: Floats, direction: Floats, reach_um: float) -> Floats:
     """Distance in um along rays to the first metal: (n_slices, n); NaN from inside metal or beyond reach."""
     ray = np.arange(0.0, reach_um, field.cell_um / 2)
     out = np.empty((field.n_slices, len(start_um)))
