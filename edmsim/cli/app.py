@@ -20,6 +20,7 @@ from edmsim.cli.positioner import positioner
 from edmsim.cli.servo import servo
 from edmsim.cli.studies import calibrate, validate
 from edmsim.cli.sweep import SHORT_FORM, sweep, tune
+from edmsim.cli.technology import technology
 from edmsim.cli.terminal import terminal
 from edmsim.cli.warm_up import warm_up
 from edmsim.errors import BAD_INPUT, FAILED, InputError, run_command
@@ -30,7 +31,7 @@ app = typer.Typer(
 )
 _COMMANDS = (
     cut, check, view, render, report, train, score, dataset, evaluate, search_gains, calibrate, validate, bench,
-    terminal,
+    terminal, technology,
     servo, positioner, measure_table, tune, warm_up,
 )  # fmt: skip
 _UsageError: Any = typer.BadParameter.__base__

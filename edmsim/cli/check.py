@@ -9,6 +9,7 @@ import typer
 
 from edmsim.cli.console import (
     OUT,
+    AfterTab,
     Generator,
     Height,
     Ignore,
@@ -17,7 +18,11 @@ from edmsim.cli.console import (
     Material,
     Offset,
     Offsets,
+    Overlap,
+    Passes,
     Program,
+    Tab,
+    Technology,
     Unit,
     Wire,
     default_folder,
@@ -43,6 +48,11 @@ def check(
     offsets: Offsets = None,
     layers: Layers = "",
     unit: Unit = None,
+    passes: Passes = None,
+    technology: Technology = None,
+    tab: Tab = 1.5,
+    overlap: Overlap = 0.1,
+    after_tab: AfterTab = "stop",
 ) -> None:
     """Look at a program before the cut: path, notices, time."""
     from edmsim.files import make_writable, replacing
@@ -58,6 +68,7 @@ def check(
     options = {
         "machine": machine, "material": material, "height_mm": height, "wire": wire, "generator": generator,
         "offset": offset, "offsets": path_text(offsets), "layers": named(layers), "unit": unit,
+        "passes": passes, "technology": technology, "tab_mm": tab, "overlap_mm": overlap, "after_tab": after_tab,
     }
     unknown: dict[str, list[int]] = {}
     try:

@@ -35,7 +35,10 @@ Machine = Annotated[
     str, typer.Option(help="Machine: agiecut-dem15, production, production-400, worn-table, or an own file.")
 ]
 Generator = Annotated[
-    str, typer.Option(help="Generator: equalising, ignition-pulse, iso-energetic, iso-pulse, production, or a file.")
+    str,
+    typer.Option(
+        help="Generator: equalising, fine, ignition-pulse, iso-energetic, iso-pulse, production, or a file."
+    ),
 ]
 Tension = Annotated[float | None, typer.Option(help="Wire tension in N; default by wire.")]
 Resolution = Annotated[str, typer.Option(help="fast, default or fine.")]
@@ -53,6 +56,15 @@ Layers = Annotated[
     str, typer.Option(metavar="NAMES", help="Layers of a drawing to cut; default all shown.", show_default=False)
 ]
 Unit = Annotated[str | None, typer.Option(help="Unit of a drawing: mm, um, cm, m, in, ft, mil; default by drawing.")]
+Passes = Annotated[
+    int | None, typer.Option(help="Cut in so many passes, rough and trims; by default in one, or as the program.")
+]
+Technology = Annotated[
+    str | None, typer.Option(help="Technology of the passes, a name or a file .toml; default by material.")
+]
+Tab = Annotated[float, typer.Option(help="Length in mm that is cut last and holds the piece; 0 for none.")]
+Overlap = Annotated[float, typer.Option(help="How far passes go on over what is already cut, in mm.")]
+AfterTab = Annotated[str, typer.Option(help="stop: the piece is held before its tab is cut; cut: the slug falls.")]
 Seed = Annotated[int, typer.Option(help="Seed of every draw.")]
 
 

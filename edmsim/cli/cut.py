@@ -16,6 +16,7 @@ from edmsim.cli.console import (
     INTERRUPTED,
     OUT,
     STOPPED,
+    AfterTab,
     Generator,
     Height,
     Ignore,
@@ -24,9 +25,13 @@ from edmsim.cli.console import (
     Material,
     Offset,
     Offsets,
+    Overlap,
+    Passes,
     Program,
     Resolution,
     Seed,
+    Tab,
+    Technology,
     Tension,
     Unit,
     Wire,
@@ -83,8 +88,8 @@ def cut(
     controller: Annotated[
         str,
         typer.Option(help="Feed controller: counts, fixed, voltage, delay, fuzzy, adaptive-off-time, mcu, "
-                          "fixed-period, sato, heat-flux, set-point, climb, policy:FILE, own.py:Own; with parameters "
-                          "if wanted, fixed:feed_um_s=20."),
+                          "fixed-period, sato, heat-flux, set-point, climb, trim, policy:FILE, own.py:Own; with "
+                          "parameters if wanted, fixed:feed_um_s=20."),
     ] = "counts",
     planner: Annotated[str, typer.Option(help="poscal, poscal-literal, dda, sine-table or exact.")] = "poscal",
     drive: Annotated[
@@ -101,17 +106,11 @@ def cut(
     offsets: Offsets = None,
     layers: Layers = "",
     unit: Unit = None,
-    passes: Annotated[
-        int | None, typer.Option(help="Cut in so many passes, rough and trims; by default in one, or as the program.")
-    ] = None,
-    technology: Annotated[
-        str | None, typer.Option(help="Technology of the passes, name or file .toml; default by material.")
-    ] = None,
-    tab: Annotated[float, typer.Option(help="Length in mm that is cut last and holds the piece; 0 for none.")] = 1.5,
-    overlap: Annotated[float, typer.Option(help="How far passes go on over what is cut, in mm.")] = 0.1,
-    after_tab: Annotated[
-        str, typer.Option(help="stop: the piece is held before its tab is cut; cut: the slug falls.")
-    ] = "stop",
+    passes: Passes = None,
+    technology: Technology = None,
+    tab: Tab = 1.5,
+    overlap: Overlap = 0.1,
+    after_tab: AfterTab = "stop",
     stuck_wire_sensor: Annotated[
         bool, typer.Option("--stuck-wire-sensor", help="Let nobody see a wire break: the machine goes on.")
     ] = False,
@@ -160,8 +159,8 @@ def cut(
                 compensation=path_text(compensation), mechanics=mechanics,
                 resolution=resolution, offset=offset, offsets=path_text(offsets), ignore=named(ignore),
                 layers=named(layers), unit=unit, passes=passes, technology=technology, tab_mm=tab,
-                overlap_mm=overlap, after_tab=after_tab, stuck_wire_sensor=stuck_wire_sensor, axis_faults=axis_fault or (),
-                seed=seed, max_time_s=max_time,
+                overlap_mm=overlap, after_tab=after_tab, stuck_wire_sensor=stuck_wire_sensor,
+                axis_faults=axis_fault or (), seed=seed, max_time_s=max_time,
                 resume=resume, overwrite=overwrite,
                 watch=watcher.show, enter=watcher.enter,
             )

@@ -56,8 +56,9 @@ def legs_of(contour: WireContour) -> list[Leg]:
     last = len(contour.points_um) - 1
     ends = [i for i in stops if 0 < i < last] + [last]
     starts = [0, *ends[:-1]]
+    threads = not contour.continues
     return [
-        Leg(contour.points_um[a : b + 1], a == 0 and not contour.continues, wait.get(0, 0.0) if a == 0 else 0.0, wait.get(b, 0.0))
+        Leg(contour.points_um[a : b + 1], a == 0 and threads, wait.get(0, 0.0) if a == 0 else 0.0, wait.get(b, 0.0))
         for a, b in zip(starts, ends, strict=True)
     ]
 

@@ -127,8 +127,10 @@ class PassLog:
         what = "slug" if not _is_part(piece, contour) else "part"
         far_mm = lever_mm(piece, (x, y))
         if not one.falls:
-            self.notices.append(f"the {what} is loose after the cut at X {x / 1e3:.3f} Y {y / 1e3:.3f} mm on the table "
-                                "and is taken to be held: glued, or by a magnet")
+            self.notices.append(
+                f"the {what} is loose after the cut at X {x / 1e3:.3f} Y {y / 1e3:.3f} mm on the table "
+                "and is taken to be held: glued, or by a magnet"
+            )
             return
         if far_mm > plant.machine.wire_diameter_um * 1e-3:
             self.notices.append(
@@ -136,13 +138,17 @@ class PassLog:
                 "centre; hold it with after_tab stop, or place the tab nearer to its centre"
             )
         if what == "part":
-            self.notices.append("the part comes loose before its last pass and is taken to lie still: after_tab stop "
-                                "lets the machine stop for it to be held")
+            self.notices.append(
+                "the part comes loose before its last pass and is taken to lie still: after_tab stop "
+                "lets the machine stop for it to be held"
+            )
             return
         taken_mm3 = plant.take_out(piece)
-        self.notices.append(f"the slug falls at X {x / 1e3:.3f} Y {y / 1e3:.3f} mm on the table and is taken out of "
-                            f"the workpiece, {piece.area * 1e-6:.2f} mm² of it"
-                            + (f", {taken_mm3:.2f} mm³ of them near the wire's path" if taken_mm3 else ""))
+        self.notices.append(
+            f"the slug falls at X {x / 1e3:.3f} Y {y / 1e3:.3f} mm on the table and is taken out of "
+            f"the workpiece, {piece.area * 1e-6:.2f} mm² of it"
+            + (f", {taken_mm3:.2f} mm³ of them near the wire's path" if taken_mm3 else "")
+        )
 
     def snapshot(self) -> dict[str, Any]:
         """Return everything that changes, fit for JSON."""

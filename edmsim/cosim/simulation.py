@@ -91,8 +91,8 @@ class Simulation:
     axis_faults : sequence of AxisFault
         What breaks at axes under drives with a loop, and when.
     setups : sequence of PassSetup
-        Setting of the passes of the path, from rough to last; where there are fewer than passes, the last holds on. By
-        default all passes have `machine` and `controller`.
+        Setting of the passes of the path, from rough to last; where there are fewer than passes, the last holds on.
+        By default all passes have `machine` and `controller`.
     metal : KerfField, optional
         What an earlier cut left of the workpiece, in place of a fresh blank: it is copied.
     approach : PassSetup, optional
@@ -193,6 +193,10 @@ class Simulation:
     def controller(self) -> FeedController:
         """The feed controller at work."""
         return self._setup.controller
+
+    def machine_of(self, number: int) -> Machine:
+        """Return the set-up of a pass, by its number from 1."""
+        return self._setups[min(number, len(self._setups)) - 1].machine
 
     @property
     def setups_told(self) -> list[tuple[str, str]]:

@@ -1,8 +1,8 @@
 """The search for a technology: straight cuts, pass after pass on the same metal, until each takes what it should.
 
-What is asked of the passes, roughness, feed and stock, is that of a job shop with 0.25 mm brass wire on 25.4 mm of steel
-(../shared is not needed to run it: the numbers stand below). Pulses follow from the roughness by the model's craters,
-the power of the rough pass from the wire, the offsets from where the wall of a simulated cut ends.
+What is asked of the passes, roughness, feed and stock, is that of a job shop with 0.25 mm brass wire on 25.4 mm of
+steel (`ASKED`). Pulses follow from the roughness by the model's craters, the power of the rough pass from the wire,
+the offsets from where the wall of a simulated cut ends.
 """
 
 from __future__ import annotations
@@ -36,9 +36,9 @@ from edmsim.program.path import CutPath, WireContour
 class Asked(NamedTuple):
     """What is asked of a pass: Ra, feed at 25.4 mm, stock to take, and with which generator.
 
-    Sources: a shop's table for 1 to 7 passes (brass 0.254 mm, steel, 25.4 mm, second hand) for the numbers; pressures:
-    shops flush a rough pass with several bar and trims with less, here within what the machine file gives;
-    on-times fall from pass to pass as tables have it, and tension rises, by numbers of ours.
+    The numbers are those of a shop's table for 1 to 7 passes (brass 0.254 mm, steel, 25.4 mm, second hand). Shops
+    flush a rough pass with several bar and trims with less; on-times fall from pass to pass, and tension rises: by
+    numbers of ours.
     """
 
     ra_um: float
@@ -63,8 +63,8 @@ ASKED = (
 AT_MM = 25.4
 """Height to which these feeds belong."""
 FEED_EXPONENT = -0.3
-"""Feed asked of a trim over the height to this power: a taller wall is more metal, and the fine passes of tall parts are
-slower in all tables (ours, within 0 to -1)."""
+"""Feed asked of a trim over the height to this power: a taller wall is more metal, and trims of tall parts are slower
+in all tables (ours, within 0 to -1)."""
 
 GENTLE = 1.25
 """Period of the rough pass over the one at which the wire broke (ours: it holds for other seeds, too)."""
@@ -77,9 +77,11 @@ START_OF = 1.6
 MOST_BREAKS = 6
 """So often a period that broke the wire is lengthened again (ours)."""
 POWER = 1.8
-"""What a trim's pulses would take if all of them ignited, over the stock it is to take (ours: half of them stay open)."""
+"""What a trim's pulses would take if all of them ignited, over the stock it is to take (ours: half stay open)."""
 STOCK_SHARE, STOCK_UM = 0.15, 1.5
 """A pass takes what it should within this share, or these um (ours)."""
+SHALLOWER_UM = 3.0
+"""A trim that jammed is tried again so much further off the wall (ours)."""
 MOST_TRIES = 4
 """Cuts per trim: the last one counts even if it takes more or less than it should (ours)."""
 RA_SHARE = 0.12
@@ -118,10 +120,24 @@ class Job:
             raise InputError(f"a technology has 1 to {len(ASKED)} passes, not {self.passes}")
         self.setup("production").check()
 
+    def check_like(self, known: Technology, file: Path) -> None:
+        """Refuse to add a height to a technology of something else, or with fewer passes."""
+        for name in ("material", "machine", "wire"):
+            if getattr(known, name) != getattr(self, name):
+                raise InputError(
+                    f"the file holds a technology for {name} {getattr(known, name)}, not {getattr(self, name)}: give "
+                    "another --out",
+                    file,
+                )
+
     def setup(self, generator: str, **choices: Any) -> Machine:
         """Return a machine with one of the generators at some setting."""
         return Machine.load(
-            self.machine, material=self.material, wire=self.wire, generator=generator, height_mm=self.height_mm,
+            self.machine,
+            material=self.material,
+            wire=self.wire,
+            generator=generator,
+            height_mm=self.height_mm,
             **choices,
         )
 
@@ -192,15 +208,14 @@ class Search:
         metal: KerfField | None = None
         offset_mm = self._first_mm
         for number, asked in enumerate(ASKED[: self._job.passes], 1):
-            if number <= len(found):
+            if number <= len(found):  # cut again, for the metal behind it
                 one = found[number - 1]
                 cut = self._cut(one, number, offset_mm, metal)
             else:
                 one, cut, offset_mm, found = self._next(asked, number, offset_mm, metal, found)
             metal, offset_mm = cut.metal, offset_mm - one.step_um * 1e-3
-            if number > 1 or self._job.passes > 0:
-                self._note(found)
-        return AtHeight(height_mm=self._job.height_mm, **{"pass": tuple(found)})
+            self._note(found)
+        return AtHeight.model_validate({"height_mm": self._job.height_mm, "pass": tuple(found)})
 
     def _next(
         self, asked: Asked, number: int, offset_mm: float, metal: KerfField | None, found: list[PassSetting]
@@ -225,10 +240,7 @@ class Search:
             cut = self._cut(one.model_copy(update={"t_period_us": round(period_us, 1)}), 1, self._first_mm, None)
             rate = cut.feed_mm_min * self._job.height_mm
             if cut.outcome != "finished" or rate < NO_GAIN * best:
-                if cut.outcome == "finished":
-                    held = period_us / SHORTENING
-                else:
-                    held = period_us * GENTLE
+                held = period_us / SHORTENING if cut.outcome == "finished" else period_us * GENTLE
                 break
             best, period_us = rate, period_us * SHORTENING
         held = max(held, least_us)
@@ -250,8 +262,9 @@ class Search:
         for _ in range(MOST_TRIES):
             step_um = max(asked.stock_um + before.last_offset_um - last_um, 0.0)
             cut = self._cut(one, number, offset_mm - step_um * 1e-3, metal)
-            if cut.record.wall is None:
-                raise InputError(f"pass {number} did not come to its end: {cut.outcome}")
+            if cut.record.wall is None:  # the wire went into the metal, or the pulses were too few
+                last_um, one = last_um + SHALLOWER_UM, self._stronger(one)
+                continue
             took_um = step_um - before.last_offset_um + cut.last_offset_um
             kept = cut.feed_mm_min / one.feed_mm_min
             off = abs(took_um - asked.stock_um) > max(STOCK_SHARE * asked.stock_um, STOCK_UM)
@@ -263,6 +276,8 @@ class Search:
                 one = self._with_ra(one, asked.ra_um / cut.ra_um)
             if kept < FEED_REACHED:
                 one = self._stronger(one)
+        if cut.record.wall is None:
+            raise InputError(f"pass {number} did not come to its end: {cut.outcome}")
         return self._with_found(one, cut, took_um), cut, step_um
 
     def _with_ra(self, one: PassSetting, share: float) -> PassSetting:
@@ -319,17 +334,21 @@ class Search:
     def _cut(self, one: PassSetting, number: int, offset_mm: float, metal: KerfField | None) -> Cut:
         cut = cut_pass(self._job, one, number, offset_mm, metal)
         wall = cut.record.wall
-        left = "" if wall is None else f", would meet the drawing at {cut.last_offset_um:.1f} um, bow {wall.bow_um:+.1f} um"
+        left = (
+            ""
+            if wall is None
+            else f", would meet the drawing at {cut.last_offset_um:.1f} um, bow {wall.bow_um:+.1f} um"
+        )
         self._tell(
-            f"pass {number}: {one.t_on_us:g} us and {one.peak_current_A:g} A in {one.t_period_us:g} us: {cut.outcome}, "
-            f"{cut.feed_mm_min:.2f} mm/min, Ra {cut.ra_um:.2f} um{left}"
+            f"pass {number}: {one.t_on_us:g} us and {one.peak_current_A:g} A in {one.t_period_us:g} us: "
+            f"{cut.outcome}, {cut.feed_mm_min:.2f} mm/min, Ra {cut.ra_um:.2f} um{left}"
         )
         return cut
 
     def _note(self, found: Sequence[PassSetting]) -> None:
         if self._journal is None:
             return
-        told = {"job": replace_plain(self._job), "passes": [one.model_dump() for one in found]}
+        told = {"job": _plain(self._job), "passes": [one.model_dump() for one in found]}
         with replacing(self._journal) as partial:
             partial.write_text(json.dumps(told, indent=1), encoding="utf-8")
 
@@ -341,23 +360,24 @@ class Search:
             told = json.loads(self._journal.read_text(encoding="utf-8"))
             job, passes = told["job"], [PassSetting.model_validate(row) for row in told["passes"]]
         except (ValueError, LookupError, TypeError) as error:
-            raise InputError(f"the journal of the search is damaged ({error}): search again without --resume",
-                             self._journal) from None
-        own = replace_plain(self._job)
+            raise InputError(
+                f"the journal of the search is damaged ({error}): search again without --resume", self._journal
+            ) from None
+        own = _plain(self._job)
         for name, value in own.items():
             if name != "passes" and job.get(name) != value:
-                raise InputError(f"the interrupted search was for {name} {job.get(name)!r}, not {value!r}", self._journal)
+                raise InputError(
+                    f"the interrupted search was for {name} {job.get(name)!r}, not {value!r}", self._journal
+                )
         return passes[: self._job.passes]
 
 
-def replace_plain(job: Job) -> dict[str, Any]:
+def _plain(job: Job) -> dict[str, Any]:
     """Return a job's fields, fit for JSON."""
     return {name: getattr(job, name) for name in Job.__dataclass_fields__}
 
 
-def cut_pass(
-    job: Job, one: PassSetting, number: int, offset_mm: float, metal: KerfField | None
-) -> Cut:
+def cut_pass(job: Job, one: PassSetting, number: int, offset_mm: float, metal: KerfField | None) -> Cut:
     """Cut one pass along a straight edge, on the metal that the pass before it left.
 
     Parameters
@@ -375,26 +395,32 @@ def cut_pass(
     return _run(job, machine, one, path, number, metal)
 
 
-def _run(
-    job: Job, machine: Machine, one: PassSetting, path: CutPath, number: int, metal: KerfField | None
-) -> Cut:
+def _run(job: Job, machine: Machine, one: PassSetting, path: CutPath, number: int, metal: KerfField | None) -> Cut:
     path = _only(path, number)
     approach = PassSetup(machine, from_text(one.controller(0.25)))
     simulation = Simulation(
-        machine, path, from_text(one.controller()), planner="exact", seed=job.seed + 101 * number,
-        resolution=job.resolution, metal=metal, approach=approach if number == 1 else None,
+        machine,
+        path,
+        from_text(one.controller()),
+        planner="exact",
+        seed=job.seed + 101 * number,
+        resolution=job.resolution,
+        metal=metal,
+        approach=approach if number == 1 else None,
     )
     outcome = simulation.run()
     record = simulation.passes.records[-1]
     ignited = record.sums.spark + record.sums.arc
-    ra_um = roughness_um(
-        record.sums.crater_um3 / ignited, machine.base.discharge.crater_flatness.value
-    ) if ignited else math.nan
+    ra_um = (
+        roughness_um(record.sums.crater_um3 / ignited, machine.base.discharge.crater_flatness.value)
+        if ignited
+        else math.nan
+    )
     return Cut(record, simulation.plant.field, ra_um, outcome)
 
 
 def _only(path: CutPath, number: int) -> CutPath:
-    """Return a straight path with the pass of a number alone: forward where that is odd, backward where it is even."""
+    """Return a straight path with the pass of a number alone: forward where that is odd, backward where it is not."""
     contour = path.contours[0]
     if number == 1:
         return path

@@ -45,12 +45,15 @@ class Passes(NamedTuple):
     setups : tuple of PassSetup
         One per pass; none for a cut in one pass.
     approach : PassSetup or None
+    table : PassTable or None
+        What the technology says.
     """
 
     settings: CutSettings
     path: CutPath
     setups: tuple[PassSetup, ...] = ()
     approach: PassSetup | None = None
+    table: PassTable | None = None
 
 
 def with_passes(program: str | Path, settings: CutSettings, plan: _Plan) -> Passes:
@@ -104,8 +107,8 @@ def in_force(settings: CutSettings, technology: Technology, table: PassTable) ->
         given, usual = getattr(settings, name), CutSettings.model_fields[name].default
         if given not in (usual, value):
             raise InputError(
-                f"the technology '{technology.title}' decides {name}, {value!r}, and it is given as {given!r}: leave it "
-                "out, or give a technology that has it"
+                f"the technology '{technology.title}' decides {name}, {value!r}, and it is given as {given!r}: leave "
+                "it out, or give a technology that has it"
             )
     return settings.model_copy(update=decided)
 
@@ -114,9 +117,7 @@ def _technology(settings: CutSettings) -> Technology:
     if settings.technology is not None:
         found = read_technology(settings.technology)
         if found.material != settings.material:
-            raise InputError(
-                f"the technology '{found.title}' is for {found.material}, not for {settings.material}"
-            )
+            raise InputError(f"the technology '{found.title}' is for {found.material}, not for {settings.material}")
         return found
     usual = CutSettings.model_fields
     machine, wire = (
@@ -132,14 +133,18 @@ def _made(
     """Make the set-ups of the passes; the first is the machine of the settings."""
     machines = [_machine(settings, technology, one) for one in table.settings]
     setups = tuple(
-        PassSetup(machine, from_text(one.controller()))
-        for machine, one in zip(machines, table.settings, strict=True)
+        PassSetup(machine, from_text(one.controller())) for machine, one in zip(machines, table.settings, strict=True)
     )
     approach = PassSetup(machines[0], from_text(table.settings[0].controller(table.approach_share)))
     path = CutPath(
-        path.contours, path.stock_mm, path.start_hole_radius_mm, path.origin_mm, (*path.notices, *notices), path.source
+        path.contours,
+        path.stock_mm,
+        path.start_hole_radius_mm,
+        path.origin_mm,
+        (*path.notices, *notices),
+        path.source,
     )
-    return Passes(settings, path, setups, approach)
+    return Passes(settings, path, setups, approach, table)
 
 
 def _machine(settings: CutSettings, technology: Technology, one: PassSetting) -> Machine:

@@ -129,7 +129,8 @@ class CutSettings(BaseModel):
     """Technology of the passes: name under ``models/technologies``, or path of an own TOML file; by default the one
     for the material. It decides machine, wire, generator, pulses, controller and planner."""
     tab_mm: Number = 1.5
-    """Length of the edge, at the end of a closed contour in passes, that is cut last: it holds the piece; 0 for none."""
+    """Length of the edge in mm, at the end of a closed contour in passes, that is cut last and holds the piece; 0 for
+    none."""
     overlap_mm: Number = 0.1
     """How far passes go on over what is already cut, in mm."""
     after_tab: str = "stop"

@@ -1,7 +1,7 @@
-"""Technologies: offsets and settings of every pass by workpiece height, as `models/technologies` and users' files hold them.
+"""Technologies: offsets and settings of every pass by workpiece height, as files of `models/technologies` hold them.
 
-A technology is found by simulation (``edmsim technology``). Its passes form a chain: a pass has the same setting however many
-follow, and offsets are counted from the last pass, the one that meets the drawing.
+A technology is found by simulation (``edmsim technology``). Its passes form a chain: a pass has the same setting
+however many follow, and offsets are counted from the last pass, the one that meets the drawing.
 """
 
 from __future__ import annotations
@@ -98,10 +98,20 @@ class PassSetting(Part):
 def machine_of(one: PassSetting, machine: str, material: str, wire: str, height_mm: float) -> Machine:
     """Return a machine with the setting of a pass; raises `InputError` as `Machine.load`."""
     return Machine.load(
-        machine, material=material, wire=wire, generator=one.generator, height_mm=height_mm, tension=one.tension_N,
-        t_on_us=one.t_on_us, t_period_us=one.t_period_us, peak_current_A=one.peak_current_A,
-        open_voltage_V=one.open_voltage_V, ignition_wait_us=one.ignition_wait_us, wire_speed_m_s=one.wire_speed_m_s,
-        flushing_lower_Pa=one.flushing_lower_Pa, flushing_upper_Pa=one.flushing_upper_Pa,
+        machine,
+        material=material,
+        wire=wire,
+        generator=one.generator,
+        height_mm=height_mm,
+        tension=one.tension_N,
+        t_on_us=one.t_on_us,
+        t_period_us=one.t_period_us,
+        peak_current_A=one.peak_current_A,
+        open_voltage_V=one.open_voltage_V,
+        ignition_wait_us=one.ignition_wait_us,
+        wire_speed_m_s=one.wire_speed_m_s,
+        flushing_lower_Pa=one.flushing_lower_Pa,
+        flushing_upper_Pa=one.flushing_upper_Pa,
     )
 
 
@@ -163,11 +173,6 @@ class Technology(Part):
             raise ValueError("heights must rise")
         return self
 
-    @property
-    def most_passes(self) -> int:
-        """How many passes it has at every height."""
-        return min(len(one.passes) for one in self.heights)
-
     def table(self, height_mm: float, passes: int) -> PassTable:
         """Return offsets and settings for a height and a number of passes, interpolated between heights.
 
@@ -176,12 +181,12 @@ class Technology(Part):
         InputError
             More passes than it has, or a height far beyond its own.
         """
-        if not 1 <= passes <= self.most_passes:
-            raise InputError(
-                f"the technology for {self.material} and the wire {self.wire} has 1 to {self.most_passes} passes, not "
-                f"{passes}; one with more is found by edmsim technology"
-            )
         at, notices = self._at(height_mm)
+        if not 1 <= passes <= len(at.passes):
+            raise InputError(
+                f"the technology for {self.material} and the wire {self.wire} has 1 to {len(at.passes)} passes for "
+                f"{height_mm:g} mm, not {passes}: take so many, or find others with edmsim technology"
+            )
         settings = at.passes[:passes]
         offset_um = settings[-1].last_offset_um
         offsets = [offset_um]
@@ -198,12 +203,15 @@ class Technology(Part):
         listed = ", ".join(f"{mm:g}" for mm in known)
         if not known[0] / _BEYOND <= height_mm <= known[-1] * _BEYOND:
             raise InputError(
-                f"the technology for {self.material} and the wire {self.wire} has settings for heights of {listed} mm, "
-                f"too far from {height_mm:g} mm: find some with edmsim technology {self.material} --height {height_mm:g}"
+                f"the technology for {self.material} and the wire {self.wire} has settings for heights of {listed} "
+                f"mm, too far from {height_mm:g} mm: find some with edmsim technology {self.material} --height "
+                f"{height_mm:g}"
             )
         between = known[0] < height_mm < known[-1]
         how = "interpolated between" if between else "extrapolated from"
-        notice = f"the settings of the passes are {how} those for {listed} mm; this workpiece is {height_mm:g} mm high"
+        notice = (
+            f"the settings of the passes are {how} those for {listed} mm; this workpiece is {height_mm:g} mm high"
+        )
         if len(known) == 1:
             return self.heights[0], (notice,)
         pair = next((p for p in pairwise(self.heights) if height_mm <= p[1].height_mm), self.heights[-2:])

@@ -69,27 +69,33 @@ def wall_error(field: KerfField, cut_pass: CutPass, part_side: Side, wire_diamet
         Of the contour, looking along it.
     wire_diameter_um : float
     """
-    line = Polyline(cut_pass.points_um[cut_pass.approach_moves :] * 1e-3, closed=False)
+    line = Polyline(np.asarray(cut_pass.points_um[cut_pass.approach_moves :] * 1e-3, np.float64), closed=False)
     s_mm = np.arange(STEP_MM / 2, line.length, STEP_MM)
     points = line.at(s_mm)
-    marks = np.concatenate([[0.0, line.length], line.s[line.corners(15.0)], s_mm[line.bend_deg(s_mm, STEP_MM) > 10.0]])
+    marks = np.concatenate(
+        [[0.0, line.length], line.s[line.corners(15.0)], s_mm[line.bend_deg(s_mm, STEP_MM) > 10.0]]
+    )
     clear = line.distance_along(s_mm, marks) >= CLEARANCE_MM
     clear &= depth_in_blank(field.stock, points) >= BLANK_EDGE_MM
     left = (part_side == "left") != cut_pass.reversed
     across = left_of(line.tangent(s_mm, STEP_MM)) * (1.0 if left else -1.0)
     s_mm, points, across = s_mm[clear], points[clear], across[clear]
     if not len(points):
-        return WallError(0, *[math.nan] * 2, (math.nan,) * field.n_slices, *[math.nan] * 4)
+        return _unknown((math.nan,) * field.n_slices)
     away_um = wall_distance_um(field, points * 1000, across, MAX_KERF_OVER_WIRE * wire_diameter_um / 2)
     solid = clear_of_steps(field, points) >= BLANK_EDGE_MM
     return _summed(s_mm, np.where(solid, cut_pass.offset_um - away_um, np.nan))
+
+
+def _unknown(slices_um: tuple[float, ...]) -> WallError:
+    return WallError(0, math.nan, math.nan, slices_um, math.nan, math.nan, math.nan, math.nan)
 
 
 def _summed(s_mm: Floats, error_um: Floats) -> WallError:
     slices = finite_mean(error_um, axis=1)
     known = error_um[np.isfinite(error_um)]
     if not len(known):
-        return WallError(0, *[math.nan] * 2, tuple(slices.tolist()), *[math.nan] * 4)
+        return _unknown(tuple(slices.tolist()))
     heights = slices[np.isfinite(slices)]
     along = finite_mean(error_um - slices[:, None], axis=0)
     ends = (heights[0] + heights[-1]) / 2

@@ -26,7 +26,6 @@ from edmsim.plant.kernel.state import (
     STATE,
     STEP_EARLY,
     STEP_WRONG,
-    TILE,
     TILED_UM,
     WINDOW,
     Arrays,
@@ -316,7 +315,8 @@ class Plant(PlantReadings):
         own = self.field
         if (metal.n_slices, metal.cell_um, metal.index.shape) != (own.n_slices, own.cell_um, own.index.shape):
             raise InputError("the metal of the earlier cut has other slices or cells: take the same resolution")
-        self.field = KerfField(metal.n_slices, metal.stock, metal.cell_um, (metal.index.shape[0] - 2) * metal.cell_um * TILE)
+        travel_um = self.machine.base.table.travel_mm.value * 1e3
+        self.field = KerfField(metal.n_slices, metal.stock, metal.cell_um, travel_um)
         self.field.restore(metal.snapshot())
         self._put_field()
         self._state["tiled_um"] = _NOWHERE_UM

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Literal
 
 import numpy as np
@@ -21,7 +22,7 @@ from edmsim.program.offset import OffsetOutline
 from edmsim.program.outline import JOIN_TOLERANCE_MM, Outline
 
 AfterTab = Literal["stop", "cut"]
-"""``stop``: the machine stops before the tab is cut, and the piece is glued; ``cut``: it goes on, and the piece falls."""
+"""``stop``: the machine stops before the tab is cut, and a piece is glued; ``cut``: it goes on, a slug falls."""
 Piece = Literal["profile", "tab"]
 
 TAB_MM = 1.5
@@ -72,14 +73,17 @@ def check_offsets(offsets_mm: Sequence[float], line: int | None = None) -> None:
     """Refuse offsets that are none, or of which one is larger than that of the pass before."""
     if not 1 <= len(offsets_mm) <= MOST_PASSES:
         raise InputError(f"a contour is cut in 1 to {MOST_PASSES} passes, not in {len(offsets_mm)}", line=line)
-    for number, (before, now) in enumerate(zip(offsets_mm, offsets_mm[1:], strict=False), 1):
+    for number, (before, now) in enumerate(pairwise(offsets_mm), 1):
         if now > before:
             raise InputError(
                 f"the offset grows from pass {number} to pass {number + 1}, {before:g} to {now:g} mm: a trim runs "
-                "nearer to the part than the pass before it", line=line,
+                "nearer to the part than the pass before it",
+                line=line,
             )
     if not all(math.isfinite(mm) and mm > 0 for mm in offsets_mm):
-        raise InputError(f"an offset of {min(offsets_mm):g} mm leaves no room for a wire: give more than 0", line=line)
+        raise InputError(
+            f"an offset of {min(offsets_mm):g} mm leaves no room for a wire: give more than 0", line=line
+        )
 
 
 @dataclass(frozen=True)
@@ -160,17 +164,15 @@ def ways_of(legs: Sequence[OffsetOutline], plan: PassPlan) -> list[Way]:
         return _whole(lines, plan, outline.closed)
     length = lines[0].length
     if plan.tab_mm >= length:
-        raise InputError(f"the tab of {plan.tab_mm:g} mm is longer than the contour, {length:.3f} mm: make it shorter")
+        raise InputError(
+            f"the tab of {plan.tab_mm:g} mm is longer than the contour, {length:.3f} mm: make it shorter"
+        )
     last = length - plan.tab_mm
     short = [_short_mm(legs[0].offset_mm, leg.offset_mm) for leg in legs]
     if last - 2 * short[-1] <= 0:
-        raise InputError(
-            f"a tab of {plan.tab_mm:g} mm leaves {last:.3f} mm of the contour to cut: make it shorter"
-        )
+        raise InputError(f"a tab of {plan.tab_mm:g} mm leaves {last:.3f} mm of the contour to cut: make it shorter")
     ways = [Way(1, "profile", lines[0].part(0.0, last), legs[0].offset_mm, False)]
-    ways += [
-        _way(k + 1, "profile", lines[k], (short[k], last - short[k]), k % 2 == 1) for k in range(1, len(legs))
-    ]
+    ways += [_way(k + 1, "profile", lines[k], (short[k], last - short[k]), k % 2 == 1) for k in range(1, len(legs))]
     stops = plan.after_tab == "stop"
     for k in range(len(legs)):
         over = plan.overlap_mm + short[k]
@@ -178,7 +180,14 @@ def ways_of(legs: Sequence[OffsetOutline], plan: PassPlan) -> list[Way]:
         way = _way(k + 1, "tab", lines[k], (last - over, length + over), back)
         if k == 0:
             way = Way(
-                1, "tab", way.points, way.offset_mm, back, stops_before=stops, frees=True, falls=not stops,
+                1,
+                "tab",
+                way.points,
+                way.offset_mm,
+                back,
+                stops_before=stops,
+                frees=True,
+                falls=not stops,
             )
         ways.append(way)
     return ways
@@ -194,9 +203,7 @@ def _whole(lines: Sequence[_Line], plan: PassPlan, closed: bool) -> list[Way]:
         ends = (-over, line.length) if back else (short, line.length - short + over)
         way = _way(k + 1, "profile", line, ends if closed else (short, line.length - short), back)
         falls = closed and plan.after_tab == "cut"
-        ways.append(
-            Way(way.number, way.piece, way.points, way.offset_mm, back, frees=closed and k == 0, falls=falls)
-        )
+        ways.append(Way(way.number, way.piece, way.points, way.offset_mm, back, frees=closed and k == 0, falls=falls))
     return ways
 
 
@@ -228,7 +235,7 @@ class _Line:
         start, stop = self._along(from_mm), self._along(to_mm)
         whole = self._path.length
         if not self._closed:
-            return shapely.get_coordinates(substring(self._path, start, stop))
+            return np.asarray(shapely.get_coordinates(substring(self._path, start, stop)), np.float64)
         pieces = [
             shapely.get_coordinates(substring(self._path, max(start - turn, 0.0), min(stop - turn, whole)))
             for turn in np.arange(math.floor(start / whole), math.ceil(stop / whole)) * whole
@@ -240,8 +247,8 @@ class _Line:
     def _along(self, place_mm: float) -> float:
         turns, rest = divmod(place_mm, self.length) if self._closed else (0.0, place_mm)
         if rest == 0.0 or (not self._closed and rest >= self.length):
-            return turns * self._path.length if rest == 0.0 else self._path.length
-        return turns * self._path.length + float(self._path.project(self._edge.interpolate(rest)))
+            return float(turns * self._path.length if rest == 0.0 else self._path.length)
+        return float(turns * self._path.length) + float(self._path.project(self._edge.interpolate(rest)))
 
 
 def grouped(outlines: Sequence[Outline]) -> list[list[Outline]]:
@@ -256,7 +263,7 @@ def grouped(outlines: Sequence[Outline]) -> list[list[Outline]]:
 
 
 def same_edge(one: Outline, other: Outline) -> bool:
-    """Say whether two compensated outlines are the same edge with the part on the same side of it, either way round."""
+    """Say whether two compensated outlines are one edge with the part on the same side of it, either way round."""
     if one.wire_side is None or other.wire_side is None or one.closed != other.closed:
         return False
     line, again = shapely.LineString(one.points_mm), shapely.LineString(other.points_mm)
@@ -308,8 +315,15 @@ def on_grid(ways: Sequence[Way], lead: NDArray[np.float64], grid_um: int) -> tup
         moves = (np.diff(points, axis=0) != 0).any(axis=1)
         passes.append(
             CutPass(
-                way.number, way.piece, points[np.concatenate([[True], moves])], int(moves[: len(before)].sum()),
-                way.offset_mm * 1000, way.reversed, way.stops_before, way.frees, way.falls,
+                way.number,
+                way.piece,
+                points[np.concatenate([[True], moves])],
+                int(moves[: len(before)].sum()),
+                way.offset_mm * 1000,
+                way.reversed,
+                way.stops_before,
+                way.frees,
+                way.falls,
             )
         )
         before = way.points[-1:]

@@ -220,7 +220,7 @@ class KerfField:
         return np.broadcast_to(parts, (self.n_slices, TILE, TILE))
 
     def _gone_in(self, tx: int, ty: int, pieces: tuple[shapely.Polygon, ...]) -> NDArray[np.bool_] | None:
-        """Say which cells (TILE, TILE) of a tile have their middles in one of some pieces; None if no piece is near."""
+        """Say which cells (TILE, TILE) of a tile have their middles in some pieces; None if no piece is near."""
         if not pieces:
             return None
         import shapely

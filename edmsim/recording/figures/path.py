@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 import shapely
 
-from edmsim.program.path import CutPath
+from edmsim.program.path import CutPath, WireContour
 from edmsim.recording.figures.palette import BLUE, GREEN, INK, METAL, MUTED
+from edmsim.recording.figures.passes import pass_colour
 from edmsim.recording.figures.profile import quiet
 
 if TYPE_CHECKING:
@@ -46,7 +47,7 @@ def path_figure(path: CutPath, title: str, kerf_um: float) -> Figure:
         edge = contour.nominal_mm - path.origin_mm
         axes.plot(*edge.T, color=INK, linewidth=0.9, zorder=4, label="edge as drawn" if number == 0 else None)
         way = contour.points_um / 1e3 - path.origin_mm
-        axes.plot(*way.T, color=BLUE, linewidth=0.9, zorder=3, label="wire's centre" if number == 0 else None)
+        _draw_ways(axes, path, contour, number == 0)
         _draw_arrows(axes, way)
         axes.annotate(
             str(number + 1), way[0], xytext=(8, 8), textcoords="offset points", fontsize=9, color=GREEN, zorder=6
@@ -60,6 +61,26 @@ def path_figure(path: CutPath, title: str, kerf_um: float) -> Figure:
     return figure
 
 
+def _draw_ways(axes: Axes, path: CutPath, contour: WireContour, labelled: bool) -> None:
+    """Draw the wire's centre, of every pass in its colour; a tab's passes are dashed."""
+    if not contour.passes:
+        way = contour.points_um / 1e3 - path.origin_mm
+        axes.plot(*way.T, color=BLUE, linewidth=0.9, zorder=3, label="wire's centre" if labelled else None)
+        return
+    for one in contour.passes:
+        name = f"pass {one.number}, {one.offset_um / 1e3:.3f} mm" if one.piece == "profile" else None
+        style = "-" if one.piece == "profile" else (0, (3, 1.5))
+        way = one.points_um / 1e3 - path.origin_mm
+        axes.plot(
+            *way.T,
+            color=pass_colour(one.number),
+            linewidth=0.8,
+            linestyle=style,
+            zorder=3,
+            label=name if labelled else None,
+        )
+
+
 def _draw_blank(axes: Axes, path: CutPath, kerf_um: float) -> None:
     """Draw the blank with its holes and the kerf in it."""
     from matplotlib.patches import Circle, PathPatch, Rectangle
@@ -68,7 +89,7 @@ def _draw_blank(axes: Axes, path: CutPath, kerf_um: float) -> None:
     (x0, y0, x1, y1), (dx, dy) = path.stock_mm, path.origin_mm
     blank = Rectangle((x0 - dx, y0 - dy), x1 - x0, y1 - y0, facecolor=METAL, edgecolor=MUTED, linewidth=0.8, zorder=0)
     axes.add_patch(blank)
-    ways = [shapely.LineString(contour.points_um / 1e3 - path.origin_mm) for contour in path.contours]
+    ways = [shapely.LineString(way / 1e3 - path.origin_mm) for contour in path.contours for way in contour.ways_um]
     kerf = shapely.union_all([way.buffer(kerf_um / 2e3) for way in ways])
     for number, polygon in enumerate(shapely.get_parts(kerf)):
         rings = [MplPath(shapely.get_coordinates(ring), closed=True) for ring in shapely.get_rings(polygon)]
@@ -76,8 +97,14 @@ def _draw_blank(axes: Axes, path: CutPath, kerf_um: float) -> None:
             MplPath.make_compound_path(*rings), facecolor="#cfe3f1", edgecolor="none", zorder=1,
             label="kerf" if number == 0 else None,
         ))  # fmt: skip
-    for way in ways:
-        hole = Circle(way.coords[0], path.start_hole_radius_mm, facecolor="white", edgecolor=MUTED, zorder=2)
+    for contour in path.contours:
+        hole = Circle(
+            contour.points_um[0] / 1e3 - path.origin_mm,
+            path.start_hole_radius_mm,
+            facecolor="white",
+            edgecolor=MUTED,
+            zorder=2,
+        )
         axes.add_patch(hole)
 
 
