@@ -193,14 +193,14 @@ class Technology(Part):
         for one in settings[-2::-1]:
             offset_um += one.step_um
             offsets.append(offset_um)
-        return PassTable(tuple(round(um) * 1e-3 for um in offsets[::-1]), settings, at.approach_share, notices)
+        return PassTable(tuple(round(um) / 1e3 for um in offsets[::-1]), settings, at.approach_share, notices)
 
     def _at(self, height_mm: float) -> tuple[AtHeight, tuple[str, ...]]:
         known = [one.height_mm for one in self.heights]
         for one in self.heights:
             if math.isclose(one.height_mm, height_mm, rel_tol=1e-3):
                 return one, ()
-        listed = ", ".join(f"{mm:g}" for mm in known)
+        listed = " and ".join(f"{mm:g}" for mm in known)
         if not known[0] / _BEYOND <= height_mm <= known[-1] * _BEYOND:
             raise InputError(
                 f"the technology for {self.material} and the wire {self.wire} has settings for heights of {listed} "

@@ -154,7 +154,7 @@ class PassFigures:
 
 @dataclass(frozen=True)
 class HeightError:
-    """The profile error at one height, the middle of a slice over the lower face in mm: ``mean`` and ``rms`` in um."""
+    """The profile error at one height, mid-slice over the lower face in mm: ``mean`` and ``rms`` in um."""
 
     height_mm: float
     mean_um: float
