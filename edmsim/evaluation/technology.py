@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from edmsim.controllers import from_text
 from edmsim.cosim.passes import PassRecord, PassSetup
@@ -146,21 +147,36 @@ class Job:
         return machine_of(one, self.machine, self.material, self.wire, self.height_mm)
 
 
-def straight_path(offsets_mm: Sequence[float], length_mm: float, machine: Machine) -> CutPath:
-    """Return a straight edge in passes in the middle of the table, cut from a start hole, the part below it."""
-    middle = np.array(machine.base.table.centre_um) * 1e-3
-    edge = np.array([[0.0, 0.0], [length_mm, 0.0]]) + middle - (length_mm / 2, 0.0)
-    outline = Outline(edge, (0,), False, "left", "right", np.empty((0, 2)), elements=(1,))
+def straight_path(
+    offsets_mm: Sequence[float], length_mm: float, machine: Machine, edge_mm: NDArray[np.float64] | None = None
+) -> CutPath:
+    """Return a straight edge in passes in the middle of the table, cut from a start hole, the part below it.
+
+    Parameters
+    ----------
+    offsets_mm : sequence of float
+    length_mm : float
+    machine : Machine
+    edge_mm : float64 array (n, 2), optional
+        Another open edge, which begins at (0, 0) along +x; the part lies to its right.
+    """
+    middle = np.array(machine.base.table.centre_um) * 1e-3 - (length_mm / 2, 0.0)
+    edge = np.array([[0.0, 0.0], [length_mm, 0.0]]) if edge_mm is None else edge_mm
+    edge, count = edge + middle, len(edge) - 1
+    elements = tuple(range(1, count + 1))
+    outline = Outline(edge, (0,) * count, False, "left", "right", np.empty((0, 2)), elements=elements)
     legs = [OffsetOutline(outline, offset_open(edge, "left", mm), edge, mm) for mm in offsets_mm]
     ways = ways_of(legs, PassPlan(tuple(offsets_mm)))
     lead = ways[0].points[:1] - (LEAD_MM, 0.0)
     passes = on_grid(ways, lead, 1)
     points = np.round(np.concatenate([lead, legs[-1].path]) * 1e3).astype(np.int64)
     contour = WireContour(
-        points, 1, edge, False, "right", elements=((1, 0),), offset_um=offsets_mm[-1] * 1e3, passes=passes
+        points, 1, edge, False, "right", elements=tuple((k, 0) for k in elements), offset_um=offsets_mm[-1] * 1e3,
+        passes=passes,
     )
-    (x0, y0), (x1, y1) = (f(np.concatenate([points * 1e-3, edge]), axis=0) for f in (np.min, np.max))
-    stock = x0 - MARGIN_MM, y0 - MARGIN_MM, x1 + MARGIN_MM, y1 + MARGIN_MM
+    every = np.concatenate([points * 1e-3, edge])
+    (x0, y0), (x1, y1) = every.min(axis=0), every.max(axis=0)
+    stock = float(x0 - MARGIN_MM), float(y0 - MARGIN_MM), float(x1 + MARGIN_MM), float(y1 + MARGIN_MM)
     return CutPath((contour,), stock, HOLE_MM, (0.0, 0.0), (), "straight cut")
 
 

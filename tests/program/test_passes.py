@@ -29,7 +29,7 @@ def of_square(folder: Path, offsets_mm: tuple[float, ...] = OFFSETS_MM, **plan_o
 
 
 def test_rough_forward_trims_to_and_fro_then_the_tab(tmp_path: Path) -> None:
-    """The order of shops: the profile with the tab left, to and fro, a stop, the tab with the rough condition first."""
+    """The order of shops: the profile without the tab, to and fro, a stop, the tab with the rough condition first."""
     contour = of_square(tmp_path, tab_mm=1.5)
     told = [(p.number, p.piece, p.reversed, p.stops_before, p.frees) for p in contour.passes]
     assert told == [
@@ -81,7 +81,7 @@ def test_points_are_on_the_grid_and_within_the_table(tmp_path: Path, offsets_mm:
     contour = plan(tmp_path, passes=PassPlan(offsets_mm), grid_um=2).contours[0]
     for way in contour.ways_um:
         assert not (way % 2).any()
-        assert 0 <= way.min()
+        assert way.min() >= 0
         assert way.max() <= 65_000
 
 
