@@ -36,7 +36,7 @@ def answer(job: Job, one: PassSetting, number: int, offset_mm: float, metal: Any
 
 @pytest.fixture(autouse=True)
 def no_cuts(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(technology, "cut_pass", lambda job, one, number, mm, metal: answer(job, one, number, mm, number))
+    monkeypatch.setattr(technology, "cut_pass", lambda job, one, number, mm, _: answer(job, one, number, mm, number))
 
 
 def test_the_rough_pass_stays_off_the_period_that_breaks_the_wire() -> None:
