@@ -10,8 +10,8 @@ from edmsim.controllers import from_text
 from edmsim.cosim.passes import PassSetup
 from edmsim.errors import InputError
 from edmsim.job.settings import CutSettings
-from edmsim.machine.given import with_given
 from edmsim.machine.machine import Machine
+from edmsim.machine.overrides import with_given
 from edmsim.machine.technology import (
     PassSetting,
     PassTable,

@@ -16,9 +16,9 @@ from typing import Annotated, Any, Literal, NamedTuple
 from pydantic import Field, ValidationError, model_validator
 
 from edmsim.errors import InputError, one_of
-from edmsim.given_numbers import Number
 from edmsim.machine.machine import Machine
 from edmsim.machine.parts import Part
+from edmsim.numeric import Number
 
 _MOST_BYTES = 1_000_000
 _BEYOND = 1.6
