@@ -17,8 +17,8 @@
 #
 # **Question.** What do trims make of a punch: of its error, its corners, its roughness, and of the time it takes?
 #
-# **What is done.** A small punch in 25.4 mm of tool steel is cut with 0.254 mm brass wire in one, two and four passes,
-# by the technology that is shipped. The same numbers of a job shop are shown with them: offsets and Ra for the same
+# **What is done.** A small punch in 25.4 mm of tool steel is cut with 0.254 mm brass wire in one, two and four
+# passes, by the technology that is shipped. The same numbers of a job shop are shown with them: offsets and Ra for the same
 # wire, material and height, and what a trade page says of accuracy by number of passes.
 
 # %% tags=["parameters"]
@@ -75,8 +75,8 @@ for number, cut in cuts.items():
             taken = "" if row["stock_um"] is None else f"{row['stock_um']:5.1f} µm taken, "
             offset, as_last = row["offset_um"] / 1e3, row["offset_to_use_um"] / 1e3
             print(
-                f"   pass {row['number']}: offset {offset:.3f}, as last {as_last:.3f} mm, {row['left_um']:6.1f} µm left, "
-                f"{taken}{row['rate_mm2_min']:4.0f} mm²/min, Ra {row['ra_um']:.2f} µm"
+                f"   pass {row['number']}: offset {offset:.3f}, as last {as_last:.3f} mm, "
+                f"{row['left_um']:6.1f} µm left, {taken}{row['rate_mm2_min']:4.0f} mm²/min, Ra {row['ra_um']:.2f} µm"
             )
 
 # %% [markdown]

@@ -11,7 +11,7 @@ from edmsim.cosim.passes import PassSetup
 from edmsim.errors import InputError
 from edmsim.job.settings import CutSettings
 from edmsim.machine.machine import Machine
-from edmsim.machine.overrides import with_given
+from edmsim.machine.overrides import with_overrides
 from edmsim.machine.technology import (
     PassSetting,
     PassTable,
@@ -150,4 +150,4 @@ def _made(
 def _machine(settings: CutSettings, technology: Technology, one: PassSetting) -> Machine:
     height_mm = settings.workpiece.greatest_mm
     machine = machine_of(one, technology.machine, settings.material, technology.wire, height_mm)
-    return with_given(machine, settings.constants) if settings.constants else machine
+    return with_overrides(machine, settings.constants) if settings.constants else machine

@@ -38,7 +38,7 @@ HEIGHT_MM, TALL_MM = 25.4, 76.2
 LENGTH_MM = 1.4
 """Of the straight cut through all passes (ours: 12 places are measured)."""
 BOW_STEP_MM = 0.055
-"""How much nearer to the wall than the rough pass the trim runs whose bow is looked at (ours: it takes some 40 um)."""
+"""How much nearer to the wall than the rough pass the trim runs whose bow is measured (ours: it takes some 40 um)."""
 CORNER_MM = 1.0
 """Length of either side of the corner's edge (ours)."""
 ACCURACY_UM = {1: (15.0, 25.0), 2: (8.0, 12.0), 4: (2.0, 3.0)}
