@@ -9,7 +9,7 @@ from edmsim.compiled.elementary import exponential, logarithm
 from edmsim.compiled.jit import compiled
 from edmsim.compiled.random import normal, uniform
 from edmsim.compiled.vectors import element, load, spread
-from edmsim.plant.gap.breakdown import GapLaw, choose_ray, contact_depth, may_touch, sum_slice, weibull
+from edmsim.plant.gap.breakdown import GapLaw, block_law, choose_ray, contact_depth, may_touch, sum_slice, weibull
 from edmsim.plant.gap.debris import bridged_probability
 from edmsim.plant.gap.ray_trace import gap_of, meets_metal, moved, narrowest_now, place_of, rays_of
 from edmsim.plant.kernel.state import ARC, NO_METAL_UM, OPEN, SHORT, SPARK, Array, Arrays, Constants, Timing
@@ -60,12 +60,12 @@ def sum_rays(
 
     Returns rate, primed weight, depth of contacts, and the pull along x and y.
     """
-    rays = rays_of(a)
+    rays, block = rays_of(a), block_law(law)
     everything = spread(0.0)
     near = spread(np.float32(0.0))
     for s in range(sums.shape[0]):
         sx, sy = moved(a, position, s)
-        near = sum_slice(rays, s, sx, sy, law, _gain(a, c, s), _pull(a, c, s), a.debris[s], sums, near)
+        near = sum_slice(rays, s, sx, sy, block, _gain(a, c, s), _pull(a, c, s), a.debris[s], sums, near)
         everything += load(sums, (s, 0))
     touching = 0.0
     if may_touch(near, law):
