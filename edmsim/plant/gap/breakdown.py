@@ -31,7 +31,20 @@ from numpy.typing import NDArray
 
 from edmsim.compiled.elementary import logarithm, power
 from edmsim.compiled.jit import compiled
-from edmsim.compiled.vectors import GAPS, element, highest, load, passed, power_of_half, running, spread, store, total, totals, twice
+from edmsim.compiled.vectors import (
+    GAPS,
+    element,
+    highest,
+    load,
+    passed,
+    power_of_half,
+    running,
+    spread,
+    store,
+    total,
+    totals,
+    twice,
+)
 from edmsim.plant.gap.rays import Rays, arc, gaps_of, narrowest
 
 
@@ -230,4 +243,5 @@ def choose_ray(
 @compiled
 def weibull(scale_us: float, shape: float, u: float) -> float:
     """Weibull delay in us at survival probability `u`."""
-    return scale_us * power(-logarithm(u), 1.0 / shape)
+    hazard = -logarithm(u)
+    return scale_us * (hazard if shape == 1.0 else power(hazard, 1.0 / shape))

@@ -335,7 +335,7 @@ def fire_window(
         state[0].heat_wait_us += period_us
         window[0].duration_ns += period_ns
         if state[0].heat_wait_us >= HEAT_INTERVAL_US:
-            propagate_heat(state, a, c, heat, sums, films)
+            propagate_heat(state, a, c, heat, sums, contact, films)
         if next_event < 0:
             return _end(state, window, a, LOST_UM if next_event == LOST else 0.0)
         if state[0].broken != 0 or n + 1 == count:
