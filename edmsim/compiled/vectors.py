@@ -225,11 +225,16 @@ def _shuffled(builder: Any, a: Any, b: Any, lanes: list[int]) -> Any:
     return builder.shuffle_vector(a, b, mask)
 
 
-def _halved(builder: Any, a: Any, b: Any, lanes: int, group: int) -> Any:
-    """Sums of pairs of lanes `group` apart, those of `a` and of `b` in turn in groups of so many."""
-    even = [k for k in range(2 * lanes) if (k // group) % 2 == 0]
-    odd = [k + group for k in even]
-    return builder.fadd(_shuffled(builder, a, b, even), _shuffled(builder, a, b, odd), flags=tuple(sorted(FAST)))
+def _sum(builder: Any, vector: Any, other: Any, lanes: list[int]) -> Any:
+    """Sum of some lanes of two vectors, the first half of a list, and of others, the second."""
+    half = len(lanes) // 2
+    low, high = (_shuffled(builder, vector, other, part) for part in (lanes[:half], lanes[half:]))
+    return builder.fadd(low, high, flags=tuple(sorted(FAST)))
+
+
+def _folded(builder: Any, vector: Any) -> Any:
+    """Sum of a vector's lower and upper half."""
+    return _sum(builder, vector, vector, list(range(vector.type.count)))
 
 
 @_operation
@@ -238,16 +243,15 @@ def totals(_typing: Any, a: Any, b: Any, c: Any, d: Any) -> Any:
     kind = _VECTORS[types.float64]
 
     def generate(context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
-        lanes = a.count
-        ab = _halved(builder, arguments[0], arguments[1], lanes, lanes // 2)  # a in the lower half, b in the upper
-        cd = _halved(builder, arguments[2], arguments[3], lanes, lanes // 2)
-        sums = _halved(builder, ab, cd, lanes, lanes // 4)  # a, b, c, d in quarters
-        group = lanes // 8
-        while group:
-            sums = _halved(builder, sums, sums, sums.type.count, group)
-            sums = _shuffled(builder, sums, sums, list(range(sums.type.count // 2)))
-            group //= 2
-        return builder.fpext(sums, _llvm(context, kind))
+        vectors = list(arguments)
+        while vectors[0].type.count > 8:
+            vectors = [_folded(builder, vector) for vector in vectors]
+        # of eight lanes, each four on their own: a shuffle across the fourth takes longer
+        first, second = [0, 8, 1, 9, 4, 12, 5, 13], [2, 10, 3, 11, 6, 14, 7, 15]
+        ab, cd = (_sum(builder, one, other, first + second) for one, other in (vectors[:2], vectors[2:]))
+        first, second = [0, 1, 8, 9, 4, 5, 12, 13], [2, 3, 10, 11, 6, 7, 14, 15]
+        abcd = _sum(builder, ab, cd, first + second)
+        return builder.fpext(_folded(builder, abcd), _llvm(context, kind))
 
     return kind(a, b, c, d), generate
 
