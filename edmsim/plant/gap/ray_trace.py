@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from edmsim.compiled.jit import compiled
 from edmsim.compiled.vectors import load, passed, spread, total
 from edmsim.plant.gap.rays import Rays, arc, face, narrowest, turned
-from edmsim.plant.kernel.state import NO_METAL_UM, Array, Arrays, Constants
+from edmsim.plant.kernel.state import NO_METAL_UM, PULSES_PER_WINDOW, Array, Arrays, Constants
 from edmsim.plant.workpiece.kerf_field import metal_height, trace
 
 OVERLAP_UM = 8.0
@@ -21,9 +21,9 @@ KNOWN_MOVE_UM = 20.0
 """Known edges are of use only while the wire moved less than this since."""
 BARE_UM = np.float32(0.5 * NO_METAL_UM)
 """A gap beyond this is that of a ray that meets no metal."""
-BLIND_TURNS = np.uint64(8)
-"""A ray that met no metal is looked along again only every so many times: what comes within its range at the
-feed of such a machine is then still far away."""
+BLIND_PULSES = 32 * PULSES_PER_WINDOW
+"""A ray that met no metal is looked along again only after so many pulses: what comes within its range at the feed of
+such a machine is then still far away."""
 
 
 @compiled
@@ -62,7 +62,7 @@ def retrace(
 
     `turn` counts the times. What the wire is away from there shifts the gaps to first order.
     """
-    rays = rays_of(a)
+    rays, blind_turns = rays_of(a), np.uint64(max(BLIND_PULSES // c.trace_pulses, 1))
     for s in range(a.shape.shape[0]):
         dx, dy = place[0, s] - a.reference_um[0, s], place[1, s] - a.reference_um[1, s]
         known = math.hypot(dx, dy) < KNOWN_MOVE_UM
@@ -72,7 +72,7 @@ def retrace(
             if known:
                 if meets_metal(a, c, s, r):
                     expected = a.edge_um[s, r] - dx * a.ray_cosine[r] - dy * a.ray_sine[r]
-                elif np.uint64(turn + r) % BLIND_TURNS != 0:
+                elif np.uint64(turn + r) % blind_turns != 0:
                     continue
             a.edge_um[s, r] = _trace_ray(a, tiles, index, c, s, r, expected)
         face(rays, s, a.edge_um, c.range_um, a.ray_cosine, a.ray_sine)
