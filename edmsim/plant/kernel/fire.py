@@ -142,12 +142,16 @@ def _begin(state: NDArray[np.void], window: NDArray[np.void], a: Arrays) -> None
         w.deflection_um[axis] = w.deflection2_um2[axis] = 0.0
     for s in range(a.temperature_K.shape[0]):
         w.temperature_max_K = max(w.temperature_max_K, a.temperature_K[s])
+    # gas that is no number may have faded by the window's end, but for this
+    slices = a.debris.shape[0]
+    w.coverage = mean_of_slices(a.steam, slices) + mean_of_slices(a.gas, slices) + mean_of_slices(a.wake_gas, slices)
 
 
 @compiled
 def _end(state: NDArray[np.void], window: NDArray[np.void], a: Arrays, deepest_um: float) -> int:
     """Take the window's means, and see whether the model still holds."""
     w = window[0]
+    gas = w.coverage  # what it was when the window began
     warmth = 0.0
     for s in range(a.debris.shape[0]):
         warmth += a.temperature_K[s]
@@ -161,7 +165,7 @@ def _end(state: NDArray[np.void], window: NDArray[np.void], a: Arrays, deepest_u
     places = ringing(a, 0) + ringing(a, 1)
     for axis in range(N_AXES):
         places += state[0].axis_um[axis]
-    if not abs(x + y + places + warmth + w.debris + w.voltage_us) < FINITE:
+    if not abs(x + y + places + warmth + w.debris + w.voltage_us + gas) < FINITE:
         return NOT_FINITE
     if math.hypot(x, y) > MOST_DEFLECTION_UM:
         return OUTSIDE
