@@ -17,6 +17,7 @@ from edmsim.cli.console import (
     OUT,
     STOPPED,
     Generator,
+    GuideErrors,
     Height,
     Ignore,
     Layers,
@@ -27,11 +28,15 @@ from edmsim.cli.console import (
     Program,
     Resolution,
     Seed,
+    TaperCorners,
+    TaperDeg,
     Tension,
     Unit,
+    Upper,
     Wire,
     default_folder,
     named,
+    parse_guide_errors,
     path_text,
     say,
 )
@@ -100,6 +105,10 @@ def cut(
     ignore: Ignore = "",
     offsets: Offsets = None,
     layers: Layers = "",
+    upper_layer: Upper = None,
+    taper_deg: TaperDeg = 0.0,
+    taper_corners: TaperCorners = "conical",
+    guide_errors: GuideErrors = None,
     unit: Unit = None,
     stuck_wire_sensor: Annotated[
         bool, typer.Option("--stuck-wire-sensor", help="Let nobody see a wire break: the machine goes on.")
@@ -125,7 +134,7 @@ def cut(
     from edmsim.files import make_writable
     from edmsim.job.checkpoint import NAME
     from edmsim.job.cut import cut as run_cut
-    from edmsim.machine.given import parse_constant
+    from edmsim.machine.overrides import parse_constant
     from edmsim.program.heights import parse_height
 
     folder = default_folder(program) if out is None else out
@@ -148,15 +157,18 @@ def cut(
                 controller=controller, planner=planner, drive=drive,
                 compensation=path_text(compensation), mechanics=mechanics,
                 resolution=resolution, offset=offset, offsets=path_text(offsets), ignore=named(ignore),
-                layers=named(layers), unit=unit, stuck_wire_sensor=stuck_wire_sensor, axis_faults=axis_fault or (),
+                layers=named(layers), upper_layer=upper_layer, taper_deg=taper_deg, taper_corners=taper_corners,
+                guide_errors_mm=parse_guide_errors(guide_errors), unit=unit, stuck_wire_sensor=stuck_wire_sensor,
+                axis_faults=axis_fault or (),
                 seed=seed, max_time_s=max_time,
                 resume=resume, overwrite=overwrite,
                 watch=watcher.show, enter=watcher.enter,
             )
     except KeyboardInterrupt as interrupt:
         if result is None:
-            kept = (folder / NAME).exists()
-            say("interrupted; the same command with --resume goes on" if kept else "interrupted before the cut began")
+            has_checkpoint = (folder / NAME).exists()
+            resumable = "interrupted; the same command with --resume goes on"
+            say(resumable if has_checkpoint else "interrupted before the cut began")
             number = next(iter(interrupt.args), signal.SIGINT)
             raise typer.Exit(128 + number) from None  # as shells have it
     if traces is not None:
@@ -170,7 +182,7 @@ def cut(
             from edmsim.recording.report import render_table
 
             OUT.print(render_table(result.report))
-            told = f"Written to {folder}; play it back with: edmsim view {shlex.quote(str(folder))}"
-            OUT.print(told, highlight=False, soft_wrap=True, markup=False)
+            where = f"Written to {folder}; play it back with: edmsim view {shlex.quote(str(folder))}"
+            OUT.print(where, highlight=False, soft_wrap=True, markup=False)
     if result.report["outcome"] != WORDS[StopCause.FINISHED].report:
         raise typer.Exit(STOPPED)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import inspect
 import math
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, TypedDict, TypeVar
+from typing import Any, TypedDict, TypeVar, get_args
 
 import shapely
 from pydantic import (
@@ -22,18 +22,24 @@ from shapely.geometry import mapping
 from edmsim.controllers import FeedController, axis
 from edmsim.controllers.own import check_is_controller, text_of
 from edmsim.errors import InputError, one_of
-from edmsim.given_numbers import Number, WholeNumber
-from edmsim.machine.given import checked_constants, with_given
 from edmsim.machine.machine import Machine
+from edmsim.machine.overrides import checked_constants, with_overrides
 from edmsim.machine.parts import Choices
 from edmsim.machine.setting import check_height
+from edmsim.numeric import Number, WholeNumber
 from edmsim.plant.axes.faults import parse_fault
 from edmsim.plant.plant import MECHANICS
 from edmsim.plant.resolution import resolution as check_resolution
 from edmsim.program.heights import Area, Height, Heights, checked_areas, checked_changes
+from edmsim.program.outline import Corners
 
 METADATA_KEY = b"edmsim"
 """Under which the metadata of ``windows.parquet`` hold a cut's settings, as JSON."""
+
+CORNERS: tuple[str, ...] = get_args(Corners)
+"""What corners and arcs of a tapered wall may become."""
+MOST_GUIDE_ERROR_MM = 5.0
+"""Further from where the file says, no guide is (ours)."""
 
 _Function = TypeVar("_Function", bound=Callable[..., Any])
 
@@ -120,6 +126,19 @@ class CutSettings(BaseModel):
     """Layers of a drawing to cut; by default all that are shown."""
     offsets: str | None = None
     """File with a G-code program's offset registers, lines as ``D1 = 0.155`` in mm, for the offset auto."""
+    upper_layer: str | None = None
+    """Layer of a drawing with the contours of the workpiece's upper face, one for each of the lower face, with as
+    many lines and arcs: the wall between them is ruled."""
+    taper_deg: Number = 0.0
+    """Angle between the part's wall and the vertical, in degrees: positive where the part is smaller above than in
+    the plane that is drawn, the lower face. What a program says of taper comes before it."""
+    taper_corners: str = "conical"
+    """What corners and arcs become higher up: conical (both become cones), sharp (corners stay sharp, arcs become
+    cones), cylindrical (corners stay sharp, arcs keep their radius) or rounded (arcs keep their radius, corners
+    become cones)."""
+    guide_errors_mm: tuple[Number, Number] | None = None
+    """How much higher the lower and the upper guide are than the machine's file says, in mm, as
+    ``edmsim find-guides`` finds: the control then leads them accordingly; by default none."""
     unit: str | None = None
     """Unit of a drawing, mm, um, cm, m, in, ft or mil; by default what the drawing says."""
     stuck_wire_sensor: bool = False
@@ -134,9 +153,9 @@ class CutSettings(BaseModel):
 
     @model_validator(mode="wrap")
     @classmethod
-    def _refuse_in_one_line(cls, given: Any, handler: ModelWrapValidatorHandler[CutSettings]) -> CutSettings:
+    def _refuse_in_one_line(cls, value: Any, handler: ModelWrapValidatorHandler[CutSettings]) -> CutSettings:
         try:
-            return handler(given)
+            return handler(value)
         except ValidationError as error:
             raise InputError(_line(error)) from None
 
@@ -148,18 +167,18 @@ class CutSettings(BaseModel):
 
     @field_validator("heights", mode="before")
     @classmethod
-    def _check_heights(cls, given: Sequence[Height] | None) -> tuple[Height, ...]:
-        return checked_changes(given or ())
+    def _check_heights(cls, value: Sequence[Height] | None) -> tuple[Height, ...]:
+        return checked_changes(value or ())
 
     @field_validator("height_areas", mode="before")
     @classmethod
-    def _check_areas(cls, given: Sequence[Area] | None) -> tuple[tuple[shapely.Polygon, float], ...]:
-        return checked_areas(given or ())
+    def _check_areas(cls, value: Sequence[Area] | None) -> tuple[tuple[shapely.Polygon, float], ...]:
+        return checked_areas(value or ())
 
     @field_validator("constants", mode="before")
     @classmethod
-    def _check_constants(cls, given: Mapping[str, float] | None) -> tuple[tuple[str, float], ...]:
-        return checked_constants(given or {})
+    def _check_constants(cls, value: Mapping[str, float] | None) -> tuple[tuple[str, float], ...]:
+        return checked_constants(value or {})
 
     @field_serializer("height_areas")
     def _corners(self, areas: tuple[tuple[shapely.Polygon, float], ...]) -> list[list[object]]:
@@ -171,8 +190,8 @@ class CutSettings(BaseModel):
 
     @field_validator("controller", mode="plain")
     @classmethod
-    def _check_controller(cls, given: object) -> str | FeedController:
-        return given if isinstance(given, str) else check_is_controller(given)
+    def _check_controller(cls, value: object) -> str | FeedController:
+        return value if isinstance(value, str) else check_is_controller(value)
 
     @field_serializer("controller")
     def _text(self, controller: str | FeedController) -> str:
@@ -190,6 +209,22 @@ class CutSettings(BaseModel):
         for text in texts:
             parse_fault(text)
         return texts
+
+    @field_validator("taper_corners")
+    @classmethod
+    def _check_corners(cls, name: str) -> str:
+        if name not in CORNERS:
+            raise InputError(f"corners of a taper cannot be '{name}'; there are: {one_of(name, CORNERS)}")
+        return name
+
+    @field_validator("guide_errors_mm")
+    @classmethod
+    def _check_guide_errors(cls, errors_mm: tuple[float, float] | None) -> tuple[float, float] | None:
+        if errors_mm is not None and not all(abs(error) <= MOST_GUIDE_ERROR_MM for error in errors_mm):
+            lower, upper = errors_mm
+            most = f"{MOST_GUIDE_ERROR_MM:g}"
+            raise InputError(f"the guides' errors of {lower:g} and {upper:g} mm are not within {most} mm")
+        return errors_mm
 
     @field_validator("mechanics")
     @classmethod
@@ -250,7 +285,7 @@ class CutSettings(BaseModel):
             height_mm=self.workpiece.greatest_mm, tension=self.tension, t_on_us=self.t_on_us,
             t_period_us=self.t_period_us, **{name: getattr(self, name) for name in Choices.model_fields},
         )
-        return with_given(machine, self.constants) if self.constants else machine
+        return with_overrides(machine, self.constants) if self.constants else machine
 
 
 class CutOptions(TypedDict, total=False):
@@ -287,6 +322,10 @@ class CutOptions(TypedDict, total=False):
     ignore: Sequence[str]
     layers: Sequence[str]
     offsets: str | None
+    upper_layer: str | None
+    taper_deg: float
+    taper_corners: str
+    guide_errors_mm: tuple[float, float] | None
     unit: str | None
     stuck_wire_sensor: bool
     axis_faults: Sequence[str]

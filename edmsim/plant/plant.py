@@ -219,6 +219,7 @@ class Plant(PlantReadings):
             self._model.reset()
         self._lay_to_rest(_CHANGING)
         self._arrays.entering[:] = self._arrays.flow_share
+        constants.stand_upright(self._arrays)
 
     def _lay_to_rest(self, names: Sequence[str]) -> None:
         """Let some of the arrays be those of a plant at rest."""
@@ -275,8 +276,10 @@ class Plant(PlantReadings):
         self._pulses = np.zeros(PULSES_PER_WINDOW, PULSE)
         self._memory.put_own(pulses=self._pulses)
 
-    def advance(self, steps: Sequence[tuple[int, int, int]] = ()) -> PulseWindow:
-        """Fire 255 pulses.
+    def advance(
+        self, steps: Sequence[tuple[int, int, int]] = (), pulses: int = PULSES_PER_WINDOW
+    ) -> PulseWindow:
+        """Fire 255 pulses, or fewer.
 
         Parameters
         ----------
@@ -284,6 +287,8 @@ class Plant(PlantReadings):
             Motor steps of the window in order of time: machine time in ns, 0 for x, 1 for y, 2 for u, 3 for v,
             +1 or -1. To a drive with a loop a step is an edge at its input. Where there is one, 4, 5 and 6 are the
             drives' input lines stop, fault and enable, and the number behind is the line's level, 0 or 1.
+        pulses : int
+            1 to 255. Craters are carved at a window's end, so the same pulses in shorter windows have other bits.
 
         Returns
         -------
@@ -292,12 +297,15 @@ class Plant(PlantReadings):
         Raises
         ------
         InputError
-            If a step has another axis or direction, or lies in the past or out of order.
+            If a step has another axis or direction, or lies in the past or out of order; or a window has no such
+            number of pulses.
         PlantError
             If the wire broke in a window before (`WireBrokenError`), or the model left the range it holds for
             (`WireLostError`, `WireInMetalError`, `NotFiniteError`).
         """
-        return self._advance(steps, PULSES_PER_WINDOW)
+        if not 1 <= pulses <= PULSES_PER_WINDOW:
+            raise InputError(f"a window has 1 to {PULSES_PER_WINDOW} pulses, not {pulses}")
+        return self._advance(steps, pulses)
 
     def _advance(self, steps: Sequence[tuple[int, int, int]], pulses: int) -> PulseWindow:
         rows, place = _NO_STEPS, 0
@@ -308,7 +316,9 @@ class Plant(PlantReadings):
             place = ctypes.addressof(ctypes.c_char.from_buffer(rows))  # numpy takes 1 % of a window to say where
         status = self._fire_once(place, len(rows), pulses)
         if status == BROKEN and self._state["broken"][0] == BARE:
-            pass_window(self._state, self._window, self._drives, self._setting.timing, rows, self._constants.step_um)
+            pass_window(
+                self._state, self._window, self._drives, self._setting.timing, rows, self._constants.step_um, pulses
+            )
             return self.window()
         if status == NO_TILES:
             self.make_tiles()
@@ -373,7 +383,11 @@ class Plant(PlantReadings):
         s, c = self._state[0], self._constants
         x, y = (float(v) for v in s["axis_um"][:2] + s["deflection_um"])
         u, v = (float(v) for v in s["axis_um"][2:])
-        self.field.allocate(x, y, c.radius_um + c.range_um + 2 * TILED_UM + self._drives.reach_um, (u, v))
+        n = self.resolution.slices
+        ends = np.stack([share[[0, n - 1]] for share in (self._arrays.height_share, self._arrays.lean_share)])
+        low, high = float(ends.min()), float(ends.max())  # where the wire bends is known once its rays are traced
+        reach_um = c.radius_um + c.range_um + 2 * TILED_UM + self._drives.reach_um
+        self.field.allocate(x + low * u, y + low * v, reach_um, ((high - low) * u, (high - low) * v))
         self._put_field()
         self._state["tiled_um"] = (x, y, x + u, y + v)
 

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from edmsim.controllers.pulse_counters import WINDOW_PULSES
 from edmsim.cosim.stops import WORDS, StopCause
 from edmsim.plant.constants import wire_setup
 from edmsim.plant.mechanics.model import build_model
@@ -98,7 +99,7 @@ def _retracts(windows: pa.Table, place: NDArray[np.float64]) -> list[Event]:
     back = column(windows, "feed_um_s") < 0
     begins = np.flatnonzero(back & ~np.concatenate([[False], back[:-1]]))
     ends = np.flatnonzero(back & ~np.concatenate([back[1:], [False]]))
-    path, short = column(windows, "path_um"), column(windows, "short") / 2.55
+    path, short = column(windows, "path_um"), 100.0 * column(windows, "short") / WINDOW_PULSES
     return _thinned(
         [
             Event(a, "WARN", f"retract at {_at(place[a])}: {short[max(a - 1, 0)]:.0f} % short, "
@@ -184,11 +185,12 @@ def write_recording(
         recording.log(MADE_BY, rr.TextDocument(json.dumps(made)), static=True)
         tolerance_mm = _log_machine(recording, scene, windows, machine, shapes, factor)
         log_gap.log_discharges(recording, scene, kept)
-        log_gap.log_gap(recording, scene, kept)
+        above = _at_mid_height(scene, kept)
+        log_gap.log_gap(recording, scene, above)
         log_gap.log_scope(recording, kept)
         log_gas.log_coverage(recording, scene, shapes)
         log_gas.log_bubbles(recording, scene, shapes, log_gas.travel_at(windows, shapes.t_s), factor)
-        log_gas.log_top_bubbles(recording, scene, kept)
+        log_gas.log_top_bubbles(recording, scene, above)
         told = events(windows, scene, report)
         group = _log_series(recording, windows, np.array([event.row for event in told], np.int64))
         _log_events(recording, windows, told)
@@ -204,6 +206,15 @@ def write_recording(
             ),
             static=True,
         )
+
+
+def _at_mid_height(scene: Scene, closeups: NDArray[np.void]) -> NDArray[np.void]:
+    """Return close-ups whose guides' axis is where a wire that leans would be at mid height without deflection."""
+    if scene.lead is None:
+        return closeups
+    found = closeups.copy()
+    found["guides_um"] += 1e3 * scene.lead_mm(closeups["path_um"], np.array([0.5 * scene.height_mm]))[:, 0]
+    return found
 
 
 def _log_machine(
