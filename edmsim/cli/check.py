@@ -9,6 +9,8 @@ import typer
 
 from edmsim.cli.console import (
     OUT,
+    Conditions,
+    Dialect,
     Generator,
     Height,
     Ignore,
@@ -41,6 +43,8 @@ def check(
     offset: Offset = "auto",
     ignore: Ignore = "",
     offsets: Offsets = None,
+    dialect: Dialect = "auto",
+    conditions: Conditions = None,
     layers: Layers = "",
     unit: Unit = None,
 ) -> None:
@@ -58,6 +62,7 @@ def check(
     options = {
         "machine": machine, "material": material, "height_mm": height, "wire": wire, "generator": generator,
         "offset": offset, "offsets": path_text(offsets), "layers": named(layers), "unit": unit,
+        "dialect": dialect, "conditions": path_text(conditions),
     }
     unknown: dict[str, list[int]] = {}
     try:

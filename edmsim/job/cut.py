@@ -188,7 +188,7 @@ def planned(program: str | Path, settings: CutSettings, machine: Machine) -> Cut
     return plan_path(
         program, settings.offset, auto_offset_mm=machine.auto_offset_mm, table_um=travel_um,
         grid_um=unit_um(unit, round(step_um)), ignore=settings.ignore, layers=settings.layers, unit=settings.unit,
-        offsets=settings.offsets,
+        offsets=settings.offsets, dialect=settings.dialect, conditions=settings.conditions,
     )
 
 

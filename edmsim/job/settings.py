@@ -30,6 +30,7 @@ from edmsim.machine.setting import check_height
 from edmsim.plant.axes.faults import parse_fault
 from edmsim.plant.plant import MECHANICS
 from edmsim.plant.resolution import resolution as check_resolution
+from edmsim.program.dialects import AUTO, check_dialect
 from edmsim.program.heights import Area, Height, Heights, checked_areas, checked_changes
 
 METADATA_KEY = b"edmsim"
@@ -120,6 +121,11 @@ class CutSettings(BaseModel):
     """Layers of a drawing to cut; by default all that are shown."""
     offsets: str | None = None
     """File with a G-code program's offset registers, lines as ``D1 = 0.155`` in mm, for the offset auto."""
+    dialect: str = AUTO
+    """Whose words a G-code program speaks: sodick, mitsubishi, skd2, charmilles, fanuc, linuxcnc, freecad, or iso for
+    no machine's; auto: recognised by its words (``docs/dialects/index.md``)."""
+    conditions: str | None = None
+    """File that says what the machining conditions are that a G-code program calls: a table ``[C001]`` for each."""
     unit: str | None = None
     """Unit of a drawing, mm, um, cm, m, in, ft or mil; by default what the drawing says."""
     stuck_wire_sensor: bool = False
@@ -177,6 +183,11 @@ class CutSettings(BaseModel):
     @field_serializer("controller")
     def _text(self, controller: str | FeedController) -> str:
         return controller if isinstance(controller, str) else text_of(controller)
+
+    @field_validator("dialect")
+    @classmethod
+    def _check_dialect(cls, name: str) -> str:
+        return check_dialect(name)
 
     @field_validator("drive")
     @classmethod
@@ -287,6 +298,8 @@ class CutOptions(TypedDict, total=False):
     ignore: Sequence[str]
     layers: Sequence[str]
     offsets: str | None
+    dialect: str
+    conditions: str | None
     unit: str | None
     stuck_wire_sensor: bool
     axis_faults: Sequence[str]

@@ -15,6 +15,7 @@ from shapely.geometry.base import BaseGeometry
 
 from edmsim.errors import InputError
 from edmsim.machine.machine import Machine
+from edmsim.program.dialects import AUTO
 from edmsim.program.limits import check_fits
 from edmsim.program.offset import (
     OffsetOutline,
@@ -36,7 +37,7 @@ GCODE_SUFFIXES = (".ngc", ".nc", ".gcode", ".iso", ".txt")
 
 def load_program(
     file: str | Path, *, ignore: Sequence[str] = (), layers: Sequence[str] = (), unit: str | None = None,
-    offsets: str | Path | None = None,
+    offsets: str | Path | None = None, dialect: str = AUTO, conditions: str | Path | None = None,
 ) -> Program:
     """Read a part program or drawing, by its suffix.
 
@@ -50,6 +51,11 @@ def load_program(
         Of a drawing: `read_dxf`.
     offsets : path, optional
         Table of the offset registers of G-code: `edmsim.program.registers.read_offsets`.
+    dialect : str
+        Whose words G-code speaks: `read_gcode`.
+    conditions : path, optional
+        Table of the machining conditions that G-code calls: `read_conditions` of
+        `edmsim.program.dialects.condition_tables`.
 
     Returns
     -------
@@ -67,16 +73,22 @@ def load_program(
             raise InputError("words are ignored in G-code: a drawing has none", path)
         if offsets is not None:
             raise InputError("offset registers are those of G-code: a drawing has none", path)
+        if conditions is not None or dialect != AUTO:
+            raise InputError("dialect and conditions are those of G-code: a drawing has none", path)
         from edmsim.program.dxf import read_dxf
 
         return read_dxf(path, layers, unit)
     if suffix in GCODE_SUFFIXES:
         if layers or unit is not None:
             raise InputError("layers and unit are those of a drawing: G-code has none", path)
+        from edmsim.program.dialects.condition_tables import read_conditions
         from edmsim.program.gcode import read_gcode
         from edmsim.program.registers import read_offsets
 
-        return read_gcode(path, ignore, {} if offsets is None else read_offsets(offsets))
+        return read_gcode(
+            path, ignore, {} if offsets is None else read_offsets(offsets), dialect,
+            {} if conditions is None else read_conditions(conditions),
+        )
     known = " ".join(GCODE_SUFFIXES)
     raise InputError(f"unknown suffix '{path.suffix}': give G-code ({known}) or a drawing (.dxf)", path)
 
@@ -287,6 +299,8 @@ def plan_path(
     layers: Sequence[str] = (),
     unit: str | None = None,
     offsets: str | Path | None = None,
+    dialect: str = AUTO,
+    conditions: str | Path | None = None,
 ) -> CutPath:
     """Plan the whole cut of a part program.
 
@@ -315,7 +329,7 @@ def plan_path(
         Length of our own lead-ins in mm; shortened, with a notice, where there is no room.
     start_hole_radius_mm : float
         Radius of the hole at every thread point, in mm.
-    ignore, layers, unit, offsets
+    ignore, layers, unit, offsets, dialect, conditions
         See `load_program`.
 
     Returns
@@ -334,7 +348,10 @@ def plan_path(
             raise InputError(f"{name} is {value}: give a length above 0 mm")
     if table_um is None:
         table_um = round(Machine.load().base.table.travel_mm.value * 1e3)
-    program = load_program(file, ignore=ignore, layers=layers, unit=unit, offsets=offsets)
+    program = load_program(
+        file, ignore=ignore, layers=layers, unit=unit, offsets=offsets, dialect=dialect, conditions=conditions
+    )
+    _refuse_what_is_not_cut(program)
     _check_fits(program, table_um)
     notices = list(program.notices)
     offsets_mm = [outline.offset_mm for outline in program.outlines]
@@ -357,6 +374,18 @@ def plan_path(
     placed = tuple(_placed(contour, shift) for contour in contours)
     origin = (float(shift[0]) / 1000, float(shift[1]) / 1000)
     return CutPath(placed, _stock(placed, table_um), start_hole_radius_mm, origin, tuple(notices), program.source)
+
+
+def _refuse_what_is_not_cut(program: Program) -> None:
+    """Refuse passes on one wire, and tapers: they are read, with all that they say, and not cut."""
+    count = sum(outline.continues for outline in program.outlines)
+    for outline in program.outlines:
+        if outline.continues:
+            what = f"{count + 1} passes on one wire: one pass is simulated, and this is the second"
+            raise InputError(f"the program has {what}; take out the others", program.source, outline.line)
+        if outline.taper is not None:
+            raise InputError("the wire leans here: a taper is not simulated, write the program without it",
+                             program.source, outline.line)
 
 
 def _offset_mm(offset: float | str, auto_offset_mm: float) -> float:
