@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
@@ -51,9 +52,10 @@ def check(
     """Look at a program before the cut: path, notices, time."""
     from edmsim.files import make_writable, replacing
     from edmsim.job.check import check as look_at
-    from edmsim.job.check import lines_of
+    from edmsim.job.check import lines_of, passes_told
     from edmsim.job.settings import CutSettings
     from edmsim.program.blocks import UnknownWordsError, offered_to_ignore
+    from edmsim.program.path import load_program
     from edmsim.recording.figures.path import path_figure
 
     picture = default_folder(program) / "path.png" if out is None else out
@@ -65,7 +67,16 @@ def check(
         "dialect": dialect, "conditions": path_text(conditions),
     }
     unknown: dict[str, list[int]] = {}
+
+    def rows(found: Sequence[tuple[str, str]]) -> None:
+        for name, text in found:
+            OUT.print(f"{name:<12}{text}", highlight=False, soft_wrap=True, markup=False)
+
     try:
+        rows(passes_told(load_program(
+            program, ignore=named(ignore), layers=named(layers), unit=unit, offsets=offsets, dialect=dialect,
+            conditions=conditions,
+        )))  # fmt: skip
         found = look_at(program, CutSettings.model_validate({**options, "ignore": named(ignore)}))
     except UnknownWordsError as error:
         unknown = error.words
@@ -79,8 +90,7 @@ def check(
             raise typer.Exit(BAD_INPUT) from None
         say("what follows leaves them out, as --ignore " + ",".join(unknown))
         found = look_at(program, CutSettings.model_validate({**options, "ignore": [*named(ignore), *unknown]}))
-    for name, text in lines_of(found):
-        OUT.print(f"{name:<12}{text}", highlight=False, soft_wrap=True, markup=False)
+    rows(lines_of(found))
     for notice in found.path.notices:
         OUT.print(f"note: {notice}", highlight=False, soft_wrap=True, markup=False)
     make_writable(picture.parent)

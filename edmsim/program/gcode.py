@@ -24,6 +24,7 @@ from edmsim.program.arcs import rounding_of
 from edmsim.program.blocks import (
     Ignored,
     ProgramBlocks,
+    Units,
     UnknownWordsError,
     expanded,
     read_blocks,
@@ -230,12 +231,22 @@ def outline_of(run: Run) -> tuple[Outline, list[str]]:
     lead_out = end + (0 if loop is None else _overlap(run, begin, end))
     if lead_out < len(run.moves):
         _refuse_more_than_a_lead_out(run, first, (begin, end), lead_out, closed=loop is not None and end < last)
-    notices = []
+    notices = _notes_of_change(run.moves[begin:end])
     if lead_out > end:
         notices.append(f"line {run.moves[end].line}: the overlap after the contour is left out")
     if lead_out < len(run.moves):
         notices.append(f"line {run.moves[lead_out].line}: the lead-out after the contour is left out")
     return _assemble(run, first, begin, end, loop is not None), notices
+
+
+def _notes_of_change(moves: Sequence[CutMove]) -> list[str]:
+    """Say that an edge is cut under several conditions, of which one is kept."""
+    called = [move.state.condition for move in moves]
+    line = next((move.line for move in moves if move.state.condition != called[0]), None)
+    if line is None:
+        return []
+    names = ", ".join(dict.fromkeys(name or "none" for name in called))
+    return [f"line {line}: the condition changes within a contour, {names}: that of its longest part is taken"]
 
 
 def closes_on_itself(moves: Sequence[CutMove], start: complex, join_mm: float) -> bool:
@@ -467,11 +478,7 @@ def read_gcode(
     two_planes = any(block.upper is not None or block.values.keys() & {"U", "V"} for block in blocks)
     control = Interpreter(units, rounding_of(blocks, units), registers, str(path), spoken, two_planes)
     if spoken is LINUXCNC:
-        heights = planes_told(comments_of(text))
-        unit_mm = units.at_start_mm
-        if {"XY", "UV"} <= heights.keys():
-            planes = heights["XY"] * unit_mm, heights["UV"] * unit_mm
-            control.state = replace(control.state, planes_mm=planes)
+        control.state = replace(control.state, planes_mm=_planes_mm(text, units, str(path)))
     for block in blocks:
         control.run_block(block)
     try:
@@ -484,6 +491,16 @@ def read_gcode(
     notices = sorted([*told, *unit_notices, *control.notices.texts(), *notices], key=_line_of)
     name = None if spoken is ISO else spoken.name
     return Program(tuple(outlines), tuple(notices), str(path), name, read.conditions, settings)
+
+
+def _planes_mm(text: str, units: Units, file: str) -> tuple[float, float | None]:
+    """Return the heights of the planes of X Y and of U V that comments name; the workpiece's faces if they do not."""
+    heights = planes_told(comments_of(text))
+    if not {"XY", "UV"} <= heights.keys():
+        return 0.0, None
+    if heights["XY"] == heights["UV"]:
+        raise InputError("the comments give the planes of X Y and of U V one height: two planes have two", file)
+    return heights["XY"] * units.at_start_mm, heights["UV"] * units.at_start_mm
 
 
 def _read(text: str, path: Path, ignored: Ignored, dialect: Dialect) -> ProgramBlocks:

@@ -299,6 +299,7 @@ _WORK_OFFSETS = frozenset({*range(54, 60), 59.1, 59.2, 59.3})
 _SAID_OTHERWISE = frozenset({("G", 17), ("M", 50), ("M", 60), *(("G", code) for code in _WORK_OFFSETS)})
 _SIDES: dict[float, Side | None] = {40: None, 41: "left", 42: "right", 140: None, 141: "left", 142: "right"}
 _LEANS: dict[Action, int] = {"no taper": 0, "taper left": 1, "taper right": -1}
+_BOTH_SIDES: dict[Action, int | None] = {"two planes off": None, "two planes left": 141, "two planes right": 142}
 _STEEPEST_DEG = 60.0
 """Angle of a taper (ours: no guides let a wire lean so far)."""
 _LENGTHS = frozenset("XYIJRUVK")
@@ -344,6 +345,7 @@ class Interpreter:
         self.file = file
         self.dialect = dialect
         self.two_planes = two_planes
+        self.both_sides: int | None = None
         self.state = InForce()
         self.lean = 0
         self.angle_deg = 0.0
@@ -420,6 +422,8 @@ class Interpreter:
             does = self.dialect.does(code)
             if does in _LEANS:
                 self.lean = _LEANS[does]
+            elif does in _BOTH_SIDES:
+                self.both_sides = _BOTH_SIDES[does]
             elif does == "conical" or does == "cylindrical":
                 self.state = replace(self.state, corners=does)
             elif does == "adaptive" or does == "constant":
@@ -642,6 +646,9 @@ class Interpreter:
         if self.cut_off is not None:
             reason = f"the wire is cut off since M50 on line {self.cut_off}: go on with G0, or thread it with M60"
             raise self.error(reason, block)
+        if self.both_sides is not None and block.upper is None:
+            raise self.error(f"G{self.both_sides} leads the wire in two planes, and this block has an element below "
+                             "and none above: write both, lower : upper", block)
         if not self.start_known:
             self.notices.add("neither G92 nor G0 before the first cut: the wire starts at X0 Y0", block.line)
             self.start_known = True

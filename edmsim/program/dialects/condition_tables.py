@@ -13,7 +13,7 @@ from edmsim.program.dialects.dialect import Dialect
 
 _COMMENT = re.compile(r"\(([^()]*)\)")
 _FEWEST_COLUMNS = 3
-_CALLED = re.compile(r"([A-Z])0*(\d{1,4})")
+_CALLED = re.compile(r"([A-Z])0*(\d{1,4})", re.ASCII)
 
 SETTINGS: dict[str, tuple[float, float]] = {
     "t_on_us": (0.0, 1e4), "t_period_us": (0.0, 1e5), "open_voltage_V": (0.0, 1e3), "peak_current_A": (0.0, 1e4),

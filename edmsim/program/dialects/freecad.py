@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 from edmsim.program.dialects.dialect import Dialect
 
-FREECAD = Dialect("freecad", "FreeCAD's wire post", comment=r"FreeCAD")
+FREECAD = Dialect("freecad", "FreeCAD's wire post", comment=r"FreeCAD|begin preamble")
 
 _COORDINATE = re.compile(r"[XYIJ][-+]?[\d.]", re.IGNORECASE)
 _LINE_END = re.compile(r"[^\d.\s()]+$")
