@@ -52,7 +52,7 @@ def check(
     """Look at a program before the cut: path, notices, time."""
     from edmsim.files import make_writable, replacing
     from edmsim.job.check import check as look_at
-    from edmsim.job.check import lines_of, passes_told
+    from edmsim.job.check import lines_of, pass_rows
     from edmsim.job.settings import CutSettings
     from edmsim.program.blocks import UnknownWordsError, offered_to_ignore
     from edmsim.program.path import load_program
@@ -73,7 +73,7 @@ def check(
             OUT.print(f"{name:<12}{text}", highlight=False, soft_wrap=True, markup=False)
 
     try:
-        rows(passes_told(load_program(
+        rows(pass_rows(load_program(
             program, ignore=named(ignore), layers=named(layers), unit=unit, offsets=offsets, dialect=dialect,
             conditions=conditions,
         )))  # fmt: skip

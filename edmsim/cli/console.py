@@ -49,7 +49,7 @@ Offsets = Annotated[
 Dialect = Annotated[
     str,
     typer.Option(
-        help="Whose words it speaks: auto, sodick, mitsubishi, skd2, charmilles, fanuc, linuxcnc, freecad, iso."
+        help="Dialect of the program: auto, sodick, mitsubishi, skd2, charmilles, fanuc, linuxcnc, freecad, iso."
     ),
 ]
 Conditions = Annotated[

@@ -108,15 +108,15 @@ def _waiting_s(path: CutPath, machine: Machine) -> float:
     return dwells + sum(way / table.rapid_um_s.value + table.threading_s.value for way in ways_um)
 
 
-def passes_told(program: Program) -> Sequence[tuple[str, str]]:
+def pass_rows(program: Program) -> Sequence[tuple[str, str]]:
     """Return names and texts for a terminal's table of what a program says of its passes; none if it has nothing."""
     spoken = [o for o in program.outlines if o.condition or o.continues or o.taper or o.adaptive is not None]
     if not spoken:
         return []
-    return [(f"pass {number}", _pass_told(outline)) for number, outline in enumerate(program.outlines, 1)]
+    return [(f"pass {number}", _pass_text(outline)) for number, outline in enumerate(program.outlines, 1)]
 
 
-def _pass_told(outline: Outline) -> str:
+def _pass_text(outline: Outline) -> str:
     length_mm = float(np.hypot(*np.diff(outline.points_mm, axis=0).T).sum())
     told = [f"line {outline.line}: {'closed' if outline.closed else 'open'}, {length_mm:.3f} mm"]
     if outline.wire_side is not None:

@@ -35,7 +35,7 @@ from edmsim.program.dialects import AUTO, DIALECTS, comments_of, dialect_of
 from edmsim.program.dialects.condition_tables import settings_for
 from edmsim.program.dialects.dialect import ISO, Dialect
 from edmsim.program.dialects.freecad import FREECAD, says_inches
-from edmsim.program.dialects.linuxcnc import LINUXCNC, planes_told
+from edmsim.program.dialects.linuxcnc import LINUXCNC, plane_heights
 from edmsim.program.interpreter import Interpreter, Motions, Reading, prefer_absolute, reading_of, registers_set
 from edmsim.program.limits import check_contours, check_count, check_points
 from edmsim.program.outline import (
@@ -495,7 +495,7 @@ def read_gcode(
 
 def _planes_mm(text: str, units: Units, file: str) -> tuple[float, float | None]:
     """Return the heights of the planes of X Y and of U V that comments name; the workpiece's faces if they do not."""
-    heights = planes_told(comments_of(text))
+    heights = plane_heights(comments_of(text))
     if not {"XY", "UV"} <= heights.keys():
         return 0.0, None
     if heights["XY"] == heights["UV"]:

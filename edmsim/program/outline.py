@@ -272,6 +272,12 @@ def refuse_self_crossing(points: NDArray[np.float64], line_numbers: Sequence[int
     InputError
         With the place and the lines of the two moves that meet.
     """
+    moves = (np.diff(points, axis=0) != 0).any(axis=1)
+    if not moves.all():  # the wire turns about a point here, while it moves in the second plane
+        points = points[np.append(True, moves)]
+        line_numbers = [number for number, moved in zip(line_numbers, moves, strict=True) if moved]
+    if len(points) < 2:
+        raise InputError("the contour is a single point in the program's plane: exchange the two planes")
     line = shapely.LineString(points)
     if line.is_simple:
         return

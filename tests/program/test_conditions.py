@@ -33,7 +33,8 @@ def test_without_a_table_a_notice_says_so() -> None:
 
 
 def test_leading_zeros_do_not_matter(tmp_path: Path) -> None:
-    (tmp_path / "table.toml").write_text("[c1]\nt_on_us = 1\n[C0]\nt_on_us = 2\n[C02]\nt_on_us = 3\n[C3]\nt_on_us = 4\n")
+    table = "".join(f"[{name}]\nt_on_us = {number}\n" for number, name in enumerate(("c1", "C0", "C02", "C3"), 1))
+    (tmp_path / "table.toml").write_text(table)
     settings = load_program(PUNCH, conditions=tmp_path / "table.toml").settings
     assert [settings[name]["t_on_us"] for name in ("C000", "C001", "C002", "C003")] == [2, 1, 3, 4]
 

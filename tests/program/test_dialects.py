@@ -217,13 +217,15 @@ def test_wires_that_lean_and_passes_are_refused_in_one_line() -> None:
         plan_path(EXAMPLES / "taper-fanuc.nc", auto_offset_mm=0.16)
 
 
+TABLE = "C001 = 1 2 3 4 5 6 7 8 9 10 11 12 13 14 15;\n"
 ONE_PASS = "{}G92 X5. Y-2.\n{}\nG1 X5. Y0.\nX0.\nY6.\nX10.\nY0.\nX5.\nG40 G1 Y-2.\nM02\n"
 
 
 @pytest.mark.parametrize(
     ("text", "dialect"),
     [
-        (ONE_PASS.format("C001 = 1 2 3 4 5 6 7 8 9 10 11 12 13 14 15;\nH001 = +000000.1950;\n", "C001 G41 H001"), "sodick"),
+        (ONE_PASS.format(f"{TABLE}H001 = +000000.1950;\n", "C001 G41 H001"), "sodick"),
+        (ONE_PASS.format("H001 = +000000.1950;\n", "C001 G41 H001"), "sodick"),
         (ONE_PASS.format("H1=.1+H2\n", "G41 H1").replace("H1=", "H2=.09\nH1="), "mitsubishi"),
         (ONE_PASS.format("H1=.19\nM80\n", "E1221 G41 H1"), "mitsubishi"),
         (ONE_PASS.format("H001=190\n", "E001 G41 H001"), "skd2"),
@@ -271,7 +273,7 @@ def test_passes_without_compensation_are_told_by_their_conditions(read: Read) ->
 
 
 def test_a_second_blocks_on_a_line_is_one_where_a_semicolon_ends_blocks(read: Read) -> None:
-    text = "C001 = 1 2 3 4 5 6 7 8 9 10 11 12 13 14 15;\nG92 X0. Y0;\nG1 X5.; Y5.; (AN END)\nX0. Y9. ; anything\n"
+    text = TABLE + "G92 X0. Y0;\nG1 X5.; Y5.; (AN END)\nX0. Y9. ; anything\n"
     assert read(text).outlines[0].points_mm.tolist() == [[0, 0], [5, 0], [5, 5], [0, 9]]
     assert len(read(text.partition("\n")[2]).outlines[0].points_mm) == 3
 
@@ -283,7 +285,6 @@ def test_the_condition_of_the_longest_part_counts_and_a_notice_says_so(read: Rea
     assert any("line 9: the condition changes within a contour, S2, S3" in notice for notice in program.notices)
 
 
-TABLE = "C001 = 1 2 3 4 5 6 7 8 9 10 11 12 13 14 15;\n"
 TWO = "TP0. TN10.\nG92 X0. Y0\n"
 BAD = [
     (TABLE.replace(" 15", ""), 1, "C001 has 14 values, its table 15 columns"),

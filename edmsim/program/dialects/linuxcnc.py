@@ -18,6 +18,6 @@ LINUXCNC = Dialect(
 _PLANE = re.compile(r"\b(XY|UV)[ -]?PLANE\D*?([-+]?(?:\d+\.?\d*|\.\d+))", re.IGNORECASE)
 
 
-def planes_told(comments: Iterable[str]) -> dict[str, float]:
+def plane_heights(comments: Iterable[str]) -> dict[str, float]:
     """Return the heights that comments give the planes, as ``(UV plane Z20)``: by ``XY`` and ``UV``, as written."""
     return {found[1].upper(): float(found[2]) for text in comments for found in _PLANE.finditer(text)}

@@ -23,7 +23,7 @@ SODICK = Dialect(
     ends_blocks=True,
     numbered=True,
     evidence=(
-        (r"^C\d{3}=",), (r"H\d{3}=", r"C\d{3}(?!\d)"), (r"G14[012](?!\d)",), (r"T[PN]=?[-+\d.]",), (r"M199(?!\d)",),
-        (r"G5[12](?!\d)", r"A[\d.]", r"H\d{3}(?!\d)"),
+        (r"^C\d{3}=",), (r"H\d{3}(?!\d)", r"C\d{3}(?!\d)"), (r"G14[012](?!\d)",), (r"T[PN]=?[-+\d.]",),
+        (r"M199(?!\d)",), (r"G5[12](?!\d)", r"A[\d.]", r"H\d{3}(?!\d)"),
     ),
 )  # fmt: skip
