@@ -1,10 +1,10 @@
-"""G-code (RS-274 and the Robofil dialect) read into outlines.
+"""G-code (RS-274, and what dialects add to it) read into outlines.
 
 The words understood are G0 to G4, G10, G20, G21, G40 to G42, G90 to G92, G90.1, G91.1, M0, M1, M2, M30, M50, M60, F,
 D, H, N, X, Y, I, J, R and P. Those that cannot change a contour in two axes (`edmsim.program.blocks`) are read with a
 notice. Dwells (G4 with P or X) are in seconds. A ``/`` at the head of a line does not delete it. A G92 before any
 move says where the wire is; later ones shift the coordinates. What is cut between two rapids is taken apart into
-approach, edge, overlap and lead-out.
+passes, and each of them into approach, edge, overlap and lead-out.
 """
 
 from __future__ import annotations
@@ -283,7 +283,9 @@ def _refuse_more_than_a_lead_out(
     places = [*(vertices[k] for k in before), *vertices[lead_out:]]
     loop = first_loop(places, moves, 0, len(moves), run.join_mm)
     length_mm = length_of(vertices[lead_out], run.moves[lead_out:])
-    if loop is None and length_mm <= length_of(vertices[begin], run.moves[begin:end]):
+    # the way back from a tab may be longer than the tab
+    short = run.one_of_several or length_mm <= length_of(vertices[begin], run.moves[begin:end])
+    if loop is None and short:
         return
     count = len(run.moves) - lead_out
     what = "with a closed loop" if loop is not None else f"{length_mm:.3f} mm and so longer than the contour,"
@@ -319,7 +321,7 @@ def _refuse_unclear_gap(run: Run, begin: int, end: int) -> None:
     if end <= begin:
         reason = "after the approach no move is left to cut: program one more"
         raise InputError(reason, line=run.moves[end - 1].line)
-    if run.moves[begin].side is None or end - begin < 3:
+    if run.moves[begin].side is None or end - begin < 3 or run.one_of_several:  # a tab is left there
         return
     vertices = vertices_of(run)
     stop = vertices[end]
@@ -361,7 +363,7 @@ def _assemble(run: Run, first: int, begin: int, end: int, closed: bool) -> Outli
         approach_lines=tuple(approach_lines),
         compensated_from=len(approach) - 1 if side is None else ramp_end,
         dwells=_dwells(run, end),
-        needs_lead_in=len(approach) == 1 and (closed or side is not None),
+        needs_lead_in=len(approach) == 1 and (closed or side is not None) and not run.continues,
         elements=tuple(k for k, move in enumerate(moves[begin:end], 1) for _ in move.points),
         offset_mm=offset and offset.mm,
         condition=cutting.condition,

@@ -225,6 +225,8 @@ class Run:
         Of the second plane, where the wire is threaded.
     continues : bool
         Whether the wire stays threaded from the pass before.
+    one_of_several : bool
+        Whether other passes follow, or were before, on the same wire.
     """
 
     start: complex
@@ -235,6 +237,7 @@ class Run:
     stops: tuple[int, ...] = ()
     upper_start: complex = 0j
     continues: bool = False
+    one_of_several: bool = False
 
 
 def vertices_of(run: Run) -> list[complex]:

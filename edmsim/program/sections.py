@@ -93,6 +93,7 @@ def _part(run: Run, begin: int, end: int, first: int, until: int) -> Run:
         ),
         stops=tuple(min(done, end) - begin for done in run.stops if first < done <= until),
         continues=begin > 0,
+        one_of_several=True,
     )
 
 

@@ -9,6 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 import shapely
+from hypothesis import given
+from hypothesis import strategies as st
 
 from edmsim.errors import InputError
 from edmsim.program import load_program, plan_path
@@ -276,6 +278,66 @@ def test_a_second_blocks_on_a_line_is_one_where_a_semicolon_ends_blocks(read: Re
     text = TABLE + "G92 X0. Y0;\nG1 X5.; Y5.; (AN END)\nX0. Y9. ; anything\n"
     assert read(text).outlines[0].points_mm.tolist() == [[0, 0], [5, 0], [5, 5], [0, 9]]
     assert len(read(text.partition("\n")[2]).outlines[0].points_mm) == 3
+
+
+CLOSED = "G1 X0.\nY6.\nX10.\nY0.\nX5.\n"
+
+
+def test_passes_may_follow_on_each_other_on_the_contour(read: Read) -> None:
+    head = "D1=0.2\nD2=0.15\nG92 X5. Y-2.\nG41 D1 G1 X5. Y0.\n"
+    around = read(f"{head}{CLOSED}D2\n{CLOSED}G40 Y-2.\n").outlines
+    assert [outline.closed for outline in around] == [True, True]
+    back = read(head + CLOSED.replace("X5.", "X7.") + "M0\nG42 D2\nX10.\nY6.\nX0.\nY0.\nX5.\nG40 Y-2.\n").outlines
+    assert back[1].points_mm[::-1].tolist() == back[0].points_mm.tolist()
+    for first, second in (around, back):
+        assert (first.offset_mm, second.offset_mm) == (0.2, 0.15)
+        assert second.continues
+        assert not second.needs_lead_in
+        assert not len(second.approach_mm)
+    assert [outline.stops_after for outline in back] == [True, False]
+
+
+steps_50th_mm = st.lists(st.integers(5, 400), min_size=2, max_size=8)
+
+
+@pytest.mark.slow
+@given(
+    steps=steps_50th_mm, offsets=st.lists(st.integers(100, 300), min_size=2, max_size=6, unique=True), data=st.data()
+)
+def test_passes_to_and_fro_are_the_same_profile(
+    tmp_path_factory: pytest.TempPathFactory, steps: list[int], offsets: list[int], data: st.DataObject
+) -> None:
+    """A staircase, which crosses itself nowhere, to and fro with any offsets, with G40 between passes or without."""
+    profile = [(0.0, 0.0)]
+    for number, step in enumerate(steps):
+        x, y = profile[-1]
+        profile.append((x + step / 50, y) if number % 2 else (x, y + step / 50))
+    lines = [f"D{k}={um / 1e3}" for k, um in enumerate(offsets, 1)]
+    lines += ["G92 X-3. Y-1.", "G41 D1 G1 X0 Y0"]
+    stops = []
+    for k in range(len(offsets)):
+        way = profile[:: -1 if k % 2 else 1]
+        lines += [f"G1 X{x:.3f} Y{y:.3f}" for x, y in way[1:]]
+        stops.append(data.draw(st.booleans()))
+        lines += ["M01"] * stops[-1]
+        last = k == len(offsets) - 1
+        if last or data.draw(st.booleans()):
+            x, y = way[-1]
+            lines.append(f"G40 G1 X{x - 1:.3f} Y{y + 0.5:.3f}")
+            if not last:
+                lines.append(f"{'G41' if k % 2 else 'G42'} D{k + 2} G1 X{x:.3f} Y{y:.3f}")
+        else:
+            lines.append(f"{'G41' if k % 2 else 'G42'} D{k + 2}")
+    file = tmp_path_factory.mktemp("passes") / "part.nc"
+    file.write_text("\n".join([*lines, "M02", ""]))
+    outlines = load_program(file).outlines
+    assert [round((outline.offset_mm or 0) * 1e3) for outline in outlines] == offsets
+    assert [outline.continues for outline in outlines] == [False, *[True] * (len(offsets) - 1)]
+    assert [outline.stops_after for outline in outlines] == stops
+    for k, outline in enumerate(outlines):
+        assert outline.points_mm[:: -1 if k % 2 else 1] == pytest.approx(np.array(profile), abs=1e-9)
+        assert outline.wire_side == ("right" if k % 2 else "left")
+        assert outline.part_side == ("left" if k % 2 else "right")
 
 
 def test_the_condition_of_the_longest_part_counts_and_a_notice_says_so(read: Read) -> None:
