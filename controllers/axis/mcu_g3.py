@@ -66,15 +66,15 @@ class ControlAxis:
 
     def travel(self, dt: float) -> None:
         """Carry speed and setpoint on over a cycle, towards a target or at the speed wanted."""
-        wanted = self.speed
+        demand = self.speed
         if self.target is not None:
             rest = self.target - self.setpoint
-            wanted = math.copysign(min(self.speed, math.sqrt(2.0 * self.accel * abs(rest))), rest)
+            demand = math.copysign(min(self.speed, math.sqrt(2.0 * self.accel * abs(rest))), rest)
             if abs(rest) <= max(abs(self.velocity), self.accel * dt) * dt:
                 self.setpoint, self.velocity, self.speed, self.target = self.target, 0.0, 0.0, None
                 return
         change = self.accel * dt
-        self.velocity += min(max(wanted - self.velocity, -change), change)
+        self.velocity += min(max(demand - self.velocity, -change), change)
         self.setpoint += self.velocity * dt
 
 
@@ -106,7 +106,7 @@ class MotionControl:
         return True
 
     def move_velocity(self, axis: int, speed: float) -> bool:
-        """Move an axis at a speed until it is told otherwise; False for one that follows a cam table."""
+        """Move an axis at a speed until another command; False for one that follows a cam table."""
         if axis in self._release():
             return False
         self.axes[axis].target, self.axes[axis].speed = None, speed
@@ -140,7 +140,7 @@ class MotionControl:
         return True
 
     def cam_out(self, table: int) -> None:
-        """End following a table; a follower in motion goes on at its speed until it is told otherwise."""
+        """End following a table; a follower in motion goes on at its speed until another command."""
         at = self.elcam.at(table)
         at.write_int(Function.MODE, int(at.read_int(Function.MODE).value) & ~Mode.RUN)
 
@@ -184,9 +184,9 @@ class MotionControl:
             self._place(k, place)
         self._followers = set(followed)
         for k, axis in enumerate(self.axes):
-            wanted = self.elcam.compensation(k) - axis.compensation
+            demand = self.elcam.compensation(k) - axis.compensation
             most = axis.compensation_rate * CYCLE_S or math.inf
-            axis.compensation += min(max(wanted, -most), most)
+            axis.compensation += min(max(demand, -most), most)
 
     def _release(self) -> set[int]:
         """Let axes go on at their speed that follow no longer; return those that do."""

@@ -32,12 +32,9 @@ from edmsim.controllers.planner.protocol import Planner
 from edmsim.controllers.planner.record import LITERAL
 from edmsim.controllers.planner.registry import kind_of
 from edmsim.controllers.protocols import ControllerState, FeedCommand, Step, WindowObservation
-from edmsim.geometry import Polyline
+from edmsim.geometry import CORNER_DEG, Polyline
 from edmsim.machine.machine import Machine
 from edmsim.machine.setting import discharge_current_A
-
-CORNER_DEG = 20.0
-"""Turn of the path from which on it counts as a corner (ours)."""
 
 
 class _Setup(NamedTuple):
@@ -109,7 +106,7 @@ class McuController(CountsController):
 
     @property
     def computer(self) -> Computer:
-        """The computer, for whoever wants to look at its registers; every leg begins with a new one."""
+        """The computer with its registers; every leg begins with a new one."""
         return self._computer
 
     @property

@@ -24,8 +24,8 @@ from edmsim.compiled.axis_rows import (
 )
 from edmsim.controllers.axis.drive import Drive, StartsAnew, data_of
 from edmsim.errors import InputError
-from edmsim.given_numbers import finite, whole_from
 from edmsim.machine.machine import Machine
+from edmsim.numeric import finite, whole_from
 from edmsim.plant.axes.board import fault_net_low, hold_in_reset
 from edmsim.plant.axes.drives import AXIS_NAMES
 from edmsim.plant.axes.encoder import read_phases
@@ -70,7 +70,7 @@ class AxisBench:
     Raises
     ------
     InputError
-        There is no such axis, or a drive's record, period or motor is none, or it has no loop, or there are no such
+        An unknown axis, an invalid record, period or motor of a drive, a drive without a loop, or unknown
         mechanics.
     """
 
@@ -103,7 +103,7 @@ class AxisBench:
         Raises
         ------
         EdmsimError
-            A drive commands what is no share of its supply, or an axis has run out of every reason.
+            A drive commands more than its supply, or an axis is out of range or not finite.
         """
         self.run_to(self._motion.now_ns + _ns("seconds", seconds))
 

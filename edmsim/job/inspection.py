@@ -43,7 +43,7 @@ class Inspection:
     scene : Scene
         Geometry of the pictures.
     error_um : float64 array (windows,)
-        Profile error at the place of every window; NaN where there is none.
+        Profile error at the place of every window; NaN where none was measured.
     """
 
     quality: Quality

@@ -11,7 +11,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
 
-from edmsim.given_numbers import Number
+from edmsim.numeric import Number
 
 
 class Part(BaseModel):
@@ -61,7 +61,7 @@ def _within(low: float, high: float) -> AfterValidator:
     def check(constant: Constant) -> Constant:
         for number in (constant.value, *(constant.range or ())):
             if not low <= number <= high:
-                raise ValueError(f"{number:g} is beyond all reason: it must be within {low:g}..{high:g}")
+                raise ValueError(f"{number:g} is out of range: it must be within {low:g}..{high:g}")
         return constant
 
     return AfterValidator(check)
