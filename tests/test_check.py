@@ -269,7 +269,7 @@ def test_the_dialect_and_the_conditions_are_options_of_check(edmsim: Run) -> Non
     dialects = EXAMPLES / "dialects"
     found = edmsim("check", dialects / "punch-freecad.nc", "--dialect", "iso")
     assert found.status == 0
-    assert "note: read as iso" in found.out
+    assert "note: dialect iso" in found.out
     found = edmsim("check", dialects / "punch-freecad.nc", "--dialect", "sodic")
     assert "did you mean 'sodick'" in found.err
     leans = edmsim(

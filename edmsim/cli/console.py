@@ -55,7 +55,7 @@ Dialect = Annotated[
     ),
 ]
 Conditions = Annotated[
-    Path | None, typer.Option(help="File that says what the program's conditions are, a table [C001] for each.")
+    Path | None, typer.Option(help="Settings of the program's conditions: TOML file with a section [C001] for each.")
 ]
 Ignore = Annotated[
     str, typer.Option(metavar="WORDS", help="Words of the program to leave out: M77,U", show_default=False)

@@ -110,8 +110,8 @@ def _waiting_s(path: CutPath, machine: Machine) -> float:
 
 def pass_rows(program: Program) -> Sequence[tuple[str, str]]:
     """Return names and texts for a terminal's table of what a program says of its passes; none if it has nothing."""
-    spoken = [o for o in program.outlines if o.condition or o.continues or o.taper or o.adaptive is not None]
-    if not spoken:
+    noted = [o for o in program.outlines if o.condition or o.continues or o.taper or o.adaptive is not None]
+    if not noted:
         return []
     return [(f"pass {number}", _pass_text(outline)) for number, outline in enumerate(program.outlines, 1)]
 

@@ -122,8 +122,8 @@ class CutSettings(BaseModel):
     offsets: str | None = None
     """File with a G-code program's offset registers, lines as ``D1 = 0.155`` in mm, for the offset auto."""
     dialect: str = AUTO
-    """Whose words a G-code program speaks: sodick, mitsubishi, skd2, charmilles, fanuc, linuxcnc, freecad, or iso for
-    no machine's; auto: recognised by its words (``docs/dialects/index.md``)."""
+    """Dialect of a G-code program: sodick, mitsubishi, skd2, charmilles, fanuc, linuxcnc, freecad, or iso for
+    none; auto: recognised by its words (``docs/dialects/index.md``)."""
     conditions: str | None = None
     """File that says what the machining conditions are that a G-code program calls: a table ``[C001]`` for each."""
     unit: str | None = None

@@ -130,7 +130,7 @@ def code_of(letter: str, number: str, dialect: Dialect = ISO) -> float | None:
     if not _CODE.fullmatch(number):
         return None
     code = float(number) if number.rstrip("0").partition(".")[2] else int(float(number))
-    known = code in _KNOWN.get(letter, ()) or dialect.does((letter, code)) is not None
+    known = code in _KNOWN.get(letter, ()) or dialect.action_of((letter, code)) is not None
     return code if known else None
 
 
@@ -289,7 +289,7 @@ class _Reader:
 
     def blocks_of(self, raw: str, line: int, labelled: bool = False) -> list[Block]:
         """Return the blocks of a line: one, none, or more where ``;`` ends blocks."""
-        if self.table.takes(raw, line):
+        if self.table.read_line(raw, line):
             return []
         parts = [raw]
         if self.dialect.ends_blocks:
@@ -314,7 +314,6 @@ def read_blocks(text: str, file: str, ignored: Ignored, dialect: Dialect = ISO) 
     ignored : Ignored
         Words to leave out.
     dialect : Dialect
-        Whose words it speaks.
 
     Raises
     ------
@@ -376,7 +375,7 @@ def _read_block(raw: str, line: int, reader: _Reader, labelled: bool) -> Block |
             continue
         if plane is not None:
             at = plane.end()
-            words.take(plane[1], plane[2], file, line)
+            words.add(plane[1], plane[2], file, line)
             continue
         word = _WORD.match(bare, at)
         if word is None:
@@ -393,7 +392,7 @@ def _read_block(raw: str, line: int, reader: _Reader, labelled: bool) -> Block |
             words.condition = word[0]
         elif letter in "GMT" and (code := code_of(letter, number, dialect)) is not None:
             # whatever ends a program elsewhere ends it as M2 does
-            words.codes.append(("M", 2) if dialect.does((letter, code)) == "end" else (letter, code))
+            words.codes.append(("M", 2) if dialect.action_of((letter, code)) == "end" else (letter, code))
         elif letter in IDLE and letter not in dialect.letters and (letter != "O" or not words.values):
             words.idle.append(word[0])  # X1O5 has a letter in place of a zero
         elif letter not in VALUES and letter not in dialect.letters:
@@ -401,13 +400,13 @@ def _read_block(raw: str, line: int, reader: _Reader, labelled: bool) -> Block |
         elif letter == "N":
             words.label = int(number) if labelled and number.isdigit() else None
         else:
-            words.take(letter, number, file, line)
+            words.add(letter, number, file, line)
     upper = None if above is None else _upper_words(above, line, reader, words)
     block = Block(
         line, tuple(words.codes), words.values, words.pointed, None if words.decimals < 0 else words.decimals,
         deletable, tuple(words.idle), tuple(words.dropped), tuple(words.offsets), words.condition, upper, words.label,
     )  # fmt: skip
-    return block if words.hold_anything or upper is not None else None
+    return block if words.any_word or upper is not None else None
 
 
 @dataclass
@@ -424,7 +423,7 @@ class _Words:
     pointed: bool = False
     decimals: int = -1
 
-    def take(self, letter: str, number: str, file: str, line: int) -> None:
+    def add(self, letter: str, number: str, file: str, line: int) -> None:
         """Take a letter's number, and note how finely a coordinate is written."""
         if letter in self.values:
             raise InputError(f"the word {letter} occurs twice in one block: write it once", file, line)
@@ -438,7 +437,7 @@ class _Words:
             self.decimals = max(self.decimals, len(number.partition(".")[2]))
 
     @property
-    def hold_anything(self) -> bool:
+    def any_word(self) -> bool:
         """Whether there is a word that leaves a trace."""
         return bool(self.codes or self.values or self.idle or self.dropped or self.offsets or self.condition) or (
             self.label is not None

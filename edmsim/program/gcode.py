@@ -34,7 +34,7 @@ from edmsim.program.blocks import (
 from edmsim.program.dialects import AUTO, DIALECTS, comments_of, dialect_of
 from edmsim.program.dialects.condition_tables import settings_for
 from edmsim.program.dialects.dialect import ISO, Dialect
-from edmsim.program.dialects.freecad import FREECAD, says_inches
+from edmsim.program.dialects.freecad import FREECAD, has_inch_comment
 from edmsim.program.dialects.linuxcnc import LINUXCNC, plane_heights
 from edmsim.program.interpreter import Interpreter, Motions, Reading, prefer_absolute, reading_of, registers_set
 from edmsim.program.limits import check_contours, check_count, check_points
@@ -231,7 +231,7 @@ def outline_of(run: Run) -> tuple[Outline, list[str]]:
     lead_out = end + (0 if loop is None else _overlap(run, begin, end))
     if lead_out < len(run.moves):
         _refuse_more_than_a_lead_out(run, first, (begin, end), lead_out, closed=loop is not None and end < last)
-    notices = _notes_of_change(run.moves[begin:end])
+    notices = _condition_change_notices(run.moves[begin:end])
     if lead_out > end:
         notices.append(f"line {run.moves[end].line}: the overlap after the contour is left out")
     if lead_out < len(run.moves):
@@ -239,7 +239,7 @@ def outline_of(run: Run) -> tuple[Outline, list[str]]:
     return _assemble(run, first, begin, end, loop is not None), notices
 
 
-def _notes_of_change(moves: Sequence[CutMove]) -> list[str]:
+def _condition_change_notices(moves: Sequence[CutMove]) -> list[str]:
     """Say that an edge is cut under several conditions, of which one is kept."""
     called = [move.state.condition for move in moves]
     line = next((move.line for move in moves if move.state.condition != called[0]), None)
@@ -408,7 +408,7 @@ def _taper(run: Run, begin: int, end: int, closed: bool) -> Taper | None:
             return None
         if any(move.state.tilt_deg for move in moves):
             line = next(move.line for move in moves if move.state.tilt_deg)
-            raise InputError("the wire leans by an angle and by a second contour: give one of them", line=line)
+            raise InputError("the wire leans by an angle and by a second contour: use one of them", line=line)
         if closed:
             gap = abs(upper[-1] - start)
             if gap > run.join_mm:
@@ -452,7 +452,7 @@ def read_gcode(
     offsets : mapping of str to float, optional
         Offsets in mm by register, ``{"D1": 0.155}``; what the program says of one comes before it.
     dialect : str
-        Whose words it speaks, `edmsim.program.dialects.DIALECTS`; ``auto``: recognised by words of one machine only.
+        Name of `edmsim.program.dialects.DIALECTS`; ``auto``: recognised by words that only one machine has.
     conditions : mapping of str to mapping of str to float, optional
         What the conditions are that it calls: `edmsim.program.dialects.condition_tables.read_conditions`.
 
@@ -471,15 +471,15 @@ def read_gcode(
     """
     path = Path(file)
     text = read_text(path)
-    spoken, told = dialect_of(text, dialect)
-    read = _read(text, path, Ignored.of(ignore), spoken)
+    found, told = dialect_of(text, dialect)
+    read = _read(text, path, Ignored.of(ignore), found)
     blocks, unused = expanded(read.main, read.behind, str(path))
     notices = [*read.notices, *unused]
-    units, unit_notices = units_of(blocks, str(path), spoken, spoken is FREECAD and says_inches(text))
-    registers = OffsetRegisters(offsets or {}, registers_set(blocks), str(path), zero=spoken is not ISO)
+    units, unit_notices = units_of(blocks, str(path), found, found is FREECAD and has_inch_comment(text))
+    registers = OffsetRegisters(offsets or {}, registers_set(blocks), str(path), zero=found is not ISO)
     two_planes = any(block.upper is not None or block.values.keys() & {"U", "V"} for block in blocks)
-    control = Interpreter(units, rounding_of(blocks, units), registers, str(path), spoken, two_planes)
-    if spoken is LINUXCNC:
+    control = Interpreter(units, rounding_of(blocks, units), registers, str(path), found, two_planes)
+    if found is LINUXCNC:
         control.state = replace(control.state, planes_mm=_planes_mm(text, units, str(path)))
     for block in blocks:
         control.run_block(block)
@@ -488,10 +488,10 @@ def read_gcode(
     except InputError as error:
         raise InputError(error.reason, path, error.line) from None
     settings = settings_for(control.called, conditions or {}, read.conditions, str(path))
-    told += _notes_of_conditions(control.called, settings)
-    told += _notes_of_planes(outlines, control)
+    told += _condition_notices(control.called, settings)
+    told += _plane_notices(outlines, control)
     notices = sorted([*told, *unit_notices, *control.notices.texts(), *notices], key=_line_of)
-    name = None if spoken is ISO else spoken.name
+    name = None if found is ISO else found.name
     return Program(tuple(outlines), tuple(notices), str(path), name, read.conditions, settings)
 
 
@@ -526,17 +526,16 @@ def _reads(text: str, ignored: Ignored, dialect: Dialect) -> bool:
     return True
 
 
-def _notes_of_conditions(called: Mapping[str, int], settings: Mapping[str, object]) -> list[str]:
+def _condition_notices(called: Mapping[str, int], settings: Mapping[str, object]) -> list[str]:
     names = ", ".join(called)
     if settings:
-        return [f"the settings of {names} are read and not applied: those of the cut hold"]
+        return [f"the settings of {names} are read, not applied: those of the cut are used"]
     if not called:
         return []
-    return [f"no table says what the conditions {names} are: give one by --conditions; without it the settings of "
-            "the cut hold"]  # fmt: skip
+    return [f"no settings for the conditions {names}: those of the cut are used; --conditions gives a table"]
 
 
-def _notes_of_planes(outlines: Sequence[Outline], control: Interpreter) -> list[str]:
+def _plane_notices(outlines: Sequence[Outline], control: Interpreter) -> list[str]:
     leaning = [outline.taper for outline in outlines if outline.taper is not None]
     if not leaning or control.state.planes_mm != (0.0, None):
         return []

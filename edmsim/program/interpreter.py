@@ -414,12 +414,12 @@ class Interpreter:
         run.stops.append(len(run.motions))
 
     def _cuts_off(self, block: Block) -> bool:
-        return any(code == ("M", 50) or self.dialect.does(code) == "cut off" for code in block.codes)
+        return any(code == ("M", 50) or self.dialect.action_of(code) == "cut off" for code in block.codes)
 
     def _take_dialect(self, block: Block) -> Block:
         """Take condition, feed, taper and planes of a block; return it without the words of the last two."""
         for code in block.codes:
-            does = self.dialect.does(code)
+            does = self.dialect.action_of(code)
             if does in _LEANS:
                 self.lean = _LEANS[does]
             elif does in _BOTH_SIDES:
@@ -459,17 +459,17 @@ class Interpreter:
             if abs(angle) > _STEEPEST_DEG or (angle < 0 and self.lean != 0):
                 least = f"{-_STEEPEST_DEG:g}" if self.lean == 0 else "0"
                 between = f"{least} to {_STEEPEST_DEG:g} degrees"
-                reason = f"the taper {letter}{angle:g} is no angle for a wire: give {between}"
+                reason = f"the taper angle {letter}{angle:g} is out of range: give {between}"
                 raise self.error(reason, block)
             self.angle_deg = angle
-        if any(self.dialect.does(code) == "no taper" for code in block.codes):
+        if any(self.dialect.action_of(code) == "no taper" for code in block.codes):
             self.angle_deg = 0.0
         leans = self.lean or (1 if self.dialect.signed_angle else 0)
         self.state = replace(self.state, tilt_deg=leans * self.angle_deg + 0.0)  # no -0
 
     def _checked_codes(self, block: Block) -> set[float]:
         for letter, number in block.codes:
-            if (letter, number) in IDLE_CODES - _SAID_OTHERWISE and self.dialect.does((letter, number)) is None:
+            if (letter, number) in IDLE_CODES - _SAID_OTHERWISE and self.dialect.action_of((letter, number)) is None:
                 self.notices.add(f"{letter}{number} has no effect on the contour", block.line)
             elif (letter, number) in _STOPS:
                 self.notices.add(f"M{number} (stop) is not waited for", block.line)
@@ -486,7 +486,7 @@ class Interpreter:
         """Note M50 and M60: a wire that is cut off cuts nothing until it is threaded."""
         for code, action, done in ((50, "cut off", "cuts the wire off"), (60, "thread", "threads the wire")):
             for letter, number in block.codes:
-                if (letter, number) == ("M", code) or self.dialect.does((letter, number)) == action:
+                if (letter, number) == ("M", code) or self.dialect.action_of((letter, number)) == action:
                     self.notices.add(f"{letter}{number} ({done}) is not waited for: G0 does both", block.line)
                     if action == "thread":
                         self.cut_off = None

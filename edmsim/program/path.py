@@ -52,7 +52,7 @@ def load_program(
     offsets : path, optional
         Table of the offset registers of G-code: `edmsim.program.registers.read_offsets`.
     dialect : str
-        Whose words G-code speaks: `read_gcode`.
+        Dialect of G-code: `read_gcode`.
     conditions : path, optional
         Table of the machining conditions that G-code calls: `read_conditions` of
         `edmsim.program.dialects.condition_tables`.

@@ -23,13 +23,13 @@ def test_the_settings_of_conditions_are_found_under_the_names_of_the_program() -
     assert {outline.condition for outline in program.outlines} <= program.settings.keys()
     assert program.settings["C001"]["t_on_us"] == 1.2
     assert program.settings["C002"]["feed_um_s"] == 75.0
-    assert not any("no table" in notice for notice in program.notices)
+    assert not any("no settings" in notice for notice in program.notices)
 
 
 def test_without_a_table_a_notice_says_so() -> None:
     program = load_program(PUNCH)
     assert program.settings == {}
-    assert any("no table says what the conditions C000, C001" in notice for notice in program.notices)
+    assert any("no settings for the conditions C000, C001" in notice for notice in program.notices)
 
 
 def test_leading_zeros_do_not_matter(tmp_path: Path) -> None:
@@ -47,11 +47,11 @@ def test_every_setting_is_one_of_a_cut_or_of_a_feed() -> None:
 
 
 BAD = [
-    ("", "no condition in it"),
-    ("t_on_us = 1\n", "'t_on_us' is no condition"),
-    ("[C001]\n", "C001 says nothing"),
+    ("", "the table is empty"),
+    ("t_on_us = 1\n", "invalid condition name 't_on_us'"),
+    ("[C001]\n", "C001 is empty"),
     ("[C001]\nt_on_us = 1\n[C1]\nt_on_us = 1\n", "C1 stands twice"),
-    ("[C001]\nt_on = 1\n", "no setting 't_on'"),
+    ("[C001]\nt_on = 1\n", "unknown setting 't_on'"),
     ("[C001]\nt_on_us = 0\n", "give above 0 to"),
     ("[C001]\nt_on_us = 'long'\n", "'long'"),
     ("[C001]\nt_on_us = true\n", "True"),

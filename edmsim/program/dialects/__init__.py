@@ -1,4 +1,4 @@
-"""The words of machines: a file for each dialect, and how a program's is recognised."""
+"""The dialects of G-code: a file for each, and how the dialect of a program is recognised."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ _COMMENT = re.compile(r"\(([^()]*)\)|;(.*)")
 
 
 def check_dialect(name: str) -> str:
-    """Return the name of a dialect; raises `InputError` where it is none."""
+    """Return the name of a dialect; raises `InputError` for an unknown one."""
     if name not in (AUTO, *DIALECTS):
-        raise InputError(f"there is no dialect '{name}'; there are: {one_of(name, (AUTO, *DIALECTS))}")
+        raise InputError(f"unknown dialect '{name}'; there are: {one_of(name, (AUTO, *DIALECTS))}")
     return name
 
 
@@ -37,7 +37,7 @@ def comments_of(text: str) -> list[str]:
 
 
 def dialect_of(text: str, asked: str) -> tuple[Dialect, list[str]]:
-    """Return the dialect of a program and what to tell of it.
+    """Return the dialect of a program, and notices about it.
 
     Parameters
     ----------
@@ -49,16 +49,16 @@ def dialect_of(text: str, asked: str) -> tuple[Dialect, list[str]]:
     Raises
     ------
     InputError
-        There is no such dialect.
+        Unknown dialect.
     """
     if check_dialect(asked) != AUTO:
-        return DIALECTS[asked], [f"read as {asked}, the words of {DIALECTS[asked].machines}, as asked"]
+        return DIALECTS[asked], [f"dialect {asked} ({DIALECTS[asked].machines}), as requested"]
     words = "\n".join("".join(_COMMENT.sub("", line).split()) for line in text.upper().splitlines())
     comments = "\n".join(comments_of(text))
     for dialect in DIALECTS.values():
         found = dialect.found_in(words, comments)
         if found is not None and (dialect is not LINUXCNC or re.search(r"[UV][-+\d.]", words)):
             short = found if len(found) < 60 else f"{found[:57]}..."
-            return dialect, [f"read as {dialect.name}, the words of {dialect.machines}, recognised by "
-                             f"{' '.join(short.split())}; --dialect names another"]  # fmt: skip
+            return dialect, [f"dialect {dialect.name} ({dialect.machines}), recognised by {' '.join(short.split())}; "
+                             "--dialect selects another"]  # fmt: skip
     return ISO, []

@@ -1,4 +1,4 @@
-"""Machining conditions in tables: those at the head of a program, and a user's, which say what they are here."""
+"""Tables of machining conditions: the one at the head of a program, and a user's with settings for each condition."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from collections.abc import Collection, Iterable, Mapping
 from pathlib import Path
 
 from edmsim.errors import InputError, one_of
-from edmsim.given_numbers import real
+from edmsim.numeric import real
 from edmsim.program.dialects.dialect import Dialect
 
 _COMMENT = re.compile(r"\(([^()]*)\)")
@@ -53,7 +53,7 @@ class ConditionTable:
         self._columns, self._known, self._file = dialect.columns, frozenset(dialect.columns), file
         self._line = re.compile(rf"\s*(?:N\d+\s*)?({dialect.condition or 'C'}\d{{1,4}})\s*=(.*)")
 
-    def takes(self, raw: str, line: int) -> bool:
+    def read_line(self, raw: str, line: int) -> bool:
         """Take a line of the table, or see columns in a comment; say whether the line is one of the table."""
         if not self._columns:
             return False
@@ -85,12 +85,12 @@ class ConditionTable:
 
 
 def read_conditions(file: str | Path) -> dict[str, dict[str, float]]:
-    """Read what conditions are here: a TOML file with a table for each.
+    """Read the settings of conditions: a TOML file with a section for each.
 
     Parameters
     ----------
     file : path
-        Tables as ``[C001]`` with lines as ``t_on_us = 1.2``; `SETTINGS` names what there may be.
+        Sections as ``[C001]`` with lines as ``t_on_us = 1.2``; `SETTINGS` names what there may be.
 
     Returns
     -------
@@ -100,7 +100,7 @@ def read_conditions(file: str | Path) -> dict[str, dict[str, float]]:
     Raises
     ------
     InputError
-        No such file, a name that is no condition or no setting, a number out of bounds, two kinds of feed.
+        No such file, an unknown name, a number out of range, two kinds of feed.
     """
     path = Path(file)
     try:
@@ -114,27 +114,27 @@ def read_conditions(file: str | Path) -> dict[str, dict[str, float]]:
     table: dict[str, dict[str, float]] = {}
     for name, settings in told.items():
         if _CALLED.fullmatch(name.strip().upper()) is None or not isinstance(settings, dict):
-            raise InputError(f"{name!r} is no condition: name them as the program does, [C001] or [E1221]", path)
+            raise InputError(f"invalid condition name {name!r}: write it as in the program, [C001] or [E1221]", path)
         if key_of(name) in table:
             raise InputError(f"the condition {name} stands twice: take one out", path)
         if not settings:
-            raise InputError(f"the condition {name} says nothing: give t_on_us or another setting", path)
+            raise InputError(f"the condition {name} is empty: give t_on_us or another setting", path)
         if settings.keys() >= {"open_target_share", "feed_um_s"}:
             reason = f"the condition {name} has a set point and a constant feed: give one"
             raise InputError(reason, path)
         table[key_of(name)] = {key: _setting(name, key, value, path) for key, value in settings.items()}
     if not table:
-        raise InputError("there is no condition in it: give a table for each, [C001] and t_on_us = 1.2", path)
+        raise InputError("the table is empty: give a section for each condition, [C001] and t_on_us = 1.2", path)
     return table
 
 
 def _setting(name: str, key: str, value: object, path: Path) -> float:
     if key not in SETTINGS:
-        raise InputError(f"the condition {name} has no setting '{key}'; there are: {one_of(key, SETTINGS)}", path)
+        raise InputError(f"unknown setting '{key}' of condition {name}; there are: {one_of(key, SETTINGS)}", path)
     number, (least, most) = real(value), SETTINGS[key]
     if number is None or not least <= number <= most or (number == least and key not in _MAY_BE_ZERO):
         above = f"{least:g}" if key in _MAY_BE_ZERO else f"above {least:g}"
-        raise InputError(f"the condition {name} has {key} = {value!r}: give {above} to {most:g}", path)
+        raise InputError(f"the condition {name}: {key} = {value!r} is out of range, give {above} to {most:g}", path)
     return float(number)
 
 

@@ -1,4 +1,4 @@
-"""What a machine's control understands beyond the words that all share: one record per dialect."""
+"""The record of a dialect: the words of one machine's control beyond those that all controls share."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ TAPER: Codes = {("G", 50): "no taper", ("G", 51): "taper left", ("G", 52): "tape
 
 @dataclass(frozen=True)
 class Dialect:
-    """Whose words a program speaks, and what they mean there.
+    """A dialect: words and what they mean.
 
     Attributes
     ----------
     name : str
         As ``--dialect`` has it.
     machines : str
-        Whose it is, for notices.
+        The machines it is for, in notices.
     codes : mapping of (str, float) to str
         Codes that only this dialect has, or to which it gives a meaning, and what they do.
     condition : str
@@ -74,7 +74,7 @@ class Dialect:
         """Letters whose numbers are used here, besides those of all dialects."""
         return self.angle + {"relative": "UVK", "absolute": "UV"}.get(self.upper or "", "")
 
-    def does(self, code: tuple[str, float]) -> Action | None:
+    def action_of(self, code: tuple[str, float]) -> Action | None:
         """Return what a code does here, None where it has its usual meaning or none."""
         return self.codes.get(code)
 
@@ -96,5 +96,5 @@ class Dialect:
         return f"the comment '{told[0]}'" if told else None
 
 
-ISO = Dialect("iso", "no machine in particular")
-"""Words that controls have in common, as programs are read in which nothing tells of a machine."""
+ISO = Dialect("iso", "any machine")
+"""The words that controls have in common; for programs in which no other dialect is recognised."""

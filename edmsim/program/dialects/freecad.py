@@ -30,6 +30,6 @@ def without_line_ends(lines: Sequence[str]) -> list[str]:
     return [_MARKED_COMMENT.sub("", line) for line in cut]
 
 
-def says_inches(text: str) -> bool:
+def has_inch_comment(text: str) -> bool:
     """Say whether its comments name inches as the unit."""
     return _INCHES.search(text) is not None
