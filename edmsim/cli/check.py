@@ -13,6 +13,7 @@ from edmsim.cli.console import (
     Conditions,
     Dialect,
     Generator,
+    GuideErrors,
     Height,
     Ignore,
     Layers,
@@ -21,10 +22,14 @@ from edmsim.cli.console import (
     Offset,
     Offsets,
     Program,
+    TaperCorners,
+    TaperDeg,
     Unit,
+    Upper,
     Wire,
     default_folder,
     named,
+    parse_guide_errors,
     path_text,
     say,
 )
@@ -47,6 +52,10 @@ def check(
     dialect: Dialect = "auto",
     conditions: Conditions = None,
     layers: Layers = "",
+    upper_layer: Upper = None,
+    taper_deg: TaperDeg = 0.0,
+    taper_corners: TaperCorners = "conical",
+    guide_errors: GuideErrors = None,
     unit: Unit = None,
 ) -> None:
     """Look at a program before the cut: path, notices, time."""
@@ -65,6 +74,8 @@ def check(
         "machine": machine, "material": material, "height_mm": height, "wire": wire, "generator": generator,
         "offset": offset, "offsets": path_text(offsets), "layers": named(layers), "unit": unit,
         "dialect": dialect, "conditions": path_text(conditions),
+        "upper_layer": upper_layer, "taper_deg": taper_deg, "taper_corners": taper_corners,
+        "guide_errors_mm": parse_guide_errors(guide_errors),
     }
     unknown: dict[str, list[int]] = {}
 
