@@ -15,6 +15,7 @@ from shapely.geometry.base import BaseGeometry
 
 from edmsim.errors import InputError
 from edmsim.machine.machine import Machine
+from edmsim.program.dialects import AUTO
 from edmsim.program.limits import check_fits
 from edmsim.program.offset import (
     OffsetOutline,
@@ -39,7 +40,8 @@ GCODE_SUFFIXES = (".ngc", ".nc", ".gcode", ".iso", ".txt")
 
 def load_program(
     file: str | Path, *, ignore: Sequence[str] = (), layers: Sequence[str] = (), unit: str | None = None,
-    offsets: str | Path | None = None, upper_layer: str | None = None,
+    offsets: str | Path | None = None, upper_layer: str | None = None, dialect: str = AUTO,
+    conditions: str | Path | None = None,
 ) -> Program:
     """Read a part program or drawing, by its suffix.
 
@@ -55,6 +57,11 @@ def load_program(
         Of a drawing, the layer of the contours of the upper face: `edmsim.program.two_contours.ruled_between`.
     offsets : path, optional
         Table of the offset registers of G-code: `edmsim.program.registers.read_offsets`.
+    dialect : str
+        Dialect of G-code: `read_gcode`.
+    conditions : path, optional
+        Table of the machining conditions that G-code calls: `read_conditions` of
+        `edmsim.program.dialects.condition_tables`.
 
     Returns
     -------
@@ -72,6 +79,8 @@ def load_program(
             raise InputError("words are ignored in G-code: a drawing has none", path)
         if offsets is not None:
             raise InputError("offset registers are those of G-code: a drawing has none", path)
+        if conditions is not None or dialect != AUTO:
+            raise InputError("dialect and conditions are those of G-code: a drawing has none", path)
         from edmsim.program.dxf import read_dxf
 
         if upper_layer is None:
@@ -82,10 +91,14 @@ def load_program(
     if suffix in GCODE_SUFFIXES:
         if layers or unit is not None or upper_layer is not None:
             raise InputError("layers and unit are those of a drawing: G-code has none", path)
+        from edmsim.program.dialects.condition_tables import read_conditions
         from edmsim.program.gcode import read_gcode
         from edmsim.program.registers import read_offsets
 
-        return read_gcode(path, ignore, {} if offsets is None else read_offsets(offsets))
+        return read_gcode(
+            path, ignore, {} if offsets is None else read_offsets(offsets), dialect,
+            {} if conditions is None else read_conditions(conditions),
+        )
     known = " ".join(GCODE_SUFFIXES)
     raise InputError(f"unknown suffix '{path.suffix}': give G-code ({known}) or a drawing (.dxf)", path)
 
@@ -403,6 +416,8 @@ def plan_path(
     corners: Corners = "conical",
     guides: GuideHeights | None = None,
     passes: PassPlan | None = None,
+    dialect: str = AUTO,
+    conditions: str | Path | None = None,
 ) -> CutPath:
     """Plan the whole cut of a part program.
 
@@ -431,7 +446,7 @@ def plan_path(
         Length of our own lead-ins in mm; shortened, with a notice, where there is no room.
     start_hole_radius_mm : float
         Radius of the hole at every thread point, in mm.
-    ignore, layers, unit, offsets, upper_layer
+    ignore, layers, unit, offsets, upper_layer, dialect, conditions
         See `load_program`.
     taper_deg : float
         Angle between wall and vertical where the program does not say one: the part is smaller above, where that is
@@ -461,7 +476,8 @@ def plan_path(
     if table_um is None:
         table_um = round(Machine.load().base.table.travel_mm.value * 1e3)
     program = file if isinstance(file, Program) else load_program(
-        file, ignore=ignore, layers=layers, unit=unit, offsets=offsets, upper_layer=upper_layer
+        file, ignore=ignore, layers=layers, unit=unit, offsets=offsets, upper_layer=upper_layer, dialect=dialect,
+        conditions=conditions,
     )
     program = replace(program, outlines=leaning(program.outlines, taper_deg, corners))
     _check_fits(program, table_um)

@@ -44,6 +44,7 @@ ELSEWHERE = {
     "session": "tests/terminal/test_terminal_docs.py",
     "program": "tests/terminal/test_terminal_docs.py",
     "tape": "tests/terminal/test_terminal_docs.py",
+    "text": "tests/program/test_dialect_pages.py",
 }
 """Kinds of blocks that other tests run."""
 BEFORE: dict[str, tuple[str, ...]] = {
