@@ -415,9 +415,9 @@ def plan_path(
     taper_deg: float = 0.0,
     corners: Corners = "conical",
     guides: GuideHeights | None = None,
-    passes: PassPlan | None = None,
     dialect: str = AUTO,
     conditions: str | Path | None = None,
+    passes: PassPlan | None = None,
 ) -> CutPath:
     """Plan the whole cut of a part program.
 
@@ -613,6 +613,8 @@ def _programmed_lead(leg: OffsetOutline, hole_radius_mm: float) -> _Lead:
     """Offset the compensated part of the program's approach, and check that it spares the part."""
     outline, split = leg.outline, leg.outline.compensated_from
     points, lines = outline.approach_mm, outline.approach_lines
+    if outline.continues and len(points) > 1:  # the wire is beside the first point, where the pass before ended
+        points, lines, split = points[1:], lines[1:], split - 1
     if split < len(points) and outline.wire_side is not None:
         drawn = np.concatenate([points[split:], outline.points_mm[:1]])
         tail = offset_open(drawn, outline.wire_side, leg.offset_mm)

@@ -211,10 +211,9 @@ def test_an_upper_contour_like_the_lower_one_is_no_taper(read: Read) -> None:
     assert outline.taper is None
 
 
-def test_passes_on_one_wire_are_refused_in_one_line() -> None:
-    with pytest.raises(InputError, match="6 passes on one wire") as refused:
-        plan_path(EXAMPLES / "punch-sodick.nc", auto_offset_mm=0.16)
-    assert refused.value.line == 43
+def test_the_passes_and_the_tab_have_a_wire_path() -> None:
+    path = plan_path(EXAMPLES / "punch-sodick.nc", auto_offset_mm=0.16)
+    assert [contour.continues for contour in path.contours] == [False, True]
 
 
 TABLE = "C001 = 1 2 3 4 5 6 7 8 9 10 11 12 13 14 15;\n"
