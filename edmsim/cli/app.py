@@ -14,6 +14,7 @@ from edmsim.cli.console import OUT, take_any_terminal
 from edmsim.cli.cut import cut
 from edmsim.cli.evaluate import evaluate, search_gains
 from edmsim.cli.export import export
+from edmsim.cli.find_guides import find_guides
 from edmsim.cli.gap import gap
 from edmsim.cli.learn import dataset, score, train
 from edmsim.cli.measure_table import measure_table
@@ -22,6 +23,7 @@ from edmsim.cli.positioner import positioner
 from edmsim.cli.servo import servo
 from edmsim.cli.studies import calibrate, validate
 from edmsim.cli.sweep import SHORT_FORM, sweep, tune
+from edmsim.cli.technology import technology
 from edmsim.cli.terminal import terminal
 from edmsim.cli.warm_up import warm_up
 from edmsim.errors import BAD_INPUT, FAILED, InputError, run_command
@@ -32,7 +34,7 @@ app = typer.Typer(
 )
 _COMMANDS = (
     cut, check, view, render, report, train, score, dataset, evaluate, search_gains, calibrate, validate, bench,
-    measure_table, gap, export, tune, warm_up,
+    technology, measure_table, find_guides, gap, export, tune, warm_up,
 )  # fmt: skip
 _UsageError: Any = typer.BadParameter.__base__
 """Of click, which newer releases of typer hold inside themselves."""

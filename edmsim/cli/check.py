@@ -9,7 +9,9 @@ import typer
 
 from edmsim.cli.console import (
     OUT,
+    AfterTab,
     Generator,
+    GuideErrors,
     Height,
     Ignore,
     Layers,
@@ -17,11 +19,19 @@ from edmsim.cli.console import (
     Material,
     Offset,
     Offsets,
+    Overlap,
+    Passes,
     Program,
+    Tab,
+    TaperCorners,
+    TaperDeg,
+    Technology,
     Unit,
+    Upper,
     Wire,
     default_folder,
     named,
+    parse_guide_errors,
     path_text,
     say,
 )
@@ -42,7 +52,16 @@ def check(
     ignore: Ignore = "",
     offsets: Offsets = None,
     layers: Layers = "",
+    upper_layer: Upper = None,
+    taper_deg: TaperDeg = 0.0,
+    taper_corners: TaperCorners = "conical",
+    guide_errors: GuideErrors = None,
     unit: Unit = None,
+    passes: Passes = None,
+    technology: Technology = None,
+    tab: Tab = 1.5,
+    overlap: Overlap = 0.1,
+    after_tab: AfterTab = "stop",
 ) -> None:
     """Look at a program before the cut: path, notices, time."""
     from edmsim.files import make_writable, replacing
@@ -58,6 +77,9 @@ def check(
     options = {
         "machine": machine, "material": material, "height_mm": height, "wire": wire, "generator": generator,
         "offset": offset, "offsets": path_text(offsets), "layers": named(layers), "unit": unit,
+        "upper_layer": upper_layer, "taper_deg": taper_deg, "taper_corners": taper_corners,
+        "guide_errors_mm": parse_guide_errors(guide_errors),
+        "passes": passes, "technology": technology, "tab_mm": tab, "overlap_mm": overlap, "after_tab": after_tab,
     }
     unknown: dict[str, list[int]] = {}
     try:

@@ -16,7 +16,9 @@ from edmsim.cli.console import (
     INTERRUPTED,
     OUT,
     STOPPED,
+    AfterTab,
     Generator,
+    GuideErrors,
     Height,
     Ignore,
     Layers,
@@ -24,14 +26,22 @@ from edmsim.cli.console import (
     Material,
     Offset,
     Offsets,
+    Overlap,
+    Passes,
     Program,
     Resolution,
     Seed,
+    Tab,
+    TaperCorners,
+    TaperDeg,
+    Technology,
     Tension,
     Unit,
+    Upper,
     Wire,
     default_folder,
     named,
+    parse_guide_errors,
     path_text,
     say,
 )
@@ -83,8 +93,8 @@ def cut(
     controller: Annotated[
         str,
         typer.Option(help="Feed controller: counts, fixed, voltage, delay, fuzzy, adaptive-off-time, mcu, "
-                          "fixed-period, sato, heat-flux, set-point, climb, policy:FILE, own.py:Own; with parameters "
-                          "if wanted, fixed:feed_um_s=20."),
+                          "fixed-period, sato, heat-flux, set-point, climb, trim, policy:FILE, own.py:Own; with "
+                          "parameters if wanted, fixed:feed_um_s=20."),
     ] = "counts",
     planner: Annotated[str, typer.Option(help="poscal, poscal-literal, dda, sine-table or exact.")] = "poscal",
     drive: Annotated[
@@ -100,7 +110,16 @@ def cut(
     ignore: Ignore = "",
     offsets: Offsets = None,
     layers: Layers = "",
+    upper_layer: Upper = None,
+    taper_deg: TaperDeg = 0.0,
+    taper_corners: TaperCorners = "conical",
+    guide_errors: GuideErrors = None,
     unit: Unit = None,
+    passes: Passes = None,
+    technology: Technology = None,
+    tab: Tab = 1.5,
+    overlap: Overlap = 0.1,
+    after_tab: AfterTab = "stop",
     stuck_wire_sensor: Annotated[
         bool, typer.Option("--stuck-wire-sensor", help="Let nobody see a wire break: the machine goes on.")
     ] = False,
@@ -148,8 +167,10 @@ def cut(
                 controller=controller, planner=planner, drive=drive,
                 compensation=path_text(compensation), mechanics=mechanics,
                 resolution=resolution, offset=offset, offsets=path_text(offsets), ignore=named(ignore),
-                layers=named(layers), unit=unit, stuck_wire_sensor=stuck_wire_sensor, axis_faults=axis_fault or (),
-                seed=seed, max_time_s=max_time,
+                layers=named(layers), upper_layer=upper_layer, taper_deg=taper_deg, taper_corners=taper_corners,
+                guide_errors_mm=parse_guide_errors(guide_errors), unit=unit, passes=passes, technology=technology,
+                tab_mm=tab, overlap_mm=overlap, after_tab=after_tab, stuck_wire_sensor=stuck_wire_sensor,
+                axis_faults=axis_fault or (), seed=seed, max_time_s=max_time,
                 resume=resume, overwrite=overwrite,
                 watch=watcher.show, enter=watcher.enter,
             )
