@@ -105,7 +105,10 @@ def tune(
     ray: Ray = None,
     processes: ProcessCount = None,
 ) -> None:
-    """Search gains, training settings, or the settings of your own controller (needs the extra tune)."""
+    """Search gains or training settings (needs the extra tune).
+
+    With --own it searches the settings of a controller of your own, on drawn machines.
+    """
     if out is None:
         raise InputError("a search needs a folder for its study: give --out DIR")
     set_up = {"name": machine, "generator": generator, "material": material, "wire": wire}
