@@ -422,8 +422,8 @@ def refuse_gouges(wall: Ruled, wire: Ruled, offset_mm: float, height_mm: float) 
         into_mm = offset_mm - float(line.distance(points).min())
         if into_mm > GOUGE_MM:
             raise InputError(
-                f"the wire would cut {into_mm:.3f} mm into the wall at a height of {z:.3f} mm: take a smaller angle or "
-                "offset, or draw the contour wider"
+                f"the wire would cut {into_mm:.3f} mm into the wall at a height of {z:.3f} mm: take a smaller angle "
+                "or offset, or draw the contour wider"
             )
 
 
