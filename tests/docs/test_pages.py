@@ -28,6 +28,7 @@ NOT_RUN = {
     "pip install edmsim[tune]": "the Makefile installs it",
     "edmsim report out/die --face out/die.stl": "tests/recording/test_cut_face.py: a cut of 5 s has no face yet",
     "edmsim report out/die --face out/die.glb": "tests/recording/test_cut_face.py: a cut of 5 s has no face yet",
+    "pip install edmsim[fmu]": "the Makefile installs it",
     "ray start --head": "tests/sweep/test_sweep_cluster.py starts one",
     "edmsim sweep sweep.toml --out out/sweep --ray auto": "tests/sweep/test_sweep_cluster.py",
     "edmsim tune edmsim/GapFeed-v2 --steps 20000 --out out/tune-ppo": "tests/sweep/test_tune.py trains",
@@ -56,6 +57,8 @@ NEEDS = {
     "README.md": ("stable_baselines3",),
     "docs/environments.md": ("stable_baselines3",),
     "docs/how-to/environment.md": ("stable_baselines3", "tensorboard"),
+    "docs/how-to/firmware.md": ("optuna",),
+    "docs/how-to/fmu.md": ("fmpy", "pythonfmu3"),
     "docs/playback.md": ("imageio_ffmpeg",),
     "docs/training.md": ("minari", "sb3_contrib", "stable_baselines3", "tensorboard"),
 }
