@@ -30,6 +30,7 @@ from edmsim.numeric import Number, WholeNumber
 from edmsim.plant.axes.faults import parse_fault
 from edmsim.plant.plant import MECHANICS
 from edmsim.plant.resolution import resolution as check_resolution
+from edmsim.program.dialects import AUTO, check_dialect
 from edmsim.program.heights import Area, Height, Heights, checked_areas, checked_changes
 from edmsim.program.outline import Corners
 
@@ -126,6 +127,11 @@ class CutSettings(BaseModel):
     """Layers of a drawing to cut; by default all that are shown."""
     offsets: str | None = None
     """File with a G-code program's offset registers, lines as ``D1 = 0.155`` in mm, for the offset auto."""
+    dialect: str = AUTO
+    """Dialect of a G-code program: sodick, mitsubishi, skd2, charmilles, fanuc, linuxcnc, freecad, or iso for
+    none; auto: recognised by its words (``docs/dialects/index.md``)."""
+    conditions: str | None = None
+    """File that says what the machining conditions are that a G-code program calls: a table ``[C001]`` for each."""
     upper_layer: str | None = None
     """Layer of a drawing with the contours of the workpiece's upper face, one for each of the lower face, with as
     many lines and arcs: the wall between them is ruled."""
@@ -141,6 +147,19 @@ class CutSettings(BaseModel):
     ``edmsim find-guides`` finds: the control then leads them accordingly; by default none."""
     unit: str | None = None
     """Unit of a drawing, mm, um, cm, m, in, ft or mil; by default what the drawing says."""
+    passes: WholeNumber | None = None
+    """Cut every contour in so many passes, rough and trims, with offsets and settings of a technology; by default in
+    one, or as the program does."""
+    technology: str | None = None
+    """Technology of the passes: name under ``models/technologies``, or path of an own TOML file; by default the one
+    for the material. It decides machine, wire, generator, pulses, controller and planner."""
+    tab_mm: Number = 1.5
+    """Length of the edge in mm, at the end of a closed contour in passes, that is cut last and holds the piece; 0 for
+    none."""
+    overlap_mm: Number = 0.1
+    """How far passes go on over what is already cut, in mm."""
+    after_tab: str = "stop"
+    """What comes before the tab is cut: stop, for the piece to be held, or cut, and the slug falls."""
     stuck_wire_sensor: bool = False
     """Whether the wire's sensor is stuck: a break goes unseen, and the machine goes on without a wire."""
     axis_faults: tuple[str, ...] = ()
@@ -196,6 +215,11 @@ class CutSettings(BaseModel):
     @field_serializer("controller")
     def _text(self, controller: str | FeedController) -> str:
         return controller if isinstance(controller, str) else text_of(controller)
+
+    @field_validator("dialect")
+    @classmethod
+    def _check_dialect(cls, name: str) -> str:
+        return check_dialect(name)
 
     @field_validator("drive")
     @classmethod
@@ -322,11 +346,18 @@ class CutOptions(TypedDict, total=False):
     ignore: Sequence[str]
     layers: Sequence[str]
     offsets: str | None
+    dialect: str
+    conditions: str | None
     upper_layer: str | None
     taper_deg: float
     taper_corners: str
     guide_errors_mm: tuple[float, float] | None
     unit: str | None
+    passes: int | None
+    technology: str | None
+    tab_mm: float
+    overlap_mm: float
+    after_tab: str
     stuck_wire_sensor: bool
     axis_faults: Sequence[str]
     seed: int

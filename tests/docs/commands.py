@@ -37,6 +37,7 @@ SHORT: dict[str, tuple[str, ...]] = {
     "dataset": ("--steps", "20"),
     "evaluate": ("--seeds", "2", "--resolution", "fast"),
     "calibrate": ("--json",),
+    "technology": (),
     "validate": (),
     "bench": (),
     "console 1982": ("--resolution", "fast"),

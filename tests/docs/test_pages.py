@@ -36,6 +36,9 @@ NOT_RUN = {
     "edmsim tune edmsim/GapFeed-v2 --population 8 --generations 10 --steps 200000 --out out/population --ray auto":
         "tests/sweep/test_population.py breeds one",
     "python -m tests.campaigns gcode --only 17": "tests/campaigns/test_campaigns.py gives such inputs",
+    "edmsim technology tool-steel --height 10 --passes 2 --out steel.toml": "tests/evaluation/test_technology.py",
+    "edmsim cut examples/punch.ngc --passes 2 --height 10 --technology steel.toml --out out/punch-2":
+        "it takes what the command before it leaves; tests/evaluation/test_technology.py",
     "edmsim render out/punch --screenshots shots": "tests/recording/test_recording_video.py, where there is Vulkan",
 }
 """Commands of blocks that are checked but not run, and why."""
@@ -43,6 +46,7 @@ ELSEWHERE = {
     "session": "tests/terminal/test_terminal_docs.py",
     "program": "tests/terminal/test_terminal_docs.py",
     "tape": "tests/terminal/test_terminal_docs.py",
+    "text": "tests/program/test_dialect_pages.py",
 }
 """Kinds of blocks that other tests run."""
 BEFORE: dict[str, tuple[str, ...]] = {
