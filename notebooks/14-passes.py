@@ -18,8 +18,8 @@
 # **Question.** What do trims make of a punch: of its error, its corners, its roughness, and of the time it takes?
 #
 # **What is done.** A small punch in 25.4 mm of tool steel is cut with 0.254 mm brass wire in one, two and four
-# passes, by the technology that is shipped. The same numbers of a job shop are shown with them: offsets and Ra for the same
-# wire, material and height, and what a trade page says of accuracy by number of passes.
+# passes, by the technology that is shipped. The same numbers of a job shop are shown with them: offsets and Ra for
+# the same wire, material and height, and what a trade page says of accuracy by number of passes.
 
 # %% tags=["parameters"]
 width_mm, height_of_punch_mm = 3.0, 2.0
