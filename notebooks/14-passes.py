@@ -24,7 +24,7 @@
 # %% tags=["parameters"]
 width_mm, height_of_punch_mm = 3.0, 2.0
 numbers = [1, 2, 4]  # of passes in all
-tab_mm = 1.0
+tab_mm = 0.7  # it ends before the corner
 seed = 0
 
 # %%
@@ -65,7 +65,7 @@ folder.cleanup()
 # ## What each pass did
 #
 # `offset` is what the pass ran at; `as last` the offset with which its wall would have met the drawing. `left` is
-# what stands over the drawing behind it, `taken` what it took of that.
+# the metal over the drawing behind it, `taken` what it took of that.
 
 # %%
 for number, cut in cuts.items():
