@@ -251,3 +251,25 @@ def test_a_tall_workpiece_is_limited_by_the_generator() -> None:
     removed_mm3 = 6.61 * 0.3 * machine.material.burning_voltage_V.value * machine.material.removal_mm3_J.value
     assert feed_um_s * 1e-3 * 400.0 * 2 * machine.auto_offset_mm == pytest.approx(removed_mm3, rel=1e-3)
     assert greatest_feed_um_s(machine, 200.0)[0] == pytest.approx(2 * feed_um_s)
+
+
+def test_passes_are_listed_as_the_program_has_them(edmsim: Run) -> None:
+    found = edmsim("check", EXAMPLES / "dialects" / "punch-sodick.nc")
+    assert (found.status, found.err) == (0, "")
+    rows = found.out.splitlines()
+    assert rows[0] == "pass 1      line 33: open, 29.141 mm, wire on the left by 0.195 mm, C001 after C000"
+    assert rows[2].endswith("C003 after C002, on the same wire, then a stop")
+    assert rows[6].startswith("contour 1")
+
+
+def test_the_dialect_and_the_conditions_are_options_of_check(edmsim: Run) -> None:
+    dialects = EXAMPLES / "dialects"
+    found = edmsim("check", dialects / "punch-freecad.nc", "--dialect", "iso")
+    assert found.status == 0
+    assert "note: dialect iso" in found.out
+    found = edmsim("check", dialects / "punch-freecad.nc", "--dialect", "sodic")
+    assert "did you mean 'sodick'" in found.err
+    leans = edmsim(
+        "check", dialects / "cone-fanuc.nc", "--dialect", "fanuc", "--conditions", dialects / "conditions.toml"
+    )
+    assert "the condition S1 is not in the table of conditions: there are C0, C1, C2, C3" in leans.err

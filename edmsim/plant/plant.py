@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -19,6 +20,7 @@ from edmsim.plant.kernel.declare import CHANGING, WALL, allocate, lasting, sizes
 from edmsim.plant.kernel.memory import CALL, Memory, window_function
 from edmsim.plant.kernel.state import (
     BARE,
+    BROKEN,
     FINE,
     NO_TILES,
     PULSE,
@@ -223,6 +225,7 @@ class Plant(PlantReadings):
             self._model.reset()
         self._lay_to_rest(_CHANGING)
         self._arrays.entering[:] = self._arrays.flow_share
+        constants.stand_upright(self._arrays)
 
     def change_setup(self, machine: Machine) -> None:
         """Go on with another setting of the same machine, as from one pass to the next.
@@ -378,16 +381,16 @@ class Plant(PlantReadings):
     def _advance(self, steps: Sequence[tuple[int, int, int]], pulses: int) -> PulseWindow:
         rows, place = _NO_STEPS, 0
         if len(steps):
-            rows = np.array(steps, np.int64)
+            rows = np.array(steps, np.int64, order="C")
             if rows.ndim != 2 or rows.shape[1] != 3:
                 raise InputError(f"steps are rows of time_ns, axis and direction, not an array of shape {rows.shape}")
-            place = rows.__array_interface__["data"][0]
-        if self._state["broken"][0] == BARE:
+            place = ctypes.addressof(ctypes.c_char.from_buffer(rows.data))  # numpy takes 1 % of a window to say where
+        status = self._fire_once(place, len(rows), pulses)
+        if status == BROKEN and self._state["broken"][0] == BARE:
             pass_window(
                 self._state, self._window, self._drives, self._setting.timing, rows, self._constants.step_um, pulses
             )
             return self.window()
-        status = self._fire_once(place, len(rows), pulses)
         if status == NO_TILES:
             self.make_tiles()
             status = self._fire_once(place, len(rows), pulses)
@@ -451,7 +454,11 @@ class Plant(PlantReadings):
         s, c = self._state[0], self._constants
         x, y = (float(v) for v in s["axis_um"][:2] + s["deflection_um"])
         u, v = (float(v) for v in s["axis_um"][2:])
-        self.field.allocate(x, y, c.radius_um + c.range_um + 2 * TILED_UM + self._drives.reach_um, (u, v))
+        n = self.resolution.slices
+        ends = np.stack([share[[0, n - 1]] for share in (self._arrays.height_share, self._arrays.lean_share)])
+        low, high = float(ends.min()), float(ends.max())  # where the wire bends is known once its rays are traced
+        reach_um = c.radius_um + c.range_um + 2 * TILED_UM + self._drives.reach_um
+        self.field.allocate(x + low * u, y + low * v, reach_um, ((high - low) * u, (high - low) * v))
         self._put_field()
         self._state["tiled_um"] = (x, y, x + u, y + v)
 

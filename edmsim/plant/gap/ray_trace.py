@@ -8,8 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edmsim.compiled.jit import compiled
-from edmsim.plant.gap.rays import Rays, face, narrowest, turned
-from edmsim.plant.kernel.state import NO_METAL_UM, Array, Arrays, Constants
+from edmsim.compiled.vectors import load, passed, spread, total
+from edmsim.plant.gap.rays import Rays, arc, face, narrowest, turned
+from edmsim.plant.kernel.state import NO_METAL_UM, PULSES_PER_WINDOW, Array, Arrays, Constants
 from edmsim.plant.workpiece.kerf_field import metal_height, trace
 
 OVERLAP_UM = 8.0
@@ -18,9 +19,11 @@ AHEAD_UM = 6.0
 """A known edge is looked for again from this far before where it is expected (metal only recedes)."""
 KNOWN_MOVE_UM = 20.0
 """Known edges are of use only while the wire moved less than this since."""
-BLIND_TURNS = np.uint64(8)
-"""A ray that met no metal is looked along again only every so many times: what comes within its range at the
-feed of such a machine is then still far away."""
+BARE_UM = np.float32(0.5 * NO_METAL_UM)
+"""A gap beyond this is that of a ray that meets no metal."""
+BLIND_PULSES = 32 * PULSES_PER_WINDOW
+"""A ray that met no metal is looked along again only after so many pulses: what comes within its range at the feed of
+such a machine is then still far away."""
 
 
 @compiled
@@ -28,7 +31,7 @@ def _trace_ray(
     a: Arrays, tiles: NDArray[np.uint16], index: NDArray[np.int32], c: Constants, s: int, r: int, expected_um: float
 ) -> float:
     """Gap of one ray, looked for from shortly before where it is expected, from the wire on if there is no edge."""
-    cosine, sine = a.ray_cosine[r], a.ray_sine[r]
+    cosine, sine = a.reach_x[r], a.reach_y[r]
     x, y = a.reference_um[0, s], a.reference_um[1, s]
     least = c.radius_um - OVERLAP_UM
     start = max(least, c.radius_um + expected_um - AHEAD_UM)
@@ -52,6 +55,23 @@ def meets_metal(a: Arrays, c: Constants, s: int, r: int) -> bool:
 
 
 @compiled
+def tilt_rays(a: Arrays, slope_x: float, slope_y: float) -> None:
+    """Turn the rays into the plane square to a wire that leans by so much per height."""
+    rise2 = slope_x * slope_x + slope_y * slope_y
+    upright = 1.0 / math.sqrt(1.0 + rise2)
+    a.upright[0] = upright
+    # along the lean, a way in the slice's plane is 1 / cos of that square to the wire
+    longer = (1.0 / upright - 1.0) / rise2 if rise2 > 0.0 else 0.0
+    shorter = (1.0 - upright) / rise2 if rise2 > 0.0 else 0.0
+    for r in range(a.ray_cosine.shape[0]):
+        along = a.ray_cosine[r] * slope_x + a.ray_sine[r] * slope_y
+        a.reach_x[r] = a.ray_cosine[r] + longer * along * slope_x
+        a.reach_y[r] = a.ray_sine[r] + longer * along * slope_y
+        a.across_x[r] = a.ray_cosine[r] - shorter * along * slope_x
+        a.across_y[r] = a.ray_sine[r] - shorter * along * slope_y
+
+
+@compiled
 def retrace(
     a: Arrays, tiles: NDArray[np.uint16], index: NDArray[np.int32], c: Constants, place: Array, turn: int
 ) -> None:
@@ -59,7 +79,7 @@ def retrace(
 
     `turn` counts the times. What the wire is away from there shifts the gaps to first order.
     """
-    rays = rays_of(a)
+    rays, blind_turns = rays_of(a), np.uint64(max(BLIND_PULSES // c.trace_pulses, 1))
     for s in range(a.shape.shape[0]):
         dx, dy = place[0, s] - a.reference_um[0, s], place[1, s] - a.reference_um[1, s]
         known = math.hypot(dx, dy) < KNOWN_MOVE_UM
@@ -68,11 +88,11 @@ def retrace(
             expected = -OVERLAP_UM
             if known:
                 if meets_metal(a, c, s, r):
-                    expected = a.edge_um[s, r] - dx * a.ray_cosine[r] - dy * a.ray_sine[r]
-                elif np.uint64(turn + r) % BLIND_TURNS != 0:
+                    expected = a.edge_um[s, r] - dx * a.across_x[r] - dy * a.across_y[r]
+                elif np.uint64(turn + r) % blind_turns != 0:
                     continue
             a.edge_um[s, r] = _trace_ray(a, tiles, index, c, s, r, expected)
-        face(rays, s, a.edge_um, c.range_um, a.ray_cosine, a.ray_sine)
+        face(rays, s, a.edge_um, c.range_um, a.across_x, a.across_y)
 
 
 @compiled
@@ -84,7 +104,7 @@ def weigh(a: Arrays, index: NDArray[np.int32], levels: NDArray[np.float32], c: C
         for r in range(a.ray_cosine.shape[0]):
             if meets_metal(a, c, s, r):
                 reach = np.float64(a.edge_um[s, r]) + inside
-                x, y = a.reference_um[0, s] + reach * a.ray_cosine[r], a.reference_um[1, s] + reach * a.ray_sine[r]
+                x, y = a.reference_um[0, s] + reach * a.reach_x[r], a.reference_um[1, s] + reach * a.reach_y[r]
                 a.ray_metal[s, r] = metal_height(index, levels, s, c.cell_um, x, y)
                 near = 1.0 / max(np.float64(a.edge_um[s, r]), 1.0)
                 sum_ += near * near * a.ray_metal[s, r]
@@ -97,14 +117,14 @@ def weigh(a: Arrays, index: NDArray[np.int32], levels: NDArray[np.float32], c: C
 @compiled
 def closed_side(a: Arrays, s: int) -> tuple[float, float, float]:
     """Share of the wire's girth that metal faces in a slice, and the direction to it: 1 long for a half circle."""
-    facing = x = y = 0.0
-    for k in range(a.distance.shape[1]):
-        if a.distance[s, k] < NO_METAL_UM:
-            facing += 1.0
-            x += np.float64(a.cosine[s, k])
-            y += np.float64(a.sine[s, k])
-    rays = a.ray_cosine.shape[0]
-    return facing / rays, math.pi * x / rays, math.pi * y / rays
+    rays = rays_of(a)
+    facing, x, y = 0, spread(np.float32(0.0)), spread(np.float32(0.0))
+    for at in arc(rays, s):
+        facing += passed(load(rays.distance, (s, at)), BARE_UM)
+        x += load(rays.cosine, (s, at))
+        y += load(rays.sine, (s, at))
+    per_ray = 1.0 / a.ray_cosine.shape[0]
+    return facing * per_ray, math.pi * per_ray * total(x), math.pi * per_ray * total(y)
 
 
 @compiled

@@ -18,7 +18,7 @@ from edmsim.plant.gap.bubble import BubbleLaw
 from edmsim.plant.gap.coverage import GasLaw, blow, fade, sum_up
 from edmsim.plant.gap.debris import mean_of_slices
 from edmsim.plant.gap.pulse_outcome import decide, deepest_contact, draw, leak_conductance, sum_rays, touch
-from edmsim.plant.gap.ray_trace import OVERLAP_UM, retrace, weigh
+from edmsim.plant.gap.ray_trace import OVERLAP_UM, retrace, tilt_rays, weigh
 from edmsim.plant.kernel.discharge import discharge, log_pulse, propagate_heat, short_circuit
 from edmsim.plant.kernel.state import (
     ARC,
@@ -46,7 +46,7 @@ from edmsim.plant.kernel.state import (
     Timing,
 )
 from edmsim.plant.mechanics.film import find_films, mean_film, mean_resistance, scale_film, squeeze
-from edmsim.plant.mechanics.modal import copy, kick, mean_deflection, move, place_wire, project, ring, ringing
+from edmsim.plant.mechanics.modal import copy, kick, lean, mean_deflection, move, place_wire, project, ring, ringing
 from edmsim.plant.mechanics.mujoco_axes import FullLink
 from edmsim.plant.mechanics.mujoco_loop import move_full
 from edmsim.plant.wire import HeatLaw
@@ -98,6 +98,10 @@ def _renew_rays(
     """Trace the rays from where the wire is now; before, carve what a former wire left on them."""
     if state[0].carved_pulses < state[0].pulses:
         _carve(state, window, a, tiles, index, c)
+    u, v = state[0].axis_um[2], state[0].axis_um[3]
+    if u != 0.0 or v != 0.0 or a.upright[0] != 1.0:
+        slope_x, slope_y = lean(a, c, u, v)
+        tilt_rays(a, slope_x, slope_y)
     retrace(a, tiles, index, c, position, state[0].traces)
     if levels.shape[0] != 0:
         weigh(a, index, levels, c)
@@ -142,12 +146,16 @@ def _begin(state: NDArray[np.void], window: NDArray[np.void], a: Arrays) -> None
         w.deflection_um[axis] = w.deflection2_um2[axis] = 0.0
     for s in range(a.temperature_K.shape[0]):
         w.temperature_max_K = max(w.temperature_max_K, a.temperature_K[s])
+    # gas that is no number may have faded by the window's end, but for this
+    slices = a.debris.shape[0]
+    w.coverage = mean_of_slices(a.steam, slices) + mean_of_slices(a.gas, slices) + mean_of_slices(a.wake_gas, slices)
 
 
 @compiled
 def _end(state: NDArray[np.void], window: NDArray[np.void], a: Arrays, deepest_um: float) -> int:
     """Take the window's means, and see whether the model still holds."""
     w = window[0]
+    gas = w.coverage  # what it was when the window began
     warmth = 0.0
     for s in range(a.debris.shape[0]):
         warmth += a.temperature_K[s]
@@ -161,7 +169,7 @@ def _end(state: NDArray[np.void], window: NDArray[np.void], a: Arrays, deepest_u
     places = ringing(a, 0) + ringing(a, 1)
     for axis in range(N_AXES):
         places += state[0].axis_um[axis]
-    if not abs(x + y + places + warmth + w.debris + w.voltage_us) < FINITE:
+    if not abs(x + y + places + warmth + w.debris + w.voltage_us + gas) < FINITE:
         return NOT_FINITE
     if math.hypot(x, y) > MOST_DEFLECTION_UM:
         return OUTSIDE
@@ -335,7 +343,7 @@ def fire_window(
         state[0].heat_wait_us += period_us
         window[0].duration_ns += period_ns
         if state[0].heat_wait_us >= HEAT_INTERVAL_US:
-            propagate_heat(state, a, c, heat, sums, films)
+            propagate_heat(state, a, c, heat, sums, contact, films)
         if next_event < 0:
             return _end(state, window, a, LOST_UM if next_event == LOST else 0.0)
         if state[0].broken != 0 or n + 1 == count:
