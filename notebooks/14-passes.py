@@ -22,7 +22,8 @@
 # the same wire, material and height, and what a trade page says of accuracy by number of passes.
 
 # %% tags=["parameters"]
-width_mm, height_of_punch_mm = 3.0, 2.0
+width_mm = 3.0
+height_of_punch_mm = 2.0
 numbers = [1, 2, 4]  # of passes in all
 tab_mm = 0.7  # it ends before the corner
 seed = 0
