@@ -21,7 +21,7 @@ FROZEN = {
 """Heights, seconds, weights of profile and time: another value needs another version."""
 OTHERS = {
     "wires": 1, "decision_s": None, "tension": (8.0, 20.0), "near_corner_um": None, "energy_bound_mJ": None,
-    "offset_um": None, "planner": "poscal", "max_feed_um_s": 100.0,
+    "offset_um": None, "planner": "exact", "max_feed_um_s": 100.0,
 }  # fmt: skip
 OWN = {
     "Corner": {
@@ -30,7 +30,7 @@ OWN = {
     },
     "ThinWire": {"wires": 4, "decision_s": 0.5, "tension": (1.2, 3.2)},
     "Trim": {
-        "decision_s": 0.25, "energy_bound_mJ": 2.0, "offset_um": 12.0, "planner": "exact", "max_feed_um_s": 200.0,
+        "decision_s": 0.25, "energy_bound_mJ": 2.0, "offset_um": 12.0, "max_feed_um_s": 200.0,
     },
 }  # fmt: skip
 """What an id has of its own, and what the others have."""
