@@ -61,7 +61,7 @@ def check_controller(make: Callable[[], FeedController]) -> None:
         _check_with(make, counts)
 
 
-class _Shown(NamedTuple):
+class _RehearsalWindow(NamedTuple):
     """A window of the rehearsal with everything a plant's has; made here, as controllers know no plant."""
 
     short: int
@@ -111,12 +111,12 @@ class _Rehearsal:
         voltage_V, current_A = (30.0 * open_ + 6.0 * ignited) / WINDOW_PULSES, 2.0 * (1 - open_ / WINDOW_PULSES)
         delay_us, gap_um = (9.0, 8.0) if ignited else (math.nan, math.nan)
         fifths = tuple(len(range(k, ignited, 5)) for k in range(5))
-        window = _Shown(short, open_, ignited, voltage_V, current_A, delay_us, gap_um, fifths)
+        window = _RehearsalWindow(short, open_, ignited, voltage_V, current_A, delay_us, gap_um, fifths)
         if isinstance(self.controller, SeesTruth):
             self.controller.see(window)
         time_ns = self.windows * window.duration_ns
-        seen = WindowObservation.of(window, time_ns, self.command.feed_um_s, self.path_um)
-        self.command = check_command(self.controller.name, self.controller.update(seen))
+        observation = WindowObservation.of(window, time_ns, self.command.feed_um_s, self.path_um)
+        self.command = check_command(self.controller.name, self.controller.update(observation))
 
 
 def _check_with(make: Callable[[], FeedController], counts: Counts) -> None:

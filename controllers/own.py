@@ -8,14 +8,14 @@ from typing import cast
 
 from edmsim.controllers.protocols import FeedController
 from edmsim.errors import InputError
-from edmsim.given_numbers import real
-from edmsim.user_code import Named, run
+from edmsim.numeric import real
+from edmsim.user_code import UserObject, run
 
 NEEDED = ("name", "reset", "update", "snapshot", "restore")
 """What a feed controller must offer."""
 
 
-def from_file(own: Named, parameters: dict[str, float]) -> FeedController:
+def from_file(own: UserObject, parameters: dict[str, float]) -> FeedController:
     """Make a controller of a class in a user's file.
 
     Raises
@@ -41,7 +41,7 @@ def from_file(own: Named, parameters: dict[str, float]) -> FeedController:
         raise InputError(f"{own.name} cannot be made: {error}", own.file) from None
 
 
-def check_is_controller(given: object) -> FeedController:
+def check_is_controller(candidate: object) -> FeedController:
     """Return what was given if it can be a feed controller.
 
     Raises
@@ -49,17 +49,17 @@ def check_is_controller(given: object) -> FeedController:
     InputError
         It is a class, or lacks something that every feed controller has.
     """
-    if inspect.isclass(given):
-        raise InputError(f"{given.__name__} is a class: give an object of it, {given.__name__}()")
-    missing = lacking(given)
+    if inspect.isclass(candidate):
+        raise InputError(f"{candidate.__name__} is a class: give an object of it, {candidate.__name__}()")
+    missing = lacking(candidate)
     if missing:
-        raise InputError(f"{given!r} is no feed controller: it has no {', '.join(missing)}")
-    return cast(FeedController, given)
+        raise InputError(f"{candidate!r} is no feed controller: it has no {', '.join(missing)}")
+    return cast(FeedController, candidate)
 
 
-def lacking(given: object) -> list[str]:
+def lacking(candidate: object) -> list[str]:
     """Return what an object or class lacks to be a feed controller."""
-    return [name for name in NEEDED if not hasattr(given, name)]
+    return [name for name in NEEDED if not hasattr(candidate, name)]
 
 
 def text_of(controller: FeedController) -> str:
@@ -71,7 +71,7 @@ def text_of(controller: FeedController) -> str:
     return f"{controller.name}:{','.join(numbers)}" if numbers else controller.name
 
 
-def _why_not(own: Named, kinds: list[str]) -> str:
+def _why_not(own: UserObject, kinds: list[str]) -> str:
     there = f"there are: {', '.join(kinds)}" if kinds else "there is none"
     if not own.name:
         return f"name the feed controller in this file, {own.file}:CLASS; {there}"

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edmsim.errors import InputError
-from edmsim.given_numbers import keep_plain, real
 from edmsim.machine.machine import Machine
+from edmsim.numeric import keep_plain, real
 
 SIGNED = "offset_um", "pull_N_m"
 """Parameters of controllers that may be negative: to the right of the path, and a wire that lags."""
@@ -282,8 +282,8 @@ def check_parameters(controller: Any) -> None:
         fine = value is not None and math.isfinite(value) and value <= top and (value >= 0 or name in SIGNED)
         if parameter.init and not fine:
             bounds = " from 0 to 1" if top == 1.0 else "" if name in SIGNED else " of 0 or more"
-            given = getattr(controller, name)
-            raise InputError(f"{name} of the {controller.name} controller must be a number{bounds}, not {given!r}")
+            setting = getattr(controller, name)
+            raise InputError(f"{name} of the {controller.name} controller must be a number{bounds}, not {setting!r}")
 
 
 def check_command(controller: str, command: object) -> FeedCommand:

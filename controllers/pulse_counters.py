@@ -16,6 +16,11 @@ WINDOW_PULSES = 255
 """Pulses per cycle of the analyser (row T-40)."""
 
 
+def percent_of_window(pulses: float) -> float:
+    """Return a count as per cent of the pulses of a cycle."""
+    return 100.0 * pulses / WINDOW_PULSES
+
+
 class PulseCounts(NamedTuple):
     """What one cycle of 255 pulses held.
 

@@ -14,6 +14,8 @@ Floats = NDArray[np.float64]
 
 POINTS_PER_LAG = 64
 """Points of the wire's path per lag of travel while it still turns in (ours: chords bulge by 1e-4 of the lag)."""
+CORNER_DEG = 20.0
+"""A path has a corner where it turns by at least this many degrees (ours: chords of arcs turn by less)."""
 SETTLED_RAD = 1e-6
 """An angle at which the wire is taken to run straight behind the guides (ours)."""
 

@@ -47,13 +47,13 @@ class ScreenTable(rich.table.Table):
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
         """Yield the table as it is, or one or more that fit."""
-        wanted = [_width([column.header, *column.cells]) for column in self.columns]
-        wide = options.update(max_width=sum(wanted) + 1000)
+        full_widths = [_width([column.header, *column.cells]) for column in self.columns]
+        wide = options.update(max_width=sum(full_widths) + 1000)
         natural = super().__rich_measure__(console, wide).maximum
         if natural <= options.max_width or not self.columns:
             yield from super().__rich_console__(console, options)
             return
-        around = natural - sum(wanted)  # borders and padding of all columns
+        around = natural - sum(full_widths)  # borders and padding of all columns
         for number, block in enumerate(self._blocks(options.max_width, around)):
             if number and self.box is None:
                 yield Text()
@@ -79,9 +79,9 @@ class ScreenTable(rich.table.Table):
     def _shared(self, block: list[int], least: list[int], width: float) -> dict[int, int]:
         """Give each column its least width, and what is left to those that want more, evenly."""
         widths = {k: least[k] for k in block}
-        wanted = {k: _width([self.columns[k].header, *self.columns[k].cells]) for k in block}
+        full_widths = {k: _width([self.columns[k].header, *self.columns[k].cells]) for k in block}
         left = int(width) - sum(widths.values())
-        while left > 0 and (wanting := [k for k in block if widths[k] < wanted[k]]):
+        while left > 0 and (wanting := [k for k in block if widths[k] < full_widths[k]]):
             # names first: a head of numbers may take several lines
             wanting = [k for k in wanting if not _has_numbers(self.columns[k])] or wanting
             for k in sorted(wanting, key=lambda k: widths[k])[:left]:
@@ -203,6 +203,6 @@ class ScreenProgress(rich.progress.Progress):
         task = next(task for task in self.tasks if task.id == task_id)
         columns = [c for c in self.columns if not isinstance(c, str | rich.progress.SpinnerColumn)]
         texts = [column(task) for column in columns]
-        told = " ".join(text.plain.strip() for text in texts if isinstance(text, Text) and text.plain.strip())
-        self.console.print(told, highlight=False, soft_wrap=True, markup=False)
+        line = " ".join(text.plain.strip() for text in texts if isinstance(text, Text) and text.plain.strip())
+        self.console.print(line, highlight=False, soft_wrap=True, markup=False)
 

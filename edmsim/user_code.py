@@ -19,7 +19,7 @@ MAKERS: dict[str, str] = {}
 _OWN = re.compile(r"(?P<file>.+\.py)(?::(?P<name>[^:]*)(?::(?P<rest>.*))?)?", re.DOTALL)
 
 
-class Named(NamedTuple):
+class UserObject(NamedTuple):
     """Something in a user's file.
 
     Attributes
@@ -36,10 +36,10 @@ class Named(NamedTuple):
     rest: str
 
 
-def named(text: str) -> Named | None:
+def named(text: str) -> UserObject | None:
     """Take ``FILE.py:NAME:REST`` apart; None if the text names no Python file."""
     found = _OWN.fullmatch(text)
-    return None if found is None else Named(found["file"], found["name"] or "", found["rest"] or "")
+    return None if found is None else UserObject(found["file"], found["name"] or "", found["rest"] or "")
 
 
 def make(kind: str, rest: str) -> Any:

@@ -10,9 +10,9 @@ from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
 from edmsim.errors import InputError
-from edmsim.given_numbers import plain as plain_number
-from edmsim.given_numbers import real
 from edmsim.machine.machine import Machine
+from edmsim.numeric import plain as plain_number
+from edmsim.numeric import real
 
 Range = float | tuple[float, float]
 _Record = TypeVar("_Record")
@@ -84,43 +84,43 @@ def ends_of(name: str, value: Range) -> tuple[float, float]:
     return float(low), float(high)
 
 
-def machine_of(given: Any) -> Any:
+def machine_of(value: Any) -> Any:
     """Return the machine of a name, a file, a mapping of arguments of `Machine.load`, or `plain` of one."""
-    if isinstance(given, str | Path):
-        return Machine.load(str(given))
-    if not isinstance(given, Mapping):
-        return given
-    if "base" in given:
-        machine = Machine.model_validate(given)
+    if isinstance(value, str | Path):
+        return Machine.load(str(value))
+    if not isinstance(value, Mapping):
+        return value
+    if "base" in value:
+        machine = Machine.model_validate(value)
         machine.check()
         return machine
-    _only_known("machine", given, list(signature(Machine.load).parameters))
-    return Machine.load(**given)
+    _only_known("machine", value, list(signature(Machine.load).parameters))
+    return Machine.load(**value)
 
 
-def record_of(name: str, given: Any, own: _Record) -> Any:
+def record_of(name: str, value: Any, own: _Record) -> Any:
     """Return a record of a mapping, which replaces what it names of `own`; anything else as it is."""
-    if not isinstance(given, Mapping):
-        return given
-    kept = {f.name: getattr(own, f.name) for f in fields(own)}  # type: ignore[arg-type]
-    _only_known(name, given, list(kept))
-    return type(own)(**{**kept, **given})
+    if not isinstance(value, Mapping):
+        return value
+    values = {f.name: getattr(own, f.name) for f in fields(own)}  # type: ignore[arg-type]
+    _only_known(name, value, list(values))
+    return type(own)(**{**values, **value})
 
 
-def plain(given: Any) -> Any:
+def plain(item: Any) -> Any:
     """Return an argument as JSON writes it: machines and records as mappings, tuples as lists, paths as text."""
-    if isinstance(given, Machine):
-        return given.model_dump(mode="json")
-    if hasattr(given, "__dataclass_fields__") and not isinstance(given, type):
-        return {f.name: plain(getattr(given, f.name)) for f in fields(given)}
-    if isinstance(given, Mapping):
-        return {name: plain(value) for name, value in given.items()}
-    if isinstance(given, tuple | list):
-        return [plain(value) for value in given]
-    return str(given) if isinstance(given, Path) else plain_number(given)
+    if isinstance(item, Machine):
+        return item.model_dump(mode="json")
+    if hasattr(item, "__dataclass_fields__") and not isinstance(item, type):
+        return {f.name: plain(getattr(item, f.name)) for f in fields(item)}
+    if isinstance(item, Mapping):
+        return {name: plain(value) for name, value in item.items()}
+    if isinstance(item, tuple | list):
+        return [plain(value) for value in item]
+    return str(item) if isinstance(item, Path) else plain_number(item)
 
 
-def _only_known(name: str, given: Mapping[str, Any], known: list[str]) -> None:
-    for key in given:
+def _only_known(name: str, value: Mapping[str, Any], known: list[str]) -> None:
+    for key in value:
         if key not in known:
             raise InputError(f"{name} has no entry {key!r}; it has {', '.join(known)}")

@@ -39,23 +39,23 @@ def as_action(
     """
     if family.action == "servo":
         low, high = family.servo_target_share
-        wanted = [2.0 * (target_share(controller) - low) / (high - low) - 1.0]
+        entries = [2.0 * (target_share(controller) - low) / (high - low) - 1.0]
     elif family.action == "speed":
-        wanted = [command.feed_um_s / family.max_feed_um_s]
+        entries = [command.feed_um_s / family.max_feed_um_s]
     else:
-        wanted = [(command.feed_um_s - feed_um_s) / family.max_change_um_s]
+        entries = [(command.feed_um_s - feed_um_s) / family.max_change_um_s]
     on_us, period_us = (
-        now if asked is None else asked
-        for asked, now in zip((command.t_on_us, command.t_period_us), now_us, strict=True)
+        now if chosen is None else chosen
+        for chosen, now in zip((command.t_on_us, command.t_period_us), now_us, strict=True)
     )
     octaves = {"on_time": math.log2(on_us / first_us[0]), "period": math.log2(period_us / first_us[1])}
     octaves["duty_factor"] = octaves["period"] - octaves["on_time"]
     if not family.knobs and any(octaves.values()):
         raise InputError("a controller turns the generator's knobs, and this environment has none: leave it out")
-    wanted += [octaves[name] / family.setting_octaves for name in family.knobs]
+    entries += [octaves[name] / family.setting_octaves for name in family.knobs]
     if family.offset_um is not None:
-        wanted.append(command.offset_um / family.offset_um)
-    return np.clip(np.array(wanted, np.float32), -1.0, 1.0)
+        entries.append(command.offset_um / family.offset_um)
+    return np.clip(np.array(entries, np.float32), -1.0, 1.0)
 
 
 def target_share(controller: FeedController) -> float:

@@ -14,7 +14,7 @@ from edmsim.envs import observation, servo
 from edmsim.envs.knobs import least_setting_us
 from edmsim.envs.lanes import Lanes
 from edmsim.envs.path_follower import RUNNING
-from edmsim.envs.reward import TERMS, Earned
+from edmsim.envs.reward import TERMS, StepRewards
 from edmsim.envs.task import Family
 from edmsim.machine.machine import Machine
 from edmsim.plant.kernel.state import OPEN, SHORT
@@ -67,8 +67,8 @@ class Batch:
     def __init__(self, family: Family, count: int, threads: int = 1) -> None:
         self.family = family
         self.lanes = Lanes(family, count, threads)
-        kept = family.history + family.measured_by.delay_steps
-        self._seen = np.zeros((count, kept, len(observation.of_a_step(family.locates_discharges))), np.float32)
+        ages = family.history + family.measured_by.delay_steps
+        self._history = np.zeros((count, ages, len(observation.of_a_step(family.locates_discharges))), np.float32)
         self._dials = np.zeros((count, len(observation.DIALS)), np.float32)
         self._shown: NDArray[np.void] = np.zeros(count, observation.SHOWN)
         self._scales: NDArray[np.void] = np.zeros(count, observation.SCALE)
@@ -81,9 +81,9 @@ class Batch:
         self._terms = [TERMS.index(name) for name in family.objectives]
         self.earned = self._fresh_account()
 
-    def _fresh_account(self) -> Earned:
+    def _fresh_account(self) -> StepRewards:
         family = self.family
-        return Earned(family.reward_weights, family.error_bound_um, family.energy_bound_mJ, self.lanes.count)
+        return StepRewards(family.reward_weights, family.error_bound_um, family.energy_bound_mJ, self.lanes.count)
 
     def change(self, family: Family) -> None:
         """Let episodes begun from now on be of another family, with the same spaces and plants of the same kind."""
@@ -107,15 +107,15 @@ class Batch:
             Whether a machine is drawn whatever `Family.machine_episodes` says.
         """
         family, before = self.family, self.lanes.scenarios[lane]
-        kept = machine
-        if kept is None and before is not None and not anew and 0 < self._episodes[lane] < family.machine_episodes:
-            kept = before.machine
-        scenario = family.draw(rng, kept)
-        if kept is None:
+        chosen = machine
+        if chosen is None and before is not None and not anew and 0 < self._episodes[lane] < family.machine_episodes:
+            chosen = before.machine
+        scenario = family.draw(rng, chosen)
+        if chosen is None:
             self._constants[lane] = {name: scenario.drawn[name] for name in family.drawn_constants}
-        self._episodes[lane] = 0 if machine is not None else (self._episodes[lane] if kept is not None else 0) + 1
+        self._episodes[lane] = 0 if machine is not None else (self._episodes[lane] if chosen is not None else 0) + 1
         self.lanes.begin(lane, scenario)
-        self._seen[lane] = 0.0
+        self._history[lane] = 0.0
         self._shown[lane] = np.zeros((), observation.SHOWN)
         self._dials[lane] = observation.dials(scenario.machine)
         self._take_scale(lane)
@@ -142,33 +142,33 @@ class Batch:
     def step(self, active: Ints, actions: NDArray[np.float32]) -> Floats:
         """Run a step in the active lanes; returns the rewards (n,), or (n, objectives), 0 in the others."""
         lanes = self.lanes
-        wanted = np.minimum(np.maximum(actions.astype(np.float64), -1.0), 1.0)  # np.clip takes four times as long
+        clamped = np.minimum(np.maximum(actions.astype(np.float64), -1.0), 1.0)  # np.clip takes four times as long
         self.earned.begin()
         self._shown[active] = np.zeros((), observation.SHOWN)
         lanes.rows["step_ns"][active] = 0
-        self._command(active, wanted)
+        self._command(active, clamped)
         wait_ns = round(self.family.decision_s * 1e9) if self.family.decision_s is not None else 0
         left = active
         while len(left):
             self._window(left)
             left = left[(lanes.rows["step_ns"][left] < wait_ns) & (lanes.rows["cause"][left] == RUNNING)]
-        observation.show(active, self._shown, self._scales, self.family.max_feed_um_s, self._seen)
+        observation.show(active, self._shown, self._scales, self.family.max_feed_um_s, self._history)
         return self.earned.terms[self._terms].T.copy() if self._terms else self.earned.total.copy()
 
-    def _command(self, active: Ints, wanted: Floats) -> None:
+    def _command(self, active: Ints, clamped: Floats) -> None:
         """Turn the knobs, and set the offsets, and the feed or the servos' targets."""
         family, lanes = self.family, self.lanes
         if family.knobs:
             for lane in active:
                 first_us = lanes.rows[lane]["first_setting_us"]
-                self._set_generator(int(lane), *family.setting_us(first_us, wanted[lane, 1 : 1 + len(family.knobs)]))
+                self._set_generator(int(lane), *family.setting_us(first_us, clamped[lane, 1 : 1 + len(family.knobs)]))
         if family.offset_um is not None:
-            lanes.rows["offset_um"][active] = wanted[active, -1] * family.offset_um
+            lanes.rows["offset_um"][active] = clamped[active, -1] * family.offset_um
         if family.action == "servo":
-            self._servos["target"][active] = servo.target_of(wanted[active, 0], family.servo_target_share)
+            self._servos["target"][active] = servo.target_of(clamped[active, 0], family.servo_target_share)
             return
         limit = family.greatest_feed_um_s
-        feed = np.minimum(np.maximum(family.next_feed_um_s(self._feed_um_s, wanted[:, 0]), -limit), limit)
+        feed = np.minimum(np.maximum(family.next_feed_um_s(self._feed_um_s, clamped[:, 0]), -limit), limit)
         self._feed_um_s[active] = feed[active]
 
     def _window(self, left: Ints) -> None:
@@ -203,8 +203,8 @@ class Batch:
 
     def observations(self) -> NDArray[np.float32]:
         """Return every lane's observation, in a fresh array."""
-        count, lanes = len(self._seen), self.lanes
-        parts = [self._seen[:, self.family.measured_by.delay_steps :].reshape(count, -1), self._dials]
+        count, lanes = len(self._history), self.lanes
+        parts = [self._history[:, self.family.measured_by.delay_steps :].reshape(count, -1), self._dials]
         if self.family.knows_corners:
             parts.append(observation.corners(lanes.rows["path_um"], lanes.corner_um, lanes.corner_deg))
         if self.family.offset_um is not None:

@@ -40,11 +40,11 @@ def checked_options(options: Mapping[str, Any] | None, known: tuple[str, ...]) -
     InputError
         An unknown option, or one of another kind.
     """
-    given = dict(options or {})
-    for name in given:
+    found = dict(options or {})
+    for name in found:
         if name not in known:
             raise InputError(f"reset has no option {name!r}; it has {', '.join(known)}")
-    machine = given.get("machine")
+    machine = found.get("machine")
     if machine is not None and not isinstance(machine, Machine):
         raise InputError(f"the option machine is {machine!r}: give an edmsim.Machine")
-    return given
+    return found

@@ -14,11 +14,12 @@ from edmsim.envs.page import page
 from edmsim.envs.reward import Weights
 from edmsim.envs.scenario import Scenario, even_height
 from edmsim.envs.single import EdmEnv
-from edmsim.envs.task import CORNER_DEG, Family
+from edmsim.envs.task import Family
 from edmsim.envs.vector import EdmVectorEnv
 from edmsim.errors import InputError
+from edmsim.geometry import CORNER_DEG
 from edmsim.machine.machine import Machine
-from edmsim.plant.workpiece.blanks import begun_slot
+from edmsim.plant.workpiece.blanks import started_slot
 
 SHARPEST_DEG = 160.0
 """Sharpest turn that may be asked for (ours: beyond it the second leg runs back in the first one's kerf)."""
@@ -71,7 +72,7 @@ class Corner(Family):
             [(x, y), (x + leg, y), (x + leg + leg * math.cos(angle), y + leg * math.sin(angle))], np.float64
         )
         drawn |= {"turn_deg": turn}
-        return Scenario(machine, begun_slot(machine, (x, y)), (path,), even_height(machine), seed, drawn)
+        return Scenario(machine, started_slot(machine, (x, y)), (path,), even_height(machine), seed, drawn)
 
 
 @page

@@ -12,7 +12,7 @@ from gymnasium.vector import VectorActionWrapper, VectorEnv
 from numpy.typing import NDArray
 
 from edmsim.errors import InputError
-from edmsim.given_numbers import real
+from edmsim.numeric import real
 
 LEVELS = (-1.0, -0.25, -0.05, 0.0, 0.05, 0.25, 1.0)
 """Usual choices, as actions of the environment (ours: a retract, fine and coarse steps either way, and none)."""

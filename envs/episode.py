@@ -13,12 +13,12 @@ from edmsim.cosim.stops import WORDS, StopCause
 from edmsim.envs.checks import checked_options
 from edmsim.envs.lanes import Lanes
 from edmsim.envs.registry import make_family
-from edmsim.envs.reward import TERMS, Earned
+from edmsim.envs.reward import TERMS, StepRewards
 from edmsim.envs.scenario import Scenario
 from edmsim.envs.task import Family
 from edmsim.errors import InputError
-from edmsim.given_numbers import finite, whole_from
 from edmsim.machine.machine import Machine
+from edmsim.numeric import finite, whole_from
 from edmsim.plant.plant import Plant
 from edmsim.plant.window import PulseWindow
 
@@ -55,7 +55,7 @@ class StepResult(NamedTuple):
         Whether the episode's time is over.
     """
 
-    seen: WindowObservation
+    observation: WindowObservation
     truth: PulseWindow
     progress_um: float
     area_mm2: float
@@ -112,7 +112,7 @@ class Task:
     >>> controller = edmsim.controllers.make("fixed", feed_um_s=20.0)
     >>> seen, command = task.reset(seed=1), controller.reset(task.max_feed_um_s)
     >>> result = task.advance(command.feed_um_s)
-    >>> command = controller.update(result.seen)
+    >>> command = controller.update(result.observation)
     """
 
     def __init__(self, name: str | type[Family], **options: Any) -> None:
@@ -120,7 +120,7 @@ class Task:
         self.max_feed_um_s = self.family.greatest_feed_um_s
         self._lanes = Lanes(self.family, 1)
         family = self.family
-        self._earned = Earned(family.reward_weights, family.error_bound_um, family.energy_bound_mJ, 1)
+        self._earned = StepRewards(family.reward_weights, family.error_bound_um, family.energy_bound_mJ, 1)
         self._random = np.random.Generator(np.random.PCG64())
 
     def reset(self, seed: int | None = None, options: Mapping[str, Any] | None = None) -> WindowObservation:
@@ -133,10 +133,10 @@ class Task:
         """
         from gymnasium.utils import seeding
 
-        given = checked_options(options, ("machine",))
+        checked = checked_options(options, ("machine",))
         if seed is not None:
             self._random = seeding.np_random(whole_from("seed", seed, 0))[0]
-        self._lanes.begin(0, self.family.draw(self._random, given.get("machine")))
+        self._lanes.begin(0, self.family.draw(self._random, checked.get("machine")))
         return WindowObservation(0.0, 0.0, 0, 0, 0.0, 0.0, math.nan, 0.0, 0.0)
 
     @property
@@ -237,11 +237,11 @@ class Task:
         window = plant.window()
         row = lanes.rows[0]
         end_ns = window.start_ns + window.duration_ns  # a fresh wire may have been threaded since
-        seen = WindowObservation.of(window, end_ns, float(row["feed_um_s"]), self.path_um)
+        observation = WindowObservation.of(window, end_ns, float(row["feed_um_s"]), self.path_um)
         self._earned.begin()
         self._earned.add(_LANE, lanes.rows, lanes.counted_um, lanes.fleet.windows)
         return StepResult(
-            seen, window, float(row["progress_um"]), float(row["area_mm2"]), float(row["error_um"]),
+            observation, window, float(row["progress_um"]), float(row["area_mm2"]), float(row["error_um"]),
             bool(lanes.near[0]), StopCause(row["cause"]), lanes.refused[0],
             float(self._earned.total[0]), float(self._earned.cost[0]), bool(lanes.out_of_time[0]),
         )

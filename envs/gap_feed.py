@@ -13,7 +13,7 @@ from edmsim.envs.single import EdmEnv
 from edmsim.envs.task import Family, Floats
 from edmsim.envs.vector import EdmVectorEnv
 from edmsim.machine.machine import Machine
-from edmsim.plant.workpiece.blanks import begun_slot
+from edmsim.plant.workpiece.blanks import started_slot
 
 
 @shows_arguments
@@ -37,7 +37,7 @@ class GapFeed(Family):
         self, rng: np.random.Generator, machine: Machine, seed: int, drawn: dict[str, float | str]
     ) -> Scenario:
         """Lay a straight path into the slot's end; nothing is drawn for it."""
-        stock = begun_slot(machine, machine.base.table.centre_um)
+        stock = started_slot(machine, machine.base.table.centre_um)
         return Scenario(machine, stock, (self.path_um(machine),), even_height(machine), seed, drawn)
 
     def path_um(self, machine: Machine) -> Floats:

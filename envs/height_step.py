@@ -14,7 +14,7 @@ from edmsim.envs.scenario import Scenario
 from edmsim.envs.single import EdmEnv
 from edmsim.envs.vector import EdmVectorEnv
 from edmsim.machine.machine import Machine
-from edmsim.plant.workpiece.blanks import SLOT_GAP_UM, begun_slot
+from edmsim.plant.workpiece.blanks import SLOT_GAP_UM, started_slot
 from edmsim.plant.workpiece.height_steps import LowerRegion
 
 LEAST_SHARE = 0.2
@@ -61,7 +61,7 @@ class HeightStep(GapFeed):
             for a, b, h in zip(starts[1:], ends[1:], heights[1:], strict=True)
         ]
         drawn |= {"height_jumps": float(len(steps))}
-        stock = begun_slot(machine, machine.base.table.centre_um, steps=steps)
+        stock = started_slot(machine, machine.base.table.centre_um, steps=steps)
         profile = np.array(starts), np.array(heights)
         return Scenario(machine, stock, (self.path_um(machine),), profile, seed, drawn)
 

@@ -31,10 +31,10 @@ def check_knobs(names: Sequence[str]) -> None:
 
 
 def turned_us(
-    names: Sequence[str], octaves: float, first_us: tuple[float, float], wanted: Sequence[float]
+    names: Sequence[str], octaves: float, first_us: tuple[float, float], actions: Sequence[float]
 ) -> tuple[float, float]:
     """Return on-time and period that actions -1..1 on some knobs ask for, given the setting of the start."""
-    factor = {name: 2.0 ** (octaves * float(action)) for name, action in zip(names, wanted, strict=True)}
+    factor = {name: 2.0 ** (octaves * float(action)) for name, action in zip(names, actions, strict=True)}
     on_us, period_us = first_us
     on_us *= factor.get("on_time", 1.0)
     if "duty_factor" in factor:

@@ -27,14 +27,14 @@ from edmsim.envs.path_follower import (
     SETTLING_NS,
     WIRE_BREAK,
     follow,
-    lead_beside,
+    lead_sideways,
     plan,
     take_feeds,
 )
 from edmsim.envs.scenario import Scenario
-from edmsim.envs.task import CORNER_DEG, Family
+from edmsim.envs.task import Family
 from edmsim.errors import InputError
-from edmsim.geometry import Polyline
+from edmsim.geometry import CORNER_DEG, Polyline
 from edmsim.machine.machine import Machine
 from edmsim.machine.setting import discharge_current_A, ignition_wait_us, open_V
 from edmsim.plant.fleet import Fleet
@@ -209,7 +209,7 @@ class Lanes:
             most := plan(lanes, rows, self.planners, self._other_planner, *path, fleet.states, self._steps)
         ) + 2 > self._steps.shape[1]:
             self._steps = np.zeros((self.count, most + 2, 3), np.int64)
-        lead_beside(lanes, rows, self.planners, self._points, self._along, fleet.states, self._steps)
+        lead_sideways(lanes, rows, self.planners, self._points, self._along, fleet.states, self._steps)
         status = fleet.advance(lanes, self._steps, rows["steps"])
         follow(
             lanes, rows, self.planners, self._other_planner, *path, self._height_from, self._heights, fleet.states,

@@ -174,7 +174,7 @@ def gather(
 @exactly_compiled
 def show(
     lanes: NDArray[np.int64], shown: NDArray[np.void], scales: NDArray[np.void], max_feed_um_s: float,
-    seen: NDArray[np.float32],
+    history: NDArray[np.float32],
 ) -> None:
     """Put what some lanes' steps showed before what the steps before did, and forget the oldest.
 
@@ -186,16 +186,16 @@ def show(
     scales : (n,) `SCALE`
         ``draws`` is counted up where there is noise.
     max_feed_um_s : float
-    seen : (n, steps, entries of a step)
+    history : (n, steps, entries of a step)
         Written.
     """
     for j in range(lanes.shape[0]):
         i = lanes[j]
         s, scale = shown[i], scales[i]
         pulses, duration_us = s.short + s.open + s.ignited, s.duration_ns * 1e-3
-        for age in range(seen.shape[1] - 1, 0, -1):
-            for k in range(seen.shape[2]):
-                seen[i, age, k] = seen[i, age - 1, k]
+        for age in range(history.shape[1] - 1, 0, -1):
+            for k in range(history.shape[2]):
+                history[i, age, k] = history[i, age - 1, k]
         values = (
             s.short / pulses,
             s.open / pulses,
@@ -212,9 +212,9 @@ def show(
             value = values[k]
             if _VOLTAGE <= k <= _DELAY:
                 value = _measured(scales, i, value)
-            seen[i, 0, k] = min(max(value, _LOW[k]), _HIGH[k])
-        for k in range(len(values), seen.shape[2]):
-            seen[i, 0, k] = s.fifths[k - len(values)] / max(s.ignitions, 1)
+            history[i, 0, k] = min(max(value, _LOW[k]), _HIGH[k])
+        for k in range(len(values), history.shape[2]):
+            history[i, 0, k] = s.fifths[k - len(values)] / max(s.ignitions, 1)
 
 
 @exactly_compiled

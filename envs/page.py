@@ -26,7 +26,8 @@ from edmsim.envs.batch import action_space_of, entries_of, observation_space_of
 from edmsim.envs.knobs import KNOBS
 from edmsim.envs.lanes import STRETCH_UM
 from edmsim.envs.path_follower import SETTLING_NS, SHORTED_S, SHORTED_SHARE
-from edmsim.envs.task import CORNER_DEG, Family
+from edmsim.envs.task import Family
+from edmsim.geometry import CORNER_DEG
 from edmsim.plant.kernel.discharge import PLACE_SD_UM
 
 _Class = TypeVar("_Class", bound=type)
@@ -105,8 +106,8 @@ def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     """Return a table of reStructuredText; the last cell of a row may have several lines."""
     lines = [list(head)]
     for *cells, last in rows:
-        begun, *further = last.split("\n")
-        lines += [[*cells, begun], *([*[""] * len(cells), line] for line in further)]
+        first_line, *further = last.split("\n")
+        lines += [[*cells, first_line], *([*[""] * len(cells), line] for line in further)]
     widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
     edge = "  ".join("=" * width for width in widths)
     first, *others = [
@@ -239,10 +240,11 @@ def rewards(family: Family, particular: str) -> str:
             (f.name, f"``{VALUES[f.name]}``", f"{getattr(weights, f.name):g}") for f in fields(weights)
         )),
         paragraph(
-            "Area is length of path times local height. What is cut follows the wire's true place by the share of "
-            "pulses that ignite: pushing a bent wire into a short gains nothing, nor does going back and forth, nor "
-            f"air; nor what the field pulls a fresh wire in its first {SETTLING_NS * 1e-9:g} s. A lost wire costs "
-            f"what is lost at {lost_mm2_min:g} mm2/min while another is threaded.",
+            "Area is length of path times local height. It counts from the wire's true place, weighted by the share "
+            "of pulses that ignite. Nothing is gained by pushing a bent wire into a short, by going back and forth, "
+            "or by cutting air. "
+            f"The first {SETTLING_NS * 1e-9:g} s do not count, as the field then pulls a fresh wire towards the "
+            f"metal. A lost wire costs what {lost_mm2_min:g} mm2/min would cut while another is threaded.",
             '``info["cost"]`` is 1 for a lost wire or an end by a limit, and a second\'s worth for every second '
             "beyond a bound.",
             "The error e is of the table's true place and the mean deflection, over height and window; the kerf's "
@@ -290,8 +292,8 @@ def ends(family: Family) -> str:
 def arguments(family: Family) -> str:
     """Return the section on arguments: the family's own before those that all have."""
     common = [f.name for f in fields(Family)]
-    told = sorted(arguments_of(type(family)), key=lambda f: f.name in common)  # sorted() keeps the order of equals
-    rows = [(f.name, f"``{written_out(f.default)}``", f.unit, f.meaning) for f in told]
+    listed = sorted(arguments_of(type(family)), key=lambda f: f.name in common)  # sorted() keeps the order of equals
+    rows = [(f.name, f"``{written_out(f.default)}``", f.unit, f.meaning) for f in listed]
     rows.append(("render_mode", "``None``", "", '``"rgb_array"`` or ``"human"``'))
     return table(("Name", "Default", "Unit", "Meaning"), rows)
 

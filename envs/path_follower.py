@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edmsim.compiled.jit import exactly_compiled
-from edmsim.controllers.planner.beside import next_steps
 from edmsim.controllers.planner.exact import segment_at
+from edmsim.controllers.planner.lateral_offset import next_steps
 from edmsim.controllers.planner.record import LIMIT
 from edmsim.controllers.planner.run import advance, done, path_um, travel_um
 from edmsim.cosim.stops import StopCause, judge, switches_open
@@ -174,7 +174,7 @@ def plan(
 
 
 @exactly_compiled
-def lead_beside(
+def lead_sideways(
     lanes: NDArray[np.int64], rows: NDArray[np.void], planners: NDArray[np.void], points: NDArray[np.float64],
     along: NDArray[np.float64], states: NDArray[np.void], out: NDArray[np.int64],
 ) -> None:

@@ -13,7 +13,7 @@ from edmsim.envs.recorder import EpisodeRecorder
 from edmsim.envs.single import EdmEnv
 from edmsim.errors import InputError
 from edmsim.files import make_writable
-from edmsim.given_numbers import whole_from
+from edmsim.numeric import whole_from
 from edmsim.recording.rerun.playback import RECORDING
 from edmsim.recording.rerun.viewer import LiveViewer, show
 
@@ -70,24 +70,24 @@ class RecordRerun(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorAr
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
         """Begin an episode, and its recording if its turn has come."""
         self._end(WORDS[StopCause.RUNNING].report)
-        seen, info = self.env.reset(seed=seed, options=options)
+        observation, info = self.env.reset(seed=seed, options=options)
         self._episode += 1
         if self._episode % self._every == 0:
             self._recorder = self._edm.recorder(self._action_names())
             spec = self._edm.spec
             self._made_with = {"environment": "own" if spec is None else spec.id, "episode": self._episode}
             self._made_with |= {} if seed is None else {"seed of the reset": seed}
-        return seen, info
+        return observation, info
 
     def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
         """Run a step, and note it."""
-        seen, reward, terminated, truncated, info = self.env.step(action)
+        observation, reward, terminated, truncated, info = self.env.step(action)
         if self._recorder is not None:
-            given = np.ravel(action).tolist()
-            self._recorder.step(given, info["reward_terms"], info["cost"], info["error_um"], info["area_mm2"])
+            action_list = np.ravel(action).tolist()
+            self._recorder.step(action_list, info["reward_terms"], info["cost"], info["error_um"], info["area_mm2"])
             if terminated or truncated:
                 self._end(None)
-        return seen, reward, terminated, truncated, info
+        return observation, reward, terminated, truncated, info
 
     def close(self) -> None:
         """Write what was recorded of an episode that still runs, and close the environment."""

@@ -13,7 +13,7 @@ from edmsim.envs.reward import TERMS
 from edmsim.envs.sb3 import EdmVecEnv
 from edmsim.errors import InputError
 from edmsim.files import make_writable
-from edmsim.given_numbers import whole_from
+from edmsim.numeric import whole_from
 from edmsim.recording.rerun.playback import RECORDING
 from edmsim.recording.rerun.viewer import LiveViewer, show
 
@@ -83,8 +83,8 @@ class RecordEpisodes(BaseCallback):  # type: ignore[misc, unused-ignore]
         if self._recorder is None:
             return
         terms = {name: float(infos["reward_terms"][name][0]) for name in TERMS}
-        told = [float(infos[name][0]) for name in ("cost", "error_um", "area_mm2")]
-        self._recorder.step(actions[0].clip(-1.0, 1.0).tolist(), terms, *told)
+        figures = [float(infos[name][0]) for name in ("cost", "error_um", "area_mm2")]
+        self._recorder.step(actions[0].clip(-1.0, 1.0).tolist(), terms, *figures)
         if self._over:
             self._end(None)
 

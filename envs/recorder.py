@@ -47,7 +47,7 @@ class EpisodeRecorder:
         plant = lanes.fleet.plants[lane]
         size = plant.resolution
         self._lanes, self._lane, self._actions = lanes, lane, list(actions)
-        self._kept: list[tuple[bytes, bytes, bytes]] = []
+        self._windows: list[tuple[bytes, bytes, bytes]] = []
         records = lanes.fleet.windows, lanes.rows, lanes.fleet.states
         self._records = [array[lane : lane + 1].view(np.uint8) for array in records]
         self._causes = lanes.rows["cause"]
@@ -60,7 +60,7 @@ class EpisodeRecorder:
 
     def __len__(self) -> int:
         """Return the number of windows recorded."""
-        return len(self._kept)
+        return len(self._windows)
 
     def stop(self) -> None:
         """Watch no more."""
@@ -74,12 +74,12 @@ class EpisodeRecorder:
         leg, plant = self._lanes.leg[here], fleet.plants[here]
         # as bytes: to read the records takes a tenth of a step, and can wait until the recording is written
         window, row, state = (record.tobytes() for record in self._records)
-        self._kept.append((window, row, state))
+        self._windows.append((window, row, state))
         if self._leg != leg:
             self._leg, scenario = leg, self._lanes.scenarios[here]
             assert scenario is not None
             self._closeups.leg(np.rint(scenario.legs_um[leg]).astype(np.int64), float(rows[here]["before_um"]))
-        if len(self._kept) % EVERY == 1 or self._causes[here] != RUNNING:
+        if len(self._windows) % EVERY == 1 or self._causes[here] != RUNNING:
             turn = _turn(window, row)[0]._replace(opposite=plant.opposite_pulses())
             self._closeups.window(turn, plant)
 
@@ -87,7 +87,7 @@ class EpisodeRecorder:
         """Return the table of the windows, as of a cut."""
         table = WindowTable()
         plant = self._lanes.fleet.plants[self._lane]
-        for window_bytes, row_bytes, state_bytes in self._kept:
+        for window_bytes, row_bytes, state_bytes in self._windows:
             state = np.frombuffer(state_bytes, STATE)[0]
             commanded_um, following_um = state["commanded_um"][:2].tolist(), plant.following_error_in_um(state)
             (window, time_ns, feed_um_s, path_um, _), setting_us = _turn(window_bytes, row_bytes)
@@ -114,7 +114,7 @@ class EpisodeRecorder:
             As in ``info``.
         """
         self._steps.append((*action, *_in_order(terms), cost, error_um, area_mm2))
-        self._rows.append(len(self._kept) - 1)
+        self._rows.append(len(self._windows) - 1)
 
     def write(self, file: Path, title: str, settings: Mapping[str, Any], outcome: str | None = None) -> None:
         """Write the recording of the episode so far, before the lane begins another.
@@ -139,7 +139,7 @@ class EpisodeRecorder:
         values = windows.values()
         write_recording(
             file, scene, windows.to_arrow(), Frames(plant.resolution.slices), self._closeups, scenario.machine,
-            self._report(settings, outcome or self._outcome(), scene, values), title, self._told(values),
+            self._report(settings, outcome or self._outcome(), scene, values), title, self._steps_of(values),
         )
 
     def _outcome(self) -> str:
@@ -169,7 +169,7 @@ class EpisodeRecorder:
             "settings": {**settings, **{f"drawn {name}": value for name, value in scenario.drawn.items()}},
         }  # fmt: skip
 
-    def _told(self, windows: NDArray[np.float64]) -> Steps:
+    def _steps_of(self, windows: NDArray[np.float64]) -> Steps:
         """Lay out what the steps commanded, earned and cost."""
         from edmsim.recording.rerun.steps import COST, EARNED, TOTAL, steps_of
 

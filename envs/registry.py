@@ -193,17 +193,17 @@ def stand_in(family: type[Family], arguments: dict[str, Any]) -> tuple[str, dict
     base = base_of(family)
     known = family_of(base)
     names = {field.name for field in fields(known)} - {"weights", "machine"}
-    kept = {name: value for name, value in arguments.items() if name in names}
-    own = family.of(**kept)
+    own_arguments = {name: value for name, value in arguments.items() if name in names}
+    own = family.of(**own_arguments)
     if own.knobs != known.of().knobs:
-        kept["knobs"] = own.knobs
+        own_arguments["knobs"] = own.knobs
     same = (family.knows_corners, family.knows_wires, family.setting_us)
     if same != (known.knows_corners, known.knows_wires, known.setting_us):
         raise InputError(
             f"the family {family.__name__} has other observations or actions than {base}, from which it derives: no "
             "policy file can describe them; train in it with a learner of your own (edmsim.envs.make_sb3_vec_env)"
         )
-    return env_id_of(base), kept
+    return env_id_of(base), own_arguments
 
 
 def registered_ids() -> tuple[str, ...]:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from edmsim.compiled.jit import exactly_compiled
 from edmsim.envs.path_follower import DONE, RUNNING
-from edmsim.given_numbers import finite, keep_plain
+from edmsim.numeric import finite, keep_plain
 from edmsim.plant.kernel.state import ARC, OPEN, SHORT, SPARK
 
 REFERENCE_MM2_MIN = 30.0
@@ -78,7 +78,7 @@ TERMS = tuple(f.name for f in fields(Weights))
 _PROGRESS, _SHORT, _OPEN, _PROFILE, _ROUGHNESS, _TIME, _WIRE_BREAK, _LIMIT, _DONE = range(len(TERMS))
 
 
-class Earned:
+class StepRewards:
     """What the lanes' steps earned and cost, window by window.
 
     Parameters

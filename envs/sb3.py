@@ -13,7 +13,7 @@ from gymnasium.vector import AutoresetMode
 from edmsim.envs.lane_view import LaneView
 from edmsim.envs.vector import EdmVectorEnv
 from edmsim.errors import InputError
-from edmsim.given_numbers import whole, whole_from
+from edmsim.numeric import whole, whole_from
 
 try:
     from stable_baselines3.common.monitor import Monitor
@@ -40,7 +40,7 @@ class EdmVecEnv(VecEnv):  # type: ignore[misc, unused-ignore]
             raise InputError("stable-baselines3 learns from one reward: make the environment without objectives")
         self.env = env
         self._returns, self._lengths = np.zeros(env.num_envs), np.zeros(env.num_envs, np.int64)
-        self._begun_s = time.perf_counter()
+        self._start_s = time.perf_counter()
         self._actions: Any = None
         super().__init__(env.num_envs, env.single_observation_space, env.single_action_space)
         self.metadata = dict(env.views[0].metadata)
@@ -73,19 +73,19 @@ class EdmVecEnv(VecEnv):  # type: ignore[misc, unused-ignore]
         done = terminated | truncated
         self._returns += rewards
         self._lengths += 1
-        told = lane_infos(infos, self.num_envs)
+        lane_dicts = lane_infos(infos, self.num_envs)
         for lane in np.flatnonzero(done):
-            self.reset_infos[lane] = told[lane]
+            self.reset_infos[lane] = lane_dicts[lane]
             last = lane_info(infos["final_info"], int(lane))
             last["terminal_observation"] = infos["final_obs"][lane]
             last["TimeLimit.truncated"] = bool(truncated[lane] and not terminated[lane])
             last["episode"] = {
                 "r": float(self._returns[lane]), "l": int(self._lengths[lane]),
-                "t": round(time.perf_counter() - self._begun_s, 6),
+                "t": round(time.perf_counter() - self._start_s, 6),
             }
-            told[lane] = last
+            lane_dicts[lane] = last
         self._returns[done], self._lengths[done] = 0.0, 0
-        return observations, rewards.astype(np.float32), done, told
+        return observations, rewards.astype(np.float32), done, lane_dicts
 
     def close(self) -> None:
         """Close the environment."""
@@ -138,21 +138,21 @@ class EdmVecEnv(VecEnv):  # type: ignore[misc, unused-ignore]
 
 def lane_infos(infos: dict[str, Any], count: int) -> list[dict[str, Any]]:
     """Return the infos of all lanes out of a vector environment's, each with what is told of it."""
-    told: list[dict[str, Any]] = [{} for _ in range(count)]
+    lane_dicts: list[dict[str, Any]] = [{} for _ in range(count)]
     for name, values in infos.items():
         if name.startswith("_") or name in ("final_obs", "final_info"):
             continue
         inner = lane_infos(values, count) if isinstance(values, dict) else values.tolist()
-        for info, value, there in zip(told, inner, infos[f"_{name}"].tolist(), strict=True):
+        for info, value, there in zip(lane_dicts, inner, infos[f"_{name}"].tolist(), strict=True):
             if there:
                 info[name] = value
-    return told
+    return lane_dicts
 
 
 def lane_info(infos: dict[str, Any], lane: int) -> dict[str, Any]:
     """Return the info of one lane out of a vector environment's."""
-    told = {name: values for name, values in infos.items() if not name.endswith(("final_obs", "final_info"))}
-    return lane_infos(lane_slice(told, lane), 1)[0]
+    lane_dicts = {name: values for name, values in infos.items() if not name.endswith(("final_obs", "final_info"))}
+    return lane_infos(lane_slice(lane_dicts, lane), 1)[0]
 
 
 def lane_slice(values: Any, lane: int) -> Any:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from edmsim.envs.arguments import within
-from edmsim.given_numbers import keep_plain, whole_from
+from edmsim.numeric import keep_plain, whole_from
 
 
 @dataclass(frozen=True, kw_only=True)

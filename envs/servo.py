@@ -23,7 +23,7 @@ SHORTED_SHARE, PATIENCE_S = 0.5, 0.15
 """From which share of short pulses on a window is shorted, and for how long before the wire retracts: as `counts`."""
 RETRACT_UM_S = 20.0
 """Greatest speed backwards, as `counts` has it."""
-KEPT_SHARE = 0.5
+INTEGRAL_SHARE = 0.5
 """What is left of the integral after a retract, as the classic servos have it (`controllers.feed.gap_servo`)."""
 
 SERVO = np.dtype(
@@ -39,10 +39,10 @@ def begin(row: Any, feed_um_s: float) -> None:
     row["integral_um_s"] = row["feed_um_s"] = feed_um_s
 
 
-def target_of(wanted: Any, bounds: tuple[float, float]) -> Any:
+def target_of(action: Any, bounds: tuple[float, float]) -> Any:
     """Return the targets that actions -1..1 ask for: the ends of the range at -1 and 1."""
     low, high = bounds
-    return low + (high - low) * (wanted + 1.0) / 2.0
+    return low + (high - low) * (action + 1.0) / 2.0
 
 
 @exactly_compiled
@@ -78,7 +78,7 @@ def respond(
         if servos[i].retracting:
             servos[i].retracting = 0
             servos[i].error = error
-            servos[i].integral_um_s *= KEPT_SHARE
+            servos[i].integral_um_s *= INTEGRAL_SHARE
         servos[i].error -= math.expm1(-duration_s[i] / FILTER_S) * (error - servos[i].error)
         grown = servos[i].integral_um_s + integral * servos[i].error * duration_s[i]
         servos[i].integral_um_s = min(max(grown, 0.0), limit_um_s)

@@ -17,7 +17,7 @@ from edmsim.envs.path_follower import RUNNING
 from edmsim.envs.registry import make_family
 from edmsim.envs.render import RENDER_FPS, RENDER_MODES, Renderer, check_render_mode
 from edmsim.envs.task import Family
-from edmsim.given_numbers import whole_from
+from edmsim.numeric import whole_from
 
 if TYPE_CHECKING:
     from edmsim.controllers import FeedController
@@ -73,7 +73,7 @@ class EdmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         self._batch = Batch(self.family, 1)
         self._of_episode: dict[str, Any] = {}
         self._running = False
-        self._begun = False
+        self._started = False
         self._renderer = Renderer()
 
     def reset(
@@ -88,10 +88,10 @@ class EdmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         options : dict, optional
             ``{"machine": edmsim.Machine}`` cuts with that machine instead of one drawn.
         """
-        given = checked_options(options, ("machine",))
+        checked = checked_options(options, ("machine",))
         super().reset(seed=None if seed is None else whole_from("seed", seed, 0))
-        info = self._batch.begin(0, self.np_random, given.get("machine"), anew=seed is not None)
-        self._running = self._begun = True
+        info = self._batch.begin(0, self.np_random, checked.get("machine"), anew=seed is not None)
+        self._running = self._started = True
         self._batch.earned.begin()
         self._of_episode = info
         if self.render_mode == "human":
@@ -116,7 +116,7 @@ class EdmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
             Another shape than the action space's, or NaN.
         """
         if not self._running:
-            why = "the episode has ended" if self._begun else "no episode has begun"
+            why = "the episode has ended" if self._started else "no episode has begun"
             raise ResetNeeded(f"{why}: call reset() before step()")
         batch = self._batch
         actions = checked_actions(action, self.action_space.shape or ())[None]
@@ -126,8 +126,8 @@ class EdmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         self._running = not (terminated or truncated)
         if self.render_mode == "human":
             self.render()
-        told = reward.astype(np.float32) if self.family.objectives else float(reward)
-        return batch.observations()[0], told, terminated, truncated, self._info()
+        reward_out = reward.astype(np.float32) if self.family.objectives else float(reward)
+        return batch.observations()[0], reward_out, terminated, truncated, self._info()
 
     def _info(self) -> dict[str, Any]:
         """Return the info of a step or a reset, which have the same keys: records of Minari want that."""
@@ -177,7 +177,7 @@ class EdmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         if self.render_mode is None:
             gym.logger.warn("render() was called without a render_mode; give one to gymnasium.make")
             return None
-        if not self._begun:
+        if not self._started:
             raise ResetNeeded("no episode has begun: call reset() before render()")
         picture = self._renderer.picture(self._batch, 0)
         if self.render_mode == "human":

@@ -31,16 +31,14 @@ from edmsim.envs.reward import TERMS, Weights
 from edmsim.envs.scenario import Scenario
 from edmsim.envs.sensors import EXACT, Sensors
 from edmsim.errors import InputError
-from edmsim.given_numbers import keep_plain, whole_from
 from edmsim.machine.machine import Machine
 from edmsim.machine.setting import check_height
+from edmsim.numeric import keep_plain, whole_from
 from edmsim.plant.plant import MECHANICS
 from edmsim.plant.resolution import resolution
 
 Floats = NDArray[np.float64]
 
-CORNER_DEG = 20.0
-"""A path has a corner where it turns by at least this (ours: chords of arcs turn by less)."""
 MAX_FEED_UM_S = 100.0
 """Feed an action of 1 may ask for (ours: about twice the cutting rate of the standard set-up 10 mm high)."""
 MOST_OFFSET_UM = 100.0
@@ -288,25 +286,25 @@ class Family(ABC):
         """Feed before the first action."""
         return 0.0 if self.action == "speed" else self.start_feed_um_s
 
-    def next_feed_um_s(self, before_um_s: Floats, wanted: Floats) -> Floats:
+    def next_feed_um_s(self, before_um_s: Floats, actions: Floats) -> Floats:
         """Return the feeds (n,) that actions (n,) within -1..1 ask for after others (n,)."""
         if self.action == "speed":
-            return wanted * self.max_feed_um_s
+            return actions * self.max_feed_um_s
         limit = self.max_feed_um_s
-        return np.asarray(np.minimum(np.maximum(before_um_s + wanted * self.max_change_um_s, -limit), limit))
+        return np.asarray(np.minimum(np.maximum(before_um_s + actions * self.max_change_um_s, -limit), limit))
 
-    def setting_us(self, first_us: Floats, wanted: Floats) -> tuple[float, float]:
+    def setting_us(self, first_us: Floats, actions: Floats) -> tuple[float, float]:
         """Return on-time and period in us that the actions on the knobs ask for.
 
         Parameters
         ----------
         first_us : (2,)
             On-time and period at the episode's start.
-        wanted : (len(knobs),)
+        actions : (len(knobs),)
             Actions within -1..1.
         """
         first = float(first_us[0]), float(first_us[1])
-        return generator.turned_us(self.knobs, self.setting_octaves, first, wanted.tolist())
+        return generator.turned_us(self.knobs, self.setting_octaves, first, actions.tolist())
 
     @cached_property
     def greatest_feed_um_s(self) -> float:

@@ -22,7 +22,7 @@ from edmsim.envs.registry import make_family
 from edmsim.envs.render import RENDER_FPS, RENDER_MODES, Renderer, check_render_mode
 from edmsim.envs.task import Family
 from edmsim.errors import InputError
-from edmsim.given_numbers import whole_from
+from edmsim.numeric import whole_from
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -105,7 +105,7 @@ class EdmVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDArray[A
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self._batch = Batch(self.family, num_envs, threads or os.cpu_count() or 1)
         self._elapsed = np.zeros(num_envs, np.int64)
-        self._begun: Flags = np.zeros(num_envs, np.bool_)
+        self._started: Flags = np.zeros(num_envs, np.bool_)
         self._ended: Flags = np.zeros(num_envs, np.bool_)
         self._renderer = Renderer()
         self._views = tuple(LaneView(self, lane) for lane in range(num_envs))
@@ -129,16 +129,16 @@ class EdmVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDArray[A
         InputError
             Seeds, a mask or options that cannot be used.
         """
-        given = checked_options(options, ("machine", "reset_mask"))
+        checked = checked_options(options, ("machine", "reset_mask"))
         seeds = self._seeds(seed)
-        mask = self._mask(given.get("reset_mask"))
+        mask = self._mask(checked.get("reset_mask"))
         first = seeds[0]
         if first is not None:
             super().reset(seed=first)
         for lane in np.flatnonzero(mask):
             if seeds[lane] is not None:
                 self._views[lane].begin_draws(seeds[lane])
-        infos = self._begin(mask, given.get("machine"), np.array([s is not None for s in seeds]))
+        infos = self._begin(mask, checked.get("machine"), np.array([s is not None for s in seeds]))
         return self._batch.observations(), infos
 
     def _seeds(self, seed: int | Sequence[int | None] | None) -> list[int | None]:
@@ -166,7 +166,7 @@ class EdmVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDArray[A
             info = self._batch.begin(int(lane), random, machine, anew=again)
             infos = self._add_info(infos, info, int(lane))
         self._elapsed[mask] = 0
-        self._begun[mask] = True
+        self._started[mask] = True
         self._ended[mask] = False
         return infos
 
@@ -187,7 +187,7 @@ class EdmVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDArray[A
         gymnasium.error.InvalidAction
             Another shape than the action space's, or NaN.
         """
-        if not self._begun.all():
+        if not self._started.all():
             raise ResetNeeded("not every environment has begun an episode: call reset() before step()")
         actions = checked_actions(actions, self._action_shape)
         again = self._ended.copy()
@@ -211,8 +211,8 @@ class EdmVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDArray[A
             infos = self._begin_at_once(infos, self._ended.copy())
         if self.render_mode == "human":
             self.render()
-        told = reward.astype(np.float32) if self.family.objectives else reward
-        return self._batch.observations(), told, terminated, truncated, infos
+        reward_out = reward.astype(np.float32) if self.family.objectives else reward
+        return self._batch.observations(), reward_out, terminated, truncated, infos
 
     def _infos(self, mask: Flags) -> dict[str, Any]:
         infos: dict[str, Any] = {}
@@ -274,9 +274,9 @@ class EdmVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDArray[A
             value.kwargs = plain(value.kwargs)
         super().__setattr__(name, value)
 
-    def _merge(self, infos: dict[str, Any], begun: dict[str, Any]) -> None:
+    def _merge(self, infos: dict[str, Any], started: dict[str, Any]) -> None:
         """Add the infos of resets, whose names are other than those of steps."""
-        infos.update(begun)
+        infos.update(started)
 
     def _begin_at_once(self, infos: dict[str, Any], ended: Flags) -> dict[str, Any]:
         """Begin the next episodes in the same step; final_obs and final_info keep what the last ones showed."""
@@ -302,7 +302,7 @@ class EdmVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDArray[A
 
     def picture(self, lane: int) -> NDArray[np.uint8]:
         """Return a picture of a lane."""
-        if not self._begun.all():
+        if not self._started.all():
             raise ResetNeeded("not every environment has begun an episode: call reset() before render()")
         return self._renderer.picture(self._batch, lane)
 
@@ -324,9 +324,9 @@ def _masked(values: dict[str, NDArray[Any]], mask: Flags, missing: Any, everywhe
 
 def _only(infos: dict[str, Any], mask: Flags) -> dict[str, Any]:
     """Return infos of which only some lanes' values count; the arrays of values are shared."""
-    kept: dict[str, Any] = {}
+    masked: dict[str, Any] = {}
     for name, values in infos.items():
         if not name.startswith("_"):
-            kept[name] = _only(values, mask) if isinstance(values, dict) else values
-            kept[f"_{name}"] = infos[f"_{name}"] & mask
-    return kept
+            masked[name] = _only(values, mask) if isinstance(values, dict) else values
+            masked[f"_{name}"] = infos[f"_{name}"] & mask
+    return masked

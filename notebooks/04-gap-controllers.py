@@ -124,7 +124,7 @@ def watch(name, seed, **gains):
     rows, outcome = [], None
     while outcome is None:
         outcome = episode.step()
-        seen, truth = episode.last.seen, episode.last.truth
+        seen, truth = episode.last.observation, episode.last.truth
         rows.append((seen.path_um * 1e-3, seen.feed_um_s, truth.short / truth.pulses, truth.open / truth.pulses,
                      truth.gap_um))
     return outcome, task.scenario, np.array(rows)

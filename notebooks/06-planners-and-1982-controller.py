@@ -250,7 +250,7 @@ print(f"{twice[0].num_rows} windows, all equal")
 # %% [markdown]
 # ## An operator's session
 #
-# With `edmsim terminal` you operate the machine yourself. Here a script types the commands; `>` is the prompt. The
+# With `edmsim console 1982` you operate the machine yourself. Here a script types the commands after `>`. The
 # routines are those of the thesis. It left the dialogue to be written, so that the words are ours. On a terminal you
 # also see the digits of the front panel below the dialogue.
 

@@ -158,7 +158,7 @@ for row in string:
 
 # %%
 failing = [row for row in rows if not row.passed]
-Markdown("\n".join(rows_table(failing, seen_from="notebooks")))
+Markdown("\n".join(rows_table(failing, base="notebooks")))
 
 # %% [markdown]
 # If you want to use the model, these matter most:
@@ -180,4 +180,4 @@ Markdown("\n".join(rows_table(failing, seen_from="notebooks")))
 # ## All rows
 
 # %%
-Markdown("\n".join(rows_table(rows, seen_from="notebooks")))
+Markdown("\n".join(rows_table(rows, base="notebooks")))

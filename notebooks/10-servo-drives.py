@@ -45,7 +45,7 @@ most_s = 300.0  # machine time of a cut at most
 # ## Tuning
 #
 # `autotune` reports every step while it tunes the drive. The last line has the commands that set the drive to the
-# values found; you can type them in `edmsim servo`.
+# values found; you can type them in `edmsim console servo`.
 
 # %%
 tuning = autotune("uhu", axis_row("table"), print)

@@ -37,7 +37,7 @@ from edmsim.cli import app as cli
 from edmsim.controllers.planner.registry import PLANNERS, make_planner
 from edmsim.envs.registry import registered_ids
 from edmsim.metrology.edges import contour
-from edmsim.plant.workpiece.blanks import begun_slot
+from edmsim.plant.workpiece.blanks import started_slot
 from edmsim.validation.setups import FRAIL, altered
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -76,7 +76,7 @@ evaluate no|evaluate {IDS[0]} --seeds 1|evaluate {IDS[0]} --controllers no|evalu
 train {IDS[0]} --out o --score 1|train {IDS[0]} --out o --algo no|train {IDS[0]} --out o --resume|render . --out a.gif
 report no|report . --format bmp|report .|render .|view --compare no .|terminal --machine no|terminal --speed 0|--help
 terminal --fault no|terminal --planner no|terminal --host no|calibrate bad.txt --out o.toml|validate --write no
-calibrate no.csv --out no/o.toml|bench --planners no/p.md|cut --help|evaluate --help|terminal --help"""
+calibrate no.csv --out no/o.toml|bench --planners no/p.md|cut --help|evaluate --help|console 1982 --help"""
 CUT_WITH = """--material no|--machine no|--machine no.toml|--wire brass-10|--generator no|--planner no|--drive no
 --controller no|--controller fixed:feed_um_s=99|--controller oracle|--controller fixed:feed=1|--mechanics no|--resume
 --controller fixed:feed_um_s=x|--controller no.py:Own|--controller own.py|--controller policy:no|--resolution no
@@ -163,7 +163,7 @@ def driven(plant: Plant, windows: int, step_ns: int = 100_000_000, axis: int = 0
 def slotted(resolution: str = "fast", mechanics: str = "modal", altering: Any = None, **options: Any) -> Plant:
     """Return a plant that stands at the end of a begun slot."""
     machine = altered(Machine.load(**options), altering or {})
-    stock = begun_slot(machine, CENTRE_UM)
+    stock = started_slot(machine, CENTRE_UM)
     return Plant(machine, 1, stock=stock, position_um=CENTRE_UM, resolution=resolution, mechanics=mechanics)
 
 
@@ -305,7 +305,7 @@ def task_cut(env_id: str, windows: int) -> list[Any]:
     order = law.reset(task.max_feed_um_s)
     while len(results) < windows and not (results and results[-1].over):
         results.append(task.advance(order.feed_um_s, order.t_on_us, order.t_period_us))
-        order = law.update(results[-1].seen)
+        order = law.update(results[-1].observation)
     return results
 
 
@@ -331,7 +331,7 @@ def record_environments(items: Items) -> None:
 def record_terminal(items: Items) -> None:
     """G5: sessions in a pipe, to the character."""
     for options, lines in SESSIONS.items():
-        words = [sys.executable, *f"-m edmsim terminal --resolution fast --height 5 {options}".split()]
+        words = [sys.executable, *f"-m edmsim console 1982 --resolution fast --height 5 {options}".split()]
         done = subprocess.run(words, input=f"{lines}|".replace("|", "\n").encode(), capture_output=True, check=False)
         text = {"out": done.stdout.decode("latin-1"), "err": done.stderr.decode("latin-1")}
         take(items, f"terminal {options}", dict, text, status=done.returncode)

@@ -67,10 +67,9 @@ def test_help_names_every_command_on_one_line(edmsim: Run) -> None:
                              ("calibrate", "Fit the model's constants to a machine's log."),
                              ("validate", "Compare the model with what was published, row by row."),
                              ("bench", "Measure the speed of this computer, by processor time."),
-                             ("terminal", "Sit at the 1982 controller's terminal."),
+                             ("console", "Operate the 1982 controller, a servo drive or a positioner"),
                              ("sweep", "Make many cuts from one specification."),
-                             ("tune", "Search gains or training settings (needs the extra tune)."),
-                             ("servo", "Sit at a servo drive's serial terminal, or tune it.")):  # fmt: skip
+                             ("tune", "Search gains or training settings (needs the extra tune).")):  # fmt: skip
         assert any(command in line and purpose in line for line in told.out.splitlines())
 
 
@@ -413,7 +412,7 @@ def test_bench_draws_where_a_pulses_time_goes(edmsim: Run, tmp_path: Path, monke
 
 
 @pytest.mark.parametrize(("arguments", "reason"), [
-    (("--profile", "--against", "HEAD"), "are two measurements: give one of them"),
+    (("--profile", "--against", "HEAD"), "are measurements of their own: give one of them"),
     (("--figure", "a.png"), "--figure is the picture of --profile: give both"),
     (("--profile", "--figure", "a.jpg"), "a figure is written as one of"),
     (("--against", "no-such-revision"), "has no revision 'no-such-revision'"),
@@ -452,9 +451,9 @@ def test_report_of_a_folder_without_a_cut_is_one_line_and_2(tmp_path: Path, edms
 def test_gains_are_searched_and_written(edmsim: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     from edmsim.evaluation import search
 
-    def found(controller: str, seed: int, *, generations: int, watch: Callable[[int], None]) -> search.Found:
+    def found(controller: str, seed: int, *, generations: int, watch: Callable[[int], None]) -> search.SearchResult:
         watch(1)
-        return search.Found({"feed_um_s": 12.5 + seed + generations}, 0.9, 0.8)
+        return search.SearchResult({"feed_um_s": 12.5 + seed + generations}, 0.9, 0.8)
 
     monkeypatch.setattr(search, "search", found)
     told = edmsim("search-gains", "fixed", "--seed", 3, "--write", tmp_path)

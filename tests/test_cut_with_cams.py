@@ -183,7 +183,7 @@ def test_the_report_says_what_followed_and_what_compensated(line, tmp_path):
         (f"{ROWS}points = [[0, 1], [5, 2]]", "unknown key 'row_axis'"),
         (ROWS.replace("path", "z") + "rows = [[[0, 1], [5, 2]]]", "row_axis is 'z'; it must be one of x, y, u"),
         (ROWS.replace("[0, 1]", "[1, 1]") + "rows = [[[0, 1], [5, 2]], [[0, 1], [5, 2]]]",
-         "must begin and end at two"),
+         "must begin and end apart"),
         (ROWS.replace("[0, 1]", "[1, nan]") + "rows = [[[0, 1], [5, 2]]]",
          "row_range_mm is [1, nan]; it must be two numbers"),
         (f"{ROWS}interpolate_rows = 1\nrows = [[[0, 1], [5, 2]]]", "interpolate_rows is 1; it must be true or false"),

@@ -15,11 +15,11 @@ import edmsim
 from edmsim.errors import InputError
 from edmsim.job.checkpoint import NAME
 from edmsim.plant.workpiece.height_steps import Relief
-from edmsim.program.heights import BESIDE_WIRE_MM, Heights, parse_height
+from edmsim.program.heights import WIRE_MARGIN_MM, Heights, parse_height
 from edmsim.program.path import CutPath, WireContour
 
 Cut = Callable[..., edmsim.CutResult]
-REACH_UM = 125.0 + 1e3 * BESIDE_WIRE_MM
+REACH_UM = 125.0 + 1e3 * WIRE_MARGIN_MM
 
 
 def path_of(*lines: list[tuple[int, int]]) -> CutPath:

@@ -22,19 +22,19 @@ FEWEST_FILES = 4
 LAYERS: dict[str, set[str]] = {
     "compiled": {"compiled"},
     "errors": set(),
-    "given_numbers": {"errors"},
-    "machine": {"machine", "errors", "given_numbers", "models"},
+    "numeric": {"errors"},
+    "machine": {"machine", "errors", "numeric", "models"},
     "models": {"models", "errors"},
     "plant": {"plant", "errors", "machine", "models", "compiled"},
     "controllers": {
-        "controllers", "errors", "given_numbers", "machine", "models", "geometry", "files", "user_code", "compiled",
+        "controllers", "errors", "numeric", "machine", "models", "geometry", "files", "user_code", "compiled",
     },
 }
 """Rooms that may import only some others."""
 ORDER = (
-    "models", "compiled", "errors", "given_numbers", "files", "user_code", "screen", "geometry", "machine", "plant",
+    "models", "compiled", "errors", "numeric", "files", "user_code", "screen", "geometry", "machine", "plant",
     "controllers", "axis_bench", "program", "metrology", "cosim", "recording", "job", "envs", "terminal", "servo",
-    "evaluation", "learning", "calibration", "validation", "sweep", "bench", "cli", "", "__main__",
+    "hil", "evaluation", "learning", "calibration", "validation", "sweep", "bench", "cli", "", "__main__",
 )  # fmt: skip
 """Rooms from the bottom up: each imports only from those before it."""
 EXCEPTIONS: dict[str, dict[str, str]] = {

@@ -94,9 +94,9 @@ def _run(drive: Drive, pace: int, first: int, last: int) -> NDArray[np.float64]:
         record["index"], record["setpoint"] = k + 1, edges[k]
         record["due_ns"] = record["now_ns"] = (k + 1) * int(record["num"][0]) // int(record["den"][0])
         axis["time_ns"], axis["count"] = record["due_ns"], pace * k if pace else edges[max(k - 1, 0)]
-        before, seen = record.copy(), axis.tobytes()
+        before, axis_before = record.copy(), axis.tobytes()
         call(record.ctypes.data, axis.ctypes.data)
-        if axis.tobytes() != seen:
+        if axis.tobytes() != axis_before:
             raise _wrong(drive, "writes into its axis' row")
         if any(record[name].tobytes() != before[name].tobytes() for name in DRIVE.names or () if name not in _OWN):
             raise _wrong(drive, "writes what is the plant's in its record")

@@ -220,7 +220,7 @@ class Eanpos:
         reg = self.record["reg"][0]
         reg[: len(at.PARAMETERS)] = [entry["value"] for entry in at.DATA["parameter"]]
         reg[at.TCAMP_NS] = self.record["num"][0]
-        reg[at.RESOURCES] = sum(bit for bit, given in zip(_BITS, resources or Resources(), strict=True) if given)
+        reg[at.RESOURCES] = sum(bit for bit, present in zip(_BITS, resources or Resources(), strict=True) if present)
         reg[at.FRESH] = reg[at.ST_STILL] = 1
         first = at.FIRST_SETTING
         self.settings = Registers(self, {name: (first + k, 0, 2**31) for k, name in enumerate(at.SETTINGS)})

@@ -256,9 +256,9 @@ def take_writes(reg: Words, real: Reals) -> None:
         if reg[at.PULSE] > 0:
             shift(reg, real, reg[at.POSIT] * reg[at.PULSE], True)
     if written & at.NEW_POSIT and reg[at.PULSE] > 0:
-        asked = reg[at.POSIT]
+        target = reg[at.POSIT]
         reg[at.POSIT] = reg[at.NUMERATOR] // reg[at.PULSE]
-        if not shift(reg, real, asked * reg[at.PULSE], False):
+        if not shift(reg, real, target * reg[at.PULSE], False):
             warn(reg, at.NOT_WRITTEN, at.POSIT)
     if written & at.NEW_SETPOS:
         _take_setpos(reg, real)

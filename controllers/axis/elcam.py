@@ -22,7 +22,7 @@ from typing import Any
 
 import numpy as np
 
-from edmsim.controllers.axis.elcam_memory import PhysicalMemory, buffer_bytes_wanted
+from edmsim.controllers.axis.elcam_memory import PhysicalMemory, buffer_bytes_chosen
 from edmsim.controllers.axis.elcam_places import CamAxis, CamPlace, ControlFaults
 from edmsim.controllers.axis.elcam_registers import (
     ACCESS,
@@ -40,7 +40,7 @@ from edmsim.controllers.axis.elcam_registers import (
 )
 from edmsim.controllers.axis.elcam_table import CamTable
 from edmsim.errors import InputError
-from edmsim.given_numbers import whole
+from edmsim.numeric import whole
 
 __all__ = ["CamPlace", "Elcam", "Function", "Mode", "TableAccess"]
 
@@ -126,7 +126,7 @@ class Elcam:
         library: str | None = None, option: bool = True, memory: PhysicalMemory | None = None,
     ) -> None:
         data = DATA["elcam"]
-        self.buffer_bytes = buffer_bytes_wanted() if buffer_bytes is None else buffer_bytes
+        self.buffer_bytes = buffer_bytes_chosen() if buffer_bytes is None else buffer_bytes
         if not 0 <= self.buffer_bytes <= data["most_bytes"]:
             raise InputError(
                 f"cam tables cannot have {self.buffer_bytes} bytes: this control has 0 to {data['most_bytes']}"
@@ -332,16 +332,16 @@ class Elcam:
 
     def _set_mode(self, table: CamTable, value: int) -> CallStatus:
         """Write MODE: all bits, set or clear; Run only of a table without an error, and of one table per follower."""
-        wanted = Mode(value) & KNOWN
-        if (wanted ^ table.mode) & Mode.SINGLE and len(table.points):
+        new_mode = Mode(value) & KNOWN
+        if (new_mode ^ table.mode) & Mode.SINGLE and len(table.points):
             return CallStatus.LOCKED
-        if value & ~int(KNOWN) or (wanted & _AUXILIARY and not self.has("auxiliary")):
+        if value & ~int(KNOWN) or (new_mode & _AUXILIARY and not self.has("auxiliary")):
             return CallStatus.REFUSED
-        if table.runs and Mode.RUN in wanted and (wanted ^ table.mode) & Mode.COMPENSATION:
+        if table.runs and Mode.RUN in new_mode and (new_mode ^ table.mode) & Mode.COMPENSATION:
             return CallStatus.BUSY
-        wanted = wanted & ~Mode.ROWS | table.mode & Mode.ROWS
-        started = Mode.RUN in wanted and not table.runs
-        table.mode = wanted & ~Mode.RUN | table.mode & wanted & Mode.RUN
+        new_mode = new_mode & ~Mode.ROWS | table.mode & Mode.ROWS
+        started = Mode.RUN in new_mode and not table.runs
+        table.mode = new_mode & ~Mode.RUN | table.mode & new_mode & Mode.RUN
         return self._start(table) if started else CallStatus.OK
 
     def _start(self, table: CamTable) -> CallStatus:

@@ -114,9 +114,9 @@ def read_tables(file: str | Path) -> list[ErrorTable | Cam]:
     found: list[ErrorTable | Cam] = []
     for kind, read in (("table", _error_table), ("cam", _cam)):
         sections = data.pop(kind, [])
-        if not isinstance(sections, list) or any(not isinstance(given, dict) for given in sections):
+        if not isinstance(sections, list) or any(not isinstance(section, dict) for section in sections):
             raise InputError(f"a compensation file has one section [[{kind}]] or more; {kind} is none", file)
-        found += [read(FileTable(f"{kind} {number}", given, file)) for number, given in enumerate(sections, 1)]
+        found += [read(FileTable(f"{kind} {number}", section, file)) for number, section in enumerate(sections, 1)]
     if data:
         raise InputError(f"unknown section {next(iter(data))!r}; there are: [[table]], [[cam]]", file)
     if not found:
@@ -124,45 +124,45 @@ def read_tables(file: str | Path) -> list[ErrorTable | Cam]:
     return found
 
 
-def _error_table(given: FileTable) -> ErrorTable:
-    shape = ("rows", "row_axis", "row_range_mm", "interpolate_rows") if "rows" in given else ("points",)
-    given.check_keys("axis", "master", "reversal_um", "cubic", *shape)
-    axis, master = given.one_of("axis", NAMES), given.one_of("master", PLACES)
-    points, rows = (given.points("um"), None) if "points" in shape else _rows(given)
-    return ErrorTable(axis, master, points, given.number("reversal_um"), given.flag("cubic"), rows)
+def _error_table(section: FileTable) -> ErrorTable:
+    shape = ("rows", "row_axis", "row_range_mm", "interpolate_rows") if "rows" in section else ("points",)
+    section.check_keys("axis", "master", "reversal_um", "cubic", *shape)
+    axis, master = section.one_of("axis", NAMES), section.one_of("master", PLACES)
+    points, rows = (section.points("um"), None) if "points" in shape else _rows(section)
+    return ErrorTable(axis, master, points, section.number("reversal_um"), section.flag("cubic"), rows)
 
 
-def _rows(given: FileTable) -> tuple[NDArray[np.float64], TableRows]:
-    lines = given.rows("um")
-    axis = given.one_of("row_axis", PLACES)
-    first_mm, last_mm = given.range("row_range_mm")
+def _rows(section: FileTable) -> tuple[NDArray[np.float64], TableRows]:
+    lines = section.rows("um")
+    axis = section.one_of("row_axis", PLACES)
+    first_mm, last_mm = section.range("row_range_mm")
     if len(lines) > 1 and first_mm == last_mm:
-        raise given.refuse(f"row_range_mm is {first_mm:g} to {last_mm:g}; the rows must begin and end at two places")
+        raise section.refuse(f"row_range_mm is {first_mm:g} to {last_mm:g}: the rows must begin and end apart")
     for number, line in enumerate(lines, 1):
         ends = [line[0, 0], line[-1, 0], len(line)]
-        wanted = [lines[0][0, 0], lines[0][-1, 0], len(lines[0])]
-        if ends != wanted:
-            raise given.refuse(
+        expected = [lines[0][0, 0], lines[0][-1, 0], len(lines[0])]
+        if ends != expected:
+            raise section.refuse(
                 f"row {number} has {ends[2]} points from {ends[0]:g} to {ends[1]:g} mm; the first one has "
-                f"{wanted[2]} from {wanted[0]:g} to {wanted[1]:g} mm, and all must be alike"
+                f"{expected[2]} from {expected[0]:g} to {expected[1]:g} mm, and all must be alike"
             )
-    rows = TableRows(axis, first_mm, last_mm, len(lines), given.flag("interpolate_rows"))
+    rows = TableRows(axis, first_mm, last_mm, len(lines), section.flag("interpolate_rows"))
     return np.concatenate(lines), rows
 
 
-def _cam(given: FileTable) -> Cam:
-    given.check_keys("axis", "master", "points", "cubic")
-    axis = given.one_of("axis", NAMES)
+def _cam(section: FileTable) -> Cam:
+    section.check_keys("axis", "master", "points", "cubic")
+    axis = section.one_of("axis", NAMES)
     if axis not in CAM_AXES:
-        raise given.refuse(
+        raise section.refuse(
             f"the program moves {axis}, and an axis that follows a cam takes no travel commands; axis must be one of "
             f"{', '.join(CAM_AXES)}"
         )
-    cam = Cam(axis, given.one_of("master", CAM_MASTERS), given.points("mm"), given.flag("cubic"))
+    cam = Cam(axis, section.one_of("master", CAM_MASTERS), section.points("mm"), section.flag("cubic"))
     slope = np.diff(cam.points[:, 1]) / np.diff(cam.points[:, 0])
     k = int(np.argmax(np.abs(slope)))
     if abs(slope[k]) > _STEEPEST:
-        raise given.refuse(
+        raise section.refuse(
             f"{cam.axis} moves {abs(slope[k]):g} mm for each mm of {cam.master} behind {cam.points[k, 0]:g} mm; "
             f"it must be at most {_STEEPEST:g}"
         )

@@ -19,7 +19,7 @@ _PAGE = 0x1000
 """Pieces begin at whole pages (ours)."""
 
 
-def buffer_bytes_wanted() -> int:
+def buffer_bytes_chosen() -> int:
     """Return the room that the environment asks for, else the control's own.
 
     Raises
@@ -27,13 +27,13 @@ def buffer_bytes_wanted() -> int:
     InputError
         What SZELCAMPUFFER holds is no number of bytes.
     """
-    given = os.environ.get(BUFFER_VARIABLE, "").strip()
-    if not given:
+    text = os.environ.get(BUFFER_VARIABLE, "").strip()
+    if not text:
         return int(DATA["elcam"]["buffer_bytes"])
     most = DATA["elcam"]["most_bytes"]
-    if not (given.isascii() and given.isdigit() and len(given) < _MANY_DIGITS and int(given) <= most):
-        raise InputError(f"the environment variable {BUFFER_VARIABLE} is {given!r}; it must be 0 to {most} bytes")
-    return int(given)
+    if not (text.isascii() and text.isdigit() and len(text) < _MANY_DIGITS and int(text) <= most):
+        raise InputError(f"the environment variable {BUFFER_VARIABLE} is {text!r}; it must be 0 to {most} bytes")
+    return int(text)
 
 
 class Allocation(NamedTuple):

@@ -94,15 +94,15 @@ class CamTable:
         """Whether it acts as a cam; with only the mark, or only the bit, it does nothing."""
         return self.runs and not self.compensates and not self.marked
 
-    def set_bit(self, bit: Mode, wanted: bool) -> bool:
+    def set_bit(self, bit: Mode, on: bool) -> bool:
         """Set or clear a bit of MODE."""
-        self.mode = self.mode | bit if wanted else self.mode & ~bit
+        self.mode = self.mode | bit if on else self.mode & ~bit
         return True
 
-    def mark(self, wanted: bool) -> bool:
+    def mark(self, on: bool) -> bool:
         """Make it a table of errors, or none (function 30); its bit of MODE follows."""
-        self.marked = wanted
-        return self.set_bit(Mode.COMPENSATION, wanted)
+        self.marked = on
+        return self.set_bit(Mode.COMPENSATION, on)
 
     def put(self, points: NDArray[Any]) -> None:
         """Take all points at once, without a look at them."""
@@ -116,7 +116,7 @@ class CamTable:
             return False
         number = self.dtype(value)  # as it will be looked up
         last = self.points[self.size_master - 1, 0] if self.size_master else -math.inf
-        if not math.isfinite(number) or (number <= last and self._rows_begun() >= self.row_count):
+        if not math.isfinite(number) or (number <= last and self._rows_started() >= self.row_count):
             self.error |= Error.NOT_ASCENDING
             return False
         self.points[self.size_master, 0] = number
@@ -132,7 +132,7 @@ class CamTable:
         self.size_follow += 1
         return True
 
-    def _rows_begun(self) -> int:
+    def _rows_started(self) -> int:
         entered = self.points[: self.size_master, 0]
         return 1 + int(np.count_nonzero(entered[1:] <= entered[:-1]))
 

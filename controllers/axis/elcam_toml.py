@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edmsim.errors import InputError
-from edmsim.given_numbers import real
+from edmsim.numeric import real
 
 
 class FileTable:
@@ -21,17 +21,17 @@ class FileTable:
     ----------
     name : str
         For messages, such as ``table 2``.
-    given : mapping
+    values : mapping
         What TOML makes of it.
     file : path
     """
 
-    def __init__(self, name: str, given: Mapping[str, Any], file: str | Path) -> None:
-        self._name, self._given, self._file = name, given, file
+    def __init__(self, name: str, values: Mapping[str, Any], file: str | Path) -> None:
+        self._name, self._values, self._file = name, values, file
 
     def __contains__(self, key: str) -> bool:
         """Tell whether something is given."""
-        return key in self._given
+        return key in self._values
 
     def refuse(self, reason: str) -> InputError:
         """Return the error that names the section."""
@@ -39,45 +39,45 @@ class FileTable:
 
     def check_keys(self, *known: str) -> None:
         """Refuse a key that is none."""
-        wrong = sorted(self._given.keys() - set(known))
+        wrong = sorted(self._values.keys() - set(known))
         if wrong:
             raise self.refuse(f"unknown key {wrong[0]!r}; there are: {', '.join(sorted(known))}")
 
     def one_of(self, key: str, names: Sequence[str]) -> str:
         """Return a name."""
-        found = self._given.get(key)
+        found = self._values.get(key)
         if found not in names:
             raise self.refuse(f"{key} is {found!r}; it must be one of {', '.join(names)}")
         return str(found)
 
     def number(self, key: str) -> float:
         """Return a number, 0 if it is not given."""
-        found = self._given.get(key, 0.0)
+        found = self._values.get(key, 0.0)
         if not _is_finite_number(found):
             raise self.refuse(f"{key} is {found!r}; it must be a number")
         return float(found)
 
     def flag(self, key: str) -> bool:
         """Return whether something is wanted; it is not if it is not given."""
-        found = self._given.get(key, False)
+        found = self._values.get(key, False)
         if not isinstance(found, bool):
             raise self.refuse(f"{key} is {found!r}; it must be true or false")
         return found
 
     def range(self, key: str) -> tuple[float, float]:
         """Return two places."""
-        found = self._given.get(key)
+        found = self._values.get(key)
         if not isinstance(found, list) or len(found) != 2 or not all(map(_is_finite_number, found)):
             raise self.refuse(f"{key} is {found!r}; it must be two numbers, [mm, mm]")
         return float(found[0]), float(found[1])
 
     def points(self, unit: str) -> NDArray[np.float64]:
         """Return the points (n, 2); `unit` is that of their second numbers."""
-        return self._points("points", self._given.get("points"), unit)
+        return self._points("points", self._values.get("points"), unit)
 
     def rows(self, unit: str) -> list[NDArray[np.float64]]:
         """Return the points of each row."""
-        found = self._given["rows"]
+        found = self._values["rows"]
         if not isinstance(found, list) or not found:
             raise self.refuse("rows must be one row or more, each a list of points")
         return [self._points(f"row {number}", row, unit) for number, row in enumerate(found, 1)]

@@ -66,15 +66,15 @@ class ControlAxis:
 
     def travel(self, dt: float) -> None:
         """Carry speed and setpoint on over a cycle, towards a target or at the speed wanted."""
-        wanted = self.speed
+        demand = self.speed
         if self.target is not None:
             rest = self.target - self.setpoint
-            wanted = math.copysign(min(self.speed, math.sqrt(2.0 * self.accel * abs(rest))), rest)
+            demand = math.copysign(min(self.speed, math.sqrt(2.0 * self.accel * abs(rest))), rest)
             if abs(rest) <= max(abs(self.velocity), self.accel * dt) * dt:
                 self.setpoint, self.velocity, self.speed, self.target = self.target, 0.0, 0.0, None
                 return
         change = self.accel * dt
-        self.velocity += min(max(wanted - self.velocity, -change), change)
+        self.velocity += min(max(demand - self.velocity, -change), change)
         self.setpoint += self.velocity * dt
 
 
@@ -184,9 +184,9 @@ class MotionControl:
             self._place(k, place)
         self._followers = set(followed)
         for k, axis in enumerate(self.axes):
-            wanted = self.elcam.compensation(k) - axis.compensation
+            demand = self.elcam.compensation(k) - axis.compensation
             most = axis.compensation_rate * CYCLE_S or math.inf
-            axis.compensation += min(max(wanted, -most), most)
+            axis.compensation += min(max(demand, -most), most)
 
     def _release(self) -> set[int]:
         """Let axes go on at their speed that follow no longer; return those that do."""

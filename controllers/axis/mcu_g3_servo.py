@@ -22,9 +22,9 @@ def _hold(drive_at: Any, axis_at: Any) -> None:
     real = drive.real
     actual = axis.count - real[COMPENSATION]
     error = real[TARGET] - actual
-    wanted = real[FEED_FORWARD] + real[PROPORTIONAL] * error + real[SUM]
-    drive.command = min(max(wanted, -1.0), 1.0)
-    if abs(error) > real[STILL] and abs(wanted) < 1.0:
+    demand = real[FEED_FORWARD] + real[PROPORTIONAL] * error + real[SUM]
+    drive.command = min(max(demand, -1.0), 1.0)
+    if abs(error) > real[STILL] and abs(demand) < 1.0:
         real[SUM] += real[PROPORTIONAL] * real[PER_SAMPLE] * error
 
 

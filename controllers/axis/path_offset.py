@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from edmsim.controllers.planner.beside import next_steps
 from edmsim.controllers.planner.course import Course
+from edmsim.controllers.planner.lateral_offset import next_steps
 from edmsim.controllers.planner.record import EXACT
 from edmsim.controllers.protocols import Step
 
@@ -30,7 +30,7 @@ class PathOffset:
 
     Attributes
     ----------
-    beside_um : (float, float)
+    lateral_um : (float, float)
         By how much the motors stand beside the place of the program.
     """
 
@@ -41,7 +41,7 @@ class PathOffset:
         self._along: Floats = np.zeros(0)
 
     @property
-    def beside_um(self) -> tuple[float, float]:
+    def lateral_um(self) -> tuple[float, float]:
         """Extra steps in um."""
         x, y = (self._made * self._step_um).tolist()
         return x, y

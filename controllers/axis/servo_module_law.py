@@ -70,11 +70,11 @@ def clamp_of(reg: Words) -> int:
 @exactly_compiled
 def put_duty(reg: Words, output: int) -> None:
     """Set output and duty: the offset comes behind the loop, the clamp behind the offset (row M-40)."""
-    wanted = output + reg[at.OFFSET]
-    held = min(max(wanted, -clamp_of(reg)), clamp_of(reg))
-    if held != wanted:
+    demand = output + reg[at.OFFSET]
+    held = min(max(demand, -clamp_of(reg)), clamp_of(reg))
+    if held != demand:
         _report_saturation(reg)
-    note_limit(reg, reg[at.NOW_NS], (wanted > held) - (wanted < held))
+    note_limit(reg, reg[at.NOW_NS], (demand > held) - (demand < held))
     reg[at.OUTPUT] = output
     reg[at.DUTY] = reg[at.DUTY_CENTRE] + held
 

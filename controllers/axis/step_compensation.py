@@ -63,7 +63,7 @@ class StepCompensation:
         """Be at a place of the program and its path, without steps to there; return where x and y are then."""
         for k, um in enumerate((*position_um, 0.0, 0.0, path_um)):
             self._put(k, um * 1e-3)
-        self._extra = self._wanted()
+        self._extra = self._steps_due()
         return position_um[0] + self.offset_um[0], position_um[1] + self.offset_um[1]
 
     def motor_steps(self, steps: Sequence[Step], path_um: float = 0.0) -> list[Step]:
@@ -73,18 +73,18 @@ class StepCompensation:
         for number, (time_ns, axis, direction) in enumerate(steps, 1):
             self._put(axis, self._places[axis].setpoint + direction * self._step_um * 1e-3)
             self._put(_PATH, path_mm + (end_mm - path_mm) * number / len(steps))
-            wanted = self._wanted()
+            due = self._steps_due()
             for k in _AXES:
-                count = wanted[k] - self._extra[k] + (direction if k == axis else 0)
+                count = due[k] - self._extra[k] + (direction if k == axis else 0)
                 made += [Step(time_ns, k, 1 if count > 0 else -1)] * abs(count)
-            self._extra = wanted
+            self._extra = due
         return made
 
     def _put(self, k: int, place_mm: float) -> None:
         place = self._places[k]
         place.setpoint = place.actual = place_mm
 
-    def _wanted(self) -> list[int]:
+    def _steps_due(self) -> list[int]:
         """Return the steps beyond those of the program; followers come first, as errors may depend on them."""
         cams = self._elcam.follow()
         for k, place_mm in cams.items():

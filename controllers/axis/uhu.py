@@ -46,13 +46,13 @@ _NOT_STORED = "overruns"
 def _recalculate(drive_at: Any, axis_at: Any) -> None:
     drive, axis = carray(drive_at, 1)[0], carray(axis_at, 1)[0]
     reg = drive.reg
-    wanted = 0
+    output = 0
     if drive.event == WATCHDOG:
         reg[at.LATCHED] |= at.WATCHDOG
         drive.delay_ns = 0
     else:
-        interrupts = axis.edges - reg[at.INTERRUPTS_SEEN] + abs(drive.setpoint - reg[at.EDGES_SEEN])
-        reg[at.INTERRUPTS_SEEN] = axis.edges
+        interrupts = axis.edges - reg[at.LAST_INTERRUPTS] + abs(drive.setpoint - reg[at.LAST_EDGES])
+        reg[at.LAST_INTERRUPTS] = axis.edges
         drive.delay_ns = reg[at.CALCULATION_NS]
         drive.busy_ns = reg[at.CALCULATION_NS] + interrupts * reg[at.INTERRUPT_NS]
         low = axis.lines & FAULT_IN != 0
@@ -64,15 +64,15 @@ def _recalculate(drive_at: Any, axis_at: Any) -> None:
         at.measure(reg, axis.count)
         at.judge(reg, axis.illegal, low)
         if reg[at.LATCHED] == 0:
-            wanted = at.control(reg, drive.now_ns)
+            output = at.control(reg, drive.now_ns)
         else:
             note_limit(reg, drive.now_ns, 0)
         error = reg[at.TARGET] - reg[at.POSITION]
-        record_sample(reg, drive.memory, error, reg[at.SPEED], wanted, reg[at.LATCHED] != 0)
+        record_sample(reg, drive.memory, error, reg[at.SPEED], output, reg[at.LATCHED] != 0)
         sent = at.stream_byte(reg)
         if sent != 0:
             put_byte(drive, sent)
-    drive.command = drive.real[_SWING] * wanted / reg[at.CONTROL_FULL]
+    drive.command = drive.real[_SWING] * output / reg[at.CONTROL_FULL]
     if reg[at.LATCHED] == 0:
         drive.lines = LED
     else:

@@ -85,12 +85,12 @@ class Dialogue:
         self._labels = labels
         self._serial_number = serial_number
         self._editor = LineEditor(echo=True)
-        self._asked = ""
+        self._pending = ""
 
     def start(self, bank_is_good: bool) -> bytes:
         """Return the start-up text, and forget what was typed."""
         self._editor.clear()
-        self._asked = ""
+        self._pending = ""
         state = "OK" if bank_is_good else "Error!"
         lines = f"UHU Servo Controller 3.00 (c) Snr: {self._serial_number}", f"EEPROM: {state}", "Help by (?)"
         return _text(*lines) + PROMPT
@@ -105,11 +105,11 @@ class Dialogue:
         self._editor.spoil()
 
     def _answer(self, chip: UhuActions, line: str) -> bytes:
-        asked, self._asked = self._asked, ""
+        letter_asked, self._pending = self._pending, ""
         if not line:
             return PROMPT
-        if asked:
-            return self._set(chip, asked, number_in(line))
+        if letter_asked:
+            return self._set(chip, letter_asked, number_in(line))
         if line == _COUNTER:
             return _reply(f"{_LAST_LINES[0]:13}{chip.position}")
         command = command_in(line)
@@ -121,7 +121,7 @@ class Dialogue:
         return self._act(chip, letter) if number is None else _reply(_UNKNOWN)
 
     def _ask(self, chip: UhuActions, letter: str) -> bytes:
-        self._asked = letter
+        self._pending = letter
         return f"{self._line(chip, letter)}: ".encode("ascii")
 
     def _line(self, chip: UhuActions, letter: str) -> str:

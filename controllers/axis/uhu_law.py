@@ -21,7 +21,7 @@ SETTINGS = (
 ) = tuple(range(11, 21))  # fmt: skip
 """Registers of what the manual leaves open, in the order of the table ``law`` in ``models/drives/uhu.toml``."""
 (
-    TARGET, EDGES_SEEN, REFERENCE, POSITION, SPEED, CHANGE, INTEGRAL, CONTROL, ILLEGAL_SEEN, INTERRUPTS_SEEN,
+    TARGET, LAST_EDGES, REFERENCE, POSITION, SPEED, CHANGE, INTEGRAL, CONTROL, LAST_ILLEGAL, LAST_INTERRUPTS,
     ZERO_COUNT,
 ) = range(21, 32)  # fmt: skip
 """What the loop remembers: setpoint in counts and the step edges in it, the reference that X holds back (counts times
@@ -44,8 +44,8 @@ _LARGEST_WORD = 65535
 @exactly_compiled
 def take_steps(reg: NDArray[np.int64], edges: int) -> None:
     """Let the step edges since the last call move the setpoint, each by M + 1 counts (row U-22)."""
-    reg[TARGET] += reg[STEP_SENSE] * (edges - reg[EDGES_SEEN]) * (reg[M] + 1)
-    reg[EDGES_SEEN] = edges
+    reg[TARGET] += reg[STEP_SENSE] * (edges - reg[LAST_EDGES]) * (reg[M] + 1)
+    reg[LAST_EDGES] = edges
 
 
 @exactly_compiled
@@ -56,11 +56,11 @@ def restart(reg: NDArray[np.int64], edges: int, count: int, illegal: int) -> Non
     """
     if reg[RESTART] == HARD:
         reg[ZERO_COUNT] = reg[ENCODER_SENSE] * count
-        reg[ILLEGAL_SEEN] = illegal
+        reg[LAST_ILLEGAL] = illegal
     reg[RESTART] = 0
     reg[TARGET] = reg[POSITION] = reg[ENCODER_SENSE] * count - reg[ZERO_COUNT]
     reg[REFERENCE] = reg[TARGET] * reg[SPEED_DIVISOR]
-    reg[EDGES_SEEN] = edges
+    reg[LAST_EDGES] = edges
     reg[SPEED] = reg[CHANGE] = reg[INTEGRAL] = reg[CONTROL] = 0
 
 
@@ -70,8 +70,8 @@ def judge(reg: NDArray[np.int64], illegal: int, error_input_low: bool) -> None:
 
     What its own error output does to the net is no news, and a motor that is off has nothing to follow.
     """
-    reg[O] = min(reg[O] + illegal - reg[ILLEGAL_SEEN], _LARGEST_WORD)
-    reg[ILLEGAL_SEEN] = illegal
+    reg[O] = min(reg[O] + illegal - reg[LAST_ILLEGAL], _LARGEST_WORD)
+    reg[LAST_ILLEGAL] = illegal
     if error_input_low and reg[LATCHED] & OWN_FAULTS == 0:
         reg[LATCHED] |= ERROR_INPUT
     if reg[LATCHED] == 0 and abs(reg[TARGET] - reg[POSITION]) >= reg[E]:
@@ -104,10 +104,10 @@ def control(reg: NDArray[np.int64], now_ns: int) -> int:
     if not holds_integrator(reg, error):
         grown = reg[INTEGRAL] + reg[I] * error * _ONE // reg[INTEGRAL_DIVISOR]
         reg[INTEGRAL] = min(max(grown, -limit), limit)
-    wanted = reg[P] * error + reg[INTEGRAL] - reg[D] * reg[SPEED] - reg[H] * reg[CHANGE] + feed_forward(reg)
-    note_limit(reg, now_ns, 1 if wanted >= limit else -1 if wanted <= -limit else 0)
-    wanted = min(max(wanted, -limit), limit)
-    reg[CONTROL] += (wanted - reg[CONTROL]) * reg[N] // (reg[N] + reg[FILTER_OFFSET])
+    demand = reg[P] * error + reg[INTEGRAL] - reg[D] * reg[SPEED] - reg[H] * reg[CHANGE] + feed_forward(reg)
+    note_limit(reg, now_ns, 1 if demand >= limit else -1 if demand <= -limit else 0)
+    demand = min(max(demand, -limit), limit)
+    reg[CONTROL] += (demand - reg[CONTROL]) * reg[N] // (reg[N] + reg[FILTER_OFFSET])
     return int(min(max((reg[CONTROL] + _ONE // 2) // _ONE, -most), most))
 
 

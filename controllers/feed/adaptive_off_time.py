@@ -141,9 +141,9 @@ class AdaptiveOffTimeController(ServoController):
         counter = self._counter
         if counter.travel_um <= 0:
             return
-        seen = self.height_factor * counter.charge / counter.travel_um
+        h_mm = self.height_factor * counter.charge / counter.travel_um
         weight = -math.expm1(-counter.seconds / self.height_filter_s) if self.height_filter_s else 1.0
-        counter.height_mm = seen if not counter.height_mm else counter.height_mm + weight * (seen - counter.height_mm)
+        counter.height_mm = h_mm if not counter.height_mm else counter.height_mm + weight * (h_mm - counter.height_mm)
 
 
 @dataclass

@@ -83,7 +83,7 @@ class ServoController(ABC):
         Largest speed backwards; a short that stays is met with it.
     patience_s : float
         Shorted time after which the wire retracts (ours, as the counts controller has it).
-    kept_share : float
+    integral_share : float
         What is left of the integral after a retract (ours: half, so that a feed that was too fast is soon found).
     give_up_s : float
         Time shorted without a break after which the machine is stopped (ours: at 20 um/s a way back of 0.4 mm,
@@ -96,7 +96,7 @@ class ServoController(ABC):
     start_feed_um_s: float = 10.0
     retract_feed_um_s: float = 20.0
     patience_s: float = 0.15
-    kept_share: float = 0.5
+    integral_share: float = 0.5
     give_up_s: float = 20.0
 
     _servo: ServoState = field(default_factory=ServoState, init=False, repr=False)
@@ -134,7 +134,7 @@ class ServoController(ABC):
         if servo.retracting:  # cleared: the filter forgets the short
             servo.retracting = False
             servo.error = error
-            servo.integral_um_s *= self.kept_share
+            servo.integral_um_s *= self.integral_share
         feed = servo.feed(error, window.duration_s, self.gains())
         return FeedCommand(min(max(feed, -self.retract_feed_um_s), servo.max_feed_um_s))
 

@@ -32,12 +32,9 @@ from edmsim.controllers.planner.protocol import Planner
 from edmsim.controllers.planner.record import LITERAL
 from edmsim.controllers.planner.registry import kind_of
 from edmsim.controllers.protocols import ControllerState, FeedCommand, Step, WindowObservation
-from edmsim.geometry import Polyline
+from edmsim.geometry import CORNER_DEG, Polyline
 from edmsim.machine.machine import Machine
 from edmsim.machine.setting import discharge_current_A
-
-CORNER_DEG = 20.0
-"""Turn of the path from which on it counts as a corner (ours)."""
 
 
 class _Setup(NamedTuple):

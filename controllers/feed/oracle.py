@@ -125,7 +125,7 @@ class LeadOracleController(SetPointController):
 
     _bent_um: tuple[float, float] = field(default=(0.0, 0.0), init=False, repr=False)
     _mean_um: NDArray[np.float64] = field(default_factory=lambda: np.zeros(2), init=False, repr=False)
-    _seen_s: float = field(default=0.0, init=False, repr=False)
+    _last_s: float = field(default=0.0, init=False, repr=False)
     _ends_um: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0), init=False, repr=False)
     _left: NDArray[np.float64] = field(default_factory=lambda: np.zeros((1, 2)), init=False, repr=False)
 
@@ -143,14 +143,14 @@ class LeadOracleController(SetPointController):
 
     def reset(self, max_feed_um_s: float) -> FeedCommand:
         """Begin a new cut with a wire that is straight, as far as is known."""
-        self._mean_um, self._seen_s = np.zeros(2), 0.0
+        self._mean_um, self._last_s = np.zeros(2), 0.0
         return super().reset(max_feed_um_s)
 
     def update(self, window: WindowObservation) -> FeedCommand:
         """Feed, setting and offset for the next window."""
-        weight = -math.expm1((self._seen_s - window.time_s) / self.average_s) if self.average_s else 1.0
+        weight = -math.expm1((self._last_s - window.time_s) / self.average_s) if self.average_s else 1.0
         self._mean_um = self._mean_um + weight * (np.array(self._bent_um) - self._mean_um)
-        self._seen_s = window.time_s
+        self._last_s = window.time_s
         return super().update(window)
 
     def offset(self, path_um: float) -> float:
@@ -161,11 +161,11 @@ class LeadOracleController(SetPointController):
     def snapshot(self) -> ControllerState:
         """Everything that changes while cutting."""
         places = dict(zip(_MEAN_UM, self._mean_um.tolist(), strict=True))
-        return {**super().snapshot(), **places, "seen_s": self._seen_s}
+        return {**super().snapshot(), **places, "seen_s": self._last_s}
 
     def restore(self, state: ControllerState) -> None:
         """Continue where `snapshot` was taken."""
         own = (*_MEAN_UM, "seen_s")
         super().restore({name: value for name, value in state.items() if name not in own})
         self._mean_um = np.array([float(state[name]) for name in _MEAN_UM])
-        self._seen_s = float(state["seen_s"])
+        self._last_s = float(state["seen_s"])

@@ -21,14 +21,12 @@ from numpy.typing import NDArray
 from edmsim.controllers.feed.gap_servo import Gains, ServoController
 from edmsim.controllers.protocols import ControllerState, FeedCommand, WindowObservation
 from edmsim.controllers.pulse_counters import WINDOW_PULSES
-from edmsim.geometry import Polyline
+from edmsim.geometry import CORNER_DEG, Polyline
 from edmsim.machine.machine import Machine
 from edmsim.machine.setting import least_period_us
 
 STEP_US = 5
 """The shortest period is rounded up to whole multiples of this (ours: knobs have steps)."""
-CORNER_DEG = 20.0
-"""A corner is where the path turns by at least this (ours: chords of arcs turn by less)."""
 
 
 @dataclass
@@ -139,21 +137,21 @@ class SetPointController(ServoController):
         """Return the period at a place of the path, in the operator's, and not shorter than the supply gives."""
         passed_um = path_um - self._corners_um
         near = bool(((-self.before_um < passed_um) & (passed_um < self.behind_um)).any())
-        return max(self._wanted() * (self._at_corner if near else 1.0), self.least_factor)
+        return max(self._slowing() * (self._at_corner if near else 1.0), self.least_factor)
 
     def offset(self, path_um: float) -> float:
         """Return the offset at a place of the path, to its left."""
         behind_um = path_um - self._corners_um
         passed = behind_um >= 0.0
-        beside_um = self._lead_um * np.sin(self._turns_rad[passed]) * np.exp(-behind_um[passed] / self.fade_um)
-        return self.offset_um + float(beside_um.sum())
+        lateral_um = self._lead_um * np.sin(self._turns_rad[passed]) * np.exp(-behind_um[passed] / self.fade_um)
+        return self.offset_um + float(lateral_um.sum())
 
     @property
     def least_factor(self) -> float:
         """Shortest period that the supply gives, in the operator's; 0 where no set-up is known."""
         return 0.0 if self._machine is None else self._least_us / self._machine.t_period_us
 
-    def _wanted(self) -> float:
+    def _slowing(self) -> float:
         """Period away from corners, in the operator's."""
         return self.period_factor
 
@@ -229,7 +227,7 @@ class ClimbController(SetPointController):
         climb |= {"factor": climb["factor"] * self.back_factor, "held_s": 0.0, "broken": 1.0}
         return SetPointController.reset(self, limit_um_s)
 
-    def _wanted(self) -> float:
+    def _slowing(self) -> float:
         """Period away from corners, in the operator's."""
         return self._climb["factor"]
 

@@ -24,7 +24,7 @@ from edmsim.machine.setting import discharge_current_A, pulse_form
 
 
 @dataclass
-class Rise:
+class FreshWire:
     """How far a fresh wire has come.
 
     Attributes
@@ -73,7 +73,7 @@ class FixedPeriodController(ServoController):
     rise_s: float = 1.5
     slow_factor: float = 2.0
 
-    _rise: Rise = field(default_factory=Rise, init=False, repr=False)
+    _rise: FreshWire = field(default_factory=FreshWire, init=False, repr=False)
 
     def gains(self) -> Gains:
         """How the servo answers."""
@@ -85,21 +85,21 @@ class FixedPeriodController(ServoController):
 
     def reset(self, max_feed_um_s: float) -> FeedCommand:
         """Begin a new cut."""
-        self._rise = Rise()
+        self._rise = FreshWire()
         return super().reset(max_feed_um_s)
 
     def update(self, window: WindowObservation) -> FeedCommand:
         """Feed and period for the next window."""
         self._rise.cutting_s += window.duration_s
         command = super().update(window)
-        return command._replace(t_period_us=self.wanted_us(window) * self._slower())
+        return command._replace(t_period_us=self.next_period_us(window) * self._slower())
 
     def wire_lost(self) -> FeedCommand:
         """Begin with a fresh wire where the last one broke: it comes to its period slowly, as the first one did."""
         self._rise.cutting_s = 0.0
         return ServoController.reset(self, self._servo.max_feed_um_s)
 
-    def wanted_us(self, window: WindowObservation) -> float:
+    def next_period_us(self, window: WindowObservation) -> float:
         """Period of a wire that has come to it."""
         if not self._rise.first_us:
             self._rise.first_us = round(window.duration_s * 1e6 / WINDOW_PULSES, 1)
@@ -118,7 +118,7 @@ class FixedPeriodController(ServoController):
         """Continue where `snapshot` was taken."""
         values = cast(dict[str, Any], state)
         super().restore({k: v for k, v in values.items() if not k.startswith("rise.")})
-        self._rise = Rise(**{k.removeprefix("rise."): v for k, v in values.items() if k.startswith("rise.")})
+        self._rise = FreshWire(**{k.removeprefix("rise."): v for k, v in values.items() if k.startswith("rise.")})
 
 
 MOST_ERROR = 1.0
@@ -127,7 +127,7 @@ _BOILING_K = 373.15
 
 
 @dataclass
-class _Held:
+class _HeatState:
     """What changes: the period's regulated part, what was last seen of how near the wire is, and what is held."""
 
     log_us: float = 0.0
@@ -145,7 +145,7 @@ class PeriodFromHeat(FixedPeriodController):
     ----------
     hold_share : float
         Of that measure, 1 where the wire boils dry.
-    kept_hold_share : float
+    break_hold_share : float
         Of what is held, after every lost wire (ours): what broke one wire breaks the next one.
     proportional_share, integral_per_s : float
         Change of the period's logarithm, and its growth per second, per unit of the difference from it.
@@ -156,13 +156,13 @@ class PeriodFromHeat(FixedPeriodController):
 
     period_us: float = 90.0
     hold_share: float = 0.6
-    kept_hold_share: float = 0.8
+    break_hold_share: float = 0.8
     proportional_share: float = 0.3
     integral_per_s: float = 1.0
     shortest_us: float = 25.0
     longest_us: float = 150.0
 
-    _held: _Held = field(default_factory=_Held, init=False, repr=False)
+    _held: _HeatState = field(default_factory=_HeatState, init=False, repr=False)
 
     @abstractmethod
     def near(self, window: WindowObservation) -> float:
@@ -170,21 +170,21 @@ class PeriodFromHeat(FixedPeriodController):
 
     def reset(self, max_feed_um_s: float) -> FeedCommand:
         """Begin a new cut."""
-        self._held = _Held(math.log(max(self.period_us, 1.0)), hold=self.hold_share)
+        self._held = _HeatState(math.log(max(self.period_us, 1.0)), hold=self.hold_share)
         return super().reset(max_feed_um_s)
 
     def wire_lost(self) -> FeedCommand:
         """Begin with a fresh wire, more carefully than with the one that broke."""
         held = self._held
         held.log_us = min(held.log_us + math.log(max(self.slow_factor, 1.0)), self._longest)
-        held.near, held.hold = 0.0, held.hold * self.kept_hold_share
+        held.near, held.hold = 0.0, held.hold * self.break_hold_share
         return super().wire_lost()
 
     @property
     def _longest(self) -> float:
         return math.log(max(self.longest_us, self.shortest_us, 1.0))
 
-    def wanted_us(self, window: WindowObservation) -> float:
+    def next_period_us(self, window: WindowObservation) -> float:
         """Period that brings the measure to what is held."""
         held = self._held
         error = min(max(self.near(window) - held.hold, -MOST_ERROR), MOST_ERROR)
@@ -200,7 +200,7 @@ class PeriodFromHeat(FixedPeriodController):
         """Continue where `snapshot` was taken."""
         values = cast(dict[str, Any], state)
         super().restore({k: v for k, v in values.items() if not k.startswith("held.")})
-        self._held = _Held(**{k.removeprefix("held."): v for k, v in values.items() if k.startswith("held.")})
+        self._held = _HeatState(**{k.removeprefix("held."): v for k, v in values.items() if k.startswith("held.")})
 
 
 @dataclass

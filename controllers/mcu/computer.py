@@ -69,7 +69,7 @@ class MachineCode:
             If there is no code, or it does not return.
         """
         cpu = self.cpu
-        kept = [*cpu.registers], cpu.flags, cpu.pc, cpu.sp
+        saved = [*cpu.registers], cpu.flags, cpu.pc, cpu.sp
         cpu.sp = cpu.sp if self.running else at.STACK
         cpu.push(at.MONITOR)
         cpu.pc, spent = address, 0
@@ -80,7 +80,7 @@ class MachineCode:
                 if not cost or cpu.halted or spent > LONGEST_T:
                     raise NoCodeError(f"what stands at {address:04X}H does not return")
         finally:
-            cpu.registers, cpu.flags, cpu.pc, cpu.sp = kept
+            cpu.registers, cpu.flags, cpu.pc, cpu.sp = saved
             cpu.halted = False
 
     def begin(self, address: int) -> None:

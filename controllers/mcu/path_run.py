@@ -71,7 +71,7 @@ class PathRun:
         self._along_um = list(accumulate(lengths_um, initial=0.0))
         self._over = False
         self._move, self._heading = 0, 1
-        self._wanted = self._given = 0
+        self._requested = self._in_force = 0
         self._computing = False
 
     @property
@@ -104,7 +104,7 @@ class PathRun:
         if not -MAX_SPEED <= speed_units <= MAX_SPEED:
             raise InputError(f"the path speed must be -{MAX_SPEED}..{MAX_SPEED} units, not {speed_units}")
         computer, steppers, board = self._computer, self._steppers, self._computer.board
-        self._wanted = speed_units
+        self._requested = speed_units
         steps = computer.run_until(start_ns)
         while board.now_ns < end_ns and computer.state == RUNNING:
             if steppers.free_ns > board.now_ns:
@@ -116,27 +116,27 @@ class PathRun:
     def snapshot(self) -> dict[str, Any]:
         """Everything that changes while running, the computer with it."""
         return {
-            "move": self._move, "heading": self._heading, "over": self._over, "wanted": self._wanted,
-            "given": self._given, "computing": self._computing, "computer": self._computer.snapshot(),
+            "move": self._move, "heading": self._heading, "over": self._over, "requested": self._requested,
+            "in_force": self._in_force, "computing": self._computing, "computer": self._computer.snapshot(),
         }  # fmt: skip
 
     def restore(self, state: dict[str, Any]) -> None:
         """Continue where `snapshot` was taken; path and computer must be made alike."""
         self._move, self._heading, self._over = state["move"], state["heading"], state["over"]
-        self._wanted, self._given, self._computing = state["wanted"], state["given"], state["computing"]
+        self._requested, self._in_force, self._computing = state["requested"], state["in_force"], state["computing"]
         self._computer.restore(state["computer"])
 
     def _main(self) -> bool:
         """Do what comes next once nothing is being computed; return whether there was anything."""
-        heading = 1 if self._wanted > 0 else -1
+        heading = 1 if self._requested > 0 else -1
         if self._computing:
             self._computing = False
             self._give(heading)
-        elif self._wanted and not self._steppers.aimed:
+        elif self._requested and not self._steppers.aimed:
             self._begin(heading)
-        elif self._wanted != self._given:
+        elif self._requested != self._in_force:
             self._give(heading)
-        elif self._wanted and not self._steppers.moving:
+        elif self._requested and not self._steppers.moving:
             return self._begin_next(heading)
         else:
             return False
@@ -144,11 +144,11 @@ class PathRun:
 
     def _give(self, heading: int) -> None:
         """Hand the speed on: VELOCM, and other ends of the move where it is run the other way."""
-        if self._wanted and heading != self._heading:
+        if self._requested and heading != self._heading:
             self._heading, self._over = heading, False
             self._steppers.lead_to(*self._points[self._move + (heading > 0)])
-        self._steppers.set_speed(self._wanted)
-        self._given = self._wanted
+        self._steppers.set_speed(self._requested)
+        self._in_force = self._requested
 
     def _begin_next(self, heading: int) -> bool:
         """Begin the next move of the path; False where there is none."""

@@ -95,11 +95,11 @@ def _check_counts(points: Floats, grid_um: float, size_um: int, margin_um: float
 
 def _counted(points: Floats) -> tuple[Floats, Floats]:
     """Corners without repetitions, and the length of path up to each."""
-    kept = points[np.concatenate([[True], np.any(np.diff(points, axis=0) != 0.0, axis=1)])]
+    distinct = points[np.concatenate([[True], np.any(np.diff(points, axis=0) != 0.0, axis=1)])]
     along = [0.0]
-    for a, b in pairwise(kept.tolist()):
+    for a, b in pairwise(distinct.tolist()):
         along.append(along[-1] + math.dist(a, b))
-    return kept, np.array(along)
+    return distinct, np.array(along)
 
 
 def _exact(points: Floats) -> tuple[Floats, Floats]:

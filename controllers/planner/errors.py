@@ -34,7 +34,7 @@ _MARGIN = 4.0
 """A move is given so many times the time it should take; the slowest takes twice that."""
 
 
-class Strayed(NamedTuple):
+class MoveError(NamedTuple):
     """What went wrong in one straight move.
 
     Attributes
@@ -57,7 +57,7 @@ class Strayed(NamedTuple):
     end_um: float
 
 
-def move(planner: str, run_um: tuple[int, int], speed: int, start_um: tuple[int, int] = START_UM) -> Strayed:
+def move(planner: str, run_um: tuple[int, int], speed: int, start_um: tuple[int, int] = START_UM) -> MoveError:
     """Run one straight move to its end.
 
     Parameters
@@ -84,7 +84,7 @@ def move(planner: str, run_um: tuple[int, int], speed: int, start_um: tuple[int,
     times = np.array([step.time_ns for step in steps]) * 1e-9
     along, across = positions @ run / length, positions @ (run[::-1] * (1, -1)) / length
     away = np.hypot(across, along - np.clip(along, 0.0, length))
-    return Strayed(
+    return MoveError(
         float(away.max()),
         float(np.sqrt((away**2).mean())),
         100.0 * ((along[-1] - along[0]) / (times[-1] - times[0]) / commanded - 1.0),
@@ -118,7 +118,7 @@ def _ripple(along_um: NDArray[np.float64], times: NDArray[np.float64]) -> float:
 def around(
     planner: str, length_um: float, speed: int, directions_deg: Iterable[float] = DIRECTIONS_DEG
 ) -> NDArray[np.float64]:
-    """Errors of a move of one length in many directions: an array (directions, fields of `Strayed`)."""
+    """Errors of a move of one length in many directions: an array (directions, fields of `MoveError`)."""
     runs = (
         (round(length_um * math.cos(a)), round(length_um * math.sin(a)))
         for a in np.radians(list(directions_deg))

@@ -165,8 +165,8 @@ class _Reader:
         """Read recipe and step behind the name of a data group's variable."""
         steps = self._configuration.data[word.lower()].steps
         form = f"{word}[recipe, step]" if steps else f"{word}[recipe]"
-        wanted, at, rest = 2 if steps else 1, [], words
-        for separator in "[,"[:wanted]:
+        count, at, rest = 2 if steps else 1, [], words
+        for separator in "[,"[:count]:
             if not rest or rest[0] != separator:
                 raise InputError(f"{word} is a data group's variable; it is written {form}")
             value, rest = self._operation(rest[1:], 0)

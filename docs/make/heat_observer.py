@@ -84,7 +84,7 @@ def record(seed: int) -> Recorded:
     while outcome is None:
         outcome = episode.step()
         assert episode.last is not None
-        window, truth = episode.last.seen, episode.last.truth
+        window, truth = episode.last.observation, episode.last.truth
         age_s = age_s + window.duration_s if task.wires_lost == lost else 0.0
         lost = task.wires_lost
         meter.see(truth)

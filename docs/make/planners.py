@@ -21,7 +21,7 @@ from edmsim.controllers.planner.errors import (
     SHORT_UM,
     SPEEDS,
     STRETCH_UM,
-    Strayed,
+    MoveError,
     around,
     move,
 )
@@ -141,7 +141,7 @@ def page(errors: Errors) -> str:
 
 def row(planner: str, speed: int, errors: NDArray[np.float64]) -> str:
     """Return one line of a table: a planner at one speed, over all directions."""
-    found = Strayed(*errors.T)
+    found = MoveError(*errors.T)
     low, high = np.min(found.speed_percent), np.max(found.speed_percent)
     ripple = np.max(found.ripple_percent)
     return _cells(

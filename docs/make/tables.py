@@ -68,19 +68,21 @@ def rows(head: tuple[str, ...], body: Iterator[tuple[str, ...]]) -> list[str]:
 def commands() -> list[str]:
     """Every command of ``edmsim``: what it does, arguments and options."""
     lines: list[str] = []
-    for command in cli.app.registered_commands:
-        assert command.callback is not None
-        told = inspect.signature(command.callback, eval_str=True).parameters.values()
-        given = [(p, p.annotation.__metadata__[0]) for p in told if hasattr(p.annotation, "__metadata__")]
-        lines += [f"## edmsim {command_name(command.callback)}", "", inspect.getdoc(command.callback) or "", ""]
-        lines += rows(("argument or option", "default", "what"), (described(p, info) for p, info in given))
+    for name, callback in every_command():
+        parameters = inspect.signature(callback, eval_str=True).parameters.values()
+        shown = [(p, p.annotation.__metadata__[0]) for p in parameters if hasattr(p.annotation, "__metadata__")]
+        lines += [f"## edmsim {name}", "", inspect.getdoc(callback) or "", ""]
+        lines += rows(("argument or option", "default", "what"), (described(p, info) for p, info in shown))
         lines.append("")
     return lines[:-1]
 
 
-def command_name(callback: Callable[..., Any]) -> str:
-    """Return a command as it is typed."""
-    return callback.__name__.replace("_", "-")
+def every_command() -> Iterator[tuple[str, Callable[..., Any]]]:
+    """Yield every command as it is typed, ``console servo``, with its function."""
+    for words, group in (("", cli.app), ("console ", cli.console)):
+        for command in group.registered_commands:
+            assert command.callback is not None
+            yield words + (command.name or command.callback.__name__.replace("_", "-")), command.callback
 
 
 def option(parameter: inspect.Parameter) -> str:

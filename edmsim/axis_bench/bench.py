@@ -24,8 +24,8 @@ from edmsim.compiled.axis_rows import (
 )
 from edmsim.controllers.axis.drive import Drive, StartsAnew, data_of
 from edmsim.errors import InputError
-from edmsim.given_numbers import finite, whole_from
 from edmsim.machine.machine import Machine
+from edmsim.numeric import finite, whole_from
 from edmsim.plant.axes.board import fault_net_low, hold_in_reset
 from edmsim.plant.axes.drives import AXIS_NAMES
 from edmsim.plant.axes.encoder import read_phases

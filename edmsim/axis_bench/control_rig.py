@@ -13,7 +13,7 @@ from edmsim.controllers.axis.drive import Drive
 from edmsim.controllers.axis.mcu_g3 import CYCLE_S, ControlAxis, MotionControl
 from edmsim.controllers.axis.mcu_g3_servo import COMPENSATION, FEED_FORWARD, TARGET, AxisLoop
 from edmsim.controllers.axis.servo import PositionServo
-from edmsim.given_numbers import finite
+from edmsim.numeric import finite
 
 _CYCLE_NS = round(CYCLE_S * 1e9)
 

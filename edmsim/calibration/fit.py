@@ -42,7 +42,7 @@ AT_BOUND = 0.01
 CONFIDENCE = 0.95
 
 
-class Fitted(NamedTuple):
+class FittedConstant(NamedTuple):
     """One constant: its value, its 95 % interval, and what is to be said of it."""
 
     name: str
@@ -78,7 +78,7 @@ class Fit:
     """
 
     machine: Machine
-    constants: tuple[Fitted, ...]
+    constants: tuple[FittedConstant, ...]
     undetermined: dict[str, str]
     correlation: Array
     misfit: float
@@ -158,8 +158,8 @@ def _fit_what_is_determined(comparison: StretchComparison, names: Sequence[str],
     undetermined = {name: "the statistics do not depend on it" for name in names if name not in determined}
     while determined:
         if search is None or search.names != determined:
-            begun = {name: constant.value for name, constant in choose(start, determined).items()}
-            search = _Search(comparison, determined, with_values(comparison.machine, begun))
+            start_values = {name: constant.value for name, constant in choose(start, determined).items()}
+            search = _Search(comparison, determined, with_values(comparison.machine, start_values))
             search.run()
         error = search.standard_errors()
         worst = int(error.argmax())
@@ -186,9 +186,9 @@ class _Search:
     def __init__(self, comparison: StretchComparison, names: Sequence[str], start: Machine) -> None:
         self.comparison = comparison
         self.names = list(names)
-        begun, before = choose(start, names), choose(comparison.machine, names)
+        start_values, before = choose(start, names), choose(comparison.machine, names)
         self.before = [before[name].value for name in names]
-        values, ranges = [begun[name].value for name in names], [begun[name].range for name in names]
+        values, ranges = [start_values[name].value for name in names], [start_values[name].range for name in names]
         self.ranges = [bounds for bounds in ranges if bounds is not None]
         starts = [share_of(bounds, value) for bounds, value in zip(self.ranges, values, strict=True)]
         self.shares: Array = np.clip(starts, 0.05, 0.95)
@@ -196,7 +196,7 @@ class _Search:
         self.information: Array = np.zeros((0, 0))
         self.misfit = math.nan
         self._start = start
-        self._seen: dict[bytes, Array] = {}
+        self._results: dict[bytes, Array] = {}
 
     def machine(self, shares: Array) -> Machine:
         """Return the machine with its constants at these shares of their ranges."""
@@ -233,11 +233,11 @@ class _Search:
 
     def _statistics(self, places: Sequence[Array]) -> Array:
         """Simulate at these shares, (places, stretches, 5); what was simulated before is remembered."""
-        new = {place.tobytes(): place for place in places if place.tobytes() not in self._seen}
+        new = {place.tobytes(): place for place in places if place.tobytes() not in self._results}
         if new:
             rows = self.comparison.statistics([self.machine(place) for place in new.values()])
-            self._seen.update(zip(new, rows, strict=True))
-        return np.array([self._seen[place.tobytes()] for place in places])
+            self._results.update(zip(new, rows, strict=True))
+        return np.array([self._results[place.tobytes()] for place in places])
 
     def _residuals(self, shares: Array) -> Array:
         residuals = self.comparison.residuals(self._statistics([shares])[0])
@@ -323,7 +323,8 @@ def _result(search: _Search, error: Array, undetermined: dict[str, str]) -> Fit:
         share = float(search.shares[place])
         low, high = (value_at(bounds, min(max(share + side * half[place], 0.0), 1.0)) for side in (-1, 1))
         said = remark(share, float(half[place]))
-        constants.append(Fitted(name, search.before[place], value_at(bounds, share), (low, high), bounds, said))
+        value = value_at(bounds, share)
+        constants.append(FittedConstant(name, search.before[place], value, (low, high), bounds, said))
     return Fit(
         search.machine(search.shares), tuple(constants), undetermined, covariance / np.outer(error, error),
         search.misfit, search.comparison.picked, search.simulated, search.comparison.noise,

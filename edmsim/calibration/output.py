@@ -27,13 +27,13 @@ STRONG = 0.95
 """Errors correlated as strongly as this are reported: the log knows a combination better than either (ours)."""
 
 
-def files_of(fit: Fit, out: Path, given: Iterable[str] = ()) -> dict[str, Path]:
+def files_of(fit: Fit, out: Path, extra_files: Iterable[str] = ()) -> dict[str, Path]:
     """Return the files a fit is written to, by the options of ``edmsim cut`` that take them.
 
     The machine's constants go into `out`; those of material and wire, if any were fitted or `given` to the cut of the
     log, into files beside it.
     """
-    names = [*(constant.name for constant in fit.constants), *given]
+    names = [*(constant.name for constant in fit.constants), *extra_files]
     parts = {name.partition(".")[0] for name in names}
     files = {"machine": out}
     for part in ("material", "wire"):
@@ -42,7 +42,7 @@ def files_of(fit: Fit, out: Path, given: Iterable[str] = ()) -> dict[str, Path]:
     return files
 
 
-def write(fit: Fit, log_name: str, out: Path, given: Iterable[str] = ()) -> dict[str, Path]:
+def write(fit: Fit, log_name: str, out: Path, extra_files: Iterable[str] = ()) -> dict[str, Path]:
     """Write the fitted set-up as files of their own; each is replaced whole or not at all.
 
     Returns
@@ -51,7 +51,7 @@ def write(fit: Fit, log_name: str, out: Path, given: Iterable[str] = ()) -> dict
         As `files_of`.
     """
     machine = _with_sources(fit, log_name)
-    files = files_of(fit, out, given)
+    files = files_of(fit, out, extra_files)
     models: dict[str, BaseModel] = {"machine": machine.base, "material": machine.material, "wire": _wire(machine)}
     heading = f"# Fitted to {log_name} by edmsim calibrate ({__version__}).\n"
     for part, file in files.items():
@@ -144,7 +144,7 @@ def render(fit: Fit, resolution: str) -> RenderableType:
         Text(f"the log does not determine {name}: {reason}", "yellow") for name, reason in fit.undetermined.items()
     ]
     warnings = [Text(line, "yellow") for line in (*causes(fit, resolution), *correlated(fit), *refusal(fit))]
-    return Group(table, *undetermined, Text(_misfit_text(fit)), *warnings, _beside(fit))
+    return Group(table, *undetermined, Text(_misfit_text(fit)), *warnings, _comparison_table(fit))
 
 
 def _between(interval: tuple[float, float]) -> str:
@@ -194,7 +194,7 @@ def refusal(fit: Fit) -> list[str]:
     return []
 
 
-def _beside(fit: Fit) -> RenderableType:
+def _comparison_table(fit: Fit) -> RenderableType:
     """Statistics of the log beside the fitted model's, stretch by stretch."""
     from edmsim.screen import ScreenTable
 
@@ -212,7 +212,7 @@ _PERCENT = (100.0, 100.0, 1.0, 1.0, 1.0)
 
 def as_json(fit: Fit, files: Mapping[str, Path]) -> str:
     """Return the fit as JSON; what is unknown is null."""
-    told = {
+    document = {
         "constants": [c._asdict() for c in fit.constants],
         "undetermined": fit.undetermined,
         "correlation": fit.correlation.tolist(),
@@ -226,7 +226,7 @@ def as_json(fit: Fit, files: Mapping[str, Path]) -> str:
         ],
         "files": {part: str(file) for part, file in files.items()},
     }  # fmt: skip
-    return json.dumps(told, indent=2, allow_nan=False)
+    return json.dumps(document, indent=2, allow_nan=False)
 
 
 def _named(values: list[float]) -> dict[str, float | None]:

@@ -7,8 +7,8 @@ from typing import Unpack
 
 from edmsim.calibration.log import Log
 from edmsim.job.settings import CutOptions, CutSettings
-from edmsim.machine.given import KINDS, with_given
 from edmsim.machine.machine import Machine
+from edmsim.machine.overrides import KINDS, with_overrides
 from edmsim.machine.ranges import choose, uncertain, with_constants
 
 
@@ -17,7 +17,7 @@ def start_of(log: Log) -> CutSettings:
     return CutSettings(resolution="fast") if log.settings is None else log.settings
 
 
-def settings_for(log: Log, **given: Unpack[CutOptions]) -> tuple[CutSettings, list[str]]:
+def settings_for(log: Log, **options: Unpack[CutOptions]) -> tuple[CutSettings, list[str]]:
     """Return the settings to compare a log at, and what the user should know about them.
 
     Parameters
@@ -43,22 +43,22 @@ def settings_for(log: Log, **given: Unpack[CutOptions]) -> tuple[CutSettings, li
     notices = []
     if start.workpiece.lowest_mm < start.workpiece.greatest_mm:
         height_mm = start.workpiece.greatest_mm
-        if "height_mm" not in given:
+        if "height_mm" not in options:
             notices.append(f"the height changed in the cut of this log: {height_mm:g} mm is taken for all of it")
         start = start.model_copy(update={"height_mm": height_mm, "heights": (), "height_areas": ()})
-    named = {"machine": given.get("machine"), "material": given.get("material"), "wire": given.get("wire")}
+    named = {"machine": options.get("machine"), "material": options.get("material"), "wire": options.get("wire")}
     others = {part for part, name in named.items() if name not in (None, getattr(start, part))}
     left_out = [name for name, _ in start.constants if _part(name) in others]
-    kept = {name: value for name, value in start.constants if name not in left_out}
+    start_constants = {name: value for name, value in start.constants if name not in left_out}
     if left_out and log.settings is not None:
         notices.append(f"the log was cut with another value of {', '.join(left_out)}: that of the file given is used")
-    wanted = CutSettings.model_validate({**dict(start), "constants": kept, **given})
-    for name in given if log.settings is not None else ():
-        logged, asked = getattr(start, name), getattr(wanted, name)
-        if logged != asked:
+    combined = CutSettings.model_validate({**dict(start), "constants": start_constants, **options})
+    for name in options if log.settings is not None else ():
+        logged, overridden = getattr(start, name), getattr(combined, name)
+        if logged != overridden:
             was = "its default" if logged is None else logged
-            notices.append(f"{name} {asked} is used, though the log was cut with {was}")
-    return wanted, notices
+            notices.append(f"{name} {overridden} is used, though the log was cut with {was}")
+    return combined, notices
 
 
 def machine_of(settings: CutSettings) -> Machine:
@@ -67,12 +67,12 @@ def machine_of(settings: CutSettings) -> Machine:
     A cut takes them as known, so they have no range there; here they are where the search starts, or are held.
     """
     machine = settings.model_copy(update={"constants": ()}).load_machine()
-    given = dict(settings.constants)
-    checked = with_given(machine, given.items())
+    listed = dict(settings.constants)
+    checked = with_overrides(machine, listed.items())
     ranges = {name: constant.range for name, constant in uncertain(machine).items()}
     changed = {
         name: KINDS[name].model_construct(value=value, source="given to the cut of the log", range=ranges.get(name))
-        for name, value in given.items()
+        for name, value in listed.items()
     }
     return with_constants(checked, changed)
 

@@ -52,21 +52,21 @@ def simulate(machine: Machine, stretch: Stretch, windows: int, seed: int, resolu
     resolution : str
     """
     set_up = machine.model_copy(update={"t_on_us": stretch.t_on_us, "t_period_us": stretch.t_period_us})
-    seen: list[PulseWindow] = []
+    windows_fired: list[PulseWindow] = []
     try:
         traverse = Traverse(begin(set_up, seed, resolution=resolution), stretch.feed_um_s)
         wholly_um = WHOLLY_SETTLED_DIAMETERS * machine.wire_diameter_um
         travel_um = min(max(stretch.travelled_um, settle_um(machine)), wholly_um)
         if not traverse.run(travel_um / stretch.feed_um_s)[-1].broken:
-            while len(seen) < windows and not (seen and seen[-1].broken):
-                seen.append(traverse.window())
+            while len(windows_fired) < windows and not (windows_fired and windows_fired[-1].broken):
+                windows_fired.append(traverse.window())
     except PlantError:
         pass
-    if seen and seen[-1].broken:
-        seen.pop()
-    lost = windows - len(seen)
+    if windows_fired and windows_fired[-1].broken:
+        windows_fired.pop()
+    lost = windows - len(windows_fired)
     short_A = timing(set_up).short_A * stretch.t_on_us / stretch.t_period_us
-    rows = [(w.short, w.open, w.mean_voltage_V, w.mean_current_A, w.mean_delay_us) for w in seen]
+    rows = [(w.short, w.open, w.mean_voltage_V, w.mean_current_A, w.mean_delay_us) for w in windows_fired]
     rows += [(WINDOW_PULSES, 0, 0.0, short_A, 0.0)] * lost
     short, open_, voltage, current, delay = np.array(rows, float).T
     return statistics(short, open_, voltage, current, delay)

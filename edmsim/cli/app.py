@@ -13,6 +13,8 @@ from edmsim.cli.check import check
 from edmsim.cli.console import OUT, take_any_terminal
 from edmsim.cli.cut import cut
 from edmsim.cli.evaluate import evaluate, search_gains
+from edmsim.cli.export import export
+from edmsim.cli.gap import gap
 from edmsim.cli.learn import dataset, score, train
 from edmsim.cli.measure_table import measure_table
 from edmsim.cli.playback import render, report, view
@@ -30,8 +32,7 @@ app = typer.Typer(
 )
 _COMMANDS = (
     cut, check, view, render, report, train, score, dataset, evaluate, search_gains, calibrate, validate, bench,
-    terminal,
-    servo, positioner, measure_table, tune, warm_up,
+    measure_table, gap, export, tune, warm_up,
 )  # fmt: skip
 _UsageError: Any = typer.BadParameter.__base__
 """Of click, which newer releases of typer hold inside themselves."""
@@ -39,6 +40,15 @@ _UsageError: Any = typer.BadParameter.__base__
 for _command in _COMMANDS:
     app.command()(_command)
 app.command(context_settings=SHORT_FORM)(sweep)
+
+console = typer.Typer(
+    no_args_is_help=True,
+    help="Operate the 1982 controller, a servo drive or a positioner by hand, by script or from another program.",
+)
+console.command("1982")(terminal)
+console.command()(servo)
+console.command()(positioner)
+app.add_typer(console, name="console")
 
 
 @app.callback(invoke_without_command=True)

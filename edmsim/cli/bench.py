@@ -25,12 +25,13 @@ def bench(
     ] = None,
     pairs: Annotated[int, typer.Option(min=1, help="Pairs of --against.")] = 10,
     profile: Annotated[bool, typer.Option("--profile", help="Show where a pulse's time goes.")] = False,
+    serial: Annotated[bool, typer.Option("--serial", help="Measure edmsim gap --serial.")] = False,
     figure: Annotated[Path | None, typer.Option(help="Picture of --profile: .png, .svg or .pdf.")] = None,
     json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
     """Measure the speed of this computer, by processor time."""
-    if profile and against is not None:
-        raise InputError("--profile and --against are two measurements: give one of them")
+    if (against is not None) + profile + serial > 1:
+        raise InputError("--against, --profile and --serial are measurements of their own: give one of them")
     if figure is not None and not profile:
         raise InputError("--figure is the picture of --profile: give both")
     from rich.progress import SpinnerColumn, TextColumn
@@ -41,13 +42,15 @@ def bench(
         with ScreenProgress(SpinnerColumn(), TextColumn("{task.description}"), console=ERR, transient=True) as bar:
             task = bar.add_task("measure")
 
-            def watch(begun: str) -> None:
-                bar.update(task, description=begun)
+            def watch(phase: str) -> None:
+                bar.update(task, description=phase)
 
             if against is not None:
                 numbers, table = _compared(against, pairs, watch)
             elif profile:
                 numbers, table = _profiled(figure, watch)
+            elif serial:
+                numbers, table = _answered(watch)
             else:
                 numbers, table = _measured()
     except KeyboardInterrupt:
@@ -66,6 +69,13 @@ def _measured() -> _Result:
 
     figures = measure()
     return figures, render(figures)
+
+
+def _answered(watch: Callable[[str], None]) -> _Result:
+    from edmsim.bench.serial import measure, render
+
+    found = measure(watch)
+    return found, render(found)
 
 
 def _compared(revision: str, count: int, watch: Callable[[str], None]) -> _Result:

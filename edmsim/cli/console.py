@@ -35,13 +35,15 @@ Machine = Annotated[
     str, typer.Option(help="Machine: agiecut-dem15, production, production-400, worn-table, or an own file.")
 ]
 Generator = Annotated[
-    str, typer.Option(help="Generator: equalising, ignition-pulse, iso-energetic, iso-pulse, production, or a file.")
+    str,
+    typer.Option(
+        help="Generator: equalising, ignition-pulse, iso-energetic, iso-pulse, powercore-v2, powercore-v3, "
+        "production, spark-pulser, or a file."
+    ),
 ]
 Tension = Annotated[float | None, typer.Option(help="Wire tension in N; default by wire.")]
 Resolution = Annotated[str, typer.Option(help="fast, default or fine.")]
-Program = Annotated[
-    Path, typer.Argument(help="Part program: .ngc .nc .gcode .iso .txt .dxf", show_default=False)
-]
+Program = Annotated[Path, typer.Argument(help="Part program: .ngc .nc .gcode .iso .txt .dxf", show_default=False)]
 Offset = Annotated[str, typer.Option(help="Wire offset: auto, none, or mm.")]
 Offsets = Annotated[
     Path | None, typer.Option(help="File with offset registers, lines as D1 = 0.155; by default the program's own.")

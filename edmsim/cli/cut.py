@@ -125,7 +125,7 @@ def cut(
     from edmsim.files import make_writable
     from edmsim.job.checkpoint import NAME
     from edmsim.job.cut import cut as run_cut
-    from edmsim.machine.given import parse_constant
+    from edmsim.machine.overrides import parse_constant
     from edmsim.program.heights import parse_height
 
     folder = default_folder(program) if out is None else out
@@ -155,8 +155,9 @@ def cut(
             )
     except KeyboardInterrupt as interrupt:
         if result is None:
-            kept = (folder / NAME).exists()
-            say("interrupted; the same command with --resume goes on" if kept else "interrupted before the cut began")
+            has_checkpoint = (folder / NAME).exists()
+            resumable = "interrupted; the same command with --resume goes on"
+            say(resumable if has_checkpoint else "interrupted before the cut began")
             number = next(iter(interrupt.args), signal.SIGINT)
             raise typer.Exit(128 + number) from None  # as shells have it
     if traces is not None:
@@ -170,7 +171,7 @@ def cut(
             from edmsim.recording.report import render_table
 
             OUT.print(render_table(result.report))
-            told = f"Written to {folder}; play it back with: edmsim view {shlex.quote(str(folder))}"
-            OUT.print(told, highlight=False, soft_wrap=True, markup=False)
+            where = f"Written to {folder}; play it back with: edmsim view {shlex.quote(str(folder))}"
+            OUT.print(where, highlight=False, soft_wrap=True, markup=False)
     if result.report["outcome"] != WORDS[StopCause.FINISHED].report:
         raise typer.Exit(STOPPED)

@@ -124,7 +124,7 @@ def search_gains(
 
             found = search(controller, seed, generations=rounds, watch=watch)
             gains = ", ".join(f"{key} {value:g}" for key, value in found.gains.items())
-            told = f"{controller}: {gains}; score {found.score:.4g} (before {found.default_score:.4g})"
-            OUT.print(told, highlight=False, soft_wrap=True)
+            message = f"{controller}: {gains}; score {found.score:.4g} (before {found.default_score:.4g})"
+            OUT.print(message, highlight=False, soft_wrap=True)
             if write is not None:
                 (write / f"{controller}.toml").write_text(as_toml(controller, seed, rounds, found), encoding="utf-8")

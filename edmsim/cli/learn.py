@@ -43,11 +43,11 @@ def train(
     live: Annotated[bool, typer.Option("--live", help="Show these episodes in rerun's viewer as they end.")] = False,
 ) -> None:
     """Train a feed controller (needs the extra rl)."""
-    from edmsim.learning.command import Asked, run
+    from edmsim.learning.command import TrainOptions, run
 
-    asked = Asked(settings, residual, teacher, privileged_critic, start, record_every, live)
+    options = TrainOptions(settings, residual, teacher, privileged_critic, start, record_every, live)
     try:
-        table = run(env_id, algo, out, steps, seed, resume, score, ERR, asked)
+        table = run(env_id, algo, out, steps, seed, resume, score, ERR, options)
     except KeyboardInterrupt:
         say("interrupted; the same command with --resume continues the training")
         raise typer.Exit(INTERRUPTED) from None

@@ -1,4 +1,4 @@
-"""``edmsim positioner``."""
+"""``edmsim console positioner``."""
 
 from __future__ import annotations
 

@@ -9,6 +9,7 @@ from rich.console import Console
 from rich.progress import BarColumn, ProgressColumn, Task, TextColumn
 from rich.text import Text
 
+from edmsim.controllers.pulse_counters import percent_of_window
 from edmsim.cosim.simulation import Progress
 from edmsim.screen import ScreenProgress
 
@@ -40,7 +41,7 @@ class ProgressBar:
         )
         now = time.monotonic()
         self._task = self._bar.add_task(
-            "cut", total=1.0, machine=_clock(0), process="", phase=_CUTTING, since=now, wall_time_s=0.0, seen=now
+            "cut", total=1.0, machine=_clock(0), process="", phase=_CUTTING, since=now, wall_time_s=0.0, refreshed=now
         )
         self._next_s = -math.inf
         self._started = False
@@ -64,7 +65,7 @@ class ProgressBar:
         now = time.monotonic()
         at_end = progress.path_um >= progress.total_um - 2.0
         if now < self._next_s and not at_end:
-            self._bar.tasks[0].fields.update(wall_time_s=progress.wall_time_s, seen=now)
+            self._bar.tasks[0].fields.update(wall_time_s=progress.wall_time_s, refreshed=now)
             return
         self._next_s = now + self._EVERY_S
         self._bar.update(
@@ -72,9 +73,9 @@ class ProgressBar:
             completed=min(1.0, progress.path_um / progress.total_um),
             machine=_clock(progress.time_s),
             wall_time_s=progress.wall_time_s,
-            seen=now,
-            process=f"{progress.feed_um_s:5.1f} um/s  short {progress.short / 2.55:3.0f} %  "
-            f"open {progress.open / 2.55:3.0f} %",
+            refreshed=now,
+            process=f"{progress.feed_um_s:5.1f} um/s  short {percent_of_window(progress.short):3.0f} %  "
+            f"open {percent_of_window(progress.open):3.0f} %",
         )
 
 
@@ -82,7 +83,7 @@ class _WallTime(ProgressColumn):
     """The computer's time for the cut, as its report will say it: it runs while the cut does."""
 
     def render(self, task: Task) -> Text:
-        running_s = time.monotonic() - task.fields["seen"] if task.fields["phase"] == _CUTTING else 0.0
+        running_s = time.monotonic() - task.fields["refreshed"] if task.fields["phase"] == _CUTTING else 0.0
         return Text(_clock(task.fields["wall_time_s"] + running_s), style="progress.elapsed")
 
 

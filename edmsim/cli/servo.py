@@ -1,4 +1,4 @@
-"""``edmsim servo``."""
+"""``edmsim console servo``."""
 
 from __future__ import annotations
 

@@ -45,11 +45,11 @@ def calibrate(
 
     check_writable(out)
     table = read_log(log)
-    given: dict[str, Any] = {
+    overrides: dict[str, Any] = {
         "machine": machine, "material": material, "height_mm": height, "wire": wire, "tension": tension,
         "generator": generator, "resolution": resolution,
     }
-    settings, notices = settings_for(table, **{name: value for name, value in given.items() if value is not None})
+    settings, notices = settings_for(table, **{name: value for name, value in overrides.items() if value is not None})
     chosen = DEFAULT_CONSTANTS if fit is None else named(fit)
     set_up = machine_of(settings)
     for notice in (*notices, *held(settings, set_up, chosen)):

@@ -111,20 +111,21 @@ def tune(
         found = search(
             name, out, trials=trials, seed=seed, seeds=seeds, algo=algo, steps=steps, engine=engine, watch=watch
         )
-    worth = f"worth {found.value:.4g} (before {found.first_value:.4g}); {found.trials} trials, {found.failed} failed"
-    _print_found(name, found.values, worth, out)
+    scores = f"score {found.value:.4g} (before {found.first_value:.4g})"
+    score_text = f"{scores}; {found.trials} trials, {found.failed} failed"
+    _print_found(name, found.values, score_text, out)
 
 
 def _breed(name: str, out: Path, ray: str, population: int, generations: int, chosen: dict[str, Any]) -> None:
     """Train a population, and say what came of it."""
-    from edmsim.sweep.population import Bred, breed
+    from edmsim.sweep.population import PopulationResult, train_population
 
     with _searching(name, population * generations, "population") as show:
 
-        def watch(bred: Bred) -> None:
-            show(advance=1, description=f"{name}: generation {bred.generation}, {bred.value:.4g}")
+        def watch(result: PopulationResult) -> None:
+            show(advance=1, description=f"{name}: generation {result.generation}, {result.value:.4g}")
 
-        found = breed(
+        found = train_population(
             name, out, address=ray, population=population, generations=generations, watch=watch, **chosen
         )
     _print_found(name, found.values, f"worth {found.value:.4g}; {population} learners", out)
@@ -152,11 +153,11 @@ def _searching(name: str, total: int, what: str) -> Iterator[Callable[..., None]
             bar.stop()
 
 
-def _print_found(name: str, values: dict[str, float], worth: str, out: Path) -> None:
+def _print_found(name: str, values: dict[str, float], score: str, out: Path) -> None:
     from edmsim.sweep.tune import BEST
 
     listed = ",".join(f"{key}={value:g}" for key, value in values.items())
-    OUT.print(f"{name}:{listed}\n{worth}. Written: {out / BEST}", highlight=False, soft_wrap=True, markup=False)
+    OUT.print(f"{name}:{listed}\n{score}. Written: {out / BEST}", highlight=False, soft_wrap=True, markup=False)
     if (out / "policy.json").is_file():
         OUT.print(f"Cut with the best policy: edmsim cut PROGRAM --controller policy:{out / 'policy.json'} --out DIR",
                   highlight=False, soft_wrap=True, markup=False)  # fmt: skip

@@ -1,4 +1,4 @@
-"""``edmsim terminal``."""
+"""``edmsim console 1982``."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The cycle of design section 1: steps to the plant, a window of 255 pulses, its counts to whoever decides.
+"""One control cycle: motor steps, a window of 255 pulses, an observation, a decision.
 
 It serves every cut that Python runs window by window: of a program (`edmsim.cosim.simulation`) and straight ones
 (`edmsim.cosim.straight`). Environments run many lanes in compiled calls, and the terminal's rig decides by

@@ -205,7 +205,7 @@ class Simulation:
         """Where the program has come to: what the motors stand at, less their compensation and the path's offset."""
         x, y = self.plant.commanded_um
         off_x, off_y = (0.0, 0.0) if self._compensation is None else self._compensation.offset_um
-        beside_x, beside_y = self._offset.beside_um
+        beside_x, beside_y = self._offset.lateral_um
         return x - off_x - beside_x, y - off_y - beside_y
 
     @property

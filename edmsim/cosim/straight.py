@@ -19,13 +19,13 @@ from edmsim.controllers.own import check_is_controller
 from edmsim.cosim.cycle import Cycle
 from edmsim.cosim.motion import EvenSteps
 from edmsim.errors import InputError
-from edmsim.given_numbers import real
 from edmsim.machine.machine import Machine
 from edmsim.metrology.edges import metal_at
+from edmsim.numeric import real
 from edmsim.plant.plant import Plant
 from edmsim.plant.resolution import Resolution
 from edmsim.plant.window import PulseWindow
-from edmsim.plant.workpiece.blanks import SLOT_GAP_UM, begun_slot
+from edmsim.plant.workpiece.blanks import SLOT_GAP_UM, started_slot
 
 FASTEST_UM_S = 400.0
 """Feed a controller may command here (ours: above the cutting rate of every set-up measured)."""
@@ -194,7 +194,7 @@ def begin(
 ) -> Plant:
     """Return a plant whose wire stands at the end of a slot, `gap_um` off the metal in front and on both sides."""
     centre_um = machine.base.table.centre_um
-    stock = begun_slot(machine, centre_um, gap_um=gap_um)
+    stock = started_slot(machine, centre_um, gap_um=gap_um)
     return Plant(machine, seed, stock=stock, position_um=centre_um, resolution=resolution)
 
 

@@ -179,7 +179,7 @@ class Episode:
         self._time_s = self._cut_um = self._area_mm2 = self._return = self._hottest_K = 0.0
         self._near_um = self._error2_um3 = 0.0
         self._lost = 0
-        self._cost, self._given_up = 0.0, False
+        self._cost, self._controller_stopped = 0.0, False
         task.reset(seed)
         self._record = record
         self._recorder = None if record is None else task.recorder()
@@ -207,8 +207,8 @@ class Episode:
         recorder.stop()
         task = type(self.task.family).__name__
         settings = {"environment": task, "controller": self._name, "seed of the reset": self._seed}
-        given_up = WORDS[StopCause.PERSISTENT_SHORT].report if self._given_up else None
-        recorder.write(self._record / RECORDING, f"{task} by {self._name}, seed {self._seed}", settings, given_up)
+        outcome = WORDS[StopCause.PERSISTENT_SHORT].report if self._controller_stopped else None
+        recorder.write(self._record / RECORDING, f"{task} by {self._name}, seed {self._seed}", settings, outcome)
 
     def step(self) -> str | None:
         """Run one window; returns the outcome if that was the last."""
@@ -218,9 +218,9 @@ class Episode:
         self._add(result)
         if self._recorder is not None:
             setting = [math.nan if v is None else v for v in (command.t_on_us, command.t_period_us)]
-            given = [command.feed_um_s, *setting, command.offset_um]
+            action = [command.feed_um_s, *setting, command.offset_um]
             terms = self.task.reward_terms
-            self._recorder.step(given, terms, result.cost, result.error_um, result.area_mm2)
+            self._recorder.step(action, terms, result.cost, result.error_um, result.area_mm2)
         if result.truth.pulses == WINDOW_PULSES:
             self._command = self._decide(result)
         if result.over:
@@ -228,7 +228,7 @@ class Episode:
         alarm = self._command.alarm is not None
         cause = StopCause(judge(False, False, False, False, alarm, result.late, False))
         if cause is StopCause.PERSISTENT_SHORT:
-            self._given_up = True
+            self._controller_stopped = True
             self._return -= self.task.family.reward_weights.limit * self._threading_s / REFERENCE_S
             self._cost += 1.0
             return STOPPED
@@ -251,7 +251,7 @@ class Episode:
         """Show the controller a whole window, also the last one, as a cut does."""
         if isinstance(self.controller, SeesTruth):
             self.controller.see(result.truth)
-        return check_command(self._name, self.controller.update(result.seen))
+        return check_command(self._name, self.controller.update(result.observation))
 
     def _add(self, result: StepResult) -> None:
         truth = result.truth
@@ -259,7 +259,7 @@ class Episode:
         self._open += truth.open
         self._pulses += truth.pulses
         self._hottest_K = max(self._hottest_K, truth.wire_temperature_K)
-        self._time_s = result.seen.time_s
+        self._time_s = result.observation.time_s
         self._return += result.reward
         self._cost += result.cost
         self._area_mm2 += result.area_mm2

@@ -29,10 +29,10 @@ def read(file: Path) -> dict[str, Comparison]:
     if not file.exists():
         return {}
     try:
-        told = json.loads(file.read_text(encoding="utf-8"))
-        if told["format"] != FORMAT:
-            raise ValueError(f"its format is {told['format']!r}, not {FORMAT!r}")
-        return {env_id: _comparison(env_id, entry) for env_id, entry in told["environments"].items()}
+        document = json.loads(file.read_text(encoding="utf-8"))
+        if document["format"] != FORMAT:
+            raise ValueError(f"its format is {document['format']!r}, not {FORMAT!r}")
+        return {env_id: _comparison(env_id, entry) for env_id, entry in document["environments"].items()}
     except (OSError, ValueError, LookupError, TypeError, AttributeError) as error:
         raise InputError(f"this is no leaderboard, or a damaged one: {error!r}", file) from None
 
@@ -49,9 +49,9 @@ def write(file: Path, comparisons: Sequence[Comparison]) -> None:
             made = _of(made.env_id, made.resolution, made.seeds, {**before.results, **made.results})
         board[made.env_id] = made
     environments = {env_id: _entry(board[env_id]) for env_id in sorted(board)}
-    told = {"format": FORMAT, "edmsim_version": __version__, "environments": environments}
+    document = {"format": FORMAT, "edmsim_version": __version__, "environments": environments}
     with replacing(file) as partial:
-        partial.write_text(_laid_out(told), encoding="utf-8")
+        partial.write_text(_laid_out(document), encoding="utf-8")
 
 
 def _of(
@@ -93,15 +93,15 @@ def _number(value: Any) -> Any:
     return None if isinstance(value, float) and math.isnan(value) else value
 
 
-def _laid_out(told: dict[str, Any]) -> str:
+def _laid_out(document: dict[str, Any]) -> str:
     """Return JSON with a line per cut, so that differences can be read."""
     marks: dict[str, str] = {}
-    for env_id, entry in told["environments"].items():
+    for env_id, entry in document["environments"].items():
         for name, cuts in entry["controllers"].items():
             for k, cut in enumerate(cuts):
                 mark = f"@{env_id} {name} {k}@"
                 marks[json.dumps(mark)], cuts[k] = json.dumps(cut, allow_nan=False), mark
-    text = json.dumps(told, indent=1)
+    text = json.dumps(document, indent=1)
     for mark, row in marks.items():
         text = text.replace(mark, row)
     return text + "\n"

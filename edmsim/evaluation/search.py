@@ -60,7 +60,7 @@ POPULATION, GENERATIONS = 8, 4
 """Gains per generation, and generations after the first (ours: some three minutes a controller on two cores)."""
 
 
-class Found(NamedTuple):
+class SearchResult(NamedTuple):
     """Gains, and their score; that of the gains in use till then."""
 
     gains: dict[str, float]
@@ -114,7 +114,7 @@ def check(controller: str, seed: int, generations: int) -> None:
 
 
 def search(controller: str, seed: int, *, seeds: int = SEEDS, population: int = POPULATION,
-           generations: int = GENERATIONS, watch: Callable[[int], None] | None = None) -> Found:
+           generations: int = GENERATIONS, watch: Callable[[int], None] | None = None) -> SearchResult:
     """Look for a controller's gains.
 
     Parameters
@@ -143,7 +143,7 @@ def search(controller: str, seed: int, *, seeds: int = SEEDS, population: int = 
     trained_on = training_seeds(seed, seeds)
     tried = 0
 
-    def worth(values: NDArray[np.float64]) -> float:
+    def objective(values: NDArray[np.float64]) -> float:
         nonlocal tried
         tried += 1
         gains = _rounded(bounds, values)
@@ -155,11 +155,11 @@ def search(controller: str, seed: int, *, seeds: int = SEEDS, population: int = 
     low, high = np.array(list(bounds.values())).T
     sobol = qmc.Sobol(len(bounds), rng=np.random.default_rng(seed)).random(population)
     found = differential_evolution(
-        worth, Bounds(low, high), init=qmc.scale(sobol, low, high), maxiter=generations, tol=0.0, polish=False,
+        objective, Bounds(low, high), init=qmc.scale(sobol, low, high), maxiter=generations, tol=0.0, polish=False,
         rng=np.random.default_rng(seed),
     )
     before = score(run_all(trained_on, partial(make, controller)))
-    return Found(_rounded(bounds, found.x), -float(found.fun), before)
+    return SearchResult(_rounded(bounds, found.x), -float(found.fun), before)
 
 
 def _rounded(bounds: Ranges, values: NDArray[np.float64]) -> dict[str, float]:
@@ -167,7 +167,7 @@ def _rounded(bounds: Ranges, values: NDArray[np.float64]) -> dict[str, float]:
     return {name: float(f"{value:.3g}") for name, value in zip(bounds, values, strict=True)}
 
 
-def as_toml(controller: str, seed: int, generations: int, found: Found) -> str:
+def as_toml(controller: str, seed: int, generations: int, found: SearchResult) -> str:
     """Return the file of found gains, with the command that makes it again."""
     longer = "" if generations == GENERATIONS else f" --generations {generations}"
     what = "cutting rate in mm2/min" if controller == ORACLE else "return"

@@ -33,7 +33,7 @@ Cause = Literal["break", "jam", "generator"]
 """What ended a search: the wire broke, shorts stayed, or the generator gives no shorter period."""
 
 
-class Held(NamedTuple):
+class StablePeriod(NamedTuple):
     """A step of the search that the cut went through without a break or a jam.
 
     Attributes
@@ -62,7 +62,7 @@ class StableRate(NamedTuple):
     Attributes
     ----------
     rate_mm2_min, feed_um_s, current_A, power_W : float
-        At that step, means over the seeds (see `Held`); 0 where not even the first step was held.
+        At that step, means over the seeds (see `StablePeriod`); 0 where not even the first step was held.
     machine : Machine
         The set-up with the period of that step.
     limited_by : {"break", "jam", "generator"}
@@ -97,7 +97,7 @@ def highest_stable_rate(
     longest_period_us: float | None = None,
     controller: str | None = None,
     resolution: str = "fast",
-    watch: Callable[[int, Held], None] | None = None,
+    watch: Callable[[int, StablePeriod], None] | None = None,
 ) -> StableRate:
     """Search the highest cutting rate that a set-up holds in a straight cut without a break and without a jam.
 
@@ -123,7 +123,7 @@ def highest_stable_rate(
         the pulses open.
     resolution : {"fast", "default", "fine"}
     watch : callable, optional
-        Called with the seed and the `Held` of every step.
+        Called with the seed and the `StablePeriod` of every step.
 
     Returns
     -------
@@ -159,7 +159,7 @@ def highest_stable_rate(
     ]
     cause: Cause = min(runs, key=lambda run: len(run[0]))[1]
     held_by_all = [_mean(steps) for steps in zip(*(steps for steps, _ in runs), strict=False)]
-    nothing = Held(longest_period_us, 0.0, 0.0, 0.0, 0.0, 0)
+    nothing = StablePeriod(longest_period_us, 0.0, 0.0, 0.0, 0.0, 0)
     best = max(held_by_all, key=lambda held: held.rate_mm2_min, default=nothing)
     return StableRate(
         best.rate_mm2_min, best.feed_um_s, best.current_A, best.power_W,
@@ -169,8 +169,8 @@ def highest_stable_rate(
 
 def shorten_pauses(
     machine: Machine, seed: int, controller: FeedController, *, hold_s: float, approach_s: float,
-    resolution: str = "fast", watch: Callable[[Held], None] | None = None,
-) -> tuple[list[Held], Cause]:
+    resolution: str = "fast", watch: Callable[[StablePeriod], None] | None = None,
+) -> tuple[list[StablePeriod], Cause]:
     """Cut straight, beginning at a machine's period, and shorten it step by step to the end.
 
     Returns
@@ -181,7 +181,7 @@ def shorten_pauses(
         What ended it.
     """
     plant = begin(machine, seed, resolution=resolution)
-    traverse, held = Traverse(plant, controller), list[Held]()
+    traverse, held = Traverse(plant, controller), list[StablePeriod]()
     period_us, shortest_us = machine.t_period_us, shortest_period_us(machine)
     try:
         windows = traverse.run(approach_s)
@@ -211,16 +211,16 @@ def shortest_period_us(machine: Machine) -> float:
     return max(least_period_us(machine, machine.t_on_us), busy_us(machine) + SHORTEST_PAUSE_US, low)
 
 
-def _held(cut: Cut, period_us: float) -> Held:
+def _held(cut: Cut, period_us: float) -> StablePeriod:
     rate_mm2_min = cut.feed_um_s * 0.06 * cut.plant.machine.height_mm
-    return Held(
+    return StablePeriod(
         period_us, cut.feed_um_s, rate_mm2_min, cut.working_current_A, cut.energy / cut.seconds, len(cut.windows)
     )
 
 
-def _mean(steps: Sequence[Held]) -> Held:
+def _mean(steps: Sequence[StablePeriod]) -> StablePeriod:
     """Return what the cuts of several seeds did at one period, in the mean; windows of all."""
-    return Held(
+    return StablePeriod(
         steps[0].t_period_us, fmean(step.feed_um_s for step in steps), fmean(step.rate_mm2_min for step in steps),
         fmean(step.current_A for step in steps), fmean(step.power_W for step in steps),
         sum(step.windows for step in steps),

@@ -62,7 +62,7 @@ def places(env_id: str) -> tuple[Place, ...]:
     return (*found, Place("copper", "fast", {"materials": ("copper",)}))
 
 
-class Moved(NamedTuple):
+class TransferRow(NamedTuple):
     """What a controller did in a place.
 
     Attributes
@@ -84,7 +84,7 @@ class Moved(NamedTuple):
 def transfer(
     env_id: str, controllers: Sequence[str], seeds: int = USUAL_CUTS, *,
     watch: Callable[[int, int], None] | None = None,
-) -> list[Moved]:
+) -> list[TransferRow]:
     """Have controllers make the same cuts in every one of an environment's `places`.
 
     Parameters
@@ -105,20 +105,20 @@ def transfer(
     check(env_id, controllers, seeds, None)
     everywhere, each, found = places(env_id), len(controllers) * seeds, []
     for number, place in enumerate(everywhere):
-        def told(done: int, _: int, before: int = number * each) -> None:
+        def report_progress(done: int, _: int, before: int = number * each) -> None:
             if watch is not None:
                 watch(before + done, len(everywhere) * each)
 
-        made = run(env_id, controllers, seeds, place.resolution, told, **place.options)
+        made = run(env_id, controllers, seeds, place.resolution, report_progress, **place.options)
         for name, cuts in made.items():
             returns = np.array([cut.total_return for cut in cuts])
             rates = np.array([cut.rate_mm2_min for cut in cuts])
             lost = sum(cut.wires_lost + cut.jammed for cut in cuts)
-            found.append(Moved(place.name, name, mean(returns), mean(rates), lost))
+            found.append(TransferRow(place.name, name, mean(returns), mean(rates), lost))
     return found
 
 
-def rows_of(moved: Sequence[Moved]) -> list[list[str]]:
+def rows_of(moved: Sequence[TransferRow]) -> list[list[str]]:
     """Return the cells of the table: place, then return, rate and lost wires of every controller."""
     return [
         [place, *(
@@ -129,7 +129,7 @@ def rows_of(moved: Sequence[Moved]) -> list[list[str]]:
     ]
 
 
-def render(env_id: str, moved: Sequence[Moved], seeds: int) -> ScreenTable:
+def render(env_id: str, moved: Sequence[TransferRow], seeds: int) -> ScreenTable:
     """Return the table for the screen."""
     from edmsim.screen import ScreenTable
 

@@ -46,23 +46,23 @@ def load(simulation: Simulation, folder: Path, settings: Mapping[str, Any]) -> f
     file = folder / NAME
     try:
         arrays = read_arrays(file.read_bytes())
-        told = json.loads(arrays.pop("__json__").tobytes())
-        if told.get("format") != FORMAT:
+        saved = json.loads(arrays.pop("__json__").tobytes())
+        if saved.get("format") != FORMAT:
             raise InputError("another version of edmsim wrote the checkpoint; cut again without --resume", file)
-        _compare(told["settings"], settings, file)
+        _compare(saved["settings"], settings, file)
         try:
-            simulation.restore(arrays, told["values"])
+            simulation.restore(arrays, saved["values"])
         except InputError as error:
             raise ValueError(error.reason) from None
-        return float(told["wall_time_s"])
+        return float(saved["wall_time_s"])
     except (OSError, ValueError, LookupError, TypeError, AttributeError, RecursionError, OverflowError) as error:
         raise InputError(f"the checkpoint is damaged ({error}); cut again without --resume", file) from None
 
 
-def _compare(stored: Mapping[str, Any], wanted: Mapping[str, Any], file: Path) -> None:
+def _compare(stored: Mapping[str, Any], expected: Mapping[str, Any], file: Path) -> None:
     # digests last: a setting by name says more
-    for name in sorted(stored.keys() | wanted.keys(), key=lambda name: (name.endswith("sha256"), name)):
-        if stored.get(name) != wanted.get(name):
+    for name in sorted(stored.keys() | expected.keys(), key=lambda name: (name.endswith("sha256"), name)):
+        if stored.get(name) != expected.get(name):
             raise InputError(
-                f"the interrupted cut was made with {name} {stored.get(name)!r}, not {wanted.get(name)!r}", file
+                f"the interrupted cut was made with {name} {stored.get(name)!r}, not {expected.get(name)!r}", file
             )

@@ -10,6 +10,7 @@ from html import escape
 from typing import Any
 
 from edmsim.compiled.specialised import PROGRESS
+from edmsim.controllers.pulse_counters import percent_of_window
 from edmsim.cosim.simulation import Progress
 from edmsim.recording.report import duration_text
 
@@ -43,7 +44,8 @@ class NotebookProgress:
         self._text = f"{duration_text(progress.time_s)} simulated in {duration_text(progress.wall_time_s)}"
         if now >= self._next_s:
             self._next_s = now + _EVERY_S
-            counts = f"short {progress.short / 2.55:.0f} %, open {progress.open / 2.55:.0f} %"
+            short, open_ = percent_of_window(progress.short), percent_of_window(progress.open)
+            counts = f"short {short:.0f} %, open {open_:.0f} %"
             self._draw(f"{progress.feed_um_s:.1f} µm/s, {counts}")
 
     def end(self, how: str) -> None:

@@ -22,11 +22,11 @@ from shapely.geometry import mapping
 from edmsim.controllers import FeedController, axis
 from edmsim.controllers.own import check_is_controller, text_of
 from edmsim.errors import InputError, one_of
-from edmsim.given_numbers import Number, WholeNumber
-from edmsim.machine.given import checked_constants, with_given
 from edmsim.machine.machine import Machine
+from edmsim.machine.overrides import checked_constants, with_overrides
 from edmsim.machine.parts import Choices
 from edmsim.machine.setting import check_height
+from edmsim.numeric import Number, WholeNumber
 from edmsim.plant.axes.faults import parse_fault
 from edmsim.plant.plant import MECHANICS
 from edmsim.plant.resolution import resolution as check_resolution
@@ -134,9 +134,9 @@ class CutSettings(BaseModel):
 
     @model_validator(mode="wrap")
     @classmethod
-    def _refuse_in_one_line(cls, given: Any, handler: ModelWrapValidatorHandler[CutSettings]) -> CutSettings:
+    def _refuse_in_one_line(cls, value: Any, handler: ModelWrapValidatorHandler[CutSettings]) -> CutSettings:
         try:
-            return handler(given)
+            return handler(value)
         except ValidationError as error:
             raise InputError(_line(error)) from None
 
@@ -148,18 +148,18 @@ class CutSettings(BaseModel):
 
     @field_validator("heights", mode="before")
     @classmethod
-    def _check_heights(cls, given: Sequence[Height] | None) -> tuple[Height, ...]:
-        return checked_changes(given or ())
+    def _check_heights(cls, value: Sequence[Height] | None) -> tuple[Height, ...]:
+        return checked_changes(value or ())
 
     @field_validator("height_areas", mode="before")
     @classmethod
-    def _check_areas(cls, given: Sequence[Area] | None) -> tuple[tuple[shapely.Polygon, float], ...]:
-        return checked_areas(given or ())
+    def _check_areas(cls, value: Sequence[Area] | None) -> tuple[tuple[shapely.Polygon, float], ...]:
+        return checked_areas(value or ())
 
     @field_validator("constants", mode="before")
     @classmethod
-    def _check_constants(cls, given: Mapping[str, float] | None) -> tuple[tuple[str, float], ...]:
-        return checked_constants(given or {})
+    def _check_constants(cls, value: Mapping[str, float] | None) -> tuple[tuple[str, float], ...]:
+        return checked_constants(value or {})
 
     @field_serializer("height_areas")
     def _corners(self, areas: tuple[tuple[shapely.Polygon, float], ...]) -> list[list[object]]:
@@ -171,8 +171,8 @@ class CutSettings(BaseModel):
 
     @field_validator("controller", mode="plain")
     @classmethod
-    def _check_controller(cls, given: object) -> str | FeedController:
-        return given if isinstance(given, str) else check_is_controller(given)
+    def _check_controller(cls, value: object) -> str | FeedController:
+        return value if isinstance(value, str) else check_is_controller(value)
 
     @field_serializer("controller")
     def _text(self, controller: str | FeedController) -> str:
@@ -250,7 +250,7 @@ class CutSettings(BaseModel):
             height_mm=self.workpiece.greatest_mm, tension=self.tension, t_on_us=self.t_on_us,
             t_period_us=self.t_period_us, **{name: getattr(self, name) for name in Choices.model_fields},
         )
-        return with_given(machine, self.constants) if self.constants else machine
+        return with_overrides(machine, self.constants) if self.constants else machine
 
 
 class CutOptions(TypedDict, total=False):

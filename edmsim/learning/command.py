@@ -20,8 +20,8 @@ if TYPE_CHECKING:
     from edmsim.learning.train import TrainingProgress
     from edmsim.screen import ScreenTable
 
-class Asked(NamedTuple):
-    """What was asked for beside the algorithm.
+class TrainOptions(NamedTuple):
+    """Options of a training besides the algorithm.
 
     Attributes
     ----------
@@ -63,27 +63,27 @@ class Asked(NamedTuple):
 
     def hyperparameters(self, env_id: str, algo: str) -> Hyperparameters:
         """Return what to train with; the network is the policy's to begin with, unless the settings name one."""
-        given = hyperparameters.load(env_id, algo, self.settings)
+        parameters = hyperparameters.load(env_id, algo, self.settings)
         more: dict[str, Any] = {}
         policy = self.policy()
-        if policy is not None and given.network == hyperparameters.load(env_id, algo).network:
+        if policy is not None and parameters.network == hyperparameters.load(env_id, algo).network:
             card = policy.card
             shape: dict[str, Any] = {"widths": card.widths, "activation": card.activation}
-            shape |= {"lstm": card.lstm} if given.network.lstm and card.lstm else {}
-            more["network"] = given.network.model_copy(update=shape)
+            shape |= {"lstm": card.lstm} if parameters.network.lstm and card.lstm else {}
+            more["network"] = parameters.network.model_copy(update=shape)
         if self.residual is not None:
-            environment = {**given.environment, "action": "speed", "decision_s": None}
+            environment = {**parameters.environment, "action": "speed", "decision_s": None}
             more |= {"residual": self.residual, "environment": environment}
         if self.teacher is not None:
             more["teacher"] = self.teacher
         if self.privileged_critic:
             more["privileged_critic"] = True
-        return given.model_copy(update=more)
+        return parameters.model_copy(update=more)
 
 
 def run(
     env_id: str, algo: str, out: Path, steps: int | None, seed: int, resume: bool, episodes: int, console: Console,
-    asked: Asked = Asked(),  # noqa: B008 - it cannot be changed
+    options: TrainOptions = TrainOptions(),  # noqa: B008 - it cannot be changed
 ) -> ScreenTable | None:
     """Train a policy, write it as ``policy.json`` and ``policy.npz`` into the folder, and measure it.
 
@@ -95,7 +95,7 @@ def run(
         Held-back episodes at every resolution, 2 or more, or 0 not to measure.
     console : rich.console.Console
         For the progress bar.
-    asked : Asked
+    options : TrainOptions
 
     Returns
     -------
@@ -115,36 +115,36 @@ def run(
         raise InputError(f"{episodes} episodes give no mean with an error: give 2 or more, or 0 for none")
     from edmsim.learning.train import train  # refuses, in one line, where the extra is missing
 
-    if resume and asked.words():
-        raise InputError(f"--resume goes on with what the training began with: leave out{asked.words()}")
+    if resume and options.words():
+        raise InputError(f"--resume goes on with what the training began with: leave out{options.words()}")
     named = resolve(env_id)
-    given = None if resume else asked.hyperparameters(named, algo)
+    parameters = None if resume else options.hyperparameters(named, algo)
     file = out / "policy.json"
     bar = ScreenProgress(
         TextColumn("{task.percentage:5.1f} %"), BarColumn(bar_width=24), TimeRemainingColumn(),
-        TextColumn("{task.fields[told]}"), console=console,
+        TextColumn("{task.fields[status]}"), console=console,
     )
-    task = bar.add_task("train", total=None, told="training")
+    task = bar.add_task("train", total=None, status="training")
 
     def watch(progress: TrainingProgress) -> None:
         bar.start()  # not before the first window: bad input shall print its one line only
-        told = "" if math.isnan(progress.mean_return) else f"return {progress.mean_return:.1f}"
-        bar.update(task, completed=progress.steps, total=progress.total, told=told)
+        status = "" if math.isnan(progress.mean_return) else f"return {progress.mean_return:.1f}"
+        bar.update(task, completed=progress.steps, total=progress.total, status=status)
 
     try:
         trained = train(
-            named, algo, out, steps=steps, seed=seed, resume=resume, watch=watch, given=given,
-            callbacks=_recorders(asked, out), begin_from=asked.policy(),
+            named, algo, out, steps=steps, seed=seed, resume=resume, watch=watch, parameters=parameters,
+            callbacks=_recorders(options, out), begin_from=options.policy(),
         )
         from edmsim.learning.export import export
 
         done = trained.run
         words = f"{done.env_id if named == env_id else env_id} --algo {algo} --steps {done.steps} --seed {seed}"
-        card, packed = export(trained, f"edmsim train {words}{asked.words()}")
+        card, packed = export(trained, f"edmsim train {words}{options.words()}")
         policy_file.write(card, packed, file)
         if not episodes:
             return None
-        measuring = bar.add_task("score", total=(1 + len(RIVALS)) * len(RESOLUTIONS) * episodes, told="measuring")
+        measuring = bar.add_task("score", total=(1 + len(RIVALS)) * len(RESOLUTIONS) * episodes, status="measuring")
         bar.start()
         scores = measure(done.env_id, str(file), episodes, lambda _done, _total: bar.advance(measuring))
     finally:
@@ -154,10 +154,11 @@ def run(
     return render(scores)
 
 
-def _recorders(asked: Asked, out: Path) -> list[Any]:
+def _recorders(options: TrainOptions, out: Path) -> list[Any]:
     """Return what records episodes of the first lane, if that is wanted."""
-    if asked.record_every is None and not asked.live:
+    if options.record_every is None and not options.live:
         return []
     from edmsim.envs.record_episodes import EVERY, RecordEpisodes
 
-    return [RecordEpisodes(out / "episodes", EVERY if asked.record_every is None else asked.record_every, asked.live)]
+    every = EVERY if options.record_every is None else options.record_every
+    return [RecordEpisodes(out / "episodes", every, options.live)]

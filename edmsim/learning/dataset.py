@@ -34,7 +34,7 @@ from edmsim.files import locked, replacing
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-KEPT = ("time_s", "dt_s", "path_um", "area_mm2", "cost", "error_um", "wires_lost")
+SAVED_INFOS = ("time_s", "dt_s", "path_um", "area_mm2", "cost", "error_um", "wires_lost")
 """Entries of ``info`` that a data set has, as float64."""
 UNFINISHED = "unfinished"
 
@@ -143,8 +143,8 @@ def _episodes(
             with replacing(file) as partial, partial.open("wb") as opened:
                 np.savez(opened, allow_pickle=False, **_episode(env, name, seed + len(files)))
         files.append(file)
-        with np.load(file, allow_pickle=False) as kept:
-            done += len(kept["rewards"])
+        with np.load(file, allow_pickle=False) as archive:
+            done += len(archive["rewards"])
         if watch is not None:
             watch(name, min(done, steps), steps)
     return files
@@ -157,22 +157,22 @@ def _episode(env: Any, name: str, seed: int) -> dict[str, NDArray[Any]]:
     observation, info = env.reset(seed=seed)
     law = edm.lane_law(controller)
     law.begin()
-    seen, told, actions, rewards = [observation], [info], [], []
+    observations, infos_seen, actions, rewards = [observation], [info], [], []
     terminated = truncated = False
     while not (terminated or truncated):
         action = law.action()
         observation, reward, terminated, truncated, info = env.step(action)
-        seen.append(observation)
-        told.append(info)
+        observations.append(observation)
+        infos_seen.append(info)
         actions.append(action)
         rewards.append(reward)
         truncated = truncated or (law.command().alarm is not None and not terminated)
     law.stop()
     ends = np.zeros((2, len(rewards)), np.bool_)
     ends[:, -1] = terminated, truncated
-    infos = {f"info_{key}": np.array([info[key] for info in told], np.float64) for key in KEPT}
+    infos = {f"info_{key}": np.array([info[key] for info in infos_seen], np.float64) for key in SAVED_INFOS}
     return {
-        "observations": np.array(seen), "actions": np.array(actions), "rewards": np.array(rewards),
+        "observations": np.array(observations), "actions": np.array(actions), "rewards": np.array(rewards),
         "terminations": ends[0], "truncations": ends[1], "seed": np.array(seed), **infos,
     }
 
@@ -181,14 +181,15 @@ def _assemble(minari: Any, env: Any, task: str, name: str, files: list[Path], ou
     """Write a controller's data set; one that is there is replaced."""
     buffers, returns, breaks = [], [], 0
     for k, file in enumerate(files):
-        with np.load(file, allow_pickle=False) as kept:
-            infos = {key: kept[f"info_{key}"] for key in KEPT}
-            returns.append(float(kept["rewards"].sum()))
+        with np.load(file, allow_pickle=False) as archive:
+            infos = {key: archive[f"info_{key}"] for key in SAVED_INFOS}
+            returns.append(float(archive["rewards"].sum()))
             breaks += bool(infos["wires_lost"][-1] > 0)
             buffers.append(minari.data_collector.EpisodeBuffer(
-                id=k, seed=int(kept["seed"]), observations=list(kept["observations"]), actions=list(kept["actions"]),
-                rewards=kept["rewards"].tolist(), terminations=kept["terminations"].tolist(),
-                truncations=kept["truncations"].tolist(), infos=infos,
+                id=k, seed=int(archive["seed"]),
+                observations=list(archive["observations"]), actions=list(archive["actions"]),
+                rewards=archive["rewards"].tolist(), terminations=archive["terminations"].tolist(),
+                truncations=archive["truncations"].tolist(), infos=infos,
             ))  # fmt: skip
     dataset_id = f"edmsim/{task.lower()}/{_plain(name)}-v0"
     shutil.rmtree(out / dataset_id, ignore_errors=True)

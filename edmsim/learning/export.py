@@ -78,15 +78,15 @@ def _exported(model: Any, lanes: Any, algorithm: str, command: str, seed: int | 
     network, wrapped = network_of(model), around(lanes)
     env_id, environment = wrapped.environment()
     family = make_family(env_id, **environment)
-    seen = entries_of(family)
+    entries = entries_of(family)
     if lanes.observation_space != model.observation_space or lanes.action_space != model.action_space:
         raise InputError("the learner has other observations or actions than these lanes: give those it learnt on")
-    weights, biases, lstm = _arrays(network, len(seen))
+    weights, biases, lstm = _arrays(network, len(entries))
     packed = pack(weights, biases, lstm)
-    mean, variance, epsilon, clip = _normalisation(wrapped.normalise, len(seen))
+    mean, variance, epsilon, clip = _normalisation(wrapped.normalise, len(entries))
     observation = [
         {"name": entry.name, "meaning": entry.meaning, "mean": m, "variance": v}
-        for entry, m, v in zip(seen, mean, variance, strict=True)
+        for entry, m, v in zip(entries, mean, variance, strict=True)
     ]
     card = Card.model_validate({
         "format": FORMAT, "env_id": env_id, "environment": environment, "observation": observation,
@@ -99,16 +99,16 @@ def _exported(model: Any, lanes: Any, algorithm: str, command: str, seed: int | 
     return card, packed
 
 
-def _arrays(network: PolicyNetwork, seen: int) -> tuple[list[Any], list[Any], Lstm | None]:
+def _arrays(network: PolicyNetwork, entry_count: int) -> tuple[list[Any], list[Any], Lstm | None]:
     """Return weights, biases and LSTM; what only the critic sees comes behind, and is left away."""
     first = network.lstm or network.layers[0]
     inputs = network.shown or (first.input_size if network.lstm else first.in_features)
-    if inputs != seen:
-        raise InputError(f"the learner's network sees {inputs} entries, its environment shows {seen}")
+    if inputs != entry_count:
+        raise InputError(f"the learner's network sees {inputs} entries, its environment shows {entry_count}")
     weights, lstm = [_array(layer.weight).T for layer in network.layers], None
     biases = [_array(layer.bias) for layer in network.layers]
     if network.lstm is None:
-        weights[0] = weights[0][:seen]
+        weights[0] = weights[0][:entry_count]
     else:
         names = "weight_ih_l0", "weight_hh_l0", "bias_ih_l0", "bias_hh_l0"
         ih, hh, *two = (_array(getattr(network.lstm, name)) for name in names)
@@ -118,13 +118,13 @@ def _arrays(network: PolicyNetwork, seen: int) -> tuple[list[Any], list[Any], Ls
     return weights, biases, lstm
 
 
-def _normalisation(normalise: Any, seen: int) -> tuple[list[float], list[float], float, float]:
+def _normalisation(normalise: Any, count: int) -> tuple[list[float], list[float], float, float]:
     """Return mean, variance, epsilon and clip of the observation; those that change nothing without normalisation."""
     if normalise is None:
         epsilon = float(np.finfo(np.float64).eps)
-        return [0.0] * seen, [1.0 - epsilon] * seen, epsilon, float(np.finfo(np.float32).max)
+        return [0.0] * count, [1.0 - epsilon] * count, epsilon, float(np.finfo(np.float32).max)
     statistics = normalise.obs_rms
-    return statistics.mean[:seen].tolist(), statistics.var[:seen].tolist(), normalise.epsilon, normalise.clip_obs
+    return statistics.mean[:count].tolist(), statistics.var[:count].tolist(), normalise.epsilon, normalise.clip_obs
 
 
 def _array(tensor: Any) -> Any:

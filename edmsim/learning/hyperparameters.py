@@ -11,7 +11,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from edmsim.envs.registry import base_of, find
 from edmsim.errors import InputError, one_of
-from edmsim.given_numbers import Number, WholeNumber
+from edmsim.numeric import Number, WholeNumber
 
 ALGORITHMS = ("ppo", "sac", "tqc", "ppo-lag", "recurrent-ppo", "imitation")
 """Algorithms there are hyperparameters for."""
@@ -130,16 +130,16 @@ def load(env_id: str, algo: str, settings: Path | None = None) -> Hyperparameter
 def _changed(usual: Hyperparameters, file: Path) -> Hyperparameters:
     """Return hyperparameters with what a file says in place of theirs."""
     try:
-        told = tomllib.loads(file.read_text(encoding="utf-8"))
+        table = tomllib.loads(file.read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
         raise InputError(f"the settings cannot be read: {error}", file) from None
-    if "gains" in told:
+    if "gains" in table:
         raise InputError("these are gains of a controller, not settings of a training", file)
     before = usual.model_dump()
-    for name, value in told.items():
+    for name, value in table.items():
         inner = before.get(name)
         before[name] = {**inner, **value} if isinstance(inner, dict) and isinstance(value, dict) else value
-    unknown = set(told.get("algorithm", {})) - set(usual.algorithm)
+    unknown = set(table.get("algorithm", {})) - set(usual.algorithm)
     if unknown:
         known = ", ".join(usual.algorithm)
         raise InputError(f"algorithm has no entry {', '.join(sorted(unknown))!r}; it has {known}", file)

@@ -44,8 +44,8 @@ class TaughtVecEnv(VecEnvWrapper):  # type: ignore[misc, unused-ignore]
         super().__init__(venv)
         self._laws = [venv.env.lane_law(lane, from_text(teacher)) for lane in range(self.num_envs)]
         self._observations: Any = None
-        self._seen: list[NDArray[np.float32]] = []
-        self._wanted: list[NDArray[np.float32]] = []
+        self._states: list[NDArray[np.float32]] = []
+        self._teacher_actions: list[NDArray[np.float32]] = []
 
     def reset(self) -> Any:
         """Begin an episode, and the teacher, in every lane."""
@@ -56,8 +56,8 @@ class TaughtVecEnv(VecEnvWrapper):  # type: ignore[misc, unused-ignore]
 
     def step_async(self, actions: NDArray[Any]) -> None:
         """Keep what was seen and what the teachers want there, and run the learner's actions."""
-        self._seen.append(np.array(self._observations, np.float32))
-        self._wanted.append(np.array([law.action() for law in self._laws]))
+        self._states.append(np.array(self._observations, np.float32))
+        self._teacher_actions.append(np.array([law.action() for law in self._laws]))
         self.venv.step_async(actions)
 
     def step_wait(self) -> Any:
@@ -69,10 +69,10 @@ class TaughtVecEnv(VecEnvWrapper):  # type: ignore[misc, unused-ignore]
 
     def taken(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """Return observations (n, entries) and the teacher's actions (n, k) since the last call, and forget them."""
-        seen, wanted = np.concatenate(self._seen), np.concatenate(self._wanted)
-        self._seen.clear()
-        self._wanted.clear()
-        return seen, wanted
+        states, teacher_actions = np.concatenate(self._states), np.concatenate(self._teacher_actions)
+        self._states.clear()
+        self._teacher_actions.clear()
+        return states, teacher_actions
 
 
 # untyped where the extra is missing
@@ -85,8 +85,8 @@ class Imitation(PPO):  # type: ignore[misc, unused-ignore]
 
     def _setup_model(self) -> None:
         super()._setup_model()
-        self.seen: list[NDArray[np.float32]] = getattr(self, "seen", [])  # those of a checkpoint are there already
-        self.wanted: list[NDArray[np.float32]] = getattr(self, "wanted", [])
+        self.states: list[NDArray[np.float32]] = getattr(self, "states", [])  # a checkpoint has some
+        self.teacher_actions: list[NDArray[np.float32]] = getattr(self, "teacher_actions", [])
 
     def train(self) -> None:
         """Fit the policy's mean to what the teacher wanted so far, every action in parts of its own variance."""
@@ -95,16 +95,16 @@ class Imitation(PPO):  # type: ignore[misc, unused-ignore]
         for group in self.policy.optimizer.param_groups:
             group["lr"] = self.lr_schedule(left) * max(left, LEAST_RATE)
         normalise: Any = self.env
-        for kept, new in zip((self.seen, self.wanted), normalise.venv.taken(), strict=True):
-            kept.append(new)
-        observations = torch.as_tensor(normalise.normalize_obs(np.concatenate(self.seen)))
-        wanted = torch.as_tensor(np.concatenate(self.wanted))
-        variance = wanted.var(0).clamp(min=LEAST_VARIANCE)
+        for stored, new in zip((self.states, self.teacher_actions), normalise.venv.taken(), strict=True):
+            stored.append(new)
+        observations = torch.as_tensor(normalise.normalize_obs(np.concatenate(self.states)))
+        teacher_actions = torch.as_tensor(np.concatenate(self.teacher_actions))
+        variance = teacher_actions.var(0).clamp(min=LEAST_VARIANCE)
         losses = []
-        for _ in range(max(self.n_epochs * len(self.wanted[-1]) // self.batch_size, 1)):
-            rows = torch.randint(len(wanted), (self.batch_size,))
+        for _ in range(max(self.n_epochs * len(self.teacher_actions[-1]) // self.batch_size, 1)):
+            rows = torch.randint(len(teacher_actions), (self.batch_size,))
             gaussian: Any = self.policy.get_distribution(observations[rows]).distribution
-            loss = ((gaussian.mean - wanted[rows]) ** 2 / variance).mean()
+            loss = ((gaussian.mean - teacher_actions[rows]) ** 2 / variance).mean()
             self.policy.optimizer.zero_grad()
             loss.backward()
             torch.nn.utils.clip_grad_norm_(self.policy.parameters(), self.max_grad_norm)

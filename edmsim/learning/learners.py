@@ -60,96 +60,96 @@ class TrainingLanes:
     learned_on: Any
 
 
-def check(env_id: str, algo: str, given: Hyperparameters) -> None:
+def check(env_id: str, algo: str, parameters: Hyperparameters) -> None:
     """Refuse what an algorithm cannot do, before anything is made."""
-    if given.privileged_critic and algo not in CRITICS:
+    if parameters.privileged_critic and algo not in CRITICS:
         raise InputError(f"{algo} has no critic of its own to be privileged; choose one of {', '.join(CRITICS)}")
-    if (given.network.lstm is not None) != (algo == "recurrent-ppo"):
+    if (parameters.network.lstm is not None) != (algo == "recurrent-ppo"):
         raise InputError(f"network.lstm is for recurrent-ppo, and needed there; the algorithm is {algo}")
-    if (given.lagrangian is not None) != (algo == "ppo-lag"):
+    if (parameters.lagrangian is not None) != (algo == "ppo-lag"):
         raise InputError(f"the table lagrangian is for ppo-lag, and needed there; the algorithm is {algo}")
-    if (given.teacher is not None) != (algo == "imitation"):
+    if (parameters.teacher is not None) != (algo == "imitation"):
         raise InputError(f"a teacher is for imitation, and needed there; the algorithm is {algo}")
-    family = make_family(env_id, **given.environment)
-    if given.teacher is not None:
-        teacher = from_text(given.teacher)
+    family = make_family(env_id, **parameters.environment)
+    if parameters.teacher is not None:
+        teacher = from_text(parameters.teacher)
         if family.action == "servo":
             target_share(teacher)
-    if given.residual is not None:
-        residual_of(given)
+    if parameters.residual is not None:
+        residual_of(parameters)
         if family.action != "speed" or family.decision_s is not None:
             raise InputError("a residual policy commands a speed every window: the environment has another action")
 
 
-def residual_of(given: Hyperparameters) -> Residual | None:
+def residual_of(parameters: Hyperparameters) -> Residual | None:
     """Return the law that a policy adds to, checked."""
-    if given.residual is None:
+    if parameters.residual is None:
         return None
-    residual = Residual(law=given.residual, range_um_s=given.residual_um_s)
+    residual = Residual(law=parameters.residual, range_um_s=parameters.residual_um_s)
     residual.make()
     return residual
 
 
-def lanes_of(env_id: str, given: Hyperparameters, seed: int, multiplier: float | None = None) -> TrainingLanes:
+def lanes_of(env_id: str, parameters: Hyperparameters, seed: int, multiplier: float | None = None) -> TrainingLanes:
     """Make the lanes of a training.
 
     Parameters
     ----------
     env_id : str
-    given : Hyperparameters
+    parameters : Hyperparameters
     seed : int
         Of the first reset.
     multiplier : float, optional
         Lagrangian PPO: that of a checkpoint.
     """
-    edm = make_sb3_vec_env(env_id, given.num_envs, seed=seed, **given.environment)
+    edm = make_sb3_vec_env(env_id, parameters.num_envs, seed=seed, **parameters.environment)
     lanes: Any = edm
-    residual, costs = residual_of(given), None
+    residual, costs = residual_of(parameters), None
     if residual is not None:
         lanes = ResidualVecEnv(edm, residual)
-    if given.teacher is not None:
-        lanes = TaughtVecEnv(edm, given.teacher)
-    if given.privileged_critic:
+    if parameters.teacher is not None:
+        lanes = TaughtVecEnv(edm, parameters.teacher)
+    if parameters.privileged_critic:
         lanes = PrivilegedVecEnv(lanes)
-    if given.lagrangian is not None:
-        lanes = costs = CostVecEnv(lanes, given.lagrangian.multiplier if multiplier is None else multiplier)
+    if parameters.lagrangian is not None:
+        lanes = costs = CostVecEnv(lanes, parameters.lagrangian.multiplier if multiplier is None else multiplier)
     return TrainingLanes(edm, costs, lanes)
 
 
-def new(algo: str, lanes: TrainingLanes, given: Hyperparameters, seed: int) -> tuple[Any, VecNormalize]:
+def new(algo: str, lanes: TrainingLanes, parameters: Hyperparameters, seed: int) -> tuple[Any, VecNormalize]:
     """Return a learner that knows nothing yet, and its normalised lanes."""
-    normalise = VecNormalize(lanes.learned_on, gamma=given.algorithm["gamma"])
-    network = given.network
+    normalise = VecNormalize(lanes.learned_on, gamma=parameters.algorithm["gamma"])
+    network = parameters.network
     policy: Any = "MlpLstmPolicy" if network.lstm else "MlpPolicy"
-    wanted: dict[str, Any] = {"net_arch": network.widths, "activation_fn": ACTIVATIONS[network.activation]}
+    options: dict[str, Any] = {"net_arch": network.widths, "activation_fn": ACTIVATIONS[network.activation]}
     if network.log_std_init is not None:
-        wanted["log_std_init"] = network.log_std_init
+        options["log_std_init"] = network.log_std_init
     if network.lstm is not None:
-        wanted["lstm_hidden_size"] = network.lstm
-    if given.privileged_critic:
+        options["lstm_hidden_size"] = network.lstm
+    if parameters.privileged_critic:
         policy = AsymmetricPolicy
-        wanted["shown_entries"] = int(np.prod(lanes.edm.observation_space.shape))
-    model = KINDS[algo](policy, normalise, policy_kwargs=wanted, seed=seed, device=_DEVICE, **given.algorithm)
+        options["shown_entries"] = int(np.prod(lanes.edm.observation_space.shape))
+    model = KINDS[algo](policy, normalise, policy_kwargs=options, seed=seed, device=_DEVICE, **parameters.algorithm)
     if network.first_action is not None:
         model.policy.action_net.bias.data = torch.tensor(network.first_action)
     return model, normalise
 
 
 def load(
-    algo: str, lanes: TrainingLanes, given: Hyperparameters, seed: int, checkpoint: Path
+    algo: str, lanes: TrainingLanes, parameters: Hyperparameters, seed: int, checkpoint: Path
 ) -> tuple[Any, VecNormalize]:
     """Return the learner of a checkpoint, which goes on with the settings given, and its normalised lanes."""
     normalise = VecNormalize.load(str(checkpoint / "normalise.pkl"), lanes.learned_on)
-    normalise.gamma = given.algorithm["gamma"]
+    normalise.gamma = parameters.algorithm["gamma"]
     kind = KINDS[algo]
-    model = kind.load(checkpoint / "model.zip", env=normalise, device=_DEVICE, seed=seed, **given.algorithm)
+    model = kind.load(checkpoint / "model.zip", env=normalise, device=_DEVICE, seed=seed, **parameters.algorithm)
     if (checkpoint / "replay.pkl").exists():
         model.load_replay_buffer(checkpoint / "replay.pkl")
     return model, normalise
 
 
-def callbacks(lanes: TrainingLanes, given: Hyperparameters) -> list[BaseCallback]:
+def callbacks(lanes: TrainingLanes, parameters: Hyperparameters) -> list[BaseCallback]:
     """Return what the algorithm wants done between its steps."""
-    if lanes.costs is None or given.lagrangian is None:
+    if lanes.costs is None or parameters.lagrangian is None:
         return []
-    return [Multiplier(lanes.costs, lanes.edm.env.family.cost_limit, given.lagrangian.rate)]
+    return [Multiplier(lanes.costs, lanes.edm.env.family.cost_limit, parameters.lagrangian.rate)]

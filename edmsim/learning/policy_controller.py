@@ -14,9 +14,8 @@ from edmsim.controllers.protocols import ControllerState, FeedCommand, WindowObs
 from edmsim.envs import observation, servo
 from edmsim.envs.knobs import least_setting_us, to_detents
 from edmsim.envs.path_follower import SHORTED_S, SHORTED_SHARE
-from edmsim.envs.task import CORNER_DEG
 from edmsim.errors import InputError
-from edmsim.geometry import Polyline
+from edmsim.geometry import CORNER_DEG, Polyline
 from edmsim.learning.policy_file import Policy, load
 from edmsim.machine.machine import Machine
 from edmsim.machine.setting import ignition_wait_us, open_V
@@ -24,7 +23,7 @@ from edmsim.plant.kernel.state import PULSES_PER_WINDOW
 
 Floats = NDArray[np.float64]
 _LANE = np.zeros(1, np.int64)
-_ARRAYS = "seen", "shown", "servo", "memory"
+_ARRAYS = "history", "shown", "servo", "memory"
 
 
 class PolicyController:
@@ -44,7 +43,7 @@ class PolicyController:
         self.policy = policy
         self._family = policy.family()
         width = len(observation.of_a_step(self._family.locates_discharges))
-        self._seen = np.zeros((1, self._family.history, width), np.float32)
+        self._history = np.zeros((1, self._family.history, width), np.float32)
         self._shown: NDArray[np.void] = np.zeros(1, observation.SHOWN)
         self._scale: NDArray[np.void] = np.zeros(1, observation.SCALE)
         self._servo: NDArray[np.void] = np.zeros(1, servo.SERVO)
@@ -91,7 +90,7 @@ class PolicyController:
         self._age_s = self._spent_s = self._broke_at = 0.0
         self._offset_um = 0.0
         self._lost = 0
-        self._seen[:] = 0.0
+        self._history[:] = 0.0
         self._shown[:] = np.zeros((), observation.SHOWN)
         servo.begin(self._servo[0], self._feed_um_s)
         self._memory = self.policy.fresh_memory()
@@ -114,7 +113,7 @@ class PolicyController:
         if self._law is not None:
             self._law_um_s = self._law.update(window).feed_um_s
         if self._shown[0]["duration_ns"] >= round((self._family.decision_s or 0.0) * 1e9):
-            observation.show(_LANE, self._shown, self._scale, self._family.max_feed_um_s, self._seen)
+            observation.show(_LANE, self._shown, self._scale, self._family.max_feed_um_s, self._history)
             self._shown[:] = np.zeros((), observation.SHOWN)
             self._decide()
         return self._command()
@@ -208,15 +207,15 @@ class PolicyController:
     def _decide(self) -> None:
         """Ask the policy, and take up what it wants."""
         assert self._machine is not None
-        seen = np.concatenate([self._seen.reshape(-1), observation.dials(self._machine)])
+        entries = np.concatenate([self._history.reshape(-1), observation.dials(self._machine)])
         if self._family.knows_corners:
             place = np.array([self._path_um - self._start_um])
-            seen = np.append(seen, observation.corners(place, self._corner_um, self._corner_deg)[0])
+            entries = np.append(entries, observation.corners(place, self._corner_um, self._corner_deg)[0])
         if self._family.offset_um is not None:
-            seen = np.append(seen, np.float32(self._offset_um / self._family.offset_um))
+            entries = np.append(entries, np.float32(self._offset_um / self._family.offset_um))
         if self._family.knows_wires:
-            seen = np.append(seen, self._wires())
-        action, self._memory = self.policy.act(seen, self._memory)
+            entries = np.append(entries, self._wires())
+        action, self._memory = self.policy.act(entries, self._memory)
         if self.policy.card.residual is not None:
             action[0] = self.policy.card.residual.action(self._family, self._law_um_s, float(np.float32(action[0])))
         if self._family.action == "servo":
@@ -239,12 +238,12 @@ class PolicyController:
         t_on_us, t_period_us = self._setting_us
         return command._replace(t_on_us=t_on_us, t_period_us=t_period_us)
 
-    def _turn(self, wanted_us: tuple[float, float]) -> None:
+    def _turn(self, requested_us: tuple[float, float]) -> None:
         """Take the setting that the environment would take; what the generator refuses is not even asked for."""
         assert self._machine is not None
         detents = self._family.detents_us
-        asked = to_detents(*wanted_us, detents)
-        for setting_us in (asked, least_setting_us(self._machine, asked[0], detents)):
+        rounded = to_detents(*requested_us, detents)
+        for setting_us in (rounded, least_setting_us(self._machine, rounded[0], detents)):
             if setting_us == self._setting_us:
                 break
             with suppress(InputError):

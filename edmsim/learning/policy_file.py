@@ -38,7 +38,7 @@ class _Strict(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
 
-class Seen(_Strict):
+class ObservedEntry(_Strict):
     """One entry of the observation.
 
     Attributes
@@ -83,9 +83,9 @@ class Residual(_Strict):
             raise InputError(f"a policy adds to a law of edmsim that a machine could have, not to '{self.law}'")
         return law
 
-    def action(self, family: Family, law_um_s: float, wanted: float) -> np.float32:
+    def action(self, family: Family, law_um_s: float, correction: float) -> np.float32:
         """Return what an environment with ``action="speed"`` is given: the law's feed, and what is added to it."""
-        added_um_s = min(max(float(wanted), -1.0), 1.0) * self.range_um_s
+        added_um_s = min(max(float(correction), -1.0), 1.0) * self.range_um_s
         return np.float32(min(max((law_um_s + added_um_s) / family.max_feed_um_s, -1.0), 1.0))
 
 
@@ -100,7 +100,7 @@ class Card(_Strict):
         The environment it was trained in, or the present version of that.
     environment : dict
         That environment's arguments.
-    observation : list of Seen
+    observation : list of ObservedEntry
         The network's inputs, in order: (entry - mean) / sqrt(variance + `epsilon`), clipped to `clip` either way.
     epsilon, clip : float
     action : list of str
@@ -133,7 +133,7 @@ class Card(_Strict):
     format: Literal["edmsim-policy-1"]
     env_id: str
     environment: dict[str, Any]
-    observation: Annotated[list[Seen], Field(min_length=1)]
+    observation: Annotated[list[ObservedEntry], Field(min_length=1)]
     epsilon: Annotated[FiniteFloat, Field(gt=0)]
     clip: Annotated[FiniteFloat, Field(gt=0)]
     action: Annotated[list[str], Field(min_length=1)]
@@ -157,21 +157,21 @@ class Lstm(NamedTuple):
 
     Attributes
     ----------
-    seen : float array (inputs, 4 cells)
-    kept : float array (cells, 4 cells)
+    input_weights : float array (inputs, 4 cells)
+    memory_weights : float array (cells, 4 cells)
     bias : float array (4 cells,)
     """
 
-    seen: Floats
-    kept: Floats
+    input_weights: Floats
+    memory_weights: Floats
     bias: Floats
 
     def after(self, observation: Floats, memory: Floats) -> Floats:
-        """Return the memory (2, cells), what it puts out and what it keeps, after an observation (inputs,)."""
-        gates = observation @ self.seen + memory[0] @ self.kept + self.bias
+        """Return the memory (2, cells), its output and its cells, after an observation (inputs,)."""
+        gates = observation @ self.input_weights + memory[0] @ self.memory_weights + self.bias
         let_in, forget, cell, put_out = np.split(gates, 4)
-        kept = _sigmoid(forget) * memory[1] + _sigmoid(let_in) * np.tanh(cell)
-        return np.stack([_sigmoid(put_out) * np.tanh(kept), kept])
+        cells = _sigmoid(forget) * memory[1] + _sigmoid(let_in) * np.tanh(cell)
+        return np.stack([_sigmoid(put_out) * np.tanh(cells), cells])
 
 
 def _sigmoid(values: Floats) -> Floats:
@@ -321,12 +321,12 @@ def _check_environment(card: Card, file: Path) -> None:
         family = make_family(card.env_id, **card.environment)
     except (InputError, TypeError, ValueError) as error:
         raise InputError(f"the policy's environment cannot be made: {error}", file) from None
-    wanted = [entry.name for entry in entries_of(family)]
-    told = [entry.name for entry in card.observation]
-    if told != wanted:
+    expected = [entry.name for entry in entries_of(family)]
+    found = [entry.name for entry in card.observation]
+    if found != expected:
         raise InputError(
-            f"the policy sees {len(told)} entries that are not the {len(wanted)} of {card.env_id}: it was trained in "
-            "another version of it", file,
+            f"the policy sees {len(found)} entries that are not the {len(expected)} of {card.env_id}: it was trained "
+            "in another version of it", file,
         )
     if card.residual is not None:
         _check_residual(card.residual, family, file)
@@ -382,8 +382,8 @@ def _checked_lstm(card: Card, gates: dict[str, Floats], file: Path) -> Lstm | No
     if card.lstm is None:
         return None
     four = 4 * card.lstm
-    wanted = {"seen": (len(card.observation), four), "kept": (card.lstm, four), "bias": (four,)}
-    for name, shape in wanted.items():
+    expected = {"input_weights": (len(card.observation), four), "memory_weights": (card.lstm, four), "bias": (four,)}
+    for name, shape in expected.items():
         if gates[name].shape != shape or not np.isfinite(gates[name]).all():
             raise InputError(f"the policy's lstm_{name} is not {shape} finite numbers", file)
     return Lstm(**gates)

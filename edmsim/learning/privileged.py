@@ -60,15 +60,15 @@ class PrivilegedVecEnv(VecEnvWrapper):  # type: ignore[misc, unused-ignore]
         return self._with(observations, truths), rewards, done, infos
 
     def _draw(self, lanes: Sequence[int] | NDArray[np.int64] | range) -> None:
-        told = self.unwrapped.reset_infos
+        infos = self.unwrapped.reset_infos
         for lane in lanes:
-            self._constants[lane] = [told[lane]["drawn"][name] for name in self._names]
+            self._constants[lane] = [infos[lane]["drawn"][name] for name in self._names]
 
     def _with(self, observations: Any, truths: NDArray[np.float32]) -> NDArray[np.float32]:
         return np.concatenate([observations, truths, self._constants], axis=1)
 
 
-class Shown(BaseFeaturesExtractor):  # type: ignore[misc, unused-ignore]
+class VisibleEntries(BaseFeaturesExtractor):  # type: ignore[misc, unused-ignore]
     """The first entries of an observation as they are, and 0 in place of the others."""
 
     def __init__(self, observation_space: gym.spaces.Box[Any], entries: int) -> None:
@@ -98,7 +98,7 @@ class AsymmetricPolicy(ActorCriticPolicy):  # type: ignore[misc, unused-ignore]
         super().__init__(*args, **{**kwargs, "share_features_extractor": False})
         space = self.observation_space
         assert isinstance(space, gym.spaces.Box)
-        self.pi_features_extractor = Shown(space, shown_entries)
+        self.pi_features_extractor = VisibleEntries(space, shown_entries)
         self.features_extractor = self.pi_features_extractor
 
     def _get_constructor_parameters(self) -> dict[str, Any]:

@@ -48,10 +48,10 @@ class ResidualVecEnv(VecEnvWrapper):  # type: ignore[misc, unused-ignore]
 
     def step_async(self, actions: NDArray[Any]) -> None:
         """Add the actions to what the laws command."""
-        given = np.array(actions, np.float32)
+        total = np.array(actions, np.float32)
         for lane, feed_um_s in enumerate(self._feed_um_s):
-            given[lane, 0] = self.residual.action(self._family, feed_um_s, given[lane, 0])
-        self.venv.step_async(given)
+            total[lane, 0] = self.residual.action(self._family, feed_um_s, total[lane, 0])
+        self.venv.step_async(total)
 
     def step_wait(self) -> Any:
         """Run a step, which the laws see, and take what they command for the next."""

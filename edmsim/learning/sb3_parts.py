@@ -23,7 +23,7 @@ from edmsim.errors import InputError
 from edmsim.learning.imitation import TaughtVecEnv
 from edmsim.learning.lagrangian import CostVecEnv
 from edmsim.learning.policy_file import Residual
-from edmsim.learning.privileged import PrivilegedVecEnv, Shown
+from edmsim.learning.privileged import PrivilegedVecEnv, VisibleEntries
 from edmsim.learning.residual import ResidualVecEnv
 
 ACTIVATIONS = {"tanh": torch.nn.Tanh, "relu": torch.nn.ReLU}
@@ -99,9 +99,9 @@ def network_of(model: Any) -> PolicyNetwork:
             layers.pop()  # TD3's and DDPG's tanh
     else:
         raise InputError(f"{what} has no actor with a mean: use PPO, SAC, TQC, recurrent PPO, A2C or TD3")
-    if type(features) not in (FlattenExtractor, Shown):
+    if type(features) not in (FlattenExtractor, VisibleEntries):
         raise InputError(f"{what} looks at what {type(features).__name__} makes of observations: use MlpPolicy")
-    shown = int(features.shown.sum()) if isinstance(features, Shown) else None
+    shown = int(features.shown.sum()) if isinstance(features, VisibleEntries) else None
     return PolicyNetwork(layers[::2], _activation(layers, what), _lstm(policy, what), output, shown)
 
 
@@ -155,9 +155,9 @@ class Around(NamedTuple):
             See `stand_in`.
         """
         own = {f.name: plain(getattr(self.family, f.name)) for f in fields(self.family)}
-        env_id, kept = stand_in(type(self.family), own)
+        env_id, arguments = stand_in(type(self.family), own)
         usual = make_family(env_id)
-        return env_id, {name: value for name, value in kept.items() if plain(getattr(usual, name)) != value}
+        return env_id, {name: value for name, value in arguments.items() if plain(getattr(usual, name)) != value}
 
 
 def around(lanes: Any) -> Around:

@@ -38,20 +38,20 @@ def start_sb3(model: Any, lanes: Any, policy: str | Policy) -> None:
     >>> from edmsim.learning import start_sb3
     >>> start_sb3(model, lanes, "policy:GapFeed-ppo")  # doctest: +SKIP
     """
-    given = load(policy.removeprefix("policy:")) if isinstance(policy, str) else policy
+    policy_file = load(policy.removeprefix("policy:")) if isinstance(policy, str) else policy
     network, wrapped = network_of(model), around(lanes)
-    _check(given, network, wrapped)
+    _check(policy_file, network, wrapped)
     with torch.no_grad():
-        for layer, weight, bias in zip(network.layers, given.weights, given.biases, strict=True):
+        for layer, weight, bias in zip(network.layers, policy_file.weights, policy_file.biases, strict=True):
             _put(layer.weight, weight.T)
             _put(layer.bias, bias)
-        if given.lstm is not None:
+        if policy_file.lstm is not None:
             lstm = network.lstm
-            _put(lstm.weight_ih_l0, given.lstm.seen.T)
-            _put(lstm.weight_hh_l0, given.lstm.kept.T)
-            _put(lstm.bias_ih_l0, given.lstm.bias)
-            _put(lstm.bias_hh_l0, np.zeros_like(given.lstm.bias))
-    normalise, card = wrapped.normalise, given.card
+            _put(lstm.weight_ih_l0, policy_file.lstm.input_weights.T)
+            _put(lstm.weight_hh_l0, policy_file.lstm.memory_weights.T)
+            _put(lstm.bias_ih_l0, policy_file.lstm.bias)
+            _put(lstm.bias_hh_l0, np.zeros_like(policy_file.lstm.bias))
+    normalise, card = wrapped.normalise, policy_file.card
     assert normalise is not None
     normalise.epsilon, normalise.clip_obs = card.epsilon, card.clip
     statistics: Any = normalise.obs_rms

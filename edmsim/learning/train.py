@@ -87,7 +87,7 @@ class Trained(NamedTuple):
 
 def train(
     env_id: str, algo: str, out: Path, *, steps: int | None = None, seed: int = 0, resume: bool = False,
-    watch: Callable[[TrainingProgress], None] | None = None, given: Hyperparameters | None = None,
+    watch: Callable[[TrainingProgress], None] | None = None, parameters: Hyperparameters | None = None,
     callbacks: Sequence[BaseCallback] = (), begin_from: Path | Policy | None = None,
 ) -> Trained:
     """Train a policy.
@@ -109,7 +109,7 @@ def train(
         Go on from the folder's last checkpoint, with its hyperparameters.
     watch : callable, optional
         Called with a `TrainingProgress` after every step of all lanes.
-    given : Hyperparameters, optional
+    parameters : Hyperparameters, optional
         What to train with; that of ``models/training`` by default.
     callbacks : sequence of BaseCallback
         What else stable-baselines3 calls, as `edmsim.envs.RecordEpisodes`.
@@ -125,9 +125,9 @@ def train(
     KeyboardInterrupt
         After a checkpoint was written.
     """
-    given = given or hyperparameters.load(env_id, algo)
+    parameters = parameters or hyperparameters.load(env_id, algo)
     stand_in(*find(env_id))  # refuses an environment of which no policy file could be written
-    total = given.steps if steps is None else steps
+    total = parameters.steps if steps is None else steps
     if total < 1:
         raise InputError(f"steps is {total}: give 1 or more")
     if not 0 <= seed < 2**32:
@@ -136,10 +136,10 @@ def train(
     last = begin_from
     if resume:
         last = _checkpoint_of(run, out)
-        given = _given_of(last)
-    learners.check(env_id, algo, given)
+        parameters = _parameters_of(last)
+    learners.check(env_id, algo, parameters)
     with locked(out, "edmsim train"):
-        trained = _begin(run, given, last)
+        trained = _begin(run, parameters, last)
         if not resume:
             for old in out.glob("checkpoint-*"):
                 shutil.rmtree(old)
@@ -165,26 +165,26 @@ def _learn(
         trained.normalise.close()
 
 
-def _begin(run: TrainingRun, given: Hyperparameters, last: Path | Policy | None) -> Trained:
+def _begin(run: TrainingRun, parameters: Hyperparameters, last: Path | Policy | None) -> Trained:
     """Make environment and learner, as new, with a policy, or as a checkpoint has them."""
-    before: dict[str, Any] = _told(last) if isinstance(last, Path) else {"done": 0, "multiplier": None}
+    before: dict[str, Any] = _run_state(last) if isinstance(last, Path) else {"done": 0, "multiplier": None}
     # other episodes after a break
     first = int(np.random.SeedSequence((run.seed, before["done"])).generate_state(1)[0])
-    lanes = learners.lanes_of(run.env_id, given, first, before["multiplier"])
+    lanes = learners.lanes_of(run.env_id, parameters, first, before["multiplier"])
     if isinstance(last, Path):
-        made = learners.load(run.algo, lanes, given, run.seed, last)
+        made = learners.load(run.algo, lanes, parameters, run.seed, last)
     else:
-        made = learners.new(run.algo, lanes, given, run.seed)
+        made = learners.new(run.algo, lanes, parameters, run.seed)
     if isinstance(last, Policy):
         start_sb3(*made, last)
     lanes.edm.seed(first)  # the learner seeds them with its own seed, that a break would repeat
-    return Trained(run, given, *made, lanes)
+    return Trained(run, parameters, *made, lanes)
 
 
-def _told(checkpoint: Path) -> dict[str, Any]:
+def _run_state(checkpoint: Path) -> dict[str, Any]:
     """Return what a checkpoint says of itself."""
-    told: dict[str, Any] = json.loads((checkpoint / "run.json").read_text(encoding="utf-8"))
-    return told
+    run_state: dict[str, Any] = json.loads((checkpoint / "run.json").read_text(encoding="utf-8"))
+    return run_state
 
 
 # untyped where the extra is missing
@@ -221,11 +221,11 @@ class _Keeper(BaseCallback):  # type: ignore[misc, unused-ignore]
         if self._trained.run.algo in learners.REPLAYS:
             model.save_replay_buffer(partial / "replay.pkl")
         costs = self._trained.lanes.costs
-        told = {
+        run_state = {
             **asdict(self._trained.run), "done": done, "multiplier": None if costs is None else costs.multiplier,
             "hyperparameters": self._trained.hyperparameters.model_dump(mode="json"),
         }
-        (partial / "run.json").write_text(json.dumps(told), encoding="utf-8")
+        (partial / "run.json").write_text(json.dumps(run_state), encoding="utf-8")
         partial.rename(folder)
         for old in self._out.glob("checkpoint-*"):
             if old != folder:
@@ -239,21 +239,21 @@ def _checkpoint_of(run: TrainingRun, out: Path) -> Path:
     if not found:
         raise InputError("there is no training to resume in this folder", out)
     try:
-        told = json.loads(found[-1].read_text(encoding="utf-8"))
-        kept = TrainingRun(*(told[name] for name in ("env_id", "algo", "steps", "seed")))
+        run_state = json.loads(found[-1].read_text(encoding="utf-8"))
+        saved = TrainingRun(*(run_state[name] for name in ("env_id", "algo", "steps", "seed")))
     except (OSError, ValueError, LookupError, TypeError) as error:
         raise InputError(f"the checkpoint is damaged ({error}); train again without --resume", found[-1]) from None
     for name in ("env_id", "algo", "seed"):
-        if getattr(kept, name) != getattr(run, name):
+        if getattr(saved, name) != getattr(run, name):
             raise InputError(
-                f"the training there was made with {name} {getattr(kept, name)}, not {getattr(run, name)}", out
+                f"the training there was made with {name} {getattr(saved, name)}, not {getattr(run, name)}", out
             )
     return found[-1].parent
 
 
-def _given_of(checkpoint: Path) -> Hyperparameters:
+def _parameters_of(checkpoint: Path) -> Hyperparameters:
     """Return the hyperparameters of the training that a checkpoint is of."""
     try:
-        return Hyperparameters.model_validate(_told(checkpoint)["hyperparameters"])
+        return Hyperparameters.model_validate(_run_state(checkpoint)["hyperparameters"])
     except (ValueError, LookupError) as error:
         raise InputError(f"the checkpoint is damaged ({error}); train again without --resume", checkpoint) from None

@@ -52,10 +52,10 @@ def read(part: type[_Part], kind: Kind, name: str) -> _Part:
         raise InputError(f"not valid TOML: {error}", file) from None
 
 
-def _our_file(kind: Kind, name: str, asked_by: str | None = None) -> str:
+def _our_file(kind: Kind, name: str, referring_file: str | None = None) -> str:
     names = available(kind)
     if name not in names:
-        raise InputError(f"unknown {kind[:-1]} '{name}'; there are: {one_of(name, names)}", asked_by)
+        raise InputError(f"unknown {kind[:-1]} '{name}'; there are: {one_of(name, names)}", referring_file)
     return (resources.files("edmsim.models") / kind / f"{name}.toml").read_text(encoding="utf-8")
 
 
@@ -83,9 +83,9 @@ def own_mjcf(name: str, file: str) -> str:
     InputError
         There is neither.
     """
-    beside = Path(file).absolute().parent / name
-    if beside.is_file():
-        return str(beside)
+    sibling = Path(file).absolute().parent / name
+    if sibling.is_file():
+        return str(sibling)
     if not (Path(models.__file__).parent / name).is_file():
         raise InputError(f"key 'model': there is no MJCF {name!r} beside this file, nor one of ours", file)
     return name

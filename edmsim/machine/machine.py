@@ -11,11 +11,11 @@ from collections.abc import Iterable, Iterator
 from typing import TYPE_CHECKING
 
 from edmsim.errors import InputError
-from edmsim.given_numbers import finite
 from edmsim.machine.files import read, read_base
 from edmsim.machine.parts import Choices, Constant, Generator, Material, SetUp, Wire
 from edmsim.machine.ranges import sample, uncertain
 from edmsim.machine.setting import check, check_pulses
+from edmsim.numeric import finite
 
 if TYPE_CHECKING:
     import numpy as np

@@ -11,7 +11,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
 
-from edmsim.given_numbers import Number
+from edmsim.numeric import Number
 
 
 class Part(BaseModel):

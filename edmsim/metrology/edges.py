@@ -171,10 +171,10 @@ def _traced_tiles(field: KerfField) -> NDArray[np.int64]:
 
 def _stock_parts(field: KerfField) -> NDArray[np.uint16]:
     """Parts in every allocated tile before the cut: array (count, n_slices, TILE, TILE)."""
-    kept = 1 if field.relief is None else field.n_slices  # slices that are all alike share their room
-    parts = np.empty((field.count, kept, TILE, TILE), np.uint16)
+    distinct = 1 if field.relief is None else field.n_slices  # slices that are all alike share their room
+    parts = np.empty((field.count, distinct, TILE, TILE), np.uint16)
     for tx, ty, place in field.tile_places():
-        parts[place] = field.stock_tile(tx, ty)[:kept]
+        parts[place] = field.stock_tile(tx, ty)[:distinct]
     return np.broadcast_to(parts, (field.count, field.n_slices, TILE, TILE))
 
 

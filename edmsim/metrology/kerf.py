@@ -94,8 +94,8 @@ def kerf_width(field: KerfField, contour: WireContour, wire_diameter_um: float) 
     clear = line.distance_along(s_mm, marks) >= KERF_CLEARANCE_MM
     clear &= depth_in_blank(field.stock, points) >= KERF_CLEARANCE_MM
     part = walls[0 if contour.part_side == "left" else 1]
-    kept = solid[:, clear] >= KERF_CLEARANCE_MM
-    return KerfWidth(s_mm[clear], *(np.where(kept, um[:, clear], np.nan) for um in (width, part)))
+    has_kerf = solid[:, clear] >= KERF_CLEARANCE_MM
+    return KerfWidth(s_mm[clear], *(np.where(has_kerf, um[:, clear], np.nan) for um in (width, part)))
 
 
 def _wall_distance(field: KerfField, start_um: Floats, direction: Floats, reach_um: float) -> Floats:

@@ -18,8 +18,8 @@ from edmsim.program.path import WireContour
 
 Floats = NDArray[np.float64]
 
-CORNER_DEG = 15.0
-"""Vertices that turn by less are chords of an arc."""
+EDGE_CORNER_DEG = 15.0
+"""A vertex of the drawn edge that turns by less is one of the chords of an arc (ours)."""
 
 
 @dataclass(frozen=True)
@@ -77,7 +77,7 @@ def mean_error_um(
         if not contour.compensated:
             continue
         line = Polyline(contour.nominal_mm, contour.closed)
-        corner = line.distance_along(profile.s_mm, line.s[line.corners(CORNER_DEG)]) <= CORNER_REACH_MM
+        corner = line.distance_along(profile.s_mm, line.s[line.corners(EDGE_CORNER_DEG)]) <= CORNER_REACH_MM
         error = profile.error_um[:, ~corner & ~profile.at_lead_in & (left_um == 0)]
         known.append(error[np.isfinite(error)])
     every = np.concatenate([np.zeros(0), *known])
@@ -126,7 +126,7 @@ def _what_lies_at(contour: WireContour, profile: ProfileError, place: int) -> st
     if profile.at_lead_in[place]:
         return "start mark"
     line = Polyline(contour.nominal_mm, contour.closed)
-    vertices = line.corners(CORNER_DEG)
+    vertices = line.corners(EDGE_CORNER_DEG)
     away = np.array([line.distance_along(profile.s_mm[[place]], line.s[[k]])[0] for k in vertices])
     if not len(away) or away.min() > CORNER_REACH_MM:
         return "edge"

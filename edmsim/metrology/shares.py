@@ -161,9 +161,9 @@ def motor_offsets_um(machine: Machine, motors_um: Floats, path_um: Floats, elcam
     """
     table = StillTable(machine, nuts=False)
     by_path = elcam is not None and any(_PATH in (one.master, one.row_axis) for one in elcam.tables.values())
-    seen = np.column_stack([motors_um, path_um if by_path else np.zeros(len(motors_um))])
-    places, which = np.unique(seen, axis=0, return_inverse=True)
-    program, astray = np.zeros((len(places), 2)), np.zeros((len(places), 2))
+    states = np.column_stack([motors_um, path_um if by_path else np.zeros(len(motors_um))])
+    places, which = np.unique(states, axis=0, return_inverse=True)
+    program, offsets = np.zeros((len(places), 2)), np.zeros((len(places), 2))
     compensation = None
     if elcam is not None:
         compensation = StepCompensation(copy.deepcopy(elcam), machine.base.table.step_um.value)
@@ -171,5 +171,5 @@ def motor_offsets_um(machine: Machine, motors_um: Floats, path_um: Floats, elcam
         if compensation is not None:
             compensation.begin((x, y), path)
             program[k] = compensation.offset_um
-        astray[k] = places[k, :2] - table.move((x, y))
-    return MotorOffsets(program[which.reshape(-1)], astray[which.reshape(-1)])
+        offsets[k] = places[k, :2] - table.move((x, y))
+    return MotorOffsets(program[which.reshape(-1)], offsets[which.reshape(-1)])

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edmsim.errors import InputError
-from edmsim.plant.kernel.state import GRID, OPEN, PULSES_PER_WINDOW, Timing
+from edmsim.plant.kernel.state import GRID, OPEN, Timing
 from edmsim.plant.window import wrong_step
 
 if TYPE_CHECKING:
@@ -17,9 +17,9 @@ if TYPE_CHECKING:
 
 def pass_window(
     state: NDArray[np.void], window: NDArray[np.void], drives: Drives, timing: Timing, events: NDArray[np.int64],
-    step_um: float,
+    step_um: float, pulses: int,
 ) -> None:
-    """Let 255 pulses pass that find no wire: open ones, of the longest wait there is.
+    """Let pulses pass that find no wire: open ones, of the longest wait there is.
 
     The axes take their steps as in a rapid (`edmsim.plant.axes.rapid`).
 
@@ -34,6 +34,8 @@ def pass_window(
         As `Plant.advance` takes them.
     step_um : float
         Travel of a motor step.
+    pulses : int
+        How many.
 
     Raises
     ------
@@ -46,12 +48,12 @@ def pass_window(
     if period_ns == 0:
         spans = min(int((timing.wait_us + timing.pause_us) / timing.grid_us + 0.5), GRID)
         period_ns = int(spans * timing.grid_us * 1e3 + 0.5)
-    start_ns, duration_ns = int(state["time_ns"][0]), PULSES_PER_WINDOW * period_ns
+    start_ns, duration_ns = int(state["time_ns"][0]), pulses * period_ns
     drives.follow(state, events, start_ns + duration_ns, step_um)
     state["time_ns"] += duration_ns
-    state["pulses"] += PULSES_PER_WINDOW
+    state["pulses"] += pulses
     window[:] = 0
     window["start_ns"], window["duration_ns"] = start_ns, duration_ns
-    window["counts"][0, OPEN] = PULSES_PER_WINDOW
+    window["counts"][0, OPEN] = pulses
     window["temperature_max_K"] = np.nan  # there is no wire
-    window["voltage_us"] = PULSES_PER_WINDOW * timing.open_V * timing.wait_us
+    window["voltage_us"] = pulses * timing.open_V * timing.wait_us

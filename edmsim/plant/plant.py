@@ -273,8 +273,10 @@ class Plant(PlantReadings):
         self._pulses = np.zeros(PULSES_PER_WINDOW, PULSE)
         self._memory.put_own(pulses=self._pulses)
 
-    def advance(self, steps: Sequence[tuple[int, int, int]] = ()) -> PulseWindow:
-        """Fire 255 pulses.
+    def advance(
+        self, steps: Sequence[tuple[int, int, int]] = (), pulses: int = PULSES_PER_WINDOW
+    ) -> PulseWindow:
+        """Fire 255 pulses, or fewer.
 
         Parameters
         ----------
@@ -282,6 +284,8 @@ class Plant(PlantReadings):
             Motor steps of the window in order of time: machine time in ns, 0 for x, 1 for y, 2 for u, 3 for v,
             +1 or -1. To a drive with a loop a step is an edge at its input. Where there is one, 4, 5 and 6 are the
             drives' input lines stop, fault and enable, and the number behind is the line's level, 0 or 1.
+        pulses : int
+            1 to 255. Craters are carved at a window's end, so the same pulses in shorter windows have other bits.
 
         Returns
         -------
@@ -290,12 +294,15 @@ class Plant(PlantReadings):
         Raises
         ------
         InputError
-            If a step has another axis or direction, or lies in the past or out of order.
+            If a step has another axis or direction, or lies in the past or out of order; or a window has no such
+            number of pulses.
         PlantError
             If the wire broke in a window before (`WireBrokenError`), or the model left the range it holds for
             (`WireLostError`, `WireInMetalError`, `NotFiniteError`).
         """
-        return self._advance(steps, PULSES_PER_WINDOW)
+        if not 1 <= pulses <= PULSES_PER_WINDOW:
+            raise InputError(f"a window has 1 to {PULSES_PER_WINDOW} pulses, not {pulses}")
+        return self._advance(steps, pulses)
 
     def _advance(self, steps: Sequence[tuple[int, int, int]], pulses: int) -> PulseWindow:
         rows, place = _NO_STEPS, 0
@@ -305,7 +312,9 @@ class Plant(PlantReadings):
                 raise InputError(f"steps are rows of time_ns, axis and direction, not an array of shape {rows.shape}")
             place = rows.__array_interface__["data"][0]
         if self._state["broken"][0] == BARE:
-            pass_window(self._state, self._window, self._drives, self._setting.timing, rows, self._constants.step_um)
+            pass_window(
+                self._state, self._window, self._drives, self._setting.timing, rows, self._constants.step_um, pulses
+            )
             return self.window()
         status = self._fire_once(place, len(rows), pulses)
         if status == NO_TILES:

@@ -3,11 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
 
 from edmsim.errors import InputError, one_of
-
-ResolutionName = Literal["fast", "default", "fine"]
 
 
 @dataclass(frozen=True)

@@ -153,16 +153,3 @@ def strength_share(temperature_K: float, half_strength_K: float, cold_K: float) 
 def area_m2(diameter_um: float) -> float:
     """Cross-section of the wire."""
     return math.pi / 4 * (diameter_um * 1e-6) ** 2
-
-
-def electrostatic_pull_N_m(voltage_V: float, gap_um: float, radius_um: float, permittivity: float) -> float:
-    """Attraction per metre of a straight cylinder towards a plane (closed form).
-
-    ``F' = pi eps V^2 / (r acosh(1 + g/r)^2 sqrt((1 + g/r)^2 - 1))``; `permittivity` is relative.
-    """
-    ratio = 1 + gap_um / radius_um
-    eps = permittivity * VACUUM_PERMITTIVITY_F_M
-    return (
-        math.pi * eps * voltage_V**2
-        / (radius_um * 1e-6 * math.acosh(ratio) ** 2 * math.sqrt(ratio**2 - 1))
-    )

@@ -86,11 +86,11 @@ class Chain:
         parts = self.parts()
         if not any(short for _, short in parts):
             return self
-        kept = [self.points[:1]]
+        pieces = [self.points[:1]]
         for part, short in parts:
-            if not short or np.hypot(*(part[-1] - kept[-1][-1])) > JOIN_TOLERANCE_MM:
-                kept.append(np.concatenate([kept[-1][-1:], part[-1:] if short else part[1:]]))
-        return type(self).of(kept[1:], self.place).ring() if len(kept) > 1 else self
+            if not short or np.hypot(*(part[-1] - pieces[-1][-1])) > JOIN_TOLERANCE_MM:
+                pieces.append(np.concatenate([pieces[-1][-1:], part[-1:] if short else part[1:]]))
+        return type(self).of(pieces[1:], self.place).ring() if len(pieces) > 1 else self
 
     def _without_repeats(self) -> Self:
         moves = np.hypot(*np.diff(self.points, axis=0).T) > SAME_MM
@@ -257,7 +257,7 @@ def without_duplicates(chains: Sequence[Chain]) -> list[Chain]:
     Candidates share the box around them; boxes are looked up through a grid, with the cells beside it.
     """
     cells: dict[tuple[int, ...], list[tuple[_Box, Chain]]] = {}
-    kept = []
+    distinct = []
     for chain in chains:
         box = (*chain.points.min(axis=0).tolist(), *chain.points.max(axis=0).tolist())
         low, high = (
@@ -265,9 +265,9 @@ def without_duplicates(chains: Sequence[Chain]) -> list[Chain]:
         )
         near = product(*({a, b} for a, b in zip(low, high, strict=True)))
         if not any(_are_same(chain, box, *other) for cell in near for other in cells.get(cell, ())):
-            kept.append(chain)
+            distinct.append(chain)
             cells.setdefault(tuple(math.floor(c / _CELL_MM) for c in box), []).append((box, chain))
-    return kept
+    return distinct
 
 
 def _are_same(one: Chain, box: _Box, other_box: _Box, other: Chain) -> bool:

@@ -124,8 +124,8 @@ def _refuse_no_numbers(entity: list[_Tag]) -> None:
             try:
                 float(value)
             except ValueError:
-                told = repr(value.strip().decode("ascii", "replace"))
-                raise InputError(f"{told} is no number: write it with a decimal point", line=line + 1) from None
+                quoted = repr(value.strip().decode("ascii", "replace"))
+                raise InputError(f"{quoted} is no number: write it with a decimal point", line=line + 1) from None
 
 
 def _with_own_handle(entity: list[_Tag], taken: set[bytes]) -> list[_Tag]:

@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 _DEEPEST = 16
 """Blocks within blocks (ours: deeper ones hold themselves)."""
 
-_MOST_TOLD = 20
+_MOST_NAMED = 20
 
 _EQUAL = 1e-9
 """Angles that differ by less, in degrees or radians, are equal; so are radii and 0 (ours: what arithmetic leaves)."""
@@ -139,8 +139,8 @@ class Drawn:
         there |= {layer.dxf.name for layer in self._document.layers} | {"0"}
         unknown = self._layers - {name.lower() for name in there}
         if unknown:
-            told = ", ".join(sorted(there)[:_MOST_TOLD]) + (", ..." if len(there) > _MOST_TOLD else "")
-            raise InputError(f"the drawing has no layer {', '.join(sorted(unknown))}; there are: {told}")
+            listed = ", ".join(sorted(there)[:_MOST_NAMED]) + (", ..." if len(there) > _MOST_NAMED else "")
+            raise InputError(f"the drawing has no layer {', '.join(sorted(unknown))}; there are: {listed}")
 
 
 def _taken_out(block: Any) -> list[Any]:
@@ -214,8 +214,8 @@ def _content(
     notices += [f"{count} {kind} left out" for kind, count in sorted(drawn.left_out.items())]
     short = Counter(kind for chain, kind in chains for kind in _short(chain, kind))
     if short:
-        told = ", ".join(f"{count} {kind}" for kind, count in sorted(short.items()))
-        notices.append(f"what lies within {JOIN_TOLERANCE_MM} mm is joined away, as ends within it are: {told}")
+        listed = ", ".join(f"{count} {kind}" for kind, count in sorted(short.items()))
+        notices.append(f"what lies within {JOIN_TOLERANCE_MM} mm is joined away, as ends within it are: {listed}")
     return [chain for chain, _ in chains], unit_mm, notices
 
 
@@ -274,27 +274,27 @@ def _contours(chains: list[Chain], unit_mm: float, notices: list[str]) -> list[C
 
 
 def _once(chains: list[Chain], one: str, several: str, notices: list[str]) -> list[Chain]:
-    kept = without_duplicates(chains)
-    twice = len(chains) - len(kept)
+    distinct = without_duplicates(chains)
+    twice = len(chains) - len(distinct)
     if twice:
         what = f"1 {one} drawn twice is" if twice == 1 else f"{twice} {several} drawn twice are"
         notices.append(f"{what} cut once")
-    return kept
+    return distinct
 
 
-def _unit(document: Drawing, given: str | None) -> tuple[float, list[str]]:
+def _unit(document: Drawing, chosen: str | None) -> tuple[float, list[str]]:
     code = int(document.header.get("$INSUNITS", 0))
-    if given is not None:
-        if given not in UNITS:
-            raise InputError(f"the unit is {given!r}: give one of {', '.join(UNITS)}")
-        said = f", though the drawing says {UNIT_MM[code]:g} mm" if code in UNIT_MM and code != UNITS[given] else ""
-        return UNIT_MM[UNITS[given]], [f"the drawing is read in {given}, as asked{said}"]
+    if chosen is not None:
+        if chosen not in UNITS:
+            raise InputError(f"the unit is {chosen!r}: give one of {', '.join(UNITS)}")
+        said = f", though the drawing says {UNIT_MM[code]:g} mm" if code in UNIT_MM and code != UNITS[chosen] else ""
+        return UNIT_MM[UNITS[chosen]], [f"the drawing is read in {chosen}, as asked{said}"]
     if code == 0:
         return 1.0, ["the drawing sets no unit ($INSUNITS): it is read as mm"]
     if code not in UNIT_MM:
         raise InputError(f"drawing unit $INSUNITS = {code} is not known here: give --unit, or save it in mm (4)")
-    told = [f"the drawing's unit is {UNIT_MM[code]:g} mm ($INSUNITS = {code})"]
-    return UNIT_MM[code], [] if code == 4 else told
+    listed = [f"the drawing's unit is {UNIT_MM[code]:g} mm ($INSUNITS = {code})"]
+    return UNIT_MM[code], [] if code == 4 else listed
 
 
 def _nested(contours: list[Chain]) -> list[Outline]:

@@ -233,8 +233,8 @@ def _points(entity: Any, kind: str, unit_mm: float) -> Iterable[Any]:
         return entity.flattening(tolerance, segments=16) if length * unit_mm > SAME_MM else [entity.dxf.center]
     radius = entity.dxf.radius
     if not 0 <= radius * unit_mm <= FARTHEST_MM:
-        told = f"{named(kind)} has a radius of {radius * unit_mm:g} mm, not one from 0 to {FARTHEST_MM:g} mm"
-        raise InputError(f"{told}: draw it again, or a line")
+        what = f"{named(kind)} has a radius of {radius * unit_mm:g} mm, not one from 0 to {FARTHEST_MM:g} mm"
+        raise InputError(f"{what}: draw it again, or a line")
     return entity.flattening(min(tolerance, radius / 4)) if radius * unit_mm > SAME_MM else [entity.dxf.center]
 
 

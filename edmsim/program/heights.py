@@ -18,8 +18,8 @@ import shapely
 from shapely.geometry import shape
 
 from edmsim.errors import InputError
-from edmsim.given_numbers import plain, real
 from edmsim.machine.setting import HEIGHT_MM, check_height
+from edmsim.numeric import plain, real
 from edmsim.plant.workpiece.height_steps import LowerRegion
 
 if TYPE_CHECKING:
@@ -32,7 +32,7 @@ Height: TypeAlias = "tuple[float, float]"
 Area: TypeAlias = "tuple[BaseGeometry | Sequence[Sequence[float]] | Mapping[str, Any], float]"
 """Polygon, its corners or its GeoJSON, in mm of the program, and the height in mm inside it."""
 
-BESIDE_WIRE_MM = 0.4
+WIRE_MARGIN_MM = 0.4
 """How far beside the wire's surface a stretch's height holds (ours: rays end at 0.08 mm, tiles are made 0.13 mm
 beyond them and are 0.13 mm wide, the rest is for a wire that hangs behind)."""
 RING_MM = 0.035
@@ -100,7 +100,7 @@ class Heights:
             A change of height beyond the path's end, or an area that lies beside the blank.
         """
         blank = shapely.box(*path.stock_mm)
-        steps = [*self._areas(path, blank), *self._stretches(path, wire_diameter_um * 5e-4 + BESIDE_WIRE_MM)]
+        steps = [*self._areas(path, blank), *self._stretches(path, wire_diameter_um * 5e-4 + WIRE_MARGIN_MM)]
         if self.greatest_mm == self.lowest_mm:
             return ()
         return tuple(
@@ -138,17 +138,17 @@ class Heights:
             # ring by ring outwards, all before a stretch first, so that it also claims round a corner at its start
             taken = nearer
             for claim, end in zip(claims, ends, strict=True):
-                nearer = _beside(lines, end, float(reach))
+                nearer = _band(lines, end, float(reach))
                 claim.append(nearer.difference(taken))
                 taken = taken.union(nearer)
         return [(shapely.union_all(claim), height) for claim, height in zip(claims, heights, strict=True)]
 
 
-def checked_changes(given: Sequence[Height]) -> tuple[Height, ...]:
+def checked_changes(value: Sequence[Height]) -> tuple[Height, ...]:
     """Return changes of height over path length, checked; raises `InputError` as `Heights.of`."""
     before = -math.inf
     checked = []
-    for place, height in (_pair(plain(item), "a path length") for item in given):
+    for place, height in (_pair(plain(item), "a path length") for item in value):
         if real(place) is None:
             raise InputError(f"a height changes at a length of path in mm, not at {place!r}")
         check_height(height, f" from {place:g} mm of path on")
@@ -161,10 +161,10 @@ def checked_changes(given: Sequence[Height]) -> tuple[Height, ...]:
     return tuple(checked)
 
 
-def checked_areas(given: Sequence[Area]) -> tuple[tuple[shapely.Polygon, float], ...]:
+def checked_areas(value: Sequence[Area]) -> tuple[tuple[shapely.Polygon, float], ...]:
     """Return areas of another height, checked; raises `InputError` as `Heights.of`."""
     checked = []
-    for number, (corners, height) in enumerate((_pair(item, "a polygon") for item in given), 1):
+    for number, (corners, height) in enumerate((_pair(item, "a polygon") for item in value), 1):
         check_height(height, f" of area {number}")
         checked.append((_polygon(corners, number), height))
     return tuple(checked)
@@ -191,18 +191,18 @@ def parse_height(text: str) -> Height:
 
 def _pair(item: tuple[Any, float], first: str) -> tuple[Any, float]:
     try:
-        where, given = item
+        where, value = item
     except (TypeError, ValueError):
-        where = given = None
-    height = real(given)
+        where = value = None
+    height = real(value)
     if height is None:
         raise InputError(f"a change of height is {first} and a height in mm, not {item!r}")
     return where, float(height)
 
 
-def _polygon(given: BaseGeometry | Sequence[Sequence[float]] | Mapping[str, Any], number: int) -> shapely.Polygon:
+def _polygon(value: BaseGeometry | Sequence[Sequence[float]] | Mapping[str, Any], number: int) -> shapely.Polygon:
     try:
-        polygon = shapely.Polygon(shape(given) if isinstance(given, Mapping) else given)
+        polygon = shapely.Polygon(shape(value) if isinstance(value, Mapping) else value)
     except (TypeError, ValueError, LookupError, shapely.errors.ShapelyError) as error:
         raise InputError(f"area {number} of another height is no polygon: {error}") from None
     if not (polygon.is_valid and polygon.area > 0 and np.isfinite(polygon.bounds).all()):
@@ -211,7 +211,7 @@ def _polygon(given: BaseGeometry | Sequence[Sequence[float]] | Mapping[str, Any]
     return polygon
 
 
-def _beside(lines: Sequence[shapely.LineString], end_mm: float, reach_mm: float) -> BaseGeometry:
+def _band(lines: Sequence[shapely.LineString], end_mm: float, reach_mm: float) -> BaseGeometry:
     """Region within `reach_mm` of the path up to a length, cut off square there; all round its open ends."""
     regions, before = [], 0.0
     for line in lines:

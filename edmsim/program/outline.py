@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
@@ -17,6 +17,36 @@ JOIN_TOLERANCE_MM = 0.005
 """Ends closer than this many mm are one point (ours: rounding of programs, well below the gap)."""
 
 Side = Literal["left", "right"]
+
+
+Corners = Literal["sharp", "conical", "cylindrical", "rounded"]
+"""What a corner or an arc of the program plane becomes at another height."""
+
+
+@dataclass(frozen=True)
+class Taper:
+    """How the wire leans along an outline.
+
+    Attributes
+    ----------
+    angle_deg : tuple of float, optional
+        For each chord of the outline the angle between wire and vertical; positive where the wire's upper end leans
+        to the left of the direction of the cut. None where `upper_mm` says it.
+    upper_mm : float64 array (n, 2), optional
+        For each point of the outline the point of the second plane; the wall between them is ruled.
+    corners : {"sharp", "conical", "cylindrical", "rounded"}
+        What corners and arcs become at other heights.
+    program_plane_mm : float
+        Height of the outline's plane over the workpiece's lower face.
+    second_plane_mm : float, optional
+        Height of the plane of `upper_mm`; None: the workpiece's upper face.
+    """
+
+    angle_deg: tuple[float, ...] | None = None
+    upper_mm: NDArray[np.float64] | None = None
+    corners: Corners = "conical"
+    program_plane_mm: float = 0.0
+    second_plane_mm: float | None = None
 
 
 @dataclass(frozen=True)
@@ -49,6 +79,16 @@ class Outline:
         For each of the ``n - 1`` chords the line or arc it belongs to, counted along the edge from 1.
     offset_mm : float, optional
         Offset of the program's register for it, in mm; None if it has none.
+    condition : str, optional
+        Name of the machining condition in force, as the program writes it: ``C001``, ``E1221``, ``S2``.
+    adaptive : bool, optional
+        Whether the program asks for adaptive feed; None where it does not say.
+    continues : bool
+        Whether the wire stays threaded from the outline before: nothing but cutting moves lies between them.
+    stops_after : bool
+        Whether the program stops after it (M00, M01), as for gluing the slug.
+    taper : Taper, optional
+        How the wire leans; None: it is vertical.
     """
 
     points_mm: NDArray[np.float64]
@@ -63,6 +103,11 @@ class Outline:
     needs_lead_in: bool = True
     elements: tuple[int, ...] = ()
     offset_mm: float | None = None
+    condition: str | None = None
+    adaptive: bool | None = None
+    continues: bool = False
+    stops_after: bool = False
+    taper: Taper | None = None
 
     @property
     def line(self) -> int | None:
@@ -87,11 +132,17 @@ class Program:
         What a user should know about how it was read.
     source : str
         The file.
+    dialect : str, optional
+        Whose words a G-code program speaks: ``sodick``, ``fanuc``; None where nothing in it tells.
+    conditions : mapping of str to mapping of str to float
+        Tables of machining conditions in the program, by condition and column as written.
     """
 
     outlines: tuple[Outline, ...]
     notices: tuple[str, ...]
     source: str
+    dialect: str | None = None
+    conditions: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from edmsim.errors import InputError
-from edmsim.given_numbers import real
+from edmsim.numeric import real
 
 _NAME = re.compile(r"([DH])0*(\d{1,4})")
 GREATEST_MM = 10.0

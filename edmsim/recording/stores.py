@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edmsim.cosim.observers import Observer, PlantView, Turn
+from edmsim.geometry import CORNER_DEG
 from edmsim.plant.kernel.state import PULSE
 
 Bytes = NDArray[np.uint8]
@@ -220,9 +221,6 @@ AROUND = 20
 """Windows kept before and after an event: half a second on either side at a period of 100 us."""
 BLOCKS = 40
 """Most events of a kind around which all is kept."""
-
-CORNER_DEG = 20.0
-"""A path that turns by more than this at a point has a corner there; chords of arcs turn by less."""
 
 NOTHING, RETRACT, TURN = 0, 1, 2
 """Events that are worth all detail: the wire begins to run back; it passes a corner or begins a contour."""

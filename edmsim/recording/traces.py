@@ -58,8 +58,8 @@ def traces(
         current = np.stack([nought, nought, nought, flowing, flowing, nought, nought], axis=-1)
         return time, voltage, current
     lasts = np.take_along_axis(_opposite_us(closeups), last, axis=1)
-    back, given = np.minimum(end + lasts, stop), lasts > 0.0
-    opposite_V, opposite_A = (np.where(given, closeups[f"opposite_{unit}"][:, None], 0.0) for unit in "VA")
+    back, has_opposite = np.minimum(end + lasts, stop), lasts > 0.0
+    opposite_V, opposite_A = (np.where(has_opposite, closeups[f"opposite_{unit}"][:, None], 0.0) for unit in "VA")
     time = np.stack([start, start, ignition, ignition, end, end, back, back, stop], axis=-1)
     voltage = np.stack([nought, up, up, burning, burning, opposite_V, opposite_V, nought, nought], axis=-1)
     current = np.stack([nought, nought, nought, flowing, flowing, opposite_A, opposite_A, nought, nought], axis=-1)

@@ -85,8 +85,8 @@ def pause_rows(t_s: Floats) -> NDArray[np.intp]:
     Windows may be long, of long periods or thinned; a pause is longer than those beside it.
     """
     took = np.diff(t_s)
-    beside = np.concatenate([t_s[:1], took, [np.inf]])
-    return np.flatnonzero(took > THREADING_S + 2.0 * np.minimum(beside[: len(took)], beside[2:])) + 1
+    neighbours = np.concatenate([t_s[:1], took, [np.inf]])
+    return np.flatnonzero(took > THREADING_S + 2.0 * np.minimum(neighbours[: len(took)], neighbours[2:])) + 1
 
 
 def jump_rows(place_um: Floats, path_um: Floats) -> NDArray[np.intp]:

@@ -1,1 +1,1 @@
-"""``edmsim servo``: a drive on its bench, at a person's terminal, a pseudo-terminal or a pipe; scope and tuning."""
+"""``edmsim console servo``: a drive on its bench, operated by a person, a script or a program; scope, tuning."""

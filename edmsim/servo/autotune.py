@@ -1,4 +1,4 @@
-"""``edmsim servo --autotune``: values for a drive on an axis, found at its serial line, and what they change.
+"""``edmsim console servo --autotune``: values for a drive on an axis, found at its serial line, and what they change.
 
 A relay experiment tells how fast the axis is, the manual's recipe follows, and then the drive as delivered and the
 tuned one are both measured on the bench, sample by sample. The result is what a person would type.
@@ -27,7 +27,7 @@ from edmsim.controllers.axis import CHIPS
 from edmsim.errors import InputError, one_of
 from edmsim.recording.figures.palette import BLUE, MUTED, VERMILION
 from edmsim.recording.figures.style import column_figure, dress, legend
-from edmsim.servo.operator import MOVE_RATE, Answer, ModuleOperator, Operator, UhuOperator
+from edmsim.servo.operator import MOVE_RATE, AxisTrace, ModuleOperator, Operator, UhuOperator
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -36,12 +36,12 @@ if TYPE_CHECKING:
 
 _HEIGHT, _FACTOR, _HIGHEST = 25, 1.5, 500
 """Height of the first relay, factor to the next, and the highest, in the units of T or of C (ours)."""
-_SEEN_COUNTS = range(8, 50)
+_COUNTS = range(8, 50)
 """Amplitudes to measure (ours): far above a count, and within the 63 counts that the UHU's stream shows."""
 _KICK, _FEWEST_SWINGS = 4, 4
 
 
-class Swing(NamedTuple):
+class Oscillation(NamedTuple):
     """What an axis tells of itself: ultimate gain in units of output per count, period in s, amplitude in counts."""
 
     gain: float
@@ -49,7 +49,7 @@ class Swing(NamedTuple):
     amplitude: float
 
 
-def swing_of(operator: Operator) -> Swing:
+def swing_of(operator: Operator) -> Oscillation:
     """Let an axis swing under a relay whose height is raised or lowered until the swing is well seen.
 
     Raises
@@ -65,11 +65,11 @@ def swing_of(operator: Operator) -> Swing:
         late = answer.time_s > answer.time_s[-1] / 3
         error, time_s = answer.error[late], answer.time_s[late]
         amplitude = float(np.ptp(error)) / 2
-        factor = _FACTOR if amplitude < _SEEN_COUNTS.start else 1 / _FACTOR if amplitude >= _SEEN_COUNTS.stop else 1.0
-        wanted = round(height * factor)
-        if wanted in heights or not 1 < wanted <= _HIGHEST:
+        factor = _FACTOR if amplitude < _COUNTS.start else 1 / _FACTOR if amplitude >= _COUNTS.stop else 1.0
+        next_height = round(height * factor)
+        if next_height in heights or not 1 < next_height <= _HIGHEST:
             break
-        height = wanted
+        height = next_height
         heights.add(height)
     high = error > error.mean()
     rises = time_s[1:][high[1:] & ~high[:-1]]
@@ -78,7 +78,7 @@ def swing_of(operator: Operator) -> Swing:
             f"the axis does not swing steadily under a relay of {operator.height}{height}: it is held fast, runs "
             "away, or has play before its encoder"
         )
-    return Swing(4 * height / (math.pi * amplitude), float(np.diff(rises).mean()), amplitude)
+    return Oscillation(4 * height / (math.pi * amplitude), float(np.diff(rises).mean()), amplitude)
 
 
 _STEPS = 10, -10, 50, -50
@@ -136,11 +136,11 @@ class Recipe:
 
     def __init__(self, operator: Operator, say: Callable[[str], None]) -> None:
         self._operator, self._say = operator, say
-        self._kept = {**operator.kept, "E": operator.no_trip}
+        self._fixed = {**operator.fixed, "E": operator.no_trip}
         delivered = {letter: operator.delivered[letter] for letter in operator.gains}
-        self._before = self.tried({**self._kept, **delivered}, math.inf)
+        self._before = self.tried({**self._fixed, **delivered}, math.inf)
 
-    def run(self, swing: Swing) -> dict[str, int]:
+    def run(self, swing: Oscillation) -> dict[str, int]:
         """Tune.
 
         Parameters
@@ -193,10 +193,10 @@ class Recipe:
             figures = figures._replace(rms=0.0)  # V will see to it
         return figures.cost(self._before)
 
-    def _first(self, swing: Swing) -> Values:
+    def _first(self, swing: Oscillation) -> Values:
         """Return values to begin with: those of delivery without I, or the relay's if they oscillate (step 2)."""
         operator = self._operator
-        values = {**self._kept, **{letter: operator.delivered[letter] for letter in operator.gains}, "I": 0}
+        values = {**self._fixed, **{letter: operator.delivered[letter] for letter in operator.gains}, "I": 0}
         if not self._calm(values, math.inf):
             gain = _SHARE_OF_ULTIMATE * swing.gain * _FULL
             values |= dict.fromkeys(operator.gains, 0)
@@ -290,9 +290,9 @@ _OPERATORS: dict[str, type[Operator]] = {kind.chip: kind for kind in (UhuOperato
 class AxisResponse:
     """An axis under a drive: its answers to a step up, a step down and a move, at every sample."""
 
-    up: Answer
-    down: Answer
-    move: Answer
+    up: AxisTrace
+    down: AxisTrace
+    move: AxisTrace
 
     @property
     def figures(self) -> Figures:
@@ -321,7 +321,7 @@ class Tuning:
 
     lines: tuple[str, ...]
     values: dict[str, int]
-    swing: Swing
+    swing: Oscillation
     before: AxisResponse
     after: AxisResponse
 
@@ -357,7 +357,7 @@ def autotune(name: str, motor: NDArray[np.void], say: Callable[[str], None]) -> 
     before = measured(kind(motor), {"E": kind.no_trip})
     after = measured(kind(motor), values)
     values["E"] = max(2 * STEP_COUNTS, math.ceil(_TRIP * float(np.abs(after.move.error).max())))
-    values = {letter: values[letter] for letter in (*kind.gains, "V", "E", *kind.kept) if letter in values}
+    values = {letter: values[letter] for letter in (*kind.gains, "V", "E", *kind.fixed) if letter in values}
     lines = tuple(f"{letter}{value}" for letter, value in values.items())
     return Tuning((*lines, "R", *kind.saving), values, swing, before, after)
 
@@ -366,15 +366,15 @@ def measured(operator: Operator, values: dict[str, int]) -> AxisResponse:
     """Type some values in, and measure two steps and a move on the bench."""
     operator.enter(values)
     up, down = _answer_to_step(operator, 1), _answer_to_step(operator, -1)
-    rows, begun_s = _traced(operator, lambda: operator.send_steps(1))
+    rows, start_s = _traced(operator, lambda: operator.send_steps(1))
     error = rows["setpoint"] - rows["count"]
-    return AxisResponse(up, down, Answer(rows["time_ns"] * 1e-9 - begun_s, error - error[0]))
+    return AxisResponse(up, down, AxisTrace(rows["time_ns"] * 1e-9 - start_s, error - error[0]))
 
 
-def _answer_to_step(operator: Operator, way: int) -> Answer:
-    begun_at = int(operator.bench.axis()["count"])
-    rows, begun_s = _traced(operator, lambda: operator.send_step(way * STEP_COUNTS))
-    return Answer(rows["time_ns"] * 1e-9 - begun_s, STEP_COUNTS - way * (rows["count"] - begun_at))
+def _answer_to_step(operator: Operator, way: int) -> AxisTrace:
+    start_count = int(operator.bench.axis()["count"])
+    rows, start_s = _traced(operator, lambda: operator.send_step(way * STEP_COUNTS))
+    return AxisTrace(rows["time_ns"] * 1e-9 - start_s, STEP_COUNTS - way * (rows["count"] - start_count))
 
 
 def _traced(operator: Operator, begin: Callable[[], float]) -> tuple[NDArray[np.void], float]:
@@ -383,11 +383,11 @@ def _traced(operator: Operator, begin: Callable[[], float]) -> tuple[NDArray[np.
     operator.restart()
     bench.trace = True
     bench.samples()
-    begun_s = begin()
+    start_s = begin()
     bench.run(_MEASURED_S)
     rows = bench.samples()
     bench.trace = False
-    return rows[rows["time_ns"] * 1e-9 >= begun_s], begun_s
+    return rows[rows["time_ns"] * 1e-9 >= start_s], start_s
 
 
 def draw(tuning: Tuning) -> Figure:
@@ -419,5 +419,5 @@ def draw_move(axes: Axes, tuning: Tuning) -> None:
     axes.set(xlim=(0, 1e3 * _MEASURED_S), ylim=(-most, most))
 
 
-def _before_and_after(before: Answer, after: Answer) -> tuple[tuple[Answer, str, str], ...]:
+def _before_and_after(before: AxisTrace, after: AxisTrace) -> tuple[tuple[AxisTrace, str, str], ...]:
     return (before, "as delivered", VERMILION), (after, "tuned", BLUE)

@@ -1,4 +1,4 @@
-"""What ``edmsim servo`` puts together: a drive by name on an axis by name, to sit at or to tune."""
+"""What ``edmsim console servo`` puts together: a drive by name on an axis by name, to sit at or to tune."""
 
 from __future__ import annotations
 

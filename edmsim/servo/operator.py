@@ -26,7 +26,7 @@ _SETTLED_COUNTS = 1
 """The axis has settled when it stays this near: the encoder tells no more."""
 
 
-class Answer(NamedTuple):
+class AxisTrace(NamedTuple):
     """What is seen after a step or a move.
 
     Attributes
@@ -113,7 +113,7 @@ class Operator(ABC):
     """Of ``models/drives``."""
     gains: ClassVar[tuple[str, ...]]
     """Letters of what is found: P, then what is raised against oscillation in the manual's order, then I."""
-    kept: ClassVar[Mapping[str, int]]
+    fixed: ClassVar[Mapping[str, int]]
     """Letters of what stays as it is while they are found."""
     relay: ClassVar[Mapping[str, int]]
     """What makes the loop a relay: gain without end, nothing besides, and a limit for its height."""
@@ -156,18 +156,18 @@ class Operator(ABC):
         """Make the setpoint what the position is."""
         self.bench.talk(b"R\r")
 
-    def step(self, counts: int, code: int = STEP_RATE) -> Answer:
+    def step(self, counts: int, code: int = STEP_RATE) -> AxisTrace:
         """Step the setpoint and watch; the error is positive where the axis is short of it."""
         self.restart()
         self._watch(code)
-        answer = self._seen(self.send_step(counts), _WATCHED_S[code])
+        answer = self._watched(self.send_step(counts), _WATCHED_S[code])
         return answer._replace(error=answer.error if counts > 0 else -answer.error)
 
-    def move(self, direction: int) -> Answer:
+    def move(self, direction: int) -> AxisTrace:
         """Send the step pulses of a move with ramps, as the computer of the machine would, and watch."""
         self.restart()
         self._watch(MOVE_RATE)
-        return self._seen(self.send_steps(direction), _WATCHED_S[MOVE_RATE])
+        return self._watched(self.send_steps(direction), _WATCHED_S[MOVE_RATE])
 
     def send_step(self, counts: int) -> float:
         """Send the line that steps the setpoint; return the time in s at which it has come."""
@@ -190,7 +190,7 @@ class Operator(ABC):
         """Have the drive show what comes, a recorder by its code."""
 
     @abstractmethod
-    def _seen(self, since_s: float, seconds: float) -> Answer:
+    def _watched(self, since_s: float, seconds: float) -> AxisTrace:
         """Wait some seconds, and return what it has shown of what happened since then."""
 
 
@@ -199,7 +199,7 @@ class UhuOperator(Operator):
 
     chip, file = "uhu", "uhu"
     gains = "P", "H", "D", "I"
-    kept: ClassVar = {"X": 5000, "T": 255, "N": 1000, "C": 63}
+    fixed: ClassVar = {"X": 5000, "T": 255, "N": 1000, "C": 63}
     relay: ClassVar = {"P": 65535, "I": 0, "D": 0, "H": 0, "X": 65535, "N": 65535}
     height, no_trip, shown = "T", 30_000, 62
     saving = "S0", "S2"
@@ -212,7 +212,7 @@ class UhuOperator(Operator):
         self.bench.run(0.02)
         self.bench.received()
 
-    def _seen(self, since_s: float, seconds: float) -> Answer:
+    def _watched(self, since_s: float, seconds: float) -> AxisTrace:
         self.bench.run(seconds)
         since_s += _BITS / self.baud  # which a byte is on its way
         data = [(at_s - since_s, byte) for byte, at_s in self.bench.received_at() if byte >= _DATA]
@@ -220,7 +220,7 @@ class UhuOperator(Operator):
         self.bench.send(b"Z\r")
         self.bench.run(0.02)
         zero = _DATA + int(self._data["law"]["stream_zero"])
-        return Answer(np.array([at_s for at_s, _ in heard]), np.array([byte - zero for _, byte in heard]))
+        return AxisTrace(np.array([at_s for at_s, _ in heard]), np.array([byte - zero for _, byte in heard]))
 
 
 class ModuleOperator(Operator):
@@ -228,7 +228,7 @@ class ModuleOperator(Operator):
 
     chip, file = "servo-module", "servo_module"
     gains = "P", "D", "I"
-    kept: ClassVar = {"C": 760, "L": 6}
+    fixed: ClassVar = {"C": 760, "L": 6}
     relay: ClassVar = {"P": 65535, "I": 0, "D": 0}
     height, no_trip, shown = "C", 40_000, 32_767
     saving = ("S",)
@@ -241,18 +241,18 @@ class ModuleOperator(Operator):
         self.bench.received()
         self.bench.send(b"Z%d\r" % code)
 
-    def _seen(self, since_s: float, seconds: float) -> Answer:
+    def _watched(self, since_s: float, seconds: float) -> AxisTrace:
         self.bench.run(seconds)
         lines = self.bench.received().decode("ascii")
         shown = np.array([int(number) for number in re.findall(r"^(-?\d+)\r$", lines, re.MULTILINE)])
-        return Answer(self._every * self.interval_s * np.arange(len(shown), dtype=np.float64), shown)
+        return AxisTrace(self._every * self.interval_s * np.arange(len(shown), dtype=np.float64), shown)
 
     def output_at_speed(self, direction: int) -> tuple[float, float]:
         """Move steadily; return the output in duty counts that this takes, and the commanded counts per cycle."""
         self.send_steps(direction)
         self.bench.run(_RAMP_S)
         self._watch(MOVE_RATE + _AT_ONCE + _OUTPUT)
-        shown = self._seen(self.bench.time_s, _WATCHED_S[MOVE_RATE]).error
+        shown = self._watched(self.bench.time_s, _WATCHED_S[MOVE_RATE]).error
         steady = self.rate_Hz * self.interval_s * direction
         n = round(2 * _RAMP_S / (self._every * self.interval_s))
         return float(shown[:n].mean()), steady

@@ -1,4 +1,4 @@
-"""A QMOVE control with its positioners on a bench: what ``edmsim positioner`` runs.
+"""A QMOVE control with its positioners on a bench: what ``edmsim console positioner`` runs.
 
 Inputs and outputs are known by their slot addresses, so that one input may feed the program and a device's homing
 alike. The program's passes follow one another every millisecond (ours).
@@ -207,7 +207,7 @@ def _text(file: Path) -> str:
         raise InputError(f"it cannot be read: {error.strerror}", file) from None
 
 
-_TOLD = ("posit", "setpos", "vel", "follerr", "errcode", "wrncode")
+_REPORTED = ("posit", "setpos", "vel", "follerr", "errcode", "wrncode")
 """Parameters told at the end."""
 _FAST = ("st_acc", "st_dec", "st_vconst", "st_int")
 """States that every move changes several times."""
@@ -231,7 +231,7 @@ def run_and_tell(station: Station, seconds: float, presses: list[Press], say: Ca
         before = now
     for name in station.axes:
         read = station.device(name).parameters
-        values = ", ".join(f"{key} {read[key]}" for key in _TOLD)
+        values = ", ".join(f"{key} {read[key]}" for key in _REPORTED)
         say(f"{station.bench.time_s:8.3f} s  {name}: {values}")
     line = station.control.line
     say("the program is at its end" if line == 0 else f"the program is at line {line}")

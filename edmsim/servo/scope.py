@@ -87,11 +87,11 @@ class Scope:
 
     def _draw_batch(self) -> None:
         heard, self._heard = self._heard, []
-        kept, self._samples = self._samples, []
+        blocks, self._samples = self._samples, []
         if heard:
             errors = np.array([byte - _DATA - self._zero for byte, _ in heard])
             self._send("tracking_error", np.array([at_s for _, at_s in heard]), errors)
-        samples = np.concatenate(kept) if kept else np.zeros(0, SAMPLE_ROW)
+        samples = np.concatenate(blocks) if blocks else np.zeros(0, SAMPLE_ROW)
         if len(samples):
             self._drawn_s = samples["time_ns"][-1] * 1e-9
             for name in _CURVES:

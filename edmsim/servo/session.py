@@ -81,6 +81,10 @@ class PseudoTerminal:
         os.set_blocking(self._ours, False)
         self.name = os.ttyname(self._theirs)
 
+    def fileno(self) -> int:
+        """Return the descriptor of this side, to wait for with others."""
+        return self._ours
+
     def read(self, timeout_s: float | None) -> bytes:
         """Return the bytes that have come; none after the timeout."""
         if not select.select([self._ours], [], [], timeout_s)[0]:
@@ -89,11 +93,15 @@ class PseudoTerminal:
 
     def write(self, data: bytes) -> None:
         """Send some bytes; what nobody reads is lost when the system's buffer is full, as on an open line."""
+        while data and (sent := self.send(data)):
+            data = data[sent:]
+
+    def send(self, data: bytes) -> int:
+        """Send as many bytes as there is room for, and return how many."""
         try:
-            while data:
-                data = data[os.write(self._ours, data) :]
+            return os.write(self._ours, data)
         except BlockingIOError:
-            return
+            return 0
 
     def close(self) -> None:
         """Let the pseudo-terminal go."""

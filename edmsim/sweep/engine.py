@@ -24,7 +24,7 @@ Function = Callable[[Any], Any]
 """What is done with a job: a function of a module that every computer has; job and answer can be pickled."""
 
 
-class Lost:
+class LostJob:
     """Stands for the answer to a job whose process or computer was lost each time; says why."""
 
     def __init__(self, why: str) -> None:
@@ -44,7 +44,7 @@ class Engine(Protocol):
     """
 
     def done(self, function: Function, jobs: Iterable[Any]) -> Iterator[tuple[Any, Any]]:
-        """Yield each job with its answer, or with `Lost`; what is left is given up when the iterator is closed."""
+        """Yield each job with its answer, or with `LostJob`; what is left is given up when the iterator is closed."""
         ...
 
 
@@ -117,10 +117,10 @@ class _Worker:
         self._thread.join()
 
     def _serve(self) -> None:
-        while (given := self._jobs.get()) is not None and not self._stopped:
-            answer = self._answered(given[0])
+        while (numbered := self._jobs.get()) is not None and not self._stopped:
+            answer = self._answered(numbered[0])
             self.busy = False
-            self._answers.put((given[0], answer))
+            self._answers.put((numbered[0], answer))
         self._end()
 
     def _answered(self, job: Any) -> Any:
@@ -138,7 +138,7 @@ class _Worker:
             except (EOFError, OSError, pickle.UnpicklingError):
                 self._end()
                 why = f"the process that made the run ended with status {process.returncode}"
-        return Lost(why)
+        return LostJob(why)
 
     def _begin(self) -> subprocess.Popen[bytes]:
         # what this process can import, a worker can; a library's own threads would only wait for each other
@@ -238,4 +238,4 @@ class Cluster:
         try:
             return self._ray.get(reference)
         except self._ray.exceptions.RayError as error:
-            return Lost(str(error).strip().split("\n")[0] or type(error).__name__)
+            return LostJob(str(error).strip().split("\n")[0] or type(error).__name__)

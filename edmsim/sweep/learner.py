@@ -42,24 +42,24 @@ class Learner(tune.Trainable):
         from edmsim.learning.train import train
 
         plan = self.config["plan"]
-        usual = Hyperparameters.model_validate(plan["given"])
+        usual = Hyperparameters.model_validate(plan["parameters"])
         values = {key: value for key, value in self.config.items() if key != "plan"}
-        given = usual.model_copy(update={"algorithm": {**usual.algorithm, **values}})
+        parameters = usual.model_copy(update={"algorithm": {**usual.algorithm, **values}})
         out = Path(tempfile.mkdtemp(dir=self._folder.name))
         done = 0 if self._last is None else json.loads((self._last / "run.json").read_text(encoding="utf-8"))["done"]
         trained = train(
             plan["env_id"], plan["algo"], out, steps=done + plan["windows"], seed=plan["seed"] + self._number,
-            given=given, begin_from=self._last,
+            parameters=parameters, begin_from=self._last,
         )  # fmt: skip
-        told = f"edmsim tune {plan['env_id']} --algo {plan['algo']} --population {plan['population']}"
-        worth = judge_policy(trained, told, out, plan["seeds"])
+        command = f"edmsim tune {plan['env_id']} --algo {plan['algo']} --population {plan['population']}"
+        score = judge_policy(trained, command, out, plan["seeds"])
         (self._last,) = out.glob("checkpoint-*")
         (out / WHOSE).write_text(json.dumps(self._number), encoding="utf-8")
         for file in (*out.glob("policy.*"), out / WHOSE):
             shutil.move(file, self._last / file.name)
         parent, self._parent = self._parent, self._number
         return {
-            "worth": worth, "windows": trained.model.num_timesteps, "learner": self._number,
+            "score": score, "windows": trained.model.num_timesteps, "learner": self._number,
             "parent": parent,
         }  # fmt: skip
 

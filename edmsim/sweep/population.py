@@ -36,8 +36,8 @@ RUN = "ray"
 """Folder of Ray Tune's own files, and of the checkpoints that learners hand over."""
 LEAST_POPULATION = 4
 """Under it a quarter is less than one learner."""
-_OF_LEARNER = ("learner", "parent", "worth", "windows")
-_KEPT = 3
+_OF_LEARNER = ("learner", "parent", "score", "windows")
+_CHECKPOINTS = 3
 """Checkpoints of a learner (as Ray Tune advises: another may still read one that is no longer the last)."""
 
 
@@ -55,7 +55,7 @@ class Plan:
         Of the first learner; the next has the next.
     seeds : tuple of int
         Training seeds that a learner's policy is judged by after every generation.
-    given : dict
+    parameters : dict
         Hyperparameters of which the population changes some, for computers that may have others.
     """
 
@@ -66,10 +66,10 @@ class Plan:
     windows: int
     seed: int
     seeds: tuple[int, ...]
-    given: dict[str, Any]
+    parameters: dict[str, Any]
 
 
-class Bred(NamedTuple):
+class PopulationResult(NamedTuple):
     """What a population has come to.
 
     Attributes
@@ -87,11 +87,11 @@ class Bred(NamedTuple):
     generation: int
 
 
-def breed(
+def train_population(
     name: str, out: str | Path, *, address: str = "auto", population: int = 8, generations: int = 10,
     steps: int | None = None, algo: str = "ppo", seed: int = 0, seeds: int = 5,
-    watch: Callable[[Bred], None] | None = None,
-) -> Bred:
+    watch: Callable[[PopulationResult], None] | None = None,
+) -> PopulationResult:
     """Train a population on a Ray cluster, a processor for each learner; with fewer they take turns.
 
     Parameters
@@ -111,7 +111,7 @@ def breed(
     algo, seed, seeds
         See `edmsim.sweep.tune.tune`.
     watch : callable, optional
-        Called with a `Bred` after every learner's generation.
+        Called with a `PopulationResult` after every learner's generation.
 
     Raises
     ------
@@ -127,7 +127,7 @@ def breed(
     _same_plan(folder, plan)
     best = _run(folder, plan, watch)
     _write(folder, plan, best)
-    return _bred(best.metrics)
+    return _result_of(best.metrics)
 
 
 def _plan(
@@ -140,24 +140,24 @@ def _plan(
     judged_by = tuple(training_seeds(seed, seeds))
     env_id = resolve(name)
     bounds("training", algo)  # refuses an algorithm of which nothing is searched
-    given = hyperparameters.load(env_id, algo)
-    total = given.steps if steps is None else steps
+    parameters = hyperparameters.load(env_id, algo)
+    total = parameters.steps if steps is None else steps
     if total < generations:
         raise InputError(f"{total} windows are fewer than {generations} generations: give more steps")
     windows = math.ceil(total / generations)
-    return Plan(env_id, algo, population, generations, windows, seed, judged_by, given.model_dump(mode="json"))
+    return Plan(env_id, algo, population, generations, windows, seed, judged_by, parameters.model_dump(mode="json"))
 
 
 def _same_plan(folder: Path, plan: Plan) -> None:
     """Refuse a folder whose population is of something else, and note what this one is of."""
-    file, told = folder / PLAN, json.dumps(asdict(plan), indent=1) + "\n"
-    if file.exists() and file.read_text(encoding="utf-8") != told:
+    file, text = folder / PLAN, json.dumps(asdict(plan), indent=1) + "\n"
+    if file.exists() and file.read_text(encoding="utf-8") != text:
         raise InputError("the population in this folder was begun with other arguments: take another folder", file)
     with replacing(file) as partial:
-        partial.write_text(told, encoding="utf-8")
+        partial.write_text(text, encoding="utf-8")
 
 
-def _run(folder: Path, plan: Plan, watch: Callable[[Bred], None] | None) -> Any:
+def _run(folder: Path, plan: Plan, watch: Callable[[PopulationResult], None] | None) -> Any:
     """Let Ray Tune train the population, or go on with it; returns its best result."""
     os.environ.setdefault("RAY_AIR_NEW_OUTPUT", "0")
     os.environ.setdefault("TUNE_WARN_EXCESSIVE_EXPERIMENT_CHECKPOINT_SYNC_THRESHOLD_S", "0")
@@ -176,12 +176,12 @@ def _run(folder: Path, plan: Plan, watch: Callable[[Bred], None] | None) -> Any:
     results = tuner.fit()
     ended = [results[number] for number in range(len(results))]
     done = [result.metrics or {} for result in ended if result.error is None]
-    if not any("worth" in metrics for metrics in done):
+    if not any("score" in metrics for metrics in done):
         failed = next((str(error).strip().splitlines()[-1] for error in results.errors), "none ended")
         raise InputError(f"no learner could be trained: {failed}")
     if any(metrics.get("training_iteration", 0) < plan.generations for metrics in done):
         raise KeyboardInterrupt  # Ray Tune caught it, kept its state and ended as if all were done
-    return results.get_best_result("worth", "max")
+    return results.get_best_result("score", "max")
 
 
 def _tuner(trainable: Any, folder: Path, plan: Plan) -> Any:
@@ -194,10 +194,10 @@ def _tuner(trainable: Any, folder: Path, plan: Plan) -> Any:
     space = bounds("training", plan.algo)
     drawn = {key: _domain(bound) for key, bound in space.items()}
     scheduler = PopulationBasedTraining(
-        time_attr="training_iteration", metric="worth", mode="max", perturbation_interval=1, synch=True,
+        time_attr="training_iteration", metric="score", mode="max", perturbation_interval=1, synch=True,
         hyperparam_mutations=drawn, custom_explore_fn=_Within(space), log_config=False,
     )  # fmt: skip
-    usual = plan.given["algorithm"]
+    usual = plan.parameters["algorithm"]
     first = {key: float(usual[key]) for key, bound in space.items() if bound.low <= usual[key] <= bound.high}
     return tune.Tuner(
         trainable, param_space={"plan": asdict(plan), **drawn},
@@ -208,7 +208,7 @@ def _tuner(trainable: Any, folder: Path, plan: Plan) -> Any:
         run_config=tune.RunConfig(
             name=RUN, storage_path=str(folder), stop={"training_iteration": plan.generations}, verbose=0,
             failure_config=tune.FailureConfig(max_failures=ATTEMPTS - 1),
-            checkpoint_config=tune.CheckpointConfig(num_to_keep=_KEPT), callbacks=[Watching()],
+            checkpoint_config=tune.CheckpointConfig(num_to_keep=_CHECKPOINTS), callbacks=[Watching()],
         ),
     )  # fmt: skip
 
@@ -226,13 +226,13 @@ class _Within:
     space: Mapping[str, Bound]
 
     def __call__(self, config: dict[str, Any]) -> dict[str, Any]:
-        kept = {key: min(max(config[key], bound.low), bound.high) for key, bound in self.space.items()}
-        return {**config, **kept}
+        clamped = {key: min(max(config[key], bound.low), bound.high) for key, bound in self.space.items()}
+        return {**config, **clamped}
 
 
-def _bred(metrics: Mapping[str, Any]) -> Bred:
+def _result_of(metrics: Mapping[str, Any]) -> PopulationResult:
     values = {key: metrics["config"][key] for key in metrics["config"] if key != "plan"}
-    return Bred(values, float(metrics["worth"]), int(metrics["training_iteration"]))
+    return PopulationResult(values, float(metrics["score"]), int(metrics["training_iteration"]))
 
 
 def _write(folder: Path, plan: Plan, best: Any) -> None:
@@ -240,28 +240,28 @@ def _write(folder: Path, plan: Plan, best: Any) -> None:
     import pyarrow as pa
     import pyarrow.parquet as pq
 
-    found = _bred(best.metrics)
+    found = _result_of(best.metrics)
     with best.checkpoint.as_directory() as name:
         files = {file.name: file.read_bytes() for file in sorted(Path(name).glob("policy.*"))}
-    told = (
+    text = (
         f"{plan.algo} on {plan.env_id}, a population of {plan.population} over {plan.generations} generations of "
         f"{plan.windows} windows; the best learner's last settings"
     )
-    write_found(folder, told, found.value, plan.seeds, "algorithm", found.values, files)
+    write_found(folder, text, found.value, plan.seeds, "algorithm", found.values, files)
     with replacing(folder / TABLE) as partial:
         pq.write_table(pa.Table.from_pylist(_rows(folder)), partial)
 
 
-def _noting(folder: Path, watch: Callable[[Bred], None] | None) -> Callable[[Mapping[str, Any]], None]:
+def _noting(folder: Path, watch: Callable[[PopulationResult], None] | None) -> Callable[[Mapping[str, Any]], None]:
     """Return what notes a learner's generation in the journal; a torn line before it does not spoil it."""
 
     def note(metrics: Mapping[str, Any]) -> None:
-        bred = _bred(metrics)
-        row = {"generation": bred.generation, **{key: metrics[key] for key in _OF_LEARNER}, **bred.values}
+        result = _result_of(metrics)
+        row = {"generation": result.generation, **{key: metrics[key] for key in _OF_LEARNER}, **result.values}
         with (folder / JOURNAL).open("a", encoding="utf-8") as file:
             file.write("\n" + json.dumps(row))
         if watch is not None:
-            watch(bred)
+            watch(result)
 
     return note
 

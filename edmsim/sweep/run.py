@@ -16,7 +16,7 @@ from edmsim.job.settings import CutSettings
 from edmsim.machine.machine import Machine
 from edmsim.machine.ranges import choose
 from edmsim.program.path import CutPath
-from edmsim.sweep.engine import Engine, Lost, Processes
+from edmsim.sweep.engine import Engine, LostJob, Processes
 from edmsim.sweep.perform import Outcome, lost, perform
 from edmsim.sweep.runs import SweepRun, checked, combinations, runs_of
 from edmsim.sweep.specification import Specification
@@ -45,17 +45,17 @@ def check_runs(specification: Specification, checking: Callable[[int, int], None
     """
     planner, is_cut = _Planner(), bool(specification.program)
     refused: dict[str, list[dict[str, Any]]] = {}
-    seen: dict[str, set[str]] = {}
+    values_of_setting: dict[str, set[str]] = {}
     values_wrong = False
     total = specification.runs // (len(specification.seeds) * max(specification.machine_samples, 1))
-    for number, (task, given) in enumerate(combinations(specification)):
+    for number, (task, settings_of_run) in enumerate(combinations(specification)):
         if checking is not None:
             checking(number, total)
-        combination = {"program" if is_cut else "environment": task, **given}
+        combination = {"program" if is_cut else "environment": task, **settings_of_run}
         for name, value in combination.items():
-            seen.setdefault(name, set()).add(repr(value))
+            values_of_setting.setdefault(name, set()).add(repr(value))
         try:
-            settings = checked(task, given, is_cut)
+            settings = checked(task, settings_of_run, is_cut)
             if is_cut:
                 ready = prepared(task, CutSettings.model_validate(settings), planner)
                 choose(ready.machine, specification.sample_only or ())
@@ -65,13 +65,13 @@ def check_runs(specification: Specification, checking: Callable[[int, int], None
     wrong = sum(map(len, refused.values()))
     if not wrong or (specification.sobol is not None and not values_wrong and wrong < total):
         return
-    varied = {name for name, values in seen.items() if len(values) > 1}
+    varied = {name for name, values in values_of_setting.items() if len(values) > 1}
     if not varied:
         raise InputError(next(iter(refused)))
-    told = [f"{_named(those, varied)}{reason}" for reason, those in refused.items()]
-    more = f"; and {len(told) - MOST_REASONS} more" if len(told) > MOST_REASONS else ""
+    reasons = [f"{_named(those, varied)}{reason}" for reason, those in refused.items()]
+    more = f"; and {len(reasons) - MOST_REASONS} more" if len(reasons) > MOST_REASONS else ""
     raise InputError(
-        f"{wrong} of {total} combinations cannot be run, so none was: {'; '.join(told[:MOST_REASONS])}{more}"
+        f"{wrong} of {total} combinations cannot be run, so none was: {'; '.join(reasons[:MOST_REASONS])}{more}"
     )
 
 
@@ -180,7 +180,7 @@ def sweep(
         counts = _Counts(specification.runs, watch)
         counts.tell()
         for run, answer in (engine or Processes()).done(perform, _missing(specification, store, counts)):
-            outcome = lost(run, answer.why) if isinstance(answer, Lost) else answer
+            outcome = lost(run, answer.why) if isinstance(answer, LostJob) else answer
             store.add(run, outcome)
             counts.made_one(outcome)
         return counts.progress

@@ -17,8 +17,8 @@ from edmsim import __version__, user_code
 from edmsim.controllers import from_text
 from edmsim.errors import InputError, one_of
 from edmsim.job.settings import CutSettings
-from edmsim.machine.given import check_names
 from edmsim.machine.machine import Machine
+from edmsim.machine.overrides import check_names
 from edmsim.machine.ranges import value_at
 from edmsim.sweep.specification import SobolSample, Specification
 
@@ -72,8 +72,8 @@ def runs_of(specification: Specification) -> Iterator[SweepRun]:
         A name that is no option, or a value that no run can be made with.
     """
     spec = specification
-    for task, given in combinations(spec):
-        settings = checked(task, given, bool(spec.program))
+    for task, bounds in combinations(spec):
+        settings = checked(task, bounds, bool(spec.program))
         for sample, seed in itertools.product(_samples(spec), spec.seeds):
             yield _run(task, settings, seed, sample, spec)
 
@@ -95,14 +95,14 @@ def sobol_points(sobol: SobolSample, spec: Specification, chosen: Mapping[str, A
 
     shares = qmc.Sobol(len(sobol.ranges), rng=np.random.default_rng(sobol.seed)).random(sobol.samples)
     columns = {}
-    for (name, given), share in zip(sobol.ranges.items(), shares.T, strict=True):
-        if given == "range":
+    for (name, bounds), share in zip(sobol.ranges.items(), shares.T, strict=True):
+        if bounds == "range":
             low, high = _published(name, chosen)
             columns[name] = [value_at((low, high), float(s)) for s in share]
-        elif len(given) == 3:
-            columns[_option(name, spec)] = [float(given[0] * (given[1] / given[0]) ** s) for s in share]
+        elif len(bounds) == 3:
+            columns[_option(name, spec)] = [float(bounds[0] * (bounds[1] / bounds[0]) ** s) for s in share]
         else:
-            columns[_option(name, spec)] = [float(given[0] + (given[1] - given[0]) * s) for s in share]
+            columns[_option(name, spec)] = [float(bounds[0] + (bounds[1] - bounds[0]) * s) for s in share]
     return [dict(zip(columns, point, strict=True)) for point in zip(*columns.values(), strict=True)]
 
 
@@ -122,19 +122,19 @@ def _samples(spec: Specification) -> list[int | None]:
 
 def _option(name: str, spec: Specification) -> str:
     """Return an option's full name; ``section.key`` is a constant."""
-    wanted = name.replace("-", "_")
+    plain = name.replace("-", "_")
     if "." in name or spec.environment:
-        return name if "." in name else wanted
-    found = [option for option in CutSettings.model_fields if option in (wanted, *(wanted + u for u in UNITS))]
+        return name if "." in name else plain
+    found = [option for option in CutSettings.model_fields if option in (plain, *(plain + u for u in UNITS))]
     if not found or found[0] == "constants":
         raise InputError(f"a cut has no option '{name}'; there are: {one_of(name, CutSettings.model_fields)}")
     return found[0]
 
 
-def checked(task: str, given: Mapping[str, Any], is_cut: bool) -> dict[str, Any]:
+def checked(task: str, combination: Mapping[str, Any], is_cut: bool) -> dict[str, Any]:
     """Return all settings of a run, those left out at their defaults."""
-    options = {name: value for name, value in given.items() if "." not in name}
-    constants = {name: value for name, value in given.items() if "." in name}
+    options = {name: value for name, value in combination.items() if "." not in name}
+    constants = {name: value for name, value in combination.items() if "." in name}
     if is_cut:
         check_names(constants)
         settings = CutSettings.model_validate({**options, "constants": constants})

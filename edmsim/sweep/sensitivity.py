@@ -384,12 +384,12 @@ def _shares_of_terms(
     takes = [{k for k, _ in terms[place]} for place in order]
     shares = list(zip(takes, (parts / whole).tolist(), strict=True))
 
-    def told(wanted: bool, value: float) -> float:
+    def keep_if(wanted: bool, value: float) -> float:
         return value if wanted else math.nan
 
     return Shares(
-        [told(known, sum(s for those, s in shares if those == {k})) for k, known in enumerate(parted)],
-        [told(known, sum(s for those, s in shares if k in those)) for k, known in enumerate(parted)],
+        [keep_if(known, sum(s for those, s in shares if those == {k})) for k, known in enumerate(parted)],
+        [keep_if(known, sum(s for those, s in shares if k in those)) for k, known in enumerate(parted)],
         sum(s for those, s in shares if len(those) > 1), rest / whole,
     )  # fmt: skip
 
@@ -439,7 +439,7 @@ class Sensitivity:
     unexplained: float
 
 
-class Varied(NamedTuple):
+class VariedSetting(NamedTuple):
     """A setting run by run: its name, its values, and whether numbers among these are only names, as of machines."""
 
     name: str
@@ -447,7 +447,7 @@ class Varied(NamedTuple):
     is_name: bool = False
 
 
-def sensitivity(settings: Sequence[Varied], figure: NDArray[np.float64]) -> Sensitivity:
+def sensitivity(settings: Sequence[VariedSetting], figure: NDArray[np.float64]) -> Sensitivity:
     """Return what settings do to a figure, from their values run by run; runs without the figure are left out."""
     known = np.isfinite(figure)
     values = figure[known]
@@ -472,12 +472,12 @@ def _shares(factors: list[Factor], values: NDArray[np.float64]) -> Shares:
     return fit(factors, values, MOST_VALUES) if found is None else found
 
 
-def _factor(setting: Varied, known: NDArray[np.bool_]) -> Factor:
+def _factor(setting: VariedSetting, known: NDArray[np.bool_]) -> Factor:
     """Return the levels of a setting in the runs whose figure is known."""
     given = [value for value, is_known in zip(setting.values, known, strict=True) if is_known]
     is_number = not setting.is_name and all(isinstance(value, int | float) for value in given)
-    told = np.array(given, float) if is_number else np.array([str(value) for value in given])
-    kinds, levels = np.unique(told, return_inverse=True)
+    keep_if = np.array(given, float) if is_number else np.array([str(value) for value in given])
+    kinds, levels = np.unique(keep_if, return_inverse=True)
     return Factor(levels, len(kinds), is_number)
 
 

@@ -13,7 +13,7 @@ from pydantic import BaseModel, ConfigDict, Field, ModelWrapValidatorHandler, Va
 
 from edmsim.controllers.named_numbers import listed
 from edmsim.errors import InputError
-from edmsim.given_numbers import whole
+from edmsim.numeric import whole
 
 _NUMBER = r"[-+]?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][-+]?[0-9]+)?"
 _RANGE = re.compile(rf"({_NUMBER}):({_NUMBER}):({_NUMBER})")
@@ -21,12 +21,12 @@ MOST_OF_RANGE = 100_000
 """Values that a range may have (ours: a step mistyped by some powers of ten is refused, not computed)."""
 
 
-def values_of(given: Any, name: str) -> list[Any]:
+def values_of(text: Any, name: str) -> list[Any]:
     """Return the values to try of a setting.
 
     Parameters
     ----------
-    given : list, text, number or bool
+    text : list, text, number or bool
         A list is taken as it is. A text is taken apart at its commas, but for those within the parameters of a
         controller; pieces ``FIRST:LAST:STEP`` are ranges that hold both ends.
     name : str
@@ -37,12 +37,12 @@ def values_of(given: Any, name: str) -> list[Any]:
     InputError
         No value, or a range that has none.
     """
-    if isinstance(given, list):
-        found = given
-    elif isinstance(given, str):
-        found = [value for piece in listed(given) for value in _values_of_piece(piece, name)]
+    if isinstance(text, list):
+        found = text
+    elif isinstance(text, str):
+        found = [value for piece in listed(text) for value in _values_of_piece(piece, name)]
     else:
-        found = [given]
+        found = [text]
     if not found:
         raise InputError(f"{name} has no value to try: give some, as [5, 10, 20] or '5:20:5'")
     return found
@@ -118,9 +118,9 @@ class SobolSample(_Strict):
         if self.samples & (self.samples - 1):
             below = 2 ** (self.samples.bit_length() - 1)
             raise InputError(f"a Sobol sample has a power of 2 of points: {below} or {2 * below}, not {self.samples}")
-        for name, given in self.ranges.items():
-            if given != "range":
-                _check_range(name, given)
+        for name, value in self.ranges.items():
+            if value != "range":
+                _check_range(name, value)
         return self
 
 
@@ -167,10 +167,10 @@ class Specification(_Strict):
     @model_validator(mode="wrap")
     @classmethod
     def _refuse_in_one_line(
-        cls, given: Any, handler: ModelWrapValidatorHandler[Specification]
+        cls, value: Any, handler: ModelWrapValidatorHandler[Specification]
     ) -> Specification:
         try:
-            return handler(given)
+            return handler(value)
         except ValidationError as error:
             first = error.errors()[0]
             name = ".".join(str(part) for part in first["loc"])
@@ -181,11 +181,11 @@ class Specification(_Strict):
 
     @model_validator(mode="before")
     @classmethod
-    def _short_forms(cls, given: Any) -> Any:
+    def _short_forms(cls, value: Any) -> Any:
         """Take a text for a list of one, a number of seeds for seeds, ranges for their values."""
-        if not isinstance(given, Mapping):
-            return given
-        full = dict(given)
+        if not isinstance(value, Mapping):
+            return value
+        full = dict(value)
         for name in ("program", "environment", "recordings"):
             if isinstance(full.get(name), str):
                 full[name] = [full[name]]
@@ -275,11 +275,11 @@ def _first_seeds(count: int, held_back: bool) -> list[int]:
     return list(range(first, first + count))
 
 
-def _check_range(name: str, given: Any) -> None:
+def _check_range(name: str, value: Any) -> None:
     """Raise `InputError` for what is no range of a Sobol sample."""
-    low, high, scale = (*given, "linear")[:3] if isinstance(given, list) and len(given) in (2, 3) else (None,) * 3
+    low, high, scale = (*value, "linear")[:3] if isinstance(value, list) and len(value) in (2, 3) else (None,) * 3
     numbers = all(type(end) in (int, float) and abs(end) < 1e300 for end in (low, high))
     if not numbers or scale not in ("linear", "log") or not low < high or (scale == "log" and low <= 0):
         raise InputError(
-            f"{name} of a Sobol sample is [low, high], [low, high, 'log'] above zero, or 'range', not {given!r}"
+            f"{name} of a Sobol sample is [low, high], [low, high, 'log'] above zero, or 'range', not {value!r}"
         )

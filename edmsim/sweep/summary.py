@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from edmsim.evaluation.compare import Figure, mean
 from edmsim.sweep.figures import NAMES
-from edmsim.sweep.sensitivity import MOST_VALUES, Effect, Sensitivity, Varied, sensitivity
+from edmsim.sweep.sensitivity import MOST_VALUES, Effect, Sensitivity, VariedSetting, sensitivity
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -98,12 +98,12 @@ def sensitivities(table: pa.Table) -> dict[str, Sensitivity]:
     could tell which constant it was, and the machine counts as one setting.
     """
     settings = [
-        Varied(name, table[name].to_pylist(), is_name=name == MACHINE) for name in _told_apart(table)
+        VariedSetting(name, table[name].to_pylist(), is_name=name == MACHINE) for name in _distinguishing(table)
     ]
     return {name: sensitivity(settings, _values(table, name)) for name in measured(table)}
 
 
-def _told_apart(table: pa.Table) -> list[str]:
+def _distinguishing(table: pa.Table) -> list[str]:
     """Return the settings that differ, of drawn machines either their constants or their numbers."""
     constants, machines = _drawn(table), len(table[MACHINE].unique())
     left_out = constants if machines <= len(constants) + 1 else [MACHINE]

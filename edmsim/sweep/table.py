@@ -196,8 +196,8 @@ class Store:
         self._held.enter_context(locked(self.folder, "sweep"))
         self.failed: dict[str, bool] = {}  # of every run that is done, whether it failed
         for part in self._parts():
-            kept = read_part(part, ["id", "error"]).to_pydict()
-            self.failed |= {name: error is not None for name, error in zip(*kept.values(), strict=True)}
+            done = read_part(part, ["id", "error"]).to_pydict()
+            self.failed |= {name: error is not None for name, error in zip(*done.values(), strict=True)}
         self._waiting = [row for row in journal_rows(self.folder) if row["id"] not in self.failed]
         self.failed |= {row["id"]: row.get("error") is not None for row in self._waiting}
         self._write_journal(self._waiting)  # without a torn last line, and what a part has already

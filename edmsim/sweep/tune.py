@@ -22,7 +22,7 @@ from edmsim.errors import InputError
 from edmsim.evaluation.search import BOUNDS, run_all, score, training_seeds
 from edmsim.files import make_writable, replacing
 from edmsim.learning.hyperparameters import load
-from edmsim.sweep.engine import Engine, Lost, Processes
+from edmsim.sweep.engine import Engine, LostJob, Processes
 from edmsim.sweep.perform import said
 
 if TYPE_CHECKING:
@@ -126,7 +126,9 @@ def _training(trial: Trial) -> Worth:
     given = usual.model_copy(update={"algorithm": {**usual.algorithm, **trial.values}})
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        trained = train(trial.name, trial.algo, folder / "run", steps=trial.steps, seed=trial.seeds[0], given=given)
+        trained = train(
+            trial.name, trial.algo, folder / "run", steps=trial.steps, seed=trial.seeds[0], parameters=given
+        )
         told = f"edmsim tune {trial.name} --algo {trial.algo}, trial {trial.number}"
         value = judge_policy(trained, told, folder, trial.seeds)
         files = {file.name: file.read_bytes() for file in sorted(folder.glob("policy.*"))}
@@ -226,7 +228,7 @@ def tune(
 
     try:
         for trial, answer in (engine or Processes()).done(judge_trial, asked()):
-            worth = Worth(math.nan, answer.why) if isinstance(answer, Lost) else answer
+            worth = Worth(math.nan, answer.why) if isinstance(answer, LostJob) else answer
             _tell(study, under_way.pop(trial.number), worth)
             if worth.error is None and study.best_trial.number == trial.number:
                 _write_best(folder, trial, worth)

@@ -13,8 +13,8 @@ from typing import Any, BinaryIO
 
 def main(name: str) -> None:
     """Do jobs until the pipe is closed, which ends a job half done as well: nobody would take its answer."""
-    module, _, wanted = name.partition(":")
-    function = getattr(import_module(module), wanted)
+    module, _, attribute = name.partition(":")
+    function = getattr(import_module(module), attribute)
     source = os.fdopen(os.dup(0), "rb")
     answers = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # what a user's code prints goes where a person sees it, and not between the answers

@@ -1,4 +1,4 @@
-"""What ``edmsim terminal`` does: puts machine, screen and session together."""
+"""What ``edmsim console 1982`` does: puts machine, screen and session together."""
 
 from __future__ import annotations
 

@@ -42,7 +42,7 @@ Point = tuple[int, int]
 """A place by the position counters, in um or steps."""
 
 
-class Due(NamedTuple):
+class SettingChange(NamedTuple):
     """A setting of a program and the length of path from which on it holds."""
 
     path_um: float
@@ -72,7 +72,7 @@ class Route(NamedTuple):
 
     corners: list[Point]
     lengths_um: list[float]
-    dues: list[Due]
+    dues: list[SettingChange]
     moves: list[RouteMove]
 
     def move_at(self, path_um: float) -> Move:
@@ -96,7 +96,7 @@ def lay_out(start: Point, program: Sequence[Entry], unit_um: int = 1) -> Route:
     corners, lengths, dues, moves = [start], [0.0], [], []
     for entry in program:
         if isinstance(entry, Setting):
-            dues.append(Due(lengths[-1], entry))
+            dues.append(SettingChange(lengths[-1], entry))
             continue
         for corner in _corners_of(corners[-1], entry):
             way = float(np.hypot(corner[0] - corners[-1][0], corner[1] - corners[-1][1]))
@@ -402,10 +402,10 @@ class Rig:
 
     def _follow_tension(self) -> None:
         """Give the wire the tension that the spare line asks for; its shape and all else stay."""
-        wanted = self._tensions[self.board.low_tension]
-        if self.plant.machine.tension != wanted.tension:
+        tensioned = self._tensions[self.board.low_tension]
+        if self.plant.machine.tension != tensioned.tension:
             before, resolution = self.plant.snapshot(), self.plant.resolution
-            self.plant = Plant(wanted, stock=self.plant.field.stock, resolution=resolution)
+            self.plant = Plant(tensioned, stock=self.plant.field.stock, resolution=resolution)
             self.plant.restore(before)
 
     def _obey_lines(self) -> None:

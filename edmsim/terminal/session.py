@@ -518,7 +518,7 @@ class Session:
     def host_lines(self) -> Iterable[bytes]:
         """Lines the host sends through the second serial channel (row T-59)."""
         if self._host is None:
-            raise InputError("no host is connected; edmsim terminal --host FILE connects one")
+            raise InputError("no host is connected; edmsim console 1982 --host FILE connects one")
         if self._rig.moving:
             raise InputError("the machine moves; a program is loaded while it stands still")
         return read_host(self._host, self._lines)
@@ -526,7 +526,7 @@ class Session:
     def _sent_by_host(self) -> bytes:
         """What the host sends, for the monitor."""
         if self._host is None:
-            raise InputError("no host is connected; edmsim terminal --host FILE connects one")
+            raise InputError("no host is connected; edmsim console 1982 --host FILE connects one")
         return self._lines.heard_from_host(bytes_of(self._host))
 
     def monitor(self) -> None:

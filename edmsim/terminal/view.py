@@ -38,7 +38,7 @@ class View(Keyboard):
         self._partial = ""
         self._next_s = 0.0
         self._panel: Panel | None = None
-        self._seen: tuple[list[int], Status, bool] | None = None
+        self._last_state: tuple[list[int], Status, bool] | None = None
 
     def __enter__(self) -> Self:
         self._live.start()
@@ -68,10 +68,10 @@ class View(Keyboard):
             return
         self._next_s = time.monotonic() + _EVERY_S
         status = operation.status()._replace(time_s=0.0, voltage_V=0.0, current_A=0.0)
-        seen = operation.digits(), status, operation.at_panel
-        if seen != self._seen:
-            self._seen = seen
-            self._panel = panel(*seen)
+        state = operation.digits(), status, operation.at_panel
+        if state != self._last_state:
+            self._last_state = state
+            self._panel = panel(*state)
             self._draw()
 
     def _draw(self) -> None:

@@ -24,7 +24,7 @@ from edmsim.plant.mechanics.model import build_model, reduce_model
 from edmsim.plant.plant import Plant
 from edmsim.plant.resolution import Resolution, resolution
 from edmsim.plant.wire import VACUUM_PERMEABILITY_N_A2
-from edmsim.plant.workpiece.blanks import begun_slot
+from edmsim.plant.workpiece.blanks import started_slot
 from edmsim.validation.rows import Check, Row, mean_and_interval
 from edmsim.validation.setups import STILL, altered
 
@@ -122,7 +122,7 @@ def _quiet_slot(gap_um: float, t_period_us: float, ahead_um: float = 0.0) -> tup
     """Return a wire ahead of a slot's axis, the generator off, and its film by the gaps that its rays see."""
     machine = altered(Machine.load(t_on_us=t_period_us / 4, t_period_us=t_period_us), STILL)
     x, y = machine.base.table.centre_um
-    stock = begun_slot(machine, (x, y), gap_um=gap_um)
+    stock = started_slot(machine, (x, y), gap_um=gap_um)
     plant = Plant(machine, 1, stock=stock, position_um=(x + ahead_um, y), resolution="fast")
     plant.switch_generator(False)
     plant.advance()

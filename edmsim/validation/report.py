@@ -124,11 +124,11 @@ def render_failed(rows: Sequence[Row]) -> RenderableType:
     return Group(*shown, Text(f"\n{summary(rows)}"))
 
 
-def rows_table(rows: Sequence[Row], seen_from: str = "docs") -> list[str]:
-    """Return a Markdown table of rows; links lead from a page in the folder `seen_from`."""
+def rows_table(rows: Sequence[Row], base: str = "docs") -> list[str]:
+    """Return a Markdown table of rows; links lead from a page in the folder `base`."""
     lines = ["| fact | published | model | agreement asked for | result | source |", "|---|---|---|---|---|---|"]
     for row in rows:
-        cells = row.name, row.published, simulated(row), row.tolerance, _result(row, seen_from), row.source
+        cells = row.name, row.published, simulated(row), row.tolerance, _result(row, base), row.source
         lines.append("| " + " | ".join(markdown_cell(cell) for cell in cells) + " |")
     return lines
 
@@ -143,7 +143,7 @@ def reasons_table(rows: Sequence[Row]) -> list[str]:
     return lines
 
 
-def _result(row: Row, seen_from: str) -> str:
+def _result(row: Row, base: str) -> str:
     if row.kind == "context":
         return "context"
     if row.kind == "calibration":
@@ -152,7 +152,7 @@ def _result(row: Row, seen_from: str) -> str:
         return "agrees"
     if not row.note:
         return "**fails**"
-    return f"**fails**, [why]({posixpath.relpath(row.note, seen_from)})"
+    return f"**fails**, [why]({posixpath.relpath(row.note, base)})"
 
 
 def markdown_cell(text: str) -> str:

@@ -19,7 +19,7 @@ from hypothesis import strategies as st
 
 import edmsim
 from edmsim.calibration import Fit, Log, calibrate
-from edmsim.calibration.fit import Fitted, remark
+from edmsim.calibration.fit import FittedConstant, remark
 from edmsim.calibration.log import COLUMNS, STRETCH_WINDOWS, Stretch, stretches
 from edmsim.calibration.output import correlated, write
 from edmsim.calibration.set_up import machine_of
@@ -169,7 +169,7 @@ def test_a_share_of_a_range_and_its_value_are_one(share: float, bounds: tuple[fl
 
 
 def test_errors_that_hang_together_are_told() -> None:
-    constants = tuple(Fitted(name, 1.0, 1.0, (0.9, 1.1), (0.0, 2.0), "") for name in ("gap.a", "gap.b"))
+    constants = tuple(FittedConstant(name, 1.0, 1.0, (0.9, 1.1), (0.0, 2.0), "") for name in ("gap.a", "gap.b"))
     none = np.zeros((0, 5))
     fit = Fit(edmsim.Machine.load(), constants, {}, np.array([[1.0, -0.97], [-0.97, 1.0]]), 1.0, [], none, none)
     assert correlated(fit) == [
@@ -334,7 +334,7 @@ def test_a_constant_given_beyond_its_range_is_said_and_can_be_written(
     settings = CutSettings(height_mm=10, constants={"gap.critical_um": 14.0, "material.removal_mm3_J": 5e-2})
     _, _, said = compared(settings, "--fit", "gap.critical_um")
     assert "gap.critical_um was 14 in the cut of the log, outside its range 8..10: what is fitted lies within" in said
-    constants = (Fitted("gap.critical_um", 14.0, 9.9, (9.0, 10.0), (8.0, 10.0), ""),)
+    constants = (FittedConstant("gap.critical_um", 14.0, 9.9, (9.0, 10.0), (8.0, 10.0), ""),)
     machine = with_values(machine_of(settings), {"gap.critical_um": 9.9})
     fit = Fit(machine, constants, {}, np.eye(1), 1.0, [], np.zeros((0, 5)), np.zeros((0, 5)))
     files = write(fit, "log", tmp_path / "fitted.toml", ["material.removal_mm3_J"])

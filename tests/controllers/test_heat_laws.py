@@ -82,7 +82,7 @@ def test_a_fresh_wire_comes_to_its_period_slowly(name: str) -> None:
 
 def test_what_broke_a_wire_is_held_no_more() -> None:
     sparks = (30,) * 5
-    once, again = (controllers.make("heat-flux", hold_share=0.3, kept_hold_share=kept) for kept in (1.0, 0.5))
+    once, again = (controllers.make("heat-flux", hold_share=0.3, break_hold_share=kept) for kept in (1.0, 0.5))
     found = []
     for controller in (once, again):
         tell(controller, machine(), PATH, 0.0)

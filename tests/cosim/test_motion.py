@@ -181,7 +181,7 @@ def test_the_guides_go_beside_the_path_before_they_go_along_it() -> None:
     offset = along_x()
     motion = PlannerMotion(Clockwork(), None, 0.0, 0, FeedCommand(20.0, offset_um=6.0), 50.0, offset)  # type: ignore[arg-type]
     assert motion.plan(0, 1_000, certain=True) == [Step(0, 1, 1), Step(0, 0, 1)]
-    assert offset.beside_um == (0.0, 2.0)
+    assert offset.lateral_um == (0.0, 2.0)
 
 
 def test_a_motion_goes_on_from_its_snapshot() -> None:

@@ -27,12 +27,12 @@ def test_it_is_reached_step_by_step_on_the_left_and_turns_with_the_path():
     assert offset.steps(7, 0.0, 5.0) == [(7, 1, 1)]
     assert offset.steps(8, 10.0, 5.0) == [(8, 1, 1)]
     assert offset.steps(9, 20.0, 5.0) == []  # 2 of 2.5 steps
-    assert offset.beside_um == (0.0, 4.0)
+    assert offset.lateral_um == (0.0, 4.0)
     assert offset.steps(10, 150.0, 5.0) == [(10, 0, -1), (10, 1, -1)]  # upwards now: the left is -x
     assert offset.steps(11, 150.0, 5.0) == [(11, 0, -1), (11, 1, -1)]
-    assert offset.beside_um == (-4.0, 0.0)
+    assert offset.lateral_um == (-4.0, 0.0)
     offset.clear()
-    assert offset.beside_um == (0.0, 0.0)
+    assert offset.lateral_um == (0.0, 0.0)
 
 
 @pytest.mark.slow
@@ -41,14 +41,14 @@ def test_an_axis_makes_a_step_a_window_and_never_more_than_is_wanted(windows, st
     offset = PathOffset(step_um)
     offset.begin_leg(TURN)
     for time_ns, (path_um, wanted_um) in enumerate(windows):
-        before = np.array(offset.beside_um)
+        before = np.array(offset.lateral_um)
         steps = offset.steps(time_ns, path_um, wanted_um)
         moved = np.zeros(2)
         for _, axis, direction in steps:
             moved[axis] += direction * step_um
         assert np.abs(moved).max(initial=0.0) <= step_um
-        np.testing.assert_array_equal(np.array(offset.beside_um), before + moved)
-    assert np.abs(offset.beside_um).max() <= 60.0 + step_um / 2
+        np.testing.assert_array_equal(np.array(offset.lateral_um), before + moved)
+    assert np.abs(offset.lateral_um).max() <= 60.0 + step_um / 2
 
 
 def test_it_goes_on_where_it_was_kept():
@@ -57,7 +57,7 @@ def test_it_goes_on_where_it_was_kept():
         offset.begin_leg(TURN)
     first.steps(0, 0.0, 30.0)
     second.restore(json.loads(json.dumps(first.snapshot())))
-    assert second.beside_um == first.beside_um == (0.0, 2.0)
+    assert second.lateral_um == first.lateral_um == (0.0, 2.0)
 
 
 class Beside:

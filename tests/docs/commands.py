@@ -39,10 +39,10 @@ SHORT: dict[str, tuple[str, ...]] = {
     "calibrate": ("--json",),
     "validate": (),
     "bench": (),
-    "terminal": ("--resolution", "fast"),
-    "servo": (),
+    "console 1982": ("--resolution", "fast"),
+    "console servo": (),
+    "console positioner": (),
     "measure-table": ("--runs", "2"),
-    "positioner": (),
     "sweep": ("--processes", "1"),
     "tune": ("--trials", "1", "--seeds", "1"),
 }
@@ -63,6 +63,10 @@ def parse(words: list[str]) -> None:
         return
     assert name in group.commands, f"there is no command {name}"
     command = group.commands[name]
+    if hasattr(command, "commands") and arguments:
+        name, *arguments = arguments
+        assert name in command.commands, f"there is no command {words[1]} {name}"
+        command = command.commands[name]
     if any(word in arguments for word in ("ENV_ID", "PROGRAM", "DIR", "FILE", "...", "N")):
         known = {option for parameter in command.params for option in parameter.opts}
         assert {word for word in arguments if word.startswith("--")} <= known, words
@@ -109,7 +113,7 @@ def run(words: list[str], page: str) -> int:
         words, source = words[: words.index("<")], words[words.index("<") + 1]
     arguments = list(words[1:])
     if "--help" not in arguments:
-        arguments += SHORT[arguments[0]]
+        arguments += SHORT[" ".join(arguments[: 1 + (arguments[0] == "console")])]
     if arguments[0] == "cut":
         seconds = CUT_S
         if "--max-time" in arguments:

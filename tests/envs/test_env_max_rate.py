@@ -63,12 +63,12 @@ def test_discharges_are_seen_where_the_metal_is():
     command = law.reset(task.max_feed_um_s)
     while task.path_um < starts[2]:
         result = task.advance(command.feed_um_s, None, command.t_period_us)
-        command = law.update(result.seen)
-        assert sum(result.seen.fifths) == result.truth.spark + result.truth.arc
+        command = law.update(result.observation)
+        assert sum(result.observation.fifths) == result.truth.spark + result.truth.arc
         if task.path_um < 100.0:
-            first += result.seen.fifths
+            first += result.observation.fifths
         elif task.path_um > starts[2] - 20.0:
-            second += result.seen.fifths
+            second += result.observation.fifths
     assert (first / first.sum()).min() > 0.1
     assert second[4] < 0.05 * second.sum() < 0.3 * second[0]
 

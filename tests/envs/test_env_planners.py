@@ -26,9 +26,9 @@ def test_a_lane_goes_where_its_planner_goes_alone(planner, make_task):
         end_ns = task.plant.time_ns
         alone.advance(start_ns, end_ns, units)
         start_ns = end_ns
-        assert result.seen.path_um == alone.path_um
+        assert result.observation.path_um == alone.path_um
         assert task.plant.commanded_um == alone.position_um
-        assert result.seen.feed_um_s == pytest.approx(units * unit * 1e-3)
+        assert result.observation.feed_um_s == pytest.approx(units * unit * 1e-3)
         assert result.done == (alone.done and not result.broken)
         if result.over:
             break
@@ -86,4 +86,5 @@ def test_a_machine_whose_steps_the_planner_cannot_count_is_refused(tmp_path, mak
     task.reset(seed=1)
     for _ in range(40):
         result = task.advance(20.0)
-    assert abs(task.plant.commanded_um[0] - task.scenario.legs_um[0][0, 0] - result.seen.path_um) <= 1.25 + 1e-6
+    travelled_um = task.plant.commanded_um[0] - task.scenario.legs_um[0][0, 0]
+    assert abs(travelled_um - result.observation.path_um) <= 1.25 + 1e-6

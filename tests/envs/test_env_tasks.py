@@ -22,8 +22,8 @@ def test_a_task_is_its_environment(make_env, env_name, make_task):
     for _ in range(60):
         *_, info = env.step(action)
         result = task.advance(25.0)
-    assert (result.seen.short, result.seen.open) == (info["short"], info["open"])
-    assert result.seen.path_um == info["path_um"]
+    assert (result.observation.short, result.observation.open) == (info["short"], info["open"])
+    assert result.observation.path_um == info["path_um"]
     assert result.truth.wire_temperature_K == info["wire_temperature_K"]
     assert result.area_mm2 == info["area_mm2"]
     assert not result.over
@@ -37,7 +37,7 @@ def test_controllers_drive_it(name, make_task):
     for _ in range(400):
         result = task.advance(command.feed_um_s)
         assert not result.over
-        command = controller.update(result.seen)
+        command = controller.update(result.observation)
     assert task.path_um > 30
 
 
@@ -49,7 +49,7 @@ def test_setting_is_rounded_refused_or_done(make_task):
     result = task.advance(10.0, t_on_us=20.4, t_period_us=148.0)
     assert result.refused is None
     assert (task.machine.t_on_us, task.machine.t_period_us) == (20.0, 150.0)
-    assert result.seen.duration_s == pytest.approx(255 * 150e-6)
+    assert result.observation.duration_s == pytest.approx(255 * 150e-6)
     task.reset(seed=1)
     assert task.machine.t_on_us == 30.0
 

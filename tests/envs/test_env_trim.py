@@ -47,7 +47,7 @@ def test_errors_count_from_where_the_wall_is_finished(make_task):
     while not results[-1].over:
         results.append(task.advance(60.0))
     assert results[-1].cause.name == "FINISHED"
-    reached = np.array([result.seen.path_um for result in results])
+    reached = np.array([result.observation.path_um for result in results])
     near = np.array([result.near for result in results])
     assert not near[reached < FINISHED_UM].any()
     assert near[reached > FINISHED_UM + STRETCH_UM + 10.0].all()

@@ -114,9 +114,9 @@ def test_an_episode_can_be_watched_window_by_window() -> None:
     for _ in range(5):
         assert watched.step() is None
         assert watched.last is not None
-        feeds.append(watched.last.seen.feed_um_s)
+        feeds.append(watched.last.observation.feed_um_s)
     assert feeds == pytest.approx([12.0] * 5)
-    assert watched.last.seen.time_s == pytest.approx(5 * 255e-4)
+    assert watched.last.observation.time_s == pytest.approx(5 * 255e-4)
 
 
 def test_straight_cuts_have_no_path_error_corners_and_contours_have(compared: Comparison) -> None:

@@ -94,5 +94,5 @@ def test_the_found_gains_are_used_and_name_their_command(name: str) -> None:
 
 
 def test_the_file_reads_back() -> None:
-    found = search.Found({"reference_V": 12.0, "filter_s": 0.1}, 0.9, 0.8)
+    found = search.SearchResult({"reference_V": 12.0, "filter_s": 0.1}, 0.9, 0.8)
     assert tomllib.loads(as_toml("voltage", 0, 7, found))["gains"] == found.gains

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 import edmsim
-from edmsim.evaluation.stable_rate import SHORTENING, Held, quick_counts, shortest_period_us
+from edmsim.evaluation.stable_rate import SHORTENING, StablePeriod, quick_counts, shortest_period_us
 from edmsim.machine.setting import mean_current_A
 from edmsim.validation.setups import altered
 
@@ -22,12 +22,12 @@ def machine() -> edmsim.Machine:
 
 
 @pytest.fixture(scope="module")
-def steps() -> list[tuple[int, Held]]:
+def steps() -> list[tuple[int, StablePeriod]]:
     return []
 
 
 @pytest.fixture(scope="module")
-def found(machine: edmsim.Machine, steps: list[tuple[int, Held]]) -> edmsim.StableRate:
+def found(machine: edmsim.Machine, steps: list[tuple[int, StablePeriod]]) -> edmsim.StableRate:
     return edmsim.highest_stable_rate(
         machine, **{**QUICK, "seeds": (1, 2)}, watch=lambda seed, held: steps.append((seed, held))
     )
@@ -42,7 +42,7 @@ def test_the_laboratory_s_generator_gives_out_before_its_wire(found: edmsim.Stab
 
 
 def test_the_setting_returned_is_the_one_that_was_held(
-    machine: edmsim.Machine, found: edmsim.StableRate, steps: list[tuple[int, Held]]
+    machine: edmsim.Machine, found: edmsim.StableRate, steps: list[tuple[int, StablePeriod]]
 ) -> None:
     assert found.machine == machine.with_(t_period_us=found.machine.t_period_us)
     held = [step for _, step in steps if step.t_period_us == found.machine.t_period_us]
@@ -51,7 +51,7 @@ def test_the_setting_returned_is_the_one_that_was_held(
 
 
 def test_periods_shrink_from_ten_times_the_generator_s_shortest_down_to_it(
-    machine: edmsim.Machine, found: edmsim.StableRate, steps: list[tuple[int, Held]]
+    machine: edmsim.Machine, found: edmsim.StableRate, steps: list[tuple[int, StablePeriod]]
 ) -> None:
     periods = [step.t_period_us for seed, step in steps if seed == 1]
     assert periods[0] == pytest.approx(10 * shortest_period_us(machine))
@@ -63,7 +63,7 @@ def test_periods_shrink_from_ten_times_the_generator_s_shortest_down_to_it(
     assert {seed for seed, _ in steps} == {1, 2}
 
 
-def test_no_mean_rate_of_a_step_is_higher(found: edmsim.StableRate, steps: list[tuple[int, Held]]) -> None:
+def test_no_mean_rate_of_a_step_is_higher(found: edmsim.StableRate, steps: list[tuple[int, StablePeriod]]) -> None:
     one, other = ([step for seed, step in steps if seed == n] for n in (1, 2))
     means = [(a.rate_mm2_min + b.rate_mm2_min) / 2 for a, b in zip(one, other, strict=True)]
     assert found.rate_mm2_min == pytest.approx(max(means))

@@ -14,7 +14,7 @@ from edmsim.envs import DiscreteFeed
 from edmsim.errors import InputError
 from edmsim.job.cut import cut
 from edmsim.learning import policy_file
-from edmsim.learning.command import Asked
+from edmsim.learning.command import TrainOptions
 
 if not all(map(importlib.util.find_spec, ("sb3_contrib", "stable_baselines3", "torch", "tensorboard"))):
     pytest.skip("the extra rl is not installed", allow_module_level=True)
@@ -210,23 +210,23 @@ def test_a_training_begins_with_a_shipped_policy(short_training, tmp_path, edmsi
 def test_a_policy_that_a_training_cannot_begin_with_is_refused(env_id, algo, policy, asked, match, tmp_path):
     from edmsim.learning.train import train
 
-    given = Asked(**asked).hyperparameters(env_id, algo).model_copy(update={"num_envs": 1})
+    given = TrainOptions(**asked).hyperparameters(env_id, algo).model_copy(update={"num_envs": 1})
     with pytest.raises(InputError, match=match):
-        train(env_id, algo, tmp_path, given=given, steps=64, begin_from=policy_file.load(policy))
+        train(env_id, algo, tmp_path, parameters=given, steps=64, begin_from=policy_file.load(policy))
 
 
 def test_a_training_takes_the_policys_layers_unless_its_settings_name_others(tmp_path):
     from edmsim.learning.train import train
 
-    asked = Asked(start="policy:Corner-imitation")
+    asked = TrainOptions(start="policy:Corner-imitation")
     given = asked.hyperparameters("Corner", "ppo")
     assert (given.network.widths, given.network.activation) == ([128, 128], "relu")
-    assert Asked().hyperparameters("Corner", "ppo").network.widths == [64, 64]
+    assert TrainOptions().hyperparameters("Corner", "ppo").network.widths == [64, 64]
     settings = tmp_path / "settings.toml"
     settings.write_text("[network]\nwidths = [32, 32]\n", encoding="utf-8")
     given = asked._replace(settings=settings).hyperparameters("Corner", "ppo").model_copy(update={"num_envs": 1})
     with pytest.raises(InputError, match=r"layers \[128, 128\] with relu.*the learner has hidden layers \[32, 32\]"):
-        train("Corner", "ppo", tmp_path, given=given, steps=64, begin_from=asked.policy())
+        train("Corner", "ppo", tmp_path, parameters=given, steps=64, begin_from=asked.policy())
 
 
 def test_another_scale_of_actions_or_no_normalisation_is_refused():

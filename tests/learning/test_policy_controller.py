@@ -78,14 +78,14 @@ def test_the_controller_does_what_the_policy_does_in_its_environment(make_policy
         assert command.offset_um == pytest.approx(info["offset_um"], abs=1e-4)
         # observations are float32: actions differ by some of their last digits, feeds by such a part of the greatest
         rounding_um_s = 2e-6 * env.unwrapped.family.max_feed_um_s
-        assert result.seen.feed_um_s == pytest.approx(info["feed_um_s"], abs=rounding_um_s)
+        assert result.observation.feed_um_s == pytest.approx(info["feed_um_s"], abs=rounding_um_s)
         assert (task.machine.t_on_us, task.machine.t_period_us) == (info["t_on_us"], info["t_period_us"])
         assert result.reward == pytest.approx(reward, abs=1e-3)
         settings.add((info["t_on_us"], info["t_period_us"]))
         assert result.over == terminated
         if terminated:
             break
-        command = controller.update(result.seen)
+        command = controller.update(result.observation)
     assert (len(settings) > 1) == (name in ("Corner", "MaxRate", "ThinWire", "Trim") or "knobs" in options)
 
 
@@ -103,8 +103,8 @@ def test_a_policy_that_decides_more_seldom_than_windows_come_sees_what_its_envir
         assert info["dt_s"] == pytest.approx(4 * 0.0255)
         for _ in range(4):
             result = task.advance(command.feed_um_s)
-            command = controller.update(result.seen)
-        assert result.seen.path_um == info["path_um"]
+            command = controller.update(result.observation)
+        assert result.observation.path_um == info["path_um"]
 
 
 def test_a_policy_goes_on_with_the_next_wire(make_policy):
@@ -137,10 +137,10 @@ def test_a_snapshot_goes_on_bit_for_bit(make_policy):
     file = make_policy("Corner")
     task, first, command = started()
     for _ in range(15):
-        command = first.update(task.advance(command.feed_um_s, command.t_on_us, command.t_period_us).seen)
+        command = first.update(task.advance(command.feed_um_s, command.t_on_us, command.t_period_us).observation)
     second = started()[1]
     second.restore(json.loads(json.dumps(first.snapshot())))
-    window = task.advance(command.feed_um_s).seen
+    window = task.advance(command.feed_um_s).observation
     assert first.update(window) == second.update(window)
     assert first.snapshot() == second.snapshot()
 

@@ -13,7 +13,7 @@ from edmsim.controllers.protocols import tell
 from edmsim.envs.episode import Task
 from edmsim.errors import InputError
 from edmsim.learning import hyperparameters, policy_file
-from edmsim.learning.command import Asked
+from edmsim.learning.command import TrainOptions
 from edmsim.learning.policy_controller import PolicyController
 
 pytestmark = [
@@ -31,8 +31,8 @@ def exported(tmp_path, env_id, algo, steps=64, **asked):
     from edmsim.learning.export import export
     from edmsim.learning.train import train
 
-    given = Asked(**asked).hyperparameters(env_id, algo)
-    trained = train(env_id, algo, tmp_path, steps=steps, seed=3, given=given)
+    given = TrainOptions(**asked).hyperparameters(env_id, algo)
+    trained = train(env_id, algo, tmp_path, steps=steps, seed=3, parameters=given)
     policy_file.write(*export(trained, "a test"), tmp_path / "policy.json")
     return trained, policy_file.load(str(tmp_path / "policy.json"))
 
@@ -64,7 +64,7 @@ def test_a_recurrent_policy_forgets_at_a_leg_and_goes_on_from_a_snapshot(short_t
         tell(controller, task.machine, task.scenario.legs_um[0], 0.0)
     command = begun = first.reset(task.max_feed_um_s)
     for _ in range(12):
-        seen = task.advance(command.feed_um_s).seen
+        seen = task.advance(command.feed_um_s).observation
         command = first.update(seen)
     second.reset(task.max_feed_um_s)
     second.restore(json.loads(json.dumps(first.snapshot())))
@@ -89,11 +89,11 @@ def test_a_residual_policy_adds_to_its_law_in_a_cut_what_it_added_in_training(sh
     for _ in range(60):
         seen, _, done, infos = lanes.step(np.array([policy.action(row) for row in seen], np.float32))
         result = task.advance(command.feed_um_s)
-        assert result.seen.feed_um_s == infos[0]["feed_um_s"]
+        assert result.observation.feed_um_s == infos[0]["feed_um_s"]
         feeds.add(infos[0]["feed_um_s"])
         if done[0]:
             break
-        command = controller.update(result.seen)
+        command = controller.update(result.observation)
     assert len(feeds) > 5
 
 
@@ -107,7 +107,7 @@ def test_an_imitation_does_what_its_teacher_does(short_training, tmp_path):
     first = task.machine
     command = controller.reset(task.max_feed_um_s)
     for _ in range(60):
-        command = controller.update(task.advance(command.feed_um_s, command.t_on_us, command.t_period_us).seen)
+        command = controller.update(task.advance(command.feed_um_s, command.t_on_us, command.t_period_us).observation)
     assert command.t_on_us == pytest.approx(0.5 * first.t_on_us, abs=1.0)
     assert command.t_period_us == pytest.approx(0.8 * first.t_period_us, abs=5.0)
     assert command.offset_um == pytest.approx(6.0, abs=1.0)

@@ -30,7 +30,7 @@ from edmsim.plant.kernel.declare import allocate, sizes_of
 from edmsim.plant.kernel.state import GRID, Arrays
 from edmsim.plant.mechanics.film import edge_loss_kg_m2, mean_resistance
 from edmsim.plant.resolution import resolution
-from edmsim.plant.workpiece.blanks import begun_slot
+from edmsim.plant.workpiece.blanks import started_slot
 
 FAST = resolution("fast")
 KEPT = "steam", "gas", "covered", "wake_debris", "wake_gas"
@@ -428,7 +428,7 @@ def test_denser_discharges_cover_more(machine, drive):
 @pytest.mark.slow
 @pytest.mark.parametrize("mechanics", ["modal", "mujoco"])
 def test_gas_and_film_are_of_the_seed_and_of_a_snapshot_and_leave_with_the_wire(mechanics, machine):
-    stock, place = begun_slot(machine, machine.base.table.centre_um, gap_um=12.0), machine.base.table.centre_um
+    stock, place = started_slot(machine, machine.base.table.centre_um, gap_um=12.0), machine.base.table.centre_um
     plant, other, third = (
         edmsim.Plant(machine, seed, stock=stock, position_um=place, resolution="fast", mechanics=mechanics)
         for seed in (1, 1, 9)

@@ -28,7 +28,7 @@ from edmsim.plant.mechanics.film import (
 from edmsim.plant.mechanics.modal import push_out
 from edmsim.plant.mechanics.model import build_model, reduce_model
 from edmsim.plant.resolution import resolution
-from edmsim.plant.workpiece.blanks import SLOT_GAP_UM, begun_slot
+from edmsim.plant.workpiece.blanks import SLOT_GAP_UM, started_slot
 from edmsim.plant.workpiece.kerf_field import Stock
 from tests.plant.arrays import arrays
 
@@ -341,7 +341,7 @@ def pushed_um(machine, stock, place):
 def test_jets_push_the_wire_to_the_open_side_of_a_kerf_as_end_loads_push_a_string(pressures, machine, altered):
     jets = altered(machine, {"base.guides.damping_ratio": 1.0})
     jets = jets.with_(flushing_lower_Pa=pressures[0], flushing_upper_Pa=pressures[1])
-    bent, rays = pushed_um(jets, begun_slot(jets, CENTRE_UM), CENTRE_UM)
+    bent, rays = pushed_um(jets, started_slot(jets, CENTRE_UM), CENTRE_UM)
     closed = math.pi / FAST.rays * float(rays.cosine[0].astype(float).sum())  # 1 for a half circle
     half_width = R_UM + SLOT_GAP_UM
     behind = math.asin(half_width / (R_UM + RAY_RANGE_UM))  # from there on the rays do not reach the sides
@@ -351,7 +351,7 @@ def test_jets_push_the_wire_to_the_open_side_of_a_kerf_as_end_loads_push_a_strin
     np.testing.assert_allclose(-bent[:, 0], expected, rtol=0.05)
     np.testing.assert_allclose(bent[:, 1], 0.0, atol=1e-6 * expected.mean())
     without = altered(jets, {"base.dielectric.jet_drag": 0.0})
-    assert np.abs(pushed_um(without, begun_slot(without, CENTRE_UM), CENTRE_UM)[0]).max() < 1e-9
+    assert np.abs(pushed_um(without, started_slot(without, CENTRE_UM), CENTRE_UM)[0]).max() < 1e-9
 
 
 def test_along_a_wall_and_in_a_hole_jets_push_nothing(machine):

@@ -11,7 +11,7 @@ from edmsim.cosim.straight import Traverse
 from edmsim.errors import InputError
 from edmsim.metrology.edges import metal_at
 from edmsim.plant.plant import Plant
-from edmsim.plant.workpiece.blanks import begun_slot
+from edmsim.plant.workpiece.blanks import started_slot
 from edmsim.plant.workpiece.height_steps import LowerRegion
 from edmsim.plant.workpiece.kerf_field import TILE, KerfField, Stock
 
@@ -27,7 +27,7 @@ def stepped_plant(full_mm, lowered, *, resolution="fast", mechanics="modal", see
         LowerRegion(EVERYWHERE if at is None else shapely.box(x + 1e3 * at, 0, 65_000, 65_000), height)
         for at, height in reversed(lowered)  # the earlier one of a list holds
     ]
-    stock = begun_slot(machine, (x, y), steps=steps)
+    stock = started_slot(machine, (x, y), steps=steps)
     return Plant(machine, seed, stock=stock, position_um=(x, y), resolution=resolution, mechanics=mechanics)
 
 

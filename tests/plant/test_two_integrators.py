@@ -14,7 +14,7 @@ from edmsim.cosim.straight import Cut, Traverse
 from edmsim.evaluation.stable_rate import quick_counts
 from edmsim.machine.machine import Machine
 from edmsim.plant.resolution import RESOLUTIONS
-from edmsim.plant.workpiece.blanks import begun_slot
+from edmsim.plant.workpiece.blanks import started_slot
 from edmsim.plant.workpiece.kerf_field import Stock
 from edmsim.program.path import CutPath, WireContour
 from edmsim.recording import WindowTable
@@ -78,7 +78,7 @@ def rough(mechanics, seed):
     """Lag and vibration in um and working current in A of a rough cut, whose pulses come when they ignite."""
     machine = rough_rig(30.0)
     centre_um = machine.base.table.centre_um
-    stock = begun_slot(machine, centre_um)
+    stock = started_slot(machine, centre_um)
     plant = edmsim.Plant(
         machine, seed, stock=stock, position_um=centre_um, resolution="fast", mechanics=mechanics
     )

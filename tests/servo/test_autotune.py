@@ -1,4 +1,4 @@
-"""``edmsim servo --autotune``: what is found is better than the values of delivery, and can be typed in and saved."""
+"""``edmsim console servo --autotune``: values found are better than those of delivery, can be typed in and saved."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from edmsim.controllers.axis import CHIPS, tuned
 from edmsim.controllers.axis.drive import axis_row, data_of
 from edmsim.errors import InputError
 from edmsim.servo.autotune import STEP_COUNTS, Tuning, autotune, swing_of
-from edmsim.servo.operator import Answer, ModuleOperator, UhuOperator
+from edmsim.servo.operator import AxisTrace, ModuleOperator, UhuOperator
 
 FILES = {"uhu": "uhu", "servo-module": "servo_module"}
 ONE_COUNT = 1 / STEP_COUNTS
@@ -108,20 +108,21 @@ def test_an_axis_that_cannot_be_tuned_is_told_in_a_line(changes):  # U-59
     ],
 )
 def test_an_answer_that_swings_is_told_from_one_that_rests(error, swings):
-    answer = Answer(np.arange(len(error)) * 1e-3, np.array(error, np.int64))
+    answer = AxisTrace(np.arange(len(error)) * 1e-3, np.array(error, np.int64))
     assert answer.oscillates(50, 0.15) == swings
 
 
 def test_the_figures_of_an_answer():
-    answer = Answer(np.arange(6) * 1e-3, np.array([50, 20, -5, 2, 1, -1], np.int64))
+    answer = AxisTrace(np.arange(6) * 1e-3, np.array([50, 20, -5, 2, 1, -1], np.int64))
     assert answer.overshoot(50) == pytest.approx(0.1)
     assert answer.settling_s == pytest.approx(3e-3)
-    assert Answer(answer.time_s, np.array([3, -4, 3, -4, 3, -4])).rms == pytest.approx(np.sqrt(12.5))
+    assert AxisTrace(answer.time_s, np.array([3, -4, 3, -4, 3, -4])).rms == pytest.approx(np.sqrt(12.5))
 
 
 @pytest.mark.slow
 def test_the_command_prints_what_to_type_and_draws_before_and_after(tmp_path: Path):
-    words = ["servo", "servo-module", "--axis", "table", "--autotune", "--out", str(tmp_path / "steps.png")]
+    words = ["console", "servo", "servo-module", "--axis", "table", "--autotune"]
+    words += ["--out", str(tmp_path / "steps.png")]
     told = subprocess.run([sys.executable, "-m", "edmsim", *words], capture_output=True, text=True, check=True)
     assert told.stdout.splitlines() == list(tuning("servo-module", "table").lines)
     assert "as delivered: overshoot" in told.stderr

@@ -1,4 +1,4 @@
-"""``edmsim positioner``: a QCL program on its axes, from files, inputs pressed by time."""
+"""``edmsim console positioner``: a QCL program on its axes, from files, inputs pressed by time."""
 
 from __future__ import annotations
 
@@ -125,7 +125,7 @@ def test_wrong_contactors_are_refused(contactors, reason):
 
 @pytest.mark.slow
 def test_the_command_takes_contactors(monkeypatch, capsys):
-    words = ["edmsim", "positioner", *map(str, TWO), "--contactor", "ofMotorX=AxisX", "--seconds", "0.2"]
+    words = ["edmsim", "console", "positioner", *map(str, TWO), "--contactor", "ofMotorX=AxisX", "--seconds", "0.2"]
     for more, status, said in (
         (["--contactor", "ofMotorY=AxisY"], 0, "axisx:st_still 0"), ([], 2, "it must have one"),
         (["--contactor", "ofMotorY"], 2, "--contactor is OUTPUT=DEVICE, as ofMotorX=AxisX, not 'ofMotorY'"),
@@ -140,7 +140,7 @@ def test_the_command_takes_contactors(monkeypatch, capsys):
 
 
 def test_the_command_runs(monkeypatch, capsys):
-    words = ["edmsim", "positioner", *map(str, FILES), "--press", "ifStart=0.1:0.2", "--seconds", "0.5"]
+    words = ["edmsim", "console", "positioner", *map(str, FILES), "--press", "ifStart=0.1:0.2", "--seconds", "0.5"]
     monkeypatch.setattr(sys, "argv", words)
     with pytest.raises(SystemExit) as left:
         cli.main()
@@ -150,7 +150,7 @@ def test_the_command_runs(monkeypatch, capsys):
 
 def test_the_command_lists_what_cannot_be_read(monkeypatch, capsys, tmp_path):
     (tmp_path / "a.mod").write_text("Axis:posit = 0\nspeed = 1\nGO Axis\n", encoding="utf-8")
-    monkeypatch.setattr(sys, "argv", ["edmsim", "positioner", str(FILES[0]), str(tmp_path / "a.mod")])
+    monkeypatch.setattr(sys, "argv", ["edmsim", "console", "positioner", str(FILES[0]), str(tmp_path / "a.mod")])
     with pytest.raises(SystemExit) as left:
         cli.main()
     assert left.value.code == 2

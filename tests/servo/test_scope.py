@@ -1,4 +1,4 @@
-"""The scope of ``edmsim servo``: what it draws and keeps, and its viewer with a screen and without one."""
+"""The scope of ``edmsim console servo``: what it draws and keeps, and its viewer with a screen and without one."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ def test_a_scope_s_file_that_cannot_be_written_is_told(tmp_path: Path):
 def test_without_a_screen_the_scope_is_a_page_and_the_drive_runs():
     without = {name: value for name, value in os.environ.items() if "DISPLAY" not in name}
     told = subprocess.run(
-        [sys.executable, "-m", "edmsim", "servo", "uhu", "--tuned", "--scope"],
+        [sys.executable, "-m", "edmsim", "console", "servo", "uhu", "--tuned", "--scope"],
         input=b"G60\n", capture_output=True, check=False, env=without,
     )
     assert told.returncode == 0

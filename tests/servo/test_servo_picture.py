@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from edmsim.servo.autotune import STEP_COUNTS, AxisResponse, Swing, Tuning
-from edmsim.servo.operator import Answer
+from edmsim.servo.autotune import STEP_COUNTS, AxisResponse, Oscillation, Tuning
+from edmsim.servo.operator import AxisTrace
 
 DOCS = Path(__file__).parents[2] / "docs"
 
@@ -16,8 +16,9 @@ DOCS = Path(__file__).parents[2] / "docs"
 @pytest.mark.slow
 def test_the_picture_has_a_column_for_each_drive(load_script):
     steps = load_script(DOCS / "make" / "servo_steps.py")
-    answer = Answer(np.array([0.0, 0.01, 0.02]), np.array([STEP_COUNTS, 5, 0]))
-    one = Tuning(("P1",), {"P": 1}, Swing(1.0, 0.01, 10.0), AxisResponse(*[answer] * 3), AxisResponse(*[answer] * 3))
+    answer = AxisTrace(np.array([0.0, 0.01, 0.02]), np.array([STEP_COUNTS, 5, 0]))
+    response = AxisResponse(*[answer] * 3)
+    one = Tuning(("P1",), {"P": 1}, Oscillation(1.0, 0.01, 10.0), response, response)
     figure = steps.figure(dict.fromkeys(steps.DRIVES, one))
     assert [axes.get_title() for axes in figure.axes if axes.get_title()] == list(steps.DRIVES.values())
     drawn = figure.axes[0].get_lines()[-1].get_ydata()

@@ -1,4 +1,4 @@
-"""``edmsim servo``: scripts in a pipe, an ordinary terminal program on a pseudo-terminal, keys, axes, refusals."""
+"""``edmsim console servo``: scripts in a pipe, a terminal program on a pseudo-terminal, keys, axes, refusals."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from edmsim.cli import app as cli
 from edmsim.servo.command import bench_for
 from edmsim.servo.session import sent_for
 
-COMMAND = [sys.executable, "-m", "edmsim", "servo"]
+COMMAND = [sys.executable, "-m", "edmsim", "console", "servo"]
 
 
 def piped(script: bytes, *arguments: str) -> subprocess.CompletedProcess[bytes]:
@@ -94,7 +94,7 @@ def test_the_machine_s_own_axis_has_its_screw_its_mass_and_the_ends_of_its_trave
     ],
 )
 def test_what_cannot_be_is_told_in_a_line(arguments, reason, monkeypatch, capsys):
-    monkeypatch.setattr(sys, "argv", ["edmsim", "servo", *arguments])
+    monkeypatch.setattr(sys, "argv", ["edmsim", "console", "servo", *arguments])
     with pytest.raises(SystemExit) as left:
         cli.main()
     assert left.value.code == 2

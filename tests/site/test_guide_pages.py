@@ -52,12 +52,10 @@ def test_tables_are_those_of_the_code(tables: ModuleType) -> None:
 
 def test_every_option_of_every_command_is_told(tables: ModuleType) -> None:
     text = "\n".join(tables.commands())
-    for command in cli.app.registered_commands:
-        assert command.callback is not None
-        name = command.callback.__name__.replace("_", "-")
+    for name, callback in tables.every_command():
         section = text.split(f"## edmsim {name}\n")[1].split("\n## ")[0]
         told = {name.split()[0].strip(",") for name in cells(section)}
-        asked = set(inspect.signature(command.callback).parameters)
+        asked = set(inspect.signature(callback).parameters)
         assert {name.lstrip("-").lower().replace("-", "_").rstrip(".") for name in told} - {"env_id"} == asked - {
             "env_id", "env_ids", "context",
         }

@@ -10,7 +10,7 @@ from types import ModuleType
 import numpy as np
 import pytest
 
-from edmsim.controllers.planner.errors import COMPARED, LONG_UM, SHORT_UM, SPEEDS, Strayed, around, move
+from edmsim.controllers.planner.errors import COMPARED, LONG_UM, SHORT_UM, SPEEDS, MoveError, around, move
 
 DOCS = Path(__file__).parents[2] / "docs"
 PAGE = (DOCS / "planners.md").read_text(encoding="utf-8")
@@ -82,7 +82,7 @@ def test_a_lost_axis_is_told_as_the_end_s_error_and_45_degrees_as_the_path_s() -
 
 @pytest.mark.parametrize(("planner", "speed"), [("poscal", 3), ("sine-table", 5), ("dda", 99)])
 def test_between_the_speeds_of_the_page_it_is_no_worse(planner: str, speed: int) -> None:  # T-G12
-    found = Strayed(*around(planner, 400, speed, np.arange(0.25, 360, 7.3)).T)
+    found = MoveError(*around(planner, 400, speed, np.arange(0.25, 360, 7.3)).T)
     assert np.max(found.path_max_um) < 2.0
     assert np.abs(found.speed_percent).max() < 1.5
     assert np.max(found.end_um) <= math.sqrt(2) + 1e-9

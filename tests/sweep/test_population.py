@@ -14,7 +14,7 @@ from edmsim.cli import app as cli
 from edmsim.controllers import from_text
 from edmsim.errors import InputError
 from edmsim.learning import hyperparameters
-from edmsim.sweep.population import TABLE, Bred, breed
+from edmsim.sweep.population import TABLE, PopulationResult, train_population
 from edmsim.sweep.tune import TRAINING
 
 ENV = "edmsim/GapFeed-v2"
@@ -28,7 +28,7 @@ ENV = "edmsim/GapFeed-v2"
 ])  # fmt: skip
 def test_what_cannot_be_bred_is_refused(given: dict[str, Any], named: str, tmp_path: Path) -> None:
     with pytest.raises(InputError, match=named):
-        breed(ENV, tmp_path / "new", **given)
+        train_population(ENV, tmp_path / "new", **given)
     assert not (tmp_path / "new").exists()
 
 
@@ -55,12 +55,12 @@ def test_a_training_begins_from_another_ones_checkpoint(short_training: None, tm
     usual = hyperparameters.load(ENV, "ppo")
     changed = {**usual.algorithm, "learning_rate": 7e-5, "gamma": 0.96, "clip_range": 0.3, "gae_lambda": 0.9}
     given = usual.model_copy(update={"algorithm": changed})
-    stays = train(ENV, "ppo", tmp_path / "same", steps=64, seed=2, given=given, begin_from=checkpoint)
+    stays = train(ENV, "ppo", tmp_path / "same", steps=64, seed=2, parameters=given, begin_from=checkpoint)
     assert stays.model.num_timesteps == 64
     assert stays.normalise.obs_rms.count == first.normalise.obs_rms.count
     for name, value in first.model.policy.state_dict().items():
         assert (stays.model.policy.state_dict()[name] == value).all()
-    second = train(ENV, "ppo", tmp_path / "second", steps=128, seed=2, given=given, begin_from=checkpoint)
+    second = train(ENV, "ppo", tmp_path / "second", steps=128, seed=2, parameters=given, begin_from=checkpoint)
     model = second.model
     assert (model.num_timesteps, model.seed, model.gamma, model.gae_lambda) == (128, 2, 0.96, 0.9)
     assert (model.learning_rate, model.clip_range(1.0), second.normalise.gamma) == (7e-5, 0.3, 0.96)
@@ -78,9 +78,9 @@ def test_a_population_exploits_and_explores_on_two_nodes(
     pytest.importorskip("stable_baselines3")
     import pyarrow.parquet as pq
 
-    seen: list[Bred] = []
+    seen: list[PopulationResult] = []
     given: dict[str, Any] = {"address": nodes.address, "population": 4, "generations": 2, "steps": 256, "seeds": 1}
-    found = breed(ENV, tmp_path, **given, watch=seen.append)
+    found = train_population(ENV, tmp_path, **given, watch=seen.append)
     assert len(seen) == 8
     rows = pq.read_table(tmp_path / TABLE).to_pylist()
     first, second = ([row for row in rows if row["generation"] == n] for n in (1, 2))
@@ -88,18 +88,18 @@ def test_a_population_exploits_and_explores_on_two_nodes(
     assert all(row["parent"] == row["learner"] for row in first)
     assert {row["windows"] for row in first} == {128}
     assert {row["windows"] for row in second} == {256}
-    best, worst = (choose(first, key=lambda row: row["worth"])["learner"] for choose in (max, min))
+    best, worst = (choose(first, key=lambda row: row["score"])["learner"] for choose in (max, min))
     moved = [row for row in second if row["parent"] != row["learner"]]
     assert [(row["learner"], row["parent"]) for row in moved] == [(worst, best)]
     before = next(row for row in first if row["learner"] == best)
     assert [key for key in TRAINING["ppo"] if moved[0][key] != before[key]]
     for row in rows:
         assert all(bound.low <= row[key] <= bound.high for key, bound in TRAINING["ppo"].items())
-    assert found.value == max(row["worth"] for row in second)
+    assert found.value == max(row["score"] for row in second)
     assert tomllib.loads((tmp_path / "best.toml").read_text())["algorithm"] == found.values
     assert from_text(f"policy:{tmp_path / 'policy.json'}").name == "policy"
 
-    assert breed(ENV, tmp_path, **given) == found  # all is done: nothing is trained again
+    assert train_population(ENV, tmp_path, **given) == found  # all is done: nothing is trained again
     assert json.loads((tmp_path / "population.json").read_text())["population"] == 4
     with pytest.raises(InputError, match="begun with other arguments"):
-        breed(ENV, tmp_path, **{**given, "population": 5})
+        train_population(ENV, tmp_path, **{**given, "population": 5})

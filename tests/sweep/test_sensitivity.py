@@ -10,7 +10,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy.stats import qmc
 
-from edmsim.sweep.sensitivity import Sensitivity, Varied, sensitivity
+from edmsim.sweep.sensitivity import Sensitivity, VariedSetting, sensitivity
 
 Array = NDArray[np.float64]
 NAMES = "abcdefgh"
@@ -25,7 +25,7 @@ def sobol(dimensions: int, points: int, seed: int = 1) -> Array:
 
 
 def found(runs: Array, figure: Array) -> Sensitivity:
-    return sensitivity([Varied(n, column.tolist()) for n, column in zip(NAMES, runs.T, strict=False)], figure)
+    return sensitivity([VariedSetting(n, column.tolist()) for n, column in zip(NAMES, runs.T, strict=False)], figure)
 
 
 def first(told: Sensitivity) -> list[float]:
@@ -109,7 +109,7 @@ def test_settings_that_only_change_together_are_not_parted() -> None:
 def test_a_setting_that_is_a_name_counts_by_its_names() -> None:
     runs = [(name, height) for name in ("counts", "voltage", "fixed") for height in (5, 10)]
     figure = np.array([{"counts": 3.0, "voltage": 0.0, "fixed": 3.0}[name] + height for name, height in runs])
-    settings = [Varied("controller", [r[0] for r in runs]), Varied("height_mm", [r[1] for r in runs])]
+    settings = [VariedSetting("controller", [r[0] for r in runs]), VariedSetting("height_mm", [r[1] for r in runs])]
     told = sensitivity(settings, figure)
     assert first(told) == pytest.approx([2 / 8.25, 6.25 / 8.25])
     assert np.isnan(told.effects["controller"].rank_correlation)

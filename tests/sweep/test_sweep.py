@@ -18,7 +18,7 @@ import pytest
 
 from edmsim.errors import InputError
 from edmsim.sweep import table as stores
-from edmsim.sweep.engine import Lost, Processes
+from edmsim.sweep.engine import LostJob, Processes
 from edmsim.sweep.perform import Outcome, blank, perform
 from edmsim.sweep.run import SweepProgress, sweep
 from edmsim.sweep.runs import runs_of
@@ -63,7 +63,7 @@ def test_a_process_that_dies_costs_a_retry_and_no_other_run(dying: ModuleType, t
     assert sorted(answer for _, answer in Processes(2).done(dying.dies_once, jobs)) == ["a", "b", "c"]
     found = dict(Processes(2).done(dying.dies, [1, 3]))
     assert found[3] == 3
-    assert isinstance(found[1], Lost)
+    assert isinstance(found[1], LostJob)
     assert "status -9; given up after 3 attempts" in found[1].why
 
 

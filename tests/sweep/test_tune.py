@@ -11,7 +11,7 @@ import pytest
 
 from edmsim.controllers import from_text
 from edmsim.errors import InputError
-from edmsim.sweep.engine import Lost
+from edmsim.sweep.engine import LostJob
 from edmsim.sweep.tune import Trial, Tuned, Worth, judge_trial, tune
 
 
@@ -32,7 +32,7 @@ class Peak:
                 self.then, then = None, self.then
                 then()
             lost = job.number == 2
-            yield job, Lost("the computer was lost") if lost else Worth(-(job.values["feed_um_s"] - 20.0) ** 2)
+            yield job, LostJob("the computer was lost") if lost else Worth(-(job.values["feed_um_s"] - 20.0) ** 2)
 
 
 @pytest.mark.slow

@@ -144,7 +144,7 @@ def test_codes_may_be_given_in_hexadecimal(operate):
         ("GEN ON", "t(i) and t(p) are not set; TI us TP us sets them"),
         ("START", "no new position was given; NEW x y gives one"),
         ("RUN", "there is no program; LOAD takes one from the host"),
-        ("LOAD", "no host is connected; edmsim terminal --host FILE connects one"),
+        ("LOAD", "no host is connected; edmsim console 1982 --host FILE connects one"),
         ("GO", "no cut was stopped; START or RUN begins one"),
         ("STOP", "the machine is not moving"),
         ("WIRE", "the wire is whole"),

@@ -111,7 +111,7 @@ def test_an_arc_of_the_program_that_is_none_stops_it_before_anything_moves(opera
 
 @pytest.mark.slow
 def test_a_whole_job_in_a_pipe(host):
-    command = [sys.executable, "-c", "from edmsim.cli.app import main; main()", "terminal", "--resolution", "fast"]
+    command = [sys.executable, "-m", "edmsim", "console", "1982", "--resolution", "fast"]
     done = subprocess.run(
         [*command, "--height", "5", "--host", str(host(PROGRAM))], input="HELP\nLOAD\nRUN\nWAIT\nSTATUS\nBYE\n",
         capture_output=True, text=True, check=False, env={**os.environ, "COLUMNS": "100"},
@@ -134,7 +134,7 @@ def test_a_whole_job_in_a_pipe(host):
     ],
 )
 def test_bad_options_are_one_line_and_status_2(options, reason, monkeypatch, capsys):
-    monkeypatch.setattr(sys, "argv", ["edmsim", "terminal", *options])
+    monkeypatch.setattr(sys, "argv", ["edmsim", "console", "1982", *options])
     with pytest.raises(SystemExit) as left:
         cli.main()
     told = capsys.readouterr()

@@ -194,7 +194,7 @@ def test_every_character_is_handled_at_once(rig):  # T-83
         ("P 3400,3410,", "a tape's name of up to 32 letters"),
         ("P 4020,4022,X", "4022H is no memory; 0000H to 3FFFH are punched"),
         ("R ../X", "a tape's name has letters, figures, points and dashes"),
-        ("H", "no host is connected; edmsim terminal --host FILE connects one"),
+        ("H", "no host is connected; edmsim console 1982 --host FILE connects one"),
         ("M 1", "RETURN was wanted here"),
         ("G 0108", "there is no 8085 code at 0108H: the listings are lost; M shows what starts"),
         ("G 4020", "there is no 8085 code at 4020H"),

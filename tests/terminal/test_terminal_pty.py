@@ -26,7 +26,7 @@ class Operator:
         self.before = termios.tcgetattr(self.slave)
         command = "from edmsim.cli.app import main; main()"
         self.process = subprocess.Popen(
-            [sys.executable, "-c", command, "terminal", "--resolution", "fast", "--height", "5", *options],
+            [sys.executable, "-c", command, "console", "1982", "--resolution", "fast", "--height", "5", *options],
             stdin=self.slave, stdout=self.slave, stderr=self.slave, start_new_session=True,
             env={**os.environ, "TERM": term, "COLUMNS": "100", "LINES": "40"},
             preexec_fn=lambda: os.close(os.open(os.ttyname(0), os.O_RDWR)),
@@ -155,7 +155,7 @@ def test_a_real_terminal_shows_digits_and_pulses(sit_down):
 
 @pytest.mark.slow
 def test_ctrl_c_in_a_pipe_stops_the_machine_and_the_script():
-    command = [sys.executable, "-c", "from edmsim.cli.app import main; main()", "terminal", "--resolution", "fast"]
+    command = [sys.executable, "-m", "edmsim", "console", "1982", "--resolution", "fast"]
     pipe = subprocess.PIPE
     with subprocess.Popen([*command, "--speed", "1"], stdin=pipe, stdout=pipe, text=True) as run:
         assert run.stdin is not None

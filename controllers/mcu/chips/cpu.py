@@ -237,8 +237,8 @@ class Cpu8085:
         """Instructions C0H to FFH: jumps, calls, returns, the stack, immediate arithmetic."""
         kind, pair = op & 7, op >> 4 & 3
         if kind in (0, 2, 4):
-            flag, wanted = _CONDITIONS[op >> 3 & 7]
-            return self._branch(kind, bool(self.flags & flag) == bool(wanted))
+            flag, taken_if = _CONDITIONS[op >> 3 & 7]
+            return self._branch(kind, bool(self.flags & flag) == bool(taken_if))
         if kind == 6:
             self._alu(op >> 3 & 7, self._fetch())
             return 7

@@ -278,22 +278,22 @@ class Monitor:
             raise InputError(f"a tape's name of up to {_NAME_MOST} letters, figures, points and dashes is wanted")
         return found
 
-    def _range(self, end_wanted: bool) -> Generator[None, int, tuple[int, int]]:
+    def _range(self, with_name: bool) -> Generator[None, int, tuple[int, int]]:
         """Read two addresses; the second may be left away where the line may end."""
         first = yield from self._address()
         if first.value is None:
             raise InputError("an address is wanted")
-        if first.end in _ENDS and not end_wanted:
+        if first.end in _ENDS and not with_name:
             return first.value, first.value | BYTES_A_LINE - 1
         last = first if first.end in _ENDS else (yield from self._address())
-        if last.value is None or last is first or (last.end in _ENDS) == end_wanted:
-            raise InputError("a first and a last address are wanted" + (", and a name" if end_wanted else ""))
+        if last.value is None or last is first or (last.end in _ENDS) == with_name:
+            raise InputError("a first and a last address are wanted" + (", and a name" if with_name else ""))
         if last.value < first.value:
             raise InputError(f"the last address, {last.value:04X}H, lies before the first, {first.value:04X}H")
         return first.value, last.value
 
     def _display(self) -> _Typing:
-        first, last = yield from self._range(end_wanted=False)
+        first, last = yield from self._range(with_name=False)
         self._new_line()
         for begin in range(first & -BYTES_A_LINE, last + 1, BYTES_A_LINE):
             addresses = range(max(begin, first), min(begin + BYTES_A_LINE, last + 1))
@@ -351,7 +351,7 @@ class Monitor:
         self._say(f"{len(tape.bytes)} BYTES{where}" + (f", TO BE STARTED AT {tape.start:04X}H" if tape.start else ""))
 
     def _punch(self) -> _Typing:
-        first, last = yield from self._range(end_wanted=True)
+        first, last = yield from self._range(with_name=True)
         name = yield from self._name()
         self._new_line()
         if last not in bus.RAM and last not in bus.EPROM:

@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 from edmsim.controllers.mcu.chips.dac import time_text
 from edmsim.controllers.mcu.dialogue.part_program import Move
+from edmsim.controllers.pulse_counters import percent_of_window
 
 
 class Status(NamedTuple):
@@ -70,8 +71,8 @@ def describe(status: Status, target: Move | None) -> str:
     return "\n".join(
         (
             f"{status.state}   POSITION X {x} Y {y} {status.unit}   {status.move or target or 'NO NEW POSITION'}",
-            f"SPEED {status.running} OF {status.speed} UNITS   SHORT {status.short / 2.55:.1f} %   "
-            f"OPEN {status.open / 2.55:.1f} %   WINDOWS {status.windows}, MISSED {status.missed}",
+            f"SPEED {status.running} OF {status.speed} UNITS   SHORT {percent_of_window(status.short):.1f} %   "
+            f"OPEN {percent_of_window(status.open):.1f} %   WINDOWS {status.windows}, MISSED {status.missed}",
             pulses(status),
             f"GENERATOR {'ON' if status.generator_on else 'OFF'}   GAP {status.voltage_V:.0f} V "
             f"{status.current_A:.2f} A   TIME {status.time_s:.1f} s",

@@ -220,17 +220,17 @@ def _cut(settings: Settings, state: State, limit: int, ticks: int, cost: int) ->
     """Proportional and integral speed, up to a limit; the limit itself in air."""
     if state.open >= settings.air:
         return limit, cost
-    wanted = settings.target + min((state.short >> 3) * settings.weight >> 8, WORD)
+    sought = settings.target + min((state.short >> 3) * settings.weight >> 8, WORD)
     present = state.open >> 3
-    error = min(abs(present - wanted), WORD)  # SUBSGN
+    error = min(abs(present - sought), WORD)  # SUBSGN
     most = limit << 16
     total = state.speed << 16 | state.fraction
     change = error * settings.proportional
     cost += 2 * MULTIPLY_T
     if not state.shorted_ticks:
         growth = min(error * ticks * settings.integral >> 16, DOUBLE)
-        total = min(max(total + growth if present >= wanted else total - growth, 0), most)
+        total = min(max(total + growth if present >= sought else total - growth, 0), most)
         state.speed, state.fraction = total >> 16, total & WORD
         cost += 3 * MULTIPLY_T
-    total = min(max(total + change if present >= wanted else total - change, 0), most)
+    total = min(max(total + change if present >= sought else total - change, 0), most)
     return (total + HALF) >> 16, cost

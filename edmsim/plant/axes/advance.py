@@ -51,7 +51,7 @@ def indicate(state: NDArray[np.void]) -> None:
 
 
 @compiled
-def go_astray(state: NDArray[np.void], axes: Axes) -> None:
+def apply_geometric_errors(state: NDArray[np.void], axes: Axes) -> None:
     """Put x and y where the errors of screws and ways lead them."""
     places = state[0].axis_um
     x, y = errors_um(axes.ways, places[0], places[1], places[2])

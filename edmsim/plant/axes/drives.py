@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from edmsim.compiled.axis_rows import AXIS, DRIVE, FAULT, FREEWHEEL, N_AXES, NET_IN, NET_OUT, SampleFunction
 from edmsim.compiled.random import key_of
 from edmsim.errors import InputError, one_of
-from edmsim.plant.axes.advance import go_astray, indicate, take_line
+from edmsim.plant.axes.advance import apply_geometric_errors, indicate, take_line
 from edmsim.plant.axes.board import NEVER, NOWHERE_UM
 from edmsim.plant.axes.encoder import draw_pause
 from edmsim.plant.axes.marks import LONG_AGO_NS, mark_below, watch_cam
@@ -269,7 +269,7 @@ class Drives:
 
     def _stray(self, state: NDArray[np.void]) -> None:
         if self.axes.errs:
-            go_astray(state, self.axes)
+            apply_geometric_errors(state, self.axes)
 
     def has_loop(self, axis: int) -> bool:
         """Return whether the drive of an axis, by its number, has a loop."""

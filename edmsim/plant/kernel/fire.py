@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from edmsim.compiled.axis_rows import N_AXES, N_CHANNELS
 from edmsim.compiled.jit import compiled
-from edmsim.plant.axes.advance import LOST, advance_axes, go_astray, indicate
+from edmsim.plant.axes.advance import LOST, advance_axes, apply_geometric_errors, indicate
 from edmsim.plant.gap.breakdown import GapLaw
 from edmsim.plant.gap.bubble import BubbleLaw
 from edmsim.plant.gap.coverage import GasLaw, blow, fade, sum_up
@@ -322,7 +322,7 @@ def fire_window(
                 state, a, axes, p, t, k_period, c.step_um, events, next_event, state[0].time_ns, False
             )
         if axes.errs != 0:
-            go_astray(state, axes)
+            apply_geometric_errors(state, axes)
         quiet = period_us - delay - conducting
         fade(a, gas, k_period)
         if energy > 0.0:

@@ -67,7 +67,7 @@ def checked_stock(stock: Stock, machine: Machine) -> Stock:
     return stock
 
 
-def begun_slot(
+def started_slot(
     machine: Machine, end_um: tuple[float, float], *, gap_um: float = SLOT_GAP_UM, steps: Sequence[LowerRegion] = ()
 ) -> Stock:
     """Return a block with a slot along +x whose end is round a place on the table.

@@ -81,12 +81,12 @@ def spectrum_figure(samples: Sequence[PulseSample], resolution: str = "default")
         raise InputError(f"a spectrum needs a sample of at least {4 * SEGMENTS} pulses")
     first = samples[0]
     figure = column_figure(3.5, top_in=0.48)
-    modes, beside = figure.subplots(1, 2, sharey=True, width_ratios=[1.7, 1.0], gridspec_kw={"wspace": 0.14})
+    modes, spectrum = figure.subplots(1, 2, sharey=True, width_ratios=[1.7, 1.0], gridspec_kw={"wspace": 0.14})
     sampling_hz = 1e6 / first.period_us
     if len(samples) > 1:
         _draw_waterfall(modes, samples)
     _draw_modes(modes, first, sampling_hz, resolution)
-    _draw_spectrum(beside, first, sampling_hz, resolution)
+    _draw_spectrum(spectrum, first, sampling_hz, resolution)
     modes.set_ylim(0, sampling_hz / 2e3)
     legend(modes, above=True, columns=2)
     return figure

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from edmsim.controllers.pulse_counters import WINDOW_PULSES
 from edmsim.cosim.stops import WORDS, StopCause
 from edmsim.plant.constants import wire_setup
 from edmsim.plant.mechanics.model import build_model
@@ -98,7 +99,7 @@ def _retracts(windows: pa.Table, place: NDArray[np.float64]) -> list[Event]:
     back = column(windows, "feed_um_s") < 0
     begins = np.flatnonzero(back & ~np.concatenate([[False], back[:-1]]))
     ends = np.flatnonzero(back & ~np.concatenate([back[1:], [False]]))
-    path, short = column(windows, "path_um"), column(windows, "short") / 2.55
+    path, short = column(windows, "path_um"), 100.0 * column(windows, "short") / WINDOW_PULSES
     return _thinned(
         [
             Event(a, "WARN", f"retract at {_at(place[a])}: {short[max(a - 1, 0)]:.0f} % short, "

@@ -16,10 +16,10 @@ from edmsim import controllers
 from edmsim.cosim.straight import Traverse
 from edmsim.envs import DiscreteFeed, EdmVectorEnv, GapFeed, HeightStep, MaxRate, RecordRerun, Sensors, Task, Weights
 from edmsim.errors import InputError
-from edmsim.given_numbers import finite, plain, real, whole, whole_from
 from edmsim.job.settings import CutSettings
 from edmsim.learning import hyperparameters
-from edmsim.machine.given import with_given
+from edmsim.machine.overrides import with_overrides
+from edmsim.numeric import finite, plain, real, whole, whole_from
 
 EIGHTS = (8, 8.0, np.float32(8), np.float64(8), np.float16(8), np.longdouble(8), np.int8(8), np.uint64(8),
           Fraction(8), np.array(8), np.array(8.0, np.float32))  # fmt: skip
@@ -112,7 +112,7 @@ def test_a_cut_and_a_machine_take_it_and_are_the_same(value):
     assert machine == edmsim.Machine.load(height_mm=8.0, tension=8.0, t_on_us=8.0)
     assert machine.with_(tension=value, wire_speed_m_s=value) == machine.with_(tension=8.0, wire_speed_m_s=8.0)
     assert repr(machine.with_pulses(value, Fraction(800))) == repr(machine.with_pulses(8.0, 800.0))
-    assert with_given(machine, {"gap.critical_um": value}.items()).base.gap.critical_um.value == 8.0
+    assert with_overrides(machine, {"gap.critical_um": value}.items()).base.gap.critical_um.value == 8.0
 
 
 @pytest.mark.parametrize("value", [True, np.True_, np.array(False), 8j, [8], np.array([8.0])], ids=kind_of)
@@ -135,7 +135,7 @@ def test_a_task_and_a_plant_take_it_and_are_the_same(value):
     task, other = Task("GapFeed"), Task("GapFeed")
     task.reset(value), other.reset(8)
     assert task.scenario.plant_seed == other.scenario.plant_seed
-    assert task.advance(value).seen == other.advance(8.0).seen
+    assert task.advance(value).observation == other.advance(8.0).observation
     machine = edmsim.Machine.load(height_mm=3.0)
     windows = [edmsim.Plant(machine, seed=seed, resolution="fast").advance() for seed in (value, 8)]
     assert windows[0] == windows[1]

@@ -8,10 +8,10 @@ from typing import Any, get_args
 from pydantic import ValidationError
 
 from edmsim.errors import InputError, one_of
-from edmsim.given_numbers import finite
 from edmsim.machine.machine import Machine
 from edmsim.machine.parts import Base, Constant, Material, Part, Wire
 from edmsim.machine.ranges import with_constants
+from edmsim.numeric import finite
 
 OPTIONS = {"wire.stress_MPa": "tension", "wire.default_diameter_um": "wire, as brass-200"}
 """Constants that only say what an option is by default, and that option."""
@@ -39,18 +39,19 @@ def _parts_of(annotation: Any) -> Iterator[Any]:
 KINDS = _kinds()
 
 
-def checked_constants(given: Mapping[str, float] | Iterable[tuple[str, float]]) -> tuple[tuple[str, float], ...]:
+def checked_constants(constants: Mapping[str, float] | Iterable[tuple[str, float]]) -> tuple[tuple[str, float], ...]:
     """Return values of constants as pairs, by name; raises `InputError` where they are none.
 
     Parameters
     ----------
-    given : mapping of str to float, or pairs
+    constants : mapping of str to float, or pairs
         ``{"gap.critical_um": 5.0}``: section, or wire or material, and key; in the unit that the key ends in.
     """
     try:
-        pairs = sorted((str(name), finite(str(name), value)) for name, value in dict(given).items())
+        pairs = sorted((str(name), finite(str(name), value)) for name, value in dict(constants).items())
     except (TypeError, ValueError):
-        raise InputError(f"constants are names with numbers, as {{'gap.critical_um': 5.0}}, not {given!r}") from None
+        example = "{'gap.critical_um': 5.0}"
+        raise InputError(f"constants are names with numbers, as {example}, not {constants!r}") from None
     for name, _ in pairs:
         if name in OPTIONS:
             raise InputError(f"the constant {name} is a default: give the option {OPTIONS[name]}, instead")
@@ -76,7 +77,7 @@ def check_names(names: Iterable[str]) -> None:
             raise InputError(f"there is no constant '{name}'; there are: {one_of(name, KINDS, there)}")
 
 
-def with_given(machine: Machine, constants: Iterable[tuple[str, float]]) -> Machine:
+def with_overrides(machine: Machine, constants: Iterable[tuple[str, float]]) -> Machine:
     """Return the set-up with other values of some constants, checked as those of a file are.
 
     A constant that was given has no range: it is not drawn, and may lie beyond what was published.
@@ -94,11 +95,11 @@ def with_given(machine: Machine, constants: Iterable[tuple[str, float]]) -> Mach
         except ValidationError as error:
             reason = error.errors()[0]["msg"].lower()
             raise InputError(f"the constant {name} cannot be {value:g}: {reason}") from None
-    given = with_constants(machine, changed)
+    changed_machine = with_constants(machine, changed)
     try:
-        Base.model_validate(given.base.model_dump())
+        Base.model_validate(changed_machine.base.model_dump())
     except ValidationError as error:
         first = error.errors()[0]
         raise InputError(f"constants of {first['loc'][0]} do not go together: {first['msg']}") from None
-    given.check()
-    return given
+    changed_machine.check()
+    return changed_machine

@@ -1,0 +1,118 @@
+"""``edmsim gap``: the gap for a real controller, on serial lines, as samples, as a table of delays."""
+
+from __future__ import annotations
+
+from contextlib import ExitStack
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from edmsim.cli.console import ERR, Height, Machine, Material, Seed, Tension, Wire, say
+from edmsim.errors import InputError
+
+if TYPE_CHECKING:
+    from edmsim.hil.rig import Rig
+    from edmsim.machine.machine import Machine as SetUp
+
+
+def gap(
+    serial: Annotated[
+        str | None, typer.Option(metavar="BOARD", help="Serial ports of a board: powercore, powercore-v2, spark.")
+    ] = None,
+    samples: Annotated[
+        Path | None,
+        typer.Option(help="File for gap voltage and current as a converter samples them, .parquet or .wav."),
+    ] = None,
+    log: Annotated[
+        Path | None, typer.Option(help="File for ratios and places, .csv, which edmsim calibrate reads.")
+    ] = None,
+    delays: Annotated[Path | None, typer.Option(help="File for quantiles of ignition delays, .csv.")] = None,
+    machine: Machine = "agiecut-dem15",
+    material: Material = "tool-steel",
+    height: Height = 20.0,
+    wire: Wire = "brass",
+    generator: Annotated[
+        str | None, typer.Option(help="Pulse generator, or an own file; by default the board's, or iso-pulse.")
+    ] = None,
+    tension: Tension = None,
+    start_gap: Annotated[float, typer.Option("--gap", help="Gap round the wire at the start in um.")] = 30.0,
+    feed: Annotated[float, typer.Option(help="Without --serial: speed of x in um/s.")] = 5.0,
+    seconds: Annotated[
+        float | None, typer.Option(help="Machine time in s after which to stop; without --serial 1.")
+    ] = None,
+    speed: Annotated[float, typer.Option(help="With --serial: machine seconds per second.")] = 1.0,
+    rate: Annotated[float, typer.Option(help="Samples per second, 10000 to 100000.")] = 50_000.0,
+    low_pass: Annotated[
+        float, typer.Option(help="Corner of a low-pass before the converter in Hz; 0 for none.")
+    ] = 0.0,
+    noise: Annotated[float, typer.Option(help="Noise of the voltage samples, rms in V.")] = 0.0,
+    current_noise: Annotated[float, typer.Option(help="Noise of the current samples, rms in A.")] = 0.0,
+    log_rate: Annotated[float, typer.Option(help="Rows of --log per second, 2 to 100.")] = 10.0,
+    seed: Seed = 0,
+) -> None:
+    """Give a real controller the gap: serial ports of a board, samples of voltage and current, delays."""
+    from edmsim.hil.ratio_log import RatioLog
+    from edmsim.hil.rig import make_board
+    from edmsim.hil.samples import SampleFile, Sensing
+    from edmsim.machine.machine import Machine as SetUp
+
+    if serial is None and samples is None and log is None and delays is None:
+        raise InputError(
+            "give --serial BOARD for ports, --samples, --log or --delays FILE for files; see edmsim gap --help"
+        )
+    board = None if serial is None else make_board(serial)
+    own = generator or ("iso-pulse" if board is None else board.generator)
+    set_up = SetUp.load(machine, material=material, height_mm=height, wire=wire, generator=own, tension=tension)
+    if delays is not None:
+        _write_delays(set_up, delays, seed)
+        if serial is None and samples is None and log is None:
+            return
+    rig = _rig(set_up, board, seed, start_gap)
+    with ExitStack() as files:
+        sensing = Sensing(rate, low_pass, noise, current_noise, seed)
+        sampled = files.enter_context(SampleFile(samples, sensing, rig.time_s)) if samples else None
+        logged = files.enter_context(RatioLog(log, rig, log_rate)) if log else None
+        for taker in (sampled, logged):
+            if taker is not None:
+                rig.watch(taker.frame)
+        _run(rig, serial is not None, speed, seconds, feed)
+    if sampled is not None:
+        say(f"{sampled.count} samples of {samples}" + (f": {sampled.notice}" if sampled.notice else ""))
+    if rig.gap.lost and serial is None:
+        say(rig.gap.lost)
+
+
+def _rig(set_up: SetUp, board: object, seed: int, start_gap: float) -> Rig:
+    from edmsim.hil.rig import PlainGenerator, Rig
+
+    return Rig(board or PlainGenerator(set_up), set_up, seed=seed, gap_um=start_gap)  # type: ignore[arg-type]
+
+
+def _run(rig: Rig, has_ports: bool, speed: float, seconds: float | None, feed: float) -> None:
+    if has_ports:
+        from edmsim.hil.session import serve
+
+        serve(rig, speed=speed, seconds=seconds, say=say)
+        return
+    from edmsim.terminal.devices import Interrupts
+
+    interrupts = Interrupts()
+    with interrupts.caught():
+        until_s = rig.time_s + (1.0 if seconds is None else seconds)
+        while rig.time_s < until_s and not interrupts.pending:
+            rig.gap.setpoints.move_at((feed, 0.0), rig.gap.plant.time_ns)
+            rig.frame()
+
+
+def _write_delays(set_up: SetUp, file: Path, seed: int) -> None:
+    from edmsim.files import make_writable
+    from edmsim.hil.delays import delay_table, write_delays
+    from edmsim.screen import ScreenProgress
+
+    make_writable(file.parent)
+    with ScreenProgress(console=ERR, transient=True) as bar:
+        task = bar.add_task("delays", total=None)
+        rows = delay_table(set_up, seed=seed, watch=lambda done, total: bar.update(task, completed=done, total=total))
+    write_delays(rows, file)
+    say(f"{len(rows)} gaps and voltages in {file}")

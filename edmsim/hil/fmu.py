@@ -1,0 +1,68 @@
+"""Packs the gap as an FMU: what ``edmsim export fmu`` does."""
+
+from __future__ import annotations
+
+import json
+import tempfile
+from pathlib import Path
+from typing import Any
+
+from edmsim.controllers.pulse_counters import WINDOW_PULSES
+from edmsim.errors import InputError
+from edmsim.files import make_writable, replacing
+from edmsim.machine.machine import Machine
+from edmsim.plant.resolution import resolution as named_resolution
+from edmsim.plant.workpiece.blanks import SLOT_GAP_UM
+
+_SCRIPT = Path(__file__).with_name("fmu_slave.py")
+
+
+def export_fmu(
+    file: str | Path, *, resolution: str = "fast", gap_um: float = SLOT_GAP_UM, **machine: Any
+) -> float:
+    """Write an FMU, FMI 3.0 for co-simulation, of a wire at the end of a slot.
+
+    Parameters
+    ----------
+    file : path
+        ``.fmu``.
+    resolution : {"fast", "default", "fine"}
+    gap_um : float
+        Gap round the wire at the start.
+    **machine
+        Arguments of `Machine.load`; height and tension are parameters of the FMU as well.
+
+    Returns
+    -------
+    float
+        Its step in s: 255 periods of the generator's setting.
+
+    Raises
+    ------
+    InputError
+        If the set-up cannot run, the file cannot be written, or pythonfmu3 is not installed.
+    """
+    target = Path(file)
+    if target.suffix != ".fmu":
+        raise InputError("an FMU is written as .fmu", target)
+    set_up = Machine.load(**machine)
+    named_resolution(resolution)
+    try:
+        from pythonfmu3 import FmuBuilder
+    except ImportError as error:
+        raise InputError(f"an FMU needs {error.name}: pip install 'edmsim[fmu]'") from None
+    from edmsim.hil.fmu_slave import SETTINGS
+
+    make_writable(target.parent)
+    step_s = WINDOW_PULSES * set_up.t_period_us * 1e-6
+    settings = {"machine": machine, "step_s": step_s, "resolution": resolution, "gap_um": gap_um}
+    with tempfile.TemporaryDirectory() as name:
+        written = Path(name) / SETTINGS
+        written.write_text(json.dumps(settings), encoding="utf-8")
+        built = FmuBuilder.build_FMU(
+            _SCRIPT, dest=name, project_files=[written], needsExecutionTool=True, canGetAndSetFMUState=True,
+            canSerializeFMUState=True, canHandleVariableCommunicationStepSize=False,
+        )  # fmt: skip
+        with replacing(target) as partial:
+            partial.write_bytes(Path(built).read_bytes())
+    return step_s

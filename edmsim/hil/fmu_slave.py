@@ -1,0 +1,164 @@
+"""What runs in the FMU that ``edmsim export fmu`` writes: a gap whose inputs a co-simulation sets.
+
+The file itself is packed into the FMU; it needs edmsim where it runs.
+"""
+
+from __future__ import annotations
+
+import io
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from pythonfmu3 import (
+    Boolean,
+    DefaultExperiment,
+    Float64,
+    Fmi3Causality,
+    Fmi3Slave,
+    Fmi3Status,
+    Fmi3Variability,
+    Int64,
+)
+from pythonfmu3.fmi3slave import Fmi3StepResult
+
+from edmsim import __version__
+from edmsim.errors import EdmsimError
+from edmsim.files import read_arrays
+from edmsim.hil.gap import Gap, Output
+from edmsim.machine.machine import Machine
+from edmsim.plant.window import PulseWindow
+
+SETTINGS = "edmsim.json"
+"""File beside this one with the arguments of `Machine.load`, and ``step_s``, ``resolution``, ``gap_um``."""
+INPUTS = {
+    "feed_x_um_s": "speed of x", "feed_y_um_s": "speed of y", "t_on_us": "on-time, from the next step on",
+    "t_period_us": "period, from the next step on",
+}  # fmt: skip
+PARAMETERS = {"height_mm": "workpiece height", "tension_N": "wire tension; 0 for the wire's usual one"}
+OUTPUTS = {
+    "short_share": "share of pulses that were shorts", "open_share": "share of open pulses",
+    "spark_share": "share of pulses that ignited", "mean_voltage_V": "mean gap voltage",
+    "mean_current_A": "mean gap current", "lag_x_um": "mean deflection of the wire in x",
+    "lag_y_um": "mean deflection of the wire in y", "x_um": "position counter of x, from the start",
+    "y_um": "position counter of y, from the start",
+}  # fmt: skip
+
+
+class EdmsimGap(Fmi3Slave):  # type: ignore[misc]
+    """The slave: a fixed step of one window, get and set of its state by snapshots."""
+
+    def __init__(self, **kwargs: Any) -> None:
+        super().__init__(**kwargs)
+        self._settings = json.loads((Path(self.resources) / SETTINGS).read_text(encoding="utf-8"))
+        self._load = self._settings["machine"]
+        self.author, self.description = "edmsim", "A wire-EDM gap, simulated discharge by discharge"
+        self.version = __version__
+        step_s = self._settings["step_s"]
+        self.default_experiment = DefaultExperiment(start_time=0.0, stop_time=400 * step_s, step_size=step_s)
+        machine = Machine.load(**self._load)
+        self.time = 0.0
+        self.feed_x_um_s = self.feed_y_um_s = 0.0
+        self.t_on_us, self.t_period_us = machine.t_on_us, machine.t_period_us
+        self.height_mm, self.tension_N, self.seed = machine.height_mm, 0.0, 0
+        self.generator_on, self.wire_broken = True, False
+        for name in OUTPUTS:
+            setattr(self, name, 0.0)
+        self._gap: Gap | None = None
+        self._register()
+
+    def _register(self) -> None:
+        fixed, discrete = Fmi3Variability.fixed, Fmi3Variability.discrete
+        as_input = {"causality": Fmi3Causality.input, "variability": discrete}
+        as_output = {"causality": Fmi3Causality.output, "variability": discrete}
+        as_parameter = {"causality": Fmi3Causality.parameter, "variability": fixed}
+        time = {"causality": Fmi3Causality.independent, "variability": Fmi3Variability.continuous}
+        variables = [
+            Float64("time", **time),
+            *(Float64(name, description=text, **as_input) for name, text in INPUTS.items()),
+            Boolean("generator_on", description="whether pulses are fired", **as_input),
+            *(Float64(name, description=text, **as_parameter) for name, text in PARAMETERS.items()),
+            Int64("seed", description="seed of every draw", **as_parameter),
+            *(Float64(name, description=text, **as_output) for name, text in OUTPUTS.items()),
+            Boolean("wire_broken", description="whether there is no wire", **as_output),
+        ]
+        for variable in variables:
+            self.register_variable(variable)
+
+    def exit_initialization_mode(self) -> None:
+        """Make the gap of the parameters."""
+        given = {**self._load, "height_mm": self.height_mm, "tension": self.tension_N or None}
+        machine = Machine.load(**given)
+        chosen = {"resolution": self._settings["resolution"], "gap_um": self._settings["gap_um"]}
+        self._gap = Gap(machine, self.seed, **chosen)
+
+    def do_step(self, current_time: float, step_size: float) -> Fmi3StepResult:
+        """Run the pulses that begin and end within the step; its length is fixed."""
+        step_s = self._settings["step_s"]
+        if self._gap is None or abs(step_size - step_s) > 1e-6 * step_s:
+            self.log(f"steps are {step_s:.9g} s, one window of pulses, not {step_size:.9g}", Fmi3Status.error)
+            return Fmi3StepResult(Fmi3Status.error)
+        try:
+            self._run(self._gap, round((current_time + step_size) * 1e9))
+        except EdmsimError as error:
+            self.log(str(error), Fmi3Status.error)
+            return Fmi3StepResult(Fmi3Status.error)
+        return Fmi3StepResult(Fmi3Status.ok)
+
+    def _run(self, gap: Gap, until_ns: int) -> None:
+        asked = Output(255, bool(self.generator_on), self.t_on_us, self.t_period_us)
+        windows: list[PulseWindow] = []
+        while (room := self._room(gap, asked, until_ns)) > 0:
+            gap.setpoints.move_at((self.feed_x_um_s, self.feed_y_um_s), gap.plant.time_ns)
+            windows.append(gap.run(asked._replace(pulses=min(room, 255))).window)
+        if windows:
+            for name, value in zip(OUTPUTS, _means(windows), strict=False):
+                setattr(self, name, value)
+        self.x_um, self.y_um = gap.place_um
+        self.wire_broken = bool(gap.lost)
+
+    def _room(self, gap: Gap, asked: Output, until_ns: int) -> int:
+        """How many pulses surely end by then; what is left of a step counts to the next one."""
+        timing = gap.plant.timing
+        varies = timing.period_ns == 0
+        longest_us = timing.wait_us + asked.t_period_us if varies else asked.t_period_us
+        return math.floor((until_ns - gap.plant.time_ns) * 1e-3 / longest_us + 1e-6)
+
+    def _names(self) -> list[str]:
+        return [*INPUTS, *OUTPUTS, "generator_on", "wire_broken"]
+
+    def _get_fmu_state(self) -> dict[str, Any]:
+        values = np.array([float(getattr(self, name)) for name in self._names()])
+        gap = {} if self._gap is None else self._gap.snapshot()
+        return {**gap, "fmu.values": values}
+
+    def _set_fmu_state(self, state: dict[str, Any]) -> None:
+        values = dict(zip(self._names(), state["fmu.values"].tolist(), strict=True))
+        for name, value in values.items():
+            setattr(self, name, bool(value) if name in ("generator_on", "wire_broken") else value)
+        rest = {name: value for name, value in state.items() if name != "fmu.values"}
+        if rest and self._gap is not None:
+            self._gap.restore(rest)
+
+    @staticmethod
+    def _fmu_state_to_bytes(state: dict[str, Any]) -> bytes:
+        packed = io.BytesIO()
+        np.savez(packed, **state)
+        return packed.getvalue()
+
+    @staticmethod
+    def _fmu_state_from_bytes(state: bytes) -> dict[str, Any]:
+        return read_arrays(state)
+
+
+def _means(windows: list[PulseWindow]) -> tuple[float, ...]:
+    """Return the outputs of the windows of a step, each as if they were one window; those of one are its own."""
+    pulses = sum(window.pulses for window in windows)
+    counts = (sum(getattr(window, kind) for window in windows) for kind in ("short", "open", "spark", "arc"))
+    short, open_, spark, arc = counts
+    rows = [(w.mean_voltage_V, w.mean_current_A, *w.deflection_um) for w in windows]
+    weights = [window.duration_ns for window in windows] if len(windows) > 1 else None
+    means = np.average(rows, axis=0, weights=weights)
+    return short / pulses, open_ / pulses, (spark + arc) / pulses, *map(float, means)

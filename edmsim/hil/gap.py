@@ -1,0 +1,188 @@
+"""A wire in a gap whose axes and generator somebody else commands: the plant in frames of some pulses."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from edmsim.cosim.straight import begin
+from edmsim.errors import InputError
+from edmsim.hil.setpoints import Setpoints
+from edmsim.machine.machine import Machine
+from edmsim.plant.kernel.state import OPEN, PULSE, Timing
+from edmsim.plant.plant import Plant
+from edmsim.plant.resolution import Resolution
+from edmsim.plant.window import PlantError, PulseWindow
+from edmsim.plant.workpiece.blanks import SLOT_GAP_UM
+
+
+class Output(NamedTuple):
+    """What is asked of the generator for a frame.
+
+    Attributes
+    ----------
+    pulses : int
+        1 to 255.
+    on : bool
+    t_on_us, t_period_us : float
+    open_V, peak_A : float or None
+        Voltage until ignition and peak current; None leaves what the generator's file says.
+    """
+
+    pulses: int
+    on: bool
+    t_on_us: float
+    t_period_us: float
+    open_V: float | None = None
+    peak_A: float | None = None
+
+
+class Frame(NamedTuple):
+    """Some pulses, as they were.
+
+    Attributes
+    ----------
+    window : PulseWindow
+        Their sums.
+    pulses : record array (n,)
+        Rows of `edmsim.plant.kernel.state.PULSE`, one for every pulse.
+    timing : Timing
+        The generator's setting for them.
+    on : bool
+        Whether the generator ran: else the pulses are moments without one.
+    """
+
+    window: PulseWindow
+    pulses: NDArray[np.void]
+    timing: Timing
+    on: bool
+
+
+class Gap:
+    """A wire at the end of a begun slot along +x, with commanded axes.
+
+    Parameters
+    ----------
+    machine : Machine
+    seed : int
+        Same seed, same commands at the same times: same bits.
+    resolution : str or Resolution
+    gap_um : float
+        Gap all round the wire at the start; behind it the slot is open.
+
+    Attributes
+    ----------
+    plant : Plant
+    setpoints : Setpoints
+        Where the axes are wanted.
+    lost : str
+        Why there is no wire any more; nothing as long as there is one.
+    """
+
+    def __init__(
+        self, machine: Machine, seed: int = 0, *, resolution: str | Resolution = "fast", gap_um: float = SLOT_GAP_UM
+    ) -> None:
+        if not 1.0 <= gap_um <= machine.wire_diameter_um:
+            raise InputError(f"the gap is 1 to {machine.wire_diameter_um:g} um, a wire's diameter, not {gap_um:g}")
+        self.plant = begin(machine, seed, resolution=resolution, gap_um=gap_um)
+        self.plant.watch_pulses()
+        self._seed = seed
+        self.origin_um = self.plant.commanded_um
+        self._choices = machine.open_voltage_V, machine.peak_current_A
+        table = machine.base.table
+        travel_um = table.travel_mm.value * 1e3
+        self.setpoints = Setpoints(self.origin_um, table.step_um.value, table.rapid_um_s.value, travel_um)
+        self.lost = ""
+
+    @property
+    def time_s(self) -> float:
+        """Machine time."""
+        return self.plant.time_ns * 1e-9
+
+    @property
+    def place_um(self) -> tuple[float, float]:
+        """Place of the position counters from where the wire was at first."""
+        x, y = self.plant.commanded_um
+        return x - self.origin_um[0], y - self.origin_um[1]
+
+    def run(self, output: Output) -> Frame:
+        """Run a frame at a setting of the generator.
+
+        A wire that breaks, or is driven where the model does not hold, is gone: `lost` says why, and until `thread`
+        all pulses are open.
+
+        Raises
+        ------
+        InputError
+            If the generator refuses the setting; the gap stays as it was.
+        """
+        self._set(output)
+        plant, start_ns = self.plant, self.plant.time_ns
+        steps = self.setpoints.plan(start_ns, start_ns + output.pulses * plant.longest_window_ns // 255)
+        try:
+            window = plant.advance(steps, output.pulses)
+        except PlantError as error:
+            self.lost, window = str(error), error.window
+            plant.go_bare()
+        if window.broken and not self.lost:
+            kelvin = f"{window.wire_temperature_K:.0f} K"
+            self.lost = f"the wire broke {plant.broken_height_mm:.1f} mm above the lower face, at {kelvin}"
+            plant.go_bare()
+        self.setpoints.keep(start_ns, plant.time_ns, plant.commanded_um)
+        pulses = _without_wire(window, plant.timing) if self.lost else plant.last_pulses()
+        return Frame(window, pulses, plant.timing, output.on)
+
+    def thread(self) -> None:
+        """Thread a fresh wire where the axes are; on this bench that takes no time."""
+        self.plant.rethread(self.plant.commanded_um, 0)
+        self.lost = ""
+
+    def snapshot(self) -> dict[str, NDArray[Any]]:
+        """Return everything that changes, as arrays; `restore` continues bit for bit."""
+        places, targets, velocity, until_ns = self.setpoints.snapshot()
+        choices = [np.nan if value is None else value for value in self._choices]
+        return {
+            **self.plant.snapshot(), "gap.places": np.array(places), "gap.targets": np.array(targets),
+            "gap.velocity": np.array(velocity), "gap.until_ns": np.array(until_ns), "gap.choices": np.array(choices),
+            "gap.lost": np.frombuffer(self.lost.encode(), np.uint8).copy(),
+        }  # fmt: skip
+
+    def restore(self, state: dict[str, NDArray[Any]]) -> None:
+        """Take back a `snapshot` of a gap of the same set-up; raises `InputError` for a damaged one."""
+        own = {name: value for name, value in state.items() if name.startswith("gap.")}
+        if set(own) != {f"gap.{name}" for name in ("places", "targets", "velocity", "until_ns", "choices", "lost")}:
+            raise InputError("this is no snapshot of a gap: its setpoints are missing")
+        self._choose(*(None if np.isnan(value) else float(value) for value in own["gap.choices"]))
+        self.plant.restore({name: value for name, value in state.items() if name not in own})
+        lists = (own[f"gap.{name}"].tolist() for name in ("places", "targets", "velocity", "until_ns"))
+        self.setpoints.restore(*lists)
+        self.lost = own["gap.lost"].tobytes().decode()
+
+    def _set(self, output: Output) -> None:
+        plant = self.plant
+        self._choose(output.open_V, output.peak_A)
+        if (output.t_on_us, output.t_period_us) != (plant.machine.t_on_us, plant.machine.t_period_us):
+            self.plant.set_generator(output.t_on_us, output.t_period_us)
+        if output.on != plant.generator_on:
+            self.plant.switch_generator(output.on)
+
+    def _choose(self, open_V: float | None, peak_A: float | None) -> None:
+        """Set voltage and current, which a plant is made with: another one goes on where this one is."""
+        if (open_V, peak_A) == self._choices:
+            return
+        before = self.plant
+        machine = before.machine.with_(open_voltage_V=open_V, peak_current_A=peak_A)
+        self.plant = Plant(machine, self._seed, stock=before.field.stock, resolution=before.resolution)
+        self.plant.watch_pulses()
+        self.plant.restore(before.snapshot())
+        self._choices = open_V, peak_A
+
+
+def _without_wire(window: PulseWindow, timing: Timing) -> NDArray[np.void]:
+    """Return the pulses of a window that found no wire: all open."""
+    pulses = np.zeros(window.pulses, PULSE)
+    pulses["start_us"] = np.arange(window.pulses) * window.duration_ns * 1e-3 / window.pulses
+    pulses["delay_us"], pulses["open_V"], pulses["kind"], pulses["slice"] = timing.wait_us, timing.open_V, OPEN, -1
+    return pulses

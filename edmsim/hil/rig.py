@@ -1,0 +1,219 @@
+"""A board on its gap, and the lines by which the other side moves the axes: everything of the bench but its clock."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any, ClassVar, Protocol
+
+from edmsim.errors import InputError, one_of
+from edmsim.hil.gap import Frame, Gap, Output
+from edmsim.hil.powercore import Pins, PowercoreV2, PowercoreV3
+from edmsim.hil.setpoints import AXES
+from edmsim.hil.spark import Pulser
+from edmsim.machine.machine import Machine
+
+MOST_LINE = 127
+"""Longest line in bytes (Powercore V3)."""
+_MOST_STEPS = 100_000
+_MOST_HZ = 1000.0
+
+
+class Board(Protocol):
+    """A pulse generator's board as its host sees it."""
+
+    name: ClassVar[str]
+    generator: ClassVar[str]
+    enabled: bool
+
+    @property
+    def listens(self) -> bool:
+        """Whether it reads its line now."""
+
+    def output(self) -> Output:
+        """What it asks of the generator for the next frame."""
+
+    def see(self, frame: Frame) -> None:
+        """Take in the frame that is over."""
+
+    def line(self, text: str) -> str:
+        """Answer a line of its serial port."""
+
+    def unasked(self) -> str:
+        """Return what it has to say by itself."""
+
+    def pins(self) -> Pins:
+        """Levels of its outputs: duty as a share, or volts."""
+
+
+class PlainGenerator:
+    """The machine's own generator at its own setting: no board, no line, no pins."""
+
+    name: ClassVar[str] = "none"
+    generator: ClassVar[str] = "iso-pulse"
+    listens: ClassVar[bool] = True
+    FRAME_US: ClassVar[float] = 10_000.0
+
+    def __init__(self, machine: Machine) -> None:
+        self.enabled = True
+        self._machine = machine
+
+    def output(self) -> Output:
+        """Ask for about 10 ms of pulses."""
+        on_us, period_us = self._machine.t_on_us, self._machine.t_period_us
+        pulses = min(max(int(self.FRAME_US / period_us), 1), 255)
+        own = self._machine
+        return Output(pulses, self.enabled, on_us, period_us, own.open_voltage_V, own.peak_current_A)
+
+    def see(self, frame: Frame) -> None:
+        """Take no note."""
+
+    def line(self, text: str) -> str:
+        """Answer nothing."""
+        return ""
+
+    def unasked(self) -> str:
+        """Send nothing."""
+        return ""
+
+    def pins(self) -> Pins:
+        """Return nothing."""
+        return {}
+
+
+BOARDS: dict[str, Callable[[], Board]] = {
+    board.name: board for board in (PowercoreV3, PowercoreV2, Pulser)
+}  # fmt: skip
+"""Boards by name."""
+
+
+def make_board(name: str) -> Board:
+    """Return a board that has just started; raises `InputError` for a name that is none."""
+    if name not in BOARDS:
+        raise InputError(f"there is no board '{name}'; choose one of {one_of(name, BOARDS)}")
+    return BOARDS[name]()
+
+
+class Rig:
+    r"""A board, the gap it fires into, and the axes.
+
+    Parameters
+    ----------
+    board : str or Board
+        ``powercore`` (V3), ``powercore-v2`` or ``spark``.
+    machine : Machine, optional
+        With the board's generator; the usual one by default.
+    seed : int
+    gap_um : float, optional
+        See `Gap`.
+
+    Examples
+    --------
+    >>> rig = Rig("powercore", seed=1)
+    >>> rig.move("VEL 5 0")
+    'ok\r\n'
+    >>> rig.run(0.02)
+    >>> rig.send("SET_ALL_PARAMETERS 0 0.05 5000 80")
+    'OK: Parameters set\r\n'
+    """
+
+    def __init__(
+        self, board: str | Board = "powercore", machine: Machine | None = None, *, seed: int = 0, **gap: Any
+    ) -> None:
+        self.board = make_board(board) if isinstance(board, str) else board
+        if machine is None:
+            machine = Machine.load(generator=self.board.generator)
+        self.gap = Gap(machine, seed, **gap)
+        self._stream_s, self._sent_s = 0.0, 0.0
+        self._watchers: list[Callable[[Frame], None]] = []
+
+    @property
+    def time_s(self) -> float:
+        """Machine time."""
+        return self.gap.time_s
+
+    def watch(self, watcher: Callable[[Frame], None]) -> None:
+        """Show somebody every frame from now on."""
+        self._watchers.append(watcher)
+
+    def frame(self) -> Frame:
+        """Run a frame, about 1 to 10 ms."""
+        frame = self.gap.run(self.board.output())
+        self.board.see(frame)
+        for watcher in self._watchers:
+            watcher(frame)
+        return frame
+
+    def run(self, seconds: float) -> None:
+        """Run frames for some machine time."""
+        until_s = self.time_s + seconds
+        while self.time_s < until_s:
+            self.frame()
+
+    def send(self, text: str) -> str:
+        """Send a line to the board's serial port and return the answer."""
+        return self.board.line(text)
+
+    def status(self) -> str:
+        """Return the line of the motion port: machine time, places in um, enable input, wire, the board's pins."""
+        x, y = self.gap.place_um
+        pins = "".join(f" {name} {value:.4g}" for name, value in self.board.pins().items())
+        wire = 0 if self.gap.lost else 1
+        return f"T {self.time_s:.6f} X {x:.1f} Y {y:.1f} EN {int(self.board.enabled)} WIRE {wire}{pins}\r\n"
+
+    def streamed(self) -> str:
+        """Return a status line if one is due; see ``STREAM``."""
+        if not self._stream_s or self.time_s - self._sent_s < self._stream_s:
+            return ""
+        self._sent_s = self.time_s
+        return self.status()
+
+    def move(self, text: str) -> str:
+        """Answer a line of the motion port.
+
+        ``STEP X 3``, ``POS x y`` in um from the start, ``VEL x y`` in um/s, ``STREAM hertz``, ``ENABLE 1``,
+        ``THREAD``, and ``?`` for a status line.
+        """
+        words = text.split()
+        name, numbers = (words[0].upper(), words[1:]) if words else ("", [])
+        try:
+            return self._motion(name, numbers)
+        except ValueError:
+            return "ERROR: give STEP X|Y n, POS x y (um), VEL x y (um/s), STREAM hertz, ENABLE 0|1, THREAD or ?\r\n"
+
+    def _motion(self, name: str, words: list[str]) -> str:
+        axes, count = self.gap.setpoints, len(words)
+        if name == "?" and not count:
+            return self.status()
+        if name == "STEP" and count == 2 and words[0].upper() in AXES:
+            steps = int(words[1])
+            if abs(steps) > _MOST_STEPS:
+                return f"ERROR: at most {_MOST_STEPS} steps in a line\r\n"
+            axes.step(AXES.index(words[0].upper()), steps)
+        elif name == "POS" and count == 2:
+            x0, y0 = self.gap.origin_um
+            axes.go_to((x0 + _finite(words[0]), y0 + _finite(words[1])))
+        elif name == "VEL" and count == 2:
+            x, y = (_finite(word) for word in words)
+            axes.move_at((x, y), self.gap.plant.time_ns)
+        elif name == "STREAM" and count == 1:
+            hertz = _finite(words[0])
+            if not 0 <= hertz <= _MOST_HZ:
+                return f"ERROR: STREAM takes 0 (off) to {_MOST_HZ:g} Hz\r\n"
+            self._stream_s, self._sent_s = 1.0 / hertz if hertz else 0.0, self.time_s
+        elif name == "ENABLE" and words in (["0"], ["1"]):
+            self.board.enabled = words == ["1"]
+        elif name == "THREAD" and not count:
+            if not self.gap.lost:
+                return "ERROR: there is a wire\r\n"
+            self.gap.thread()
+        else:
+            raise ValueError
+        return "ok\r\n"
+
+
+def _finite(word: str) -> float:
+    value = float(word)
+    if not math.isfinite(value):
+        raise ValueError
+    return value

@@ -1,0 +1,288 @@
+"""Gap voltage and current as a converter samples them: by an iterator, from C, and in a file.
+
+The model's edges are upright, and between pulses there is nothing. Without a low-pass a sample is the value at its
+instant, as a sample-and-hold takes it; with one, voltage and current pass a filter of first order before.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import math
+import wave
+from collections.abc import Iterator
+from pathlib import Path
+from types import TracebackType
+from typing import Any, BinaryIO, NamedTuple, Self
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import lfilter
+
+from edmsim.errors import InputError
+from edmsim.hil.gap import Frame
+from edmsim.hil.rig import Rig
+from edmsim.plant.kernel.state import OPEN, SHORT
+
+Array = NDArray[np.float64]
+LEAST_HZ, MOST_HZ = 1e4, 1e5
+_FINE_US = 1.0
+"""The filter goes on in steps of at most this (ours: below a tenth of any pulse of these boards)."""
+COUNT_V, COUNT_A = 0.01, 0.01
+"""A count of a WAV file."""
+_COUNTS = 32767
+READ = ctypes.CFUNCTYPE(
+    ctypes.c_int64, ctypes.POINTER(ctypes.c_float), ctypes.POINTER(ctypes.c_float), ctypes.c_int64
+)
+"""``int64_t read(float *voltage_V, float *current_A, int64_t n)``."""
+
+
+class Sensing(NamedTuple):
+    """How voltage and current are measured.
+
+    Attributes
+    ----------
+    rate_Hz : float
+        Samples per second, 10 000 to 100 000.
+    low_pass_Hz : float
+        Corner of the filter before the converter; 0 for none.
+    noise_V, noise_A : float
+        Standard deviations of what the converter adds.
+    seed : int
+        Of the noise.
+    """
+
+    rate_Hz: float = 5e4
+    low_pass_Hz: float = 0.0
+    noise_V: float = 0.0
+    noise_A: float = 0.0
+    seed: int = 0
+
+    def check(self) -> None:
+        """Raise `InputError` for what cannot be measured so."""
+        if not LEAST_HZ <= self.rate_Hz <= MOST_HZ:
+            raise InputError(f"samples are taken at {LEAST_HZ:g} to {MOST_HZ:g} Hz, not {self.rate_Hz:g}")
+        if not 0 <= self.low_pass_Hz < math.inf:
+            raise InputError(f"a low-pass has a corner above 0 Hz, or 0 for none, not {self.low_pass_Hz:g}")
+        for name, value in (("noise_V", self.noise_V), ("noise_A", self.noise_A)):
+            if not 0 <= value < math.inf:
+                raise InputError(f"{name} is a standard deviation of 0 or more, not {value:g}")
+
+
+class Sampler:
+    """Makes samples of frames that follow each other.
+
+    Parameters
+    ----------
+    sensing : Sensing
+    start_us : float
+        Machine time from which samples are taken.
+    """
+
+    def __init__(self, sensing: Sensing, start_us: float = 0.0) -> None:
+        sensing.check()
+        self._sensing = sensing
+        period_us = 1e6 / sensing.rate_Hz
+        self._fine = math.ceil(period_us / _FINE_US) if sensing.low_pass_Hz else 1
+        self._step_us = period_us / self._fine
+        self._origin_us, self._next = start_us, 0
+        self._kept = 1.0 - math.exp(-2e-6 * math.pi * sensing.low_pass_Hz * self._step_us)
+        self._state = np.zeros((2, 1))
+        self._carried = np.zeros(2)
+        self._rng = np.random.default_rng(sensing.seed)
+
+    def samples(self, frame: Frame) -> tuple[Array, Array, Array]:
+        """Return times in s, voltages and currents of the samples of a frame, each (n,)."""
+        begin_us = frame.window.start_ns * 1e-3 - self._origin_us
+        end_us = begin_us + frame.window.duration_ns * 1e-3
+        behind = math.ceil(end_us / self._step_us - 1e-9)
+        places = np.arange(self._next, behind)
+        self._next = max(self._next, behind)
+        times, values = _edges(frame)
+        at = np.asarray(places * self._step_us - begin_us, np.float64)
+        if self._sensing.low_pass_Hz:
+            values = self._filtered(times, values, at, end_us - begin_us)
+            chosen = places % self._fine == 0
+            places, values = places[chosen], values[:, chosen]
+        else:
+            values = values[:, np.searchsorted(times, at, side="right")]
+        noise = self._sensing.noise_V, self._sensing.noise_A
+        voltage, current = (
+            row + self._rng.normal(0.0, rms, len(row)) if rms else row for row, rms in zip(values, noise, strict=True)
+        )
+        return np.asarray((places * self._step_us + self._origin_us) * 1e-6, np.float64), voltage, current
+
+    def _filtered(self, times: Array, values: Array, at: Array, length_us: float) -> Array:
+        """Return the filter's outputs at some times; it is fed the means between them."""
+        corners = np.concatenate([[0.0], times, [length_us]])
+        areas = np.concatenate([np.zeros((2, 1)), np.cumsum(values * np.diff(corners), axis=1)], axis=1)
+        found = []
+        for k in (0, 1):
+            upto = np.interp(at, corners, areas[k])
+            means = np.diff(upto, prepend=-self._carried[k]) / self._step_us
+            self._carried[k] = areas[k, -1] - upto[-1] if len(at) else self._carried[k] + areas[k, -1]
+            out, self._state[k] = lfilter([self._kept], [1.0, self._kept - 1.0], means, zi=self._state[k])
+            found.append(out)
+        return np.array(found)
+
+
+def _edges(frame: Frame) -> tuple[Array, Array]:
+    """Return when voltage or current change in us since the frame's begin, both before the first and behind each."""
+    pulses, timing = frame.pulses, frame.timing
+    kinds = pulses["kind"]
+    start, delay, conducting = (pulses[name].astype(np.float64) for name in ("start_us", "delay_us", "conducting_us"))
+    is_open, is_short = kinds == OPEN, kinds == SHORT
+    up = np.where(is_short, 0.0, pulses["open_V"])
+    burning = np.where(is_open | is_short, 0.0, timing.burning_V)
+    flowing = np.where(is_open, 0.0, np.where(is_short, timing.short_A, timing.current_A))
+    times = np.stack([start, start + delay, start + delay + conducting], axis=1).ravel()
+    nought = np.zeros_like(start)
+    voltage = np.stack([up, burning, nought], axis=1).ravel()
+    current = np.stack([nought, flowing, nought], axis=1).ravel()
+    values = np.zeros((2, len(times) + 1))
+    if frame.on:
+        values[:, 1:] = voltage, current
+    return times, values
+
+
+class SampleReader:
+    """Samples of a rig, one after the other, as many as are asked for; the rig runs on as they are taken.
+
+    Parameters
+    ----------
+    rig : Rig
+    sensing : Sensing
+
+    Attributes
+    ----------
+    c_read : ctypes function
+        ``int64_t read(float *voltage_V, float *current_A, int64_t n)`` for a firmware in C: fills both buffers and
+        returns `n`. It lives as long as the reader does.
+
+    Examples
+    --------
+    >>> reader = SampleReader(Rig("powercore", seed=1), Sensing(rate_Hz=20_000))
+    >>> voltage, current = reader.read(256)
+    >>> len(voltage)
+    256
+    >>> first = next(iter(reader))
+    """
+
+    def __init__(self, rig: Rig, sensing: Sensing = Sensing()) -> None:  # noqa: B008, a tuple does not change
+        self._rig = rig
+        self._sampler = Sampler(sensing, rig.time_s * 1e6)
+        self._voltage, self._current = np.zeros(0, np.float32), np.zeros(0, np.float32)
+        self.c_read = READ(self._fill)
+
+    def read(self, count: int) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """Return the next voltages in V and currents in A, each float32 (count,)."""
+        if count < 0:
+            raise InputError(f"{count} samples cannot be read")
+        parts = [(self._voltage, self._current)]
+        there = len(self._voltage)
+        while there < count:
+            _, voltage, current = self._sampler.samples(self._rig.frame())
+            parts.append((voltage.astype(np.float32), current.astype(np.float32)))
+            there += len(voltage)
+        voltages, currents = (np.concatenate(rows) for rows in zip(*parts, strict=True))
+        self._voltage, self._current = voltages[count:], currents[count:]
+        return voltages[:count], currents[:count]
+
+    def __iter__(self) -> Iterator[tuple[float, float]]:
+        """Yield voltage and current of one sample after the other, without end."""
+        while True:
+            voltage, current = self.read(1)
+            yield float(voltage[0]), float(current[0])
+
+    def _fill(self, voltage_V: Any, current_A: Any, count: int) -> int:
+        voltage, current = self.read(max(count, 0))
+        ctypes.memmove(voltage_V, voltage.ctypes.data, voltage.nbytes)
+        ctypes.memmove(current_A, current.ctypes.data, current.nbytes)
+        return len(voltage)
+
+
+class SampleFile:
+    """A file of samples, written frame by frame: ``.parquet`` with time, voltage, current, or ``.wav``.
+
+    A WAV file has voltage on the left channel and current on the right, 10 mV and 10 mA a count.
+
+    Parameters
+    ----------
+    file : path
+    sensing : Sensing
+    start_s : float
+        Machine time from which samples are taken.
+    """
+
+    def __init__(self, file: Path, sensing: Sensing, start_s: float = 0.0) -> None:
+        if file.suffix not in (".parquet", ".wav"):
+            raise InputError("samples are written as .parquet or .wav", file)
+        self._sampler = Sampler(sensing, start_s * 1e6)
+        self._file, self._partial = file, file.with_name(file.name + ".part")
+        self._rows: list[tuple[Array, Array, Array]] = []
+        self._clipped = 0
+        self.count = 0
+        self._sound: BinaryIO | None = None
+        try:
+            self._writer = self._wav(sensing) if file.suffix == ".wav" else self._parquet()
+        except OSError as error:
+            raise InputError(f"cannot be written: {error.strerror or error}", file) from None
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Close the file; it takes its name whatever ended it, as what is in it is whole."""
+        self._write()
+        self._writer.close()
+        if self._sound is not None:
+            self._sound.close()
+        self._partial.replace(self._file)
+
+    def frame(self, frame: Frame) -> None:
+        """Take in a frame."""
+        self._rows.append(self._sampler.samples(frame))
+        if len(self._rows) >= 256:
+            self._write()
+
+    @property
+    def notice(self) -> str:
+        """What the user should know of the file; nothing if there is nothing."""
+        most = f"{_COUNTS * COUNT_V:g} V or {_COUNTS * COUNT_A:g} A"
+        return (
+            f"{self._clipped} samples are beyond {most}, which is the most a WAV file holds" if self._clipped else ""
+        )
+
+    def _wav(self, sensing: Sensing) -> Any:
+        if sensing.rate_Hz != int(sensing.rate_Hz):
+            raise InputError("a WAV file has a whole number of samples per second", self._file)
+        self._sound = self._partial.open("wb")
+        writer = wave.open(self._sound, "wb")  # noqa: SIM115, closed by __exit__
+        writer.setnchannels(2)
+        writer.setsampwidth(2)
+        writer.setframerate(int(sensing.rate_Hz))
+        return writer
+
+    def _parquet(self) -> Any:
+        import pyarrow as pa
+        import pyarrow.parquet as pq
+
+        schema = pa.schema([("t_s", pa.float64()), ("voltage_V", pa.float32()), ("current_A", pa.float32())])
+        return pq.ParquetWriter(self._partial, schema, compression="zstd")
+
+    def _write(self) -> None:
+        if not self._rows:
+            return
+        time, voltage, current = (np.concatenate(rows) for rows in zip(*self._rows, strict=True))
+        self._rows = []
+        self.count += len(time)
+        if self._file.suffix == ".wav":
+            counts = np.stack([voltage / COUNT_V, current / COUNT_A], axis=1).round()
+            self._clipped += int((np.abs(counts) > _COUNTS).any(axis=1).sum())
+            self._writer.writeframes(np.clip(counts, -_COUNTS, _COUNTS).astype("<i2").tobytes())
+            return
+        import pyarrow as pa
+
+        columns = {"t_s": time, "voltage_V": voltage.astype(np.float32), "current_A": current.astype(np.float32)}
+        self._writer.write_table(pa.table(columns))

@@ -1,0 +1,207 @@
+"""The bench in real time: a pseudo-terminal for the board's serial line, another for the axes.
+
+Lines are answered as soon as they come, between two frames, so an answer waits for a frame's computing at most. Who
+does not read loses what finds no room, and gets no more answers; who sends faster than lines are taken has to wait,
+as with a USB port. So nobody on the other side can hold up the gap.
+"""
+
+from __future__ import annotations
+
+import select
+import time
+from collections import deque
+from collections.abc import Callable, Sequence
+
+from edmsim.errors import InputError
+from edmsim.hil.rig import MOST_LINE, Rig
+from edmsim.servo.session import PseudoTerminal
+from edmsim.terminal.devices import Interrupts
+
+_WAITING_LINES, _LINES_A_FRAME = 64, 16
+"""Lines that wait at a port before no more are read, and lines taken between two frames (ours)."""
+_MOST_UNSENT = 4096
+"""Bytes that wait for room on their way out (ours)."""
+HALF_LINE_S = 1.0
+"""A line without an end is taken after so long a silence, as Powercore V3 takes it."""
+TOO_LONG = f"ERROR: line too long (max {MOST_LINE} bytes)\r\n"
+
+
+class Lines:
+    """Bytes as they come, cut into lines.
+
+    Attributes
+    ----------
+    ready : deque of (str or None)
+        Lines that wait to be taken; None stands for one that was too long.
+    """
+
+    def __init__(self) -> None:
+        self.ready: deque[str | None] = deque()
+        self._begun = bytearray()
+        self._too_long = False
+        self._heard_s = 0.0
+
+    @property
+    def has_room(self) -> bool:
+        """Whether more should be read."""
+        return len(self.ready) < _WAITING_LINES
+
+    def put(self, data: bytes, now_s: float) -> None:
+        """Take in bytes; CR, LF or both end a line, and empty lines are none."""
+        self._heard_s = now_s
+        for part in data.replace(b"\r", b"\n").splitlines(keepends=True):
+            self._begun += part.rstrip(b"\n")
+            if len(self._begun) > MOST_LINE:
+                self._too_long = True
+                self._begun.clear()
+            if part.endswith(b"\n"):
+                self._end()
+
+    def end_half_line(self, now_s: float) -> None:
+        """Take what was begun as a line, if nothing has come for a while."""
+        if (self._begun or self._too_long) and now_s - self._heard_s > HALF_LINE_S:
+            self._end()
+
+    def _end(self) -> None:
+        if self._too_long:
+            self.ready.append(None)
+        elif self._begun:
+            self.ready.append(self._begun.decode("latin-1"))
+        self._too_long = False
+        self._begun.clear()
+
+
+class Port:
+    """A pseudo-terminal and who answers its lines."""
+
+    def __init__(self, answer: Callable[[str], str]) -> None:
+        self.terminal = PseudoTerminal()
+        self.lines = Lines()
+        self._answer = answer
+        self._unsent = b""
+
+    def listen(self, now_s: float) -> None:
+        """Read what has come."""
+        self.lines.put(self.terminal.read(0.0), now_s)
+
+    def answer(self) -> None:
+        """Answer some of the lines that wait, as long as the answers before have found room."""
+        for _ in range(min(len(self.lines.ready), _LINES_A_FRAME)):
+            if self.flush():
+                return
+            line = self.lines.ready.popleft()
+            self.say(TOO_LONG if line is None else self._answer(line))
+
+    def say(self, text: str) -> None:
+        """Send a text; it is lost if much of what was sent before has found no room."""
+        if len(self._unsent) < _MOST_UNSENT:
+            self._unsent += text.encode("ascii", "replace")
+        self.flush()
+
+    def flush(self) -> bool:
+        """Send what has found no room so far; tell whether there is still some."""
+        if self._unsent:
+            self._unsent = self._unsent[self.terminal.send(self._unsent) :]
+        return bool(self._unsent)
+
+
+class Session:
+    """A rig behind its ports.
+
+    Parameters
+    ----------
+    rig : Rig
+    speed : float
+        Machine seconds per second.
+    """
+
+    def __init__(self, rig: Rig, speed: float = 1.0) -> None:
+        if not speed > 0:
+            raise InputError(f"--speed is above 0, in machine seconds per second, not {speed:g}")
+        self.rig = rig
+        self._speed = speed
+        self.board = Port(rig.send)
+        self.motion = Port(rig.move)
+        self._lost = ""
+
+    def run(self, seconds: float | None, stop: Callable[[], bool], say: Callable[[str], None]) -> None:
+        """Run until somebody stops it, or some machine time is over.
+
+        Parameters
+        ----------
+        seconds : float or None
+        stop : callable
+            Asked between frames.
+        say : callable
+            Prints a line for the user.
+        """
+        began, from_s = time.monotonic(), self.rig.time_s
+        while not stop() and (seconds is None or self.rig.time_s - from_s < seconds):
+            due = began + (self.rig.time_s - from_s) / self._speed
+            self._serve_until(due)
+            self.rig.frame()
+            self._speak(say)
+
+    def close(self) -> None:
+        """Let both pseudo-terminals go."""
+        for port in (self.board, self.motion):
+            port.terminal.close()
+
+    def _serve_until(self, due: float) -> None:
+        """Answer lines until a frame is due; at least once, however late it is."""
+        while True:
+            now = time.monotonic()
+            self._hear(now, max(due - now, 0.0))
+            if self.rig.board.listens:
+                self.board.answer()
+            self.motion.answer()
+            for port in (self.board, self.motion):
+                port.flush()
+            if time.monotonic() >= due:
+                return
+
+    def _hear(self, now: float, timeout_s: float) -> None:
+        ports = [port for port in (self.board, self.motion) if port.lines.has_room]
+        waits = any(port.lines.ready and not port.flush() for port in self._answering())
+        came = wait_for([port.terminal for port in ports], 0.0 if waits else timeout_s)
+        for port in ports:
+            if port.terminal in came:
+                port.listen(time.monotonic())
+            else:
+                port.lines.end_half_line(now)
+
+    def _answering(self) -> list[Port]:
+        return [self.board, self.motion] if self.rig.board.listens else [self.motion]
+
+    def _speak(self, say: Callable[[str], None]) -> None:
+        """Send what the board says by itself, and status lines that are due."""
+        if said := self.rig.board.unasked():
+            self.board.say(said)
+        if status := self.rig.streamed():
+            self.motion.say(status)
+        lost = self.rig.gap.lost
+        if lost != self._lost:
+            self._lost = lost
+            if lost:
+                self.motion.say(f"ERROR: {lost}; THREAD threads a new wire\r\n")
+                say(lost)
+
+
+def wait_for(terminals: Sequence[PseudoTerminal], timeout_s: float) -> list[PseudoTerminal]:
+    """Return those of some pseudo-terminals from which bytes have come, after a while at the latest."""
+    found = select.select([terminal.fileno() for terminal in terminals], [], [], timeout_s)[0]
+    return [terminal for terminal in terminals if terminal.fileno() in found]
+
+
+def serve(rig: Rig, *, speed: float, seconds: float | None, say: Callable[[str], None]) -> None:
+    """Open the ports, say their names, and run until Ctrl-C or for some machine time."""
+    session = Session(rig, speed)
+    interrupts = Interrupts()
+    try:
+        if rig.board.name != "powercore-v2":
+            say(f"the board's serial port is {session.board.terminal.name}")
+        say(f"the axes' port is {session.motion.terminal.name}; Ctrl-C ends the bench")
+        with interrupts.caught():
+            session.run(seconds, lambda: interrupts.pending, say)
+    finally:
+        session.close()

@@ -1,0 +1,200 @@
+"""Samples of gap voltage and current: against the pulses they are of, filters, noise, files, and a firmware in C."""
+
+from __future__ import annotations
+
+import ctypes
+import math
+import shutil
+import subprocess
+import wave
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+
+import edmsim
+from edmsim.errors import InputError
+from edmsim.hil import Rig, SampleReader, Sensing, delay_table
+from edmsim.hil.delays import QUANTILES, write_delays
+from edmsim.hil.gap import Frame
+from edmsim.hil.samples import COUNT_A, COUNT_V, SampleFile, Sampler
+from edmsim.plant.kernel.state import OPEN, PULSE, SHORT, SPARK
+
+FIRMWARE = r"""
+#include <stdint.h>
+#include <stdlib.h>
+typedef int64_t (*read_t)(float *, float *, int64_t);
+/* a firmware's filters: a fast and a slow mean of 12-bit samples of the gap voltage */
+int run(read_t read, int64_t count, int32_t *fast, int32_t *slow) {
+    float voltage[64], current[64];
+    int32_t f = 0, s = 0;
+    for (int64_t done = 0; done < count; done += 64) {
+        if (read(voltage, current, 64) != 64) return 1;
+        for (int k = 0; k < 64; k++) {
+            int32_t adc = (int32_t)(voltage[k] / 128.0f * 4095.0f);
+            f += ((adc << 8) - f) / 16;
+            s += ((adc << 8) - s) / 512;
+        }
+    }
+    *fast = f >> 8;
+    *slow = s >> 8;
+    return 0;
+}
+"""
+
+
+def made(kinds: list[int], on_us: float = 20.0, period_us: float = 100.0, delay_us: float = 5.0) -> Frame:
+    """A frame of pulses whose every corner is known, at 80 V, 22 V, 10 A and shorts of 12 A."""
+    rig = Rig("powercore", seed=1)
+    real = rig.frame()
+    rows = np.zeros(len(kinds), PULSE)
+    rows["kind"], rows["start_us"] = kinds, np.arange(len(kinds)) * period_us
+    rows["open_V"] = 80.0
+    rows["delay_us"] = np.select([rows["kind"] == OPEN, rows["kind"] == SHORT], [on_us, 0.0], delay_us)
+    rows["conducting_us"] = np.select([rows["kind"] == OPEN, rows["kind"] == SHORT], [0.0, on_us], on_us - delay_us)
+    window = real.window._replace(start_ns=0, duration_ns=round(len(kinds) * period_us * 1e3))
+    timing = real.timing._replace(burning_V=22.0, current_A=10.0, short_A=12.0)
+    return Frame(window, rows, timing, True)
+
+
+def test_a_sample_is_the_value_at_its_instant():
+    time, voltage, current = Sampler(Sensing(rate_Hz=1e5)).samples(made([SPARK, OPEN, SHORT]))
+    assert np.allclose(time, np.arange(30) * 1e-5)
+    expected_V, expected_A = np.zeros(30), np.zeros(30)
+    expected_V[:2] = 80.0, 22.0  # at 10 us, 5 us after its ignition, it burns
+    expected_A[1] = 10.0
+    expected_V[10:12] = 80.0, 80.0  # at 110 us the next one is still waited for
+    expected_A[20:22] = 12.0, 12.0
+    assert np.array_equal(voltage, expected_V)
+    assert np.array_equal(current, expected_A)
+
+
+def test_frames_join_without_a_seam_whatever_their_length():
+    whole = made([SPARK, OPEN, SHORT, SPARK])
+    for sensing in (Sensing(rate_Hz=3e4), Sensing(rate_Hz=3e4, low_pass_Hz=2e3)):
+        sampler, parts = Sampler(sensing), []
+        for k in range(4):
+            row = whole.pulses[k : k + 1].copy()
+            row["start_us"] = 0.0
+            window = whole.window._replace(start_ns=k * 100_000, duration_ns=100_000)
+            parts.append(sampler.samples(whole._replace(window=window, pulses=row)))
+        joined = [np.concatenate(rows) for rows in zip(*parts, strict=True)]
+        for one, other in zip(joined, Sampler(sensing).samples(whole), strict=True):
+            assert np.allclose(one, other, atol=1e-6)
+
+
+def test_the_low_pass_follows_its_closed_form():
+    tau_us, steps = 1e6 / (2 * math.pi * 5e3), made([OPEN], on_us=90.0, period_us=200.0)
+    _, voltage, _ = Sampler(Sensing(rate_Hz=1e5, low_pass_Hz=5e3)).samples(steps)
+    at = np.arange(10.0, 90.1, 10.0)
+    assert np.allclose(voltage[1:10], 80.0 * (1 - np.exp(-at / tau_us)), atol=0.02)
+    assert voltage[10] == pytest.approx(80.0 * (1 - math.exp(-90.0 / tau_us)) * math.exp(-10.0 / tau_us), abs=0.02)
+
+
+def test_a_slow_filter_shows_the_window_s_mean_voltage_and_current():
+    rig = Rig("powercore-v2", seed=4)
+    rig.run(0.05)
+    sampler = Sampler(Sensing(rate_Hz=1e4, low_pass_Hz=50.0), rig.time_s * 1e6)
+    charge, volts, seconds, seen = 0.0, 0.0, 0.0, []
+    rig.move("VEL 4 0")
+    while seconds < 1.0:
+        frame = rig.frame()
+        spent = frame.window.duration_ns * 1e-9
+        seconds += spent
+        volts += frame.window.mean_voltage_V * spent
+        charge += frame.window.mean_current_A * spent
+        seen.append(sampler.samples(frame)[1:])
+    voltage, current = (np.concatenate(rows) for rows in zip(*seen, strict=True))
+    assert voltage[300:].mean() == pytest.approx(volts / seconds, rel=0.05)
+    assert current[300:].mean() == pytest.approx(charge / seconds, rel=0.15)
+
+
+def test_noise_is_added_with_its_seed_and_only_it():
+    frame = made([OPEN] * 200)
+    quiet, noisy, again = (
+        Sampler(Sensing(1e5, noise_V=rms, noise_A=2 * rms, seed=7)).samples(frame) for rms in (0.0, 1.5, 1.5)
+    )
+    assert (noisy[1] - quiet[1]).std() == pytest.approx(1.5, rel=0.1)
+    assert (noisy[2] - quiet[2]).std() == pytest.approx(3.0, rel=0.1)
+    assert np.array_equal(noisy[1], again[1])
+
+
+def test_a_reader_gives_as_many_as_are_asked_for_in_any_portions():
+    readers = [SampleReader(Rig("powercore", seed=2), Sensing(2e4, 4e3, 0.5, 0.1, 3)) for _ in range(3)]
+    at_once = readers[0].read(500)
+    taken = [readers[1].read(n) for n in (1, 0, 7, 192, 300)]
+    portions = [np.concatenate([part[k] for part in taken]) for k in (0, 1)]
+    one_by_one = [pair for pair, _ in zip(readers[2], range(500), strict=False)]
+    assert np.array_equal(at_once, portions)
+    assert np.array_equal(np.array(at_once).T, np.array(one_by_one, np.float32))
+    with pytest.raises(InputError, match="-1 samples"):
+        readers[0].read(-1)
+
+
+@pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler here")
+def test_a_firmware_in_c_filters_what_it_reads(tmp_path):
+    source, library = tmp_path / "firmware.c", tmp_path / "firmware.so"
+    source.write_text(FIRMWARE)
+    subprocess.run(["cc", "-O1", "-shared", "-fPIC", "-o", str(library), str(source)], check=True)
+    reader, same = (SampleReader(Rig("powercore-v2", seed=6), Sensing(rate_Hz=5e4)) for _ in range(2))
+    fast, slow = ctypes.c_int32(), ctypes.c_int32()
+    assert ctypes.CDLL(str(library)).run(reader.c_read, 6400, ctypes.byref(fast), ctypes.byref(slow)) == 0
+    f = s = 0
+    for volts in same.read(6400)[0].tolist():
+        adc = int(np.float32(volts) / np.float32(128.0) * np.float32(4095.0))
+        f += int(((adc << 8) - f) / 16)
+        s += int(((adc << 8) - s) / 512)
+    assert (fast.value, slow.value) == (f >> 8, s >> 8)
+    assert slow.value > 0
+
+
+def test_both_files_hold_the_same_samples(tmp_path):
+    for name in ("gap.wav", "gap.parquet"):
+        rig = Rig("powercore", seed=2)
+        with SampleFile(tmp_path / name, Sensing(rate_Hz=2e4)) as file:
+            rig.watch(file.frame)
+            rig.run(0.3)
+        assert file.notice == ""
+    table = pq.read_table(tmp_path / "gap.parquet")
+    with wave.open(str(tmp_path / "gap.wav")) as sound:
+        assert (sound.getframerate(), sound.getnchannels()) == (20_000, 2)
+        counts = np.frombuffer(sound.readframes(sound.getnframes()), "<i2").reshape(-1, 2)
+    assert len(counts) == table.num_rows == pytest.approx(6000, abs=30)
+    assert np.allclose(counts[:, 0] * COUNT_V, table["voltage_V"].to_numpy(), atol=COUNT_V)
+    assert np.allclose(counts[:, 1] * COUNT_A, table["current_A"].to_numpy(), atol=COUNT_A)
+    assert table["voltage_V"].to_numpy().max() == pytest.approx(80.0, abs=0.1)
+
+
+@pytest.mark.parametrize(
+    ("sensing", "said"),
+    [
+        (Sensing(rate_Hz=5e3), "10000 to 100000 Hz, not 5000"), (Sensing(rate_Hz=math.nan), "not nan"),
+        (Sensing(low_pass_Hz=-1.0), "low-pass"), (Sensing(noise_V=math.inf), "noise_V"),
+    ],
+)  # fmt: skip
+def test_what_cannot_be_measured_is_refused(tmp_path, sensing, said):
+    with pytest.raises(InputError, match=said):
+        SampleFile(tmp_path / "gap.parquet", sensing)
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_file_of_another_kind_or_in_no_folder_is_refused(tmp_path):
+    with pytest.raises(InputError, match=r"\.parquet or \.wav"):
+        SampleFile(tmp_path / "gap.csv", Sensing())
+    with pytest.raises(InputError, match="cannot be written"):
+        SampleFile(tmp_path / "none" / "gap.wav", Sensing())
+
+
+@pytest.mark.slow
+def test_delays_grow_with_the_gap_and_fall_with_the_voltage(tmp_path):
+    rows = delay_table(edmsim.Machine.load(), gaps_um=(6.0, 12.0, 20.0), voltages_V=(80.0, 120.0), draws=60)
+    median = {(row.gap_um, row.open_V): row.us[QUANTILES.index(0.5)] for row in rows}
+    assert median[6.0, 80.0] < median[12.0, 80.0] < median[20.0, 80.0]
+    assert median[20.0, 120.0] < median[20.0, 80.0]
+    assert all(list(row.us) == sorted(row.us) for row in rows if not np.isnan(row.us).any())
+    write_delays(rows, tmp_path / "delays.csv")
+    lines = (tmp_path / "delays.csv").read_text().splitlines()
+    assert lines[0].startswith("gap_um,open_V,short_share,ignited_share,p05_us,p10_us")
+    assert len(lines) == 7
+    with pytest.raises(InputError, match="20 V ignite nothing"):
+        delay_table(edmsim.Machine.load(), voltages_V=(20.0,))
