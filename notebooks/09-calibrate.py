@@ -184,9 +184,9 @@ assert not set(constants) & set(fit.undetermined)
 # ## A log under a gap controller
 #
 # Machines do not cut at fixed feeds. In the next log the law of 1982 holds the counts by changing the feed. There
-# is only one operating point, but one with many shorts, and the shorts depend on the size of the debris. The controller
-# keeps the counts steadier than a fixed feed would, so that the noise of the comparison is taken from simulated
-# cuts at that point and not from the log.
+# is only one operating point, but one with many shorts, and the shorts depend on the size of the debris. The
+# controller keeps the counts steadier than a fixed feed would, so that the noise of the comparison is taken from
+# simulated cuts at that point and not from the log.
 
 # %%
 pq.write_table(log_of("counts", 21, counts_seconds), "counts.parquet")
@@ -195,8 +195,8 @@ held = calibrate(steered, known, constants, seed=5)
 show(held)
 
 # %% [markdown]
-# The log has one operating point, and the three constants move along with each other. A log of several feeds or settings
-# says more, so vary them in a log that you want to fit.
+# The log has one operating point, and the three constants move along with each other. A log of several feeds or
+# settings says more, so vary them in a log that you want to fit.
 #
 # ## Cutting with the fitted machine
 #

@@ -1,6 +1,6 @@
 """Candidates for the reference lines of tasks, on training machines: what `edmsim.evaluation.lines` was chosen from.
 
-python docs/make/lines.py Corner Trim    # prints a table for each task; all four by default
+python docs/make/lines.py Corner Trim    # prints a table for each task; all by default
 
 None of these machines is one of the comparisons.
 """
@@ -24,7 +24,10 @@ AT_CORNERS = tuple(
     f"before_um={before},behind_um={behind},corner_factor={factor}"
     for before, behind in ((20, 100), (50, 150)) for factor in (1, 2, 4)
 )
+FEEDS = (range(100, 124), tuple(f"fixed:feed_um_s={feed}" for feed in (12, 16, 20, 24, 28)))
 TASKS: dict[str, tuple[range, tuple[str, ...]]] = {
+    "GapFeed": FEEDS,
+    "HeightStep": FEEDS,
     "Corner": (range(200, 212), (
         *(f"{SET_POINT}0.05,on_factor={on:g},period_factor={period:g}" for on in (1.0, 0.75)
           for period in (0.7, 1.0, 1.4, 2.0)),
