@@ -1,7 +1,7 @@
 # ---
 # jupyter:
 #   edmsim:
-#     small: {machines: 2, resolution: fast, controllers: [fixed, counts, voltage]}
+#     small: {machines: 2, controllers: [fixed, counts, voltage]}
 #   jupytext:
 #     formats: ipynb,py:percent
 #     notebook_metadata_filter: edmsim,kernelspec,jupytext,-all
@@ -28,7 +28,7 @@
 
 # %% tags=["parameters"]
 machines = 10  # drawn machines; every controller makes one cut on each, in both environments
-resolution = "default"  # of the physics: "fast", "default" or "fine"
+resolution = "fast"  # of the physics: "fast", "default" or "fine"
 controllers = ["fixed", "counts", "voltage", "delay"]  # the oracle is added: the others are scaled by it
 episode_seed = 1_000_000  # the machine and workpiece that are looked at closely
 
