@@ -14,7 +14,7 @@ from edmsim.evaluation.transfer import rows_of, transfer
 
 PAGE = Path(__file__).parents[1] / "training.md"
 ENV_ID = "edmsim/GapFeed-v2"
-CONTROLLERS = ("policy:GapFeed-ppo", "voltage", "counts")
+CONTROLLERS = ("policy:GapFeed-ppo", "delay", "counts")
 CUTS = 12
 """As many as a comparison in GapFeed has."""
 
