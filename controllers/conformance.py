@@ -32,7 +32,7 @@ Counts = list[tuple[int, int]]
 
 
 def check_controller(make: Callable[[], FeedController]) -> None:
-    """Check that a feed controller can be cut with, compared, laid down and taken up again.
+    """Check that a feed controller can cut, be compared, saved and resumed.
 
     It is shown windows of every kind: random shares of short and open pulses, nothing but open pulses (whose mean
     delay is NaN), nothing but shorts. A controller that raises its alarm is not asked further.
@@ -45,7 +45,7 @@ def check_controller(make: Callable[[], FeedController]) -> None:
     Raises
     ------
     InputError
-        It lacks a method; a command is none, not finite, or faster than the machine; two new ones do not command
+        It lacks a method; a command is missing, not finite, or faster than the machine; two new ones do not command
         the same, nor does one after `reset` or one restored from a snapshot that went through JSON.
 
     Examples

@@ -72,7 +72,7 @@ def text_of(controller: FeedController) -> str:
 
 
 def _why_not(own: UserObject, kinds: list[str]) -> str:
-    there = f"there are: {', '.join(kinds)}" if kinds else "there is none"
+    there = f"there are: {', '.join(kinds)}" if kinds else "the file has no class"
     if not own.name:
         return f"name the feed controller in this file, {own.file}:CLASS; {there}"
     found = vars(run(own.file)).get(own.name)

@@ -1,4 +1,4 @@
-"""``python -m edmsim`` is the command ``edmsim``, for whoever has an interpreter but not its scripts on the path."""
+"""``python -m edmsim`` is the command ``edmsim``, where only the interpreter is on the path."""
 
 from edmsim.cli.app import main
 

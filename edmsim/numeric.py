@@ -24,7 +24,7 @@ def _scalar(value: object) -> object:
 
 
 def real(value: object) -> float | None:
-    """Return a number as Python's own; None for what is none."""
+    """Return a number as Python's own; None for anything else."""
     value = _scalar(value)
     if isinstance(value, bool) or not isinstance(value, Real):
         return None
@@ -36,7 +36,7 @@ def real(value: object) -> float | None:
 
 
 def whole(value: object) -> int | None:
-    """Return a whole number as Python's own; None for what is none, 3.0 among it."""
+    """Return a whole number as Python's own; None for anything else, 3.0 included."""
     number = real(value)
     return number if isinstance(number, int) else None
 
@@ -57,7 +57,7 @@ def keep_plain(record: Any) -> None:
 
 
 def finite(name: str, value: object, least: float = -math.inf) -> float:
-    """Return an argument as a number; refuse what is none, or not finite, or below `least`."""
+    """Return an argument as a number; refuse anything else, infinity, NaN, or less than `least`."""
     number = real(value)
     if number is None or not least <= number < math.inf or number == -math.inf:
         from_least = f" of {least:g} or more" if least > -math.inf else ""
@@ -66,7 +66,7 @@ def finite(name: str, value: object, least: float = -math.inf) -> float:
 
 
 def whole_from(name: str, value: object, least: int | None = None) -> int:
-    """Return an argument as a whole number; refuse what is none, or below `least`."""
+    """Return an argument as a whole number; refuse anything else, or less than `least`."""
     number = whole(value)
     if number is None or (least is not None and number < least):
         raise InputError(f"{name} is {value!r}: give a whole number{'' if least is None else f', {least} or more'}")

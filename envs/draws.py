@@ -40,7 +40,7 @@ def names_of(machine: Machine, randomise: Sequence[str] | None, mechanics: str) 
     Raises
     ------
     InputError
-        A name that is none, or that has no effect with these mechanics.
+        An unknown name, or one that has no effect with these mechanics.
     """
     if randomise is None:
         return ()

@@ -125,7 +125,7 @@ def find(name: str | type[Family]) -> tuple[type[Family], dict[str, Any]]:
     Raises
     ------
     InputError
-        There is none, or it is withdrawn.
+        The id is unknown, or it is withdrawn.
     """
     if isinstance(name, type):
         return name, {}

@@ -121,7 +121,7 @@ class EdmVecEnv(VecEnv):  # type: ignore[misc, unused-ignore]
         return [None] * len(views)
 
     def env_is_wrapped(self, wrapper_class: Any, indices: Lanes = None) -> list[bool]:
-        """No lane has a wrapper of its own; what a `Monitor` tells is told."""
+        """No lane has a wrapper of its own; the `Monitor`'s figures are in the infos."""
         return [wrapper_class is Monitor for _ in self._views(indices)]
 
     def _views(self, indices: Lanes) -> list[LaneView]:
@@ -137,7 +137,7 @@ class EdmVecEnv(VecEnv):  # type: ignore[misc, unused-ignore]
 
 
 def lane_infos(infos: dict[str, Any], count: int) -> list[dict[str, Any]]:
-    """Return the infos of all lanes out of a vector environment's, each with what is told of it."""
+    """Return the infos of all lanes out of a vector environment's, each with its own."""
     lane_dicts: list[dict[str, Any]] = [{} for _ in range(count)]
     for name, values in infos.items():
         if name.startswith("_") or name in ("final_obs", "final_info"):

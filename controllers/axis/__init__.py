@@ -110,7 +110,7 @@ def tuned(
     Raises
     ------
     InputError
-        If there is no such drive, no such axis, nobody has tuned the drive for it, or a parameter is none.
+        If there is no such drive, no such axis, nobody has tuned the drive for it, or a parameter is unknown.
     """
     if name == Eanpos.name:
         return Eanpos.tuned("analogue-table" if axis == "table" else axis, changes, screw)

@@ -141,7 +141,7 @@ def motor_row(values: Mapping[str, float], **changes: float) -> NDArray[np.void]
     Raises
     ------
     InputError
-        A change has a name that is none of `MOTOR`, or a constant is missing.
+        A change has a name that `MOTOR` does not have, or a constant is missing.
     """
     names = MOTOR.names or ()
     merged = {**values, **changes}

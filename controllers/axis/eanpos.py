@@ -194,7 +194,7 @@ class Eanpos:
     Raises
     ------
     InputError
-        The sample time is out of range, or a name or a value is none.
+        The sample time is out of range, or a name or a value is invalid.
 
     Examples
     --------
@@ -255,7 +255,7 @@ class Eanpos:
         Raises
         ------
         InputError
-            Nobody has tuned one for that axis, or a parameter is none.
+            Nobody has tuned one for that axis, or a parameter is unknown.
         """
         if axis not in at.DATA["tuned"]:
             raise InputError(f"no EANPOS is tuned for an axis {axis!r}; there are: {', '.join(at.DATA['tuned'])}")

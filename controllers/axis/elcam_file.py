@@ -103,7 +103,7 @@ def read_tables(file: str | Path) -> list[ErrorTable | Cam]:
     Raises
     ------
     InputError
-        It cannot be read, or a table in it is none: which one, and what would be right.
+        It cannot be read, or a table in it is invalid: which one, and what would be right.
     """
     try:
         data = tomllib.loads(Path(file).read_text(encoding="utf-8"))
@@ -115,7 +115,7 @@ def read_tables(file: str | Path) -> list[ErrorTable | Cam]:
     for kind, read in (("table", _error_table), ("cam", _cam)):
         sections = data.pop(kind, [])
         if not isinstance(sections, list) or any(not isinstance(section, dict) for section in sections):
-            raise InputError(f"a compensation file has one section [[{kind}]] or more; {kind} is none", file)
+            raise InputError(f"a compensation file has one section [[{kind}]] or more, not this {kind}", file)
         found += [read(FileTable(f"{kind} {number}", section, file)) for number, section in enumerate(sections, 1)]
     if data:
         raise InputError(f"unknown section {next(iter(data))!r}; there are: [[table]], [[cam]]", file)

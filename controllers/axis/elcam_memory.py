@@ -11,7 +11,7 @@ from edmsim.errors import InputError
 BUFFER_VARIABLE = "SZELCAMPUFFER"
 """Environment variable with the bytes for the points of all tables."""
 _MANY_DIGITS = 20
-"""A number so long is none of bytes (ours)."""
+"""More digits than any count of bytes has (ours)."""
 
 _FIRST_ADDRESS = 0x1000_0000
 """Of the first piece given out (ours: some address above the first megabytes)."""

@@ -18,7 +18,7 @@ class CamAxis(Protocol):
 
     @property
     def setpoint(self) -> float:
-        """Where it is told to be."""
+        """Its commanded place."""
         ...
 
     @property

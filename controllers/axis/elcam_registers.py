@@ -139,7 +139,7 @@ class CallStatus(IntEnum):
 
     OK = 0
     REFUSED = 1
-    """No such object or right, a number that is none, or what its register forbids; nothing has changed."""
+    """No such object or right, an invalid number, or what its register forbids; nothing has changed."""
     BUSY = 2
     """Not while the table runs."""
     LOCKED = 16

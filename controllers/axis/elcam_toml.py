@@ -38,7 +38,7 @@ class FileTable:
         return InputError(f"{self._name}: {reason}", self._file)
 
     def check_keys(self, *known: str) -> None:
-        """Refuse a key that is none."""
+        """Refuse an unknown key."""
         wrong = sorted(self._values.keys() - set(known))
         if wrong:
             raise self.refuse(f"unknown key {wrong[0]!r}; there are: {', '.join(sorted(known))}")

@@ -106,7 +106,7 @@ class MotionControl:
         return True
 
     def move_velocity(self, axis: int, speed: float) -> bool:
-        """Move an axis at a speed until it is told otherwise; False for one that follows a cam table."""
+        """Move an axis at a speed until another command; False for one that follows a cam table."""
         if axis in self._release():
             return False
         self.axes[axis].target, self.axes[axis].speed = None, speed
@@ -140,7 +140,7 @@ class MotionControl:
         return True
 
     def cam_out(self, table: int) -> None:
-        """End following a table; a follower in motion goes on at its speed until it is told otherwise."""
+        """End following a table; a follower in motion goes on at its speed until another command."""
         at = self.elcam.at(table)
         at.write_int(Function.MODE, int(at.read_int(Function.MODE).value) & ~Mode.RUN)
 

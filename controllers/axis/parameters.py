@@ -20,7 +20,7 @@ from edmsim.errors import InputError
 
 
 def by_name(values: Mapping[str, float], table: Sequence[Mapping[str, Any]]) -> dict[str, int]:
-    """Return values that are given by name or letter by their names; a name that is none stays what it is.
+    """Return values that are given by name or letter by their names; an unknown name is returned as it is.
 
     Parameters
     ----------

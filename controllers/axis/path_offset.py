@@ -50,10 +50,14 @@ class PathOffset:
         """Stand at a place of the program that was reached without steps."""
         self._made[:] = 0
 
-    def begin_leg(self, points_um: NDArray[Any]) -> None:
-        """Go along the next leg; the motors stay where they are."""
-        course = Course.of(EXACT, points_um)
-        self._points, self._along = course.points_um, course.along_um
+    def begin_leg(self, points_um: NDArray[Any], along_um: Floats | None = None) -> None:
+        """Go along the next leg, whose lengths of path may be other than those of its points; the motors stay."""
+        if along_um is None:
+            course = Course.of(EXACT, points_um)
+            self._points, self._along = course.points_um, course.along_um
+            return
+        moves = np.concatenate([[True], (np.diff(points_um, axis=0) != 0).any(axis=1)])
+        self._points, self._along = np.asarray(points_um[moves], np.float64), along_um[moves]
 
     def steps(self, time_ns: int, path_um: float, offset_um: float) -> list[Step]:
         """Return the steps of the window that begins, at a length of the leg."""

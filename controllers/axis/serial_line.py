@@ -82,7 +82,7 @@ class LineEditor:
 
 
 def command_in(text: str) -> Command | None:
-    """Return the command that a line holds, None if it is none.
+    """Return the command that a line holds, None if it holds no command.
 
     Examples
     --------
@@ -94,5 +94,5 @@ def command_in(text: str) -> Command | None:
 
 
 def number_in(text: str) -> int | None:
-    """Return the whole number that a line is, None if it is none."""
+    """Return the whole number that a line is, None if it is not one."""
     return int(text) if _NUMBER.fullmatch(text) else None

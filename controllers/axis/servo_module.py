@@ -109,7 +109,7 @@ class ServoModule:
     Raises
     ------
     InputError
-        `stored` or `law` has a name that is none, or `stored` a number out of range.
+        `stored` or `law` has an unknown name, or `stored` a number out of range.
 
     Examples
     --------
@@ -152,7 +152,7 @@ class ServoModule:
         Raises
         ------
         InputError
-            Nobody has tuned one for that axis, or a parameter is none.
+            Nobody has tuned one for that axis, or a parameter is unknown.
         """
         values = tuned_values(DATA, "servo module", axis, changes, screw)
         return cls(axis_row(axis), values)

@@ -59,9 +59,11 @@ class StepCompensation:
         """Where the motors of u and v are."""
         return self._extra[2] * self._step_um, self._extra[3] * self._step_um
 
-    def begin(self, position_um: tuple[float, float], path_um: float = 0.0) -> tuple[float, float]:
+    def begin(
+        self, position_um: tuple[float, float], path_um: float = 0.0, lead_um: tuple[float, float] = (0.0, 0.0)
+    ) -> tuple[float, float]:
         """Be at a place of the program and its path, without steps to there; return where x and y are then."""
-        for k, um in enumerate((*position_um, 0.0, 0.0, path_um)):
+        for k, um in enumerate((*position_um, *lead_um, path_um)):
             self._put(k, um * 1e-3)
         self._extra = self._steps_due()
         return position_um[0] + self.offset_um[0], position_um[1] + self.offset_um[1]

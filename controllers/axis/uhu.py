@@ -136,7 +136,7 @@ class Uhu:
     Raises
     ------
     InputError
-        `stored` or `law` has a name that is none, or `stored` a number out of range.
+        `stored` or `law` has an unknown name, or `stored` a number out of range.
 
     Examples
     --------
@@ -187,7 +187,7 @@ class Uhu:
         Raises
         ------
         InputError
-            Nobody has tuned one for that axis, or a parameter is none.
+            Nobody has tuned one for that axis, or a parameter is unknown.
         """
         values = tuned_values(_data(), "UHU", axis, changes, screw)
         return cls(axis_row(axis), values)

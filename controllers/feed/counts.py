@@ -202,7 +202,7 @@ class CountsController:
         return value
 
     def _retract_ticks(self) -> int:
-        """Duration of the longest retract; 0, which is none, where it has no speed."""
+        """Duration of the longest retract; 0 where it has no speed."""
         if not self.retract_feed_um_s:
             return 0
         ticks = int(self.retract_um / self.retract_feed_um_s * TICKS_PER_S)

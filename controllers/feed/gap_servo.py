@@ -213,6 +213,6 @@ class DelayController(ServoController):
         """Microseconds above the reference."""
         ignited = WINDOW_PULSES - window.short - window.open
         waited = window.open * self.open_delay_us
-        if ignited:  # without any the mean delay is none at all
+        if ignited:  # without any there is no mean delay
             waited += ignited * window.mean_delay_us
         return waited / WINDOW_PULSES - self.reference_us

@@ -106,7 +106,7 @@ class McuController(CountsController):
 
     @property
     def computer(self) -> Computer:
-        """The computer, for whoever wants to look at its registers; every leg begins with a new one."""
+        """The computer with its registers; every leg begins with a new one."""
         return self._computer
 
     @property

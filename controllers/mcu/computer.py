@@ -286,7 +286,7 @@ class Computer:
         Raises
         ------
         InputError
-            With what would be right; also for a code that is none, and in an emergency.
+            With what would be right; also for an unknown code, and in an emergency.
         """
         if self.state in (OFF, EMERGENCY):
             raise InputError("the machine is stopped: INIT first")

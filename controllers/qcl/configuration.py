@@ -136,7 +136,7 @@ def read_configuration(text: str, file: str | None = None) -> Configuration:
     Raises
     ------
     QclError
-        It has lines that are none; all of them are listed.
+        It has invalid lines; all of them are listed.
     """
     found, problems = Configuration(), []
     section = ""

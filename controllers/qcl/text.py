@@ -45,7 +45,7 @@ def whole_number(text: str) -> int:
     Raises
     ------
     InputError
-        They are none, or more than any variable has.
+        They are not numbers, or more than any variable has.
     """
     if not re.fullmatch(f"-?[0-9]{{1,{MOST_DIGITS}}}", text):
         raise InputError(f"{text!r}; it must be a whole number of at most {MOST_DIGITS} digits")
@@ -75,7 +75,7 @@ def words_of(line: str) -> list[str]:
     while at < len(line):
         found = _WORD.match(line, at)
         if found is None:
-            raise InputError(f"{line[at:]!r} is none of QCL's words")
+            raise InputError(f"{line[at:]!r} is not a word of QCL")
         words.append(found[1])
         at = found.end()
     return words

@@ -70,7 +70,7 @@ class AxisBench:
     Raises
     ------
     InputError
-        There is no such axis, or a drive's record, period or motor is none, or it has no loop, or there are no such
+        An unknown axis, an invalid record, period or motor of a drive, a drive without a loop, or unknown
         mechanics.
     """
 
@@ -103,7 +103,7 @@ class AxisBench:
         Raises
         ------
         EdmsimError
-            A drive commands what is no share of its supply, or an axis has run out of every reason.
+            A drive commands more than its supply, or an axis is out of range or not finite.
         """
         self.run_to(self._motion.now_ns + _ns("seconds", seconds))
 

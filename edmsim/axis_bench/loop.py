@@ -23,7 +23,7 @@ SAMPLE_ROW = np.dtype(
 CHANGE_ROW = np.dtype([("axis", "i8"), ("time_ns", "i8"), ("pins", "i8")])
 """A change of a drive's output pins: the bits of ``DRIVE.lines`` from this time on."""
 DONE, FULL, LOST = range(3)
-"""How a run ended: at its time; early, for want of room for notes; with a command or a place that is no number."""
+"""How a run ended: at its time; early, as the notes were full; with a command or a place that is not a number."""
 
 
 @compiled

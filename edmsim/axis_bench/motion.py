@@ -92,7 +92,7 @@ class BenchAxes:
         Raises
         ------
         EdmsimError
-            A drive commands what is no share of its supply, or an axis has run out of every reason.
+            A drive commands more than its supply, or an axis is out of range or not finite.
         """
         samples, changes, noted = self._notes
         wanted = samples if self.trace else samples[:0]

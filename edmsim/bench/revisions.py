@@ -28,7 +28,7 @@ def commit_of(revision: str) -> str:
         There is no git, edmsim does not run from a checkout, or it has no such revision.
     """
     if shutil.which("git") is None:
-        raise InputError("--against needs git to look up a revision, and there is none on the path: install git")
+        raise InputError("--against looks a revision up with git, which is not on the path: install git")
     if _git("rev-parse", "--show-prefix") != b"\n":  # elsewhere, or in a folder of another project's checkout
         raise InputError(
             f"--against needs edmsim installed from its git checkout (pip install -e .); it runs from {ROOT}"

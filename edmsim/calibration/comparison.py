@@ -54,7 +54,7 @@ class StretchComparison:
     size : int
         Statistics compared.
     misfit : float
-        Last found; for whoever watches.
+        The last one; for a progress bar.
     """
 
     def __init__(

@@ -104,7 +104,7 @@ def calibrate(
         Of every simulated cut.
     resolution : {"fast", "default", "fine"}, optional
         Of the simulation; constants belong to it, as shares of short circuits depend on it. By default that of the
-        cut the log is of, or "fast" if it is none of a simulated cut.
+        cut the log is of, or "fast" if the log is of a real machine.
     watch : callable, optional
         Called with the `CalibrationProgress`.
 

@@ -113,7 +113,7 @@ def read_log(file: str | Path) -> Log:
     ------
     InputError
         If the file cannot be read, has no rows, lacks a column, or holds what a machine cannot have logged; or the
-        settings in its metadata are none of a cut.
+        settings in its metadata are not those of a cut.
     """
     table = read_table(Path(file), COLUMNS, PLACES)
     columns = {name: values for name, values in table.columns.items() if name in COLUMNS or _has_places(table)}

@@ -14,6 +14,7 @@ from edmsim.cli.console import OUT, take_any_terminal
 from edmsim.cli.cut import cut
 from edmsim.cli.evaluate import evaluate, search_gains
 from edmsim.cli.export import export
+from edmsim.cli.find_guides import find_guides
 from edmsim.cli.gap import gap
 from edmsim.cli.learn import dataset, score, train
 from edmsim.cli.measure_table import measure_table
@@ -32,7 +33,7 @@ app = typer.Typer(
 )
 _COMMANDS = (
     cut, check, view, render, report, train, score, dataset, evaluate, search_gains, calibrate, validate, bench,
-    measure_table, gap, export, tune, warm_up,
+    measure_table, find_guides, gap, export, tune, warm_up,
 )  # fmt: skip
 _UsageError: Any = typer.BadParameter.__base__
 """Of click, which newer releases of typer hold inside themselves."""

@@ -10,6 +10,7 @@ import typer
 from edmsim.cli.console import (
     OUT,
     Generator,
+    GuideErrors,
     Height,
     Ignore,
     Layers,
@@ -18,10 +19,14 @@ from edmsim.cli.console import (
     Offset,
     Offsets,
     Program,
+    TaperCorners,
+    TaperDeg,
     Unit,
+    Upper,
     Wire,
     default_folder,
     named,
+    parse_guide_errors,
     path_text,
     say,
 )
@@ -42,6 +47,10 @@ def check(
     ignore: Ignore = "",
     offsets: Offsets = None,
     layers: Layers = "",
+    upper_layer: Upper = None,
+    taper_deg: TaperDeg = 0.0,
+    taper_corners: TaperCorners = "conical",
+    guide_errors: GuideErrors = None,
     unit: Unit = None,
 ) -> None:
     """Look at a program before the cut: path, notices, time."""
@@ -58,6 +67,8 @@ def check(
     options = {
         "machine": machine, "material": material, "height_mm": height, "wire": wire, "generator": generator,
         "offset": offset, "offsets": path_text(offsets), "layers": named(layers), "unit": unit,
+        "upper_layer": upper_layer, "taper_deg": taper_deg, "taper_corners": taper_corners,
+        "guide_errors_mm": parse_guide_errors(guide_errors),
     }
     unknown: dict[str, list[int]] = {}
     try:

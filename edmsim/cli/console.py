@@ -10,6 +10,8 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
+from edmsim.errors import InputError
+
 OUT = Console()
 ERR = Console(stderr=True)
 
@@ -54,6 +56,19 @@ Ignore = Annotated[
 Layers = Annotated[
     str, typer.Option(metavar="NAMES", help="Layers of a drawing to cut; default all shown.", show_default=False)
 ]
+TaperDeg = Annotated[
+    float, typer.Option(help="Angle of the wall in degrees: positive where the part is smaller above than below.")
+]
+TaperCorners = Annotated[
+    str, typer.Option(help="What corners and arcs become higher up: conical, sharp, cylindrical or rounded.")
+]
+Upper = Annotated[
+    str | None, typer.Option(metavar="LAYER", help="Layer of a drawing with the contours of the upper face.")
+]
+GuideErrors = Annotated[
+    str | None,
+    typer.Option(metavar="LOWER:UPPER", help="How much higher the guides are than the machine's file says, in mm."),
+]
 Unit = Annotated[str | None, typer.Option(help="Unit of a drawing: mm, um, cm, m, in, ft, mil; default by drawing.")]
 Seed = Annotated[int, typer.Option(help="Seed of every draw.")]
 
@@ -94,3 +109,20 @@ def path_text(file: Path | None) -> str | None:
 def default_folder(program: Path) -> Path:
     """Return the folder for the outputs of a program that was given none."""
     return Path("out") / program.stem
+
+
+def parse_guide_errors(text: str | None) -> tuple[float, float] | None:
+    """Read the errors of the guides' heights.
+
+    Raises
+    ------
+    InputError
+        They are no two numbers.
+    """
+    if text is None:
+        return None
+    try:
+        lower, upper = (float(part) for part in text.split(":"))
+    except ValueError:
+        raise InputError(f"the guides' errors are {text!r}: give two numbers in mm, as 0.1:-0.05") from None
+    return lower, upper

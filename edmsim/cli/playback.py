@@ -65,16 +65,29 @@ def report(
     contour: Annotated[
         Path | None, typer.Option(help="Write the contour as cut into this file instead: .dxf .csv or .svg.")
     ] = None,
+    contour_height: Annotated[
+        float | None, typer.Option(help="Height in mm of that contour of the part; default: the kerf, mid height.")
+    ] = None,
+    face: Annotated[
+        Path | None, typer.Option(help="Write the part's cut face into this file instead: .stl, or .glb (glTF).")
+    ] = None,
 ) -> None:
-    """Make report.html of a cut again, or its figures or contour as files."""
+    """Make report.html of a cut again, or its figures or contour or cut face as files."""
     from edmsim.job.remake import remake
     from edmsim.recording.contour_file import write_contour
     from edmsim.recording.cut_folder import read_cut
+    from edmsim.recording.face_file import write_faces
 
+    if contour is None and contour_height is not None:
+        raise InputError("--contour-height is that of a contour: give the file with --contour")
     if contour is not None:
-        write_contour(read_cut(directory).scene, contour)
-        OUT.print(str(contour), highlight=False, soft_wrap=True, markup=False)
-        if figures is None:
-            return
+        write_contour(read_cut(directory).scene, contour, contour_height)
+    if face is not None:
+        write_faces(read_cut(directory).scene, face)
+    written = [file for file in (contour, face) if file is not None]
+    for file in written:
+        OUT.print(str(file), highlight=False, soft_wrap=True, markup=False)
+    if written and figures is None:
+        return
     for file in remake(directory, figures, format, say):
         OUT.print(str(file), highlight=False, soft_wrap=True, markup=False)

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,12 +14,16 @@ from edmsim.program.path import WireContour
 
 @dataclass
 class ProgramPlace:
-    """How far a program is: the leg, where and after what length of path it began, whether its dwell has begun."""
+    """How far a program is: the leg, where and after what length of path it began, whether its dwell has begun.
+
+    `lead_um` are u and v where it began.
+    """
 
     leg: int = 0
     from_um: tuple[float, float] = (0.0, 0.0)
     start_um: float = 0.0
     dwelling: bool = False
+    lead_um: tuple[float, float] = (0.0, 0.0)
     missed_before: int = 0
 
 
@@ -32,12 +37,31 @@ class Leg(NamedTuple):
         A fresh wire is threaded at the first point.
     rest_s, dwell_s : float
         How long the wire waits at the first point before it moves, and at the last one (G4).
+    along_um : float64 array (n,)
+        Length of path up to every point.
+    lead_um : int64 array (n, 2), optional
+        Where the upper guide is, relative to the lower one; None: above it, all along.
     """
 
     points_um: NDArray[np.int64]
     threads: bool
     rest_s: float
     dwell_s: float
+    along_um: NDArray[np.float64]
+    lead_um: NDArray[np.int64] | None = None
+
+    def begun_at(
+        self, point_um: tuple[float, float], lead_um: tuple[float, float]
+    ) -> tuple[NDArray[Any], NDArray[np.float64], NDArray[Any] | None]:
+        """Return points, lengths of path and leads of the leg from a place on that need not be its first point."""
+        points, leads, along = self.points_um, self.lead_um, self.along_um - self.along_um[0]
+        way = math.dist(points[0], point_um)
+        if leads is not None:
+            way = max(way, math.dist(leads[0], lead_um))
+        if way == 0.0:
+            return points, along, leads
+        leads = None if leads is None else np.concatenate([[lead_um], leads])
+        return np.concatenate([[point_um], points]), np.concatenate([[0.0], along + way]), leads
 
 
 def legs_of(contour: WireContour) -> list[Leg]:
@@ -47,7 +71,11 @@ def legs_of(contour: WireContour) -> list[Leg]:
     last = len(contour.points_um) - 1
     ends = [i for i in stops if 0 < i < last] + [last]
     starts = [0, *ends[:-1]]
+    along = contour.along_um
     return [
-        Leg(contour.points_um[a : b + 1], a == 0, wait.get(0, 0.0) if a == 0 else 0.0, wait.get(b, 0.0))
+        Leg(
+            contour.points_um[a : b + 1], a == 0, wait.get(0, 0.0) if a == 0 else 0.0, wait.get(b, 0.0),
+            along[a : b + 1], None if contour.lean is None else contour.lean.upper_um[a : b + 1],
+        )
         for a, b in zip(starts, ends, strict=True)
     ]

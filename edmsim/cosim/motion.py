@@ -153,8 +153,12 @@ class PlannerMotion:
         return steps + self.planner.advance(change_ns, end_ns, speeds.then) if change_ns < end_ns else steps
 
     def _drive(self, steps: list[Step]) -> list[Step]:
-        """Return the steps the motors are to make: a controller that has lines to them makes them itself."""
-        return self._drives.drive(steps) if self._drives and steps else steps
+        """Return the steps the motors are to make: a controller that has lines to x and y makes these itself."""
+        if not (self._drives and steps):
+            return steps
+        made = self._drives.drive([step for step in steps if step.axis < 2])
+        led = [step for step in steps if step.axis >= 2]
+        return sorted([*made, *led], key=lambda step: step.time_ns) if led else made
 
     def _to_motors(self, steps: list[Step]) -> list[Step]:
         """Return the steps the motors get."""

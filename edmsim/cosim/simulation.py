@@ -21,6 +21,7 @@ from edmsim.controllers.axis.path_offset import PathOffset
 from edmsim.controllers.axis.step_compensation import StepCompensation
 from edmsim.controllers.mcu.chips.switches import STOP_BUTTON, WIRE_BREAK, X_END, Y_END
 from edmsim.controllers.mcu.firmware.timers import MAX_FEED_UM_S
+from edmsim.controllers.planner.four_axes import check_lead, make_leaning_planner
 from edmsim.controllers.planner.protocol import RunsPath
 from edmsim.controllers.planner.registry import make_planner, position_unit
 from edmsim.controllers.protocols import DrivesSteps, HasSwitches, MissesWindows, check_command, tell
@@ -142,7 +143,8 @@ class Simulation:
         self.max_feed_um_s = own_um_s if max_feed_um_s is None else max_feed_um_s
         self._max_time_ns = math.inf if max_time_s is None else round(max_time_s * 1e9)
         self.legs = [leg for contour in path.contours for leg in legs_of(contour)]
-        self.total_um = sum(float(np.hypot(*np.diff(leg.points_um, axis=0).T).sum()) for leg in self.legs)
+        self.total_um = sum(float(leg.along_um[-1] - leg.along_um[0]) for leg in self.legs)
+        self._leans = any(leg.lead_um is not None for leg in self.legs)
         x0, y0, x1, y1 = (1e3 * v for v in path.stock_mm)
         radius = path.start_hole_radius_mm * 1e3
         holes = tuple((float(c.points_um[0, 0]), float(c.points_um[0, 1]), radius) for c in path.contours)
@@ -152,11 +154,12 @@ class Simulation:
         self._compensation = None if compensation is None else StepCompensation(compensation, step_um)
         if compensation is not None:
             check_cams(compensation, [contour.points_um for contour in path.contours], machine.guide_distance_mm)
+        self._check_lean()
         self._offset = PathOffset(step_um)
         self.plant = Plant(
             machine, seed, stock=Stock((x0, y0, x1, y1), holes, steps, machine.height_mm),
-            position_um=self._motors_um(float(x), float(y), 0.0), resolution=resolution, mechanics=mechanics,
-            drives=drives,
+            position_um=self._motors_um(float(x), float(y), 0.0, self._lead_of(0)), resolution=resolution,
+            mechanics=mechanics, drives=drives,
         )
         self._axes = CutAxes(self.plant, axis_faults)
         self._sees_breaks = not stuck_wire_sensor
@@ -166,22 +169,23 @@ class Simulation:
         self.refused: str | None = None
         for observer in self.observers:
             observer.begin(self.plant)
-        self._at = ProgramPlace(from_um=(x, y))
+        self._at = ProgramPlace(from_um=(x, y), lead_um=self._lead_of(0))
         self._motion = self._begin_leg()
         self._cycle = Cycle(self.plant, self._motion, self._decide, self.observers)
 
     def _begin_leg(self) -> PlannerMotion:
         """Plan a leg from where the wire stands: it may have stopped half a step before the last leg's end."""
         at, leg = self._at, self.legs[self._at.leg]
-        points = leg.points_um
-        if at.from_um != (points[0, 0], points[0, 1]):
-            points = np.concatenate([[at.from_um], points])
+        points, along, leads = leg.begun_at(at.from_um, at.lead_um)
         for observer in self.observers:
             observer.leg(points, at.start_um)
         tell(self.controller, self.machine, points, at.start_um)
-        self._offset.begin_leg(points)
+        self._offset.begin_leg(points, None if leads is None else along)
         step_um = self.machine.base.table.step_um.value
-        planner = make_planner(self._planner_name, points, unit=self._unit, step_um=step_um)
+        planner = (
+            make_planner(self._planner_name, points, unit=self._unit, step_um=step_um) if leads is None
+            else make_leaning_planner(self._planner_name, points, leads, along, self._unit, step_um)
+        )
         limit_um_s = self.max_feed_um_s = min(self.max_feed_um_s, planner.max_feed_um_s)
         command = check_command(self.controller.name, self.controller.reset(limit_um_s))
         own = self.controller.path_run(self._planner_name) if isinstance(self.controller, RunsPath) else None
@@ -193,12 +197,29 @@ class Simulation:
             own or planner, drives, at.start_um, rest_until_ns, command, limit_um_s, self._offset, self._compensation
         )
 
-    def _motors_um(self, x_um: float, y_um: float, path_um: float) -> tuple[float, ...]:
+    def _check_lean(self) -> None:
+        """Refuse what cannot move the upper guide as the legs want it."""
+        for leg in self.legs:
+            if leg.lead_um is not None:
+                check_lead(self._planner_name, leg.points_um, leg.lead_um)
+        if self._leans and self.elcam is not None and any(table.leads for table in self.elcam.tables.values()):
+            raise InputError("the program's taper moves the upper guide, and so does a cam: leave one of them out")
+
+    def _lead_of(self, leg: int) -> tuple[float, float]:
+        """Return where u and v are at the first point of a leg."""
+        lead_um = self.legs[leg].lead_um
+        return (0.0, 0.0) if lead_um is None else (float(lead_um[0, 0]), float(lead_um[0, 1]))
+
+    def _motors_um(
+        self, x_um: float, y_um: float, path_um: float, lead_um: tuple[float, float] = (0.0, 0.0)
+    ) -> tuple[float, ...]:
         """Return where the motors are, those of u and v as well, at a place that is reached without steps."""
         self._offset.clear()
         if self._compensation is None:
-            return x_um, y_um
-        return *self._compensation.begin((x_um, y_um), path_um), *self._compensation.upper_um
+            return (x_um, y_um, *lead_um) if self._leans else (x_um, y_um)
+        at = self._compensation.begin((x_um, y_um), path_um, lead_um)
+        (u, v), (more_u, more_v) = lead_um, self._compensation.upper_um
+        return *at, u + more_u, v + more_v
 
     @property
     def commanded_um(self) -> tuple[float, float]:
@@ -207,6 +228,13 @@ class Simulation:
         off_x, off_y = (0.0, 0.0) if self._compensation is None else self._compensation.offset_um
         beside_x, beside_y = self._offset.lateral_um
         return x - off_x - beside_x, y - off_y - beside_y
+
+    @property
+    def _lead_um(self) -> tuple[float, float]:
+        """Where the program has led u and v: what their motors stand at, less their compensation."""
+        u, v = self.plant.lead_um
+        off_u, off_v = (0.0, 0.0) if self._compensation is None else self._compensation.upper_um
+        return u - off_u, v - off_v
 
     @property
     def outcome(self) -> str | None:
@@ -351,21 +379,24 @@ class Simulation:
         if at.leg == len(self.legs) - 1:
             return StopCause.FINISHED
         if self.legs[at.leg + 1].threads:
-            late_s = self._thread_at(self.legs[at.leg + 1].points_um[0])
+            late_s = self._thread_at(self.legs[at.leg + 1].points_um[0], self._lead_of(at.leg + 1))
             if why := self.plant.fault_reason or self.plant.reason_of_delay(late_s):
                 self._say(f"between two contours {why}")
                 return StopCause.DRIVE_TRIP
-        self._at = ProgramPlace(at.leg + 1, self.commanded_um, self.path_um, False, self.missed_windows)
+        self._at = ProgramPlace(
+            at.leg + 1, self.commanded_um, self.path_um, False, self._lead_um if self._leans else (0.0, 0.0),
+            self.missed_windows,
+        )
         self._cycle.motion = self._motion = self._begin_leg()
         return StopCause.RUNNING
 
-    def _thread_at(self, point_um: NDArray[np.int64]) -> float:
+    def _thread_at(self, point_um: NDArray[np.int64], lead_um: tuple[float, float]) -> float:
         """Move to a contour and thread; return how long axes would take that are not waited for."""
         table = self.machine.base.table
         x, y = self.commanded_um
         way = math.hypot(point_um[0] - x, point_um[1] - y)
         seconds = way / table.rapid_um_s.value + table.threading_s.value
-        place_um = self._motors_um(float(point_um[0]), float(point_um[1]), self.path_um)
+        place_um = self._motors_um(float(point_um[0]), float(point_um[1]), self.path_um, lead_um)
         return self.plant.rethread(place_um, round(seconds * 1e9))
 
     def run(self, watch: Callable[[Progress], None] | None = None) -> str:
@@ -391,7 +422,8 @@ class Simulation:
 
     def restore(self, arrays: Mapping[str, NDArray[Any]], values: Mapping[str, Any]) -> None:
         """Take back a `snapshot` of the same cut, with the same observers; it then continues bit for bit."""
-        self._at = ProgramPlace(**{**values["at"], "from_um": tuple(values["at"]["from_um"])})
+        places = {name: tuple(values["at"][name]) for name in ("from_um", "lead_um")}
+        self._at = ProgramPlace(**{**values["at"], **places})
         self._cycle.motion = self._motion = self._begin_leg()
         self._motion.restore(values["motion"])
         self.controller.restore(values["controller"])

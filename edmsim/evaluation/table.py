@@ -36,7 +36,7 @@ _PERCENT = ("oracle_share", "short_share", "open_share")
 
 
 def shown(name: str, figure: Figure) -> str:
-    """Return a figure with its interval as text; empty where there is none."""
+    """Return a figure with its interval as text; empty if the figure is None."""
     if math.isnan(figure.value):
         return ""
     values = [100 * v if name in _PERCENT else v for v in (figure.value, figure.low, figure.high)]

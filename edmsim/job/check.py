@@ -81,7 +81,7 @@ def check(program: str | Path, settings: CutSettings) -> Check:
     machine = settings.load_machine()
     path = planned(program, settings, machine)
     feed_um_s, limited_by = greatest_feed_um_s(machine, settings.workpiece.lowest_mm)
-    length_um = sum(float(np.hypot(*np.diff(k.points_um, axis=0).T).sum()) for k in path.contours)
+    length_um = sum(float(k.along_um[-1]) for k in path.contours)
     return Check(path, machine, length_um / feed_um_s, feed_um_s, limited_by, _waiting_s(path, machine))
 
 

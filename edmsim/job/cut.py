@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from types import FrameType
-from typing import Any, NamedTuple, Unpack
+from typing import Any, NamedTuple, Unpack, cast
 
 from edmsim import user_code
 from edmsim.controllers import FeedController, SeesTruth, axis, from_text
@@ -34,10 +34,13 @@ from edmsim.job.result import CutResult, Recorders, recorders_for, result_of
 from edmsim.job.settings import CutOptions, CutSettings, takes_settings
 from edmsim.machine.files import own_mjcf_text
 from edmsim.machine.machine import Machine
+from edmsim.machine.setting import guide_bends
 from edmsim.plant.axes.faults import parse_fault
 from edmsim.plant.constants import screws
 from edmsim.plant.workpiece.height_steps import LowerRegion
+from edmsim.program.outline import Corners
 from edmsim.program.path import CutPath, plan_path
+from edmsim.program.taper import GuideHeights
 from edmsim.recording.report import outcome_text
 
 _ENDING = {
@@ -188,7 +191,21 @@ def planned(program: str | Path, settings: CutSettings, machine: Machine) -> Cut
     return plan_path(
         program, settings.offset, auto_offset_mm=machine.auto_offset_mm, table_um=travel_um,
         grid_um=unit_um(unit, round(step_um)), ignore=settings.ignore, layers=settings.layers, unit=settings.unit,
-        offsets=settings.offsets,
+        offsets=settings.offsets, upper_layer=settings.upper_layer, taper_deg=settings.taper_deg,
+        corners=cast(Corners, settings.taper_corners),
+        guides=guides_of(machine, settings.guide_errors_mm or (0.0, 0.0)),
+    )
+
+
+def guides_of(machine: Machine, errors_mm: tuple[float, float]) -> GuideHeights | None:
+    """Return where the control takes the guides to be, of known errors; None if the upper one does not move."""
+    travel, clearance_mm = machine.base.guides.upper_travel_mm, machine.base.guides.clearance_mm.value
+    if travel is None:
+        return None
+    bends, (lower_mm, upper_mm) = guide_bends(machine), errors_mm
+    return GuideHeights(
+        lower_mm - clearance_mm, machine.height_mm + clearance_mm + upper_mm, machine.height_mm, travel.value,
+        bends.stiff_mm, bends.radius_mm,
     )
 
 

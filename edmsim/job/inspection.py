@@ -20,7 +20,7 @@ from edmsim.metrology.roughness import electrolysed_um, heat_affected_um, roughn
 from edmsim.metrology.shares import error_shares, motor_offsets_um, share_stats, table_error
 from edmsim.plant.workpiece.height_steps import Relief
 from edmsim.plant.workpiece.kerf_field import KerfField, Stock
-from edmsim.program.path import WireContour
+from edmsim.program.path import CutPath, WireContour
 from edmsim.recording.quality import KerfSlice, Quality, Reach, TableShare, Totals, Wall
 from edmsim.recording.scene import ErrorMap, Scene, SceneCorner, Terrace, polylines
 from edmsim.recording.windows import CutAlone, WindowTable, cut_alone
@@ -43,7 +43,7 @@ class Inspection:
     scene : Scene
         Geometry of the pictures.
     error_um : float64 array (windows,)
-        Profile error at the place of every window; NaN where there is none.
+        Profile error at the place of every window; NaN where none was measured.
     """
 
     quality: Quality
@@ -93,6 +93,12 @@ def _limited_share(simulation: Simulation, windows: WindowTable, cut: CutAlone) 
 def _area_mm2(simulation: Simulation, from_um: float, to_um: float) -> float:
     """Return a way along the path times the local height in mm2."""
     length, relief = to_um - from_um, simulation.plant.field.relief
+    if any(contour.lean is not None for contour in simulation.path.contours) and length > 0:
+        slant = np.concatenate([contour.slant for contour in simulation.path.contours])
+        ways = np.concatenate([np.diff(contour.along_um) for contour in simulation.path.contours])
+        passed, areas = (np.concatenate([[0.0], np.cumsum(um)]) for um in (ways, ways * slant))
+        begin, end = np.interp((from_um, to_um), passed, areas)
+        return float(end - begin) * simulation.machine.height_mm * 1e-3
     if relief is None or length <= 0:
         return length * simulation.machine.height_mm * 1e-3
     points = [contour.points_um.astype(np.float64) for contour in simulation.path.contours]
@@ -115,8 +121,8 @@ def inspect(simulation: Simulation, windows: WindowTable) -> Inspection:
         What was recorded of every window.
     """
     field, machine = simulation.plant.field, simulation.machine
-    contours = simulation.path.contours
-    profiles = [_error_of_edge(field, contour) for contour in contours]
+    profiles = [_error_of_edge(field, contour) for contour in simulation.path.contours]
+    contours = tuple(contour.at_mid_height() for contour in simulation.path.contours)
     table = _table(simulation, profiles)
     ways_um = _ways_um(simulation, windows)
     shares = _shares(simulation, profiles, ways_um)
@@ -139,11 +145,31 @@ def inspect(simulation: Simulation, windows: WindowTable) -> Inspection:
         wire_diameter_um=machine.wire_diameter_um,
         holes_mm=holes_mm(field.stock),
         origin_mm=simulation.path.origin_mm,
+        lead=_lead(simulation.path),
+        walls_mm=tuple(
+            tuple(k.at_height(z).nominal_mm for z in (0.0, machine.height_mm)) for k in simulation.path.contours
+        ) if _lead(simulation.path) is not None else (),
         stop_mm=None if simulation.cause is StopCause.FINISHED else (x * 1e-3, y * 1e-3),
     )
     commanded_um = np.concatenate([commanded for commanded, _, _ in ways_um])
     quality = _quality(simulation, profiles, scene, table, _reach(contours, profiles, left_um, shares))
-    return Inspection(quality, scene, _error_per_window(commanded_um, profiles))
+    led_mm = scene.lead_mm(windows.ways_um()[-1], np.array([0.5 * machine.height_mm]))[:, 0]
+    return Inspection(quality, scene, _error_per_window(commanded_um + 1e3 * led_mm, profiles))
+
+
+def _lead(path: CutPath) -> NDArray[np.float64] | None:
+    """Return the rows of `Scene.lead` of a path; None if no wire leans."""
+    if all(contour.lean is None for contour in path.contours):
+        return None
+    rows, passed_um = [], 0.0
+    for contour in path.contours:
+        along = passed_um + contour.along_um
+        passed_um = along[-1]
+        still = np.column_stack([np.zeros((len(along), 3)), np.ones(len(along))])
+        lean = contour.lean
+        led = still if lean is None else np.column_stack([lean.upper_um * 1e-3, lean.bends_mm])
+        rows.append(np.column_stack([along, led]))
+    return np.concatenate(rows)
 
 
 def _error_of_edge(field: KerfField, contour: WireContour) -> ProfileError:
@@ -192,9 +218,9 @@ def _ways_um(simulation: Simulation, windows: WindowTable) -> list[tuple[NDArray
 def _shares(
     simulation: Simulation, profiles: list[ProfileError], ways_um: list[tuple[NDArray[np.float64], ...]]
 ) -> list[NDArray[np.float64] | None]:
-    """Split the profile error; not where the wire's centre runs on the edge itself."""
+    """Split the profile error; not where the wire's centre runs on the edge itself, or leans."""
     return [
-        error_shares(profile, contour, ways) if contour.offset_um else None
+        error_shares(profile, contour, ways) if contour.offset_um and contour.lean is None else None
         for profile, contour, ways in zip(profiles, simulation.path.contours, ways_um, strict=True)
     ]
 
@@ -217,7 +243,8 @@ def holes_mm(stock: Stock) -> NDArray[np.float64]:
 
 def _table(simulation: Simulation, profiles: list[ProfileError]) -> TableShare | None:
     """Return what the table's errors do to the part; None for a perfect table that nothing compensates."""
-    machine, contours, elcam = simulation.machine, simulation.path.contours, simulation.elcam
+    machine, elcam = simulation.machine, simulation.elcam
+    contours = [contour.at_mid_height() for contour in simulation.path.contours]
     compensated = elcam is not None and any(table.corrects for table in elcam.tables.values())
     if not compensated and not machine.base.geometry.has_errors:
         return None

@@ -72,7 +72,7 @@ def record(
     steps : int
         Of each controller; the last episode goes beyond it.
     out : path
-        Folder of the data sets, ``MINARI_DATASETS_PATH`` for whoever loads them. What an interrupted recording of the
+        Folder of the data sets, which readers find by ``MINARI_DATASETS_PATH``. What an interrupted recording of the
         same left there is used.
     seed : int
         Of the first episode; the following ones count from there, below those held back.

@@ -114,7 +114,7 @@ def _arrays(network: PolicyNetwork, entry_count: int) -> tuple[list[Any], list[A
         ih, hh, *two = (_array(getattr(network.lstm, name)) for name in names)
         lstm = Lstm(ih.T, hh.T, two[0] + two[1])  # torch's gates come in the order of ours
     if not all(np.isfinite(array).all() for array in [*weights, *biases, *(lstm or ())]):
-        raise InputError("the learner's network holds numbers that are not finite: its training went astray")
+        raise InputError("the learner's network holds numbers that are not finite: its training has diverged")
     return weights, biases, lstm
 
 

@@ -79,10 +79,10 @@ class PolicyController:
         Raises
         ------
         InputError
-            If the controller has not been told the set-up.
+            If `set_up` was not called before.
         """
         if self._machine is None:
-            raise InputError("the policy controller must be told machine and path: call set_up() before reset()")
+            raise InputError("the policy controller needs machine and path: call set_up() before reset()")
         self._set(*self._first_us.tolist())
         self._limit_um_s = max_feed_um_s
         self._feed_um_s = self._family.first_feed_um_s
@@ -149,7 +149,7 @@ class PolicyController:
         }
 
     def restore(self, state: ControllerState) -> None:
-        """Continue where `snapshot` was taken; the set-up must have been told."""
+        """Continue where `snapshot` was taken; `set_up` must have been called."""
         assert self._machine is not None
         self._feed_um_s, self._limit_um_s, self._path_um, self._shorted_s, t_on_us, t_period_us = (
             float(state[name])

@@ -75,7 +75,7 @@ class Residual(_Strict):
         Raises
         ------
         InputError
-            It is none of them, or sees what no machine shows.
+            The name is unknown, or the law sees what no machine shows.
         """
         known = self.law.partition(":")[0] in names() and user_code.named(self.law) is None
         law = from_text(self.law) if known else None

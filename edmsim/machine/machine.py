@@ -183,7 +183,7 @@ class Machine(SetUp):
         Raises
         ------
         InputError
-            A name that is none, or a constant without a range; or no set-up that can run was drawn.
+            An unknown name, or a constant without a range; or no set-up that can run was drawn.
         """
         return sample(self, rng, only)
 

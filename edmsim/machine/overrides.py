@@ -40,7 +40,7 @@ KINDS = _kinds()
 
 
 def checked_constants(constants: Mapping[str, float] | Iterable[tuple[str, float]]) -> tuple[tuple[str, float], ...]:
-    """Return values of constants as pairs, by name; raises `InputError` where they are none.
+    """Return values of constants as pairs, by name; raises `InputError` where they are invalid.
 
     Parameters
     ----------
@@ -68,7 +68,7 @@ def parse_constant(text: str) -> tuple[str, float]:
 
 
 def check_names(names: Iterable[str]) -> None:
-    """Raise `InputError` for what is no constant; those of the section it names are told."""
+    """Raise `InputError` for an unknown constant, listing those of its section."""
     for name in names:
         if name not in KINDS:
             section = name.partition(".")[0]

@@ -61,7 +61,7 @@ def _within(low: float, high: float) -> AfterValidator:
     def check(constant: Constant) -> Constant:
         for number in (constant.value, *(constant.range or ())):
             if not low <= number <= high:
-                raise ValueError(f"{number:g} is beyond all reason: it must be within {low:g}..{high:g}")
+                raise ValueError(f"{number:g} is out of range: it must be within {low:g}..{high:g}")
         return constant
 
     return AfterValidator(check)
@@ -127,6 +127,18 @@ class Guides(Part):
     clearance_mm: Annotated[Positive, _within(0.1, 200)]
     damping_ratio: Annotated[Positive, _within(0.0001, 0.9)]
     wire_speed_m_s: Annotated[Positive, _within(0.001, 15)]
+    # edge over which a leaning wire bends; without it that is sharp
+    edge_radius_mm: Annotated[Constant, _within(0, 50)] | None = None
+    # how far the upper guide goes, either way; without it there is no taper
+    upper_travel_mm: Annotated[Positive, _within(0.1, 300)] | None = None
+    # how much higher the guides are than the control knows
+    lower_error_mm: Annotated[Constant, _within(-5, 5)] | None = None
+    upper_error_mm: Annotated[Constant, _within(-5, 5)] | None = None
+
+    def value(self, name: str) -> float:
+        """Return a constant's value, 0 where it is not given."""
+        constant: Constant | None = getattr(self, name)
+        return 0.0 if constant is None else constant.value
 
 
 class Dielectric(Part):
@@ -252,6 +264,8 @@ class Wire(Part):
     half_strength_K: Annotated[Positive, _within(400, 5000)]
     melting_K: Annotated[Positive, _within(400, 5000)]
     stress_MPa: Annotated[Positive, _within(0.1, 20000)]
+    # Young's modulus; without it the wire is taken to be limp
+    elasticity_GPa: Annotated[Positive, _within(0.1, 1500)] | None = None
 
 
 class Surface(Part):

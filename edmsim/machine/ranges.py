@@ -80,7 +80,7 @@ def choose(machine: SetUp, only: Iterable[str]) -> dict[str, Constant]:
     Raises
     ------
     InputError
-        A name that is none, or a constant without a range.
+        An unknown name, or a constant without a range.
     """
     known = uncertain(machine)
     names = _chosen(known, only)

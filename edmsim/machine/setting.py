@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 from edmsim.errors import CombinationError, InputError, one_of
@@ -170,6 +171,36 @@ def flushing_Pa(machine: SetUp) -> tuple[float, float]:
 def standoffs_mm(machine: SetUp) -> tuple[float, float]:
     """Distances of the lower and the upper nozzle from the workpiece; they lie on it unless the operator says so."""
     return machine.standoff_lower_mm or 0.0, machine.standoff_upper_mm or 0.0
+
+
+class GuideBends(NamedTuple):
+    """Where a leaning wire bends.
+
+    Attributes
+    ----------
+    stiff_mm : float
+        How far inside the guides, because the wire is stiff.
+    radius_mm : float
+        Of the guides' edges: they take the bend further in by that radius times the tangent of half the angle.
+    lower_error_mm, upper_error_mm : float
+        How much higher the guides are than the control knows.
+    """
+
+    stiff_mm: float
+    radius_mm: float
+    lower_error_mm: float
+    upper_error_mm: float
+
+
+def guide_bends(machine: SetUp) -> GuideBends:
+    """Where a leaning wire bends: a clamped wire comes to its line within ``sqrt(E I / T)``."""
+    modulus, guides = machine.wire.elasticity_GPa, machine.base.guides
+    second_moment_mm4 = math.pi / 64 * (machine.wire_diameter_um * 1e-3) ** 4
+    bending_N_mm2 = 0.0 if modulus is None else modulus.value * 1e3 * second_moment_mm4
+    return GuideBends(
+        math.sqrt(bending_N_mm2 / machine.tension), guides.value("edge_radius_mm"), guides.value("lower_error_mm"),
+        guides.value("upper_error_mm"),
+    )
 
 
 def check(machine: SetUp) -> None:

@@ -8,9 +8,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edmsim.errors import InputError
-from edmsim.geometry import left_of
+from edmsim.geometry import Polyline, left_of
 from edmsim.metrology.edges import metal_at
-from edmsim.metrology.profile import BLANK_EDGE_MM, GRAIN_UM, clear_of_steps, depth_in_blank, finite_mean, wire_line
+from edmsim.metrology.profile import (
+    BLANK_EDGE_MM,
+    GRAIN_UM,
+    clear_of_steps,
+    depth_in_blank,
+    finite_mean,
+    slice_heights_mm,
+    wire_line,
+)
 from edmsim.plant.workpiece.kerf_field import KerfField
 from edmsim.program.path import WireContour
 
@@ -79,16 +87,43 @@ def kerf_width(field: KerfField, contour: WireContour, wire_diameter_um: float) 
     """
     if not wire_diameter_um > 0:
         raise InputError(f"a wire diameter of {wire_diameter_um} um cannot be: it must be above 0")
-    line = wire_line(contour)
-    s_mm = np.arange(KERF_STEP_MM / 2, line.length, KERF_STEP_MM)
+    if contour.lean is None:
+        line = wire_line(contour)
+        return _widths(field, contour, line, np.arange(KERF_STEP_MM / 2, line.length, KERF_STEP_MM), wire_diameter_um)
+    shares = np.arange(KERF_STEP_MM / 2, wire_line(contour.at_mid_height()).length, KERF_STEP_MM)
+    shares /= wire_line(contour.at_mid_height()).length
+    heights = slice_heights_mm(field, contour.lean.height_mm).tolist()
+    return _of_slices(field, [contour.at_height(z) for z in heights], shares, wire_diameter_um)
+
+
+def _of_slices(field: KerfField, sections: list[WireContour], shares: Floats, wire_diameter_um: float) -> KerfWidth:
+    """Kerf of a leaning wire, slice by slice, at shares of the lengths of its paths."""
+    rows = np.full((2, field.n_slices, len(shares)), np.nan)
+    lengths = [0.0]
+    for number, section in enumerate(sections):
+        line = wire_line(section)
+        found = _widths(field, section, line, shares * line.length, wire_diameter_um, number)
+        places = np.rint(np.interp(found.s_mm, shares * line.length, np.arange(len(shares)))).astype(int)
+        rows[:, number, places] = found.width_um[0], found.part_um[0]
+        lengths.append(line.length)
+    return KerfWidth(shares * lengths[1 + len(sections) // 2], rows[0], rows[1])
+
+
+def _widths(
+    field: KerfField, contour: WireContour, line: Polyline, s_mm: Floats, wire_diameter_um: float,
+    number: int | None = None,
+) -> KerfWidth:
+    """Kerf of a vertical wire at lengths of its path, in one slice or in all."""
     points = line.at(s_mm)
     across = left_of(line.tangent(s_mm, KERF_STEP_MM))
     walls = [
         _wall_distance(field, points * 1000, side * across, MAX_KERF_OVER_WIRE * wire_diameter_um / 2)
         for side in (1.0, -1.0)
     ]
-    width = walls[0] + walls[1]
     solid = clear_of_steps(field, points)
+    if number is not None:
+        walls, solid = [wall[[number]] for wall in walls], solid[[number]]
+    width = walls[0] + walls[1]
     bad = (np.isnan(width) & (solid >= BLANK_EDGE_MM)).any(axis=0) | (line.bend_deg(s_mm, KERF_STEP_MM) > 10.0)
     marks = np.concatenate([[0.0, line.length], s_mm[bad]])
     clear = line.distance_along(s_mm, marks) >= KERF_CLEARANCE_MM

@@ -18,6 +18,7 @@ from edmsim.geometry import Polyline, left_of
 from edmsim.metrology.edges import check_slices, edge_segments, metal_at
 from edmsim.plant.workpiece.kerf_field import KerfField, Stock
 from edmsim.program.path import WireContour
+from edmsim.program.taper import Ruled
 
 Floats = NDArray[np.float64]
 
@@ -67,7 +68,8 @@ class ProfileError:
     Attributes
     ----------
     points_mm : array (n, 2)
-        Points of the nominal edge, at most 0.02 mm apart; every real corner is one.
+        Points of the nominal edge, at most 0.02 mm apart; every real corner is one. Of a tapered wall they lie at
+        half the workpiece's height.
     s_mm : array (n,)
         Arc length along the nominal edge.
     error_um : array (slices, n)
@@ -111,7 +113,8 @@ def profile_error(field: KerfField, contour: WireContour, slices: Sequence[int] 
     """Measure how far the part's wall is from the edge as drawn.
 
     For every point of the nominal edge: the distance to the nearest place of the wall on the part's side of
-    the wire's path. In an inner corner that is the metal the round wire cannot reach.
+    the wire's path. In an inner corner that is the metal the round wire cannot reach. A tapered wall is measured in
+    every slice at that slice's height, within its plane.
 
     Parameters
     ----------
@@ -127,9 +130,40 @@ def profile_error(field: KerfField, contour: WireContour, slices: Sequence[int] 
     """
     chosen = list(range(field.n_slices) if slices is None else slices)
     check_slices(field, chosen)
-    line = Polyline(contour.nominal_mm, contour.closed)
+    middle = contour.at_mid_height()
+    line = Polyline(middle.nominal_mm, contour.closed)
     s_mm = line.stations(PROFILE_STEP_MM, line.corners(15.0))
-    points = line.at(s_mm)
+    if contour.lean is None:
+        points = line.at(s_mm)
+        error = _errors(field, contour, line, s_mm, points, chosen)
+    else:
+        wall, heights = contour.lean.wall, slice_heights_mm(field, contour.lean.height_mm)[chosen].tolist()
+        points = _on_wall(wall, middle.nominal_mm, s_mm, 0.5 * contour.lean.height_mm)
+        rows = []
+        for number, z in zip(chosen, heights, strict=True):
+            there = _on_wall(wall, middle.nominal_mm, s_mm, z)
+            rows.append(_errors(field, contour.at_height(z), line, s_mm, there, [number]))
+        error = np.concatenate(rows)
+    lead_in_end = middle.points_um[middle.lead_in_moves] / 1000
+    meeting = s_mm[[np.hypot(*(points - lead_in_end).T).argmin()]]
+    return ProfileError(points, s_mm, error, line.distance_along(s_mm, meeting) <= LEAD_IN_REACH_MM)
+
+
+def slice_heights_mm(field: KerfField, height_mm: float) -> Floats:
+    """Heights of the slices' middles over the workpiece's lower face."""
+    return (np.arange(field.n_slices) + 0.5) / field.n_slices * height_mm
+
+
+def _on_wall(wall: Ruled, middle_mm: Floats, s_mm: Floats, height_mm: float) -> Floats:
+    """Points (n, 2) at a height of the rulings that pass lengths along a ruled wall's line at another height."""
+    passed = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(middle_mm, axis=0).T))])
+    return np.stack([np.interp(s_mm, passed, column) for column in wall.at(height_mm).T], axis=1)
+
+
+def _errors(
+    field: KerfField, contour: WireContour, line: Polyline, s_mm: Floats, points: Floats, chosen: list[int]
+) -> Floats:
+    """Errors (slices, n) of the wall of a vertical wire at points of its edge, `s_mm` along a line."""
     track = _WireTrack(contour)
     edges = (_without_grains(segments) for segments in edge_segments(field, chosen))
     size = np.stack([track.distance_to_wall(segments, points) for segments in edges])
@@ -141,9 +175,7 @@ def profile_error(field: KerfField, contour: WireContour, slices: Sequence[int] 
         row[line.distance_along(s_mm, s_mm[marks]) <= FRONT_MM] = np.nan
     error[:, depth_in_blank(field.stock, points) < BLANK_EDGE_MM] = np.nan
     error[clear_of_steps(field, points)[chosen] < BLANK_EDGE_MM] = np.nan
-    lead_in_end = contour.points_um[contour.lead_in_moves] / 1000
-    meeting = s_mm[[np.hypot(*(points - lead_in_end).T).argmin()]]
-    return ProfileError(points, s_mm, error, line.distance_along(s_mm, meeting) <= LEAD_IN_REACH_MM)
+    return error
 
 
 class _WireTrack:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edmsim.machine.files import mjcf_version
-from edmsim.machine.setting import flushing_Pa, resistance_ohm, standoffs_mm, wire_speed_m_s
+from edmsim.machine.setting import flushing_Pa, guide_bends, resistance_ohm, standoffs_mm, wire_speed_m_s
 from edmsim.plant.gap.breakdown import GapLaw
 from edmsim.plant.gap.bubble import REFERENCE_GAP_UM, BubbleLaw, bubble_law
 from edmsim.plant.gap.coverage import AMBIENT_PA, GasLaw, cover_um2_J, refill_um_s, refill_us, steam_life_us
@@ -117,7 +117,7 @@ def constants(machine: Machine, res: Resolution) -> Constants:
     slice_m = slice_um * 1e-6
     patch = _patch_m2(machine, res)
     front, side = res.film_from_um, max(res.film_from_um, water.side_gap_um.value)
-    flow, wake = flushing(machine), _wake_jets(machine)
+    flow, wake, bends = flushing(machine), _wake_jets(machine), guide_bends(machine)
     return Constants(
         radius_um=radius,
         slice_um=slice_um,
@@ -177,6 +177,10 @@ def constants(machine: Machine, res: Resolution) -> Constants:
         worn_share_per_um3_us=spark.wear_ratio.value
         / (wire_speed_m_s(machine) * math.pi * radius**2),
         step_um=base.table.step_um.value,
+        guides_um=machine.guide_distance_mm * 1e3,
+        lower_bend_um=1e3 * (bends.stiff_mm + bends.lower_error_mm),
+        upper_bend_um=1e3 * (bends.stiff_mm - bends.upper_error_mm),
+        guide_radius_um=1e3 * bends.radius_mm,
     )
 
 
@@ -379,6 +383,7 @@ def fill_model(a: Arrays, model: ModalModel | FullMechanics) -> None:
     slices, modes = model.wire_shape.shape
     angle = 2 * np.pi * np.arange(len(a.ray_cosine)) / len(a.ray_cosine)
     a.ray_cosine[:], a.ray_sine[:] = np.cos(angle), np.sin(angle)
+    stand_upright(a)
     a.shape[:, :modes] = model.wire_shape
     a.sway[:, :slices] = a.shape.T
     a.mean_shape[:] = a.shape.mean(axis=0)
@@ -386,6 +391,13 @@ def fill_model(a: Arrays, model: ModalModel | FullMechanics) -> None:
     a.mobility[:modes], a.inertia[:modes] = model.mobility, model.inertia
     a.table_shape[:] = model.table_slide_shape
     a.table_participation[:] = model.table_participation
+
+
+def stand_upright(a: Arrays) -> None:
+    """Let the rays be those of a vertical wire."""
+    a.reach_x[:] = a.across_x[:] = a.ray_cosine
+    a.reach_y[:] = a.across_y[:] = a.ray_sine
+    a.upright[:], a.lean_share[:] = 1.0, a.height_share
 
 
 def lay_to_rest(a: Arrays, names: Iterable[str], water_K: float) -> None:

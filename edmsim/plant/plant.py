@@ -217,6 +217,7 @@ class Plant(PlantReadings):
             self._model.reset()
         self._lay_to_rest(_CHANGING)
         self._arrays.entering[:] = self._arrays.flow_share
+        constants.stand_upright(self._arrays)
 
     def _lay_to_rest(self, names: Sequence[str]) -> None:
         """Let some of the arrays be those of a plant at rest."""
@@ -380,7 +381,11 @@ class Plant(PlantReadings):
         s, c = self._state[0], self._constants
         x, y = (float(v) for v in s["axis_um"][:2] + s["deflection_um"])
         u, v = (float(v) for v in s["axis_um"][2:])
-        self.field.allocate(x, y, c.radius_um + c.range_um + 2 * TILED_UM + self._drives.reach_um, (u, v))
+        n = self.resolution.slices
+        ends = np.stack([share[[0, n - 1]] for share in (self._arrays.height_share, self._arrays.lean_share)])
+        low, high = float(ends.min()), float(ends.max())  # where the wire bends is known once its rays are traced
+        reach_um = c.radius_um + c.range_um + 2 * TILED_UM + self._drives.reach_um
+        self.field.allocate(x + low * u, y + low * v, reach_um, ((high - low) * u, (high - low) * v))
         self._put_field()
         self._state["tiled_um"] = (x, y, x + u, y + v)
 

@@ -75,6 +75,12 @@ class PlantReadings:
         return float(x), float(y)
 
     @property
+    def lead_um(self) -> tuple[float, float]:
+        """Setpoint of u and v: by how much the upper guide is to lead the lower one."""
+        u, v = self._state["commanded_um"][0, 2:]
+        return float(u), float(v)
+
+    @property
     def axes_um(self) -> tuple[float, float, float, float]:
         """Where the axes x, y, u, v are, less what the table rings after motor steps."""
         x, y, u, v = self._state["axis_um"][0]

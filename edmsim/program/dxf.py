@@ -48,6 +48,8 @@ class Drawn:
     document : ezdxf.document.Drawing
     layers : sequence of str
         Only these are cut, upper or lower case; all that are shown if empty.
+    without : str, optional
+        A layer that is not cut.
 
     Attributes
     ----------
@@ -60,8 +62,9 @@ class Drawn:
         A layer that the drawing does not have.
     """
 
-    def __init__(self, document: Drawing, layers: Sequence[str]) -> None:
+    def __init__(self, document: Drawing, layers: Sequence[str], without: str | None = None) -> None:
         self._document = document
+        self._without = "" if without is None else without.strip().lower()
         self._layers = frozenset(name.strip().lower() for name in layers)
         self.left_out: dict[str, int] = {}
         self._count = 0
@@ -102,6 +105,8 @@ class Drawn:
                 yield from self._parts(part, layer if own == "0" else own, depth + 1)
 
     def _is_cut(self, entity: Any, kind: str, layer: str) -> bool:
+        if layer.lower() == self._without:
+            return False
         if not self._is_shown(entity, layer):
             self.leave_out(f"{kind} on a layer that is off")
         elif self._layers and layer.lower() not in self._layers:
@@ -172,7 +177,9 @@ LEAST_EXTENT_MM = 0.5
 """A drawing that spans less has another unit than it says (ours: nothing smaller is cut with a wire)."""
 
 
-def read_dxf(file: str | Path, layers: Sequence[str] = (), unit: str | None = None) -> Program:
+def read_dxf(
+    file: str | Path, layers: Sequence[str] = (), unit: str | None = None, without: str | None = None
+) -> Program:
     """Read a drawing.
 
     Parameters
@@ -183,6 +190,8 @@ def read_dxf(file: str | Path, layers: Sequence[str] = (), unit: str | None = No
         Only these are cut; by default all that are on and not frozen.
     unit : {"mm", "um", "cm", "m", "in", "ft", "mil"}, optional
         Unit of the drawing; by default what its header says.
+    without : str, optional
+        A layer that is not cut.
 
     Returns
     -------
@@ -197,7 +206,9 @@ def read_dxf(file: str | Path, layers: Sequence[str] = (), unit: str | None = No
     """
     path = Path(file)
     try:
-        (chains, unit_mm, notices), irregular = look_into(path, lambda document: _content(document, layers, unit))
+        (chains, unit_mm, notices), irregular = look_into(
+            path, lambda document: _content(document, layers, unit, without)
+        )
         outlines = _nested(_contours(chains, unit_mm, notices))
     except InputError as error:
         raise InputError(error.reason, path, error.line) from None
@@ -205,11 +216,11 @@ def read_dxf(file: str | Path, layers: Sequence[str] = (), unit: str | None = No
 
 
 def _content(
-    document: Drawing, layers: Sequence[str], unit: str | None
+    document: Drawing, layers: Sequence[str], unit: str | None, without: str | None
 ) -> tuple[list[Chain], float, list[str]]:
     """Return what is drawn, the drawing's unit in mm, and notices."""
     unit_mm, notices = _unit(document, unit)
-    drawn = Drawn(document, layers)
+    drawn = Drawn(document, layers, without)
     chains = list(_chains(drawn, unit_mm))
     notices += [f"{count} {kind} left out" for kind, count in sorted(drawn.left_out.items())]
     short = Counter(kind for chain, kind in chains for kind in _short(chain, kind))

@@ -125,7 +125,7 @@ class Heights:
         """Regions of one height along the path; they do not overlap."""
         if not self.along:
             return []
-        lines = [shapely.LineString(contour.points_um / 1000) for contour in path.contours]
+        lines = [shapely.LineString(contour.at_mid_height().points_um / 1000) for contour in path.contours]
         total = sum(line.length for line in lines)
         last = self.along[-1][0]
         if last >= total:

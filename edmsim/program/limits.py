@@ -32,7 +32,7 @@ LONGEST_DWELL_S = 86_400.0
 
 
 def check_size(file: Path) -> None:
-    """Refuse a file that is larger than any program; one that cannot be looked at is left to whoever reads it."""
+    """Refuse a file that is larger than any program; one that cannot be examined is refused by its reader."""
     try:
         size = file.stat().st_size
     except (OSError, ValueError):
@@ -42,7 +42,7 @@ def check_size(file: Path) -> None:
 
 
 def check_points(points_mm: NDArray[np.float64], what: str, hint: str = "") -> None:
-    """Refuse points (n, 2) in mm that are none, lie too far out, span too much or make too long a line.
+    """Refuse points (n, 2) in mm that are not finite, lie too far out, span too much or make too long a line.
 
     Parameters
     ----------

@@ -9,7 +9,7 @@ wire leaves. What a wire of some radius and gap cannot make, inner corners, smal
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from edmsim.errors import InputError
 from edmsim.program.outline import Outline, Program, Side, chords_of, signed_area
+from edmsim.program.taper import GuideHeights, Ruled, wire_beside
 
 QUAD_SEGMENTS = 32
 """Chords per quarter circle about corners: 0.05 um of chord error at an offset of 0.155 mm."""
@@ -293,17 +294,29 @@ _KEPT_APART_MM = 0.002
 
 @dataclass(frozen=True)
 class OffsetOutline:
-    """One outline with the wire's path beside it, both in mm in the program's coordinates."""
+    """One outline with the wire's path beside it, both in mm in the program's coordinates.
+
+    Of a tapered outline `path` and `nominal` lie in the program's plane, and `surfaces` are its wall and the way of
+    the wire.
+    """
 
     outline: Outline
     path: NDArray[np.float64]
     nominal: NDArray[np.float64]
     offset_mm: float
+    surfaces: tuple[Ruled, Ruled] | None = None
 
     @property
     def edge(self) -> shapely.LineString:
         """The part's edge."""
         return shapely.LineString(self.nominal)
+
+    def at_height(self, height_mm: float) -> OffsetOutline:
+        """Return what it is at a height over the workpiece's lower face."""
+        if self.surfaces is None:
+            return self
+        wall, wire = self.surfaces
+        return replace(self, path=wire.at(height_mm), nominal=wall.at(height_mm), surfaces=None)
 
 
 def offset_outline(program: Program, outline: Outline, offset_mm: float, notices: list[str]) -> OffsetOutline:
@@ -323,6 +336,26 @@ def offset_outline(program: Program, outline: Outline, offset_mm: float, notices
     except InputError as error:
         raise located(error, program, outline) from None
     return OffsetOutline(outline, path, points, offset_mm)
+
+
+def leaning_outline(
+    program: Program, outline: Outline, offset_mm: float, guides: GuideHeights | None
+) -> OffsetOutline:
+    """Return a tapered outline with the wire's way at an offset.
+
+    Raises
+    ------
+    InputError
+        As `wire_beside`, or the machine has no guides that lead.
+    """
+    try:
+        if guides is None:
+            raise InputError("it is tapered, and no guides that lead are known: edmsim cut takes them from a machine "
+                             "whose file has guides.upper_travel_mm")
+        wall, wire = wire_beside(outline, offset_mm, guides)
+    except InputError as error:
+        raise located(error, program, outline) from None
+    return OffsetOutline(outline, wire.lower_mm, wall.lower_mm, offset_mm, (wall, wire))
 
 
 def located(error: InputError, program: Program, outline: Outline) -> InputError:

@@ -20,6 +20,7 @@ from edmsim.program.offset import (
     OffsetOutline,
     away,
     keep_apart,
+    leaning_outline,
     located,
     nearest_chords,
     normal,
@@ -27,8 +28,9 @@ from edmsim.program.offset import (
     offset_outline,
     refuse_trims,
 )
-from edmsim.program.outline import Program, signed_area
+from edmsim.program.outline import Corners, Program, signed_area
 from edmsim.program.registers import GREATEST_MM, in_um
+from edmsim.program.taper import GuideHeights, Ruled, leaning
 
 GCODE_SUFFIXES = (".ngc", ".nc", ".gcode", ".iso", ".txt")
 """File suffixes read as G-code; ``.dxf`` is read as a drawing."""
@@ -36,7 +38,7 @@ GCODE_SUFFIXES = (".ngc", ".nc", ".gcode", ".iso", ".txt")
 
 def load_program(
     file: str | Path, *, ignore: Sequence[str] = (), layers: Sequence[str] = (), unit: str | None = None,
-    offsets: str | Path | None = None,
+    offsets: str | Path | None = None, upper_layer: str | None = None,
 ) -> Program:
     """Read a part program or drawing, by its suffix.
 
@@ -48,6 +50,8 @@ def load_program(
         Words of G-code to leave out: `read_gcode`.
     layers, unit
         Of a drawing: `read_dxf`.
+    upper_layer : str, optional
+        Of a drawing, the layer of the contours of the upper face: `edmsim.program.two_contours.ruled_between`.
     offsets : path, optional
         Table of the offset registers of G-code: `edmsim.program.registers.read_offsets`.
 
@@ -69,9 +73,13 @@ def load_program(
             raise InputError("offset registers are those of G-code: a drawing has none", path)
         from edmsim.program.dxf import read_dxf
 
-        return read_dxf(path, layers, unit)
+        if upper_layer is None:
+            return read_dxf(path, layers, unit)
+        from edmsim.program.two_contours import ruled_between
+
+        return ruled_between(read_dxf(path, layers, unit, upper_layer), read_dxf(path, [upper_layer], unit))
     if suffix in GCODE_SUFFIXES:
-        if layers or unit is not None:
+        if layers or unit is not None or upper_layer is not None:
             raise InputError("layers and unit are those of a drawing: G-code has none", path)
         from edmsim.program.gcode import read_gcode
         from edmsim.program.registers import read_offsets
@@ -176,6 +184,33 @@ STOCK_MARGIN_MM = 3.0
 
 
 @dataclass(frozen=True)
+class Lean:
+    """How a wire leans along a contour.
+
+    Attributes
+    ----------
+    upper_um : int64 array (n, 2)
+        For each point of the path where the upper guide is, relative to the lower one: axes u and v.
+    bends_mm : float64 array (n, 2)
+        For each point the heights over the workpiece's lower face at which the wire bends, at lower and upper guide.
+    wall : Ruled
+        The part's wall as drawn, in mm on the table.
+    height_mm : float
+        Of the workpiece.
+    """
+
+    upper_um: NDArray[np.int64]
+    bends_mm: NDArray[np.float64]
+    wall: Ruled
+    height_mm: float
+
+    def shares(self, height_mm: float) -> NDArray[np.float64]:
+        """Return by what share (n, 1) of the upper guide's lead the wire is led at a height."""
+        lower, upper = self.bends_mm.T
+        return np.asarray(((height_mm - lower) / (upper - lower))[:, None])
+
+
+@dataclass(frozen=True)
 class WireContour:
     """One cut between threading the wire and cutting it off, in table coordinates.
 
@@ -202,6 +237,8 @@ class WireContour:
         Distance between wire centre and nominal edge that was applied; 0 if none.
     compensated : bool
         Whether the wire's path follows from edge and offset; else it is as written, and the edge follows from it.
+    lean : Lean, optional
+        How the wire leans; `points_um` are then of the lower guide, and `nominal_mm` lies in the program's plane.
     """
 
     points_um: NDArray[np.int64]
@@ -214,6 +251,48 @@ class WireContour:
     elements: tuple[tuple[int, int], ...] = ()
     offset_um: float = 0.0
     compensated: bool = True
+    lean: Lean | None = None
+
+    def at_height(self, height_mm: float) -> WireContour:
+        """Return what a leaning wire and its wall are at a height, as the contour of a vertical wire; in whole um.
+
+        The offset is then that in the plane, where the wall leans most.
+        """
+        if self.lean is None:
+            return self
+        own = self.slant[self.lead_in_moves :]
+        return replace(
+            self, points_um=self._points_at(height_mm), nominal_mm=self.lean.wall.at(height_mm), lean=None,
+            offset_um=self.offset_um * float(own.max(initial=1.0)),
+        )
+
+    def _points_at(self, height_mm: float) -> NDArray[np.int64]:
+        led = 0 if self.lean is None else np.round(self.lean.upper_um * self.lean.shares(height_mm)).astype(np.int64)
+        return np.asarray(self.points_um + led)
+
+    def at_mid_height(self) -> WireContour:
+        """Return the same at half the workpiece's height, where pictures and places of a leaning wire are."""
+        return self if self.lean is None else self.at_height(0.5 * self.lean.height_mm)
+
+    @property
+    def slant(self) -> NDArray[np.float64]:
+        """Length of the wall across the path over the workpiece's height, for every move: 1 / cos of its angle."""
+        if self.lean is None:
+            return np.ones(len(self.points_um) - 1)
+        steps = np.diff(self._points_at(0.5 * self.lean.height_mm), axis=0)
+        lower, upper = self.lean.bends_mm.T
+        slope = self.lean.upper_um * 1e-3 / (upper - lower)[:, None]
+        middle, length = (slope[1:] + slope[:-1]) / 2, np.maximum(np.hypot(*steps.T), 1e-9)
+        return np.asarray(np.hypot(1.0, (middle[:, 1] * steps[:, 0] - middle[:, 0] * steps[:, 1]) / length))
+
+    @property
+    def along_um(self) -> NDArray[np.float64]:
+        """Length of path (n,) up to every point: of a leaning wire the longer of both faces, move by move."""
+        heights = (0.0,) if self.lean is None else (0.0, self.lean.height_mm)
+        ways = [np.hypot(*np.diff(self._points_at(z), axis=0).T) for z in heights]
+        if self.lean is not None:  # a move of the guides alone takes time as well
+            ways.append(1e-3 * np.hypot(*np.diff(self.lean.upper_um, axis=0).T))
+        return np.concatenate([[0.0], np.cumsum(np.max(ways, axis=0))])
 
     def __repr__(self) -> str:
         """Say what it is in a line."""
@@ -275,7 +354,7 @@ class _Lead:
 
 
 def plan_path(
-    file: str | Path,
+    file: str | Path | Program,
     offset: float | str = "auto",
     *,
     auto_offset_mm: float,
@@ -287,6 +366,10 @@ def plan_path(
     layers: Sequence[str] = (),
     unit: str | None = None,
     offsets: str | Path | None = None,
+    upper_layer: str | None = None,
+    taper_deg: float = 0.0,
+    corners: Corners = "conical",
+    guides: GuideHeights | None = None,
 ) -> CutPath:
     """Plan the whole cut of a part program.
 
@@ -300,8 +383,8 @@ def plan_path(
 
     Parameters
     ----------
-    file : path
-        See `load_program`.
+    file : path or Program
+        See `load_program`; or what it returns.
     offset : "auto", "none" or float
         "auto": for each contour that of its offset register, else `auto_offset_mm`; "none": 0, the wire's centre
         follows everything as drawn; else an offset in mm for all contours, also as text.
@@ -315,8 +398,15 @@ def plan_path(
         Length of our own lead-ins in mm; shortened, with a notice, where there is no room.
     start_hole_radius_mm : float
         Radius of the hole at every thread point, in mm.
-    ignore, layers, unit, offsets
+    ignore, layers, unit, offsets, upper_layer
         See `load_program`.
+    taper_deg : float
+        Angle between wall and vertical where the program does not say one: the part is smaller above, where that is
+        positive, than below.
+    corners : {"conical", "sharp", "cylindrical", "rounded"}
+        What corners and arcs then become at other heights, see `edmsim.program.outline.Taper`.
+    guides : GuideHeights, optional
+        Where the wire bends; needed where it leans.
 
     Returns
     -------
@@ -334,7 +424,10 @@ def plan_path(
             raise InputError(f"{name} is {value}: give a length above 0 mm")
     if table_um is None:
         table_um = round(Machine.load().base.table.travel_mm.value * 1e3)
-    program = load_program(file, ignore=ignore, layers=layers, unit=unit, offsets=offsets)
+    program = file if isinstance(file, Program) else load_program(
+        file, ignore=ignore, layers=layers, unit=unit, offsets=offsets, upper_layer=upper_layer
+    )
+    program = replace(program, outlines=leaning(program.outlines, taper_deg, corners))
     _check_fits(program, table_um)
     notices = list(program.notices)
     offsets_mm = [outline.offset_mm for outline in program.outlines]
@@ -344,15 +437,30 @@ def plan_path(
             told = ", ".join(f"{mm:g}" for mm in others)
             notices.append(f"the offset is {asked_mm:g} mm, as asked, not the {told} mm of the register")
         offsets_mm = [asked_mm] * len(offsets_mm)
-    legs = [
-        offset_outline(program, outline, asked_mm if mm is None else mm, notices)
-        for outline, mm in zip(program.outlines, offsets_mm, strict=True)
-    ]
-    keep_apart(legs, program.source)
-    refuse_trims(legs, program.source)
-    edges = shapely.MultiLineString([leg.edge for leg in legs])
+    legs = []
+    for outline, mm in zip(program.outlines, offsets_mm, strict=True):
+        offset_mm = asked_mm if mm is None else mm
+        upright = outline.taper is None
+        legs.append(
+            offset_outline(program, outline, offset_mm, notices) if upright
+            else leaning_outline(program, outline, offset_mm, guides)
+        )
+    leans = guides is not None and any(leg.surfaces is not None for leg in legs)
+    faces = [[leg.at_height(z) for leg in legs] for z in ((0.0, guides.height_mm) if leans and guides else (0.0,))]
+    for face in faces:
+        keep_apart(face, program.source)
+        refuse_trims(face, program.source)
+    edges = shapely.MultiLineString([leg.edge for face in faces for leg in face])
     leads = [_lead(program, leg, edges, lead_in_mm, start_hole_radius_mm, notices) for leg in legs]
-    contours = [_contour(leg, lead, grid_um) for leg, lead in zip(legs, leads, strict=True)]
+    if leans:
+        for face in faces:
+            for leg, lead in zip(face, leads, strict=True):
+                _check_lead(program, leg, lead)
+    contours = [
+        _contour(leg, lead, grid_um) if leg.surfaces is None or guides is None
+        else _leaning_contour(leg, lead, grid_um, guides)
+        for leg, lead in zip(legs, leads, strict=True)
+    ]
     shift = _shift_um(contours, table_um, grid_um, program.source)
     placed = tuple(_placed(contour, shift) for contour in contours)
     origin = (float(shift[0]) / 1000, float(shift[1]) / 1000)
@@ -438,6 +546,52 @@ def _contour(leg: OffsetOutline, lead: _Lead, grid_um: int) -> WireContour:
     )
 
 
+def _check_lead(program: Program, leg: OffsetOutline, lead: _Lead) -> None:
+    """Refuse a way to a contour that cuts into the part on a face of the workpiece."""
+    whole = leg.outline.closed or leg.outline.wire_side is not None
+    way = np.concatenate([lead.points, leg.path[:1]])
+    if whole and len(lead.points) and not clears(way, leg.edge, leg.offset_mm):
+        x, y = lead.points[0]
+        reason = f"the wire on its way from X{x:.3f} Y{y:.3f} leans into the part: thread it further away"
+        raise located(InputError(reason), program, leg.outline)
+
+
+def _leaning_contour(leg: OffsetOutline, lead: _Lead, grid_um: int, guides: GuideHeights) -> WireContour:
+    """Join lead and the ways of both guides on the grid: vertical on the way, the wire leans on its last move."""
+    outline = leg.outline
+    assert leg.surfaces is not None
+    wall, wire = leg.surfaces
+    if not len(lead.points) and wire.slope[0].any():  # threaded upright, it leans where it stands
+        lead = _Lead(wire.lower_mm[:1], (0,))
+    count = len(lead.points)
+    slope = np.concatenate([np.zeros((count, 2)), wire.slope])
+    bends = guides.bends_mm(slope)
+    known = np.concatenate([lead.points, wire.lower_mm])
+    lower, upper = (known + slope * (z - wire.low_mm)[:, None] for z in bends.T)
+    points = np.round(lower * 1000 / grid_um).astype(np.int64) * grid_um
+    leads = np.round((upper - lower) * 1000).astype(np.int64)
+    moves = (np.diff(np.concatenate([points, leads], axis=1), axis=0) != 0).any(axis=1)
+    kept = np.concatenate([[True], moves])
+    place = np.cumsum(kept) - 1
+    vertices = [*range(count), *(count + vertex for vertex in wire.vertices)]
+    lines = np.array([*lead.lines, *wire.line_numbers], np.int64)
+    own, drawn = len(outline.approach_mm), [(i, s) for i, s in outline.dwells]
+    dwells = tuple((int(place[vertices[i - own + count if i >= own else min(i, count)]]), s) for i, s in drawn)
+    return WireContour(
+        points_um=points[kept],
+        lead_in_moves=int(moves[:count].sum()),
+        nominal_mm=leg.nominal,
+        closed=outline.closed,
+        part_side=outline.part_side,
+        dwells=dwells,
+        line_numbers=tuple(lines[moves].tolist()),
+        elements=tuple(zip(wall.elements, wall.line_numbers, strict=True)),
+        offset_um=leg.offset_mm * 1000,
+        compensated=outline.wire_side is not None,
+        lean=Lean(leads[kept], bends[kept], wall, guides.height_mm),
+    )
+
+
 def _elements(leg: OffsetOutline) -> tuple[tuple[int, int], ...]:
     """Return line or arc and program line of every chord of the edge, which may lie beside what was drawn."""
     outline = leg.outline
@@ -477,7 +631,7 @@ def _dwell_place(leg: OffsetOutline, line: shapely.LineString, i: int) -> float:
 
 def _shift_um(contours: Sequence[WireContour], table_um: int, grid_um: int, source: str) -> NDArray[np.int64]:
     """Return the shift in um, on the grid, that centres the job on the table."""
-    points = np.concatenate([contour.points_um for contour in contours])
+    points = np.concatenate([part for contour in contours for part in _ways_um(contour)])
     low, high = points.min(axis=0), points.max(axis=0)
     extent = high - low
     if extent.max() > table_um:
@@ -500,11 +654,21 @@ def _unit_hint(source: str) -> str:
 
 
 def _placed(contour: WireContour, shift: NDArray[np.int64]) -> WireContour:
-    return replace(contour, points_um=contour.points_um + shift, nominal_mm=contour.nominal_mm + shift / 1000)
+    lean = contour.lean and replace(contour.lean, wall=contour.lean.wall.moved(shift / 1000))
+    return replace(
+        contour, points_um=contour.points_um + shift, nominal_mm=contour.nominal_mm + shift / 1000, lean=lean
+    )
+
+
+def _ways_um(contour: WireContour) -> list[NDArray[np.int64]]:
+    """Return the wire's way, and of a leaning wire those on both faces as well."""
+    faces = () if contour.lean is None else (0.0, contour.lean.height_mm)
+    return [contour.points_um, *(contour.at_height(z).points_um for z in faces)]
 
 
 def _stock(contours: Sequence[WireContour], table_um: int) -> tuple[float, float, float, float]:
-    corners = np.concatenate([part for c in contours for part in (c.points_um / 1000, c.nominal_mm)])
+    parts = [part for c in contours for part in (*(way / 1000 for way in _ways_um(c)), c.nominal_mm)]
+    corners = np.concatenate(parts)
     low = np.clip(corners.min(axis=0) - STOCK_MARGIN_MM, 0, table_um / 1000)
     high = np.clip(corners.max(axis=0) + STOCK_MARGIN_MM, 0, table_um / 1000)
     return float(low[0]), float(low[1]), float(high[0]), float(high[1])

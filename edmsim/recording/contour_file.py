@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
@@ -12,17 +11,15 @@ from numpy.typing import NDArray
 
 from edmsim.errors import InputError
 from edmsim.files import make_writable, replacing
+from edmsim.recording.face_file import cut_faces, is_whole
 from edmsim.recording.scene import Scene
-
-SPECK_SHARE = 0.01
-"""Share of the wire's cross-section below which a closed edge is a speck (ours: a crater or two)."""
 
 _COLOURS = {"CUT": (1, "#d55e00"), "NOMINAL": (7, "#1f2933")}
 """Of both layers: index of AutoCAD, and for SVG."""
 
 
-def write_contour(scene: Scene, file: str | Path) -> None:
-    """Write the cut edges at mid height, and the edges as drawn, in mm of the program or drawing.
+def write_contour(scene: Scene, file: str | Path, height_mm: float | None = None) -> None:
+    """Write the cut edges, and the edges as drawn, in mm of the program or drawing.
 
     Parameters
     ----------
@@ -30,31 +27,44 @@ def write_contour(scene: Scene, file: str | Path) -> None:
     file : path
         ``.dxf``: polylines on the layers ``CUT`` and ``NOMINAL``, unit mm. ``.csv``: columns ``layer``, ``line`` (a
         number from 1), ``x_mm``, ``y_mm``. ``.svg``: paths of the classes ``cut`` and ``nominal``, 1 mm a unit.
+    height_mm : float, optional
+        Over the workpiece's lower face: the part's wall there, between the slices next to it. By default all edges of
+        the kerf at mid height.
 
     Raises
     ------
     InputError
-        Another suffix, or the file cannot be written.
+        Another suffix, a height beside the workpiece, or the file cannot be written.
     """
     writers = {".dxf": _write_dxf, ".csv": _write_csv, ".svg": _write_svg}
     target = Path(file)
     if target.suffix.lower() not in writers:
         raise InputError(f"a contour is written as {' '.join(writers)}", target)
     scene = scene.in_program()
-    least_mm2 = SPECK_SHARE * math.pi / 4 * (scene.wire_diameter_um * 1e-3) ** 2
-    edges = scene.cut_edges_mm[scene.middle_slice()] if scene.cut_edges_mm else ()
-    layers = {
-        "CUT": [line for line in edges if _area_mm2(line) >= least_mm2],
-        "NOMINAL": [edge.nominal_mm for edge in scene.maps],
-    }
+    if height_mm is None:
+        edges = scene.cut_edges_mm[scene.middle_slice()] if scene.cut_edges_mm else ()
+        layers = {
+            "CUT": [line for line in edges if is_whole(line, scene)],
+            "NOMINAL": [edge.nominal_mm for edge in scene.maps],
+        }
+    else:
+        layers = _at_height(scene, height_mm, target)
     make_writable(target.parent)
     with replacing(target) as partial:
         writers[target.suffix.lower()](layers, partial)
 
 
-def _area_mm2(line: NDArray[np.float64]) -> float:
-    (x, y) = (line - line[0]).T
-    return abs(float(x[:-1] @ y[1:] - x[1:] @ y[:-1])) / 2
+def _at_height(scene: Scene, height_mm: float, target: Path) -> dict[str, list[NDArray[np.float64]]]:
+    if not 0 <= height_mm <= scene.height_mm:
+        raise InputError(
+            f"there is no contour {height_mm:g} mm high: the workpiece has 0 to {scene.height_mm:g} mm", target
+        )
+    share = height_mm / scene.height_mm
+    walls = [(1 - share) * below + share * above for below, above in scene.walls_mm]
+    return {
+        "CUT": [face.at(height_mm) for face in cut_faces(scene)] if scene.cut_edges_mm else [],
+        "NOMINAL": walls or [edge.nominal_mm for edge in scene.maps],
+    }
 
 
 def _is_closed(line: NDArray[np.float64]) -> bool:

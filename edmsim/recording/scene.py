@@ -136,6 +136,11 @@ class Scene:
         Which cut it is of: `edmsim.recording.report.cut_id`.
     origin_mm : (x, y) or None
         Where the program's zero lies on the table; None where there is no program.
+    lead : float64 array (n, 5) or None
+        Of a wire that leans, along the path: its length in um, u and v in mm, and the heights at which the wire bends
+        at the lower and the upper guide in mm.
+    walls_mm : tuple of Polylines
+        Of tapered contours, the edges as drawn on the lower and on the upper face.
     """
 
     maps: tuple[ErrorMap, ...]
@@ -151,6 +156,17 @@ class Scene:
     holes_mm: NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, 3)))
     cut: str | None = None
     origin_mm: tuple[float, float] | None = None
+    lead: NDArray[np.float64] | None = None
+    walls_mm: tuple[Polylines, ...] = ()
+
+    def lead_mm(self, path_um: NDArray[np.float64], heights_mm: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return how far (n, heights, 2) a leaning wire is led from the lower guide's axis, by lengths of path."""
+        if self.lead is None:
+            return np.zeros((len(path_um), len(heights_mm), 2))
+        along, *known = self.lead.T
+        u, v, low, high = (np.interp(path_um, along, column)[:, None] for column in known)
+        share = (heights_mm[None, :] - low) / (high - low)
+        return np.stack([share * u, share * v], axis=2)
 
     def __repr__(self) -> str:
         """Say how much there is of everything, not all its points."""
@@ -176,6 +192,7 @@ class Scene:
             stock_mm=(x0 - dx, y0 - dy, x1 - dx, y1 - dy),
             stop_mm=None if self.stop_mm is None else (self.stop_mm[0] - dx, self.stop_mm[1] - dy),
             terraces=tuple(replace(t, outlines_mm=tuple(p - by for p in t.outlines_mm)) for t in self.terraces),
+            walls_mm=tuple(tuple(line - by for line in lines) for lines in self.walls_mm),
             origin_mm=(0.0, 0.0),
         )
 
@@ -278,6 +295,8 @@ def write_scene(scene: Scene, file: str | Path) -> None:
         **_flat("nominal", [[edge.nominal_mm] for edge in scene.maps]),
         **_flat("measured", [[_columns(edge)] for edge in scene.maps]),
         **_flat("edges", scene.cut_edges_mm),
+        **_flat("walls", scene.walls_mm),
+        **({} if scene.lead is None else {"lead": scene.lead}),
         **_flat("terraces", [terrace.outlines_mm for terrace in scene.terraces]),
         "corners": np.reshape(np.array(corners, float), (-1, 4)),
         "starts_mm": scene.starts_mm, "holes_mm": scene.holes_mm,
@@ -343,6 +362,8 @@ def _scene(arrays: Mapping[str, NDArray[Any]], told: Mapping[str, Any]) -> Scene
         holes_mm=arrays["holes_mm"].reshape(-1, 3),
         cut=told.get("cut"),
         origin_mm=None if told.get("origin_mm") is None else tuple(told["origin_mm"]),  # earlier files have none
+        lead=arrays.get("lead"),
+        walls_mm=_groups(arrays, "walls") if "walls.points" in arrays else (),
     )
 
 

@@ -146,7 +146,7 @@ class Recipe:
         Parameters
         ----------
         swing : Swing
-            What the relay has told.
+            The answer to the relay.
 
         Returns
         -------

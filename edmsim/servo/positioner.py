@@ -85,7 +85,7 @@ class Station:
     QclError
         A text cannot be read.
     InputError
-        There are no devices, or more than axes, or a contactor's output or device is none.
+        There are no devices, or more than axes, or a contactor's output or device is unknown.
     """
 
     def __init__(
@@ -208,7 +208,7 @@ def _text(file: Path) -> str:
 
 
 _REPORTED = ("posit", "setpos", "vel", "follerr", "errcode", "wrncode")
-"""Parameters told at the end."""
+"""Parameters printed at the end."""
 _FAST = ("st_acc", "st_dec", "st_vconst", "st_int")
 """States that every move changes several times."""
 

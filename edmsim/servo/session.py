@@ -147,7 +147,7 @@ def serve(
     Raises
     ------
     InputError
-        If the speed is none.
+        If the speed is not a number above zero.
     """
     if speed is not None and not speed > 0:
         raise InputError(f"--speed is above 0, in simulated seconds per second, not {speed:g}")

@@ -187,7 +187,7 @@ def sweep(
 
 
 class _Counts:
-    """Counts of a sweep, told to whoever watches."""
+    """Counts of a sweep, for its progress bar."""
 
     def __init__(self, total: int, watch: Callable[[SweepProgress], None] | None) -> None:
         self.progress = SweepProgress(0, total, 0, 0)

@@ -47,7 +47,7 @@ def as_table(rows: Iterable[Mapping[str, Any]]) -> pa.Table:
 
 
 def _typed(name: str, values: list[Any]) -> tuple[list[Any], Any]:
-    """Return a column's values and type; what is neither number nor text is told as JSON."""
+    """Return a column's values and type; what is neither number nor text is written as JSON."""
     import pyarrow as pa
 
     if name in _WHOLE:
@@ -143,7 +143,7 @@ def _agreeing(tables: list[pa.Table]) -> list[pa.Table]:
 
 
 def journal_rows(folder: Path) -> list[dict[str, Any]]:
-    """Return the rows that stand in the journal; a last line that was cut off is none.
+    """Return the rows that stand in the journal; a last line that was cut off is skipped.
 
     Raises
     ------
@@ -175,7 +175,7 @@ RECORDINGS = "recordings"
 class Store:
     """Results of a sweep in a folder; only one process at a time adds to it.
 
-    A row is written to the journal and forced to the disk before `add` returns, so what has been told as done is
+    A row is written to the journal and forced to the disk before `add` returns, so what was reported as done is
     never done again, whenever the process dies. Full parts go into the dataset; the journal is emptied after that,
     and rows that stand in both count once.
 

@@ -107,7 +107,7 @@ def bounds(kind: str, name: str) -> dict[str, Bound]:
 
 
 def judge_trial(trial: Trial) -> Worth:
-    """Make a trial; a failure is told, not raised."""
+    """Make a trial; a failure is returned, not raised."""
     try:
         return _gains(trial) if trial.kind == "gains" else _training(trial)
     except Exception as error:  # whatever it is: the search goes on without this trial

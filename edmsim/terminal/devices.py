@@ -111,7 +111,7 @@ class Pipe:
         return data
 
     def write(self, data: bytes) -> None:
-        """Print; the CR before every LF is the business of whoever shows it."""
+        """Print; the display adds the CR before every LF."""
         view = memoryview(data.replace(b"\r\n", b"\n"))
         try:
             while view:

@@ -39,7 +39,7 @@ LEGEND = (
 
 
 def typed_keys(data: bytes) -> list[int]:
-    """Return the codes of the keys that were typed; what is none is passed over."""
+    """Return the codes of the keys that were typed; other characters are skipped."""
     codes, at = [], 0
     while at < len(data):
         size = 3 if data[at : at + 2] == b"\x1b[" else 1

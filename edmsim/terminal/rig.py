@@ -124,7 +124,7 @@ def moved(place_um: tuple[float, float], steps: Iterable[Step]) -> tuple[float, 
 
 
 def check_counts(planner: str) -> str:
-    """Refuse a planner that is none, or has no position counters, before anything moves."""
+    """Refuse an unknown planner, or one without position counters, before anything moves."""
     if not kind_of(planner).counts:
         counting = ", ".join(name for name, kind in PLANNERS.items() if kind.counts)
         raise InputError(f"the terminal's computer cannot count along with the planner {planner}: choose {counting}")
@@ -409,7 +409,7 @@ class Rig:
             self.plant.restore(before)
 
     def _obey_lines(self) -> None:
-        """Let the generator be what ports 4020H to 4022H say, whoever wrote them; it makes no pulses of no length."""
+        """Set the generator to what ports 4020H to 4022H hold; a length of 0 switches it off."""
         on = self.board.generator_on and all(self.board.codes)
         if on and self.computer.pulse_codes != self._codes:
             self._codes = self.computer.pulse_codes

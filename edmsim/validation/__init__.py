@@ -11,8 +11,8 @@ from edmsim.errors import InputError, one_of
 from edmsim.validation.rows import Check, Row
 
 MODULES = (
-    "ignition", "craters", "strings", "heat", "gas", "water", "corners", "pulse_ratios", "shorts", "cuts", "debris",
-    "lag", "breakage", "stable_rate", "quality", "ranges", "resolutions",
+    "ignition", "craters", "strings", "heat", "gas", "water", "corners", "taper", "pulse_ratios", "shorts", "cuts",
+    "debris", "lag", "breakage", "stable_rate", "quality", "ranges", "resolutions",
 )
 """Modules of this package that have ``CHECKS``; topics come in the order in which these first name them."""
 SEEDS = tuple(range(1, 9))

@@ -192,7 +192,7 @@ def test_what_a_file_does_not_have_is_told(law: Path, rest: str, told: str) -> N
 
 @pytest.mark.parametrize(("text", "told"), [
     ("def law(:", r"law.py:1: is no Python: invalid syntax"), ("x = 1\ny = x / 0\n", r"law.py:2: .*ZeroDivision"),
-    ("import lathe_of_nobody", r"law.py:1: fails when it is run: ModuleNotFoundError"), ("", "there is none"),
+    ("import lathe_of_nobody", r"law.py:1: fails when it is run: ModuleNotFoundError"), ("", "the file has no class"),
 ])  # fmt: skip
 def test_a_file_that_cannot_be_run_is_one_line(law: Path, text: str, told: str) -> None:
     law.write_text(text)

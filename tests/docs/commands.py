@@ -43,6 +43,7 @@ SHORT: dict[str, tuple[str, ...]] = {
     "console servo": (),
     "console positioner": (),
     "measure-table": ("--runs", "2"),
+    "find-guides": ("--height", "3", "--quiet"),
     "sweep": ("--processes", "1"),
     "tune": ("--trials", "1", "--seeds", "1"),
 }

@@ -189,7 +189,7 @@ class ProgramStore:
         Raises
         ------
         InputError
-            If the bytes are none.
+            If the bytes are not a program.
         """
         entries: list[Entry] = []
         address = self._first

@@ -50,7 +50,7 @@ def read_tape(text: bytes) -> Tape:
     Raises
     ------
     InputError
-        If a record is none, its checksum is wrong, or the end is missing; the line is named.
+        If a record is invalid, its checksum is wrong, or the end is missing; the line is named.
     """
     found: dict[int, int] = {}
     for number, line in enumerate(text.replace(b"\0", b"").splitlines(), 1):

@@ -95,7 +95,7 @@ def read_number(buffer: InputBuffer) -> int:
     Raises
     ------
     InputError
-        If it is none.
+        If it is invalid.
     """
     column, written = buffer.column, buffer.rest.decode("ascii")
     number = getnum(buffer)
@@ -111,7 +111,7 @@ def read_numbers(buffer: InputBuffer, count: int, what: str) -> list[int]:
     Raises
     ------
     InputError
-        If there are fewer (`what` says what is wanted) or one is none.
+        If there are fewer (`what` names them) or one is not a number.
     """
     numbers: list[int] = []
     while len(numbers) < count:
@@ -165,7 +165,7 @@ def read_setting(word: str, buffer: InputBuffer, codes: Codes) -> Setting:
 
 
 def check_speed(units: int) -> int:
-    """Return a cutting speed; raises `InputError` if it is none."""
+    """Return a cutting speed; raises `InputError` if it is invalid."""
     if not 1 <= units <= MAX_SPEED:
         raise InputError(f"SPEED is 1 to {MAX_SPEED} units, not {units}")
     return units
@@ -191,7 +191,7 @@ def read_program(lines: Iterable[bytes], codes: Codes) -> list[Entry]:
     Raises
     ------
     InputError
-        If a line is none of the words, END is missing, there is no move, or there are too many entries; the line is
+        If a line has an unknown word, END is missing, there is no move, or there are too many entries; the line is
         named.
     """
     entries: list[Entry] = []

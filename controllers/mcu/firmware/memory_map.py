@@ -47,7 +47,7 @@ START_AREAS = (
 )  # fmt: skip
 """The table of start values, and the data areas that INIT copies it into one after the other (row T-80).
 
-Position counters, targets and what the operator set are none of them: they outlive INIT (row T-A14).
+Position counters, targets and what the operator set are not among them: they outlive INIT (row T-A14).
 """
 PROGRAM, PROGRAM_ENTRIES, ENTRY_MOST_BYTES = 0x2180, 500, 9
 """The program from the host: so many entries (ours) of up to so many bytes each, and 00H behind the last."""

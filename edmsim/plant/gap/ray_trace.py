@@ -28,7 +28,7 @@ def _trace_ray(
     a: Arrays, tiles: NDArray[np.uint16], index: NDArray[np.int32], c: Constants, s: int, r: int, expected_um: float
 ) -> float:
     """Gap of one ray, looked for from shortly before where it is expected, from the wire on if there is no edge."""
-    cosine, sine = a.ray_cosine[r], a.ray_sine[r]
+    cosine, sine = a.reach_x[r], a.reach_y[r]
     x, y = a.reference_um[0, s], a.reference_um[1, s]
     least = c.radius_um - OVERLAP_UM
     start = max(least, c.radius_um + expected_um - AHEAD_UM)
@@ -52,6 +52,23 @@ def meets_metal(a: Arrays, c: Constants, s: int, r: int) -> bool:
 
 
 @compiled
+def tilt_rays(a: Arrays, slope_x: float, slope_y: float) -> None:
+    """Turn the rays into the plane square to a wire that leans by so much per height."""
+    rise2 = slope_x * slope_x + slope_y * slope_y
+    upright = 1.0 / math.sqrt(1.0 + rise2)
+    a.upright[0] = upright
+    # along the lean, a way in the slice's plane is 1 / cos of that square to the wire
+    longer = (1.0 / upright - 1.0) / rise2 if rise2 > 0.0 else 0.0
+    shorter = (1.0 - upright) / rise2 if rise2 > 0.0 else 0.0
+    for r in range(a.ray_cosine.shape[0]):
+        along = a.ray_cosine[r] * slope_x + a.ray_sine[r] * slope_y
+        a.reach_x[r] = a.ray_cosine[r] + longer * along * slope_x
+        a.reach_y[r] = a.ray_sine[r] + longer * along * slope_y
+        a.across_x[r] = a.ray_cosine[r] - shorter * along * slope_x
+        a.across_y[r] = a.ray_sine[r] - shorter * along * slope_y
+
+
+@compiled
 def retrace(
     a: Arrays, tiles: NDArray[np.uint16], index: NDArray[np.int32], c: Constants, place: Array, turn: int
 ) -> None:
@@ -68,11 +85,11 @@ def retrace(
             expected = -OVERLAP_UM
             if known:
                 if meets_metal(a, c, s, r):
-                    expected = a.edge_um[s, r] - dx * a.ray_cosine[r] - dy * a.ray_sine[r]
+                    expected = a.edge_um[s, r] - dx * a.across_x[r] - dy * a.across_y[r]
                 elif np.uint64(turn + r) % BLIND_TURNS != 0:
                     continue
             a.edge_um[s, r] = _trace_ray(a, tiles, index, c, s, r, expected)
-        face(rays, s, a.edge_um, c.range_um, a.ray_cosine, a.ray_sine)
+        face(rays, s, a.edge_um, c.range_um, a.across_x, a.across_y)
 
 
 @compiled
@@ -84,7 +101,7 @@ def weigh(a: Arrays, index: NDArray[np.int32], levels: NDArray[np.float32], c: C
         for r in range(a.ray_cosine.shape[0]):
             if meets_metal(a, c, s, r):
                 reach = np.float64(a.edge_um[s, r]) + inside
-                x, y = a.reference_um[0, s] + reach * a.ray_cosine[r], a.reference_um[1, s] + reach * a.ray_sine[r]
+                x, y = a.reference_um[0, s] + reach * a.reach_x[r], a.reference_um[1, s] + reach * a.reach_y[r]
                 a.ray_metal[s, r] = metal_height(index, levels, s, c.cell_um, x, y)
                 near = 1.0 / max(np.float64(a.edge_um[s, r]), 1.0)
                 sum_ += near * near * a.ray_metal[s, r]

@@ -18,7 +18,7 @@ from edmsim.plant.gap.bubble import BubbleLaw
 from edmsim.plant.gap.coverage import GasLaw, blow, fade, sum_up
 from edmsim.plant.gap.debris import mean_of_slices
 from edmsim.plant.gap.pulse_outcome import decide, deepest_contact, draw, leak_conductance, sum_rays, touch
-from edmsim.plant.gap.ray_trace import OVERLAP_UM, retrace, weigh
+from edmsim.plant.gap.ray_trace import OVERLAP_UM, retrace, tilt_rays, weigh
 from edmsim.plant.kernel.discharge import discharge, log_pulse, propagate_heat, short_circuit
 from edmsim.plant.kernel.state import (
     ARC,
@@ -46,7 +46,7 @@ from edmsim.plant.kernel.state import (
     Timing,
 )
 from edmsim.plant.mechanics.film import find_films, mean_film, mean_resistance, scale_film, squeeze
-from edmsim.plant.mechanics.modal import copy, kick, mean_deflection, move, place_wire, project, ring, ringing
+from edmsim.plant.mechanics.modal import copy, kick, lean, mean_deflection, move, place_wire, project, ring, ringing
 from edmsim.plant.mechanics.mujoco_axes import FullLink
 from edmsim.plant.mechanics.mujoco_loop import move_full
 from edmsim.plant.wire import HeatLaw
@@ -98,6 +98,10 @@ def _renew_rays(
     """Trace the rays from where the wire is now; before, carve what a former wire left on them."""
     if state[0].carved_pulses < state[0].pulses:
         _carve(state, window, a, tiles, index, c)
+    u, v = state[0].axis_um[2], state[0].axis_um[3]
+    if u != 0.0 or v != 0.0 or a.upright[0] != 1.0:
+        slope_x, slope_y = lean(a, c, u, v)
+        tilt_rays(a, slope_x, slope_y)
     retrace(a, tiles, index, c, position, state[0].traces)
     if levels.shape[0] != 0:
         weigh(a, index, levels, c)

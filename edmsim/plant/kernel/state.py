@@ -175,6 +175,10 @@ class Constants(NamedTuple):
     water_K: float
     worn_share_per_um3_us: float
     step_um: float
+    guides_um: float
+    lower_bend_um: float
+    upper_bend_um: float
+    guide_radius_um: float
 
 
 class Timing(NamedTuple):
@@ -310,6 +314,15 @@ class Arrays(NamedTuple):
     distance, cosine, sine, first, blocks, unbroken
         What the loop sees of the rays, see `rays.Rays`: ``edge_um`` without that craters took since.
     ray_cosine, ray_sine : float64 (rays,)
+        Directions of the rays square to the wire.
+    reach_x, reach_y : float64 (rays,)
+        Way in a slice's plane to a point 1 um along a ray of a wire that leans as when they were traced: the wire's
+        section there is an ellipse.
+    across_x, across_y : float64 (rays,)
+        By how much a ray's gap narrows where the wire moves along x and y, which is also the share of a force along
+        the ray that acts in the slice's plane.
+    upright : (1,)
+        Cosine of the angle between that wire and the vertical.
     shape : (slices, modes filled)
         Displacement of a slice per unit of modal coordinate.
     sway : (modes filled, slices filled)
@@ -324,6 +337,8 @@ class Arrays(NamedTuple):
         Mean square of the slices' speed per square of a coordinate's.
     height_share : (slices filled,)
         Height of a slice above the lower guide, as a share of the distance of the guides.
+    lean_share : (slices filled,)
+        Share of the upper guide's lead by which a slice is led: the same but for where the wire bends.
     carried_per_us : (slices,)
         Way of the water past a slice in 1 us, over that after which nothing is left of what prepares a breakdown.
     convection_W_m2K, critical_W_m2 : (slices,)
@@ -362,12 +377,18 @@ class Arrays(NamedTuple):
     unbroken: Annotated[NDArray[np.int64], Kept("slices", life=WALL)]
     ray_cosine: Annotated[Array, Kept("rays")]
     ray_sine: Annotated[Array, Kept("rays")]
+    reach_x: Annotated[Array, Kept("rays", life=WALL)]
+    reach_y: Annotated[Array, Kept("rays", life=WALL)]
+    across_x: Annotated[Array, Kept("rays", life=WALL)]
+    across_y: Annotated[Array, Kept("rays", life=WALL)]
+    upright: Annotated[Array, Kept(1, life=WALL)]
     shape: Annotated[Array, Kept("slices", "modes")]
     sway: Annotated[Array, Kept("modes", "slices_filled")]
     mean_shape: Annotated[Array, Kept("modes")]
     slice_mass_kg: Annotated[Array, Kept("slices")]
     mobility: Annotated[Array, Kept("modes")]
     inertia: Annotated[Array, Kept("modes")]
+    lean_share: Annotated[Array, Kept("slices_filled", life=WALL)]
     height_share: Annotated[Array, Kept("slices_filled")]
     carried_per_us: Annotated[Array, Kept("slices")]
     convection_W_m2K: Annotated[Array, Kept("slices")]

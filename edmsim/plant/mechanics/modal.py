@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
 from edmsim.compiled.jit import compiled
 from edmsim.compiled.vectors import COORDINATES, load, spread, store, total
-from edmsim.plant.kernel.state import Array, Arrays, Propagators
+from edmsim.plant.kernel.state import Array, Arrays, Constants, Propagators
 
 
 @compiled
@@ -18,6 +20,29 @@ def copy(to: Array, of: Array) -> None:
             store(to, (axis, m), load(of, (axis, m)))
 
 
+BENDS = 3
+"""How often the wire's angle and the places where it bends are worked out from each other (ours): each time the error
+falls by a hundred."""
+
+
+@compiled
+def lean(a: Arrays, c: Constants, u_um: float, v_um: float) -> tuple[float, float]:
+    """Lay a wire between guides of which the upper one leads; return by how much it leans per height, along x and y.
+
+    It bends inside the guides: where its stiffness lets it, and further in, the more it leans, round their edges.
+    """
+    lead = math.hypot(u_um, v_um)
+    lower, upper = c.lower_bend_um, c.upper_bend_um
+    for _ in range(BENDS):
+        rise = lead / (c.guides_um - lower - upper)
+        round_um = c.guide_radius_um * rise / (1.0 + math.sqrt(1.0 + rise * rise))  # tan of half the angle
+        lower, upper = c.lower_bend_um + round_um, c.upper_bend_um + round_um
+    between = c.guides_um - lower - upper
+    for s in range(a.shape.shape[0]):
+        a.lean_share[s] = (a.height_share[s] * c.guides_um - lower) / between
+    return u_um / between, v_um / between
+
+
 @compiled
 def place_wire(state: NDArray[np.void], a: Arrays, position: Array) -> None:
     """Wire position on the workpiece, per slice: the line between the guides, ringing of the table, deflection.
@@ -26,15 +51,15 @@ def place_wire(state: NDArray[np.void], a: Arrays, position: Array) -> None:
     """
     n_modes, filled = a.sway.shape
     for axis in range(2):
-        start, lean = state[0].axis_um[axis] + ringing(a, axis), state[0].axis_um[2 + axis]
+        start, lead = state[0].axis_um[axis] + ringing(a, axis), state[0].axis_um[2 + axis]
         for s in range(0, filled, COORDINATES):
             place = spread(start)
             for m in range(n_modes):
                 place += load(a.sway, (m, s)) * a.wire_q[axis, m]
             store(position, (axis, s), place)
-        if lean != 0.0:
+        if lead != 0.0:
             for s in range(0, filled, COORDINATES):
-                store(position, (axis, s), load(position, (axis, s)) + load(a.height_share, (s,)) * lean)
+                store(position, (axis, s), load(position, (axis, s)) + load(a.lean_share, (s,)) * lead)
 
 
 @compiled
@@ -44,8 +69,8 @@ def place_slice(state: NDArray[np.void], a: Arrays, position: Array, s: int) -> 
         deflection = spread(0.0)
         for m in range(0, a.shape.shape[1], COORDINATES):
             deflection += load(a.shape, (s, m)) * load(a.wire_q, (axis, m))
-        lean = a.height_share[s] * state[0].axis_um[2 + axis]
-        position[axis, s] = state[0].axis_um[axis] + ringing(a, axis) + lean + total(deflection)
+        led = a.lean_share[s] * state[0].axis_um[2 + axis]
+        position[axis, s] = state[0].axis_um[axis] + ringing(a, axis) + led + total(deflection)
 
 
 @compiled

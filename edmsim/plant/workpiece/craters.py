@@ -93,11 +93,15 @@ def _carve_ray(
     """Take `parts` from the wall a ray stands for, `aside` ray spacings beside it; returns the parts not found."""
     near = c.radius_um + np.float64(a.edge_um[s, r])
     width = near * (2.0 * math.pi / a.ray_cosine.shape[0])
-    cosine, sine = a.ray_cosine[r], a.ray_sine[r]
+    cosine, sine = a.across_x[r], a.across_y[r]
+    x, y = a.reference_um[0, s], a.reference_um[1, s]
+    if a.upright[0] != 1.0:  # in the slice's plane the wall is not square to the ray
+        width /= a.upright[0]
+        x += near * (a.reach_x[r] - cosine)
+        y += near * (a.reach_y[r] - sine)
     return carve_wall(
-        tiles, index, s, c.cell_um, a.reference_um[0, s] - aside * width * sine,
-        a.reference_um[1, s] + aside * width * cosine, cosine, sine, near, c.carve_before_um, PROUD_UM,
-        CARVE_BEYOND_UM, width, parts,
+        tiles, index, s, c.cell_um, x - aside * width * sine, y + aside * width * cosine, cosine, sine, near,
+        c.carve_before_um, PROUD_UM, CARVE_BEYOND_UM, width, parts,
     )
 
 

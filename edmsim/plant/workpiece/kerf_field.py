@@ -152,6 +152,13 @@ class KerfField:
 
         With `lean_um`, of all points between the point and the one that lies so much further along x and y.
         """
+        pieces = max(1, math.ceil(max(abs(lean) for lean in lean_um) / (4 * self.cell_um * TILE)))
+        if pieces > 1:  # a rectangle about a long way aslant would be mostly empty
+            u, v = (lean / pieces for lean in lean_um)
+            new = False
+            for k in range(pieces):
+                new |= self.allocate(x_um + k * u, y_um + k * v, reach_um, (u, v))
+            return new
         side = self.cell_um * TILE
         last = self.index.shape[0] - 1
         (x0, x1), (y0, y1) = (

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 import shapely
 
-from edmsim.program.path import CutPath
-from edmsim.recording.figures.palette import BLUE, GREEN, INK, METAL, MUTED
+from edmsim.program.path import CutPath, WireContour
+from edmsim.recording.figures.palette import BLUE, GREEN, INK, METAL, MUTED, VERMILION
 from edmsim.recording.figures.profile import quiet
 
 if TYPE_CHECKING:
@@ -17,6 +17,8 @@ if TYPE_CHECKING:
 
 _ARROWS = 4
 """Arrows on a contour: enough to see which way it is cut."""
+_WIRES = 150
+"""Places at which a leaning wire is drawn."""
 
 
 def path_figure(path: CutPath, title: str, kerf_um: float) -> Figure:
@@ -37,17 +39,23 @@ def path_figure(path: CutPath, title: str, kerf_um: float) -> Figure:
     from edmsim.recording.figures.canvas import NotebookFigure
 
     figure = NotebookFigure(figsize=(9.0, 8.0), dpi=130, facecolor="white", layout="none")
-    axes = figure.add_axes((0.09, 0.08, 0.88, 0.82))
+    leans = any(contour.lean is not None for contour in path.contours)
+    axes = figure.add_axes((0.09, 0.08, 0.88, 0.80 if leans else 0.82))
     quiet(axes)
     axes.grid(visible=False)
     axes.set_aspect("equal", adjustable="datalim")
     _draw_blank(axes, path, kerf_um)
     for number, contour in enumerate(path.contours):
-        edge = contour.nominal_mm - path.origin_mm
-        axes.plot(*edge.T, color=INK, linewidth=0.9, zorder=4, label="edge as drawn" if number == 0 else None)
+        faces = _faces(contour)
+        for name, (edge_colour, way_colour), face in faces:
+            edge, way = face.nominal_mm - path.origin_mm, face.points_um / 1e3 - path.origin_mm
+            labels = (f"edge as drawn{name}", f"wire's centre{name}") if number == 0 else (None, None)
+            axes.plot(*edge.T, color=edge_colour, linewidth=0.9, zorder=4, label=labels[0])
+            axes.plot(*way.T, color=way_colour, linewidth=0.9, zorder=3, label=labels[1])
+            _draw_arrows(axes, way)
+        if len(faces) == 2:
+            _draw_wires(axes, *(face.points_um / 1e3 - path.origin_mm for _, _, face in faces))
         way = contour.points_um / 1e3 - path.origin_mm
-        axes.plot(*way.T, color=BLUE, linewidth=0.9, zorder=3, label="wire's centre" if number == 0 else None)
-        _draw_arrows(axes, way)
         axes.annotate(
             str(number + 1), way[0], xytext=(8, 8), textcoords="offset points", fontsize=9, color=GREEN, zorder=6
         )
@@ -55,9 +63,33 @@ def path_figure(path: CutPath, title: str, kerf_um: float) -> Figure:
     axes.plot(*starts.T, "^", color=GREEN, markeredgecolor="white", zorder=6, label="start hole")
     axes.set_xlabel("X of the program, mm", fontsize=9, color=MUTED)
     axes.set_ylabel("Y of the program, mm", fontsize=9, color=MUTED)
-    axes.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=5, frameon=False, fontsize=8.5, labelcolor=INK)
+    axes.legend(
+        loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=4 if leans else 5, frameon=False, fontsize=8.5,
+        labelcolor=INK,
+    )
     figure.text(0.09, 0.955, title, fontsize=14, fontweight="bold", color=INK)
     return figure
+
+
+def _faces(contour: WireContour) -> list[tuple[str, tuple[str, str], WireContour]]:
+    """Return names, colours of edge and way, and contours of the faces on which a contour is drawn."""
+    if contour.lean is None:
+        return [("", (INK, BLUE), contour)]
+    return [
+        (", below", (INK, BLUE), contour.at_height(0.0)),
+        (", above", (MUTED, VERMILION), contour.at_height(contour.lean.height_mm)),
+    ]
+
+
+def _draw_wires(axes: Axes, below: np.ndarray, above: np.ndarray) -> None:
+    """Draw the wire in some places, from the lower face to the upper one."""
+    from matplotlib.collections import LineCollection
+
+    passed = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff((below + above) / 2, axis=0).T))])
+    at = np.linspace(0.0, passed[-1], _WIRES)
+    ends = [np.stack([np.interp(at, passed, column) for column in way.T], axis=1) for way in (below, above)]
+    wires = LineCollection(list(np.stack(ends, axis=1)), color=GREEN, linewidth=0.4, zorder=3, label="wire")
+    axes.add_collection(wires)
 
 
 def _draw_blank(axes: Axes, path: CutPath, kerf_um: float) -> None:
@@ -68,7 +100,10 @@ def _draw_blank(axes: Axes, path: CutPath, kerf_um: float) -> None:
     (x0, y0, x1, y1), (dx, dy) = path.stock_mm, path.origin_mm
     blank = Rectangle((x0 - dx, y0 - dy), x1 - x0, y1 - y0, facecolor=METAL, edgecolor=MUTED, linewidth=0.8, zorder=0)
     axes.add_patch(blank)
-    ways = [shapely.LineString(contour.points_um / 1e3 - path.origin_mm) for contour in path.contours]
+    ways = [
+        shapely.LineString(face.points_um / 1e3 - path.origin_mm)
+        for contour in path.contours for _, _, face in _faces(contour)
+    ]
     kerf = shapely.union_all([way.buffer(kerf_um / 2e3) for way in ways])
     for number, polygon in enumerate(shapely.get_parts(kerf)):
         rings = [MplPath(shapely.get_coordinates(ring), closed=True) for ring in shapely.get_rings(polygon)]

@@ -310,6 +310,11 @@ def _draw_metal(axes: Axes, scene: Scene) -> None:
     )
     nominal.set_label("nominal edge")
     axes.add_collection(nominal, autolim=False)
+    for face, (colour, name) in enumerate(((BLUE, "edge below"), (VERMILION, "edge above"))):
+        if scene.walls_mm:
+            drawn = _lines([wall[face] for wall in scene.walls_mm], color=colour, linewidth=0.7, zorder=4)
+            drawn.set_label(name)
+            axes.add_collection(drawn, autolim=False)
     _draw_steps(axes, scene)
 
 

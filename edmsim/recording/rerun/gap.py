@@ -64,6 +64,11 @@ def log_discharges(recording: rr.RecordingStream, scene: Scene, closeups: Closeu
     known, place = discharges(closeups, scene.wire_diameter_um / 2)
     n_slices = closeups["deflection_um"].shape[1]
     z_mm = scene.height_mm * (closeups["pulses"]["slice"] + 0.5) / n_slices
+    if scene.lead is not None:  # places are those at mid height
+        led = scene.lead_mm(closeups["path_um"], scene.height_mm * (np.arange(n_slices) + 0.5) / n_slices)
+        led -= scene.lead_mm(closeups["path_um"], np.array([0.5 * scene.height_mm]))
+        at_slice = np.clip(closeups["pulses"]["slice"], 0, n_slices - 1).astype(np.int64)[..., None]
+        place = place + 1e3 * np.take_along_axis(led, at_slice, axis=1)
     points: list[NDArray[np.float32]] = []
     colours: list[NDArray[np.uint8]] = []
     radii: list[NDArray[np.float32]] = []

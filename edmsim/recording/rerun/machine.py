@@ -6,6 +6,7 @@ The world is the machine: wire and guides stand still, the table with the workpi
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import pairwise
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -144,7 +145,8 @@ class Growth(NamedTuple):
 def growing_kerf(scene: Scene, places_um: NDArray[np.float64], path_um: NDArray[np.float64]) -> Growth:
     """Return the workpiece's solid at up to `KERF_FRAMES` times of a cut.
 
-    The kerf is the finished cut's at mid height, uncovered as far as the wire's rays reach from where it has been.
+    The kerf is the finished cut's at mid height, uncovered as far as the wire's rays reach from where it has been;
+    that of a leaning wire is drawn slice by slice.
 
     Parameters
     ----------
@@ -154,19 +156,45 @@ def growing_kerf(scene: Scene, places_um: NDArray[np.float64], path_um: NDArray[
     path_um : array (windows,)
         Place along the wire path.
     """
-    kerf, tolerance = _kerf(scene)
-    faces = _faces(scene)
-    reach = scene.wire_diameter_um / 2000.0 + RAY_RANGE_UM / 1000.0
+    faces, reach = _faces(scene), scene.wire_diameter_um / 2000.0 + RAY_RANGE_UM / 1000.0
+    layers = _layers(scene)
+    known = [_kerf(scene, layer.number, KERF_POINTS // len(layers)) for layer in layers]
     rows, solids = [0], [_solid(faces)]
-    swept: BaseGeometry = shapely.Polygon()
+    swept: list[BaseGeometry] = [shapely.Polygon()] * len(layers)
     ahead = np.maximum.accumulate(path_um) if len(path_um) else path_um
-    for first, last in _steps(ahead):
-        line = _way(places_um[max(first - 1, 0) : last + 1], path_um[max(first - 1, 0) : last + 1])
-        swept = swept.union(line.simplify(0.002).buffer(reach, quad_segs=4)).simplify(0.001)
-        cut = kerf.intersection(swept)  # again from the whole kerf: taken piece by piece it would leave slivers
+    for first, last in _steps(ahead, KERF_FRAMES // len(layers)):
+        part, parts = slice(max(first - 1, 0), last + 1), []
+        for k, (layer, (kerf, _)) in enumerate(zip(layers, known, strict=True)):
+            led_um = 1e3 * scene.lead_mm(path_um[part], np.array([layer.middle_mm]))[:, 0]
+            line = _way(places_um[part] + led_um, path_um[part])
+            swept[k] = swept[k].union(line.simplify(0.002).buffer(reach, quad_segs=4)).simplify(0.001)
+            # again from the whole kerf: taken piece by piece it would leave slivers
+            cut = kerf.intersection(swept[k])
+            uncut = [(face.difference(cut), height) for face, height in faces]
+            parts.append(_solid(uncut, layer.low_mm, layer.high_mm))
         rows.append(last)
-        solids.append(_solid([(face.difference(cut), height) for face, height in faces]))
-    return Growth(np.array(rows), tuple(solids), tolerance)
+        solids.append(joined(parts))
+    return Growth(np.array(rows), tuple(solids), max(tolerance for _, tolerance in known))
+
+
+class _Layer(NamedTuple):
+    """A part of the workpiece's height that is drawn with the kerf of one slice."""
+
+    number: int
+    low_mm: float
+    high_mm: float
+
+    @property
+    def middle_mm(self) -> float:
+        return 0.5 * (self.low_mm + self.high_mm)
+
+
+def _layers(scene: Scene) -> list[_Layer]:
+    """Return the layers: one where the wire is vertical, else a slice each."""
+    if scene.lead is None:
+        return [_Layer(scene.middle_slice() if scene.cut_edges_mm else 0, 0.0, scene.height_mm)]
+    edges = np.linspace(0.0, scene.height_mm, len(scene.cut_edges_mm) + 1).tolist()
+    return [_Layer(number, *ends) for number, ends in enumerate(pairwise(edges))]
 
 
 def _way(places_um: NDArray[np.float64], path_um: NDArray[np.float64]) -> BaseGeometry:
@@ -177,25 +205,25 @@ def _way(places_um: NDArray[np.float64], path_um: NDArray[np.float64]) -> BaseGe
     ])  # fmt: skip
 
 
-def _steps(ahead_um: NDArray[np.float64]) -> list[tuple[int, int]]:
-    """Return the first and last window of pieces of path that are about equally long."""
+def _steps(ahead_um: NDArray[np.float64], most: int) -> list[tuple[int, int]]:
+    """Return the first and last window of at most so many pieces of path that are about equally long."""
     if len(ahead_um) == 0 or ahead_um[-1] <= ahead_um[0]:
         return []
-    steps = int(np.clip((ahead_um[-1] - ahead_um[0]) / KERF_STEP_UM, 1, KERF_FRAMES))
+    steps = int(np.clip((ahead_um[-1] - ahead_um[0]) / KERF_STEP_UM, 1, most))
     marks = np.linspace(ahead_um[0], ahead_um[-1], steps + 1)[1:]
     ends = np.unique(np.minimum(np.searchsorted(ahead_um, marks), len(ahead_um) - 1))
     return list(zip([0, *(ends[:-1] + 1).tolist()], ends.tolist(), strict=True))
 
 
-def _kerf(scene: Scene) -> tuple[BaseGeometry, float]:
-    """Return what was cut at mid height, thinned to a number of points that can be drawn often."""
+def _kerf(scene: Scene, number: int, most_points: int) -> tuple[BaseGeometry, float]:
+    """Return what was cut in a slice, thinned to a number of points that can be drawn often."""
     if not scene.cut_edges_mm:
         return shapely.Polygon(), _FINEST_MM
-    rings = [line for line in scene.cut_edges_mm[scene.middle_slice()] if len(line) > 3]
+    rings = [line for line in scene.cut_edges_mm[number] if len(line) > 3]
     kerf = shapely.make_valid(filled(MultiLineString(rings)))
     tolerance = _FINEST_MM
     thin = kerf.simplify(tolerance)
-    while shapely.get_num_coordinates(thin) > KERF_POINTS and tolerance < scene.wire_diameter_um / 4000.0:
+    while shapely.get_num_coordinates(thin) > most_points and tolerance < scene.wire_diameter_um / 4000.0:
         tolerance *= 2
         thin = kerf.simplify(tolerance)
     return thin, tolerance
@@ -209,12 +237,15 @@ def _faces(scene: Scene) -> list[tuple[BaseGeometry, float]]:
     return [(shapely.make_valid(face).difference(holes), height) for face, height in faces]
 
 
-def _solid(faces: Sequence[tuple[BaseGeometry, float]]) -> Mesh:
+def _solid(faces: Sequence[tuple[BaseGeometry, float]], low_mm: float = 0.0, high_mm: float = np.inf) -> Mesh:
+    """Return the solid under faces with their heights, between two heights."""
     solids = []
     for face, height in faces:
+        if height <= low_mm:
+            continue
         polygons = [part for part in shapely.get_parts(face) if part.geom_type == "Polygon"]  # no stray lines
         if polygons:
-            solids.append(prism(shapely.MultiPolygon(polygons), 0.0, height))
+            solids.append(prism(shapely.MultiPolygon(polygons), low_mm, min(height, high_mm)))
     return joined(solids)
 
 
@@ -356,8 +387,9 @@ def log_drawing(recording: rr.RecordingStream, scene: Scene) -> None:
     steps = [strip for t in scene.terraces for strip in at_height(t.outlines_mm, t.height_mm)]
     log_lines(recording, "world/table/steps", steps, palette.LINE)
     nominal = [m.nominal_mm for m in scene.maps]
-    for name, z_mm in (("bottom", 0.0), ("top", height)):
-        log_lines(recording, f"world/table/nominal/{name}", at_height(nominal, z_mm), palette.GREEN)
+    for face, (name, z_mm) in enumerate((("bottom", 0.0), ("top", height))):
+        drawn = [wall[face] for wall in scene.walls_mm] or nominal
+        log_lines(recording, f"world/table/nominal/{name}", at_height(drawn, z_mm), palette.GREEN)
     last, middle = len(scene.cut_edges_mm) - 1, scene.middle_slice()
     # The outer slices are drawn on the faces, to lie in one plane with the drawing.
     for name, index, z_mm in (("bottom", 0, 0.0), ("middle", middle, scene.middle_mm()), ("top", last, height)):
@@ -476,5 +508,6 @@ def wire_strips(scene: Scene, shapes: Shapes, factor: float) -> NDArray[np.float
     )
     strips = np.zeros((len(shapes), n + 2, 3), np.float32)
     strips[:, 1:-1, :2] = shapes.deflection_um * (factor / 1000.0)
+    strips[:, :, :2] += scene.lead_mm(shapes.path_um, z_mm)
     strips[:, :, 2] = z_mm
     return strips

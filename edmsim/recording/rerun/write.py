@@ -185,11 +185,12 @@ def write_recording(
         recording.log(MADE_BY, rr.TextDocument(json.dumps(made)), static=True)
         tolerance_mm = _log_machine(recording, scene, windows, machine, shapes, factor)
         log_gap.log_discharges(recording, scene, kept)
-        log_gap.log_gap(recording, scene, kept)
+        above = _at_mid_height(scene, kept)
+        log_gap.log_gap(recording, scene, above)
         log_gap.log_scope(recording, kept)
         log_gas.log_coverage(recording, scene, shapes)
         log_gas.log_bubbles(recording, scene, shapes, log_gas.travel_at(windows, shapes.t_s), factor)
-        log_gas.log_top_bubbles(recording, scene, kept)
+        log_gas.log_top_bubbles(recording, scene, above)
         told = events(windows, scene, report)
         group = _log_series(recording, windows, np.array([event.row for event in told], np.int64))
         _log_events(recording, windows, told)
@@ -205,6 +206,15 @@ def write_recording(
             ),
             static=True,
         )
+
+
+def _at_mid_height(scene: Scene, closeups: NDArray[np.void]) -> NDArray[np.void]:
+    """Return close-ups whose guides' axis is where a wire that leans would be at mid height without deflection."""
+    if scene.lead is None:
+        return closeups
+    found = closeups.copy()
+    found["guides_um"] += 1e3 * scene.lead_mm(closeups["path_um"], np.array([0.5 * scene.height_mm]))[:, 0]
+    return found
 
 
 def _log_machine(

@@ -201,7 +201,7 @@ def test_a_loop_without_wait_ends_its_pass():
         ("Bxis:setpos = 1", "Bxis is no device"), ("a = (1", "a bracket is not closed"),
         ("a = 1)", "')' is left over"),
         ("a = 1 +", "an expression ends early"), ("a = * 2", "'*' is no value"),
-        ("a = 1.5", "is none of QCL's words"),
+        ("a = 1.5", "is not a word of QCL"),
         ("IF a", "IF without ENDIF"), ("ENDIF", "ENDIF without IF"), ("ELSE", "ELSE without IF"),
         ("JUMP AWAY", "no label 'away'"), ("M:\nM:", "stands twice"), ("WAIT", "an expression ends early"),
     ],

@@ -1,0 +1,284 @@
+"""Planners of a wire that leans: x and y move the lower guide, u and v the upper one relative to it.
+
+`exact` plans all four alike. The planners that count plan x and y, and u and v follow along the path, step by step:
+their arithmetic knows two axes. Feeds and lengths are those of a path whose moves are as long as those of the faster
+face of the workpiece.
+"""
+
+from __future__ import annotations
+
+import bisect
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from edmsim.controllers.mcu.firmware.poscal import STEP_UM, Unit
+from edmsim.controllers.planner.exact import FINE_PER_UM
+from edmsim.controllers.planner.protocol import Planner, PlannerState
+from edmsim.controllers.planner.record import EXACT, LITERAL
+from edmsim.controllers.planner.registry import kind_of, make_planner
+from edmsim.controllers.protocols import Step
+from edmsim.errors import InputError
+
+Floats = NDArray[np.float64]
+
+MOST_LEAD = 4.0
+"""A follower goes so many times as far as what it follows, at most (ours): so many of its steps then fall between two
+of the others."""
+
+
+def check_lead(name: str, points_um: ArrayLike, lead_um: ArrayLike) -> None:
+    """Refuse a path on which u and v cannot follow x and y as a planner moves them.
+
+    Parameters
+    ----------
+    name : str
+        Of the planner.
+    points_um, lead_um : arrays (n, 2)
+        Corners of the path of the lower guide, and u and v there.
+
+    Raises
+    ------
+    InputError
+        Where, and what to choose.
+    """
+    kind, instead = kind_of(name), "choose the planner exact (--planner exact)"
+    if kind.number == LITERAL:
+        raise InputError(f"the planner {name} moves two axes, and this wire leans: {instead}, or poscal")
+    if kind.number == EXACT:
+        return
+    way = np.hypot(*np.diff(np.asarray(points_um, np.float64), axis=0).T)
+    led = np.hypot(*np.diff(np.asarray(lead_um, np.float64), axis=0).T)
+    k = int(np.argmax(led - MOST_LEAD * way))
+    if led[k] > MOST_LEAD * way[k] + 1.0:
+        x, y = np.asarray(points_um, np.float64)[k] * 1e-3
+        raise InputError(
+            f"the planner {name} lets u and v follow x and y, {MOST_LEAD:g} times as far at most: at x {x:.3f} "
+            f"y {y:.3f} mm the lower guide goes {way[k] * 1e-3:.3f} mm, the upper one {led[k] * 1e-3:.3f} mm more; "
+            f"{instead}"
+        )
+
+
+def make_leaning_planner(
+    name: str, points_um: ArrayLike, lead_um: ArrayLike, along_um: ArrayLike, unit: Unit = "um",
+    step_um: float = STEP_UM,
+) -> Planner:
+    """Make a planner for the path of a wire that leans.
+
+    Parameters
+    ----------
+    name : str
+        See `make_planner`.
+    points_um, lead_um : arrays (n, 2)
+        Corners of the path of the lower guide, and u and v there.
+    along_um : array (n,)
+        Length of path up to every corner, rising.
+    unit, step_um
+        See `make_planner`.
+
+    Raises
+    ------
+    InputError
+        As `make_planner` and `check_lead`.
+    """
+    check_lead(name, points_um, lead_um)
+    places = np.concatenate([np.asarray(points_um, np.float64), np.asarray(lead_um, np.float64)], axis=1)
+    along = np.asarray(along_um, np.float64)
+    if kind_of(name).number == EXACT:
+        return ExactAxes(places, along, step_um)
+    return Following(name, places, along, unit, step_um)
+
+
+class ExactAxes:
+    """An ideal line through points of several axes: all move evenly between two of them.
+
+    Parameters
+    ----------
+    places_um : float64 array (n, axes)
+    along_um : float64 array (n,)
+        Length of path up to every point.
+    step_um : float
+        Travel of a motor step.
+    """
+
+    speed_unit_nm_s = 1.0
+    max_feed_um_s = math.inf
+
+    def __init__(self, places_um: Floats, along_um: Floats, step_um: float) -> None:
+        kept = np.concatenate([[True], np.diff(along_um) > 0.0])
+        if kept.sum() < 2:
+            raise InputError("a path needs two different points, not 1")
+        self._along: list[float] = along_um[kept].tolist()
+        self._step_um = step_um
+        grid = np.floor(places_um[0] / step_um + 0.5)  # the start lies on the grid of steps, whichever that is
+        self._from = places_um[0].tolist()
+        self._steps: list[list[float]] = (places_um[kept] / step_um - (places_um[0] / step_um - grid)).tolist()
+        self._first: list[int] = grid.astype(int).tolist()
+        self._counts = [0] * len(self._first)
+        self._behind = 0
+
+    @property
+    def position_um(self) -> tuple[float, float]:
+        """Position counters of x and y in um."""
+        x, y = (self._from[axis] + self._counts[axis] * self._step_um for axis in (0, 1))
+        return (int(x) if x == int(x) else x, int(y) if y == int(y) else y)
+
+    @property
+    def path_um(self) -> float:
+        """Length travelled along the path in um."""
+        return self._behind / FINE_PER_UM
+
+    @property
+    def _end(self) -> int:
+        return math.floor(self._along[-1] * FINE_PER_UM)
+
+    @property
+    def done(self) -> bool:
+        """Whether the path's end is reached."""
+        return self._behind >= self._end
+
+    def advance(self, start_ns: int, end_ns: int, speed_units: int) -> list[Step]:
+        """Steps in a window of time; see `Planner.advance`."""
+        if end_ns < start_ns:
+            raise InputError(f"a window must not end before it starts, but {end_ns} ns is before {start_ns} ns")
+        feed, place = speed_units * 1e-3, self._behind / FINE_PER_UM
+        end = min(max(place + feed * (end_ns - start_ns) * 1e-9, 0.0), self._along[-1])
+        found: list[Step] = []
+        for at_um, axis, direction in self._crossings(place, end):
+            late_ns = math.ceil(abs(at_um - place) / abs(feed) * 1e9) if feed else 0
+            time_ns = max(start_ns + late_ns, found[-1].time_ns if found else start_ns)
+            if time_ns >= end_ns:
+                break  # the next window begins with it
+            self._counts[axis] += direction
+            found.append(Step(time_ns, axis, direction))
+        self._behind = min(max(self._behind + speed_units * (end_ns - start_ns), 0), self._end)
+        return found
+
+    def _crossings(self, place_um: float, end_um: float) -> list[tuple[float, int, int]]:
+        """Return where between two lengths an axis passes the middle between two steps, in order of passing."""
+        forward, found = end_um >= place_um, []
+        here = [first + count for first, count in zip(self._first, self._counts, strict=True)]
+        k = min(max(bisect.bisect_right(self._along, place_um) - 1, 0), len(self._along) - 2)
+        while True:
+            low, high = self._along[k], self._along[k + 1]
+            there = min(end_um, high) if forward else max(end_um, low)
+            passed = []
+            for axis, (a, b) in enumerate(zip(self._steps[k], self._steps[k + 1], strict=True)):
+                goal = math.floor(a + (b - a) * ((there - low) / (high - low)) + 0.5)
+                direction = 1 if goal > here[axis] else -1
+                for count in range(here[axis], goal, direction):
+                    edge = count + 0.5 * direction
+                    at = low + (edge - a) / (b - a) * (high - low) if b != a else place_um
+                    passed.append((min(max(at, low), high), axis, direction))
+                here[axis] = goal
+            found += sorted(passed, key=lambda step: step[0] if forward else -step[0])
+            if there == end_um or (forward and k == len(self._along) - 2) or (not forward and k == 0):
+                return found
+            k += 1 if forward else -1
+
+    def snapshot(self) -> PlannerState:
+        """Everything that changes while running."""
+        return {"behind": self._behind, "counts": list(self._counts)}
+
+    def restore(self, state: PlannerState) -> None:
+        """Continue where `snapshot` was taken."""
+        self._behind, self._counts = int(state["behind"]), [int(count) for count in state["counts"]]
+
+
+class Following:
+    """A planner of x and y whose steps u and v follow.
+
+    Parameters
+    ----------
+    name : str
+        Of the planner.
+    places_um : float64 array (n, 4)
+    along_um : float64 array (n,)
+    unit, step_um
+        See `make_planner`.
+    """
+
+    def __init__(self, name: str, places_um: Floats, along_um: Floats, unit: Unit, step_um: float) -> None:
+        ways = np.hypot(*np.diff(places_um[:, :2], axis=0).T)
+        kept = np.concatenate([[True], ways > 0.0])
+        self._planner = make_planner(name, places_um[kept, :2], unit=unit, step_um=step_um)
+        self._way_um: Floats = np.concatenate([[0.0], np.cumsum(ways[ways > 0.0])])
+        self._along_um = along_um[kept]
+        self._along_um[-1] = along_um[-1]
+        self._leads = places_um[kept, 2:]
+        self._leads[-1] = places_um[-1, 2:]
+        self._step_um = step_um
+        self._led: list[int] = np.rint(places_um[0, 2:] / step_um).astype(int).tolist()
+        kind = kind_of(name)
+        self._most = kind.max_speed or 0
+
+    @property
+    def speed_unit_nm_s(self) -> float:
+        """Unit of the path speed in nm/s."""
+        return self._planner.speed_unit_nm_s
+
+    @property
+    def max_feed_um_s(self) -> float:
+        """Greatest path speed in um/s."""
+        return self._planner.max_feed_um_s
+
+    @property
+    def position_um(self) -> tuple[float, float]:
+        """Position counters of x and y in um."""
+        return self._planner.position_um
+
+    @property
+    def path_um(self) -> float:
+        """Length travelled along the path in um."""
+        return float(np.interp(self._planner.path_um, self._way_um, self._along_um))
+
+    @property
+    def done(self) -> bool:
+        """Whether the path's end is reached."""
+        return self._planner.done
+
+    def advance(self, start_ns: int, end_ns: int, speed_units: int) -> list[Step]:
+        """Steps in a window of time; see `Planner.advance`."""
+        before_um = self._planner.path_um
+        steps = self._planner.advance(start_ns, end_ns, self._speed(before_um, speed_units))
+        if not steps:
+            return steps
+        after_um, found, since_ns = self._planner.path_um, [], start_ns
+        for number, step in enumerate(steps, 1):
+            found += self._follow(before_um + (after_um - before_um) * number / len(steps), since_ns, step.time_ns)
+            found.append(step)
+            since_ns = step.time_ns
+        return found
+
+    def _speed(self, way_um: float, speed_units: int) -> int:
+        """Return the speed of x and y at which the path is followed at a speed, in whole units."""
+        k = min(max(int(np.searchsorted(self._way_um, way_um, side="right")) - 1, 0), len(self._way_um) - 2)
+        along = self._along_um[k + 1] - self._along_um[k]
+        share = (self._way_um[k + 1] - self._way_um[k]) / along if along > 0 else 1.0
+        units = min(round(abs(speed_units) * share), self._most) if speed_units else 0
+        units = max(units, 1) if speed_units else 0
+        return units if speed_units >= 0 else -units
+
+    def _follow(self, way_um: float, since_ns: int, time_ns: int) -> list[Step]:
+        """Return the steps of u and v up to a length of the way of x and y, evenly in time."""
+        moves = []
+        for axis in (0, 1):
+            wanted = round(float(np.interp(way_um, self._way_um, self._leads[:, axis])) / self._step_um)
+            more = wanted - self._led[axis]
+            self._led[axis] = wanted
+            moves += [(n / abs(more), 2 + axis, 1 if more > 0 else -1) for n in range(1, abs(more) + 1)]
+        return [
+            Step(since_ns + int(share * (time_ns - since_ns)), axis, direction)
+            for share, axis, direction in sorted(moves)
+        ]
+
+    def snapshot(self) -> dict[str, Any]:
+        """Everything that changes while running."""
+        return {"planner": self._planner.snapshot(), "led": list(self._led)}
+
+    def restore(self, state: PlannerState) -> None:
+        """Continue where `snapshot` was taken."""
+        self._planner.restore(state["planner"])
+        self._led = [int(steps) for steps in state["led"]]

@@ -1,0 +1,725 @@
+"""Tapered walls: what an outline is at every height, and where a leaning wire and its two guides go beside it.
+
+>>> outline = Outline(square, (0,) * 4, True, "right", "left", np.empty((0, 2)), taper=Taper((3.0,) * 4))
+>>> wall, wire = wire_beside(outline, 0.164, GuideHeights(-10.0, 30.0, 20.0, 60.0))
+>>> lower, upper = wire.at(-10.0), wire.at(30.0)   # at the guides
+
+A wall is ruled: every point of its lower line is joined with one point of the upper line by a straight line, along
+which the wire lies. Between two of these lines both ends move evenly, as four axes do.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from edmsim.errors import InputError
+from edmsim.program.arcs import CHORD_TOLERANCE_UM
+from edmsim.program.outline import Corners, Outline, Side, Taper
+
+Floats = NDArray[np.float64]
+
+MOST_DEG = 45.0
+"""Greatest angle that is looked at (ours: wire guides of taper machines end at 30 to 45 degrees)."""
+SHARP_DEG = 1.0
+"""Lines and arcs that meet at less are tangents (ours: rounding of drawings)."""
+_MOST_TURN_DEG = 165.0
+"""A corner that turns by more has a mitre longer than seven offsets (ours)."""
+GOUGE_MM = 0.01
+"""A wire that comes nearer to a wall than its offset by more spoils it (ours: half of what a rough cut strays)."""
+_NOTHING_MM = 1e-9
+_HEIGHTS = 5
+"""Heights of the workpiece, both faces among them, at which a wire's way is looked at for crossings (ours)."""
+
+
+class GuideHeights(NamedTuple):
+    """Where the wire bends at its guides, in mm over the workpiece's lower face, and what lies between.
+
+    Attributes
+    ----------
+    lower_mm, upper_mm : float
+        Of the lower guide, below 0, and of the upper one, above `height_mm`, as the control knows them.
+    height_mm : float
+        Of the workpiece.
+    travel_mm : float
+        How far u and v go, either way.
+    stiff_mm, radius_mm : float
+        How far inside the guides a leaning wire bends, and by which radius of the guides' edges further in: see
+        `edmsim.machine.setting.GuideBends`.
+    """
+
+    lower_mm: float
+    upper_mm: float
+    height_mm: float
+    travel_mm: float
+    stiff_mm: float = 0.0
+    radius_mm: float = 0.0
+
+    @property
+    def distance_mm(self) -> float:
+        """Height of the upper guide over the lower one."""
+        return self.upper_mm - self.lower_mm
+
+    def bends_mm(self, slope: Floats) -> Floats:
+        """Return the heights (n, 2) at which wires bend that lean by so much per height (n, 2)."""
+        rise = np.hypot(*slope.T)
+        inwards = self.stiff_mm + self.radius_mm * rise / (1.0 + np.sqrt(1.0 + rise**2))
+        return np.stack([self.lower_mm + inwards, self.upper_mm - inwards], axis=1)
+
+
+@dataclass(frozen=True)
+class Ruled:
+    """A ruled surface between two lines with as many points each.
+
+    Attributes
+    ----------
+    lower_mm, upper_mm : float64 arrays (n, 2)
+        Points in the program plane and in the second plane.
+    low_mm, high_mm : float
+        Heights of these planes over the workpiece's lower face; unequal.
+    elements, line_numbers : tuple of int
+        For each of the ``n - 1`` chords the line or arc and the program's line it belongs to.
+    vertices : tuple of int
+        For each point of the outline the first of the points here that it became.
+    """
+
+    lower_mm: Floats
+    upper_mm: Floats
+    low_mm: float
+    high_mm: float
+    elements: tuple[int, ...]
+    line_numbers: tuple[int, ...]
+    vertices: tuple[int, ...]
+
+    @property
+    def slope(self) -> Floats:
+        """Horizontal travel per height of every ruling, (n, 2)."""
+        return np.asarray((self.upper_mm - self.lower_mm) / (self.high_mm - self.low_mm))
+
+    def at(self, height_mm: float) -> Floats:
+        """Return the points (n, 2) at a height."""
+        return np.asarray(self.lower_mm + self.slope * (height_mm - self.low_mm))
+
+    def moved(self, by_mm: Floats) -> Ruled:
+        """Return the same surface elsewhere."""
+        return replace(self, lower_mm=self.lower_mm + by_mm, upper_mm=self.upper_mm + by_mm)
+
+
+def leaning(outlines: tuple[Outline, ...], angle_deg: float, corners: Corners) -> tuple[Outline, ...]:
+    """Return outlines whose walls lean by an angle, where they do not already.
+
+    Parameters
+    ----------
+    outlines : tuple of Outline
+    angle_deg : float
+        Between wall and vertical; positive where the part is smaller above than in the plane that is drawn.
+    corners : str
+        See `Taper`.
+
+    Raises
+    ------
+    InputError
+        An angle that is none.
+    """
+    if not (math.isfinite(angle_deg) and abs(angle_deg) < MOST_DEG):
+        raise InputError(f"the wall cannot lean by {angle_deg:g} degrees: give up to {MOST_DEG:g} either way")
+    if angle_deg == 0:
+        return outlines
+    found = []
+    for outline in outlines:
+        towards_left = angle_deg if outline.part_side == "left" else -angle_deg
+        taper = Taper((towards_left,) * (len(outline.points_mm) - 1), corners=corners)
+        found.append(outline if outline.taper is not None else replace(outline, taper=taper))
+    return tuple(found)
+
+
+def _of_two_lines(outline: Outline, low: float, high: float) -> Ruled:
+    assert outline.taper is not None
+    assert outline.taper.upper_mm is not None
+    upper, lower = np.asarray(outline.taper.upper_mm, np.float64), outline.points_mm
+    if upper.shape != lower.shape:
+        raise InputError(
+            f"the contour below has {len(lower) - 1} elements and the one above {len(upper) - 1}: give both equal "
+            "numbers, in the same order"
+        )
+    if outline.closed and not np.allclose(upper[0], upper[-1], atol=1e-6):
+        raise InputError("the contour below is closed, and the one above is not: close it")
+    count = len(lower)
+    return Ruled(lower, upper, low, high, _elements(outline), outline.line_numbers, tuple(range(count)))
+
+
+def _elements(outline: Outline) -> tuple[int, ...]:
+    return outline.elements or tuple(range(1, len(outline.points_mm)))
+
+
+class _Chords(NamedTuple):
+    """Chords of an outline with their left normals, and by how much the second plane's line lies to their left."""
+
+    normals: Floats
+    shift_mm: Floats
+    elements: NDArray[np.int64]
+
+
+def _of_angle(outline: Outline, low: float, high: float) -> Ruled:
+    """Return the wall of an outline whose arcs keep their radius at every height, chord by chord."""
+    points = outline.points_mm
+    chords = _Chords(left_normals(points), (high - low) * _tangents(outline), np.array(_elements(outline)))
+    cylindrical = _cylinders(outline, chords)
+    lower: list[Floats] = []
+    upper: list[Floats] = []
+    owners: list[int] = []
+    vertices: list[int] = []
+    count = len(points) - 1
+    for i in range(count + 1):
+        before = i - 1 if i > 0 else (count - 1 if outline.closed else 0)
+        after = i if i < count else (0 if outline.closed else count - 1)
+        above = [points[i] + shift for shift in _shifts(outline, chords, before, after, cylindrical)]
+        if outline.closed and i == 0:
+            above = above[-1:]  # what the first corner becomes is cut at the end
+        vertices.append(len(lower))
+        owners += [before] * (len(above) - 1) + [after]
+        lower += [points[i]] * len(above)
+        upper += above
+    of_chord = np.array(owners[:-1])
+    lines = np.array(outline.line_numbers)
+    return Ruled(
+        np.array(lower), np.array(upper), low, high, tuple(chords.elements[of_chord].tolist()),
+        tuple(lines[of_chord].tolist()), tuple(vertices),
+    )
+
+
+def _tangents(outline: Outline) -> Floats:
+    """Return the tangents of the angles of an outline's chords, checked."""
+    assert outline.taper is not None
+    assert outline.taper.angle_deg is not None
+    angles, count = np.array(outline.taper.angle_deg, np.float64), len(outline.points_mm) - 1
+    if len(angles) != count:
+        raise InputError(f"there are {len(angles)} angles for {count} elements: give one for each")
+    if not (np.isfinite(angles).all() and np.abs(angles).max() < MOST_DEG):
+        worst = float(angles[np.abs(angles).argmax()])
+        raise InputError(f"the wall cannot lean by {worst:g} degrees: give angles within {MOST_DEG:g} either way")
+    return np.asarray(np.tan(np.radians(angles)), np.float64)
+
+
+def left_normals(points: Floats) -> Floats:
+    """Return the unit vectors (n - 1, 2) to the left of the chords of a line; nought for one of no length."""
+    steps = np.diff(points, axis=0)
+    length = np.hypot(*steps.T)
+    across = np.stack([-steps[:, 1], steps[:, 0]], axis=1)
+    there = length[:, None] > _NOTHING_MM
+    return np.asarray(np.divide(across, length[:, None], out=np.zeros_like(across), where=there))
+
+
+def _shifts(
+    outline: Outline, chords: _Chords, before: int, after: int, cylindrical: dict[int, Floats]
+) -> list[Floats]:
+    """Return how far the second plane's points lie from a vertex: one, or more where it becomes an arc."""
+    taper, same = outline.taper, chords.elements[before] == chords.elements[after]
+    assert taper is not None
+    known = [cylindrical[k] for k in chords.elements[[before, after]].tolist() if k in cylindrical]
+    if known:
+        return known[:1] if same else known
+    n1, n2, d1, d2 = (*chords.normals[[before, after]], *chords.shift_mm[[before, after]])
+    turn = _turn(n1, n2)
+    if abs(turn) < math.radians(SHARP_DEG) and abs(d1 - d2) > _NOTHING_MM:
+        return [d1 * n1, d2 * n2]  # the angle changes at a tangent: the lower end waits
+    rounds = taper.corners == "rounded" and not same and abs(turn) >= math.radians(SHARP_DEG)
+    if rounds and d1 == d2 and _opens(turn, d1) and _opens(turn, _wire_sign(outline.wire_side) or d1):
+        return list(d1 * _turned(n1, turn, _chords_of_arc(turn, float(d1))))
+    return [mitre(n1, n2, float(d1), float(d2))]
+
+
+def _turn(n1: Floats, n2: Floats) -> float:
+    """Return the angle from one direction to another, left positive."""
+    return math.atan2(n1[0] * n2[1] - n1[1] * n2[0], float(n1 @ n2))
+
+
+def _opens(turn: float, left: float) -> bool:
+    """Whether a line beside a corner, to the left where that is positive, goes round it on the outside."""
+    return turn * left < 0
+
+
+def _wire_sign(side: Side | None) -> float:
+    return {"left": 1.0, "right": -1.0, None: 0.0}[side]
+
+
+def _chords_of_arc(turn: float, radius_mm: float) -> int:
+    """Return how many chords an arc needs."""
+    sagitta = min(CHORD_TOLERANCE_UM * 1e-3 / max(abs(radius_mm), 1e-6), 0.5)
+    return max(2, math.ceil(abs(turn) / (2 * math.acos(1 - sagitta))))
+
+
+def _turned(normal: Floats, turn: float, count: int) -> Floats:
+    """Return the directions (count + 1, 2) from one on through an angle."""
+    angles = np.linspace(0.0, turn, count + 1)
+    cos, sin = np.cos(angles), np.sin(angles)
+    x, y = normal
+    return np.stack([cos * x - sin * y, sin * x + cos * y], axis=1)
+
+
+def mitre(n1: Floats, n2: Floats, d1: float, d2: float) -> Floats:
+    """Return the vector from a corner to where lines at two distances from its chords, to their left, meet.
+
+    Raises
+    ------
+    InputError
+        The corner turns back on itself.
+    """
+    both, apart = n1 + n2, n1 - n2
+    if math.degrees(abs(_turn(n1, n2))) > _MOST_TURN_DEG:
+        raise InputError(f"a corner turns by more than {_MOST_TURN_DEG:g} degrees: round it, or cut it without taper")
+    found = both * (d1 + d2) / (both @ both)
+    gap = math.hypot(*apart)
+    if gap > 2 * math.sin(math.radians(SHARP_DEG) / 2):
+        found = found + apart * (d1 - d2) / gap**2
+    return np.asarray(found)
+
+
+def _cylinders(outline: Outline, chords: _Chords) -> dict[int, Floats]:
+    """Return by how much the second plane's arcs lie beside those drawn, by their elements: all keep their radius."""
+    found, count = {}, len(chords.elements)
+    for element in np.unique(chords.elements).tolist():
+        own = np.flatnonzero(chords.elements == element)
+        if len(own) < 2 or own[-1] - own[0] != len(own) - 1:
+            continue
+        ends = []
+        for k, neighbour in ((own[0], own[0] - 1), (own[-1], own[-1] + 1)):
+            if not outline.closed and not 0 <= neighbour < count:
+                ends.append(chords.normals[k])
+                continue
+            near = chords.normals[neighbour % count]
+            if abs(_turn(chords.normals[k], near)) > math.radians(15.0):
+                x, y = outline.points_mm[own[0]]
+                raise InputError(
+                    f"the arc at X{x:.3f} Y{y:.3f} meets its neighbour at a corner and cannot keep its radius: draw "
+                    "it tangent, or let arcs become conical", line=outline.line_numbers[k] or None,
+                )  # fmt: skip
+            ends.append(near)
+        swept = sum(_turn(a, b) for a, b in zip(chords.normals[own[:-1]], chords.normals[own[1:]], strict=True))
+        if abs(swept) > math.radians(_MOST_TURN_DEG):
+            x, y = outline.points_mm[own[0]]
+            raise InputError(
+                f"the arc at X{x:.3f} Y{y:.3f} spans {math.degrees(abs(swept)):.0f} degrees and cannot keep its "
+                "radius: let arcs become conical", line=outline.line_numbers[own[0]] or None,
+            )  # fmt: skip
+        shift = float(chords.shift_mm[own[0]])
+        found[element] = mitre(ends[0], ends[1], shift, shift)
+    return found
+
+
+def beside(wall: Ruled, side: Side | None, offset_mm: float) -> Ruled:
+    """Return the way of a wire beside a wall, its centre at every height.
+
+    In a horizontal plane a leaning wire is an ellipse: across the slope of the wall its centre is
+    ``offset / cos(angle)`` away, the angle that between wall and vertical across the path.
+
+    Parameters
+    ----------
+    wall : Ruled
+    side : {"left", "right"} or None
+        Of the wall; None: the wire's centre goes along it.
+    offset_mm : float
+        Wire radius and gap, square to the wire.
+
+    Raises
+    ------
+    InputError
+        The wire does not fit an arc or a corner at some height.
+    """
+    if side is None or offset_mm == 0:
+        return wall
+    slope, sign = wall.slope, _wire_sign(side)
+    lines = []
+    for points, other in ((wall.lower_mm, wall.upper_mm), (wall.upper_mm, wall.lower_mm)):
+        normals = left_normals(points)
+        still = ~normals.any(axis=1)
+        normals[still] = left_normals(other)[still]
+        lines.append(points + _offsets(normals, slope, sign * offset_mm, _closes(wall)))
+    return replace(wall, lower_mm=lines[0], upper_mm=lines[1])
+
+
+def _closes(wall: Ruled) -> bool:
+    return all(np.allclose(line[0], line[-1], atol=1e-6) for line in (wall.lower_mm, wall.upper_mm))
+
+
+def _offsets(normals: Floats, slope: Floats, offset_mm: float, closed: bool) -> Floats:
+    """Return the vectors (n, 2) from the points of a line to a wire's centre at an offset to the left."""
+    count = len(normals)
+    found = np.empty((count + 1, 2))
+    for i in range(count + 1):
+        before = i - 1 if i > 0 else (count - 1 if closed else 0)
+        after = i if i < count else (0 if closed else count - 1)
+        n1, n2 = normals[before], normals[after]
+        d1, d2 = (offset_mm * math.hypot(1.0, float(slope[i] @ n)) for n in (n1, n2))
+        found[i] = mitre(n1, n2, d1, d2)
+    return found
+
+
+def refuse_vanished(wall: Ruled, height_mm: float, what: str) -> None:
+    """Refuse a surface of which a part vanishes, and turns round, at some height of the workpiece.
+
+    Raises
+    ------
+    InputError
+        With the place and the height.
+    """
+    low, rise = np.diff(wall.lower_mm, axis=0), np.diff(wall.slope, axis=0)
+    along = np.where(np.hypot(*low.T)[:, None] > _NOTHING_MM, low, rise * (1 if wall.high_mm > wall.low_mm else -1))
+    faces = [(low + rise * (z - wall.low_mm) * 1.0) for z in (0.0, height_mm)]
+    at_faces = np.stack([(face * along).sum(axis=1) for face in faces])
+    size = np.hypot(*along.T)
+    gone = np.flatnonzero((at_faces < -size * 1e-6).any(axis=0))
+    if not len(gone):
+        return
+    slope = (rise * along).sum(axis=1)
+    place = wall.low_mm - (low * along).sum(axis=1) / np.where(slope == 0, 1.0, slope)
+    place = np.clip(place, 0.0, height_mm)
+    k = int(gone[np.abs(place[gone] - wall.low_mm).argmin()])
+    x, y = wall.lower_mm[k]
+    same = np.flatnonzero(np.array(wall.elements) == wall.elements[k])
+    kind = "the arc" if len(same) > 2 else "the line"
+    line = wall.line_numbers[k]
+    raise InputError(
+        f"{kind} of {what} at X{x:.3f} Y{y:.3f} vanishes at a height of {place[k]:.3f} mm: take a smaller angle, a "
+        f"{'greater radius' if kind == 'the arc' else 'longer line'}, or a lower workpiece", line=line or None,
+    )  # fmt: skip
+
+
+def refuse_crossings(wire: Ruled, height_mm: float) -> None:
+    """Refuse a wire whose way crosses itself at some height of the workpiece.
+
+    Raises
+    ------
+    InputError
+        With the height.
+    """
+    for z in np.linspace(0.0, height_mm, _HEIGHTS).tolist():
+        points = wire.at(z)
+        steps = np.concatenate([[True], np.hypot(*np.diff(points, axis=0).T) > 1e-7])
+        if not shapely.LineString(points[steps]).is_simple:
+            raise InputError(
+                f"the wire's way crosses itself at a height of {z:.3f} mm: take a smaller angle or offset, or draw "
+                "the contour wider"
+            )
+
+
+def refuse_gouges(wall: Ruled, wire: Ruled, offset_mm: float, height_mm: float) -> None:
+    """Refuse a wire that comes too near to the wall at some height of the workpiece.
+
+    Raises
+    ------
+    InputError
+        With the height, and by how much.
+    """
+    for z in np.linspace(0.0, height_mm, _HEIGHTS).tolist():
+        line, points = shapely.LineString(wall.at(z)), shapely.points(wire.at(z))
+        into_mm = offset_mm - float(line.distance(points).min())
+        if into_mm > GOUGE_MM:
+            raise InputError(
+                f"the wire would cut {into_mm:.3f} mm into the wall at a height of {z:.3f} mm: take a smaller angle "
+                "or offset, or draw the contour wider"
+            )
+
+
+def refuse_out_of_reach(wire: Ruled, guides: GuideHeights) -> None:
+    """Refuse a wire that leans further than the upper guide goes.
+
+    Raises
+    ------
+    InputError
+        With how far it would go, and the greatest angle.
+    """
+    bends = guides.bends_mm(wire.slope)
+    lead = wire.slope * (bends[:, 1:] - bends[:, :1])
+    k, axis = np.unravel_index(int(np.abs(lead).argmax()), lead.shape)
+    most = abs(float(lead[k, axis]))
+    if most > guides.travel_mm:
+        angle = math.degrees(math.atan(math.hypot(*wire.slope[k])))
+        least = math.degrees(math.atan(guides.travel_mm / guides.distance_mm))
+        raise InputError(
+            f"the wire would lean by {angle:.2f} degrees, and the upper guide go {most:.3f} mm along "
+            f"{'uv'[int(axis)]}: with guides {guides.distance_mm:.2f} mm apart it goes {guides.travel_mm:g} mm, "
+            f"which is {least:.2f} degrees",
+            line=wire.line_numbers[min(int(k), len(wire.line_numbers) - 1)] or None,
+        )  # fmt: skip
+
+
+class _Piece(NamedTuple):
+    """A line, an arc or a curve of an outline.
+
+    Attributes
+    ----------
+    points : float64 array (k, 2)
+    element, line : int
+    first : int
+        Number of its first point along the outline.
+    tangent : float
+        Of the angle between its wall and the vertical, positive to the left.
+    centre : float64 array (2,) or None
+        Of an arc.
+    radius_mm, swept : float
+        Of an arc: positive, and the angle from its first point to its last, left positive.
+    """
+
+    points: Floats
+    element: int
+    line: int
+    first: int
+    tangent: float
+    centre: Floats | None = None
+    radius_mm: float = 0.0
+    swept: float = 0.0
+
+    @property
+    def ends(self) -> tuple[Floats, Floats]:
+        """Left normals at the first and the last point."""
+        if self.centre is None:
+            normals = left_normals(self.points)
+            return normals[0], normals[-1]
+        inward = -math.copysign(1.0 / self.radius_mm, self.swept)
+        return inward * (self.points[0] - self.centre), inward * (self.points[-1] - self.centre)
+
+    def radius_at(self, left_mm: float) -> float:
+        """Radius of an arc beside it; below 0 where it has vanished."""
+        return self.radius_mm - (left_mm if self.swept > 0 else -left_mm)
+
+
+def _pieces(outline: Outline) -> list[_Piece]:
+    marks, tangents = np.array(_elements(outline)), _tangents(outline)
+    firsts = np.concatenate([[0], np.flatnonzero((np.diff(marks) != 0) | (np.diff(tangents) != 0)) + 1, [len(marks)]])
+    found = []
+    for a, b in pairwise(firsts.tolist()):
+        piece = _Piece(outline.points_mm[a : b + 1], int(marks[a]), outline.line_numbers[a], a, float(tangents[a]))
+        circle = _circle(piece.points) if b - a > 2 else None
+        if circle is not None:
+            piece = piece._replace(centre=circle[0], radius_mm=circle[1], swept=circle[2])
+        elif b - a > 1 and _is_straight(piece.points):
+            piece = piece._replace(points=piece.points[[0, -1]])
+        found.append(piece)
+    return found
+
+
+_ROUND_MM = 0.003
+"""Points of an arc lie on its circle within this: chord tolerance and rounding (ours)."""
+
+
+def _circle(points: Floats) -> tuple[Floats, float, float] | None:
+    """Return centre, radius and swept angle of an arc's points; None if they lie on none."""
+    system = np.column_stack([points, np.ones(len(points))])
+    middle = points.mean(axis=0)
+    solved, *_ = np.linalg.lstsq(system - [*middle, 0.0], ((points - middle) ** 2).sum(axis=1), rcond=None)
+    centre = solved[:2] / 2
+    radius = math.sqrt(max(float(solved[2] + centre @ centre), 0.0))
+    off = points - (centre + middle)
+    if not 0 < radius < 1e5 or np.abs(np.hypot(*off.T) - radius).max() > _ROUND_MM or _is_straight(points):
+        return None
+    angles = np.unwrap(np.arctan2(off[:, 1], off[:, 0]))
+    steps = np.diff(angles)
+    if not ((steps > 0).all() or (steps < 0).all()):
+        return None
+    return centre + middle, radius, float(angles[-1] - angles[0])
+
+
+def _is_straight(points: Floats) -> bool:
+    along = points - points[0]
+    x, y = along[-1]
+    return bool(np.abs(along @ (-y, x)).max() < 1e-4 * math.hypot(x, y))
+
+
+class _Joint(NamedTuple):
+    """Where two pieces meet: turn of the direction, and into how many chords a corner is rounded, 0 if it is not."""
+
+    turn: float
+    chords: int
+
+
+def _meeting(one: _Piece, other: _Piece, left: tuple[float, float]) -> Floats:
+    """Return where lines beside two pieces meet that meet at a corner; both lie so far to the left."""
+    vertex, n1, n2 = other.points[0], one.ends[1], other.ends[0]
+    corner = vertex + mitre(n1, n2, *left)
+    circles = [(p.centre, p.radius_at(d)) for p, d in zip((one, other), left, strict=True) if p.centre is not None]
+    if not circles or min(radius for _, radius in circles) <= 0:
+        return np.asarray(corner)
+    if len(circles) == 2:
+        found = _circles_meet(*circles[0], *circles[1])
+    else:
+        normal, shift = (n2, left[1]) if one.centre is not None else (n1, left[0])
+        found = _line_meets(vertex + shift * normal, np.array([normal[1], -normal[0]]), *circles[0])
+    return min(found, key=lambda place: math.hypot(*(place - vertex))) if found else np.asarray(corner)
+
+
+def _line_meets(point: Floats, along: Floats, centre: Floats, radius_mm: float) -> list[Floats]:
+    foot = point + ((centre - point) @ along) * along
+    half2 = radius_mm**2 - float((foot - centre) @ (foot - centre))
+    return [foot + way * math.sqrt(half2) * along for way in (-1.0, 1.0)] if half2 >= 0 else []
+
+
+def _circles_meet(c1: Floats, r1: float, c2: Floats, r2: float) -> list[Floats]:
+    apart = c2 - c1
+    distance = math.hypot(*apart)
+    if distance < _NOTHING_MM:
+        return []
+    along = apart / distance
+    foot = (distance**2 + r1**2 - r2**2) / (2 * distance)
+    return _line_meets(c1 + foot * along, np.array([-along[1], along[0]]), c1, r1)
+
+
+def _line_beside(
+    pieces: list[_Piece], joints: list[_Joint], chords: list[int], left: list[float], closed: bool
+) -> Floats:
+    """Return the points of the line that lies beside every piece by a distance of its own, to the left."""
+    count = len(pieces)
+    begins, ends, rounded = [], [], []
+    for k in range(count + 1):
+        open_end = not closed and k in (0, count)
+        one, other = pieces[k - 1], pieces[k % count]
+        d1, d2 = left[k - 1], left[k % count]
+        vertex, n1, n2 = other.points[0], one.ends[1], other.ends[0]
+        joint = _Joint(0.0, 0) if open_end else joints[k % count]
+        fan = np.empty((0, 2))
+        first, last = (one.points[-1] if open_end else vertex) + d1 * n1, vertex + d2 * n2
+        if joint.chords:
+            fan = vertex + d1 * _turned(n1, joint.turn, joint.chords)[1:-1]
+        elif not open_end and abs(joint.turn) >= math.radians(SHARP_DEG):
+            first = last = _meeting(one, other, (d1, d2))
+        elif not open_end and abs(d1 - d2) < _NOTHING_MM:
+            first = last = vertex + mitre(n1, n2, d1, d2)
+        begins.append(last)
+        ends.append(first)
+        rounded.append(fan)
+    line = []
+    for k, piece in enumerate(pieces):
+        line += [_inside(piece, left[k], begins[k], ends[k + 1], chords[k]), rounded[k + 1]]
+    return np.concatenate(line)
+
+
+def _inside(piece: _Piece, left_mm: float, begin: Floats, end: Floats, chords: int) -> Floats:
+    """Return the points beside a piece, first and last as they were found."""
+    if piece.centre is None:
+        normals = left_normals(piece.points)
+        inner = [
+            piece.points[i] + mitre(normals[i - 1], normals[i], left_mm, left_mm) for i in range(1, len(normals))
+        ]
+        return np.array([begin, *inner, end])
+    radius, off = piece.radius_at(left_mm), piece.points[[0, -1]] - piece.centre
+    drawn = np.arctan2(off[:, 1], off[:, 0])
+    swept = piece.swept
+    if radius > 0:
+        found = np.array([begin, end]) - piece.centre
+        more = (np.arctan2(found[:, 1], found[:, 0]) - drawn + math.pi) % (2 * math.pi) - math.pi
+        drawn, swept = drawn + more, swept + float(more[1] - more[0])
+    angles = drawn[0] + np.linspace(0.0, swept, chords + 1)
+    line = piece.centre + radius * np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    if radius > 0:
+        line[0], line[-1] = begin, end
+    return np.asarray(line)
+
+
+def _joints(outline: Outline, pieces: list[_Piece], left: NDArray[np.float64]) -> list[_Joint]:
+    """Return what the corner before every piece becomes; `left` (lines, pieces) has all lines beside them."""
+    assert outline.taper is not None
+    found = []
+    for k, piece in enumerate(pieces):
+        turn, d = _turn(pieces[k - 1].ends[1], piece.ends[0]), left[:, k]
+        rounds = outline.taper.corners == "conical" and abs(turn) >= math.radians(SHARP_DEG)
+        rounds &= bool((d == left[:, k - 1]).all() and d.any() and (turn * d <= 0).all())
+        found.append(_Joint(turn, _chords_of_arc(turn, float(np.abs(d).max())) if rounds else 0))
+    return found
+
+
+def _of_pieces(outline: Outline, low: float, high: float, offset_mm: float) -> tuple[Ruled, Ruled]:
+    """Return wall and wire of an outline whose arcs become cones."""
+    pieces = _pieces(outline)
+    tangents = np.array([piece.tangent for piece in pieces])
+    side: Side = outline.part_side if outline.wire_side is None else outline.wire_side
+    lean, off = (high - low) * tangents, _wire_sign(side) * offset_mm * np.hypot(1.0, tangents)
+    left = np.stack([0.0 * lean, lean, off, lean + off])
+    joints = _joints(outline, pieces, left)
+    chords = [
+        len(piece.points) - 1 if piece.centre is None
+        else max(len(piece.points) - 1, _chords_of_arc(piece.swept, max(map(piece.radius_at, left[:, k].tolist()))))
+        for k, piece in enumerate(pieces)
+    ]
+    lines = [_line_beside(pieces, joints, chords, row, outline.closed) for row in left.tolist()]
+    elements: list[int] = []
+    numbers: list[int] = []
+    vertices: list[int] = []
+    most = max(piece.element for piece in pieces)  # corners that become cones are elements of their own
+    for k, piece in enumerate(pieces):
+        at = len(elements)
+        following = joints[(k + 1) % len(pieces)] if outline.closed or k + 1 < len(pieces) else _Joint(0.0, 0)
+        after = max(following.chords, 1)  # that join this piece to the next
+        drawn = (pieces[k + 1].first if k + 1 < len(pieces) else len(outline.points_mm) - 1) - piece.first
+        vertices += [at + round(i * chords[k] / drawn) for i in range(drawn)]
+        corner = most + k + 1 if following.chords else piece.element
+        elements += [piece.element] * chords[k] + [corner] * after
+        numbers += [piece.line] * (chords[k] + after)
+    ruled = [
+        Ruled(a, b, low, high, tuple(elements[:-1]), tuple(numbers[:-1]), (*vertices, len(a) - 1))
+        for a, b in (lines[:2], lines[2:])
+    ]
+    wall, wire = ruled if outline.wire_side is not None else ruled[::-1]
+    return wall, wire
+
+
+def wire_beside(outline: Outline, offset_mm: float, guides: GuideHeights) -> tuple[Ruled, Ruled]:
+    """Return wall and wire of a tapered outline, checked.
+
+    Parameters
+    ----------
+    outline : Outline
+        With a taper.
+    offset_mm : float
+        Wire radius and gap.
+    guides : GuideHeights
+
+    Raises
+    ------
+    InputError
+        Planes or numbers of points that do not fit, an angle out of range, an arc that cannot be what is asked for,
+        a part of the contour that vanishes at some height of the workpiece, a wire that does not fit, or that crosses
+        its own way, guides that do not go so far.
+    """
+    taper = outline.taper
+    assert taper is not None
+    low = taper.program_plane_mm
+    high = guides.height_mm if taper.second_plane_mm is None else taper.second_plane_mm
+    if not (math.isfinite(low) and math.isfinite(high) and abs(high - low) > 1e-3):
+        raise InputError(f"program plane and second plane lie at {low:g} and {high:g} mm: give two different heights")
+    if taper.upper_mm is None and taper.corners in ("sharp", "conical"):
+        wall, wire = _of_pieces(outline, low, high, offset_mm)
+    else:
+        drawn = _of_two_lines(outline, low, high) if taper.upper_mm is not None else _of_angle(outline, low, high)
+        side: Side = outline.part_side if outline.wire_side is None else outline.wire_side
+        wall, wire = drawn, beside(drawn, side, offset_mm)
+        if outline.wire_side is None:
+            wall, wire = wire, wall
+    refuse_vanished(wall, guides.height_mm, "the wall")
+    refuse_vanished(wire, guides.height_mm, "the wire's way")
+    refuse_crossings(wire, guides.height_mm)
+    refuse_gouges(wall, wire, offset_mm, guides.height_mm)
+    refuse_out_of_reach(wire, guides)
+    wall, wire = _without_standstill(wall, wire)
+    return wall, wire
+
+
+def _without_standstill(*surfaces: Ruled) -> tuple[Ruled, ...]:
+    """Leave out points at which nothing moves; the surfaces go with each other point by point."""
+    steps = [np.hypot(*np.diff(line, axis=0).T) for of in surfaces for line in (of.lower_mm, of.upper_mm)]
+    kept = np.concatenate([[True], np.max(steps, axis=0) > _NOTHING_MM])
+    place, chords = np.cumsum(kept) - 1, kept[1:]
+    return tuple(
+        replace(
+            of, lower_mm=of.lower_mm[kept], upper_mm=of.upper_mm[kept],
+            elements=tuple(np.array(of.elements)[chords].tolist()),
+            line_numbers=tuple(np.array(of.line_numbers)[chords].tolist()),
+            vertices=tuple(place[list(of.vertices)].tolist()),
+        )
+        for of in surfaces
+    )

@@ -1,0 +1,327 @@
+"""Tapered walls in closed form: mitres, cones, cylinders, the ellipse, guides, and what is refused."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import ezdxf
+import numpy as np
+import pytest
+import shapely
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+
+from edmsim.errors import InputError
+from edmsim.program.outline import Outline, Program, Taper
+from edmsim.program.path import load_program, plan_path
+from edmsim.program.taper import GuideHeights, beside, leaning, wire_beside
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+GUIDES = GuideHeights(-10.0, 20.0, 10.0, 30.0)
+OFFSET = 0.164
+
+
+def polygon(points, side="right", part="left", taper=None):
+    closed = np.array([*points, points[0]], float)
+    count = len(points)
+    return Outline(
+        closed, (0,) * count, True, side, part, np.empty((0, 2)), elements=tuple(range(1, count + 1)), taper=taper
+    )
+
+
+def square(angle_deg=3.0, corners="sharp", side="right", part="left", size=6.0, **taper):
+    half = size / 2
+    points = [(-half, -half), (half, -half), (half, half), (-half, half)]
+    return polygon(points, side, part, Taper((angle_deg,) * 4, corners=corners, **taper))
+
+
+def rounded_square(angle_deg, corners, radius=1.0, size=6.0, part="left"):
+    """A square with arcs of one degree a chord, counter-clockwise."""
+    inner, points, elements = size / 2 - radius, [], []
+    for quarter in range(4):
+        at = np.radians(np.linspace(90 * quarter - 90, 90 * quarter, 91))
+        centre = inner * np.array([(1, -1), (1, 1), (-1, 1), (-1, -1)])[quarter]
+        points += (centre + radius * np.stack([np.cos(at), np.sin(at)], axis=1)).tolist()
+        elements += [2 * quarter + 1] * 90 + [2 * quarter + 2]
+    closed = np.array([*points, points[0]])
+    return Outline(
+        closed, (0,) * (len(closed) - 1), True, "right" if part == "left" else "left", part, np.empty((0, 2)),
+        elements=tuple(elements), taper=Taper((angle_deg,) * (len(closed) - 1), corners=corners),
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("angle_deg", [3.0, -3.0, 15.0, -15.0])
+def test_sharp_corners_move_by_tan_a_times_the_sum_of_normals(angle_deg):
+    # m = tan a (n1 + n2) / (1 + n1.n2); at a right angle both components are tan a
+    wall, _ = wire_beside(square(angle_deg), OFFSET, GUIDES)
+    tan = math.tan(math.radians(angle_deg))
+    np.testing.assert_allclose(wall.slope, -tan * np.sign(wall.lower_mm), atol=1e-12)
+    np.testing.assert_allclose(wall.at(4.0), wall.lower_mm * (1 - 4.0 * tan / 3.0), atol=1e-12)
+
+
+@pytest.mark.parametrize("angle_deg", [3.0, 15.0, -15.0])
+@pytest.mark.parametrize("height_mm", [0.0, 5.0, 10.0])
+def test_the_wire_is_beside_a_wall_by_the_ellipse(angle_deg, height_mm):
+    wall, wire = wire_beside(square(angle_deg), OFFSET, GUIDES)
+    edge, way = (shapely.LinearRing(of.at(height_mm)) for of in (wall, wire))
+    middles = shapely.points((way.coords[:-1] + np.array(way.coords[1:])) / 2)
+    np.testing.assert_allclose(edge.distance(middles), OFFSET / math.cos(math.radians(angle_deg)), atol=1e-9)
+
+
+def test_guides_stand_where_the_wire_would_pass_them():
+    path = plan_path(Program((square(3.0),), (), "test"), OFFSET, auto_offset_mm=OFFSET, guides=GUIDES)
+    contour = path.contours[0]
+    lead = contour.lean.upper_um[contour.lead_in_moves :]
+    # |UV| = (z_U - z_L) tan a, along both axes at a corner
+    assert np.abs(np.abs(lead) - 30_000 * math.tan(math.radians(3.0))).max() <= 1.0
+    assert (contour.lean.upper_um[0] == 0).all()  # threaded upright
+    on_face = contour.at_height(0.0).points_um[contour.lead_in_moves :]
+    ring = shapely.LinearRing(contour.lean.wall.at(0.0) * 1e3)
+    gaps = ring.distance(shapely.points((on_face[1:] + on_face[:-1]) / 2))
+    assert np.abs(gaps - OFFSET * 1e3 / math.cos(math.radians(3.0))).max() < 2.0
+
+
+def test_the_bend_of_guides_is_where_stiffness_and_edge_put_it():
+    guides = GUIDES._replace(stiff_mm=1.4, radius_mm=2.0)
+    slope = np.array([[math.tan(math.radians(30.0)), 0.0], [0.0, 0.0]])
+    low, high = guides.bends_mm(slope)[0]
+    assert low == pytest.approx(-10 + 1.4 + 2.0 * math.tan(math.radians(15.0)))
+    assert high == pytest.approx(20 - 1.4 - 2.0 * math.tan(math.radians(15.0)))
+    assert guides.bends_mm(slope)[1].tolist() == pytest.approx([-8.6, 18.6])
+
+
+@pytest.mark.parametrize("angle_deg", [4.0, -4.0])
+@pytest.mark.parametrize("height_mm", [0.0, 3.0, 10.0])
+def test_conical_arcs_change_their_radius_about_one_centre(angle_deg, height_mm):
+    wall, _ = wire_beside(rounded_square(angle_deg, "conical"), OFFSET, GUIDES)
+    found = wall.at(height_mm)
+    radius = 1.0 - height_mm * math.tan(math.radians(angle_deg))  # R(z) = R +- (z - z_P) tan a
+    centre = np.array([2.0, -2.0])
+    of_arc = found[np.flatnonzero(np.array(wall.elements) == 1)]
+    np.testing.assert_allclose(np.hypot(*(of_arc - centre).T), radius, atol=1e-6)
+
+
+@pytest.mark.parametrize("height_mm", [0.0, 3.0, 10.0])
+def test_cylindrical_arcs_keep_their_radius_and_move_by_the_mitre(height_mm):
+    wall, _ = wire_beside(rounded_square(-4.0, "cylindrical"), OFFSET, GUIDES)
+    of_arc = wall.at(height_mm)[np.flatnonzero(np.array(wall.elements) == 1)]
+    d = height_mm * math.tan(math.radians(4.0))
+    centre = np.array([2.0 + d, -2.0 - d])  # d (n1 + n2) / (1 + n1.n2)
+    np.testing.assert_allclose(np.hypot(*(of_arc - centre).T), 1.0, atol=1e-4)
+
+
+@pytest.mark.parametrize("corners", ["conical", "rounded"])
+def test_a_corner_that_opens_becomes_an_arc_of_radius_d(corners):
+    wall, wire = wire_beside(square(-5.0, corners), OFFSET, GUIDES)
+    d = 10.0 * math.tan(math.radians(5.0))
+    corner = np.array([3.0, 3.0])
+    fan = np.hypot(*(wall.lower_mm - corner).T) < 1e-9
+    assert fan.sum() > 10
+    np.testing.assert_allclose(np.hypot(*(wall.at(10.0)[fan] - corner).T), d, atol=1e-9)
+    away = shapely.LinearRing(wall.at(5.0)).distance(shapely.points(wire.at(5.0)))
+    assert away.min() > OFFSET - 1e-3
+
+
+def test_an_arc_that_meets_a_line_at_a_corner_is_cut_off_where_they_meet():
+    wall, _ = wire_beside(leaning(load_program(EXAMPLES / "punch.ngc").outlines, 3.0, "conical")[0], OFFSET, GUIDES)
+    d = 10.0 * math.tan(math.radians(3.0))
+    notch = wall.at(10.0)[np.flatnonzero(np.array(wall.line_numbers) == 11)]
+    # the line y = 6 - d and the circle of radius 0.8 + d about (5, 6)
+    assert notch[0].tolist() == pytest.approx([5.0 - math.sqrt((0.8 + d) ** 2 - d**2), 6.0 - d], abs=1e-6)
+    np.testing.assert_allclose(np.hypot(*(notch - (5.0, 6.0)).T), 0.8 + d, atol=1e-6)
+
+
+def test_a_die_opens_upwards_where_its_part_is_smaller_above():
+    outline = leaning(load_program(EXAMPLES / "die.ngc").outlines, 3.0, "conical")[0]
+    wall, _ = wire_beside(outline, OFFSET, GUIDES)
+    below, above = (np.ptp(wall.at(z), axis=0) for z in (0.0, 10.0))
+    np.testing.assert_allclose(above - below, 20.0 * math.tan(math.radians(3.0)), atol=1e-9)
+
+
+@given(
+    sides=st.integers(3, 9), radius=st.floats(2.0, 8.0), angle_deg=st.floats(-8.0, 8.0), turn=st.floats(0, 6.2),
+    height_mm=st.integers(0, 10_000).map(lambda um: um * 1e-3),
+    corners=st.sampled_from(["sharp", "conical", "cylindrical", "rounded"]),
+)
+@settings(max_examples=60, deadline=None)
+def test_ruled_walls_lean_by_their_angle_at_every_height(sides, radius, angle_deg, turn, height_mm, corners):
+    assume(abs(angle_deg) > 0.01)
+    at = turn + 2 * np.pi * np.arange(sides) / sides
+    points = radius * np.stack([np.cos(at), np.sin(at)], axis=1)
+    outline = polygon(points.tolist(), taper=Taper((angle_deg,) * sides, corners=corners))
+    vanishes = radius * math.cos(math.pi / sides) < 10.0 * math.tan(math.radians(angle_deg))
+    if vanishes:
+        assert "vanishes" in refused(outline)
+        return
+    wall, wire = wire_beside(outline, OFFSET, GUIDES)
+    d = height_mm * math.tan(math.radians(angle_deg))
+    drawn, found = shapely.LinearRing(outline.points_mm), shapely.Polygon(wall.at(height_mm))
+    line = wall.at(height_mm)
+    away = drawn.distance(shapely.points((line[:-1] + line[1:]) / 2))
+    assert np.abs(away - abs(d)).max() < 2e-3  # chords of arcs
+    assert found.is_valid
+    centres = shapely.points(wire.at(height_mm))
+    assert found.exterior.distance(centres).min() > OFFSET / math.cos(math.radians(angle_deg)) - 2e-3
+    assert shapely.distance(shapely.LinearRing(wire.at(height_mm)), found) > OFFSET - 2e-3
+
+
+@given(st.lists(st.tuples(st.floats(-0.5, 0.5), st.floats(-0.5, 0.5)), min_size=4, max_size=4), st.floats(0, 10))
+@settings(max_examples=40, deadline=None)
+def test_a_wire_between_two_contours_keeps_the_ellipse_from_both(shifts, height_mm):
+    outline = square()
+    lower = outline.points_mm
+    upper = lower.copy()
+    upper[:4] += np.array(shifts)
+    upper[4] = upper[0]
+    outline = replace(outline, taper=Taper(upper_mm=upper, second_plane_mm=10.0))
+    wall, wire = wire_beside(outline, OFFSET, GUIDES)
+    np.testing.assert_allclose(wall.at(10.0), upper)
+    np.testing.assert_allclose(wall.at(height_mm), lower + (upper - lower) * height_mm / 10.0)
+    # a wall that twists is met between its planes, too, within what its lean changes over a side
+    gap = shapely.distance(shapely.LinearRing(wire.at(height_mm)), shapely.Polygon(wall.at(height_mm)))
+    assert OFFSET - 1e-3 < gap < OFFSET * 1.02
+
+
+def test_the_plain_offset_would_leave_the_formulas_undersize():
+    # (r + gap) (1 / cos a - 1): 0.2 um at 3 degrees, 6 um at 15 for 0.173 mm
+    for angle_deg, undersize_um in ((3.0, 0.24), (15.0, 6.1)):
+        wall, wire = wire_beside(square(angle_deg, size=8.0), 0.173, GUIDES)
+        gap = shapely.distance(shapely.LinearRing(wire.at(5.0)), shapely.LinearRing(wall.at(5.0)))
+        assert (gap - 0.173) * 1e3 == pytest.approx(undersize_um, abs=0.05)
+
+
+def test_a_wire_path_as_written_has_its_wall_beside_it():
+    outline = square(3.0, side=None)
+    wall, wire = wire_beside(outline, OFFSET, GUIDES)
+    np.testing.assert_allclose(wire.lower_mm, outline.points_mm)
+    assert shapely.Polygon(wire.at(7.0)).contains(shapely.Polygon(wall.at(7.0)))
+
+
+def refused(outline, guides=GUIDES, offset=OFFSET):
+    with pytest.raises(InputError) as caught:
+        wire_beside(outline, offset, guides)
+    return caught.value.reason
+
+
+def test_a_radius_that_vanishes_names_its_height():
+    reason = refused(rounded_square(8.0, "conical"))
+    assert "the arc of the wall" in reason
+    assert f"at a height of {1.0 / math.tan(math.radians(8.0)):.3f} mm" in reason
+
+
+def test_angles_beyond_the_guides_say_how_far_they_go():
+    reason = refused(square(-40.0), GUIDES._replace(travel_mm=20.0))
+    assert "lean by 49.88 degrees" in reason  # both components at a corner
+    assert "it goes 20 mm" in reason
+    assert "give angles within 45" in refused(square(50.0))
+
+
+@pytest.mark.parametrize(
+    ("outline", "said"),
+    [
+        (square(program_plane_mm=5.0, second_plane_mm=5.0), "two different heights"),
+        (replace(square(), taper=Taper((3.0, 3.0))), "2 angles for 4 elements"),
+        (replace(square(), taper=Taper(upper_mm=np.zeros((4, 2)))), "4 elements and the one above 3"),
+        (square(30.0, size=3.0), "vanishes at a height of 2.598 mm"),
+    ],
+)
+def test_what_cannot_be_is_refused_in_one_line(outline, said):
+    reason = refused(outline)
+    assert said in reason
+    assert "\n" not in reason
+
+
+def test_a_wire_that_would_cross_its_own_way_says_at_which_height():
+    # two lobes joined by a neck: 2 mm wide below, gone above
+    right = [(1, -0.5), (1, -2), (4, -2), (4, 2), (1, 2), (1, 0.5)]
+    points = [*right, *((-x, -y) for x, y in right)]
+    reason = refused(polygon(points, taper=Taper((5.0,) * 12, corners="sharp")))
+    assert "crosses itself at a height of" in reason
+
+
+def test_a_groove_narrower_than_the_wire_is_refused():
+    points = [(-3, -2), (3, -2), (3, 2), (0.12, 2), (0.12, 0), (-0.12, 0), (-0.12, 2), (-3, 2)]
+    reason = refused(polygon(points, taper=Taper((1.0,) * 8, corners="sharp")))
+    assert "vanishes at a height of" in reason or "into the wall at a height of" in reason
+
+
+def test_a_corner_that_became_a_cone_is_an_element_of_its_own():
+    wall, _ = wire_beside(square(-5.0, "conical"), OFFSET, GUIDES)
+    assert sorted(set(wall.elements)) == [1, 2, 3, 4, 5, 6, 7, 8]
+    fan = wall.at(10.0)[np.flatnonzero(np.array(wall.elements) == 5)]
+    np.testing.assert_allclose(np.hypot(*(fan - (3.0, -3.0)).T), 10.0 * math.tan(math.radians(5.0)))
+
+
+def test_a_wire_without_a_way_to_its_contour_is_threaded_upright():
+    outline = Outline(
+        np.array([[0.0, 0.0], [2.0, 0.0]]), (0,), False, "right", "left", np.empty((0, 2)), needs_lead_in=False,
+        elements=(1,), taper=Taper((5.0,)),
+    )  # fmt: skip
+    path = plan_path(Program((outline,), (), "test"), OFFSET, auto_offset_mm=OFFSET, guides=GUIDES)
+    contour = path.contours[0]
+    assert contour.lean.upper_um[0].tolist() == [0, 0]
+    assert contour.lead_in_moves == 1
+    assert contour.along_um[1] == pytest.approx(10_000 * math.tan(math.radians(5.0)), abs=2.0)
+
+
+def test_an_inner_radius_smaller_than_the_wire_is_refused():
+    hole = rounded_square(-3.0, "conical", radius=0.1, part="right")
+    assert "the arc of the wire's way" in refused(hole)
+
+
+@pytest.mark.parametrize(("angle", "corners"), [(math.nan, "sharp"), (45.0, "sharp"), (-90.0, "conical")])
+def test_an_angle_that_is_none_is_refused(angle, corners):
+    with pytest.raises(InputError, match="cannot lean by"):
+        leaning((square(),), angle, corners)
+
+
+def test_two_layers_of_a_drawing_are_the_lower_and_the_upper_contour():
+    program = load_program(EXAMPLES / "square_to_round.dxf", upper_layer="UPPER")
+    (outline,) = program.outlines
+    assert len(set(outline.elements)) == 8
+    assert np.abs(outline.points_mm).max() == pytest.approx(2.0, abs=1e-6)
+    np.testing.assert_allclose(np.hypot(*outline.taper.upper_mm.T), 1.8, atol=2e-3)
+    # lines and arcs go with those above them: no ruling turns round the axis by more than a few degrees
+    turn = np.angle((outline.taper.upper_mm @ (1, 1j)) / (outline.points_mm @ (1, 1j)))
+    assert np.degrees(np.abs(turn)).max() < 10.0
+
+
+def test_contours_with_unequal_numbers_of_elements_are_refused(tmp_path):
+    document = ezdxf.new()
+    document.units = 4
+    space = document.modelspace()
+    corners = [(-2, -2), (2, -2), (2, 2), (-2, 2)]
+    space.add_lwpolyline(corners, close=True, dxfattribs={"layer": "BELOW"})
+    space.add_circle((0, 0), 1.5, dxfattribs={"layer": "ABOVE"})
+    document.saveas(tmp_path / "part.dxf")
+    with pytest.raises(InputError, match="it has 4 lines and arcs, and the contour above it 1") as caught:
+        load_program(tmp_path / "part.dxf", upper_layer="ABOVE")
+    assert "split" in caught.value.reason
+    with pytest.raises(InputError, match="no layer nowhere"):
+        load_program(tmp_path / "part.dxf", upper_layer="nowhere")
+
+
+def test_an_approach_that_leans_into_the_part_is_refused(tmp_path):
+    file = tmp_path / "near.ngc"
+    file.write_text("G21 G90\nG92 X1 Y-0.8\nG41 D1 G1 X1 Y0\nX0\nY4\nX4\nY0\nX1\nG40 Y-1\nM02\n")
+    guides = GuideHeights(-10, 14, 4, 30)
+    with pytest.raises(InputError, match="leans into the part"):
+        plan_path(file, OFFSET, auto_offset_mm=OFFSET, taper_deg=-15.0, guides=guides)
+    with pytest.raises(InputError, match="no guides that lead are known"):
+        plan_path(file, OFFSET, auto_offset_mm=OFFSET, taper_deg=-5.0)
+
+
+def test_without_taper_a_path_is_what_it_was():
+    plain = plan_path(EXAMPLES / "punch.ngc", OFFSET, auto_offset_mm=OFFSET)
+    known = plan_path(EXAMPLES / "punch.ngc", OFFSET, auto_offset_mm=OFFSET, guides=GUIDES, taper_deg=0.0)
+    assert (plain.contours[0].points_um == known.contours[0].points_um).all()
+    assert known.contours[0].lean is None
+
+
+def test_beside_is_the_offset_itself_where_a_wall_is_upright():
+    outline = replace(square(), taper=Taper(upper_mm=square().points_mm))
+    wall, _ = wire_beside(outline, OFFSET, GUIDES)
+    for points in (beside(wall, "right", OFFSET).lower_mm, beside(wall, "right", OFFSET).upper_mm):
+        np.testing.assert_allclose(points, wall.lower_mm * (1 + OFFSET / 3.0))

@@ -1,0 +1,170 @@
+"""A short tapered cut: guides, walls at every height, resume, drives, and what is refused."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import edmsim
+from edmsim.controllers import axis, from_text
+from edmsim.cosim.simulation import Simulation
+from edmsim.errors import InputError
+from edmsim.job.cut import guides_of
+from edmsim.machine.machine import Machine
+from edmsim.metrology.edges import metal_at
+from edmsim.metrology.profile import slice_heights_mm
+from edmsim.plant.plant import Plant
+from edmsim.plant.workpiece.kerf_field import Stock
+from edmsim.program.outline import Outline, Program, Taper
+from edmsim.program.path import plan_path
+from edmsim.recording.scene import read_scene, write_scene
+
+HEIGHT_MM, ANGLE_DEG = 3.0, 15.0
+TAN = math.tan(math.radians(ANGLE_DEG))
+
+
+def line_of(angle_deg, length_mm=0.6):
+    """A straight cut along x, threaded 0.5 mm before it, whose wall leans towards +y."""
+    points = np.array([[0.0, 0.0], [length_mm, 0.0]])
+    outline = Outline(
+        points, (0,), False, "right", "left", np.array([[-0.5, -0.164 / math.cos(math.radians(angle_deg))]]), (0,), 1,
+        needs_lead_in=False, elements=(1,), taper=Taper((angle_deg,), corners="sharp"),
+    )  # fmt: skip
+    return Program((outline,), (), "line")
+
+
+def cut_of(angle_deg=ANGLE_DEG, planner="exact", machine=None, **options):
+    machine = machine or Machine.load(height_mm=HEIGHT_MM)
+    path = plan_path(
+        line_of(angle_deg), auto_offset_mm=machine.auto_offset_mm, start_hole_radius_mm=0.17,
+        guides=guides_of(machine, (0.0, 0.0)),
+    )  # fmt: skip
+    return Simulation(machine, path, from_text("fixed:feed_um_s=33"), planner=planner, resolution="fast", **options)
+
+
+@pytest.fixture(scope="module")
+def finished():
+    cut = cut_of()
+    assert cut.run() == "finished"
+    return cut
+
+
+def walls_um(cut):
+    """Where the metal begins on both sides of the wire, slice by slice, in the mean over some places of the path."""
+    return np.mean([_across_um(cut, x_mm) for x_mm in np.linspace(0.2, 0.4, 21)], axis=0)
+
+
+def _across_um(cut, x_mm):
+    contour, field = cut.path.contours[0], cut.plant.field
+    origin = contour.lean.wall.at(0.0)[0]
+    across = np.arange(-400.0, 1600.0, 0.5)
+    places = np.stack([np.full_like(across, 1e3 * (origin[0] + x_mm)), 1e3 * origin[1] + across], axis=1)
+    metal = metal_at(field, places)
+    found = []
+    for row in metal:
+        open_ = np.flatnonzero(row < 0.5)
+        found.append((across[open_[0]], across[open_[-1]]))
+    return np.array(found)
+
+
+def test_the_upper_guide_leads_by_its_angle(finished):
+    u, v = finished.plant.lead_um
+    low, high = guides_of(finished.machine, (0.0, 0.0)).bends_mm(np.array([[0.0, TAN]]))[0]
+    assert v == pytest.approx(1e3 * (high - low) * TAN, abs=2.0)
+    assert u == 0.0
+
+
+def test_both_walls_lean_and_lie_an_ellipse_apart(finished):
+    heights_um = slice_heights_mm(finished.plant.field, HEIGHT_MM) * 1e3
+    upright = cut_of(1e-6)
+    upright.run()
+    tilted, straight = walls_um(finished), walls_um(upright)
+    lean = np.polyfit(heights_um, tilted.mean(axis=1), 1)[0]
+    assert lean == pytest.approx(TAN, abs=2e-3)
+    kerf, plain = np.diff(tilted, axis=1).mean(), np.diff(straight, axis=1).mean()
+    assert kerf == pytest.approx(plain / math.cos(math.radians(ANGLE_DEG)), abs=4.0)
+    part = tilted[:, 1] - heights_um * TAN  # the part's wall, from where it was drawn
+    assert np.abs(part - straight[:, 1].mean()).max() < 5.0
+
+
+def test_a_cut_goes_on_to_the_bit_from_its_snapshot(finished):
+    cut = cut_of()
+    for _ in range(300):
+        cut.step()
+    snapshot = cut.snapshot()
+    again = cut_of()
+    again.restore(*snapshot)
+    again.run()
+    arrays, whole = again.snapshot()[0], finished.snapshot()[0]
+    assert set(arrays) == set(whole)
+    assert all(arrays[name].tobytes() == whole[name].tobytes() for name in whole)
+
+
+@pytest.mark.parametrize("options", [{"planner": "poscal"}, {"drives": {n: axis.tuned("uhu") for n in "xy"}}])
+def test_planners_that_count_and_drives_make_the_same_wall(finished, options):
+    cut = cut_of(**options)
+    assert cut.run() == "finished"
+    np.testing.assert_allclose(walls_um(cut), walls_um(finished), atol=8.0)
+
+
+def test_a_guide_that_is_higher_than_the_control_knows_moves_the_wall():
+    machine = Machine.load(height_mm=HEIGHT_MM)
+    stock = Stock((0.0, 0.0, 65_000.0, 65_000.0), ((30_000.0, 30_000.0, 5_000.0),))
+    lead = (0.0, 2_000.0)
+    found = []
+    for error_mm in (0.0, 0.1):
+        constant = machine.base.guides.lower_error_mm.model_copy(update={"value": error_mm})
+        guides = machine.base.guides.model_copy(update={"lower_error_mm": constant})
+        moved = machine.model_copy(update={"base": machine.base.model_copy(update={"guides": guides})})
+        plant = Plant(moved, 0, stock=stock, position_um=(30_000.0, 30_000.0, *lead), resolution="fast")
+        plant.advance()
+        plant.advance()
+        found.append(plant._arrays.lean_share[: plant.resolution.slices] * lead[1])
+    # z wrong by 0.1 mm gives tan a x 0.1 mm at the lower guide, and less and less of it towards the upper one
+    distance_mm = machine.guide_distance_mm - 2 * 1.45
+    heights_mm = 10.0 - 1.45 + (np.arange(len(found[0])) + 0.5) / len(found[0]) * HEIGHT_MM
+    expected = -lead[1] / distance_mm * 0.1 * (1 - heights_mm / distance_mm)
+    np.testing.assert_allclose(found[1] - found[0], expected, rtol=0.03)
+
+
+def test_a_cut_reports_its_taper(tmp_path):
+    file = tmp_path / "block.ngc"
+    file.write_text("G21 G90\nG92 X0.5 Y-0.6\nG41 D1 G1 X0.5 Y0\nX0\nY1\nX1\nY0\nX0.5\nG40 Y-0.6\nM02\n")
+    result = edmsim.cut(
+        file, height_mm=2.0, taper_deg=5.0, taper_corners="sharp", planner="exact",
+        resolution="fast", controller="fixed:feed_um_s=33",
+    )
+    report = result.report
+    assert report["settings"]["taper_deg"] == 5.0
+    assert report["profile_error_um"]["rms"] < 12.0
+    scene = result.scene
+    assert len(scene.walls_mm) == 1
+    np.testing.assert_allclose(
+        np.ptp(scene.walls_mm[0][0], axis=0) - np.ptp(scene.walls_mm[0][1], axis=0), 4 * math.tan(math.radians(5)),
+    )
+    write_scene(scene, tmp_path / "part.npz")
+    kept = read_scene(tmp_path / "part.npz")
+    np.testing.assert_array_equal(kept.lead, scene.lead)
+    at = kept.lead_mm(np.array([kept.lead[-1, 0]]), np.array([0.0, 2.0]))[0]
+    assert at[1, 1] - at[0, 1] == pytest.approx(2.0 * math.tan(math.radians(5)), rel=0.01)
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        ({"taper_deg": 50.0}, "cannot lean by 50 degrees"),
+        ({"taper_deg": 3.0, "taper_corners": "shap"}, "did you mean 'sharp'"),
+        ({"taper_deg": 3.0, "planner": "poscal-literal"}, "moves two axes"),
+        ({"upper_layer": "UPPER"}, "those of a drawing"),
+        ({"guide_errors_mm": (9.0, 0.0)}, "not within 5 mm"),
+        ({"taper_deg": 20.0, "height_mm": 80.0}, "the upper guide go"),
+    ],
+)
+def test_bad_input_is_one_line(options, said, tmp_path):
+    file = Path(__file__).parents[1] / "examples" / "die.ngc"
+    with pytest.raises(InputError, match=said) as caught:
+        edmsim.cut(file, **{"height_mm": 4.0, "resolution": "fast", **options})
+    assert "\n" not in str(caught.value)
