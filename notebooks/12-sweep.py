@@ -47,7 +47,7 @@ folder = Path(tempfile.mkdtemp())
 (folder / "punch.ngc").write_text(PUNCH)
 specification = Specification(
     program=str(folder / "punch.ngc"),
-    settings={"resolution": "fast", "height_mm": 10.0, "max_time_s": seconds},
+    settings={"resolution": "fast", "height_mm": 30.0, "max_time_s": seconds},
     sobol={
         "samples": samples,
         "ranges": {"t_on_us": [10, 30], "t_period_us": [100, 300], "tension": [8, 16], "gap.particle_share": "range"},
